@@ -1,0 +1,46 @@
+# Every target sets up what it needs: a .venv with the versions pinned in requirements.lock.
+# Needs Python >= 3.11 with venv, make and a package index. `make PYTHON=python3.13 test` picks another.
+PYTHON ?= python3
+BIN := .venv/bin
+READY := .venv/.ready
+OUT ?= demo-run
+JOBS ?= 2
+
+.PHONY: demo test check bench studies lock clean
+.DEFAULT_GOAL := demo
+
+$(READY): requirements.lock pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "procam needs Python >= 3.11, got %s.%s; try: make PYTHON=python3.11" % sys.version_info[:2])'
+	$(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --requirement requirements.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
+	@touch $@
+
+demo: $(READY)
+	$(BIN)/procam demo --out $(OUT)
+
+test: $(READY)
+	$(BIN)/python -m pytest -n $(JOBS) $(PYTEST_FLAGS)
+
+check: $(READY)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+bench: $(READY)
+	$(BIN)/python -m benchmarks
+
+studies: $(READY)
+	$(BIN)/python -m studies
+
+# Remakes requirements.lock from pyproject.toml (versions and hashes only, no index address).
+lock:
+	$(PYTHON) -m venv .venv-lock
+	.venv-lock/bin/python -m pip install --quiet uv
+	.venv-lock/bin/uv pip compile pyproject.toml --universal --python-version 3.11 --extra report --group dev \
+	  --generate-hashes --no-emit-index-url --no-annotate --no-header --quiet --output-file requirements.lock
+	rm -rf .venv-lock
+
+clean:
+	rm -rf .venv .venv-lock build demo-run *.egg-info

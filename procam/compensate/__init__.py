@@ -1,0 +1,1 @@
+"""Pictures in, pictures and projector frames out: the hot path."""

@@ -1,0 +1,1 @@
+"""Cameras, projectors, wires and the rig that holds them by name."""

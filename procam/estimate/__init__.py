@@ -1,0 +1,1 @@
+"""Captures in, models out. No files, no clock, no printing."""

@@ -1,0 +1,1 @@
+"""Step-by-step drives of a rig: generators that yield events. Here devices meet estimators."""

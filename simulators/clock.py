@@ -1,0 +1,21 @@
+"""The free clock of a simulated scene: sleeping costs nothing and moves time on."""
+
+import threading
+
+
+class SceneClock:
+    """Seconds since the scene was opened; every device of the scene lives in it."""
+
+    def __init__(self) -> None:
+        self._now_s = 0.0
+        self._lock = threading.Lock()
+
+    def now_s(self) -> float:
+        """Scene time [s]."""
+        with self._lock:
+            return self._now_s
+
+    def sleep(self, duration_s: float) -> None:
+        """Move time on by `duration_s` [s]."""
+        with self._lock:
+            self._now_s += max(0.0, duration_s)
