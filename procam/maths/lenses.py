@@ -1,0 +1,128 @@
+"""Camera and projector lenses: pinhole with Brown distortion, and Kannala-Brandt fisheye.
+
+Pixel (0, 0) is the centre of the top-left pixel; x to the right, y down, z along the view.
+Held against `cv2.projectPoints` and `cv2.fisheye.projectPoints` in the tests.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+LensKind = Literal["brown", "kannala-brandt"]
+NEWTON_STEPS = 12
+
+
+@dataclass(frozen=True, slots=True)
+class Lens:
+    """Intrinsics of a camera or projector.
+
+    Attributes
+    ----------
+    kind : "brown" (k = k1, k2, p1, p2, k3 as OpenCV orders them) or
+        "kannala-brandt" (k = k1..k4 of theta + k1 theta^3 + k2 theta^5 + ...).
+    focal : (2,) focal lengths in x and y [px].
+    centre : (2,) principal point (x, y) [px]; lens shift puts it off the middle or outside.
+    distortion : (5,) or (4,) coefficients [-].
+    """
+
+    kind: LensKind
+    focal: Array
+    centre: Array
+    distortion: Array
+
+
+def project(points: Array, lens: Lens) -> Array:
+    """Pixel coordinates (..., 2) of points (..., 3) in the device frame; NaN where it cannot see."""
+    if lens.kind == "brown":
+        return _project_brown(points, lens)
+    x, y, z = np.moveaxis(points, -1, 0)
+    horizontal = np.hypot(x, y)
+    theta = np.arctan2(horizontal, z)
+    safe = np.where(horizontal > 0, horizontal, 1.0)
+    scale = np.where(horizontal > 0, _fisheye_radius(theta, lens.distortion) / safe, 0.0)
+    return np.stack([x * scale, y * scale], axis=-1) * lens.focal + lens.centre
+
+
+def unproject(pixels: Array, lens: Lens) -> Array:
+    """Unit rays (..., 3) in the device frame of pixel coordinates (..., 2)."""
+    plane = (pixels - lens.centre) / lens.focal
+    if lens.kind == "brown":
+        undistorted = _undistort_brown(plane, lens.distortion)
+        ray = np.concatenate([undistorted, np.ones_like(undistorted[..., :1])], axis=-1)
+        return np.asarray(ray / np.linalg.norm(ray, axis=-1, keepdims=True))
+    radius = np.hypot(plane[..., 0], plane[..., 1])
+    theta = _fisheye_angle(radius, lens.distortion)
+    safe = np.where(radius > 0, radius, 1.0)
+    sine = np.where(radius > 0, np.sin(theta) / safe, 1.0)
+    return np.stack([plane[..., 0] * sine, plane[..., 1] * sine, np.cos(theta)], axis=-1)
+
+
+def _project_brown(points: Array, lens: Lens) -> Array:
+    depth = points[..., 2:]
+    plane = points[..., :2] / np.where(depth > 0, depth, np.nan)
+    return _distort_brown(plane, lens.distortion) * lens.focal + lens.centre
+
+
+def _distort_brown(plane: Array, k: Array) -> Array:
+    """Brown 1966 with two tangential terms, in OpenCV's order."""
+    x, y = plane[..., 0], plane[..., 1]
+    k1, k2, p1, p2, k3 = k
+    r2 = x * x + y * y
+    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    return np.stack(
+        [
+            x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
+            y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y,
+        ],
+        axis=-1,
+    )
+
+
+def _undistort_brown(distorted: Array, k: Array) -> Array:
+    """Newton's method with the exact 2x2 Jacobian; plain fixed-point fails for wide lenses."""
+    k1, k2, p1, p2, k3 = k
+    if not np.any(k):
+        return distorted
+    plane = distorted.copy()
+    for _ in range(NEWTON_STEPS):
+        x, y = plane[..., 0], plane[..., 1]
+        r2 = x * x + y * y
+        radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+        slope = 2 * (k1 + r2 * (2 * k2 + r2 * 3 * k3))  # d(radial)/d(r^2) times 2
+        jxx = radial + slope * x * x + 2 * p1 * y + 6 * p2 * x
+        jxy = slope * x * y + 2 * p1 * x + 2 * p2 * y
+        jyy = radial + slope * y * y + 6 * p1 * y + 2 * p2 * x
+        error = _distort_brown(plane, k) - distorted
+        determinant = jxx * jyy - jxy * jxy
+        step = np.stack(
+            [
+                (jyy * error[..., 0] - jxy * error[..., 1]) / determinant,
+                (jxx * error[..., 1] - jxy * error[..., 0]) / determinant,
+            ],
+            axis=-1,
+        )
+        plane = plane - step
+        if np.nanmax(np.abs(step)) < 1e-13:
+            break
+    return plane
+
+
+def _fisheye_radius(theta: Array, k: Array) -> Array:
+    """Kannala & Brandt 2006, doi:10.1109/TPAMI.2006.153, odd polynomial of four terms."""
+    t2 = theta * theta
+    return theta * (1 + t2 * (k[0] + t2 * (k[1] + t2 * (k[2] + t2 * k[3]))))
+
+
+def _fisheye_angle(radius: Array, k: Array) -> Array:
+    theta = radius.copy()
+    for _ in range(NEWTON_STEPS):
+        t2 = theta * theta
+        slope = 1 + t2 * (3 * k[0] + t2 * (5 * k[1] + t2 * (7 * k[2] + t2 * 9 * k[3])))
+        step = (_fisheye_radius(theta, k) - radius) / slope
+        theta = theta - step
+        if np.nanmax(np.abs(step), initial=0.0) < 1e-14:
+            break
+    return theta

@@ -1,0 +1,113 @@
+"""Directions, dome masters, spheres and solid angles (design.md s.2, science.md s.3).
+
+Dome frame: right-handed, origin at the sphere's centre, z the pole of the cap, x to the front,
+y to the audience's left. Azimuth 0 is the front, + to the left; elevation counts from the springline.
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+def direction_from_angles(azimuth: ArrayLike, elevation: ArrayLike) -> Array:
+    """Unit directions (..., 3) from azimuth and elevation [rad]."""
+    azimuth, elevation = np.broadcast_arrays(azimuth, elevation)
+    horizontal = np.cos(elevation)
+    return np.stack(
+        [horizontal * np.cos(azimuth), horizontal * np.sin(azimuth), np.sin(elevation)], axis=-1
+    )
+
+
+def angles_from_direction(direction: Array) -> tuple[Array, Array]:
+    """Azimuth and elevation [rad] of unit directions (..., 3)."""
+    x, y, z = np.moveaxis(direction, -1, 0)
+    return np.arctan2(y, x), np.arctan2(z, np.hypot(x, y))
+
+
+def normalise(vectors: Array) -> Array:
+    """Vectors (..., 3) scaled to unit length."""
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))
+
+
+def angle_between(first: Array, second: Array) -> Array:
+    """Angles [rad] between unit directions (..., 3); exact for tiny angles, unlike arccos."""
+    return 2 * np.arcsin(np.clip(np.linalg.norm(first - second, axis=-1) / 2, 0, 1))
+
+
+def master_directions(size: int, fov: float = np.pi) -> tuple[Array, Mask]:
+    """Directions (N, N, 3) of the pixels of an equidistant dome master, and which lie inside.
+
+    Front is at the bottom edge, left at the left (design.md s.2). `fov` [rad] is the full angle.
+    """
+    offset = (np.arange(size) - (size - 1) / 2) / (size / 2)
+    dx, dy = np.meshgrid(offset, offset)
+    q = np.hypot(dx, dy)
+    theta = q * fov / 2
+    scale = np.sinc(theta / np.pi) * fov / 2  # sin(theta) / q without a division by zero
+    return np.stack([dy * scale, -dx * scale, np.cos(theta)], axis=-1), q <= 1
+
+
+def master_pixels(direction: Array, size: int, fov: float = np.pi) -> Array:
+    """Pixel coordinates (..., 2) as (column, row) of unit directions in a dome master."""
+    x, y, z = np.moveaxis(direction, -1, 0)
+    horizontal = np.hypot(x, y)
+    theta = np.arctan2(horizontal, z)
+    q = theta / (fov / 2)
+    safe = np.where(horizontal > 0, horizontal, 1.0)
+    centre, half = (size - 1) / 2, size / 2
+    return np.stack([centre - half * q * y / safe, centre + half * q * x / safe], axis=-1)
+
+
+def master_solid_angles(size: int, fov: float = np.pi) -> Array:
+    """Solid angle (N, N) [sr] of each dome-master pixel; 0 outside the circle (science.md s.3)."""
+    offset = (np.arange(size) - (size - 1) / 2) / (size / 2)
+    theta = np.hypot(*np.meshgrid(offset, offset)) * fov / 2
+    return np.where(theta <= fov / 2, np.sinc(theta / np.pi) * (fov / size) ** 2, 0.0)
+
+
+def cap_solid_angle(half_angle: float) -> float:
+    """Solid angle [sr] of a cap of the given half angle [rad].
+
+    >>> round(cap_solid_angle(np.pi / 2) / np.pi, 9)
+    2.0
+    """
+    return float(4 * np.pi * np.sin(half_angle / 2) ** 2)
+
+
+def intersect_sphere(origin: Array, direction: Array, radius: float | Array) -> Array:
+    """Points (..., 3) where rays from inside a sphere round the origin meet it; NaN if they miss.
+
+    `origin` (..., 3) [m], unit `direction` (..., 3). The far root, so that a device may stand on
+    the sphere itself.
+    """
+    along = np.sum(origin * direction, axis=-1)
+    outside = np.sum(origin * origin, axis=-1) - radius**2
+    discriminant = along * along - outside
+    root = np.sqrt(np.where(discriminant >= 0, discriminant, np.nan))
+    return np.asarray(origin + (root - along)[..., None] * direction)
+
+
+def triangle_solid_angles(a: Array, b: Array, c: Array) -> Array:
+    """Signed solid angles [sr] of triangles with unit corners (..., 3).
+
+    Van Oosterom & Strackee 1983, doi:10.1109/TBME.1983.325207. The triple product is taken from
+    edge differences: for small triangles it loses no digits.
+    """
+    triple = np.sum(a * np.cross(b - a, c - a), axis=-1)
+    denominator = 1 + np.sum(a * b, -1) + np.sum(b * c, -1) + np.sum(c * a, -1)
+    return np.asarray(2 * np.arctan2(triple, denominator))
+
+
+def grid_solid_angles(corners: Array) -> Array:
+    """Solid angles (H, W) [sr] of the cells of a grid of unit corner directions (H+1, W+1, 3).
+
+    Unsigned, two great-circle triangles per cell: pixel edges from an off-centre projector are
+    small circles, a relative error of 1e-6 and less per pixel (science.md s.3). NaN corners give NaN.
+    """
+    top_left, top_right = corners[:-1, :-1], corners[:-1, 1:]
+    bottom_left, bottom_right = corners[1:, :-1], corners[1:, 1:]
+    upper = triangle_solid_angles(top_left, top_right, bottom_right)
+    lower = triangle_solid_angles(top_left, bottom_right, bottom_left)
+    return np.asarray(np.abs(upper + lower))

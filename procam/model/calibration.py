@@ -1,0 +1,53 @@
+"""A calibration: everything procam knows about one venue at one time."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procam.model.correspondence import ProjectorSurface
+from procam.model.optics import CameraModel, ProjectorModel
+from procam.model.photometry import Photometry
+from procam.model.quality import Figure
+from procam.model.screen import Dome
+from procam.model.transport import DomeMaps, Measured
+
+SCHEMA_VERSION = 1
+
+
+@dataclass(frozen=True, slots=True)
+class ProjectorCalibration:
+    """One projector: its model, where its pixels land, its light, and its blend weight (H, W)."""
+
+    model: ProjectorModel
+    surface: ProjectorSurface
+    photometry: Photometry
+    blend: NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True)
+class Calibration:
+    """All of it, with quality and provenance.
+
+    Attributes
+    ----------
+    screen, cameras, projectors : the rig.
+    maps : the dome's own maps.
+    feedback, albedo : m and mean albedo per content channel, with sigma.
+    content_from_camera : (3, 3) matrix from camera radiance [full scale per second] to relative
+        content radiance: 1.0 in every channel is the reference white W.
+    quality : figures of the solve. provenance : versions, seeds, input hashes.
+    """
+
+    screen: Dome
+    cameras: Mapping[str, CameraModel]
+    projectors: Mapping[str, ProjectorCalibration]
+    maps: DomeMaps
+    feedback: Measured
+    albedo: Measured
+    content_from_camera: NDArray[np.float64]
+    quality: Mapping[str, Figure] = field(default_factory=dict)
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+    schema_version: int = SCHEMA_VERSION

@@ -1,0 +1,44 @@
+"""What the dome does to light, sampled on a dome master."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Map = NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """A number per channel with its standard error: `value` (3,), `sigma` (3,)."""
+
+    value: NDArray[np.float64]
+    sigma: NDArray[np.float64]
+
+    def interval(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """The 95 % interval, (low, high)."""
+        return self.value - 1.96 * self.sigma, self.value + 1.96 * self.sigma
+
+
+@dataclass(frozen=True, slots=True)
+class DomeMaps:
+    """Maps of the dome on an equidistant dome master of 180 degrees, front at the bottom edge.
+
+    Attributes
+    ----------
+    scatter_per_flux : (N, N, 3) u, scattered radiance per direct flux [1/sr].
+    albedo : (N, N, 3) diffuse reflectance [-].
+    lo, hi : (N, N, 3) direct radiance with all projectors black and at full blended white [rel].
+    coverage : (N, N) share of the pixel that a projector can light, 0..1.
+    """
+
+    scatter_per_flux: Map
+    albedo: Map
+    lo: Map
+    hi: Map
+    coverage: Map
+
+    @property
+    def size(self) -> int:
+        """Edge of the maps [px]."""
+        return int(self.coverage.shape[0])

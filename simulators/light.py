@@ -1,0 +1,106 @@
+"""Light of one projector on the dome: direct, per projector pixel and per room patch."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from procam.maths.lenses import unproject
+from procam.maths.sphere import grid_solid_angles, normalise
+from simulators.rig import ProjectorBuild
+from simulators.surface import Surface
+from simulators.transport import Room
+
+Array = NDArray[np.float64]
+Image = NDArray[np.float32]
+BRIGHTNESS = 6.0  # median irradiance at full white [camera full scale per second]
+
+
+@dataclass(frozen=True)
+class ProjectorLight:
+    """What one projector's pixels do on the dome.
+
+    Attributes
+    ----------
+    direction : (H, W, 3) from the dome's centre to where the pixel's centre lands.
+    solid_angle_sr : (H, W) of the pixel seen from the dome's centre [sr].
+    lit : (H, W) the pixel passes the blackout plates.
+    irradiance : (H, W) at full white, relative to the scene's unit; 0 where not lit.
+    black_irradiance : (H, W) at drive 0.
+    patch : (H, W) room patch under the pixel. reflected_m2 : (H, W) albedo times true area.
+    """
+
+    build: ProjectorBuild
+    direction: Array
+    solid_angle_sr: Array
+    lit: NDArray[np.bool_]
+    irradiance: Image
+    black_irradiance: Image
+    patch: NDArray[np.intp]
+    reflected_m2: Array
+
+    @classmethod
+    def on(cls, surface: Surface, build: ProjectorBuild, room: Room) -> "ProjectorLight":
+        """Shine `build` on the dome."""
+        width, height = build.size
+        direction = _directions(surface, build, np.arange(width), np.arange(height))
+        corners = _directions(surface, build, np.arange(width + 1) - 0.5, np.arange(height + 1) - 0.5)
+        solid = grid_solid_angles(corners)
+        lit = direction[..., 2] >= np.cos(surface.lit_half_angle)
+        area = solid * surface.radius(direction) ** 2
+        shape = _falloff(build) * lit / area  # the panel sends equal flux through equal pixels
+        level = BRIGHTNESS / np.median((shape)[lit])
+        black = build.black * level * lit / area
+        return cls(
+            build,
+            direction,
+            solid,
+            lit,
+            (level * shape).astype(np.float32),
+            black.astype(np.float32),
+            room.dome_patch(direction),
+            surface.albedo(direction) * area,
+        )
+
+    def emit(self, drive: Image, bands: slice) -> Image:
+        """Irradiance (H, W, C) on the dome in the camera bands for a drive (H, W, 3)."""
+        mix = self.build.colour_mix[bands].astype(np.float32)
+        white = self.build.colour_mix[bands].sum(axis=1).astype(np.float32)
+        light = self.build.linear(drive).reshape(-1, 3) @ mix.T
+        light = light.reshape(*drive.shape[:2], -1)
+        return np.asarray(
+            light * self.irradiance[..., None] + self.black_irradiance[..., None] * white
+        )
+
+    def patch_flux(self, irradiance: Image, patches: int) -> Array:
+        """Reflected flux (P, C) per room patch of an irradiance image (H, W, C)."""
+        index = self.patch.ravel()
+        return np.stack(
+            [
+                np.bincount(index, (irradiance[..., c] * self.reflected_m2).ravel(), patches)
+                for c in range(irradiance.shape[2])
+            ],
+            axis=1,
+        )
+
+    def blurred(self, irradiance: Image, camera_blur_px: float) -> Image:
+        """The image as lens and camera pixel smear it, still on the projector's grid."""
+        sigma = float(np.hypot(self.build.defocus_px, camera_blur_px))
+        return np.asarray(
+            cv2.GaussianBlur(irradiance, (0, 0), sigma, borderType=cv2.BORDER_CONSTANT)
+        ).reshape(irradiance.shape)
+
+
+def _directions(surface: Surface, build: ProjectorBuild, x: Array, y: Array) -> Array:
+    pixels = np.stack(np.meshgrid(x, y), axis=-1).astype(float)
+    back = build.projector_from_dome.inverse()
+    rays = back.rotate(unproject(pixels, build.lens))
+    return normalise(surface.intersect(back.translation, rays))
+
+
+def _falloff(build: ProjectorBuild) -> Array:
+    width, height = build.size
+    x = np.linspace(-1, 1, width)[None, :]
+    y = np.linspace(-1, 1, height)[:, None]
+    return np.asarray(1 - build.falloff * (x * x + 0.6 * y * y) / 1.6)

@@ -1,0 +1,138 @@
+"""The electrical side of one simulated projector, in the scene's own time."""
+
+import threading
+
+from procam.devices.protocols import Clock, Power
+from procam.errors import WrongState
+
+
+class ProjectorState:
+    """Lamp, shutter, input and faults; shared by what is seen and by what answers on the wire.
+
+    Safe to use from the thread that draws the scene and from the one that serves the wire.
+
+    Parameters
+    ----------
+    clock : the scene's time.
+    on : start with the picture up; otherwise in standby.
+    warm_up_s, cool_down_s : how long a lamp takes to come up and to cool [s].
+    source : active input, a code of the emulated make.
+    lamp_hours : hours on the lamp before the scene began [h].
+    """
+
+    def __init__(
+        self,
+        clock: Clock,
+        *,
+        on: bool = False,
+        warm_up_s: float = 30.0,
+        cool_down_s: float = 20.0,
+        source: str = "30",
+        lamp_hours: float = 0.0,
+    ) -> None:
+        self._clock = clock
+        self._lock = threading.Lock()
+        self._warm_up_s = warm_up_s
+        self._cool_down_s = cool_down_s
+        self._power = Power.ON if on else Power.STANDBY
+        self._since_s = clock.now_s()
+        self._lit_since_s = self._since_s if on else None
+        self._lamp_s = 3600.0 * lamp_hours
+        self._muted = False
+        self._error_codes: tuple[str, ...] = ()
+        self.source = source
+        self.shutter_stuck = False
+
+    @property
+    def power(self) -> Power:
+        """Power state now."""
+        with self._lock:
+            return self._advance()
+
+    @property
+    def muted(self) -> bool:
+        """Whether the picture is held back; switching off ends it."""
+        with self._lock:
+            return self._muted
+
+    @property
+    def lamp_hours(self) -> float:
+        """Hours on the lamp [h]."""
+        with self._lock:
+            return (self._lamp_s + self._burning_s()) / 3600.0
+
+    @property
+    def error_codes(self) -> tuple[str, ...]:
+        """Codes of what is broken, in the words of the emulated make."""
+        with self._lock:
+            return self._error_codes
+
+    def light_factor(self) -> float:
+        """Share of the full light that leaves the lens now, 0..1."""
+        with self._lock:
+            power = self._advance()
+            if self._muted:
+                return 0.0
+            if power is Power.WARMING:  # a lamp is dim at first, then catches up
+                return ((self._clock.now_s() - self._since_s) / self._warm_up_s) ** 2
+            return 1.0 if power is Power.ON else 0.0
+
+    def switch_on(self) -> None:
+        """Ignite the lamp; raises `WrongState` while cooling or with a fault."""
+        with self._lock:
+            power = self._advance()
+            if power in (Power.COOLING, Power.ERROR):
+                raise WrongState(f"simulated projector: got power on in state {power}")
+            if power is Power.STANDBY:
+                self._enter(Power.WARMING, self._clock.now_s())
+                self._lit_since_s = self._since_s
+
+    def switch_off(self) -> None:
+        """Put out the lamp; raises `WrongState` while it is warming up."""
+        with self._lock:
+            power = self._advance()
+            if power is Power.WARMING:
+                raise WrongState(f"simulated projector: got power off in state {power}")
+            if power is Power.ON:
+                self._put_out(Power.COOLING)
+
+    def set_muted(self, muted: bool) -> None:
+        """Hold the picture back or let it out; a stuck shutter stays where it is."""
+        with self._lock:
+            if not self.shutter_stuck:
+                self._muted = muted
+
+    def report_error(self, code: str) -> None:
+        """Add a complaint that does not stop the projector."""
+        with self._lock:
+            self._error_codes += (code,)
+
+    def break_down(self, code: str) -> None:
+        """Fail for the reason `code`: the light goes out and stays out."""
+        with self._lock:
+            self._error_codes += (code,)
+            self._put_out(Power.ERROR)
+
+    def _put_out(self, power: Power) -> None:
+        """Leave the lit states for `power`."""
+        self._lamp_s += self._burning_s()
+        self._lit_since_s = None
+        self._muted = False
+        self._enter(power, self._clock.now_s())
+
+    def _burning_s(self) -> float:
+        """Seconds since the lamp was ignited; 0 when it is out [s]."""
+        return 0.0 if self._lit_since_s is None else self._clock.now_s() - self._lit_since_s
+
+    def _advance(self) -> Power:
+        """Bring the power state up to now."""
+        for_s = self._clock.now_s() - self._since_s
+        if self._power is Power.WARMING and for_s >= self._warm_up_s:
+            self._enter(Power.ON, self._since_s + self._warm_up_s)
+        elif self._power is Power.COOLING and for_s >= self._cool_down_s:
+            self._enter(Power.STANDBY, self._since_s + self._cool_down_s)
+        return self._power
+
+    def _enter(self, power: Power, since_s: float) -> None:
+        self._power = power
+        self._since_s = since_s

@@ -1,0 +1,139 @@
+"""The dome as built: a cap that is nearly a sphere, with paint, panels and seams."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import sph_harm_y
+
+from procam.maths.sphere import angles_from_direction, intersect_sphere
+from simulators.presets import Preset
+
+Array = NDArray[np.float64]
+GORES, RINGS = 16, 5
+SEAM_WIDTH_M = 0.04
+SURFACE_STEPS = 3
+BOUND = 1.01  # a sphere round everything the harmonics and steps can reach
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Shape and paint of the dome; everything is a function of the direction from the centre."""
+
+    preset: Preset
+    shape_terms: Array  # radial harmonics l = 2..4, as a polynomial in x, y, z
+    panel_steps_m: Array  # (RINGS, GORES)
+    paint_terms: Array  # harmonics l = 1..3 of the slow albedo variation, likewise
+
+    @classmethod
+    def build(cls, preset: Preset) -> "Surface":
+        """The dome of a preset; the same in every session, as a real one would be."""
+        rng = np.random.default_rng(20110)
+        steps = rng.uniform(-1, 1, (RINGS, GORES)) * preset.panel_step_m
+        return cls(preset, _unit_sum(rng, range(2, 5)), steps, _unit_sum(rng, range(1, 4)))
+
+    @property
+    def half_angle(self) -> float:
+        """Pole to rim [rad]."""
+        return float(np.radians(self.preset.half_angle_deg))
+
+    @property
+    def lit_half_angle(self) -> float:
+        """Pole to the edge of the blackout plates [rad]."""
+        rim = np.cos(self.half_angle)
+        return float(np.arccos(rim + self.preset.strip_share * (1 - rim)))
+
+    def radius(self, direction: Array) -> Array:
+        """Distance (...) [m] of the surface along unit directions (..., 3)."""
+        radius = np.full(direction.shape[:-1], self.preset.radius_m)
+        if self.preset.ovality:
+            shape = _polynomial(direction, self.shape_terms, 4)
+            radius *= 1 + self.preset.ovality * shape
+        if self.preset.panel_step_m:
+            ring, gore = self._panel(direction)
+            radius += self.panel_steps_m[ring, gore]
+        return radius
+
+    def intersect(self, origin: Array, direction: Array) -> Array:
+        """Points (..., 3) [m] where rays from inside meet the surface (fixed-point on the radius)."""
+        if not (self.preset.ovality or self.preset.panel_step_m):
+            return intersect_sphere(origin, direction, self.preset.radius_m)
+        point = intersect_sphere(origin, direction, BOUND * self.preset.radius_m)
+        for _ in range(SURFACE_STEPS):
+            radius = self.radius(point / np.linalg.norm(point, axis=-1, keepdims=True))
+            nearer = intersect_sphere(origin, direction, radius)
+            # a ray that grazes a panel from just behind its edge keeps the last good point
+            point = np.where(np.isfinite(nearer), nearer, point)
+        return point
+
+    def albedo(self, direction: Array) -> Array:
+        """Diffuse reflectance (...) of the paint along unit directions; the paint is neutral."""
+        preset = self.preset
+        value = np.full(direction.shape[:-1], preset.albedo)
+        if preset.albedo_smooth:
+            slow = _polynomial(direction, self.paint_terms, 3)
+            value *= 1 + preset.albedo_smooth * slow
+        if preset.dust:
+            value *= 1 - preset.dust * (1 - direction[..., 0]) / 2
+        if preset.seam:
+            value *= 1 - preset.seam * (self._seam_distance_m(direction) < SEAM_WIDTH_M / 2)
+        return value
+
+    def _panel(self, direction: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        azimuth, elevation = angles_from_direction(direction)
+        ring = np.clip((np.pi / 2 - elevation) / self.half_angle * RINGS, 0, RINGS - 1)
+        gore = (azimuth / (2 * np.pi) % 1.0) * GORES
+        return ring.astype(np.intp), np.minimum(gore.astype(np.intp), GORES - 1)
+
+    def _seam_distance_m(self, direction: Array) -> Array:
+        azimuth, elevation = angles_from_direction(direction)
+        theta = np.pi / 2 - elevation
+        gore_angle, ring_angle = 2 * np.pi / GORES, self.half_angle / RINGS
+        across = np.abs((azimuth / gore_angle + 0.5) % 1.0 - 0.5) * gore_angle * np.sin(theta)
+        along = np.abs((theta / ring_angle + 0.5) % 1.0 - 0.5) * ring_angle
+        at_top = theta < ring_angle  # the crown is one round panel
+        nearest = np.where(at_top, np.abs(theta - ring_angle), np.minimum(across, along))
+        return np.asarray(nearest * self.preset.radius_m)
+
+
+def _unit_sum(rng: np.random.Generator, degrees: range) -> Array:
+    """A random sum of harmonics as a polynomial, its largest value on the upper half sphere 1."""
+    probe = rng.normal(size=(4000, 3))
+    probe[:, 2] = np.abs(probe[:, 2])
+    probe /= np.linalg.norm(probe, axis=1, keepdims=True)
+    azimuth, elevation = angles_from_direction(probe)
+    total = np.zeros(len(probe))
+    for degree in degrees:
+        for order in range(-degree, degree + 1):
+            wave = sph_harm_y(degree, abs(order), np.pi / 2 - elevation, azimuth)
+            total += rng.normal() * (wave.real if order >= 0 else wave.imag)
+    # on the sphere a harmonic of degree l IS a polynomial of degree l: the fit is exact, and fast
+    columns = np.stack([_monomial(probe, p) for p in _powers(max(degrees))], axis=1)
+    terms = np.linalg.lstsq(columns, total / np.abs(total).max(), rcond=None)[0]
+    return np.asarray(terms)
+
+
+def _polynomial(direction: Array, terms: Array, degree: int) -> Array:
+    total = np.zeros(direction.shape[:-1])
+    for coefficient, power in zip(terms, _powers(degree), strict=True):
+        total += coefficient * _monomial(direction, power)
+    return total
+
+
+def _powers(degree: int) -> list[tuple[int, int, int]]:
+    """Monomials up to `degree`, z at most linear: z^2 = 1 - x^2 - y^2 makes the rest redundant."""
+    return [
+        (i, j, k)
+        for k in (0, 1)
+        for i in range(degree + 1)
+        for j in range(degree + 1)
+        if i + j + k <= degree
+    ]
+
+
+def _monomial(direction: Array, power: tuple[int, int, int]) -> Array:
+    value = np.ones(direction.shape[:-1])
+    for axis, exponent in enumerate(power):
+        for _ in range(exponent):
+            value = value * direction[..., axis]
+    return value

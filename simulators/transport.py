@@ -1,0 +1,272 @@
+"""Light between patches of the room by flux tracing: rays, hits and counts, no closed form.
+
+Each patch sends cosine-distributed rays from stratified places; the share that lands on another
+patch is the form factor between them. Dome, deck and pod are met where they really are.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import qmc
+
+from procam.maths.sphere import angles_from_direction
+from simulators.presets import Preset
+from simulators.surface import Surface
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+DOME_RINGS, DOME_SECTORS = 30, 60
+FLOOR_RINGS, FLOOR_SECTORS = 8, 24
+POD_RINGS, POD_SECTORS = 6, 12
+POD_CENTRE_M = np.array([0.8, 1.0, -0.15])
+POD_RADIUS_M = 0.55
+POD_ALBEDO = 0.3
+START_OFFSET_M = 1e-6
+
+
+@dataclass(frozen=True)
+class Deck:
+    """The level floor under a tilted dome: the disc that the floor plane cuts out of the sphere."""
+
+    up: Array
+    depth_m: float
+    radius_m: float
+
+    @classmethod
+    def under(cls, preset: Preset) -> "Deck":
+        """The deck through the lowest point of the rim (or the springline, for shallow caps)."""
+        tilt = np.radians(preset.tilt_deg)
+        depth = preset.radius_m * np.sin(tilt)
+        up = np.array([-np.sin(tilt), 0.0, np.cos(tilt)])
+        return cls(up, float(depth), float(np.sqrt(preset.radius_m**2 - depth**2)))
+
+    def axes(self) -> tuple[Array, Array]:
+        """Two unit vectors that span the deck."""
+        left = np.array([0.0, 1.0, 0.0])
+        return np.cross(left, self.up), left
+
+
+@dataclass(frozen=True)
+class Room:
+    """Patches of the room and the light they exchange.
+
+    Patches are ordered dome (rings of equal area from the pole), deck, pod. `exchange` (P, P) holds in row
+    i what patch i sees: irradiance_i = sum_j exchange_ij radiosity_j. `area_m2`, `albedo` are (P,).
+    """
+
+    surface: Surface
+    exchange: NDArray[np.float32]
+    area_m2: Array
+    albedo: Array
+    scatter: NDArray[np.float32]  # (P, P) irradiance after all bounces per direct radiosity
+
+    @classmethod
+    def trace(cls, surface: Surface, rays: int = 2048) -> "Room":
+        """Trace `rays` rays (a power of two) from every patch."""
+        tracer = _Tracer(surface)
+        exchange = tracer.exchange(rays)
+        albedo = tracer.patch_albedo()
+        # E = F (b0 + rho E): all bounces at once
+        system = np.eye(len(albedo)) - exchange * albedo
+        scatter = np.linalg.solve(system, exchange)
+        return cls(
+            surface,
+            exchange.astype(np.float32),
+            tracer.area_m2,
+            albedo,
+            scatter.astype(np.float32),
+        )
+
+    def irradiance(self, direct_flux: Array) -> Array:
+        """Scattered irradiance (P, C) after all bounces from direct reflected flux (P, C)."""
+        direct = (direct_flux / self.area_m2[:, None]).astype(np.float32)
+        return np.asarray(self.scatter @ direct, dtype=float)
+
+    def dome_patch(self, direction: Array) -> Index:
+        """Patch index (...) of unit directions that lie on the dome."""
+        return _dome_patch(direction, self.surface.half_angle)
+
+    def dome_image(self, patch_values: Array) -> NDArray[np.float32]:
+        """Values of the dome patches as an image (rings, sectors + 2, C), wrapped in azimuth."""
+        count = DOME_RINGS * DOME_SECTORS
+        image = patch_values[:count].reshape(DOME_RINGS, DOME_SECTORS, -1).astype(np.float32)
+        return np.concatenate([image[:, -1:], image, image[:, :1]], axis=1)
+
+    def dome_image_coordinates(self, direction: Array) -> NDArray[np.float32]:
+        """(column, row) in `dome_image` of unit directions (..., 3)."""
+        azimuth, _ = angles_from_direction(direction)
+        column = (azimuth / (2 * np.pi) % 1.0) * DOME_SECTORS + 0.5
+        depth = (1 - direction[..., 2]) / (1 - np.cos(self.surface.half_angle))
+        row = depth * DOME_RINGS - 0.5
+        row = np.clip(row, 0, DOME_RINGS - 1)
+        return np.stack([column, row], axis=-1).astype(np.float32)
+
+    def floor_patch(self, point: Array) -> Index:
+        """Patch index (...) of points [m] on the deck."""
+        return _floor_patch(point, Deck.under(self.surface.preset))
+
+
+class _Tracer:
+    """Everything needed while rays are flying."""
+
+    def __init__(self, surface: Surface) -> None:
+        self.surface = surface
+        self.deck = Deck.under(surface.preset)
+        self.dome_count = DOME_RINGS * DOME_SECTORS
+        self.floor_count = FLOOR_RINGS * FLOOR_SECTORS
+        self.pod_count = POD_RINGS * POD_SECTORS if surface.preset.pod else 0
+        self.count = self.dome_count + self.floor_count + self.pod_count
+        self.area_m2 = self._areas()
+
+    def patch_albedo(self) -> Array:
+        """Mean albedo (P,) of the patches, dome sampled densely because of its seams."""
+        samples = qmc.Sobol(2, rng=np.random.default_rng(5)).random(256)
+        dome = [
+            float(self.surface.albedo(self._dome_direction(i, samples)).mean())
+            for i in range(self.dome_count)
+        ]
+        floor = np.full(self.floor_count, self.surface.preset.floor_albedo)
+        return np.concatenate([dome, floor, np.full(self.pod_count, POD_ALBEDO)])
+
+    def exchange(self, rays: int) -> Array:
+        """(P, P) share of the rays of each row's patch that land on each column's patch."""
+        base = qmc.Sobol(4, rng=np.random.default_rng(7)).random(rays)
+        shifts = np.random.default_rng(11).random((self.count, 4))
+        matrix = np.zeros((self.count, self.count))
+        for i in range(self.count):
+            hit = self._cast(*self._start(i, (base + shifts[i]) % 1.0))
+            matrix[i] = np.bincount(hit[hit >= 0], minlength=self.count) / rays
+        return self._gather_neighbours(matrix)
+
+    def _gather_neighbours(self, matrix: Array) -> Array:
+        """Let each dome patch use its neighbours' rays too: irradiance is smooth, ray noise is not."""
+        dome = matrix[: self.dome_count].reshape(DOME_RINGS, DOME_SECTORS, self.count)
+        for _ in range(2):
+            dome = (np.roll(dome, 1, axis=1) + 2 * dome + np.roll(dome, -1, axis=1)) / 4
+            padded = np.concatenate([dome[:1], dome, dome[-1:]])
+            dome = (padded[:-2] + 2 * padded[1:-1] + padded[2:]) / 4
+        matrix[: self.dome_count] = dome.reshape(self.dome_count, self.count)
+        return matrix
+
+    def _areas(self) -> Array:
+        rise = 1 - np.cos(self.surface.half_angle)
+        dome = 2 * np.pi * self.surface.preset.radius_m**2 * rise / self.dome_count
+        rho = np.linspace(0, self.deck.radius_m, FLOOR_RINGS + 1)
+        floor = np.pi * np.diff(rho**2)
+        pod_ring = np.full(POD_RINGS, 4 * np.pi * POD_RADIUS_M**2 / POD_RINGS)
+        parts = [
+            np.full(self.dome_count, dome),
+            np.repeat(floor / FLOOR_SECTORS, FLOOR_SECTORS),
+        ]
+        if self.pod_count:
+            parts.append(np.repeat(pod_ring / POD_SECTORS, POD_SECTORS))
+        return np.concatenate(parts)
+
+    def _dome_direction(self, patch: int, uv: Array) -> Array:
+        ring, sector = divmod(patch, DOME_SECTORS)
+        z = 1 - (ring + uv[:, 0]) / DOME_RINGS * (1 - np.cos(self.surface.half_angle))
+        azimuth = (sector + uv[:, 1]) / DOME_SECTORS * 2 * np.pi
+        horizontal = np.sqrt(1 - z * z)
+        return np.stack([horizontal * np.cos(azimuth), horizontal * np.sin(azimuth), z], axis=-1)
+
+    def _start(self, patch: int, sample: Array) -> tuple[Array, Array]:
+        """Stratified points on a patch and cosine-distributed directions."""
+        place, aim = sample[:, :2], sample[:, 2:]
+        if patch < self.dome_count:
+            direction = self._dome_direction(patch, place)
+            normal = -direction
+            point = direction * self.surface.radius(direction)[:, None]
+        elif patch < self.dome_count + self.floor_count:
+            point = self._floor_point(patch - self.dome_count, place)
+            normal = np.broadcast_to(self.deck.up, point.shape)
+        else:
+            normal = _pod_normal(patch - self.dome_count - self.floor_count, place)
+            point = POD_CENTRE_M + POD_RADIUS_M * normal
+        return point + START_OFFSET_M * normal, _cosine_directions(normal, aim)
+
+    def _floor_point(self, patch: int, uv: Array) -> Array:
+        ring, sector = divmod(patch, FLOOR_SECTORS)
+        edge = (np.array([ring, ring + 1]) / FLOOR_RINGS * self.deck.radius_m) ** 2
+        rho = np.sqrt(edge[0] + (edge[1] - edge[0]) * uv[:, 0])
+        angle = (sector + uv[:, 1]) / FLOOR_SECTORS * 2 * np.pi
+        first, second = self.deck.axes()
+        plane = (rho * np.cos(angle))[:, None] * first + (rho * np.sin(angle))[:, None] * second
+        return np.asarray(plane - self.deck.depth_m * self.deck.up)
+
+    def _cast(self, origin: Array, direction: Array) -> Index:
+        """Patch that each ray meets first; -1 where it leaves the room."""
+        point = self.surface.intersect(origin, direction)
+        unit = point / np.linalg.norm(point, axis=-1, keepdims=True)
+        on_cap = unit[:, 2] >= np.cos(self.surface.half_angle)
+        hit = np.where(on_cap, _dome_patch(unit, self.surface.half_angle), -1)
+        distance = np.where(on_cap, np.linalg.norm(point - origin, axis=-1), np.inf)
+        casters = [self._cast_floor, self._cast_pod] if self.pod_count else [self._cast_floor]
+        for caster in casters:
+            other, reach = caster(origin, direction)
+            nearer = reach < distance
+            hit, distance = np.where(nearer, other, hit), np.where(nearer, reach, distance)
+        return hit
+
+    def _cast_floor(self, origin: Array, direction: Array) -> tuple[Index, Array]:
+        speed = direction @ self.deck.up
+        height = origin @ self.deck.up + self.deck.depth_m
+        with np.errstate(divide="ignore", invalid="ignore"):
+            reach = np.where(speed < 0, -height / speed, np.inf)
+        reach = np.where(reach > START_OFFSET_M, reach, np.inf)
+        point = origin + np.where(np.isfinite(reach), reach, 0.0)[:, None] * direction
+        inside = np.linalg.norm(point + self.deck.depth_m * self.deck.up, axis=-1)
+        reach = np.where(inside <= self.deck.radius_m, reach, np.inf)
+        return _floor_patch(point, self.deck), reach
+
+    def _cast_pod(self, origin: Array, direction: Array) -> tuple[Index, Array]:
+        offset = origin - POD_CENTRE_M
+        along = np.sum(offset * direction, axis=-1)
+        discriminant = along**2 - np.sum(offset**2, axis=-1) + POD_RADIUS_M**2
+        reach = -along - np.sqrt(np.maximum(discriminant, 0))
+        reach = np.where((discriminant > 0) & (reach > 2 * START_OFFSET_M), reach, np.inf)
+        normal = offset + np.where(np.isfinite(reach), reach, 0.0)[:, None] * direction
+        patch = self.dome_count + self.floor_count + _pod_patch(normal / POD_RADIUS_M)
+        return patch, reach
+
+
+def _cosine_directions(normal: Array, aim: Array) -> Array:
+    """Directions (N, 3) about `normal` (N, 3) with density cos/pi."""
+    helper = np.where(np.abs(normal[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
+    first = np.cross(helper, normal)
+    first /= np.linalg.norm(first, axis=-1, keepdims=True)
+    second = np.cross(normal, first)
+    radius, angle = np.sqrt(aim[:, :1]), 2 * np.pi * aim[:, 1:]
+    up = np.sqrt(1 - aim[:, :1])
+    return np.asarray(radius * (np.cos(angle) * first + np.sin(angle) * second) + up * normal)
+
+
+def _dome_patch(direction: Array, half_angle: float) -> Index:
+    azimuth, _ = angles_from_direction(direction)
+    depth = (1 - direction[..., 2]) / (1 - np.cos(half_angle))
+    ring = np.clip(depth * DOME_RINGS, 0, DOME_RINGS - 1)
+    sector = np.minimum((azimuth / (2 * np.pi) % 1.0) * DOME_SECTORS, DOME_SECTORS - 1)
+    return ring.astype(np.intp) * DOME_SECTORS + sector.astype(np.intp)
+
+
+def _floor_patch(point: Array, deck: Deck) -> Index:
+    first, second = deck.axes()
+    u, v = point @ first, point @ second
+    ring = np.clip(np.hypot(u, v) / deck.radius_m * FLOOR_RINGS, 0, FLOOR_RINGS - 1)
+    sector = np.minimum((np.arctan2(v, u) / (2 * np.pi) % 1.0) * FLOOR_SECTORS, FLOOR_SECTORS - 1)
+    local = ring.astype(np.intp) * FLOOR_SECTORS + sector.astype(np.intp)
+    return DOME_RINGS * DOME_SECTORS + local
+
+
+def _pod_normal(patch: int, uv: Array) -> Array:
+    ring, sector = divmod(patch, POD_SECTORS)
+    z = 1 - 2 * (ring + uv[:, 0]) / POD_RINGS
+    azimuth = (sector + uv[:, 1]) / POD_SECTORS * 2 * np.pi
+    horizontal = np.sqrt(1 - z * z)
+    return np.stack([horizontal * np.cos(azimuth), horizontal * np.sin(azimuth), z], axis=-1)
+
+
+def _pod_patch(normal: Array) -> Index:
+    ring = np.clip((1 - normal[..., 2]) / 2 * POD_RINGS, 0, POD_RINGS - 1).astype(np.intp)
+    azimuth = np.arctan2(normal[..., 1], normal[..., 0]) / (2 * np.pi) % 1.0
+    return ring * POD_SECTORS + np.minimum(azimuth * POD_SECTORS, POD_SECTORS - 1).astype(np.intp)

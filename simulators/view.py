@@ -1,0 +1,117 @@
+"""What an eye or a camera sees of the scene: directions, occlusion, radiance."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from procam.maths.lenses import project
+from procam.maths.sphere import normalise
+from simulators.light import ProjectorLight
+from simulators.transport import Deck, Room
+
+Array = NDArray[np.float64]
+Image = NDArray[np.float32]
+GLOSS_EXPONENT = 20
+
+
+@dataclass(frozen=True)
+class View:
+    """A grid of lines of sight into the room, prepared for many pictures.
+
+    Attributes
+    ----------
+    on_dome : (H, W) the line ends on the cap. albedo : (H, W) of what it ends on.
+    scatter_at : (H, W, 2) where to read the dome's scattered irradiance.
+    elsewhere : (H, W) room patch for lines that end on the deck; -1 elsewhere.
+    sources : per projector, (H, W, 2) projector pixel seen and (H, W) direct radiance per irradiance.
+    """
+
+    on_dome: NDArray[np.bool_]
+    albedo: Image
+    scatter_at: Image
+    elsewhere: NDArray[np.intp]
+    sources: dict[str, tuple[Image, Image]]
+
+    @classmethod
+    def along(
+        cls, room: Room, lights: dict[str, ProjectorLight], origin: Array, rays: Array
+    ) -> "View":
+        """Lines of sight from `origin` (3,) [m] along unit `rays` (H, W, 3); NaN rays see nothing."""
+        surface = room.surface
+        with np.errstate(invalid="ignore"):
+            point = surface.intersect(origin, rays)
+            direction = normalise(point)
+            on_dome = direction[..., 2] >= np.cos(surface.half_angle)
+        direction = np.where(on_dome[..., None], direction, [0.0, 0.0, 1.0])
+        point = np.where(on_dome[..., None], point, surface.preset.radius_m * direction)
+        albedo = np.where(on_dome, surface.albedo(direction), 0.0)
+        sources = {
+            name: _source(light, surface.preset.gloss, point, direction, origin, on_dome)
+            for name, light in lights.items()
+        }
+        return cls(
+            on_dome,
+            albedo.astype(np.float32),
+            room.dome_image_coordinates(direction),
+            _deck_patches(room, origin, rays, on_dome),
+            {n: (xy, (gain * albedo).astype(np.float32)) for n, (xy, gain) in sources.items()},
+        )
+
+    def direct(self, name: str, irradiance: Image) -> Image:
+        """Directly reflected radiance (H, W, C) of projector `name`'s irradiance image."""
+        where, gain = self.sources[name]
+        seen = cv2.remap(
+            irradiance, where, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT
+        ).reshape(*gain.shape, -1)
+        return np.asarray(seen * gain[..., None])
+
+    def scattered(self, room: Room, patch_irradiance: Array) -> Image:
+        """Radiance (H, W, C) of light that has bounced before."""
+        image = room.dome_image(patch_irradiance)
+        seen = cv2.remap(image, self.scatter_at, None, cv2.INTER_LINEAR).reshape(
+            *self.albedo.shape, -1
+        )
+        radiance = seen * self.albedo[..., None]
+        floor = self.elsewhere >= 0
+        patch = self.elsewhere[floor]
+        radiance[floor] = patch_irradiance[patch] * room.albedo[patch][:, None]
+        return np.asarray(radiance, dtype=np.float32)
+
+
+def _source(  # noqa: PLR0913, PLR0917
+    light: ProjectorLight,
+    gloss: float,
+    point: Array,
+    direction: Array,
+    eye: Array,
+    on_dome: NDArray[np.bool_],
+) -> tuple[Image, Array]:
+    """Projector pixel under each point, and radiance per irradiance and albedo (1 if matte)."""
+    build = light.build
+    pixel = project(build.projector_from_dome.apply(point), build.lens)
+    visible = on_dome & np.isfinite(pixel[..., 0])
+    where = np.where(visible[..., None], pixel, -10.0).astype(np.float32)
+    if not gloss:
+        return where, visible.astype(float)
+    incoming = normalise(point - build.projector_from_dome.origin)
+    mirror = incoming - 2 * np.sum(incoming * direction, axis=-1, keepdims=True) * direction
+    towards_eye = normalise(eye - point)
+    cosine = np.maximum(np.sum(mirror * towards_eye, axis=-1), 0)
+    lobe = (GLOSS_EXPONENT + 2) / 2 * cosine**GLOSS_EXPONENT
+    return where, visible * (1 - gloss + gloss * lobe)
+
+
+def _deck_patches(
+    room: Room, origin: Array, rays: Array, on_dome: NDArray[np.bool_]
+) -> NDArray[np.intp]:
+    deck = Deck.under(room.surface.preset)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        reach = -(origin @ deck.up + deck.depth_m) / (rays @ deck.up)
+        point = origin + reach[..., None] * rays
+        radius = np.linalg.norm(point + deck.depth_m * deck.up, axis=-1)
+        hit = ~on_dome & (reach > 0) & (radius <= deck.radius_m)
+    patch = np.full(hit.shape, -1, dtype=np.intp)
+    patch[hit] = room.floor_patch(point[hit])
+    return patch

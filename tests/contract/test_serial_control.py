@@ -1,0 +1,272 @@
+"""What every serial remote control must do with a projector, on every make's emulation."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import pytest
+from serial_bench import COOL_DOWN_S, MAKES, WARM_UP_S, Bench, do_everything, message
+
+from procam.devices.escvp21 import ESC_VP21
+from procam.devices.projector_control import SERIAL_TABLES
+from procam.devices.protocols import Power, ProjectorControl
+from procam.devices.serial_table import SerialTable
+from procam.errors import DeviceTimeout, InputError, WrongState
+from simulators.clock import SceneClock
+from simulators.projector_state import ProjectorState
+
+
+@pytest.fixture(params=MAKES, ids=lambda make: make.__name__)
+def bench(request: pytest.FixtureRequest) -> Iterator[Bench]:
+    made = request.param()
+    yield made
+    made.close()
+
+
+class TestCommands:
+    def test_is_a_projector_control(self, bench: Bench) -> None:
+        control: ProjectorControl = bench.control
+        assert control.state().power is Power.ON
+
+    def test_does_everything_on_a_healthy_wire(self, bench: Bench) -> None:
+        do_everything(bench)
+
+    def test_power_goes_off_and_comes_back_through_cooling_and_warming(self, bench: Bench) -> None:
+        bench.control.set_power(False)
+        assert bench.control.state().power is Power.COOLING
+        bench.control.set_power(True)
+        assert bench.control.state().power is Power.ON
+        assert bench.clock.now_s() == COOL_DOWN_S + WARM_UP_S
+
+    def test_power_that_is_right_already_is_left_alone(self, bench: Bench) -> None:
+        bench.control.set_power(True)
+        assert bench.clock.now_s() == 0.0
+
+    def test_power_off_while_warming_waits_for_the_lamp(self, bench: Bench) -> None:
+        bench.control.set_power(False)
+        bench.clock.sleep(COOL_DOWN_S)
+        bench.state.switch_on()
+        bench.control.set_power(False)
+        assert bench.state.power is Power.COOLING
+        assert bench.clock.now_s() > COOL_DOWN_S + WARM_UP_S
+
+    def test_what_cannot_be_asked_now_is_none(self, bench: Bench) -> None:
+        bench.state.switch_off()
+        for power in (Power.COOLING, Power.STANDBY):
+            seen = bench.control.state()
+            assert (seen.power, seen.shuttered, seen.source) == (power, None, None)
+            bench.clock.sleep(COOL_DOWN_S)
+
+    def test_a_refused_question_is_none_in_the_state(self, bench: Bench) -> None:
+        bench.arm(bench.table.hours.command, refused_commands=1)
+        seen = bench.control.state()
+        assert (seen.power, seen.lamp_hours) == (Power.ON, None)
+
+    def test_errors_are_given_in_words(self, bench: Bench) -> None:
+        code, text = bench.fault
+        bench.state.report_error(code)
+        bench.state.report_error("7E")
+        assert bench.control.state().errors == (text, "error code 7E")
+
+    def test_a_broken_projector_says_so(self, bench: Bench) -> None:
+        bench.state.break_down(bench.fault[0])
+        seen = bench.control.state()
+        assert (seen.power, seen.errors) == (Power.ERROR, (bench.fault[1],))
+
+    def test_a_broken_projector_without_a_reason_is_not_well(self, bench: Bench) -> None:
+        bench.state.break_down("00")
+        assert bench.control.state().errors == ("fault without a stated reason",)
+
+    def test_a_broken_projector_is_not_switched_on_and_counts_as_off(self, bench: Bench) -> None:
+        bench.state.break_down(bench.fault[0])
+        text = message(WrongState, bench, lambda: bench.control.set_power(True))
+        assert f"got power state error ({bench.fault[1]})" in text
+        assert "clear the fault" in text
+        bench.control.set_power(False)
+
+
+class TestShutterIsConfirmedOrAnError:
+    def test_a_stuck_shutter_is_an_error(self, bench: Bench) -> None:
+        bench.state.shutter_stuck = True
+        text = message(WrongState, bench, lambda: bench.control.set_shutter(True))
+        assert text.startswith("shutter closed is not confirmed: ")
+        assert "still answers OFF after 3 s, expected ON" in text
+        assert "switch it off if the picture must be dark" in text
+
+    def test_a_shutter_stuck_closed_is_an_error(self, bench: Bench) -> None:
+        bench.control.set_shutter(True)
+        bench.state.shutter_stuck = True
+        text = message(WrongState, bench, lambda: bench.control.set_shutter(False))
+        assert text.startswith("shutter open is not confirmed: ")
+
+    def test_a_slow_shutter_is_waited_for(self, bench: Bench) -> None:
+        class Slow(SceneClock):
+            """Time in which the shutter moves."""
+
+            def sleep(self, duration_s: float) -> None:
+                bench.state.shutter_stuck = False
+                bench.state.set_muted(True)
+
+        bench.state.shutter_stuck = True
+        bench.another_control(clock=Slow()).set_shutter(True)
+        assert bench.state.muted
+
+    def test_a_command_that_never_arrives_is_given_again(self, bench: Bench) -> None:
+        bench.arm(bench.table.shutter_commands[True], lost_commands=1)
+        bench.control.set_shutter(True)
+        assert bench.state.muted
+
+    def test_silence_instead_of_confirmation_is_an_error(self, bench: Bench) -> None:
+        bench.arm(bench.table.shutter.command, lost_replies=3)
+        text = message(DeviceTimeout, bench, lambda: bench.control.set_shutter(True))
+        assert text.startswith("shutter closed is not confirmed: ")
+        assert "'MUTE?' in 3 attempts" in text
+
+    def test_a_refused_shutter_is_an_error(self, bench: Bench) -> None:
+        bench.arm(bench.table.shutter_commands[True], refused_commands=1)
+        text = message(WrongState, bench, lambda: bench.control.set_shutter(True))
+        assert text.startswith("shutter closed is not confirmed: ")
+        assert "got the refusal b'ERR\\r:' to 'MUTE ON'" in text
+        assert "check that this model knows the command" in text
+
+    def test_a_projector_in_standby_cannot_confirm(self, bench: Bench) -> None:
+        bench.state.switch_off()
+        bench.clock.sleep(COOL_DOWN_S)
+        text = message(WrongState, bench, lambda: bench.control.set_shutter(True))
+        assert "got power state standby, expected on; switch it on first" in text
+
+    @pytest.mark.parametrize("closed", [True, False])
+    def test_a_late_old_answer_confirms_nothing(self, bench: Bench, *, closed: bool) -> None:
+        bench.control.set_shutter(closed)
+        bench.arm(bench.table.shutter.command, late_replies=1)
+        assert bench.control.state().shuttered is closed
+        bench.control.set_shutter(not closed)
+        assert bench.state.muted is not closed
+
+    def test_answers_late_to_the_end_confirm_nothing(self, bench: Bench) -> None:
+        bench.control.set_shutter(True)
+        bench.arm(bench.table.shutter.command, late_replies=3)
+        message(DeviceTimeout, bench, bench.control.state)
+        bench.control.set_shutter(False)
+        bench.state.shutter_stuck = True  # what is confirmed now must be an answer of now
+        message(WrongState, bench, lambda: bench.control.set_shutter(True))
+
+
+class ChoosesForItself(ProjectorState):
+    """A projector that goes to input 41 whatever it is told."""
+
+    source = property(lambda self: "41", lambda self, source: None)
+
+
+class TestInput:
+    def test_an_unknown_word_is_refused_with_examples(self, bench: Bench) -> None:
+        text = message(InputError, bench, lambda: bench.control.set_input("hdmi"))
+        assert "got input 'hdmi', expected a source code" in text
+        assert "30 (HDMI 1)" in text
+
+    def test_a_code_the_model_lacks_is_refused_by_the_projector(self, bench: Bench) -> None:
+        text = message(WrongState, bench, lambda: bench.control.set_input("99"))
+        assert text.startswith("input 99 is not confirmed: ")
+        assert "to 'SOURCE 99'" in text
+
+    def test_an_input_that_does_not_change_is_an_error(self, bench: Bench) -> None:
+        bench.emulator.state = ChoosesForItself(bench.clock, on=True)
+        text = message(WrongState, bench, lambda: bench.control.set_input(bench.sources[1]))
+        assert "'SOURCE?' still answers 41 after 3 s, expected A0" in text
+
+    def test_a_group_code_is_confirmed_by_a_member(self, bench: Bench) -> None:
+        groups = {bench.sources[1]: frozenset({"41"})}
+
+        bench.emulator.state = ChoosesForItself(bench.clock, on=True)
+        control = bench.another_control(table=replace(bench.table, source_groups=groups))
+        control.set_input(bench.sources[1])
+        assert control.state().source == "41"
+
+
+class TestPowerOnABadWire:
+    @pytest.fixture(autouse=True)
+    def standby(self, bench: Bench) -> None:
+        bench.state.switch_off()
+        bench.clock.sleep(COOL_DOWN_S)
+
+    @pytest.mark.parametrize("fault", ["lost_replies", "late_replies", "lost_commands"])
+    def test_a_power_command_that_is_not_answered(self, bench: Bench, fault: str) -> None:
+        bench.arm(bench.table.power_on, **{fault: 1})
+        bench.control.set_power(True)
+        assert bench.state.power is Power.ON
+
+    @pytest.mark.parametrize("fault", ["lost_commands", "refused_commands"])
+    def test_a_projector_too_busy_to_answer_while_warming(self, bench: Bench, fault: str) -> None:
+        class Busy(SceneClock):
+            """Lets the wire fail from the first wait on, for a while."""
+
+            def sleep(self, duration_s: float) -> None:
+                if bench.state.power is Power.STANDBY:
+                    pytest.fail("waited for a lamp that was not switched on")
+                if bench.clock.now_s() == COOL_DOWN_S:
+                    setattr(bench.emulator.faults, fault, 2)
+                bench.clock.sleep(duration_s)
+
+            def now_s(self) -> float:
+                return bench.clock.now_s()
+
+        bench.another_control(clock=Busy()).set_power(True)
+        assert bench.state.power is Power.ON
+
+    def test_a_refused_power_command_is_an_error(self, bench: Bench) -> None:
+        bench.arm(bench.table.power_on, refused_commands=1)
+        text = message(WrongState, bench, lambda: bench.control.set_power(True))
+        assert "got the refusal b'ERR\\r:' to 'PWR ON'" in text
+
+    def test_a_lamp_that_never_comes_up_is_an_error(self, bench: Bench) -> None:
+        slow = ProjectorState(bench.clock, warm_up_s=1e9)
+        bench.emulator.state = slow
+        text = message(DeviceTimeout, bench, lambda: bench.control.set_power(True))
+        assert "got power state warming after 240 s, expected on" in text
+        assert "look at its indicator lights" in text
+
+    def test_a_lamp_that_fails_while_warming_is_an_error(self, bench: Bench) -> None:
+        class Failing(SceneClock):
+            def sleep(self, duration_s: float) -> None:
+                bench.state.break_down(bench.fault[0])
+
+        control = bench.another_control(clock=Failing())
+        text = message(WrongState, bench, lambda: control.set_power(True))
+        assert bench.fault[1] in text
+
+
+class TestTables:
+    @pytest.fixture(params=SERIAL_TABLES.values(), ids=SERIAL_TABLES)
+    def table(self, request: pytest.FixtureRequest) -> SerialTable:
+        return request.param
+
+    def test_every_power_state_has_a_code(self, table: SerialTable) -> None:
+        assert set(table.power_codes.values()) == set(Power)
+
+    def test_every_source_code_and_group_can_be_asked_for(self, table: SerialTable) -> None:
+        for code in {*table.source_names, *table.source_groups}:
+            assert table.source_code.fullmatch(code)
+
+    def test_both_shutter_states_can_be_ordered_and_read(self, table: SerialTable) -> None:
+        assert set(table.shutter_commands) == set(table.shutter_codes.values()) == {True, False}
+
+
+@pytest.mark.parametrize(
+    ("code", "power"),
+    [
+        ("00", Power.STANDBY),
+        ("01", Power.ON),
+        ("02", Power.WARMING),
+        ("03", Power.COOLING),
+        ("04", Power.STANDBY),
+        ("05", Power.ERROR),
+        ("09", Power.STANDBY),
+    ],
+)
+def test_esc_vp21_power_codes(code: str, power: Power) -> None:
+    assert ESC_VP21.power_codes[code] is power
+
+
+def test_esc_vp21_gives_the_hours_of_two_lamps() -> None:
+    match = ESC_VP21.hours.reply.fullmatch(b"LAMP=1200 340\r:")
+    assert match is not None
+    assert match["value"] == b"1200 340"

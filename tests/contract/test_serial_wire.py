@@ -1,0 +1,147 @@
+"""What every serial remote control must survive or report when the wire misbehaves."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import pytest
+from serial_bench import COOL_DOWN_S, MAKES, Bench, do_everything, message
+
+from procam.devices.projector_control import open_serial_control
+from procam.devices.protocols import Power
+from procam.devices.serial_link import GarbledReply
+from procam.errors import DeviceError, DeviceTimeout, InputError, NotConnected, WrongState
+from simulators.clock import SceneClock
+
+
+@pytest.fixture(params=MAKES, ids=lambda make: make.__name__)
+def bench(request: pytest.FixtureRequest) -> Iterator[Bench]:
+    made = request.param()
+    yield made
+    made.close()
+
+
+class TestWire:
+    def test_replies_split_at_every_byte(self, bench: Bench) -> None:
+        for split_at in range(1, bench.longest_reply):
+            bench.emulator.faults.split_at = split_at
+            do_everything(bench)
+
+    @pytest.mark.parametrize("garbage", [b"\xff", b"\x00\xfe\r", b"=", b":", b"ERR"])
+    def test_garbage_at_every_byte_of_a_reply(self, bench: Bench, garbage: bytes) -> None:
+        table = bench.table
+        for question in (table.power.command, table.shutter.command, table.shutter_commands[True]):
+            for at in range(len(b"MUTE=OFF\r")):
+                bench.arm(question, garbage=garbage, garbage_at=at, garbled_replies=1)
+                bench.control.set_shutter(True)
+                assert bench.state.muted
+                assert bench.control.state().shuttered is True
+                bench.control.set_shutter(False)
+
+    def test_a_lost_reply_is_asked_for_again(self, bench: Bench) -> None:
+        bench.arm(lost_replies=1)
+        do_everything(bench)
+
+    def test_a_late_reply_is_not_the_answer_to_the_next_question(self, bench: Bench) -> None:
+        bench.arm(late_replies=1)
+        do_everything(bench)
+
+    def test_garbage_before_the_first_question_does_no_harm(self, bench: Bench) -> None:
+        bench.emulator.faults.garbage = b"\x80\xff\x03:"
+        bench.emulator.faults.garbled_replies = 1
+        do_everything(bench)
+
+    def test_half_a_command_left_by_another_program_does_no_harm(self, bench: Bench) -> None:
+        with pytest.raises(DeviceTimeout):
+            bench.link.exchange(b"MUTE O", b":", 0.01)
+        do_everything(bench)
+
+    def test_silence_is_an_error(self, bench: Bench) -> None:
+        bench.arm(lost_commands=100)
+        text = message(DeviceTimeout, bench, bench.control.state)
+        assert "no usable answer to 'PWR?' in 3 attempts" in text
+        assert "got b'' within 0.2 s" in text
+        assert "check that the device is powered" in text
+
+    def test_nothing_but_garbage_is_an_error(self, bench: Bench) -> None:
+        bench.arm(garbage=b"\xf0\x0f", garbled_replies=100)
+        text = message(GarbledReply, bench, bench.control.state)
+        assert "no usable answer to 'PWR?' in 3 attempts" in text
+        assert "when getting back into step" in text
+        assert "9600 baud" in text
+
+    @pytest.mark.parametrize("garbage", [b"U" * 100, b":" * 100])
+    def test_endless_talk_is_an_error(self, bench: Bench, garbage: bytes) -> None:
+        bench.arm(garbage=garbage, garbled_replies=100)
+        text = message(GarbledReply, bench, bench.control.state)
+        assert "got 64 bytes" in text
+        assert "is the right device" in text
+
+    def test_an_unknown_power_code_is_an_error(self, bench: Bench) -> None:
+        control = bench.another_control(table=replace(bench.table, power_codes={"77": Power.ON}))
+        text = message(DeviceError, bench, control.state)
+        assert "got power code 01, expected one of 77" in text
+
+    def test_a_refused_power_question_is_an_error(self, bench: Bench) -> None:
+        bench.arm(bench.table.power.command, refused_commands=1)
+        text = message(WrongState, bench, bench.control.state)
+        assert "got the refusal b'ERR\\r:' to 'PWR?'" in text
+
+
+class TestCable:
+    def test_a_port_that_is_not_there(self, bench: Bench) -> None:
+        bench.emulator.unplug()
+        text = message(
+            NotConnected,
+            bench,
+            lambda: open_serial_control(
+                bench.emulator.port, "escvp21", clock=bench.clock, name="north"
+            ),
+        )
+        assert "check that the cable is plugged in" in text
+
+    def test_a_port_that_another_program_holds(self, bench: Bench) -> None:
+        text = message(
+            NotConnected,
+            bench,
+            lambda: open_serial_control(
+                bench.emulator.port, "escvp21", clock=bench.clock, name="north"
+            ),
+        )
+        assert "no other program holds it" in text
+
+    def test_pulled_between_two_commands(self, bench: Bench) -> None:
+        bench.control.state()
+        bench.emulator.unplug()
+        text = message(NotConnected, bench, lambda: bench.control.set_shutter(True))
+        assert text.startswith("shutter closed is not confirmed: ")
+
+    @pytest.mark.parametrize("unplug_at", range(0, 9, 2))
+    def test_pulled_in_the_middle_of_a_reply(self, bench: Bench, unplug_at: int) -> None:
+        bench.arm(bench.table.shutter.command, unplug_at=unplug_at)
+        message(NotConnected, bench, lambda: bench.control.set_shutter(True))
+        bench.emulator.replug()
+        do_everything(bench)
+
+    def test_pulled_while_switching_on(self, bench: Bench) -> None:
+        bench.control.set_power(False)
+        bench.clock.sleep(COOL_DOWN_S)
+        bench.arm(bench.table.power_on, unplug_at=0)
+        message(NotConnected, bench, lambda: bench.control.set_power(True))
+
+    def test_back_in_before_anybody_noticed(self, bench: Bench) -> None:
+        bench.control.state()
+        bench.emulator.replug()
+        do_everything(bench)
+
+    def test_a_closed_control_has_let_go_of_the_port(self, bench: Bench) -> None:
+        bench.control.close()
+        control = open_serial_control(
+            bench.emulator.port, "escvp21", clock=bench.clock, name="north"
+        )
+        assert control.state().power is Power.ON
+        control.close()
+
+
+def test_an_unknown_protocol_is_refused_by_name() -> None:
+    with pytest.raises(InputError, match=r"projector north: .*'morse'.*expected one of escvp21"):
+        open_serial_control("/dev/null", "morse", clock=SceneClock(), name="north")
