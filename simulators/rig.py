@@ -114,7 +114,7 @@ def _projector(
         mix / mix.sum(axis=1, keepdims=True) * white[:, None],
         gamma=np.array([2.2, 2.25, 2.15]) * (1 + rng.normal(0, 0.01, 3)),
         toe=rng.uniform(0.02, 0.08, 3),
-        falloff=0.5,
+        falloff=0.65,
         black=1 / 1500,
     )
 

@@ -10,7 +10,7 @@ import pytest
 
 from procam.devices.escvp21 import ESC_VP21
 from procam.devices.projector_control import SerialProjectorControl
-from procam.devices.protocols import Power
+from procam.devices.protocols import Clock, Power
 from procam.devices.serial_link import SerialLink
 from procam.devices.serial_table import SerialTable
 from procam.errors import ProcamError
@@ -24,7 +24,11 @@ COOL_DOWN_S = 20.0
 
 @dataclass
 class Bench:
-    """One make's control, wired to an emulated projector whose inside the tests can see."""
+    """One make's control, wired to an emulated projector whose inside the tests can see.
+
+    `sources` are codes of inputs that the projector has, `no_source` is one it lacks; `fault` is
+    an error code and its text; `shutter_open` is a whole answer; `longest_reply` counts bytes.
+    """
 
     table: SerialTable
     clock: SceneClock
@@ -32,14 +36,23 @@ class Bench:
     emulator: EmulatedEscVp21
     link: SerialLink
     control: SerialProjectorControl
-    sources: tuple[str, str]
+    sources: tuple[str, str, str]
+    no_source: str
     fault: tuple[str, str]
+    shutter_open: bytes
     longest_reply: int
 
-    def another_control(self, **changed: object) -> SerialProjectorControl:
-        """A control on the same wire, with another table or clock."""
-        given = {"table": self.table, "clock": self.clock} | changed
-        return SerialProjectorControl(self.link, name="north", **given)
+    def reads(self, *, closed: bool) -> str:
+        """Answer to the shutter question in that state."""
+        return next(word for word, dark in self.table.shutter_codes.items() if dark is closed)
+
+    def another_control(
+        self, *, table: SerialTable | None = None, clock: Clock | None = None
+    ) -> SerialProjectorControl:
+        """Give a control on the same wire, with another table or clock."""
+        return SerialProjectorControl(
+            self.link, table or self.table, clock=clock or self.clock, name="north"
+        )
 
     def close(self) -> None:
         """Let go of both ends of the wire."""
@@ -64,12 +77,27 @@ def escvp21() -> Bench:
     table = replace(ESC_VP21, timings=timings)
     link = SerialLink(emulator.port, longest_reply=64)
     control = SerialProjectorControl(link, table, clock=clock, name="north")
-    fault = ("04", "internal temperature high")
-    longest = len(b"SOURCE=30\r:")
-    return Bench(table, clock, state, emulator, link, control, ("30", "A0"), fault, longest)
+    return Bench(
+        table=table,
+        clock=clock,
+        state=state,
+        emulator=emulator,
+        link=link,
+        control=control,
+        sources=("30", "A0", "41"),
+        no_source="99",
+        fault=("04", "internal temperature high"),
+        shutter_open=b"MUTE=OFF\r:",
+        longest_reply=len(b"SOURCE=30\r:"),
+    )
 
 
 MAKES: tuple[Callable[[], Bench], ...] = (escvp21,)
+
+
+def shown(command: bytes) -> str:
+    """A command as messages show it."""
+    return repr(command.strip().decode())
 
 
 def do_everything(bench: Bench) -> None:

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import pytest
-from serial_bench import COOL_DOWN_S, MAKES, Bench, do_everything, message
+from serial_bench import COOL_DOWN_S, MAKES, Bench, do_everything, message, shown
 
 from procam.devices.projector_control import open_serial_control
 from procam.devices.protocols import Power
@@ -30,7 +30,7 @@ class TestWire:
     def test_garbage_at_every_byte_of_a_reply(self, bench: Bench, garbage: bytes) -> None:
         table = bench.table
         for question in (table.power.command, table.shutter.command, table.shutter_commands[True]):
-            for at in range(len(b"MUTE=OFF\r")):
+            for at in range(bench.longest_reply - 1):
                 bench.arm(question, garbage=garbage, garbage_at=at, garbled_replies=1)
                 bench.control.set_shutter(True)
                 assert bench.state.muted
@@ -45,6 +45,26 @@ class TestWire:
         bench.arm(late_replies=1)
         do_everything(bench)
 
+    def test_getting_back_into_step_takes_one_attempt(self, bench: Bench) -> None:
+        bench.arm(bench.table.shutter.command, late_replies=1)
+        control = bench.another_control(table=replace(bench.table, attempts=2))
+        assert control.state().shuttered is False
+
+    def test_a_call_that_failed_leaves_no_answer_to_the_next(self, bench: Bench) -> None:
+        control = bench.another_control(table=replace(bench.table, attempts=1))
+        bench.arm(bench.table.shutter.command, late_replies=1)
+        message(DeviceTimeout, bench, control.state)
+        bench.state.set_muted(True)
+        assert control.state().shuttered is True
+
+    def test_an_answer_nobody_asked_for_is_dropped(self, bench: Bench) -> None:
+        bench.state.set_muted(True)
+        bench.arm(bench.table.power.command, garbled_replies=1)
+        bench.emulator.faults.garbage = bench.shutter_open
+        bench.emulator.faults.garbage_at = bench.longest_reply
+        control = bench.another_control(table=replace(bench.table, attempts=1))
+        assert control.state().shuttered is True
+
     def test_garbage_before_the_first_question_does_no_harm(self, bench: Bench) -> None:
         bench.emulator.faults.garbage = b"\x80\xff\x03:"
         bench.emulator.faults.garbled_replies = 1
@@ -58,14 +78,14 @@ class TestWire:
     def test_silence_is_an_error(self, bench: Bench) -> None:
         bench.arm(lost_commands=100)
         text = message(DeviceTimeout, bench, bench.control.state)
-        assert "no usable answer to 'PWR?' in 3 attempts" in text
+        assert f"no usable answer to {shown(bench.table.power.command)} in 3 attempts" in text
         assert "got b'' within 0.2 s" in text
         assert "check that the device is powered" in text
 
     def test_nothing_but_garbage_is_an_error(self, bench: Bench) -> None:
         bench.arm(garbage=b"\xf0\x0f", garbled_replies=100)
         text = message(GarbledReply, bench, bench.control.state)
-        assert "no usable answer to 'PWR?' in 3 attempts" in text
+        assert f"no usable answer to {shown(bench.table.power.command)} in 3 attempts" in text
         assert "when getting back into step" in text
         assert "9600 baud" in text
 
@@ -84,7 +104,8 @@ class TestWire:
     def test_a_refused_power_question_is_an_error(self, bench: Bench) -> None:
         bench.arm(bench.table.power.command, refused_commands=1)
         text = message(WrongState, bench, bench.control.state)
-        assert "got the refusal b'ERR\\r:' to 'PWR?'" in text
+        assert "got the refusal" in text
+        assert f"to {shown(bench.table.power.command)}, expected" in text
 
 
 class TestCable:

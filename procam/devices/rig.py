@@ -1,0 +1,95 @@
+"""All devices of a venue by name; leaves every projector dark, whatever happens."""
+
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+
+from procam.devices.projector_control import open_serial_control
+from procam.devices.protocols import (
+    BackendRig,
+    Camera,
+    Clock,
+    Power,
+    Projector,
+    ProjectorControl,
+)
+from procam.errors import DeviceError, InputError
+
+FROM_BACKEND = "backend"  # a control port that hangs on the backend's own wire
+
+
+@dataclass
+class Rig:
+    """Cameras, projectors and remote controls by name.
+
+    A context manager: on the way out every projector is shuttered, or shows black where it has no
+    shutter, and all wires are let go.
+    """
+
+    cameras: Mapping[str, Camera]
+    projectors: Mapping[str, Projector]
+    controls: Mapping[str, ProjectorControl]
+    clock: Clock
+    closers: tuple[Callable[[], None], ...] = field(default=())
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        with ExitStack() as stack:  # runs every step even if one of them fails
+            for closer in self.closers:
+                stack.callback(closer)
+            for control in self.controls.values():
+                stack.callback(control.close)
+            for name in self.projectors:
+                stack.callback(self.darken, name)
+
+    def start(self) -> None:
+        """Switch every projector on (waits for the lamp) and make it dark."""
+        for name, control in self.controls.items():
+            if control.state().power is not Power.ON:
+                control.set_power(True)
+            self.darken(name)
+
+    def light(self, name: str) -> None:
+        """Let the light of one projector out."""
+        if name in self.controls:
+            self.controls[name].set_shutter(False)
+
+    def darken(self, name: str) -> None:
+        """Show black, and close the shutter where there is one that works."""
+        width, height = self.projectors[name].size
+        self.projectors[name].show(np.zeros((height, width, 3), np.float32))
+        control = self.controls.get(name)
+        if control is not None and control.state().power is Power.ON:
+            control.set_shutter(True)
+
+
+def open_backend(name: str, settings: Mapping[str, Any], venue_dir: Path) -> BackendRig:
+    """Open the devices of a backend, found by its entry point in group `procam.backends`."""
+    known = entry_points(group="procam.backends")
+    if name not in known.names:
+        raise InputError(
+            f"backend: got {name!r}, expected one of {', '.join(sorted(known.names))}; "
+            "install the package that provides it"
+        )
+    rig: BackendRig = known[name].load()(settings, venue_dir)
+    return rig
+
+
+def open_control(
+    projector: str, protocol: str, port: str, backend: BackendRig
+) -> ProjectorControl:
+    """The remote control of one projector; port "backend" means the backend's own wire."""
+    path = backend.ports.get(projector) if port == FROM_BACKEND else port
+    if path is None:
+        raise DeviceError(
+            f"projector {projector}: got control port {FROM_BACKEND!r}, but its backend has no "
+            "wire for it; give the device path, such as /dev/ttyUSB0"
+        )
+    return open_serial_control(path, protocol, clock=backend.clock, name=projector)

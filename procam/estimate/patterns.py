@@ -1,0 +1,89 @@
+"""The pictures to show one projector, and the plan of a whole visit."""
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procam.maths.gray import bit_count, stripe
+from procam.model.plan import Plan, Shot
+
+Picture = NDArray[np.uint8]
+SEPARATION_BITS = (4, 5, 6, 7)  # stripes wide enough to hold pixels clear of any edge
+LEVELS = (0, 16, 32, 48, 64, 80, 96, 112, 128, 144, 160, 176, 192, 208, 224, 240, 255)
+LEVEL_TILE = 32
+LEVEL_PICTURES = 2
+AXES = ("x", "y")
+
+
+def plan_visit(
+    projectors: dict[str, tuple[int, int]], exposure_s: float, black_exposure_s: float
+) -> tuple[Plan, dict[str, Picture]]:
+    """The plan for projectors of given sizes, and its pictures (H, W, 1 or 3) by path.
+
+    First everything dark; then each projector alone: white and black, Gray codes with inverses
+    (those of middle bits in colour, for the direct/global separation), primaries, level pictures.
+    """
+    shots = [Shot("dark", "", "", "dark", (exposure_s, black_exposure_s))]
+    patterns: dict[str, Picture] = {}
+    for name, size in projectors.items():
+        for number, (shot, picture) in enumerate(_pictures(size, exposure_s, black_exposure_s)):
+            path = f"patterns/{name}/{number:04d}.png"
+            shots.append(
+                Shot(
+                    f"{name}-{number:04d}",
+                    name,
+                    path,
+                    shot.purpose,
+                    shot.exposures_s,
+                    shot.pixel_format,
+                    shot.detail,
+                )
+            )
+            patterns[path] = picture
+    return Plan(tuple(shots)), patterns
+
+
+def _pictures(
+    size: tuple[int, int], exposure_s: float, black_exposure_s: float
+) -> Iterator[tuple[Shot, Picture]]:
+    width, height = size
+    full = np.full((height, width, 1), 255, np.uint8)
+    once = (exposure_s,)
+    yield Shot("", "", "", "white", once), full
+    yield Shot("", "", "", "black", (black_exposure_s,)), 0 * full
+    for axis in AXES:
+        for bit in reversed(range(bit_count(width if axis == "x" else height))):
+            kind = "rgb" if bit in SEPARATION_BITS else "mono"
+            for inverse in (0, 1):
+                detail = {"axis": axis, "bit": bit, "inverse": inverse}
+                picture = code_picture(size, axis, bit, bool(inverse))
+                yield Shot("", "", "", "code", once, kind, detail), picture  # type: ignore[arg-type]
+    for channel in range(3):
+        primary = np.zeros((height, width, 3), np.uint8)
+        primary[..., channel] = 255
+        yield Shot("", "", "", "primary", once, "rgb", {"channel": channel}), primary
+    for picture in level_pictures(size):
+        yield Shot("", "", "", "levels", once), picture
+
+
+def code_picture(size: tuple[int, int], axis: str, bit: int, inverse: bool) -> Picture:
+    """One plane (H, W, 1) of the Gray code along "x" (columns) or "y" (rows)."""
+    width, height = size
+    line = stripe(width if axis == "x" else height, bit) ^ inverse
+    plane = np.broadcast_to(line[None, :] if axis == "x" else line[:, None], (height, width))
+    return (255 * plane[..., None]).astype(np.uint8)
+
+
+def level_pictures(size: tuple[int, int]) -> list[Picture]:
+    """Tiles of all drive levels side by side: their flux is balanced, so no picture is special."""
+    width, height = size
+    rng = np.random.default_rng(0)
+    rows, columns = -(-height // LEVEL_TILE), -(-width // LEVEL_TILE)
+    pictures = []
+    for _ in range(LEVEL_PICTURES):
+        deck = np.resize(np.array(LEVELS, np.uint8), rows * columns)
+        tiles = rng.permutation(deck).reshape(rows, columns)
+        picture = np.kron(tiles, np.ones((LEVEL_TILE, LEVEL_TILE), np.uint8))
+        pictures.append(picture[:height, :width, None].astype(np.uint8))
+    return pictures

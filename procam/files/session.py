@@ -1,0 +1,141 @@
+"""A session: plan, patterns and captures of one visit, stored so that nothing is ever lost.
+
+    SESSION/venue.toml  plan.json  patterns/PROJECTOR/SHOT.png
+    SESSION/captures/CAMERA/SHOT@EXPOSURE.tif + index.jsonl
+"""
+
+import hashlib
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procam.errors import FileFormatError
+from procam.files import atomic
+from procam.files.images import read_image, write_image
+from procam.model.frame import CameraSettings, Frame
+from procam.model.plan import Plan, Shot
+
+SCHEMA = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Session:
+    """A session on disk."""
+
+    directory: Path
+
+    def write_plan(self, plan: Plan, patterns: dict[str, NDArray[np.uint8]]) -> None:
+        """Store pattern pictures by path, then the plan that names them."""
+        for path, pixels in patterns.items():
+            write_image(self.directory / path, pixels)
+        document = {"schema": SCHEMA, "shots": [asdict(shot) for shot in plan.shots]}
+        atomic.write_text(self.directory / "plan.json", json.dumps(document, indent=1))
+
+    def read_plan(self) -> Plan:
+        """The plan; an error if the session has none."""
+        path = self.directory / "plan.json"
+        if not path.is_file():
+            raise FileFormatError(
+                f"{path}: got no such file, expected a session folder such as "
+                "VENUE/sessions/0001; run `procam capture VENUE` first"
+            )
+        document = _parse(path, path.read_text("utf-8"))
+        if document.get("schema") != SCHEMA:
+            raise FileFormatError(
+                f"{path}: got schema {document.get('schema')!r}, expected {SCHEMA}; "
+                "it was written by another version of procam"
+            )
+        return Plan(tuple(_shot(path, entry) for entry in document["shots"]))
+
+    def pattern(self, shot: Shot) -> NDArray[np.float32]:
+        """The drive (H, W, 3) 0..1 that a shot shows."""
+        pixels = np.asarray(read_image(self.directory / shot.pattern), np.float32) / 255
+        return np.broadcast_to(pixels, (*pixels.shape[:2], 3))
+
+    def stored(self, camera: str) -> dict[tuple[str, float], dict[str, object]]:
+        """Index entries of the frames that are safely on disk, by (shot, exposure)."""
+        entries = (json.loads(line) for line in atomic.read_lines(self._index(camera)))
+        return {(e["shot"], e["exposure_s"]): e for e in entries}
+
+    def store(self, camera: str, shot: Shot, exposure_s: float, frame: Frame) -> None:
+        """Put a frame on disk, then name it in the index: what is named is there."""
+        name = f"{shot.id}@{exposure_s:g}.tif"
+        path = self.directory / "captures" / camera / name
+        write_image(path, frame.counts)
+        entry = {
+            "shot": shot.id,
+            "file": name,
+            "exposure_s": exposure_s,
+            "gain": frame.settings.gain,
+            "pixel_format": frame.settings.pixel_format,
+            "started_s": frame.started_s,
+            "ended_s": frame.ended_s,
+            "sha256": hashlib.sha256(np.ascontiguousarray(frame.counts)).hexdigest(),
+        }
+        atomic.append_line(self._index(camera), json.dumps(entry))
+
+    def load(self, camera: str, shot: Shot, exposure_s: float, size: tuple[int, int]) -> Frame:
+        """A stored frame, checked: present, whole, of the camera's size, and not swapped."""
+        entry = self.stored(camera).get((shot.id, exposure_s))
+        folder = self.directory / "captures" / camera
+        if entry is None:
+            raise FileFormatError(
+                f"{folder}: got no capture of shot {shot.id} at {exposure_s:g} s, expected one; "
+                "run `procam capture` on this venue again: it takes only what is missing"
+            )
+        path = folder / str(entry["file"])
+        pixels = read_image(path)
+        counts = np.asarray(pixels[..., 0] if pixels.shape[2] == 1 else pixels)
+        self._check(path, counts, entry, size)
+        settings = CameraSettings(exposure_s, "mono" if counts.ndim == 2 else "rgb")
+        times = float(str(entry["started_s"])), float(str(entry["ended_s"]))
+        return Frame(counts.astype(np.uint16), settings, *times)
+
+    def _check(
+        self,
+        path: Path,
+        counts: NDArray[np.generic],
+        entry: dict[str, object],
+        size: tuple[int, int],
+    ) -> None:
+        height, width = counts.shape[:2]
+        if (width, height) != tuple(size):
+            raise FileFormatError(
+                f"{path}: got {width}x{height} px, expected {size[0]}x{size[1]} as venue.toml "
+                "says; capture it again or correct the camera's size"
+            )
+        if hashlib.sha256(np.ascontiguousarray(counts)).hexdigest() != entry["sha256"]:
+            raise FileFormatError(
+                f"{path}: got other pixels than were captured for shot {entry['shot']} (swapped "
+                "or edited file), expected the stored ones; restore it or delete the file and its "
+                "line in index.jsonl and capture again"
+            )
+
+    def _index(self, camera: str) -> Path:
+        path = self.directory / "captures" / camera / "index.jsonl"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return path
+
+
+def _shot(path: Path, entry: dict[str, object]) -> Shot:
+    try:
+        exposures = tuple(entry.pop("exposures_s"))  # type: ignore[arg-type]
+        return Shot(exposures_s=exposures, **entry)  # type: ignore[arg-type]
+    except (KeyError, TypeError) as error:
+        raise FileFormatError(
+            f"{path}: got a shot that does not fit ({error}), expected id, projector, pattern, "
+            "purpose, exposures_s"
+        ) from error
+
+
+def _parse(path: Path, text: str) -> dict[str, object]:
+    try:
+        document = json.loads(text)
+    except json.JSONDecodeError as error:
+        raise FileFormatError(f"{path}: got damaged JSON ({error}); restore the file") from error
+    if not isinstance(document, dict):
+        raise FileFormatError(f"{path}: got a {type(document).__name__}, expected an object")
+    return document

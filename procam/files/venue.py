@@ -1,0 +1,221 @@
+"""venue.toml: what a person knows of the rig. Every mistake is one line with its dotted path."""
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
+
+from procam.errors import InputError
+from procam.maths.lenses import Lens
+from procam.maths.sphere import direction_from_angles
+from procam.model.optics import CameraModel, Fiducial, Sensor
+from procam.model.screen import Dome
+
+Positive = Annotated[FiniteFloat, Field(gt=0)]
+Share = Annotated[FiniteFloat, Field(ge=0, le=1)]
+Pair = tuple[FiniteFloat, FiniteFloat]
+Size = tuple[Annotated[int, Field(ge=8, le=32766)], Annotated[int, Field(ge=8, le=32766)]]
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=False)
+
+
+class ScreenTable(_Table):
+    """[screen]."""
+
+    kind: Literal["dome"]
+    radius_m: Positive
+    half_angle_deg: Annotated[FiniteFloat, Field(gt=0, le=90)] = 90.0
+    tilt_deg: Annotated[FiniteFloat, Field(ge=-90, le=90)] = 0.0
+    floor_albedo: Share = 0.1
+    floor_albedo_sigma: Share = 0.05
+
+
+class CameraTable(_Table):
+    """[cameras.NAME]."""
+
+    backend: str
+    size: Size
+    model: Literal["kannala-brandt", "brown"]
+    f: Pair
+    c: Pair
+    k: list[FiniteFloat]
+    intrinsics: Literal["fixed"] = "fixed"
+    response: Literal["linear"] = "linear"
+    bits: Annotated[int, Field(ge=8, le=16)]
+    black_level: Annotated[FiniteFloat, Field(ge=0)]
+    vignetting: list[FiniteFloat] = []
+    glare: Share = 0.0
+    glare_sigma: Share = 0.0
+
+
+class ControlTable(_Table):
+    """[projectors.NAME.control]: the serial remote control."""
+
+    protocol: Literal["escvp21"]
+    port: str
+
+
+class ProjectorTable(_Table):
+    """[projectors.NAME]."""
+
+    backend: str
+    size: Size
+    kind: Literal["projector"] = "projector"
+    control: ControlTable | None = None
+
+
+class FiducialTable(_Table):
+    """[[fiducials]]."""
+
+    name: str
+    azimuth_deg: FiniteFloat
+    elevation_deg: Annotated[FiniteFloat, Field(ge=-90, le=90)]
+    sigma_deg: Positive
+    camera: str
+    pixel: Pair
+
+
+class CaptureTable(_Table):
+    """[capture]: shutter times [s]; black is dim, so it wants a long one."""
+
+    exposure_s: Positive
+    black_exposure_s: Positive
+
+
+class VenueTable(_Table):
+    """The whole file; tables that belong to backends are cut out before it is validated."""
+
+    screen: ScreenTable
+    cameras: Annotated[dict[str, CameraTable], Field(min_length=1)]
+    projectors: Annotated[dict[str, ProjectorTable], Field(min_length=1)]
+    fiducials: list[FiducialTable] = []
+    capture: CaptureTable
+    acceptance: dict[str, FiniteFloat] = {}
+
+
+@dataclass(frozen=True, slots=True)
+class Venue:
+    """A venue folder and its validated file; `backends` holds each backend's own raw table."""
+
+    directory: Path
+    table: VenueTable
+    backends: Mapping[str, Mapping[str, Any]]
+
+    @property
+    def screen(self) -> Dome:
+        """The screen as the solver wants it."""
+        t = self.table.screen
+        return Dome(
+            t.radius_m,
+            float(np.radians(t.half_angle_deg)),
+            float(np.radians(t.tilt_deg)),
+            t.floor_albedo,
+            t.floor_albedo_sigma,
+        )
+
+    @property
+    def cameras(self) -> dict[str, CameraModel]:
+        """The cameras, not yet placed."""
+        return {name: _camera(name, t) for name, t in self.table.cameras.items()}
+
+    @property
+    def fiducials(self) -> list[Fiducial]:
+        """The marks on the dome."""
+        return [
+            Fiducial(
+                t.name,
+                direction_from_angles(np.radians(t.azimuth_deg), np.radians(t.elevation_deg)),
+                float(np.radians(t.sigma_deg)),
+                t.camera,
+                np.array(t.pixel),
+            )
+            for t in self.table.fiducials
+        ]
+
+
+def load_venue(directory: Path) -> Venue:
+    """Read and validate DIRECTORY/venue.toml; all mistakes at once, a line each."""
+    path = directory / "venue.toml"
+    if not path.is_file():
+        raise InputError(
+            f"{path}: got no such file, expected a venue folder; make one with "
+            f"`procam init {directory} --template NAME`"
+        )
+    try:
+        raw = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: got invalid TOML ({error}), expected name = value") from error
+    names = _backend_names(raw)
+    backends = {name: raw.pop(name, {}) for name in names}
+    try:
+        table = VenueTable.model_validate(raw)
+    except ValidationError as error:
+        raise InputError("\n".join(_complaint(path, e) for e in error.errors())) from error
+    _check_references(path, table)
+    return Venue(directory, table, backends)
+
+
+def template_names() -> list[str]:
+    """Names of the venue templates that come with procam."""
+    folder = resources.files("calib_data") / "venues"
+    return sorted(entry.name for entry in folder.iterdir() if (entry / "venue.toml").is_file())
+
+
+def template_text(name: str) -> str:
+    """The commented venue.toml of a template."""
+    if name not in template_names():
+        raise InputError(
+            f"template: got {name!r}, expected one of {', '.join(template_names())}"
+        )
+    return (resources.files("calib_data") / "venues" / name / "venue.toml").read_text("utf-8")
+
+
+def _backend_names(raw: Mapping[str, Any]) -> set[str]:
+    devices = [*_tables(raw.get("cameras")), *_tables(raw.get("projectors"))]
+    names = {d["backend"] for d in devices if isinstance(d.get("backend"), str)}
+    return names - set(VenueTable.model_fields)
+
+
+def _tables(group: object) -> list[Mapping[str, Any]]:
+    values = group.values() if isinstance(group, dict) else ()
+    return [v for v in values if isinstance(v, dict)]
+
+
+def _camera(name: str, t: CameraTable) -> CameraModel:
+    lens = Lens(t.model, np.array(t.f), np.array(t.c), np.array(t.k))
+    sensor = Sensor(t.bits, t.black_level, tuple(t.vignetting), t.glare, t.glare_sigma)
+    return CameraModel(name, t.size, lens, sensor)
+
+
+def _check_references(path: Path, table: VenueTable) -> None:
+    for name, camera in table.cameras.items():
+        expected = 4 if camera.model == "kannala-brandt" else 5
+        if len(camera.k) != expected:
+            raise InputError(
+                f"{path}: cameras.{name}.k: got {len(camera.k)} numbers, expected {expected} "
+                f"for model {camera.model!r}"
+            )
+    for fiducial in table.fiducials:
+        if fiducial.camera not in table.cameras:
+            raise InputError(
+                f"{path}: fiducials.{fiducial.name}.camera: got {fiducial.camera!r}, expected one "
+                f"of {', '.join(table.cameras)}"
+            )
+
+
+def _complaint(path: Path, error: Any) -> str:
+    where = ".".join(str(part) for part in error["loc"])
+    got = error["input"]
+    shown = "a table" if isinstance(got, dict) else repr(got)
+    advice = {
+        "extra_forbidden": "remove it or check its spelling",
+        "missing": "add it; `procam init` writes a complete example",
+    }.get(error["type"], "correct it")
+    return f"{path}: {where}: got {shown}; {error['msg']}; {advice}"

@@ -1,0 +1,48 @@
+"""A capture plan: which pictures to show and photograph, in which order."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+from procam.model.frame import PixelFormat
+
+Purpose = Literal["dark", "white", "black", "code", "primary", "levels"]
+
+
+@dataclass(frozen=True, slots=True)
+class Shot:
+    """One picture of a plan; every other projector is dark while it shows.
+
+    Attributes
+    ----------
+    id : unique name, such as "south-0007".
+    projector : who shows it; empty for the dark shot, when all are shuttered.
+    pattern : path of the picture inside the session; empty for the dark shot.
+    purpose : what it is for. exposures_s : shutter times to photograph it with [s].
+    detail : what the pattern is; for codes axis ("x"/"y"), bit (0 = finest), inverse (0/1);
+        for primaries channel (0, 1, 2).
+    """
+
+    id: str
+    projector: str
+    pattern: str
+    purpose: Purpose
+    exposures_s: tuple[float, ...]
+    pixel_format: PixelFormat = "rgb"
+    detail: Mapping[str, int | str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """The shots of a session in the order they are taken."""
+
+    shots: tuple[Shot, ...]
+
+    def of(self, projector: str, purpose: Purpose) -> list[Shot]:
+        """Shots of one projector and purpose, in order."""
+        return [s for s in self.shots if (s.projector, s.purpose) == (projector, purpose)]
+
+    @property
+    def exposures(self) -> int:
+        """Photographs per camera."""
+        return sum(len(shot.exposures_s) for shot in self.shots)

@@ -1,0 +1,148 @@
+"""Show a plan and photograph it; resumable at any instant."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procam.devices.rig import Rig
+from procam.errors import OutOfModelRange, StaleFrame
+from procam.estimate.patterns import plan_visit
+from procam.files import atomic
+from procam.files.session import Session
+from procam.files.venue import Venue
+from procam.model.frame import CameraSettings, Frame
+from procam.model.optics import Sensor
+from procam.model.plan import Plan, Shot
+from procam.workflows.events import Event
+
+ATTEMPTS = 3
+SATURATED_SHARE = 0.002  # of the frame; above it the exposure is wrong, not a glint in the way
+PROBE_STEP = 7  # checks look at every 7th pixel: enough to tell pictures apart
+
+
+def prepare_session(venue: Venue, directory: Path) -> Session:
+    """A session with its plan; an unfinished one is picked up where it stopped."""
+    session = Session(directory)
+    if (directory / "plan.json").is_file():
+        return session
+    directory.mkdir(parents=True, exist_ok=True)
+    text = (venue.directory / "venue.toml").read_text("utf-8")
+    atomic.write_text(directory / "venue.toml", text)
+    capture = venue.table.capture
+    sizes = {name: entry.size for name, entry in venue.table.projectors.items()}
+    session.write_plan(*plan_visit(sizes, capture.exposure_s, capture.black_exposure_s))
+    return session
+
+
+def missing_shots(session: Session, plan: Plan, cameras: list[str]) -> list[Shot]:
+    """Shots of which some camera lacks some exposure."""
+    stored = {camera: session.stored(camera) for camera in cameras}
+    return [
+        shot
+        for shot in plan.shots
+        if any((shot.id, e) not in stored[c] for c in cameras for e in shot.exposures_s)
+    ]
+
+
+def capture(rig: Rig, venue: Venue, session: Session) -> Iterator[Event]:
+    """Take every shot that is missing; one projector is lit at a time, the rest are shuttered."""
+    plan = session.read_plan()
+    todo = missing_shots(session, plan, list(rig.cameras))
+    if not todo:
+        yield Event("capture", len(plan.shots), len(plan.shots), "all shots are there")
+        return
+    rig.start()
+    lit, done = "", len(plan.shots) - len(todo)
+    checks = {name: _FrameCheck(camera.sensor) for name, camera in venue.cameras.items()}
+    for shot in todo:
+        if shot.projector != lit:
+            _hand_over(rig, lit, shot.projector)
+            lit = shot.projector
+        _take(rig, session, shot, checks)
+        done += 1
+        yield Event("capture", done, len(plan.shots), f"{shot.id} {shot.purpose}")
+    _hand_over(rig, lit, "")
+
+
+def _hand_over(rig: Rig, lit: str, following: str) -> None:
+    if lit:
+        rig.darken(lit)
+    if following:
+        rig.light(following)
+
+
+def _take(rig: Rig, session: Session, shot: Shot, checks: dict[str, "_FrameCheck"]) -> None:
+    drive = session.pattern(shot) if shot.pattern else None
+    if drive is not None:
+        rig.projectors[shot.projector].show(np.ascontiguousarray(drive))
+    for name, camera in rig.cameras.items():
+        for exposure_s in shot.exposures_s:
+            camera.configure(CameraSettings(exposure_s, shot.pixel_format))
+            frame = _checked(rig, camera.capture, checks[name], shot, drive)
+            session.store(name, shot, exposure_s, frame)
+
+
+def _checked(rig: Rig, take, check: "_FrameCheck", shot: Shot, drive) -> Frame:  # type: ignore[no-untyped-def]
+    """A frame that passed the checks; a stale one is taken again, after a breath."""
+    for attempt in range(ATTEMPTS):
+        frame: Frame = take()
+        try:
+            check.inspect(frame, shot, drive)
+        except StaleFrame:
+            if attempt == ATTEMPTS - 1:
+                raise
+            rig.clock.sleep(0.5)
+            continue
+        check.remember(frame, drive)
+        return frame
+    raise AssertionError("unreachable")
+
+
+class _FrameCheck:
+    """Compares a frame with what it should be and with the one before it."""
+
+    def __init__(self, sensor: Sensor) -> None:
+        self.sensor = sensor
+        self.last: tuple[NDArray[np.float64], NDArray[np.float32] | None, float] | None = None
+
+    def inspect(self, frame: Frame, shot: Shot, drive: NDArray[np.float32] | None) -> None:
+        """Raise what is wrong with `frame`."""
+        probe = self._probe(frame)
+        saturated = float((probe >= 2**self.sensor.bits - 1 - self.sensor.black_level).mean())
+        if saturated > SATURATED_SHARE:
+            raise OutOfModelRange(
+                f"shot {shot.id}: got {saturated:.1%} saturated pixels, expected less than "
+                f"{SATURATED_SHARE:.1%}; lower [capture] exposure_s in venue.toml"
+            )
+        if shot.purpose == "white" and float(np.percentile(probe, 99)) < self.sensor.full_scale / 50:
+            raise OutOfModelRange(
+                f"shot {shot.id}: got a black picture of white, expected light from projector "
+                f"{shot.projector}; check its lamp, shutter and input, or raise exposure_s"
+            )
+        if self._is_stale(probe, frame.settings.exposure_s, drive):
+            raise StaleFrame(
+                f"shot {shot.id}: got the picture before it again ({ATTEMPTS} times), expected the "
+                "new pattern; add a delay to the player or check the camera's trigger"
+            )
+
+    def remember(self, frame: Frame, drive: NDArray[np.float32] | None) -> None:
+        """Keep what the next frame must differ from."""
+        self.last = (self._probe(frame), drive, frame.settings.exposure_s)
+
+    def _is_stale(
+        self, probe: NDArray[np.float64], exposure_s: float, drive: NDArray[np.float32] | None
+    ) -> bool:
+        """The drives differ a lot, the photographs by no more than noise."""
+        if self.last is None or drive is None or self.last[1] is None:
+            return False
+        before, shown, exposure_before = self.last
+        if exposure_before != exposure_s or float(np.abs(shown - drive).mean()) < 0.05:
+            return False
+        level = max(float(np.percentile(probe, 99)), float(np.percentile(before, 99)))
+        return float(np.abs(probe - before).mean()) < 0.01 * level
+
+    def _probe(self, frame: Frame) -> NDArray[np.float64]:
+        counts = frame.counts if frame.counts.ndim == 2 else frame.counts[..., 1]
+        return counts[::PROBE_STEP, ::PROBE_STEP] - self.sensor.black_level

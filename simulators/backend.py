@@ -1,0 +1,62 @@
+"""Entry point of the simulated backend: its own table of venue.toml in, devices out."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from procam.devices.protocols import BackendRig
+from procam.errors import InputError
+from simulators.devices import SimulatedCamera, SimulatedProjector
+from simulators.faults import apply_faults
+from simulators.presets import PRESETS, PresetName
+from simulators.scene import DomeScene, SceneSize
+from simulators.serial_port import EmulatedEscVp21
+
+Size = tuple[int, int]
+
+
+class Settings(BaseModel):
+    """[simulated] in venue.toml: which dome, how many devices, and the seed of its noise."""
+
+    model_config = ConfigDict(extra="forbid")
+    preset: PresetName = "standard"
+    seed: int = 1
+    projectors: int = Field(default=2, ge=1, le=6)
+    projector_size: Size = (1280, 800)
+    cameras: int = Field(default=1, ge=1, le=4)
+    camera_size: Size = (1600, 1600)
+    camera_kind: Literal["fisheye", "pinhole"] = "fisheye"
+    rays: int = Field(default=2048, ge=64)
+
+
+def build_scene(settings: Mapping[str, Any], venue_dir: Path) -> DomeScene:
+    """The scene of a [simulated] table."""
+    try:
+        s = Settings.model_validate(settings)
+    except ValidationError as error:
+        lines = [
+            f"{venue_dir / 'venue.toml'}: simulated.{'.'.join(map(str, e['loc']))}: got "
+            f"{e['input']!r}; {e['msg']}; correct it"
+            for e in error.errors()
+        ]
+        raise InputError("\n".join(lines)) from error
+    size = SceneSize(
+        s.projectors, s.projector_size, s.cameras, s.camera_size, s.camera_kind, s.rays
+    )
+    return DomeScene(PRESETS[s.preset], size, s.seed)
+
+
+def open_rig(settings: Mapping[str, Any], venue_dir: Path) -> BackendRig:
+    """Open the simulated venue: one scene, its cameras and projectors, a serial wire each."""
+    scene = build_scene(settings, venue_dir)
+    wires = {name: EmulatedEscVp21(state) for name, state in scene.states.items()}
+    rig = BackendRig(
+        {name: SimulatedCamera(scene, name) for name in scene.cameras},
+        {name: SimulatedProjector(scene, name) for name in scene.lights},
+        scene.clock,
+        {name: wire.port for name, wire in wires.items()},
+        tuple(wire.close for wire in wires.values()),
+    )
+    return apply_faults(rig, wires, scene.preset.faults)
