@@ -122,8 +122,7 @@ def _projector(
 def _camera(
     name: str, place: Array, turn: tuple[float, ...], size: tuple[int, int], kind: str
 ) -> CameraBuild:
-    up = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]])  # image x to the front
-    rotation = Pose.from_vectors(turn, np.zeros(3)).rotation @ up
+    rotation = Pose.from_vectors(turn, np.zeros(3)).rotation  # looks up, image x to the front
     centre = (np.array(size) - 1) / 2 + [3.3, -2.1]
     if kind == "pinhole":
         focal, k = np.full(2, 0.4 * min(size)), np.zeros(5)

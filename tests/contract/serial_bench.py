@@ -30,6 +30,7 @@ class Bench:
     an error code and its text; `shutter_open` is a whole answer; `longest_reply` counts bytes.
     """
 
+    protocol: str
     table: SerialTable
     clock: SceneClock
     state: ProjectorState
@@ -78,6 +79,7 @@ def escvp21() -> Bench:
     link = SerialLink(emulator.port, longest_reply=64)
     control = SerialProjectorControl(link, table, clock=clock, name="north")
     return Bench(
+        protocol="escvp21",
         table=table,
         clock=clock,
         state=state,

@@ -72,7 +72,7 @@ class TestWire:
 
     def test_half_a_command_left_by_another_program_does_no_harm(self, bench: Bench) -> None:
         with pytest.raises(DeviceTimeout):
-            bench.link.exchange(b"MUTE O", b":", 0.01)
+            bench.link.exchange(bench.table.shutter_commands[True][:-2], b"\xee", 0.01)
         do_everything(bench)
 
     def test_silence_is_an_error(self, bench: Bench) -> None:
@@ -115,7 +115,7 @@ class TestCable:
             NotConnected,
             bench,
             lambda: open_serial_control(
-                bench.emulator.port, "escvp21", clock=bench.clock, name="north"
+                bench.emulator.port, bench.protocol, clock=bench.clock, name="north"
             ),
         )
         assert "check that the cable is plugged in" in text
@@ -125,7 +125,7 @@ class TestCable:
             NotConnected,
             bench,
             lambda: open_serial_control(
-                bench.emulator.port, "escvp21", clock=bench.clock, name="north"
+                bench.emulator.port, bench.protocol, clock=bench.clock, name="north"
             ),
         )
         assert "no other program holds it" in text
@@ -157,7 +157,7 @@ class TestCable:
     def test_a_closed_control_has_let_go_of_the_port(self, bench: Bench) -> None:
         bench.control.close()
         control = open_serial_control(
-            bench.emulator.port, "escvp21", clock=bench.clock, name="north"
+            bench.emulator.port, bench.protocol, clock=bench.clock, name="north"
         )
         assert control.state().power is Power.ON
         control.close()

@@ -1,0 +1,1 @@
+"""Example venues, golden calibrations and small real captures that come with procam."""

@@ -1,0 +1,51 @@
+"""Raw counts to relative radiance: black, exposure, vignetting, veiling glare."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procam.maths.lenses import unproject
+from procam.model.frame import Frame
+from procam.model.optics import CameraModel
+
+Image = NDArray[np.float32]
+
+
+class Radiometer:
+    """Turns frames of one camera into radiance [full scale per second], (H, W) or (H, W, 3).
+
+    Saturated pixels become NaN. Pixels outside `seen` (the image circle) are 0.
+    """
+
+    def __init__(self, camera: CameraModel) -> None:
+        self.camera = camera
+        width, height = camera.size
+        pixels = np.stack(np.meshgrid(np.arange(width), np.arange(height)), -1).astype(float)
+        self.rays = unproject(pixels, camera.lens)
+        theta = np.arccos(np.clip(self.rays[..., 2], -1, 1))
+        fall = np.ones_like(theta)
+        for power, coefficient in enumerate(camera.sensor.vignetting, start=1):
+            fall += coefficient * theta ** (2 * power)
+        centre = camera.lens.centre
+        off_axis = np.hypot(pixels[..., 0] - centre[0], pixels[..., 1] - centre[1])
+        circle = camera.lens.kind == "brown" or off_axis <= min(camera.size) / 2
+        self.seen = np.asarray((fall > 0.05) & circle)
+        self._correction = np.where(self.seen, 1 / np.maximum(fall, 0.05), 0.0).astype(np.float32)
+
+    def radiance(self, frame: Frame) -> Image:
+        """Radiance of a frame; one veil of glare is taken off, from the frame's own mean."""
+        sensor = self.camera.sensor
+        counts = frame.counts.astype(np.float32) - np.float32(sensor.black_level)
+        shaped = (..., None) if counts.ndim == 3 else (...,)
+        scale = np.float32(1 / (sensor.full_scale * frame.settings.exposure_s))
+        light = counts * (self._correction * scale)[shaped]
+        if sensor.glare:
+            # photographed = (1 - g) true + g mean(true), and the mean over the circle is kept
+            mean = light[self.seen].mean(axis=0)
+            light = (light - np.float32(sensor.glare) * mean) / np.float32(1 - sensor.glare)
+            light *= self.seen[shaped]
+        light[frame.counts >= 2**sensor.bits - 1] = np.nan
+        return light
+
+    def noise_floor(self, exposure_s: float) -> float:
+        """Smallest radiance difference that stands clear of a few counts of noise."""
+        return 6.0 / (self.camera.sensor.full_scale * exposure_s)

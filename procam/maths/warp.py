@@ -1,0 +1,72 @@
+"""Sampling pictures at fractional places; the only door to OpenCV."""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+Image = NDArray[np.float32]
+
+
+def sample(image: NDArray[np.floating], xy: NDArray[np.floating], outside: float = 0.0) -> Image:
+    """Bilinear samples (..., C) of `image` (H, W[, C]) at pixel coordinates `xy` (..., 2).
+
+    Places outside the image, and NaN places, give `outside`. OpenCV 5 is exact to 3e-5 px with
+    float maps; no side may exceed 32766 px.
+    """
+    image = np.ascontiguousarray(image, np.float32)
+    where = np.nan_to_num(np.asarray(xy, np.float32), nan=-1e6).reshape(xy.shape[0], -1, 2)
+    channels = image.shape[2] if image.ndim == 3 else 0
+    sampled = cv2.remap(
+        image,
+        np.ascontiguousarray(where),
+        None,
+        cv2.INTER_LINEAR,
+        borderMode=cv2.BORDER_CONSTANT,
+        borderValue=(outside,) * 4,
+    )
+    tail = (channels,) if channels else ()
+    return np.asarray(sampled, np.float32).reshape(*xy.shape[:-1], *tail)
+
+
+def blur(image: NDArray[np.floating], sigma_px: float) -> Image:
+    """Gaussian blur of (H, W[, C]); the border is mirrored."""
+    source = np.ascontiguousarray(image, np.float32)
+    return np.asarray(cv2.GaussianBlur(source, (0, 0), sigma_px), np.float32).reshape(image.shape)
+
+
+def blur_within(image: NDArray[np.floating], mask: NDArray[np.bool_], sigma_px: float) -> Image:
+    """Gaussian blur that only looks at pixels of `mask`, and so also fills just outside it.
+
+    Places with nothing of the mask within reach become 0.
+    """
+    weight = blur(mask.astype(np.float32), sigma_px)
+    shaped = (..., None) if image.ndim == 3 else (...,)
+    total = blur(np.where(mask[shaped], image, 0.0), sigma_px)
+    return np.where(weight[shaped] > 1e-4, total / np.maximum(weight[shaped], 1e-4), 0.0).astype(
+        np.float32
+    )
+
+
+def grow(mask: NDArray[np.bool_], pixels: int) -> NDArray[np.bool_]:
+    """`mask` grown by `pixels` in all directions; negative shrinks it."""
+    size = 2 * abs(pixels) + 1
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
+    change = cv2.dilate if pixels > 0 else cv2.erode
+    changed = change(mask.astype(np.uint8), kernel, borderType=cv2.BORDER_CONSTANT, borderValue=0)
+    return np.asarray(changed, bool)
+
+
+def edge_distance(mask: NDArray[np.bool_]) -> Image:
+    """Distance [px] of each pixel of `mask` to the nearest one outside; the border is outside."""
+    padded = np.pad(mask.astype(np.uint8), 1)
+    distance = cv2.distanceTransform(padded, cv2.DIST_L2, cv2.DIST_MASK_5)
+    return np.asarray(distance[1:-1, 1:-1], np.float32)
+
+
+def block_mean(image: NDArray[np.floating], size: int) -> Image:
+    """Means over `size` x `size` blocks of (H, W[, C]); a ragged edge is left out."""
+    height, width = (n // size * size for n in image.shape[:2])
+    trimmed = np.ascontiguousarray(image[:height, :width], np.float32)
+    target = (width // size, height // size)
+    shrunk = cv2.resize(trimmed, target, interpolation=cv2.INTER_AREA)
+    return np.asarray(shrunk, np.float32).reshape(target[1], target[0], *image.shape[2:])

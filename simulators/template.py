@@ -1,0 +1,123 @@
+"""Writes the venue.toml of a simulated venue, as its owner would know it.
+
+`python -m simulators.template PRESET` prints one; those in calib_data/venues were made so.
+"""
+
+import sys
+
+import numpy as np
+
+from procam.maths.lenses import project
+from procam.maths.sphere import direction_from_angles
+from simulators.presets import PRESETS, Preset, PresetName
+from simulators.rig import CameraBuild, hang_projectors, set_up_cameras
+from simulators.scene import SceneSize
+from simulators.surface import Surface
+
+FIDUCIALS_DEG = {"front": (12.0, 35.0), "left": (130.0, 30.0), "right": (-110.0, 50.0)}
+EXPOSURE_S, BLACK_EXPOSURE_S = 0.13, 6.5
+
+
+def venue_text(preset_name: PresetName, size: SceneSize | None = None, seed: int = 1) -> str:
+    """A complete venue.toml for a preset, with the fiducials where the camera sees them."""
+    preset, size = PRESETS[preset_name], size or SceneSize()
+    cameras = set_up_cameras(size.cameras, size.camera_size, size.camera_kind, preset.radius_m)
+    names = [b.name for b in hang_projectors(size.projectors, (64, 40), preset.radius_m)]
+    parts = [
+        _head(preset_name, preset),
+        *(_camera(camera, preset) for camera in cameras),
+        *(_projector(name, size.projector_size) for name in names),
+        *(_fiducials(camera, preset) for camera in cameras),
+        _tail(preset_name, size, seed),
+    ]
+    return "\n".join(parts)
+
+
+def _head(name: str, preset: Preset) -> str:
+    return f"""\
+# A simulated dome, preset "{name}". Every key a real venue needs is here, with its unit.
+
+[screen]
+kind = "dome"
+radius_m = {preset.radius_m}
+half_angle_deg = {preset.half_angle_deg}      # pole to rim: all of the cap that reflects, lit or not
+tilt_deg = {preset.tilt_deg}            # the pole leans this far towards the audience's front
+floor_albedo = 0.10        # what is known of the deck under the dome; it matters for the
+floor_albedo_sigma = 0.03  # albedo only, never for the compensation
+"""
+
+
+def _camera(camera: CameraBuild, preset: Preset) -> str:
+    lens = camera.lens
+    bits = 16 if preset.white_snr is None else camera.bits
+    glare, sigma = (preset.glare, preset.glare / 10) if preset.glare_known else (0.0, 0.01)
+    return f"""\
+[cameras.{camera.name}]
+backend = "simulated"
+size = {list(camera.size)}
+model = "{lens.kind}"
+f = {_numbers(lens.focal)}        # focal lengths [px]
+c = {_numbers(lens.centre)}       # principal point [px]; (0, 0) is the centre of the first pixel
+k = {_numbers(lens.distortion)}
+intrinsics = "fixed"
+response = "linear"
+bits = {bits}
+black_level = {camera.black_level}
+vignetting = {list(camera.vignetting)}   # 1 + v1 theta^2 + v2 theta^4, theta off the axis [rad]
+glare = {glare}              # share of the frame's mean that veils every pixel
+glare_sigma = {sigma:g}
+"""
+
+
+def _projector(name: str, size: tuple[int, int]) -> str:
+    return f"""\
+[projectors.{name}]
+backend = "simulated"
+size = {list(size)}
+control = {{ protocol = "escvp21", port = "backend" }}  # or a device such as "/dev/ttyUSB0"
+"""
+
+
+def _fiducials(camera: CameraBuild, preset: Preset) -> str:
+    surface = Surface.build(preset)
+    lines = []
+    for name, (azimuth, elevation) in FIDUCIALS_DEG.items():
+        direction = direction_from_angles(np.radians(azimuth), np.radians(elevation))
+        point = direction * surface.radius(direction)
+        pixel = project(camera.camera_from_dome.apply(point), camera.lens)
+        lines.append(f"""\
+[[fiducials]]
+name = "{name}"
+azimuth_deg = {azimuth}
+elevation_deg = {elevation}
+sigma_deg = 0.01
+camera = "{camera.name}"
+pixel = [{pixel[0]:.2f}, {pixel[1]:.2f}]
+""")
+    return "\n".join(lines)
+
+
+def _tail(name: str, size: SceneSize, seed: int) -> str:
+    return f"""\
+[capture]
+exposure_s = {EXPOSURE_S}       # white of one projector just below saturation
+black_exposure_s = {BLACK_EXPOSURE_S}  # black is dim
+
+[simulated]  # goes to the backend unread
+preset = "{name}"
+seed = {seed}
+projectors = {size.projectors}
+projector_size = {list(size.projector_size)}
+cameras = {size.cameras}
+camera_size = {list(size.camera_size)}
+camera_kind = "{size.camera_kind}"
+rays = {size.rays}
+"""
+
+
+def _numbers(values: np.ndarray) -> str:
+    return "[" + ", ".join(f"{v:.6f}".rstrip("0").rstrip(".") for v in values) + "]"
+
+
+if __name__ == "__main__":
+    sys.stdout.write(venue_text(sys.argv[1]))  # type: ignore[arg-type]
