@@ -40,10 +40,11 @@ class View:
     ) -> "View":
         """Lines of sight from `origin` (3,) [m] along unit `rays` (H, W, 3); NaN rays see nothing."""
         surface = room.surface
-        with np.errstate(invalid="ignore"):
-            point = surface.intersect(origin, rays)
-            direction = normalise(point)
-            on_dome = direction[..., 2] >= np.cos(surface.half_angle)
+        looking = np.isfinite(rays[..., 0])
+        rays = np.where(looking[..., None], rays, [0.0, 0.0, 1.0])
+        point = surface.intersect(origin, rays)
+        direction = normalise(point)
+        on_dome = looking & (direction[..., 2] >= np.cos(surface.half_angle))
         direction = np.where(on_dome[..., None], direction, [0.0, 0.0, 1.0])
         point = np.where(on_dome[..., None], point, surface.preset.radius_m * direction)
         albedo = np.where(on_dome, surface.albedo(direction), 0.0)
@@ -55,7 +56,7 @@ class View:
             on_dome,
             albedo.astype(np.float32),
             room.dome_image_coordinates(direction),
-            _deck_patches(room, origin, rays, on_dome),
+            _deck_patches(room, origin, rays, looking & ~on_dome),
             {n: (xy, (gain * albedo).astype(np.float32)) for n, (xy, gain) in sources.items()},
         )
 
@@ -104,14 +105,14 @@ def _source(  # noqa: PLR0913, PLR0917
 
 
 def _deck_patches(
-    room: Room, origin: Array, rays: Array, on_dome: NDArray[np.bool_]
+    room: Room, origin: Array, rays: Array, beyond: NDArray[np.bool_]
 ) -> NDArray[np.intp]:
     deck = Deck.under(room.surface.preset)
     with np.errstate(divide="ignore", invalid="ignore"):
         reach = -(origin @ deck.up + deck.depth_m) / (rays @ deck.up)
         point = origin + reach[..., None] * rays
         radius = np.linalg.norm(point + deck.depth_m * deck.up, axis=-1)
-        hit = ~on_dome & (reach > 0) & (radius <= deck.radius_m)
+        hit = beyond & (reach > 0) & (radius <= deck.radius_m)
     patch = np.full(hit.shape, -1, dtype=np.intp)
     patch[hit] = room.floor_patch(point[hit])
     return patch

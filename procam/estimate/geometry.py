@@ -196,9 +196,9 @@ class _Problem:
 
             def residual(x: Array, p: ProjectorModel = projector, o: Observations = obs) -> Array:
                 camera = _moved_camera(self.camera, x[:CAMERA_PARAMETERS])
-                return self._residual(camera, _changed(p, x[CAMERA_PARAMETERS:]), o).ravel()
+                return self._residual(camera, changed_projector(p, x[CAMERA_PARAMETERS:]), o).ravel()
 
-            jacobian, error = _differentiate(residual, _step_sizes(projector, self.dome))
+            jacobian, error = _differentiate(residual, step_sizes(projector, self.dome))
             weight = 1 / max(float(np.mean(error**2)), 1e-12)
             rows = np.r_[0:CAMERA_PARAMETERS, self._block(i)]
             matrix[np.ix_(rows, rows)] += weight * jacobian.T @ jacobian
@@ -235,7 +235,7 @@ class _Problem:
     def _stepped(self, step: Array) -> tuple[CameraModel, dict[str, ProjectorModel]]:
         camera = _moved_camera(self.camera, step[:CAMERA_PARAMETERS])
         projectors = {
-            name: _changed(p, step[self._block(i)])
+            name: changed_projector(p, step[self._block(i)])
             for i, (name, p) in enumerate(self.projectors.items())
         }
         return camera, projectors
@@ -334,7 +334,7 @@ def _moved_camera(camera: CameraModel, x: Array) -> CameraModel:
     return replace(camera, camera_from_dome=_moved(camera.camera_from_dome, x))
 
 
-def _changed(projector: ProjectorModel, x: Array) -> ProjectorModel:
+def changed_projector(projector: ProjectorModel, x: Array) -> ProjectorModel:
     """A projector stepped by (12,): turn, shift [m], focal and centre [px], k1, k2."""
     lens = projector.lens
     k = lens.distortion + np.array([x[10], x[11], 0.0, 0.0, 0.0])
@@ -345,7 +345,7 @@ def _changed(projector: ProjectorModel, x: Array) -> ProjectorModel:
     )
 
 
-def _step_sizes(projector: ProjectorModel, dome: Dome) -> Array:
+def step_sizes(projector: ProjectorModel, dome: Dome) -> Array:
     turn, shift, px = np.full(3, 1e-6), np.full(3, 1e-6 * dome.radius_m), np.full(4, 1e-4)
     return np.r_[turn, shift, turn, shift, px, 1e-7, 1e-7]
 

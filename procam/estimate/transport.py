@@ -1,0 +1,170 @@
+"""Direct and scattered light from code pictures, and what the dome does to light (science.md s.1-2).
+
+A pixel inside a dark stripe, well clear of its edges, sees nothing but light that has bounced; so
+does every pixel outside a projector's picture. Both are measured in every picture.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procam.maths.gray import edge_distance, is_bright
+from procam.maths.radiosity import albedo_from_feedback
+from procam.maths.warp import blur_within, grow
+from procam.model.screen import Dome
+from procam.model.transport import Measured
+
+Array = NDArray[np.float64]
+Image = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+CLEAR_PX = 3.0  # distance from a stripe's edge beyond which neither lens nor pixel mixes it in
+CLEAR_CAMERA_PX = 6  # likewise from the border of a projector's picture
+GLOBAL_BLUR_PX = 1.0
+EXTEND_PX = 3.0
+
+
+@dataclass(frozen=True, slots=True)
+class Light:
+    """One projector's full white, split, in camera radiance [full scale/s].
+
+    Attributes
+    ----------
+    direct, scattered : (H, W, 3); `direct` fades over the border of the picture.
+    extended : (H, W, 3) direct light continued a little beyond the border.
+    flux : (3,) direct flux, sum of solid angle times direct [radiance sr].
+    weight : (H, W, 3) statistical weight of `scattered`; 0 where it was filled in.
+    lit : (H, W) the pixel sees this projector's picture.
+    """
+
+    direct: Image
+    scattered: Image
+    extended: Image
+    flux: Array
+    weight: Image
+    lit: Mask
+
+
+class Separation:
+    """Folds one projector's pictures in as they come; memory does not grow with their number.
+
+    Parameters
+    ----------
+    white : (H, W, 3) white minus black. projector_xy : (H, W, 2), NaN outside the panel.
+    lit : (H, W) decoded pixels. solid_angle_sr : (H, W) of the camera pixels; 0 off the screen.
+    """
+
+    def __init__(
+        self, white: Image, projector_xy: Image, lit: Mask, solid_angle_sr: Array
+    ) -> None:
+        self._solid = solid_angle_sr.astype(np.float32)
+        self._white_flux = self.total(white)
+        self._xy = projector_xy
+        self._inside = grow(lit, -2)
+        self._outside = (solid_angle_sr > 0) & ~grow(lit, CLEAR_CAMERA_PX)
+        self._sum = np.nan_to_num(white)
+        self._count = np.isfinite(white).astype(np.float32)
+        outside = self._outside[..., None] & np.isfinite(white)
+        self._dark_sum = np.where(outside, white, 0).astype(np.float32)
+        self._dark_weight = outside.astype(np.float32)
+
+    def total(self, light: Image) -> Array:
+        """Total light (C,) on the screen [radiance sr]."""
+        return np.tensordot(self._solid, np.nan_to_num(light), 2).astype(float)
+
+    def flux_share(self, light: Image) -> Array:
+        """Flux (3,) of a picture relative to white's: totals scale as direct fluxes do."""
+        return self.total(light) / self._white_flux
+
+    def add_pair(self, axis: str, bit: int, pattern: Image, inverse: Image) -> None:
+        """Fold in a stripe picture and its inverse, (H, W, 3), black taken off."""
+        both = pattern + inverse
+        good = np.isfinite(both)
+        self._sum += np.where(good, both, 0)
+        self._count += good
+        coordinate = self._xy[..., 0 if axis == "x" else 1]
+        with np.errstate(invalid="ignore"):
+            clear = self._inside & (edge_distance(coordinate, bit) > CLEAR_PX)
+        bright = is_bright(coordinate, bit)
+        self._add_dark(pattern, (clear & ~bright) | self._outside)
+        self._add_dark(inverse, (clear & bright) | self._outside)
+
+    def _add_dark(self, light: Image, dark: Mask) -> None:
+        share = self.flux_share(light).astype(np.float32)
+        good = dark[..., None] & np.isfinite(light)
+        self._dark_sum += np.where(good, light, 0) * share
+        self._dark_weight += good * share**2
+
+    def result(self) -> Light:
+        """The split, after all pairs."""
+        on_screen = self._solid > 0
+        white = self._sum / np.maximum(self._count, 1)
+        known = (self._dark_weight[..., 1] > 0) & on_screen
+        ratio = self._dark_sum / np.maximum(self._dark_weight, 1e-12)
+        scattered = blur_within(ratio, known, GLOBAL_BLUR_PX)
+        missing = on_screen & (scattered[..., 1] <= 0)
+        if missing.any():
+            scattered[missing] = blur_within(ratio, known, 8 * GLOBAL_BLUR_PX)[missing]
+        near = grow(self._inside, 2 + CLEAR_CAMERA_PX) & on_screen
+        direct = np.where(near[..., None], white - scattered, 0).astype(np.float32)
+        beyond = blur_within(direct, grow(self._inside, -1), EXTEND_PX)
+        extended = np.where(grow(self._inside, -1)[..., None], direct, beyond)
+        return Light(
+            direct,
+            scattered,
+            extended.astype(np.float32),
+            self.total(direct),
+            self._dark_weight,
+            self._inside,
+        )
+
+
+def scatter_per_flux(lights: list[Light]) -> Image:
+    """u (H, W, C) [1/sr]: scattered radiance per direct flux, all projectors weighed together."""
+    top = np.zeros_like(lights[0].scattered)
+    bottom = np.zeros_like(top)
+    for light in lights:
+        flux = light.flux.astype(np.float32)
+        weight = np.maximum(light.weight, 1e-3)
+        top += weight * flux * light.scattered
+        bottom += weight * flux**2
+    return np.asarray(top / bottom)
+
+
+def feedback(
+    lights: list[Light], lit_sr: Array, on_screen_sr: Array, glare_sigma: float
+) -> Measured:
+    """m (C,) over lit solid angles (H, W) [sr], with sigma.
+
+    Each projector measures m by itself. Their scatter tells what depends on where the light falls;
+    an unknown veil of glare adds to every scattered sample alike (science.md s.2).
+    """
+    each = np.stack(
+        [np.tensordot(lit_sr, light.scattered, 2) / light.flux for light in lights]
+    )
+    value = np.tensordot(lit_sr, scatter_per_flux(lights), 2)
+    spread = each.std(axis=0, ddof=1) / np.sqrt(len(each)) if len(each) > 1 else 0.01 * value
+    mean_light = np.mean(
+        [
+            np.tensordot(on_screen_sr, light.direct + light.scattered, 2) / light.flux
+            for light in lights
+        ],
+        axis=0,
+    )
+    veil = glare_sigma * mean_light * lit_sr.sum() / on_screen_sr.sum()
+    return Measured(value, np.sqrt(spread**2 + veil**2))
+
+
+def albedo(measured: Measured, lit_sr: float, screen_sr: float, dome: Dome) -> Measured:
+    """Mean albedo (C,) from the feedback, with what is unknown of feedback and floor in its sigma.
+
+    Assumes that the unlit part of the cap has the same paint (science.md s.1).
+    """
+
+    def at(m: Array, floor: float) -> Array:
+        return albedo_from_feedback(m, lit_sr, screen_sr, floor)
+
+    value = at(measured.value, dome.floor_albedo)
+    by_feedback = at(measured.value + measured.sigma, dome.floor_albedo) - value
+    by_floor = at(measured.value, dome.floor_albedo + dome.floor_albedo_sigma) - value
+    return Measured(value, np.hypot(by_feedback, by_floor))

@@ -1,0 +1,52 @@
+"""What a placed camera sees of the dome, pixel by pixel."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procam.estimate.geometry import points_of_rays
+from procam.maths.lenses import project
+from procam.maths.sphere import normalise
+from procam.model.optics import CameraModel, ProjectorModel
+from procam.model.screen import Dome
+
+Image = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True)
+class DomeView:
+    """The dome through one camera.
+
+    Attributes
+    ----------
+    direction : (H, W, 3) from the dome's centre to what the pixel sees.
+    on_screen : (H, W) the pixel sees the cap. solid_angle_sr : (H, W) its size from the centre [sr].
+    """
+
+    camera: CameraModel
+    direction: Image
+    on_screen: Mask
+    solid_angle_sr: NDArray[np.float64]
+
+    @classmethod
+    def of(
+        cls, camera: CameraModel, dome: Dome, rays: NDArray[np.float64], seen: Mask
+    ) -> "DomeView":
+        """The view of a placed camera whose pixels look along `rays` (H, W, 3)."""
+        direction = normalise(points_of_rays(camera, dome, rays))
+        on_screen = seen & (direction[..., 2] >= np.cos(dome.half_angle))
+        across = np.gradient(direction, axis=1)
+        down = np.gradient(direction, axis=0)
+        size = np.linalg.norm(np.cross(across, down), axis=-1)
+        return cls(camera, direction.astype(np.float32), on_screen, np.where(on_screen, size, 0.0))
+
+    def projector_pixels(self, projector: ProjectorModel, dome: Dome) -> Image:
+        """Projector pixel (H, W, 2) whose centre would land where each camera pixel looks."""
+        points = dome.radius_m * self.direction.astype(float)
+        xy = project(projector.projector_from_dome.apply(points), projector.lens)
+        width, height = projector.size
+        inside = (xy[..., 0] > -0.5) & (xy[..., 0] < width - 0.5)
+        inside &= (xy[..., 1] > -0.5) & (xy[..., 1] < height - 0.5) & self.on_screen
+        return np.where(inside[..., None], xy, np.nan).astype(np.float32)

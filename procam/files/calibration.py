@@ -1,0 +1,216 @@
+"""Calibration directories: calibration.json, maps/PROJECTOR.exr, maps/dome.exr."""
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procam.errors import FileFormatError
+from procam.files.atomic import replacing_directory
+from procam.files.images import read_channels, write_channels
+from procam.maths.lenses import Lens
+from procam.maths.pose import Pose
+from procam.model.calibration import SCHEMA_VERSION, Calibration, ProjectorCalibration
+from procam.model.correspondence import ProjectorSurface
+from procam.model.optics import CameraModel, ProjectorModel, Sensor
+from procam.model.photometry import Photometry, ResponseCurve
+from procam.model.quality import Figure, Goal
+from procam.model.screen import Dome
+from procam.model.transport import DomeMaps, Measured
+
+Channels = dict[str, NDArray[np.float32]]
+RGB = ("R", "G", "B")
+DOME_MAPS = ("scatter_per_flux", "albedo", "lo", "hi")
+
+
+def next_directory(venue_dir: Path) -> Path:
+    """The first free VENUE/calibrations/NNNN."""
+    return venue_dir / "calibrations" / f"{len(list_calibrations(venue_dir)) + 1:04d}"
+
+
+def list_calibrations(venue_dir: Path) -> list[Path]:
+    """Finished calibrations of a venue, oldest first."""
+    return sorted(p.parent for p in venue_dir.glob("calibrations/[0-9]*/calibration.json"))
+
+
+def latest_calibration(venue_dir: Path) -> Path:
+    """The newest calibration of a venue."""
+    found = list_calibrations(venue_dir)
+    if not found:
+        raise FileFormatError(
+            f"{venue_dir}: got no calibration, expected calibrations/0001; run "
+            f"`procam calibrate {venue_dir}` first"
+        )
+    return found[-1]
+
+
+def save_calibration(calibration: Calibration, directory: Path) -> None:
+    """Write a calibration; the directory appears whole or not at all."""
+    with replacing_directory(directory) as temporary:
+        for name, projector in calibration.projectors.items():
+            write_channels(temporary / "maps" / f"{name}.exr", _projector_channels(projector))
+        write_channels(temporary / "maps" / "dome.exr", _dome_channels(calibration.maps))
+        text = json.dumps(_document(calibration), indent=1)
+        (temporary / "calibration.json").write_text(text, encoding="utf-8")
+
+
+def load_calibration(directory: Path) -> Calibration:
+    """Read a calibration directory."""
+    path = directory / "calibration.json"
+    if not path.is_file():
+        raise FileFormatError(
+            f"{directory}: got no calibration.json, expected a calibration directory such as "
+            "VENUE/calibrations/0001"
+        )
+    try:
+        document = json.loads(path.read_text("utf-8"))
+        if document["schema_version"] != SCHEMA_VERSION:
+            raise FileFormatError(
+                f"{path}: got schema_version {document['schema_version']}, expected "
+                f"{SCHEMA_VERSION}; calibrate again with this version"
+            )
+        return _calibration(directory, document)
+    except (KeyError, TypeError, ValueError, json.JSONDecodeError) as error:
+        if isinstance(error, FileFormatError):
+            raise
+        raise FileFormatError(
+            f"{path}: got a damaged calibration ({type(error).__name__}: {error}); restore it or "
+            "run `procam solve` on its session again"
+        ) from error
+
+
+def _projector_channels(projector: ProjectorCalibration) -> Channels:
+    surface = projector.surface
+    channels: dict[str, Any] = {
+        f"direction.{axis}": surface.direction[..., i] for i, axis in enumerate("xyz")
+    }
+    channels |= {
+        "solid_angle": surface.solid_angle_sr,
+        "sigma_arcmin": surface.sigma_arcmin,
+        "valid": surface.valid,
+        "measured": surface.measured,
+        "blend": projector.blend,
+    }
+    gain = projector.photometry.gain
+    return channels | {f"gain.{c}": gain[..., i] for i, c in enumerate(RGB)}
+
+
+def _dome_channels(maps: DomeMaps) -> Channels:
+    channels: Channels = {"coverage": maps.coverage}
+    for name in DOME_MAPS:
+        channels |= {f"{name}.{c}": getattr(maps, name)[..., i] for i, c in enumerate(RGB)}
+    return channels
+
+
+def _document(calibration: Calibration) -> dict[str, Any]:
+    return {
+        "schema_version": calibration.schema_version,
+        "screen": asdict(calibration.screen),
+        "cameras": {n: _camera_entry(c) for n, c in calibration.cameras.items()},
+        "projectors": {n: _projector_entry(p) for n, p in calibration.projectors.items()},
+        "feedback": _plain(asdict(calibration.feedback)),
+        "albedo": _plain(asdict(calibration.albedo)),
+        "content_from_camera": calibration.content_from_camera.tolist(),
+        "quality": {n: f.as_dict() for n, f in calibration.quality.items()},
+        "provenance": dict(calibration.provenance),
+    }
+
+
+def _camera_entry(camera: CameraModel) -> dict[str, Any]:
+    assert camera.camera_from_dome is not None
+    return {
+        "size": list(camera.size),
+        "lens": _plain(asdict(camera.lens)),
+        "sensor": asdict(camera.sensor),
+        "camera_from_dome": _plain(asdict(camera.camera_from_dome)),
+    }
+
+
+def _projector_entry(projector: ProjectorCalibration) -> dict[str, Any]:
+    model, light = projector.model, projector.photometry
+    covariance = None if model.covariance is None else model.covariance.tolist()
+    return {
+        "size": list(model.size),
+        "lens": _plain(asdict(model.lens)),
+        "projector_from_dome": _plain(asdict(model.projector_from_dome)),
+        "covariance": covariance,
+        "response": _plain(asdict(light.response)),
+        "colour_mix": light.colour_mix.tolist(),
+    }
+
+
+def _plain(fields: dict[str, Any]) -> dict[str, Any]:
+    return {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in fields.items()}
+
+
+def _calibration(directory: Path, document: dict[str, Any]) -> Calibration:
+    dome = read_channels(directory / "maps" / "dome.exr")
+    return Calibration(
+        Dome(**document["screen"]),
+        {n: _camera(n, e) for n, e in document["cameras"].items()},
+        {n: _projector(directory, n, e) for n, e in document["projectors"].items()},
+        DomeMaps(**{n: _rgb(dome, n) for n in DOME_MAPS}, coverage=dome["coverage"]),
+        _measured(document["feedback"]),
+        _measured(document["albedo"]),
+        np.array(document["content_from_camera"]),
+        {n: _figure(e) for n, e in document["quality"].items()},
+        document["provenance"],
+        document["schema_version"],
+    )
+
+
+def _camera(name: str, entry: dict[str, Any]) -> CameraModel:
+    sensor = entry["sensor"] | {"vignetting": tuple(entry["sensor"]["vignetting"])}
+    size = (int(entry["size"][0]), int(entry["size"][1]))
+    return CameraModel(
+        name, size, _lens(entry["lens"]), Sensor(**sensor), _pose(entry["camera_from_dome"])
+    )
+
+
+def _projector(directory: Path, name: str, entry: dict[str, Any]) -> ProjectorCalibration:
+    maps = read_channels(directory / "maps" / f"{name}.exr")
+    covariance = entry["covariance"]
+    size = (int(entry["size"][0]), int(entry["size"][1]))
+    model = ProjectorModel(
+        name,
+        size,
+        _lens(entry["lens"]),
+        _pose(entry["projector_from_dome"]),
+        None if covariance is None else np.array(covariance),
+    )
+    direction = np.stack([maps[f"direction.{axis}"] for axis in "xyz"], axis=-1)
+    surface = ProjectorSurface(
+        direction,
+        maps["solid_angle"],
+        maps["valid"] > 0.5,
+        maps["measured"],
+        maps["sigma_arcmin"],
+    )
+    response = ResponseCurve(**{k: np.array(v) for k, v in entry["response"].items()})
+    photometry = Photometry(response, np.array(entry["colour_mix"]), _rgb(maps, "gain"))
+    return ProjectorCalibration(model, surface, photometry, maps["blend"])
+
+
+def _rgb(maps: Channels, name: str) -> NDArray[np.float32]:
+    return np.stack([maps[f"{name}.{c}"] for c in RGB], axis=-1)
+
+
+def _lens(entry: dict[str, Any]) -> Lens:
+    arrays = {k: np.array(entry[k]) for k in ("focal", "centre", "distortion")}
+    return Lens(entry["kind"], **arrays)
+
+
+def _pose(entry: dict[str, Any]) -> Pose:
+    return Pose(np.array(entry["rotation"]), np.array(entry["translation"]))
+
+
+def _measured(entry: dict[str, Any]) -> Measured:
+    return Measured(np.array(entry["value"]), np.array(entry["sigma"]))
+
+
+def _figure(entry: dict[str, Any]) -> Figure:
+    goal = None if entry["goal"] is None else Goal(**entry["goal"])
+    return Figure(entry["value"], entry["unit"], goal, entry["samples"], entry["note"])

@@ -1,0 +1,27 @@
+"""Where a calibration comes from: versions and hashes of what went in."""
+
+import hashlib
+import platform
+from importlib.metadata import version
+from typing import Any
+
+from procam.files.session import Session
+from procam.files.venue import Venue
+
+PACKAGES = ("procam", "numpy", "scipy", "opencv-contrib-python-headless", "OpenImageIO")
+
+
+def provenance(venue: Venue, session: Session) -> dict[str, Any]:
+    """Versions, the session, and a hash over its plan, venue and captures."""
+    digest = hashlib.sha256()
+    digest.update((session.directory / "venue.toml").read_bytes())
+    digest.update((session.directory / "plan.json").read_bytes())
+    for camera in venue.table.cameras:
+        for key, entry in sorted(session.stored(camera).items()):
+            digest.update(f"{camera} {key} {entry['sha256']}".encode())
+    return {
+        "session": session.directory.name,
+        "input_sha256": digest.hexdigest(),
+        "python": platform.python_version(),
+        "versions": {name: version(name) for name in PACKAGES},
+    }
