@@ -12,7 +12,7 @@ from procam.estimate.photometry import ColourFit
 from procam.estimate.surface import camera_pixels, lit_share, project_surface
 from procam.estimate.transport import Light, albedo, feedback, scatter_per_flux
 from procam.estimate.view import DomeView
-from procam.maths.sphere import cap_solid_angle, master_directions, master_solid_angles
+from procam.maths.sphere import cap_solid_angle, master_directions, master_pixels, master_solid_angles
 from procam.maths.warp import blur, sample
 from procam.model.calibration import Calibration, ProjectorCalibration
 from procam.model.correspondence import ProjectorSurface
@@ -112,14 +112,13 @@ def _converted(light: Light, unmix: Array) -> Light:
 def _coverage(
     geometry: GeometrySolution, dome: Dome, direction: Array, lights: Mapping[str, Light]
 ) -> NDArray[np.float32]:
+    """Share (...) of each place that is lit; a ramp about one half, blind to noise near 0 and 1."""
     shares = [lit_share(geometry.camera, dome, direction, light) for light in lights.values()]
-    return np.asarray(np.max(shares, axis=0), np.float32)
+    return np.asarray(np.clip(2 * np.max(shares, axis=0) - 0.5, 0, 1), np.float32)
 
 
 def _master_at(view: DomeView) -> Array:
     """Where each camera pixel lies in the dome maps."""
-    from procam.maths.sphere import master_pixels
-
     return master_pixels(np.nan_to_num(view.direction).astype(float), MAP_SIZE)
 
 

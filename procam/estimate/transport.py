@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procam.maths.gray import edge_distance, is_bright
-from procam.maths.radiosity import albedo_from_feedback
+from procam.maths.radiosity import albedo_from_feedback, floor_return
 from procam.maths.warp import blur_within, grow
 from procam.model.screen import Dome
 from procam.model.transport import Measured
@@ -162,7 +162,8 @@ def albedo(measured: Measured, lit_sr: float, screen_sr: float, dome: Dome) -> M
     """
 
     def at(m: Array, floor: float) -> Array:
-        return albedo_from_feedback(m, lit_sr, screen_sr, floor)
+        returned = floor_return(dome.half_angle, dome.tilt, floor)
+        return albedo_from_feedback(m, lit_sr, screen_sr, returned)
 
     value = at(measured.value, dome.floor_albedo)
     by_feedback = at(measured.value + measured.sigma, dome.floor_albedo) - value

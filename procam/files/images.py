@@ -16,6 +16,7 @@ from procam.maths.curves import srgb_decode, srgb_encode
 
 RGB = ("R", "G", "B")
 Image = NDArray[np.float32]
+STORED_AS = {"uint8": "uint8", "uint16": "uint16", "float32": "float"}
 
 
 def write_image(path: Path, pixels: NDArray[np.generic], channels: Sequence[str] = ()) -> None:
@@ -25,7 +26,7 @@ def write_image(path: Path, pixels: NDArray[np.generic], channels: Sequence[str]
     """
     data = np.ascontiguousarray(pixels if pixels.ndim == 3 else pixels[..., None])
     height, width, count = data.shape
-    spec = oiio.ImageSpec(width, height, count, str(data.dtype))
+    spec = oiio.ImageSpec(width, height, count, STORED_AS[str(data.dtype)])
     spec.attribute("compression", {".exr": "zip", ".tif": "none"}.get(path.suffix, ""))
     if path.suffix == ".png":
         spec.attribute("png:compressionLevel", 1)

@@ -50,14 +50,32 @@ def remove_interreflection_paper(total: Array, albedo: Array, solid_angle_sr: Ar
     return np.asarray(total - albedo / sphere_sr * flux(total, solid_angle_sr))
 
 
+def floor_return(half_angle: float, tilt: float, floor_albedo: float) -> float:
+    """Share of a cap's light [-] that a level Lambertian floor sends back to it.
+
+    The floor is the disc that the level plane through the rim's lowest point cuts out of the
+    sphere; between it and the rim the room is black. Light of a sphere's patch spreads evenly
+    over the whole sphere (paper eq. 7), so what reaches the floor is the share of the sphere
+    below its plane, and reciprocity gives the way back.
+
+    >>> round(floor_return(np.pi / 2, 0.0, 0.2), 9)  # a floor that closes a hemisphere
+    0.1
+    """
+    depth = -np.cos(min(half_angle + abs(tilt), np.pi))  # of the plane below the centre, in radii
+    to_floor = (1 - depth) / 2
+    cap = 4 * np.pi * np.sin(half_angle / 2) ** 2
+    back = cap * to_floor / (np.pi * (1 - depth**2))
+    return float(to_floor * floor_albedo * back)
+
+
 def albedo_from_feedback(
-    feedback: Array, lit_sr: float, screen_sr: float, floor_albedo: float
+    feedback: Array, lit_sr: float, screen_sr: float, returned: float = 0.0
 ) -> Array:
     """Mean albedo (C,) of a cap whose lit part feeds back `feedback` (C,) [-].
 
-    The cap of `screen_sr` is taken to have one albedo, lit (`lit_sr`) or not, and to be closed by
-    a Lambertian floor: m = rho K a_L / (1 - rho K a_R), K = [1 + rho_f (1-f)/f] / (4 pi), f = a_R / 4 pi
-    (science.md s.1, "cap closed by a floor").
+    The cap of `screen_sr` is taken to have one albedo, lit (`lit_sr`) or not; `returned` is what
+    its floor sends back. m = rho K a_L / (1 - rho K a_R) with K = (1 + returned / f) / (4 pi) and
+    f = a_R / 4 pi, the form of science.md s.1 for a cap closed by a floor.
     """
     if not 0 < lit_sr <= screen_sr * (1 + 1e-9):
         raise InputError(
@@ -65,5 +83,5 @@ def albedo_from_feedback(
             f"{screen_sr:.4g} sr; check half_angle_deg in venue.toml"
         )
     fraction = screen_sr / (4 * np.pi)
-    kernel = (1 + floor_albedo * (1 - fraction) / fraction) / (4 * np.pi)
+    kernel = (1 + returned / fraction) / (4 * np.pi)
     return np.asarray(feedback / (kernel * (lit_sr + feedback * screen_sr)))

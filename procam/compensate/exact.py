@@ -1,0 +1,111 @@
+"""Exact compensation (P) of dome masters, and the two pictures it is compared with."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procam.errors import InputError, ShapeError
+from procam.maths.box_solver import solve_flux
+from procam.maths.radiosity import add_interreflection, remove_interreflection_paper
+from procam.maths.sphere import master_directions, master_pixels, master_solid_angles
+from procam.maths.warp import sample
+from procam.model.calibration import Calibration
+
+Array = NDArray[np.float64]
+Image = NDArray[np.float32]
+Method = Literal["exact", "paper-eq12", "none"]
+CHANNELS = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Compensated:
+    """A compensated picture, all on the content's own dome master.
+
+    Attributes
+    ----------
+    direct : (N, N, 3) light the projectors must put there [rel]; NaN-free, 0 where nothing is lit.
+    observed : (N, N, 3) what the audience will see of it [rel].
+    free : (N, N, 3) neither bound holds: observed equals the target there.
+    flux : (3,) direct flux [rel sr].
+    """
+
+    direct: Image
+    observed: Image
+    free: NDArray[np.bool_]
+    flux: Array
+
+
+class Compensator:
+    """Compensates dome masters of one size for one calibration.
+
+    Parameters
+    ----------
+    calibration : with maps of the dome.
+    size : edge of the square content [px].
+    method : "exact" solves (P) of science.md s.5; "paper-eq12" subtracts by paper eq. 12 to the
+        letter, with the lit area alone, and clamps; "none" clamps the content.
+    """
+
+    def __init__(self, calibration: Calibration, size: int, method: Method = "exact") -> None:
+        if method not in ("exact", "paper-eq12", "none"):
+            raise InputError(f"method: got {method!r}, expected exact, paper-eq12 or none")
+        self.method, self.size = method, size
+        direction, inside = master_directions(size)
+        where = master_pixels(direction, calibration.maps.size)
+        maps = calibration.maps
+        coverage = sample(maps.coverage, where) * inside
+        self.lit = coverage > 0
+        self._solid = (master_solid_angles(size) * coverage)[self.lit]
+        self._scatter = sample(maps.scatter_per_flux, where)[self.lit].astype(float)
+        self._lo = sample(maps.lo, where)[self.lit].astype(float)
+        # coverage fades hi over the border; what is lit at all can be driven to full there
+        self._hi = np.maximum(
+            sample(maps.hi, where)[self.lit] / np.maximum(coverage[self.lit], 0.5)[:, None],
+            self._lo,
+        ).astype(float)
+        self._albedo = calibration.albedo.value
+
+    def frame(self, image: Image, out: Image | None = None) -> Image:
+        """Direct light (N, N, 3) for content (N, N, 3); 1.0 is the reference white."""
+        direct = self.solve(image).direct
+        if out is None:
+            return direct
+        out[...] = direct
+        return out
+
+    def solve(self, image: Image) -> Compensated:
+        """The compensated picture with what the audience will see and what clips."""
+        if image.shape != (self.size, self.size, CHANNELS):
+            raise ShapeError("content", image.shape, f"({self.size}, {self.size}, 3)")
+        target = image[self.lit].astype(float)
+        wanted = self._wanted(target)
+        direct = np.clip(wanted, self._lo, self._hi)
+        observed = add_interreflection(direct, self._scatter, self._solid)
+        free = (wanted > self._lo) & (wanted < self._hi)
+        return Compensated(
+            self._spread(direct),
+            self._spread(observed),
+            self._spread(free).astype(bool),
+            self._solid @ direct,
+        )
+
+    def _wanted(self, target: Array) -> Array:
+        """Direct light before the limits."""
+        if self.method == "none":
+            return target
+        if self.method == "paper-eq12":
+            return remove_interreflection_paper(target, self._albedo, self._solid)
+        flux = [
+            solve_flux(
+                target[:, c], self._scatter[:, c], self._solid, self._lo[:, c], self._hi[:, c]
+            )
+            for c in range(CHANNELS)
+        ]
+        return np.asarray(target - self._scatter * np.array(flux))
+
+    def _spread(self, values: NDArray[np.generic]) -> Image:
+        image = np.zeros((self.size, self.size, CHANNELS), np.float32)
+        image[self.lit] = values
+        return image

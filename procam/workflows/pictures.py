@@ -1,0 +1,33 @@
+"""Content to try a dome with."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procam.maths.sphere import angles_from_direction, master_directions
+
+Image = NDArray[np.float32]
+HORIZON = np.radians(30.0)
+
+
+def half_sky(size: int) -> Image:
+    """A bright sky over a darker ground, split by elevation, with black trees: (N, N, 3) linear.
+
+    The sky's light falls on the ground by way of the dome; the trees ask for less light than
+    that, which no projector can give.
+    """
+    direction, inside = master_directions(size)
+    azimuth, elevation = angles_from_direction(direction)
+    height = np.clip((elevation - HORIZON) / (np.pi / 2 - HORIZON), 0, 1)[..., None]
+    sky = (1 - height) * np.array([0.62, 0.72, 0.85]) + height * np.array([0.30, 0.45, 0.80])
+    furrow = 0.5 + 0.5 * np.cos(24 * azimuth) * np.cos(elevation / HORIZON * np.pi)
+    ground = np.array([0.30, 0.27, 0.20]) * (0.85 + 0.5 * furrow)[..., None]
+    tree = (np.abs((azimuth / np.radians(45)) % 1 - 0.5) < 0.06) & (elevation < HORIZON * 0.8)
+    ground = np.where(tree[..., None], 0.02, ground)
+    picture = np.where((elevation > HORIZON)[..., None], sky, ground)
+    return (picture * inside[..., None]).astype(np.float32)
+
+
+def full_white(size: int) -> Image:
+    """White everywhere: (N, N, 3) linear."""
+    _, inside = master_directions(size)
+    return np.repeat(inside[..., None], 3, axis=-1).astype(np.float32)

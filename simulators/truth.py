@@ -1,0 +1,202 @@
+"""What a simulated venue really is, in the calibration-directory format, for the judge alone.
+
+Written after a run has ended, with code of its own: it shares no reader or writer with procam.
+"""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import OpenImageIO as oiio
+from numpy.typing import NDArray
+
+from procam.maths.sphere import master_directions, master_solid_angles
+from simulators.backend import build_scene
+from simulators.light import ProjectorLight
+from simulators.rig import CameraBuild, ProjectorBuild
+from simulators.scene import ALL_BANDS, DomeScene
+from simulators.view import View
+
+Array = NDArray[np.float64]
+Image = NDArray[np.float32]
+MASTER = 1024
+FINE = 2  # pictures are drawn this much finer and averaged: patches, not points
+RGB = ("R", "G", "B")
+
+
+def write_truth(
+    settings: Mapping[str, Any],
+    venue_dir: Path,
+    out: Path,
+    pictures: Mapping[str, Mapping[str, Image]],
+) -> None:
+    """Write the truth of a simulated venue to `out`.
+
+    `pictures` are sets of projector drives (H, W, 3) by picture and projector; for each,
+    OUT/pictures/NAME.exr holds the radiance seen on the dome without camera or noise.
+    """
+    scene = build_scene(settings, venue_dir)
+    (out / "maps").mkdir(parents=True)
+    (out / "pictures").mkdir()
+    white = {n: np.ones_like(d) for n, d in scene.shown.items()}
+    black = {n: np.zeros_like(d) for n, d in scene.shown.items()}
+    view = _audience(scene, MASTER)
+    direct_white, scattered = _split(scene, view, white)
+    direct_black, _ = _split(scene, view, black)
+    coverage = _coverage(scene)
+    solid = master_solid_angles(MASTER) * coverage
+    flux = np.tensordot(solid, direct_white, 2)
+    feedback = np.tensordot(solid, scattered, 2) / flux
+    albedo = np.tensordot(solid, view.albedo, 2) / solid.sum()
+    dome = {"coverage": coverage}
+    for i, c in enumerate(RGB):
+        dome[f"scatter_per_flux.{c}"] = scattered[..., i] / flux[i]
+        dome[f"albedo.{c}"] = view.albedo
+        dome[f"lo.{c}"], dome[f"hi.{c}"] = direct_black[..., i], direct_white[..., i]
+    _write_exr(out / "maps" / "dome.exr", dome)
+    for name, light in scene.lights.items():
+        _write_exr(out / "maps" / f"{name}.exr", _projector_maps(light, view))
+    document = _document(scene, feedback, np.full(3, albedo))
+    (out / "calibration.json").write_text(json.dumps(document, indent=1))
+    fine = _audience(scene, FINE * MASTER)
+    for name, drives in pictures.items():
+        picture = _averaged(scene.radiance_of(fine, drives, dict.fromkeys(drives, 1.0), ALL_BANDS, 0))
+        _write_exr(
+            out / "pictures" / f"{name}.exr", {c: picture[..., i] for i, c in enumerate(RGB)}
+        )
+
+
+def _audience(scene: DomeScene, size: int) -> View:
+    """Lines of sight from the dome's centre, a dome master of them."""
+    direction, inside = master_directions(size)
+    rays = np.where(inside[..., None], direction, np.nan)
+    return View.along(scene.room, scene.lights, np.zeros(3), rays)
+
+
+def _split(scene: DomeScene, view: View, drives: Mapping[str, Image]) -> tuple[Image, Image]:
+    patches = len(scene.room.area_m2)
+    flux, direct = np.zeros((patches, 3)), np.zeros((*view.albedo.shape, 3), np.float32)
+    for name, drive in drives.items():
+        light = scene.lights[name]
+        irradiance = light.emit(drive, ALL_BANDS)
+        flux += light.patch_flux(irradiance, patches)
+        direct += view.direct(name, irradiance)
+    return direct, view.scattered(scene.room, scene.room.irradiance(flux))
+
+
+def _coverage(scene: DomeScene) -> Image:
+    """Share (N, N) of each master pixel that some projector lights, from a fine picture."""
+    view = _audience(scene, FINE * MASTER)
+    lit = np.zeros(view.albedo.shape, np.float32)
+    for name, light in scene.lights.items():
+        mask = light.lit.astype(np.float32)[..., None]
+        gain = view.sources[name][1]
+        seen = view.direct(name, mask)[..., 0]
+        lit = np.maximum(lit, np.where(gain > 0, seen / np.maximum(gain, 1e-9), 0) >= 0.5)
+    return _averaged(lit[..., None])[..., 0]
+
+
+def _averaged(fine: Image) -> Image:
+    height, width, channels = fine.shape
+    blocks = fine.reshape(height // FINE, FINE, width // FINE, FINE, channels)
+    return np.asarray(blocks.mean(axis=(1, 3)), np.float32)
+
+
+def _projector_maps(light: ProjectorLight, view: View) -> dict[str, NDArray[Any]]:
+    white = light.build.colour_mix.sum(axis=1)
+    valid = light.lit.astype(np.float32)
+    albedo = light.reflected_m2 / np.maximum(light.solid_angle_sr, 1e-30)
+    albedo = albedo / np.median(albedo) * np.median(view.albedo[view.on_dome])
+    maps = {f"direction.{axis}": light.direction[..., i] for i, axis in enumerate("xyz")}
+    maps |= {
+        "solid_angle": light.solid_angle_sr,
+        "sigma_arcmin": np.zeros_like(valid),
+        "valid": valid,
+        "measured": valid,
+        "blend": valid,
+    }
+    return maps | {
+        f"gain.{c}": light.irradiance * albedo * white[i] for i, c in enumerate(RGB)
+    }
+
+
+def _document(scene: DomeScene, feedback: Array, albedo: Array) -> dict[str, Any]:
+    preset = scene.preset
+    return {
+        "schema_version": 1,
+        "screen": {
+            "radius_m": preset.radius_m,
+            "half_angle": scene.surface.half_angle,
+            "tilt": float(np.radians(preset.tilt_deg)),
+            "floor_albedo": preset.floor_albedo,
+            "floor_albedo_sigma": 0.0,
+        },
+        "cameras": {n: _camera(c, preset.glare) for n, c in scene.cameras.items()},
+        "projectors": {n: _projector(light.build) for n, light in scene.lights.items()},
+        "feedback": {"value": feedback.tolist(), "sigma": [0.0] * 3},
+        "albedo": {"value": albedo.tolist(), "sigma": [0.0] * 3},
+        "content_from_camera": np.eye(3).tolist(),
+        "quality": {},
+        "provenance": {"source": "simulated truth", "seed": scene.seed},
+    }
+
+
+def _camera(camera: CameraBuild, glare: float) -> dict[str, Any]:
+    return {
+        "size": list(camera.size),
+        "lens": _lens(camera),
+        "sensor": {
+            "bits": camera.bits,
+            "black_level": camera.black_level,
+            "vignetting": list(camera.vignetting),
+            "glare": glare,
+            "glare_sigma": 0.0,
+        },
+        "camera_from_dome": _pose(camera.camera_from_dome),
+    }
+
+
+def _projector(build: ProjectorBuild) -> dict[str, Any]:
+    levels = np.linspace(0, 1, 257)
+    values = build.linear(np.repeat(levels[:, None], 3, axis=1).astype(np.float32))
+    mix = build.colour_mix / build.colour_mix.sum(axis=1, keepdims=True)
+    return {
+        "size": list(build.size),
+        "lens": _lens(build),
+        "projector_from_dome": _pose(build.projector_from_dome),
+        "covariance": None,
+        "response": {
+            "levels": levels.tolist(),
+            "values": values.tolist(),
+            "sigma": np.zeros_like(values).tolist(),
+        },
+        "colour_mix": mix.tolist(),
+    }
+
+
+def _lens(device: CameraBuild | ProjectorBuild) -> dict[str, Any]:
+    lens = device.lens
+    return {
+        "kind": lens.kind,
+        "focal": lens.focal.tolist(),
+        "centre": lens.centre.tolist(),
+        "distortion": lens.distortion.tolist(),
+    }
+
+
+def _pose(pose: Any) -> dict[str, Any]:
+    return {"rotation": pose.rotation.tolist(), "translation": pose.translation.tolist()}
+
+
+def _write_exr(path: Path, channels: Mapping[str, NDArray[Any]]) -> None:
+    stack = np.stack([np.asarray(c, np.float32) for c in channels.values()], axis=-1)
+    height, width, count = stack.shape
+    spec = oiio.ImageSpec(width, height, count, "float")
+    spec.channelnames = tuple(channels)
+    spec.attribute("compression", "zip")
+    output = oiio.ImageOutput.create(str(path))
+    output.open(str(path), spec)
+    output.write_image(np.ascontiguousarray(stack))
+    output.close()
