@@ -11,7 +11,7 @@ from simulators.presets import Preset
 
 Array = NDArray[np.float64]
 GORES, RINGS = 16, 5
-SEAM_WIDTH_M = 0.04
+SEAM_SIGMA_M = 0.025  # joints are shaded softly, not drawn with a ruler
 SURFACE_STEPS = 3
 BOUND = 1.01  # a sphere round everything the harmonics and steps can reach
 
@@ -76,7 +76,8 @@ class Surface:
         if preset.dust:
             value *= 1 - preset.dust * (1 - direction[..., 0]) / 2
         if preset.seam:
-            value *= 1 - preset.seam * (self._seam_distance_m(direction) < SEAM_WIDTH_M / 2)
+            distance = self._seam_distance_m(direction) / SEAM_SIGMA_M
+            value *= 1 - preset.seam * np.exp(-0.5 * distance**2)
         return value
 
     def _panel(self, direction: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:

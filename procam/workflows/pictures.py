@@ -7,6 +7,7 @@ from procam.maths.sphere import angles_from_direction, master_directions
 
 Image = NDArray[np.float32]
 HORIZON = np.radians(30.0)
+TREE_SPACING = np.radians(45.0)
 
 
 def half_sky(size: int) -> Image:
@@ -21,10 +22,18 @@ def half_sky(size: int) -> Image:
     sky = (1 - height) * np.array([0.62, 0.72, 0.85]) + height * np.array([0.30, 0.45, 0.80])
     furrow = 0.5 + 0.5 * np.cos(24 * azimuth) * np.cos(elevation / HORIZON * np.pi)
     ground = np.array([0.30, 0.27, 0.20]) * (0.85 + 0.5 * furrow)[..., None]
-    tree = (np.abs((azimuth / np.radians(45)) % 1 - 0.5) < 0.06) & (elevation < HORIZON * 0.8)
-    ground = np.where(tree[..., None], 0.02, ground)
-    picture = np.where((elevation > HORIZON)[..., None], sky, ground)
+    from_trunk = np.abs((azimuth / TREE_SPACING) % 1 - 0.5) * TREE_SPACING * np.cos(elevation)
+    tree = _soft_step(np.radians(4) - from_trunk) * _soft_step(0.8 * HORIZON - elevation)
+    ground = ground * (1 - tree[..., None]) + 0.02 * tree[..., None]
+    above = _soft_step(elevation - HORIZON)[..., None]
+    picture = above * sky + (1 - above) * ground
     return (picture * inside[..., None]).astype(np.float32)
+
+
+def _soft_step(angle: NDArray[np.float64]) -> NDArray[np.float64]:
+    """0 to 1 over a degree: an edge that any projector can draw."""
+    x = np.clip(angle / np.radians(1.0) + 0.5, 0, 1)
+    return np.asarray(x * x * (3 - 2 * x))
 
 
 def full_white(size: int) -> Image:
