@@ -31,8 +31,8 @@ def half_sky(size: int) -> Image:
 
 
 def _soft_step(angle: NDArray[np.float64]) -> NDArray[np.float64]:
-    """0 to 1 over a degree: an edge that any projector can draw."""
-    x = np.clip(angle / np.radians(1.0) + 0.5, 0, 1)
+    """0 to 1 over two degrees: an edge that any projector can draw."""
+    x = np.clip(angle / np.radians(2.0) + 0.5, 0, 1)
     return np.asarray(x * x * (3 - 2 * x))
 
 

@@ -114,12 +114,14 @@ def refine(
     predicted = camera.cells.average_master(wanted.observed)
     loop = Loop(calibration, camera.cells, wanted.free)
     seen = _shot(camera, wanted.direct, calibration)
-    floor = _noise_floor(camera, loop, seen)
+    shots = [seen, *(camera.photograph() for _ in range(NOISE_SHOTS - 1))]
+    floor = _noise_floor(loop, shots)
     residual = [loop.residual_rms(predicted - seen)]
     yield Event("refine", 2, total, f"residual {residual[0]:.3%} of white, noise {floor:.3%}")
     while residual[-1] > CLOSE_ENOUGH * floor and loop.steps < MAX_ITERATIONS:
-        loop.update(predicted - seen)
+        loop.update(predicted - np.mean(shots, axis=0))
         seen = _shot(camera, loop.corrected(wanted.direct), calibration)
+        shots = [seen, camera.photograph()]
         residual.append(loop.residual_rms(predicted - seen))
         yield Event("refine", 2 + loop.steps, total, f"residual {residual[-1]:.3%} of white")
     refined = _finish(calibration, camera, loop, wanted, residual, floor, before, seen, predicted)
@@ -131,10 +133,9 @@ def _shot(camera: LoopCamera, direct: Image, calibration: Calibration) -> Array:
     return camera.photograph()
 
 
-def _noise_floor(camera: LoopCamera, loop: Loop, first: Array) -> float:
+def _noise_floor(loop: Loop, shots: list[Array]) -> float:
     """Scatter of single photographs of one picture, from repeated ones [rel]."""
-    shots = np.stack([first, *(camera.photograph() for _ in range(NOISE_SHOTS - 1))])
-    spread = shots.std(axis=0, ddof=1)
+    spread = np.stack(shots).std(axis=0, ddof=1)
     return float(np.sqrt(np.mean(spread[loop.free] ** 2)))
 
 
