@@ -42,12 +42,17 @@ class Rig:
 
     def __exit__(self, *_: object) -> None:
         with ExitStack() as stack:  # runs every step even if one of them fails
+            stack.callback(self.release)
+            for name in self.projectors:
+                stack.callback(self.darken, name)
+
+    def release(self) -> None:
+        """Let go of all wires, leaving the projectors as they are."""
+        with ExitStack() as stack:
             for closer in self.closers:
                 stack.callback(closer)
             for control in self.controls.values():
                 stack.callback(control.close)
-            for name in self.projectors:
-                stack.callback(self.darken, name)
 
     def start(self) -> None:
         """Switch every projector on (waits for the lamp) and make it dark."""

@@ -1,11 +1,17 @@
 """Figures: a number that knows its unit, its goal and whether it meets it."""
 
 import operator
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
 
-Comparison = Literal["<=", ">=", "=="]
-_COMPARE = {"<=": operator.le, ">=": operator.ge, "==": operator.eq}
+Comparison = Literal["<=", ">=", "==", "abs<="]
+_COMPARE: dict[Comparison, Callable[[Any, Any], bool]] = {
+    "<=": operator.le,
+    ">=": operator.ge,
+    "==": operator.eq,
+    "abs<=": lambda value, limit: abs(value) <= limit,  # for signed errors
+}
 
 
 @dataclass(frozen=True, slots=True)

@@ -34,18 +34,21 @@ class Refined:
 
     Attributes
     ----------
-    calibration : with gains corrected by what was seen. direct : (N, N, 3) the refined picture.
+    calibration : with gains corrected by what was seen. frames : the refined picture's, by projector.
     residual : after calibration and after each iteration [rel]. noise_floor : [rel].
     photographs : (LOOP_SIZE, LOOP_SIZE, 3) cell means by name: "before" (uncompensated), "after".
+    target : (LOOP_SIZE, LOOP_SIZE, 3) what was predicted. free : cells that no limit holds.
+    shots : photographs taken.
     """
 
     calibration: Calibration
-    direct: Image
+    frames: Mapping[str, Image]
     residual: list[float]
     noise_floor: float
     photographs: Mapping[str, Array]
     target: Array
     free: NDArray[np.bool_]
+    shots: int
 
     def figures(self) -> dict[str, Figure]:
         """The loop's figures by the names of summary.json."""
@@ -72,6 +75,7 @@ class LoopCamera:
         self.cells = Cells.of(view.direction, view.on_screen)
         self._matrix = calibration.content_from_camera.astype(np.float32)
         self._exposure_s = 0.1
+        self.shots = 0
 
     def expose_for(self, observed: Image) -> None:
         """Choose the shutter time so that the brightest of `observed` fills the sensor well."""
@@ -87,6 +91,7 @@ class LoopCamera:
         """Cell means (N, N, 3) of what is on the dome [rel]."""
         settings = self._camera.configure(CameraSettings(self._exposure_s, "rgb"))
         frame = self._camera.capture()
+        self.shots += 1
         light = self._radiometer.radiance(frame)
         lost = float(np.isnan(light[self.cells.use]).any(axis=-1).mean())
         if lost > 0.01:
@@ -157,12 +162,13 @@ def _finish(  # noqa: PLR0913, PLR0917
     better = replace(calibration, projectors=projectors)
     return Refined(
         better,
-        loop.corrected(wanted.direct),
+        projector_frames(loop.corrected(wanted.direct), calibration),
         residual,
         floor,
         {"before": before, "after": after},
         predicted,
         loop.free,
+        camera.shots,
     )
 
 

@@ -1,0 +1,128 @@
+"""`procam demo`: a simulated venue from the first pattern to the judged report."""
+
+import json
+import resource
+import shutil
+import time
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import Any
+
+from procam.errors import InputError
+from procam.files import atomic
+from procam.files.calibration import load_calibration, next_directory, save_calibration
+from procam.files.venue import Venue, load_venue, template_text
+from procam.interfaces.cli.output import Output
+from procam.interfaces.judge import failed, judge, judge_pictures
+from procam.model.quality import Figure, Goal
+from procam.workflows import capture as capturing
+from procam.workflows.bake import keep_loop, keep_pictures, read_frames
+from procam.workflows.calibrate import solve
+from procam.workflows.pictures import half_sky
+from procam.workflows.refine import Refined, refine
+from procam.workflows.venue_rig import open_rig
+
+CONTENT_SIZE = 1024
+MARKER = "made-by-procam-demo.txt"
+# goals that the easy presets must meet; the others are reported without
+JUDGED_PRESETS = ("ideal", "standard")
+
+
+def run_demo(out: Path, preset: str, output: Output) -> None:
+    """Run everything; exit 1 if a figure misses its goal."""
+    venue = _make_venue(out, preset)
+    output.say(f"Simulated dome, preset {preset}: capture, solve, compensate, refine.")
+    started = time.monotonic()
+    shots, refined = _run(venue, output)
+    figures = {
+        "simulated_run_s": Figure(time.monotonic() - started, "s", Goal("<=", 60.0)),
+        "peak_memory_mib": Figure(
+            resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, "MiB"
+        ),
+        "shots": Figure(shots, "-", Goal("<=", 120.0)),
+        "session_gb": Figure(_gigabytes(out / "sessions"), "GB", Goal("<=", 1.5)),
+    }
+    output.say("The run has ended; the simulator now tells the truth, and the judge compares.")
+    _tell_truth(venue)
+    first = out / "calibrations" / "0001"
+    figures |= judge(first, out / "truth")
+    figures |= judge_pictures(out, first, out / "truth")
+    figures |= refined.figures()
+    if preset not in JUDGED_PRESETS:
+        figures = {name: _without_goal(figure) for name, figure in figures.items()}
+    _write_summary(out, preset, venue, figures)
+    _report(out, output, figures)
+
+
+def _make_venue(out: Path, preset: str) -> Venue:
+    text = template_text(f"simulated-{preset}")
+    if out.exists():
+        if any(out.iterdir()) and not (out / MARKER).is_file():
+            raise InputError(
+                f"--out: got {out}, which holds files of yours, expected a new folder or an "
+                "earlier demo; nothing was touched"
+            )
+        shutil.rmtree(out)
+    out.mkdir(parents=True)
+    (out / MARKER).write_text("procam demo may replace this folder.\n")
+    atomic.write_text(out / "venue.toml", text)
+    return load_venue(out)
+
+
+def _run(venue: Venue, output: Output) -> tuple[int, Refined]:
+    """Everything a venue would see; returns the exposures taken and the loop's outcome."""
+    session = capturing.prepare_session(venue, venue.directory / "sessions" / "0001")
+    content = half_sky(CONTENT_SIZE)
+    with open_rig(venue) as rig:
+        output.follow(capturing.capture(rig, venue, session))
+        solved = output.follow(solve(venue, session))
+        calibration = load_calibration(Path(solved["calibration"]))
+        keep_pictures(venue.directory, calibration, content)
+        refined: Refined = output.follow(refine(rig, calibration, content))["refined"]
+    keep_loop(venue.directory, refined)
+    save_calibration(refined.calibration, next_directory(venue.directory))
+    return session.read_plan().exposures + refined.shots, refined
+
+
+def _tell_truth(venue: Venue) -> None:
+    """Have the backend write what its venue really is; only now, when nothing is left to solve."""
+    name = next(iter(venue.table.cameras.values())).backend
+    writer: Any = entry_points(group="procam.truth")[name].load()
+    frames = venue.directory / "frames"
+    pictures = {p.name: read_frames(p) for p in sorted(frames.iterdir())}
+    writer(venue.backends.get(name, {}), venue.directory, venue.directory / "truth", pictures)
+
+
+def _write_summary(out: Path, preset: str, venue: Venue, figures: dict[str, Figure]) -> None:
+    seed = venue.backends["simulated"].get("seed")
+    command = f"procam demo --preset {preset}"
+    document = {
+        "preset": preset,
+        "figures": {
+            name: figure.as_dict() | {"seed": seed, "command": command}
+            for name, figure in figures.items()
+        },
+    }
+    atomic.write_text(out / "summary.json", json.dumps(document, indent=1))
+
+
+def _report(out: Path, output: Output, figures: dict[str, Figure]) -> None:
+    import typer
+
+    from procam.interfaces.report import write_report
+
+    report = write_report(out)
+    output.table(figures)
+    output.say(f"Open {report} in a browser; all figures are in {out / 'summary.json'}.")
+    output.finish(json.loads((out / "summary.json").read_text("utf-8")))
+    if failed(figures):
+        output.say("FAILED: " + ", ".join(failed(figures)))
+        raise typer.Exit(1)
+
+
+def _without_goal(figure: Figure) -> Figure:
+    return Figure(figure.value, figure.unit, None, figure.samples, figure.note)
+
+
+def _gigabytes(folder: Path) -> float:
+    return sum(p.stat().st_size for p in folder.rglob("*") if p.is_file()) / 1e9

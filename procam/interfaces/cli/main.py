@@ -1,0 +1,225 @@
+"""The `procam` command. Heavy imports wait until a command runs: `--help` stays quick."""
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from procam.errors import DeviceError, ProcamError
+from procam.interfaces.cli.output import Output
+
+app = typer.Typer(
+    name="procam",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+    help="Calibrate a projection dome with cameras, and take the light that bounces round it out "
+    "of its pictures. Start with `procam demo`.",
+)
+
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of text.")]
+VenueArgument = Annotated[Path, typer.Argument(help="Venue folder with a venue.toml.")]
+CalibrationArgument = Annotated[
+    Path, typer.Argument(help="Calibration directory, such as VENUE/calibrations/0001.")
+]
+
+
+@app.command(epilog="Example: procam demo --out demo-run --preset standard")
+def demo(
+    out: Annotated[Path, typer.Option(help="Folder to make; an earlier demo is replaced.")] = Path(
+        "demo-run"
+    ),
+    preset: Annotated[str, typer.Option(help="ideal, standard, realistic or faulty.")] = "standard",
+    json: Json = False,
+) -> None:
+    """Calibrate and clean a simulated dome, and judge the result against the truth."""
+    from procam.interfaces.cli.demo import run_demo
+
+    run_demo(out, preset, Output(json))
+
+
+@app.command(epilog="Example: procam init my-dome --template simulated-standard")
+def init(
+    venue: Annotated[Path, typer.Argument(help="Folder to make.")],
+    template: Annotated[str, typer.Option(help="Which example to start from.")],
+    json: Json = False,
+) -> None:
+    """Write a complete, commented venue.toml to start from."""
+    from procam.interfaces.cli.venues import run_init
+
+    run_init(venue, template, Output(json))
+
+
+@app.command(epilog="Example: procam capture my-dome --dry-run")
+def capture(
+    venue: VenueArgument,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Only say how many shots, minutes and GB.")
+    ] = False,
+    json: Json = False,
+) -> None:
+    """Show the patterns and photograph them. Killed or unplugged, it resumes where it stopped."""
+    from procam.interfaces.cli.venues import run_capture
+
+    run_capture(venue, dry_run, Output(json))
+
+
+@app.command(epilog="Example: procam solve my-dome/sessions/0001")
+def solve(
+    session: Annotated[Path, typer.Argument(help="Session folder, such as VENUE/sessions/0001.")],
+    json: Json = False,
+) -> None:
+    """Calibrate from stored captures alone; no device is touched."""
+    from procam.interfaces.cli.venues import run_solve
+
+    run_solve(session, Output(json))
+
+
+@app.command(epilog="Example: procam calibrate my-dome")
+def calibrate(venue: VenueArgument, json: Json = False) -> None:
+    """Capture, solve and report, in one go."""
+    from procam.interfaces.cli.venues import run_calibrate
+
+    run_calibrate(venue, Output(json))
+
+
+@app.command(epilog="Example: procam refine my-dome --picture sky.exr")
+def refine(
+    venue: VenueArgument,
+    picture: Annotated[
+        Path | None, typer.Option(help="Dome master to refine on; a half sky if none is given.")
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Show the compensated picture, photograph it, correct what is left; a new calibration."""
+    from procam.interfaces.cli.venues import run_refine
+
+    run_refine(venue, picture, Output(json))
+
+
+@app.command(epilog="Example: procam compensate my-dome/calibrations/0001 sky.png sky-direct.exr")
+def compensate(
+    calibration: CalibrationArgument,
+    source: Annotated[Path, typer.Argument(metavar="IN", help="Dome master: PNG, TIFF or EXR.")],
+    out: Annotated[Path, typer.Argument(metavar="OUT", help="Where to write it.")],
+    method: Annotated[
+        str, typer.Option(help="exact, paper-eq12 (for comparison) or none.")
+    ] = "exact",
+    json: Json = False,
+) -> None:
+    """Take the scattered light out of a dome master.
+
+    1.0 (255 of 8 bits) is the calibration's reference white. Integer pictures are sRGB, EXR is
+    linear. OUT is the direct light to send, also a dome master.
+    """
+    from procam.interfaces.cli.pictures import run_compensate
+
+    run_compensate(calibration, source, out, method, Output(json))
+
+
+@app.command(epilog="Example: procam warp my-dome/calibrations/0001 sky-direct.exr frames")
+def warp(
+    calibration: CalibrationArgument,
+    source: Annotated[Path, typer.Argument(metavar="IN", help="Picture of direct light.")],
+    out: Annotated[Path, typer.Argument(metavar="OUT", help="Folder for PROJECTOR.png.")],
+    json: Json = False,
+) -> None:
+    """Make each projector's frame: warp, blend, colour, response."""
+    from procam.interfaces.cli.pictures import run_warp
+
+    run_warp(calibration, source, out, Output(json))
+
+
+@app.command(epilog="Example: procam report my-dome")
+def report(
+    where: Annotated[Path, typer.Argument(metavar="VENUE|SESSION", help="What to report on.")],
+    json: Json = False,
+) -> None:
+    """Write report.html, one self-contained file."""
+    from procam.interfaces.cli.pictures import run_report
+
+    run_report(where, Output(json))
+
+
+@app.command(epilog="Example: procam judge demo-run/calibrations/0001 demo-run/truth")
+def judge(
+    calibration: CalibrationArgument,
+    truth: Annotated[Path, typer.Argument(help="The truth, in the same format.")],
+    json: Json = False,
+) -> None:
+    """Compare a calibration with the truth; exit 1 if a figure misses its goal."""
+    from procam.interfaces.cli.pictures import run_judge
+
+    run_judge(calibration, truth, Output(json))
+
+
+@app.command(epilog="Example: procam inspect my-dome/calibrations/0001")
+def inspect(
+    file: Annotated[Path, typer.Argument(help="Calibration, session, plan, map or picture.")],
+    json: Json = False,
+) -> None:
+    """Say what a file or folder of procam's holds, and check that it is whole."""
+    from procam.interfaces.cli.pictures import run_inspect
+
+    run_inspect(file, Output(json))
+
+
+@app.command(epilog="Example: procam decode photos --size 1024x768 --out map.exr")
+def decode(
+    images: Annotated[
+        Path,
+        typer.Argument(
+            help="Folder of pictures, sorted by name: column bits (finest last) as pattern, "
+            "inverse; row bits; white; black."
+        ),
+    ],
+    size: Annotated[str, typer.Option(help="Projector size, such as 1280x800.")],
+    out: Annotated[Path, typer.Option(help="EXR map: projector.x, projector.y, sigma.")],
+    code: Annotated[str, typer.Option(help="gray.")] = "gray",
+    white_black: Annotated[
+        float | None, typer.Option(help="Least white - black [counts]; automatic if not given.")
+    ] = None,
+    contrast: Annotated[
+        float | None, typer.Option(help="Least |pattern - inverse| [counts]; automatic.")
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Decode a folder of structured-light pictures; needs no venue."""
+    from procam.interfaces.cli.decoding import run_decode
+
+    run_decode(images, size, out, code, (white_black, contrast), Output(json))
+
+
+@app.command(epilog="Example: procam projector my-dome north shutter closed")
+def projector(
+    venue: VenueArgument,
+    name: Annotated[str, typer.Argument(metavar="ID", help="Projector's name in venue.toml.")],
+    action: Annotated[str, typer.Argument(help="state, on, off, input, shutter or hours.")],
+    value: Annotated[
+        str, typer.Argument(help="open or closed for shutter; a source code for input.")
+    ] = "",
+    json: Json = False,
+) -> None:
+    """Ask or tell a projector over its serial remote control."""
+    from procam.interfaces.cli.venues import run_projector
+
+    run_projector(venue, name, action, value, Output(json))
+
+
+def main() -> None:
+    """Entry point: errors become one clear line; 2 for bad input, 1 for a failed device or check."""
+    try:
+        app()
+    except DeviceError as error:
+        sys.exit(_complain(error, 1))
+    except ProcamError as error:
+        sys.exit(_complain(error, 2))
+    except KeyboardInterrupt:
+        sys.exit(_complain(ProcamError("stopped; projectors are dark, the run can be resumed"), 130))
+
+
+def _complain(error: ProcamError, code: int) -> int:
+    sys.stderr.write(f"procam: {error}\n")
+    return code

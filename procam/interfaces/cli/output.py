@@ -1,0 +1,67 @@
+"""Text or one JSON document, and progress on a terminal."""
+
+import json
+import sys
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from procam.model.quality import Figure
+    from procam.workflows.events import Event
+
+
+class Output:
+    """Where a command talks to: people (text, progress) or machines (`as_json`)."""
+
+    def __init__(self, as_json: bool) -> None:
+        self.as_json = as_json
+
+    def say(self, text: str) -> None:
+        """A line for people."""
+        if not self.as_json:
+            sys.stdout.write(text + "\n")
+
+    def finish(self, document: Mapping[str, Any]) -> None:
+        """The one document for machines."""
+        if self.as_json:
+            sys.stdout.write(json.dumps(document, indent=1) + "\n")
+
+    def follow(self, events: Iterator["Event"]) -> dict[str, Any]:
+        """Run a workflow, show its progress on stderr, return the data of its last event."""
+        from rich.console import Console
+        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+        console = Console(stderr=True)
+        data: dict[str, Any] = {}
+        columns = (TextColumn("{task.fields[stage]:>8}"), BarColumn(30))
+        tail = (TextColumn("{task.completed}/{task.total}"), TimeElapsedColumn())
+        text = TextColumn("{task.description}")
+        quiet = self.as_json or not console.is_terminal
+        with Progress(*columns, *tail, text, console=console, disable=quiet) as progress:
+            task = progress.add_task("", stage="", total=None)
+            for event in events:
+                progress.update(
+                    task,
+                    completed=event.done,
+                    total=event.total,
+                    description=event.text,
+                    stage=event.stage,
+                )
+                data = event.data
+        return data
+
+    def table(self, figures: Mapping[str, "Figure"]) -> None:
+        """Figures with goal and verdict."""
+        for name, figure in figures.items():
+            verdict = {True: "pass", False: "FAIL", None: ""}[figure.passed]
+            goal = f"{figure.goal.op} {figure.goal.value}" if figure.goal else ""
+            unit = "" if figure.unit == "-" else figure.unit
+            self.say(f"  {name:30} {_short(figure.value):>28} {unit:7} {goal:14} {verdict}")
+
+
+def _short(value: Any) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, list):
+        return " ".join(f"{v:.4g}" for v in value)
+    return f"{value:.4g}"

@@ -1,0 +1,188 @@
+"""Commands that work on a venue and its devices."""
+
+from pathlib import Path
+from typing import Any
+
+from procam.errors import InputError
+from procam.files import atomic
+from procam.files.calibration import (
+    latest_calibration,
+    load_calibration,
+    next_directory,
+    save_calibration,
+)
+from procam.files.session import Session
+from procam.files.venue import Venue, load_venue, template_text
+from procam.interfaces.cli.output import Output
+from procam.workflows import capture as capturing
+from procam.workflows.bake import keep_loop, keep_pictures, read_square
+from procam.workflows.calibrate import solve
+from procam.workflows.pictures import half_sky
+from procam.workflows.refine import Refined, refine
+from procam.workflows.venue_rig import open_rig
+
+OVERHEAD_S = 1.0  # per exposure: show, settle, read out, store
+CONTENT_SIZE = 1024
+
+
+def run_init(directory: Path, template: str, output: Output) -> None:
+    """`procam init`."""
+    text = template_text(template)
+    path = directory / "venue.toml"
+    if path.exists():
+        raise InputError(f"{path}: got an existing file, expected none; choose another folder")
+    atomic.write_text(path, text)
+    output.say(f"{path} written; edit it, then run: procam capture {directory} --dry-run")
+    output.finish({"venue": str(path)})
+
+
+def run_capture(directory: Path, dry_run: bool, output: Output) -> None:
+    """`procam capture`."""
+    venue = load_venue(directory)
+    if dry_run:
+        _dry_run(venue, output)
+        return
+    session = take(venue, output)
+    output.say(f"captured; now run: procam solve {session.directory}")
+    output.finish({"session": str(session.directory)})
+
+
+def run_solve(directory: Path, output: Output) -> Path:
+    """`procam solve`."""
+    venue = load_venue(venue_of(directory))
+    data = output.follow(solve(venue, Session(directory)))
+    calibration = load_calibration(Path(data["calibration"]))
+    output.say(f"{data['calibration']} written")
+    output.table(calibration.quality)
+    output.finish({"calibration": data["calibration"]})
+    return Path(data["calibration"])
+
+
+def run_calibrate(directory: Path, output: Output) -> None:
+    """`procam calibrate`."""
+    from procam.interfaces.report import write_report
+
+    venue = load_venue(directory)
+    session = take(venue, output)
+    data = output.follow(solve(venue, session))
+    keep_pictures(directory, load_calibration(Path(data["calibration"])), half_sky(CONTENT_SIZE))
+    report = write_report(directory)
+    output.say(f"{data['calibration']} and {report} written")
+    output.finish({"calibration": data["calibration"], "report": str(report)})
+
+
+def run_refine(directory: Path, picture: Path | None, output: Output) -> None:
+    """`procam refine`."""
+    venue = load_venue(directory)
+    calibration = load_calibration(latest_calibration(directory))
+    content = read_square(picture) if picture else half_sky(CONTENT_SIZE)
+    with open_rig(venue) as rig:
+        rig.start()
+        refined: Refined = output.follow(refine(rig, calibration, content))["refined"]
+    keep_pictures(directory, calibration, content)
+    keep_loop(directory, refined)
+    out = next_directory(directory)
+    save_calibration(refined.calibration, out)
+    output.say(f"{out} written")
+    output.table(refined.figures())
+    figures = {n: f.as_dict() for n, f in refined.figures().items()}
+    output.finish({"calibration": str(out), "figures": figures})
+
+
+def run_projector(directory: Path, name: str, action: str, value: str, output: Output) -> None:
+    """`procam projector`."""
+    venue = load_venue(directory)
+    if name not in venue.table.projectors:
+        raise InputError(
+            f"projector: got {name!r}, expected one of {', '.join(venue.table.projectors)}"
+        )
+    rig = open_rig(venue)
+    try:
+        if name not in rig.controls:
+            raise InputError(
+                f"projector {name}: got no control table in venue.toml, expected "
+                'control = { protocol = "escvp21", port = "/dev/ttyUSB0" }'
+            )
+        document = _tell(rig.controls[name], action, value)
+    finally:
+        rig.release()
+    for key, shown in document.items():
+        output.say(f"{key:>12}  {shown}")
+    output.finish(document)
+
+
+def take(venue: Venue, output: Output) -> Session:
+    """Capture into the newest unfinished session, or a new one."""
+    session = capturing.prepare_session(venue, open_session(venue))
+    with open_rig(venue) as rig:
+        output.follow(capturing.capture(rig, venue, session))
+    return session
+
+
+def open_session(venue: Venue) -> Path:
+    """The newest session if it is unfinished, else the next number."""
+    folder = venue.directory / "sessions"
+    known = sorted(p for p in folder.glob("[0-9]*") if p.is_dir())
+    if known:
+        session = Session(known[-1])
+        if not (known[-1] / "plan.json").is_file():
+            return known[-1]
+        if capturing.missing_shots(session, session.read_plan(), list(venue.cameras)):
+            return known[-1]
+    return folder / f"{len(known) + 1:04d}"
+
+
+def venue_of(session: Path) -> Path:
+    """The venue folder of VENUE/sessions/ID."""
+    folder = session.resolve().parent
+    if folder.name != "sessions":
+        raise InputError(
+            f"session: got {session}, expected a folder such as VENUE/sessions/0001"
+        )
+    return folder.parent
+
+
+def _dry_run(venue: Venue, output: Output) -> None:
+    from procam.estimate.patterns import plan_visit
+
+    sizes = {name: entry.size for name, entry in venue.table.projectors.items()}
+    capture = venue.table.capture
+    plan, _ = plan_visit(sizes, capture.exposure_s, capture.black_exposure_s)
+    seconds = sum(e + OVERHEAD_S for shot in plan.shots for e in shot.exposures_s)
+    pixels = sum(c.size[0] * c.size[1] for c in venue.cameras.values())
+    planes = sum(
+        len(shot.exposures_s) * (1 if shot.pixel_format == "mono" else 3) for shot in plan.shots
+    )
+    document = {
+        "shots": len(plan.shots),
+        "exposures": plan.exposures,
+        "minutes": round(seconds / 60, 1),
+        "gigabytes": round(2 * pixels * planes / 1e9, 2),
+    }
+    output.say("{shots} shots, {exposures} exposures, {minutes} min, {gigabytes} GB".format(**document))
+    output.finish(document)
+
+
+def _tell(control: Any, action: str, value: str) -> dict[str, Any]:
+    if action in ("on", "off"):
+        control.set_power(action == "on")
+    elif action == "input":
+        control.set_input(value)
+    elif action == "shutter":
+        if value not in ("open", "closed"):
+            raise InputError(f"shutter: got {value!r}, expected open or closed")
+        control.set_shutter(value == "closed")
+    elif action not in ("state", "hours"):
+        raise InputError(
+            f"action: got {action!r}, expected state, on, off, input, shutter or hours"
+        )
+    state = control.state()
+    if action == "hours":
+        return {"lamp_hours": state.lamp_hours}
+    return {
+        "power": str(state.power),
+        "shuttered": state.shuttered,
+        "source": state.source,
+        "lamp_hours": state.lamp_hours,
+        "errors": list(state.errors),
+    }
