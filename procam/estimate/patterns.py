@@ -11,7 +11,6 @@ from procam.model.plan import Plan, Shot
 Picture = NDArray[np.uint8]
 SEPARATION_BITS = (4, 5, 6, 7)  # stripes wide enough to hold pixels clear of any edge
 LEVELS = (0, 16, 32, 48, 64, 80, 96, 112, 128, 144, 160, 176, 192, 208, 224, 240, 255)
-LEVEL_TILE = 32
 LEVEL_PICTURES = 2
 AXES = ("x", "y")
 
@@ -75,15 +74,21 @@ def code_picture(size: tuple[int, int], axis: str, bit: int, inverse: bool) -> P
     return (255 * plane[..., None]).astype(np.uint8)
 
 
+def level_tile(size: tuple[int, int]) -> int:
+    """Edge of a level tile [px]: enough tiles for every level, each wider than any blur."""
+    return max(16, min(64, size[0] // 40))
+
+
 def level_pictures(size: tuple[int, int]) -> list[Picture]:
     """Tiles of all drive levels side by side: their flux is balanced, so no picture is special."""
     width, height = size
+    tile = level_tile(size)
     rng = np.random.default_rng(0)
-    rows, columns = -(-height // LEVEL_TILE), -(-width // LEVEL_TILE)
+    rows, columns = -(-height // tile), -(-width // tile)
     pictures = []
     for _ in range(LEVEL_PICTURES):
         deck = np.resize(np.array(LEVELS, np.uint8), rows * columns)
         tiles = rng.permutation(deck).reshape(rows, columns)
-        picture = np.kron(tiles, np.ones((LEVEL_TILE, LEVEL_TILE), np.uint8))
+        picture = np.kron(tiles, np.ones((tile, tile), np.uint8))
         pictures.append(picture[:height, :width, None].astype(np.uint8))
     return pictures

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
 from procam.errors import NotEnoughData, OutOfModelRange
-from procam.estimate.patterns import LEVEL_TILE, LEVELS
+from procam.estimate.patterns import LEVELS, level_tile
 from procam.model.photometry import ResponseCurve
 
 Array = NDArray[np.float64]
@@ -43,11 +43,12 @@ def tile_levels(
     picture: NDArray[np.floating], projector_xy: Image, lit: NDArray[np.bool_]
 ) -> NDArray[np.intp]:
     """Index into LEVELS (H, W) that each camera pixel sees of a level picture; -1 near tile edges."""
-    inside = lit & np.isfinite(projector_xy[..., 0])
-    place = np.mod(np.nan_to_num(projector_xy) + 0.5, LEVEL_TILE)
-    inside &= np.all(np.abs(place - LEVEL_TILE / 2) < LEVEL_TILE / 2 - TILE_MARGIN_PX, axis=-1)
-    xy = np.rint(np.nan_to_num(projector_xy)).astype(int)
     height, width = picture.shape[:2]
+    tile = level_tile((width, height))
+    inside = lit & np.isfinite(projector_xy[..., 0])
+    place = np.mod(np.nan_to_num(projector_xy) + 0.5, tile)
+    inside &= np.all(np.abs(place - tile / 2) < tile / 2 - TILE_MARGIN_PX, axis=-1)
+    xy = np.rint(np.nan_to_num(projector_xy)).astype(int)
     drive = picture[np.clip(xy[..., 1], 0, height - 1), np.clip(xy[..., 0], 0, width - 1), 0]
     return np.where(inside, np.searchsorted(LEVELS, np.rint(255 * drive)), -1)
 
