@@ -2,6 +2,7 @@
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtri
 
 from procam.devices.protocols import Shown
 from procam.errors import ShapeError, UnitError
@@ -12,6 +13,7 @@ from simulators.scene import ALL_BANDS, GREEN, DomeScene, camera_circle
 
 SETTLE_S = 0.1
 READOUT_S = 0.2
+NORMAL_TABLE = ndtri((np.arange(2**16) + 0.5) / 2**16).astype(np.float32)
 
 
 class SimulatedProjector:
@@ -49,7 +51,8 @@ class SimulatedCamera:
         self.size = self._build.size
         self._settings = CameraSettings(exposure_s=0.1)
         self._vignetting = _vignetting(self._build)
-        self._circle = camera_circle(self._build)
+        circle = camera_circle(self._build)
+        self._mean_weight = (circle / circle.sum()).astype(np.float32).ravel()
 
     def configure(self, settings: CameraSettings) -> CameraSettings:
         """Takes any exposure from 0.1 ms to 60 s; the gain is fixed."""
@@ -64,12 +67,14 @@ class SimulatedCamera:
         bands = GREEN if settings.pixel_format == "mono" else ALL_BANDS
         view = self._scene.camera_view(self.name)
         # one camera pixel covers about 1.3 projector pixels of the usual venues
-        radiance = self._scene.radiance(view, bands, 1.3 * self._build.blur_px)
+        signal = self._scene.radiance(view, bands, 1.3 * self._build.blur_px)
         drift = 1 + self._scene.preset.drift * started / 600.0
         veil = self._scene.preset.glare
-        mean = radiance[self._circle].mean(axis=0)
-        radiance = ((1 - veil) * radiance + veil * mean) * np.float32(drift)
-        counts = self._digitise(radiance * self._vignetting * np.float32(settings.exposure_s))
+        mean = self._mean_weight @ signal.reshape(self._mean_weight.size, -1)
+        signal *= np.float32(1 - veil)
+        signal += np.float32(veil) * mean
+        signal *= self._vignetting * np.float32(drift * settings.exposure_s)
+        counts = self._digitise(signal)
         clock.sleep(settings.exposure_s + READOUT_S)
         if settings.pixel_format == "mono":
             counts = counts[..., 0]
@@ -85,14 +90,24 @@ class SimulatedCamera:
                 np.uint16
             )
         full = 2**build.bits - 1 - build.black_level
-        white = 0.7 * full
-        per_count = white / preset.white_snr**2
-        counts = signal * np.float32(full)
-        rng = self._scene.noise_stream(self.name, self._settings)
-        noise = rng.standard_normal(counts.shape, dtype=np.float32)
-        counts += noise * np.sqrt(counts * np.float32(per_count) + build.read_noise_dn**2)
-        counts += np.float32(build.black_level)
-        return np.clip(np.rint(counts), 0, 2**build.bits - 1).astype(np.uint16)
+        per_count = 0.7 * full / preset.white_snr**2
+        signal *= np.float32(full)
+        spread = np.maximum(signal, 0)
+        spread *= np.float32(per_count)
+        spread += np.float32(build.read_noise_dn**2)
+        np.sqrt(spread, out=spread)
+        spread *= _normal(self._scene.noise_stream(self.name, self._settings), signal.shape)
+        signal += spread
+        signal += np.float32(build.black_level)
+        np.rint(signal, out=signal)
+        return np.clip(signal, 0, 2**build.bits - 1, out=signal).astype(np.uint16)
+
+
+def _normal(rng: np.random.Generator, shape: tuple[int, ...]) -> NDArray[np.float32]:
+    """Standard normal noise by table from 16 random bits each: twice as fast, good to 4 sigma."""
+    count = int(np.prod(shape))
+    bits = rng.bit_generator.random_raw(-(-count // 4)).view(np.uint16)[:count]
+    return NORMAL_TABLE[bits].reshape(shape)
 
 
 def _vignetting(build: CameraBuild) -> NDArray[np.float32]:

@@ -42,11 +42,16 @@ class ProjectorBuild:
     bits: int = 10
 
     def linear(self, drive: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Relative light (H, W, 3) of the primaries for a drive (H, W, 3) in 0..1."""
-        gamma, toe = self.gamma.astype(np.float32), self.toe.astype(np.float32)
-        return np.asarray(
-            (1 - toe) * drive**gamma + toe * drive**2 * (3 - 2 * drive), dtype=np.float32
-        )
+        """Relative light (..., 3) of the primaries for a drive (..., 3) in 0..1, as quantised."""
+        steps = 2**self.bits - 1
+        code = np.rint(drive * np.float32(steps)).astype(np.intp)
+        table = self.response(np.arange(steps + 1) / steps).astype(np.float32)
+        return np.stack([table[:, c][code[..., c]] for c in range(3)], axis=-1)
+
+    def response(self, drive: Array) -> Array:
+        """Light (N, 3) of the three primaries at drives (N,)."""
+        v = drive[:, None]
+        return np.asarray((1 - self.toe) * v**self.gamma + self.toe * v * v * (3 - 2 * v))
 
 
 @dataclass(frozen=True)

@@ -160,7 +160,7 @@ def _camera(camera: CameraBuild, glare: float) -> dict[str, Any]:
 
 def _projector(build: ProjectorBuild) -> dict[str, Any]:
     levels = np.linspace(0, 1, 257)
-    values = build.linear(np.repeat(levels[:, None], 3, axis=1).astype(np.float32))
+    values = build.response(levels)
     mix = build.colour_mix / build.colour_mix.sum(axis=1, keepdims=True)
     return {
         "size": list(build.size),

@@ -24,14 +24,14 @@ class View:
     ----------
     on_dome : (H, W) the line ends on the cap. albedo : (H, W) of what it ends on.
     scatter_at : (H, W, 2) where to read the dome's scattered irradiance.
-    elsewhere : (H, W) room patch for lines that end on the deck; -1 elsewhere.
+    floor : flat places of the lines that end on the deck, and the room patches there.
     sources : per projector, (H, W, 2) projector pixel seen and (H, W) direct radiance per irradiance.
     """
 
     on_dome: NDArray[np.bool_]
     albedo: Image
     scatter_at: Image
-    elsewhere: NDArray[np.intp]
+    floor: tuple[NDArray[np.intp], NDArray[np.intp]]
     sources: dict[str, tuple[Image, Image]]
 
     @classmethod
@@ -66,7 +66,8 @@ class View:
         seen = cv2.remap(
             irradiance, where, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT
         ).reshape(*gain.shape, -1)
-        return np.asarray(seen * gain[..., None])
+        seen *= gain[..., None]
+        return np.asarray(seen)
 
     def scattered(self, room: Room, patch_irradiance: Array) -> Image:
         """Radiance (H, W, C) of light that has bounced before."""
@@ -74,11 +75,12 @@ class View:
         seen = cv2.remap(image, self.scatter_at, None, cv2.INTER_LINEAR).reshape(
             *self.albedo.shape, -1
         )
-        radiance = seen * self.albedo[..., None]
-        floor = self.elsewhere >= 0
-        patch = self.elsewhere[floor]
-        radiance[floor] = patch_irradiance[patch] * room.albedo[patch][:, None]
-        return np.asarray(radiance, dtype=np.float32)
+        seen *= self.albedo[..., None]
+        place, patch = self.floor
+        seen.reshape(-1, seen.shape[-1])[place] = (
+            patch_irradiance[patch] * room.albedo[patch][:, None]
+        )
+        return np.asarray(seen, dtype=np.float32)
 
 
 def _source(  # noqa: PLR0913, PLR0917
@@ -106,13 +108,11 @@ def _source(  # noqa: PLR0913, PLR0917
 
 def _deck_patches(
     room: Room, origin: Array, rays: Array, beyond: NDArray[np.bool_]
-) -> NDArray[np.intp]:
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     deck = Deck.under(room.surface.preset)
     with np.errstate(divide="ignore", invalid="ignore"):
         reach = -(origin @ deck.up + deck.depth_m) / (rays @ deck.up)
         point = origin + reach[..., None] * rays
         radius = np.linalg.norm(point + deck.depth_m * deck.up, axis=-1)
         hit = beyond & (reach > 0) & (radius <= deck.radius_m)
-    patch = np.full(hit.shape, -1, dtype=np.intp)
-    patch[hit] = room.floor_patch(point[hit])
-    return patch
+    return np.flatnonzero(hit), room.floor_patch(point[hit])

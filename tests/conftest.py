@@ -57,7 +57,7 @@ def _calibration(
 
     `feedback` is m on the maps' own solid angles before their slow waves; `lo` the black level.
     """
-    dome = Dome(6.0, np.pi / 2, np.radians(10.0), 0.1, 0.03)
+    dome = Dome(6.0, np.pi / 2, float(np.radians(10.0)), 0.1, 0.03)
     camera = CameraModel(
         "zenith",
         (64, 48),

@@ -62,9 +62,9 @@ def decode_gray_pairs(
     for pair in pairs:
         if pair.bright.shape != white.shape:
             raise ShapeError(f"code {pair.axis}{pair.bit}", pair.bright.shape, f"{white.shape}")
-        difference = pair.bright - pair.inverse
-        code[pair.axis] |= (difference > 0).astype(np.int32) << pair.bit
-        strength = np.abs(difference)
+        strength = pair.bright - pair.inverse
+        code[pair.axis] |= (strength > 0).astype(np.int32) << pair.bit
+        np.abs(strength, out=strength)
         with np.errstate(invalid="ignore"):
             valid &= strength >= limits.contrast
         if 2 ** (pair.bit + 1) >= COARSE_STRIPE_PX:

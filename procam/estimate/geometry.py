@@ -136,6 +136,7 @@ class _Problem:
     ) -> None:
         self.camera, self.dome, self.projectors = camera, dome, projectors
         self.observations = observations
+        self.rays = {n: unproject(o.camera_px, camera.lens) for n, o in observations.items()}
         self.fiducials = [f for f in fiducials if f.camera == camera.name]
         self.count = CAMERA_PARAMETERS + PROJECTOR_PARAMETERS * len(projectors)
 
@@ -163,15 +164,15 @@ class _Problem:
     def drop_outliers(self) -> None:
         """Forget blocks whose residual is far outside the crowd's."""
         for name, obs in self.observations.items():
-            error = np.linalg.norm(self._residual(self.camera, self.projectors[name], obs), axis=1)
+            error = np.linalg.norm(self._residual(self.camera, name, self.projectors[name]), axis=1)
             keep = error < OUTLIER_SIGMAS * 1.4826 * np.median(error)
             self.observations[name] = Observations(obs.camera_px[keep], obs.projector_px[keep])
+            self.rays[name] = self.rays[name][keep]
 
     def solution(self) -> GeometrySolution:
         """The result with its covariance, scaled by the residuals' own variance."""
         residual = {
-            n: self._residual(self.camera, self.projectors[n], o)
-            for n, o in self.observations.items()
+            n: self._residual(self.camera, n, p) for n, p in self.projectors.items()
         }
         matrix, _ = self._normal_equations()
         covariance = np.linalg.inv(matrix)
@@ -192,11 +193,10 @@ class _Problem:
         matrix[own, own] += jacobian.T @ jacobian
         gradient[own] += jacobian.T @ error
         for i, (name, projector) in enumerate(self.projectors.items()):
-            obs = self.observations[name]
 
-            def residual(x: Array, p: ProjectorModel = projector, o: Observations = obs) -> Array:
+            def residual(x: Array, n: str = name, p: ProjectorModel = projector) -> Array:
                 camera = _moved_camera(self.camera, x[:CAMERA_PARAMETERS])
-                return self._residual(camera, changed_projector(p, x[CAMERA_PARAMETERS:]), o).ravel()
+                return self._residual(camera, n, changed_projector(p, x[CAMERA_PARAMETERS:])).ravel()
 
             jacobian, error = _differentiate(residual, step_sizes(projector, self.dome))
             weight = 1 / max(float(np.mean(error**2)), 1e-12)
@@ -219,16 +219,16 @@ class _Problem:
         sigma_px = np.array([f.sigma for f in self.fiducials]) * float(np.mean(camera.lens.focal))
         return np.asarray((error / sigma_px[:, None]).ravel())
 
-    def _residual(self, camera: CameraModel, projector: ProjectorModel, obs: Observations) -> Array:
-        points = camera_points(camera, self.dome, obs.camera_px)
+    def _residual(self, camera: CameraModel, name: str, projector: ProjectorModel) -> Array:
+        points = points_of_rays(camera, self.dome, self.rays[name])
         seen = project(projector.projector_from_dome.apply(points), projector.lens)
         # a step that puts points behind the projector must cost, not poison
-        return np.nan_to_num(seen - obs.projector_px, nan=1e4)
+        return np.nan_to_num(seen - self.observations[name].projector_px, nan=1e4)
 
     def _cost(self, camera: CameraModel, projectors: dict[str, ProjectorModel]) -> float:
         total = float(np.sum(self._fiducial_residual(camera) ** 2))
-        for name, obs in self.observations.items():
-            error = self._residual(camera, projectors[name], obs)
+        for name, projector in projectors.items():
+            error = self._residual(camera, name, projector)
             total += error.size * float(np.log(np.mean(error**2) + 1e-12))
         return total
 

@@ -57,20 +57,23 @@ class Separation:
     def __init__(
         self, white: Image, projector_xy: Image, lit: Mask, solid_angle_sr: Array
     ) -> None:
-        self._solid = solid_angle_sr.astype(np.float32)
+        usable = np.isfinite(white).all(axis=-1)
+        self._solid = np.where(usable, solid_angle_sr, 0).astype(np.float32)
         self._white_flux = self.total(white)
         self._xy = projector_xy
-        self._inside = grow(lit, -2)
-        self._outside = (solid_angle_sr > 0) & ~grow(lit, CLEAR_CAMERA_PX)
-        self._sum = np.nan_to_num(white)
-        self._count = np.isfinite(white).astype(np.float32)
-        outside = self._outside[..., None] & np.isfinite(white)
-        self._dark_sum = np.where(outside, white, 0).astype(np.float32)
-        self._dark_weight = outside.astype(np.float32)
+        self._index = np.rint(np.nan_to_num(projector_xy)).astype(np.int32)
+        self._inside = grow(lit & usable, -2)
+        self._outside = (self._solid > 0) & ~grow(lit, CLEAR_CAMERA_PX)
+        self._sum, self._count = np.nan_to_num(white), 1
+        self._dark_sum = np.where(self._outside[..., None], self._sum, 0)
+        self._dark_weight = np.where(self._outside[..., None], np.ones(3, np.float32), 0)
 
     def total(self, light: Image) -> Array:
-        """Total light (C,) on the screen [radiance sr]."""
-        return np.tensordot(self._solid, np.nan_to_num(light), 2).astype(float)
+        """Total light (C,) on the screen [radiance sr]; saturated pixels count as dark."""
+        total = np.tensordot(self._solid, light, 2).astype(float)
+        if not np.isfinite(total).all():
+            total = np.tensordot(self._solid, np.nan_to_num(light), 2).astype(float)
+        return total
 
     def flux_share(self, light: Image) -> Array:
         """Flux (3,) of a picture relative to white's: totals scale as direct fluxes do."""
@@ -78,27 +81,26 @@ class Separation:
 
     def add_pair(self, axis: str, bit: int, pattern: Image, inverse: Image) -> None:
         """Fold in a stripe picture and its inverse, (H, W, 3), black taken off."""
-        both = pattern + inverse
-        good = np.isfinite(both)
-        self._sum += np.where(good, both, 0)
-        self._count += good
-        coordinate = self._xy[..., 0 if axis == "x" else 1]
+        self._sum += pattern
+        self._sum += inverse
+        self._count += 1
+        which = 0 if axis == "x" else 1
         with np.errstate(invalid="ignore"):
-            clear = self._inside & (edge_distance(coordinate, bit) > CLEAR_PX)
-        bright = is_bright(coordinate, bit)
+            clear = self._inside & (edge_distance(self._xy[..., which], bit) > CLEAR_PX)
+        bright = is_bright(self._index[..., which], bit)
         self._add_dark(pattern, (clear & ~bright) | self._outside)
         self._add_dark(inverse, (clear & bright) | self._outside)
 
     def _add_dark(self, light: Image, dark: Mask) -> None:
         share = self.flux_share(light).astype(np.float32)
-        good = dark[..., None] & np.isfinite(light)
-        self._dark_sum += np.where(good, light, 0) * share
-        self._dark_weight += good * share**2
+        where = dark[..., None]
+        np.add(self._dark_sum, light * share, out=self._dark_sum, where=where)
+        np.add(self._dark_weight, share**2, out=self._dark_weight, where=where)
 
     def result(self) -> Light:
         """The split, after all pairs."""
         on_screen = self._solid > 0
-        white = self._sum / np.maximum(self._count, 1)
+        white = self._sum / np.float32(self._count)
         known = (self._dark_weight[..., 1] > 0) & on_screen
         ratio = self._dark_sum / np.maximum(self._dark_weight, 1e-12)
         scattered = blur_within(ratio, known, GLOBAL_BLUR_PX)

@@ -27,13 +27,16 @@ DOME_MAPS = ("scatter_per_flux", "albedo", "lo", "hi")
 
 
 def next_directory(venue_dir: Path) -> Path:
-    """The first free VENUE/calibrations/NNNN."""
-    return venue_dir / "calibrations" / f"{len(list_calibrations(venue_dir)) + 1:04d}"
+    """The VENUE/calibrations/NNNN after the newest."""
+    found = list_calibrations(venue_dir)
+    number = int(found[-1].name) + 1 if found else 1
+    return venue_dir / "calibrations" / f"{number:04d}"
 
 
 def list_calibrations(venue_dir: Path) -> list[Path]:
     """Finished calibrations of a venue, oldest first."""
-    return sorted(p.parent for p in venue_dir.glob("calibrations/[0-9]*/calibration.json"))
+    found = venue_dir.glob("calibrations/[0-9][0-9][0-9][0-9]/calibration.json")
+    return sorted(path.parent for path in found)
 
 
 def latest_calibration(venue_dir: Path) -> Path:

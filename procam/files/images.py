@@ -17,6 +17,7 @@ from procam.maths.curves import srgb_decode, srgb_encode
 RGB = ("R", "G", "B")
 Image = NDArray[np.float32]
 STORED_AS = {"uint8": "uint8", "uint16": "uint16", "float32": "float"}
+SUFFIXES = (".png", ".tif", ".tiff", ".exr")  # what is lossless; OpenImageIO would write more
 
 
 def write_image(path: Path, pixels: NDArray[np.generic], channels: Sequence[str] = ()) -> None:
@@ -24,6 +25,10 @@ def write_image(path: Path, pixels: NDArray[np.generic], channels: Sequence[str]
 
     TIFF is written uncompressed (raw captures: speed), EXR losslessly with zip.
     """
+    if path.suffix not in SUFFIXES:
+        raise FileFormatError(
+            f"{path}: got the suffix {path.suffix!r}, expected .png, .tif or .exr; rename it"
+        )
     data = np.ascontiguousarray(pixels if pixels.ndim == 3 else pixels[..., None])
     height, width, count = data.shape
     spec = oiio.ImageSpec(width, height, count, STORED_AS[str(data.dtype)])
@@ -34,13 +39,9 @@ def write_image(path: Path, pixels: NDArray[np.generic], channels: Sequence[str]
         spec.channelnames = tuple(channels)
     with replacing(path) as temporary:
         output = oiio.ImageOutput.create(str(temporary))
-        if output is None:
-            raise FileFormatError(
-                f"{path}: got the suffix {path.suffix!r}, expected .png, .tif or .exr "
-                f"({oiio.geterror()})"
-            )
+        assert output is not None
         if not (output.open(str(temporary), spec) and output.write_image(data)):
-            raise FileFormatError(f"{path}: could not be written ({output.geterror()})")
+            raise FileFormatError(f"{path}: could not be written ({_one_line(output.geterror())})")
         output.close()
 
 
@@ -96,7 +97,7 @@ def _read(path: Path) -> tuple[NDArray[np.generic], list[str]]:
         raise FileFormatError(f"{path}: got no such file, expected an image; check the name")
     source = oiio.ImageInput.open(str(path))
     if source is None:
-        raise FileFormatError(f"{path}: got no readable image ({oiio.geterror().strip()})")
+        raise FileFormatError(f"{path}: got no readable image ({_one_line(oiio.geterror())})")
     try:
         spec = source.spec()
         pixels = source.read_image(spec.format)
@@ -105,9 +106,13 @@ def _read(path: Path) -> tuple[NDArray[np.generic], list[str]]:
         source.close()
     if pixels is None or complaint:
         raise FileFormatError(
-            f"{path}: got a truncated or damaged image ({complaint.strip()}), expected "
+            f"{path}: got a truncated or damaged image ({_one_line(complaint)}), expected "
             f"{spec.width}x{spec.height} whole pixels; copy or capture it again"
         )
     return np.asarray(pixels).reshape(spec.height, spec.width, spec.nchannels), list(
         spec.channelnames
     )
+
+
+def _one_line(complaint: str) -> str:
+    return " ".join(complaint.split())

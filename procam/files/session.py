@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from procam.errors import FileFormatError
 from procam.files import atomic
 from procam.files.images import read_image, write_image
-from procam.model.frame import CameraSettings, Frame
+from procam.model.frame import CameraSettings, Frame, PixelFormat
 from procam.model.plan import Plan, Shot
 
 SCHEMA = 1
@@ -48,7 +48,10 @@ class Session:
                 f"{path}: got schema {document.get('schema')!r}, expected {SCHEMA}; "
                 "it was written by another version of procam"
             )
-        return Plan(tuple(_shot(path, entry) for entry in document["shots"]))
+        shots = document.get("shots")
+        if not isinstance(shots, list):
+            raise FileFormatError(f"{path}: got no list of shots, expected one; restore the file")
+        return Plan(tuple(_shot(path, entry) for entry in shots))
 
     def pattern(self, shot: Shot) -> NDArray[np.float32]:
         """The drive (H, W, 3) 0..1 that a shot shows."""
@@ -57,8 +60,9 @@ class Session:
 
     def stored(self, camera: str) -> dict[tuple[str, float], dict[str, object]]:
         """Index entries of the frames that are safely on disk, by (shot, exposure)."""
-        entries = (json.loads(line) for line in atomic.read_lines(self._index(camera)))
-        return {(e["shot"], e["exposure_s"]): e for e in entries}
+        path = self._index(camera)
+        entries = (_parse(path, line) for line in atomic.read_lines(path))
+        return {(str(e["shot"]), float(str(e["exposure_s"]))): e for e in entries}
 
     def store(self, camera: str, shot: Shot, exposure_s: float, frame: Frame) -> None:
         """Put a frame on disk, then name it in the index: what is named is there."""
@@ -90,7 +94,8 @@ class Session:
         pixels = read_image(path)
         counts = np.asarray(pixels[..., 0] if pixels.shape[2] == 1 else pixels)
         self._check(path, counts, entry, size)
-        settings = CameraSettings(exposure_s, "mono" if counts.ndim == 2 else "rgb")
+        pixel_format: PixelFormat = "mono" if counts.ndim == 2 else "rgb"
+        settings = CameraSettings(exposure_s, pixel_format, float(str(entry["gain"])))
         times = float(str(entry["started_s"])), float(str(entry["ended_s"]))
         return Frame(counts.astype(np.uint16), settings, *times)
 
@@ -124,7 +129,7 @@ def _shot(path: Path, entry: dict[str, object]) -> Shot:
     try:
         exposures = tuple(entry.pop("exposures_s"))  # type: ignore[arg-type]
         return Shot(exposures_s=exposures, **entry)  # type: ignore[arg-type]
-    except (KeyError, TypeError) as error:
+    except (AttributeError, KeyError, TypeError) as error:
         raise FileFormatError(
             f"{path}: got a shot that does not fit ({error}), expected id, projector, pattern, "
             "purpose, exposures_s"

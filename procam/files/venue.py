@@ -195,19 +195,22 @@ def _camera(name: str, t: CameraTable) -> CameraModel:
 
 
 def _check_references(path: Path, table: VenueTable) -> None:
+    complaints = []
     for name, camera in table.cameras.items():
         expected = 4 if camera.model == "kannala-brandt" else 5
         if len(camera.k) != expected:
-            raise InputError(
+            complaints.append(
                 f"{path}: cameras.{name}.k: got {len(camera.k)} numbers, expected {expected} "
                 f"for model {camera.model!r}"
             )
     for fiducial in table.fiducials:
         if fiducial.camera not in table.cameras:
-            raise InputError(
+            complaints.append(
                 f"{path}: fiducials.{fiducial.name}.camera: got {fiducial.camera!r}, expected one "
                 f"of {', '.join(table.cameras)}"
             )
+    if complaints:
+        raise InputError("\n".join(complaints))
 
 
 def _complaint(path: Path, error: Any) -> str:

@@ -36,14 +36,15 @@ def stripe(length: int, bit: int) -> NDArray[np.bool_]:
 def edge_distance(coordinate: NDArray[np.floating], bit: int) -> NDArray[np.floating]:
     """Distance [px] to the nearest stripe edge of the plane of `bit`, ignoring the panel's border.
 
-    Edges lie half a pixel before the columns 2^bit (1, 3, 5, ...).
+    Edges lie half a pixel before the columns 2^bit (1, 3, 5, ...). NaN stays NaN.
     """
-    period = 2.0 ** (bit + 1)
-    phase = np.mod(coordinate + 0.5, period)
-    return np.abs(phase - period / 2)
+    period = coordinate.dtype.type(2 ** (bit + 1))
+    phase = (coordinate + coordinate.dtype.type(0.5)) / period
+    phase -= np.floor(phase)
+    phase -= coordinate.dtype.type(0.5)
+    return np.asarray(np.abs(phase, out=phase) * period)
 
 
-def is_bright(coordinate: NDArray[np.floating], bit: int) -> NDArray[np.bool_]:
-    """Whether a (fractional) projector coordinate lies in a bright stripe of the plane of `bit`."""
-    index = np.rint(np.nan_to_num(coordinate, nan=0.0)).astype(np.int64)
-    return ((encode_gray(np.maximum(index, 0)) >> bit) & 1).astype(bool)
+def is_bright(index: NDArray[np.integer], bit: int) -> NDArray[np.bool_]:
+    """Whether columns of number `index` are bright in the plane of `bit`."""
+    return ((encode_gray(index) >> bit) & 1).astype(bool)

@@ -105,7 +105,7 @@ def _undistort_brown(distorted: Array, k: Array) -> Array:
             axis=-1,
         )
         plane = plane - step
-        if np.nanmax(np.abs(step)) < 1e-13:
+        if np.nanmax(np.abs(step), initial=0.0) < 1e-13:
             break
     return plane
 

@@ -25,7 +25,7 @@ class Dome:
     floor_albedo_sigma: float = 0.0
 
     def __post_init__(self) -> None:
-        if self.radius_m <= 0:
+        if not self.radius_m > 0:  # also refuses NaN
             raise UnitError(f"radius_m: got {self.radius_m}, expected more than 0 metres")
         if not 0 < self.half_angle < 3.1416:
             raise UnitError(f"half_angle: got {self.half_angle} rad, expected between 0 and pi")

@@ -1,7 +1,9 @@
 """Show a plan and photograph it; resumable at any instant."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,13 +58,14 @@ def capture(rig: Rig, venue: Venue, session: Session) -> Iterator[Event]:
     rig.start()
     lit, done = "", len(plan.shots) - len(todo)
     checks = {name: _FrameCheck(camera.sensor) for name, camera in venue.cameras.items()}
-    for shot in todo:
-        if shot.projector != lit:
-            _hand_over(rig, lit, shot.projector)
-            lit = shot.projector
-        _take(rig, session, shot, checks)
-        done += 1
-        yield Event("capture", done, len(plan.shots), f"{shot.id} {shot.purpose}")
+    with _Recorder(session) as recorder:
+        for shot in todo:
+            if shot.projector != lit:
+                _hand_over(rig, lit, shot.projector)
+                lit = shot.projector
+            _take(rig, session, recorder, shot, checks)
+            done += 1
+            yield Event("capture", done, len(plan.shots), f"{shot.id} {shot.purpose}")
     _hand_over(rig, lit, "")
 
 
@@ -73,7 +76,39 @@ def _hand_over(rig: Rig, lit: str, following: str) -> None:
         rig.light(following)
 
 
-def _take(rig: Rig, session: Session, shot: Shot, checks: dict[str, "_FrameCheck"]) -> None:
+class _Recorder:
+    """Writes frames to disk while the next picture is being taken, one behind at most."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+        self._pool = ThreadPoolExecutor(1)
+        self._pending: Future[None] | None = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        with self._pool:
+            self._settle()
+
+    def store(self, camera: str, shot: Shot, exposure_s: float, frame: Frame) -> None:
+        """Hand a frame over; what went wrong with the one before it is raised here."""
+        self._settle()
+        self._pending = self._pool.submit(self._session.store, camera, shot, exposure_s, frame)
+
+    def _settle(self) -> None:
+        pending, self._pending = self._pending, None
+        if pending is not None:
+            pending.result()
+
+
+def _take(
+    rig: Rig,
+    session: Session,
+    recorder: _Recorder,
+    shot: Shot,
+    checks: dict[str, "_FrameCheck"],
+) -> None:
     drive = session.pattern(shot) if shot.pattern else None
     if drive is not None:
         rig.projectors[shot.projector].show(np.ascontiguousarray(drive))
@@ -81,13 +116,19 @@ def _take(rig: Rig, session: Session, shot: Shot, checks: dict[str, "_FrameCheck
         for exposure_s in shot.exposures_s:
             camera.configure(CameraSettings(exposure_s, shot.pixel_format))
             frame = _checked(rig, camera.capture, checks[name], shot, drive)
-            session.store(name, shot, exposure_s, frame)
+            recorder.store(name, shot, exposure_s, frame)
 
 
-def _checked(rig: Rig, take, check: "_FrameCheck", shot: Shot, drive) -> Frame:  # type: ignore[no-untyped-def]
+def _checked(
+    rig: Rig,
+    take: Callable[[], Frame],
+    check: "_FrameCheck",
+    shot: Shot,
+    drive: NDArray[np.float32] | None,
+) -> Frame:
     """A frame that passed the checks; a stale one is taken again, after a breath."""
     for attempt in range(ATTEMPTS):
-        frame: Frame = take()
+        frame = take()
         try:
             check.inspect(frame, shot, drive)
         except StaleFrame:

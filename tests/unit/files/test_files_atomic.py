@@ -1,0 +1,105 @@
+"""Writes that survive a kill."""
+
+from pathlib import Path
+
+import pytest
+
+from procam.files import atomic
+
+
+class Killed(Exception):
+    """Stands in for whatever interrupts a write."""
+
+
+def _listing(folder: Path) -> list[str]:
+    return sorted(p.name for p in folder.iterdir())
+
+
+class TestReplacing:
+    def test_new_content_appears_at_the_end(self, tmp_path: Path) -> None:
+        path = tmp_path / "a" / "file.json"
+        with atomic.replacing(path) as temporary:
+            temporary.write_text("new")
+            assert not path.exists()
+            assert temporary.parent == path.parent and temporary.suffix == ".json"
+        assert path.read_text() == "new"
+        assert _listing(path.parent) == ["file.json"]
+
+    def test_an_exception_leaves_the_old_file_and_no_litter(self, tmp_path: Path) -> None:
+        path = tmp_path / "file.json"
+        path.write_text("old")
+        with pytest.raises(Killed), atomic.replacing(path) as temporary:
+            temporary.write_text("half of the n")
+            raise Killed
+        assert path.read_text() == "old"
+        assert _listing(tmp_path) == ["file.json"]
+
+    def test_litter_of_a_killed_run_is_in_nobodys_way(self, tmp_path: Path) -> None:
+        path = tmp_path / "file.json"
+        with pytest.raises(Killed), atomic.replacing(path) as temporary:
+            name = temporary.name
+            raise Killed
+        (tmp_path / name).write_text("left behind")
+        atomic.write_text(path, "new")
+        assert path.read_text() == "new"
+        assert _listing(tmp_path) == ["file.json"]
+
+
+class TestReplacingDirectory:
+    def test_appears_whole(self, tmp_path: Path) -> None:
+        path = tmp_path / "calibrations" / "0001"
+        with atomic.replacing_directory(path) as temporary:
+            (temporary / "maps").mkdir()
+            (temporary / "maps" / "dome.exr").write_bytes(b"x")
+            assert not path.exists()
+        assert (path / "maps" / "dome.exr").read_bytes() == b"x"
+        assert _listing(path.parent) == ["0001"]
+
+    def test_refuses_to_appear_half(self, tmp_path: Path) -> None:
+        path = tmp_path / "0001"
+        with pytest.raises(Killed), atomic.replacing_directory(path) as temporary:
+            (temporary / "one").write_text("1")
+            raise Killed
+        assert _listing(tmp_path) == []
+
+    def test_never_overwrites_a_finished_one(self, tmp_path: Path) -> None:
+        path = tmp_path / "0001"
+        path.mkdir()
+        (path / "kept").write_text("kept")
+        with pytest.raises(OSError), atomic.replacing_directory(path) as temporary:
+            (temporary / "other").write_text("other")
+        assert _listing(path) == ["kept"]
+        assert _listing(tmp_path) == ["0001"]
+
+    def test_starts_clean_after_a_killed_run(self, tmp_path: Path) -> None:
+        (tmp_path / ".0001.tmp").mkdir()
+        (tmp_path / ".0001.tmp" / "stale").write_text("stale")
+        with atomic.replacing_directory(tmp_path / "0001") as temporary:
+            (temporary / "fresh").write_text("fresh")
+        assert _listing(tmp_path / "0001") == ["fresh"]
+
+
+class TestLog:
+    def test_lines_come_back_in_order(self, tmp_path: Path) -> None:
+        log = tmp_path / "index.jsonl"
+        for line in ("one", "zwei ä", "three"):
+            atomic.append_line(log, line)
+        assert atomic.read_lines(log) == ["one", "zwei ä", "three"]
+
+    @pytest.mark.parametrize("torn", [b"t", b"two", '{"x": "ä'.encode()[:-1]])
+    def test_a_torn_last_line_is_dropped_by_the_reader(self, tmp_path: Path, torn: bytes) -> None:
+        log = tmp_path / "index.jsonl"
+        log.write_bytes(b"one\n" + torn)
+        assert atomic.read_lines(log) == ["one"]
+
+    @pytest.mark.parametrize("before", [b"", b"one\n"])
+    def test_a_torn_last_line_is_cut_by_the_next_append(
+        self, tmp_path: Path, before: bytes
+    ) -> None:
+        log = tmp_path / "index.jsonl"
+        log.write_bytes(before + b"torn")
+        atomic.append_line(log, "two")
+        assert log.read_bytes() == before + b"two\n"
+
+    def test_an_absent_log_has_no_lines(self, tmp_path: Path) -> None:
+        assert atomic.read_lines(tmp_path / "none.jsonl") == []

@@ -1,0 +1,149 @@
+"""Calibration directories there and back, and what is said of damaged ones."""
+
+import dataclasses
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from procam.errors import FileFormatError
+from procam.files.calibration import (
+    latest_calibration,
+    list_calibrations,
+    load_calibration,
+    next_directory,
+    save_calibration,
+)
+from procam.model.calibration import Calibration
+
+
+def _assert_same(found: Any, expected: Any, where: str = "calibration") -> None:
+    if dataclasses.is_dataclass(expected):
+        assert type(found) is type(expected), where
+        for field in dataclasses.fields(expected):
+            name = field.name
+            _assert_same(getattr(found, name), getattr(expected, name), f"{where}.{name}")
+    elif isinstance(expected, np.ndarray):
+        assert found.dtype == expected.dtype, where
+        np.testing.assert_array_equal(found, expected, err_msg=where)
+    elif isinstance(expected, Mapping):
+        assert set(found) == set(expected), where
+        for key in expected:
+            _assert_same(found[key], expected[key], f"{where}[{key}]")
+    else:
+        assert found == expected and type(found) is type(expected), where
+
+
+@pytest.fixture
+def saved(tmp_path: Path, calibration: Calibration) -> Path:
+    directory = tmp_path / "calibrations" / "0001"
+    save_calibration(calibration, directory)
+    return directory
+
+
+class TestRoundTrip:
+    def test_everything_comes_back_to_the_last_bit(
+        self, saved: Path, calibration: Calibration
+    ) -> None:
+        _assert_same(load_calibration(saved), calibration)
+
+    def test_files_are_where_other_tools_look(self, saved: Path) -> None:
+        files = sorted(str(p.relative_to(saved)) for p in saved.rglob("*") if p.is_file())
+        assert files == [
+            "calibration.json",
+            "maps/dome.exr",
+            "maps/north.exr",
+            "maps/south.exr",
+        ]
+
+    def test_a_finished_one_is_never_overwritten(
+        self, saved: Path, calibration: Calibration
+    ) -> None:
+        with pytest.raises(OSError):
+            save_calibration(calibration, saved)
+        _assert_same(load_calibration(saved), calibration)
+
+    def test_saving_that_fails_leaves_nothing(
+        self, tmp_path: Path, calibration: Calibration
+    ) -> None:
+        unfit = dataclasses.replace(calibration, provenance={"not": {"json": object()}})
+        with pytest.raises(TypeError):
+            save_calibration(unfit, tmp_path / "0001")
+        assert list(tmp_path.iterdir()) == []
+
+
+class TestNumbering:
+    def test_counts_up(self, tmp_path: Path, calibration: Calibration) -> None:
+        for number in ("0001", "0002", "0003"):
+            assert next_directory(tmp_path) == tmp_path / "calibrations" / number
+            save_calibration(calibration, next_directory(tmp_path))
+            assert latest_calibration(tmp_path).name == number
+        assert [p.name for p in list_calibrations(tmp_path)] == ["0001", "0002", "0003"]
+
+    def test_goes_on_after_an_old_one_is_deleted(self, tmp_path: Path) -> None:
+        for number in ("0001", "0002"):
+            folder = tmp_path / "calibrations" / number
+            folder.mkdir(parents=True)
+            (folder / "calibration.json").write_text("{}")
+        (tmp_path / "calibrations" / "0001" / "calibration.json").unlink()
+        (tmp_path / "calibrations" / "0001").rmdir()
+        assert next_directory(tmp_path).name == "0003"
+
+    def test_none_yet(self, tmp_path: Path) -> None:
+        with pytest.raises(FileFormatError, match=r"got no calibration.*procam calibrate"):
+            latest_calibration(tmp_path)
+
+
+class TestDamage:
+    def _complaint(self, directory: Path) -> str:
+        with pytest.raises(FileFormatError) as caught:
+            load_calibration(directory)
+        assert "\n" not in str(caught.value)
+        return str(caught.value)
+
+    def test_no_calibration_here(self, tmp_path: Path) -> None:
+        message = self._complaint(tmp_path)
+        assert message.startswith(f"{tmp_path}: got no calibration.json")
+        assert "VENUE/calibrations/0001" in message
+
+    @pytest.mark.parametrize("version", [0, 2, "1", None])
+    def test_of_another_version(self, saved: Path, version: object) -> None:
+        path = saved / "calibration.json"
+        path.write_text(json.dumps(json.loads(path.read_text()) | {"schema_version": version}))
+        message = self._complaint(saved)
+        assert f"got schema_version {version}, expected 1" in message
+        assert "calibrate again" in message
+
+    @pytest.mark.parametrize("text", ["", "{", "[]", "3", '{"schema_version": 1}', "\x00"])
+    def test_damaged_json(self, saved: Path, text: str) -> None:
+        (saved / "calibration.json").write_text(text)
+        message = self._complaint(saved)
+        assert message.startswith(f"{saved / 'calibration.json'}: got a damaged calibration")
+        assert "procam solve" in message
+
+    @pytest.mark.parametrize("key", ["screen", "cameras", "projectors", "feedback", "quality"])
+    def test_a_part_is_missing(self, saved: Path, key: str) -> None:
+        path = saved / "calibration.json"
+        document = json.loads(path.read_text())
+        del document[key]
+        path.write_text(json.dumps(document))
+        message = self._complaint(saved)
+        assert "damaged calibration" in message and key in message
+
+    @pytest.mark.parametrize("name", ["dome", "south"])
+    def test_a_map_is_gone(self, saved: Path, name: str) -> None:
+        (saved / "maps" / f"{name}.exr").unlink()
+        assert self._complaint(saved).startswith(f"{saved / 'maps' / name}.exr: got no such file")
+
+    @pytest.mark.parametrize("name", ["dome", "south"])
+    def test_a_map_is_truncated(self, saved: Path, name: str) -> None:
+        path = saved / "maps" / f"{name}.exr"
+        path.write_bytes(path.read_bytes()[:-200])
+        assert self._complaint(saved).startswith(f"{path}: got a truncated or damaged image")
+
+    def test_a_map_of_another_kind(self, saved: Path) -> None:
+        (saved / "maps" / "south.exr").write_bytes((saved / "maps" / "dome.exr").read_bytes())
+        assert "direction.x" in self._complaint(saved)

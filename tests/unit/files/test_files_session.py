@@ -1,0 +1,179 @@
+"""What a session stores comes back, and nothing else passes for it."""
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from procam.errors import FileFormatError
+from procam.files.session import Session
+from procam.model.frame import CameraSettings, Frame
+from procam.model.plan import Plan, Shot
+
+SIZE = (40, 30)
+WHITE = Shot("south-0000", "south", "patterns/south/0000.png", "white", (0.1,))
+CODE = Shot(
+    "south-0001",
+    "south",
+    "patterns/south/0001.png",
+    "code",
+    (0.1, 0.25),
+    "mono",
+    {"axis": "x", "bit": 3, "inverse": 1},
+)
+
+
+def _frame(seed: int, pixel_format: str = "rgb", size: tuple[int, int] = SIZE) -> Frame:
+    shape = (size[1], size[0], 3) if pixel_format == "rgb" else (size[1], size[0])
+    counts = np.random.default_rng(seed).integers(0, 65536, shape).astype(np.uint16)
+    return Frame(counts, CameraSettings(0.1, pixel_format), 10.0 + seed, 10.5 + seed)
+
+
+@pytest.fixture
+def session(tmp_path: Path) -> Session:
+    return Session(tmp_path / "0001")
+
+
+@pytest.fixture
+def stored(session: Session) -> Session:
+    session.store("zenith", WHITE, 0.1, _frame(1))
+    session.store("zenith", CODE, 0.25, _frame(2, "mono"))
+    return session
+
+
+def _file(session: Session, name: str) -> Path:
+    return session.directory / "captures" / "zenith" / name
+
+
+class TestPlan:
+    def test_comes_back(self, session: Session) -> None:
+        plan = Plan((Shot("dark", "", "", "dark", (0.1, 5.0)), WHITE, CODE))
+        patterns = {
+            WHITE.pattern: np.full((4, 6, 1), 255, np.uint8),
+            CODE.pattern: np.arange(4 * 6 * 3, dtype=np.uint8).reshape(4, 6, 3),
+        }
+        session.write_plan(plan, patterns)
+        assert session.read_plan() == plan
+        np.testing.assert_array_equal(session.pattern(WHITE), np.ones((4, 6, 3)))
+        drive = session.pattern(CODE)
+        np.testing.assert_array_equal(np.rint(drive * 255), patterns[CODE.pattern])
+
+    def test_none(self, session: Session) -> None:
+        with pytest.raises(FileFormatError, match=r"plan\.json: got no such file.*procam capture"):
+            session.read_plan()
+
+    @pytest.mark.parametrize(
+        ("text", "says"),
+        [
+            ('{"schema": 1, "shots": [', "damaged JSON"),
+            ("[]", "got a list, expected an object"),
+            ('{"schema": 7, "shots": []}', "got schema 7, expected 1"),
+            ('{"shots": []}', "got schema None, expected 1"),
+            ('{"schema": 1}', "shots"),
+            ('{"schema": 1, "shots": [{"id": "a"}]}', "a shot that does not fit"),
+            ('{"schema": 1, "shots": [{"exposures_s": [1], "bogus": 2}]}', "a shot that does not fit"),
+            ('{"schema": 1, "shots": ["a"]}', "a shot that does not fit"),
+        ],
+    )
+    def test_damaged(self, session: Session, text: str, says: str) -> None:
+        session.directory.mkdir()
+        (session.directory / "plan.json").write_text(text)
+        with pytest.raises(FileFormatError) as caught:
+            session.read_plan()
+        message = str(caught.value)
+        assert message.startswith(f"{session.directory / 'plan.json'}: got ")
+        assert says in message and "\n" not in message
+
+
+class TestRoundTrip:
+    @pytest.mark.parametrize(("shot", "exposure_s", "seed"), [(WHITE, 0.1, 1), (CODE, 0.25, 2)])
+    def test_load_gives_what_was_stored(
+        self, stored: Session, shot: Shot, exposure_s: float, seed: int
+    ) -> None:
+        frame = stored.load("zenith", shot, exposure_s, SIZE)
+        expected = _frame(seed, "rgb" if shot is WHITE else "mono")
+        np.testing.assert_array_equal(frame.counts, expected.counts)
+        assert frame.counts.dtype == np.uint16
+        assert frame.settings == CameraSettings(exposure_s, expected.settings.pixel_format)
+        assert (frame.started_s, frame.ended_s) == (expected.started_s, expected.ended_s)
+
+    def test_stored_names_what_is_there(self, stored: Session) -> None:
+        assert set(stored.stored("zenith")) == {("south-0000", 0.1), ("south-0001", 0.25)}
+        assert stored.stored("other") == {}
+
+    def test_a_torn_index_line_forgets_that_frame_alone(self, stored: Session) -> None:
+        index = _file(stored, "index.jsonl")
+        index.write_bytes(index.read_bytes()[:-3])
+        assert set(stored.stored("zenith")) == {("south-0000", 0.1)}
+        stored.store("zenith", CODE, 0.25, _frame(2, "mono"))
+        assert set(stored.stored("zenith")) == {("south-0000", 0.1), ("south-0001", 0.25)}
+
+    def test_a_shot_taken_again_wins(self, stored: Session) -> None:
+        stored.store("zenith", WHITE, 0.1, _frame(9))
+        found = stored.load("zenith", WHITE, 0.1, SIZE)
+        np.testing.assert_array_equal(found.counts, _frame(9).counts)
+
+    def test_the_gain_comes_back(self, session: Session) -> None:
+        settings = CameraSettings(0.1, "rgb", gain=2.5)
+        frame = _frame(1)
+        session.store("zenith", WHITE, 0.1, Frame(frame.counts, settings, 1.0, 2.0))
+        assert session.load("zenith", WHITE, 0.1, SIZE).settings == settings
+
+
+class TestDamage:
+    """Each damage has its own words and its own cure."""
+
+    def _complaint(self, session: Session, shot: Shot = WHITE, exposure_s: float = 0.1) -> str:
+        with pytest.raises(FileFormatError) as caught:
+            session.load("zenith", shot, exposure_s, SIZE)
+        assert "\n" not in str(caught.value)
+        return str(caught.value)
+
+    def test_never_captured(self, stored: Session) -> None:
+        message = self._complaint(stored, CODE, 0.1)
+        assert message.startswith(str(_file(stored, "x").parent))
+        assert "no capture of shot south-0001 at 0.1 s" in message and "procam capture" in message
+
+    def test_file_gone(self, stored: Session) -> None:
+        _file(stored, "south-0000@0.1.tif").unlink()
+        message = self._complaint(stored)
+        assert message.startswith(f"{_file(stored, 'south-0000@0.1.tif')}: got no such file")
+
+    @pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.9])
+    def test_truncated(self, stored: Session, share: float) -> None:
+        path = _file(stored, "south-0000@0.1.tif")
+        content = path.read_bytes()
+        path.write_bytes(content[: int(share * len(content))])
+        message = self._complaint(stored)
+        assert message.startswith(f"{path}: got ")
+        assert "truncated" in message or "no readable image" in message
+
+    def test_swapped_with_another_shot(self, stored: Session) -> None:
+        stored.store("zenith", CODE, 0.1, _frame(3))
+        white, code = _file(stored, "south-0000@0.1.tif"), _file(stored, "south-0001@0.1.tif")
+        shutil.move(white, white.with_suffix(".x"))
+        shutil.move(code, white)
+        shutil.move(white.with_suffix(".x"), code)
+        for path, shot in ((white, WHITE), (code, CODE)):
+            message = self._complaint(stored, shot)
+            assert message.startswith(f"{path}: got other pixels than were captured for shot {shot.id}")
+            assert "swapped" in message and "capture again" in message
+
+    def test_of_another_size(self, stored: Session) -> None:
+        stored.store("zenith", WHITE, 0.1, _frame(1, size=(30, 40)))
+        message = self._complaint(stored)
+        assert message.startswith(f"{_file(stored, 'south-0000@0.1.tif')}: got 30x40 px, ")
+        assert "expected 40x30" in message and "camera's size" in message
+
+    def test_index_line_damaged(self, stored: Session) -> None:
+        index = _file(stored, "index.jsonl")
+        lines = index.read_text().splitlines()
+        index.write_text("\n".join(["{broken", lines[1], ""]))
+        message = self._complaint(stored)
+        assert message.startswith(f"{index}: got damaged JSON")
+
+    def test_index_names_a_digest_per_frame(self, stored: Session) -> None:
+        for line in _file(stored, "index.jsonl").read_text().splitlines():
+            assert len(json.loads(line)["sha256"]) == 64
