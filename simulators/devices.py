@@ -29,7 +29,9 @@ class SimulatedProjector:
         """Show `drive` (H, W, 3) in 0..1, quantised to the input's depth."""
         width, height = self.size
         if drive.shape != (height, width, 3):
-            raise ShapeError(f"drive of projector {self.name}", drive.shape, f"{(height, width, 3)}")
+            raise ShapeError(
+                f"drive of projector {self.name}", drive.shape, f"{(height, width, 3)}"
+            )
         low, high = float(drive.min()), float(drive.max())
         if not (low >= 0 and high <= 1):
             raise UnitError(

@@ -1,6 +1,7 @@
 """Light of one projector on the dome: direct, per projector pixel and per room patch."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -10,7 +11,7 @@ from procam.maths.lenses import unproject
 from procam.maths.sphere import grid_solid_angles, normalise
 from simulators.rig import ProjectorBuild
 from simulators.surface import Surface
-from simulators.transport import Room
+from simulators.transport import dome_patch
 
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
@@ -41,11 +42,13 @@ class ProjectorLight:
     reflected_m2: Array
 
     @classmethod
-    def on(cls, surface: Surface, build: ProjectorBuild, room: Room) -> "ProjectorLight":
+    def on(cls, surface: Surface, build: ProjectorBuild) -> "ProjectorLight":
         """Shine `build` on the dome."""
         width, height = build.size
         direction = _directions(surface, build, np.arange(width), np.arange(height))
-        corners = _directions(surface, build, np.arange(width + 1) - 0.5, np.arange(height + 1) - 0.5)
+        corners = _directions(
+            surface, build, np.arange(width + 1) - 0.5, np.arange(height + 1) - 0.5
+        )
         solid = grid_solid_angles(corners)
         lit = direction[..., 2] >= np.cos(surface.lit_half_angle)
         area = solid * surface.radius(direction) ** 2
@@ -59,7 +62,7 @@ class ProjectorLight:
             lit,
             (level * shape).astype(np.float32),
             black.astype(np.float32),
-            room.dome_patch(direction),
+            dome_patch(direction, surface.half_angle),
             surface.albedo(direction) * area,
         )
 
@@ -87,12 +90,11 @@ class ProjectorLight:
     def blurred(self, irradiance: Image, camera_blur_px: float) -> Image:
         """The image as lens and camera pixel smear it, still on the projector's grid."""
         sigma = float(np.hypot(self.build.defocus_px, camera_blur_px))
-        return np.asarray(
-            cv2.GaussianBlur(irradiance, (0, 0), sigma, borderType=cv2.BORDER_CONSTANT)
-        ).reshape(irradiance.shape)
+        smeared = cv2.GaussianBlur(irradiance, (0, 0), sigma, borderType=cv2.BORDER_CONSTANT)
+        return np.asarray(smeared, np.float32).reshape(irradiance.shape)
 
 
-def _directions(surface: Surface, build: ProjectorBuild, x: Array, y: Array) -> Array:
+def _directions(surface: Surface, build: ProjectorBuild, x: NDArray[Any], y: NDArray[Any]) -> Array:
     pixels = np.stack(np.meshgrid(x, y), axis=-1).astype(float)
     back = build.projector_from_dome.inverse()
     rays = back.rotate(unproject(pixels, build.lens))

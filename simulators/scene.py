@@ -2,6 +2,7 @@
 
 import zlib
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -43,9 +44,12 @@ class DomeScene:
         self.preset, self.size, self.seed = preset, size, seed
         self.clock = SceneClock()
         self.surface = Surface.build(preset)
-        self.room = Room.trace(self.surface, size.rays)
         builds = hang_projectors(size.projectors, size.projector_size, preset.radius_m)
-        self.lights = {b.name: ProjectorLight.on(self.surface, b, self.room) for b in builds}
+        with ThreadPoolExecutor(2) as pool:
+            room = pool.submit(Room.trace, self.surface, size.rays)
+            lights = pool.map(lambda build: ProjectorLight.on(self.surface, build), builds)
+            self.lights = {light.build.name: light for light in lights}
+            self.room = room.result()
         self.cameras = {
             c.name: c
             for c in set_up_cameras(
@@ -109,7 +113,7 @@ class DomeScene:
             factor = self.states[name].light_factor()
             digest = zlib.crc32(f"{name} {factor:.6f}".encode(), digest)
             if factor:
-                digest = zlib.crc32(np.ascontiguousarray(self.shown[name]), digest)
+                digest = zlib.crc32(np.ascontiguousarray(self.shown[name]).data, digest)
         repeat = self._repeats.get(digest, 0)
         self._repeats[digest] = repeat + 1
         return np.random.Generator(np.random.SFC64([self.seed, digest, repeat]))

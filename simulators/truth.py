@@ -62,7 +62,9 @@ def write_truth(
     (out / "calibration.json").write_text(json.dumps(document, indent=1))
     fine = _audience(scene, FINE * MASTER)
     for name, drives in pictures.items():
-        picture = _averaged(scene.radiance_of(fine, drives, dict.fromkeys(drives, 1.0), ALL_BANDS, 0))
+        picture = _averaged(
+            scene.radiance_of(fine, drives, dict.fromkeys(drives, 1.0), ALL_BANDS, 0)
+        )
         _write_exr(
             out / "pictures" / f"{name}.exr", {c: picture[..., i] for i, c in enumerate(RGB)}
         )
@@ -109,7 +111,9 @@ def _projector_maps(light: ProjectorLight, view: View) -> dict[str, NDArray[Any]
     valid = light.lit.astype(np.float32)
     albedo = light.reflected_m2 / np.maximum(light.solid_angle_sr, 1e-30)
     albedo = albedo / np.median(albedo) * np.median(view.albedo[view.on_dome])
-    maps = {f"direction.{axis}": light.direction[..., i] for i, axis in enumerate("xyz")}
+    maps: dict[str, NDArray[Any]] = {
+        f"direction.{axis}": light.direction[..., i] for i, axis in enumerate("xyz")
+    }
     maps |= {
         "solid_angle": light.solid_angle_sr,
         "sigma_arcmin": np.zeros_like(valid),
@@ -117,9 +121,7 @@ def _projector_maps(light: ProjectorLight, view: View) -> dict[str, NDArray[Any]
         "measured": valid,
         "blend": valid,
     }
-    return maps | {
-        f"gain.{c}": light.irradiance * albedo * white[i] for i, c in enumerate(RGB)
-    }
+    return maps | {f"gain.{c}": light.irradiance * albedo * white[i] for i, c in enumerate(RGB)}
 
 
 def _document(scene: DomeScene, feedback: Array, albedo: Array) -> dict[str, Any]:
@@ -197,6 +199,7 @@ def _write_exr(path: Path, channels: Mapping[str, NDArray[Any]]) -> None:
     spec.channelnames = tuple(channels)
     spec.attribute("compression", "zip")
     output = oiio.ImageOutput.create(str(path))
+    assert output is not None, oiio.geterror()
     output.open(str(path), spec)
     output.write_image(np.ascontiguousarray(stack))
     output.close()

@@ -14,6 +14,7 @@ from simulators.transport import Deck, Room
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
 GLOSS_EXPONENT = 20
+NO_MAP = np.empty(0, np.float32)  # coordinates come as one map of pairs
 
 
 @dataclass(frozen=True)
@@ -64,18 +65,17 @@ class View:
         """Directly reflected radiance (H, W, C) of projector `name`'s irradiance image."""
         where, gain = self.sources[name]
         seen = cv2.remap(
-            irradiance, where, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT
+            irradiance, where, NO_MAP, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT
         ).reshape(*gain.shape, -1)
-        seen *= gain[..., None]
-        return np.asarray(seen)
+        return np.asarray(np.multiply(seen, gain[..., None], out=seen), np.float32)
 
     def scattered(self, room: Room, patch_irradiance: Array) -> Image:
         """Radiance (H, W, C) of light that has bounced before."""
         image = room.dome_image(patch_irradiance)
-        seen = cv2.remap(image, self.scatter_at, None, cv2.INTER_LINEAR).reshape(
+        seen = cv2.remap(image, self.scatter_at, NO_MAP, cv2.INTER_LINEAR).reshape(
             *self.albedo.shape, -1
         )
-        seen *= self.albedo[..., None]
+        np.multiply(seen, self.albedo[..., None], out=seen)
         place, patch = self.floor
         seen.reshape(-1, seen.shape[-1])[place] = (
             patch_irradiance[patch] * room.albedo[patch][:, None]
@@ -83,7 +83,7 @@ class View:
         return np.asarray(seen, dtype=np.float32)
 
 
-def _source(  # noqa: PLR0913, PLR0917
+def _source(
     light: ProjectorLight,
     gloss: float,
     point: Array,

@@ -66,7 +66,8 @@ def _calibration(
         Pose.from_vectors((0.05, -0.03, 0.4), (0.1, 0.2, -0.5)),
     )
     projectors = {
-        name: _projector(name, azimuth, dome) for name, azimuth in (("south", 0.0), ("north", np.pi))
+        name: _projector(name, azimuth, dome)
+        for name, azimuth in (("south", 0.0), ("north", np.pi))
     }
     return Calibration(
         dome,

@@ -27,7 +27,7 @@ def projector_frames(direct: Image, calibration: Calibration) -> dict[str, Image
 
 
 def _frame(direct: Image, projector: ProjectorCalibration, maps: DomeMaps) -> Image:
-    direction = np.nan_to_num(projector.surface.direction).astype(float)
+    direction = np.nan_to_num(projector.surface.direction)
     asked = sample(direct, master_pixels(direction, direct.shape[0]))
     asked -= sample(maps.lo, master_pixels(direction, maps.size))
     photometry = projector.photometry

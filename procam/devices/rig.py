@@ -87,9 +87,7 @@ def open_backend(name: str, settings: Mapping[str, Any], venue_dir: Path) -> Bac
     return rig
 
 
-def open_control(
-    projector: str, protocol: str, port: str, backend: BackendRig
-) -> ProjectorControl:
+def open_control(projector: str, protocol: str, port: str, backend: BackendRig) -> ProjectorControl:
     """The remote control of one projector; port "backend" means the backend's own wire."""
     path = backend.ports.get(projector) if port == FROM_BACKEND else port
     if path is None:

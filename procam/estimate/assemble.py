@@ -12,7 +12,12 @@ from procam.estimate.photometry import ColourFit
 from procam.estimate.surface import camera_pixels, lit_share, project_surface
 from procam.estimate.transport import Light, albedo, feedback, scatter_per_flux
 from procam.estimate.view import DomeView
-from procam.maths.sphere import cap_solid_angle, master_directions, master_pixels, master_solid_angles
+from procam.maths.sphere import (
+    cap_solid_angle,
+    master_directions,
+    master_pixels,
+    master_solid_angles,
+)
 from procam.maths.warp import blur, sample
 from procam.model.calibration import Calibration, ProjectorCalibration
 from procam.model.correspondence import ProjectorSurface
@@ -51,7 +56,7 @@ def assemble(  # noqa: PLR0913, PLR0917
     where = camera_pixels(geometry.camera, dome, direction)
     coverage = _coverage(geometry, dome, direction, lights) * inside
     weights = blender.weights(direction32)
-    hi = sum(weights[n][..., None] * sample(content[n].extended, where) for n in names)
+    hi = np.sum([weights[n][..., None] * sample(content[n].extended, where) for n in names], axis=0)
     white = common_white(hi, coverage > 0.999)
     to_relative = np.diag(1 / white) @ unmix
     u_camera = scatter_per_flux(list(content.values()))
@@ -73,7 +78,9 @@ def assemble(  # noqa: PLR0913, PLR0917
         coverage.astype(np.float32),
     )
     calibrated = {
-        n: _projector(n, geometry, dome, surfaces[n], blender, content[n], white, responses, colours)
+        n: _projector(
+            n, geometry, dome, surfaces[n], blender, content[n], white, responses, colours
+        )
         for n in names
     }
     return Calibration(
@@ -93,7 +100,7 @@ def _content_matrix(lights: Mapping[str, Light], colours: Mapping[str, ColourFit
     """(3, 3) from camera radiance to amounts of the mean projector's primaries."""
     white = np.mean([light.direct[light.lit].mean(axis=0) for light in lights.values()], axis=0)
     mix = np.mean([c.mix for c in colours.values()], axis=0)
-    return np.asarray(np.linalg.inv(mix) / white)
+    return np.asarray(np.linalg.inv(mix) / white, float)
 
 
 def _converted(light: Light, unmix: Array) -> Light:
@@ -117,9 +124,9 @@ def _coverage(
     return np.asarray(np.clip(2 * np.max(shares, axis=0) - 0.5, 0, 1), np.float32)
 
 
-def _master_at(view: DomeView) -> Array:
+def _master_at(view: DomeView) -> NDArray[np.floating]:
     """Where each camera pixel lies in the dome maps."""
-    return master_pixels(np.nan_to_num(view.direction).astype(float), MAP_SIZE)
+    return master_pixels(np.nan_to_num(view.direction), MAP_SIZE)
 
 
 def _black_level(
@@ -133,14 +140,14 @@ def _black_level(
 
     A projector's black is spread like its white, so it holds the same share of scattered light.
     """
-    total = 0
+    total = np.zeros((1, 1, 3), np.float32)
     for name, black in blacks.items():
         light = lights[name]
         direct_share = np.where(
             light.lit[..., None], light.direct / np.maximum(light.direct + light.scattered, 1e-9), 0
         )
         total = total + np.nan_to_num(black) * direct_share
-    smooth = blur(np.asarray(total), BLACK_BLUR_PX) @ to_relative.T.astype(np.float32)
+    smooth = blur(total, BLACK_BLUR_PX) @ to_relative.T.astype(np.float32)
     return np.maximum(sample(smooth, where), 0)
 
 
@@ -160,12 +167,13 @@ def _projector(  # noqa: PLR0913, PLR0917
     gain = sample(light.extended, where) / white.astype(np.float32)
     gain = np.where(surface.valid[..., None], np.maximum(gain, 0), 0).astype(np.float32)
     mean_mix = np.mean([c.mix for c in colours.values()], axis=0)
-    mix = np.linalg.inv(mean_mix) @ colours[name].mix
+    mix: Array = np.linalg.solve(mean_mix, colours[name].mix)
+    mix /= mix.sum(axis=1, keepdims=True)
     blend = blender.weights(np.nan_to_num(surface.direction))[name] * surface.valid
     return ProjectorCalibration(
         geometry.projectors[name],
         surface,
-        Photometry(responses[name], mix / mix.sum(axis=1, keepdims=True), gain),
+        Photometry(responses[name], mix, gain),
         blend.astype(np.float32),
     )
 

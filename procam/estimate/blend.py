@@ -46,8 +46,6 @@ class Blender:
         return sample(self.distance[name], xy)
 
 
-def common_white(
-    hi: NDArray[np.floating], lit: NDArray[np.bool_]
-) -> NDArray[np.float64]:
+def common_white(hi: NDArray[np.floating], lit: NDArray[np.bool_]) -> NDArray[np.float64]:
     """W (3,): the white that every lit direction can show, one number per channel."""
     return np.asarray(np.quantile(hi[lit], WHITE_QUANTILE, axis=0), float)

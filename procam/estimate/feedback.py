@@ -34,7 +34,7 @@ class Cells:
     def of(cls, direction: Image, on_screen: Mask) -> "Cells":
         """Cells for a camera that sees `direction` (H, W, 3) where `on_screen`."""
         seen = direction[on_screen]
-        place = np.rint(master_pixels(seen.astype(float), LOOP_SIZE)).astype(np.intp)
+        place = np.rint(master_pixels(seen, LOOP_SIZE)).astype(np.intp)
         inside = np.all((place >= 0) & (place < LOOP_SIZE), axis=-1)
         use = on_screen.copy()
         use[on_screen] = inside
@@ -65,7 +65,7 @@ class Loop:
     A cell is far wider than any registration error, so no further low-pass is needed.
     """
 
-    def __init__(self, calibration: Calibration, cells: Cells, free: Image) -> None:
+    def __init__(self, calibration: Calibration, cells: Cells, free: Mask) -> None:
         maps = calibration.maps
         direction, inside = master_directions(LOOP_SIZE)
         where = master_pixels(direction, maps.size)

@@ -113,8 +113,7 @@ def solve_geometry(
     """
     placed = locate_camera(camera, dome, fiducials)
     projectors = {
-        name: _resection(name, sizes[name], placed, dome, obs)
-        for name, obs in observations.items()
+        name: _resection(name, sizes[name], placed, dome, obs) for name, obs in observations.items()
     }
     problem = _Problem(placed, dome, fiducials, dict(observations), projectors)
     problem.solve()
@@ -150,12 +149,12 @@ class _Problem:
             step = -np.linalg.solve(damped, gradient / scale) / scale
             camera, projectors = self._stepped(step)
             new_cost = self._cost(camera, projectors)
-            if not new_cost < cost * (1 + 1e-12):
+            if not new_cost <= cost + 1e-12 * abs(cost):
                 damping *= 10
                 if damping > 1e6:
                     return
                 continue
-            gain = (cost - new_cost) / cost
+            gain = (cost - new_cost) / max(abs(cost), 1.0)  # a log-likelihood: often negative
             self.camera, self.projectors, cost = camera, projectors, new_cost
             damping = max(damping / 10, 1e-12)
             if gain < CONVERGED:
@@ -171,11 +170,9 @@ class _Problem:
 
     def solution(self) -> GeometrySolution:
         """The result with its covariance, scaled by the residuals' own variance."""
-        residual = {
-            n: self._residual(self.camera, n, p) for n, p in self.projectors.items()
-        }
+        residual = {n: self._residual(self.camera, n, p) for n, p in self.projectors.items()}
         matrix, _ = self._normal_equations()
-        covariance = np.linalg.inv(matrix)
+        covariance = np.asarray(np.linalg.inv(matrix), float)
         projectors = {
             name: replace(p, covariance=covariance[self._block(i), self._block(i)])
             for i, (name, p) in enumerate(self.projectors.items())
@@ -196,7 +193,9 @@ class _Problem:
 
             def residual(x: Array, n: str = name, p: ProjectorModel = projector) -> Array:
                 camera = _moved_camera(self.camera, x[:CAMERA_PARAMETERS])
-                return self._residual(camera, n, changed_projector(p, x[CAMERA_PARAMETERS:])).ravel()
+                return self._residual(
+                    camera, n, changed_projector(p, x[CAMERA_PARAMETERS:])
+                ).ravel()
 
             jacobian, error = _differentiate(residual, step_sizes(projector, self.dome))
             weight = 1 / max(float(np.mean(error**2)), 1e-12)
@@ -346,6 +345,7 @@ def changed_projector(projector: ProjectorModel, x: Array) -> ProjectorModel:
 
 
 def step_sizes(projector: ProjectorModel, dome: Dome) -> Array:
+    """Steps (18,) for numerical derivatives by the camera's and one projector's parameters."""
     turn, shift, px = np.full(3, 1e-6), np.full(3, 1e-6 * dome.radius_m), np.full(4, 1e-4)
     return np.r_[turn, shift, turn, shift, px, 1e-7, 1e-7]
 

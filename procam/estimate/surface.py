@@ -1,5 +1,7 @@
 """Where projector pixels land, how large they are, how sure that is, and which of them are lit."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,7 +25,7 @@ SIGMA_GRID_PX = 32
 LIT_HALF = 0.5  # a border pixel counts when half of its light arrives
 
 
-def directions(projector: ProjectorModel, dome: Dome, x: Array, y: Array) -> Array:
+def directions(projector: ProjectorModel, dome: Dome, x: NDArray[Any], y: NDArray[Any]) -> Array:
     """Directions (len(y), len(x), 3) from the dome's centre of projector pixels; NaN if they miss."""
     pixels = np.stack(np.meshgrid(x, y), axis=-1).astype(float)
     back = projector.projector_from_dome.inverse()
@@ -87,9 +89,7 @@ def _direction_sigma(solution: GeometrySolution, name: str, dome: Dome) -> NDArr
     variance = np.einsum("...ip,pq,...iq->...", jacobian, projector.covariance, jacobian)
     coarse = (np.degrees(np.sqrt(variance)) * 60).astype(np.float32)
     grid = np.stack(
-        np.meshgrid(
-            np.linspace(0, columns - 1, width), np.linspace(0, rows - 1, height)
-        ),
+        np.meshgrid(np.linspace(0, columns - 1, width), np.linspace(0, rows - 1, height)),
         axis=-1,
     )
     return sample(np.nan_to_num(coarse), grid)

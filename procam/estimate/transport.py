@@ -54,9 +54,7 @@ class Separation:
     lit : (H, W) decoded pixels. solid_angle_sr : (H, W) of the camera pixels; 0 off the screen.
     """
 
-    def __init__(
-        self, white: Image, projector_xy: Image, lit: Mask, solid_angle_sr: Array
-    ) -> None:
+    def __init__(self, white: Image, projector_xy: Image, lit: Mask, solid_angle_sr: Array) -> None:
         usable = np.isfinite(white).all(axis=-1)
         self._solid = np.where(usable, solid_angle_sr, 0).astype(np.float32)
         self._white_flux = self.total(white)
@@ -122,7 +120,7 @@ class Separation:
 
 
 def scatter_per_flux(lights: list[Light]) -> Image:
-    """u (H, W, C) [1/sr]: scattered radiance per direct flux, all projectors weighed together."""
+    """U (H, W, C) [1/sr]: scattered radiance per direct flux, all projectors weighed together."""
     top = np.zeros_like(lights[0].scattered)
     bottom = np.zeros_like(top)
     for light in lights:
@@ -136,14 +134,12 @@ def scatter_per_flux(lights: list[Light]) -> Image:
 def feedback(
     lights: list[Light], lit_sr: Array, on_screen_sr: Array, glare_sigma: float
 ) -> Measured:
-    """m (C,) over lit solid angles (H, W) [sr], with sigma.
+    """M (C,) over lit solid angles (H, W) [sr], with sigma.
 
     Each projector measures m by itself. Their scatter tells what depends on where the light falls;
     an unknown veil of glare adds to every scattered sample alike (science.md s.2).
     """
-    each = np.stack(
-        [np.tensordot(lit_sr, light.scattered, 2) / light.flux for light in lights]
-    )
+    each = np.stack([np.tensordot(lit_sr, light.scattered, 2) / light.flux for light in lights])
     value = np.tensordot(lit_sr, scatter_per_flux(lights), 2)
     spread = each.std(axis=0, ddof=1) / np.sqrt(len(each)) if len(each) > 1 else 0.01 * value
     mean_light = np.mean(

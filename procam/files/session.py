@@ -1,7 +1,7 @@
 """A session: plan, patterns and captures of one visit, stored so that nothing is ever lost.
 
-    SESSION/venue.toml  plan.json  patterns/PROJECTOR/SHOT.png
-    SESSION/captures/CAMERA/SHOT@EXPOSURE.tif + index.jsonl
+SESSION/venue.toml  plan.json  patterns/PROJECTOR/SHOT.png
+SESSION/captures/CAMERA/SHOT@EXPOSURE.tif + index.jsonl
 """
 
 import hashlib
@@ -77,7 +77,7 @@ class Session:
             "pixel_format": frame.settings.pixel_format,
             "started_s": frame.started_s,
             "ended_s": frame.ended_s,
-            "sha256": hashlib.sha256(np.ascontiguousarray(frame.counts)).hexdigest(),
+            "sha256": hashlib.sha256(np.ascontiguousarray(frame.counts).data).hexdigest(),
         }
         atomic.append_line(self._index(camera), json.dumps(entry))
 
@@ -112,7 +112,7 @@ class Session:
                 f"{path}: got {width}x{height} px, expected {size[0]}x{size[1]} as venue.toml "
                 "says; capture it again or correct the camera's size"
             )
-        if hashlib.sha256(np.ascontiguousarray(counts)).hexdigest() != entry["sha256"]:
+        if hashlib.sha256(np.ascontiguousarray(counts).data).hexdigest() != entry["sha256"]:
             raise FileFormatError(
                 f"{path}: got other pixels than were captured for shot {entry['shot']} (swapped "
                 "or edited file), expected the stored ones; restore it or delete the file and its "
@@ -127,7 +127,7 @@ class Session:
 
 def _shot(path: Path, entry: dict[str, object]) -> Shot:
     try:
-        exposures = tuple(entry.pop("exposures_s"))  # type: ignore[arg-type]
+        exposures: tuple[float, ...] = tuple(entry.pop("exposures_s"))  # type: ignore[arg-type]
         return Shot(exposures_s=exposures, **entry)  # type: ignore[arg-type]
     except (AttributeError, KeyError, TypeError) as error:
         raise FileFormatError(

@@ -171,9 +171,7 @@ def template_names() -> list[str]:
 def template_text(name: str) -> str:
     """The commented venue.toml of a template."""
     if name not in template_names():
-        raise InputError(
-            f"template: got {name!r}, expected one of {', '.join(template_names())}"
-        )
+        raise InputError(f"template: got {name!r}, expected one of {', '.join(template_names())}")
     return (resources.files("calib_data") / "venues" / name / "venue.toml").read_text("utf-8")
 
 

@@ -47,7 +47,7 @@ def judge_pictures(venue_dir: Path, calibration_dir: Path, truth_dir: Path) -> d
         for path in sorted((truth_dir / "pictures").glob("*.exr"))
     }
     weight = _free_patches(calibration, direct)
-    figures = {}
+    figures: dict[str, Figure] = {}
     for method, name, goal in (
         ("exact", "scatter_left_exact", Goal("<=", 0.02)),
         ("paper-eq12", "scatter_left_paper_eq12", None),
@@ -68,7 +68,7 @@ def _free_patches(calibration: Calibration, direct: Image) -> Array:
     return np.asarray(master_solid_angles(PATCHES)[..., None] * whole)
 
 
-def _scatter(  # noqa: PLR0913, PLR0917
+def _scatter(
     name: str, goal: Goal | None, seen: Image, before: Image, target: Image, weight: Array
 ) -> dict[str, Figure]:
     error, scattered = _patches(seen - target), _patches(before - target)

@@ -28,6 +28,4 @@ def srgb_decode(encoded: NDArray[np.floating]) -> NDArray[np.floating]:
 def srgb_encode(linear: NDArray[np.floating]) -> NDArray[np.floating]:
     """Encode linear values 0..1 as sRGB; the inverse of `srgb_decode`."""
     positive = np.maximum(linear, 0.0)
-    return np.where(
-        positive <= 0.0031308, positive * 12.92, 1.055 * positive ** (1 / 2.4) - 0.055
-    )
+    return np.where(positive <= 0.0031308, positive * 12.92, 1.055 * positive ** (1 / 2.4) - 0.055)

@@ -49,15 +49,22 @@ def master_directions(size: int, fov: float = np.pi) -> tuple[Array, Mask]:
     return np.stack([dy * scale, -dx * scale, np.cos(theta)], axis=-1), q <= 1
 
 
-def master_pixels(direction: Array, size: int, fov: float = np.pi) -> Array:
-    """Pixel coordinates (..., 2) as (column, row) of unit directions in a dome master."""
+def master_pixels(
+    direction: NDArray[np.floating], size: int, fov: float = np.pi
+) -> NDArray[np.floating]:
+    """Pixel coordinates (..., 2) as (column, row) of unit directions in a dome master.
+
+    Keeps float32 directions in float32: good to 1e-3 px of an 8192 px master.
+    """
     x, y, z = np.moveaxis(direction, -1, 0)
-    horizontal = np.hypot(x, y)
-    theta = np.arctan2(horizontal, z)
-    q = theta / (fov / 2)
-    safe = np.where(horizontal > 0, horizontal, 1.0)
-    centre, half = (size - 1) / 2, size / 2
-    return np.stack([centre - half * q * y / safe, centre + half * q * x / safe], axis=-1)
+    horizontal = np.sqrt(x * x + y * y)
+    scale = np.arctan2(horizontal, z) * direction.dtype.type(size / fov)
+    scale /= np.where(horizontal > 0, horizontal, direction.dtype.type(1))
+    centre = direction.dtype.type((size - 1) / 2)
+    pixels = np.empty((*horizontal.shape, 2), direction.dtype)
+    pixels[..., 0] = centre - scale * y
+    pixels[..., 1] = centre + scale * x
+    return pixels
 
 
 def master_solid_angles(size: int, fov: float = np.pi) -> Array:

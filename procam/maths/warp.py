@@ -19,7 +19,7 @@ def sample(image: NDArray[np.floating], xy: NDArray[np.floating], outside: float
     sampled = cv2.remap(
         image,
         np.ascontiguousarray(where),
-        None,
+        np.empty(0, np.float32),
         cv2.INTER_LINEAR,
         borderMode=cv2.BORDER_CONSTANT,
         borderValue=(outside,) * 4,

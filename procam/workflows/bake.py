@@ -62,7 +62,7 @@ def write_frames(frames: Mapping[str, Image], out: Path) -> list[Path]:
 def read_frames(directory: Path) -> dict[str, Image]:
     """Frames written by `write_frames`, 0..1."""
     return {
-        path.stem: (np.asarray(read_image(path), np.float32) / 65535)
+        path.stem: np.asarray(read_image(path), np.float32) / np.float32(65535)
         for path in sorted(directory.glob("*.png"))
     }
 
@@ -84,7 +84,9 @@ def keep_pictures(
     """Compute and store VENUE/pictures and VENUE/frames for a piece of content; returns them."""
     size = content.shape[0]
     methods: tuple[Method, ...] = ("none", "exact", "paper-eq12")
-    made = {m: Compensator(calibration, size, m).solve(content) for m in methods}
+    made: dict[str, Compensated] = {
+        m: Compensator(calibration, size, m).solve(content) for m in methods
+    }
     pictures = venue_dir / "pictures"
     _write_rgb(pictures / "target.exr", content)
     _write_rgb(pictures / "uncompensated.exr", made["none"].observed)

@@ -62,7 +62,7 @@ def solve(venue: Venue, session: Session) -> Iterator[Event]:
         share = float(found[name].valid.sum() / readings.radiometer.seen.sum())
         yield Event("solve", i + 1, total, f"{name} decoded, {share:.0%} of the camera's circle")
     geometry = _solve_geometry(venue, readings, found)
-    ratio, systematic = sphere_test(geometry, venue.screen)
+    ratio, _ = sphere_test(geometry, venue.screen)
     verdict = "the dome is a sphere" if ratio < 2 else "the dome is NOT a sphere"
     yield Event("solve", len(names) + 1, total, f"geometry solved; {verdict} (ratio {ratio:.1f})")
     view = DomeView.of(
@@ -128,7 +128,7 @@ def _solve_geometry(
     )
 
 
-def _measure(  # noqa: PLR0913, PLR0917
+def _measure(
     venue: Venue,
     readings: Readings,
     view: DomeView,

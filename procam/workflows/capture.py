@@ -113,7 +113,10 @@ def _take(
     if drive is not None:
         rig.projectors[shot.projector].show(np.ascontiguousarray(drive))
     for name, camera in rig.cameras.items():
+        stored = session.stored(name)
         for exposure_s in shot.exposures_s:
+            if (shot.id, exposure_s) in stored:
+                continue  # by a run that was cut short within the shot
             camera.configure(CameraSettings(exposure_s, shot.pixel_format))
             frame = _checked(rig, camera.capture, checks[name], shot, drive)
             recorder.store(name, shot, exposure_s, frame)
@@ -157,7 +160,10 @@ class _FrameCheck:
                 f"shot {shot.id}: got {saturated:.1%} saturated pixels, expected less than "
                 f"{SATURATED_SHARE:.1%}; lower [capture] exposure_s in venue.toml"
             )
-        if shot.purpose == "white" and float(np.percentile(probe, 99)) < self.sensor.full_scale / 50:
+        if (
+            shot.purpose == "white"
+            and float(np.percentile(probe, 99)) < self.sensor.full_scale / 50
+        ):
             raise OutOfModelRange(
                 f"shot {shot.id}: got a black picture of white, expected light from projector "
                 f"{shot.projector}; check its lamp, shutter and input, or raise exposure_s"
@@ -176,9 +182,11 @@ class _FrameCheck:
         self, probe: NDArray[np.float64], exposure_s: float, drive: NDArray[np.float32] | None
     ) -> bool:
         """The drives differ a lot, the photographs by no more than noise."""
-        if self.last is None or drive is None or self.last[1] is None:
+        if self.last is None or drive is None:
             return False
         before, shown, exposure_before = self.last
+        if shown is None:
+            return False
         if exposure_before != exposure_s or float(np.abs(shown - drive).mean()) < 0.05:
             return False
         level = max(float(np.percentile(probe, 99)), float(np.percentile(before, 99)))
@@ -186,4 +194,4 @@ class _FrameCheck:
 
     def _probe(self, frame: Frame) -> NDArray[np.float64]:
         counts = frame.counts if frame.counts.ndim == 2 else frame.counts[..., 1]
-        return counts[::PROBE_STEP, ::PROBE_STEP] - self.sensor.black_level
+        return counts[::PROBE_STEP, ::PROBE_STEP].astype(float) - self.sensor.black_level

@@ -102,9 +102,7 @@ class LoopCamera:
         return self.cells.average(np.nan_to_num(light) @ self._matrix.T)
 
 
-def refine(
-    rig: Rig, calibration: Calibration, content: Image
-) -> Iterator[Event]:
+def refine(rig: Rig, calibration: Calibration, content: Image) -> Iterator[Event]:
     """Refine on `content` (N, N, 3); the last event carries `data["refined"]`, a `Refined`."""
     total = MAX_ITERATIONS + 3
     plain = Compensator(calibration, content.shape[0], "none").solve(content)
@@ -156,9 +154,7 @@ def _finish(  # noqa: PLR0913, PLR0917
     predicted: Array,
 ) -> Refined:
     factor = loop.gain_factor(wanted.direct, camera.cells)
-    projectors = {
-        name: _regained(p, factor) for name, p in calibration.projectors.items()
-    }
+    projectors = {name: _regained(p, factor) for name, p in calibration.projectors.items()}
     better = replace(calibration, projectors=projectors)
     return Refined(
         better,
@@ -173,7 +169,7 @@ def _finish(  # noqa: PLR0913, PLR0917
 
 
 def _regained(projector: ProjectorCalibration, factor: Array) -> ProjectorCalibration:
-    direction = np.nan_to_num(projector.surface.direction).astype(float)
+    direction = np.nan_to_num(projector.surface.direction)
     at = sample(factor, master_pixels(direction, LOOP_SIZE), outside=1.0)
     photometry = replace(projector.photometry, gain=projector.photometry.gain * at)
     return replace(projector, photometry=photometry)

@@ -8,7 +8,8 @@ from procam.files.venue import Venue
 def open_rig(venue: Venue) -> Rig:
     """Open all devices that a venue names; refuses names and sizes the backend does not have."""
     table = venue.table
-    names = {d.backend for d in [*table.cameras.values(), *table.projectors.values()]}
+    names = {d.backend for d in table.cameras.values()}
+    names |= {d.backend for d in table.projectors.values()}
     if len(names) != 1:
         raise InputError(
             f"{venue.directory / 'venue.toml'}: got backends {', '.join(sorted(names))}, expected "

@@ -22,7 +22,7 @@ from procam.model.correspondence import CorrespondenceMap
 SUFFIXES = (".png", ".tif", ".tiff", ".jpg", ".jpeg", ".exr", ".bmp", ".pgm")
 
 
-def run_decode(  # noqa: PLR0917
+def run_decode(
     folder: Path,
     size: str,
     out: Path,
@@ -37,7 +37,9 @@ def run_decode(  # noqa: PLR0917
     xy, sigma = found.projector_xy, found.sigma_px
     write_channels(out, {"projector.x": xy[..., 0], "projector.y": xy[..., 1], "sigma": sigma})
     share = float(found.valid.mean())
-    output.say(f"{out} written; {int(found.valid.sum())} pixels decoded, {share:.1%} of the picture")
+    output.say(
+        f"{out} written; {int(found.valid.sum())} pixels decoded, {share:.1%} of the picture"
+    )
     output.finish({"out": str(out), "decoded": int(found.valid.sum()), "share": share})
 
 

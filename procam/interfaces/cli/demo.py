@@ -36,9 +36,7 @@ def run_demo(out: Path, preset: str, output: Output) -> None:
     shots, refined = _run(venue, output)
     figures = {
         "simulated_run_s": Figure(time.monotonic() - started, "s", Goal("<=", 60.0)),
-        "peak_memory_mib": Figure(
-            resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, "MiB"
-        ),
+        "peak_memory_mib": Figure(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, "MiB"),
         "shots": Figure(shots, "-", Goal("<=", 120.0)),
         "session_gb": Figure(_gigabytes(out / "sessions"), "GB", Goal("<=", 1.5)),
     }

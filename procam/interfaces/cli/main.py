@@ -217,7 +217,9 @@ def main() -> None:
     except ProcamError as error:
         sys.exit(_complain(error, 2))
     except KeyboardInterrupt:
-        sys.exit(_complain(ProcamError("stopped; projectors are dark, the run can be resumed"), 130))
+        sys.exit(
+            _complain(ProcamError("stopped; projectors are dark, the run can be resumed"), 130)
+        )
 
 
 def _complain(error: ProcamError, code: int) -> int:

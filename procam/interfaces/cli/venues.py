@@ -136,9 +136,7 @@ def venue_of(session: Path) -> Path:
     """The venue folder of VENUE/sessions/ID."""
     folder = session.resolve().parent
     if folder.name != "sessions":
-        raise InputError(
-            f"session: got {session}, expected a folder such as VENUE/sessions/0001"
-        )
+        raise InputError(f"session: got {session}, expected a folder such as VENUE/sessions/0001")
     return folder.parent
 
 
@@ -159,7 +157,9 @@ def _dry_run(venue: Venue, output: Output) -> None:
         "minutes": round(seconds / 60, 1),
         "gigabytes": round(2 * pixels * planes / 1e9, 2),
     }
-    output.say("{shots} shots, {exposures} exposures, {minutes} min, {gigabytes} GB".format(**document))
+    output.say(
+        "{shots} shots, {exposures} exposures, {minutes} min, {gigabytes} GB".format(**document)
+    )
     output.finish(document)
 
 

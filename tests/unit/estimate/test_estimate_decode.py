@@ -95,9 +95,7 @@ def _pictures(light: np.ndarray, spill: float = 0.0) -> tuple[list[CodePair], np
 BITS = {"x": bit_count(SIZE[0]), "y": bit_count(SIZE[1])}
 
 
-def _decode(
-    pairs: list[CodePair], white: np.ndarray, limits: DecodeLimits
-) -> CorrespondenceMap:
+def _decode(pairs: list[CodePair], white: np.ndarray, limits: DecodeLimits) -> CorrespondenceMap:
     return decode_gray_pairs(pairs, white, np.zeros_like(white), BITS, limits)
 
 
@@ -165,5 +163,5 @@ class TestDefaultLimits:
         assert limits.white_black == pytest.approx(2 * limits.contrast)
 
     def test_a_noise_free_picture_is_limited_by_its_steps(self) -> None:
-        black = np.tile([10.0, 10.0, 10.0, 12.0], (8, 8))
-        assert default_limits(black + 50, black).contrast == 4.0
+        black = np.tile([10.0, 10.0, 10.0, 11.0], (8, 8)) / 255
+        assert default_limits(black + 0.5, black).contrast == pytest.approx(2 / 255)

@@ -158,7 +158,9 @@ class TestDamage:
         assert "\n" not in str(caught.value)
 
     def test_an_absent_file(self, tmp_path: Path) -> None:
-        with pytest.raises(FileFormatError, match=r"none\.png: got no such file, expected an image"):
+        with pytest.raises(
+            FileFormatError, match=r"none\.png: got no such file, expected an image"
+        ):
             read_image(tmp_path / "none.png")
 
     @pytest.mark.parametrize("name", ["a.xyz", "a"])

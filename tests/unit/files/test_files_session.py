@@ -73,7 +73,10 @@ class TestPlan:
             ('{"shots": []}', "got schema None, expected 1"),
             ('{"schema": 1}', "shots"),
             ('{"schema": 1, "shots": [{"id": "a"}]}', "a shot that does not fit"),
-            ('{"schema": 1, "shots": [{"exposures_s": [1], "bogus": 2}]}', "a shot that does not fit"),
+            (
+                '{"schema": 1, "shots": [{"exposures_s": [1], "bogus": 2}]}',
+                "a shot that does not fit",
+            ),
             ('{"schema": 1, "shots": ["a"]}', "a shot that does not fit"),
         ],
     )
@@ -158,7 +161,9 @@ class TestDamage:
         shutil.move(white.with_suffix(".x"), code)
         for path, shot in ((white, WHITE), (code, CODE)):
             message = self._complaint(stored, shot)
-            assert message.startswith(f"{path}: got other pixels than were captured for shot {shot.id}")
+            assert message.startswith(
+                f"{path}: got other pixels than were captured for shot {shot.id}"
+            )
             assert "swapped" in message and "capture again" in message
 
     def test_of_another_size(self, stored: Session) -> None:

@@ -82,14 +82,22 @@ MISTAKES = {
     ),
     "unknown table": (("[capture]", "[captures]"), "captures", ["got a table", "spelling"]),
     "missing key": (("radius_m = 6.0", ""), "screen.radius_m", ["procam init"]),
-    "radius 0": (("radius_m = 6.0", "radius_m = 0"), "screen.radius_m", ["got 0", "greater than 0"]),
+    "radius 0": (
+        ("radius_m = 6.0", "radius_m = 0"),
+        "screen.radius_m",
+        ["got 0", "greater than 0"],
+    ),
     "radius NaN": (("radius_m = 6.0", "radius_m = nan"), "screen.radius_m", ["got nan", "finite"]),
     "radius in words": (
         ("radius_m = 6.0", 'radius_m = "six"'),
         "screen.radius_m",
         ["got 'six'", "number"],
     ),
-    "screen of another kind": (('kind = "dome"', 'kind = "cave"'), "screen.kind", ["'cave'", "'dome'"]),
+    "screen of another kind": (
+        ('kind = "dome"', 'kind = "cave"'),
+        "screen.kind",
+        ["'cave'", "'dome'"],
+    ),
     "more than a hemisphere": (
         ("half_angle_deg = 90.0", "half_angle_deg = 100"),
         "screen.half_angle_deg",
@@ -126,7 +134,10 @@ MISTAKES = {
         ["'morse'", "'escvp21'"],
     ),
     "fiducial naming an unknown camera": (
-        ('elevation_deg = 35.0\nsigma_deg = 0.01\ncamera = "zenith"', 'elevation_deg = 35.0\nsigma_deg = 0.01\ncamera = "zenit"'),
+        (
+            'elevation_deg = 35.0\nsigma_deg = 0.01\ncamera = "zenith"',
+            'elevation_deg = 35.0\nsigma_deg = 0.01\ncamera = "zenit"',
+        ),
         "fiducials.front.camera",
         ["got 'zenit'", "expected one of zenith"],
     ),
@@ -141,7 +152,10 @@ MISTAKES = {
         ["got -1", "greater than 0"],
     ),
     "no capture": (
-        ("[capture]\nexposure_s = 0.13       # white of one projector just below saturation\nblack_exposure_s = 6.5  # black is dim\n", ""),
+        (
+            "[capture]\nexposure_s = 0.13       # white of one projector just below saturation\nblack_exposure_s = 6.5  # black is dim\n",
+            "",
+        ),
         "capture",
         ["procam init"],
     ),
@@ -153,7 +167,9 @@ class TestMistakes:
     def test_one_line_each(self, tmp_path: Path, case: str) -> None:
         edit, where, says = MISTAKES[case]
         lines = _mistakes(tmp_path, _edit(*edit))
-        mine = [line for line in lines if line.startswith(f"{tmp_path / 'venue.toml'}: {where}: got ")]
+        mine = [
+            line for line in lines if line.startswith(f"{tmp_path / 'venue.toml'}: {where}: got ")
+        ]
         assert len(mine) == 1, lines
         for words in says:
             assert words in mine[0]
@@ -197,12 +213,16 @@ class TestMistakes:
         assert len(_mistakes(tmp_path, text)) >= 4
 
     def test_no_file(self, tmp_path: Path) -> None:
-        with pytest.raises(InputError, match=r"venue\.toml: got no such file.*procam init") as caught:
+        with pytest.raises(
+            InputError, match=r"venue\.toml: got no such file.*procam init"
+        ) as caught:
             load_venue(tmp_path)
         assert "\n" not in str(caught.value)
 
     def test_a_device_may_not_call_its_backend_as_a_table_of_the_file(self, tmp_path: Path) -> None:
         """Backend "screen" would have the [screen] table cut out from under the validator."""
-        text = _edit('[projectors.south]\nbackend = "simulated"', '[projectors.south]\nbackend = "screen"')
+        text = _edit(
+            '[projectors.south]\nbackend = "simulated"', '[projectors.south]\nbackend = "screen"'
+        )
         venue = _load(tmp_path, text)
         assert venue.screen.radius_m == 6.0

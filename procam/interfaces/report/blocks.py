@@ -1,0 +1,97 @@
+"""What a report is made of: rows of dome pictures, charts, tables, sentences."""
+
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+from procam.interfaces.plots import Scale
+from procam.interfaces.report.data import Material
+
+COLOURS = ("red", "green", "blue")
+
+
+@dataclass(frozen=True, slots=True)
+class DomePicture:
+    """One dome master to show, with its title."""
+
+    title: str
+    image: str
+
+
+@dataclass(frozen=True, slots=True)
+class Group:
+    """Dome masters that share one colour scale or one legend of (colour, text)."""
+
+    domes: list[DomePicture]
+    scale: Scale | None = None
+    legend: list[tuple[str, str]] = field(default_factory=list)
+
+
+@dataclass(frozen=True, slots=True)
+class Domes:
+    """A row of dome masters."""
+
+    kind: ClassVar[str] = "domes"
+    groups: list[Group]
+    caption: str
+    dark: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Charts:
+    """Charts side by side."""
+
+    kind: ClassVar[str] = "charts"
+    images: list[tuple[str, str]]  # picture, what it shows
+    caption: str
+    width_px: int
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """Rows of text under a head; the first column names the row."""
+
+    kind: ClassVar[str] = "table"
+    head: list[str]
+    rows: list[list[str]]
+    caption: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Text:
+    """A sentence; `missing` ones say which command adds what is not there."""
+
+    kind: ClassVar[str] = "text"
+    text: str
+    missing: bool = False
+
+
+Block = Domes | Charts | Table | Text
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """A part of the report."""
+
+    key: str
+    title: str
+    blocks: list[Block]
+
+
+def not_there(what: str, command: str) -> Text:
+    """A sentence that says what is missing and which command adds it."""
+    return Text(f"{what}: not there yet. Run {command} to add it.", missing=True)
+
+
+def calibrating(material: Material) -> str:
+    """The command that makes a calibration and its pictures."""
+    return f"`procam calibrate {material.directory}`"
+
+
+def signed(label: str, end: float) -> Scale:
+    """A scale of differences in per cent, from -end to +end."""
+    return Scale(label, -end, end, "signed", 100.0)
+
+
+def brightness(top: float) -> Scale:
+    """A scale of light, shown as a screen shows it."""
+    return Scale("light, 1 = white", 0.0, top, "light")

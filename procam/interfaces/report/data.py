@@ -1,0 +1,252 @@
+"""What a venue's folder holds for its report, read and brought to a size to show."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procam.errors import FileFormatError, InputError
+from procam.files.calibration import list_calibrations, load_calibration
+from procam.files.images import RGB, read_channels
+from procam.interfaces.plots import on_dome
+from procam.maths.sphere import angle_between, master_directions, master_pixels, master_solid_angles
+from procam.maths.warp import block_mean, sample
+from procam.model.calibration import Calibration
+from procam.model.correspondence import ProjectorSurface
+
+Array = NDArray[np.float64]
+Image = NDArray[np.float32]
+SHOWN = 450  # edge of a picture in the report, about [px]
+JUDGED = 256  # patches that errors are taken over
+POINTS = 1_200_000  # projector pixels drawn on a dome map, at most
+WHOLE = 0.999
+
+
+@dataclass(frozen=True, slots=True)
+class Loop:
+    """The closed loop: residual per iteration, noise floor [rel], photographs by name."""
+
+    residual: list[float]
+    noise_floor: float
+    photographs: Mapping[str, Image]
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """What the simulator tells: pictures by method [rel]; feedback, albedo (3,); directory."""
+
+    directory: Path
+    pictures: Mapping[str, Image]
+    feedback: Array
+    albedo: Array
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """A picture before and after compensation with what it should be, all (N, N, 3) [rel].
+
+    `free` (N, N, 3) is the share that no limit holds; `source` names where the light comes from.
+    """
+
+    before: Image
+    after: Image
+    target: Image
+    free: Image
+    coverage: Image
+    source: str
+
+    def error_rms(self) -> tuple[float, float]:
+        """Difference from the target before and after, where no limit holds [rel]."""
+        size = max(1, len(self.target) // JUDGED)
+        small = [block_mean(p, size) for p in (self.before, self.after, self.target, self.free)]
+        whole = (small[3] > WHOLE) & (block_mean(self.coverage, size) > WHOLE)[..., None]
+        weight = master_solid_angles(len(whole))[..., None] * whole
+        total = max(float(weight.sum()), 1e-12)
+        before, after = (np.sum(weight * (p - small[2]) ** 2) / total for p in small[:2])
+        return float(np.sqrt(before)), float(np.sqrt(after))
+
+
+@dataclass(frozen=True, slots=True)
+class Material:
+    """All a report is made of; what a venue does not have is None or empty.
+
+    Attributes
+    ----------
+    calibration : the newest; calibrations : all of them, oldest first.
+    figures : the entries of summary.json by name. pictures : (N, N, 3) by name, size to show.
+    """
+
+    directory: Path
+    calibrations: list[Path]
+    calibration: Calibration | None
+    figures: Mapping[str, Mapping[str, Any]]
+    preset: str | None
+    loop: Loop | None
+    pictures: Mapping[str, Image]
+    truth: Truth | None
+
+    @property
+    def name(self) -> str:
+        """The venue's name: that of its folder."""
+        return self.directory.resolve().name
+
+    @property
+    def made(self) -> datetime | None:
+        """When the newest calibration was written, in local time."""
+        if not self.calibrations:
+            return None
+        stamp = (self.calibrations[-1] / "calibration.json").stat().st_mtime
+        return datetime.fromtimestamp(stamp).astimezone()
+
+    def coverage(self, size: int) -> Image:
+        """Share (N, N) of each direction that a projector can light."""
+        assert self.calibration is not None
+        return resized(self.calibration.maps.coverage, size)
+
+    def seen(self) -> Seen | None:
+        """Before and after from the best witness there is: simulator, camera, prediction."""
+        if self.calibration is None or not self.pictures:
+            return None
+        target, free = self.pictures["target"], self.pictures["free"]
+        coverage = self.coverage(len(target))
+        if self.truth and {"none", "exact"} <= set(self.truth.pictures):
+            shown = self.truth.pictures
+            after = shown.get("refined", shown["exact"])
+            return Seen(shown["none"], after, target, free, coverage, "simulator")
+        if self.loop:
+            photographs = self.loop.photographs
+            size = len(photographs["before"])
+            parts = (resized(p, size) for p in (target, free, coverage))
+            return Seen(photographs["before"], photographs["after"], *parts, "camera")
+        before, after = self.pictures["uncompensated"], self.pictures["compensated"]
+        return Seen(before, after, target, free, coverage, "prediction")
+
+
+def read_material(venue_dir: Path) -> Material:
+    """Read what a venue's folder holds."""
+    calibrations = list_calibrations(venue_dir)
+    summary = _document(venue_dir / "summary.json")
+    if not (calibrations or summary or (venue_dir / "venue.toml").is_file()):
+        raise InputError(
+            f"{venue_dir}: got no venue.toml and no calibration, expected a venue's folder; "
+            "`procam demo` makes one to look at"
+        )
+    calibration = load_calibration(calibrations[-1]) if calibrations else None
+    pictures = _pictures(venue_dir / "pictures")
+    size = len(pictures["target"]) if pictures else SHOWN
+    return Material(
+        venue_dir,
+        calibrations,
+        calibration,
+        summary.get("figures", {}),
+        summary.get("preset"),
+        _loop(venue_dir / "loop"),
+        pictures,
+        _truth(venue_dir / "truth", calibration, size),
+    )
+
+
+def resized(picture: Image, size: int) -> Image:
+    """A dome master brought to another size: averaged down, then sampled."""
+    if len(picture) == size:
+        return picture
+    smaller = block_mean(picture, max(1, len(picture) // size))
+    direction, _ = master_directions(size)
+    return sample(smaller, master_pixels(direction, len(smaller)))
+
+
+def drawn(surface: ProjectorSurface, values: NDArray[np.floating]) -> Array:
+    """Values (H, W) of a projector's pixels as a dome master; NaN where none of them lands."""
+    step = max(1, int(np.sqrt(surface.valid.size / POINTS)))
+    valid = surface.valid[::step, ::step]
+    pixels = int(valid.sum())
+    size = int(np.clip(np.sqrt(pixels) / 1.6, 24, SHOWN))
+    return on_dome(surface.direction[::step, ::step][valid], values[::step, ::step][valid], size)
+
+
+def true_errors(material: Material, name: str) -> Array | None:
+    """Angles (H, W) [arcmin] between a projector's found and true directions; NaN where unknown."""
+    if material.truth is None or material.calibration is None:
+        return None
+    path = material.truth.directory / "maps" / f"{name}.exr"
+    if not path.is_file():
+        return None
+    maps = read_channels(path)
+    truth = np.stack([maps[f"direction.{axis}"] for axis in "xyz"], axis=-1)
+    found = material.calibration.projectors[name].surface.direction
+    error = np.degrees(angle_between(found.astype(float), truth.astype(float))) * 60
+    return np.where(maps["valid"] > 0.5, error, np.nan)
+
+
+def gain_change(material: Material, name: str) -> Array | None:
+    """Factor (H, W) by which the loop changed a projector's gain; None without two calibrations."""
+    newest = material.calibration
+    if newest is None or len(material.calibrations) < 2:
+        return None
+    first = material.calibrations[-2]
+    session = _document(first / "calibration.json")["provenance"].get("session")
+    path = first / "maps" / f"{name}.exr"
+    if session != newest.provenance.get("session") or not path.is_file():
+        return None
+    maps = read_channels(path)
+    old = sum(maps[f"gain.{c}"] for c in RGB)
+    new = newest.projectors[name].photometry.gain.sum(axis=-1)
+    return np.asarray(new / np.where(np.asarray(old) > 0, old, np.nan), float)
+
+
+def _pictures(folder: Path) -> dict[str, Image]:
+    names = ("target", "uncompensated", "compensated", "direct", "free")
+    if not all((folder / f"{n}.exr").is_file() for n in names):
+        return {}
+    return {n: _picture(folder / f"{n}.exr") for n in names}
+
+
+def _loop(folder: Path) -> Loop | None:
+    names = ("before", "after", "predicted", "free")
+    document = _document(folder / "loop.json")
+    if not document or not all((folder / f"{n}.exr").is_file() for n in names):
+        return None
+    photographs = {n: _picture(folder / f"{n}.exr") for n in names}
+    return Loop(document["residual"], document["noise_floor"], photographs)
+
+
+def _truth(folder: Path, calibration: Calibration | None, size: int) -> Truth | None:
+    document = _document(folder / "calibration.json")
+    if not document or calibration is None:
+        return None
+    matrix = calibration.content_from_camera.T.astype(np.float32)
+    files = {n: folder / "pictures" / f"{n}.exr" for n in ("none", "exact", "refined")}
+    pictures = {n: resized(_picture(p) @ matrix, size) for n, p in files.items() if p.is_file()}
+    feedback, albedo = (np.array(document[k]["value"]) for k in ("feedback", "albedo"))
+    return Truth(folder, pictures, feedback, albedo)
+
+
+def _picture(path: Path) -> Image:
+    """An RGB file averaged down to the size of the report; holes are black."""
+    channels = read_channels(path)
+    if not set(RGB) <= set(channels):
+        raise FileFormatError(
+            f"{path}: got channels {', '.join(channels)}, expected R, G and B; make it again"
+        )
+    picture = np.nan_to_num(np.stack([channels[c] for c in RGB], axis=-1))
+    return block_mean(picture, max(1, round(len(picture) / SHOWN)))
+
+
+def _document(path: Path) -> dict[str, Any]:
+    """A JSON file's object; empty if there is none."""
+    if not path.is_file():
+        return {}
+    try:
+        document = json.loads(path.read_text("utf-8"))
+    except ValueError as error:
+        raise FileFormatError(
+            f"{path}: got no JSON ({error}); delete it or make it again"
+        ) from error
+    if not isinstance(document, dict):
+        raise FileFormatError(f"{path}: got {type(document).__name__}, expected a JSON object")
+    return document

@@ -1,0 +1,216 @@
+"""Puts a report together and writes it."""
+
+from collections.abc import Iterator, Mapping
+from datetime import datetime
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from procam.errors import InputError
+from procam.files import atomic
+from procam.interfaces import plots
+from procam.interfaces.report import dome, light
+from procam.interfaces.report.blocks import COLOURS, Section
+from procam.interfaces.report.data import Material, read_material
+from procam.interfaces.report.words import (
+    goal_text,
+    miss_text,
+    number,
+    percent,
+    value_text,
+    words_for,
+)
+from procam.maths.sphere import cap_solid_angle
+from procam.model.calibration import Calibration
+
+WHITE_SHARES = (0.1, 0.25, 0.5, 0.75)
+Entries = Mapping[str, Mapping[str, Any]]
+
+
+def write_report(venue_dir: Path, out: Path | None = None) -> Path:
+    """Write a venue's report, one self-contained HTML file; returns its path.
+
+    What the venue does not have yet is left out, with the command that would add it.
+
+    Parameters
+    ----------
+    venue_dir : with venue.toml, calibrations/, and what `procam demo`, `calibrate` and `refine`
+        leave there: summary.json, pictures/, loop/, truth/.
+    out : where to; VENUE/report.html by default.
+
+    Raises
+    ------
+    InputError
+        matplotlib or jinja2 is not installed, or the folder is no venue.
+    FileFormatError
+        a file is there but damaged.
+    """
+    plots.require_matplotlib()
+    template = _template()
+    path = out or venue_dir / "report.html"
+    atomic.write_text(path, template.render(**_context(read_material(venue_dir))))
+    return path
+
+
+def _template() -> Any:
+    try:
+        from jinja2 import Environment, StrictUndefined  # noqa: PLC0415
+    except ImportError as error:
+        raise InputError(
+            f"report: got no jinja2, expected the extra that writes reports; run: {plots.EXTRA}"
+        ) from error
+    text = resources.files(__package__).joinpath("report_template.html").read_text("utf-8")
+    environment = Environment(
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    return environment.from_string(text)
+
+
+def _context(material: Material) -> dict[str, Any]:
+    entries = _entries(material)
+    return {
+        "venue": material.name,
+        "written": _date(datetime.now().astimezone()),
+        "calibrated": _date(material.made) if material.made else "",
+        "number_of": material.calibrations[-1].name if material.calibrations else "",
+        "simulated": material.truth is not None,
+        "verdict": _verdict(entries),
+        "missed": [miss_text(n, e) for n, e in entries.items() if e["pass"] is False],
+        "cards": list(_cards(material)),
+        "sections": list(_sections(material)),
+        "figures": [_figure_row(n, e) for n, e in entries.items()],
+        "figures_missing": None
+        if material.figures
+        else f"`procam demo --out {material.directory}`",
+        "commands": sorted({_command(e) for e in entries.values()} - {""}),
+        "provenance": list(_provenance(material)),
+        "contrast": _contrast(material.calibration),
+    }
+
+
+def _date(moment: datetime) -> str:
+    return f"{moment.day} {moment:%B %Y, %H:%M}"
+
+
+def _entries(material: Material) -> dict[str, Mapping[str, Any]]:
+    """All figures: those of the run, then those of the calibration itself."""
+    solved = material.calibration.quality if material.calibration else {}
+    return {**material.figures, **{n: f.as_dict() for n, f in solved.items()}}
+
+
+def _verdict(entries: Entries) -> str:
+    judged = [e for e in entries.values() if e["pass"] is not None]
+    missed = [e for e in judged if e["pass"] is False]
+    if not judged:
+        return "No figure of this venue has been held against a goal yet."
+    if not missed:
+        return f"All {len(judged)} figures that have a goal meet it."
+    verb = "misses its goal" if len(missed) == 1 else "miss their goals"
+    return f"{len(missed)} of {len(judged)} figures {verb}; see below."
+
+
+def _cards(material: Material) -> Iterator[dict[str, str]]:
+    """The headline numbers: title, value, explanation."""
+    figures, calibration, seen = material.figures, material.calibration, material.seen()
+    for name in ("scatter_left_refined", "scatter_left_exact"):
+        if name in figures:
+            note = "of the bounced light is still there, worst colour"
+            goal = goal_text(name, figures[name])
+            yield _card("Bounced light left", value_text(name, figures[name]), note, goal)
+            break
+    if material.loop:
+        floor = percent(material.loop.noise_floor)
+        note = f"of white between camera and prediction; camera noise {floor}"
+        yield _card("Left after the loop", percent(material.loop.residual[-1]), note)
+    if "direction_error_rms_arcmin" in figures:
+        entry = figures["direction_error_rms_arcmin"]
+        goal = goal_text("direction_error_rms_arcmin", entry)
+        text = value_text("direction_error_rms_arcmin", entry)
+        yield _card("Direction error", text, "where pixels land, against the truth", goal)
+    elif calibration:
+        sigma = [p.surface.sigma_arcmin[p.surface.valid] for p in calibration.projectors.values()]
+        middle = number(float(np.median(np.concatenate(sigma))))
+        yield _card("Expected direction error", f"{middle} arcmin", "one standard error, median")
+    if seen:
+        before, after = (percent(e) for e in seen.error_rms())
+        note = "of white, before and after; root mean square where no limit holds"
+        yield _card("Error of the picture", f"{before} \N{RIGHTWARDS ARROW} {after}", note)
+
+
+def _card(title: str, value: str, note: str, goal: str = "") -> dict[str, str]:
+    return {"title": title, "value": value, "note": note, "goal": goal}
+
+
+def _sections(material: Material) -> Iterator[Section]:
+    parts = (
+        ("pictures", "Before and after", light.pictures),
+        ("coverage", "Who lights what", dome.coverage),
+        ("mapping", "Where the pixels land", dome.mapping),
+        ("response", "How the projectors answer", dome.response),
+        ("bounces", "Light that bounces round the dome", light.pollution),
+        ("loop", "Looking again: the closed loop", light.loop),
+        ("clipped", "What could not be reproduced, and why", light.clipped),
+        ("levels", "Brightest white and darkest black", dome.levels),
+        ("feedback", "How strongly the dome bounces light", dome.feedback),
+    )
+    for key, title, make in parts:
+        yield Section(key, title, list(make(material)))
+
+
+def _figure_row(name: str, entry: Mapping[str, Any]) -> dict[str, Any]:
+    words = words_for(name)
+    return {
+        "name": name,
+        "title": words.title,
+        "gloss": words.gloss,
+        "value": value_text(name, entry),
+        "goal": goal_text(name, entry),
+        "pass": entry["pass"],
+        "samples": number(entry["samples"]),
+        "note": entry.get("note", ""),
+    }
+
+
+def _command(entry: Mapping[str, Any]) -> str:
+    if not entry.get("command"):
+        return ""
+    seed = entry.get("seed")
+    return str(entry["command"]) + (f" (seed {seed})" if seed is not None else "")
+
+
+def _provenance(material: Material) -> Iterator[tuple[str, str]]:
+    """What went in, as (name, text)."""
+    calibration = material.calibration
+    yield "Venue folder", str(material.directory)
+    if calibration is None:
+        return
+    yield "Calibrations", ", ".join(p.name for p in material.calibrations) + " (the last is shown)"
+    dome_deg = f"{np.degrees(calibration.screen.half_angle):.0f}"
+    yield (
+        "Screen",
+        f"dome, radius {calibration.screen.radius_m:g} m, pole to rim {dome_deg} degrees",
+    )
+    for name, camera in calibration.cameras.items():
+        yield f"Camera {name}", f"{camera.size[0]} x {camera.size[1]} px, {camera.sensor.bits} bits"
+    for name, projector in calibration.projectors.items():
+        yield f"Projector {name}", f"{projector.model.size[0]} x {projector.model.size[1]} px"
+    for key, value in calibration.provenance.items():
+        if isinstance(value, Mapping):
+            yield key, ", ".join(f"{k} {v}" for k, v in value.items())
+        else:
+            yield key, str(value)
+
+
+def _contrast(calibration: Calibration | None) -> dict[str, Any] | None:
+    """The formula of the limits section, in numbers for this dome."""
+    if calibration is None:
+        return None
+    albedo = float(calibration.albedo.value.mean())
+    share = cap_solid_angle(calibration.screen.half_angle) / (4 * np.pi)
+    rows = [
+        (percent(p), f"{(1 - albedo * share * (1 - p)) / (albedo * share * p):.0f} : 1")
+        for p in WHITE_SHARES
+    ]
+    return {"albedo": f"{albedo:.2f}", "share": f"{share:.2f}", "rows": rows, "colours": COLOURS}

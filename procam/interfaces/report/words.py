@@ -1,0 +1,145 @@
+"""Figures in plain words: names, explanations, values with their units."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+
+@dataclass(frozen=True, slots=True)
+class Words:
+    """A figure's title, what it means, and whether its number reads better in per cent."""
+
+    title: str
+    gloss: str = ""
+    percent: bool = False
+
+
+LEFT = "share of the bounced light still there, worst colour, where no limit holds"
+NAMES = {
+    "simulated_run_s": Words("Time for the whole run", "capture, solve, compensate and refine"),
+    "peak_memory_mib": Words("Memory needed at most"),
+    "shots": Words("Photographs taken"),
+    "session_gb": Words("Disk space of the photographs"),
+    "direction_error_rms_arcmin": Words(
+        "Direction error, root mean square",
+        "angle between where a projector pixel was said to land and where it does",
+    ),
+    "direction_error_max_arcmin": Words("Direction error, worst pixel"),
+    "solid_angle_sum_error": Words(
+        "Error of the projected area", "each projector's whole footprint, worst", percent=True
+    ),
+    "dome_is_sphere": Words("The dome is a sphere", "as far as the camera can tell"),
+    "feedback": Words("Feedback m, red / green / blue", "bounced light per light projected"),
+    "feedback_error": Words("Error of the feedback", "worst channel", percent=True),
+    "feedback_interval_covers": Words("The feedback's 95 % interval holds the true value"),
+    "albedo": Words("Albedo, red / green / blue", "share of light the screen throws back"),
+    "albedo_error": Words("Error of the albedo", "worst channel", percent=True),
+    "albedo_interval_covers": Words(
+        "The albedo's 95 % interval holds the true value",
+        "and is narrower than \N{PLUS-MINUS SIGN}6 %",
+    ),
+    "scatter_left_exact": Words("Bounced light left by the calibration alone", LEFT, percent=True),
+    "scatter_left_exact_mean": Words("\u2014 its signed mean", percent=True),
+    "scatter_left_paper_eq12": Words(
+        "Bounced light left by the published formula",
+        "subtraction by paper eq. 12 to the letter, for comparison",
+        percent=True,
+    ),
+    "scatter_left_paper_eq12_mean": Words("\u2014 its signed mean", percent=True),
+    "scatter_left_refined": Words("Bounced light left after the loop", LEFT, percent=True),
+    "scatter_left_refined_mean": Words("\u2014 its signed mean", percent=True),
+    "scatter_before": Words(
+        "Bounced light before compensation", "mean, worst channel, in % of white", percent=True
+    ),
+    "loop_residual_by_iteration": Words(
+        "Loop: what is left after each correction", "root mean square, in % of white", percent=True
+    ),
+    "loop_noise_floor": Words(
+        "Loop: noise of one photograph",
+        "nothing below this can be seen, in % of white",
+        percent=True,
+    ),
+    "loop_residual_over_floor": Words("Loop: what is left, in units of that noise"),
+    "loop_iterations": Words("Loop: corrections made"),
+    "geometry_residual_rms_px": Words(
+        "Misfit of the geometry",
+        "between the camera's sightings and the model, in projector pixels",
+    ),
+    "sphere_variance_ratio": Words(
+        "Test for a true sphere", "observed scatter against the scatter that noise explains"
+    ),
+    "sphere_systematic_arcmin": Words(
+        "Direction error that a non-spherical dome would explain",
+        "as an angle seen from the centre",
+    ),
+    "additivity_error": Words(
+        "Colours add up",
+        "red, green and blue alone against white; above 1 % they do not",
+        percent=True,
+    ),
+    "coverage": Words("Share of the dome that is lit", percent=True),
+}
+
+
+def words_for(name: str) -> Words:
+    """Words of a figure; an unknown one reads as its name."""
+    return NAMES.get(name, Words(name.replace("_", " ").capitalize()))
+
+
+def number(value: float) -> str:
+    """Three significant digits, no exponent unless needed."""
+    if not math.isfinite(value):
+        return "not a number"
+    if value == int(value) and abs(value) < 1e7:
+        return f"{int(value):,}".replace(",", "\u202f").replace("-", "\N{MINUS SIGN}")
+    if abs(value) >= 1000:
+        return f"{value:,.0f}".replace(",", "\u202f").replace("-", "\N{MINUS SIGN}")
+    return f"{value:.3g}".replace("-", "\N{MINUS SIGN}")
+
+
+def percent(value: float) -> str:
+    """A share in per cent."""
+    return f"{number(float(f'{100 * value:.3g}'))}\u202f%"
+
+
+def value_text(name: str, entry: Mapping[str, Any]) -> str:
+    """A figure's value with its unit."""
+    return _text(entry["value"], name, str(entry.get("unit", "-")))
+
+
+def goal_text(name: str, entry: Mapping[str, Any]) -> str:
+    """A figure's goal in words; empty without one."""
+    goal = entry.get("goal")
+    if goal is None:
+        return ""
+    if isinstance(goal["value"], bool):
+        return "yes" if goal["value"] else "no"
+    limit = _text(goal["value"], name, str(entry.get("unit", "-")))
+    before = {
+        "<=": "at most ",
+        ">=": "at least ",
+        "==": "exactly ",
+        "abs<=": "within \N{PLUS-MINUS SIGN}",
+    }
+    return before.get(goal["op"], goal["op"] + " ") + limit
+
+
+def miss_text(name: str, entry: Mapping[str, Any]) -> str:
+    """What a failing figure is and should have been, in one sentence."""
+    note = f" ({entry['note']})" if entry.get("note") else ""
+    title = words_for(name).title.rstrip(".")
+    return f"{title}: {value_text(name, entry)}, should be {goal_text(name, entry)}{note}."
+
+
+def _text(value: Any, name: str, unit: str) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, list):
+        return " / ".join(_text(v, name, unit) for v in value)
+    if not isinstance(value, (int, float)):
+        return str(value)
+    if words_for(name).percent and unit in ("-", "rel"):
+        return percent(value)
+    suffix = {"-": "", "rel": " of white"}.get(unit, f" {unit}")
+    return number(value) + suffix

@@ -1,0 +1,165 @@
+"""The compensator on a calibration that is fully known."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from tolerances import FLOAT32
+
+from procam.compensate.exact import Compensator
+from procam.errors import InputError, ShapeError
+from procam.maths.sphere import master_directions, master_pixels, master_solid_angles
+from procam.model.calibration import Calibration
+
+SIZE = 96
+EXACT = 1e-6  # what science.md s.8 asks of unclipped pixels
+
+
+@pytest.fixture
+def content(rng: np.random.Generator) -> np.ndarray:
+    """Bright enough to be reached in most places, with some black and some too bright."""
+    picture = rng.uniform(0.45, 0.9, (SIZE, SIZE, 3))
+    picture[30:34, 40:60] = 0.0
+    picture[60:64, 40:60] = 3.0
+    return picture.astype(np.float32)
+
+
+def _solid(calibration: Calibration, size: int = SIZE) -> np.ndarray:
+    """Lit solid angle of each content pixel; on the maps' own grid no sampling comes in."""
+    assert calibration.maps.size == size
+    return master_solid_angles(size) * calibration.maps.coverage
+
+
+class TestExact:
+    def test_unclipped_pixels_are_exact(
+        self, calibration: Calibration, content: np.ndarray
+    ) -> None:
+        found = Compensator(calibration, SIZE).solve(content)
+        assert 0.7 < found.free[_solid(calibration) > 0].mean() < 1
+        np.testing.assert_allclose(found.observed[found.free], content[found.free], atol=EXACT)
+
+    def test_flux_is_that_of_the_direct_light(
+        self, calibration: Calibration, content: np.ndarray
+    ) -> None:
+        found = Compensator(calibration, SIZE).solve(content)
+        own = np.tensordot(_solid(calibration), found.direct.astype(float), 2)
+        np.testing.assert_allclose(found.flux, own, rtol=1e-6)
+
+    def test_observed_is_direct_plus_its_own_bounces(
+        self, calibration: Calibration, content: np.ndarray
+    ) -> None:
+        found = Compensator(calibration, SIZE).solve(content)
+        lit = _solid(calibration) > 0
+        expected = found.direct + calibration.maps.scatter_per_flux * found.flux
+        np.testing.assert_allclose(found.observed[lit], expected[lit], atol=EXACT)
+
+    def test_clipped_pixels_sit_on_their_limit_and_on_the_right_side(
+        self, calibration: Calibration, content: np.ndarray
+    ) -> None:
+        found = Compensator(calibration, SIZE).solve(content)
+        lit = (_solid(calibration) > 0)[..., None]
+        low = lit & (found.direct <= calibration.maps.lo * (1 + FLOAT32))
+        high = lit & (found.direct >= calibration.maps.hi * (1 - FLOAT32))
+        np.testing.assert_array_equal((low | high) & lit, ~found.free & lit)
+        assert low.any() and high.any()
+        assert (found.observed[low] >= content[low] - EXACT).all()
+        assert (found.observed[high] <= content[high] + EXACT).all()
+
+    def test_nothing_where_nothing_is_lit(
+        self, calibration: Calibration, content: np.ndarray
+    ) -> None:
+        found = Compensator(calibration, SIZE).solve(content)
+        dark = _solid(calibration) == 0
+        assert not found.direct[dark].any() and not found.free[dark].any()
+        assert not found.observed[dark].any()
+
+    @pytest.mark.parametrize("size", [64, 200])
+    def test_content_of_any_size(self, calibration: Calibration, size: int) -> None:
+        content = np.full((size, size, 3), 0.6, np.float32)
+        found = Compensator(calibration, size).solve(content)
+        direction, _ = master_directions(size)
+        inner = direction[..., 2] > np.sin(np.radians(15.0))
+        assert found.free[inner].all()
+        np.testing.assert_allclose(found.observed[inner], 0.6, atol=EXACT)
+
+    def test_a_dome_without_bounces_shows_the_content(
+        self, make_calibration: Callable[..., Calibration]
+    ) -> None:
+        black = make_calibration(feedback=(0.0, 0.0, 0.0), lo=0.0)
+        content = np.full((SIZE, SIZE, 3), 0.4, np.float32)
+        found = Compensator(black, SIZE).solve(content)
+        lit = _solid(black) > 0
+        np.testing.assert_allclose(found.direct[lit], 0.4, rtol=FLOAT32)
+
+    def test_black_content_gives_the_black_level(self, calibration: Calibration) -> None:
+        found = Compensator(calibration, SIZE).solve(np.zeros((SIZE, SIZE, 3), np.float32))
+        np.testing.assert_allclose(found.direct, calibration.maps.lo, rtol=FLOAT32)
+        assert not found.free.any()
+
+
+class TestOthers:
+    def test_none_is_clamp(self, calibration: Calibration, content: np.ndarray) -> None:
+        found = Compensator(calibration, SIZE, "none").solve(content)
+        lit = _solid(calibration) > 0
+        expected = np.clip(content, calibration.maps.lo, calibration.maps.hi)[lit]
+        np.testing.assert_allclose(found.direct[lit], expected, rtol=FLOAT32)
+        assert (found.observed[lit] > found.direct[lit]).all()
+
+    def test_paper_equation_12_subtracts_by_the_target(
+        self, calibration: Calibration, content: np.ndarray
+    ) -> None:
+        found = Compensator(calibration, SIZE, "paper-eq12").solve(content)
+        flux = np.tensordot(_solid(calibration), content.astype(float), 2)
+        wanted = content - calibration.albedo.value / (4 * np.pi) * flux
+        expected = np.clip(wanted, calibration.maps.lo, calibration.maps.hi)
+        lit = _solid(calibration) > 0
+        np.testing.assert_allclose(found.direct[lit], expected[lit], atol=1e-6)
+
+    def test_subtract_then_clamp_leaves_too_much_light(
+        self, calibration: Calibration, content: np.ndarray
+    ) -> None:
+        """What is clipped adds light that the target's flux did not count."""
+        content[20:70, 20:70] = 0.0
+        exact = Compensator(calibration, SIZE).solve(content)
+        paper = Compensator(calibration, SIZE, "paper-eq12").solve(content)
+        free = exact.free & paper.free
+        assert (paper.observed[free] - content[free]).mean() > 0.005
+
+
+class TestCalls:
+    @pytest.mark.parametrize("shape", [(SIZE, SIZE), (SIZE, SIZE + 1, 3), (SIZE, SIZE, 4)])
+    def test_content_of_a_wrong_shape(
+        self, calibration: Calibration, shape: tuple[int, ...]
+    ) -> None:
+        expected = r"content: got shape \(.*\), expected \(96, 96, 3\)"
+        with pytest.raises(ShapeError, match=expected):
+            Compensator(calibration, SIZE).solve(np.zeros(shape, np.float32))
+
+    def test_an_unknown_method(self, calibration: Calibration) -> None:
+        with pytest.raises(InputError, match="method: got 'magic', expected exact"):
+            Compensator(calibration, SIZE, "magic")  # type: ignore[arg-type]
+
+    def test_frame_is_the_direct_light_and_can_be_put_in_place(
+        self, calibration: Calibration, content: np.ndarray
+    ) -> None:
+        compensator = Compensator(calibration, SIZE)
+        direct = compensator.frame(content)
+        np.testing.assert_array_equal(direct, compensator.solve(content).direct)
+        out = np.full_like(direct, np.nan)
+        assert compensator.frame(content, out) is out
+        np.testing.assert_array_equal(out, direct)
+
+    def test_content_is_left_alone(self, calibration: Calibration, content: np.ndarray) -> None:
+        before = content.copy()
+        Compensator(calibration, SIZE).frame(content)
+        np.testing.assert_array_equal(content, before)
+
+
+def test_maps_are_sampled_where_the_content_lies(calibration: Calibration) -> None:
+    """Content at another size meets the maps at the same directions: a left-right slant tells."""
+    size = 64
+    found = Compensator(calibration, size, "none").solve(np.full((size, size, 3), 9.0, np.float32))
+    direction, _ = master_directions(size)
+    inner = direction[..., 2] > np.sin(np.radians(15.0))
+    expected = 1.1 + 0.2 * direction[..., 2] + 0 * master_pixels(direction, size)[..., 0]
+    np.testing.assert_allclose(found.direct[inner][:, 0], expected[inner], atol=2e-4)

@@ -1,0 +1,349 @@
+"""Kills captures and solves with SIGKILL, in children forked off one process that is warm.
+
+`python crash_driver.py GROUP FOLDER` runs one group of `GROUPS`; it exits 0 and prints how many
+kills were survived, or ends in the assertion that failed.
+
+Each child is killed for good: no handler, no clean-up, as by `kill -9`. What is then on the disk is
+compared with an uninterrupted run, byte by byte: the noise of the simulated camera depends on what
+is photographed and not on when, so everything but the times in index.jsonl must be equal.
+"""
+
+import json
+import os
+import random
+import shutil
+import signal
+import sys
+import tempfile
+import time
+import traceback
+from collections import Counter
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+from tiny_venue import CAMERA, contents, make_venue, one_thread, solved
+
+import procam.estimate.assemble
+import simulators.backend
+from procam.files import atomic
+from procam.files.session import Session
+from procam.files.venue import load_venue
+from procam.interfaces.cli.main import main as procam_main
+from procam.interfaces.cli.output import Output
+from procam.interfaces.cli.venues import take
+
+MAP_SIZE = 128  # dome maps of a solve: as many files and flushes, a sixtieth of the pixels
+RANDOM_KILLS = 20
+FAILED = 70  # exit code of a child that raised
+INTERRUPTED = 130
+LEFT_LIT = 71
+Killer = Callable[[str, bool], None]  # told of each rename and flush, before (False) and after
+
+
+def child(work: Callable[[], object], killer: Killer | None = None) -> int:
+    """Start `work` in a forked child; returns its process id."""
+    sys.stdout.flush()
+    pid = os.fork()
+    if pid:
+        return pid
+    code = FAILED
+    try:
+        if killer:
+            watch_disk(killer)
+        result = work()
+        code = result if isinstance(result, int) else 0
+    except BaseException:
+        traceback.print_exc()
+    finally:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
+
+
+def ended(pid: int) -> int:
+    """Wait for a child; its exit code, or minus the signal that ended it."""
+    return os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
+
+
+def watch_disk(killer: Killer) -> None:
+    """Tell `killer` of every rename and flush of this process."""
+    renamed = ""
+    seen: Counter[str] = Counter()
+
+    def watched(real: Callable[..., None], label: Callable[..., str]) -> Callable[..., None]:
+        def call(*where: Any, **more: Any) -> None:
+            nonlocal renamed
+            name = label(*where)
+            seen[name] += 1
+            numbered = name + f" #{seen[name]}" * (seen[name] > 1)
+            killer(numbered, False)
+            real(*where, **more)
+            if name.startswith("rename"):
+                renamed = name
+            killer(numbered, True)
+
+        return call
+
+    def flushed(descriptor: int) -> str:
+        path = Path(os.readlink(f"/proc/self/fd/{descriptor}"))
+        if path.suffix == ".jsonl":
+            return f"flush {path.name}: {path.read_text().splitlines()[-1][:40]}"
+        return f"flush {path.parent.name}/{path.name}" + f" after {renamed}" * path.is_dir()
+
+    def moved(source: Path, target: Path) -> str:
+        return f"rename to {target.parent.name}/{target.name}"
+
+    os.fsync = watched(os.fsync, flushed)
+    os.replace = watched(os.replace, moved)
+    os.rename = watched(os.rename, moved)
+
+
+def kill_at(label: str, after: bool) -> Killer:
+    """Die just before or just after one call."""
+
+    def killer(name: str, is_after: bool) -> None:
+        if (name, is_after) == (label, after):
+            os.kill(os.getpid(), signal.SIGKILL)
+
+    return killer
+
+
+def kill_later(pid: int, seconds: float, number: int = signal.SIGKILL) -> int:
+    """Send a signal to a running child after a while; how it ended."""
+    time.sleep(seconds)
+    os.kill(pid, number)
+    return ended(pid)
+
+
+class Bench:
+    """An uninterrupted run to compare with, and venues beside it to kill."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.whole = folder / "whole" / "venue"
+        self._calls = folder / "calls.jsonl"
+        venue = make_venue(self.whole)
+        scene = simulators.backend.build_scene(venue.backends["simulated"], self.whole)
+        scene.camera_view(CAMERA)
+        simulators.backend.build_scene = lambda *_: scene  # each child has its own copy
+        self.capture_s = self._run(lambda: take(venue, Output(True)), "capture")
+        self.solve_s = self._run(lambda: solved(venue, self.session(self.whole)), "solve")
+        self.session_files = contents(self.whole / "sessions")
+        self.calibration = contents(self.whole / "calibrations" / "0001")
+        self.named = self.index(self.whole)
+
+    def _run(self, work: Callable[[], object], stage: str) -> float:
+        def note(name: str, after: bool) -> None:
+            if not after:
+                with self._calls.open("a") as file:
+                    file.write(json.dumps([stage, name]) + "\n")
+
+        started = time.monotonic()
+        assert ended(child(work, note)) == 0, f"the uninterrupted {stage} failed"
+        return time.monotonic() - started
+
+    def calls(self, stage: str) -> list[str]:
+        """Every rename and flush of the uninterrupted run, in order."""
+        found = [json.loads(line) for line in self._calls.read_text().splitlines()]
+        names = [name for of, name in found if of == stage]
+        assert len(set(names)) == len(names), "a call cannot be told from another"
+        return names
+
+    def venue(self, name: str) -> Path:
+        """A fresh venue folder with the same venue.toml."""
+        directory = self.folder / name / "venue"
+        directory.mkdir(parents=True)
+        shutil.copyfile(self.whole / "venue.toml", directory / "venue.toml")
+        return directory
+
+    @staticmethod
+    def session(venue: Path) -> Session:
+        return Session(venue / "sessions" / "0001")
+
+    def index(self, venue: Path) -> list[tuple[str, str, float, str]]:
+        """What index.jsonl names, in order, without the times."""
+        path = self.session(venue).directory / "captures" / CAMERA / "index.jsonl"
+        entries = [json.loads(line) for line in atomic.read_lines(path)]
+        return [(e["shot"], e["file"], e["exposure_s"], e["sha256"]) for e in entries]
+
+    def check_session(self, venue: Path) -> None:
+        """Nothing that is named is lost, and nothing half-written is taken for whole."""
+        stored = contents(venue / "sessions") if (venue / "sessions").is_dir() else {}
+        for name, content in stored.items():
+            path = Path(name)
+            if path.name == "index.jsonl" or path.name.startswith("."):
+                continue
+            assert content == self.session_files[name], f"{name} differs from a whole one"
+        named = self.index(venue)
+        assert named == self.named[: len(named)], "index.jsonl names other frames"
+        lost = [e[1] for e in named if f"0001/captures/{CAMERA}/{e[1]}" not in stored]
+        assert not lost, f"named, but not there: {lost}"
+
+    def check_calibrations(self, venue: Path, least: int = 0) -> None:
+        """Each calibration that has a number is whole and equal to the uninterrupted run's."""
+        found = [p for p in venue.glob("calibrations/*") if not p.name.startswith(".")]
+        assert len(found) >= least, "no calibration was written"
+        for directory in found:
+            differ = _differences(contents(directory), self.calibration)
+            assert not differ, f"calibration {directory.name} differs: {differ}"
+
+    def finish(self, venue: Path) -> None:
+        """Resume to the end in a new process; the session must equal the uninterrupted one."""
+        before = self.index(venue)
+        assert ended(child(self.taking(venue))) == 0, "the resumed capture failed"
+        self.check_session(venue)
+        assert self.index(venue) == self.named
+        assert self.index(venue)[: len(before)] == before, "a stored frame was taken again"
+        left = set(self.session_files) - set(contents(venue / "sessions"))
+        assert not left, f"missing after resuming: {left}"
+
+    def solve(self, venue: Path) -> None:
+        """Solve in a new process; the calibration must equal the uninterrupted one."""
+        assert ended(child(self.solving(venue))) == 0, "the solve failed"
+        self.check_calibrations(venue, least=1)
+
+    def taking(self, venue: Path) -> Callable[[], object]:
+        return lambda: take(load_venue(venue), Output(True))
+
+    def solving(self, venue: Path) -> Callable[[], object]:
+        return lambda: solved(load_venue(venue), self.session(venue))
+
+
+def _differences(found: dict[str, bytes], expected: dict[str, bytes]) -> list[str]:
+    return sorted(n for n in found.keys() | expected.keys() if found.get(n) != expected.get(n))
+
+
+def capture_at_every_call(bench: Bench, after: bool) -> Iterator[str]:
+    """One session, killed at every rename and flush in turn: each run resumes the one before."""
+    venue = bench.venue("killed")
+    calls = bench.calls("capture")
+    if after:  # with the plan renamed, the next run has no reason to flush its folder
+        calls = [c for c in calls if not c.endswith("after rename to 0001/plan.json")]
+    for label in calls:
+        status = ended(child(bench.taking(venue), kill_at(label, after)))
+        assert status == -signal.SIGKILL, f"not killed at {label}: {status}"
+        bench.check_session(venue)
+        yield label
+    bench.finish(venue)
+    bench.solve(venue)
+
+
+def capture_at_random(bench: Bench) -> Iterator[str]:
+    """A new session each time, killed somewhere, resumed, solved."""
+    rng = random.Random(20110)
+    for number in range(RANDOM_KILLS):
+        venue = bench.venue(f"killed-{number}")
+        seconds = rng.uniform(0, 0.95 * bench.capture_s)
+        while kill_later(child(bench.taking(venue)), seconds) == 0:  # it was quicker than we
+            shutil.rmtree(venue / "sessions")
+            seconds *= 0.7
+        bench.check_session(venue)
+        bench.finish(venue)
+        bench.solve(venue)
+        yield f"{seconds:.3f} s"
+        shutil.rmtree(venue)
+
+
+def solve_at_every_call(bench: Bench) -> Iterator[str]:
+    """Killed just before and just after every rename and flush, then solved anew."""
+    venue = _captured(bench)
+    for label in bench.calls("solve"):
+        for after in (False, True):
+            status = ended(child(bench.solving(venue), kill_at(label, after)))
+            assert status == -signal.SIGKILL, f"not killed at {label}: {status}"
+            bench.check_session(venue)
+            bench.check_calibrations(venue)
+            bench.solve(venue)
+            yield label
+            shutil.rmtree(venue / "calibrations")
+
+
+def solve_at_random(bench: Bench) -> Iterator[str]:
+    """Killed somewhere, then solved anew."""
+    rng = random.Random(110120)
+    venue = _captured(bench)
+    for _ in range(RANDOM_KILLS):
+        seconds = rng.uniform(0, 0.95 * bench.solve_s)
+        while kill_later(child(bench.solving(venue)), seconds) == 0:
+            shutil.rmtree(venue / "calibrations")
+            seconds *= 0.7
+        bench.check_session(venue)
+        bench.check_calibrations(venue)
+        bench.solve(venue)
+        yield f"{seconds:.3f} s"
+        shutil.rmtree(venue / "calibrations")
+
+
+def _captured(bench: Bench) -> Path:
+    venue = bench.venue("killed")
+    shutil.copytree(bench.whole / "sessions", venue / "sessions")
+    return venue
+
+
+def interrupt_at_random(bench: Bench) -> Iterator[str]:
+    """Ctrl-C somewhere in `procam capture`: dark projectors, exit code 130, resumable."""
+    rng = random.Random(130)
+    for number in range(RANDOM_KILLS // 2):
+        venue = bench.venue(f"stopped-{number}")
+        seconds = rng.uniform(0.05, 0.95) * bench.capture_s
+        while (code := _interrupted(venue, seconds)) == 0:
+            shutil.rmtree(venue / "sessions")
+            seconds *= 0.7
+        assert code != LEFT_LIT, "a projector was left lit"
+        assert code == INTERRUPTED, f"exit code {code}"
+        bench.check_session(venue)
+        bench.finish(venue)
+        yield f"{seconds:.3f} s"
+        shutil.rmtree(venue)
+
+
+def _interrupted(venue: Path, seconds: float) -> int:
+    told, ready = os.pipe()
+    pid = child(_commanded(venue, ready))
+    os.read(told, 1)
+    for end in (told, ready):
+        os.close(end)
+    return kill_later(pid, seconds, signal.SIGINT)
+
+
+def _commanded(venue: Path, ready: int) -> Callable[[], int]:
+    """`procam capture VENUE` as the command line runs it; its exit code, if all is dark."""
+
+    def run() -> int:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        sys.argv = ["procam", "capture", str(venue), "--json"]
+        os.write(ready, b".")
+        try:
+            procam_main()
+        except SystemExit as stop:
+            scene = simulators.backend.build_scene({}, venue)
+            lit = [n for n, state in scene.states.items() if state.light_factor() > 0]
+            return LEFT_LIT if lit else int(stop.code or 0)
+        return 0
+
+    return run
+
+
+GROUPS: dict[str, Callable[[Bench], Iterator[str]]] = {
+    "capture-before-every-call": lambda bench: capture_at_every_call(bench, after=False),
+    "capture-after-every-call": lambda bench: capture_at_every_call(bench, after=True),
+    "capture-at-random": capture_at_random,
+    "capture-interrupted": interrupt_at_random,
+    "solve-at-every-call": solve_at_every_call,
+    "solve-at-random": solve_at_random,
+}
+
+
+def main() -> None:
+    one_thread()
+    group, folder = sys.argv[1], Path(sys.argv[2])
+    tempfile.tempdir = str(folder / "wires")  # where emulated serial ports appear
+    Path(tempfile.tempdir).mkdir()
+    procam.estimate.assemble.MAP_SIZE = MAP_SIZE
+    survived = list(GROUPS[group](Bench(folder)))
+    sys.stdout.write(json.dumps(survived))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,137 @@
+"""A simulated venue small enough to capture and solve in less than a second."""
+
+import os
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import procam.devices.projector_control as controls
+import simulators.backend
+from procam.devices.protocols import BackendRig
+from procam.files.session import Session
+from procam.files.venue import Venue, load_venue
+from procam.workflows.calibrate import solve
+from procam.workflows.capture import capture, prepare_session
+from procam.workflows.venue_rig import open_rig
+from simulators.presets import Preset, PresetName
+from simulators.scene import DomeScene, SceneSize
+from simulators.serial_port import EmulatedEscVp21
+from simulators.surface import Surface
+from simulators.template import venue_text
+from simulators.transport import Room
+
+CAMERA = "zenith"
+TINY = SceneSize(projectors=1, projector_size=(128, 80), camera_size=(200, 200), rays=64)
+TINY_PAIR = replace(TINY, projectors=2)
+QUIET_S = 0.01  # a pseudo terminal needs no long silence to show that nothing more will come
+WRITTEN_AT = re.compile(rb"\d{4}:\d\d:\d\d \d\d:\d\d:\d\d")
+
+_trace = Room.trace
+
+
+@cache
+def _traced(preset: Preset, rays: int) -> Room:
+    return _trace(Surface.build(preset), rays)
+
+
+def share_rooms() -> None:
+    """Trace each preset's room once per process: nothing ever writes to a room."""
+    Room.trace = classmethod(  # type: ignore[method-assign, assignment]
+        lambda cls, surface, rays=2048: _traced(surface.preset, rays)
+    )
+
+
+def hurry_serial() -> None:
+    """Do not wait out a real cable's silences."""
+    table = controls.SERIAL_TABLES["escvp21"]
+    quick = replace(table, timings=replace(table.timings, quiet_s=QUIET_S))
+    controls.SERIAL_TABLES = {**controls.SERIAL_TABLES, "escvp21": quick}
+
+
+share_rooms()
+hurry_serial()
+
+
+def make_venue(directory: Path, preset: PresetName = "standard", size: SceneSize = TINY) -> Venue:
+    """Write and load DIRECTORY/venue.toml."""
+    directory.mkdir(parents=True, exist_ok=True)
+    (directory / "venue.toml").write_text(venue_text(preset, size), "utf-8")
+    return load_venue(directory)
+
+
+def take_session(venue: Venue) -> Session:
+    """Capture VENUE/sessions/0001, or what is missing of it."""
+    session = prepare_session(venue, venue.directory / "sessions" / "0001")
+    with open_rig(venue) as rig:
+        for _ in capture(rig, venue, session):
+            pass
+    return session
+
+
+def solved(venue: Venue, session: Session) -> Path:
+    """Calibrate; returns the new calibration's folder."""
+    *_, last = solve(venue, session)
+    return Path(last.data["calibration"])
+
+
+def contents(directory: Path) -> dict[str, bytes]:
+    """Every file under a folder by relative path, without the time that picture headers carry."""
+    files = (p for p in sorted(directory.rglob("*")) if p.is_file())
+    return {str(p.relative_to(directory)): WRITTEN_AT.sub(b"", p.read_bytes()) for p in files}
+
+
+@dataclass
+class Stage:
+    """The scene, cameras and wires of the venue that was opened last."""
+
+    scene: DomeScene
+    wires: Mapping[str, EmulatedEscVp21]
+    backend: BackendRig
+
+    def lit(self) -> list[str]:
+        """Projectors whose light reaches the dome now."""
+        return [n for n, state in self.scene.states.items() if state.light_factor() > 0]
+
+
+def watch_stage(
+    monkeypatch: pytest.MonkeyPatch, alter: Callable[[Stage], BackendRig] = lambda s: s.backend
+) -> list[Stage]:
+    """Stages of the venues that are opened from here on; `alter` may put other devices in."""
+    stages: list[Stage] = []
+    faults = simulators.backend.apply_faults
+    scenes: list[DomeScene] = []
+    build = simulators.backend.build_scene
+
+    def building(*where: object) -> DomeScene:
+        scenes.append(build(*where))  # type: ignore[arg-type]
+        return scenes[-1]
+
+    def faulty(rig: BackendRig, wires: dict[str, EmulatedEscVp21], names: tuple[str, ...]):
+        stages.append(Stage(scenes[-1], wires, faults(rig, wires, names)))
+        return alter(stages[-1])
+
+    monkeypatch.setattr(simulators.backend, "build_scene", building)
+    monkeypatch.setattr(simulators.backend, "apply_faults", faulty)
+    return stages
+
+
+def one_thread() -> None:
+    """No pool threads in this process from here on: it will be forked."""
+    import cv2
+    import OpenImageIO as oiio
+
+    cv2.setNumThreads(1)
+    oiio.attribute("threads", 1)
+    assert os.environ.get("OPENBLAS_NUM_THREADS") == "1"
+
+
+def grey(session: Session, name: str) -> np.ndarray:
+    """Pixels of a stored capture."""
+    from procam.files.images import read_image
+
+    return np.asarray(read_image(session.directory / "captures" / CAMERA / name))
