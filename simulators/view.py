@@ -14,7 +14,6 @@ from simulators.transport import Deck, Room
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
 GLOSS_EXPONENT = 20
-NO_MAP = np.empty(0, np.float32)  # coordinates come as one map of pairs
 
 
 @dataclass(frozen=True)
@@ -64,17 +63,16 @@ class View:
     def direct(self, name: str, irradiance: Image) -> Image:
         """Directly reflected radiance (H, W, C) of projector `name`'s irradiance image."""
         where, gain = self.sources[name]
-        seen = cv2.remap(
-            irradiance, where, NO_MAP, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT
+        seen = cv2.remap(  # type: ignore[call-overload]
+            irradiance, where, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT
         ).reshape(*gain.shape, -1)
         return np.asarray(np.multiply(seen, gain[..., None], out=seen), np.float32)
 
     def scattered(self, room: Room, patch_irradiance: Array) -> Image:
         """Radiance (H, W, C) of light that has bounced before."""
         image = room.dome_image(patch_irradiance)
-        seen = cv2.remap(image, self.scatter_at, NO_MAP, cv2.INTER_LINEAR).reshape(
-            *self.albedo.shape, -1
-        )
+        seen = cv2.remap(image, self.scatter_at, None, cv2.INTER_LINEAR)  # type: ignore[call-overload]
+        seen = seen.reshape(*self.albedo.shape, -1)
         np.multiply(seen, self.albedo[..., None], out=seen)
         place, patch = self.floor
         seen.reshape(-1, seen.shape[-1])[place] = (

@@ -165,15 +165,15 @@ def _projector(  # noqa: PLR0913, PLR0917
     """One projector's part; its gain is read off the camera where each of its pixels lands."""
     where = camera_pixels(geometry.camera, dome, np.nan_to_num(surface.direction))
     gain = sample(light.extended, where) / white.astype(np.float32)
-    gain = np.where(surface.valid[..., None], np.maximum(gain, 0), 0).astype(np.float32)
+    gain = np.maximum(gain, 0) * surface.valid[..., None]
     mean_mix = np.mean([c.mix for c in colours.values()], axis=0)
-    mix: Array = np.linalg.solve(mean_mix, colours[name].mix)
-    mix /= mix.sum(axis=1, keepdims=True)
+    mix = np.linalg.inv(mean_mix) @ colours[name].mix
+    mix = np.asarray(mix / mix.sum(axis=1, keepdims=True), float)
     blend = blender.weights(np.nan_to_num(surface.direction))[name] * surface.valid
     return ProjectorCalibration(
         geometry.projectors[name],
         surface,
-        Photometry(responses[name], mix, gain),
+        Photometry(responses[name], mix, gain.astype(np.float32)),
         blend.astype(np.float32),
     )
 

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Floats = NDArray[np.floating]
 Pixels = NDArray[np.uint8]
+Colours = Sequence[tuple[int, int, int]]
 Palette = Literal["light", "amount", "alternative", "signed"]
 # all of them safe for colour-blind readers and readable in grey print
 MAPS = {"amount": "viridis", "alternative": "cividis", "signed": "RdBu_r"}
@@ -68,7 +69,7 @@ class Scale:
     def stops(self) -> list[str]:
         """Colours from low to high, for a gradient."""
         table = self._table()[np.linspace(0, 255, STOPS).round().astype(int)]
-        return ["#{:02x}{:02x}{:02x}".format(*row) for row in table.tolist()]
+        return [css_colour((int(r), int(g), int(b))) for r, g, b in table]
 
     def _table(self) -> Pixels:
         """The 256 colours of the scale (256, 3)."""
@@ -82,9 +83,9 @@ class Scale:
         """A dome master (N, N), or (N, N, 3) light, as a PNG data address; NaN is grey."""
         known = np.isfinite(values)
         codes = np.rint(self.position(np.where(known, values, self.low)) * 255).astype(np.uint8)
-        if values.ndim == 3:
-            return dome_png(np.where(known.all(axis=-1)[..., None], codes, np.uint8(UNKNOWN)))
-        return dome_png(np.where(known[..., None], self._table()[codes], np.uint8(UNKNOWN)))
+        colours = codes if values.ndim == 3 else self._table()[codes]
+        shown = np.broadcast_to(known if values.ndim == 3 else known[..., None], colours.shape)
+        return dome_png(np.where(shown, colours, np.array(UNKNOWN, np.uint8)))
 
 
 def require_matplotlib() -> Any:
@@ -98,14 +99,18 @@ def require_matplotlib() -> Any:
     return mpl
 
 
-def paint_categories(codes: NDArray[np.integer]) -> str:
-    """A dome master (N, N) of indices into CATEGORIES as a PNG data address."""
-    return dome_png(np.array(CATEGORIES, np.uint8)[np.clip(codes, 0, len(CATEGORIES) - 1)])
+def paint_categories(codes: NDArray[np.integer], colours: Colours) -> str:
+    """A dome master (N, N) of indices into `colours` as a PNG data address."""
+    return dome_png(np.array(colours, np.uint8)[np.clip(codes, 0, len(colours) - 1)])
 
 
-def category_colour(index: int) -> str:
-    """The colour of a category, for its legend."""
-    return "#{:02x}{:02x}{:02x}".format(*CATEGORIES[min(index, len(CATEGORIES) - 1)])
+def css_colour(colour: tuple[int, int, int]) -> str:
+    """A colour as a page writes it.
+
+    >>> css_colour((255, 0, 16))
+    '#ff0010'
+    """
+    return "#{:02x}{:02x}{:02x}".format(*colour)
 
 
 def dome_png(rgb: Pixels) -> str:
@@ -144,12 +149,12 @@ def response_chart(name: str, curve: ResponseCurve) -> str:
         upper.plot(curve.levels, curve.values[:, c], color=colour, ls=style, lw=1.6, label=label)
         lower.plot(curve.levels, apart, color=colour, ls=style, lw=1.4)
         lower.fill_between(curve.levels, apart - sigma, apart + sigma, color=colour, alpha=0.18)
-    upper.set_title(name, loc="left", fontweight="bold")
+    upper.set_title(name, loc="left", fontweight="bold", fontsize=10, color=INK)
     upper.set_ylabel("light given (1 = full)")
     lower.set_ylabel("difference [%]")
     lower.set_xlabel("drive sent (0 = black, 1 = full)")
     _finish([upper, lower])
-    upper.legend(frameon=False)
+    upper.legend(frameon=False, fontsize=8.5)
     return _saved(figure)
 
 
@@ -164,13 +169,13 @@ def profile_chart(elevation_deg: Array, before: Array, after: Array, after_free:
         left.plot(elevation_deg, 100 * after_free[:, c], color=colour, ls=style, lw=0.9)
         right.plot(elevation_deg, 100 * after_free[:, c], color=colour, ls=style, label=label)
         right.plot(elevation_deg, 100 * after[:, c], color=colour, ls=style, lw=1, alpha=0.35)
-    left.set_title("Before, and (thin, near zero) after", loc="left", fontweight="bold")
-    right.set_title("After, enlarged (pale: limits included)", loc="left", fontweight="bold")
-    for axes in (left, right):
+    titles = ("Before; thin, near zero: after", "After, enlarged; pale: where a limit holds, too")
+    for axes, title in zip((left, right), titles, strict=True):
+        axes.set_title(title, loc="left", fontweight="bold", fontsize=10, color=INK)
         axes.axhline(0, color=INK, lw=0.8)
         axes.set_xlabel("elevation above the dome's rim [degrees]")
         axes.set_ylabel("too bright by [% of white]")
-        axes.legend(frameon=False)
+        axes.legend(frameon=False, fontsize=8.5)
     _finish([left, right])
     return _saved(figure)
 
@@ -196,7 +201,7 @@ def loop_chart(residual: Sequence[float], noise_floor: float) -> str:
     axes.set_xlim(-0.2, len(values) - 0.45)
     axes.set_xlabel("corrections made (0 = straight from the calibration)")
     axes.set_ylabel("difference [% of white]")
-    axes.legend(frameon=False)
+    axes.legend(frameon=False, fontsize=8.5)
     _finish([axes])
     return _saved(figure)
 
@@ -224,7 +229,8 @@ def _saved(figure: "Figure") -> str:
     from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415
 
     buffer = io.BytesIO()
-    FigureCanvasAgg(figure).print_png(buffer)
+    FigureCanvasAgg(figure)
+    figure.savefig(buffer, format="png", dpi=DPI)
     return _address(buffer.getvalue())
 
 

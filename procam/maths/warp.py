@@ -16,10 +16,10 @@ def sample(image: NDArray[np.floating], xy: NDArray[np.floating], outside: float
     image = np.ascontiguousarray(image, np.float32)
     where = np.nan_to_num(np.asarray(xy, np.float32), nan=-1e6).reshape(xy.shape[0], -1, 2)
     channels = image.shape[2] if image.ndim == 3 else 0
-    sampled = cv2.remap(
+    sampled = cv2.remap(  # type: ignore[call-overload]
         image,
         np.ascontiguousarray(where),
-        np.empty(0, np.float32),
+        None,
         cv2.INTER_LINEAR,
         borderMode=cv2.BORDER_CONSTANT,
         borderValue=(outside,) * 4,

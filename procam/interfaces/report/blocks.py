@@ -1,7 +1,11 @@
 """What a report is made of: rows of dome pictures, charts, tables, sentences."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
 
 from procam.interfaces.plots import Scale
 from procam.interfaces.report.data import Material
@@ -92,6 +96,24 @@ def signed(label: str, end: float) -> Scale:
     return Scale(label, -end, end, "signed", 100.0)
 
 
+def signed_light(end: float) -> Scale:
+    """A scale of how far light is off."""
+    arrows = "too dark \N{LEFTWARDS ARROW} [% of white] \N{RIGHTWARDS ARROW} too bright"
+    return signed(arrows, end)
+
+
+def extent(values: NDArray[np.floating], least: float, step: float = 0.0) -> float:
+    """Nearly the largest size of the finite values, not below `least`, up to a multiple of `step`."""
+    known = np.abs(values[np.isfinite(values)])
+    end = max(float(np.percentile(known, 99.5)), least) if known.size else least
+    return float(np.ceil(end / step - 1e-9) * step) if step else end
+
+
 def brightness(top: float) -> Scale:
     """A scale of light, shown as a screen shows it."""
     return Scale("light, 1 = white", 0.0, top, "light")
+
+
+def painted(pictures: Mapping[str, NDArray[np.floating]], scale: Scale) -> Group:
+    """Dome masters by title on one scale."""
+    return Group([DomePicture(t, scale.paint(p)) for t, p in pictures.items()], scale)

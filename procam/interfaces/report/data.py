@@ -121,8 +121,9 @@ class Material:
         if self.loop:
             photographs = self.loop.photographs
             size = len(photographs["before"])
-            parts = (resized(p, size) for p in (target, free, coverage))
-            return Seen(photographs["before"], photographs["after"], *parts, "camera")
+            target, free, coverage = (resized(p, size) for p in (target, free, coverage))
+            before, after = photographs["before"], photographs["after"]
+            return Seen(before, after, target, free, coverage, "camera")
         before, after = self.pictures["uncompensated"], self.pictures["compensated"]
         return Seen(before, after, target, free, coverage, "prediction")
 
@@ -194,9 +195,9 @@ def gain_change(material: Material, name: str) -> Array | None:
     if session != newest.provenance.get("session") or not path.is_file():
         return None
     maps = read_channels(path)
-    old = sum(maps[f"gain.{c}"] for c in RGB)
+    old = np.sum([maps[f"gain.{c}"] for c in RGB], axis=0, dtype=float)
     new = newest.projectors[name].photometry.gain.sum(axis=-1)
-    return np.asarray(new / np.where(np.asarray(old) > 0, old, np.nan), float)
+    return np.where(old > 0, new / np.where(old > 0, old, 1.0), np.nan)
 
 
 def _pictures(folder: Path) -> dict[str, Image]:

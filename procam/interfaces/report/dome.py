@@ -1,7 +1,6 @@
 """Sections on the rig: who lights what, where pixels land, how projectors and dome behave."""
 
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,109 +17,102 @@ from procam.interfaces.report.blocks import (
     Table,
     Text,
     calibrating,
+    extent,
     not_there,
+    painted,
     signed,
 )
 from procam.interfaces.report.data import SHOWN, WHOLE, Material, drawn, resized, true_errors
 from procam.interfaces.report.words import number, percent
 from procam.maths.sphere import master_solid_angles
 from procam.model.calibration import Calibration
+from procam.model.quality import Figure
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.floating]
+COUNT_WORDS = ("none", "one", "two", "three", "four or more")
 
 
 def coverage(material: Material) -> Iterator[Block]:
     """How many projectors reach each direction, and how they share it."""
-    calibration = material.calibration
-    if calibration is None:
+    if material.calibration is None:
         yield not_there("The map of which projector lights what", calibrating(material))
         return
-    blends = {n: drawn(p.surface, p.blend) for n, p in calibration.projectors.items()}
+    projectors = material.calibration.projectors
+    blends = {f"Share of {n}": drawn(p.surface, p.blend) for n, p in projectors.items()}
     size = min(len(b) for b in blends.values())
     lit = material.coverage(size) > 0.5
-    count = sum(np.isfinite(_to(b, size)).astype(int) for b in blends.values()) * lit
-    most = int(np.max(count))
-    legend = [
-        (plots.category_colour(k), text)
-        for k, text in enumerate(("none", "one", "two", "three", "four or more")[: most + 1])
-    ]
-    share = Scale("share of the light [%]", 0.0, 1.0, "amount", 100.0)
+    count = np.sum([np.isfinite(_nearest(b, size)) for b in blends.values()], axis=0) * lit
     solid = master_solid_angles(size)
-    twice = float((solid * (np.asarray(count) > 1)).sum() / max((solid * lit).sum(), 1e-12))
+    twice = float((solid * (count > 1)).sum() / max((solid * lit).sum(), 1e-12))
+    share = Scale("share of the light [%]", 0.0, 1.0, "amount", 100.0)
     yield Domes(
-        [
-            Group(
-                [DomePicture("Projectors per direction", plots.paint_categories(count))],
-                None,
-                legend,
-            ),
-            Group([DomePicture(f"Share of {n}", share.paint(b)) for n, b in blends.items()], share),
-        ],
-        f"Left: how many projectors reach each direction; {percent(twice)} of the lit dome is "
+        [_counted(count), painted(blends, share)],
+        f"First: how many projectors reach each direction; {percent(twice, 2)} of the lit dome is "
         "reached by more than one. Then, per projector, the share of the light it gives (its "
         "blend): where two meet, the shares fade across each other and add up to 100 %. Grey: "
         "the projector does not reach there.",
     )
 
 
-def _to(picture: Floats, size: int) -> Floats:
+def _counted(count: NDArray[np.integer]) -> Group:
+    image = plots.paint_categories(count, plots.COUNTS)
+    pairs = [(plots.css_colour(c), t) for c, t in zip(plots.COUNTS, COUNT_WORDS, strict=True)]
+    return Group([DomePicture("Projectors per direction", image)], None, pairs[: count.max() + 1])
+
+
+def _nearest(picture: Floats, size: int) -> Floats:
     """A dome master by its nearest pixels at another size; keeps NaN."""
     pick = np.minimum(np.arange(size) * len(picture) // size, len(picture) - 1)
-    return picture[np.ix_(pick, pick)]
+    return np.asarray(picture[np.ix_(pick, pick)])
 
 
 def mapping(material: Material) -> Iterator[Block]:
     """Expected and true direction errors, and the verdict on the shape."""
-    calibration = material.calibration
-    if calibration is None:
+    if material.calibration is None:
         yield not_there("The map of mapping errors", calibrating(material))
         return
-    shown: list[tuple[str, Array]] = []
-    for name, projector in calibration.projectors.items():
-        shown.append(
-            (f"{name}: expected error", drawn(projector.surface, projector.surface.sigma_arcmin))
-        )
+    shown: dict[str, Array] = {}
+    for name, projector in material.calibration.projectors.items():
+        surface = projector.surface
+        shown[f"{name}: expected error"] = drawn(surface, surface.sigma_arcmin)
         error = true_errors(material, name)
         if error is not None:
-            shown.append((f"{name}: true error", drawn(projector.surface, error)))
-    top = max(float(np.nanpercentile(values, 99)) for _, values in shown)
-    scale = Scale("angle on the dome [arcmin]", 0.0, max(top, 1e-3))
+            shown[f"{name}: true error"] = drawn(surface, error)
+    end = extent(np.concatenate([values.ravel() for values in shown.values()]), 0.01)
+    true = "; true: compared with the simulator" if material.truth else ""
     yield Domes(
-        [Group([DomePicture(title, scale.paint(values)) for title, values in shown], scale)],
+        [painted(shown, Scale("angle on the dome [arcmin]", 0.0, end))],
         "For every projector pixel, how far off its place on the dome may be (expected: one "
-        "standard error, computed from the scatter of the camera's sightings"
-        + ("; true: compared with the simulator" if material.truth else "")
-        + "). One minute of arc is a sixtieth of a degree: about the finest detail an eye "
+        "standard error, from the scatter of the camera's sightings and of the surveyed marks"
+        f"{true}). One minute of arc is a sixtieth of a degree: about the finest detail an eye "
         "resolves. A 4K dome picture has pixels of 2.6 arcmin.",
     )
-    yield from _geometry(calibration)
+    yield from _geometry(material.calibration)
 
 
 def _geometry(calibration: Calibration) -> Iterator[Block]:
-    quality = calibration.quality
-    sphere, residual = (
-        quality.get(n) for n in ("sphere_variance_ratio", "geometry_residual_rms_px")
-    )
+    residual = calibration.quality.get("geometry_residual_rms_px")
     if residual is not None:
         yield Text(
-            f"The model of camera, projectors and dome explains {residual.samples} sightings to "
-            f"{number(_scalar(residual.value))} projector pixels (root mean square)."
+            f"The model of camera, projectors and dome explains {number(residual.samples)} "
+            f"sightings to {number(_mean(residual))} projector pixels (root mean square)."
         )
+    sphere = calibration.quality.get("sphere_variance_ratio")
     if sphere is not None:
         verdict = (
             "The dome is a sphere as far as the camera can tell"
             if sphere.passed
-            else "The dome is NOT a sphere to the camera's accuracy; directions carry a systematic error"
+            else "To this camera the dome is NOT a sphere, so directions carry a systematic error"
         )
         yield Text(
-            f"{verdict}: what is left over scatters {number(_scalar(sphere.value))} times as much "
+            f"{verdict}: what the model leaves over scatters {number(_mean(sphere))} times as much "
             "as the camera's noise explains (1 is perfect, above 2 the shape is to blame)."
         )
 
 
-def _scalar(value: Any) -> float:
-    return float(np.mean(value))
+def _mean(figure: Figure) -> float:
+    return float(np.mean(figure.value))
 
 
 def response(material: Material) -> Iterator[Block]:
@@ -135,62 +127,67 @@ def response(material: Material) -> Iterator[Block]:
     yield Charts(
         images,
         "How much light each projector gives for what it is sent, per primary colour. The lower "
-        "panel enlarges the difference from a plain power law of 2.2, with its 95 % band: a "
-        "smooth curve is a projector without surprises, a kink is a picture mode to switch off.",
-        width_px=350,
+        "panel enlarges the difference from a plain power law of 2.2, with its 95 % band. A "
+        "smooth curve is a projector without surprises; a kink is a picture mode to switch off.",
+        width_px=360,
     )
 
 
 def levels(material: Material) -> Iterator[Block]:
     """The most and the least direct light."""
-    calibration = material.calibration
-    if calibration is None:
+    if material.calibration is None:
         yield not_there("White and black levels", calibrating(material))
         return
-    size = _map_size(material)
+    maps, size = material.calibration.maps, _map_size(material.calibration)
     inside = material.coverage(size) > WHOLE
-    hi, lo = (resized(m, size) for m in (calibration.maps.hi, calibration.maps.lo))
-    white, black = (np.where(inside, m.mean(axis=-1), np.nan) for m in (hi, lo))
-    bright = Scale("full light, 1 = white", 0.0, float(np.nanpercentile(white, 99.9)))
-    dark = Scale(
-        "black [% of white]",
-        0.0,
-        max(float(np.nanpercentile(black, 99.9)), 1e-5),
-        "alternative",
-        100.0,
-    )
+    hi, lo = (np.where(inside[..., None], resized(m, size), np.nan) for m in (maps.hi, maps.lo))
+    white, black = hi.mean(axis=-1), lo.mean(axis=-1)
+    bright = Scale("full light, 1 = white", 0.0, extent(white, 0.1, 0.1))
+    dark = Scale("black [% of white]", 0.0, extent(black, 1e-5), "alternative", 100.0)
     yield Domes(
-        [
-            Group([DomePicture("Brightest white", bright.paint(white))], bright),
-            Group([DomePicture("Darkest black", dark.paint(black))], dark),
-        ],
+        [painted({"Brightest white": white}, bright), painted({"Darkest black": black}, dark)],
         "The most and the least light that all projectors together put on each direction, before "
-        "any bounce. White = 1 is the level that every lit direction can reach; compensation works "
-        "between these two limits.",
+        "any bounce; compensation works between these two limits. White = 1 is the level that "
+        "practically every lit direction can reach (all but one in a thousand).",
     )
-    rows = []
-    for title, level, show in (("White", hi, number), ("Black", lo, percent)):
-        for c, colour in enumerate(COLOURS):
-            low, middle, high = np.percentile(level[inside][:, c], (0, 50, 100))
-            rows.append([f"{title}, {colour}", *(show(float(v)) for v in (low, middle, high))])
-    yield Table(
-        ["Level", "Smallest", "Median", "Largest"], rows, "In units of the reference white."
-    )
+    rows = [
+        [f"{title}, {c}", *_spread(level[inside][:, i], as_percent)]
+        for title, level, as_percent in (("White", hi, False), ("Black", lo, True))
+        for i, c in enumerate(COLOURS)
+    ]
+    head = ["Level", "1 in 1000 is below", "Median", "1 in 1000 is above"]
+    yield Table(head, rows, "White in units of the reference white, black in per cent of it.")
 
 
-def _map_size(material: Material) -> int:
+def _spread(values: Floats, as_percent: bool) -> list[str]:
+    if not values.size:
+        return ["not lit"] * 3
+    show = percent if as_percent else number
+    return [show(float(v)) for v in np.percentile(values, (0.1, 50, 99.9))]
+
+
+def _map_size(calibration: Calibration) -> int:
     """The size dome maps are shown at."""
-    assert material.calibration is not None
-    size = material.calibration.maps.size
-    return size // max(1, round(size / SHOWN))
+    return calibration.maps.size // max(1, round(calibration.maps.size / SHOWN))
 
 
 def feedback(material: Material) -> Iterator[Block]:
     """Feedback and albedo with intervals, and their maps."""
-    calibration = material.calibration
-    if calibration is None:
+    if material.calibration is None:
         yield not_there("Feedback and albedo", calibrating(material))
         return
+    arriving = 100 * (1 + float(material.calibration.feedback.value.mean()))
+    yield Text(
+        "Feedback m is the bounced light per unit of light projected when the whole dome is "
+        f"white: here 100 units sent by the projectors arrive as {arriving:.0f}. Albedo is the "
+        "share of light the screen throws back; it is worked out from m and what is known of the "
+        "floor, and compensation does not depend on it."
+    )
+    yield _measured(material, material.calibration)
+    yield _bounce_maps(material, material.calibration)
+
+
+def _measured(material: Material, calibration: Calibration) -> Table:
     truth = material.truth
     rows = []
     for title, measured, true in (
@@ -198,42 +195,30 @@ def feedback(material: Material) -> Iterator[Block]:
         ("Albedo", calibration.albedo, truth.albedo if truth else None),
     ):
         low, high = measured.interval()
-        for c, colour in enumerate(COLOURS):
-            row = [
-                f"{title}, {colour}",
-                f"{measured.value[c]:.4f}",
-                f"{low[c]:.4f} to {high[c]:.4f}",
-            ]
-            rows.append([*row, f"{true[c]:.4f}"] if true is not None else row)
+        for i, c in enumerate(COLOURS):
+            row = [f"{title}, {c}", f"{measured.value[i]:.4f}", f"{low[i]:.4f} to {high[i]:.4f}"]
+            rows.append([*row, f"{true[i]:.4f}"] if true is not None else row)
     head = ["Quantity", "Measured", "95 % interval", *(["True (simulator)"] if truth else [])]
-    yield Text(
-        "Feedback m is the bounced light per unit of light projected when the whole dome is "
-        f"white: here every 100 units the projectors send arrive as {100 + 100 * calibration.feedback.value.mean():.0f}. "
-        "Albedo is the share of light the screen throws back; it is worked out from m and what is "
-        "known of the floor, and compensation does not depend on it."
-    )
-    yield Table(head, rows)
-    yield _bounce_maps(material, calibration)
+    return Table(head, rows)
 
 
 def _bounce_maps(material: Material, calibration: Calibration) -> Domes:
-    size = _map_size(material)
+    size = _map_size(calibration)
     inside = material.coverage(size) > WHOLE
-    albedo, scatter = (
-        np.where(inside, resized(m, size).mean(axis=-1), np.nan)
-        for m in (calibration.maps.albedo, calibration.maps.scatter_per_flux)
-    )
-    relative = scatter / np.nanmean(scatter) - 1
-    low, high = np.nanpercentile(albedo, (0.5, 99.5))
+    maps = calibration.maps
+    albedo, scatter = (resized(m, size).mean(axis=-1) for m in (maps.albedo, maps.scatter_per_flux))
+    known = albedo[inside] if inside.any() else np.array([0.0, 1.0])
+    low, high = np.percentile(known, (0.5, 99.5))
     reflect = Scale("albedo", float(low), float(max(high, low + 1e-3)))
-    end = max(0.01, float(np.nanpercentile(np.abs(relative), 99.5)))
-    spread = signed("bounced light against its mean [%]", end)
+    middle = float(scatter[inside].mean()) if inside.any() else 1.0
+    relative = np.where(inside, scatter / max(middle, 1e-12) - 1, np.nan)
+    spread = signed("against the mean [%]", extent(relative, 0.01))
     return Domes(
         [
-            Group([DomePicture("Albedo", reflect.paint(albedo))], reflect),
-            Group([DomePicture("Where bounced light shows", spread.paint(relative))], spread),
+            painted({"Albedo": np.where(inside, albedo, np.nan)}, reflect),
+            painted({"Where bounced light shows": relative}, spread),
         ],
-        "Left: how much light each part of the screen throws back; seams and stains show darker. "
-        "Right: where bounced light shows more (red) or less (blue) than on average. On a perfect "
-        "dome both would be flat.",
+        "First: how much light each part of the screen throws back; seams and stains show darker. "
+        "Second: where bounced light shows more (red) or less (blue) than on average. On a "
+        "perfect dome both would be flat.",
     )

@@ -121,9 +121,9 @@ def _cards(material: Material) -> Iterator[dict[str, str]]:
             yield _card("Bounced light left", value_text(name, figures[name]), note, goal)
             break
     if material.loop:
-        floor = percent(material.loop.noise_floor)
+        floor = percent(material.loop.noise_floor, 2)
         note = f"of white between camera and prediction; camera noise {floor}"
-        yield _card("Left after the loop", percent(material.loop.residual[-1]), note)
+        yield _card("Left after the loop", percent(material.loop.residual[-1], 2), note)
     if "direction_error_rms_arcmin" in figures:
         entry = figures["direction_error_rms_arcmin"]
         goal = goal_text("direction_error_rms_arcmin", entry)
@@ -134,7 +134,7 @@ def _cards(material: Material) -> Iterator[dict[str, str]]:
         middle = number(float(np.median(np.concatenate(sigma))))
         yield _card("Expected direction error", f"{middle} arcmin", "one standard error, median")
     if seen:
-        before, after = (percent(e) for e in seen.error_rms())
+        before, after = (percent(e, 2) for e in seen.error_rms())
         note = "of white, before and after; root mean square where no limit holds"
         yield _card("Error of the picture", f"{before} \N{RIGHTWARDS ARROW} {after}", note)
 
@@ -160,7 +160,7 @@ def _sections(material: Material) -> Iterator[Section]:
 
 
 def _figure_row(name: str, entry: Mapping[str, Any]) -> dict[str, Any]:
-    words = words_for(name)
+    words, note = words_for(name), str(entry.get("note", ""))
     return {
         "name": name,
         "title": words.title,
@@ -169,7 +169,7 @@ def _figure_row(name: str, entry: Mapping[str, Any]) -> dict[str, Any]:
         "goal": goal_text(name, entry),
         "pass": entry["pass"],
         "samples": number(entry["samples"]),
-        "note": entry.get("note", ""),
+        "note": "" if note in words.title + words.gloss else note,
     }
 
 

@@ -15,7 +15,7 @@ class Words:
     percent: bool = False
 
 
-LEFT = "share of the bounced light still there, worst colour, where no limit holds"
+LEFT = "share of the bounced light still there where no limit holds"
 NAMES = {
     "simulated_run_s": Words("Time for the whole run", "capture, solve, compensate and refine"),
     "peak_memory_mib": Words("Memory needed at most"),
@@ -26,15 +26,13 @@ NAMES = {
         "angle between where a projector pixel was said to land and where it does",
     ),
     "direction_error_max_arcmin": Words("Direction error, worst pixel"),
-    "solid_angle_sum_error": Words(
-        "Error of the projected area", "each projector's whole footprint, worst", percent=True
-    ),
+    "solid_angle_sum_error": Words("Error of the projected area", percent=True),
     "dome_is_sphere": Words("The dome is a sphere", "as far as the camera can tell"),
     "feedback": Words("Feedback m, red / green / blue", "bounced light per light projected"),
-    "feedback_error": Words("Error of the feedback", "worst channel", percent=True),
+    "feedback_error": Words("Error of the feedback", "found against true", percent=True),
     "feedback_interval_covers": Words("The feedback's 95 % interval holds the true value"),
     "albedo": Words("Albedo, red / green / blue", "share of light the screen throws back"),
-    "albedo_error": Words("Error of the albedo", "worst channel", percent=True),
+    "albedo_error": Words("Error of the albedo", "found against true", percent=True),
     "albedo_interval_covers": Words(
         "The albedo's 95 % interval holds the true value",
         "and is narrower than \N{PLUS-MINUS SIGN}6 %",
@@ -49,9 +47,7 @@ NAMES = {
     "scatter_left_paper_eq12_mean": Words("\u2014 its signed mean", percent=True),
     "scatter_left_refined": Words("Bounced light left after the loop", LEFT, percent=True),
     "scatter_left_refined_mean": Words("\u2014 its signed mean", percent=True),
-    "scatter_before": Words(
-        "Bounced light before compensation", "mean, worst channel, in % of white", percent=True
-    ),
+    "scatter_before": Words("Bounced light before compensation", "in % of white", percent=True),
     "loop_residual_by_iteration": Words(
         "Loop: what is left after each correction", "root mean square, in % of white", percent=True
     ),
@@ -87,20 +83,20 @@ def words_for(name: str) -> Words:
     return NAMES.get(name, Words(name.replace("_", " ").capitalize()))
 
 
-def number(value: float) -> str:
-    """Three significant digits, no exponent unless needed."""
+def number(value: float, digits: int = 3) -> str:
+    """A few significant digits, no exponent unless needed."""
     if not math.isfinite(value):
         return "not a number"
     if value == int(value) and abs(value) < 1e7:
         return f"{int(value):,}".replace(",", "\u202f").replace("-", "\N{MINUS SIGN}")
     if abs(value) >= 1000:
         return f"{value:,.0f}".replace(",", "\u202f").replace("-", "\N{MINUS SIGN}")
-    return f"{value:.3g}".replace("-", "\N{MINUS SIGN}")
+    return f"{value:.{digits}g}".replace("-", "\N{MINUS SIGN}")
 
 
-def percent(value: float) -> str:
+def percent(value: float, digits: int = 3) -> str:
     """A share in per cent."""
-    return f"{number(float(f'{100 * value:.3g}'))}\u202f%"
+    return f"{number(float(f'{100 * value:.{digits}g}'), digits)}\u202f%"
 
 
 def value_text(name: str, entry: Mapping[str, Any]) -> str:
@@ -122,7 +118,7 @@ def goal_text(name: str, entry: Mapping[str, Any]) -> str:
         "==": "exactly ",
         "abs<=": "within \N{PLUS-MINUS SIGN}",
     }
-    return before.get(goal["op"], goal["op"] + " ") + limit
+    return before.get(str(goal["op"]), f"{goal['op']} ") + limit
 
 
 def miss_text(name: str, entry: Mapping[str, Any]) -> str:

@@ -1,0 +1,137 @@
+"""The rig leaves projectors dark, whatever happens."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pytest
+
+from procam.devices.protocols import BackendRig, ControlState, Power, Shown
+from procam.devices.rig import Rig, open_backend, open_control
+from procam.errors import DeviceError, DeviceTimeout, InputError
+
+
+class Projector:
+    """Remembers what it shows."""
+
+    def __init__(self, name: str, size: tuple[int, int] = (8, 6)) -> None:
+        self.name, self.size = name, size
+        self.drive = np.ones((size[1], size[0], 3), np.float32)
+
+    def show(self, drive: np.ndarray) -> Shown:
+        assert drive.shape == self.drive.shape
+        self.drive = drive
+        return Shown(drive, 0.0)
+
+
+class Control:
+    """Remembers what it was told."""
+
+    def __init__(self, log: list[str], name: str, power: Power = Power.ON) -> None:
+        self.log, self.name, self.power = log, name, power
+        self.broken = False
+
+    def state(self) -> ControlState:
+        if self.broken:
+            raise DeviceTimeout("nobody home")
+        return ControlState(self.power)
+
+    def set_power(self, on: bool) -> None:
+        self.power = Power.ON if on else Power.STANDBY
+        self.log.append(f"{self.name} power {on}")
+
+    def set_shutter(self, closed: bool) -> None:
+        self.log.append(f"{self.name} shutter {closed}")
+
+    def set_input(self, source: str) -> None:
+        self.log.append(f"{self.name} input {source}")
+
+    def close(self) -> None:
+        self.log.append(f"{self.name} close")
+
+
+class Clock:
+    """Stands still."""
+
+    def now_s(self) -> float:
+        return 0.0
+
+    def sleep(self, duration_s: float) -> None:
+        pass
+
+
+def _rig(log: list[str], controls: Mapping[str, Any] | None = None) -> Rig:
+    if controls is None:
+        controls = {"a": Control(log, "a"), "b": Control(log, "b")}
+    projectors = {"a": Projector("a"), "b": Projector("b")}
+    return Rig({}, projectors, controls, Clock(), (lambda: log.append("closer"),))
+
+
+def _dark(rig: Rig) -> bool:
+    return not any(p.drive.any() for p in rig.projectors.values())  # type: ignore[attr-defined]
+
+
+class TestWayOut:
+    def test_dark_then_wires_then_backend(self) -> None:
+        log: list[str] = []
+        with _rig(log) as rig:
+            assert not _dark(rig)
+        assert _dark(rig)
+        assert sorted(log[:2]) == ["a shutter True", "b shutter True"]
+        assert sorted(log[2:4]) == ["a close", "b close"]
+        assert log[4:] == ["closer"]
+
+    def test_dark_after_an_error_too(self) -> None:
+        log: list[str] = []
+        with pytest.raises(KeyboardInterrupt), _rig(log) as rig:
+            raise KeyboardInterrupt
+        assert _dark(rig) and log[-1] == "closer"
+
+    def test_one_that_does_not_answer_stops_none_of_the_others(self) -> None:
+        log: list[str] = []
+        broken = Control(log, "b")
+        broken.broken = True
+        with (
+            pytest.raises(DeviceTimeout),
+            _rig(log, {"a": Control(log, "a"), "b": broken}) as rig,
+        ):
+            pass
+        assert _dark(rig)
+        assert log == ["a shutter True", "b close", "a close", "closer"]
+
+    def test_without_remote_control_black_has_to_do(self) -> None:
+        with _rig([], {}) as rig:
+            pass
+        assert _dark(rig)
+
+
+class TestLight:
+    def test_start_switches_on_what_is_off_and_makes_it_dark(self) -> None:
+        log: list[str] = []
+        rig = _rig(log, {"a": Control(log, "a", Power.STANDBY), "b": Control(log, "b")})
+        rig.start()
+        assert "a power True" in log and "b power True" not in log
+        assert _dark(rig)
+        assert {"a shutter True", "b shutter True"} <= set(log)
+
+    def test_light_opens_one_shutter(self) -> None:
+        log: list[str] = []
+        _rig(log).light("b")
+        assert log == ["b shutter False"]
+
+    def test_a_projector_in_standby_is_left_alone(self) -> None:
+        log: list[str] = []
+        rig = _rig(log, {"a": Control(log, "a", Power.STANDBY)})
+        rig.darken("a")
+        assert log == []
+
+
+class TestOpening:
+    def test_an_unknown_backend_is_refused_with_the_known(self) -> None:
+        with pytest.raises(InputError, match=r"backend: got 'nope', expected one of .*simulated"):
+            open_backend("nope", {}, None)  # type: ignore[arg-type]
+
+    def test_a_backend_without_a_wire(self) -> None:
+        backend = BackendRig({}, {}, Clock())
+        with pytest.raises(DeviceError, match=r"projector a: got control port 'backend'"):
+            open_control("a", "escvp21", "backend", backend)
