@@ -1,6 +1,7 @@
 """Puts the measured pieces together: content channels, common white, blend, dome maps."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -24,83 +25,146 @@ from procam.model.correspondence import ProjectorSurface
 from procam.model.photometry import Photometry, ResponseCurve
 from procam.model.quality import Figure, Goal
 from procam.model.screen import Dome
-from procam.model.transport import DomeMaps
+from procam.model.transport import DomeMaps, Measured
 
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
 MAP_SIZE = 1024
 BLACK_BLUR_PX = 4.0
+COVERED = 0.999
 
 
-def assemble(  # noqa: PLR0913, PLR0917
+@dataclass(frozen=True, slots=True)
+class Measurement:
+    """What was read off one projector's pictures, in camera channels.
+
+    `black` (H, W, 3) is the radiance of its black picture, scattered light included.
+    """
+
+    light: Light
+    black: Image
+    colour: ColourFit
+    response: ResponseCurve
+
+
+def assemble(
     dome: Dome,
     geometry: GeometrySolution,
     view: DomeView,
-    lights: Mapping[str, Light],
-    blacks: Mapping[str, Image],
-    colours: Mapping[str, ColourFit],
-    responses: Mapping[str, ResponseCurve],
+    measured: Mapping[str, Measurement],
     provenance: Mapping[str, Any],
 ) -> Calibration:
-    """The calibration of everything measured through one camera.
-
-    `blacks` are (H, W, 3) radiances of each projector's black, scattered light included.
-    """
-    names = list(lights)
-    unmix = _content_matrix(lights, colours)
-    content = {n: _converted(lights[n], unmix) for n in names}
-    surfaces = {n: project_surface(geometry, n, dome, lights[n]) for n in names}
+    """The calibration of everything measured through one camera."""
+    master = _Master(dome, geometry, measured)
+    unmix = _content_matrix(measured)
+    content = {name: _converted(m.light, unmix) for name, m in measured.items()}
+    surfaces = {n: project_surface(geometry, n, dome, light) for n, light in content.items()}
     blender = Blender(geometry.projectors, surfaces, dome)
-    direction, inside = master_directions(MAP_SIZE)
-    direction32 = direction.astype(np.float32)
-    where = camera_pixels(geometry.camera, dome, direction)
-    coverage = _coverage(geometry, dome, direction, lights) * inside
-    weights = blender.weights(direction32)
-    hi = np.sum([weights[n][..., None] * sample(content[n].extended, where) for n in names], axis=0)
-    white = common_white(hi, coverage > 0.999)
+    hi = master.blended(blender, content)
+    white = common_white(hi, master.coverage > COVERED)
     to_relative = np.diag(1 / white) @ unmix
-    u_camera = scatter_per_flux(list(content.values()))
-    lit_sr = sample(coverage, _master_at(view)) * view.solid_angle_sr
-    measured = feedback(
-        list(content.values()), lit_sr, view.solid_angle_sr, geometry.camera.sensor.glare_sigma
-    )
-    screen_sr = cap_solid_angle(dome.half_angle)
-    solid = master_solid_angles(MAP_SIZE) * coverage
-    reflectance = albedo(measured, float(solid.sum()), screen_sr, dome)
-    u = sample(u_camera, where) * inside[..., None]
-    lo = _black_level(blacks, to_relative, measured.value, lights, where) * coverage[..., None]
-    mean_u = np.tensordot(solid, u, 2) / solid.sum()
+    m, reflectance = _transport_numbers(dome, view, master, list(content.values()))
+    lo = master.black_level(measured, to_relative)
+    u = sample(scatter_per_flux(list(content.values())), master.where) * master.inside[..., None]
     maps = DomeMaps(
         u,
-        (u / mean_u * reflectance.value).astype(np.float32),
-        lo.astype(np.float32),
-        (hi / white * coverage[..., None]).astype(np.float32) + lo.astype(np.float32),
-        coverage.astype(np.float32),
+        (u / master.mean(u) * reflectance.value).astype(np.float32),
+        lo,
+        (hi / white * master.coverage[..., None]).astype(np.float32) + lo,
+        master.coverage,
     )
-    calibrated = {
-        n: _projector(
-            n, geometry, dome, surfaces[n], blender, content[n], white, responses, colours
-        )
-        for n in names
+    projectors = {
+        name: _gain_and_blend(geometry, dome, name, surfaces[name], light.extended / white, blender)
+        for name, light in content.items()
     }
+    mean_mix = np.mean([m.colour.mix for m in measured.values()], axis=0)
     return Calibration(
         dome,
         {geometry.camera.name: geometry.camera},
-        calibrated,
+        {
+            name: ProjectorCalibration(
+                geometry.projectors[name],
+                surfaces[name],
+                Photometry(measured[name].response, _relative_mix(mean_mix, measured[name]), gain),
+                blend,
+            )
+            for name, (gain, blend) in projectors.items()
+        },
         maps,
-        measured,
+        m,
         reflectance,
         to_relative,
-        _quality(geometry, dome, colours, coverage, inside),
+        _quality(geometry, dome, measured, master),
         dict(provenance),
     )
 
 
-def _content_matrix(lights: Mapping[str, Light], colours: Mapping[str, ColourFit]) -> Array:
+class _Master:
+    """The dome master of the maps: directions, where the camera sees them, what is lit."""
+
+    def __init__(
+        self, dome: Dome, geometry: GeometrySolution, measured: Mapping[str, Measurement]
+    ) -> None:
+        direction, self.inside = master_directions(MAP_SIZE)
+        self.direction = direction.astype(np.float32)
+        self.where = camera_pixels(geometry.camera, dome, direction)
+        shares = [lit_share(geometry.camera, dome, direction, m.light) for m in measured.values()]
+        # a ramp about one half, blind to noise near 0 and 1
+        ramp = np.clip(2 * np.max(shares, axis=0) - 0.5, 0, 1) * self.inside
+        self.coverage = ramp.astype(np.float32)
+        self.solid_sr = master_solid_angles(MAP_SIZE) * self.coverage
+
+    def mean(self, values: Image) -> Array:
+        """Mean (C,) over what is lit."""
+        return np.asarray(np.tensordot(self.solid_sr, values, 2) / self.solid_sr.sum())
+
+    def blended(self, blender: Blender, lights: Mapping[str, Light]) -> Array:
+        """Direct light (N, N, 3) of all projectors at full white, blended."""
+        weights = blender.weights(self.direction)
+        each = [w[..., None] * sample(lights[n].extended, self.where) for n, w in weights.items()]
+        return np.asarray(np.sum(each, axis=0), float)
+
+    def black_level(self, measured: Mapping[str, Measurement], to_relative: Array) -> Image:
+        """Direct black light (N, N, 3) of all projectors together, smoothed [rel].
+
+        A projector's black is spread like its white, so it holds the same share of scattered light.
+        """
+        total = np.sum(
+            [np.nan_to_num(m.black) * _direct_share(m.light) for m in measured.values()], axis=0
+        )
+        smooth = blur(total, BLACK_BLUR_PX) @ to_relative.T.astype(np.float32)
+        level = np.maximum(sample(smooth, self.where), 0) * self.coverage[..., None]
+        return np.asarray(level, np.float32)
+
+
+def _direct_share(light: Light) -> Image:
+    both = np.maximum(light.direct + light.scattered, 1e-9)
+    return np.where(light.lit[..., None], light.direct / both, 0)
+
+
+def _transport_numbers(
+    dome: Dome, view: DomeView, master: _Master, lights: list[Light]
+) -> tuple[Measured, Measured]:
+    """Feedback and albedo with sigma."""
+    at = master_pixels(np.nan_to_num(view.direction), MAP_SIZE)
+    lit_sr = sample(master.coverage, at) * view.solid_angle_sr
+    m = feedback(lights, lit_sr, view.solid_angle_sr, view.camera.sensor.glare_sigma)
+    screen_sr = cap_solid_angle(dome.half_angle)
+    return m, albedo(m, float(master.solid_sr.sum()), screen_sr, dome)
+
+
+def _content_matrix(measured: Mapping[str, Measurement]) -> Array:
     """(3, 3) from camera radiance to amounts of the mean projector's primaries."""
-    white = np.mean([light.direct[light.lit].mean(axis=0) for light in lights.values()], axis=0)
-    mix = np.mean([c.mix for c in colours.values()], axis=0)
+    lights = [m.light for m in measured.values()]
+    white = np.mean([light.direct[light.lit].mean(axis=0) for light in lights], axis=0)
+    mix = np.mean([m.colour.mix for m in measured.values()], axis=0)
     return np.asarray(np.linalg.inv(mix) / white, float)
+
+
+def _relative_mix(mean_mix: Array, measurement: Measurement) -> Array:
+    """Colour mixing (3, 3) in content channels; rows sum to 1."""
+    mix = np.asarray(np.linalg.inv(mean_mix) @ measurement.colour.mix, float)
+    return mix / mix.sum(axis=1, keepdims=True)
 
 
 def _converted(light: Light, unmix: Array) -> Light:
@@ -116,78 +180,32 @@ def _converted(light: Light, unmix: Array) -> Light:
     )
 
 
-def _coverage(
-    geometry: GeometrySolution, dome: Dome, direction: Array, lights: Mapping[str, Light]
-) -> NDArray[np.float32]:
-    """Share (...) of each place that is lit; a ramp about one half, blind to noise near 0 and 1."""
-    shares = [lit_share(geometry.camera, dome, direction, light) for light in lights.values()]
-    return np.asarray(np.clip(2 * np.max(shares, axis=0) - 0.5, 0, 1), np.float32)
-
-
-def _master_at(view: DomeView) -> NDArray[np.floating]:
-    """Where each camera pixel lies in the dome maps."""
-    return master_pixels(np.nan_to_num(view.direction), MAP_SIZE)
-
-
-def _black_level(
-    blacks: Mapping[str, Image],
-    to_relative: Array,
-    feedback_value: Array,
-    lights: Mapping[str, Light],
-    where: Array,
-) -> Image:
-    """Direct black light of all projectors together on the dome master, smoothed.
-
-    A projector's black is spread like its white, so it holds the same share of scattered light.
-    """
-    total = np.zeros((1, 1, 3), np.float32)
-    for name, black in blacks.items():
-        light = lights[name]
-        direct_share = np.where(
-            light.lit[..., None], light.direct / np.maximum(light.direct + light.scattered, 1e-9), 0
-        )
-        total = total + np.nan_to_num(black) * direct_share
-    smooth = blur(total, BLACK_BLUR_PX) @ to_relative.T.astype(np.float32)
-    return np.maximum(sample(smooth, where), 0)
-
-
-def _projector(  # noqa: PLR0913, PLR0917
-    name: str,
+def _gain_and_blend(
     geometry: GeometrySolution,
     dome: Dome,
+    name: str,
     surface: ProjectorSurface,
+    white_light: NDArray[np.floating],
     blender: Blender,
-    light: Light,
-    white: Array,
-    responses: Mapping[str, ResponseCurve],
-    colours: Mapping[str, ColourFit],
-) -> ProjectorCalibration:
-    """One projector's part; its gain is read off the camera where each of its pixels lands."""
-    where = camera_pixels(geometry.camera, dome, np.nan_to_num(surface.direction))
-    gain = sample(light.extended, where) / white.astype(np.float32)
+) -> tuple[Image, Image]:
+    """Gain (H, W, 3), read off the camera where each pixel lands, and blend (H, W)."""
+    direction = np.nan_to_num(surface.direction)
+    gain = sample(white_light, camera_pixels(geometry.camera, dome, direction))
     gain = np.maximum(gain, 0) * surface.valid[..., None]
-    mean_mix = np.mean([c.mix for c in colours.values()], axis=0)
-    mix = np.linalg.inv(mean_mix) @ colours[name].mix
-    mix = np.asarray(mix / mix.sum(axis=1, keepdims=True), float)
-    blend = blender.weights(np.nan_to_num(surface.direction))[name] * surface.valid
-    return ProjectorCalibration(
-        geometry.projectors[name],
-        surface,
-        Photometry(responses[name], mix, gain.astype(np.float32)),
-        blend.astype(np.float32),
-    )
+    blend = blender.weights(direction)[name] * surface.valid
+    return gain.astype(np.float32), blend.astype(np.float32)
 
 
 def _quality(
     geometry: GeometrySolution,
     dome: Dome,
-    colours: Mapping[str, ColourFit],
-    coverage: NDArray[np.float32],
-    inside: NDArray[np.bool_],
+    measured: Mapping[str, Measurement],
+    master: _Master,
 ) -> dict[str, Figure]:
     ratio, systematic = sphere_test(geometry, dome)
     residual = np.concatenate(list(geometry.residual_px.values()))
-    solid = master_solid_angles(MAP_SIZE)
+    inside_sr = float((master_solid_angles(MAP_SIZE) * master.inside).sum())
+    additivity = max(m.colour.additivity_error for m in measured.values())
     return {
         "geometry_residual_rms_px": Figure(
             float(np.sqrt(np.mean(residual**2))), "px", samples=len(residual)
@@ -196,8 +214,6 @@ def _quality(
             ratio, "-", Goal("<=", 2.0), len(residual), "above 2 the dome is not a sphere"
         ),
         "sphere_systematic_arcmin": Figure(systematic, "arcmin", samples=len(residual)),
-        "additivity_error": Figure(
-            max(c.additivity_error for c in colours.values()), "-", Goal("<=", 0.01), len(colours)
-        ),
-        "coverage": Figure(float((solid * coverage).sum() / (solid * inside).sum()), "-"),
+        "additivity_error": Figure(additivity, "-", Goal("<=", 0.01), len(measured)),
+        "coverage": Figure(float(master.solid_sr.sum()) / inside_sr, "-"),
     }

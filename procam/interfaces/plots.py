@@ -169,7 +169,7 @@ def profile_chart(elevation_deg: Array, before: Array, after: Array, after_free:
         left.plot(elevation_deg, 100 * after_free[:, c], color=colour, ls=style, lw=0.9)
         right.plot(elevation_deg, 100 * after_free[:, c], color=colour, ls=style, label=label)
         right.plot(elevation_deg, 100 * after[:, c], color=colour, ls=style, lw=1, alpha=0.35)
-    titles = ("Before; thin, near zero: after", "After, enlarged; pale: where a limit holds, too")
+    titles = ("Before; thin, near zero: after", "After, enlarged; pale: limits included")
     for axes, title in zip((left, right), titles, strict=True):
         axes.set_title(title, loc="left", fontweight="bold", fontsize=10, color=INK)
         axes.axhline(0, color=INK, lw=0.8)

@@ -2,14 +2,13 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from procam.errors import InputError
-from procam.estimate.assemble import assemble
+from procam.estimate.assemble import Measurement, assemble
 from procam.estimate.decode import DecodeLimits, decode_gray_pairs, drop_outside
 from procam.estimate.geometry import (
     GeometrySolution,
@@ -17,16 +16,15 @@ from procam.estimate.geometry import (
     solve_geometry,
     sphere_test,
 )
-from procam.estimate.photometry import ColourFit, ResponseFit, fit_colour, tile_levels
+from procam.estimate.photometry import ResponseFit, fit_colour, tile_levels
 from procam.estimate.radiance import Radiometer
-from procam.estimate.transport import Light, Separation
+from procam.estimate.transport import Separation
 from procam.estimate.view import DomeView
 from procam.files.calibration import next_directory, save_calibration
 from procam.files.session import Session
 from procam.files.venue import Venue
 from procam.maths.gray import bit_count
 from procam.model.correspondence import CorrespondenceMap
-from procam.model.photometry import ResponseCurve
 from procam.workflows.events import Event
 from procam.workflows.provenance import provenance
 from procam.workflows.readings import Readings
@@ -35,16 +33,6 @@ Image = NDArray[np.float32]
 DARK_SIGMAS = 3.0
 WORKERS = 2  # each holds about 400 MB for a 2.5 Mpx camera
 Result = TypeVar("Result")
-
-
-@dataclass(frozen=True, slots=True)
-class Measurement:
-    """What was read off one projector's pictures."""
-
-    light: Light
-    black: Image
-    colour: ColourFit
-    response: ResponseCurve
 
 
 def solve(venue: Venue, session: Session) -> Iterator[Event]:
@@ -68,7 +56,7 @@ def solve(venue: Venue, session: Session) -> Iterator[Event]:
     view = DomeView.of(
         geometry.camera, venue.screen, readings.radiometer.rays, readings.radiometer.seen
     )
-    measured = {}
+    measured: dict[str, Measurement] = {}
     results = _each(names, lambda name: _measure(venue, readings, view, geometry, found, name))
     for i, (name, measured[name]) in enumerate(results):
         yield Event("solve", len(names) + 2 + i, total, f"{name} light split, response fitted")
@@ -76,10 +64,7 @@ def solve(venue: Venue, session: Session) -> Iterator[Event]:
         venue.screen,
         geometry,
         view,
-        {name: m.light for name, m in measured.items()},
-        {name: m.black for name, m in measured.items()},
-        {name: m.colour for name, m in measured.items()},
-        {name: m.response for name, m in measured.items()},
+        measured,
         provenance(venue, session),
     )
     yield Event("solve", total - 1, total, "maps assembled")

@@ -22,7 +22,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from tiny_venue import CAMERA, contents, make_venue, one_thread, solved
+from tiny_venue import CAMERA, contents, make_venue, one_thread, solved, take_session
 
 import procam.estimate.assemble
 import simulators.backend
@@ -30,8 +30,6 @@ from procam.files import atomic
 from procam.files.session import Session
 from procam.files.venue import load_venue
 from procam.interfaces.cli.main import main as procam_main
-from procam.interfaces.cli.output import Output
-from procam.interfaces.cli.venues import take
 
 MAP_SIZE = 128  # dome maps of a solve: as many files and flushes, a sixtieth of the pixels
 RANDOM_KILLS = 20
@@ -127,7 +125,7 @@ class Bench:
         scene = simulators.backend.build_scene(venue.backends["simulated"], self.whole)
         scene.camera_view(CAMERA)
         simulators.backend.build_scene = lambda *_: scene  # each child has its own copy
-        self.capture_s = self._run(lambda: take(venue, Output(True)), "capture")
+        self.capture_s = self._run(lambda: take_session(venue), "capture")
         self.solve_s = self._run(lambda: solved(venue, self.session(self.whole)), "solve")
         self.session_files = contents(self.whole / "sessions")
         self.calibration = contents(self.whole / "calibrations" / "0001")
@@ -204,7 +202,7 @@ class Bench:
         self.check_calibrations(venue, least=1)
 
     def taking(self, venue: Path) -> Callable[[], object]:
-        return lambda: take(load_venue(venue), Output(True))
+        return lambda: take_session(load_venue(venue))
 
     def solving(self, venue: Path) -> Callable[[], object]:
         return lambda: solved(load_venue(venue), self.session(venue))

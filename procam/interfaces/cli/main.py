@@ -9,6 +9,8 @@ import typer
 from procam.errors import DeviceError, ProcamError
 from procam.interfaces.cli.output import Output
 
+INTERRUPTED = 130
+
 app = typer.Typer(
     name="procam",
     no_args_is_help=True,
@@ -216,10 +218,10 @@ def main() -> None:
         sys.exit(_complain(error, 1))
     except ProcamError as error:
         sys.exit(_complain(error, 2))
-    except KeyboardInterrupt:
-        sys.exit(
-            _complain(ProcamError("stopped; projectors are dark, the run can be resumed"), 130)
-        )
+    except SystemExit as stop:
+        if stop.code == INTERRUPTED:  # typer says nothing when it ends for Ctrl-C
+            _complain(ProcamError("stopped; projectors are dark, the run can be resumed"), INTERRUPTED)
+        raise
 
 
 def _complain(error: ProcamError, code: int) -> int:

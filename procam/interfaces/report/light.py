@@ -115,7 +115,7 @@ def _profile(seen: Seen) -> Charts:
     free = (seen.free > WHOLE).astype(np.float32)
     before, after = seen.before - seen.target, seen.after - seen.target
     image = plots.profile_chart(
-        (np.arange(int(90 / BAND_DEG)) + 0.5) * BAND_DEG,
+        np.arange(BAND_DEG / 2, 90, BAND_DEG, dtype=np.float64),
         _by_elevation(before, everywhere, seen.coverage),
         _by_elevation(after, everywhere, seen.coverage),
         _by_elevation(after, free, seen.coverage),
@@ -221,10 +221,10 @@ def clipped(material: Material) -> Iterator[Block]:
     total = max(float(weight.sum()), 1e-12)
     low, high = ((weight * held * side).sum(axis=(0, 1)) / total for side in (above, ~above))
     yield Text(
-        f"{percent(float(1 - (low + high).mean()))} of the lit picture is reproduced exactly. "
-        f"{percent(float(low.mean()))} asks for less light than already bounces there: no "
+        f"{percent(float(1 - (low + high).mean()), 2)} of the lit picture is reproduced exactly. "
+        f"{percent(float(low.mean()), 2)} asks for less light than already bounces there: no "
         "projector can take light away, so black stays a little grey. "
-        f"{percent(float(high.mean()))} asks for more light than the projectors have."
+        f"{percent(float(high.mean()), 2)} asks for more light than the projectors have."
     )
     codes = np.where(held > 0.5, np.where(above, 1, 2), 0)
     yield _limits(np.where((coverage > 0.5)[..., None], codes, 3))

@@ -15,6 +15,7 @@ class Words:
     percent: bool = False
 
 
+THIN = "\N{NARROW NO-BREAK SPACE}"
 LEFT = "share of the bounced light still there where no limit holds"
 NAMES = {
     "simulated_run_s": Words("Time for the whole run", "capture, solve, compensate and refine"),
@@ -66,7 +67,7 @@ NAMES = {
         "Test for a true sphere", "observed scatter against the scatter that noise explains"
     ),
     "sphere_systematic_arcmin": Words(
-        "Direction error that a non-spherical dome would explain",
+        "Direction error that comes from the dome being no sphere",
         "as an angle seen from the centre",
     ),
     "additivity_error": Words(
@@ -88,15 +89,15 @@ def number(value: float, digits: int = 3) -> str:
     if not math.isfinite(value):
         return "not a number"
     if value == int(value) and abs(value) < 1e7:
-        return f"{int(value):,}".replace(",", "\u202f").replace("-", "\N{MINUS SIGN}")
+        return f"{int(value):,}".replace(",", THIN).replace("-", "\N{MINUS SIGN}")
     if abs(value) >= 1000:
-        return f"{value:,.0f}".replace(",", "\u202f").replace("-", "\N{MINUS SIGN}")
+        return f"{value:,.0f}".replace(",", THIN).replace("-", "\N{MINUS SIGN}")
     return f"{value:.{digits}g}".replace("-", "\N{MINUS SIGN}")
 
 
 def percent(value: float, digits: int = 3) -> str:
     """A share in per cent."""
-    return f"{number(float(f'{100 * value:.{digits}g}'), digits)}\u202f%"
+    return f"{number(float(f'{100 * value:.{digits}g}'), digits)}{THIN}%"
 
 
 def value_text(name: str, entry: Mapping[str, Any]) -> str:

@@ -1,0 +1,238 @@
+"""The simulator's flux tracing against closed forms, judged by its own spread.
+
+Every figure is taken over independent replicates (other random shifts of the ray pattern); what is
+asked is |mean - expected| <= 4 standard errors, and a standard error small enough to mean something.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tolerances import FLOAT32, SIGMAS
+
+import simulators.transport
+from procam.maths.radiosity import albedo_from_feedback, floor_return
+from procam.maths.sphere import cap_solid_angle
+from simulators.presets import IDEAL, REALISTIC, Preset
+from simulators.surface import Surface
+from simulators.transport import Room
+
+REPLICATES = 8
+RAYS = 512
+RINGS, SECTORS = 12, 24  # of the dome; fewer patches than a demo has, more rays than it needs
+DOME = RINGS * SECTORS
+FLOOR_RINGS, FLOOR_SECTORS = 4, 8
+FLOOR = slice(DOME, DOME + FLOOR_RINGS * FLOOR_SECTORS)
+CLOSED = replace(IDEAL, tilt_deg=0.0)  # the deck closes the half sphere
+WHITE_DECK = 0.3
+Tracer = Callable[..., list[Room]]
+
+
+@pytest.fixture(scope="module")
+def trace() -> Tracer:
+    """Independent rooms of a preset; each is traced once."""
+    original, cache = np.random.default_rng, {}
+
+    def rooms(preset: Preset, smooth: bool = True, count: int = REPLICATES) -> list[Room]:
+        key = (preset, smooth, count)
+        if key not in cache:
+            with pytest.MonkeyPatch.context() as patch:
+                sizes = {"DOME": (RINGS, SECTORS), "FLOOR": (FLOOR_RINGS, FLOOR_SECTORS)}
+                for part, (rings, sectors) in sizes.items():
+                    patch.setattr(simulators.transport, f"{part}_RINGS", rings)
+                    patch.setattr(simulators.transport, f"{part}_SECTORS", sectors)
+                if not smooth:
+                    patch.setattr(
+                        simulators.transport._Tracer, "_gather_neighbours", lambda _, matrix: matrix
+                    )
+                surface = Surface.build(preset)
+                cache[key] = []
+                for i in range(count):
+                    patch.setattr(np.random, "default_rng", _shifted(original, i))
+                    cache[key].append(Room.trace(surface, RAYS))
+        return cache[key]
+
+    return rooms
+
+
+def _shifted(original: Callable[..., np.random.Generator], replicate: int) -> Callable[..., object]:
+    """`default_rng` with other seeds; generators pass through."""
+    return lambda seed: original([seed, replicate] if isinstance(seed, int) else seed)
+
+
+def _judge(values: list[float] | np.ndarray, expected: float, standard_error: float) -> None:
+    """Mean of replicates against `expected`; their relative standard error must be this small."""
+    values = np.asarray(values)
+    error = max(float(values.std(ddof=1) / np.sqrt(len(values))), FLOAT32 * abs(expected) / 10)
+    assert error <= standard_error * abs(expected), f"standard error {error / expected:.2e}"
+    z = (values.mean() - expected) / error
+    assert abs(z) < SIGMAS, f"{values.mean():.8g} against {expected:.8g}, z = {z:.2f}"
+
+
+def _one_sided(room: Room) -> np.ndarray:
+    """Direct flux (P, 1) [m2 rel] on the front half of the dome alone."""
+    flux = np.zeros((len(room.area_m2), 1))
+    sector = np.arange(DOME) % SECTORS
+    flux[:DOME, 0] = np.where((sector < 6) | (sector >= 18), room.area_m2[:DOME], 0.0)
+    return flux
+
+
+def _mean(room: Room, values: np.ndarray, part: slice = slice(DOME)) -> float:
+    area = room.area_m2[part]
+    return float(area @ values[part] / area.sum())
+
+
+class TestBlackDeck:
+    """Paper eq. 10 with all that reflects: E = Phi / (A_s - a rho) everywhere on the sphere."""
+
+    def _expected(self, room: Room, flux: np.ndarray) -> float:
+        preset = room.surface.preset
+        sphere = 4 * np.pi * preset.radius_m**2
+        return float(flux.sum() / (sphere - preset.albedo * sphere / 2))
+
+    def test_mean_irradiance(self, trace: Tracer) -> None:
+        rooms = trace(IDEAL)
+        flux = _one_sided(rooms[0])
+        values = [_mean(r, r.irradiance(flux)[:, 0]) for r in rooms]
+        _judge(values, self._expected(rooms[0], flux), 1e-4)
+
+    def test_every_patch_gets_the_same(self, trace: Tracer) -> None:
+        """Light of a one-sided picture spreads evenly; no patch stands out of the noise."""
+        rooms = trace(IDEAL)
+        flux = _one_sided(rooms[0])
+        light = np.stack([r.irradiance(flux)[:DOME, 0] for r in rooms])
+        light = light / self._expected(rooms[0], flux) - 1
+        sigma = np.sqrt(light.var(axis=0, ddof=1).mean() / REPLICATES)
+        assert sigma < 3e-3
+        # 288 patches: the largest of so many normals stays below 4.5
+        assert np.abs(light.mean(axis=0)).max() < 4.5 * sigma
+
+    def test_row_sums_are_one_less_the_opening(self, trace: Tracer) -> None:
+        """A sphere's patch sends equal shares to equal parts of the sphere: half to the cap, what
+        lies below the deck's plane to the deck, and the rest out of the gap between them."""
+        rooms = trace(IDEAL)
+        to_deck = (1 - np.sin(np.radians(IDEAL.tilt_deg))) / 2
+        sums = [r.exchange.sum(axis=1, dtype=float) for r in rooms]
+        _judge([_mean(r, s) for r, s in zip(rooms, sums, strict=True)], 0.5 + to_deck, 1e-4)
+        assert max(s.max() for s in sums) <= 1 + FLOAT32
+
+    def test_shares_of_cap_and_deck(self, trace: Tracer) -> None:
+        rooms = trace(IDEAL)
+        to_deck = (1 - np.sin(np.radians(IDEAL.tilt_deg))) / 2
+        cap = [_mean(r, r.exchange[:, :DOME].sum(axis=1, dtype=float)) for r in rooms]
+        deck = [_mean(r, r.exchange[:, FLOOR].sum(axis=1, dtype=float)) for r in rooms]
+        _judge(cap, 0.5, 1e-4)
+        _judge(deck, to_deck, 1e-4)
+
+    def test_a_flat_deck_does_not_see_itself(self, trace: Tracer) -> None:
+        for room in trace(IDEAL):
+            assert not room.exchange[FLOOR, FLOOR].any()
+
+
+class TestDeck:
+    """Cap with a Lambertian deck: K = [1 + returned / f] / A_s, exact in the mean (science.md s.1)."""
+
+    @pytest.mark.parametrize("tilt_deg", [0.0, 10.0])
+    def test_mean_irradiance(self, trace: Tracer, tilt_deg: float) -> None:
+        rooms = trace(replace(IDEAL, tilt_deg=tilt_deg, floor_albedo=WHITE_DECK))
+        flux = _one_sided(rooms[0])
+        returned = floor_return(np.pi / 2, np.radians(tilt_deg), WHITE_DECK)
+        kernel = (1 + returned / 0.5) / (4 * np.pi * IDEAL.radius_m**2)
+        kappa = kernel * IDEAL.albedo * 2 * np.pi * IDEAL.radius_m**2
+        values = [_mean(r, r.irradiance(flux)[:, 0]) for r in rooms]
+        _judge(values, kernel * flux.sum() / (1 - kappa), 3e-4)
+
+    def test_it_adds_as_much_as_path_tracing_said(self, trace: Tracer) -> None:
+        """Deck albedo .3 under a half sphere of albedo .5 adds 45 % to the pollution."""
+        flux = _one_sided(trace(CLOSED)[0])
+        bright = replace(CLOSED, floor_albedo=WHITE_DECK)
+        light = {
+            p: np.mean([_mean(r, r.irradiance(flux)[:, 0]) for r in trace(p)])
+            for p in (CLOSED, bright)
+        }
+        assert light[bright] / light[CLOSED] - 1 == pytest.approx(0.45, abs=0.01)
+
+    def test_albedo_comes_back_from_the_feedback(self, trace: Tracer) -> None:
+        rooms = trace(replace(IDEAL, tilt_deg=10.0, floor_albedo=WHITE_DECK))
+        cap = cap_solid_angle(np.pi / 2)
+        returned = floor_return(np.pi / 2, np.radians(10.0), WHITE_DECK)
+        values = []
+        for room in rooms:
+            flux = np.zeros((len(room.area_m2), 1))
+            flux[:DOME, 0] = room.area_m2[:DOME]
+            scattered = IDEAL.albedo * room.irradiance(flux)[:, 0]
+            feedback = np.array([_mean(room, scattered)])
+            values.append(float(albedo_from_feedback(feedback, cap, cap, returned)[0]))
+        _judge(values, IDEAL.albedo, 3e-4)
+
+
+class TestConservation:
+    def test_furnace(self, trace: Tracer) -> None:
+        """In a closed room whose walls glow with 1 - rho, everything looks 1, everywhere."""
+        room = trace(replace(CLOSED, floor_albedo=WHITE_DECK))[0]
+        np.testing.assert_allclose(room.exchange.sum(axis=1, dtype=float), 1, rtol=FLOAT32)
+        glow = (1 - room.albedo) * room.area_m2
+        np.testing.assert_allclose(room.irradiance(glow[:, None])[:, 0], 1, rtol=10 * FLOAT32)
+
+    def test_all_light_is_absorbed_in_the_end(self, trace: Tracer) -> None:
+        rooms = trace(replace(CLOSED, floor_albedo=WHITE_DECK))
+        flux = _one_sided(rooms[0])
+        absorbed = [
+            float((r.area_m2 * (1 - r.albedo)) @ r.irradiance(flux)[:, 0]) for r in rooms
+        ]
+        _judge(absorbed, float(flux.sum()), 3e-4)
+
+    def test_reciprocity(self, trace: Tracer) -> None:
+        """A_i F_ij = A_j F_ji between zones of dome, deck and pod, in z-scores."""
+        preset = replace(REALISTIC, ovality=0.0, panel_step_m=0.0)
+        rooms = trace(preset, smooth=False)
+        zones = [slice(4 * SECTORS * i, 4 * SECTORS * (i + 1)) for i in range(3)]
+        zones += [slice(FLOOR.start + 16 * i, FLOOR.start + 16 * (i + 1)) for i in range(2)]
+        zones += [slice(FLOOR.stop, len(rooms[0].area_m2))]
+        scores = []
+        for i, one in enumerate(zones):
+            for other in zones[:i]:
+                difference = np.array([_flux(r, one, other) - _flux(r, other, one) for r in rooms])
+                size = np.mean([_flux(r, one, other) for r in rooms])
+                error = difference.std(ddof=1) / np.sqrt(REPLICATES)
+                if size > 0:
+                    assert error < 0.01 * size
+                    scores.append(difference.mean() / error)
+        assert len(scores) >= 13
+        # Student's t with 7 degrees of freedom: 1e-3 in all for 15 pairs
+        assert np.abs(scores).max() < 7.0
+        assert np.sqrt(np.mean(np.square(scores))) < 2.0
+
+    def test_no_light_comes_from_nowhere(self, trace: Tracer) -> None:
+        for room in trace(REALISTIC, count=1):
+            assert room.exchange.min() >= 0
+            assert room.exchange.sum(axis=1, dtype=float).max() <= 1 + FLOAT32
+
+    def test_a_pod_takes_its_share(self, trace: Tracer) -> None:
+        """The mean chord: from inside a closed room, a small ball catches a quarter of its surface
+        over the room's own; here the dome's share of its view is what reciprocity makes of it."""
+        rooms = trace(replace(CLOSED, pod=True), smooth=False)
+        pod = slice(FLOOR.stop, len(rooms[0].area_m2))
+        everything = slice(0, pod.start)
+        seen = [_flux(r, everything, pod) for r in rooms]
+        # a ball hangs free: all its rays end on dome or deck
+        _judge(seen, float(rooms[0].area_m2[pod].sum()), 5e-3)
+
+
+def _flux(room: Room, seen_by: slice, source: slice) -> float:
+    """A_i F_ij [m2] between two zones."""
+    shares = room.exchange[seen_by, source].sum(axis=1, dtype=float)
+    return float(room.area_m2[seen_by] @ shares)
+
+
+def test_the_real_size_is_as_good() -> None:
+    """Patches as in the demo, an eighth of its rays: eq. 10 within 3e-4."""
+    room = Room.trace(Surface.build(IDEAL), 256)
+    rings, sectors = simulators.transport.DOME_RINGS, simulators.transport.DOME_SECTORS
+    flux = np.zeros((len(room.area_m2), 1))
+    flux[:600, 0] = room.area_m2[:600]
+    light = room.irradiance(flux)[: rings * sectors, 0].reshape(rings, sectors)
+    # means over bands of five rings: patches share rays with their neighbours, bands hardly do
+    bands = light.reshape(6, -1).mean(axis=1)
+    _judge(bands, float(flux.sum() / (4 * np.pi * IDEAL.radius_m**2 * (1 - 0.25))), 3e-4)

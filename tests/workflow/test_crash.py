@@ -1,0 +1,104 @@
+"""Killed or stopped at any instant, a run loses nothing and resumes to the same calibration.
+
+Covered, each with a real SIGKILL in a process of its own (crash_driver.py):
+
+- capture: every rename and every flush to disk there is, of the session's venue.toml, patterns,
+  plan, frames and index, killed once just before and once just after each. One session takes all
+  these kills in turn, so that each run also resumes what the last one left. The only call left out
+  after itself is the flush of the session's folder: nothing on the disk changes with it.
+- solve: every rename and flush of the calibration's files and folder, before and after.
+- both: 20 random moments, each in a fresh session or a fresh solve.
+- Ctrl-C at 10 random moments of `procam capture`: exit code 130 and dark projectors as well.
+
+After every kill, what index.jsonl names is there and equal to an uninterrupted run's file, byte by
+byte (but for the time in picture headers), and so is everything that carries its final name. After
+resuming, no stored frame was taken twice, and the calibration equals the uninterrupted one.
+"""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from procam.interfaces.cli.main import main
+from simulators.devices import SimulatedCamera
+from tiny_venue import make_venue, watch_stage
+
+DRIVER = Path(__file__).with_name("crash_driver.py")
+ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+
+
+@pytest.mark.parametrize(
+    ("group", "least"),
+    [
+        ("capture-before-every-call", 37 * 4 + 35 * 3 + 6),
+        ("capture-after-every-call", 37 * 4 + 35 * 3 + 5),
+        ("capture-at-random", 20),
+        ("solve-at-every-call", 2 * 13),
+        ("solve-at-random", 20),
+        ("capture-interrupted", 10),
+    ],
+)
+def test_killed_runs_lose_nothing_and_resume_to_the_same_result(
+    group: str, least: int, tmp_path: Path
+) -> None:
+    done = subprocess.run(
+        [sys.executable, str(DRIVER), group, str(tmp_path)],
+        env=os.environ | ONE_THREAD,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    survived = json.loads(done.stdout.splitlines()[-1])
+    assert len(survived) >= least
+
+
+@contextmanager
+def python_handles_ctrl_c() -> Iterator[None]:
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def test_ctrl_c_says_that_the_projectors_are_dark_and_the_run_resumes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    venue = make_venue(tmp_path)
+    stages = watch_stage(monkeypatch)
+    take, shots = SimulatedCamera.capture, []
+
+    def stopped_at_the_tenth(camera: SimulatedCamera):
+        shots.append(stages[-1].lit())
+        if len(shots) == 10:
+            os.kill(os.getpid(), signal.SIGINT)
+        return take(camera)
+
+    monkeypatch.setattr(SimulatedCamera, "capture", stopped_at_the_tenth)
+    monkeypatch.setattr(sys, "argv", ["procam", "capture", str(venue.directory)])
+    with python_handles_ctrl_c(), pytest.raises(SystemExit) as stop:
+        main()
+    assert stop.value.code == 130
+    assert shots[-1] == ["south"]
+    assert stages[-1].lit() == []
+    assert all(state.muted for state in stages[-1].scene.states.values())
+    printed = capsys.readouterr()
+    assert printed.err.splitlines() == [
+        "procam: stopped; projectors are dark, the run can be resumed"
+    ]
+    main_ends_well(capsys)
+
+
+def main_ends_well(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as stop:
+        main()
+    assert stop.value.code in (0, None)
+    assert "sessions/0001" in capsys.readouterr().out

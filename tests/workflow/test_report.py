@@ -1,0 +1,248 @@
+import json
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from procam.compensate.exact import Compensator
+from procam.errors import FileFormatError, InputError
+from procam.files.calibration import save_calibration
+from procam.files.images import RGB, write_channels
+from procam.interfaces.plots import Scale, on_dome
+from procam.interfaces.report import write_report
+from procam.interfaces.report.words import goal_text, percent, value_text
+from procam.maths.sphere import master_directions, master_pixels
+from procam.maths.warp import block_mean
+from procam.model.quality import Figure, Goal
+from procam.workflows.pictures import half_sky
+
+SIZE = 96
+HOSTILE = '<img src=x onerror="alert(1)">'
+SECTIONS = 9
+MINUS, THIN = "\N{MINUS SIGN}", "\N{NARROW NO-BREAK SPACE}"
+FIGURES = {
+    "direction_error_rms_arcmin": Figure(0.114, "arcmin", Goal("<=", 0.5), 1000),
+    "scatter_left_refined": Figure(0.004, "-", Goal("<=", 0.02), 900, "worst channel"),
+    "feedback_error": Figure(-0.0061, "-", Goal("abs<=", 0.02), 3, "signed"),
+    "loop_residual_by_iteration": Figure([0.01, 0.002], "rel"),
+    "albedo_interval_covers": Figure(True, "-", Goal("==", True), 3),
+    "a_figure_of_tomorrow": Figure(float("nan"), "furlong"),
+}
+
+
+def _rgb(path, picture):
+    write_channels(path, {c: picture[..., i] for i, c in enumerate(RGB)})
+
+
+def _pictures(venue, calibration):
+    content = half_sky(SIZE)
+    plain = Compensator(calibration, SIZE, "none").solve(content)
+    exact = Compensator(calibration, SIZE).solve(content)
+    _rgb(venue / "pictures" / "target.exr", content)
+    _rgb(venue / "pictures" / "uncompensated.exr", plain.observed)
+    _rgb(venue / "pictures" / "compensated.exr", exact.observed)
+    _rgb(venue / "pictures" / "direct.exr", exact.direct)
+    _rgb(venue / "pictures" / "free.exr", exact.free)
+    return plain, exact
+
+
+def _loop(venue, plain, exact):
+    for name, picture in (
+        ("before", plain.observed),
+        ("after", exact.observed + np.float32(1e-3)),
+        ("predicted", exact.observed),
+        ("free", exact.free.astype(np.float32)),
+    ):
+        _rgb(venue / "loop" / f"{name}.exr", block_mean(picture, 2))
+    curve = {"residual": [0.01, 0.002], "noise_floor": 0.0015}
+    (venue / "loop" / "loop.json").write_text(json.dumps(curve))
+
+
+def _summary(venue, figures):
+    entries = {n: f.as_dict() | {"seed": 1, "command": "procam x"} for n, f in figures.items()}
+    (venue / "summary.json").write_text(json.dumps({"preset": "p", "figures": entries}))
+
+
+def _truth(venue, calibration, plain, exact):
+    save_calibration(calibration, venue / "truth")
+    to_camera = np.linalg.inv(calibration.content_from_camera).T
+    for name, picture in (("none", plain.observed), ("exact", exact.observed)):
+        _rgb(venue / "truth" / "pictures" / f"{name}.exr", picture @ to_camera)
+
+
+@pytest.fixture
+def venue(tmp_path, calibration):
+    """A whole venue: two calibrations of one session, pictures, loop, truth and summary."""
+    folder = tmp_path / "Planetarium"
+    save_calibration(calibration, folder / "calibrations" / "0001")
+    save_calibration(calibration, folder / "calibrations" / "0002")
+    plain, exact = _pictures(folder, calibration)
+    _loop(folder, plain, exact)
+    _truth(folder, calibration, plain, exact)
+    _summary(folder, FIGURES)
+    return folder
+
+
+def _requests(page):
+    """Everything a browser would fetch: src, href and url() that are not inlined or anchors."""
+    found = re.findall(r"""(?:src|href)\s*=\s*["']?([^"'\s>]+)""", page)
+    found += re.findall(r"url\(\s*['\"]?([^)'\"]+)", page)
+    return [a for a in found if not a.startswith(("data:image/png;base64,", "#"))]
+
+
+def test_it_is_one_file_that_loads_nothing(venue):
+    path = write_report(venue)
+    page = path.read_text("utf-8")
+    assert path == venue / "report.html"
+    assert _requests(page) == []
+    assert "<script" not in page and "http" not in re.sub(r"base64,[^\"']+", "", page)
+    assert page.startswith("<!doctype html>")
+
+
+def test_it_goes_where_it_is_told(venue, tmp_path):
+    out = tmp_path / "elsewhere" / "dome.html"
+    assert write_report(venue, out) == out
+    assert out.is_file() and not (venue / "report.html").exists()
+
+
+def test_it_has_every_part_and_misses_none(venue):
+    page = write_report(venue).read_text("utf-8")
+    assert page.count("<section") == SECTIONS + 3
+    assert "not there yet" not in page
+    assert (
+        "true error" in page and "<strong>simulated dome" in page and "Correction of north" in page
+    )
+
+
+def test_every_figure_appears_with_name_value_goal_and_verdict(venue, calibration):
+    page = write_report(venue).read_text("utf-8")
+    for name in (*FIGURES, *calibration.quality):
+        assert f"<code>{name}</code>" in page
+    assert "at most 0.5 arcmin" in page and "meets it" in page
+    assert "A figure of tomorrow" in page and "not a number furlong" in page
+    assert "<code>procam x (seed 1)</code>" in page
+
+
+def test_a_page_without_failures_says_so(venue):
+    page = write_report(venue).read_text("utf-8")
+    assert "All 5 figures that have a goal meet it." in page
+    assert "Goals missed" not in page and "misses it" not in page
+
+
+def test_a_failing_figure_stands_on_top_in_plain_words(venue):
+    _summary(venue, FIGURES | {"shots": Figure(140, "-", Goal("<=", 120.0), 1, "too many")})
+    page = write_report(venue).read_text("utf-8")
+    assert "1 of 6 figures misses its goal" in page
+    assert "Photographs taken: 140, should be at most 120 (too many)." in page
+    assert page.index("Goals missed") < page.index("<section")
+    assert page.count("misses it<") == 1
+
+
+def test_a_nan_with_a_goal_fails(venue):
+    _summary(venue, {"scatter_left_exact": Figure(float("nan"), "-", Goal("<=", 0.02))})
+    page = write_report(venue).read_text("utf-8")
+    assert "Goals missed" in page and "not a number" in page
+
+
+@pytest.mark.parametrize(
+    ("gone", "command"),
+    [
+        ("loop", "procam refine"),
+        ("pictures", "procam calibrate"),
+        ("summary.json", "procam demo"),
+        ("calibrations", "procam calibrate"),
+    ],
+)
+def test_what_is_missing_is_named_with_its_command(venue, gone, command):
+    (venue / "venue.toml").touch()
+    (venue / gone).rename(venue / "gone")
+    page = write_report(venue).read_text("utf-8")
+    assert re.search(rf"not there yet\. Run <code>{command} [^<]*Planetarium</code>", page)
+
+
+def test_a_bare_venue_gets_a_page_of_what_to_run(tmp_path):
+    (tmp_path / "venue.toml").touch()
+    page = write_report(tmp_path).read_text("utf-8")
+    assert page.count("not there yet") == SECTIONS + 1
+    assert "No figure of this venue has been held against a goal yet." in page
+
+
+def test_a_folder_that_is_no_venue_is_refused(tmp_path):
+    with pytest.raises(InputError, match="expected a venue's folder"):
+        write_report(tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_hostile_names_are_text(venue):
+    hostile = venue.rename(venue.with_name(HOSTILE))
+    _summary(hostile, {HOSTILE: Figure(1.0, HOSTILE, Goal("<=", 0.0), 1, HOSTILE)})
+    page = write_report(hostile).read_text("utf-8")
+    assert "<img src=x" not in page
+    assert "&lt;img src=x onerror=" in page
+
+
+def test_without_truth_the_camera_is_the_witness(venue):
+    (venue / "truth").rename(venue / "gone")
+    page = write_report(venue).read_text("utf-8")
+    assert "as the camera photographed them" in page
+    assert "true error" not in page and "<strong>simulated dome" not in page
+
+
+def test_without_loop_and_truth_the_prediction_is_shown_as_such(venue):
+    (venue / "truth").rename(venue / "gone")
+    (venue / "loop").rename(venue / "gone-too")
+    assert "nothing has been photographed yet" in write_report(venue).read_text("utf-8")
+
+
+def test_a_damaged_summary_is_named(venue):
+    (venue / "summary.json").write_text('{"figures": {')
+    with pytest.raises(FileFormatError, match=r"summary\.json: got no JSON"):
+        write_report(venue)
+
+
+@pytest.mark.parametrize("module", ["matplotlib", "jinja2"])
+def test_a_missing_extra_names_its_command(venue, monkeypatch, module):
+    monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(InputError, match=r'pip install "procam\[report\]"'):
+        write_report(venue)
+    assert not (venue / "report.html").exists()
+
+
+def test_importing_the_report_imports_no_plotting():
+    import subprocess
+
+    code = "import sys, procam.interfaces.report; sys.exit('matplotlib' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_values_land_where_their_directions_point():
+    direction, inside = master_directions(33)
+    elevation = direction[..., 2]
+    drawn = on_dome(direction[inside], elevation[inside], 33)
+    np.testing.assert_allclose(drawn[inside], elevation[inside], atol=1e-12)
+    column, row = master_pixels(np.array([1.0, 0.0, 0.0]), 33)  # the front
+    assert row > column and np.isnan(drawn[0, 0])
+
+
+def test_ticks_are_round_and_inside_the_scale():
+    ticks = Scale("x", -0.2, 0.2, "signed", 100.0).ticks()
+    assert [text for _, text in ticks] == [f"{MINUS}20", f"{MINUS}10", "0", "10", "20"]
+    assert [place for place, _ in ticks] == pytest.approx([0, 25, 50, 75, 100])
+    light = Scale("x", 0.0, 1.1, "light").ticks()
+    assert all(0 <= place <= 100 for place, _ in light) and light[0] == (0.0, "0")
+
+
+def test_words_for_numbers():
+    entry = Figure(-0.0061, "-", Goal("abs<=", 0.02)).as_dict()
+    assert value_text("feedback_error", entry) == f"{MINUS}0.61{THIN}%"
+    assert goal_text("feedback_error", entry) == f"within \N{PLUS-MINUS SIGN}2{THIN}%"
+    assert value_text("shots", Figure(12345, "-").as_dict()) == f"12{THIN}345"
+    assert goal_text("x", Figure(True, "-", Goal("==", True)).as_dict()) == "yes"
+    assert percent(0.15678, 2) == f"16{THIN}%"
+
+
+def test_the_path_may_be_relative(venue, monkeypatch):
+    monkeypatch.chdir(venue)
+    assert "<h1>Planetarium</h1>" in write_report(Path()).read_text("utf-8")
