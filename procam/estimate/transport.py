@@ -19,6 +19,7 @@ Array = NDArray[np.float64]
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 CLEAR_PX = 3.0  # distance from a stripe's edge beyond which neither lens nor pixel mixes it in
+HOLE_PX = 3  # widest gap between decoded pixels that is closed
 CLEAR_CAMERA_PX = 6  # likewise from the border of a projector's picture
 GLOBAL_BLUR_PX = 1.0
 EXTEND_PX = 3.0
@@ -56,6 +57,8 @@ class Separation:
 
     def __init__(self, white: Image, projector_xy: Image, lit: Mask, solid_angle_sr: Array) -> None:
         usable = np.isfinite(white).all(axis=-1)
+        # pixels on an edge of the finest stripes do not decode; they are lit all the same
+        lit = grow(grow(lit, HOLE_PX), -HOLE_PX)
         self._solid = np.where(usable, solid_angle_sr, 0).astype(np.float32)
         self._white_flux = self.total(white)
         self._xy = projector_xy

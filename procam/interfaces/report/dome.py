@@ -129,7 +129,7 @@ def response(material: Material) -> Iterator[Block]:
         "How much light each projector gives for what it is sent, per primary colour. The lower "
         "panel enlarges the difference from a plain power law of 2.2, with its 95 % band. A "
         "smooth curve is a projector without surprises; a kink is a picture mode to switch off.",
-        width_px=360,
+        width_px=345,
     )
 
 

@@ -72,10 +72,12 @@ def pollution(material: Material) -> Iterator[Block]:
     if seen is None or material.calibration is None:
         yield not_there("The bounced light before and after", calibrating(material))
         return
-    before, after = seen.error_rms()
+    before, after = (percent(error, 2) for error in seen.error_rms())
+    if seen.source == "prediction":
+        after = "nothing, by construction: only a photograph (`procam refine`) shows what is left"
     yield Text(
-        f"Where no limit holds, the picture differed from the intended one by "
-        f"{percent(before, 2)} of white before and by {percent(after, 2)} after (root mean square)."
+        "Where no limit holds, the picture differs from the intended one by "
+        f"{before} of white before (root mean square, a typical size), and after by {after}."
     )
     yield _pollution_maps(seen, seen.before - _direct_without(material, len(seen.target)))
     yield _profile(seen)

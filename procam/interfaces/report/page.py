@@ -26,6 +26,7 @@ from procam.maths.sphere import cap_solid_angle
 from procam.model.calibration import Calibration
 
 WHITE_SHARES = (0.1, 0.25, 0.5, 0.75)
+ORIGINS = {"input_sha256": "Fingerprint of the captures (SHA-256)", "versions": "Software"}
 Entries = Mapping[str, Mapping[str, Any]]
 
 
@@ -77,14 +78,13 @@ def _context(material: Material) -> dict[str, Any]:
         "number_of": material.calibrations[-1].name if material.calibrations else "",
         "simulated": material.truth is not None,
         "verdict": _verdict(entries),
+        "good": any(e["pass"] for e in entries.values()),
         "missed": [miss_text(n, e) for n, e in entries.items() if e["pass"] is False],
         "cards": list(_cards(material)),
         "sections": list(_sections(material)),
         "figures": [_figure_row(n, e) for n, e in entries.items()],
-        "figures_missing": None
-        if material.figures
-        else f"`procam demo --out {material.directory}`",
-        "commands": sorted({_command(e) for e in entries.values()} - {""}),
+        "judged": bool(material.figures),
+        "commands": sorted({_command(e) for e in entries.values()} - {("", "")}),
         "provenance": list(_provenance(material)),
         "contrast": _contrast(material.calibration),
     }
@@ -106,37 +106,54 @@ def _verdict(entries: Entries) -> str:
     if not judged:
         return "No figure of this venue has been held against a goal yet."
     if not missed:
-        return f"All {len(judged)} figures that have a goal meet it."
+        many = f"All {len(judged)} figures that have a goal meet it."
+        return many if len(judged) > 1 else "The one figure that has a goal meets it."
     verb = "misses its goal" if len(missed) == 1 else "miss their goals"
     return f"{len(missed)} of {len(judged)} figures {verb}; see below."
 
 
 def _cards(material: Material) -> Iterator[dict[str, str]]:
-    """The headline numbers: title, value, explanation."""
-    figures, calibration, seen = material.figures, material.calibration, material.seen()
-    for name in ("scatter_left_refined", "scatter_left_exact"):
-        if name in figures:
-            note = "of the bounced light is still there, worst colour"
-            goal = goal_text(name, figures[name])
-            yield _card("Bounced light left", value_text(name, figures[name]), note, goal)
-            break
+    """The headline numbers: title, value, explanation, goal."""
+    figures = material.figures
+    left = next((n for n in ("scatter_left_refined", "scatter_left_exact") if n in figures), None)
+    if left:
+        note = "of the bounced light is still there, worst colour"
+        yield _figure_card(figures, left, "Bounced light left", note)
     if material.loop:
         floor = percent(material.loop.noise_floor, 2)
         note = f"of white between camera and prediction; camera noise {floor}"
         yield _card("Left after the loop", percent(material.loop.residual[-1], 2), note)
-    if "direction_error_rms_arcmin" in figures:
-        entry = figures["direction_error_rms_arcmin"]
-        goal = goal_text("direction_error_rms_arcmin", entry)
-        text = value_text("direction_error_rms_arcmin", entry)
-        yield _card("Direction error", text, "where pixels land, against the truth", goal)
-    elif calibration:
-        sigma = [p.surface.sigma_arcmin[p.surface.valid] for p in calibration.projectors.values()]
-        middle = number(float(np.median(np.concatenate(sigma))))
-        yield _card("Expected direction error", f"{middle} arcmin", "one standard error, median")
-    if seen:
-        before, after = (percent(e, 2) for e in seen.error_rms())
+    yield from _direction_card(material)
+    yield from _picture_card(material)
+
+
+def _direction_card(material: Material) -> Iterator[dict[str, str]]:
+    name = "direction_error_rms_arcmin"
+    if name in material.figures:
+        note = "where pixels land, against the truth"
+        yield _figure_card(material.figures, name, "Direction error", note)
+    elif material.calibration:
+        surfaces = [p.surface for p in material.calibration.projectors.values()]
+        sigma = np.concatenate([s.sigma_arcmin[s.valid] for s in surfaces])
+        middle = f"{number(float(np.median(sigma)))} arcmin"
+        yield _card("Expected direction error", middle, "one standard error, median")
+
+
+def _picture_card(material: Material) -> Iterator[dict[str, str]]:
+    seen = material.seen()
+    if seen is None:
+        return
+    before, after = (percent(error, 2) for error in seen.error_rms())
+    if seen.source == "prediction":
+        note = "of white without compensation, as predicted; root mean square"
+        yield _card("Error of the picture, before", before, note)
+    else:
         note = "of white, before and after; root mean square where no limit holds"
         yield _card("Error of the picture", f"{before} \N{RIGHTWARDS ARROW} {after}", note)
+
+
+def _figure_card(figures: Entries, name: str, title: str, note: str) -> dict[str, str]:
+    return _card(title, value_text(name, figures[name]), note, goal_text(name, figures[name]))
 
 
 def _card(title: str, value: str, note: str, goal: str = "") -> dict[str, str]:
@@ -173,11 +190,12 @@ def _figure_row(name: str, entry: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _command(entry: Mapping[str, Any]) -> str:
+def _command(entry: Mapping[str, Any]) -> tuple[str, str]:
+    """The command that made a figure, and its seed in words."""
     if not entry.get("command"):
-        return ""
+        return "", ""
     seed = entry.get("seed")
-    return str(entry["command"]) + (f" (seed {seed})" if seed is not None else "")
+    return str(entry["command"]), "" if seed is None else f"with seed {seed}"
 
 
 def _provenance(material: Material) -> Iterator[tuple[str, str]]:
@@ -197,10 +215,11 @@ def _provenance(material: Material) -> Iterator[tuple[str, str]]:
     for name, projector in calibration.projectors.items():
         yield f"Projector {name}", f"{projector.model.size[0]} x {projector.model.size[1]} px"
     for key, value in calibration.provenance.items():
+        title = ORIGINS.get(key, key.replace("_", " ").capitalize())
         if isinstance(value, Mapping):
-            yield key, ", ".join(f"{k} {v}" for k, v in value.items())
+            yield title, ", ".join(f"{k} {v}" for k, v in value.items())
         else:
-            yield key, str(value)
+            yield title, str(value)
 
 
 def _contrast(calibration: Calibration | None) -> dict[str, Any] | None:

@@ -138,5 +138,5 @@ def _text(value: Any, name: str, unit: str) -> str:
         return str(value)
     if words_for(name).percent and unit in ("-", "rel"):
         return percent(value)
-    suffix = {"-": "", "rel": " of white"}.get(unit, f" {unit}")
+    suffix = {"-": "", "rel": " of white"}.get(unit, f"\N{NO-BREAK SPACE}{unit}")
     return number(value) + suffix
