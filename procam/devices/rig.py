@@ -67,11 +67,18 @@ class Rig:
             self.controls[name].set_shutter(False)
 
     def darken(self, name: str) -> None:
-        """Show black, and close the shutter where there is one that works."""
+        """Show black, and close the shutter where there is one that works.
+
+        A projector that is warming up refuses its shutter, so this waits until the lamp burns:
+        left alone, it would light the dome a minute after whoever stopped the run has gone.
+        """
         width, height = self.projectors[name].size
         self.projectors[name].show(np.zeros((height, width, 3), np.float32))
         control = self.controls.get(name)
-        if control is not None and control.state().power is Power.ON:
+        power = control.state().power if control else None
+        if control and power is Power.WARMING:
+            control.set_power(True)
+        if control and power in (Power.WARMING, Power.ON):
             control.set_shutter(True)
 
 

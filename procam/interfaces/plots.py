@@ -121,7 +121,7 @@ def dome_png(rgb: Pixels) -> str:
     inside = np.hypot(*np.meshgrid(offset, offset)) <= 1
     rgba = np.dstack([np.where(inside[..., None], rgb, 0), inside * np.uint8(255)])
     buffer = io.BytesIO()
-    imsave(buffer, rgba, format="png", pil_kwargs={"compress_level": 6})
+    imsave(buffer, rgba, format="png", pil_kwargs={"compress_level": 4})
     return _address(buffer.getvalue())
 
 
@@ -189,6 +189,8 @@ def loop_chart(residual: Sequence[float], noise_floor: float) -> str:
     if len(positive) == len(values) and positive.max() > 8 * positive.min():
         axes.set_yscale("log")
         axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    else:
+        axes.set_ylim(0, 1.15 * max(np.nanmax(values), 100 * noise_floor))
     axes.axhline(
         100 * noise_floor, color="#6b7680", ls="--", lw=1.3, label="camera noise, one photograph"
     )

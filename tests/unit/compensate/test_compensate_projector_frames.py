@@ -35,7 +35,9 @@ def test_each_projector_gives_its_share(
     direct = np.broadcast_to(np.array(asked, np.float32), (SIZE, SIZE, 3))
     frames = projector_frames(np.ascontiguousarray(direct), calibration)
     for name, projector in calibration.projectors.items():
-        use = _settled(projector) & (frames[name].max(axis=-1) < 1) & (frames[name].min(axis=-1) > 0)
+        use = (
+            _settled(projector) & (frames[name].max(axis=-1) < 1) & (frames[name].min(axis=-1) > 0)
+        )
         assert use.sum() > 300
         share = (np.array(asked) - LO) * projector.blend[..., None]
         light = _light(projector, frames[name])
@@ -52,10 +54,14 @@ def test_a_picture_lands_the_right_way_round(calibration: Calibration) -> None:
         q = np.arccos(np.clip(z, -1, 1)) / (np.pi / 2) / np.hypot(x, y)
         column, row = (SIZE - 1) / 2 - SIZE / 2 * q * y, (SIZE - 1) / 2 + SIZE / 2 * q * x
         asked = 0.2 + 0.3 * (1 - column / SIZE) + 0.2 * row / SIZE
-        use = _settled(projector) & (frames[name].max(axis=-1) < 1) & (frames[name].min(axis=-1) > 0)
+        use = (
+            _settled(projector) & (frames[name].max(axis=-1) < 1) & (frames[name].min(axis=-1) > 0)
+        )
         light = _light(projector, frames[name])
         expected = ((asked - LO) * projector.blend)[..., None]
-        np.testing.assert_allclose(light[use], np.broadcast_to(expected, light.shape)[use], atol=1e-4)
+        np.testing.assert_allclose(
+            light[use], np.broadcast_to(expected, light.shape)[use], atol=1e-4
+        )
 
 
 def test_what_cannot_be_given_is_clipped(calibration: Calibration) -> None:

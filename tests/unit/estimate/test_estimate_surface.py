@@ -19,7 +19,11 @@ def _camera(size: int = 300) -> CameraModel:
         "kannala-brandt", np.full(2, size / 2 / 1.72), np.full(2, (size - 1) / 2 + 0.7), np.zeros(4)
     )
     return CameraModel(
-        "c", (size, size), lens, Sensor(12, 64.0), Pose.from_vectors((0.03, 0.02, 0.5), (0.2, 0.3, -0.5))
+        "c",
+        (size, size),
+        lens,
+        Sensor(12, 64.0),
+        Pose.from_vectors((0.03, 0.02, 0.5), (0.2, 0.3, -0.5)),
     )
 
 

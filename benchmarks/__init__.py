@@ -1,0 +1,1 @@
+"""Speed as ratios, peers and floor interleaved in one process: `make bench`."""

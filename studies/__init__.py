@@ -1,0 +1,1 @@
+"""Long studies over many seeds: `make studies`."""

@@ -1,0 +1,113 @@
+"""The floors, the wall round the simulators, and how light `procam --help` is."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+LINT_IMPORTS = Path(sys.executable).with_name("lint-imports")
+HEAVY = ("numpy", "cv2", "scipy", "colour", "matplotlib", "OpenImageIO", "pydantic")
+
+
+def _lint(folder: Path) -> subprocess.CompletedProcess[str]:
+    """Run the contracts on the packages in `folder`, whatever is installed."""
+    return subprocess.run(
+        [LINT_IMPORTS, "--no-cache"],
+        cwd=folder,
+        env=os.environ | {"PYTHONPATH": str(folder)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+@pytest.fixture
+def copy(tmp_path: Path) -> Path:
+    """The two packages and their contracts, to be spoilt."""
+    for package in ("procam", "simulators"):
+        ignore = shutil.ignore_patterns("__pycache__")
+        shutil.copytree(ROOT / package, tmp_path / package, ignore=ignore)
+    shutil.copy(ROOT / "pyproject.toml", tmp_path)
+    return tmp_path
+
+
+def _spoil(folder: Path, path: str, line: str) -> None:
+    file = folder / path
+    file.write_text(f"{file.read_text('utf-8')}\n{line}\n", encoding="utf-8")
+
+
+class TestContracts:
+    def test_all_are_kept(self) -> None:
+        result = _lint(ROOT)
+        assert result.returncode == 0, result.stdout + result.stderr
+        assert "0 broken" in result.stdout
+
+    def test_a_clean_copy_passes_too(self, copy: Path) -> None:
+        result = _lint(copy)
+        assert result.returncode == 0, result.stdout + result.stderr
+
+    @pytest.mark.parametrize(
+        ("path", "line", "contract"),
+        [
+            (
+                "procam/workflows/capture.py",
+                "import simulators.scene",
+                "procam never imports the simulators",
+            ),
+            ("simulators/transport.py", "import procam.maths.radiosity", "The wall"),
+            ("simulators/truth.py", "from procam.files import calibration", "The wall"),
+            ("procam/maths/pose.py", "import procam.model.frame", "Floors"),
+            ("procam/estimate/decode.py", "import procam.files.images", "Floors"),
+            ("procam/estimate/blend.py", "import cv2", "cv2 stays behind maths.warp"),
+            ("procam/model/frame.py", "import time", "Numbers know no files"),
+            ("procam/__init__.py", "import procam.maths.pose", "import procam stays light"),
+        ],
+    )
+    def test_each_bites(self, copy: Path, path: str, line: str, contract: str) -> None:
+        _spoil(copy, path, line)
+        result = _lint(copy)
+        assert result.returncode != 0
+        broken = [row for row in result.stdout.splitlines() if " BROKEN" in row]
+        assert any(row.startswith(contract) for row in broken), result.stdout
+
+
+def _modules_after(code: str) -> set[str]:
+    script = f"{code}\nimport sys\nprint('\\n'.join(sys.modules))"
+    result = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True, cwd=ROOT
+    )
+    return set(result.stdout.splitlines())
+
+
+HELP = """
+import sys
+sys.argv = ["procam", "--help"]
+from procam.interfaces.cli.main import main
+try:
+    main()
+except SystemExit as end:
+    assert not end.code, end.code
+"""
+
+
+class TestStart:
+    @pytest.mark.parametrize(
+        "code",
+        ["import procam", "import procam.interfaces.cli.main", HELP],
+        ids=["root", "cli", "help"],
+    )
+    def test_nothing_heavy_is_imported(self, code: str) -> None:
+        loaded = _modules_after(code)
+        assert "procam" in loaded
+        assert not loaded & set(HEAVY)
+
+    def test_the_test_itself_can_see_numpy(self) -> None:
+        assert "numpy" in _modules_after("import procam.maths.pose")
+
+    def test_procam_loads_no_simulator_by_itself(self) -> None:
+        loaded = _modules_after("import procam.workflows.calibrate, procam.workflows.capture")
+        assert not any(name.split(".")[0] == "simulators" for name in loaded)
