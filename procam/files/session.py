@@ -8,6 +8,7 @@ import hashlib
 import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,11 +59,11 @@ class Session:
         pixels = np.asarray(read_image(self.directory / shot.pattern), np.float32) / 255
         return np.broadcast_to(pixels, (*pixels.shape[:2], 3))
 
-    def stored(self, camera: str) -> dict[tuple[str, float], dict[str, object]]:
+    def stored(self, camera: str) -> dict[tuple[str, float], dict[str, Any]]:
         """Index entries of the frames that are safely on disk, by (shot, exposure)."""
         path = self._index(camera)
         entries = (_parse(path, line) for line in atomic.read_lines(path))
-        return {(str(e["shot"]), float(str(e["exposure_s"]))): e for e in entries}
+        return {(e["shot"], e["exposure_s"]): e for e in entries}
 
     def store(self, camera: str, shot: Shot, exposure_s: float, frame: Frame) -> None:
         """Put a frame on disk, then name it in the index: what is named is there."""
@@ -95,15 +96,14 @@ class Session:
         counts = np.asarray(pixels[..., 0] if pixels.shape[2] == 1 else pixels)
         self._check(path, counts, entry, size)
         pixel_format: PixelFormat = "mono" if counts.ndim == 2 else "rgb"
-        settings = CameraSettings(exposure_s, pixel_format, float(str(entry["gain"])))
-        times = float(str(entry["started_s"])), float(str(entry["ended_s"]))
-        return Frame(counts.astype(np.uint16), settings, *times)
+        settings = CameraSettings(exposure_s, pixel_format, entry["gain"])
+        return Frame(counts.astype(np.uint16), settings, entry["started_s"], entry["ended_s"])
 
     def _check(
         self,
         path: Path,
         counts: NDArray[np.generic],
-        entry: dict[str, object],
+        entry: dict[str, Any],
         size: tuple[int, int],
     ) -> None:
         height, width = counts.shape[:2]
@@ -120,15 +120,13 @@ class Session:
             )
 
     def _index(self, camera: str) -> Path:
-        path = self.directory / "captures" / camera / "index.jsonl"
-        path.parent.mkdir(parents=True, exist_ok=True)
-        return path
+        return self.directory / "captures" / camera / "index.jsonl"
 
 
-def _shot(path: Path, entry: dict[str, object]) -> Shot:
+def _shot(path: Path, entry: dict[str, Any]) -> Shot:
     try:
-        exposures: tuple[float, ...] = tuple(entry.pop("exposures_s"))  # type: ignore[arg-type]
-        return Shot(exposures_s=exposures, **entry)  # type: ignore[arg-type]
+        exposures: tuple[float, ...] = tuple(entry.pop("exposures_s"))
+        return Shot(exposures_s=exposures, **entry)
     except (AttributeError, KeyError, TypeError) as error:
         raise FileFormatError(
             f"{path}: got a shot that does not fit ({error}), expected id, projector, pattern, "
@@ -136,7 +134,7 @@ def _shot(path: Path, entry: dict[str, object]) -> Shot:
         ) from error
 
 
-def _parse(path: Path, text: str) -> dict[str, object]:
+def _parse(path: Path, text: str) -> dict[str, Any]:
     try:
         document = json.loads(text)
     except json.JSONDecodeError as error:

@@ -97,7 +97,6 @@ class VenueTable(_Table):
     projectors: Annotated[dict[str, ProjectorTable], Field(min_length=1)]
     fiducials: list[FiducialTable] = []
     capture: CaptureTable
-    acceptance: dict[str, FiniteFloat] = {}
 
 
 @dataclass(frozen=True, slots=True)

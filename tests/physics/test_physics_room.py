@@ -166,11 +166,11 @@ class TestDeck:
 
     def test_it_adds_as_much_as_path_tracing_said(self, trace: Tracer) -> None:
         """Deck albedo .3 under a half sphere of albedo .5 adds 45 % to the pollution."""
-        flux = _one_sided(trace(CLOSED)[0])
         bright = replace(CLOSED, floor_albedo=WHITE_DECK)
+        rooms = {CLOSED: trace(CLOSED, count=2), bright: trace(bright)}
         light = {
-            p: np.mean([_mean(r, r.irradiance(flux)[:, 0]) for r in trace(p)])
-            for p in (CLOSED, bright)
+            preset: np.mean([_mean(r, r.irradiance(_one_sided(r))[:, 0]) for r in several])
+            for preset, several in rooms.items()
         }
         assert light[bright] / light[CLOSED] - 1 == pytest.approx(0.45, abs=0.01)
 

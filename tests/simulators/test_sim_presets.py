@@ -82,7 +82,7 @@ class TestRig:
         """Top of the panel is up on the dome, and its left is left as seen from the projector."""
         (build,) = hang_projectors(1, (1280, 800), 6.0)
         ahead = build.projector_from_dome.rotation[2]
-        higher = ahead + [0.0, 0.0, 0.2]
+        higher = ahead + np.array([0.0, 0.0, 0.2])
         left = ahead + np.cross([0.0, 0.0, 1.0], ahead) * 0.2
         middle, up, aside = project(
             build.projector_from_dome.rotate(np.stack([ahead, higher, left])), build.lens

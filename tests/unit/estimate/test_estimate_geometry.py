@@ -186,7 +186,7 @@ class TestRefusals:
 
     def test_a_fiducial_in_the_wrong_place(self) -> None:
         marks = _fiducials()
-        marks[1] = replace(marks[1], pixel=marks[1].pixel + [90.0, 120.0])
+        marks[1] = replace(marks[1], pixel=marks[1].pixel + np.array([90.0, 120.0]))
         with pytest.raises(CalibrationError, match=r"the fiducials miss by .* px at best"):
             locate_camera(CAMERA, DOME, marks)
 

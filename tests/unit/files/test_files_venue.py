@@ -153,7 +153,7 @@ MISTAKES = {
     ),
     "no capture": (
         (
-            "[capture]\nexposure_s = 0.13       # white of one projector just below saturation\nblack_exposure_s = 6.5  # black is dim\n",
+            PLAIN[PLAIN.index("[capture]") : PLAIN.index("[simulated]")],
             "",
         ),
         "capture",
