@@ -9,7 +9,7 @@ from procam.maths.gray import bit_count, stripe
 from procam.model.plan import Plan, Shot
 
 Picture = NDArray[np.uint8]
-SEPARATION_BITS = (4, 5, 6, 7)  # stripes wide enough to hold pixels clear of any edge
+SEPARATION_BITS = (4, 5, 6)  # stripes wide enough to hold pixels clear of any edge
 LEVELS = (0, 16, 32, 48, 64, 80, 96, 112, 128, 144, 160, 176, 192, 208, 224, 240, 255)
 LEVEL_PICTURES = 2
 AXES = ("x", "y")

@@ -187,7 +187,10 @@ class _FrameCheck:
         before, shown, exposure_before = self.last
         if shown is None:
             return False
-        if exposure_before != exposure_s or float(np.abs(shown - drive).mean()) < 0.05:
+        one_panel = shown.shape == drive.shape  # else another projector, of another size
+        if exposure_before != exposure_s or (
+            one_panel and float(np.abs(shown - drive).mean()) < 0.05
+        ):
             return False
         level = max(float(np.percentile(probe, 99)), float(np.percentile(before, 99)))
         return float(np.abs(probe - before).mean()) < 0.01 * level

@@ -26,12 +26,14 @@ from tiny_venue import CAMERA, contents, make_venue, one_thread, solved, take_se
 
 import procam.estimate.assemble
 import simulators.backend
+import simulators.transport
 from procam.files import atomic
 from procam.files.session import Session
 from procam.files.venue import load_venue
 from procam.interfaces.cli.main import main as procam_main
 
 MAP_SIZE = 128  # dome maps of a solve: as many files and flushes, a sixtieth of the pixels
+COARSE_ROOM = 10, 20  # rings and sectors of light-exchanging patches: traced in no time
 RANDOM_KILLS = 20
 FAILED = 70  # exit code of a child that raised
 INTERRUPTED = 130
@@ -84,7 +86,7 @@ def watch_disk(killer: Killer) -> None:
         return call
 
     def flushed(descriptor: int) -> str:
-        path = Path(os.readlink(f"/proc/self/fd/{descriptor}"))
+        path = Path(f"/proc/self/fd/{descriptor}").readlink()
         if path.suffix == ".jsonl":
             return f"flush {path.name}: {path.read_text().splitlines()[-1][:40]}"
         return f"flush {path.parent.name}/{path.name}" + f" after {renamed}" * path.is_dir()
@@ -339,6 +341,7 @@ def main() -> None:
     tempfile.tempdir = str(folder / "wires")  # where emulated serial ports appear
     Path(tempfile.tempdir).mkdir()
     procam.estimate.assemble.MAP_SIZE = MAP_SIZE
+    simulators.transport.DOME_RINGS, simulators.transport.DOME_SECTORS = COARSE_ROOM
     survived = list(GROUPS[group](Bench(folder)))
     sys.stdout.write(json.dumps(survived))
 

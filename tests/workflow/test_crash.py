@@ -25,10 +25,10 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from tiny_venue import make_venue, watch_stage
 
 from procam.interfaces.cli.main import main
 from simulators.devices import SimulatedCamera
-from tiny_venue import make_venue, watch_stage
 
 DRIVER = Path(__file__).with_name("crash_driver.py")
 ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}

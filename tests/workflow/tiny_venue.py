@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 import procam.devices.projector_control as controls
@@ -18,6 +17,7 @@ from procam.files.venue import Venue, load_venue
 from procam.workflows.calibrate import solve
 from procam.workflows.capture import capture, prepare_session
 from procam.workflows.venue_rig import open_rig
+from simulators.devices import SimulatedCamera
 from simulators.presets import Preset, PresetName
 from simulators.scene import DomeScene, SceneSize
 from simulators.serial_port import EmulatedEscVp21
@@ -125,6 +125,11 @@ def watch_stage(
     return stages
 
 
+def replace_camera(rig: BackendRig, wrap: Callable[[SimulatedCamera], object]) -> BackendRig:
+    """The rig with every camera inside another."""
+    return replace(rig, cameras={n: wrap(c) for n, c in rig.cameras.items()})  # type: ignore[arg-type, misc]
+
+
 def one_thread() -> None:
     """No pool threads in this process from here on: it will be forked."""
     import cv2
@@ -133,10 +138,3 @@ def one_thread() -> None:
     cv2.setNumThreads(1)
     oiio.attribute("threads", 1)
     assert os.environ.get("OPENBLAS_NUM_THREADS") == "1"
-
-
-def grey(session: Session, name: str) -> np.ndarray:
-    """Pixels of a stored capture."""
-    from procam.files.images import read_image
-
-    return np.asarray(read_image(session.directory / "captures" / CAMERA / name))

@@ -104,7 +104,7 @@ class TestSynthetic:
     truth = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1)
 
     def test_any_order_of_the_pairs(self) -> None:
-        pairs, white = _pictures(np.ones((self.height, self.width)))
+        pairs, white = _pictures(np.full((self.height, self.width), 0.4))
         for order in (pairs, pairs[::-1], pairs[::2] + pairs[1::2]):
             found = _decode(order, white, DecodeLimits(0.1, 0.1))
             assert found.valid.all()

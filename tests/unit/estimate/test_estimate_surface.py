@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
-from tolerances import CLOSED_FORM, SOLVER
+from tolerances import CLOSED_FORM, FLOAT32, SIGMAS, SOLVER
 
-from procam.estimate.surface import camera_pixels, directions, lit_share
+from procam.estimate.geometry import GeometrySolution, changed_projector
+from procam.estimate.surface import camera_pixels, directions, lit_share, project_surface
 from procam.estimate.transport import Light
 from procam.estimate.view import DomeView
 from procam.maths.lenses import project, unproject
@@ -77,14 +78,64 @@ def test_lit_share_is_light_seen_over_light_expected(calibration: Calibration) -
     shape = (300, 300, 3)
     extended = np.ones(shape, np.float32)
     direct = extended.copy()
-    direct[:, :150], direct[:, 150] = 0.0, 0.25
+    direct[:, :145], direct[:, 145:155] = 0.0, 0.25
     lit = np.zeros(shape[:2], bool)
     light = Light(direct, 0 * direct, extended, np.ones(3), direct, grow(lit, 1))
     direction, inside = master_directions(150)
     share = lit_share(camera, calibration.screen, direction, light)
     column = camera_pixels(camera, calibration.screen, direction)[..., 0]
-    assert (share[inside & (column > 152)] == 1).all()
-    assert (share[inside & (column < 148)] == 0).all()
-    near = inside & (np.abs(column - 150) < 0.02)
+    assert (share[inside & (column > 156)] == 1).all()
+    assert (share[inside & (column < 144)] == 0).all()
+    near = inside & (np.abs(column - 149.5) < 4)
     assert near.any()
-    np.testing.assert_allclose(share[near], 0.25, atol=0.02)
+    np.testing.assert_allclose(share[near], 0.25, rtol=FLOAT32)
+
+
+class TestProjectSurface:
+    @pytest.fixture(scope="class")
+    @classmethod
+    def solution(cls, calibration: Calibration) -> GeometrySolution:
+        model = calibration.projectors["south"].model
+        return GeometrySolution(_camera(), {"south": model}, np.eye(18), {}, {})
+
+    @staticmethod
+    def _light(camera: CameraModel, calibration: Calibration) -> Light:
+        """White all over, but behind blackout plates below 10 degrees."""
+        view = _view(calibration, camera)
+        lit = view.on_screen & (view.direction[..., 2] > np.sin(np.radians(10.0)))
+        extended = np.ones((*lit.shape, 3), np.float32)
+        direct = extended * lit[..., None]
+        return Light(direct, 0 * direct, extended, np.ones(3), direct, lit)
+
+    def test_is_the_known_surface(
+        self, solution: GeometrySolution, calibration: Calibration
+    ) -> None:
+        truth = calibration.projectors["south"].surface
+        light = self._light(solution.camera, calibration)
+        found = project_surface(solution, "south", calibration.screen, light)
+        np.testing.assert_allclose(found.direction, truth.direction, atol=1e-6)
+        np.testing.assert_allclose(found.solid_angle_sr, truth.solid_angle_sr, rtol=FLOAT32)
+        elevation = np.degrees(np.arcsin(truth.direction[..., 2]))
+        clear = np.abs(elevation - 10) > 1.0  # the camera's pixels are 0.6 degrees wide
+        np.testing.assert_array_equal(found.valid[clear], truth.valid[clear])
+        np.testing.assert_array_equal(found.measured[clear] > 0.5, truth.valid[clear])
+
+    def test_sigma_is_the_spread_of_directions(
+        self, solution: GeometrySolution, calibration: Calibration, rng: np.random.Generator
+    ) -> None:
+        """Parameters drawn from their covariance move a pixel by as much as is predicted."""
+        dome, light = calibration.screen, self._light(solution.camera, calibration)
+        found = project_surface(solution, "south", dome, light)
+        model, draws = solution.projectors["south"], 400
+        assert model.covariance is not None
+        place = (np.zeros(1), np.zeros(1))  # a node of the grid that sigma is interpolated on
+        middle = directions(model, dome, *place)[0, 0]
+        moved = [
+            directions(changed_projector(model, x), dome, *place)[0, 0] - middle
+            for x in rng.multivariate_normal(np.zeros(12), model.covariance / 100, draws)
+        ]
+        squared = np.sum(np.square(moved), axis=1)
+        sigma = np.degrees(np.sqrt(squared.mean())) * 60 * 10
+        # two axes at the least: the mean square is known to 1 / sqrt(draws)
+        predicted = float(found.sigma_arcmin[0, 0])
+        assert abs((sigma / predicted) ** 2 - 1) < SIGMAS * np.sqrt(2 / draws) + 0.02

@@ -15,11 +15,13 @@ from procam.estimate.transport import (
 )
 from procam.maths.gray import stripe
 from procam.maths.sphere import cap_solid_angle
+from procam.maths.warp import blur
 from procam.model.screen import Dome
 from procam.model.transport import Measured
 
 SIZE = 320
 PANEL = 512
+LENS_BLUR_PX = 0.5  # what smears the edges of stripes
 
 
 class Scene:
@@ -38,7 +40,7 @@ class Scene:
 
     def picture(self, drive: np.ndarray) -> np.ndarray:
         """What the camera sees of relative drive (H, W): direct, and u times its flux."""
-        direct = self.direct * drive[..., None]
+        direct = blur(self.direct * drive[..., None], LENS_BLUR_PX)
         flux = np.tensordot(self.solid, direct, 2)
         return (direct + self.u * flux).astype(np.float32)
 

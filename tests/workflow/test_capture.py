@@ -1,0 +1,422 @@
+"""Capture takes the right pictures or stops with the right words; solve refuses damaged ones."""
+
+import json
+import shutil
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tiny_venue import (
+    CAMERA,
+    TINY_PAIR,
+    Stage,
+    contents,
+    make_venue,
+    replace_camera,
+    solved,
+    take_session,
+    watch_stage,
+)
+
+import procam.estimate.assemble
+from procam.devices.protocols import BackendRig, Shown
+from procam.devices.rig import Rig
+from procam.errors import DeviceError, NotConnected, StaleFrame, WrongState
+from procam.estimate.patterns import plan_visit
+from procam.files.atomic import read_lines
+from procam.files.images import read_image, write_image
+from procam.files.session import Session
+from procam.files.venue import Venue
+from procam.interfaces.cli.main import main
+from procam.model.frame import CameraSettings, Frame
+from procam.workflows.capture import capture
+from simulators.clock import SceneClock
+from simulators.devices import SimulatedCamera
+from simulators.faults import STRIKE_AT_FRAME, StaleCamera
+
+NO_PATTERN_BEFORE = 3  # the dark frames, and the white that follows them
+FRAMES = Path("captures") / CAMERA
+
+
+@pytest.fixture(scope="module", autouse=True)
+def small_maps() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(procam.estimate.assemble, "MAP_SIZE", 128)
+        yield
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Venue:
+    """Two projectors, captured and solved without a hitch."""
+    venue = make_venue(tmp_path_factory.mktemp("whole"), size=TINY_PAIR)
+    solved(venue, take_session(venue))
+    return venue
+
+
+@pytest.fixture
+def venue(tmp_path: Path) -> Venue:
+    return make_venue(tmp_path, size=TINY_PAIR)
+
+
+def pictures(session: Path) -> dict[str, bytes]:
+    return {n: c for n, c in contents(session).items() if n.endswith(".tif")}
+
+
+def same_as(whole: Venue, venue: Venue) -> bool:
+    """Whether a venue holds the whole session."""
+    session = Path("sessions", "0001")
+    return pictures(venue.directory / session) == pictures(whole.directory / session)
+
+
+def only_whole_frames(whole: Venue, venue: Venue) -> int:
+    """How many frames are stored, after checking that none differs from the whole session's."""
+    expected = pictures(whole.directory / "sessions" / "0001")
+    stored = pictures(venue.directory / "sessions" / "0001")
+    index = read_lines(venue.directory / "sessions" / "0001" / FRAMES / "index.jsonl")
+    assert sorted(str(FRAMES / json.loads(line)["file"]) for line in index) == sorted(stored)
+    assert all(content == expected[name] for name, content in stored.items())
+    return len(stored)
+
+
+def at_frame(
+    monkeypatch: pytest.MonkeyPatch, number: int, act: Callable[[Stage], None]
+) -> list[Stage]:
+    """Do something just before the camera takes its `number`-th picture."""
+    stages = watch_stage(monkeypatch)
+    take, taken = SimulatedCamera.capture, []
+
+    def counted(camera: SimulatedCamera) -> Frame:
+        taken.append(camera)
+        if len(taken) == number:
+            act(stages[-1])
+        return take(camera)
+
+    monkeypatch.setattr(SimulatedCamera, "capture", counted)
+    return stages
+
+
+def test_while_a_shot_is_taken_every_other_projector_is_shuttered(
+    venue: Venue, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stages = watch_stage(monkeypatch)
+    take, lit = SimulatedCamera.capture, []
+
+    def watched(camera: SimulatedCamera) -> Frame:
+        lit.append(stages[-1].lit())
+        return take(camera)
+
+    monkeypatch.setattr(SimulatedCamera, "capture", watched)
+    session = take_session(venue)
+    shots = session.read_plan().shots
+    expected = [[s.projector] if s.projector else [] for s in shots for _ in s.exposures_s]
+    assert lit == expected
+    assert stages[-1].lit() == []
+
+
+def test_a_run_cut_short_within_a_shot_takes_only_the_exposure_that_is_missing(
+    whole: Venue, venue: Venue, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    session = venue.directory / "sessions" / "0001"
+    shutil.copytree(whole.directory / "sessions" / "0001", session)
+    index = session / FRAMES / "index.jsonl"
+    first, second, *rest = index.read_text().splitlines(keepends=True)
+    assert json.loads(first)["shot"] == json.loads(second)["shot"] == "dark"
+    index.write_text("".join([first, *rest]))
+    taken = []
+    take = SimulatedCamera.capture
+
+    def counted(camera: SimulatedCamera) -> Frame:
+        taken.append(take(camera))
+        return taken[-1]
+
+    monkeypatch.setattr(SimulatedCamera, "capture", counted)
+    take_session(venue)
+    assert [frame.settings.exposure_s for frame in taken] == [json.loads(second)["exposure_s"]]
+    assert same_as(whole, venue)
+
+
+@pytest.mark.parametrize("unplugged", ["south", "north"])
+def test_an_unplugged_cable_ends_in_words_and_the_run_resumes_once_it_is_back(
+    unplugged: str, whole: Venue, venue: Venue, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as patch:
+        stages = at_frame(patch, 7, lambda stage: stage.wires[unplugged].unplug())
+        with pytest.raises(DeviceError) as caught:
+            take_session(venue)
+    assert f"projector {unplugged}" in str(caught.value)
+    assert stages[-1].wires[unplugged].port in str(caught.value)
+    assert all(not shown.any() for shown in stages[-1].scene.shown.values())
+    assert set(stages[-1].lit()) <= {unplugged}
+    stored = only_whole_frames(whole, venue)
+    assert 7 <= stored < len(pictures(whole.directory))
+    session = take_session(venue)  # plugged in again
+    assert same_as(whole, venue)
+    assert contents(solved(venue, session)) == contents(whole.directory / "calibrations" / "0001")
+
+
+def test_a_cable_back_in_before_it_is_needed_goes_unnoticed(
+    whole: Venue, venue: Venue, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    at_frame(monkeypatch, 7, lambda stage: stage.wires["north"].replug())
+    take_session(venue)
+    assert same_as(whole, venue)
+
+
+@pytest.mark.parametrize(
+    ("stuck", "words"), [("south", "shutter closed"), ("north", "shutter open")]
+)
+def test_a_shutter_that_does_not_confirm_stops_the_capture(
+    stuck: str, words: str, whole: Venue, venue: Venue, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def jam(stage: Stage) -> None:
+        stage.scene.states[stuck].shutter_stuck = True
+
+    at_frame(monkeypatch, 7, jam)
+    with pytest.raises(WrongState, match=rf"{words} is not confirmed: projector {stuck}"):
+        take_session(venue)
+    only_whole_frames(whole, venue)
+    names = pictures(venue.directory)
+    assert names
+    assert not [name for name in names if "north" in name]
+
+
+class FrozenCamera:
+    """A camera that delivers the same picture for ever once its trigger has died."""
+
+    def __init__(self, camera: SimulatedCamera, dies_at: int) -> None:
+        self._camera, self._left = camera, dies_at
+        self.name, self.size = camera.name, camera.size
+        self.configure = camera.configure
+        self._last: Frame | None = None
+
+    def capture(self) -> Frame:
+        self._left -= 1
+        if self._left >= 0 or self._last is None:
+            self._last = self._camera.capture()
+        return self._last
+
+
+class LaggingCamera:
+    """A camera whose every first picture of a pattern is the one before."""
+
+    def __init__(self, camera: SimulatedCamera) -> None:
+        self._camera = camera
+        self.name, self.size = camera.name, camera.size
+        self.configure = camera.configure
+        self._last: Frame | None = None
+        self._late = False
+        self.slips = self.good = 0
+
+    def capture(self) -> Frame:
+        self._late = not self._late and self.good >= NO_PATTERN_BEFORE
+        if self._late and self._last is not None:
+            self.slips += 1
+            return self._last
+        self._last = self._camera.capture()
+        self.good += 1
+        return self._last
+
+
+def put_in(wrap: Callable[[SimulatedCamera], object]) -> Callable[[Stage], BackendRig]:
+    return lambda stage: replace_camera(stage.backend, wrap)
+
+
+def test_a_stale_frame_is_taken_again(
+    whole: Venue, venue: Venue, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cameras: list[StaleCamera] = []
+
+    def wrap(camera: SimulatedCamera) -> StaleCamera:
+        cameras.append(StaleCamera(camera))
+        return cameras[-1]
+
+    watch_stage(monkeypatch, put_in(wrap))
+    take_session(venue)
+    assert cameras[0]._taken == len(pictures(venue.directory)) + 1 > STRIKE_AT_FRAME
+    assert same_as(whole, venue)
+
+
+def test_a_camera_that_always_lags_by_one_is_retaken_every_time(
+    whole: Venue, venue: Venue, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cameras: list[LaggingCamera] = []
+
+    def wrap(camera: SimulatedCamera) -> LaggingCamera:
+        cameras.append(LaggingCamera(camera))
+        return cameras[-1]
+
+    watch_stage(monkeypatch, put_in(wrap))
+    take_session(venue)
+    assert cameras[0].slips == len(pictures(venue.directory)) - NO_PATTERN_BEFORE
+    assert same_as(whole, venue)
+
+
+@pytest.mark.parametrize("dies_at", [4, 5, 9, 30])
+def test_a_camera_that_stays_stale_is_an_error_that_names_the_shot(
+    dies_at: int, whole: Venue, venue: Venue, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shots = Session(whole.directory / "sessions" / "0001").read_plan().shots
+    frames = [shot.id for shot in shots for _ in shot.exposures_s]
+    watch_stage(monkeypatch, put_in(lambda camera: FrozenCamera(camera, dies_at)))
+    with pytest.raises(StaleFrame, match=f"shot {frames[dies_at]}: "):
+        take_session(venue)
+    assert only_whole_frames(whole, venue) == dies_at
+
+
+class Panel:
+    """A projector's picture input and nothing else."""
+
+    def __init__(self, name: str, size: tuple[int, int]) -> None:
+        self.name, self.size = name, size
+
+    def show(self, drive: np.ndarray) -> Shown:
+        assert drive.shape == (self.size[1], self.size[0], 3)
+        return Shown(drive, 0.0)
+
+
+class BusyCamera:
+    """Never sees the same picture twice."""
+
+    name, size = CAMERA, TINY_PAIR.camera_size
+
+    def __init__(self, rng: np.random.Generator) -> None:
+        self._rng = rng
+
+    def configure(self, settings: CameraSettings) -> CameraSettings:
+        self._settings = settings
+        return settings
+
+    def capture(self) -> Frame:
+        counts = self._rng.integers(500, 3000, (*self.size, 3)).astype(np.uint16)
+        return Frame(counts, self._settings, 0.0, 1.0)
+
+
+def test_projectors_may_differ_in_size(venue: Venue, rng: np.random.Generator) -> None:
+    sizes = {"small": (64, 40), "large": (96, 60)}
+    session = Session(venue.directory / "sessions" / "0001")
+    session.write_plan(*plan_visit(sizes, 0.1, 1.0))
+    panels = {name: Panel(name, size) for name, size in sizes.items()}
+    with Rig({CAMERA: BusyCamera(rng)}, panels, {}, SceneClock()) as rig:
+        *_, last = capture(rig, venue, session)
+    assert last.done == last.total == len(session.read_plan().shots)
+
+
+@pytest.mark.parametrize(
+    ("exposure", "words"), [("0.9", "saturated pixels"), ("0.0002", "a black picture of white")]
+)
+def test_a_wrong_exposure_is_named(exposure: str, words: str, venue: Venue) -> None:
+    path = venue.directory / "venue.toml"
+    text = path.read_text()
+    assert "\nexposure_s = 0.13 " in text
+    path.write_text(text.replace("\nexposure_s = 0.13 ", f"\nexposure_s = {exposure} "))
+    code, lines = run_main("capture", venue.directory)
+    assert code == 2
+    assert len(lines) == 1
+    assert "shot south-0000: " in lines[0]
+    assert words in lines[0]
+
+
+def run_main(*arguments: object) -> tuple[int, list[str]]:
+    """Exit code and stderr lines of `procam ARGUMENTS`."""
+    import io
+    from contextlib import redirect_stderr
+
+    heard = io.StringIO()
+    with pytest.MonkeyPatch.context() as patch, redirect_stderr(heard):
+        patch.setattr(sys, "argv", ["procam", *map(str, arguments)])
+        with pytest.raises(SystemExit) as stop:
+            main()
+    return int(stop.value.code or 0), heard.getvalue().splitlines()
+
+
+def test_the_faulty_preset_ends_in_the_right_named_errors(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    venue = make_venue(tmp_path, "faulty", TINY_PAIR)
+    stages = watch_stage(monkeypatch)
+    with pytest.raises(NotConnected) as caught:
+        take_session(venue)
+    assert "projector north" in str(caught.value)
+    assert stages[-1].wires["north"].port in str(caught.value)
+    assert "cable" in str(caught.value)
+    assert isinstance(stages[-1].backend.cameras[CAMERA], StaleCamera)
+    files = pictures(tmp_path)  # the stale frame was taken again, and nothing of north is stored
+    taken = stages[-1].backend.cameras[CAMERA]._taken
+    assert len(files) == taken - 1 > STRIKE_AT_FRAME
+    assert not [name for name in files if "north" in name]
+    assert len(set(files.values())) == len(files)
+    code, lines = run_main("capture", venue.directory)
+    assert code == 1
+    assert len(lines) == 1
+    assert "projector north" in lines[0]
+
+
+def missing(folder: Path) -> str:
+    (folder / "south-0002@0.13.tif").unlink()
+    return "got no such file"
+
+
+def truncated(folder: Path) -> str:
+    path = folder / "south-0002@0.13.tif"
+    path.write_bytes(path.read_bytes()[:-3000])
+    return "got a truncated or damaged image"
+
+
+def cut_to_nothing(folder: Path) -> str:
+    (folder / "south-0002@0.13.tif").write_bytes(b"")
+    return "got no readable image"
+
+
+def swapped(folder: Path) -> str:
+    one, other = folder / "south-0002@0.13.tif", folder / "south-0003@0.13.tif"
+    one.rename(folder / "aside")
+    other.rename(one)
+    (folder / "aside").rename(other)
+    return "got other pixels than were captured for shot south-000"
+
+
+def wrong_size(folder: Path) -> str:
+    path = folder / "south-0002@0.13.tif"
+    write_image(path, np.asarray(read_image(path))[:100])
+    return "got 200x100 px, expected 200x200"
+
+
+def edited(folder: Path) -> str:
+    path = folder / "south-0002@0.13.tif"
+    pixels = np.array(read_image(path))
+    pixels[0, 0] += 1
+    write_image(path, pixels)
+    return "got other pixels than were captured for shot south-0002"
+
+
+def unnamed(folder: Path) -> str:
+    index = folder / "index.jsonl"
+    lines = index.read_text().splitlines(keepends=True)
+    index.write_text("".join(line for line in lines if '"south-0002"' not in line))
+    return "got no capture of shot south-0002"
+
+
+def garbled_index(folder: Path) -> str:
+    index = folder / "index.jsonl"
+    index.write_text(index.read_text().replace('"south-0002"', '"south-0002', 1))
+    return "got damaged JSON"
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [missing, truncated, cut_to_nothing, swapped, wrong_size, edited, unnamed, garbled_index],
+)
+def test_damaged_captures_are_refused_and_calibrations_stay_as_they_are(
+    damage: Callable[[Path], str], whole: Venue, tmp_path: Path
+) -> None:
+    shutil.copytree(whole.directory, tmp_path, dirs_exist_ok=True)
+    before = contents(tmp_path / "calibrations")
+    words = damage(tmp_path / "sessions" / "0001" / FRAMES)
+    code, lines = run_main("solve", tmp_path / "sessions" / "0001")
+    assert code == 2
+    assert len(lines) == 1, lines
+    assert words in lines[0]
+    assert str(tmp_path) in lines[0]
+    assert contents(tmp_path / "calibrations") == before
