@@ -99,5 +99,6 @@ def default_limits(white: NDArray[np.floating], black: NDArray[np.floating]) -> 
     step = np.diff(black.astype(float), axis=1)
     noise = 1.4826 * float(np.median(np.abs(step - np.median(step)))) / np.sqrt(2)
     steps = np.diff(np.unique([white, black]))
-    noise = max(noise, 0.5 * float(steps.min(initial=np.inf if steps.size else 1.0)))
+    rounding = 0.5 * float(steps.min()) if steps.size else 0.5
+    noise = max(noise, rounding)
     return DecodeLimits(white_black=8 * noise, contrast=4 * noise)
