@@ -34,6 +34,8 @@ def venue_text(preset_name: PresetName, size: SceneSize | None = None, seed: int
 
 
 def _head(name: str, preset: Preset) -> str:
+    # the owner has held a grey card to the carpet, and can see black paint
+    floor = (0.1, 0.03) if preset.floor_albedo else (0.0, 0.01)
     return f"""\
 # A simulated dome, preset "{name}". Every key a real venue needs is here, with its unit.
 
@@ -42,8 +44,8 @@ kind = "dome"
 radius_m = {preset.radius_m}
 half_angle_deg = {preset.half_angle_deg}      # pole to rim: all of the cap that reflects, lit or not
 tilt_deg = {preset.tilt_deg}            # the pole leans this far towards the audience's front
-floor_albedo = 0.10        # what is known of the deck under the dome; it matters for the
-floor_albedo_sigma = 0.03  # albedo only, never for the compensation
+floor_albedo = {floor[0]}        # what is known of the deck under the dome; it matters for the
+floor_albedo_sigma = {floor[1]}  # albedo only, never for the compensation
 """
 
 

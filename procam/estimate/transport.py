@@ -23,6 +23,7 @@ HOLE_PX = 3  # widest gap between decoded pixels that is closed
 CLEAR_CAMERA_PX = 6  # likewise from the border of a projector's picture
 GLOBAL_BLUR_PX = 1.0
 EXTEND_PX = 3.0
+BORDER_SIGMA = 1e-3  # of m: where the lit area ends, two projectors alike are off by this much
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,6 +146,7 @@ def feedback(
     each = np.stack([np.tensordot(lit_sr, light.scattered, 2) / light.flux for light in lights])
     value = np.tensordot(lit_sr, scatter_per_flux(lights), 2)
     spread = each.std(axis=0, ddof=1) / np.sqrt(len(each)) if len(each) > 1 else 0.01 * value
+    spread = np.hypot(spread, BORDER_SIGMA * value)
     mean_light = np.mean(
         [
             np.tensordot(on_screen_sr, light.direct + light.scattered, 2) / light.flux

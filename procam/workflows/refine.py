@@ -52,15 +52,16 @@ class Refined:
 
     def figures(self) -> dict[str, Figure]:
         """The loop's figures by the names of summary.json."""
-        last = self.residual[-1] / self.noise_floor
-        return {
+        figures = {
             "loop_residual_by_iteration": Figure(self.residual, "rel", None, int(self.free.sum())),
             "loop_noise_floor": Figure(self.noise_floor, "rel", None, NOISE_SHOTS),
-            "loop_residual_over_floor": Figure(
-                last, "-", Goal("<=", CLOSE_ENOUGH), int(self.free.sum())
-            ),
             "loop_iterations": Figure(len(self.residual) - 1, "-", Goal("<=", MAX_ITERATIONS)),
         }
+        if self.noise_floor > 0:  # a simulated camera may be free of noise
+            over = self.residual[-1] / self.noise_floor
+            goal = Goal("<=", CLOSE_ENOUGH)
+            figures["loop_residual_over_floor"] = Figure(over, "-", goal, int(self.free.sum()))
+        return figures
 
 
 class LoopCamera:

@@ -2,7 +2,6 @@
 
 import json
 import shutil
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -14,22 +13,22 @@ from tiny_venue import (
     Stage,
     contents,
     make_venue,
+    procam,
     replace_camera,
     solved,
     take_session,
     watch_stage,
 )
 
-import procam.estimate.assemble
 from procam.devices.protocols import BackendRig, Shown
 from procam.devices.rig import Rig
 from procam.errors import DeviceError, NotConnected, StaleFrame, WrongState
+from procam.estimate import assemble
 from procam.estimate.patterns import plan_visit
 from procam.files.atomic import read_lines
 from procam.files.images import read_image, write_image
 from procam.files.session import Session
 from procam.files.venue import Venue
-from procam.interfaces.cli.main import main
 from procam.model.frame import CameraSettings, Frame
 from procam.workflows.capture import capture
 from simulators.clock import SceneClock
@@ -43,7 +42,7 @@ FRAMES = Path("captures") / CAMERA
 @pytest.fixture(scope="module", autouse=True)
 def small_maps() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(procam.estimate.assemble, "MAP_SIZE", 128)
+        patch.setattr(assemble, "MAP_SIZE", 128)
         yield
 
 
@@ -311,24 +310,10 @@ def test_a_wrong_exposure_is_named(exposure: str, words: str, venue: Venue) -> N
     text = path.read_text()
     assert "\nexposure_s = 0.13 " in text
     path.write_text(text.replace("\nexposure_s = 0.13 ", f"\nexposure_s = {exposure} "))
-    code, lines = run_main("capture", venue.directory)
-    assert code == 2
-    assert len(lines) == 1
-    assert "shot south-0000: " in lines[0]
-    assert words in lines[0]
-
-
-def run_main(*arguments: object) -> tuple[int, list[str]]:
-    """Exit code and stderr lines of `procam ARGUMENTS`."""
-    import io
-    from contextlib import redirect_stderr
-
-    heard = io.StringIO()
-    with pytest.MonkeyPatch.context() as patch, redirect_stderr(heard):
-        patch.setattr(sys, "argv", ["procam", *map(str, arguments)])
-        with pytest.raises(SystemExit) as stop:
-            main()
-    return int(stop.value.code or 0), heard.getvalue().splitlines()
+    ran = procam("capture", venue.directory)
+    assert ran.code == 2
+    assert "shot south-0000: " in ran.complaint
+    assert words in ran.complaint
 
 
 def test_the_faulty_preset_ends_in_the_right_named_errors(
@@ -347,10 +332,9 @@ def test_the_faulty_preset_ends_in_the_right_named_errors(
     assert len(files) == taken - 1 > STRIKE_AT_FRAME
     assert not [name for name in files if "north" in name]
     assert len(set(files.values())) == len(files)
-    code, lines = run_main("capture", venue.directory)
-    assert code == 1
-    assert len(lines) == 1
-    assert "projector north" in lines[0]
+    ran = procam("capture", venue.directory)
+    assert ran.code == 1
+    assert "projector north" in ran.complaint
 
 
 def missing(folder: Path) -> str:
@@ -414,9 +398,8 @@ def test_damaged_captures_are_refused_and_calibrations_stay_as_they_are(
     shutil.copytree(whole.directory, tmp_path, dirs_exist_ok=True)
     before = contents(tmp_path / "calibrations")
     words = damage(tmp_path / "sessions" / "0001" / FRAMES)
-    code, lines = run_main("solve", tmp_path / "sessions" / "0001")
-    assert code == 2
-    assert len(lines) == 1, lines
-    assert words in lines[0]
-    assert str(tmp_path) in lines[0]
+    ran = procam("solve", tmp_path / "sessions" / "0001")
+    assert ran.code == 2
+    assert words in ran.complaint
+    assert str(tmp_path) in ran.complaint
     assert contents(tmp_path / "calibrations") == before

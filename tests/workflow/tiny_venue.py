@@ -1,8 +1,11 @@
 """A simulated venue small enough to capture and solve in less than a second."""
 
+import io
 import os
 import re
+import sys
 from collections.abc import Callable, Mapping
+from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -14,6 +17,7 @@ import simulators.backend
 from procam.devices.protocols import BackendRig
 from procam.files.session import Session
 from procam.files.venue import Venue, load_venue
+from procam.interfaces.cli.main import main
 from procam.workflows.calibrate import solve
 from procam.workflows.capture import capture, prepare_session
 from procam.workflows.venue_rig import open_rig
@@ -88,6 +92,36 @@ def contents(directory: Path) -> dict[str, bytes]:
 
 def _timeless(content: bytes) -> bytes:
     return WRITTEN_AT.sub(b"", content[:HEADER]) + content[HEADER:]
+
+
+@dataclass(frozen=True)
+class Ran:
+    """What a command did: its exit code, and the lines it printed."""
+
+    code: int
+    out: str
+    err: str
+
+    @property
+    def complaint(self) -> str:
+        """The one line of a refusal."""
+        lines = self.err.splitlines()
+        assert (len(lines), self.out) == (1, ""), self
+        assert lines[0].startswith("procam: ")
+        return lines[0]
+
+
+def procam(*arguments: object) -> Ran:
+    """Run `procam ARGUMENTS` in this process."""
+    out, err = io.StringIO(), io.StringIO()
+    code = 0
+    with pytest.MonkeyPatch.context() as patch, redirect_stdout(out), redirect_stderr(err):
+        patch.setattr(sys, "argv", ["procam", *map(str, arguments)])
+        try:
+            main()
+        except SystemExit as stop:
+            code = int(stop.code or 0)
+    return Ran(code, out.getvalue(), err.getvalue())
 
 
 @dataclass

@@ -1,0 +1,711 @@
+"""The command line: help, text and JSON, and one clear line for everything that is wrong."""
+
+import json
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tiny_venue import (
+    CAMERA,
+    TINY_PAIR,
+    Stage,
+    contents,
+    make_venue,
+    procam,
+    take_session,
+    watch_stage,
+)
+
+from procam.compensate.exact import Compensator
+from procam.compensate.projector_frames import projector_frames, quantised
+from procam.devices.protocols import BackendRig
+from procam.estimate import assemble
+from procam.files.calibration import save_calibration
+from procam.files.images import RGB, read_channels, read_image, write_channels, write_image
+from procam.files.session import Session
+from procam.files.venue import Venue, load_venue, template_names
+from procam.interfaces.cli import venues
+from procam.interfaces.cli.main import app
+from procam.maths.curves import srgb_decode, srgb_encode
+from procam.maths.gray import stripe
+from procam.model.calibration import Calibration
+from procam.model.transport import Measured
+from procam.workflows.pictures import half_sky
+from simulators.devices import SimulatedCamera
+
+COMMANDS = sorted(str(command.callback.__name__) for command in app.registered_commands)
+HEAVY = {"numpy", "scipy", "cv2", "colour", "matplotlib", "OpenImageIO", "serial", "pydantic"}
+SIZE = 96
+BACK = 2e-5  # 16-bit sRGB, at its steepest
+
+
+class TestHelp:
+    @pytest.mark.parametrize("command", COMMANDS)
+    def test_every_command_explains_itself_with_an_example(self, command: str) -> None:
+        ran = procam(command, "--help")
+        assert ran.code == 0
+        assert re.search(rf"Example: procam {command}\b", ran.out)
+        assert "--json" in ran.out
+
+    def test_without_a_command_the_commands_are_listed(self) -> None:
+        for arguments in ((), ("--help",), ("-h",)):
+            ran = procam(*arguments)
+            assert all(command in ran.out + ran.err for command in COMMANDS)
+
+    def test_help_imports_nothing_heavy(self) -> None:
+        code = (
+            "import sys; from procam.interfaces.cli.main import main; sys.argv = ['procam', '-h']\n"
+            "try: main()\nexcept SystemExit: print('LOADED', *sys.modules)"
+        )
+        out = subprocess.run([sys.executable, "-c", code], capture_output=True, check=True).stdout
+        loaded = set(out.decode().partition("LOADED")[2].split())
+        assert "procam.interfaces.cli.main" in loaded
+        assert not HEAVY & loaded
+
+    @pytest.mark.parametrize("arguments", [["nonesuch"], ["init"], ["capture", "--fast", "x"]])
+    def test_wrong_usage_is_bad_input(self, arguments: list[str]) -> None:
+        assert procam(*arguments).code == 2
+
+
+class TestInit:
+    def test_writes_a_venue_that_loads(self, tmp_path: Path) -> None:
+        for name in template_names():
+            ran = procam("init", tmp_path / name, "--template", name, "--json")
+            assert ran.code == 0
+            assert json.loads(ran.out) == {"venue": str(tmp_path / name / "venue.toml")}
+            assert load_venue(tmp_path / name).table.projectors
+
+    def test_never_overwrites(self, tmp_path: Path) -> None:
+        (tmp_path / "venue.toml").write_text("mine")
+        ran = procam("init", tmp_path, "--template", template_names()[0])
+        assert ran.code == 2
+        assert "venue.toml: got an existing file" in ran.complaint
+        assert (tmp_path / "venue.toml").read_text() == "mine"
+
+    def test_an_unknown_template_is_told_the_known_ones(self, tmp_path: Path) -> None:
+        ran = procam("init", tmp_path / "new", "--template", "nonesuch")
+        assert ran.code == 2
+        assert "template: got 'nonesuch', expected one of " in ran.complaint
+        assert all(name in ran.complaint for name in template_names())
+        assert not (tmp_path / "new").exists()
+
+
+@pytest.fixture(scope="module")
+def captured(tmp_path_factory: pytest.TempPathFactory) -> Venue:
+    venue = make_venue(tmp_path_factory.mktemp("captured"))
+    take_session(venue)
+    return venue
+
+
+@pytest.fixture(scope="module", autouse=True)
+def small_pictures() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(assemble, "MAP_SIZE", 128)
+        patch.setattr(venues, "CONTENT_SIZE", 128)
+        yield
+
+
+@pytest.fixture
+def kept(calibration: Calibration, tmp_path: Path) -> Path:
+    """A small calibration on disk."""
+    save_calibration(calibration, tmp_path / "kept")
+    return tmp_path / "kept"
+
+
+class TestVenueCommands:
+    def test_a_dry_run_says_how_much_work_it_is_and_touches_nothing(self, tmp_path: Path) -> None:
+        make_venue(tmp_path)
+        said = procam("capture", tmp_path, "--dry-run")
+        told = procam("capture", tmp_path, "--dry-run", "--json")
+        document = json.loads(told.out)
+        assert (said.code, told.code, said.err, told.err) == (0, 0, "", "")
+        assert set(document) == {"shots", "exposures", "minutes", "gigabytes"}
+        assert document["exposures"] == document["shots"] + 1
+        words = "{shots} shots, {exposures} exposures, {minutes} min, {gigabytes} GB\n"
+        assert said.out == words.format(**document)
+        assert [p.name for p in tmp_path.iterdir()] == ["venue.toml"]
+
+    def test_capture_solve_refine_calibrate_and_report_speak_json(self, tmp_path: Path) -> None:
+        make_venue(tmp_path)
+
+        def told(*arguments: object) -> dict[str, str]:
+            ran = procam(*arguments, "--json")
+            assert (ran.code, ran.err) == (0, ""), ran
+            document = json.loads(ran.out)
+            assert isinstance(document, dict)
+            return document
+
+        session = tmp_path / "sessions" / "0001"
+        assert told("capture", tmp_path) == {"session": str(session)}
+        first = told("solve", session)["calibration"]
+        assert first == str(tmp_path / "calibrations" / "0001")
+        refined = told("refine", tmp_path)
+        assert refined["calibration"] == str(tmp_path / "calibrations" / "0002")
+        assert "loop_noise_floor" in refined["figures"]
+        report = told("report", session)["report"]
+        assert Path(report).is_file()
+        both = told("calibrate", tmp_path)
+        assert both["calibration"] == str(tmp_path / "calibrations" / "0003")
+        assert Path(both["report"]).is_file()
+        assert told("inspect", session)["complete"] is True
+        judged = procam("judge", first, first, "--json")  # its own truth, but not all is certain
+        assert json.loads(judged.out)["feedback_error"]["value"] == 0
+        again = contents(tmp_path / "sessions" / "0002")
+        assert {n: c for n, c in again.items() if n.endswith(".tif")} == {
+            n: c for n, c in contents(session).items() if n.endswith(".tif")
+        }
+
+    def test_an_unfinished_session_is_picked_up(self, captured: Venue, tmp_path: Path) -> None:
+        shutil.copytree(captured.directory, tmp_path, dirs_exist_ok=True)
+        index = tmp_path / "sessions" / "0001" / "captures" / CAMERA / "index.jsonl"
+        index.write_text("".join(index.read_text().splitlines(keepends=True)[:-1]))
+        ran = procam("capture", tmp_path)
+        session = tmp_path / "sessions" / "0001"
+        assert ran.out == f"captured; now run: procam solve {session}\n"
+        assert contents(session / "captures" / CAMERA).keys() == (
+            contents(captured.directory / "sessions" / "0001" / "captures" / CAMERA).keys()
+        )
+
+    def test_what_is_no_session_is_refused(self, tmp_path: Path) -> None:
+        make_venue(tmp_path)
+        assert "got no such file" in procam("solve", tmp_path / "sessions" / "0001").complaint
+        assert "expected a folder such as" in procam("solve", tmp_path).complaint
+        assert "got no calibration" in procam("refine", tmp_path).complaint
+        assert not (tmp_path / "calibrations").exists()
+
+
+class TestInspect:
+    def test_a_calibration(self, kept: Path) -> None:
+        for where in (kept, kept / "calibration.json"):
+            ran = procam("inspect", where, "--json")
+            document = json.loads(ran.out)
+            assert document["kind"] == "calibration"
+            assert document["projectors"] == ["south", "north"]
+            assert document["albedo"] == [0.46, 0.5, 0.57]
+        said = procam("inspect", kept)
+        assert re.search(r"kind +calibration", said.out)
+
+    def test_a_session_and_its_plan(self, captured: Venue) -> None:
+        session = Session(captured.directory / "sessions" / "0001")
+        plan = session.read_plan()
+        for where in (session.directory, session.directory / "plan.json"):
+            document = json.loads(procam("inspect", where, "--json").out)
+            assert document == {
+                "kind": "session",
+                "shots": len(plan.shots),
+                "exposures": plan.exposures,
+                "stored": {CAMERA: plan.exposures},
+                "complete": True,
+            }
+
+    def test_pictures(self, kept: Path, tmp_path: Path) -> None:
+        values = np.linspace(-1, 2, 12, dtype=np.float32).reshape(3, 4)
+        values[0, 1] = np.nan
+        write_channels(tmp_path / "a.exr", {"depth": values})
+        document = json.loads(procam("inspect", tmp_path / "a.exr", "--json").out)
+        assert document == {
+            "kind": "image",
+            "size": [4, 3],
+            "depth": {"min": -1.0, "max": 2.0, "nan": 1},
+        }
+        write_image(tmp_path / "a.png", np.full((5, 7, 1), 9, np.uint8))
+        document = json.loads(procam("inspect", tmp_path / "a.png", "--json").out)
+        assert document["size"] == [7, 5]
+        assert "direction.x" in procam("inspect", kept / "maps" / "south.exr").out
+
+    @pytest.mark.parametrize(
+        ("name", "content", "words"),
+        [
+            ("gone.png", None, "got no such file"),
+            ("garbage.exr", b"not a picture", "got no readable image"),
+            ("garbage.png", b"not a picture", "got no readable image"),
+            ("notes.txt", b"hello", "got nothing that procam knows"),
+            ("plan.json", b"{]", "got damaged JSON"),
+            ("plan.json", b"[]", "expected an object"),
+            ("plan.json", b'{"schema": 9}', "got schema 9, expected 1"),
+            ("plan.json", b'{"schema": 1}', "got no list of shots"),
+            ("calibration.json", b"{]", "got a damaged calibration"),
+            ("calibration.json", b"[]", "got a damaged calibration"),
+            ("calibration.json", b'{"schema_version": 99}', "got schema_version 99"),
+            ("calibration.json", b'{"schema_version": 1}', "got a damaged calibration"),
+        ],
+    )
+    def test_garbage(self, name: str, content: bytes | None, words: str, tmp_path: Path) -> None:
+        if content is not None:
+            (tmp_path / name).write_bytes(content)
+        ran = procam("inspect", tmp_path / name)
+        assert ran.code == 2
+        assert words in ran.complaint
+
+
+def picture(tmp_path: Path, suffix: str = ".exr") -> Path:
+    path = tmp_path / f"sky{suffix}"
+    sky = half_sky(SIZE)
+    if suffix == ".exr":
+        write_channels(path, {c: sky[..., i] for i, c in enumerate(RGB)})
+    else:
+        write_image(path, np.rint(65535 * srgb_encode(sky)).astype(np.uint16))
+    return path
+
+
+def rgb(path: Path) -> np.ndarray:
+    channels = read_channels(path)
+    return np.stack([channels[c] for c in RGB], axis=-1)
+
+
+class TestCompensateAndWarp:
+    @pytest.mark.parametrize("method", ["exact", "paper-eq12", "none"])
+    def test_exr_in_exr_out_is_what_the_compensator_gives(
+        self, method: str, calibration: Calibration, kept: Path, tmp_path: Path
+    ) -> None:
+        out = tmp_path / "direct.exr"
+        ran = procam("compensate", kept, picture(tmp_path), out, "--method", method, "--json")
+        document = json.loads(ran.out)
+        assert (ran.code, ran.err) == (0, "")
+        assert document["out"] == str(out)
+        expected = Compensator(calibration, SIZE, method).solve(half_sky(SIZE))  # type: ignore[arg-type]
+        np.testing.assert_allclose(rgb(out), expected.direct, rtol=0, atol=1e-6)
+        assert document["direct_flux_sr"] == pytest.approx(list(expected.flux), rel=1e-5)
+
+    def test_png_in_png_out_is_16_bit_srgb(
+        self, calibration: Calibration, kept: Path, tmp_path: Path
+    ) -> None:
+        out = tmp_path / "direct.png"
+        ran = procam("compensate", kept, picture(tmp_path, ".png"), out)
+        assert (ran.code, ran.err) == (0, "")
+        assert ran.out.startswith(f"{out} written; at a limit (R, G, B): ")
+        pixels = np.asarray(read_image(out))
+        assert pixels.dtype == np.uint16
+        expected = Compensator(calibration, SIZE).solve(half_sky(SIZE)).direct
+        found = srgb_decode(pixels / 65535)
+        assert np.abs(found - np.clip(expected, 0, 1)).max() < 4 * BACK
+
+    def test_warp_writes_each_projectors_frame(
+        self, calibration: Calibration, kept: Path, tmp_path: Path
+    ) -> None:
+        ran = procam("warp", kept, picture(tmp_path), tmp_path / "frames", "--json")
+        paths = [tmp_path / "frames" / f"{name}.png" for name in ("south", "north")]
+        assert json.loads(ran.out) == {"frames": [str(p) for p in paths]}
+        expected = quantised(projector_frames(half_sky(SIZE), calibration))
+        for path in paths:
+            pixels = np.asarray(read_image(path))
+            assert pixels.dtype == np.uint16
+            assert np.abs(pixels.astype(int) - expected[path.stem].astype(int)).max() <= 1
+
+    def oblong(self, path: Path) -> Path:
+        sky = half_sky(SIZE)[:-1]
+        write_channels(path.with_suffix(".exr"), {c: sky[..., i] for i, c in enumerate(RGB)})
+        return path.with_suffix(".exr")
+
+    def holed(self, path: Path) -> Path:
+        sky = half_sky(SIZE)
+        sky[40, 40, 1] = np.nan
+        write_channels(path.with_suffix(".exr"), {c: sky[..., i] for i, c in enumerate(RGB)})
+        return path.with_suffix(".exr")
+
+    def truncated(self, path: Path) -> Path:
+        whole = picture(path.parent)
+        whole.write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
+        return whole
+
+    def truncated_png(self, path: Path) -> Path:
+        whole = picture(path.parent, ".png")
+        whole.write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
+        return whole
+
+    def grey(self, path: Path) -> Path:
+        write_image(path.with_suffix(".png"), np.zeros((SIZE, SIZE, 1), np.uint8))
+        return path.with_suffix(".png")
+
+    def absent(self, path: Path) -> Path:
+        return path.with_suffix(".exr")
+
+    def garbage(self, path: Path) -> Path:
+        path.with_suffix(".exr").write_bytes(b"no picture")
+        return path.with_suffix(".exr")
+
+    @pytest.mark.parametrize("command", ["compensate", "warp"])
+    @pytest.mark.parametrize(
+        ("make", "words"),
+        [
+            (oblong, "got 96x95 px, expected a square dome master"),
+            (holed, "got 1 values that are NaN or infinite"),
+            (truncated, "got a truncated or damaged image"),
+            (truncated_png, "got a truncated or damaged image"),
+            (grey, "expected R, G and B"),
+            (absent, "got no such file"),
+            (garbage, "got no readable image"),
+        ],
+    )
+    def test_a_bad_picture_is_refused_and_leaves_no_output(
+        self,
+        command: str,
+        make: Callable[["TestCompensateAndWarp", Path], Path],
+        words: str,
+        kept: Path,
+        tmp_path: Path,
+    ) -> None:
+        source = make(self, tmp_path / "bad")
+        out = tmp_path / "made" / "out.exr"
+        ran = procam(command, kept, source, out)
+        assert ran.code == 2
+        assert words in ran.complaint
+        assert str(source) in ran.complaint
+        assert not (tmp_path / "made").exists()
+
+    def test_a_wrong_method_or_suffix_is_refused_and_leaves_no_output(
+        self, kept: Path, tmp_path: Path
+    ) -> None:
+        source, made = picture(tmp_path), tmp_path / "made"
+        ran = procam("compensate", kept, source, made / "out.exr", "--method", "magic")
+        assert (ran.code, "method: got 'magic', expected exact" in ran.complaint) == (2, True)
+        ran = procam("compensate", kept, source, made / "out.jpg")
+        assert (ran.code, "got the suffix '.jpg'" in ran.complaint) == (2, True)
+        assert not made.exists()
+
+    def test_an_output_that_cannot_be_written_is_one_line(self, kept: Path, tmp_path: Path) -> None:
+        folder = tmp_path / "out.exr"
+        folder.mkdir()
+        ran = procam("compensate", kept, picture(tmp_path), folder)
+        assert ran.code == 2
+        assert str(folder) in ran.complaint
+        assert not list(folder.iterdir())
+        assert not list(tmp_path.glob(".*"))
+
+    @pytest.mark.parametrize("command", ["compensate", "warp"])
+    def test_what_is_no_calibration_is_refused(
+        self, command: str, kept: Path, tmp_path: Path
+    ) -> None:
+        source, out = picture(tmp_path), tmp_path / "out.exr"
+        assert "got no calibration.json" in procam(command, tmp_path, source, out).complaint
+        for name in ("south.exr", "dome.exr"):
+            damaged = tmp_path / f"without-{name}"
+            shutil.copytree(kept, damaged)
+            path = damaged / "maps" / name
+            path.write_bytes(path.read_bytes()[:-1000])
+            ran = procam(command, damaged, source, out)
+            assert (ran.code, "truncated or damaged" in ran.complaint) == (2, True)
+        assert not out.exists()
+
+
+class TestJudge:
+    def test_exit_1_when_a_figure_fails_and_0_when_none_does(
+        self, calibration: Calibration, tmp_path: Path
+    ) -> None:
+        certain = Measured(calibration.albedo.value, np.full(3, 0.005))
+        truth, good, bad = (tmp_path / name for name in ("truth", "good", "bad"))
+        save_calibration(replace(calibration, albedo=certain), truth)
+        save_calibration(replace(calibration, albedo=certain), good)
+        wrong = Measured(1.1 * calibration.feedback.value, calibration.feedback.sigma)
+        save_calibration(replace(calibration, albedo=certain, feedback=wrong), bad)
+        assert procam("judge", good, truth).code == 0
+        ran = procam("judge", bad, truth)
+        assert ran.code == 1
+        assert re.search(r"feedback_error +0\.1 +abs<= 0\.02 +FAIL", ran.out)
+        ran = procam("judge", bad, truth, "--json")
+        document = json.loads(ran.out)
+        assert (ran.code, ran.err) == (1, "")
+        assert document["feedback_error"]["pass"] is False
+        assert document["direction_error_rms_arcmin"]["pass"] is True
+
+    def test_the_truth_of_another_venue_is_refused(
+        self, calibration: Calibration, kept: Path, tmp_path: Path
+    ) -> None:
+        south = {"south": calibration.projectors["south"]}
+        save_calibration(replace(calibration, projectors=south), tmp_path / "other")
+        ran = procam("judge", tmp_path / "other", kept)
+        assert (ran.code, "got no projector north" in ran.complaint) == (2, True)
+
+
+class TestDecode:
+    @pytest.fixture(scope="class")
+    def photos(self, tmp_path_factory: pytest.TempPathFactory) -> Path:
+        """Somebody's real structured-light photographs, one PNG each."""
+        folder = tmp_path_factory.mktemp("photos")
+        path = resources.files("calib_data") / "captures" / "kamino_pose3_crop.npz"
+        with path.open("rb") as file, np.load(file) as data:
+            for number, pixels in enumerate(data["images"]):
+                write_image(folder / f"{number:02d}.png", pixels)
+            expected = np.stack([data["expected_x"], data["expected_y"]], axis=-1)
+        np.save(folder / "expected.npy", expected)
+        return folder
+
+    def test_real_photographs(self, photos: Path, tmp_path: Path) -> None:
+        out = tmp_path / "map.exr"
+        limits = ("--white-black", "40", "--contrast", "5")
+        ran = procam("decode", photos, "--size", "1024x768", "--out", out, *limits, "--json")
+        document = json.loads(ran.out)
+        assert (ran.code, ran.err) == (0, "")
+        channels = read_channels(out)
+        assert set(channels) == {"projector.x", "projector.y", "sigma"}
+        expected = np.load(photos / "expected.npy")
+        valid = expected[..., 0] >= 0
+        assert document["decoded"] == valid.sum()
+        np.testing.assert_array_equal(np.isfinite(channels["sigma"]), valid)
+        for i, axis in enumerate("xy"):
+            np.testing.assert_array_equal(channels[f"projector.{axis}"][valid], expected[valid, i])
+
+    def test_generated_patterns_seen_straight_on(self, tmp_path: Path) -> None:
+        width, height = 24, 10
+        folder = tmp_path / "photos"
+        folder.mkdir()
+        planes = []
+        for axis, size in (("x", width), ("y", height)):
+            for bit in reversed(range(5 if axis == "x" else 4)):
+                line = np.asarray(stripe(size, bit))[None, :]
+                line = line if axis == "x" else line.T
+                planes += [np.broadcast_to(line ^ inverse, (height, width)) for inverse in (0, 1)]
+        planes += [np.ones((height, width), int), np.zeros((height, width), int)]
+        for number, plane in enumerate(planes):
+            pixels = np.kron(10 + 200 * plane, np.ones((3, 3), int))
+            write_image(folder / f"shot-{number:02d}.tif", pixels.astype(np.uint16))
+        ran = procam("decode", folder, "--size", f"{width}x{height}", "--out", tmp_path / "m.exr")
+        assert ran.code == 0
+        assert "720 pixels decoded, 100.0% of the picture" in ran.out
+        found = read_channels(tmp_path / "m.exr")
+        y, x = np.mgrid[: 3 * height, : 3 * width] // 3
+        np.testing.assert_array_equal(found["projector.x"], x)
+        np.testing.assert_array_equal(found["projector.y"], y)
+
+    def test_a_wrong_number_of_pictures(self, photos: Path, tmp_path: Path) -> None:
+        out = tmp_path / "map.exr"
+        ran = procam("decode", photos, "--size", "1280x800", "--out", out)
+        assert (ran.code, out.exists()) == (2, False)
+        assert "got 42 pictures, expected 44 for a projector of 1280x800" in ran.complaint
+        empty = tmp_path / "empty"
+        empty.mkdir()
+        for folder in (empty, tmp_path / "gone"):
+            ran = procam("decode", folder, "--size", "64x64", "--out", out)
+            assert (ran.code, "got 0 pictures" in ran.complaint) == (2, True)
+
+    def test_mixed_sizes(self, photos: Path, tmp_path: Path) -> None:
+        folder = tmp_path / "mixed"
+        shutil.copytree(photos, folder)
+        write_image(folder / "07.png", np.zeros((256, 380), np.uint8))
+        ran = procam("decode", folder, "--size", "1024x768", "--out", tmp_path / "map.exr")
+        assert ran.code == 2
+        assert "07.png: got 380x256 px, expected 384x256" in ran.complaint
+        assert not (tmp_path / "map.exr").exists()
+
+    def test_a_truncated_photograph(self, photos: Path, tmp_path: Path) -> None:
+        folder = tmp_path / "cut"
+        shutil.copytree(photos, folder)
+        path = folder / "30.png"
+        path.write_bytes(path.read_bytes()[:4000])
+        ran = procam("decode", folder, "--size", "1024x768", "--out", tmp_path / "map.exr")
+        assert (ran.code, "30.png: got a truncated" in ran.complaint) == (2, True)
+        assert not (tmp_path / "map.exr").exists()
+
+    @pytest.mark.parametrize("size", ["1024", "1024x", "0x768", "1024X768", "-4x8", "axb", ""])
+    def test_a_bad_size(self, size: str, photos: Path, tmp_path: Path) -> None:
+        out = tmp_path / "map.exr"
+        ran = procam("decode", photos, f"--size={size}", "--out", out)
+        assert (ran.code, out.exists()) == (2, False)
+        assert f"size: got {size!r}, expected WIDTHxHEIGHT" in ran.complaint
+
+    def test_an_unknown_code(self, photos: Path, tmp_path: Path) -> None:
+        arguments = ("--size", "1024x768", "--out", tmp_path / "m.exr", "--code", "morse")
+        ran = procam("decode", photos, *arguments)
+        assert (ran.code, "code: got 'morse', expected gray" in ran.complaint) == (2, True)
+
+
+class TestProjector:
+    @pytest.fixture
+    def venue(self, tmp_path: Path) -> Path:
+        return make_venue(tmp_path, size=TINY_PAIR).directory
+
+    @pytest.fixture
+    def stages(self, monkeypatch: pytest.MonkeyPatch) -> list[Stage]:
+        """Venues in which the projectors are already on, and have been for 200 hours."""
+
+        def lit(stage: Stage) -> BackendRig:
+            for state in stage.scene.states.values():
+                state.switch_on()
+            stage.scene.clock.sleep(200 * 3600)
+            return stage.backend
+
+        return watch_stage(monkeypatch, lit)
+
+    def test_state_says_everything(self, venue: Path, stages: list[Stage]) -> None:
+        ran = procam("projector", venue, "north", "state", "--json")
+        assert (ran.code, ran.err) == (0, "")
+        assert json.loads(ran.out) == {
+            "power": "on",
+            "shuttered": False,
+            "source": "30",
+            "lamp_hours": 200,
+            "errors": [],
+        }
+        assert re.search(r"lamp_hours +200\n", procam("projector", venue, "north", "state").out)
+        assert stages[-1].lit() == ["south", "north"]
+
+    def test_state_in_standby(self, venue: Path) -> None:
+        document = json.loads(procam("projector", venue, "south", "state", "--json").out)
+        assert (document["power"], document["shuttered"]) == ("standby", None)
+
+    def test_on_and_off(self, venue: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        stages = watch_stage(monkeypatch)
+        document = json.loads(procam("projector", venue, "north", "on", "--json").out)
+        assert document["power"] == "on"
+        assert [str(s.power) for s in stages[-1].scene.states.values()] == ["standby", "on"]
+
+    def test_off(self, venue: Path, stages: list[Stage]) -> None:
+        document = json.loads(procam("projector", venue, "north", "off", "--json").out)
+        assert document["power"] in ("cooling", "standby")
+        assert stages[-1].lit() == ["south"]
+
+    def test_shutter(self, venue: Path, stages: list[Stage]) -> None:
+        for value, lit in (("closed", ["south"]), ("open", ["south", "north"])):
+            ran = procam("projector", venue, "north", "shutter", value, "--json")
+            assert json.loads(ran.out)["shuttered"] is (value == "closed")
+            assert stages[-1].lit() == lit
+
+    def test_input_and_hours(self, venue: Path, stages: list[Stage]) -> None:
+        ran = procam("projector", venue, "north", "input", "A0", "--json")
+        assert json.loads(ran.out)["source"] == "A0"
+        assert stages[-1].scene.states["north"].source == "A0"
+        ran = procam("projector", venue, "north", "hours", "--json")
+        assert json.loads(ran.out) == {"lamp_hours": 200}
+
+    @pytest.mark.parametrize(
+        ("arguments", "words"),
+        [
+            (["north", "dance"], "action: got 'dance', expected state, on, off"),
+            (["north", "shutter", "ajar"], "shutter: got 'ajar', expected open or closed"),
+            (["north", "shutter"], "shutter: got '', expected open or closed"),
+            (["north", "input", "??"], "got input '??', expected a source code"),
+            (["attic", "state"], "projector: got 'attic', expected one of south, north"),
+        ],
+    )
+    def test_bad_words_are_bad_input(
+        self, arguments: list[str], words: str, venue: Path, stages: list[Stage]
+    ) -> None:
+        ran = procam("projector", venue, *arguments)
+        assert ran.code == 2
+        assert words in ran.complaint
+
+    def test_what_it_cannot_do_now_is_a_failed_device(self, venue: Path) -> None:
+        ran = procam("projector", venue, "north", "shutter", "closed")
+        assert ran.code == 1
+        assert "shutter closed is not confirmed: projector north" in ran.complaint
+        assert "switch it on first" in ran.complaint
+
+    def test_a_projector_without_a_control_table(self, venue: Path) -> None:
+        path = venue / "venue.toml"
+        path.write_text(re.sub(r"(?m)^control = .*$", "", path.read_text()))
+        ran = procam("projector", venue, "north", "state")
+        assert (ran.code, "got no control table" in ran.complaint) == (2, True)
+
+    def test_a_cable_that_is_not_there(self, venue: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr(tempfile, "tempdir", str(venue))
+        path = venue / "venue.toml"
+        path.write_text(path.read_text().replace('port = "backend"', 'port = "/dev/procam-none"'))
+        ran = procam("projector", venue, "north", "state")
+        assert ran.code == 1
+        assert "projector south: port /dev/procam-none: " in ran.complaint
+        assert not list(venue.glob("procam-serial-*"))
+
+
+def edited(old: str, new: str) -> Callable[[str], str]:
+    def edit(text: str) -> str:
+        assert old in text
+        return text.replace(old, new, 1)
+
+    return edit
+
+
+class TestVenueErrors:
+    @pytest.mark.parametrize(
+        ("edit", "words"),
+        [
+            (edited("[screen]", "[screen]\ncolour = 3"), ["screen.colour: got 3"]),
+            (edited("radius_m = 6.0", "radius_m = 0"), ["screen.radius_m: got 0"]),
+            (edited("radius_m = 6.0", "radius_m = nan"), ["screen.radius_m: got nan"]),
+            (edited('kind = "dome"', 'kind = "cube"'), ["screen.kind: got 'cube'"]),
+            (edited("[projectors.south]", "[projects.south]"), ["projectors: ", "projects: "]),
+            (
+                edited("radius_m = 6.0", "radius_m = 0\nsize = 1\nhalf_angle = 2"),
+                ["screen.radius_m: ", "screen.size: ", "screen.half_angle: "],
+            ),
+            (
+                edited('camera = "zenith"', 'camera = "attic"'),
+                ["fiducials.front.camera: got 'attic', expected one of zenith"],
+            ),
+            (
+                edited("[projectors.south]", "[projectors.attic]"),
+                ["projectors.attic: got a name that backend 'simulated' does not have"],
+            ),
+            (edited("size = [128, 80]", "size = [128, 81]"), ["projectors.south.size: got "]),
+            (edited('preset = "standard"', 'preset = "best"'), ["simulated.preset: got 'best'"]),
+            (
+                edited("rays = 64", "rays = 1\ncolour = 3"),
+                ["simulated.rays: got 1", "simulated.colour: got 3"],
+            ),
+            (edited('backend = "simulated"', 'backend = "dream"'), ["got backends dream, simul"]),
+            (lambda text: text.replace('"simulated"', '"dream"'), ["backend: got 'dream'"]),
+            (lambda text: text + "[[[", ["got invalid TOML"]),
+        ],
+    )
+    def test_every_mistake_has_its_line_and_nothing_stays_open(
+        self,
+        edit: Callable[[str], str],
+        words: list[str],
+        tmp_path: Path,
+        monkeypatch: pytest.MonkeyPatch,
+    ) -> None:
+        wires = tmp_path / "wires"
+        wires.mkdir()
+        monkeypatch.setattr(tempfile, "tempdir", str(wires))
+        path = make_venue(tmp_path / "venue").directory / "venue.toml"
+        path.write_text(edit(path.read_text()))
+        ran = procam("capture", path.parent)
+        assert (ran.code, ran.out) == (2, "")
+        lines = ran.err.splitlines()
+        assert len(lines) == len(words), lines
+        assert all(any(word in line for line in lines) for word in words), lines
+        assert not list(wires.iterdir())
+
+    @pytest.mark.parametrize("command", ["capture", "calibrate", "refine"])
+    def test_a_missing_venue_is_told_how_to_make_one(self, command: str, tmp_path: Path) -> None:
+        ran = procam(command, tmp_path / "nowhere")
+        assert ran.code == 2
+        assert "nowhere/venue.toml: got no such file" in ran.complaint
+        assert "procam init" in ran.complaint
+        assert not (tmp_path / "nowhere").exists()
+
+    def test_a_crashing_camera_is_not_dressed_up(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        def broken(camera: SimulatedCamera) -> None:
+            raise ZeroDivisionError
+
+        make_venue(tmp_path)
+        stages = watch_stage(monkeypatch)
+        monkeypatch.setattr(SimulatedCamera, "capture", broken)
+        with pytest.raises(ZeroDivisionError):
+            procam("capture", tmp_path)
+        assert stages[-1].lit() == []
+
+
+class TestDemo:
+    def test_an_unknown_preset(self, tmp_path: Path) -> None:
+        ran = procam("demo", "--out", tmp_path / "run", "--preset", "perfect")
+        assert (ran.code, "perfect" in ran.complaint) == (2, True)
+        assert not (tmp_path / "run").exists()
+
+    def test_somebody_elses_folder_is_left_alone(self, tmp_path: Path) -> None:
+        (tmp_path / "thesis.txt").write_text("mine")
+        ran = procam("demo", "--out", tmp_path)
+        assert (ran.code, "nothing was touched" in ran.complaint) == (2, True)
+        assert contents(tmp_path) == {"thesis.txt": b"mine"}
+        ran = procam("demo", "--out", tmp_path / "thesis.txt")
+        assert (ran.code, "thesis.txt" in ran.complaint) == (2, True)
+        assert contents(tmp_path) == {"thesis.txt": b"mine"}
