@@ -31,8 +31,18 @@ FIGURES = (
 )
 
 
-def run_seed(seed: int, folder: Path, size: SceneSize = SIZE) -> dict[str, float | bool]:
-    """Figures of one seed: capture, solve, then the truth and the judge."""
+def tell_truth(folder: Path, size: SceneSize = SIZE) -> Path:
+    """The truth, which all seeds share: a seed draws the noise, not the dome."""
+    (folder / "venue.toml").write_text(venue_text("standard", size))
+    settings = load_venue(folder).backends["simulated"]
+    write_truth(settings, folder, folder / "truth", {})
+    return folder / "truth"
+
+
+def run_seed(
+    seed: int, folder: Path, truth: Path, size: SceneSize = SIZE
+) -> dict[str, float | bool]:
+    """Figures of one seed: capture, solve, judge."""
     (folder / "venue.toml").write_text(venue_text("standard", size, seed))
     venue = load_venue(folder)
     with open_rig(venue) as rig:
@@ -40,8 +50,7 @@ def run_seed(seed: int, folder: Path, size: SceneSize = SIZE) -> dict[str, float
         for _ in capture(rig, venue, session):
             pass
     *_, last = solve(venue, session)
-    write_truth(venue.backends["simulated"], folder, folder / "truth", {})
-    figures = judge(Path(last.data["calibration"]), folder / "truth")
+    figures = judge(Path(last.data["calibration"]), truth)
     return {name: figures[name].value for name in FIGURES}  # type: ignore[misc]
 
 
@@ -61,10 +70,12 @@ def table(rows: list[dict[str, float | bool]]) -> Iterator[str]:
 def main() -> int:
     """Run all seeds and write the results."""
     rows = []
-    for seed in SEEDS:
-        with tempfile.TemporaryDirectory() as folder:
-            rows.append({"seed": seed, **run_seed(seed, Path(folder))})
-        print(rows[-1])
+    with tempfile.TemporaryDirectory() as shared:
+        truth = tell_truth(Path(shared))
+        for seed in SEEDS:
+            with tempfile.TemporaryDirectory() as folder:
+                rows.append({"seed": seed, **run_seed(seed, Path(folder), truth)})
+            print(rows[-1])
     here = Path(__file__).parent
     document = {"command": "python -m studies", "size": SIZE.projector_size, "rows": rows}
     (here / "seeds.json").write_text(json.dumps(document, indent=1) + "\n")

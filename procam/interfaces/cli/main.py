@@ -218,9 +218,13 @@ def main() -> None:
         sys.exit(_complain(error, 1))
     except ProcamError as error:
         sys.exit(_complain(error, 2))
+    except OSError as error:  # a full disk, a folder that may not be written
+        sys.exit(_complain(ProcamError(str(error)), 2))
     except SystemExit as stop:
         if stop.code == INTERRUPTED:  # typer says nothing when it ends for Ctrl-C
-            _complain(ProcamError("stopped; projectors are dark, the run can be resumed"), INTERRUPTED)
+            _complain(
+                ProcamError("stopped; projectors are dark, the run can be resumed"), INTERRUPTED
+            )
         raise
 
 

@@ -1,0 +1,148 @@
+"""The whole chain at a quarter of its size: capture, solve, refine, and only then the truth."""
+
+import json
+import math
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tiny_venue import Ran, contents, procam
+
+from procam.estimate import assemble
+from procam.files.calibration import load_calibration
+from procam.interfaces.cli import demo
+from procam.workflows.refine import MAX_ITERATIONS
+from simulators import devices, truth
+from simulators.scene import SceneSize
+from simulators.template import venue_text
+
+SMALL = SceneSize(projectors=2, projector_size=(320, 200), camera_size=(480, 480), rays=64)
+MASTER = 256  # of dome maps, content and truth
+FIGURES = {
+    "direction_error_rms_arcmin",
+    "direction_error_max_arcmin",
+    "solid_angle_sum_error",
+    "feedback_error",
+    "albedo_error",
+    "albedo_interval_covers",
+    "scatter_left_exact",
+    "scatter_left_paper_eq12",
+    "loop_residual_by_iteration",
+    "loop_noise_floor",
+    "simulated_run_s",
+    "peak_memory_mib",
+    "shots",
+}
+
+
+@dataclass(frozen=True)
+class SmallRun:
+    """A demo that was watched: `truths` tells, at every step, whether a truth/ was there."""
+
+    out: Path
+    ran: Ran
+    truths: dict[str, list[bool]]
+
+    @property
+    def figures(self) -> dict[str, dict[str, Any]]:
+        return dict(json.loads((self.out / "summary.json").read_text())["figures"])
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SmallRun]:
+    out = tmp_path_factory.mktemp("small") / "run"
+    truths: dict[str, list[bool]] = {}
+
+    def spied(step: str, real: Any) -> Any:
+        def call(*arguments: Any, **named: Any) -> Any:
+            truths.setdefault(step, []).append(any(out.parent.rglob("truth*")))
+            return real(*arguments, **named)
+
+        return call
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(demo, "template_text", lambda name: venue_text("standard", SMALL))
+        patch.setattr(demo, "CONTENT_SIZE", MASTER)
+        patch.setattr(assemble, "MAP_SIZE", MASTER)
+        patch.setattr(truth, "MASTER", MASTER)
+        for step in ("load_calibration", "keep_pictures", "keep_loop", "save_calibration"):
+            patch.setattr(demo, step, spied(step, getattr(demo, step)))
+        for step in ("solve", "refine", "judge", "judge_pictures"):
+            patch.setattr(demo, step, spied(step, getattr(demo, step)))
+        capture = devices.SimulatedCamera.capture
+        patch.setattr(devices.SimulatedCamera, "capture", spied("capture", capture))
+        patch.setattr(os, "replace", spied("rename", os.replace))
+        ran = procam("demo", "--out", out, "--json")
+        yield SmallRun(out, ran, truths)
+
+
+def test_no_truth_exists_before_the_run_has_ended(run: SmallRun) -> None:
+    judged = {"judge", "judge_pictures"}
+    assert judged < run.truths.keys()
+    for step in judged:
+        assert all(run.truths[step])
+    for step in run.truths.keys() - judged - {"rename"}:
+        assert not any(run.truths[step]), step
+    renames = run.truths["rename"]  # of every file; those of summary and report come last
+    assert renames == sorted(renames)
+    assert len(run.truths["capture"]) == run.figures["shots"]["value"]
+    assert not any(renames[: len(run.truths["capture"])])
+
+
+def test_json_is_all_there_is_on_stdout_and_it_is_the_summary(run: SmallRun) -> None:
+    assert json.loads(run.ran.out) == json.loads((run.out / "summary.json").read_text())
+    failed = [name for name, figure in run.figures.items() if figure["pass"] is False]
+    assert run.ran.code == (1 if failed else 0)
+    assert not run.ran.err
+
+
+def test_the_summary_holds_every_figure_and_all_are_finite(run: SmallRun) -> None:
+    assert run.figures.keys() >= FIGURES
+    fields = {"value", "unit", "goal", "pass", "samples", "seed", "command"}
+    for name, figure in run.figures.items():
+        assert figure.keys() >= fields, name
+        values = figure["value"] if isinstance(figure["value"], list) else [figure["value"]]
+        assert all(math.isfinite(value) for value in values), name
+
+
+def test_the_figures_make_sense(run: SmallRun) -> None:
+    value = {name: figure["value"] for name, figure in run.figures.items()}
+    assert abs(value["feedback_error"]) < 0.05
+    assert abs(value["albedo_error"]) < 0.10
+    assert abs(value["solid_angle_sum_error"]) < 0.005
+    # a projector pixel is 10 arcmin wide here
+    assert 0 < value["direction_error_rms_arcmin"] < 3
+    assert value["direction_error_rms_arcmin"] < value["direction_error_max_arcmin"] < 30
+    # coarse pixels blur every edge of the content, so more is left than at full size
+    assert 0 < value["scatter_left_refined"] < value["scatter_left_exact"] < 0.15
+    assert value["scatter_left_exact"] < 0.75 * value["scatter_left_paper_eq12"]
+    paper_mean = value["scatter_left_paper_eq12_mean"]
+    assert abs(value["scatter_left_exact_mean"]) < 0.25 * paper_mean < 0.25
+    assert value["shots"] > 80
+
+
+def test_the_loop_falls_towards_the_noise(run: SmallRun) -> None:
+    residual = run.figures["loop_residual_by_iteration"]["value"]
+    floor = run.figures["loop_noise_floor"]["value"]
+    assert 2 <= len(residual) <= MAX_ITERATIONS + 1
+    assert residual == sorted(residual, reverse=True)
+    assert residual[-1] < 0.65 * residual[0]
+    assert 0 < floor < residual[-1] < 3 * floor
+
+
+def test_what_a_demo_leaves_behind(run: SmallRun) -> None:
+    for number in ("0001", "0002"):
+        calibration = load_calibration(run.out / "calibrations" / number)
+        assert list(calibration.projectors) == ["south", "north"]
+    there = contents(run.out).keys()
+    assert {"venue.toml", "summary.json", "report.html", "truth/calibration.json"} <= there
+    assert not [name for name in there if ".tmp" in name]
+
+
+def test_a_demo_replaces_an_earlier_one(run: SmallRun) -> None:
+    (run.out / "summary.json").write_text("old")
+    demo._make_venue(run.out, "standard")
+    assert contents(run.out).keys() == {"venue.toml", demo.MARKER}
