@@ -22,7 +22,7 @@ class Settings(BaseModel):
 
     model_config = ConfigDict(extra="forbid")
     preset: PresetName = "standard"
-    seed: int = 1
+    seed: int = Field(default=1, ge=0)
     projectors: int = Field(default=2, ge=1, le=6)
     projector_size: Size = (1280, 800)
     cameras: int = Field(default=1, ge=1, le=4)

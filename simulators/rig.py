@@ -46,7 +46,9 @@ class ProjectorBuild:
         steps = 2**self.bits - 1
         code = np.rint(drive * np.float32(steps)).astype(np.intp)
         table = self.response(np.arange(steps + 1) / steps).astype(np.float32)
-        if np.array_equal(code[..., 0], code[..., 1]) and np.array_equal(code[..., 0], code[..., 2]):
+        if np.array_equal(code[..., 0], code[..., 1]) and np.array_equal(
+            code[..., 0], code[..., 2]
+        ):
             return table[code[..., 0]]  # grey: one look-up instead of three
         return np.stack([table[:, c][code[..., c]] for c in range(3)], axis=-1)
 

@@ -99,6 +99,7 @@ def default_limits(white: NDArray[np.floating], black: NDArray[np.floating]) -> 
     step = np.diff(black.astype(float), axis=1)
     noise = 1.4826 * float(np.median(np.abs(step - np.median(step)))) / np.sqrt(2)
     steps = np.diff(np.unique([white, black]))
-    rounding = 0.5 * float(steps.min()) if steps.size else 0.5
+    # what can be decoded spans 16 camera steps or more; a clean drawing shows two values only
+    rounding = 0.5 * min(float(steps.min()), float(steps.sum()) / 16) if steps.size else 0.5
     noise = max(noise, rounding)
     return DecodeLimits(white_black=8 * noise, contrast=4 * noise)

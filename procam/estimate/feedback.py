@@ -61,7 +61,8 @@ class Loop:
     """Preconditioned closed loop over cells that no limit holds.
 
     dx = r - u (a.r) / (1 + m) over the free cells undoes the bounces that the correction itself
-    will cause; after the first two steps the gain falls as 1/k so that camera noise averages out.
+    will cause. The gain is each step's share of all photographs so far: the first step takes the
+    whole error out, the rest average the camera's noise away.
     A cell is far wider than any registration error, so no further low-pass is needed.
     """
 
@@ -75,16 +76,17 @@ class Loop:
         cell_free = cells.average_master(free.astype(np.float32)) > FREE_SHARE
         self.free = (inside & (cells.count > 0))[..., None] & (covered > FREE_SHARE) & cell_free
         self.correction = np.zeros((LOOP_SIZE, LOOP_SIZE, 3))
-        self.steps = 0
+        self.steps = self.photographs = 0
 
     def residual_rms(self, residual: Array) -> float:
         """Root mean square (over free cells and channels) [rel to white]."""
         return float(np.sqrt(np.mean(residual[self.free] ** 2)))
 
-    def update(self, residual: Array) -> None:
-        """Fold target minus seen (N, N, 3) into the correction."""
+    def update(self, residual: Array, photographs: int) -> None:
+        """Fold target minus seen (N, N, 3), a mean of `photographs`, into the correction."""
         self.steps += 1
-        gain = 1.0 if self.steps <= 2 else 1.0 / (self.steps - 1)
+        self.photographs += photographs
+        gain = photographs / self.photographs
         step = np.zeros_like(residual)
         for c in range(3):
             free = self.free[..., c]

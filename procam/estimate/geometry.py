@@ -42,8 +42,8 @@ class GeometrySolution:
     Attributes
     ----------
     camera, projectors : models with poses; projectors carry their covariance.
-    parameters, covariance : all (P,) free parameters and their (P, P) covariance: six of the
-        camera (turn, shift), then twelve per projector.
+    covariance : (P, P) of all free parameters: six of the camera (turn, shift), then twelve per
+        projector.
     observations, residual_px : per projector, what was fitted and what is left (N, 2).
     """
 
@@ -296,6 +296,11 @@ def _resection(
             f"{MIN_BLOCKS}; is it on, in focus and inside the camera's view?"
         )
     points = camera_points(camera, dome, obs.camera_px)
+    if not np.isfinite(points).all():
+        raise CalibrationError(
+            f"camera {camera.name}: the fiducials put it where it cannot see the dome; check their "
+            "azimuth_deg, elevation_deg and pixel, and radius_m"
+        )
     scaled = np.c_[points / dome.radius_m, np.ones(len(points))]
     xy = obs.projector_px / max(size)
     zero = np.zeros_like(scaled)

@@ -1,10 +1,13 @@
 """Writes that survive a kill: temporary name, flush to disk, rename; logs that lose no whole line."""
 
+import fcntl
 import os
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+
+from procam.errors import FileFormatError, InputError
 
 
 @contextmanager
@@ -67,7 +70,26 @@ def read_lines(path: Path) -> list[str]:
     if not path.exists():
         return []
     content = path.read_bytes()
-    return content[: content.rfind(b"\n") + 1].decode().splitlines()
+    try:
+        return content[: content.rfind(b"\n") + 1].decode().splitlines()
+    except UnicodeDecodeError as error:
+        raise FileFormatError(
+            f"{path}: got bytes that are no text ({error.reason}), expected a log; restore the file"
+        ) from error
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Hold a folder against other procam processes; refuses if one holds it."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with (folder / ".lock").open("w") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            raise InputError(
+                f"{folder}: got another capture at work here, expected none; wait for it or stop it"
+            ) from error
+        yield
 
 
 def _flush(path: Path) -> None:

@@ -62,7 +62,13 @@ class Session:
     def stored(self, camera: str) -> dict[tuple[str, float], dict[str, Any]]:
         """Index entries of the frames that are safely on disk, by (shot, exposure)."""
         path = self._index(camera)
-        entries = (_parse(path, line) for line in atomic.read_lines(path))
+        entries = [_parse(path, line) for line in atomic.read_lines(path)]
+        for number, entry in enumerate(entries, start=1):
+            if missing := {"shot", "exposure_s", "file", "sha256"} - set(entry):
+                raise FileFormatError(
+                    f"{path}: line {number}: got no {', '.join(sorted(missing))}, expected a "
+                    "capture's entry; restore the file or remove the line and capture again"
+                )
         return {(e["shot"], e["exposure_s"]): e for e in entries}
 
     def store(self, camera: str, shot: Shot, exposure_s: float, frame: Frame) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, StringConstraints, ValidationError
 
 from procam.errors import InputError
 from procam.maths.lenses import Lens
@@ -19,6 +19,8 @@ from procam.model.screen import Dome
 Positive = Annotated[FiniteFloat, Field(gt=0)]
 Share = Annotated[FiniteFloat, Field(ge=0, le=1)]
 Pair = tuple[FiniteFloat, FiniteFloat]
+# names become folders and file names
+Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$")]
 Size = tuple[Annotated[int, Field(ge=8, le=32766)], Annotated[int, Field(ge=8, le=32766)]]
 
 
@@ -43,7 +45,7 @@ class CameraTable(_Table):
     backend: str
     size: Size
     model: Literal["kannala-brandt", "brown"]
-    f: Pair
+    f: tuple[Positive, Positive]
     c: Pair
     k: list[FiniteFloat]
     intrinsics: Literal["fixed"] = "fixed"
@@ -51,7 +53,7 @@ class CameraTable(_Table):
     bits: Annotated[int, Field(ge=8, le=16)]
     black_level: Annotated[FiniteFloat, Field(ge=0)]
     vignetting: list[FiniteFloat] = []
-    glare: Share = 0.0
+    glare: Annotated[FiniteFloat, Field(ge=0, lt=1)] = 0.0
     glare_sigma: Share = 0.0
 
 
@@ -93,8 +95,8 @@ class VenueTable(_Table):
     """The whole file; tables that belong to backends are cut out before it is validated."""
 
     screen: ScreenTable
-    cameras: Annotated[dict[str, CameraTable], Field(min_length=1)]
-    projectors: Annotated[dict[str, ProjectorTable], Field(min_length=1)]
+    cameras: Annotated[dict[Name, CameraTable], Field(min_length=1)]
+    projectors: Annotated[dict[Name, ProjectorTable], Field(min_length=1)]
     fiducials: list[FiducialTable] = []
     capture: CaptureTable
 
@@ -214,6 +216,7 @@ def _complaint(path: Path, error: Any) -> str:
     where = ".".join(str(part) for part in error["loc"])
     got = error["input"]
     shown = "a table" if isinstance(got, dict) else repr(got)
+    shown = "nothing" if error["type"] == "missing" else shown
     advice = {
         "extra_forbidden": "remove it or check its spelling",
         "missing": "add it; `procam init` writes a complete example",

@@ -86,7 +86,7 @@ def _undistort_brown(distorted: Array, k: Array) -> Array:
     k1, k2, p1, p2, k3 = k
     if not np.any(k):
         return distorted
-    plane = distorted.copy()
+    plane = distorted * _radial_start(distorted, k)
     for _ in range(NEWTON_STEPS):
         x, y = plane[..., 0], plane[..., 1]
         r2 = x * x + y * y
@@ -105,9 +105,21 @@ def _undistort_brown(distorted: Array, k: Array) -> Array:
             axis=-1,
         )
         plane = plane - step
-        if np.nanmax(np.abs(step), initial=0.0) < 1e-13:
+        if np.nanmax(np.abs(step), initial=0.0) < 1e-7:  # quadratic: the error is its square
             break
     return plane
+
+
+def _radial_start(distorted: Array, k: Array) -> Array:
+    """Undistorted over distorted radius (..., 1), from a table of the radial terms alone."""
+    reach = np.sqrt(np.nanmax(np.sum(distorted**2, axis=-1), initial=0.0))
+    radius = np.linspace(0, 1.5 * reach + 1e-9, 4096)
+    r2 = radius * radius
+    bent = radius * (1 + r2 * (k[0] + r2 * (k[1] + r2 * k[4])))
+    rising = int(np.argmax(np.diff(bent, append=-np.inf) <= 0)) + 1  # beyond it the lens folds
+    length = np.sqrt(np.sum(distorted**2, axis=-1))
+    straight = np.interp(length, bent[:rising], radius[:rising])
+    return np.asarray(straight / np.maximum(length, 1e-30) + (length == 0))[..., None]
 
 
 def _fisheye_radius(theta: Array, k: Array) -> Array:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from procam.compensate.exact import Compensated, Compensator, Method
 from procam.compensate.projector_frames import projector_frames, quantised
-from procam.errors import FileFormatError
+from procam.errors import FileFormatError, InputError
 from procam.files import atomic
 from procam.files.calibration import load_calibration
 from procam.files.images import (
@@ -30,6 +30,8 @@ def compensate_file(
     calibration_dir: Path, source: Path, out: Path, method: Method = "exact"
 ) -> dict[str, object]:
     """Compensate a dome master; returns what clipped, per channel."""
+    if out.resolve() == source.resolve():
+        raise InputError(f"OUT: got {out}, which is IN itself; choose another name")
     calibration = load_calibration(calibration_dir)
     picture = read_square(source)
     compensator = Compensator(calibration, picture.shape[0], method)

@@ -1,5 +1,6 @@
 """Show a plan and photograph it; resumable at any instant."""
 
+import shutil
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
@@ -9,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procam.devices.rig import Rig
-from procam.errors import OutOfModelRange, StaleFrame
+from procam.errors import InputError, OutOfModelRange, StaleFrame
 from procam.estimate.patterns import plan_visit
 from procam.files import atomic
 from procam.files.session import Session
@@ -25,12 +26,23 @@ PROBE_STEP = 7  # checks look at every 7th pixel: enough to tell pictures apart
 
 
 def prepare_session(venue: Venue, directory: Path) -> Session:
-    """A session with its plan; an unfinished one is picked up where it stopped."""
+    """A session with its plan; an unfinished one is picked up where it stopped.
+
+    Open the rig first: a venue.toml that no device answers to must leave nothing behind.
+    """
     session = Session(directory)
-    if (directory / "plan.json").is_file():
-        return session
-    directory.mkdir(parents=True, exist_ok=True)
     text = (venue.directory / "venue.toml").read_text("utf-8")
+    if (directory / "plan.json").is_file():
+        if (directory / "venue.toml").read_text("utf-8") == text:
+            return session
+        if any(session.stored(camera) for camera in venue.cameras):
+            raise InputError(
+                f"{venue.directory / 'venue.toml'}: got a file that has changed since the unfinished "
+                f"session {directory} began, expected the same; undo the change to resume it, or "
+                "remove that folder to begin again"
+            )
+        shutil.rmtree(directory)  # nothing was captured with the old file
+    directory.mkdir(parents=True, exist_ok=True)
     atomic.write_text(directory / "venue.toml", text)
     capture = venue.table.capture
     sizes = {name: entry.size for name, entry in venue.table.projectors.items()}

@@ -34,9 +34,3 @@ def _soft_step(angle: NDArray[np.float64]) -> NDArray[np.float64]:
     """0 to 1 over two degrees: an edge that any projector can draw."""
     x = np.clip(angle / np.radians(2.0) + 0.5, 0, 1)
     return np.asarray(x * x * (3 - 2 * x))
-
-
-def full_white(size: int) -> Image:
-    """White everywhere: (N, N, 3) linear."""
-    _, inside = master_directions(size)
-    return np.repeat(inside[..., None], 3, axis=-1).astype(np.float32)

@@ -14,7 +14,7 @@ PACKAGES = ("procam", "numpy", "scipy", "opencv-contrib-python-headless", "OpenI
 def provenance(venue: Venue, session: Session) -> dict[str, Any]:
     """Versions, the session, and a hash over its plan, venue and captures."""
     digest = hashlib.sha256()
-    digest.update((session.directory / "venue.toml").read_bytes())
+    digest.update((venue.directory / "venue.toml").read_bytes())  # the one that was solved with
     digest.update((session.directory / "plan.json").read_bytes())
     for camera in venue.table.cameras:
         for key, entry in sorted(session.stored(camera).items()):

@@ -24,7 +24,8 @@ Array = NDArray[np.float64]
 Image = NDArray[np.float32]
 MAX_ITERATIONS = 4
 NOISE_SHOTS = 4
-CLOSE_ENOUGH = 1.1  # times the noise floor
+CLOSE_ENOUGH = 1.1  # times the noise floor: the goal
+STOP = 1.06  # well inside it, so that no lucky photograph ends the loop
 FILL = 0.7  # of full scale, for the brightest content
 
 
@@ -122,8 +123,8 @@ def refine(rig: Rig, calibration: Calibration, content: Image) -> Iterator[Event
     floor = _noise_floor(loop, shots)
     residual = [loop.residual_rms(predicted - seen)]
     yield Event("refine", 2, total, f"residual {residual[0]:.3%} of white, noise {floor:.3%}")
-    while residual[-1] > CLOSE_ENOUGH * floor and loop.steps < MAX_ITERATIONS:
-        loop.update(predicted - np.mean(shots, axis=0))
+    while residual[-1] > STOP * floor and loop.steps < MAX_ITERATIONS:
+        loop.update(predicted - np.mean(shots, axis=0), len(shots))
         seen = _shot(camera, loop.corrected(wanted.direct), calibration)
         shots = [seen, camera.photograph()]
         residual.append(loop.residual_rms(predicted - seen))

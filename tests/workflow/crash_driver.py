@@ -8,6 +8,7 @@ compared with an uninterrupted run, byte by byte: the noise of the simulated cam
 is photographed and not on when, so everything but the times in index.jsonl must be equal.
 """
 
+import faulthandler
 import json
 import os
 import random
@@ -22,7 +23,15 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from tiny_venue import CAMERA, contents, make_venue, one_thread, solved, take_session
+from tiny_venue import (
+    CAMERA,
+    contents,
+    make_venue,
+    one_thread,
+    quick_simulator,
+    solved,
+    take_session,
+)
 
 import procam.estimate.assemble
 import simulators.backend
@@ -35,6 +44,7 @@ from procam.interfaces.cli.main import main as procam_main
 MAP_SIZE = 128  # dome maps of a solve: as many files and flushes, a sixtieth of the pixels
 COARSE_ROOM = 10, 20  # rings and sectors of light-exchanging patches: traced in no time
 RANDOM_KILLS = 20
+STUCK_S = 120
 FAILED = 70  # exit code of a child that raised
 INTERRUPTED = 130
 LEFT_LIT = 71
@@ -48,6 +58,8 @@ def child(work: Callable[[], object], killer: Killer | None = None) -> int:
     if pid:
         return pid
     code = FAILED
+    faulthandler.register(signal.SIGALRM, chain=True)
+    signal.alarm(STUCK_S)  # says where all threads stand, and ends the child
     try:
         if killer:
             watch_disk(killer)
@@ -342,7 +354,8 @@ def main() -> None:
     Path(tempfile.tempdir).mkdir()
     procam.estimate.assemble.MAP_SIZE = MAP_SIZE
     simulators.transport.DOME_RINGS, simulators.transport.DOME_SECTORS = COARSE_ROOM
-    survived = list(GROUPS[group](Bench(folder)))
+    with quick_simulator():
+        survived = list(GROUPS[group](Bench(folder)))
     sys.stdout.write(json.dumps(survived))
 
 

@@ -14,6 +14,7 @@ from tiny_venue import (
     contents,
     make_venue,
     procam,
+    quick_simulator,
     replace_camera,
     solved,
     take_session,
@@ -40,8 +41,8 @@ FRAMES = Path("captures") / CAMERA
 
 
 @pytest.fixture(scope="module", autouse=True)
-def small_maps() -> Iterator[None]:
-    with pytest.MonkeyPatch.context() as patch:
+def small_and_quick() -> Iterator[None]:
+    with quick_simulator(), pytest.MonkeyPatch.context() as patch:
         patch.setattr(assemble, "MAP_SIZE", 128)
         yield
 

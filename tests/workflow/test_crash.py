@@ -25,7 +25,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from tiny_venue import make_venue, watch_stage
+from tiny_venue import make_venue, quick_simulator, watch_stage
 
 from procam.interfaces.cli.main import main
 from simulators.devices import SimulatedCamera
@@ -84,7 +84,7 @@ def test_ctrl_c_says_that_the_projectors_are_dark_and_the_run_resumes(
 
     monkeypatch.setattr(SimulatedCamera, "capture", stopped_at_the_tenth)
     monkeypatch.setattr(sys, "argv", ["procam", "capture", str(venue.directory)])
-    with python_handles_ctrl_c(), pytest.raises(SystemExit) as stop:
+    with quick_simulator(), python_handles_ctrl_c(), pytest.raises(SystemExit) as stop:
         main()
     assert stop.value.code == 130
     assert shots[-1] == ["south"]

@@ -3,13 +3,12 @@
 import json
 import math
 import os
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import pytest
-from tiny_venue import Ran, contents, procam
+from tiny_venue import Ran, contents, procam, quick_simulator
 
 from procam.estimate import assemble
 from procam.files.calibration import load_calibration
@@ -51,9 +50,9 @@ class SmallRun:
         return dict(json.loads((self.out / "summary.json").read_text())["figures"])
 
 
-@pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SmallRun]:
-    out = tmp_path_factory.mktemp("small") / "run"
+def watched_demo(folder: Path) -> SmallRun:
+    """`procam demo` at the small size, with a look for any truth at every step."""
+    out = folder / "run"
     truths: dict[str, list[bool]] = {}
 
     def spied(step: str, real: Any) -> Any:
@@ -63,7 +62,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SmallRun]:
 
         return call
 
-    with pytest.MonkeyPatch.context() as patch:
+    with quick_simulator(), pytest.MonkeyPatch.context() as patch:
         patch.setattr(demo, "template_text", lambda name: venue_text("standard", SMALL))
         patch.setattr(demo, "CONTENT_SIZE", MASTER)
         patch.setattr(assemble, "MAP_SIZE", MASTER)
@@ -76,10 +75,10 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SmallRun]:
         patch.setattr(devices.SimulatedCamera, "capture", spied("capture", capture))
         patch.setattr(os, "replace", spied("rename", os.replace))
         ran = procam("demo", "--out", out, "--json")
-        yield SmallRun(out, ran, truths)
+    return SmallRun(out, ran, truths)
 
 
-def test_no_truth_exists_before_the_run_has_ended(run: SmallRun) -> None:
+def check_no_truth_exists_before_the_run_has_ended(run: SmallRun) -> None:
     judged = {"judge", "judge_pictures"}
     assert judged < run.truths.keys()
     for step in judged:
@@ -92,14 +91,14 @@ def test_no_truth_exists_before_the_run_has_ended(run: SmallRun) -> None:
     assert not any(renames[: len(run.truths["capture"])])
 
 
-def test_json_is_all_there_is_on_stdout_and_it_is_the_summary(run: SmallRun) -> None:
+def check_json_is_all_there_is_on_stdout_and_it_is_the_summary(run: SmallRun) -> None:
     assert json.loads(run.ran.out) == json.loads((run.out / "summary.json").read_text())
     failed = [name for name, figure in run.figures.items() if figure["pass"] is False]
     assert run.ran.code == (1 if failed else 0)
     assert not run.ran.err
 
 
-def test_the_summary_holds_every_figure_and_all_are_finite(run: SmallRun) -> None:
+def check_the_summary_holds_every_figure_and_all_are_finite(run: SmallRun) -> None:
     assert run.figures.keys() >= FIGURES
     fields = {"value", "unit", "goal", "pass", "samples", "seed", "command"}
     for name, figure in run.figures.items():
@@ -108,7 +107,7 @@ def test_the_summary_holds_every_figure_and_all_are_finite(run: SmallRun) -> Non
         assert all(math.isfinite(value) for value in values), name
 
 
-def test_the_figures_make_sense(run: SmallRun) -> None:
+def check_the_figures_make_sense(run: SmallRun) -> None:
     value = {name: figure["value"] for name, figure in run.figures.items()}
     assert abs(value["feedback_error"]) < 0.05
     assert abs(value["albedo_error"]) < 0.10
@@ -124,7 +123,7 @@ def test_the_figures_make_sense(run: SmallRun) -> None:
     assert value["shots"] > 80
 
 
-def test_the_loop_falls_towards_the_noise(run: SmallRun) -> None:
+def check_the_loop_falls_towards_the_noise(run: SmallRun) -> None:
     residual = run.figures["loop_residual_by_iteration"]["value"]
     floor = run.figures["loop_noise_floor"]["value"]
     assert 2 <= len(residual) <= MAX_ITERATIONS + 1
@@ -133,7 +132,7 @@ def test_the_loop_falls_towards_the_noise(run: SmallRun) -> None:
     assert 0 < floor < residual[-1] < 3 * floor
 
 
-def test_what_a_demo_leaves_behind(run: SmallRun) -> None:
+def check_what_a_demo_leaves_behind(run: SmallRun) -> None:
     for number in ("0001", "0002"):
         calibration = load_calibration(run.out / "calibrations" / number)
         assert list(calibration.projectors) == ["south", "north"]
@@ -142,7 +141,22 @@ def test_what_a_demo_leaves_behind(run: SmallRun) -> None:
     assert not [name for name in there if ".tmp" in name]
 
 
-def test_a_demo_replaces_an_earlier_one(run: SmallRun) -> None:
+def check_a_demo_replaces_an_earlier_one(run: SmallRun) -> None:
     (run.out / "summary.json").write_text("old")
     demo._make_venue(run.out, "standard")
     assert contents(run.out).keys() == {"venue.toml", demo.MARKER}
+
+
+def test_small_demo(tmp_path: Path, subtests: pytest.Subtests) -> None:
+    run = watched_demo(tmp_path)
+    for check in (
+        check_no_truth_exists_before_the_run_has_ended,
+        check_json_is_all_there_is_on_stdout_and_it_is_the_summary,
+        check_the_summary_holds_every_figure_and_all_are_finite,
+        check_the_figures_make_sense,
+        check_the_loop_falls_towards_the_noise,
+        check_what_a_demo_leaves_behind,
+        check_a_demo_replaces_an_earlier_one,
+    ):
+        with subtests.test(check.__name__):
+            check(run)

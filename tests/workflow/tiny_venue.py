@@ -4,8 +4,8 @@ import io
 import os
 import re
 import sys
-from collections.abc import Callable, Mapping
-from contextlib import redirect_stderr, redirect_stdout
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -44,22 +44,18 @@ def _traced(preset: Preset, rays: int) -> Room:
     return _trace(Surface.build(preset), rays)
 
 
-def share_rooms() -> None:
-    """Trace each preset's room once per process: nothing ever writes to a room."""
-    Room.trace = classmethod(  # type: ignore[method-assign, assignment]
-        lambda cls, surface, rays=2048: _traced(surface.preset, rays)
-    )
+@contextmanager
+def quick_simulator() -> Iterator[None]:
+    """Trace each preset's room once per process, and wait for no real cable's silences.
 
-
-def hurry_serial() -> None:
-    """Do not wait out a real cable's silences."""
+    Nothing ever writes to a room, so that venues can share one.
+    """
     table = controls.SERIAL_TABLES["escvp21"]
     quick = replace(table, timings=replace(table.timings, quiet_s=QUIET_S))
-    controls.SERIAL_TABLES = {**controls.SERIAL_TABLES, "escvp21": quick}
-
-
-share_rooms()
-hurry_serial()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Room, "trace", lambda surface, rays: _traced(surface.preset, rays))
+        patch.setattr(controls, "SERIAL_TABLES", {**controls.SERIAL_TABLES, "escvp21": quick})
+        yield
 
 
 def make_venue(directory: Path, preset: PresetName = "standard", size: SceneSize = TINY) -> Venue:

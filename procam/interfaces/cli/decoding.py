@@ -81,6 +81,11 @@ def _limits(
 
 def _grey(path: Path, shape: tuple[int, ...] | None) -> NDArray[np.float32]:
     pixels = np.asarray(read_image(path), np.float32)[..., :3].mean(axis=-1)
+    bad = int((~np.isfinite(pixels)).sum())
+    if bad:
+        raise FileFormatError(
+            f"{path}: got {bad} values that are NaN or infinite, expected photographs; export it again"
+        )
     if shape is not None and pixels.shape != shape:
         raise FileFormatError(
             f"{path}: got {pixels.shape[1]}x{pixels.shape[0]} px, expected "
@@ -91,6 +96,6 @@ def _grey(path: Path, shape: tuple[int, ...] | None) -> NDArray[np.float32]:
 
 def _size(text: str) -> tuple[int, int]:
     match = re.fullmatch(r"(\d+)x(\d+)", text)
-    if not match or "0" in match.groups():
+    if not match or not all(int(part) for part in match.groups()):
         raise InputError(f"size: got {text!r}, expected WIDTHxHEIGHT such as 1280x800")
     return int(match[1]), int(match[2])

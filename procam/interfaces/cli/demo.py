@@ -33,16 +33,18 @@ def run_demo(out: Path, preset: str, output: Output) -> None:
     venue = _make_venue(out, preset)
     output.say(f"Simulated dome, preset {preset}: capture, solve, compensate, refine.")
     started = time.monotonic()
-    shots, refined = _run(venue, output)
+    shots, first, refined = _run(venue, output)
     figures = {
         "simulated_run_s": Figure(time.monotonic() - started, "s", Goal("<=", 60.0)),
         "peak_memory_mib": Figure(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, "MiB"),
         "shots": Figure(shots, "-", Goal("<=", 120.0)),
         "session_gb": Figure(_gigabytes(out / "sessions"), "GB", Goal("<=", 1.5)),
     }
+    keep_pictures(out, load_calibration(first), half_sky(CONTENT_SIZE))
+    keep_loop(out, refined)
+    save_calibration(refined.calibration, next_directory(out))
     output.say("The run has ended; the simulator now tells the truth, and the judge compares.")
     _tell_truth(venue)
-    first = out / "calibrations" / "0001"
     figures |= judge(first, out / "truth")
     figures |= judge_pictures(out, first, out / "truth")
     figures |= refined.figures()
@@ -67,19 +69,16 @@ def _make_venue(out: Path, preset: str) -> Venue:
     return load_venue(out)
 
 
-def _run(venue: Venue, output: Output) -> tuple[int, Refined]:
-    """Everything a venue would see; returns the exposures taken and the loop's outcome."""
-    session = capturing.prepare_session(venue, venue.directory / "sessions" / "0001")
-    content = half_sky(CONTENT_SIZE)
+def _run(venue: Venue, output: Output) -> tuple[int, Path, Refined]:
+    """Everything a venue would see: the exposures taken, the calibration, the loop's outcome."""
     with open_rig(venue) as rig:
+        session = capturing.prepare_session(venue, venue.directory / "sessions" / "0001")
         output.follow(capturing.capture(rig, venue, session))
         solved = output.follow(solve(venue, session))
-        calibration = load_calibration(Path(solved["calibration"]))
-        keep_pictures(venue.directory, calibration, content)
-        refined: Refined = output.follow(refine(rig, calibration, content))["refined"]
-    keep_loop(venue.directory, refined)
-    save_calibration(refined.calibration, next_directory(venue.directory))
-    return session.read_plan().exposures + refined.shots, refined
+        first = Path(solved["calibration"])
+        loop = refine(rig, load_calibration(first), half_sky(CONTENT_SIZE))
+        refined: Refined = output.follow(loop)["refined"]
+    return session.read_plan().exposures + refined.shots, first, refined
 
 
 def _tell_truth(venue: Venue) -> None:

@@ -3,6 +3,8 @@
 from pathlib import Path
 from typing import Any
 
+import typer
+
 from procam.errors import InputError
 from procam.files import atomic
 from procam.files.calibration import (
@@ -14,6 +16,7 @@ from procam.files.calibration import (
 from procam.files.session import Session
 from procam.files.venue import Venue, load_venue, template_text
 from procam.interfaces.cli.output import Output
+from procam.interfaces.judge import failed
 from procam.workflows import capture as capturing
 from procam.workflows.bake import keep_loop, keep_pictures, read_square
 from procam.workflows.calibrate import solve
@@ -87,6 +90,8 @@ def run_refine(directory: Path, picture: Path | None, output: Output) -> None:
     output.table(refined.figures())
     figures = {n: f.as_dict() for n, f in refined.figures().items()}
     output.finish({"calibration": str(out), "figures": figures})
+    if failed(refined.figures()):
+        raise typer.Exit(1)
 
 
 def run_projector(directory: Path, name: str, action: str, value: str, output: Output) -> None:
@@ -113,8 +118,8 @@ def run_projector(directory: Path, name: str, action: str, value: str, output: O
 
 def take(venue: Venue, output: Output) -> Session:
     """Capture into the newest unfinished session, or a new one."""
-    session = capturing.prepare_session(venue, open_session(venue))
-    with open_rig(venue) as rig:
+    with atomic.locked(venue.directory / "sessions"), open_rig(venue) as rig:
+        session = capturing.prepare_session(venue, open_session(venue))
         output.follow(capturing.capture(rig, venue, session))
     return session
 

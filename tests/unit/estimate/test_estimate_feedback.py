@@ -50,7 +50,7 @@ class TestCells:
 
 class TestLoop:
     def test_free_cells_alone_are_corrected(self, loop: Loop) -> None:
-        loop.update(np.ones((LOOP_SIZE, LOOP_SIZE, 3)))
+        loop.update(np.ones((LOOP_SIZE, LOOP_SIZE, 3)), 1)
         assert 0.3 < loop.free.mean() < 0.8
         assert not loop.correction[~loop.free].any()
 
@@ -62,7 +62,7 @@ class TestLoop:
     def test_one_step_is_enough_for_a_known_plant(self, loop: Loop) -> None:
         """Preconditioned by the dome's own bounces, the loop is dead-beat (science.md s.6)."""
         residual = np.where(loop.free, 0.1, 0.0)
-        loop.update(residual)
+        loop.update(residual, 1)
         solid = master_solid_angles(LOOP_SIZE).ravel()
         direct = loop.correction.reshape(-1, 3)
         change = add_interreflection(direct, loop._scatter.reshape(-1, 3), solid)
@@ -75,18 +75,18 @@ class TestLoop:
         change = add_interreflection(direct, loop._scatter.reshape(-1, 3), solid)
         assert np.abs(change - direct)[loop.free.reshape(-1, 3)].mean() > 0.1 * 0.1
 
-    def test_the_gain_falls_as_one_over_k(self, loop: Loop) -> None:
-        """Two full steps, then 1/k: camera noise averages out."""
+    def test_every_photograph_weighs_the_same(self, loop: Loop) -> None:
+        """The first step is whole; then each counts for its share of the photographs so far."""
         residual = np.where(loop.free, 0.01, 0.0)
         steps = []
-        for _ in range(5):
+        for photographs in (4, 2, 2, 2):
             before = loop.correction.copy()
-            loop.update(residual)
+            loop.update(residual, photographs)
             steps.append(float((loop.correction - before)[loop.free].mean()))
-        np.testing.assert_allclose(np.array(steps) / steps[0], [1, 1, 1 / 2, 1 / 3, 1 / 4])
+        np.testing.assert_allclose(np.array(steps) / steps[0], [1, 2 / 6, 2 / 8, 2 / 10])
 
     def test_corrected_adds_only_where_light_is_asked_for(self, loop: Loop) -> None:
-        loop.update(np.where(loop.free, 0.1, 0.0))
+        loop.update(np.where(loop.free, 0.1, 0.0), 1)
         direct = np.full((128, 128, 3), 0.5, np.float32)
         direct[60:70] = 0.0
         found = loop.corrected(direct)

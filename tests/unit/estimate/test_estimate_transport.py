@@ -6,6 +6,7 @@ from tolerances import FLOAT32
 
 from procam.estimate.patterns import SEPARATION_BITS
 from procam.estimate.transport import (
+    BORDER_SIGMA,
     CLEAR_CAMERA_PX,
     Light,
     Separation,
@@ -152,8 +153,8 @@ class TestTogether:
         found = feedback([light, light], lit_sr, scene.solid, 0.0)
         expected = np.tensordot(lit_sr, scene.u, 2)
         np.testing.assert_allclose(found.value, expected, rtol=2e-3)
-        # two projectors that agree leave no doubt
-        np.testing.assert_allclose(found.sigma, 0, atol=1e-9)
+        # two projectors that agree leave no doubt but the border's
+        np.testing.assert_allclose(found.sigma, BORDER_SIGMA * found.value, rtol=1e-6)
 
     def test_feedback_doubts_what_projectors_disagree_on(self, scene: Scene, light: Light) -> None:
         other = Light(
@@ -163,14 +164,17 @@ class TestTogether:
         found = feedback([light, other], lit_sr, scene.solid, 0.0)
         single = feedback([light, light], lit_sr, scene.solid, 0.0).value
         np.testing.assert_allclose(found.value, 1.05 * single, rtol=1e-4)
-        np.testing.assert_allclose(found.sigma, 0.05 * single, rtol=1e-4)
+        expected = np.hypot(0.05 * single, BORDER_SIGMA * found.value)
+        np.testing.assert_allclose(found.sigma, expected, rtol=1e-4)
 
     def test_an_unknown_veil_of_glare_is_doubt(self, scene: Scene, light: Light) -> None:
         lit_sr = np.where(scene.inner, scene.solid, 0)
         found = feedback([light, light], lit_sr, scene.solid, 0.01)
         total = np.tensordot(scene.solid, light.direct + light.scattered, 2) / light.flux
         expected = 0.01 * total * lit_sr.sum() / scene.solid.sum()
-        np.testing.assert_allclose(found.sigma, expected, rtol=1e-5)
+        np.testing.assert_allclose(
+            found.sigma, np.hypot(expected, BORDER_SIGMA * found.value), rtol=1e-5
+        )
 
 
 class TestAlbedo:

@@ -104,7 +104,7 @@ MISTAKES = {
         ["got 100", "less than or equal to 90"],
     ),
     "albedo above 1": (
-        ("floor_albedo = 0.10", "floor_albedo = 10"),
+        ("floor_albedo = 0.0 ", "floor_albedo = 10 "),
         "screen.floor_albedo",
         ["got 10", "less than or equal to 1"],
     ),
