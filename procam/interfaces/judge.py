@@ -1,6 +1,7 @@
 """Compares a calibration and its pictures with the truth; the figures are defined in docs/figures.md."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ Image = NDArray[np.float32]
 ALBEDO_WIDTH = 0.06
 PATCHES = 256  # pictures are judged on patches of a 256 px dome master, 0.7 degrees wide
 LSB = 1 / 255
+WHOLE = 0.999
 
 
 def judge(calibration_dir: Path, truth_dir: Path) -> dict[str, Figure]:
@@ -39,14 +41,14 @@ def judge_pictures(venue_dir: Path, calibration_dir: Path, truth_dir: Path) -> d
     scatter_left = sqrt(sum_F a (y - t)^2 / sum_F a (z - t)^2) for y compensated, z uncompensated,
     t target, over F: lit patches and channels that no limit holds. Worst channel; signed mean beside.
     """
-    calibration = load_calibration(calibration_dir)
+    calibration, truth = load_calibration(calibration_dir), load_calibration(truth_dir)
     target = _rgb(venue_dir / "pictures" / "target.exr")
     direct = _rgb(venue_dir / "pictures" / "direct.exr")
     seen = {
         path.stem: _rgb(path) @ calibration.content_from_camera.T.astype(np.float32)
         for path in sorted((truth_dir / "pictures").glob("*.exr"))
     }
-    weight = _free_patches(calibration, direct)
+    free = _free(calibration, truth, direct)
     figures: dict[str, Figure] = {}
     for method, name, goal in (
         ("exact", "scatter_left_exact", Goal("<=", 0.02)),
@@ -54,24 +56,31 @@ def judge_pictures(venue_dir: Path, calibration_dir: Path, truth_dir: Path) -> d
         ("refined", "scatter_left_refined", Goal("<=", 0.02)),
     ):
         if method in seen:
-            figures |= _scatter(name, goal, seen[method], seen["none"], target, weight)
-    figures["scatter_before"] = _pollution(seen["none"], target, weight)
+            error, scattered = seen[method] - target, seen["none"] - target
+            coarse = _patches(error, PATCHES), _patches(scattered, PATCHES)
+            figures |= _scatter(name, goal, *coarse, free)
+            fine = _scatter(name, None, error, scattered, free)[name]
+            figures[f"{name}_fine"] = replace(fine, note="the same on patches of 0.18 degrees")
+    figures["scatter_before"] = _pollution(_patches(seen["none"] - target, PATCHES), free)
     return figures
 
 
-def _free_patches(calibration: Calibration, direct: Image) -> Array:
-    """Solid angle (P, P, 3) of the patches and channels that belong to F, 0 elsewhere."""
-    maps = calibration.maps
-    free = (direct > maps.lo + LSB) & (direct < maps.hi - LSB)
-    free &= (maps.coverage > 0.999)[..., None]
-    whole = _patches(free.astype(np.float32)) > 0.999
-    return np.asarray(master_solid_angles(PATCHES)[..., None] * whole)
+def _free(calibration: Calibration, truth: Calibration, direct: Image) -> Image:
+    """F (N, N, 3): truly lit, and asked for light clear of the true black and of the white used."""
+    black = truth.maps.lo @ calibration.content_from_camera.T.astype(np.float32)
+    free = (direct > black + LSB) & (direct < calibration.maps.hi - LSB)
+    return (free & (truth.maps.coverage > WHOLE)[..., None]).astype(np.float32)
+
+
+def _weight(free: Image, size: int) -> Array:
+    """Solid angle (P, P, 3) of the patches and channels that lie in F as a whole, 0 elsewhere."""
+    return np.asarray(master_solid_angles(size)[..., None] * (_patches(free, size) > WHOLE))
 
 
 def _scatter(
-    name: str, goal: Goal | None, seen: Image, before: Image, target: Image, weight: Array
+    name: str, goal: Goal | None, error: Image, scattered: Image, free: Image
 ) -> dict[str, Figure]:
-    error, scattered = _patches(seen - target), _patches(before - target)
+    weight = _weight(free, error.shape[0])
     left = np.sqrt(_sum(weight * error**2) / _sum(weight * scattered**2))
     mean = _sum(weight * error) / _sum(weight * scattered)
     count = int((weight > 0).sum())
@@ -81,8 +90,9 @@ def _scatter(
     }
 
 
-def _pollution(before: Image, target: Image, weight: Array) -> Figure:
-    mean = _sum(weight * _patches(before - target)) / _sum(weight)
+def _pollution(scattered: Image, free: Image) -> Figure:
+    weight = _weight(free, scattered.shape[0])
+    mean = _sum(weight * scattered) / _sum(weight)
     return Figure(float(mean.max()), "rel", None, int((weight > 0).sum()), "mean, worst channel")
 
 
@@ -90,8 +100,8 @@ def _sum(values: Array) -> Array:
     return np.asarray(values.sum(axis=(0, 1)))
 
 
-def _patches(picture: Image) -> Image:
-    return block_mean(picture, picture.shape[0] // PATCHES)
+def _patches(picture: Image, size: int) -> Image:
+    return block_mean(picture, picture.shape[0] // size)
 
 
 def _rgb(path: Path) -> Image:
@@ -118,11 +128,19 @@ def _geometry(found: Calibration, truth: Calibration) -> dict[str, Figure]:
             float(np.sqrt(np.mean(error**2))), "arcmin", Goal("<=", 0.5), error.size
         ),
         "direction_error_max_arcmin": Figure(float(error.max()), "arcmin", None, error.size),
+        "lit_area_found": _found_area(found, truth),
         "solid_angle_sum_error": _within(
             np.array(sums), 3e-4, "worst projector, signed, footprint against the true one"
         ),
         **_sphere(found),
     }
+
+
+def _found_area(found: Calibration, truth: Calibration) -> Figure:
+    """Share of the truly lit dome that the calibration covers: what it loses is not judged below."""
+    lit = master_solid_angles(truth.maps.size) * truth.maps.coverage
+    share = float((lit * np.minimum(found.maps.coverage, 1)).sum() / lit.sum())
+    return Figure(share, "-", Goal(">=", 0.995), 1, "share of the truly lit dome")
 
 
 def _sphere(found: Calibration) -> dict[str, Figure]:

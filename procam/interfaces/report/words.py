@@ -40,14 +40,18 @@ NAMES = {
     ),
     "scatter_left_exact": Words("Bounced light left by the calibration alone", LEFT, percent=True),
     "scatter_left_exact_mean": Words("\u2014 its signed mean", percent=True),
+    "scatter_left_exact_fine": Words("\u2014 on finer patches", "0.18 degrees", percent=True),
     "scatter_left_paper_eq12": Words(
         "Bounced light left by the published formula",
         "subtraction by paper eq. 12 to the letter, for comparison",
         percent=True,
     ),
     "scatter_left_paper_eq12_mean": Words("\u2014 its signed mean", percent=True),
+    "scatter_left_paper_eq12_fine": Words("\u2014 on finer patches", "0.18 degrees", percent=True),
     "scatter_left_refined": Words("Bounced light left after the loop", LEFT, percent=True),
     "scatter_left_refined_mean": Words("\u2014 its signed mean", percent=True),
+    "scatter_left_refined_fine": Words("\u2014 on finer patches", "0.18 degrees", percent=True),
+    "lit_area_found": Words("Lit dome that the calibration covers", percent=True),
     "scatter_before": Words("Bounced light before compensation", "in % of white", percent=True),
     "loop_residual_by_iteration": Words(
         "Loop: what is left after each correction", "root mean square, in % of white", percent=True
