@@ -31,6 +31,9 @@ class Output:
         from rich.console import Console
         from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
+        from procam.interfaces.cli.memory import keep_large_buffers
+
+        keep_large_buffers()
         console = Console(stderr=True)
         data: dict[str, Any] = {}
         columns = (TextColumn("{task.fields[stage]:>8}"), BarColumn(30))
