@@ -26,10 +26,11 @@ CONTENT_SIZE = 1024
 MARKER = "made-by-procam-demo.txt"
 # goals that the easy presets must meet; the others are reported without
 JUDGED_PRESETS = ("ideal", "standard")
+MACHINE_FIGURES = {"simulated_run_s"}
 
 
 def run_demo(out: Path, preset: str, output: Output) -> None:
-    """Run everything; exit 1 if a figure misses its goal."""
+    """Run everything; exit 1 if a figure misses its goal, unless it only says the machine is slow."""
     venue = _make_venue(out, preset)
     output.say(f"Simulated dome, preset {preset}: capture, solve, compensate, refine.")
     started = time.monotonic()
@@ -112,8 +113,9 @@ def _report(out: Path, output: Output, figures: dict[str, Figure]) -> None:
     output.table(figures)
     output.say(f"Open {report} in a browser; all figures are in {out / 'summary.json'}.")
     output.finish(json.loads((out / "summary.json").read_text("utf-8")))
-    if failed(figures):
-        output.say("FAILED: " + ", ".join(failed(figures)))
+    if missed := failed(figures):
+        output.say("Missed: " + ", ".join(missed))
+    if set(missed) - MACHINE_FIGURES:
         raise typer.Exit(1)
 
 
