@@ -313,9 +313,9 @@ def interrupt_at_random(bench: Bench) -> Iterator[str]:
 def _interrupted(venue: Path, seconds: float) -> int:
     told, ready = os.pipe()
     pid = child(_commanded(venue, ready))
+    os.close(ready)  # the child has its own: if it dies early, the read ends
     os.read(told, 1)
-    for end in (told, ready):
-        os.close(end)
+    os.close(told)
     return kill_later(pid, seconds, signal.SIGINT)
 
 

@@ -31,6 +31,7 @@ from procam.interfaces.cli.main import main
 from simulators.devices import SimulatedCamera
 
 DRIVER = Path(__file__).with_name("crash_driver.py")
+STUCK_S = 600  # no verdict on speed: a driver that hangs must not hang the suite
 ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 
 
@@ -54,6 +55,7 @@ def test_killed_runs_lose_nothing_and_resume_to_the_same_result(
         capture_output=True,
         text=True,
         check=False,
+        timeout=STUCK_S,
     )
     assert done.returncode == 0, done.stderr
     survived = json.loads(done.stdout.splitlines()[-1])
