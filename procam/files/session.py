@@ -69,7 +69,8 @@ class Session:
                     f"{path}: line {number}: got no {', '.join(sorted(missing))}, expected a "
                     "capture's entry; restore the file or remove the line and capture again"
                 )
-        return {(e["shot"], e["exposure_s"]): e for e in entries}
+        there = (e for e in entries if (path.parent / e["file"]).is_file())
+        return {(e["shot"], e["exposure_s"]): e for e in there}
 
     def store(self, camera: str, shot: Shot, exposure_s: float, frame: Frame) -> None:
         """Put a frame on disk, then name it in the index: what is named is there."""

@@ -340,7 +340,7 @@ def test_the_faulty_preset_ends_in_the_right_named_errors(
 
 def missing(folder: Path) -> str:
     (folder / "south-0002@0.13.tif").unlink()
-    return "got no such file"
+    return "got no capture of shot"
 
 
 def truncated(folder: Path) -> str:
