@@ -29,6 +29,11 @@ class Settings(BaseModel):
     camera_size: Size = (1600, 1600)
     camera_kind: Literal["fisheye", "pinhole"] = "fisheye"
     rays: int = Field(default=2048, ge=64)
+    # simulators.presets.Overrides
+    albedo: float | None = Field(default=None, ge=0, le=0.95)
+    snr: float | None = Field(default=None, gt=0, le=1000)  # 12 bits carry no more
+    defocus_px: float | None = Field(default=None, ge=0, le=20)
+    gamma_left: float | None = Field(default=None, ge=0.1, le=10)
 
 
 def build_scene(settings: Mapping[str, Any], venue_dir: Path) -> DomeScene:
@@ -45,7 +50,10 @@ def build_scene(settings: Mapping[str, Any], venue_dir: Path) -> DomeScene:
     size = SceneSize(
         s.projectors, s.projector_size, s.cameras, s.camera_size, s.camera_kind, s.rays
     )
-    return DomeScene(PRESETS[s.preset], size, s.seed)
+    preset = PRESETS[s.preset].altered(
+        albedo=s.albedo, snr=s.snr, defocus_px=s.defocus_px, gamma_left=s.gamma_left
+    )
+    return DomeScene(preset, size, s.seed)
 
 
 def open_rig(settings: Mapping[str, Any], venue_dir: Path) -> BackendRig:

@@ -1,6 +1,6 @@
 """Light of one projector on the dome: direct, per projector pixel and per room patch."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 
 from procam.maths.lenses import unproject
 from procam.maths.sphere import grid_solid_angles, normalise
+from simulators.presets import Preset
 from simulators.rig import ProjectorBuild
 from simulators.surface import Surface
 from simulators.transport import dome_patch
 
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
-BRIGHTNESS = 6.0  # median irradiance at full white [camera full scale per second]
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class ProjectorLight:
         lit = direction[..., 2] >= np.cos(surface.lit_half_angle)
         area = solid * surface.radius(direction) ** 2
         shape = _falloff(build) * lit / area  # the panel sends equal flux through equal pixels
-        level = BRIGHTNESS / np.median((shape)[lit])
+        level = surface.preset.brightness / np.median((shape)[lit])
         black = build.black * level * lit / area
         return cls(
             build,
@@ -68,13 +68,25 @@ class ProjectorLight:
 
     def emit(self, drive: Image, bands: slice) -> Image:
         """Irradiance (H, W, C) on the dome in the camera bands for a drive (H, W, 3)."""
-        mix = self.build.colour_mix[bands].astype(np.float32)
+        light = self.build.linear(drive).reshape(-1, 3) @ self._mix(bands).T
+        return self._irradiance(light.reshape(*drive.shape[:2], -1), bands)
+
+    def emit_grey(self, picture: NDArray[np.uint8], bands: slice) -> Image:
+        """Irradiance (H, W, C) of a grey picture (H, W, 1) of 8 bits."""
+        levels = np.arange(256, dtype=np.float32)[:, None] / np.float32(255)
+        table = self.build.linear(np.repeat(levels, 3, axis=1)) @ self._mix(bands).T
+        light = [cv2.LUT(picture[..., 0], np.ascontiguousarray(c)) for c in table.T]
+        return self._irradiance(np.stack(light, axis=-1), bands)
+
+    def _mix(self, bands: slice) -> Image:
+        return self.build.colour_mix[bands].astype(np.float32)
+
+    def _irradiance(self, light: Image, bands: slice) -> Image:
+        """Irradiance (H, W, C) of relative light (H, W, C), which is used up."""
         white = self.build.colour_mix[bands].sum(axis=1).astype(np.float32)
-        light = self.build.linear(drive).reshape(-1, 3) @ mix.T
-        light = light.reshape(*drive.shape[:2], -1)
-        return np.asarray(
-            light * self.irradiance[..., None] + self.black_irradiance[..., None] * white
-        )
+        light *= self.irradiance[..., None]
+        light += self.black_irradiance[..., None] * white
+        return light
 
     def patch_flux(self, irradiance: Image, patches: int) -> Array:
         """Reflected flux (P, C) per room patch of an irradiance image (H, W, C)."""
@@ -87,11 +99,28 @@ class ProjectorLight:
             axis=1,
         )
 
+    def smear_px(self, camera_blur_px: float) -> float:
+        """Gaussian sigma [px] of the projector's lens and the camera together."""
+        return float(np.hypot(self.build.defocus_px, camera_blur_px))
+
     def blurred(self, irradiance: Image, camera_blur_px: float) -> Image:
         """The image as lens and camera pixel smear it, still on the projector's grid."""
-        sigma = float(np.hypot(self.build.defocus_px, camera_blur_px))
+        sigma = self.smear_px(camera_blur_px)
+        if sigma == 0:
+            return irradiance
         smeared = cv2.GaussianBlur(irradiance, (0, 0), sigma, borderType=cv2.BORDER_CONSTANT)
         return np.asarray(smeared, np.float32).reshape(irradiance.shape)
+
+    def altered(self, build: ProjectorBuild, old: Preset, new: Preset) -> "ProjectorLight":
+        """The same projector, in the same place, after overrides took a preset from old to new."""
+        brighter = np.float32(new.brightness / old.brightness)
+        return replace(
+            self,
+            build=build,
+            irradiance=self.irradiance * brighter,
+            black_irradiance=self.black_irradiance * brighter,
+            reflected_m2=self.reflected_m2 * (new.albedo / old.albedo),
+        )
 
 
 def _directions(surface: Surface, build: ProjectorBuild, x: NDArray[Any], y: NDArray[Any]) -> Array:

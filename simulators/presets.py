@@ -1,9 +1,35 @@
 """The simulated venues: one table, amplitudes rather than peak to peak (design.md s.1)."""
 
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, TypedDict, Unpack
 
 PresetName = Literal["ideal", "standard", "realistic", "faulty"]
+EXPOSURE_S = 0.13  # white of one projector stays just below saturation
+
+
+class Overrides(TypedDict, total=False):
+    """Keys of [simulated] that take the place of a preset's own values; None leaves them.
+
+    Attributes
+    ----------
+    albedo : mean reflectance of the dome, 0..0.95; it sets how strongly light bounces and nothing
+        else. The projectors grow brighter as the paint grows darker, so that light after its FIRST
+        bounce keeps its level and exposures stay valid. At 0 the room returns nothing (no light
+        has bounced twice, off the dome or the deck), and the first bounce is drawn with the
+        preset's albedo: an ideal measurement, not a black dome.
+    snr : signal to noise of the darkest lit pixel: (white - black) over the sigma of white in one
+        frame, where one projector alone shows full white in the green band at `white_exposure_s`.
+        Darkest: the 0.5 percentile over lit pixels clear of the picture's border, of the
+        projector where it is lowest. Shot and read noise keep their ratio; the camera has its 12
+        bits, also where the preset's has no noise.
+    defocus_px : Gaussian sigma of the projectors' lenses [px]; 0 is sharp.
+    gamma_left : factor on the projectors' gamma; what was linearised for 1 is off by it.
+    """
+
+    albedo: float | None
+    snr: float | None
+    defocus_px: float | None
+    gamma_left: float | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,8 +48,12 @@ class Preset:
     glare, glare_known : share of a camera frame's mean that veils every pixel; whether the
         venue file tells.
     white_snr : signal to noise at white level; None for a camera without noise or quantisation.
+    darkest_snr : likewise for the darkest lit pixel (`Overrides.snr`); it wins over `white_snr`.
     drift : relative change of the camera's gain in 600 s.
     faults : named faults (simulators.faults).
+    brightness : median irradiance of a projector's full white [camera full scale per second].
+    bounces : False for a room that returns no light.
+    defocus_px, gamma_left : of all projectors; None leaves the defocus they were built with.
     """
 
     radius_m: float = 6.0
@@ -44,6 +74,44 @@ class Preset:
     white_snr: float | None = 100.0
     drift: float = 0.0
     faults: tuple[str, ...] = ()
+    brightness: float = 6.0
+    bounces: bool = True
+    darkest_snr: float | None = None
+    defocus_px: float | None = None
+    gamma_left: float = 1.0
+
+    @property
+    def noisy(self) -> bool:
+        """Whether the cameras have noise and few bits."""
+        return self.white_snr is not None or self.darkest_snr is not None
+
+    def altered(self, **overrides: Unpack[Overrides]) -> "Preset":
+        """The preset with the overrides that are not None."""
+        albedo, gamma_left = overrides.get("albedo"), overrides.get("gamma_left")
+        snr, defocus_px = overrides.get("snr"), overrides.get("defocus_px")
+        return replace(
+            self if albedo is None else self._painted(albedo),
+            darkest_snr=self.darkest_snr if snr is None else snr,
+            defocus_px=self.defocus_px if defocus_px is None else defocus_px,
+            gamma_left=self.gamma_left if gamma_left is None else gamma_left,
+        )
+
+    def _painted(self, albedo: float) -> "Preset":
+        if albedo == 0:
+            return replace(self, bounces=False)
+        brightness = self.brightness * self.albedo / albedo
+        return replace(self, albedo=albedo, brightness=brightness, bounces=True)
+
+
+def white_exposure_s(preset: Preset) -> float:
+    """Exposure [s] that keeps white of one projector, and its noise, just below saturation.
+
+    Shorter than `EXPOSURE_S` where much scattered light or much noise comes on top.
+    """
+    bouncing = preset.albedo / (1 - preset.albedo / 2) if preset.bounces else 0.0
+    peak = 0.824 + 0.111 * bouncing  # brightest pixel at EXPOSURE_S, a fit to renders
+    noise = 1.5 / preset.darkest_snr if preset.darkest_snr else 0.0  # three sigma of it
+    return round(EXPOSURE_S * min(1.0, 0.94 / (peak * (1 + noise))), 4)
 
 
 STANDARD = Preset()

@@ -3,7 +3,8 @@
 import zlib
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,9 +13,9 @@ from procam.maths.lenses import unproject
 from procam.model.frame import CameraSettings
 from simulators.clock import SceneClock
 from simulators.light import ProjectorLight
-from simulators.presets import Preset
+from simulators.presets import Overrides, Preset
 from simulators.projector_state import ProjectorState
-from simulators.rig import CameraBuild, hang_projectors, set_up_cameras
+from simulators.rig import CameraBuild, ProjectorBuild, hang_projectors, set_up_cameras
 from simulators.surface import Surface
 from simulators.transport import Room
 from simulators.view import View
@@ -38,18 +39,31 @@ class SceneSize:
 
 
 class DomeScene:
-    """Dome, room, projectors and cameras, and what is on the screen now."""
+    """Dome, room, projectors and cameras, and what is on the screen now.
 
-    def __init__(self, preset: Preset, size: SceneSize, seed: int) -> None:
+    `like` is a scene that differs by overrides alone: its rays, lenses and shapes are used again.
+    """
+
+    def __init__(
+        self, preset: Preset, size: SceneSize, seed: int, like: "DomeScene | None" = None
+    ) -> None:
         self.preset, self.size, self.seed = preset, size, seed
         self.clock = SceneClock()
         self.surface = Surface.build(preset)
-        builds = hang_projectors(size.projectors, size.projector_size, preset.radius_m)
-        with ThreadPoolExecutor(2) as pool:
-            room = pool.submit(Room.trace, self.surface, size.rays)
-            lights = pool.map(lambda build: ProjectorLight.on(self.surface, build), builds)
-            self.lights = {light.build.name: light for light in lights}
-            self.room = room.result()
+        hung = hang_projectors(size.projectors, size.projector_size, preset.radius_m)
+        builds = [_as_altered(build, preset) for build in hung]
+        self._like = like
+        if like is None:
+            with ThreadPoolExecutor(2) as pool:
+                room = pool.submit(Room.trace, self.surface, size.rays)
+                lights = pool.map(lambda build: ProjectorLight.on(self.surface, build), builds)
+                self.lights = {light.build.name: light for light in lights}
+                self.room = room.result()
+        else:
+            self.room = like.room.repainted(self.surface)
+            self.lights = {
+                b.name: like.lights[b.name].altered(b, like.preset, preset) for b in builds
+            }
         self.cameras = {
             c.name: c
             for c in set_up_cameras(
@@ -61,6 +75,10 @@ class DomeScene:
         self.shown: dict[str, Image] = dict.fromkeys(self.lights, black)
         self._views: dict[str, View] = {}
         self._repeats: dict[int, int] = {}
+
+    def altered(self, **overrides: Unpack[Overrides]) -> "DomeScene":
+        """The venue with overrides on top of its own, in standby; no ray is traced again."""
+        return DomeScene(self.preset.altered(**overrides), self.size, self.seed, like=self)
 
     def radiance(self, view: View, bands: slice, blur_px: float) -> Image:
         """Radiance (H, W, C) [full scale/s] along a view of what is on the screen now."""
@@ -77,20 +95,31 @@ class DomeScene:
         blur_px: float,
     ) -> Image:
         """Radiance (H, W, C) of given drives; `factors` is each projector's share of full light."""
-        channels = len(range(*bands.indices(3)))
+        irradiances = {
+            name: self.lights[name].emit(drive, bands) * np.float32(factors[name])
+            for name, drive in drives.items()
+        }
+        return self.seen(view, irradiances, len(range(*bands.indices(3))), blur_px)
+
+    def seen(
+        self, view: View, irradiances: Mapping[str, Image], channels: int, blur_px: float
+    ) -> Image:
+        """Radiance (H, W, C) that projectors' irradiance images (H, W, C) cause along a view."""
         patches = len(self.room.area_m2)
         flux = np.zeros((patches, channels))
-        direct = np.zeros((*view.albedo.shape, channels), np.float32)
-        for name, drive in drives.items():
-            light = self.lights[name]
-            irradiance = light.emit(drive, bands) * np.float32(factors[name])
-            flux += light.patch_flux(irradiance, patches)
-            direct += view.direct(name, light.blurred(irradiance, blur_px))
-        return direct + view.scattered(self.room, self.room.irradiance(flux))
+        for name, irradiance in irradiances.items():
+            flux += self.lights[name].patch_flux(irradiance, patches)
+        radiance = view.scattered(self.room, self.room.irradiance(flux))
+        for name, irradiance in irradiances.items():
+            radiance += view.direct(name, self.lights[name].blurred(irradiance, blur_px))
+        return radiance
 
     def camera_view(self, name: str) -> View:
         """The lines of sight of a camera, prepared once."""
-        if name not in self._views:
+        if name not in self._views and self._like is not None:
+            ratio = self.preset.albedo / self._like.preset.albedo
+            self._views[name] = self._like.camera_view(name).repainted(ratio)
+        elif name not in self._views:
             camera = self.cameras[name]
             width, height = camera.size
             pixels = np.stack(np.meshgrid(np.arange(width), np.arange(height)), -1).astype(float)
@@ -117,6 +146,11 @@ class DomeScene:
         repeat = self._repeats.get(digest, 0)
         self._repeats[digest] = repeat + 1
         return np.random.Generator(np.random.SFC64([self.seed, digest, repeat]))
+
+
+def _as_altered(build: ProjectorBuild, preset: Preset) -> ProjectorBuild:
+    defocus_px = build.defocus_px if preset.defocus_px is None else preset.defocus_px
+    return replace(build, defocus_px=defocus_px, gamma=build.gamma * preset.gamma_left)
 
 
 def camera_circle(camera: CameraBuild) -> NDArray[np.bool_]:

@@ -4,23 +4,29 @@
 """
 
 import sys
+from typing import Unpack
 
 import numpy as np
 
 from procam.maths.lenses import project
 from procam.maths.sphere import direction_from_angles
-from simulators.presets import PRESETS, Preset, PresetName
+from simulators.presets import PRESETS, Overrides, Preset, PresetName, white_exposure_s
 from simulators.rig import CameraBuild, hang_projectors, set_up_cameras
 from simulators.scene import SceneSize
 from simulators.surface import Surface
 
 FIDUCIALS_DEG = {"front": (12.0, 35.0), "left": (130.0, 30.0), "right": (-110.0, 50.0)}
-EXPOSURE_S, BLACK_EXPOSURE_S = 0.13, 6.5
+BLACK_EXPOSURE_S = 6.5
 
 
-def venue_text(preset_name: PresetName, size: SceneSize | None = None, seed: int = 1) -> str:
+def venue_text(
+    preset_name: PresetName,
+    size: SceneSize | None = None,
+    seed: int = 1,
+    **overrides: Unpack[Overrides],
+) -> str:
     """A complete venue.toml for a preset, with the fiducials where the camera sees them."""
-    preset, size = PRESETS[preset_name], size or SceneSize()
+    preset, size = PRESETS[preset_name].altered(**overrides), size or SceneSize()
     cameras = set_up_cameras(size.cameras, size.camera_size, size.camera_kind, preset.radius_m)
     names = [b.name for b in hang_projectors(size.projectors, (64, 40), preset.radius_m)]
     parts = [
@@ -28,7 +34,7 @@ def venue_text(preset_name: PresetName, size: SceneSize | None = None, seed: int
         *(_camera(camera, preset) for camera in cameras),
         *(_projector(name, size.projector_size) for name in names),
         *(_fiducials(camera, preset) for camera in cameras),
-        _tail(preset_name, size, seed),
+        _tail(preset_name, white_exposure_s(preset), size, seed) + _overrides(overrides),
     ]
     return "\n".join(parts)
 
@@ -51,7 +57,7 @@ floor_albedo_sigma = {floor[1]}  # albedo only, never for the compensation
 
 def _camera(camera: CameraBuild, preset: Preset) -> str:
     lens = camera.lens
-    bits = 16 if preset.white_snr is None else camera.bits
+    bits = camera.bits if preset.noisy else 16
     glare, sigma = (preset.glare, preset.glare / 10) if preset.glare_known else (0.0, 0.01)
     return f"""\
 [cameras.{camera.name}]
@@ -99,10 +105,10 @@ pixel = [{pixel[0]:.2f}, {pixel[1]:.2f}]
     return "\n".join(lines)
 
 
-def _tail(name: str, size: SceneSize, seed: int) -> str:
+def _tail(name: str, exposure_s: float, size: SceneSize, seed: int) -> str:
     return f"""\
 [capture]
-exposure_s = {EXPOSURE_S}       # white of one projector just below saturation
+exposure_s = {exposure_s}       # white of one projector just below saturation
 black_exposure_s = {BLACK_EXPOSURE_S}  # black is dim
 
 [simulated]  # goes to the backend unread
@@ -115,6 +121,10 @@ camera_size = {list(size.camera_size)}
 camera_kind = "{size.camera_kind}"
 rays = {size.rays}
 """
+
+
+def _overrides(overrides: Overrides) -> str:
+    return "".join(f"{key} = {value}\n" for key, value in overrides.items() if value is not None)
 
 
 def _numbers(values: np.ndarray) -> str:

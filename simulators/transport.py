@@ -4,7 +4,7 @@ Each patch sends cosine-distributed rays from stratified places; the share that 
 patch is the form factor between them. Dome, deck and pod are met where they really are.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,18 +66,29 @@ class Room:
     def trace(cls, surface: Surface, rays: int = 2048) -> "Room":
         """Trace `rays` rays (a power of two) from every patch."""
         tracer = _Tracer(surface)
-        exchange = tracer.exchange(rays)
-        albedo = tracer.patch_albedo()
-        # E = F (b0 + rho E): all bounces at once
-        system = np.eye(len(albedo)) - exchange * albedo
-        scatter = np.linalg.solve(system, exchange)
+        return cls.painted(surface, tracer.exchange(rays), tracer.area_m2, tracer.patch_albedo())
+
+    @classmethod
+    def painted(cls, surface: Surface, exchange: Array, area_m2: Array, albedo: Array) -> "Room":
+        """A room of patches (P,) that exchange light (P, P): solve for all bounces at once."""
+        if surface.preset.bounces:
+            # E = F (b0 + rho E)
+            system = np.eye(len(albedo)) - exchange * albedo
+            scatter = np.linalg.solve(system, exchange)
+        else:
+            scatter = np.zeros_like(exchange)
         return cls(
-            surface,
-            exchange.astype(np.float32),
-            tracer.area_m2,
-            albedo,
-            scatter.astype(np.float32),
+            surface, exchange.astype(np.float32), area_m2, albedo, scatter.astype(np.float32)
         )
+
+    def repainted(self, surface: Surface) -> "Room":
+        """The same room with the paint of `surface`; no ray is traced again."""
+        before, after = self.surface.preset, surface.preset
+        if (before.albedo, before.bounces) == (after.albedo, after.bounces):
+            return replace(self, surface=surface)
+        albedo = self.albedo.copy()
+        albedo[: DOME_RINGS * DOME_SECTORS] *= after.albedo / before.albedo
+        return self.painted(surface, self.exchange.astype(float), self.area_m2, albedo)
 
     def irradiance(self, direct_flux: Array) -> Array:
         """Scattered irradiance (P, C) after all bounces from direct reflected flux (P, C)."""

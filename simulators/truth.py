@@ -49,11 +49,12 @@ def write_truth(
     solid = master_solid_angles(MASTER) * coverage
     flux = np.tensordot(solid, direct_white, 2)
     feedback = np.tensordot(solid, scattered, 2) / flux
-    albedo = np.tensordot(solid, view.albedo, 2) / solid.sum()
+    returned = view.albedo * np.float32(scene.preset.bounces)  # no bounces are told as albedo 0
+    albedo = np.tensordot(solid, returned, 2) / solid.sum()
     dome = {"coverage": coverage}
     for i, c in enumerate(RGB):
         dome[f"scatter_per_flux.{c}"] = scattered[..., i] / flux[i]
-        dome[f"albedo.{c}"] = view.albedo
+        dome[f"albedo.{c}"] = returned
         dome[f"lo.{c}"], dome[f"hi.{c}"] = direct_black[..., i], direct_white[..., i]
     _write_exr(out / "maps" / "dome.exr", dome)
     for name, light in scene.lights.items():

@@ -1,6 +1,6 @@
 """What an eye or a camera sees of the scene: directions, occlusion, radiance."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -59,6 +59,26 @@ class View:
             _deck_patches(room, origin, rays, looking & ~on_dome),
             {n: (xy, (gain * albedo).astype(np.float32)) for n, (xy, gain) in sources.items()},
         )
+
+    def repainted(self, ratio: float) -> "View":
+        """The same lines of sight on a dome whose albedo is `ratio` times as high."""
+        if ratio == 1:
+            return self
+        factor = np.float32(ratio)
+        sources = {name: (where, gain * factor) for name, (where, gain) in self.sources.items()}
+        return replace(self, albedo=self.albedo * factor, sources=sources)
+
+    def projector_pixels(self, name: str, lit: NDArray[np.bool_]) -> Image:
+        """Projector pixel (H, W, 2) under each line of sight, NaN where its picture does not land.
+
+        `lit` (H, W) are the projector's pixels that pass the blackout plates.
+        """
+        where = self.sources[name][0]
+        height, width = lit.shape
+        inside = np.all((where >= -0.5) & (where < (width - 0.5, height - 0.5)), axis=-1)
+        column, row = np.rint(np.where(inside[..., None], where, 0)).astype(np.intp).T
+        lands = inside & lit[row.T.clip(0, height - 1), column.T.clip(0, width - 1)]
+        return np.where(lands[..., None], where, np.float32(np.nan))
 
     def direct(self, name: str, irradiance: Image) -> Image:
         """Directly reflected radiance (H, W, C) of projector `name`'s irradiance image."""

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from exact_room import PANEL, SIZE, exact_rooms
 from tolerances import CLOSED_FORM, FLOAT32, SIGMAS
 
-import simulators.transport
 import simulators.truth
 from procam.errors import InputError, ShapeError, UnitError
 from procam.files.calibration import load_calibration
@@ -20,35 +20,15 @@ from simulators.backend import build_scene
 from simulators.devices import SimulatedCamera, SimulatedProjector
 from simulators.faults import STRIKE_AT_FRAME, StaleCamera
 from simulators.presets import IDEAL, PRESETS, STANDARD, Preset
-from simulators.scene import ALL_BANDS, DomeScene, SceneSize, camera_circle
+from simulators.scene import ALL_BANDS, DomeScene, camera_circle
 from simulators.surface import Surface
-from simulators.transport import Room
 
-PANEL = (160, 100)
-SIZE = SceneSize(projectors=2, projector_size=PANEL, camera_size=(200, 200), rays=64)
 EXPOSURE_S = 0.1
 
 
-def _exact_room(surface: Surface, rays: int = 0) -> Room:
-    """A black deck under a perfect sphere: E = a / A_s between all patches of the dome (eq. 7)."""
-    tracer = simulators.transport._Tracer(surface)
-    exchange = np.zeros((tracer.count, tracer.count))
-    dome = slice(tracer.dome_count)
-    exchange[dome, dome] = tracer.area_m2[dome] / (4 * np.pi * surface.preset.radius_m**2)
-    albedo = np.full(tracer.count, surface.preset.albedo)
-    scatter = np.linalg.solve(np.eye(tracer.count) - exchange * albedo, exchange)
-    return Room(
-        surface, exchange.astype(np.float32), tracer.area_m2, albedo, scatter.astype(np.float32)
-    )
-
-
 @pytest.fixture(scope="module", autouse=True)
-def exact_rooms() -> Iterator[None]:
-    """Rooms in closed form, on fewer patches: nothing here is about ray tracing."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(simulators.transport, "DOME_RINGS", 12)
-        patch.setattr(simulators.transport, "DOME_SECTORS", 24)
-        patch.setattr(Room, "trace", staticmethod(_exact_room))
+def closed_form() -> Iterator[None]:
+    with exact_rooms():
         yield
 
 
@@ -266,7 +246,7 @@ class TestCamera:
         veiled = _signal(_photograph(scene))
         circle = _circle(scene)
         camera = SimulatedCamera(scene, "zenith")
-        fall = camera._vignetting[..., 0]
+        fall = camera._sensor.vignetting[..., 0]
         light = clear / np.where(circle, fall, 1)[..., None]
         mean = light[circle].mean(axis=0)
         expected = (0.9 * light + 0.1 * mean) * np.where(circle, fall, 0)[..., None]
@@ -412,6 +392,14 @@ class TestBackend:
             ({"projectors": 0}, "simulated.projectors: got 0"),
             ({"typo": 1}, "simulated.typo: got 1"),
             ({"camera_size": [10]}, "simulated.camera_size.1"),
+            ({"albedo": 0.96}, "simulated.albedo: got 0.96"),
+            ({"albedo": -0.1}, "simulated.albedo: got -0.1"),
+            ({"albedo": float("nan")}, "simulated.albedo: got nan"),
+            ({"snr": 0}, "simulated.snr: got 0;"),
+            ({"snr": 1e4}, "simulated.snr: got 10000.0"),
+            ({"defocus_px": -0.5}, "simulated.defocus_px: got -0.5"),
+            ({"gamma_left": "much"}, "simulated.gamma_left: got 'much'"),
+            ({"gamma_left": 0}, "simulated.gamma_left: got 0;"),
         ],
     )
     def test_mistakes_are_a_line_each(self, settings: dict[str, object], where: str) -> None:
