@@ -1,0 +1,109 @@
+/* What Python calls: tiles of a picture spread over threads, at the level that was asked for. */
+#include "kernels.h"
+
+#ifdef _OPENMP
+#include <omp.h>
+#endif
+#ifndef _WIN32
+#include <pthread.h>
+#endif
+
+#if defined(_WIN32)
+#define EXPORT __declspec(dllexport)
+#else
+#define EXPORT __attribute__((visibility("default")))
+#endif
+
+enum { STREAM_TILE = 1 << 15, SEARCH_TILE = 1 << 11 }; /* pixels; multiples of a vector */
+
+typedef void task(const struct level *level, const void *job, size_t first, size_t count);
+
+/* OpenMP's threads do not survive a fork; the child works on alone. */
+static int forked;
+static void mark_forked(void) { forked = 1; }
+
+static const struct level *level_at(int number) {
+#if HAVE_X86
+    if (number == 0) return &procam_avx512;
+    if (number == 1) return &procam_avx2;
+#endif
+    return &procam_scalar;
+}
+
+static int worker_count(int threads, size_t tiles) {
+    int workers = 1;
+#ifdef _OPENMP
+    workers = threads > 0 ? threads : omp_get_max_threads();
+#endif
+    if (forked) return 1;
+    return (size_t)workers < tiles ? workers : (int)(tiles ? tiles : 1);
+}
+
+static void spread(task *run, int level, int threads, const void *job, size_t pixels, size_t tile) {
+    const struct level *set = level_at(level);
+    const size_t tiles = (pixels + tile - 1) / tile;
+    const int workers = worker_count(threads, tiles);
+    if (workers == 1) {
+        for (size_t t = 0; t < tiles; t++)
+            run(set, job, t * tile, pixels - t * tile < tile ? pixels - t * tile : tile);
+        return;
+    }
+#pragma omp parallel for schedule(dynamic) num_threads(workers)
+    for (size_t t = 0; t < tiles; t++)
+        run(set, job, t * tile, pixels - t * tile < tile ? pixels - t * tile : tile);
+}
+
+static void run_fold(const struct level *level, const void *job, size_t first, size_t count) {
+    level->fold(job, first, count);
+}
+
+static void run_phase(const struct level *level, const void *job, size_t first, size_t count) {
+    level->phase(job, first, count);
+}
+
+static void run_search(const struct level *level, const void *job, size_t first, size_t count) {
+    level->search(job, first, count);
+}
+
+EXPORT int procam_interface(void) {
+#ifndef _WIN32
+    static int told;
+    if (!told) told = !pthread_atfork(NULL, NULL, mark_forked);
+#endif
+    return PROCAM_INTERFACE;
+}
+
+/* One bit per level that this processor runs: 1 AVX-512, 2 AVX2, 4 plain C. */
+EXPORT int procam_levels(void) {
+    int levels = 4;
+#if HAVE_X86
+    __builtin_cpu_init();
+    const int avx2 = __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma");
+    if (avx2) levels |= 2;
+    if (avx2 && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") &&
+        __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl"))
+        levels |= 1;
+#endif
+    return levels;
+}
+
+EXPORT void procam_fold(int level, int threads, int kind, size_t pixels, int pairs,
+                        const int *bits, const void *const *pictures, uint16_t *code, void *least,
+                        void *most) {
+    const struct fold job = {kind, pairs, bits, pictures, code, least, most};
+    spread(run_fold, level, threads, &job, pixels, STREAM_TILE);
+}
+
+EXPORT void procam_phase(int level, int threads, int kind, size_t pixels, int count,
+                         const void *const *frames, const float *weights, float *phase,
+                         float *amplitude, float *offset) {
+    const struct phase job = {kind, count, frames, weights, phase, amplitude, offset};
+    spread(run_phase, level, threads, &job, pixels, STREAM_TILE);
+}
+
+EXPORT void procam_search(int level, int threads, int kind, size_t pixels,
+                          const void *const *frames, const struct procam_search *how,
+                          float *const *results) {
+    const struct search job = {kind, frames, how, results};
+    spread(run_search, level, threads, &job, pixels, SEARCH_TILE);
+}

@@ -1,0 +1,6 @@
+/* All kernels for one instruction set: the includer has set LEVEL and switched the set on. */
+#include "vector.h"
+
+#include "fold.h"
+#include "phase.h"
+#include "search.h"

@@ -1,0 +1,20 @@
+/* The kernels for AVX2 and FMA. */
+#include "kernels.h"
+
+#if HAVE_X86
+#include <float.h>
+#include <immintrin.h>
+#include <math.h>
+#include <string.h>
+#define LEVEL 256
+#ifdef __clang__
+#pragma clang attribute push(__attribute__((target("avx2,fma"))), apply_to = function)
+#else
+#pragma GCC target("avx2,fma")
+#endif
+#include "level.h"
+const struct level procam_avx2 = {fold, phase, search};
+#ifdef __clang__
+#pragma clang attribute pop
+#endif
+#endif

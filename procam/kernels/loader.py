@@ -1,0 +1,140 @@
+"""Finds the compiled library and chooses between its instruction sets and the NumPy twins."""
+
+import ctypes
+import os
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cache
+from importlib.machinery import EXTENSION_SUFFIXES
+from pathlib import Path
+
+from procam.errors import InputError
+
+LEVELS = ("avx512", "avx2", "scalar", "numpy")
+VARIABLE = "PROCAM_KERNELS"
+INTERFACE = 2  # PROCAM_INTERFACE of c/kernels.h
+_INT, _SIZE, _ADDRESS = ctypes.c_int, ctypes.c_size_t, ctypes.c_void_p
+SIGNATURES = {  # level, threads, element type, pixels, ...
+    "procam_fold": [_INT, _INT, _INT, _SIZE, _INT, *[_ADDRESS] * 5],
+    "procam_phase": [_INT, _INT, _INT, _SIZE, _INT, *[_ADDRESS] * 5],
+    "procam_search": [_INT, _INT, _INT, _SIZE, *[_ADDRESS] * 3],
+}
+MISSING = (
+    "procam runs without its compiled kernels, in NumPy: same results, many times slower; "
+    "install a C compiler and reinstall procam"
+)
+
+
+@dataclass(slots=True)
+class _Choice:
+    """What runs now: a level (None: not chosen yet) and a number of threads (0: as OpenMP has it)."""
+
+    level: str | None = None
+    threads: int = 0
+
+
+_choice = _Choice()
+
+
+def available() -> tuple[str, ...]:
+    """Levels that run here, best first; the last is always "numpy"."""
+    found = library()
+    if found is None:
+        return ("numpy",)
+    bits = found.procam_levels()
+    return (*(name for i, name in enumerate(LEVELS[:-1]) if bits >> i & 1), "numpy")
+
+
+def active() -> str:
+    """Level that the next call runs at.
+
+    The first call chooses: PROCAM_KERNELS if it is set, else the best level of this processor.
+    Without the library that is "numpy", which is said once as a RuntimeWarning.
+    """
+    if _choice.level is None:
+        asked = os.environ.get(VARIABLE)
+        _choice.level = _checked(asked, f" ({VARIABLE})") if asked else available()[0]
+        if not asked and library() is None:
+            warnings.warn(MISSING, RuntimeWarning, stacklevel=2)
+    return _choice.level
+
+
+def use(level: str | None = None, threads: int = 0) -> str:
+    """Force a level, or the best one for None; gives back what is now active.
+
+    Parameters
+    ----------
+    level : "avx512", "avx2", "scalar" or "numpy".
+    threads : threads per call; 0 leaves it to OpenMP (OMP_NUM_THREADS, the cores there are).
+
+    Raises
+    ------
+    InputError
+        If the level is unknown or does not run here.
+    """
+    if threads < 0:
+        raise InputError(f"threads: got {threads}, expected 0 (automatic) or more")
+    _choice.level = available()[0] if level is None else _checked(level)
+    _choice.threads = threads
+    return _choice.level
+
+
+@contextmanager
+def forced(level: str | None = None, threads: int = 0) -> Iterator[str]:
+    """`use` for the length of a with block."""
+    before = _choice.level, _choice.threads
+    try:
+        yield use(level, threads)
+    finally:
+        _choice.level, _choice.threads = before
+
+
+def chosen() -> tuple[ctypes.CDLL, int, int] | None:
+    """Library, number of the level and of threads for the next call; None for the NumPy twin."""
+    level, found = active(), library()
+    if level == "numpy" or found is None:
+        return None
+    return found, LEVELS.index(level), _choice.threads
+
+
+@cache
+def library() -> ctypes.CDLL | None:
+    """The compiled library, or None if there is none that fits."""
+    for suffix in EXTENSION_SUFFIXES:
+        path = Path(__file__).with_name("_native" + suffix)
+        if path.exists():
+            return _opened(path)
+    return None
+
+
+def _opened(path: Path) -> ctypes.CDLL | None:
+    """The library at `path`, its waiting threads asleep rather than spinning."""
+    policy = os.environ.get("OMP_WAIT_POLICY")
+    os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+    try:
+        found = ctypes.CDLL(str(path))
+        fits = found.procam_interface() == INTERFACE
+        for name, arguments in SIGNATURES.items():
+            getattr(found, name).argtypes = arguments
+    except (OSError, AttributeError):
+        return None
+    finally:
+        if policy is None:
+            del os.environ["OMP_WAIT_POLICY"]
+    return found if fits else None
+
+
+def _checked(level: str, source: str = "") -> str:
+    """`level`, if it is one and runs here."""
+    if level not in LEVELS:
+        raise InputError(
+            f"kernel level{source}: got {level!r}, expected one of {', '.join(LEVELS)}"
+        )
+    if level not in available():
+        built = "no compiled library was found" if library() is None else "this processor lacks it"
+        raise InputError(
+            f"kernel level{source}: got {level!r}, but {built}; try one of {', '.join(available())}"
+        )
+    return level

@@ -1,0 +1,88 @@
+/* Runs every kernel at every level over odd sizes, in buffers of exactly the size needed, so that
+   the address and undefined-behaviour sanitizers see each byte it must not touch. */
+#include <stdio.h>
+#include <stdlib.h>
+
+#include "kernels.h"
+
+int procam_levels(void);
+void procam_fold(int, int, int, size_t, int, const int *, const void *const *, uint16_t *, void *,
+                 void *);
+void procam_phase(int, int, int, size_t, int, const void *const *, const float *, float *, float *,
+                  float *);
+void procam_search(int, int, int, size_t, const void *const *, const struct procam_search *,
+                   float *const *);
+
+enum { FRAMES = 12 };
+
+static void *room(size_t bytes) {
+    unsigned char *found = NULL;
+    if (posix_memalign((void **)&found, 64, bytes ? bytes : 1)) abort();
+    for (size_t i = 0; i < bytes; i++) found[i] = (unsigned char)(rand() & 63);
+    return found;
+}
+
+static void fold(int level, int threads, int kind, size_t n, size_t width) {
+    void *bright = room(n * width), *dark = room(n * width);
+    void *least = room(n * width), *most = room(n * width), *code = room(n * 2);
+    const void *const pictures[] = {bright, dark, dark, bright, dark, dark};
+    const int bits[] = {15, 0, 1};
+    procam_fold(level, threads, kind, n, 1, bits, pictures, code, least, most);
+    procam_fold(level, threads, kind, n, 1, bits, pictures, code, NULL, most);
+    procam_fold(level, threads, kind, n, 2, bits, pictures, code, least, NULL);
+    procam_fold(level, threads, kind, n, 3, bits, pictures, code, NULL, NULL);
+    free(bright), free(dark), free(least), free(most), free(code);
+}
+
+static void phase(int level, int threads, int kind, size_t n, void *const *frames) {
+    for (int count = 3; count <= FRAMES; count += 3) {
+        float *weights = room(sizeof(float) * 3 * (size_t)count), *out[3];
+        for (int i = 0; i < 3 * count; i++) weights[i] = (float)(i % 7) - 3;
+        for (int i = 0; i < 3; i++) out[i] = room(n * sizeof(float));
+        procam_phase(level, threads, kind, n, count, (const void *const *)frames, weights, out[0],
+                     out[1], out[2]);
+        procam_phase(level, threads, kind, n, count, (const void *const *)frames, weights, out[0],
+                     out[1], NULL);
+        for (int i = 0; i < 3; i++) free(out[i]);
+        free(weights);
+    }
+}
+
+static void search(int level, int threads, int kind, size_t n, void *const *frames) {
+    for (int count = 3; count <= FRAMES; count++) {
+        const int candidates = 1 + count, later = count - 3;
+        float *weights = room(9 * sizeof(float)), *out[RESULTS];
+        float *terms = room(sizeof(float) * TERMS * (size_t)count);
+        float *turns = room(sizeof(float) * 2 * (size_t)(candidates * later));
+        for (int i = 0; i < 9; i++) weights[i] = (float)(i % 5) - 2;
+        for (int i = 0; i < count * TERMS; i++) terms[i] = 0.01f * (float)(1 + i % 11);
+        for (int i = 0; i < count; i++) terms[i * TERMS + SAME] = (float)(i % 2);
+        for (int i = 0; i < 2 * candidates * later; i++) turns[i] = 0.1f * (float)(i % 9);
+        for (int i = 0; i < RESULTS; i++) out[i] = room(n * sizeof(float));
+        const struct procam_search how = {count, 3,  candidates, count % 3, count % 2, 64.0f,
+                                          16.0f, weights, terms, turns};
+        procam_search(level, threads, kind, n, (const void *const *)frames, &how, out);
+        for (int i = 0; i < RESULTS; i++) free(out[i]);
+        free(weights), free(terms), free(turns);
+    }
+}
+
+int main(void) {
+    const size_t sizes[] = {0, 1, 7, 8, 15, 16, 17, 31, 127, 128, 129, 2049, 32768, 32771};
+    const size_t width[] = {1, 2, 4};
+    for (int level = 0; level < 3; level++) {
+        if (!(procam_levels() >> level & 1)) continue;
+        for (int kind = 0; kind < 3; kind++)
+            for (size_t i = 0; i < sizeof sizes / sizeof *sizes; i++) {
+                const int threads = 1 + (int)(i % 2);
+                void *frames[FRAMES];
+                for (int k = 0; k < FRAMES; k++) frames[k] = room(sizes[i] * width[kind]);
+                fold(level, threads, kind, sizes[i], width[kind]);
+                phase(level, threads, kind, sizes[i], frames);
+                search(level, threads, kind, sizes[i] < 3000 ? sizes[i] : 2047, frames);
+                for (int k = 0; k < FRAMES; k++) free(frames[k]);
+            }
+        printf("level %d clean\n", level);
+    }
+    return 0;
+}

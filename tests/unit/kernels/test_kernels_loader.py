@@ -1,0 +1,132 @@
+"""Which level runs, how it is forced, and what happens without the library."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from procam import kernels
+from procam.errors import InputError
+from procam.kernels import loader
+
+
+def _python(code: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-c", code],
+        env={**os.environ, **environment},
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+
+
+@pytest.fixture
+def no_library(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(loader, "library", lambda: None)
+    monkeypatch.setattr(loader, "_choice", loader._Choice())
+    monkeypatch.delenv(loader.VARIABLE, raising=False)
+
+
+def test_levels_come_best_first_and_numpy_always_runs() -> None:
+    found = kernels.available()
+    assert found[-1] == "numpy"
+    assert list(found) == [name for name in kernels.LEVELS if name in found]
+
+
+def test_use_forces_and_none_returns_to_the_best() -> None:
+    with kernels.forced():
+        assert kernels.use("numpy") == kernels.active() == "numpy"
+        assert kernels.use() == kernels.active() == kernels.available()[0]
+
+
+def test_forced_ends_with_its_block() -> None:
+    before = kernels.active()
+    with pytest.raises(KeyError), kernels.forced("numpy"):
+        raise KeyError
+    assert kernels.active() == before
+
+
+def test_unknown_levels_are_refused() -> None:
+    with pytest.raises(InputError, match="got 'sse9', expected one of avx512, avx2, scalar, numpy"):
+        kernels.use("sse9")
+    with pytest.raises(InputError, match="threads: got -1"):
+        kernels.use("numpy", threads=-1)
+
+
+def test_without_library_a_level_is_refused_by_name(no_library: None) -> None:
+    with pytest.raises(InputError, match="got 'avx2', but no compiled library was found; try one"):
+        kernels.use("avx2")
+
+
+def test_a_level_the_processor_lacks_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(loader, "available", lambda: ("scalar", "numpy"))
+    monkeypatch.setattr(loader, "library", object)
+    with pytest.raises(
+        InputError, match="'avx512', but this processor lacks it; try one of scalar"
+    ):
+        kernels.use("avx512")
+
+
+def test_without_library_it_says_so_once_and_gives_the_same(no_library: None, rng) -> None:
+    frames = [rng.integers(0, 255, 40).astype(np.uint8) for _ in range(3)]
+    with pytest.warns(RuntimeWarning, match="without its compiled kernels") as told:
+        for _ in range(2):
+            phase, _, _ = kernels.wrapped_phase(frames, [0, 2, 4])
+    assert len(told) == 1
+    assert kernels.active() == "numpy"
+    wanted, _, _ = kernels.reference.wrapped_phase(frames, np.array([0.0, 2.0, 4.0]))
+    np.testing.assert_array_equal(phase, wanted)
+
+
+def test_asking_for_numpy_is_not_worth_a_warning(
+    no_library: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(loader.VARIABLE, "numpy")
+    assert kernels.active() == "numpy"
+
+
+@pytest.mark.parametrize("name", kernels.available())
+def test_the_environment_forces_a_level(name: str) -> None:
+    told = _python("from procam import kernels; print(kernels.active())", PROCAM_KERNELS=name)
+    assert told.stdout.strip() == name
+
+
+def test_a_wrong_level_in_the_environment_is_named() -> None:
+    told = _python("from procam import kernels; kernels.active()", PROCAM_KERNELS="fast")
+    assert "kernel level (PROCAM_KERNELS): got 'fast'" in told.stderr
+
+
+def test_a_library_of_another_interface_is_not_used(tmp_path: Path) -> None:
+    broken = tmp_path / "_native.so"
+    broken.write_bytes(b"not a library")
+    assert loader._opened(broken) is None
+
+
+def test_import_is_light_and_leaves_the_environment_alone() -> None:
+    code = (
+        "import os, sys; before = dict(os.environ); from procam import kernels; kernels.available();"
+        "heavy = {'scipy', 'cv2', 'numba', 'colour'} & set(sys.modules);"
+        "assert not heavy and before == dict(os.environ), heavy"
+    )
+    told = _python(code)
+    assert told.returncode == 0, told.stderr
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="this system has no fork")
+def test_a_fork_works_on_alone() -> None:
+    """OpenMP's threads do not survive a fork; the child must not wait for them."""
+    code = (
+        "import os, sys, numpy as np; from procam import kernels\n"
+        "frames = [np.zeros(200_000, np.uint8)] * 3\n"
+        "kernels.use(threads=2); kernels.wrapped_phase(frames, [0, 2, 4])\n"
+        "child = os.fork()\n"
+        "kernels.wrapped_phase(frames, [0, 2, 4])\n"
+        "if not child: os._exit(7)\n"
+        "sys.exit(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))\n"
+    )
+    told = _python(code, PYTHONWARNINGS="ignore")
+    assert told.returncode == 7, told.stderr
