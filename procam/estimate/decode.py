@@ -1,105 +1,143 @@
-"""Gray codes with inverses to projector coordinates, one pair at a time."""
+"""Photographs of a structured-light code to projector coordinates, folded in as they arrive.
+
+White and black come first; then each axis is decoded as soon as its last picture is in, so that
+memory does not grow with the number of pictures.
+"""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.errors import ShapeError
-from procam.maths.gray import decode_gray
+from procam.errors import InputError, NotEnoughData, ShapeError
+from procam.estimate.axis import AxisDecoder, AxisResult
+from procam.estimate.blur_shift import undo_blur
+from procam.estimate.clean import drop_lonely
+from procam.estimate.codes import AXES, Code, Plane
+from procam.estimate.limits import DecodeLimits, default_limits, dropped_samples
+from procam.estimate.waves import WaveResult
 from procam.model.correspondence import CorrespondenceMap
 
-Image = NDArray[np.float32]
-QUANTISATION_PX = 1 / np.sqrt(12)  # a Gray code tells the pixel, not the place inside it
-COARSE_STRIPE_PX = 8
-LIT_SHARE = 0.5
+Samples = NDArray[Any]
+Map = NDArray[np.float32]
+CLIPPED_SHARE = 0.01
 
 
-@dataclass(frozen=True, slots=True)
-class CodePair:
-    """A stripe picture and its inverse: `axis` "x" or "y", `bit` (0 = finest), both (H, W)."""
-
-    axis: str
-    bit: int
-    bright: Image
-    inverse: Image
-
-
-@dataclass(frozen=True, slots=True)
-class DecodeLimits:
-    """What counts as decoded.
+@dataclass(frozen=True)
+class Decoded:
+    """What a code told.
 
     Attributes
     ----------
-    white_black : white - black must exceed this [same unit as the pictures].
-    contrast : |pattern - inverse| must reach this in every bit.
-    lit_share : mean of |pattern - inverse| / (white - black) over the coarse bits must reach this.
-        It tells directly lit pixels from those that only see light from elsewhere on the dome,
-        where white - black is large too (science.md s.2); 0 switches it off.
+    map : projector coordinates per camera pixel.
+    direct : (H, W) the part of white - black that came straight; `scattered` the rest, after bounces.
+    waves : what lens, response and noise were found to do, per axis with sinusoidal pictures.
+    lost : pictures that nothing could be read from, and so were left out.
+    notes : what was odd, one line each.
     """
 
-    white_black: float
-    contrast: float
-    lit_share: float = LIT_SHARE
+    map: CorrespondenceMap
+    direct: Map
+    scattered: Map
+    waves: dict[str, WaveResult] = field(default_factory=dict)
+    lost: tuple[Plane, ...] = ()
+    notes: tuple[str, ...] = ()
 
 
-def decode_gray_pairs(
-    pairs: Iterable[CodePair],
-    white: Image,
-    black: Image,
-    bits: dict[str, int],
-    limits: DecodeLimits,
+class Decoder:
+    """Decodes one code; `add` its pictures by number (white 0, black 1, ...), then ask `result`."""
+
+    def __init__(self, code: Code, limits: DecodeLimits | None = None) -> None:
+        self.code = code
+        self._limits = limits
+        self._levels: list[Samples] = []
+        self._axes: dict[str, AxisDecoder] = {}
+        self._notes: list[str] = []
+
+    def add(self, number: int, image: Samples) -> None:
+        """Fold in picture `number` of `code.planes`, (H, W) uint8, uint16 or float32."""
+        if min(number, 2) != len(self._levels):
+            raise InputError(
+                f"picture {number}: got it too early or twice, expected white, black, code"
+            )
+        if self._levels and image.shape != self._levels[0].shape:
+            raise ShapeError(
+                f"picture {number}", image.shape, f"{self._levels[0].shape} like white"
+            )
+        if number >= 2:
+            plane = self.code.planes[number]
+            self._axes[plane.axis].add(plane, image)
+            return
+        self._levels.append(image)
+        if len(self._levels) == 2:
+            self._start(*self._levels)
+
+    def result(self) -> Decoded:
+        """The map, from all that was added; pictures that never came are done without."""
+        if not self._axes:
+            raise NotEnoughData("decode: got no code pictures, expected some after white and black")
+        x, y = (self._axes[name].result() for name in AXES)
+        white, black = self._levels
+        span = np.subtract(white, black, dtype=np.float32)
+        if (
+            np.mean(dropped_samples(white, self._known)[span > self._known.white_black])
+            > CLIPPED_SHARE
+        ):
+            # a saturated white says too little; what the code itself saw as brightest says more
+            span = np.maximum(span, np.fmax(x.direct, y.direct))
+        found = _joined(self.code, span, x, y, self._known)
+        if self._known.neighbours:
+            found = drop_lonely(found)
+        direct = np.where(found.valid, np.minimum(np.fmax(x.direct, y.direct), span), 0)
+        both: dict[str, AxisResult] = {"x": x, "y": y}
+        waves = {n: r.waves for n, r in both.items() if r.waves is not None}
+        if len(waves) == len(AXES):
+            blur_px2 = np.array([waves[axis].look.blur_px2 for axis in AXES])
+            period_px = np.array([waves[axis].period_px for axis in AXES])
+            found = undo_blur(found, direct, blur_px2, period_px)
+        return Decoded(
+            found,
+            direct.astype(np.float32),
+            span - direct,
+            waves,
+            x.lost + y.lost,
+            (*self._notes, *(f"nothing could be read from {p}" for p in x.lost + y.lost)),
+        )
+
+    def _start(self, white: Samples, black: Samples) -> None:
+        self._known = self._limits or default_limits(white, black)
+        lit = np.subtract(white, black, dtype=np.float32) > self._known.white_black
+        share = float(dropped_samples(white, self._known)[lit].mean()) if lit.any() else 0.0
+        if share > CLIPPED_SHARE:
+            self._notes.append(f"white is saturated in {share:.0%} of the lit pixels")
+        for axis in AXES:
+            self._axes[axis] = AxisDecoder(self.code.axis(axis), axis, white, black, self._known)
+
+
+def decode(
+    code: Code, frames: Iterable[Samples], limits: DecodeLimits | None = None
 ) -> CorrespondenceMap:
-    """Projector pixel seen by every camera pixel; `bits` per axis, pairs in any order.
-
-    Pairs are folded in as they come: memory does not grow with their number.
-    """
-    span = white - black
-    code = {axis: np.zeros(white.shape, np.int32) for axis in bits}
-    share, coarse = np.zeros(white.shape, np.float32), 0
-    valid = np.isfinite(span) & (span > limits.white_black)
-    for pair in pairs:
-        if pair.bright.shape != white.shape:
-            raise ShapeError(f"code {pair.axis}{pair.bit}", pair.bright.shape, f"{white.shape}")
-        strength = pair.bright - pair.inverse
-        code[pair.axis] |= (strength > 0).astype(np.int32) << pair.bit
-        np.abs(strength, out=strength)
-        with np.errstate(invalid="ignore"):
-            valid &= strength >= limits.contrast
-        if 2 ** (pair.bit + 1) >= COARSE_STRIPE_PX:
-            share += strength
-            coarse += 1
-    if coarse and limits.lit_share:
-        with np.errstate(invalid="ignore"):
-            valid &= share >= limits.lit_share * coarse * span
-    xy = np.stack([decode_gray(code[axis], bits[axis]) for axis in bits], axis=-1)
-    xy = np.where(valid[..., None], xy, np.nan).astype(np.float32)
-    sigma = np.where(valid, QUANTISATION_PX, np.nan).astype(np.float32)
-    return CorrespondenceMap(xy, sigma, valid)
+    """Projector coordinates from the photographs of `generate(code)`, in its order."""
+    decoder = Decoder(code, limits)
+    for number, frame in enumerate(frames):
+        decoder.add(number, frame)
+    return decoder.result().map
 
 
-def drop_outside(found: CorrespondenceMap, size: tuple[int, int]) -> CorrespondenceMap:
-    """Invalidate coordinates beyond a panel of `size` (width, height): they are misread codes."""
+def _joined(
+    code: Code, span: Map, x: AxisResult, y: AxisResult, limits: DecodeLimits
+) -> CorrespondenceMap:
+    """Both coordinates where both are known, the pixel is lit directly, and the panel has them."""
+    xy = np.stack([x.x, y.x], axis=-1)
     with np.errstate(invalid="ignore"):
-        inside = found.valid & np.all(found.projector_xy <= np.array(size) - 1, axis=-1)
+        valid = np.isfinite(xy).all(axis=-1) & (span > limits.white_black)
+        valid &= np.fmax(x.direct, y.direct) >= limits.lit_share * span
+        valid &= ((xy >= -0.5) & (xy <= np.array(code.size) - 0.5)).all(axis=-1)
+    sigma = np.stack([x.sigma, y.sigma], axis=-1)
     return CorrespondenceMap(
-        np.where(inside[..., None], found.projector_xy, np.nan).astype(np.float32),
-        np.where(inside, found.sigma_px, np.nan).astype(np.float32),
-        inside,
+        np.where(valid[..., None], xy, np.nan).astype(np.float32),
+        np.where(valid[..., None], sigma, np.nan).astype(np.float32),
+        valid,
     )
-
-
-def default_limits(white: NDArray[np.floating], black: NDArray[np.floating]) -> DecodeLimits:
-    """Limits for pictures of unknown origin, from their own noise.
-
-    The noise is read off neighbouring pixels of the black picture; a bit must stand 4 of its
-    standard errors clear, white - black 8.
-    """
-    step = np.diff(black.astype(float), axis=1)
-    noise = 1.4826 * float(np.median(np.abs(step - np.median(step)))) / np.sqrt(2)
-    steps = np.diff(np.unique([white, black]))
-    # what can be decoded spans 16 camera steps or more; a clean drawing shows two values only
-    rounding = 0.5 * min(float(steps.min()), float(steps.sum()) / 16) if steps.size else 0.5
-    noise = max(noise, rounding)
-    return DecodeLimits(white_black=8 * noise, contrast=4 * noise)

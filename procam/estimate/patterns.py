@@ -3,16 +3,14 @@
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
-from procam.maths.gray import bit_count, stripe
+from procam.estimate.codes import AXES, DEFAULT_CODE, Picture, make_code, picture
+from procam.maths.gray import stripe
 from procam.model.plan import Plan, Shot
 
-Picture = NDArray[np.uint8]
 SEPARATION_BITS = (4, 5, 6)  # stripes wide enough to hold pixels clear of any edge
 LEVELS = (0, 16, 32, 48, 64, 80, 96, 112, 128, 144, 160, 176, 192, 208, 224, 240, 255)
 LEVEL_PICTURES = 2
-AXES = ("x", "y")
 
 
 def plan_visit(
@@ -20,13 +18,14 @@ def plan_visit(
 ) -> tuple[Plan, dict[str, Picture]]:
     """The plan for projectors of given sizes, and its pictures (H, W, 1 or 3) by path.
 
-    First everything dark; then each projector alone: white and black, Gray codes with inverses
-    (those of middle bits in colour, for the direct/global separation), primaries, level pictures.
+    First everything dark; then each projector alone: white and black, the structured-light code,
+    Gray stripes of middle bits with inverses in colour (for the direct/global separation),
+    primaries, level pictures.
     """
     shots = [Shot("dark", "", "", "dark", (exposure_s, black_exposure_s))]
     patterns: dict[str, Picture] = {}
     for name, size in projectors.items():
-        for number, (shot, picture) in enumerate(_pictures(size, exposure_s, black_exposure_s)):
+        for number, (shot, image) in enumerate(_pictures(size, exposure_s, black_exposure_s)):
             path = f"patterns/{name}/{number:04d}.png"
             shots.append(
                 Shot(
@@ -39,7 +38,7 @@ def plan_visit(
                     shot.detail,
                 )
             )
-            patterns[path] = picture
+            patterns[path] = image
     return Plan(tuple(shots)), patterns
 
 
@@ -51,22 +50,25 @@ def _pictures(
     once = (exposure_s,)
     yield Shot("", "", "", "white", once), full
     yield Shot("", "", "", "black", (black_exposure_s,)), 0 * full
+    code = make_code(DEFAULT_CODE, size)
+    for number, plane in enumerate(code.planes[2:], start=2):
+        detail: dict[str, int | str] = {"code": code.name, "plane": number}
+        yield Shot("", "", "", "code", once, "mono", detail), picture(code, plane)
     for axis in AXES:
-        for bit in reversed(range(bit_count(width if axis == "x" else height))):
-            kind = "rgb" if bit in SEPARATION_BITS else "mono"
+        for bit in SEPARATION_BITS[::-1]:
             for inverse in (0, 1):
                 detail = {"axis": axis, "bit": bit, "inverse": inverse}
-                picture = code_picture(size, axis, bit, bool(inverse))
-                yield Shot("", "", "", "code", once, kind, detail), picture  # type: ignore[arg-type]
+                stripes = stripe_picture(size, axis, bit, bool(inverse))
+                yield Shot("", "", "", "stripes", once, "rgb", detail), stripes
     for channel in range(3):
         primary = np.zeros((height, width, 3), np.uint8)
         primary[..., channel] = 255
         yield Shot("", "", "", "primary", once, "rgb", {"channel": channel}), primary
-    for picture in level_pictures(size):
-        yield Shot("", "", "", "levels", once), picture
+    for levels in level_pictures(size):
+        yield Shot("", "", "", "levels", once), levels
 
 
-def code_picture(size: tuple[int, int], axis: str, bit: int, inverse: bool) -> Picture:
+def stripe_picture(size: tuple[int, int], axis: str, bit: int, inverse: bool) -> Picture:
     """One plane (H, W, 1) of the Gray code along "x" (columns) or "y" (rows)."""
     width, height = size
     line = stripe(width if axis == "x" else height, bit) ^ inverse

@@ -5,14 +5,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 Image = NDArray[np.float32]
+EXACT_CHANNELS = (1, 3, 4)
 
 
 def sample(image: NDArray[np.floating], xy: NDArray[np.floating], outside: float = 0.0) -> Image:
     """Bilinear samples (..., C) of `image` (H, W[, C]) at pixel coordinates `xy` (..., 2).
 
     Places outside the image, and NaN places, give `outside`. OpenCV 5 is exact to 3e-5 px with
-    float maps; no side may exceed 32766 px.
+    float maps and 1, 3 or 4 channels; others it rounds to 1/32 px, so they go one by one. No side
+    may exceed 32766 px.
     """
+    if image.ndim == 3 and image.shape[2] not in EXACT_CHANNELS:
+        planes = [sample(image[..., i], xy, outside) for i in range(image.shape[2])]
+        return np.stack(planes, axis=-1)
     image = np.ascontiguousarray(image, np.float32)
     where = np.nan_to_num(np.asarray(xy, np.float32), nan=-1e6).reshape(xy.shape[0], -1, 2)
     channels = image.shape[2] if image.ndim == 3 else 0
@@ -70,3 +75,14 @@ def block_mean(image: NDArray[np.floating], size: int) -> Image:
     target = (width // size, height // size)
     shrunk = cv2.resize(trimmed, target, interpolation=cv2.INTER_AREA)
     return np.asarray(shrunk, np.float32).reshape(target[1], target[0], *image.shape[2:])
+
+
+def local_median(image: NDArray[np.floating], mask: NDArray[np.bool_]) -> Image:
+    """Median over the pixels of `mask` in 5 x 5 neighbourhoods of (H, W).
+
+    Other pixels count as very large or very small in turn, and so sway it by one rank at most.
+    """
+    checkers = np.add.outer(np.arange(mask.shape[0]), np.arange(mask.shape[1])) % 2
+    sides = np.where(checkers, np.float32(1e9), np.float32(-1e9))
+    filled = np.where(mask, image, sides).astype(np.float32)
+    return np.asarray(cv2.medianBlur(filled, 5), np.float32)

@@ -11,10 +11,36 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True, slots=True)
 class CorrespondenceMap:
-    """Per camera pixel: `projector_xy` (H, W, 2) [px], NaN where not `valid`; `sigma_px` (H, W)."""
+    """Per camera pixel: `projector_xy` (H, W, 2) [px] and its standard error `sigma_px` (H, W, 2).
+
+    Both are NaN where not `valid` (H, W).
+    """
 
     projector_xy: Map
     sigma_px: Map
+    valid: Mask
+
+
+@dataclass(frozen=True, slots=True)
+class ProjectorMap:
+    """Per square patch of a panel: where in the camera its centre is seen.
+
+    Attributes
+    ----------
+    patch_px : edge of the patches [px]; patch (row i, column j) is centred on projector pixel
+        ((j + 1/2) patch_px - 1/2, (i + 1/2) patch_px - 1/2).
+    camera_px : (h, w, 2) place in the camera [px]; NaN where not `valid` (h, w).
+    sigma_px : (h, w, 2) standard error, in PROJECTOR pixels along x and y.
+    slope : (h, w, 2, 2) projector pixels per camera pixel.
+    coverage : (h, w) share of the patch that camera pixels see. count : (h, w) how many do.
+    """
+
+    patch_px: int
+    camera_px: Map
+    sigma_px: Map
+    slope: Map
+    coverage: Map
+    count: NDArray[np.int32]
     valid: Mask
 
 

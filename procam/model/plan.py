@@ -6,7 +6,7 @@ from typing import Literal
 
 from procam.model.frame import PixelFormat
 
-Purpose = Literal["dark", "white", "black", "code", "primary", "levels"]
+Purpose = Literal["dark", "white", "black", "code", "stripes", "primary", "levels"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,8 +19,8 @@ class Shot:
     projector : who shows it; empty for the dark shot, when all are shuttered.
     pattern : path of the picture inside the session; empty for the dark shot.
     purpose : what it is for. exposures_s : shutter times to photograph it with [s].
-    detail : what the pattern is; for codes axis ("x"/"y"), bit (0 = finest), inverse (0/1);
-        for primaries channel (0, 1, 2).
+    detail : what the pattern is; for codes the code's name and the number of its plane; for stripes
+        axis ("x"/"y"), bit (0 = finest), inverse (0/1); for primaries channel (0, 1, 2).
     """
 
     id: str

@@ -9,13 +9,15 @@ from numpy.typing import NDArray
 
 from procam.errors import InputError
 from procam.estimate.assemble import Measurement, assemble
-from procam.estimate.decode import DecodeLimits, decode_gray_pairs, drop_outside
+from procam.estimate.codes import make_code
+from procam.estimate.decode import Decoder
 from procam.estimate.geometry import (
     GeometrySolution,
     gather,
     solve_geometry,
     sphere_test,
 )
+from procam.estimate.limits import DecodeLimits
 from procam.estimate.photometry import ResponseFit, fit_colour, tile_levels
 from procam.estimate.radiance import Radiometer
 from procam.estimate.transport import Separation
@@ -23,13 +25,13 @@ from procam.estimate.view import DomeView
 from procam.files.calibration import next_directory, save_calibration
 from procam.files.session import Session
 from procam.files.venue import Venue
-from procam.maths.gray import bit_count
 from procam.model.correspondence import CorrespondenceMap
 from procam.workflows.events import Event
 from procam.workflows.provenance import provenance
 from procam.workflows.readings import Readings
 
 Image = NDArray[np.float32]
+NOISE_DN = 6.0  # differences below a few counts mean nothing
 DARK_SIGMAS = 3.0
 WORKERS = 2  # each holds about 400 MB for a 2.5 Mpx camera
 Result = TypeVar("Result")
@@ -92,13 +94,15 @@ def _readings(venue: Venue, session: Session) -> Readings:
 
 
 def _decode(readings: Readings, name: str, size: tuple[int, int]) -> CorrespondenceMap:
-    white_shot, black_shot = readings.only(name, "white"), readings.only(name, "black")
-    white, black = readings.light(white_shot)[..., 1], readings.light(black_shot)[..., 1]
-    noise = readings.radiometer.noise_floor(white_shot.exposures_s[0])
-    limits = DecodeLimits(white_black=DARK_SIGMAS * noise, contrast=noise)
-    bits = {"x": bit_count(size[0]), "y": bit_count(size[1])}
-    pairs = readings.code_pairs(name)
-    return drop_outside(decode_gray_pairs(pairs, white, black, bits, limits), size)
+    sensor = readings.radiometer.camera.sensor
+    limits = DecodeLimits(
+        white_black=DARK_SIGMAS * NOISE_DN, contrast=NOISE_DN, saturated=2.0**sensor.bits - 1
+    )
+    code_name, pictures = readings.code(name)
+    decoder = Decoder(make_code(code_name, size), limits)
+    for number, counts in pictures:
+        decoder.add(number, counts)
+    return decoder.result().map
 
 
 def _solve_geometry(
@@ -128,7 +132,7 @@ def _measure(
     white = readings.light(readings.only(name, "white")) - base
     xy = view.projector_pixels(geometry.projectors[name], venue.screen)
     separation = Separation(white, xy, found[name].valid, view.solid_angle_sr)
-    for axis, bit, pattern, inverse in readings.colour_pairs(name):
+    for axis, bit, pattern, inverse in readings.stripe_pairs(name):
         separation.add_pair(axis, bit, pattern - base, inverse - base)
     light = separation.result()
 

@@ -7,13 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procam.errors import FileFormatError
-from procam.estimate.decode import CodePair
-from procam.estimate.patterns import SEPARATION_BITS
 from procam.estimate.radiance import Radiometer
 from procam.files.session import Session
+from procam.model.frame import Frame
 from procam.model.plan import Plan, Purpose, Shot
 
 Image = NDArray[np.float32]
+Counts = NDArray[np.uint16]
 GREEN = 1
 
 
@@ -27,9 +27,11 @@ class Readings:
 
     def light(self, shot: Shot, exposure: int = 0) -> Image:
         """Radiance (H, W) or (H, W, 3) of a shot at its first or another exposure."""
+        return self.radiometer.radiance(self._frame(shot, exposure))
+
+    def _frame(self, shot: Shot, exposure: int) -> Frame:
         camera = self.radiometer.camera
-        frame = self.session.load(camera.name, shot, shot.exposures_s[exposure], camera.size)
-        return self.radiometer.radiance(frame)
+        return self.session.load(camera.name, shot, shot.exposures_s[exposure], camera.size)
 
     def only(self, projector: str, purpose: Purpose) -> Shot:
         """The one shot of its kind."""
@@ -46,29 +48,48 @@ class Readings:
         shot = self.only("", "dark")
         return self.light(shot, 0), self.light(shot, 1)
 
-    def code_pairs(self, projector: str) -> Iterator[CodePair]:
-        """Stripe pictures with their inverses, green, in the plan's order."""
+    def code(self, projector: str) -> tuple[str, Iterator[tuple[int, Counts]]]:
+        """Name of the code shown, and green counts of its pictures by number: white, black, planes."""
+        shots = self.plan.of(projector, "code")
+        names = {str(shot.detail["code"]) for shot in shots}
+        if len(names) != 1:
+            raise FileFormatError(
+                f"{self.session.directory / 'plan.json'}: got codes {sorted(names)} for projector "
+                f"{projector}, expected one"
+            )
+        return names.pop(), self._code_pictures(projector, shots)
+
+    def _code_pictures(self, projector: str, shots: list[Shot]) -> Iterator[tuple[int, Counts]]:
+        white = self.only(projector, "white")
+        yield 0, self.counts(white)
+        black = self.only(projector, "black")
+        yield 1, self._exposed_as(white, black)
+        for shot in shots:
+            yield int(shot.detail["plane"]), self.counts(shot)
+
+    def counts(self, shot: Shot) -> Counts:
+        """Raw green counts (H, W) of a shot [DN]."""
+        frame = self._frame(shot, 0)
+        return frame.counts if frame.counts.ndim == 2 else frame.counts[..., GREEN]
+
+    def _exposed_as(self, wanted: Shot, shot: Shot) -> Counts:
+        """Counts of `shot` as if exposed like `wanted`: black is photographed long."""
+        level = self.radiometer.camera.sensor.black_level
+        ratio = wanted.exposures_s[0] / shot.exposures_s[0]
+        return np.rint(level + (self.counts(shot) - level) * ratio).clip(0).astype(np.uint16)
+
+    def stripe_pairs(self, projector: str) -> Iterator[tuple[str, int, Image, Image]]:
+        """(axis, bit, pattern, inverse) of the stripes for the separation."""
         for pattern, inverse in self._pairs(projector):
-            yield CodePair(
+            yield (
                 str(pattern.detail["axis"]),
                 int(pattern.detail["bit"]),
-                _green(self.light(pattern)),
-                _green(self.light(inverse)),
+                self.light(pattern),
+                self.light(inverse),
             )
 
-    def colour_pairs(self, projector: str) -> Iterator[tuple[str, int, Image, Image]]:
-        """(axis, bit, pattern, inverse) of the pairs taken in colour."""
-        for pattern, inverse in self._pairs(projector):
-            if pattern.pixel_format == "rgb" and pattern.detail["bit"] in SEPARATION_BITS:
-                yield (
-                    str(pattern.detail["axis"]),
-                    int(pattern.detail["bit"]),
-                    self.light(pattern),
-                    self.light(inverse),
-                )
-
     def _pairs(self, projector: str) -> Iterator[tuple[Shot, Shot]]:
-        shots = self.plan.of(projector, "code")
+        shots = self.plan.of(projector, "stripes")
         for pattern, inverse in zip(shots[::2], shots[1::2], strict=True):
             same = all(pattern.detail[k] == inverse.detail[k] for k in ("axis", "bit"))
             if not same or (pattern.detail["inverse"], inverse.detail["inverse"]) != (0, 1):
@@ -77,7 +98,3 @@ class Readings:
                     "are no pattern and inverse, expected pairs in order"
                 )
             yield pattern, inverse
-
-
-def _green(light: Image) -> Image:
-    return light if light.ndim == 2 else light[..., GREEN]

@@ -8,7 +8,6 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -37,7 +36,6 @@ from procam.files.venue import Venue, load_venue, template_names
 from procam.interfaces.cli import venues
 from procam.interfaces.cli.main import app
 from procam.maths.curves import srgb_decode, srgb_encode
-from procam.maths.gray import stripe
 from procam.model.calibration import Calibration
 from procam.model.transport import Measured
 from procam.workflows.pictures import half_sky
@@ -426,99 +424,6 @@ class TestJudge:
         save_calibration(replace(calibration, projectors=south), tmp_path / "other")
         ran = procam("judge", tmp_path / "other", kept)
         assert (ran.code, "got no projector north" in ran.complaint) == (2, True)
-
-
-@pytest.fixture(scope="module")
-def photos(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Somebody's real structured-light photographs, one PNG each."""
-    folder = tmp_path_factory.mktemp("photos")
-    path = resources.files("calib_data") / "captures" / "kamino_pose3_crop.npz"
-    with path.open("rb") as file, np.load(file) as data:
-        for number, pixels in enumerate(data["images"]):
-            write_image(folder / f"{number:02d}.png", pixels)
-        expected = np.stack([data["expected_x"], data["expected_y"]], axis=-1)
-    np.save(folder / "expected.npy", expected)
-    return folder
-
-
-class TestDecode:
-    def test_real_photographs(self, photos: Path, tmp_path: Path) -> None:
-        out = tmp_path / "map.exr"
-        limits = ("--white-black", "40", "--contrast", "5")
-        ran = procam("decode", photos, "--size", "1024x768", "--out", out, *limits, "--json")
-        document = json.loads(ran.out)
-        assert (ran.code, ran.err) == (0, "")
-        channels = read_channels(out)
-        assert set(channels) == {"projector.x", "projector.y", "sigma"}
-        expected = np.load(photos / "expected.npy")
-        valid = expected[..., 0] >= 0
-        assert document["decoded"] == valid.sum()
-        np.testing.assert_array_equal(np.isfinite(channels["sigma"]), valid)
-        for i, axis in enumerate("xy"):
-            np.testing.assert_array_equal(channels[f"projector.{axis}"][valid], expected[valid, i])
-
-    def test_generated_patterns_seen_straight_on(self, tmp_path: Path) -> None:
-        width, height = 24, 10
-        folder = tmp_path / "photos"
-        folder.mkdir()
-        planes = []
-        for axis, size in (("x", width), ("y", height)):
-            for bit in reversed(range(5 if axis == "x" else 4)):
-                line = np.asarray(stripe(size, bit))[None, :]
-                line = line if axis == "x" else line.T
-                planes += [np.broadcast_to(line ^ inverse, (height, width)) for inverse in (0, 1)]
-        planes += [np.ones((height, width), int), np.zeros((height, width), int)]
-        for number, plane in enumerate(planes):
-            pixels = np.kron(10 + 200 * plane, np.ones((3, 3), int))
-            write_image(folder / f"shot-{number:02d}.tif", pixels.astype(np.uint16))
-        ran = procam("decode", folder, "--size", f"{width}x{height}", "--out", tmp_path / "m.exr")
-        assert ran.code == 0
-        assert "2160 pixels decoded, 100.0% of the picture" in ran.out
-        found = read_channels(tmp_path / "m.exr")
-        y, x = np.mgrid[: 3 * height, : 3 * width] // 3
-        np.testing.assert_array_equal(found["projector.x"], x)
-        np.testing.assert_array_equal(found["projector.y"], y)
-
-    def test_a_wrong_number_of_pictures(self, photos: Path, tmp_path: Path) -> None:
-        out = tmp_path / "map.exr"
-        ran = procam("decode", photos, "--size", "1280x800", "--out", out)
-        assert (ran.code, out.exists()) == (2, False)
-        assert "got 42 pictures, expected 44 for a projector of 1280x800" in ran.complaint
-        empty = tmp_path / "empty"
-        empty.mkdir()
-        for folder in (empty, tmp_path / "gone"):
-            ran = procam("decode", folder, "--size", "64x64", "--out", out)
-            assert (ran.code, "got 0 pictures" in ran.complaint) == (2, True)
-
-    def test_mixed_sizes(self, photos: Path, tmp_path: Path) -> None:
-        folder = tmp_path / "mixed"
-        shutil.copytree(photos, folder)
-        write_image(folder / "07.png", np.zeros((256, 380), np.uint8))
-        ran = procam("decode", folder, "--size", "1024x768", "--out", tmp_path / "map.exr")
-        assert ran.code == 2
-        assert "07.png: got 380x256 px, expected 384x256" in ran.complaint
-        assert not (tmp_path / "map.exr").exists()
-
-    def test_a_truncated_photograph(self, photos: Path, tmp_path: Path) -> None:
-        folder = tmp_path / "cut"
-        shutil.copytree(photos, folder)
-        path = folder / "30.png"
-        path.write_bytes(path.read_bytes()[:4000])
-        ran = procam("decode", folder, "--size", "1024x768", "--out", tmp_path / "map.exr")
-        assert (ran.code, "30.png: got a truncated" in ran.complaint) == (2, True)
-        assert not (tmp_path / "map.exr").exists()
-
-    @pytest.mark.parametrize("size", ["1024", "1024x", "0x768", "1024X768", "-4x8", "axb", ""])
-    def test_a_bad_size(self, size: str, photos: Path, tmp_path: Path) -> None:
-        out = tmp_path / "map.exr"
-        ran = procam("decode", photos, f"--size={size}", "--out", out)
-        assert (ran.code, out.exists()) == (2, False)
-        assert f"size: got {size!r}, expected WIDTHxHEIGHT" in ran.complaint
-
-    def test_an_unknown_code(self, photos: Path, tmp_path: Path) -> None:
-        arguments = ("--size", "1024x768", "--out", tmp_path / "m.exr", "--code", "morse")
-        ran = procam("decode", photos, *arguments)
-        assert (ran.code, "code: got 'morse', expected gray" in ran.complaint) == (2, True)
 
 
 class TestProjector:

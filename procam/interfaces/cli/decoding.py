@@ -1,25 +1,39 @@
-"""`procam decode`: plain structured-light decoding of a folder of pictures."""
+"""`procam decode` and `procam patterns`: plain structured light with folders of pictures."""
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.errors import FileFormatError, InputError
-from procam.estimate.decode import (
-    CodePair,
-    DecodeLimits,
-    decode_gray_pairs,
-    default_limits,
-    drop_outside,
-)
-from procam.files.images import read_image, write_channels
+from procam.errors import CalibrationError, FileFormatError, InputError
+from procam.estimate.codes import Code, generate, make_code
+from procam.estimate.decode import Decoded, Decoder
+from procam.estimate.frame_checks import Verdict, examine, probe_places
+from procam.estimate.limits import DecodeLimits, default_limits
+from procam.estimate.panel_checks import panel_notes
+from procam.files.images import read_image, write_channels, write_image
 from procam.interfaces.cli.output import Output
-from procam.maths.gray import bit_count
-from procam.model.correspondence import CorrespondenceMap
+from procam.interfaces.quicklook import quick_look
 
 SUFFIXES = (".png", ".tif", ".tiff", ".jpg", ".jpeg", ".exr", ".bmp", ".pgm")
+Picture = NDArray[np.uint8] | NDArray[np.uint16] | NDArray[np.float32]
+
+
+def run_patterns(size: str, out: Path, code: str, output: Output) -> None:
+    """Write the pictures of a code into a folder, in the order `procam decode` wants them."""
+    layout = make_code(code, _size(size))
+    if out.exists() and any(out.iterdir()):
+        raise InputError(f"{out}: got a folder with files in it, expected a new or empty one")
+    out.mkdir(parents=True, exist_ok=True)
+    pictures = generate(layout)
+    for number, plane in enumerate(folder_order(layout)):
+        write_image(out / f"{number:04d}.png", pictures[plane])
+    output.say(f"{len(pictures)} pictures written to {out}; show them in the order of their names")
+    output.finish(
+        {"out": str(out), "pictures": [str(layout.planes[i]) for i in folder_order(layout)]}
+    )
 
 
 def run_decode(
@@ -30,68 +44,118 @@ def run_decode(
     limits: tuple[float | None, float | None],
     output: Output,
 ) -> None:
-    """Decode FOLDER and write the map."""
-    if code != "gray":
-        raise InputError(f"code: got {code!r}, expected gray")
-    found = decode_folder(folder, _size(size), limits)
-    xy, sigma = found.projector_xy, found.sigma_px
+    """Decode FOLDER and write the map, and a picture of it to look at beside it."""
+    layout = make_code(code, _size(size))
+    decoded, notes = decode_folder(folder, layout, limits)
+    found = decoded.map
+    if not found.valid.any():
+        raise CalibrationError(
+            f"{folder}: no pixel decodes as {code} on {size}; are size, code and order right?"
+        )
+    xy, sigma = found.projector_xy, np.sqrt(np.mean(found.sigma_px**2, axis=-1))
     write_channels(out, {"projector.x": xy[..., 0], "projector.y": xy[..., 1], "sigma": sigma})
-    share = float(found.valid.mean())
+    look = out.with_suffix(".png")
+    write_image(look, quick_look(found, layout.size))
+    share, middle = float(found.valid.mean()), float(np.nanmedian(sigma))
+    for note in notes:
+        output.say(note)
     output.say(
-        f"{out} written; {int(found.valid.sum())} pixels decoded, {share:.1%} of the picture"
+        f"{out} written; {int(found.valid.sum())} pixels decoded, {share:.1%} of the picture, "
+        f"standard error {middle:.2f} px; {look} shows it"
     )
-    output.finish({"out": str(out), "decoded": int(found.valid.sum()), "share": share})
+    output.finish(
+        {
+            "out": str(out),
+            "decoded": int(found.valid.sum()),
+            "share": share,
+            "sigma_px": middle,
+            "notes": notes,
+        }
+    )
 
 
 def decode_folder(
-    folder: Path, size: tuple[int, int], limits: tuple[float | None, float | None]
-) -> CorrespondenceMap:
-    """Map of a folder of pictures in OpenCV's order; `limits` in counts, None for automatic."""
+    folder: Path, code: Code, limits: tuple[float | None, float | None]
+) -> tuple[Decoded, list[str]]:
+    """Map of a folder of pictures, and what was odd; `limits` in counts, None for automatic."""
     files = sorted(p for p in folder.glob("*") if p.suffix.lower() in SUFFIXES)
-    bits = {"x": bit_count(size[0]), "y": bit_count(size[1])}
-    expected = 2 * sum(bits.values()) + 2
-    if len(files) != expected:
-        raise FileFormatError(
-            f"{folder}: got {len(files)} pictures, expected {expected} for a projector of "
-            f"{size[0]}x{size[1]}: {bits['x']} column bits and {bits['y']} row bits as pattern and "
-            "inverse, white, black"
-        )
-    white, black = _grey(files[-2], None), _grey(files[-1], None)
-    chosen = _limits(limits, white, black)
-    planes = [(axis, bit) for axis in bits for bit in reversed(range(bits[axis]))]
-    pairs = (
-        CodePair(axis, bit, _grey(files[2 * i], white.shape), _grey(files[2 * i + 1], white.shape))
-        for i, (axis, bit) in enumerate(planes)
-    )
-    return drop_outside(decode_gray_pairs(pairs, white, black, bits, chosen), size)
+    if abs(len(files) - len(code.planes)) > 1:
+        raise FileFormatError(_wrong_number(folder, len(files), code))
+    verdict = _matched(files, code)
+    shown = [None if i is None else files[i] for i in verdict.order]
+    assert shown[0] is not None and shown[1] is not None
+    white, black = read_grey(shown[0]), read_grey(shown[1])
+    decoder = Decoder(code, _limits(limits, white, black))
+    decoder.add(0, white)
+    decoder.add(1, black)
+    for number, path in enumerate(shown):
+        if number > 1 and path is not None:
+            decoder.add(number, read_grey(path))
+    decoded = decoder.result()
+    return decoded, [*verdict.notes, *decoded.notes, *panel_notes(code, decoded.map)]
+
+
+def folder_order(code: Code) -> list[int]:
+    """Planes in the order of a folder: as shown, but stripes end with white and black as OpenCV's do."""
+    shown = list(range(len(code.planes)))
+    return shown if code.has_waves else [*shown[2:], 0, 1]
+
+
+def _matched(files: list[Path], code: Code) -> Verdict:
+    """Which file shows which plane; files of another size than most are left out."""
+    shapes = [read_grey(path).shape for path in files]
+    usual = max(set(shapes), key=shapes.count)
+    odd = [path for path, shape in zip(files, shapes, strict=True) if shape != usual]
+    notes = [
+        f"{path.name}: got {shape[1]}x{shape[0]} px, expected {usual[1]}x{usual[0]} like most; left out"
+        for path, shape in zip(files, shapes, strict=True)
+        if shape != usual
+    ]
+    same = [path for path in files if path not in odd]
+    places = probe_places(usual)
+    probes = [read_grey(path)[places] for path in same]
+    names = [path.name for path in same]
+    verdict = examine(code, folder_order(code), probes, names)
+    order = [None if i is None else files.index(same[i]) for i in verdict.order]
+    return Verdict(order, notes + verdict.notes)
 
 
 def _limits(
-    asked: tuple[float | None, float | None],
-    white: NDArray[np.float32],
-    black: NDArray[np.float32],
+    asked: tuple[float | None, float | None], white: Picture, black: Picture
 ) -> DecodeLimits:
     automatic = default_limits(white, black)
     if asked == (None, None):
         return automatic
-    white_black = automatic.white_black if asked[0] is None else asked[0]
-    contrast = automatic.contrast if asked[1] is None else asked[1]
-    return DecodeLimits(white_black, contrast, lit_share=0.0)
+    return replace(
+        automatic,
+        white_black=automatic.white_black if asked[0] is None else asked[0],
+        contrast=automatic.contrast if asked[1] is None else asked[1],
+        lit_share=0.0,
+        neighbours=False,
+    )
 
 
-def _grey(path: Path, shape: tuple[int, ...] | None) -> NDArray[np.float32]:
-    pixels = np.asarray(read_image(path), np.float32)[..., :3].mean(axis=-1)
-    bad = int((~np.isfinite(pixels)).sum())
+def read_grey(path: Path) -> Picture:
+    """A photograph (H, W) in its own type; the mean of three channels, whole if they were."""
+    pixels = read_image(path)[..., :3]
+    if pixels.shape[-1] == 1 or pixels.dtype.kind == "u":
+        middle = pixels[..., 0] if pixels.shape[-1] == 1 else np.rint(pixels.mean(axis=-1))
+        return middle.astype(pixels.dtype if pixels.dtype.kind == "u" else np.float32)
+    grey = np.asarray(pixels, np.float32).mean(axis=-1)
+    bad = int((~np.isfinite(grey)).sum())
     if bad:
         raise FileFormatError(
             f"{path}: got {bad} values that are NaN or infinite, expected photographs; export it again"
         )
-    if shape is not None and pixels.shape != shape:
-        raise FileFormatError(
-            f"{path}: got {pixels.shape[1]}x{pixels.shape[0]} px, expected "
-            f"{shape[1]}x{shape[0]} like the white picture"
-        )
-    return pixels
+    return grey
+
+
+def _wrong_number(folder: Path, count: int, code: Code) -> str:
+    width, height = code.size
+    return (
+        f"{folder}: got {count} pictures, expected {len(code.planes)} for the code {code.name} of a "
+        f"projector of {width}x{height}"
+    )
 
 
 def _size(text: str) -> tuple[int, int]:

@@ -22,6 +22,14 @@ app = typer.Typer(
 )
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of text.")]
+SizeOption = Annotated[str, typer.Option(help="Projector size, such as 1280x800.")]
+CodeOption = Annotated[
+    str,
+    typer.Option(
+        help="micro-phase, micro-phase-checked, gray, gray-wide, xor-02, xor-04, phase-gray or "
+        "phase-heterodyne."
+    ),
+]
 VenueArgument = Annotated[Path, typer.Argument(help="Venue folder with a venue.toml.")]
 CalibrationArgument = Annotated[
     Path, typer.Argument(help="Calibration directory, such as VENUE/calibrations/0001.")
@@ -168,18 +176,32 @@ def inspect(
     run_inspect(file, Output(json))
 
 
-@app.command(epilog="Example: procam decode photos --size 1024x768 --out map.exr")
+@app.command(epilog="Example: procam patterns --size 1920x1200 --out pictures")
+def patterns(
+    size: SizeOption,
+    out: Annotated[Path, typer.Option(help="New folder for the pictures.")],
+    code: CodeOption = "micro-phase",
+    json: Json = False,
+) -> None:
+    """Write the pictures of a structured-light code, to be shown by any means."""
+    from procam.interfaces.cli.decoding import run_patterns
+
+    run_patterns(size, out, code, Output(json))
+
+
+@app.command(epilog="Example: procam decode photos --size 1024x768 --code gray --out map.exr")
 def decode(
     images: Annotated[
         Path,
         typer.Argument(
-            help="Folder of pictures, sorted by name: column bits (finest last) as pattern, "
+            help="Folder of photographs, sorted by name as the pictures of procam patterns: white, "
+            "black, waves; or for stripes, as OpenCV's, column bits (finest last) as pattern, "
             "inverse; row bits; white; black."
         ),
     ],
-    size: Annotated[str, typer.Option(help="Projector size, such as 1280x800.")],
+    size: SizeOption,
     out: Annotated[Path, typer.Option(help="EXR map: projector.x, projector.y, sigma.")],
-    code: Annotated[str, typer.Option(help="gray.")] = "gray",
+    code: CodeOption = "gray",
     white_black: Annotated[
         float | None, typer.Option(help="Least white - black [counts]; automatic if not given.")
     ] = None,
@@ -188,7 +210,7 @@ def decode(
     ] = None,
     json: Json = False,
 ) -> None:
-    """Decode a folder of structured-light pictures; needs no venue."""
+    """Decode a folder of structured-light photographs; needs no venue."""
     from procam.interfaces.cli.decoding import run_decode
 
     run_decode(images, size, out, code, (white_black, contrast), Output(json))

@@ -7,14 +7,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from procam.estimate.codes import generate, make_code
 from procam.estimate.patterns import (
     LEVEL_PICTURES,
     LEVELS,
     SEPARATION_BITS,
-    code_picture,
     level_pictures,
     level_tile,
     plan_visit,
+    stripe_picture,
 )
 from procam.maths.gray import bit_count, decode_gray
 from procam.model.plan import Plan
@@ -43,12 +44,12 @@ class TestPlan:
 
     @pytest.mark.parametrize("name", SIZES)
     def test_counts(self, visit: tuple[Plan, Pictures], name: str) -> None:
-        width, height = SIZES[name]
         count = Counter(s.purpose for s in visit[0].shots if s.projector == name)
         assert count == {
             "white": 1,
             "black": 1,
-            "code": 2 * (bit_count(width) + bit_count(height)),
+            "code": 16,
+            "stripes": 2 * 2 * len(SEPARATION_BITS),
             "primary": 3,
             "levels": LEVEL_PICTURES,
         }
@@ -69,18 +70,46 @@ class TestPlan:
 
     def test_colour_where_light_is_split(self, visit: tuple[Plan, Pictures]) -> None:
         for shot in visit[0].shots:
-            split = shot.purpose != "code" or shot.detail["bit"] in SEPARATION_BITS
-            assert shot.pixel_format == ("rgb" if split else "mono")
+            assert shot.pixel_format == ("mono" if shot.purpose == "code" else "rgb")
 
 
-class TestCodes:
+class TestCode:
+    @pytest.mark.parametrize("name", SIZES)
+    def test_its_planes_are_those_of_micro_phase_shifting_in_order(
+        self, visit: tuple[Plan, Pictures], name: str
+    ) -> None:
+        plan, pictures = visit
+        code = make_code("micro-phase", SIZES[name])
+        shots = plan.of(name, "code")
+        assert [dict(s.detail) for s in shots] == [
+            {"code": "micro-phase", "plane": number} for number in range(2, len(code.planes))
+        ]
+        for shot, expected in zip(shots, generate(code)[2:], strict=True):
+            np.testing.assert_array_equal(pictures[shot.pattern], expected)
+
+
+class TestStripes:
+    @pytest.mark.parametrize("name", SIZES)
+    def test_middle_bits_of_both_axes(self, visit: tuple[Plan, Pictures], name: str) -> None:
+        plan, pictures = visit
+        shots = plan.of(name, "stripes")
+        assert [(s.detail["axis"], s.detail["bit"], s.detail["inverse"]) for s in shots] == [
+            (axis, bit, inverse) for axis in "xy" for bit in (6, 5, 4) for inverse in (0, 1)
+        ]
+        for shot in shots:
+            expected = stripe_picture(
+                SIZES[name], str(shot.detail["axis"]), int(shot.detail["bit"]), False
+            )
+            flip = 255 * int(shot.detail["inverse"])
+            np.testing.assert_array_equal(pictures[shot.pattern] ^ flip, expected)
+
     @pytest.mark.parametrize("name", SIZES)
     def test_every_pair_is_flux_balanced_to_the_panel(
         self, visit: tuple[Plan, Pictures], name: str
     ) -> None:
         """Pattern and inverse together are white at every pixel, so their global parts add up."""
         plan, pictures = visit
-        shots = plan.of(name, "code")
+        shots = plan.of(name, "stripes")
         for pattern, inverse in zip(shots[::2], shots[1::2], strict=True):
             assert (pattern.detail["inverse"], inverse.detail["inverse"]) == (0, 1)
             assert {k: pattern.detail[k] for k in ("axis", "bit")} == {
@@ -94,7 +123,7 @@ class TestCodes:
         for axis, length in (("x", width), ("y", height)):
             bits = bit_count(length)
             planes = [
-                code_picture((width, height), axis, b, False)[..., 0] > 0 for b in range(bits)
+                stripe_picture((width, height), axis, b, False)[..., 0] > 0 for b in range(bits)
             ]
             code = sum(plane.astype(int) << b for b, plane in enumerate(planes))
             index = decode_gray(code, bits)

@@ -1,0 +1,55 @@
+"""The memory floor: every input byte read once, every output byte written once past the cache."""
+
+import ctypes
+import subprocess
+import tempfile
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from procam.kernels.arrays import planes
+
+LINE = 64
+
+
+@cache
+def _library() -> ctypes.CDLL | None:
+    """floor.c compiled for this machine, or None without a compiler."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "floor.so"
+        source = Path(__file__).with_suffix(".c")
+        command = ["gcc", "-O3", "-march=native", "-fopenmp", "-shared", "-fPIC"]
+        try:
+            subprocess.run([*command, str(source), "-o", str(path)], check=True)
+        except (OSError, subprocess.CalledProcessError):
+            return None
+        found = ctypes.CDLL(str(path))
+    found.floor_read.argtypes = [ctypes.c_void_p, ctypes.c_size_t]
+    found.floor_copy.argtypes = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_size_t]
+    return found
+
+
+def name() -> str:
+    """What the floor is made of here."""
+    made = "non-temporal copy in C" if _library() else "np.sum and np.copyto, no compiler found"
+    return f"floor: inputs read once, outputs written once ({made})"
+
+
+class Floor:
+    """Moves as many bytes as a kernel that reads `source` once and writes `written` bytes once."""
+
+    def __init__(self, source: np.ndarray, written: int) -> None:
+        self._source = source.reshape(-1).view(np.uint8)
+        self._copied = min(written, self._source.size) // LINE * LINE
+        (target,) = planes((written // 4,), 1)
+        self._target = target.view(np.uint8)
+
+    def __call__(self) -> None:
+        library, rest = _library(), self._source[self._copied :]
+        if library is None:
+            np.copyto(self._target[: self._copied], self._source[: self._copied])
+            rest.view(np.uint8).sum()
+            return
+        library.floor_copy(self._target.ctypes.data, self._source.ctypes.data, self._copied)
+        library.floor_read(rest.ctypes.data, rest.size)

@@ -1,0 +1,133 @@
+"""Phase shifting with 8 steps on two axes, and the search over several periods."""
+
+import numpy as np
+
+from benchmarks import floor
+from benchmarks.measure import Goal, Report, at_least, at_most, interleaved
+from procam import kernels
+
+SHAPE = (2160, 3840)
+STEPS = 8
+LENGTH = 3840.0
+FIRST = 128.0
+EXTRAS = (137.0, 149.0, 111.0, 101.0, 119.0)
+PEER_PIXELS = 100
+TURN = np.float32(2 * np.pi)
+
+
+def waves(shape: tuple[int, int], periods: np.ndarray, shifts: np.ndarray) -> np.ndarray:
+    """Frames (K, H, W) uint8 of random columns: offset 100, amplitude 76, noise of 1 count."""
+    rng = np.random.default_rng(4)
+    x = rng.uniform(0, LENGTH, shape).astype(np.float32)
+    noise = rng.normal(0.5, 1, shape).astype(np.float32)
+    stack = np.empty((len(periods), *shape), np.uint8)
+    for frame, period, shift in zip(stack, periods, shifts, strict=True):
+        angle = x * np.float32(2 * np.pi / period) - np.float32(shift)
+        np.add(
+            100 + 76 * np.cos(angle), np.roll(noise, int(shift * 999)), out=frame, casting="unsafe"
+        )
+    return stack
+
+
+def plain_phase(stack: np.ndarray, shifts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """tensordot, arctan2, hypot in float32."""
+    weights = np.stack([np.cos(shifts), np.sin(shifts)]).astype(np.float32) * 2 / len(shifts)
+    cosine, sine = np.tensordot(weights, stack.astype(np.float32), axes=1)
+    return np.arctan2(sine, cosine) % TURN, np.hypot(cosine, sine)
+
+
+def bench_steps() -> Report:
+    """8 steps, 2 axes, 3840x2160 uint8."""
+    shifts = 2 * np.pi * np.arange(STEPS) / STEPS
+    stack = waves(SHAPE, np.full(STEPS, 50.0), shifts)
+    axes = [stack, stack[:, ::-1].copy()]
+    out = [kernels.wrapped_phase(frames, shifts, with_offset=False) for frames in axes]
+
+    def kernel() -> None:
+        for frames, planes in zip(axes, out, strict=True):
+            kernels.wrapped_phase(frames, shifts, with_offset=False, out=planes)
+
+    floors = [floor.Floor(frames, 8 * frames[0].size) for frames in axes]
+    runs = {
+        "kernel": kernel,
+        "NumPy": lambda: [plain_phase(frames, shifts) for frames in axes],
+        "floor": lambda: [move() for move in floors],
+    }
+    times = interleaved(runs, rounds=5)
+    return Report(
+        "Phase, 8 steps on 2 axes, 3840x2160 uint8 to float32 phase and amplitude",
+        times,
+        (at_least(times, "kernel", "NumPy", 15), at_most(times, "kernel", "floor", 3)),
+        (floor.name(), "results are written to arrays that exist"),
+    )
+
+
+def plan(extras: int) -> tuple[np.ndarray, ...]:
+    """Periods, shifts, modulation, harmonic of 3 + `extras` frames."""
+    periods = np.array([FIRST] * 3 + list(EXTRAS[:extras]))
+    shifts = np.concatenate([np.arange(3) * 2 * np.pi / 3, np.linspace(0, 2, extras)])
+    return periods, shifts, np.ones(len(periods)), np.zeros(len(periods))
+
+
+def exhaustive(stack: np.ndarray, terms: tuple[np.ndarray, ...]) -> np.ndarray:
+    """Every column against every pixel of the first row: offset and amplitude from the base."""
+    periods, shifts = terms[:2]
+    columns = np.cos(2 * np.pi * np.arange(LENGTH)[:, None] / periods - shifts)
+    frames = stack[:, 0, :PEER_PIXELS].astype(float)
+    cosine, sine = np.stack([np.cos(shifts[:3]), np.sin(shifts[:3])]) @ frames[:3] * 2 / 3
+    normal = (frames - frames[:3].mean(axis=0)) / np.hypot(cosine, sine)
+    apart = ((normal.T[:, None, :] - columns[None]) ** 2).sum(axis=-1)
+    return apart.argmin(axis=1)
+
+
+def bench_search(extras: int) -> Report:
+    """Micro phase shifting, one axis, 3840x2160 uint8, 31 periods."""
+    terms = plan(extras)
+    stack = waves(SHAPE, *terms[:2])
+    out = kernels.search_phase(stack, *terms, 3, LENGTH)
+    times = interleaved(
+        {
+            "kernel": lambda: kernels.search_phase(stack, *terms, 3, LENGTH, out=out),
+            "kernel, one step": lambda: kernels.search_phase(stack, *terms, 3, LENGTH, 1, out=out),
+            "kernel, no refinement": lambda: kernels.search_phase(
+                stack, *terms, 3, LENGTH, 0, out=out
+            ),
+        },
+        {"NumPy exhaustive": (lambda: exhaustive(stack, terms), stack[0].size / PEER_PIXELS)},
+        rounds=5,
+    )
+    return Report(
+        f"Search over 31 periods, {3 + extras} frames of 3840x2160 uint8, two Gauss-Newton steps",
+        times,
+        (
+            Goal("kernel, best wall", times["kernel"].best_wall_s * 1e3, "<=", 90, "ms"),
+            at_least(times, "kernel", "NumPy exhaustive", 500),
+        ),
+        (
+            "best wall: a busy machine has the median for its own",
+            f"exhaustive: {PEER_PIXELS} pixels, extrapolated",
+        ),
+    )
+
+
+def bench_growth() -> Report:
+    """CPU time per pixel at 1, 4 and 16 megapixels."""
+    terms = plan(4)
+    sizes = {"1 MP": (1024, 1024), "4 MP": (2048, 2048), "16 MP": (4096, 4096)}
+    runs = {}
+    for name, shape in sizes.items():
+        stack = waves(shape, *terms[:2])
+        out = kernels.search_phase(stack, *terms, 3, LENGTH)
+        runs[name] = lambda s=stack, o=out: kernels.search_phase(s, *terms, 3, LENGTH, out=o)
+    times = interleaved(runs)
+    each = [times[name].cpu_s / (shape[0] * shape[1]) for name, shape in sizes.items()]
+    return Report(
+        "Search, growth with the number of pixels",
+        times,
+        (Goal("most over least time per pixel", max(each) / min(each), "<=", 1.35),),
+        (
+            ", ".join(
+                f"{name}: {t * 1e9:.1f} core-ns/px" for name, t in zip(sizes, each, strict=True)
+            ),
+        ),
+    )

@@ -1,0 +1,35 @@
+"""Dropping what cannot be true; nothing is ever filled in."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procam.maths.warp import local_median
+from procam.model.correspondence import CorrespondenceMap
+
+Mask = NDArray[np.bool_]
+SIGMAS = 6.0
+STEP_PX = 1.5  # what neighbours may differ by beyond noise: the map's own slope
+
+
+def keep_only(found: CorrespondenceMap, keep: Mask) -> CorrespondenceMap:
+    """The map with everything outside `keep` (H, W) unknown."""
+    keep = keep & found.valid
+    return CorrespondenceMap(
+        np.where(keep[..., None], found.projector_xy, np.nan).astype(np.float32),
+        np.where(keep[..., None], found.sigma_px, np.nan).astype(np.float32),
+        keep,
+    )
+
+
+def drop_lonely(found: CorrespondenceMap) -> CorrespondenceMap:
+    """Drop pixels that disagree with the median of their 5 x 5 neighbourhood.
+
+    A screen is smooth at that scale: a misread code is off by whole fringes or bits.
+    """
+    keep = found.valid.copy()
+    for i in range(2):
+        middle = local_median(found.projector_xy[..., i], found.valid)
+        with np.errstate(invalid="ignore"):
+            miss = np.abs(found.projector_xy[..., i] - middle)
+            keep &= miss <= STEP_PX + SIGMAS * found.sigma_px[..., i]
+    return keep_only(found, keep)

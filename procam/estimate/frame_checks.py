@@ -1,0 +1,358 @@
+"""Which photograph is which plane of a code, and what is wrong with the set.
+
+Judged on a sample of neighbouring pixels: a set in the right order decodes to straight rows of
+neighbours, and nothing else does.
+"""
+
+import re
+from collections.abc import Sequence, Set
+from dataclasses import dataclass, field, replace
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procam.errors import InputError
+from procam.estimate.binary import StripeFolder
+from procam.estimate.codes import AXES, AxisCode, Code
+from procam.estimate.limits import default_limits, full_scale
+from procam.estimate.wave_calibration import search
+from procam.estimate.waves import FEWEST
+from procam.maths.phase import Wavelook
+
+Samples = NDArray[Any]
+Places = tuple[NDArray[np.intp], NDArray[np.intp]]
+TRIPLES = 3000
+APART_PX = 5  # pixels of a triple: far enough to leave a few stripes
+STRAIGHT_PX = 1.6  # second difference of a triple on a sound map: rounding, noise, curvature
+MISFIT = 0.05  # of the squared amplitude, per picture: what a misread wave leaves
+POOR = 0.5  # share of straight triples below which also the other axis is searched
+BETTER = 1.15  # an exchange must do this much better than the order as it is
+SLACK = 0.02  # of the triples: against division by nothing, and gains among noise
+CLEARLY = 0.97  # of the best: what does nearly as well cannot be ruled out
+ALIKE = 0.04  # of white - black: two photographs of one picture differ by less
+BLACK_SHARE = 0.2  # of the light a picture should have
+FAINTEST_SHARE = 0.15  # of white's: what falls beside the screen may be all of less
+CLIPPED_SHARE = 0.05
+
+
+@dataclass
+class Verdict:
+    """What a set of photographs turned out to be.
+
+    Attributes
+    ----------
+    order : per plane of the code, the photograph that shows it; None where there is none.
+    notes : faults that were worked round, one line each, by the photographs' names.
+    """
+
+    order: list[int | None]
+    notes: list[str] = field(default_factory=list)
+
+
+def probe_places(shape: tuple[int, int]) -> Places:
+    """Rows and columns (n, 3) of three pixels in a row each, spread over a picture of `shape`."""
+    height, width = shape
+    step = max(1, int(np.sqrt(height * width / TRIPLES / 4)))  # a quarter of it may be lit
+    rows, columns = np.mgrid[
+        step // 2 : height : step, step // 2 : max(width - 2 * APART_PX, 1) : step
+    ]
+    across = np.minimum(columns.ravel()[:, None] + APART_PX * np.arange(3), width - 1)
+    return np.repeat(rows.ravel()[:, None], 3, axis=1), across
+
+
+def examine(
+    code: Code, sequence: Sequence[int], probes: Sequence[Samples], names: Sequence[str]
+) -> Verdict:
+    """Match photographs with the planes of `code`.
+
+    Parameters
+    ----------
+    sequence : planes in the order they should have been photographed.
+    probes : samples (n, 3) of the photographs in the order they are in. names : what to call them.
+    """
+    inspector = _Inspector(code, probes, names)
+    order = inspector.matched(sequence)
+    inspector.check_levels(order)
+    inspector.drop_black(order)
+    inspector.drop_stale(order)
+    inspector.exchange(order)
+    return Verdict(order, inspector.notes)
+
+
+class _Inspector:
+    def __init__(self, code: Code, probes: Sequence[Samples], names: Sequence[str]) -> None:
+        self.code, self.names = code, names
+        self.probes = [np.asarray(p, np.float32) for p in probes]
+        self.top = full_scale(max(probes, key=np.mean)) if probes[0].dtype.kind == "u" else np.inf
+        self.notes: list[str] = []
+        stack = np.stack(self.probes[:: max(1, len(probes) // 16)])
+        reach = stack.max(axis=0) - stack.min(axis=0)
+        self.lit = reach > 0.25 * reach.max()
+        self.reach = float(reach[self.lit].mean())
+        self._sound_of: dict[tuple[int | None, ...], float] = {}
+        self._lit_of: dict[tuple[int, int], tuple[list[Samples], float]] = {}
+
+    def matched(self, sequence: Sequence[int]) -> list[int | None]:
+        """Photographs by plane, with one too many or one missing taken care of."""
+        surplus = len(self.probes) - len(sequence)
+        everything: list[int | None] = list(range(len(self.probes)))
+        if surplus == 1:
+            return self._without_double(sequence, everything)
+        if surplus == -1:
+            return self._with_gap(sequence, everything)
+        if surplus:
+            raise InputError(
+                f"pictures: got {len(self.probes)}, expected {len(sequence)} for the code "
+                f"{self.code.name} on {self.code.size[0]}x{self.code.size[1]} px"
+            )
+        return self._ordered(sequence, everything)
+
+    def drop_stale(self, order: list[int | None]) -> None:
+        """Pictures that show what the one before showed, and spoil what the set tells."""
+        for plane, photograph in enumerate(order):
+            if plane < 2 or photograph is None or not self._alike(photograph):
+                continue
+            without = [None if i == plane else p for i, p in enumerate(order)]
+            axis = self.code.planes[plane].axis
+            gain = self._better(without, order, {axis})
+            if gain > BETTER or (gain < 1 and self._soundness(order, axis) < POOR):
+                order[plane] = None
+                before = self.names[photograph - 1]
+                self.notes.append(
+                    f"{self.names[photograph]}: stale, it shows what {before} shows; left out"
+                )
+
+    def check_levels(self, order: list[int | None]) -> None:
+        """White and black must be there and be what they say; clipped whites are told."""
+        white, black = order[0], order[1]
+        if white is None or black is None:
+            lacking = "white" if white is None else "black"
+            raise InputError(
+                f"pictures: the {lacking} one is missing, and without it nothing tells lit from "
+                "unlit; photograph it again"
+            )
+        if self.probes[white].mean() < self.probes[black].mean():
+            order[0], order[1] = white, black = black, white
+            self.notes.append(
+                f"{self.names[black]} and {self.names[white]}: white and black in each other's "
+                "place (wrong order); exchanged"
+            )
+        light = np.array([p.mean() for p in self.probes]) - self.probes[black].mean()
+        share = float(np.median(light[light > 0.2 * light[white]])) / max(float(light[white]), 1e-9)
+        if not 0.3 < share < 0.8:
+            raise InputError(
+                f"pictures: {self.names[white]} should show white and {self.names[black]} black, but "
+                f"the others have {share:.0%} of the light between, expected half; is one of the two "
+                "stale, or the exposure automatic?"
+            )
+        self._tell_clipping(order)
+
+    def _tell_clipping(self, order: list[int | None]) -> None:
+        level = self._probe(order, 0)
+        span = level - self._probe(order, 1)
+        lit = span > 0.25 * span.max()
+        clipped = float((level[lit] >= self.top).mean())
+        if clipped > CLIPPED_SHARE:
+            self.notes.append(
+                f"{self.names[order[0] or 0]}: white is clipped in {clipped:.0%} of the lit pixels; "
+                "expose shorter"
+            )
+
+    def drop_black(self, order: list[int | None]) -> None:
+        """Pictures without light, unless the inverse has it all: the camera may see half a panel."""
+        white, black = self._probe(order, 0).mean(), self._probe(order, 1).mean()
+        shown = [None if p is None else float(self.probes[p].mean()) for p in order]
+        for number, photograph in enumerate(order):
+            plane = self.code.planes[number]
+            if plane.axis == "" or photograph is None:
+                continue
+            expected = float(self.code.axis(plane.axis).line(plane).mean())
+            light = (self.probes[photograph].mean() - black) / (white - black)
+            faint = BLACK_SHARE * expected
+            inverse = self._inverse_of(number)
+            other = None if inverse is None else shown[inverse]
+            if other is not None and light + (other - black) / (white - black) > 1 - faint:
+                continue
+            if expected > FAINTEST_SHARE and light < faint:
+                self.notes.append(f"{self.names[photograph]}: black, expected {plane}; left out")
+                order[number] = None
+
+    def exchange(self, order: list[int | None]) -> None:
+        """Two pictures in each other's place are put right."""
+        poor = [
+            axis for axis in AXES if (1 + SLACK) > BETTER * (self._soundness(order, axis) + SLACK)
+        ]
+        candidates = [pair for axis in poor for pair in combinations(self._planes_of(axis), 2)]
+        if all(self._soundness(order, axis) < POOR for axis in AXES):
+            candidates += [(i, j) for i in self._planes_of("x") for j in self._planes_of("y")]
+        best, gain, swapped = None, BETTER, (0, 0)
+        for first, second in candidates:
+            tried = list(order)
+            tried[first], tried[second] = order[second], order[first]
+            axes = {self.code.planes[i].axis for i in (first, second)}
+            ratio = self._better(tried, order, axes)
+            if ratio > gain:
+                best, gain, swapped = tried, ratio, (first, second)
+        if best is None:
+            return
+        names = sorted(self.names[p] for i in swapped if (p := order[i]) is not None)
+        order[:] = best
+        self.notes.append(f"{' and '.join(names)}: in each other's place (wrong order); exchanged")
+
+    def _better(self, tried: list[int | None], order: list[int | None], axes: Set[str]) -> float:
+        """How many times sounder an order is than another, in the axes that differ."""
+        return min(
+            (self._soundness(tried, axis) + SLACK) / (self._soundness(order, axis) + SLACK)
+            for axis in axes
+        )
+
+    def _ordered(self, sequence: Sequence[int], shown: Sequence[int | None]) -> list[int | None]:
+        order: list[int | None] = [None] * len(self.code.planes)
+        for plane, photograph in zip(sequence, shown, strict=True):
+            order[plane] = photograph
+        return order
+
+    def _sound(self, order: list[int | None]) -> float:
+        """Soundness of both axes; 0 without white or black."""
+        if order[0] is None or order[1] is None:
+            return 0.0
+        return sum(self._soundness(order, axis) for axis in AXES)
+
+    def _without_double(self, sequence: Sequence[int], shown: list[int | None]) -> list[int | None]:
+        """One picture too many: of those like the one before, the one without which it decodes best."""
+        doubles = [i for i in range(1, len(shown)) if self._alike(i)]
+        if not doubles:
+            raise InputError(
+                f"pictures: got {len(shown)}, expected {len(sequence)}, and none doubles the one "
+                "before; take the one out that does not belong"
+            )
+        orders = {i: self._ordered(sequence, shown[:i] + shown[i + 1 :]) for i in doubles}
+        double = max(doubles, key=lambda i: self._sound(orders[i]))
+        self.notes.append(
+            f"{self.names[double]}: doubled, it shows what {self.names[double - 1]} shows; left out"
+        )
+        return orders[double]
+
+    def _with_gap(self, sequence: Sequence[int], shown: list[int | None]) -> list[int | None]:
+        """The place of one missing picture: where the set decodes best without it.
+
+        Where that leaves a choice, as in equal steps without the first or the last, the numbers in
+        the names decide.
+        """
+        orders = [
+            self._ordered(sequence, [*shown[:gap], None, *shown[gap:]])
+            for gap in range(len(sequence))
+        ]
+        scores = np.array([self._sound(order) for order in orders])
+        likely = np.flatnonzero(scores >= CLEARLY * scores.max()).tolist()
+        skipped = [gap for gap in likely if gap == _skipped(self.names)]
+        if len(likely) > 1 and not skipped:
+            lacking = " or ".join(str(self.code.planes[sequence[gap]]) for gap in likely)
+            raise InputError(
+                f"pictures: one is missing, {lacking}, and the others fit either way; number the "
+                "files as the pictures are, so that the gap shows, or photograph it again"
+            )
+        gap = skipped[0] if skipped else likely[0]
+        where = f"after {self.names[gap - 1]}" if gap else f"before {self.names[0]}"
+        self.notes.append(f"missing: {self.code.planes[sequence[gap]]}, {where}; done without")
+        return orders[gap]
+
+    def _alike(self, i: int) -> bool:
+        """Whether photograph i shows the same as the one before, as far as the sample tells."""
+        if i == 0:
+            return False
+        return bool(
+            np.abs(self.probes[i] - self.probes[i - 1])[self.lit].mean() < ALIKE * self.reach
+        )
+
+    def _inverse_of(self, number: int) -> int | None:
+        """The plane whose bright stripes are the dark ones of plane `number`, if the code has it."""
+        plane = self.code.planes[number]
+        if plane.kind != "binary":
+            return None
+        inverse = replace(plane, inverse=not plane.inverse)
+        return self.code.planes.index(inverse) if inverse in self.code.planes else None
+
+    def _planes_of(self, axis: str) -> list[int]:
+        return [i for i, plane in enumerate(self.code.planes) if plane.axis == axis]
+
+    def _probe(self, order: list[int | None], plane: int) -> Samples:
+        photograph = order[plane]
+        assert photograph is not None
+        return self.probes[photograph]
+
+    def _soundness(self, order: list[int | None], axis: str) -> float:
+        """Share of lit triples that decode to a straight line."""
+        planes = [0, 1, *self._planes_of(axis)]
+        key = tuple(order[i] for i in planes)
+        if key not in self._sound_of:
+            self._sound_of[key] = self._straight_share(order, axis)
+        return self._sound_of[key]
+
+    def _straight_share(self, order: list[int | None], axis: str) -> float:
+        assert order[0] is not None and order[1] is not None
+        levels = order[0], order[1]
+        if levels not in self._lit_of:
+            self._lit_of[levels] = self._lit_probes(*levels)
+        probes, contrast = self._lit_of[levels]
+        if not probes[0].size:
+            return 0.0
+        shown = {i: probes[p] for i in self._planes_of(axis) if (p := order[i]) is not None}
+        white, black = (probes[i] for i in levels)
+        coding = self.code.axis(axis)  # type: ignore[arg-type]
+        x, trust = _columns(self.code, coding, shown, white, black, contrast)
+        straight = np.abs(x[:, 0] - 2 * x[:, 1] + x[:, 2]) <= STRAIGHT_PX  # NaN is not
+        return float(np.mean(straight * trust.min(axis=1)))
+
+    def _lit_probes(self, white: int, black: int) -> tuple[list[Samples], float]:
+        """Samples (n, 3) of every photograph where all three are lit, and the contrast that counts."""
+        span = self.probes[white] - self.probes[black]
+        limits = default_limits(self.probes[white], self.probes[black])
+        enough = max(limits.white_black, 0.1 * float(np.ptp(self.probes[white])))
+        lit = (span > enough).all(axis=1)
+        return [p[lit] for p in self.probes], limits.contrast
+
+
+def _skipped(names: Sequence[str]) -> int | None:
+    """Place of the one number that is left out in the last numbers of the names, if there is one."""
+    found = [re.findall(r"\d+", name) for name in names]
+    if not all(found):
+        return None
+    numbers = np.array([int(each[-1]) for each in found])
+    jumps = np.flatnonzero(np.diff(numbers) == 2) + 1
+    return int(jumps[0]) if len(jumps) == 1 and np.ptp(numbers) == len(names) else None
+
+
+def _columns(
+    code: Code,
+    coding: AxisCode,
+    shown: dict[int, Samples],
+    white: Samples,
+    black: Samples,
+    contrast: float,
+) -> tuple[Samples, Samples]:
+    """Columns (n, 3) by a quick look, NaN where it sees none, and how far to trust them, 0..1."""
+    x, trust = np.full(white.shape, np.nan, np.float32), np.ones(white.shape, np.float32)
+    planes = {i: code.planes[i] for i in shown}
+    sines = [i for i, plane in planes.items() if plane.kind == "sine"]
+    if coding.waves is not None and len(sines) >= FEWEST:
+        all_sines = [i for i, p in enumerate(code.planes) if p.axis == planes[sines[0]].axis]
+        keep = np.isin(all_sines[: len(coding.waves.periods)], sines)
+        frames = [shown[i] for i in sines]
+        found = search(frames, coding.waves.kept(keep), Wavelook(), coding.length)
+        scale = MISFIT * len(frames) * np.maximum(found.amplitude, 1e-9) ** 2
+        x, trust = found.position, np.nan_to_num(np.exp(-found.residual / scale))
+    if coding.codewords is None:
+        return x, trust
+    folder = StripeFolder(white, black, contrast)
+    for i, plane in planes.items():
+        if plane.kind == "binary" and not (plane.inverse and i - 1 in shown):
+            other = shown.get(i + 1) if coding.inverses and not plane.inverse else None
+            other = white + black - shown[i] if other is None else other
+            folder.add(*((other, shown[i]) if plane.inverse else (shown[i], other)), plane.bit)
+    column, _ = folder.columns(coding)
+    if coding.waves is None:
+        return np.where(folder.certain(), column, np.nan), trust
+    return coding.numbered(x, column)[0], trust

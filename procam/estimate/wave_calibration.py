@@ -1,0 +1,157 @@
+"""What a set of sinusoidal pictures tells of lens, response, scattered light and noise (science.md s.2).
+
+Four things bias or blur columns alike over the whole picture, and are read off what the fits of some
+ten thousand pixels leave: how much blur takes from each period, what a wrong gamma adds, by how
+much each picture's flux differs from half of white's, and how noise grows with light.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procam import kernels
+from procam.errors import NotEnoughData
+from procam.maths.phase import (
+    WaveFit,
+    Wavelook,
+    Waves,
+    fit_waves,
+    search_columns,
+    shared_sensitivity,
+)
+
+Array = NDArray[np.float64]
+Map = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+Samples = NDArray[Any]
+SAMPLE_PIXELS = 10_000
+FEWEST_PIXELS = 50
+UNKNOWNS = 3  # offset, amplitude, column
+ROUNDS = 4
+PRIOR_BLUR_PX2, PRIOR_HARMONIC, PRIOR_SURPLUS = 20.0, 0.1, 0.02  # of this size, if any
+LARGEST_BLUR_PX2, LARGEST_HARMONIC = 100.0, 0.3
+FAINT_SHARE = 0.1  # of a bright pixel's amplitude: below, nothing shines there directly
+LEVELS = 12
+
+
+@dataclass(frozen=True, slots=True)
+class NoiseLaw:
+    """Variance of a sample of level I: `floor` + `per_level` I [image unit^2]."""
+
+    floor: float
+    per_level: float
+
+    def variance(self, level: Any) -> Any:
+        """Variance at `level`; never negative."""
+        return np.maximum(self.floor + self.per_level * level, 1e-12)
+
+
+@dataclass(frozen=True, slots=True)
+class WaveCalibration:
+    """What all pixels of one axis share; `surplus` (K,) is each picture's flux beyond half of white's."""
+
+    look: Wavelook
+    surplus: Array
+    noise: NoiseLaw
+
+
+def calibrate_waves(
+    frames: Sequence[Samples], waves: Waves, length: int, span: Map, usable: Mask
+) -> WaveCalibration:
+    """Read lens, response, surplus and noise off K pictures (H, W).
+
+    `span` (H, W) is white - black; `usable` (H, W) marks pixels to look at. Gauss-Newton with each
+    pixel's offset, amplitude and column eliminated. The surplus is the phasor by which scattered
+    light biases columns: it adds that share of a pixel's scattered light to the picture.
+    """
+    where = np.flatnonzero(usable)
+    if where.size < FEWEST_PIXELS:
+        raise NotEnoughData(
+            f"waves: got {where.size} pixels with light and no saturated sample, expected at least "
+            f"{FEWEST_PIXELS}; is the projector on, and the exposure right?"
+        )
+    where = where[:: max(1, where.size // SAMPLE_PIXELS)]
+    raw = np.stack([np.ravel(f)[where] for f in frames], axis=1).astype(float)
+    x = search(list(raw.T.astype(np.float32)), waves, Wavelook(), length).position.astype(float)
+    good = np.isfinite(x)
+    raw, x, full = raw[good], x[good], np.ravel(span)[where][good].astype(float)
+    look, surplus, scattered = Wavelook(), np.zeros(len(frames)), np.zeros(len(x))
+    keep = np.ones(raw.shape, bool)
+    for _ in range(ROUNDS):
+        samples = raw - scattered[:, None] * surplus
+        fit = fit_waves(samples, keep, waves, look, x)
+        scattered, x = np.maximum(full - 2 / look.depth(waves) * fit.amplitude, 0), fit.x
+        look, surplus = _step(
+            samples, waves, WaveCalibration(look, surplus, NO_LAW), fit, scattered
+        )
+    fit = fit_waves(raw - scattered[:, None] * surplus, keep, waves, look, x)
+    return WaveCalibration(look, surplus, _noise_law(fit, len(frames) - UNKNOWNS))
+
+
+def search(
+    frames: Sequence[Samples], waves: Waves, look: Wavelook, length: int
+) -> kernels.PhaseFit:
+    """Best column of every pixel; waves of a single period tell it only within that period.
+
+    Without a base set of three pictures, all columns are tried for each pixel.
+    """
+    if waves.single:
+        length = 1
+    if waves.base >= UNKNOWNS:
+        modulation, harmonics = look.modulation(waves), look.harmonics(waves)
+        return kernels.search_phase(
+            frames, waves.periods, waves.shifts, modulation, harmonics, waves.base, length
+        )
+    samples = np.stack([np.ravel(f) for f in frames], axis=1).astype(float)
+    fit, margin = search_columns(samples, np.ones(samples.shape, bool), waves, look, length)
+    parts = (fit.x, fit.variance, fit.amplitude, fit.offset, fit.residual, margin)
+    return kernels.PhaseFit(*(p.reshape(frames[0].shape).astype(np.float32) for p in parts))
+
+
+def _step(
+    samples: Array, waves: Waves, now: WaveCalibration, fit: WaveFit, scattered: Array
+) -> tuple[Wavelook, Array]:
+    """One Gauss-Newton step of look and surplus."""
+    honest = _honest(fit)
+    left, shared = shared_sensitivity(samples, waves, now.look, fit, scattered)
+    left, shared = left[honest], shared[honest].reshape(-1, shared.shape[-1])
+    noise = max(float(np.mean(left**2)), 1e-20)
+    values = np.r_[now.look.blur_px2, now.look.harmonic, now.surplus]
+    size = np.r_[PRIOR_BLUR_PX2, PRIOR_HARMONIC, np.full(len(now.surplus), PRIOR_SURPLUS)]
+    gradient = shared.T @ left.ravel() / noise - values / size**2
+    values = values + np.linalg.solve(shared.T @ shared / noise + np.diag(size**-2), gradient)
+    blur_px2 = float(np.clip(values[0], 0.0, LARGEST_BLUR_PX2))
+    return Wavelook(
+        blur_px2, float(np.clip(values[1], -LARGEST_HARMONIC, LARGEST_HARMONIC))
+    ), values[2:]
+
+
+def _honest(fit: WaveFit) -> Mask:
+    """Pixels with a clear wave that the model explains: no edges, no mixtures, no unlit ones."""
+    bright = fit.amplitude > FAINT_SHARE * np.quantile(fit.amplitude, 0.9)
+    if not bright.any():
+        return np.isfinite(fit.residual)
+    return np.asarray(bright & (fit.residual <= 6 * np.median(fit.residual[bright]) + 1e-12))
+
+
+def _noise_law(fit: WaveFit, freedom: int) -> NoiseLaw:
+    """Line through the mean residual variance of pixels sorted by level; no part negative."""
+    honest = _honest(fit)
+    level, variance = fit.offset[honest], fit.residual[honest] / freedom
+    parts = [p for p in np.array_split(np.argsort(level), LEVELS) if p.size]
+    levels = np.array([level[p].mean() for p in parts])
+    means = np.maximum([variance[p].mean() for p in parts], 1e-12)
+    if np.ptp(levels) == 0:
+        return NoiseLaw(float(variance.mean()), 0.0)
+    slope, start = np.polyfit(levels, means, 1, w=1 / means)
+    if slope <= 0:
+        return NoiseLaw(float(variance.mean()), 0.0)
+    if start < 0:
+        return NoiseLaw(0.0, float(np.sum(levels / means) / np.sum((levels / means) ** 2)))
+    return NoiseLaw(float(start), float(slope))
+
+
+NO_LAW = NoiseLaw(0.0, 0.0)

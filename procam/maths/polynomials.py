@@ -1,0 +1,71 @@
+"""Smooth functions of two coordinates, fitted to scattered values."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.polynomial import legendre
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+ROUNDS = 3
+MOST_POINTS = 20_000
+SIGMAS = 3.0
+
+
+@dataclass(frozen=True, slots=True)
+class Surface2D:
+    """A polynomial of total degree `degree` in two coordinates, Legendre for good conditioning.
+
+    `centre`, `half` (2,) bring the coordinates into -1..1; `coefficients` (T, C).
+    """
+
+    degree: int
+    centre: Array
+    half: Array
+    coefficients: Array
+
+    def __call__(self, xy: Array) -> Array:
+        """Values (N, C) at coordinates (N, 2)."""
+        return np.asarray(_terms(self._scaled(xy), self.degree) @ self.coefficients)
+
+    def gradient(self, xy: Array) -> Array:
+        """Derivatives (N, C, 2) by the two coordinates."""
+        scaled = self._scaled(xy)
+        parts = [
+            _terms(scaled, self.degree, i) @ self.coefficients / self.half[i] for i in range(2)
+        ]
+        return np.stack(parts, axis=-1)
+
+    def _scaled(self, xy: Array) -> Array:
+        return np.asarray((xy - self.centre) / self.half)
+
+
+def fit_surface(xy: Array, values: Array, degree: int) -> Surface2D:
+    """Robust least squares of values (N, C) at coordinates (N, 2): what is far off does not count.
+
+    Of very many points some 20,000, evenly picked, are enough.
+    """
+    some = slice(None, None, max(1, len(xy) // MOST_POINTS))
+    xy, values = xy[some], values[some]
+    low, high = xy.min(axis=0), xy.max(axis=0)
+    centre, half = (low + high) / 2, np.maximum((high - low) / 2, 1e-9)
+    terms = _terms((xy - centre) / half, degree)
+    use = np.ones(len(xy), bool)
+    for _ in range(ROUNDS):
+        coefficients = np.linalg.lstsq(terms[use], values[use], rcond=None)[0]
+        miss = np.abs(values - terms @ coefficients).max(axis=1)
+        use = miss <= SIGMAS * 1.4826 * np.median(miss) + 1e-12
+    return Surface2D(degree, centre, half, np.asarray(coefficients, float))
+
+
+def _terms(scaled: Array, degree: int, derivative: int | None = None) -> Array:
+    """Products (N, T) of Legendre polynomials up to a total degree, or one derivative of them."""
+    lines = []
+    for i in range(2):
+        table = legendre.legvander(scaled[:, i], degree)
+        if i == derivative:
+            steps = legendre.legder(np.eye(degree + 1))
+            table = legendre.legvander(scaled[:, i], degree - 1) @ steps
+        lines.append(table)
+    pairs = [(a, b) for a in range(degree + 1) for b in range(degree + 1 - a)]
+    return np.stack([lines[0][:, a] * lines[1][:, b] for a, b in pairs], axis=1)
