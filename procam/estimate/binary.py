@@ -15,7 +15,7 @@ Pair = tuple[Samples, Samples, int]
 WIDEST_LOSS = 8  # columns that may share what is left of a codeword when planes are lost
 RESOLVED_SHARE = 0.25  # of the lit pixels must see a plane, or it is lost
 FLUX_SLACK = 0.02  # imbalance of a pair below which its scattered light cancels
-PROBES = 20_000
+PROBES = 20_000  # pixels of which the lit ones tell whether a plane is resolved
 HELD_PAIRS = 2
 
 
@@ -40,7 +40,7 @@ class StripeFolder:
         self._most = np.zeros(white.shape, white.dtype)
         self._folded: set[int] = set()
         self._held: list[Pair] = []
-        some = slice(None, None, max(1, white.size // (4 * PROBES)))
+        some = slice(None, None, max(1, white.size // PROBES))
         span = _difference(np.ravel(white)[some], np.ravel(black)[some])
         self._probe = np.arange(white.size)[some][span > 4 * contrast]
         self._total = float(white.sum(dtype=float) - black.sum(dtype=float))
@@ -58,7 +58,7 @@ class StripeFolder:
         return True
 
     def most(self) -> Samples:
-        """Largest contrast (H, W): the direct light, where any stripe was resolved."""
+        """Largest contrast (H, W): the direct light; high by noise and by what scattered light adds."""
         self._fold()
         return self._most
 

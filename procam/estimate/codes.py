@@ -157,7 +157,7 @@ def make_code(name: str, size: tuple[int, int]) -> Code:
 
 def wave_code(size: tuple[int, int], periods: tuple[float, float], steps: int = 8) -> Code:
     """N-step waves of one period per axis [px] and nothing to number them: for one fringe."""
-    waves = [Waves(np.full(steps, p), equal_steps(steps), steps) for p in periods]
+    waves = [Waves(np.full(steps, float(p)), equal_steps(steps), steps) for p in periods]
     return Code("wave", size, AxisCode(size[0], waves[0]), AxisCode(size[1], waves[1]))
 
 

@@ -90,7 +90,7 @@ class Decoder:
         found = _joined(self.code, span, x, y, self._known)
         if self._known.neighbours:
             found = drop_lonely(found)
-        direct = np.where(found.valid, np.minimum(np.fmax(x.direct, y.direct), span), 0)
+        direct = np.where(found.valid, np.clip((x.direct + y.direct) / 2, 0, span), 0)
         both: dict[str, AxisResult] = {"x": x, "y": y}
         waves = {n: r.waves for n, r in both.items() if r.waves is not None}
         if len(waves) == len(AXES):
@@ -133,7 +133,7 @@ def _joined(
     xy = np.stack([x.x, y.x], axis=-1)
     with np.errstate(invalid="ignore"):
         valid = np.isfinite(xy).all(axis=-1) & (span > limits.white_black)
-        valid &= np.fmax(x.direct, y.direct) >= limits.lit_share * span
+        valid &= (x.direct + y.direct) / 2 >= limits.lit_share * span
         valid &= ((xy >= -0.5) & (xy <= np.array(code.size) - 0.5)).all(axis=-1)
     sigma = np.stack([x.sigma, y.sigma], axis=-1)
     return CorrespondenceMap(

@@ -30,7 +30,7 @@ class ProjectorMap:
     patch_px : edge of the patches [px]; patch (row i, column j) is centred on projector pixel
         ((j + 1/2) patch_px - 1/2, (i + 1/2) patch_px - 1/2).
     camera_px : (h, w, 2) place in the camera [px]; NaN where not `valid` (h, w).
-    sigma_px : (h, w, 2) standard error, in PROJECTOR pixels along x and y.
+    sigma_px : (h, w) standard error in PROJECTOR pixels, along x and along y.
     slope : (h, w, 2, 2) projector pixels per camera pixel.
     coverage : (h, w) share of the patch that camera pixels see. count : (h, w) how many do.
     """

@@ -9,13 +9,15 @@ from numpy.typing import NDArray
 
 from procam.errors import CalibrationError, FileFormatError, InputError
 from procam.estimate.codes import Code, generate, make_code
-from procam.estimate.decode import Decoded, Decoder
+from procam.estimate.decode import Decoder
 from procam.estimate.frame_checks import Verdict, examine, probe_places
 from procam.estimate.limits import DecodeLimits, default_limits
 from procam.estimate.panel_checks import panel_notes
+from procam.estimate.projector_map import drop_inconsistent, fit_projector_map
 from procam.files.images import read_image, write_channels, write_image
 from procam.interfaces.cli.output import Output
 from procam.interfaces.quicklook import quick_look
+from procam.model.correspondence import CorrespondenceMap, ProjectorMap
 
 SUFFIXES = (".png", ".tif", ".tiff", ".jpg", ".jpeg", ".exr", ".bmp", ".pgm")
 Picture = NDArray[np.uint8] | NDArray[np.uint16] | NDArray[np.float32]
@@ -46,16 +48,19 @@ def run_decode(
 ) -> None:
     """Decode FOLDER and write the map, and a picture of it to look at beside it."""
     layout = make_code(code, _size(size))
-    decoded, notes = decode_folder(folder, layout, limits)
-    found = decoded.map
+    if out.resolve().parent == folder.resolve():
+        raise InputError(f"{out}: lies among the photographs; choose another folder for it")
+    found, panel, notes = decode_folder(folder, layout, limits)
     if not found.valid.any():
         raise CalibrationError(
             f"{folder}: no pixel decodes as {code} on {size}; are size, code and order right?"
         )
     xy, sigma = found.projector_xy, np.sqrt(np.mean(found.sigma_px**2, axis=-1))
     write_channels(out, {"projector.x": xy[..., 0], "projector.y": xy[..., 1], "sigma": sigma})
-    look = out.with_suffix(".png")
+    look = out.with_name(f"{out.stem}-look.png")
     write_image(look, quick_look(found, layout.size))
+    side = out.with_name(f"{out.stem}-panel.exr")
+    write_channels(side, _panel_channels(panel))
     share, middle = float(found.valid.mean()), float(np.nanmedian(sigma))
     for note in notes:
         output.say(note)
@@ -63,9 +68,16 @@ def run_decode(
         f"{out} written; {int(found.valid.sum())} pixels decoded, {share:.1%} of the picture, "
         f"standard error {middle:.2f} px; {look} shows it"
     )
+    output.say(
+        f"{side} written; where the camera sees patches of {panel.patch_px}x{panel.patch_px} projector "
+        f"pixels, {panel.valid.mean():.1%} of them"
+    )
     output.finish(
         {
             "out": str(out),
+            "look": str(look),
+            "panel": str(side),
+            "patch_px": panel.patch_px,
             "decoded": int(found.valid.sum()),
             "share": share,
             "sigma_px": middle,
@@ -76,8 +88,12 @@ def run_decode(
 
 def decode_folder(
     folder: Path, code: Code, limits: tuple[float | None, float | None]
-) -> tuple[Decoded, list[str]]:
-    """Map of a folder of pictures, and what was odd; `limits` in counts, None for automatic."""
+) -> tuple[CorrespondenceMap, ProjectorMap, list[str]]:
+    """Camera's and panel's side of a folder of pictures, and what was odd.
+
+    `limits` are white - black and contrast in counts, None for automatic; given ones switch all
+    other cleaning off.
+    """
     files = sorted(p for p in folder.glob("*") if p.suffix.lower() in SUFFIXES)
     if abs(len(files) - len(code.planes)) > 1:
         raise FileFormatError(_wrong_number(folder, len(files), code))
@@ -92,7 +108,19 @@ def decode_folder(
         if number > 1 and path is not None:
             decoder.add(number, read_grey(path))
     decoded = decoder.result()
-    return decoded, [*verdict.notes, *decoded.notes, *panel_notes(code, decoded.map)]
+    found, panel = decoded.map, fit_projector_map(decoded.map, code.size)
+    if limits == (None, None):
+        found = drop_inconsistent(found, panel)
+    return found, panel, [*verdict.notes, *decoded.notes, *panel_notes(code, found)]
+
+
+def _panel_channels(panel: ProjectorMap) -> dict[str, NDArray[np.float32]]:
+    return {
+        "camera.x": panel.camera_px[..., 0],
+        "camera.y": panel.camera_px[..., 1],
+        "sigma": panel.sigma_px,
+        "coverage": panel.coverage,
+    }
 
 
 def folder_order(code: Code) -> list[int]:
@@ -103,19 +131,20 @@ def folder_order(code: Code) -> list[int]:
 
 def _matched(files: list[Path], code: Code) -> Verdict:
     """Which file shows which plane; files of another size than most are left out."""
-    shapes = [read_grey(path).shape for path in files]
+    pictures = ((path, read_grey(path)) for path in files)
+    seen = [
+        (path, picture.shape, picture[probe_places(picture.shape)]) for path, picture in pictures
+    ]
+    shapes = [shape for _, shape, _ in seen]
     usual = max(set(shapes), key=shapes.count)
-    odd = [path for path, shape in zip(files, shapes, strict=True) if shape != usual]
     notes = [
         f"{path.name}: got {shape[1]}x{shape[0]} px, expected {usual[1]}x{usual[0]} like most; left out"
-        for path, shape in zip(files, shapes, strict=True)
+        for path, shape, _ in seen
         if shape != usual
     ]
-    same = [path for path in files if path not in odd]
-    places = probe_places(usual)
-    probes = [read_grey(path)[places] for path in same]
-    names = [path.name for path in same]
-    verdict = examine(code, folder_order(code), probes, names)
+    same = [path for path, shape, _ in seen if shape == usual]
+    probes = [probe for _, shape, probe in seen if shape == usual]
+    verdict = examine(code, folder_order(code), probes, [path.name for path in same])
     order = [None if i is None else files.index(same[i]) for i in verdict.order]
     return Verdict(order, notes + verdict.notes)
 
