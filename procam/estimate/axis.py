@@ -43,6 +43,7 @@ class AxisDecoder:
         self._white, self._black = white, black
         self._order = [p for p in coding.planes(axis) if p.kind == "sine"]
         self._frames: dict[int, Samples] = {}
+        self._variances: Map | None = None  # sum over the frames
         self._waves: WaveResult | None = None
         scattering = limits.lit_share > 0
         self._stripes = (
@@ -51,9 +52,12 @@ class AxisDecoder:
         self._waiting: tuple[Plane, Samples] | None = None
         self._lost: list[Plane] = []
 
-    def add(self, plane: Plane, image: Samples) -> None:
+    def add(self, plane: Plane, image: Samples, variance: Map | None = None) -> None:
         """Fold in one picture; a pattern and its inverse follow each other."""
         if plane.kind == "sine":
+            if variance is not None:
+                before = np.float32(0) if self._variances is None else self._variances
+                self._variances = np.asarray(variance + before, np.float32)
             self._frames[self._order.index(plane)] = image
             if len(self._frames) == len(self._order):
                 self._solve_waves()
@@ -146,5 +150,6 @@ class AxisDecoder:
                 span,
                 span > self._limits.white_black,
                 [dropped_samples(frame, self._limits) for frame in frames],
+                None if self._variances is None else self._variances / np.float32(len(frames)),
             )
         )

@@ -23,6 +23,7 @@ HALF_LIT = 0.5  # of the light that the surroundings promise: here runs the pict
 CLOSED_PX = 3  # gaps in the decoded area up to twice this wide are no border
 NEAREST_SIGMAS = 1.2  # from the border; nearer, the place is off by more than half the blur
 FARTHEST_SIGMAS = 4.0
+BEYOND_PX = 100  # of the camera: farther than any blur reaches
 
 
 def undo_blur(
@@ -71,14 +72,17 @@ class _Border:
 
     `near` (H, W) marks them, `too_near` those that cannot be used, `inner` the lit rest. Distances
     are measured in the camera and carried to the panel by the inverse transpose of the map's slope.
+    What is lit at the photograph's own edge goes on beyond it.
     """
 
     def __init__(self, found: CorrespondenceMap, lit: Mask, sigma: Array) -> None:
         rows, columns = np.nonzero(found.valid)
         seen = np.stack([columns, rows], axis=1).astype(float)
         place = fit_surface(seen, found.projector_xy[found.valid].astype(float), PLACE_DEGREE)
-        closed = grow(grow(lit, CLOSED_PX), -CLOSED_PX) | lit
-        distance = edge_distance(closed)
+        around = np.pad(lit, BEYOND_PX, mode="edge")
+        closed = grow(grow(around, CLOSED_PX), -CLOSED_PX) | around
+        inside = slice(BEYOND_PX, -BEYOND_PX)
+        distance = edge_distance(closed)[inside, inside]
         some = seen[:: max(1, len(seen) // 500)]
         finest = np.linalg.svd(place.gradient(some) / sigma[:, None])[1].min()  # sigmas per pixel
         self.near = found.valid & (distance < FARTHEST_SIGMAS / max(float(finest), 0.02) + 1)

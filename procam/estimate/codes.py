@@ -117,7 +117,7 @@ class AxisCode:
         if plane.kind == "sine":
             return sine_line(self.length, plane.period, plane.shift)
         assert self.codewords is not None
-        words = self.codewords[(np.arange(self.length) / self.stripe).astype(int)]
+        words = self.codewords[((np.arange(self.length) + 0.5) / self.stripe).astype(int)]
         return (((words >> plane.bit) & 1) ^ int(plane.inverse)).astype(float)
 
 

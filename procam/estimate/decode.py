@@ -56,8 +56,12 @@ class Decoder:
         self._axes: dict[str, AxisDecoder] = {}
         self._notes: list[str] = []
 
-    def add(self, number: int, image: Samples) -> None:
-        """Fold in picture `number` of `code.planes`, (H, W) uint8, uint16 or float32."""
+    def add(self, number: int, image: Samples, variance: Map | None = None) -> None:
+        """Fold in picture `number` of `code.planes`, (H, W) uint8, uint16 or float32.
+
+        `variance` (H, W) comes with pictures merged from several exposures; NaN in them is a sample
+        that is lost. Without it, a noise law is read off the pictures.
+        """
         if min(number, 2) != len(self._levels):
             raise InputError(
                 f"picture {number}: got it too early or twice, expected white, black, code"
@@ -68,7 +72,7 @@ class Decoder:
             )
         if number >= 2:
             plane = self.code.planes[number]
-            self._axes[plane.axis].add(plane, image)
+            self._axes[plane.axis].add(plane, image, variance)
             return
         self._levels.append(image)
         if len(self._levels) == 2:
@@ -81,10 +85,7 @@ class Decoder:
         x, y = (self._axes[name].result() for name in AXES)
         white, black = self._levels
         span = np.subtract(white, black, dtype=np.float32)
-        if (
-            np.mean(dropped_samples(white, self._known)[span > self._known.white_black])
-            > CLIPPED_SHARE
-        ):
+        if self._clipped > CLIPPED_SHARE:
             # a saturated white says too little; what the code itself saw as brightest says more
             span = np.maximum(span, np.fmax(x.direct, y.direct))
         found = _joined(self.code, span, x, y, self._known)
@@ -109,9 +110,10 @@ class Decoder:
     def _start(self, white: Samples, black: Samples) -> None:
         self._known = self._limits or default_limits(white, black)
         lit = np.subtract(white, black, dtype=np.float32) > self._known.white_black
-        share = float(dropped_samples(white, self._known)[lit].mean()) if lit.any() else 0.0
-        if share > CLIPPED_SHARE:
-            self._notes.append(f"white is saturated in {share:.0%} of the lit pixels")
+        clipped = dropped_samples(white, self._known)[lit]
+        self._clipped = float(clipped.mean()) if clipped.size else 0.0
+        if self._clipped > CLIPPED_SHARE:
+            self._notes.append(f"white is saturated in {self._clipped:.0%} of the lit pixels")
         for axis in AXES:
             self._axes[axis] = AxisDecoder(self.code.axis(axis), axis, white, black, self._known)
 

@@ -1,7 +1,7 @@
 """What a set of sinusoidal pictures tells of lens, response, scattered light and noise (science.md s.2).
 
 Four things bias or blur columns alike over the whole picture, and are read off what the fits of some
-ten thousand pixels leave: how much blur takes from each period, what a wrong gamma adds, by how
+forty thousand pixels leave: how much blur takes from each period, what a wrong gamma adds, by how
 much each picture's flux differs from half of white's, and how noise grows with light.
 """
 
@@ -18,7 +18,6 @@ from procam.maths.phase import (
     WaveFit,
     Wavelook,
     Waves,
-    fit_waves,
     search_columns,
     shared_sensitivity,
 )
@@ -27,7 +26,7 @@ Array = NDArray[np.float64]
 Map = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 Samples = NDArray[Any]
-SAMPLE_PIXELS = 10_000
+SAMPLE_PIXELS = 40_000
 FEWEST_PIXELS = 50
 UNKNOWNS = 3  # offset, amplitude, column
 ROUNDS = 4
@@ -59,11 +58,18 @@ class WaveCalibration:
 
 
 def calibrate_waves(
-    frames: Sequence[Samples], waves: Waves, length: int, span: Map, usable: Mask
+    frames: Sequence[Samples],
+    waves: Waves,
+    length: int,
+    span: Map,
+    usable: Mask,
+    variance: Map | None = None,
 ) -> WaveCalibration:
     """Read lens, response, surplus and noise off K pictures (H, W).
 
-    `span` (H, W) is white - black; `usable` (H, W) marks pixels to look at. Gauss-Newton with each
+    `span` (H, W) is white - black; `usable` (H, W) marks pixels to look at; `variance` (H, W) of a
+    sample is for pictures whose noise follows no law of their level, and makes theirs the unit of
+    the law that is found. Gauss-Newton with each
     pixel's offset, amplitude and column eliminated. The surplus is the phasor by which scattered
     light biases columns: it adds that share of a pixel's scattered light to the picture.
     """
@@ -75,20 +81,27 @@ def calibrate_waves(
         )
     where = where[:: max(1, where.size // SAMPLE_PIXELS)]
     raw = np.stack([np.ravel(f)[where] for f in frames], axis=1).astype(float)
-    x = search(list(raw.T.astype(np.float32)), waves, Wavelook(), length).position.astype(float)
-    good = np.isfinite(x)
-    raw, x, full = raw[good], x[good], np.ravel(span)[where][good].astype(float)
-    look, surplus, scattered = Wavelook(), np.zeros(len(frames)), np.zeros(len(x))
-    keep = np.ones(raw.shape, bool)
+    full = np.ravel(span)[where].astype(float)
+    if variance is not None:
+        scale = 1 / np.sqrt(np.ravel(variance)[where].astype(float))
+        raw, full = raw * scale[:, None], full * scale
+    look, surplus, scattered = Wavelook(), np.zeros(len(frames)), np.zeros(len(where))
     for _ in range(ROUNDS):
         samples = raw - scattered[:, None] * surplus
-        fit = fit_waves(samples, keep, waves, look, x)
-        scattered, x = np.maximum(full - 2 / look.depth(waves) * fit.amplitude, 0), fit.x
-        look, surplus = _step(
-            samples, waves, WaveCalibration(look, surplus, NO_LAW), fit, scattered
-        )
-    fit = fit_waves(raw - scattered[:, None] * surplus, keep, waves, look, x)
+        fit, seen = _fitted(samples, waves, look, length)
+        scattered[seen] = np.maximum(full[seen] - 2 / look.depth(waves) * fit.amplitude, 0)
+        now = WaveCalibration(look, surplus, NO_LAW)
+        look, surplus = _step(samples[seen], waves, now, fit, scattered[seen])
+    fit, _ = _fitted(raw - scattered[:, None] * surplus, waves, look, length)
     return WaveCalibration(look, surplus, _noise_law(fit, len(frames) - UNKNOWNS))
+
+
+def _fitted(samples: Array, waves: Waves, look: Wavelook, length: int) -> tuple[WaveFit, Mask]:
+    """Fit of the samples (n, K) in which a wave is seen, and which (n,) these are."""
+    found = search(list(np.ascontiguousarray(samples.T, np.float32)), waves, look, length)
+    seen = np.isfinite(found.position)
+    parts = (found.position, found.variance, found.offset, found.amplitude, found.residual)
+    return WaveFit(*(part[seen].astype(float) for part in parts)), seen
 
 
 def search(
@@ -150,7 +163,7 @@ def _noise_law(fit: WaveFit, freedom: int) -> NoiseLaw:
     if slope <= 0:
         return NoiseLaw(float(variance.mean()), 0.0)
     if start < 0:
-        return NoiseLaw(0.0, float(np.sum(levels / means) / np.sum((levels / means) ** 2)))
+        return NoiseLaw(0.0, float(np.mean(variance) / np.mean(level)))
     return NoiseLaw(float(start), float(slope))
 
 

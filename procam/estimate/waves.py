@@ -36,6 +36,7 @@ class WavePictures:
     frames : K photographs (H, W). waves : their waves. length : columns on the panel.
     span : (H, W) white - black. usable : (H, W) pixels to calibrate on.
     dropped : K masks (H, W) of saturated or dark samples.
+    variance : (H, W) of a sample, for merged exposures; None to read a noise law off the pictures.
     """
 
     frames: Sequence[Samples]
@@ -44,6 +45,7 @@ class WavePictures:
     span: Map
     usable: Mask
     dropped: Sequence[Mask]
+    variance: Map | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +72,9 @@ def decode_waves(pictures: WavePictures) -> WaveResult:
     waves, frames = pictures.waves, pictures.frames
     short = np.logical_or.reduce(pictures.dropped)
     usable = pictures.usable & ~short
-    known = calibrate_waves(frames, waves, pictures.length, pictures.span, usable)
+    known = calibrate_waves(
+        frames, waves, pictures.length, pictures.span, usable, pictures.variance
+    )
     found = search(frames, waves, known.look, pictures.length)
     if np.abs(known.surplus).max() > NEGLIGIBLE_SURPLUS:
         frames = _balanced(pictures, known, found)
@@ -81,8 +85,11 @@ def decode_waves(pictures: WavePictures) -> WaveResult:
         _search_rest(
             pictures, frames, known.look, short & pictures.usable & (count >= FEWEST), found
         )
-    ok = _trusted(found, count, known.noise)
-    sigma = np.sqrt(np.where(ok, found.variance * known.noise.variance(found.offset), np.nan))
+    noise = pictures.variance
+    if noise is None:
+        noise = known.noise.variance(found.offset)
+    ok = _trusted(found, count, noise)
+    sigma = np.sqrt(np.where(ok, found.variance * noise, np.nan))
     amplitude = np.where(short & ~ok, 0.0, found.amplitude) / known.look.depth(waves)
     return WaveResult(
         np.where(ok, found.position, np.nan).astype(np.float32),
@@ -118,8 +125,8 @@ def _search_rest(
     found.residual[rows], found.margin[rows] = fit.residual, margin
 
 
-def _trusted(found: PhaseFit, count: NDArray[Any], noise: NoiseLaw) -> Mask:
-    variance = noise.variance(found.offset)
+def _trusted(found: PhaseFit, count: NDArray[Any], variance: Map) -> Mask:
+    """Pixels (H, W) whose wave is clear, alone and well fitted, given a sample's variance."""
     with np.errstate(invalid="ignore"):
         ok = found.amplitude > AMPLITUDE_SIGMAS * np.sqrt(2 * variance / np.maximum(count, 1))
         ok &= found.margin >= MARGIN_SIGMAS2 * variance

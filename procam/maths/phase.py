@@ -17,6 +17,8 @@ SMALLEST_SCALE = 1 / 3  # periods under 16 px do not survive lenses
 MICRO_PERIODS = (54.83, 49.23, 49.31, 50.09, 50.12, 48.86)
 MICRO_SHIFTS = (2.005, 3.482, 3.077, 4.532, 0.889)
 HETERODYNE_PERIODS = (59.74, 58.05, 50.64)  # likewise; 1.08 apart
+CANDIDATES = 6  # columns of a pixel that get a closer look
+FIT_PARTS = ("x", "variance", "offset", "amplitude", "residual")
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,22 +166,28 @@ def search_columns(
 ) -> tuple[WaveFit, Array]:
     """Best column of all for samples (n, K) of which only `keep` (n, K) count.
 
-    Tries every half pixel, so it needs no base set, and refines the best. Also gives by how much
-    the runner-up, more than half a period away, fits worse (n,) [sum of squares].
+    Tries every half pixel, so it needs no base set, and refines the best few, which lie more than half
+    a period apart. Also gives by how much the runner-up fits worse (n,) [sum of squares], infinite
+    without one; waves of a single period tell the column only within it, and have none.
     """
-    grid = np.arange(-0.5, length, 0.5)
+    count, end = (1, waves.periods[0]) if waves.single else (CANDIDATES, length)
+    grid = np.arange(-0.5, end, 0.5)
     curve, _ = _curve(waves, look, grid)
-    x, margin = np.zeros(len(samples)), np.zeros(len(samples))
+    start, gained = np.zeros((2, count, len(samples)))
     for pattern in np.unique(keep, axis=0):
         rows = np.flatnonzero((keep == pattern).all(axis=1))
         for part in np.array_split(rows, max(1, rows.size * grid.size // 20_000_000)):
             gain = _explained(samples[np.ix_(part, pattern)], curve[:, pattern])
-            best = gain.argmax(axis=1)
-            x[part] = grid[best]
-            far = np.abs(grid[None, :] - x[part, None]) > waves.periods[0] / 2
-            top = gain[np.arange(len(part)), best]
-            margin[part] = top - np.where(far, gain, 0.0).max(axis=1)
-    return fit_waves(samples, keep, waves, look, x), margin
+            for x, top in zip(start, gained, strict=True):
+                x[part], top[part] = grid[gain.argmax(axis=1)], gain.max(axis=1)
+                gain[np.abs(grid[None, :] - x[part, None]) <= waves.periods[0] / 2] = 0.0
+    fits = [fit_waves(samples, keep, waves, look, x) for x in start]
+    residuals = np.stack([fit.residual for fit in fits])
+    residuals[1:][gained[1:] <= 0] = np.inf
+    order, every = residuals.argsort(axis=0), np.arange(len(samples))
+    parts = [np.stack([getattr(fit, name) for fit in fits]) for name in FIT_PARTS]
+    runner_up = residuals[order[1], every] if count > 1 else np.inf
+    return WaveFit(*(p[order[0], every] for p in parts)), runner_up - residuals[order[0], every]
 
 
 def shared_sensitivity(
@@ -193,8 +201,12 @@ def shared_sensitivity(
     """
     jacobian, error = _local_model(waves, look, fit.x, fit.offset, fit.amplitude, samples)
     angles = waves.angles(fit.x)
-    slope = -2 * np.pi**2 * (waves.periods**-2 - waves.periods[0] ** -2)
-    by_blur = fit.amplitude[:, None] * slope * look.modulation(waves) * np.cos(angles)
+    slope, slope_2 = (
+        -2 * np.pi**2 * (n**2 * waves.periods**-2 - waves.periods[0] ** -2) for n in (1, 2)
+    )
+    by_blur = slope * look.modulation(waves) * np.cos(angles)
+    by_blur += slope_2 * look.harmonics(waves) * np.cos(2 * angles)
+    by_blur *= fit.amplitude[:, None]
     unit = Wavelook(look.blur_px2, 1.0).harmonics(waves)
     by_harmonic = fit.amplitude[:, None] * unit * np.cos(2 * angles)
     by_flux = scattered[:, None, None] * np.eye(len(waves.periods))

@@ -62,6 +62,17 @@ def init(
     run_init(venue, template, Output(json))
 
 
+@app.command(epilog="Example: procam doctor my-dome")
+def doctor(venue: VenueArgument, json: Json = False) -> None:
+    """Check that all a venue names can be reached, exposed and resolved; exit 1 if it cannot.
+
+    Photographs each projector about five times, says what to set, and leaves the projectors dark.
+    """
+    from procam.interfaces.cli.doctor import run_doctor
+
+    run_doctor(venue, Output(json))
+
+
 @app.command(epilog="Example: procam capture my-dome --dry-run")
 def capture(
     venue: VenueArgument,

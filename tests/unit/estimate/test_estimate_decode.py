@@ -157,6 +157,11 @@ class TestSynthetic:
         ).map
         assert sorted(np.argwhere(~found.valid).tolist()) == [[3, 4], [5, 6]]
 
+    def test_nothing_is_lit_in_the_dark(self) -> None:
+        found = _decode(_photographs(0.05 * _ones()), PLAIN).map
+        assert not found.valid.any()
+        assert np.isnan(found.projector_xy).all()
+
     def test_one_weak_bit_is_enough_to_doubt(self) -> None:
         frames = _photographs(_ones())
         frames[8][2, 2] = frames[9][2, 2] + 0.01

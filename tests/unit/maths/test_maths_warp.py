@@ -4,7 +4,15 @@ import numpy as np
 import pytest
 from tolerances import FLOAT32, SAMPLE_PX
 
-from procam.maths.warp import block_mean, blur, blur_within, edge_distance, grow, sample
+from procam.maths.warp import (
+    block_mean,
+    blur,
+    blur_within,
+    edge_distance,
+    grow,
+    local_median,
+    sample,
+)
 
 
 @pytest.fixture
@@ -27,6 +35,26 @@ class TestSample:
         assert found.shape == (2, 5, 3)
         np.testing.assert_allclose(found[1, 4], [16.5, -16.5, 33.0], atol=1e-2)
         assert sample(ramp, xy).shape == (2, 5)
+
+    @pytest.mark.parametrize("channels", [1, 2, 3, 4, 5])
+    def test_exact_with_any_number_of_channels(
+        self, ramp: np.ndarray, channels: int, rng: np.random.Generator
+    ) -> None:
+        """OpenCV itself rounds places to 1/32 px for 2 channels and for more than 4."""
+        factors = np.arange(1, channels + 1)
+        xy = rng.uniform([0, 0], [11, 7], (400, 2))
+        found = sample(ramp[..., None] * factors, xy)
+        assert found.shape == (400, channels)
+        np.testing.assert_allclose(
+            found / factors, (xy @ [10, 1])[:, None] + 0 * factors, atol=1e-3
+        )
+
+    def test_two_channels_are_those_of_one(self, rng: np.random.Generator) -> None:
+        image = rng.random((9, 13, 2)).astype(np.float32)
+        xy = rng.uniform(-2, 14, (6, 7, 2))
+        found = sample(image, xy, outside=np.nan)
+        for i in range(2):
+            np.testing.assert_array_equal(found[..., i], sample(image[..., i], xy, outside=np.nan))
 
     @pytest.mark.parametrize("place", [[np.nan, np.nan], [-2.0, 3.0], [3.0, 99.0], [1e9, -1e9]])
     @pytest.mark.parametrize("outside", [0.0, 7.5])
@@ -103,3 +131,33 @@ class TestBlockMean:
         image = np.ones((17, 25), np.float32)
         image[16:], image[:, 24:] = 1e6, 1e6
         np.testing.assert_array_equal(block_mean(image, 8), np.ones((2, 3)))
+
+
+class TestLocalMedian:
+    def test_is_the_median_of_five_by_five(self, rng: np.random.Generator) -> None:
+        image = rng.normal(0, 1, (20, 30)).astype(np.float32)
+        found = local_median(image, np.ones(image.shape, bool))
+        windows = np.lib.stride_tricks.sliding_window_view(image, (5, 5))
+        expected = np.median(windows, axis=(2, 3))
+        np.testing.assert_array_equal(found[2:-2, 2:-2], expected)
+
+    def test_unknown_pixels_sway_it_by_one_rank_at_most(self, rng: np.random.Generator) -> None:
+        image = rng.normal(0, 1, (40, 50)).astype(np.float32)
+        mask = rng.random(image.shape) < 0.6
+        found = local_median(np.where(mask, image, np.nan), mask)
+        for row in range(2, 38):
+            for column in range(2, 48):
+                part = np.s_[row - 2 : row + 3, column - 2 : column + 3]
+                known = np.sort(image[part][mask[part]])
+                place = np.searchsorted(known, found[row, column])
+                # 25 samples of which those unknown lie half above, half below
+                above = np.add.outer(np.arange(row - 2, row + 3), np.arange(column - 2, column + 3))
+                low = int(((above % 2 == 0) & ~mask[part]).sum())
+                assert place == np.clip(12 - low, 0, len(known))
+
+    def test_a_line_one_pixel_wide_is_not_known_here(self) -> None:
+        mask = np.zeros((15, 15), bool)
+        mask[7] = True
+        found = local_median(np.full((15, 15), 3.0), mask)
+        # 5 of 25 samples: the unknown ones above and below are as many
+        assert found[7, 7] == 3

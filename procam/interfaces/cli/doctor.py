@@ -1,0 +1,78 @@
+"""`procam doctor`: can all that a venue names be reached, exposed and resolved."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import typer
+
+from procam.errors import DeviceError
+from procam.files.venue import load_venue
+from procam.interfaces.cli.output import Output
+from procam.workflows.doctor import examine
+from procam.workflows.findings import Diagnosis, Finding
+from procam.workflows.venue_rig import open_rig
+
+COLUMNS = (
+    "projector  camera     peak  exposure_s  darkest SNR  bracket_s            lit    error px"
+    "  gamma  halves"
+)
+
+
+def run_doctor(directory: Path, output: Output) -> None:
+    """`procam doctor`; exit 1 if anything is wrong."""
+    venue = load_venue(directory)
+    diagnosis = Diagnosis()
+    reached = False
+    try:
+        with open_rig(venue) as rig:
+            reached = True
+            output.follow(examine(rig, venue, diagnosis))
+    except DeviceError as error:
+        diagnosis.keep(_end(diagnosis, error) if reached else Finding("rig", "closed", str(error)))
+    for line in _lines(diagnosis):
+        output.say(line)
+    output.finish(diagnosis.as_dict())
+    if diagnosis.findings:
+        raise typer.Exit(1)
+
+
+def _end(diagnosis: Diagnosis, error: DeviceError) -> Finding:
+    """What to say when the projectors could not be left dark."""
+    known = any(str(error) in finding.text for finding in diagnosis.findings)
+    why = "see above" if known else str(error)
+    return Finding(
+        "rig", "lit", f"a projector may still be lit ({why}); look, and switch it off by hand"
+    )
+
+
+def _lines(diagnosis: Diagnosis) -> Iterator[str]:
+    for name, state in diagnosis.controls.items():
+        hours = "" if state["lamp_hours"] is None else f", {state['lamp_hours']} lamp hours"
+        yield f"projector {name}: {state['power']}, input {state['source'] or 'unknown'}{hours}"
+    for name, camera in diagnosis.cameras.items():
+        response = ", ".join(f"x{2**e:.3f}" for e in camera.exponents)
+        yield (
+            f"camera {name}: black level {camera.black_level_dn:.1f}, room light "
+            f"{camera.ambient_per_s:.2g} full scale/s"
+            + (f", twice the exposure {response}" if response else "")
+        )
+    if diagnosis.views:
+        yield ""
+        yield COLUMNS
+    for (projector, name), view in diagnosis.views.items():
+        plan = view.plan
+        bracket = " ".join(f"{e:g}" for e in plan.bracket_s)
+        error = f"{plan.column_sigma_px:.2f}..{plan.column_sigma_darkest_px:.2f}"
+        yield (
+            f"{projector:10} {name:10} {view.peak:4.0%}  {plan.exposure_s:10g}  {plan.snr:11.1f}  "
+            f"{bracket:19} {plan.lit_share:5.1%}  {error:>9}  {view.gamma:5.2f}  "
+            f"{view.additivity:6.1%}"
+        )
+    yield ""
+    # room light would pass for black light
+    if diagnosis.capture() and all(f.kind != "ambient" for f in diagnosis.findings):
+        yield f"[capture] for all: {diagnosis.lines()}"
+    yield from (f"WRONG  {finding}" for finding in diagnosis.findings)
+    count = len(diagnosis.findings)
+    verdict = f"{count} finding{'s' * (count > 1)}" if count else "all is well"
+    yield f"{diagnosis.photographs} photographs, {verdict}"
