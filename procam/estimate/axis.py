@@ -1,18 +1,22 @@
 """One axis of a code in the making: its stripes, its waves, and what both say together."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from procam.errors import NotEnoughData
 from procam.estimate.binary import StripeFolder
 from procam.estimate.codes import Axis, AxisCode, Plane
 from procam.estimate.limits import DecodeLimits, dropped_samples
+from procam.estimate.phasor import balanced
 from procam.estimate.waves import FEWEST, WavePictures, WaveResult, decode_waves
 
 Samples = NDArray[Any]
 Map = NDArray[np.float32]
+NO_SURPLUS = 1e-9
+FEW_FRINGES = 16  # more of them have next to no flux of their own (science.md s.2)
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,16 +144,30 @@ class AxisDecoder:
         if len(frames) < FEWEST:
             self._lost += [self._order[i] for i in shown]
             return
-        keep = np.isin(np.arange(len(self._order)), shown)
+        waves = self._coding.waves.kept(np.isin(np.arange(len(self._order)), shown))
         span = np.subtract(self._white, self._black, dtype=np.float32)
-        self._waves = decode_waves(
-            WavePictures(
-                frames,
-                self._coding.waves.kept(keep),
-                self._coding.length,
-                span,
-                span > self._limits.white_black,
-                [dropped_samples(frame, self._limits) for frame in frames],
-                None if self._variances is None else self._variances / np.float32(len(frames)),
-            )
+        pictures = WavePictures(
+            frames,
+            waves,
+            self._coding.length,
+            span,
+            span > self._limits.white_black,
+            [dropped_samples(frame, self._limits) for frame in frames],
+            None if self._variances is None else self._variances / np.float32(len(frames)),
         )
+        if waves.single and self._coding.length < FEW_FRINGES * waves.periods[0]:
+            self._waves = self._of_few_fringes(replace(pictures, surplus_sigma=NO_SURPLUS))
+        else:
+            self._waves = decode_waves(pictures)
+
+    def _of_few_fringes(self, pictures: WavePictures) -> WaveResult:
+        """Few wide fringes are biased by scattered light, and cannot tell by how much themselves."""
+        found = decode_waves(pictures)
+        if len(pictures.frames) < len(self._order):
+            return found  # equal steps no more
+        levels, shifts = (self._white, self._black), pictures.waves.shifts
+        try:
+            frames = balanced(np.stack(pictures.frames), *levels, found.amplitude, shifts)
+        except NotEnoughData:
+            return found  # the whole screen is lit: nowhere to measure it
+        return decode_waves(replace(pictures, frames=list(frames)))

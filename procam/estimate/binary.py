@@ -13,9 +13,10 @@ Mask = NDArray[np.bool_]
 Samples = NDArray[Any]
 Pair = tuple[Samples, Samples, int]
 WIDEST_LOSS = 8  # columns that may share what is left of a codeword when planes are lost
+CLEAR_SIGMAS = 3.0
 RESOLVED_SHARE = 0.25  # of the lit pixels must see a plane, or it is lost
 FLUX_SLACK = 0.02  # imbalance of a pair below which its scattered light cancels
-PROBES = 20_000  # pixels of which the lit ones tell whether a plane is resolved
+PROBES = 10_000  # pixels of which the lit ones tell whether a plane is resolved
 HELD_PAIRS = 2
 
 
@@ -43,19 +44,29 @@ class StripeFolder:
         some = slice(None, None, max(1, white.size // PROBES))
         span = _difference(np.ravel(white)[some], np.ravel(black)[some])
         self._probe = np.arange(white.size)[some][span > 4 * contrast]
+        self._levels = [np.ravel(level)[self._probe] for level in (white, black)]
         self._total = float(white.sum(dtype=float) - black.sum(dtype=float))
 
     def add(self, pattern: Samples, inverse: Samples, bit: int) -> bool:
         """Fold a pair in; False, and nothing done, if hardly any bright pixel tells the two apart."""
-        strength = _difference(np.ravel(pattern)[self._probe], np.ravel(inverse)[self._probe])
-        resolved = np.count_nonzero(np.abs(strength) > self._contrast)
-        if resolved < RESOLVED_SHARE * strength.size:
+        probed = (np.ravel(picture)[self._probe] for picture in (pattern, inverse))
+        if self._resolved_share(*probed) < RESOLVED_SHARE:
             return False
         self._folded.add(bit)
         self._held.append((pattern, inverse, bit))
         if len(self._held) == HELD_PAIRS:
             self._fold()
         return True
+
+    def _resolved_share(self, pattern: Samples, inverse: Samples) -> float:
+        """Share of the probed pixels that tell a pair apart, by the noise that its sum shows.
+
+        Pattern and inverse add up to white and black; what they miss that by is four samples' noise.
+        """
+        miss = _difference(pattern, self._levels[0]) + _difference(inverse, self._levels[1])
+        sigma = 1.4826 * float(np.median(np.abs(miss - np.median(miss)))) / 2 if miss.size else 0.0
+        clear = max(self._contrast, CLEAR_SIGMAS * np.sqrt(2) * sigma)
+        return float(np.mean(np.abs(_difference(pattern, inverse)) > clear)) if miss.size else 1.0
 
     def most(self) -> Samples:
         """Largest contrast (H, W): the direct light; high by noise and by what scattered light adds."""

@@ -10,11 +10,14 @@ from procam.model.correspondence import CorrespondenceMap, ProjectorMap
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
+Mask = NDArray[np.bool_]
 PIXELS_PER_PATCH = 72  # enough to bring .3 px down to .04
 SMALLEST_PATCH_PX = 4
 FEWEST_PIXELS = 12
 BLOCK = 4  # patches along the edge of a block, over which curvature is alike
+FULL_BLOCK = BLOCK**2 / 2  # patches of it that must be seen
 INSIDE = 0.2  # the patch's centre may miss the mean place by this share of the patch
+FAR = 3.0  # spreads of a patch from its middle; a parallelogram reaches to 2.45 at most
 SIGMAS = 6.0
 MISFIT_PX = 0.5  # what the fit may leave beyond noise
 ROUNDS = 2
@@ -73,7 +76,7 @@ def fit_projector_map(found: CorrespondenceMap, size: tuple[int, int]) -> Projec
     sigma = np.maximum(found.sigma_px[found.valid].astype(float), 1e-6)
     patch_px = patch_size(xy)
     shape = (-(-size[1] // patch_px), -(-size[0] // patch_px))
-    place, use = xy, np.ones(len(xy), bool)
+    place, use = xy, _together(_patch_index(xy, patch_px, shape), camera_px, shape)
     for _ in range(ROUNDS):
         index = _patch_index(place, patch_px, shape)
         fits = _fit(index[use], camera_px[use], xy[use], sigma[use], shape)
@@ -133,6 +136,9 @@ def _fit(index: Index, camera_px: Array, xy: Array, sigma: Array, shape: tuple[i
     u, v = (camera_px - block_middle[of_block]).T
     terms = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=1)
     bend, _ = _grouped_fit(of_block, terms, xy, weight, len(block_middle))
+    count = np.bincount(index, minlength=patches).astype(float)
+    filled = np.bincount(block, count >= FEWEST_PIXELS, len(block_middle))
+    bend[filled < FULL_BLOCK] = 0.0  # a corner of a block does not tell how it bends
     fits = _Fits(
         _means(index, camera_px, patches),
         np.zeros((patches, 3, 2)),
@@ -140,13 +146,24 @@ def _fit(index: Index, camera_px: Array, xy: Array, sigma: Array, shape: tuple[i
         block,
         block_middle,
         bend[:, 3:],
-        np.bincount(index, minlength=patches).astype(float),
+        count,
     )
     near = camera_px - fits.middle[index]
     terms = np.concatenate([np.ones((len(near), 1)), near], axis=1)
     straight = xy - fits.bent(index, camera_px)
     fits.line[:], fits.inverse[:] = _grouped_fit(index, terms, straight, weight, patches)
     return fits
+
+
+def _together(index: Index, camera_px: Array, shape: tuple[int, int]) -> Mask:
+    """Which pixels (N,) lie where most of their patch does: misread ones would pull it far."""
+    patches = shape[0] * shape[1]
+    use = np.ones(len(index), bool)
+    for _ in range(ROUNDS):
+        away = camera_px - _means(index[use], camera_px[use], patches)[index]
+        away = np.sum(away**2, axis=1, keepdims=True)
+        use = away[:, 0] <= FAR**2 * _means(index[use], away[use], patches)[index, 0]
+    return use
 
 
 def _means(index: Index, values: Array, groups: int) -> Array:

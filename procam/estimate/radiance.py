@@ -49,7 +49,3 @@ class Radiometer:
         if frame.counts.max() >= saturated:
             light[frame.counts >= saturated] = np.nan
         return light
-
-    def noise_floor(self, exposure_s: float) -> float:
-        """Smallest radiance difference that stands clear of a few counts of noise."""
-        return 6.0 / (self.camera.sensor.full_scale * exposure_s)

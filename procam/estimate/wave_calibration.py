@@ -64,12 +64,13 @@ def calibrate_waves(
     span: Map,
     usable: Mask,
     variance: Map | None = None,
+    surplus_sigma: float = PRIOR_SURPLUS,
 ) -> WaveCalibration:
     """Read lens, response, surplus and noise off K pictures (H, W).
 
     `span` (H, W) is white - black; `usable` (H, W) marks pixels to look at; `variance` (H, W) of a
     sample is for pictures whose noise follows no law of their level, and makes theirs the unit of
-    the law that is found. Gauss-Newton with each
+    the law that is found; `surplus_sigma` is how large a surplus may be. Gauss-Newton with each
     pixel's offset, amplitude and column eliminated. The surplus is the phasor by which scattered
     light biases columns: it adds that share of a pixel's scattered light to the picture.
     """
@@ -91,7 +92,7 @@ def calibrate_waves(
         fit, seen = _fitted(samples, waves, look, length)
         scattered[seen] = np.maximum(full[seen] - 2 / look.depth(waves) * fit.amplitude, 0)
         now = WaveCalibration(look, surplus, NO_LAW)
-        look, surplus = _step(samples[seen], waves, now, fit, scattered[seen])
+        look, surplus = _step(samples[seen], waves, now, fit, (scattered[seen], surplus_sigma))
     fit, _ = _fitted(raw - scattered[:, None] * surplus, waves, look, length)
     return WaveCalibration(look, surplus, _noise_law(fit, len(frames) - UNKNOWNS))
 
@@ -125,15 +126,20 @@ def search(
 
 
 def _step(
-    samples: Array, waves: Waves, now: WaveCalibration, fit: WaveFit, scattered: Array
+    samples: Array,
+    waves: Waves,
+    now: WaveCalibration,
+    fit: WaveFit,
+    flux: tuple[Array, float],
 ) -> tuple[Wavelook, Array]:
-    """One Gauss-Newton step of look and surplus."""
+    """One Gauss-Newton step of look and surplus; `flux`: scattered light (n,), size of surplus."""
+    scattered, surplus_sigma = flux
     honest = _honest(fit)
     left, shared = shared_sensitivity(samples, waves, now.look, fit, scattered)
     left, shared = left[honest], shared[honest].reshape(-1, shared.shape[-1])
     noise = max(float(np.mean(left**2)), 1e-20)
     values = np.r_[now.look.blur_px2, now.look.harmonic, now.surplus]
-    size = np.r_[PRIOR_BLUR_PX2, PRIOR_HARMONIC, np.full(len(now.surplus), PRIOR_SURPLUS)]
+    size = np.r_[PRIOR_BLUR_PX2, PRIOR_HARMONIC, np.full(len(now.surplus), surplus_sigma)]
     gradient = shared.T @ left.ravel() / noise - values / size**2
     values = values + np.linalg.solve(shared.T @ shared / noise + np.diag(size**-2), gradient)
     blur_px2 = float(np.clip(values[0], 0.0, LARGEST_BLUR_PX2))

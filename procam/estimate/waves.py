@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procam.estimate.wave_calibration import (
+    PRIOR_SURPLUS,
     UNKNOWNS,
     NoiseLaw,
     WaveCalibration,
@@ -37,6 +38,7 @@ class WavePictures:
     span : (H, W) white - black. usable : (H, W) pixels to calibrate on.
     dropped : K masks (H, W) of saturated or dark samples.
     variance : (H, W) of a sample, for merged exposures; None to read a noise law off the pictures.
+    surplus_sigma : how far the pictures' fluxes may be from half of white's, as a share of it.
     """
 
     frames: Sequence[Samples]
@@ -46,6 +48,7 @@ class WavePictures:
     usable: Mask
     dropped: Sequence[Mask]
     variance: Map | None = None
+    surplus_sigma: float = PRIOR_SURPLUS
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +76,13 @@ def decode_waves(pictures: WavePictures) -> WaveResult:
     short = np.logical_or.reduce(pictures.dropped)
     usable = pictures.usable & ~short
     known = calibrate_waves(
-        frames, waves, pictures.length, pictures.span, usable, pictures.variance
+        frames,
+        waves,
+        pictures.length,
+        pictures.span,
+        usable,
+        pictures.variance,
+        pictures.surplus_sigma,
     )
     found = search(frames, waves, known.look, pictures.length)
     if np.abs(known.surplus).max() > NEGLIGIBLE_SURPLUS:

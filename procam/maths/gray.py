@@ -153,17 +153,6 @@ def long_run_codewords(length: int) -> NDArray[np.integer]:
     return _long_run_cycle(bit_count(length))[:length].copy()
 
 
-def inverse_table(codewords: NDArray[np.integer], bits: int) -> NDArray[np.int32]:
-    """Column of each codeword of `bits` bits; (2**bits,), -1 where no column has it.
-
-    >>> inverse_table(np.array([0, 1, 3]), 2).tolist()
-    [0, 1, -1, 2]
-    """
-    table = np.full(2**bits, -1, np.int32)
-    table[codewords] = np.arange(len(codewords), dtype=np.int32)
-    return table
-
-
 def shortest_stripe(codewords: NDArray[np.integer]) -> int:
     """Columns of the narrowest stripe of any plane, all columns where no stripe has two edges.
 

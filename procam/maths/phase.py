@@ -171,16 +171,19 @@ def search_columns(
     without one; waves of a single period tell the column only within it, and have none.
     """
     count, end = (1, waves.periods[0]) if waves.single else (CANDIDATES, length)
-    grid = np.arange(-0.5, end, 0.5)
+    grid, half = np.arange(-0.5, end, 0.5), int(waves.periods[0])
+    near = np.arange(-half, half + 1)  # half a period to either side
     curve, _ = _curve(waves, look, grid)
     start, gained = np.zeros((2, count, len(samples)))
     for pattern in np.unique(keep, axis=0):
         rows = np.flatnonzero((keep == pattern).all(axis=1))
         for part in np.array_split(rows, max(1, rows.size * grid.size // 20_000_000)):
             gain = _explained(samples[np.ix_(part, pattern)], curve[:, pattern])
+            every = np.arange(len(part))
             for x, top in zip(start, gained, strict=True):
-                x[part], top[part] = grid[gain.argmax(axis=1)], gain.max(axis=1)
-                gain[np.abs(grid[None, :] - x[part, None]) <= waves.periods[0] / 2] = 0.0
+                best = gain.argmax(axis=1)
+                x[part], top[part] = grid[best], gain[every, best]
+                gain[every[:, None], np.clip(best[:, None] + near, 0, grid.size - 1)] = 0.0
     fits = [fit_waves(samples, keep, waves, look, x) for x in start]
     residuals = np.stack([fit.residual for fit in fits])
     residuals[1:][gained[1:] <= 0] = np.inf

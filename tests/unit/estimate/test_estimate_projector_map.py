@@ -92,7 +92,7 @@ def judged(found: ProjectorMap) -> Judged:
 def whole(found: ProjectorMap) -> np.ndarray:
     """Patches (h, w) that the camera sees whole."""
     middle, half = centres(found), found.patch_px / 2
-    corners = [middle + [a, b] for a in (-half, half) for b in (-half, half)]
+    corners = [middle + np.array([a, b]) for a in (-half, half) for b in (-half, half)]
     inside = (corners[3] <= np.array(SIZE) - 0.5).all(axis=-1)
     for corner in corners:
         place = camera_from_panel(corner)
@@ -113,7 +113,7 @@ def test_the_scene_is_what_it_says() -> None:
 
 
 class TestFit:
-    @pytest.mark.parametrize("noise", [0.05, 0.2, 0.4])
+    @pytest.mark.parametrize("noise", [0.05, 0.2, 0.3])
     @pytest.mark.parametrize("seed", [1, 2])
     def test_standard_errors_hold(self, noise: float, seed: int) -> None:
         found = fit_projector_map(seen(noise, seed), SIZE)
@@ -125,6 +125,12 @@ class TestFit:
         predicted = noise / np.sqrt(found.count[found.valid].mean())
         assert np.sqrt(np.mean(result.error**2)) == pytest.approx(predicted, rel=0.12)
         assert np.abs(result.error.mean(axis=0)).max() < 4 * predicted / len(result.error) ** 0.5
+
+    def test_a_corner_of_a_block_does_not_bend(self) -> None:
+        """Curvature is fitted in blocks of patches; from one patch of them it would be wild."""
+        for seed in range(4):
+            result = judged(fit_projector_map(seen(0.4, seed), SIZE))
+            assert np.abs(result.error / result.sigma).max() < 6
 
     def test_uneven_noise_is_weighed(self) -> None:
         y, x = np.mgrid[: SHAPE[0], : SHAPE[1]]
@@ -143,14 +149,19 @@ class TestFit:
         assert np.abs(fitted.slope[fitted.valid] - truth).max() < 0.06
         assert np.sqrt(np.mean((fitted.slope[fitted.valid] - truth) ** 2)) < 0.012
 
-    def test_coverage_is_one_inside(self, fitted: ProjectorMap) -> None:
-        inner = whole(fitted)
+    @pytest.mark.parametrize(
+        ("noise", "short"), [(0.0, 1e-3), (0.05, 2e-3), (0.2, 0.01), (0.3, 0.03)]
+    )
+    def test_coverage_is_one_inside(self, noise: float, short: float) -> None:
+        """Noise moves pixels over the edges of patches, and so flattens their slopes a little."""
+        found = fit_projector_map(seen(noise), SIZE)
+        inner = whole(found)
         assert inner.sum() > 2000
-        assert fitted.coverage[inner].mean() == pytest.approx(1, abs=0.005)
-        # camera pixels fall out or in at the patch's edges, and noise moves the slope
-        assert np.std(fitted.coverage[inner]) < 1.2 / np.sqrt(fitted.count[inner].mean())
-        assert fitted.coverage.max() < 1.5
-        assert (fitted.coverage[~fitted.valid] == 0).all()
+        assert found.coverage[inner].mean() == pytest.approx(1, abs=short)
+        # camera pixels fall out or in at the patch's edges
+        assert np.std(found.coverage[inner]) < 1.2 / np.sqrt(found.count[inner].mean())
+        assert found.coverage.max() < 1.5
+        assert (found.coverage[~found.valid] == 0).all()
 
     def test_counts_are_about_72(self, fitted: ProjectorMap) -> None:
         assert 55 < np.median(fitted.count[fitted.valid]) < 90
@@ -216,27 +227,26 @@ class TestPatchSize:
 
 
 class TestOutliers:
-    def test_misread_pixels_are_dropped_and_hurt_nobody(self) -> None:
+    @pytest.mark.parametrize("rate", [1e-3, 0.02])
+    def test_misread_pixels_are_dropped_and_hurt_nobody(self, rate: float) -> None:
         clean = seen()
         rng = np.random.default_rng(7)
-        bad = clean.valid & (rng.random(SHAPE) < 0.02)
+        bad = clean.valid & (rng.random(SHAPE) < rate)
         xy = clean.projector_xy.copy()
         xy[bad] += rng.choice([-18.3, -9.0, 9.0, 18.3], (bad.sum(), 2)).astype(np.float32)
         dirty = CorrespondenceMap(xy, clean.sigma_px, clean.valid)
         fitted = fit_projector_map(dirty, SIZE)
         found = drop_inconsistent(dirty, fitted)
         place = np.floor((xy + 0.5) / fitted.patch_px)
-        height, width = fitted.valid.shape
-        inside = bad & ((place >= 0) & (place < [width, height])).all(axis=-1)
-        row, column = place[inside][:, 1].astype(int), place[inside][:, 0].astype(int)
+        inside = bad & ((place >= 0) & (place < fitted.valid.shape[::-1])).all(axis=-1)
+        column, row = place[inside].astype(int).T
         judgeable = fitted.valid[row, column]
-        assert judgeable.mean() > 0.7
+        assert judgeable.sum() > 1.5e5 * rate
         assert not found.valid[inside][judgeable].any()
         good = clean.valid & ~bad
-        assert found.valid[good].mean() > 0.999
-        assert fitted.valid.sum() >= 0.97 * fit_projector_map(clean, SIZE).valid.sum()
-        result = judged(fitted)
-        assert np.sqrt(np.mean(result.error**2)) < 2 * NOISE / np.sqrt(72)
+        assert found.valid[good].mean() > 0.9999
+        assert fitted.valid.sum() >= 0.99 * fit_projector_map(clean, SIZE).valid.sum()
+        assert 0.9 < judged(fitted).chi2 < 1.15
 
     def test_a_sound_map_loses_nothing(self, fitted: ProjectorMap) -> None:
         found = drop_inconsistent(seen(), fitted)

@@ -82,9 +82,3 @@ def test_the_image_circle_ends_at_the_short_side() -> None:
     x, y = np.meshgrid(np.arange(SIZE[0]), np.arange(SIZE[1]))
     np.testing.assert_array_equal(seen, np.hypot(x - 30.5, y - 22.75) <= 23.5)
     assert Radiometer(_camera(kind="brown")).seen.all()
-
-
-def test_noise_floor_is_counts_per_exposure() -> None:
-    radiometer = Radiometer(_camera(bits=12))
-    assert radiometer.noise_floor(0.5) == pytest.approx(2 * radiometer.noise_floor(1.0))
-    assert radiometer.noise_floor(1.0) == pytest.approx(6 / (4095 - 64))

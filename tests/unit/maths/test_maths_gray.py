@@ -12,7 +12,6 @@ from procam.maths.gray import (
     decode_gray,
     edge_distance,
     encode_gray,
-    inverse_table,
     is_bright,
     long_run_codewords,
     longest_stripe,
@@ -188,15 +187,3 @@ def test_xor_stripes_are_narrow(length: int, base: int) -> None:
     code = xor_codewords(length, base)
     assert longest_stripe(code) == 2 ** (base + 1)
     assert shortest_stripe(code) == 2**base
-
-
-@given(length=st.integers(2, 5000))
-def test_inverse_table_finds_every_column(length: int) -> None:
-    bits = bit_count(length)
-    codes = (plain_codewords(length), long_run_codewords(length), xor_codewords(length, 1))
-    for code in codes:
-        table = inverse_table(code, bits)
-        assert table.dtype == np.int32 and table.shape == (2**bits,)
-        np.testing.assert_array_equal(table[code], np.arange(length))
-        assert np.count_nonzero(table < 0) == 2**bits - length
-        assert table.min() >= -1
