@@ -1,8 +1,31 @@
-"""Run every study and write its results beside it (JSON and a table)."""
+"""Run studies and write their results beside them (JSON and a table).
+
+All of them, or those that are named: python -m studies codes code-table
+"""
 
 import sys
 
-from studies import seeds
+from studies import code_table, codes, one_fringe, seeds
+
+STUDIES = {
+    "seeds": seeds.main,
+    "codes": codes.main,
+    "one-fringe": one_fringe.main,
+    "code-table": code_table.main,
+}
+
+
+def main(names: list[str]) -> int:
+    """Run the named studies, or all; 2 for a name that is none."""
+    unknown = [name for name in names if name not in STUDIES]
+    if unknown:
+        print(f"studies: got {unknown[0]!r}, expected {', '.join(STUDIES)}", file=sys.stderr)
+        return 2
+    for name in names or STUDIES:
+        print(f"== {name}", flush=True)
+        STUDIES[name]()
+    return 0
+
 
 if __name__ == "__main__":
-    sys.exit(seeds.main())
+    sys.exit(main(sys.argv[1:]))

@@ -1,6 +1,6 @@
 """Do the figures and their intervals hold over seeds? A small standard venue, solved again and again.
 
-Writes studies/seeds.json and studies/seeds.md. `python -m studies` remakes them.
+Writes studies/seeds.json and studies/seeds.md. `python -m studies seeds` remakes them.
 """
 
 import json
@@ -77,8 +77,10 @@ def main() -> int:
                 rows.append({"seed": seed, **run_seed(seed, Path(folder), truth)})
             print(rows[-1])
     here = Path(__file__).parent
-    document = {"command": "python -m studies", "size": SIZE.projector_size, "rows": rows}
+    document = {"command": "python -m studies seeds", "size": SIZE.projector_size, "rows": rows}
     (here / "seeds.json").write_text(json.dumps(document, indent=1) + "\n")
     title = "# Standard preset over noise seeds, 640x400 projectors, 800x800 camera\n"
-    (here / "seeds.md").write_text("\n".join([title, *table(rows), "", "`python -m studies`", ""]))
+    (here / "seeds.md").write_text(
+        "\n".join([title, *table(rows), "", "`python -m studies seeds`", ""])
+    )
     return 0

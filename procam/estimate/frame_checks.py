@@ -29,6 +29,8 @@ STRAIGHT_PX = 1.6  # second difference of a triple on a sound map: rounding, noi
 MISFIT = 0.05  # of the squared amplitude, per picture: what a misread wave leaves
 POOR = 0.5  # share of straight triples below which also the other axis is searched
 BETTER = 1.15  # an exchange must do this much better than the order as it is
+STALE_GAIN = 1.04  # leaving a stale picture out does this much better; a good one, at most 1.01
+WORSE = 0.9  # of the better axis: here something is wrong, even if no picture can be spared
 SLACK = 0.02  # of the triples: against division by nothing, and gains among noise
 CLEARLY = 0.97  # of the best: what does nearly as well cannot be ruled out
 ALIKE = 0.04  # of white - black: two photographs of one picture differ by less
@@ -117,7 +119,9 @@ class _Inspector:
             without = [None if i == plane else p for i, p in enumerate(order)]
             axis = self.code.planes[plane].axis
             gain = self._better(without, order, {axis})
-            if gain > BETTER or (gain < 1 and self._soundness(order, axis) < POOR):
+            others = max(self._soundness(order, name) for name in AXES)
+            worse = self._soundness(order, axis) < max(POOR, WORSE * others)
+            if gain > STALE_GAIN or (gain < 1 and worse):
                 order[plane] = None
                 before = self.names[photograph - 1]
                 self.notes.append(
@@ -140,7 +144,8 @@ class _Inspector:
                 "place (wrong order); exchanged"
             )
         light = np.array([p.mean() for p in self.probes]) - self.probes[black].mean()
-        share = float(np.median(light[light > 0.2 * light[white]])) / max(float(light[white]), 1e-9)
+        between = light[light > 0.2 * light[white]]
+        share = float(np.median(between) / max(light[white], 1e-9)) if between.size else 0.0
         if not 0.3 < share < 0.8:
             raise InputError(
                 f"pictures: {self.names[white]} should show white and {self.names[black]} black, but "

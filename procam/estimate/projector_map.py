@@ -19,6 +19,9 @@ FULL_BLOCK = BLOCK**2 / 2  # patches of it that must be seen
 INSIDE = 0.2  # the patch's centre may miss the mean place by this share of the patch
 FAR = 3.0  # spreads of a patch from its middle; a parallelogram reaches to 2.45 at most
 SIGMAS = 6.0
+SHARED_PX = (
+    0.0025  # error that neighbouring pixels share, so that no mean takes it away (studies/codes.md)
+)
 MISFIT_PX = 0.5  # what the fit may leave beyond noise
 ROUNDS = 2
 
@@ -226,7 +229,7 @@ def _masked(
     return ProjectorMap(
         patch_px,
         grid(place),
-        grid(np.sqrt(variance)),
+        grid(np.sqrt(variance + SHARED_PX**2)),
         grid(slope),
         coverage.reshape(shape).astype(np.float32),
         fits.count.reshape(shape).astype(np.int32),

@@ -115,7 +115,11 @@ def test_the_scene_is_what_it_says() -> None:
 class TestFit:
     @pytest.mark.parametrize("noise", [0.05, 0.2, 0.3])
     @pytest.mark.parametrize("seed", [1, 2])
-    def test_standard_errors_hold(self, noise: float, seed: int) -> None:
+    def test_standard_errors_hold(
+        self, noise: float, seed: int, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        # these pixels share no error with their neighbours
+        monkeypatch.setattr("procam.estimate.projector_map.SHARED_PX", 0.0)
         found = fit_projector_map(seen(noise, seed), SIZE)
         result = judged(found)
         assert len(result.error) >= 2000

@@ -1,0 +1,154 @@
+"""Codes photographed in scenes whose truth is known, and how well what is decoded meets it."""
+
+import json
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procam.estimate.codes import AXES, Code, generate
+from procam.estimate.decode import Decoded, Decoder
+from procam.estimate.projector_map import fit_projector_map
+from procam.maths.phase import cramer_rao_variance
+from procam.maths.warp import sample
+from procam.model.correspondence import CorrespondenceMap
+from simulators.sensor import ROUNDING, Sensor
+from simulators.study import Bench
+
+Array = NDArray[np.float64]
+Image = NDArray[np.float32]
+HERE = Path(__file__).parent
+BINS = 64  # of a period, in which the code bias is told (design: code bias)
+FULL_PATCH = 40  # camera pixels that a patch must have to be judged
+
+
+class Shots:
+    """All pictures of a code, photographed once without noise; noise is drawn again and again."""
+
+    def __init__(self, bench: Bench, code: Code) -> None:
+        self.bench, self.code = bench, code
+        self.signals = list(bench.photograph(generate(code)))
+        self.truth = bench.projector_pixels()
+
+    def decode(self, seed: Iterable[int], snr: float | None = None) -> Decoded:
+        """Decode the photographs with the noise of a seed."""
+        rng = np.random.Generator(np.random.SFC64(list(seed)))
+        decoder = Decoder(self.code)
+        for number, signal in enumerate(self.signals):
+            decoder.add(number, self.bench.digitise(signal, rng, snr))
+        return decoder.result()
+
+
+@dataclass(frozen=True)
+class Misses:
+    """What was decoded against the truth, both as maps (H, W, 2)."""
+
+    found: CorrespondenceMap
+    truth: Image
+
+    @cached_property
+    def lit(self) -> NDArray[np.bool_]:
+        """Where the projector's picture lands (H, W)."""
+        return np.asarray(np.isfinite(self.truth[..., 0]))
+
+    @cached_property
+    def both(self) -> NDArray[np.bool_]:
+        """Decoded and lit."""
+        return np.asarray(self.lit & self.found.valid)
+
+    @property
+    def coverage(self) -> float:
+        """Share of the lit pixels that were decoded."""
+        return float(self.both.sum() / self.lit.sum())
+
+    @property
+    def invented(self) -> int:
+        """Pixels decoded where the picture does not land."""
+        return int((self.found.valid & ~self.lit).sum())
+
+    @cached_property
+    def error(self) -> Array:
+        """(N, 2) found - true [px] of the decoded lit pixels."""
+        return np.asarray((self.found.projector_xy - self.truth)[self.both], float)
+
+    @cached_property
+    def sigma(self) -> Array:
+        """(N, 2) standard error as told [px]."""
+        return np.asarray(self.found.sigma_px[self.both], float)
+
+    @cached_property
+    def place(self) -> Array:
+        """(N, 2) true projector pixel."""
+        return np.asarray(self.truth[self.both], float)
+
+    def off(self, limit: float | Array = 1.0) -> float:
+        """Share of the decoded pixels that are off by more than a limit [px] on either axis."""
+        far = (np.abs(self.error) > limit).any(axis=1).sum() + self.invented
+        return float(far / max(1, len(self.error) + self.invented))
+
+    def inliers(self, limit: float | Array = 1.0) -> NDArray[np.bool_]:
+        """(N,) decoded lit pixels within the limit [px]."""
+        return np.asarray((np.abs(self.error) <= limit).all(axis=1))
+
+    def bias(self, axis: int, period: float) -> Array:
+        """Mean error [px] in each of `BINS` bins of the true coordinate modulo a period [px]."""
+        near = self.inliers()
+        return binned(self.place[near, axis], self.error[near, axis], period)
+
+
+def binned(place: Array, error: Array, period: float, fewest: int = 20) -> Array:
+    """Mean errors in bins of place modulo period; bins of few pixels are left out."""
+    cell = np.floor(place % period / period * BINS).astype(int).clip(0, BINS - 1)
+    count = np.bincount(cell, minlength=BINS)
+    mean = np.bincount(cell, error, BINS) / np.maximum(count, 1)
+    return np.asarray(mean[count >= fewest])
+
+
+def rms(values: NDArray[np.floating], axis: int | None = None) -> Array:
+    return np.asarray(np.sqrt(np.mean(np.square(values, dtype=float), axis=axis)))
+
+
+def smallest_sigma(shots: Shots, decoded: Decoded, misses: Misses, axis: int) -> Array:
+    """Cramer-Rao bound (N,) [px] of pixels with their true noise and their true amplitudes.
+
+    The amplitude is the regression of the photographs without noise on the true wave.
+    """
+    bench, name = shots.bench, AXES[axis]
+    waves, look = shots.code.axis(name).waves, decoded.waves[name].look
+    assert waves is not None
+    order = [i for i, p in enumerate(shots.code.planes) if p.axis == name and p.kind == "sine"]
+    signals = np.stack([shots.signals[i][misses.both] for i in order], axis=1).astype(float)
+    sensor = Sensor(bench.scene, bench.camera)
+    noise = sensor.noise
+    assert noise is not None
+    counts = np.maximum(signals * sensor.full_dn, 0)
+    variance = (noise.per_dn * counts + noise.read_dn**2 + ROUNDING) / sensor.full_dn**2
+    depth = look.modulation(waves)
+    wave = np.cos(waves.angles(misses.place[:, axis])) * depth
+    wave -= wave.mean(axis=1, keepdims=True)
+    amplitude = (wave * signals).sum(axis=1) / (wave**2).sum(axis=1)
+    bound = cramer_rao_variance(waves, misses.place[:, axis], amplitude[:, None] * depth, variance)
+    return np.asarray(np.sqrt(bound))
+
+
+def patch_errors(misses: Misses, size: tuple[int, int]) -> tuple[Array, Array]:
+    """Errors (P, 2) [projector px] and told sigmas (P, 2) of the well seen patches of the panel."""
+    seen = fit_projector_map(misses.found, size)
+    true = sample(np.where(misses.lit[..., None], misses.truth, np.nan), seen.camera_px)
+    rows, columns = np.indices(seen.valid.shape)
+    centre = (np.stack([columns, rows], axis=-1) + 0.5) * seen.patch_px - 0.5
+    error = true - centre
+    use = seen.valid & (seen.count >= FULL_PATCH) & np.isfinite(error).all(axis=-1)
+    sigma = np.broadcast_to(seen.sigma_px.reshape(*seen.valid.shape, -1), error.shape)
+    return error[use].astype(float), np.asarray(sigma[use], float)
+
+
+def write(name: str, document: dict[str, object], lines: Iterable[str]) -> None:
+    """Results as studies/NAME.json and, for reading, studies/NAME.md."""
+    command = f"python -m studies {name.replace('_', '-')}"
+    text = json.dumps({"command": command, **document}, indent=1)
+    (HERE / f"{name}.json").write_text(text + "\n")
+    (HERE / f"{name}.md").write_text("\n".join([*lines, "", f"`{command}`", ""]))
