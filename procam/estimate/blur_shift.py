@@ -10,7 +10,7 @@ from scipy.special import erfc
 
 from procam.estimate.clean import keep_only
 from procam.maths.polynomials import fit_surface
-from procam.maths.warp import blur, edge_distance, grow, sample
+from procam.maths.warp import blur, blur_within, edge_distance, grow, sample
 from procam.model.correspondence import CorrespondenceMap
 
 Array = NDArray[np.float64]
@@ -23,27 +23,58 @@ HALF_LIT = 0.5  # of the light that the surroundings promise: here runs the pict
 CLOSED_PX = 3  # gaps in the decoded area up to twice this wide are no border
 NEAREST_SIGMAS = 1.2  # from the border; nearer, the place is off by more than half the blur
 FARTHEST_SIGMAS = 4.0
+FEWEST_SIGMAS = 10.0  # of the blur, that the decoded part of the panel spans at least
+KNOWN_DOUBT = 0.2  # of a border's shift, where it is taken out whole
 BEYOND_PX = 100  # of the camera: farther than any blur reaches
 
 
 def undo_blur(
-    found: CorrespondenceMap, direct: Map, blur_px2: Array, period_px: Array
+    found: CorrespondenceMap,
+    direct: Map,
+    blur_px2: Array,
+    period_px: Array,
+    size: tuple[int, int],
 ) -> CorrespondenceMap:
     """The map without the shifts that a blur of variance (2,) [px^2] along x and y makes.
 
-    They were read off waves of periods (2,) [px]. `direct` (H, W) is the direct light; pixels too
-    near the border of the picture are dropped.
+    They were read off waves of periods (2,) [px]. `direct` (H, W) is the direct light, of pixels that
+    are not valid too; pixels too near the border of the picture are dropped. The blur is the
+    projector's: a border that the screen or the camera makes shifts nothing. Only at the edges of
+    the panel of `size` is it known to be the projector's; elsewhere half the shift is taken out, and
+    the other half is in the standard error.
     """
+    sigma = np.sqrt(blur_px2)
     if found.valid.sum() < FEWEST_PIXELS or not blur_px2.all():
         return found
+    if (np.ptp(found.projector_xy[found.valid], axis=0) < FEWEST_SIGMAS * sigma).any():
+        return found  # too little of the panel to tell slopes from borders
     light = np.log(np.maximum(direct, 1e-6))
     level = _Level(found, light, found.valid)
-    lit = found.valid & (light > level.at(found)[..., 0] + np.log(HALF_LIT))
-    border = _Border(found, lit, np.sqrt(blur_px2))
+    lit = _lit(found, direct, level.at(found)[..., 0])
+    border = _Border(found, lit, sigma)
     level = _Level(found, light, border.inner)  # without the border's own fall
     moved = found.projector_xy - (blur_px2 * level.at(found)[..., 1:]).astype(np.float32)
-    moved[border.near] -= border.shifts(period_px).astype(np.float32)
-    return keep_only(CorrespondenceMap(moved, found.sigma_px, found.valid), lit & ~border.too_near)
+    told = found.sigma_px.copy()
+    shift = border.shifts(period_px)
+    xy = found.projector_xy[border.near]
+    edge = np.minimum(xy, np.array(size) - 1 - xy)
+    known = np.any(edge < FARTHEST_SIGMAS * sigma, axis=1)[:, None]
+    moved[border.near] -= (np.where(known, 1.0, 0.5) * shift).astype(np.float32)
+    doubt = np.where(known, KNOWN_DOUBT, 0.5) * shift
+    told[border.near] = np.hypot(told[border.near], doubt)
+    inside = ((moved >= -0.5) & (moved <= np.array(size) - 0.5)).all(axis=-1)
+    keep = lit & inside & ~border.too_near
+    return keep_only(CorrespondenceMap(moved, told, found.valid), keep)
+
+
+def _lit(found: CorrespondenceMap, direct: Map, level: Map) -> Mask:
+    """Pixels (H, W) with at least half the light that the panel promises there.
+
+    Judged by the light alone just outside of the decoded pixels, or their gaps would make a border.
+    """
+    promised = np.where(found.valid, np.exp(np.nan_to_num(level)), 0)
+    around = blur_within(promised, found.valid, CLOSED_PX)
+    return np.asarray((around > 0) & (direct > HALF_LIT * around))
 
 
 class _Level:
@@ -97,7 +128,7 @@ class _Border:
         self._away = np.minimum((distance[self.near] - 0.5) / size, FARTHEST_SIGMAS)
         self.too_near = np.zeros_like(lit)
         self.too_near[self.near] = self._away <= NEAREST_SIGMAS
-        self.inner = lit.copy()
+        self.inner = lit & found.valid
         self.inner[self.near] = self._away >= FARTHEST_SIGMAS
 
     def shifts(self, period_px: Array) -> Array:

@@ -32,6 +32,7 @@ AXES: tuple[Axis, Axis] = ("x", "y")
 NOMINAL_GAMMA = 2.2  # of a projector's response, undone in sinusoidal pictures
 ORDER_PERIOD, ORDER_STEPS = 64.0, 8  # of the N-step code whose fringes are numbered by Gray planes
 COARSE_PLANES = 4
+LARGEST_PX = 16384
 SLACK = 0.1  # of a stripe: how far outside the coarse stripe it is seen in a wave may be
 GOLDEN = 0.6180339887
 
@@ -149,8 +150,10 @@ def make_code(name: str, size: tuple[int, int]) -> Code:
     """The code of a name in `CODES` for a panel of `size` (width, height)."""
     if name not in CODES:
         raise InputError(f"code: got {name!r}, expected one of {', '.join(CODES)}")
-    if min(size) < 2:
-        raise InputError(f"size: got {size[0]}x{size[1]}, expected at least 2x2 px")
+    if min(size) < 2 or max(size) > LARGEST_PX:
+        raise InputError(
+            f"size: got {size[0]}x{size[1]}, expected 2x2 to {LARGEST_PX}x{LARGEST_PX} px"
+        )
     build = CODES[name]
     return Code(name, size, build(size[0], size), build(size[1], size))
 

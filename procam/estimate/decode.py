@@ -97,7 +97,8 @@ class Decoder:
         if len(waves) == len(AXES):
             blur_px2 = np.array([waves[axis].look.blur_px2 for axis in AXES])
             period_px = np.array([waves[axis].period_px for axis in AXES])
-            found = undo_blur(found, direct, blur_px2, period_px)
+            seen = np.clip((x.direct + y.direct) / 2, 0, span).astype(np.float32)
+            found = undo_blur(found, seen, blur_px2, period_px, self.code.size)
         return Decoded(
             found,
             direct.astype(np.float32),

@@ -29,13 +29,17 @@ STRAIGHT_PX = 1.6  # second difference of a triple on a sound map: rounding, noi
 MISFIT = 0.05  # of the squared amplitude, per picture: what a misread wave leaves
 POOR = 0.5  # share of straight triples below which also the other axis is searched
 BETTER = 1.15  # an exchange must do this much better than the order as it is
+NEXT_BETTER = 1.02  # of neighbours, which is more likely, and hardly shows in a coarse pair
 STALE_GAIN = 1.04  # leaving a stale picture out does this much better; a good one, at most 1.01
 WORSE = 0.9  # of the better axis: here something is wrong, even if no picture can be spared
 SLACK = 0.02  # of the triples: against division by nothing, and gains among noise
+UNREAD = 0.7  # trust in a set, for each plane that nothing can be read from
+HOPELESS, DOUBTFUL = 0.02, 0.25  # sound share of lit triples; defocus costs stripes much of it
 CLEARLY = 0.97  # of the best: what does nearly as well cannot be ruled out
 ALIKE = 0.04  # of white - black: two photographs of one picture differ by less
 BLACK_SHARE = 0.2  # of the light a picture should have
 FAINTEST_SHARE = 0.15  # of white's: what falls beside the screen may be all of less
+MOST_LIT = 0.4  # of the pictures have light, whatever part of the panel is seen
 CLIPPED_SHARE = 0.05
 
 
@@ -80,6 +84,7 @@ def examine(
     inspector.drop_black(order)
     inspector.drop_stale(order)
     inspector.exchange(order)
+    inspector.judge(order)
     return Verdict(order, inspector.notes)
 
 
@@ -91,6 +96,11 @@ class _Inspector:
         self.notes: list[str] = []
         stack = np.stack(self.probes[:: max(1, len(probes) // 16)])
         reach = stack.max(axis=0) - stack.min(axis=0)
+        if not reach.max() > 0:
+            raise InputError(
+                f"pictures: got {len(probes)} that are all alike, level {stack.flat[0]:.0f}; is the "
+                "lens cap off, the projector on, and the exposure neither far too short nor too long?"
+            )
         self.lit = reach > 0.25 * reach.max()
         self.reach = float(reach[self.lit].mean())
         self._sound_of: dict[tuple[int | None, ...], float] = {}
@@ -146,6 +156,7 @@ class _Inspector:
         light = np.array([p.mean() for p in self.probes]) - self.probes[black].mean()
         between = light[light > 0.2 * light[white]]
         share = float(np.median(between) / max(light[white], 1e-9)) if between.size else 0.0
+        share *= between.size > MOST_LIT * light.size
         if not 0.3 < share < 0.8:
             raise InputError(
                 f"pictures: {self.names[white]} should show white and {self.names[black]} black, but "
@@ -186,25 +197,48 @@ class _Inspector:
 
     def exchange(self, order: list[int | None]) -> None:
         """Two pictures in each other's place are put right."""
-        poor = [
-            axis for axis in AXES if (1 + SLACK) > BETTER * (self._soundness(order, axis) + SLACK)
+        shown = {axis: [i for i in self._planes_of(axis) if order[i] is not None] for axis in AXES}
+        candidates = [
+            pair
+            for axis in AXES
+            for pair in combinations(shown[axis], 2)
+            if self._may(order, *pair)
         ]
-        candidates = [pair for axis in poor for pair in combinations(self._planes_of(axis), 2)]
         if all(self._soundness(order, axis) < POOR for axis in AXES):
-            candidates += [(i, j) for i in self._planes_of("x") for j in self._planes_of("y")]
-        best, gain, swapped = None, BETTER, (0, 0)
+            candidates += [(i, j) for i in shown["x"] for j in shown["y"]]
+        best, gain, swapped = None, 1.0, (0, 0)
         for first, second in candidates:
             tried = list(order)
             tried[first], tried[second] = order[second], order[first]
             axes = {self.code.planes[i].axis for i in (first, second)}
             ratio = self._better(tried, order, axes)
-            if ratio > gain:
+            if ratio > max(gain, _enough(first, second)):
                 best, gain, swapped = tried, ratio, (first, second)
         if best is None:
             return
         names = sorted(self.names[p] for i in swapped if (p := order[i]) is not None)
         order[:] = best
         self.notes.append(f"{' and '.join(names)}: in each other's place (wrong order); exchanged")
+
+    def judge(self, order: list[int | None]) -> None:
+        """Whether the set is one of this code at all."""
+        sound = {axis: self._soundness(order, axis) for axis in AXES}
+        worst = min(sound, key=lambda axis: sound[axis])
+        width, height = self.code.size
+        what = (
+            f"{sound[worst]:.0%} of the lit pixels agree with the code {self.code.name} of a "
+            f"{width}x{height} projector along {worst}; are code and size right, and not more than two "
+            "pictures in a wrong place?"
+        )
+        if sound[worst] < HOPELESS:
+            raise InputError(f"pictures: only {what}")
+        if sound[worst] < DOUBTFUL:
+            self.notes.append(f"only {what}")
+
+    def _may(self, order: list[int | None], first: int, second: int) -> bool:
+        """Whether the axis of two planes has enough to gain by their exchange."""
+        now = self._soundness(order, self.code.planes[first].axis)
+        return (1 + SLACK) > _enough(first, second) * (now + SLACK)
 
     def _better(self, tried: list[int | None], order: list[int | None], axes: Set[str]) -> float:
         """How many times sounder an order is than another, in the axes that differ."""
@@ -320,6 +354,11 @@ class _Inspector:
         return [p[lit] for p in self.probes], limits.contrast
 
 
+def _enough(first: int, second: int) -> float:
+    """How many times sounder a set must be with two planes exchanged, to believe it."""
+    return NEXT_BETTER if second == first + 1 else BETTER
+
+
 def _skipped(names: Sequence[str]) -> int | None:
     """Place of the one number that is left out in the last numbers of the names, if there is one."""
     found = [re.findall(r"\d+", name) for name in names]
@@ -356,7 +395,9 @@ def _columns(
         if plane.kind == "binary" and not (plane.inverse and i - 1 in shown):
             other = shown.get(i + 1) if coding.inverses and not plane.inverse else None
             other = white + black - shown[i] if other is None else other
-            folder.add(*((other, shown[i]) if plane.inverse else (shown[i], other)), plane.bit)
+            pair = (other, shown[i]) if plane.inverse else (shown[i], other)
+            if not folder.add(*pair, plane.bit):
+                trust *= UNREAD  # or pictures that do not belong together would seem to agree
     column, _ = folder.columns(coding)
     if coding.waves is None:
         return np.where(folder.certain(), column, np.nan), trust

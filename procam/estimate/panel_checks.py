@@ -7,6 +7,7 @@ from procam.estimate.codes import AXES, Code
 from procam.model.correspondence import CorrespondenceMap
 
 PIXELS_PER_LINE = 30  # camera pixels that a column needs on average for its absence to mean much
+FINEST_STEP_PX = 0.7
 UNSEEN_SHARE = 0.03  # of the columns or rows between seen ones
 
 
@@ -20,7 +21,10 @@ def panel_notes(code: Code, found: CorrespondenceMap) -> list[str]:
         return []
     shares = {}
     for i, axis in enumerate(AXES):
-        unseen = unseen_share(found.projector_xy[..., i][found.valid])
+        places = found.projector_xy[..., i]
+        if _step_px(places) > FINEST_STEP_PX:
+            continue  # the camera itself is too coarse to see every column
+        unseen = unseen_share(places[found.valid])
         if unseen > UNSEEN_SHARE:
             shares["columns" if axis == "x" else "rows"] = unseen
     if not shares:
@@ -31,6 +35,13 @@ def panel_notes(code: Code, found: CorrespondenceMap) -> list[str]:
         "panel and screen do not match one to one; switch off its keystone correction and feed it "
         "its native resolution"
     ]
+
+
+def _step_px(places: NDArray[np.floating]) -> float:
+    """Projector pixels that neighbouring camera pixels lie apart (H, W) along their own axis."""
+    steps = [np.abs(np.diff(places, axis=axis)) for axis in (0, 1)]
+    each = [float(np.nanmean(step)) if np.isfinite(step).any() else np.inf for step in steps]
+    return max(each)
 
 
 def unseen_share(places: NDArray[np.floating]) -> float:

@@ -101,6 +101,11 @@ def _fitted(samples: Array, waves: Waves, look: Wavelook, length: int) -> tuple[
     """Fit of the samples (n, K) in which a wave is seen, and which (n,) these are."""
     found = search(list(np.ascontiguousarray(samples.T, np.float32)), waves, look, length)
     seen = np.isfinite(found.position)
+    if seen.sum() < FEWEST_PIXELS:
+        raise NotEnoughData(
+            f"waves: got {seen.sum()} pixels in which they move, expected at least {FEWEST_PIXELS}; "
+            "did the projector freeze on one picture?"
+        )
     parts = (found.position, found.variance, found.offset, found.amplitude, found.residual)
     return WaveFit(*(part[seen].astype(float) for part in parts)), seen
 

@@ -16,13 +16,14 @@ from procam.estimate.wave_calibration import (
     search,
 )
 from procam.kernels import PhaseFit
-from procam.maths.phase import Wavelook, Waves, search_columns
+from procam.maths.phase import Wavelook, Waves
 
 Map = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 Samples = NDArray[Any]
 FEWEST = 5  # samples left: two more than unknowns, or nothing could check them
 NEGLIGIBLE_SURPLUS = 1e-4  # of the flux: less moves no column by .01 px
+MOST_SLOW = 60_000  # pixels with no base set left, each of which takes a search over all columns
 AMPLITUDE_SIGMAS = 5.0
 MARGIN_SIGMAS2 = 12.0  # a wrong fringe fits worse by this much, or the pixel is dropped
 MISFIT_SIGMAS2 = 35.0  # beyond the expected sum of squares: never, for a pixel that obeys the model
@@ -126,12 +127,20 @@ def _search_rest(
     pictures: WavePictures, frames: Sequence[Samples], look: Wavelook, rows: Mask, found: PhaseFit
 ) -> None:
     """Put the answer for pixels `rows` (H, W) with missing samples into `found`, in place."""
-    samples = np.stack([f[rows] for f in frames], axis=1).astype(float)
+    samples = np.stack([f[rows] for f in frames], axis=1).astype(np.float32)
     keep = ~np.stack([d[rows] for d in pictures.dropped], axis=1)
-    fit, margin = search_columns(samples, keep, pictures.waves, look, pictures.length)
-    found.position[rows], found.variance[rows] = fit.x, fit.variance
-    found.amplitude[rows], found.offset[rows] = fit.amplitude, fit.offset
-    found.residual[rows], found.margin[rows] = fit.residual, margin
+    answers = np.full((len(found), len(samples)), np.nan, np.float32)
+    for pattern in np.unique(keep, axis=0):
+        some = np.flatnonzero((keep == pattern).all(axis=1))
+        waves = pictures.waves.kept(pattern)
+        if waves.base < UNKNOWNS and not waves.single:
+            some = some[: max(0, MOST_SLOW - int(np.isfinite(answers[0]).sum()))]
+        if not some.size:
+            continue
+        columns = list(np.ascontiguousarray(samples[np.ix_(some, pattern)].T))
+        answers[:, some] = np.stack(search(columns, waves, look, pictures.length))
+    for whole, answer in zip(found, answers, strict=True):
+        whole[rows] = answer
 
 
 def _trusted(found: PhaseFit, count: NDArray[Any], variance: Map) -> Mask:

@@ -88,4 +88,7 @@ def _check(
     for name, plane in (("least", least), ("most", most)):
         if plane is not None:
             check_like(plane, first, first.dtype, name)
+    for name, plane in (("code", code), ("least", least), ("most", most)):
+        if plane is not None and not plane.flags.writeable:
+            raise InputError(f"{name}: got a read-only array, expected one to write to; copy it")
     return kind

@@ -75,9 +75,49 @@ class TestDecode:
         )
         empty = tmp_path / "empty"
         empty.mkdir()
-        for folder in (empty, tmp_path / "gone"):
+        for folder, told in ((empty, "got 0 pictures"), (tmp_path / "gone", "got no such folder")):
             ran = procam("decode", folder, "--size", "64x64", "--out", out)
-            assert (ran.code, "got 0 pictures" in ran.complaint) == (2, True)
+            assert (ran.code, told in ran.complaint) == (2, True)
+
+    def test_pictures_of_another_code(self, photos: Path, tmp_path: Path) -> None:
+        arguments = ("--size", "1024x768", "--code", "xor-02", "--out", tmp_path / "map.exr")
+        ran = procam("decode", photos, *arguments)
+        assert "agree with the code xor-02 of a 1024x768 projector" in ran.out + ran.err
+
+    def test_a_wrong_count_that_fits_another_code(self, tmp_path: Path) -> None:
+        assert procam("patterns", "--size", "64x40", "--out", tmp_path / "p").code == 0
+        ran = procam("decode", tmp_path / "p", "--size", "64x40", "--out", tmp_path / "m.exr")
+        assert (ran.code, "18 fit --code micro-phase" in ran.complaint) == (2, True)
+
+    def test_names_without_zeros_are_in_order(self, photos: Path, tmp_path: Path) -> None:
+        folder = tmp_path / "plain"
+        folder.mkdir()
+        for number, path in enumerate(sorted(photos.glob("*.png"))):
+            shutil.copy(path, folder / f"img_{number}.png")
+        ran = procam("decode", folder, "--size", "1024x768", "--out", tmp_path / "map.exr")
+        assert (ran.code, "exchanged" in ran.out) == (0, False)
+
+    def test_nothing_of_others_is_overwritten(self, photos: Path, tmp_path: Path) -> None:
+        (tmp_path / "map-look.png").write_text("precious")
+        arguments = ("decode", photos, "--size", "1024x768", "--out")
+        ran = procam(*arguments, tmp_path / "map.exr")
+        assert (ran.code, "map-look.png: is there already" in ran.complaint) == (2, True)
+        assert (tmp_path / "map-look.png").read_text() == "precious"
+        ran = procam(*arguments, tmp_path / "map.png")
+        assert (ran.code, "expected .exr" in ran.complaint) == (2, True)
+        ran = procam(*arguments, photos / "map.exr")
+        assert (ran.code, "among the photographs" in ran.complaint) == (2, True)
+
+    def test_all_alike(self, tmp_path: Path) -> None:
+        folder = tmp_path / "dark"
+        folder.mkdir()
+        for number in range(18):
+            write_image(folder / f"{number:02d}.png", np.full((60, 80), 7, np.uint8))
+        ran = procam(
+            *("decode", folder, "--size", "64x40", "--code", "micro-phase"),
+            *("--out", tmp_path / "map.exr"),
+        )
+        assert (ran.code, "all alike, level 7" in ran.complaint) == (2, True)
 
     def test_mixed_sizes(self, photos: Path, tmp_path: Path) -> None:
         folder = tmp_path / "mixed"
@@ -86,7 +126,10 @@ class TestDecode:
         ran = procam("decode", folder, "--size", "1024x768", "--out", tmp_path / "map.exr")
         assert (ran.code, ran.err) == (0, "")
         left_out, missing, *_ = ran.out.splitlines()
-        assert left_out == "07.png: got 380x256 px, expected 384x256 like most; left out"
+        assert (
+            left_out
+            == "07.png: got 380x256 px of uint8, expected 384x256 px of uint8 like most; left out"
+        )
         assert missing == "missing: column bit 6 inverse, after 06.png; done without"
         expected = np.load(photos / "expected.npy")
         found = read_channels(tmp_path / "map.exr")

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procam.errors import CalibrationError, FileFormatError, InputError
-from procam.estimate.codes import Code, generate, make_code
+from procam.estimate.codes import CODES, Code, make_code, picture
 from procam.estimate.decode import Decoder
 from procam.estimate.frame_checks import Verdict, examine, probe_places
 from procam.estimate.limits import DecodeLimits, default_limits
@@ -29,13 +29,14 @@ def run_patterns(size: str, out: Path, code: str, output: Output) -> None:
     if out.exists() and any(out.iterdir()):
         raise InputError(f"{out}: got a folder with files in it, expected a new or empty one")
     out.mkdir(parents=True, exist_ok=True)
-    pictures = generate(layout)
-    for number, plane in enumerate(folder_order(layout)):
-        write_image(out / f"{number:04d}.png", pictures[plane])
-    output.say(f"{len(pictures)} pictures written to {out}; show them in the order of their names")
-    output.finish(
-        {"out": str(out), "pictures": [str(layout.planes[i]) for i in folder_order(layout)]}
+    order = folder_order(layout)
+    for number, plane in enumerate(order):
+        write_image(out / f"{number:04d}.png", picture(layout, layout.planes[plane]))
+    output.say(
+        f"{len(order)} pictures written to {out}; show them in the order of their names, photograph each, "
+        f"and decode with --code {code}"
     )
+    output.finish({"out": str(out), "pictures": [str(layout.planes[i]) for i in order]})
 
 
 def run_decode(
@@ -50,6 +51,8 @@ def run_decode(
     layout = make_code(code, _size(size))
     if out.resolve().parent == folder.resolve():
         raise InputError(f"{out}: lies among the photographs; choose another folder for it")
+    look, side = (out.with_name(f"{out.stem}{end}") for end in ("-look.png", "-panel.exr"))
+    _check_outputs(out, look, side)
     found, panel, notes = decode_folder(folder, layout, limits)
     if not found.valid.any():
         raise CalibrationError(
@@ -57,9 +60,7 @@ def run_decode(
         )
     xy, sigma = found.projector_xy, np.sqrt(np.mean(found.sigma_px**2, axis=-1))
     write_channels(out, {"projector.x": xy[..., 0], "projector.y": xy[..., 1], "sigma": sigma})
-    look = out.with_name(f"{out.stem}-look.png")
     write_image(look, quick_look(found, layout.size))
-    side = out.with_name(f"{out.stem}-panel.exr")
     write_channels(side, _panel_channels(panel))
     share, middle = float(found.valid.mean()), float(np.nanmedian(sigma))
     for note in notes:
@@ -86,6 +87,16 @@ def run_decode(
     )
 
 
+def _check_outputs(out: Path, *others: Path) -> None:
+    if out.suffix != ".exr":
+        raise InputError(f"{out}: got the suffix {out.suffix!r}, expected .exr for a map")
+    for path in others:
+        if path.exists() and not out.exists():
+            raise InputError(
+                f"{path}: is there already, and no map of the same name; choose another name for --out"
+            )
+
+
 def decode_folder(
     folder: Path, code: Code, limits: tuple[float | None, float | None]
 ) -> tuple[CorrespondenceMap, ProjectorMap, list[str]]:
@@ -94,7 +105,11 @@ def decode_folder(
     `limits` are white - black and contrast in counts, None for automatic; given ones switch all
     other cleaning off.
     """
-    files = sorted(p for p in folder.glob("*") if p.suffix.lower() in SUFFIXES)
+    if not folder.is_dir():
+        raise FileFormatError(f"{folder}: got no such folder, expected one with photographs")
+    files = sorted(
+        (p for p in folder.glob("*") if p.suffix.lower() in SUFFIXES and p.is_file()), key=_in_order
+    )
     if abs(len(files) - len(code.planes)) > 1:
         raise FileFormatError(_wrong_number(folder, len(files), code))
     verdict = _matched(files, code)
@@ -133,20 +148,25 @@ def _matched(files: list[Path], code: Code) -> Verdict:
     """Which file shows which plane; files of another size than most are left out."""
     pictures = ((path, read_grey(path)) for path in files)
     seen = [
-        (path, picture.shape, picture[probe_places(picture.shape)]) for path, picture in pictures
+        (path, _kind(picture), picture[probe_places(picture.shape)]) for path, picture in pictures
     ]
-    shapes = [shape for _, shape, _ in seen]
-    usual = max(set(shapes), key=shapes.count)
+    kinds = [kind for _, kind, _ in seen]
+    usual = max(set(kinds), key=kinds.count)
     notes = [
-        f"{path.name}: got {shape[1]}x{shape[0]} px, expected {usual[1]}x{usual[0]} like most; left out"
-        for path, shape, _ in seen
-        if shape != usual
+        f"{path.name}: got {kind}, expected {usual} like most; left out"
+        for path, kind, _ in seen
+        if kind != usual
     ]
-    same = [path for path, shape, _ in seen if shape == usual]
-    probes = [probe for _, shape, probe in seen if shape == usual]
+    same = [path for path, kind, _ in seen if kind == usual]
+    probes = [probe for _, kind, probe in seen if kind == usual]
     verdict = examine(code, folder_order(code), probes, [path.name for path in same])
     order = [None if i is None else files.index(same[i]) for i in verdict.order]
     return Verdict(order, notes + verdict.notes)
+
+
+def _kind(picture: Picture) -> str:
+    height, width = picture.shape
+    return f"{width}x{height} px of {picture.dtype.name}"
 
 
 def _limits(
@@ -155,6 +175,9 @@ def _limits(
     automatic = default_limits(white, black)
     if asked == (None, None):
         return automatic
+    for name, value in zip(("white-black", "contrast"), asked, strict=True):
+        if value is not None and not 0 <= value < np.inf:
+            raise InputError(f"--{name}: got {value}, expected a number of counts, 0 or more")
     return replace(
         automatic,
         white_black=automatic.white_black if asked[0] is None else asked[0],
@@ -179,11 +202,18 @@ def read_grey(path: Path) -> Picture:
     return grey
 
 
+def _in_order(path: Path) -> list[str | int]:
+    """Sorts img_2 before img_10."""
+    return [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", path.name)]
+
+
 def _wrong_number(folder: Path, count: int, code: Code) -> str:
     width, height = code.size
+    fitting = [name for name in CODES if len(make_code(name, code.size).planes) == count]
+    hint = f"; {count} fit --code {' or '.join(fitting)}" if fitting else ""
     return (
         f"{folder}: got {count} pictures, expected {len(code.planes)} for the code {code.name} of a "
-        f"projector of {width}x{height}"
+        f"projector of {width}x{height}{hint}"
     )
 
 
