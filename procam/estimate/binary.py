@@ -63,10 +63,13 @@ class StripeFolder:
 
         Pattern and inverse add up to white and black; what they miss that by is four samples' noise.
         """
+        if not pattern.size:
+            return 1.0
         miss = _difference(pattern, self._levels[0]) + _difference(inverse, self._levels[1])
+        miss = miss[self._levels[0] < self._levels[0].max()]  # a clipped white adds up to nothing
         sigma = 1.4826 * float(np.median(np.abs(miss - np.median(miss)))) / 2 if miss.size else 0.0
         clear = max(self._contrast, CLEAR_SIGMAS * np.sqrt(2) * sigma)
-        return float(np.mean(np.abs(_difference(pattern, inverse)) > clear)) if miss.size else 1.0
+        return float(np.mean(np.abs(_difference(pattern, inverse)) > clear))
 
     def most(self) -> Samples:
         """Largest contrast (H, W): the direct light; high by noise and by what scattered light adds."""

@@ -152,7 +152,8 @@ def make_code(name: str, size: tuple[int, int]) -> Code:
         raise InputError(f"code: got {name!r}, expected one of {', '.join(CODES)}")
     if min(size) < 2 or max(size) > LARGEST_PX:
         raise InputError(
-            f"size: got {size[0]}x{size[1]}, expected 2x2 to {LARGEST_PX}x{LARGEST_PX} px"
+            f"size: got {size[0]}x{size[1]}, expected at least 2x2 and at most "
+            f"{LARGEST_PX}x{LARGEST_PX} px"
         )
     build = CODES[name]
     return Code(name, size, build(size[0], size), build(size[1], size))

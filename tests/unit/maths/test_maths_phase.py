@@ -169,9 +169,10 @@ class TestFit:
             best = int(np.argmin(left))
             assert fit.x[i] == pytest.approx(grid[best], abs=0.02)
             far = np.abs(grid - grid[best]) > MICRO.periods[0] / 2
-            # a candidate may move outside the panel, or hop to one that is even better
-            assert margin[i] <= 1.001 * (left[far].min() - left[best]) + 0.1
-            assert margin[i] >= 0.8 * (left[far].min() - left[best])
+            # a candidate may move outside the panel, or hop to one that is even better; far worse ones
+            # are judged on a grid of half pixels
+            assert margin[i] <= 1.05 * (left[far].min() - left[best]) + 0.1
+            assert margin[i] >= 0.5 * (left[far].min() - left[best])  # less only drops a pixel
 
     @pytest.mark.parametrize("lost", [(0, 1, 2), (5, 6, 7), (1, 4, 6)])
     @pytest.mark.parametrize("noise", [0.01, 0.3, 1.0])
