@@ -136,6 +136,10 @@ class Code:
         planes = [Plane("white"), Plane("black"), *self.x.planes("x"), *self.y.planes("y")]
         object.__setattr__(self, "planes", tuple(planes))
 
+    def planes_of(self, axis: Axis) -> list[int]:
+        """Numbers of the pictures that vary along one axis."""
+        return [i for i, plane in enumerate(self.planes) if plane.axis == axis]
+
     def axis(self, name: Axis) -> AxisCode:
         """The coding of columns ("x") or rows ("y")."""
         return self.x if name == "x" else self.y

@@ -1,39 +1,24 @@
-"""Which photograph is which plane of a code, and what is wrong with the set.
-
-Judged on a sample of neighbouring pixels: a set in the right order decodes to straight rows of
-neighbours, and nothing else does.
-"""
+"""Which photograph is which plane of a code, and what is wrong with the set."""
 
 import re
 from collections.abc import Sequence, Set
 from dataclasses import dataclass, field, replace
 from itertools import combinations
-from typing import Any
+from math import prod
 
 import numpy as np
-from numpy.typing import NDArray
 
 from procam.errors import InputError
-from procam.estimate.binary import StripeFolder
-from procam.estimate.codes import AXES, AxisCode, Code
-from procam.estimate.limits import default_limits, full_scale
-from procam.estimate.wave_calibration import search
-from procam.estimate.waves import FEWEST
-from procam.maths.phase import Wavelook
+from procam.estimate.codes import AXES, Axis, Code
+from procam.estimate.limits import full_scale
+from procam.estimate.soundness import Order, Samples, Soundness
 
-Samples = NDArray[Any]
-Places = tuple[NDArray[np.intp], NDArray[np.intp]]
-TRIPLES = 3000
-APART_PX = 5  # pixels of a triple: far enough to leave a few stripes
-STRAIGHT_PX = 1.6  # second difference of a triple on a sound map: rounding, noise, curvature
-MISFIT = 0.05  # of the squared amplitude, per picture: what a misread wave leaves
 POOR = 0.5  # share of straight triples below which also the other axis is searched
 BETTER = 1.15  # an exchange must do this much better than the order as it is
 NEXT_BETTER = 1.02  # of neighbours, which is more likely, and hardly shows in a coarse pair
 STALE_GAIN = 1.04  # leaving a stale picture out does this much better; a good one, at most 1.01
 WORSE = 0.9  # of the better axis: here something is wrong, even if no picture can be spared
 SLACK = 0.02  # of the triples: against division by nothing, and gains among noise
-UNREAD = 0.7  # trust in a set, for each plane that nothing can be read from
 HOPELESS, DOUBTFUL = 0.02, 0.25  # sound share of lit triples; defocus costs stripes much of it
 CLEARLY = 0.97  # of the best: what does nearly as well cannot be ruled out
 ALIKE = 0.04  # of white - black: two photographs of one picture differ by less
@@ -41,6 +26,7 @@ BLACK_SHARE = 0.2  # of the light a picture should have
 FAINTEST_SHARE = 0.15  # of white's: what falls beside the screen may be all of less
 MOST_LIT = 0.4  # of the pictures have light, whatever part of the panel is seen
 CLIPPED_SHARE = 0.05
+BEYOND, MOST_BEYOND = 0.3, 0.1  # of a pixel's reach, and share of the pixels
 
 
 @dataclass
@@ -53,19 +39,8 @@ class Verdict:
     notes : faults that were worked round, one line each, by the photographs' names.
     """
 
-    order: list[int | None]
+    order: Order
     notes: list[str] = field(default_factory=list)
-
-
-def probe_places(shape: tuple[int, int]) -> Places:
-    """Rows and columns (n, 3) of three pixels in a row each, spread over a picture of `shape`."""
-    height, width = shape
-    step = max(1, int(np.sqrt(height * width / TRIPLES / 4)))  # a quarter of it may be lit
-    rows, columns = np.mgrid[
-        step // 2 : height : step, step // 2 : max(width - 2 * APART_PX, 1) : step
-    ]
-    across = np.minimum(columns.ravel()[:, None] + APART_PX * np.arange(3), width - 1)
-    return np.repeat(rows.ravel()[:, None], 3, axis=1), across
 
 
 def examine(
@@ -103,13 +78,12 @@ class _Inspector:
             )
         self.lit = reach > 0.25 * reach.max()
         self.reach = float(reach[self.lit].mean())
-        self._sound_of: dict[tuple[int | None, ...], float] = {}
-        self._lit_of: dict[tuple[int, int], tuple[list[Samples], float]] = {}
+        self._sound = Soundness(code, self.probes)
 
-    def matched(self, sequence: Sequence[int]) -> list[int | None]:
+    def matched(self, sequence: Sequence[int]) -> Order:
         """Photographs by plane, with one too many or one missing taken care of."""
         surplus = len(self.probes) - len(sequence)
-        everything: list[int | None] = list(range(len(self.probes)))
+        everything: Order = list(range(len(self.probes)))
         if surplus == 1:
             return self._without_double(sequence, everything)
         if surplus == -1:
@@ -121,16 +95,16 @@ class _Inspector:
             )
         return self._ordered(sequence, everything)
 
-    def drop_stale(self, order: list[int | None]) -> None:
+    def drop_stale(self, order: Order) -> None:
         """Pictures that show what the one before showed, and spoil what the set tells."""
         for plane, photograph in enumerate(order):
-            if plane < 2 or photograph is None or not self._alike(photograph):
+            axis = self.code.planes[plane].axis
+            if axis == "" or photograph is None or not self._alike(photograph):
                 continue
             without = [None if i == plane else p for i, p in enumerate(order)]
-            axis = self.code.planes[plane].axis
             gain = self._better(without, order, {axis})
-            others = max(self._soundness(order, name) for name in AXES)
-            worse = self._soundness(order, axis) < max(POOR, WORSE * others)
+            others = max(self._sound.along(order, name) for name in AXES)
+            worse = self._sound.along(order, axis) < max(POOR, WORSE * others)
             if gain > STALE_GAIN or (gain < 1 and worse):
                 order[plane] = None
                 before = self.names[photograph - 1]
@@ -138,7 +112,7 @@ class _Inspector:
                     f"{self.names[photograph]}: stale, it shows what {before} shows; left out"
                 )
 
-    def check_levels(self, order: list[int | None]) -> None:
+    def check_levels(self, order: Order) -> None:
         """White and black must be there and be what they say; clipped whites are told."""
         white, black = order[0], order[1]
         if white is None or black is None:
@@ -153,6 +127,7 @@ class _Inspector:
                 f"{self.names[black]} and {self.names[white]}: white and black in each other's "
                 "place (wrong order); exchanged"
             )
+        self._check_extremes(white, black)
         light = np.array([p.mean() for p in self.probes]) - self.probes[black].mean()
         between = light[light > 0.2 * light[white]]
         share = float(np.median(between) / max(light[white], 1e-9)) if between.size else 0.0
@@ -165,7 +140,22 @@ class _Inspector:
             )
         self._tell_clipping(order)
 
-    def _tell_clipping(self, order: list[int | None]) -> None:
+    def _check_extremes(self, white: int, black: int) -> None:
+        """Nothing is brighter than white, or darker than black."""
+        stack = np.stack(self.probes)
+        low, high = stack.min(axis=0)[self.lit], stack.max(axis=0)[self.lit]
+        beyond = BEYOND * (high - low)
+        for photograph, what, more, past in (
+            (white, "white", "brighter", high - self.probes[white][self.lit] > beyond),
+            (black, "black", "darker", self.probes[black][self.lit] - low > beyond),
+        ):
+            if past.mean() > MOST_BEYOND:
+                raise InputError(
+                    f"pictures: {self.names[photograph]} should show {what}, but {past.mean():.0%} of "
+                    f"the lit pixels are {more} in others; is it stale, or the exposure automatic?"
+                )
+
+    def _tell_clipping(self, order: Order) -> None:
         level = self._probe(order, 0)
         span = level - self._probe(order, 1)
         lit = span > 0.25 * span.max()
@@ -176,7 +166,7 @@ class _Inspector:
                 "expose shorter"
             )
 
-    def drop_black(self, order: list[int | None]) -> None:
+    def drop_black(self, order: Order) -> None:
         """Pictures without light, unless the inverse has it all: the camera may see half a panel."""
         white, black = self._probe(order, 0).mean(), self._probe(order, 1).mean()
         shown = [None if p is None else float(self.probes[p].mean()) for p in order]
@@ -195,22 +185,25 @@ class _Inspector:
                 self.notes.append(f"{self.names[photograph]}: black, expected {plane}; left out")
                 order[number] = None
 
-    def exchange(self, order: list[int | None]) -> None:
+    def exchange(self, order: Order) -> None:
         """Two pictures in each other's place are put right."""
-        shown = {axis: [i for i in self._planes_of(axis) if order[i] is not None] for axis in AXES}
+        shown = {
+            axis: [i for i in self.code.planes_of(axis) if order[i] is not None] for axis in AXES
+        }
         candidates = [
             pair
             for axis in AXES
             for pair in combinations(shown[axis], 2)
-            if self._may(order, *pair)
+            if self._may(order, axis, *pair)
         ]
-        if all(self._soundness(order, axis) < POOR for axis in AXES):
+        candidates += [(i, j) for i in shown["x"][-1:] for j in shown["y"][:1]]
+        if all(self._sound.along(order, axis) < POOR for axis in AXES):
             candidates += [(i, j) for i in shown["x"] for j in shown["y"]]
         best, gain, swapped = None, 1.0, (0, 0)
         for first, second in candidates:
             tried = list(order)
             tried[first], tried[second] = order[second], order[first]
-            axes = {self.code.planes[i].axis for i in (first, second)}
+            axes = {a for i in (first, second) if (a := self.code.planes[i].axis)}
             ratio = self._better(tried, order, axes)
             if ratio > max(gain, _enough(first, second)):
                 best, gain, swapped = tried, ratio, (first, second)
@@ -220,9 +213,9 @@ class _Inspector:
         order[:] = best
         self.notes.append(f"{' and '.join(names)}: in each other's place (wrong order); exchanged")
 
-    def judge(self, order: list[int | None]) -> None:
+    def judge(self, order: Order) -> None:
         """Whether the set is one of this code at all."""
-        sound = {axis: self._soundness(order, axis) for axis in AXES}
+        sound = {axis: self._sound.along(order, axis) for axis in AXES}
         worst = min(sound, key=lambda axis: sound[axis])
         width, height = self.code.size
         what = (
@@ -235,31 +228,29 @@ class _Inspector:
         if sound[worst] < DOUBTFUL:
             self.notes.append(f"only {what}")
 
-    def _may(self, order: list[int | None], first: int, second: int) -> bool:
-        """Whether the axis of two planes has enough to gain by their exchange."""
-        now = self._soundness(order, self.code.planes[first].axis)
+    def _may(self, order: Order, axis: Axis, first: int, second: int) -> bool:
+        """Whether an axis has enough to gain by the exchange of two of its planes."""
+        now = self._sound.along(order, axis)
         return (1 + SLACK) > _enough(first, second) * (now + SLACK)
 
-    def _better(self, tried: list[int | None], order: list[int | None], axes: Set[str]) -> float:
-        """How many times sounder an order is than another, in the axes that differ."""
-        return min(
-            (self._soundness(tried, axis) + SLACK) / (self._soundness(order, axis) + SLACK)
-            for axis in axes
-        )
+    def _better(self, tried: Order, order: Order, axes: Set[Axis]) -> float:
+        """How many times sounder an order is than another, in the axes that differ.
 
-    def _ordered(self, sequence: Sequence[int], shown: Sequence[int | None]) -> list[int | None]:
-        order: list[int | None] = [None] * len(self.code.planes)
+        All of them count, but none may lose.
+        """
+        ratios = [
+            (self._sound.along(tried, axis) + SLACK) / (self._sound.along(order, axis) + SLACK)
+            for axis in axes
+        ]
+        return prod(ratios) if min(ratios) > CLEARLY else min(ratios)
+
+    def _ordered(self, sequence: Sequence[int], shown: Sequence[int | None]) -> Order:
+        order: Order = [None] * len(self.code.planes)
         for plane, photograph in zip(sequence, shown, strict=True):
             order[plane] = photograph
         return order
 
-    def _sound(self, order: list[int | None]) -> float:
-        """Soundness of both axes; 0 without white or black."""
-        if order[0] is None or order[1] is None:
-            return 0.0
-        return sum(self._soundness(order, axis) for axis in AXES)
-
-    def _without_double(self, sequence: Sequence[int], shown: list[int | None]) -> list[int | None]:
+    def _without_double(self, sequence: Sequence[int], shown: Order) -> Order:
         """One picture too many: of those like the one before, the one without which it decodes best."""
         doubles = [i for i in range(1, len(shown)) if self._alike(i)]
         if not doubles:
@@ -268,13 +259,13 @@ class _Inspector:
                 "before; take the one out that does not belong"
             )
         orders = {i: self._ordered(sequence, shown[:i] + shown[i + 1 :]) for i in doubles}
-        double = max(doubles, key=lambda i: self._sound(orders[i]))
+        double = max(doubles, key=lambda i: self._sound.of(orders[i]))
         self.notes.append(
             f"{self.names[double]}: doubled, it shows what {self.names[double - 1]} shows; left out"
         )
         return orders[double]
 
-    def _with_gap(self, sequence: Sequence[int], shown: list[int | None]) -> list[int | None]:
+    def _with_gap(self, sequence: Sequence[int], shown: Order) -> Order:
         """The place of one missing picture: where the set decodes best without it.
 
         Where that leaves a choice, as in equal steps without the first or the last, the numbers in
@@ -284,7 +275,7 @@ class _Inspector:
             self._ordered(sequence, [*shown[:gap], None, *shown[gap:]])
             for gap in range(len(sequence))
         ]
-        scores = np.array([self._sound(order) for order in orders])
+        scores = np.array([self._sound.of(order) for order in orders])
         likely = np.flatnonzero(scores >= CLEARLY * scores.max()).tolist()
         skipped = [gap for gap in likely if gap == _skipped(self.names)]
         if len(likely) > 1 and not skipped:
@@ -314,44 +305,10 @@ class _Inspector:
         inverse = replace(plane, inverse=not plane.inverse)
         return self.code.planes.index(inverse) if inverse in self.code.planes else None
 
-    def _planes_of(self, axis: str) -> list[int]:
-        return [i for i, plane in enumerate(self.code.planes) if plane.axis == axis]
-
-    def _probe(self, order: list[int | None], plane: int) -> Samples:
+    def _probe(self, order: Order, plane: int) -> Samples:
         photograph = order[plane]
         assert photograph is not None
         return self.probes[photograph]
-
-    def _soundness(self, order: list[int | None], axis: str) -> float:
-        """Share of lit triples that decode to a straight line."""
-        planes = [0, 1, *self._planes_of(axis)]
-        key = tuple(order[i] for i in planes)
-        if key not in self._sound_of:
-            self._sound_of[key] = self._straight_share(order, axis)
-        return self._sound_of[key]
-
-    def _straight_share(self, order: list[int | None], axis: str) -> float:
-        assert order[0] is not None and order[1] is not None
-        levels = order[0], order[1]
-        if levels not in self._lit_of:
-            self._lit_of[levels] = self._lit_probes(*levels)
-        probes, contrast = self._lit_of[levels]
-        if not probes[0].size:
-            return 0.0
-        shown = {i: probes[p] for i in self._planes_of(axis) if (p := order[i]) is not None}
-        white, black = (probes[i] for i in levels)
-        coding = self.code.axis(axis)  # type: ignore[arg-type]
-        x, trust = _columns(self.code, coding, shown, white, black, contrast)
-        straight = np.abs(x[:, 0] - 2 * x[:, 1] + x[:, 2]) <= STRAIGHT_PX  # NaN is not
-        return float(np.mean(straight * trust.min(axis=1)))
-
-    def _lit_probes(self, white: int, black: int) -> tuple[list[Samples], float]:
-        """Samples (n, 3) of every photograph where all three are lit, and the contrast that counts."""
-        span = self.probes[white] - self.probes[black]
-        limits = default_limits(self.probes[white], self.probes[black])
-        enough = max(limits.white_black, 0.1 * float(np.ptp(self.probes[white])))
-        lit = (span > enough).all(axis=1)
-        return [p[lit] for p in self.probes], limits.contrast
 
 
 def _enough(first: int, second: int) -> float:
@@ -367,38 +324,3 @@ def _skipped(names: Sequence[str]) -> int | None:
     numbers = np.array([int(each[-1]) for each in found])
     jumps = np.flatnonzero(np.diff(numbers) == 2) + 1
     return int(jumps[0]) if len(jumps) == 1 and np.ptp(numbers) == len(names) else None
-
-
-def _columns(
-    code: Code,
-    coding: AxisCode,
-    shown: dict[int, Samples],
-    white: Samples,
-    black: Samples,
-    contrast: float,
-) -> tuple[Samples, Samples]:
-    """Columns (n, 3) by a quick look, NaN where it sees none, and how far to trust them, 0..1."""
-    x, trust = np.full(white.shape, np.nan, np.float32), np.ones(white.shape, np.float32)
-    planes = {i: code.planes[i] for i in shown}
-    sines = [i for i, plane in planes.items() if plane.kind == "sine"]
-    if coding.waves is not None and len(sines) >= FEWEST:
-        all_sines = [i for i, p in enumerate(code.planes) if p.axis == planes[sines[0]].axis]
-        keep = np.isin(all_sines[: len(coding.waves.periods)], sines)
-        frames = [shown[i] for i in sines]
-        found = search(frames, coding.waves.kept(keep), Wavelook(), coding.length)
-        scale = MISFIT * len(frames) * np.maximum(found.amplitude, 1e-9) ** 2
-        x, trust = found.position, np.nan_to_num(np.exp(-found.residual / scale))
-    if coding.codewords is None:
-        return x, trust
-    folder = StripeFolder(white, black, contrast)
-    for i, plane in planes.items():
-        if plane.kind == "binary" and not (plane.inverse and i - 1 in shown):
-            other = shown.get(i + 1) if coding.inverses and not plane.inverse else None
-            other = white + black - shown[i] if other is None else other
-            pair = (other, shown[i]) if plane.inverse else (shown[i], other)
-            if not folder.add(*pair, plane.bit):
-                trust *= UNREAD  # or pictures that do not belong together would seem to agree
-    column, _ = folder.columns(coding)
-    if coding.waves is None:
-        return np.where(folder.certain(), column, np.nan), trust
-    return coding.numbered(x, column)[0], trust
