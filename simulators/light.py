@@ -29,7 +29,8 @@ class ProjectorLight:
     lit : (H, W) the pixel passes the blackout plates.
     irradiance : (H, W) at full white, relative to the scene's unit; 0 where not lit.
     black_irradiance : (H, W) at drive 0.
-    patch : (H, W) room patch under the pixel. reflected_m2 : (H, W) albedo times true area.
+    area_m2 : (H, W) the pixel's true area. reflected_m2 : (H, W) albedo times area.
+    patch : (H, W) room patch under the pixel.
     """
 
     build: ProjectorBuild
@@ -39,6 +40,7 @@ class ProjectorLight:
     irradiance: Image
     black_irradiance: Image
     patch: NDArray[np.intp]
+    area_m2: Image
     reflected_m2: Array
 
     @classmethod
@@ -63,6 +65,7 @@ class ProjectorLight:
             (level * shape).astype(np.float32),
             black.astype(np.float32),
             dome_patch(direction, surface.half_angle),
+            area.astype(np.float32),
             surface.albedo(direction) * area,
         )
 
@@ -104,12 +107,16 @@ class ProjectorLight:
         return float(np.hypot(self.build.defocus_px, camera_blur_px))
 
     def blurred(self, irradiance: Image, camera_blur_px: float) -> Image:
-        """The image as lens and camera pixel smear it, still on the projector's grid."""
+        """The image as lens and camera pixel smear it, still on the projector's grid.
+
+        A lens smears flux; how much area the screen offers it is decided where it lands.
+        """
         sigma = self.smear_px(camera_blur_px)
         if sigma == 0:
             return irradiance
-        smeared = cv2.GaussianBlur(irradiance, (0, 0), sigma, borderType=cv2.BORDER_CONSTANT)
-        return np.asarray(smeared, np.float32).reshape(irradiance.shape)
+        area = self.area_m2[..., None]
+        flux = cv2.GaussianBlur(irradiance * area, (0, 0), sigma, borderType=cv2.BORDER_CONSTANT)
+        return np.asarray(flux.reshape(irradiance.shape) / area, np.float32)
 
     def altered(self, build: ProjectorBuild, old: Preset, new: Preset) -> "ProjectorLight":
         """The same projector, in the same place, after overrides took a preset from old to new."""

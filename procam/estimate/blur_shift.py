@@ -1,7 +1,7 @@
-"""What a blurred picture's slopes and borders do to decoded places, and taking it out again.
+"""What blur does to decoded places at borders and under slopes of light, taken out or told.
 
 A defocused point gathers light from around it, more from the brighter side: its mean place is off by
-the blur's variance times the gradient of the logarithm of the light (Tweedie's formula).
+the blur's variance times the gradient of the logarithm of the projector's flux (Tweedie's formula).
 """
 
 import numpy as np
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.special import erfc
 
 from procam.estimate.clean import keep_only
-from procam.maths.polynomials import fit_surface
+from procam.maths.polynomials import Surface2D, fit_surface
 from procam.maths.warp import blur, blur_within, edge_distance, grow, sample
 from procam.model.correspondence import CorrespondenceMap
 
@@ -19,12 +19,14 @@ Mask = NDArray[np.bool_]
 LIGHT_DEGREE, PLACE_DEGREE = 5, 5
 FEWEST_PIXELS = 200
 TABLE_STEP_PX = 8
+SLOPE_DOUBT = 0.5  # of the shift that all of the light's slope would make
 HALF_LIT = 0.5  # of the light that the surroundings promise: here runs the picture's border
 CLOSED_PX = 3  # gaps in the decoded area up to twice this wide are no border
 NEAREST_SIGMAS = 1.2  # from the border; nearer, the place is off by more than half the blur
 FARTHEST_SIGMAS = 4.0
 FEWEST_SIGMAS = 10.0  # of the blur, that the decoded part of the panel spans at least
 KNOWN_DOUBT = 0.2  # of a border's shift, where it is taken out whole
+BORDER_DOUBT = 0.4  # sigmas that the border's place is uncertain by
 BEYOND_PX = 100  # of the camera: farther than any blur reaches
 
 
@@ -35,36 +37,44 @@ def undo_blur(
     period_px: Array,
     size: tuple[int, int],
 ) -> CorrespondenceMap:
-    """The map without the shifts that a blur of variance (2,) [px^2] along x and y makes.
+    """The map without the shifts that a blur of variance (2,) [px^2] along x and y makes at borders.
 
     They were read off waves of periods (2,) [px]. `direct` (H, W) is the direct light, of pixels that
     are not valid too; pixels too near the border of the picture are dropped. The blur is the
     projector's: a border that the screen or the camera makes shifts nothing. Only at the edges of
     the panel of `size` is it known to be the projector's; elsewhere half the shift is taken out, and
-    the other half is in the standard error.
+    the other half is in the standard error, with what a smooth slope of the flux would shift: one
+    picture cannot tell the projector's slopes from the screen's and the camera's.
     """
     sigma = np.sqrt(blur_px2)
     if found.valid.sum() < FEWEST_PIXELS or not blur_px2.all():
         return found
     if (np.ptp(found.projector_xy[found.valid], axis=0) < FEWEST_SIGMAS * sigma).any():
         return found  # too little of the panel to tell slopes from borders
+    place = fit_surface(*_pairs(found, found.valid), PLACE_DEGREE)
     light = np.log(np.maximum(direct, 1e-6))
-    level = _Level(found, light, found.valid)
-    lit = _lit(found, direct, level.at(found)[..., 0])
-    border = _Border(found, lit, sigma)
-    level = _Level(found, light, border.inner)  # without the border's own fall
-    moved = found.projector_xy - (blur_px2 * level.at(found)[..., 1:]).astype(np.float32)
-    told = found.sigma_px.copy()
-    shift = border.shifts(period_px)
+    lit = _lit(found, direct, _level(found, light, found.valid)[..., 0])
+    border = _Border(found, lit, sigma, place)
+    slope = _level(found, light, border.inner)[found.valid, 1:]  # without the border's own fall
+    usual = SLOPE_DOUBT * blur_px2 * np.sqrt(np.mean(slope**2, axis=0))
+    shared = np.where(found.valid[..., None], usual.astype(np.float32), np.float32(np.nan))
+    moved, (shift, unsure) = found.projector_xy.copy(), border.shifts(period_px)
     xy = found.projector_xy[border.near]
     edge = np.minimum(xy, np.array(size) - 1 - xy)
     known = np.any(edge < FARTHEST_SIGMAS * sigma, axis=1)[:, None]
     moved[border.near] -= (np.where(known, 1.0, 0.5) * shift).astype(np.float32)
-    doubt = np.where(known, KNOWN_DOUBT, 0.5) * shift
-    told[border.near] = np.hypot(told[border.near], doubt)
+    doubt = np.hypot(np.where(known, KNOWN_DOUBT, 0.5) * shift, unsure)
+    shared[border.near] = np.hypot(shared[border.near], doubt)
+    told = np.hypot(found.sigma_px, shared)
     inside = ((moved >= -0.5) & (moved <= np.array(size) - 0.5)).all(axis=-1)
     keep = lit & inside & ~border.too_near
-    return keep_only(CorrespondenceMap(moved, told, found.valid), keep)
+    return keep_only(CorrespondenceMap(moved, told, found.valid, shared), keep)
+
+
+def _pairs(found: CorrespondenceMap, where: Mask) -> tuple[Array, Array]:
+    """Camera pixels (N, 2) and the projector pixels (N, 2) they see."""
+    rows, columns = np.nonzero(where)
+    return np.stack([columns, rows], axis=1).astype(float), found.projector_xy[where].astype(float)
 
 
 def _lit(found: CorrespondenceMap, direct: Map, level: Map) -> Mask:
@@ -77,25 +87,18 @@ def _lit(found: CorrespondenceMap, direct: Map, level: Map) -> Mask:
     return np.asarray((around > 0) & (direct > HALF_LIT * around))
 
 
-class _Level:
-    """Smooth logarithm of the direct light over the panel, as a table of its value and gradient."""
-
-    def __init__(self, found: CorrespondenceMap, light: Map, where: Mask) -> None:
-        if where.sum() < FEWEST_PIXELS:
-            where = found.valid
-        xy = found.projector_xy[where].astype(float)
-        surface = fit_surface(xy, light[where].astype(float)[:, None], LIGHT_DEGREE)
-        self._low = np.nanmin(found.projector_xy, axis=(0, 1))
-        size = np.nanmax(found.projector_xy, axis=(0, 1)) - self._low
-        columns, rows = (np.arange(0, n + 2 * TABLE_STEP_PX, TABLE_STEP_PX) for n in size)
-        places = np.stack(np.meshgrid(columns, rows), -1) + self._low
-        flat = places.reshape(-1, 2).astype(float)
-        table = np.concatenate([surface(flat), surface.gradient(flat)[:, 0]], axis=1)
-        self._table = table.reshape(*places.shape[:2], 3)
-
-    def at(self, found: CorrespondenceMap) -> Map:
-        """Value and gradient by x and y [1/px] (H, W, 3) at the places of a map."""
-        return sample(self._table, (found.projector_xy - self._low) / TABLE_STEP_PX)
+def _level(found: CorrespondenceMap, light: Map, where: Mask) -> Map:
+    """Log light, smooth over the panel, and its gradient by x and y [1/px]: (H, W, 3)."""
+    used = where if where.sum() >= FEWEST_PIXELS else found.valid
+    _, xy = _pairs(found, used)
+    surface = fit_surface(xy, light[used].astype(float)[:, None], LIGHT_DEGREE)
+    low = np.nanmin(found.projector_xy, axis=(0, 1))
+    size = np.nanmax(found.projector_xy, axis=(0, 1)) - low
+    columns, rows = (np.arange(0, n + 2 * TABLE_STEP_PX, TABLE_STEP_PX) for n in size)
+    places = np.stack(np.meshgrid(columns, rows), -1) + low
+    flat = places.reshape(-1, 2).astype(float)
+    table = np.concatenate([surface(flat), surface.gradient(flat)[:, 0]], axis=1)
+    return sample(table.reshape(*places.shape[:2], 3), (found.projector_xy - low) / TABLE_STEP_PX)
 
 
 class _Border:
@@ -106,10 +109,8 @@ class _Border:
     What is lit at the photograph's own edge goes on beyond it.
     """
 
-    def __init__(self, found: CorrespondenceMap, lit: Mask, sigma: Array) -> None:
-        rows, columns = np.nonzero(found.valid)
-        seen = np.stack([columns, rows], axis=1).astype(float)
-        place = fit_surface(seen, found.projector_xy[found.valid].astype(float), PLACE_DEGREE)
+    def __init__(self, found: CorrespondenceMap, lit: Mask, sigma: Array, place: Surface2D) -> None:
+        seen, _ = _pairs(found, found.valid)
         around = np.pad(lit, BEYOND_PX, mode="edge")
         closed = grow(grow(around, CLOSED_PX), -CLOSED_PX) | around
         inside = slice(BEYOND_PX, -BEYOND_PX)
@@ -131,10 +132,12 @@ class _Border:
         self.inner = lit & found.valid
         self.inner[self.near] = self._away >= FARTHEST_SIGMAS
 
-    def shifts(self, period_px: Array) -> Array:
-        """Shift (N, 2) [px] of the `near` pixels towards the inside, for waves of periods (2,)."""
+    def shifts(self, period_px: Array) -> tuple[Array, Array]:
+        """Shift (N, 2) [px] of the `near` pixels to the inside, for waves of periods (2,); its doubt."""
         wave = np.maximum(2 * np.pi * self._sigma / period_px, 1e-3)
-        return self._sigma * self._normal * _pull(self._away, wave)
+        scale = self._sigma * self._normal
+        shift = scale * _pull(self._away, wave)
+        return shift, np.abs(scale * _pull(self._away - BORDER_DOUBT, wave) - shift)
 
 
 def _pull(away: Array, wave: Array) -> Array:

@@ -18,6 +18,7 @@ def keep_only(found: CorrespondenceMap, keep: Mask) -> CorrespondenceMap:
         np.where(keep[..., None], found.projector_xy, np.nan).astype(np.float32),
         np.where(keep[..., None], found.sigma_px, np.nan).astype(np.float32),
         keep,
+        found.shared_px,
     )
 
 

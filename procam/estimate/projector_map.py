@@ -19,9 +19,7 @@ FULL_BLOCK = BLOCK**2 / 2  # patches of it that must be seen
 INSIDE = 0.2  # the patch's centre may miss the mean place by this share of the patch
 FAR = 3.0  # spreads of a patch from its middle; a parallelogram reaches to 2.45 at most
 SIGMAS = 6.0
-SHARED_PX = (
-    0.0025  # error that neighbouring pixels share, so that no mean takes it away (studies/codes.md)
-)
+SHARED_PX = 0.0025  # what neighbouring pixels share of their error at least (studies/codes.md)
 MISFIT_PX = 0.5  # what the fit may leave beyond noise
 ROUNDS = 2
 
@@ -32,7 +30,8 @@ class _Fits:
 
     The bend, of blocks of patches, takes the curvature that straight lines cannot follow.
     `middle` (P, 2), `line` (P, 3, 2) with the inverse of its normal matrix (P, 3, 3); `block` (P,)
-    of each patch, their `block_middle` (B, 2) and `bend` (B, 3, 2); `count` (P,).
+    of each patch, their `block_middle` (B, 2) and `bend` (B, 3, 2); `count` (P,); `shared_px2` (P,)
+    variance that the pixels of a patch have in common.
     """
 
     middle: Array
@@ -42,6 +41,7 @@ class _Fits:
     block_middle: Array
     bend: Array
     count: Array
+    shared_px2: Array
 
     def predict(self, patch: Index, camera_px: Array) -> Array:
         """Projector pixel (N, 2) by each pixel's own patch."""
@@ -77,12 +77,15 @@ def fit_projector_map(found: CorrespondenceMap, size: tuple[int, int]) -> Projec
     camera_px = np.stack([columns, rows], axis=1).astype(float)
     xy = found.projector_xy[found.valid].astype(float)
     sigma = np.maximum(found.sigma_px[found.valid].astype(float), 1e-6)
+    shared = (
+        np.zeros_like(xy) if found.shared_px is None else found.shared_px[found.valid].astype(float)
+    )
     patch_px = patch_size(xy)
     shape = (-(-size[1] // patch_px), -(-size[0] // patch_px))
     place, use = xy, _together(_patch_index(xy, patch_px, shape), camera_px, shape)
     for _ in range(ROUNDS):
         index = _patch_index(place, patch_px, shape)
-        fits = _fit(index[use], camera_px[use], xy[use], sigma[use], shape)
+        fits = _fit(index[use], camera_px[use], xy[use], sigma[use], shared[use], shape)
         place = fits.predict(index, camera_px)
         use = (np.abs(xy - place) <= MISFIT_PX + SIGMAS * sigma).all(axis=1)
         use &= fits.count[index] >= FEWEST_PIXELS
@@ -127,7 +130,14 @@ def _patch_index(place: Array, patch_px: int, shape: tuple[int, int]) -> Index:
     return np.asarray(row * shape[1] + column, np.intp)
 
 
-def _fit(index: Index, camera_px: Array, xy: Array, sigma: Array, shape: tuple[int, int]) -> _Fits:
+def _fit(
+    index: Index,
+    camera_px: Array,
+    xy: Array,
+    sigma: Array,
+    shared: Array,
+    shape: tuple[int, int],
+) -> _Fits:
     patches = shape[0] * shape[1]
     blocks = (-(-shape[0] // BLOCK), -(-shape[1] // BLOCK))
     rows, columns = np.divmod(np.arange(patches), shape[1])
@@ -150,6 +160,7 @@ def _fit(index: Index, camera_px: Array, xy: Array, sigma: Array, shape: tuple[i
         block_middle,
         bend[:, 3:],
         count,
+        _means(index, shared**2, patches).mean(axis=1),
     )
     near = camera_px - fits.middle[index]
     terms = np.concatenate([np.ones((len(near), 1)), near], axis=1)
@@ -229,7 +240,7 @@ def _masked(
     return ProjectorMap(
         patch_px,
         grid(place),
-        grid(np.sqrt(variance + SHARED_PX**2)),
+        grid(np.sqrt(variance + SHARED_PX**2 + fits.shared_px2)),
         grid(slope),
         coverage.reshape(shape).astype(np.float32),
         fits.count.reshape(shape).astype(np.int32),

@@ -13,12 +13,14 @@ Mask = NDArray[np.bool_]
 class CorrespondenceMap:
     """Per camera pixel: `projector_xy` (H, W, 2) [px] and its standard error `sigma_px` (H, W, 2).
 
-    Both are NaN where not `valid` (H, W).
+    Both are NaN where not `valid` (H, W). `shared_px` (H, W, 2) is the part of the standard error
+    that neighbouring pixels have in common, so that no mean takes it away; None for nothing.
     """
 
     projector_xy: Map
     sigma_px: Map
     valid: Mask
+    shared_px: Map | None = None
 
 
 @dataclass(frozen=True, slots=True)
