@@ -149,7 +149,8 @@ def _advice(rows: list[Row]) -> Iterator[str]:
     yield (
         "In short: `micro-phase` needs the fewest pictures and holds nearly everywhere; `phase-heterodyne` "
         "takes half as many again, is a tenth finer, and is the one for SNR 20 with 6 px of blur. `gray` "
-        "stripes hold as well, three to ten times coarser; `gray-wide` is for sharp lenses, `xor-*` for sharp lenses with little noise, "
+        "stripes hold as well, three to ten times coarser; `gray-wide` is for sharp lenses, `xor-*` for "
+        "sharp lenses with little noise, "
         "`phase-gray` for less than 3 px of blur: beyond, its stripes number fringes wrongly."
     )
     yield ""
