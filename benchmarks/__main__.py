@@ -9,7 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from benchmarks import gray, phase, solve
+from benchmarks import areas, bundle, gray, phase, solve
 from benchmarks.measure import Goal, Report, as_json
 from procam import kernels
 
@@ -21,6 +21,9 @@ BENCHES: tuple[Callable[[], Report], ...] = (
     lambda: phase.bench_search(4),
     lambda: phase.bench_search(5),
     phase.bench_growth,
+    areas.bench,
+    bundle.bench,
+    bundle.bench_growth,
 )
 
 

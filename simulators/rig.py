@@ -63,7 +63,8 @@ class CameraBuild:
     """One camera on its tripod.
 
     `vignetting` are the coefficients of 1 + v1 theta^2 + v2 theta^4 off the axis, `blur_px` the
-    Gaussian sigma of lens and pixel [px], `read_noise_dn` [DN].
+    Gaussian sigma of lens and pixel [px], `read_noise_dn` [DN]; `pupil` how far its entrance pupil
+    moves forward, p1 theta^2 + p2 theta^4 [m].
     """
 
     name: str
@@ -75,6 +76,7 @@ class CameraBuild:
     bits: int = 12
     black_level: float = 64.0
     read_noise_dn: float = 1.5
+    pupil: tuple[float, float] = (0.0, 0.0)
 
 
 def hang_projectors(count: int, size: tuple[int, int], radius_m: float) -> list[ProjectorBuild]:

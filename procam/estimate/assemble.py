@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procam.estimate.blend import Blender, common_white
-from procam.estimate.geometry import GeometrySolution, sphere_test
+from procam.estimate.geometry import ROUND_ENOUGH, GeometrySolution
 from procam.estimate.photometry import ColourFit
 from procam.estimate.surface import camera_pixels, lit_share, project_surface
 from procam.estimate.transport import Light, albedo, feedback, scatter_per_flux
@@ -55,7 +55,7 @@ def assemble(
     provenance: Mapping[str, Any],
 ) -> Calibration:
     """The calibration of everything measured through one camera."""
-    master = _Master(dome, geometry, measured)
+    master = _Master(geometry, measured)
     unmix = _content_matrix(measured)
     content = {name: _converted(m.light, unmix) for name, m in measured.items()}
     surfaces = {n: project_surface(geometry, n, dome, light) for n, light in content.items()}
@@ -74,13 +74,13 @@ def assemble(
         master.coverage,
     )
     projectors = {
-        name: _gain_and_blend(geometry, dome, name, surfaces[name], light.extended / white, blender)
+        name: _gain_and_blend(geometry, name, surfaces[name], light.extended / white, blender)
         for name, light in content.items()
     }
     mean_mix = np.mean([m.colour.mix for m in measured.values()], axis=0)
     return Calibration(
         dome,
-        {geometry.camera.name: geometry.camera},
+        geometry.rig.cameras,
         {
             name: ProjectorCalibration(
                 geometry.projectors[name],
@@ -94,7 +94,7 @@ def assemble(
         m,
         reflectance,
         to_relative,
-        _quality(geometry, dome, measured, master),
+        _quality(geometry, measured, master),
         dict(provenance),
     )
 
@@ -102,13 +102,11 @@ def assemble(
 class _Master:
     """The dome master of the maps: directions, where the camera sees them, what is lit."""
 
-    def __init__(
-        self, dome: Dome, geometry: GeometrySolution, measured: Mapping[str, Measurement]
-    ) -> None:
+    def __init__(self, geometry: GeometrySolution, measured: Mapping[str, Measurement]) -> None:
         direction, self.inside = master_directions(MAP_SIZE)
         self.direction = direction.astype(np.float32)
-        self.where = camera_pixels(geometry.camera, dome, direction)
-        shares = [lit_share(geometry.camera, dome, direction, m.light) for m in measured.values()]
+        self.where = camera_pixels(geometry, direction)
+        shares = [lit_share(geometry, direction, m.light) for m in measured.values()]
         # a ramp about one half, blind to noise near 0 and 1
         ramp = np.clip(2 * np.max(shares, axis=0) - 0.5, 0, 1) * self.inside
         self.coverage = ramp.astype(np.float32)
@@ -182,7 +180,6 @@ def _converted(light: Light, unmix: Array) -> Light:
 
 def _gain_and_blend(
     geometry: GeometrySolution,
-    dome: Dome,
     name: str,
     surface: ProjectorSurface,
     white_light: NDArray[np.floating],
@@ -190,7 +187,7 @@ def _gain_and_blend(
 ) -> tuple[Image, Image]:
     """Gain (H, W, 3), read off the camera where each pixel lands, and blend (H, W)."""
     direction = np.nan_to_num(surface.direction)
-    gain = sample(white_light, camera_pixels(geometry.camera, dome, direction))
+    gain = sample(white_light, camera_pixels(geometry, direction))
     gain = np.maximum(gain, 0) * surface.valid[..., None]
     blend = blender.weights(direction)[name] * surface.valid
     return gain.astype(np.float32), blend.astype(np.float32)
@@ -198,11 +195,9 @@ def _gain_and_blend(
 
 def _quality(
     geometry: GeometrySolution,
-    dome: Dome,
     measured: Mapping[str, Measurement],
     master: _Master,
 ) -> dict[str, Figure]:
-    ratio, systematic = sphere_test(geometry, dome)
     residual = np.concatenate(list(geometry.residual_px.values()))
     inside_sr = float((master_solid_angles(MAP_SIZE) * master.inside).sum())
     additivity = max(m.colour.additivity_error for m in measured.values())
@@ -211,9 +206,13 @@ def _quality(
             float(np.sqrt(np.mean(residual**2))), "px", samples=len(residual)
         ),
         "sphere_variance_ratio": Figure(
-            ratio, "-", Goal("<=", 2.0), len(residual), "above 2 the dome is not a sphere"
+            geometry.sphere_excess**2,
+            "-",
+            Goal("<=", ROUND_ENOUGH**2),
+            len(residual),
+            "above it the dome is not a sphere",
         ),
-        "sphere_systematic_arcmin": Figure(systematic, "arcmin", samples=len(residual)),
+        "shape_degree": Figure(float(geometry.rig.shape.degree), "-"),
         "additivity_error": Figure(additivity, "-", Goal("<=", 0.01), len(measured)),
         "coverage": Figure(float(master.solid_sr.sum()) / inside_sr, "-"),
     }

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from procam.estimate.shapes import round_shape, screen_points
 from procam.maths.lenses import project
 from procam.maths.warp import edge_distance, sample
 from procam.model.correspondence import ProjectorSurface
@@ -41,7 +42,7 @@ class Blender:
 
     def _pull(self, name: str, direction: Image) -> Image:
         model = self.models[name]
-        points = self.dome.radius_m * direction.astype(float)
+        points = screen_points(round_shape(self.dome), direction)
         xy = project(model.projector_from_dome.apply(points), model.lens)
         return sample(self.distance[name], xy)
 

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.estimate.geometry import points_of_rays
+from procam.estimate.bundle import camera_rays
+from procam.estimate.shapes import land, round_shape, screen_points
 from procam.maths.lenses import project
 from procam.maths.sphere import normalise
 from procam.model.optics import CameraModel, ProjectorModel
@@ -35,7 +36,8 @@ class DomeView:
         cls, camera: CameraModel, dome: Dome, rays: NDArray[np.float64], seen: Mask
     ) -> "DomeView":
         """The view of a placed camera whose pixels look along `rays` (H, W, 3)."""
-        direction = normalise(points_of_rays(camera, dome, rays))
+        origin, lines = camera_rays(camera, rays.reshape(-1, 3))
+        direction = normalise(land(round_shape(dome), origin, lines)).reshape(rays.shape)
         on_screen = seen & (direction[..., 2] >= np.cos(dome.half_angle))
         across = np.gradient(direction, axis=1)
         down = np.gradient(direction, axis=0)
@@ -44,7 +46,7 @@ class DomeView:
 
     def projector_pixels(self, projector: ProjectorModel, dome: Dome) -> Image:
         """Projector pixel (H, W, 2) whose centre would land where each camera pixel looks."""
-        points = dome.radius_m * self.direction.astype(float)
+        points = screen_points(round_shape(dome), self.direction)
         xy = project(projector.projector_from_dome.apply(points), projector.lens)
         width, height = projector.size
         inside = (xy[..., 0] > -0.5) & (xy[..., 0] < width - 0.5)

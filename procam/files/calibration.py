@@ -129,6 +129,7 @@ def _camera_entry(camera: CameraModel) -> dict[str, Any]:
         "lens": _plain(asdict(camera.lens)),
         "sensor": asdict(camera.sensor),
         "camera_from_dome": _plain(asdict(camera.camera_from_dome)),
+        "pupil": camera.pupil.tolist(),
     }
 
 
@@ -152,7 +153,7 @@ def _plain(fields: dict[str, Any]) -> dict[str, Any]:
 def _calibration(directory: Path, document: dict[str, Any]) -> Calibration:
     dome = read_channels(directory / "maps" / "dome.exr")
     return Calibration(
-        Dome(**document["screen"]),
+        Dome(**document["screen"] | {"bumps": tuple(document["screen"].get("bumps", ()))}),
         {n: _camera(n, e) for n, e in document["cameras"].items()},
         {n: _projector(directory, n, e) for n, e in document["projectors"].items()},
         DomeMaps(**{n: _rgb(dome, n) for n in DOME_MAPS}, coverage=dome["coverage"]),
@@ -169,7 +170,12 @@ def _camera(name: str, entry: dict[str, Any]) -> CameraModel:
     sensor = entry["sensor"] | {"vignetting": tuple(entry["sensor"]["vignetting"])}
     size = (int(entry["size"][0]), int(entry["size"][1]))
     return CameraModel(
-        name, size, _lens(entry["lens"]), Sensor(**sensor), _pose(entry["camera_from_dome"])
+        name,
+        size,
+        _lens(entry["lens"]),
+        Sensor(**sensor),
+        _pose(entry["camera_from_dome"]),
+        np.array(entry.get("pupil", (0.0, 0.0))),
     )
 
 

@@ -11,9 +11,9 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, StringConstraints, ValidationError
 
 from procam.errors import InputError
+from procam.files.masks import Outline, dome_complaints, pixel_complaints
 from procam.maths.lenses import Lens
-from procam.maths.sphere import direction_from_angles
-from procam.model.optics import CameraModel, Fiducial, Sensor
+from procam.model.optics import CameraModel, Distance, Fiducial, Sensor
 from procam.model.screen import Dome
 
 Positive = Annotated[FiniteFloat, Field(gt=0)]
@@ -21,6 +21,9 @@ Share = Annotated[FiniteFloat, Field(ge=0, le=1)]
 Pair = tuple[FiniteFloat, FiniteFloat]
 # names become folders and file names
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$")]
+# of photographs that are ingested: their light is linear, sRGB, or told by a table
+Response = Annotated[str, StringConstraints(pattern=r"^(linear|srgb|.+\.csv)$")]
+USUAL_RADIUS_M = 5.0  # where none was measured: a start
 Size = tuple[Annotated[int, Field(ge=8, le=32766)], Annotated[int, Field(ge=8, le=32766)]]
 
 
@@ -32,11 +35,13 @@ class ScreenTable(_Table):
     """[screen]."""
 
     kind: Literal["dome"]
-    radius_m: Positive
+    radius_m: Positive | None = None
     half_angle_deg: Annotated[FiniteFloat, Field(gt=0, le=90)] = 90.0
     tilt_deg: Annotated[FiniteFloat, Field(ge=-90, le=90)] = 0.0
     floor_albedo: Share = 0.1
     floor_albedo_sigma: Share = 0.05
+    masks: list[Outline] = []
+    protected: list[Outline] = []
 
 
 class CameraTable(_Table):
@@ -48,13 +53,14 @@ class CameraTable(_Table):
     f: tuple[Positive, Positive]
     c: Pair
     k: list[FiniteFloat]
-    intrinsics: Literal["fixed"] = "fixed"
-    response: Literal["linear"] = "linear"
+    intrinsics: Literal["fixed", "prior", "solve"] = "fixed"
+    response: Response = "linear"
     bits: Annotated[int, Field(ge=8, le=16)]
     black_level: Annotated[FiniteFloat, Field(ge=0)]
     vignetting: list[FiniteFloat] = []
     glare: Annotated[FiniteFloat, Field(ge=0, lt=1)] = 0.0
     glare_sigma: Share = 0.0
+    masks: list[Outline] = []
 
 
 class ControlTable(_Table):
@@ -64,24 +70,47 @@ class ControlTable(_Table):
     port: str
 
 
+class NudgeTable(_Table):
+    """[[projectors.NAME.nudges]]: the picture moves there by this many pixels, right and down."""
+
+    pixel: Pair
+    shift_px: Pair
+
+
 class ProjectorTable(_Table):
     """[projectors.NAME]."""
 
     backend: str
     size: Size
     kind: Literal["projector"] = "projector"
+    lens: Literal["brown", "kannala-brandt"] = "brown"
     control: ControlTable | None = None
+    masks: list[Outline] = []
+    nudges: list[NudgeTable] = []
 
 
 class FiducialTable(_Table):
-    """[[fiducials]]."""
+    """[[fiducials]]: a mark that a camera sees, or a projector shines, at a pixel.
+
+    One angle is enough: a point of the springline has an elevation, the front an azimuth.
+    """
 
     name: str
-    azimuth_deg: FiniteFloat
-    elevation_deg: Annotated[FiniteFloat, Field(ge=-90, le=90)]
+    azimuth_deg: FiniteFloat | None = None
+    elevation_deg: Annotated[FiniteFloat, Field(ge=-90, le=90)] | None = None
     sigma_deg: Positive
-    camera: str
+    camera: str | None = None
+    projector: str | None = None
     pixel: Pair
+
+
+class DistanceTable(_Table):
+    """[[distances]]: metres between two cameras, projectors or fiducials."""
+
+    a: str
+    b: str
+    metres: Positive
+    sigma_m: Positive = 0.005
 
 
 class CaptureTable(_Table):
@@ -98,6 +127,7 @@ class VenueTable(_Table):
     cameras: Annotated[dict[Name, CameraTable], Field(min_length=1)]
     projectors: Annotated[dict[Name, ProjectorTable], Field(min_length=1)]
     fiducials: list[FiducialTable] = []
+    distances: list[DistanceTable] = []
     capture: CaptureTable
 
 
@@ -111,10 +141,10 @@ class Venue:
 
     @property
     def screen(self) -> Dome:
-        """The screen as the solver wants it."""
+        """The screen as the solver wants it; of unknown radius, of a usual one."""
         t = self.table.screen
         return Dome(
-            t.radius_m,
+            t.radius_m or USUAL_RADIUS_M,
             float(np.radians(t.half_angle_deg)),
             float(np.radians(t.tilt_deg)),
             t.floor_albedo,
@@ -132,13 +162,19 @@ class Venue:
         return [
             Fiducial(
                 t.name,
-                direction_from_angles(np.radians(t.azimuth_deg), np.radians(t.elevation_deg)),
+                None if t.azimuth_deg is None else float(np.radians(t.azimuth_deg)),
+                None if t.elevation_deg is None else float(np.radians(t.elevation_deg)),
                 float(np.radians(t.sigma_deg)),
-                t.camera,
+                t.camera or t.projector or "",
                 np.array(t.pixel),
             )
             for t in self.table.fiducials
         ]
+
+    @property
+    def distances(self) -> list[Distance]:
+        """Distances that somebody measured."""
+        return [Distance(t.a, t.b, t.metres, t.sigma_m) for t in self.table.distances]
 
 
 def load_venue(directory: Path) -> Venue:
@@ -202,14 +238,55 @@ def _check_references(path: Path, table: VenueTable) -> None:
                 f"{path}: cameras.{name}.k: got {len(camera.k)} numbers, expected {expected} "
                 f"for model {camera.model!r}"
             )
-    for fiducial in table.fiducials:
-        if fiducial.camera not in table.cameras:
-            complaints.append(
-                f"{path}: fiducials.{fiducial.name}.camera: got {fiducial.camera!r}, expected one "
-                f"of {', '.join(table.cameras)}"
-            )
+    complaints += [f"{path}: {line}" for line in _mark_complaints(table)]
+    complaints += [f"{path}: {line}" for line in _mask_complaints(table)]
     if complaints:
         raise InputError("\n".join(complaints))
+
+
+def _mark_complaints(table: VenueTable) -> list[str]:
+    found = []
+    for fiducial in table.fiducials:
+        where = f"fiducials.{fiducial.name}"
+        if (fiducial.camera is None) == (fiducial.projector is None):
+            found.append(
+                f"{where}: got both or neither of camera and projector, expected one of them"
+            )
+        for key, name, known in (
+            ("camera", fiducial.camera, list(table.cameras)),
+            ("projector", fiducial.projector, list(table.projectors)),
+        ):
+            if name is not None and name not in known:
+                found.append(f"{where}.{key}: got {name!r}, expected one of {', '.join(known)}")
+        if fiducial.azimuth_deg is None and fiducial.elevation_deg is None:
+            found.append(f"{where}: got no angle, expected azimuth_deg, elevation_deg or both")
+    names = [*table.cameras, *table.projectors, *(f.name for f in table.fiducials)]
+    for i, distance in enumerate(table.distances):
+        for key, name in (("a", distance.a), ("b", distance.b)):
+            if name not in names:
+                found.append(
+                    f"distances.{i}.{key}: got {name!r}, expected one of {', '.join(names)}"
+                )
+    return found
+
+
+def _mask_complaints(table: VenueTable) -> list[str]:
+    found = dome_complaints("screen.masks", table.screen.masks)
+    found += dome_complaints("screen.protected", table.screen.protected)
+    for name, camera in table.cameras.items():
+        found += pixel_complaints(f"cameras.{name}.masks", camera.masks, camera.size)
+    for name, projector in table.projectors.items():
+        where = f"projectors.{name}"
+        found += pixel_complaints(f"{where}.masks", projector.masks, projector.size)
+        found += [
+            f"{where}.nudges.{i}.pixel: got {list(nudge.pixel)}, expected a place on the panel of "
+            f"{projector.size[0]}x{projector.size[1]} px; correct it"
+            for i, nudge in enumerate(projector.nudges)
+            if not all(
+                -0.5 <= v <= n - 0.5 for v, n in zip(nudge.pixel, projector.size, strict=True)
+            )
+        ]
+    return found
 
 
 def _complaint(path: Path, error: Any) -> str:

@@ -147,7 +147,7 @@ def _sphere(found: Calibration) -> dict[str, Figure]:
     test = found.quality.get("sphere_variance_ratio")
     if test is None:
         return {}
-    note = f"variance ratio {test.value:.2f}, above 2 it is not"
+    note = f"variance ratio {test.value:.2f}, above 2.25 it is not"
     return {"dome_is_sphere": Figure(bool(test.passed), "-", None, test.samples, note)}
 
 

@@ -1,24 +1,36 @@
 """Hot loops over pictures: one small C library and a NumPy twin of every function.
 
 The library is built with the package and picks its instruction set at run time (`active`, `use`, or
-PROCAM_KERNELS in the environment); without it the twins of `procam.kernels.reference` run, which
-are also what the tests hold it against. All functions take uint8, uint16 or float32 pictures.
+PROCAM_KERNELS in the environment); without it the twins of `procam.kernels.reference*` run, which
+are also what the tests hold it against. Pictures are uint8, uint16 or float32, geometry float64.
 """
 
+from procam.kernels.areas import solid_angles
+from procam.kernels.bundle import bundle_equations, bundle_misses
 from procam.kernels.gray import fold_pairs
 from procam.kernels.loader import LEVELS, active, available, forced, use
 from procam.kernels.phase import wrapped_phase
+from procam.kernels.rays import fisheye_rays
 from procam.kernels.reference import PhaseFit
+from procam.kernels.reference_bundle import Device, Equations, Relief, Sight
 from procam.kernels.search import search_phase
 
 __all__ = [
     "LEVELS",
+    "Device",
+    "Equations",
     "PhaseFit",
+    "Relief",
+    "Sight",
     "active",
     "available",
+    "bundle_equations",
+    "bundle_misses",
+    "fisheye_rays",
     "fold_pairs",
     "forced",
     "search_phase",
+    "solid_angles",
     "use",
     "wrapped_phase",
 ]

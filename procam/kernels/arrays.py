@@ -41,7 +41,8 @@ def check_frames(frames: Sequence[NDArray[Any]], least: int, most: int) -> list[
 
 def plain(array: NDArray[Any]) -> NDArray[Any]:
     """The array itself if C can read it as it lies, else a copy."""
-    return np.require(array, requirements=["C", "A"])
+    fits = array.flags.c_contiguous and array.flags.aligned
+    return array if fits else np.require(array, requirements=["C", "A"])
 
 
 def pointer(array: NDArray[Any] | None) -> int | None:

@@ -10,6 +10,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from procam.kernels import fisheye_rays
+from procam.kernels.reference_lenses import fisheye_radius
+
 Array = NDArray[np.float64]
 LensKind = Literal["brown", "kannala-brandt"]
 NEWTON_STEPS = 12
@@ -42,22 +45,17 @@ def project(points: Array, lens: Lens) -> Array:
     horizontal = np.hypot(x, y)
     theta = np.arctan2(horizontal, z)
     safe = np.where(horizontal > 0, horizontal, 1.0)
-    scale = np.where(horizontal > 0, _fisheye_radius(theta, lens.distortion) / safe, 0.0)
+    scale = np.where(horizontal > 0, fisheye_radius(theta, lens.distortion) / safe, 0.0)
     return np.stack([x * scale, y * scale], axis=-1) * lens.focal + lens.centre
 
 
 def unproject(pixels: Array, lens: Lens) -> Array:
     """Unit rays (..., 3) in the device frame of pixel coordinates (..., 2)."""
-    plane = (pixels - lens.centre) / lens.focal
-    if lens.kind == "brown":
-        undistorted = _undistort_brown(plane, lens.distortion)
-        ray = np.concatenate([undistorted, np.ones_like(undistorted[..., :1])], axis=-1)
-        return np.asarray(ray / np.linalg.norm(ray, axis=-1, keepdims=True))
-    radius = np.hypot(plane[..., 0], plane[..., 1])
-    theta = _fisheye_angle(radius, lens.distortion)
-    safe = np.where(radius > 0, radius, 1.0)
-    sine = np.where(radius > 0, np.sin(theta) / safe, 1.0)
-    return np.stack([plane[..., 0] * sine, plane[..., 1] * sine, np.cos(theta)], axis=-1)
+    if lens.kind == "kannala-brandt":
+        return fisheye_rays(pixels, np.concatenate([lens.focal, lens.centre, lens.distortion]))
+    undistorted = _undistort_brown((pixels - lens.centre) / lens.focal, lens.distortion)
+    ray = np.concatenate([undistorted, np.ones_like(undistorted[..., :1])], axis=-1)
+    return np.asarray(ray / np.linalg.norm(ray, axis=-1, keepdims=True))
 
 
 def _project_brown(points: Array, lens: Lens) -> Array:
@@ -120,25 +118,3 @@ def _radial_start(distorted: Array, k: Array) -> Array:
     length = np.sqrt(np.sum(distorted**2, axis=-1))
     straight = np.interp(length, bent[:rising], radius[:rising])
     return np.asarray(straight / np.maximum(length, 1e-30) + (length == 0))[..., None]
-
-
-def _fisheye_radius(theta: Array, k: Array) -> Array:
-    """Kannala & Brandt 2006, doi:10.1109/TPAMI.2006.153, odd polynomial of four terms."""
-    t2 = theta * theta
-    return theta * (1 + t2 * (k[0] + t2 * (k[1] + t2 * (k[2] + t2 * k[3]))))
-
-
-def _fisheye_angle(radius: Array, k: Array) -> Array:
-    """Inverse of `_fisheye_radius`: start from a table, then Newton's method."""
-    table = np.linspace(0, np.pi, 2048)
-    reach = _fisheye_radius(table, k)
-    rising = int(np.argmax(np.diff(reach, append=-np.inf) <= 0)) + 1  # beyond it the lens folds
-    theta = np.interp(radius, reach[:rising], table[:rising])
-    for _ in range(NEWTON_STEPS):
-        t2 = theta * theta
-        slope = 1 + t2 * (3 * k[0] + t2 * (5 * k[1] + t2 * (7 * k[2] + t2 * 9 * k[3])))
-        step = (_fisheye_radius(theta, k) - radius) / slope
-        theta = theta - step
-        if np.nanmax(np.abs(step), initial=0.0) < 1e-12:  # quadratic: the error is far below
-            break
-    return theta

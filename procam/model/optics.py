@@ -1,6 +1,6 @@
 """Cameras and projectors as the solver knows them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from procam.maths.lenses import Lens
 from procam.maths.pose import Pose
 
-__all__ = ["CameraModel", "Fiducial", "Lens", "Pose", "ProjectorModel", "Sensor"]
+__all__ = ["CameraModel", "Distance", "Fiducial", "Lens", "Pose", "ProjectorModel", "Sensor"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,21 +37,26 @@ class Sensor:
 
 @dataclass(frozen=True, slots=True)
 class CameraModel:
-    """A camera: size (width, height) [px], lens, sensor and, once solved, where it stands."""
+    """A camera: size (width, height) [px], lens, sensor and, once solved, where it stands.
+
+    `pupil` (2,): how far the rays' common point moves along the view with the angle theta off it,
+    pupil[0] theta^2 + pupil[1] theta^4 [m]; wide fisheyes have millimetres of it.
+    """
 
     name: str
     size: tuple[int, int]
     lens: Lens
     sensor: Sensor
     camera_from_dome: Pose | None = None
+    pupil: NDArray[np.float64] = field(default_factory=lambda: np.zeros(2))
 
 
 @dataclass(frozen=True, slots=True)
 class ProjectorModel:
     """A projector: size (width, height) [px], lens, pose and the covariance of its parameters.
 
-    `covariance` (13, 13) is ordered: rotation [rad], translation [m], focal x, y, centre x, y [px],
-    k1, k2, k3 [-].
+    `covariance` (P, P) is ordered: turn [rad] and shift [m] in its own frame, focal x, y, centre x, y
+    [px], distortion [-].
     """
 
     name: str
@@ -63,13 +68,26 @@ class ProjectorModel:
 
 @dataclass(frozen=True, slots=True)
 class Fiducial:
-    """A mark on the dome whose place is known and which a camera sees.
+    """A mark on the dome whose place is known and which a device sees, or shows.
 
-    `direction` (3,) is a unit vector from the dome's centre, `pixel` (2,) where `camera` sees it.
+    `azimuth`, `elevation` [rad] from the dome's centre, None where not known (a springline mark has
+    an elevation alone), to `sigma` [rad]; `device` is the camera that sees it at `pixel` (2,), or the
+    projector that shines it there.
     """
 
     name: str
-    direction: NDArray[np.float64]
+    azimuth: float | None
+    elevation: float | None
     sigma: float
-    camera: str
+    device: str
     pixel: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Distance:
+    """A distance [m] measured between two cameras, projectors or fiducials `a` and `b`."""
+
+    a: str
+    b: str
+    metres: float
+    sigma_m: float

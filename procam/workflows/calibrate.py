@@ -2,22 +2,23 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from functools import partial
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.errors import InputError
+from procam.estimate.adjustment import Problem
 from procam.estimate.assemble import Measurement, assemble
+from procam.estimate.bundle import Pair
+from procam.estimate.bundle_start import FEWEST, Hung
 from procam.estimate.codes import make_code
 from procam.estimate.decode import Decoder
-from procam.estimate.geometry import (
-    GeometrySolution,
-    gather,
-    solve_geometry,
-    sphere_test,
-)
+from procam.estimate.gather import gather
+from procam.estimate.geometry import ROUND_ENOUGH, GeometrySolution, solve_geometry
 from procam.estimate.limits import DecodeLimits
+from procam.estimate.marks import missing_marks
 from procam.estimate.photometry import ResponseFit, fit_colour, tile_levels
 from procam.estimate.radiance import Radiometer
 from procam.estimate.transport import Separation
@@ -25,7 +26,9 @@ from procam.estimate.view import DomeView
 from procam.files.calibration import next_directory, save_calibration
 from procam.files.session import Session
 from procam.files.venue import Venue
+from procam.maths.ray_to_screen import RoundShape
 from procam.model.correspondence import CorrespondenceMap
+from procam.model.screen import Dome
 from procam.workflows.events import Event
 from procam.workflows.provenance import provenance
 from procam.workflows.readings import Readings
@@ -40,35 +43,33 @@ Result = TypeVar("Result")
 def solve(venue: Venue, session: Session) -> Iterator[Event]:
     """Decode, solve the geometry, split the light, fit the projectors, write a calibration.
 
-    The last event carries the new directory as `data["calibration"]`.
+    Geometry from all cameras; light from the one that sees most. The last event carries the new
+    directory as `data["calibration"]`.
     """
-    readings = _readings(venue, session)
+    plan, cameras = session.read_plan(), venue.cameras
     names = list(venue.table.projectors)
-    total = 2 * len(names) + 3
-    found: dict[str, CorrespondenceMap] = {}
-    sizes = {name: entry.size for name, entry in venue.table.projectors.items()}
-    decoded = _each(names, lambda name: _decode(readings, name, sizes[name]))
-    for i, (name, found[name]) in enumerate(decoded):
-        share = float(found[name].valid.sum() / readings.radiometer.seen.sum())
-        yield Event("solve", i + 1, total, f"{name} decoded, {share:.0%} of the camera's circle")
-    geometry = _solve_geometry(venue, readings, found)
-    ratio, _ = sphere_test(geometry, venue.screen)
-    verdict = "the dome is a sphere" if ratio < 2 else "the dome is NOT a sphere"
-    yield Event("solve", len(names) + 1, total, f"geometry solved; {verdict} (ratio {ratio:.1f})")
-    view = DomeView.of(
-        geometry.camera, venue.screen, readings.radiometer.rays, readings.radiometer.seen
-    )
+    total = len(names) * (len(cameras) + 1) + 3
+    found: dict[Pair, CorrespondenceMap] = {}
+    for camera in cameras:
+        readings = Readings(session, plan, Radiometer(cameras[camera]))
+        for name, seen in _each(names, partial(_decode, venue, readings)):
+            found[camera, name] = seen
+            share = float(seen.valid.sum() / readings.radiometer.seen.sum())
+            told = f"{name} decoded, {share:.0%} of what {camera} sees"
+            yield Event("solve", len(found), total, told)
+    geometry = _solve_geometry(venue, found)
+    dome = _solved_screen(venue, geometry)
+    yield Event("solve", len(found) + 1, total, f"geometry solved; {_verdict(geometry)}")
+    for line in _missing(venue, geometry):
+        yield Event("solve", len(found) + 1, total, line)
+    if geometry.main != camera:
+        readings = Readings(session, plan, Radiometer(cameras[geometry.main]))
+    view = DomeView.of(geometry.camera, dome, readings.radiometer.rays, readings.radiometer.seen)
     measured: dict[str, Measurement] = {}
-    results = _each(names, lambda name: _measure(venue, readings, view, geometry, found, name))
-    for i, (name, measured[name]) in enumerate(results):
-        yield Event("solve", len(names) + 2 + i, total, f"{name} light split, response fitted")
-    calibration = assemble(
-        venue.screen,
-        geometry,
-        view,
-        measured,
-        provenance(venue, session),
-    )
+    work = partial(_measure, dome, readings, view, geometry, found)
+    for i, (name, measured[name]) in enumerate(_each(names, work)):
+        yield Event("solve", len(found) + 2 + i, total, f"{name} light split, response fitted")
+    calibration = assemble(dome, geometry, view, measured, provenance(venue, session))
     yield Event("solve", total - 1, total, "maps assembled")
     directory = next_directory(venue.directory)
     save_calibration(calibration, directory)
@@ -83,46 +84,65 @@ def _each(names: list[str], work: Callable[[str], Result]) -> Iterator[tuple[str
         yield from zip(names, pool.map(work, names), strict=True)
 
 
-def _readings(venue: Venue, session: Session) -> Readings:
-    if len(venue.cameras) != 1:
-        raise InputError(
-            f"{venue.directory / 'venue.toml'}: got {len(venue.cameras)} cameras, but this version "
-            "solves with one; keep the one that sees the whole dome"
-        )
-    camera = next(iter(venue.cameras.values()))
-    return Readings(session, session.read_plan(), Radiometer(camera))
-
-
-def _decode(readings: Readings, name: str, size: tuple[int, int]) -> CorrespondenceMap:
-    sensor = readings.radiometer.camera.sensor
+def _decode(venue: Venue, readings: Readings, name: str) -> CorrespondenceMap:
+    camera = readings.radiometer.camera
     limits = DecodeLimits(
-        white_black=DARK_SIGMAS * NOISE_DN, contrast=NOISE_DN, saturated=2.0**sensor.bits - 1
+        white_black=DARK_SIGMAS * NOISE_DN,
+        contrast=NOISE_DN,
+        saturated=2.0**camera.sensor.bits - 1,
     )
     code_name, pictures = readings.code(name)
-    decoder = Decoder(make_code(code_name, size), limits)
+    decoder = Decoder(make_code(code_name, venue.table.projectors[name].size), limits)
     for number, counts in pictures:
         decoder.add(number, counts)
     return decoder.result().map
 
 
-def _solve_geometry(
-    venue: Venue, readings: Readings, found: Mapping[str, CorrespondenceMap]
-) -> GeometrySolution:
+def _solve_geometry(venue: Venue, found: Mapping[Pair, CorrespondenceMap]) -> GeometrySolution:
+    table = venue.table
+    seen = {pair: gather(f, table.projectors[pair[1]].size) for pair, f in found.items()}
     return solve_geometry(
-        readings.radiometer.camera,
-        venue.screen,
-        venue.fiducials,
-        {name: gather(f) for name, f in found.items()},
-        {name: venue.table.projectors[name].size for name in found},
+        Problem(
+            RoundShape(venue.screen.radius_m),
+            venue.cameras,
+            {name: Hung(name, entry.size, entry.lens) for name, entry in table.projectors.items()},
+            {pair: some for pair, some in seen.items() if len(some.sigma_px) >= FEWEST},
+            {name: entry.intrinsics for name, entry in table.cameras.items()},
+            venue.fiducials,
+            venue.distances,
+            table.screen.radius_m is not None,
+        )
     )
 
 
+def _solved_screen(venue: Venue, geometry: GeometrySolution) -> Dome:
+    shape = geometry.rig.shape
+    bumps = tuple(float(b) for b in shape.bumps)
+    return replace(venue.screen, radius_m=shape.radius_m, bumps=bumps, degree=shape.degree)
+
+
+def _missing(venue: Venue, geometry: GeometrySolution) -> list[str]:
+    known = venue.table.screen.radius_m is not None
+    return missing_marks(known, venue.fiducials, len(geometry.freedoms))
+
+
+def _verdict(geometry: GeometrySolution) -> str:
+    ratio = f"(ratio {geometry.sphere_excess**2:.1f})"
+    if geometry.sphere_excess < ROUND_ENOUGH:
+        return f"the dome is a sphere {ratio}"
+    degree = geometry.rig.shape.degree
+    cure = (
+        f"bumps up to degree {degree} solved" if degree else "a second camera would tell its bumps"
+    )
+    return f"the dome is NOT a sphere {ratio}; {cure}"
+
+
 def _measure(
-    venue: Venue,
+    dome: Dome,
     readings: Readings,
     view: DomeView,
     geometry: GeometrySolution,
-    found: Mapping[str, CorrespondenceMap],
+    found: Mapping[Pair, CorrespondenceMap],
     name: str,
 ) -> Measurement:
     """One projector's light, split and fitted; black is measured at its own long exposure."""
@@ -130,8 +150,8 @@ def _measure(
     black = readings.light(readings.only(name, "black")) - dark_long
     base = black + dark
     white = readings.light(readings.only(name, "white")) - base
-    xy = view.projector_pixels(geometry.projectors[name], venue.screen)
-    separation = Separation(white, xy, found[name].valid, view.solid_angle_sr)
+    xy = view.projector_pixels(geometry.projectors[name], dome)
+    separation = Separation(white, xy, found[geometry.main, name].valid, view.solid_angle_sr)
     for axis, bit, pattern, inverse in readings.stripe_pairs(name):
         separation.add_pair(axis, bit, pattern - base, inverse - base)
     light = separation.result()

@@ -56,7 +56,9 @@ def test_fiducials_are_where_the_camera_sees_them(
     (build,) = set_up_cameras(1, (1600, 1600), "fisheye", 6.0)
     assert len(venue.fiducials) == 3
     for mark in venue.fiducials:
-        point = mark.direction * surface.radius(mark.direction)
+        assert mark.azimuth is not None and mark.elevation is not None
+        direction = direction_from_angles(mark.azimuth, mark.elevation)
+        point = direction * surface.radius(direction)
         pixel = project(build.camera_from_dome.apply(point), build.lens)
         np.testing.assert_allclose(mark.pixel, pixel, atol=0.0051)  # two decimals
 

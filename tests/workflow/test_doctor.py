@@ -22,11 +22,13 @@ from tiny_venue import (
 )
 
 from procam.devices.protocols import BackendRig
+from procam.estimate.radiance import Radiometer
 from procam.files.venue import Venue, load_venue
 from procam.model.frame import Frame
 from procam.workflows import calibrate
 from procam.workflows.doctor import examine
 from procam.workflows.findings import Diagnosis
+from procam.workflows.readings import Readings
 from procam.workflows.venue_rig import open_rig
 from simulators.faults import FaultyCamera, FaultyProjector, apply_faults
 from simulators.scene import SceneSize
@@ -116,8 +118,9 @@ class TestSound:
         size = SceneSize(1, (320, 200), camera_size=(330, 330), rays=64)
         venue = make_venue(tmp_path, size=size)
         (view,) = json.loads(procam("doctor", tmp_path, "--json").out)["views"]
-        readings = calibrate._readings(venue, take_session(venue))
-        found = calibrate._decode(readings, "south", (320, 200))
+        session = take_session(venue)
+        readings = Readings(session, session.read_plan(), Radiometer(venue.cameras["zenith"]))
+        found = calibrate._decode(venue, readings, "south")
         median = np.median(found.sigma_px[found.valid])
         # blur is not foreseen, and takes a little of the waves
         assert view["plan"]["column_sigma_px"] == pytest.approx(0.93 * median, rel=0.1)

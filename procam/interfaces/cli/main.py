@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from procam.errors import DeviceError, ProcamError
+from procam.errors import DeviceError, InputError, ProcamError
 from procam.interfaces.cli.output import Output
 
 INTERRUPTED = 130
@@ -187,17 +187,64 @@ def inspect(
     run_inspect(file, Output(json))
 
 
-@app.command(epilog="Example: procam patterns --size 1920x1200 --out pictures")
+@app.command(epilog="Example: procam patterns my-dome --out pictures --movie")
 def patterns(
-    size: SizeOption,
     out: Annotated[Path, typer.Option(help="New folder for the pictures.")],
+    venue: Annotated[
+        Path | None, typer.Argument(help="Venue folder: all pictures of a visit, numbered.")
+    ] = None,
+    size: Annotated[
+        str, typer.Option(help="Without a venue: projector size, such as 1280x800.")
+    ] = "",
     code: CodeOption = "micro-phase",
+    movie: Annotated[
+        bool, typer.Option("--movie", help="With a venue: also one movie per projector.")
+    ] = False,
     json: Json = False,
 ) -> None:
-    """Write the pictures of a structured-light code, to be shown by any means."""
-    from procam.interfaces.cli.decoding import run_patterns
+    """Write the pictures of a venue's visit, or of one code, to be shown by any means.
 
-    run_patterns(size, out, code, Output(json))
+    With a venue every picture carries its number, and `procam ingest` sorts the photographs.
+    """
+    if venue is None:
+        if movie:
+            raise InputError("--movie: got no VENUE, expected one: a movie shows a venue's visit")
+        if not size:
+            raise InputError("patterns: got no VENUE and no --size, expected one of them")
+        from procam.interfaces.cli.decoding import run_patterns
+
+        run_patterns(size, out, code, Output(json))
+        return
+    if size or code != "micro-phase":
+        raise InputError(
+            f"patterns: got --size or --code beside {venue}, expected none: venue.toml has the sizes, "
+            "and a visit its code"
+        )
+    from procam.interfaces.cli.external import run_venue_patterns
+
+    run_venue_patterns(venue, out, movie, Output(json))
+
+
+@app.command(
+    epilog="Example: procam ingest my-dome/sessions/hand-0001 --camera zenith --photos DCIM"
+)
+def ingest(
+    session: Annotated[Path, typer.Argument(help="Session made by `procam patterns VENUE`.")],
+    camera: Annotated[str, typer.Option(help="Camera's name in venue.toml.")],
+    photos: Annotated[Path, typer.Option(help="Folder of linear 16-bit TIFF, PNG or JPEG.")],
+    index: Annotated[
+        Path | None, typer.Option(help="CSV of lines file,shot; goes before the numbers seen.")
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Sort photographs taken by hand or by another program behind the shots of a session.
+
+    They are known by the number seen in them, else by their place among the others. What is missing
+    or left out is told; run it again with more photographs, it adds only what is missing.
+    """
+    from procam.interfaces.cli.external import run_ingest
+
+    run_ingest(session, camera, photos, index, Output(json))
 
 
 @app.command(epilog="Example: procam decode photos --size 1024x768 --code gray --out map.exr")
@@ -225,6 +272,30 @@ def decode(
     from procam.interfaces.cli.decoding import run_decode
 
     run_decode(images, size, out, code, (white_black, contrast), Output(json))
+
+
+@app.command(epilog="Example: procam camera photos --squares 10x7 --square-mm 20 --out zenith.toml")
+def camera(
+    images: Annotated[list[Path], typer.Argument(help="Photographs of one board, or folders.")],
+    *,
+    squares: Annotated[str, typer.Option(help="Squares of the board, all counted: 10x7.")],
+    square_mm: Annotated[float, typer.Option(help="Edge of a square, in mm.")],
+    out: Annotated[Path, typer.Option(help="TOML file with the lines for venue.toml.")],
+    model: Annotated[str, typer.Option(help="brown, or kannala-brandt for fisheyes.")] = "brown",
+    board: Annotated[str, typer.Option(help="checkerboard or charuco.")] = "checkerboard",
+    marker_mm: Annotated[float, typer.Option(help="Charuco: edge of a marker, in mm.")] = 0.0,
+    dictionary: Annotated[str, typer.Option(help="Charuco: set of markers.")] = "DICT_4X4_50",
+    json: Json = False,
+) -> None:
+    """Solve a camera's lens from photographs of a flat board; exit 1 if it fits badly.
+
+    Some 15 photographs, focus and zoom fixed, the board tilted to all sides and out to the corners
+    of the picture. A board that is a little bent is solved along.
+    """
+    from procam.interfaces.cli.camera import make_board, run_camera
+
+    made = make_board(board, squares, square_mm, marker_mm, dictionary)
+    run_camera(images, made, model, out, Output(json))
 
 
 @app.command(epilog="Example: procam projector my-dome north shutter closed")

@@ -100,14 +100,17 @@ def _geometry(calibration: Calibration) -> Iterator[Block]:
         )
     sphere = calibration.quality.get("sphere_variance_ratio")
     if sphere is not None:
-        verdict = (
-            "The dome is a sphere as far as the camera can tell"
-            if sphere.passed
-            else "To this camera the dome is NOT a sphere, so directions carry a systematic error"
-        )
+        verdict = "The dome is a sphere as far as the cameras can tell"
+        if not sphere.passed:
+            solved = calibration.screen.degree
+            verdict = "The dome is NOT a sphere; " + (
+                f"its shape was solved up to harmonics of degree {solved}"
+                if solved
+                else "one camera cannot tell its shape, so directions carry a systematic error: add another"
+            )
         yield Text(
-            f"{verdict}: what the model leaves over scatters {number(_mean(sphere))} times as much "
-            "as the camera's noise explains (1 is perfect, above 2 the shape is to blame)."
+            f"{verdict}. What an exact sphere leaves over scatters {number(_mean(sphere))} times as much "
+            "as the cameras' noise explains (1 is perfect, above 2.25 the shape is to blame)."
         )
 
 

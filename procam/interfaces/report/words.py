@@ -70,9 +70,9 @@ NAMES = {
     "sphere_variance_ratio": Words(
         "Test for a true sphere", "observed scatter against the scatter that noise explains"
     ),
-    "sphere_systematic_arcmin": Words(
-        "Direction error that comes from the dome being no sphere",
-        "as an angle seen from the centre",
+    "shape_degree": Words(
+        "Detail of the dome's shape that was solved",
+        "degree of its harmonics; 0 is an exact sphere",
     ),
     "additivity_error": Words(
         "Colours add up",

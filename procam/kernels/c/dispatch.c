@@ -15,6 +15,8 @@
 #endif
 
 enum { STREAM_TILE = 1 << 15, SEARCH_TILE = 1 << 11 }; /* pixels; multiples of a vector */
+enum { AREAS_TILE = 16 };                              /* rows */
+enum { RAYS_TILE = 1 << 12 };                          /* rays, observations */
 
 typedef void task(const struct level *level, const void *job, size_t first, size_t count);
 
@@ -65,6 +67,22 @@ static void run_search(const struct level *level, const void *job, size_t first,
     level->search(job, first, count);
 }
 
+static void run_areas(const struct level *level, const void *job, size_t first, size_t count) {
+    level->areas(job, first, count);
+}
+
+static void run_bundle(const struct level *level, const void *job, size_t first, size_t count) {
+    level->bundle(job, first, count);
+}
+
+static void run_misses(const struct level *level, const void *job, size_t first, size_t count) {
+    level->misses(job, first, count);
+}
+
+static void run_rays(const struct level *level, const void *job, size_t first, size_t count) {
+    level->rays(job, first, count);
+}
+
 EXPORT int procam_interface(void) {
 #ifndef _WIN32
     static int told;
@@ -106,4 +124,41 @@ EXPORT void procam_search(int level, int threads, int kind, size_t pixels,
                           float *const *results) {
     const struct search job = {kind, frames, how, results};
     spread(run_search, level, threads, &job, pixels, SEARCH_TILE);
+}
+
+EXPORT void procam_areas(int level, int threads, size_t rows, size_t columns,
+                         const double *const *corners, double *areas) {
+    const struct areas job = {columns, corners, areas};
+    spread(run_areas, level, threads, &job, rows, AREAS_TILE);
+}
+
+/* Products (used, used) of the rows of `count` observations; `sums` (tiles, columns, columns, PARTIAL)
+   is room for those of each tile, so that the result does not depend on the threads. */
+EXPORT void procam_bundle(int level, int threads, size_t count, const struct procam_bundle *how,
+                          int used, size_t tile, double *sums, double *products) {
+    const int columns = (used + 3) / 4 * 4;
+    const struct bundle job = {how, used, columns, tile, sums};
+    const size_t size = (size_t)(columns * columns) * PARTIAL;
+    spread(run_bundle, level, threads, &job, count, tile);
+    for (int r = 0; r < used; r++)
+        for (int c = 0; c <= r; c++) {
+            double sum = 0.0;
+            for (size_t t = 0; t * tile < count; t++)
+                for (int i = 0; i < PARTIAL; i++)
+                    sum += sums[t * size + (size_t)(r * columns + c) * PARTIAL + (size_t)i];
+            products[r * used + c] = products[c * used + r] = sum;
+        }
+}
+
+EXPORT void procam_misses(int level, int threads, size_t count, const struct procam_bundle *how,
+                          double *misses) {
+    const struct bundle job = {how, 0, 0, 0, misses};
+    spread(run_misses, level, threads, &job, count, RAYS_TILE);
+}
+
+EXPORT void procam_rays(int level, int threads, size_t count, const double *pixels,
+                        const double *lens, int knots, const double *table, double per_radius,
+                        double *rays) {
+    const struct rays job = {pixels, lens, table, knots, per_radius, rays};
+    spread(run_rays, level, threads, &job, count, RAYS_TILE);
 }

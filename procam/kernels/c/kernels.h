@@ -5,7 +5,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#define PROCAM_INTERFACE 2 /* raised with every change of a signature; loader.py holds the same */
+#define PROCAM_INTERFACE 4 /* raised with every change of a signature; loader.py holds the same */
 #define MOST_FRAMES 64     /* of a phase */
 #define MOST_SEARCH 32     /* of a search */
 #define RESULTS 6          /* planes of a search */
@@ -44,11 +44,49 @@ struct search {
     float *const *results; /* position, variance, amplitude, offset, residual, margin */
 };
 
-/* Each works on `count` pixels from pixel `first` on. */
+struct areas {
+    size_t columns;               /* of cells */
+    const double *const *corners; /* rows of columns + 1 unit directions (x, y, z), one row more than of cells */
+    double *areas;                /* (rows, columns) */
+};
+
+enum { PLACED = 23 };                     /* numbers of a device: turn (3, 3), shift, lens (9), pupil (2) */
+enum { MOST_COLUMNS = 128, PARTIAL = 8 }; /* of a bundle's rows; sums that each product is kept in */
+
+struct procam_bundle { /* what a camera sees of a projector on a round screen */
+    int waves, fisheye_camera, fisheye_projector, lens_free;
+    double radius;
+    const double *camera, *projector;       /* (PLACED) */
+    const double *bumps;                    /* (waves) */
+    const double *rays, *seen, *weight;     /* (count, 3), (count, 2), (count) */
+    const double *start, *values, *slopes;  /* relief: (count, 3), (count, waves), (count, waves, 3) */
+};
+
+struct bundle {
+    const struct procam_bundle *how;
+    int used, columns; /* of the rows; the same made up to a multiple of 4 */
+    size_t tile;       /* observations that share sums */
+    double *sums;      /* (tiles, columns, columns, PARTIAL); of misses: (count, 2) */
+};
+
+struct rays {
+    const double *pixels; /* (count, 2) */
+    const double *lens;   /* focal x, y, centre x, y, k1..k4 */
+    const double *table;  /* (knots) angles at even steps of the radius from 0 on */
+    int knots;
+    double per_radius; /* knots - 1 over the last radius */
+    double *rays;      /* (count, 3) */
+};
+
+/* Each works on `count` pixels (rays, observations) from pixel `first` on; areas on rows. */
 struct level {
     void (*fold)(const struct fold *job, size_t first, size_t count);
     void (*phase)(const struct phase *job, size_t first, size_t count);
     void (*search)(const struct search *job, size_t first, size_t count);
+    void (*areas)(const struct areas *job, size_t first, size_t count);
+    void (*bundle)(const struct bundle *job, size_t first, size_t count);
+    void (*misses)(const struct bundle *job, size_t first, size_t count);
+    void (*rays)(const struct rays *job, size_t first, size_t count);
 };
 
 extern const struct level procam_avx512, procam_avx2, procam_scalar;

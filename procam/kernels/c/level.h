@@ -1,6 +1,9 @@
 /* All kernels for one instruction set: the includer has set LEVEL and switched the set on. */
 #include "vector.h"
 
+#include "areas.h"
+#include "bundle.h"
 #include "fold.h"
 #include "phase.h"
+#include "rays.h"
 #include "search.h"

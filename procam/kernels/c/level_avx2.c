@@ -13,7 +13,7 @@
 #pragma GCC target("avx2,fma")
 #endif
 #include "level.h"
-const struct level procam_avx2 = {fold, phase, search};
+const struct level procam_avx2 = {fold, phase, search, areas, bundle, misses, rays};
 #ifdef __clang__
 #pragma clang attribute pop
 #endif

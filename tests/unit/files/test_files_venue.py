@@ -57,13 +57,9 @@ class TestContent:
         )
         assert camera.sensor.bits == 16 and camera.camera_from_dome is None
         left = venue.fiducials[1]
-        azimuth, elevation = np.radians(130), np.radians(30)
-        expected = [
-            np.cos(elevation) * np.cos(azimuth),
-            np.cos(elevation) * np.sin(azimuth),
-            np.sin(elevation),
-        ]
-        np.testing.assert_allclose(left.direction, expected, atol=CLOSED_FORM)
+        assert left.azimuth == pytest.approx(np.radians(130), rel=CLOSED_FORM)
+        assert left.elevation == pytest.approx(np.radians(30), rel=CLOSED_FORM)
+        assert left.device == "zenith"
         assert left.sigma == pytest.approx(np.radians(0.01))
 
     def test_a_backends_table_goes_through_unread(self, tmp_path: Path) -> None:
@@ -81,7 +77,26 @@ MISTAKES = {
         ["got 5.0", "check its spelling"],
     ),
     "unknown table": (("[capture]", "[captures]"), "captures", ["got a table", "spelling"]),
-    "missing key": (("radius_m = 6.0", ""), "screen.radius_m", ["procam init"]),
+    "missing key": (
+        ('backend = "simulated"\nsize = [1600', "size = [1600"),
+        "cameras.zenith.backend",
+        ["procam init"],
+    ),
+    "fiducial without an angle": (
+        ("azimuth_deg = 12.0\nelevation_deg = 35.0\n", ""),
+        "fiducials.front",
+        ["got no angle", "azimuth_deg, elevation_deg or both"],
+    ),
+    "fiducial of two devices": (
+        ('camera = "zenith"\npixel', 'camera = "zenith"\nprojector = "south"\npixel'),
+        "fiducials.front",
+        ["both or neither of camera and projector"],
+    ),
+    "distance to nobody": (
+        ("[capture]", '[[distances]]\na = "zenith"\nb = "moon"\nmetres = 3.0\n\n[capture]'),
+        "distances.0.b",
+        ["got 'moon'", "zenith, south, north, front"],
+    ),
     "radius 0": (
         ("radius_m = 6.0", "radius_m = 0"),
         "screen.radius_m",

@@ -1,0 +1,20 @@
+"""Correspondence maps boiled down to what a bundle adjustment needs."""
+
+import numpy as np
+
+from procam.estimate.bundle import Observations
+from procam.estimate.projector_map import drop_inconsistent, fit_projector_map
+from procam.model.correspondence import CorrespondenceMap
+
+
+def gather(found: CorrespondenceMap, size: tuple[int, int]) -> Observations:
+    """Where a camera sees the centres of a panel's patches; `size` (width, height) of the panel [px]."""
+    panel = fit_projector_map(found, size)
+    panel = fit_projector_map(drop_inconsistent(found, panel), size)
+    rows, columns = np.nonzero(panel.valid)
+    centres = (np.stack([columns, rows], axis=1) + 0.5) * panel.patch_px - 0.5
+    return Observations(
+        panel.camera_px[panel.valid].astype(float),
+        centres.astype(float),
+        panel.sigma_px[panel.valid].astype(float),
+    )

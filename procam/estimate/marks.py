@@ -1,0 +1,190 @@
+"""What fixes a rig in space: fiducials on the dome, and distances somebody measured."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from procam.errors import CalibrationError, InputError
+from procam.estimate.bundle import Layout, Rig, camera_rays, points_seen
+from procam.maths.lenses import unproject
+from procam.maths.pose import Pose, align_rotation, rotation_matrix
+from procam.maths.sphere import angles_from_direction, direction_from_angles, normalise
+from procam.model.optics import Distance, Fiducial
+
+Array = NDArray[np.float64]
+CONTRADICTION = 8.0  # sigmas
+PIXEL_SIGMA = 1e-3  # how well somebody clicks a mark, seen from the centre [rad]
+STEP = 1e-6  # of every parameter, whatever its unit: marks are few and smooth
+
+
+def mark_rows(
+    rig: Rig, fiducials: Sequence[Fiducial], distances: Sequence[Distance]
+) -> tuple[Array, Array]:
+    """Residuals (M,) of all marks in their own sigmas, and slopes (M, P) by differences."""
+    error = mark_errors(rig, fiducials, distances)
+    layout = Layout.of(rig)
+    slopes = np.zeros((len(error), layout.count))
+    for i in _columns(layout, fiducials, distances) if len(error) else ():
+        step = np.zeros(layout.count)
+        step[i] = STEP
+        ahead = mark_errors(rig.moved(step), fiducials, distances)
+        slopes[:, i] = (ahead - mark_errors(rig.moved(-step), fiducials, distances)) / (2 * STEP)
+    return error, slopes
+
+
+def mark_errors(rig: Rig, fiducials: Sequence[Fiducial], distances: Sequence[Distance]) -> Array:
+    """Residuals (M,) of all marks in their own sigmas."""
+    parts = [_fiducial_error(rig, f) for f in fiducials]
+    parts += [np.array([_distance_error(rig, fiducials, d)]) for d in distances]
+    return np.concatenate(parts) if parts else np.zeros(0)
+
+
+def seen_point(rig: Rig, fiducial: Fiducial) -> Array:
+    """The point (3,) [m] of the screen where its device sees, or shows, a fiducial."""
+    pixel = np.asarray(fiducial.pixel, float)[None]
+    if fiducial.device in rig.cameras:
+        return points_seen(rig, fiducial.device, pixel)[0]
+    projector = rig.projectors[fiducial.device]
+    back = projector.projector_from_dome.inverse()
+    ray = back.rotate(unproject(pixel, projector.lens))
+    return rig.shape.meet(np.broadcast_to(back.translation, (1, 3)), ray)[0]
+
+
+def _fiducial_error(rig: Rig, fiducial: Fiducial) -> Array:
+    """Off by how much along its azimuth and elevation, as far as they are known [sigma]."""
+    return _off(fiducial, normalise(seen_point(rig, fiducial)))
+
+
+def _off(fiducial: Fiducial, seen: Array) -> Array:
+    """What is wrong with a fiducial that is seen in a direction (3,) [sigma]."""
+    azimuth, elevation = (float(a) for a in angles_from_direction(seen))
+    known_azimuth, known_elevation = fiducial.azimuth, fiducial.elevation
+    if known_azimuth is not None and known_elevation is not None:
+        # two tangents at the known place: angles of their own would fail near the pole
+        place = direction_from_angles(known_azimuth, known_elevation)
+        east = direction_from_angles(known_azimuth + np.pi / 2, 0.0)
+        return np.array([seen @ east, seen @ np.cross(place, east)]) / fiducial.sigma
+    if known_elevation is not None:
+        return np.array([elevation - known_elevation]) / fiducial.sigma
+    assert known_azimuth is not None
+    off = np.remainder(azimuth - known_azimuth + np.pi, 2 * np.pi) - np.pi
+    return np.array([off * np.cos(elevation)]) / fiducial.sigma
+
+
+def _distance_error(rig: Rig, fiducials: Sequence[Fiducial], distance: Distance) -> float:
+    ends = [_place(rig, fiducials, name) for name in (distance.a, distance.b)]
+    return float((np.linalg.norm(ends[0] - ends[1]) - distance.metres) / distance.sigma_m)
+
+
+def _place(rig: Rig, fiducials: Sequence[Fiducial], name: str) -> Array:
+    """Where a camera, projector or fiducial of that name is (3,) [m]."""
+    if name in rig.cameras:
+        return camera_rays(rig.cameras[name], np.array([[0.0, 0.0, 1.0]]))[0][0]
+    if name in rig.projectors:
+        return rig.projectors[name].projector_from_dome.origin
+    for fiducial in fiducials:
+        if fiducial.name == name:
+            return seen_point(rig, fiducial)
+    raise InputError(
+        f"distances: got {name!r}, expected a camera, projector or fiducial: "
+        f"{', '.join([*rig.cameras, *rig.projectors, *(f.name for f in fiducials)])}"
+    )
+
+
+def _columns(
+    layout: Layout, fiducials: Sequence[Fiducial], distances: Sequence[Distance]
+) -> NDArray[np.intp]:
+    """Parameters that marks can depend on: the screen's, and those of the devices they name."""
+    named = {f.device for f in fiducials} | {n for d in distances for n in (d.a, d.b)}
+    blocks = {**layout.cameras, **layout.projectors}
+    return np.r_[layout.screen, *(blocks[n] for n in sorted(named & set(blocks)))]
+
+
+def turned_to_fiducials(rig: Rig, fiducials: Sequence[Fiducial]) -> Rig:
+    """The whole rig turned, about the screen's centre, to where the fiducials are said to be."""
+    if not fiducials:
+        return rig
+    seen = normalise(np.array([seen_point(rig, f) for f in fiducials]))
+
+    def miss(turn: Array) -> Array:
+        places = seen @ rotation_matrix(turn).T
+        return np.concatenate([_off(f, p) for f, p in zip(fiducials, places, strict=True)])
+
+    starts = [np.array([tip, 0.0, turn]) for tip in (0.0, 1.5, 3.0) for turn in (-2.0, 0.0, 2.0)]
+    fits = [least_squares(miss, start, x_scale=0.1) for start in starts]
+    turn = rotation_matrix(min(fits, key=lambda fit: float(fit.cost)).x)
+    return turned(rig, turn)
+
+
+def turned(rig: Rig, turn: Array) -> Rig:
+    """A rig round an exact sphere, seen in axes turned by a rotation (3, 3): the same light."""
+
+    def move(pose: Pose) -> Pose:
+        return Pose(pose.rotation @ turn.T, pose.translation)
+
+    cameras = {
+        n: replace(c, camera_from_dome=move(c.camera_from_dome))
+        for n, c in rig.cameras.items()
+        if c.camera_from_dome is not None
+    }
+    projectors = {
+        n: replace(p, projector_from_dome=move(p.projector_from_dome))
+        for n, p in rig.projectors.items()
+    }
+    return Rig(rig.shape, cameras, projectors)
+
+
+def missing_marks(radius_known: bool, fiducials: Sequence[Fiducial], freedoms: int) -> list[str]:
+    """What is not fixed in space, by name, and what would fix it; `freedoms` as a solution counts."""
+    lines, turns = [], freedoms
+    if not radius_known and freedoms in (1, 2, 4):
+        turns -= 1
+        lines.append(
+            "the dome's size is not known, and no distance in metres is told: give [screen] radius_m "
+            "or one [[distances]]; directions and the compensation do not need it"
+        )
+    if turns >= 3:
+        lines.append(
+            "nothing tells the dome's front and pole: list two or more [[fiducials]] in venue.toml, or a "
+            "springline and a front; until then the main camera's own axes are taken"
+        )
+    elif turns:
+        names = " and ".join(f.name for f in fiducials) or "the pole"
+        lines.append(f"the dome may still turn about {names}: list another of [[fiducials]]")
+    return lines
+
+
+def check_fiducials(rig: Rig, fiducials: Sequence[Fiducial]) -> None:
+    """Complain of fiducials that contradict each other, and name the one that the others outvote."""
+    full = [f for f in fiducials if f.azimuth is not None and f.elevation is not None]
+    if len(full) < 2:
+        return
+    seen = normalise(np.array([seen_point(rig, f) for f in full]))
+    known = np.array([direction_from_angles(f.azimuth or 0.0, f.elevation or 0.0) for f in full])
+    sigma = np.array([f.sigma for f in full])
+    if _disagreement(seen, known, sigma) < CONTRADICTION:
+        return
+    without = [
+        _disagreement(*(np.delete(a, i, axis=0) for a in (seen, known, sigma)))
+        for i in range(len(full) if len(full) > 2 else 0)  # of two, either may be wrong
+    ]
+    off = np.degrees(np.linalg.norm(seen @ align_rotation(seen, known).T - known, axis=1).max())
+    least = min(without, default=np.inf)
+    named = f"{', '.join(f.name for f in full)} do not fit together"
+    if least < CONTRADICTION:
+        named = f"{full[without.index(least)].name} does not fit the others"
+    raise CalibrationError(
+        f"fiducials: {named}, off by up to {off:.1f} degrees; check azimuth_deg, elevation_deg and "
+        "pixel, and that it is this mark the pixel shows"
+    )
+
+
+def _disagreement(seen: Array, known: Array, sigma: Array) -> float:
+    """Largest distance, in sigmas, that the best turn leaves between directions (N, 3)."""
+    if len(seen) < 2:
+        return 0.0
+    turned = seen @ align_rotation(seen, known).T
+    return float(np.max(np.linalg.norm(turned - known, axis=1) / np.hypot(sigma, PIXEL_SIGMA)))

@@ -1,0 +1,65 @@
+"""Movies of still pictures, each held for some seconds, for media servers (extra `video`)."""
+
+from collections.abc import Iterable
+from fractions import Fraction
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procam.errors import InputError
+from procam.files.atomic import replacing
+
+Picture = NDArray[np.uint8]
+RATE = 25  # pictures per second: what every server plays
+CODEC, PIXELS = "prores_ks", "yuv444p10le"
+OPTIONS = {"profile": "4444", "qscale": "2", "vendor": "apl0"}
+
+
+def write_movie(path: Path, stills: Iterable[tuple[Picture, int]]) -> None:
+    """Write pictures (H, W, 1 or 3), all of one size, each held for whole seconds: ProRes 4444.
+
+    Every picture of the movie stands for itself (all intra), good to 2 of 255. A still is encoded
+    once, and its packet repeated.
+    """
+    av = video_library()
+    with replacing(path) as temporary, av.open(str(temporary), "w", format="mov") as movie:
+        stream = movie.add_stream(CODEC, rate=RATE, options=OPTIONS)
+        stream.pix_fmt, shown = PIXELS, 0
+        stream.codec_context.thread_count = 1  # more would hold pictures back
+        for picture, seconds in stills:
+            if not shown:
+                stream.height, stream.width = picture.shape[:2]
+            for packet in _still(av, movie, stream, picture):
+                for _ in range(seconds * RATE):
+                    movie.mux(_at(av, packet, stream, shown))
+                    shown += 1
+
+
+def video_library() -> ModuleType:
+    """PyAV; an error that names the extra if it is not there."""
+    try:
+        import av  # noqa: PLC0415 - an extra: only movies need it
+    except ImportError as error:
+        raise InputError(
+            "--movie: got no PyAV, expected the extra `video`; "
+            "run: python -m pip install 'procam[video]', or show the pictures one by one"
+        ) from error
+    return av
+
+
+def _still(av: Any, movie: Any, stream: Any, picture: Picture) -> list[Any]:
+    rgb = np.ascontiguousarray(np.broadcast_to(picture, (*picture.shape[:2], 3)))
+    frame = av.VideoFrame.from_ndarray(rgb, format="rgb24")
+    return list(stream.encode(frame.reformat(format=PIXELS, dst_colorspace="itu709")))
+
+
+def _at(av: Any, packet: Any, stream: Any, index: int) -> Any:
+    copy = av.Packet(bytes(packet))
+    copy.stream, copy.is_keyframe = stream, True
+    copy.time_base = Fraction(1, RATE)
+    copy.pts = copy.dts = index
+    copy.duration = 1
+    return copy

@@ -1,0 +1,165 @@
+"""Numbers drawn into pictures, so that a photograph of a picture tells which one it was.
+
+Each picture carries its number at five places, as an AprilTag (Olson, ICRA 2011, doi
+10.1109/ICRA.2011.5979561; family 36h11, in which any two tags differ in 11 bits or more) and in
+digits below it. One tag that is seen whole is enough.
+"""
+
+from collections.abc import Iterator
+from functools import cache
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from procam.errors import InputError
+
+Picture = NDArray[np.uint8]
+Mask = NDArray[np.bool_]
+Image = NDArray[np.float32]
+NUMBERS = 587  # tags of the family
+TAG_CELLS, QUIET_CELLS, DIGIT_CELLS = 8, 1, 3
+PLACES = ((0.5, 0.5), (0.2, 0.2), (0.8, 0.2), (0.2, 0.8), (0.8, 0.8))  # of tag blocks on the panel
+CELLS_PER_PANEL = 130  # of its shorter side: as small as a camera with as many pixels still reads
+SMALLEST_CELL_PX = 3
+SMALLEST_PANEL = (120, 80)
+DIGITS = (
+    "111101101101111 010110010010111 111001111100111 111001111001111 101101111001001",
+    "111100111001111 111100111101111 111001001001001 111101111101111 111101111001111",
+)
+LARGE_PHOTO_PX = 2400  # larger ones are shrunk first: quicker, and less noise
+SMALLEST_TAG_PX = 12.0  # edge, in the photograph
+WINDOWS_PX = (7, 47, 20)  # of the adaptive threshold: smallest, largest, step
+SHARPEN, SHARPEN_PX = 2.0, 2.5
+DENOISE_PX = 0.7
+CORRECTED_SHARE = 0.4  # of the 5 bits the family can correct: 2 flipped bits are forgiven
+
+
+def tag_blocks(size: tuple[int, int]) -> list[tuple[int, int, int, int]]:
+    """Rectangles (x, y, width, height) [px] of a panel of `size` that the numbers take.
+
+    >>> tag_blocks((1280, 800))[0]
+    (610, 361, 60, 78)
+    """
+    if size[0] < SMALLEST_PANEL[0] or size[1] < SMALLEST_PANEL[1]:
+        raise InputError(
+            f"panel: got {size[0]}x{size[1]} px, expected at least "
+            f"{SMALLEST_PANEL[0]}x{SMALLEST_PANEL[1]}; numbers would not be readable on it"
+        )
+    cell = _cell_px(size)
+    width = (TAG_CELLS + 2 * QUIET_CELLS) * cell
+    height = width + DIGIT_CELLS * cell
+    return [
+        (
+            int(np.clip(round(x * size[0] - width / 2), 0, size[0] - width)),
+            int(np.clip(round(y * size[1] - height / 2), 0, size[1] - height)),
+            width,
+            height,
+        )
+        for x, y in PLACES
+    ]
+
+
+def taken_pixels(size: tuple[int, int]) -> Mask:
+    """Panel pixels (H, W) under the numbers: what they show is no part of the pattern."""
+    taken = np.zeros((size[1], size[0]), bool)
+    for x, y, width, height in tag_blocks(size):
+        taken[y : y + height, x : x + width] = True
+    return taken
+
+
+def draw_number(picture: Picture, number: int, drive: int | None = None) -> Picture:
+    """A copy of `picture` (H, W, C) with its number in it.
+
+    The light parts of the tags are as bright as the brightest of the picture, in its colour, so that
+    a red picture stays red; `drive` 0..255 sets another brightness, for pictures that are black.
+    """
+    if not 0 <= number < NUMBERS:
+        raise InputError(
+            f"picture number: got {number}, expected 0..{NUMBERS - 1}; a plan of so many pictures "
+            "cannot be numbered, show the projectors in two groups"
+        )
+    height, width = picture.shape[:2]
+    bright = picture.max(axis=(0, 1)) if drive is None else np.full(picture.shape[2], drive)
+    drawn = picture.copy()
+    cells = _block(number, _cell_px((width, height)))
+    for x, y, across, down in tag_blocks((width, height)):
+        drawn[y : y + down, x : x + across] = np.where(cells[..., None], bright, 0)
+    return drawn
+
+
+def read_number(photo: NDArray[Any]) -> int | None:
+    """The number in a photograph (H, W) or (H, W, C) of any linear unit; None if none is readable.
+
+    Tags that contradict each other, as in an exposure that saw two pictures, are not readable.
+    """
+    grey = np.asarray(photo, np.float32)
+    grey = grey.mean(axis=2) if grey.ndim == 3 else grey
+    for picture in _versions(grey):
+        found = _numbers(picture)
+        if found:
+            return found.pop() if len(found) == 1 else None
+    return None
+
+
+def _cell_px(size: tuple[int, int]) -> int:
+    return max(SMALLEST_CELL_PX, round(min(size) / CELLS_PER_PANEL))
+
+
+@cache
+def _family() -> Any:
+    return cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
+
+
+def _block(number: int, cell: int) -> Mask:
+    """Which pixels of a block are light: tag, quiet zone round it, digits below."""
+    tag = cv2.aruco.generateImageMarker(_family(), number, TAG_CELLS) > 0
+    block = np.pad(np.kron(tag, np.ones((cell, cell), bool)), cell, constant_values=True)
+    below = np.ones((DIGIT_CELLS * cell, block.shape[1]), bool)
+    dot = cell // 2
+    line = np.concatenate([_digit(int(figure)) for figure in f"{number:04d}"], axis=1)
+    drawn = np.kron(line, np.ones((dot, dot), bool))
+    below[: drawn.shape[0], cell : cell + drawn.shape[1]] = ~drawn
+    return np.concatenate([block, below])
+
+
+def _digit(figure: int) -> Mask:
+    """Dark dots (5, 4) of a figure; the last column parts it from the next."""
+    dots = " ".join(DIGITS).split()[figure]
+    return np.pad(np.array([d == "1" for d in dots]).reshape(5, 3), ((0, 0), (0, 1)))
+
+
+def _versions(grey: Image) -> Iterator[Picture]:
+    """8-bit renderings of a photograph, the quick one first."""
+    shrink = -(-max(grey.shape) // LARGE_PHOTO_PX)
+    if shrink > 1:
+        small = (grey.shape[1] // shrink, grey.shape[0] // shrink)
+        yield _rendered(np.asarray(cv2.resize(grey, small, interpolation=cv2.INTER_AREA)), 1.0)
+    yield _rendered(grey, 1.0)
+    if shrink == 1:
+        larger = (2 * grey.shape[1], 2 * grey.shape[0])
+        yield _rendered(np.asarray(cv2.resize(grey, larger, interpolation=cv2.INTER_CUBIC)), 1.0)
+    yield _rendered(grey, 0.5)  # dim tags beside a bright lamp
+
+
+def _rendered(grey: Image, exponent: float) -> Picture:
+    """Stretched and sharpened; in linear light a blurred edge stays where it was."""
+    calm = cv2.GaussianBlur(grey, (0, 0), DENOISE_PX)
+    low, high = np.percentile(calm[::3, ::3], [1, 99.8])
+    tone = np.clip((calm - low) / max(float(high - low), 1e-9), 0, 1) ** exponent
+    tone += SHARPEN * (tone - cv2.GaussianBlur(tone, (0, 0), SHARPEN_PX))
+    return np.asarray(255 * np.clip(tone, 0, 1), np.uint8)
+
+
+def _numbers(picture: Picture) -> set[int]:
+    settings = cv2.aruco.DetectorParameters()
+    settings.adaptiveThreshWinSizeMin, settings.adaptiveThreshWinSizeMax = WINDOWS_PX[:2]
+    settings.adaptiveThreshWinSizeStep = WINDOWS_PX[2]
+    settings.adaptiveThreshConstant = 5
+    # without this floor every speck of noise is tried as a tag, at seconds per photograph
+    settings.minMarkerPerimeterRate = 4 * SMALLEST_TAG_PX / max(picture.shape)
+    settings.errorCorrectionRate = CORRECTED_SHARE
+    settings.perspectiveRemovePixelPerCell = 8
+    _, numbers, _ = cv2.aruco.ArucoDetector(_family(), settings).detectMarkers(picture)
+    return set() if numbers is None else {int(n) for n in numbers.ravel()}

@@ -1,0 +1,135 @@
+"""Rigs in simulated domes, and what cameras would measure of them, for tests of geometry."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from procam.estimate.adjustment import Problem
+from procam.estimate.bundle import Layout, Observations, Pair, Rig
+from procam.estimate.bundle_start import Hung
+from procam.maths.pose import Pose, rotation_vector
+from procam.maths.ray_to_screen import RoundShape
+from procam.maths.sphere import direction_from_angles
+from procam.model.optics import CameraModel, Fiducial, ProjectorModel, Sensor
+from simulators.presets import STANDARD, Preset
+from simulators.rig import CameraBuild, ProjectorBuild, hang_projectors, set_up_cameras
+from simulators.sightings import camera_sees, shaken, sightings
+from simulators.surface import Surface
+
+MARKS_DEG = {"front": (12.0, 35.0), "left": (130.0, 30.0), "right": (-110.0, 50.0)}
+SENSOR = Sensor(12, 64.0)
+
+
+@dataclass(frozen=True)
+class SimulatedDome:
+    """A dome, its rig, and a seed for what is measured."""
+
+    surface: Surface
+    projectors: list[ProjectorBuild]
+    cameras: list[CameraBuild]
+    rng: np.random.Generator
+
+    @classmethod
+    def build(
+        cls,
+        seed: int,
+        preset: Preset = STANDARD,
+        projectors: int = 3,
+        cameras: int = 2,
+        radius_m: float = 8.0,
+    ) -> "SimulatedDome":
+        """A rig that is hung a little differently for every seed."""
+        rng = np.random.default_rng(seed)
+        hung = hang_projectors(projectors, (1920, 1200), radius_m)
+        placed = set_up_cameras(cameras, (2048, 2048), "fisheye", radius_m)
+        surface = Surface.build(replace(preset, radius_m=radius_m))
+        return cls(surface, *shaken(hung, placed, rng), rng)
+
+    @property
+    def shape(self) -> RoundShape:
+        """A sphere of the dome's radius."""
+        return RoundShape(self.surface.preset.radius_m)
+
+    def rig(self) -> Rig:
+        """The truth, where the dome is a sphere."""
+        return Rig(
+            self.shape,
+            {
+                c.name: replace(self._camera(c), camera_from_dome=c.camera_from_dome)
+                for c in self.cameras
+            },
+            {
+                p.name: ProjectorModel(p.name, p.size, p.lens, p.projector_from_dome)
+                for p in self.projectors
+            },
+        )
+
+    def observations(self, patch_px: int = 32, sigma_px: float = 0.02) -> dict[Pair, Observations]:
+        """What every camera sees of every projector."""
+        found = {}
+        for camera in self.cameras:
+            for build in self.projectors:
+                seen = sightings(self.surface, build, camera, patch_px, sigma_px, self.rng)
+                sigma = np.full(len(seen[0]), max(sigma_px, 1e-4))
+                found[camera.name, build.name] = Observations(*seen, sigma)
+        return found
+
+    def fiducials(self, sigma: float = 1e-5, count: int = 3, off: float = 1.0) -> list[Fiducial]:
+        """Marks that the first camera sees, surveyed to `sigma` [rad]; they err by `off` sigmas."""
+        marks = []
+        for name, angles in list(MARKS_DEG.items())[:count]:
+            azimuth, elevation = np.radians(angles)
+            direction = direction_from_angles(azimuth, elevation)
+            point = direction * self.surface.radius(direction)
+            pixel = camera_sees(self.cameras[0], point[None])[0]
+            error = off * self.rng.normal(0, sigma, 2)
+            marks.append(
+                Fiducial(
+                    name,
+                    azimuth + error[0] / np.cos(elevation),
+                    elevation + error[1],
+                    sigma,
+                    self.cameras[0].name,
+                    pixel,
+                )
+            )
+        return marks
+
+    def problem(self, observations: dict[Pair, Observations], **changes: object) -> Problem:
+        """Everything a solver is told, with some of it changed."""
+        problem = Problem(
+            self.shape,
+            {c.name: self._camera(c) for c in self.cameras},
+            {p.name: Hung(p.name, p.size) for p in self.projectors},
+            observations,
+            dict.fromkeys((c.name for c in self.cameras), "fixed"),
+            self.fiducials(),
+        )
+        return replace(problem, **changes)  # type: ignore[arg-type]
+
+    def _camera(self, build: CameraBuild) -> CameraModel:
+        return CameraModel(build.name, build.size, build.lens, SENSOR)
+
+
+def step_between(found: Rig, truth: Rig) -> np.ndarray:
+    """The step (P,) that leads from one rig to another, as `Rig.moved` counts it."""
+    layout = Layout.of(found)
+    step = np.zeros(layout.count)
+    for devices, others, blocks, pose in (
+        (found.cameras, truth.cameras, layout.cameras, "camera_from_dome"),
+        (found.projectors, truth.projectors, layout.projectors, "projector_from_dome"),
+    ):
+        for name, block in blocks.items():
+            here, there = devices[name], others[name]
+            lens = [np.r_[d.lens.focal, d.lens.centre, d.lens.distortion] for d in (here, there)]
+            move = _move(getattr(here, pose), getattr(there, pose))
+            parts = [move, lens[1] - lens[0]]
+            if pose == "camera_from_dome":
+                parts.append(there.pupil - here.pupil)  # type: ignore[union-attr]
+            step[block] = np.concatenate(parts)
+    return step
+
+
+def _move(here: Pose, there: Pose) -> np.ndarray:
+    turn = there.rotation @ here.rotation.T
+    return np.r_[rotation_vector(turn), there.translation - turn @ here.translation]

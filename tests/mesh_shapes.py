@@ -1,0 +1,65 @@
+"""Meshes of known shapes, counter-clockwise seen from the inside."""
+
+import numpy as np
+from scipy.spatial import ConvexHull
+
+Mesh = tuple[np.ndarray, np.ndarray]
+
+
+def hemisphere(radius: float, steps: int) -> Mesh:
+    """4 steps^2 triangles: the upper faces of an octahedron, subdivided and blown up."""
+    rows = [(i, j) for i in range(steps + 1) for j in range(steps + 1 - i)]
+    number = {place: n for n, place in enumerate(rows)}
+    one = []
+    for i in range(steps):
+        for j in range(steps - i):
+            one.append([number[i, j], number[i, j + 1], number[i + 1, j]])
+            if i + j < steps - 1:
+                one.append([number[i + 1, j], number[i, j + 1], number[i + 1, j + 1]])
+    i, j = np.array(rows, float).T
+    corner = np.stack([i, j, steps - i - j], axis=1)
+    quarter = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    points = np.concatenate([corner @ np.linalg.matrix_power(quarter, n) for n in range(4)])
+    faces = np.concatenate([np.array(one) + n * len(rows) for n in range(4)])
+    return welded(radius * points / np.linalg.norm(points, axis=1, keepdims=True), faces)
+
+
+def scattered_sphere(radius: float, count: int, seed: int = 1) -> Mesh:
+    """A whole sphere through random points: triangles of any shape."""
+    points = np.random.default_rng(seed).normal(0, 1, (count, 3))
+    points *= radius / np.linalg.norm(points, axis=1, keepdims=True)
+    faces = ConvexHull(points).simplices
+    a, b, c = np.moveaxis(points[faces], 1, 0)
+    outwards = np.einsum("fi,fi->f", a, np.cross(b, c)) > 0
+    return points, np.where(outwards[:, None], faces[:, ::-1], faces).astype(np.int32)
+
+
+def box(low: tuple[float, float, float], high: tuple[float, float, float]) -> Mesh:
+    """12 triangles."""
+    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
+    vertices = np.array(low) + corners * (np.array(high) - np.array(low))
+    quads = [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)]
+    faces = [f for a, b, c, d in quads for f in ((a, c, b), (a, d, c))]
+    return vertices, np.array(faces, np.int32)[:, ::-1].copy()
+
+
+def cylinder(radius: float, height: float, sides: int, closed: bool = False) -> Mesh:
+    """A prism round z from 0 to `height`; closed by a floor and a ceiling on request."""
+    angle = np.arange(sides) * 2 * np.pi / sides
+    ring = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    floor, ceiling = (np.column_stack([ring, np.full(sides, z)]) for z in (0.0, height))
+    vertices = np.concatenate([floor, ceiling, [[0, 0, 0], [0, 0, height]]])
+    n = np.arange(sides)
+    m = (n + 1) % sides
+    walls = [np.stack([n, n + sides, m], 1), np.stack([m, n + sides, m + sides], 1)]
+    ends = [np.stack([n, m, np.full(sides, 2 * sides)], 1)]
+    ends += [np.stack([m + sides, n + sides, np.full(sides, 2 * sides + 1)], 1)]
+    if not closed:
+        return vertices[: 2 * sides], np.concatenate(walls).astype(np.int32)
+    return vertices, np.concatenate(walls + ends).astype(np.int32)
+
+
+def welded(points: np.ndarray, faces: np.ndarray) -> Mesh:
+    """With vertices at one place made one."""
+    _, first, place = np.unique(points.round(9), axis=0, return_index=True, return_inverse=True)
+    return points[first], place.reshape(-1)[faces].astype(np.int32)

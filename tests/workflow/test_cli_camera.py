@@ -1,0 +1,231 @@
+"""`procam camera`: from photographs of a board to the lines of venue.toml."""
+
+import json
+import tomllib
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from tiny_venue import procam
+
+from procam.files.images import write_image
+from procam.maths.lenses import Lens, project, unproject
+from procam.maths.pose import Pose, rotation_matrix
+
+SIZE = (640, 480)
+SQUARES, SQUARE_M = (10, 7), 0.02
+MIDDLE = np.array([(SQUARES[0] - 2) / 2, (SQUARES[1] - 2) / 2, 0.0]) * SQUARE_M
+LENS = Lens(
+    "brown", np.full(2, 560.0), np.array([327.3, 233.8]), np.array([-0.2, 0.06, 4e-4, -3e-4, 0.0])
+)
+FISHEYE = Lens(
+    "kannala-brandt", np.full(2, 250.0), np.array([322.0, 236.4]), np.array([0.02, -0.006, 0, 0])
+)
+FINER = 2  # rays per pixel and axis
+BOARD = ("--squares", "10x7", "--square-mm", "20")
+
+
+def checkers() -> np.ndarray:
+    """20 texels per square, with a white margin of one square."""
+    rows, columns = np.indices((SQUARES[1] * 20, SQUARES[0] * 20)) // 20
+    return np.pad(np.where((rows + columns) % 2, 220, 30), 20, constant_values=220)
+
+
+def charuco() -> np.ndarray:
+    name = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_5X5_100)
+    board = cv2.aruco.CharucoBoard(SQUARES, SQUARE_M, 0.7 * SQUARE_M, name)
+    texture = board.generateImage((SQUARES[0] * 20, SQUARES[1] * 20), marginSize=0)
+    return np.pad(30 + 0.75 * texture, 20, constant_values=220)
+
+
+def photograph(texture: np.ndarray, pose: Pose, rays: np.ndarray, seed: int) -> np.ndarray:
+    """The board, its first inner corner at the origin, before a grey wall; sensor noise and blur."""
+    back = pose.inverse()
+    towards = back.rotate(rays)
+    depth = -back.translation[2] / towards[..., 2]
+    place = back.translation[:2] + depth[..., None] * towards[..., :2]
+    texel = ((place / SQUARE_M + 2) * 20).astype(np.float32) - 0.5
+    texel[(depth <= 0) | ~np.isfinite(depth)] = -1e3
+    seen = cv2.remap(
+        texture.astype(np.float32), texel, None, cv2.INTER_LINEAR, borderValue=(120.0,) * 4
+    )
+    small = cv2.GaussianBlur(cv2.resize(seen, SIZE, interpolation=cv2.INTER_AREA), (0, 0), 0.7)
+    noise = np.random.default_rng(seed).normal(0, 1.5, small.shape)
+    return np.clip(np.rint(small + noise), 0, 255).astype(np.uint8)
+
+
+def sub_pixel_rays(lens: Lens) -> np.ndarray:
+    x, y = (np.arange(n * FINER) / FINER - 0.5 + 0.5 / FINER for n in SIZE)
+    return unproject(np.stack(np.meshgrid(x, y), axis=-1), lens)
+
+
+def poses(number: int, tilt: float = 0.4, distance: float = 0.3) -> list[Pose]:
+    rng = np.random.default_rng(7)
+    found = []
+    for _ in range(number):
+        turn = rotation_matrix(rng.normal(0, tilt, 3) * [1, 1, 0.3])
+        place = np.array([*rng.uniform(-0.06, 0.06, 2), distance * rng.uniform(0.9, 1.2)])
+        found.append(Pose(turn, place - turn @ MIDDLE))
+    return found
+
+
+def write_all(folder: Path, texture: np.ndarray, lens: Lens, places: list[Pose]) -> Path:
+    folder.mkdir()
+    rays = sub_pixel_rays(lens)
+    for i, pose in enumerate(places):
+        write_image(folder / f"{i:02d}.png", photograph(texture, pose, rays, i))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def photos(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Twelve photographs, and one without a board."""
+    folder = write_all(tmp_path_factory.mktemp("board") / "photos", checkers(), LENS, poses(12))
+    write_image(folder / "wall.png", np.full((SIZE[1], SIZE[0]), 120, np.uint8))
+    return folder
+
+
+def rim_miss(table: dict, truth: Lens) -> float:
+    """Largest miss of the lens of a [cameras.NAME] half way out to the corners [px]."""
+    found = Lens(table["model"], *(np.array(table[key]) for key in "fck"))
+    turn = np.linspace(0, 2 * np.pi, 40)
+    pixels = truth.centre + 200 * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    back = project(unproject(pixels, found), truth)
+    return float(np.linalg.norm(back - pixels - np.mean(back - pixels, axis=0), axis=1).max())
+
+
+class TestSolves:
+    def test_brown(self, photos: Path, tmp_path: Path) -> None:
+        out = tmp_path / "zenith.toml"
+        ran = procam("camera", photos, *BOARD, "--out", out)
+        assert ran.code == 0, ran.err
+        assert "wall.png: no board of 10x7 squares found; left out" in ran.out
+        assert "held_out_rms" in ran.out
+        text = out.read_text()
+        assert "# +- " in text
+        table = tomllib.loads(text)["cameras"]["zenith"]
+        assert table["model"] == "brown"
+        assert table["size"] == [640, 480]
+        np.testing.assert_allclose(table["f"], LENS.focal, rtol=0.003)
+        assert rim_miss(table, LENS) < 0.3
+
+    def test_json_says_all(self, photos: Path, tmp_path: Path) -> None:
+        ran = procam("camera", photos, *BOARD, "--out", tmp_path / "c.toml", "--json")
+        document = json.loads(ran.out)
+        assert document["no_board"] == [str(photos / "wall.png")]
+        assert len(document["views"]) == 12
+        assert document["figures"]["rms"]["value"] < 0.2
+        assert document["figures"]["held_out_rms"]["value"] < 0.2
+        for name, true in zip(("fx", "fy", "cx", "cy"), (560, 560, 327.3, 233.8), strict=True):
+            entry = document["parameters"][name]
+            # corner finders err together, not at random: sigmas alone would be too proud
+            assert abs(entry["value"] - true) < 6 * entry["sigma"], (name, entry)
+
+    def test_fisheye(self, tmp_path: Path) -> None:
+        places = poses(10, tilt=0.5, distance=0.16)
+        photos = write_all(tmp_path / "photos", checkers(), FISHEYE, places)
+        out = tmp_path / "dome.toml"
+        ran = procam(
+            "camera", *sorted(photos.iterdir()), *BOARD, "--model", "kannala-brandt", "--out", out
+        )
+        assert ran.code == 0, ran.out + ran.err
+        table = tomllib.loads(out.read_text())["cameras"]["dome"]
+        assert table["model"] == "kannala-brandt"
+        assert rim_miss(table, FISHEYE) < 0.3
+
+    def test_charuco_in_parts(self, tmp_path: Path) -> None:
+        """Boards that stick out of the picture are used as far as they are seen."""
+        photos = write_all(tmp_path / "photos", charuco(), LENS, poses(10, distance=0.2))
+        charuco_board = ("--board", "charuco", "--marker-mm", "14", "--dictionary", "DICT_5X5_100")
+        ran = procam(
+            "camera", photos, *BOARD, *charuco_board, "--out", tmp_path / "c.toml", "--json"
+        )
+        assert ran.code == 0, ran.err
+        document = json.loads(ran.out)
+        counts = [view["corners"] for view in document["views"].values()]
+        assert min(counts) < 54 >= max(counts)
+        assert abs(document["parameters"]["fx"]["value"] - 560) < 3
+
+    def test_a_lens_of_another_kind_fails_the_check(self, tmp_path: Path) -> None:
+        """A fisheye pressed into the Brown model fits badly: exit 1, and the file is there."""
+        photos = write_all(
+            tmp_path / "photos", checkers(), FISHEYE, poses(10, tilt=0.5, distance=0.11)
+        )
+        ran = procam("camera", photos, *BOARD, "--out", tmp_path / "c.toml")
+        assert ran.code == 1, ran.out + ran.err
+        assert "FAIL" in ran.out
+        assert (tmp_path / "c.toml").is_file()
+
+
+class TestRefuses:
+    """One clear line, and exit code 2."""
+
+    def refused(self, tmp_path: Path, *arguments: object) -> str:
+        ran = procam("camera", *arguments, "--out", tmp_path / "c.toml")
+        assert ran.code == 2, ran.out
+        assert ran.err.count("\n") == 1
+        assert not (tmp_path / "c.toml").exists()
+        return ran.err
+
+    def test_a_wrong_number_of_squares(self, photos: Path, tmp_path: Path) -> None:
+        complaint = self.refused(tmp_path, photos, "--squares", "9x6", "--square-mm", "20")
+        assert "got a board of 9x6 squares in 0 of 13" in complaint
+        assert "00.png shows one of 10x7, so try --squares 10x7" in complaint
+
+    def test_too_few_photographs(self, photos: Path, tmp_path: Path) -> None:
+        complaint = self.refused(
+            tmp_path, photos / "00.png", photos / "01.png", photos / "wall.png", *BOARD
+        )
+        assert "in 2 of 3 (none in wall.png), expected it in at least 3" in complaint
+
+    def test_mixed_sizes(self, photos: Path, tmp_path: Path) -> None:
+        other = tmp_path / "turned.png"
+        write_image(other, np.full((SIZE[0], SIZE[1]), 120, np.uint8))
+        complaint = self.refused(tmp_path, photos, other, *BOARD)
+        assert "640x480 (00.png, 01.png, 02.png, 03.png and 9 more) and 480x640 (turned.png)" in (
+            complaint
+        )
+
+    def test_boards_that_are_all_parallel(self, tmp_path: Path) -> None:
+        places = [
+            Pose(np.eye(3), [x, 0.0, z] - MIDDLE) for x, z in ((0, 0.3), (0.02, 0.4), (0, 0.5))
+        ]
+        photos = write_all(tmp_path / "photos", checkers(), LENS, places)
+        complaint = self.refused(tmp_path, photos, *BOARD)
+        assert "parallel" in complaint
+        assert "tilt" in complaint
+
+    @pytest.mark.parametrize(
+        ("options", "complaint"),
+        [
+            (
+                ("--squares", "ten", "--square-mm", "20"),
+                "--squares: got 'ten', expected COLUMNSxROWS",
+            ),
+            (("--squares", "3x7", "--square-mm", "20"), "got 3x7 squares of 20 mm"),
+            ((*BOARD, "--model", "equidistant"), "--model: got 'equidistant', expected brown or"),
+            ((*BOARD, "--board", "circles"), "--board: got 'circles', expected checkerboard or"),
+            ((*BOARD, "--board", "charuco"), "got markers of 0 mm in squares of 20 mm"),
+            (
+                (*BOARD, "--board", "charuco", "--marker-mm", "14", "--dictionary", "DICT_9X9"),
+                "got the dictionary 'DICT_9X9'",
+            ),
+        ],
+    )
+    def test_options(
+        self, photos: Path, tmp_path: Path, options: tuple[str, ...], complaint: str
+    ) -> None:
+        assert complaint in self.refused(tmp_path, photos, *options)
+
+    def test_a_file_that_is_not_there(self, tmp_path: Path) -> None:
+        assert "no such file" in self.refused(tmp_path, tmp_path / "gone.png", *BOARD)
+
+    def test_a_folder_without_pictures(self, tmp_path: Path) -> None:
+        (tmp_path / "empty").mkdir()
+        assert "got no pictures" in self.refused(tmp_path, tmp_path / "empty", *BOARD)
+
+    def test_another_suffix(self, photos: Path, tmp_path: Path) -> None:
+        ran = procam("camera", photos, *BOARD, "--out", tmp_path / "c.json")
+        assert ran.code == 2
+        assert "got the suffix '.json', expected .toml" in ran.err

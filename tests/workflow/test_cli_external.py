@@ -1,0 +1,440 @@
+"""`procam patterns VENUE` and `procam ingest`, with a photographer who knows only the pictures."""
+
+import csv
+import json
+import shutil
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import OpenImageIO as oiio
+import pytest
+from scipy.ndimage import gaussian_filter, map_coordinates
+from tiny_venue import CAMERA, Ran, contents, make_venue, procam, quick_simulator
+
+from procam.estimate import assemble
+from procam.files.images import read_image, write_image
+from procam.files.session import Session
+from procam.files.venue import load_venue
+from procam.maths.curves import srgb_encode
+from procam.model.frame import CameraSettings
+from procam.workflows.venue_rig import open_rig
+from simulators.scene import SceneSize
+
+PANEL, PHOTO = (160, 100), (240, 200)
+SIZE = SceneSize(projectors=2, projector_size=PANEL, camera_size=PHOTO, rays=64)
+SHOTS = 71
+BITS, BLACK = 12, 64.0
+GAMMA, BLUR_PX, NOISE_DN = 2.2, 0.6, 4.0
+
+
+@dataclass(frozen=True)
+class Visit:
+    """What lies on the disk after `procam patterns`: the session, and the folder for the rig."""
+
+    session: Path
+    out: Path
+
+    def order(self) -> list[dict[str, str]]:
+        return list(csv.DictReader((self.out / "order.csv").read_text().splitlines()))
+
+    def shots(self) -> list[str]:
+        return [entry["shot"] for entry in self.order()]
+
+    def ingest(self, photos: Path, *more: object) -> Ran:
+        return procam("ingest", self.session, "--camera", CAMERA, "--photos", photos, *more)
+
+    def stored(self) -> list[str]:
+        frames = Session(self.session).stored(CAMERA)
+        return sorted(f"{shot}@{exposure:g}" for shot, exposure in frames)
+
+
+def start(folder: Path) -> Visit:
+    make_venue(folder, size=SIZE)
+    ran = procam("patterns", folder, "--out", folder / "out", "--json")
+    assert (ran.code, ran.err) == (0, "")
+    return Visit(Path(json.loads(ran.out)["session"]), folder / "out")
+
+
+@pytest.fixture
+def visit(tmp_path: Path) -> Visit:
+    return start(tmp_path / "dome")
+
+
+@pytest.fixture(scope="module")
+def roll(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """All photographs of the visit, in order, named img_0.tif ..."""
+    folder = tmp_path_factory.mktemp("roll")
+    visit = start(folder / "dome")
+    photos, number = folder / "photos", 0
+    photos.mkdir()
+    for entry in visit.order():
+        for exposure in map(float, entry["exposures_s"].split()):
+            write_image(photos / f"img_{number}.tif", photograph(visit.out, entry, exposure))
+            number += 1
+    return photos
+
+
+@pytest.fixture
+def photos(roll: Path, tmp_path: Path) -> Path:
+    """A copy of the roll, to be spoilt."""
+    shutil.copytree(roll, tmp_path / "photos")
+    return tmp_path / "photos"
+
+
+def photograph(
+    out: Path, entry: dict[str, str], exposure_s: float, *, blur_px: float = BLUR_PX
+) -> np.ndarray:
+    """12-bit counts of a picture on a bent screen, out of focus; white just fits at .13 s."""
+    rng = np.random.default_rng(7)
+    light = np.full((PANEL[1], PANEL[0], 3), 1e-3)
+    if entry["picture"]:
+        picture = np.asarray(read_image(out / entry["picture"]), float) / 255
+        light = light + np.broadcast_to(picture, light.shape) ** GAMMA
+    v, u = np.mgrid[: PHOTO[1], : PHOTO[0]].astype(float)
+    x = 0.7 * u + 0.06 * v + 2e-4 * u * v - 8
+    y = 0.6 * v - 0.05 * u + 2e-4 * v * v
+    planes = [
+        map_coordinates(gaussian_filter(plane, blur_px), [y, x], order=1)
+        for plane in np.moveaxis(light, -1, 0)
+    ]
+    counts = BLACK + 3000 * np.stack(planes, -1) * exposure_s / 0.13
+    counts += rng.normal(0, NOISE_DN, counts.shape)
+    return np.rint(np.clip(counts, 0, 2**BITS - 1)).astype(np.uint16)
+
+
+def with_header(path: Path, pixels: np.ndarray, **header: object) -> None:
+    """Write a photograph as a camera does: exposure, ISO and time in its header."""
+    spec = oiio.ImageSpec(pixels.shape[1], pixels.shape[0], pixels.shape[2], str(pixels.dtype))
+    for key, value in header.items():
+        spec.attribute(key.replace("__", ":"), value)
+    output = oiio.ImageOutput.create(str(path))
+    assert output.open(str(path), spec) and output.write_image(pixels)
+    output.close()
+
+
+class TestPatterns:
+    def test_a_session_and_a_folder_for_the_rig(self, visit: Visit) -> None:
+        assert visit.session.name == "hand-0001"
+        plan = Session(visit.session).read_plan()
+        assert len(plan.shots) == SHOTS
+        for shot in plan.shots[1:]:
+            same = (visit.out / shot.pattern, visit.session / shot.pattern)
+            assert same[0].read_bytes() == same[1].read_bytes()
+        assert (visit.out / "plan.json").read_text() == (visit.session / "plan.json").read_text()
+        lists = [p.name for p in visit.out.glob("*.m3u")]
+        assert sorted(lists) == ["north.m3u", "south.m3u"]
+        assert "#EXTINF:5,south-0000\npatterns/south/0000.png\n" in (
+            visit.out / "south.m3u"
+        ).read_text("utf-8")
+
+    def test_the_order_tells_numbers_exposures_and_times(self, visit: Visit) -> None:
+        order = visit.order()
+        assert [entry["number"] for entry in order] == ["", *map(str, range(1, SHOTS))]
+        assert order[0] | {"exposures_s": "", "hold_s": ""} == {
+            **{"number": "", "shot": "dark", "projector": "", "purpose": "dark", "picture": ""},
+            **{"exposures_s": "", "start_s": "0", "hold_s": ""},
+        }
+        for projector in ("south", "north"):
+            mine = [e for e in order if e["projector"] == projector]
+            ends = np.cumsum([int(e["hold_s"]) for e in mine])
+            assert [int(e["start_s"]) for e in mine] == [0, *ends[:-1]]
+            assert all(int(e["hold_s"]) > 2 * float(e["exposures_s"]) for e in mine)
+
+    def test_each_visit_is_a_new_session_that_capture_leaves_alone(self, visit: Visit) -> None:
+        venue = visit.session.parents[1]
+        ran = procam("patterns", venue, "--out", venue / "again", "--json")
+        assert Path(json.loads(ran.out)["session"]).name == "hand-0002"
+        with quick_simulator():
+            ran = procam("capture", venue, "--json")
+        assert Path(json.loads(ran.out)["session"]).name == "0001"
+
+    def test_refusals(self, visit: Visit, tmp_path: Path) -> None:
+        venue, new = visit.session.parents[1], tmp_path / "new"
+        for arguments, told in (
+            ((venue, "--out", visit.out), "expected a new or empty folder"),
+            ((venue, "--out", new, "--size", "64x40"), "venue.toml has the sizes"),
+            ((venue, "--out", new, "--code", "gray"), "venue.toml has the sizes"),
+            (("--out", new), "got no VENUE and no --size"),
+            (("--out", new, "--size", "64x40", "--movie"), "--movie: got no VENUE"),
+        ):
+            ran = procam("patterns", *arguments)
+            assert (ran.code, told in ran.complaint) == (2, True), ran
+        assert not new.exists()
+        assert [p.name for p in visit.session.parent.iterdir()] == ["hand-0001"]
+
+    def test_movies_without_their_extra(
+        self, visit: Visit, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setitem(sys.modules, "av", None)
+        venue = visit.session.parents[1]
+        ran = procam("patterns", venue, "--out", venue / "new", "--movie")
+        assert (ran.code, "pip install 'procam[video]'" in ran.complaint) == (2, True)
+        assert not (venue / "new").exists()
+        assert [p.name for p in visit.session.parent.iterdir()] == ["hand-0001"]
+
+    def test_movies(self, tmp_path: Path) -> None:
+        pytest.importorskip("av", reason="needs the extra `video`")
+        one = SceneSize(projectors=1, projector_size=PANEL, camera_size=PHOTO, rays=64)
+        make_venue(tmp_path, size=one)
+        assert procam("patterns", tmp_path, "--out", tmp_path / "out", "--movie").code == 0
+        assert (tmp_path / "out" / "south.mov").stat().st_size > 10_000
+
+
+class TestIngest:
+    def test_a_whole_roll(self, visit: Visit, roll: Path) -> None:
+        ran = visit.ingest(roll)
+        assert (ran.code, ran.err) == (0, "")
+        first, *_, last = ran.out.splitlines()
+        assert first == "img_0.tif, img_1.tif: no number is readable; taken as dark by the order"
+        assert last == f"nothing is missing; now run: procam solve {visit.session}"
+        session = Session(visit.session)
+        plan = session.read_plan()
+        assert len(visit.stored()) == plan.exposures == SHOTS + 1
+        shot = plan.of("north", "primary")[1]
+        frame = session.load(CAMERA, shot, shot.exposures_s[0], PHOTO)
+        number = 1 + [s.id for s in plan.shots].index(shot.id)
+        np.testing.assert_array_equal(frame.counts, read_image(roll / f"img_{number}.tif"))
+        code = plan.of("south", "code")[0]
+        assert session.load(CAMERA, code, code.exposures_s[0], PHOTO).counts.ndim == 2
+
+    def test_any_order_with_missing_and_doubled_ones(self, visit: Visit, photos: Path) -> None:
+        rng = np.random.default_rng(3)
+        order = visit.order()
+        soft = photograph(visit.out, order[9], 0.13, blur_px=1.2)
+        write_image(photos / "soft.tif", soft)
+        write_image(photos / "stranger.tif", rng.integers(60, 90, (33, 44, 3)).astype(np.uint16))
+        (photos / "notes.txt").write_text("lens cap!")
+        for number in (20, 40):
+            (photos / f"img_{number}.tif").unlink()
+        renamed = {p: f"x{n}{p.suffix}" for p, n in zip(
+            sorted(photos.glob("img_*")), rng.permutation(200), strict=False)}  # fmt: skip
+        names = {p.name: new for p, new in renamed.items()}
+        for path, new in renamed.items():
+            path.rename(photos / new)
+        ran = visit.ingest(photos, "--json")
+        document = json.loads(ran.out)
+        shots = visit.shots()
+        assert document["missing"] == ["dark", shots[19], shots[39]]
+        assert document["stored"] == SHOTS - 3
+        notes = "\n".join(document["notes"])
+        assert f"soft.tif: shows {shots[9]} too; {names['img_10.tif']} is kept" in notes
+        assert "stranger.tif: is of another size and shows no number; left out" in notes
+        assert "notes.txt: is no photograph; left out" in notes
+        kept = Session(visit.session).stored(CAMERA)
+        assert (shots[9], 0.13) in kept
+        # the dark ones have no number: a person names them; what was missing comes later
+        more = photos.parent / "more"
+        more.mkdir()
+        for number in (20, 40):
+            write_image(more / f"{number}.tif", photograph(visit.out, order[number - 1], 0.13))
+        for name, exposure in (("a.tif", 0.13), ("b.tif", 6.5)):
+            write_image(more / name, photograph(visit.out, order[0], exposure))
+        index = photos.parent / "index.csv"
+        index.write_text("file,shot\na.tif,dark\nb.tif,dark\n")
+        ran = visit.ingest(more, "--index", index)
+        assert "4 photographs stored" in ran.out and "nothing is missing" in ran.out
+        assert len(visit.stored()) == SHOTS + 1
+
+    def test_a_second_time_nothing_changes(self, visit: Visit, roll: Path) -> None:
+        visit.ingest(roll)
+        before = contents(visit.session)
+        ran = visit.ingest(roll)
+        assert (ran.code, "0 photographs stored" in ran.out) == (0, True)
+        assert contents(visit.session) == before
+
+    def test_headers_tell_exposure_and_time(self, visit: Visit, tmp_path: Path) -> None:
+        photos = tmp_path / "dcim"
+        photos.mkdir()
+        exposures = {"0.13": 0.125, "6.5": 6.0}
+        second, names = 0, iter(np.random.default_rng(1).permutation(500))
+        for entry in visit.order()[:12]:
+            for planned in entry["exposures_s"].split():
+                second += 3
+                pixels = photograph(visit.out, entry, exposures[planned])
+                header = {
+                    "ExposureTime": exposures[planned],
+                    "Exif__DateTimeOriginal": f"2026:01:02 03:{second // 60:02d}:{second % 60:02d}",
+                }
+                with_header(photos / f"P{next(names):03d}.tif", pixels, **header)
+        ran = visit.ingest(photos)
+        assert (ran.code, "13 photographs stored" in ran.out) == (0, True), ran
+        plan = Session(visit.session).read_plan()
+        assert plan.shots[0].exposures_s == (0.125, 6.0)
+        assert plan.shots[1].exposures_s == (0.125,)
+        assert plan.shots[-1].exposures_s == (0.13,)  # not photographed yet
+        stored = Session(visit.session).stored(CAMERA)
+        assert stored["dark", 6.0]["started_s"] == stored["dark", 0.125]["started_s"] + 3
+        again = visit.ingest(photos)
+        assert "0 photographs stored" in again.out
+
+
+def _spoil_bits(photos: Path) -> None:
+    path = photos / "img_5.tif"
+    write_image(path, (read_image(path) / 16).astype(np.uint8))
+
+
+def _spoil_scale(photos: Path) -> None:
+    path = photos / "img_5.tif"
+    write_image(path, (read_image(path) * 16).astype(np.uint16))
+
+
+def _spoil_size(photos: Path) -> None:
+    path = photos / "img_5.tif"
+    write_image(path, np.ascontiguousarray(np.swapaxes(read_image(path), 0, 1)[:, ::-1]))
+
+
+def _spoil_length(photos: Path) -> None:
+    path = photos / "img_40.tif"
+    path.write_bytes(path.read_bytes()[:5000])
+
+
+def _spoil_colour(photos: Path) -> None:
+    path = photos / "img_2.tif"
+    write_image(path, np.asarray(read_image(path))[..., 1])
+
+
+def _spoil_iso(photos: Path) -> None:
+    for number, aperture in ((4, 4.0), (5, 5.6)):
+        path = photos / f"img_{number}.tif"
+        with_header(path, np.asarray(read_image(path)), FNumber=aperture)
+
+
+class TestRefused:
+    @pytest.mark.parametrize(
+        ("spoil", "told"),
+        [
+            (_spoil_bits, "img_5.tif: got 8 bits of unknown response, expected linear 16 bits"),
+            (_spoil_scale, "expected less than 4096 as bits = 12 says"),
+            (_spoil_size, "img_5.tif: got 200x240 px, expected 240x200 as venue.toml says"),
+            (_spoil_length, "img_40.tif: got a truncated or damaged image"),
+            (_spoil_colour, "img_2.tif: got one channel, expected R, G and B for shot south-0000"),
+            (_spoil_iso, "img_5.tif: got aperture f/5.6, but others have 4; expected one for all"),
+        ],
+    )
+    def test_and_nothing_is_written(self, spoil, told: str, visit: Visit, photos: Path) -> None:
+        spoil(photos)
+        before = contents(visit.session)
+        ran = visit.ingest(photos)
+        assert (ran.code, told in ran.complaint) == (2, True), ran
+        after = contents(visit.session)
+        after.pop(".lock")
+        assert after == before
+
+    def test_a_wrong_session_camera_folder_or_index(
+        self, visit: Visit, photos: Path, tmp_path: Path
+    ) -> None:
+        index = tmp_path / "i.csv"
+        for lines, told in (
+            ("img_3.tif,nope\n", "entry 1: got the shot 'nope'"),
+            ("nope.tif,dark\n", "entry 1: got the file 'nope.tif'"),
+            ("img_3.tif\n", "entry 1: got ['img_3.tif'], expected file,shot"),
+            ("img_3.tif,dark\nimg_3.tif,dark\n", "entry 2: got the file 'img_3.tif' twice"),
+        ):
+            index.write_text(lines)
+            assert told in visit.ingest(photos, "--index", index).complaint
+        assert "got no such file" in visit.ingest(photos, "--index", tmp_path / "x").complaint
+        empty = tmp_path / "empty"
+        empty.mkdir()
+        assert "got no photographs" in visit.ingest(empty).complaint
+        assert "got no such folder" in visit.ingest(tmp_path / "gone").complaint
+        ran = procam("ingest", visit.session, "--camera", "b", "--photos", photos)
+        assert "--camera: got 'b', expected one of zenith" in ran.complaint
+        ran = procam("ingest", tmp_path, "--camera", CAMERA, "--photos", photos)
+        assert ran.code == 2
+        assert visit.stored() == []
+
+    def test_photographs_of_something_else(self, visit: Visit, tmp_path: Path) -> None:
+        folder = tmp_path / "cats"
+        folder.mkdir()
+        for number in range(3):
+            noise = np.random.default_rng(number).integers(60, 900, (PHOTO[1], PHOTO[0], 3))
+            write_image(folder / f"{number}.tif", noise.astype(np.uint16))
+        ran = visit.ingest(folder)
+        assert (ran.code, "got 3 photographs, none of a shot" in ran.complaint) == (2, True)
+
+
+class TestResponse:
+    def test_srgb_photographs_become_linear(self, visit: Visit, photos: Path) -> None:
+        toml = visit.session.parents[1] / "venue.toml"
+        text = toml.read_text().replace('response = "linear"', 'response = "srgb"')
+        toml.write_text(text)
+        truth = {}
+        for number in range(2, 8):
+            path = photos / f"img_{number}.tif"
+            truth[number] = (np.asarray(read_image(path), float) - BLACK).clip(0) / (4095 - BLACK)
+            encoded = np.rint(255 * srgb_encode(truth[number])).astype(np.uint8)
+            write_image(photos / f"img_{number}.png", encoded)
+        for path in photos.glob("*.tif"):
+            path.unlink()
+        ran = visit.ingest(photos)
+        assert (ran.code, "6 photographs stored" in ran.out) == (0, True), ran
+        session = Session(visit.session)
+        shot = session.read_plan().shots[1]
+        frame = session.load(CAMERA, shot, shot.exposures_s[0], PHOTO)
+        light = (frame.counts - BLACK) / (4095 - BLACK)
+        # half a step of 8 bits is 1.1 % of the light of white, a little more where it is dark
+        np.testing.assert_allclose(light, truth[2], atol=0.0055)
+
+    def test_a_table(self, visit: Visit, photos: Path) -> None:
+        venue = visit.session.parents[1]
+        toml = venue / "venue.toml"
+        toml.write_text(toml.read_text().replace('"linear"', '"curve.csv"'))
+        assert "curve.csv: got no such file" in visit.ingest(photos).complaint
+        (venue / "curve.csv").write_text("level,light\n0,0\n0.5,0.4\n0.5,0.5\n1,1\n")
+        assert (
+            "expected lines level,light that rise from 0,0 to 1,1" in visit.ingest(photos).complaint
+        )
+        (venue / "curve.csv").write_text("level,light\n0,0\n0.5,0.2\n1,1\n")
+        pixels = (np.asarray(read_image(photos / "img_2.tif")) / 16).astype(np.uint8)
+        only = photos.parent / "only"
+        only.mkdir()
+        write_image(only / "a.png", pixels)
+        assert "1 photographs stored" in visit.ingest(only).out
+        session = Session(visit.session)
+        shot = session.read_plan().shots[1]
+        counts = session.load(CAMERA, shot, shot.exposures_s[0], PHOTO).counts
+        expected = BLACK + np.interp(pixels / 255, [0, 0.5, 1], [0, 0.2, 1]) * (4095 - BLACK)
+        np.testing.assert_allclose(counts, expected, atol=0.5)
+
+    def test_an_unknown_one(self, visit: Visit) -> None:
+        toml = visit.session.parents[1] / "venue.toml"
+        toml.write_text(toml.read_text().replace('"linear"', '"rec709"'))
+        ran = procam("ingest", visit.session, "--camera", CAMERA, "--photos", visit.out)
+        assert (ran.code, "cameras.zenith.response: got 'rec709'" in ran.complaint) == (2, True)
+
+
+@pytest.fixture
+def small_maps() -> Iterator[None]:
+    with quick_simulator(), pytest.MonkeyPatch.context() as patch:
+        patch.setattr(assemble, "MAP_SIZE", 128)
+        yield
+
+
+@pytest.mark.usefixtures("small_maps")
+def test_solves_like_a_driven_visit(tmp_path: Path) -> None:
+    """A simulated dome whose server shows the exported pictures; its camera writes TIFFs."""
+    size = SceneSize(projectors=1, projector_size=(320, 200), camera_size=(400, 400), rays=64)
+    make_venue(tmp_path, size=size)
+    assert procam("patterns", tmp_path, "--out", tmp_path / "out").code == 0
+    session = tmp_path / "sessions" / "hand-0001"
+    photos = tmp_path / "photos"
+    photos.mkdir()
+    with open_rig(load_venue(tmp_path)) as rig:
+        rig.start()
+        for number, shot in enumerate(Session(session).read_plan().shots):
+            if shot.pattern:
+                rig.light(shot.projector)
+                picture = np.asarray(read_image(tmp_path / "out" / shot.pattern), np.float32) / 255
+                drive = np.broadcast_to(picture, (*picture.shape[:2], 3))
+                rig.projectors[shot.projector].show(np.ascontiguousarray(drive))
+            for exposure in shot.exposures_s:
+                rig.cameras[CAMERA].configure(CameraSettings(exposure))
+                counts = rig.cameras[CAMERA].capture().counts
+                write_image(photos / f"{number}_{exposure:g}.tif", counts)
+    ran = procam("ingest", session, "--camera", CAMERA, "--photos", photos)
+    assert (ran.code, "nothing is missing" in ran.out) == (0, True), ran
+    ran = procam("solve", session)
+    assert (ran.code, "calibrations/0001 written" in ran.out) == (0, True), ran
