@@ -7,35 +7,36 @@ from functools import partial
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from procam.estimate.adjustment import Problem
 from procam.estimate.assemble import Measurement, assemble
 from procam.estimate.bundle import Pair
 from procam.estimate.bundle_start import FEWEST, Hung
+from procam.estimate.clean import keep_only
 from procam.estimate.codes import make_code
 from procam.estimate.decode import Decoder
 from procam.estimate.gather import gather
 from procam.estimate.geometry import ROUND_ENOUGH, GeometrySolution, solve_geometry
 from procam.estimate.limits import DecodeLimits
 from procam.estimate.marks import missing_marks
-from procam.estimate.photometry import ResponseFit, fit_colour, tile_levels
 from procam.estimate.radiance import Radiometer
-from procam.estimate.transport import Separation
 from procam.estimate.view import DomeView
 from procam.files.calibration import next_directory, save_calibration
+from procam.files.masks import camera_masks, projector_masks, screen_mask
 from procam.files.session import Session
 from procam.files.venue import Venue
 from procam.maths.ray_to_screen import RoundShape
+from procam.maths.sphere import master_pixels
 from procam.model.correspondence import CorrespondenceMap
 from procam.model.screen import Dome
 from procam.workflows.events import Event
+from procam.workflows.light import measure_light
 from procam.workflows.provenance import provenance
 from procam.workflows.readings import Readings
 
-Image = NDArray[np.float32]
 NOISE_DN = 6.0  # differences below a few counts mean nothing
 DARK_SIGMAS = 3.0
+MASK_SIZE = 1024  # of the dome master that masks of the screen are drawn on
 WORKERS = 2  # each holds about 400 MB for a 2.5 Mpx camera
 Result = TypeVar("Result")
 
@@ -64,9 +65,9 @@ def solve(venue: Venue, session: Session) -> Iterator[Event]:
         yield Event("solve", len(found) + 1, total, line)
     if geometry.main != camera:
         readings = Readings(session, plan, Radiometer(cameras[geometry.main]))
-    view = DomeView.of(geometry.camera, dome, readings.radiometer.rays, readings.radiometer.seen)
+    view = _view(venue, dome, readings, geometry)
     measured: dict[str, Measurement] = {}
-    work = partial(_measure, dome, readings, view, geometry, found)
+    work = partial(measure_light, dome, readings, view, geometry, found)
     for i, (name, measured[name]) in enumerate(_each(names, work)):
         yield Event("solve", len(found) + 2 + i, total, f"{name} light split, response fitted")
     calibration = assemble(dome, geometry, view, measured, provenance(venue, session))
@@ -95,7 +96,10 @@ def _decode(venue: Venue, readings: Readings, name: str) -> CorrespondenceMap:
     decoder = Decoder(make_code(code_name, venue.table.projectors[name].size), limits)
     for number, counts in pictures:
         decoder.add(number, counts)
-    return decoder.result().map
+    found = decoder.result().map
+    masked = camera_masks(venue)[camera.name].covered
+    masked = masked | projector_masks(venue)[name].at(found.projector_xy)
+    return keep_only(found, ~masked)
 
 
 def _solve_geometry(venue: Venue, found: Mapping[Pair, CorrespondenceMap]) -> GeometrySolution:
@@ -121,6 +125,17 @@ def _solved_screen(venue: Venue, geometry: GeometrySolution) -> Dome:
     return replace(venue.screen, radius_m=shape.radius_m, bumps=bumps, degree=shape.degree)
 
 
+def _view(venue: Venue, dome: Dome, readings: Readings, geometry: GeometrySolution) -> DomeView:
+    """What the main camera sees of the screen, without what a person has masked."""
+    seen = readings.radiometer.seen & ~camera_masks(venue)[geometry.main].covered
+    view = DomeView.of(geometry.camera, dome, readings.radiometer.rays, seen)
+    masked = screen_mask(venue, MASK_SIZE).at(
+        master_pixels(np.nan_to_num(view.direction), MASK_SIZE)
+    )
+    solid = np.where(masked, 0.0, view.solid_angle_sr)
+    return replace(view, on_screen=view.on_screen & ~masked, solid_angle_sr=solid)
+
+
 def _missing(venue: Venue, geometry: GeometrySolution) -> list[str]:
     known = venue.table.screen.radius_m is not None
     return missing_marks(known, venue.fiducials, len(geometry.freedoms))
@@ -135,35 +150,3 @@ def _verdict(geometry: GeometrySolution) -> str:
         f"bumps up to degree {degree} solved" if degree else "a second camera would tell its bumps"
     )
     return f"the dome is NOT a sphere {ratio}; {cure}"
-
-
-def _measure(
-    dome: Dome,
-    readings: Readings,
-    view: DomeView,
-    geometry: GeometrySolution,
-    found: Mapping[Pair, CorrespondenceMap],
-    name: str,
-) -> Measurement:
-    """One projector's light, split and fitted; black is measured at its own long exposure."""
-    dark, dark_long = readings.dark()
-    black = readings.light(readings.only(name, "black")) - dark_long
-    base = black + dark
-    white = readings.light(readings.only(name, "white")) - base
-    xy = view.projector_pixels(geometry.projectors[name], dome)
-    separation = Separation(white, xy, found[geometry.main, name].valid, view.solid_angle_sr)
-    for axis, bit, pattern, inverse in readings.stripe_pairs(name):
-        separation.add_pair(axis, bit, pattern - base, inverse - base)
-    light = separation.result()
-
-    def direct_part(picture: Image) -> Image:
-        share = separation.flux_share(picture).astype(np.float32)
-        return picture - share * light.scattered
-
-    primaries = [direct_part(readings.light(s) - base) for s in readings.plan.of(name, "primary")]
-    colour = fit_colour(primaries, np.where(light.lit[..., None], light.direct, 0))
-    fit = ResponseFit(light.direct, colour.mix)
-    for shot in readings.plan.of(name, "levels"):
-        level = tile_levels(readings.session.pattern(shot), xy, light.lit)
-        fit.add(direct_part(readings.light(shot) - base), level)
-    return Measurement(light, black, colour, fit.curve())
