@@ -49,7 +49,10 @@ class Landing:
 
     def directions(self, x: NDArray[np.generic], y: NDArray[np.generic]) -> Array:
         """Unit directions (len(y), len(x), 3) of the panel's points (x, y) [px]; NaN if they miss."""
-        pixels = np.stack(np.meshgrid(x, y), axis=-1).astype(float)
+        return self.at(np.stack(np.meshgrid(x, y), axis=-1).astype(float))
+
+    def at(self, pixels: Array) -> Array:
+        """Unit directions (H, W, 3) of any points (H, W, 2) of the panel [px]; NaN if they miss."""
         model = model_directions(self.rig, self.projector, pixels)
         if not self.field.any():
             return model

@@ -1,0 +1,232 @@
+"""Geometry over many rigs: how far directions are off, seams, and whether the errors are as told.
+
+Rigs are shaken out of their places for every seed; what cameras measure comes from
+`simulators.sightings`: true places of patches with a decoder's noise, no pictures.
+"""
+
+import json
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procam.errors import ProcamError
+from procam.estimate.adjustment import Problem
+from procam.estimate.bundle import Observations
+from procam.estimate.bundle_start import Hung
+from procam.estimate.geometry import GeometrySolution, solve_geometry
+from procam.estimate.landing import ARCMIN, Landing, measure_landing
+from procam.maths.lenses import project
+from procam.maths.ray_to_screen import RoundShape
+from procam.maths.sphere import angle_between, direction_from_angles, normalise
+from procam.model.optics import CameraModel, Fiducial, Sensor
+from simulators.presets import REALISTIC, STANDARD, Preset
+from simulators.rig import CameraBuild, ProjectorBuild, hang_projectors, set_up_cameras
+from simulators.sightings import camera_sees, points_lit, shaken, sightings
+from simulators.surface import Surface
+
+Array = NDArray[np.float64]
+HERE = Path(__file__).parent
+RADIUS_M, PANEL, CAMERA = 8.0, (1920, 1200), (2048, 2048)
+PROJECTORS, CAMERAS = 6, 2
+SIGMA_PX = 0.02  # of a patch: studies/codes.md finds .015 at SNR 50
+FIDUCIALS_DEG = ((12.0, 35.0), (130.0, 30.0), (-110.0, 50.0))
+FIDUCIAL_SIGMA = 1e-5  # rad: surveyed far better than the rig is solved
+JUDGE_M = np.array([-1.6, -0.9, -0.4])  # where nobody stood when the rig was solved
+SEAM_STEP_PX = 40
+
+
+@dataclass(frozen=True)
+class Case:
+    """One kind of dome, over how many seeds, with patches how large."""
+
+    name: str
+    preset: Preset
+    seeds: int
+    patch_px: int
+
+
+CASES = (Case("standard", STANDARD, 100, 24), Case("realistic", REALISTIC, 5, 12))
+
+
+@dataclass(frozen=True)
+class Dome:
+    """A shaken rig in a dome, and the solution."""
+
+    surface: Surface
+    projectors: list[ProjectorBuild]
+    cameras: list[CameraBuild]
+
+
+def main() -> None:
+    """Run all cases and write studies/geometry.json and .md."""
+    rows = []
+    for case in CASES:
+        for seed in range(case.seeds):
+            rows.append({"case": case.name, "seed": seed, **run(case, seed)})
+            print(rows[-1], flush=True)
+    (HERE / "geometry.json").write_text(json.dumps(rows, indent=1))
+    (HERE / "geometry.md").write_text(_report(rows))
+
+
+def run(case: Case, seed: int) -> dict[str, float | str]:
+    """Figures of one rig."""
+    rng = np.random.default_rng(seed)
+    surface = Surface.build(replace(case.preset, radius_m=RADIUS_M))
+    hung = hang_projectors(PROJECTORS, PANEL, RADIUS_M)
+    placed = set_up_cameras(CAMERAS, CAMERA, "fisheye", RADIUS_M)
+    dome = Dome(surface, *shaken(hung, placed, rng))
+    problem = _problem(dome, case.patch_px, rng)
+    started = time.perf_counter()
+    try:
+        found = solve_geometry(problem)
+    except ProcamError as error:
+        return {"failed": str(error)}
+    seconds = time.perf_counter() - started
+    landings = {b.name: measure_landing(found, b.name) for b in dome.projectors}
+    error, sigma = _directions(dome, landings)
+    return {
+        "rms_arcmin": float(np.sqrt(np.mean(error**2))),
+        "max_arcmin": float(error.max()),
+        "chi2": float(np.mean((error / sigma) ** 2)),
+        "seam_rms_px": _seams(dome, landings),
+        "degree": found.rig.shape.degree,
+        "sphere_ratio": found.sphere_excess**2,
+        "disagreement_arcmin": _cross_validated(problem, dome),
+        "solve_s": seconds,
+    }
+
+
+def _problem(dome: Dome, patch_px: int, rng: np.random.Generator) -> Problem:
+    seen = {}
+    for camera in dome.cameras:
+        for build in dome.projectors:
+            pixels = sightings(dome.surface, build, camera, patch_px, SIGMA_PX, rng)
+            sigma = np.full(len(pixels[0]), SIGMA_PX)
+            seen[camera.name, build.name] = Observations(*pixels, sigma)
+    cameras = {c.name: CameraModel(c.name, c.size, c.lens, Sensor(12, 64.0)) for c in dome.cameras}
+    return Problem(
+        RoundShape(RADIUS_M),
+        cameras,
+        {b.name: Hung(b.name, b.size) for b in dome.projectors},
+        seen,
+        dict.fromkeys(cameras, "fixed"),
+        _fiducials(dome, rng),
+    )
+
+
+def _fiducials(dome: Dome, rng: np.random.Generator) -> list[Fiducial]:
+    marks = []
+    for i, (azimuth, elevation) in enumerate(np.radians(FIDUCIALS_DEG)):
+        direction = direction_from_angles(azimuth, elevation)
+        point = direction * dome.surface.radius(direction)
+        off = rng.normal(0, FIDUCIAL_SIGMA, 2)
+        pixel = camera_sees(dome.cameras[0], point[None])[0]
+        angles = azimuth + off[0] / np.cos(elevation), elevation + off[1]
+        marks.append(Fiducial(f"f{i}", *angles, FIDUCIAL_SIGMA, dome.cameras[0].name, pixel))
+    return marks
+
+
+def _directions(dome: Dome, landings: dict[str, Landing]) -> tuple[Array, Array]:
+    """Errors of all lit pixels, thinned, and what was told of them [arcmin]."""
+    errors, sigmas = [], []
+    for build in dome.projectors:
+        x, y = np.arange(3, build.size[0], 20), np.arange(5, build.size[1], 20)
+        pixels = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2).astype(float)
+        true = points_lit(dome.surface, build, pixels)
+        lit = np.isfinite(true).all(axis=1)
+        told = landings[build.name].directions(x, y).reshape(-1, 3)[lit]
+        errors.append(ARCMIN * angle_between(normalise(true[lit]), told))
+        sigmas.append(landings[build.name].sigma_arcmin(x, y).ravel()[lit])
+    return np.concatenate(errors), np.concatenate(sigmas)
+
+
+def _seams(dome: Dome, landings: dict[str, Landing]) -> float:
+    """How far pixels of two projectors that should coincide are apart, seen from a new place [px]."""
+    apart = []
+    for first in dome.projectors:
+        x, y = (np.arange(20, n - 20, SEAM_STEP_PX) for n in first.size)
+        pixels = np.stack(np.meshgrid(x, y), axis=-1).astype(float)
+        direction = landings[first.name].at(pixels)
+        here = _seen(dome, first, pixels)
+        pixel = np.linalg.norm(_seen(dome, first, pixels + np.array([1.0, 0.0])) - here, axis=-1)
+        for second in dome.projectors:
+            if second.name != first.name:
+                other = _pixel_of(landings[second.name], direction)
+                inside = ((other > 0) & (other < np.array(second.size) - 1.0)).all(axis=-1)
+                there = _seen(dome, second, np.where(inside[..., None], other, 0.0))
+                gap = np.linalg.norm(there - here, axis=-1) / pixel
+                apart.append(gap[inside & np.isfinite(gap)])
+    return float(np.sqrt(np.mean(np.concatenate(apart) ** 2)))
+
+
+def _seen(dome: Dome, build: ProjectorBuild, pixels: Array) -> Array:
+    """Directions (..., 3) from the judge's place to where pixels truly land; NaN where not lit."""
+    flat = points_lit(dome.surface, build, pixels.reshape(-1, 2))
+    return normalise(flat - JUDGE_M).reshape(*pixels.shape[:-1], 3)
+
+
+def _pixel_of(landing: Landing, direction: Array) -> Array:
+    """The pixel (H, W, 2) whose shipped direction is `direction` (H, W, 3), by Newton's method."""
+    model, radius_m = landing.projector, landing.rig.shape.radius_m
+    pixel = project(model.projector_from_dome.apply(radius_m * direction), model.lens)
+    for _ in range(3):
+        here = landing.at(np.nan_to_num(pixel))
+        steps = [landing.at(np.nan_to_num(pixel) + s) - here for s in np.eye(2)]
+        slope = np.stack(steps, axis=-1)
+        square = np.einsum("...ia,...ib->...ab", slope, slope) + 1e-18 * np.eye(2)
+        right = np.einsum("...ia,...i->...a", slope, direction - here)
+        pixel = pixel + np.linalg.solve(square, right[..., None])[..., 0]
+    return pixel
+
+
+def _cross_validated(problem: Problem, dome: Dome) -> float:
+    """RMS angle between two solutions, each from every other patch [arcmin]."""
+    halves = []
+    for start in (0, 1):
+        seen = {pair: o.some(slice(start, None, 2)) for pair, o in problem.observations.items()}
+        halves.append(solve_geometry(replace(problem, observations=seen)))
+    angles = [_angle(halves, build) for build in dome.projectors]
+    return float(np.sqrt(np.mean(np.concatenate(angles) ** 2)))
+
+
+def _angle(halves: list[GeometrySolution], build: ProjectorBuild) -> Array:
+    x, y = np.arange(3, build.size[0], 40), np.arange(5, build.size[1], 40)
+    first, second = (measure_landing(h, build.name).directions(x, y) for h in halves)
+    angle = ARCMIN * angle_between(first, second)
+    return np.asarray(angle[np.isfinite(angle)])
+
+
+def _report(rows: list[dict]) -> str:
+    lines = [
+        "# Geometry: directions, seams and error bars",
+        "",
+        f"{PROJECTORS} projectors of {PANEL[0]}x{PANEL[1]}, {CAMERAS} fisheyes of {CAMERA[0]}x{CAMERA[1]}, "
+        f"dome of {RADIUS_M:g} m; rigs shaken by 3 to 9 degrees and decimetres for every seed, no start "
+        f"values; {SIGMA_PX} px noise per patch, lenses of the cameras known.",
+        "",
+        "| case | seeds | converged | direction rms, mean and worst [arcmin] | max, worst | chi2 of "
+        "error/sigma, mean and worst | seams rms, worst [px] | two halves apart [arcmin] | solve [s] |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
+    for case in CASES:
+        mine = [r for r in rows if r["case"] == case.name]
+        good = [r for r in mine if "failed" not in r]
+
+        def values(key: str, good: list[dict] = good) -> Array:
+            return np.array([r[key] for r in good])
+
+        rms, chi2 = values("rms_arcmin"), values("chi2")
+        lines.append(
+            f"| {case.name} | {len(mine)} | {len(good)} | {rms.mean():.3f}, {rms.max():.3f} | "
+            f"{values('max_arcmin').max():.2f} | {chi2.mean():.2f}, {chi2.max():.2f} | "
+            f"{values('seam_rms_px').max():.3f} | {values('disagreement_arcmin').mean():.3f} | "
+            f"{np.median(values('solve_s')):.1f} |"
+        )
+    goals = (
+        "standard <= .3 rms, <= 1 max; realistic <= 1 rms; seams <= .25 px; realistic chi2 <= 1.3"
+    )
+    lines += ["", f"Goals: {goals}; all converge.", "", "`python -m studies geometry`", ""]
+    return "\n".join(lines)
