@@ -55,6 +55,12 @@ def first_rigs(
     return sorted(tried, key=lambda rig: _misfit(rig, few))
 
 
+def rehung(rig: Rig, hung: Mapping[str, Hung], seen: Mapping[Pair, Observations]) -> Rig:
+    """The rig with all projectors found anew from where its cameras are."""
+    few = {pair: _thinned(some) for pair, some in seen.items()}
+    return _with_projectors(Rig(rig.shape, rig.cameras, {}), hung, few)
+
+
 def with_camera(
     rig: Rig, camera: CameraModel, hung: Mapping[str, Hung], seen: Mapping[Pair, Observations]
 ) -> Rig:

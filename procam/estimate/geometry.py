@@ -1,6 +1,6 @@
 """Where cameras and projectors stand and how they are built, from what cameras see (science.md s.3)."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -16,14 +16,15 @@ from procam.estimate.adjustment import (
     spread_of,
 )
 from procam.estimate.bundle import Layout, Observations, Pair, Rig, residuals
-from procam.estimate.bundle_start import check_complete, first_rigs, with_camera
+from procam.estimate.bundle_start import check_complete, first_rigs, rehung, with_camera
 from procam.estimate.marks import check_fiducials, turned_to_fiducials
 from procam.maths.ray_to_screen import bump_count
 from procam.model.optics import CameraModel, ProjectorModel
 
 Array = NDArray[np.float64]
 FEW = 1500  # observations of each pair in the first rounds
-ROUGH, TRIES = 300, 8  # observations of each pair, and places of the first camera, for a start
+ROUGH = 300  # observations of each pair for a start
+TRIES = (8, 4, 2, 1)  # places of the first camera that are followed further, ever fewer
 MOST_BUMPY = 5000  # where the screen is no sphere, it is not noise that counts
 OUTLIER_SIGMAS = 6.0
 GROSS_SIGMAS = 40.0  # a panel lit at a grazing angle may be far off the model, and yet be right
@@ -128,18 +129,32 @@ def _started(problem: Problem, seen: Mapping[Pair, Observations]) -> Rig:
         n: sum(len(o.sigma_px) for (c, _), o in seen.items() if c == n) for n in problem.cameras
     }
     first, *others = sorted(problem.cameras, key=lambda name: -counts[name])
-    tried: list[tuple[float, Rig]] = []
-    for start in first_rigs(problem.cameras[first], problem.shape, problem.hung, seen)[:TRIES]:
-        rig = _roughly(problem, seen, start)
-        tried.append((_mean_excess(rig, _visible(rig, seen)), rig))
-        if tried[-1][0] < ROUND_ENOUGH:
+    rigs = first_rigs(problem.cameras[first], problem.shape, problem.hung, seen)
+    for most in TRIES:
+        rigs = _best_first(problem, seen, rigs[:most])
+        if _mean_excess(rigs[0], _visible(rigs[0], seen)) < ROUND_ENOUGH:
             break
-    rig = min(tried, key=lambda each: each[0])[1]
+        # a projector that began too far off is found anew from where the camera is by now
+        rigs = [rehung(rig, problem.hung, seen) for rig in rigs]
+    rig = _roughly(problem, seen, rigs[0])
     for name in others:
         rig = with_camera(rig, problem.cameras[name], problem.hung, seen)
         rig = _roughly(problem, seen, rig)
     check_complete(rig, problem.hung)
     return rig
+
+
+def _best_first(
+    problem: Problem, seen: Mapping[Pair, Observations], starts: Sequence[Rig]
+) -> list[Rig]:
+    """Rigs after a few more rounds, best first; one that fits ends the search."""
+    tried: list[tuple[float, Rig]] = []
+    for start in starts:
+        rig = _roughly(problem, seen, start)
+        tried.append((_mean_excess(rig, _visible(rig, seen)), rig))
+        if tried[-1][0] < ROUND_ENOUGH:
+            return [rig]
+    return [rig for _, rig in sorted(tried, key=lambda each: each[0])]
 
 
 def _roughly(problem: Problem, seen: Mapping[Pair, Observations], rig: Rig) -> Rig:
