@@ -38,6 +38,7 @@ FIDUCIALS_DEG = ((12.0, 35.0), (130.0, 30.0), (-110.0, 50.0))
 FIDUCIAL_SIGMA = 1e-5  # rad: surveyed far better than the rig is solved
 JUDGE_M = np.array([-1.6, -0.9, -0.4])  # where nobody stood when the rig was solved
 SEAM_STEP_PX = 40
+FOUND = 1e-7  # rad: a pixel that shows a direction
 WORKERS = 2
 
 
@@ -187,7 +188,8 @@ def _pixel_of(landing: Landing, direction: Array) -> Array:
         square = np.einsum("...ia,...ib->...ab", slope, slope) + 1e-18 * np.eye(2)
         right = np.einsum("...ia,...i->...a", slope, direction - here)
         pixel = pixel + np.linalg.solve(square, right[..., None])[..., 0]
-    return pixel
+    missed = np.linalg.norm(landing.at(np.nan_to_num(pixel)) - direction, axis=-1) > FOUND
+    return np.where(missed[..., None], np.nan, pixel)  # no pixel of this panel shows it
 
 
 def _cross_validated(problem: Problem, dome: Dome) -> float:
@@ -230,7 +232,7 @@ def _report(rows: list[dict]) -> str:
         lines.append(
             f"| {case.name} | {len(mine)} | {len(good)} | {rms.mean():.3f}, {rms.max():.3f} | "
             f"{values('max_arcmin').max():.2f} | {chi2.mean():.2f}, {chi2.max():.2f} | "
-            f"{values('seam_rms_px').max():.3f} | {values('disagreement_arcmin').mean():.3f} | "
+            f"{values('seam_rms_px').max():.3f} | {_or_dash(values('disagreement_arcmin').mean())} | "
             f"{np.median(values('solve_s')):.1f} |"
         )
     goals = (
@@ -238,3 +240,7 @@ def _report(rows: list[dict]) -> str:
     )
     lines += ["", f"Goals: {goals}; all converge.", "", "`python -m studies geometry`", ""]
     return "\n".join(lines)
+
+
+def _or_dash(value: float) -> str:
+    return f"{value:.3f}" if np.isfinite(value) else "-"
