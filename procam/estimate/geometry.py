@@ -182,7 +182,9 @@ def _apart(rig: Rig) -> bool:
 
 
 def _mean_excess(rig: Rig, seen: Mapping[Pair, Observations]) -> float:
-    return float(np.sqrt(np.mean([excess_of(rig, p, o) ** 2 for p, o in seen.items()])))
+    """Root mean square over pairs of what agrees; misread patches would hide a rig that is right."""
+    agreeing = _agreeing(rig, seen)
+    return float(np.sqrt(np.mean([excess_of(rig, p, o) ** 2 for p, o in agreeing.items()])))
 
 
 def _thinned(seen: Observations, most: int | None) -> Observations:
