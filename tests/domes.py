@@ -16,7 +16,13 @@ from simulators.rig import CameraBuild, ProjectorBuild, hang_projectors, set_up_
 from simulators.sightings import camera_sees, shaken, sightings
 from simulators.surface import Surface
 
-MARKS_DEG = {"front": (12.0, 35.0), "left": (130.0, 30.0), "right": (-110.0, 50.0)}
+MARKS_DEG = {
+    "front": (12.0, 35.0),
+    "left": (130.0, 30.0),
+    "right": (-110.0, 50.0),
+    "back": (-170.0, 25.0),
+    "top": (40.0, 75.0),
+}
 SENSOR = Sensor(12, 64.0)
 
 

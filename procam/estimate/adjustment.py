@@ -104,7 +104,8 @@ def prior_of(problem: Problem, rig: Rig) -> Array:
     layout = Layout.of(rig)
     sigma = np.full(layout.count, np.inf)
     sigma[layout.screen] = np.r_[
-        0.0 if problem.radius_known else np.inf, np.full(rig.shape.bumps.size, BUMP_PRIOR)
+        0.0 if problem.radius_known else np.inf,
+        np.full(rig.shape.bumps.size, BUMP_PRIOR if rig.shape.degree else 0.0),
     ]
     for name, camera in rig.cameras.items():
         block = sigma[layout.cameras[name]]
@@ -188,7 +189,7 @@ class Adjustment:
         self.reliefs: dict[Pair, Relief | None] = {}
         for pair, some in self.seen.items():
             ray = self.rays.get(pair)
-            if rig.shape.degree and ray is None:
+            if ray is None and not rig.shape.exact:
                 ray = unproject(some.camera_px, rig.cameras[pair[0]].lens)
             self.reliefs[pair] = None if ray is None else relief_seen(rig, pair[0], ray)
 

@@ -136,7 +136,7 @@ def moved_projector(projector: ProjectorModel, x: Array) -> ProjectorModel:
 def camera_rays(camera: CameraModel, ray: Array) -> tuple[Array, Array]:
     """Origins (N, 3) [m] and unit directions (N, 3) in the dome's frame of rays (N, 3) in its own."""
     assert camera.camera_from_dome is not None
-    return rays_sent(_device(camera.camera_from_dome, camera.lens, camera.pupil), ray)
+    return rays_sent(device_of(camera.camera_from_dome, camera.lens, camera.pupil), ray)
 
 
 def points_seen(rig: Rig, camera: str, camera_px: Array) -> Array:
@@ -150,7 +150,7 @@ def relief_seen(rig: Rig, camera: str, ray: Array) -> Relief | None:
 
     What the functions below take from here need not be of quite the same rig: see `RoundShape.relief`.
     """
-    if not rig.shape.degree:
+    if rig.shape.exact:
         return None
     return rig.shape.relief(*camera_rays(rig.cameras[camera], ray))
 
@@ -220,12 +220,13 @@ def _sight(rig: Rig, pair: Pair) -> Sight:
     camera, projector = rig.cameras[pair[0]], rig.projectors[pair[1]]
     assert camera.camera_from_dome is not None
     return Sight(
-        _device(camera.camera_from_dome, camera.lens, camera.pupil),
-        _device(projector.projector_from_dome, projector.lens, np.zeros(PUPIL)),
+        device_of(camera.camera_from_dome, camera.lens, camera.pupil),
+        device_of(projector.projector_from_dome, projector.lens, np.zeros(PUPIL)),
         rig.shape.radius_m,
         rig.shape.bumps,
     )
 
 
-def _device(pose: Pose, lens: Lens, pupil: Array) -> Device:
+def device_of(pose: Pose, lens: Lens, pupil: Array) -> Device:
+    """A camera or projector as the kernels take it."""
     return Device(pose.rotation, pose.translation, lens.kind, lens_parameters(lens), pupil)

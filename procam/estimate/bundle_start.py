@@ -1,6 +1,6 @@
 """Start values for the bundle adjustment, from nothing but rays and a sphere."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,11 +14,12 @@ from procam.maths.lenses import Lens, LensKind, project, unproject
 from procam.maths.pose import Pose, align_rotation
 from procam.maths.ray_to_screen import RoundShape
 from procam.maths.sphere import direction_from_angles, normalise
-from procam.model.optics import CameraModel, ProjectorModel
+from procam.model.optics import CameraModel, Fiducial, ProjectorModel
 
 Array = NDArray[np.float64]
 SOME = 400  # observations of each pair that a start looks at
 FEWEST = 40
+FEWEST_MARKS = 4  # three leave up to four places to choose from
 OFFSETS = (0.25, 0.5)  # of the radius, by which a camera may stand off the centre
 WIDE = (0.3, 0.45, 0.6, 0.8)  # focal lengths over width that are tried for a fisheye projector
 
@@ -59,6 +60,26 @@ def rehung(rig: Rig, hung: Mapping[str, Hung], seen: Mapping[Pair, Observations]
     """The rig with all projectors found anew from where its cameras are."""
     few = {pair: _thinned(some) for pair, some in seen.items()}
     return _with_projectors(Rig(rig.shape, rig.cameras, {}), hung, few)
+
+
+def placed_by_marks(
+    cameras: Mapping[str, CameraModel], shape: RoundShape, fiducials: Sequence[Fiducial]
+) -> CameraModel:
+    """The camera that sees most fiducials, placed by them: what a screen needs that is no sphere."""
+    full = [f for f in fiducials if f.azimuth is not None and f.elevation is not None]
+    marks = {name: [f for f in full if f.device == name] for name in cameras}
+    name = max(marks, key=lambda n: len(marks[n]))
+    if len(marks[name]) < FEWEST_MARKS:
+        raise NotEnoughData(
+            f"fiducials: got {len(marks[name])} that one camera sees and both angles of which are "
+            f"known, expected {FEWEST_MARKS} or more on a screen that is a mesh; list corners of it"
+        )
+    angles = np.array([(f.azimuth or 0.0, f.elevation or 0.0) for f in marks[name]])
+    direction = np.array([direction_from_angles(*pair) for pair in angles])
+    ray = unproject(np.array([f.pixel for f in marks[name]], float), cameras[name].lens)
+    point = shape.reach(direction)[:, None] * direction
+    pose = place_by_rays(ray, point, shape.radius_m)
+    return replace(cameras[name], camera_from_dome=pose)
 
 
 def with_camera(

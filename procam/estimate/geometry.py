@@ -16,7 +16,13 @@ from procam.estimate.adjustment import (
     spread_of,
 )
 from procam.estimate.bundle import Layout, Observations, Pair, Rig, residuals
-from procam.estimate.bundle_start import check_complete, first_rigs, rehung, with_camera
+from procam.estimate.bundle_start import (
+    check_complete,
+    first_rigs,
+    placed_by_marks,
+    rehung,
+    with_camera,
+)
 from procam.estimate.marks import check_fiducials, turned_to_fiducials
 from procam.maths.ray_to_screen import bump_count
 from procam.model.optics import CameraModel, ProjectorModel
@@ -81,15 +87,13 @@ def solve_geometry(problem: Problem) -> GeometrySolution:
 
     First in the camera's own axes, on a part of the observations with little trust in any of them;
     then turned to the fiducials, at last on all that agree. An exact sphere is tried first, then more
-    and more harmonics as long as they explain more.
+    and more harmonics as long as they explain more. A mesh stays as it is; the first camera is placed
+    on it by four fiducials or more.
     """
     few = {pair: _thinned(some, FEW) for pair, some in problem.observations.items()}
-    free = replace(problem, fiducials=(), distances=())
-    rig = _fitted(free, few, _started(free, few))
-    check_fiducials(rig, problem.fiducials)
-    rig = _fitted(problem, few, turned_to_fiducials(rig, problem.fiducials))
+    rig = _fitted(problem, few, _in_place(problem, few))
     on_sphere = _mean_excess(rig, few)
-    for degree in DEGREES if _apart(rig) else ():
+    for degree in DEGREES if _bends(problem, rig) else ():
         excess = _mean_excess(rig, few)
         if excess < ROUND_ENOUGH or degree > problem.most_degree:
             break
@@ -100,7 +104,7 @@ def solve_geometry(problem: Problem) -> GeometrySolution:
         if _mean_excess(bent, few) > EXPLAINS * excess:
             break
         rig = bent
-    most = MOST_BUMPY if rig.shape.degree else None
+    most = None if rig.shape.exact else MOST_BUMPY
     used = {pair: _thinned(some, most) for pair, some in problem.observations.items()}
     last = Adjustment(problem, _agreeing(rig, used), prior_of(problem, rig))
     rig = last.solve(rig, robust=False)
@@ -120,15 +124,29 @@ def _with_covariances(rig: Rig, covariance: Array) -> Rig:
     return Rig(rig.shape, rig.cameras, projectors)
 
 
-def _started(problem: Problem, seen: Mapping[Pair, Observations]) -> Rig:
-    """All devices near their places: camera after camera, each time with what is known by then.
+def _in_place(problem: Problem, few: Mapping[Pair, Observations]) -> Rig:
+    """All devices near their places in the dome's frame."""
+    free = replace(problem, fiducials=(), distances=())
+    turns = problem.shape.exact  # turned about its centre, a sphere looks the same
+    start = _started(free, few) if turns else _started_by_marks(problem, few)
+    rig = _fitted(free, few, start)
+    check_fiducials(rig, problem.fiducials)
+    return turned_to_fiducials(rig, problem.fiducials) if turns else rig
 
-    One camera and an exact sphere tell of everything that camera sees, if it starts well enough.
+
+def _started_by_marks(problem: Problem, few: Mapping[Pair, Observations]) -> Rig:
+    """All devices near their places on a screen that is no sphere."""
+    camera = placed_by_marks(problem.cameras, problem.shape, problem.fiducials)
+    alone = Rig(problem.shape, {camera.name: camera}, {})
+    return _with_others(problem, few, rehung(alone, problem.hung, few))
+
+
+def _started(problem: Problem, seen: Mapping[Pair, Observations]) -> Rig:
+    """All devices near their places, in the axes of the camera that sees most.
+
+    It and an exact sphere tell of everything it sees, if it starts well enough.
     """
-    counts = {
-        n: sum(len(o.sigma_px) for (c, _), o in seen.items() if c == n) for n in problem.cameras
-    }
-    first, *others = sorted(problem.cameras, key=lambda name: -counts[name])
+    first = _by_most_seen(problem, seen)[0]
     rigs = first_rigs(problem.cameras[first], problem.shape, problem.hung, seen)
     for most in TRIES:
         rigs = _best_first(problem, seen, rigs[:most])
@@ -136,12 +154,26 @@ def _started(problem: Problem, seen: Mapping[Pair, Observations]) -> Rig:
             break
         # a projector that began too far off is found anew from where the camera is by now
         rigs = [rehung(rig, problem.hung, seen) for rig in rigs]
-    rig = _roughly(problem, seen, rigs[0])
-    for name in others:
-        rig = with_camera(rig, problem.cameras[name], problem.hung, seen)
-        rig = _roughly(problem, seen, rig)
+    return _with_others(problem, seen, rigs[0])
+
+
+def _with_others(problem: Problem, seen: Mapping[Pair, Observations], rig: Rig) -> Rig:
+    """The rig with camera after camera, each time with what is known by then."""
+    rig = _roughly(problem, seen, rig)
+    for name in _by_most_seen(problem, seen):
+        if name not in rig.cameras:
+            rig = with_camera(rig, problem.cameras[name], problem.hung, seen)
+            rig = _roughly(problem, seen, rig)
     check_complete(rig, problem.hung)
     return rig
+
+
+def _by_most_seen(problem: Problem, seen: Mapping[Pair, Observations]) -> list[str]:
+    """Cameras, the one that sees most first."""
+    counts = {
+        n: sum(len(o.sigma_px) for (c, _), o in seen.items() if c == n) for n in problem.cameras
+    }
+    return sorted(counts, key=lambda name: -counts[name])
 
 
 def _best_first(
@@ -174,8 +206,10 @@ def _fitted(problem: Problem, seen: Mapping[Pair, Observations], rig: Rig) -> Ri
     return Adjustment(problem, _agreeing(rig, seen), prior).solve(rig, robust=False)
 
 
-def _apart(rig: Rig) -> bool:
-    """Whether two cameras stand so far apart that they tell of depth."""
+def _bends(problem: Problem, rig: Rig) -> bool:
+    """Whether the screen may be solved for: two cameras stand so far apart that they tell of depth."""
+    if not problem.shape.exact:
+        return False
     places = [c.camera_from_dome.origin for c in rig.cameras.values() if c.camera_from_dome]
     steps = [np.linalg.norm(a - b) for a, b in combinations(places, 2)]
     return bool(max(steps, default=0.0) > APART * rig.shape.radius_m)

@@ -8,7 +8,9 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from procam.errors import CalibrationError, InputError
-from procam.estimate.bundle import Layout, Rig, camera_rays, points_seen
+from procam.estimate.bundle import POSE, PUPIL, Layout, Rig, device_of
+from procam.kernels import Device
+from procam.kernels.reference_bundle import point_slopes, rays_sent
 from procam.maths.lenses import unproject
 from procam.maths.pose import Pose, align_rotation, rotation_matrix
 from procam.maths.sphere import angles_from_direction, direction_from_angles, normalise
@@ -17,49 +19,77 @@ from procam.model.optics import Distance, Fiducial
 Array = NDArray[np.float64]
 CONTRADICTION = 8.0  # sigmas
 PIXEL_SIGMA = 1e-3  # how well somebody clicks a mark, seen from the centre [rad]
-STEP = 1e-6  # of every parameter, whatever its unit: marks are few and smooth
+STEP = 1e-5  # [m] of a point, for slopes of what is wrong with it
 
 
 def mark_rows(
     rig: Rig, fiducials: Sequence[Fiducial], distances: Sequence[Distance]
 ) -> tuple[Array, Array]:
-    """Residuals (M,) of all marks in their own sigmas, and slopes (M, P) by differences."""
-    error = mark_errors(rig, fiducials, distances)
+    """Residuals (M,) of all marks in their own sigmas, and slopes (M, P) by the rig's parameters."""
     layout = Layout.of(rig)
-    slopes = np.zeros((len(error), layout.count))
-    for i in _columns(layout, fiducials, distances) if len(error) else ():
-        step = np.zeros(layout.count)
-        step[i] = STEP
-        ahead = mark_errors(rig.moved(step), fiducials, distances)
-        slopes[:, i] = (ahead - mark_errors(rig.moved(-step), fiducials, distances)) / (2 * STEP)
-    return error, slopes
+    error, rows = mark_errors(rig, fiducials, distances), [np.zeros((0, layout.count))]
+    for fiducial in fiducials:
+        point, moves = _seen_point(rig, fiducial, layout)
+        by_point = [
+            _off(fiducial, normalise(point + step)) - _off(fiducial, normalise(point - step))
+            for step in STEP * np.eye(3)
+        ]
+        rows.append(np.stack(by_point, axis=1) / (2 * STEP) @ moves)
+    for distance in distances:
+        (a, by_a), (b, by_b) = (
+            _place(rig, fiducials, name, layout) for name in (distance.a, distance.b)
+        )
+        along = (a - b) / np.linalg.norm(a - b)
+        rows.append((along @ (by_a - by_b) / distance.sigma_m)[None])
+    return error, np.concatenate(rows)
 
 
 def mark_errors(rig: Rig, fiducials: Sequence[Fiducial], distances: Sequence[Distance]) -> Array:
     """Residuals (M,) of all marks in their own sigmas."""
-    parts = [_fiducial_error(rig, f) for f in fiducials]
+    parts = [_off(f, normalise(seen_point(rig, f))) for f in fiducials]
     parts += [np.array([_distance_error(rig, fiducials, d)]) for d in distances]
     return np.concatenate(parts) if parts else np.zeros(0)
 
 
 def seen_point(rig: Rig, fiducial: Fiducial) -> Array:
     """The point (3,) [m] of the screen where its device sees, or shows, a fiducial."""
+    device, ray = _device_of(rig, fiducial)
+    return rig.shape.meet(*rays_sent(device, ray))[0]
+
+
+def _seen_point(rig: Rig, fiducial: Fiducial, layout: Layout) -> tuple[Array, Array]:
+    """`seen_point`, and its slopes (3, P)."""
+    device, ray = _device_of(rig, fiducial)
+    hit = rig.shape.hit(*rays_sent(device, ray))
+    shape, identity = rig.shape, np.eye(3)[None]
+    parts = point_slopes(device, ray, hit, shape.radius_m, shape.bumps, identity, lens_free=True)
+    found = np.concatenate(parts, axis=2)[0]
+    columns = np.r_[layout.screen, _block(layout, fiducial.device)]
+    slopes = np.zeros((3, layout.count))
+    slopes[:, columns] = found[:, : len(columns)]  # a projector has no pupil to move
+    return hit.point[0], slopes
+
+
+def _device_of(rig: Rig, fiducial: Fiducial) -> tuple[Device, Array]:
+    """The device of a fiducial, and the ray (1, 3) of its pixel."""
     pixel = np.asarray(fiducial.pixel, float)[None]
     if fiducial.device in rig.cameras:
-        return points_seen(rig, fiducial.device, pixel)[0]
+        camera = rig.cameras[fiducial.device]
+        assert camera.camera_from_dome is not None
+        device = device_of(camera.camera_from_dome, camera.lens, camera.pupil)
+        return device, unproject(pixel, camera.lens)
     projector = rig.projectors[fiducial.device]
-    back = projector.projector_from_dome.inverse()
-    ray = back.rotate(unproject(pixel, projector.lens))
-    return rig.shape.meet(np.broadcast_to(back.translation, (1, 3)), ray)[0]
+    device = device_of(projector.projector_from_dome, projector.lens, np.zeros(PUPIL))
+    return device, unproject(pixel, projector.lens)
 
 
-def _fiducial_error(rig: Rig, fiducial: Fiducial) -> Array:
-    """Off by how much along its azimuth and elevation, as far as they are known [sigma]."""
-    return _off(fiducial, normalise(seen_point(rig, fiducial)))
+def _block(layout: Layout, name: str) -> slice:
+    """Where a device's parameters stand."""
+    return layout.cameras[name] if name in layout.cameras else layout.projectors[name]
 
 
 def _off(fiducial: Fiducial, seen: Array) -> Array:
-    """What is wrong with a fiducial that is seen in a direction (3,) [sigma]."""
+    """What is wrong with a fiducial that is seen in a direction (3,), along the angles known [sigma]."""
     azimuth, elevation = (float(a) for a in angles_from_direction(seen))
     known_azimuth, known_elevation = fiducial.azimuth, fiducial.elevation
     if known_azimuth is not None and known_elevation is not None:
@@ -75,32 +105,31 @@ def _off(fiducial: Fiducial, seen: Array) -> Array:
 
 
 def _distance_error(rig: Rig, fiducials: Sequence[Fiducial], distance: Distance) -> float:
-    ends = [_place(rig, fiducials, name) for name in (distance.a, distance.b)]
+    layout = Layout.of(rig)
+    ends = [_place(rig, fiducials, name, layout)[0] for name in (distance.a, distance.b)]
     return float((np.linalg.norm(ends[0] - ends[1]) - distance.metres) / distance.sigma_m)
 
 
-def _place(rig: Rig, fiducials: Sequence[Fiducial], name: str) -> Array:
-    """Where a camera, projector or fiducial of that name is (3,) [m]."""
+def _place(
+    rig: Rig, fiducials: Sequence[Fiducial], name: str, layout: Layout
+) -> tuple[Array, Array]:
+    """Where a camera, projector or fiducial of that name is (3,) [m], and its slopes (3, P)."""
+    pose = None
     if name in rig.cameras:
-        return camera_rays(rig.cameras[name], np.array([[0.0, 0.0, 1.0]]))[0][0]
-    if name in rig.projectors:
-        return rig.projectors[name].projector_from_dome.origin
+        pose = rig.cameras[name].camera_from_dome
+    elif name in rig.projectors:
+        pose = rig.projectors[name].projector_from_dome
+    if pose is not None:
+        slopes = np.zeros((3, layout.count))
+        slopes[:, _block(layout, name)][:, 3:POSE] = -pose.rotation.T
+        return pose.origin, slopes
     for fiducial in fiducials:
         if fiducial.name == name:
-            return seen_point(rig, fiducial)
+            return _seen_point(rig, fiducial, layout)
     raise InputError(
         f"distances: got {name!r}, expected a camera, projector or fiducial: "
         f"{', '.join([*rig.cameras, *rig.projectors, *(f.name for f in fiducials)])}"
     )
-
-
-def _columns(
-    layout: Layout, fiducials: Sequence[Fiducial], distances: Sequence[Distance]
-) -> NDArray[np.intp]:
-    """Parameters that marks can depend on: the screen's, and those of the devices they name."""
-    named = {f.device for f in fiducials} | {n for d in distances for n in (d.a, d.b)}
-    blocks = {**layout.cameras, **layout.projectors}
-    return np.r_[layout.screen, *(blocks[n] for n in sorted(named & set(blocks)))]
 
 
 def turned_to_fiducials(rig: Rig, fiducials: Sequence[Fiducial]) -> Rig:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from procam.kernels.reference_lenses import project_slopes, ray_slopes
 
 Array = NDArray[np.float64]
-STEPS = 3  # from the sphere to the screen
+STEPS = 3  # from near the screen onto it
 CHUNK = 4096  # observations at a time: what they need stays in the cache
 
 
@@ -95,7 +95,7 @@ class Hit(NamedTuple):
     """Where rays meet a screen.
 
     point (N, 3) [m]; outward (N, 3): gradient there of the height over the screen, measured from the
-    centre; values (N, K) of the harmonics there. NaN where a ray misses the sphere.
+    centre; values (N, K) of the harmonics there. NaN where a ray misses, or looks away from its relief.
     """
 
     point: Array
@@ -110,14 +110,17 @@ def on_screen(
 
     From where the relief is known the harmonics go on as their tangents do; None: a sphere.
     """
-    along = np.sum(origin * direction, axis=1)
-    root = along * along - np.sum(origin * origin, axis=1) + radius_m**2
-    reach = np.sqrt(np.where(root >= 0, root, np.nan)) - along
-    point = origin + reach[:, None] * direction
     if relief is None:
+        along = np.sum(origin * direction, axis=1)
+        root = along * along - np.sum(origin * origin, axis=1) + radius_m**2
+        reach = np.sqrt(np.where(root >= 0, root, np.nan)) - along
+        point = origin + reach[:, None] * direction
         return Hit(point, point / radius_m, np.zeros((len(point), 0)))
     slope = np.einsum("nki,k->ni", relief.slopes, bumps)
     level = 1 + relief.values @ bumps
+    near = radius_m * level[:, None] * relief.start - origin
+    reach = np.sum(near * direction, axis=1)
+    point = origin + np.where(reach > 0, reach, np.nan)[:, None] * direction
     for _ in range(STEPS):
         distance = np.linalg.norm(point, axis=1)
         unit = point / distance[:, None]
@@ -139,34 +142,51 @@ def bundle_rows(
     """
     camera, projector = sight.camera, sight.projector
     origin, direction = rays_sent(camera, ray)
-    point, outward, values = on_screen(origin, direction, sight.radius_m, sight.bumps, relief)
-    there = point @ projector.rotation.T + projector.translation
+    hit = on_screen(origin, direction, sight.radius_m, sight.bumps, relief)
+    there = hit.point @ projector.rotation.T + projector.translation
     shown, by_there, by_shown_lens = project_slopes(there, projector.kind, projector.lens)
     by_point = by_there @ projector.rotation
-    # a point moves on the screen: what leads off it is made up along the ray
-    along = np.sum(outward * direction, axis=1)
-    lift = np.einsum("nij,nj->ni", by_point, direction) / along[:, None]
-    in_camera = (by_point - lift[..., None] * outward[:, None]) @ camera.rotation.T
-    by_height = sight.radius_m * lift[..., None]
-    distance = np.sum((point - origin) * direction, axis=1)
-    slopes = [
-        by_height * (1 + values @ sight.bumps)[:, None, None],
-        by_height * values[:, None],
-        *_camera_slopes(camera, ray, in_camera, distance, lens_free),
-        _turned(by_there, there),
-        by_there,
-        by_shown_lens,
-    ]
+    slopes = point_slopes(camera, ray, hit, sight.radius_m, sight.bumps, by_point, lens_free)
+    slopes += [_turned(by_there, there), by_there, by_shown_lens]
     return shown - seen, np.concatenate(slopes, axis=2)
+
+
+def point_slopes(
+    camera: Device,
+    ray: Array,
+    hit: Hit,
+    radius_m: float,
+    bumps: Array,
+    by_point: Array,
+    lens_free: bool,
+) -> list[Array]:
+    """Slopes (N, R, ...) of what follows from the point that a ray (N, 3) hits, given by_point (N, R, 3).
+
+    By log radius and bumps of the screen; by turn, shift, lens and pupil of the camera, the last two
+    0 unless `lens_free`.
+    """
+    origin, direction = rays_sent(camera, ray)
+    # a point moves on the screen: what leads off it is made up along the ray
+    along = np.sum(hit.outward * direction, axis=1)
+    lift = np.einsum("nij,nj->ni", by_point, direction) / along[:, None]
+    in_camera = (by_point - lift[..., None] * hit.outward[:, None]) @ camera.rotation.T
+    by_height = radius_m * lift[..., None]
+    distance = np.sum((hit.point - origin) * direction, axis=1)
+    return [
+        by_height * (1 + hit.values @ bumps)[:, None, None],
+        by_height * hit.values[:, None],
+        *_camera_slopes(camera, ray, in_camera, distance, lens_free),
+    ]
 
 
 def _camera_slopes(
     camera: Device, ray: Array, in_camera: Array, distance: Array, lens_free: bool
 ) -> list[Array]:
-    """Slopes (N, 2, ...) by turn, shift, lens and pupil, given those by a shift `in_camera`."""
+    """Slopes (N, R, ...) by turn, shift, lens and pupil, given those by a shift `in_camera`."""
     by_ray = distance[:, None, None] * in_camera
     turn = -_turned(by_ray, ray) - _turned(in_camera, _pupil_place(camera, ray))
-    lens, pupil = np.zeros((len(ray), 2, len(camera.lens))), np.zeros((len(ray), 2, 2))
+    size = in_camera.shape[:2]
+    lens, pupil = np.zeros((*size, len(camera.lens))), np.zeros((*size, 2))
     if lens_free:
         theta2, across2 = _angle2(ray), np.sum(ray[:, :2] ** 2, axis=1)
         # z of the ray is cos(theta): theta^2, and with it the start, moves by -2 theta / sin(theta)
@@ -198,7 +218,7 @@ def _pupil_place(camera: Device, ray: Array) -> Array:
 
 
 def _turned(slope: Array, vector: Array) -> Array:
-    """Slopes (N, 2, 3) by a turn of vectors (N, 3), given those by the vectors."""
+    """Slopes (N, R, 3) by a turn of vectors (N, 3), given those by the vectors."""
     x, y, z = vector.T[:, :, None]
     a, b, c = np.moveaxis(slope, 2, 0)
     return np.stack([y * c - z * b, z * a - x * c, x * b - y * a], axis=2)

@@ -28,9 +28,14 @@ class RoundShape:
     bumps: Array = field(default_factory=lambda: np.zeros(0))
     degree: int = 0
 
+    @property
+    def exact(self) -> bool:
+        """Whether it is a sphere."""
+        return not self.degree
+
     def waves(self, direction: Array) -> tuple[Array, Array]:
         """Harmonics (N, K) and slopes (N, K, 3) in unit directions (N, 3)."""
-        if not self.degree:
+        if self.exact:
             return np.zeros((len(direction), 0)), np.zeros((len(direction), 0, 3))
         return harmonics(direction, LOWEST, self.degree)
 
@@ -45,7 +50,7 @@ class RoundShape:
         of other coefficients and another radius, at an error below 1e-7 of it for every 1e-4 of the
         coefficients.
         """
-        if not self.degree:
+        if self.exact:
             return None
         start = intersect_sphere(origin, direction, self.radius_m) / self.radius_m
         return Relief(start, *self.waves(start))

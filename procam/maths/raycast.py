@@ -142,6 +142,8 @@ class MeshTracer:
         """
         point, u, v = self._in_face(face, origin, direction)
         (astray,) = np.nonzero(_inside(u, v) < -SETTLED)
+        if not len(astray):
+            return face, point, u, v
         there = face[astray]
         for _ in range(WALK):
             _, s, t = self._in_face(there, origin[astray], direction[astray])

@@ -4,7 +4,7 @@
 
 #define SIGHTS 64 /* observations at a time: their rows stay in the second cache, mostly the first */
 #define ROW (2 * SIGHTS) /* of x, then of y of the projector's pixel */
-#define FAR_STEPS 3      /* from the sphere to the screen, as STEPS of reference_bundle.py */
+#define FAR_STEPS 3      /* from near the screen onto it, as STEPS of reference_bundle.py */
 #define EACH for (int i = 0; i < SIGHTS; i++)
 
 typedef double lane[SIGHTS] __attribute__((aligned(64)));
@@ -87,7 +87,7 @@ INLINE void meet_sphere(double radius, struct sight *s) {
     }
 }
 
-/* From the sphere on to the screen, whose height goes on as its tangent at `start` does. */
+/* Where the rays meet a screen whose height goes on as its tangent at `start` does, from there on. */
 INLINE void meet_relief(const struct procam_bundle *job, size_t first, size_t count,
                         struct sight *s) {
     const int waves = job->waves;
@@ -105,6 +105,17 @@ INLINE void meet_relief(const struct procam_bundle *job, size_t first, size_t co
         }
         base[i] = level, slope[0][i] = x, slope[1][i] = y, slope[2][i] = z;
         for (int j = 0; j < 3; j++) start[j][i] = job->start[3 * (first + i) + j];
+    }
+    EACH {
+        const double x = s->origin[0][i], y = s->origin[1][i], z = s->origin[2][i];
+        const double u = s->direction[0][i], v = s->direction[1][i], w = s->direction[2][i];
+        const double far = radius * (1.0 + base[i]);
+        const double reach = (far * start[0][i] - x) * u + (far * start[1][i] - y) * v +
+                             (far * start[2][i] - z) * w;
+        const double ahead = reach > 0.0 ? reach : (double)NAN;
+        s->point[0][i] = x + ahead * u;
+        s->point[1][i] = y + ahead * v;
+        s->point[2][i] = z + ahead * w;
     }
     for (int step = 0; step < FAR_STEPS; step++) EACH {
             const double x = s->point[0][i], y = s->point[1][i], z = s->point[2][i];
@@ -133,8 +144,10 @@ INLINE void meet_relief(const struct procam_bundle *job, size_t first, size_t co
 INLINE void light(const struct procam_bundle *job, const struct placed *camera,
                   const struct placed *projector, size_t first, size_t count, struct sight *s) {
     send(job, camera, first, count, s);
-    meet_sphere(job->radius, s);
-    if (job->waves) meet_relief(job, first, count, s);
+    if (job->waves)
+        meet_relief(job, first, count, s);
+    else
+        meet_sphere(job->radius, s);
     const struct placed p = *projector;
     EACH {
         const double x = s->point[0][i], y = s->point[1][i], z = s->point[2][i];
