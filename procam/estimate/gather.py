@@ -3,12 +3,17 @@
 import numpy as np
 
 from procam.estimate.bundle import Observations
+from procam.estimate.clean import keep_only
 from procam.estimate.projector_map import drop_inconsistent, fit_projector_map
 from procam.model.correspondence import CorrespondenceMap
 
 
 def gather(found: CorrespondenceMap, size: tuple[int, int]) -> Observations:
-    """Where a camera sees the centres of a panel's patches; `size` (width, height) of the panel [px]."""
+    """Where a camera sees the centres of a panel's patches; `size` (width, height) of the panel [px].
+
+    What is not finite counts as not seen, whatever the map says of it.
+    """
+    found = keep_only(found, np.isfinite(found.projector_xy).all(axis=-1))
     panel = fit_projector_map(found, size)
     panel = fit_projector_map(drop_inconsistent(found, panel), size)
     rows, columns = np.nonzero(panel.valid)

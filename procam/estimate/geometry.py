@@ -7,6 +7,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from procam.errors import InputError
 from procam.estimate.adjustment import (
     Adjustment,
     Problem,
@@ -90,6 +91,7 @@ def solve_geometry(problem: Problem) -> GeometrySolution:
     and more harmonics as long as they explain more. A mesh stays as it is; the first camera is placed
     on it by four fiducials or more.
     """
+    _check_finite(problem.observations)
     few = {pair: _thinned(some, FEW) for pair, some in problem.observations.items()}
     rig = _fitted(problem, few, _in_place(problem, few))
     on_sphere = _mean_excess(rig, few)
@@ -113,6 +115,16 @@ def solve_geometry(problem: Problem) -> GeometrySolution:
     left = {pair: residuals(rig, pair, some) for pair, some in seen.items()}
     rig = _with_covariances(rig, covariance)
     return GeometrySolution(rig, covariance, seen, left, scales, freedoms, on_sphere)
+
+
+def _check_finite(observations: Mapping[Pair, Observations]) -> None:
+    for (camera, projector), some in observations.items():
+        lost = ~np.isfinite(np.c_[some.camera_px, some.projector_px, some.sigma_px]).all(axis=1)
+        if lost.any():
+            raise InputError(
+                f"observations: got NaN or infinity in {lost.sum()} of {lost.size} that {camera} has of "
+                f"{projector}, expected pixels and their errors; leave out what was not seen"
+            )
 
 
 def _with_covariances(rig: Rig, covariance: Array) -> Rig:

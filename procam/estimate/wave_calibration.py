@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from procam import kernels
 from procam.errors import NotEnoughData
 from procam.maths.phase import (
+    FIT_PARTS,
     WaveFit,
     Wavelook,
     Waves,
@@ -138,19 +139,36 @@ def _step(
     flux: tuple[Array, float],
 ) -> tuple[Wavelook, Array]:
     """One Gauss-Newton step of look and surplus; `flux`: scattered light (n,), size of surplus."""
-    scattered, surplus_sigma = flux
-    honest = _honest(fit)
-    left, shared = shared_sensitivity(samples, waves, now.look, fit, scattered)
-    left, shared = left[honest], shared[honest].reshape(-1, shared.shape[-1])
+    honest, surplus_sigma = _honest(fit), flux[1]
+    fit = WaveFit(*(getattr(fit, name)[honest] for name in FIT_PARTS))
+    left, by_look, basis = shared_sensitivity(samples[honest], waves, now.look, fit)
+    matrix, gradient = _shared_equations(left, by_look, basis, flux[0][honest])
     noise = max(float(np.mean(left**2)), 1e-20)
     values = np.r_[now.look.blur_px2, now.look.harmonic, now.surplus]
     size = np.r_[PRIOR_BLUR_PX2, PRIOR_HARMONIC, np.full(len(now.surplus), surplus_sigma)]
-    gradient = shared.T @ left.ravel() / noise - values / size**2
-    values = values + np.linalg.solve(shared.T @ shared / noise + np.diag(size**-2), gradient)
+    gradient = gradient / noise - values / size**2
+    values = values + np.linalg.solve(matrix / noise + np.diag(size**-2), gradient)
     blur_px2 = float(np.clip(values[0], 0.0, LARGEST_BLUR_PX2))
     return Wavelook(
         blur_px2, float(np.clip(values[1], -LARGEST_HARMONIC, LARGEST_HARMONIC))
     ), values[2:]
+
+
+def _shared_equations(
+    left: Array, by_look: Array, basis: Array, scattered: Array
+) -> tuple[Array, Array]:
+    """Normal matrix (2 + K, 2 + K) and gradient by blur, harmonic and each picture's surplus.
+
+    A surplus adds that share of the scattered light (n,) to one picture: of which the pixel's own
+    fit takes up what lies along its basis.
+    """
+    count = left.shape[1]
+    taken = (basis * scattered[:, None]).transpose(2, 0, 1).reshape(count, -1)
+    by_flux = np.sum(scattered**2) * np.eye(count) - taken @ taken.T
+    both = np.einsum("ink,n->ik", by_look, scattered)
+    own = np.einsum("ink,jnk->ij", by_look, by_look)
+    matrix = np.block([[own, both], [both.T, by_flux]])
+    return matrix, np.r_[np.einsum("ink,nk->i", by_look, left), scattered @ left]
 
 
 def _honest(fit: WaveFit) -> Mask:

@@ -201,30 +201,48 @@ def search_columns(
 
 
 def shared_sensitivity(
-    samples: Array, waves: Waves, look: Wavelook, fit: WaveFit, scattered: Array
-) -> tuple[Array, Array]:
+    samples: Array, waves: Waves, look: Wavelook, fit: WaveFit
+) -> tuple[Array, Array, Array]:
     """What fits leave of samples (n, K), and what all pixels share would change of it.
 
-    Returns residuals (n, K) and derivatives (n, K, 2 + K): by blur, by harmonic and by each picture's
-    surplus of flux, which adds that share of a pixel's `scattered` light (n,). Both are without what
-    the pixel's own offset, amplitude and column take up (variable projection).
+    Returns residuals (n, K), their derivatives (2, n, K) by blur and by harmonic, and an orthonormal
+    basis (3, n, K) of what the pixel's own offset, amplitude and column take up. Of that both are
+    free already (variable projection).
     """
-    jacobian, error = _local_model(waves, look, fit.x, fit.offset, fit.amplitude, samples)
+    value, slope = _curve(waves, look, fit.x)
+    basis = _orthonormal(value, slope)
     angles = waves.angles(fit.x)
-    slope, slope_2 = (
+    bend, bend_2 = (
         -2 * np.pi**2 * (n**2 * waves.periods**-2 - waves.periods[0] ** -2) for n in (1, 2)
     )
-    by_blur = slope * look.modulation(waves) * np.cos(angles)
-    by_blur += slope_2 * look.harmonics(waves) * np.cos(2 * angles)
-    by_blur *= fit.amplitude[:, None]
-    unit = Wavelook(look.blur_px2, 1.0).harmonics(waves)
-    by_harmonic = fit.amplitude[:, None] * unit * np.cos(2 * angles)
-    by_flux = scattered[:, None, None] * np.eye(len(waves.periods))
-    both = np.concatenate([np.stack([error, by_blur, by_harmonic], -1), by_flux], axis=-1)
-    normal = np.einsum("nki,nkj->nij", jacobian, jacobian)
-    taken = _solve_many(normal, np.einsum("nki,nkj->nij", jacobian, both))
-    left = both - np.einsum("nki,nij->nkj", jacobian, taken)
-    return left[..., 0], left[..., 1:]
+    twice = np.cos(2 * angles)
+    by_blur = (
+        bend * look.modulation(waves) * np.cos(angles) + bend_2 * look.harmonics(waves) * twice
+    )
+    by_harmonic = Wavelook(look.blur_px2, 1.0).harmonics(waves) * twice
+    amplitude = fit.amplitude[:, None]
+    error = samples - fit.offset[:, None] - amplitude * value
+    left, *shared = (
+        _without(basis, v) for v in (error, amplitude * by_blur, amplitude * by_harmonic)
+    )
+    return left, np.stack(shared), basis
+
+
+def _orthonormal(value: Array, slope: Array) -> Array:
+    """Orthonormal basis (3, n, K) of an offset, a wave and its slope (n, K)."""
+    basis = np.full((1, *value.shape), value.shape[1] ** -0.5)
+    for vector in (value, slope):
+        rest = _without(basis, vector)
+        size = np.sqrt(np.einsum("nk,nk->n", rest, rest))
+        basis = np.concatenate([basis, (rest / np.maximum(size, 1e-12)[:, None])[None]])
+    return basis
+
+
+def _without(basis: Array, vector: Array) -> Array:
+    """Vectors (n, K) without their parts along a basis (b, n, K)."""
+    for one in basis:
+        vector = vector - np.einsum("nk,nk->n", one, vector)[:, None] * one
+    return vector
 
 
 def _curve(waves: Waves, look: Wavelook, x: Array) -> tuple[Array, Array]:

@@ -34,6 +34,7 @@ from tiny_venue import (
 )
 
 import procam.estimate.assemble
+import procam.estimate.wave_calibration
 import simulators.backend
 import simulators.transport
 from procam.files import atomic
@@ -42,6 +43,7 @@ from procam.files.venue import load_venue
 from procam.interfaces.cli.main import main as procam_main
 
 MAP_SIZE = 128  # dome maps of a solve: as many files and flushes, a sixtieth of the pixels
+SAMPLE_PIXELS = 1000  # that lens and response are read off
 COARSE_ROOM = 10, 20  # rings and sectors of light-exchanging patches: traced in no time
 RANDOM_KILLS = 8
 STUCK_S = 120
@@ -354,6 +356,7 @@ def main() -> None:
     tempfile.tempdir = str(folder / "wires")  # where emulated serial ports appear
     Path(tempfile.tempdir).mkdir()
     procam.estimate.assemble.MAP_SIZE = MAP_SIZE
+    procam.estimate.wave_calibration.SAMPLE_PIXELS = SAMPLE_PIXELS
     simulators.transport.DOME_RINGS, simulators.transport.DOME_SECTORS = COARSE_ROOM
     with quick_simulator():
         survived = list(GROUPS[group](Bench(folder)))

@@ -281,8 +281,11 @@ class TestSharedSensitivity:
         samples = photograph(MICRO, LOOK, x, 120.0, 60.0) + rng.normal(0, 0.01, (30, 8))
         keep = np.ones(samples.shape, bool)
         fit = fit_waves(samples, keep, MICRO, LOOK, x)
-        left, shared = shared_sensitivity(samples, MICRO, LOOK, fit, scattered)
-        assert (left.shape, shared.shape) == ((30, 8), (30, 8, 10))
+        left, by_look, basis = shared_sensitivity(samples, MICRO, LOOK, fit)
+        own = np.einsum("bnk,bnl->nkl", basis, basis)
+        by_flux = scattered[:, None, None] * (np.eye(8) - own)
+        shared = np.concatenate([np.moveaxis(by_look, 0, -1), by_flux], axis=-1)
+        np.testing.assert_allclose(np.einsum("bnk,nk->bn", basis, left), 0, atol=1e-12)
         step = 1e-4
         for i in range(10):
             sides = []
