@@ -17,6 +17,11 @@ from simulators.surface import Surface
 
 FIDUCIALS_DEG = {"front": (12.0, 35.0), "left": (130.0, 30.0), "right": (-110.0, 50.0)}
 BLACK_EXPOSURE_S = 6.5
+MARKS = """\
+# Marks on the dome whose place is known, and where a camera sees them. Printed AprilTags need no
+# pixel: [[apriltags]] with id, azimuth_deg, elevation_deg, sigma_deg, and family if it is not 36h11.
+
+"""
 
 
 def venue_text(
@@ -33,7 +38,7 @@ def venue_text(
         _head(preset_name, preset),
         *(_camera(camera, preset) for camera in cameras),
         *(_projector(name, size.projector_size) for name in names),
-        *(_fiducials(camera, preset) for camera in cameras),
+        MARKS + "\n".join(_fiducials(camera, preset) for camera in cameras),
         _tail(preset_name, white_exposure_s(preset), size, seed) + _overrides(overrides),
     ]
     return "\n".join(parts)

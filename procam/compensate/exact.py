@@ -25,9 +25,10 @@ class Compensated:
 
     Attributes
     ----------
-    direct : (N, N, 3) light the projectors must put there [rel]; NaN-free, 0 where nothing is lit.
+    direct : (N, N, 3) light the projectors must put there [rel]; 0 where nothing is lit, and the
+        content itself, whatever it asks for, where a person protects it.
     observed : (N, N, 3) what the audience will see of it [rel].
-    free : (N, N, 3) neither bound holds: observed equals the target there.
+    free : (N, N, 3) neither bound nor protection holds: observed equals the target there.
     flux : (3,) direct flux [rel sr].
     """
 
@@ -39,6 +40,8 @@ class Compensated:
 
 class Compensator:
     """Compensates dome masters of one size for one calibration.
+
+    Light of `protected` (N, N) places is left as it is, and counts for the rest of the dome.
 
     Parameters
     ----------
@@ -57,6 +60,8 @@ class Compensator:
         maps = calibration.maps
         coverage = sample(maps.coverage, where) * inside
         self.lit = coverage > 0
+        self.protected = maps.is_protected(where) & inside
+        self._kept = self.protected[self.lit][:, None]
         self._solid = (master_solid_angles(size) * coverage)[self.lit]
         self._scatter = sample(maps.scatter_per_flux, where)[self.lit].astype(float)
         self._lo = sample(maps.lo, where)[self.lit].astype(float)
@@ -80,27 +85,35 @@ class Compensator:
         if image.shape != (self.size, self.size, CHANNELS):
             raise ShapeError("content", image.shape, f"({self.size}, {self.size}, 3)")
         target = image[self.lit].astype(float)
-        wanted = self._wanted(target)
-        direct = np.clip(wanted, self._lo, self._hi)
+        lo, hi = self._limits(target)
+        wanted = self._wanted(target, lo, hi)
+        direct = np.clip(wanted, lo, hi)
         observed = add_interreflection(direct, self._scatter, self._solid)
-        free = (wanted > self._lo) & (wanted < self._hi)
+        free = (wanted > lo) & (wanted < hi)
+        sent = self._spread(direct)
+        sent[self.protected] = image[self.protected]
         return Compensated(
-            self._spread(direct),
+            sent,
             self._spread(observed),
             self._spread(free).astype(bool),
             self._solid @ direct,
         )
 
-    def _wanted(self, target: Array) -> Array:
+    def _limits(self, target: Array) -> tuple[Array, Array]:
+        """Least and most direct light; where it is protected they leave no choice."""
+        if not self._kept.any():
+            return self._lo, self._hi
+        kept = np.clip(target, self._lo, self._hi)
+        return np.where(self._kept, kept, self._lo), np.where(self._kept, kept, self._hi)
+
+    def _wanted(self, target: Array, lo: Array, hi: Array) -> Array:
         """Direct light before the limits."""
         if self.method == "none":
             return target
         if self.method == "paper-eq12":
             return remove_interreflection_paper(target, self._albedo, self._solid)
         flux = [
-            solve_flux(
-                target[:, c], self._scatter[:, c], self._solid, self._lo[:, c], self._hi[:, c]
-            )
+            solve_flux(target[:, c], self._scatter[:, c], self._solid, lo[:, c], hi[:, c])
             for c in range(CHANNELS)
         ]
         return np.asarray(target - self._scatter * np.array(flux))

@@ -73,20 +73,25 @@ class Problem:
     most_degree: int = 8
 
 
-def scores(rig: Rig, pair: Pair, seen: Observations) -> Array:
+def scores(
+    rig: Rig, pair: Pair, seen: Observations, ray: Array | None = None, relief: Relief | None = None
+) -> Array:
     """Length (N,) of the residuals in their standard errors; infinite where there is no answer."""
-    error = np.linalg.norm(residuals(rig, pair, seen), axis=1) / seen.sigma_px
+    error = np.linalg.norm(residuals(rig, pair, seen, ray, relief), axis=1) / seen.sigma_px
     return np.nan_to_num(error, nan=np.inf)
 
 
-def excess_of(rig: Rig, pair: Pair, seen: Observations) -> float:
+def excess_of(
+    rig: Rig, pair: Pair, seen: Observations, ray: Array | None = None, relief: Relief | None = None
+) -> float:
     """By how much means over cells of the panel exceed their standard errors; never less than 1.
 
     Where the model is right, neighbours err independently and means over many are small. A screen
     that is no sphere leaves smooth fields, of which a thousand observations tell no more than one.
     """
     size = np.array(rig.projectors[pair[1]].size)
-    score = np.clip(residuals(rig, pair, seen) / seen.sigma_px[:, None], -CLIPPED, CLIPPED)
+    error = residuals(rig, pair, seen, ray, relief)
+    score = np.clip(error / seen.sigma_px[:, None], -CLIPPED, CLIPPED)
     cell = np.clip(seen.projector_px / size * CELLS, 0, CELLS - 1).astype(int) @ [1, CELLS]
     number = np.maximum(np.bincount(cell, minlength=CELLS**2), 1)
     sums = [np.bincount(cell, np.nan_to_num(s), CELLS**2) for s in score.T]
@@ -195,11 +200,16 @@ class Adjustment:
 
     def _spreads(self, rig: Rig) -> dict[Pair, float]:
         """Middle residuals in standard errors, per pair; never less than 1."""
-        return {p: max(spread_of(scores(rig, p, o)), 1.0) for p, o in self.seen.items()}
+        return {p: max(spread_of(self._scores(rig, p)), 1.0) for p in self.seen}
+
+    def _scores(self, rig: Rig, pair: Pair) -> Array:
+        return scores(rig, pair, self.seen[pair], self.rays.get(pair), self.reliefs[pair])
 
     def _scales(self, rig: Rig) -> dict[Pair, float]:
         """By how much residuals exceed their standard errors, per pair; never less than 1."""
-        scales = {p: excess_of(rig, p, o) for p, o in self.seen.items()}
+        scales = {
+            p: excess_of(rig, p, o, self.rays.get(p), self.reliefs[p]) for p, o in self.seen.items()
+        }
         if not rig.shape.degree:
             return scales
         # a panel that sticks out is one fact, however many cells and devices look at it
@@ -212,7 +222,7 @@ class Adjustment:
         for pair, some in self.seen.items():
             weight[pair] = 1 / (some.sigma_px * scale[pair]) ** 2
             if robust:
-                score = scores(rig, pair, some) / (CAUCHY * scale[pair])
+                score = self._scores(rig, pair) / (CAUCHY * scale[pair])
                 weight[pair] = weight[pair] / (1 + score**2)
         return weight
 

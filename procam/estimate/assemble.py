@@ -1,6 +1,6 @@
 """Puts the measured pieces together: content channels, common white, blend, dome maps."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,6 +22,7 @@ from procam.maths.sphere import (
 from procam.maths.warp import blur, sample
 from procam.model.calibration import Calibration, ProjectorCalibration
 from procam.model.correspondence import ProjectorSurface
+from procam.model.mask import Nudge
 from procam.model.photometry import Photometry, ResponseCurve
 from procam.model.quality import Figure, Goal
 from procam.model.screen import Dome
@@ -52,13 +53,17 @@ def assemble(
     geometry: GeometrySolution,
     view: DomeView,
     measured: Mapping[str, Measurement],
+    nudges: Sequence[Nudge],
     provenance: Mapping[str, Any],
 ) -> Calibration:
-    """The calibration of everything measured through one camera."""
+    """The calibration of everything measured through one camera, and of what a person nudged."""
     master = _Master(geometry, measured)
     unmix = _content_matrix(measured)
     content = {name: _converted(m.light, unmix) for name, m in measured.items()}
-    surfaces = {n: project_surface(geometry, n, dome, light) for n, light in content.items()}
+    surfaces = {
+        name: project_surface(geometry, name, dome, light, nudges)
+        for name, light in content.items()
+    }
     blender = Blender(geometry.projectors, surfaces, dome)
     hi = master.blended(blender, content)
     white = common_white(hi, master.coverage > COVERED)

@@ -36,7 +36,7 @@ def pose_of_board(points: Array, rays: Array) -> Pose:
     flat = np.c_[(points[:, :2] - middle) / size, np.ones(len(points))]
     weight = np.ones(len(points))
     for _ in range(WEIGHINGS):
-        matrix = _homography(flat, rays, weight)
+        matrix = ray_homography(flat, rays, weight)
         ahead = flat @ matrix.T
         ahead /= np.maximum(np.linalg.norm(ahead, axis=1, keepdims=True), 1e-12)
         miss = np.linalg.norm(ahead - rays, axis=1)
@@ -49,8 +49,11 @@ def pose_of_board(points: Array, rays: Array) -> Pose:
     return Pose(rotation, translation - rotation[:, :2] @ middle)
 
 
-def _homography(flat: Array, rays: Array, weight: Array) -> Array:
-    """Least squares of rays x (H flat) = 0, with the rays ahead of H flat, not behind."""
+def ray_homography(flat: Array, rays: Array, weight: Array) -> Array:
+    """H (3, 3) with rays ~ H flat, from four or more rays (N, 3) to places (x, y, 1) (N, 3) of a plane.
+
+    Least squares of rays x (H flat) = 0, weighed by `weight` (N,), with the rays ahead, not behind.
+    """
     x, y, z = rays.T
     zero = np.zeros_like(x)
     cross = np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]])  # (3, 3, N)

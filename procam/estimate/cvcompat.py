@@ -1,4 +1,4 @@
-"""Corners of printed boards, by OpenCV 5; no other estimator sees its types."""
+"""Corners of printed boards and tags, by OpenCV 5; no other estimator sees its types."""
 
 import math
 from dataclasses import dataclass
@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procam.errors import InputError
+from procam.model.optics import TagFamily
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8] | NDArray[np.uint16] | NDArray[np.float32]
@@ -18,6 +19,14 @@ SMALLEST_WINDOW_PX, LARGEST_WINDOW_PX = 2, 11
 BRIGHT_PERCENT = 99.5
 SEARCHED_PX, HINT_PX = 1600, 1000  # longest side of the copies that are searched
 FEWEST_SQUARES = 4
+TAG_SETS: dict[TagFamily, int] = {
+    "36h11": cv2.aruco.DICT_APRILTAG_36h11,
+    "25h9": cv2.aruco.DICT_APRILTAG_25h9,
+    "16h5": cv2.aruco.DICT_APRILTAG_16h5,
+}
+SMALLEST_TAG_PX = 10.0  # edge, in the photograph
+TAG_WINDOWS_PX = (7, 47, 20)  # of the adaptive threshold: smallest, largest, step
+TAG_CORRECTED = 0.4  # of the bits a family can correct: forgives 36h11 two, 16h5 none
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,6 +102,45 @@ def other_count(picture: Picture, squares: tuple[int, int]) -> tuple[int, int] |
         if cv2.findChessboardCornersSB(small, (other[0] - 1, other[1] - 1))[0]:
             return other
     return None
+
+
+def find_tags(
+    grey: NDArray[np.uint8], family: TagFamily, scale: int = 1
+) -> list[tuple[int, Array]]:
+    """Numbers and corners (4, 2) [px] of the AprilTags in a picture (H, W); corners to half a pixel.
+
+    Corners go round each tag from its own top left. A copy that is `scale` times as large is searched:
+    twice finds tags of half the size. Mirrored tags are none.
+    """
+    if scale > 1:
+        size = (scale * grey.shape[1], scale * grey.shape[0])
+        grey = np.asarray(cv2.resize(grey, size, interpolation=cv2.INTER_CUBIC), np.uint8)
+    settings = cv2.aruco.DetectorParameters()
+    settings.adaptiveThreshWinSizeMin, settings.adaptiveThreshWinSizeMax = TAG_WINDOWS_PX[:2]
+    settings.adaptiveThreshWinSizeStep = TAG_WINDOWS_PX[2]
+    settings.adaptiveThreshConstant = 5
+    # without this floor every speck of noise is tried as a tag
+    settings.minMarkerPerimeterRate = 4 * SMALLEST_TAG_PX * scale / max(grey.shape)
+    settings.errorCorrectionRate = TAG_CORRECTED
+    settings.perspectiveRemovePixelPerCell = 8
+    found = cv2.aruco.ArucoDetector(_tag_set(family), settings).detectMarkers(grey)
+    corners, numbers = found[0], () if found[1] is None else found[1]
+    places = [(_points(c) + 0.5) / scale - 0.5 for c in corners]
+    return [(int(n), place) for n, place in zip(np.ravel(numbers), places, strict=True)]
+
+
+def tag_cells(family: TagFamily, number: int) -> NDArray[np.bool_]:
+    """Which cells (N, N) of an AprilTag are white, its black border included.
+
+    >>> tag_cells("16h5", 3).shape
+    (6, 6)
+    """
+    tags = _tag_set(family)
+    return np.asarray(cv2.aruco.generateImageMarker(tags, number, tags.markerSize + 2) > 0)
+
+
+def _tag_set(family: TagFamily) -> Any:
+    return cv2.aruco.getPredefinedDictionary(TAG_SETS[family])
 
 
 def to_8bit(picture: Picture) -> NDArray[np.uint8]:

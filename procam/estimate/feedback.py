@@ -70,6 +70,7 @@ class Loop:
         maps = calibration.maps
         direction, inside = master_directions(LOOP_SIZE)
         where = master_pixels(direction, maps.size)
+        self._maps = maps
         self._scatter = sample(maps.scatter_per_flux, where).astype(float)
         self._solid = master_solid_angles(LOOP_SIZE)
         covered = cells.average_master(np.repeat(maps.coverage[..., None], 3, axis=-1))
@@ -98,12 +99,17 @@ class Loop:
         self.correction += gain * step
 
     def corrected(self, direct: Image) -> Image:
-        """Direct light (N, N, 3) of a picture with the correction added where it applies."""
+        """Direct light (N, N, 3) of a picture with the correction added where it applies.
+
+        Between free cells and others it fades; of that nothing reaches what a person protects.
+        """
         size = direct.shape[0]
         direction, _ = master_directions(size)
         nodes = _nodes_for_means(self.correction)
         added = sample(nodes, master_pixels(direction, LOOP_SIZE))
-        return np.where(direct > 0, np.maximum(direct + added, 0), 0).astype(np.float32)
+        protected = self._maps.is_protected(master_pixels(direction, self._maps.size))[..., None]
+        corrected = np.where(direct > 0, np.maximum(direct + added, 0), 0)
+        return np.where(protected, direct, corrected).astype(np.float32)
 
     def gain_factor(self, direct: Image, cells: Cells) -> Array:
         """(N, N, 3) by which the calibration's gain was wrong: light got per light asked."""

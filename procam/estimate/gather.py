@@ -13,7 +13,8 @@ def gather(found: CorrespondenceMap, size: tuple[int, int]) -> Observations:
 
     What is not finite counts as not seen, whatever the map says of it.
     """
-    found = keep_only(found, np.isfinite(found.projector_xy).all(axis=-1))
+    there = np.isfinite(found.projector_xy)
+    found = keep_only(found, there[..., 0] & there[..., 1])
     panel = fit_projector_map(found, size)
     panel = fit_projector_map(drop_inconsistent(found, panel), size)
     rows, columns = np.nonzero(panel.valid)

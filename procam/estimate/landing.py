@@ -16,6 +16,7 @@ from procam.model.optics import ProjectorModel
 
 Array = NDArray[np.float64]
 Map = NDArray[np.float32]
+Look = Callable[[Rig], Array]
 CELL_PX = 16  # of the panel, over which what was measured is averaged
 SMOOTH = 1.0  # cells
 ROUGH = 3.0  # cells over which detail that was smoothed away is alike
@@ -24,6 +25,7 @@ FILL = (2.0, 6.0, 24.0)  # cells, ever wider, over which holes take their neighb
 REACHED = 0.02  # weight of what is known around a hole, from which on it is filled
 SIGMA_GRID = 12  # nodes along the short edge at which standard errors are propagated
 STEP = 1e-4  # of the radius, for slopes
+FINE = 3  # places per cell of random fields: between them hardly any variance is lost
 ARCMIN = np.degrees(1) * 60
 
 
@@ -34,13 +36,16 @@ class Landing:
     Attributes
     ----------
     field : (h, w, 3) on cells of `CELL_PX`. variance : (h', w') of the direction [rad^2], per node
-        of a coarse grid over the panel.
+        of a coarse grid over the panel. unknown : (h', w') the part of it that is the field's own.
+    rays : (h', w') per camera, how much the direction follows its rays and not the model [-].
     """
 
     rig: Rig
     projector: ProjectorModel
     field: Map
     variance: Map
+    unknown: Map
+    rays: Mapping[str, Map]
 
     @property
     def size(self) -> tuple[int, int]:
@@ -61,10 +66,13 @@ class Landing:
 
     def sigma_arcmin(self, x: NDArray[np.generic], y: NDArray[np.generic]) -> Map:
         """Standard error (len(y), len(x)) of the direction, both ways together [arcmin]."""
-        rows, columns = self.variance.shape
-        scale = (np.array([columns, rows]) - 1) / (np.array(self.size) - 1)
-        where = np.stack(np.meshgrid(x, y), axis=-1) * scale
+        where = self.nodes(np.stack(np.meshgrid(x, y), axis=-1).astype(float))
         return np.asarray(ARCMIN * np.sqrt(sample(self.variance, where)), np.float32)
+
+    def nodes(self, pixels: Array) -> Array:
+        """Places (..., 2) of the panel's points (..., 2) [px] among the nodes of the coarse grid."""
+        rows, columns = self.variance.shape
+        return pixels * ((np.array([columns, rows]) - 1) / (np.array(self.size) - 1))
 
 
 def model_directions(rig: Rig, projector: ProjectorModel, pixels: Array) -> Array:
@@ -96,8 +104,81 @@ def measure_landing(solution: GeometrySolution, name: str) -> Landing:
         rig,
         projector,
         _filled(np.float32(trust) * smooth, known),
-        _variance(solution, name, list(views), np.where(known, spread, np.nan), trust),
+        *_certainty(solution, name, list(views), np.where(known, spread, np.nan), trust),
     )
+
+
+def sample_directions(
+    solution: GeometrySolution, name: str, pixels: Array, count: int, rng: np.random.Generator
+) -> Array:
+    """Draws (count, ..., 3) of a projector's unit directions, as uncertain as they are told to be.
+
+    Anything made of directions, such as solid angles, gets its error bar as the spread over draws.
+    Each draw moves the whole rig by one step out of the solution's covariance. Pixels follow their
+    model or, as far as they were measured, the rays of the camera that tells most; what the measured
+    field does not know is added as a random one of its smoothness.
+
+    Parameters
+    ----------
+    solution, name : a solved rig, and which of its projectors.
+    pixels : (..., 2) points of the panel [px]; no side longer than 32766.
+    count : how many draws. rng : where they come from: draws of another projector from the same
+        state are of the same rigs, so that seams between them may be drawn too.
+
+    Returns
+    -------
+    (count, ..., 3); NaN where a pixel misses the screen.
+    """
+    landing = measure_landing(solution, name)
+    mean = landing.at(pixels).reshape(-1, 3)
+    sources = _sources(landing, pixels, mean)
+    still = _told(sources, solution.rig)
+    spread = np.sqrt(sample(landing.unknown, landing.nodes(pixels)).reshape(-1, 1) / 2)
+    drawn = np.empty((count, *mean.shape))
+    for i, step in enumerate(_steps(solution.covariance, count, rng)):
+        shift = _told(sources, solution.rig.moved(step)) - still
+        drawn[i] = normalise(mean + shift + spread * _smooth_noise(landing.size, pixels, rng))
+    return drawn.reshape(count, *pixels.shape[:-1], 3)
+
+
+def _sources(landing: Landing, pixels: Array, mean: Array) -> list[tuple[Array, Look]]:
+    """What directions (N, 3) of pixels (..., 2) come from: shares (N, 1), and what each tells."""
+    rig, flat, name = landing.rig, pixels.reshape(-1, 2), landing.projector.name
+    points, nodes = land(rig.shape, np.zeros(3), mean), landing.nodes(pixels)
+    modelled, sources = np.ones((len(flat), 1)), []
+    for camera, counts in landing.rays.items():
+        if counts.any():
+            look = _line_of_sight(rig, Layout.of(rig), camera, points)[1]
+            sees = np.isfinite(look(rig)).all(axis=1, keepdims=True)
+            share = np.where(sees, sample(counts, nodes).reshape(-1, 1), 0.0)
+            modelled = modelled - share
+            sources.append((share, look))
+    return [(modelled, lambda r: model_directions(r, r.projectors[name], flat)), *sources]
+
+
+def _told(sources: Sequence[tuple[Array, Look]], rig: Rig) -> Array:
+    """Directions (N, 3) that sources tell together, were the rig this one."""
+    parts = [np.where(share > 0, share * look(rig), 0.0) for share, look in sources]
+    return np.asarray(np.sum(parts, axis=0))
+
+
+def _steps(covariance: Array, count: int, rng: np.random.Generator) -> Array:
+    """Draws (count, P) of the rig's parameters from their covariance (P, P)."""
+    sigma = np.sqrt(np.diag(covariance))
+    scale = np.where(sigma > 0, sigma, 1.0)  # of turns, metres and pixels alike
+    values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
+    half = vectors * np.sqrt(np.maximum(values, 0))
+    return np.asarray(rng.standard_normal((count, len(sigma))) @ half.T * sigma)
+
+
+def _smooth_noise(size: tuple[int, int], pixels: Array, rng: np.random.Generator) -> Array:
+    """Random vectors (N, 3) of unit variance each way at pixels (..., 2), smooth over `SMOOTH` cells."""
+    width, pitch = SMOOTH * FINE, CELL_PX / FINE
+    margin = int(4 * width)  # blur mirrors at the border, where less would be averaged
+    columns, rows = (int(n / pitch) + 2 + 2 * margin for n in size)
+    white = rng.standard_normal((rows, columns, 3), np.float32)
+    noise = blur(white, width) * np.sqrt(4 * np.pi) * width
+    return np.asarray(sample(noise, (pixels + 0.5) / pitch + margin).reshape(-1, 3), float)
 
 
 def _relief(rig: Rig, seen: Mapping[Pair, Observations]) -> float:
@@ -174,38 +255,56 @@ def _filled(field: Map, known: NDArray[np.bool_]) -> Map:
     return filled
 
 
-def _variance(
+def _certainty(
     solution: GeometrySolution, name: str, pairs: Sequence[Pair], spread: Array, trust: float
-) -> Map:
-    """Variance [rad^2] of the shipped direction per node of a coarse grid over the panel.
+) -> tuple[Map, Map, dict[str, Map]]:
+    """`Landing.variance`, `Landing.unknown` and `Landing.rays` per node of a coarse grid over the panel.
 
     `spread` (h, w): of the measured field, NaN where nothing was measured: there it is the model's,
     and the misfit found elsewhere stays.
     """
-    rig, layout = solution.rig, Layout.of(solution.rig)
-    projector = rig.projectors[name]
-    width, height = projector.size
-    rows, columns = SIGMA_GRID, max(SIGMA_GRID, round(SIGMA_GRID * width / height))
-    x, y = np.linspace(0, width - 1, columns), np.linspace(0, height - 1, rows)
-    nodes = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-    own = np.r_[layout.screen, layout.projectors[name]]
-    modelled = _propagated(solution, own, lambda r: model_directions(r, r.projectors[name], nodes))
-    points = land(rig.shape, np.zeros(3), model_directions(rig, projector, nodes))
-    rays = [
-        _propagated(solution, *_line_of_sight(rig, layout, camera, points)) for camera, _ in pairs
-    ]
-    ray = np.fmin.reduce(rays)
+    grid = _grid(solution.projectors[name].size)
+    cameras, nodes = [camera for camera, _ in pairs], grid.reshape(-1, 2)
+    modelled, rays = _variances(solution, name, cameras, nodes)
+    best, ray = rays.argmin(axis=0), rays.min(axis=0)
     cell = np.clip(((nodes + 0.5) / CELL_PX).astype(int), 0, np.array(spread.shape[::-1]) - 1)
     told = spread[cell[:, 1], cell[:, 0]]
     seen = np.isfinite(told) & np.isfinite(ray)
-    measured = trust * (np.nan_to_num(ray) + np.nan_to_num(told)) + (1 - trust) * modelled
     left = trust * np.nanmean(spread) if seen.any() else 0.0
-    return np.where(seen, measured, modelled + left).reshape(rows, columns).astype(np.float32)
+    share, unknown = trust * seen, np.where(seen, trust * told, left)
+    variance = share * np.where(seen, ray, 0.0) + (1 - share) * modelled + unknown
+    maps = [variance, unknown, *(share * (best == i) for i in range(len(cameras)))]
+    first, second, *counts = (m.reshape(grid.shape[:2]).astype(np.float32) for m in maps)
+    return first, second, dict(zip(cameras, counts, strict=True))
+
+
+def _grid(size: tuple[int, int]) -> Array:
+    """Nodes (h', w', 2) [px] over a panel, from its first pixel to its last."""
+    width, height = size
+    columns = max(SIGMA_GRID, round(SIGMA_GRID * width / height))
+    x, y = np.linspace(0, width - 1, columns), np.linspace(0, height - 1, SIGMA_GRID)
+    return np.stack(np.meshgrid(x, y), axis=-1)
+
+
+def _variances(
+    solution: GeometrySolution, name: str, cameras: Sequence[str], nodes: Array
+) -> tuple[Array, Array]:
+    """Variances [rad^2] of directions at nodes (N, 2): the model's (N,), and of each camera's rays (C, N).
+
+    The latter are infinite where a camera does not see.
+    """
+    rig, layout = solution.rig, Layout.of(solution.rig)
+    own = np.r_[layout.screen, layout.projectors[name]]
+    modelled = _propagated(solution, own, lambda r: model_directions(r, r.projectors[name], nodes))
+    points = land(rig.shape, np.zeros(3), model_directions(rig, rig.projectors[name], nodes))
+    sights = (_line_of_sight(rig, layout, camera, points) for camera in cameras)
+    rays = np.stack([_propagated(solution, *sight) for sight in sights])
+    return modelled, np.nan_to_num(rays, nan=np.inf)
 
 
 def _line_of_sight(
     rig: Rig, layout: Layout, camera: str, points: Array
-) -> tuple[NDArray[np.intp], Callable[[Rig], Array]]:
+) -> tuple[NDArray[np.intp], Look]:
     """What a camera's view of points (N, 3) depends on, and the directions (N, 3) it tells."""
     model = rig.cameras[camera]
     assert model.camera_from_dome is not None
@@ -215,9 +314,7 @@ def _line_of_sight(
     )
 
 
-def _propagated(
-    solution: GeometrySolution, columns: NDArray[np.intp], told: Callable[[Rig], Array]
-) -> Array:
+def _propagated(solution: GeometrySolution, columns: NDArray[np.intp], told: Look) -> Array:
     """Variance (N,) [rad^2] of directions (N, 3) that depend on some parameters; sum of both ways."""
     sigma = np.sqrt(np.diag(solution.covariance))
     used = columns[sigma[columns] > 0]

@@ -12,7 +12,7 @@ from procam.estimate.bundle import POSE, PUPIL, Layout, Rig, device_of
 from procam.kernels import Device
 from procam.kernels.reference_bundle import point_slopes, rays_sent
 from procam.maths.lenses import unproject
-from procam.maths.pose import Pose, align_rotation, rotation_matrix
+from procam.maths.pose import Pose, align_rotation, rotation_matrix, rotation_vector
 from procam.maths.sphere import angles_from_direction, direction_from_angles, normalise
 from procam.model.optics import Distance, Fiducial
 
@@ -142,7 +142,13 @@ def turned_to_fiducials(rig: Rig, fiducials: Sequence[Fiducial]) -> Rig:
         places = seen @ rotation_matrix(turn).T
         return np.concatenate([_off(f, p) for f, p in zip(fiducials, places, strict=True)])
 
-    starts = [np.array([tip, 0.0, turn]) for tip in (0.0, 1.5, 3.0) for turn in (-2.0, 0.0, 2.0)]
+    full = [f.azimuth is not None and f.elevation is not None for f in fiducials]
+    if sum(full) > 1:
+        known = [direction_from_angles(f.azimuth or 0.0, f.elevation or 0.0) for f in fiducials]
+        starts = [rotation_vector(align_rotation(seen[full], np.array(known)[full]))]
+    else:
+        tips, spins = (0.0, 1.5, 3.0), (-2.0, 0.0, 2.0)
+        starts = [np.array([tip, 0.0, spin]) for tip in tips for spin in spins]
     fits = [least_squares(miss, start, x_scale=0.1) for start in starts]
     turn = rotation_matrix(min(fits, key=lambda fit: float(fit.cost)).x)
     return turned(rig, turn)
@@ -181,7 +187,7 @@ def missing_marks(radius_known: bool, fiducials: Sequence[Fiducial], freedoms: i
             "springline and a front; until then the main camera's own axes are taken"
         )
     elif turns:
-        names = " and ".join(f.name for f in fiducials) or "the pole"
+        names = " and ".join(dict.fromkeys(f.name for f in fiducials)) or "the pole"
         lines.append(f"the dome may still turn about {names}: list another of [[fiducials]]")
     return lines
 
@@ -196,15 +202,16 @@ def check_fiducials(rig: Rig, fiducials: Sequence[Fiducial]) -> None:
     sigma = np.array([f.sigma for f in full])
     if _disagreement(seen, known, sigma) < CONTRADICTION:
         return
-    without = [
-        _disagreement(*(np.delete(a, i, axis=0) for a in (seen, known, sigma)))
-        for i in range(len(full) if len(full) > 2 else 0)  # of two, either may be wrong
-    ]
+    names = [f.name for f in full]  # one that several cameras see is there several times
+    without = {
+        name: _disagreement(*(a[[n != name for n in names]] for a in (seen, known, sigma)))
+        for name in dict.fromkeys(names)
+    }
     off = np.degrees(np.linalg.norm(seen @ align_rotation(seen, known).T - known, axis=1).max())
-    least = min(without, default=np.inf)
-    named = f"{', '.join(f.name for f in full)} do not fit together"
-    if least < CONTRADICTION:
-        named = f"{full[without.index(least)].name} does not fit the others"
+    worst = min(without, key=lambda name: without[name])
+    named = f"{', '.join(without)} do not fit together"
+    if len(without) > 2 and without[worst] < CONTRADICTION:  # of two, either may be wrong
+        named = f"{worst} does not fit the others"
     raise CalibrationError(
         f"fiducials: {named}, off by up to {off:.1f} degrees; check azimuth_deg, elevation_deg and "
         "pixel, and that it is this mark the pixel shows"

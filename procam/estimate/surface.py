@@ -1,16 +1,21 @@
 """Where projector pixels land, how large they are, how sure that is, and which of them are lit."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from procam.estimate.geometry import GeometrySolution
-from procam.estimate.landing import measure_landing
+from procam.estimate.landing import Landing, measure_landing
 from procam.estimate.shapes import screen_points
 from procam.estimate.transport import Light
+from procam.maths.areas import Landing as Directions
 from procam.maths.areas import panel_solid_angles
 from procam.maths.lenses import project
+from procam.maths.local_shift import LocalShift
 from procam.maths.warp import sample
 from procam.model.correspondence import ProjectorSurface
+from procam.model.mask import Nudge
 from procam.model.optics import CameraModel
 from procam.model.screen import Dome
 
@@ -19,25 +24,45 @@ LIT_HALF = 0.5  # a border pixel counts when half of its light arrives
 
 
 def project_surface(
-    solution: GeometrySolution, name: str, dome: Dome, light: Light
+    solution: GeometrySolution, name: str, dome: Dome, light: Light, nudges: Sequence[Nudge] = ()
 ) -> ProjectorSurface:
     """The surface of projector `name`; `light` tells which pixels really arrive on the screen.
 
     Directions are those that cameras measured, as far as they differ from the model by more than
-    noise; the model's elsewhere, with what is known of its error nearby.
+    noise; the model's elsewhere, with what is known of its error nearby. Where a person nudged the
+    picture, they are those that it was moved away from. Nudges move no light and tell nothing of
+    errors: what is lit, and the standard error, stay as measured.
     """
     landing = measure_landing(solution, name)
-    width, height = landing.size
-    direction = landing.directions(np.arange(width), np.arange(height))
+    own = [nudge for nudge in nudges if nudge.projector == name]
+    shipped = _nudged(landing, own) if own else landing.directions
+    x, y = (np.arange(n, dtype=float) for n in landing.size)
+    seen = landing.directions(x, y)
+    direction = shipped(x, y) if own else seen
     on_screen = direction[..., 2] >= np.cos(dome.half_angle)
-    measured = np.where(on_screen, lit_share(solution, direction, light), 0)
+    measured = np.where(on_screen, lit_share(solution, seen, light), 0)
     return ProjectorSurface(
         direction.astype(np.float32),
-        panel_solid_angles(landing.size, landing.directions).astype(np.float32),
+        panel_solid_angles(landing.size, shipped).astype(np.float32),
         measured > LIT_HALF,
         measured.astype(np.float32),
-        landing.sigma_arcmin(np.arange(width), np.arange(height)),
+        landing.sigma_arcmin(x, y),
     )
+
+
+def _nudged(landing: Landing, nudges: Sequence[Nudge]) -> Directions:
+    """Directions of the panel's points (x, y) [px] after a person has moved the picture."""
+    shift = LocalShift.on_panel(
+        landing.size,
+        np.array([nudge.pixel for nudge in nudges]),
+        np.array([nudge.shift_px for nudge in nudges]),
+    )
+
+    def directions(x: Array, y: Array) -> Array:
+        places = np.stack(np.meshgrid(x, y), axis=-1).astype(float)
+        return landing.at(places - shift.at(places))
+
+    return directions
 
 
 def camera_pixels(solution: GeometrySolution, direction: NDArray[np.floating]) -> Array:

@@ -1,6 +1,6 @@
 """What a placed camera sees of the dome, pixel by pixel."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +43,11 @@ class DomeView:
         down = np.gradient(direction, axis=0)
         size = np.linalg.norm(np.cross(across, down), axis=-1)
         return cls(camera, direction.astype(np.float32), on_screen, np.where(on_screen, size, 0.0))
+
+    def without(self, covered: Mask) -> "DomeView":
+        """The view with some of its pixels (H, W) left out."""
+        solid = np.where(covered, 0.0, self.solid_angle_sr)
+        return replace(self, on_screen=self.on_screen & ~covered, solid_angle_sr=solid)
 
     def projector_pixels(self, projector: ProjectorModel, dome: Dome) -> Image:
         """Projector pixel (H, W, 2) whose centre would land where each camera pixel looks."""

@@ -15,6 +15,7 @@ from procam.maths.lenses import Lens
 from procam.maths.pose import Pose
 from procam.model.calibration import SCHEMA_VERSION, Calibration, ProjectorCalibration
 from procam.model.correspondence import ProjectorSurface
+from procam.model.mask import Mask
 from procam.model.optics import CameraModel, ProjectorModel, Sensor
 from procam.model.photometry import Photometry, ResponseCurve
 from procam.model.quality import Figure, Goal
@@ -102,7 +103,9 @@ def _projector_channels(projector: ProjectorCalibration) -> Channels:
 
 
 def _dome_channels(maps: DomeMaps) -> Channels:
-    channels: Channels = {"coverage": maps.coverage}
+    channels: dict[str, Any] = {"coverage": maps.coverage}
+    if maps.protected is not None:
+        channels["protected"] = maps.protected.covered
     for name in DOME_MAPS:
         channels |= {f"{name}.{c}": getattr(maps, name)[..., i] for i, c in enumerate(RGB)}
     return channels
@@ -156,7 +159,7 @@ def _calibration(directory: Path, document: dict[str, Any]) -> Calibration:
         Dome(**document["screen"] | {"bumps": tuple(document["screen"].get("bumps", ()))}),
         {n: _camera(n, e) for n, e in document["cameras"].items()},
         {n: _projector(directory, n, e) for n, e in document["projectors"].items()},
-        DomeMaps(**{n: _rgb(dome, n) for n in DOME_MAPS}, coverage=dome["coverage"]),
+        _dome_maps(dome),
         _measured(document["feedback"]),
         _measured(document["albedo"]),
         np.array(document["content_from_camera"]),
@@ -164,6 +167,13 @@ def _calibration(directory: Path, document: dict[str, Any]) -> Calibration:
         document["provenance"],
         document["schema_version"],
     )
+
+
+def _dome_maps(dome: Channels) -> DomeMaps:
+    covered = dome.get("protected")  # calibrations where nothing is protected have none
+    protected = None if covered is None else Mask("screen", covered > 0.5)
+    maps = {name: _rgb(dome, name) for name in DOME_MAPS}
+    return DomeMaps(**maps, coverage=dome["coverage"], protected=protected)
 
 
 def _camera(name: str, entry: dict[str, Any]) -> CameraModel:

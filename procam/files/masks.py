@@ -6,7 +6,7 @@ measured but never compensated. They live in venue.toml, so every solve finds th
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,12 @@ from pydantic import Discriminator, FiniteFloat, Tag
 
 from procam.errors import FileFormatError
 from procam.files.images import read_image
-from procam.maths.sphere import direction_from_angles, master_pixels
+from procam.maths.sphere import (
+    direction_from_angles,
+    master_directions,
+    master_pixels,
+    master_solid_angles,
+)
 from procam.model.mask import Mask, Nudge
 
 if TYPE_CHECKING:
@@ -29,6 +34,7 @@ Outline = Annotated[
     Discriminator(lambda entry: "file" if isinstance(entry, str) else "polygon"),
 ]
 FEWEST_CORNERS = 3
+MASTER_SIZE = 1024  # edge of the dome master that PNGs of the dome are drawn on [px]
 
 
 def camera_masks(venue: "Venue") -> dict[str, Mask]:
@@ -64,6 +70,32 @@ def nudges(venue: "Venue") -> list[Nudge]:
         for name, table in venue.table.projectors.items()
         for nudge in table.nudges
     ]
+
+
+def done_by_hand(venue: "Venue") -> dict[str, Any]:
+    """What venue.toml masks, protects and nudges, as JSON for a calibration; {} for nothing.
+
+    "masks" and "protected" list {"of": "camera NAME", "projector NAME" or "dome", "corners" of a
+    polygon or "file", "share" of the picture's or panel's pixels or of the dome's solid angle, 0..1},
+    "nudges" {"projector", "pixel", "shift_px"} [px].
+    """
+    table, folder = venue.table, venue.directory
+    screen, protected = (
+        [_told("dome", outline, _share_of_dome(venue, outline)) for outline in outlines]
+        for outlines in (table.screen.masks, table.screen.protected)
+    )
+    masks = [
+        _told(f"{kind} {name}", outline, float(_covered(folder, [outline], device.size).mean()))
+        for kind, devices in (("camera", table.cameras), ("projector", table.projectors))
+        for name, device in devices.items()
+        for outline in device.masks
+    ]
+    moved = [
+        {"projector": n.projector, "pixel": list(n.pixel), "shift_px": list(n.shift_px)}
+        for n in nudges(venue)
+    ]
+    parts = {"masks": masks + screen, "protected": protected, "nudges": moved}
+    return {name: entries for name, entries in parts.items() if entries}
 
 
 def polygon_pixels(corners: NDArray[np.floating], size: tuple[int, int]) -> Covered:
@@ -139,6 +171,19 @@ def _of_dome(venue: "Venue", outlines: Sequence[Outline], size: int) -> Mask:
         return np.asarray(master_pixels(direction_from_angles(azimuth, elevation), size))
 
     return Mask("screen", _covered(venue.directory, [placed(o) for o in outlines], (size, size)))
+
+
+def _share_of_dome(venue: "Venue", outline: Outline) -> float:
+    half_angle = np.radians(venue.table.screen.half_angle_deg)
+    on_dome = master_directions(MASTER_SIZE)[0][..., 2] >= np.cos(half_angle)
+    solid = master_solid_angles(MASTER_SIZE) * on_dome
+    marked = _of_dome(venue, [outline], MASTER_SIZE).covered
+    return float(solid[marked].sum() / solid.sum())
+
+
+def _told(of: str, outline: Outline, share: float) -> dict[str, Any]:
+    drawn = {"file": outline} if isinstance(outline, str) else {"corners": len(outline)}
+    return {"of": of, **drawn, "share": share}
 
 
 def _covered(folder: Path, outlines: Sequence[Outline | Array], size: tuple[int, int]) -> Covered:

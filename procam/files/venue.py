@@ -1,7 +1,7 @@
 """venue.toml: what a person knows of the rig. Every mistake is one line with its dotted path."""
 
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
@@ -13,7 +13,17 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, StringConstraint
 from procam.errors import InputError
 from procam.files.masks import Outline, dome_complaints, pixel_complaints
 from procam.maths.lenses import Lens
-from procam.model.optics import CameraModel, Distance, Fiducial, Sensor
+from procam.maths.local_shift import LocalShift
+from procam.model.optics import (
+    TAG_COUNTS,
+    USUAL_FAMILY,
+    AprilTag,
+    CameraModel,
+    Distance,
+    Fiducial,
+    Sensor,
+    TagFamily,
+)
 from procam.model.screen import Dome
 
 Positive = Annotated[FiniteFloat, Field(gt=0)]
@@ -71,7 +81,10 @@ class ControlTable(_Table):
 
 
 class NudgeTable(_Table):
-    """[[projectors.NAME.nudges]]: the picture moves there by this many pixels, right and down."""
+    """[[projectors.NAME.nudges]]: the picture moves there by this many pixels, right and down.
+
+    Counted from what cameras measure, in every solve anew: who looks again changes the entry.
+    """
 
     pixel: Pair
     shift_px: Pair
@@ -89,19 +102,42 @@ class ProjectorTable(_Table):
     nudges: list[NudgeTable] = []
 
 
-class FiducialTable(_Table):
-    """[[fiducials]]: a mark that a camera sees, or a projector shines, at a pixel.
+class _PlaceTable(_Table):
+    """A place on the dome. One angle is enough: the springline has an elevation, the front an azimuth."""
 
-    One angle is enough: a point of the springline has an elevation, the front an azimuth.
-    """
-
-    name: str
     azimuth_deg: FiniteFloat | None = None
     elevation_deg: Annotated[FiniteFloat, Field(ge=-90, le=90)] | None = None
     sigma_deg: Positive
+
+    @property
+    def place(self) -> tuple[float | None, float | None, float]:
+        """Azimuth, elevation and sigma [rad]."""
+        azimuth, elevation = (
+            None if angle is None else float(np.radians(angle))
+            for angle in (self.azimuth_deg, self.elevation_deg)
+        )
+        return azimuth, elevation, float(np.radians(self.sigma_deg))
+
+
+class FiducialTable(_PlaceTable):
+    """[[fiducials]]: a mark that a camera sees, or a projector shines, at a pixel."""
+
+    name: str
     camera: str | None = None
     projector: str | None = None
     pixel: Pair
+
+
+class TagTable(_PlaceTable):
+    """[[apriltags]]: a printed tag whose middle is there; cameras find it."""
+
+    family: TagFamily = USUAL_FAMILY
+    id: Annotated[int, Field(ge=0)]
+
+    @property
+    def tag(self) -> AprilTag:
+        """The tag as the solver wants it."""
+        return AprilTag(self.family, self.id, *self.place)
 
 
 class DistanceTable(_Table):
@@ -127,6 +163,7 @@ class VenueTable(_Table):
     cameras: Annotated[dict[Name, CameraTable], Field(min_length=1)]
     projectors: Annotated[dict[Name, ProjectorTable], Field(min_length=1)]
     fiducials: list[FiducialTable] = []
+    apriltags: list[TagTable] = []
     distances: list[DistanceTable] = []
     capture: CaptureTable
 
@@ -160,16 +197,14 @@ class Venue:
     def fiducials(self) -> list[Fiducial]:
         """The marks on the dome."""
         return [
-            Fiducial(
-                t.name,
-                None if t.azimuth_deg is None else float(np.radians(t.azimuth_deg)),
-                None if t.elevation_deg is None else float(np.radians(t.elevation_deg)),
-                float(np.radians(t.sigma_deg)),
-                t.camera or t.projector or "",
-                np.array(t.pixel),
-            )
+            Fiducial(t.name, *t.place, t.camera or t.projector or "", np.array(t.pixel))
             for t in self.table.fiducials
         ]
+
+    @property
+    def tags(self) -> list[AprilTag]:
+        """Tags on the dome that cameras find."""
+        return [t.tag for t in self.table.apriltags]
 
     @property
     def distances(self) -> list[Distance]:
@@ -258,15 +293,38 @@ def _mark_complaints(table: VenueTable) -> list[str]:
         ):
             if name is not None and name not in known:
                 found.append(f"{where}.{key}: got {name!r}, expected one of {', '.join(known)}")
-        if fiducial.azimuth_deg is None and fiducial.elevation_deg is None:
-            found.append(f"{where}: got no angle, expected azimuth_deg, elevation_deg or both")
-    names = [*table.cameras, *table.projectors, *(f.name for f in table.fiducials)]
+        found += _angle_complaints(where, fiducial)
+    found += _tag_complaints(table.apriltags)
+    marks = [*(f.name for f in table.fiducials), *(t.tag.name for t in table.apriltags)]
+    names = [*table.cameras, *table.projectors, *marks]
     for i, distance in enumerate(table.distances):
         for key, name in (("a", distance.a), ("b", distance.b)):
             if name not in names:
                 found.append(
                     f"distances.{i}.{key}: got {name!r}, expected one of {', '.join(names)}"
                 )
+    return found
+
+
+def _angle_complaints(where: str, entry: _PlaceTable) -> list[str]:
+    if entry.azimuth_deg is None and entry.elevation_deg is None:
+        return [f"{where}: got no angle, expected azimuth_deg, elevation_deg or both"]
+    return []
+
+
+def _tag_complaints(tables: Sequence[TagTable]) -> list[str]:
+    found, before = list[str](), set[str]()
+    for i, entry in enumerate(tables):
+        where = f"apriltags.{i}"
+        found += _angle_complaints(where, entry)
+        if entry.id >= (count := TAG_COUNTS[entry.family]):
+            found.append(
+                f"{where}.id: got {entry.id}, expected 0..{count - 1} of family {entry.family!r}; "
+                "correct id or family"
+            )
+        if entry.tag.name in before:
+            found.append(f"{where}: got {entry.tag.name} twice, expected each once; remove one")
+        before.add(entry.tag.name)
     return found
 
 
@@ -278,14 +336,28 @@ def _mask_complaints(table: VenueTable) -> list[str]:
     for name, projector in table.projectors.items():
         where = f"projectors.{name}"
         found += pixel_complaints(f"{where}.masks", projector.masks, projector.size)
-        found += [
-            f"{where}.nudges.{i}.pixel: got {list(nudge.pixel)}, expected a place on the panel of "
-            f"{projector.size[0]}x{projector.size[1]} px; correct it"
-            for i, nudge in enumerate(projector.nudges)
-            if not all(
-                -0.5 <= v <= n - 0.5 for v, n in zip(nudge.pixel, projector.size, strict=True)
-            )
-        ]
+        found += _nudge_complaints(where, projector)
+    return found
+
+
+def _nudge_complaints(where: str, projector: ProjectorTable) -> list[str]:
+    nudges, (width, height) = projector.nudges, projector.size
+    found = [
+        f"{where}.nudges.{i}.pixel: got {list(nudge.pixel)}, expected a place on the panel of "
+        f"{width}x{height} px; correct it"
+        for i, nudge in enumerate(nudges)
+        if not (-0.5 <= nudge.pixel[0] <= width - 0.5 and -0.5 <= nudge.pixel[1] <= height - 0.5)
+    ]
+    pixels, by = np.array([(n.pixel, n.shift_px) for n in nudges]).reshape(-1, 2, 2).swapaxes(0, 1)
+    shift = LocalShift.on_panel(projector.size, pixels, by)
+    torn = shift.torn_at()
+    if torn is not None:
+        found.append(
+            f"{where}.nudges.{torn}: got shift_px {by[torn].tolist()} at pixel "
+            f"{pixels[torn].tolist()}, where the picture would lie over itself; expected less than "
+            f"{2 / 3 * shift.reach_px:.0f} px, and neighbours whose shifts differ by less than they "
+            "are apart; correct or remove it"
+        )
     return found
 
 

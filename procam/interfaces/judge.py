@@ -10,7 +10,12 @@ from numpy.typing import NDArray
 from procam.errors import FileFormatError
 from procam.files.calibration import load_calibration
 from procam.files.images import RGB, read_channels
-from procam.maths.sphere import angle_between, master_solid_angles
+from procam.maths.sphere import (
+    angle_between,
+    master_directions,
+    master_pixels,
+    master_solid_angles,
+)
 from procam.maths.warp import block_mean
 from procam.model.calibration import Calibration
 from procam.model.quality import Figure, Goal
@@ -66,10 +71,13 @@ def judge_pictures(venue_dir: Path, calibration_dir: Path, truth_dir: Path) -> d
 
 
 def _free(calibration: Calibration, truth: Calibration, direct: Image) -> Image:
-    """F (N, N, 3): truly lit, and asked for light clear of the true black and of the white used."""
+    """F (N, N, 3): truly lit, asked for light clear of the true black and the white used, compensated."""
     black = truth.maps.lo @ calibration.content_from_camera.T.astype(np.float32)
     free = (direct > black + LSB) & (direct < calibration.maps.hi - LSB)
-    return (free & (truth.maps.coverage > WHOLE)[..., None]).astype(np.float32)
+    direction, _ = master_directions(len(direct))
+    protected = calibration.maps.is_protected(master_pixels(direction, calibration.maps.size))
+    judged = (truth.maps.coverage > WHOLE) & ~protected
+    return (free & judged[..., None]).astype(np.float32)
 
 
 def _weight(free: Image, size: int) -> Array:

@@ -7,6 +7,8 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+BLOCK = 512  # directions at a time: what they need stays in the cache
+
 
 def harmonic_count(lowest: int, highest: int) -> int:
     """Number of harmonics of degrees lowest..highest.
@@ -23,7 +25,18 @@ def harmonics(direction: Array, lowest: int, highest: int) -> tuple[Array, Array
     Of degrees lowest..highest, each of mean square 1 over the sphere; per degree the orders
     0, 1 cos, 1 sin, 2 cos, ... (Legendre functions by the usual three-term recurrence).
     """
-    x, y, z = direction.T
+    count = harmonic_count(lowest, highest)
+    values, slopes = np.empty((len(direction), count)), np.empty((len(direction), count, 3))
+    for at in range(0, len(direction), BLOCK):
+        block = slice(at, at + BLOCK)
+        value, slope = _block(direction[block].T, lowest, highest)
+        values[block], slopes[block] = value.T, slope.transpose(2, 0, 1)
+    return values, slopes
+
+
+def _block(direction: Array, lowest: int, highest: int) -> tuple[Array, Array]:
+    """Harmonics (K, N) at unit directions (3, N) and their gradients (K, 3, N)."""
+    x, y, z = direction
     cosine, sine = _azimuthal(x, y, highest)
     legendre = _legendre(z, highest)
     zero = np.zeros_like(z)
@@ -39,9 +52,9 @@ def harmonics(direction: Array, lowest: int, highest: int) -> tuple[Array, Array
             if order:
                 values.append(part * s)
                 slopes.append([order * part * below[1], order * part * below[0], rise * s])
-    gradient = np.moveaxis(np.array(slopes), (0, 1, 2), (1, 2, 0))
-    outward = np.einsum("nki,ni->nk", gradient, direction)
-    return np.stack(values, axis=1), gradient - outward[..., None] * direction[:, None]
+    gradient = np.array(slopes)
+    outward = np.einsum("kin,in->kn", gradient, direction)
+    return np.array(values), gradient - outward[:, None] * direction
 
 
 def _azimuthal(x: Array, y: Array, highest: int) -> tuple[list[Array], list[Array]]:

@@ -1,6 +1,7 @@
 """Cameras and projectors as the solver knows them."""
 
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,7 +9,21 @@ from numpy.typing import NDArray
 from procam.maths.lenses import Lens
 from procam.maths.pose import Pose
 
-__all__ = ["CameraModel", "Distance", "Fiducial", "Lens", "Pose", "ProjectorModel", "Sensor"]
+__all__ = [
+    "AprilTag",
+    "CameraModel",
+    "Distance",
+    "Fiducial",
+    "Lens",
+    "Pose",
+    "ProjectorModel",
+    "Sensor",
+    "TagFamily",
+    "tag_name",
+]
+TagFamily = Literal["36h11", "25h9", "16h5"]
+USUAL_FAMILY: TagFamily = "36h11"
+TAG_COUNTS: dict[TagFamily, int] = {"36h11": 587, "25h9": 35, "16h5": 30}
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,6 +96,35 @@ class Fiducial:
     sigma: float
     device: str
     pixel: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class AprilTag:
+    """A printed tag on the dome, which cameras find by themselves.
+
+    `family` and `number` tell it from others; `azimuth`, `elevation` and `sigma` [rad] are those of its
+    centre, as of a `Fiducial`.
+    """
+
+    family: TagFamily
+    number: int
+    azimuth: float | None
+    elevation: float | None
+    sigma: float
+
+    @property
+    def name(self) -> str:
+        """What people call it, and the marks that are made of it."""
+        return tag_name(self.family, self.number)
+
+
+def tag_name(family: TagFamily, number: int) -> str:
+    """What people call a tag.
+
+    >>> tag_name("36h11", 7), tag_name("25h9", 7)
+    ('tag 7', 'tag 7 of 25h9')
+    """
+    return f"tag {number}" if family == USUAL_FAMILY else f"tag {number} of {family}"
 
 
 @dataclass(frozen=True, slots=True)

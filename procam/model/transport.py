@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from procam.model.mask import Mask
+
 Map = NDArray[np.float32]
 
 
@@ -30,6 +32,7 @@ class DomeMaps:
     albedo : (N, N, 3) diffuse reflectance [-].
     lo, hi : (N, N, 3) direct radiance with all projectors black and at full blended white [rel].
     coverage : (N, N) share of the pixel that a projector can light, 0..1.
+    protected : (N, N) where the picture is left as it is, never compensated; None for nowhere.
     """
 
     scatter_per_flux: Map
@@ -37,8 +40,15 @@ class DomeMaps:
     lo: Map
     hi: Map
     coverage: Map
+    protected: Mask | None = None
 
     @property
     def size(self) -> int:
         """Edge of the maps [px]."""
         return int(self.coverage.shape[0])
+
+    def is_protected(self, where: NDArray[np.floating]) -> NDArray[np.bool_]:
+        """Whether the picture is left as it is at places (..., 2) of the maps [px]."""
+        if self.protected is None:
+            return np.zeros(where.shape[:-1], bool)
+        return self.protected.at(where)

@@ -37,7 +37,8 @@ def compensate_file(
     compensator = Compensator(calibration, picture.shape[0], method)
     result = compensator.solve(picture)
     write_picture(out, result.direct)
-    free = result.free[compensator.lit].mean(axis=0)
+    lit, protected = compensator.lit, compensator.protected[..., None]
+    free = (result.free | protected)[lit].mean(axis=0)
     return {
         "out": str(out),
         "method": method,

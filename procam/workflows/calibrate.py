@@ -1,6 +1,6 @@
 """From stored captures to a calibration; needs no device and repeats to the last bit."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
@@ -8,35 +8,40 @@ from typing import TypeVar
 
 import numpy as np
 
-from procam.estimate.adjustment import Problem
 from procam.estimate.assemble import Measurement, assemble
 from procam.estimate.bundle import Pair
-from procam.estimate.bundle_start import FEWEST, Hung
 from procam.estimate.clean import keep_only
 from procam.estimate.codes import make_code
 from procam.estimate.decode import Decoder
-from procam.estimate.gather import gather
-from procam.estimate.geometry import ROUND_ENOUGH, GeometrySolution, solve_geometry
+from procam.estimate.geometry import GeometrySolution
 from procam.estimate.limits import DecodeLimits
-from procam.estimate.marks import missing_marks
 from procam.estimate.radiance import Radiometer
+from procam.estimate.tags import TagLook
 from procam.estimate.view import DomeView
 from procam.files.calibration import next_directory, save_calibration
-from procam.files.masks import camera_masks, projector_masks, screen_mask
+from procam.files.masks import (
+    MASTER_SIZE,
+    camera_masks,
+    nudges,
+    projector_masks,
+    protected_mask,
+    screen_mask,
+)
 from procam.files.session import Session
 from procam.files.venue import Venue
-from procam.maths.ray_to_screen import RoundShape
 from procam.maths.sphere import master_pixels
+from procam.model.calibration import Calibration
 from procam.model.correspondence import CorrespondenceMap
 from procam.model.screen import Dome
 from procam.workflows.events import Event
+from procam.workflows.geometry import rig_problem, solve_rig
 from procam.workflows.light import measure_light
 from procam.workflows.provenance import provenance
 from procam.workflows.readings import Readings
+from procam.workflows.tags import look_for_tags, tag_marks, tag_notes
 
 NOISE_DN = 6.0  # differences below a few counts mean nothing
 DARK_SIGMAS = 3.0
-MASK_SIZE = 1024  # of the dome master that masks of the screen are drawn on
 WORKERS = 2  # each holds about 400 MB for a 2.5 Mpx camera
 Result = TypeVar("Result")
 
@@ -48,32 +53,35 @@ def solve(venue: Venue, session: Session) -> Iterator[Event]:
     directory as `data["calibration"]`.
     """
     plan, cameras = session.read_plan(), venue.cameras
+    origin = provenance(venue, session)  # first of all, for it finds what is wrong with masks
     names = list(venue.table.projectors)
     total = len(names) * (len(cameras) + 1) + 3
     found: dict[Pair, CorrespondenceMap] = {}
+    looks: dict[str, TagLook] = {}
     for camera in cameras:
         readings = Readings(session, plan, Radiometer(cameras[camera]))
+        looks[camera] = look_for_tags(venue, readings)
         for name, seen in _each(names, partial(_decode, venue, readings)):
             found[camera, name] = seen
             share = float(seen.valid.sum() / readings.radiometer.seen.sum())
             told = f"{name} decoded, {share:.0%} of what {camera} sees"
             yield Event("solve", len(found), total, told)
-    geometry = _solve_geometry(venue, found)
-    dome = _solved_screen(venue, geometry)
-    yield Event("solve", len(found) + 1, total, f"geometry solved; {_verdict(geometry)}")
-    for line in _missing(venue, geometry):
+    marks = [*venue.fiducials, *tag_marks(venue, looks)]
+    geometry, notes = solve_rig(rig_problem(venue, found, marks))
+    for line in [*tag_notes(venue, plan, looks), *notes]:
         yield Event("solve", len(found) + 1, total, line)
     if geometry.main != camera:
         readings = Readings(session, plan, Radiometer(cameras[geometry.main]))
+    dome = _solved_screen(venue, geometry)
     view = _view(venue, dome, readings, geometry)
     measured: dict[str, Measurement] = {}
     work = partial(measure_light, dome, readings, view, geometry, found)
     for i, (name, measured[name]) in enumerate(_each(names, work)):
         yield Event("solve", len(found) + 2 + i, total, f"{name} light split, response fitted")
-    calibration = assemble(dome, geometry, view, measured, provenance(venue, session))
+    calibration = assemble(dome, geometry, view, measured, nudges(venue), origin)
     yield Event("solve", total - 1, total, "maps assembled")
     directory = next_directory(venue.directory)
-    save_calibration(calibration, directory)
+    save_calibration(_protecting(venue, calibration), directory)
     yield Event(
         "solve", total, total, f"calibration {directory} written", {"calibration": str(directory)}
     )
@@ -102,23 +110,6 @@ def _decode(venue: Venue, readings: Readings, name: str) -> CorrespondenceMap:
     return keep_only(found, ~masked)
 
 
-def _solve_geometry(venue: Venue, found: Mapping[Pair, CorrespondenceMap]) -> GeometrySolution:
-    table = venue.table
-    seen = {pair: gather(f, table.projectors[pair[1]].size) for pair, f in found.items()}
-    return solve_geometry(
-        Problem(
-            RoundShape(venue.screen.radius_m),
-            venue.cameras,
-            {name: Hung(name, entry.size, entry.lens) for name, entry in table.projectors.items()},
-            {pair: some for pair, some in seen.items() if len(some.sigma_px) >= FEWEST},
-            {name: entry.intrinsics for name, entry in table.cameras.items()},
-            venue.fiducials,
-            venue.distances,
-            table.screen.radius_m is not None,
-        )
-    )
-
-
 def _solved_screen(venue: Venue, geometry: GeometrySolution) -> Dome:
     shape = geometry.rig.shape
     bumps = tuple(float(b) for b in shape.bumps)
@@ -129,24 +120,14 @@ def _view(venue: Venue, dome: Dome, readings: Readings, geometry: GeometrySoluti
     """What the main camera sees of the screen, without what a person has masked."""
     seen = readings.radiometer.seen & ~camera_masks(venue)[geometry.main].covered
     view = DomeView.of(geometry.camera, dome, readings.radiometer.rays, seen)
-    masked = screen_mask(venue, MASK_SIZE).at(
-        master_pixels(np.nan_to_num(view.direction), MASK_SIZE)
+    masked = screen_mask(venue, MASTER_SIZE).at(
+        master_pixels(np.nan_to_num(view.direction), MASTER_SIZE)
     )
-    solid = np.where(masked, 0.0, view.solid_angle_sr)
-    return replace(view, on_screen=view.on_screen & ~masked, solid_angle_sr=solid)
+    return view.without(masked)
 
 
-def _missing(venue: Venue, geometry: GeometrySolution) -> list[str]:
-    known = venue.table.screen.radius_m is not None
-    return missing_marks(known, venue.fiducials, len(geometry.freedoms))
-
-
-def _verdict(geometry: GeometrySolution) -> str:
-    ratio = f"(ratio {geometry.sphere_excess**2:.1f})"
-    if geometry.sphere_excess < ROUND_ENOUGH:
-        return f"the dome is a sphere {ratio}"
-    degree = geometry.rig.shape.degree
-    cure = (
-        f"bumps up to degree {degree} solved" if degree else "a second camera would tell its bumps"
-    )
-    return f"the dome is NOT a sphere {ratio}; {cure}"
+def _protecting(venue: Venue, calibration: Calibration) -> Calibration:
+    """The calibration with the parts of the dome that a person protects, if there are any."""
+    mask, maps = protected_mask(venue, calibration.maps.size), calibration.maps
+    protected = mask if mask.covered.any() else None
+    return replace(calibration, maps=replace(maps, protected=protected))

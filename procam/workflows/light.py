@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from procam.estimate.assemble import Measurement
 from procam.estimate.bundle import Pair
 from procam.estimate.geometry import GeometrySolution
+from procam.estimate.glints import lens_glints
 from procam.estimate.hidden import fill_light, fill_picture, hidden_pixels
 from procam.estimate.photometry import ResponseFit, fit_colour, tile_levels
 from procam.estimate.transport import Separation
@@ -31,15 +32,18 @@ def measure_light(
 ) -> Measurement:
     """Projector `name`'s light, split and fitted; black is measured at its own long exposure.
 
-    Where pictures carried their numbers they showed no pattern: these places are left out of every
-    fit, and filled from around them at the end.
+    Where pictures carried their numbers they showed no pattern, and where the camera looks into a
+    lens it sees no screen: these places are left out of every fit, and filled from around them at
+    the end.
     """
     dark, dark_long = readings.dark()
     black = readings.light(readings.only(name, "black")) - dark_long
     base = black + dark
+    glints = view.on_screen & lens_glints(geometry.rig, geometry.main, readings.radiometer.rays)
     white = readings.light(readings.only(name, "white")) - base
+    white = fill_picture(white, glints, view.on_screen)
     xy = view.projector_pixels(geometry.projectors[name], dome)
-    hidden = _under_numbers(readings, geometry, name, xy)
+    hidden = glints | _under_numbers(readings, geometry, name, xy)
     xy = np.where(hidden[..., None], np.float32(np.nan), xy)
     decoded = found[geometry.main, name].valid | hidden
     separation = Separation(white, xy, decoded, view.solid_angle_sr)

@@ -1,10 +1,11 @@
-"""Where a calibration comes from: versions and hashes of what went in."""
+"""Where a calibration comes from: versions, hashes of what went in, and what a person set."""
 
 import hashlib
 import platform
 from importlib.metadata import version
 from typing import Any
 
+from procam.files.masks import done_by_hand
 from procam.files.session import Session
 from procam.files.venue import Venue
 
@@ -12,16 +13,18 @@ PACKAGES = ("procam", "numpy", "scipy", "opencv-contrib-python-headless", "OpenI
 
 
 def provenance(venue: Venue, session: Session) -> dict[str, Any]:
-    """Versions, the session, and a hash over its plan, venue and captures."""
+    """Versions, the session, a hash over its plan, venue and captures, and what was done by hand."""
     digest = hashlib.sha256()
     digest.update((venue.directory / "venue.toml").read_bytes())  # the one that was solved with
     digest.update((session.directory / "plan.json").read_bytes())
     for camera in venue.table.cameras:
         for key, entry in sorted(session.stored(camera).items()):
             digest.update(f"{camera} {key} {entry['sha256']}".encode())
-    return {
+    found = {
         "session": session.directory.name,
         "input_sha256": digest.hexdigest(),
         "python": platform.python_version(),
         "versions": {name: version(name) for name in PACKAGES},
     }
+    by_hand = done_by_hand(venue)
+    return found | ({"by_hand": by_hand} if by_hand else {})

@@ -18,6 +18,7 @@ from procam.maths.warp import sample
 from procam.model.calibration import Calibration, ProjectorCalibration
 from procam.model.frame import CameraSettings
 from procam.model.quality import Figure, Goal
+from procam.model.transport import DomeMaps
 from procam.workflows.events import Event
 
 Array = NDArray[np.float64]
@@ -156,7 +157,8 @@ def _finish(  # noqa: PLR0913, PLR0917
     predicted: Array,
 ) -> Refined:
     factor = loop.gain_factor(wanted.direct, camera.cells)
-    projectors = {name: _regained(p, factor) for name, p in calibration.projectors.items()}
+    maps = calibration.maps
+    projectors = {name: _regained(p, factor, maps) for name, p in calibration.projectors.items()}
     better = replace(calibration, projectors=projectors)
     return Refined(
         better,
@@ -170,8 +172,11 @@ def _finish(  # noqa: PLR0913, PLR0917
     )
 
 
-def _regained(projector: ProjectorCalibration, factor: Array) -> ProjectorCalibration:
+def _regained(
+    projector: ProjectorCalibration, factor: Array, maps: DomeMaps
+) -> ProjectorCalibration:
     direction = np.nan_to_num(projector.surface.direction)
     at = sample(factor, master_pixels(direction, LOOP_SIZE), outside=1.0)
+    at[maps.is_protected(master_pixels(direction, maps.size))] = 1.0
     photometry = replace(projector.photometry, gain=projector.photometry.gain * at)
     return replace(projector, photometry=photometry)

@@ -1,6 +1,7 @@
 import json
 import re
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from procam.interfaces.report import write_report
 from procam.interfaces.report.words import goal_text, percent, value_text
 from procam.maths.sphere import master_directions, master_pixels
 from procam.maths.warp import block_mean
+from procam.model.mask import Mask
 from procam.model.quality import Figure, Goal
 from procam.workflows.pictures import half_sky
 
@@ -181,6 +183,34 @@ def test_hostile_names_are_text(venue):
     page = write_report(hostile).read_text("utf-8")
     assert "<img src=x" not in page
     assert "&lt;img src=x onerror=" in page
+
+
+def test_what_was_done_by_hand_has_its_section(venue, calibration):
+    assert "Done by hand" not in write_report(venue).read_text("utf-8")
+    covered = np.zeros((SIZE, SIZE), bool)
+    covered[40:60, 40:60] = True
+    told = {
+        "masks": [{"of": "camera West Wing", "file": HOSTILE, "share": 0.0123}],
+        "protected": [{"of": "dome", "corners": 5, "share": 0.04}],
+        "nudges": [
+            {"projector": "B2", "pixel": [640.5, 400.0], "shift_px": [-3.0, 4.0]},
+            {"projector": "north", "pixel": [1.0, 2.0], "shift_px": [0.25, 0.0]},
+        ],
+    }
+    maps = replace(calibration.maps, protected=Mask("screen", covered))
+    changed = replace(calibration, maps=maps, provenance={"by_hand": told})
+    save_calibration(changed, venue / "calibrations" / "0003")
+    page = write_report(venue).read_text("utf-8")
+    assert page.count("<section") == SECTIONS + 4
+    for cells in (
+        ["Camera West Wing", "&lt;img", f"1.23{THIN}% of the picture", "is not used"],
+        ["Dome", "polygon of 5 points", f"4{THIN}% of the dome", "is left as it is"],
+        ["Projector B2", "640.5", "400", f"{MINUS}3", "4"],
+    ):
+        assert re.search(".*".join(f"<td>{re.escape(c)}" for c in cells), page), cells
+    assert "largest nudge, 5 px, is that of B2 at (640.5, 400)" in page
+    assert "Protected parts" in page and "no projector reaches or protected by hand" in page
+    assert "<dt>By hand" not in page and "<img src=x" not in page
 
 
 def test_without_truth_the_camera_is_the_witness(venue):

@@ -176,6 +176,24 @@ def judge(
     run_judge(calibration, truth, Output(json))
 
 
+@app.command(epilog="Example: procam compare my-dome/calibrations/0001 my-dome/calibrations/0002")
+def compare(
+    first: Annotated[Path, typer.Argument(metavar="A", help="A calibration directory.")],
+    second: Annotated[Path, typer.Argument(metavar="B", help="Another of the same rig.")],
+    json: Json = False,
+) -> None:
+    """Compare two calibrations of a rig from independent captures; exit 1 if more than a turn differs.
+
+    Another visit, another camera, or the same camera turned by 90 degrees, which shows a wrong lens
+    that no residual of one visit shows. Says how far directions, areas and light are apart, whether
+    their error bars cover that, and if not, whether a projector moved, a lens is doubtful, or two
+    projectors are exchanged.
+    """
+    from procam.interfaces.cli.compare import run_compare
+
+    run_compare(first, second, Output(json))
+
+
 @app.command(epilog="Example: procam inspect my-dome/calibrations/0001")
 def inspect(
     file: Annotated[Path, typer.Argument(help="Calibration, session, plan, map or picture.")],

@@ -108,6 +108,12 @@ class Material:
         assert self.calibration is not None
         return resized(self.calibration.maps.coverage, size)
 
+    def protected(self, size: int) -> NDArray[np.bool_]:
+        """Where (N, N) the picture is left as it is."""
+        assert self.calibration is not None
+        maps, (direction, inside) = self.calibration.maps, master_directions(size)
+        return maps.is_protected(master_pixels(direction, maps.size)) & inside
+
     def seen(self) -> Seen | None:
         """Before and after from the best witness there is: simulator, camera, prediction."""
         if self.calibration is None or not self.pictures:

@@ -218,7 +218,8 @@ def clipped(material: Material) -> Iterator[Block]:
         return
     held = 1 - material.pictures["free"]
     above = material.pictures["compensated"] > material.pictures["target"]
-    coverage = material.coverage(len(held))
+    protected = material.protected(len(held))
+    coverage = material.coverage(len(held)) * ~protected
     weight = (master_solid_angles(len(held)) * (coverage > WHOLE))[..., None]
     total = max(float(weight.sum()), 1e-12)
     low, high = ((weight * held * side).sum(axis=(0, 1)) / total for side in (above, ~above))
@@ -229,22 +230,26 @@ def clipped(material: Material) -> Iterator[Block]:
         f"{percent(float(high.mean()), 2)} asks for more light than the projectors have."
     )
     codes = np.where(held > 0.5, np.where(above, 1, 2), 0)
-    yield _limits(np.where((coverage > 0.5)[..., None], codes, 3))
+    also = " or protected by hand" if protected.any() else ""
+    yield _limits(np.where((coverage > 0.5)[..., None], codes, 3), also)
     rows = [
         [c.capitalize(), *(percent(float(share[i])) for share in (1 - low - high, low, high))]
         for i, c in enumerate(COLOURS)
     ]
     head = ["Channel", "Exact", "Held at black", "Held at full light"]
-    yield Table(head, rows, "Shares of the lit dome.")
+    left_out = ", without what is protected by hand" if also else ""
+    yield Table(head, rows, f"Shares of the lit dome{left_out}.")
 
 
-def _limits(codes: NDArray[np.integer]) -> Domes:
+def _limits(codes: NDArray[np.integer], also: str) -> Domes:
+    """The maps by channel; `also` says what else is left out than directions without light."""
     colours = [plots.css_colour(c) for c in plots.LIMITS]
+    left_out = LIMIT_WORDS[-1] + also
     domes = [
         DomePicture(c.capitalize(), plots.paint_categories(codes[..., i], plots.LIMITS))
         for i, c in enumerate(COLOURS)
     ]
     return Domes(
-        [Group(domes, None, list(zip(colours, LIMIT_WORDS, strict=True)))],
+        [Group(domes, None, list(zip(colours, (*LIMIT_WORDS[:-1], left_out), strict=True)))],
         "Per colour channel, where the compensated picture meets a limit of the projectors.",
     )

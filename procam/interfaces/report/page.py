@@ -11,7 +11,7 @@ import numpy as np
 from procam.errors import InputError
 from procam.files import atomic
 from procam.interfaces import plots
-from procam.interfaces.report import dome, light
+from procam.interfaces.report import dome, hand, light
 from procam.interfaces.report.blocks import COLOURS, Section
 from procam.interfaces.report.data import Material, read_material
 from procam.interfaces.report.words import (
@@ -171,9 +171,11 @@ def _sections(material: Material) -> Iterator[Section]:
         ("clipped", "What could not be reproduced, and why", light.clipped),
         ("levels", "Brightest white and darkest black", dome.levels),
         ("feedback", "How strongly the dome bounces light", dome.feedback),
+        ("by-hand", "Done by hand", hand.by_hand),
     )
     for key, title, make in parts:
-        yield Section(key, title, list(make(material)))
+        if blocks := list(make(material)):
+            yield Section(key, title, blocks)
 
 
 def _figure_row(name: str, entry: Mapping[str, Any]) -> dict[str, Any]:
@@ -215,6 +217,8 @@ def _provenance(material: Material) -> Iterator[tuple[str, str]]:
     for name, projector in calibration.projectors.items():
         yield f"Projector {name}", f"{projector.model.size[0]} x {projector.model.size[1]} px"
     for key, value in calibration.provenance.items():
+        if key == "by_hand":  # has a section of its own
+            continue
         title = ORIGINS.get(key, key.replace("_", " ").capitalize())
         if isinstance(value, Mapping):
             yield title, ", ".join(f"{k} {v}" for k, v in value.items())

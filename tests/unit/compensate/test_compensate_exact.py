@@ -1,6 +1,7 @@
 """The compensator on a calibration that is fully known."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from procam.compensate.exact import Compensator
 from procam.errors import InputError, ShapeError
 from procam.maths.sphere import master_directions, master_solid_angles
 from procam.model.calibration import Calibration
+from procam.model.mask import Mask
 
 SIZE = 96
 EXACT = 1e-6  # what science.md s.8 asks of unclipped pixels
@@ -124,6 +126,62 @@ class TestOthers:
         paper = Compensator(calibration, SIZE, "paper-eq12").solve(content)
         free = exact.free & paper.free
         assert (paper.observed[free] - content[free]).mean() > 0.005
+
+
+@pytest.fixture
+def protecting(calibration: Calibration) -> Calibration:
+    """A band across the dome that is left as it is: black, too bright and unlit content in it."""
+    covered = np.zeros((SIZE, SIZE), bool)
+    covered[25:70, 45:55] = True
+    covered[40:50, :] = True
+    maps = replace(calibration.maps, protected=Mask("screen", covered))
+    return replace(calibration, maps=maps)
+
+
+class TestProtected:
+    @pytest.mark.parametrize("method", ["exact", "paper-eq12", "none"])
+    def test_the_picture_is_left_as_it_is(
+        self, protecting: Calibration, content: np.ndarray, method: str
+    ) -> None:
+        compensator = Compensator(protecting, SIZE, method)  # type: ignore[arg-type]
+        _, inside = master_directions(SIZE)
+        assert protecting.maps.protected is not None
+        kept = protecting.maps.protected.covered & inside
+        np.testing.assert_array_equal(compensator.protected, kept)
+        found = compensator.solve(content)
+        np.testing.assert_array_equal(found.direct[kept], content[kept])
+        assert not found.free[kept].any()
+
+    def test_the_rest_is_compensated_for_all_the_light_that_arrives(
+        self, protecting: Calibration, content: np.ndarray
+    ) -> None:
+        """Protected light counts as far as projectors can show it."""
+        found = Compensator(protecting, SIZE).solve(content)
+        solid, maps = _solid(protecting), protecting.maps
+        shown = np.clip(found.direct.astype(float), maps.lo, maps.hi)
+        np.testing.assert_allclose(found.flux, np.tensordot(solid, shown, 2), rtol=1e-6)
+        lit = solid > 0
+        expected = shown + maps.scatter_per_flux * found.flux
+        np.testing.assert_allclose(found.observed[lit], expected[lit], atol=EXACT)
+        assert 0.6 < found.free[lit].mean() < 0.9
+        np.testing.assert_allclose(found.observed[found.free], content[found.free], atol=EXACT)
+
+    def test_more_protected_light_leaves_less_for_the_rest(
+        self, protecting: Calibration, content: np.ndarray
+    ) -> None:
+        assert protecting.maps.protected is not None
+        covered = protecting.maps.protected.covered
+        dark, bright = content.copy(), content.copy()
+        dark[covered], bright[covered] = 0.1, 1.0
+        first, second = (Compensator(protecting, SIZE).solve(c) for c in (dark, bright))
+        free = first.free & second.free
+        assert (second.direct[free] < first.direct[free]).all()
+
+    def test_all_of_the_dome(self, calibration: Calibration, content: np.ndarray) -> None:
+        mask = Mask("screen", np.ones((SIZE, SIZE), bool))
+        maps = replace(calibration.maps, protected=mask)
+        found = Compensator(replace(calibration, maps=maps), SIZE).solve(content)
+        assert not found.free.any()
 
 
 class TestCalls:

@@ -1,5 +1,7 @@
 """The closed loop's arithmetic against a plant of which everything is known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from tolerances import FLOAT32
@@ -9,6 +11,7 @@ from procam.maths.radiosity import add_interreflection
 from procam.maths.sphere import master_directions, master_pixels, master_solid_angles
 from procam.maths.warp import sample
 from procam.model.calibration import Calibration
+from procam.model.mask import Mask
 
 
 @pytest.fixture(scope="module")
@@ -92,6 +95,21 @@ class TestLoop:
         found = loop.corrected(direct)
         assert not found[60:70].any()
         assert found[40, 64].min() > 0.55 and found.min() >= 0
+
+    def test_corrected_leaves_what_is_protected_alone(
+        self, calibration: Calibration, cells: Cells
+    ) -> None:
+        """Up to its border, where the correction of cells outside would reach in."""
+        covered = np.zeros((96, 96), bool)
+        covered[30:50, 30:50] = True
+        maps = replace(calibration.maps, protected=Mask("screen", covered))
+        free = np.repeat(~covered[..., None], 3, axis=-1)
+        loop = Loop(replace(calibration, maps=maps), cells, free)
+        loop.update(np.where(loop.free, 0.1, 0.0), 1)
+        direct = np.full((96, 96, 3), 0.5, np.float32)
+        found = loop.corrected(direct)
+        np.testing.assert_array_equal(found[covered], direct[covered])
+        assert (found[26:28, 30:50] > 0.55).all()
 
     def test_gain_factor_is_light_got_per_light_asked(self, loop: Loop, cells: Cells) -> None:
         """A projector that gives 5 % too little needs 1/0.95 of what was asked."""

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from tolerances import CLOSED_FORM, FLOAT32, SIGMAS, SOLVER
 
+from procam.compensate.projector_frames import projector_frames
 from procam.estimate.bundle import Layout, Observations, Rig
 from procam.estimate.geometry import GeometrySolution
 from procam.estimate.landing import measure_landing, model_directions
@@ -13,10 +14,13 @@ from procam.estimate.surface import camera_pixels, lit_share, project_surface
 from procam.estimate.transport import Light
 from procam.estimate.view import DomeView
 from procam.maths.lenses import project, unproject
+from procam.maths.local_shift import REACH
 from procam.maths.ray_to_screen import RoundShape
-from procam.maths.sphere import cap_solid_angle, master_directions
+from procam.maths.sphere import cap_solid_angle, grid_solid_angles, master_directions
 from procam.maths.warp import grow
 from procam.model.calibration import Calibration
+from procam.model.correspondence import ProjectorSurface
+from procam.model.mask import Nudge
 from procam.model.optics import CameraModel, Lens, Pose, Sensor
 
 
@@ -182,3 +186,83 @@ class TestProjectSurface:
         wavy = Observations(some.camera_px, some.projector_px - swell, some.sigma_px)
         landing = measure_landing(replace(solution, observations={pair: wavy}), "south")
         assert np.abs(landing.field).max() > 1e-3
+
+
+class TestNudges:
+    """The picture of the projector south, moved by a person 2 px to the right and 1 px up."""
+
+    PIXEL, SHIFT = (22, 14), (2, -1)
+    NUDGE = Nudge("south", PIXEL, SHIFT)
+
+    @pytest.fixture(scope="class")
+    @classmethod
+    def surfaces(cls, calibration: Calibration) -> tuple[ProjectorSurface, ProjectorSurface]:
+        """As measured, and nudged."""
+        solution = _solution(calibration, _camera(), 1e-4)
+        light = TestProjectSurface._light(solution.camera, calibration)
+        other = Nudge("north", (10, 10), (1, 1))
+        plain, nudged = (
+            project_surface(solution, "south", calibration.screen, light, nudges)
+            for nudges in ([other], [cls.NUDGE, other])
+        )
+        return plain, nudged
+
+    def test_the_pixel_it_was_sent_to_shows_what_the_pixel_showed(
+        self, surfaces: tuple[ProjectorSurface, ProjectorSurface]
+    ) -> None:
+        plain, nudged = surfaces
+        (x, y), (right, down) = self.PIXEL, self.SHIFT
+        np.testing.assert_allclose(
+            nudged.direction[y + down, x + right], plain.direction[y, x], atol=1e-6
+        )
+
+    def test_far_away_nothing_changes(
+        self, surfaces: tuple[ProjectorSurface, ProjectorSurface]
+    ) -> None:
+        plain, nudged = surfaces
+        x, y = np.meshgrid(np.arange(48), np.arange(30))
+        far = np.hypot(x - 24, y - 13) > REACH * 48 + 1  # a pixel's corners move too
+        np.testing.assert_array_equal(nudged.direction[far], plain.direction[far])
+        np.testing.assert_array_equal(nudged.solid_angle_sr[far], plain.solid_angle_sr[far])
+        assert (nudged.direction != plain.direction).any(axis=-1)[~far].mean() > 0.7
+
+    def test_solid_angles_are_those_of_the_nudged_directions(
+        self, surfaces: tuple[ProjectorSurface, ProjectorSurface]
+    ) -> None:
+        plain, nudged = surfaces
+        total = plain.solid_angle_sr.sum()
+        assert nudged.solid_angle_sr.sum() == pytest.approx(total, rel=1e-5)
+        # of cells between the pixels' centres: means of four pixels, but for what they bend
+        between = grid_solid_angles(nudged.direction.astype(float))
+        own = nudged.solid_angle_sr
+        mean = (own[1:, 1:] + own[1:, :-1] + own[:-1, 1:] + own[:-1, :-1]) / 4
+        np.testing.assert_allclose(between, mean, rtol=0.03)
+        changed = nudged.solid_angle_sr / plain.solid_angle_sr
+        assert changed.max() > 1.3 and changed.min() < 0.7
+
+    def test_what_is_lit_and_how_sure_it_is_stay_as_measured(
+        self, surfaces: tuple[ProjectorSurface, ProjectorSurface]
+    ) -> None:
+        plain, nudged = surfaces
+        for name in ("sigma_arcmin", "valid", "measured"):
+            np.testing.assert_array_equal(getattr(nudged, name), getattr(plain, name))
+
+    def test_a_spot_moves_on_the_panel_as_it_was_asked_to(
+        self, calibration: Calibration, surfaces: tuple[ProjectorSurface, ProjectorSurface]
+    ) -> None:
+        plain, nudged = surfaces
+        direction, _ = master_directions(512)
+        apart = direction @ plain.direction[self.PIXEL[1], self.PIXEL[0]].astype(float)
+        spot = np.exp((apart - 1) / np.radians(1.5) ** 2)  # a pixel is some 2 degrees wide
+        content = np.repeat(spot[..., None], 3, axis=-1).astype(np.float32)
+        south = calibration.projectors["south"]
+        places = []
+        for surface in (plain, nudged):
+            shown = replace(calibration, projectors={"south": replace(south, surface=surface)})
+            frame = projector_frames(content, shown)["south"].sum(axis=-1)
+            light = np.where(frame > 0.3 * frame.max(), frame, 0)
+            places.append(
+                [light.sum(0) @ np.arange(48), light.sum(1) @ np.arange(30)] / light.sum()
+            )
+        np.testing.assert_allclose(places[0], self.PIXEL, atol=0.1)
+        np.testing.assert_allclose(places[1] - places[0], self.SHIFT, atol=0.15)

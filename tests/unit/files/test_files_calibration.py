@@ -17,7 +17,9 @@ from procam.files.calibration import (
     next_directory,
     save_calibration,
 )
+from procam.files.images import read_channels
 from procam.model.calibration import Calibration
+from procam.model.mask import Mask
 
 
 def _assert_same(found: Any, expected: Any, where: str = "calibration") -> None:
@@ -49,6 +51,21 @@ class TestRoundTrip:
         self, saved: Path, calibration: Calibration
     ) -> None:
         _assert_same(load_calibration(saved), calibration)
+
+    def test_what_is_protected_comes_back_too(
+        self, tmp_path: Path, calibration: Calibration
+    ) -> None:
+        covered = np.zeros((96, 96), bool)
+        covered[10:30, 20:50] = True
+        maps = dataclasses.replace(calibration.maps, protected=Mask("screen", covered))
+        protecting = dataclasses.replace(calibration, maps=maps)
+        save_calibration(protecting, tmp_path / "0001")
+        _assert_same(load_calibration(tmp_path / "0001"), protecting)
+
+    def test_one_without_protection_says_nothing_of_it(self, saved: Path) -> None:
+        """And so does every calibration that was made before there was any."""
+        assert "protected" not in read_channels(saved / "maps" / "dome.exr")
+        assert load_calibration(saved).maps.protected is None
 
     def test_files_are_where_other_tools_look(self, saved: Path) -> None:
         files = sorted(str(p.relative_to(saved)) for p in saved.rglob("*") if p.is_file())

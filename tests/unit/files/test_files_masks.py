@@ -1,5 +1,6 @@
 """Masks by hand: polygons and PNGs as pixels, and what venue.toml refuses."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from procam.errors import FileFormatError, InputError, ShapeError
 from procam.files.images import write_image
 from procam.files.masks import (
     camera_masks,
+    done_by_hand,
     nudges,
     polygon_pixels,
     projector_masks,
@@ -118,6 +120,36 @@ class TestVenue:
         venue = load(tmp_path)
         assert not any(m.covered.any() for m in (*camera_masks(venue).values(),))
         assert not screen_mask(venue, 64).covered.any() and nudges(venue) == []
+        assert done_by_hand(venue) == {}
+
+    def test_what_is_told_of_them(self, tmp_path: Path) -> None:
+        half = np.zeros((1600, 1600), np.uint8)
+        half[:800] = 9
+        write_image(tmp_path / "half.png", half)
+        venue = load(
+            tmp_path,
+            screen="protected = [[[0, 30], [90, 30], [180, 30], [270, 30]]]\n"
+            "masks = [[[0, 0], [90, 0], [180, 0], [270, 0]]]",
+            camera='masks = ["half.png"]',
+            projector="masks = [[[-0.5, -0.5], [127.5, -0.5], [127.5, 799.5], [-0.5, 799.5]]]\n"
+            "nudges = [{ pixel = [640, 400], shift_px = [-1.5, 0.25] }]",
+        )
+        told = done_by_hand(venue)
+        assert json.loads(json.dumps(told)) == told
+        camera, panel, dome = told["masks"]
+        assert camera == {"of": "camera zenith", "file": "half.png", "share": 0.5}
+        assert panel == {"of": "projector south", "corners": 4, "share": pytest.approx(0.1)}
+        # squares in the master: of a half angle of pi / 2 and of pi / 3, shares of 2 pi sr
+        assert (dome["of"], dome["corners"]) == ("dome", 4)
+        (pole,) = told["protected"]
+        for entry, half_angle in ((dome, np.pi / 2), (pole, np.pi / 3)):
+            side = np.linspace(-1, 1, 2001) * half_angle
+            x, y = np.meshgrid(side, side)
+            theta = np.where(np.abs(x) + np.abs(y) <= half_angle, np.hypot(x, y), np.nan)
+            solid = np.nansum(np.sinc(theta / np.pi)) * (side[1] - side[0]) ** 2
+            assert entry["share"] == pytest.approx(solid / (2 * np.pi), rel=2e-3)
+        moved = {"projector": "south", "pixel": [640, 400], "shift_px": [-1.5, 0.25]}
+        assert told["nudges"] == [moved]
 
     @pytest.mark.parametrize(
         ("tables", "told"),
@@ -144,6 +176,16 @@ class TestVenue:
             (
                 {"projector": "nudges = [{ pixel = [1280, 0], shift_px = [0, 1] }]"},
                 "projectors.south.nudges.0.pixel: got [1280.0, 0.0], expected a place on the panel",
+            ),
+            (
+                {
+                    "projector": "nudges = [{ pixel = [9, 9], shift_px = [0, 1] }, "
+                    "{ pixel = [640, 400], shift_px = [3, 0] }, "
+                    "{ pixel = [642, 400], shift_px = [-2, 1] }]"
+                },
+                "projectors.south.nudges.1: got shift_px [3.0, 0.0] at pixel [640.0, 400.0], where "
+                "the picture would lie over itself; expected less than 142 px, and neighbours whose "
+                "shifts differ by less than they are apart; correct or remove it",
             ),
         ],
     )

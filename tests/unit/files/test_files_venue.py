@@ -10,6 +10,20 @@ from procam.errors import InputError
 from procam.files.venue import load_venue, template_names, template_text
 
 PLAIN = template_text("simulated-ideal")
+TAGS = """
+[[apriltags]]
+id = 7
+azimuth_deg = -30.0
+sigma_deg = 0.02
+
+[[apriltags]]
+family = "25h9"
+id = 8
+azimuth_deg = 10.0
+elevation_deg = 40.0
+sigma_deg = 0.02
+
+"""
 
 
 def _load(folder: Path, text: str) -> object:
@@ -62,6 +76,18 @@ class TestContent:
         assert left.device == "zenith"
         assert left.sigma == pytest.approx(np.radians(0.01))
 
+    def test_tags(self, tmp_path: Path) -> None:
+        _load(tmp_path, _edit("[capture]", TAGS + "[capture]"))
+        seven, eight = load_venue(tmp_path).tags
+        assert (seven.name, seven.family, seven.number) == ("tag 7", "36h11", 7)
+        assert seven.azimuth == pytest.approx(np.radians(-30), rel=CLOSED_FORM)
+        assert (seven.elevation, seven.sigma) == (None, pytest.approx(np.radians(0.02)))
+        assert (eight.name, eight.family) == ("tag 8 of 25h9", "25h9")
+        assert eight.elevation == pytest.approx(np.radians(40), rel=CLOSED_FORM)
+        distance = '[[distances]]\na = "tag 7"\nb = "tag 8 of 25h9"\nmetres = 3.0\n'
+        _load(tmp_path, _edit("[capture]", TAGS + distance + "[capture]"))
+        assert load_venue(tmp_path).distances[0].b == "tag 8 of 25h9"
+
     def test_a_backends_table_goes_through_unread(self, tmp_path: Path) -> None:
         _load(tmp_path, _edit("seed = 1\n", "seed = 1\nwhatever = [1, 'two']\n"))
         backends = load_venue(tmp_path).backends
@@ -91,6 +117,26 @@ MISTAKES = {
         ('camera = "zenith"\npixel', 'camera = "zenith"\nprojector = "south"\npixel'),
         "fiducials.front",
         ["both or neither of camera and projector"],
+    ),
+    "tag without an angle": (
+        ("[capture]", TAGS.replace("azimuth_deg = -30.0", "") + "[capture]"),
+        "apriltags.0",
+        ["got no angle", "azimuth_deg, elevation_deg or both"],
+    ),
+    "tag that the family has not": (
+        ("[capture]", TAGS.replace("id = 8", "id = 35") + "[capture]"),
+        "apriltags.1.id",
+        ["got 35", "0..34", "'25h9'"],
+    ),
+    "tag of no family": (
+        ("[capture]", TAGS.replace("25h9", "25h8") + "[capture]"),
+        "apriltags.1.family",
+        ["got '25h8'", "'36h11', '25h9' or '16h5'"],
+    ),
+    "tag listed twice": (
+        ("[capture]", TAGS + TAGS.replace("id = 8", "id = 9") + "[capture]"),
+        "apriltags.2",
+        ["got tag 7 twice", "remove one"],
     ),
     "distance to nobody": (
         ("[capture]", '[[distances]]\na = "zenith"\nb = "moon"\nmetres = 3.0\n\n[capture]'),

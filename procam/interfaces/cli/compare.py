@@ -1,0 +1,103 @@
+"""`procam compare`: two calibrations of the same rig held against each other."""
+
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+from textwrap import wrap
+
+import typer
+
+from procam.errors import InputError
+from procam.estimate.comparison import Angles, Comparison, Difference, compare
+from procam.files.calibration import load_calibration
+from procam.interfaces.cli.output import Output
+from procam.model.calibration import Calibration
+
+ALL = "together"
+COLUMNS = 100
+LIGHT = {"feedback": "feedback m", "albedo": "albedo"}
+
+
+def run_compare(first: Path, second: Path, output: Output) -> None:
+    """Print how far B's directions, areas and light are from A's, and what that means."""
+    a, b = load_calibration(first), load_calibration(second)
+    _check(first, a, second, b)
+    found = compare(a, b)
+    output.say(f"A {first}\nB {second}")
+    for line in _lines(found):
+        output.say(line)
+    output.finish({"a": str(first), "b": str(second), **asdict(found)})
+    if not found.verdict.sound:
+        raise typer.Exit(1)
+
+
+def _check(first: Path, a: Calibration, second: Path, b: Calibration) -> None:
+    """Refuse calibrations of different rigs."""
+    here, there = ({n: p.model.size for n, p in c.projectors.items()} for c in (a, b))
+    if here != there:
+        raise InputError(
+            f"{second}: got projectors {_told(there)}, expected those of {first}: {_told(here)}; "
+            "compare calibrations of the same rig"
+        )
+
+
+def _told(sizes: dict[str, tuple[int, int]]) -> str:
+    return ", ".join(f"{name} {width}x{height}" for name, (width, height) in sizes.items())
+
+
+def _lines(found: Comparison) -> Iterator[str]:
+    rows = {**found.projectors, ALL: found.together}
+    wide = max(14, *(len(name) + 2 for name in rows))
+    head = f"{'rms':>9} {'median':>9} {'95 %':>9} {'max':>9} {'error/sigma':>12}"
+    yield ""
+    yield f"{'as they are':{wide}} {'pixels':>9} {head}   [arcmin]"
+    for name, row in rows.items():
+        yield f"  {name:{wide - 2}} {row.pixels:9} {_angles(row.as_is)}"
+    yield ""
+    yield f"the common turn from B to A: {_turn(found.turn_arcmin)}"
+    yield f"{'after it':{wide}} {head} {'smooth':>9} {'rest':>9}"
+    for name, row in rows.items():
+        parts = f"{row.smooth_arcmin:9.3g} {row.rest_arcmin:9.3g}"
+        yield f"  {name:{wide - 2}} {_angles(row.turned)} {parts}"
+    yield ""
+    yield from _areas(rows, wide)
+    yield from _light(found, wide)
+    yield ""
+    yield from wrap(f"verdict: {found.verdict.text}", COLUMNS, subsequent_indent="  ")
+
+
+def _angles(angles: Angles) -> str:
+    lengths = (angles.rms, angles.median, angles.p95, angles.max)
+    return " ".join(f"{v:9.3g}" for v in lengths) + f" {angles.error_over_sigma:12.3g}"
+
+
+def _turn(turn: list[float]) -> str:
+    size = sum(v * v for v in turn) ** 0.5
+    x, y, z = turn
+    return f"{size:.3g} arcmin (x {x:+.3g}, y {y:+.3g}, z {z:+.3g})"
+
+
+def _areas(rows: dict[str, Difference], wide: int) -> Iterator[str]:
+    yield (
+        f"{'solid angles':{wide}} {'median':>9} {'rms':>9} {'sum':>9} {'in one only':>12}"
+        "   [B / A - 1]"
+    )
+    for name, row in rows.items():
+        steps = (row.areas.median, row.areas.rms, row.areas.sum)
+        told = " ".join(f"{v:9.2g}" for v in steps)
+        yield f"  {name:{wide - 2}} {told} {row.areas.alone:12.2%}"
+
+
+def _light(found: Comparison, wide: int) -> Iterator[str]:
+    if not found.light:
+        return
+    yield ""
+    yield f"{'light':{wide}} {'A':21} {'B':21} (B - A) in standard errors"
+    for name, step in found.light.items():
+        each = (_channels(values, 4) for values in (step.first, step.second))
+        told = " ".join(f"{text:21}" for text in each)
+        yield f"  {LIGHT[name]:{wide - 2}} {told} {_channels(step.sigmas, 1)}"
+
+
+def _channels(values: list[float], digits: int) -> str:
+    return " ".join(f"{v:.{digits}f}" for v in values)

@@ -1,0 +1,69 @@
+"""The section on what a person set: masks, protected parts of the dome, nudges."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from procam.interfaces import plots
+from procam.interfaces.report.blocks import Block, DomePicture, Domes, Group, Table, Text
+from procam.interfaces.report.data import SHOWN, Material
+from procam.interfaces.report.words import number, percent
+
+Entry = Mapping[str, Any]
+WHOLES = {"camera": "picture", "projector": "panel", "dome": "dome"}
+PROTECTED = (plots.LIMITS[0], plots.COUNTS[2], plots.UNKNOWN)
+PROTECTED_WORDS = ("compensated", "protected", "no projector reaches")
+
+
+def by_hand(material: Material) -> Iterator[Block]:
+    """Masks, protected parts and nudges of the newest calibration; nothing if there are none."""
+    told = material.calibration.provenance.get("by_hand", {}) if material.calibration else {}
+    if not told:
+        return
+    yield Text(
+        "A person set this in venue.toml. It was not measured, and every solve uses it again "
+        "until it is removed from there."
+    )
+    rows = [_outline(e, "is not used") for e in told.get("masks", ())]
+    rows += [_outline(e, "is left as it is") for e in told.get("protected", ())]
+    if rows:
+        yield Table(["Marked in", "Drawn as", "Covers", "What is there"], rows)
+    if "protected" in told:
+        yield _protected(material)
+    if "nudges" in told:
+        yield _nudges(told["nudges"])
+
+
+def _outline(entry: Entry, meaning: str) -> list[str]:
+    kind, _, name = entry["of"].partition(" ")
+    drawn = entry.get("file") or f"polygon of {entry['corners']} points"
+    covers = f"{percent(entry['share'])} of the {WHOLES[kind]}"
+    return [f"{kind.capitalize()} {name}".rstrip(), drawn, covers, meaning]
+
+
+def _protected(material: Material) -> Domes:
+    codes = np.where(material.coverage(SHOWN) > 0.5, 0, 2)
+    codes[material.protected(SHOWN)] = 1
+    legend = list(zip(map(plots.css_colour, PROTECTED), PROTECTED_WORDS, strict=True))
+    picture = DomePicture("Protected parts", plots.paint_categories(codes, PROTECTED))
+    return Domes(
+        [Group([picture], None, legend)],
+        "The picture is sent there as it came, and the loop leaves it alone; the light that it throws "
+        "on the rest of the dome is taken out there as any other.",
+    )
+
+
+def _nudges(entries: Sequence[Entry]) -> Table:
+    def places(entry: Entry) -> list[str]:
+        return [number(value, 5) for value in (*entry["pixel"], *entry["shift_px"])]
+
+    far = [float(np.hypot(*entry["shift_px"])) for entry in entries]
+    largest = entries[int(np.argmax(far))]
+    x, y, *_ = places(largest)
+    return Table(
+        ["Nudged picture", "At x [px]", "At y [px]", "Moved right [px]", "Moved down [px]"],
+        [[f"Projector {entry['projector']}", *places(entry)] for entry in entries],
+        "The picture was moved at these pixels of the panels, and less and less around them. The "
+        f"largest nudge, {number(max(far))} px, is that of {largest['projector']} at ({x}, {y}).",
+    )

@@ -1,0 +1,63 @@
+"""Decoded pictures and a venue's marks solved to a rig; what does not fit is told by name."""
+
+from collections.abc import Mapping, Sequence
+
+from procam.errors import CalibrationError
+from procam.estimate.adjustment import Problem
+from procam.estimate.bundle import Pair
+from procam.estimate.bundle_start import FEWEST, Hung
+from procam.estimate.diagnosis import causes
+from procam.estimate.gather import gather
+from procam.estimate.geometry import ROUND_ENOUGH, GeometrySolution, solve_geometry
+from procam.estimate.marks import missing_marks
+from procam.files.venue import Venue
+from procam.maths.ray_to_screen import RoundShape
+from procam.model.correspondence import CorrespondenceMap
+from procam.model.optics import Fiducial
+from procam.workflows.tags import known_distances
+
+
+def rig_problem(
+    venue: Venue, found: Mapping[Pair, CorrespondenceMap], marks: Sequence[Fiducial]
+) -> Problem:
+    """What is known of a venue's rig before it is solved."""
+    table = venue.table
+    seen = {pair: gather(f, table.projectors[pair[1]].size) for pair, f in found.items()}
+    return Problem(
+        RoundShape(venue.screen.radius_m),
+        venue.cameras,
+        {name: Hung(name, entry.size, entry.lens) for name, entry in table.projectors.items()},
+        {pair: some for pair, some in seen.items() if len(some.sigma_px) >= FEWEST},
+        {name: entry.intrinsics for name, entry in table.cameras.items()},
+        marks,
+        known_distances(venue, marks),
+        table.screen.radius_m is not None,
+    )
+
+
+def solve_rig(problem: Problem) -> tuple[GeometrySolution, list[str]]:
+    """The solved rig, and lines on its shape, on what nothing fixes, and on what seems wrong.
+
+    Raises
+    ------
+    CalibrationError
+        If there is no solution; with the probable cause, if one of `causes` is it.
+    """
+    try:
+        found = solve_geometry(problem)
+    except CalibrationError as error:
+        told = [str(error), *causes(problem, None)]
+        raise type(error)("\n".join(told)) from error
+    missing = missing_marks(problem.radius_known, problem.fiducials, len(found.freedoms))
+    return found, [f"geometry solved; {_verdict(found)}", *missing, *causes(problem, found)]
+
+
+def _verdict(found: GeometrySolution) -> str:
+    ratio = f"(ratio {found.sphere_excess**2:.1f})"
+    if found.sphere_excess < ROUND_ENOUGH:
+        return f"the dome is a sphere {ratio}"
+    degree = found.rig.shape.degree
+    cure = (
+        f"bumps up to degree {degree} solved" if degree else "a second camera would tell its bumps"
+    )
+    return f"the dome is NOT a sphere {ratio}; {cure}"

@@ -1,0 +1,100 @@
+"""A venue whose only marks are AprilTags on the dome, from its pictures to a calibration."""
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from printed_tags import Printed, whiteness
+from tiny_venue import CAMERA, make_venue, quick_simulator, take_session
+
+from procam.files.calibration import load_calibration
+from procam.files.session import Session
+from procam.files.venue import Venue, load_venue
+from procam.maths.pose import rotation_vector
+from procam.model.plan import Plan, Shot
+from procam.workflows.calibrate import solve
+from procam.workflows.events import Event
+from procam.workflows.tags import tag_notes
+from simulators.rig import set_up_cameras
+from simulators.scene import SceneSize
+
+SIZE = SceneSize(projectors=2, projector_size=(128, 80), camera_size=(480, 480), rays=64)
+EDGE_M, RADIUS_M = 1.2, 6.0
+PLACES_DEG = {3: (12.0, 35.0), 4: (130.0, 30.0), 5: (-110.0, 50.0)}
+LOST = 11
+FIDUCIALS = re.compile(r"\[\[fiducials\]\]\n(?:\w.*\n)+")
+
+
+@dataclass(frozen=True)
+class Solved:
+    venue: Venue
+    events: list[Event]
+
+    @property
+    def texts(self) -> list[str]:
+        return [event.text for event in self.events]
+
+
+def stick_tags(session: Session) -> None:
+    """Put tags into the pictures of white, as if they had hung on the dome."""
+    (build,) = set_up_cameras(1, SIZE.camera_size, "fisheye", RADIUS_M)
+    tags = [Printed(n, *np.radians(place), EDGE_M) for n, place in PLACES_DEG.items()]
+    pose = build.camera_from_dome
+    white = whiteness(tags, build.lens, build.size, pose, RADIUS_M)[..., None]
+    for shot in session.read_plan().shots:
+        if shot.purpose == "white":
+            frame = session.load(CAMERA, shot, shot.exposures_s[0], build.size)
+            light = (frame.counts - build.black_level) * white + build.black_level
+            counts = np.clip(np.rint(light), 0, 4095).astype(np.uint16)
+            session.store(CAMERA, shot, shot.exposures_s[0], replace(frame, counts=counts))
+
+
+def list_tags(venue: Venue) -> Venue:
+    """The venue with tags, one of which is nowhere, in the place of its fiducials."""
+    path = venue.directory / "venue.toml"
+    entries = [
+        f"[[apriltags]]\nid = {n}\nazimuth_deg = {azimuth}\nelevation_deg = {elevation}\n"
+        "sigma_deg = 0.01\n\n"
+        for n, (azimuth, elevation) in (PLACES_DEG | {LOST: (0.0, 60.0)}).items()
+    ]
+    distance = f'[[distances]]\na = "{CAMERA}"\nb = "tag {LOST}"\nmetres = 5.0\n\n'
+    text = FIDUCIALS.sub("", path.read_text("utf-8"))
+    path.write_text(text.replace("[capture]", "".join(entries) + distance + "[capture]"), "utf-8")
+    return load_venue(venue.directory)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Solved]:
+    with quick_simulator():
+        venue = make_venue(tmp_path_factory.mktemp("tags"), size=SIZE)
+        session = take_session(venue)
+        stick_tags(session)
+        venue = list_tags(venue)
+        yield Solved(venue, list(solve(venue, session)))
+
+
+def test_the_rig_is_turned_to_the_tags(run: Solved) -> None:
+    calibration = load_calibration(Path(run.events[-1].data["calibration"]))
+    (build,) = set_up_cameras(1, SIZE.camera_size, "fisheye", RADIUS_M)
+    found = calibration.cameras[CAMERA].camera_from_dome
+    assert found is not None
+    turn = rotation_vector(found.rotation @ build.camera_from_dome.rotation.T)
+    assert np.degrees(np.linalg.norm(turn)) < 0.05
+    assert not any("front and pole" in text for text in run.texts)
+
+
+def test_the_tag_that_is_nowhere_is_told_with_the_distance_to_it(run: Solved) -> None:
+    told = [text for text in run.texts if f"tag {LOST}" in text]
+    assert told[0].startswith(f"tag {LOST}: got no camera that sees it, expected one; ")
+    assert told[1:] == [f"the distance from {CAMERA} to tag {LOST} is left out"]
+
+
+def test_numbers_in_pictures_are_no_marks(run: Solved) -> None:
+    white = Shot("s-0000", "south", "", "white", (0.1,), detail={"number": 3})
+    code = Shot("s-0002", "south", "", "code", (0.1,), detail={"number": 4})
+    lines = tag_notes(run.venue, Plan((white, code)), {})
+    assert lines[0].startswith("tag 3: the pictures of this session carry that number")
+    assert lines[1].startswith("tag 4, tag 5, tag 11: got no camera")
