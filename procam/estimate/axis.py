@@ -11,8 +11,13 @@ from procam.estimate.binary import StripeFolder
 from procam.estimate.codes import Axis, AxisCode, Plane
 from procam.estimate.limits import DecodeLimits, dropped_samples
 from procam.estimate.phasor import balanced
-from procam.estimate.wave_calibration import UNKNOWNS
-from procam.estimate.waves import FEWEST, WavePictures, WaveResult, decode_waves
+from procam.estimate.waves import (
+    FEWEST,
+    WavePictures,
+    WaveResult,
+    complete_base,
+    decode_waves,
+)
 
 Samples = NDArray[Any]
 Map = NDArray[np.float32]
@@ -139,9 +144,9 @@ class AxisDecoder:
 
     def _solve_waves(self) -> None:
         assert self._coding.waves is not None
-        self._complete_base(self._coding.waves.base)
-        shown = sorted(self._frames)
-        frames = [self._frames[i] for i in shown]
+        completed = complete_base(self._frames, self._coding.waves.base, self._white, self._black)
+        shown = sorted(completed)
+        frames = [completed[i] for i in shown]
         self._frames = {}
         if len(frames) < FEWEST:
             self._lost += [self._order[i] for i in shown]
@@ -161,18 +166,6 @@ class AxisDecoder:
             self._waves = self._of_few_fringes(replace(pictures, surplus_sigma=NO_SURPLUS))
         else:
             self._waves = decode_waves(pictures)
-
-    def _complete_base(self, base: int) -> None:
-        """Make up one lost picture of the three that begin: equal steps add up to white and black."""
-        there = [self._frames[i] for i in range(base) if i in self._frames]
-        if base != UNKNOWNS or len(there) != base - 1:
-            return
-        (lost,) = set(range(base)) - set(self._frames)
-        total = base / 2 * (self._white.astype(np.float32) + self._black)
-        others = np.sum(there, axis=0, dtype=np.float32)
-        for i, frame in self._frames.items():
-            self._frames[i] = frame.astype(np.float32)
-        self._frames[lost] = np.asarray(total - others, np.float32)
 
     def _of_few_fringes(self, pictures: WavePictures) -> WaveResult:
         """Few wide fringes are biased by scattered light, and cannot tell by how much themselves."""

@@ -13,7 +13,7 @@ from procam.estimate.binary import StripeFolder
 from procam.estimate.codes import AXES, Axis, Code
 from procam.estimate.limits import default_limits
 from procam.estimate.wave_calibration import search
-from procam.estimate.waves import FEWEST
+from procam.estimate.waves import FEWEST, complete_base
 from procam.maths.phase import Wavelook
 
 Samples = NDArray[Any]
@@ -98,7 +98,7 @@ def _columns(
 ) -> tuple[Samples, Samples]:
     """Columns (n, 3) by a quick look, NaN where it sees none, and how far to trust them, 0..1."""
     coding = code.axis(axis)
-    x, trust = _by_waves(code, axis, shown, white.shape)
+    x, trust = _by_waves(code, axis, shown, white, black)
     if coding.codewords is None:
         return x, trust
     folder = StripeFolder(white, black, contrast)
@@ -118,16 +118,17 @@ def _columns(
 
 
 def _by_waves(
-    code: Code, axis: Axis, shown: dict[int, Samples], shape: tuple[int, ...]
+    code: Code, axis: Axis, shown: dict[int, Samples], white: Samples, black: Samples
 ) -> tuple[Samples, Samples]:
     """Columns and trust as told by an axis' sinusoidal pictures; NaN and 1 where there are too few."""
     coding = code.axis(axis)
-    sines = [i for i in shown if code.planes[i].kind == "sine"]
-    if coding.waves is None or len(sines) < FEWEST:
-        return np.full(shape, np.nan, np.float32), np.ones(shape, np.float32)
-    all_sines = [i for i in code.planes_of(axis) if code.planes[i].kind == "sine"]
-    keep = np.isin(all_sines, sines)
-    frames = [shown[i] for i in sines]
-    found = search(frames, coding.waves.kept(keep), Wavelook(), coding.length)
-    scale = MISFIT * len(frames) * np.maximum(found.amplitude, 1e-9) ** 2
+    sines = [i for i in code.planes_of(axis) if code.planes[i].kind == "sine"]
+    there = {number: shown[i] for number, i in enumerate(sines) if i in shown}
+    if coding.waves is None or len(there) < FEWEST:
+        return np.full(white.shape, np.nan, np.float32), np.ones(white.shape, np.float32)
+    frames = complete_base(there, coding.waves.base, white, black)
+    keep = np.isin(np.arange(len(sines)), list(frames))
+    ordered = [frames[number] for number in sorted(frames)]
+    found = search(ordered, coding.waves.kept(keep), Wavelook(), coding.length)
+    scale = MISFIT * len(there) * np.maximum(found.amplitude, 1e-9) ** 2
     return found.position, np.nan_to_num(np.exp(-found.residual / scale))
