@@ -3,12 +3,12 @@
 Covered, each with a real SIGKILL in a process of its own (crash_driver.py):
 
 - capture: every rename and every flush to disk there is, of the session's venue.toml, patterns,
-  plan, frames and index, killed once just before and once just after each. One session takes all
-  these kills in turn, so that each run also resumes what the last one left. The only call left out
-  after itself is the flush of the session's folder: nothing on the disk changes with it.
-- solve: every rename and flush of the calibration's files and folder, before and after.
-- both: 8 random moments, each in a fresh session or a fresh solve.
-- Ctrl-C at 8 random moments of `procam capture`: exit code 130 and dark projectors as well.
+  plan, frames and index, killed once just before each, and once just after each rename: after a
+  flush the disk is as it is just before the next call. One session takes all these kills in turn,
+  so that each run also resumes what the last one left.
+- solve: every rename and flush of the calibration's files and folder, in the same way.
+- both: 6 random moments, each in a fresh session or a fresh solve.
+- Ctrl-C at 6 random moments of `procam capture`: exit code 130 and dark projectors as well.
 
 After every kill, what index.jsonl names is there and equal to an uninterrupted run's file, byte by
 byte (but for the time in picture headers), and so is everything that carries its final name. After
@@ -39,11 +39,11 @@ ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
     ("group", "least"),
     [
         ("capture-before-every-call", 37 * 4 + 35 * 3 + 6),
-        ("capture-after-every-call", 37 * 4 + 35 * 3 + 5),
-        ("capture-at-random", 8),
-        ("solve-at-every-call", 2 * 13),
-        ("solve-at-random", 8),
-        ("capture-interrupted", 8),
+        ("capture-after-every-rename", 74),
+        ("capture-at-random", 6),
+        ("solve-at-every-call", 16),
+        ("solve-at-random", 6),
+        ("capture-interrupted", 6),
     ],
 )
 def test_killed_runs_lose_nothing_and_resume_to_the_same_result(

@@ -86,7 +86,7 @@ class TestSphere:
 class TestNoSphere:
     def test_a_real_dome(self) -> None:
         dome = SimulatedDome.build(5, REALISTIC)
-        found = solve_geometry(dome.problem(dome.observations(12)))
+        found = solve_geometry(dome.problem(dome.observations(16)))
         errors, sigmas = direction_errors(dome, found)
         assert found.sphere_excess > 5 and found.rig.shape.degree >= 6
         assert np.sqrt(np.mean(errors**2)) < 1.0

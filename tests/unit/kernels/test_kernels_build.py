@@ -47,7 +47,7 @@ def test_sanitizers_find_nothing(tmp_path: Path) -> None:
         pytest.skip("the compiler has no address and undefined-behaviour sanitizers, or no OpenMP")
     program = tmp_path / "sanitized"
     files = [HERE / "sanitized.c", *sorted(SOURCES.glob("*.c"))]
-    flags = ["-std=gnu11", "-O1", "-g", "-fopenmp", "-Wall", "-Wextra", "-Werror", f"-I{SOURCES}"]
+    flags = ["-std=gnu11", "-O0", "-g1", "-fopenmp", "-Wall", "-Wextra", "-Werror", f"-I{SOURCES}"]
     flags += ["-fno-math-errno", "-fno-trapping-math", "-ffp-contract=fast", "-Wno-unknown-pragmas"]
     built = _run([COMPILER, *SANITIZE, *flags, *map(str, files), "-o", str(program), "-lm"])
     assert built.returncode == 0, built.stderr

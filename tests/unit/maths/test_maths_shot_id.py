@@ -12,6 +12,7 @@ from procam.maths.shot_id import NUMBERS, draw_number, read_number, tag_blocks, 
 SIZE = (160, 100)
 PHOTO = (290, 330)
 GAMMA = 2.2
+TRIED = 300
 WRONG = 1e-3  # share of photographs that may tell a wrong number
 
 
@@ -54,8 +55,8 @@ def photograph(
 
 
 class TestReading:
-    def test_every_number(self, rng: np.random.Generator) -> None:
-        for number in range(NUMBERS):
+    def test_numbers_of_the_whole_range(self, rng: np.random.Generator) -> None:
+        for number in (*range(0, NUMBERS, 5), NUMBERS - 1):
             drawn = draw_number(BACKGROUNDS[number % len(BACKGROUNDS)], number)
             assert read_number(photograph(drawn, rng, turn_deg=37.0 * number)) == number
 
@@ -92,7 +93,7 @@ class TestReading:
 
     def test_bad_photographs_are_unreadable_but_not_wrong(self, rng: np.random.Generator) -> None:
         wrong = read = 0
-        for i in range(1000):
+        for i in range(TRIED):
             number = int(rng.integers(NUMBERS))
             drawn = draw_number(BACKGROUNDS[i % len(BACKGROUNDS)], number)
             blur_px, noise = rng.uniform(1.5, 6.0), rng.uniform(0, 0.1)
@@ -100,8 +101,8 @@ class TestReading:
             found = read_number(seen[:150, :170])
             read += found == number
             wrong += found not in (None, number)
-        assert wrong <= 1000 * WRONG
-        assert 100 < read < 900  # the conditions reach from easy to hopeless
+        assert wrong <= TRIED * WRONG
+        assert 0.1 * TRIED < read < 0.9 * TRIED  # the conditions reach from easy to hopeless
 
     def test_pictures_without_a_number(self, rng: np.random.Generator) -> None:
         for background in BACKGROUNDS:
