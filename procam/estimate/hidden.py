@@ -35,15 +35,16 @@ def fill_light(
     """
     on_screen = solid_angle_sr > 0
     lit_share = fill_picture(light.lit[..., None].astype(np.float32), hidden, on_screen)[..., 0]
-    lit = np.where(hidden, on_screen & (lit_share > LIT_HALF), light.lit)
+    lit = light.lit.copy()
+    lit[hidden] = on_screen[hidden] & (lit_share[hidden] > LIT_HALF)
     direct = fill_picture(light.direct, hidden & on_screen, light.lit)
-    direct = np.where((hidden & ~lit)[..., None], np.float32(0), direct)
-    solid = np.where(hidden, solid_angle_sr, 0)
+    direct[hidden & ~lit] = 0
 
     def flux_of(picture: Image) -> Array:
-        return light.flux + np.tensordot(solid, np.nan_to_num(picture - light.direct), 2)
+        return light.flux + solid_angle_sr[hidden] @ np.nan_to_num(picture - light.direct[hidden])
 
-    shown, flux = flux_of(white - light.scattered), flux_of(direct)
+    shown = flux_of(white[hidden] - light.scattered[hidden])
+    flux = flux_of(direct[hidden])
     return replace(
         light,
         direct=direct,

@@ -9,10 +9,11 @@ from typing import TypeVar
 import numpy as np
 
 from procam.estimate.assemble import Measurement, assemble
-from procam.estimate.bundle import Pair
+from procam.estimate.bundle import Observations, Pair
 from procam.estimate.clean import keep_only
 from procam.estimate.codes import make_code
 from procam.estimate.decode import Decoder
+from procam.estimate.gather import gather
 from procam.estimate.geometry import GeometrySolution
 from procam.estimate.limits import DecodeLimits
 from procam.estimate.radiance import Radiometer
@@ -57,17 +58,18 @@ def solve(venue: Venue, session: Session) -> Iterator[Event]:
     names = list(venue.table.projectors)
     total = len(names) * (len(cameras) + 1) + 3
     found: dict[Pair, CorrespondenceMap] = {}
+    gathered: dict[Pair, Observations] = {}
     looks: dict[str, TagLook] = {}
     for camera in cameras:
         readings = Readings(session, plan, Radiometer(cameras[camera]))
         looks[camera] = look_for_tags(venue, readings)
-        for name, seen in _each(names, partial(_decode, venue, readings)):
-            found[camera, name] = seen
+        for name, (seen, patches) in _each(names, partial(_decode, venue, readings)):
+            found[camera, name], gathered[camera, name] = seen, patches
             share = float(seen.valid.sum() / readings.radiometer.seen.sum())
             told = f"{name} decoded, {share:.0%} of what {camera} sees"
             yield Event("solve", len(found), total, told)
     marks = [*venue.fiducials, *tag_marks(venue, looks)]
-    geometry, notes = solve_rig(rig_problem(venue, found, marks))
+    geometry, notes = solve_rig(rig_problem(venue, gathered, marks))
     for line in [*tag_notes(venue, plan, looks), *notes]:
         yield Event("solve", len(found) + 1, total, line)
     if geometry.main != camera:
@@ -93,7 +95,8 @@ def _each(names: list[str], work: Callable[[str], Result]) -> Iterator[tuple[str
         yield from zip(names, pool.map(work, names), strict=True)
 
 
-def _decode(venue: Venue, readings: Readings, name: str) -> CorrespondenceMap:
+def _decode(venue: Venue, readings: Readings, name: str) -> tuple[CorrespondenceMap, Observations]:
+    """What a camera sees of a projector, pixel by pixel and by patches of the panel."""
     camera = readings.radiometer.camera
     limits = DecodeLimits(
         white_black=DARK_SIGMAS * NOISE_DN,
@@ -107,7 +110,8 @@ def _decode(venue: Venue, readings: Readings, name: str) -> CorrespondenceMap:
     found = decoder.result().map
     masked = camera_masks(venue)[camera.name].covered
     masked = masked | projector_masks(venue)[name].at(found.projector_xy)
-    return keep_only(found, ~masked)
+    found = keep_only(found, ~masked)
+    return found, gather(found, venue.table.projectors[name].size)
 
 
 def _solved_screen(venue: Venue, geometry: GeometrySolution) -> Dome:

@@ -4,25 +4,22 @@ from collections.abc import Mapping, Sequence
 
 from procam.errors import CalibrationError
 from procam.estimate.adjustment import Problem
-from procam.estimate.bundle import Pair
+from procam.estimate.bundle import Observations, Pair
 from procam.estimate.bundle_start import FEWEST, Hung
 from procam.estimate.diagnosis import causes
-from procam.estimate.gather import gather
 from procam.estimate.geometry import ROUND_ENOUGH, GeometrySolution, solve_geometry
 from procam.estimate.marks import missing_marks
 from procam.files.venue import Venue
 from procam.maths.ray_to_screen import RoundShape
-from procam.model.correspondence import CorrespondenceMap
 from procam.model.optics import Fiducial
 from procam.workflows.tags import known_distances
 
 
 def rig_problem(
-    venue: Venue, found: Mapping[Pair, CorrespondenceMap], marks: Sequence[Fiducial]
+    venue: Venue, seen: Mapping[Pair, Observations], marks: Sequence[Fiducial]
 ) -> Problem:
     """What is known of a venue's rig before it is solved."""
     table = venue.table
-    seen = {pair: gather(f, table.projectors[pair[1]].size) for pair, f in found.items()}
     return Problem(
         RoundShape(venue.screen.radius_m),
         venue.cameras,
