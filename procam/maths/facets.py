@@ -44,6 +44,12 @@ def face_normals(vertices: Array, faces: Faces) -> Array:
     return _unit(np.cross(b - a, c - a))
 
 
+def face_areas(vertices: Array, faces: Faces) -> Array:
+    """Areas (F,) of the faces."""
+    a, b, c = np.moveaxis(vertices[faces], 1, 0)
+    return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2)
+
+
 def corner_normals(vertices: Array, faces: Faces) -> Array:
     """Unit normals (F, 3, 3) at each corner of each face of the surface that the mesh samples.
 

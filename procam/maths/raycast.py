@@ -96,6 +96,15 @@ class MeshTracer:
             hits.normals.reshape(*shape, 3),
         )
 
+    def is_clear(self, start: Array, end: Array) -> NDArray[np.bool_]:
+        """Whether nothing stands between points (N, 3) of the mesh and others (N, 3) of it."""
+        line = end - start
+        reach = np.linalg.norm(line, axis=1)
+        step = SINGLE * self._extent / reach[:, None] * line
+        rays = (np.ascontiguousarray(part, np.float32) for part in (start + step, line))
+        first = np.asarray(self._scene.run(*rays, query="DISTANCE"))
+        return np.asarray(first > 1 - 3 * SINGLE * self._extent / reach)
+
     def _trace(self, origin: Array, direction: Array, out: Hits) -> None:
         """Write the hits of a block of rays (N, 3)."""
         face = self._faces_met(origin, direction)
