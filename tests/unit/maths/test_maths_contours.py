@@ -9,7 +9,7 @@ SQUARE = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
 
 
 def _facing(height: float) -> np.ndarray:
-    return SQUARE[::-1] + [0, 0, height]
+    return SQUARE[::-1] + np.array([0, 0, height])
 
 
 def _disc(radius: float, corners: int = 720) -> np.ndarray:
@@ -35,7 +35,7 @@ def test_unit_squares_that_share_an_edge() -> None:
 def test_discs() -> None:
     """Radius and distance 1: (3 - sqrt(5)) / 2."""
     disc = _disc(1.0)
-    found = _between(disc, disc[::-1] + [0, 0, 1.0]) / np.pi
+    found = _between(disc, disc[::-1] + np.array([0, 0, 1.0])) / np.pi
     assert found == pytest.approx(0.381966011, abs=1e-6)
 
 
@@ -71,4 +71,6 @@ def test_both_ways_alike(rng: np.random.Generator) -> None:
     for some, up in ((low, 1), (high, -1)):
         turn = np.cross(some[:, 1] - some[:, 0], some[:, 2] - some[:, 0])[:, 2] * up < 0
         some[turn] = some[turn][:, ::-1]
-    np.testing.assert_allclose(exchange_areas(low, high), exchange_areas(high, low), rtol=1e-4, atol=1e-8)
+    np.testing.assert_allclose(
+        exchange_areas(low, high), exchange_areas(high, low), rtol=1e-4, atol=1e-8
+    )
