@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from procam.errors import InputError, ShapeError
 
 Array = NDArray[np.float64]
+ROUNDING = 1e-9
 
 
 def flux(radiosity: Array, solid_angle_sr: Array) -> Array:
@@ -38,6 +39,83 @@ def remove_interreflection(total: Array, scatter_per_flux: Array, solid_angle_sr
     """
     feedback = flux(scatter_per_flux, solid_angle_sr)
     return np.asarray(total - scatter_per_flux * flux(total, solid_angle_sr) / (1 + feedback))
+
+
+def add_zoned_interreflection(direct: Array, scatter: Array, collect: Array) -> Array:
+    """Total radiosity (N, C) where scattered light depends on where the direct light fell.
+
+    b = b0 + sum over zones z of u_z (w_z . b0): `scatter` (Z, N, C) is u of each zone, `collect`
+    (Z, N) the solid angle [sr] of each patch that counts to it. One zone of all is the form above;
+    zones may be projectors, quarters of the dome, or coarse patches of a furnished room.
+    """
+    caught = np.einsum("zn,nc->zc", collect, direct)
+    return np.asarray(direct + np.einsum("znc,zc->nc", scatter, caught))
+
+
+def remove_zoned_interreflection(total: Array, scatter: Array, collect: Array) -> Array:
+    """Direct radiosity (N, C) behind a total one; the inverse of the above by Woodbury's identity.
+
+    w.b = (1 + W U) w.b0 is a system of the size of the zones, per channel.
+    """
+    feedback = np.einsum("yn,znc->cyz", collect, scatter)
+    caught = np.einsum("zn,nc->cz", collect, total)
+    system = np.eye(len(collect)) + feedback
+    direct = np.linalg.solve(system, caught[..., None])[..., 0]
+    return np.asarray(total - np.einsum("znc,cz->nc", scatter, direct))
+
+
+def sphere_scatter(albedo: Array, solid_angle_sr: Array, returned: float = 0.0) -> Array:
+    """Scattered radiosity per flux u (N, C) [1/sr] of all that reflects on a sphere or cap, lit or not.
+
+    u_i = rho_i K / (1 - K sum_j a_j rho_j) with K = (1 + returned / f) / (4 pi) and f the cap's share
+    of the sphere; `returned` is what a floor sends back, 0 for none (paper eq. 10 with its
+    correction, science.md s.1). Projectors that overlap must not count a patch twice.
+
+    Raises
+    ------
+    InputError
+        If the room would win light.
+    """
+    fraction = float(np.sum(solid_angle_sr)) / (4 * np.pi)
+    kernel = (1 + returned / fraction) / (4 * np.pi)
+    kappa = kernel * flux(albedo, solid_angle_sr)
+    if (kappa > 1 - ROUNDING).any():
+        raise InputError(
+            f"albedo: got a room that gives back {kappa.max():.3g} of its light at every bounce, "
+            "expected less than 1; an albedo of 1 in a closed room never darkens"
+        )
+    return np.asarray(albedo * kernel / (1 - kappa))
+
+
+def bounce(direct: Array, albedo: Array, solid_angle_sr: Array, order: int) -> Array:
+    """Radiosity (N, C) that the `order`-th bounce (1, 2, ...) adds on a sphere.
+
+    b^m_i = rho_i / (4 pi) kappa^(m-1) (a.b0), kappa = a.rho / (4 pi): paper eq. 9 with its
+    correction. The patches are all that reflects.
+    """
+    kappa = flux(albedo, solid_angle_sr) / (4 * np.pi)
+    return np.asarray(albedo / (4 * np.pi) * kappa ** (order - 1) * flux(direct, solid_angle_sr))
+
+
+def bounce_paper(direct: Array, albedo: float, solid_angle_sr: Array, order: int) -> Array:
+    """Paper eq. 9 to the letter, (rho/A_s)^m a^(m-1) (a.b0), of one albedo; see `bounce`.
+
+    Exact only if the patches given are ALL that reflects and of that albedo.
+    """
+    share = albedo / (4 * np.pi)
+    area = float(np.sum(solid_angle_sr))
+    light = share**order * area ** (order - 1) * flux(direct, solid_angle_sr)
+    return np.asarray(np.broadcast_to(light, direct.shape))
+
+
+def add_interreflection_paper(direct: Array, albedo: float, solid_angle_sr: Array) -> Array:
+    """Paper eq. 10 to the letter, b = b0 + rho / (A_s - a rho) (a.b0), kept for comparison.
+
+    With the lit area alone it understates the pollution by (1 - rho f_R) / (1 - rho f_L), f_R and
+    f_L the shares of the sphere that reflect and that are lit (science.md s.1).
+    """
+    area = float(np.sum(solid_angle_sr))
+    return np.asarray(direct + albedo / (4 * np.pi - area * albedo) * flux(direct, solid_angle_sr))
 
 
 def remove_interreflection_paper(total: Array, albedo: Array, solid_angle_sr: Array) -> Array:
