@@ -29,7 +29,7 @@ from procam.model.optics import CameraModel, Distance, Fiducial
 
 Array = NDArray[np.float64]
 Intrinsics = Literal["fixed", "prior", "solve"]
-ROUNDS, ROBUST_ROUNDS = 40, 8
+ROUNDS, ROBUST_ROUNDS = 100, 8  # lenses solved by one camera creep along what it hardly tells
 CELLS = 10  # along both edges of a panel
 PANELS = 100  # that a dome is made of
 CLIPPED = 50.0  # standard errors, so that a misread patch does not speak for its cell

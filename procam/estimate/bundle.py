@@ -37,6 +37,10 @@ class Observations:
         """A part of them."""
         return Observations(self.camera_px[which], self.projector_px[which], self.sigma_px[which])
 
+    def thinned(self, most: int) -> "Observations":
+        """Every so many of them, so that about `most` are left, up to twice that."""
+        return self.some(slice(None, None, max(1, len(self.sigma_px) // most)))
+
 
 @dataclass(frozen=True, slots=True)
 class Rig:

@@ -43,7 +43,7 @@ def first_rigs(
 
     In the camera's own axes. From a wrong place a projector may seem mirrored: these are left out.
     """
-    few = {pair: _thinned(some) for pair, some in seen.items()}
+    few = {pair: some.thinned(SOME) for pair, some in seen.items()}
     tried, complaint = [], None
     for pose in _first_poses(shape):
         placed = replace(camera, camera_from_dome=pose)
@@ -58,7 +58,7 @@ def first_rigs(
 
 def rehung(rig: Rig, hung: Mapping[str, Hung], seen: Mapping[Pair, Observations]) -> Rig:
     """The rig with all projectors found anew from where its cameras are."""
-    few = {pair: _thinned(some) for pair, some in seen.items()}
+    few = {pair: some.thinned(SOME) for pair, some in seen.items()}
     return _with_projectors(Rig(rig.shape, rig.cameras, {}), hung, few)
 
 
@@ -86,7 +86,7 @@ def with_camera(
     rig: Rig, camera: CameraModel, hung: Mapping[str, Hung], seen: Mapping[Pair, Observations]
 ) -> Rig:
     """The rig with one more camera, placed by what it shares, and the projectors only that sees."""
-    few = {pair: _thinned(some) for pair, some in seen.items()}
+    few = {pair: some.thinned(SOME) for pair, some in seen.items()}
     return _with_projectors(_placed(rig, camera, few), hung, few)
 
 
@@ -97,10 +97,6 @@ def check_complete(rig: Rig, hung: Mapping[str, Hung]) -> None:
             f"projector {min(missing)}: no camera that is placed sees enough of it, expected {FEWEST} "
             "patches or more; is it on and in focus, and do the cameras' views overlap?"
         )
-
-
-def _thinned(seen: Observations) -> Observations:
-    return seen.some(slice(None, None, max(1, len(seen.sigma_px) // SOME)))
 
 
 def _first_poses(shape: RoundShape) -> list[Pose]:

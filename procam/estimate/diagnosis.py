@@ -15,6 +15,7 @@ from procam.maths.lenses import unproject
 
 Array = NDArray[np.float64]
 FLAT_SHARE = 0.004  # of the panel's width that a flat picture may be bent by lenses
+WHOLE = 0.5  # of a panel's width and height that a view must reach over
 SQUARE = 0.01  # by which a projector's two focal lengths may differ: its pixels are square
 FORMATS = (
     16 / 10 / (16 / 9),
@@ -37,36 +38,41 @@ def causes(problem: Problem, found: GeometrySolution | None) -> list[str]:
 
     Each cause is put right by calculation, and told only if the rig then fits much better.
     """
-    told = [*_flat(problem)]
-    if told:
-        return told
+    if found is None or found.sphere_excess > DOUBTFUL:
+        told = _flat(problem)
+        if told:
+            return told
+    told = []
     if found is not None:
-        told += [line for name in found.projectors if (line := _stretched(found, name))]
+        told = [line for name in found.projectors if (line := _stretched(found, name))]
         if found.sphere_excess < DOUBTFUL:
             return told
     trial = _small(problem)
-    free = _excess(replace(trial, fiducials=()))
-    # where it is the fiducials that do not fit, nothing is wrong with the rest
-    wanted = (BETTER if found is not None else ALIKE) * min(free, MOST)
-    return told + (_exchanged(trial, wanted) or _bumped(trial, found, wanted))
+    free = _solution(replace(trial, fiducials=()))
+    excess = np.inf if free is None else free.sphere_excess
+    if excess < DOUBTFUL:  # nothing is wrong but the fiducials
+        return told + _exchanged(trial, ALIKE * excess)
+    wanted = BETTER * min(excess, MOST)
+    return told + (_exchanged(trial, wanted) or _bumped(trial, free, wanted))
 
 
 def _flat(problem: Problem) -> list[str]:
-    """Cameras that see all pictures as a flat screen would show them."""
+    """Cameras that see all pictures as a flat screen would show them.
+
+    A small part of a dome is flat: only views of much of a panel count.
+    """
     lines = []
     for name, camera in problem.cameras.items():
-        views = {p: o for (c, p), o in problem.observations.items() if c == name}
-        if not views:
-            continue
-        off = {
-            p: _off_a_plane(unproject(o.camera_px, camera.lens), o.projector_px)
-            / problem.hung[p].size[0]
-            for p, o in views.items()
-        }
-        if max(off.values()) < FLAT_SHARE:
+        bent = {}
+        for (c, projector), seen in problem.observations.items():
+            extent = np.ptp(seen.projector_px, axis=0) / problem.hung[projector].size
+            if c == name and extent.min() > WHOLE:
+                off = _off_a_plane(unproject(seen.camera_px, camera.lens), seen.projector_px)
+                bent[projector] = off / problem.hung[projector].size[0]
+        if bent and max(bent.values()) < FLAT_SHARE:
             lines.append(
-                f"camera {name} sees {', '.join(off)} on a flat screen (bent by {max(off.values()):.2%} "
-                "of the picture's width); turn it to the dome, or solve a flat pair with its own command"
+                f"camera {name} sees {', '.join(bent)} on a flat screen (bent by "
+                f"{max(bent.values()):.2%} of the picture's width); turn it to the dome"
             )
     return lines
 
@@ -117,24 +123,45 @@ def _exchanged(trial: Problem, wanted: float) -> list[str]:
     return []
 
 
-def _bumped(trial: Problem, found: GeometrySolution | None, wanted: float) -> list[str]:
-    """A camera that moved between the pictures of two projectors.
-
-    Residuals tell the moment, but may sit in the other camera's pictures: so all are tried there.
-    """
-    if found is None:
-        return []
+def _bumped(trial: Problem, free: GeometrySolution | None, wanted: float) -> list[str]:
+    """A camera that moved between the pictures of two projectors."""
     order = list(trial.hung)
-    cut, share = max((_best_cut(found, trial, name) for name in trial.cameras), key=lambda c: c[1])
-    if share < MOVED:
-        return []
-    excess = {name: _excess(_cut(trial, name, order[cut:])) for name in trial.cameras}
-    best = min(excess.values())
+    if len(trial.cameras) == 1:
+        cut, excess = _cut_alone(trial)
+    else:
+        cut, excess = _cut_among(trial, free)
+    best = min(excess.values(), default=np.inf)
     if best >= wanted:
         return []
     named = " or ".join(name for name, left in excess.items() if left < ALIKE * best)
     moment = f"between the pictures of {order[cut - 1]} and {order[cut]}"
     return [f"camera {named} moved {moment}; fix it and capture again"]
+
+
+def _cut_alone(trial: Problem) -> tuple[int, dict[str, float]]:
+    """When the only camera moved, and what is left if each part of its pictures is solved alone."""
+    order = list(trial.hung)
+    left = [
+        max(_excess(_only(trial, some)) for some in (order[:cut], order[cut:]))
+        for cut in range(1, len(order))
+    ]
+    if not left:
+        return 0, {}
+    return 1 + int(np.argmin(left)), dict.fromkeys(trial.cameras, min(left))
+
+
+def _cut_among(trial: Problem, free: GeometrySolution | None) -> tuple[int, dict[str, float]]:
+    """When one of several cameras moved, and what is left if it was that or another one.
+
+    Residuals tell the moment, but may sit in another camera's pictures: so all are tried there.
+    """
+    if free is None:
+        return 0, {}
+    cut, share = max((_best_cut(free, trial, name) for name in trial.cameras), key=lambda c: c[1])
+    if share < MOVED:
+        return 0, {}
+    later = list(trial.hung)[cut:]
+    return cut, {name: _excess(_cut(trial, name, later)) for name in trial.cameras}
 
 
 @dataclass(frozen=True, slots=True)
@@ -193,20 +220,28 @@ def _cut(trial: Problem, name: str, later: Sequence[str]) -> Problem:
     )
 
 
+def _only(trial: Problem, names: Sequence[str]) -> Problem:
+    """The problem with some of its projectors."""
+    hung = {name: trial.hung[name] for name in names}
+    seen = {(c, p): o for (c, p), o in trial.observations.items() if p in hung}
+    return replace(trial, fiducials=(), hung=hung, observations=seen)
+
+
 def _small(problem: Problem) -> Problem:
     """An exact sphere, fewer observations: enough to tell a blunder."""
-    few = {p: _thinned(o) for p, o in problem.observations.items()}
+    few = {p: o.thinned(SOME) for p, o in problem.observations.items()}
     return replace(problem, observations=few, distances=(), most_degree=0)
 
 
-def _thinned(seen: Observations) -> Observations:
-    return seen.some(slice(None, None, max(1, len(seen.sigma_px) // SOME)))
+def _solution(trial: Problem) -> GeometrySolution | None:
+    """The solved rig; None where it cannot be solved."""
+    try:
+        return solve_geometry(trial)
+    except CalibrationError:
+        return None
 
 
 def _excess(trial: Problem) -> float:
     """By how much residuals exceed their errors; infinite where the rig cannot be solved."""
-    try:
-        found = solve_geometry(trial)
-    except CalibrationError:
-        return np.inf
-    return found.sphere_excess
+    found = _solution(trial)
+    return np.inf if found is None else found.sphere_excess

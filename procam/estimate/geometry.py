@@ -24,7 +24,8 @@ from procam.estimate.bundle_start import (
     rehung,
     with_camera,
 )
-from procam.estimate.marks import check_fiducials, turned_to_fiducials
+from procam.estimate.mark_checks import check_marks
+from procam.estimate.marks import turned_to_fiducials
 from procam.maths.ray_to_screen import bump_count
 from procam.model.optics import CameraModel, ProjectorModel
 
@@ -92,7 +93,7 @@ def solve_geometry(problem: Problem) -> GeometrySolution:
     on it by four fiducials or more.
     """
     _check_finite(problem.observations)
-    few = {pair: _thinned(some, FEW) for pair, some in problem.observations.items()}
+    few = {pair: some.thinned(FEW) for pair, some in problem.observations.items()}
     rig = _fitted(problem, few, _in_place(problem, few))
     on_sphere = _mean_excess(rig, few)
     for degree in DEGREES if _bends(problem, rig) else ():
@@ -106,10 +107,12 @@ def solve_geometry(problem: Problem) -> GeometrySolution:
         if _mean_excess(bent, few) > EXPLAINS * excess:
             break
         rig = bent
-    most = None if rig.shape.exact else MOST_BUMPY
-    used = {pair: _thinned(some, most) for pair, some in problem.observations.items()}
+    used = problem.observations
+    if not rig.shape.exact:
+        used = {pair: some.thinned(MOST_BUMPY) for pair, some in used.items()}
     last = Adjustment(problem, _agreeing(rig, used), prior_of(problem, rig))
     rig = last.solve(rig, robust=False)
+    check_marks(rig, problem.fiducials, problem.distances, rough=False)
     seen = _agreeing(rig, problem.observations, GROSS_SIGMAS)
     covariance, freedoms, scales = last.certainty(rig)
     left = {pair: residuals(rig, pair, some) for pair, some in seen.items()}
@@ -142,7 +145,8 @@ def _in_place(problem: Problem, few: Mapping[Pair, Observations]) -> Rig:
     turns = problem.shape.exact  # turned about its centre, a sphere looks the same
     start = _started(free, few) if turns else _started_by_marks(problem, few)
     rig = _fitted(free, few, start)
-    check_fiducials(rig, problem.fiducials)
+    marks = problem.fiducials, problem.distances
+    check_marks(rig, *marks, rough=True, size_known=problem.radius_known)
     return turned_to_fiducials(rig, problem.fiducials) if turns else rig
 
 
@@ -203,7 +207,7 @@ def _best_first(
 
 def _roughly(problem: Problem, seen: Mapping[Pair, Observations], rig: Rig) -> Rig:
     """A few robust rounds on the devices placed so far."""
-    few = {pair: _thinned(some, ROUGH) for pair, some in _visible(rig, seen).items()}
+    few = {pair: some.thinned(ROUGH) for pair, some in _visible(rig, seen).items()}
     return Adjustment(problem, few, prior_of(problem, rig)).solve(rig, robust=True)
 
 
@@ -231,12 +235,6 @@ def _mean_excess(rig: Rig, seen: Mapping[Pair, Observations]) -> float:
     """Root mean square over pairs of what agrees; misread patches would hide a rig that is right."""
     agreeing = _agreeing(rig, seen)
     return float(np.sqrt(np.mean([excess_of(rig, p, o) ** 2 for p, o in agreeing.items()])))
-
-
-def _thinned(seen: Observations, most: int | None) -> Observations:
-    if most is None:
-        return seen
-    return seen.some(slice(None, None, max(1, len(seen.sigma_px) // most)))
 
 
 def _agreeing(

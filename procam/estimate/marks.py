@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from procam.errors import CalibrationError, InputError
+from procam.errors import InputError
 from procam.estimate.bundle import POSE, PUPIL, Layout, Rig, device_of
 from procam.kernels import Device
 from procam.kernels.reference_bundle import point_slopes, rays_sent
@@ -17,8 +17,6 @@ from procam.maths.sphere import angles_from_direction, direction_from_angles, no
 from procam.model.optics import Distance, Fiducial
 
 Array = NDArray[np.float64]
-CONTRADICTION = 8.0  # sigmas
-PIXEL_SIGMA = 1e-3  # how well somebody clicks a mark, seen from the centre [rad]
 STEP = 1e-5  # [m] of a point, for slopes of what is wrong with it
 
 
@@ -47,7 +45,7 @@ def mark_rows(
 def mark_errors(rig: Rig, fiducials: Sequence[Fiducial], distances: Sequence[Distance]) -> Array:
     """Residuals (M,) of all marks in their own sigmas."""
     parts = [_off(f, normalise(seen_point(rig, f))) for f in fiducials]
-    parts += [np.array([_distance_error(rig, fiducials, d)]) for d in distances]
+    parts += [np.array([length_of(rig, fiducials, d) - d.metres]) / d.sigma_m for d in distances]
     return np.concatenate(parts) if parts else np.zeros(0)
 
 
@@ -104,10 +102,11 @@ def _off(fiducial: Fiducial, seen: Array) -> Array:
     return np.array([off * np.cos(elevation)]) / fiducial.sigma
 
 
-def _distance_error(rig: Rig, fiducials: Sequence[Fiducial], distance: Distance) -> float:
+def length_of(rig: Rig, fiducials: Sequence[Fiducial], distance: Distance) -> float:
+    """How long a distance is in a rig [m]."""
     layout = Layout.of(rig)
     ends = [_place(rig, fiducials, name, layout)[0] for name in (distance.a, distance.b)]
-    return float((np.linalg.norm(ends[0] - ends[1]) - distance.metres) / distance.sigma_m)
+    return float(np.linalg.norm(ends[0] - ends[1]))
 
 
 def _place(
@@ -137,10 +136,15 @@ def turned_to_fiducials(rig: Rig, fiducials: Sequence[Fiducial]) -> Rig:
     if not fiducials:
         return rig
     seen = normalise(np.array([seen_point(rig, f) for f in fiducials]))
+    return turned(rig, best_turn(fiducials, seen)[0])
 
-    def miss(turn: Array) -> Array:
+
+def best_turn(fiducials: Sequence[Fiducial], seen: Array) -> tuple[Array, list[Array]]:
+    """The turn (3, 3) that brings directions (N, 3) to the fiducials, and what is left [sigma]."""
+
+    def miss(turn: Array) -> list[Array]:
         places = seen @ rotation_matrix(turn).T
-        return np.concatenate([_off(f, p) for f, p in zip(fiducials, places, strict=True)])
+        return [_off(f, p) for f, p in zip(fiducials, places, strict=True)]
 
     full = [f.azimuth is not None and f.elevation is not None for f in fiducials]
     if sum(full) > 1:
@@ -149,9 +153,13 @@ def turned_to_fiducials(rig: Rig, fiducials: Sequence[Fiducial]) -> Rig:
     else:
         tips, spins = (0.0, 1.5, 3.0), (-2.0, 0.0, 2.0)
         starts = [np.array([tip, 0.0, spin]) for tip in tips for spin in spins]
-    fits = [least_squares(miss, start, x_scale=0.1) for start in starts]
-    turn = rotation_matrix(min(fits, key=lambda fit: float(fit.cost)).x)
-    return turned(rig, turn)
+
+    def joined(turn: Array) -> Array:
+        return np.concatenate(miss(turn))
+
+    fits = [least_squares(joined, start, x_scale=0.1) for start in starts]
+    best = min(fits, key=lambda fit: float(fit.cost)).x
+    return rotation_matrix(best), miss(best)
 
 
 def turned(rig: Rig, turn: Array) -> Rig:
@@ -170,57 +178,3 @@ def turned(rig: Rig, turn: Array) -> Rig:
         for n, p in rig.projectors.items()
     }
     return Rig(rig.shape, cameras, projectors)
-
-
-def missing_marks(radius_known: bool, fiducials: Sequence[Fiducial], freedoms: int) -> list[str]:
-    """What is not fixed in space, by name, and what would fix it; `freedoms` as a solution counts."""
-    lines, turns = [], freedoms
-    if not radius_known and freedoms in (1, 2, 4):
-        turns -= 1
-        lines.append(
-            "the dome's size is not known, and no distance in metres is told: give [screen] radius_m "
-            "or one [[distances]]; directions and the compensation do not need it"
-        )
-    if turns >= 3:
-        lines.append(
-            "nothing tells the dome's front and pole: list two or more [[fiducials]] in venue.toml, or a "
-            "springline and a front; until then the main camera's own axes are taken"
-        )
-    elif turns:
-        names = " and ".join(dict.fromkeys(f.name for f in fiducials)) or "the pole"
-        lines.append(f"the dome may still turn about {names}: list another of [[fiducials]]")
-    return lines
-
-
-def check_fiducials(rig: Rig, fiducials: Sequence[Fiducial]) -> None:
-    """Complain of fiducials that contradict each other, and name the one that the others outvote."""
-    full = [f for f in fiducials if f.azimuth is not None and f.elevation is not None]
-    if len(full) < 2:
-        return
-    seen = normalise(np.array([seen_point(rig, f) for f in full]))
-    known = np.array([direction_from_angles(f.azimuth or 0.0, f.elevation or 0.0) for f in full])
-    sigma = np.array([f.sigma for f in full])
-    if _disagreement(seen, known, sigma) < CONTRADICTION:
-        return
-    names = [f.name for f in full]  # one that several cameras see is there several times
-    without = {
-        name: _disagreement(*(a[[n != name for n in names]] for a in (seen, known, sigma)))
-        for name in dict.fromkeys(names)
-    }
-    off = np.degrees(np.linalg.norm(seen @ align_rotation(seen, known).T - known, axis=1).max())
-    worst = min(without, key=lambda name: without[name])
-    named = f"{', '.join(without)} do not fit together"
-    if len(without) > 2 and without[worst] < CONTRADICTION:  # of two, either may be wrong
-        named = f"{worst} does not fit the others"
-    raise CalibrationError(
-        f"fiducials: {named}, off by up to {off:.1f} degrees; check azimuth_deg, elevation_deg and "
-        "pixel, and that it is this mark the pixel shows"
-    )
-
-
-def _disagreement(seen: Array, known: Array, sigma: Array) -> float:
-    """Largest distance, in sigmas, that the best turn leaves between directions (N, 3)."""
-    if len(seen) < 2:
-        return 0.0
-    turned = seen @ align_rotation(seen, known).T
-    return float(np.max(np.linalg.norm(turned - known, axis=1) / np.hypot(sigma, PIXEL_SIGMA)))

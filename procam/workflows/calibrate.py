@@ -51,7 +51,7 @@ def solve(venue: Venue, session: Session) -> Iterator[Event]:
     """Decode, solve the geometry, split the light, fit the projectors, write a calibration.
 
     Geometry from all cameras; light from the one that sees most. The last event carries the new
-    directory as `data["calibration"]`.
+    directory as `data["calibration"]`; what nobody should miss is in its provenance as "notes".
     """
     plan, cameras = session.read_plan(), venue.cameras
     origin = provenance(venue, session)  # first of all, for it finds what is wrong with masks
@@ -69,9 +69,9 @@ def solve(venue: Venue, session: Session) -> Iterator[Event]:
             told = f"{name} decoded, {share:.0%} of what {camera} sees"
             yield Event("solve", len(found), total, told)
     marks = [*venue.fiducials, *tag_marks(venue, looks)]
-    geometry, notes = solve_rig(rig_problem(venue, gathered, marks))
-    for line in [*tag_notes(venue, plan, looks), *notes]:
-        yield Event("solve", len(found) + 1, total, line)
+    geometry, verdict, notes = solve_rig(rig_problem(venue, gathered, marks))
+    yield Event("solve", len(found) + 1, total, f"geometry solved; {verdict}")
+    origin["notes"] = [*tag_notes(venue, plan, looks), *notes]
     if geometry.main != camera:
         readings = Readings(session, plan, Radiometer(cameras[geometry.main]))
     dome = _solved_screen(venue, geometry)

@@ -8,7 +8,7 @@ from procam.estimate.bundle import Observations, Pair
 from procam.estimate.bundle_start import FEWEST, Hung
 from procam.estimate.diagnosis import causes
 from procam.estimate.geometry import ROUND_ENOUGH, GeometrySolution, solve_geometry
-from procam.estimate.marks import missing_marks
+from procam.estimate.mark_checks import missing_marks
 from procam.files.venue import Venue
 from procam.maths.ray_to_screen import RoundShape
 from procam.model.optics import Fiducial
@@ -32,8 +32,8 @@ def rig_problem(
     )
 
 
-def solve_rig(problem: Problem) -> tuple[GeometrySolution, list[str]]:
-    """The solved rig, and lines on its shape, on what nothing fixes, and on what seems wrong.
+def solve_rig(problem: Problem) -> tuple[GeometrySolution, str, list[str]]:
+    """The solved rig, a verdict on the screen's shape, and what nobody should miss, a line each.
 
     Raises
     ------
@@ -45,8 +45,11 @@ def solve_rig(problem: Problem) -> tuple[GeometrySolution, list[str]]:
     except CalibrationError as error:
         told = [str(error), *causes(problem, None)]
         raise type(error)("\n".join(told)) from error
-    missing = missing_marks(problem.radius_known, problem.fiducials, len(found.freedoms))
-    return found, [f"geometry solved; {_verdict(found)}", *missing, *causes(problem, found)]
+    notes = missing_marks(problem.radius_known, problem.fiducials, len(found.freedoms))
+    verdict, guilty = _verdict(found), causes(problem, found)
+    if found.sphere_excess >= ROUND_ENOUGH and not guilty:
+        notes.append(verdict)
+    return found, verdict, [*notes, *guilty]
 
 
 def _verdict(found: GeometrySolution) -> str:
@@ -54,7 +57,9 @@ def _verdict(found: GeometrySolution) -> str:
     if found.sphere_excess < ROUND_ENOUGH:
         return f"the dome is a sphere {ratio}"
     degree = found.rig.shape.degree
-    cure = (
-        f"bumps up to degree {degree} solved" if degree else "a second camera would tell its bumps"
-    )
+    cure = "no bumps explain it; did a camera or a projector move between the pictures?"
+    if degree:
+        cure = f"bumps up to degree {degree} were solved"
+    elif len(found.rig.cameras) == 1:
+        cure = "a second camera would tell its bumps, unless the camera moved between the pictures"
     return f"the dome is NOT a sphere {ratio}; {cure}"

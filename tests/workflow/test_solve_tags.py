@@ -35,7 +35,9 @@ class Solved:
 
     @property
     def texts(self) -> list[str]:
-        return [event.text for event in self.events]
+        """What a solve tells that nobody should miss."""
+        calibration = load_calibration(Path(self.events[-1].data["calibration"]))
+        return list(calibration.provenance["notes"])
 
 
 def stick_tags(session: Session) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from procam.model.calibration import Calibration
     from procam.model.quality import Figure
     from procam.workflows.events import Event
 
@@ -20,6 +21,13 @@ class Output:
         """A line for people."""
         if not self.as_json:
             sys.stdout.write(text + "\n")
+
+    def notes(self, calibration: "Calibration") -> list[str]:
+        """Say what a solve found that nobody should miss; the same lines."""
+        lines = [str(line) for line in calibration.provenance.get("notes", ())]
+        for line in lines:
+            self.say(f"note: {line}")
+        return lines
 
     def finish(self, document: Mapping[str, Any]) -> None:
         """The one document for machines."""
@@ -38,7 +46,7 @@ class Output:
         data: dict[str, Any] = {}
         columns = (TextColumn("{task.fields[stage]:>8}"), BarColumn(30))
         tail = (TextColumn("{task.completed}/{task.total}"), TimeElapsedColumn())
-        text = TextColumn("{task.description}")
+        text = TextColumn("{task.description}", markup=False)  # [[fiducials]] is no markup
         quiet = self.as_json or not console.is_terminal
         with Progress(*columns, *tail, text, console=console, disable=quiet) as progress:
             task = progress.add_task("", stage="", total=None)

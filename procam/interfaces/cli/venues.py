@@ -57,7 +57,8 @@ def run_solve(directory: Path, output: Output) -> Path:
     calibration = load_calibration(Path(data["calibration"]))
     output.say(f"{data['calibration']} written")
     output.table(calibration.quality)
-    output.finish({"calibration": data["calibration"]})
+    notes = output.notes(calibration)
+    output.finish({"calibration": data["calibration"], "notes": notes})
     return Path(data["calibration"])
 
 
@@ -68,10 +69,12 @@ def run_calibrate(directory: Path, output: Output) -> None:
     venue = load_venue(directory)
     session = take(venue, output)
     data = output.follow(solve(venue, session))
-    keep_pictures(directory, load_calibration(Path(data["calibration"])), half_sky(CONTENT_SIZE))
+    calibration = load_calibration(Path(data["calibration"]))
+    keep_pictures(directory, calibration, half_sky(CONTENT_SIZE))
     report = write_report(directory)
     output.say(f"{data['calibration']} and {report} written")
-    output.finish({"calibration": data["calibration"], "report": str(report)})
+    document = {"calibration": data["calibration"], "report": str(report)}
+    output.finish({**document, "notes": output.notes(calibration)})
 
 
 def run_refine(directory: Path, picture: Path | None, output: Output) -> None:

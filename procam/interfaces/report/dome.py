@@ -92,6 +92,8 @@ def mapping(material: Material) -> Iterator[Block]:
 
 
 def _geometry(calibration: Calibration) -> Iterator[Block]:
+    for note in calibration.provenance.get("notes", ()):
+        yield Text(f"Note: {note}.")
     residual = calibration.quality.get("geometry_residual_rms_px")
     if residual is not None:
         yield Text(
@@ -106,7 +108,7 @@ def _geometry(calibration: Calibration) -> Iterator[Block]:
             verdict = "The dome is NOT a sphere; " + (
                 f"its shape was solved up to harmonics of degree {solved}"
                 if solved
-                else "one camera cannot tell its shape, so directions carry a systematic error: add another"
+                else "its shape could not be solved, so directions carry a systematic error"
             )
         yield Text(
             f"{verdict}. What an exact sphere leaves over scatters {number(_mean(sphere))} times as much "

@@ -50,13 +50,18 @@ def test_nothing_is_said_of_a_sound_rig(preset: object, cameras: int) -> None:
 
 
 @pytest.mark.parametrize(
-    ("camera", "later", "moment"),
-    [("zenith", {"east"}, "north and east"), ("second", {"north", "east"}, "south and north")],
+    ("cameras", "camera", "later", "moment"),
+    [
+        (2, "zenith", {"east"}, "north and east"),
+        (2, "second", {"north", "east"}, "south and north"),
+        (1, "zenith", {"east"}, "north and east"),
+    ],
 )
-def test_a_camera_that_was_bumped(camera: str, later: set[str], moment: str) -> None:
-    dome = SimulatedDome.build(7)
+def test_a_camera_that_was_bumped(cameras: int, camera: str, later: set[str], moment: str) -> None:
+    dome = SimulatedDome.build(7, cameras=cameras)
+    size = 1.0 if cameras > 1 else 8.0  # alone, it tells its place by the dome's curve
     moved = [
-        replace(c, camera_from_dome=_pushed(c.camera_from_dome)) if c.name == camera else c
+        replace(c, camera_from_dome=_pushed(c.camera_from_dome, size)) if c.name == camera else c
         for c in dome.cameras
     ]
     seen = _merged(dome.observations(), replace(dome, cameras=moved).observations(), camera, later)
@@ -65,10 +70,11 @@ def test_a_camera_that_was_bumped(camera: str, later: set[str], moment: str) -> 
     assert told.endswith(f" moved between the pictures of {moment}; fix it and capture again")
 
 
-def _pushed(pose: Pose) -> Pose:
-    """A camera on a tripod that somebody walked into: half a degree, a centimetre."""
-    turn = rotation_matrix(np.radians([0.3, -0.2, 0.4]))
-    return Pose(turn @ pose.rotation, turn @ pose.translation + [0.01, -0.005, 0.003])
+def _pushed(pose: Pose, size: float) -> Pose:
+    """A camera on a tripod that somebody walked into: half a degree, a centimetre, times `size`."""
+    turn = rotation_matrix(size * np.radians([0.3, -0.2, 0.4]))
+    shift = size * np.array([0.01, -0.005, 0.003])
+    return Pose(turn @ pose.rotation, turn @ pose.translation + shift)
 
 
 @pytest.mark.parametrize("alike", [False, True], ids=["lenses differ", "marks of both"])
@@ -117,6 +123,15 @@ class Wall:
 
     def radius(self, direction: np.ndarray) -> np.ndarray:
         return 6.0 / np.atleast_2d(direction)[:, 2]
+
+
+def test_a_small_part_of_a_dome_is_no_flat_screen() -> None:
+    dome = SimulatedDome.build(1)
+    seen = dome.observations(16)
+    some = seen["second", "south"]
+    middle = np.abs(some.projector_px - [960, 600]).max(axis=1) < 200
+    seen["second", "south"] = some.some(middle)
+    assert _told(dome.problem(seen)) == []
 
 
 def test_a_flat_screen() -> None:

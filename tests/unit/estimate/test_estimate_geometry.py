@@ -11,7 +11,7 @@ from procam.estimate.bundle import Layout, Observations
 from procam.estimate.bundle_start import Hung
 from procam.estimate.geometry import ROUND_ENOUGH, GeometrySolution, solve_geometry
 from procam.estimate.landing import ARCMIN, measure_landing
-from procam.estimate.marks import missing_marks
+from procam.estimate.mark_checks import missing_marks
 from procam.maths.lenses import Lens
 from procam.maths.ray_to_screen import RoundShape
 from procam.maths.sphere import angle_between, normalise
