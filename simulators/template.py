@@ -106,6 +106,7 @@ elevation_deg = {elevation}
 sigma_deg = 0.01
 camera = "{camera.name}"
 pixel = [{pixel[0]:.2f}, {pixel[1]:.2f}]
+sigma_px = 0.01          # the simulator clicks better than people do, who reach about 0.3
 """)
     return "\n".join(lines)
 

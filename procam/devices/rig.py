@@ -82,6 +82,11 @@ class Rig:
             control.set_shutter(True)
 
 
+def known_backends() -> list[str]:
+    """Names of the backends that are installed."""
+    return sorted(entry_points(group="procam.backends").names)
+
+
 def open_backend(name: str, settings: Mapping[str, Any], venue_dir: Path) -> BackendRig:
     """Open the devices of a backend, found by its entry point in group `procam.backends`."""
     known = entry_points(group="procam.backends")

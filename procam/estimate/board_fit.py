@@ -69,7 +69,8 @@ class BoardFit:
             rig, done = self.bundle(kept, rig).solve(rig)
         if not done:
             raise DidNotConverge(
-                "lens: got no end of the fit, expected one within 200 steps; is the model right for it?"
+                "lens: got no end of the fit, expected one within 200 steps; is the model right for it, "
+                "and the number of squares?"
             )
         return kept, rig
 

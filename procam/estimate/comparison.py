@@ -20,12 +20,14 @@ from procam.estimate.comparison_verdict import (
     exchanged,
     find_exchanged,
     judge_difference,
+    judge_light,
 )
 from procam.maths.pose import rotation_vector
 from procam.model.calibration import Calibration
 from procam.model.transport import Measured
 
 Array = NDArray[np.float64]
+SCREEN = ("radius_m", "degree")
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,12 +131,14 @@ class Comparison:
     """What two calibrations differ in.
 
     `turn_arcmin` (3,): the common turn of the rig from B to A as axis times angle, in A's frame.
+    `screen`: "radius_m" and "degree" of the bumps, of A and of B.
     `light`: "feedback" (m) and "albedo", where both calibrations have them.
     """
 
     projectors: Mapping[str, Difference]
     together: Difference
     turn_arcmin: list[float]
+    screen: Mapping[str, tuple[float, float]]
     light: Mapping[str, LightStep]
     verdict: Verdict
 
@@ -157,13 +161,14 @@ def compare(first: Calibration, second: Calibration) -> Comparison:
     if Angles.between([*thin.values()], np.eye(3)).rms > ALIKE * ARCMIN:
         partners = find_exchanged(first, second)
         verdict = exchanged(partners) if partners else verdict
-    bent = _smooth(thin, turn)
+    bent, light = _smooth(thin, turn), _light(first, second)
     return Comparison(
         {name: _difference([pair], turn, [bent[name]]) for name, pair in pairs.items()},
         _difference(together, turn, [*bent.values()]),
         [float(v) for v in ARCMIN * rotation_vector(turn)],
-        _light(first, second),
-        verdict,
+        {name: (getattr(first.screen, name), getattr(second.screen, name)) for name in SCREEN},
+        light,
+        judge_light(verdict, {name: step.sigmas for name, step in light.items()}),
     )
 
 

@@ -21,9 +21,10 @@ from procam.maths.pose import rotation_vector
 from procam.model.calibration import Calibration
 
 Array = NDArray[np.float64]
-Kind = Literal["agree", "turned", "moved", "changed", "lens", "exchanged", "differ"]
+Kind = Literal["agree", "turned", "light", "moved", "changed", "lens", "exchanged", "differ"]
 ARCMIN = np.degrees(1) * 60
 AGREE = 2.0  # error over sigma: a pose has six freedoms, by chance one in a thousand exceeds it
+LIGHT_SIGMAS = 5.0  # of feedback or albedo: six figures, and sigmas that are themselves estimates
 EXPLAINED = 0.9  # of the variance, from which on a field is the reason and not a part of it
 CLEARER = 0.5  # one field for all must leave half of what motions leave: it has more numbers
 ALIKE = np.radians(1.0)  # no mount slips further, no two projectors are hung closer together
@@ -98,6 +99,23 @@ def exchanged(partners: Mapping[str, str]) -> Verdict:
     return Verdict("exchanged", f"{each}: wrong projector on the wire", tuple(partners))
 
 
+def judge_light(directions: Verdict, sigmas: Mapping[str, Sequence[float]]) -> Verdict:
+    """`directions`, or that the light differs where nothing worse does.
+
+    `sigmas`: per figure of the light, B - A in standard errors, by channel.
+    """
+    worst = {name: max(map(abs, each)) for name, each in sigmas.items()}
+    names = [name for name, most in worst.items() if most > LIGHT_SIGMAS]
+    if not names or not directions.sound:
+        return directions
+    each = " and ".join(f"{name} by {worst[name]:.3g} standard errors" for name in names)
+    return Verdict(
+        "light",
+        f"the light differs, {each}: was the screen painted or cleaned, a surface covered, or the "
+        f"camera's response, black level or glare another? Of the directions: {directions.text}",
+    )
+
+
 def _common_turn(pairs: Mapping[str, Shared]) -> tuple[Array, list[str], bool]:
     """The turn under which most projectors agree, which do, and whether they do without one.
 
@@ -121,7 +139,7 @@ def _sound(as_is: bool, turn: Array) -> Verdict:
     return Verdict(
         "turned",
         f"a turn of the whole rig by {size:.3g} arcmin and nothing else: fiducials or camera were "
-        "set anew",
+        "set anew, or nothing fixes the rig in space",
     )
 
 

@@ -112,7 +112,7 @@ def solve_geometry(problem: Problem) -> GeometrySolution:
         used = {pair: some.thinned(MOST_BUMPY) for pair, some in used.items()}
     last = Adjustment(problem, _agreeing(rig, used), prior_of(problem, rig))
     rig = last.solve(rig, robust=False)
-    check_marks(rig, problem.fiducials, problem.distances, rough=False)
+    check_marks(rig, problem.fiducials, problem.distances, rough=on_sphere > ROUND_ENOUGH)
     seen = _agreeing(rig, problem.observations, GROSS_SIGMAS)
     covariance, freedoms, scales = last.certainty(rig)
     left = {pair: residuals(rig, pair, some) for pair, some in seen.items()}

@@ -28,7 +28,8 @@ def check_marks(
 ) -> None:
     """Complain of marks that contradict each other, and name the one that the others outvote.
 
-    `rough`: the rig was solved without marks, on an exact sphere; its size is a guess unless known.
+    `rough`: the rig was solved without marks, or the screen is no sphere, so that marks may be
+    arcminutes off without anybody's fault. The size of the rig is a guess unless known.
 
     Raises
     ------

@@ -118,16 +118,27 @@ def polygon_pixels(corners: NDArray[np.floating], size: tuple[int, int]) -> Cove
     return inside
 
 
+def is_within(pixel: tuple[float, float], size: tuple[int, int]) -> bool:
+    """Whether a place lies on a picture or panel, its outermost pixels' edges included."""
+    return all(-0.5 <= at <= count - 0.5 for at, count in zip(pixel, size, strict=True))
+
+
+def file_complaints(where: str, outlines: Sequence[Outline], folder: Path) -> list[str]:
+    """Which pictures of masks are not there, a line each."""
+    return [
+        f"{where}.{number}: {folder / outline}: got no such file, expected a PNG; put it there or "
+        "correct the name"
+        for number, outline in enumerate(outlines)
+        if isinstance(outline, str) and not (folder / outline).is_file()
+    ]
+
+
 def pixel_complaints(where: str, outlines: Sequence[Outline], size: tuple[int, int]) -> list[str]:
     """What is wrong with polygons in pixels of a device of `size`, a line each."""
     width, height = size
-
-    def is_off(x: float, y: float) -> bool:
-        return not (-0.5 <= x <= width - 0.5 and -0.5 <= y <= height - 0.5)
-
     found = _too_few(where, outlines)
     for number, outline in _polygons(outlines):
-        off = next((corner for corner in outline if is_off(*corner)), None)
+        off = next((corner for corner in outline if not is_within(corner, size)), None)
         if off is not None:
             found.append(
                 f"{where}.{number}: got the corner {list(off)}, expected one within -0.5..{width - 0.5} "

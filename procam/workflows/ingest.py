@@ -81,9 +81,7 @@ def _read_index(path: Path, plan: Plan, photos: list[Path]) -> dict[str, str]:
     """Shot by file name, from lines "file,shot"."""
     if not path.is_file():
         raise FileFormatError(f"{path}: got no such file, expected lines file,shot")
-    lines = [line for line in csv.reader(path.read_text("utf-8").splitlines()) if line]
-    if lines and [cell.strip() for cell in lines[0]] == ["file", "shot"]:
-        lines = lines[1:]
+    lines = _index_lines(path)
     files, shots = {p.name for p in photos}, {shot.id for shot in plan.shots}
     claims: dict[str, str] = {}
     for number, line in enumerate(lines, start=1):
@@ -100,6 +98,20 @@ def _read_index(path: Path, plan: Plan, photos: list[Path]) -> dict[str, str]:
             raise FileFormatError(f"{path}: entry {number}: got the file {file!r} twice")
         claims[file] = shot
     return claims
+
+
+def _index_lines(path: Path) -> list[list[str]]:
+    """Lines of a CSV, without empty ones and the head; a byte order mark does no harm."""
+    try:
+        text = path.read_text("utf-8-sig")
+        lines = [line for line in csv.reader(text.splitlines()) if line]
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise FileFormatError(
+            f"{path}: got no UTF-8 text ({error}), expected lines file,shot; save it as CSV in UTF-8 "
+            "(in spreadsheets 'CSV UTF-8', not 'Unicode text')"
+        ) from error
+    headed = bool(lines) and [cell.strip() for cell in lines[0]] == ["file", "shot"]
+    return lines[headed:]
 
 
 def _survey(

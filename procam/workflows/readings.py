@@ -11,10 +11,13 @@ from procam.estimate.radiance import Radiometer
 from procam.files.session import Session
 from procam.model.frame import Frame
 from procam.model.plan import Plan, Purpose, Shot
+from procam.workflows.capture import missing_shots
+from procam.workflows.external import PREFIX
 
 Image = NDArray[np.float32]
 Counts = NDArray[np.uint16]
 GREEN = 1
+SHOWN = 5  # missing shots that a line names
 
 
 @dataclass(frozen=True)
@@ -30,8 +33,22 @@ class Readings:
         return self.radiometer.radiance(self._frame(shot, exposure))
 
     def _frame(self, shot: Shot, exposure: int) -> Frame:
-        camera = self.radiometer.camera
-        return self.session.load(camera.name, shot, shot.exposures_s[exposure], camera.size)
+        camera, exposure_s = self.radiometer.camera, shot.exposures_s[exposure]
+        by_hand = self.session.directory.name.startswith(PREFIX)
+        if by_hand and (shot.id, exposure_s) not in self.session.stored(camera.name):
+            raise FileFormatError(self._not_photographed())
+        return self.session.load(camera.name, shot, exposure_s, camera.size)
+
+    def _not_photographed(self) -> str:
+        """What a session that nobody drives lacks of this camera; capture cannot take it again."""
+        camera = self.radiometer.camera.name
+        missing = [shot.id for shot in missing_shots(self.session, self.plan, [camera])]
+        more = f" and {len(missing) - SHOWN} more" if len(missing) > SHOWN else ""
+        return (
+            f"{self.session.directory}: got no photographs by camera {camera} of "
+            f"{', '.join(missing[:SHOWN])}{more}, expected all {len(self.plan.shots)} shots; "
+            "photograph them and `procam ingest` again: it adds only what is missing"
+        )
 
     def only(self, projector: str, purpose: Purpose) -> Shot:
         """The one shot of its kind."""

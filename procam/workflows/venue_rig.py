@@ -3,22 +3,15 @@
 from contextlib import ExitStack
 
 from procam.devices.protocols import BackendRig
-from procam.devices.rig import Rig, open_backend, open_control
+from procam.devices.rig import Rig, known_backends, open_backend, open_control
 from procam.errors import InputError
-from procam.files.venue import Venue
+from procam.files.venue import BY_HAND, Venue
 
 
 def open_rig(venue: Venue) -> Rig:
     """Open all devices that a venue names; refuses names and sizes the backend does not have."""
     table = venue.table
-    names = {d.backend for d in table.cameras.values()}
-    names |= {d.backend for d in table.projectors.values()}
-    if len(names) != 1:
-        raise InputError(
-            f"{venue.directory / 'venue.toml'}: got backends {', '.join(sorted(names))}, expected "
-            "one for all devices"
-        )
-    backend_name = names.pop()
+    backend_name = _backend_of(venue)
     backend = open_backend(backend_name, venue.backends.get(backend_name, {}), venue.directory)
     with ExitStack() as undo:  # what was opened is let go if the rest cannot be
         for closer in backend.closers:
@@ -39,6 +32,30 @@ def open_rig(venue: Venue) -> Rig:
         backend.clock,
         backend.closers,
     )
+
+
+def _backend_of(venue: Venue) -> str:
+    """The one backend of all devices; refuses devices that no backend drives."""
+    path, names = venue.directory / "venue.toml", dict[str, str]()
+    for kind, entries in (("camera", venue.table.cameras), ("projector", venue.table.projectors)):
+        for name, entry in entries.items():
+            if entry.backend == BY_HAND:
+                raise InputError(
+                    f"{path}: {kind} {name} is driven by hand; use `procam patterns "
+                    f"{venue.directory}` and `procam ingest`"
+                )
+            names.setdefault(entry.backend, f"{kind}s.{name}.backend")
+    for backend, where in names.items():
+        if backend not in known_backends():
+            raise InputError(
+                f"{path}: {where}: got {backend!r}, expected one of "
+                f"{', '.join([BY_HAND, *known_backends()])}; correct it, or install its package"
+            )
+    if len(names) != 1:
+        raise InputError(
+            f"{path}: got backends {', '.join(sorted(names))}, expected one for all devices"
+        )
+    return next(iter(names))
 
 
 def _check_devices(venue: Venue, backend_name: str, backend: BackendRig) -> None:

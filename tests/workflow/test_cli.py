@@ -38,6 +38,7 @@ from procam.interfaces.cli.main import app
 from procam.maths.curves import srgb_decode, srgb_encode
 from procam.model.calibration import Calibration
 from procam.model.transport import Measured
+from procam.workflows import venue_rig
 from procam.workflows.pictures import half_sky
 from simulators.devices import SimulatedCamera
 
@@ -83,12 +84,31 @@ class TestInit:
             assert json.loads(ran.out) == {"venue": str(tmp_path / name / "venue.toml")}
             assert load_venue(tmp_path / name).table.projectors
 
+    def test_a_rig_by_hand_gets_its_pictures(self, tmp_path: Path) -> None:
+        ran = procam("init", tmp_path, "--template", "by-hand")
+        assert (ran.code, "then run: procam patterns " in ran.out) == (0, True)
+        path = tmp_path / "venue.toml"
+        path.write_text(path.read_text().replace("[1920, 1200]", "[160, 100]"))
+        ran = procam("patterns", tmp_path, "--out", tmp_path / "out")
+        assert (ran.code, ran.err) == (0, "")
+        assert "--camera zenith or side" in ran.out
+        assert {p.stem for p in (tmp_path / "out").glob("*.m3u")} == {"north", "south", "east"}
+
     def test_never_overwrites(self, tmp_path: Path) -> None:
         (tmp_path / "venue.toml").write_text("mine")
         ran = procam("init", tmp_path, "--template", template_names()[0])
         assert ran.code == 2
         assert "venue.toml: got an existing file" in ran.complaint
         assert (tmp_path / "venue.toml").read_text() == "mine"
+
+    def test_without_a_template_the_known_ones_are_told(self, tmp_path: Path) -> None:
+        ran = procam("init", tmp_path / "new")
+        assert ran.code == 2
+        assert "--template: got none, expected one of by-hand, simulated-" in ran.complaint
+        assert all(name in ran.complaint for name in template_names())
+        assert not (tmp_path / "new").exists()
+        shown = procam("init", "--help").out
+        assert all(name in shown for name in template_names())
 
     def test_an_unknown_template_is_told_the_known_ones(self, tmp_path: Path) -> None:
         ran = procam("init", tmp_path / "new", "--template", "nonesuch")
@@ -562,10 +582,19 @@ class TestVenueErrors:
                 edited("rays = 64", "rays = 1\ncolour = 3"),
                 ["simulated.rays: got 1", "simulated.colour: got 3"],
             ),
-            (edited('backend = "simulated"', 'backend = "dream"'), ["got backends dream, simul"]),
+            (
+                edited('backend = "simulated"', 'backend = "dream"'),
+                [
+                    "cameras.zenith.backend: got 'dream', expected one of by-hand, simulated; correct"
+                ],
+            ),
             (
                 lambda text: re.sub(r'"simulated"|(?<=^\[)simulated', _dreamt, text, flags=re.M),
-                ["backend: got 'dream'"],
+                ["backend: got 'dream', expected one of by-hand, simulated; correct"],
+            ),
+            (
+                lambda text: text.replace('backend = "simulated"', 'backend = "simulatd"'),
+                ["simulated: got a table, expected one of the keys "],
             ),
             (lambda text: text + "[[[", ["got invalid TOML"]),
         ],
@@ -588,6 +617,32 @@ class TestVenueErrors:
         assert len(lines) == len(words), lines
         assert all(any(word in line for line in lines) for word in words), lines
         assert not list(wires.iterdir())
+
+    def test_two_backends(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr(venue_rig, "known_backends", lambda: ["dream", "simulated"])
+        path = make_venue(tmp_path).directory / "venue.toml"
+        path.write_text(path.read_text().replace('"simulated"', '"dream"', 1))
+        told = procam("capture", tmp_path).complaint
+        assert "got backends dream, simulated, expected one for all devices" in told
+
+    @pytest.mark.parametrize("command", ["capture", "doctor", "calibrate"])
+    def test_what_is_done_by_hand_is_told_how(self, command: str, tmp_path: Path) -> None:
+        told = f"use `procam patterns {tmp_path}` and `procam ingest`"
+        path = make_venue(tmp_path).directory / "venue.toml"
+        text = path.read_text()
+        path.write_text(text.replace('backend = "simulated"', "", 1))
+        ran = procam(command, tmp_path)
+        assert (ran.code, f"{path}: camera zenith is driven by hand; {told}" in ran.complaint) == (
+            2,
+            True,
+        )
+        path.write_text(
+            text.replace('[projectors.south]\nbackend = "simulated"', "[projectors.south]")
+        )
+        assert (
+            f"{path}: projector south is driven by hand; {told}"
+            in procam(command, tmp_path).complaint
+        )
 
     @pytest.mark.parametrize("command", ["capture", "calibrate", "refine"])
     def test_a_missing_venue_is_told_how_to_make_one(self, command: str, tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ import pytest
 from tiny_venue import procam
 
 from procam.files.images import write_image
+from procam.interfaces.cli import camera as command
 from procam.maths.lenses import Lens, project, unproject
 from procam.maths.pose import Pose, rotation_matrix
 
@@ -203,6 +204,13 @@ class TestRefuses:
                 ("--squares", "ten", "--square-mm", "20"),
                 "--squares: got 'ten', expected COLUMNSxROWS",
             ),
+            *(
+                (
+                    ("--squares", "10x7", "--square-mm", edge),
+                    f"--square-mm: got {edge}, expected 0.01",
+                )
+                for edge in ("nan", "inf", "1e-300", "-20")
+            ),
             (("--squares", "3x7", "--square-mm", "20"), "got 3x7 squares of 20 mm"),
             ((*BOARD, "--model", "equidistant"), "--model: got 'equidistant', expected brown or"),
             ((*BOARD, "--board", "circles"), "--board: got 'circles', expected checkerboard or"),
@@ -224,6 +232,20 @@ class TestRefuses:
     def test_a_folder_without_pictures(self, tmp_path: Path) -> None:
         (tmp_path / "empty").mkdir()
         assert "got no pictures" in self.refused(tmp_path, tmp_path / "empty", *BOARD)
+
+    def test_a_file_where_the_folder_must_be_before_the_fit(
+        self, photos: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setattr(command, "_find_boards", pytest.fail)
+        (tmp_path / "notes.txt").write_text("x")
+        (tmp_path / "folder.toml").mkdir()
+        for out, told in (
+            ("notes.txt/c.toml", "notes.txt on its way, expected a folder"),
+            ("notes.txt/sub/c.toml", "notes.txt on its way, expected a folder"),
+            ("folder.toml", "folder.toml: got a folder, expected a file"),
+        ):
+            ran = procam("camera", photos, *BOARD, "--out", tmp_path / out)
+            assert (ran.code, told in ran.complaint) == (2, True), ran
 
     def test_another_suffix(self, photos: Path, tmp_path: Path) -> None:
         ran = procam("camera", photos, *BOARD, "--out", tmp_path / "c.json")

@@ -35,9 +35,13 @@ def where(tmp_path_factory: pytest.TempPathFactory, calibration: Calibration) ->
     dark = replace(north.surface, valid=np.zeros_like(north.surface.valid))
     small = replace(north, model=replace(north.model, size=(40, 30)))
     unlit = Measured(np.full(3, np.nan), np.full(3, np.nan))
+    m = calibration.feedback
+    doubled = Measured(2 * m.value, m.sigma)
     for name, other in {
         "a": calibration,
         "turned": replace(calibration, projectors=turned, feedback=unlit, albedo=unlit),
+        "bright": replace(calibration, feedback=doubled),
+        "grown": replace(calibration, screen=replace(calibration.screen, radius_m=6.25)),
         "exchanged": replace(calibration, projectors={"south": north, "north": south}),
         "flipped": replace(calibration, projectors=flipped),
         "alone": replace(calibration, projectors={"south": south}),
@@ -60,7 +64,7 @@ class TestTable:
         told = "  feedback m   0.3000 0.3300 0.4000  0.3000 0.3300 0.4000  0.0 0.0 0.0"
         assert told in lines
 
-    @pytest.mark.parametrize("other", ["a", "turned", "exchanged", "flipped"])
+    @pytest.mark.parametrize("other", ["a", "turned", "exchanged", "flipped", "bright", "grown"])
     def test_fits_a_screen(self, where: Path, other: str) -> None:
         rows = procam("compare", where / "a", where / other).out.splitlines()
         assert max(len(row) for row in rows if not row.startswith(("A ", "B "))) <= WIDEST
@@ -71,6 +75,19 @@ class TestTable:
         assert "the common turn from B to A: 6.88 arcmin (x " in ran.out
         assert "z -6.88)" in ran.out
         assert "light" not in ran.out  # B has none
+
+    def test_twice_the_feedback_fails(self, where: Path) -> None:
+        ran = procam("compare", where / "a", where / "bright")
+        assert ran.code == 1
+        assert "verdict: the light differs, feedback by " in ran.out
+
+    def test_another_radius_is_told_and_the_same_one_is_not(self, where: Path) -> None:
+        ran = procam("compare", where / "a", where / "grown")
+        assert ran.code == 0
+        (row,) = (row.split() for row in ran.out.splitlines() if row.startswith("  radius"))
+        assert row[2:] == ["6.0000", "6.2500"]
+        assert "degree" not in ran.out
+        assert "radius" not in procam("compare", where / "a", where / "a").out
 
     def test_exchanged_projectors_fail(self, where: Path) -> None:
         ran = procam("compare", where / "a", where / "exchanged")

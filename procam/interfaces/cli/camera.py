@@ -1,5 +1,6 @@
 """`procam camera`: intrinsics from photographs of a board."""
 
+import os
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -20,6 +21,7 @@ from procam.model.quality import Figure, Goal
 
 WORST_RMS_PX = 1.0
 LEAST_COVERAGE = 0.25  # a fisheye circle fills 44 % of a 16:9 picture at most
+SMALLEST_MM, LARGEST_MM = 0.01, 10_000.0  # edge of a square
 LOOKED_AT = 3  # photographs in which another number of squares is looked for
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")  # as venue.toml wants them
 
@@ -33,8 +35,7 @@ def run_camera(
 ) -> None:
     """Find the board in the photographs, solve the camera, write OUT, say what it is worth."""
     kind = _kind(model)
-    if out.suffix != ".toml":
-        raise InputError(f"{out}: got the suffix {out.suffix!r}, expected .toml")
+    check_out(out)
     views, size, skipped = _find_boards(_photographs(images), board, output)
     fit = fit_camera(views, size, kind)
     write_text(out, toml_of(fit, out.stem))
@@ -50,16 +51,42 @@ def make_board(
     kind: str, squares: str, square_mm: float, marker_mm: float, dictionary: str
 ) -> Board:
     """The board that the options of the command describe."""
-    match = re.fullmatch(r"(\d+)x(\d+)", squares)
-    if not match:
-        raise InputError(
-            f"--squares: got {squares!r}, expected COLUMNSxROWS such as 10x7, all squares counted"
-        )
+    count = two_counts("--squares", squares, "COLUMNSxROWS such as 10x7, all squares counted")
     kinds = get_args(BoardKind)
     if kind not in kinds:
         raise InputError(f"--board: got {kind!r}, expected {' or '.join(kinds)}")
-    count = (int(match[1]), int(match[2]))
+    if not SMALLEST_MM <= square_mm <= LARGEST_MM:  # also refuses NaN
+        raise InputError(
+            f"--square-mm: got {square_mm:g}, expected {SMALLEST_MM:g} to {LARGEST_MM:g} mm; measure "
+            "several squares with a ruler and divide"
+        )
     return Board(kind, count, square_mm / 1e3, marker_mm / 1e3, dictionary)  # type: ignore[arg-type]
+
+
+def two_counts(option: str, text: str, expected: str) -> tuple[int, int]:
+    """The numbers of an option such as 10x7."""
+    match = re.fullmatch(r"(\d+)x(\d+)", text)
+    if not match:
+        raise InputError(f"{option}: got {text!r}, expected {expected}")
+    return int(match[1]), int(match[2])
+
+
+def check_out(out: Path) -> None:
+    """Refuse a file that cannot be written before anything is worked out for it."""
+    if out.suffix != ".toml":
+        raise InputError(f"{out}: got the suffix {out.suffix!r}, expected .toml")
+    if out.is_dir():
+        raise InputError(f"{out}: got a folder, expected a file; choose another name for --out")
+    above = next(path for path in out.absolute().parents if path.exists())
+    if not above.is_dir():
+        raise InputError(
+            f"{out}: got the file {above} on its way, expected a folder; choose another --out"
+        )
+    if not os.access(above, os.W_OK | os.X_OK):
+        raise InputError(
+            f"{out}: got a folder {above} that may not be written, expected one that may; choose "
+            "another --out, or change its permissions"
+        )
 
 
 def toml_of(fit: CameraFit, name: str) -> str:
@@ -145,13 +172,14 @@ def _find_boards(
             skipped.append(path)
         else:
             views.append(BoardView(str(path), *found))
-    size = _one_size(sizes)
+    size = one_size(sizes)
     if len(views) < FEWEST_VIEWS:
         raise NotEnoughData(_too_few(files, skipped, board))
     return views, size, skipped
 
 
-def _one_size(sizes: Mapping[Path, tuple[int, int]]) -> tuple[int, int]:
+def one_size(sizes: Mapping[Path, tuple[int, int]]) -> tuple[int, int]:
+    """The size of all pictures; refuses several, naming whose they are."""
     kinds = sorted(set(sizes.values()), key=[*sizes.values()].count, reverse=True)
     if len(kinds) > 1:
         each = (

@@ -15,6 +15,7 @@ from procam.model.calibration import Calibration
 
 ALL = "together"
 COLUMNS = 100
+SCREEN = {"radius_m": ("radius [m]", ".4f"), "degree": ("bumps to degree", ".0f")}
 LIGHT = {"feedback": "feedback m", "albedo": "albedo"}
 
 
@@ -61,6 +62,7 @@ def _lines(found: Comparison) -> Iterator[str]:
         yield f"  {name:{wide - 2}} {_angles(row.turned)} {parts}"
     yield ""
     yield from _areas(rows, wide)
+    yield from _screen(found)
     yield from _light(found, wide)
     yield ""
     yield from wrap(f"verdict: {found.verdict.text}", COLUMNS, subsequent_indent="  ")
@@ -86,6 +88,19 @@ def _areas(rows: dict[str, Difference], wide: int) -> Iterator[str]:
         steps = (row.areas.median, row.areas.rms, row.areas.sum)
         told = " ".join(f"{v:9.2g}" for v in steps)
         yield f"  {name:{wide - 2}} {told} {row.areas.alone:12.2%}"
+
+
+def _screen(found: Comparison) -> Iterator[str]:
+    """What the screens differ in, to the digits that are shown."""
+    rows = {}
+    for key, (label, digits) in SCREEN.items():
+        a, b = (format(value, digits) for value in found.screen[key])
+        if a != b:
+            rows[label] = f"{a:21} {b}"
+    if rows:
+        wide = max(map(len, rows)) + 2
+        yield from ("", f"{'screen':{wide}}   {'A':21} B")
+        yield from (f"  {label:{wide}} {told}" for label, told in rows.items())
 
 
 def _light(found: Comparison, wide: int) -> Iterator[str]:

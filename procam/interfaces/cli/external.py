@@ -21,6 +21,7 @@ def run_venue_patterns(directory: Path, out: Path, movie: bool, output: Output) 
         raise InputError(f"{out}: got something there already, expected a new or empty folder")
     if movie:
         video_library()  # or nothing is written
+    out.mkdir(parents=True, exist_ok=True)  # where that fails, no session may be left behind
     session = prepare_by_hand(venue)
     export(session, out, movie)
     shots = session.read_plan().shots

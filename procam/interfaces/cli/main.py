@@ -53,12 +53,24 @@ def demo(
 @app.command(epilog="Example: procam init my-dome --template simulated-standard")
 def init(
     venue: Annotated[Path, typer.Argument(help="Folder to make.")],
-    template: Annotated[str, typer.Option(help="Which example to start from.")],
+    template: Annotated[
+        str,
+        typer.Option(
+            help="Which example to start from: by-hand, simulated-faulty, simulated-ideal, "
+            "simulated-realistic or simulated-standard."
+        ),
+    ] = "",
     json: Json = False,
 ) -> None:
-    """Write a complete, commented venue.toml to start from."""
+    """Write a complete, commented venue.toml to start from; by-hand is for rigs of your own."""
+    from procam.files.venue import template_names
     from procam.interfaces.cli.venues import run_init
 
+    if not template:
+        raise InputError(
+            f"--template: got none, expected one of {', '.join(template_names())}; "
+            "by-hand is for rigs of your own"
+        )
     run_init(venue, template, Output(json))
 
 
@@ -316,6 +328,34 @@ def camera(
     run_camera(images, made, model, out, Output(json))
 
 
+@app.command(
+    epilog="Example: procam pair poses --squares 10x7 --square-mm 20 --size 1280x800 --out pair.toml"
+)
+def pair(
+    folder: Annotated[Path, typer.Argument(help="Folder with a folder of photographs per pose.")],
+    *,
+    squares: Annotated[str, typer.Option(help="Squares of the board, all counted: 10x7.")],
+    square_mm: Annotated[float, typer.Option(help="Edge of a square, in mm.")],
+    size: SizeOption,
+    out: Annotated[Path, typer.Option(help="TOML file with both lenses and the pose between.")],
+    code: CodeOption = "gray",
+    distortion: Annotated[
+        bool, typer.Option("--distortion", help="Also solve the distortion of both lenses.")
+    ] = False,
+    json: Json = False,
+) -> None:
+    """Solve a projector and a camera that look at a flat chessboard; exit 1 if it fits badly.
+
+    Three poses of the board or more, tilted to all sides; of each the photographs of a code on it, as
+    `procam decode` takes them, in a folder of its own. Needs no venue.
+    """
+    from procam.interfaces.cli.camera import make_board
+    from procam.interfaces.cli.pair import run_pair
+
+    board = make_board("checkerboard", squares, square_mm, 0.0, "DICT_4X4_50")
+    run_pair(folder, board, (size, code), distortion, out, Output(json))
+
+
 @app.command(epilog="Example: procam projector my-dome north shutter closed")
 def projector(
     venue: VenueArgument,
@@ -341,7 +381,9 @@ def main() -> None:
     except ProcamError as error:
         sys.exit(_complain(error, 2))
     except OSError as error:  # a full disk, a folder that may not be written
-        sys.exit(_complain(ProcamError(str(error)), 2))
+        from procam.interfaces.cli.system_errors import worded
+
+        sys.exit(_complain(ProcamError(worded(error)), 2))
     except SystemExit as stop:
         if stop.code == INTERRUPTED:  # typer says nothing when it ends for Ctrl-C
             _complain(

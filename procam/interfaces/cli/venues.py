@@ -14,7 +14,7 @@ from procam.files.calibration import (
     save_calibration,
 )
 from procam.files.session import Session
-from procam.files.venue import Venue, load_venue, template_text
+from procam.files.venue import BY_HAND, Venue, load_venue, template_text
 from procam.interfaces.cli.output import Output
 from procam.interfaces.judge import failed
 from procam.workflows import capture as capturing
@@ -35,7 +35,9 @@ def run_init(directory: Path, template: str, output: Output) -> None:
     if path.exists():
         raise InputError(f"{path}: got an existing file, expected none; choose another folder")
     atomic.write_text(path, text)
-    output.say(f"{path} written; edit it, then run: procam capture {directory} --dry-run")
+    by_hand = any(c.backend == BY_HAND for c in load_venue(directory).table.cameras.values())
+    first = f"patterns {directory} --out PICTURES" if by_hand else f"capture {directory} --dry-run"
+    output.say(f"{path} written; edit it, then run: procam {first}")
     output.finish({"venue": str(path)})
 
 

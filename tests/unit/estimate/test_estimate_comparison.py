@@ -117,6 +117,7 @@ class TestVerdict:
         assert found.together.as_is.rms > 5
         assert found.together.turned.max < 1e-3
         assert "by 12.2 arcmin" in found.verdict.text
+        assert found.verdict.text.endswith("set anew, or nothing fixes the rig in space")
 
     def test_a_camera_that_lay_on_its_side_without_marks(self, rig: Calibration) -> None:
         assert compare(_turned_rig(rig, np.array([0.1, 0.2, 1.57])), rig).verdict.kind == "turned"
@@ -253,12 +254,31 @@ class TestNumbers:
 
     def test_light(self, calibration: Calibration) -> None:
         m = calibration.feedback
-        step = np.array([0, 0, 5 * np.hypot(0.004, 0.003)])
+        step = np.array([0, 0, 4 * np.hypot(0.004, 0.003)])
         brighter = Measured(m.value + step, np.full(3, 0.003))
         found = compare(calibration, replace(calibration, feedback=brighter))
-        np.testing.assert_allclose(found.light["feedback"].sigmas, [0, 0, 5], atol=1e-9)
+        np.testing.assert_allclose(found.light["feedback"].sigmas, [0, 0, 4], atol=1e-9)
         assert found.light["albedo"].sigmas == [0, 0, 0]
-        assert found.verdict.sound  # it is about directions
+        assert found.verdict.sound
+        assert found.screen == {"radius_m": (6.0, 6.0), "degree": (0, 0)}
+
+    @pytest.mark.parametrize("times", [2.0, 0.5])
+    def test_light_that_differs_by_more_than_its_errors(
+        self, calibration: Calibration, times: float
+    ) -> None:
+        m = calibration.feedback
+        other = replace(calibration, feedback=Measured(m.value * times, m.sigma))
+        verdict = compare(calibration, other).verdict
+        assert (verdict.kind, verdict.sound) == ("light", False)
+        most = np.abs(m.value * (times - 1) / m.sigma).max() / np.sqrt(2)
+        assert f"feedback by {most:.3g} standard errors" in verdict.text
+        assert "albedo" not in verdict.text and "the same to the last bit" in verdict.text
+
+    def test_directions_are_worse_than_light(self, calibration: Calibration) -> None:
+        m = calibration.feedback
+        brighter = replace(calibration, feedback=Measured(m.value * 2, m.sigma))
+        other = _moved(brighter, "north", np.full(3, 1e-3), 0.005)
+        assert compare(calibration, other).verdict.kind == "moved"
 
     def test_light_that_one_has_not(self, calibration: Calibration) -> None:
         dark = replace(calibration, albedo=Measured(np.full(3, np.nan), np.full(3, np.nan)))

@@ -172,7 +172,7 @@ class TestVenue:
                 "screen.masks.0: got the corner [5.0, 95.0], expected an azimuth",
             ),
             ({"screen": "protected = [[[0, 10]]]"}, "screen.protected.0: got a polygon of 1"),
-            ({"screen": "masks = [7]"}, "screen.masks.0.polygon: got 7;"),
+            ({"screen": "masks = [7]"}, "screen.masks.0: got 7, expected a polygon"),
             (
                 {"projector": "nudges = [{ pixel = [1280, 0], shift_px = [0, 1] }]"},
                 "projectors.south.nudges.0.pixel: got [1280.0, 0.0], expected a place on the panel",
@@ -193,10 +193,10 @@ class TestVenue:
         assert told in complaint(tmp_path, **tables)
 
     def test_a_picture_of_another_size_or_none(self, tmp_path: Path) -> None:
-        venue = load(tmp_path, camera='masks = ["m.png"]')
-        with pytest.raises(FileFormatError, match=r"m\.png: got no such file"):
-            camera_masks(venue)
+        told = complaint(tmp_path, camera='masks = ["m.png"]')
+        assert f"cameras.zenith.masks.0: {tmp_path}/m.png: got no such file, expected a PNG" in told
         write_image(tmp_path / "m.png", np.zeros((20, 30), np.uint8))
+        venue = load(tmp_path, camera='masks = ["m.png"]')
         with pytest.raises(
             FileFormatError, match="got a mask of 30x20 px, expected 1600x1600; draw"
         ):

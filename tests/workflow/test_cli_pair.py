@@ -1,0 +1,115 @@
+"""`procam pair`: folders of somebody else's photographs to both lenses and the pose between them."""
+
+import json
+import shutil
+import tomllib
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tiny_venue import procam
+
+from procam.files.images import write_image
+
+SESSIONS = ("s00", "s03", "s05", "s11", "s15", "s17")
+USED = ("s00", "s05", "s11", "s17")
+BITS, EDGE = 10, 800
+TURN_DEG = np.degrees([0.24285, 0.12374, 0.01512])  # Blender's own numbers, as is f 800 and c 399.5
+SHIFT_M = np.array([-0.12403, 0.23891, -0.13242])
+BOARD = ("--squares", "16x16", "--square-mm", "18.5", "--size", "800x800")
+
+
+@pytest.fixture(scope="module")
+def poses(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder per session, in the order of `procam decode`; crops are put back in their frame."""
+    folder = tmp_path_factory.mktemp("poses")
+    halves = range(0, 4 * BITS, 2 * BITS)
+    order = [half + plane for plane in range(2 * BITS) for half in halves] + [
+        4 * BITS,
+        4 * BITS + 1,
+    ]
+    path = resources.files("calib_data") / "captures" / "gsoup_six_sessions.npz"
+    with path.open("rb") as file, np.load(file) as data:
+        for name in USED:
+            images, (x, y) = data[name], data["offsets"][SESSIONS.index(name)]
+            for number, image in enumerate(images[order]):
+                frame = np.zeros((EDGE, EDGE), np.uint8)
+                frame[y : y + image.shape[0], x : x + image.shape[1]] = image
+                write_image(folder / name / f"{number:02d}.png", frame)
+    return folder
+
+
+class TestSolves:
+    def test_somebody_elses_pair(self, poses: Path, tmp_path: Path) -> None:
+        ran = procam("pair", poses, *BOARD, "--out", tmp_path / "pair.toml", "--json")
+        assert ran.code == 0, ran.err
+        document = json.loads(ran.out)
+        told = document["parameters"]
+        for name, truth, margin in (("fx", 800, 2), ("fy", 800, 2), ("cx", 399.5, 1.5)):
+            for device in ("camera", "projector"):
+                entry = told[f"{device}.{name}"]
+                assert abs(entry["value"] - truth) < margin
+                assert 0 < entry["sigma"] < margin
+        turn = [told[f"turn_{axis}_deg"]["value"] for axis in "xyz"]
+        np.testing.assert_allclose(turn, TURN_DEG, atol=0.05)
+        np.testing.assert_allclose(document["translation_m"], SHIFT_M, atol=1e-3)
+        assert document["poses"] == list(USED)
+        assert document["figures"]["projector_rms"]["pass"]
+        table = tomllib.loads((tmp_path / "pair.toml").read_text())
+        np.testing.assert_allclose(table["camera"]["f"], 800, atol=2)
+        pose = table["projector_from_camera"]
+        np.testing.assert_allclose(pose["rotation"], document["rotation"], atol=1e-8)
+        assert np.linalg.det(pose["rotation"]) == pytest.approx(1, abs=1e-6)
+
+    def test_a_pose_without_a_board_is_left_out(self, poses: Path, tmp_path: Path) -> None:
+        for name in USED[:3]:
+            (tmp_path / "poses").mkdir(exist_ok=True)
+            (tmp_path / "poses" / name).symlink_to(poses / name)
+        wall = tmp_path / "poses" / "wall"  # that the camera sees pixel by pixel
+        assert procam("patterns", "--size", "800x800", "--code", "gray", "--out", wall).code == 0
+        ran = procam(
+            "pair", tmp_path / "poses", *BOARD, "--distortion", "--out", tmp_path / "p.toml"
+        )
+        assert ran.code == 0, ran.err
+        assert "wall: no board is seen that the projector lights; left out" in ran.out
+        assert "camera.k3" in ran.out
+        assert "not solved for" not in (tmp_path / "p.toml").read_text()
+
+
+class TestRefuses:
+    def refused(self, folder: Path, out: Path, *more: object) -> str:
+        ran = procam("pair", folder, *(more or BOARD), "--out", out)
+        assert ran.code == 2, ran
+        assert not out.exists()
+        return ran.complaint
+
+    def test_folders_and_options(self, tmp_path: Path) -> None:
+        out = tmp_path / "p.toml"
+        assert "got no folders in it" in self.refused(tmp_path, out)
+        assert "got no such folder" in self.refused(tmp_path / "gone", out)
+        assert "--size: got 'big'" in self.refused(tmp_path, out, *BOARD[:4], "--size", "big")
+        assert "--square-mm: got nan" in self.refused(
+            tmp_path, out, *BOARD[:2], "--square-mm", "nan", *BOARD[4:]
+        )
+        assert "expected .toml" in self.refused(tmp_path, tmp_path / "p.json")
+
+    def test_too_few_poses_with_the_board(self, poses: Path, tmp_path: Path) -> None:
+        out = tmp_path / "p.toml"
+        ran = procam("pair", poses, "--squares", "17x16", *BOARD[2:], "--out", out, "--json")
+        assert (ran.code, out.exists()) == (2, False)
+        assert (
+            "got a board of 17x16 squares in 0 of 4 (none in s00, s05, s11, s17)" in ran.complaint
+        )
+
+    def test_a_wrong_number_of_photographs_names_the_pose(
+        self, poses: Path, tmp_path: Path
+    ) -> None:
+        pose = tmp_path / "poses" / "first"
+        pose.mkdir(parents=True)
+        shutil.copy(poses / "s00" / "00.png", pose)
+        where = tmp_path / "poses", tmp_path / "p.toml"
+        assert "first: got 1 pictures, expected 42" in self.refused(*where)
+        for number in range(1, 42):
+            shutil.copy(poses / "s00" / "00.png", pose / f"{number:02d}.png")
+        assert "first: pictures: got 42 that are all alike" in self.refused(*where)
