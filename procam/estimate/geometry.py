@@ -96,17 +96,7 @@ def solve_geometry(problem: Problem) -> GeometrySolution:
     few = {pair: some.thinned(FEW) for pair, some in problem.observations.items()}
     rig = _fitted(problem, few, _in_place(problem, few))
     on_sphere = _mean_excess(rig, few)
-    for degree in DEGREES if _bends(problem, rig) else ():
-        excess = _mean_excess(rig, few)
-        if excess < ROUND_ENOUGH or degree > problem.most_degree:
-            break
-        bumps = np.zeros(bump_count(degree))
-        bumps[: rig.shape.bumps.size] = rig.shape.bumps
-        shape = replace(rig.shape, bumps=bumps, degree=degree)
-        bent = _fitted(problem, few, Rig(shape, rig.cameras, rig.projectors))
-        if _mean_excess(bent, few) > EXPLAINS * excess:
-            break
-        rig = bent
+    rig = _bumped(problem, few, rig) if _bends(problem, rig) else rig
     used = problem.observations
     if not rig.shape.exact:
         used = {pair: some.thinned(MOST_BUMPY) for pair, some in used.items()}
@@ -118,6 +108,22 @@ def solve_geometry(problem: Problem) -> GeometrySolution:
     left = {pair: residuals(rig, pair, some) for pair, some in seen.items()}
     rig = _with_covariances(rig, covariance)
     return GeometrySolution(rig, covariance, seen, left, scales, freedoms, on_sphere)
+
+
+def _bumped(problem: Problem, few: Mapping[Pair, Observations], rig: Rig) -> Rig:
+    """The rig with as many harmonics of the screen as explain what an exact sphere leaves."""
+    for degree in DEGREES:
+        excess = _mean_excess(rig, few)
+        if excess < ROUND_ENOUGH or degree > problem.most_degree:
+            break
+        bumps = np.zeros(bump_count(degree))
+        bumps[: rig.shape.bumps.size] = rig.shape.bumps
+        shape = replace(rig.shape, bumps=bumps, degree=degree)
+        bent = _fitted(problem, few, Rig(shape, rig.cameras, rig.projectors))
+        if _mean_excess(bent, few) > EXPLAINS * excess:
+            break
+        rig = bent
+    return rig
 
 
 def _check_finite(observations: Mapping[Pair, Observations]) -> None:
