@@ -16,7 +16,9 @@ def gather(found: CorrespondenceMap, size: tuple[int, int]) -> Observations:
     there = np.isfinite(found.projector_xy)
     found = keep_only(found, there[..., 0] & there[..., 1])
     panel = fit_projector_map(found, size)
-    panel = fit_projector_map(drop_inconsistent(found, panel), size)
+    kept = drop_inconsistent(found, panel)
+    if kept.valid.sum() < found.valid.sum():
+        panel = fit_projector_map(kept, size)
     rows, columns = np.nonzero(panel.valid)
     centres = (np.stack([columns, rows], axis=1) + 0.5) * panel.patch_px - 0.5
     return Observations(
