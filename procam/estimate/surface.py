@@ -9,8 +9,7 @@ from procam.estimate.geometry import GeometrySolution
 from procam.estimate.landing import Landing, measure_landing
 from procam.estimate.shapes import screen_points
 from procam.estimate.transport import Light
-from procam.maths.areas import Landing as Directions
-from procam.maths.areas import panel_solid_angles
+from procam.maths.areas import PanelField, panel_solid_angles
 from procam.maths.lenses import project
 from procam.maths.local_shift import LocalShift
 from procam.maths.warp import sample
@@ -28,7 +27,7 @@ def project_surface(
 ) -> ProjectorSurface:
     """The surface of projector `name`; `light` tells which pixels really arrive on the screen.
 
-    Directions are those that cameras measured, as far as they differ from the model by more than
+    PanelField are those that cameras measured, as far as they differ from the model by more than
     noise; the model's elsewhere, with what is known of its error nearby. Where a person nudged the
     picture, they are those that it was moved away from. Nudges move no light and tell nothing of
     errors: what is lit, and the standard error, stay as measured.
@@ -50,8 +49,8 @@ def project_surface(
     )
 
 
-def _nudged(landing: Landing, nudges: Sequence[Nudge]) -> Directions:
-    """Directions of the panel's points (x, y) [px] after a person has moved the picture."""
+def _nudged(landing: Landing, nudges: Sequence[Nudge]) -> PanelField:
+    """PanelField of the panel's points (x, y) [px] after a person has moved the picture."""
     shift = LocalShift.on_panel(
         landing.size,
         np.array([nudge.pixel for nudge in nudges]),

@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 from procam.kernels import solid_angles
 
 Array = NDArray[np.float64]
-Landing = Callable[[Array, Array], Array]
+PanelField = Callable[[Array, Array], Array]
 BLOCK = 1 << 16  # corners held at a time
 
 
-def panel_solid_angles(size: tuple[int, int], directions: Landing) -> Array:
+def panel_solid_angles(size: tuple[int, int], directions: PanelField) -> Array:
     """Solid angles (H, W) [sr] of the pixels of a panel of `size` (W, H), as seen from one place.
 
     Parameters
@@ -32,7 +32,7 @@ def panel_solid_angles(size: tuple[int, int], directions: Landing) -> Array:
     return solid_angles(_corner_blocks(size, directions), (height, width))
 
 
-def panel_areas(size: tuple[int, int], points: Landing) -> Array:
+def panel_areas(size: tuple[int, int], points: PanelField) -> Array:
     """Areas (H, W) [m^2] of the pixels of a panel of `size` (W, H) on a screen of any shape.
 
     `points` gives the points (len(y), len(x), 3) [m] where the panel's points (x, y) [px] land, as
@@ -68,7 +68,7 @@ def _triangle_areas(first: Array, second: Array) -> Array:
     return np.asarray(np.linalg.norm(np.cross(first, second), axis=-1)) / 2
 
 
-def _corner_blocks(size: tuple[int, int], landing: Landing) -> Iterator[Array]:
+def _corner_blocks(size: tuple[int, int], landing: PanelField) -> Iterator[Array]:
     """Where the corners of a panel's pixels land, some rows (n, W + 1, 3) at a time."""
     width, height = size
     x, y = (np.arange(-0.5, n + 0.5, dtype=np.float64) for n in size)
