@@ -27,7 +27,7 @@ def project_surface(
 ) -> ProjectorSurface:
     """The surface of projector `name`; `light` tells which pixels really arrive on the screen.
 
-    PanelField are those that cameras measured, as far as they differ from the model by more than
+    Directions are those that cameras measured, as far as they differ from the model by more than
     noise; the model's elsewhere, with what is known of its error nearby. Where a person nudged the
     picture, they are those that it was moved away from. Nudges move no light and tell nothing of
     errors: what is lit, and the standard error, stay as measured.
@@ -50,7 +50,7 @@ def project_surface(
 
 
 def _nudged(landing: Landing, nudges: Sequence[Nudge]) -> PanelField:
-    """PanelField of the panel's points (x, y) [px] after a person has moved the picture."""
+    """Directions of the panel's points (x, y) [px] after a person has moved the picture."""
     shift = LocalShift.on_panel(
         landing.size,
         np.array([nudge.pixel for nudge in nudges]),
