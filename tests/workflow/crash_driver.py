@@ -339,6 +339,7 @@ def _commanded(venue: Path, ready: int) -> Callable[[], int]:
         try:
             procam_main()
         except SystemExit as stop:
+            signal.signal(signal.SIGINT, signal.SIG_IGN)  # it was quicker than we
             scene = simulators.backend.build_scene({}, venue)
             lit = [n for n, state in scene.states.items() if state.light_factor() > 0]
             return LEFT_LIT if lit else int(stop.code or 0)
