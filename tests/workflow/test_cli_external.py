@@ -3,6 +3,7 @@
 import csv
 import json
 import shutil
+import subprocess
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -12,17 +13,26 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 from scipy.ndimage import gaussian_filter, map_coordinates
-from tiny_venue import CAMERA, Ran, contents, make_venue, procam, quick_simulator
+from tiny_venue import (
+    CAMERA,
+    Ran,
+    contents,
+    make_venue,
+    procam,
+    quick_simulator,
+    solved,
+    take_session,
+)
 
 from procam.estimate import assemble
+from procam.estimate.comparison import compare
+from procam.files.calibration import load_calibration
 from procam.files.images import read_image, write_image
 from procam.files.session import Session
-from procam.files.venue import load_venue
 from procam.maths.curves import srgb_encode
-from procam.model.frame import CameraSettings
-from procam.workflows.venue_rig import open_rig
 from simulators.scene import SceneSize
 
+PHOTOGRAPHER = Path(__file__).with_name("photographer.py")
 PANEL, PHOTO = (160, 100), (240, 200)
 SIZE = SceneSize(projectors=2, projector_size=PANEL, camera_size=PHOTO, rays=64)
 SHOTS = 71
@@ -415,26 +425,23 @@ def small_maps() -> Iterator[None]:
 
 @pytest.mark.usefixtures("small_maps")
 def test_solves_like_a_driven_visit(tmp_path: Path) -> None:
-    """A simulated dome whose server shows the exported pictures; its camera writes TIFFs."""
+    """Photographed by a process that knows only the PNGs; then the same dome, driven."""
     size = SceneSize(projectors=1, projector_size=(320, 200), camera_size=(400, 400), rays=64)
-    make_venue(tmp_path, size=size)
-    assert procam("patterns", tmp_path, "--out", tmp_path / "out").code == 0
-    session = tmp_path / "sessions" / "hand-0001"
-    photos = tmp_path / "photos"
-    photos.mkdir()
-    with open_rig(load_venue(tmp_path)) as rig:
-        rig.start()
-        for number, shot in enumerate(Session(session).read_plan().shots):
-            if shot.pattern:
-                rig.light(shot.projector)
-                picture = np.asarray(read_image(tmp_path / "out" / shot.pattern), np.float32) / 255
-                drive = np.broadcast_to(picture, (*picture.shape[:2], 3))
-                rig.projectors[shot.projector].show(np.ascontiguousarray(drive))
-            for exposure in shot.exposures_s:
-                rig.cameras[CAMERA].configure(CameraSettings(exposure))
-                counts = rig.cameras[CAMERA].capture().counts
-                write_image(photos / f"{number}_{exposure:g}.tif", counts)
-    ran = procam("ingest", session, "--camera", CAMERA, "--photos", photos)
+    venue = make_venue(tmp_path / "venue", size=size)
+    assert procam("patterns", venue.directory, "--out", tmp_path / "out").code == 0
+    make_venue(tmp_path / "elsewhere", size=size)
+    command = [sys.executable, PHOTOGRAPHER, tmp_path / "elsewhere", tmp_path / "out"]
+    subprocess.run([*map(str, command), str(tmp_path / "photos")], check=True, timeout=300)
+    session = venue.directory / "sessions" / "hand-0001"
+    ran = procam("ingest", session, "--camera", CAMERA, "--photos", tmp_path / "photos")
     assert (ran.code, "nothing is missing" in ran.out) == (0, True), ran
     ran = procam("solve", session)
     assert (ran.code, "calibrations/0001 written" in ran.out) == (0, True), ran
+    driven = solved(venue, take_session(venue))
+    found = compare(*map(load_calibration, (venue.directory / "calibrations/0001", driven)))
+    assert found.verdict.sound
+    assert found.together.as_is.rms < 0.3  # arcmin; both share what the marks' sigma allows
+    assert found.together.as_is.error_over_sigma < 1
+    assert found.together.areas.alone < 0.01
+    for step in found.light.values():
+        assert (np.abs(np.subtract(step.first, step.second)) < step.sigma).all()
