@@ -1,6 +1,6 @@
 """Where cameras and projectors stand and how they are built, from what cameras see (science.md s.3)."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -67,11 +67,7 @@ class GeometrySolution:
     @property
     def main(self) -> str:
         """The camera that sees most."""
-        counts = {
-            n: sum(len(o.sigma_px) for (c, _), o in self.observations.items() if c == n)
-            for n in self.rig.cameras
-        }
-        return max(counts, key=lambda name: counts[name])
+        return _by_most_seen(self.rig.cameras, self.observations)[0]
 
     @property
     def camera(self) -> CameraModel:
@@ -168,7 +164,7 @@ def _started(problem: Problem, seen: Mapping[Pair, Observations]) -> Rig:
 
     It and an exact sphere tell of everything it sees, if it starts well enough.
     """
-    first = _by_most_seen(problem, seen)[0]
+    first = _by_most_seen(problem.cameras, seen)[0]
     rigs = first_rigs(problem.cameras[first], problem.shape, problem.hung, seen)
     for most in TRIES:
         rigs = _best_first(problem, seen, rigs[:most])
@@ -182,7 +178,7 @@ def _started(problem: Problem, seen: Mapping[Pair, Observations]) -> Rig:
 def _with_others(problem: Problem, seen: Mapping[Pair, Observations], rig: Rig) -> Rig:
     """The rig with camera after camera, each time with what is known by then."""
     rig = _roughly(problem, seen, rig)
-    for name in _by_most_seen(problem, seen):
+    for name in _by_most_seen(problem.cameras, seen):
         if name not in rig.cameras:
             rig = with_camera(rig, problem.cameras[name], problem.hung, seen)
             rig = _roughly(problem, seen, rig)
@@ -190,11 +186,9 @@ def _with_others(problem: Problem, seen: Mapping[Pair, Observations], rig: Rig) 
     return rig
 
 
-def _by_most_seen(problem: Problem, seen: Mapping[Pair, Observations]) -> list[str]:
+def _by_most_seen(cameras: Iterable[str], seen: Mapping[Pair, Observations]) -> list[str]:
     """Cameras, the one that sees most first."""
-    counts = {
-        n: sum(len(o.sigma_px) for (c, _), o in seen.items() if c == n) for n in problem.cameras
-    }
+    counts = {n: sum(len(o.sigma_px) for (c, _), o in seen.items() if c == n) for n in cameras}
     return sorted(counts, key=lambda name: -counts[name])
 
 
