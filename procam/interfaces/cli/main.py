@@ -7,33 +7,10 @@ from typing import Annotated
 import typer
 
 from procam.errors import DeviceError, InputError, ProcamError
+from procam.interfaces.cli.app import CodeOption, Json, VenueArgument, app
 from procam.interfaces.cli.output import Output
 
 INTERRUPTED = 130
-
-app = typer.Typer(
-    name="procam",
-    no_args_is_help=True,
-    add_completion=False,
-    pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
-    help="Calibrate a projection dome with cameras, and take the light that bounces round it out "
-    "of its pictures. Start with `procam demo`.",
-)
-
-Json = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of text.")]
-SizeOption = Annotated[str, typer.Option(help="Projector size, such as 1280x800.")]
-CodeOption = Annotated[
-    str,
-    typer.Option(
-        help="micro-phase, micro-phase-checked, gray, gray-wide, xor-02, xor-04, phase-gray or "
-        "phase-heterodyne."
-    ),
-]
-VenueArgument = Annotated[Path, typer.Argument(help="Venue folder with a venue.toml.")]
-CalibrationArgument = Annotated[
-    Path, typer.Argument(help="Calibration directory, such as VENUE/calibrations/0001.")
-]
 
 
 @app.command(epilog="Example: procam demo --out demo-run --preset standard")
@@ -132,39 +109,6 @@ def refine(
     run_refine(venue, picture, Output(json))
 
 
-@app.command(epilog="Example: procam compensate my-dome/calibrations/0001 sky.png sky-direct.exr")
-def compensate(
-    calibration: CalibrationArgument,
-    source: Annotated[Path, typer.Argument(metavar="IN", help="Dome master: PNG, TIFF or EXR.")],
-    out: Annotated[Path, typer.Argument(metavar="OUT", help="Where to write it.")],
-    method: Annotated[
-        str, typer.Option(help="exact, paper-eq12 (for comparison) or none.")
-    ] = "exact",
-    json: Json = False,
-) -> None:
-    """Take the scattered light out of a dome master.
-
-    1.0 (255 of 8 bits) is the calibration's reference white. Integer pictures are sRGB, EXR is
-    linear. OUT is the direct light to send, also a dome master.
-    """
-    from procam.interfaces.cli.pictures import run_compensate
-
-    run_compensate(calibration, source, out, method, Output(json))
-
-
-@app.command(epilog="Example: procam warp my-dome/calibrations/0001 sky-direct.exr frames")
-def warp(
-    calibration: CalibrationArgument,
-    source: Annotated[Path, typer.Argument(metavar="IN", help="Picture of direct light.")],
-    out: Annotated[Path, typer.Argument(metavar="OUT", help="Folder for PROJECTOR.png.")],
-    json: Json = False,
-) -> None:
-    """Make each projector's frame: warp, blend, colour, response."""
-    from procam.interfaces.cli.pictures import run_warp
-
-    run_warp(calibration, source, out, Output(json))
-
-
 @app.command(epilog="Example: procam report my-dome")
 def report(
     where: Annotated[Path, typer.Argument(metavar="VENUE|SESSION", help="What to report on.")],
@@ -174,47 +118,6 @@ def report(
     from procam.interfaces.cli.pictures import run_report
 
     run_report(where, Output(json))
-
-
-@app.command(epilog="Example: procam judge demo-run/calibrations/0001 demo-run/truth")
-def judge(
-    calibration: CalibrationArgument,
-    truth: Annotated[Path, typer.Argument(help="The truth, in the same format.")],
-    json: Json = False,
-) -> None:
-    """Compare a calibration with the truth; exit 1 if a figure misses its goal."""
-    from procam.interfaces.cli.pictures import run_judge
-
-    run_judge(calibration, truth, Output(json))
-
-
-@app.command(epilog="Example: procam compare my-dome/calibrations/0001 my-dome/calibrations/0002")
-def compare(
-    first: Annotated[Path, typer.Argument(metavar="A", help="A calibration directory.")],
-    second: Annotated[Path, typer.Argument(metavar="B", help="Another of the same rig.")],
-    json: Json = False,
-) -> None:
-    """Compare two calibrations of a rig from independent captures; exit 1 if more than a turn differs.
-
-    Another visit, another camera, or the same camera turned by 90 degrees, which shows a wrong lens
-    that no residual of one visit shows. Says how far directions, areas and light are apart, whether
-    their error bars cover that, and if not, whether a projector moved, a lens is doubtful, or two
-    projectors are exchanged.
-    """
-    from procam.interfaces.cli.compare import run_compare
-
-    run_compare(first, second, Output(json))
-
-
-@app.command(epilog="Example: procam inspect my-dome/calibrations/0001")
-def inspect(
-    file: Annotated[Path, typer.Argument(help="Calibration, session, plan, map or picture.")],
-    json: Json = False,
-) -> None:
-    """Say what a file or folder of procam's holds, and check that it is whole."""
-    from procam.interfaces.cli.pictures import run_inspect
-
-    run_inspect(file, Output(json))
 
 
 @app.command(epilog="Example: procam patterns my-dome --out pictures --movie")
@@ -277,85 +180,6 @@ def ingest(
     run_ingest(session, camera, photos, index, Output(json))
 
 
-@app.command(epilog="Example: procam decode photos --size 1024x768 --code gray --out map.exr")
-def decode(
-    images: Annotated[
-        Path,
-        typer.Argument(
-            help="Folder of photographs, sorted by name as the pictures of procam patterns: white, "
-            "black, waves; or for stripes, as OpenCV's, column bits (finest last) as pattern, "
-            "inverse; row bits; white; black."
-        ),
-    ],
-    size: SizeOption,
-    out: Annotated[Path, typer.Option(help="EXR map: projector.x, projector.y, sigma.")],
-    code: CodeOption = "gray",
-    white_black: Annotated[
-        float | None, typer.Option(help="Least white - black [counts]; automatic if not given.")
-    ] = None,
-    contrast: Annotated[
-        float | None, typer.Option(help="Least |pattern - inverse| [counts]; automatic.")
-    ] = None,
-    json: Json = False,
-) -> None:
-    """Decode a folder of structured-light photographs; needs no venue."""
-    from procam.interfaces.cli.decoding import run_decode
-
-    run_decode(images, size, out, code, (white_black, contrast), Output(json))
-
-
-@app.command(epilog="Example: procam camera photos --squares 10x7 --square-mm 20 --out zenith.toml")
-def camera(
-    images: Annotated[list[Path], typer.Argument(help="Photographs of one board, or folders.")],
-    *,
-    squares: Annotated[str, typer.Option(help="Squares of the board, all counted: 10x7.")],
-    square_mm: Annotated[float, typer.Option(help="Edge of a square, in mm.")],
-    out: Annotated[Path, typer.Option(help="TOML file with the lines for venue.toml.")],
-    model: Annotated[str, typer.Option(help="brown, or kannala-brandt for fisheyes.")] = "brown",
-    board: Annotated[str, typer.Option(help="checkerboard or charuco.")] = "checkerboard",
-    marker_mm: Annotated[float, typer.Option(help="Charuco: edge of a marker, in mm.")] = 0.0,
-    dictionary: Annotated[str, typer.Option(help="Charuco: set of markers.")] = "DICT_4X4_50",
-    json: Json = False,
-) -> None:
-    """Solve a camera's lens from photographs of a flat board; exit 1 if it fits badly.
-
-    Some 15 photographs, focus and zoom fixed, the board tilted to all sides and out to the corners
-    of the picture. A board that is a little bent is solved along.
-    """
-    from procam.interfaces.cli.camera import make_board, run_camera
-
-    made = make_board(board, squares, square_mm, marker_mm, dictionary)
-    run_camera(images, made, model, out, Output(json))
-
-
-@app.command(
-    epilog="Example: procam pair poses --squares 10x7 --square-mm 20 --size 1280x800 --out pair.toml"
-)
-def pair(
-    folder: Annotated[Path, typer.Argument(help="Folder with a folder of photographs per pose.")],
-    *,
-    squares: Annotated[str, typer.Option(help="Squares of the board, all counted: 10x7.")],
-    square_mm: Annotated[float, typer.Option(help="Edge of a square, in mm.")],
-    size: SizeOption,
-    out: Annotated[Path, typer.Option(help="TOML file with both lenses and the pose between.")],
-    code: CodeOption = "gray",
-    distortion: Annotated[
-        bool, typer.Option("--distortion", help="Also solve the distortion of both lenses.")
-    ] = False,
-    json: Json = False,
-) -> None:
-    """Solve a projector and a camera that look at a flat chessboard; exit 1 if it fits badly.
-
-    Three poses of the board or more, tilted to all sides; of each the photographs of a code on it, as
-    `procam decode` takes them, in a folder of its own. Needs no venue.
-    """
-    from procam.interfaces.cli.camera import make_board
-    from procam.interfaces.cli.pair import run_pair
-
-    board = make_board("checkerboard", squares, square_mm, 0.0, "DICT_4X4_50")
-    run_pair(folder, board, (size, code), distortion, out, Output(json))
-
-
 @app.command(epilog="Example: procam projector my-dome north shutter closed")
 def projector(
     venue: VenueArgument,
@@ -370,6 +194,9 @@ def projector(
     from procam.interfaces.cli.venues import run_projector
 
     run_projector(venue, name, action, value, Output(json))
+
+
+from procam.interfaces.cli import tools  # noqa: E402, F401 (registers its commands)
 
 
 def main() -> None:
