@@ -7,8 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procam.errors import InputError, ShapeError
-from procam.maths.box_solver import solve_flux
+from procam.maths.box_solver import solve_flux, solve_moments
 from procam.maths.radiosity import add_interreflection, remove_interreflection_paper
+from procam.maths.scatter_kernel import basis
 from procam.maths.sphere import master_directions, master_pixels, master_solid_angles
 from procam.maths.warp import sample
 from procam.model.calibration import Calibration
@@ -71,6 +72,9 @@ class Compensator:
             self._lo,
         ).astype(float)
         self._albedo = calibration.albedo.value
+        self._kernel = maps.kernel
+        if maps.kernel.degree:
+            self._phi = basis(direction[self.lit], maps.kernel.degree)
 
     def frame(self, image: Image, out: Image | None = None) -> Image:
         """Direct light (N, N, 3) for content (N, N, 3); 1.0 is the reference white."""
@@ -88,7 +92,7 @@ class Compensator:
         lo, hi = self._limits(target)
         wanted = self._wanted(target, lo, hi)
         direct = np.clip(wanted, lo, hi)
-        observed = add_interreflection(direct, self._scatter, self._solid)
+        observed = self._add_interreflection(direct)
         free = (wanted > lo) & (wanted < hi)
         sent = self._spread(direct)
         sent[self.protected] = image[self.protected]
@@ -112,11 +116,33 @@ class Compensator:
             return target
         if self.method == "paper-eq12":
             return remove_interreflection_paper(target, self._albedo, self._solid)
-        flux = [
-            solve_flux(target[:, c], self._scatter[:, c], self._solid, lo[:, c], hi[:, c])
+        each = [self._unscattered(c, target[:, c], lo[:, c], hi[:, c]) for c in range(CHANNELS)]
+        return np.stack(each, axis=-1)
+
+    def _unscattered(self, channel: int, target: Array, lo: Array, hi: Array) -> Array:
+        """Target (n,) of a channel less the light that will have bounced there."""
+        if not self._kernel.degree:
+            scatter = self._scatter[:, channel]
+            return target - scatter * solve_flux(target, scatter, self._solid, lo, hi)
+        spread, collect = self._kernel_of(channel)
+        return np.asarray(target - spread @ solve_moments(target, spread, collect, lo, hi))
+
+    def _add_interreflection(self, direct: Array) -> Array:
+        if not self._kernel.degree:
+            return add_interreflection(direct, self._scatter, self._solid)
+        scattered = [
+            spread @ (collect.T @ direct[:, c])
             for c in range(CHANNELS)
+            for spread, collect in [self._kernel_of(c)]
         ]
-        return np.asarray(target - self._scatter * np.array(flux))
+        return np.asarray(direct + np.stack(scattered, axis=-1))
+
+    def _kernel_of(self, channel: int) -> tuple[Array, Array]:
+        """U and V (n, K) of a channel, bounced light being U V^T b0 (maths.scatter_kernel)."""
+        kernel = self._kernel
+        paint = self._scatter[:, channel] / (self._phi @ kernel.profile[channel])
+        spread = paint[:, None] * (self._phi @ kernel.matrix[channel])
+        return spread, self._solid[:, None] * self._phi
 
     def _spread(self, values: NDArray[np.generic]) -> Image:
         image = np.zeros((self.size, self.size, CHANNELS), np.float32)

@@ -1,17 +1,19 @@
 """Puts the measured pieces together: content channels, common white, blend, dome maps."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from procam.estimate.blend import Blender, common_white
+from procam.estimate.floor import floor_of, measure_floor
 from procam.estimate.geometry import ROUND_ENOUGH, GeometrySolution
 from procam.estimate.photometry import ColourFit
+from procam.estimate.scatter import CELLS, Lighting, Spread, cell_basis, spread_of_light
 from procam.estimate.surface import camera_pixels, lit_share, project_surface
-from procam.estimate.transport import Light, albedo, feedback, scatter_per_flux
+from procam.estimate.transport import Light, albedo, feedback
 from procam.estimate.view import DomeView
 from procam.maths.sphere import (
     cap_solid_angle,
@@ -26,26 +28,29 @@ from procam.model.mask import Nudge
 from procam.model.photometry import Photometry, ResponseCurve
 from procam.model.quality import Figure, Goal
 from procam.model.screen import Dome
-from procam.model.transport import DomeMaps, Measured
+from procam.model.transport import DomeMaps, Measured, ScatterKernel
 
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
 MAP_SIZE = 1024
 BLACK_BLUR_PX = 4.0
 COVERED = 0.999
+ROUGH_ALBEDO = 0.5  # shapes of bounced light hardly depend on it
 
 
 @dataclass(frozen=True, slots=True)
 class Measurement:
     """What was read off one projector's pictures, in camera channels.
 
-    `black` (H, W, 3) is the radiance of its black picture, scattered light included.
+    `black` (H, W, 3) is the radiance of its black picture, scattered light included; `lightings` are
+    the bounced light of its white, then of its other pictures.
     """
 
     light: Light
     black: Image
     colour: ColourFit
     response: ResponseCurve
+    lightings: Sequence[Lighting] = ()
 
 
 def assemble(
@@ -68,15 +73,23 @@ def assemble(
     hi = master.blended(blender, content)
     white = common_white(hi, master.coverage > COVERED)
     to_relative = np.diag(1 / white) @ unmix
-    m, reflectance = _transport_numbers(dome, view, master, list(content.values()))
+    lightings = [[x.converted(unmix) for x in m.lightings] for m in measured.values()]
+    white_cells = master.flux_in_cells(hi)
+    spread = spread_of_light(list(content.values()), lightings, view, white_cells)
+    together = [x for each in lightings for x in each]
+    floor = measure_floor(together, spread.in_cells, white_cells, dome, ROUGH_ALBEDO)
+    floored = _floored(dome, floor)
+    m, reflectance = _transport_numbers(floored, view, master, list(content.values()), spread)
     lo = master.black_level(measured, to_relative)
-    u = sample(scatter_per_flux(list(content.values())), master.where) * master.inside[..., None]
+    u = sample(spread.per_flux, master.where) * master.inside[..., None]
+    paint = u / master.profile(spread.fit.kernel)
     maps = DomeMaps(
         u,
-        (u / master.mean(u) * reflectance.value).astype(np.float32),
+        (paint / master.mean(paint) * reflectance.value).astype(np.float32),
         lo,
         (hi / white * master.coverage[..., None]).astype(np.float32) + lo,
         master.coverage,
+        kernel=spread.fit.kernel,
     )
     projectors = {
         name: _gain_and_blend(geometry, name, surfaces[name], light.extended / white, blender)
@@ -84,7 +97,7 @@ def assemble(
     }
     mean_mix = np.mean([m.colour.mix for m in measured.values()], axis=0)
     return Calibration(
-        dome,
+        floored,
         geometry.rig.cameras,
         {
             name: ProjectorCalibration(
@@ -99,7 +112,7 @@ def assemble(
         m,
         reflectance,
         to_relative,
-        _quality(geometry, measured, master),
+        _quality(geometry, measured, master, floor, spread),
         dict(provenance),
     )
 
@@ -127,6 +140,20 @@ class _Master:
         each = [w[..., None] * sample(lights[n].extended, self.where) for n, w in weights.items()]
         return np.asarray(np.sum(each, axis=0), float)
 
+    def flux_in_cells(self, hi: Array) -> Array:
+        """Flux (N, C) of full white in the cells of the scatter's fit [rel sr]."""
+        fine = MAP_SIZE // CELLS
+        light = hi * self.solid_sr[..., None]
+        return np.asarray(
+            light.reshape(CELLS, fine, CELLS, fine, -1).sum(axis=(1, 3)).reshape(CELLS**2, -1)
+        )
+
+    def profile(self, kernel: ScatterKernel) -> Image:
+        """What full white brings to places (N, N, C), on average 1: the rest of u is the paint."""
+        cells = cell_basis()[:, : kernel.profile.shape[1]] @ kernel.profile.T
+        image = cells.reshape(CELLS, CELLS, -1)
+        return sample(image, master_pixels(self.direction, CELLS), outside=1.0)
+
     def black_level(self, measured: Mapping[str, Measurement], to_relative: Array) -> Image:
         """Direct black light (N, N, 3) of all projectors together, smoothed [rel].
 
@@ -145,13 +172,21 @@ def _direct_share(light: Light) -> Image:
     return np.where(light.lit[..., None], light.direct / both, 0)
 
 
+def _floored(dome: Dome, measured: tuple[float, float]) -> Dome:
+    """The dome with what is now known of its floor."""
+    value, sigma = floor_of(dome, measured)
+    return replace(dome, floor_albedo=value, floor_albedo_sigma=sigma)
+
+
 def _transport_numbers(
-    dome: Dome, view: DomeView, master: _Master, lights: list[Light]
+    dome: Dome, view: DomeView, master: _Master, lights: list[Light], spread: Spread
 ) -> tuple[Measured, Measured]:
     """Feedback and albedo with sigma."""
     at = master_pixels(np.nan_to_num(view.direction), MAP_SIZE)
     lit_sr = sample(master.coverage, at) * view.solid_angle_sr
-    m = feedback(lights, lit_sr, view.solid_angle_sr, view.camera.sensor.glare_sigma)
+    m = feedback(
+        lights, lit_sr, view.solid_angle_sr, view.camera.sensor.glare_sigma, spread.strengths
+    )
     screen_sr = cap_solid_angle(dome.half_angle)
     return m, albedo(m, float(master.solid_sr.sum()), screen_sr, dome)
 
@@ -202,6 +237,8 @@ def _quality(
     geometry: GeometrySolution,
     measured: Mapping[str, Measurement],
     master: _Master,
+    floor: tuple[float, float],
+    spread: Spread,
 ) -> dict[str, Figure]:
     residual = np.concatenate(list(geometry.residual_px.values()))
     inside_sr = float((master_solid_angles(MAP_SIZE) * master.inside).sum())
@@ -220,4 +257,6 @@ def _quality(
         "shape_degree": Figure(float(geometry.rig.shape.degree), "-"),
         "additivity_error": Figure(additivity, "-", Goal("<=", 0.01), len(measured)),
         "coverage": Figure(float(master.solid_sr.sum()) / inside_sr, "-"),
+        "floor_albedo_by_light": Figure(floor[0], "-", None, 1, f"sigma {floor[1]:.3f}"),
+        "scatter_degree": Figure(spread.fit.kernel.degree, "-", None, 1, spread.fit.explained()),
     }

@@ -8,7 +8,8 @@ from procam.estimate.codes import AXES, DEFAULT_CODE, Picture, make_code, pictur
 from procam.maths.gray import stripe
 from procam.model.plan import Plan, Shot
 
-SEPARATION_BITS = (4, 5, 6)  # stripes wide enough to hold pixels clear of any edge
+SEPARATION_BITS = (5, 6)  # stripes wide enough to hold pixels clear of any edge
+ZONES = 4
 LEVELS = (0, 16, 32, 48, 64, 80, 96, 112, 128, 144, 160, 176, 192, 208, 224, 240, 255)
 LEVEL_PICTURES = 2
 
@@ -19,8 +20,8 @@ def plan_visit(
     """The plan for projectors of given sizes, and its pictures (H, W, 1 or 3) by path.
 
     First everything dark; then each projector alone: white and black, the structured-light code,
-    Gray stripes of middle bits with inverses in colour (for the direct/global separation),
-    primaries, level pictures.
+    Gray stripes of middle bits with inverses in colour (for the direct/global separation), quarters
+    (for where bounced light goes), primaries, level pictures.
     """
     shots = [Shot("dark", "", "", "dark", (exposure_s, black_exposure_s))]
     patterns: dict[str, Picture] = {}
@@ -60,6 +61,8 @@ def _pictures(
                 detail = {"axis": axis, "bit": bit, "inverse": inverse}
                 stripes = stripe_picture(size, axis, bit, bool(inverse))
                 yield Shot("", "", "", "stripes", once, "rgb", detail), stripes
+    for zone in range(ZONES):
+        yield Shot("", "", "", "zone", once, "rgb", {"zone": zone}), zone_picture(size, zone)
     for channel in range(3):
         primary = np.zeros((height, width, 3), np.uint8)
         primary[..., channel] = 255
@@ -74,6 +77,16 @@ def stripe_picture(size: tuple[int, int], axis: str, bit: int, inverse: bool) ->
     line = stripe(width if axis == "x" else height, bit) ^ inverse
     plane = np.broadcast_to(line[None, :] if axis == "x" else line[:, None], (height, width))
     return (255 * plane[..., None]).astype(np.uint8)
+
+
+def zone_picture(size: tuple[int, int], zone: int) -> Picture:
+    """A white quarter (H, W, 1) of the panel: top left, top right, bottom left, bottom right."""
+    width, height = size
+    down, across = divmod(zone, 2)
+    picture = np.zeros((height, width, 1), np.uint8)
+    rows = slice(height // 2, None) if down else slice(height // 2)
+    picture[rows, slice(width // 2, None) if across else slice(width // 2)] = 255
+    return picture
 
 
 def level_tile(size: tuple[int, int]) -> int:

@@ -4,6 +4,7 @@ A pixel inside a dark stripe, well clear of its edges, sees nothing but light th
 does every pixel outside a projector's picture. Both are measured in every picture.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,6 +27,7 @@ EXTEND_PX = 3.0
 # of m: the border of the lit area errs alike for all projectors, so their spread does not show it;
 # three times the bias that studies/seeds.md finds
 BORDER_SIGMA = 1e-3
+GLOSS_SIGMA = 0.01  # of the albedo: what a paint with 3 % of gloss does to it
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,12 +127,16 @@ class Separation:
         )
 
 
-def scatter_per_flux(lights: list[Light]) -> Image:
-    """U (H, W, C) [1/sr]: scattered radiance per direct flux, all projectors weighed together."""
+def scatter_per_flux(lights: Sequence[Light], strengths: Sequence[Image] | None = None) -> Image:
+    """U (H, W, C) [1/sr]: scattered radiance per direct flux, all projectors weighed together.
+
+    `strengths` (H, W, C): by how much more than full white's a unit of flux of each projector brings
+    to a pixel; None where all bring the same.
+    """
     top = np.zeros_like(lights[0].scattered)
     bottom = np.zeros_like(top)
-    for light in lights:
-        flux = light.flux.astype(np.float32)
+    for i, light in enumerate(lights):
+        flux = light.flux.astype(np.float32) * (1 if strengths is None else strengths[i])
         weight = np.maximum(light.weight, 1e-3)[..., None]
         top += weight * flux * light.scattered
         bottom += weight * flux**2
@@ -138,15 +144,24 @@ def scatter_per_flux(lights: list[Light]) -> Image:
 
 
 def feedback(
-    lights: list[Light], lit_sr: Array, on_screen_sr: Array, glare_sigma: float
+    lights: list[Light],
+    lit_sr: Array,
+    on_screen_sr: Array,
+    glare_sigma: float,
+    strengths: Sequence[Image],
 ) -> Measured:
     """M (C,) over lit solid angles (H, W) [sr], with sigma.
 
     Each projector measures m by itself. Their scatter tells what depends on where the light falls;
     an unknown veil of glare adds to every scattered sample alike (science.md s.2).
     """
-    each = np.stack([np.tensordot(lit_sr, light.scattered, 2) / light.flux for light in lights])
-    value = np.tensordot(lit_sr, scatter_per_flux(lights), 2)
+    each = np.stack(
+        [
+            np.tensordot(lit_sr, x.scattered / s, 2) / x.flux
+            for x, s in zip(lights, strengths, strict=True)
+        ]
+    )
+    value = np.tensordot(lit_sr, scatter_per_flux(lights, strengths), 2)
     spread = each.std(axis=0, ddof=1) / np.sqrt(len(each)) if len(each) > 1 else 0.01 * value
     spread = np.hypot(spread, BORDER_SIGMA * value)
     mean_light = np.mean(
@@ -163,7 +178,8 @@ def feedback(
 def albedo(measured: Measured, lit_sr: float, screen_sr: float, dome: Dome) -> Measured:
     """Mean albedo (C,) from the feedback, with what is unknown of feedback and floor in its sigma.
 
-    Assumes that the unlit part of the cap has the same paint (science.md s.1).
+    Assumes that the unlit part of the cap has the same paint (science.md s.1), and doubts how matte
+    it is: gloss hides direct light from a camera, and so looks like more feedback.
     """
 
     def at(m: Array, floor: float) -> Array:
@@ -173,4 +189,4 @@ def albedo(measured: Measured, lit_sr: float, screen_sr: float, dome: Dome) -> M
     value = at(measured.value, dome.floor_albedo)
     by_feedback = at(measured.value + measured.sigma, dome.floor_albedo) - value
     by_floor = at(measured.value, dome.floor_albedo + dome.floor_albedo_sigma) - value
-    return Measured(value, np.hypot(by_feedback, by_floor))
+    return Measured(value, np.sqrt(by_feedback**2 + by_floor**2 + (GLOSS_SIGMA * value) ** 2))

@@ -20,7 +20,7 @@ from procam.model.optics import CameraModel, ProjectorModel, Sensor
 from procam.model.photometry import Photometry, ResponseCurve
 from procam.model.quality import Figure, Goal
 from procam.model.screen import Dome
-from procam.model.transport import DomeMaps, Measured
+from procam.model.transport import DomeMaps, Measured, ScatterKernel
 
 Channels = dict[str, NDArray[np.float32]]
 RGB = ("R", "G", "B")
@@ -119,6 +119,7 @@ def _document(calibration: Calibration) -> dict[str, Any]:
         "projectors": {n: _projector_entry(p) for n, p in calibration.projectors.items()},
         "feedback": _plain(asdict(calibration.feedback)),
         "albedo": _plain(asdict(calibration.albedo)),
+        "scatter_kernel": _plain(asdict(calibration.maps.kernel)),
         "content_from_camera": calibration.content_from_camera.tolist(),
         "quality": {n: f.as_dict() for n, f in calibration.quality.items()},
         "provenance": dict(calibration.provenance),
@@ -159,7 +160,7 @@ def _calibration(directory: Path, document: dict[str, Any]) -> Calibration:
         Dome(**document["screen"] | {"bumps": tuple(document["screen"].get("bumps", ()))}),
         {n: _camera(n, e) for n, e in document["cameras"].items()},
         {n: _projector(directory, n, e) for n, e in document["projectors"].items()},
-        _dome_maps(dome),
+        _dome_maps(dome, document.get("scatter_kernel")),
         _measured(document["feedback"]),
         _measured(document["albedo"]),
         np.array(document["content_from_camera"]),
@@ -169,11 +170,18 @@ def _calibration(directory: Path, document: dict[str, Any]) -> Calibration:
     )
 
 
-def _dome_maps(dome: Channels) -> DomeMaps:
+def _dome_maps(dome: Channels, kernel: dict[str, Any] | None) -> DomeMaps:
     covered = dome.get("protected")  # calibrations where nothing is protected have none
     protected = None if covered is None else Mask("screen", covered > 0.5)
-    maps = {name: _rgb(dome, name) for name in DOME_MAPS}
-    return DomeMaps(**maps, coverage=dome["coverage"], protected=protected)
+    scatter, albedo, lo, hi = (_rgb(dome, name) for name in DOME_MAPS)
+    spread = ScatterKernel.scalar() if kernel is None else _kernel(kernel)
+    return DomeMaps(scatter, albedo, lo, hi, dome["coverage"], protected, spread)
+
+
+def _kernel(entry: dict[str, Any]) -> ScatterKernel:
+    return ScatterKernel(
+        int(entry["degree"]), np.array(entry["matrix"]), np.array(entry["profile"])
+    )
 
 
 def _camera(name: str, entry: dict[str, Any]) -> CameraModel:

@@ -1,6 +1,6 @@
 """What the dome does to light, sampled on a dome master."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,16 +23,39 @@ class Measured:
 
 
 @dataclass(frozen=True, slots=True)
+class ScatterKernel:
+    """How bounced light depends on where the direct light falls (maths.scatter_kernel).
+
+    A place of scatter_per_flux u gets u (phi.(B M)) / (phi.g) of direct light of moments M; phi are the
+    harmonics up to `degree` at the place, K = (degree + 1)^2 of them. Degree 0 is one scalar.
+
+    Attributes
+    ----------
+    matrix : (C, K, K) B per channel, symmetric. profile : (C, K) g, of full white's light.
+    """
+
+    degree: int
+    matrix: NDArray[np.float64]
+    profile: NDArray[np.float64]
+
+    @classmethod
+    def scalar(cls, channels: int = 3) -> "ScatterKernel":
+        """One scalar per colour."""
+        return cls(0, np.ones((channels, 1, 1)), np.ones((channels, 1)))
+
+
+@dataclass(frozen=True, slots=True)
 class DomeMaps:
     """Maps of the dome on an equidistant dome master of 180 degrees, front at the bottom edge.
 
     Attributes
     ----------
-    scatter_per_flux : (N, N, 3) u, scattered radiance per direct flux [1/sr].
+    scatter_per_flux : (N, N, 3) u, scattered radiance per direct flux of full white [1/sr].
     albedo : (N, N, 3) diffuse reflectance [-].
     lo, hi : (N, N, 3) direct radiance with all projectors black and at full blended white [rel].
     coverage : (N, N) share of the pixel that a projector can light, 0..1.
     protected : (N, N) where the picture is left as it is, never compensated; None for nowhere.
+    kernel : what bounced light of other pictures than full white is like.
     """
 
     scatter_per_flux: Map
@@ -41,6 +64,7 @@ class DomeMaps:
     hi: Map
     coverage: Map
     protected: Mask | None = None
+    kernel: ScatterKernel = field(default_factory=ScatterKernel.scalar)
 
     @property
     def size(self) -> int:

@@ -11,9 +11,11 @@ from procam.estimate.geometry import GeometrySolution
 from procam.estimate.glints import lens_glints
 from procam.estimate.hidden import fill_light, fill_picture, hidden_pixels
 from procam.estimate.photometry import ResponseFit, fit_colour, tile_levels
-from procam.estimate.transport import Separation
+from procam.estimate.scatter import Lighting, ScatterCells
+from procam.estimate.transport import CLEAR_CAMERA_PX, Light, Separation
 from procam.estimate.view import DomeView
 from procam.maths.shot_id import taken_pixels
+from procam.maths.warp import grow, sample
 from procam.model.correspondence import CorrespondenceMap
 from procam.model.mask import Mask
 from procam.model.screen import Dome
@@ -66,7 +68,24 @@ def measure_light(
         on_screen = view.solid_angle_sr > 0
         light = fill_light(light, white, hidden, view.solid_angle_sr)
         black = fill_picture(black, hidden & on_screen, on_screen)
-    return Measurement(light, black, colour, fit.curve())
+    lightings = _lightings(readings, view, name, (light, xy, base))
+    return Measurement(light, black, colour, fit.curve(), lightings)
+
+
+def _lightings(
+    readings: Readings, view: DomeView, name: str, white: tuple[Light, Image, Image]
+) -> list[Lighting]:
+    """Bounced light of a projector's white and of its quarters, where nothing else is seen."""
+    light, xy, base = white
+    cells = ScatterCells(view.direction, view.solid_angle_sr)
+    found = [cells.lighting(light.scattered, view.on_screen, light.direct)]
+    for shot in readings.plan.of(name, "zone"):
+        shown = sample(readings.session.pattern(shot)[..., 0], xy)
+        met = light.lit & ((shown > 0) | np.isnan(xy[..., 0]))
+        dark = view.on_screen & ~grow(met, CLEAR_CAMERA_PX)
+        picture = readings.light(shot) - base
+        found.append(cells.lighting(picture, dark, light.direct * shown[..., None]))
+    return found
 
 
 def _under_numbers(

@@ -12,6 +12,7 @@ from procam.estimate.patterns import (
     LEVEL_PICTURES,
     LEVELS,
     SEPARATION_BITS,
+    ZONES,
     level_pictures,
     level_tile,
     plan_visit,
@@ -50,6 +51,7 @@ class TestPlan:
             "black": 1,
             "code": 16,
             "stripes": 2 * 2 * len(SEPARATION_BITS),
+            "zone": ZONES,
             "primary": 3,
             "levels": LEVEL_PICTURES,
         }
@@ -94,7 +96,7 @@ class TestStripes:
         plan, pictures = visit
         shots = plan.of(name, "stripes")
         assert [(s.detail["axis"], s.detail["bit"], s.detail["inverse"]) for s in shots] == [
-            (axis, bit, inverse) for axis in "xy" for bit in (6, 5, 4) for inverse in (0, 1)
+            (axis, bit, inverse) for axis in "xy" for bit in (6, 5) for inverse in (0, 1)
         ]
         for shot in shots:
             expected = stripe_picture(

@@ -1,0 +1,99 @@
+"""Scattered light that depends, smoothly, on where the direct light fell (science.md s.1).
+
+On a bare sphere every patch lights all others alike, and one scalar says it all. A floor, seats or a
+pod bend that a little. What they return is smooth on both sides and reciprocal: with phi the
+spherical harmonics up to a degree, a patch of albedo rho_i gets
+
+    b+_i = rho_i phi_i^T B M,    M = sum_j a_j phi_j b0_j,    B = B^T.
+
+Degree 0 is the one scalar. N = I + U V^T, so that both directions cost O(n K).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
+
+from procam.maths.harmonics import harmonics
+
+Array = NDArray[np.float64]
+RIDGE = 1e-8  # of the mean square of the design: what no picture shows stays 0
+
+
+def basis(direction: Array, degree: int) -> Array:
+    """Harmonics phi (N, K) at unit directions (N, 3), K = (degree + 1)^2; the first is 1."""
+    if degree == 0:
+        return np.ones((len(direction), 1))
+    return harmonics(np.asarray(direction, float), 0, degree)[0]
+
+
+def moments(direct: Array, solid_angle_sr: Array, phi: Array) -> Array:
+    """M (K, C) [rel sr] of direct light (N, C) over patches (N,); its first row is the flux."""
+    return np.asarray(phi.T @ (solid_angle_sr[:, None] * direct))
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """What pictures of known direct light tell of B, of one colour; any subset of them can be fitted.
+
+    `normal` (P, T, T): normal equations of each picture for the T numbers in B. `mean` (T,): their
+    shares in the mean of what white brings. `white` (K,): moments of a unit of white's flux.
+    """
+
+    normal: Array
+    mean: Array
+    white: Array
+
+    @classmethod
+    def of(cls, phi: Array, pictures: tuple[Array, Array, Array], white: Array) -> "Evidence":
+        """Gather it.
+
+        Parameters
+        ----------
+        phi : (N, K) at the patches.
+        pictures : ratio (P, N), bounced light over that which a unit of white's flux brings to the
+            patch, NaN where unknown; weight (P, N); moment (P, K) of the pictures' direct light.
+        white : (K,) moments of white.
+
+        Notes
+        -----
+        White brings E_i = phi_i^T B M_w / flux_w to a patch, over its paint; a picture ratio_pi E_i, which
+        is phi_i^T B M_p: so phi_i^T B (M_p - ratio_pi M_w / flux_w) = 0 whatever the paint.
+        """
+        upper, white = np.triu_indices(phi.shape[1]), white / white[0]
+        normal = []
+        for r, w, m in zip(*pictures, strict=True):
+            known = np.isfinite(r) & (w > 0)
+            rows = _symmetric_rows(phi[known], m - r[known, None] * white, upper)
+            normal.append((rows * w[known, None]).T @ rows)
+        mean = _symmetric_rows(phi.mean(axis=0)[None], white[None], upper)[0]
+        return cls(np.array(normal), mean, white)
+
+    def fit(self, pictures: NDArray[np.bool_]) -> tuple[Array, Array]:
+        """B (K, K) and white's profile g (K,), E_i = phi_i.g, from some of the pictures (P,).
+
+        Least squares with E on average 1; what no picture shows stays 0.
+        """
+        normal = self.normal[pictures].sum(axis=0)
+        normal += RIDGE * np.trace(normal) / len(normal) * np.eye(len(normal))
+        numbers = cho_solve(cho_factor(normal), self.mean)
+        size = len(self.white)
+        matrix = np.zeros((size, size))
+        matrix[np.triu_indices(size)] = numbers / (self.mean @ numbers)
+        matrix = np.triu(matrix) + np.triu(matrix, 1).T
+        return matrix, matrix @ self.white
+
+
+def predicted_ratio(phi: Array, matrix: Array, profile: Array, moment: Array) -> Array:
+    """Ratio (P, N), as `Evidence` takes it, that pictures of moments (P, K) should show."""
+    return np.asarray((moment @ matrix) @ phi.T / (phi @ profile))
+
+
+def _symmetric_rows(
+    phi: Array, moment: Array, upper: tuple[NDArray[np.intp], NDArray[np.intp]]
+) -> Array:
+    """Derivatives (S, K (K + 1) / 2) of phi^T B M, rows (S, K) each, by the upper triangle of B."""
+    first, second = upper
+    rows = phi[:, first] * moment[:, second]
+    return np.asarray(rows + np.where(first == second, 0, phi[:, second] * moment[:, first]))
