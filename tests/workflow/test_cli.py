@@ -141,18 +141,6 @@ def kept(calibration: Calibration, tmp_path: Path) -> Path:
 
 
 class TestVenueCommands:
-    def test_a_dry_run_says_how_much_work_it_is_and_touches_nothing(self, tmp_path: Path) -> None:
-        make_venue(tmp_path)
-        said = procam("capture", tmp_path, "--dry-run")
-        told = procam("capture", tmp_path, "--dry-run", "--json")
-        document = json.loads(told.out)
-        assert (said.code, told.code, said.err, told.err) == (0, 0, "", "")
-        assert set(document) == {"shots", "exposures", "minutes", "gigabytes"}
-        assert document["exposures"] == document["shots"] + 1
-        words = "{shots} shots, {exposures} exposures, {minutes} min, {gigabytes} GB\n"
-        assert said.out == words.format(**document)
-        assert [p.name for p in tmp_path.iterdir()] == ["venue.toml"]
-
     def test_capture_solve_refine_calibrate_and_report_speak_json(self, tmp_path: Path) -> None:
         make_venue(tmp_path)
 

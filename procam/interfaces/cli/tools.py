@@ -160,3 +160,65 @@ def pair(
 
     board = make_board("checkerboard", squares, square_mm, 0.0, "DICT_4X4_50")
     run_pair(folder, board, (size, code), distortion, out, Output(json))
+
+
+@app.command(
+    epilog="Example: procam forecast --albedo 0.5 --coverage 0.9 --lumens 60000 --radius-m 8 sky.png"
+)
+def forecast(
+    paths: Annotated[
+        list[Path] | None,
+        typer.Argument(
+            metavar="VENUE|IMAGE",
+            help="First a calibrated venue, if there is one; then dome masters: PNG, TIFF or EXR.",
+        ),
+    ] = None,
+    *,
+    albedo: Annotated[float | None, typer.Option(help="Of the paint, 0..1.")] = None,
+    albedo_sigma: Annotated[
+        float | None, typer.Option(help="Its standard error; 0.03 if not given.")
+    ] = None,
+    coverage: Annotated[
+        float | None, typer.Option(help="Share of the cap that projectors light.")
+    ] = None,
+    reflecting: Annotated[
+        float | None,
+        typer.Option(help="Share of the cap that is painted, lit or not; 1 if not given."),
+    ] = None,
+    half_angle_deg: Annotated[
+        float | None, typer.Option(help="From the cap's pole to its rim; 90 if not given.")
+    ] = None,
+    floor_albedo: Annotated[
+        float | None, typer.Option(help="Of the floor; 0.1 if not given.")
+    ] = None,
+    contrast: Annotated[
+        float | None,
+        typer.Option(help="Of the projectors, full white to full black; 2000 if not given."),
+    ] = None,
+    radius_m: Annotated[float | None, typer.Option(help="Of the dome; for cd/m2.")] = None,
+    lumens: Annotated[
+        float | None, typer.Option(help="Of all projectors together; for cd/m2.")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for forecast.png and forecast.json.")
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Say what white and contrast to expect, before anything is bought.
+
+    Of a planned dome (--albedo and --coverage at least), or of a venue that is calibrated; and what
+    compensation can do for your own pictures there.
+    """
+    from procam.interfaces.cli.forecast import run_forecast
+
+    described = {
+        "albedo": albedo,
+        "albedo_sigma": albedo_sigma,
+        "coverage": coverage,
+        "reflecting": reflecting,
+        "half_angle_deg": half_angle_deg,
+        "floor_albedo": floor_albedo,
+        "contrast": contrast,
+        "radius_m": radius_m,
+    }
+    run_forecast(paths or [], described, lumens, out, Output(json))

@@ -15,6 +15,7 @@ from procam.files.calibration import (
 )
 from procam.files.session import Session
 from procam.files.venue import BY_HAND, Venue, load_venue, template_text
+from procam.interfaces.cli.dry_run import run_dry
 from procam.interfaces.cli.output import Output
 from procam.interfaces.judge import failed
 from procam.workflows import capture as capturing
@@ -24,7 +25,6 @@ from procam.workflows.pictures import half_sky
 from procam.workflows.refine import Refined, refine
 from procam.workflows.venue_rig import open_rig
 
-OVERHEAD_S = 1.0  # per exposure: show, settle, read out, store
 CONTENT_SIZE = 1024
 
 
@@ -45,7 +45,7 @@ def run_capture(directory: Path, dry_run: bool, output: Output) -> None:
     """`procam capture`."""
     venue = load_venue(directory)
     if dry_run:
-        _dry_run(venue, output)
+        run_dry(venue, output)
         return
     session = take(venue, output)
     output.say(f"captured; now run: procam solve {session.directory}")
@@ -148,29 +148,6 @@ def venue_of(session: Path) -> Path:
     if folder.name != "sessions":
         raise InputError(f"session: got {session}, expected a folder such as VENUE/sessions/0001")
     return folder.parent
-
-
-def _dry_run(venue: Venue, output: Output) -> None:
-    from procam.estimate.patterns import plan_visit
-
-    sizes = {name: entry.size for name, entry in venue.table.projectors.items()}
-    capture = venue.table.capture
-    plan, _ = plan_visit(sizes, capture.exposure_s, capture.black_exposure_s)
-    seconds = sum(e + OVERHEAD_S for shot in plan.shots for e in shot.exposures_s)
-    pixels = sum(c.size[0] * c.size[1] for c in venue.cameras.values())
-    planes = sum(
-        len(shot.exposures_s) * (1 if shot.pixel_format == "mono" else 3) for shot in plan.shots
-    )
-    document = {
-        "shots": len(plan.shots),
-        "exposures": plan.exposures,
-        "minutes": round(seconds / 60, 1),
-        "gigabytes": round(2 * pixels * planes / 1e9, 2),
-    }
-    output.say(
-        "{shots} shots, {exposures} exposures, {minutes} min, {gigabytes} GB".format(**document)
-    )
-    output.finish(document)
 
 
 def _tell(control: Any, action: str, value: str) -> dict[str, Any]:

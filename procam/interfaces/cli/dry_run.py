@@ -1,0 +1,114 @@
+"""`procam capture VENUE --dry-run`: how much work a visit is, and what is there if it is cut short."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass
+from itertools import groupby
+
+from procam.estimate.patterns import plan_visit
+from procam.files.venue import BY_HAND, Venue
+from procam.interfaces.cli.output import Output
+from procam.model.plan import Shot
+
+DRIVEN_S = 1.0  # beside the exposure: show, settle, read out, store
+BY_HAND_S = 5.0  # a DSLR takes 3.5 to 7 s a shot (science.md s.4)
+BYTES = 2  # of a stored sample
+DARK = "dark"  # how the shot of no projector is called
+Stage = tuple[str, str, int]
+FOR_GEOMETRY = ("white", "black", "code")
+
+
+@dataclass(frozen=True, slots=True)
+class Work:
+    """What some shots cost: photographs per camera, all cameras one after the other, their files."""
+
+    shots: int
+    exposures: int
+    minutes: float
+    gigabytes: float
+
+
+def run_dry(venue: Venue, output: Output) -> None:
+    """Print the work per projector and in all, the order of the shots, and when geometry is there."""
+    sizes = {name: entry.size for name, entry in venue.table.projectors.items()}
+    capture = venue.table.capture
+    shots = plan_visit(sizes, capture.exposure_s, capture.black_exposure_s)[0].shots
+    each = {name: work(venue, [s for s in shots if s.projector == name]) for name in ("", *sizes)}
+    until = max(i for i, shot in enumerate(shots) if shot.purpose in FOR_GEOMETRY) + 1
+    geometry, stages = work(venue, shots[:until]), _stages(shots)
+    document = _rounded(work(venue, shots))
+    output.say(f"{'':16} {'shots':>7} {'exposures':>10} {'minutes':>8} {'GB':>8}")
+    for name, part in each.items():
+        output.say(_row(name or DARK, part))
+    output.say("order:")
+    for line in _order(stages):
+        output.say(f"  {line}")
+    output.say(
+        f"what directions are solved from is there after {geometry.shots} shots, "
+        f"{geometry.minutes:.1f} min"
+    )
+    output.say(
+        "{shots} shots, {exposures} exposures, {minutes} min, {gigabytes} GB".format(**document)
+    )
+    told = {name: _rounded(part) for name, part in each.items()}
+    output.finish(
+        {
+            **document,
+            "dark": told.pop(""),
+            "projectors": told,
+            "order": [dict(zip(("projector", "purpose", "shots"), s, strict=True)) for s in stages],
+            "geometry": _rounded(geometry),
+        }
+    )
+
+
+def work(venue: Venue, shots: Sequence[Shot]) -> Work:
+    """What a venue's cameras need for some shots."""
+    cameras = venue.table.cameras.values()
+    seconds = sum(
+        photograph_s(venue, camera.backend, exposure_s)
+        for camera in cameras
+        for shot in shots
+        for exposure_s in shot.exposures_s
+    )
+    pixels = sum(camera.size[0] * camera.size[1] for camera in cameras)
+    planes = sum(len(s.exposures_s) * (1 if s.pixel_format == "mono" else 3) for s in shots)
+    exposures = sum(len(s.exposures_s) for s in shots)
+    return Work(len(shots), exposures, seconds / 60, BYTES * pixels * planes / 1e9)
+
+
+def photograph_s(venue: Venue, backend: str, exposure_s: float) -> float:
+    """From one photograph to the next [s]: as [capture] shot_s says, else as such cameras need."""
+    told: float | None = getattr(venue.table.capture, "shot_s", None)
+    if told is not None:
+        return max(told, exposure_s)
+    needed = exposure_s + DRIVEN_S
+    return max(BY_HAND_S, needed) if backend == BY_HAND else needed
+
+
+def _stages(shots: Iterable[Shot]) -> list[Stage]:
+    """Runs of shots of one projector and purpose, in order: (projector, purpose, shots)."""
+    runs = groupby(shots, lambda s: (s.projector, s.purpose))
+    return [(projector, purpose, len(list(run))) for (projector, purpose), run in runs]
+
+
+def _order(stages: Iterable[Stage]) -> Iterator[str]:
+    """The stages in words; projectors that follow each other alike share a line."""
+    turns = [
+        (projector, ", ".join(f"{count} {purpose}" for _, purpose, count in run))
+        for projector, run in groupby(stages, lambda stage: stage[0])
+    ]
+    for told, alike in groupby(turns, lambda turn: turn[1]):
+        names = ", then ".join(projector for projector, _ in alike)
+        yield f"{names}: {told}" if names else told
+
+
+def _row(name: str, part: Work) -> str:
+    return f"{name:16} {part.shots:7} {part.exposures:10} {part.minutes:8.1f} {part.gigabytes:8.2f}"
+
+
+def _rounded(part: Work) -> dict[str, float]:
+    return {
+        **asdict(part),
+        "minutes": round(part.minutes, 1),
+        "gigabytes": round(part.gigabytes, 2),
+    }

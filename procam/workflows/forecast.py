@@ -1,0 +1,373 @@
+"""What contrast and white to expect of a dome: planned, or measured by a calibration (science.md s.1).
+
+A dome that is not built yet gets the calibration that it would have, so that its pictures are
+compensated by the very code that compensates real ones.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procam.compensate.exact import Compensated, Compensator
+from procam.errors import InputError
+from procam.maths.box_solver import solve_flux
+from procam.maths.radiosity import add_interreflection, floor_return, sphere_scatter
+from procam.maths.sphere import (
+    cap_solid_angle,
+    master_directions,
+    master_pixels,
+    master_solid_angles,
+)
+from procam.maths.warp import sample
+from procam.model.calibration import Calibration
+from procam.model.screen import Dome
+from procam.model.transport import DomeMaps, Measured
+
+Array = NDArray[np.float64]
+Image = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # of R, G, B in their white: ITU-R BT.709
+SAMPLES = 512  # edge of the pictures that are judged [px]: 0.35 degrees
+DARK_SHARE = 0.25  # of the lit dome: what counts as a picture's darks
+LEVEL = 1e-6  # a contrast below it is a flat picture's rounding
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedDome:
+    """A dome that is not built yet.
+
+    Attributes
+    ----------
+    screen : its shape and floor; of the radius nothing here depends.
+    albedo, albedo_sigma : of the paint, with its standard error.
+    coverage, reflecting : shares of the cap that projectors light, and that reflect at all. What is
+        not lit lies at the rim.
+    contrast : full white to full black of the projectors themselves.
+    """
+
+    screen: Dome
+    albedo: float
+    albedo_sigma: float
+    coverage: float
+    reflecting: float
+    contrast: float
+
+    def __post_init__(self) -> None:
+        if not 0 < self.albedo < 1:
+            raise InputError(
+                f"albedo: got {self.albedo:g}, expected more than 0 and less than 1; dome paints "
+                "have 0.3 to 0.8"
+            )
+        if not 0 <= self.albedo_sigma < min(self.albedo, 1 - self.albedo) / 1.96:
+            raise InputError(
+                f"albedo sigma: got {self.albedo_sigma:g}, expected 0 or more, and an interval "
+                f"{self.albedo:g} +- 1.96 sigma between 0 and 1"
+            )
+        if not 0 < self.reflecting <= 1:
+            raise InputError(
+                f"reflecting: got {self.reflecting:g}, expected more than 0 and at most 1, a share "
+                "of the cap"
+            )
+        if not 0 < self.coverage <= self.reflecting:
+            raise InputError(
+                f"coverage: got {self.coverage:g}, expected more than 0 and at most "
+                f"{self.reflecting:g}, the share of the cap that reflects"
+            )
+        if not 1 < self.contrast:
+            raise InputError(
+                f"contrast: got {self.contrast:g}, expected more than 1, such as 2000 for 2000:1"
+            )
+        if not 0 < self.screen.half_angle <= np.pi / 2 + 1e-9:
+            raise InputError(
+                f"half angle: got {np.degrees(self.screen.half_angle):g} degrees, expected more "
+                "than 0 and at most 90"
+            )
+        if not 0 <= self.screen.floor_albedo <= 1:
+            raise InputError(
+                f"floor albedo: got {self.screen.floor_albedo:g}, expected between 0 and 1"
+            )
+
+    @property
+    def lit_sr(self) -> float:
+        """Solid angle that projectors light [sr]."""
+        return self.coverage * cap_solid_angle(self.screen.half_angle)
+
+    def feedback(self, albedo: float) -> float:
+        """Light that all bounces add to the lit part's own [-], for one albedo."""
+        cap_sr = cap_solid_angle(self.screen.half_angle)
+        unlit_sr = self.reflecting * cap_sr - self.lit_sr
+        patches = np.array([self.lit_sr, unlit_sr, cap_sr - unlit_sr - self.lit_sr])
+        screen = self.screen
+        returned = floor_return(screen.half_angle, screen.tilt, screen.floor_albedo)
+        paint = np.array([[albedo], [albedo], [0.0]])
+        return float(sphere_scatter(paint, patches, returned)[0, 0] * self.lit_sr)
+
+    def calibration(self, albedo: float, size: int) -> Calibration:
+        """What a calibration would say, with maps of `size` pixels, and no device in it."""
+        direction, _ = master_directions(size)
+        rim = 2 * np.arcsin(np.sqrt(self.coverage) * np.sin(self.screen.half_angle / 2))
+        solid = master_solid_angles(size)
+        coverage = ((solid > 0) & (direction[..., 2] >= np.cos(rim))).astype(np.float32)
+        feedback = self.feedback(albedo)
+        scatter = feedback / float((solid * coverage).sum())
+        flat = np.ones((size, size, 3), np.float32)
+        lit = coverage[..., None] * flat
+        maps = DomeMaps(scatter * flat, albedo * flat, lit / self.contrast, lit, coverage)
+        m, paint = (Measured(np.full(3, v), np.zeros(3)) for v in (feedback, albedo))
+        return Calibration(self.screen, {}, {}, maps, m, paint, np.eye(3))
+
+
+@dataclass(frozen=True, slots=True)
+class Prospect:
+    """A dome at the low end, the middle and the high end of what is known of its paint.
+
+    Attributes
+    ----------
+    ends : its calibration at each of the three.
+    lit_sr : solid angle that projectors light [sr].
+    """
+
+    ends: tuple[Calibration, Calibration, Calibration]
+    lit_sr: float
+
+
+@dataclass(frozen=True, slots=True)
+class Band:
+    """A figure, with its least and largest value between the ends of what is known."""
+
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, slots=True)
+class Levels:
+    """White, black and contrast of a dome; light in units of the caller's choice.
+
+    Attributes
+    ----------
+    feedback : m [-]. scattered_share : of the light of today's full white.
+    white_before, white_after : of a full white picture, without and with compensation.
+    black : of a black picture, its own bounces included; compensation cannot change it.
+    on_off_before, on_off_after : white to black of whole pictures.
+    checkerboard_scatter : of a half-white picture, were the projectors' black nothing: one figure,
+        because compensation leaves it as it is.
+    checkerboard_before, checkerboard_after : with the projectors' black.
+    """
+
+    feedback: float
+    scattered_share: float
+    white_before: float
+    white_after: float
+    black: float
+    on_off_before: float
+    on_off_after: float
+    checkerboard_scatter: float
+    checkerboard_before: float
+    checkerboard_after: float
+
+
+@dataclass(frozen=True, slots=True)
+class PictureFigures:
+    """What is expected of one picture; shares are of the lit solid angle.
+
+    Attributes
+    ----------
+    clipped_black, clipped_white : shares where some colour cannot be as dark, or as bright, as the
+        picture asks for, when it is compensated.
+    unclipped : the whole picture can be shown exactly.
+    darkest : least level that can be shown beside the rest of the picture [rel to white].
+    dark_lift_before, dark_lift_after : by how much the darkest quarter is too bright [rel to white].
+    contrast_target, contrast_before, contrast_after : rms over mean of the luminance.
+    contrast_restored : share of the lost contrast that compensation brings back; NaN if none is lost.
+    """
+
+    clipped_black: float
+    clipped_white: float
+    unclipped: bool
+    darkest: float
+    dark_lift_before: float
+    dark_lift_after: float
+    contrast_target: float
+    contrast_before: float
+    contrast_after: float
+    contrast_restored: float
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """A picture as asked for, as seen without and with compensation (N, N, 3), and what clips.
+
+    `limits` (N, N) is 0 where it is exact, 1 too bright, 2 too dark, 3 unlit.
+    """
+
+    target: Image
+    before: Image
+    after: Image
+    limits: NDArray[np.uint8]
+
+
+def planned(dome: PlannedDome, size: int = SAMPLES) -> Prospect:
+    """The prospect of a planned dome, with the 95 % interval of its albedo."""
+    step = 1.96 * dome.albedo_sigma
+    low, middle, high = (dome.calibration(dome.albedo + s, size) for s in (-step, 0.0, step))
+    return Prospect((low, middle, high), dome.lit_sr)
+
+
+def measured(calibration: Calibration) -> Prospect:
+    """The prospect of a calibrated dome, with the 95 % intervals of feedback and albedo."""
+    feedback, albedo = calibration.feedback, calibration.albedo
+    (m_low, m_high), (a_low, a_high) = feedback.interval(), albedo.interval()
+
+    def at(m: Array, paint: Array) -> Calibration:
+        factor = np.maximum(m, 0) / feedback.value
+        maps = calibration.maps
+        scatter = (maps.scatter_per_flux * factor).astype(np.float32)
+        return replace(
+            calibration,
+            maps=replace(maps, scatter_per_flux=scatter),
+            feedback=Measured(factor * feedback.value, feedback.sigma),
+            albedo=Measured(paint, albedo.sigma),
+        )
+
+    lit_sr = float((master_solid_angles(calibration.maps.size) * calibration.maps.coverage).sum())
+    return Prospect((at(m_low, a_low), calibration, at(m_high, a_high)), lit_sr)
+
+
+def white_luminance(lumens: float, radius_m: float, lit_sr: float, albedo: float) -> float:
+    """Luminance [cd/m2] of a matte screen's first bounce, if all lumens fall on what is lit.
+
+    L = rho E / pi with E = lumens / (r^2 a_L).
+
+    >>> round(white_luminance(4000 * np.pi**2, 2.0, np.pi, 0.5), 9)
+    500.0
+    """
+    return albedo * lumens / (np.pi * radius_m**2 * lit_sr)
+
+
+def light_levels(calibration: Calibration, reference: float = 1.0) -> Levels:
+    """White, black and contrast; `reference` is the light of a direct white of 1.0."""
+    m = float(LUMINANCE @ calibration.feedback.value)
+    black = black_level(calibration)
+    total = black * (1 + m)
+    return Levels(
+        m,
+        m / (1 + m),
+        reference * (1 + m),
+        reference,
+        reference * total,
+        _ratio(1 + m, total),
+        _ratio(1.0, total),
+        checkerboard_contrast(m, 0.0),
+        checkerboard_contrast(m, black),
+        checkerboard_contrast(m, black, compensated=True),
+    )
+
+
+def black_level(calibration: Calibration) -> float:
+    """Mean direct luminance of black over what is lit [rel]."""
+    maps = calibration.maps
+    solid = master_solid_angles(maps.size) * maps.coverage
+    return float(LUMINANCE @ np.tensordot(solid, maps.lo, 2) / solid.sum())
+
+
+def checkerboard_contrast(
+    feedback: float, black: float, white_share: float = 0.5, compensated: bool = False
+) -> float:
+    """White to black [-] of a picture that holds nothing else, with a share p of white.
+
+    Without black C = (1 + m p) / (m p), which is (1 - rho f_R (1-p)) / (rho f_R p) where all that
+    reflects is lit (science.md s.1, "Limits"). Compensation dims the white and the light that it
+    scatters on the black by one factor: C stays. A `black` [rel to direct white] is not dimmed with
+    them, so that C then falls a little.
+    """
+    target, area = np.array([1.0, 0.0]), np.array([white_share, 1 - white_share])
+    scatter, lo, hi = np.full(2, feedback), np.full(2, black), np.ones(2)
+    flux = solve_flux(target, scatter, area, lo, hi) if compensated else 0.0
+    direct = np.clip(target - scatter * flux, lo, hi)
+    total = add_interreflection(direct[:, None], scatter[:, None], area)[:, 0]
+    return _ratio(float(total[0]), float(total[1]))
+
+
+def picture_figures(calibration: Calibration, content: Image) -> tuple[PictureFigures, Seen]:
+    """What is expected of a dome master (N, N, 3) of linear light, where 1.0 is white."""
+    size = content.shape[0]
+    compensator = Compensator(calibration, size)
+    exact = compensator.solve(content)
+    none = Compensator(calibration, size, "none").solve(content)
+    lit = _covered(calibration.maps, size)
+    bright, dark = _limits(content, exact, lit & ~compensator.protected)
+    solid = master_solid_angles(size)[lit]
+    shown = (content, none.observed, exact.observed)
+    target, before, after = (p[lit] @ LUMINANCE for p in shown)
+    scattered = (exact.observed - exact.direct)[lit] @ LUMINANCE
+    darks = solid * (target <= _quantile(target, solid, DARK_SHARE))
+    contrast = [_rms_contrast(light, solid) for light in (target, before, after)]
+    figures = PictureFigures(
+        clipped_black=_mean(bright[lit], solid),
+        clipped_white=_mean(dark[lit], solid),
+        unclipped=not (bright | dark).any(),
+        darkest=_mean(scattered, solid) + black_level(calibration),
+        dark_lift_before=_mean(before - target, darks),
+        dark_lift_after=_mean(after - target, darks),
+        contrast_target=contrast[0],
+        contrast_before=contrast[1],
+        contrast_after=contrast[2],
+        contrast_restored=_restored(*contrast),
+    )
+    limits = np.select([~lit, bright, dark], [3, 1, 2]).astype(np.uint8)
+    return figures, Seen(content, none.observed, exact.observed, limits)
+
+
+def sampled(picture: Image, size: int = SAMPLES) -> Image:
+    """Every so many-th pixel of a dome master (N, N, 3), as (size, size, 3).
+
+    Values stay what they are: means would hide small lights and shadows that clip.
+    """
+    index = ((np.arange(size) + 0.5) * (picture.shape[0] / size)).astype(int)
+    return picture[np.ix_(index, index)]
+
+
+def band(values: Sequence[float]) -> Band:
+    """The figure of (low end, middle, high end); the middle counts."""
+    return Band(values[1], min(values), max(values))
+
+
+def _covered(maps: DomeMaps, size: int) -> Mask:
+    """Pixels (N, N) of a picture that are lit for the most part: limits at the rim are guesses."""
+    direction, inside = master_directions(size)
+    return np.asarray(inside & (sample(maps.coverage, master_pixels(direction, maps.size)) > 0.5))
+
+
+def _limits(content: Image, exact: Compensated, free_to_clip: Mask) -> tuple[Mask, Mask]:
+    """Where some colour stays too bright, and where too dark, (N, N) each."""
+    bound = ~exact.free & free_to_clip[..., None]
+    bright = (bound & (exact.observed > content)).any(axis=-1)
+    dark = (bound & (exact.observed < content)).any(axis=-1)
+    return np.asarray(bright), np.asarray(dark)
+
+
+def _mean(values: Array | Mask, solid: Array) -> float:
+    return float(solid @ values / solid.sum())
+
+
+def _quantile(values: Array, solid: Array, share: float) -> float:
+    """Value below or at which `share` of the solid angle lies."""
+    order = np.argsort(values)
+    total = np.cumsum(solid[order])
+    return float(values[order[np.searchsorted(total, share * total[-1])]])
+
+
+def _rms_contrast(light: Array, solid: Array) -> float:
+    mean = _mean(light, solid)
+    return float(np.sqrt(_mean((light - mean) ** 2, solid))) / mean if mean > 0 else float("nan")
+
+
+def _restored(target: float, before: float, after: float) -> float:
+    return (after - before) / (target - before) if abs(target - before) > LEVEL else float("nan")
+
+
+def _ratio(top: float, bottom: float) -> float:
+    return top / bottom if bottom > 0 else float("inf")

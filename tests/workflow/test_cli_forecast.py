@@ -1,0 +1,210 @@
+"""`procam forecast`: its table, its JSON, its plot, and a line for everything that is wrong."""
+
+import json
+import re
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from tiny_venue import procam
+
+from procam.files.calibration import save_calibration
+from procam.files.images import read_image, write_image, write_picture
+from procam.interfaces.cli import forecast as command
+from procam.maths.sphere import master_solid_angles
+from procam.model.calibration import Calibration
+from procam.workflows.forecast import sampled
+from procam.workflows.pictures import half_sky
+
+PLAN = ("--albedo", 0.5, "--coverage", 0.9)
+WIDEST = 100
+SIZE = 64
+
+
+@pytest.fixture(autouse=True)
+def small(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pictures and maps of planned domes are small here."""
+    whole = command.planned
+    monkeypatch.setattr(command, "planned", lambda dome: whole(dome, SIZE))
+    monkeypatch.setattr(command, "sampled", lambda picture: sampled(picture, SIZE))
+
+
+@pytest.fixture
+def sky(tmp_path: Path) -> Path:
+    write_picture(tmp_path / "sky.png", half_sky(128))
+    return tmp_path / "sky.png"
+
+
+@pytest.fixture
+def venue(calibration: Calibration, tmp_path: Path) -> Path:
+    save_calibration(calibration, tmp_path / "venue" / "calibrations" / "0001")
+    return tmp_path / "venue"
+
+
+def _told(*arguments: object) -> dict[str, Any]:
+    ran = procam("forecast", *arguments, "--json")
+    assert (ran.code, ran.err) == (0, ""), ran
+    document = json.loads(ran.out, parse_constant=pytest.fail)  # no NaN, no Infinity
+    assert isinstance(document, dict)
+    return document
+
+
+def _said(*arguments: object) -> str:
+    ran = procam("forecast", *arguments)
+    assert (ran.code, ran.err) == (0, ""), ran
+    lines = (line for line in ran.out.splitlines() if not line.startswith("/"))  # a path
+    assert max(map(len, lines)) <= WIDEST
+    return ran.out
+
+
+class TestPlanned:
+    def test_black_floor_and_all_lit_is_the_textbook_hemisphere(self) -> None:
+        told = _told("--albedo", 0.5, "--coverage", 1, "--floor-albedo", 0, "--albedo-sigma", 0)
+        light = told["light"]
+        assert light["feedback"]["value"] == pytest.approx(1 / 3)
+        assert light["scattered_share"]["value"] == pytest.approx(0.25)
+        assert light["checkerboard_scatter"]["value"] == pytest.approx(7.0)
+        assert all(figure["low"] == figure["high"] for figure in light.values())
+        assert told["unit"] == "x direct white"
+        assert told["pictures"] == {}
+
+    def test_lumens_and_radius_make_it_luminance(self) -> None:
+        told = _told(*PLAN, "--lumens", 60000, "--radius-m", 8)
+        area = 0.9 * 2 * np.pi * 64
+        assert told["unit"] == "cd/m2"
+        white = told["light"]["white_after"]
+        assert white["value"] == pytest.approx(0.5 * 60000 / (np.pi * area))
+        assert white["low"] == pytest.approx(white["value"] * (1 - 2 * 1.96 * 0.03))
+        assert any("60000 lm, all on the 361.9 m2" in text for text in told["assumptions"])
+
+    def test_the_table_says_what_the_document_says(self, sky: Path) -> None:
+        said, told = _said(*PLAN, sky), _told(*PLAN, sky)
+        light, picture = told["light"], told["pictures"][str(sky)]
+        board = light["checkerboard_before"]
+        row = "{value:.3g}:1 ({low:.3g} .. {high:.3g})".format(**board)
+        assert re.search(rf"black beside white, half each +{re.escape(row)} ", said)
+        assert "does not change the contrast of black beside white" in said
+        clipped = {k: 100 * v for k, v in picture["clipped_black"].items()}
+        assert "{value:.1f} % ({low:.1f} .. {high:.1f})".format(**clipped) in said
+        assert re.search(r"can be shown without clipping +no\n", said)
+        for text in told["assumptions"]:
+            assert text.split()[0] in said.partition("assumed:")[2]
+
+    def test_half_black_and_white_tells_the_same_with_and_without(self) -> None:
+        row = re.search(r"if projectors' black were none +(.+)", _said(*PLAN))
+        assert row is not None
+        before, after = re.split(r"\s{3,}", row[1])
+        assert before == after
+
+    def test_what_does_not_exist_is_null_and_a_dash(self, tmp_path: Path) -> None:
+        grey = tmp_path / "grey.exr"
+        write_image(grey, np.full((32, 32, 3), 0.5, np.float32), ("R", "G", "B"))
+        restored = _told(*PLAN, grey)["pictures"][str(grey)]["contrast_restored"]
+        assert restored == {"value": None, "low": None, "high": None}
+        said = _said(*PLAN, grey)
+        assert re.search(r"lost contrast restored +-\n", said)
+        assert re.search(r"can be shown without clipping +yes\n", said)
+
+    def test_what_only_one_end_allows(self, tmp_path: Path) -> None:
+        """A dark just above the least that the middle of the band allows.
+
+        m = .3, so that t = (m / (1 + m)) (1 + t) / 2 + 1 / 2000 at .1310.
+        """
+        halves = np.full((64, 64, 3), 1.0, np.float32)
+        halves[:, :32] = 0.132
+        write_image(tmp_path / "halves.exr", halves, ("R", "G", "B"))
+        wide = (*PLAN, "--floor-albedo", 0, "--albedo-sigma", 0.05, tmp_path / "halves.exr")
+        picture = next(iter(_told(*wide)["pictures"].values()))
+        assert (picture["unclipped"]["low"], picture["unclipped"]["high"]) == (False, True)
+        assert "but not at both ends" in _said(*wide)
+
+
+class TestMeasured:
+    def test_a_calibration_tells_all(self, venue: Path, sky: Path) -> None:
+        told = _told(venue, sky)
+        feedback = told["light"]["feedback"]
+        weights = np.array([0.2126, 0.7152, 0.0722])
+        assert feedback["value"] == pytest.approx(weights @ [0.3, 0.33, 0.4])
+        half = 1.96 * weights @ [0.002, 0.003, 0.004]
+        assert feedback["high"] - feedback["low"] == pytest.approx(2 * half)
+        assert set(told["pictures"]) == {str(sky)}
+        assert any("calibrations/0001" in text for text in told["assumptions"])
+
+    def test_with_lumens_the_radius_is_its_own(self, venue: Path, calibration: Calibration) -> None:
+        told = _told(venue, "--lumens", 20000)
+        assert any("radius 6 m" in text for text in told["assumptions"])
+        maps = calibration.maps
+        area = 36 * float((master_solid_angles(maps.size) * maps.coverage).sum())
+        albedo = 0.2126 * 0.46 + 0.7152 * 0.5 + 0.0722 * 0.57
+        expected = albedo * 20000 / (np.pi * area)
+        assert told["light"]["white_after"]["value"] == pytest.approx(expected)
+
+    def test_its_own_options_are_refused(self, venue: Path) -> None:
+        ran = procam("forecast", venue, *PLAN, "--radius-m", 5)
+        assert ran.code == 2
+        assert "got --albedo, --coverage, --radius-m beside" in ran.complaint
+
+    def test_without_a_calibration(self, tmp_path: Path) -> None:
+        ran = procam("forecast", tmp_path)
+        assert ran.code == 2
+        assert "got no calibration, expected calibrations/0001; run `procam calibrate" in (
+            ran.complaint
+        )
+
+
+class TestFiles:
+    def test_plot_and_document(self, sky: Path, tmp_path: Path) -> None:
+        out = tmp_path / "new" / "out"
+        for _ in range(2):  # a second time in the same place
+            said = _said(*PLAN, sky, "--out", out)
+        assert "forecast.png and " in said
+        assert sorted(p.name for p in out.iterdir()) == ["forecast.json", "forecast.png"]
+        assert json.loads((out / "forecast.json").read_text()) == _told(*PLAN, sky)
+        picture = np.asarray(read_image(out / "forecast.png"))
+        alone = tmp_path / "alone"
+        _said(*PLAN, "--out", alone)
+        assert picture.shape[0] > 1.5 * np.asarray(read_image(alone / "forecast.png")).shape[0]
+        assert picture.std() > 10  # something is drawn
+
+    def test_without_matplotlib_nothing_is_written(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setitem(sys.modules, "matplotlib", None)
+        ran = procam("forecast", *PLAN, "--out", tmp_path / "out")
+        assert ran.code == 2
+        assert 'run: pip install "procam[report]"' in ran.complaint
+        assert not (tmp_path / "out").exists()
+
+
+class TestRefusals:
+    @pytest.mark.parametrize(
+        ("arguments", "words"),
+        [
+            ((), "got no --albedo and no --coverage, expected both, or a VENUE"),
+            (("--albedo", 0.5), "forecast: got no --coverage, expected both"),
+            (("--albedo", 1.5, "--coverage", 1), "albedo: got 1.5, expected more than 0 and less"),
+            (("--albedo", 0.5, "--coverage", 1.1), "coverage: got 1.1, expected more than 0"),
+            ((*PLAN, "--albedo-sigma", 0.4), "albedo sigma: got 0.4, expected 0 or more"),
+            ((*PLAN, "--reflecting", 0.5), "coverage: got 0.9, expected more than 0 and at most 0"),
+            ((*PLAN, "--half-angle-deg", 120), "half angle: got 120 degrees, expected more than 0"),
+            ((*PLAN, "--contrast", 0), "contrast: got 0, expected more than 1"),
+            ((*PLAN, "--floor-albedo", 2), "floor albedo: got 2, expected between 0 and 1"),
+            ((*PLAN, "--radius-m", -1), "radius_m: got -1.0, expected more than 0 metres"),
+            ((*PLAN, "--lumens", 9), "--lumens: got no --radius-m beside it, expected the dome's"),
+            ((*PLAN, "--lumens", 0, "--radius-m", 5), "--lumens: got 0 in all, expected more than"),
+            ((*PLAN, "nonesuch.png"), "nonesuch.png: got no such file, expected an image"),
+        ],
+    )
+    def test_one_line_each(self, arguments: tuple[object, ...], words: str) -> None:
+        ran = procam("forecast", *arguments)
+        assert ran.code == 2
+        assert words in ran.complaint
+
+    def test_a_picture_that_is_not_square(self, tmp_path: Path) -> None:
+        write_image(tmp_path / "wide.png", np.zeros((10, 20, 3), np.uint8))
+        ran = procam("forecast", *PLAN, tmp_path / "wide.png", "--out", tmp_path / "out")
+        assert ran.code == 2
+        assert "wide.png: got 20x10 px, expected a square dome master" in ran.complaint
+        assert not (tmp_path / "out").exists()
