@@ -6,13 +6,15 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from procam.devices.protocols import BackendRig
+from procam.devices.protocols import BackendRig, Projector
 from procam.errors import InputError
 from simulators.devices import SimulatedCamera, SimulatedProjector
 from simulators.faults import apply_faults
 from simulators.presets import PRESETS, PresetName
 from simulators.scene import DomeScene, SceneSize
 from simulators.serial_port import EmulatedEscVp21
+from simulators.server import NAME as SERVER
+from simulators.server import MediaServer, SimulatedServer, put_behind
 
 Size = tuple[int, int]
 
@@ -29,17 +31,20 @@ class Settings(BaseModel):
     camera_size: Size = (1600, 1600)
     camera_kind: Literal["fisheye", "pinhole"] = "fisheye"
     rays: int = Field(default=2048, ge=64)
+    server: bool = False  # the projectors are behind a media server
+    server_size: int = Field(default=1024, ge=64, le=8192)
     # simulators.presets.Overrides
     albedo: float | None = Field(default=None, ge=0, le=0.95)
     snr: float | None = Field(default=None, gt=0, le=1000)  # 12 bits carry no more
     defocus_px: float | None = Field(default=None, ge=0, le=20)
     gamma_left: float | None = Field(default=None, ge=0.1, le=10)
+    features: dict[str, dict[str, float]] = Field(default_factory=dict)  # by projector
 
 
-def build_scene(settings: Mapping[str, Any], venue_dir: Path) -> DomeScene:
-    """The scene of a [simulated] table."""
+def read_settings(settings: Mapping[str, Any], venue_dir: Path) -> Settings:
+    """A [simulated] table, checked."""
     try:
-        s = Settings.model_validate(settings)
+        return Settings.model_validate(settings)
     except ValidationError as error:
         lines = [
             f"{venue_dir / 'venue.toml'}: simulated.{'.'.join(map(str, e['loc']))}: got "
@@ -47,22 +52,46 @@ def build_scene(settings: Mapping[str, Any], venue_dir: Path) -> DomeScene:
             for e in error.errors()
         ]
         raise InputError("\n".join(lines)) from error
+
+
+def build_scene(settings: Mapping[str, Any], venue_dir: Path) -> DomeScene:
+    """The scene of a [simulated] table."""
+    s = read_settings(settings, venue_dir)
     size = SceneSize(
         s.projectors, s.projector_size, s.cameras, s.camera_size, s.camera_kind, s.rays
     )
     preset = PRESETS[s.preset].altered(
         albedo=s.albedo, snr=s.snr, defocus_px=s.defocus_px, gamma_left=s.gamma_left
     )
-    return DomeScene(preset, size, s.seed)
+    return DomeScene(preset.with_features(s.features), size, s.seed)
+
+
+def build_server(
+    scene: DomeScene, settings: Mapping[str, Any], venue_dir: Path
+) -> MediaServer | None:
+    """The media server before the projectors of a scene, if the table says that there is one."""
+    s = read_settings(settings, venue_dir)
+    return MediaServer(scene, s.server_size) if s.server else None
 
 
 def open_rig(settings: Mapping[str, Any], venue_dir: Path) -> BackendRig:
-    """Open the simulated venue: one scene, its cameras and projectors, a serial wire each."""
+    """Open the simulated venue: one scene, its cameras and projectors, a serial wire each.
+
+    Of a media server there is one input and one wire.
+    """
     scene = build_scene(settings, venue_dir)
-    wires = {name: EmulatedEscVp21(state) for name, state in scene.states.items()}
+    server = build_server(scene, settings, venue_dir)
+    projectors: dict[str, Projector] = {}
+    if server:
+        states = {SERVER: put_behind(scene)}
+        projectors[SERVER] = SimulatedServer(scene, server)
+    else:
+        states = scene.states
+        projectors |= {name: SimulatedProjector(scene, name) for name in scene.lights}
+    wires = {name: EmulatedEscVp21(state) for name, state in states.items()}
     rig = BackendRig(
         {name: SimulatedCamera(scene, name) for name in scene.cameras},
-        {name: SimulatedProjector(scene, name) for name in scene.lights},
+        projectors,
         scene.clock,
         {name: wire.port for name, wire in wires.items()},
         tuple(wire.close for wire in wires.values()),

@@ -35,7 +35,7 @@ class SimulatedProjector:
                 f"drive of projector {self.name}: got {low:.3g}..{high:.3g}, expected 0..1"
             )
         quantised = np.rint(drive * self._steps) / self._steps
-        self._scene.shown[self.name] = quantised.astype(np.float32)
+        self._scene.show(self.name, quantised.astype(np.float32))
         self._scene.clock.sleep(SETTLE_S)
         return Shown(self._scene.shown[self.name], self._scene.clock.now_s())
 

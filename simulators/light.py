@@ -16,6 +16,7 @@ from simulators.transport import dome_patch
 
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
+LEAST_SMEAR_PX = 0.4  # what lies between two pixels is drawn by a Gaussian on their grid
 
 
 @dataclass(frozen=True)
@@ -76,6 +77,8 @@ class ProjectorLight:
 
     def emit_grey(self, picture: NDArray[np.uint8], bands: slice) -> Image:
         """Irradiance (H, W, C) of a grey picture (H, W, 1) of 8 bits."""
+        if self.build.features.edge_enhancement:  # neighbours matter: no table can tell
+            return self.emit(np.repeat(picture / np.float32(255), 3, axis=2), bands)
         levels = np.arange(256, dtype=np.float32)[:, None] / np.float32(255)
         table = self.build.linear(np.repeat(levels, 3, axis=1)) @ self._mix(bands).T
         light = [cv2.LUT(picture[..., 0], np.ascontiguousarray(c)) for c in table.T]
@@ -111,11 +114,11 @@ class ProjectorLight:
 
         A lens smears flux; how much area the screen offers it is decided where it lands.
         """
-        sigma = self.smear_px(camera_blur_px)
-        if sigma == 0:
+        sigma, shift = self.smear_px(camera_blur_px), self.build.features.pixel_shift
+        if sigma == 0 and not shift:
             return irradiance
         area = self.area_m2[..., None]
-        flux = cv2.GaussianBlur(irradiance * area, (0, 0), sigma, borderType=cv2.BORDER_CONSTANT)
+        flux = _smeared(irradiance * area, sigma, shift)
         return np.asarray(flux.reshape(irradiance.shape) / area, np.float32)
 
     def altered(self, build: ProjectorBuild, old: Preset, new: Preset) -> "ProjectorLight":
@@ -128,6 +131,24 @@ class ProjectorLight:
             black_irradiance=self.black_irradiance * brighter,
             reflected_m2=self.reflected_m2 * (new.albedo / old.albedo),
         )
+
+
+def _smeared(flux: Image, sigma: float, shift: float) -> Image:
+    """Flux (H, W, C) under a Gaussian [px]; half of it shifted to the right and down [px]."""
+    if not shift:
+        return np.asarray(
+            cv2.GaussianBlur(flux, (0, 0), sigma, borderType=cv2.BORDER_CONSTANT), np.float32
+        )
+    sigma = max(sigma, LEAST_SMEAR_PX)
+    reach = np.arange(-np.ceil(4 * sigma + shift), np.ceil(4 * sigma + shift) + 1)
+    seen = np.zeros_like(flux)
+    for place in (0.0, shift):
+        kernel = np.exp(-0.5 * ((reach + place) / sigma) ** 2)  # cv2 correlates: the sign turns
+        kernel /= kernel.sum()
+        seen += 0.5 * cv2.sepFilter2D(
+            flux, -1, kernel, kernel, borderType=cv2.BORDER_CONSTANT
+        ).reshape(flux.shape)
+    return seen
 
 
 def _directions(surface: Surface, build: ProjectorBuild, x: NDArray[Any], y: NDArray[Any]) -> Array:

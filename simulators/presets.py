@@ -1,7 +1,10 @@
 """The simulated venues: one table, amplitudes rather than peak to peak (design.md s.1)."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Literal, TypedDict, Unpack
+
+from simulators.rig import Features
 
 PresetName = Literal["ideal", "standard", "realistic", "faulty"]
 EXPOSURE_S = 0.13  # white of one projector stays just below saturation
@@ -54,6 +57,7 @@ class Preset:
     brightness : median irradiance of a projector's full white [camera full scale per second].
     bounces : False for a room that returns no light.
     defocus_px, gamma_left : of all projectors; None leaves the defocus they were built with.
+    features : what single projectors' menus have switched on, by name.
     """
 
     radius_m: float = 6.0
@@ -79,6 +83,7 @@ class Preset:
     darkest_snr: float | None = None
     defocus_px: float | None = None
     gamma_left: float = 1.0
+    features: tuple[tuple[str, Features], ...] = ()
 
     @property
     def noisy(self) -> bool:
@@ -95,6 +100,11 @@ class Preset:
             defocus_px=self.defocus_px if defocus_px is None else defocus_px,
             gamma_left=self.gamma_left if gamma_left is None else gamma_left,
         )
+
+    def with_features(self, features: Mapping[str, Mapping[str, float]]) -> "Preset":
+        """The preset with features switched on: sizes by name (`Features.named`), by projector."""
+        named = tuple((projector, Features.named(sizes)) for projector, sizes in features.items())
+        return replace(self, features=named)
 
     def _painted(self, albedo: float) -> "Preset":
         if albedo == 0:

@@ -1,9 +1,11 @@
 """The electrical side of one simulated projector, in the scene's own time."""
 
+import math
 import threading
 
 from procam.devices.protocols import Clock, Power
 from procam.errors import WrongState
+from simulators.rig import Features
 
 
 class ProjectorState:
@@ -18,6 +20,7 @@ class ProjectorState:
     warm_up_s, cool_down_s : how long a lamp takes to come up and to cool [s].
     source : active input, a code of the emulated make.
     lamp_hours : hours on the lamp before the scene began [h].
+    features : what its menu has switched on.
     """
 
     def __init__(
@@ -29,6 +32,7 @@ class ProjectorState:
         cool_down_s: float = 20.0,
         source: str = "30",
         lamp_hours: float = 0.0,
+        features: Features | None = None,
     ) -> None:
         self._clock = clock
         self._lock = threading.Lock()
@@ -40,6 +44,8 @@ class ProjectorState:
         self._lamp_s = 3600.0 * lamp_hours
         self._muted = False
         self._error_codes: tuple[str, ...] = ()
+        self._features = features or Features()
+        self._load, self._load_before, self._loaded_s = 0.0, 0.0, self._since_s
         self.source = source
         self.shutter_stuck = False
 
@@ -75,7 +81,13 @@ class ProjectorState:
                 return 0.0
             if power is Power.WARMING:  # a lamp is dim at first, then catches up
                 return ((self._clock.now_s() - self._since_s) / self._warm_up_s) ** 2
-            return 1.0 if power is Power.ON else 0.0
+            return self._feature_factor() if power is Power.ON else 0.0
+
+    def follow(self, load: float) -> None:
+        """Take note of the mean drive (0..1) of the picture that is shown from now on."""
+        with self._lock:
+            self._load_before = self._load_behind()
+            self._load, self._loaded_s = load, self._clock.now_s()
 
     def switch_on(self) -> None:
         """Ignite the lamp; raises `WrongState` while cooling or with a fault."""
@@ -112,6 +124,19 @@ class ProjectorState:
         with self._lock:
             self._error_codes += (code,)
             self._put_out(Power.ERROR)
+
+    def _feature_factor(self) -> float:
+        """Share of the full light that features leave."""
+        features = self._features
+        open_iris = 1 - features.dynamic_black * (1 - self._load_behind())
+        return open_iris * (1 - features.constant_light * self._load)
+
+    def _load_behind(self) -> float:
+        """The mean drive as an iris has followed it by now."""
+        if self._features.iris_s == 0:
+            return self._load
+        left = math.exp(-(self._clock.now_s() - self._loaded_s) / self._features.iris_s)
+        return self._load + (self._load_before - self._load) * left
 
     def _put_out(self, power: Power) -> None:
         """Leave the lit states for `power`."""

@@ -9,6 +9,7 @@ from typing import Unpack
 import numpy as np
 from numpy.typing import NDArray
 
+from procam.errors import InputError
 from procam.maths.lenses import unproject
 from procam.model.frame import CameraSettings
 from simulators.clock import SceneClock
@@ -51,6 +52,7 @@ class DomeScene:
         self.clock = SceneClock()
         self.surface = Surface.build(preset)
         hung = hang_projectors(size.projectors, size.projector_size, preset.radius_m)
+        _check_names(preset, [build.name for build in hung])
         builds = [_as_altered(build, preset) for build in hung]
         self._like = like
         if like is None:
@@ -70,9 +72,13 @@ class DomeScene:
                 size.cameras, size.camera_size, size.camera_kind, preset.radius_m
             )
         }
-        self.states = {name: ProjectorState(self.clock) for name in self.lights}
+        self.states = {
+            name: ProjectorState(self.clock, features=light.build.features)
+            for name, light in self.lights.items()
+        }
         black = np.zeros((size.projector_size[1], size.projector_size[0], 3), np.float32)
         self.shown: dict[str, Image] = dict.fromkeys(self.lights, black)
+        self._before: dict[str, tuple[Image, float]] = {}  # until when it stays up
         self._views: dict[str, View] = {}
         self._repeats: dict[int, int] = {}
 
@@ -80,9 +86,22 @@ class DomeScene:
         """The venue with overrides on top of its own, in standby; no ray is traced again."""
         return DomeScene(self.preset.altered(**overrides), self.size, self.seed, like=self)
 
+    def show(self, name: str, drive: Image) -> None:
+        """Give a projector another picture (H, W, 3)."""
+        delay_s = self.lights[name].build.features.picture_delay_s
+        if delay_s:
+            self._before[name] = self.on_screen(name), self.clock.now_s() + delay_s
+        self.shown[name] = drive
+        self.states[name].follow(float(drive.mean()))
+
+    def on_screen(self, name: str) -> Image:
+        """The picture (H, W, 3) that a projector has on the screen by now."""
+        before, until_s = self._before.get(name, (self.shown[name], 0.0))
+        return before if self.clock.now_s() < until_s else self.shown[name]
+
     def radiance(self, view: View, bands: slice, blur_px: float) -> Image:
         """Radiance (H, W, C) [full scale/s] along a view of what is on the screen now."""
-        drives = {n: d for n, d in self.shown.items() if self.states[n].light_factor() > 0}
+        drives = {n: self.on_screen(n) for n in self.shown if self.states[n].light_factor() > 0}
         factors = {n: self.states[n].light_factor() for n in drives}
         return self.radiance_of(view, drives, factors, bands, blur_px)
 
@@ -142,15 +161,25 @@ class DomeScene:
             factor = self.states[name].light_factor()
             digest = zlib.crc32(f"{name} {factor:.6f}".encode(), digest)
             if factor:
-                digest = zlib.crc32(np.ascontiguousarray(self.shown[name]).data, digest)
+                digest = zlib.crc32(np.ascontiguousarray(self.on_screen(name)).data, digest)
         repeat = self._repeats.get(digest, 0)
         self._repeats[digest] = repeat + 1
         return np.random.Generator(np.random.SFC64([self.seed, digest, repeat]))
 
 
+def _check_names(preset: Preset, names: list[str]) -> None:
+    unknown = [name for name, _ in preset.features if name not in names]
+    if unknown:
+        raise InputError(
+            f"features: got projector {unknown[0]}, expected one of {', '.join(names)}"
+        )
+
+
 def _as_altered(build: ProjectorBuild, preset: Preset) -> ProjectorBuild:
     defocus_px = build.defocus_px if preset.defocus_px is None else preset.defocus_px
-    return replace(build, defocus_px=defocus_px, gamma=build.gamma * preset.gamma_left)
+    features = dict(preset.features).get(build.name, build.features)
+    gamma = build.gamma * preset.gamma_left
+    return replace(build, defocus_px=defocus_px, gamma=gamma, features=features)
 
 
 def camera_circle(camera: CameraBuild) -> NDArray[np.bool_]:

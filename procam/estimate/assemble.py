@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procam.estimate.blend import Blender, common_white
-from procam.estimate.floor import floor_of, measure_floor
+from procam.estimate.floor import FloorLight, contradiction, floor_of, measure_floor
 from procam.estimate.geometry import ROUND_ENOUGH, GeometrySolution
 from procam.estimate.photometry import ColourFit
 from procam.estimate.scatter import CELLS, Lighting, Spread, cell_basis, spread_of_light
@@ -28,13 +28,14 @@ from procam.model.mask import Nudge
 from procam.model.photometry import Photometry, ResponseCurve
 from procam.model.quality import Figure, Goal
 from procam.model.screen import Dome
-from procam.model.transport import DomeMaps, Measured, ScatterKernel
+from procam.model.transport import DomeMaps, Measured
 
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
 MAP_SIZE = 1024
 BLACK_BLUR_PX = 4.0
 COVERED = 0.999
+CONTRADICTS = 3.0  # sigmas
 ROUGH_ALBEDO = 0.5  # shapes of bounced light hardly depend on it
 
 
@@ -74,22 +75,14 @@ def assemble(
     white = common_white(hi, master.coverage > COVERED)
     to_relative = np.diag(1 / white) @ unmix
     lightings = [[x.converted(unmix) for x in m.lightings] for m in measured.values()]
-    white_cells = master.flux_in_cells(hi)
-    spread = spread_of_light(list(content.values()), lightings, view, white_cells)
-    together = [x for each in lightings for x in each]
-    floor = measure_floor(together, spread.in_cells, white_cells, dome, ROUGH_ALBEDO)
-    floored = _floored(dome, floor)
-    m, reflectance = _transport_numbers(floored, view, master, list(content.values()), spread)
+    bounced = _measure_bounces(dome, view, master, list(content.values()), lightings, hi)
     lo = master.black_level(measured, to_relative)
-    u = sample(spread.per_flux, master.where) * master.inside[..., None]
-    paint = u / master.profile(spread.fit.kernel)
     maps = DomeMaps(
-        u,
-        (paint / master.mean(paint) * reflectance.value).astype(np.float32),
+        *master.scatter_and_albedo(bounced),
         lo,
         (hi / white * master.coverage[..., None]).astype(np.float32) + lo,
         master.coverage,
-        kernel=spread.fit.kernel,
+        kernel=bounced.spread.fit.kernel,
     )
     projectors = {
         name: _gain_and_blend(geometry, name, surfaces[name], light.extended / white, blender)
@@ -97,7 +90,7 @@ def assemble(
     }
     mean_mix = np.mean([m.colour.mix for m in measured.values()], axis=0)
     return Calibration(
-        floored,
+        bounced.dome,
         geometry.rig.cameras,
         {
             name: ProjectorCalibration(
@@ -109,11 +102,11 @@ def assemble(
             for name, (gain, blend) in projectors.items()
         },
         maps,
-        m,
-        reflectance,
+        bounced.feedback,
+        bounced.albedo,
         to_relative,
-        _quality(geometry, measured, master, floor, spread),
-        dict(provenance),
+        _quality(geometry, measured, master, bounced),
+        _noted(provenance, dome, bounced.floor),
     )
 
 
@@ -148,11 +141,14 @@ class _Master:
             light.reshape(CELLS, fine, CELLS, fine, -1).sum(axis=(1, 3)).reshape(CELLS**2, -1)
         )
 
-    def profile(self, kernel: ScatterKernel) -> Image:
-        """What full white brings to places (N, N, C), on average 1: the rest of u is the paint."""
+    def scatter_and_albedo(self, bounced: "_Bounces") -> tuple[Image, Image]:
+        """U [1/sr] and the paint (N, N, C): what is left of u where full white brings the same."""
+        u = sample(bounced.spread.per_flux, self.where) * self.inside[..., None]
+        kernel = bounced.spread.fit.kernel
         cells = cell_basis()[:, : kernel.profile.shape[1]] @ kernel.profile.T
-        image = cells.reshape(CELLS, CELLS, -1)
-        return sample(image, master_pixels(self.direction, CELLS), outside=1.0)
+        brought = cells.reshape(CELLS, CELLS, -1)
+        paint = u / sample(brought, master_pixels(self.direction, CELLS), outside=1.0)
+        return u, (paint / self.mean(paint) * bounced.albedo.value).astype(np.float32)
 
     def black_level(self, measured: Mapping[str, Measurement], to_relative: Array) -> Image:
         """Direct black light (N, N, 3) of all projectors together, smoothed [rel].
@@ -172,23 +168,48 @@ def _direct_share(light: Light) -> Image:
     return np.where(light.lit[..., None], light.direct / both, 0)
 
 
-def _floored(dome: Dome, measured: tuple[float, float]) -> Dome:
-    """The dome with what is now known of its floor."""
-    value, sigma = floor_of(dome, measured)
-    return replace(dome, floor_albedo=value, floor_albedo_sigma=sigma)
+def _noted(provenance: Mapping[str, Any], dome: Dome, floor: FloorLight) -> dict[str, Any]:
+    """Provenance, with a note if the floor is not what venue.toml says."""
+    if contradiction(dome, floor) < CONTRADICTS:
+        return dict(provenance)
+    note = (
+        f"floor_albedo: venue.toml says {dome.floor_albedo:g} +- {dome.floor_albedo_sigma:g}, the "
+        f"light that the floor returns {floor.albedo:.2f} +- {floor.sigma:.2f}; the albedo of the "
+        "screen hangs on it, nothing else does"
+    )
+    return {**provenance, "notes": [*provenance.get("notes", []), note]}
 
 
-def _transport_numbers(
-    dome: Dome, view: DomeView, master: _Master, lights: list[Light], spread: Spread
-) -> tuple[Measured, Measured]:
-    """Feedback and albedo with sigma."""
+@dataclass(frozen=True, slots=True)
+class _Bounces:
+    """What the dome does to light; `dome` with what is now known of its floor."""
+
+    dome: Dome
+    spread: Spread
+    floor: FloorLight
+    feedback: Measured
+    albedo: Measured
+
+
+def _measure_bounces(
+    dome: Dome,
+    view: DomeView,
+    master: _Master,
+    lights: list[Light],
+    lightings: list[list[Lighting]],
+    hi: Array,
+) -> _Bounces:
+    white, together = master.flux_in_cells(hi), [x for each in lightings for x in each]
+    spread = spread_of_light(lights, lightings, view, white)
+    floor = measure_floor(together, spread.in_cells, white, dome, ROUGH_ALBEDO)
+    value, sigma = floor_of(dome, floor)
+    floored = replace(dome, floor_albedo=value, floor_albedo_sigma=sigma)
     at = master_pixels(np.nan_to_num(view.direction), MAP_SIZE)
     lit_sr = sample(master.coverage, at) * view.solid_angle_sr
-    m = feedback(
-        lights, lit_sr, view.solid_angle_sr, view.camera.sensor.glare_sigma, spread.strengths
-    )
-    screen_sr = cap_solid_angle(dome.half_angle)
-    return m, albedo(m, float(master.solid_sr.sum()), screen_sr, dome)
+    doubts = view.camera.sensor.glare_sigma, floor.flux_doubt / np.sqrt(len(together))
+    m = feedback(lights, lit_sr, view.solid_angle_sr, spread.strengths, doubts)
+    screen_sr, lit = cap_solid_angle(dome.half_angle), float(master.solid_sr.sum())
+    return _Bounces(floored, spread, floor, m, albedo(m, lit, screen_sr, floored, floor.flux_doubt))
 
 
 def _content_matrix(measured: Mapping[str, Measurement]) -> Array:
@@ -237,10 +258,10 @@ def _quality(
     geometry: GeometrySolution,
     measured: Mapping[str, Measurement],
     master: _Master,
-    floor: tuple[float, float],
-    spread: Spread,
+    bounced: "_Bounces",
 ) -> dict[str, Figure]:
     residual = np.concatenate(list(geometry.residual_px.values()))
+    floor, fit = bounced.floor, bounced.spread.fit
     inside_sr = float((master_solid_angles(MAP_SIZE) * master.inside).sum())
     additivity = max(m.colour.additivity_error for m in measured.values())
     return {
@@ -257,6 +278,7 @@ def _quality(
         "shape_degree": Figure(float(geometry.rig.shape.degree), "-"),
         "additivity_error": Figure(additivity, "-", Goal("<=", 0.01), len(measured)),
         "coverage": Figure(float(master.solid_sr.sum()) / inside_sr, "-"),
-        "floor_albedo_by_light": Figure(floor[0], "-", None, 1, f"sigma {floor[1]:.3f}"),
-        "scatter_degree": Figure(spread.fit.kernel.degree, "-", None, 1, spread.fit.explained()),
+        "floor_albedo_by_light": Figure(floor.albedo, "-", None, 1, f"sigma {floor.sigma:.3f}"),
+        "flux_doubt": Figure(floor.flux_doubt, "-", None, 1, "direct against bounced light"),
+        "scatter_degree": Figure(fit.kernel.degree, "-", None, 1, fit.explained()),
     }

@@ -6,6 +6,7 @@ anybody holding a card to the carpet.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,13 +21,28 @@ RINGS, SECTORS = 16, 48  # half as many tell a floor of .3 as .28
 STEP = 0.1  # of floor albedo, for slopes
 ROUNDS = 2
 LARGEST = 0.95
+FEWEST = 4  # pictures, for a spread
+UNKNOWN_DOUBT = 0.01  # where pictures are too few to tell
 MODEL_SIGMA = 0.1  # of the value: seats and steps are no level floor
+
+
+@dataclass(frozen=True, slots=True)
+class FloorLight:
+    """What a model room of one cap and one floor makes of the pictures.
+
+    `albedo`, `sigma` of the floor. `flux_doubt`: by how much, relative, the pictures' direct light differs
+    from what their bounced light asks for; gloss hides direct light from a camera, here more, there less.
+    """
+
+    albedo: float
+    sigma: float
+    flux_doubt: float
 
 
 def measure_floor(
     lightings: Sequence[Lighting], per_flux: Array, white: Array, dome: Dome, albedo: float
-) -> tuple[float, float]:
-    """Albedo of the floor and its sigma, from pictures with light on parts of the dome.
+) -> FloorLight:
+    """The floor's albedo from pictures with light on parts of the dome.
 
     Parameters
     ----------
@@ -45,11 +61,28 @@ def measure_floor(
         sums = np.array([_against(rooms, x, per_flux, white) for x in lightings])
         top, bottom = sums.sum(axis=0)
         if not bottom > 0:
-            return dome.floor_albedo, np.inf
+            return FloorLight(dome.floor_albedo, np.inf, UNKNOWN_DOUBT)
         others = (top - sums[:, 0]) / np.maximum(bottom - sums[:, 1], 1e-300)
         floor = float(np.clip(floor + top / bottom, 0, LARGEST))
         sigma = float(np.sqrt((len(sums) - 1) * np.var(others)))
-    return floor, float(np.hypot(sigma, MODEL_SIGMA * floor))
+    doubt = _flux_doubt(_Room(dome, albedo, floor, by_floor), lightings, per_flux, white)
+    return FloorLight(floor, float(np.hypot(sigma, MODEL_SIGMA * floor)), doubt)
+
+
+def _flux_doubt(
+    room: "_Room", lightings: Sequence[Lighting], per_flux: Array, white: Array
+) -> float:
+    """Spread of the pictures' bounced light over what the room makes of their direct light."""
+    brought = room.returned(white.mean(axis=1)) / white.mean(axis=1).sum()
+    scales = []
+    for x in lightings:
+        known = (x.pixels > 0) & np.isfinite(x.scattered + per_flux).all(axis=1) & room.on_cap
+        if known.any():
+            expected = (room.returned(x.direct.mean(axis=1)) / brought)[known]
+            seen = x.scattered[known].mean(axis=1) / per_flux[known].mean(axis=1)
+            weight = x.pixels[known]
+            scales.append((weight @ seen) / (weight @ expected))
+    return float(np.std(scales)) if len(scales) >= FEWEST else UNKNOWN_DOUBT
 
 
 def _against(
@@ -78,12 +111,23 @@ def _scaled(ratio: Array, weight: Array) -> Array:
     return np.asarray(ratio / np.average(ratio, weights=weight))
 
 
-def floor_of(dome: Dome, measured: tuple[float, float]) -> tuple[float, float]:
-    """Floor albedo and sigma from what the venue's owner knows and what was measured."""
+def floor_of(dome: Dome, measured: FloorLight) -> tuple[float, float]:
+    """Floor albedo and sigma from what the venue's owner knows and what was measured.
+
+    Where they contradict each other neither is trusted to its sigma (Birge's ratio).
+    """
     known = (dome.floor_albedo, max(dome.floor_albedo_sigma, 1e-6))
-    weights = np.array([1 / sigma**2 for _, sigma in (known, measured)])
-    values = np.array([value for value, _ in (known, measured)])
-    return float(np.average(values, weights=weights)), float(weights.sum() ** -0.5)
+    weights = np.array([1 / known[1] ** 2, 1 / measured.sigma**2])
+    value = np.average([known[0], measured.albedo], weights=weights)
+    doubted = max(1.0, contradiction(dome, measured))
+    return float(value), float(doubted * weights.sum() ** -0.5)
+
+
+def contradiction(dome: Dome, measured: FloorLight) -> float:
+    """How many sigmas the owner's floor and the measured one are apart."""
+    return abs(measured.albedo - dome.floor_albedo) / float(
+        np.hypot(max(dome.floor_albedo_sigma, 1e-6), measured.sigma)
+    )
 
 
 class _Room:

@@ -27,7 +27,6 @@ EXTEND_PX = 3.0
 # of m: the border of the lit area errs alike for all projectors, so their spread does not show it;
 # three times the bias that studies/seeds.md finds
 BORDER_SIGMA = 1e-3
-GLOSS_SIGMA = 0.01  # of the albedo: what a paint with 3 % of gloss does to it
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,14 +146,16 @@ def feedback(
     lights: list[Light],
     lit_sr: Array,
     on_screen_sr: Array,
-    glare_sigma: float,
     strengths: Sequence[Image],
+    doubts: tuple[float, float],
 ) -> Measured:
     """M (C,) over lit solid angles (H, W) [sr], with sigma.
 
     Each projector measures m by itself. Their scatter tells what depends on where the light falls;
-    an unknown veil of glare adds to every scattered sample alike (science.md s.2).
+    an unknown veil of glare adds to every scattered sample alike (science.md s.2). `doubts`:
+    sigma of that veil, and of the direct light of all projectors, relative.
     """
+    glare_sigma, flux_sigma = doubts
     each = np.stack(
         [
             np.tensordot(lit_sr, x.scattered / s, 2) / x.flux
@@ -172,14 +173,16 @@ def feedback(
         axis=0,
     )
     veil = glare_sigma * mean_light * lit_sr.sum() / on_screen_sr.sum()
-    return Measured(value, np.sqrt(spread**2 + veil**2))
+    return Measured(value, np.sqrt(spread**2 + veil**2 + (flux_sigma * value) ** 2))
 
 
-def albedo(measured: Measured, lit_sr: float, screen_sr: float, dome: Dome) -> Measured:
+def albedo(
+    measured: Measured, lit_sr: float, screen_sr: float, dome: Dome, flux_doubt: float
+) -> Measured:
     """Mean albedo (C,) from the feedback, with what is unknown of feedback and floor in its sigma.
 
-    Assumes that the unlit part of the cap has the same paint (science.md s.1), and doubts how matte
-    it is: gloss hides direct light from a camera, and so looks like more feedback.
+    Assumes that the unlit part of the cap has the same paint (science.md s.1). `flux_doubt`: how much
+    direct light the camera may have missed, relative; by gloss it misses some of all pictures.
     """
 
     def at(m: Array, floor: float) -> Array:
@@ -189,4 +192,4 @@ def albedo(measured: Measured, lit_sr: float, screen_sr: float, dome: Dome) -> M
     value = at(measured.value, dome.floor_albedo)
     by_feedback = at(measured.value + measured.sigma, dome.floor_albedo) - value
     by_floor = at(measured.value, dome.floor_albedo + dome.floor_albedo_sigma) - value
-    return Measured(value, np.sqrt(by_feedback**2 + by_floor**2 + (GLOSS_SIGMA * value) ** 2))
+    return Measured(value, np.sqrt(by_feedback**2 + by_floor**2 + (flux_doubt * value) ** 2))

@@ -2,6 +2,7 @@
 
 import csv
 import re
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -12,10 +13,12 @@ import OpenImageIO as oiio
 from numpy.typing import NDArray
 
 from procam.errors import FileFormatError
+from procam.files.atomic import write_text
 from procam.files.images import read_image
 from procam.maths.curves import srgb_decode
 from procam.model.optics import Sensor
 
+SENSITIVITY = ("Exif:PhotographicSensitivity", "Exif:ISOSpeedRatings")
 SUFFIXES = (".png", ".tif", ".tiff", ".jpg", ".jpeg")
 Response = tuple[NDArray[np.float64], NDArray[np.float64]]
 Pixels = NDArray[Any]
@@ -40,6 +43,19 @@ class Photo:
     taken_s: float | None
     sensitivity: float | None
     aperture: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Bracket:
+    """Photographs of one still scene, their exposures [s] and the depth of their pixels [bit]."""
+
+    paths: tuple[Path, ...]
+    exposures_s: tuple[float, ...]
+    bits: int
+
+    def pixels(self) -> Iterator[Pixels]:
+        """One photograph after the other, (H, W, 1) or (H, W, 3)."""
+        return (read_photo(path).pixels for path in self.paths)
 
 
 def list_photos(folder: Path) -> tuple[list[Path], list[str]]:
@@ -68,18 +84,42 @@ def read_photo(path: Path) -> Photo:
             f"{path}: got {pixels.dtype} pixels, expected 8 or 16 bits; export it as 16-bit TIFF"
         )
     pixels = pixels[..., : 1 if pixels.shape[2] < 3 else 3]
-    source = oiio.ImageInput.open(str(path))
-    assert source is not None
-    header = source.spec()
-    source.close()
+    header = _header(path)
     return Photo(
         path,
         pixels,
         _number(header, "ExposureTime"),
         _taken(header),
-        _number(header, "Exif:PhotographicSensitivity", "Exif:ISOSpeedRatings"),
+        _number(header, *SENSITIVITY),
         _number(header, "FNumber"),
     )
+
+
+def find_bracket(folder: Path, exposures_s: Sequence[float] = ()) -> Bracket:
+    """The photographs of a folder, sorted by name, with the exposures told here or by their headers.
+
+    Refused are photographs of several depths, sensitivities or apertures: one curve needs one setting.
+    """
+    paths, _ = list_photos(folder)
+    if exposures_s and len(exposures_s) != len(paths):
+        raise FileFormatError(
+            f"{folder}: got {len(paths)} photographs and {len(exposures_s)} exposures, expected one for "
+            f"each, in the order of their names: {', '.join(p.name for p in paths)}"
+        )
+    headers = [_header(path) for path in paths]
+    for what, of in (
+        ("bits", lambda h: 8 * int(h.format.basesize())),
+        ("ISO", lambda h: _number(h, *SENSITIVITY)),
+        ("aperture f/", lambda h: _number(h, "FNumber")),
+    ):
+        found = {path: of(header) for path, header in zip(paths, headers, strict=True)}
+        if len({value for value in found.values() if value is not None}) > 1:
+            raise FileFormatError(
+                f"{folder}: got several {what} ({', '.join(f'{p.name} {v}' for p, v in found.items())}), "
+                "expected one for all: only the shutter time may change"
+            )
+    told = exposures_s or [_exposure(p, h) for p, h in zip(paths, headers, strict=True)]
+    return Bracket(tuple(paths), tuple(told), 8 * int(headers[0].format.basesize()))
 
 
 def photo_counts(photo: Photo, response: Response | None, sensor: Sensor) -> NDArray[np.uint16]:
@@ -98,8 +138,8 @@ def photo_counts(photo: Photo, response: Response | None, sensor: Sensor) -> NDA
     if pixels.dtype == np.uint8:
         raise FileFormatError(
             f"{photo.path}: got 8 bits of unknown response, expected linear 16 bits; develop the raw "
-            'files to linear 16-bit TIFF, or set response = "srgb" (or a table FILE.csv) for the '
-            "camera in venue.toml"
+            'files to linear 16-bit TIFF, or set response = "srgb" (or a table FILE.csv, or "solve" '
+            "with brackets) for the camera in venue.toml"
         )
     if int(pixels.max()) >= 2**sensor.bits:
         raise FileFormatError(
@@ -135,6 +175,14 @@ def load_response(name: str, folder: Path) -> Response | None:
     return table[:, 0], table[:, 1]
 
 
+def write_response(path: Path, levels: NDArray[np.float64], light: NDArray[np.float64]) -> None:
+    """Write a response (K,), as `load_response` reads it; no digit is lost."""
+    lines = (
+        f"{level!r},{value!r}" for level, value in zip(levels.tolist(), light.tolist(), strict=True)
+    )
+    write_text(path, "\n".join(["level,light", *lines, ""]))
+
+
 def _has_title(rows: list[list[str]]) -> bool:
     return bool(rows) and [cell.strip() for cell in rows[0]] == ["level", "light"]
 
@@ -142,6 +190,28 @@ def _has_title(rows: list[list[str]]) -> bool:
 def _is_whole(path: Path) -> bool:
     # the JPEG reader fills what is missing with grey and says nothing
     return END_OF_JPEG in path.read_bytes()[-TAIL:]
+
+
+def _header(path: Path) -> Any:
+    source = oiio.ImageInput.open(str(path))
+    if source is None:
+        raise FileFormatError(
+            f"{path}: got no readable photograph ({' '.join(oiio.geterror().split())}), expected one; "
+            "copy it again"
+        )
+    header = source.spec()
+    source.close()
+    return header
+
+
+def _exposure(path: Path, header: Any) -> float:
+    found = _number(header, "ExposureTime")
+    if found is None:
+        raise FileFormatError(
+            f"{path}: got no exposure in its header, expected one; give them to `procam response "
+            '--exposures`, and set response = "FILE.csv" in venue.toml to what it writes'
+        )
+    return found
 
 
 def _number(header: Any, *names: str) -> float | None:

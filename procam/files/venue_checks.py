@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from procam.files.masks import dome_complaints, file_complaints, is_within, pixel_complaints
+from procam.files.venue_server import server_complaints
 from procam.files.venue_tables import (
     CameraTable,
     DistanceTable,
@@ -35,7 +36,7 @@ def complaints(table: VenueTable, folder: Path) -> list[str]:
         found += _fiducial_complaints(fiducial, table)
     found += _tag_complaints(table.apriltags)
     found += _distance_complaints(table)
-    return found
+    return [*found, *server_complaints(table)]
 
 
 def _name_complaints(table: VenueTable) -> list[str]:
@@ -90,11 +91,31 @@ def _camera_complaints(where: str, camera: CameraTable, folder: Path) -> Iterato
     yield from _lens_complaints(where, camera)
     yield from pixel_complaints(f"{where}.masks", camera.masks, camera.size)
     yield from file_complaints(f"{where}.masks", camera.masks, folder)
+    yield from _response_complaints(where, camera, folder)
+
+
+def _response_complaints(where: str, camera: CameraTable, folder: Path) -> Iterator[str]:
     path = folder / camera.response
     if camera.response.endswith(".csv") and not path.is_file():
         yield (
             f"{where}.response: {path}: got no such file, expected a table of level,light lines; "
             "put it there or correct the name"
+        )
+    if camera.response != "solve":
+        if camera.brackets is not None:
+            yield (
+                f"{where}.brackets: got {camera.brackets!r} with response = {camera.response!r}, expected "
+                'it with response = "solve" only; remove it or set that'
+            )
+    elif camera.brackets is None:
+        yield (
+            f'{where}.brackets: got nothing, expected with response = "solve" a folder of photographs of '
+            "one still scene at three exposures or more; add it"
+        )
+    elif not (folder / camera.brackets).is_dir():
+        yield (
+            f"{where}.brackets: {folder / camera.brackets}: got no such folder, expected one of "
+            "photographs of a still scene at three exposures or more; put it there or correct the name"
         )
 
 

@@ -14,8 +14,8 @@ Pair = tuple[FiniteFloat, FiniteFloat]
 # names become folders and file names
 NAME_PATTERN = r"^[A-Za-z0-9][A-Za-z0-9_-]*$"
 Name = Annotated[str, StringConstraints(pattern=NAME_PATTERN)]
-# of photographs that are ingested: their light is linear, sRGB, or told by a table
-RESPONSE_PATTERN = r"^(linear|srgb|.+\.csv)$"
+# of photographs that are ingested: their light is linear, sRGB, told by a table or by brackets
+RESPONSE_PATTERN = r"^(linear|srgb|solve|.+\.csv)$"
 Response = Annotated[str, StringConstraints(pattern=RESPONSE_PATTERN)]
 BY_HAND = "by-hand"  # the backend of devices that procam does not drive
 Size = tuple[Annotated[int, Field(ge=8, le=32766)], Annotated[int, Field(ge=8, le=32766)]]
@@ -49,6 +49,7 @@ class CameraTable(_Table):
     k: list[FiniteFloat]
     intrinsics: Literal["fixed", "prior", "solve"] = "fixed"
     response: Response = "linear"
+    brackets: str | None = None
     bits: Annotated[int, Field(ge=8, le=16)]
     black_level: Annotated[FiniteFloat, Field(ge=0)]
     vignetting: list[FiniteFloat] = []
@@ -75,12 +76,14 @@ class NudgeTable(_Table):
 
 
 class ProjectorTable(_Table):
-    """[projectors.NAME]."""
+    """[projectors.NAME]; one of kind "dome-master" is an aligned dome behind a media server."""
 
     backend: str = BY_HAND
     size: Size
-    kind: Literal["projector"] = "projector"
+    kind: Literal["projector", "dome-master"] = "projector"
     lens: Literal["brown", "kannala-brandt"] = "brown"
+    fov_deg: Annotated[FiniteFloat, Field(ge=20, le=250)] = 180.0
+    rotation_deg: Annotated[FiniteFloat, Field(ge=-360, le=360)] = 0.0
     control: ControlTable | None = None
     masks: list[Outline] = []
     nudges: list[NudgeTable] = []

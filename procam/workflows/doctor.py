@@ -1,6 +1,7 @@
 """Looks at every device that a venue names, and says what is wrong before a scan is begun.
 
-About five photographs for each projector and camera, ten where a camera is looked at first.
+About five photographs for each projector and camera, ten where a camera is looked at first; two dozen
+more for each projector whose settings are tested.
 """
 
 from collections.abc import Iterator
@@ -8,19 +9,29 @@ from contextlib import contextmanager
 
 from procam.devices.protocols import Power
 from procam.devices.rig import Rig
-from procam.errors import CalibrationError, DeviceError
+from procam.errors import CalibrationError, DeviceError, NotEnoughData
 from procam.files.venue import Venue
+from procam.workflows.behaviour import BehaviourTest
 from procam.workflows.events import Event
 from procam.workflows.examined_camera import ExaminedCamera
-from procam.workflows.findings import Diagnosis, Finding, judge_views
+from procam.workflows.findings import (
+    Behaviour,
+    Diagnosis,
+    Finding,
+    judge_behaviour,
+    judge_views,
+)
 
 
-def examine(rig: Rig, venue: Venue, diagnosis: Diagnosis) -> Iterator[Event]:
+def examine(
+    rig: Rig, venue: Venue, diagnosis: Diagnosis, *, behaviour: bool = False
+) -> Iterator[Event]:
     """Fill `diagnosis`: reach all devices, photograph each projector with each camera, judge.
 
-    Leaves projectors dark one by one as it goes; the rig does so again when it is let go.
+    With `behaviour` also look for settings of projectors that break calibration. Leaves projectors
+    dark one by one as it goes; the rig does so again when it is let go.
     """
-    total = len(rig.projectors) * (1 + len(rig.cameras)) + len(rig.cameras) + 1
+    total = len(rig.projectors) * (1 + len(rig.cameras) + behaviour) + len(rig.cameras) + 1
     done = 0
     awake = []
     for name in rig.projectors:
@@ -37,6 +48,11 @@ def examine(rig: Rig, venue: Venue, diagnosis: Diagnosis) -> Iterator[Event]:
         done += 1
         yield Event("doctor", done, total, f"camera {name} photographed the dark")
     for name in awake:
+        if behaviour:  # first: light that moves with the picture would pass for a camera's fault
+            with _reported(diagnosis, f"projector {name}"), _lit(rig, name, diagnosis):
+                _test_behaviour(name, cameras, venue, diagnosis)
+            done += 1
+            yield Event("doctor", done, total, f"{name} tested for its settings")
         for camera_name, examined in cameras.items():
             with _reported(diagnosis, f"projector {name}"), _lit(rig, name, diagnosis):
                 examined.look_at(name, venue.table.capture)
@@ -64,6 +80,21 @@ def _lit(rig: Rig, name: str, diagnosis: Diagnosis) -> Iterator[None]:
     finally:
         with _reported(diagnosis, f"projector {name}"):
             rig.darken(name)
+
+
+def _test_behaviour(
+    name: str, cameras: dict[str, ExaminedCamera], venue: Venue, diagnosis: Diagnosis
+) -> None:
+    """Test a projector before the first camera that sees it well enough."""
+    for camera, examined in cameras.items():
+        try:
+            tested = BehaviourTest(examined, name).run(venue.table.capture)
+        except NotEnoughData as error:
+            tested = Behaviour(camera, (), (str(error),))
+        diagnosis.behaviour[name] = tested
+        if tested.effects:
+            judge_behaviour(diagnosis, name)
+            return
 
 
 def _wake(rig: Rig, name: str, diagnosis: Diagnosis) -> bool:

@@ -46,6 +46,7 @@ BRIGHT, DIM = 0.999, 0.1  # quantile looked at, and the share of the best exposu
 NO_LIGHT = 0.02  # of full scale, at the longest exposure tried
 GREY = 128 / 255
 SETTLE_S = 0.5  # before a stale picture is taken again
+SLOW_S = 1.0  # before a photograph of a projector that is known to be slow
 SETTINGS_OFF = 0.01
 FRACTIONS = (0.5, 0.25)  # of the exposure, for the camera's response
 SMALLEST_RATIO = 1.2  # of exposures, to tell a response from
@@ -81,7 +82,8 @@ class ExaminedCamera:
     """One camera, and what is known of it by now.
 
     `ambient` (H, W) is room light and dark current [DN/s], `black_s` an exposure for black [s],
-    `noise` as two photographs of the same white had it, `last` what was photographed last.
+    `noise` as two photographs of the same white had it, `judged` once its response is known,
+    `last` what was photographed last.
     """
 
     rig: Rig
@@ -91,6 +93,7 @@ class ExaminedCamera:
     ambient: Signal | None = None
     black_s: float = 1.0
     noise: NoiseLaw | None = None
+    judged: bool = False
     last: Counts | None = None
 
     @property
@@ -108,7 +111,7 @@ class ExaminedCamera:
         """Black level and room light, with all projectors dark."""
         long = self._unsaturated(capture.black_exposure_s)
         self.black_s = long.settings.exposure_s
-        short = self._take(min(capture.exposure_s, self.black_s / 4))
+        short = self.take(min(capture.exposure_s, self.black_s / 4))
         seconds = (short.settings.exposure_s, long.settings.exposure_s)
         level, self.ambient = self.sensor.black_level, np.zeros(long.counts.shape[:2])
         if seconds[0] < seconds[1]:  # else the camera took no notice, and has a finding for it
@@ -121,12 +124,12 @@ class ExaminedCamera:
 
     def look_at(self, projector: str, capture: CaptureTable) -> None:
         """White, black, grey and halves of a projector; the first one also tells of the camera."""
-        black, white = self._metered(projector, capture)
+        black, white = self.metered(projector, capture)
         shots = self._shots(projector, black, white)
         if shots is None:
             self._tell_no_light(projector)
             return
-        if self.noise is None:
+        if not self.judged:
             self._look_at_response(projector, white, shots.lit)
         if self.diagnosis.has(self.device, *UNTRUSTWORTHY):
             return  # what a camera makes up says nothing of a projector
@@ -183,6 +186,8 @@ class ExaminedCamera:
         frames = [self._show(projector, "white", asked_s * part) for part in (1.0, *FRACTIONS)]
         signals = [self._signal(frame) for frame in frames]
         self.noise = noise_of_repeat(green(white.counts), green(frames[0].counts), self.measured)
+        if self.diagnosis.has(f"projector {projector}", "dynamic-black"):
+            return  # its light moves, whatever the camera does
         exponents = []
         for (longer, shorter), (a, b) in zip(pairwise(frames), pairwise(signals), strict=True):
             ratio = longer.settings.exposure_s / shorter.settings.exposure_s
@@ -195,15 +200,21 @@ class ExaminedCamera:
             exponents=tuple(exponents),
         )
         self.diagnosis.cameras[self.camera.name] = known
+        self.judged = True
         judge_response(self.diagnosis, self.device, known)
 
-    def _metered(self, projector: str, capture: CaptureTable) -> tuple[Frame, Frame]:
-        """Black, and white after it at an exposure that neither clips it nor leaves it in the noise."""
+    def metered(
+        self, projector: str, capture: CaptureTable, wait_s: float = 0.0
+    ) -> tuple[Frame, Frame]:
+        """Black, and white after it at an exposure that neither clips it nor leaves it in the noise.
+
+        Each is photographed once it has been up for `wait_s`.
+        """
         exposure_s = capture.exposure_s
         longest_s = max(capture.exposure_s, capture.black_exposure_s)
         for _ in range(METERINGS):
-            black = self._show(projector, "black", self.black_s)
-            white = self._show(projector, "white", exposure_s)
+            black = self._show(projector, "black", self.black_s, wait_s)
+            white = self._show(projector, "white", exposure_s, wait_s)
             now_s = white.settings.exposure_s
             better_s = meter(white.counts, now_s, self.measured)
             if now_s <= better_s <= now_s / DIM:
@@ -214,7 +225,7 @@ class ExaminedCamera:
     def _unsaturated(self, exposure_s: float) -> Frame:
         """A photograph at an exposure [s], or at a shorter one if room light saturates it."""
         for _ in range(METERINGS):
-            frame = self._take(exposure_s)
+            frame = self.take(exposure_s)
             self._compare(exposure_s, frame)
             if not self._clipped(frame):
                 break
@@ -228,14 +239,22 @@ class ExaminedCamera:
         """Green counts (H, W) above the measured black level [DN]."""
         return green(frame.counts) - self.measured.black_level
 
-    def _show(self, projector: str, picture: str, exposure_s: float) -> Frame:
-        """Photograph a test picture; one that is stale is told, and taken again once."""
-        shown = self.rig.projectors[projector].show(
-            _picture(picture, self.rig.projectors[projector].size)
-        )
+    def _show(self, projector: str, name: str, exposure_s: float, wait_s: float = 0.0) -> Frame:
+        """Photograph one of the plain pictures."""
+        picture = _picture(name, self.rig.projectors[projector].size)
+        if self.diagnosis.has(f"projector {projector}", "slow-picture"):
+            wait_s = SLOW_S
+        return self.photograph(projector, picture, exposure_s, title=name, wait_s=wait_s)
+
+    def photograph(
+        self, projector: str, picture: Drive, exposure_s: float, *, title: str, wait_s: float
+    ) -> Frame:
+        """Photograph a picture (H, W, 3) that has been up for a while; again once if it is stale."""
+        shown = self.rig.projectors[projector].show(picture)
+        self.rig.clock.sleep(wait_s)
         before = self.last
         for _ in range(2):
-            frame = self._take(exposure_s)
+            frame = self.take(exposure_s)
             same = (
                 before is not None and np.ptp(before) > 0 and np.array_equal(before, frame.counts)
             )
@@ -245,17 +264,17 @@ class ExaminedCamera:
             self.diagnosis.add(
                 self.device,
                 "stale",
-                f"the picture before it instead of {picture} of projector {projector}",
+                f"the picture before it instead of {title} of projector {projector}",
                 "one taken after the picture was up",
                 "add a delay to the player, or check the camera's trigger and buffer",
             )
             self.rig.clock.sleep(SETTLE_S)
         raise StaleFrame(
-            f"{self.device}: got old pictures twice in a row for {picture}, expected a new one; "
+            f"{self.device}: got old pictures twice in a row for {title}, expected a new one; "
             "check the camera's trigger and buffer"
         )
 
-    def _take(self, exposure_s: float) -> Frame:
+    def take(self, exposure_s: float) -> Frame:
         """One photograph."""
         try:
             self.camera.configure(CameraSettings(exposure_s))

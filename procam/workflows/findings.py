@@ -3,6 +3,7 @@
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
+from procam.estimate.behaviour import Effect
 from procam.estimate.exposure import MOST_STEPS, WANTED_SNR, ExposurePlan
 from procam.model.optics import Sensor
 
@@ -63,14 +64,27 @@ class CameraView:
     exponents: tuple[float, ...] = ()
 
 
+@dataclass(frozen=True, slots=True)
+class Behaviour:
+    """What the tests of one projector found, as `camera` saw it, and why some could not be made."""
+
+    camera: str
+    effects: tuple[Effect, ...] = ()
+    untested: tuple[str, ...] = ()
+
+
 @dataclass
 class Diagnosis:
-    """All that was found; `controls` is each projector's state in words, `views` by (projector, camera)."""
+    """All that was found; `controls` is each projector's state in words, `views` by (projector, camera).
+
+    `behaviour` is by projector, of those that were tested.
+    """
 
     findings: list[Finding] = field(default_factory=list)
     controls: dict[str, dict[str, Any]] = field(default_factory=dict)
     cameras: dict[str, CameraView] = field(default_factory=dict)
     views: dict[tuple[str, str], View] = field(default_factory=dict)
+    behaviour: dict[str, Behaviour] = field(default_factory=dict)
     photographs: int = 0
 
     def add(self, *told: str) -> None:
@@ -101,6 +115,7 @@ class Diagnosis:
 
     def as_dict(self) -> dict[str, Any]:
         """One document for machines."""
+        tested = {name: asdict(behaviour) for name, behaviour in self.behaviour.items()}
         return {
             "ok": not self.findings,
             "findings": [{**asdict(f), "line": str(f)} for f in self.findings],
@@ -112,6 +127,7 @@ class Diagnosis:
                 {"projector": projector, "camera": camera, **asdict(view)}
                 for (projector, camera), view in self.views.items()
             ],
+            **({"behaviour": tested} if tested else {}),
         }
 
 
@@ -130,6 +146,50 @@ BLACK_LEVEL_OFF = 5e-4  # of full scale
 
 
 UNTRUSTWORTHY = ("auto-exposure", "response")  # findings for which a camera's pictures tell no more
+MOVING = ("dynamic-black", "constant-light")  # findings that explain why light does not add up
+
+BEHAVIOUR = {  # what was measured, and the finding for a value above and below 0
+    "load-half": ("{} in a white patch as half light comes up elsewhere", *MOVING),
+    "load-full": ("{} in a white patch as white comes up elsewhere", *MOVING),
+    "white-after-black": ("{} in white after white, against white after 30 s of black", *MOVING),
+    "primaries": ("{} in white, against red + green + blue", "white-boost", "white-boost"),
+    "secondaries": (
+        "{} in white, against half of cyan + magenta + yellow",
+        "white-boost",
+        "white-boost",
+    ),
+    "white-end": ("{} of the step from 247/255 to white missing", *2 * ("limited-range",)),
+    "black-end": ("{} of the step from black to 16/255 missing", *2 * ("limited-range",)),
+    "grey-stripes": (
+        "{} in fine stripes of grey, against what their levels make",
+        *2 * ("edge-enhancement",),
+    ),
+    "slants": ("{} in fine stripes of one slant, against the other", *2 * ("pixel-shift",)),
+    "after-0-s": ("{} of the picture before left in a new one", *2 * ("slow-picture",)),
+    "after-0.2-s": ("{} of the picture before left after 0.2 s", *2 * ("slow-picture",)),
+    "after-0.5-s": ("{} of the picture before left after 0.5 s", *2 * ("slow-picture",)),
+}
+SWITCH = {
+    "dynamic-black": 'switch "dynamic contrast" / "auto iris" / "dynamic black" off',
+    "constant-light": 'switch "constant light" / "constant brightness" and power saving off',
+    "white-boost": 'switch "brilliant colour" / "white boost" off',
+    "limited-range": 'set "HDMI video range" to full / 0-255 / expanded, in the player too',
+    "edge-enhancement": 'switch "sharpness" / "detail clarity" / "super resolution" off',
+    "pixel-shift": 'switch "pixel shift" / "4K enhancement" / "e-shift" off',
+    "slow-picture": 'switch "frame interpolation" and "noise reduction" off, or let the player wait',
+}
+
+
+def judge_behaviour(diagnosis: Diagnosis, projector: str) -> None:
+    """Add which settings of a projector to switch off; of several signs of one the strongest tells."""
+    found = [e for e in diagnosis.behaviour[projector].effects if e.found]
+    for effect in sorted(found, key=lambda e: -abs(e.value) / e.limit):
+        sentence, above, below = BEHAVIOUR[effect.name]
+        kind = above if effect.value > 0 else below
+        got = sentence.format(f"{effect.value:+.1%} (sigma {effect.sigma:.1%})")
+        diagnosis.add(
+            f"projector {projector}", kind, got, f"{effect.limit:.1%} at most", SWITCH[kind]
+        )
 
 
 def judge_dark(diagnosis: Diagnosis, device: str, camera: CameraView, sensor: Sensor) -> None:
@@ -238,13 +298,14 @@ def _judge_projector(diagnosis: Diagnosis, device: str, view: View) -> None:
             "turn the camera towards its picture, or use a wider lens",
         )
     if abs(view.additivity - 1) > NOT_ADDITIVE:
-        diagnosis.add(
-            device,
-            "dynamic-black",
-            f"{view.additivity:.1%} of white from its two halves one after the other",
-            "100 %",
-            "switch dynamic black, auto iris, eco dimming, white boost and constant-light off",
-        )
+        if not diagnosis.has(device, *MOVING):
+            diagnosis.add(
+                device,
+                "dynamic-black",
+                f"{view.additivity:.1%} of white from its two halves one after the other",
+                "100 %",
+                "switch dynamic black, auto iris, eco dimming, white boost and constant-light off",
+            )
     elif abs(view.gamma - NOMINAL) > GAMMA_OFF:
         diagnosis.add(
             device,

@@ -1,23 +1,26 @@
 """Photographs taken by hand or by another program, put behind the shots of a plan."""
 
 import csv
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.errors import FileFormatError, InputError
+from procam.errors import CalibrationError, FileFormatError, InputError
+from procam.estimate.camera_response import CameraResponse, solve_response
 from procam.estimate.photo_match import Look, Match, Slot, match_photos
 from procam.files import atomic
 from procam.files.photos import (
     Photo,
     Response,
+    find_bracket,
     list_photos,
     load_response,
     photo_counts,
     read_photo,
+    write_response,
 )
 from procam.files.session import Session
 from procam.files.venue import Venue
@@ -52,7 +55,7 @@ def ingest(
     """
     with atomic.locked(session.directory):
         plan = session.read_plan()
-        model, response = _camera(venue, camera)
+        model, response = _camera(venue, session, camera)
         paths, others = list_photos(folder)
         claims = _read_index(index, plan, paths) if index else {}
         surveyed = []
@@ -66,15 +69,49 @@ def ingest(
         exposed, chosen = _as_exposed(plan, surveyed, match, session, venue)
         if exposed != plan:
             session.write_plan(exposed, {})
+        match.notes += _keep_response(venue, session, camera, response)
         yield from _store(session, exposed, model, response, surveyed, chosen)
         yield Event("ingest", len(chosen), len(chosen), "stored", _summary(chosen, match))
 
 
-def _camera(venue: Venue, name: str) -> tuple[CameraModel, Response | None]:
+def solve_brackets(folder: Path, exposures_s: Sequence[float] = ()) -> CameraResponse:
+    """Response of the camera whose bracketed photographs lie in a folder; exposures as told or by header."""
+    bracket = find_bracket(folder, exposures_s)
+    try:
+        return solve_response(bracket.pixels(), bracket.exposures_s, bracket.bits)
+    except CalibrationError as error:
+        names = ", ".join(path.name for path in bracket.paths)
+        raise type(error)(f"{folder} ({names}): {error}") from error
+
+
+def _camera(venue: Venue, session: Session, name: str) -> tuple[CameraModel, Response | None]:
+    """The camera, and its response: a solved one only once per session, so that frames are alike."""
     if name not in venue.cameras:
         raise InputError(f"--camera: got {name!r}, expected one of {', '.join(venue.cameras)}")
-    response = load_response(venue.table.cameras[name].response, venue.directory)
-    return venue.cameras[name], response
+    table, used = venue.table.cameras[name], _solved_response(session, name)
+    if table.brackets is None:
+        return venue.cameras[name], load_response(table.response, venue.directory)
+    if used.is_file():
+        return venue.cameras[name], load_response(used.name, used.parent)
+    found = solve_brackets(venue.directory / table.brackets)
+    return venue.cameras[name], (found.levels, found.light)
+
+
+def _solved_response(session: Session, camera: str) -> Path:
+    return session.directory / "captures" / camera / "response.csv"
+
+
+def _keep_response(
+    venue: Venue, session: Session, camera: str, response: Response | None
+) -> list[str]:
+    """Store a response that was solved just now; a line that says which one was used."""
+    brackets, path = venue.table.cameras[camera].brackets, _solved_response(session, camera)
+    if brackets is None or response is None:
+        return []
+    if path.is_file():
+        return [f"{path}: this response, solved before, is used for all photographs of the session"]
+    write_response(path, *response)
+    return [f"{path}: response solved from the photographs in {brackets}"]
 
 
 def _read_index(path: Path, plan: Plan, photos: list[Path]) -> dict[str, str]:

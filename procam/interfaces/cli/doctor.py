@@ -9,7 +9,7 @@ from procam.errors import DeviceError
 from procam.files.venue import load_venue
 from procam.interfaces.cli.output import Output
 from procam.workflows.doctor import examine
-from procam.workflows.findings import Diagnosis, Finding
+from procam.workflows.findings import Behaviour, Diagnosis, Finding
 from procam.workflows.venue_rig import open_rig
 
 COLUMNS = (
@@ -18,7 +18,7 @@ COLUMNS = (
 )
 
 
-def run_doctor(directory: Path, output: Output) -> None:
+def run_doctor(directory: Path, behaviour: bool, output: Output) -> None:
     """`procam doctor`; exit 1 if anything is wrong."""
     venue = load_venue(directory)
     diagnosis = Diagnosis()
@@ -26,7 +26,7 @@ def run_doctor(directory: Path, output: Output) -> None:
     try:
         with open_rig(venue) as rig:
             reached = True
-            output.follow(examine(rig, venue, diagnosis))
+            output.follow(examine(rig, venue, diagnosis, behaviour=behaviour))
     except DeviceError as error:
         diagnosis.keep(_end(diagnosis, error) if reached else Finding("rig", "closed", str(error)))
     for line in _lines(diagnosis):
@@ -43,6 +43,17 @@ def _end(diagnosis: Diagnosis, error: DeviceError) -> Finding:
     return Finding(
         "rig", "lit", f"a projector may still be lit ({why}); look, and switch it off by hand"
     )
+
+
+def _behaviour_lines(projector: str, behaviour: Behaviour) -> Iterator[str]:
+    yield ""
+    yield f"settings of {projector:10} as {behaviour.camera} sees it   sigma   limit"
+    for effect in behaviour.effects:
+        verdict = "  WRONG" if effect.found else ""
+        yield (
+            f"  {effect.name:20} {effect.value:+13.2%}  {effect.sigma:10.2%}  {effect.limit:6.1%}{verdict}"
+        )
+    yield from (f"  note: {why}" for why in behaviour.untested)
 
 
 def _lines(diagnosis: Diagnosis) -> Iterator[str]:
@@ -68,6 +79,8 @@ def _lines(diagnosis: Diagnosis) -> Iterator[str]:
             f"{bracket:19} {plan.lit_share:5.1%}  {error:>9}  {view.gamma:5.2f}  "
             f"{view.additivity:6.1%}"
         )
+    for projector, behaviour in diagnosis.behaviour.items():
+        yield from _behaviour_lines(projector, behaviour)
     yield ""
     # room light would pass for black light
     if diagnosis.capture() and all(f.kind != "ambient" for f in diagnosis.findings):

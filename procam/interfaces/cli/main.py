@@ -51,15 +51,26 @@ def init(
     run_init(venue, template, Output(json))
 
 
-@app.command(epilog="Example: procam doctor my-dome")
-def doctor(venue: VenueArgument, json: Json = False) -> None:
+@app.command(epilog="Example: procam doctor my-dome --behaviour")
+def doctor(
+    venue: VenueArgument,
+    behaviour: Annotated[
+        bool,
+        typer.Option(
+            "--behaviour",
+            help="Also test each projector for settings that break calibration, such as dynamic "
+            "black or white boost: 24 more photographs and two minutes each.",
+        ),
+    ] = False,
+    json: Json = False,
+) -> None:
     """Check that all a venue names can be reached, exposed and resolved; exit 1 if it cannot.
 
     Photographs each projector about five times, says what to set, and leaves the projectors dark.
     """
     from procam.interfaces.cli.doctor import run_doctor
 
-    run_doctor(venue, Output(json))
+    run_doctor(venue, behaviour, Output(json))
 
 
 @app.command(epilog="Example: procam capture my-dome --dry-run")
@@ -196,7 +207,7 @@ def projector(
     run_projector(venue, name, action, value, Output(json))
 
 
-from procam.interfaces.cli import tools  # noqa: E402, F401 (registers its commands)
+from procam.interfaces.cli import desk_commands, tools  # noqa: E402, F401 (register their commands)
 
 
 def main() -> None:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from procam.estimate.floor import floor_of, measure_floor
+from procam.estimate.floor import FloorLight, contradiction, floor_of, measure_floor
 from procam.estimate.scatter import CELLS, Lighting, ScatterCells, cell_basis, fit_scatter
 from procam.maths.sphere import master_directions, master_pixels, master_solid_angles
 from procam.maths.warp import sample
@@ -130,9 +130,10 @@ def test_the_floor_is_told_by_the_shape_of_what_it_returns(
     per_flux, white = room.known()
     found = [room.lighting(lit, 0.003) for lit in parts()]
     dome = Dome(6.0, np.pi / 2, TILT, 0.1, 0.05)
-    value, sigma = measure_floor(found, per_flux, white, dome, 0.5)
-    assert abs(value - asked) < 2.5 * sigma + 0.005
-    assert sigma < 0.04
+    floor = measure_floor(found, per_flux, white, dome, 0.5)
+    assert abs(floor.albedo - asked) < 2.5 * floor.sigma + 0.005
+    assert floor.sigma < 0.04
+    assert floor.flux_doubt < 0.02
 
 
 def test_scales_of_pictures_do_not_count_for_the_floor(furnished: TracedRoom) -> None:
@@ -141,14 +142,23 @@ def test_scales_of_pictures_do_not_count_for_the_floor(furnished: TracedRoom) ->
     found = [furnished.lighting(lit, 0.0) for lit in parts()]
     drifted = [replace(x, scattered=x.scattered * (1 + 0.1 * i)) for i, x in enumerate(found)]
     dome = Dome(6.0, np.pi / 2, TILT, 0.1, 0.05)
-    first, second = (measure_floor(x, per_flux, white, dome, 0.5)[0] for x in (found, drifted))
-    assert second == pytest.approx(first, rel=0.02)
+    first, second = (measure_floor(x, per_flux, white, dome, 0.5) for x in (found, drifted))
+    assert second.albedo == pytest.approx(first.albedo, rel=0.02)
+    assert second.flux_doubt == pytest.approx(np.std(0.1 * np.arange(8)), rel=0.1)
 
 
 def test_what_is_known_and_what_is_measured_weigh_by_their_sigmas() -> None:
     dome = Dome(6.0, np.pi / 2, 0.0, 0.10, 0.03)
-    assert floor_of(dome, (0.2, np.inf)) == pytest.approx((0.10, 0.03))
-    assert floor_of(dome, (0.2, 0.03)) == pytest.approx((0.15, 0.03 / np.sqrt(2)))
+    assert floor_of(dome, FloorLight(0.2, np.inf, 0.0)) == pytest.approx((0.10, 0.03))
+    assert floor_of(dome, FloorLight(0.12, 0.03, 0.0)) == pytest.approx((0.11, 0.03 / np.sqrt(2)))
+
+
+def test_a_contradiction_makes_both_doubtful() -> None:
+    dome, found = Dome(6.0, np.pi / 2, 0.0, 0.10, 0.03), FloorLight(0.28, 0.03, 0.0)
+    value, sigma = floor_of(dome, found)
+    assert value == pytest.approx(0.19)
+    assert sigma == pytest.approx(0.18 / np.sqrt(2) / np.sqrt(2))
+    assert contradiction(dome, found) == pytest.approx(0.18 / 0.03 / np.sqrt(2))
 
 
 class TestCells:

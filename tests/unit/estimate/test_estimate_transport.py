@@ -8,7 +8,6 @@ from procam.estimate.patterns import SEPARATION_BITS
 from procam.estimate.transport import (
     BORDER_SIGMA,
     CLEAR_CAMERA_PX,
-    GLOSS_SIGMA,
     Light,
     Separation,
     albedo,
@@ -152,7 +151,7 @@ class TestTogether:
 
     def test_feedback_is_u_over_the_lit_part(self, scene: Scene, light: Light) -> None:
         lit_sr = np.where(scene.inner, scene.solid, 0)
-        found = feedback([light, light], lit_sr, scene.solid, 0.0, ALIKE)
+        found = feedback([light, light], lit_sr, scene.solid, ALIKE, (0.0, 0.0))
         expected = np.tensordot(lit_sr, scene.u, 2)
         np.testing.assert_allclose(found.value, expected, rtol=2e-3)
         # two projectors that agree leave no doubt but the border's
@@ -163,19 +162,26 @@ class TestTogether:
             light.direct, 1.1 * light.scattered, light.extended, light.flux, light.weight, light.lit
         )
         lit_sr = np.where(scene.inner, scene.solid, 0)
-        found = feedback([light, other], lit_sr, scene.solid, 0.0, ALIKE)
-        single = feedback([light, light], lit_sr, scene.solid, 0.0, ALIKE).value
+        found = feedback([light, other], lit_sr, scene.solid, ALIKE, (0.0, 0.0))
+        single = feedback([light, light], lit_sr, scene.solid, ALIKE, (0.0, 0.0)).value
         np.testing.assert_allclose(found.value, 1.05 * single, rtol=1e-4)
         expected = np.hypot(0.05 * single, BORDER_SIGMA * found.value)
         np.testing.assert_allclose(found.sigma, expected, rtol=1e-4)
 
     def test_an_unknown_veil_of_glare_is_doubt(self, scene: Scene, light: Light) -> None:
         lit_sr = np.where(scene.inner, scene.solid, 0)
-        found = feedback([light, light], lit_sr, scene.solid, 0.01, ALIKE)
+        found = feedback([light, light], lit_sr, scene.solid, ALIKE, (0.01, 0.0))
         total = np.tensordot(scene.solid, light.direct + light.scattered, 2) / light.flux
         expected = 0.01 * total * lit_sr.sum() / scene.solid.sum()
         np.testing.assert_allclose(
             found.sigma, np.hypot(expected, BORDER_SIGMA * found.value), rtol=1e-5
+        )
+
+    def test_doubt_of_direct_light_is_doubt(self, scene: Scene, light: Light) -> None:
+        lit_sr = np.where(scene.inner, scene.solid, 0)
+        found = feedback([light, light], lit_sr, scene.solid, ALIKE, (0.0, 0.005))
+        np.testing.assert_allclose(
+            found.sigma, np.hypot(0.005, BORDER_SIGMA) * found.value, rtol=1e-6
         )
 
 
@@ -186,15 +192,15 @@ class TestAlbedo:
         """m = kappa / (1 - kappa) with kappa = rho / 2."""
         rho = np.array([0.3, 0.5, 0.8])
         m = Measured(rho / 2 / (1 - rho / 2), np.zeros(3))
-        found = albedo(m, self.screen_sr, self.screen_sr, Dome(6.0, np.pi / 2))
+        found = albedo(m, self.screen_sr, self.screen_sr, Dome(6.0, np.pi / 2), 0.01)
         np.testing.assert_allclose(found.value, rho, rtol=1e-12)
-        np.testing.assert_allclose(found.sigma, GLOSS_SIGMA * rho, rtol=1e-12)
+        np.testing.assert_allclose(found.sigma, 0.01 * rho, rtol=1e-12)
 
     def test_doubt_in_feedback_and_floor_shows(self) -> None:
         m = Measured(np.full(3, 0.33), np.full(3, 0.003))
         sharp, vague = Dome(6.0, np.pi / 2), Dome(6.0, np.pi / 2, 0.0, 0.1, 0.03)
-        first = albedo(m, self.screen_sr, self.screen_sr, sharp)
-        second = albedo(m, self.screen_sr, self.screen_sr, vague)
-        assert (first.sigma > 1.05 * GLOSS_SIGMA * first.value).all()
-        assert (second.sigma > 1.5 * first.sigma).all()
+        first = albedo(m, self.screen_sr, self.screen_sr, sharp, 0.001)
+        second = albedo(m, self.screen_sr, self.screen_sr, vague, 0.001)
+        assert (first.sigma > 2 * 0.001 * first.value).all()
+        assert (second.sigma > 2 * first.sigma).all()
         assert (second.value < first.value).all()  # the floor explains part of the feedback

@@ -1,0 +1,306 @@
+"""`procam response`, `glare` and `vignetting`, and photographs whose response is solved at ingest."""
+
+import json
+import shutil
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import OpenImageIO as oiio
+import pytest
+from scipy.ndimage import gaussian_filter
+from tiny_venue import CAMERA, Ran, make_venue, procam
+from venue_texts import edit, mistakes
+
+from procam.files.images import write_channels, write_image
+from procam.files.photos import load_response
+from procam.files.session import Session
+from procam.files.venue import template_text
+from procam.maths.curves import srgb_decode, srgb_encode
+from simulators.scene import SceneSize
+
+Array = np.ndarray
+SECONDS = (1 / 64, 1 / 16, 1 / 4, 1.0)
+TOLD = "1/64, 1/16, 0.25, 1"
+SIZE, MIDDLE, FOCAL = 160, 79.5, 60.0
+BLACK = 200.0
+ROWS, COLUMNS = np.indices((SIZE, SIZE))
+RADIUS = np.hypot(ROWS - MIDDLE, COLUMNS - MIDDLE)
+V1 = -0.15
+
+
+def scene() -> Array:
+    rng = np.random.default_rng(3)
+    shade = gaussian_filter(rng.normal(size=(120, 180)), 10)
+    return 2.6 * np.exp(-6.5 * (1 - (shade - shade.min()) / np.ptp(shade)))
+
+
+def shoot(light: Array, seed: int) -> Array:
+    rng = np.random.default_rng(seed)
+    noisy = light + 0.004 * np.sqrt(light) * rng.normal(size=light.shape)
+    return np.rint(255 * srgb_encode(np.clip(noisy, 0, 1))).astype(np.uint8)
+
+
+def with_header(path: Path, pixels: Array, **header: object) -> None:
+    spec = oiio.ImageSpec(pixels.shape[1], pixels.shape[0], 1, str(pixels.dtype))
+    for key, value in header.items():
+        spec.attribute(key.replace("__", ":"), value)
+    output = oiio.ImageOutput.create(str(path))
+    assert output.open(str(path), spec) and output.write_image(pixels[..., None])
+    output.close()
+
+
+@pytest.fixture(scope="module")
+def shots() -> list[Array]:
+    return [shoot(scene() * exposure, k) for k, exposure in enumerate(SECONDS)]
+
+
+@pytest.fixture
+def brackets(shots: list[Array], tmp_path: Path) -> Path:
+    """Photographs without headers."""
+    folder = tmp_path / "brackets"
+    folder.mkdir()
+    for k, pixels in enumerate(shots):
+        write_image(folder / f"{k}.png", pixels)
+    return folder
+
+
+def put_headers(folder: Path, shots: list[Array]) -> None:
+    for k, (pixels, exposure) in enumerate(zip(shots, SECONDS, strict=True)):
+        with_header(folder / f"{k}.png", pixels, ExposureTime=exposure, FNumber=8.0)
+
+
+def refused(*arguments: object) -> str:
+    ran = procam(*arguments)
+    assert ran.code == 2, ran
+    return ran.complaint
+
+
+class TestResponse:
+    def test_with_exposures_told(self, brackets: Path, tmp_path: Path) -> None:
+        out = tmp_path / "zenith.csv"
+        ran = procam("response", brackets, "--exposures", TOLD, "--out", out)
+        assert (ran.code, ran.err) == (0, "")
+        assert 'set response = "zenith.csv"' in ran.out
+        response = load_response("zenith.csv", tmp_path)
+        assert response is not None
+        levels, light = response
+        np.testing.assert_allclose(levels, np.arange(256) / 255, rtol=1e-15)
+        assert np.sqrt(np.mean((light - srgb_decode(levels)) ** 2)) < 0.005
+
+    def test_with_headers_and_json(
+        self, brackets: Path, shots: list[Array], tmp_path: Path
+    ) -> None:
+        put_headers(brackets, shots)
+        ran = procam("response", brackets, "--out", tmp_path / "a.csv", "--json")
+        document = json.loads(ran.out)
+        assert document["residual"] < 0.005 and document["largest_sigma"] < 0.01
+        np.testing.assert_allclose(document["exposures_s"], SECONDS, rtol=0.01)
+        levels, light = load_response("a.csv", tmp_path) or ((), ())
+        np.testing.assert_array_equal(document["light"], light)
+        np.testing.assert_array_equal(document["levels"], levels)
+
+    def test_refusals(self, brackets: Path, shots: list[Array], tmp_path: Path) -> None:
+        out = tmp_path / "a.csv"
+        command = ("response", brackets, "--out", out, "--exposures")
+        assert "--exposures: got 'fast', expected seconds" in refused(*command, "1,fast,3,4")
+        assert "--exposures: got '1/0', expected" in refused(*command, "1/0,1,2,3")
+        assert "got 4 photographs and 3 exposures, expected one for each" in refused(
+            *command, "1,2,3"
+        )
+        assert "0.png: got no exposure in its header" in refused(*command[:-1])
+        told = refused(*command, "1,1/4,1/16,1/64")
+        assert f"{brackets} (0.png, 1.png, 2.png, 3.png): brackets: photographs 4 and 3" in told
+        assert "got the suffix '.toml', expected .csv" in refused(
+            "response", brackets, "--out", tmp_path / "a.toml"
+        )
+        (tmp_path / "b.csv").mkdir()
+        assert "got a folder, expected a file" in refused(
+            "response", brackets, "--out", tmp_path / "b.csv"
+        )
+        assert "got no such folder" in refused("response", tmp_path / "gone", "--out", out)
+        put_headers(brackets, shots)
+        with_header(brackets / "1.png", shots[1], ExposureTime=0.06, FNumber=11.0)
+        assert "got several aperture f/ (0.png 8.0, 1.png 11.0" in refused(*command, TOLD)
+        write_image(brackets / "1.png", shots[1].astype(np.uint16))
+        assert "got several bits (0.png 8, 1.png 16" in refused(*command, TOLD)
+        (brackets / "1.png").write_bytes(b"no picture")
+        assert "1.png: got no readable photograph" in refused(*command, TOLD)
+        assert not out.exists()
+
+
+class TestVenue:
+    """What venue.toml may say of brackets."""
+
+    @pytest.mark.parametrize(
+        ("new", "told"),
+        [
+            ('response = "solve"', "cameras.zenith.brackets: got nothing, expected with response"),
+            (
+                'response = "linear"\nbrackets = "b"',
+                "cameras.zenith.brackets: got 'b' with response = 'linear', expected it with",
+            ),
+            (
+                'response = "solve"\nbrackets = "b"',
+                "cameras.zenith.brackets: {}/b: got no such folder, expected one of photographs",
+            ),
+        ],
+    )
+    def test_mistakes(self, tmp_path: Path, new: str, told: str) -> None:
+        (line,) = mistakes(tmp_path, edit('response = "linear"', new))
+        assert line.startswith(f"{tmp_path / 'venue.toml'}: {told.format(tmp_path)}")
+
+
+class TestIngest:
+    @pytest.fixture
+    def session(self, tmp_path: Path) -> Path:
+        size = SceneSize(projectors=1, projector_size=(160, 100), camera_size=(180, 120), rays=64)
+        make_venue(tmp_path, size=size)
+        ran = procam("patterns", tmp_path, "--out", tmp_path / "pictures", "--json")
+        return Path(json.loads(ran.out)["session"])
+
+    def ingest(self, session: Path, pixels: Array, shot: str) -> Ran:
+        photos = session.parents[1] / "photos"
+        shutil.rmtree(photos, ignore_errors=True)
+        photos.mkdir()
+        write_image(photos / "a.png", np.repeat(pixels[..., None], 3, axis=2))
+        index = photos / "index.csv"
+        index.write_text(f"a.png,{shot}\n")
+        command = ("ingest", session, "--camera", CAMERA, "--photos", photos, "--index", index)
+        return procam(*command)
+
+    def test_solves_once_and_keeps_it(
+        self, session: Path, brackets: Path, shots: list[Array]
+    ) -> None:
+        venue, kept = session.parents[1], session / "captures" / CAMERA / "response.csv"
+        first, second = (shot.id for shot in Session(session).read_plan().shots[1:3])
+        assert "got 8 bits of unknown response" in self.ingest(session, shots[3], first).complaint
+        toml = venue / "venue.toml"
+        solve = 'response = "solve"\nbrackets = "brackets"'
+        toml.write_text(toml.read_text().replace('response = "linear"', solve))
+        ran = self.ingest(session, shots[3], first)
+        assert (ran.code, "0.png: got no exposure in its header" in ran.complaint) == (2, True)
+        assert not kept.exists()
+        put_headers(brackets, shots)
+        ran = self.ingest(session, shots[3], first)
+        assert (ran.code, "1 photographs stored" in ran.out) == (0, True), ran
+        assert f"{kept}: response solved from the photographs in brackets" in ran.out
+        stored, entry = kept.read_bytes(), Session(session).read_plan().shots[1]
+        camera = Session(session).load(CAMERA, entry, entry.exposures_s[0], (180, 120))
+        sensor = tomllib.loads(toml.read_text())["cameras"][CAMERA]
+        black, full = sensor["black_level"], 2 ** sensor["bits"] - 1
+        light = (camera.counts[..., 0] - black) / (full - black)
+        np.testing.assert_allclose(light, srgb_decode(shots[3] / 255), atol=0.01)
+        for path in brackets.glob("*.png"):
+            path.unlink()
+        ran = self.ingest(session, shots[2], second)
+        assert (ran.code, f"{kept}: this response, solved before, is used" in ran.out) == (0, True)
+        assert kept.read_bytes() == stored
+
+
+@pytest.fixture
+def venue(tmp_path: Path) -> Path:
+    text = template_text("by-hand")
+    for old, new in (
+        ("size = [4000, 4000]", f"size = [{SIZE}, {SIZE}]"),
+        ("f = [1160.0, 1160.0]", f"f = [{FOCAL}, {FOCAL}]"),
+        ("c = [1999.5, 1999.5]", f"c = [{MIDDLE}, {MIDDLE}]"),
+        ("vignetting = []", f"vignetting = [{V1}]"),
+    ):
+        text = edit(old, new, text)
+    (tmp_path / "venue.toml").write_text(text, "utf-8")
+    return tmp_path
+
+
+def darkened(light: Array, black: float = BLACK) -> Array:
+    """Counts behind an equidistant fisheye that darkens to its rim."""
+    counts = black + 45000 * light * (1 + V1 * (RADIUS / FOCAL) ** 2)
+    return np.rint(counts + np.random.default_rng(4).normal(0, 5, light.shape)).astype(np.uint16)
+
+
+def trapped(x: int, y: int, glare: float) -> Array:
+    paper = (0.8 + 0.1 * np.sin(COLUMNS / 20)) * (np.hypot(COLUMNS - x, ROWS - y) > 12)
+    circle = RADIUS <= SIZE / 2
+    return (1 - glare) * paper + glare * paper[circle].mean()
+
+
+class TestGlare:
+    def test_lines_for_the_venue(self, venue: Path) -> None:
+        for name, (x, y) in (("a", (80, 70)), ("b", (50, 90))):
+            write_image(venue / f"{name}.tif", darkened(trapped(x, y, 0.012)))
+        write_image(venue / "cap.tif", darkened(np.zeros((SIZE, SIZE))))
+        out = venue / "glare.toml"
+        where = ("--venue", venue, "--camera", "zenith", "--out", out)
+        traps = ("--trap", "80,70,8", "--trap", "50,90,8")
+        photos, cap = (venue / "a.tif", venue / "b.tif"), ("--dark", venue / "cap.tif")
+        ran = procam("glare", *photos, *traps, *cap, *where)
+        assert (ran.code, ran.err) == (0, "")
+        table = tomllib.loads(out.read_text())["cameras"]["zenith"]
+        assert table["black_level"] == pytest.approx(BLACK, abs=0.5)
+        assert table["glare"] == pytest.approx(0.012, abs=1e-4)
+        assert table["glare_sigma"] == pytest.approx(5e-4, rel=0.1)
+        ran = procam("glare", *photos, *traps, *cap, *where, "--json")
+        document = json.loads(ran.out)
+        assert len(document["glare"]["each"]) == 2 and document["black_level"]["sigma"] < 2
+
+    def test_merged_exposures(self, venue: Path) -> None:
+        light = trapped(80, 70, 0.012) * (1 + V1 * (RADIUS / FOCAL) ** 2)
+        (venue / "merged").mkdir()
+        write_channels(venue / "merged" / "a.exr", dict.fromkeys("RGB", 3e5 * light))
+        out = venue / "glare.toml"
+        where = ("--venue", venue, "--camera", "zenith", "--out", out)
+        assert procam("glare", venue / "merged", "--trap", "80,70,8", *where).code == 0
+        assert tomllib.loads(out.read_text())["cameras"]["zenith"]["glare"] == 0.012
+
+    def test_refusals(self, venue: Path) -> None:
+        write_image(venue / "a.tif", darkened(trapped(80, 70, 0.012)))
+        write_image(venue / "eight.png", np.full((SIZE, SIZE), 90, np.uint8))
+        write_image(venue / "small.tif", np.full((40, 50), 900, np.uint16))
+        (venue / "empty").mkdir()
+        out = venue / "glare.toml"
+
+        def of(photo: str = "a.tif", trap: str = "80,70,8", camera: str = "zenith", **more) -> str:
+            where = ("--venue", venue, "--camera", camera, "--out", more.pop("out", out))
+            rest = [x for key, value in more.items() for x in (f"--{key}", value)]
+            return refused("glare", venue / photo, "--trap", trap, *where, *rest)
+
+        assert "eight.png: got 8 bits, expected linear 16" in of("eight.png")
+        assert "small.tif: got 50x40 px, expected 160x160 as venue.toml says" in of("small.tif")
+        assert "gone.tif: got no such file" in of("gone.tif")
+        assert "empty: got no photographs, expected some of" in of("empty")
+        assert "--camera: got 'b', expected one of zenith, side" in of(camera="b")
+        for trap in ("80,70", "80,x,8", "80,70,-8", "nan,70,8"):
+            assert f"--trap: got {trap!r}, expected X,Y,RADIUS" in of(trap=trap)
+        assert "--trap: got 3 for 2 photographs, expected one for all" in refused(
+            *("glare", venue / "a.tif", venue / "a.tif", "--venue", venue, "--camera", "zenith"),
+            *("--trap", "80,70,8") * 3,
+            *("--out", out),
+        )
+        assert "--trap-sigma: got 2, expected a share" in of(**{"trap-sigma": "2"})
+        assert "glare.csv: got the suffix '.csv', expected .toml" in of(out=venue / "glare.csv")
+        assert "got a trap with 11" in of(trap="40,40,8")
+        assert "dark: got up to" in of(dark=venue / "a.tif")
+        assert not out.exists()
+
+
+class TestVignetting:
+    def test_prints_its_line(self, venue: Path) -> None:
+        paper = 0.8 * (1 + 0.1 * (COLUMNS - MIDDLE) / MIDDLE)
+        (venue / "flat").mkdir()
+        for turn in range(4):
+            write_image(venue / "flat" / f"{turn}.tif", darkened(np.rot90(paper, turn), 0.0))
+        where = ("--venue", venue, "--camera", "zenith")
+        ran = procam("vignetting", venue / "flat", *where)
+        assert (ran.code, ran.err) == (0, "")
+        line = ran.out.splitlines()[0]
+        np.testing.assert_allclose(tomllib.loads(line)["vignetting"], [V1, 0.0], atol=2e-3)
+        document = json.loads(procam("vignetting", venue / "flat", *where, "--json").out)
+        assert document["uneven"] < 0.001 and document["reach_deg"] == pytest.approx(76, abs=1)
+
+    def test_refuses_one_photograph_of_uneven_light(self, venue: Path) -> None:
+        paper = 0.8 * (1 + 0.2 * (COLUMNS - MIDDLE) / MIDDLE)
+        write_image(venue / "flat.tif", darkened(paper, 0.0))
+        where = ("--venue", venue, "--camera", "zenith")
+        assert "round the axis, expected 3% at most" in refused(
+            "vignetting", venue / "flat.tif", *where
+        )
