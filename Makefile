@@ -38,7 +38,7 @@ studies: $(READY)
 lock:
 	$(PYTHON) -m venv .venv-lock
 	.venv-lock/bin/python -m pip install --quiet uv
-	.venv-lock/bin/uv pip compile pyproject.toml --universal --python-version 3.11 --extra geom --extra report --extra video --group dev \
+	.venv-lock/bin/uv pip compile pyproject.toml --universal --python-version 3.11 --extra geom --extra report --extra sim --extra video --group dev \
 	  --generate-hashes --no-emit-index-url --no-annotate --no-header --quiet --output-file requirements.lock
 	rm -rf .venv-lock
 

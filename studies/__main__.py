@@ -5,7 +5,7 @@ All of them, or those that are named: python -m studies codes code-table
 
 import sys
 
-from studies import code_table, codes, geometry, one_fringe, seeds
+from studies import code_table, codes, forward, geometry, one_fringe, seeds
 
 STUDIES = {
     "seeds": seeds.main,
@@ -13,6 +13,7 @@ STUDIES = {
     "one-fringe": one_fringe.main,
     "code-table": code_table.main,
     "geometry": geometry.main,
+    "forward": forward.main,
 }
 
 

@@ -72,6 +72,9 @@ class Compensator:
             self._lo,
         ).astype(float)
         self._albedo = calibration.albedo.value
+        even = np.ones_like(maps.coverage) if maps.falloff is None else maps.falloff
+        self._falloff = sample(even, where)[self.lit][:, None].astype(float)
+        self._falloff[self._kept] = 1
         self._kernel = maps.kernel
         if maps.kernel.degree:
             self._phi = basis(direction[self.lit], maps.kernel.degree)
@@ -88,7 +91,7 @@ class Compensator:
         """The compensated picture with what the audience will see and what clips."""
         if image.shape != (self.size, self.size, CHANNELS):
             raise ShapeError("content", image.shape, f"({self.size}, {self.size}, 3)")
-        target = image[self.lit].astype(float)
+        target = image[self.lit] * self._falloff
         lo, hi = self._limits(target)
         wanted = self._wanted(target, lo, hi)
         direct = np.clip(wanted, lo, hi)
@@ -102,6 +105,10 @@ class Compensator:
             self._spread(free).astype(bool),
             self._solid @ direct,
         )
+
+    def target(self, image: Image) -> Image:
+        """What the audience should see (N, N, 3): the content under the matched white."""
+        return self._spread(image[self.lit] * self._falloff)
 
     def _limits(self, target: Array) -> tuple[Array, Array]:
         """Least and most direct light; where it is protected they leave no choice."""

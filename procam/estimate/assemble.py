@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from procam.estimate.blend import Blender, common_white
 from procam.estimate.floor import FloorLight, contradiction, floor_of, measure_floor
 from procam.estimate.geometry import ROUND_ENOUGH, GeometrySolution
+from procam.estimate.matching import matched_white
 from procam.estimate.photometry import ColourFit
 from procam.estimate.scatter import CELLS, Lighting, Spread, cell_basis, spread_of_light
 from procam.estimate.surface import camera_pixels, lit_share, project_surface
@@ -44,7 +45,7 @@ class Measurement:
     """What was read off one projector's pictures, in camera channels.
 
     `black` (H, W, 3) is the radiance of its black picture, scattered light included; `lightings` are
-    the bounced light of its white, then of its other pictures.
+    the bounced light of its white, then of its other pictures; `exponent` is that of `Photometry`.
     """
 
     light: Light
@@ -52,6 +53,7 @@ class Measurement:
     colour: ColourFit
     response: ResponseCurve
     lightings: Sequence[Lighting] = ()
+    exponent: Image | None = None
 
 
 def assemble(
@@ -61,8 +63,12 @@ def assemble(
     measured: Mapping[str, Measurement],
     nudges: Sequence[Nudge],
     provenance: Mapping[str, Any],
+    falloff_per_rad: float = 0.0,
 ) -> Calibration:
-    """The calibration of everything measured through one camera, and of what a person nudged."""
+    """The calibration of everything measured through one camera, and of what a person nudged.
+
+    `falloff_per_rad`: by how much, relative, the white may change per radian (`matching`).
+    """
     master = _Master(geometry, measured)
     unmix = _content_matrix(measured)
     content = {name: _converted(m.light, unmix) for name, m in measured.items()}
@@ -72,7 +78,9 @@ def assemble(
     }
     blender = Blender(geometry.projectors, surfaces, dome)
     hi = master.blended(blender, content)
-    white = common_white(hi, master.coverage > COVERED)
+    lit = master.coverage > COVERED
+    shape = matched_white(hi, lit, falloff_per_rad)
+    white = common_white(hi / shape[..., None], lit)
     to_relative = np.diag(1 / white) @ unmix
     lightings = [[x.converted(unmix) for x in m.lightings] for m in measured.values()]
     bounced = _measure_bounces(dome, view, master, list(content.values()), lightings, hi)
@@ -83,6 +91,7 @@ def assemble(
         (hi / white * master.coverage[..., None]).astype(np.float32) + lo,
         master.coverage,
         kernel=bounced.spread.fit.kernel,
+        falloff=shape if falloff_per_rad else None,
     )
     projectors = {
         name: _gain_and_blend(geometry, name, surfaces[name], light.extended / white, blender)
@@ -96,7 +105,12 @@ def assemble(
             name: ProjectorCalibration(
                 geometry.projectors[name],
                 surfaces[name],
-                Photometry(measured[name].response, _relative_mix(mean_mix, measured[name]), gain),
+                Photometry(
+                    measured[name].response,
+                    _relative_mix(mean_mix, measured[name]),
+                    gain,
+                    measured[name].exponent,
+                ),
                 blend,
             )
             for name, (gain, blend) in projectors.items()

@@ -21,8 +21,9 @@ CELLS = 32  # edge of the dome master whose pixels gather camera pixels: 6 degre
 HIGHEST = 2  # degree; above it nothing is earned in furnished rooms (studies/forward.md)
 SIZE = (HIGHEST + 1) ** 2
 ROUNDS = 2
+FEWEST = 4  # pictures per degree
 WHOLE = 0.9  # of a cell's pixels must show nothing but bounced light
-CLEARLY = 0.8  # a higher degree must err by less than this share of the lower one's error
+CLEARLY = 0.9  # a higher degree must err by less than this share of the lower one's error
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,7 +172,7 @@ def fit_scatter(lightings: Sequence[Lighting], per_flux: Array, white: Array) ->
     """
     channels = white.shape[1]
     each = [_Channel(lightings, per_flux[:, c], white[:, c], c) for c in range(channels)]
-    degrees = [d for d in range(HIGHEST + 1) if len(lightings) > (d + 1) ** 2]
+    degrees = [d for d in range(HIGHEST + 1) if len(lightings) >= max(2, FEWEST * d)]
     held_out = {d: float(np.mean([x.held_out_error(d) for x in each])) for d in degrees}
     degree = _simplest(held_out)
     fits = [x.fit(degree, np.ones(len(lightings), bool)) for x in each]

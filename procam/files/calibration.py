@@ -98,14 +98,19 @@ def _projector_channels(projector: ProjectorCalibration) -> Channels:
         "measured": surface.measured,
         "blend": projector.blend,
     }
-    gain = projector.photometry.gain
-    return channels | {f"gain.{c}": gain[..., i] for i, c in enumerate(RGB)}
+    for name in ("gain", "exponent"):
+        found = getattr(projector.photometry, name)
+        if found is not None:
+            channels |= {f"{name}.{c}": found[..., i] for i, c in enumerate(RGB)}
+    return channels
 
 
 def _dome_channels(maps: DomeMaps) -> Channels:
     channels: dict[str, Any] = {"coverage": maps.coverage}
     if maps.protected is not None:
         channels["protected"] = maps.protected.covered
+    if maps.falloff is not None:
+        channels["falloff"] = maps.falloff
     for name in DOME_MAPS:
         channels |= {f"{name}.{c}": getattr(maps, name)[..., i] for i, c in enumerate(RGB)}
     return channels
@@ -175,7 +180,9 @@ def _dome_maps(dome: Channels, kernel: dict[str, Any] | None) -> DomeMaps:
     protected = None if covered is None else Mask("screen", covered > 0.5)
     scatter, albedo, lo, hi = (_rgb(dome, name) for name in DOME_MAPS)
     spread = ScatterKernel.scalar() if kernel is None else _kernel(kernel)
-    return DomeMaps(scatter, albedo, lo, hi, dome["coverage"], protected, spread)
+    return DomeMaps(
+        scatter, albedo, lo, hi, dome["coverage"], protected, spread, dome.get("falloff")
+    )
 
 
 def _kernel(entry: dict[str, Any]) -> ScatterKernel:
@@ -217,7 +224,8 @@ def _projector(directory: Path, name: str, entry: dict[str, Any]) -> ProjectorCa
         maps["sigma_arcmin"],
     )
     response = ResponseCurve(**{k: np.array(v) for k, v in entry["response"].items()})
-    photometry = Photometry(response, np.array(entry["colour_mix"]), _rgb(maps, "gain"))
+    exponent = _rgb(maps, "exponent") if "exponent.R" in maps else None
+    photometry = Photometry(response, np.array(entry["colour_mix"]), _rgb(maps, "gain"), exponent)
     return ProjectorCalibration(model, surface, photometry, maps["blend"])
 
 

@@ -141,10 +141,24 @@ class DistanceTable(_Table):
 
 
 class CaptureTable(_Table):
-    """[capture]: shutter times [s]; black is dim, so it wants a long one."""
+    """[capture]: shutter times [s]; black is dim, so it wants a long one.
+
+    `shot_s`: from one photograph to the next, for telling how long a visit takes.
+    """
 
     exposure_s: Positive
     black_exposure_s: Positive
+    shot_s: Positive | None = None
+
+
+class BlendTable(_Table):
+    """[blend]: how the white is matched.
+
+    `falloff_percent_per_deg`: by how much it may change per degree seen from the dome's centre; 0 is
+    an even white, as bright as the dimmest place.
+    """
+
+    falloff_percent_per_deg: Annotated[FiniteFloat, Field(ge=0, le=10)] = 0.0
 
 
 class VenueTable(_Table):
@@ -157,3 +171,4 @@ class VenueTable(_Table):
     apriltags: list[TagTable] = []
     distances: list[DistanceTable] = []
     capture: CaptureTable
+    blend: BlendTable = BlendTable()

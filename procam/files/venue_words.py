@@ -34,7 +34,7 @@ EXPECTED = {
 }
 PATTERNS = {
     NAME_PATTERN: "a name of letters, digits, - and _ that begins with a letter or digit",
-    RESPONSE_PATTERN: '"linear", "srgb" or a table\'s name that ends in .csv',
+    RESPONSE_PATTERN: '"linear", "srgb", "solve" or a table\'s name that ends in .csv',
 }
 
 

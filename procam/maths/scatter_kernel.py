@@ -2,7 +2,8 @@
 
 On a bare sphere every patch lights all others alike, and one scalar says it all. A floor, seats or a
 pod bend that a little. What they return is smooth on both sides and reciprocal: with phi the
-spherical harmonics up to a degree, a patch of albedo rho_i gets
+spherical harmonics up to a degree, made orthonormal over the upper half sphere one after the other, a
+patch of albedo rho_i gets
 
     b+_i = rho_i phi_i^T B M,    M = sum_j a_j phi_j b0_j,    B = B^T.
 
@@ -10,6 +11,7 @@ Degree 0 is the one scalar. N = I + U V^T, so that both directions cost O(n K).
 """
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,14 +20,38 @@ from scipy.linalg import cho_factor, cho_solve
 from procam.maths.harmonics import harmonics
 
 Array = NDArray[np.float64]
-RIDGE = 1e-8  # of the mean square of the design: what no picture shows stays 0
+# pull of the numbers in B towards a bare sphere's, against rows of about 1 per picture and patch, whose
+# errors go together; a third or three times of it serve as well
+PRIOR = 100.0
 
 
 def basis(direction: Array, degree: int) -> Array:
-    """Harmonics phi (N, K) at unit directions (N, 3), K = (degree + 1)^2; the first is 1."""
+    """Functions phi (N, K) at unit directions (N, 3), K = (degree + 1)^2; the first is 1.
+
+    Of mean square 1 over the upper half sphere: harmonics alone are nearly dependent there, and then
+    numbers in B that mean nothing grow large.
+    """
     if degree == 0:
         return np.ones((len(direction), 1))
-    return harmonics(np.asarray(direction, float), 0, degree)[0]
+    return harmonics(np.asarray(direction, float), 0, degree)[0] @ _half_sphere(degree)
+
+
+@cache
+def _half_sphere(degree: int) -> Array:
+    """(K, K) upper triangular, from harmonics to functions orthonormal on the half sphere.
+
+    Products of harmonics are polynomials of degree 2 `degree`: Gauss-Legendre points in z and evenly
+    spaced ones in azimuth integrate them exactly.
+    """
+    points, weights = np.polynomial.legendre.leggauss(degree + 1)
+    count = 2 * degree + 1
+    z = np.repeat((points + 1) / 2, count)
+    azimuth = np.tile(2 * np.pi * np.arange(count) / count, len(points))
+    across = np.sqrt(1 - z * z)
+    direction = np.stack([across * np.cos(azimuth), across * np.sin(azimuth), z], axis=1)
+    phi = harmonics(direction, 0, degree)[0]
+    gram = (phi * np.repeat(weights / 2 / count, count)[:, None]).T @ phi
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(gram)).T)
 
 
 def moments(direct: Array, solid_angle_sr: Array, phi: Array) -> Array:
@@ -62,21 +88,24 @@ class Evidence:
         is phi_i^T B M_p: so phi_i^T B (M_p - ratio_pi M_w / flux_w) = 0 whatever the paint.
         """
         upper, white = np.triu_indices(phi.shape[1]), white / white[0]
+        ratio, weight, moment = pictures
+        known = np.isfinite(ratio) & (weight > 0)
+        scale = 1 / (weight[known].mean() * np.mean(moment[:, 0]) ** 2)
         normal = []
-        for r, w, m in zip(*pictures, strict=True):
-            known = np.isfinite(r) & (w > 0)
-            rows = _symmetric_rows(phi[known], m - r[known, None] * white, upper)
-            normal.append((rows * w[known, None]).T @ rows)
+        for r, w, m, k in zip(ratio, weight, moment, known, strict=True):
+            rows = _symmetric_rows(phi[k], m - r[k, None] * white, upper)
+            normal.append((rows * scale * w[k, None]).T @ rows)
         mean = _symmetric_rows(phi.mean(axis=0)[None], white[None], upper)[0]
         return cls(np.array(normal), mean, white)
 
     def fit(self, pictures: NDArray[np.bool_]) -> tuple[Array, Array]:
         """B (K, K) and white's profile g (K,), E_i = phi_i.g, from some of the pictures (P,).
 
-        Least squares with E on average 1; what no picture shows stays 0.
+        Least squares with E on average 1; what no picture shows stays near 0, where B is for a bare
+        sphere but for its first number.
         """
         normal = self.normal[pictures].sum(axis=0)
-        normal += RIDGE * np.trace(normal) / len(normal) * np.eye(len(normal))
+        normal[np.diag_indices(len(normal))] += np.where(np.arange(len(normal)) > 0, PRIOR, 0)
         numbers = cho_solve(cho_factor(normal), self.mean)
         size = len(self.white)
         matrix = np.zeros((size, size))

@@ -56,6 +56,7 @@ class DomeMaps:
     coverage : (N, N) share of the pixel that a projector can light, 0..1.
     protected : (N, N) where the picture is left as it is, never compensated; None for nowhere.
     kernel : what bounced light of other pictures than full white is like.
+    falloff : (N, N) of the white, 1 at its brightest: content is multiplied with it; None for even.
     """
 
     scatter_per_flux: Map
@@ -65,6 +66,7 @@ class DomeMaps:
     coverage: Map
     protected: Mask | None = None
     kernel: ScatterKernel = field(default_factory=ScatterKernel.scalar)
+    falloff: Map | None = None
 
     @property
     def size(self) -> int:

@@ -87,11 +87,10 @@ def keep_pictures(
     """Compute and store VENUE/pictures and VENUE/frames for a piece of content; returns them."""
     size = content.shape[0]
     methods: tuple[Method, ...] = ("none", "exact", "paper-eq12")
-    made: dict[str, Compensated] = {
-        m: Compensator(calibration, size, m).solve(content) for m in methods
-    }
+    compensators = {m: Compensator(calibration, size, m) for m in methods}
+    made: dict[str, Compensated] = {m: c.solve(content) for m, c in compensators.items()}
     pictures = venue_dir / "pictures"
-    _write_rgb(pictures / "target.exr", content)
+    _write_rgb(pictures / "target.exr", compensators["exact"].target(content))
     _write_rgb(pictures / "uncompensated.exr", made["none"].observed)
     _write_rgb(pictures / "compensated.exr", made["exact"].observed)
     _write_rgb(pictures / "direct.exr", made["exact"].direct)

@@ -9,9 +9,11 @@ from tolerances import FLOAT32
 
 from procam.compensate.exact import Compensator
 from procam.errors import InputError, ShapeError
+from procam.maths.scatter_kernel import basis
 from procam.maths.sphere import master_directions, master_solid_angles
 from procam.model.calibration import Calibration
 from procam.model.mask import Mask
+from procam.model.transport import ScatterKernel
 
 SIZE = 96
 EXACT = 1e-6  # what science.md s.8 asks of unclipped pixels
@@ -126,6 +128,65 @@ class TestOthers:
         paper = Compensator(calibration, SIZE, "paper-eq12").solve(content)
         free = exact.free & paper.free
         assert (paper.observed[free] - content[free]).mean() > 0.005
+
+
+@pytest.fixture
+def furnished(calibration: Calibration) -> Calibration:
+    """A dome whose floor returns more to the side that the light came from."""
+    bend = np.diag([1.0, 0.03, 0.06, 0.05])
+    bend[0, 1] = bend[1, 0] = 0.02
+    kernel = ScatterKernel(1, np.stack([bend] * 3), np.tile([1.0, 0.02, 0.0, 0.0], (3, 1)))
+    return replace(calibration, maps=replace(calibration.maps, kernel=kernel))
+
+
+class TestFurnished:
+    def scattered(self, calibration: Calibration, direct: np.ndarray) -> np.ndarray:
+        """Bounced light pixel by pixel, without moments."""
+        solid, kernel = _solid(calibration), calibration.maps.kernel
+        lit = solid > 0
+        phi = basis(master_directions(SIZE)[0][lit], kernel.degree)
+        out = np.zeros_like(direct, dtype=float)
+        for c in range(3):
+            paint = calibration.maps.scatter_per_flux[lit][:, c] / (phi @ kernel.profile[c])
+            pairs = phi @ kernel.matrix[c] @ phi.T
+            out[..., c][lit] = paint * (pairs @ (solid[lit] * direct[lit][:, c]))
+        return out
+
+    def test_unclipped_pixels_are_exact(self, furnished: Calibration, content: np.ndarray) -> None:
+        found = Compensator(furnished, SIZE).solve(content)
+        assert 0.7 < found.free[_solid(furnished) > 0].mean() < 1
+        seen = found.direct + self.scattered(furnished, found.direct.astype(float))
+        np.testing.assert_allclose(seen[found.free], content[found.free], atol=2 * EXACT)
+        np.testing.assert_allclose(found.observed[found.free], content[found.free], atol=EXACT)
+
+    def test_one_sided_light_is_not_what_one_scalar_makes_of_it(
+        self, furnished: Calibration, calibration: Calibration, content: np.ndarray
+    ) -> None:
+        content[:, : SIZE // 2] *= 0.1
+        finer, scalar = (Compensator(c, SIZE).solve(content) for c in (furnished, calibration))
+        difference = finer.observed - add_interreflection_of(calibration, finer.direct)
+        lit = _solid(furnished) > 0
+        assert np.abs(difference[lit]).max() > 0.002
+        assert not np.allclose(finer.direct, scalar.direct, atol=1e-3)
+
+
+def add_interreflection_of(calibration: Calibration, direct: np.ndarray) -> np.ndarray:
+    flux = np.tensordot(_solid(calibration), direct.astype(float), 2)
+    return direct + calibration.maps.scatter_per_flux * flux
+
+
+def test_content_lies_under_the_matched_white(
+    calibration: Calibration, content: np.ndarray
+) -> None:
+    x = np.linspace(0.6, 1, SIZE, dtype=np.float32)
+    falloff = np.broadcast_to(x, (SIZE, SIZE)).copy()
+    matched = replace(calibration, maps=replace(calibration.maps, falloff=falloff))
+    compensator = Compensator(matched, SIZE)
+    found = compensator.solve(content)
+    meant = content * falloff[..., None]
+    lit = _solid(calibration) > 0
+    np.testing.assert_allclose(compensator.target(content)[lit], meant[lit], rtol=1e-6)
+    np.testing.assert_allclose(found.observed[found.free], meant[found.free], atol=EXACT)
 
 
 @pytest.fixture

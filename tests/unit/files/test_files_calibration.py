@@ -20,6 +20,7 @@ from procam.files.calibration import (
 from procam.files.images import read_channels
 from procam.model.calibration import Calibration
 from procam.model.mask import Mask
+from procam.model.transport import ScatterKernel
 
 
 def _assert_same(found: Any, expected: Any, where: str = "calibration") -> None:
@@ -61,6 +62,24 @@ class TestRoundTrip:
         protecting = dataclasses.replace(calibration, maps=maps)
         save_calibration(protecting, tmp_path / "0001")
         _assert_same(load_calibration(tmp_path / "0001"), protecting)
+
+    def test_kernel_and_falloff_come_back_too(
+        self, tmp_path: Path, calibration: Calibration
+    ) -> None:
+        rng = np.random.default_rng(3)
+        kernel = ScatterKernel(1, rng.normal(size=(3, 4, 4)), rng.normal(size=(3, 4)))
+        falloff = rng.uniform(0.5, 1, (96, 96)).astype(np.float32)
+        maps = dataclasses.replace(calibration.maps, kernel=kernel, falloff=falloff)
+        furnished = dataclasses.replace(calibration, maps=maps)
+        save_calibration(furnished, tmp_path / "0001")
+        _assert_same(load_calibration(tmp_path / "0001"), furnished)
+
+    def test_one_from_before_there_were_kernels_has_one_scalar(self, saved: Path) -> None:
+        path = saved / "calibration.json"
+        document = json.loads(path.read_text())
+        del document["scatter_kernel"]
+        path.write_text(json.dumps(document))
+        _assert_same(load_calibration(saved).maps.kernel, ScatterKernel.scalar())
 
     def test_one_without_protection_says_nothing_of_it(self, saved: Path) -> None:
         """And so does every calibration that was made before there was any."""

@@ -153,7 +153,7 @@ MISTAKES = {
     "response of no kind": (
         ('response = "linear"', 'response = "rec709"'),
         "cameras.zenith.response",
-        ["got 'rec709'", 'expected "linear", "srgb" or a table\'s name that ends in .csv'],
+        ["got 'rec709'", 'expected "linear", "srgb", "solve" or a table\'s name that ends in .csv'],
     ),
     "size in halves": (
         ("size = [1600, 1600]", "size = [1600, 1600.5]"),

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from procam.maths import scatter_kernel
 from procam.maths.box_solver import solve_flux, solve_moments
 from procam.maths.scatter_kernel import Evidence, basis, moments, predicted_ratio
 from procam.maths.sphere import master_directions, master_solid_angles
@@ -59,8 +60,11 @@ def test_moments_of_degree_0_are_the_flux(dome: Dome) -> None:
     np.testing.assert_allclose(found, [[dome.solid @ dome.pictures[0]]], rtol=1e-12)
 
 
-def test_a_picture_that_took_no_part_is_predicted(dome: Dome) -> None:
+def test_a_picture_that_took_no_part_is_predicted(
+    dome: Dome, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The kernel comes back whatever the paint: ten pictures fit it, the rest are told from it."""
+    monkeypatch.setattr(scatter_kernel, "PRIOR", 1e-6)
     take = np.arange(12) < 10
     matrix, profile = dome.evidence(DEGREE).fit(take)
     np.testing.assert_allclose(matrix, matrix.T)
@@ -70,6 +74,16 @@ def test_a_picture_that_took_no_part_is_predicted(dome: Dome) -> None:
             * predicted_ratio(dome.phi, matrix, profile, dome.moment(picture)[None])[0]
         )
         np.testing.assert_allclose(told, dome.scattered(picture), rtol=1e-3)
+
+
+def test_what_no_picture_shows_stays_as_on_a_bare_sphere(dome: Dome) -> None:
+    """One picture and its mirror: nothing tells of light that falls to the left."""
+    picture = 1 + 0.5 * dome.direction[:, 0]
+    ratio = np.stack([dome.scattered(picture) / dome.per_flux] * 2)
+    moment = np.stack([dome.moment(picture)] * 2)
+    evidence = Evidence.of(dome.phi, (ratio, np.ones_like(ratio), moment), dome.moment(dome.white))
+    matrix, _ = evidence.fit(np.ones(2, bool))
+    assert np.abs(matrix - np.diag(np.eye(9)[0])).max() < 0.01
 
 
 def test_white_brings_what_it_brings(dome: Dome) -> None:

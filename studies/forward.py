@@ -1,0 +1,413 @@
+"""Light that bounces, as told by every form of procam, against path tracing on the room as built.
+
+Both get the direct light; compared is what the room adds to it, over the lit patches.
+"""
+
+import json
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import chain
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procam.errors import InputError
+from procam.estimate.scatter import CELLS, Lighting, cell_basis, fit_scatter
+from procam.maths.form_factors import form_factors
+from procam.maths.mesh_radiosity import add_bounces
+from procam.maths.radiosity import (
+    add_interreflection,
+    add_interreflection_paper,
+    add_zoned_interreflection,
+    floor_return,
+    sphere_scatter,
+)
+from procam.maths.scatter_kernel import basis, moments, predicted_ratio
+from procam.maths.sphere import cap_solid_angle, direction_from_angles, master_pixels
+from simulators.mitsuba_paths import scattered_irradiance
+from simulators.mitsuba_scene import load_mitsuba
+from simulators.mitsuba_venue import room_mesh, scattered_radiosity
+from simulators.presets import IDEAL, Preset
+from simulators.surface import Surface
+from simulators.transport import DOME_RINGS, DOME_SECTORS
+
+Array = NDArray[np.float64]
+HERE = Path(__file__).parent
+SAMPLES = 4096  # rays from each patch, and from each face of a mesh
+SEED, TRAINING_SEED = 1, 2  # of the pictures judged, and of those that forms may learn from
+PATCHES = DOME_RINGS * DOME_SECTORS
+RING, SECTOR = np.divmod(np.arange(PATCHES), DOME_SECTORS)
+STRIPS = (0.0, 0.1, 0.2, 0.4)
+# albedo, and how far it varies; .8 +-30 % would be brighter than white
+PAINTS = ((0.3, 0.0), (0.3, 0.3), (0.5, 0.0), (0.5, 0.3), (0.8, 0.0), (0.8, 0.2))
+TILTS_DEG = (15.0, 30.0)  # of a bare dome, where they change nothing
+FURNISHED = ((0.3, 15.0), (0.5, 0.0), (0.5, 15.0), (0.5, 30.0), (0.8, 15.0))  # albedo, tilt
+SPOT = direction_from_angles(np.radians(40.0), np.radians(50.0))
+SPOT_RADIUS = np.radians(20.0)
+SECTORS = 4  # of the dome, high and low: eight zones, as the quarters of two projectors
+TURNED = 5  # patches of azimuth
+LOW_RING = 13  # halves of the area lit with a strip of 10 %
+
+
+@dataclass(frozen=True)
+class Dome:
+    """What forms may know of a dome: `solid_angle_sr` and `albedo` (N, 1) of its patches, which are lit.
+
+    `returned` is what its floor sends back.
+    """
+
+    name: str
+    kind: str
+    solid_angle_sr: Array
+    albedo: Array
+    lit: NDArray[np.bool_]
+    returned: float
+
+
+@dataclass(frozen=True)
+class Picture:
+    """Direct and scattered radiosity (N, 1) of the patches, with the standard error of the latter."""
+
+    name: str
+    direct: Array
+    scattered: Array
+    error: Array
+
+
+@dataclass(frozen=True)
+class Form:
+    """A way to tell scattered radiosity (N, 1) from a dome, training pictures and direct light.
+
+    Training pictures are white on each of eight zones; together they are full white.
+    """
+
+    name: str
+    tell: Callable[[Dome, Sequence[Picture], Array], Array]
+
+
+def paper_eq_10(dome: Dome, training: Sequence[Picture], direct: Array) -> Array:
+    """To the letter, with the lit area alone."""
+    lit, told = dome.lit, np.full_like(direct, np.nan)
+    albedo = float(dome.albedo[lit].mean())
+    total = add_interreflection_paper(direct[lit], albedo, dome.solid_angle_sr[lit])
+    told[lit] = total - direct[lit]
+    return told
+
+
+def one_scalar(dome: Dome, training: Sequence[Picture], direct: Array) -> Array:
+    """The closed form of all that reflects, with the floor's mean."""
+    scatter = sphere_scatter(dome.albedo, dome.solid_angle_sr, dome.returned)
+    return add_interreflection(direct, scatter, dome.solid_angle_sr) - direct
+
+
+def measured(dome: Dome, training: Sequence[Picture], direct: Array) -> Array:
+    """What full white scatters, per flux."""
+    white = sum(t.direct for t in training)
+    scatter = sum(t.scattered for t in training) / (dome.solid_angle_sr @ white)
+    return add_interreflection(direct, scatter, dome.solid_angle_sr) - direct
+
+
+def measured_by_zones(dome: Dome, training: Sequence[Picture], direct: Array) -> Array:
+    """What white on each zone scatters, per flux."""
+    scatter = np.stack([t.scattered / (dome.solid_angle_sr @ t.direct) for t in training])
+    collect = np.stack([(t.direct[:, 0] > 0) * dome.solid_angle_sr for t in training])
+    return add_zoned_interreflection(direct, scatter, collect) - direct
+
+
+def chosen_by_evidence(dome: Dome, training: Sequence[Picture], direct: Array) -> Array:
+    """The kernel whose degree pictures held out choose, as a calibration does.
+
+    As from two projectors that share the dome and show their quarters, four zones each; of their whites
+    stripes tell the bounced light also where direct light falls.
+    """
+    flux = dome.solid_angle_sr @ sum(t.direct for t in training)
+    per_flux = sum(t.scattered for t in training) / flux
+    zones = [_lighting(dome, t, t.direct[:, 0] == 0) for t in training]
+    white, everywhere = sum(x.direct for x in zones), np.ones(PATCHES, bool)
+    halves = [training[i : i + len(training) // 2] for i in (0, len(training) // 2)]
+    lightings = zones + [_lighting(dome, _together(h), everywhere) for h in halves]
+    kernel = fit_scatter(lightings, _in_cells(per_flux), cell_basis().T @ white).kernel
+    phi = basis(patch_directions(), kernel.degree)
+    moment = moments(direct, dome.solid_angle_sr, phi)[:, 0]
+    ratio = predicted_ratio(phi, kernel.matrix[0], kernel.profile[0], moment[None])
+    return per_flux * ratio.T
+
+
+def _together(pictures: Sequence[Picture]) -> Picture:
+    """Several pictures shown at once."""
+    direct, scattered = sum(p.direct for p in pictures), sum(p.scattered for p in pictures)
+    return Picture("together", direct, scattered, np.zeros_like(scattered))
+
+
+def _lighting(dome: Dome, picture: Picture, dark: NDArray[np.bool_]) -> Lighting:
+    """A picture as a camera sees it: bounced light where nothing else is."""
+    seen = _in_cells(np.where(dark[:, None], picture.scattered, np.nan))
+    flux = picture.direct[:, 0] * dome.solid_angle_sr
+    direct = np.bincount(_cell(), flux, CELLS**2)[:, None]
+    pixels = np.isfinite(seen[:, 0]) * np.bincount(_cell(), minlength=CELLS**2)
+    return Lighting(seen, pixels.astype(float), direct)
+
+
+def _in_cells(values: Array) -> Array:
+    """Means (K, 1) of patches (N, 1) over the cells of a calibration's fit; NaN where one is unknown."""
+    count = np.bincount(_cell(), minlength=CELLS**2)
+    sums = np.bincount(_cell(), values[:, 0], CELLS**2)
+    return np.where(count > 0, sums / np.maximum(count, 1), np.nan)[:, None]
+
+
+def _cell() -> NDArray[np.intp]:
+    place = np.rint(master_pixels(patch_directions(), CELLS)).astype(np.intp)
+    column, row = place.clip(0, CELLS - 1).T
+    return row * CELLS + column
+
+
+def patch_directions() -> Array:
+    """Unit vectors (N, 3) to the patches' middles."""
+    z, azimuth = 1 - (RING + 0.5) / DOME_RINGS, (SECTOR + 0.5) / DOME_SECTORS * 2 * np.pi
+    return direction_from_angles(azimuth, np.arcsin(z))
+
+
+FORMS = (
+    Form("paper eq. 10, lit area alone", paper_eq_10),
+    Form("closed form, all that reflects", one_scalar),
+    Form("measured from white", measured),
+    Form("measured from zones", measured_by_zones),
+    Form("chosen by held-out zones", chosen_by_evidence),
+)
+
+
+def main() -> None:
+    """Trace all rooms and write studies/forward.json and .md; takes minutes, and needs LLVM.
+
+    Raises
+    ------
+    InputError
+        If there is no LLVM.
+    """
+    variant = load_mitsuba().variant()
+    if not variant.startswith("llvm"):
+        raise InputError(
+            f"study forward: got Mitsuba's variant {variant}, expected LLVM's, as others take hours; "
+            "install libLLVM 19 or newer"
+        )
+    rows = []
+    for row in chain(_dome_rows(), _mesh_rows()):
+        print(row, flush=True)
+        rows.append(row)
+    document = {
+        "command": "python -m studies forward",
+        "variant": variant,
+        "samples": SAMPLES,
+        "rows": rows,
+    }
+    (HERE / "forward.json").write_text(json.dumps(document, indent=1) + "\n")
+    (HERE / "forward.md").write_text(_report(rows))
+
+
+def _dome_rows() -> Iterator[dict]:
+    bare = replace(IDEAL, floor_albedo=0.0, tilt_deg=0.0)
+    for albedo, smooth in PAINTS:
+        yield from _rows(replace(bare, albedo=albedo, albedo_smooth=smooth), "bare", STRIPS)
+    for tilt in TILTS_DEG:
+        preset = replace(bare, tilt_deg=tilt, albedo_smooth=0.3)
+        yield from _rows(preset, "bare", STRIPS[1:2])
+    for albedo, tilt in FURNISHED:
+        preset = replace(bare, albedo=albedo, tilt_deg=tilt, floor_albedo=0.2, pod=True)
+        yield from _rows(preset, "furnished", STRIPS[1:2])
+
+
+def _rows(preset: Preset, kind: str, strips: Sequence[float]) -> Iterator[dict]:
+    """One dome with several strips: the light of all is traced at once."""
+    started = time.perf_counter()
+    surface = Surface.build(preset)
+    mesh = room_mesh(surface)
+    area = mesh.areas_m2()
+    paint = np.bincount(mesh.patch, area * mesh.albedo[:, 0]) / np.bincount(mesh.patch, area)
+    albedo = paint[:PATCHES, None]
+    lit = [RING < DOME_RINGS * (1 - strip) for strip in strips]
+    shown = [{n: m & where for n, m in _pictures().items()} for where in lit]
+    taught = [{n: m & where for n, m in _training().items()} for where in lit]
+    judged = iter(_traced(surface, albedo, [m for s in shown for m in s.values()], SEED))
+    learned = iter(_traced(surface, albedo, [m for s in taught for m in s.values()], TRAINING_SEED))
+    seconds = (time.perf_counter() - started) / len(strips)
+    tilt = np.radians(preset.tilt_deg)
+    solid = np.full(PATCHES, cap_solid_angle(surface.half_angle) / PATCHES)
+    for strip, where, names, teachers in zip(strips, lit, shown, taught, strict=True):
+        name = (
+            f"albedo {preset.albedo:g} +-{100 * preset.albedo_smooth:g} %, "
+            f"strip {100 * strip:g} %, tilt {preset.tilt_deg:g} deg"
+        )
+        returned = floor_return(surface.half_angle, tilt, preset.floor_albedo)
+        dome = Dome(name, kind, solid, albedo, where, returned)
+        pictures = [Picture(n, *next(judged)) for n in names]
+        training = [Picture(n, *next(learned)) for n in teachers]
+        yield {**_judge(dome, training, pictures), "seconds": seconds}
+
+
+def _pictures() -> dict[str, NDArray[np.bool_]]:
+    azimuth = (SECTOR + 0.5) / DOME_SECTORS * 2 * np.pi
+    return {
+        "white": np.ones(PATCHES, bool),
+        "left half": np.sin(azimuth) > 0,
+        "front wedge of 60 deg": np.cos(azimuth) > np.cos(np.radians(30)),
+        "upper half": RING < DOME_RINGS // 2,
+        "spot": patch_directions() @ SPOT > np.cos(SPOT_RADIUS),
+    }
+
+
+def _training() -> dict[str, NDArray[np.bool_]]:
+    turned = (SECTOR + TURNED) % DOME_SECTORS  # else some harmonics have no share in any zone
+    sector, low = turned * SECTORS // DOME_SECTORS, RING >= LOW_RING
+    zones = 2 * sector + low
+    return {f"zone {i}": zones == i for i in range(2 * SECTORS)}
+
+
+def _traced(
+    surface: Surface, albedo: Array, lit: Sequence[NDArray[np.bool_]], seed: int
+) -> list[tuple[Array, Array, Array]]:
+    """Direct, scattered and its error (N, 1) of white light on each of some areas (N,)."""
+    areas, place = np.unique(np.stack(lit), axis=0, return_inverse=True)  # strips share some
+    mesh = room_mesh(surface, len(areas))
+    whole = np.zeros((mesh.patch.max() + 1, len(areas)))
+    whole[:PATCHES] = albedo * areas.T
+    light, error = scattered_irradiance(mesh, whole[mesh.patch], SAMPLES, seed)
+    columns = [slice(i, i + 1) for i in place.ravel()]
+    on_dome = (whole[:PATCHES], albedo * light[:PATCHES], albedo * error[:PATCHES])
+    return [tuple(v[:, c] for v in on_dome) for c in columns]
+
+
+def _judge(dome: Dome, training: Sequence[Picture], pictures: Sequence[Picture]) -> dict:
+    """Relative rms errors of every form, per picture, and how far the tracer is to be trusted."""
+    lit, forms, z, noise = dome.lit, {}, {}, {}
+    rng = np.random.default_rng(SEED)
+    noisy = [
+        replace(t, scattered=t.scattered + t.error * rng.standard_normal(t.error.shape))
+        for t in training
+    ]
+    for picture in pictures:
+        true, sigma = picture.scattered[lit], picture.error[lit]
+        noise[picture.name] = _rms(sigma) / true.mean()
+        exact = one_scalar(dome, training, picture.direct)[lit]
+        z[picture.name] = _rms((exact - true) / sigma)
+        for form in FORMS:
+            told = form.tell(dome, training, picture.direct)[lit]
+            learned = form.tell(dome, noisy, picture.direct)[lit] - told
+            # the tracer's noise, in what is judged and in what is learned from, is no error
+            square = _rms(told - true) ** 2 - _rms(sigma) ** 2 - _rms(learned) ** 2
+            error = np.sqrt(max(square, 0.0)) / true.mean()
+            forms.setdefault(form.name, {})[picture.name] = float(error)
+    return {"kind": dome.kind, "room": dome.name, "noise": noise, "z": z, "error": forms}
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _mesh_rows() -> Iterator[dict]:
+    """Rooms of any shape: form factors against paths."""
+    for name, (vertices, faces) in {"box 5 x 3 x 2 m": _box(), "cylinder": _cylinder()}.items():
+        started = time.perf_counter()
+        middle = vertices[faces].mean(axis=1)
+        low, high = vertices.min(axis=0), vertices.max(axis=0)
+        on_floor = middle[:, 2] < low[2] + 1e-6
+        albedo = np.where(on_floor, 0.2, 0.6)
+        far = np.linalg.norm(middle - [high[0], 0, middle[:, 2].mean()], axis=1)
+        areas = {"all but the floor": ~on_floor, "left half": ~on_floor & (middle[:, 1] > 0)}
+        areas["spot"] = far <= np.sort(far)[len(far) // 40]
+        direct = np.stack([area * albedo for area in areas.values()], axis=1)
+        albedos = np.repeat(albedo[:, None], len(areas), axis=1)
+        told = add_bounces(direct, albedos, form_factors(vertices, faces)) - direct
+        true, sigma = scattered_radiosity(vertices, faces, albedos, direct, SAMPLES, SEED)
+        mean, columns = true.mean(axis=0), range(len(areas))
+        square = np.mean((told - true) ** 2, axis=0) - np.mean(sigma**2, axis=0)
+        error, noise = np.sqrt(np.maximum(square, 0)) / mean, np.sqrt(np.mean(sigma**2, 0)) / mean
+        yield {
+            "kind": "mesh",
+            "room": f"{name}, {len(faces)} faces",
+            "noise": {n: noise[i] for n, i in zip(areas, columns, strict=True)},
+            "error": {"form factors": {n: error[i] for n, i in zip(areas, columns, strict=True)}},
+            "seconds": time.perf_counter() - started,
+        }
+
+
+Mesh = tuple[Array, NDArray[np.intp]]
+
+
+def _box() -> Mesh:
+    """Half as long, wide and high to either side of the origin, walls of squares of a quarter metre."""
+    half, walls = np.array([2.5, 1.5, 1.0]), []
+    for axis in range(3):
+        u, v = (axis + 1) % 3, (axis + 2) % 3
+        for side in (-1, 1):
+            counts = [int(8 * half[i]) + 1 for i in (u, v)]
+            grid = np.empty((*counts, 3))
+            grid[..., axis] = side * half[axis]
+            grid[..., u] = np.linspace(-half[u], half[u], counts[0])[:, None]
+            grid[..., v] = np.linspace(-half[v], half[v], counts[1])
+            walls.append(grid if side < 0 else grid[:, ::-1])
+    return _joined(walls)
+
+
+def _cylinder() -> Mesh:
+    """3 m across and 4 m high, closed; of 36 sides."""
+    turn = np.linspace(0, 2 * np.pi, 37)
+    around = np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=1)
+    up = np.array([0, 0, 1.0])
+    rows = [(r, -2.0) for r in np.linspace(0, 1.5, 7)]
+    rows += [(1.5, z) for z in np.linspace(-2, 2, 17)[1:]]
+    rows += [(r, 2.0) for r in np.linspace(1.5, 0, 7)[1:]]
+    return _joined([np.stack([r * around + z * up for r, z in rows])])
+
+
+def _joined(grids: Sequence[Array]) -> Mesh:
+    """Triangles over grids of points (R, C, 3), with points at one place made one."""
+    corners = []
+    for grid in grids:
+        a, b, c, d = grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:]
+        corners += [np.stack(three, axis=2).reshape(-1, 3, 3) for three in ((a, b, c), (a, c, d))]
+    flat = np.concatenate(corners)
+    spread = np.cross(flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0])
+    flat = flat[np.linalg.norm(spread, axis=1) > 1e-9]
+    _, first, place = np.unique(
+        flat.reshape(-1, 3).round(9), axis=0, return_index=True, return_inverse=True
+    )
+    return flat.reshape(-1, 3)[first], place.reshape(-1, 3)
+
+
+def _report(rows: Sequence[dict]) -> str:
+    domes = [row for row in rows if row["kind"] != "mesh"]
+    lines = [
+        "# Forward model: light that bounces, told and path-traced",
+        "",
+        "Root mean square of told less traced, over the lit patches, relative to the mean of the "
+        "traced; the tracer's noise is taken off, so that 0 means less than it. Worst and mean over "
+        f"five pictures: {', '.join(_pictures())}. {DOME_RINGS} x {DOME_SECTORS} patches, "
+        f"{SAMPLES} rays from each.",
+        "",
+        "Noise: the tracer's standard error, worst picture. z: what the closed form is off in "
+        "standard errors (rms, worst picture); about 1.2 where the form is exact and the errors are "
+        "honest, since eight batches tell them. Measured forms learn from white, or from white on "
+        "each of eight zones, traced with rays of their own; the last is what calibrations do.",
+        "",
+        "| room | noise [%] | z | " + " | ".join(f"{f.name} [%]" for f in FORMS) + " |",
+        "|" + "---|" * (3 + len(FORMS)),
+    ]
+    for row in domes:
+        told = " | ".join(_worst_and_mean(row["error"][f.name]) for f in FORMS)
+        z, noise = max(row["z"].values()), 100 * max(row["noise"].values())
+        lines.append(f"| {row['kind']}, {row['room']} | {noise:.2f} | {z:.2f} | {told} |")
+    lines += ["", "| room | noise [%] | form factors [%] |", "|---|---|---|"]
+    for row in (row for row in rows if row["kind"] == "mesh"):
+        noise = 100 * max(row["noise"].values())
+        told = _worst_and_mean(row["error"]["form factors"])
+        lines.append(f"| {row['room']} | {noise:.2f} | {told} |")
+    goals = "<= .5 on bare domes, <= 2 on furnished ones by the form chosen, <= 2 on meshes"
+    lines += ["", f"Goals [%]: {goals}.", "", "`python -m studies forward`", ""]
+    return "\n".join(lines)
+
+
+def _worst_and_mean(errors: dict[str, float]) -> str:
+    values = 100 * np.array(list(errors.values()))
+    return f"{values.max():.2f}, {values.mean():.2f}"
