@@ -5,15 +5,15 @@ All of them, or those that are named: python -m studies codes code-table
 
 import sys
 
-from studies import code_table, codes, forward, geometry, one_fringe, seeds
+from studies import code_table, codes, forward, geometry, one_fringe, photometry
 
 STUDIES = {
-    "seeds": seeds.main,
     "codes": codes.main,
     "one-fringe": one_fringe.main,
     "code-table": code_table.main,
     "geometry": geometry.main,
     "forward": forward.main,
+    "photometry": photometry.main,
 }
 
 

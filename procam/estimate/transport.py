@@ -25,7 +25,7 @@ CLEAR_CAMERA_PX = 6  # likewise from the border of a projector's picture
 GLOBAL_BLUR_PX = 1.0
 EXTEND_PX = 3.0
 # of m: the border of the lit area errs alike for all projectors, so their spread does not show it;
-# three times the bias that studies/seeds.md finds
+# three times the bias that studies/photometry.md finds
 BORDER_SIGMA = 1e-3
 
 
@@ -69,7 +69,8 @@ class Separation:
         self._index = np.rint(np.nan_to_num(projector_xy)).astype(np.int32)
         self._inside = grow(lit & usable, -2)
         self._outside = (self._solid > 0) & ~grow(lit, CLEAR_CAMERA_PX)
-        self._sum, self._count = np.nan_to_num(white), 1
+        self._sum, self._count = np.nan_to_num(white), np.ones(lit.shape, np.float32)
+        self._shares = np.ones(lit.shape, np.float32)  # of white's scattered light in the sum
         self._dark_sum = np.where(self._outside[..., None], self._sum, 0)
         self._dark_weight = self._outside.astype(np.float32)
 
@@ -86,12 +87,15 @@ class Separation:
 
     def add_pair(self, axis: str, bit: int, pattern: Image, inverse: Image) -> None:
         """Fold in a stripe picture and its inverse, (H, W, 3), black taken off."""
-        self._sum += pattern
-        self._sum += inverse
-        self._count += 1
         which = 0 if axis == "x" else 1
         with np.errstate(invalid="ignore"):
-            clear = self._inside & (edge_distance(self._xy[..., which], bit) > CLEAR_PX)
+            near_edge = edge_distance(self._xy[..., which], bit) <= CLEAR_PX
+        # a media server draws edges as greys, and these do not add up to white
+        sound = ~near_edge
+        self._sum += np.where(sound[..., None], pattern + inverse, 0)
+        self._count += sound
+        self._shares += sound * np.float32((self.flux_share(pattern) + self.flux_share(inverse))[1])
+        clear = self._inside & sound & np.isfinite(self._xy[..., which])
         bright = is_bright(self._index[..., which], bit)
         self._add_dark(pattern, (clear & ~bright) | self._outside)
         self._add_dark(inverse, (clear & bright) | self._outside)
@@ -105,7 +109,6 @@ class Separation:
     def result(self) -> Light:
         """The split, after all pairs."""
         on_screen = self._solid > 0
-        white = self._sum / np.float32(self._count)
         known = (self._dark_weight > 0) & on_screen & np.isfinite(self._dark_sum).all(axis=-1)
         ratio = self._dark_sum / np.maximum(self._dark_weight, 1e-12)[..., None]
         scattered = blur_within(ratio, known, GLOBAL_BLUR_PX)
@@ -113,7 +116,8 @@ class Separation:
         if missing.any():
             scattered[missing] = blur_within(ratio, known, 8 * GLOBAL_BLUR_PX)[missing]
         near = grow(self._inside, 2 + CLEAR_CAMERA_PX) & on_screen
-        direct = np.where(near[..., None], white - scattered, 0).astype(np.float32)
+        white = self._sum - self._shares[..., None] * scattered
+        direct = np.where(near[..., None], white / self._count[..., None], 0).astype(np.float32)
         beyond = blur_within(direct, grow(self._inside, -1), EXTEND_PX)
         extended = np.where(grow(self._inside, -1)[..., None], direct, beyond)
         return Light(
