@@ -1,0 +1,59 @@
+"""The study of light at a quarter of its size, one seed: errors, intervals, response, seams."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tiny_venue import quick_simulator
+
+from procam.estimate import assemble
+from simulators import truth
+from simulators.scene import SceneSize
+from studies import photometry
+
+SMALL = SceneSize(projectors=2, projector_size=(320, 200), camera_size=(480, 480), rays=256)
+MASTER = 256
+
+
+@pytest.fixture(scope="module")
+def row(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """A realistic venue whose camera's veil was measured at a desk."""
+    with quick_simulator(), pytest.MonkeyPatch.context() as patch:
+        for module, name in ((assemble, "MAP_SIZE"), (truth, "MASTER"), (photometry, "MASTER")):
+            patch.setattr(module, name, MASTER)
+        patch.setattr(photometry, "PATCHES", MASTER // 2)
+        shared, folder = (tmp_path_factory.mktemp(n) for n in ("truth", "visit"))
+        told = photometry.tell_truth(shared, "realistic", SMALL)
+        found = photometry.visit(folder, "realistic", 1, told, SMALL)
+        return found | photometry.seams(folder)
+
+
+def test_feedback_and_albedo_within_their_intervals(row: dict[str, Any]) -> None:
+    assert abs(row["feedback_error"]) < 0.01
+    assert abs(row["albedo_error"]) < 0.025
+    assert all(row["feedback_covers"]) and all(row["albedo_covers"])
+    assert row["feedback_half_width"] < 0.03 and row["albedo_half_width"] < 0.06
+
+
+def test_response_and_seams(row: dict[str, Any]) -> None:
+    assert row["response_error"] < 0.003
+    assert row["seam_delta_e_mean"] < 0.5
+    assert (
+        row["seam_delta_e_95"] < 1.2
+    )  # patches of 1.4 degrees, panel pixels of a quarter of a degree
+
+
+def test_the_veil_is_what_it_is(tmp_path: Path) -> None:
+    photometry._write_venue(tmp_path, "realistic", 2, SMALL)
+    lines = (tmp_path / "venue.toml").read_text().splitlines()
+    glare, sigma = (
+        float(next(line for line in lines if line.startswith(key)).split("=")[1].split("#")[0])
+        for key in ("glare =", "glare_sigma =")
+    )
+    assert abs(glare - 0.01) < 3 * sigma and sigma < 0.001
+
+
+def test_the_table_has_a_line_for_every_figure(row: dict[str, Any]) -> None:
+    lines = list(photometry.table([row, row | {"preset": "standard"}]))
+    assert len(lines) == 2 + len(photometry.COLUMNS)
+    assert "| albedo, intervals that cover, widest | >= 88 %, +-6 % | 3 of 3" in lines[5]
