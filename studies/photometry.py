@@ -7,11 +7,13 @@ measured at a desk before the visit. Writes studies/photometry.json and studies/
 """
 
 import json
+import os
 import re
 import tempfile
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
-from functools import partial
+from functools import cache, partial
+from multiprocessing import get_context
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -37,11 +39,13 @@ from procam.model.optics import CameraModel
 from procam.workflows.calibrate import solve
 from procam.workflows.capture import capture, prepare_session
 from procam.workflows.venue_rig import open_rig
-from simulators.presets import PRESETS, PresetName
+from simulators.presets import PRESETS, Preset, PresetName
 from simulators.rig import set_up_cameras
 from simulators.scene import SceneSize
 from simulators.sensor import Sensor
+from simulators.surface import Surface
 from simulators.template import venue_text
+from simulators.transport import Room
 from simulators.truth import write_truth
 
 Image = NDArray[np.float32]
@@ -57,6 +61,7 @@ EDGE = 0.999
 WORKERS = 2
 TRAPS = ((0.5, 0.5), (0.3, 0.4), (0.6, 0.7))  # places in the picture
 DESK_EXPOSURE_S = 0.5
+TRACE = Room.trace
 
 
 def tell_truth(folder: Path, preset: PresetName, size: SceneSize = SIZE) -> Path:
@@ -246,8 +251,15 @@ COLUMNS = (
 )
 
 
+@cache
+def _traced(preset: Preset, rays: int) -> Room:
+    """A venue's room, traced once per process: seeds draw noise, not rooms."""
+    return TRACE(Surface.build(preset), rays)
+
+
 def _visit_of(job: tuple[PresetName, int, Path]) -> dict[str, Any]:
     venue, seed, truth = job
+    Room.trace = lambda surface, rays: _traced(surface.preset, rays)
     with tempfile.TemporaryDirectory() as folder:
         row = visit(Path(folder), venue, seed, truth)
         return row | (seams(Path(folder)) if seed in SEAM_SEEDS else {})
@@ -255,8 +267,12 @@ def _visit_of(job: tuple[PresetName, int, Path]) -> dict[str, Any]:
 
 def main() -> None:
     """Run all seeds and write the results; takes the better part of an hour."""
+    os.environ["OPENBLAS_NUM_THREADS"] = "1"  # each worker has a core of its own
     rows = []
-    with tempfile.TemporaryDirectory() as shared, ProcessPoolExecutor(WORKERS) as pool:
+    with (
+        tempfile.TemporaryDirectory() as shared,
+        ProcessPoolExecutor(WORKERS, mp_context=get_context("spawn")) as pool,
+    ):
         truths = {v: tell_truth(Path(shared) / v, v) for v in VENUES}
         jobs = [(v, seed, truths[v]) for v in VENUES for seed in SEEDS[v]]
         for row in pool.map(_visit_of, jobs):

@@ -1,11 +1,11 @@
-"""Commands that measure what a camera does to light, at a desk."""
+"""Commands for what is measured apart from a visit: cameras at a desk, light with a hand meter."""
 
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from procam.interfaces.cli.app import Json, app
+from procam.interfaces.cli.app import CalibrationArgument, Json, app
 from procam.interfaces.cli.output import Output
 
 Photos = Annotated[
@@ -81,3 +81,30 @@ def vignetting(photos: Photos, *, venue: Venue, camera: Camera, json: Json = Fal
     from procam.interfaces.cli.desk import run_vignetting
 
     run_vignetting(photos, (venue, camera), Output(json))
+
+
+@app.command(
+    epilog="Example: procam meter my-dome/calibrations/0001 readings.csv --out colour.json"
+)
+def meter(
+    calibration: CalibrationArgument,
+    readings: Annotated[
+        Path,
+        typer.Argument(
+            metavar="READINGS",
+            help="CSV: projector,patch,azimuth_deg,elevation_deg,Y,x,y (or X,Y,Z) in cd/m2.",
+        ),
+    ],
+    *,
+    out: Annotated[Path, typer.Option(help="JSON file with what a unit of each channel is.")],
+    json: Json = False,
+) -> None:
+    """Make a calibration absolute with a hand meter; exit 1 if readings and calibration disagree.
+
+    Show red, green, blue, white and black on the whole panel of one projector, unwarped and
+    unblended, the others shuttered, in the dark. Read each from the middle of the dome at one place
+    well inside the picture. A second place, or a second projector of the type, checks the first.
+    """
+    from procam.interfaces.cli.meter import run_meter
+
+    run_meter(calibration, readings, out, Output(json))

@@ -1,0 +1,147 @@
+"""`procam meter`: a hand meter's readings make a calibration absolute."""
+
+import hashlib
+import json
+from collections.abc import Iterator, Mapping
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import typer
+
+from procam.errors import InputError
+from procam.estimate.absolute import (
+    LARGEST_ADDITIVITY,
+    LARGEST_RESIDUAL,
+    PRIMARIES,
+    Absolute,
+    fit_absolute,
+)
+from procam.estimate.colour_spaces import (
+    colour_temperature,
+    content_from_rgb,
+    unshown_saturation,
+    xyy_from_xyz,
+)
+from procam.files.atomic import write_text
+from procam.files.calibration import load_calibration
+from procam.files.meter import read_meter
+from procam.interfaces.cli.output import Output
+from procam.model.quality import Figure, Goal
+
+SPACES = ("Rec.709", "P3-D65", "Rec.2020")
+TELLING = 0.005  # of a primary's saturation
+
+
+def run_meter(calibration: Path, readings: Path, out: Path, output: Output) -> None:
+    """Solve what a unit of each content channel is in cd/m2, say it and write OUT."""
+    if out.suffix != ".json" or out.is_dir():
+        raise InputError(f"{out}: got no name of a JSON file, expected one such as colour.json")
+    known = load_calibration(calibration)
+    found = fit_absolute(read_meter(readings, tuple(known.projectors)), known)
+    figures = _figures(found)
+    document = _document(found, figures, calibration, readings)
+    write_text(out, json.dumps(document, indent=1) + "\n")
+    for line in _lines(found):
+        output.say(line)
+    output.table(figures)
+    for note in found.notes:
+        output.say(f"note: {note}")
+    output.say(f"{out} written")
+    output.finish({"out": str(out), **document})
+    if any(figure.passed is False for figure in figures.values()):
+        raise typer.Exit(1)
+
+
+def _figures(found: Absolute) -> dict[str, Figure]:
+    residual = float(found.residual_de2000.mean())
+    figures = {
+        "residual_de2000": Figure(
+            residual,
+            "-",
+            Goal("<=", LARGEST_RESIDUAL),
+            len(found.readings),
+            "mean over the readings",
+        )
+    }
+    if found.additivity is not None:
+        figures["additivity_error"] = Figure(
+            found.additivity.error,
+            "-",
+            Goal("abs<=", LARGEST_ADDITIVITY),
+            note=f"{found.additivity.projector}; sigma {found.additivity.sigma:.3f} by the meter",
+        )
+    return figures
+
+
+def _lines(found: Absolute) -> Iterator[str]:
+    nits, sigma = found.nits_per_unit
+    kelvin, duv = colour_temperature(found.white)
+    told = "no colour temperature" if np.isnan(kelvin) else f"{kelvin:.0f} K"
+    x, y, _ = xyy_from_xyz(found.white)
+    yield (
+        f"reference white: {nits:.4g} +- {sigma:.2g} cd/m2, x {x:.4f} y {y:.4f}, {told} (Duv {duv:+.4f})"
+    )
+    for name, (x, y, luminance) in _primaries(found).items():
+        yield f"  {name:5} x {x:.4f} y {y:.4f}, {luminance:.4g} cd/m2"
+    if found.contrast is not None:
+        yield f"contrast: {found.contrast:.0f}:1, full white over black at one place"
+    reading, residual = found.worst
+    yield f"fits worst: {reading}, dE2000 {residual:.2f}"
+    for space, unshown in _unshown(found).items():
+        lost = [f"{n} {v:.0%}" for n, v in unshown.items() if v > TELLING]
+        yield (
+            f"{space}: saturation that cannot be shown: {', '.join(lost)}"
+            if lost
+            else f"{space}: all shown"
+        )
+
+
+def _primaries(found: Absolute) -> dict[str, list[float]]:
+    """X, y and Y of each content channel at 1."""
+    each = xyy_from_xyz(found.xyz_from_content.T)
+    return {name: row.tolist() for name, row in zip(PRIMARIES, each, strict=True)}
+
+
+def _unshown(found: Absolute) -> dict[str, dict[str, float]]:
+    """By colour space and primary, with the dome's white as the space's."""
+    matrix = found.xyz_from_content
+    shares = {s: unshown_saturation(content_from_rgb(s, matrix), matrix) for s in SPACES}
+    return {
+        space: dict(zip(PRIMARIES, share.tolist(), strict=True)) for space, share in shares.items()
+    }
+
+
+def _document(
+    found: Absolute, figures: Mapping[str, Figure], calibration: Path, readings: Path
+) -> dict[str, Any]:
+    nits, sigma = found.nits_per_unit
+    kelvin, duv = colour_temperature(found.white)
+    return {
+        "schema_version": 1,
+        "xyz_from_content": {
+            "value": found.xyz_from_content.tolist(),
+            "sigma": found.sigma.tolist(),
+        },
+        "nits_per_unit": {"value": nits, "sigma": sigma},
+        "white_xy": xyy_from_xyz(found.white)[:2].tolist(),
+        "white_temperature_k": None if np.isnan(kelvin) else kelvin,
+        "white_duv": duv,
+        "primaries_xy": {name: row[:2] for name, row in _primaries(found).items()},
+        "contrast": found.contrast,
+        "unshown_saturation": _unshown(found),
+        "quality": {name: figure.as_dict() for name, figure in figures.items()},
+        "provenance": {
+            "calibration": str(calibration),
+            "calibration_sha256": _sha256(calibration / "calibration.json"),
+            "readings": readings.name,
+            "readings_sha256": _sha256(readings),
+            "versions": {name: version(name) for name in ("procam", "colour-science")},
+            "notes": list(found.notes),
+        },
+    }
+
+
+def _sha256(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()

@@ -1,0 +1,179 @@
+"""Readings of a hand meter: what is read, and one line for every mistake."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from procam.errors import FileFormatError
+from procam.files.meter import read_meter
+
+PROJECTORS = ("south", "north")
+HEADER = "projector,patch,azimuth_deg,elevation_deg,Y,x,y"
+TRISTIMULUS = "projector,patch,azimuth_deg,elevation_deg,X,Y,Z"
+EXPECTED = "projector,patch,azimuth_deg,elevation_deg,Y,x,y (or X,Y,Z)"
+
+
+def write(folder: Path, *lines: str) -> Path:
+    path = folder / "readings.csv"
+    path.write_text("\n".join(lines) + "\n", "utf-8")
+    return path
+
+
+def refused(path: Path) -> str:
+    with pytest.raises(FileFormatError) as caught:
+        read_meter(path, PROJECTORS)
+    text = str(caught.value)
+    assert text.startswith(str(path)) and "\n" not in text
+    return text.removeprefix(str(path))
+
+
+class TestReading:
+    def test_chromaticities(self, tmp_path: Path) -> None:
+        path = write(
+            tmp_path,
+            "# CS-150, serial 7",
+            HEADER,
+            "",
+            "south,Red,-10.5,42, 2.0,0.68,0.32  # dawn",
+            "north,BLACK,170,30,0,0,0",
+        )
+        red, black = read_meter(path, PROJECTORS)
+        assert (red.projector, red.patch, red.azimuth_deg, red.elevation_deg) == (
+            "south",
+            "red",
+            -10.5,
+            42.0,
+        )
+        assert red.xyz == pytest.approx([2 * 0.68 / 0.32, 2.0, 0.0])
+        assert (black.patch, black.xyz.tolist()) == ("black", [0, 0, 0])
+        assert str(red) == "red of south at azimuth -10.5, elevation 42 deg"
+
+    def test_published_white(self, tmp_path: Path) -> None:
+        """D65: x .31271, y .32902 is X .95043, Z 1.08890 (CIE 15)."""
+        path = write(tmp_path, HEADER, "south,white,0,40,1,0.31271,0.32902")
+        assert read_meter(path, PROJECTORS)[0].xyz == pytest.approx([0.95045, 1, 1.08890], abs=3e-5)
+
+    def test_columns_in_another_order_and_more_of_them(self, tmp_path: Path) -> None:
+        path = write(
+            tmp_path,
+            "time,Z,Y,X,patch,projector,elevation_deg,azimuth_deg",
+            '"12:00, noon",3,2,1,green,north,50,-20',
+        )
+        (found,) = read_meter(path, PROJECTORS)
+        assert found.spot == ("north", -20.0, 50.0)
+        assert found.xyz.tolist() == [1, 2, 3]
+
+    def test_a_byte_order_mark(self, tmp_path: Path) -> None:
+        path = tmp_path / "excel.csv"
+        path.write_text(f"{HEADER}\nsouth,red,0,40,1,0.6,0.3\n", "utf-8-sig")
+        assert len(read_meter(path, PROJECTORS)) == 1
+
+    def test_means_are_of_light(self, tmp_path: Path) -> None:
+        """Y and XYZ add, x and y do not."""
+        path = write(
+            tmp_path,
+            HEADER,
+            "south,white,0,40,1.0,0.5,0.25",
+            "south,red,0,40,2.0,0.6,0.3",
+            "south,white,0.0,40.0,4.0,0.2,0.5",
+            "south,white,5,40,9.0,0.2,0.5",
+        )
+        white, red, elsewhere = read_meter(path, PROJECTORS)
+        assert [white.count, red.count, elsewhere.count] == [2, 1, 1]
+        assert white.xyz == pytest.approx([(2.0 + 1.6) / 2, 2.5, (1.0 + 2.4) / 2])
+
+    def test_where_it_points(self, tmp_path: Path) -> None:
+        (left,) = read_meter(write(tmp_path, HEADER, "south,white,90,0,1,.3,.3"), PROJECTORS)
+        assert left.direction == pytest.approx(np.array([0, 1, 0]), abs=1e-12)
+
+
+class TestMistakes:
+    @pytest.mark.parametrize(
+        ("line", "told"),
+        [
+            ("west,red,0,40,1,.6,.3", "got projector 'west', expected one of south, north"),
+            (
+                "south,pink,0,40,1,.6,.3",
+                "got patch 'pink', expected one of red, green, blue, white, black",
+            ),
+            ("south,red,0,40,1,.6", "got 6 cells, expected 7 as in the first line; write decimal "),
+            (
+                "south,red,0,40,1,6,.6,3",
+                "got 8 cells, expected 7 as in the first line; write decim",
+            ),
+            ("south,red,0,forty,1,.6,.3", "got elevation_deg 'forty', expected a number"),
+            ("south,red,0,40,nan,.6,.3", "got Y 'nan', expected a number"),
+            ("south,red,0,40,,.6,.3", "got Y '', expected a number"),
+            ("south,red,0,91,1,.6,.3", "got elevation_deg 91, expected -90 to 90 degrees"),
+            ("south,red,-361,9,1,.6,.3", "got azimuth_deg -361, expected -360 to 360 degrees"),
+            (
+                "south,red,0,40,-1,.6,.3",
+                "got Y -1, expected 0 or more; write 0 for what is below the meter's range",
+            ),
+            ("south,red,0,40,0,.6,.3", "got Y 0 for red, expected light; was the shutter closed?"),
+            ("south,red,0,40,1,1.2,.3", "got x 1.2, expected 0 to 1"),
+            ("south,red,0,40,1,.6,-.3", "got y -0.3, expected 0 to 1"),
+            (
+                "south,red,0,40,1,.6,.6",
+                "got x 0.6 and y 0.6, expected y above 0 and x + y up to 1; are the columns what the "
+                "header says?",
+            ),
+            (
+                "south,black,0,40,1,.6,0",
+                "got x 0.6 and y 0, expected y above 0 and x + y up to 1; ar",
+            ),
+        ],
+    )
+    def test_a_line(self, tmp_path: Path, line: str, told: str) -> None:
+        path = write(tmp_path, "# a remark", HEADER, "south,red,0,40,1,.7,.3", "", line)
+        assert refused(path).startswith(f":5: {told}")
+
+    @pytest.mark.parametrize("channel", ["X", "Z"])
+    def test_negative_tristimulus(self, tmp_path: Path, channel: str) -> None:
+        values = {"X": "-1,1,1", "Z": "1,1,-1"}[channel]
+        path = write(tmp_path, TRISTIMULUS, f"south,red,0,40,{values}")
+        assert refused(path) == (
+            f":2: got {channel} -1, expected 0 or more; write 0 for what is below the meter's range"
+        )
+
+    @pytest.mark.parametrize(
+        ("header", "told"),
+        [
+            ("patch,azimuth_deg,elevation_deg,Y,x,y", "projector"),
+            ("projector,patch,azimuth_deg,elevation_deg,Y,x", "y"),
+            ("projector,patch,azimuth_deg,elevation_deg,X,Y", "Z"),
+            ("projector,patch,azimuth,elevation,Y,x,y", "azimuth_deg, elevation_deg"),
+            (
+                HEADER.replace(",", ";"),
+                "projector, patch, azimuth_deg, elevation_deg, Y, x, y",
+            ),
+        ],
+    )
+    def test_a_missing_column(self, tmp_path: Path, header: str, told: str) -> None:
+        path = write(tmp_path, "# a remark", header, "south,red,0,40,1,.7,.3")
+        assert refused(path) == (
+            f":2: got no column {told}, expected {EXPECTED}, with commas between"
+        )
+
+    def test_a_column_twice(self, tmp_path: Path) -> None:
+        path = write(tmp_path, f"{HEADER},Y", "south,red,0,40,1,.7,.3,1")
+        assert refused(path) == ":1: got column Y twice, expected each once"
+
+    def test_no_readings(self, tmp_path: Path) -> None:
+        path = write(tmp_path, HEADER, "# nothing yet")
+        assert refused(path) == f": got no readings, expected lines below {EXPECTED}"
+
+    def test_an_empty_file(self, tmp_path: Path) -> None:
+        assert refused(write(tmp_path, "")).startswith(":1: got no column projector, patch,")
+
+    def test_no_file(self, tmp_path: Path) -> None:
+        path = tmp_path / "none.csv"
+        assert refused(path) == f": got no such file, expected readings: {EXPECTED}"
+
+    def test_no_text(self, tmp_path: Path) -> None:
+        path = tmp_path / "book.xlsx"
+        path.write_bytes(b"PK\x03\x04\xff\xfe\x00")
+        text = refused(path)
+        assert text.startswith(": got bytes that are no text (invalid start byte), expected proj")
+        assert text.endswith("save it as CSV in UTF-8")
