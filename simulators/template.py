@@ -1,6 +1,6 @@
 """Writes the venue.toml of a simulated venue, as its owner would know it.
 
-`python -m simulators.template PRESET` prints one; those in calib_data/venues were made so.
+`python -m simulators.template PRESET` (or `server`) prints one; those in calib_data/venues were made so.
 """
 
 import sys
@@ -13,10 +13,12 @@ from procam.maths.sphere import direction_from_angles
 from simulators.presets import PRESETS, Overrides, Preset, PresetName, white_exposure_s
 from simulators.rig import CameraBuild, hang_projectors, set_up_cameras
 from simulators.scene import SceneSize
+from simulators.server import NAME as SERVER
 from simulators.surface import Surface
 
 FIDUCIALS_DEG = {"front": (12.0, 35.0), "left": (130.0, 30.0), "right": (-110.0, 50.0)}
 BLACK_EXPOSURE_S = 6.5
+SERVER_EXPOSURE_S = 0.2  # soft edges share out what a projector alone shows
 MARKS = """\
 # Marks on the dome whose place is known, and where a camera sees them. Printed AprilTags need no
 # pixel: [[apriltags]] with id, azimuth_deg, elevation_deg, sigma_deg, and family if it is not 36h11.
@@ -42,6 +44,36 @@ def venue_text(
         _tail(preset_name, white_exposure_s(preset), size, seed) + _overrides(overrides),
     ]
     return "\n".join(parts)
+
+
+def server_text(
+    size: SceneSize | None = None, server_size: int = 1024, preset_name: PresetName = "standard"
+) -> str:
+    """A complete venue.toml of a dome behind a media server."""
+    preset, size = PRESETS[preset_name], size or SceneSize()
+    cameras = set_up_cameras(size.cameras, size.camera_size, size.camera_kind, preset.radius_m)
+    head = _head(preset_name, preset).replace("dome, preset", "dome behind a media server, preset")
+    parts = [
+        head,
+        *(_camera(camera, preset) for camera in cameras),
+        _server(server_size),
+        _tail(preset_name, SERVER_EXPOSURE_S, size, 1).replace(
+            "white of one projector", "the server's full white"
+        ),
+    ]
+    return "\n".join(parts) + f"server = true\nserver_size = {server_size}\n"
+
+
+def _server(size: int) -> str:
+    return f"""\
+[projectors.{SERVER}]
+kind = "dome-master"       # a media server that has the projectors: aligned, blended, fed with masters
+backend = "simulated"
+size = [{size}, {size}]        # of the dome masters it plays [px]
+fov_deg = 180.0            # of the master, from edge to edge of its circle
+rotation_deg = 0.0         # azimuth at which its bottom edge is shown
+control = {{ protocol = "escvp21", port = "backend" }}  # or a device such as "/dev/ttyUSB0"
+"""
 
 
 def _head(name: str, preset: Preset) -> str:
@@ -138,4 +170,5 @@ def _numbers(values: np.ndarray) -> str:
 
 
 if __name__ == "__main__":
-    sys.stdout.write(venue_text(sys.argv[1]))  # type: ignore[arg-type]
+    text = server_text() if sys.argv[1] == SERVER else venue_text(sys.argv[1])  # type: ignore[arg-type]
+    sys.stdout.write(text)

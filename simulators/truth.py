@@ -6,22 +6,26 @@ Written after a run has ended, with code of its own: it shares no reader or writ
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import OpenImageIO as oiio
 from numpy.typing import NDArray
 
 from procam.maths.sphere import master_directions, master_solid_angles
-from simulators.backend import build_scene
+from simulators.backend import build_scene, build_server
 from simulators.light import ProjectorLight
+from simulators.mitsuba_venue import PathTracedRoom
 from simulators.rig import CameraBuild, ProjectorBuild
 from simulators.scene import ALL_BANDS, DomeScene
+from simulators.server import NAME as SERVER
+from simulators.server import MediaServer, by_projector, server_entry, server_maps
 from simulators.view import View
 
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
 MASTER = 1024
+PATHS = 8192  # from each patch: .2 % of bounced light, half a minute a picture
 FINE = 2  # pictures are drawn this much finer and averaged: patches, not points
 RGB = ("R", "G", "B")
 
@@ -31,17 +35,21 @@ def write_truth(
     venue_dir: Path,
     out: Path,
     pictures: Mapping[str, Mapping[str, Image]],
+    judge: Literal["rays", "mitsuba"] = "rays",
 ) -> None:
     """Write the truth of a simulated venue to `out`.
 
     `pictures` are sets of projector drives (H, W, 3) by picture and projector; for each,
-    OUT/pictures/NAME.exr holds the radiance seen on the dome without camera or noise.
+    OUT/pictures/NAME.exr holds the radiance seen on the dome without camera or noise. Bounced light by
+    `judge`: the scene's own flux tracing, or Mitsuba's path tracer.
     """
     scene = build_scene(settings, venue_dir)
+    if judge == "mitsuba":
+        scene.room = PathTracedRoom.of(scene.room, PATHS)
+    server = build_server(scene, settings, venue_dir)
     (out / "maps").mkdir(parents=True)
     (out / "pictures").mkdir()
-    white = {n: np.ones_like(d) for n, d in scene.shown.items()}
-    black = {n: np.zeros_like(d) for n, d in scene.shown.items()}
+    white, black = (_evenly(scene, server, level) for level in (1.0, 0.0))
     view = _audience(scene, MASTER)
     direct_white, scattered = _split(scene, view, white)
     direct_black, _ = _split(scene, view, black)
@@ -57,18 +65,27 @@ def write_truth(
         dome[f"albedo.{c}"] = returned
         dome[f"lo.{c}"], dome[f"hi.{c}"] = direct_black[..., i], direct_white[..., i]
     _write_exr(out / "maps" / "dome.exr", dome)
-    for name, light in scene.lights.items():
-        _write_exr(out / "maps" / f"{name}.exr", _projector_maps(light, view))
-    document = _document(scene, feedback, np.full(3, albedo))
+    if server:
+        _write_exr(out / "maps" / f"{SERVER}.exr", server_maps(server, direct_white))
+    else:
+        for name, light in scene.lights.items():
+            _write_exr(out / "maps" / f"{name}.exr", _projector_maps(light, view))
+    document = _document(scene, server, feedback, np.full(3, albedo))
     (out / "calibration.json").write_text(json.dumps(document, indent=1))
     fine = _audience(scene, FINE * MASTER)
     for name, drives in pictures.items():
-        picture = _averaged(
-            scene.radiance_of(fine, drives, dict.fromkeys(drives, 1.0), ALL_BANDS, 0)
-        )
+        sent = by_projector(server, drives)
+        picture = _averaged(scene.radiance_of(fine, sent, dict.fromkeys(sent, 1.0), ALL_BANDS, 0))
         _write_exr(
             out / "pictures" / f"{name}.exr", {c: picture[..., i] for i, c in enumerate(RGB)}
         )
+
+
+def _evenly(scene: DomeScene, server: MediaServer | None, level: float) -> Mapping[str, Image]:
+    """What the projectors are sent for pictures of one level."""
+    if server:
+        return server.frames(np.full((server.size, server.size, 3), level, np.float32))
+    return {n: np.full_like(d, level) for n, d in scene.shown.items()}
 
 
 def _audience(scene: DomeScene, size: int) -> View:
@@ -125,8 +142,14 @@ def _projector_maps(light: ProjectorLight, view: View) -> dict[str, NDArray[Any]
     return maps | {f"gain.{c}": light.irradiance * albedo * white[i] for i, c in enumerate(RGB)}
 
 
-def _document(scene: DomeScene, feedback: Array, albedo: Array) -> dict[str, Any]:
+def _document(
+    scene: DomeScene, server: MediaServer | None, feedback: Array, albedo: Array
+) -> dict[str, Any]:
     preset = scene.preset
+    builds = {n: light.build for n, light in scene.lights.items()}
+    projectors = {n: _projector(build) for n, build in builds.items()}
+    if server:
+        projectors = {SERVER: {**next(iter(projectors.values())), **server_entry(server)}}
     return {
         "schema_version": 1,
         "screen": {
@@ -137,7 +160,7 @@ def _document(scene: DomeScene, feedback: Array, albedo: Array) -> dict[str, Any
             "floor_albedo_sigma": 0.0,
         },
         "cameras": {n: _camera(c, preset.glare) for n, c in scene.cameras.items()},
-        "projectors": {n: _projector(light.build) for n, light in scene.lights.items()},
+        "projectors": projectors,
         "feedback": {"value": feedback.tolist(), "sigma": [0.0] * 3},
         "albedo": {"value": albedo.tolist(), "sigma": [0.0] * 3},
         "content_from_camera": np.eye(3).tolist(),

@@ -51,7 +51,7 @@ from simulators.truth import write_truth
 Image = NDArray[np.float32]
 Array = NDArray[np.float64]
 VENUES: tuple[PresetName, ...] = ("standard", "realistic")
-SEEDS = {"standard": range(1, 21), "realistic": range(1, 101)}
+SEEDS = {"standard": range(1, 11), "realistic": range(1, 101)}
 SEAM_SEEDS = range(1, 4)
 SIZE = SceneSize(projector_size=(480, 300), camera_size=(600, 600), rays=1024)
 FLATS = {"grey": (0.4, 0.4, 0.4), "dark": (0.15, 0.15, 0.15), "orange": (0.5, 0.3, 0.15)}

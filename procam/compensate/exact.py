@@ -50,9 +50,31 @@ class Compensator:
     size : edge of the square content [px].
     method : "exact" solves (P) of science.md s.5; "paper-eq12" subtracts by paper eq. 12 to the
         letter, with the lit area alone, and clamps; "none" clamps the content.
+    state : name of the house state to compensate for; None for the house as it was calibrated.
+
+    Raises
+    ------
+    InputError
+        An unknown method, or a state that the calibration does not have.
+
+    Notes
+    -----
+    In a state of ratio r and ambient light A, u becomes r u, and the room's own lamps come on top. Light
+    adds up: with e what the lamps bring to the screen before any bounce, what is seen is N (b0 + e) =
+    N b0 + N e, and a camera that looked while the projectors were dark saw A = N e, with all its
+    bounces. So A is added to what is observed, never to the direct light `lo`, for there it would
+    bounce once more. The wanted light is N b0 = t - A: (P) of science.md s.5 with t - A for t. Where A
+    outshines the target that is negative, and the clip at lo holds as it does for any black. The other
+    two methods know nothing of the lamps.
     """
 
-    def __init__(self, calibration: Calibration, size: int, method: Method = "exact") -> None:
+    def __init__(
+        self,
+        calibration: Calibration,
+        size: int,
+        method: Method = "exact",
+        state: str | None = None,
+    ) -> None:
         if method not in ("exact", "paper-eq12", "none"):
             raise InputError(f"method: got {method!r}, expected exact, paper-eq12 or none")
         self.method, self.size = method, size
@@ -65,6 +87,12 @@ class Compensator:
         self._kept = self.protected[self.lit][:, None]
         self._solid = (master_solid_angles(size) * coverage)[self.lit]
         self._scatter = sample(maps.scatter_per_flux, where)[self.lit].astype(float)
+        self._ambient = np.zeros_like(self._scatter)
+        if state is not None:
+            house = calibration.state(state)
+            self._scatter *= house.scatter_ratio
+            if house.ambient is not None:
+                self._ambient = sample(house.ambient, where)[self.lit].astype(float)
         self._lo = sample(maps.lo, where)[self.lit].astype(float)
         # coverage fades hi over the border; what is lit at all can be driven to full there
         self._hi = np.maximum(
@@ -95,7 +123,7 @@ class Compensator:
         lo, hi = self._limits(target)
         wanted = self._wanted(target, lo, hi)
         direct = np.clip(wanted, lo, hi)
-        observed = self._add_interreflection(direct)
+        observed = self._add_interreflection(direct) + self._ambient
         free = (wanted > lo) & (wanted < hi)
         sent = self._spread(direct)
         sent[self.protected] = image[self.protected]
@@ -123,7 +151,8 @@ class Compensator:
             return target
         if self.method == "paper-eq12":
             return remove_interreflection_paper(target, self._albedo, self._solid)
-        each = [self._unscattered(c, target[:, c], lo[:, c], hi[:, c]) for c in range(CHANNELS)]
+        left = target - self._ambient
+        each = [self._unscattered(c, left[:, c], lo[:, c], hi[:, c]) for c in range(CHANNELS)]
         return np.stack(each, axis=-1)
 
     def _unscattered(self, channel: int, target: Array, lo: Array, hi: Array) -> Array:

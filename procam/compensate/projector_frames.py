@@ -34,8 +34,11 @@ def _frame(direct: Image, projector: ProjectorCalibration, maps: DomeMaps) -> Im
     gain = photometry.gain
     share = np.where(gain > 0, projector.blend[..., None] / np.maximum(gain, 1e-9), 0)
     linear = (asked * share) @ np.linalg.inv(photometry.colour_mix).T.astype(np.float32)
+    linear = np.clip(linear, 0, 1)
+    if photometry.exponent is not None:
+        linear **= 1 / photometry.exponent
     response = photometry.response
-    drive = invert_curve(np.clip(linear, 0, 1), response.levels, response.values)
+    drive = invert_curve(linear, response.levels, response.values)
     return np.where(projector.surface.valid[..., None], drive, 0).astype(np.float32)
 
 

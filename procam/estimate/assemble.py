@@ -45,7 +45,8 @@ class Measurement:
     """What was read off one projector's pictures, in camera channels.
 
     `black` (H, W, 3) is the radiance of its black picture, scattered light included; `lightings` are
-    the bounced light of its white, then of its other pictures; `exponent` is that of `Photometry`.
+    the bounced light of its white, then of its other pictures; `exponent` is that of `Photometry`;
+    `notes` what people should know.
     """
 
     light: Light
@@ -54,6 +55,7 @@ class Measurement:
     response: ResponseCurve
     lightings: Sequence[Lighting] = ()
     exponent: Image | None = None
+    notes: Sequence[str] = ()
 
 
 def assemble(
@@ -120,7 +122,7 @@ def assemble(
         bounced.albedo,
         to_relative,
         _quality(geometry, measured, master, bounced),
-        _noted(provenance, dome, bounced.floor),
+        {**provenance, "notes": [*provenance.get("notes", []), *_notes(measured, dome, bounced)]},
     )
 
 
@@ -181,16 +183,17 @@ def _direct_share(light: Light) -> Image:
     return np.where(light.lit[..., None], light.direct / both, 0)
 
 
-def _noted(provenance: Mapping[str, Any], dome: Dome, floor: FloorLight) -> dict[str, Any]:
-    """Provenance, with a note if the floor is not what venue.toml says."""
+def _notes(measured: Mapping[str, Measurement], dome: Dome, bounced: "_Bounces") -> list[str]:
+    """What was seen of each projector; and a floor that is not what venue.toml says."""
+    notes, floor = [note for m in measured.values() for note in m.notes], bounced.floor
     if contradiction(dome, floor) < CONTRADICTS:
-        return dict(provenance)
-    note = (
+        return notes
+    told = (
         f"floor_albedo: venue.toml says {dome.floor_albedo:g} +- {dome.floor_albedo_sigma:g}, the "
         f"light that the floor returns {floor.albedo:.2f} +- {floor.sigma:.2f}; the albedo of the "
         "screen hangs on it, nothing else does"
     )
-    return {**provenance, "notes": [*provenance.get("notes", []), note]}
+    return [*notes, told]
 
 
 @dataclass(frozen=True, slots=True)

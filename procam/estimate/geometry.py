@@ -1,7 +1,7 @@
 """Where cameras and projectors stand and how they are built, from what cameras see (science.md s.3)."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 
 import numpy as np
@@ -54,6 +54,7 @@ class GeometrySolution:
     scale : by how much the residuals of each pair exceed their standard errors [-].
     freedoms : (F, P) directions that nothing fixes, of unit length in scaled parameters.
     sphere_excess : by how much means over cells exceed their standard errors on an exact sphere [-].
+    given : projectors whose directions are known beforehand, not solved, and how well [arcmin].
     """
 
     rig: Rig
@@ -63,6 +64,7 @@ class GeometrySolution:
     scale: Mapping[Pair, float]
     freedoms: Array
     sphere_excess: float
+    given: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def main(self) -> str:

@@ -85,6 +85,8 @@ def model_directions(rig: Rig, projector: ProjectorModel, pixels: Array) -> Arra
 def measure_landing(solution: GeometrySolution, name: str) -> Landing:
     """Directions of one projector from everything that cameras saw of it."""
     rig, projector = solution.rig, solution.rig.projectors[name]
+    if name in solution.given:
+        return _given(rig, projector, solution.given[name])
     views = {p: o for p, o in solution.observations.items() if p[1] == name}
     relief = _relief(rig, solution.observations)
     parts = [_measured(rig, pair, some, relief) for pair, some in views.items()]
@@ -106,6 +108,12 @@ def measure_landing(solution: GeometrySolution, name: str) -> Landing:
         _filled(np.float32(trust) * smooth, known),
         *_certainty(solution, name, list(views), np.where(known, spread, np.nan), trust),
     )
+
+
+def _given(rig: Rig, projector: ProjectorModel, sigma_arcmin: float) -> Landing:
+    """Directions that are known beforehand, as those of dome masters are."""
+    variance = np.full((2, 2), (sigma_arcmin / ARCMIN) ** 2, np.float32)
+    return Landing(rig, projector, np.zeros((1, 1, 3), np.float32), variance, variance, {})
 
 
 def sample_directions(

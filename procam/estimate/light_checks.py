@@ -21,6 +21,7 @@ SIGMAS = 3.0  # of the scatter, beyond which a pixel does not count: glints, mov
 NOTED_DRIFT, LARGEST_DRIFT = 0.005, 0.03  # of white
 NOTED_ROOM, LARGEST_ROOM = 0.002, 0.01  # likewise; bounced light is 5 to 20 % of white
 CERTAIN = 5.0  # sigmas
+BOUNCED = 0.3  # of light that falls somewhere: the most that comes everywhere
 GREEN = 1
 
 
@@ -52,9 +53,13 @@ class LightChecks:
         self._level = float(np.percentile(self._white, 95)) if len(self._white) else 0.0
         self.sums: list[Sum] = []
 
-    def add(self, shots: str, pictures: Sequence[Image]) -> None:
-        """Compare the sum of pictures (H, W, 3), black taken off each, with white."""
-        if not self._level > 0:
+    def add(self, shots: str, pictures: Sequence[Image], numbers: float = 0.0) -> None:
+        """Compare the sum of pictures (H, W, 3), black taken off each, with white.
+
+        `numbers`: share of the panel that shows numbers more often in the pictures than in white; their
+        light bounces too, and is no change of the room's.
+        """
+        if not self._level > 0 or not pictures:
             return
         left = np.sum([self._picked(p) for p in pictures], axis=0) - self._white
         use = np.isfinite(left)
@@ -66,7 +71,9 @@ class LightChecks:
             use = np.isfinite(left) & (np.abs(miss) <= SIGMAS * scatter + 1e-12 * self._level)
         covariance = scatter**2 * np.linalg.inv(design[use].T @ design[use])
         sigma = float(np.sqrt(np.diag(covariance).max()))
-        self.sums.append(Sum(shots, float(found[0]), float(found[1]), sigma))
+        drift, room = float(found[0]), float(found[1])
+        room = float(np.copysign(max(abs(room) - BOUNCED * numbers, 0.0), room))
+        self.sums.append(Sum(shots, drift, room, sigma))
 
     def notes(self, projector: str) -> list[str]:
         """What people should know; refuses what would spoil the calibration.

@@ -1,6 +1,7 @@
 """The pictures to show one projector, and the plan of a whole visit."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -23,22 +24,27 @@ def plan_visit(
     Gray stripes of middle bits with inverses in colour (for the direct/global separation), quarters
     (for where bounced light goes), primaries, level pictures.
     """
+    each = {
+        name: _pictures(size, exposure_s, black_exposure_s) for name, size in projectors.items()
+    }
+    return plan_of(each, exposure_s, black_exposure_s)
+
+
+def plan_of(
+    pictures: Mapping[str, Iterable[tuple[Shot, Picture]]],
+    exposure_s: float,
+    black_exposure_s: float,
+) -> tuple[Plan, dict[str, Picture]]:
+    """The plan that shows each projector's pictures in turn, and the pictures by path.
+
+    The shots come without id, projector and path; first of all everything is dark.
+    """
     shots = [Shot("dark", "", "", "dark", (exposure_s, black_exposure_s))]
     patterns: dict[str, Picture] = {}
-    for name, size in projectors.items():
-        for number, (shot, image) in enumerate(_pictures(size, exposure_s, black_exposure_s)):
+    for name, shown in pictures.items():
+        for number, (shot, image) in enumerate(shown):
             path = f"patterns/{name}/{number:04d}.png"
-            shots.append(
-                Shot(
-                    f"{name}-{number:04d}",
-                    name,
-                    path,
-                    shot.purpose,
-                    shot.exposures_s,
-                    shot.pixel_format,
-                    shot.detail,
-                )
-            )
+            shots.append(replace(shot, id=f"{name}-{number:04d}", projector=name, pattern=path))
             patterns[path] = image
     return Plan(tuple(shots)), patterns
 
@@ -55,14 +61,24 @@ def _pictures(
     for number, plane in enumerate(code.planes[2:], start=2):
         detail: dict[str, int | str] = {"code": code.name, "plane": number}
         yield Shot("", "", "", "code", once, "mono", detail), picture(code, plane)
+    zones = [zone_picture(size, zone) for zone in range(ZONES)]
+    yield from light_pictures(size, SEPARATION_BITS, zones, exposure_s)
+
+
+def light_pictures(
+    size: tuple[int, int], bits: tuple[int, int], zones: Iterable[Picture], exposure_s: float
+) -> Iterator[tuple[Shot, Picture]]:
+    """What tells of light alone: stripes of some bits with inverses, zones, primaries, levels."""
+    width, height = size
+    once = (exposure_s,)
     for axis in AXES:
-        for bit in SEPARATION_BITS[::-1]:
+        for bit in bits[::-1]:
             for inverse in (0, 1):
-                detail = {"axis": axis, "bit": bit, "inverse": inverse}
+                detail: dict[str, int | str] = {"axis": axis, "bit": bit, "inverse": inverse}
                 stripes = stripe_picture(size, axis, bit, bool(inverse))
                 yield Shot("", "", "", "stripes", once, "rgb", detail), stripes
-    for zone in range(ZONES):
-        yield Shot("", "", "", "zone", once, "rgb", {"zone": zone}), zone_picture(size, zone)
+    for zone, white in enumerate(zones):
+        yield Shot("", "", "", "zone", once, "rgb", {"zone": zone}), white
     for channel in range(3):
         primary = np.zeros((height, width, 3), np.uint8)
         primary[..., channel] = 255

@@ -1,4 +1,4 @@
-"""Calibration directories: calibration.json, maps/PROJECTOR.exr, maps/dome.exr."""
+"""Calibration directories: calibration.json, maps/PROJECTOR.exr, dome.exr, state-NAME.exr."""
 
 import json
 from dataclasses import asdict
@@ -15,6 +15,7 @@ from procam.maths.lenses import Lens
 from procam.maths.pose import Pose
 from procam.model.calibration import SCHEMA_VERSION, Calibration, ProjectorCalibration
 from procam.model.correspondence import ProjectorSurface
+from procam.model.house import HouseState
 from procam.model.mask import Mask
 from procam.model.optics import CameraModel, ProjectorModel, Sensor
 from procam.model.photometry import Photometry, ResponseCurve
@@ -57,8 +58,17 @@ def save_calibration(calibration: Calibration, directory: Path) -> None:
         for name, projector in calibration.projectors.items():
             write_channels(temporary / "maps" / f"{name}.exr", _projector_channels(projector))
         write_channels(temporary / "maps" / "dome.exr", _dome_channels(calibration.maps))
+        for name, state in calibration.states.items():
+            if state.ambient is not None:
+                path = temporary / "maps" / ambient_file(name)
+                write_channels(path, {c: state.ambient[..., i] for i, c in enumerate(RGB)})
         text = json.dumps(_document(calibration), indent=1)
         (temporary / "calibration.json").write_text(text, encoding="utf-8")
+
+
+def ambient_file(state: str) -> str:
+    """Name of the map of a house state's own light."""
+    return f"state-{state}.exr"
 
 
 def load_calibration(directory: Path) -> Calibration:
@@ -128,6 +138,15 @@ def _document(calibration: Calibration) -> dict[str, Any]:
         "content_from_camera": calibration.content_from_camera.tolist(),
         "quality": {n: f.as_dict() for n, f in calibration.quality.items()},
         "provenance": dict(calibration.provenance),
+        "states": {n: _state_entry(s) for n, s in calibration.states.items()},
+    }
+
+
+def _state_entry(state: HouseState) -> dict[str, Any]:
+    return {
+        "feedback": _plain(asdict(state.feedback)),
+        "scatter_ratio": state.scatter_ratio.tolist(),
+        "ambient": state.ambient is not None,
     }
 
 
@@ -172,7 +191,17 @@ def _calibration(directory: Path, document: dict[str, Any]) -> Calibration:
         {n: _figure(e) for n, e in document["quality"].items()},
         document["provenance"],
         document["schema_version"],
+        {n: _state(directory, n, e) for n, e in document.get("states", {}).items()},
     )
+
+
+def _state(directory: Path, name: str, entry: dict[str, Any]) -> HouseState:
+    ambient = None
+    if entry["ambient"]:
+        maps = read_channels(directory / "maps" / ambient_file(name))
+        ambient = np.stack([maps[c] for c in RGB], axis=-1)
+    ratio = np.array(entry["scatter_ratio"])
+    return HouseState(name, _measured(entry["feedback"]), ratio, ambient)
 
 
 def _dome_maps(dome: Channels, kernel: dict[str, Any] | None) -> DomeMaps:

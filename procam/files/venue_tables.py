@@ -160,6 +160,11 @@ class BlendTable(_Table):
 
     falloff_percent_per_deg: Annotated[FiniteFloat, Field(ge=0, le=10)] = 0.0
 
+    @property
+    def falloff_per_rad(self) -> float:
+        """Most relative change of the white per radian."""
+        return float(self.falloff_percent_per_deg / 100 / np.radians(1))
+
 
 class VenueTable(_Table):
     """The whole file; tables that belong to backends are cut out before it is validated."""

@@ -22,6 +22,7 @@ NUMBERS = 587  # tags of the family
 TAG_CELLS, QUIET_CELLS, DIGIT_CELLS = 8, 1, 3
 PLACES = ((0.5, 0.5), (0.2, 0.2), (0.8, 0.2), (0.2, 0.8), (0.8, 0.8))  # of tag blocks on the panel
 CELLS_PER_PANEL = 130  # of its shorter side: as small as a camera with as many pixels still reads
+CELLS_PER_MASTER = 360  # of a dome master, which a camera sees whole: half a degree each
 SMALLEST_CELL_PX = 3
 SMALLEST_PANEL = (120, 80)
 DIGITS = (
@@ -36,8 +37,12 @@ DENOISE_PX = 0.7
 CORRECTED_SHARE = 0.4  # of the 5 bits the family can correct: 2 flipped bits are forgiven
 
 
-def tag_blocks(size: tuple[int, int]) -> list[tuple[int, int, int, int]]:
+def tag_blocks(
+    size: tuple[int, int], cells: int = CELLS_PER_PANEL
+) -> list[tuple[int, int, int, int]]:
     """Rectangles (x, y, width, height) [px] of a panel of `size` that the numbers take.
+
+    `cells`: how many of the tags' cells would stand along the panel's shorter side.
 
     >>> tag_blocks((1280, 800))[0]
     (610, 361, 60, 78)
@@ -47,7 +52,7 @@ def tag_blocks(size: tuple[int, int]) -> list[tuple[int, int, int, int]]:
             f"panel: got {size[0]}x{size[1]} px, expected at least "
             f"{SMALLEST_PANEL[0]}x{SMALLEST_PANEL[1]}; numbers would not be readable on it"
         )
-    cell = _cell_px(size)
+    cell = _cell_px(size, cells)
     width = (TAG_CELLS + 2 * QUIET_CELLS) * cell
     height = width + DIGIT_CELLS * cell
     return [
@@ -61,15 +66,17 @@ def tag_blocks(size: tuple[int, int]) -> list[tuple[int, int, int, int]]:
     ]
 
 
-def taken_pixels(size: tuple[int, int]) -> Mask:
+def taken_pixels(size: tuple[int, int], cells: int = CELLS_PER_PANEL) -> Mask:
     """Panel pixels (H, W) under the numbers: what they show is no part of the pattern."""
     taken = np.zeros((size[1], size[0]), bool)
-    for x, y, width, height in tag_blocks(size):
+    for x, y, width, height in tag_blocks(size, cells):
         taken[y : y + height, x : x + width] = True
     return taken
 
 
-def draw_number(picture: Picture, number: int, drive: int | None = None) -> Picture:
+def draw_number(
+    picture: Picture, number: int, drive: int | None = None, cells: int = CELLS_PER_PANEL
+) -> Picture:
     """A copy of `picture` (H, W, C) with its number in it.
 
     The light parts of the tags are as bright as the brightest of the picture, in its colour, so that
@@ -83,9 +90,9 @@ def draw_number(picture: Picture, number: int, drive: int | None = None) -> Pict
     height, width = picture.shape[:2]
     bright = picture.max(axis=(0, 1)) if drive is None else np.full(picture.shape[2], drive)
     drawn = picture.copy()
-    cells = _block(number, _cell_px((width, height)))
-    for x, y, across, down in tag_blocks((width, height)):
-        drawn[y : y + down, x : x + across] = np.where(cells[..., None], bright, 0)
+    block = _block(number, _cell_px((width, height), cells))
+    for x, y, across, down in tag_blocks((width, height), cells):
+        drawn[y : y + down, x : x + across] = np.where(block[..., None], bright, 0)
     return drawn
 
 
@@ -103,8 +110,8 @@ def read_number(photo: NDArray[Any]) -> int | None:
     return None
 
 
-def _cell_px(size: tuple[int, int]) -> int:
-    return max(SMALLEST_CELL_PX, round(min(size) / CELLS_PER_PANEL))
+def _cell_px(size: tuple[int, int], cells: int) -> int:
+    return max(SMALLEST_CELL_PX, round(min(size) / cells))
 
 
 @cache

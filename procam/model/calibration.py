@@ -7,7 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from procam.errors import InputError
 from procam.model.correspondence import ProjectorSurface
+from procam.model.house import HouseState
 from procam.model.optics import CameraModel, ProjectorModel
 from procam.model.photometry import Photometry
 from procam.model.quality import Figure
@@ -39,6 +41,7 @@ class Calibration:
     content_from_camera : (3, 3) matrix from camera radiance [full scale per second] to relative
         content radiance: 1.0 in every channel is the reference white W.
     quality : figures of the solve. provenance : versions, seeds, input hashes.
+    states : the house in other states than when it was calibrated, by name.
     """
 
     screen: Dome
@@ -51,3 +54,14 @@ class Calibration:
     quality: Mapping[str, Figure] = field(default_factory=dict)
     provenance: Mapping[str, Any] = field(default_factory=dict)
     schema_version: int = SCHEMA_VERSION
+    states: Mapping[str, HouseState] = field(default_factory=dict)
+
+    def state(self, name: str) -> HouseState:
+        """The house in a state that was measured."""
+        if name not in self.states:
+            there = f"one of {', '.join(self.states)}" if self.states else "none"
+            raise InputError(
+                f"house state: got {name!r}, expected {there}; `procam state VENUE {name}` "
+                "measures it"
+            )
+        return self.states[name]

@@ -23,15 +23,18 @@ class ResponseCurve:
 class Photometry:
     """Light of one projector in the calibration's content channels.
 
-    direct radiance at a pixel = gain * (colour_mix @ response(drive)) + black.
+    direct radiance at a pixel = gain * (colour_mix @ response(drive) ** exponent) + black.
 
     Attributes
     ----------
     response : drive to linear light.
     colour_mix : (3, 3), rows sum to 1: what each primary sends into each content channel.
     gain : (H, W, 3) direct radiance [rel] at full white, before blending.
+    exponent : (H, W, 3) how the response differs by place, as that of a media server does whose
+        projectors are not alike; None where it does not.
     """
 
     response: ResponseCurve
     colour_mix: NDArray[np.float64]
     gain: NDArray[np.float32]
+    exponent: NDArray[np.float32] | None = None

@@ -6,7 +6,7 @@ from typing import Literal
 
 from procam.model.frame import PixelFormat
 
-Purpose = Literal["dark", "white", "black", "code", "stripes", "zone", "primary", "levels"]
+Purpose = Literal["dark", "white", "black", "tags", "code", "stripes", "zone", "primary", "levels"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,7 +21,7 @@ class Shot:
     purpose : what it is for. exposures_s : shutter times to photograph it with [s].
     detail : what the pattern is; for codes the code's name and the number of its plane; for stripes
         axis ("x"/"y"), bit (0 = finest), inverse (0/1); for zones the quarter (0..3); for primaries
-        channel (0, 1, 2). A number that
+        channel (0, 1, 2); for tags which picture of them (0, 1). A number that
         is drawn into the picture is there as number.
     """
 

@@ -27,14 +27,18 @@ Image = NDArray[np.float32]
 
 
 def compensate_file(
-    calibration_dir: Path, source: Path, out: Path, method: Method = "exact"
+    calibration_dir: Path,
+    source: Path,
+    out: Path,
+    method: Method = "exact",
+    state: str | None = None,
 ) -> dict[str, object]:
-    """Compensate a dome master; returns what clipped, per channel."""
+    """Compensate a dome master, for a house state if one is named; returns what clipped, per channel."""
     if out.resolve() == source.resolve():
         raise InputError(f"OUT: got {out}, which is IN itself; choose another name")
     calibration = load_calibration(calibration_dir)
     picture = read_square(source)
-    compensator = Compensator(calibration, picture.shape[0], method)
+    compensator = Compensator(calibration, picture.shape[0], method, state)
     result = compensator.solve(picture)
     write_picture(out, result.direct)
     lit, protected = compensator.lit, compensator.protected[..., None]
@@ -42,6 +46,7 @@ def compensate_file(
     return {
         "out": str(out),
         "method": method,
+        "state": state,
         "clipped_share": [float(1 - f) for f in free],
         "direct_flux_sr": [float(f) for f in result.flux],
     }

@@ -1,8 +1,8 @@
 """From stored captures to a calibration; needs no device and repeats to the last bit."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TypeVar
 
@@ -13,10 +13,12 @@ from procam.estimate.bundle import Observations, Pair
 from procam.estimate.clean import keep_only
 from procam.estimate.codes import make_code
 from procam.estimate.decode import Decoder
+from procam.estimate.dome_master import DomeMaster
 from procam.estimate.gather import gather
 from procam.estimate.geometry import GeometrySolution
 from procam.estimate.limits import DecodeLimits
 from procam.estimate.radiance import Radiometer
+from procam.estimate.server_pose import PlacedCamera
 from procam.estimate.tags import TagLook
 from procam.estimate.view import DomeView
 from procam.files.calibration import next_directory, save_calibration
@@ -33,60 +35,134 @@ from procam.files.venue import Venue
 from procam.maths.sphere import master_pixels
 from procam.model.calibration import Calibration
 from procam.model.correspondence import CorrespondenceMap
+from procam.model.quality import Figure
 from procam.model.screen import Dome
 from procam.workflows.events import Event
 from procam.workflows.geometry import rig_problem, solve_rig
-from procam.workflows.light import measure_light
+from procam.workflows.light import measure_light, measure_server_light
 from procam.workflows.provenance import provenance
 from procam.workflows.readings import Readings
+from procam.workflows.server import placed_by_server, server_figures, server_notes, server_rig
 from procam.workflows.tags import look_for_tags, tag_marks, tag_notes
+from procam.workflows.visit import server_of
 
 NOISE_DN = 6.0  # differences below a few counts mean nothing
 DARK_SIGMAS = 3.0
+SHAPE_FIGURES = ("sphere_variance_ratio", "shape_degree")
 WORKERS = 2  # each holds about 400 MB for a 2.5 Mpx camera
 Result = TypeVar("Result")
+
+
+@dataclass(frozen=True, slots=True)
+class _Rig:
+    """A solved rig, and what else of a session its light is read with.
+
+    `found` is what cameras saw of projectors that were decoded; `readings` those of the camera that
+    was looked at last; `notes` and `figures` what the solve tells of itself.
+    """
+
+    geometry: GeometrySolution
+    readings: Readings
+    verdict: str
+    notes: list[str]
+    found: Mapping[Pair, CorrespondenceMap] = field(default_factory=dict)
+    figures: Mapping[str, Figure] = field(default_factory=dict)
 
 
 def solve(venue: Venue, session: Session) -> Iterator[Event]:
     """Decode, solve the geometry, split the light, fit the projectors, write a calibration.
 
-    Geometry from all cameras; light from the one that sees most. The last event carries the new
-    directory as `data["calibration"]`; what nobody should miss is in its provenance as "notes".
+    Geometry from all cameras; light from the one that sees most. Of a media server only the cameras
+    are solved. The last event carries the new directory as `data["calibration"]`; what nobody should
+    miss is in its provenance as "notes".
     """
-    plan, cameras = session.read_plan(), venue.cameras
     origin = provenance(venue, session)  # first of all, for it finds what is wrong with masks
-    names = list(venue.table.projectors)
-    total = len(names) * (len(cameras) + 1) + 3
-    found: dict[Pair, CorrespondenceMap] = {}
-    gathered: dict[Pair, Observations] = {}
-    looks: dict[str, TagLook] = {}
-    for camera in cameras:
-        readings = Readings(session, plan, Radiometer(cameras[camera]))
-        looks[camera] = look_for_tags(venue, readings)
-        for name, (seen, patches) in _each(names, partial(_decode, venue, readings)):
-            found[camera, name], gathered[camera, name] = seen, patches
-            share = float(seen.valid.sum() / readings.radiometer.seen.sum())
-            told = f"{name} decoded, {share:.0%} of what {camera} sees"
-            yield Event("solve", len(found), total, told)
-    marks = [*venue.fiducials, *tag_marks(venue, looks)]
-    geometry, verdict, notes = solve_rig(rig_problem(venue, gathered, marks))
-    yield Event("solve", len(found) + 1, total, f"geometry solved; {verdict}")
-    origin["notes"] = [*tag_notes(venue, plan, looks), *notes]
-    if geometry.main != camera:
-        readings = Readings(session, plan, Radiometer(cameras[geometry.main]))
+    names, server, looks = list(venue.table.projectors), server_of(venue), len(venue.cameras)
+    total = len(names) * (looks + 1) + 3
+    rig = yield from (
+        _rig_by_server(venue, session, server, total)
+        if server
+        else _rig_by_codes(venue, session, total)
+    )
+    yield Event("solve", total - len(names) - 2, total, f"geometry solved; {rig.verdict}")
+    origin["notes"] = rig.notes
+    geometry, readings = rig.geometry, _of_main(venue, rig)
     dome = _solved_screen(venue, geometry)
     view = _view(venue, dome, readings, geometry)
+    work = partial(measure_light, dome, readings, view, geometry, rig.found)
+    if server:
+        mask = projector_masks(venue)[server.name]
+        work = partial(measure_server_light, dome, readings, view, geometry, (server, mask))
     measured: dict[str, Measurement] = {}
-    work = partial(measure_light, dome, readings, view, geometry, found)
     for i, (name, measured[name]) in enumerate(_each(names, work)):
-        yield Event("solve", len(found) + 2 + i, total, f"{name} light split, response fitted")
-    calibration = assemble(dome, geometry, view, measured, nudges(venue), origin)
+        done = total - len(names) - 1 + i
+        yield Event("solve", done, total, f"{name} light split, response fitted")
+    falloff = venue.table.blend.falloff_per_rad
+    calibration = assemble(dome, geometry, view, measured, nudges(venue), origin, falloff)
+    calibration = replace(calibration, quality=_quality(calibration, rig))
     yield Event("solve", total - 1, total, "maps assembled")
     directory = next_directory(venue.directory)
     save_calibration(_protecting(venue, calibration), directory)
     yield Event(
         "solve", total, total, f"calibration {directory} written", {"calibration": str(directory)}
     )
+
+
+def _quality(calibration: Calibration, rig: _Rig) -> dict[str, Figure]:
+    """Figures of a solve; tags do not tell a dome's shape from a server's alignment."""
+    untold = SHAPE_FIGURES if rig.geometry.given else ()
+    kept = {n: figure for n, figure in calibration.quality.items() if n not in untold}
+    return {**kept, **rig.figures}
+
+
+def _rig_by_codes(venue: Venue, session: Session, total: int) -> Generator[Event, None, _Rig]:
+    """Cameras and projectors, from what cameras decode."""
+    plan, cameras = session.read_plan(), venue.cameras
+    found: dict[Pair, CorrespondenceMap] = {}
+    gathered: dict[Pair, Observations] = {}
+    looks: dict[str, TagLook] = {}
+    for camera in cameras:
+        readings = Readings(session, plan, Radiometer(cameras[camera]))
+        looks[camera] = look_for_tags(venue, readings)
+        work = partial(_decode, venue, readings)
+        for name, (seen, patches) in _each(list(venue.table.projectors), work):
+            found[camera, name], gathered[camera, name] = seen, patches
+            share = float(seen.valid.sum() / readings.radiometer.seen.sum())
+            told = f"{name} decoded, {share:.0%} of what {camera} sees"
+            yield Event("solve", len(found), total, told)
+    marks = [*venue.fiducials, *tag_marks(venue, looks)]
+    geometry, verdict, notes = solve_rig(rig_problem(venue, gathered, marks))
+    return _Rig(geometry, readings, verdict, [*tag_notes(venue, plan, looks), *notes], found)
+
+
+def _rig_by_server(
+    venue: Venue, session: Session, server: DomeMaster, total: int
+) -> Generator[Event, None, _Rig]:
+    """Cameras, from the tags that a media server showed."""
+    plan, cameras = session.read_plan(), venue.cameras
+    placed: dict[str, PlacedCamera] = {}
+    looks: dict[str, TagLook] = {}
+    for camera in cameras:
+        readings = Readings(session, plan, Radiometer(cameras[camera]))
+        looks[camera] = look_for_tags(venue, readings)
+        placed[camera] = placed_by_server(venue, server, camera, readings)
+        told = f"{camera} placed by {len(placed[camera].tags)} tags"
+        yield Event("solve", len(placed), total, told)
+    marks = [*venue.fiducials, *tag_marks(venue, looks)]
+    geometry = server_rig(venue, server, placed, marks)
+    figures = server_figures(placed)
+    worst = figures["server_misalignment_rms_arcmin"].value
+    notes = [*tag_notes(venue, plan, looks), *server_notes(venue, server, placed)]
+    verdict = f"tags are {worst:.1f} arcmin off"
+    return _Rig(geometry, readings, verdict, notes, figures=figures)
+
+
+def _of_main(venue: Venue, rig: _Rig) -> Readings:
+    """Readings of the camera that sees most."""
+    last, main = rig.readings, rig.geometry.main
+    if last.radiometer.camera.name == main:
+        return last
+    return Readings(last.session, last.plan, Radiometer(venue.cameras[main]))
 
 
 def _each(names: list[str], work: Callable[[str], Result]) -> Iterator[tuple[str, Result]]:

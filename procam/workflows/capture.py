@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from procam.devices.rig import Rig
 from procam.errors import InputError, OutOfModelRange, StaleFrame
-from procam.estimate.patterns import plan_visit
 from procam.files import atomic
 from procam.files.session import Session
 from procam.files.venue import Venue
@@ -19,6 +18,7 @@ from procam.model.frame import CameraSettings, Frame
 from procam.model.optics import Sensor
 from procam.model.plan import Plan, Shot
 from procam.workflows.events import Event
+from procam.workflows.visit import plan_of_visit
 
 ATTEMPTS = 3
 SATURATED_SHARE = 0.002  # of the frame; above it the exposure is wrong, not a glint in the way
@@ -44,9 +44,7 @@ def prepare_session(venue: Venue, directory: Path) -> Session:
         shutil.rmtree(directory)  # nothing was captured with the old file
     directory.mkdir(parents=True, exist_ok=True)
     atomic.write_text(directory / "venue.toml", text)
-    capture = venue.table.capture
-    sizes = {name: entry.size for name, entry in venue.table.projectors.items()}
-    session.write_plan(*plan_visit(sizes, capture.exposure_s, capture.black_exposure_s))
+    session.write_plan(*plan_of_visit(venue))
     return session
 
 

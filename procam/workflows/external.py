@@ -10,15 +10,15 @@ import numpy as np
 
 from procam.errors import InputError
 from procam.estimate.codes import NOMINAL_GAMMA, Picture
-from procam.estimate.patterns import plan_visit
 from procam.estimate.photo_match import NUMBER
 from procam.files import atomic
 from procam.files.images import read_image
 from procam.files.movies import write_movie
 from procam.files.session import Session
 from procam.files.venue import Venue
-from procam.maths.shot_id import draw_number
+from procam.maths.shot_id import CELLS_PER_MASTER, CELLS_PER_PANEL, draw_number
 from procam.model.plan import Plan, Shot
+from procam.workflows.visit import plan_of_visit, server_of
 
 PREFIX = "hand-"  # keeps these sessions apart from those that `procam capture` resumes
 HOLD_S = 4  # to find the shutter button, beside twice the exposures
@@ -29,16 +29,17 @@ COLUMNS = ("number", "shot", "projector", "purpose", "picture", "exposures_s", "
 
 def prepare_by_hand(venue: Venue) -> Session:
     """A new session whose pictures carry their numbers, for photographs to be ingested."""
-    sizes = {name: entry.size for name, entry in venue.table.projectors.items()}
     capture = venue.table.capture
-    plan, patterns = plan_visit(sizes, capture.exposure_s, capture.black_exposure_s)
+    plan, patterns = plan_of_visit(venue)
     light = black_light(capture.exposure_s, capture.black_exposure_s)
+    cells = CELLS_PER_MASTER if server_of(venue) else CELLS_PER_PANEL
     numbered, shots = {}, []
     for number, shot in enumerate(plan.shots):
         if not shot.pattern:
             shots.append(shot)  # nothing shines, so nothing can be read
             continue
-        numbered[shot.pattern] = _numbered(patterns.pop(shot.pattern), number, shot, light)
+        drive = round(255 * light ** (1 / NOMINAL_GAMMA)) if shot.purpose == "black" else None
+        numbered[shot.pattern] = draw_number(patterns.pop(shot.pattern), number, drive, cells)
         shots.append(replace(shot, detail={**shot.detail, NUMBER: number}))
     session = Session(_next_folder(venue))
     text = (venue.directory / "venue.toml").read_text("utf-8")
@@ -91,11 +92,6 @@ def order_table(plan: Plan) -> str:
         head = (number, shot.id, shot.projector, shot.purpose, shot.pattern, exposures)
         writer.writerow((*head, start, hold_s(shot)))
     return text.getvalue()
-
-
-def _numbered(picture: Picture, number: int, shot: Shot, light: float) -> Picture:
-    drive = round(255 * light ** (1 / NOMINAL_GAMMA)) if shot.purpose == "black" else None
-    return draw_number(picture, number, drive)
 
 
 def _next_folder(venue: Venue) -> Path:

@@ -247,56 +247,80 @@ def white_luminance(lumens: float, radius_m: float, lit_sr: float, albedo: float
     return albedo * lumens / (np.pi * radius_m**2 * lit_sr)
 
 
-def light_levels(calibration: Calibration, reference: float = 1.0) -> Levels:
-    """White, black and contrast; `reference` is the light of a direct white of 1.0."""
-    m = float(LUMINANCE @ calibration.feedback.value)
+def light_levels(
+    calibration: Calibration, reference: float = 1.0, state: str | None = None
+) -> Levels:
+    """White, black and contrast; `reference` is the light of a direct white of 1.0.
+
+    `state` names a state of the house; the light of its own lamps counts as white, and as black.
+    """
+    house = calibration if state is None else calibration.state(state)
+    m, ambient = float(LUMINANCE @ house.feedback.value), ambient_level(calibration, state)
     black = black_level(calibration)
-    total = black * (1 + m)
+    total, white = black * (1 + m) + ambient, 1 + m + ambient
     return Levels(
         m,
-        m / (1 + m),
-        reference * (1 + m),
+        m / white,
+        reference * white,
         reference,
         reference * total,
-        _ratio(1 + m, total),
+        _ratio(white, total),
         _ratio(1.0, total),
         checkerboard_contrast(m, 0.0),
-        checkerboard_contrast(m, black),
-        checkerboard_contrast(m, black, compensated=True),
+        checkerboard_contrast(m, black, ambient=ambient),
+        checkerboard_contrast(m, black, compensated=True, ambient=ambient),
     )
 
 
 def black_level(calibration: Calibration) -> float:
     """Mean direct luminance of black over what is lit [rel]."""
-    maps = calibration.maps
+    return _lit_mean(calibration.maps, calibration.maps.lo)
+
+
+def ambient_level(calibration: Calibration, state: str | None) -> float:
+    """Mean luminance of the room's own light over what is lit [rel]; 0 as it was calibrated."""
+    light = None if state is None else calibration.state(state).ambient
+    return 0.0 if light is None else _lit_mean(calibration.maps, light)
+
+
+def _lit_mean(maps: DomeMaps, light: Image) -> float:
+    """Mean luminance over what is lit."""
     solid = master_solid_angles(maps.size) * maps.coverage
-    return float(LUMINANCE @ np.tensordot(solid, maps.lo, 2) / solid.sum())
+    return float(LUMINANCE @ np.tensordot(solid, light, 2) / solid.sum())
 
 
 def checkerboard_contrast(
-    feedback: float, black: float, white_share: float = 0.5, compensated: bool = False
+    feedback: float,
+    black: float,
+    white_share: float = 0.5,
+    compensated: bool = False,
+    ambient: float = 0.0,
 ) -> float:
     """White to black [-] of a picture that holds nothing else, with a share p of white.
 
     Without black C = (1 + m p) / (m p), which is (1 - rho f_R (1-p)) / (rho f_R p) where all that
     reflects is lit (science.md s.1, "Limits"). Compensation dims the white and the light that it
     scatters on the black by one factor: C stays. A `black` [rel to direct white] is not dimmed with
-    them, so that C then falls a little.
+    them, nor is `ambient`, light of the room's own, so that C then falls a little.
     """
-    target, area = np.array([1.0, 0.0]), np.array([white_share, 1 - white_share])
+    wanted, area = np.array([1.0, 0.0]), np.array([white_share, 1 - white_share])
     scatter, lo, hi = np.full(2, feedback), np.full(2, black), np.ones(2)
-    flux = solve_flux(target, scatter, area, lo, hi) if compensated else 0.0
-    direct = np.clip(target - scatter * flux, lo, hi)
-    total = add_interreflection(direct[:, None], scatter[:, None], area)[:, 0]
+    if compensated:
+        target = wanted - ambient
+        wanted = target - scatter * solve_flux(target, scatter, area, lo, hi)
+    direct = np.clip(wanted, lo, hi)
+    total = add_interreflection(direct[:, None], scatter[:, None], area)[:, 0] + ambient
     return _ratio(float(total[0]), float(total[1]))
 
 
-def picture_figures(calibration: Calibration, content: Image) -> tuple[PictureFigures, Seen]:
-    """What is expected of a dome master (N, N, 3) of linear light, where 1.0 is white."""
+def picture_figures(
+    calibration: Calibration, content: Image, state: str | None = None
+) -> tuple[PictureFigures, Seen]:
+    """What is expected of a dome master (N, N, 3) of linear light, in a house state if one is named."""
     size = content.shape[0]
-    compensator = Compensator(calibration, size)
+    compensator = Compensator(calibration, size, state=state)
     exact = compensator.solve(content)
-    none = Compensator(calibration, size, "none").solve(content)
+    none = Compensator(calibration, size, "none", state).solve(content)
     lit = _covered(calibration.maps, size)
     bright, dark = _limits(content, exact, lit & ~compensator.protected)
     solid = master_solid_angles(size)[lit]
@@ -330,9 +354,9 @@ def sampled(picture: Image, size: int = SAMPLES) -> Image:
     return picture[np.ix_(index, index)]
 
 
-def band(values: Sequence[float]) -> Band:
-    """The figure of (low end, middle, high end); the middle counts."""
-    return Band(values[1], min(values), max(values))
+def band(values: Sequence[float], counts: int = 1) -> Band:
+    """The figure of (low end, middle, high end); the middle counts, or the one that is told."""
+    return Band(values[counts], min(values), max(values))
 
 
 def _covered(maps: DomeMaps, size: int) -> Mask:

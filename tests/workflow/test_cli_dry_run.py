@@ -39,7 +39,7 @@ class _WithShotTime:
     """A venue whose [capture] has shot_s."""
 
     def __init__(self, venue: Venue, shot_s: float) -> None:
-        capture = SimpleNamespace(**dict(venue.table.capture), shot_s=shot_s)
+        capture = SimpleNamespace(**(dict(venue.table.capture) | {"shot_s": shot_s}))
         parts = {"projectors": venue.table.projectors, "cameras": venue.table.cameras}
         self.table = SimpleNamespace(**parts, capture=capture)
 

@@ -5,6 +5,7 @@ import resource
 import shutil
 import time
 from importlib.metadata import entry_points
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -25,12 +26,16 @@ from procam.workflows.venue_rig import open_rig
 CONTENT_SIZE = 1024
 MARKER = "made-by-procam-demo.txt"
 # goals that the easy presets must meet; the others are reported without
-JUDGED_PRESETS = ("ideal", "standard")
+JUDGED_PRESETS = ("ideal", "standard", "server")
+# where a master's pixels land is the server's own doing: procam only says how far off it is
+ALIGNED_BY_OTHERS = {"server": ("direction_error_rms_arcmin",)}
 MACHINE_FIGURES = {"simulated_run_s"}
+JUDGES = ("rays", "mitsuba")
 
 
-def run_demo(out: Path, preset: str, output: Output) -> None:
+def run_demo(out: Path, preset: str, judged_by: str, output: Output) -> None:
     """Run everything; exit 1 if a figure misses its goal, unless it only says the machine is slow."""
+    _check_judge(judged_by)
     venue = _make_venue(out, preset)
     output.say(f"Simulated dome, preset {preset}: capture, solve, compensate, refine.")
     started = time.monotonic()
@@ -45,14 +50,24 @@ def run_demo(out: Path, preset: str, output: Output) -> None:
     keep_loop(out, refined)
     save_calibration(refined.calibration, next_directory(out))
     output.say("The run has ended; the simulator now tells the truth, and the judge compares.")
-    _tell_truth(venue)
+    _tell_truth(venue, judged_by)
     figures |= judge(first, out / "truth")
     figures |= judge_pictures(out, first, out / "truth")
     figures |= refined.figures()
-    if preset not in JUDGED_PRESETS:
-        figures = {name: _without_goal(figure) for name, figure in figures.items()}
+    unjudged = ALIGNED_BY_OTHERS.get(preset, ()) if preset in JUDGED_PRESETS else tuple(figures)
+    figures |= {name: _without_goal(figures[name]) for name in unjudged}
     _write_summary(out, preset, venue, figures)
     _report(out, output, figures)
+
+
+def _check_judge(judged_by: str) -> None:
+    """Refuse a judge that is not there before anything is run."""
+    if judged_by not in JUDGES:
+        raise InputError(f"--judge: got {judged_by!r}, expected {' or '.join(JUDGES)}")
+    if judged_by == "mitsuba" and find_spec("mitsuba") is None:
+        raise InputError(
+            "--judge mitsuba: got no Mitsuba, expected the extra sim; pip install 'procam[sim]'"
+        )
 
 
 def _make_venue(out: Path, preset: str) -> Venue:
@@ -82,13 +97,14 @@ def _run(venue: Venue, output: Output) -> tuple[int, Path, Refined]:
     return session.read_plan().exposures + refined.shots, first, refined
 
 
-def _tell_truth(venue: Venue) -> None:
+def _tell_truth(venue: Venue, judged_by: str) -> None:
     """Have the backend write what its venue really is; only now, when nothing is left to solve."""
     name = next(iter(venue.table.cameras.values())).backend
     writer: Any = entry_points(group="procam.truth")[name].load()
     frames = venue.directory / "frames"
     pictures = {p.name: read_frames(p) for p in sorted(frames.iterdir())}
-    writer(venue.backends.get(name, {}), venue.directory, venue.directory / "truth", pictures)
+    settings, truth = venue.backends.get(name, {}), venue.directory / "truth"
+    writer(settings, venue.directory, truth, pictures, judged_by)
 
 
 def _write_summary(out: Path, preset: str, venue: Venue, figures: dict[str, Figure]) -> None:

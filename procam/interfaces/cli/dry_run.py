@@ -4,17 +4,17 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from itertools import groupby
 
-from procam.estimate.patterns import plan_visit
 from procam.files.venue import BY_HAND, Venue
 from procam.interfaces.cli.output import Output
 from procam.model.plan import Shot
+from procam.workflows.visit import plan_of_visit
 
 DRIVEN_S = 1.0  # beside the exposure: show, settle, read out, store
 BY_HAND_S = 5.0  # a DSLR takes 3.5 to 7 s a shot (science.md s.4)
 BYTES = 2  # of a stored sample
 DARK = "dark"  # how the shot of no projector is called
 Stage = tuple[str, str, int]
-FOR_GEOMETRY = ("white", "black", "code")
+FOR_GEOMETRY = ("white", "black", "tags", "code")
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,8 +30,7 @@ class Work:
 def run_dry(venue: Venue, output: Output) -> None:
     """Print the work per projector and in all, the order of the shots, and when geometry is there."""
     sizes = {name: entry.size for name, entry in venue.table.projectors.items()}
-    capture = venue.table.capture
-    shots = plan_visit(sizes, capture.exposure_s, capture.black_exposure_s)[0].shots
+    shots = plan_of_visit(venue)[0].shots
     each = {name: work(venue, [s for s in shots if s.projector == name]) for name in ("", *sizes)}
     until = max(i for i, shot in enumerate(shots) if shot.purpose in FOR_GEOMETRY) + 1
     geometry, stages = work(venue, shots[:until]), _stages(shots)
@@ -78,7 +77,7 @@ def work(venue: Venue, shots: Sequence[Shot]) -> Work:
 
 def photograph_s(venue: Venue, backend: str, exposure_s: float) -> float:
     """From one photograph to the next [s]: as [capture] shot_s says, else as such cameras need."""
-    told: float | None = getattr(venue.table.capture, "shot_s", None)
+    told = venue.table.capture.shot_s
     if told is not None:
         return max(told, exposure_s)
     needed = exposure_s + DRIVEN_S

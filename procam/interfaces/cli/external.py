@@ -10,8 +10,10 @@ from procam.interfaces.cli.output import Output
 from procam.interfaces.cli.venues import venue_of
 from procam.workflows.external import export, hold_s, prepare_by_hand
 from procam.workflows.ingest import ingest
+from procam.workflows.visit import server_of
 
 SHOWN = 8  # missing shots that a line names
+ONE_BY_ONE = "show one projector's pictures after the other's, all other shutters closed"
 
 
 def run_venue_patterns(directory: Path, out: Path, movie: bool, output: Output) -> None:
@@ -31,9 +33,11 @@ def run_venue_patterns(directory: Path, out: Path, movie: bool, output: Output) 
         f"{len(shots)} shots written to {out}, {minutes:.0f} min; order.csv tells what to show and how "
         "long to expose it"
     )
+    server = server_of(venue)
+    then = f"open them and feed {server.name} with its pictures" if server else ONE_BY_ONE
     output.say(
-        "first close all shutters and photograph the dark; then show one projector's pictures after "
-        "the other's, all other shutters closed; focus, zoom, aperture and ISO stay as they are"
+        f"first close all shutters and photograph the dark; then {then}; focus, zoom, aperture and "
+        "ISO stay as they are"
     )
     output.say(f"then run: procam ingest {session.directory} --camera {cameras} --photos PHOTOS")
     output.finish({"session": str(session.directory), "out": str(out), "shots": len(shots)})

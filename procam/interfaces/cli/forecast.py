@@ -3,7 +3,7 @@
 import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, fields
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from textwrap import wrap
 from typing import Any
@@ -15,6 +15,7 @@ from procam.files import atomic
 from procam.files.calibration import latest_calibration, load_calibration
 from procam.interfaces.cli.output import Output
 from procam.interfaces.forecast_plot import RELATIVE, write_plot
+from procam.model.calibration import Calibration
 from procam.model.screen import Dome
 from procam.workflows.bake import read_square
 from procam.workflows.forecast import (
@@ -64,22 +65,28 @@ def run_forecast(
     levels = _levels(prospect, lumens)
     unit = RELATIVE if lumens is None else "cd/m2"
     pictures = {path: _picture(prospect, content) for path, content in contents.items()}
+    house = _House.of(prospect, lumens, contents)
     assumptions = list(_assumptions(prospect, venue, described, lumens))
     document = {
         "unit": unit,
         "light": _plain(levels),
         "pictures": {path: _plain(figures) for path, (figures, _) in pictures.items()},
         "assumptions": assumptions,
+        **({"states": house.document()} if house else {}),
     }
     if out is not None:
         seen = [(Path(path).name, seen) for path, (_, seen) in pictures.items()]
         write_plot(out / "forecast.png", levels, unit, seen)
         atomic.write_text(out / "forecast.json", json.dumps(document, indent=1))
-    for line in _light_lines(levels, unit):
+    for line in _light_lines("expected, in brackets both ends", _bands(levels), unit):
+        output.say(line)
+    for line in wrap(UNCHANGED, COLUMNS):
         output.say(line)
     for path, (figures, _) in pictures.items():
-        for line in _picture_lines(path, figures):
+        for line in _picture_lines(path, _bands(figures)):
             output.say(line)
+    for line in house.lines(unit) if house else ():
+        output.say(line)
     for line in _assumed_lines(assumptions):
         output.say(line)
     if out is not None:
@@ -123,17 +130,60 @@ def _check_light(lumens: float | None, described: Described, venue: Path | None)
         raise InputError("--lumens: got no --radius-m beside it, expected the dome's radius [m]")
 
 
+@dataclass(frozen=True)
+class _House:
+    """A venue in the states of its house: as it was calibrated first, then by name.
+
+    `levels` and `figures`, those of each picture by path, are in that order.
+    """
+
+    names: list[str]
+    levels: list[Levels]
+    figures: Mapping[str, list[PictureFigures]]
+
+    @classmethod
+    def of(
+        cls, prospect: Prospect, lumens: float | None, contents: Mapping[str, np.ndarray]
+    ) -> "_House | None":
+        """None where no state was measured."""
+        venue = prospect.ends[1]
+        names = list(venue.states)
+        if not names:
+            return None
+        states, white = [None, *names], _white(prospect, venue, lumens)
+        return cls(
+            names,
+            [light_levels(venue, white, state) for state in states],
+            {
+                path: [picture_figures(venue, content, state)[0] for state in states]
+                for path, content in contents.items()
+            },
+        )
+
+    def document(self) -> dict[str, Any]:
+        """Bands over the states as JSON."""
+        pictures = {path: _plain(figures, 0) for path, figures in self.figures.items()}
+        return {"names": self.names, "light": _plain(self.levels, 0), "pictures": pictures}
+
+    def lines(self, unit: str) -> Iterator[str]:
+        """Bands over the states for people."""
+        yield f"\nas calibrated, in brackets with house states: {', '.join(self.names)}"
+        yield from _light_lines("expected", _bands(self.levels, 0), unit)
+        for path, figures in self.figures.items():
+            yield from _picture_lines(path, _bands(figures, 0))
+
+
 def _levels(prospect: Prospect, lumens: float | None) -> list[Levels]:
     """White and black at the three ends."""
+    return [light_levels(c, _white(prospect, c, lumens)) for c in prospect.ends]
+
+
+def _white(prospect: Prospect, dome: Calibration, lumens: float | None) -> float:
+    """Light of a direct white of 1.0: in cd/m2 if lumens are told."""
     if lumens is None:
-        return [light_levels(c) for c in prospect.ends]
-    whites = (
-        white_luminance(
-            lumens, c.screen.radius_m, prospect.lit_sr, float(LUMINANCE @ c.albedo.value)
-        )
-        for c in prospect.ends
-    )
-    return [light_levels(c, white) for c, white in zip(prospect.ends, whites, strict=True)]
+        return 1.0
+    paint = float(LUMINANCE @ dome.albedo.value)
+    return white_luminance(lumens, dome.screen.radius_m, prospect.lit_sr, paint)
 
 
 def _picture(prospect: Prospect, content: np.ndarray) -> tuple[list[PictureFigures], Seen]:
@@ -175,9 +225,8 @@ def _assumptions(
         )
 
 
-def _light_lines(levels: Sequence[Levels], unit: str) -> Iterator[str]:
-    bands = _bands(levels)
-    yield _row("expected, in brackets both ends", "without compensation", "with compensation")
+def _light_lines(title: str, bands: Mapping[str, Band], unit: str) -> Iterator[str]:
+    yield _row(title, "without compensation", "with compensation")
     yield _row(
         f"full white [{unit}]", _number(bands["white_before"]), _number(bands["white_after"])
     )
@@ -189,11 +238,9 @@ def _light_lines(levels: Sequence[Levels], unit: str) -> Iterator[str]:
         yield _row(label, *(_number(bands[f"{name}_{when}"], ":1") for when in ("before", "after")))
     scatter = _number(bands["checkerboard_scatter"], ":1")
     yield _row("  if projectors' black were none", scatter, scatter)
-    yield from wrap(UNCHANGED, COLUMNS)
 
 
-def _picture_lines(path: str, figures: Sequence[PictureFigures]) -> Iterator[str]:
-    bands = _bands(figures)
+def _picture_lines(path: str, bands: Mapping[str, Band]) -> Iterator[str]:
     yield f"\n{path}"
     for label, name in {
         "too bright (clips at black)": "black",
@@ -205,7 +252,7 @@ def _picture_lines(path: str, figures: Sequence[PictureFigures]) -> Iterator[str
         *(_percent(bands[f"dark_lift_{when}"], " of white") for when in ("before", "after")),
     )
     yield _row(
-        f"  rms contrast (asked {figures[1].contrast_target:.3g})",
+        f"  rms contrast (asked {bands['contrast_target'].value:.3g})",
         *(_number(bands[f"contrast_{when}"]) for when in ("before", "after")),
     )
     yield _row("  of the lost contrast restored", "", _percent(bands["contrast_restored"]))
@@ -223,16 +270,16 @@ def _row(label: str, before: str, after: str) -> str:
     return f"{label:{LABEL}}{before:>{FIGURE}} {after:>{FIGURE}}".rstrip()
 
 
-def _bands(ends: Sequence[Levels] | Sequence[PictureFigures]) -> dict[str, Band]:
-    """Each figure with its band, by name."""
-    return {f.name: band([getattr(end, f.name) for end in ends]) for f in fields(ends[0])}
+def _bands(ends: Sequence[Levels] | Sequence[PictureFigures], counts: int = 1) -> dict[str, Band]:
+    """Each figure with its band, by name; `counts` tells which end is the figure."""
+    return {f.name: band([getattr(end, f.name) for end in ends], counts) for f in fields(ends[0])}
 
 
-def _plain(ends: Sequence[Levels] | Sequence[PictureFigures]) -> dict[str, Any]:
+def _plain(ends: Sequence[Levels] | Sequence[PictureFigures], counts: int = 1) -> dict[str, Any]:
     """Bands as JSON has them; null where there is no such number."""
     return {
         name: {k: v if math.isfinite(v) else None for k, v in asdict(figure).items()}
-        for name, figure in _bands(ends).items()
+        for name, figure in _bands(ends, counts).items()
     }
 
 

@@ -18,13 +18,19 @@ def demo(
     out: Annotated[Path, typer.Option(help="Folder to make; an earlier demo is replaced.")] = Path(
         "demo-run"
     ),
-    preset: Annotated[str, typer.Option(help="ideal, standard, realistic or faulty.")] = "standard",
+    preset: Annotated[
+        str, typer.Option(help="ideal, standard, realistic, faulty or server.")
+    ] = "standard",
+    judge: Annotated[
+        str,
+        typer.Option(help="Who traces the light that judges: rays, or mitsuba, a path tracer."),
+    ] = "rays",
     json: Json = False,
 ) -> None:
     """Calibrate and clean a simulated dome, and judge the result against the truth."""
     from procam.interfaces.cli.demo import run_demo
 
-    run_demo(out, preset, Output(json))
+    run_demo(out, preset, judge, Output(json))
 
 
 @app.command(epilog="Example: procam init my-dome --template simulated-standard")
@@ -33,13 +39,16 @@ def init(
     template: Annotated[
         str,
         typer.Option(
-            help="Which example to start from: by-hand, simulated-faulty, simulated-ideal, "
-            "simulated-realistic or simulated-standard."
+            help="Which example to start from: by-hand, through-server, simulated-faulty, "
+            "simulated-ideal, simulated-realistic, simulated-server or simulated-standard."
         ),
     ] = "",
     json: Json = False,
 ) -> None:
-    """Write a complete, commented venue.toml to start from; by-hand is for rigs of your own."""
+    """Write a complete, commented venue.toml to start from.
+
+    By-hand is for rigs of your own, through-server for domes behind a media server.
+    """
     from procam.files.venue import template_names
     from procam.interfaces.cli.venues import run_init
 
@@ -118,6 +127,30 @@ def refine(
     from procam.interfaces.cli.venues import run_refine
 
     run_refine(venue, picture, Output(json))
+
+
+@app.command(epilog="Example: procam state my-dome full")
+def state(
+    venue: VenueArgument,
+    name: Annotated[str, typer.Argument(metavar="NAME", help="What to call it, such as full.")],
+    ambient_only: Annotated[
+        bool,
+        typer.Option(
+            "--ambient-only",
+            help="Only the room's own light; no projector is lit, nothing checked.",
+        ),
+    ] = False,
+    json: Json = False,
+) -> None:
+    """Measure the house as it is now, with its audience and the show's own lamps; a new calibration.
+
+    Leave exit signs and aisle lights as in a show. Photographs the room dark, then five pictures of
+    each projector, and adds the state to what the newest calibration knows. The camera must stand where
+    it stood then.
+    """
+    from procam.interfaces.cli.house import run_state
+
+    run_state(venue, name, ambient_only, Output(json))
 
 
 @app.command(epilog="Example: procam report my-dome")

@@ -14,9 +14,12 @@ from procam.interfaces.cli.venues import venue_of
 from procam.workflows.bake import compensate_file, warp_file
 
 
-def run_compensate(calibration: Path, source: Path, out: Path, method: str, output: Output) -> None:
-    """`procam compensate`."""
-    document = compensate_file(calibration, source, out, method)  # type: ignore[arg-type]
+def run_compensate(
+    calibration: Path, pictures: tuple[Path, Path], method: str, state: str | None, output: Output
+) -> None:
+    """`procam compensate`: `pictures` are IN and OUT."""
+    source, out = pictures
+    document = compensate_file(calibration, source, out, method, state)  # type: ignore[arg-type]
     shares = document["clipped_share"]
     assert isinstance(shares, list)
     clipped = ", ".join(f"{share:.1%}" for share in shares)
@@ -89,6 +92,7 @@ def _calibration(path: Path) -> dict[str, Any]:
         "feedback_sigma": [round(float(v), 4) for v in calibration.feedback.sigma],
         "albedo": [round(float(v), 4) for v in calibration.albedo.value],
         "albedo_sigma": [round(float(v), 4) for v in calibration.albedo.sigma],
+        "states": list(calibration.states),
         **{name: figure.value for name, figure in calibration.quality.items()},
         "provenance": dict(calibration.provenance),
     }

@@ -17,6 +17,10 @@ def compensate(
     method: Annotated[
         str, typer.Option(help="exact, paper-eq12 (for comparison) or none.")
     ] = "exact",
+    state: Annotated[
+        str | None,
+        typer.Option(help="House state, as `procam state` measured it; else as calibrated."),
+    ] = None,
     json: Json = False,
 ) -> None:
     """Take the scattered light out of a dome master.
@@ -26,7 +30,7 @@ def compensate(
     """
     from procam.interfaces.cli.pictures import run_compensate
 
-    run_compensate(calibration, source, out, method, Output(json))
+    run_compensate(calibration, (source, out), method, state, Output(json))
 
 
 @app.command(epilog="Example: procam warp my-dome/calibrations/0001 sky-direct.exr frames")

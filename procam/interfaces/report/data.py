@@ -191,18 +191,31 @@ def true_errors(material: Material, name: str) -> Array | None:
 
 
 def gain_change(material: Material, name: str) -> Array | None:
-    """Factor (H, W) by which the loop changed a projector's gain; None without two calibrations."""
+    """Factor (H, W) by which the loop changed a projector's gain; None without two calibrations.
+
+    Those that only added a state of the house are passed over: they have the same gains.
+    """
+    change = None
+    for earlier in reversed(material.calibrations[:-1]):
+        found = _gain_since(earlier, material, name)
+        if found is None:
+            break
+        change = found
+        if (np.nan_to_num(change, nan=1.0) != 1).any():
+            break
+    return change
+
+
+def _gain_since(earlier: Path, material: Material, name: str) -> Array | None:
+    """Gain (H, W) over that of an earlier calibration of the same session; None if there is none."""
     newest = material.calibration
-    if newest is None or len(material.calibrations) < 2:
-        return None
-    first = material.calibrations[-2]
-    session = _document(first / "calibration.json")["provenance"].get("session")
-    path = first / "maps" / f"{name}.exr"
-    if session != newest.provenance.get("session") or not path.is_file():
+    session = _document(earlier / "calibration.json")["provenance"].get("session")
+    path = earlier / "maps" / f"{name}.exr"
+    if newest is None or session != newest.provenance.get("session") or not path.is_file():
         return None
     maps = read_channels(path)
     old = np.sum([maps[f"gain.{c}"] for c in RGB], axis=0, dtype=float)
-    new = newest.projectors[name].photometry.gain.sum(axis=-1)
+    new = newest.projectors[name].photometry.gain.sum(axis=-1, dtype=float)
     return np.where(old > 0, new / np.where(old > 0, old, 1.0), np.nan)
 
 

@@ -27,6 +27,7 @@ from procam.interfaces.report.words import number, percent
 from procam.maths.sphere import master_solid_angles
 from procam.model.calibration import Calibration
 from procam.model.quality import Figure
+from procam.model.transport import Measured
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.floating]
@@ -189,6 +190,8 @@ def feedback(material: Material) -> Iterator[Block]:
         "floor, and compensation does not depend on it."
     )
     yield _measured(material, material.calibration)
+    if material.calibration.states:
+        yield _states(material.calibration)
     yield _bounce_maps(material, material.calibration)
 
 
@@ -205,6 +208,33 @@ def _measured(material: Material, calibration: Calibration) -> Table:
             rows.append([*row, f"{true[i]:.4f}"] if true is not None else row)
     head = ["Quantity", "Measured", "95 % interval", *(["True (simulator)"] if truth else [])]
     return Table(head, rows)
+
+
+def _states(calibration: Calibration) -> Table:
+    """States of the house, beside the calibrated one."""
+    maps = calibration.maps
+    solid = master_solid_angles(maps.size) * maps.coverage
+    rows = [["as calibrated", *_intervals(calibration.feedback), "not counted"]]
+    for name, state in calibration.states.items():
+        ambient = "none"
+        if state.ambient is not None:
+            mean = np.tensordot(solid, state.ambient, 2) / solid.sum()
+            ambient = " / ".join(percent(v, 2) for v in mean)
+        rows.append([name, *_intervals(state.feedback), ambient])
+    return Table(
+        ["House state", *(f"Feedback m, {c}" for c in COLOURS), "The room's own light"],
+        rows,
+        "An audience changes how much light bounces: in brackets the 95 % interval. The room's own "
+        "light, exit signs and the like, is the mean over the lit dome, of white, red / green / blue.",
+    )
+
+
+def _intervals(measured: Measured) -> list[str]:
+    low, high = measured.interval()
+    return [
+        f"{m:.4f} ({least:.4f} to {most:.4f})"
+        for m, least, most in zip(measured.value, low, high, strict=True)
+    ]
 
 
 def _bounce_maps(material: Material, calibration: Calibration) -> Domes:

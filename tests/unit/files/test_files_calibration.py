@@ -19,8 +19,9 @@ from procam.files.calibration import (
 )
 from procam.files.images import read_channels
 from procam.model.calibration import Calibration
+from procam.model.house import HouseState
 from procam.model.mask import Mask
-from procam.model.transport import ScatterKernel
+from procam.model.transport import Measured, ScatterKernel
 
 
 def _assert_same(found: Any, expected: Any, where: str = "calibration") -> None:
@@ -73,6 +74,32 @@ class TestRoundTrip:
         furnished = dataclasses.replace(calibration, maps=maps)
         save_calibration(furnished, tmp_path / "0001")
         _assert_same(load_calibration(tmp_path / "0001"), furnished)
+
+    def test_states_of_the_house_come_back_too(
+        self, tmp_path: Path, calibration: Calibration
+    ) -> None:
+        rng = np.random.default_rng(4)
+        ambient = rng.uniform(0, 0.02, (96, 96, 3)).astype(np.float32)
+        m = Measured(rng.uniform(0.3, 0.4, 3), rng.uniform(0, 0.01, 3))
+        states = {
+            "full": HouseState("full", m, rng.uniform(1.1, 1.2, 3), ambient),
+            "school": HouseState("school", m, rng.uniform(1.1, 1.2, 3)),
+        }
+        housed = dataclasses.replace(calibration, states=states)
+        save_calibration(housed, tmp_path / "0001")
+        _assert_same(load_calibration(tmp_path / "0001"), housed)
+        assert sorted(p.name for p in (tmp_path / "0001" / "maps").glob("state-*")) == [
+            "state-full.exr"
+        ]
+
+    def test_one_from_before_there_were_states_has_none(
+        self, saved: Path, calibration: Calibration
+    ) -> None:
+        path = saved / "calibration.json"
+        document = json.loads(path.read_text())
+        del document["states"]
+        path.write_text(json.dumps(document))
+        _assert_same(load_calibration(saved), calibration)
 
     def test_one_from_before_there_were_kernels_has_one_scalar(self, saved: Path) -> None:
         path = saved / "calibration.json"
@@ -179,6 +206,16 @@ class TestDamage:
         path = saved / "maps" / f"{name}.exr"
         path.write_bytes(path.read_bytes()[:-200])
         assert self._complaint(saved).startswith(f"{path}: got a truncated or damaged image")
+
+    def test_a_states_map_is_gone(self, tmp_path: Path, calibration: Calibration) -> None:
+        state = HouseState(
+            "full", calibration.feedback, np.ones(3), np.zeros((8, 8, 3), np.float32)
+        )
+        directory = tmp_path / "0001"
+        save_calibration(dataclasses.replace(calibration, states={"full": state}), directory)
+        path = directory / "maps" / "state-full.exr"
+        path.unlink()
+        assert self._complaint(directory).startswith(f"{path}: got no such file")
 
     def test_a_map_of_another_kind(self, saved: Path) -> None:
         (saved / "maps" / "south.exr").write_bytes((saved / "maps" / "dome.exr").read_bytes())

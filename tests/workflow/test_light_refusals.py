@@ -1,0 +1,80 @@
+"""Photographs whose light does not add up are refused by their cause, or noted."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tiny_venue import make_venue, quick_simulator, take_session
+
+from procam.errors import OutOfModelRange
+from procam.estimate.radiance import Radiometer
+from procam.files.calibration import load_calibration
+from procam.files.session import Session
+from procam.files.venue import Venue
+from procam.model.frame import Frame
+from procam.model.plan import Shot
+from procam.workflows.calibrate import solve
+from procam.workflows.readings import Readings
+
+Visit = tuple[Venue, Session]
+
+
+@pytest.fixture(scope="module")
+def visit(tmp_path_factory: pytest.TempPathFactory) -> Visit:
+    with quick_simulator():
+        venue = make_venue(tmp_path_factory.mktemp("venue"))
+        return venue, take_session(venue)
+
+
+def solved(visit: Visit) -> Path:
+    *_, last = solve(*visit)
+    return Path(last.data["calibration"])
+
+
+def test_a_tone_curve_that_venue_toml_does_not_know(
+    visit: Visit, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    linear = Radiometer.radiance
+
+    def encoded(self: Radiometer, frame: Frame) -> np.ndarray:
+        light = linear(self, frame)
+        return np.asarray(np.sign(light) * np.abs(light) ** (1 / 2.2), np.float32)
+
+    monkeypatch.setattr(Radiometer, "radiance", encoded)
+    with pytest.raises(OutOfModelRange, match=r"goes with the power 0\.4\d of .+ photograph raw"):
+        solved(visit)
+
+
+def changing(monkeypatch: pytest.MonkeyPatch, share: float, drift: float = 0.0) -> None:
+    """Light of the room, or a lamp, changes after the codes: stripes see it, white does not."""
+    steady = Readings.light
+
+    def light(self: Readings, shot: Shot, exposure: int = 0) -> np.ndarray:
+        seen = steady(self, shot, exposure)
+        if shot.purpose != "stripes":
+            return seen
+        return np.asarray(seen * (1 + drift) + share * np.nanpercentile(seen, 95), np.float32)
+
+    monkeypatch.setattr(Readings, "light", light)
+
+
+def test_a_door_that_opened(visit: Visit, monkeypatch: pytest.MonkeyPatch) -> None:
+    changing(monkeypatch, 0.02)
+    with pytest.raises(OutOfModelRange, match=r"light of the room changed .+ photograph it again"):
+        solved(visit)
+
+
+def test_a_lamp_that_drifted(visit: Visit, monkeypatch: pytest.MonkeyPatch) -> None:
+    changing(monkeypatch, 0.0, drift=0.04)
+    with pytest.raises(OutOfModelRange, match="drifted while it was photographed"):
+        solved(visit)
+
+
+def test_less_of_it_is_noted(visit: Visit, monkeypatch: pytest.MonkeyPatch) -> None:
+    changing(monkeypatch, 0.0, drift=0.015)
+    notes = load_calibration(solved(visit)).provenance["notes"]
+    assert [n for n in notes if "drifted while it was photographed" in n and "+1.4" in n]
+
+
+def test_steady_light_is_not_noted(visit: Visit) -> None:
+    assert not load_calibration(solved(visit)).provenance["notes"]
