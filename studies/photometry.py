@@ -18,19 +18,20 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-import colour
 import numpy as np
 from numpy.typing import NDArray
 
 from procam.compensate.exact import Compensator
 from procam.compensate.projector_frames import projector_frames
 from procam.estimate.blend import Blender
+from procam.estimate.colour_spaces import colour_difference
 from procam.estimate.desk import Veil, desk_glare
 from procam.estimate.radiance import Radiometer
 from procam.files.calibration import latest_calibration, load_calibration
 from procam.files.images import RGB, read_channels
 from procam.files.venue import load_venue
 from procam.interfaces.judge import judge
+from procam.maths.colour_science import colour_science
 from procam.maths.sphere import master_directions, master_pixels
 from procam.maths.warp import block_mean, sample
 from procam.model.calibration import Calibration
@@ -197,10 +198,9 @@ def seam_patches(calibration: Calibration) -> NDArray[np.bool_]:
 
 def delta_e(seen: Array, meant: Array) -> Array:
     """DE2000 (N,) of linear light (N, 3) in which 1 is the reference white, read as sRGB's primaries."""
-    to_xyz = colour.RGB_COLOURSPACES["sRGB"].matrix_RGB_to_XYZ
-    white = colour.XYZ_to_xy(to_xyz @ np.ones(3))
-    labs = [colour.XYZ_to_Lab(np.maximum(rgb, 0) @ to_xyz.T, white) for rgb in (seen, meant)]
-    return np.asarray(colour.delta_E(*labs, method="CIE 2000"))
+    to_xyz = colour_science().RGB_COLOURSPACES["sRGB"].matrix_RGB_to_XYZ
+    first, second = (np.maximum(rgb, 0) @ to_xyz.T for rgb in (seen, meant))
+    return colour_difference(first, second, to_xyz @ np.ones(3))
 
 
 def _seen(path: Path, calibration: Calibration) -> Array:

@@ -28,6 +28,7 @@ BLOCK_PX = (2, 16)
 BINS, PER_BIN = 64, 60  # of brightness; the flattest blocks of each
 FEWEST_PIXELS = 50
 EXPONENTS = (0.2, 6.0)
+NEARLY = 0.01  # of white: light that adds up
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,6 +158,8 @@ def _excess(pictures: Sequence[Array], weight: Array) -> Linearity:
         return float(np.sqrt(np.sum((weight * left) ** 2)) / weight.sum())
 
     low, high = EXPONENTS
+    if mean(low) * mean(high) >= 0 and abs(mean(1.0)) <= NEARLY:
+        return Linearity(mean(1.0), error(1.0), 1.0, high - low)  # nothing shows an exponent
     if mean(low) * mean(high) >= 0:
         raise OutOfModelRange(
             f"linearity: got pattern + inverse {mean(1):+.1%} of white off white + black, which no "

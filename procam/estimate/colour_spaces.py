@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procam.errors import InputError, OutOfModelRange
+from procam.maths.colour_science import colour_science
 
 Array = NDArray[np.float64]
 White = Literal["native", "D65"]
@@ -24,14 +25,14 @@ WIDEST_DUV = 0.05  # beyond it no colour temperature is meant (CIE 15)
 
 def xyy_from_xyz(xyz: Array) -> Array:
     """Chromaticity and luminance x, y, Y (..., 3) of tristimulus values (..., 3)."""
-    import colour  # noqa: PLC0415
+    colour = colour_science()
 
     return np.asarray(colour.XYZ_to_xyY(xyz), float)
 
 
 def colour_difference(first: Array, second: Array, white: Array) -> Array:
     """CIEDE2000 (...) between tristimulus values (..., 3), seen against a white (3,) in the same unit."""
-    import colour  # noqa: PLC0415
+    colour = colour_science()
 
     illuminant = xyy_from_xyz(white)[:2]
     one, other = (colour.XYZ_to_Lab(xyz / white[1], illuminant) for xyz in (first, second))
@@ -40,7 +41,7 @@ def colour_difference(first: Array, second: Array, white: Array) -> Array:
 
 def colour_temperature(xyz: Array) -> tuple[float, float]:
     """Correlated colour temperature [K] and Duv of a white (3,) by Ohno 2013; NaN K if Duv is large."""
-    import colour  # noqa: PLC0415
+    colour = colour_science()
 
     uv = colour.UCS_to_uv(colour.XYZ_to_UCS(xyz))
     kelvin, duv = (float(v) for v in colour.temperature.uv_to_CCT_Ohno2013(uv))
@@ -69,7 +70,7 @@ def content_from_rgb(space: str, xyz_from_content: Array, white: White = "native
     OutOfModelRange
         If the dome cannot show D65 at all.
     """
-    import colour  # noqa: PLC0415
+    colour = colour_science()
 
     if space not in SPACES or white not in ("native", "D65"):
         raise InputError(

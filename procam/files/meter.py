@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procam.errors import FileFormatError
+from procam.maths.colour_science import colour_science
 from procam.model.reading import BLACK, PATCHES, MeterReading
 
 PLACE = ("azimuth_deg", "elevation_deg")
@@ -116,7 +117,7 @@ def _reading(
 
 
 def _from_chromaticity(where: str, luminance: float, x: float, y: float) -> NDArray[np.float64]:
-    import colour  # noqa: PLC0415 (takes a second)
+    colour = colour_science()
 
     for name, value in (("x", x), ("y", y)):
         if not 0 <= value <= 1:

@@ -288,3 +288,15 @@ class TestLinearity:
             linearity_error(white, black, white, black)
         with pytest.raises(OutOfModelRange, match=r"which no exponent from 0\.2 to 6 mends"):
             linearity_error(white, black, 1.3 * white, 1.2 * white)
+
+
+def test_stripes_that_never_overlap_tell_no_exponent() -> None:
+    """Light that adds up, and nowhere two pictures at once: no curve can be told, and none is blamed."""
+    rng = np.random.default_rng(2)
+    stripe = np.repeat(np.arange(60) % 2, 12)[None, :] * np.ones((80, 1))
+    black = np.zeros_like(stripe)
+    noise = [rng.normal(0, 1e-4, stripe.shape) for _ in range(2)]
+    found = linearity_error(
+        np.ones_like(stripe), black, stripe + noise[0] - 0.001, 1 - stripe + noise[1]
+    )
+    assert (found.exponent, found.exponent_sigma > 1) == (1, True)

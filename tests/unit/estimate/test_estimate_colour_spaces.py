@@ -169,3 +169,9 @@ class TestGamut:
             edge = grey + (1 - unshown) * (matrix[:, primary] - grey)
             assert edge.min() == pytest.approx(0, abs=1e-9)
             assert SRGB[1] @ edge == pytest.approx(luminance)
+
+
+def test_numpy_prints_as_before() -> None:
+    """colour-science changes that when it is imported."""
+    colour_temperature(np.array([0.95, 1.0, 1.09]))
+    assert str(np.array([0.5])) == "[0.5]"
