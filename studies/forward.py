@@ -382,7 +382,7 @@ def _report(rows: Sequence[dict]) -> str:
         "# Forward model: light that bounces, told and path-traced",
         "",
         "Root mean square of told less traced, over the lit patches, relative to the mean of the "
-        "traced; the tracer's noise is taken off, so that 0 means less than it. Worst and mean over "
+        "traced; the tracer's noise is taken off, so that 0 means less than about .4. Worst and mean over "
         f"five pictures: {', '.join(_pictures())}. {DOME_RINGS} x {DOME_SECTORS} patches, "
         f"{SAMPLES} rays from each.",
         "",

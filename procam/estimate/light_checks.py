@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 MOST_PIXELS = 20_000
 ROUNDS = 4
 SIGMAS = 3.0  # of the scatter, beyond which a pixel does not count: glints, moving people
-NOTED_DRIFT, LARGEST_DRIFT = 0.005, 0.03  # of white
+NOTED_DRIFT, LARGEST_DRIFT = 0.005, 0.015  # of white
 NOTED_ROOM, LARGEST_ROOM = 0.002, 0.01  # likewise; bounced light is 5 to 20 % of white
 CERTAIN = 5.0  # sigmas
 BOUNCED = 0.3  # of light that falls somewhere: the most that comes everywhere
@@ -95,7 +95,7 @@ class LightChecks:
             line = advice.format(projector, worst.shots, size)
             if abs(size) > CERTAIN * worst.sigma and abs(size) > largest:
                 raise OutOfModelRange(
-                    f"{line}, expected less than {largest:.0%}; photograph it again"
+                    f"{line}, expected less than {largest:.1%}; photograph it again"
                 )
             if abs(size) > CERTAIN * worst.sigma and abs(size) > noted:
                 told.append(line)

@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from procam.errors import OutOfModelRange
 from procam.estimate.transport import Light, scatter_per_flux
 from procam.estimate.view import DomeView
 from procam.maths.scatter_kernel import Evidence, basis, predicted_ratio
@@ -22,6 +23,7 @@ HIGHEST = 2  # degree; above it nothing is earned in furnished rooms (studies/fo
 SIZE = (HIGHEST + 1) ** 2
 ROUNDS = 2
 FEWEST = 4  # pictures per degree
+DIM = 0.05  # of the pictures' median flux
 WHOLE = 0.9  # of a cell's pixels must show nothing but bounced light
 CLEARLY = 0.9  # a higher degree must err by less than this share of the lower one's error
 
@@ -170,7 +172,16 @@ def fit_scatter(lightings: Sequence[Lighting], per_flux: Array, white: Array) ->
     lightings : pictures. per_flux : (N, C) bounced light that a unit of white's flux brings [1/sr],
         NaN where unknown. white : (K, C) moments of full white on all the dome.
     """
-    channels = white.shape[1]
+    channels, lightings = white.shape[1], _bright(lightings)
+    if not np.isfinite(white).all():
+        raise OutOfModelRange(
+            "full white: got light that is not known in places, expected all of it; where white is "
+            "saturated, photograph with a shorter exposure_s"
+        )
+    if not (per_flux > 0).any():
+        raise OutOfModelRange(
+            "bounced light: got none above zero anywhere; is glare or black_level in venue.toml too large?"
+        )
     each = [_Channel(lightings, per_flux[:, c], white[:, c], c) for c in range(channels)]
     degrees = [d for d in range(HIGHEST + 1) if len(lightings) >= max(2, FEWEST * d)]
     held_out = {d: float(np.mean([x.held_out_error(d) for x in each])) for d in degrees}
@@ -178,6 +189,12 @@ def fit_scatter(lightings: Sequence[Lighting], per_flux: Array, white: Array) ->
     fits = [x.fit(degree, np.ones(len(lightings), bool)) for x in each]
     matrix, profile = (np.stack(part) for part in zip(*fits, strict=True))
     return ScatterFit(ScatterKernel(degree, matrix, profile), held_out)
+
+
+def _bright(lightings: Sequence[Lighting]) -> list[Lighting]:
+    """Without pictures that hardly light the dome: parts of a panel that miss it."""
+    flux = np.array([x.moment[0].mean() for x in lightings])
+    return [x for x, f in zip(lightings, flux, strict=True) if f > DIM * np.median(flux)]
 
 
 def _simplest(held_out: dict[int, float]) -> int:

@@ -66,6 +66,8 @@ def solve_moments(target: Array, spread: Array, collect: Array, lo: Array, hi: A
             if np.linalg.norm(after) < np.linalg.norm(left):
                 break
             step /= 2
+        else:
+            after, free = excess(value + step)
         value, left = value + step, after
         if np.abs(step).max() <= TINY * scale:
             return np.asarray(value)

@@ -20,9 +20,9 @@ from scipy.linalg import cho_factor, cho_solve
 from procam.maths.harmonics import harmonics
 
 Array = NDArray[np.float64]
-# pull of the numbers in B towards a bare sphere's, against rows of about 1 per picture and patch, whose
-# errors go together; a third or three times of it serve as well
-PRIOR = 100.0
+# of the numbers in B towards a bare sphere's, times the square of the number of pictures: their errors
+# go together, so that many pictures do not tell more than one. A third or three times of it serve as well.
+PULL = 1.0
 
 
 def basis(direction: Array, degree: int) -> Array:
@@ -105,7 +105,8 @@ class Evidence:
         sphere but for its first number.
         """
         normal = self.normal[pictures].sum(axis=0)
-        normal[np.diag_indices(len(normal))] += np.where(np.arange(len(normal)) > 0, PRIOR, 0)
+        pull = PULL * np.count_nonzero(pictures) ** 2
+        normal[np.diag_indices(len(normal))] += np.where(np.arange(len(normal)) > 0, pull, 0)
         numbers = cho_solve(cho_factor(normal), self.mean)
         size = len(self.white)
         matrix = np.zeros((size, size))

@@ -89,7 +89,7 @@ def solve(venue: Venue, session: Session) -> Iterator[Event]:
     geometry, readings = rig.geometry, _of_main(venue, rig)
     dome = _solved_screen(venue, geometry)
     view = _view(venue, dome, readings, geometry)
-    work = partial(measure_light, dome, readings, view, geometry, rig.found)
+    work = partial(measure_light, dome, readings, view, geometry, rig.found, projector_masks(venue))
     if server:
         mask = projector_masks(venue)[server.name]
         work = partial(measure_server_light, dome, readings, view, geometry, (server, mask))
@@ -184,10 +184,10 @@ def _decode(venue: Venue, readings: Readings, name: str) -> tuple[Correspondence
     for number, counts in pictures:
         decoder.add(number, counts)
     found = decoder.result().map
-    masked = camera_masks(venue)[camera.name].covered
-    masked = masked | projector_masks(venue)[name].at(found.projector_xy)
-    found = keep_only(found, ~masked)
-    return found, gather(found, venue.table.projectors[name].size)
+    found = keep_only(found, ~camera_masks(venue)[camera.name].covered)
+    # masked pixels shine while the light is measured: only the geometry does without them
+    used = keep_only(found, ~projector_masks(venue)[name].at(found.projector_xy))
+    return found, gather(used, venue.table.projectors[name].size)
 
 
 def _solved_screen(venue: Venue, geometry: GeometrySolution) -> Dome:

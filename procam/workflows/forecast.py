@@ -321,6 +321,7 @@ def picture_figures(
     compensator = Compensator(calibration, size, state=state)
     exact = compensator.solve(content)
     none = Compensator(calibration, size, "none", state).solve(content)
+    content = compensator.target(content)
     lit = _covered(calibration.maps, size)
     bright, dark = _limits(content, exact, lit & ~compensator.protected)
     solid = master_solid_angles(size)[lit]

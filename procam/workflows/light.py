@@ -36,6 +36,7 @@ TONE_CURVE, NOT_LINEAR = (
     0.05,
 )  # of the exponent; drift of a percent between photographs makes .02
 CERTAIN = 5.0  # sigmas
+SATURATED = 0.005  # of the screen: white paper on it, glints
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,17 +67,19 @@ def measure_light(
     view: DomeView,
     geometry: GeometrySolution,
     found: Mapping[Pair, CorrespondenceMap],
+    masks: Mapping[str, Mask],
     name: str,
 ) -> Measurement:
     """Projector `name`'s light, split and fitted; black is measured at its own long exposure.
 
     Where pictures carried their numbers they showed no pattern, and where the camera looks into a
     lens it sees no screen: these places are left out of every fit, and filled from around them at
-    the end.
+    the end. What is masked on the panel shines here too, and counts until then.
     """
     black, base = _black(readings, name)
     glints = view.on_screen & lens_glints(geometry.rig, geometry.main, readings.radiometer.rays)
     white = readings.light(readings.only(name, "white")) - base
+    _check_saturation(white, view.on_screen & ~glints, name)
     white = fill_picture(white, glints, view.on_screen)
     xy = view.projector_pixels(geometry.projectors[name], dome)
     numbers = _numbers(readings, geometry, name, CELLS_PER_PANEL)
@@ -88,7 +91,7 @@ def measure_light(
     _check_linear(readings, name, bent, TONE_CURVE)
     measurement, _ = _measured(readings, view, name, black, sight)
     _check_linear(readings, name, bent, NOT_LINEAR)  # if light held still, it is no drift
-    return measurement
+    return _without(measurement, masks[name].at(xy))
 
 
 def measure_server_light(
@@ -106,16 +109,35 @@ def measure_server_light(
     master, unused = server
     black, base = _black(readings, name)
     white = readings.light(readings.only(name, "white")) - base
+    _check_saturation(white, view.on_screen, name)
     xy = view.projector_pixels(geometry.projectors[name], dome)
     pairs = ((pattern, inverse) for *_, pattern, inverse in readings.stripe_pairs(name))
-    lit = lit_pixels(white, pairs) & master.inside(xy) & ~unused.at(xy)
+    lit = lit_pixels(white, pairs) & master.inside(xy)
     numbers = _numbers(readings, geometry, name, CELLS_PER_MASTER)
     hidden = hidden_pixels(numbers, xy)
     panel = np.where(hidden[..., None], np.float32(np.nan), master.coarse_pixels(xy))
     sight = _Sight(xy, panel, lit | hidden, hidden, white, base, float(numbers.covered.mean()))
     found, levels = _measured(readings, view, name, black, sight, master)
     samples = level_samples(levels, found.light.direct, found.colour.mix, xy, master.size)
-    return replace(found, exponent=fit_exponent(samples, found.response, master.size))
+    found = replace(found, exponent=fit_exponent(samples, found.response, master.size))
+    return _without(found, unused.at(xy))
+
+
+def _without(found: Measurement, masked: Pixels) -> Measurement:
+    """The measurement of a projector whose picture is not used at masked camera pixels (H, W)."""
+    light = found.light
+    direct = np.where(masked[..., None], np.float32(0), light.direct)
+    return replace(found, light=replace(light, direct=direct, lit=light.lit & ~masked))
+
+
+def _check_saturation(white: Image, on_screen: Pixels, name: str) -> None:
+    """Refuse a white whose brightest part is not known: its bounced light is, so m would be too large."""
+    share = float(np.isnan(white[on_screen]).any(axis=-1).mean())
+    if share > SATURATED:
+        raise OutOfModelRange(
+            f"white of projector {name}: got {share:.1%} of the screen saturated, expected less than "
+            f"{SATURATED:.1%}; photograph with a shorter exposure_s"
+        )
 
 
 def _black(readings: Readings, name: str) -> tuple[Image, Image]:

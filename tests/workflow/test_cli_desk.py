@@ -239,6 +239,9 @@ class TestGlare:
         assert table["black_level"] == pytest.approx(BLACK, abs=0.5)
         assert table["glare"] == pytest.approx(0.012, abs=1e-4)
         assert table["glare_sigma"] == pytest.approx(5e-4, rel=0.1)
+        again = procam("glare", *photos, *traps, *cap, *where)
+        assert (again.code, "expected a new one" in again.err) == (2, True)
+        out.unlink()
         ran = procam("glare", *photos, *traps, *cap, *where, "--json")
         document = json.loads(ran.out)
         assert len(document["glare"]["each"]) == 2 and document["black_level"]["sigma"] < 2

@@ -12,7 +12,7 @@ from typing import Any
 from procam.errors import InputError
 from procam.files import atomic
 from procam.files.calibration import load_calibration, next_directory, save_calibration
-from procam.files.venue import Venue, load_venue, template_text
+from procam.files.venue import Venue, load_venue, template_names, template_text
 from procam.interfaces.cli.output import Output
 from procam.interfaces.judge import failed, judge, judge_pictures
 from procam.model.quality import Figure, Goal
@@ -31,11 +31,12 @@ JUDGED_PRESETS = ("ideal", "standard", "server")
 ALIGNED_BY_OTHERS = {"server": ("direction_error_rms_arcmin",)}
 MACHINE_FIGURES = {"simulated_run_s"}
 JUDGES = ("rays", "mitsuba")
+SIMULATED = "simulated-"
 
 
 def run_demo(out: Path, preset: str, judged_by: str, output: Output) -> None:
     """Run everything; exit 1 if a figure misses its goal, unless it only says the machine is slow."""
-    _check_judge(judged_by)
+    _check(preset, judged_by)
     venue = _make_venue(out, preset)
     output.say(f"Simulated dome, preset {preset}: capture, solve, compensate, refine.")
     started = time.monotonic()
@@ -60,8 +61,11 @@ def run_demo(out: Path, preset: str, judged_by: str, output: Output) -> None:
     _report(out, output, figures)
 
 
-def _check_judge(judged_by: str) -> None:
-    """Refuse a judge that is not there before anything is run."""
+def _check(preset: str, judged_by: str) -> None:
+    """Refuse a preset or a judge that is not there before anything is run."""
+    presets = [n.removeprefix(SIMULATED) for n in template_names() if n.startswith(SIMULATED)]
+    if preset not in presets:
+        raise InputError(f"--preset: got {preset!r}, expected one of {', '.join(presets)}")
     if judged_by not in JUDGES:
         raise InputError(f"--judge: got {judged_by!r}, expected {' or '.join(JUDGES)}")
     if judged_by == "mitsuba" and find_spec("mitsuba") is None:

@@ -188,3 +188,5 @@ def _check_out(out: Path, suffix: str) -> None:
         raise InputError(f"{out}: got the suffix {out.suffix!r}, expected {suffix}")
     if out.is_dir():
         raise InputError(f"{out}: got a folder, expected a file; choose another name for --out")
+    if out.exists():
+        raise InputError(f"{out}: got a file that exists, expected a new one; choose another name")

@@ -38,6 +38,8 @@ def run_meter(calibration: Path, readings: Path, out: Path, output: Output) -> N
     """Solve what a unit of each content channel is in cd/m2, say it and write OUT."""
     if out.suffix != ".json" or out.is_dir():
         raise InputError(f"{out}: got no name of a JSON file, expected one such as colour.json")
+    if out.exists():
+        raise InputError(f"{out}: got a file that exists, expected a new one; choose another name")
     known = load_calibration(calibration)
     found = fit_absolute(read_meter(readings, tuple(known.projectors)), known)
     figures = _figures(found)

@@ -52,8 +52,8 @@ def test_drift_is_told_from_the_room() -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"room": 0.05}, r"light of the room changed .+ expected less than 1%; photograph"),
-        ({"drift": 0.06}, r"drifted .+ expected less than 3%; photograph it again"),
+        ({"room": 0.05}, r"light of the room changed .+ expected less than 1\.0%; photograph"),
+        ({"drift": 0.06}, r"drifted .+ expected less than 1\.5%; photograph it again"),
     ],
 )
 def test_what_would_spoil_the_calibration_is_refused(

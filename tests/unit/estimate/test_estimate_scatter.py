@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from procam.errors import OutOfModelRange
 from procam.estimate.floor import FloorLight, contradiction, floor_of, measure_floor
 from procam.estimate.scatter import CELLS, Lighting, ScatterCells, cell_basis, fit_scatter
 from procam.maths.sphere import master_directions, master_pixels, master_solid_angles
@@ -112,6 +113,28 @@ def test_a_furnished_one_takes_more_and_says_why(furnished: TracedRoom) -> None:
     assert fit.kernel.degree >= 1
     assert fit.held_out[fit.kernel.degree] < 0.5 * fit.held_out[0]
     assert f"degree {fit.kernel.degree} taken" in fit.explained()
+
+
+def test_parts_that_miss_the_dome_do_not_spoil_the_choice(furnished: TracedRoom) -> None:
+    per_flux, white = furnished.known()
+    found = [furnished.lighting(lit, 0.003) for lit in parts()]
+    dark = replace(found[0], direct=1e-4 * found[0].direct, scattered=1e-4 * found[0].scattered)
+    moment = cell_basis().T @ white
+    chosen = fit_scatter([*found, dark], per_flux, moment)
+    assert chosen.kernel.degree == fit_scatter(found, per_flux, moment).kernel.degree >= 1
+    assert max(chosen.held_out.values()) < 0.2
+
+
+@pytest.mark.parametrize(
+    ("per_flux", "white", "message"),
+    [(-1.0, 1.0, "none above zero .+ glare or black_level"), (1.0, np.nan, "white is saturated")],
+)
+def test_light_that_cannot_be(
+    per_flux: float, white: float, message: str, bare: TracedRoom
+) -> None:
+    found = [bare.lighting(lit, 0.0) for lit in parts()[:2]]
+    with pytest.raises(OutOfModelRange, match=message):
+        fit_scatter(found, np.full((CELLS**2, 1), per_flux), np.full((9, 1), white))
 
 
 def test_too_few_pictures_take_one_scalar(furnished: TracedRoom) -> None:

@@ -64,7 +64,7 @@ def test_a_picture_that_took_no_part_is_predicted(
     dome: Dome, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The kernel comes back whatever the paint: ten pictures fit it, the rest are told from it."""
-    monkeypatch.setattr(scatter_kernel, "PRIOR", 1e-6)
+    monkeypatch.setattr(scatter_kernel, "PULL", 1e-8)
     take = np.arange(12) < 10
     matrix, profile = dome.evidence(DEGREE).fit(take)
     np.testing.assert_allclose(matrix, matrix.T)
@@ -77,13 +77,13 @@ def test_a_picture_that_took_no_part_is_predicted(
 
 
 def test_what_no_picture_shows_stays_as_on_a_bare_sphere(dome: Dome) -> None:
-    """One picture and its mirror: nothing tells of light that falls to the left."""
+    """One picture ten times over: nothing tells of light that falls elsewhere."""
     picture = 1 + 0.5 * dome.direction[:, 0]
-    ratio = np.stack([dome.scattered(picture) / dome.per_flux] * 2)
-    moment = np.stack([dome.moment(picture)] * 2)
+    ratio = np.stack([dome.scattered(picture) / dome.per_flux] * 10)
+    moment = np.stack([dome.moment(picture)] * 10)
     evidence = Evidence.of(dome.phi, (ratio, np.ones_like(ratio), moment), dome.moment(dome.white))
-    matrix, _ = evidence.fit(np.ones(2, bool))
-    assert np.abs(matrix - np.diag(np.eye(9)[0])).max() < 0.01
+    matrix, _ = evidence.fit(np.ones(10, bool))
+    assert np.abs(matrix - np.diag(np.eye(9)[0])).max() < 0.03
 
 
 def test_white_brings_what_it_brings(dome: Dome) -> None:
