@@ -5,8 +5,8 @@ Both get the direct light; compared is what the room adds to it, over the lit pa
 
 import json
 import time
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 
@@ -14,31 +14,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procam.errors import InputError
-from procam.estimate.scatter import CELLS, Lighting, cell_basis, fit_scatter
 from procam.maths.form_factors import form_factors
 from procam.maths.mesh_radiosity import add_bounces
-from procam.maths.radiosity import (
-    add_interreflection,
-    add_interreflection_paper,
-    add_zoned_interreflection,
-    floor_return,
-    sphere_scatter,
-)
-from procam.maths.scatter_kernel import basis, moments, predicted_ratio
-from procam.maths.sphere import cap_solid_angle, direction_from_angles, master_pixels
+from procam.maths.radiosity import floor_return
+from procam.maths.sphere import cap_solid_angle, direction_from_angles
 from simulators.mitsuba_paths import scattered_irradiance
 from simulators.mitsuba_scene import load_mitsuba
 from simulators.mitsuba_venue import room_mesh, scattered_radiosity
 from simulators.presets import IDEAL, Preset
 from simulators.surface import Surface
 from simulators.transport import DOME_RINGS, DOME_SECTORS
+from studies.forms import (
+    FORMS,
+    PATCHES,
+    RING,
+    SECTOR,
+    Array,
+    Dome,
+    Picture,
+    one_scalar,
+    patch_directions,
+)
 
-Array = NDArray[np.float64]
 HERE = Path(__file__).parent
 SAMPLES = 4096  # rays from each patch, and from each face of a mesh
 SEED, TRAINING_SEED = 1, 2  # of the pictures judged, and of those that forms may learn from
-PATCHES = DOME_RINGS * DOME_SECTORS
-RING, SECTOR = np.divmod(np.arange(PATCHES), DOME_SECTORS)
 STRIPS = (0.0, 0.1, 0.2, 0.4)
 # albedo, and how far it varies; .8 +-30 % would be brighter than white
 PAINTS = ((0.3, 0.0), (0.3, 0.3), (0.5, 0.0), (0.5, 0.3), (0.8, 0.0), (0.8, 0.2))
@@ -46,136 +46,8 @@ TILTS_DEG = (15.0, 30.0)  # of a bare dome, where they change nothing
 FURNISHED = ((0.3, 15.0), (0.5, 0.0), (0.5, 15.0), (0.5, 30.0), (0.8, 15.0))  # albedo, tilt
 SPOT = direction_from_angles(np.radians(40.0), np.radians(50.0))
 SPOT_RADIUS = np.radians(20.0)
-SECTORS = 4  # of the dome, high and low: eight zones, as the quarters of two projectors
-TURNED = 5  # patches of azimuth
+SECTORS = 6  # of the dome, high and low: twelve zones, as those of two projectors
 LOW_RING = 13  # halves of the area lit with a strip of 10 %
-
-
-@dataclass(frozen=True)
-class Dome:
-    """What forms may know of a dome: `solid_angle_sr` and `albedo` (N, 1) of its patches, which are lit.
-
-    `returned` is what its floor sends back.
-    """
-
-    name: str
-    kind: str
-    solid_angle_sr: Array
-    albedo: Array
-    lit: NDArray[np.bool_]
-    returned: float
-
-
-@dataclass(frozen=True)
-class Picture:
-    """Direct and scattered radiosity (N, 1) of the patches, with the standard error of the latter."""
-
-    name: str
-    direct: Array
-    scattered: Array
-    error: Array
-
-
-@dataclass(frozen=True)
-class Form:
-    """A way to tell scattered radiosity (N, 1) from a dome, training pictures and direct light.
-
-    Training pictures are white on each of eight zones; together they are full white.
-    """
-
-    name: str
-    tell: Callable[[Dome, Sequence[Picture], Array], Array]
-
-
-def paper_eq_10(dome: Dome, training: Sequence[Picture], direct: Array) -> Array:
-    """To the letter, with the lit area alone."""
-    lit, told = dome.lit, np.full_like(direct, np.nan)
-    albedo = float(dome.albedo[lit].mean())
-    total = add_interreflection_paper(direct[lit], albedo, dome.solid_angle_sr[lit])
-    told[lit] = total - direct[lit]
-    return told
-
-
-def one_scalar(dome: Dome, training: Sequence[Picture], direct: Array) -> Array:
-    """The closed form of all that reflects, with the floor's mean."""
-    scatter = sphere_scatter(dome.albedo, dome.solid_angle_sr, dome.returned)
-    return add_interreflection(direct, scatter, dome.solid_angle_sr) - direct
-
-
-def measured(dome: Dome, training: Sequence[Picture], direct: Array) -> Array:
-    """What full white scatters, per flux."""
-    white = sum(t.direct for t in training)
-    scatter = sum(t.scattered for t in training) / (dome.solid_angle_sr @ white)
-    return add_interreflection(direct, scatter, dome.solid_angle_sr) - direct
-
-
-def measured_by_zones(dome: Dome, training: Sequence[Picture], direct: Array) -> Array:
-    """What white on each zone scatters, per flux."""
-    scatter = np.stack([t.scattered / (dome.solid_angle_sr @ t.direct) for t in training])
-    collect = np.stack([(t.direct[:, 0] > 0) * dome.solid_angle_sr for t in training])
-    return add_zoned_interreflection(direct, scatter, collect) - direct
-
-
-def chosen_by_evidence(dome: Dome, training: Sequence[Picture], direct: Array) -> Array:
-    """The kernel whose degree pictures held out choose, as a calibration does.
-
-    As from two projectors that share the dome and show their quarters, four zones each; of their whites
-    stripes tell the bounced light also where direct light falls.
-    """
-    flux = dome.solid_angle_sr @ sum(t.direct for t in training)
-    per_flux = sum(t.scattered for t in training) / flux
-    zones = [_lighting(dome, t, t.direct[:, 0] == 0) for t in training]
-    white, everywhere = sum(x.direct for x in zones), np.ones(PATCHES, bool)
-    halves = [training[i : i + len(training) // 2] for i in (0, len(training) // 2)]
-    lightings = zones + [_lighting(dome, _together(h), everywhere) for h in halves]
-    kernel = fit_scatter(lightings, _in_cells(per_flux), cell_basis().T @ white).kernel
-    phi = basis(patch_directions(), kernel.degree)
-    moment = moments(direct, dome.solid_angle_sr, phi)[:, 0]
-    ratio = predicted_ratio(phi, kernel.matrix[0], kernel.profile[0], moment[None])
-    return per_flux * ratio.T
-
-
-def _together(pictures: Sequence[Picture]) -> Picture:
-    """Several pictures shown at once."""
-    direct, scattered = sum(p.direct for p in pictures), sum(p.scattered for p in pictures)
-    return Picture("together", direct, scattered, np.zeros_like(scattered))
-
-
-def _lighting(dome: Dome, picture: Picture, dark: NDArray[np.bool_]) -> Lighting:
-    """A picture as a camera sees it: bounced light where nothing else is."""
-    seen = _in_cells(np.where(dark[:, None], picture.scattered, np.nan))
-    flux = picture.direct[:, 0] * dome.solid_angle_sr
-    direct = np.bincount(_cell(), flux, CELLS**2)[:, None]
-    pixels = np.isfinite(seen[:, 0]) * np.bincount(_cell(), minlength=CELLS**2)
-    return Lighting(seen, pixels.astype(float), direct)
-
-
-def _in_cells(values: Array) -> Array:
-    """Means (K, 1) of patches (N, 1) over the cells of a calibration's fit; NaN where one is unknown."""
-    count = np.bincount(_cell(), minlength=CELLS**2)
-    sums = np.bincount(_cell(), values[:, 0], CELLS**2)
-    return np.where(count > 0, sums / np.maximum(count, 1), np.nan)[:, None]
-
-
-def _cell() -> NDArray[np.intp]:
-    place = np.rint(master_pixels(patch_directions(), CELLS)).astype(np.intp)
-    column, row = place.clip(0, CELLS - 1).T
-    return row * CELLS + column
-
-
-def patch_directions() -> Array:
-    """Unit vectors (N, 3) to the patches' middles."""
-    z, azimuth = 1 - (RING + 0.5) / DOME_RINGS, (SECTOR + 0.5) / DOME_SECTORS * 2 * np.pi
-    return direction_from_angles(azimuth, np.arcsin(z))
-
-
-FORMS = (
-    Form("paper eq. 10, lit area alone", paper_eq_10),
-    Form("closed form, all that reflects", one_scalar),
-    Form("measured from white", measured),
-    Form("measured from zones", measured_by_zones),
-    Form("chosen by held-out zones", chosen_by_evidence),
-)
 
 
 def main() -> None:
@@ -253,13 +125,13 @@ def _pictures() -> dict[str, NDArray[np.bool_]]:
         "left half": np.sin(azimuth) > 0,
         "front wedge of 60 deg": np.cos(azimuth) > np.cos(np.radians(30)),
         "upper half": RING < DOME_RINGS // 2,
+        "low ring": RING >= DOME_RINGS // 2,
         "spot": patch_directions() @ SPOT > np.cos(SPOT_RADIUS),
     }
 
 
 def _training() -> dict[str, NDArray[np.bool_]]:
-    turned = (SECTOR + TURNED) % DOME_SECTORS  # else some harmonics have no share in any zone
-    sector, low = turned * SECTORS // DOME_SECTORS, RING >= LOW_RING
+    sector, low = SECTOR * SECTORS // DOME_SECTORS, RING >= LOW_RING
     zones = 2 * sector + low
     return {f"zone {i}": zones == i for i in range(2 * SECTORS)}
 
@@ -383,13 +255,13 @@ def _report(rows: Sequence[dict]) -> str:
         "",
         "Root mean square of told less traced, over the lit patches, relative to the mean of the "
         "traced; the tracer's noise is taken off, so that 0 means less than about .4. Worst and mean over "
-        f"five pictures: {', '.join(_pictures())}. {DOME_RINGS} x {DOME_SECTORS} patches, "
+        f"six pictures: {', '.join(_pictures())}. {DOME_RINGS} x {DOME_SECTORS} patches, "
         f"{SAMPLES} rays from each.",
         "",
         "Noise: the tracer's standard error, worst picture. z: what the closed form is off in "
         "standard errors (rms, worst picture); about 1.2 where the form is exact and the errors are "
         "honest, since eight batches tell them. Measured forms learn from white, or from white on "
-        "each of eight zones, traced with rays of their own; the last is what calibrations do.",
+        "each of twelve zones, traced with rays of their own; the last is what calibrations do.",
         "",
         "| room | noise [%] | z | " + " | ".join(f"{f.name} [%]" for f in FORMS) + " |",
         "|" + "---|" * (3 + len(FORMS)),

@@ -10,7 +10,7 @@ from procam.maths.gray import stripe
 from procam.model.plan import Plan, Shot
 
 SEPARATION_BITS = (5, 6)  # stripes wide enough to hold pixels clear of any edge
-ZONES = 4
+ZONE_ROWS = 2
 LEVELS = (0, 16, 32, 48, 64, 80, 96, 112, 128, 144, 160, 176, 192, 208, 224, 240, 255)
 LEVEL_PICTURES = 2
 
@@ -21,11 +21,13 @@ def plan_visit(
     """The plan for projectors of given sizes, and its pictures (H, W, 1 or 3) by path.
 
     First everything dark; then each projector alone: white and black, the structured-light code,
-    Gray stripes of middle bits with inverses in colour (for the direct/global separation), quarters
+    Gray stripes of middle bits with inverses in colour (for the direct/global separation), zones
     (for where bounced light goes), primaries, level pictures.
     """
+    zones = zone_count(len(projectors))
     each = {
-        name: _pictures(size, exposure_s, black_exposure_s) for name, size in projectors.items()
+        name: _pictures(size, zones, exposure_s, black_exposure_s)
+        for name, size in projectors.items()
     }
     return plan_of(each, exposure_s, black_exposure_s)
 
@@ -50,7 +52,7 @@ def plan_of(
 
 
 def _pictures(
-    size: tuple[int, int], exposure_s: float, black_exposure_s: float
+    size: tuple[int, int], zone_total: int, exposure_s: float, black_exposure_s: float
 ) -> Iterator[tuple[Shot, Picture]]:
     width, height = size
     full = np.full((height, width, 1), 255, np.uint8)
@@ -61,7 +63,7 @@ def _pictures(
     for number, plane in enumerate(code.planes[2:], start=2):
         detail: dict[str, int | str] = {"code": code.name, "plane": number}
         yield Shot("", "", "", "code", once, "mono", detail), picture(code, plane)
-    zones = [zone_picture(size, zone) for zone in range(ZONES)]
+    zones = [zone_picture(size, zone, zone_total) for zone in range(zone_total)]
     yield from light_pictures(size, SEPARATION_BITS, zones, exposure_s)
 
 
@@ -95,13 +97,22 @@ def stripe_picture(size: tuple[int, int], axis: str, bit: int, inverse: bool) ->
     return (255 * plane[..., None]).astype(np.uint8)
 
 
-def zone_picture(size: tuple[int, int], zone: int) -> Picture:
-    """A white quarter (H, W, 1) of the panel: top left, top right, bottom left, bottom right."""
+def zone_count(projectors: int) -> int:
+    """Zones that each projector shows: twelve in all tell a kernel of degree 2 whatever their places.
+
+    One projector alone shows eight: more would be more photographs than a night has.
+    """
+    return {1: 8, 2: 6}.get(projectors, 4)
+
+
+def zone_picture(size: tuple[int, int], zone: int, count: int) -> Picture:
+    """One white zone (H, W, 1) of the `count` that the panel is cut into, in two rows from the top left."""
     width, height = size
-    down, across = divmod(zone, 2)
+    columns = count // ZONE_ROWS
+    down, across = divmod(zone, columns)
     picture = np.zeros((height, width, 1), np.uint8)
-    rows = slice(height // 2, None) if down else slice(height // 2)
-    picture[rows, slice(width // 2, None) if across else slice(width // 2)] = 255
+    rows = slice(down * height // ZONE_ROWS, (down + 1) * height // ZONE_ROWS)
+    picture[rows, across * width // columns : (across + 1) * width // columns] = 255
     return picture
 
 

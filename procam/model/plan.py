@@ -20,7 +20,7 @@ class Shot:
     pattern : path of the picture inside the session; empty for the dark shot.
     purpose : what it is for. exposures_s : shutter times to photograph it with [s].
     detail : what the pattern is; for codes the code's name and the number of its plane; for stripes
-        axis ("x"/"y"), bit (0 = finest), inverse (0/1); for zones the quarter (0..3); for primaries
+        axis ("x"/"y"), bit (0 = finest), inverse (0/1); for zones its number; for primaries
         channel (0, 1, 2); for tags which picture of them (0, 1). A number that
         is drawn into the picture is there as number.
     """

@@ -24,6 +24,7 @@ from procam.devices.protocols import Camera
 from procam.devices.rig import Rig
 from procam.errors import InputError, NotEnoughData, OutOfModelRange
 from procam.estimate import assemble
+from procam.estimate.patterns import zone_count
 from procam.estimate.radiance import Radiometer
 from procam.files.calibration import load_calibration, save_calibration
 from procam.files.images import RGB, read_image, write_image
@@ -41,7 +42,7 @@ from simulators.scene import ALL_BANDS, DomeScene
 from simulators.view import View
 
 PEOPLE = 0.20  # albedo of the floor with people on it; .08 when it was calibrated
-PHOTOGRAPHS = 11  # one of the dark, five of each projector
+PHOTOGRAPHS = 1 + 2 * (1 + zone_count(2))  # the dark; of each projector black and its zones
 MASTER = 128
 GOAL = 0.01  # relative, of m
 

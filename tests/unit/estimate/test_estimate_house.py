@@ -8,7 +8,7 @@ import pytest
 from tolerances import SOLVER
 
 from procam.estimate.house import KERNEL, UNSEEN, HouseView, centre_shift, house_feedback
-from procam.estimate.patterns import ZONES, zone_picture
+from procam.estimate.patterns import zone_picture
 from procam.estimate.radiance import Radiometer
 from procam.estimate.view import DomeView
 from procam.maths.lenses import Lens
@@ -21,6 +21,7 @@ CAMERA_PX = 160
 U = np.array([0.06, 0.065, 0.08])
 RIM = 5e-5  # the maps end within the outermost camera pixels
 RATIO = np.array([1.12, 1.07, 0.93])
+ZONES = 4
 NAMES = ("south", "north")
 Picture = tuple[
     np.ndarray, np.ndarray
@@ -52,7 +53,7 @@ def _quarters(
     for name in NAMES:
         size = known.projectors[name].model.size
         for zone in range(ZONES):
-            lit = house.expected(name, zone_picture(size, zone) / np.float32(255)) > 0
+            lit = house.expected(name, zone_picture(size, zone, ZONES) / np.float32(255)) > 0
             slope = lamp * (1 + 0.3 * view.direction[..., :1]) * [1.0, 0.9, 1.1]
             direct = np.where(lit[..., None], slope, 0)
             light = direct + ratio * _bounced(known, view, direct)
@@ -159,7 +160,7 @@ class TestCentre:
     def shifted(self, known: Calibration, view: DomeView, by: int) -> float:
         seen, _ = _quarters(known, view, np.ones(3))[0]
         house = HouseView(known, view)
-        expected = house.expected("south", zone_picture((48, 30), 0) / np.float32(255))
+        expected = house.expected("south", zone_picture((48, 30), 0, ZONES) / np.float32(255))
         light = np.roll(seen[..., 1], by, axis=1)
         return centre_shift(light, expected, view.on_screen)
 
@@ -172,5 +173,5 @@ class TestCentre:
 
     def test_no_light(self, known: Calibration, view: DomeView) -> None:
         house = HouseView(known, view)
-        expected = house.expected("south", zone_picture((48, 30), 0) / np.float32(255))
+        expected = house.expected("south", zone_picture((48, 30), 0, ZONES) / np.float32(255))
         assert np.isnan(centre_shift(0 * expected, expected, view.on_screen))

@@ -12,11 +12,12 @@ from procam.estimate.patterns import (
     LEVEL_PICTURES,
     LEVELS,
     SEPARATION_BITS,
-    ZONES,
     level_pictures,
     level_tile,
     plan_visit,
     stripe_picture,
+    zone_count,
+    zone_picture,
 )
 from procam.maths.gray import bit_count, decode_gray
 from procam.model.plan import Plan
@@ -51,7 +52,7 @@ class TestPlan:
             "black": 1,
             "code": 16,
             "stripes": 2 * 2 * len(SEPARATION_BITS),
-            "zone": ZONES,
+            "zone": zone_count(len(SIZES)),
             "primary": 3,
             "levels": LEVEL_PICTURES,
         }
@@ -158,3 +159,14 @@ class TestOthers:
         first, second = level_pictures((640, 400))
         assert (first != second).mean() > 0.8
         np.testing.assert_array_equal(level_pictures((640, 400))[1], second)
+
+
+@pytest.mark.parametrize("projectors", range(1, 7))
+def test_zones_share_out_the_panel(projectors: int) -> None:
+    count = zone_count(projectors)
+    zones = [zone_picture((321, 201), zone, count) for zone in range(count)]
+    np.testing.assert_array_equal(np.sum(zones, axis=0), 255)
+    lit = [int((zone > 0).sum()) for zone in zones]
+    assert max(lit) < 1.03 * min(lit)
+    assert projectors * count >= 12 or projectors == 1
+    assert 2 + 8 + count + 3 + LEVEL_PICTURES <= 24  # photographs of a projector's light
