@@ -5,7 +5,7 @@ All of them, or those that are named: python -m studies codes code-table
 
 import sys
 
-from studies import code_table, codes, forward, geometry, one_fringe, photometry
+from studies import code_table, codes, content, forward, geometry, loop, one_fringe, photometry
 
 STUDIES = {
     "codes": codes.main,
@@ -14,6 +14,8 @@ STUDIES = {
     "geometry": geometry.main,
     "forward": forward.main,
     "photometry": photometry.main,
+    "loop": loop.main,
+    "content": content.main,
 }
 
 

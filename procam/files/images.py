@@ -16,19 +16,16 @@ from procam.maths.curves import srgb_decode, srgb_encode
 
 RGB = ("R", "G", "B")
 Image = NDArray[np.float32]
-STORED_AS = {"uint8": "uint8", "uint16": "uint16", "float32": "float"}
+STORED_AS = {"uint8": "uint8", "uint16": "uint16", "float16": "half", "float32": "float"}
 SUFFIXES = (".png", ".tif", ".tiff", ".exr")  # what is lossless; OpenImageIO would write more
 
 
 def write_image(path: Path, pixels: NDArray[np.generic], channels: Sequence[str] = ()) -> None:
-    """Write (H, W) or (H, W, C) pixels durably, by the suffix and dtype (uint8, uint16, float32).
+    """Write (H, W) or (H, W, C) pixels durably, by the suffix and dtype (a key of `STORED_AS`).
 
     TIFF is written uncompressed (raw captures: speed), EXR losslessly with zip.
     """
-    if path.suffix not in SUFFIXES:
-        raise FileFormatError(
-            f"{path}: got the suffix {path.suffix!r}, expected .png, .tif or .exr; rename it"
-        )
+    require_suffix(path)
     data = np.ascontiguousarray(pixels if pixels.ndim == 3 else pixels[..., None])
     height, width, count = data.shape
     spec = oiio.ImageSpec(width, height, count, STORED_AS[str(data.dtype)])
@@ -37,22 +34,37 @@ def write_image(path: Path, pixels: NDArray[np.generic], channels: Sequence[str]
         spec.attribute("png:compressionLevel", 1)
     if channels:
         spec.channelnames = tuple(channels)
+    write_spec(path, data, spec)
+
+
+def require_suffix(path: Path) -> None:
+    """Refuse a name whose suffix no lossless picture has."""
+    if path.suffix not in SUFFIXES:
+        raise FileFormatError(
+            f"{path}: got the suffix {path.suffix!r}, expected .png, .tif or .exr; rename it"
+        )
+
+
+def write_spec(path: Path, data: NDArray[np.generic], spec: oiio.ImageSpec) -> None:
+    """Write contiguous pixels (H, W, C) durably, as OpenImageIO's `spec` describes them."""
     with replacing(path) as temporary:
         output = oiio.ImageOutput.create(str(temporary))
         assert output is not None
         if not (output.open(str(temporary), spec) and output.write_image(data)):
             raise FileFormatError(f"{path}: could not be written ({_one_line(output.geterror())})")
-        output.close()
+        if not output.close():
+            raise FileFormatError(f"{path}: could not be written ({_one_line(output.geterror())})")
 
 
 def read_image(path: Path) -> NDArray[np.generic]:
     """Pixels (H, W, C) in the file's own type."""
-    return _read(path)[0]
+    return read_spec(path)[0]
 
 
 def read_channels(path: Path) -> dict[str, Image]:
     """Channels by name, each (H, W) float32; EXR does not keep their order."""
-    pixels, names = _read(path)
+    pixels, spec = read_spec(path)
+    names = spec.channelnames
     return {name: np.asarray(pixels[..., i], np.float32) for i, name in enumerate(names)}
 
 
@@ -64,22 +76,12 @@ def write_channels(path: Path, channels: Mapping[str, NDArray[np.generic]]) -> N
 
 def read_picture(path: Path) -> Image:
     """Content (H, W, 3) in linear light 0..: EXR as stored, PNG and TIFF decoded from sRGB."""
-    pixels, names = _read(path)
-    lookup = {name.upper(): i for i, name in enumerate(names)}
-    if not set(RGB) <= set(lookup):
-        raise FileFormatError(
-            f"{path}: got channels {', '.join(names)}, expected R, G and B; convert it to RGB"
-        )
-    picture = np.asarray(pixels[..., [lookup[c] for c in RGB]])
+    pixels, spec = read_spec(path)
+    picture = np.asarray(pixels[..., colour_places(path, spec)])
     if np.issubdtype(picture.dtype, np.integer):
         encoded = picture / np.float32(np.iinfo(picture.dtype).max)
         return srgb_decode(encoded).astype(np.float32)
-    bad = int((~np.isfinite(picture)).sum())
-    if bad:
-        raise FileFormatError(
-            f"{path}: got {bad} values that are NaN or infinite, expected finite light; "
-            "render the frame again or paint over the holes"
-        )
+    require_finite(path, picture)
     return picture.astype(np.float32)
 
 
@@ -92,10 +94,37 @@ def write_picture(path: Path, linear: Image) -> None:
     write_image(path, encoded.astype(np.uint16))
 
 
-def _read(path: Path) -> tuple[NDArray[np.generic], list[str]]:
+def colour_places(path: Path, spec: oiio.ImageSpec) -> list[int]:
+    """Where R, G and B are among a picture's channels; refuses a picture that lacks one."""
+    lookup = {name.upper(): i for i, name in enumerate(spec.channelnames)}
+    if not set(RGB) <= set(lookup):
+        raise FileFormatError(
+            f"{path}: got channels {', '.join(spec.channelnames)}, expected R, G and B; convert it "
+            "to RGB"
+        )
+    return [lookup[c] for c in RGB]
+
+
+def require_finite(name: object, picture: NDArray[np.floating]) -> None:
+    """Refuse light that is NaN or infinite; `name` tells whose it is."""
+    bad = int((~np.isfinite(picture)).sum())
+    if bad:
+        raise FileFormatError(
+            f"{name}: got {bad} values that are NaN or infinite, expected finite light; "
+            "render the frame again or paint over the holes"
+        )
+
+
+def read_spec(path: Path) -> tuple[NDArray[np.generic], oiio.ImageSpec]:
+    """Pixels (H, W, C) in the file's own type, as stored, and what the file says of them.
+
+    OpenImageIO would multiply straight alpha into the colours unless told otherwise.
+    """
     if not path.is_file():
         raise FileFormatError(f"{path}: got no such file, expected an image; check the name")
-    source = oiio.ImageInput.open(str(path))
+    wanted = oiio.ImageSpec()
+    wanted.attribute("oiio:UnassociatedAlpha", 1)
+    source = oiio.ImageInput.open(str(path), wanted)
     if source is None:
         raise FileFormatError(f"{path}: got no readable image ({_one_line(oiio.geterror())})")
     try:
@@ -109,9 +138,7 @@ def _read(path: Path) -> tuple[NDArray[np.generic], list[str]]:
             f"{path}: got a truncated or damaged image ({_one_line(complaint)}), expected "
             f"{spec.width}x{spec.height} whole pixels; copy or capture it again"
         )
-    return np.asarray(pixels).reshape(spec.height, spec.width, spec.nchannels), list(
-        spec.channelnames
-    )
+    return np.asarray(pixels).reshape(spec.height, spec.width, spec.nchannels), spec
 
 
 def _one_line(complaint: str) -> str:

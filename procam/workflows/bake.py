@@ -1,4 +1,4 @@
-"""Files in, files out: compensate a picture, make projector frames, keep what a loop has shown."""
+"""Files in, files out: projector frames, and what a demo and a loop have shown."""
 
 import json
 from collections.abc import Mapping
@@ -7,55 +7,21 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.compensate.exact import Compensated, Compensator, Method
+from procam.compensate.exact import Compensated, Compensator
 from procam.compensate.projector_frames import projector_frames, quantised
-from procam.errors import FileFormatError, InputError
+from procam.errors import FileFormatError
 from procam.files import atomic
-from procam.files.calibration import load_calibration
 from procam.files.images import (
     RGB,
     read_image,
     read_picture,
     write_channels,
     write_image,
-    write_picture,
 )
 from procam.model.calibration import Calibration
 from procam.workflows.refine import Refined
 
 Image = NDArray[np.float32]
-
-
-def compensate_file(
-    calibration_dir: Path,
-    source: Path,
-    out: Path,
-    method: Method = "exact",
-    state: str | None = None,
-) -> dict[str, object]:
-    """Compensate a dome master, for a house state if one is named; returns what clipped, per channel."""
-    if out.resolve() == source.resolve():
-        raise InputError(f"OUT: got {out}, which is IN itself; choose another name")
-    calibration = load_calibration(calibration_dir)
-    picture = read_square(source)
-    compensator = Compensator(calibration, picture.shape[0], method, state)
-    result = compensator.solve(picture)
-    write_picture(out, result.direct)
-    lit, protected = compensator.lit, compensator.protected[..., None]
-    free = (result.free | protected)[lit].mean(axis=0)
-    return {
-        "out": str(out),
-        "method": method,
-        "state": state,
-        "clipped_share": [float(1 - f) for f in free],
-        "direct_flux_sr": [float(f) for f in result.flux],
-    }
-
-
-def warp_file(calibration_dir: Path, source: Path, out: Path) -> list[Path]:
-    """Write OUT/PROJECTOR.png, 16 bits, for a picture of direct light; returns the paths."""
-    calibration = load_calibration(calibration_dir)
-    return write_frames(projector_frames(read_square(source), calibration), out)
 
 
 def write_frames(frames: Mapping[str, Image], out: Path) -> list[Path]:
@@ -91,7 +57,7 @@ def keep_pictures(
 ) -> dict[str, Compensated]:
     """Compute and store VENUE/pictures and VENUE/frames for a piece of content; returns them."""
     size = content.shape[0]
-    methods: tuple[Method, ...] = ("none", "exact", "paper-eq12")
+    methods: tuple[str, ...] = ("none", "exact", "paper-eq12")
     compensators = {m: Compensator(calibration, size, m) for m in methods}
     made: dict[str, Compensated] = {m: c.solve(content) for m, c in compensators.items()}
     pictures = venue_dir / "pictures"
@@ -114,7 +80,13 @@ def keep_loop(venue_dir: Path, refined: Refined) -> None:
     _write_rgb(loop / "predicted.exr", refined.target)
     _write_rgb(loop / "free.exr", refined.free.astype(np.float32))
     write_frames(refined.frames, venue_dir / "frames" / "refined")
-    curve = {"residual": refined.residual, "noise_floor": refined.noise_floor}
+    curve = {
+        "residual": refined.residual,
+        "noise_floor": refined.noise_floor,
+        "left_jnd": refined.left_jnd,
+        "scatter_factor": refined.scatter_factor.tolist(),
+        "worse": refined.worse,
+    }
     atomic.write_text(loop / "loop.json", json.dumps(curve, indent=1))
 
 

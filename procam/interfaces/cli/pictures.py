@@ -11,28 +11,6 @@ from procam.files.images import read_channels
 from procam.files.session import Session
 from procam.interfaces.cli.output import Output
 from procam.interfaces.cli.venues import venue_of
-from procam.workflows.bake import compensate_file, warp_file
-
-
-def run_compensate(
-    calibration: Path, pictures: tuple[Path, Path], method: str, state: str | None, output: Output
-) -> None:
-    """`procam compensate`: `pictures` are IN and OUT."""
-    source, out = pictures
-    document = compensate_file(calibration, source, out, method, state)  # type: ignore[arg-type]
-    shares = document["clipped_share"]
-    assert isinstance(shares, list)
-    clipped = ", ".join(f"{share:.1%}" for share in shares)
-    output.say(f"{out} written; at a limit (R, G, B): {clipped} of the lit picture")
-    output.finish(document)
-
-
-def run_warp(calibration: Path, source: Path, out: Path, output: Output) -> None:
-    """`procam warp`."""
-    paths = warp_file(calibration, source, out)
-    for path in paths:
-        output.say(f"{path} written")
-    output.finish({"frames": [str(p) for p in paths]})
 
 
 def run_report(where: Path, output: Output) -> None:

@@ -8,42 +8,101 @@ import typer
 from procam.interfaces.cli.app import CalibrationArgument, CodeOption, Json, SizeOption, app
 from procam.interfaces.cli.output import Output
 
+TransferOption = Annotated[
+    str | None,
+    typer.Option(
+        help="How IN encodes light: srgb, linear, gamma2.2, gamma2.4, gamma2.6 or bt1886. If not "
+        "given, what IN says: sRGB for integer pictures, linear for EXR."
+    ),
+]
 
-@app.command(epilog="Example: procam compensate my-dome/calibrations/0001 sky.png sky-direct.exr")
+
+@app.command(epilog="Example: procam compensate my-dome/calibrations/0001 sky.%04d.exr direct")
 def compensate(
     calibration: CalibrationArgument,
-    source: Annotated[Path, typer.Argument(metavar="IN", help="Dome master: PNG, TIFF or EXR.")],
-    out: Annotated[Path, typer.Argument(metavar="OUT", help="Where to write it.")],
+    source: Annotated[
+        Path,
+        typer.Argument(
+            metavar="IN",
+            help="Dome masters: a PNG, TIFF or EXR; numbered ones as sky.%04d.exr, sky.####.exr or a "
+            "folder; a movie; or - for bare frames from stdin.",
+        ),
+    ],
+    out: Annotated[
+        Path,
+        typer.Argument(
+            metavar="OUT",
+            help="A picture; a pattern or a folder; a .mov (ProRes 4444) or .mkv (FFV1, lossless); or "
+            "- for stdout.",
+        ),
+    ],
+    *,
     method: Annotated[
-        str, typer.Option(help="exact, paper-eq12 (for comparison) or none.")
+        str,
+        typer.Option(help="exact, subtract, least-squares, paper-eq12 (for comparison) or none."),
     ] = "exact",
+    strength: Annotated[
+        float, typer.Option(help="From 0, the content as it is, to 1, all of the correction.")
+    ] = 1.0,
+    white: Annotated[
+        str,
+        typer.Option(
+            help="What content 1.0 is: summed, the white that all of the dome can reach, or keep, "
+            "today's full white."
+        ),
+    ] = "summed",
+    transfer: TransferOption = None,
     state: Annotated[
         str | None,
         typer.Option(help="House state, as `procam state` measured it; else as calibrated."),
     ] = None,
+    explain: Annotated[
+        Path | None, typer.Option(help="Folder for pictures of what happens to the first frame.")
+    ] = None,
+    report: Annotated[
+        Path | None,
+        typer.Option(help="FILE.csv with a line per frame; FILE.png is a plot of it."),
+    ] = None,
+    size: Annotated[int, typer.Option(help="With -: edge of the frames, in px.")] = 0,
+    pixels: Annotated[str, typer.Option(help="With -: rgb24, rgb48le, rgbf16le or rgbf32le.")] = "",
     json: Json = False,
 ) -> None:
-    """Take the scattered light out of a dome master.
+    """Take the scattered light out of dome masters.
 
-    1.0 (255 of 8 bits) is the calibration's reference white. Integer pictures are sRGB, EXR is
-    linear. OUT is the direct light to send, also a dome master.
+    1.0 (255 of 8 bits) is the calibration's reference white. OUT is the direct light to send, also
+    dome masters; depth, alpha, attributes, numbers, timestamps and sound are kept. A run that was
+    killed is resumed. On a pipe each frame is sent at once, and stderr tells the latency at the end.
     """
-    from procam.interfaces.cli.pictures import run_compensate
+    from procam.interfaces.cli.frames import run_compensate
+    from procam.workflows.clip_engine import How
 
-    run_compensate(calibration, (source, out), method, state, Output(json))
+    how = How(method, state, strength, white, transfer)
+    run_compensate(calibration, (source, out), how, (explain, report), (size, pixels), Output(json))
 
 
-@app.command(epilog="Example: procam warp my-dome/calibrations/0001 sky-direct.exr frames")
+@app.command(epilog="Example: procam warp my-dome/calibrations/0001 direct.exr frames")
 def warp(
     calibration: CalibrationArgument,
-    source: Annotated[Path, typer.Argument(metavar="IN", help="Picture of direct light.")],
-    out: Annotated[Path, typer.Argument(metavar="OUT", help="Folder for PROJECTOR.png.")],
+    source: Annotated[
+        Path,
+        typer.Argument(
+            metavar="IN", help="Direct light: a picture, a folder, a pattern or a movie."
+        ),
+    ],
+    out: Annotated[
+        Path, typer.Argument(metavar="OUT", help="Folder for what each projector is sent.")
+    ],
+    transfer: TransferOption = None,
     json: Json = False,
 ) -> None:
-    """Make each projector's frame: warp, blend, colour, response."""
-    from procam.interfaces.cli.pictures import run_warp
+    """Make each projector's frames: warp, blend, colour, response.
 
-    run_warp(calibration, source, out, Output(json))
+    OUT/PROJECTOR.png of a picture, OUT/PROJECTOR/NAME.png of numbered ones, OUT/PROJECTOR.mov (.mkv
+    of .mkv) of a movie.
+    """
+    from procam.interfaces.cli.frames import run_warp
+
+    run_warp(calibration, source, out, transfer, Output(json))
 
 
 @app.command(epilog="Example: procam judge demo-run/calibrations/0001 demo-run/truth")

@@ -80,20 +80,29 @@ def run_calibrate(directory: Path, output: Output) -> None:
 
 
 def run_refine(directory: Path, picture: Path | None, output: Output) -> None:
-    """`procam refine`."""
+    """`procam refine`; exit 1 if something got worse, and then the old calibration stays newest."""
     venue = load_venue(directory)
-    calibration = load_calibration(latest_calibration(directory))
+    kept = latest_calibration(directory)
+    calibration = load_calibration(kept)
     content = read_square(picture) if picture else half_sky(CONTENT_SIZE)
     with open_rig(venue) as rig:
         rig.start()
         refined: Refined = output.follow(refine(rig, calibration, content))["refined"]
     keep_pictures(directory, calibration, content)
     keep_loop(directory, refined)
-    out = next_directory(directory)
-    save_calibration(refined.calibration, out)
-    output.say(f"{out} written")
-    output.table(refined.figures())
     figures = {n: f.as_dict() for n, f in refined.figures().items()}
+    output.table(refined.figures())
+    if refined.worse:
+        output.say(f"nothing written, {kept} stays newest: {refined.worse}")
+        output.finish({"calibration": str(kept), "figures": figures, "worse": refined.worse})
+        raise typer.Exit(1)
+    out = kept
+    if refined.corrections:
+        out = next_directory(directory)
+        save_calibration(refined.calibration, out)
+        output.say(f"{out} written")
+    else:
+        output.say(f"nothing to correct, {kept} stays newest")
     output.finish({"calibration": str(out), "figures": figures})
     if failed(refined.figures()):
         raise typer.Exit(1)

@@ -83,6 +83,14 @@ static void run_rays(const struct level *level, const void *job, size_t first, s
     level->rays(job, first, count);
 }
 
+static void run_frame(const struct level *level, const void *job, size_t first, size_t count) {
+    level->frame(job, first, count);
+}
+
+static void run_bounce(const struct level *level, const void *job, size_t first, size_t count) {
+    level->bounce(job, first, count);
+}
+
 EXPORT int procam_interface(void) {
 #ifndef _WIN32
     static int told;
@@ -96,10 +104,12 @@ EXPORT int procam_levels(void) {
     int levels = 4;
 #if HAVE_X86
     __builtin_cpu_init();
-    const int avx2 = __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma");
+    const int avx2 = __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") &&
+                     __builtin_cpu_supports("f16c");
     if (avx2) levels |= 2;
     if (avx2 && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") &&
-        __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl"))
+        __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl") &&
+        __builtin_cpu_supports("avx512vbmi"))
         levels |= 1;
 #endif
     return levels;
@@ -161,4 +171,19 @@ EXPORT void procam_rays(int level, int threads, size_t count, const double *pixe
                         double *rays) {
     const struct rays job = {pixels, lens, table, knots, per_radius, rays};
     spread(run_rays, level, threads, &job, count, RAYS_TILE);
+}
+
+/* `sums` (strips of the picture, chunks of intervals, 3, FRAME_TERMS), zeros; by task, so that the
+   result does not depend on the threads. */
+EXPORT void procam_frame(int level, int threads, int mode, size_t strips, size_t chunks,
+                         const struct procam_frame *how, double *sums) {
+    const struct frame job = {how, mode, strips, sums};
+    spread(run_frame, level, threads, &job, strips * chunks, 1);
+}
+
+EXPORT void procam_bounce(int level, int threads, int nodes, int terms, const float *paint,
+                          const float *ambient, const float *direction, const double *numbers,
+                          const double *offset, float *light) {
+    const struct bounce job = {nodes, terms, paint, ambient, direction, numbers, offset, light};
+    spread(run_bounce, level, threads, &job, (size_t)nodes, AREAS_TILE);
 }

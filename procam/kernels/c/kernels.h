@@ -5,12 +5,12 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#define PROCAM_INTERFACE 4 /* raised with every change of a signature; loader.py holds the same */
+#define PROCAM_INTERFACE 5 /* raised with every change of a signature; loader.py holds the same */
 #define MOST_FRAMES 64     /* of a phase */
 #define MOST_SEARCH 32     /* of a search */
 #define RESULTS 6          /* planes of a search */
 
-enum kind { U8, U16, F32 }; /* element type of the pictures */
+enum kind { U8, U16, F32, F16 }; /* element type of the pictures */
 
 struct fold {
     int kind, pairs;
@@ -78,7 +78,43 @@ struct rays {
     double *rays;      /* (count, 3) */
 };
 
-/* Each works on `count` pixels (rays, observations) from pixel `first` on; areas on rows. */
+enum { FRAME_TERMS = 9 }; /* of the polynomial of bounced light */
+enum mode { SUM_LIGHT, SUM_CONTENT, SUM_EXCESS, COUNT_LEAST, COUNT_MOST, APPLY };
+enum lit { NOWHERE, IN_PART, EVERYWHERE }; /* in a block */
+
+struct procam_frame { /* a picture (size, size, 3) and the model of its dome: see frame.py */
+    size_t size;
+    int kind, nodes, terms, band; /* intervals that share weights; divides CHUNK */
+    float strength, top;
+    const void *image;
+    void *out;
+    const float *light, *least, *most;        /* (nodes, nodes, 3); `most` may be NULL */
+    const float *gain, *coverage;             /* (nodes, nodes); gain may be NULL */
+    const float *weight, *painted, *direction; /* (bands, nodes), (bands, nodes, 3), (bands, 3, nodes) */
+    const uint8_t *lit;                       /* (nodes + 1, blocks) */
+    const int32_t *left, *right, *left_node, *right_node; /* of each value of a row, in whole blocks */
+    const float *across, *down; /* of values, rows: share of the second node */
+    const int32_t *rows;        /* (nodes + 2): first row of each interval */
+    const float *decode, *encode, *threshold; /* (256), (3, SEGMENTS), (TILE_ROWS, TILE_WIDTH) */
+    const uint8_t *decode_bytes;              /* (4, 256): bytes of decode */
+};
+
+struct frame {
+    const struct procam_frame *how;
+    int mode;
+    size_t strips;
+    double *sums; /* (tasks, 3, FRAME_TERMS) */
+};
+
+struct bounce { /* see frame.py */
+    int nodes, terms;
+    const float *spread, *ambient, *direction; /* (nodes, nodes, 3) twice, (3, nodes, nodes) */
+    const double *numbers, *offset;            /* (3, FRAME_TERMS); offset may be NULL */
+    float *light;
+};
+
+/* Each works on `count` pixels (rays, observations) from pixel `first` on; areas on rows,
+   frames on strips of intervals, bounces on rows. */
 struct level {
     void (*fold)(const struct fold *job, size_t first, size_t count);
     void (*phase)(const struct phase *job, size_t first, size_t count);
@@ -87,6 +123,8 @@ struct level {
     void (*bundle)(const struct bundle *job, size_t first, size_t count);
     void (*misses)(const struct bundle *job, size_t first, size_t count);
     void (*rays)(const struct rays *job, size_t first, size_t count);
+    void (*frame)(const struct frame *job, size_t first, size_t count);
+    void (*bounce)(const struct bounce *job, size_t first, size_t count);
 };
 
 extern const struct level procam_avx512, procam_avx2, procam_scalar;

@@ -4,6 +4,7 @@
 #include "areas.h"
 #include "bundle.h"
 #include "fold.h"
+#include "frame.h"
 #include "phase.h"
 #include "rays.h"
 #include "search.h"

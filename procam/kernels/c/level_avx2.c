@@ -8,12 +8,12 @@
 #include <string.h>
 #define LEVEL 256
 #ifdef __clang__
-#pragma clang attribute push(__attribute__((target("avx2,fma"))), apply_to = function)
+#pragma clang attribute push(__attribute__((target("avx2,fma,f16c"))), apply_to = function)
 #else
-#pragma GCC target("avx2,fma")
+#pragma GCC target("avx2,fma,f16c")
 #endif
 #include "level.h"
-const struct level procam_avx2 = {fold, phase, search, areas, bundle, misses, rays};
+const struct level procam_avx2 = {fold, phase, search, areas, bundle, misses, rays, frame, bounce};
 #ifdef __clang__
 #pragma clang attribute pop
 #endif

@@ -255,7 +255,7 @@ class TestCalls:
             Compensator(calibration, SIZE).solve(np.zeros(shape, np.float32))
 
     def test_an_unknown_method(self, calibration: Calibration) -> None:
-        with pytest.raises(InputError, match="method: got 'magic', expected exact"):
+        with pytest.raises(InputError, match="method: got 'magic', expected one of exact, subtract"):
             Compensator(calibration, SIZE, "magic")  # type: ignore[arg-type]
 
     def test_frame_is_the_direct_light_and_can_be_put_in_place(

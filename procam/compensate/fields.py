@@ -1,0 +1,191 @@
+"""What a calibration says of a dome, as the frame kernels take it."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procam.errors import InputError
+from procam.kernels.frame import TERMS, FrameModel, bounced_light
+from procam.kernels.reference_frame import monomials
+from procam.maths.scatter_kernel import basis
+from procam.maths.sphere import (
+    direction_from_angles,
+    master_directions,
+    master_pixels,
+    master_solid_angles,
+)
+from procam.maths.warp import blur_within, sample
+from procam.model.calibration import Calibration
+
+Array = NDArray[np.float64]
+Map = NDArray[np.float32]
+WHITES = ("summed", "keep")
+CHANNELS = 3
+REACH_PX = 1.5  # how far limits are continued beyond the lit part, for interpolation
+
+
+@dataclass(frozen=True, eq=False)
+class Fields:
+    """Fields of a calibration on a dome master of M x M nodes, and the operator of bounced light.
+
+    Attributes
+    ----------
+    model : for the frame kernels; its `spread` is v, so that light bounced to a place is
+        v (q . mono(direction)), see `kernels.frame`. `hi` is there.
+    operator : (3, T, T) per colour, from moments of direct light (`kernels.frame.frame_sums`) to q.
+    protected : (N, N) where content goes out as it came, or None.
+    paint : (M, M, 3) v everywhere; `model.spread` is 0 where content is protected.
+    """
+
+    model: FrameModel
+    operator: Array
+    protected: NDArray[np.bool_] | None
+    paint: Map
+
+    @property
+    def seen(self) -> FrameModel:
+        """The dome as the audience sees it, protected places and all."""
+        return self.model if self.protected is None else replace(self.model, spread=self.paint)
+
+    @classmethod
+    def of(
+        cls, calibration: Calibration, size: int, state: str | None = None, white: str = "summed"
+    ) -> "Fields":
+        """Fields for content of `size`, for a house state, under a white.
+
+        Parameters
+        ----------
+        white : "summed": content 1.0 is the brightest white that all places reach. "keep": it is the
+            total of today's full-white picture, which only small bright objects can reach.
+
+        Raises
+        ------
+        InputError
+            An unknown white or state.
+        """
+        if white not in WHITES:
+            raise InputError(f"white: got {white!r}, expected {' or '.join(WHITES)}")
+        fields = _summed(calibration, size, state)
+        if white == "keep":
+            model = fields.model
+            gain = fields.todays_white * (1 if model.gain is None else model.gain)
+            gain = np.broadcast_to(gain, model.coverage.shape).astype(np.float32)
+            fields = replace(fields, model=replace(model, gain=gain))
+        return fields
+
+    def numbers_of(self, moments: Array) -> Array:
+        """Polynomial q (3, 9) for moments (3, T) [rel sr] of direct light."""
+        found = np.zeros((CHANNELS, TERMS))
+        found[:, : self.model.terms] = np.einsum("cij,cj->ci", self.operator, moments)
+        return found
+
+    @cached_property
+    def todays_white(self) -> float:
+        """Total light of the full-white picture as it is today, of the darkest colour [rel]."""
+        model = self.model
+        gain = np.ones_like(model.coverage) if model.gain is None else model.gain
+        assert model.hi is not None
+        direct = np.clip(gain[..., None], model.lo, model.hi).astype(float)
+        light = bounced_light(self.seen, self.numbers_of(self.node_sums(direct)))
+        area = model.solid_angle_sr.astype(float)
+        totals = np.tensordot(area, direct + light, 2) / np.tensordot(area, gain.astype(float), 2)
+        return float(totals.min())
+
+    def node_sums(self, values: Array) -> Array:
+        """Moments (3, T) of values (M, M, 3), from nodes alone."""
+        terms = monomials(self.model.direction, self.model.terms)
+        per_pixel = (self.model.size / self.model.nodes) ** 2
+        weight = self.model.solid_angle_sr.astype(float) * per_pixel
+        return np.asarray(np.einsum("yx,yxc,kyx->ck", weight, values, terms, optimize=True))
+
+    @cached_property
+    def gram(self) -> Array:
+        """(T, T): moments of the monomials themselves [sr]."""
+        return self._products(np.ones((*self.model.coverage.shape, 1)))[0]
+
+    @cached_property
+    def painted_gram(self) -> Array:
+        """(3, T, T): the same, painted with `spread`."""
+        return self._products(self.model.spread.astype(float))
+
+    def _products(self, paint: Array) -> Array:
+        terms = monomials(self.model.direction, self.model.terms).reshape(self.model.terms, -1)
+        weight = self.model.solid_angle_sr.astype(float).ravel()
+        weight *= (self.model.size / self.model.nodes) ** 2
+        each = [(terms * (weight * p)) @ terms.T for p in paint.reshape(-1, paint.shape[-1]).T]
+        return np.array(each)
+
+
+def _summed(calibration: Calibration, size: int, state: str | None) -> Fields:
+    maps = calibration.maps
+    nodes = min(size, maps.size)
+    direction, inside = master_directions(nodes)
+    where = master_pixels(direction, maps.size)
+    coverage = sample(maps.coverage, where) * inside
+    lit = coverage > 0
+    spread, ambient = _scatter(calibration, where, state)
+    lo = sample(maps.lo, where)
+    # coverage fades hi over the border; what is lit at all can be driven to full there
+    hi = np.maximum(sample(maps.hi, where) / np.maximum(coverage, 0.5)[..., None], lo)
+    protected = maps.is_protected(master_pixels(master_directions(size)[0], maps.size))
+    kept = maps.is_protected(where) & inside
+    paint = _continued(spread, lit)
+    model = FrameModel(
+        size=size,
+        spread=np.where(kept[..., None], np.float32(0), paint),
+        lo=_continued(lo, lit),
+        hi=_continued(hi, lit),
+        ambient=ambient,
+        gain=None if maps.falloff is None else _falloff(maps.falloff, where, kept, lit),
+        coverage=coverage.astype(np.float32),
+        solid_angle_sr=(master_solid_angles(nodes) * (nodes / size) ** 2 * coverage).astype(
+            np.float32
+        ),
+        direction=np.ascontiguousarray(np.moveaxis(direction, -1, 0), np.float32),
+        terms=(maps.kernel.degree + 1) ** 2,
+    )
+    every = protected & master_directions(size)[1]
+    return Fields(model, _operator(calibration), every if every.any() else None, paint)
+
+
+def _scatter(
+    calibration: Calibration, where: NDArray[np.floating], state: str | None
+) -> tuple[Map, Map | None]:
+    """Paint v (M, M, 3) and the lamps' light, or None, in a house state."""
+    maps, kernel = calibration.maps, calibration.maps.kernel
+    scatter = sample(maps.scatter_per_flux, where)
+    ambient = None
+    if state is not None:
+        house = calibration.state(state)
+        scatter = scatter * house.scatter_ratio.astype(np.float32)
+        if house.ambient is not None:
+            ambient = sample(house.ambient, where)
+    direction, _ = master_directions(len(where))
+    phi = basis(direction.reshape(-1, 3), kernel.degree) @ kernel.profile.T
+    return (scatter / phi.reshape(scatter.shape)).astype(np.float32), ambient
+
+
+def _falloff(
+    falloff: Map, where: NDArray[np.floating], kept: NDArray[np.bool_], lit: NDArray[np.bool_]
+) -> Map:
+    """The matched white; protected content is left as it is."""
+    return _continued(np.where(kept, 1, sample(falloff, where))[..., None], lit)[..., 0]
+
+
+def _continued(field: NDArray[np.floating], lit: NDArray[np.bool_]) -> Map:
+    """A field (M, M, C) with the lit part's values continued just outside it."""
+    beyond = blur_within(field.astype(np.float32), lit, REACH_PX).reshape(field.shape)
+    return np.where(lit[..., None], field, beyond).astype(np.float32)
+
+
+def _operator(calibration: Calibration) -> Array:
+    """(3, T, T) A B A^T, harmonics being A^T times the monomials."""
+    kernel = calibration.maps.kernel
+    terms = (kernel.degree + 1) ** 2
+    turn, height = np.meshgrid(np.linspace(0, 2 * np.pi, 12, endpoint=False), np.linspace(-1, 1, 9))
+    direction = direction_from_angles(turn.ravel(), np.arcsin(height.ravel()))
+    mono = monomials(direction.T, terms).T
+    change = np.linalg.lstsq(mono, basis(direction, kernel.degree), rcond=None)[0]
+    return np.asarray(change @ kernel.matrix @ change.T)

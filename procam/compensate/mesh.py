@@ -1,0 +1,215 @@
+"""Compensation on a screen of any shape, face by face: (P) and (W) of science.md s.5 with dense transport."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procam.errors import InputError, ShapeError, UnitError
+from procam.maths.active_set import LeastSquares, Room, exact_light
+from procam.maths.mesh_radiosity import check_darkens
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True)
+class MeshCertificate:
+    """What shows that light solves its problem, per colour (C,).
+
+    Attributes
+    ----------
+    kkt : how far the light is from where its conditions hold, of the largest target [-]. For (P) the
+        largest |b0 - clip(t - bounced, lo, hi)|; for (W) the same of a gradient step.
+    self_consistency : largest |b - b0 - rho F b| of the largest total light b [-].
+    share_lo, share_hi : area at a limit, of the area whose light can be chosen.
+    flux_in, flux_out : area times target, and times direct light [rel m2].
+    """
+
+    kkt: Array
+    self_consistency: Array
+    share_lo: Array
+    share_hi: Array
+    flux_in: Array
+    flux_out: Array
+
+
+@dataclass(frozen=True, slots=True)
+class CompensatedMesh:
+    """Light of the faces of a mesh, (N, C) each.
+
+    Attributes
+    ----------
+    direct : what the projectors must put there [rel]. total : what is seen, with all bounces [rel].
+    free : no limit holds; by (P) the total is the target there.
+    """
+
+    direct: Array
+    total: Array
+    free: Mask
+    certificate: MeshCertificate
+
+
+class MeshCompensator:
+    """Compensates light on the faces of one mesh.
+
+    Parameters
+    ----------
+    factors : (N, N) of `form_factors`. It is kept, not copied.
+    albedo : (N, C) [-], at least 0 and below 1.
+    area_m2 : (N,) of the faces.
+    lo, hi : (N, C) least and most direct light [rel]. Faces that nothing lights, floor or seats, have
+        0 for both: they bounce light, and nothing is chosen there.
+
+    Raises
+    ------
+    InputError
+        Arrays that do not fit, values that are not finite or mean nothing, a room that never darkens.
+
+    Examples
+    --------
+    Two plates that see half of each other; the second asks for less light than reaches it:
+
+    >>> room = MeshCompensator(
+    ...     np.array([[0.0, 0.5], [0.5, 0.0]]), np.full((2, 1), 0.8), np.ones(2),
+    ...     lo=np.zeros((2, 1)), hi=np.ones((2, 1)),
+    ... )
+    >>> shown = room.exact(np.array([[0.5], [0.1]]))
+    >>> shown.direct.ravel().round(3).tolist(), shown.total.ravel().round(3).tolist()
+    ([0.42, 0.0], [0.5, 0.2])
+    """
+
+    def __init__(
+        self,
+        factors: NDArray[np.floating],
+        albedo: Array,
+        area_m2: Array,
+        *,
+        lo: Array,
+        hi: Array,
+    ) -> None:
+        _check_room(factors, albedo, area_m2)
+        for name, limit in (("lo", lo), ("hi", hi)):
+            _check_array(name, limit, albedo.shape)
+        if (lo > hi).any():
+            raise InputError(
+                f"lo and hi: got lo above hi on {_count(lo > hi)}, expected lo <= hi; are they swapped?"
+            )
+        self._rooms = [Room(channel, factors) for channel in albedo.T]
+        self._area_m2, self._lo, self._hi = area_m2, lo, hi
+
+    def exact(self, target: Array) -> CompensatedMesh:
+        """Light whose total is the target (N, C) [rel] wherever no limit holds: (P).
+
+        Raises
+        ------
+        InputError
+            A target that does not fit, or is not finite.
+        DidNotConverge
+            If light still moves after many steps.
+        """
+        _check_array("target", target, self._lo.shape)
+        direct, moved = np.empty(target.shape), np.empty(target.shape)
+        for c, room in enumerate(self._rooms):
+            wanted, lo, hi = target[:, c], self._lo[:, c], self._hi[:, c]
+            direct[:, c] = exact_light(room, wanted, lo, hi)
+            bounced = room.all(direct[:, c]) - direct[:, c]
+            moved[:, c] = np.clip(wanted - bounced, lo, hi) - direct[:, c]
+        return self._certified(target, direct, moved)
+
+    def least_squares(self, target: Array, weight: Array | None = None) -> CompensatedMesh:
+        """Light whose total misses the target (N, C) least, by the sum of weight times square: (W).
+
+        `weight` (N,), by default the areas; 0 where nobody looks and nothing can be lit.
+
+        Raises
+        ------
+        InputError
+            A target or weights that do not fit, are not finite, below 0, or 0 where light can be chosen.
+        DidNotConverge
+            If light still moves after many steps.
+        """
+        weight = self._area_m2 if weight is None else weight
+        self._check_weight(weight)
+        start = self.exact(target).direct
+        direct, moved = np.empty(target.shape), np.empty(target.shape)
+        for c, room in enumerate(self._rooms):
+            lo, hi = self._lo[:, c], self._hi[:, c]
+            problem = LeastSquares.of(room, target[:, c], weight, lo, hi)
+            direct[:, c] = problem.solve(start[:, c])
+            moved[:, c] = problem.step(direct[:, c]) - direct[:, c]
+        return self._certified(target, direct, moved)
+
+    def _certified(self, target: Array, direct: Array, moved: Array) -> CompensatedMesh:
+        """The light (N, C) with its certificate; `moved` is what its problem would still change."""
+        rooms = list(enumerate(self._rooms))
+        total = np.stack([room.all(direct[:, c]) for c, room in rooms], axis=1)
+        again = np.stack([room.once(total[:, c]) for c, room in rooms], axis=1)
+        choice = self._lo < self._hi
+        at_lo, at_hi = choice & (direct <= self._lo), choice & (direct >= self._hi)
+        chosen = np.maximum(self._area_m2 @ choice, np.finfo(float).tiny)
+        certificate = MeshCertificate(
+            kkt=_largest(moved) / _scale(target),
+            self_consistency=_largest(total - direct - again) / _scale(total),
+            share_lo=self._area_m2 @ at_lo / chosen,
+            share_hi=self._area_m2 @ at_hi / chosen,
+            flux_in=self._area_m2 @ target,
+            flux_out=self._area_m2 @ direct,
+        )
+        return CompensatedMesh(direct, total, choice & ~at_lo & ~at_hi, certificate)
+
+    def _check_weight(self, weight: Array) -> None:
+        _check_array("weight", weight, self._area_m2.shape)
+        if (weight < 0).any():
+            raise UnitError(f"weight: got {weight.min():.3g} at least, expected 0 or more")
+        idle = (weight == 0)[:, None] & (self._lo < self._hi)
+        if idle.any():
+            raise InputError(
+                f"weight: got 0 on {_count(idle)} whose light can be chosen, expected more than 0; any "
+                "light there would serve as well"
+            )
+
+
+def _check_room(factors: NDArray[np.floating], albedo: Array, area_m2: Array) -> None:
+    if factors.ndim != 2 or factors.shape[0] != factors.shape[1] or not len(factors):
+        raise ShapeError("form factors", factors.shape, "(N, N), a row and a column for each face")
+    faces = len(factors)
+    if albedo.ndim != 2 or albedo.shape[0] != faces:
+        raise ShapeError("albedo", albedo.shape, f"({faces}, C), a row for each face")
+    _check_array("area_m2", area_m2, (faces,))
+    if (area_m2 <= 0).any():
+        raise UnitError(f"area_m2: got {area_m2.min():.3g} at least, expected more than 0")
+    _check_array("albedo", albedo, albedo.shape)
+    if (albedo >= 1).any() or (albedo < 0).any():
+        raise UnitError(
+            f"albedo: got {albedo.min():.3g} to {albedo.max():.3g}, expected 0 or more and below 1; is it "
+            "in percent?"
+        )
+    if not (np.isfinite(factors.sum(axis=1, dtype=float)).all() and factors.min() >= 0):
+        raise InputError(
+            "form factors: got values that are negative or not finite, expected 0 or more; make them "
+            "with form_factors"
+        )
+    check_darkens(albedo, factors)
+
+
+def _check_array(name: str, values: Array, shape: tuple[int, ...]) -> None:
+    if values.shape != shape:
+        raise ShapeError(name, values.shape, f"{shape}")
+    if not np.isfinite(values).all():
+        raise InputError(
+            f"{name}: got NaN or infinity on {_count(~np.isfinite(values))}, expected finite values; "
+            "fill what is unknown first"
+        )
+
+
+def _count(where: Mask) -> str:
+    return f"{np.count_nonzero(where)} of {where.size} values"
+
+
+def _largest(values: Array) -> Array:
+    return np.asarray(np.abs(values).max(axis=0))
+
+
+def _scale(values: Array) -> Array:
+    return np.maximum(_largest(values), np.finfo(float).tiny)

@@ -1,0 +1,47 @@
+"""Bare frames on a pipe: rows of RGB without any header, as `ffmpeg -f rawvideo` writes and reads."""
+
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procam.errors import FileFormatError, InputError
+
+Pixels = NDArray[Any]
+PIXELS = {"rgb24": "|u1", "rgb48le": "<u2", "rgbf16le": "<f2", "rgbf32le": "<f4"}
+
+
+def pixel_type(name: str) -> np.dtype[Any]:
+    """The type of one colour of a layout that FFmpeg calls `name`.
+
+    >>> pixel_type("rgb48le")
+    dtype('uint16')
+    """
+    if name not in PIXELS:
+        raise InputError(f"--pixels: got {name!r}, expected one of {', '.join(PIXELS)}")
+    return np.dtype(PIXELS[name])
+
+
+def read_frame(stream: BinaryIO, frame: Pixels, number: int) -> bool:
+    """Fill `frame` (H, W, 3) from a pipe; False at the end. A part of a frame is refused."""
+    view = frame.reshape(-1).view(np.uint8).data
+    filled = 0
+    while filled < len(view):
+        count = stream.readinto(view[filled:])  # type: ignore[attr-defined]
+        if not count:
+            break
+        filled += count
+    if 0 < filled < len(view):
+        raise FileFormatError(
+            f"stdin: got {filled} bytes of frame {number}, expected {len(view)}; do --size and "
+            "--pixels fit what is sent?"
+        )
+    return filled > 0
+
+
+def write_frame(stream: BinaryIO, frame: Pixels) -> None:
+    """Write a frame (H, W, 3) to a pipe, all of it at once."""
+    view = np.ascontiguousarray(frame).reshape(-1).view(np.uint8).data
+    while view:
+        view = view[stream.write(view) :]
+    stream.flush()

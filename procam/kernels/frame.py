@@ -1,0 +1,361 @@
+"""Compensation of dome masters: sums of light, and the light to send, at the rate of memory."""
+
+import ctypes
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procam.errors import InputError, ShapeError
+from procam.kernels import reference_frame
+from procam.kernels.arrays import LINE, pointer
+from procam.kernels.loader import chosen
+
+Plane = NDArray[np.float32]
+Index = NDArray[np.int32]
+Double = NDArray[np.float64]
+Curve = Callable[[NDArray[np.floating]], NDArray[np.floating]]
+KINDS = {np.dtype(np.uint8): 0, np.dtype(np.uint16): 1, np.dtype(np.float32): 2}
+KINDS[np.dtype(np.float16)] = 3
+WHOLE = {np.dtype(np.uint8): 255.0, np.dtype(np.uint16): 65535.0}
+MODES = {"light": 0, "content": 1, "excess": 2, "at least": 3, "at most": 4}
+APPLY = 5
+TERMS, CHANNELS = 9, 3
+STRIP, BLOCK, CHUNK, SEGMENTS, TILE = 768, 64, 32, 32, 64  # as in c/frame.h, c/kernels.h
+FINE = 256  # nodes from which on rows of them may share weights
+SPARE = 64  # floats that a vector may read past the end of a field
+
+
+class Grid:
+    """Where the pixels of a picture of `size` lie among `nodes`: half-pixel centres, edges clamped.
+
+    Row y lies between node rows above[y] and below[y], down[y] of the way; columns alike: left,
+    right, across. Pairs of node rows are intervals; `rows` holds the first row of each. `shared` of
+    them make a band; `band` is that of each row of the picture.
+    """
+
+    def __init__(self, size: int, nodes: int) -> None:
+        place = (np.arange(size) + 0.5) * nodes / size - 0.5
+        first = np.floor(place).astype(np.int32)
+        self.above = self.left = np.maximum(first, 0)
+        self.below = self.right = np.minimum(first + 1, nodes - 1)
+        self.down = self.across = (place - first).astype(np.float32)
+        self.shared = min(4, 2 ** max(0, (nodes // FINE).bit_length() - 1))
+        self.band = (first + 1) // self.shared
+        self.rows = np.searchsorted(first + 1, np.arange(nodes + 2)).astype(np.int32)
+        padded = -(-CHANNELS * size // BLOCK) * BLOCK
+        value = np.minimum(np.arange(padded), CHANNELS * size - 1)
+        pixel, channel = value // CHANNELS, value % CHANNELS
+        left, right = self.left[pixel], self.right[pixel]
+        index = (CHANNELS * left + channel, CHANNELS * right + channel, left, right)
+        self.of_values = [np.ascontiguousarray(i, np.int32) for i in index]
+        self.across_values = np.ascontiguousarray(self.across[pixel])
+
+    def band_means(self, field: NDArray[Any], coverage: Plane) -> Plane:
+        """Means (bands, M[, C]) of a field (M, M[, C]) over the lit rows of each band."""
+        lit = self._band_sums((self._at_rows(coverage) > 0).astype(float))
+        sums = self._band_sums(self._at_rows(field))
+        count = np.maximum(lit, 1).reshape(*lit.shape, *(1,) * (field.ndim - 2))
+        return (sums / count).astype(np.float32)
+
+    def _at_rows(self, field: NDArray[Any]) -> Double:
+        down = self.down.astype(float).reshape(-1, *(1,) * (field.ndim - 1))
+        return field[self.above] + down * (field[self.below] - field[self.above]).astype(float)
+
+    def _band_sums(self, rows: Double) -> Double:
+        starts = self.rows[: -1 : self.shared]
+        full = np.concatenate([rows, np.zeros_like(rows[:1])])
+        sums = np.add.reduceat(full, starts, axis=0)
+        sums[starts == np.append(starts[1:], len(rows))] = 0  # no row of the picture
+        return sums
+
+    def lit(self, coverage: Plane) -> NDArray[np.uint8]:
+        """Whether each block of each interval is lit nowhere, in part, everywhere: 0, 1, 2."""
+        last = len(coverage) - 1
+        pair = np.arange(len(coverage) + 1)
+        ends = np.stack([coverage[np.maximum(pair - 1, 0)], coverage[np.minimum(pair, last)]])
+        least, most = ends.min(axis=0), ends.max(axis=0)
+        left, right = self.of_values[2][::BLOCK], self.of_values[3][BLOCK - 1 :: BLOCK]
+        spans = np.stack([left, right + 1], axis=1).ravel()
+        wide = [np.pad(e, ((0, 0), (0, 1)), "edge") for e in (least, most)]
+        some = np.maximum.reduceat(wide[1], spans, axis=1)[:, ::2] > 0
+        every = np.minimum.reduceat(wide[0], spans, axis=1)[:, ::2] > 0
+        return np.ascontiguousarray(some.astype(np.uint8) + every)
+
+
+@dataclass(frozen=True, eq=False)
+class FrameModel:
+    """What a dome does to a picture of `size`, on a dome master of M x M nodes, M <= size.
+
+    Light to send is clip(gain t - b, lo, hi), t the content in linear light and b what bounces, a
+    field like the others (`bounced_light`). Fields are bilinear between nodes. Sums weigh the picture
+    with means over bands of a few node rows.
+
+    Attributes
+    ----------
+    spread, lo : (M, M, 3) [1/sr], [rel]. hi, ambient : (M, M, 3) [rel], None where they change
+        nothing. gain : (M, M) or None. coverage : (M, M), 0 where no light is sent.
+    solid_angle_sr : (M, M) of a pixel of the picture; 0 where no projector reaches.
+    direction : (3, M, M) unit vectors. terms : 1, 4 or 9, of the polynomial.
+    """
+
+    size: int
+    spread: Plane
+    lo: Plane
+    hi: Plane | None
+    ambient: Plane | None
+    gain: Plane | None
+    coverage: Plane
+    solid_angle_sr: Plane
+    direction: Plane
+    terms: int = 1
+
+    @property
+    def nodes(self) -> int:
+        """Edge of the fields."""
+        return int(self.coverage.shape[0])
+
+    @cached_property
+    def grid(self) -> Grid:
+        """Places of the picture's pixels among the nodes."""
+        return Grid(self.size, self.nodes)
+
+    @cached_property
+    def weight(self) -> Plane:
+        """Solid angle of a pixel, mean of each band (bands, M) [sr]."""
+        return self.grid.band_means(self.solid_angle_sr, self.coverage)
+
+    @cached_property
+    def painted(self) -> Plane:
+        """The same times `spread` (bands, M, 3)."""
+        return self.grid.band_means(self.solid_angle_sr[..., None] * self.spread, self.coverage)
+
+    @cached_property
+    def middle(self) -> Plane:
+        """Direction of each band (bands, 3, M)."""
+        means = self.grid.band_means(
+            np.moveaxis(self.direction, 0, -1), np.ones_like(self.coverage)
+        )
+        return np.ascontiguousarray(np.moveaxis(means, -1, 1))
+
+    @cached_property
+    def lit(self) -> NDArray[np.uint8]:
+        """Where blocks of the picture are lit, for each interval."""
+        return self.grid.lit(self.coverage)
+
+    @cached_property
+    def in_c(self) -> dict[str, NDArray[Any] | None]:
+        """Arrays that every call takes, with room behind what vectors read."""
+        grid = self.grid
+        fields = {
+            **{"least": self.lo, "most": self.hi, "gain": self.gain},
+            **{"coverage": self.coverage, "weight": self.weight, "painted": self.painted},
+            "direction": self.middle,
+        }
+        found: dict[str, NDArray[Any] | None] = {n: _spared(f) for n, f in fields.items()}
+        names = ("left", "right", "left_node", "right_node")
+        found |= dict(zip(names, grid.of_values, strict=True))
+        found |= {"across": grid.across_values, "down": grid.down, "rows": grid.rows}
+        return found | {"lit": self.lit}
+
+
+def _spared(plane: Plane | None) -> Plane | None:
+    if plane is None:
+        return None
+    return np.concatenate([plane.astype(np.float32).ravel(), np.zeros(SPARE, np.float32)])
+
+
+@dataclass(frozen=True, eq=False)
+class Coding:
+    """How a picture's numbers stand for light, and how they are written.
+
+    Attributes
+    ----------
+    decode, encode : of values 0..1; used for uint8 only, other types are linear.
+    threshold : (64, 64) in 0..1, for the rounding of uint8: floor(value + threshold).
+    strength : 0 gives the picture itself, 1 the full result, mixed as encoded.
+    top : the most light that is sent anywhere [rel].
+    """
+
+    decode: Curve
+    encode: Curve
+    threshold: Plane
+    strength: float = 1.0
+    top: float = np.inf
+    tables: dict[str, NDArray[Any]] = field(init=False)
+
+    def __post_init__(self) -> None:
+        codes = np.asarray(self.decode(np.arange(256) / 255), np.float32)
+        tile = np.repeat(self.threshold, CHANNELS, axis=1)
+        found = {
+            "decode": codes,
+            "decode_bytes": np.ascontiguousarray(codes.view(np.uint8).reshape(256, 4).T),
+            "encode": _pieces(self.encode),
+            "threshold": np.ascontiguousarray(tile, np.float32),
+        }
+        object.__setattr__(self, "tables", found)
+
+    def decoded(self, picture: NDArray[Any]) -> NDArray[Any]:
+        """Linear light of a picture's values."""
+        if picture.dtype == np.uint8:
+            return self.tables["decode"][picture]
+        return picture / WHOLE.get(picture.dtype, 1.0)
+
+    def encoded(self, light: Double, picture: NDArray[Any], rows: slice) -> NDArray[Any]:
+        """Values to write for `light` (R, N, 3), mixed with those of the picture."""
+        whole = WHOLE.get(picture.dtype)
+        value = light if whole is None else whole * np.clip(light, 0, 1)
+        if picture.dtype == np.uint8:
+            value = np.asarray(255 * self.encode(np.clip(light, 0, 1)), float)
+        value = picture + self.strength * (value - picture)
+        if picture.dtype == np.uint8:
+            y = np.arange(rows.start, rows.stop) % TILE
+            x = np.arange(light.shape[1]) % TILE
+            value = np.floor(np.minimum(value + self.threshold[np.ix_(y, x)][..., None], 255))
+        return value if whole is None else np.rint(value)
+
+
+def _pieces(encode: Curve) -> Plane:
+    """255 encode(x) as parabolas (3, SEGMENTS) of the fourth root of x, one per even step of it."""
+    found = np.empty((3, SEGMENTS))
+    for k in range(SEGMENTS):
+        root = (k + (1 - np.cos(np.pi * (np.arange(16) + 0.5) / 16)) / 2) / SEGMENTS
+        found[:, k] = np.polynomial.polynomial.polyfit(root, 255 * encode(root**4), 2)
+    return np.ascontiguousarray(found, np.float32)
+
+
+class _Frame(ctypes.Structure):
+    """struct procam_frame of c/kernels.h."""
+
+    _fields_ = [
+        ("size", ctypes.c_size_t),
+        *((name, ctypes.c_int) for name in ("kind", "nodes", "terms", "band")),
+        *((name, ctypes.c_float) for name in ("strength", "top")),
+        *(
+            (name, ctypes.c_void_p)
+            for name in (
+                *(
+                    "image",
+                    "out",
+                    "light",
+                    "least",
+                    "most",
+                    "gain",
+                    "coverage",
+                    "weight",
+                    "painted",
+                ),
+                *("direction", "lit", "left", "right", "left_node", "right_node", "across", "down"),
+                *("rows", "decode", "encode", "threshold", "decode_bytes"),
+            )
+        ),
+    ]
+
+
+def bounced_light(model: FrameModel, numbers: Double, offset: Double | None = None) -> Plane:
+    """What bounces to each node (M, M, 3) [rel]: spread times the polynomial, and the lamps' light.
+
+    `numbers` (3, 9) are its coefficients per colour; of `offset` (3, 9), which (W) takes off, too.
+    """
+    native = chosen()
+    if native is None:
+        return reference_frame.bounced_light(model, numbers, offset)
+    library, level, threads = native
+    room = np.empty(model.spread.size + SPARE, np.float32)
+    arrays = [np.ascontiguousarray(a, np.float32) for a in (model.spread, model.direction)]
+    ambient = None if model.ambient is None else np.ascontiguousarray(model.ambient, np.float32)
+    given = [None if n is None else np.ascontiguousarray(n, float) for n in (numbers, offset)]
+    library.procam_bounce(
+        *(level, threads, model.nodes, model.terms, pointer(arrays[0]), pointer(ambient)),
+        *(pointer(arrays[1]), pointer(given[0]), pointer(given[1]), pointer(room)),
+    )
+    return room[: model.spread.size].reshape(model.spread.shape)
+
+
+def frame_sums(
+    model: FrameModel, image: NDArray[Any], light: Plane, what: str, coding: Coding
+) -> Double:
+    """Sums over the dome of the light to send, times the monomials of the direction.
+
+    Parameters
+    ----------
+    image : (N, N, 3) uint8, uint16, float16 or float32.
+    light : (M, M, 3), of `bounced_light`.
+    what : "light" [rel sr]; "content", without limits; "excess", what limits add, weighed by `spread`;
+        "at least", "at most": the solid angle where a limit holds [sr].
+
+    Returns
+    -------
+    sums : (3, terms) float64, of the first 1, 4 or 9 of 1, x, y, z, xy, yz, xz, x^2 - y^2, z^2.
+    """
+    picture = _checked(model, image)
+    native = chosen()
+    if native is None:
+        return reference_frame.frame_sums(model, picture, light, what, coding)
+    return _run(native, model, (picture, light, None), MODES[what], coding)
+
+
+def frame_apply(
+    model: FrameModel,
+    image: NDArray[Any],
+    light: Plane,
+    coding: Coding,
+    out: NDArray[Any] | None = None,
+) -> NDArray[Any]:
+    """The light to send (N, N, 3), encoded as the picture is; `out` may be the picture itself."""
+    picture = _checked(model, image)
+    target = aligned_like(picture) if out is None else out
+    if target.shape != picture.shape:
+        raise ShapeError("out", target.shape, f"{picture.shape}")
+    if target.dtype != picture.dtype or not target.flags.c_contiguous:
+        raise InputError(
+            f"out: got {target.dtype}, expected contiguous {picture.dtype}, as the content"
+        )
+    native = chosen()
+    if native is None:
+        reference_frame.frame_apply(model, picture, light, coding, target)
+    else:
+        _run(native, model, (picture, light, target), APPLY, coding)
+    return target
+
+
+def aligned_like(picture: NDArray[Any]) -> NDArray[Any]:
+    """An empty picture that begins on a cache line, so that writes can pass the cache."""
+    room = np.empty(picture.nbytes + LINE, np.uint8)
+    start = -room.ctypes.data % LINE
+    return room[start : start + picture.nbytes].view(picture.dtype).reshape(picture.shape)
+
+
+def _checked(model: FrameModel, image: NDArray[Any]) -> NDArray[Any]:
+    expected = (model.size, model.size, CHANNELS)
+    if image.shape != expected:
+        raise ShapeError("content", image.shape, f"{expected}")
+    if image.dtype not in KINDS:
+        raise InputError(
+            f"content: got {image.dtype}, expected uint8, uint16, float16 or float32; convert it"
+        )
+    return np.ascontiguousarray(image)
+
+
+def _run(
+    native: tuple[ctypes.CDLL, int, int],
+    model: FrameModel,
+    pictures: tuple[NDArray[Any], Plane, NDArray[Any] | None],
+    mode: int,
+    coding: Coding,
+) -> Double:
+    library, level, threads = native
+    how, tables = _Frame(), coding.tables
+    how.size, how.kind = model.size, KINDS[pictures[0].dtype]
+    how.nodes, how.terms, how.band = model.nodes, model.terms, model.grid.shared
+    how.strength, how.top = coding.strength, coding.top
+    arrays = model.in_c | tables | dict(zip(("image", "light", "out"), pictures, strict=True))
+    for name, array in arrays.items():
+        setattr(how, name, pointer(array))
+    strips, chunks = -(-CHANNELS * model.size // STRIP), -(-(model.nodes + 1) // CHUNK)
+    sums = np.zeros((strips * chunks, CHANNELS, TERMS))
+    library.procam_frame(level, threads, mode, strips, chunks, ctypes.byref(how), pointer(sums))
+    return sums.sum(axis=0)[:, : model.terms]

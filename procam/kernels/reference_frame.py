@@ -1,0 +1,97 @@
+"""A dome master against the model of what bounces, as equations in NumPy: the twin of `frame`."""
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from procam.kernels.frame import Coding, FrameModel
+
+Plane = NDArray[np.float32]
+Double = NDArray[np.float64]
+ROWS = 64  # of the picture at a time
+
+
+def monomials(direction: NDArray[Any], terms: int) -> Double:
+    """1, x, y, z, xy, yz, xz, x^2 - y^2, z^2 (terms, ...) of (3, ...): the first 1, 4 or 9."""
+    x, y, z = direction.astype(float)
+    every = (np.ones_like(x), x, y, z, x * y, y * z, x * z, x * x - y * y, z * z)
+    return np.stack(every[:terms])
+
+
+def bounced_light(model: "FrameModel", numbers: Double, offset: Double | None) -> Plane:
+    """Polynomial times paint, lamps added and the second polynomial taken off (M, M, 3)."""
+    terms = monomials(model.direction, model.terms)
+    light = model.spread * np.tensordot(terms, numbers[:, : model.terms], (0, 1))
+    if model.ambient is not None:
+        light += model.ambient
+    if offset is not None:
+        light -= np.tensordot(terms, offset[:, : model.terms], (0, 1))
+    return light.astype(np.float32)
+
+
+def interpolated(model: "FrameModel", field: NDArray[Any], rows: slice) -> Double:
+    """Rows of a field (M, M[, C]) at the size of the picture (R, N[, C])."""
+    grid, nodes = model.grid, field.astype(float)
+    above, below = nodes[grid.above[rows]], nodes[grid.below[rows]]
+    down = grid.down[rows].astype(float).reshape(-1, *(1,) * (field.ndim - 1))
+    return widened(model, above + down * (below - above))
+
+
+def widened(model: "FrameModel", rows: Double) -> Double:
+    """Node rows (R, M[, C]) at the columns of the picture (R, N[, C])."""
+    grid = model.grid
+    left, right = rows[:, grid.left], rows[:, grid.right]
+    across = grid.across.astype(float).reshape(1, -1, *(1,) * (rows.ndim - 2))
+    return left + across * (right - left)
+
+
+def frame_parts(
+    model: "FrameModel", image: NDArray[Any], light: Plane, coding: "Coding"
+) -> Iterator[tuple[slice, Double, Double, Double]]:
+    """Rows, wanted light and its limits (R, N, 3), some rows at a time."""
+    for start in range(0, model.size, ROWS):
+        rows = slice(start, min(start + ROWS, model.size))
+        content = coding.decoded(image[rows]).astype(float)
+        if model.gain is not None:
+            content *= interpolated(model, model.gain, rows)[..., None]
+        least = interpolated(model, model.lo, rows)
+        most = np.full_like(least, coding.top)
+        if model.hi is not None:
+            most = np.minimum(most, interpolated(model, model.hi, rows))
+        yield rows, content - interpolated(model, light, rows), least, most
+
+
+def frame_sums(
+    model: "FrameModel", image: NDArray[Any], light: Plane, what: str, coding: "Coding"
+) -> Double:
+    """Sums (3, terms) over the dome of weight times `what` times the monomials."""
+    total = np.zeros((3, model.terms))
+    for rows, wanted, least, most in frame_parts(model, image, light, coding):
+        sent = np.minimum(np.maximum(wanted, least), most)
+        kept = {
+            "light": sent,
+            "content": wanted,
+            "excess": sent - wanted,
+            "at least": 1.0 * (wanted <= least),
+            "at most": 1.0 * (wanted >= most),
+        }[what]
+        kept = np.where(interpolated(model, model.coverage, rows)[..., None] > 0, kept, 0)
+        band = model.grid.band[rows]
+        weight = model.painted if what == "excess" else model.weight[..., None]
+        weighted = kept * widened(model, weight[band].astype(float))
+        axes = [widened(model, model.middle[band, k].astype(float)) for k in range(3)]
+        total += np.einsum("rnc,krn->ck", weighted, monomials(np.stack(axes), model.terms))
+    return total
+
+
+def frame_apply(
+    model: "FrameModel", image: NDArray[Any], light: Plane, coding: "Coding", out: NDArray[Any]
+) -> None:
+    """Write the light to send, encoded as the picture is."""
+    for rows, wanted, least, most in frame_parts(model, image, light, coding):
+        sent = np.minimum(np.maximum(wanted, least), most)
+        sent[interpolated(model, model.coverage, rows) <= 0] = 0
+        out[rows] = coding.encoded(sent, image[rows], rows)

@@ -1,0 +1,206 @@
+"""The machine that clips run through: order, bounds, errors; and pipes."""
+
+import io
+import threading
+from collections.abc import Callable, Iterator
+from itertools import count
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tiny_venue import procam
+
+from procam.errors import FileFormatError, InputError
+from procam.files.calibration import save_calibration
+from procam.files.raw_frames import PIXELS, pixel_type, read_frame, write_frame
+from procam.interfaces.cli.frames import _latency
+from procam.model.calibration import Calibration
+from procam.workflows.clip import compensate_clip
+from procam.workflows.clip_ends import PipeClip, count_above_one
+from procam.workflows.clip_engine import How
+from procam.workflows.clip_flow import Crew, flow
+
+SIZE = 24
+PATIENCE_S = 20.0
+
+
+def same(frame: int) -> Callable[[], int]:
+    return lambda: frame
+
+
+class TestFlow:
+    @pytest.mark.parametrize("crew", [Crew(1, 1), Crew(1, 3), Crew(4, 8)])
+    def test_everything_comes_in_order(self, crew: Crew) -> None:
+        made = flow((same(n) for n in range(50)), lambda n: lambda: 10 * n, crew)
+        assert list(made) == [10 * n for n in range(50)]
+
+    def test_a_read_of_none_ends_it(self) -> None:
+        numbers = iter([1, 2, None, 3])
+        reads = (lambda: next(numbers) for _ in count())
+        assert list(flow(reads, lambda n: lambda: n, Crew(1, 1))) == [1, 2]
+
+    def test_no_more_frames_live_than_the_crew_may_hold(self) -> None:
+        """1,000 frames; what is read and not yet written is counted."""
+        lock, live, most = threading.Lock(), 0, 0
+
+        def change(by: int) -> None:
+            nonlocal live, most
+            with lock:
+                live += by
+                most = max(most, live)
+
+        def read() -> int:
+            change(1)
+            return 1
+
+        def work(frame: int) -> Callable[[], None]:
+            return lambda: change(-1)
+
+        crew = Crew(3, 4)
+        assert sum(1 for _ in flow((read for _ in range(1000)), work, crew)) == 1000
+        # read ahead, at work, waiting to be written or being written
+        assert most <= (crew.depth + 1) + 1 + (crew.depth + 1)
+
+    def test_what_came_before_a_bad_frame_is_written(self) -> None:
+        written: list[int] = []
+
+        def reads() -> Iterator[Callable[[], int]]:
+            yield same(1)
+            yield same(2)
+            yield lambda: int("bad")
+            yield same(4)
+
+        def work(frame: int) -> Callable[[], None]:
+            return lambda: written.append(frame)
+
+        with pytest.raises(ValueError, match="bad"):
+            list(flow(reads(), work, Crew(2, 2)))
+        assert written == [1, 2]
+
+    def test_an_error_of_the_writer_arrives(self) -> None:
+        def work(frame: int) -> Callable[[], int]:
+            return lambda: 1 // (3 - frame)
+
+        with pytest.raises(ZeroDivisionError):
+            list(flow((same(n) for n in range(9)), work, Crew(1, 1)))
+
+    def test_reading_goes_on_while_a_frame_is_worked_on(self) -> None:
+        second = threading.Event()
+
+        def reads() -> Iterator[Callable[[], int]]:
+            yield same(1)
+            yield lambda: second.set() or 2  # type: ignore[func-returns-value]
+
+        def work(frame: int) -> Callable[[], int]:
+            assert second.wait(PATIENCE_S)
+            return lambda: frame
+
+        assert list(flow(reads(), work, Crew(1, 1))) == [1, 2]
+
+    def test_crews_hold_less_of_large_frames(self) -> None:
+        assert Crew.for_pictures(2**20).depth >= Crew.for_pictures(2**33).depth == 1
+        assert Crew.for_movie(2**33).threads == 1
+
+
+class Feed(io.RawIOBase):
+    """A pipe that gives a few bytes at a time, as pipes do."""
+
+    def __init__(self, content: bytes, step: int = 1000) -> None:
+        super().__init__()
+        self._content, self._step = io.BytesIO(content), step
+
+    def readable(self) -> bool:
+        return True
+
+    def readinto(self, buffer: memoryview) -> int:  # type: ignore[override]
+        got = self._content.read(min(self._step, len(buffer)))
+        buffer[: len(got)] = got
+        return len(got)
+
+
+class Drip(io.RawIOBase):
+    """A pipe that takes a few bytes at a time."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.content = b""
+
+    def writable(self) -> bool:
+        return True
+
+    def write(self, data: memoryview) -> int:  # type: ignore[override]
+        self.content += bytes(data[:777])
+        return len(data[:777])
+
+
+class TestPipe:
+    @pytest.mark.parametrize("name", PIXELS)
+    def test_frames_pass_whole_through_pipes_that_split_them(self, name: str) -> None:
+        dtype = pixel_type(name)
+        frame = np.random.default_rng(2).random((5, 5, 3)).astype(dtype)
+        out, again = Drip(), np.empty_like(frame)
+        write_frame(out, frame)  # type: ignore[arg-type]
+        assert out.content == frame.tobytes()
+        pipe = Feed(out.content, 7)
+        assert read_frame(pipe, again, 0)  # type: ignore[arg-type]
+        np.testing.assert_array_equal(again, frame)
+        assert not read_frame(pipe, again, 1)  # type: ignore[arg-type]
+
+    def test_a_part_of_a_frame_is_refused(self) -> None:
+        with pytest.raises(FileFormatError, match="stdin: got 50 bytes of frame 3, expected 75"):
+            read_frame(Feed(bytes(50)), np.empty((5, 5, 3), np.uint8), 3)  # type: ignore[arg-type]
+
+    def test_an_unknown_layout_is_refused_with_the_list(self) -> None:
+        with pytest.raises(
+            InputError, match="--pixels: got 'yuv420p', expected one of rgb24, rgb48le"
+        ):
+            pixel_type("yuv420p")
+
+    def test_a_clip_through_it(self, calibration: Calibration) -> None:
+        """Strength 0 leaves 16-bit frames alone, so that the pipe alone is judged."""
+        frames = np.random.default_rng(4).integers(0, 65536, (3, SIZE, SIZE, 3)).astype(np.uint16)
+        out = Drip()
+        clip = PipeClip((Feed(frames.tobytes()), out), SIZE, np.dtype(np.uint16))  # type: ignore[arg-type]
+        events = list(compensate_clip(calibration, clip, How(strength=0.0)))
+        assert [e.done for e in events] == [0, 1, 2, 3]
+        found = np.frombuffer(out.content, np.uint16).reshape(frames.shape)
+        assert np.abs(found.astype(int) - frames).max() <= 1
+        told = _latency(clip)
+        assert told.startswith("3 frames; latency median ")
+        assert all(f" {word} " in told for word in ("95 % within", "longest"))
+
+    @pytest.mark.parametrize(
+        ("arguments", "words"),
+        [
+            (["-", "out.exr"], "got - and out.exr, expected - for both or for none"),
+            (["-", "-"], "got - without --size and --pixels, expected both"),
+            (["-", "-", "--size", "8", "--pixels", "yuv420p"], "expected one of rgb24"),
+            (["-", "-", "--size", "8", "--pixels", "rgb24", "--json"], "expected none: stdout is"),
+            (["a.exr", "b.exr", "--size", "8"], "got one for a file, expected IN and OUT to be -"),
+        ],
+    )
+    def test_refusals(
+        self, arguments: list[str], words: str, calibration: Calibration, tmp_path: Path
+    ) -> None:
+        save_calibration(calibration, tmp_path / "kept")
+        ran = procam("compensate", tmp_path / "kept", *arguments)
+        assert (ran.code, words in ran.complaint) == (2, True), ran
+
+
+class TestAboveOne:
+    @pytest.mark.parametrize("dtype", [np.float16, np.float32])
+    def test_pixels_are_counted(self, dtype: type) -> None:
+        light = np.full((4, 4, 3), 1.0, dtype)
+        light[0, 0], light[1, 1, 2], light[2, 2] = 1.01, 7, -3
+        assert count_above_one("sky", light) == 2
+
+    def test_integers_have_none(self) -> None:
+        assert count_above_one("sky", np.full((4, 4, 3), 255, np.uint8)) == 0
+
+    @pytest.mark.parametrize("dtype", [np.float16, np.float32])
+    @pytest.mark.parametrize("bad", [np.nan, -np.nan, np.inf, -np.inf])
+    def test_what_is_no_light_is_refused_by_name(self, dtype: type, bad: float) -> None:
+        light = np.zeros((4, 4, 3), dtype)
+        light[1, 2, 0] = bad
+        with pytest.raises(FileFormatError, match="frame 3: got 1 values that are NaN or infinite"):
+            count_above_one("frame 3", light)

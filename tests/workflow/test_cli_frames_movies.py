@@ -1,0 +1,146 @@
+"""`procam compensate` and `procam warp` on movies."""
+
+import json
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tiny_venue import procam
+
+from procam.compensate.exact import Compensator
+from procam.compensate.projector_frames import projector_frames, quantised
+from procam.files.calibration import save_calibration
+from procam.files.movie_clips import MovieReader
+from procam.maths.curves import srgb_decode, srgb_encode
+from procam.model.calibration import Calibration
+from procam.workflows.pictures import half_sky
+
+av = pytest.importorskip("av", reason="needs the extra `video`")
+SIZE, FRAMES = 48, 4
+
+
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory: pytest.TempPathFactory, calibration: Calibration) -> Path:
+    directory = tmp_path_factory.mktemp("movies") / "0001"
+    save_calibration(calibration, directory)
+    return directory
+
+
+def shots(alpha: bool = False) -> list[np.ndarray]:
+    codes = np.rint(255 * srgb_encode(half_sky(SIZE))).astype(np.uint8)
+    frames = [np.ascontiguousarray(np.rot90(codes, k)) for k in range(FRAMES)]
+    if not alpha:
+        return frames
+    veil = np.linspace(0, 255, SIZE * SIZE).astype(np.uint8).reshape(SIZE, SIZE, 1)
+    return [np.dstack([frame, veil]) for frame in frames]
+
+
+def shoot(path: Path, trc: int = 13, frames: list[np.ndarray] | None = None) -> Path:
+    """A lossless movie; with an alpha channel if the frames have one."""
+    frames = shots() if frames is None else frames
+    source, stored = ("rgba", "bgra") if frames[0].shape[2] == 4 else ("rgb24", "bgr0")
+    with av.open(str(path), "w") as movie:
+        stream = movie.add_stream("ffv1", rate=Fraction(24000, 1001))
+        stream.height, stream.width, stream.pix_fmt = *frames[0].shape[:2], stored
+        stream.codec_context.color_trc = trc
+        for shot in frames:
+            movie.mux(stream.encode(av.VideoFrame.from_ndarray(shot, format=source)))
+        movie.mux(stream.encode())
+    return path
+
+
+def shown(path: Path) -> list[np.ndarray]:
+    with MovieReader(path) as reader:
+        return [np.asarray(frame.rgb) for frame in reader]
+
+
+class TestCompensate:
+    def test_every_frame_is_what_the_compensator_gives(
+        self, calibration: Calibration, kept: Path, tmp_path: Path
+    ) -> None:
+        out = tmp_path / "o.mkv"
+        ran = procam("compensate", kept, shoot(tmp_path / "m.mkv"), out, "--json")
+        assert (ran.code, ran.err) == (0, ""), ran
+        assert json.loads(ran.out)["frames"] == FRAMES
+        compensator = Compensator(calibration, SIZE)
+        for found, shot in zip(shown(out), shots(), strict=True):
+            apart = np.abs(found.astype(int) - compensator.frame(shot))
+            assert apart.max() <= 1
+            assert (apart > 0).mean() < 0.01  # the solve ends within 2e-5
+
+    def test_straight_alpha_passes_unchanged(self, kept: Path, tmp_path: Path) -> None:
+        source = shoot(tmp_path / "m.mkv", frames=shots(alpha=True))
+        assert procam("compensate", kept, source, tmp_path / "o.mkv").code == 0
+        with MovieReader(tmp_path / "o.mkv") as reader:
+            for frame, shot in zip(reader, shots(alpha=True), strict=True):
+                np.testing.assert_array_equal(frame.alpha, shot[..., 3])
+
+    def test_prores_is_within_a_step_of_it(self, kept: Path, tmp_path: Path) -> None:
+        """Of smooth frames: at 48 px every edge of a sky is as sharp as an edge can be."""
+        ramp = np.linspace(60, 200, SIZE)
+        smooth = np.dstack(
+            [np.add.outer(a * ramp, b * ramp) / 2 for a, b in ((1, 1), (0.8, 1), (1, 0.7))]
+        )
+        frames = [np.rint(np.rot90(smooth, k)).astype(np.uint8) for k in range(FRAMES)]
+        source = shoot(tmp_path / "m.mkv", frames=[np.ascontiguousarray(f) for f in frames])
+        for out in ("o.mkv", "o.mov"):
+            assert procam("compensate", kept, source, tmp_path / out).code == 0
+        for exact, near in zip(shown(tmp_path / "o.mkv"), shown(tmp_path / "o.mov"), strict=True):
+            inside = np.hypot(*np.indices((SIZE, SIZE)) - (SIZE - 1) / 2) < 0.3 * SIZE
+            assert np.sqrt(np.mean((exact / 255 - near / 65535)[inside] ** 2)) < 1 / 255
+
+    def test_a_movie_that_is_there_is_not_made_again(self, kept: Path, tmp_path: Path) -> None:
+        source, out = shoot(tmp_path / "m.mkv"), tmp_path / "o.mkv"
+        assert procam("compensate", kept, source, out).code == 0
+        first = out.stat().st_mtime_ns
+        ran = procam("compensate", kept, source, out)
+        assert (ran.code, "is there already, made of the same" in ran.out) == (0, True)
+        assert out.stat().st_mtime_ns == first
+        assert procam("compensate", kept, source, out, "--strength", "0.5").code == 0
+        assert out.stat().st_mtime_ns > first
+
+    def test_a_movie_without_a_named_transfer_function(self, kept: Path, tmp_path: Path) -> None:
+        source, out = shoot(tmp_path / "m.mkv", trc=2), tmp_path / "o.mkv"
+        ran = procam("compensate", kept, source, out)
+        words = "got no transfer function that procam knows, expected one of srgb, linear"
+        assert (ran.code, words in ran.complaint, "--transfer" in ran.complaint) == (2, True, True)
+        assert not out.exists()
+        assert procam("compensate", kept, source, out, "--transfer", "bt1886").code == 0
+        with MovieReader(out) as reader:
+            assert reader.transfer == "bt1886"
+
+    @pytest.mark.parametrize(
+        ("source", "out", "words"),
+        [
+            ("m.mkv", "o.mp4", "got the suffix '.mp4', expected .mov (ProRes 4444)"),
+            ("m.mkv", "o.png", "got the suffix '.png', expected .mov"),
+            ("m.mkv", "m.mkv", "which is IN itself"),
+            ("none.mkv", "o.mkv", "got no such file, expected a movie"),
+            ("cut.mov", "o.mkv", "got no whole movie"),
+            ("wide.mkv", "o.mkv", f"got {SIZE}x{SIZE - 8} px, expected a square dome master"),
+        ],
+    )
+    def test_refusals(self, source: str, out: str, words: str, kept: Path, tmp_path: Path) -> None:
+        shoot(tmp_path / "m.mkv")
+        shoot(tmp_path / "wide.mkv", frames=[shot[8:] for shot in shots()])
+        (tmp_path / "cut.mov").write_bytes(b"\0\0\0\x14ftypqt  ")
+        before = sorted(tmp_path.iterdir())
+        ran = procam("compensate", kept, tmp_path / source, tmp_path / out)
+        assert (ran.code, words in ran.complaint) == (2, True), ran
+        assert sorted(tmp_path.iterdir()) == before
+
+
+class TestWarp:
+    def test_a_movie_per_projector(
+        self, calibration: Calibration, kept: Path, tmp_path: Path
+    ) -> None:
+        ran = procam("warp", kept, shoot(tmp_path / "m.mkv"), tmp_path / "frames", "--json")
+        assert (ran.code, ran.err) == (0, "")
+        paths = {name: tmp_path / "frames" / f"{name}.mkv" for name in ("south", "north")}
+        assert json.loads(ran.out)["frames"] == [str(path) for path in paths.values()]
+        found = {name: shown(path) for name, path in paths.items()}
+        for index, shot in enumerate(shots()):
+            light = srgb_decode(shot / np.float32(255)).astype(np.float32)
+            for name, frame in quantised(projector_frames(light, calibration)).items():
+                np.testing.assert_allclose(found[name][index], frame, atol=1)

@@ -1,0 +1,89 @@
+"""The study of content at an eighth of its size: what of a miss is bounced light, and what is not."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from tiny_venue import TINY_PAIR, quick_simulator
+
+from procam.estimate import assemble
+from procam.interfaces import judge
+from procam.maths.sphere import master_directions, master_solid_angles
+from procam.workflows.pictures import CONTENTS, night
+from simulators import transport, truth
+from simulators.presets import PRESETS, PresetName
+from simulators.scene import DomeScene, SceneSize
+from studies import content
+
+SMALL = SceneSize(projectors=2, projector_size=(160, 100), camera_size=(260, 260), rays=128)
+MASTER = 128
+
+
+@pytest.fixture(scope="module")
+def rows() -> dict[str, dict[str, Any]]:
+    with quick_simulator(), pytest.MonkeyPatch.context() as patch:
+        for module, name in ((assemble, "MAP_SIZE"), (truth, "MASTER"), (content, "MASTER")):
+            patch.setattr(module, name, MASTER)
+        patch.setattr(judge, "PATCHES", MASTER // 4)
+        found = content.study("standard", SMALL, ("left-right", "white"))
+    return {row["content"]: row for row in found}
+
+
+def test_hardly_any_bounced_light_is_left(rows: dict[str, dict[str, Any]]) -> None:
+    for row in rows.values():
+        assert row["bounced_alone"] < 0.02
+    white = rows["white"]  # it has no edges to blur
+    assert white["scatter_left"] < min(0.02, 0.3 * white["paper_eq12"])
+
+
+def test_matte_paint_looks_the_same_from_everywhere(rows: dict[str, dict[str, Any]]) -> None:
+    for row in rows.values():
+        assert row["from_camera"] == pytest.approx(row["scatter_left"], rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("preset", "least", "most"), [("standard", 0, 1e-6), ("realistic", 0.01, 0.1)]
+)
+def test_gloss_is_seen_differently_from_another_place(
+    preset: PresetName, least: float, most: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for module, name, size in (
+        (transport, "DOME_RINGS", 6),
+        (transport, "DOME_SECTORS", 12),
+        (content, "MASTER", 64),
+    ):
+        monkeypatch.setattr(module, name, size)
+    scene = DomeScene(PRESETS[preset], TINY_PAIR, 1)
+    camera = next(iter(scene.cameras.values())).camera_from_dome.inverse().translation
+    white = {name: np.ones_like(drive) for name, drive in scene.shown.items()}
+    centre, aside = (
+        content._drawn(scene, content.sights(scene, eye), white) for eye in (np.zeros(3), camera)
+    )
+    assert least <= np.std(centre - aside) / np.mean(centre) <= most
+
+
+def test_the_table_has_a_line_for_every_content(rows: dict[str, dict[str, Any]]) -> None:
+    missed = rows["white"] | {"scatter_left": 0.021}
+    lines = list(content.table([*rows.values(), missed]))
+    assert len(lines) == 2 + 3
+    assert "| 2.10% (missed) |" in lines[-1] and "missed" not in lines[-2]
+    assert lines[2].startswith("| standard | left-right | ")
+
+
+@pytest.mark.parametrize("name", CONTENTS)
+def test_contents_are_light_that_can_be_asked_for(name: str) -> None:
+    picture = CONTENTS[name](96)
+    _, inside = master_directions(96)
+    assert picture.dtype == np.float32 and picture.shape == (96, 96, 3)
+    assert picture[inside].min() > 0 and picture.max() <= 1
+    assert not picture[~inside].any()
+
+
+def test_what_the_contents_are_for() -> None:
+    solid = master_solid_angles(96)
+    left_right, room, white = (CONTENTS[n](96) for n in ("left-right", "interior", "white"))
+    halves = [(solid[:, h, None] * left_right[:, h]).sum() for h in (slice(48), slice(48, None))]
+    assert halves[0] > 1.8 * halves[1]
+    assert room.max() == 1 and room[white[..., 0] > 0].min() < 0.06
+    stars = night(512)
+    assert np.median(stars[stars > 0]) < 0.05 and stars.max() > 0.8

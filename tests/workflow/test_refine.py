@@ -1,0 +1,206 @@
+"""`procam refine` on a small simulated dome, whose light is traced and owes nothing to the loop's formula."""
+
+import json
+import shutil
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tiny_venue import (
+    TINY_PAIR,
+    make_venue,
+    procam,
+    quick_simulator,
+    replace_camera,
+    solved,
+    take_session,
+    watch_stage,
+)
+
+from procam.estimate import assemble, feedback
+from procam.files.calibration import load_calibration
+from procam.files.images import write_picture
+from procam.files.venue import load_venue
+from procam.interfaces.cli import venues
+from procam.maths.sphere import master_directions
+from procam.model.calibration import Calibration
+from procam.model.frame import Frame
+from procam.model.transport import Measured
+from procam.workflows import loop_camera
+from procam.workflows import refine as refining
+from procam.workflows.venue_rig import open_rig
+from simulators.devices import SimulatedCamera
+
+SIZE = replace(TINY_PAIR, projector_size=(160, 100), camera_size=(256, 256))
+MASTER, CELLS = 96, 48
+
+
+@pytest.fixture(scope="module", autouse=True)
+def quick() -> Iterator[None]:
+    """Cells as wide as such a camera allows."""
+    with quick_simulator(), pytest.MonkeyPatch.context() as patch:
+        patch.setattr(feedback, "LOOP_SIZE", CELLS)
+        patch.setattr(assemble, "MAP_SIZE", MASTER)
+        patch.setattr(venues, "CONTENT_SIZE", MASTER)
+        yield
+
+
+@pytest.fixture(scope="module")
+def calibrated(tmp_path_factory: pytest.TempPathFactory, quick: None) -> Path:
+    venue = make_venue(tmp_path_factory.mktemp("dome"), size=SIZE)
+    solved(venue, take_session(venue))
+    return venue.directory
+
+
+@pytest.fixture(scope="module")
+def good(calibrated: Path) -> Calibration:
+    return load_calibration(calibrated / "calibrations" / "0001")
+
+
+@pytest.fixture
+def dome(calibrated: Path, tmp_path: Path) -> Path:
+    """A venue of its own, calibrated once."""
+    shutil.copytree(calibrated, tmp_path / "dome", ignore=shutil.ignore_patterns("sessions"))
+    return tmp_path / "dome"
+
+
+def _spoilt(calibration: Calibration, gain: float, scatter: float) -> Calibration:
+    """Gains wrong by `gain` rms in slow waves, bounced light by the factor `scatter`."""
+    projectors = {}
+    for name, projector in calibration.projectors.items():
+        wave = np.sin(5 * np.nan_to_num(projector.surface.direction) @ [0.6, 0.5, 0.7])
+        wrong = (1 + gain * np.sqrt(2) * wave)[..., None].astype(np.float32)
+        photometry = replace(projector.photometry, gain=projector.photometry.gain * wrong)
+        projectors[name] = replace(projector, photometry=photometry)
+    u = calibration.maps.scatter_per_flux * np.float32(scatter)
+    m = calibration.feedback
+    return replace(
+        calibration,
+        projectors=projectors,
+        maps=replace(calibration.maps, scatter_per_flux=u),
+        feedback=Measured(m.value * scatter, m.sigma),
+    )
+
+
+def _broad() -> np.ndarray:
+    """A bright front, a dark rear: no detail that pixels of a degree would smear."""
+    direction, inside = master_directions(MASTER)
+    front = np.clip(1.5 * direction[..., 0] + 0.5, 0, 1)
+    picture = 0.03 + 0.6 * front * front * (3 - 2 * front)
+    return (picture * inside)[..., None].repeat(3, axis=-1).astype(np.float32)
+
+
+def _refined(dome: Path, calibration: Calibration) -> refining.Refined:
+    with open_rig(load_venue(dome)) as rig:
+        rig.start()
+        *_, last = refining.refine(rig, calibration, _broad())
+    return last.data["refined"]
+
+
+class TestLoop:
+    def test_wrong_gains_and_wrong_feedback_are_found(
+        self, calibrated: Path, good: Calibration
+    ) -> None:
+        spoilt = _spoilt(good, 0.05, 1.1)
+        refined = _refined(calibrated, spoilt)
+        assert not refined.worse
+        assert refined.residual[-1] < 0.35 * refined.residual[0]
+        assert refined.own_residual < 0.4 * refined.residual[0]
+        assert refined.own_jnd < 0.4 * refined.left_jnd[0]
+        np.testing.assert_allclose(
+            refined.calibration.feedback.value, good.feedback.value, rtol=0.03
+        )
+
+    def test_a_good_calibration_s_feedback_is_left_alone(
+        self, calibrated: Path, good: Calibration
+    ) -> None:
+        refined = _refined(calibrated, good)
+        assert not refined.worse
+        np.testing.assert_array_equal(refined.scatter_factor, 1)
+        assert refined.residual[-1] <= refined.residual[0]
+        assert refined.calibration.quality.keys() >= refined.figures().keys()
+        assert refined.calibration.quality.keys() >= good.quality.keys()
+
+
+class TestCommand:
+    def test_a_new_version_with_its_own_figures(self, dome: Path) -> None:
+        ran = procam("refine", dome, "--json")
+        told = json.loads(ran.out)
+        assert told["calibration"] == str(dome / "calibrations" / "0002")
+        assert ran.code == int(any(f["pass"] is False for f in told["figures"].values()))
+        found = load_calibration(dome / "calibrations" / "0002")
+        assert found.quality["loop_own_jnd"].value == told["figures"]["loop_own_jnd"]["value"]
+        curve = json.loads((dome / "loop" / "loop.json").read_text())
+        assert curve["residual"] == told["figures"]["loop_residual_by_iteration"]["value"]
+
+    def test_what_got_worse_is_told_and_the_old_one_kept(
+        self, dome: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setattr(
+            refining, "refined_calibration", lambda calibration, _: _spoilt(calibration, 0.1, 1)
+        )
+        ran = procam("refine", dome)
+        assert ran.code == 1
+        line = ran.out.splitlines()[-1]
+        old = dome / "calibrations" / "0001"
+        assert line.startswith(f"nothing written, {old} stays newest: ")
+        assert (
+            "light at azimuth" in line
+            and "JND and is by" in line
+            and line.endswith("expected no more than before")
+        )
+        assert not (dome / "calibrations" / "0002").exists()
+
+    def test_nothing_to_correct(self, dome: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr(refining, "good_enough", lambda *_: True)
+        ran = procam("refine", dome)
+        old = dome / "calibrations" / "0001"
+        assert ran.out.splitlines()[-1] == f"nothing to correct, {old} stays newest"
+        assert not (dome / "calibrations" / "0002").exists()
+
+    def test_a_camera_that_cannot_resolve_it_is_refused(
+        self, dome: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        watch_stage(monkeypatch, lambda stage: replace_camera(stage.backend, _Noisy))
+        ran = procam("refine", dome)
+        assert ran.code == 2
+        assert "got a camera whose single photograph is uncertain by" in ran.complaint
+        assert not (dome / "calibrations" / "0002").exists()
+
+    def test_a_picture_of_black_is_refused(self, dome: Path, tmp_path: Path) -> None:
+        write_picture(tmp_path / "black.exr", np.zeros((MASTER, MASTER, 3), np.float32))
+        ran = procam("refine", dome, "--picture", tmp_path / "black.exr")
+        assert (ran.code, "choose another --picture" in ran.complaint) == (2, True)
+
+
+class _Noisy:
+    """A camera whose every pixel is off by a quarter of full scale."""
+
+    def __init__(self, camera: SimulatedCamera) -> None:
+        self._camera = camera
+        self._rng = np.random.default_rng(5)
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self._camera, name)
+
+    def capture(self) -> Frame:
+        frame = self._camera.capture()
+        off = self._rng.normal(0, 1000, frame.counts.shape)
+        counts = np.clip(np.rint(frame.counts + off), 0, 4000).astype(np.uint16)
+        return replace(frame, counts=counts)
+
+
+def test_a_picture_that_one_exposure_cannot_hold_is_bracketed(
+    calibrated: Path, good: Calibration, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The bracket's photographs tell the same light as single ones."""
+    monkeypatch.setattr(refining, "good_enough", lambda *_: True)
+    single = _refined(calibrated, good)
+    monkeypatch.setattr(loop_camera, "bracket_for", lambda light, sigma, e: (e, 4 * e))
+    bracketed = _refined(calibrated, good)
+    assert (single.shots, bracketed.shots) == (5, 1 + 4 + 2 + 2 * 4)
+    dark = bracketed.free & (bracketed.target < 0.3)
+    alone, merged = (r.photographs["after"][dark] for r in (single, bracketed))
+    assert abs(merged.mean() / alone.mean() - 1) < 0.005
