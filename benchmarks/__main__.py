@@ -9,7 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from benchmarks import areas, bundle, gray, phase, solve
+from benchmarks import areas, bundle, frame, gray, phase, solve, warp
 from benchmarks.measure import Goal, Report, as_json
 from procam import kernels
 
@@ -24,6 +24,10 @@ BENCHES: tuple[Callable[[], Report], ...] = (
     areas.bench,
     bundle.bench,
     bundle.bench_growth,
+    warp.bench,
+    frame.bench_codes,
+    frame.bench_large,
+    frame.bench_light,
 )
 
 

@@ -6,7 +6,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+
+from procam.files.calibration import save_calibration
+from procam.files.images import write_image
+from procam.model.calibration import Calibration
 
 ROOT = Path(__file__).resolve().parent.parent
 LINT_IMPORTS = Path(sys.executable).with_name("lint-imports")
@@ -84,15 +89,16 @@ def _modules_after(code: str) -> set[str]:
     return set(result.stdout.splitlines())
 
 
-HELP = """
+RUN = """
 import sys
-sys.argv = ["procam", "--help"]
+sys.argv = {}
 from procam.interfaces.cli.main import main
 try:
     main()
 except SystemExit as end:
     assert not end.code, end.code
 """
+HELP = RUN.format(["procam", "--help"])
 
 
 class TestStart:
@@ -105,6 +111,28 @@ class TestStart:
         loaded = _modules_after(code)
         assert "procam" in loaded
         assert not loaded & set(HEAVY)
+
+    def test_compensating_loads_nothing_that_its_first_pixel_would_wait_for(
+        self, tmp_path: Path, calibration: Calibration
+    ) -> None:
+        save_calibration(calibration, tmp_path / "0001")
+        write_image(tmp_path / "sky.png", np.full((16, 16, 3), 90, np.uint8))
+        names = ("0001", "sky.png", "out.png")
+        arguments = ["procam", "compensate", *(str(tmp_path / name) for name in names)]
+        loaded = _modules_after(RUN.format(arguments))
+        assert (tmp_path / "out.png").is_file()
+        assert "procam.compensate.exact" in loaded
+        slow = {
+            "scipy",
+            "scipy.linalg",
+            "scipy.optimize",
+            "colour",
+            "matplotlib",
+            "av",
+            "numpy.random",
+        }
+        assert not loaded & slow
+        assert not any(name.startswith("procam.estimate") for name in loaded)
 
     def test_the_test_itself_can_see_numpy(self) -> None:
         assert "numpy" in _modules_after("import procam.maths.pose")

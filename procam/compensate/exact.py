@@ -7,18 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from procam.compensate.equations import Equations
 from procam.compensate.fields import Fields
-from procam.compensate.solver import Root
 from procam.errors import InputError, ShapeError
-from procam.kernels.frame import (
-    TERMS,
-    WHOLE,
-    Coding,
-    FrameModel,
-    bounced_light,
-    frame_apply,
-    frame_sums,
-)
+from procam.kernels.frame import WHOLE, Coding, FrameModel, bounced_light, frame_apply, frame_sums
 from procam.kernels.reference_frame import interpolated
 from procam.maths.dither import threshold_tile
 from procam.maths.transfer import transfer
@@ -28,8 +20,6 @@ Array = NDArray[np.float64]
 Image = NDArray[np.float32]
 METHODS = ("exact", "subtract", "least-squares", "paper-eq12", "none")
 CHANNELS = 3
-TOLERANCE = 2e-9  # of the moments, relative: what double sums of single light resolve
-TOLERANCE_8_BIT = 5e-6
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,10 +117,9 @@ class Compensator:
         self._transfer = transfer_name and transfer(transfer_name)
         self.fields = Fields.of(calibration, size, state, white)
         self._model = self._model_of(calibration)
-        self._solution = np.zeros(
-            (2, CHANNELS, TERMS)
-        )  # of the last frame: q, and what (W) takes off
-        self._last: tuple[NDArray[Any], Coding, Array] | None = None
+        self._equations = Equations(self.fields, self._model, method, strength == 1)
+        self._codings: dict[tuple[str, float, float], Coding] = {}
+        self._last: tuple[NDArray[Any], Coding] | None = None
 
     def _model_of(self, calibration: Calibration) -> FrameModel:
         model = self.fields.model
@@ -144,7 +133,7 @@ class Compensator:
     @property
     def numbers(self) -> Array:
         """(3, 9) of the last frame: the polynomial of its bounced light (`Fields.numbers_of`)."""
-        return self._solution[0]
+        return self._equations.solution[0]
 
     @property
     def protected(self) -> NDArray[np.bool_]:
@@ -171,36 +160,40 @@ class Compensator:
             Another shape or element type.
         """
         coded = self._coded(image)
-        self._solve(*coded)
+        self._equations.solve(*coded)
+        self._last = None if out is image else coded
         return self._applied(image, coded, out)
 
     def apply(
         self, image: NDArray[Any], numbers: Array, out: NDArray[Any] | None = None
     ) -> NDArray[Any]:
         """`frame` with known numbers (3, 9), such as a track's; nothing is solved."""
-        self._solution = np.stack([numbers, np.zeros_like(numbers)])
+        self._equations.solution = np.stack([numbers, np.zeros_like(numbers)])
         return self._applied(image, self._coded(image), out)
 
     @property
     def certificate(self) -> Certificate:
         """Of the last frame; costs a few looks at it."""
         if self._last is None:
-            raise InputError("certificate: got no frame yet, expected one; call frame() first")
-        content, coding, residual = self._last
-        light = self._light()
-        sums = {w: self._sums(content, light, w, coding)[:, 0] for w in ("at least", "at most")}
-        sent = self._sums(content, light, "light", coding)
+            raise InputError(
+                "certificate: got no frame that is still there, expected one; call frame() first, "
+                "and do not write over its content"
+            )
+        content, coding = self._last
+        equations, light = self._equations, self._equations.light()
+        at = {w: equations.sums(content, light, w, coding)[:, 0] for w in ("at least", "at most")}
+        sent = equations.sums(content, light, "light", coding)
         lit = float(self.fields.gram[0, 0])
         moments = np.abs(sent).max()
+        residual = equations.left(content, coding)
         # of (P) and (W) the residual is that of the equations that make the optimum
         optimal = self.method in ("exact", "least-squares")
-        assumed = self._root_value()[:, : self._model.terms]
         return Certificate(
             float(np.abs(residual).max() / moments) if optimal else float("nan"),
-            float(np.abs(sent - assumed).max() / moments),
-            sums["at least"] / lit,
-            sums["at most"] / lit,
-            self._sums(content, np.zeros_like(light), "content", coding)[:, 0],
+            float(np.abs(sent - equations.assumed()).max() / moments),
+            at["at least"] / lit,
+            at["at most"] / lit,
+            equations.sums(content, np.zeros_like(light), "content", coding)[:, 0],
             sent[:, 0],
         )
 
@@ -210,13 +203,14 @@ class Compensator:
             raise ShapeError("content", image.shape, f"({self.size}, {self.size}, 3)")
         content = np.ascontiguousarray(image, np.float32)
         coding = self._coding("linear", np.inf, 1.0)
-        self._solve(content, coding)
-        light, every = self._light(), slice(None)
+        self._equations.solve(content, coding)
+        self._last = content, coding
+        light, every = self._equations.light(), slice(None)
         direct = frame_apply(self._model, content, light, coding)
         wanted = self.target(content) - interpolated(self._model, light, every)
         least, most = (interpolated(self._model, f, every) for f in self._limits)
         free = (wanted > least) & (wanted < most) & self.lit[..., None]
-        sums = self._sums(content, light, "light", coding)
+        sums = self._equations.sums(content, light, "light", coding)
         observed = np.where(self.lit[..., None], direct + self._bounced(content, coding, light), 0)
         kept = self.protected
         direct[kept], free[kept] = image[kept], False
@@ -255,8 +249,12 @@ class Compensator:
         return linear, self._coding(name, top, 1.0)
 
     def _coding(self, name: str, top: float, strength: float) -> Coding:
-        known = transfer(name)
-        return Coding(known.decode, known.encode, threshold_tile(), strength, top)
+        asked = name, top, strength
+        if asked not in self._codings:
+            known = transfer(name)
+            made = Coding(known.decode, known.encode, threshold_tile(), strength, top)
+            self._codings[asked] = made
+        return self._codings[asked]
 
     def _applied(
         self, image: NDArray[Any], coded: tuple[NDArray[Any], Coding], out: NDArray[Any] | None
@@ -265,11 +263,10 @@ class Compensator:
         kept = self.fields.protected
         held = None if kept is None else image[kept]
         if content is image:
-            sent = frame_apply(self._model, content, self._light(), coding, out)
+            sent = self._equations.apply(content, coding, out)
         else:
-            sent = self._encoded(
-                image, frame_apply(self._model, content, self._light(), coding), coding
-            )
+            linear = self._equations.apply(content, coding, None)
+            sent = self._encoded(image, linear, coding)
             if out is not None:
                 out[...] = sent
                 sent = out
@@ -282,70 +279,3 @@ class Compensator:
         value = np.asarray(coding.encode(linear)) * (whole or 1.0)
         mixed = image + self.strength * (value - image)
         return (np.rint(mixed) if whole else mixed).astype(image.dtype)
-
-    def _light(self) -> Image:
-        offset = self._solution[1] if self.method == "least-squares" else None
-        return bounced_light(self._model, self._solution[0], offset)
-
-    def _sums(self, content: NDArray[Any], light: Image, what: str, coding: Coding) -> Array:
-        return frame_sums(self._model, content, light, what, coding)
-
-    def _solve(self, content: NDArray[Any], coding: Coding) -> None:
-        """Find the numbers of a frame, from those of the last."""
-        if self.method in ("none", "paper-eq12"):
-            self._solution = np.zeros((2, CHANNELS, TERMS))
-            if self.method == "paper-eq12":
-                sums = self._sums(content, self._light(), "content", coding)
-                self._solution[0, :, :1] = sums
-            self._last = content, coding, np.zeros((CHANNELS, 1))
-            return
-        tolerance = TOLERANCE_8_BIT if content.dtype == np.uint8 else TOLERANCE
-        residual = self._root.follow(
-            lambda value: self._residual(value, content, coding), tolerance
-        )
-        self._use(self._root.value)
-        self._last = content, coding, residual
-
-    def _use(self, value: Array) -> None:
-        """Numbers of moments (3, T), and in (W) of what they pull."""
-        terms = self._model.terms
-        self._solution[0] = self.fields.numbers_of(value[:, :terms])
-        self._solution[1, :, :terms] = -value[:, terms:] if value.shape[1] > terms else 0
-
-    def _root_value(self) -> Array:
-        if self.method in ("none", "paper-eq12"):
-            return self._solution[0]
-        return self._root.value
-
-    def _residual(self, value: Array, content: NDArray[Any], coding: Coding) -> Array:
-        """Moments of the light sent less those assumed; in (W) also the pull less what it must be.
-
-        (W) minimises sum a (y - t)^2 / 2, y = b0 + v mono.C m, under m = sum a mono b0. With pull l, the
-        multiplier of that, b0 = clip(t - v mono.C m + mono.l) and l = -C^T sum a v mono (y - t).
-        """
-        terms = self._model.terms
-        self._use(value)
-        light = self._light()
-        what = "content" if self.method == "subtract" else "light"
-        left = self._sums(content, light, what, coding) - value[:, :terms]
-        if self.method != "least-squares":
-            return left
-        pull = value[:, terms:]
-        error = self._sums(content, light, "excess", coding)
-        error = error + np.einsum("cij,cj->ci", self.fields.painted_gram, pull)
-        asked = -np.einsum("cji,cj->ci", self.fields.operator, error)
-        return np.concatenate([left, asked - pull], axis=1)
-
-    @cached_property
-    def _root(self) -> Root:
-        """Where all is free: the slope there, and no light."""
-        fields, terms = self.fields, self._model.terms
-        eye = np.eye(terms)
-        answer = fields.painted_gram @ fields.operator
-        if self.method != "least-squares":
-            return Root(np.zeros((CHANNELS, terms)), -(eye + answer))
-        slope = np.zeros((CHANNELS, 2 * terms, 2 * terms))
-        slope[:, :terms, :terms] = -(eye + answer)
-        slope[:, :terms, terms:] = fields.gram
-        slope[:, terms:, terms:] = -(eye + answer.transpose(0, 2, 1))
-        return Root(np.zeros((CHANNELS, 2 * terms)), slope)

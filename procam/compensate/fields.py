@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,7 @@ Array = NDArray[np.float64]
 Map = NDArray[np.float32]
 WHITES = ("summed", "keep")
 CHANNELS = 3
+SAMPLE = 96  # nodes along an edge, at most, that stand for all of them
 REACH_PX = 1.5  # how far limits are continued beyond the lit part, for interpolation
 
 
@@ -116,6 +118,62 @@ class Fields:
         weight *= (self.model.size / self.model.nodes) ** 2
         each = [(terms * (weight * p)) @ terms.T for p in paint.reshape(-1, paint.shape[-1]).T]
         return np.array(each)
+
+
+@dataclass(frozen=True, eq=False)
+class NodeSample:
+    """Some of a model's nodes, and the pixels of the picture nearest to them; they stand for all.
+
+    `node` (S,) indices along an edge, `pixel` (S,) of the picture; `weight` (S, S) [sr], `spread`
+    (S, S, 3), `terms` (T, S, S).
+    """
+
+    node: NDArray[np.intp]
+    pixel: NDArray[np.intp]
+    weight: Array
+    spread: Array
+    terms: Array
+
+    @classmethod
+    def of(cls, model: FrameModel) -> "NodeSample":
+        """Every so manyth node of a model."""
+        step = -(-model.nodes // SAMPLE)
+        node = np.arange(step // 2, model.nodes, step)
+        pixel = ((node + 0.5) * model.size / model.nodes).astype(np.intp)
+        grid = np.ix_(node, node)
+        weight = model.solid_angle_sr[grid].astype(float)
+        total = float(model.solid_angle_sr.sum(dtype=float)) * (model.size / model.nodes) ** 2
+        terms = monomials(model.direction[:, node][:, :, node], model.terms)
+        scale = total / max(float(weight.sum()), 1e-300)
+        return cls(node, pixel, weight * scale, model.spread[grid].astype(float), terms)
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Of what is told of each colour."""
+        return (*self.weight.shape, CHANNELS)
+
+    def of_picture(self, picture: NDArray[Any]) -> NDArray[Any]:
+        """The sample's pixels (S, S, 3) of a picture (N, N, 3)."""
+        return picture[np.ix_(self.pixel, self.pixel)]
+
+    def free(
+        self, model: FrameModel, content: NDArray[np.floating], light: Map, top: float
+    ) -> NDArray[np.bool_]:
+        """Where (S, S, 3) no limit holds, for linear content (S, S, 3) less bounced light."""
+        grid = np.ix_(self.node, self.node)
+        gain = 1 if model.gain is None else model.gain[grid][..., None]
+        wanted = content * gain - light[grid]
+        hi = top if model.hi is None else np.minimum(model.hi[grid], top)
+        return np.asarray((wanted > model.lo[grid]) & (wanted < hi))
+
+    def products(self, where: NDArray[np.bool_], power: int) -> Array:
+        """(3, T, T): moments over `where` (S, S, 3) of the monomials, painted so many times."""
+        flat = self.terms.reshape(len(self.terms), -1)
+        found = []
+        for c in range(CHANNELS):
+            weight = self.weight * where[..., c] * self.spread[..., c] ** power
+            found.append((flat * weight.ravel()) @ flat.T)
+        return np.array(found)
 
 
 def _summed(calibration: Calibration, size: int, state: str | None) -> Fields:

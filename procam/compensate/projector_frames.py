@@ -1,47 +1,172 @@
 """From direct light on the dome to what each projector is sent."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.maths.curves import invert_curve
+from procam.errors import InputError, ShapeError
+from procam.kernels import WarpPlan, plan_warp, warp_frame
+from procam.kernels.reference_warp import KNOTS, TILE
+from procam.maths.curves import invert_curve, srgb_decode
 from procam.maths.sphere import master_pixels
 from procam.maths.warp import sample
 from procam.model.calibration import Calibration, ProjectorCalibration
+from procam.model.photometry import Photometry
 from procam.model.transport import DomeMaps
 
 Image = NDArray[np.float32]
+Frame = NDArray[Any]
+Decode = Callable[[NDArray[np.floating]], NDArray[np.floating]]
+CODES = 256
+MOST_SHARE = 100.0  # beyond that a pixel adds under 1 % of white, and would coarsen its neighbours
+
+
+@dataclass(frozen=True, slots=True)
+class _Prepared:
+    """One projector: its plan and its light."""
+
+    plan: WarpPlan
+    photometry: Photometry
+
+
+class Warper:
+    """Makes the frames of all projectors from dome masters of one size.
+
+    At each pixel the master is sampled, black is taken off, the blend shares the rest out, and the
+    projector's colour mixing and response are undone. What a projector cannot give is clipped;
+    pixels that do not arrive on the screen, or whose light is unknown, are dark.
+
+    Parameters
+    ----------
+    calibration : with photometry of each projector and the dome's black.
+    size : edge of the masters [px].
+    dtype : of the frames: uint8, dithered; uint16; float32, exact and slower.
+    decode : linear light of encoded values 0..1, for 8-bit masters.
+    thresholds : (64, 64) in [0, 1) of the dither; None rounds.
+
+    Raises
+    ------
+    InputError
+        If a size or type does not fit.
+
+    Notes
+    -----
+    Preparing takes some seconds for large projectors and 20 bytes for each of their pixels: keep the
+    object. A response that differs by place is undone in NumPy, about 20 times slower.
+    """
+
+    def __init__(
+        self,
+        calibration: Calibration,
+        size: int,
+        dtype: Any = np.uint8,
+        *,
+        decode: Decode = srgb_decode,
+        thresholds: NDArray[np.floating] | None = None,
+    ) -> None:
+        self.size, self.dtype = size, np.dtype(dtype)
+        if self.dtype not in (np.uint8, np.uint16, np.float32):
+            raise InputError(f"frames: got {self.dtype}, expected uint8, uint16 or float32")
+        if size < 2:
+            raise InputError(f"size: got {size} px, expected 2 or more")
+        codes = decode(np.arange(CODES) / (CODES - 1))
+        self._projectors = {
+            name: _Prepared(
+                _plan(projector, calibration.maps, size, codes, thresholds), projector.photometry
+            )
+            for name, projector in calibration.projectors.items()
+        }
+
+    def frame(self, master: Frame, out: Mapping[str, Frame] | None = None) -> dict[str, Frame]:
+        """Frames (H, W, 3) by projector for a master (N, N, 3) of direct light.
+
+        Parameters
+        ----------
+        master : uint8, encoded, or linear: uint16, of which 65535 is 1, float16, float32 [rel].
+        out : frames to write to; saves making them anew.
+        """
+        if master.shape != (self.size, self.size, 3):
+            raise ShapeError("master", master.shape, f"({self.size}, {self.size}, 3)")
+        return {
+            name: self._frame(master, projector, None if out is None else out[name])
+            for name, projector in self._projectors.items()
+        }
+
+    def _frame(self, master: Frame, projector: _Prepared, out: Frame | None) -> Frame:
+        photometry = projector.photometry
+        if self.dtype != np.float32 and photometry.exponent is None:
+            return warp_frame(master, projector.plan, out, self.dtype)
+        frame = _quantised(_exact_drive(master, projector), self.dtype, projector.plan.thresholds)
+        if out is None:
+            return frame
+        out[...] = frame
+        return out
 
 
 def projector_frames(direct: Image, calibration: Calibration) -> dict[str, Image]:
-    """Drives (H, W, 3) in 0..1 by projector for direct light (N, N, 3) [rel] on a dome master.
-
-    Black is taken off what is asked for, the blend shares the rest out, each projector's colour
-    mixing and response are undone. What a projector cannot give is clipped.
-    """
-    return {
-        name: _frame(direct, projector, calibration.maps)
-        for name, projector in calibration.projectors.items()
-    }
-
-
-def _frame(direct: Image, projector: ProjectorCalibration, maps: DomeMaps) -> Image:
-    direction = np.nan_to_num(projector.surface.direction)
-    asked = sample(direct, master_pixels(direction, direct.shape[0]))
-    asked -= sample(maps.lo, master_pixels(direction, maps.size))
-    photometry = projector.photometry
-    gain = photometry.gain
-    share = np.where(gain > 0, projector.blend[..., None] / np.maximum(gain, 1e-9), 0)
-    linear = (asked * share) @ np.linalg.inv(photometry.colour_mix).T.astype(np.float32)
-    linear = np.clip(linear, 0, 1)
-    if photometry.exponent is not None:
-        linear **= 1 / photometry.exponent
-    response = photometry.response
-    drive = invert_curve(linear, response.levels, response.values)
-    return np.where(projector.surface.valid[..., None], drive, 0).astype(np.float32)
+    """Drives (H, W, 3) in 0..1 by projector for direct light (N, N, 3) [rel]; see `Warper`."""
+    return Warper(calibration, direct.shape[0], np.float32).frame(np.asarray(direct, np.float32))
 
 
 def quantised(frames: Mapping[str, Image]) -> dict[str, NDArray[np.uint16]]:
     """Frames as 16-bit pictures."""
     return {name: np.rint(frame * 65535).astype(np.uint16) for name, frame in frames.items()}
+
+
+def _plan(
+    projector: ProjectorCalibration,
+    maps: DomeMaps,
+    size: int,
+    codes: NDArray[np.floating],
+    thresholds: NDArray[np.floating] | None,
+) -> WarpPlan:
+    """What the kernel needs to know of a projector."""
+    surface, photometry = projector.surface, projector.photometry
+    known = surface.valid[..., None] & np.isfinite(surface.direction)
+    direction = np.where(known, surface.direction, 0)
+    place = np.where(known[..., :2], master_pixels(direction, size), np.nan)
+    black = sample(maps.lo, master_pixels(direction, maps.size))
+    gain = photometry.gain
+    share = np.where(gain > 0, projector.blend[..., None] / np.maximum(gain, 1e-9), 0)
+    return plan_warp(
+        place,
+        black,
+        np.clip(share, 0, MOST_SHARE),
+        np.linalg.inv(photometry.colour_mix),
+        drives=_drives(photometry),
+        decode=codes,
+        thresholds=thresholds,
+    )
+
+
+def _drives(photometry: Photometry) -> NDArray[np.float64]:
+    """Drives (513, 3) for the kernel's light."""
+    response = photometry.response
+    light = np.repeat(KNOTS[:, None], 3, axis=1)
+    drives = np.clip(invert_curve(light, response.levels, response.values), 0, 1)
+    drives[0] = 0  # no light is no drive, also where a response begins flat
+    return np.maximum.accumulate(drives, axis=0)
+
+
+def _exact_drive(master: Frame, projector: _Prepared) -> Image:
+    """Drives by the response's own table; where it differs by place, of the light behind that."""
+    photometry = projector.photometry
+    light = warp_frame(master, projector.plan, dtype=np.float32)
+    if photometry.exponent is not None:
+        np.power(light, 1 / photometry.exponent, out=light)
+    drive = invert_curve(light, photometry.response.levels, photometry.response.values)
+    return np.where(light > 0, drive, 0).astype(np.float32)
+
+
+def _quantised(drive: Image, dtype: np.dtype[Any], thresholds: Image) -> Frame:
+    """Drives as numbers of a type: rounded to 16 bits, dithered to 8."""
+    if dtype == np.float32:
+        return drive
+    if dtype == np.uint16:
+        return np.rint(65535 * drive).astype(np.uint16)
+    height, width = drive.shape[:2]
+    tile = np.tile(thresholds, (-(-height // TILE), -(-width // TILE)))[:height, :width, None]
+    return np.minimum(255 * drive + tile, 255).astype(np.uint8)

@@ -73,6 +73,15 @@ def ambient_file(state: str) -> str:
 
 def load_calibration(directory: Path) -> Calibration:
     """Read a calibration directory."""
+    return _load(directory, with_projectors=True)
+
+
+def load_dome(directory: Path) -> Calibration:
+    """Read a calibration directory without its projectors: what dome masters are compensated with."""
+    return _load(directory, with_projectors=False)
+
+
+def _load(directory: Path, with_projectors: bool) -> Calibration:
     path = directory / "calibration.json"
     if not path.is_file():
         raise FileFormatError(
@@ -86,7 +95,7 @@ def load_calibration(directory: Path) -> Calibration:
                 f"{path}: got schema_version {document['schema_version']}, expected "
                 f"{SCHEMA_VERSION}; calibrate again with this version"
             )
-        return _calibration(directory, document)
+        return _calibration(directory, document, with_projectors)
     except (KeyError, TypeError, ValueError, json.JSONDecodeError) as error:
         if isinstance(error, FileFormatError):
             raise
@@ -178,12 +187,13 @@ def _plain(fields: dict[str, Any]) -> dict[str, Any]:
     return {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in fields.items()}
 
 
-def _calibration(directory: Path, document: dict[str, Any]) -> Calibration:
+def _calibration(directory: Path, document: dict[str, Any], with_projectors: bool) -> Calibration:
     dome = read_channels(directory / "maps" / "dome.exr")
+    projectors = document["projectors"].items() if with_projectors else ()
     return Calibration(
         Dome(**document["screen"] | {"bumps": tuple(document["screen"].get("bumps", ()))}),
         {n: _camera(n, e) for n, e in document["cameras"].items()},
-        {n: _projector(directory, n, e) for n, e in document["projectors"].items()},
+        {n: _projector(directory, n, e) for n, e in projectors},
         _dome_maps(dome, document.get("scatter_kernel")),
         _measured(document["feedback"]),
         _measured(document["albedo"]),

@@ -7,13 +7,16 @@ are also what the tests hold it against. Pictures are uint8, uint16 or float32, 
 
 from procam.kernels.areas import solid_angles
 from procam.kernels.bundle import bundle_equations, bundle_misses
+from procam.kernels.frame import bounced_light, frame_apply, frame_sums
 from procam.kernels.gray import fold_pairs
 from procam.kernels.loader import LEVELS, active, available, forced, use
 from procam.kernels.phase import wrapped_phase
 from procam.kernels.rays import fisheye_rays
 from procam.kernels.reference import PhaseFit
 from procam.kernels.reference_bundle import Device, Equations, Relief, Sight
+from procam.kernels.reference_warp import WarpPlan
 from procam.kernels.search import search_phase
+from procam.kernels.warp import plan_warp, warp_frame
 
 __all__ = [
     "LEVELS",
@@ -22,15 +25,21 @@ __all__ = [
     "PhaseFit",
     "Relief",
     "Sight",
+    "WarpPlan",
     "active",
     "available",
+    "bounced_light",
     "bundle_equations",
     "bundle_misses",
     "fisheye_rays",
     "fold_pairs",
     "forced",
+    "frame_apply",
+    "frame_sums",
+    "plan_warp",
     "search_phase",
     "solid_angles",
     "use",
+    "warp_frame",
     "wrapped_phase",
 ]

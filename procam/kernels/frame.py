@@ -24,7 +24,7 @@ WHOLE = {np.dtype(np.uint8): 255.0, np.dtype(np.uint16): 65535.0}
 MODES = {"light": 0, "content": 1, "excess": 2, "at least": 3, "at most": 4}
 APPLY = 5
 TERMS, CHANNELS = 9, 3
-STRIP, BLOCK, CHUNK, SEGMENTS, TILE = 768, 64, 32, 32, 64  # as in c/frame.h, c/kernels.h
+STRIP, BLOCK, CHUNK, SEGMENTS, TILE = 768, 64, 32, 32, 64  # as in c/frame.h
 FINE = 256  # nodes from which on rows of them may share weights
 SPARE = 64  # floats that a vector may read past the end of a field
 
@@ -54,23 +54,14 @@ class Grid:
         self.of_values = [np.ascontiguousarray(i, np.int32) for i in index]
         self.across_values = np.ascontiguousarray(self.across[pixel])
 
-    def band_means(self, field: NDArray[Any], coverage: Plane) -> Plane:
-        """Means (bands, M[, C]) of a field (M, M[, C]) over the lit rows of each band."""
-        lit = self._band_sums((self._at_rows(coverage) > 0).astype(float))
-        sums = self._band_sums(self._at_rows(field))
-        count = np.maximum(lit, 1).reshape(*lit.shape, *(1,) * (field.ndim - 2))
-        return (sums / count).astype(np.float32)
-
-    def _at_rows(self, field: NDArray[Any]) -> Double:
+    def band_sums(self, field: NDArray[Any]) -> Plane:
+        """Sums (bands, M[, C]) over the picture's rows of each band of a field (M, M[, C])."""
         down = self.down.astype(float).reshape(-1, *(1,) * (field.ndim - 1))
-        return field[self.above] + down * (field[self.below] - field[self.above]).astype(float)
-
-    def _band_sums(self, rows: Double) -> Double:
+        rows = field[self.above] + down * (field[self.below] - field[self.above]).astype(float)
         starts = self.rows[: -1 : self.shared]
-        full = np.concatenate([rows, np.zeros_like(rows[:1])])
-        sums = np.add.reduceat(full, starts, axis=0)
+        sums = np.add.reduceat(np.concatenate([rows, np.zeros_like(rows[:1])]), starts, axis=0)
         sums[starts == np.append(starts[1:], len(rows))] = 0  # no row of the picture
-        return sums
+        return sums.astype(np.float32)
 
     def lit(self, coverage: Plane) -> NDArray[np.uint8]:
         """Whether each block of each interval is lit nowhere, in part, everywhere: 0, 1, 2."""
@@ -91,8 +82,8 @@ class FrameModel:
     """What a dome does to a picture of `size`, on a dome master of M x M nodes, M <= size.
 
     Light to send is clip(gain t - b, lo, hi), t the content in linear light and b what bounces, a
-    field like the others (`bounced_light`). Fields are bilinear between nodes. Sums weigh the picture
-    with means over bands of a few node rows.
+    field like the others (`bounced_light`). Fields are bilinear between nodes. Sums take the picture's
+    mean over the lit rows of a band, a few node rows, times the solid angle of all of it.
 
     Attributes
     ----------
@@ -125,21 +116,20 @@ class FrameModel:
 
     @cached_property
     def weight(self) -> Plane:
-        """Solid angle of a pixel, mean of each band (bands, M) [sr]."""
-        return self.grid.band_means(self.solid_angle_sr, self.coverage)
+        """Solid angle of a pixel, summed over the rows of each band (bands, M) [sr]."""
+        return self.grid.band_sums(self.solid_angle_sr)
 
     @cached_property
     def painted(self) -> Plane:
         """The same times `spread` (bands, M, 3)."""
-        return self.grid.band_means(self.solid_angle_sr[..., None] * self.spread, self.coverage)
+        return self.grid.band_sums(self.solid_angle_sr[..., None] * self.spread)
 
     @cached_property
     def middle(self) -> Plane:
-        """Direction of each band (bands, 3, M)."""
-        means = self.grid.band_means(
-            np.moveaxis(self.direction, 0, -1), np.ones_like(self.coverage)
-        )
-        return np.ascontiguousarray(np.moveaxis(means, -1, 1))
+        """Mean direction of each band (bands, 3, M)."""
+        sums = self.grid.band_sums(np.moveaxis(self.direction, 0, -1))
+        count = np.maximum(self.grid.band_sums(np.ones_like(self.coverage)), 1)
+        return np.ascontiguousarray(np.moveaxis(sums / count[..., None], -1, 1))
 
     @cached_property
     def lit(self) -> NDArray[np.uint8]:
@@ -210,7 +200,8 @@ class Coding:
         value = light if whole is None else whole * np.clip(light, 0, 1)
         if picture.dtype == np.uint8:
             value = np.asarray(255 * self.encode(np.clip(light, 0, 1)), float)
-        value = picture + self.strength * (value - picture)
+        if self.strength < 1:
+            value = picture + self.strength * (value - picture)
         if picture.dtype == np.uint8:
             y = np.arange(rows.start, rows.stop) % TILE
             x = np.arange(light.shape[1]) % TILE

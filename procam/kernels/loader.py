@@ -25,7 +25,9 @@ SIGNATURES = {  # level, threads, element type, pixels, ...
     "procam_bundle": [_INT, _INT, _SIZE, _ADDRESS, _INT, _SIZE, _ADDRESS, _ADDRESS],
     "procam_misses": [_INT, _INT, _SIZE, _ADDRESS, _ADDRESS],
     "procam_rays": [_INT, _INT, _SIZE, _ADDRESS, _ADDRESS, _INT, _ADDRESS, _DOUBLE, _ADDRESS],
+    "procam_warp": [_INT, _INT, _SIZE, _ADDRESS],  # rows
     "procam_frame": [_INT, _INT, _INT, _SIZE, _SIZE, _ADDRESS, _ADDRESS],  # mode, strips, chunks
+    "procam_even": [_INT, _INT, _SIZE, _ADDRESS, _ADDRESS],  # bands
     "procam_bounce": [_INT, _INT, _INT, _INT, *[_ADDRESS] * 6],  # nodes, terms
 }
 MISSING = (

@@ -57,41 +57,43 @@ def frame_parts(
         content = coding.decoded(image[rows]).astype(float)
         if model.gain is not None:
             content *= interpolated(model, model.gain, rows)[..., None]
-        least = interpolated(model, model.lo, rows)
-        most = np.full_like(least, coding.top)
+        lo = interpolated(model, model.lo, rows)
+        hi = np.full_like(lo, coding.top)
         if model.hi is not None:
-            most = np.minimum(most, interpolated(model, model.hi, rows))
-        yield rows, content - interpolated(model, light, rows), least, most
+            hi = np.minimum(hi, interpolated(model, model.hi, rows))
+        yield rows, content - interpolated(model, light, rows), lo, hi
 
 
 def frame_sums(
     model: "FrameModel", image: NDArray[Any], light: Plane, what: str, coding: "Coding"
 ) -> Double:
     """Sums (3, terms) over the dome of weight times `what` times the monomials."""
-    total = np.zeros((3, model.terms))
-    for rows, wanted, least, most in frame_parts(model, image, light, coding):
-        sent = np.minimum(np.maximum(wanted, least), most)
+    band, shape = model.grid.band, (len(model.weight), model.size, 3)
+    total, count = np.zeros(shape), np.zeros(shape[:2])
+    for rows, wanted, lo, hi in frame_parts(model, image, light, coding):
+        sent = np.minimum(np.fmax(wanted, lo), hi)
         kept = {
             "light": sent,
             "content": wanted,
             "excess": sent - wanted,
-            "at least": 1.0 * (wanted <= least),
-            "at most": 1.0 * (wanted >= most),
+            "at least": 1.0 * (wanted <= lo),
+            "at most": 1.0 * (wanted >= hi),
         }[what]
-        kept = np.where(interpolated(model, model.coverage, rows)[..., None] > 0, kept, 0)
-        band = model.grid.band[rows]
-        weight = model.painted if what == "excess" else model.weight[..., None]
-        weighted = kept * widened(model, weight[band].astype(float))
-        axes = [widened(model, model.middle[band, k].astype(float)) for k in range(3)]
-        total += np.einsum("rnc,krn->ck", weighted, monomials(np.stack(axes), model.terms))
-    return total
+        lit = interpolated(model, model.coverage, rows) > 0
+        np.add.at(total, band[rows], kept * lit[..., None])
+        np.add.at(count, band[rows], lit)
+    weight = model.painted if what == "excess" else model.weight[..., None]
+    means = total / np.maximum(count, 1)[..., None] * widened(model, weight.astype(float))
+    axes = [widened(model, model.middle[:, k].astype(float)) for k in range(3)]
+    terms = monomials(np.stack(axes), model.terms)
+    return np.asarray(np.einsum("bnc,kbn->ck", means, terms, optimize=True))
 
 
 def frame_apply(
     model: "FrameModel", image: NDArray[Any], light: Plane, coding: "Coding", out: NDArray[Any]
 ) -> None:
     """Write the light to send, encoded as the picture is."""
-    for rows, wanted, least, most in frame_parts(model, image, light, coding):
-        sent = np.minimum(np.maximum(wanted, least), most)
+    for rows, wanted, lo, hi in frame_parts(model, image, light, coding):
+        sent = np.minimum(np.fmax(wanted, lo), hi)
         sent[interpolated(model, model.coverage, rows) <= 0] = 0
         out[rows] = coding.encoded(sent, image[rows], rows)

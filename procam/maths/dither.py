@@ -51,7 +51,7 @@ def _blob(size: int) -> NDArray[np.float64]:
 
 
 def _even_start(
-    size: int, blob: NDArray[np.float64], rng: np.random.Generator
+    size: int, blob: NDArray[np.float64], rng: "np.random.Generator"
 ) -> NDArray[np.bool_]:
     """Random pixels, moved from clusters to voids until nothing moves any more."""
     on = (rng.permutation(size * size) < size * size // START).reshape(size, size)

@@ -15,7 +15,6 @@ from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
 
 from procam.maths.harmonics import harmonics
 
@@ -107,7 +106,7 @@ class Evidence:
         normal = self.normal[pictures].sum(axis=0)
         pull = PULL * np.count_nonzero(pictures) ** 2
         normal[np.diag_indices(len(normal))] += np.where(np.arange(len(normal)) > 0, pull, 0)
-        numbers = cho_solve(cho_factor(normal), self.mean)
+        numbers = np.linalg.solve(normal, self.mean)
         size = len(self.white)
         matrix = np.zeros((size, size))
         matrix[np.triu_indices(size)] = numbers / (self.mean @ numbers)

@@ -13,7 +13,7 @@ from typing import TypeVar
 
 from procam.errors import FileFormatError, InputError
 from procam.files import atomic
-from procam.files.calibration import load_calibration
+from procam.files.calibration import load_dome
 from procam.files.movie_clips import is_movie
 from procam.files.sequences import MadeLog, Numbered
 from procam.model.calibration import Calibration
@@ -45,7 +45,7 @@ def compensate_file(
     settings are skipped, and the first event has their rows; so is a movie, unless `again`.
     """
     clip = open_clip(source, out, calibration_dir, how)
-    calibration = load_calibration(calibration_dir)
+    calibration = load_dome(calibration_dir)
     if isinstance(clip, MovieClip) and clip.is_made and not again:
         yield Event("frames", 0, 0, f"{out} is there already", {"rows": {}})
         return

@@ -19,7 +19,7 @@ from procam.compensate.exact import Compensator
 from procam.compensate.track import METHODS, columns, moves, row, textures, uniforms
 from procam.errors import FileFormatError, InputError
 from procam.files.atomic import replacing_directory
-from procam.files.calibration import load_calibration
+from procam.files.calibration import load_dome
 from procam.files.images import RGB, write_image
 from procam.files.movie_clips import MovieReader, is_movie
 from procam.model.calibration import Calibration
@@ -61,7 +61,7 @@ def track_show(calibration_dir: Path, source: Path, out: Path, how: How) -> Iter
         A frame is no dome master, or not like the first one.
     """
     _check(out, how.method)
-    calibration = load_calibration(calibration_dir)
+    calibration = load_dome(calibration_dir)
     with _opened(source) as show, replacing_directory(out) as folder:
         first = next(show.reads)()
         if first is None:

@@ -1,6 +1,8 @@
 """The machine that clips run through: order, bounds, errors; and pipes."""
 
 import io
+import subprocess
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from itertools import count
@@ -204,3 +206,12 @@ class TestAboveOne:
         light[1, 2, 0] = bad
         with pytest.raises(FileFormatError, match="frame 3: got 1 values that are NaN or infinite"):
             count_above_one("frame 3", light)
+
+
+def test_the_way_to_the_first_pixel_imports_nothing_it_does_not_need() -> None:
+    code = "import sys, procam.interfaces.cli.frames; print(*sys.modules)"
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, check=True).stdout
+    loaded = set(out.decode().split())
+    assert "procam.compensate.exact" in loaded
+    slow = {"matplotlib", "colour", "scipy.optimize", "av", "rich.console", "pydantic", "jinja2"}
+    assert not slow & loaded

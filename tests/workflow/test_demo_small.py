@@ -5,6 +5,7 @@ import math
 import os
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -67,7 +68,7 @@ def watched_demo(folder: Path) -> SmallRun:
         patch.setattr(demo, "CONTENT_SIZE", MASTER)
         patch.setattr(assemble, "MAP_SIZE", MASTER)
         patch.setattr(truth, "MASTER", MASTER)
-        for step in ("load_calibration", "keep_pictures", "keep_loop", "save_calibration"):
+        for step in ("load_calibration", "keep_pictures", "keep_loop", "keep_refined"):
             patch.setattr(demo, step, spied(step, getattr(demo, step)))
         for step in ("solve", "refine", "judge", "judge_pictures"):
             patch.setattr(demo, step, spied(step, getattr(demo, step)))
@@ -145,6 +146,22 @@ def check_a_demo_replaces_an_earlier_one(run: SmallRun) -> None:
     (run.out / "summary.json").write_text("old")
     demo._make_venue(run.out, "standard")
     assert contents(run.out).keys() == {"venue.toml", demo.MARKER}
+
+
+@pytest.mark.parametrize(("preset", "code"), [("standard", 1), ("realistic", 0)])
+def test_a_loop_that_made_something_worse_fails_the_easy_presets(
+    preset: str, code: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    refined = SimpleNamespace(worse="light is off by more", corrections=1, figures=dict)
+    monkeypatch.setattr(demo, "_run", lambda *_: (1, tmp_path / "0001", refined))
+    for step in ("load_calibration", "keep_pictures", "keep_loop", "_tell_truth", "_report"):
+        monkeypatch.setattr(demo, step, lambda *_: None)
+    for step in ("judge", "judge_pictures"):
+        monkeypatch.setattr(demo, step, lambda *_: {})
+    ran = procam("demo", "--out", tmp_path / "run", "--preset", preset)
+    assert (ran.code, ran.err) == (code, "")
+    assert f"nothing written, {tmp_path / '0001'} stays newest: light is off" in ran.out
+    assert not (tmp_path / "run" / "calibrations").exists()
 
 
 def test_small_demo(tmp_path: Path, subtests: pytest.Subtests) -> None:

@@ -13,12 +13,13 @@ from procam.files.calibration import save_calibration
 from procam.files.images import RGB, write_channels
 from procam.interfaces.plots import Scale, on_dome
 from procam.interfaces.report import write_report
-from procam.interfaces.report.words import goal_text, percent, value_text
+from procam.interfaces.report.words import NAMES, goal_text, percent, value_text
 from procam.maths.sphere import master_directions, master_pixels
 from procam.maths.warp import block_mean
 from procam.model.mask import Mask
 from procam.model.quality import Figure, Goal
 from procam.workflows.pictures import half_sky
+from procam.workflows.refine import Refined
 
 SIZE = 96
 HOSTILE = '<img src=x onerror="alert(1)">'
@@ -220,6 +221,14 @@ def test_without_truth_the_camera_is_the_witness(venue):
     assert "true error" not in page and "<strong>simulated dome" not in page
 
 
+def test_a_loop_that_made_something_worse_says_so(venue):
+    path = venue / "loop" / "loop.json"
+    worse = "red light at azimuth 4, elevation 20 degrees was off by 1 JND and is by 3"
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"worse": worse}))
+    page = write_report(venue).read_text("utf-8")
+    assert f"The calibration that came of it was not kept: {worse}." in page
+
+
 def test_without_loop_and_truth_the_prediction_is_shown_as_such(venue):
     (venue / "truth").rename(venue / "gone")
     (venue / "loop").rename(venue / "gone-too")
@@ -272,6 +281,35 @@ def test_words_for_numbers():
     assert value_text("shots", Figure(12345, "-").as_dict()) == f"12{THIN}345"
     assert goal_text("x", Figure(True, "-", Goal("==", True)).as_dict()) == "yes"
     assert percent(0.15678, 2) == f"16{THIN}%"
+
+
+def test_every_figure_of_the_loop_has_words():
+    same = np.zeros((2, 2, 3))
+    refined = Refined(
+        calibration=None,
+        frames={},
+        residual=[0.01, 0.0042],
+        own_residual=0.004,
+        noise_floor=0.003,
+        left_jnd=[9.0, 0.81],
+        own_jnd=0.9,
+        photographs={},
+        target=same,
+        free=same == 0,
+        scatter_factor=np.array([1.0, 1.1, 0.95]),
+        shots=9,
+        per_picture=4,
+        worse="",
+    )
+    figures = refined.figures()
+    assert figures.keys() <= NAMES.keys()
+    told = {name: value_text(name, figure.as_dict()) for name, figure in figures.items()}
+    assert told["loop_residual_own"] == f"0.4{THIN}%"
+    assert (
+        told["loop_left_jnd_by_iteration"] == "9\N{NO-BREAK SPACE}JND / 0.81\N{NO-BREAK SPACE}JND"
+    )
+    assert told["loop_own_jnd"] == "0.9\N{NO-BREAK SPACE}JND"
+    assert told["loop_scatter_factor"] == "1 / 1.1 / 0.95"
 
 
 def test_the_path_may_be_relative(venue, monkeypatch):

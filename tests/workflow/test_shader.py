@@ -16,7 +16,6 @@ from procam.compensate.exact import Compensator
 from procam.compensate.fields import Fields
 from procam.files.calibration import save_calibration
 from procam.files.images import read_image, write_image
-from procam.interfaces.cli import show_commands  # noqa: F401 (registers them)
 from procam.kernels import reference_frame
 from procam.kernels.frame import Coding
 from procam.maths.curves import srgb_decode, srgb_encode

@@ -9,11 +9,14 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+import typer
+
 from procam.errors import InputError
 from procam.files import atomic
-from procam.files.calibration import load_calibration, next_directory, save_calibration
+from procam.files.calibration import load_calibration
 from procam.files.venue import Venue, load_venue, template_names, template_text
 from procam.interfaces.cli.output import Output
+from procam.interfaces.cli.venues import keep_refined
 from procam.interfaces.judge import failed, judge, judge_pictures
 from procam.model.quality import Figure, Goal
 from procam.workflows import capture as capturing
@@ -49,7 +52,7 @@ def run_demo(out: Path, preset: str, judged_by: str, output: Output) -> None:
     }
     keep_pictures(out, load_calibration(first), half_sky(CONTENT_SIZE))
     keep_loop(out, refined)
-    save_calibration(refined.calibration, next_directory(out))
+    keep_refined(out, first, refined, output)
     output.say("The run has ended; the simulator now tells the truth, and the judge compares.")
     _tell_truth(venue, judged_by)
     figures |= judge(first, out / "truth")
@@ -59,6 +62,8 @@ def run_demo(out: Path, preset: str, judged_by: str, output: Output) -> None:
     figures |= {name: _without_goal(figures[name]) for name in unjudged}
     _write_summary(out, preset, venue, figures)
     _report(out, output, figures)
+    if refined.worse and preset in JUDGED_PRESETS:
+        raise typer.Exit(1)
 
 
 def _check(preset: str, judged_by: str) -> None:
@@ -125,8 +130,6 @@ def _write_summary(out: Path, preset: str, venue: Venue, figures: dict[str, Figu
 
 
 def _report(out: Path, output: Output, figures: dict[str, Figure]) -> None:
-    import typer
-
     from procam.interfaces.report import write_report
 
     report = write_report(out)

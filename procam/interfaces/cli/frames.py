@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from procam.errors import InputError
-from procam.files.calibration import load_calibration
+from procam.files.calibration import load_dome
 from procam.interfaces.cli.memory import keep_large_buffers
 from procam.interfaces.cli.output import Output
 from procam.workflows.clip import compensate_clip, compensate_file, write_report
@@ -84,7 +84,7 @@ def _run_pipe(
             "IN: got - without --size and --pixels, expected both, such as --size 4096 --pixels rgb24"
         )
     keep_large_buffers()
-    loaded = load_calibration(calibration)
+    loaded = load_dome(calibration)
     rows: Rows = {}
     with (  # no buffers in between: a frame is sent when it is made
         os.fdopen(0, "rb", buffering=0, closefd=False) as stdin,
@@ -184,6 +184,6 @@ def _explain(calibration: Path, source: Path, how: How, folder: Path) -> None:
     from procam.interfaces.clip_plot import write_explained
     from procam.workflows.clip_explain import explain, first_piece, write_pictures
 
-    explained = explain(load_calibration(calibration), first_piece(source), how)
+    explained = explain(load_dome(calibration), first_piece(source), how)
     write_pictures(folder, explained)
     write_explained(folder / "explained.png", explained)

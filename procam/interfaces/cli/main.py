@@ -240,7 +240,7 @@ def projector(
     run_projector(venue, name, action, value, Output(json))
 
 
-from procam.interfaces.cli import desk_commands, tools  # noqa: E402, F401 (register their commands)
+from procam.interfaces.cli import desk_commands, show_commands, tools  # noqa: E402, F401 (they register)
 
 
 def main() -> None:

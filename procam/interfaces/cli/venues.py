@@ -92,20 +92,25 @@ def run_refine(directory: Path, picture: Path | None, output: Output) -> None:
     keep_loop(directory, refined)
     figures = {n: f.as_dict() for n, f in refined.figures().items()}
     output.table(refined.figures())
+    newest = keep_refined(directory, kept, refined, output)
+    document = {"calibration": str(newest), "figures": figures}
+    output.finish(document | ({"worse": refined.worse} if refined.worse else {}))
+    if refined.worse or failed(refined.figures()):
+        raise typer.Exit(1)
+
+
+def keep_refined(directory: Path, kept: Path, refined: Refined, output: Output) -> Path:
+    """Write what a loop made of the calibration `kept`, if it is better; the newest one then."""
     if refined.worse:
         output.say(f"nothing written, {kept} stays newest: {refined.worse}")
-        output.finish({"calibration": str(kept), "figures": figures, "worse": refined.worse})
-        raise typer.Exit(1)
-    out = kept
-    if refined.corrections:
-        out = next_directory(directory)
-        save_calibration(refined.calibration, out)
-        output.say(f"{out} written")
-    else:
+        return kept
+    if not refined.corrections:
         output.say(f"nothing to correct, {kept} stays newest")
-    output.finish({"calibration": str(out), "figures": figures})
-    if failed(refined.figures()):
-        raise typer.Exit(1)
+        return kept
+    out = next_directory(directory)
+    save_calibration(refined.calibration, out)
+    output.say(f"{out} written")
+    return out
 
 
 def run_projector(directory: Path, name: str, action: str, value: str, output: Output) -> None:

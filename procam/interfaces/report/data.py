@@ -29,11 +29,12 @@ WHOLE = 0.999
 
 @dataclass(frozen=True, slots=True)
 class Loop:
-    """The closed loop: residual per iteration, noise floor [rel], photographs by name."""
+    """The closed loop: residual per iteration, noise floor [rel], photographs by name, what got worse."""
 
     residual: list[float]
     noise_floor: float
     photographs: Mapping[str, Image]
+    worse: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -232,7 +233,8 @@ def _loop(folder: Path) -> Loop | None:
     if not document or not all((folder / f"{n}.exr").is_file() for n in names):
         return None
     photographs = {n: _picture(folder / f"{n}.exr") for n in names}
-    return Loop(document["residual"], document["noise_floor"], photographs)
+    worse = document.get("worse", "")  # loops of earlier versions do not say
+    return Loop(document["residual"], document["noise_floor"], photographs, worse)
 
 
 def _truth(folder: Path, calibration: Calibration | None, size: int) -> Truth | None:

@@ -165,6 +165,8 @@ def loop(material: Material) -> Iterator[Block]:
         f"{percent(seen.residual[-1], 2)} of white; the noise of one photograph is "
         f"{percent(seen.noise_floor, 2)}, and nothing below it can be seen."
     )
+    if seen.worse:
+        yield Text(f"The calibration that came of it was not kept: {seen.worse}.")
     chart = plots.loop_chart(seen.residual, seen.noise_floor)
     yield Charts([(chart, "What is left after each correction")], "", width_px=640)
     yield _loop_pictures(seen)

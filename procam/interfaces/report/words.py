@@ -17,6 +17,7 @@ class Words:
 
 THIN = "\N{NARROW NO-BREAK SPACE}"
 LEFT = "share of the bounced light still there where no limit holds"
+LEFT_JND = "95 % of the free cells are off by at most this; 1 can just be noticed"
 NAMES = {
     "simulated_run_s": Words("Time for the whole run", "capture, solve, compensate and refine"),
     "peak_memory_mib": Words("Memory needed at most"),
@@ -62,6 +63,18 @@ NAMES = {
         percent=True,
     ),
     "loop_residual_over_floor": Words("Loop: what is left, in units of that noise"),
+    "loop_residual_own": Words(
+        "Loop: what the new calibration alone leaves",
+        "root mean square, in % of white; its picture compensated anew and photographed",
+        percent=True,
+    ),
+    "loop_left_jnd_by_iteration": Words(
+        "Loop: what is left to the eye after each correction", LEFT_JND
+    ),
+    "loop_own_jnd": Words("Loop: what the new calibration alone leaves to the eye", LEFT_JND),
+    "loop_scatter_factor": Words(
+        "Loop: bounced light, red / green / blue", "found over what the calibration had said"
+    ),
     "loop_iterations": Words("Loop: corrections made"),
     "geometry_residual_rms_px": Words(
         "Misfit of the geometry",

@@ -17,6 +17,7 @@
 enum { STREAM_TILE = 1 << 15, SEARCH_TILE = 1 << 11 }; /* pixels; multiples of a vector */
 enum { AREAS_TILE = 16 };                              /* rows */
 enum { RAYS_TILE = 1 << 12 };                          /* rays, observations */
+enum { WARP_TILE = 32 };                                /* rows: a band of warp.h */
 
 typedef void task(const struct level *level, const void *job, size_t first, size_t count);
 
@@ -89,6 +90,14 @@ static void run_frame(const struct level *level, const void *job, size_t first, 
 
 static void run_bounce(const struct level *level, const void *job, size_t first, size_t count) {
     level->bounce(job, first, count);
+}
+
+static void run_even(const struct level *level, const void *job, size_t first, size_t count) {
+    level->even(job, first, count);
+}
+
+static void run_warp(const struct level *level, const void *job, size_t first, size_t count) {
+    level->warp(job, first, count);
 }
 
 EXPORT int procam_interface(void) {
@@ -186,4 +195,15 @@ EXPORT void procam_bounce(int level, int threads, int nodes, int terms, const fl
                           const double *offset, float *light) {
     const struct bounce job = {nodes, terms, paint, ambient, direction, numbers, offset, light};
     spread(run_bounce, level, threads, &job, (size_t)nodes, AREAS_TILE);
+}
+
+/* Writes the picture, or sums it where `sums` (bands, 3) is given. */
+EXPORT void procam_even(int level, int threads, size_t bands, const struct procam_even *how,
+                        double *sums) {
+    const struct even job = {how, sums};
+    spread(run_even, level, threads, &job, sums ? bands : how->size, sums ? 1 : AREAS_TILE);
+}
+
+EXPORT void procam_warp(int level, int threads, size_t rows, const struct procam_warp *job) {
+    spread(run_warp, level, threads, job, rows, WARP_TILE);
 }

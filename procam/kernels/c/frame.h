@@ -4,14 +4,15 @@
    columns and pair of node rows (an interval), down the interval for every row of the picture.
    Values are interleaved, red, green, blue; pixels are never taken apart. */
 
-enum { STRIP = 768, BLOCK = 64, CHUNK = 32 }; /* values, values, intervals; a strip is 256 pixels */
+enum { FRAME_STRIP = 768, FRAME_BLOCK = 64, FRAME_CHUNK = 32 }; /* values, values, intervals; a strip is 256 pixels */
 enum { CYCLE = 48, SEGMENTS = 32, TILE_WIDTH = 192, TILE_ROWS = 64 };
 enum plane { LIGHT, LEAST, MOST, GAIN, COVER, PLANES };
-enum { VECTORS = BLOCK / LANES, AXES = 3 };
+enum { VECTORS = FRAME_BLOCK / LANES, AXES = 3, AHEAD = 6 }; /* rows that are fetched ahead */
 
 struct room { /* of one strip */
-    float at[PLANES][STRIP], to[PLANES][STRIP], step[PLANES][STRIP], total[STRIP];
-    float weight[STRIP], axes[AXES][STRIP];
+    float at[PLANES][FRAME_STRIP], to[PLANES][FRAME_STRIP], step[PLANES][FRAME_STRIP], total[FRAME_STRIP];
+    float weight[FRAME_STRIP], axes[AXES][FRAME_STRIP];
+    float count[FRAME_STRIP], whole[FRAME_STRIP / FRAME_BLOCK]; /* lit rows of a band: of values, of whole blocks */
     size_t row; /* of nodes, in `to` */
 } __attribute__((aligned(64)));
 
@@ -19,7 +20,7 @@ struct span { /* of values of a row */
     size_t first, count, padded;
 };
 
-/* Interpolates a node row to `count` values, a multiple of BLOCK. */
+/* Interpolates a node row to `count` values, a multiple of FRAME_BLOCK. */
 INLINE void widen(const float *row, const struct procam_frame *how, int planar, struct span span,
                   float *to) {
     const int32_t *left = (planar ? how->left_node : how->left) + span.first;
@@ -99,14 +100,22 @@ INLINE void vstore_u16(uint16_t *p, vf a) {
     _mm256_storeu_si256((void *)p, _mm512_cvtusepi32_epi16(_mm512_cvtps_epu32(a)));
 }
 INLINE void store_codes(uint8_t *to, const vf *codes) { /* whole parts of 64 codes */
-    for (int k = 0; k < VECTORS; k++)
-        _mm_storeu_si128((void *)(to + 16 * k), _mm512_cvtusepi32_epi8(_mm512_cvttps_epi32(codes[k])));
+    const __m512i order = _mm512_set_epi32(15, 11, 7, 3, 14, 10, 6, 2, 13, 9, 5, 1, 12, 8, 4, 0);
+    __m512i whole[VECTORS];
+    for (int k = 0; k < VECTORS; k++) whole[k] = _mm512_cvttps_epi32(codes[k]);
+    const __m512i low = _mm512_packus_epi32(whole[0], whole[1]);
+    const __m512i high = _mm512_packus_epi32(whole[2], whole[3]);
+    const __m512i bytes = _mm512_permutexvar_epi32(order, _mm512_packus_epi16(low, high));
+    if ((uintptr_t)to % 64) _mm512_storeu_si512(to, bytes);
+    else _mm512_stream_si512((void *)to, bytes); /* past the cache */
 }
+INLINE void fetch(const void *from) { _mm_prefetch(from, _MM_HINT_T0); }
 INLINE vf fourth_root(vf a) { return _mm512_rsqrt14_ps(_mm512_rsqrt14_ps(a)); }
 INLINE vf piece(const float *table, vf at) {
     return _mm512_permutex2var_ps(vload(table), _mm512_cvttps_epi32(at), vload(table + 16));
 }
 #elif LEVEL == 256
+INLINE void fetch(const void *from) { _mm_prefetch(from, _MM_HINT_T0); }
 INLINE vf vload_f16(const uint16_t *p) { return _mm256_cvtph_ps(_mm_loadu_si128((const void *)p)); }
 INLINE void vstore_f16(uint16_t *p, vf a) { _mm_storeu_si128((void *)p, _mm256_cvtps_ph(a, 0)); }
 INLINE void vstore_u16(uint16_t *p, vf a) {
@@ -132,6 +141,7 @@ INLINE vf piece(const float *table, vf at) {
     return _mm256_i32gather_ps(table, _mm256_cvttps_epi32(at), 4);
 }
 #else
+INLINE void fetch(const void *from) { (void)from; }
 union word {
     uint32_t bits;
     float value;
@@ -210,7 +220,8 @@ INLINE void store_block(int kind, const struct procam_frame *how, const void *fr
         if (kind == U8) codes[k] = vmin(vadd(v, vload(threshold + at)), vset(255.0f));
         else if (kind == U16) vstore_u16((uint16_t *)to + at, vmin(v, vset(65535.0f)));
         else if (kind == F16) vstore_f16((uint16_t *)to + at, v);
-        else vstore((float *)to + at, v);
+        else if ((uintptr_t)to % 64) vstore((float *)to + at, v);
+        else vstream((float *)to + at, v);
     }
     if (kind == U8) store_codes(to, codes);
 }
@@ -242,10 +253,13 @@ INLINE void one_block(int kind, int mode, const struct procam_frame *how, struct
         values[k] = lit == NOWHERE ? vset(0.0f) : kept(mode, how, room, at, vset(down), values[k]);
         if (lit == IN_PART) {
             const vf cover = vfma(vset(down), vload(room->step[COVER] + at), vload(room->at[COVER] + at));
-            values[k] = vsel(vlt(vset(0.0f), cover), values[k], vset(0.0f));
+            const vf one = vsel(vlt(vset(0.0f), cover), vset(1.0f), vset(0.0f));
+            values[k] = vmul(one, values[k]);
+            vstore(room->count + at, vadd(vload(room->count + at), one));
         }
         if (mode != APPLY) vstore(room->total + at, vadd(vload(room->total + at), values[k]));
     }
+    room->whole[i / FRAME_BLOCK] += lit == EVERYWHERE;
     if (mode == APPLY) store_block(kind, how, from, threshold, values, to);
 }
 
@@ -255,24 +269,26 @@ INLINE void one_row(int kind, int mode, const struct procam_frame *how, struct r
     const unsigned char *from = (const unsigned char *)how->image + start * width;
     unsigned char *to = mode == APPLY ? (unsigned char *)how->out + start * width : NULL;
     const float *threshold = how->threshold + row % TILE_ROWS * TILE_WIDTH;
-    for (size_t i = 0; i < span.padded; i += BLOCK) {
-        const size_t left = span.count - i < BLOCK ? span.count - i : BLOCK;
+    for (size_t i = 0; i < span.padded; i += FRAME_BLOCK) {
+        const size_t left = span.count - i < FRAME_BLOCK ? span.count - i : FRAME_BLOCK;
         const float *tile = threshold + (span.first + i) % TILE_WIDTH;
-        if (lit[i / BLOCK] == NOWHERE && (mode != APPLY || how->strength >= 1)) {
+        for (size_t ahead = 0; row + AHEAD < how->size && ahead < FRAME_BLOCK * width; ahead += 64)
+            fetch(from + AHEAD * 3 * how->size * width + i * width + ahead);
+        if (lit[i / FRAME_BLOCK] == NOWHERE && (mode != APPLY || how->strength >= 1)) {
             if (mode == APPLY) memset(to + i * width, 0, left * width);
-        } else if (left == BLOCK) {
-            one_block(kind, mode, how, room, i, lit[i / BLOCK], how->down[row], from + i * width, to + i * width, tile);
+        } else if (left == FRAME_BLOCK) {
+            one_block(kind, mode, how, room, i, lit[i / FRAME_BLOCK], how->down[row], from + i * width, to + i * width, tile);
         } else {
-            unsigned char in[BLOCK * 4] = {0}, out[BLOCK * 4];
+            unsigned char in[FRAME_BLOCK * 4] = {0}, out[FRAME_BLOCK * 4];
             memcpy(in, from + i * width, left * width);
-            one_block(kind, mode, how, room, i, lit[i / BLOCK], how->down[row], in, out, tile);
+            one_block(kind, mode, how, room, i, lit[i / FRAME_BLOCK], how->down[row], in, out, tile);
             if (mode == APPLY) memcpy(to + i * width, out, left * width);
-            memset(room->total + i + left, 0, (BLOCK - left) * sizeof(float));
+            memset(room->total + i + left, 0, (FRAME_BLOCK - left) * sizeof(float));
         }
     }
 }
 
-/* Adds a band's totals, weighted, to the sums of each term and lane. */
+/* Adds a band's means over its lit rows, weighted, to the sums of each term and lane. */
 INLINE void gather(int mode, const struct procam_frame *how, struct room *room, size_t band,
                    struct span span, vf (*sums)[FRAME_TERMS]) {
     const size_t nodes = (size_t)how->nodes;
@@ -282,10 +298,12 @@ INLINE void gather(int mode, const struct procam_frame *how, struct room *room, 
         widen(how->direction + (band * AXES + axis) * nodes, how, 1, span, room->axes[axis]);
     for (size_t i = 0; i < span.padded; i += LANES) {
         vf *sum = sums[i % CYCLE / LANES];
-        const vf v = vmul(vload(room->weight + i), vload(room->total + i));
+        const vf rows = vmax(vadd(vload(room->count + i), vset(room->whole[i / FRAME_BLOCK])), vset(1.0f));
+        const vf v = vdiv(vmul(vload(room->weight + i), vload(room->total + i)), rows);
         const vf x = vload(room->axes[0] + i), y = vload(room->axes[1] + i);
         const vf z = vload(room->axes[2] + i);
         vstore(room->total + i, vset(0.0f));
+        vstore(room->count + i, vset(0.0f));
         sum[0] = vadd(sum[0], v);
         if (how->terms == 1) continue;
         sum[1] = vfma(v, x, sum[1]);
@@ -298,6 +316,7 @@ INLINE void gather(int mode, const struct procam_frame *how, struct room *room, 
         sum[7] = vfma(v, vsub(vmul(x, x), vmul(y, y)), sum[7]);
         sum[8] = vfma(v, vmul(z, z), sum[8]);
     }
+    memset(room->whole, 0, sizeof room->whole);
 }
 
 INLINE void flush(const struct procam_frame *how, vf (*sums)[FRAME_TERMS], double *to) {
@@ -323,19 +342,19 @@ INLINE int lit_of(const uint8_t *lit, size_t blocks) {
 INLINE void frame_of_kind(int kind, int mode, const struct procam_frame *how, size_t strip,
                           size_t chunk, double *to) {
     struct room room;
-    const size_t total = 3 * how->size, first = strip * STRIP;
-    const size_t count = total - first < STRIP ? total - first : STRIP;
-    const struct span span = {first, count, (count + BLOCK - 1) / BLOCK * BLOCK};
+    const size_t total = 3 * how->size, first = strip * FRAME_STRIP;
+    const size_t count = total - first < FRAME_STRIP ? total - first : FRAME_STRIP;
+    const struct span span = {first, count, (count + FRAME_BLOCK - 1) / FRAME_BLOCK * FRAME_BLOCK};
     const size_t intervals = (size_t)how->nodes + 1, last = (size_t)how->nodes - 1;
-    const size_t begin = chunk * CHUNK, blocks = (total + BLOCK - 1) / BLOCK;
-    const size_t end = begin + CHUNK < intervals ? begin + CHUNK : intervals;
+    const size_t begin = chunk * FRAME_CHUNK, blocks = (total + FRAME_BLOCK - 1) / FRAME_BLOCK;
+    const size_t end = begin + FRAME_CHUNK < intervals ? begin + FRAME_CHUNK : intervals;
     vf sums[CYCLE / LANES][FRAME_TERMS];
     memset(sums, 0, sizeof sums);
     memset(&room, 0, sizeof room);
     room.row = intervals; /* none */
     for (size_t interval = begin; interval < end; interval++) { /* between nodes interval - 1 and it */
-        const uint8_t *lit = how->lit + interval * blocks + first / BLOCK;
-        const int state = lit_of(lit, span.padded / BLOCK);
+        const uint8_t *lit = how->lit + interval * blocks + first / FRAME_BLOCK;
+        const int state = lit_of(lit, span.padded / FRAME_BLOCK);
         const size_t row = (size_t)how->rows[interval], next = (size_t)how->rows[interval + 1];
         if (row < next && (state != NOWHERE || mode == APPLY)) {
             if (state != NOWHERE)
@@ -365,10 +384,7 @@ static void frame(const struct frame *job, size_t first, size_t count) {
         double *to = job->sums + task * 3 * FRAME_TERMS;
         if (job->mode == APPLY) frame_of_mode(APPLY, how, strip, chunk, to);
         else if (job->mode == SUM_LIGHT) frame_of_mode(SUM_LIGHT, how, strip, chunk, to);
-        else if (job->mode == SUM_CONTENT) frame_of_mode(SUM_CONTENT, how, strip, chunk, to);
-        else if (job->mode == SUM_EXCESS) frame_of_mode(SUM_EXCESS, how, strip, chunk, to);
-        else if (job->mode == COUNT_LEAST) frame_of_mode(COUNT_LEAST, how, strip, chunk, to);
-        else frame_of_mode(COUNT_MOST, how, strip, chunk, to);
+        else frame_of_mode(job->mode, how, strip, chunk, to); /* these can wait */
     }
 }
 

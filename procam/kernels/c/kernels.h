@@ -84,7 +84,7 @@ enum lit { NOWHERE, IN_PART, EVERYWHERE }; /* in a block */
 
 struct procam_frame { /* a picture (size, size, 3) and the model of its dome: see frame.py */
     size_t size;
-    int kind, nodes, terms, band; /* intervals that share weights; divides CHUNK */
+    int kind, nodes, terms, band; /* intervals that share weights; divides FRAME_CHUNK */
     float strength, top;
     const void *image;
     void *out;
@@ -113,8 +113,45 @@ struct bounce { /* see frame.py */
     float *light;
 };
 
-/* Each works on `count` pixels (rays, observations) from pixel `first` on; areas on rows,
-   frames on strips of intervals, bounces on rows. */
+struct procam_even { /* a picture (size, size, 3) of 8 bits: see even.py */
+    size_t size, groups;         /* of 8 pixels in a row */
+    const uint8_t *image;
+    uint8_t *out;
+    const uint16_t *table;       /* (3, 256) by code: 8.8 bits to write, or 16 bits to sum */
+    const uint8_t *threshold;    /* (64, 64): a rest above it rounds up */
+    const int32_t *lit, *rows;   /* (size, 2): first pixel, end; (bands + 1): first row of each */
+    const float *weight;         /* (bands, groups) */
+    uint32_t *totals;            /* (bands, 3, groups): room */
+};
+
+struct even {
+    const struct procam_even *how;
+    double *sums; /* (bands, 3), or NULL to write */
+};
+
+enum { FIELDS = 8, BLOCK = 16 };  /* of a warp's blocks: numbers of a pixel, pixels */
+enum { KNOTS = 513 };             /* of a table of drives */
+
+struct warp_block {               /* each number is base + step * number */
+    float base[FIELDS], step[FIELDS];
+    uint16_t number[FIELDS][BLOCK]; /* place x, y in the master [px], black (3), share (3) */
+};
+
+struct procam_warp {
+    int kind, out_kind;
+    size_t rows, columns, master_rows, master_columns; /* of the frame, of the master */
+    float unit;                      /* light of a master's 1 */
+    const void *master;              /* (rows, columns, 3) */
+    const struct warp_block *blocks; /* (bands of 32 rows, tiles of 64 columns, 2 strips, 32, 2) */
+    const float *decode, *curve;     /* of 8-bit masters: (256) light; (3, 32) parabolas of it */
+    const float *unmix;              /* (3, 3) */
+    const uint32_t *drives;          /* (3, KNOTS) drive, and its rise to the next << 16 */
+    const float *thresholds;         /* (64, 64) */
+    void *out;
+};
+
+/* Each works on `count` pixels (rays, observations) from pixel `first` on; areas and warp on rows,
+   frames on strips of intervals, bounces on rows, evens on rows or bands. */
 struct level {
     void (*fold)(const struct fold *job, size_t first, size_t count);
     void (*phase)(const struct phase *job, size_t first, size_t count);
@@ -125,6 +162,8 @@ struct level {
     void (*rays)(const struct rays *job, size_t first, size_t count);
     void (*frame)(const struct frame *job, size_t first, size_t count);
     void (*bounce)(const struct bounce *job, size_t first, size_t count);
+    void (*even)(const struct even *job, size_t first, size_t count);
+    void (*warp)(const struct procam_warp *job, size_t first, size_t count);
 };
 
 extern const struct level procam_avx512, procam_avx2, procam_scalar;

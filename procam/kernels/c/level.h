@@ -3,8 +3,10 @@
 
 #include "areas.h"
 #include "bundle.h"
+#include "even.h"
 #include "fold.h"
 #include "frame.h"
 #include "phase.h"
 #include "rays.h"
 #include "search.h"
+#include "warp.h"

@@ -14,6 +14,7 @@ from procam.files.calibration import (
     latest_calibration,
     list_calibrations,
     load_calibration,
+    load_dome,
     next_directory,
     save_calibration,
 )
@@ -112,6 +113,12 @@ class TestRoundTrip:
         """And so does every calibration that was made before there was any."""
         assert "protected" not in read_channels(saved / "maps" / "dome.exr")
         assert load_calibration(saved).maps.protected is None
+
+    def test_a_dome_is_all_but_the_projectors(self, saved: Path, calibration: Calibration) -> None:
+        """Whose maps need not even be there."""
+        for name in calibration.projectors:
+            (saved / "maps" / f"{name}.exr").unlink()
+        _assert_same(load_dome(saved), dataclasses.replace(calibration, projectors={}))
 
     def test_files_are_where_other_tools_look(self, saved: Path) -> None:
         files = sorted(str(p.relative_to(saved)) for p in saved.rglob("*") if p.is_file())

@@ -18,6 +18,11 @@ void procam_bundle(int, int, size_t, const struct procam_bundle *, int, size_t, 
 void procam_misses(int, int, size_t, const struct procam_bundle *, double *);
 void procam_rays(int, int, size_t, const double *, const double *, int, const double *, double,
                  double *);
+void procam_warp(int, int, size_t, const struct procam_warp *);
+void procam_frame(int, int, int, size_t, size_t, const struct procam_frame *, double *);
+void procam_bounce(int, int, int, int, const float *, const float *, const float *, const double *,
+                   const double *, float *);
+void procam_even(int, int, size_t, const struct procam_even *, double *);
 
 enum { FRAMES = 12 };
 
@@ -120,6 +125,100 @@ static void bundle(int level, int threads, size_t n, int waves, int kinds) {
     free(bumps), free(found), free(misses), free(sums);
 }
 
+/* Places all round the master and far from it. */
+static void warp(int level, int kind, int out_kind, size_t rows, size_t columns, size_t edge) {
+    const size_t count = (rows + 31) / 32 * ((columns + 63) / 64) * 128, width[] = {1, 2, 4, 2};
+    struct warp_block *blocks = room(count * sizeof *blocks);
+    for (size_t k = 0; k < count; k++)
+        for (int f = 0; f < FIELDS; f++) {
+            blocks[k].base[f] = f > 1 ? 0.1f : k % 7 ? -2.0f : (f ? -1e9f : 1e9f);
+            blocks[k].step[f] = f > 1 ? 0.01f : (float)(edge + 4) / 16191; /* most of a room */
+        }
+    void *master = room(3 * edge * edge * width[kind]);
+    void *out = room(3 * rows * columns * width[out_kind]);
+    float *light = room(352 * sizeof(float)), *thresholds = room(64 * 64 * sizeof(float));
+    uint32_t *drives = room(3 * KNOTS * sizeof(uint32_t));
+    for (int i = 0; i < 352; i++) light[i] = (float)i / 256;
+    for (int i = 0; i < 64 * 64; i++) thresholds[i] = 0.5f;
+    for (int i = 0; i < 3 * KNOTS; i++) drives[i] = 65000;
+    const struct procam_warp job = {kind,   out_kind, rows,  columns,     edge,  edge,   1.0f,
+                                    master, blocks,   light, light + 256, light, drives, thresholds,
+                                    out};
+    procam_warp(level, 1 + (int)(rows % 2), rows, &job);
+    free(blocks), free(master), free(out), free(light), free(thresholds), free(drives);
+}
+
+static float *numbers(size_t count, float value) {
+    float *array = room(count * sizeof(float));
+    for (size_t i = 0; i < count; i++) array[i] = value + 0.001f * (float)(i % 7);
+    return array;
+}
+
+/* A picture of `edge` over fields of `nodes`, lit but for a corner; rooms end where they are read to. */
+static void frame(int level, int kind, int mode, size_t edge, int nodes, int terms) {
+    const size_t width[] = {1, 2, 4, 2}, values = (3 * edge + 63) / 64 * 64, n = (size_t)nodes;
+    const size_t strips = (3 * edge + 767) / 768, chunks = (n + 32) / 32, spare = 64;
+    const size_t fields = 3 * n * n + spare, bands = n / 2 + 1;
+    struct procam_frame how = {.size = edge, .kind = kind, .nodes = nodes, .terms = terms, .band = 2};
+    how.strength = mode % 2 ? 0.5f : 1.0f, how.top = 1;
+    how.image = room(3 * edge * edge * width[kind]), how.out = room(3 * edge * edge * width[kind]);
+    int32_t *index[4], *rows = room((n + 2) * sizeof(int32_t));
+    float *across = room(values * sizeof(float)), *down = room(edge * sizeof(float));
+    for (int k = 0; k < 4; k++) index[k] = room(values * sizeof(int32_t));
+    for (size_t i = 0; i < values; i++) {
+        const size_t value = i < 3 * edge ? i : 3 * edge - 1, pixel = value / 3;
+        const double place = ((double)pixel + 0.5) * nodes / (double)edge - 0.5;
+        const int first = (int)floor(place), left = first < 0 ? 0 : first;
+        const int right = first + 1 < nodes ? first + 1 : nodes - 1;
+        across[i] = (float)(place - first);
+        index[2][i] = left, index[3][i] = right;
+        index[0][i] = 3 * left + (int)(value % 3), index[1][i] = 3 * right + (int)(value % 3);
+        down[pixel] = across[i];
+    }
+    for (size_t y = edge, interval = n + 1;; y--) {
+        const int first = y ? (int)floor(((double)y - 0.5) * nodes / (double)edge - 0.5) + 1 : -1;
+        while ((int)interval > first && interval <= n + 1) rows[interval--] = (int32_t)y;
+        if (!y) break;
+    }
+    uint8_t *lit = room((n + 1) * values / 64), *codes = room(1024);
+    for (size_t i = 0; i < (n + 1) * values / 64; i++) lit[i] = (uint8_t)(i % 3);
+    float *light = numbers(fields, 0.1f), *lo = numbers(fields, 0), *hi = numbers(fields, 0.5f);
+    float *gain = numbers(n * n + spare, 1), *cover = numbers(n * n + spare, 0);
+    float *weight = numbers(bands * n + spare, 1), *painted = numbers(3 * bands * n + spare, 1);
+    float *direction = numbers(3 * bands * n + spare, 0.5f), *tables = numbers(256 + 96, 0.1f);
+    float *threshold = numbers(64 * 192, 0.5f);
+    how.light = light, how.least = lo, how.most = mode % 2 ? hi : NULL, how.gain = mode % 2 ? NULL : gain;
+    how.coverage = cover, how.weight = weight, how.painted = painted, how.direction = direction;
+    how.lit = lit, how.left = index[0], how.right = index[1], how.left_node = index[2];
+    how.right_node = index[3], how.across = across, how.down = down, how.rows = rows;
+    how.decode = tables, how.encode = tables + 256, how.threshold = threshold, how.decode_bytes = codes;
+    double *sums = room(strips * chunks * 27 * sizeof(double));
+    procam_frame(level, 2, mode, strips, chunks, &how, sums);
+    double *poly = room(27 * sizeof(double));
+    procam_bounce(level, 2, nodes, terms, lo, NULL, hi, poly, mode % 2 ? poly : NULL, light);
+    void *all[] = {(void *)how.image, how.out, index[0], index[1], index[2], index[3], rows, across,
+                   down, lit, codes, light, lo, hi, gain, cover, weight, painted, direction, tables,
+                   threshold, sums, poly};
+    for (size_t k = 0; k < sizeof all / sizeof *all; k++) free(all[k]);
+}
+
+static void even(int level, size_t edge) {
+    const size_t groups = (edge + 63) / 64 * 8;
+    struct procam_even how = {.size = edge, .groups = groups};
+    int32_t *lit = room(2 * edge * sizeof(int32_t)), *rows = room(4 * sizeof(int32_t));
+    for (size_t y = 0; y < edge; y++) lit[2 * y] = (int32_t)(y % 70 % edge), lit[2 * y + 1] = (int32_t)(edge - y % 3 % edge);
+    rows[1] = (int32_t)edge / 2, rows[2] = rows[3] = (int32_t)edge;
+    float *weight = numbers(3 * groups, 1);
+    how.image = room(3 * edge * edge), how.out = room(3 * edge * edge), how.table = room(1536);
+    how.threshold = room(4096), how.lit = lit, how.rows = rows, how.weight = weight;
+    how.totals = room(9 * groups * sizeof(uint32_t));
+    double *sums = room(9 * sizeof(double));
+    procam_even(level, 2, 3, &how, NULL);
+    procam_even(level, 2, 3, &how, sums);
+    free((void *)how.image), free(how.out), free((void *)how.table), free((void *)how.threshold);
+    free(lit), free(rows), free(weight), free(how.totals), free(sums);
+}
+
 int main(void) {
     const size_t sizes[] = {0, 1, 7, 8, 15, 16, 17, 31, 127, 128, 129, 2049, 32768, 32771};
     const size_t width[] = {1, 2, 4};
@@ -146,6 +245,17 @@ int main(void) {
             }
         }
         bundle(level, 1, 70, MOST_COLUMNS - 34, 4);
+        const size_t rows[] = {1, 32, 45, 96}, columns[] = {1, 64, 65, 200}, edges[] = {2, 3, 61};
+        for (int kinds = 0; kinds < 12; kinds++)
+            for (int i = 0; i < 12; i++)
+                warp(level, kinds % 4, kinds / 4, rows[i % 4], columns[(i + i / 4) % 4],
+                     edges[i / 4]);
+        const size_t pictures[] = {5, 64, 97, 130, 300};
+        for (int i = 0; i < 5; i++) {
+            even(level, pictures[i]);
+            for (int kinds = 0; kinds < 24; kinds++)
+                frame(level, kinds % 4, kinds / 4, pictures[i], 5 + i * (1 + i) * 3, i % 2 ? 9 : 1 + i % 3);
+        }
         printf("level %d clean\n", level);
     }
     return 0;

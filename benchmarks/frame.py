@@ -1,0 +1,214 @@
+"""Compensating a dome master: solve and apply, on an even dome and on a measured one."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+
+import cv2
+import numpy as np
+import OpenImageIO as oiio
+
+from benchmarks import floor
+from benchmarks.measure import Goal, Report, at_least, at_most, interleaved
+from procam import kernels
+from procam.compensate.equations import Equations
+from procam.compensate.fields import Fields
+from procam.kernels.frame import Coding, FrameModel, aligned_like
+from procam.maths.dither import threshold_tile
+from procam.maths.scatter_kernel import basis
+from procam.maths.sphere import master_directions, master_solid_angles
+from procam.maths.transfer import transfer
+
+NODES = 1024
+STRIP = 0.1  # unlit share of the half sphere, along its rim
+FEEDBACK = 0.25
+PAN_PX = 2  # between frames, as in a slow shot
+MAPS = 4 * 3 + 1  # numbers that a node has: spread, limits, direction, coverage
+
+
+@cache
+def content(size: int) -> np.ndarray:
+    """Soft light with edges (N, N, 3), 8 bits."""
+    noise = np.random.default_rng(5).integers(0, 256, (size // 4, size // 4, 3), np.uint8)
+    picture = cv2.resize(noise, (size, size), interpolation=cv2.INTER_CUBIC)
+    u, v = np.meshgrid(*[np.linspace(0.2, 1, size, dtype=np.float32)] * 2)
+    return (picture * (u * v)[..., None]).astype(np.uint8)
+
+
+@cache
+def dome(size: int, measured: bool) -> Fields:
+    """An even dome of one scalar, or one with maps and a kernel of degree 2."""
+    rng = np.random.default_rng(6)
+    direction, inside = master_directions(NODES)
+    lit = inside & (direction[..., 2] > STRIP)
+    coverage = lit.astype(np.float32)
+    area = master_solid_angles(NODES) * lit
+    one = np.ones((NODES, NODES, 3), np.float32)
+    wave = 1 + 0.05 * direction[..., :1] * direction[..., 1:2] if measured else 1.0
+    grain = 1 + 0.01 * rng.standard_normal(one.shape) if measured else 1.0
+    model = FrameModel(
+        size,
+        (one * wave * grain * FEEDBACK / area.sum()).astype(np.float32),
+        (0.001 * one * grain).astype(np.float32),
+        (1.1 * one * wave).astype(np.float32),
+        None,
+        None,
+        coverage,
+        (area * (NODES / size) ** 2).astype(np.float32),
+        np.ascontiguousarray(np.moveaxis(direction, -1, 0), np.float32),
+        9 if measured else 1,
+    )
+    terms, bend = model.terms, np.diag([1.0, *[0.05] * (model.terms - 1)])
+    some = direction[lit][:: max(1, lit.sum() // 500)]
+    x, y, z = some.T
+    mono = (np.ones_like(x), x, y, z, x * y, y * z, x * z, x * x - y * y, z * z)[:terms]
+    change = np.linalg.lstsq(np.stack(mono, axis=1), basis(some, int(terms**0.5) - 1), rcond=None)
+    operator = change[0] @ bend @ change[0].T
+    return Fields(model, np.stack([operator] * 3), None, model.spread)
+
+
+@dataclass
+class Show:
+    """Frames of a slow pan, each compensated from the last one's numbers."""
+
+    equations: Equations
+    coding: Coding
+    frames: list[np.ndarray]
+    out: np.ndarray
+    shown: int = 0
+
+    @classmethod
+    def of(cls, size: int, measured: bool, kind: type) -> "Show":
+        """A pan of 8-bit or linear content."""
+        first = content(size)
+        known = transfer("srgb" if kind is np.uint8 else "linear")
+        if kind is not np.uint8:
+            first = (np.float32(1 / 255) * first).astype(kind)
+        frames = [aligned_like(first) for _ in range(2)]
+        for k, frame in enumerate(frames):
+            frame[:] = np.roll(first, k * PAN_PX, axis=1)
+        coding = Coding(known.decode, known.encode, threshold_tile(), 1.0, 1.0)
+        fields = dome(size, measured)
+        show = cls(
+            Equations(fields, fields.model, "exact", True), coding, frames, aligned_like(first)
+        )
+        show()
+        return show
+
+    def __call__(self) -> None:
+        """Solve the next frame and write it."""
+        frame = self.frames[self.shown % 2]
+        self.shown += 1
+        self.equations.solve(frame, self.coding)
+        self.equations.apply(frame, self.coding, self.out)
+
+    def once(self) -> None:
+        """One look and one write: what a frame costs where the numbers hardly move."""
+        frame, light = self.frames[0], self.equations.light()
+        kernels.frame_sums(self.equations.model, frame, light, "light", self.coding)
+        kernels.frame_apply(self.equations.model, frame, light, self.coding, self.out)
+
+
+def _moved(show: Show, maps: bool) -> floor.Floor:
+    """The lit part read twice, the maps too, all written once."""
+    size = show.out.shape[0]
+    lit = float((dome(size, maps).model.coverage > 0).mean())
+    nodes = 2 * 4 * NODES * NODES * MAPS if maps else 0
+    read = int(2 * lit * show.out.nbytes) + nodes
+    return floor.Floor(np.zeros((read // 64 + 1) * 16, np.float32), show.out.nbytes)
+
+
+def _by_cv2(show: Show) -> Callable[[], None]:
+    """The same of float light by OpenCV: area-weighted sums, subtraction, limits; maps as large as it."""
+    size = show.out.shape[0]
+    model, picture = show.equations.model, show.frames[0].astype(np.float32)
+    grow = {"dsize": (size, size), "interpolation": cv2.INTER_LINEAR}
+    light, lo, hi = (cv2.resize(m, **grow) for m in (show.equations.light(), model.lo, model.hi))
+    weight = cv2.resize(np.repeat(model.solid_angle_sr[..., None], 3, axis=2), **grow)
+    room, product = np.empty_like(picture), np.empty_like(picture)
+
+    def run() -> None:
+        for _ in range(2):  # to sum it, and to write it
+            cv2.subtract(picture, light, room)
+            cv2.max(room, lo, room)
+            cv2.min(room, hi, room)
+        cv2.multiply(room, weight, product)
+        cv2.sumElems(product)
+
+    return run
+
+
+def _by_oiio(show: Show) -> Callable[[], None]:
+    """Only the subtraction and clamp, by OpenImageIO."""
+    picture = oiio.ImageBuf(np.ascontiguousarray(show.frames[0]))
+    light = oiio.ImageBuf(cv2.resize(show.equations.light(), show.out.shape[:2]))
+
+    def run() -> None:
+        less = oiio.ImageBufAlgo.sub(picture, light)
+        oiio.ImageBufAlgo.clamp(less, min=0.001, max=1.0)
+
+    return run
+
+
+def bench_codes() -> Report:
+    """8 bits, 4096^2: an even dome by tables, and a measured one, solve and all."""
+    even, measured = (Show.of(4096, m, np.uint8) for m in (False, True))
+    lut = np.random.default_rng(1).integers(0, 256, (1, 256, 3), dtype=np.uint8)
+    runs = {
+        "even dome": even,
+        "measured dome": measured,
+        "cv2.LUT alone": lambda: cv2.LUT(even.frames[0], lut, even.out),
+        "floor": _moved(even, False),
+        "floor with maps": _moved(measured, True),
+    }
+    with kernels.forced("avx2"):
+        slow = {"even dome, AVX2": Show.of(4096, False, np.uint8)}
+    runs |= {name: _at("avx2", run) for name, run in slow.items()}
+    times = interleaved(runs)
+    goals = (
+        at_most(times, "even dome", "floor", 1.6),
+        at_least(times, "even dome", "cv2.LUT alone", 2.5),
+        at_least(times, "even dome, AVX2", "cv2.LUT alone", 1.3),
+        at_most(times, "measured dome", "floor with maps", 2.5),
+    )
+    return Report("Compensate 4096^2, 8 bits", times, goals, (floor.name(),))
+
+
+def bench_large() -> Report:
+    """8192^2, 8 bits, on an even dome."""
+    even = Show.of(8192, False, np.uint8)
+    times = interleaved({"even dome": even, "floor": _moved(even, False)})
+    wall = Goal("even dome, best wall", 1e3 * times["even dome"].best_wall_s, "<=", 20, "ms")
+    goals = (at_most(times, "even dome", "floor", 1.6), wall)
+    return Report("Compensate 8192^2, 8 bits", times, goals, (floor.name(),))
+
+
+def bench_light() -> Report:
+    """Float and half, 4096^2, on a measured dome."""
+    single, half = (Show.of(4096, True, kind) for kind in (np.float32, np.float16))
+    runs = {
+        "float, one look": single.once,
+        "half, one look": half.once,
+        "float, to 2e-9": single,
+        "cv2": _by_cv2(single),
+        "OpenImageIO, sub and clamp alone": _by_oiio(single),
+        "floor, float": _moved(single, True),
+        "floor, half": _moved(half, True),
+    }
+    times = interleaved(runs)
+    best = min(("cv2", "OpenImageIO, sub and clamp alone"), key=lambda n: times[n].wall_s)
+    goals = (
+        at_least(times, "float, one look", best, 6),
+        at_least(times, "half, one look", best, 6),
+        at_most(times, "float, one look", "floor, float", 1.8),
+        at_most(times, "half, one look", "floor, half", 1.8),
+    )
+    return Report("Compensate 4096^2, light", times, goals, (floor.name(),))
+
+
+def _at(level: str, run: Callable[[], None]) -> Callable[[], None]:
+    def at_level() -> None:
+        with kernels.forced(level):
+            run()
+
+    return at_level

@@ -1,0 +1,182 @@
+"""The equations of a compensated frame, and their solution by looks at the whole picture."""
+
+from dataclasses import replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procam.compensate.fields import Fields, NodeSample
+from procam.compensate.solver import Root
+from procam.kernels.even import EvenModel, even_apply, even_sums
+from procam.kernels.frame import (
+    TERMS,
+    Coding,
+    FrameModel,
+    aligned_like,
+    bounced_light,
+    frame_apply,
+    frame_sums,
+)
+
+Array = NDArray[np.float64]
+Image = NDArray[np.float32]
+CHANNELS = 3
+TOLERANCE = 2e-9  # of the moments, relative: what double sums of single light resolve
+TOLERANCE_8_BIT = 1.5e-5  # of which a step of 8 bits shows nothing
+WORTH_PX = 512  # edge from which on a dome that is even is worth tables of its own
+
+
+class Equations:
+    """Numbers of a frame's bounced light: solved, kept for the next frame, applied.
+
+    Parameters
+    ----------
+    fields : of the dome. model : its model as the method knows it.
+    method : see `Compensator`. quick : whether a dome that is the same everywhere may go by tables.
+    """
+
+    def __init__(self, fields: Fields, model: FrameModel, method: str, quick: bool) -> None:
+        self.fields, self.model, self.method = fields, model, method
+        self._quick = quick and method == "exact" and model.size >= WORTH_PX
+        self.solution = np.zeros((2, CHANNELS, TERMS))  # q, and what (W) takes off
+
+    def light(self) -> Image:
+        """What bounces to each node (M, M, 3) [rel]; in (W) less what it pulls."""
+        offset = self.solution[1] if self.method == "least-squares" else None
+        return bounced_light(self.model, self.solution[0], offset)
+
+    def sums(self, content: NDArray[Any], light: Image, what: str, coding: Coding) -> Array:
+        """Moments (3, T), see `kernels.frame.frame_sums`."""
+        return frame_sums(self._under(coding), content, light, what, coding)
+
+    def _under(self, coding: Coding) -> FrameModel:
+        """The model, without upper limits where the coding's own is the lower one everywhere."""
+        return self._unlimited if coding.top <= self._lowest_hi else self.model
+
+    @cached_property
+    def _unlimited(self) -> FrameModel:
+        return replace(self.model, hi=None)
+
+    @cached_property
+    def _lowest_hi(self) -> float:
+        hi, lit = self.model.hi, self.model.coverage > 0
+        return np.inf if hi is None or not lit.any() else float(hi[lit].min())
+
+    @cached_property
+    def _even(self) -> EvenModel | None:
+        """The dome, if it is the same everywhere and its pictures can go by tables."""
+        return EvenModel.of(self.model) if self._quick else None
+
+    def _even_table(self, coding: Coding) -> Array:
+        """Light to send (3, 256) for each code of 8 bits."""
+        assert self._even is not None
+        return self._even.light(
+            coding.tables["decode"].astype(float), self.solution[0, :, 0], coding.top
+        ).T
+
+    def _light_sums(self, content: NDArray[Any], coding: Coding) -> Array:
+        """Moments (3, T) of the light to send."""
+        if content.dtype == np.uint8 and self._even is not None:
+            return even_sums(self._even, content, self._even_table(coding))[:, None]
+        return self.sums(content, self.light(), "light", coding)
+
+    def apply(
+        self, content: NDArray[Any], coding: Coding, out: NDArray[Any] | None
+    ) -> NDArray[Any]:
+        """The light to send, encoded as the content is."""
+        if content.dtype == np.uint8 and self._even is not None:
+            codes = 255 * np.asarray(coding.encode(self._even_table(coding)), float)
+            target = aligned_like(content) if out is None else out
+            return even_apply(self._even, content, codes, coding.threshold, target)
+        return frame_apply(self._under(coding), content, self.light(), coding, out)
+
+    def solve(self, content: NDArray[Any], coding: Coding) -> None:
+        """Find the numbers of a frame, from those of the last."""
+        if self.method in ("none", "paper-eq12"):
+            self.solution = np.zeros((2, CHANNELS, TERMS))
+            if self.method == "paper-eq12":
+                self.solution[0, :, :1] = self.sums(content, self.light(), "content", coding)
+            return
+        self._root.follow(
+            lambda value: self._residual(value, content, coding),
+            lambda value: self._slope(value, content, coding),
+            TOLERANCE_8_BIT if content.dtype == np.uint8 else TOLERANCE,
+        )
+        self._use(self._root.value)
+
+    def _use(self, value: Array) -> None:
+        """Numbers of moments (3, T), and in (W) of what they pull."""
+        terms = self.model.terms
+        self.solution[0] = self.fields.numbers_of(value[:, :terms])
+        self.solution[1, :, :terms] = value[:, terms:] if value.shape[1] > terms else 0
+
+    def left(self, content: NDArray[Any], coding: Coding) -> Array:
+        """What the solution leaves of the equations, looked up anew; none where there are none."""
+        if self.method in ("none", "paper-eq12"):
+            return np.zeros((CHANNELS, 1))
+        return self._residual(self._root.value, content, coding)
+
+    def assumed(self) -> Array:
+        """Moments (3, T) that the last solution takes for those of the light sent."""
+        if self.method in ("none", "paper-eq12"):
+            return self.solution[0, :, : self.model.terms]
+        return self._root.value[:, : self.model.terms]
+
+    def _residual(self, value: Array, content: NDArray[Any], coding: Coding) -> Array:
+        """Moments of the light sent less those assumed; in (W) also the pull less what it must be.
+
+        (W) minimises sum a (y - t)^2 / 2, y = b0 + v mono.C m, under m = sum a mono b0. With pull l, the
+        multiplier of that, b0 = clip(t - v mono.C m + mono.l) and l = -C^T sum a v mono (y - t).
+        """
+        terms = self.model.terms
+        self._use(value)
+        if self.method == "exact":
+            return self._light_sums(content, coding) - value
+        light = self.light()
+        what = "content" if self.method == "subtract" else "light"
+        left = self.sums(content, light, what, coding) - value[:, :terms]
+        if self.method == "subtract":
+            return left
+        pull = value[:, terms:]
+        error = self.sums(content, light, "excess", coding)
+        error = error + np.einsum("cij,cj->ci", self.fields.painted_gram, pull)
+        asked = -np.einsum("cji,cj->ci", self.fields.operator, error)
+        return np.concatenate([left, asked - pull], axis=1)
+
+    @cached_property
+    def _root(self) -> Root:
+        """No light, and the slope where all is free."""
+        terms = self.model.terms * (2 if self.method == "least-squares" else 1)
+        free = np.ones(self._sample.shape, bool)
+        return Root(np.zeros((CHANNELS, terms)), self._slope_of(free))
+
+    @cached_property
+    def _sample(self) -> NodeSample:
+        return NodeSample.of(self.model)
+
+    def _slope(self, value: Array, content: NDArray[Any], coding: Coding) -> Array:
+        """Slope of the residual, by the places of a sample that no limit holds."""
+        self._use(value)
+        sample = self._sample
+        free = np.ones(sample.shape, bool)
+        if self.method != "subtract":
+            free = sample.free(
+                self.model, coding.decoded(sample.of_picture(content)), self.light(), coding.top
+            )
+        return self._slope_of(free)
+
+    def _slope_of(self, free: NDArray[np.bool_]) -> Array:
+        sample, operator, terms = self._sample, self.fields.operator, self.model.terms
+        eye = np.eye(terms)
+        painted = sample.products(free, 1)
+        if self.method != "least-squares":
+            return -(eye + painted @ operator)
+        transposed = operator.transpose(0, 2, 1)
+        slope = np.empty((CHANNELS, 2 * terms, 2 * terms))
+        slope[:, :terms, :terms] = -(eye + painted @ operator)
+        slope[:, :terms, terms:] = sample.products(free, 0)
+        slope[:, terms:, :terms] = -transposed @ sample.products(~free, 2) @ operator
+        slope[:, terms:, terms:] = -(eye + transposed @ painted)
+        return slope

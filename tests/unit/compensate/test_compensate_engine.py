@@ -1,0 +1,310 @@
+"""The engine's promises: optimum, certificate, types of picture, strength, white."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import lsq_linear
+
+from procam import kernels
+from procam.compensate.exact import Compensator
+from procam.errors import InputError
+from procam.maths.sphere import master_directions, master_solid_angles
+from procam.maths.transfer import transfer
+from procam.model.calibration import Calibration
+from procam.model.transport import DomeMaps, ScatterKernel
+
+SMALL = 20
+SIZE = 96
+WHOLE = {np.uint8: 255, np.uint16: 65535}
+TYPES = [np.uint8, np.uint16, np.float16, np.float32]
+
+
+def furnished(calibration: Calibration) -> Calibration:
+    """Of degree 1, as over a floor that returns more to where light came from."""
+    bend = np.diag([1.0, 0.03, 0.06, 0.05])
+    bend[0, 1] = bend[1, 0] = 0.02
+    kernel = ScatterKernel(1, np.stack([bend] * 3), np.tile([1.0, 0.02, 0.0, 0.0], (3, 1)))
+    return replace(calibration, maps=replace(calibration.maps, kernel=kernel))
+
+
+def operator(calibration: Calibration, size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """N (P, P) of one colour, pixel by pixel, where it is lit; their solid angles; which they are."""
+    maps, direction = calibration.maps, master_directions(size)[0]
+    lit = maps.coverage > 0
+    area = (master_solid_angles(size) * maps.coverage)[lit]
+    place = direction[lit]
+    phi = np.column_stack([np.ones(len(place)), *place.T])
+    # harmonics made orthonormal over the upper half sphere, by their closed forms
+    ortho = np.column_stack(
+        [
+            phi[:, 0],
+            2 * np.sqrt(3) * (phi[:, 3] - 0.5),
+            np.sqrt(3) * phi[:, 1],
+            np.sqrt(3) * phi[:, 2],
+        ]
+    )
+    count = (maps.kernel.degree + 1) ** 2
+    profile = ortho[:, :count] @ maps.kernel.profile[0]
+    paint = maps.scatter_per_flux[lit][:, 0] / profile
+    pairs = ortho[:, :count] @ maps.kernel.matrix[0] @ ortho[:, :count].T
+    return np.eye(len(area)) + paint[:, None] * pairs * area, area, lit
+
+
+@pytest.fixture(params=[False, True], ids=["one scalar", "degree 1"])
+def known(
+    request: pytest.FixtureRequest, make_calibration: Callable[..., Calibration]
+) -> Calibration:
+    found = make_calibration(size=SMALL, feedback=(0.5, 0.4, 0.3), lo=0.01)
+    return furnished(found) if request.param else found
+
+
+@pytest.fixture
+def content(rng: np.random.Generator) -> np.ndarray:
+    picture = rng.uniform(0.05, 1.0, (SMALL, SMALL, 3)).astype(np.float32)
+    picture[3:9, 5:11] = 0.0
+    picture[12:16, 5:11] = 2.0
+    return picture
+
+
+class TestOptimum:
+    def test_least_squares_is_that_of_a_solver_of_its_own(
+        self, known: Calibration, content: np.ndarray
+    ) -> None:
+        """(W), weighed by solid angle, of each pixel against scipy's bounded least squares."""
+        whole, area, lit = operator(known, SMALL)
+        lo, hi = known.maps.lo[lit][:, 0].astype(float), known.maps.hi[lit][:, 0].astype(float)
+        root = np.sqrt(area)
+        best = lsq_linear(
+            root[:, None] * whole, root * content[lit][:, 0], (lo, hi), "bvls", tol=1e-14
+        )
+        compensator = Compensator(known, SMALL, "least-squares")
+        with kernels.forced("numpy"):  # in double precision
+            compensator.frame(content)
+            terms = compensator.fields.model.terms
+            found = np.clip(_wanted(compensator, content, terms)[lit], lo, hi)
+            assert compensator.certificate.kkt < 1e-8
+        np.testing.assert_allclose(found, best.x, atol=1e-7)
+        assert 0 < compensator.certificate.share_lo[0] < 1
+        assert 0 < compensator.certificate.share_hi[0] < 1
+
+    def test_least_squares_beats_exact_in_squares(
+        self, known: Calibration, content: np.ndarray
+    ) -> None:
+        whole, area, lit = operator(known, SMALL)
+
+        def squares(method: str) -> float:
+            direct = Compensator(known, SMALL, method).solve(content).direct[lit][:, 0]
+            return float(area @ (whole @ direct - content[lit][:, 0]) ** 2)
+
+        assert squares("least-squares") < squares("exact") < squares("none")
+
+    def test_exact_is_the_fixed_point_pixel_by_pixel(
+        self, known: Calibration, content: np.ndarray
+    ) -> None:
+        whole, _, lit = operator(known, SMALL)
+        found = Compensator(known, SMALL).solve(content)
+        direct = found.direct[lit][:, 0].astype(float)
+        seen = whole @ direct
+        free = found.free[lit][:, 0]
+        assert 0.3 < free.mean() < 1
+        np.testing.assert_allclose(seen[free], content[lit][:, 0][free], atol=1e-6)
+
+    def test_subtract_takes_off_what_would_bounce_without_limits(
+        self, known: Calibration, content: np.ndarray
+    ) -> None:
+        whole, _, lit = operator(known, SMALL)
+        maps = known.maps
+        without = np.linalg.solve(whole, content[lit][:, 0].astype(float))
+        expected = np.clip(without, maps.lo[lit][:, 0], maps.hi[lit][:, 0])
+        found = Compensator(known, SMALL, "subtract")
+        np.testing.assert_allclose(found.solve(content).direct[lit][:, 0], expected, atol=1e-6)
+        assert np.isnan(found.certificate.kkt)
+        assert found.certificate.self_consistency > 1e-3  # limits were not counted
+
+    @settings(max_examples=25, deadline=None)
+    @given(seed=st.integers(0, 2**31), bright=st.floats(0.01, 3.0))
+    def test_certificates_hold_for_any_content(self, seed: int, bright: float) -> None:
+        rng = np.random.default_rng(seed)
+        picture = (bright * rng.random((SMALL, SMALL, 3)) ** rng.uniform(0.2, 5)).astype(np.float32)
+        for method in ("exact", "least-squares"):
+            compensator = Compensator(_KNOWN, SMALL, method)
+            compensator.frame(picture)
+            assert compensator.certificate.kkt < 1e-6
+
+
+def _wanted(compensator: Compensator, content: np.ndarray, terms: int) -> np.ndarray:
+    """Light before limits (N, N) of the first colour, from the solution's numbers alone."""
+    direction = np.moveaxis(master_directions(SMALL)[0], -1, 0)
+    mono = np.stack([np.ones((SMALL, SMALL)), *direction])[:terms]
+    scatter, pull = (np.tensordot(n[0, :terms], mono, 1) for n in compensator._equations.solution)
+    paint = compensator.fields.model.spread[..., 0].astype(float)
+    return content[..., 0] - paint * scatter + pull
+
+
+class TestCertificate:
+    def test_tells_shares_and_fluxes(self, calibration: Calibration) -> None:
+        picture = np.full((SIZE, SIZE, 3), 0.5, np.float32)
+        picture[: SIZE // 2] = 0
+        compensator = Compensator(calibration, SIZE)
+        found = compensator.solve(picture)
+        told = compensator.certificate
+        area = master_solid_angles(SIZE) * calibration.maps.coverage
+        np.testing.assert_allclose(told.flux_in, np.tensordot(area, picture, 2), rtol=1e-5)
+        np.testing.assert_allclose(told.flux_out, found.flux, rtol=1e-6)
+        dark = (area * (found.direct[..., 0] <= calibration.maps.lo[..., 0])).sum() / area.sum()
+        np.testing.assert_allclose(told.share_lo[0], dark, rtol=1e-5)
+        assert not told.share_hi.any()
+        assert told.kkt < 1e-6 and told.self_consistency < 1e-6
+
+    def test_of_no_frame(self, calibration: Calibration) -> None:
+        with pytest.raises(InputError, match="certificate: got no frame"):
+            _ = Compensator(calibration, SIZE).certificate
+
+
+class TestPictures:
+    @pytest.mark.parametrize("kind", TYPES)
+    def test_any_type_is_the_same_light(self, calibration: Calibration, kind: type) -> None:
+        """Each against float32, as decoded; encoded values lie within their own rounding."""
+        rng, whole = np.random.default_rng(4), WHOLE.get(kind)
+        content = rng.uniform(0.2, 0.9, (SIZE, SIZE, 3))
+        content = (content * (whole or 1)).astype(kind)
+        known = transfer("srgb" if whole else "linear")
+        linear = np.asarray(known.decode(content.astype(np.float32) / np.float32(whole or 1)))
+        expected = Compensator(calibration, SIZE).frame(linear.astype(np.float32))
+        found = Compensator(calibration, SIZE).frame(content)
+        assert found.dtype == kind
+        encoded = np.asarray(known.encode(np.clip(expected, 0, 1 if whole else None)))
+        step = {np.uint8: 1.05, np.uint16: 0.7, np.float16: 2**-11, np.float32: 1e-6}[kind]
+        np.testing.assert_allclose(found, encoded * (whole or 1), atol=step)
+
+    @pytest.mark.parametrize("name", ["linear", "gamma2.2", "bt1886"])
+    @pytest.mark.parametrize("kind", TYPES)
+    def test_transfer_functions_by_name(
+        self, calibration: Calibration, kind: type, name: str
+    ) -> None:
+        whole, known = WHOLE.get(kind), transfer(name)
+        linear = np.full((SIZE, SIZE, 3), 0.5, np.float32)
+        content = (np.asarray(known.encode(linear)) * (whole or 1)).round(0 if whole else 6)
+        found = Compensator(calibration, SIZE, transfer_name=name).frame(content.astype(kind))
+        expected = Compensator(calibration, SIZE).frame(linear)
+        light = known.decode(found.astype(float) / (whole or 1))
+        lit = calibration.maps.coverage > 0
+        assert abs(float((light - expected)[lit].mean())) < 0.002
+
+    def test_dither_keeps_the_mean_of_dark_steps(self, calibration: Calibration) -> None:
+        """A slow ramp of the dark comes out with its slope, not in steps."""
+        content = np.full((SIZE, SIZE, 3), 70, np.uint8)
+        found = Compensator(calibration, SIZE).frame(content)
+        expected = Compensator(calibration, SIZE).frame(
+            np.full((SIZE, SIZE, 3), transfer("srgb").decode(np.array(70 / 255)), np.float32)
+        )
+        exact = 255 * np.asarray(transfer("srgb").encode(expected))
+        part = slice(32, 64)
+        off = found[part, part].astype(float) - exact[part, part]
+        assert abs(off.mean()) < 0.02 and np.abs(off).max() < 1
+
+    def test_in_place(self, calibration: Calibration) -> None:
+        content = np.random.default_rng(5).integers(0, 256, (SIZE, SIZE, 3), dtype=np.uint8)
+        expected = Compensator(calibration, SIZE).frame(content)
+        compensator = Compensator(calibration, SIZE)
+        assert compensator.frame(content, content) is content
+        np.testing.assert_array_equal(content, expected)
+        with pytest.raises(InputError, match="do not write over its content"):
+            _ = compensator.certificate
+
+    def test_known_numbers_give_the_same_picture(self, calibration: Calibration) -> None:
+        content = np.random.default_rng(6).integers(0, 256, (SIZE, SIZE, 3), dtype=np.uint8)
+        compensator = Compensator(furnished(calibration), SIZE)
+        expected = compensator.frame(content)
+        other = Compensator(furnished(calibration), SIZE)
+        np.testing.assert_array_equal(other.apply(content, compensator.numbers), expected)
+
+
+class TestStrength:
+    @pytest.mark.parametrize("kind", TYPES)
+    def test_from_the_content_to_the_full_result(
+        self, calibration: Calibration, kind: type
+    ) -> None:
+        rng, whole = np.random.default_rng(7), WHOLE.get(kind)
+        content = (rng.uniform(0, 1, (SIZE, SIZE, 3)) * (whole or 1)).astype(kind)
+
+        def at(strength: float) -> np.ndarray:
+            return Compensator(calibration, SIZE, strength=strength).frame(content).astype(float)
+
+        steps = [at(s) for s in (0.0, 0.25, 0.5, 0.75, 1.0)]
+        np.testing.assert_array_equal(steps[0], content.astype(float))
+        np.testing.assert_array_equal(steps[-1], Compensator(calibration, SIZE).frame(content))
+        turn = np.sign(steps[-1] - steps[0])
+        for before, after in pairwise(steps):
+            assert ((after - before) * turn >= 0).all()
+
+    @pytest.mark.parametrize("strength", [-0.1, 1.1, np.nan])
+    def test_outside_0_to_1(self, calibration: Calibration, strength: float) -> None:
+        with pytest.raises(InputError, match=r"strength: got .*, expected 0"):
+            Compensator(calibration, SIZE, strength=strength)
+
+
+class TestWhite:
+    def test_kept_white_is_the_total_of_todays(self, calibration: Calibration) -> None:
+        """What a full white shows today, bounces and all, is what content 1.0 asks for."""
+        full = np.ones((SIZE, SIZE, 3), np.float32)
+        today = Compensator(calibration, SIZE, "none").solve(full)
+        area = (master_solid_angles(SIZE) * calibration.maps.coverage)[..., None]
+        totals = (area * today.observed).sum(axis=(0, 1)) / area.sum()
+        kept = Compensator(calibration, SIZE, white="keep")
+        lit = calibration.maps.coverage > 0
+        np.testing.assert_allclose(kept.target(full)[lit], totals.min(), rtol=1e-5)
+
+    def test_small_bright_things_can_be_that_bright(self, calibration: Calibration) -> None:
+        content = np.full((SIZE, SIZE, 3), 0.05, np.float32)
+        content[45:50, 45:50] = 0.8
+        summed, kept = (
+            Compensator(calibration, SIZE, white=w).solve(content) for w in ("summed", "keep")
+        )
+        assert kept.observed[47, 47, 0] > 1.2 * summed.observed[47, 47, 0]
+        assert kept.free[47, 47].all()
+
+    def test_an_unknown_white(self, calibration: Calibration) -> None:
+        with pytest.raises(InputError, match="white: got 'bright', expected summed or keep"):
+            Compensator(calibration, SIZE, white="bright")
+
+
+class TestEvenDome:
+    def test_tables_and_fields_agree(self) -> None:
+        """A dome that is the same everywhere goes by tables: against the same picture in floats."""
+        size, maps_size = 600, 300
+        compensator = Compensator(_even(maps_size), size)
+        assert compensator._equations._even is not None
+        u, v = np.meshgrid(*[np.linspace(0, 1, size)] * 2)
+        content = np.rint(255 * np.stack([u, v, 0.5 * u + 0.5 * v], axis=-1)).astype(np.uint8)
+        found = compensator.frame(content)
+        linear = np.asarray(transfer("srgb").decode(content / 255), np.float32)
+        exact = Compensator(_even(maps_size), size)
+        expected = 255 * np.asarray(transfer("srgb").encode(np.clip(exact.frame(linear), 0, 1)))
+        off = np.abs(found - expected)
+        assert off.max() < 1.01
+        # groups of 8 pixels share a weight at the edge: less so the finer the picture
+        np.testing.assert_allclose(compensator.numbers[:, 0], exact.numbers[:, 0], rtol=1e-4)
+        assert compensator.certificate.kkt < 2e-5
+
+
+def _even(size: int) -> Calibration:
+    direction, inside = master_directions(size)
+    one = np.ones((size, size, 3), np.float32)
+    coverage = (inside & (direction[..., 2] > 0.1)).astype(np.float32)
+    maps = DomeMaps(0.05 * one, 0.5 * one, 0.001 * one, 1.1 * one, coverage)
+    return replace(_KNOWN, maps=maps)
+
+
+def _load_known() -> Calibration:
+    from conftest import _calibration
+
+    return furnished(_calibration(size=SMALL, feedback=(0.5, 0.4, 0.3), lo=0.01))
+
+
+_KNOWN = _load_known()

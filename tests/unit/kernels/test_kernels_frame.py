@@ -1,0 +1,267 @@
+"""Compensation kernels against their twin in NumPy, and the twin against sums pixel by pixel."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from procam import kernels
+from procam.errors import InputError, ShapeError
+from procam.kernels.even import EvenModel, even_apply, even_sums
+from procam.kernels.frame import (
+    MODES,
+    Coding,
+    FrameModel,
+    Grid,
+    aligned_like,
+    bounced_light,
+    frame_apply,
+    frame_sums,
+)
+from procam.maths.dither import threshold_tile
+from procam.maths.sphere import master_directions, master_solid_angles
+from procam.maths.transfer import NAMES, transfer
+
+SIZES = [(64, 64, 1), (97, 64, 4), (270, 257, 9), (35, 33, 9)]
+TYPES = [np.uint8, np.uint16, np.float16, np.float32]
+WHOLE = {np.uint8: 255, np.uint16: 65535}
+STEP = {np.uint8: 1, np.uint16: 1, np.float16: 2**-10, np.float32: 3e-7}
+
+
+def model(size: int, nodes: int, terms: int, seed: int = 0) -> FrameModel:
+    rng = np.random.default_rng(seed)
+    direction, inside = master_directions(nodes)
+    coverage = (inside & (direction[..., 2] > 0.15) & (direction[..., 1] > -0.8)).astype(np.float32)
+
+    def field(low: float, high: float, *shape: int) -> np.ndarray:
+        return rng.uniform(low, high, (nodes, nodes, *shape)).astype(np.float32)
+
+    return FrameModel(
+        size,
+        field(0.02, 0.04, 3),
+        field(0, 0.01, 3),
+        field(0.5, 1.2, 3) if seed % 2 else None,
+        field(0, 0.01, 3) if seed % 3 else None,
+        field(0.8, 1) if seed % 2 else None,
+        coverage,
+        (master_solid_angles(nodes) * (nodes / size) ** 2 * coverage).astype(np.float32),
+        np.ascontiguousarray(np.moveaxis(direction, -1, 0), np.float32),
+        terms,
+    )
+
+
+def coding(kind: type, strength: float = 1.0, name: str = "srgb") -> Coding:
+    known = transfer(name)
+    top = 1.0 if kind in WHOLE else np.inf
+    return Coding(known.decode, known.encode, threshold_tile(), strength, top)
+
+
+def picture(size: int, kind: type) -> np.ndarray:
+    values = np.random.default_rng(size).random((size, size, 3))
+    values[: size // 8] = 0
+    return (values * WHOLE.get(kind, 1)).astype(kind)
+
+
+def numbers() -> np.ndarray:
+    found = np.random.default_rng(3).normal(0, 0.3, (3, 9))
+    found[:, 0] = 2
+    return found
+
+
+class TestAgainstTheTwin:
+    @pytest.mark.parametrize("kind", TYPES)
+    @pytest.mark.parametrize("seed", range(2))
+    @pytest.mark.parametrize(("size", "nodes", "terms"), SIZES)
+    def test_sums(
+        self, level: str, size: int, nodes: int, terms: int, kind: type, seed: int
+    ) -> None:
+        dome, content, how = model(size, nodes, terms, seed), picture(size, kind), coding(kind)
+        light = bounced_light(dome, numbers(), numbers() / 9)
+        for what in MODES:
+            found = frame_sums(dome, content, light, what, how)
+            with kernels.forced("numpy"):
+                expected = frame_sums(dome, content, light, what, how)
+            one = dome.solid_angle_sr.max() if what.startswith("at") else 0  # a pixel on the limit
+            close = 3e-7 * np.abs(expected).max() + 1.01 * one
+            np.testing.assert_allclose(found, expected, rtol=0, atol=close)
+
+    @pytest.mark.parametrize("strength", [1.0, 0.4, 0.0])
+    @pytest.mark.parametrize("kind", TYPES)
+    @pytest.mark.parametrize(("size", "nodes", "terms"), SIZES)
+    def test_pictures(
+        self, level: str, size: int, nodes: int, terms: int, kind: type, strength: float
+    ) -> None:
+        dome, content = model(size, nodes, terms, 1), picture(size, kind)
+        how, light = coding(kind, strength), bounced_light(dome, numbers())
+        found = frame_apply(dome, content, light, how).astype(float)
+        with kernels.forced("numpy"):
+            expected = frame_apply(dome, content, light, how).astype(float)
+        off = np.abs(found - expected)
+        assert off.max() <= STEP[kind]
+        assert (off > 0).mean() < (0.01 if kind is not np.float32 else 1)  # at ties of the rounding
+
+    @pytest.mark.parametrize("offset", [None, numbers()])
+    @pytest.mark.parametrize("terms", [1, 4, 9])
+    def test_bounced_light(self, level: str, terms: int, offset: np.ndarray | None) -> None:
+        for seed in range(3):
+            dome = model(150, 150, terms, seed)
+            found = bounced_light(dome, numbers(), offset)
+            with kernels.forced("numpy"):
+                expected = bounced_light(dome, numbers(), offset)
+            np.testing.assert_allclose(found, expected, atol=1e-6)
+
+    @pytest.mark.parametrize("threads", [1, 2, 3])
+    def test_threads_change_nothing(self, level: str, threads: int) -> None:
+        dome, content, how = model(300, 130, 9), picture(300, np.uint8), coding(np.uint8)
+        light = bounced_light(dome, numbers())
+        one = frame_sums(dome, content, light, "light", how)
+        with kernels.forced(level, threads):
+            np.testing.assert_array_equal(frame_sums(dome, content, light, "light", how), one)
+
+    def test_in_place_and_unaligned(self, level: str) -> None:
+        dome, how = model(97, 64, 1), coding(np.uint8)
+        content = picture(97, np.uint8)
+        light = bounced_light(dome, numbers())
+        expected = frame_apply(dome, content, light, how)
+        room = np.zeros(content.nbytes + 1, np.uint8)[1:].reshape(content.shape)
+        np.testing.assert_array_equal(frame_apply(dome, content, light, how, room), expected)
+        assert frame_apply(dome, content, light, how, content) is content
+        np.testing.assert_array_equal(content, expected)
+
+    def test_strided_content(self, level: str) -> None:
+        dome, how, content = model(97, 64, 1), coding(np.uint8), picture(97, np.uint8)
+        light = bounced_light(dome, numbers())
+        expected = frame_sums(dome, content, light, "light", how)
+        found = frame_sums(dome, np.asfortranarray(content), light, "light", how)
+        np.testing.assert_array_equal(found, expected)
+
+    def test_nan_becomes_the_least_light(self, level: str) -> None:
+        dome, how = model(64, 64, 1), coding(np.float32)
+        content = np.full((64, 64, 3), np.nan, np.float32)
+        found = frame_apply(dome, content, bounced_light(dome, numbers()), how)
+        lit = dome.coverage > 0
+        np.testing.assert_allclose(found[lit], dome.lo[lit], rtol=1e-6)
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("size", [64])
+def test_encoding_is_within_a_tenth_of_a_step(level: str, size: int, name: str) -> None:
+    """Where nothing bounces, codes come back as themselves under any threshold."""
+    dome = replace(
+        model(size, size, 1), spread=np.zeros((size, size, 3), np.float32),
+        lo=np.zeros((size, size, 3), np.float32),
+    )  # fmt: skip
+    codes = np.resize(np.arange(256, dtype=np.uint8), (size, size, 3))
+    light = bounced_light(dome, numbers())
+    known, lit = transfer(name), dome.coverage > 0
+    for rest in (0.1, 0.9):
+        how = Coding(known.decode, known.encode, np.full((64, 64), rest, np.float32), 1.0, 1.0)
+        found = frame_apply(dome, codes, light, how)
+        np.testing.assert_array_equal(found[lit], codes[lit])
+
+
+class TestTwin:
+    def test_sums_are_those_pixel_by_pixel(self) -> None:
+        """At the maps' own size there is nothing between a pixel and its node."""
+        dome, content = model(64, 64, 9), picture(64, np.float32)
+        light = bounced_light(dome, numbers())
+        direct = np.maximum(content - light, dome.lo).astype(float)
+        x, y, z = dome.direction.astype(float)
+        mono = (1, x, y, z, x * y, y * z, x * z, x * x - y * y, z * z)
+        expected = np.array(
+            [[(dome.solid_angle_sr * m * direct[..., c]).sum() for m in mono] for c in range(3)]
+        )
+        found = frame_sums(dome, content, light, "light", coding(np.float32))
+        np.testing.assert_allclose(found, expected, atol=1e-6)
+
+    def test_bands_of_rows_change_little(self) -> None:
+        """Against the weight of each pixel, on a picture of smooth and fine structure."""
+        size, nodes = 1200, 520
+        dome = model(size, nodes, 9)
+        assert dome.grid.shared == 2
+        u, v = np.meshgrid(*[np.linspace(0, 1, size)] * 2)
+        content = np.stack([0.3 + 0.2 * np.sin(40 * u), v, u * v + 0.3 * (v > 0.6)], axis=-1)
+        even = replace(dome, lo=np.zeros_like(dome.lo), spread=np.zeros_like(dome.spread))
+        direction, _ = master_directions(size)
+        lit = (direction[..., 2] > 0.15) & (direction[..., 1] > -0.8)
+        area = master_solid_angles(size) * lit
+        x, y, z = np.moveaxis(direction, -1, 0)
+        mono = (1, x, y, z, x * y, y * z, x * z, x * x - y * y, z * z)
+        expected = [[(area * m * content[..., c]).sum() for m in mono] for c in range(3)]
+        none = bounced_light(even, numbers())
+        found = frame_sums(even, content.astype(np.float32), none, "light", coding(np.float32))
+        # what is left is the lit part's edge, half a pixel of the maps wide
+        np.testing.assert_allclose(found, expected, atol=2e-4 * np.abs(expected).max())
+
+    def test_grid_is_half_pixel_centres(self) -> None:
+        grid = Grid(8, 4)
+        places = grid.above + grid.down
+        np.testing.assert_allclose(places[1:-1], (np.arange(8) / 2 - 0.25)[1:-1])
+        assert grid.rows.tolist() == [0, 1, 3, 5, 7, 8]
+
+
+class TestEven:
+    def even(self, size: int, nodes: int) -> EvenModel:
+        dome = model(size, nodes, 1)
+        flat = [np.full((nodes, nodes, 3), v, np.float32) for v in (0.03, 0.002)]
+        found = EvenModel.of(replace(dome, spread=flat[0], lo=flat[1]))
+        assert found is not None
+        return found
+
+    @pytest.mark.parametrize(("size", "nodes"), [(64, 64), (130, 64), (515, 260)])
+    def test_levels_agree(self, level: str, size: int, nodes: int) -> None:
+        dome, content = self.even(size, nodes), picture(size, np.uint8)
+        light = dome.light(transfer("srgb").decode(np.arange(256) / 255), np.full(3, 2.0), 1.0).T
+        codes = 255 * transfer("srgb").encode(light)
+        tile, out = threshold_tile(), aligned_like(content)
+        found = even_sums(dome, content, light), even_apply(dome, content, codes, tile, out)
+        with kernels.forced("numpy"):
+            expected = even_sums(dome, content, light)
+            picked = even_apply(dome, content, codes, tile, np.empty_like(content))
+        np.testing.assert_allclose(found[0], expected, rtol=1e-12)
+        np.testing.assert_array_equal(found[1], picked)
+
+    @pytest.mark.parametrize("flux", [0.5, 6.0])
+    def test_is_what_fields_give(self, flux: float) -> None:
+        dome, content = self.even(1030, 515), picture(1030, np.uint8)
+        how, known = coding(np.uint8), transfer("srgb")
+        value = np.zeros((3, 9))
+        value[:, 0] = flux
+        light = bounced_light(dome.model, value)
+        table = dome.light(known.decode(np.arange(256) / 255), np.full(3, flux), 1.0).T
+        sums = frame_sums(dome.model, content, light, "light", how)[:, 0]
+        found = even_sums(dome, content, table)
+        np.testing.assert_allclose(found, sums, rtol=2e-4)  # white noise at the edge
+        ours = even_apply(
+            dome, content, 255 * known.encode(table), threshold_tile(), aligned_like(content)
+        )
+        theirs = frame_apply(dome.model, content, light, how)
+        off = np.abs(ours.astype(int) - theirs)
+        assert off.max() <= 1 and (off > 0).mean() < 0.01
+
+    def test_what_is_not_even(self) -> None:
+        assert EvenModel.of(model(64, 64, 1)) is None
+        dome = self.even(64, 64).model
+        holes = dome.coverage.copy()
+        holes[30:34, 30:34] = 0
+        assert EvenModel.of(replace(dome, coverage=holes)) is None
+        assert EvenModel.of(replace(dome, coverage=0 * holes)) is None
+        assert EvenModel.of(replace(dome, terms=4)) is None
+
+
+class TestRefusals:
+    def test_content_of_a_wrong_shape(self) -> None:
+        dome, how = model(64, 64, 1), coding(np.uint8)
+        light = bounced_light(dome, numbers())
+        with pytest.raises(ShapeError, match=r"content: got shape .*, expected \(64, 64, 3\)"):
+            frame_sums(dome, picture(65, np.uint8), light, "light", how)
+        with pytest.raises(ShapeError, match="out: got shape"):
+            frame_apply(dome, picture(64, np.uint8), light, how, picture(65, np.uint8))
+
+    def test_content_of_a_wrong_type(self) -> None:
+        dome, how = model(64, 64, 1), coding(np.uint8)
+        light = bounced_light(dome, numbers())
+        with pytest.raises(InputError, match="content: got float64, expected uint8, uint16"):
+            frame_sums(dome, np.zeros((64, 64, 3)), light, "light", how)
+        with pytest.raises(InputError, match="out: got uint16, expected contiguous uint8"):
+            frame_apply(dome, picture(64, np.uint8), light, how, picture(64, np.uint16))
