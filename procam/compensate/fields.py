@@ -19,6 +19,7 @@ from procam.maths.sphere import (
 )
 from procam.maths.warp import blur_within, sample
 from procam.model.calibration import Calibration
+from procam.model.transport import DomeMaps
 
 Array = NDArray[np.float64]
 Map = NDArray[np.float32]
@@ -183,11 +184,10 @@ def _summed(calibration: Calibration, size: int, state: str | None) -> Fields:
     where = master_pixels(direction, maps.size)
     coverage = sample(maps.coverage, where) * inside
     lit = coverage > 0
-    spread, ambient = _scatter(calibration, where, state)
+    spread, ambient = _scatter(calibration, (direction, where), state)
     lo = sample(maps.lo, where)
     # coverage fades hi over the border; what is lit at all can be driven to full there
     hi = np.maximum(sample(maps.hi, where) / np.maximum(coverage, 0.5)[..., None], lo)
-    protected = maps.is_protected(master_pixels(master_directions(size)[0], maps.size))
     kept = maps.is_protected(where) & inside
     paint = _continued(spread, lit)
     model = FrameModel(
@@ -204,14 +204,26 @@ def _summed(calibration: Calibration, size: int, state: str | None) -> Fields:
         direction=np.ascontiguousarray(np.moveaxis(direction, -1, 0), np.float32),
         terms=(maps.kernel.degree + 1) ** 2,
     )
-    every = protected & master_directions(size)[1]
-    return Fields(model, _operator(calibration), every if every.any() else None, paint)
+    return Fields(model, _operator(calibration), _protected(maps, size), paint)
+
+
+def _protected(maps: DomeMaps, size: int) -> NDArray[np.bool_] | None:
+    """Where (N, N) content goes out as it came; None if nowhere."""
+    if maps.protected is None:  # a large master's directions take seconds
+        return None
+    direction, inside = master_directions(size)
+    every = maps.is_protected(master_pixels(direction, maps.size)) & inside
+    return every if every.any() else None
 
 
 def _scatter(
-    calibration: Calibration, where: NDArray[np.floating], state: str | None
+    calibration: Calibration, nodes: tuple[Array, NDArray[np.floating]], state: str | None
 ) -> tuple[Map, Map | None]:
-    """Paint v (M, M, 3) and the lamps' light, or None, in a house state."""
+    """Paint v (M, M, 3) and the lamps' light, or None, in a house state.
+
+    `nodes` are directions and places in the maps.
+    """
+    direction, where = nodes
     maps, kernel = calibration.maps, calibration.maps.kernel
     scatter = sample(maps.scatter_per_flux, where)
     ambient = None
@@ -220,7 +232,6 @@ def _scatter(
         scatter = scatter * house.scatter_ratio.astype(np.float32)
         if house.ambient is not None:
             ambient = sample(house.ambient, where)
-    direction, _ = master_directions(len(where))
     phi = basis(direction.reshape(-1, 3), kernel.degree) @ kernel.profile.T
     return (scatter / phi.reshape(scatter.shape)).astype(np.float32), ambient
 

@@ -56,12 +56,11 @@ class Grid:
 
     def band_sums(self, field: NDArray[Any]) -> Plane:
         """Sums (bands, M[, C]) over the picture's rows of each band of a field (M, M[, C])."""
-        down = self.down.astype(float).reshape(-1, *(1,) * (field.ndim - 1))
-        rows = field[self.above] + down * (field[self.below] - field[self.above]).astype(float)
-        starts = self.rows[: -1 : self.shared]
-        sums = np.add.reduceat(np.concatenate([rows, np.zeros_like(rows[:1])]), starts, axis=0)
-        sums[starts == np.append(starts[1:], len(rows))] = 0  # no row of the picture
-        return sums.astype(np.float32)
+        share = np.zeros((-(-(len(field) + 1) // self.shared), len(field)))
+        down = self.down.astype(float)
+        np.add.at(share, (self.band, self.above), 1 - down)
+        np.add.at(share, (self.band, self.below), down)
+        return np.tensordot(share, field, 1).astype(np.float32)
 
     def lit(self, coverage: Plane) -> NDArray[np.uint8]:
         """Whether each block of each interval is lit nowhere, in part, everywhere: 0, 1, 2."""
@@ -142,8 +141,7 @@ class FrameModel:
         grid = self.grid
         fields = {
             **{"least": self.lo, "most": self.hi, "gain": self.gain},
-            **{"coverage": self.coverage, "weight": self.weight, "painted": self.painted},
-            "direction": self.middle,
+            **{"coverage": self.coverage, "weight": self.weight, "direction": self.middle},
         }
         found: dict[str, NDArray[Any] | None] = {n: _spared(f) for n, f in fields.items()}
         names = ("left", "right", "left_node", "right_node")
@@ -343,7 +341,9 @@ def _run(
     how.size, how.kind = model.size, KINDS[pictures[0].dtype]
     how.nodes, how.terms, how.band = model.nodes, model.terms, model.grid.shared
     how.strength, how.top = coding.strength, coding.top
-    arrays = model.in_c | tables | dict(zip(("image", "light", "out"), pictures, strict=True))
+    painted = _spared(model.painted) if mode == MODES["excess"] else None
+    arrays = model.in_c | tables | {"painted": painted}
+    arrays |= dict(zip(("image", "light", "out"), pictures, strict=True))
     for name, array in arrays.items():
         setattr(how, name, pointer(array))
     strips, chunks = -(-CHANNELS * model.size // STRIP), -(-(model.nodes + 1) // CHUNK)

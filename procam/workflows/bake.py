@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procam.compensate.exact import Compensated, Compensator
-from procam.compensate.projector_frames import projector_frames, quantised
+from procam.compensate.projector_frames import Warper, quantised
 from procam.errors import FileFormatError
 from procam.files import atomic
 from procam.files.images import (
@@ -66,9 +66,9 @@ def keep_pictures(
     _write_rgb(pictures / "compensated.exr", made["exact"].observed)
     _write_rgb(pictures / "direct.exr", made["exact"].direct)
     _write_rgb(pictures / "free.exr", made["exact"].free.astype(np.float32))
+    warper = Warper(calibration, size, np.float32)
     for method, result in made.items():
-        frames = projector_frames(result.direct, calibration)
-        write_frames(frames, venue_dir / "frames" / method)
+        write_frames(warper.frame(result.direct), venue_dir / "frames" / method)
     return made
 
 

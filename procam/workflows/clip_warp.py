@@ -8,12 +8,13 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.compensate.projector_frames import projector_frames, quantised
+from procam.compensate.projector_frames import Warper
 from procam.errors import FileFormatError, InputError
 from procam.files.calibration import load_calibration
 from procam.files.images import write_image
 from procam.files.movie_clips import MovieFrame, MovieWriter, is_movie, new_movie
 from procam.files.sequences import MadeLog, Numbered, PictureSequence
+from procam.maths.transfer import transfer as transfer_function
 from procam.model.calibration import Calibration
 from procam.workflows.clip import LOG, each_frame, run_key, sequence_log
 from procam.workflows.clip_ends import (
@@ -51,18 +52,21 @@ def warp_file(
     """
     calibration = load_calibration(calibration_dir)
     clip = _open(calibration_dir, calibration, source, out, transfer)
-    how, size = How(transfer=transfer), 0
+    how = How(transfer=transfer)
+    warper: Warper | None = None  # known by the first frame; preparing it takes seconds
 
     def work(piece: Piece) -> Callable[[], str]:
-        nonlocal size
-        size = size or square_edge(piece)
-        if square_edge(piece) != size:
+        nonlocal warper
+        size, name = square_edge(piece), named_transfer(piece, how)
+        if warper is None:
+            warper = Warper(calibration, size, np.uint16, decode=transfer_function(name).decode)
+        if size != warper.size:
             raise FileFormatError(
-                f"{piece.name}: got {square_edge(piece)} px, expected {size} as the first frame has; "
+                f"{piece.name}: got {size} px, expected {warper.size} as the first frame has; "
                 "render all frames in one size"
             )
-        light = decoded(piece.rgb, named_transfer(piece, how))
-        frames = quantised(projector_frames(light, calibration))
+        codes = piece.rgb.dtype == np.uint8  # others come as light
+        frames = warper.frame(piece.rgb if codes else decoded(piece.rgb, name))
 
         def write() -> str:
             clip.write_frames(piece, frames)

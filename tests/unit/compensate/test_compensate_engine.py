@@ -63,6 +63,11 @@ def known(
     return furnished(found) if request.param else found
 
 
+@pytest.fixture(scope="session")
+def small(make_calibration: Callable[..., Calibration]) -> Calibration:
+    return furnished(make_calibration(size=SMALL, feedback=(0.5, 0.4, 0.3), lo=0.01))
+
+
 @pytest.fixture
 def content(rng: np.random.Generator) -> np.ndarray:
     picture = rng.uniform(0.05, 1.0, (SMALL, SMALL, 3)).astype(np.float32)
@@ -128,11 +133,13 @@ class TestOptimum:
 
     @settings(max_examples=25, deadline=None)
     @given(seed=st.integers(0, 2**31), bright=st.floats(0.01, 3.0))
-    def test_certificates_hold_for_any_content(self, seed: int, bright: float) -> None:
+    def test_certificates_hold_for_any_content(
+        self, small: Calibration, seed: int, bright: float
+    ) -> None:
         rng = np.random.default_rng(seed)
         picture = (bright * rng.random((SMALL, SMALL, 3)) ** rng.uniform(0.2, 5)).astype(np.float32)
         for method in ("exact", "least-squares"):
-            compensator = Compensator(_KNOWN, SMALL, method)
+            compensator = Compensator(small, SMALL, method)
             compensator.frame(picture)
             assert compensator.certificate.kkt < 1e-6
 
@@ -275,16 +282,16 @@ class TestWhite:
 
 
 class TestEvenDome:
-    def test_tables_and_fields_agree(self) -> None:
+    def test_tables_and_fields_agree(self, small: Calibration) -> None:
         """A dome that is the same everywhere goes by tables: against the same picture in floats."""
         size, maps_size = 600, 300
-        compensator = Compensator(_even(maps_size), size)
+        compensator = Compensator(_even(small, maps_size), size)
         assert compensator._equations._even is not None
         u, v = np.meshgrid(*[np.linspace(0, 1, size)] * 2)
         content = np.rint(255 * np.stack([u, v, 0.5 * u + 0.5 * v], axis=-1)).astype(np.uint8)
         found = compensator.frame(content)
         linear = np.asarray(transfer("srgb").decode(content / 255), np.float32)
-        exact = Compensator(_even(maps_size), size)
+        exact = Compensator(_even(small, maps_size), size)
         expected = 255 * np.asarray(transfer("srgb").encode(np.clip(exact.frame(linear), 0, 1)))
         off = np.abs(found - expected)
         assert off.max() < 1.01
@@ -293,18 +300,9 @@ class TestEvenDome:
         assert compensator.certificate.kkt < 2e-5
 
 
-def _even(size: int) -> Calibration:
+def _even(known: Calibration, size: int) -> Calibration:
     direction, inside = master_directions(size)
     one = np.ones((size, size, 3), np.float32)
     coverage = (inside & (direction[..., 2] > 0.1)).astype(np.float32)
     maps = DomeMaps(0.05 * one, 0.5 * one, 0.001 * one, 1.1 * one, coverage)
-    return replace(_KNOWN, maps=maps)
-
-
-def _load_known() -> Calibration:
-    from conftest import _calibration
-
-    return furnished(_calibration(size=SMALL, feedback=(0.5, 0.4, 0.3), lo=0.01))
-
-
-_KNOWN = _load_known()
+    return replace(known, maps=maps)
