@@ -57,7 +57,7 @@ struct table { /* of 256 bytes */
     __m512i part[4];
 };
 
-INLINE struct table byte_table(const uint16_t *words, int shift) {
+INLINE struct table byte_table(const uint32_t *words, int shift) {
     uint8_t bytes[256];
     for (int i = 0; i < 256; i++) bytes[i] = (uint8_t)(words[i] >> shift);
     struct table table;
@@ -119,7 +119,7 @@ INLINE void even_apply(const struct procam_even *how, size_t first, size_t count
 }
 
 INLINE void even_totals(const struct procam_even *how, size_t y, const struct turn *apart,
-                        const struct table *low, const struct table *high, uint32_t *totals) {
+                        const struct table (*bytes)[3], uint32_t *totals) {
     const uint8_t *from = how->image + y * 3 * how->size;
     const __m512i none = _mm512_setzero_si512();
     for (size_t x = 0; x < how->size; x += EVEN) {
@@ -129,10 +129,11 @@ INLINE void even_totals(const struct procam_even *how, size_t y, const struct tu
         load_even(from + 3 * x, how->size - x, parts);
         for (int c = 0; c < 3; c++) {
             const __m512i codes = turned(apart, c, parts);
-            const __m512i a = _mm512_maskz_mov_epi8(lit, looked_up(low + c, codes));
-            const __m512i b = _mm512_maskz_mov_epi8(lit, looked_up(high + c, codes));
-            const __m512i sum = _mm512_add_epi64(_mm512_sad_epu8(a, none),
-                                                 _mm512_slli_epi64(_mm512_sad_epu8(b, none), 8));
+            __m512i sum = none;
+            for (int k = 2; k >= 0; k--) { /* the highest byte first */
+                const __m512i part = _mm512_maskz_mov_epi8(lit, looked_up(&bytes[c][k], codes));
+                sum = _mm512_add_epi64(_mm512_slli_epi64(sum, 8), _mm512_sad_epu8(part, none));
+            }
             __m256i *to = (__m256i *)(totals + (size_t)c * how->groups + x / GROUP);
             _mm256_storeu_si256(to, _mm256_add_epi32(_mm256_loadu_si256(to), _mm512_cvtepi64_epi32(sum)));
         }
@@ -148,7 +149,7 @@ INLINE void even_apply(const struct procam_even *how, size_t first, size_t count
         memset(to, 0, 3 * begin);
         for (size_t x = begin; x < end; x++)
             for (size_t c = 0; c < 3; c++) {
-                const unsigned word = how->table[256 * c + from[3 * x + c]] + 255u - over[x % EVEN];
+                const uint32_t word = how->table[256 * c + from[3 * x + c]] + 255u - over[x % EVEN];
                 to[3 * x + c] = (uint8_t)(word > 65535 ? 255 : word >> 8);
             }
         memset(to + 3 * end, 0, 3 * (how->size - end));
@@ -170,13 +171,13 @@ INLINE void even_sums(const struct procam_even *how, size_t band, double *sums) 
     memset(totals, 0, count * sizeof *totals);
 #if LEVEL == 512
     const struct turn apart = apart_order();
-    struct table low[3], high[3];
+    struct table bytes[3][3];
     for (int c = 0; c < 3; c++)
-        low[c] = byte_table(how->table + 256 * c, 0), high[c] = byte_table(how->table + 256 * c, 8);
+        for (int k = 0; k < 3; k++) bytes[c][k] = byte_table(how->table + 256 * c, 8 * k);
 #endif
     for (size_t y = (size_t)how->rows[band]; y < (size_t)how->rows[band + 1]; y++)
 #if LEVEL == 512
-        even_totals(how, y, &apart, low, high, totals);
+        even_totals(how, y, &apart, bytes, totals);
 #else
         even_totals(how, y, totals);
 #endif

@@ -401,6 +401,13 @@ INLINE void polynomial(const double *n, int terms, const float *x, const float *
     }
 }
 
+/* Half a unit in the last place, more or less, by the node's number: what is the same everywhere must
+   not be rounded the same way everywhere, for its sum would be off by as much. */
+INLINE double unround(size_t node) {
+    const uint32_t mixed = (uint32_t)node * 2654435761u;
+    return ((double)mixed / 4294967296.0 - 0.5) / 16777216.0;
+}
+
 /* What bounces to the nodes of some rows: a polynomial, painted; lamps on top, a second one taken off. */
 static void bounce(const struct bounce *job, size_t first, size_t count) {
     const size_t nodes = (size_t)job->nodes, plane = nodes * nodes, end = (first + count) * nodes;
@@ -415,7 +422,8 @@ static void bounce(const struct bounce *job, size_t first, size_t count) {
             if (job->offset) polynomial(job->offset + c * FRAME_TERMS, job->terms, x, y, z, run, plain);
             for (size_t i = 0; i < run; i++) {
                 const double lamps = job->ambient ? job->ambient[3 * (at + i) + c] : 0;
-                light[3 * i] = (float)(spread[3 * i] * painted[i] + (lamps - plain[i]));
+                const double sum = spread[3 * i] * painted[i] + (lamps - plain[i]);
+                light[3 * i] = (float)(sum + sum * unround(at + i));
             }
         }
     }

@@ -117,7 +117,7 @@ struct procam_even { /* a picture (size, size, 3) of 8 bits: see even.py */
     size_t size, groups;         /* of 8 pixels in a row */
     const uint8_t *image;
     uint8_t *out;
-    const uint16_t *table;       /* (3, 256) by code: 8.8 bits to write, or 16 bits to sum */
+    const uint32_t *table;       /* (3, 256) by code: 8.8 bits to write, or 22 bits to sum */
     const uint8_t *threshold;    /* (64, 64): a rest above it rounds up */
     const int32_t *lit, *rows;   /* (size, 2): first pixel, end; (bands + 1): first row of each */
     const float *weight;         /* (bands, groups) */

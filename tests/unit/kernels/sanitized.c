@@ -209,7 +209,7 @@ static void even(int level, size_t edge) {
     for (size_t y = 0; y < edge; y++) lit[2 * y] = (int32_t)(y % 70 % edge), lit[2 * y + 1] = (int32_t)(edge - y % 3 % edge);
     rows[1] = (int32_t)edge / 2, rows[2] = rows[3] = (int32_t)edge;
     float *weight = numbers(3 * groups, 1);
-    how.image = room(3 * edge * edge), how.out = room(3 * edge * edge), how.table = room(1536);
+    how.image = room(3 * edge * edge), how.out = room(3 * edge * edge), how.table = room(3072);
     how.threshold = room(4096), how.lit = lit, how.rows = rows, how.weight = weight;
     how.totals = room(9 * groups * sizeof(uint32_t));
     double *sums = room(9 * sizeof(double));
