@@ -64,7 +64,7 @@ def dome(size: int, measured: bool) -> Fields:
     mono = (np.ones_like(x), x, y, z, x * y, y * z, x * z, x * x - y * y, z * z)[:terms]
     change = np.linalg.lstsq(np.stack(mono, axis=1), basis(some, int(terms**0.5) - 1), rcond=None)
     operator = change[0] @ bend @ change[0].T
-    return Fields(model, np.stack([operator] * 3), None, model.spread)
+    return Fields(model, model, np.stack([operator] * 3), None)
 
 
 @dataclass
@@ -90,7 +90,7 @@ class Show:
         coding = Coding(known.decode, known.encode, threshold_tile(), 1.0, 1.0)
         fields = dome(size, measured)
         show = cls(
-            Equations(fields, fields.model, "exact", True), coding, frames, aligned_like(first)
+            Equations(fields, "exact", True, np.ones(3)), coding, frames, aligned_like(first)
         )
         show()
         return show
@@ -104,7 +104,8 @@ class Show:
 
     def once(self) -> None:
         """One look and one write: what a frame costs where the numbers hardly move."""
-        frame, light = self.frames[0], self.equations.light()
+        frame = self.frames[0]
+        light = self.equations.light(self.equations.model)
         kernels.frame_sums(self.equations.model, frame, light, "light", self.coding)
         kernels.frame_apply(self.equations.model, frame, light, self.coding, self.out)
 
@@ -123,7 +124,9 @@ def _by_cv2(show: Show) -> Callable[[], None]:
     size = show.out.shape[0]
     model, picture = show.equations.model, show.frames[0].astype(np.float32)
     grow = {"dsize": (size, size), "interpolation": cv2.INTER_LINEAR}
-    light, lo, hi = (cv2.resize(m, **grow) for m in (show.equations.light(), model.lo, model.hi))
+    light, lo, hi = (
+        cv2.resize(m, **grow) for m in (show.equations.light(model), model.lo, model.hi)
+    )
     weight = cv2.resize(np.repeat(model.solid_angle_sr[..., None], 3, axis=2), **grow)
     room, product = np.empty_like(picture), np.empty_like(picture)
 
@@ -141,7 +144,9 @@ def _by_cv2(show: Show) -> Callable[[], None]:
 def _by_oiio(show: Show) -> Callable[[], None]:
     """Only the subtraction and clamp, by OpenImageIO."""
     picture = oiio.ImageBuf(np.ascontiguousarray(show.frames[0]))
-    light = oiio.ImageBuf(cv2.resize(show.equations.light(), show.out.shape[:2]))
+    light = oiio.ImageBuf(
+        cv2.resize(show.equations.light(show.equations.model), show.out.shape[:2])
+    )
 
     def run() -> None:
         less = oiio.ImageBufAlgo.sub(picture, light)

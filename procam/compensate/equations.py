@@ -25,7 +25,7 @@ Image = NDArray[np.float32]
 CHANNELS = 3
 TOLERANCE = 2e-9  # of the moments, relative: what double sums of single light resolve
 TOLERANCE_8_BIT = 1.5e-5  # of which a step of 8 bits shows nothing
-WORTH_PX = 512  # edge from which on a dome that is even is worth tables of its own
+WORTH_PX = 3000  # edge from which on the weights of tables are fine enough (`kernels.even`)
 
 
 class Equations:
@@ -33,31 +33,38 @@ class Equations:
 
     Parameters
     ----------
-    fields : of the dome. model : its model as the method knows it.
+    fields : of the dome.
     method : see `Compensator`. quick : whether a dome that is the same everywhere may go by tables.
+    albedo : (3,), which paper eq. 12 goes by.
     """
 
-    def __init__(self, fields: Fields, model: FrameModel, method: str, quick: bool) -> None:
-        self.fields, self.model, self.method = fields, model, method
-        self._quick = quick and method == "exact" and model.size >= WORTH_PX
+    def __init__(self, fields: Fields, method: str, quick: bool, albedo: Array) -> None:
+        self.fields, self.method = fields, method
+        self.model = _known_to(method, fields.model, albedo)
+        same = fields.shown is fields.model
+        self.shown = self.model if same else _known_to(method, fields.shown, albedo)
+        self._quick = quick and method == "exact" and self.model.size >= WORTH_PX
         self.solution = np.zeros((2, CHANNELS, TERMS))  # q, and what (W) takes off
 
-    def light(self) -> Image:
-        """What bounces to each node (M, M, 3) [rel]; in (W) less what it pulls."""
+    def light(self, model: FrameModel) -> Image:
+        """What bounces to each node (M, M, 3) of `model` or `shown` [rel]; in (W) less what it pulls."""
         offset = self.solution[1] if self.method == "least-squares" else None
-        return bounced_light(self.model, self.solution[0], offset)
+        return bounced_light(model, self.solution[0], offset)
 
     def sums(self, content: NDArray[Any], light: Image, what: str, coding: Coding) -> Array:
         """Moments (3, T), see `kernels.frame.frame_sums`."""
-        return frame_sums(self._under(coding), content, light, what, coding)
+        return frame_sums(self._of(self.model, coding), content, light, what, coding)
 
-    def _under(self, coding: Coding) -> FrameModel:
-        """The model, without upper limits where the coding's own is the lower one everywhere."""
-        return self._unlimited if coding.top <= self._lowest_hi else self.model
+    def _of(self, model: FrameModel, coding: Coding) -> FrameModel:
+        """A model, without upper limits where the coding's own is the lower one everywhere."""
+        if coding.top > self._lowest_hi:
+            return model
+        return self._unlimited[0 if model is self.model else 1]
 
     @cached_property
-    def _unlimited(self) -> FrameModel:
-        return replace(self.model, hi=None)
+    def _unlimited(self) -> tuple[FrameModel, FrameModel]:
+        model = replace(self.model, hi=None)
+        return model, model if self.shown is self.model else replace(self.shown, hi=None)
 
     @cached_property
     def _lowest_hi(self) -> float:
@@ -67,7 +74,8 @@ class Equations:
     @cached_property
     def _even(self) -> EvenModel | None:
         """The dome, if it is the same everywhere and its pictures can go by tables."""
-        return EvenModel.of(self.model) if self._quick else None
+        quick = self._quick and self.shown is self.model
+        return EvenModel.of(self.model) if quick else None
 
     def _even_table(self, coding: Coding) -> Array:
         """Light to send (3, 256) for each code of 8 bits."""
@@ -80,7 +88,7 @@ class Equations:
         """Moments (3, T) of the light to send."""
         if content.dtype == np.uint8 and self._even is not None:
             return even_sums(self._even, content, self._even_table(coding))[:, None]
-        return self.sums(content, self.light(), "light", coding)
+        return self.sums(content, self.light(self.model), "light", coding)
 
     def apply(
         self, content: NDArray[Any], coding: Coding, out: NDArray[Any] | None
@@ -90,14 +98,18 @@ class Equations:
             codes = 255 * np.asarray(coding.encode(self._even_table(coding)), float)
             target = aligned_like(content) if out is None else out
             return even_apply(self._even, content, codes, coding.threshold, target)
-        return frame_apply(self._under(coding), content, self.light(), coding, out)
+        return frame_apply(
+            self._of(self.shown, coding), content, self.light(self.shown), coding, out
+        )
 
     def solve(self, content: NDArray[Any], coding: Coding) -> None:
         """Find the numbers of a frame, from those of the last."""
         if self.method in ("none", "paper-eq12"):
             self.solution = np.zeros((2, CHANNELS, TERMS))
             if self.method == "paper-eq12":
-                self.solution[0, :, :1] = self.sums(content, self.light(), "content", coding)
+                self.solution[0, :, :1] = self.sums(
+                    content, self.light(self.model), "content", coding
+                )
             return
         self._root.follow(
             lambda value: self._residual(value, content, coding),
@@ -116,7 +128,11 @@ class Equations:
         """What the solution leaves of the equations, looked up anew; none where there are none."""
         if self.method in ("none", "paper-eq12"):
             return np.zeros((CHANNELS, 1))
-        return self._residual(self._root.value, content, coding)
+        value = self._root.value
+        if self.method == "exact":  # by fields, also where tables were quicker
+            self._use(value)
+            return self.sums(content, self.light(self.model), "light", coding) - value
+        return self._residual(value, content, coding)
 
     def assumed(self) -> Array:
         """Moments (3, T) that the last solution takes for those of the light sent."""
@@ -134,7 +150,7 @@ class Equations:
         self._use(value)
         if self.method == "exact":
             return self._light_sums(content, coding) - value
-        light = self.light()
+        light = self.light(self.model)
         what = "content" if self.method == "subtract" else "light"
         left = self.sums(content, light, what, coding) - value[:, :terms]
         if self.method == "subtract":
@@ -163,7 +179,10 @@ class Equations:
         free = np.ones(sample.shape, bool)
         if self.method != "subtract":
             free = sample.free(
-                self.model, coding.decoded(sample.of_picture(content)), self.light(), coding.top
+                self.model,
+                coding.decoded(sample.of_picture(content)),
+                self.light(self.model),
+                coding.top,
             )
         return self._slope_of(free)
 
@@ -180,3 +199,13 @@ class Equations:
         slope[:, terms:, :terms] = -transposed @ sample.products(~free, 2) @ operator
         slope[:, terms:, terms:] = -(eye + transposed @ painted)
         return slope
+
+
+def _known_to(method: str, model: FrameModel, albedo: Array) -> FrameModel:
+    """A model as a method knows it; those for comparison know of no lamps."""
+    if method == "none":
+        return replace(model, ambient=None, spread=np.zeros_like(model.spread), terms=1)
+    if method == "paper-eq12":
+        flat = np.full_like(model.spread, albedo / (4 * np.pi))
+        return replace(model, ambient=None, spread=flat, terms=1)
+    return model

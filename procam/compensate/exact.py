@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from procam.compensate.equations import Equations
 from procam.compensate.fields import Fields
 from procam.errors import InputError, ShapeError
-from procam.kernels.frame import WHOLE, Coding, FrameModel, bounced_light, frame_apply, frame_sums
+from procam.kernels.frame import KINDS, WHOLE, Coding, bounced_light, frame_apply, frame_sums
 from procam.kernels.reference_frame import interpolated
 from procam.maths.dither import threshold_tile
 from procam.maths.transfer import transfer
@@ -43,7 +43,7 @@ class Compensated:
 
 @dataclass(frozen=True, slots=True)
 class Certificate:
-    """What a compensated frame is worth, told from its own light.
+    """What a compensated frame is worth, told from the light of its full result, whatever the strength.
 
     Attributes
     ----------
@@ -60,6 +60,28 @@ class Certificate:
     share_hi: Array
     flux_in: Array
     flux_out: Array
+
+
+def _check(image: NDArray[Any], out: NDArray[Any] | None, size: int) -> None:
+    """Refuse pictures that the kernels cannot read, or not write to."""
+    expected = (size, size, CHANNELS)
+    if image.shape != expected:
+        raise ShapeError("content", image.shape, f"{expected}")
+    if image.dtype not in KINDS:
+        raise InputError(
+            f"content: got {image.dtype}, expected uint8, uint16, float16 or float32; convert it"
+        )
+    if out is None:
+        return
+    if out.shape != expected:
+        raise ShapeError("out", out.shape, f"{expected}")
+    if out.dtype != image.dtype or not out.flags.c_contiguous or not out.flags.writeable:
+        raise InputError(
+            f"out: got {out.dtype}, expected writable, contiguous {image.dtype}, as the content"
+        )
+    same = image.ctypes.data == out.ctypes.data and image.strides == out.strides
+    if np.may_share_memory(image, out) and not same:
+        raise InputError("out: got a part of the content's memory, expected all of it or none")
 
 
 class Compensator:
@@ -116,19 +138,9 @@ class Compensator:
         self.method, self.size, self.strength = method, size, strength
         self._transfer = transfer_name and transfer(transfer_name)
         self.fields = Fields.of(calibration, size, state, white)
-        self._model = self._model_of(calibration)
-        self._equations = Equations(self.fields, self._model, method, strength == 1)
+        self._equations = Equations(self.fields, method, strength == 1, calibration.albedo.value)
         self._codings: dict[tuple[str, float, float], Coding] = {}
         self._last: tuple[NDArray[Any], Coding] | None = None
-
-    def _model_of(self, calibration: Calibration) -> FrameModel:
-        model = self.fields.model
-        if self.method == "none":
-            return replace(model, ambient=None, spread=np.zeros_like(model.spread), terms=1)
-        if self.method == "paper-eq12":
-            flat = np.full_like(model.spread, calibration.albedo.value / (4 * np.pi))
-            return replace(model, ambient=None, spread=flat, terms=1)
-        return model
 
     @property
     def numbers(self) -> Array:
@@ -144,14 +156,15 @@ class Compensator:
     @cached_property
     def lit(self) -> NDArray[np.bool_]:
         """(N, N) where projectors reach."""
-        return interpolated(self._model, self._model.coverage, slice(None)) > 0
+        return interpolated(self.fields.shown, self.fields.shown.coverage, slice(None)) > 0
 
     def frame(self, image: NDArray[Any], out: NDArray[Any] | None = None) -> NDArray[Any]:
         """The light to send, encoded as the content is.
 
         Parameters
         ----------
-        image : (N, N, 3) uint8, uint16, float16 or float32; 1.0 (255, 65535) is the white.
+        image : (N, N, 3) uint8, uint16, float16 or float32; 1.0 (255, 65535) is the white, NaN is
+            taken for black.
         out : array like it to write to, which may be `image` itself.
 
         Raises
@@ -159,15 +172,19 @@ class Compensator:
         ShapeError, InputError
             Another shape or element type.
         """
+        _check(image, out, self.size)
         coded = self._coded(image)
         self._equations.solve(*coded)
-        self._last = None if out is image else coded
+        written_over = out is not None and np.may_share_memory(image, out)
+        self._last = None if written_over else coded
         return self._applied(image, coded, out)
 
     def apply(
         self, image: NDArray[Any], numbers: Array, out: NDArray[Any] | None = None
     ) -> NDArray[Any]:
         """`frame` with known numbers (3, 9), such as a track's; nothing is solved."""
+        _check(image, out, self.size)
+        self._last = None
         self._equations.solution = np.stack([numbers, np.zeros_like(numbers)])
         return self._applied(image, self._coded(image), out)
 
@@ -180,7 +197,8 @@ class Compensator:
                 "and do not write over its content"
             )
         content, coding = self._last
-        equations, light = self._equations, self._equations.light()
+        equations = self._equations
+        light = equations.light(equations.model)
         at = {w: equations.sums(content, light, w, coding)[:, 0] for w in ("at least", "at most")}
         sent = equations.sums(content, light, "light", coding)
         lit = float(self.fields.gram[0, 0])
@@ -199,41 +217,45 @@ class Compensator:
 
     def solve(self, image: Image) -> Compensated:
         """The compensated picture in linear light, what the audience will see of it, what clips."""
-        if image.shape != (self.size, self.size, CHANNELS):
-            raise ShapeError("content", image.shape, f"({self.size}, {self.size}, 3)")
+        _check(image, None, self.size)
         content = np.ascontiguousarray(image, np.float32)
-        coding = self._coding("linear", np.inf, 1.0)
-        self._equations.solve(content, coding)
+        equations, coding = self._equations, self._coding("linear", np.inf, 1.0)
+        equations.solve(content, coding)
         self._last = content, coding
-        light, every = self._equations.light(), slice(None)
-        direct = frame_apply(self._model, content, light, coding)
-        wanted = self.target(content) - interpolated(self._model, light, every)
-        least, most = (interpolated(self._model, f, every) for f in self._limits)
-        free = (wanted > least) & (wanted < most) & self.lit[..., None]
-        sums = self._equations.sums(content, light, "light", coding)
-        observed = np.where(self.lit[..., None], direct + self._bounced(content, coding, light), 0)
-        kept = self.protected
+        shown, every, lit = equations.shown, slice(None), self.lit[..., None]
+        light = equations.light(shown)
+        direct = frame_apply(shown, content, light, coding)
+        wanted = self._under_white(content) - interpolated(shown, light, every)
+        assert shown.hi is not None
+        lo, hi = (interpolated(shown, field, every) for field in (shown.lo, shown.hi))
+        free, kept = (wanted > lo) & (wanted < hi) & lit, self.protected
+        counted = np.where(kept[..., None] & lit, np.clip(content, lo, hi), direct)
+        observed = np.where(lit, counted + self._bounced(content, coding), 0)
+        sums = equations.sums(content, equations.light(equations.model), "light", coding)
         direct[kept], free[kept] = image[kept], False
         return Compensated(direct, observed.astype(np.float32), free, sums[:, 0])
 
     def target(self, image: Image) -> Image:
-        """What the audience should see (N, N, 3): the content under its white."""
-        gain = self._model.gain
-        even = 1.0 if gain is None else interpolated(self._model, gain, slice(None))[..., None]
-        return np.where(self.lit[..., None], image * even, 0).astype(np.float32)
+        """What the audience should see (N, N, 3): the content under its white, or as it is kept."""
+        wanted = np.where(self.lit[..., None], self._under_white(image), 0).astype(np.float32)
+        kept = self.protected & self.lit
+        wanted[kept] = image[kept]
+        return wanted
 
-    @property
-    def _limits(self) -> tuple[Image, Image]:
-        assert self._model.hi is not None
-        return self._model.lo, self._model.hi
+    def _under_white(self, image: Image) -> Image:
+        gain = self.fields.shown.gain
+        if gain is None:
+            return image
+        return image * interpolated(self.fields.shown, gain, slice(None))[..., None].astype(
+            np.float32
+        )
 
-    def _bounced(self, content: Image, coding: Coding, light: Image) -> Array:
+    def _bounced(self, content: Image, coding: Coding) -> Array:
         """What really bounces of the light sent, and the lamps' (N, N, 3)."""
-        whole = self.fields.seen
-        terms = whole.terms
-        sums = frame_sums(replace(self._model, terms=terms), content, light, "light", coding)
-        seen = bounced_light(whole, self.fields.numbers_of(sums))
-        return interpolated(whole, seen, slice(None))
+        equations, shown = self._equations, self.fields.shown
+        model = replace(equations.model, terms=shown.terms)
+        sums = frame_sums(model, content, equations.light(equations.model), "light", coding)
+        return interpolated(shown, bounced_light(shown, self.fields.numbers_of(sums)), slice(None))
 
     def _coded(self, image: NDArray[Any]) -> tuple[NDArray[Any], Coding]:
         """The content as the kernels take it: 8 bits through tables, the rest in linear light."""

@@ -35,22 +35,17 @@ class Fields:
 
     Attributes
     ----------
-    model : for the frame kernels; its `spread` is v, so that light bounced to a place is
+    shown : for the frame kernels; its `spread` is v, so that light bounced to a place is
         v (q . mono(direction)), see `kernels.frame`. `hi` is there.
+    model : the same for sums: where content is protected it goes out as it came.
     operator : (3, T, T) per colour, from moments of direct light (`kernels.frame.frame_sums`) to q.
     protected : (N, N) where content goes out as it came, or None.
-    paint : (M, M, 3) v everywhere; `model.spread` is 0 where content is protected.
     """
 
+    shown: FrameModel
     model: FrameModel
     operator: Array
     protected: NDArray[np.bool_] | None
-    paint: Map
-
-    @property
-    def seen(self) -> FrameModel:
-        """The dome as the audience sees it, protected places and all."""
-        return self.model if self.protected is None else replace(self.model, spread=self.paint)
 
     @classmethod
     def of(
@@ -70,13 +65,15 @@ class Fields:
         """
         if white not in WHITES:
             raise InputError(f"white: got {white!r}, expected {' or '.join(WHITES)}")
-        fields = _summed(calibration, size, state)
+        shown = _model(calibration, size, state)
+        fields = cls(shown, shown, _operator(calibration), _protected(calibration.maps, size))
         if white == "keep":
-            model = fields.model
-            gain = fields.todays_white * (1 if model.gain is None else model.gain)
-            gain = np.broadcast_to(gain, model.coverage.shape).astype(np.float32)
-            fields = replace(fields, model=replace(model, gain=gain))
-        return fields
+            gain = fields.todays_white() * (1 if shown.gain is None else shown.gain)
+            even = np.broadcast_to(gain, shown.coverage.shape).astype(np.float32)
+            shown = replace(shown, gain=even)
+        if fields.protected is None:
+            return replace(fields, shown=shown, model=shown)
+        return replace(fields, shown=shown, model=_untouched(shown, calibration.maps))
 
     def numbers_of(self, moments: Array) -> Array:
         """Polynomial q (3, 9) for moments (3, T) [rel sr] of direct light."""
@@ -84,14 +81,13 @@ class Fields:
         found[:, : self.model.terms] = np.einsum("cij,cj->ci", self.operator, moments)
         return found
 
-    @cached_property
     def todays_white(self) -> float:
         """Total light of the full-white picture as it is today, of the darkest colour [rel]."""
-        model = self.model
+        model = self.shown
         gain = np.ones_like(model.coverage) if model.gain is None else model.gain
         assert model.hi is not None
         direct = np.clip(gain[..., None], model.lo, model.hi).astype(float)
-        light = bounced_light(self.seen, self.numbers_of(self.node_sums(direct)))
+        light = bounced_light(self.shown, self.numbers_of(self.node_sums(direct)))
         area = model.solid_angle_sr.astype(float)
         totals = np.tensordot(area, direct + light, 2) / np.tensordot(area, gain.astype(float), 2)
         return float(totals.min())
@@ -177,7 +173,7 @@ class NodeSample:
         return np.array(found)
 
 
-def _summed(calibration: Calibration, size: int, state: str | None) -> Fields:
+def _model(calibration: Calibration, size: int, state: str | None) -> FrameModel:
     maps = calibration.maps
     nodes = min(size, maps.size)
     direction, inside = master_directions(nodes)
@@ -188,15 +184,14 @@ def _summed(calibration: Calibration, size: int, state: str | None) -> Fields:
     lo = sample(maps.lo, where)
     # coverage fades hi over the border; what is lit at all can be driven to full there
     hi = np.maximum(sample(maps.hi, where) / np.maximum(coverage, 0.5)[..., None], lo)
-    kept = maps.is_protected(where) & inside
-    paint = _continued(spread, lit)
-    model = FrameModel(
+    falloff = None if maps.falloff is None else sample(maps.falloff, where)[..., None]
+    return FrameModel(
         size=size,
-        spread=np.where(kept[..., None], np.float32(0), paint),
+        spread=_continued(spread, lit),
         lo=_continued(lo, lit),
         hi=_continued(hi, lit),
         ambient=ambient,
-        gain=None if maps.falloff is None else _falloff(maps.falloff, where, kept, lit),
+        gain=None if falloff is None else _continued(falloff, lit)[..., 0],
         coverage=coverage.astype(np.float32),
         solid_angle_sr=(master_solid_angles(nodes) * (nodes / size) ** 2 * coverage).astype(
             np.float32
@@ -204,7 +199,17 @@ def _summed(calibration: Calibration, size: int, state: str | None) -> Fields:
         direction=np.ascontiguousarray(np.moveaxis(direction, -1, 0), np.float32),
         terms=(maps.kernel.degree + 1) ** 2,
     )
-    return Fields(model, _operator(calibration), _protected(maps, size), paint)
+
+
+def _untouched(shown: FrameModel, maps: DomeMaps) -> FrameModel:
+    """A model under which protected content goes out as it came."""
+    direction, _ = master_directions(shown.nodes)
+    kept = maps.is_protected(master_pixels(direction, maps.size))
+    none = np.float32(0)
+    ambient = None if shown.ambient is None else np.where(kept[..., None], none, shown.ambient)
+    gain = None if shown.gain is None else np.where(kept, np.float32(1), shown.gain)
+    spread = np.where(kept[..., None], none, shown.spread)
+    return replace(shown, spread=spread, ambient=ambient, gain=gain)
 
 
 def _protected(maps: DomeMaps, size: int) -> NDArray[np.bool_] | None:
@@ -234,13 +239,6 @@ def _scatter(
             ambient = sample(house.ambient, where)
     phi = basis(direction.reshape(-1, 3), kernel.degree) @ kernel.profile.T
     return (scatter / phi.reshape(scatter.shape)).astype(np.float32), ambient
-
-
-def _falloff(
-    falloff: Map, where: NDArray[np.floating], kept: NDArray[np.bool_], lit: NDArray[np.bool_]
-) -> Map:
-    """The matched white; protected content is left as it is."""
-    return _continued(np.where(kept, 1, sample(falloff, where))[..., None], lit)[..., 0]
 
 
 def _continued(field: NDArray[np.floating], lit: NDArray[np.bool_]) -> Map:

@@ -27,7 +27,7 @@ def textures(fields: Fields) -> dict[str, Texture]:
     Floats of 32 bits: near black a step of 8-bit sRGB is 3e-4 of white, and halves would round the
     scattered light by as much as half of that.
     """
-    model = fields.model
+    model = fields.shown
     found = {
         "spread": model.spread,
         "lo": model.lo,

@@ -6,7 +6,7 @@ import os
 import re
 import threading
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import islice, pairwise
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -122,17 +122,27 @@ def _names_in(folder: Path) -> Numbered:
             "pattern such as sky.%04d.exr"
         )
     ((before, after), numbers) = found.popitem()
-    return Numbered(folder, before, min(len(number) for number in numbers), after)
+    names = Numbered(folder, before, min(len(number) for number in numbers), after)
+    padded = [
+        name for n in sorted(numbers) if names.number_of(name := f"{before}{n}{after}") is None
+    ]
+    if padded:
+        shortest = f"{before}{min(numbers, key=len)}{after}"
+        raise FileFormatError(
+            f"{folder}: got {shortest} and {padded[0]}, expected one padding for all numbers; rename "
+            "some, or name some by a pattern such as sky.%04d.exr"
+        )
+    return names
 
 
 def _refuse_gaps(names: Numbered, numbers: list[int]) -> None:
     step = math.gcd(*(b - a for a, b in pairwise(numbers))) or 1
-    there = set(numbers)
-    missing = [n for n in range(numbers[0], numbers[-1], step) if n not in there]
+    missing = (numbers[-1] - numbers[0]) // step + 1 - len(numbers)
     if not missing:
         return
-    listed = ", ".join(names.path(n).name for n in missing[:TOLD])
-    more = f" and {len(missing) - TOLD} more" if len(missing) > TOLD else ""
+    each = (n for a, b in pairwise(numbers) for n in range(a + step, b, step))
+    listed = ", ".join(names.path(n).name for n in islice(each, TOLD))
+    more = f" and {missing - TOLD} more" if missing > TOLD else ""
     raise FileFormatError(
         f"{names}: got a gap in the numbering, {listed}{more} missing, expected every picture from "
         f"{names.path(numbers[0]).name} to {names.path(numbers[-1]).name}; render them again"

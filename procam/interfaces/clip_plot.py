@@ -30,7 +30,12 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Colours = NDArray[np.floating]
 COLOURS = "rgb"
-LIMIT_NAMES = ("as asked for", "too bright: black is not dark enough", "too dark", "not lit")
+LIMIT_NAMES = (
+    "as asked for",
+    "too bright: black is not dark enough",
+    "too dark",
+    "not lit, or protected",
+)
 MOST_MARKED = 60  # frames: more of them make a line of their own
 
 
@@ -75,12 +80,17 @@ def write_clip_plot(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
     _save(figure, path)
 
 
-def write_explained(path: Path, explained: Explained) -> None:
-    """Write what happens to one frame as a sheet of labelled dome masters."""
+def write_explained(path: Path, explained: Explained, strength: float) -> None:
+    """Write what happens to one frame as a sheet of labelled dome masters.
+
+    Pictures are of the full result; titles say so if a run's `strength` is less.
+    """
+    full = ", at strength 1" if strength < 1 else ""
     figure = _figure(11.2, 8.5)  # a constrained layout cuts titles off above these pictures
     figure.subplots_adjust(0.01, 0.11, 0.99, 0.96, 0.04, 0.1)
     panels = figure.subplots(2, 3)
-    unlit = np.asarray(np.isnan(explained.limits).any(axis=-1))
+    untold = np.isnan(explained.limits).any(axis=-1)
+    unlit = np.asarray(untold & ~explained.without.any(axis=-1))  # the rest of them is protected
     inside = np.asarray(master_solid_angles(len(unlit)) > 0)
     shown = (explained.content, explained.without, explained.direct, explained.observed)
     brightest = max(1.0, *(float(np.percentile(p[~unlit], 99.5)) for p in shown))
@@ -89,8 +99,8 @@ def write_explained(path: Path, explained: Explained) -> None:
         ("asked for", explained.content, brightest),
         ("seen without compensation", explained.without, brightest),
         (_scaled("scattered light in it", brightest, scattered), explained.scattered, scattered),
-        ("sent: direct light", explained.direct, brightest),
-        ("seen with compensation, as predicted", explained.observed, brightest),
+        (f"sent: direct light{full}", explained.direct, brightest),
+        (f"seen with compensation, as predicted{full}", explained.observed, brightest),
     )
     for axes, (title, picture, white) in zip(panels.flat, pictures, strict=False):
         colours = srgb_encode(np.clip(picture / max(white, 1e-9), 0, 1))

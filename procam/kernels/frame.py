@@ -103,6 +103,21 @@ class FrameModel:
     direction: Plane
     terms: int = 1
 
+    def __post_init__(self) -> None:
+        nodes = self.coverage.shape[0]
+        plane, colours = (nodes, nodes), (nodes, nodes, CHANNELS)
+        shapes: dict[str, tuple[int, ...]] = {
+            "coverage": plane,
+            "gain": plane,
+            "solid_angle_sr": plane,
+        }
+        shapes |= {name: colours for name in ("spread", "lo", "hi", "ambient")}
+        shapes["direction"] = (CHANNELS, nodes, nodes)
+        for name, shape in shapes.items():
+            field = getattr(self, name)
+            if field is not None and field.shape != shape:
+                raise ShapeError(f"field {name}", field.shape, f"{shape}")
+
     @property
     def nodes(self) -> int:
         """Edge of the fields."""

@@ -11,7 +11,7 @@ from itertools import chain
 from pathlib import Path
 from typing import TypeVar
 
-from procam.errors import FileFormatError, InputError
+from procam.errors import FileFormatError
 from procam.files import atomic
 from procam.files.calibration import load_dome
 from procam.files.movie_clips import is_movie
@@ -28,23 +28,32 @@ from procam.workflows.clip_ends import (
     source_sequence,
 )
 from procam.workflows.clip_engine import ClipEngine, How
+from procam.workflows.clip_files import Named, refuse_overwriting
 from procam.workflows.clip_flow import flow
 from procam.workflows.events import Event
 
 Made = TypeVar("Made")
+FileClip = StillClip | SequenceClip | MovieClip
 LOG = "procam.jsonl"
 PARTS = ("calibration.json", "maps/dome.exr", "maps/state-*.exr")  # what a compensator is made of
 
 
 def compensate_file(
-    calibration_dir: Path, source: Path, out: Path, how: How, again: bool = False
+    calibration_dir: Path,
+    source: Path,
+    out: Path,
+    how: How,
+    again: bool = False,
+    beside: Sequence[Named] = (),
 ) -> Iterator[Event]:
     """Compensate IN to OUT; an event per frame, whose data hold its row of the report by its number.
 
     Pictures of a sequence that an earlier run made of the same sources with the same calibration and
-    settings are skipped, and the first event has their rows; so is a movie, unless `again`.
+    settings are skipped, and the first event has their rows; so is a movie, unless `again`. `beside` is
+    what the caller will write of it. Nothing is begun if anything would be written over IN, or twice.
     """
     clip = open_clip(source, out, calibration_dir, how)
+    refuse_overwriting(clip.read, [*(("OUT", path) for path in clip.written), *beside])
     calibration = load_dome(calibration_dir)
     if isinstance(clip, MovieClip) and clip.is_made and not again:
         yield Event("frames", 0, 0, f"{out} is there already", {"rows": {}})
@@ -52,10 +61,8 @@ def compensate_file(
     yield from compensate_clip(calibration, clip, how)
 
 
-def open_clip(source: Path, out: Path, calibration_dir: Path, how: How) -> Clip:
+def open_clip(source: Path, out: Path, calibration_dir: Path, how: How) -> FileClip:
     """The clip that IN and OUT name, and what is left to do of it."""
-    if out.resolve() == source.resolve():
-        raise InputError(f"OUT: got {out}, which is IN itself; choose another name")
     sequence = source_sequence(source)
     if sequence:
         names = output_names(sequence, out)

@@ -16,7 +16,13 @@ from numpy.typing import NDArray
 
 from procam.errors import FileFormatError, InputError
 from procam.files.images import SUFFIXES, require_finite, require_suffix
-from procam.files.movie_clips import MovieReader, MovieWriter, new_movie, require_written
+from procam.files.movie_clips import (
+    MovieFrame,
+    MovieReader,
+    MovieWriter,
+    new_movie,
+    require_written,
+)
 from procam.files.raw_frames import read_frame, write_frame
 from procam.files.sequences import (
     MadeLog,
@@ -33,6 +39,8 @@ Pixels = NDArray[Any]
 Row = dict[str, Any]
 Reads = Iterator[Callable[[], "Piece | None"]]
 ONE_AS_HALF, INFINITE_AS_HALF = 0x3C00, 0x7C00
+UNTAGGED = 2  # transfer characteristics as ITU-T H.273 and FFmpeg count them
+HIGH_RANGE = {16: " (PQ)", 18: " (HLG)"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +52,7 @@ class Piece:
     number : of the frame. name : of its file, or "frame 12 of FILE"; what messages call it.
     rgb : (N, N, 3) encoded colours in the source's type.
     transfer : name of their transfer function, as far as the source tells it.
-    above_one : pixels that ask for more than 1.0.
+    above_one : pixels that ask for more than 1.0. said : the source's own words on its transfer function.
     carried : what its writer needs of the source. came_s : when it was whole, on the clip's clock.
     """
 
@@ -55,6 +63,7 @@ class Piece:
     above_one: int = 0
     carried: Any = None
     came_s: float = field(default_factory=time.perf_counter)
+    said: str = ""
 
 
 class Clip(Protocol):
@@ -85,7 +94,7 @@ class Clip(Protocol):
 
 
 class StillClip:
-    """One picture."""
+    """One picture: `read` and `written` are its files, as of all clips that have files."""
 
     total = 1
     made: Mapping[int, Row] = MappingProxyType({})
@@ -93,6 +102,7 @@ class StillClip:
     def __init__(self, source: Path, out: Path) -> None:
         require_suffix(out)
         self.source, self.out, self.suffix = source, out, out.suffix
+        self.read, self.written = [source], [out]
 
     def __enter__(self) -> Self:
         return self
@@ -120,6 +130,8 @@ class SequenceClip:
         self._sequence, self._names, self.log = sequence, names, log
         self.suffix = names.suffix
         sources = {number: sequence.names.path(number) for number in sequence.numbers}
+        self.read = list(sources.values())
+        self.written = [*map(names.path, sources), log.path]
         logged = {n: log.made(names.path(n), state_of(path)) for n, path in sources.items()}
         self.made: Mapping[int, Row] = {
             n: row for n, row in logged.items() if row is not None and self.is_whole(n, row)
@@ -166,6 +178,7 @@ class MovieClip:
     def __init__(self, source: Path, out: Path, log: MadeLog) -> None:
         require_written(out)
         self.source, self.out, self.suffix = source, out, out.suffix
+        self.read, self.written = [source], [out, log.path]
         self.made: Mapping[int, Row] = {}
         self._log = log
         self.stack = ExitStack()
@@ -208,9 +221,7 @@ class MovieClip:
         if frame is None:
             return None
         self._count += 1
-        number = self._count - 1
-        name = f"frame {number} of {self.source}"
-        return Piece(number, name, frame.rgb, self.reader.transfer, carried=frame)
+        return movie_piece(self.reader, frame, self._count - 1)
 
 
 class PipeClip:
@@ -260,7 +271,17 @@ def read_piece(path: Path, number: int = 0) -> Piece:
     """A picture with all that is kept of it; refuses light that is NaN or infinite."""
     still = read_still(path)
     above = count_above_one(path, still.rgb)
-    return Piece(number, str(path), still.rgb, still.transfer, above, still)
+    said = still.spec.get_string_attribute("oiio:ColorSpace")
+    return Piece(number, str(path), still.rgb, still.transfer, above, still, said=said)
+
+
+def movie_piece(reader: MovieReader, frame: MovieFrame, number: int) -> Piece:
+    """A frame of a movie."""
+    name, tag = f"frame {number} of {reader.path}", int(reader.stream.codec_context.color_trc)
+    said = f"transfer characteristics {tag}{HIGH_RANGE.get(tag, '')}"
+    if tag == UNTAGGED:
+        said = "nothing of it"
+    return Piece(number, name, frame.rgb, reader.transfer, carried=frame, said=said)
 
 
 def count_above_one(name: object, rgb: Pixels) -> int:
@@ -291,8 +312,6 @@ def output_names(sequence: PictureSequence, out: Path) -> Numbered:
         source = sequence.names
         names = Numbered(out, source.before, source.digits, source.after)
     require_suffix(names.path(0))
-    if names.path(0).resolve() == sequence.names.path(0).resolve():
-        raise InputError(f"OUT: got {out}, which is IN itself; choose another name")
     return names
 
 

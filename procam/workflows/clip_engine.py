@@ -14,6 +14,7 @@ from procam.workflows.clip_ends import Piece
 
 Pixels = NDArray[Any]
 COLOURS = "rgb"
+MEASURED = ("scatter_per_flux", "lo", "hi")  # maps that measured light makes
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +97,7 @@ class ClipEngine:
 
 
 def require_photometry(calibration: Calibration) -> None:
-    """Refuse a calibration in which no place of the dome has light that was measured."""
+    """Refuse a calibration in which no place of the dome has light that was measured, or some has not."""
     maps = calibration.maps
     lit = maps.coverage > 0
     measured = (maps.hi > 0).all(axis=-1) & np.isfinite(maps.scatter_per_flux).all(axis=-1)
@@ -105,14 +106,22 @@ def require_photometry(calibration: Calibration) -> None:
             "CALIBRATION: got no photometry, expected the light of every projector; capture and "
             "solve it with white, black and response pictures"
         )
+    for name in MEASURED:
+        bad = int((~np.isfinite(getattr(maps, name)[lit])).any(axis=-1).sum())
+        if bad:
+            raise InputError(
+                f"CALIBRATION: got {bad} lit places of its map {name} that are NaN or infinite, expected "
+                "none; restore it or run `procam solve` on its session again"
+            )
 
 
 def named_transfer(piece: Piece, how: How) -> str:
     """The transfer function of a frame; refuses one without a name."""
     named = how.transfer or piece.transfer
     if named is None:
+        said = f" (its file says {piece.said})" if piece.said else ""
         raise InputError(
-            f"{piece.name}: got no transfer function that procam knows, expected one of "
+            f"{piece.name}: got no transfer function that procam knows{said}, expected one of "
             f"{', '.join(NAMES)}; name it with --transfer"
         )
     transfer(named)

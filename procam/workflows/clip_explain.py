@@ -11,7 +11,7 @@ from procam.errors import FileFormatError
 from procam.files.images import RGB, write_channels
 from procam.files.movie_clips import MovieReader, is_movie
 from procam.model.calibration import Calibration
-from procam.workflows.clip_ends import Piece, read_piece, source_sequence
+from procam.workflows.clip_ends import Piece, movie_piece, read_piece, source_sequence
 from procam.workflows.clip_engine import How, decoded, named_transfer, square_edge
 
 Image = NDArray[np.float32]
@@ -26,8 +26,8 @@ class Explained:
     content : what is asked for. without : what would be seen of it without compensation.
     scattered : the light in `without` that bounced. direct : what is sent instead.
     observed : what will be seen of that.
-    limits : 0 where `observed` is the content, 1 where even black is too bright, -1 where even white
-        is too dark; NaN where nothing is lit.
+    limits : 0 where `observed` is the content under its white, 1 where even black is too bright, -1
+        where even white is too dark; NaN where nothing is lit and where a person protects the content.
     """
 
     content: Image
@@ -49,32 +49,38 @@ def first_piece(source: Path) -> Piece:
         frame = next(iter(reader), None)
         if frame is None:
             raise FileFormatError(f"{source}: got no frame, expected one or more")
-        return Piece(0, f"frame 0 of {source}", frame.rgb, reader.transfer)
+        return movie_piece(reader, frame, 0)
 
 
 def explain(calibration: Calibration, piece: Piece, how: How) -> Explained:
-    """Solve a frame with and without compensation, in linear light."""
+    """Solve a frame with (in full, whatever the strength) and without compensation, in linear light."""
     size = square_edge(piece)
     content = decoded(piece.rgb, named_transfer(piece, how))
-    options = {"strength": how.strength, "white": how.white, "transfer_name": "linear"}
-    ours = Compensator(calibration, size, how.method, how.state, **options)  # type: ignore[arg-type]
-    plain = Compensator(calibration, size, "none", how.state, **options)  # type: ignore[arg-type]
+    ours = Compensator(
+        calibration, size, how.method, how.state, white=how.white, transfer_name="linear"
+    )
+    plain = Compensator(calibration, size, "none", how.state, transfer_name="linear")
     found, without = ours.solve(content), plain.solve(content)
-    limits = np.sign(found.observed - content)
+    limits = np.sign(found.observed - ours.target(content))
     limits[found.free] = 0
-    lit = without.observed.any(axis=-1, keepdims=True)
+    limits[~ours.lit | ours.protected] = np.nan
     return Explained(
         content,
         without.observed,
         without.observed - without.direct,
         found.direct,
         found.observed,
-        np.where(lit, limits, np.nan).astype(np.float32),
+        limits.astype(np.float32),
     )
+
+
+def picture_files(folder: Path) -> dict[str, Path]:
+    """FOLDER/NAME.exr by name, one for each picture."""
+    return {name: folder / f"{name}.exr" for name in Explained.__slots__}
 
 
 def write_pictures(folder: Path, explained: Explained) -> None:
     """Write FOLDER/NAME.exr, one for each picture."""
-    for name in Explained.__slots__:
+    for name, path in picture_files(folder).items():
         picture = getattr(explained, name)
-        write_channels(folder / f"{name}.exr", {c: picture[..., i] for i, c in enumerate(RGB)})
+        write_channels(path, {c: picture[..., i] for i, c in enumerate(RGB)})

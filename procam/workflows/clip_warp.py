@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procam.compensate.projector_frames import Warper
-from procam.errors import FileFormatError, InputError
+from procam.errors import FileFormatError
 from procam.files.calibration import load_calibration
 from procam.files.images import write_image
 from procam.files.movie_clips import MovieFrame, MovieWriter, is_movie, new_movie
@@ -25,7 +25,14 @@ from procam.workflows.clip_ends import (
     StillClip,
     source_sequence,
 )
-from procam.workflows.clip_engine import How, decoded, named_transfer, square_edge
+from procam.workflows.clip_engine import (
+    How,
+    decoded,
+    named_transfer,
+    require_photometry,
+    square_edge,
+)
+from procam.workflows.clip_files import refuse_overwriting
 from procam.workflows.events import Event
 
 Frames = Mapping[str, NDArray[np.uint16]]
@@ -36,6 +43,8 @@ class WarpClip(Clip, Protocol):
     """A clip that gives frames of projectors."""
 
     paths: list[str]
+    read: list[Path]
+    written: list[Path]
 
     def write_frames(self, piece: Piece, frames: Frames) -> None:
         """Store a frame (H, W, 3) of every projector."""
@@ -51,7 +60,9 @@ def warp_file(
     what is written: {"frames"}.
     """
     calibration = load_calibration(calibration_dir)
+    require_photometry(calibration)
     clip = _open(calibration_dir, calibration, source, out, transfer)
+    refuse_overwriting(clip.read, (("OUT", path) for path in clip.written))
     how = How(transfer=transfer)
     warper: Warper | None = None  # known by the first frame; preparing it takes seconds
 
@@ -103,7 +114,8 @@ class _WarpedStill(StillClip):
     def __init__(self, source: Path, out: Path, names: list[str]) -> None:
         super().__init__(source, out / "projector.png")
         self._paths = {name: out / f"{name}.png" for name in names}
-        self.paths = [str(path) for path in self._paths.values()]
+        self.written = list(self._paths.values())
+        self.paths = [str(path) for path in self.written]
 
     def write_frames(self, piece: Piece, frames: Frames) -> None:
         for name, pixels in frames.items():
@@ -118,9 +130,9 @@ class _WarpedSequence(SequenceClip):
         after = f"{source.after.removesuffix(source.suffix)}.png"
         self._outs = {n: Numbered(out / n, source.before, source.digits, after) for n in names}
         self.paths = [str(numbered) for numbered in self._outs.values()]
-        if any(o.path(0).resolve() == source.path(0).resolve() for o in self._outs.values()):
-            raise InputError(f"OUT: got {out}, which holds IN itself; choose another folder")
         super().__init__(sequence, self._outs[names[-1]], log)
+        self.written = [o.path(n) for o in self._outs.values() for n in sequence.numbers]
+        self.written.append(log.path)
 
     def is_whole(self, number: int, row: dict[str, Any]) -> bool:
         """Whether every projector's frame is there; the log knows the size of the last one only."""
@@ -146,6 +158,7 @@ class _WarpedMovie(MovieClip):
         self.paths = [str(path) for path in self._paths.values()]
         self._writers: dict[str, MovieWriter] = {}
         super().__init__(source, out / f"projector{suffix}", MadeLog(out / LOG, ""))
+        self.written = list(self._paths.values())
 
     def write_frames(self, piece: Piece, frames: Frames) -> None:
         if not self._writers:

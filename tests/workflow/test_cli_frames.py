@@ -60,6 +60,19 @@ def assert_same(found: np.ndarray, expected: np.ndarray) -> None:
     assert (apart > 0).mean() < 0.01
 
 
+def spoiled(
+    kept: Path, directory: Path, values: dict[str, float], rows: slice = slice(None)
+) -> Path:
+    """A copy of a calibration with other values in rows of channels of its dome's maps."""
+    shutil.copytree(kept, directory)
+    path = directory / "maps" / "dome.exr"
+    channels = {name: np.array(pixels) for name, pixels in read_channels(path).items()}
+    for name, value in values.items():
+        channels[name][rows] = value
+    write_channels(path, channels)
+    return directory
+
+
 def names(folder: Path) -> list[str]:
     return sorted(path.name for path in folder.iterdir())
 
@@ -123,7 +136,7 @@ class TestSequences:
         }
         assert set(rows[0]) == {"frame", "above_one", "kkt", "self_consistency", *columns}
         assert all(float(row["flux_out_g"]) < float(row["flux_in_g"]) for row in rows)
-        assert read_image(report.with_suffix(".png")).shape[2] in (3, 4)
+        assert read_image(report.with_name("clip.plot.png")).shape[2] in (3, 4)
         pictures = ("content", "direct", "limits", "observed", "scattered", "without")
         assert names(tmp_path / "why") == sorted([*(f"{p}.exr" for p in pictures), "explained.png"])
         content, without, seen = (
@@ -287,12 +300,18 @@ class TestRefused:
 
     def test_a_calibration_that_has_not_measured_light(self, kept: Path, tmp_path: Path) -> None:
         source = shoot(tmp_path / "in")
-        shutil.copytree(kept, tmp_path / "dark")
-        path = tmp_path / "dark" / "maps" / "dome.exr"
-        channels = read_channels(path)
-        write_channels(path, channels | {"coverage": np.zeros_like(channels["coverage"])})
-        ran = procam("compensate", tmp_path / "dark", source, tmp_path / "out")
+        dark = spoiled(kept, tmp_path / "dark", {"coverage": 0})
+        ran = procam("compensate", dark, source, tmp_path / "out")
         assert (ran.code, "got no photometry" in ran.complaint) == (2, True), ran
+        assert not (tmp_path / "out").exists()
+
+    @pytest.mark.parametrize("name", ["scatter_per_flux", "lo", "hi"])
+    def test_a_map_with_a_hole_is_named(self, name: str, kept: Path, tmp_path: Path) -> None:
+        source = shoot(tmp_path / "in")
+        torn = spoiled(kept, tmp_path / "torn", {f"{name}.G": np.nan}, slice(48, 49))
+        ran = procam("compensate", torn, source, tmp_path / "out")
+        words = f"lit places of its map {name} that are NaN or infinite"
+        assert (ran.code, words in ran.complaint) == (2, True), ran
         assert not (tmp_path / "out").exists()
 
 
@@ -323,4 +342,11 @@ class TestWarp:
     def test_into_its_own_source_is_refused(self, kept: Path, tmp_path: Path) -> None:
         shoot(tmp_path / "south", ".png", np.uint16)
         ran = procam("warp", kept, tmp_path / "south", tmp_path)
-        assert (ran.code, "which holds IN itself" in ran.complaint) == (2, True)
+        assert (ran.code, "which is IN itself" in ran.complaint) == (2, True)
+
+    def test_a_calibration_that_has_not_measured_light(self, kept: Path, tmp_path: Path) -> None:
+        source = shoot(tmp_path / "in")
+        dark = spoiled(kept, tmp_path / "dark", {f"hi.{c}": 0 for c in RGB})
+        ran = procam("warp", dark, source, tmp_path / "frames")
+        assert (ran.code, "got no photometry" in ran.complaint) == (2, True), ran
+        assert not (tmp_path / "frames").exists()

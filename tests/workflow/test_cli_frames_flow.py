@@ -176,6 +176,11 @@ class TestPipe:
         [
             (["-", "out.exr"], "got - and out.exr, expected - for both or for none"),
             (["-", "-"], "got - without --size and --pixels, expected both"),
+            (["-", "-", "--size", "9000000", "--pixels", "rgb24"], "got 9000000 px, expected 2 to"),
+            (
+                ["-", "-", "--size", "1", "--pixels", "rgb24"],
+                "--size: got 1 px, expected 2 to 16384",
+            ),
             (["-", "-", "--size", "8", "--pixels", "yuv420p"], "expected one of rgb24"),
             (["-", "-", "--size", "8", "--pixels", "rgb24", "--json"], "expected none: stdout is"),
             (["a.exr", "b.exr", "--size", "8"], "got one for a file, expected IN and OUT to be -"),

@@ -103,12 +103,31 @@ class TestCompensate:
     def test_a_movie_without_a_named_transfer_function(self, kept: Path, tmp_path: Path) -> None:
         source, out = shoot(tmp_path / "m.mkv", trc=2), tmp_path / "o.mkv"
         ran = procam("compensate", kept, source, out)
-        words = "got no transfer function that procam knows, expected one of srgb, linear"
+        words = (
+            "got no transfer function that procam knows (its file says nothing of it), expected one of "
+            "srgb, linear"
+        )
         assert (ran.code, words in ran.complaint, "--transfer" in ran.complaint) == (2, True, True)
         assert not out.exists()
         assert procam("compensate", kept, source, out, "--transfer", "bt1886").code == 0
         with MovieReader(out) as reader:
             assert reader.transfer == "bt1886"
+
+    @pytest.mark.parametrize(
+        ("trc", "said"),
+        [
+            (16, "characteristics 16 (PQ)"),
+            (18, "characteristics 18 (HLG)"),
+            (5, "characteristics 5"),
+        ],
+    )
+    def test_a_transfer_function_without_a_name_is_told(
+        self, trc: int, said: str, kept: Path, tmp_path: Path
+    ) -> None:
+        source = shoot(tmp_path / "m.mkv", trc)
+        ran = procam("compensate", kept, source, tmp_path / "o.mkv")
+        words = f"frame 0 of {source}: got no transfer function that procam knows (its file says "
+        assert (ran.code, f"{words}transfer {said})" in ran.complaint) == (2, True), ran
 
     @pytest.mark.parametrize(
         ("source", "out", "words"),

@@ -195,15 +195,18 @@ class TestLive:
         found = live.live_numbers()
         fields = Fields.of(furnished, SIZE, "full")
         coding = Coding(srgb_decode, srgb_encode, threshold_tile(), top=1.0)
-        light = reference_frame.bounced_light(fields.model, found.astype(float), None)
+        light = reference_frame.bounced_light(fields.shown, found.astype(float), None)
+        assert fields.protected is not None
         direction, inside = master_directions(SIZE)
         weight = np.where(inside, master_solid_angles(SIZE), 0)
         terms = reference_frame.monomials(np.moveaxis(direction, -1, 0), 9)
         moments = np.zeros((3, 9))
         for rows, wanted, least, most in reference_frame.frame_parts(
-            fields.model, frame, light, coding
+            fields.shown, frame, light, coding
         ):
-            covered = reference_frame.interpolated(fields.model, fields.model.coverage, rows)
+            covered = reference_frame.interpolated(fields.shown, fields.shown.coverage, rows)
+            kept = fields.protected[rows]
+            wanted[kept] = coding.decoded(frame[rows])[kept]
             sent = np.clip(wanted, least, most) * (weight[rows] * covered)[..., None]
             moments += np.einsum("rnc,krn->ck", sent, terms[:, rows])
         expected = fields.numbers_of(moments)

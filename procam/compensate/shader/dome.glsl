@@ -78,12 +78,16 @@ bool is_lit(ivec2 pixel, int size) {
 
 bool is_protected(vec2 uv) { return texture(protection, uv).r > 0.5; }
 
+// Light that the projectors can put there.
+vec3 within_limits(vec3 light, vec2 uv) {
+    return min(max(light, texture(lo, uv).rgb), min(texture(hi, uv).rgb, top));
+}
+
 // Direct light that the projectors must put there, `light` being the content's own:
 //   clip(gain light - ambient - spread (numbers . terms), lo, min(hi, top)).
 vec3 direct_light(vec3 light, vec2 uv, float terms[TERMS]) {
     vec3 level = vec3(0.0);
     for (int k = 0; k < TERMS; k++) level += number(k) * terms[k];
     vec3 bounced = texture(ambient, uv).rgb + texture(spread, uv).rgb * level;
-    vec3 wanted = light * texture(gain, uv).r - bounced;
-    return min(max(wanted, texture(lo, uv).rgb), min(texture(hi, uv).rgb, top));
+    return within_limits(light * texture(gain, uv).r - bounced, uv);
 }

@@ -24,7 +24,7 @@ void main() {
             float terms[TERMS];
             terms_at(direction_at(where), terms);
             vec3 light = decode(texelFetch(content, pixel, 0).rgb);
-            vec3 direct = direct_light(light, uv, terms);
+            vec3 direct = is_protected(uv) ? within_limits(light, uv) : direct_light(light, uv, terms);
             float theta = radius * HALF_PI;
             direct *= covered * (theta > 0.0 ? sin(theta) / theta : 1.0);
             for (int k = 0; k < TERMS; k++) {

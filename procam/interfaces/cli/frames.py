@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from procam.workflows.events import Event
 
 PIPE = Path("-")
+SIZES_PX = (2, 16384)  # edges of frames on a pipe
 Rows = dict[int, dict[str, Any]]
 
 
@@ -44,7 +45,7 @@ def run_compensate(
     source, out = ends
     rows: Rows = {}
     again = report is not None
-    events = compensate_file(calibration, source, out, how, again)
+    events = compensate_file(calibration, source, out, how, again, _beside(explain, report))
     _follow(_collected(events, rows), output, quiet=source.is_file())
     if report:
         _write_report(report, rows)
@@ -79,9 +80,14 @@ def _run_pipe(
         raise InputError(f"IN, OUT: got {ends[0]} and {ends[1]}, expected - for both or for none")
     if output.as_json or explain:
         raise InputError("--json, --explain: got one for a pipe, expected none: stdout is frames")
-    if size < 1 or not pixels:
+    if size == 0 or not pixels:
         raise InputError(
             "IN: got - without --size and --pixels, expected both, such as --size 4096 --pixels rgb24"
+        )
+    if not SIZES_PX[0] <= size <= SIZES_PX[1]:
+        raise InputError(
+            f"--size: got {size} px, expected {SIZES_PX[0]} to {SIZES_PX[1]}, the edge of a frame; "
+            "what does the sender give?"
         )
     keep_large_buffers()
     loaded = load_dome(calibration)
@@ -172,12 +178,33 @@ def _check_plots(explain: Path | None, report: Path | None) -> None:
         require_matplotlib()
 
 
+def _beside(explain: Path | None, report: Path | None) -> list[tuple[str, Path]]:
+    """Files that are written beside OUT, and by which option."""
+    files = []
+    if report:
+        files += [("--report", report), ("--report", _plot(report))]
+    if explain:
+        from procam.workflows.clip_explain import picture_files
+
+        pictures = [*picture_files(explain).values(), _sheet(explain)]
+        files += [("--explain", path) for path in pictures]
+    return files
+
+
+def _plot(report: Path) -> Path:
+    return report.with_suffix(".plot.png")
+
+
+def _sheet(explain: Path) -> Path:
+    return explain / "explained.png"
+
+
 def _write_report(report: Path, rows: Rows) -> None:
     from procam.interfaces.clip_plot import write_clip_plot
 
     frames = [rows[number] for number in sorted(rows)]
     write_report(report, frames)
-    write_clip_plot(report.with_suffix(".png"), frames)
+    write_clip_plot(_plot(report), frames)
 
 
 def _explain(calibration: Path, source: Path, how: How, folder: Path) -> None:
@@ -186,4 +213,4 @@ def _explain(calibration: Path, source: Path, how: How, folder: Path) -> None:
 
     explained = explain(load_dome(calibration), first_piece(source), how)
     write_pictures(folder, explained)
-    write_explained(folder / "explained.png", explained)
+    write_explained(_sheet(folder), explained, how.strength)

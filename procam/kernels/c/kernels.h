@@ -5,7 +5,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#define PROCAM_INTERFACE 5 /* raised with every change of a signature; loader.py holds the same */
+#define PROCAM_INTERFACE 6 /* raised with every change of a signature; loader.py holds the same */
 #define MOST_FRAMES 64     /* of a phase */
 #define MOST_SEARCH 32     /* of a search */
 #define RESULTS 6          /* planes of a search */

@@ -12,11 +12,13 @@ from scipy.optimize import lsq_linear
 
 from procam import kernels
 from procam.compensate.exact import Compensator
-from procam.errors import InputError
+from procam.errors import InputError, ShapeError
 from procam.maths.sphere import master_directions, master_solid_angles
 from procam.maths.transfer import transfer
 from procam.model.calibration import Calibration
-from procam.model.transport import DomeMaps, ScatterKernel
+from procam.model.house import HouseState
+from procam.model.mask import Mask
+from procam.model.transport import DomeMaps, Measured, ScatterKernel
 
 SMALL = 20
 SIZE = 96
@@ -282,9 +284,12 @@ class TestWhite:
 
 
 class TestEvenDome:
-    def test_tables_and_fields_agree(self, small: Calibration) -> None:
+    def test_tables_and_fields_agree(
+        self, small: Calibration, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
         """A dome that is the same everywhere goes by tables: against the same picture in floats."""
         size, maps_size = 600, 300
+        monkeypatch.setattr("procam.compensate.equations.WORTH_PX", size)
         compensator = Compensator(_even(small, maps_size), size)
         assert compensator._equations._even is not None
         u, v = np.meshgrid(*[np.linspace(0, 1, size)] * 2)
@@ -297,7 +302,7 @@ class TestEvenDome:
         assert off.max() < 1.01
         # groups of 8 pixels share a weight at the edge: less so the finer the picture
         np.testing.assert_allclose(compensator.numbers[:, 0], exact.numbers[:, 0], rtol=1e-4)
-        assert compensator.certificate.kkt < 2e-5
+        assert compensator.certificate.kkt < 2e-4
 
 
 def _even(known: Calibration, size: int) -> Calibration:
@@ -306,3 +311,87 @@ def _even(known: Calibration, size: int) -> Calibration:
     coverage = (inside & (direction[..., 2] > 0.1)).astype(np.float32)
     maps = DomeMaps(0.05 * one, 0.5 * one, 0.001 * one, 1.1 * one, coverage)
     return replace(known, maps=maps)
+
+
+class TestProtectedInStates:
+    """What is left alone goes out as it came, whatever white, lamps and matched white do elsewhere."""
+
+    @pytest.mark.parametrize("case", ["state", "keep", "falloff", "all"])
+    def test_light_that_arrives_is_counted(self, calibration: Calibration, case: str) -> None:
+        maps = calibration.maps
+        covered = np.zeros((SIZE, SIZE), bool)
+        covered[25:60, 40:70] = True
+        fall = np.broadcast_to(np.linspace(0.7, 1, SIZE, dtype=np.float32), (SIZE, SIZE)).copy()
+        falloff = fall if case in ("falloff", "all") else None
+        maps = replace(maps, protected=Mask("screen", covered), falloff=falloff)
+        lamps = np.full((SIZE, SIZE, 3), 0.05, np.float32)
+        house = HouseState("full", Measured(np.full(3, 0.3), np.full(3, 0.01)), np.ones(3), lamps)
+        known = replace(calibration, maps=maps, states={"full": house})
+        state = "full" if case in ("state", "all") else None
+        white = "keep" if case in ("keep", "all") else "summed"
+        compensator = Compensator(known, SIZE, state=state, white=white)
+        content = np.random.default_rng(8).uniform(0.45, 0.7, (SIZE, SIZE, 3)).astype(np.float32)
+        found = compensator.solve(content)
+        area = (master_solid_angles(SIZE) * maps.coverage)[..., None]
+        sent = np.where(covered[..., None], np.clip(content, maps.lo, maps.hi), found.direct)
+        flux = (area * sent.astype(float)).sum(axis=(0, 1))
+        np.testing.assert_allclose(compensator.certificate.flux_out, flux, rtol=1e-6)
+        np.testing.assert_allclose(found.flux, flux, rtol=1e-6)
+        ambient = 0 if state is None else lamps
+        seen = sent + maps.scatter_per_flux * flux + ambient
+        lit = maps.coverage > 0
+        np.testing.assert_allclose(found.observed[lit], seen[lit], atol=2e-6)
+        target = compensator.target(content)
+        assert 0.3 < found.free[lit].mean()
+        np.testing.assert_allclose(seen[found.free], target[found.free], atol=2e-6)
+        np.testing.assert_array_equal(target[covered & lit], content[covered & lit])
+
+    def test_no_outline_where_content_is_finer_than_maps(self, calibration: Calibration) -> None:
+        covered = np.zeros((SIZE, SIZE), bool)
+        covered[30:60, 40:60] = True
+        maps = replace(calibration.maps, protected=Mask("screen", covered))
+        compensator = Compensator(replace(calibration, maps=maps), 2 * SIZE)
+        content = np.full((2 * SIZE, 2 * SIZE, 3), 0.6, np.float32)
+        found = compensator.solve(content)
+        ring = np.zeros((2 * SIZE, 2 * SIZE), bool)
+        ring[56:124, 76:124] = True
+        ring &= ~compensator.protected
+        np.testing.assert_allclose(found.observed[ring], 0.6, atol=2e-3)
+        spread = found.direct[ring].reshape(-1, 3)
+        assert (spread.max(axis=0) - spread.min(axis=0) < 0.01).all()  # slow waves of u alone
+
+
+class TestOut:
+    def picture(self) -> np.ndarray:
+        return np.full((SIZE, SIZE, 3), 128, np.uint8)
+
+    def test_of_a_wrong_shape(self, calibration: Calibration) -> None:
+        with pytest.raises(ShapeError, match="out: got shape"):
+            Compensator(calibration, SIZE).frame(self.picture(), np.zeros((16, 16, 3), np.uint8))
+
+    @pytest.mark.parametrize("kind", ["type", "strided", "read-only"])
+    def test_that_cannot_be_written_to(self, calibration: Calibration, kind: str) -> None:
+        out = np.zeros((SIZE, 2 * SIZE, 3), np.uint8)[:, :SIZE]
+        if kind != "strided":
+            out = np.zeros((SIZE, SIZE, 3), np.float32 if kind == "type" else np.uint8)
+            out.flags.writeable = kind == "type"
+        with pytest.raises(InputError, match="expected writable, contiguous uint8"):
+            Compensator(calibration, SIZE).frame(self.picture(), out)
+
+    def test_that_overlaps_the_content(self, calibration: Calibration) -> None:
+        room = np.zeros(2 * SIZE * SIZE * 3, np.uint8)
+        image = room[: SIZE * SIZE * 3].reshape(SIZE, SIZE, 3)
+        out = room[288 : 288 + SIZE * SIZE * 3].reshape(SIZE, SIZE, 3)
+        with pytest.raises(InputError, match="out: got a part of the content's memory"):
+            Compensator(calibration, SIZE).frame(image, out)
+
+    @pytest.mark.parametrize("dtype", [np.float64, np.int16])
+    def test_content_of_a_wrong_type(self, calibration: Calibration, dtype: type) -> None:
+        with pytest.raises(InputError, match=r"content: got .*, expected uint8, uint16"):
+            Compensator(calibration, SIZE).frame(self.picture().astype(dtype))
+
+
+def test_fields_of_a_wrong_shape(calibration: Calibration) -> None:
+    model = Compensator(calibration, SIZE).fields.model
+    with pytest.raises(ShapeError, match=r"field lo: got shape .*, expected \(96, 96, 3\)"):
+        replace(model, lo=model.lo[..., :1])

@@ -72,15 +72,15 @@ class TestTextures:
     def test_are_the_fields(self, furnished: Calibration) -> None:
         fields = Fields.of(furnished, 2 * SIZE)
         found = textures(fields)
-        np.testing.assert_array_equal(found["spread"], fields.model.spread)
-        np.testing.assert_array_equal(found["lo"], fields.model.lo)
-        np.testing.assert_array_equal(found["hi"], fields.model.hi)
-        np.testing.assert_array_equal(found["coverage"][..., 0], fields.model.coverage)
+        np.testing.assert_array_equal(found["spread"], fields.shown.spread)
+        np.testing.assert_array_equal(found["lo"], fields.shown.lo)
+        np.testing.assert_array_equal(found["hi"], fields.shown.hi)
+        np.testing.assert_array_equal(found["coverage"][..., 0], fields.shown.coverage)
         assert {t.dtype for t in found.values()} == {np.dtype(np.float32)}
 
     def test_what_is_the_same_all_over_is_one_texel(self, calibration: Calibration) -> None:
         fields = Fields.of(calibration, SIZE)
-        free = replace(fields, model=replace(fields.model, hi=None))
+        free = replace(fields, shown=replace(fields.shown, hi=None))
         found = textures(free)
         same = {"ambient": (0, 3), "hi": (1e30, 3), "gain": (1, 1), "protection": (0, 1)}
         for name, (value, channels) in same.items():

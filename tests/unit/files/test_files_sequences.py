@@ -87,6 +87,33 @@ class TestFind:
         with pytest.raises(FileFormatError, match=r"s\.010\.png and 29 more missing"):
             find_sequence(tmp_path)
 
+    def test_a_gap_however_wide_costs_no_time(self, tmp_path: Path) -> None:
+        last = 10**30 + 1
+        _touch(tmp_path, "s.0.png", "s.1.png", f"s.{last}.png")
+        with pytest.raises(FileFormatError) as refused:
+            find_sequence(tmp_path)
+        listed = ", ".join(f"s.{n}.png" for n in range(2, 10))
+        assert f"{listed} and {last + 1 - 3 - 8} more missing" in str(refused.value)
+
+    def test_the_missing_of_a_stepped_sequence_are_multiples_of_its_step(
+        self, tmp_path: Path
+    ) -> None:
+        _touch(tmp_path, *(f"s{n:02d}.png" for n in (10, 15, 30)))
+        with pytest.raises(FileFormatError, match=r"numbering, s20\.png, s25\.png missing"):
+            find_sequence(tmp_path)
+
+    @pytest.mark.parametrize(
+        ("odd", "named"),
+        [("s.7.png", "s.7.png and s.0001.png"), ("s.00004.png", "s.0001.png and s.00004.png")],
+    )
+    def test_paddings_are_not_mixed(self, odd: str, named: str, tmp_path: Path) -> None:
+        _touch(tmp_path, "s.0001.png", "s.0002.png", "s.0003.png", odd)
+        with pytest.raises(FileFormatError, match=f"got {named}, expected one padding"):
+            find_sequence(tmp_path)
+        found = find_sequence(tmp_path / "s.%04d.png")
+        assert found is not None
+        assert found.numbers == (1, 2, 3)
+
     def test_several_sequences_are_refused_by_name(self, tmp_path: Path) -> None:
         _touch(tmp_path, "left.01.exr", "right.01.exr")
         with pytest.raises(FileFormatError, match=r"got left\.#\.exr, right\.#\.exr, expected"):
