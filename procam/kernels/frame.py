@@ -105,13 +105,14 @@ class FrameModel:
 
     def __post_init__(self) -> None:
         nodes = self.coverage.shape[0]
-        plane, colours = (nodes, nodes), (nodes, nodes, CHANNELS)
+        plane: tuple[int, ...] = (nodes, nodes)
+        colours: tuple[int, ...] = (nodes, nodes, CHANNELS)
         shapes: dict[str, tuple[int, ...]] = {
             "coverage": plane,
             "gain": plane,
             "solid_angle_sr": plane,
         }
-        shapes |= {name: colours for name in ("spread", "lo", "hi", "ambient")}
+        shapes.update(dict.fromkeys(("spread", "lo", "hi", "ambient"), colours))
         shapes["direction"] = (CHANNELS, nodes, nodes)
         for name, shape in shapes.items():
             field = getattr(self, name)

@@ -35,7 +35,7 @@ from simulators.scene import SceneSize
 PHOTOGRAPHER = Path(__file__).with_name("photographer.py")
 PANEL, PHOTO = (160, 100), (240, 200)
 SIZE = SceneSize(projectors=2, projector_size=PANEL, camera_size=PHOTO, rays=64)
-SHOTS = 71
+SHOTS = 75
 BITS, BLACK = 12, 64.0
 GAMMA, BLUR_PX, NOISE_DN = 2.2, 0.6, 4.0
 

@@ -12,7 +12,7 @@ from tiny_venue import procam
 from tolerances import FLOAT32
 
 from procam.compensate.exact import Compensator
-from procam.compensate.projector_frames import projector_frames, quantised
+from procam.compensate.projector_frames import Warper
 from procam.files.calibration import save_calibration
 from procam.files.images import RGB, read_channels, read_image, write_channels, write_image
 from procam.files.stills import read_still
@@ -324,11 +324,13 @@ class TestWarp:
         assert (ran.code, ran.err) == (0, "")
         told = json.loads(ran.out)["frames"]
         assert told == [str(out / p / "sky.####.png") for p in ("south", "north")]
+        warper = Warper(calibration, SIZE, np.uint16)
         for number in NUMBERS:
             light = np.asarray(sky(number - FIRST), np.float32)
-            for name, frame in quantised(projector_frames(light, calibration)).items():
+            for name, frame in warper.frame(light).items():
                 found = read_image(out / name / f"sky.{number:04d}.png")
-                np.testing.assert_array_equal(found, frame)
+                # the table of a clip is good to 1e-4 of the drive
+                np.testing.assert_allclose(found.astype(int), frame.astype(int), rtol=0, atol=10)
 
     def test_it_resumes(self, kept: Path, tmp_path: Path) -> None:
         source, out = shoot(tmp_path / "in"), tmp_path / "frames"

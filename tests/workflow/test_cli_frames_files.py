@@ -135,6 +135,16 @@ class TestExplained:
         assert (apart[found.limits == -1] < 0).all()
         assert (found.limits == 0).mean() > 0.3
 
+    def test_white_that_is_kept_is_too_dark_where_even_full_light_is(
+        self, calibration: Calibration
+    ) -> None:
+        """Light bounces, so that full white is brighter than 1; it can still be below what is asked."""
+        white = Piece(0, "white", np.ones((SIZE, SIZE, 3), np.float32), "linear")
+        found = explain(calibration, white, How(white="keep"))
+        assert (found.observed[found.limits == -1] > 1).mean() > 0.5
+        target = Compensator(calibration, SIZE, white="keep").target(white.rgb)
+        assert (found.observed < target)[found.limits == -1].all()
+
     def test_without_compensation_is_todays_picture_under_any_white(
         self, calibration: Calibration
     ) -> None:
