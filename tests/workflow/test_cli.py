@@ -307,7 +307,8 @@ class TestCompensateAndWarp:
         for path in paths:
             pixels = np.asarray(read_image(path))
             assert pixels.dtype == np.uint16
-            assert np.abs(pixels.astype(int) - expected[path.stem].astype(int)).max() <= 10  # of 65535: the table of a clip
+            # of 65535; the table that clips go by
+            assert np.abs(pixels.astype(int) - expected[path.stem].astype(int)).max() <= 10
 
     def oblong(self, path: Path) -> Path:
         sky = half_sky(SIZE)[:-1]
