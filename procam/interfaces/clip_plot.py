@@ -12,11 +12,11 @@ from procam.files import atomic
 from procam.interfaces.plots import (
     CHANNELS,
     DPI,
-    GRID,
     INK,
     LIMITS,
     UNKNOWN,
     css_colour,
+    finish,
     require_matplotlib,
 )
 from procam.maths.curves import srgb_encode
@@ -75,7 +75,7 @@ def write_clip_plot(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
     panels[2].set_xlim(frames[0] - 0.5, frames[-1] + 0.5)
     panels[2].set_xlabel(f"frame; {_worst(rows)}")
     for axes in panels:
-        _finish(axes)
+        finish([axes])
     panels[0].legend(frameon=False, fontsize=8.5, ncols=3, loc="lower right", bbox_to_anchor=(1, 1))
     _save(figure, path)
 
@@ -151,17 +151,6 @@ def _worst(rows: Sequence[Mapping[str, Any]]) -> str:
 def _title(axes: "Axes", title: str, unit: str) -> None:
     axes.set_title(title, loc="left", fontweight="bold", fontsize=10, color=INK)
     axes.set_ylabel(unit)
-
-
-def _finish(axes: "Axes") -> None:
-    axes.grid(color=GRID, lw=0.7)
-    axes.set_axisbelow(True)
-    axes.tick_params(colors=INK, labelsize=8.5, length=3)
-    axes.xaxis.label.set(color=INK, size=9)
-    axes.yaxis.label.set(color=INK, size=9)
-    for side, spine in axes.spines.items():
-        spine.set_visible(side in ("left", "bottom"))
-        spine.set_color("#9aa4ad")
 
 
 def _figure(width_in: float, height_in: float) -> "Figure":

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from procam.files import atomic
 from procam.interfaces.plots import (
     DPI,
-    GRID,
     INK,
     LIMITS,
     UNKNOWN,
     css_colour,
+    finish,
     require_matplotlib,
 )
 from procam.maths.curves import srgb_encode
@@ -92,7 +92,7 @@ def _draw_white(axes: "Axes", levels: Sequence[Levels], unit: str) -> None:
     axes.set_ylabel(f"light [{unit}]")
     axes.set_title("Full white", loc="left", fontweight="bold", fontsize=11, color=INK)
     axes.legend(frameon=False, fontsize=8.5, loc="upper right")
-    _finish(axes)
+    finish([axes])
 
 
 def _draw_contrast(axes: "Axes", levels: Sequence[Levels]) -> None:
@@ -144,7 +144,7 @@ def _draw_contrast(axes: "Axes", levels: Sequence[Levels]) -> None:
     axes.set_ylabel("white : black")
     axes.set_title("Black beside white", loc="left", fontweight="bold", fontsize=11, color=INK)
     axes.legend(frameon=False, fontsize=8.5, loc="upper right")
-    _finish(axes)
+    finish([axes])
 
 
 def _draw_picture(part: "SubFigure", name: str, seen: Seen) -> None:
@@ -178,14 +178,3 @@ def _show(axes: "Axes", title: str, colours: NDArray[np.floating], inside: Mask)
     axes.imshow(np.dstack([colours, inside]), interpolation="antialiased")
     axes.set_title(title, fontsize=9.5, color=INK)
     axes.set_axis_off()
-
-
-def _finish(axes: "Axes") -> None:
-    axes.grid(color=GRID, lw=0.7)
-    axes.set_axisbelow(True)
-    axes.tick_params(colors=INK, labelsize=8.5, length=3)
-    axes.xaxis.label.set(color=INK, size=9)
-    axes.yaxis.label.set(color=INK, size=9)
-    for side, spine in axes.spines.items():
-        spine.set_visible(side in ("left", "bottom"))
-        spine.set_color("#9aa4ad")

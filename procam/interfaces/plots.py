@@ -153,7 +153,7 @@ def response_chart(name: str, curve: ResponseCurve) -> str:
     upper.set_ylabel("light given (1 = full)")
     lower.set_ylabel("difference [%]")
     lower.set_xlabel("drive sent (0 = black, 1 = full)")
-    _finish([upper, lower])
+    finish([upper, lower])
     upper.legend(frameon=False, fontsize=8.5)
     return _saved(figure)
 
@@ -176,7 +176,7 @@ def profile_chart(elevation_deg: Array, before: Array, after: Array, after_free:
         axes.set_xlabel("elevation above the dome's rim [degrees]")
         axes.set_ylabel("too bright by [% of white]")
         axes.legend(frameon=False, fontsize=8.5)
-    _finish([left, right])
+    finish([left, right])
     return _saved(figure)
 
 
@@ -204,7 +204,7 @@ def loop_chart(residual: Sequence[float], noise_floor: float) -> str:
     axes.set_xlabel("corrections made (0 = straight from the calibration)")
     axes.set_ylabel("difference [% of white]")
     axes.legend(frameon=False, fontsize=8.5)
-    _finish([axes])
+    finish([axes])
     return _saved(figure)
 
 
@@ -215,7 +215,8 @@ def _figure(width_in: float, height_in: float) -> "Figure":
     return Figure(figsize=(width_in, height_in), layout="constrained")
 
 
-def _finish(panels: "Sequence[Axes]") -> None:
+def finish(panels: "Sequence[Axes]") -> None:
+    """The look that all plots share: a quiet grid behind, two spines."""
     for axes in panels:
         axes.grid(color=GRID, lw=0.7)
         axes.set_axisbelow(True)
