@@ -45,11 +45,21 @@ class Equations:
         self.shown = self.model if same else _known_to(method, fields.shown, albedo)
         self._quick = quick and method == "exact" and self.model.size >= WORTH_PX
         self.solution = np.zeros((2, CHANNELS, TERMS))  # q, and what (W) takes off
+        self._made: tuple[FrameModel, Array, Image] | None = (
+            None  # light: the last look's is applied
+        )
 
     def light(self, model: FrameModel) -> Image:
         """What bounces to each node (M, M, 3) of `model` or `shown` [rel]; in (W) less what it pulls."""
-        offset = self.solution[1] if self.method == "least-squares" else None
-        return bounced_light(model, self.solution[0], offset)
+        if (
+            self._made is None
+            or self._made[0] is not model
+            or (self._made[1] != self.solution).any()
+        ):
+            offset = self.solution[1] if self.method == "least-squares" else None
+            light = bounced_light(model, self.solution[0], offset)
+            self._made = model, self.solution.copy(), light
+        return self._made[2]
 
     def sums(self, content: NDArray[Any], light: Image, what: str, coding: Coding) -> Array:
         """Moments (3, T), see `kernels.frame.frame_sums`."""
@@ -124,15 +134,11 @@ class Equations:
         self.solution[0] = self.fields.numbers_of(value[:, :terms])
         self.solution[1, :, :terms] = value[:, terms:] if value.shape[1] > terms else 0
 
-    def left(self, content: NDArray[Any], coding: Coding) -> Array:
-        """What the solution leaves of the equations, looked up anew; none where there are none."""
-        if self.method in ("none", "paper-eq12"):
-            return np.zeros((CHANNELS, 1))
-        value = self._root.value
-        if self.method == "exact":  # by fields, also where tables were quicker
-            self._use(value)
-            return self.sums(content, self.light(self.model), "light", coding) - value
-        return self._residual(value, content, coding)
+    def left(self, content: NDArray[Any], sent: Array, coding: Coding) -> Array:
+        """What the solution leaves of the equations of its optimum; `sent` are moments of its light."""
+        if self.method != "least-squares":
+            return sent - self.assumed()
+        return self._residual(self._root.value, content, coding)
 
     def assumed(self) -> Array:
         """Moments (3, T) that the last solution takes for those of the light sent."""

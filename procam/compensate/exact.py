@@ -9,8 +9,15 @@ from numpy.typing import NDArray
 
 from procam.compensate.equations import Equations
 from procam.compensate.fields import Fields
-from procam.errors import InputError, ShapeError
-from procam.kernels.frame import KINDS, WHOLE, Coding, bounced_light, frame_apply, frame_sums
+from procam.errors import InputError
+from procam.kernels.frame import (
+    WHOLE,
+    Coding,
+    bounced_light,
+    check_pictures,
+    frame_apply,
+    frame_sums,
+)
 from procam.kernels.reference_frame import interpolated
 from procam.maths.dither import threshold_tile
 from procam.maths.transfer import transfer
@@ -60,28 +67,6 @@ class Certificate:
     share_hi: Array
     flux_in: Array
     flux_out: Array
-
-
-def _check(image: NDArray[Any], out: NDArray[Any] | None, size: int) -> None:
-    """Refuse pictures that the kernels cannot read, or not write to."""
-    expected = (size, size, CHANNELS)
-    if image.shape != expected:
-        raise ShapeError("content", image.shape, f"{expected}")
-    if image.dtype not in KINDS:
-        raise InputError(
-            f"content: got {image.dtype}, expected uint8, uint16, float16 or float32; convert it"
-        )
-    if out is None:
-        return
-    if out.shape != expected:
-        raise ShapeError("out", out.shape, f"{expected}")
-    if out.dtype != image.dtype or not out.flags.c_contiguous or not out.flags.writeable:
-        raise InputError(
-            f"out: got {out.dtype}, expected writable, contiguous {image.dtype}, as the content"
-        )
-    same = image.ctypes.data == out.ctypes.data and image.strides == out.strides
-    if np.may_share_memory(image, out) and not same:
-        raise InputError("out: got a part of the content's memory, expected all of it or none")
 
 
 class Compensator:
@@ -172,7 +157,7 @@ class Compensator:
         ShapeError, InputError
             Another shape or element type.
         """
-        _check(image, out, self.size)
+        check_pictures(self.size, image, out)
         coded = self._coded(image)
         self._equations.solve(*coded)
         written_over = out is not None and np.may_share_memory(image, out)
@@ -183,7 +168,7 @@ class Compensator:
         self, image: NDArray[Any], numbers: Array, out: NDArray[Any] | None = None
     ) -> NDArray[Any]:
         """`frame` with known numbers (3, 9), such as a track's; nothing is solved."""
-        _check(image, out, self.size)
+        check_pictures(self.size, image, out)
         self._last = None
         self._equations.solution = np.stack([numbers, np.zeros_like(numbers)])
         return self._applied(image, self._coded(image), out)
@@ -203,7 +188,7 @@ class Compensator:
         sent = equations.sums(content, light, "light", coding)
         lit = float(self.fields.gram[0, 0])
         moments = np.abs(sent).max()
-        residual = equations.left(content, coding)
+        residual = equations.left(content, sent, coding)
         # of (P) and (W) the residual is that of the equations that make the optimum
         optimal = self.method in ("exact", "least-squares")
         return Certificate(
@@ -217,7 +202,7 @@ class Compensator:
 
     def solve(self, image: Image) -> Compensated:
         """The compensated picture in linear light, what the audience will see of it, what clips."""
-        _check(image, None, self.size)
+        check_pictures(self.size, image)
         content = np.ascontiguousarray(image, np.float32)
         equations, coding = self._equations, self._coding("linear", np.inf, 1.0)
         equations.solve(content, coding)

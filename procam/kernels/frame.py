@@ -296,7 +296,8 @@ def frame_sums(
     -------
     sums : (3, terms) float64, of the first 1, 4 or 9 of 1, x, y, z, xy, yz, xz, x^2 - y^2, z^2.
     """
-    picture = _checked(model, image)
+    check_pictures(model.size, image)
+    picture = np.ascontiguousarray(image)
     native = chosen()
     if native is None:
         return reference_frame.frame_sums(model, picture, light, what, coding)
@@ -311,14 +312,9 @@ def frame_apply(
     out: NDArray[Any] | None = None,
 ) -> NDArray[Any]:
     """The light to send (N, N, 3), encoded as the picture is; `out` may be the picture itself."""
-    picture = _checked(model, image)
+    check_pictures(model.size, image, out)
+    picture = np.ascontiguousarray(image)
     target = aligned_like(picture) if out is None else out
-    if target.shape != picture.shape:
-        raise ShapeError("out", target.shape, f"{picture.shape}")
-    if target.dtype != picture.dtype or not target.flags.c_contiguous:
-        raise InputError(
-            f"out: got {target.dtype}, expected contiguous {picture.dtype}, as the content"
-        )
     native = chosen()
     if native is None:
         reference_frame.frame_apply(model, picture, light, coding, target)
@@ -334,15 +330,32 @@ def aligned_like(picture: NDArray[Any]) -> NDArray[Any]:
     return room[start : start + picture.nbytes].view(picture.dtype).reshape(picture.shape)
 
 
-def _checked(model: FrameModel, image: NDArray[Any]) -> NDArray[Any]:
-    expected = (model.size, model.size, CHANNELS)
+def check_pictures(size: int, image: NDArray[Any], out: NDArray[Any] | None = None) -> None:
+    """Refuse pictures that the kernels cannot read, or not write to.
+
+    Raises
+    ------
+    ShapeError, InputError
+        Another shape or element type; an `out` that cannot be written, or overlaps the content.
+    """
+    expected = (size, size, CHANNELS)
     if image.shape != expected:
         raise ShapeError("content", image.shape, f"{expected}")
     if image.dtype not in KINDS:
         raise InputError(
             f"content: got {image.dtype}, expected uint8, uint16, float16 or float32; convert it"
         )
-    return np.ascontiguousarray(image)
+    if out is None:
+        return
+    if out.shape != expected:
+        raise ShapeError("out", out.shape, f"{expected}")
+    if out.dtype != image.dtype or not out.flags.c_contiguous or not out.flags.writeable:
+        raise InputError(
+            f"out: got {out.dtype}, expected writable, contiguous {image.dtype}, as the content"
+        )
+    same = image.ctypes.data == out.ctypes.data and image.strides == out.strides
+    if np.may_share_memory(image, out) and not same:
+        raise InputError("out: got a part of the content's memory, expected all of it or none")
 
 
 def _run(

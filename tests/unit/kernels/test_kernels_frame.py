@@ -263,5 +263,7 @@ class TestRefusals:
         light = bounced_light(dome, numbers())
         with pytest.raises(InputError, match="content: got float64, expected uint8, uint16"):
             frame_sums(dome, np.zeros((64, 64, 3)), light, "light", how)
-        with pytest.raises(InputError, match="out: got uint16, expected contiguous uint8"):
+        with pytest.raises(
+            InputError, match="out: got uint16, expected writable, contiguous uint8"
+        ):
             frame_apply(dome, picture(64, np.uint8), light, how, picture(64, np.uint16))
