@@ -301,24 +301,6 @@ class TestEvenDome:
         assert compensator.certificate.kkt < 2e-5
 
 
-class TestCuts:
-    def test_a_cut_to_other_limits_of_nearly_the_same_light(self, calibration: Calibration) -> None:
-        """The last picture's slope does not serve the next one: numbers are still right to 2e-5."""
-        striped = np.zeros((SIZE, SIZE, 3), np.uint8)
-        striped[::2] = 200
-        show = Compensator(calibration, SIZE)
-        single = transfer("srgb").decode(np.arange(256) / 255).astype(np.float32)
-        for share in range(0, 13, 2):
-            for shift in range(4):
-                show.frame(np.roll(striped, shift % 2, axis=1))
-            flat = np.full((SIZE, SIZE, 3), 147, np.uint8)
-            flat[np.arange(SIZE) % 12 < share] = 148
-            show.frame(flat)
-            exact = Compensator(calibration, SIZE)
-            exact.frame(single[flat])
-            np.testing.assert_allclose(show.numbers[:, 0], exact.numbers[:, 0], rtol=2e-5)
-
-
 def _even(known: Calibration, size: int) -> Calibration:
     direction, inside = master_directions(size)
     one = np.ones((size, size, 3), np.float32)
