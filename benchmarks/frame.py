@@ -99,8 +99,7 @@ class Show:
         """Solve the next frame and write it."""
         frame = self.frames[self.shown % 2]
         self.shown += 1
-        self.equations.solve(frame, self.coding)
-        self.equations.apply(frame, self.coding, self.out)
+        self.equations.frame(frame, self.coding, self.out)
 
     def once(self) -> None:
         """One look and one write: what a frame costs where the numbers hardly move."""

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from procam.compensate.fields import Fields, NodeSample
 from procam.compensate.solver import Root
-from procam.kernels.even import EvenModel, even_apply, even_sums
+from procam.kernels.even import Coded, EvenModel, even_apply, even_sums
 from procam.kernels.frame import (
     TERMS,
     Coding,
@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 Image = NDArray[np.float32]
 CHANNELS = 3
 TOLERANCE = 2e-9  # of the moments, relative: what double sums of single light resolve
-TOLERANCE_8_BIT = 1.5e-5  # of which a step of 8 bits shows nothing
+TOLERANCES = {1: 1.5e-5, 2: 1e-6}  # of types of so many bytes: their own steps show nothing of it
 WORTH_PX = 3000  # edge from which on the weights of tables are fine enough (`kernels.even`)
 
 
@@ -45,21 +45,22 @@ class Equations:
         self.shown = self.model if same else _known_to(method, fields.shown, albedo)
         self._quick = quick and method == "exact" and self.model.size >= WORTH_PX
         self.solution = np.zeros((2, CHANNELS, TERMS))  # q, and what (W) takes off
-        self._made: tuple[FrameModel, Array, Image] | None = (
-            None  # light: the last look's is applied
-        )
+        self._made: dict[bool, tuple[Array, Image]] = {}  # light of the last look, and for what
+        self._looked: tuple[Array, Array] | None = None  # table, sums of the last look by tables
+        self._written: Array | None = None  # solution under which the picture at hand is written
 
     def light(self, model: FrameModel) -> Image:
-        """What bounces to each node (M, M, 3) of `model` or `shown` [rel]; in (W) less what it pulls."""
-        if (
-            self._made is None
-            or self._made[0] is not model
-            or (self._made[1] != self.solution).any()
-        ):
+        """What bounces to each node (M, M, 3) of `model` or `shown` [rel]; in (W) less what it pulls.
+
+        The next solution's light is written over it.
+        """
+        which = model is self.model
+        known, room = self._made.get(which, (None, None))
+        if known is None or (known != self.solution).any():
             offset = self.solution[1] if self.method == "least-squares" else None
-            light = bounced_light(model, self.solution[0], offset)
-            self._made = model, self.solution.copy(), light
-        return self._made[2]
+            light = bounced_light(model, self.solution[0], offset, room)
+            self._made[which] = self.solution.copy(), light
+        return self._made[which][1]
 
     def sums(self, content: NDArray[Any], light: Image, what: str, coding: Coding) -> Array:
         """Moments (3, T), see `kernels.frame.frame_sums`."""
@@ -94,26 +95,68 @@ class Equations:
             coding.tables["decode"].astype(float), self.solution[0, :, 0], coding.top
         ).T
 
-    def _light_sums(self, content: NDArray[Any], coding: Coding) -> Array:
-        """Moments (3, T) of the light to send."""
+    def _light_sums(
+        self, content: NDArray[Any], coding: Coding, target: NDArray[Any] | None
+    ) -> Array:
+        """Moments (3, T) of the light to send; it is written to `target`, if there is one."""
+        if target is not None:
+            self._written = self.solution.copy()
         if content.dtype == np.uint8 and self._even is not None:
-            return even_sums(self._even, content, self._even_table(coding))[:, None]
-        return self.sums(content, self.light(self.model), "light", coding)
+            return self._even_sums(content, coding, target)[:, None]
+        light = self.light(self.model)
+        if target is None:
+            return self.sums(content, light, "light", coding)
+        found = np.empty((CHANNELS, self.model.terms))
+        frame_apply(self._of(self.model, coding), content, light, coding, target, found)
+        return found
+
+    def _even_sums(
+        self, content: NDArray[Any], coding: Coding, target: NDArray[Any] | None
+    ) -> Array:
+        """The same (3,) by tables; to write, what changed since the last look at the content counts."""
+        assert self._even is not None
+        table = self._even_table(coding)
+        if target is None or self._looked is None:
+            self._looked = table, even_sums(self._even, content, table)
+            return self._looked[1]
+        known, sums = self._looked
+        coded = self._coded(table, coding)
+        return sums + even_apply(self._even, content, coded, target, table - known)
+
+    def _coded(self, table: Array, coding: Coding) -> Coded:
+        return Coded(255 * np.asarray(coding.encode(table), float), coding.threshold)
+
+    def frame(
+        self, content: NDArray[Any], coding: Coding, out: NDArray[Any] | None
+    ) -> NDArray[Any]:
+        """Solve, and write the light to send, encoded as the content is.
+
+        The look that is likely the last one writes already.
+        """
+        target = aligned_like(content) if out is None else out
+        early = self.shown is self.model and not np.may_share_memory(content, target)
+        self.solve(content, coding, target if early else None)
+        if self._written is None or (self._written != self.solution).any():
+            self.apply(content, coding, target)
+        return target
 
     def apply(
         self, content: NDArray[Any], coding: Coding, out: NDArray[Any] | None
     ) -> NDArray[Any]:
         """The light to send, encoded as the content is."""
         if content.dtype == np.uint8 and self._even is not None:
-            codes = 255 * np.asarray(coding.encode(self._even_table(coding)), float)
             target = aligned_like(content) if out is None else out
-            return even_apply(self._even, content, codes, coding.threshold, target)
+            even_apply(self._even, content, self._coded(self._even_table(coding), coding), target)
+            return target
         return frame_apply(
             self._of(self.shown, coding), content, self.light(self.shown), coding, out
         )
 
-    def solve(self, content: NDArray[Any], coding: Coding) -> None:
-        """Find the numbers of a frame, from those of the last."""
+    def solve(
+        self, content: NDArray[Any], coding: Coding, target: NDArray[Any] | None = None
+    ) -> None:
+        """Find the numbers of a frame, from those of the last; looks may write to `target`."""
+        self._written = self._looked = None
         if self.method in ("none", "paper-eq12"):
             self.solution = np.zeros((2, CHANNELS, TERMS))
             if self.method == "paper-eq12":
@@ -122,9 +165,9 @@ class Equations:
                 )
             return
         self._root.follow(
-            lambda value: self._residual(value, content, coding),
+            lambda value, last: self._residual(value, content, coding, target if last else None),
             lambda value: self._slope(value, content, coding),
-            TOLERANCE_8_BIT if content.dtype == np.uint8 else TOLERANCE,
+            TOLERANCES.get(content.itemsize, TOLERANCE),
         )
         self._use(self._root.value)
 
@@ -146,7 +189,13 @@ class Equations:
             return self.solution[0, :, : self.model.terms]
         return self._root.value[:, : self.model.terms]
 
-    def _residual(self, value: Array, content: NDArray[Any], coding: Coding) -> Array:
+    def _residual(
+        self,
+        value: Array,
+        content: NDArray[Any],
+        coding: Coding,
+        target: NDArray[Any] | None = None,
+    ) -> Array:
         """Moments of the light sent less those assumed; in (W) also the pull less what it must be.
 
         (W) minimises sum a (y - t)^2 / 2, y = b0 + v mono.C m, under m = sum a mono b0. With pull l, the
@@ -155,7 +204,7 @@ class Equations:
         terms = self.model.terms
         self._use(value)
         if self.method == "exact":
-            return self._light_sums(content, coding) - value
+            return self._light_sums(content, coding, target) - value
         light = self.light(self.model)
         what = "content" if self.method == "subtract" else "light"
         left = self.sums(content, light, what, coding) - value[:, :terms]

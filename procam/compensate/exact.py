@@ -1,5 +1,6 @@
 """Compensation of dome masters: exact (P), least squares (W), and what they are compared with."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -159,10 +160,9 @@ class Compensator:
         """
         check_pictures(self.size, image, out)
         coded = self._coded(image)
-        self._equations.solve(*coded)
         written_over = out is not None and np.may_share_memory(image, out)
         self._last = None if written_over else coded
-        return self._applied(image, coded, out)
+        return self._applied(image, coded, out, self._equations.frame)
 
     def apply(
         self, image: NDArray[Any], numbers: Array, out: NDArray[Any] | None = None
@@ -171,7 +171,7 @@ class Compensator:
         check_pictures(self.size, image, out)
         self._last = None
         self._equations.solution = np.stack([numbers, np.zeros_like(numbers)])
-        return self._applied(image, self._coded(image), out)
+        return self._applied(image, self._coded(image), out, self._equations.apply)
 
     @property
     def certificate(self) -> Certificate:
@@ -264,16 +264,19 @@ class Compensator:
         return self._codings[asked]
 
     def _applied(
-        self, image: NDArray[Any], coded: tuple[NDArray[Any], Coding], out: NDArray[Any] | None
+        self,
+        image: NDArray[Any],
+        coded: tuple[NDArray[Any], Coding],
+        out: NDArray[Any] | None,
+        write: Callable[[NDArray[Any], Coding, NDArray[Any] | None], NDArray[Any]],
     ) -> NDArray[Any]:
         content, coding = coded
         kept = self.fields.protected
         held = None if kept is None else image[kept]
         if content is image:
-            sent = self._equations.apply(content, coding, out)
+            sent = write(content, coding, out)
         else:
-            linear = self._equations.apply(content, coding, None)
-            sent = self._encoded(image, linear, coding)
+            sent = self._encoded(image, write(content, coding, None), coding)
             if out is not None:
                 out[...] = sent
                 sent = out

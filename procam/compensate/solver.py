@@ -12,20 +12,25 @@ Array = NDArray[np.float64]
 MAX_STEPS = 40
 HALVINGS = 8
 QUICK = 0.05  # what a step with a slope that still serves leaves of the residual, at most
+TELLING = 1e-6  # of the value: smaller steps tell of rounding
 ROUNDING = 2e-6  # of the value: below it single precision of a small picture may stop all progress
 PATIENCE = 8  # steps for what is below that
 
 
 @dataclass(slots=True)
 class Root:
-    """Where a residual (C, K) vanishes, and the slope (C, K, K) there, kept for the next picture."""
+    """Where a residual (C, K) vanishes, and the slope (C, K, K) there, kept for the next picture.
+
+    `shrink` is what the last step left of the residual.
+    """
 
     value: Array
     slope: Array
+    shrink: float = QUICK
 
     def follow(
         self,
-        residual: Callable[[Array], Array],
+        residual: Callable[[Array, bool], Array],
         slope: Callable[[Array], Array],
         tolerance: float,
     ) -> None:
@@ -33,9 +38,9 @@ class Root:
 
         Newton's method per colour, with the slope at hand as long as it serves. A colour rests where all
         of its residual, looked up there, is below `tolerance` of its largest value, or near rounding no
-        step helps.
+        step helps. `residual` is also told whether the look will likely be the last.
         """
-        found, stuck = residual(self.value), np.zeros(len(self.value), bool)
+        found, stuck = residual(self.value, False), np.zeros(len(self.value), bool)
         for number in range(MAX_STEPS):
             left, size = np.abs(found).max(axis=1), np.abs(self.value).max(axis=1)
             done = (left <= tolerance * size) | (left == 0)
@@ -43,11 +48,14 @@ class Root:
             if done.all():
                 return
             step = self._step(found, done)
-            after = residual(self.value + step)
+            likely = bool((self.shrink * left <= tolerance * size)[~done].all())
+            after = residual(self.value + step, likely)
             if (_norm(after) > QUICK * _norm(found))[~done].any():
                 self.slope = slope(self.value)
                 step = self._step(found, done)
                 after = self._helpful(residual, found, step)
+            self._learn(step, after - found, ~done & (np.abs(step).max(axis=1) > TELLING * size))
+            self.shrink = float((_norm(after) / np.maximum(_norm(found), 1e-300))[~done].max())
             stuck = _norm(after) > _norm(found) / 2
             self.value, found = self.value + step, after
         raise DidNotConverge(
@@ -59,10 +67,20 @@ class Root:
         step = np.linalg.solve(-self.slope, found[..., None])[..., 0]
         return np.where(done[:, None], 0, step)
 
-    def _helpful(self, residual: Callable[[Array], Array], found: Array, step: Array) -> Array:
+    def _learn(self, step: Array, change: Array, where: NDArray[np.bool_]) -> None:
+        """Slopes that account for what a step changed (Broyden 1965, eq. 4.5)."""
+        missed = change - (self.slope @ step[..., None])[..., 0]
+        along = step / np.maximum((step**2).sum(axis=1), 1e-300)[:, None]
+        self.slope = self.slope + np.where(
+            where[:, None, None], missed[..., None] * along[:, None], 0
+        )
+
+    def _helpful(
+        self, residual: Callable[[Array, bool], Array], found: Array, step: Array
+    ) -> Array:
         """Residual after a step; `step` is halved while it does not help a colour, at last to nothing."""
         for _ in range(HALVINGS):
-            after = residual(self.value + step)
+            after = residual(self.value + step, False)
             worse = _norm(after) > _norm(found)
             if not worse.any():
                 return after

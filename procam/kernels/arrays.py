@@ -46,7 +46,8 @@ def plain(array: NDArray[Any]) -> NDArray[Any]:
 
 
 def pointer(array: NDArray[Any] | None) -> int | None:
-    """Address of the first element."""
+    """Address of the first element, for C to read on from there."""
+    assert array is None or array.flags.c_contiguous
     return None if array is None else array.ctypes.data
 
 

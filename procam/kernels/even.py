@@ -11,13 +11,16 @@ from numpy.typing import NDArray
 
 from procam.kernels import reference_frame
 from procam.kernels.arrays import pointer
-from procam.kernels.frame import CHANNELS, Double, FrameModel
+from procam.kernels.frame import Double, FrameModel
+from procam.kernels.grid import CHANNELS
 from procam.kernels.loader import chosen
 
 Bytes = NDArray[np.uint8]
 Words = NDArray[np.uint32]
 GROUP, BLOCK = 8, 64
-FULL = 2**22 - 1  # a sum's number for light of 1
+TURNS = 64  # of a row, see c/even.h
+FULL = 2**22 - TURNS  # a sum's number for light of 1, before it is shortened to 16 bits
+WHOLE = FULL / TURNS
 EVEN = 1e-6  # relative: what counts as the same everywhere
 
 
@@ -81,6 +84,16 @@ class EvenModel:
             found.append(np.pad(means, (0, self.groups - len(means))))
         return np.ascontiguousarray(found, np.float32)
 
+    @cached_property
+    def room(self) -> NDArray[np.uint64]:
+        """For totals of colours and groups (bands, 3, groups): anew it would cost as much as a sum."""
+        return np.empty((len(self.weight), CHANNELS, self.groups), np.uint64)
+
+    @cached_property
+    def lit_sr(self) -> float:
+        """Solid angle of all that is lit, as sums weigh it [sr]."""
+        return float(_reference_sums(self, np.ones((self.model.size, 1, 1), np.int64))[0])
+
     def light(self, content: Double, flux: Double, top: float) -> Double:
         """Light to send (K, 3) for content (K,) in linear light, all under the same flux (3,)."""
         wanted = self.gain * content[:, None] - self.ambient - self.spread * flux
@@ -108,38 +121,72 @@ def _spans(model: FrameModel) -> NDArray[np.int32] | None:
     return found
 
 
-def even_sums(model: EvenModel, image: Bytes, table: Double) -> Double:
-    """Sums (3,) over the dome of weight times `table` (3, 256) at the picture's codes, 0..1 [rel sr].
+def even_sums(model: EvenModel, image: Bytes, light: Double) -> Double:
+    """Sums (3,) over the dome of weight times `light` (3, 256) at the picture's codes, 0..1 [rel sr].
 
-    To 22 bits, rounded: the sums of 8 pixels over 128 rows fit into 32.
+    Light counts in 16 bits, rounded up or down by turns of the rows: over 64 of them to 22.
     """
-    words = np.ascontiguousarray(np.rint(np.clip(table, 0, 1) * FULL), np.uint32)
     image = np.ascontiguousarray(image)
-    native = chosen()
-    if native is None:
-        return _reference_sums(model, image, words)
-    sums = np.zeros((len(model.weight), CHANNELS))
-    _run(native, model, (image, None), words, None, sums)
-    return np.asarray(sums.sum(axis=0) / FULL)
+    words = np.ascontiguousarray(np.rint(np.clip(light, 0, 1) * FULL), np.uint32)
+    if chosen() is None:
+        phase = (np.arange(model.model.size) * 39 % TURNS)[:, None, None]
+        return _reference_sums(model, (_at_codes(image, words) + phase) // TURNS) / WHOLE
+    sums = _run(model, {"image": image, "table": words}, counts=True)
+    assert sums is not None
+    return sums / WHOLE
 
 
 def even_apply(
-    model: EvenModel, image: Bytes, table: Double, threshold: NDArray[np.float32], out: Bytes
-) -> Bytes:
-    """Write codes by `table` (3, 256) of values 0..255, rounded up above `threshold` (64, 64) in 0..1."""
-    words = np.ascontiguousarray(np.rint(np.clip(table, 0, 255) * 256), np.uint32)
-    over = 255 - np.floor(threshold * 256).astype(np.uint8)
+    model: EvenModel, image: Bytes, coded: "Coded", out: Bytes, change: Double | None = None
+) -> Double:
+    """Write codes to `out`; return the sums (3,) of `change` (3, 256) over the dome [rel sr].
+
+    It counts in 8 bits between its extremes: enough for what little a step changes.
+    """
     image = np.ascontiguousarray(image)
-    native = chosen()
-    if native is None:
-        out[...] = _reference_apply(model, image, words, over)
+    low, step = _scale(np.zeros((CHANNELS, 256)) if change is None else change)
+    counted = None if change is None else _bytes(np.rint((change - low) / step))
+    if chosen() is None:
+        sums = None if counted is None else _reference_sums(model, _at_codes(image, counted))
+        out[...] = _reference_apply(model, image, coded)
     else:
-        _run(native, model, (image, out), words, np.ascontiguousarray(over), None)
-    return out
+        given: dict[str, Any] = {"image": image, "out": out, "threshold": coded.over}
+        given |= {"change": counted} | dict(zip(("whole", "rest"), coded.bytes, strict=True))
+        sums = _run(model, given, counts=change is not None)
+    return np.zeros(CHANNELS) if sums is None else low[:, 0] * model.lit_sr + step[:, 0] * sums
 
 
-def _at_codes(image: Bytes, words: Words) -> NDArray[np.int64]:
-    each = [words[c].astype(np.int64)[image[..., c]] for c in range(CHANNELS)]
+def _bytes(numbers: NDArray[Any]) -> Bytes:
+    return np.ascontiguousarray(numbers, np.uint8)
+
+
+def _scale(table: Double) -> tuple[Double, Double]:
+    """Least value of each colour (3, 1), and a step of 255 to the greatest."""
+    low, high = (f(table, axis=1, keepdims=True) for f in (np.min, np.max))
+    return low, np.maximum(high - low, 1e-300) / 255
+
+
+@dataclass(frozen=True, slots=True)
+class Coded:
+    """What to write: values (3, 256) 0..255 by code, rounded up above `threshold` (64, 64) in 0..1."""
+
+    values: Double
+    threshold: NDArray[np.float32]
+
+    @property
+    def bytes(self) -> tuple[Bytes, Bytes]:
+        """Whole values, and their rests in 1/256 (3, 256)."""
+        words = np.rint(np.clip(self.values, 0, 255) * 256).astype(np.uint16)
+        return _bytes(words >> 8), _bytes(words & 255)
+
+    @property
+    def over(self) -> Bytes:
+        """(64, 64) rests above which values are rounded up, in 1/256."""
+        return _bytes(255 - np.floor(self.threshold * 256))
+
+
+def _at_codes(image: Bytes, table: NDArray[Any]) -> NDArray[np.int64]:
+    each = [table[c].astype(np.int64)[image[..., c]] for c in range(CHANNELS)]
     return np.stack(each, axis=-1)
 
 
@@ -148,18 +195,20 @@ def _lit(model: EvenModel) -> NDArray[np.bool_]:
     return (x >= model.lit[:, :1]) & (x < model.lit[:, 1:])
 
 
-def _reference_sums(model: EvenModel, image: Bytes, words: Words) -> Double:
-    kept = np.where(_lit(model)[..., None], _at_codes(image, words), 0)
+def _reference_sums(model: EvenModel, values: NDArray[np.int64]) -> Double:
+    rows = np.arange(model.model.size)
+    kept = np.where(_lit(model)[..., None], values, 0)
     grouped = np.add.reduceat(kept, np.arange(0, model.model.size, GROUP), axis=1)
-    band = np.searchsorted(model.rows, np.arange(model.model.size), "right") - 1
+    band = np.searchsorted(model.rows, rows, "right") - 1
     weight = model.weight[band, : grouped.shape[1]].astype(float)
-    return np.asarray(np.einsum("yg,ygc->c", weight, grouped) / FULL)
+    return np.asarray(np.einsum("yg,ygc->c", weight, grouped))
 
 
-def _reference_apply(model: EvenModel, image: Bytes, words: Words, over: Bytes) -> Bytes:
+def _reference_apply(model: EvenModel, image: Bytes, coded: Coded) -> Bytes:
     place = np.arange(model.model.size) % BLOCK
-    words_here = _at_codes(image, words) + 255 - over[np.ix_(place, place)][..., None]
-    return np.where(_lit(model)[..., None], np.minimum(words_here, 65535) >> 8, 0).astype(np.uint8)
+    whole, rest = (_at_codes(image, table) for table in coded.bytes)
+    word = np.minimum(whole + (rest > coded.over[np.ix_(place, place)][..., None]), 255)
+    return np.where(_lit(model)[..., None], word, 0).astype(np.uint8)
 
 
 class _Even(ctypes.Structure):
@@ -169,26 +218,26 @@ class _Even(ctypes.Structure):
         *((name, ctypes.c_size_t) for name in ("size", "groups")),
         *(
             (name, ctypes.c_void_p)
-            for name in ("image", "out", "table", "threshold", "lit", "rows", "weight", "totals")
+            for name in (
+                *("image", "out", "table", "whole", "rest", "change"),
+                *("threshold", "lit", "rows", "weight", "totals"),
+            )
         ),
     ]
 
 
-def _run(
-    native: tuple[ctypes.CDLL, int, int],
-    model: EvenModel,
-    pictures: tuple[Bytes, Bytes | None],
-    words: Words,
-    over: Bytes | None,
-    sums: Double | None,
-) -> None:
+def _run(model: EvenModel, given: dict[str, NDArray[Any]], counts: bool) -> Double | None:
+    """Sums (3,) of the table that is given, if it `counts`, before they are scaled."""
+    native = chosen()
+    assert native is not None
     library, level, threads = native
-    how, rows = _Even(), model.rows
+    how, bands = _Even(), len(model.weight)
     how.size, how.groups = model.model.size, model.groups
-    room = None if sums is None else np.empty((len(sums), CHANNELS, model.groups), np.uint32)
-    arrays: dict[str, NDArray[Any] | None] = {"image": pictures[0], "out": pictures[1]}
-    arrays |= {"table": words, "threshold": over}
-    arrays |= {"lit": model.lit, "rows": rows, "weight": model.weight, "totals": room}
-    for name, array in arrays.items():
+    rows = model.rows
+    found = np.zeros((bands, CHANNELS)) if counts else None
+    arrays: dict[str, NDArray[Any]] = {"lit": model.lit, "rows": rows, "weight": model.weight}
+    arrays |= {"totals": model.room} if counts else {}
+    for name, array in (arrays | given).items():
         setattr(how, name, pointer(array))
-    library.procam_even(level, threads, len(rows) - 1, ctypes.byref(how), pointer(sums))
+    library.procam_even(level, threads, bands, ctypes.byref(how), pointer(found))
+    return None if found is None else np.asarray(found.sum(axis=0))

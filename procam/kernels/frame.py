@@ -12,10 +12,9 @@ from numpy.typing import NDArray
 from procam.errors import InputError, ShapeError
 from procam.kernels import reference_frame
 from procam.kernels.arrays import LINE, pointer
+from procam.kernels.grid import CHANNELS, PLACES, STRIP, Grid, Plane
 from procam.kernels.loader import chosen
 
-Plane = NDArray[np.float32]
-Index = NDArray[np.int32]
 Double = NDArray[np.float64]
 Curve = Callable[[NDArray[np.floating]], NDArray[np.floating]]
 KINDS = {np.dtype(np.uint8): 0, np.dtype(np.uint16): 1, np.dtype(np.float32): 2}
@@ -23,57 +22,10 @@ KINDS[np.dtype(np.float16)] = 3
 WHOLE = {np.dtype(np.uint8): 255.0, np.dtype(np.uint16): 65535.0}
 MODES = {"light": 0, "content": 1, "excess": 2, "at least": 3, "at most": 4}
 APPLY = 5
-TERMS, CHANNELS = 9, 3
-STRIP, BLOCK, CHUNK, SEGMENTS, TILE = 768, 64, 32, 32, 64  # as in c/frame.h
-FINE = 256  # nodes from which on rows of them may share weights
+TERMS = 9
+CHUNK = 32  # as in c/frame.h
+SEGMENTS, TILE = 32, 64  # as in c/frame_values.h
 SPARE = 64  # floats that a vector may read past the end of a field
-
-
-class Grid:
-    """Where the pixels of a picture of `size` lie among `nodes`: half-pixel centres, edges clamped.
-
-    Row y lies between node rows above[y] and below[y], down[y] of the way; columns alike: left,
-    right, across. Pairs of node rows are intervals; `rows` holds the first row of each. `shared` of
-    them make a band; `band` is that of each row of the picture.
-    """
-
-    def __init__(self, size: int, nodes: int) -> None:
-        place = (np.arange(size) + 0.5) * nodes / size - 0.5
-        first = np.floor(place).astype(np.int32)
-        self.above = self.left = np.maximum(first, 0)
-        self.below = self.right = np.minimum(first + 1, nodes - 1)
-        self.down = self.across = (place - first).astype(np.float32)
-        self.shared = min(4, 2 ** max(0, (nodes // FINE).bit_length() - 1))
-        self.band = (first + 1) // self.shared
-        self.rows = np.searchsorted(first + 1, np.arange(nodes + 2)).astype(np.int32)
-        padded = -(-CHANNELS * size // BLOCK) * BLOCK
-        value = np.minimum(np.arange(padded), CHANNELS * size - 1)
-        pixel, channel = value // CHANNELS, value % CHANNELS
-        left, right = self.left[pixel], self.right[pixel]
-        index = (CHANNELS * left + channel, CHANNELS * right + channel, left, right)
-        self.of_values = [np.ascontiguousarray(i, np.int32) for i in index]
-        self.across_values = np.ascontiguousarray(self.across[pixel])
-
-    def band_sums(self, field: NDArray[Any]) -> Plane:
-        """Sums (bands, M[, C]) over the picture's rows of each band of a field (M, M[, C])."""
-        share = np.zeros((-(-(len(field) + 1) // self.shared), len(field)))
-        down = self.down.astype(float)
-        np.add.at(share, (self.band, self.above), 1 - down)
-        np.add.at(share, (self.band, self.below), down)
-        return np.tensordot(share, field, 1).astype(np.float32)
-
-    def lit(self, coverage: Plane) -> NDArray[np.uint8]:
-        """Whether each block of each interval is lit nowhere, in part, everywhere: 0, 1, 2."""
-        last = len(coverage) - 1
-        pair = np.arange(len(coverage) + 1)
-        ends = np.stack([coverage[np.maximum(pair - 1, 0)], coverage[np.minimum(pair, last)]])
-        least, most = ends.min(axis=0), ends.max(axis=0)
-        left, right = self.of_values[2][::BLOCK], self.of_values[3][BLOCK - 1 :: BLOCK]
-        spans = np.stack([left, right + 1], axis=1).ravel()
-        wide = [np.pad(e, ((0, 0), (0, 1)), "edge") for e in (least, most)]
-        some = np.maximum.reduceat(wide[1], spans, axis=1)[:, ::2] > 0
-        every = np.minimum.reduceat(wide[0], spans, axis=1)[:, ::2] > 0
-        return np.ascontiguousarray(some.astype(np.uint8) + every)
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,8 +88,9 @@ class FrameModel:
 
     @cached_property
     def painted(self) -> Plane:
-        """The same times `spread` (bands, M, 3)."""
-        return self.grid.band_sums(self.solid_angle_sr[..., None] * self.spread)
+        """The same times `spread` (bands, 3, M)."""
+        sums = self.grid.band_sums(self.solid_angle_sr[..., None] * self.spread)
+        return np.ascontiguousarray(np.moveaxis(sums, -1, 1))
 
     @cached_property
     def middle(self) -> Plane:
@@ -160,10 +113,9 @@ class FrameModel:
             **{"coverage": self.coverage, "weight": self.weight, "direction": self.middle},
         }
         found: dict[str, NDArray[Any] | None] = {n: _spared(f) for n, f in fields.items()}
-        names = ("left", "right", "left_node", "right_node")
-        found |= dict(zip(names, grid.of_values, strict=True))
-        found |= {"across": grid.across_values, "down": grid.down, "rows": grid.rows}
-        return found | {"lit": self.lit}
+        for name, places in grid.places.items():
+            found |= {f"{name}_{part}": numbers for part, numbers in places.items()}
+        return found | {"down": grid.down, "rows": grid.rows, "lit": self.lit}
 
 
 def _spared(plane: Plane | None) -> Plane | None:
@@ -253,23 +205,30 @@ class _Frame(ctypes.Structure):
                     "weight",
                     "painted",
                 ),
-                *("direction", "lit", "left", "right", "left_node", "right_node", "across", "down"),
-                *("rows", "decode", "encode", "threshold", "decode_bytes"),
+                *("direction", "lit"),
+                *(f"{n}_{p}" for n in PLACES for p in ("start", "pair", "across")),
+                *("down", "rows", "decode", "encode", "threshold", "decode_bytes"),
             )
         ),
     ]
 
 
-def bounced_light(model: FrameModel, numbers: Double, offset: Double | None = None) -> Plane:
+def bounced_light(
+    model: FrameModel, numbers: Double, offset: Double | None = None, out: Plane | None = None
+) -> Plane:
     """What bounces to each node (M, M, 3) [rel]: spread times the polynomial, and the lamps' light.
 
-    `numbers` (3, 9) are its coefficients per colour; of `offset` (3, 9), which (W) takes off, too.
+    Parameters
+    ----------
+    numbers : (3, 9) its coefficients per colour. offset : (3, 9) of what (W) takes off, or None.
+    out : a result of this function for as many nodes, to be written over.
     """
     native = chosen()
     if native is None:
         return reference_frame.bounced_light(model, numbers, offset)
     library, level, threads = native
-    room = np.empty(model.spread.size + SPARE, np.float32)
+    size = model.spread.size
+    room = np.empty(size + SPARE, np.float32) if out is None or out.base is None else out.base
     arrays = [np.ascontiguousarray(a, np.float32) for a in (model.spread, model.direction)]
     ambient = None if model.ambient is None else np.ascontiguousarray(model.ambient, np.float32)
     given = [None if n is None else np.ascontiguousarray(n, float) for n in (numbers, offset)]
@@ -277,7 +236,7 @@ def bounced_light(model: FrameModel, numbers: Double, offset: Double | None = No
         *(level, threads, model.nodes, model.terms, pointer(arrays[0]), pointer(ambient)),
         *(pointer(arrays[1]), pointer(given[0]), pointer(given[1]), pointer(room)),
     )
-    return room[: model.spread.size].reshape(model.spread.shape)
+    return room[:size].reshape(model.spread.shape)
 
 
 def frame_sums(
@@ -310,16 +269,23 @@ def frame_apply(
     light: Plane,
     coding: Coding,
     out: NDArray[Any] | None = None,
+    sums: Double | None = None,
 ) -> NDArray[Any]:
-    """The light to send (N, N, 3), encoded as the picture is; `out` may be the picture itself."""
+    """The light to send (N, N, 3), encoded as the picture is.
+
+    `out` to write to may be the picture itself; `sums` (3, terms) is filled with those of `frame_sums`.
+    """
     check_pictures(model.size, image, out)
     picture = np.ascontiguousarray(image)
     target = aligned_like(picture) if out is None else out
     native = chosen()
     if native is None:
+        found = reference_frame.frame_sums(model, picture, light, "light", coding)
         reference_frame.frame_apply(model, picture, light, coding, target)
     else:
-        _run(native, model, (picture, light, target), APPLY, coding)
+        found = _run(native, model, (picture, light, target), APPLY, coding)
+    if sums is not None:
+        sums[...] = found
     return target
 
 

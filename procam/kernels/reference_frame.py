@@ -82,7 +82,7 @@ def frame_sums(
         lit = interpolated(model, model.coverage, rows) > 0
         np.add.at(total, band[rows], kept * lit[..., None])
         np.add.at(count, band[rows], lit)
-    weight = model.painted if what == "excess" else model.weight[..., None]
+    weight = np.moveaxis(model.painted, 1, -1) if what == "excess" else model.weight[..., None]
     means = total / np.maximum(count, 1)[..., None] * widened(model, weight.astype(float))
     axes = [widened(model, model.middle[:, k].astype(float)) for k in range(3)]
     terms = monomials(np.stack(axes), model.terms)

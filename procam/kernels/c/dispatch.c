@@ -197,11 +197,11 @@ EXPORT void procam_bounce(int level, int threads, int nodes, int terms, const fl
     spread(run_bounce, level, threads, &job, (size_t)nodes, AREAS_TILE);
 }
 
-/* Writes the picture, or sums it where `sums` (bands, 3) is given. */
+/* Writes the picture where `how` has one, sums it where `sums` (bands, 3) is given. */
 EXPORT void procam_even(int level, int threads, size_t bands, const struct procam_even *how,
                         double *sums) {
     const struct even job = {how, sums};
-    spread(run_even, level, threads, &job, sums ? bands : how->size, sums ? 1 : AREAS_TILE);
+    spread(run_even, level, threads, &job, bands, 1);
 }
 
 EXPORT void procam_warp(int level, int threads, size_t rows, const struct procam_warp *job) {

@@ -5,7 +5,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#define PROCAM_INTERFACE 6 /* raised with every change of a signature; loader.py holds the same */
+#define PROCAM_INTERFACE 7 /* raised with every change of a signature; loader.py holds the same */
 #define MOST_FRAMES 64     /* of a phase */
 #define MOST_SEARCH 32     /* of a search */
 #define RESULTS 6          /* planes of a search */
@@ -82,6 +82,11 @@ enum { FRAME_TERMS = 9 }; /* of the polynomial of bounced light */
 enum mode { SUM_LIGHT, SUM_CONTENT, SUM_EXCESS, COUNT_LEAST, COUNT_MOST, APPLY };
 enum lit { NOWHERE, IN_PART, EVERYWHERE }; /* in a block */
 
+struct places { /* where numbers of a row lie among the nodes: see Grid.places */
+    const int32_t *start, *pair; /* of 16; of each: nodes left and right (<< 8) from there */
+    const float *across;         /* of each: share of the right one */
+};
+
 struct procam_frame { /* a picture (size, size, 3) and the model of its dome: see frame.py */
     size_t size;
     int kind, nodes, terms, band; /* intervals that share weights; divides FRAME_CHUNK */
@@ -90,10 +95,10 @@ struct procam_frame { /* a picture (size, size, 3) and the model of its dome: se
     void *out;
     const float *light, *least, *most;        /* (nodes, nodes, 3); `most` may be NULL */
     const float *gain, *coverage;             /* (nodes, nodes); gain may be NULL */
-    const float *weight, *painted, *direction; /* (bands, nodes), (bands, nodes, 3), (bands, 3, nodes) */
+    const float *weight, *painted, *direction; /* (bands, nodes), (bands, 3, nodes) twice */
     const uint8_t *lit;                       /* (nodes + 1, blocks) */
-    const int32_t *left, *right, *left_node, *right_node; /* of each value of a row, in whole blocks */
-    const float *across, *down; /* of values, rows: share of the second node */
+    struct places values, shared, pixels; /* of values: of fields of three colours, and of one; of pixels */
+    const float *down;          /* of rows: share of the second node */
     const int32_t *rows;        /* (nodes + 2): first row of each interval */
     const float *decode, *encode, *threshold; /* (256), (3, SEGMENTS), (TILE_ROWS, TILE_WIDTH) */
     const uint8_t *decode_bytes;              /* (4, 256): bytes of decode */
@@ -116,17 +121,19 @@ struct bounce { /* see frame.py */
 struct procam_even { /* a picture (size, size, 3) of 8 bits: see even.py */
     size_t size, groups;         /* of 8 pixels in a row */
     const uint8_t *image;
-    uint8_t *out;
-    const uint32_t *table;       /* (3, 256) by code: 8.8 bits to write, or 22 bits to sum */
+    uint8_t *out;                /* NULL to sum only */
+    const uint32_t *table;       /* (3, 256) by code: 22 bits to sum */
+    const uint8_t *whole, *rest; /* the same: what to write, and 256 times its rest */
+    const uint8_t *change;       /* the same: what to sum while writing */
     const uint8_t *threshold;    /* (64, 64): a rest above it rounds up */
     const int32_t *lit, *rows;   /* (size, 2): first pixel, end; (bands + 1): first row of each */
     const float *weight;         /* (bands, groups) */
-    uint32_t *totals;            /* (bands, 3, groups): room */
+    uint64_t *totals;            /* (bands, 3, groups): room */
 };
 
 struct even {
     const struct procam_even *how;
-    double *sums; /* (bands, 3), or NULL to write */
+    double *sums; /* (bands, 3), or NULL to write only */
 };
 
 enum { FIELDS = 8, BLOCK = 16 };  /* of a warp's blocks: numbers of a pixel, pixels */
@@ -151,7 +158,7 @@ struct procam_warp {
 };
 
 /* Each works on `count` pixels (rays, observations) from pixel `first` on; areas and warp on rows,
-   frames on strips of intervals, bounces on rows, evens on rows or bands. */
+   frames on strips of intervals, bounces on rows, evens on bands. */
 struct level {
     void (*fold)(const struct fold *job, size_t first, size_t count);
     void (*phase)(const struct phase *job, size_t first, size_t count);

@@ -2,9 +2,11 @@
 #include "vector.h"
 
 #include "areas.h"
+#include "bounce.h"
 #include "bundle.h"
-#include "even.h"
 #include "fold.h"
+#include "frame_values.h"
+#include "even.h"
 #include "frame.h"
 #include "phase.h"
 #include "rays.h"

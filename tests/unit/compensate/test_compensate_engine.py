@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 
 from procam import kernels
+from procam.compensate.equations import Equations
 from procam.compensate.exact import Compensator
 from procam.errors import InputError, ShapeError
 from procam.maths.sphere import master_directions, master_solid_angles
@@ -232,6 +233,26 @@ class TestPictures:
         expected = compensator.frame(content)
         other = Compensator(furnished(calibration), SIZE)
         np.testing.assert_array_equal(other.apply(content, compensator.numbers), expected)
+
+    @pytest.mark.parametrize("kind", [np.uint8, np.float32])
+    def test_what_a_look_wrote_is_the_picture(
+        self, calibration: Calibration, kind: type, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """Pans and cuts: the last look writes, or what it wrote is written over."""
+        compensator, other = (Compensator(furnished(calibration), SIZE) for _ in range(2))
+        written_late, apply = [], Equations.apply
+        monkeypatch.setattr(
+            Equations, "apply", lambda *given: written_late.append(given[0]) or apply(*given)
+        )
+        rng = np.random.default_rng(7)
+        scenes = [rng.integers(0, most, (SIZE, SIZE, 3)) for most in (256, 60, 200)]
+        frames = [np.roll(scene, k, 1).astype(np.uint8) for scene in scenes for k in range(4)]
+        for codes in frames:
+            frame = codes if kind is np.uint8 else (codes / np.float32(255)).astype(kind)
+            found = compensator.frame(frame)
+            np.testing.assert_array_equal(found, other.apply(frame, compensator.numbers))
+            assert compensator.certificate.kkt < (2e-5 if kind is np.uint8 else 1e-7)
+        assert sum(by is compensator._equations for by in written_late) < len(frames)
 
 
 class TestStrength:

@@ -8,14 +8,15 @@ import pytest
 from procam.compensate.solver import Root
 from procam.errors import DidNotConverge
 
-Residual = Callable[[np.ndarray], np.ndarray]
+Residual = Callable[[np.ndarray, bool], np.ndarray]
+Slope = Callable[[np.ndarray], np.ndarray]
 
 
 def falling(root: float, slope: float) -> Residual:
-    return lambda value: slope * (value - root)
+    return lambda value, _: slope * (value - root)
 
 
-def known(slope: float) -> Residual:
+def known(slope: float) -> Slope:
     return lambda value: np.full((len(value), 1, 1), slope)
 
 
@@ -36,7 +37,7 @@ def test_the_last_pictures_slope_is_not_trusted_across_a_cut(slope: float) -> No
 def test_piecewise_slopes() -> None:
     """Where a limit takes hold on the way, the slope is taken anew."""
 
-    def residual(value: np.ndarray) -> np.ndarray:
+    def residual(value: np.ndarray, _: bool) -> np.ndarray:
         return 3.0 - value - 2.0 * np.maximum(value - 1.0, 0)
 
     root = start()
@@ -47,10 +48,10 @@ def test_piecewise_slopes() -> None:
 def test_colours_rest_one_by_one() -> None:
     target = np.array([[0.0], [1.0], [5.0]])
     root = Root(np.zeros((3, 1)), np.full((3, 1, 1), -2.0))
-    root.follow(lambda v: target - v, lambda v: np.full((3, 1, 1), -1.0), 1e-9)
+    root.follow(lambda v, _: target - v, lambda v: np.full((3, 1, 1), -1.0), 1e-9)
     np.testing.assert_allclose(root.value, target, rtol=1e-9)
 
 
 def test_what_has_no_root_is_told() -> None:
     with pytest.raises(DidNotConverge, match="the light still moves after 40 steps"):
-        start().follow(lambda v: 1 + v * v, known(-1.0), 1e-9)
+        start().follow(lambda v, _: 1 + v * v, known(-1.0), 1e-9)

@@ -157,23 +157,32 @@ static float *numbers(size_t count, float value) {
 /* A picture of `edge` over fields of `nodes`, lit but for a corner; rooms end where they are read to. */
 static void frame(int level, int kind, int mode, size_t edge, int nodes, int terms) {
     const size_t width[] = {1, 2, 4, 2}, values = (3 * edge + 63) / 64 * 64, n = (size_t)nodes;
-    const size_t strips = (3 * edge + 767) / 768, chunks = (n + 32) / 32, spare = 64;
-    const size_t fields = 3 * n * n + spare, bands = n / 2 + 1;
+    const size_t strips = (3 * edge + 1535) / 1536, chunks = (n + 32) / 32, spare = 64;
+    const size_t fields = 3 * n * n + spare, bands = n / 2 + 1, counts[] = {values, values, 512 * strips};
     struct procam_frame how = {.size = edge, .kind = kind, .nodes = nodes, .terms = terms, .band = 2};
     how.strength = mode % 2 ? 0.5f : 1.0f, how.top = 1;
     how.image = room(3 * edge * edge * width[kind]), how.out = room(3 * edge * edge * width[kind]);
-    int32_t *index[4], *rows = room((n + 2) * sizeof(int32_t));
-    float *across = room(values * sizeof(float)), *down = room(edge * sizeof(float));
-    for (int k = 0; k < 4; k++) index[k] = room(values * sizeof(int32_t));
-    for (size_t i = 0; i < values; i++) {
-        const size_t value = i < 3 * edge ? i : 3 * edge - 1, pixel = value / 3;
-        const double place = ((double)pixel + 0.5) * nodes / (double)edge - 0.5;
-        const int first = (int)floor(place), left = first < 0 ? 0 : first;
-        const int right = first + 1 < nodes ? first + 1 : nodes - 1;
-        across[i] = (float)(place - first);
-        index[2][i] = left, index[3][i] = right;
-        index[0][i] = 3 * left + (int)(value % 3), index[1][i] = 3 * right + (int)(value % 3);
-        down[pixel] = across[i];
+    struct places *places[] = {&how.values, &how.shared, &how.pixels};
+    int32_t *start[3], *pair[3], *rows = room((n + 2) * sizeof(int32_t));
+    float *across[3], *down = room(edge * sizeof(float));
+    for (int k = 0; k < 3; k++) {
+        start[k] = room(counts[k] / 16 * sizeof(int32_t)), pair[k] = room(counts[k] * sizeof(int32_t));
+        across[k] = room(counts[k] * sizeof(float));
+        for (size_t i = 0; i < counts[k]; i++) {
+            const size_t value = k < 2 ? i : 3 * i, last = 3 * edge - 1, pixel = (value < last ? value : last) / 3;
+            const double place = ((double)pixel + 0.5) * nodes / (double)edge - 0.5;
+            const int first = (int)floor(place), left = first < 0 ? 0 : first;
+            const int right = first + 1 < nodes ? first + 1 : nodes - 1, c = (int)((value < last ? value : last) % 3);
+            const int at = k ? left : 3 * left + c, to = k ? right : 3 * right + c;
+            if (i % 16 == 0 || at < start[k][i / 16]) start[k][i / 16] = at;
+            pair[k][i] = at | to << 16;
+            across[k][i] = (float)(place - first), down[pixel] = across[k][i];
+        }
+        for (size_t i = 0; i < counts[k]; i++) {
+            const int from = start[k][i / 16];
+            pair[k][i] = ((pair[k][i] & 65535) - from) | ((pair[k][i] >> 16) - from) << 8;
+        }
+        *places[k] = (struct places){start[k], pair[k], across[k]};
     }
     for (size_t y = edge, interval = n + 1;; y--) {
         const int first = y ? (int)floor(((double)y - 0.5) * nodes / (double)edge - 0.5) + 1 : -1;
@@ -189,15 +198,14 @@ static void frame(int level, int kind, int mode, size_t edge, int nodes, int ter
     float *threshold = numbers(64 * 192, 0.5f);
     how.light = light, how.least = lo, how.most = mode % 2 ? hi : NULL, how.gain = mode % 2 ? NULL : gain;
     how.coverage = cover, how.weight = weight, how.painted = painted, how.direction = direction;
-    how.lit = lit, how.left = index[0], how.right = index[1], how.left_node = index[2];
-    how.right_node = index[3], how.across = across, how.down = down, how.rows = rows;
+    how.lit = lit, how.down = down, how.rows = rows;
     how.decode = tables, how.encode = tables + 256, how.threshold = threshold, how.decode_bytes = codes;
     double *sums = room(strips * chunks * 27 * sizeof(double));
     procam_frame(level, 2, mode, strips, chunks, &how, sums);
     double *poly = room(27 * sizeof(double));
     procam_bounce(level, 2, nodes, terms, lo, NULL, hi, poly, mode % 2 ? poly : NULL, light);
-    void *all[] = {(void *)how.image, how.out, index[0], index[1], index[2], index[3], rows, across,
-                   down, lit, codes, light, lo, hi, gain, cover, weight, painted, direction, tables,
+    for (int k = 0; k < 3; k++) free(start[k]), free(pair[k]), free(across[k]);
+    void *all[] = {(void *)how.image, how.out, rows, down, lit, codes, light, lo, hi, gain, cover, weight, painted, direction, tables,
                    threshold, sums, poly};
     for (size_t k = 0; k < sizeof all / sizeof *all; k++) free(all[k]);
 }
@@ -209,13 +217,16 @@ static void even(int level, size_t edge) {
     for (size_t y = 0; y < edge; y++) lit[2 * y] = (int32_t)(y % 70 % edge), lit[2 * y + 1] = (int32_t)(edge - y % 3 % edge);
     rows[1] = (int32_t)edge / 2, rows[2] = rows[3] = (int32_t)edge;
     float *weight = numbers(3 * groups, 1);
-    how.image = room(3 * edge * edge), how.out = room(3 * edge * edge), how.table = room(3072);
+    uint8_t *out = room(3 * edge * edge), *bytes = room(768);
+    how.image = room(3 * edge * edge), how.table = room(3072), how.whole = how.rest = how.change = bytes;
     how.threshold = room(4096), how.lit = lit, how.rows = rows, how.weight = weight;
-    how.totals = room(9 * groups * sizeof(uint32_t));
+    how.totals = room(9 * groups * sizeof(uint64_t));
     double *sums = room(9 * sizeof(double));
+    procam_even(level, 2, 3, &how, sums);
+    how.out = out;
     procam_even(level, 2, 3, &how, NULL);
     procam_even(level, 2, 3, &how, sums);
-    free((void *)how.image), free(how.out), free((void *)how.table), free((void *)how.threshold);
+    free((void *)how.image), free(out), free((void *)how.table), free(bytes), free((void *)how.threshold);
     free(lit), free(rows), free(weight), free(how.totals), free(sums);
 }
 

@@ -7,7 +7,7 @@ import pytest
 
 from procam import kernels
 from procam.errors import InputError, ShapeError
-from procam.kernels.even import EvenModel, even_apply, even_sums
+from procam.kernels.even import Coded, EvenModel, even_apply, even_sums
 from procam.kernels.frame import (
     MODES,
     Coding,
@@ -99,6 +99,13 @@ class TestAgainstTheTwin:
         off = np.abs(found - expected)
         assert off.max() <= STEP[kind]
         assert (off > 0).mean() < (0.01 if kind is not np.float32 else 1)  # at ties of the rounding
+
+    @pytest.mark.parametrize("kind", TYPES)
+    def test_writing_sums_what_looking_does(self, level: str, kind: type) -> None:
+        dome, content, how = model(300, 130, 9), picture(300, kind), coding(kind)
+        light, found = bounced_light(dome, numbers()), np.empty((3, 9))
+        frame_apply(dome, content, light, how, None, found)
+        np.testing.assert_array_equal(found, frame_sums(dome, content, light, "light", how))
 
     @pytest.mark.parametrize("offset", [None, numbers()])
     @pytest.mark.parametrize("terms", [1, 4, 9])
@@ -212,14 +219,36 @@ class TestEven:
     def test_levels_agree(self, level: str, size: int, nodes: int) -> None:
         dome, content = self.even(size, nodes), picture(size, np.uint8)
         light = dome.light(transfer("srgb").decode(np.arange(256) / 255), np.full(3, 2.0), 1.0).T
-        codes = 255 * transfer("srgb").encode(light)
-        tile, out = threshold_tile(), aligned_like(content)
-        found = even_sums(dome, content, light), even_apply(dome, content, codes, tile, out)
+        coded = Coded(255 * transfer("srgb").encode(light), threshold_tile())
+        outs = [aligned_like(content) for _ in range(4)]
+
+        def every(outs: list[np.ndarray]) -> list[np.ndarray]:
+            changed = even_apply(dome, content, coded, outs[0], light - 0.9 * light)
+            assert (even_apply(dome, content, coded, outs[1]) == 0).all()
+            return [even_sums(dome, content, light), changed]
+
+        found = every(outs)
         with kernels.forced("numpy"):
-            expected = even_sums(dome, content, light)
-            picked = even_apply(dome, content, codes, tile, np.empty_like(content))
-        np.testing.assert_allclose(found[0], expected, rtol=1e-12)
-        np.testing.assert_array_equal(found[1], picked)
+            expected = every(outs[2:])
+        np.testing.assert_allclose(found, expected, rtol=1e-12)
+        for out in outs[1:]:
+            np.testing.assert_array_equal(outs[0], out)
+
+    def test_sums_of_a_change(self) -> None:
+        dome, content = self.even(515, 260), picture(515, np.uint8)
+        tables = np.random.default_rng(3).random((3, 256)), np.linspace(0, 1e-3, 256) - 4e-4
+        coded = Coded(np.zeros((3, 256)), threshold_tile())
+        sums = even_sums(dome, content, tables[0])
+        changed = even_apply(dome, content, coded, aligned_like(content), tables[1] + 0 * tables[0])
+        expected = even_sums(dome, content, np.clip(tables[0] + tables[1], 0, 1)) - sums
+        np.testing.assert_allclose(changed, expected, atol=3e-6)
+
+    def test_dark_pictures_are_summed_to_22_bits(self) -> None:
+        dome = self.even(515, 260)
+        content = np.broadcast_to(np.uint8([3, 4, 5]), (515, 515, 3))
+        table = np.tile(np.linspace(0, 1, 256) / 1000, (3, 1))
+        per_sr = even_sums(dome, content, table) / dome.lit_sr
+        np.testing.assert_allclose(per_sr, table[0, [3, 4, 5]], rtol=0, atol=2**-22)
 
     @pytest.mark.parametrize("flux", [0.5, 6.0])
     def test_is_what_fields_give(self, flux: float) -> None:
@@ -232,9 +261,8 @@ class TestEven:
         sums = frame_sums(dome.model, content, light, "light", how)[:, 0]
         found = even_sums(dome, content, table)
         np.testing.assert_allclose(found, sums, rtol=2e-4)  # white noise at the edge
-        ours = even_apply(
-            dome, content, 255 * known.encode(table), threshold_tile(), aligned_like(content)
-        )
+        ours = aligned_like(content)
+        even_apply(dome, content, Coded(255 * known.encode(table), threshold_tile()), ours)
         theirs = frame_apply(dome.model, content, light, how)
         off = np.abs(ours.astype(int) - theirs)
         assert off.max() <= 1 and (off > 0).mean() < 0.01

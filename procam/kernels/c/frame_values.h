@@ -1,0 +1,175 @@
+/* Values of dome masters as they are stored, and as linear light: 64 at a time. */
+
+enum { FRAME_BLOCK = 64, VECTORS = FRAME_BLOCK / LANES };
+enum { SEGMENTS = 32, TILE_WIDTH = 192, TILE_ROWS = 64 };
+
+#if LEVEL == 512
+INLINE __m512i byte_of(const uint8_t *table, __m512i codes) { /* table of 256 */
+    const __m512i low = _mm512_permutex2var_epi8(_mm512_loadu_si512(table), codes,
+                                                 _mm512_loadu_si512(table + 64));
+    const __m512i high = _mm512_permutex2var_epi8(_mm512_loadu_si512(table + 128), codes,
+                                                  _mm512_loadu_si512(table + 192));
+    return _mm512_mask_blend_epi8(_mm512_movepi8_mask(codes), low, high);
+}
+
+/* Table lookup of 64 codes: floats are looked up byte by byte, from four tables of their bytes. */
+INLINE void decode_block(const struct procam_frame *how, const uint8_t *from, vf *values) {
+    const __m512i order = _mm512_set_epi8(
+        63, 62, 61, 60, 47, 46, 45, 44, 31, 30, 29, 28, 15, 14, 13, 12, 59, 58, 57, 56, 43, 42, 41,
+        40, 27, 26, 25, 24, 11, 10, 9, 8, 55, 54, 53, 52, 39, 38, 37, 36, 23, 22, 21, 20, 7, 6, 5, 4,
+        51, 50, 49, 48, 35, 34, 33, 32, 19, 18, 17, 16, 3, 2, 1, 0);
+    const __m512i codes = _mm512_permutexvar_epi8(order, _mm512_loadu_si512(from));
+    const __m512i b0 = byte_of(how->decode_bytes, codes), b1 = byte_of(how->decode_bytes + 256, codes);
+    const __m512i b2 = byte_of(how->decode_bytes + 512, codes);
+    const __m512i b3 = byte_of(how->decode_bytes + 768, codes);
+    const __m512i low0 = _mm512_unpacklo_epi8(b0, b1), low1 = _mm512_unpacklo_epi8(b2, b3);
+    const __m512i high0 = _mm512_unpackhi_epi8(b0, b1), high1 = _mm512_unpackhi_epi8(b2, b3);
+    values[0] = _mm512_castsi512_ps(_mm512_unpacklo_epi16(low0, low1));
+    values[1] = _mm512_castsi512_ps(_mm512_unpackhi_epi16(low0, low1));
+    values[2] = _mm512_castsi512_ps(_mm512_unpacklo_epi16(high0, high1));
+    values[3] = _mm512_castsi512_ps(_mm512_unpackhi_epi16(high0, high1));
+}
+INLINE vf vload_f16(const uint16_t *p) { return _mm512_cvtph_ps(_mm256_loadu_si256((const void *)p)); }
+INLINE void vstore_16(uint16_t *p, __m256i a) {
+    if ((uintptr_t)p % 32) _mm256_storeu_si256((void *)p, a);
+    else _mm256_stream_si256((void *)p, a); /* past the cache */
+}
+INLINE void vstore_f16(uint16_t *p, vf a) { vstore_16(p, _mm512_cvtps_ph(a, 0)); }
+INLINE void vstore_u16(uint16_t *p, vf a) {
+    vstore_16(p, _mm512_cvtusepi32_epi16(_mm512_cvtps_epu32(a)));
+}
+INLINE void store_codes(uint8_t *to, const vf *codes) { /* whole parts of 64 codes */
+    const __m512i order = _mm512_set_epi32(15, 11, 7, 3, 14, 10, 6, 2, 13, 9, 5, 1, 12, 8, 4, 0);
+    __m512i whole[VECTORS];
+    for (int k = 0; k < VECTORS; k++) whole[k] = _mm512_cvttps_epi32(codes[k]);
+    const __m512i low = _mm512_packus_epi32(whole[0], whole[1]);
+    const __m512i high = _mm512_packus_epi32(whole[2], whole[3]);
+    const __m512i bytes = _mm512_permutexvar_epi32(order, _mm512_packus_epi16(low, high));
+    if ((uintptr_t)to % 64) _mm512_storeu_si512(to, bytes);
+    else _mm512_stream_si512((void *)to, bytes); /* past the cache */
+}
+INLINE void clear(void *to, size_t bytes) { /* past the cache */
+    if ((uintptr_t)to % 64 || bytes % 64) memset(to, 0, bytes);
+    else
+        for (size_t at = 0; at < bytes; at += 64)
+            _mm512_stream_si512((void *)((char *)to + at), _mm512_setzero_si512());
+}
+INLINE void fetch(const void *from) { _mm_prefetch(from, _MM_HINT_T0); }
+INLINE vf fourth_root(vf a) { return _mm512_rsqrt14_ps(_mm512_rsqrt14_ps(a)); }
+INLINE vf piece(const float *table, vf at) {
+    return _mm512_permutex2var_ps(vload(table), _mm512_cvttps_epi32(at), vload(table + 16));
+}
+#elif LEVEL == 256
+INLINE void clear(void *to, size_t bytes) { memset(to, 0, bytes); }
+INLINE void fetch(const void *from) { _mm_prefetch(from, _MM_HINT_T0); }
+INLINE vf vload_f16(const uint16_t *p) { return _mm256_cvtph_ps(_mm_loadu_si128((const void *)p)); }
+INLINE void vstore_f16(uint16_t *p, vf a) { _mm_storeu_si128((void *)p, _mm256_cvtps_ph(a, 0)); }
+INLINE void vstore_u16(uint16_t *p, vf a) {
+    const __m256i whole = _mm256_cvtps_epi32(a);
+    _mm_storeu_si128((void *)p, _mm_packus_epi32(_mm256_castsi256_si128(whole),
+                                                 _mm256_extracti128_si256(whole, 1)));
+}
+INLINE void decode_block(const struct procam_frame *how, const uint8_t *from, vf *values) {
+    for (int k = 0; k < VECTORS; k++)
+        values[k] = _mm256_i32gather_ps(
+            how->decode, _mm256_cvtepu8_epi32(_mm_loadl_epi64((const void *)(from + 8 * k))), 4);
+}
+INLINE void store_codes(uint8_t *to, const vf *codes) {
+    for (int k = 0; k < VECTORS; k++) {
+        const __m256i whole = _mm256_cvttps_epi32(codes[k]);
+        const __m128i words = _mm_packus_epi32(_mm256_castsi256_si128(whole),
+                                               _mm256_extracti128_si256(whole, 1));
+        _mm_storel_epi64((void *)(to + 8 * k), _mm_packus_epi16(words, words));
+    }
+}
+INLINE vf fourth_root(vf a) { return vsqrt(vsqrt(a)); }
+INLINE vf piece(const float *table, vf at) {
+    return _mm256_i32gather_ps(table, _mm256_cvttps_epi32(at), 4);
+}
+#else
+INLINE void clear(void *to, size_t bytes) { memset(to, 0, bytes); }
+INLINE void fetch(const void *from) { (void)from; }
+union word {
+    uint32_t bits;
+    float value;
+};
+INLINE float half_to_float(uint16_t half) {
+    const uint32_t rest = half & 0x7fff;
+    union word word = {rest << 13};
+    if (rest >= 0x7c00) word.bits |= 0x7f800000; /* infinite, or not a number */
+    else word.value *= 0x1p112f;
+    word.bits |= (uint32_t)(half & 0x8000) << 16;
+    return word.value;
+}
+INLINE uint16_t float_to_half(float value) { /* to nearest, ties to even */
+    union word word = {.value = value};
+    const uint16_t sign = (uint16_t)(word.bits >> 16 & 0x8000);
+    const uint32_t bits = word.bits &= 0x7fffffff;
+    if (bits > 0x7f800000) return sign | 0x7e00;
+    if (bits >= 0x477ff000) return sign | 0x7c00; /* 65520 and more */
+    if (bits < 0x38800000) {                      /* subnormal: let the adder round */
+        word.value += 0.5f;
+        return sign | (uint16_t)(word.bits - 0x3f000000);
+    }
+    return sign | (uint16_t)((bits + 0xfff + (bits >> 13 & 1) - 0x38000000) >> 13);
+}
+INLINE vf vload_f16(const uint16_t *p) { return half_to_float(*p); }
+INLINE void vstore_f16(uint16_t *p, vf a) { *p = float_to_half(a); }
+INLINE void vstore_u16(uint16_t *p, vf a) { *p = (uint16_t)lrintf(a); }
+INLINE void decode_block(const struct procam_frame *how, const uint8_t *from, vf *values) {
+    for (int k = 0; k < VECTORS; k++) values[k] = how->decode[from[k]];
+}
+INLINE void store_codes(uint8_t *to, const vf *codes) {
+    for (int k = 0; k < VECTORS; k++) to[k] = (uint8_t)codes[k];
+}
+INLINE vf fourth_root(vf a) { return vsqrt(vsqrt(a)); }
+INLINE vf piece(const float *table, vf at) { return table[(int)at]; }
+#endif
+
+INLINE size_t bytes_of(int kind) { return kind == U8 ? 1 : kind == F32 ? 4 : 2; }
+
+/* 64 values in linear light. */
+INLINE void load_block(int kind, const struct procam_frame *how, const void *from, vf *values) {
+    if (kind == U8) {
+        decode_block(how, from, values);
+        return;
+    }
+    for (int k = 0; k < VECTORS; k++) {
+        const size_t at = (size_t)k * LANES;
+        values[k] = kind == U16   ? vmul(vload_u16((const uint16_t *)from + at), vset(1 / 65535.0f))
+                    : kind == F16 ? vload_f16((const uint16_t *)from + at)
+                                  : vload((const float *)from + at);
+    }
+}
+
+/* 64 values of light as they are stored, mixed with what came in; `from` may be `to`. */
+INLINE void store_block(int kind, const struct procam_frame *how, const void *from,
+                        const float *threshold, const vf *values, void *to) {
+    vf codes[VECTORS];
+    for (int k = 0; k < VECTORS; k++) {
+        const size_t at = (size_t)k * LANES;
+        vf v = values[k], came;
+        if (kind == U8) {
+            const vf root = fourth_root(v);
+            const vf place = vmin(vmul(root, vset(SEGMENTS)), vset(SEGMENTS - 0.5f));
+            v = vfma(piece(how->encode + 2 * SEGMENTS, place), root,
+                     piece(how->encode + SEGMENTS, place));
+            v = vfma(v, root, piece(how->encode, place));
+        } else if (kind == U16)
+            v = vmul(v, vset(65535.0f));
+        if (how->strength < 1) {
+            came = kind == U8    ? vload_u8((const uint8_t *)from + at)
+                   : kind == U16 ? vload_u16((const uint16_t *)from + at)
+                   : kind == F16 ? vload_f16((const uint16_t *)from + at)
+                                 : vload((const float *)from + at);
+            v = vfma(vset(how->strength), vsub(v, came), came);
+        }
+        if (kind == U8) codes[k] = vmin(vadd(v, vload(threshold + at)), vset(255.0f));
+        else if (kind == U16) vstore_u16((uint16_t *)to + at, vmin(v, vset(65535.0f)));
+        else if (kind == F16) vstore_f16((uint16_t *)to + at, v);
+        else if ((uintptr_t)to % 64) vstore((float *)to + at, v);
+        else vstream((float *)to + at, v);
+    }
+    if (kind == U8) store_codes(to, codes);
+}
+

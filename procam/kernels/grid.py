@@ -1,0 +1,83 @@
+"""Where the pixels of a dome master lie among the nodes of coarser fields."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Plane = NDArray[np.float32]
+Index = NDArray[np.int32]
+CHANNELS = 3
+PLACES = ("values", "shared", "pixels")  # as in struct procam_frame
+STRIP, BLOCK, STEP = 1536, 64, 16  # as in c/frame.h
+FINE = 256  # nodes from which on rows of them may share weights
+
+
+class Grid:
+    """Where the pixels of a picture of `size` lie among `nodes`: half-pixel centres, edges clamped.
+
+    Row y lies between node rows above[y] and below[y], down[y] of the way; columns alike: left,
+    right, across. Pairs of node rows are intervals; `rows` holds the first row of each. `shared` of
+    them make a band; `band` is that of each row of the picture.
+    """
+
+    def __init__(self, size: int, nodes: int) -> None:
+        place = (np.arange(size) + 0.5) * nodes / size - 0.5
+        first = np.floor(place).astype(np.int32)
+        self.above = self.left = np.maximum(first, 0)
+        self.below = self.right = np.minimum(first + 1, nodes - 1)
+        self.down = self.across = (place - first).astype(np.float32)
+        self.shared = min(4, 2 ** max(0, (nodes // FINE).bit_length() - 1))
+        self.band = (first + 1) // self.shared
+        self.rows = np.searchsorted(first + 1, np.arange(nodes + 2)).astype(np.int32)
+        padded = -(-CHANNELS * size // BLOCK) * BLOCK
+        value = np.minimum(np.arange(padded), CHANNELS * size - 1)
+        pixel, channel = value // CHANNELS, value % CHANNELS
+        left, right, across = self.left[pixel], self.right[pixel], self.across[pixel]
+        self._ends = left, right
+        rest = [_padded(numbers) for numbers in (self.left, self.right, self.across)]
+        self.places = {
+            "values": _places(CHANNELS * left + channel, CHANNELS * right + channel, across),
+            "shared": _places(left, right, across),
+            "pixels": _places(rest[0], rest[1], rest[2]),
+        }
+
+    def band_sums(self, field: NDArray[Any]) -> Plane:
+        """Sums (bands, M[, C]) over the picture's rows of each band of a field (M, M[, C])."""
+        share = np.zeros((-(-(len(field) + 1) // self.shared), len(field)))
+        down = self.down.astype(float)
+        np.add.at(share, (self.band, self.above), 1 - down)
+        np.add.at(share, (self.band, self.below), down)
+        return np.tensordot(share, field, 1).astype(np.float32)
+
+    def lit(self, coverage: Plane) -> NDArray[np.uint8]:
+        """Whether each block of each interval is lit nowhere, in part, everywhere: 0, 1, 2."""
+        last = len(coverage) - 1
+        pair = np.arange(len(coverage) + 1)
+        ends = np.stack([coverage[np.maximum(pair - 1, 0)], coverage[np.minimum(pair, last)]])
+        least, most = ends.min(axis=0), ends.max(axis=0)
+        left, right = self._ends[0][::BLOCK], self._ends[1][BLOCK - 1 :: BLOCK]
+        spans = np.stack([left, right + 1], axis=1).ravel()
+        wide = [np.pad(e, ((0, 0), (0, 1)), "edge") for e in (least, most)]
+        some = np.maximum.reduceat(wide[1], spans, axis=1)[:, ::2] > 0
+        every = np.minimum.reduceat(wide[0], spans, axis=1)[:, ::2] > 0
+        return np.ascontiguousarray(some.astype(np.uint8) + every)
+
+
+def _places(left: Index, right: Index, across: Plane) -> dict[str, NDArray[Any]]:
+    """Where numbers lie among the nodes: `start` of each STEP of them, and from there `pair`.
+
+    `pair` holds the node to the left, and that to the right << 8; `across` is the share of that.
+    """
+    start = left.reshape(-1, STEP).min(axis=1)
+    from_start = np.repeat(start, STEP)
+    found = {"start": start, "pair": left - from_start | (right - from_start) << 8}
+    places: dict[str, NDArray[Any]] = {
+        n: np.ascontiguousarray(f, np.int32) for n, f in found.items()
+    }
+    return places | {"across": np.ascontiguousarray(across, np.float32)}
+
+
+def _padded(numbers: NDArray[Any]) -> NDArray[Any]:
+    """As many as whole strips of pixels have, the last one again and again."""
+    return np.pad(numbers, (0, -len(numbers) % (STRIP // CHANNELS)), "edge")
