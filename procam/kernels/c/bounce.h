@@ -36,8 +36,8 @@ INLINE void polynomials(const double *n, int terms, const struct monomials *m, s
 
 /* Within half a unit in the last place of a light of 1, by the value's number: what is the same everywhere
    must not be rounded the same way everywhere, for its sum would be off by as much. */
-INLINE float unround(size_t value) {
-    return (float)(int32_t)((uint32_t)value * 2654435761u) * 0x1p-55f;
+INLINE double unround(size_t value) {
+    return (double)(int32_t)((uint32_t)value * 2654435761u) * 0x1p-55;
 }
 
 /* What bounces to the nodes of some rows; lamps on top, a second polynomial taken off. */
@@ -56,8 +56,8 @@ static void bounce(const struct bounce *job, size_t first, size_t count) {
         for (size_t i = 0; job->ambient && i < 3 * run; i++) more[i] = job->ambient[3 * at + i] - more[i];
         const double sign = job->ambient ? 1 : -1;
         for (size_t i = 0; i < 3 * run; i++) {
-            const float sum = (float)(spread[i] * painted[i] + sign * more[i]);
-            light[i] = sum == 0 ? sum : sum + unround(3 * at + i);
+            const double sum = spread[i] * painted[i] + sign * more[i];
+            light[i] = (float)(sum == 0 ? 0 : sum + unround(3 * at + i));
         }
     }
 }

@@ -7,11 +7,11 @@
 enum { FRAME_STRIP = 1536, FRAME_CHUNK = 32 }; /* values, intervals; a strip is 256 pixels */
 enum { STRIP_BLOCKS = FRAME_STRIP / FRAME_BLOCK, STEP = 16 };
 enum plane { LIGHT, LEAST, MOST, GAIN, COVER, PLANES };
-enum { AXES = 3, AHEAD = 4, NODES_AHEAD = 2 }; /* rows that are fetched ahead */
+enum { AXES = 3, AHEAD = 8, NODES_AHEAD = 2 }; /* rows that are fetched ahead */
 
 struct room { /* of one strip */
     float below[PLANES][FRAME_STRIP];                   /* node row `row` of each block */
-    float total[FRAME_STRIP], rest[FRAME_STRIP];        /* of a band's rows, and what was lost in adding */
+    float total[FRAME_STRIP];                           /* of a band's rows */
     float count[FRAME_STRIP];                           /* lit rows of a band, of blocks lit in part */
     size_t row[STRIP_BLOCKS], whole[STRIP_BLOCKS];      /* lit rows of a band, of blocks lit everywhere */
     uint8_t mixed[STRIP_BLOCKS], cover[STRIP_BLOCKS];   /* lit in part in this band; COVER is there */
@@ -121,21 +121,15 @@ INLINE void clear_rows(int kind, const struct procam_frame *how, const struct ro
     for (size_t y = part->row; y < part->end; y++, to += pitch) clear(to, part->left * width);
 }
 
-/* Adds to the totals of a band, and keeps what rounding loses (Knuth 1997, 4.2.2 theorem B). */
 INLINE void add_up(struct room *room, const struct rows *part, const vf *sum, const vf *count) {
     const size_t first = part->block * FRAME_BLOCK;
     for (int k = 0; k < VECTORS; k++) {
-        const size_t at = first + (size_t)k * LANES;
-        const vf old = vload(room->total + at), new = vadd(old, sum[k]), added = vsub(new, old);
-        const vf lost = vadd(vsub(old, vsub(new, added)), vsub(sum[k], added));
-        vstore(room->total + at, new);
-        vstore(room->rest + at, vadd(vload(room->rest + at), lost));
-        if (part->lit == IN_PART) vstore(room->count + at, vadd(vload(room->count + at), count[k]));
+        float *total = room->total + first + (size_t)k * LANES, *lit = room->count + first + (size_t)k * LANES;
+        vstore(total, vadd(vload(total), sum[k]));
+        if (part->lit == IN_PART) vstore(lit, vadd(vload(lit), count[k]));
     }
-    if (part->left < FRAME_BLOCK) {
+    if (part->left < FRAME_BLOCK)
         memset(room->total + first + part->left, 0, (FRAME_BLOCK - part->left) * sizeof(float));
-        memset(room->rest + first + part->left, 0, (FRAME_BLOCK - part->left) * sizeof(float));
-    }
     if (part->lit == IN_PART) room->mixed[part->block] = 1;
     else room->whole[part->block] += part->end - part->row;
 }
@@ -204,7 +198,7 @@ INLINE void gather_pixels(int mode, const struct procam_frame *how, const struct
         vf rows = vset(1.0f / (float)(whole ? whole : 1));
         if (room->mixed[block])
             rows = vdiv(vset(1.0f), vmax(vadd(vload(room->count + i), vset((float)whole)), vset(1.0f)));
-        vstore(means + (i - at), vmul(rows, vadd(vload(room->total + i), vload(room->rest + i))));
+        vstore(means + (i - at), vmul(rows, vload(room->total + i)));
     }
     apart(means, colours);
     for (int axis = 0; how->terms > 1 && axis < AXES; axis++)
@@ -224,9 +218,10 @@ INLINE void gather_pixels(int mode, const struct procam_frame *how, const struct
 }
 
 INLINE void gather(int mode, const struct procam_frame *how, struct room *room, size_t band, size_t first,
-                   double *to) {
+                   double (*to)[FRAME_TERMS][LANES]) {
     vf sums[3][FRAME_TERMS];
-    memset(sums, 0, sizeof sums);
+    for (int c = 0; c < 3; c++)
+        for (int term = 0; term < how->terms; term++) sums[c][term] = vset(0.0f);
     for (size_t at = 0; at < FRAME_STRIP; at += 3 * LANES) {
         const size_t block = at / FRAME_BLOCK, other = (at + 3 * LANES - 1) / FRAME_BLOCK;
         if (room->whole[block] || room->mixed[block] || room->whole[other] || room->mixed[other])
@@ -236,7 +231,6 @@ INLINE void gather(int mode, const struct procam_frame *how, struct room *room, 
         const size_t at = block * FRAME_BLOCK, bytes = FRAME_BLOCK * sizeof(float);
         if (!room->whole[block] && !room->mixed[block]) continue;
         memset(room->total + at, 0, bytes);
-        memset(room->rest + at, 0, bytes);
         if (room->mixed[block]) memset(room->count + at, 0, bytes);
         room->whole[block] = room->mixed[block] = 0;
     }
@@ -244,13 +238,14 @@ INLINE void gather(int mode, const struct procam_frame *how, struct room *room, 
         for (int term = 0; term < how->terms; term++) {
             float lanes[LANES];
             memcpy(lanes, &sums[c][term], sizeof lanes);
-            for (int lane = 0; lane < LANES; lane++) to[c * FRAME_TERMS + term] += lanes[lane];
+            for (int lane = 0; lane < LANES; lane++) to[c][term][lane] += (double)lanes[lane];
         }
 }
 
 INLINE void frame_of_kind(int kind, int mode, const struct procam_frame *how, size_t strip,
                           size_t chunk, double *to) {
     struct room room;
+    double sums[3][FRAME_TERMS][LANES] = {0};
     const size_t total = 3 * how->size, first = strip * FRAME_STRIP, wide = (total + FRAME_BLOCK - 1) / FRAME_BLOCK;
     const size_t intervals = (size_t)how->nodes + 1, last = (size_t)how->nodes - 1, begin = chunk * FRAME_CHUNK;
     const size_t end = begin + FRAME_CHUNK < intervals ? begin + FRAME_CHUNK : intervals;
@@ -267,8 +262,11 @@ INLINE void frame_of_kind(int kind, int mode, const struct procam_frame *how, si
             one_part(kind, mode, how, &room, &part, above, below);
         }
         if ((interval + 1) % (size_t)how->band == 0 || interval == end - 1)
-            gather(mode, how, &room, interval / (size_t)how->band, first, to);
+            gather(mode, how, &room, interval / (size_t)how->band, first, sums);
     }
+    for (int c = 0; c < 3; c++)
+        for (int term = 0; term < FRAME_TERMS; term++)
+            for (int lane = 0; lane < LANES; lane++) to[c * FRAME_TERMS + term] += sums[c][term][lane];
     vfence();
 }
 

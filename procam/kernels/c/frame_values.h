@@ -54,7 +54,7 @@ INLINE void clear(void *to, size_t bytes) { /* past the cache */
         for (size_t at = 0; at < bytes; at += 64)
             _mm512_stream_si512((void *)((char *)to + at), _mm512_setzero_si512());
 }
-INLINE void fetch(const void *from) { _mm_prefetch(from, _MM_HINT_T0); }
+INLINE void fetch(const void *from) { _mm_prefetch(from, _MM_HINT_T2); }
 INLINE vf fourth_root(vf a) { return _mm512_rsqrt14_ps(_mm512_rsqrt14_ps(a)); }
 INLINE vf piece(const float *table, vf at) {
     return _mm512_permutex2var_ps(vload(table), _mm512_cvttps_epi32(at), vload(table + 16));
