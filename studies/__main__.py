@@ -5,7 +5,17 @@ All of them, or those that are named: python -m studies codes code-table
 
 import sys
 
-from studies import code_table, codes, content, forward, geometry, loop, one_fringe, photometry
+from studies import (
+    code_table,
+    codes,
+    content,
+    forward,
+    geometry,
+    loop,
+    one_fringe,
+    photometry,
+    precision,
+)
 
 STUDIES = {
     "codes": codes.main,
@@ -16,6 +26,7 @@ STUDIES = {
     "photometry": photometry.main,
     "loop": loop.main,
     "content": content.main,
+    "precision": precision.main,
 }
 
 

@@ -1,0 +1,22 @@
+"""Compensated frames against double precision; studies/precision.md has the large ones."""
+
+import numpy as np
+import pytest
+
+from studies import precision
+
+SIZE = 1024
+
+
+@pytest.mark.parametrize("measured", [False, True])
+def test_light(measured: bool) -> None:
+    found = precision.study(SIZE, measured, np.float32)
+    assert found["kkt"] < 1e-8
+    assert found["picture"] < 2.5e-7
+
+
+@pytest.mark.parametrize("measured", [False, True])
+def test_codes(measured: bool) -> None:
+    found = precision.study(SIZE, measured, np.uint8)
+    assert found["kkt"] < 2e-5
+    assert found["picture"] < 0.53
