@@ -12,7 +12,7 @@ Array = NDArray[np.float64]
 MAX_STEPS = 40
 HALVINGS = 8
 QUICK = 0.05  # what a step with a slope that still serves leaves of the residual, at most
-TELLING = 1e-6  # of the value: smaller steps tell of rounding
+TELLING = 1e-4  # of the value: of smaller steps the slope learns rounding
 ROUNDING = 2e-6  # of the value: below it single precision of a small picture may stop all progress
 PATIENCE = 8  # steps for what is below that
 
