@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from procam.compensate.fields import Fields, NodeSample
 from procam.compensate.solver import Root
+from procam.errors import DidNotConverge
 from procam.kernels.even import Coded, EvenModel, even_apply, even_sums
 from procam.kernels.frame import (
     TERMS,
@@ -25,6 +26,8 @@ Image = NDArray[np.float32]
 CHANNELS = 3
 TOLERANCE = 2e-9  # of the moments, relative: what double sums of single light resolve
 TOLERANCES = {1: 1.5e-5, 2: 1e-6}  # of types of so many bytes: their own steps show nothing of it
+DARK = 0.02  # mean light [rel] of a colour from which on 22 bits resolve 1.5e-5 of it
+CHANGE = 2e-6  # of a sum: what 8 bits of a change may miss
 WORTH_PX = 3000  # edge from which on the weights of tables are fine enough (`kernels.even`)
 
 
@@ -47,6 +50,7 @@ class Equations:
         self.solution = np.zeros((2, CHANNELS, TERMS))  # q, and what (W) takes off
         self._made: dict[bool, tuple[Array, Image]] = {}  # light of the last look, and for what
         self._looked: tuple[Array, Array] | None = None  # table, sums of the last look by tables
+        self._dark = False  # the picture at hand is too dark to sum by tables
         self._written: Array | None = None  # solution under which the picture at hand is written
 
     def light(self, model: FrameModel) -> Image:
@@ -99,29 +103,40 @@ class Equations:
         self, content: NDArray[Any], coding: Coding, target: NDArray[Any] | None
     ) -> Array:
         """Moments (3, T) of the light to send; it is written to `target`, if there is one."""
-        if target is not None:
-            self._written = self.solution.copy()
-        if content.dtype == np.uint8 and self._even is not None:
+        if self._by_tables(content):
             return self._even_sums(content, coding, target)[:, None]
         light = self.light(self.model)
         if target is None:
             return self.sums(content, light, "light", coding)
+        self._written = self.solution.copy()
         found = np.empty((CHANNELS, self.model.terms))
         frame_apply(self._of(self.model, coding), content, light, coding, target, found)
         return found
 
+    def _by_tables(self, content: NDArray[Any]) -> bool:
+        return content.dtype == np.uint8 and self._even is not None
+
     def _even_sums(
         self, content: NDArray[Any], coding: Coding, target: NDArray[Any] | None
     ) -> Array:
-        """The same (3,) by tables; to write, what changed since the last look at the content counts."""
+        """The same (3,) by tables, of which dark pictures ask too much.
+
+        To write, it does to count what changed since the last look, if that is little.
+        """
         assert self._even is not None
-        table = self._even_table(coding)
-        if target is None or self._looked is None:
-            self._looked = table, even_sums(self._even, content, table)
-            return self._looked[1]
-        known, sums = self._looked
-        coded = self._coded(table, coding)
-        return sums + even_apply(self._even, content, coded, target, table - known)
+        table, known = self._even_table(coding), self._looked
+        if target is not None and known is not None:
+            self._written, coded = self.solution.copy(), self._coded(table, coding)
+            span = np.ptp(table - known[0], axis=1) * self._even.lit_sr / 510
+            if (span <= CHANGE * np.abs(known[1])).all():
+                return known[1] + even_apply(self._even, content, coded, target, table - known[0])
+            even_apply(self._even, content, coded, target)
+        sums = None if self._dark else even_sums(self._even, content, table)
+        self._dark = sums is None or bool((sums < DARK * self._even.lit_sr).any())
+        if sums is None or self._dark:
+            return self.sums(content, self.light(self.model), "light", coding)[:, 0]
+        self._looked = table, sums
+        return sums
 
     def _coded(self, table: Array, coding: Coding) -> Coded:
         return Coded(255 * np.asarray(coding.encode(table), float), coding.threshold)
@@ -144,7 +159,8 @@ class Equations:
         self, content: NDArray[Any], coding: Coding, out: NDArray[Any] | None
     ) -> NDArray[Any]:
         """The light to send, encoded as the content is."""
-        if content.dtype == np.uint8 and self._even is not None:
+        if self._by_tables(content):
+            assert self._even is not None
             target = aligned_like(content) if out is None else out
             even_apply(self._even, content, self._coded(self._even_table(coding), coding), target)
             return target
@@ -157,6 +173,7 @@ class Equations:
     ) -> None:
         """Find the numbers of a frame, from those of the last; looks may write to `target`."""
         self._written = self._looked = None
+        self._dark = False
         if self.method in ("none", "paper-eq12"):
             self.solution = np.zeros((2, CHANNELS, TERMS))
             if self.method == "paper-eq12":
@@ -164,11 +181,17 @@ class Equations:
                     content, self.light(self.model), "content", coding
                 )
             return
-        self._root.follow(
-            lambda value, last: self._residual(value, content, coding, target if last else None),
-            lambda value: self._slope(value, content, coding),
-            TOLERANCES.get(content.itemsize, TOLERANCE),
-        )
+        try:
+            self._root.follow(
+                lambda value, last: self._residual(
+                    value, content, coding, target if last else None
+                ),
+                lambda value: self._slope(value, content, coding),
+                TOLERANCES.get(content.itemsize, TOLERANCE),
+            )
+        except DidNotConverge:
+            del self._root  # the next frame does not start from there
+            raise
         self._use(self._root.value)
 
     def _use(self, value: Array) -> None:

@@ -28,6 +28,7 @@ Array = NDArray[np.float64]
 Image = NDArray[np.float32]
 METHODS = ("exact", "subtract", "least-squares", "paper-eq12", "none")
 CHANNELS = 3
+DARKEST = 1e-5  # light [rel sr] that what a certificate tells is relative to, of a black frame
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,8 +150,8 @@ class Compensator:
 
         Parameters
         ----------
-        image : (N, N, 3) uint8, uint16, float16 or float32; 1.0 (255, 65535) is the white, NaN is
-            taken for black.
+        image : (N, N, 3) uint8, uint16, float16 or float32; 1.0 (255, 65535) is the white; what is
+            not finite is taken for black.
         out : array like it to write to, which may be `image` itself.
 
         Raises
@@ -160,9 +161,11 @@ class Compensator:
         """
         check_pictures(self.size, image, out)
         coded = self._coded(image)
-        written_over = out is not None and np.may_share_memory(image, out)
-        self._last = None if written_over else coded
-        return self._applied(image, coded, out, self._equations.frame)
+        self._last = None
+        sent = self._applied(image, coded, out, self._equations.frame)
+        if out is None or not np.may_share_memory(image, out):
+            self._last = coded
+        return sent
 
     def apply(
         self, image: NDArray[Any], numbers: Array, out: NDArray[Any] | None = None
@@ -187,7 +190,7 @@ class Compensator:
         at = {w: equations.sums(content, light, w, coding)[:, 0] for w in ("at least", "at most")}
         sent = equations.sums(content, light, "light", coding)
         lit = float(self.fields.gram[0, 0])
-        moments = np.abs(sent).max()
+        moments = max(np.abs(sent).max(), DARKEST)
         residual = equations.left(content, sent, coding)
         # of (P) and (W) the residual is that of the equations that make the optimum
         optimal = self.method in ("exact", "least-squares")

@@ -13,6 +13,8 @@ MAX_STEPS = 40
 HALVINGS = 8
 QUICK = 0.05  # what a step with a slope that still serves leaves of the residual, at most
 TELLING = 1e-4  # of the value: of smaller steps the slope learns rounding
+COLLAPSE = 0.1  # of its determinant: what is less a slope does not learn
+NOTHING = 1e-12  # of white over a steradian: black
 ROUNDING = 2e-6  # of the value: below it single precision of a small picture may stop all progress
 PATIENCE = 8  # steps for what is below that
 
@@ -43,7 +45,7 @@ class Root:
         found, stuck = residual(self.value, False), np.zeros(len(self.value), bool)
         for number in range(MAX_STEPS):
             left, size = np.abs(found).max(axis=1), np.abs(self.value).max(axis=1)
-            done = (left <= tolerance * size) | (left == 0)
+            done = left <= np.maximum(tolerance * size, NOTHING)
             done |= (stuck | (number >= PATIENCE)) & (left <= ROUNDING * size)
             if done.all():
                 return
@@ -68,12 +70,13 @@ class Root:
         return np.where(done[:, None], 0, step)
 
     def _learn(self, step: Array, change: Array, where: NDArray[np.bool_]) -> None:
-        """Slopes that account for what a step changed (Broyden 1965, eq. 4.5)."""
+        """Slopes that account for what a step changed (Broyden 1965, eq. 4.5), unless they collapse."""
         missed = change - (self.slope @ step[..., None])[..., 0]
         along = step / np.maximum((step**2).sum(axis=1), 1e-300)[:, None]
-        self.slope = self.slope + np.where(
-            where[:, None, None], missed[..., None] * along[:, None], 0
-        )
+        learnt = self.slope + missed[..., None] * along[:, None]
+        size, before = (np.abs(np.linalg.det(slope)) for slope in (learnt, self.slope))
+        where = where & (size > COLLAPSE * before)
+        self.slope = np.where(where[:, None, None], learnt, self.slope)
 
     def _helpful(
         self, residual: Callable[[Array, bool], Array], found: Array, step: Array

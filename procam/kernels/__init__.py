@@ -2,7 +2,7 @@
 
 The library is built with the package and picks its instruction set at run time (`active`, `use`, or
 PROCAM_KERNELS in the environment); without it the twins of `procam.kernels.reference*` run, which
-are also what the tests hold it against. Pictures are uint8, uint16 or float32, geometry float64.
+are also what the tests hold it against. Pictures are uint8, uint16, float16 or float32, geometry float64.
 """
 
 from procam.kernels.areas import solid_angles

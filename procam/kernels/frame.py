@@ -70,6 +70,10 @@ class FrameModel:
             field = getattr(self, name)
             if field is not None and field.shape != shape:
                 raise ShapeError(f"field {name}", field.shape, f"{shape}")
+        if nodes > self.size:
+            raise InputError(f"fields: got {nodes} nodes, expected at most the size, {self.size}")
+        if self.terms not in (1, 4, TERMS):
+            raise InputError(f"terms: got {self.terms}, expected 1, 4 or {TERMS}")
 
     @property
     def nodes(self) -> int:
@@ -118,6 +122,17 @@ class FrameModel:
         return found | {"down": grid.down, "rows": grid.rows, "lit": self.lit}
 
 
+def _has_room(plane: Plane) -> bool:
+    """Whether vectors can read past the end: as in what `bounced_light` returns."""
+    room = plane.base
+    return (
+        room is not None
+        and (room.dtype, room.ctypes.data) == (plane.dtype, plane.ctypes.data)
+        and room.flags.c_contiguous
+        and room.size >= plane.size + SPARE
+    )
+
+
 def _spared(plane: Plane | None) -> Plane | None:
     if plane is None:
         return None
@@ -155,10 +170,10 @@ class Coding:
         object.__setattr__(self, "tables", found)
 
     def decoded(self, picture: NDArray[Any]) -> NDArray[Any]:
-        """Linear light of a picture's values."""
+        """Linear light of a picture's values; what is not finite is black."""
         if picture.dtype == np.uint8:
             return self.tables["decode"][picture]
-        return picture / WHOLE.get(picture.dtype, 1.0)
+        return np.where(np.isfinite(picture), picture, 0) / WHOLE.get(picture.dtype, 1.0)
 
     def encoded(self, light: Double, picture: NDArray[Any], rows: slice) -> NDArray[Any]:
         """Values to write for `light` (R, N, 3), mixed with those of the picture."""
@@ -228,7 +243,10 @@ def bounced_light(
         return reference_frame.bounced_light(model, numbers, offset)
     library, level, threads = native
     size = model.spread.size
-    room = np.empty(size + SPARE, np.float32) if out is None or out.base is None else out.base
+    room = np.empty(size + SPARE, np.float32)
+    if out is not None and out.size == size and _has_room(out):
+        assert out.base is not None
+        room = out.base
     arrays = [np.ascontiguousarray(a, np.float32) for a in (model.spread, model.direction)]
     ambient = None if model.ambient is None else np.ascontiguousarray(model.ambient, np.float32)
     given = [None if n is None else np.ascontiguousarray(n, float) for n in (numbers, offset)]
@@ -256,6 +274,7 @@ def frame_sums(
     sums : (3, terms) float64, of the first 1, 4 or 9 of 1, x, y, z, xy, yz, xz, x^2 - y^2, z^2.
     """
     check_pictures(model.size, image)
+    _check_light(model, light)
     picture = np.ascontiguousarray(image)
     native = chosen()
     if native is None:
@@ -276,6 +295,7 @@ def frame_apply(
     `out` to write to may be the picture itself; `sums` (3, terms) is filled with those of `frame_sums`.
     """
     check_pictures(model.size, image, out)
+    _check_light(model, light)
     picture = np.ascontiguousarray(image)
     target = aligned_like(picture) if out is None else out
     native = chosen()
@@ -287,6 +307,11 @@ def frame_apply(
     if sums is not None:
         sums[...] = found
     return target
+
+
+def _check_light(model: FrameModel, light: Plane) -> None:
+    if light.shape != model.spread.shape:
+        raise ShapeError("light", light.shape, f"{model.spread.shape}")
 
 
 def aligned_like(picture: NDArray[Any]) -> NDArray[Any]:
@@ -338,7 +363,10 @@ def _run(
     how.strength, how.top = coding.strength, coding.top
     painted = _spared(model.painted) if mode == MODES["excess"] else None
     arrays = model.in_c | tables | {"painted": painted}
-    arrays |= dict(zip(("image", "light", "out"), pictures, strict=True))
+    image, light, out = pictures
+    if light.dtype != np.float32 or not _has_room(light):
+        light = np.asarray(_spared(light))
+    arrays |= {"image": image, "light": light, "out": out}
     for name, array in arrays.items():
         setattr(how, name, pointer(array))
     strips, chunks = -(-CHANNELS * model.size // STRIP), -(-(model.nodes + 1) // CHUNK)

@@ -71,6 +71,7 @@ def _places(left: Index, right: Index, across: Plane) -> dict[str, NDArray[Any]]
     """
     start = left.reshape(-1, STEP).min(axis=1)
     from_start = np.repeat(start, STEP)
+    assert (right - from_start < 2 * STEP).all()  # what two vectors hold; so it is with M <= N
     found = {"start": start, "pair": left - from_start | (right - from_start) << 8}
     places: dict[str, NDArray[Any]] = {
         n: np.ascontiguousarray(f, np.int32) for n, f in found.items()

@@ -34,10 +34,13 @@ INLINE void polynomials(const double *n, int terms, const struct monomials *m, s
     for (size_t i = 0; i < count; i++) to[3 * i] = r[i], to[3 * i + 1] = s[i], to[3 * i + 2] = t[i];
 }
 
-/* Within half a unit in the last place of a light of 1, by the value's number: what is the same everywhere
-   must not be rounded the same way everywhere, for its sum would be off by as much. */
-INLINE double unround(size_t value) {
-    return (double)(int32_t)((uint32_t)value * 2654435761u) * 0x1p-55;
+/* Light of double precision to single, off by up to half a step of white, by the value's number: what is
+   the same everywhere must not be rounded the same way everywhere, for its sum would be off by as much.
+   The faintest light is off by less, 2^-8 of itself. */
+INLINE float rounded(double light, size_t value) {
+    const double share = (double)(int32_t)((uint32_t)value * 2654435761u) * 0x1p-31;
+    const double most = fabs(light) * 0x1p-8;
+    return (float)(light + share * (most < 0x1p-24 ? most : 0x1p-24));
 }
 
 /* What bounces to the nodes of some rows; lamps on top, a second polynomial taken off. */
@@ -55,9 +58,7 @@ static void bounce(const struct bounce *job, size_t first, size_t count) {
         if (job->offset) polynomials(job->offset, job->terms, &terms, run, more);
         for (size_t i = 0; job->ambient && i < 3 * run; i++) more[i] = job->ambient[3 * at + i] - more[i];
         const double sign = job->ambient ? 1 : -1;
-        for (size_t i = 0; i < 3 * run; i++) {
-            const double sum = spread[i] * painted[i] + sign * more[i];
-            light[i] = (float)(sum == 0 ? 0 : sum + unround(3 * at + i));
-        }
+        for (size_t i = 0; i < 3 * run; i++)
+            light[i] = rounded(spread[i] * painted[i] + sign * more[i], 3 * at + i);
     }
 }

@@ -128,7 +128,7 @@ INLINE vf piece(const float *table, vf at) { return table[(int)at]; }
 
 INLINE size_t bytes_of(int kind) { return kind == U8 ? 1 : kind == F32 ? 4 : 2; }
 
-/* 64 values in linear light. */
+/* 64 values in linear light; what is not finite is black. */
 INLINE void load_block(int kind, const struct procam_frame *how, const void *from, vf *values) {
     if (kind == U8) {
         decode_block(how, from, values);
@@ -136,9 +136,12 @@ INLINE void load_block(int kind, const struct procam_frame *how, const void *fro
     }
     for (int k = 0; k < VECTORS; k++) {
         const size_t at = (size_t)k * LANES;
-        values[k] = kind == U16   ? vmul(vload_u16((const uint16_t *)from + at), vset(1 / 65535.0f))
-                    : kind == F16 ? vload_f16((const uint16_t *)from + at)
-                                  : vload((const float *)from + at);
+        if (kind == U16) {
+            values[k] = vmul(vload_u16((const uint16_t *)from + at), vset(1 / 65535.0f));
+            continue;
+        }
+        const vf v = kind == F16 ? vload_f16((const uint16_t *)from + at) : vload((const float *)from + at);
+        values[k] = vsel(vlt(vabs(v), vset(INFINITY)), v, vset(0.0f));
     }
 }
 

@@ -12,7 +12,7 @@ from scipy.optimize import lsq_linear
 
 from procam import kernels
 from procam.compensate.equations import Equations
-from procam.compensate.exact import Compensator
+from procam.compensate.exact import METHODS, Compensator
 from procam.errors import InputError, ShapeError
 from procam.maths.sphere import master_directions, master_solid_angles
 from procam.maths.transfer import transfer
@@ -254,6 +254,31 @@ class TestPictures:
             assert compensator.certificate.kkt < (2e-5 if kind is np.uint8 else 1e-7)
         assert sum(by is compensator._equations for by in written_late) < len(frames)
 
+    @pytest.mark.parametrize("method", METHODS)
+    @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+    def test_what_is_not_finite_is_black(
+        self, calibration: Calibration, method: str, bad: float
+    ) -> None:
+        rng, compensator = np.random.default_rng(8), Compensator(calibration, SIZE, method)
+        frame = rng.random((SIZE, SIZE, 3)).astype(np.float32)
+        holes = rng.random((SIZE, SIZE)) < 0.01
+        broken, dark = np.copy(frame), np.copy(frame)
+        broken[holes], dark[holes] = bad, 0
+        expected = Compensator(calibration, SIZE, method).frame(dark)
+        np.testing.assert_allclose(compensator.frame(broken), expected, atol=1e-7)
+        after = Compensator(calibration, SIZE, method).frame(frame)
+        np.testing.assert_allclose(compensator.frame(frame), after, atol=1e-6)
+
+    @pytest.mark.parametrize("method", METHODS)
+    def test_black_frames(self, calibration: Calibration, method: str) -> None:
+        maps = calibration.maps
+        black = replace(calibration, maps=replace(maps, lo=np.zeros_like(maps.lo)))
+        compensator = Compensator(black, SIZE, method)
+        compensator.frame(np.full((SIZE, SIZE, 3), 0.5, np.float32))
+        sent = compensator.frame(np.zeros((SIZE, SIZE, 3), np.float32))
+        assert 0 <= sent.min() and sent.max() < 1e-10
+        assert compensator.certificate.self_consistency < 1e-9
+
 
 class TestStrength:
     @pytest.mark.parametrize("kind", TYPES)
@@ -320,6 +345,33 @@ class TestEvenDome:
         assert off.max() < 1.01
         np.testing.assert_allclose(compensator.numbers[:, 0], exact.numbers[:, 0], rtol=2e-5)
         assert compensator.certificate.kkt < 2e-5
+
+    def test_dark_scenes_cuts_and_stripes(self, small: Calibration) -> None:
+        """Where tables are too coarse, fields are summed; a cut's long step is not counted in 8 bits."""
+        size, rows = 3072, np.arange(3072)
+        compensator = Compensator(_even(small, 300), size)
+
+        def scene(base: int, disc: tuple[int, int, int]) -> np.ndarray:
+            frame = np.full((size, size, 3), base, np.uint8)
+            near = (rows[1300:1700] - 1500) ** 2
+            frame[1300:1700, 1300:1700][near[:, None] + near < 200**2] = disc
+            return frame
+
+        stripes = np.zeros((size, size, 3), np.uint8)
+        stripes[rows % 64 == 0] = 80
+        bright, other = scene(54, (248, 75, 145)), scene(31, (145, 161, 90))
+        black = np.zeros_like(stripes)
+        for frame in (
+            scene(13, (32, 31, 199)),
+            bright,
+            other,
+            bright,
+            stripes,
+            black,
+            scene(1, (9, 0, 255)),
+        ):
+            compensator.frame(frame)
+            assert compensator.certificate.kkt < 2e-5
 
 
 def _even(known: Calibration, size: int) -> Calibration:

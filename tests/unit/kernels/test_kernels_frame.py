@@ -278,6 +278,24 @@ class TestEven:
 
 
 class TestRefusals:
+    def test_light_of_any_origin(self, level: str) -> None:
+        dome, content, how = model(64, 64, 4), picture(64, np.uint8), coding(np.uint8)
+        light = bounced_light(dome, numbers())
+        expected = frame_sums(dome, content, light, "light", how)
+        for other in (light.copy(), light.astype(float), np.asfortranarray(light)):
+            found = frame_sums(dome, content, other, "light", how)
+            np.testing.assert_array_equal(found, expected)
+        with pytest.raises(ShapeError, match="light: got shape"):
+            frame_sums(dome, content, light[:-1], "light", how)
+
+    def test_fields_finer_than_the_picture(self) -> None:
+        with pytest.raises(InputError, match="got 64 nodes, expected at most the size, 32"):
+            model(32, 64, 1)
+
+    def test_terms_of_no_kernel(self) -> None:
+        with pytest.raises(InputError, match="terms: got 3, expected 1, 4 or 9"):
+            model(64, 64, 3)
+
     def test_content_of_a_wrong_shape(self) -> None:
         dome, how = model(64, 64, 1), coding(np.uint8)
         light = bounced_light(dome, numbers())
