@@ -45,6 +45,11 @@ class Floor:
         (target,) = planes((written // 4,), 1)
         self._target = target.view(np.uint8)
 
+    @classmethod
+    def of_bytes(cls, read: int, written: int) -> "Floor":
+        """Moves so many bytes. Memory that nobody wrote to is one page of zeros, and reads too fast."""
+        return cls(np.full(-(-read // LINE) * LINE, 1, np.uint8), written)
+
     def __call__(self) -> None:
         library, rest = _library(), self._source[self._copied :]
         if library is None:

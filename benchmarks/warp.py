@@ -85,7 +85,7 @@ def bench() -> Report:
         with kernels.forced("avx2"):
             kernels.warp_frame(picture, plan, out)
 
-    move = floor.Floor(np.zeros(plan.blocks.nbytes + picture.nbytes, np.uint8), out.nbytes)
+    move = floor.Floor.of_bytes(plan.blocks.nbytes + picture.nbytes, out.nbytes)
     runs = {
         "kernel": lambda: kernels.warp_frame(picture, plan, out),
         "cv2.remap + NumPy": lambda: plain_frame(picture, unmix, tile),

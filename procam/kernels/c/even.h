@@ -46,7 +46,8 @@ struct orders {
     struct turn apart, together;
 };
 
-INLINE struct orders orders(void) {
+INLINE struct orders orders(const struct procam_even *how) {
+    (void)how;
     struct orders orders;
     order_of(0, &orders.apart);
     order_of(1, &orders.together);
@@ -187,36 +188,66 @@ INLINE void write_row(const struct procam_even *how, const struct orders *orders
     }
 }
 #else
-struct orders {
-    int none;
+struct orders { /* of each colour and code: what to write, with its rest, and << 16 what to sum */
+    uint32_t word[3][256];
 };
 
-INLINE struct orders orders(void) { return (struct orders){0}; }
+INLINE struct orders orders(const struct procam_even *how) {
+    struct orders orders;
+    for (int i = 0; how->out && i < 768; i++)
+        orders.word[i / 256][i % 256] =
+            (uint32_t)how->whole[i] << 8 | how->rest[i] | (how->change ? (uint32_t)how->change[i] << 16 : 0);
+    return orders;
+}
+
+struct span { /* pixels */
+    size_t first, end;
+};
+
+INLINE struct span lit_of_row(const struct procam_even *how, size_t y) {
+    const size_t first = (size_t)how->lit[2 * y], end = (size_t)how->lit[2 * y + 1];
+    return (struct span){first, end > first ? end : first};
+}
+
+INLINE size_t end_of_group(size_t x, size_t end) { /* that pixel x is in */
+    const size_t next = (x / GROUP + 1) * GROUP;
+    return next < end ? next : end;
+}
 
 INLINE void sum_row(const struct procam_even *how, const struct orders *orders, size_t y, uint64_t *totals) {
     (void)orders;
+    const struct span lit = lit_of_row(how, y);
     const uint8_t *from = how->image + y * 3 * how->size;
-    for (size_t x = (size_t)how->lit[2 * y]; x < (size_t)how->lit[2 * y + 1]; x++)
-        for (size_t c = 0; c < 3; c++)
-            totals[c * how->groups + x / GROUP] += (how->table[256 * c + from[3 * x + c]] + phase_of(y)) >> PHASE_BITS;
+    const uint32_t phase = phase_of(y);
+    for (size_t x = lit.first, end; x < lit.end; x = end) {
+        uint32_t sums[3] = {0};
+        end = end_of_group(x, lit.end);
+        for (size_t at = x; at < end; at++)
+            for (size_t c = 0; c < 3; c++) sums[c] += (how->table[256 * c + from[3 * at + c]] + phase) >> PHASE_BITS;
+        for (size_t c = 0; c < 3; c++) totals[c * how->groups + x / GROUP] += sums[c];
+    }
 }
 
 INLINE void write_row(const struct procam_even *how, const struct orders *orders, size_t y, int counts,
                       uint64_t *totals) {
-    (void)orders;
-    const size_t start = y * 3 * how->size, begin = (size_t)how->lit[2 * y];
-    const size_t end = (size_t)how->lit[2 * y + 1] > begin ? (size_t)how->lit[2 * y + 1] : begin;
+    const struct span lit = lit_of_row(how, y);
+    const size_t start = y * 3 * how->size;
     const uint8_t *from = how->image + start, *over = how->threshold + y % EVEN * EVEN;
     uint8_t *to = how->out + start;
-    for (size_t x = begin; x < end; x++)
-        for (size_t c = 0; c < 3; c++) {
-            const size_t code = 256 * c + from[3 * x + c];
-            const int word = how->whole[code] + (how->rest[code] > over[x % EVEN]);
-            to[3 * x + c] = (uint8_t)(word > 255 ? 255 : word);
-            if (counts) totals[c * how->groups + x / GROUP] += how->change[code];
-        }
-    memset(to, 0, 3 * begin);
-    memset(to + 3 * end, 0, 3 * (how->size - end));
+    for (size_t x = lit.first, end; x < lit.end; x = end) {
+        uint32_t sums[3] = {0};
+        end = end_of_group(x, lit.end);
+        for (size_t at = x; at < end; at++)
+            for (size_t c = 0; c < 3; c++) {
+                const uint32_t word = orders->word[c][from[3 * at + c]];
+                const uint32_t code = ((word & 65535) + 255u - over[at % EVEN]) >> 8;
+                to[3 * at + c] = (uint8_t)(code > 255 ? 255 : code);
+                sums[c] += word >> 16;
+            }
+        for (size_t c = 0; counts && c < 3; c++) totals[c * how->groups + x / GROUP] += sums[c];
+    }
+    memset(to, 0, 3 * lit.first);
+    memset(to + 3 * lit.end, 0, 3 * (how->size - lit.end));
 }
 #endif
 
@@ -242,7 +273,7 @@ INLINE void even_band(const struct even *job, const struct orders *orders, size_
 }
 
 static void even(const struct even *job, size_t first, size_t count) {
-    const struct orders order = orders();
+    const struct orders order = orders(job->how);
     for (size_t band = first; band < first + count; band++) {
         if (!job->how->out) even_band(job, &order, band, 0, 1);
         else if (!job->sums) even_band(job, &order, band, 1, 0);
