@@ -3,7 +3,7 @@
    Pictures of 8 bits, 64 pixels at a time, each colour on its own. */
 
 enum { EVEN = 64, GROUP = 8 }; /* pixels; those that share a weight */
-enum { AFAR = 12288 };          /* bytes that are fetched ahead */
+enum { AFAR = 12288 };         /* bytes that are fetched ahead */
 enum { PHASE_BITS = 6 };       /* by which a number of 22 bits is shortened, up or down by turns */
 
 /* What a row adds before it shortens numbers: 0..63, each once in 64 rows, evenly spread over fewer. */
