@@ -17,10 +17,11 @@ from procam.kernels.loader import chosen
 
 Bytes = NDArray[np.uint8]
 Words = NDArray[np.uint32]
-GROUP, BLOCK = 8, 64
-TURNS = 64  # of a row, see c/even.h
-FULL = 2**22 - TURNS  # a sum's number for light of 1, before it is shortened to 16 bits
-WHOLE = FULL / TURNS
+Signed = NDArray[np.int8]
+BLOCK = 64
+TURNS = 256  # of a row, see c/even.h
+FULL = 2**24 - TURNS  # a sum's number for light of 1, before it is shortened to 16 bits
+HEAVY = 127 * 2**8 + 126  # the greatest weight: what 256 coarse + fine can hold, and one more
 EVEN = 1e-6  # relative: what counts as the same everywhere
 
 
@@ -57,37 +58,36 @@ class EvenModel:
         even = 1.0 if model.gain is None else float(gain)
         return None if lit is None else cls(model, spread, lo, hi, ambient, even, lit)
 
-    @property
-    def groups(self) -> int:
-        """Of 8 pixels in a row, made up to whole blocks."""
-        return -(-self.model.size // BLOCK) * BLOCK // GROUP
-
-    @property
+    @cached_property
     def rows(self) -> NDArray[np.int32]:
         """First row of each band, and the end."""
         grid = self.model.grid
         return np.append(grid.rows[: -1 : grid.shared], self.model.size).astype(np.int32)
 
     @cached_property
-    def weight(self) -> NDArray[np.float32]:
-        """Mean solid angle of the lit pixels of each group and band (bands, groups) [sr]."""
-        rows, found = self.rows, []
-        for first, end in pairwise(rows):
+    def area_sr(self) -> Double:
+        """Mean solid angle of the lit pixels of each column of each band (bands, N) [sr]."""
+        found = []
+        for first, end in pairwise(self.rows):
             every = slice(int(first), int(end))
             area = reference_frame.interpolated(self.model, self.model.solid_angle_sr, every)
-            x = np.arange(self.model.size)
-            lit = (x >= self.lit[every, :1]) & (x < self.lit[every, 1:])
-            sums, count = ((v * lit).sum(axis=0) for v in (area, np.ones_like(area)))
-            starts = np.arange(0, self.model.size, GROUP)
-            total, number = (np.add.reduceat(v, starts) for v in (sums, count))
-            means = total / np.maximum(number, 1)
-            found.append(np.pad(means, (0, self.groups - len(means))))
-        return np.ascontiguousarray(found, np.float32)
+            lit = _lit(self, every)
+            found.append((area * lit).sum(axis=0) / np.maximum(lit.sum(axis=0), 1))
+        return np.array(found)
 
     @cached_property
-    def room(self) -> NDArray[np.uint64]:
-        """For totals of colours and groups (bands, 3, groups): anew it would cost as much as a sum."""
-        return np.empty((len(self.weight), CHANNELS, self.groups), np.uint64)
+    def step_sr(self) -> float:
+        """Solid angle of 1 in `weights` [sr]."""
+        return float(self.area_sr.max()) / HEAVY
+
+    @cached_property
+    def weights(self) -> tuple[Signed, Signed]:
+        """The same areas as 256 coarse + fine (bands, padded), in a row rounded so that sums are kept."""
+        along = np.rint(np.cumsum(self.area_sr / self.step_sr, axis=1))
+        whole = np.diff(along, axis=1, prepend=0).astype(np.int64)
+        whole = np.pad(whole, ((0, 0), (0, -self.model.size % BLOCK)))
+        coarse = (whole + 128) >> 8
+        return coarse.astype(np.int8), (whole - (coarse << 8)).astype(np.int8)
 
     @cached_property
     def lit_sr(self) -> float:
@@ -124,16 +124,16 @@ def _spans(model: FrameModel) -> NDArray[np.int32] | None:
 def even_sums(model: EvenModel, image: Bytes, light: Double) -> Double:
     """Sums (3,) over the dome of weight times `light` (3, 256) at the picture's codes, 0..1 [rel sr].
 
-    Light counts in 16 bits, rounded up or down by turns of the rows: over 64 of them to 22.
+    Light counts in 16 bits, rounded up or down by turns of the rows: over 256 of them to 24.
     """
     image = np.ascontiguousarray(image)
     words = np.ascontiguousarray(np.rint(np.clip(light, 0, 1) * FULL), np.uint32)
     if chosen() is None:
-        phase = (np.arange(model.model.size) * 39 % TURNS)[:, None, None]
-        return _reference_sums(model, (_at_codes(image, words) + phase) // TURNS) / WHOLE
+        phase = (np.arange(model.model.size) * 159 % TURNS)[:, None, None]
+        return _reference_sums(model, (_at_codes(image, words) + phase) // TURNS) * TURNS / FULL
     sums = _run(model, {"image": image, "table": words}, counts=True)
     assert sums is not None
-    return sums / WHOLE
+    return sums * TURNS / FULL
 
 
 def even_apply(
@@ -147,13 +147,15 @@ def even_apply(
     low, step = _scale(np.zeros((CHANNELS, 256)) if change is None else change)
     counted = None if change is None else _bytes(np.rint((change - low) / step))
     if chosen() is None:
-        sums = None if counted is None else _reference_sums(model, _at_codes(image, counted))
+        sums = None if counted is None else _reference_sums(model, _at_codes(image, counted) << 8)
         out[...] = _reference_apply(model, image, coded)
     else:
         given: dict[str, Any] = {"image": image, "out": out, "threshold": coded.over}
         given |= {"change": counted} | dict(zip(("whole", "rest"), coded.bytes, strict=True))
         sums = _run(model, given, counts=change is not None)
-    return np.zeros(CHANNELS) if sums is None else low[:, 0] * model.lit_sr + step[:, 0] * sums
+    if sums is None:
+        return np.zeros(CHANNELS)
+    return low[:, 0] * model.lit_sr + step[:, 0] * sums / 256
 
 
 def _bytes(numbers: NDArray[Any]) -> Bytes:
@@ -190,18 +192,20 @@ def _at_codes(image: Bytes, table: NDArray[Any]) -> NDArray[np.int64]:
     return np.stack(each, axis=-1)
 
 
-def _lit(model: EvenModel) -> NDArray[np.bool_]:
+def _lit(model: EvenModel, rows: slice = slice(None)) -> NDArray[np.bool_]:
     x = np.arange(model.model.size)
-    return (x >= model.lit[:, :1]) & (x < model.lit[:, 1:])
+    return (x >= model.lit[rows, :1]) & (x < model.lit[rows, 1:])
 
 
-def _reference_sums(model: EvenModel, values: NDArray[np.int64]) -> Double:
-    rows = np.arange(model.model.size)
-    kept = np.where(_lit(model)[..., None], values, 0)
-    grouped = np.add.reduceat(kept, np.arange(0, model.model.size, GROUP), axis=1)
-    band = np.searchsorted(model.rows, rows, "right") - 1
-    weight = model.weight[band, : grouped.shape[1]].astype(float)
-    return np.asarray(np.einsum("yg,ygc->c", weight, grouped))
+def _reference_sums(model: EvenModel, numbers: NDArray[np.int64]) -> Double:
+    """Sums of numbers of 16 bits times areas, less what the low bytes of both give [sr]."""
+    kept = np.where(_lit(model)[..., None], numbers, 0)
+    band = np.searchsorted(model.rows, np.arange(model.model.size), "right") - 1
+    coarse, fine = (w[band, : model.model.size].astype(np.int64) for w in model.weights)
+    high, low = kept >> 8, kept & 255
+    first = np.einsum("yx,yxc->c", coarse, high)
+    second = np.einsum("yx,yxc->c", fine, high) + np.einsum("yx,yxc->c", coarse, low)
+    return model.step_sr * (65536.0 * first + 256.0 * second)
 
 
 def _reference_apply(model: EvenModel, image: Bytes, coded: Coded) -> Bytes:
@@ -215,29 +219,28 @@ class _Even(ctypes.Structure):
     """struct procam_even of c/kernels.h."""
 
     _fields_ = [
-        *((name, ctypes.c_size_t) for name in ("size", "groups")),
+        *((name, ctypes.c_size_t) for name in ("size", "padded")),
         *(
             (name, ctypes.c_void_p)
             for name in (
                 *("image", "out", "table", "whole", "rest", "change"),
-                *("threshold", "lit", "rows", "weight", "totals"),
+                *("threshold", "lit", "rows", "coarse", "fine"),
             )
         ),
     ]
 
 
 def _run(model: EvenModel, given: dict[str, NDArray[Any]], counts: bool) -> Double | None:
-    """Sums (3,) of the table that is given, if it `counts`, before they are scaled."""
+    """Sums (3,) of the table that is given, if it `counts`, before they are scaled [sr]."""
     native = chosen()
     assert native is not None
     library, level, threads = native
-    how, bands = _Even(), len(model.weight)
-    how.size, how.groups = model.model.size, model.groups
-    rows = model.rows
-    found = np.zeros((bands, CHANNELS)) if counts else None
-    arrays: dict[str, NDArray[Any]] = {"lit": model.lit, "rows": rows, "weight": model.weight}
-    arrays |= {"totals": model.room} if counts else {}
+    how, (coarse, fine) = _Even(), model.weights
+    how.size, how.padded = model.model.size, coarse.shape[1]
+    found = np.zeros((len(coarse), CHANNELS)) if counts else None
+    arrays: dict[str, NDArray[Any]] = {"lit": model.lit, "rows": model.rows}
+    arrays |= {"coarse": coarse, "fine": fine}
     for name, array in (arrays | given).items():
         setattr(how, name, pointer(array))
-    library.procam_even(level, threads, bands, ctypes.byref(how), pointer(found))
-    return None if found is None else np.asarray(found.sum(axis=0))
+    library.procam_even(level, threads, len(coarse), ctypes.byref(how), pointer(found))
+    return None if found is None else model.step_sr * np.asarray(found.sum(axis=0))

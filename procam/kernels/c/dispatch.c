@@ -118,7 +118,7 @@ EXPORT int procam_levels(void) {
     if (avx2) levels |= 2;
     if (avx2 && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") &&
         __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl") &&
-        __builtin_cpu_supports("avx512vbmi"))
+        __builtin_cpu_supports("avx512vbmi") && __builtin_cpu_supports("avx512vnni"))
         levels |= 1;
 #endif
     return levels;
@@ -201,7 +201,7 @@ EXPORT void procam_bounce(int level, int threads, int nodes, int terms, const fl
 EXPORT void procam_even(int level, int threads, size_t bands, const struct procam_even *how,
                         double *sums) {
     const struct even job = {how, sums};
-    spread(run_even, level, threads, &job, bands, 1);
+    spread(run_even, level, threads, &job, bands, 8);
 }
 
 EXPORT void procam_warp(int level, int threads, size_t rows, const struct procam_warp *job) {

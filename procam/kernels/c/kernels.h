@@ -5,7 +5,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#define PROCAM_INTERFACE 7 /* raised with every change of a signature; loader.py holds the same */
+#define PROCAM_INTERFACE 8 /* raised with every change of a signature; loader.py holds the same */
 #define MOST_FRAMES 64     /* of a phase */
 #define MOST_SEARCH 32     /* of a search */
 #define RESULTS 6          /* planes of a search */
@@ -119,16 +119,15 @@ struct bounce { /* see frame.py */
 };
 
 struct procam_even { /* a picture (size, size, 3) of 8 bits: see even.py */
-    size_t size, groups;         /* of 8 pixels in a row */
+    size_t size, padded;         /* of a row: pixels, and made up to whole blocks */
     const uint8_t *image;
     uint8_t *out;                /* NULL to sum only */
-    const uint32_t *table;       /* (3, 256) by code: 22 bits to sum */
+    const uint32_t *table;       /* (3, 256) by code: 24 bits to sum */
     const uint8_t *whole, *rest; /* the same: what to write, and 256 times its rest */
     const uint8_t *change;       /* the same: what to sum while writing */
     const uint8_t *threshold;    /* (64, 64): a rest above it rounds up */
     const int32_t *lit, *rows;   /* (size, 2): first pixel, end; (bands + 1): first row of each */
-    const float *weight;         /* (bands, groups) */
-    uint64_t *totals;            /* (bands, 3, groups): room */
+    const int8_t *coarse, *fine; /* (bands, padded): weights, 256 coarse + fine */
 };
 
 struct even {

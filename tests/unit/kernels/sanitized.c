@@ -211,23 +211,23 @@ static void frame(int level, int kind, int mode, size_t edge, int nodes, int ter
 }
 
 static void even(int level, size_t edge) {
-    const size_t groups = (edge + 63) / 64 * 8;
-    struct procam_even how = {.size = edge, .groups = groups};
+    const size_t padded = (edge + 63) / 64 * 64;
+    struct procam_even how = {.size = edge, .padded = padded};
     int32_t *lit = room(2 * edge * sizeof(int32_t)), *rows = room(4 * sizeof(int32_t));
     for (size_t y = 0; y < edge; y++) lit[2 * y] = (int32_t)(y % 70 % edge), lit[2 * y + 1] = (int32_t)(edge - y % 3 % edge);
     rows[1] = (int32_t)edge / 2, rows[2] = rows[3] = (int32_t)edge;
-    float *weight = numbers(3 * groups, 1);
+    int8_t *coarse = room(3 * padded), *fine = room(3 * padded);
     uint8_t *out = room(3 * edge * edge), *bytes = room(768);
     how.image = room(3 * edge * edge), how.table = room(3072), how.whole = how.rest = how.change = bytes;
-    how.threshold = room(4096), how.lit = lit, how.rows = rows, how.weight = weight;
-    how.totals = room(9 * groups * sizeof(uint64_t));
+    how.threshold = room(4096), how.lit = lit, how.rows = rows;
+    how.coarse = coarse, how.fine = fine;
     double *sums = room(9 * sizeof(double));
     procam_even(level, 2, 3, &how, sums);
     how.out = out;
     procam_even(level, 2, 3, &how, NULL);
     procam_even(level, 2, 3, &how, sums);
     free((void *)how.image), free(out), free((void *)how.table), free(bytes), free((void *)how.threshold);
-    free(lit), free(rows), free(weight), free(how.totals), free(sums);
+    free(lit), free(rows), free(coarse), free(fine), free(sums);
 }
 
 int main(void) {
