@@ -127,9 +127,11 @@ class Rounds:
             self.free[columns.start + 6 : columns.stop] = False
 
     def equations(self) -> tuple[np.ndarray, np.ndarray]:
+        """Normal matrix and its right side, of all sightings."""
         return normal_equations(self.rig, self.seen, self.weight, self.free, self.rays)
 
     def misses(self) -> list[np.ndarray]:
+        """Of the sightings of each pair [px]."""
         return [residuals(self.rig, p, some, self.rays.get(p)) for p, some in self.seen.items()]
 
     def scipy(self) -> OptimizeResult:
@@ -161,6 +163,7 @@ class Rounds:
 
 
 def thinned(seen: Mapping[Pair, Observations], part: int) -> dict[Pair, Observations]:
+    """Every `part`-th sighting of each pair."""
     return {pair: some.some(slice(None, None, part)) for pair, some in seen.items()}
 
 
@@ -174,10 +177,13 @@ def held(run: Callable[[], object]) -> float:
 
 
 def rms(misses: list[np.ndarray]) -> float:
+    """Of all misses together [px]."""
     return float(np.sqrt(np.mean(np.concatenate(misses) ** 2)))
 
 
 def in_numpy(run: Callable[[], object]) -> Callable[[], object]:
+    """The same run by the kernels' NumPy twins."""
+
     def twin() -> None:
         with kernels.forced("numpy"):
             run()

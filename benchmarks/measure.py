@@ -36,6 +36,7 @@ class Goal:
 
     @property
     def met(self) -> bool:
+        """Whether the value is within the limit."""
         return self.value >= self.limit if self.sign == ">=" else self.value <= self.limit
 
     @property

@@ -39,6 +39,7 @@ class Condition(NamedTuple):
 
 
 def conditions() -> list[Condition]:
+    """Every albedo with every defocus and every rest of gamma."""
     return [Condition(*values) for values in product(ALBEDOS, DEFOCUS_PX, GAMMAS_LEFT)]
 
 
@@ -89,6 +90,7 @@ def usable(row: Row) -> bool:
 
 
 def table(rows: list[Row]) -> Iterator[str]:
+    """Lines of the study's page."""
     yield "# Every code under every condition"
     yield ""
     yield from _advice(rows)

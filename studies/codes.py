@@ -85,6 +85,7 @@ def meets(name: str, value: float) -> bool:
 
 
 def table(rows: list[dict[str, float]], pictures: int) -> Iterator[str]:
+    """Lines of the study's page."""
     yield f"# Accuracy of the default code ({DEFAULT_CODE}, {pictures} pictures)"
     yield ""
     width, height = SIZE.projector_size

@@ -82,14 +82,17 @@ class Plant:
 
     @property
     def elevation(self) -> Array:
+        """Of each patch, from the springline [deg]."""
         return np.degrees(np.arcsin(self.point[:, 2]))
 
     @property
     def azimuth(self) -> Array:
+        """Of each patch [rad]."""
         return np.arctan2(self.point[:, 1], self.point[:, 0])
 
     @property
     def lit(self) -> Mask:
+        """Patches that projectors reach: all but the lowest rows."""
         return self.elevation > self.elevation.min() + UNLIT_DEG
 
     @property

@@ -108,6 +108,7 @@ def binned(place: Array, error: Array, period: float, fewest: int = 20) -> Array
 
 
 def rms(values: NDArray[np.floating], axis: int | None = None) -> Array:
+    """Root of the mean square, in double precision."""
     return np.asarray(np.sqrt(np.mean(np.square(values, dtype=float), axis=axis)))
 
 

@@ -88,6 +88,7 @@ class OneFringe:
         return np.asarray(np.angle(wave) / (2 * np.pi) * self.period(axis))
 
     def period(self, axis: int) -> float:
+        """Of the fringe: the whole panel [px]."""
         return float(self.code.size[axis])
 
     def true_shares(self) -> NDArray[np.float64]:
@@ -187,6 +188,7 @@ def rows_of(room: str, fringe: OneFringe) -> Iterator[dict[str, object]]:
 
 
 def table(rows: list[dict[str, object]]) -> Iterator[str]:
+    """Lines of the study's page."""
     yield "# One fringe over the whole panel"
     yield ""
     yield (

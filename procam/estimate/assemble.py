@@ -99,24 +99,10 @@ def assemble(
         name: _gain_and_blend(geometry, name, surfaces[name], light.extended / white, blender)
         for name, light in content.items()
     }
-    mean_mix = np.mean([m.colour.mix for m in measured.values()], axis=0)
     return Calibration(
         bounced.dome,
         geometry.rig.cameras,
-        {
-            name: ProjectorCalibration(
-                geometry.projectors[name],
-                surfaces[name],
-                Photometry(
-                    measured[name].response,
-                    _relative_mix(mean_mix, measured[name]),
-                    gain,
-                    measured[name].exponent,
-                ),
-                blend,
-            )
-            for name, (gain, blend) in projectors.items()
-        },
+        _projectors(geometry, surfaces, measured, projectors),
         maps,
         bounced.feedback,
         bounced.albedo,
@@ -124,6 +110,24 @@ def assemble(
         _quality(geometry, measured, master, bounced),
         {**provenance, "notes": [*provenance.get("notes", []), *_notes(measured, dome, bounced)]},
     )
+
+
+def _projectors(
+    geometry: GeometrySolution,
+    surfaces: Mapping[str, ProjectorSurface],
+    measured: Mapping[str, Measurement],
+    gain_and_blend: Mapping[str, tuple[Image, Image]],
+) -> dict[str, ProjectorCalibration]:
+    mean_mix = np.mean([m.colour.mix for m in measured.values()], axis=0)
+    found = {}
+    for name, (gain, blend) in gain_and_blend.items():
+        known = measured[name]
+        mix = _relative_mix(mean_mix, known)
+        photometry = Photometry(known.response, mix, gain, known.exponent)
+        found[name] = ProjectorCalibration(
+            geometry.projectors[name], surfaces[name], photometry, blend
+        )
+    return found
 
 
 class _Master:
