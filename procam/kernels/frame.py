@@ -4,6 +4,7 @@ import ctypes
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -97,6 +98,11 @@ class FrameModel:
         return np.ascontiguousarray(np.moveaxis(sums, -1, 1))
 
     @cached_property
+    def painted_in_c(self) -> Plane | None:
+        """The same with room behind it; only "excess" takes it."""
+        return _spared(self.painted)
+
+    @cached_property
     def middle(self) -> Plane:
         """Mean direction of each band (bands, 3, M)."""
         sums = self.grid.band_sums(np.moveaxis(self.direction, 0, -1))
@@ -163,11 +169,16 @@ class Coding:
         tile = np.repeat(self.threshold, CHANNELS, axis=1)
         found = {
             "decode": codes,
-            "decode_bytes": np.ascontiguousarray(codes.view(np.uint8).reshape(256, 4).T),
+            "decode_bytes": aligned_like(np.empty((4, 256), np.uint8)),
             "encode": _pieces(self.encode),
             "threshold": np.ascontiguousarray(tile, np.float32),
         }
+        found["decode_bytes"][...] = codes.view(np.uint8).reshape(256, 4).T
         object.__setattr__(self, "tables", found)
+
+    def most(self, dtype: np.dtype[Any]) -> float:
+        """The most light that pictures of a type can send."""
+        return min(self.top, 1.0) if dtype == np.uint8 else self.top
 
     def decoded(self, picture: NDArray[Any]) -> NDArray[Any]:
         """Linear light of a picture's values; what is not finite is black."""
@@ -191,11 +202,18 @@ class Coding:
 
 
 def _pieces(encode: Curve) -> Plane:
-    """255 encode(x) as parabolas (3, SEGMENTS) of the fourth root of x, one per even step of it."""
+    """255 encode(x) as parabolas (3, SEGMENTS) of the root of x, two per octave of it, from 0 at 2^-15.
+
+    Bits of the root as float32, from the 22nd on, number them modulo SEGMENTS.
+    """
+    edges = ((7 * SEGMENTS + np.arange(SEGMENTS + 1)).astype(np.uint32) << 22).view(np.float32)
     found = np.empty((3, SEGMENTS))
-    for k in range(SEGMENTS):
-        root = (k + (1 - np.cos(np.pi * (np.arange(16) + 0.5) / 16)) / 2) / SEGMENTS
-        found[:, k] = np.polynomial.polynomial.polyfit(root, 255 * encode(root**4), 2)
+    for k, (low, high) in enumerate(pairwise(edges.astype(float))):
+        root = low + (high - low) * (1 - np.cos(np.pi * (np.arange(16) + 0.5) / 16)) / 2
+        value = 255 * encode(np.minimum(root**2, 1))
+        found[:, k] = np.polynomial.polynomial.polyfit(root, value, 2)
+    end = edges[1].astype(float)
+    found[:, 0] = 255 * encode(end**2) / (end - edges[0]) * np.array([-edges[0], 1, 0])
     return np.ascontiguousarray(found, np.float32)
 
 
@@ -360,13 +378,12 @@ def _run(
     how, tables = _Frame(), coding.tables
     how.size, how.kind = model.size, KINDS[pictures[0].dtype]
     how.nodes, how.terms, how.band = model.nodes, model.terms, model.grid.shared
-    how.strength, how.top = coding.strength, coding.top
-    painted = _spared(model.painted) if mode == MODES["excess"] else None
-    arrays = model.in_c | tables | {"painted": painted}
+    how.strength, how.top = coding.strength, coding.most(pictures[0].dtype)
     image, light, out = pictures
     if light.dtype != np.float32 or not _has_room(light):
         light = np.asarray(_spared(light))
-    arrays |= {"image": image, "light": light, "out": out}
+    arrays = model.in_c | tables | {"image": image, "light": light, "out": out}
+    arrays["painted"] = model.painted_in_c if mode == MODES["excess"] else None
     for name, array in arrays.items():
         setattr(how, name, pointer(array))
     strips, chunks = -(-CHANNELS * model.size // STRIP), -(-(model.nodes + 1) // CHUNK)

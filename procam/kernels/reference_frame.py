@@ -58,7 +58,7 @@ def frame_parts(
         if model.gain is not None:
             content *= interpolated(model, model.gain, rows)[..., None]
         lo = interpolated(model, model.lo, rows)
-        hi = np.full_like(lo, coding.top)
+        hi = np.full_like(lo, coding.most(image.dtype))
         if model.hi is not None:
             hi = np.minimum(hi, interpolated(model, model.hi, rows))
         yield rows, content - interpolated(model, light, rows), lo, hi

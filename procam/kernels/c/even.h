@@ -74,24 +74,8 @@ INLINE __m512i blended(const __m512i *of, int first, int second, int third) {
     return _mm512_mask_mov_epi8(two, (uint64_t)THIRD << 2, of[third]);
 }
 
-struct codes { /* and in which quarters of a table they lie */
-    __m512i of;
-    __mmask64 odd, upper, last;
-};
-
-INLINE struct codes codes_of(const __m512i *parts, int colour) {
-    struct codes codes = {.of = blended(parts, colour, (colour + 2) % 3, (colour + 1) % 3)};
-    codes.upper = _mm512_movepi8_mask(codes.of);
-    codes.odd = _mm512_movepi8_mask(_mm512_add_epi8(codes.of, codes.of));
-    codes.last = codes.odd & codes.upper;
-    return codes;
-}
-
-INLINE __m512i looked_up(const uint8_t *table, const struct codes *codes) {
-    __m512i found = _mm512_permutexvar_epi8(codes->of, _mm512_load_si512(table));
-    found = _mm512_mask_permutexvar_epi8(found, codes->odd, codes->of, _mm512_load_si512(table + 64));
-    found = _mm512_mask_permutexvar_epi8(found, codes->upper, codes->of, _mm512_load_si512(table + 128));
-    return _mm512_mask_permutexvar_epi8(found, codes->last, codes->of, _mm512_load_si512(table + 192));
+INLINE struct codes colour_of(const __m512i *parts, int colour) {
+    return codes_of(blended(parts, colour, (colour + 2) % 3, (colour + 1) % 3));
 }
 
 INLINE uint64_t inside(struct stretch lit, size_t at) { /* one bit per pixel of a block */
@@ -170,7 +154,7 @@ INLINE void sum_block(const struct procam_even *how, const struct ready *ready, 
     __m512i parts[3];
     load_even(how, start, left, parts);
     for (int c = 0; c < 3; c++) {
-        const struct codes codes = codes_of(parts, c);
+        const struct codes codes = colour_of(parts, c);
         const uint64_t kept = lit_bytes(ready, c, lit);
         const __m512i low = _mm512_maskz_mov_epi8(kept, looked_up(numbers->low[c], &codes));
         count(lanes, ready, c, at, _mm512_maskz_mov_epi8(kept, looked_up(numbers->high[c], &codes)));
@@ -198,7 +182,7 @@ INLINE void write_block(const struct procam_even *how, const struct ready *ready
     __m512i parts[3], colour[3] = {0};
     if (lit) load_even(how, start, left, parts);
     for (int c = 0; lit && c < 3; c++) {
-        const struct codes codes = codes_of(parts, c);
+        const struct codes codes = colour_of(parts, c);
         const uint64_t kept = lit_bytes(ready, c, lit);
         const __m512i whole = _mm512_maskz_mov_epi8(kept, looked_up(ready->whole[c], &codes));
         const __m512i rest = looked_up(ready->rest[c], &codes);

@@ -1,10 +1,10 @@
 /* A dome master against the model of what bounces: sums of its light, or the light to send.
 
    Fields lie on a coarse grid of nodes and are interpolated: along node rows once per pair of them (an
-   interval), down the interval for every row of the picture. Values are interleaved, red, green, blue;
-   pixels are never taken apart. */
+   interval), down the interval for every row of the picture. Values stay interleaved, red, green, blue,
+   until a band of rows is summed up. */
 
-enum { FRAME_STRIP = 1536, FRAME_CHUNK = 32 }; /* values, intervals; a strip is 256 pixels */
+enum { FRAME_STRIP = 1536, FRAME_CHUNK = 32 }; /* values, intervals; a strip is 512 pixels */
 enum { STRIP_BLOCKS = FRAME_STRIP / FRAME_BLOCK, STEP = 16 };
 enum plane { LIGHT, LEAST, MOST, GAIN, COVER, PLANES };
 enum { AXES = 3, AHEAD = 8, NODES_AHEAD = 2 }; /* rows that are fetched ahead */
@@ -21,151 +21,215 @@ struct ramp { /* a field in a block, between two node rows */
     vf at[VECTORS], step[VECTORS];
 };
 
-/* One vector of a node row at places of the picture, from number `i` on. */
-INLINE vf widened(const struct places *places, const float *row, size_t i) {
-    const int32_t *pair = places->pair + i;
-    const float *from = row + places->start[i / STEP];
 #if LEVEL == 512
-    const __m512i left = _mm512_loadu_si512(pair), right = _mm512_srli_epi32(left, 8);
-    const __m512 low = _mm512_loadu_ps(from), high = _mm512_loadu_ps(from + STEP);
-    const vf a = _mm512_permutex2var_ps(low, left, high), b = _mm512_permutex2var_ps(low, right, high);
+typedef __m512i whole;
+INLINE whole wload(const int32_t *p) { return _mm512_loadu_si512(p); }
+INLINE vf node_at(const float *from, whole at) {
+    return _mm512_permutex2var_ps(_mm512_loadu_ps(from), at, _mm512_loadu_ps(from + STEP));
+}
+INLINE whole second(whole pair) { return _mm512_srli_epi32(pair, 8); }
 #elif LEVEL == 256
-    const __m256i both = _mm256_loadu_si256((const void *)pair);
-    const vf a = _mm256_i32gather_ps(from, _mm256_and_si256(both, _mm256_set1_epi32(31)), 4);
-    const vf b = _mm256_i32gather_ps(from, _mm256_srli_epi32(both, 8), 4);
+typedef __m256i whole;
+INLINE whole wload(const int32_t *p) { return _mm256_loadu_si256((const void *)p); }
+INLINE vf node_at(const float *from, whole at) {
+    return _mm256_i32gather_ps(from, _mm256_and_si256(at, _mm256_set1_epi32(31)), 4);
+}
+INLINE whole second(whole pair) { return _mm256_srli_epi32(pair, 8); }
 #else
-    const vf a = from[*pair & 31], b = from[*pair >> 8];
+typedef int32_t whole;
+INLINE whole wload(const int32_t *p) { return *p; }
+INLINE vf node_at(const float *from, whole at) { return from[at & 31]; }
+INLINE whole second(whole pair) { return pair >> 8; }
 #endif
-    return vfma(vload(places->across + i), vsub(b, a), a);
+
+struct columns { /* of one vector, among the nodes of a row */
+    size_t start;
+    whole left, right;
+    vf across;
+};
+
+INLINE struct columns columns_from(const struct places *places, size_t i) {
+    const whole pair = wload(places->pair + i);
+    return (struct columns){(size_t)places->start[i / STEP], pair, second(pair), vload(places->across + i)};
 }
 
-/* A field between node rows `above` and `below` in a block; `kept` holds `above` where `known`. */
-INLINE void enter(const struct procam_frame *how, const struct places *places, const float *field,
-                  size_t above, size_t below, size_t i, int known, float *kept, struct ramp *ramp) {
-    const size_t width = (size_t)how->nodes * (places == &how->values ? 3 : 1);
+INLINE vf widened(const struct columns *columns, const float *row) {
+    const float *from = row + columns->start;
+    const vf left = node_at(from, columns->left), right = node_at(from, columns->right);
+    return vfma(columns->across, vsub(right, left), left);
+}
+
+struct cell { /* of a picture: a block's rows between two node rows */
+    size_t first, left, block, row, end; /* value, values, number in the strip, rows */
+    size_t above, below;                 /* node rows */
+    int lit;
+};
+
+struct field { /* in a cell */
+    const float *above, *below, *next; /* node rows, the last to come soon */
+    float *kept;                       /* holds `above` where it is known, then `below` */
+    int known;
+};
+
+INLINE struct field field_of(const struct procam_frame *how, const float *nodes, size_t colours,
+                             const struct cell *cell, float *kept, int known) {
+    const size_t width = colours * (size_t)how->nodes, last = (size_t)how->nodes - 1;
+    const size_t next = cell->below + NODES_AHEAD < last ? cell->below + NODES_AHEAD : last;
+    return (struct field){nodes + cell->above * width, nodes + cell->below * width, nodes + next * width,
+                          kept + cell->block * FRAME_BLOCK, known};
+}
+
+INLINE void enter(const struct columns *columns, const struct field *field, int k, struct ramp *ramp) {
+    float *kept = field->kept + (size_t)k * LANES;
+    const vf below = widened(columns, field->below);
+    ramp->at[k] = field->known ? vload(kept) : widened(columns, field->above);
+    ramp->step[k] = vsub(below, ramp->at[k]);
+    vstore(kept, below);
+    fetch(field->next + columns->start);
+}
+
+struct way { /* how a cell is done; known to the compiler */
+    int kind, mode, lit;
+    int plain; /* neither gain nor `most` */
+};
+
+INLINE void enter_all(struct way way, const struct procam_frame *how, struct room *room, const struct cell *cell,
+                      struct ramp *ramps) {
+    const int known = room->row[cell->block] == cell->above, covered = known && room->cover[cell->block];
+    const struct field light = field_of(how, how->light, 3, cell, room->below[LIGHT], known);
+    const struct field least = field_of(how, how->least, 3, cell, room->below[LEAST], known);
     for (int k = 0; k < VECTORS; k++) {
-        const size_t at = (size_t)k * LANES;
-        if (below + NODES_AHEAD < (size_t)how->nodes)
-            fetch(field + (below + NODES_AHEAD) * width + places->start[(i + at) / STEP]);
-        ramp->at[k] = known ? vload(kept + at) : widened(places, field + above * width, i + at);
-        const vf next = widened(places, field + below * width, i + at);
-        vstore(kept + at, next);
-        ramp->step[k] = vsub(next, ramp->at[k]);
+        const struct columns columns = columns_from(&how->values, cell->first + (size_t)k * LANES);
+        enter(&columns, &light, k, ramps + LIGHT);
+        enter(&columns, &least, k, ramps + LEAST);
+        if (way.plain || !how->most) continue;
+        const struct field most = field_of(how, how->most, 3, cell, room->below[MOST], known);
+        enter(&columns, &most, k, ramps + MOST);
     }
+    const int gains = !way.plain && how->gain, covers = way.lit == IN_PART;
+    for (int k = 0; (gains || covers) && k < VECTORS; k++) {
+        const struct columns columns = columns_from(&how->shared, cell->first + (size_t)k * LANES);
+        const struct field gain = field_of(how, how->gain, 1, cell, room->below[GAIN], known);
+        const struct field cover = field_of(how, how->coverage, 1, cell, room->below[COVER], covered);
+        if (gains) enter(&columns, &gain, k, ramps + GAIN);
+        if (covers) enter(&columns, &cover, k, ramps + COVER);
+    }
+    room->row[cell->block] = cell->below;
+    room->cover[cell->block] = covers;
 }
 
 INLINE vf between(const struct ramp *ramp, int k, vf down) { return vfma(down, ramp->step[k], ramp->at[k]); }
 
 /* What a mode keeps of one vector. */
-INLINE vf kept(int mode, int plain, const struct procam_frame *how, const struct ramp *ramps, int k, vf down,
-               vf content) {
-    if (!plain && how->gain) content = vmul(content, between(ramps + GAIN, k, down));
+INLINE vf kept(struct way way, const struct procam_frame *how, const struct ramp *ramps, int k, vf down, vf content) {
+    if (!way.plain && how->gain) content = vmul(content, between(ramps + GAIN, k, down));
     const vf wanted = vsub(content, between(ramps + LIGHT, k, down));
-    if (mode == SUM_CONTENT) return wanted;
+    if (way.mode == SUM_CONTENT) return wanted;
     const vf least = between(ramps + LEAST, k, down), one = vset(1.0f), none = vset(0.0f);
     vf most = vset(how->top);
-    if (!plain && how->most) most = vmin(most, between(ramps + MOST, k, down));
-    if (mode == COUNT_LEAST) return vsel(vlt(least, wanted), none, one);
-    if (mode == COUNT_MOST) return vsel(vlt(wanted, most), none, one);
+    if (!way.plain && how->most) most = vmin(most, between(ramps + MOST, k, down));
+    if (way.mode == COUNT_LEAST) return vsel(vlt(least, wanted), none, one);
+    if (way.mode == COUNT_MOST) return vsel(vlt(wanted, most), none, one);
     const vf sent = vmin(vmax(wanted, least), most);
-    return mode == SUM_EXCESS ? vsub(sent, wanted) : sent;
+    return way.mode == SUM_EXCESS ? vsub(sent, wanted) : sent;
 }
 
-struct rows { /* a block of the picture in the rows of an interval */
-    size_t first, left, block, row, end; /* value, values, number in the strip, rows */
-    int lit;
+struct tally { /* of a cell: what is kept, and rows that are lit, where it is lit in part */
+    vf sum[VECTORS], count[VECTORS];
 };
 
-/* One row of a block: what is kept is added to `sum`, what is lit in part to `count`. */
-INLINE void one_row(int kind, int mode, int lit, int plain, const struct procam_frame *how, const struct ramp *ramps,
-                    size_t row, const void *from, void *to, const float *threshold, vf *sum, vf *count) {
-    const vf down = vset(how->down[row]);
-    vf values[VECTORS];
-    load_block(kind, how, from, values);
+/* One row of a block, from its content to what is kept. */
+INLINE void one_row(struct way way, const struct procam_frame *how, const struct ramp *ramps, vf down, vf *values,
+                    struct tally *tally) {
+    const vf none = vset(0.0f);
     for (int k = 0; k < VECTORS; k++) {
-        values[k] = lit == NOWHERE ? vset(0.0f) : kept(mode, plain, how, ramps, k, down, values[k]);
-        if (lit == IN_PART) {
-            const vf none = vset(0.0f);
+        values[k] = way.lit == NOWHERE ? none : kept(way, how, ramps, k, down, values[k]);
+        if (way.lit == IN_PART) {
             const vf one = vsel(vlt(none, between(ramps + COVER, k, down)), vset(1.0f), none);
             values[k] = vmul(one, values[k]);
-            count[k] = vadd(count[k], one);
+            tally->count[k] = vadd(tally->count[k], one);
         }
-        sum[k] = vadd(sum[k], values[k]);
+        tally->sum[k] = vadd(tally->sum[k], values[k]);
     }
-    if (mode == APPLY) store_block(kind, how, from, threshold, values, to);
 }
 
-INLINE void rows_of(int kind, int mode, int lit, int plain, const struct procam_frame *how, const struct rows *part,
-                    const struct ramp *ramps, vf *sum, vf *count) {
-    const size_t width = bytes_of(kind), pitch = 3 * how->size * width;
-    const unsigned char *from = (const unsigned char *)how->image + part->row * pitch + part->first * width;
-    unsigned char *to = mode == APPLY ? (unsigned char *)how->out + (from - (const unsigned char *)how->image) : NULL;
-    for (size_t y = part->row; y < part->end; y++, from += pitch, to += mode == APPLY ? pitch : 0) {
-        const float *tile = how->threshold + y % TILE_ROWS * TILE_WIDTH + part->first % TILE_WIDTH;
+/* The rows of a whole block; content is read a row ahead of its use. */
+INLINE void whole_rows(struct way way, const struct procam_frame *how, const struct cell *cell,
+                       const struct ramp *ramps, struct tally *tally) {
+    const size_t width = bytes_of(way.kind), pitch = 3 * how->size * width;
+    const size_t start = cell->row * pitch + cell->first * width;
+    const unsigned char *from = (const unsigned char *)how->image + start;
+    unsigned char *to = way.mode == APPLY ? (unsigned char *)how->out + start : NULL;
+    vf next[VECTORS], values[VECTORS];
+    load_block(way.kind, how, from, next);
+    for (size_t y = cell->row; y < cell->end; y++, from += pitch) {
+        const float *tile = how->threshold + y % TILE_ROWS * TILE_WIDTH + cell->first % TILE_WIDTH;
         for (size_t ahead = 0; y + AHEAD < how->size && ahead < FRAME_BLOCK * width; ahead += 64)
             fetch(from + AHEAD * pitch + ahead);
-        if (part->left == FRAME_BLOCK) {
-            one_row(kind, mode, lit, plain, how, ramps, y, from, to, tile, sum, count);
-            continue;
-        }
-        unsigned char in[FRAME_BLOCK * 4] = {0}, out[FRAME_BLOCK * 4]; /* the picture's right edge */
-        memcpy(in, from, part->left * width);
-        one_row(kind, mode, lit, plain, how, ramps, y, in, out, tile, sum, count);
-        if (mode == APPLY) memcpy(to, out, part->left * width);
+        memcpy(values, next, sizeof values);
+        if (y + 1 < cell->end) load_block(way.kind, how, from + pitch, next);
+        one_row(way, how, ramps, vset(how->down[y]), values, tally);
+        if (way.mode != APPLY) continue;
+        store_block(way.kind, how, from, tile, values, to);
+        to += pitch;
     }
 }
 
-INLINE void clear_rows(int kind, const struct procam_frame *how, const struct rows *part) {
-    const size_t width = bytes_of(kind), pitch = 3 * how->size * width;
-    unsigned char *to = (unsigned char *)how->out + part->row * pitch + part->first * width;
-    for (size_t y = part->row; y < part->end; y++, to += pitch) clear(to, part->left * width);
+/* The rows of the block at the picture's right edge. */
+INLINE void edge_rows(struct way way, const struct procam_frame *how, const struct cell *cell,
+                      const struct ramp *ramps, struct tally *tally) {
+    const size_t width = bytes_of(way.kind), pitch = 3 * how->size * width, bytes = cell->left * width;
+    unsigned char in[FRAME_BLOCK * 4] = {0}, out[FRAME_BLOCK * 4];
+    for (size_t y = cell->row; y < cell->end; y++) {
+        const size_t start = y * pitch + cell->first * width;
+        const float *tile = how->threshold + y % TILE_ROWS * TILE_WIDTH + cell->first % TILE_WIDTH;
+        vf values[VECTORS];
+        memcpy(in, (const unsigned char *)how->image + start, bytes);
+        load_block(way.kind, how, in, values);
+        one_row(way, how, ramps, vset(how->down[y]), values, tally);
+        if (way.mode != APPLY) continue;
+        store_block(way.kind, how, in, tile, values, out);
+        memcpy((unsigned char *)how->out + start, out, bytes);
+    }
 }
 
-INLINE void add_up(struct room *room, const struct rows *part, const vf *sum, const vf *count) {
-    const size_t first = part->block * FRAME_BLOCK;
+INLINE void clear_rows(int kind, const struct procam_frame *how, const struct cell *cell) {
+    const size_t width = bytes_of(kind), pitch = 3 * how->size * width;
+    unsigned char *to = (unsigned char *)how->out + cell->row * pitch + cell->first * width;
+    for (size_t y = cell->row; y < cell->end; y++, to += pitch) clear(to, cell->left * width);
+}
+
+INLINE void add_up(struct room *room, const struct cell *cell, const struct tally *tally) {
+    const size_t first = cell->block * FRAME_BLOCK;
     for (int k = 0; k < VECTORS; k++) {
         float *total = room->total + first + (size_t)k * LANES, *lit = room->count + first + (size_t)k * LANES;
-        vstore(total, vadd(vload(total), sum[k]));
-        if (part->lit == IN_PART) vstore(lit, vadd(vload(lit), count[k]));
+        vstore(total, vadd(vload(total), tally->sum[k]));
+        if (cell->lit == IN_PART) vstore(lit, vadd(vload(lit), tally->count[k]));
     }
-    if (part->left < FRAME_BLOCK)
-        memset(room->total + first + part->left, 0, (FRAME_BLOCK - part->left) * sizeof(float));
-    if (part->lit == IN_PART) room->mixed[part->block] = 1;
-    else room->whole[part->block] += part->end - part->row;
+    if (cell->left < FRAME_BLOCK)
+        memset(room->total + first + cell->left, 0, (FRAME_BLOCK - cell->left) * sizeof(float));
+    if (cell->lit == IN_PART) room->mixed[cell->block] = 1;
+    else room->whole[cell->block] += cell->end - cell->row;
 }
 
-/* A block in the rows between two node rows. */
-INLINE void one_part(int kind, int mode, const struct procam_frame *how, struct room *room,
-                     const struct rows *part, size_t above, size_t below) {
+INLINE void one_way(struct way way, const struct procam_frame *how, struct room *room, const struct cell *cell) {
     struct ramp ramps[PLANES];
-    vf sum[VECTORS], count[VECTORS];
-    if (part->lit == NOWHERE && (mode != APPLY || how->strength >= 1)) {
-        if (mode == APPLY) clear_rows(kind, how, part);
-        return;
-    }
-    for (int k = 0; k < VECTORS; k++) sum[k] = count[k] = vset(0.0f);
-    if (part->lit == NOWHERE) {
-        rows_of(kind, mode, NOWHERE, 0, how, part, ramps, sum, count);
-        return;
-    }
-    const int known = room->row[part->block] == above, covered = known && room->cover[part->block];
-    const size_t at = part->block * FRAME_BLOCK;
-    enter(how, &how->values, how->light, above, below, part->first, known, room->below[LIGHT] + at, ramps + LIGHT);
-    enter(how, &how->values, how->least, above, below, part->first, known, room->below[LEAST] + at, ramps + LEAST);
-    if (how->most)
-        enter(how, &how->values, how->most, above, below, part->first, known, room->below[MOST] + at, ramps + MOST);
-    if (how->gain)
-        enter(how, &how->shared, how->gain, above, below, part->first, known, room->below[GAIN] + at, ramps + GAIN);
-    if (part->lit == IN_PART)
-        enter(how, &how->shared, how->coverage, above, below, part->first, covered, room->below[COVER] + at,
-              ramps + COVER);
-    room->row[part->block] = below;
-    room->cover[part->block] = part->lit == IN_PART;
-    if (part->lit == EVERYWHERE && !how->gain && !how->most)
-        rows_of(kind, mode, EVERYWHERE, 1, how, part, ramps, sum, count);
-    else if (part->lit == EVERYWHERE) rows_of(kind, mode, EVERYWHERE, 0, how, part, ramps, sum, count);
-    else rows_of(kind, mode, IN_PART, 0, how, part, ramps, sum, count);
-    add_up(room, part, sum, count);
+    struct tally tally;
+    for (int k = 0; k < VECTORS; k++) tally.sum[k] = tally.count[k] = vset(0.0f);
+    if (way.lit != NOWHERE) enter_all(way, how, room, cell, ramps);
+    if (cell->left == FRAME_BLOCK) whole_rows(way, how, cell, ramps, &tally);
+    else edge_rows(way, how, cell, ramps, &tally);
+    if (way.lit != NOWHERE) add_up(room, cell, &tally);
+}
+
+INLINE void one_cell(int kind, int mode, const struct procam_frame *how, struct room *room,
+                     const struct cell *cell) {
+    const int plain = !how->gain && !how->most;
+    if (cell->lit == EVERYWHERE && plain) one_way((struct way){kind, mode, EVERYWHERE, 1}, how, room, cell);
+    else if (cell->lit == EVERYWHERE) one_way((struct way){kind, mode, EVERYWHERE, 0}, how, room, cell);
+    else if (cell->lit == IN_PART) one_way((struct way){kind, mode, IN_PART, 0}, how, room, cell);
+    else if (mode == APPLY && how->strength < 1) one_way((struct way){kind, mode, NOWHERE, 0}, how, room, cell);
+    else if (mode == APPLY) clear_rows(kind, how, cell);
 }
 
 /* The colours of LANES pixels, one by one. */
@@ -192,6 +256,7 @@ INLINE void gather_pixels(int mode, const struct procam_frame *how, const struct
                           size_t at, size_t pixel, vf (*sums)[FRAME_TERMS]) {
     const size_t nodes = (size_t)how->nodes;
     float means[3 * LANES] __attribute__((aligned(64)));
+    const struct columns columns = columns_from(&how->pixels, pixel);
     vf colours[3], axes[AXES], weight = vset(0.0f);
     for (size_t i = at; i < at + 3 * LANES; i += LANES) {
         const size_t block = i / FRAME_BLOCK, whole = room->whole[block];
@@ -201,14 +266,14 @@ INLINE void gather_pixels(int mode, const struct procam_frame *how, const struct
         vstore(means + (i - at), vmul(rows, vload(room->total + i)));
     }
     apart(means, colours);
-    for (int axis = 0; how->terms > 1 && axis < AXES; axis++)
-        axes[axis] = widened(&how->pixels, how->direction + (band * AXES + (size_t)axis) * nodes, pixel);
+    for (int axis = 0; axis < AXES; axis++)
+        axes[axis] = how->terms > 1 ? widened(&columns, how->direction + (band * AXES + (size_t)axis) * nodes) : weight;
     const vf x = axes[0], y = axes[1], z = axes[2];
     const vf more[5] = {vmul(x, y), vmul(y, z), vmul(x, z), vsub(vmul(x, x), vmul(y, y)), vmul(z, z)};
-    if (mode != SUM_EXCESS) weight = widened(&how->pixels, how->weight + band * nodes, pixel);
+    if (mode != SUM_EXCESS) weight = widened(&columns, how->weight + band * nodes);
     for (int c = 0; c < 3; c++) {
         if (mode == SUM_EXCESS)
-            weight = widened(&how->pixels, how->painted + (band * 3 + (size_t)c) * nodes, pixel);
+            weight = widened(&columns, how->painted + (band * 3 + (size_t)c) * nodes);
         const vf v = vmul(weight, colours[c]);
         vf *sum = sums[c];
         sum[0] = vadd(sum[0], v);
@@ -253,13 +318,14 @@ INLINE void frame_of_kind(int kind, int mode, const struct procam_frame *how, si
     for (size_t block = 0; block < STRIP_BLOCKS; block++) room.row[block] = intervals; /* none */
     for (size_t interval = begin; interval < end; interval++) { /* between nodes interval - 1 and it */
         const size_t above = interval ? interval - 1 : 0, below = interval < last ? interval : last;
-        struct rows part = {.row = (size_t)how->rows[interval], .end = (size_t)how->rows[interval + 1]};
-        for (; part.row < part.end && part.block < STRIP_BLOCKS; part.block++) {
-            part.first = first + part.block * FRAME_BLOCK;
-            if (part.first >= total) break;
-            part.left = total - part.first < FRAME_BLOCK ? total - part.first : FRAME_BLOCK;
-            part.lit = how->lit[interval * wide + part.first / FRAME_BLOCK];
-            one_part(kind, mode, how, &room, &part, above, below);
+        struct cell cell = {.row = (size_t)how->rows[interval], .end = (size_t)how->rows[interval + 1]};
+        cell.above = above, cell.below = below;
+        for (; cell.row < cell.end && cell.block < STRIP_BLOCKS; cell.block++) {
+            cell.first = first + cell.block * FRAME_BLOCK;
+            if (cell.first >= total) break;
+            cell.left = total - cell.first < FRAME_BLOCK ? total - cell.first : FRAME_BLOCK;
+            cell.lit = how->lit[interval * wide + cell.first / FRAME_BLOCK];
+            one_cell(kind, mode, how, &room, &cell);
         }
         if ((interval + 1) % (size_t)how->band == 0 || interval == end - 1)
             gather(mode, how, &room, interval / (size_t)how->band, first, sums);

@@ -2,14 +2,26 @@
 
 enum { FRAME_BLOCK = 64, VECTORS = FRAME_BLOCK / LANES };
 enum { SEGMENTS = 32, TILE_WIDTH = 192, TILE_ROWS = 64 };
+#define DARKEST 0x1p-30f /* light that is written as black: parabolas begin at its root */
 
 #if LEVEL == 512
-INLINE __m512i byte_of(const uint8_t *table, __m512i codes) { /* table of 256 */
-    const __m512i low = _mm512_permutex2var_epi8(_mm512_loadu_si512(table), codes,
-                                                 _mm512_loadu_si512(table + 64));
-    const __m512i high = _mm512_permutex2var_epi8(_mm512_loadu_si512(table + 128), codes,
-                                                  _mm512_loadu_si512(table + 192));
-    return _mm512_mask_blend_epi8(_mm512_movepi8_mask(codes), low, high);
+struct codes { /* and in which quarters of a table they lie */
+    __m512i of;
+    __mmask64 odd, upper, last;
+};
+
+INLINE struct codes codes_of(__m512i of) {
+    struct codes codes = {.of = of, .upper = _mm512_movepi8_mask(of)};
+    codes.odd = _mm512_movepi8_mask(_mm512_add_epi8(of, of));
+    codes.last = codes.odd & codes.upper;
+    return codes;
+}
+
+INLINE __m512i looked_up(const uint8_t *table, const struct codes *codes) { /* table of 256 */
+    __m512i found = _mm512_permutexvar_epi8(codes->of, _mm512_loadu_si512(table));
+    found = _mm512_mask_permutexvar_epi8(found, codes->odd, codes->of, _mm512_loadu_si512(table + 64));
+    found = _mm512_mask_permutexvar_epi8(found, codes->upper, codes->of, _mm512_loadu_si512(table + 128));
+    return _mm512_mask_permutexvar_epi8(found, codes->last, codes->of, _mm512_loadu_si512(table + 192));
 }
 
 /* Table lookup of 64 codes: floats are looked up byte by byte, from four tables of their bytes. */
@@ -18,10 +30,9 @@ INLINE void decode_block(const struct procam_frame *how, const uint8_t *from, vf
         63, 62, 61, 60, 47, 46, 45, 44, 31, 30, 29, 28, 15, 14, 13, 12, 59, 58, 57, 56, 43, 42, 41,
         40, 27, 26, 25, 24, 11, 10, 9, 8, 55, 54, 53, 52, 39, 38, 37, 36, 23, 22, 21, 20, 7, 6, 5, 4,
         51, 50, 49, 48, 35, 34, 33, 32, 19, 18, 17, 16, 3, 2, 1, 0);
-    const __m512i codes = _mm512_permutexvar_epi8(order, _mm512_loadu_si512(from));
-    const __m512i b0 = byte_of(how->decode_bytes, codes), b1 = byte_of(how->decode_bytes + 256, codes);
-    const __m512i b2 = byte_of(how->decode_bytes + 512, codes);
-    const __m512i b3 = byte_of(how->decode_bytes + 768, codes);
+    const struct codes codes = codes_of(_mm512_permutexvar_epi8(order, _mm512_loadu_si512(from)));
+    const __m512i b0 = looked_up(how->decode_bytes, &codes), b1 = looked_up(how->decode_bytes + 256, &codes);
+    const __m512i b2 = looked_up(how->decode_bytes + 512, &codes), b3 = looked_up(how->decode_bytes + 768, &codes);
     const __m512i low0 = _mm512_unpacklo_epi8(b0, b1), low1 = _mm512_unpacklo_epi8(b2, b3);
     const __m512i high0 = _mm512_unpackhi_epi8(b0, b1), high1 = _mm512_unpackhi_epi8(b2, b3);
     values[0] = _mm512_castsi512_ps(_mm512_unpacklo_epi16(low0, low1));
@@ -38,7 +49,7 @@ INLINE void vstore_f16(uint16_t *p, vf a) { vstore_16(p, _mm512_cvtps_ph(a, 0));
 INLINE void vstore_u16(uint16_t *p, vf a) {
     vstore_16(p, _mm512_cvtusepi32_epi16(_mm512_cvtps_epu32(a)));
 }
-INLINE void store_codes(uint8_t *to, const vf *codes) { /* whole parts of 64 codes */
+INLINE void store_codes(uint8_t *to, const vf *codes) { /* whole parts of 64 codes, at most 255 */
     const __m512i order = _mm512_set_epi32(15, 11, 7, 3, 14, 10, 6, 2, 13, 9, 5, 1, 12, 8, 4, 0);
     __m512i whole[VECTORS];
     for (int k = 0; k < VECTORS; k++) whole[k] = _mm512_cvttps_epi32(codes[k]);
@@ -55,9 +66,10 @@ INLINE void clear(void *to, size_t bytes) { /* past the cache */
             _mm512_stream_si512((void *)((char *)to + at), _mm512_setzero_si512());
 }
 INLINE void fetch(const void *from) { _mm_prefetch(from, _MM_HINT_T2); }
-INLINE vf fourth_root(vf a) { return _mm512_rsqrt14_ps(_mm512_rsqrt14_ps(a)); }
-INLINE vf piece(const float *table, vf at) {
-    return _mm512_permutex2var_ps(vload(table), _mm512_cvttps_epi32(at), vload(table + 16));
+INLINE vf root(vf a) { return vmul(a, _mm512_rsqrt14_ps(a)); }
+INLINE vf piece(const float *table, vf root) {
+    const __m512i number = _mm512_srli_epi32(_mm512_castps_si512(root), 22);
+    return _mm512_permutex2var_ps(vload(table), number, vload(table + 16));
 }
 #elif LEVEL == 256
 INLINE void clear(void *to, size_t bytes) { memset(to, 0, bytes); }
@@ -82,9 +94,10 @@ INLINE void store_codes(uint8_t *to, const vf *codes) {
         _mm_storel_epi64((void *)(to + 8 * k), _mm_packus_epi16(words, words));
     }
 }
-INLINE vf fourth_root(vf a) { return vsqrt(vsqrt(a)); }
-INLINE vf piece(const float *table, vf at) {
-    return _mm256_i32gather_ps(table, _mm256_cvttps_epi32(at), 4);
+INLINE vf root(vf a) { return vsqrt(a); }
+INLINE vf piece(const float *table, vf root) {
+    const __m256i number = _mm256_srli_epi32(_mm256_castps_si256(root), 22);
+    return _mm256_i32gather_ps(table, _mm256_and_si256(number, _mm256_set1_epi32(SEGMENTS - 1)), 4);
 }
 #else
 INLINE void clear(void *to, size_t bytes) { memset(to, 0, bytes); }
@@ -120,10 +133,13 @@ INLINE void decode_block(const struct procam_frame *how, const uint8_t *from, vf
     for (int k = 0; k < VECTORS; k++) values[k] = how->decode[from[k]];
 }
 INLINE void store_codes(uint8_t *to, const vf *codes) {
-    for (int k = 0; k < VECTORS; k++) to[k] = (uint8_t)codes[k];
+    for (int k = 0; k < VECTORS; k++) to[k] = (uint8_t)(codes[k] < 255 ? codes[k] : 255);
 }
-INLINE vf fourth_root(vf a) { return vsqrt(vsqrt(a)); }
-INLINE vf piece(const float *table, vf at) { return table[(int)at]; }
+INLINE vf root(vf a) { return vsqrt(a); }
+INLINE vf piece(const float *table, vf root) {
+    const union word word = {.value = root};
+    return table[(word.bits >> 22) % SEGMENTS];
+}
 #endif
 
 INLINE size_t bytes_of(int kind) { return kind == U8 ? 1 : kind == F32 ? 4 : 2; }
@@ -153,11 +169,9 @@ INLINE void store_block(int kind, const struct procam_frame *how, const void *fr
         const size_t at = (size_t)k * LANES;
         vf v = values[k], came;
         if (kind == U8) {
-            const vf root = fourth_root(v);
-            const vf place = vmin(vmul(root, vset(SEGMENTS)), vset(SEGMENTS - 0.5f));
-            v = vfma(piece(how->encode + 2 * SEGMENTS, place), root,
-                     piece(how->encode + SEGMENTS, place));
-            v = vfma(v, root, piece(how->encode, place));
+            const vf x = root(vmax(v, vset(DARKEST)));
+            v = vfma(piece(how->encode + 2 * SEGMENTS, x), x, piece(how->encode + SEGMENTS, x));
+            v = vfma(v, x, piece(how->encode, x));
         } else if (kind == U16)
             v = vmul(v, vset(65535.0f));
         if (how->strength < 1) {
@@ -167,7 +181,7 @@ INLINE void store_block(int kind, const struct procam_frame *how, const void *fr
                                  : vload((const float *)from + at);
             v = vfma(vset(how->strength), vsub(v, came), came);
         }
-        if (kind == U8) codes[k] = vmin(vadd(v, vload(threshold + at)), vset(255.0f));
+        if (kind == U8) codes[k] = vadd(v, vload(threshold + at));
         else if (kind == U16) vstore_u16((uint16_t *)to + at, vmin(v, vset(65535.0f)));
         else if (kind == F16) vstore_f16((uint16_t *)to + at, v);
         else if ((uintptr_t)to % 64) vstore((float *)to + at, v);
