@@ -26,7 +26,7 @@ Image = NDArray[np.float32]
 CHANNELS = 3
 TOLERANCE = 2e-9  # of the moments, relative: what double sums of single light resolve
 TOLERANCES = {1: 1.5e-5, 2: 1e-6}  # of types of so many bytes: their own steps show nothing of it
-DARK = 0.02  # mean light [rel] of a colour from which on 22 bits resolve 1.5e-5 of it
+DARK = 0.02  # mean light [rel] of a colour from which on steps of tables resolve 1.5e-5 of it
 CHANGE = 2e-6  # of a sum: what 8 bits of a change may miss
 WORTH_PX = 3000  # edge from which on the weights of tables are fine enough (`kernels.even`)
 
