@@ -96,7 +96,9 @@ class Equations:
         """Light to send (3, 256) for each code of 8 bits."""
         assert self._even is not None
         return self._even.light(
-            coding.tables["decode"].astype(float), self.solution[0, :, 0], coding.top
+            coding.tables["decode"].astype(float),
+            self.solution[0, :, 0],
+            coding.most(np.dtype(np.uint8)),
         ).T
 
     def _light_sums(
@@ -260,7 +262,7 @@ class Equations:
                 self.model,
                 coding.decoded(sample.of_picture(content)),
                 self.light(self.model),
-                coding.top,
+                coding.most(content.dtype),
             )
         return self._slope_of(free)
 

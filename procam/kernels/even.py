@@ -21,7 +21,8 @@ Signed = NDArray[np.int8]
 BLOCK = 64
 TURNS = 256  # of a row, see c/even.h
 FULL = 2**24 - TURNS  # a sum's number for light of 1, before it is shortened to 16 bits
-HEAVY = 127 * 2**8 + 126  # the greatest weight: what 256 coarse + fine can hold, and one more
+HEAVY = 127 * 2**8 + 126  # the greatest weight: 256 coarse + fine can hold one more, by rounding
+PHASE = 159  # of rows, in 1/256 of a step, see c/even.h
 EVEN = 1e-6  # relative: what counts as the same everywhere
 
 
@@ -92,7 +93,8 @@ class EvenModel:
     @cached_property
     def lit_sr(self) -> float:
         """Solid angle of all that is lit, as sums weigh it [sr]."""
-        return float(_reference_sums(self, np.ones((self.model.size, 1, 1), np.int64))[0])
+        one = np.full((self.model.size, 1, 1), 256, np.int64)
+        return float(_reference_sums(self, one)[0]) / 256
 
     def light(self, content: Double, flux: Double, top: float) -> Double:
         """Light to send (K, 3) for content (K,) in linear light, all under the same flux (3,)."""
@@ -129,7 +131,7 @@ def even_sums(model: EvenModel, image: Bytes, light: Double) -> Double:
     image = np.ascontiguousarray(image)
     words = np.ascontiguousarray(np.rint(np.clip(light, 0, 1) * FULL), np.uint32)
     if chosen() is None:
-        phase = (np.arange(model.model.size) * 159 % TURNS)[:, None, None]
+        phase = (np.arange(model.model.size) * PHASE % TURNS)[:, None, None]
         return _reference_sums(model, (_at_codes(image, words) + phase) // TURNS) * TURNS / FULL
     sums = _run(model, {"image": image, "table": words}, counts=True)
     assert sums is not None

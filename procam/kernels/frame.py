@@ -193,7 +193,8 @@ class Coding:
         if picture.dtype == np.uint8:
             value = np.asarray(255 * self.encode(np.clip(light, 0, 1)), float)
         if self.strength < 1:
-            value = picture + self.strength * (value - picture)
+            came = np.where(np.isfinite(picture), picture, 0)
+            value = came + self.strength * (value - came)
         if picture.dtype == np.uint8:
             y = np.arange(rows.start, rows.stop) % TILE
             x = np.arange(light.shape[1]) % TILE

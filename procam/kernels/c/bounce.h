@@ -1,6 +1,7 @@
 /* What bounces to the nodes of a dome: a polynomial of the direction, painted. */
 
-enum { RUN = 128 }; /* nodes at a time */
+enum { RUN = 128 };        /* nodes at a time */
+#define GOLDEN 2654435761u /* 2^32 by the golden ratio: its multiples are evenly spread */
 
 INLINE void polynomials_of(int terms, const double *n, const float *x, const float *y, const float *z, size_t count,
                            double *to) {
@@ -25,15 +26,11 @@ INLINE void polynomials(int terms, const double *n, const float *x, const float 
     else polynomials_of(9, n, x, y, z, count, to);
 }
 
-/* By how much of the most each value of a run is put off before it is rounded: -1..1. */
-INLINE void shares(double *to) {
-    for (uint32_t value = 0; value < 3 * RUN; value++) to[value] = (double)(int32_t)(value * 2654435761u) * 0x1p-31;
-}
-
-/* Light of double precision to single, off by up to half a step of white: what is the same everywhere
-   must not be rounded the same way everywhere, for its sum would be off by as much. The faintest light is
-   off by less, 2^-8 of itself. */
-INLINE float rounded(double light, double share) {
+/* Light of double precision to single, off by up to half a step of white, by `turn`: what is the same
+   everywhere must not be rounded the same way everywhere, for its sum would be off by as much. The
+   faintest light is off by less, 2^-8 of itself. */
+INLINE float rounded(double light, uint32_t turn) {
+    const double share = (double)(int32_t)turn * 0x1p-31;
     const double most = fabs(light) * 0x1p-8;
     return (float)(light + share * (most < 0x1p-24 ? most : 0x1p-24));
 }
@@ -41,8 +38,7 @@ INLINE float rounded(double light, double share) {
 /* What bounces to the nodes of some rows; lamps on top, a second polynomial taken off. */
 static void bounce(const struct bounce *job, size_t first, size_t count) {
     const size_t nodes = (size_t)job->nodes, plane = nodes * nodes, end = (first + count) * nodes;
-    double share[3 * RUN], painted[3 * RUN], off[3 * RUN];
-    shares(share);
+    double painted[3 * RUN], off[3 * RUN];
     for (size_t at = first * nodes; at < end; at += RUN) {
         const size_t run = end - at < RUN ? end - at : RUN;
         const float *x = job->direction + at, *y = x + plane, *z = y + plane;
@@ -53,6 +49,6 @@ static void bounce(const struct bounce *job, size_t first, size_t count) {
         for (size_t i = 0; job->ambient && i < 3 * run; i++) painted[i] += job->ambient[3 * at + i];
         if (job->offset) polynomials(job->terms, job->offset, x, y, z, run, off);
         for (size_t i = 0; job->offset && i < 3 * run; i++) painted[i] -= off[i];
-        for (size_t i = 0; i < 3 * run; i++) light[i] = rounded(painted[i], share[i]);
+        for (size_t i = 0; i < 3 * run; i++) light[i] = rounded(painted[i], (uint32_t)(3 * at + i) * GOLDEN);
     }
 }

@@ -92,7 +92,7 @@ INLINE uint64_t lit_bytes(const struct ready *ready, int colour, uint64_t lit) {
     return lit == ALL ? ALL : _mm512_movepi8_mask(_mm512_permutexvar_epi8(pixel, _mm512_movm_epi8(lit)));
 }
 
-/* The next row is fetched ahead: what is right of a row's lit part is not read. */
+/* The same place of the next row is fetched ahead: what follows in memory may be right of the lit part. */
 INLINE void load_even(const struct procam_even *how, size_t start, size_t pixels, __m512i *parts) {
     const uint8_t *from = how->image + start;
     for (int k = 0; k < 3; k++) fetch(from + 3 * how->size + 64 * k);

@@ -98,21 +98,22 @@ INLINE void enter_all(struct way way, const struct procam_frame *how, struct roo
     const int known = room->row[cell->block] == cell->above, covered = known && room->cover[cell->block];
     const struct field light = field_of(how, how->light, 3, cell, room->below[LIGHT], known);
     const struct field least = field_of(how, how->least, 3, cell, room->below[LEAST], known);
+    const int limits = !way.plain && how->most, gains = !way.plain && how->gain, covers = way.lit == IN_PART;
     for (int k = 0; k < VECTORS; k++) {
         const struct columns columns = columns_from(&how->values, cell->first + (size_t)k * LANES);
         enter(&columns, &light, k, ramps + LIGHT);
         enter(&columns, &least, k, ramps + LEAST);
-        if (way.plain || !how->most) continue;
+        if (!limits) continue;
         const struct field most = field_of(how, how->most, 3, cell, room->below[MOST], known);
         enter(&columns, &most, k, ramps + MOST);
     }
-    const int gains = !way.plain && how->gain, covers = way.lit == IN_PART;
     for (int k = 0; (gains || covers) && k < VECTORS; k++) {
         const struct columns columns = columns_from(&how->shared, cell->first + (size_t)k * LANES);
-        const struct field gain = field_of(how, how->gain, 1, cell, room->below[GAIN], known);
         const struct field cover = field_of(how, how->coverage, 1, cell, room->below[COVER], covered);
-        if (gains) enter(&columns, &gain, k, ramps + GAIN);
         if (covers) enter(&columns, &cover, k, ramps + COVER);
+        if (!gains) continue;
+        const struct field gain = field_of(how, how->gain, 1, cell, room->below[GAIN], known);
+        enter(&columns, &gain, k, ramps + GAIN);
     }
     room->row[cell->block] = cell->below;
     room->cover[cell->block] = covers;
@@ -122,8 +123,9 @@ INLINE vf between(const struct ramp *ramp, int k, vf down) { return vfma(down, r
 
 /* What a mode keeps of one vector. */
 INLINE vf kept(struct way way, const struct procam_frame *how, const struct ramp *ramps, int k, vf down, vf content) {
-    if (!way.plain && how->gain) content = vmul(content, between(ramps + GAIN, k, down));
-    const vf wanted = vsub(content, between(ramps + LIGHT, k, down));
+    const vf light = between(ramps + LIGHT, k, down);
+    const int gains = !way.plain && how->gain;
+    const vf wanted = gains ? vfms(content, between(ramps + GAIN, k, down), light) : vsub(content, light);
     if (way.mode == SUM_CONTENT) return wanted;
     const vf least = between(ramps + LEAST, k, down), one = vset(1.0f), none = vset(0.0f);
     vf most = vset(how->top);
@@ -235,7 +237,7 @@ INLINE void one_cell(int kind, int mode, const struct procam_frame *how, struct 
 /* The colours of LANES pixels, one by one. */
 INLINE void apart(const float *from, vf *colours) {
 #if LEVEL == 512
-    const __m512i step = _mm512_mullo_epi32(_mm512_set1_epi32(3), _mm512_set_epi32(15, 14, 13, 12, 11, 10, 9, 8, 7, 6, 5, 4, 3, 2, 1, 0));
+    const __m512i step = _mm512_set_epi32(45, 42, 39, 36, 33, 30, 27, 24, 21, 18, 15, 12, 9, 6, 3, 0);
     const vf a = vload(from), b = vload(from + LANES), c = vload(from + 2 * LANES);
     for (int colour = 0; colour < 3; colour++) {
         const __m512i place = _mm512_add_epi32(step, _mm512_set1_epi32(colour));

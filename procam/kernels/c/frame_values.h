@@ -179,10 +179,11 @@ INLINE void store_block(int kind, const struct procam_frame *how, const void *fr
                    : kind == U16 ? vload_u16((const uint16_t *)from + at)
                    : kind == F16 ? vload_f16((const uint16_t *)from + at)
                                  : vload((const float *)from + at);
+            if (kind == F16 || kind == F32) came = vsel(vlt(vabs(came), vset(INFINITY)), came, vset(0.0f));
             v = vfma(vset(how->strength), vsub(v, came), came);
         }
         if (kind == U8) codes[k] = vadd(v, vload(threshold + at));
-        else if (kind == U16) vstore_u16((uint16_t *)to + at, vmin(v, vset(65535.0f)));
+        else if (kind == U16) vstore_u16((uint16_t *)to + at, vmin(vmax(v, vset(0.0f)), vset(65535.0f)));
         else if (kind == F16) vstore_f16((uint16_t *)to + at, v);
         else if ((uintptr_t)to % 64) vstore((float *)to + at, v);
         else vstream((float *)to + at, v);

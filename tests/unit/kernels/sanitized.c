@@ -210,15 +210,15 @@ static void frame(int level, int kind, int mode, size_t edge, int nodes, int ter
     for (size_t k = 0; k < sizeof all / sizeof *all; k++) free(all[k]);
 }
 
-static void even(int level, size_t edge) {
+static void even(int level, size_t edge, size_t height) { /* the first rows of a picture */
     const size_t padded = (edge + 63) / 64 * 64;
     struct procam_even how = {.size = edge, .padded = padded};
-    int32_t *lit = room(2 * edge * sizeof(int32_t)), *rows = room(4 * sizeof(int32_t));
-    for (size_t y = 0; y < edge; y++) lit[2 * y] = (int32_t)(y % 70 % edge), lit[2 * y + 1] = (int32_t)(edge - y % 3 % edge);
-    rows[1] = (int32_t)edge / 2, rows[2] = rows[3] = (int32_t)edge;
+    int32_t *lit = room(2 * height * sizeof(int32_t)), *rows = room(4 * sizeof(int32_t));
+    for (size_t y = 0; y < height; y++) lit[2 * y] = (int32_t)(y % 70 % edge), lit[2 * y + 1] = (int32_t)(edge - y % 3 % edge);
+    rows[1] = (int32_t)height / 2, rows[2] = rows[3] = (int32_t)height;
     int8_t *coarse = room(3 * padded), *fine = room(3 * padded);
-    uint8_t *out = room(3 * edge * edge), *bytes = room(768);
-    how.image = room(3 * edge * edge), how.table = room(3072), how.whole = how.rest = how.change = bytes;
+    uint8_t *out = room(3 * edge * height), *bytes = room(768);
+    how.image = room(3 * edge * height), how.table = room(3072), how.whole = how.rest = how.change = bytes;
     how.threshold = room(4096), how.lit = lit, how.rows = rows;
     how.coarse = coarse, how.fine = fine;
     double *sums = room(9 * sizeof(double));
@@ -263,9 +263,10 @@ int main(void) {
                      edges[i / 4]);
         const size_t pictures[] = {5, 64, 97, 130, 300};
         for (int i = 0; i < 5; i++) {
-            even(level, pictures[i]);
+            even(level, pictures[i], pictures[i]);
+            even(level, 4095 + pictures[i], 3);
             for (int kinds = 0; kinds < 24; kinds++)
-                frame(level, kinds % 4, kinds / 4, pictures[i], 5 + i * (1 + i) * 3, i % 2 ? 9 : 1 + i % 3);
+                frame(level, kinds % 4, kinds / 4, pictures[i], 5 + i * (1 + i) * 3, (int[]){1, 4, 9}[i % 3]);
         }
         printf("level %d clean\n", level);
     }

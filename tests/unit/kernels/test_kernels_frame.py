@@ -100,12 +100,43 @@ class TestAgainstTheTwin:
         assert off.max() <= STEP[kind]
         assert (off > 0).mean() < (0.01 if kind is not np.float32 else 1)  # at ties of the rounding
 
+    @pytest.mark.parametrize("seed", [0, 1])  # without gain and upper limits, with them
     @pytest.mark.parametrize("kind", TYPES)
-    def test_writing_sums_what_looking_does(self, level: str, kind: type) -> None:
-        dome, content, how = model(300, 130, 9), picture(300, kind), coding(kind)
+    def test_writing_sums_what_looking_does(self, level: str, kind: type, seed: int) -> None:
+        dome, content, how = model(300, 130, 9, seed), picture(300, kind), coding(kind)
         light, found = bounced_light(dome, numbers()), np.empty((3, 9))
         frame_apply(dome, content, light, how, None, found)
         np.testing.assert_array_equal(found, frame_sums(dome, content, light, "light", how))
+
+    @pytest.mark.parametrize("kind", TYPES)
+    def test_light_below_black(self, level: str, kind: type) -> None:
+        dome, content = replace(model(64, 64, 1), ambient=None), np.zeros((64, 64, 3), kind)
+        dark = replace(dome, lo=np.full_like(dome.lo, -0.1))
+        sent = frame_apply(dark, content, bounced_light(dark, numbers()), coding(kind, 0.5))
+        assert sent.max() <= 0
+
+    @pytest.mark.parametrize("kind", [np.float16, np.float32])
+    @pytest.mark.parametrize("bad", [np.nan, np.inf])
+    @pytest.mark.parametrize("strength", [0.0, 0.5])
+    def test_what_is_not_finite_is_mixed_as_black(
+        self, level: str, kind: type, bad: float, strength: float
+    ) -> None:
+        dome, content = model(64, 64, 1), picture(64, kind)
+        broken, dark = content.copy(), content.copy()
+        broken[30:34, 30:34], dark[30:34, 30:34] = bad, 0
+        light, how = bounced_light(dome, numbers()), coding(kind, strength)
+        np.testing.assert_array_equal(
+            frame_apply(dome, broken, light, how), frame_apply(dome, dark, light, how)
+        )
+
+    def test_rounding_of_what_is_the_same_everywhere(self, level: str) -> None:
+        """It must not repeat from row to row: such columns would be summed wrong."""
+        flat, value = replace(model(512, 512, 1), ambient=None), np.zeros((3, 9))
+        flat, value[:, 0] = replace(flat, spread=np.full_like(flat.spread, 0.1)), 1
+        off = bounced_light(flat, value).astype(float) - np.float32(0.1).astype(float)
+        if level != "numpy":  # the twin rounds to nearest
+            assert (off != 0).any()
+        assert np.abs(off.mean(axis=0)).max() < 5e-9
 
     @pytest.mark.parametrize("offset", [None, numbers()])
     @pytest.mark.parametrize("terms", [1, 4, 9])
@@ -255,6 +286,8 @@ class TestEven:
             expected = even_sums(dome, content, table)
         np.testing.assert_allclose(found[0], expected, rtol=1e-12)
         np.testing.assert_allclose(found[1], expected, rtol=1e-3)  # 8 bits of what is random
+        white = even_sums(dome, content, np.ones((3, 256)))
+        np.testing.assert_allclose(white, dome.lit_sr, rtol=1e-6)  # low bytes of both are left out
 
     def test_dark_pictures_are_summed_to_24_bits(self) -> None:
         dome = self.even(515, 260)
