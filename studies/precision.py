@@ -88,7 +88,8 @@ def _report(rows: list[dict[str, Any]]) -> str:
         "precision (`kernels/reference_frame.py`). Residual: light assumed to be sent less light sent, "
         "relative to the largest moment; the error of s is 1.2 times smaller here, the slope of the "
         "equations. Picture: float, largest error where no limit holds [of white]; 8 bits, largest "
-        "distance from the value under its dither [codes], .5 for exact rounding.",
+        "distance from the value under its dither [codes], .5 for exact rounding. Bands of rows share "
+        "weights here too: what that costs is in docs/theory/compensation.md.",
         "",
         "| content | size | dome | residual | picture | goals |",
         "|---|---|---|---|---|---|",
