@@ -128,15 +128,13 @@ class FrameModel:
         return found | {"down": grid.down, "rows": grid.rows, "lit": self.lit}
 
 
-def _has_room(plane: Plane) -> bool:
-    """Whether vectors can read past the end: as in what `bounced_light` returns."""
-    room = plane.base
-    return (
-        room is not None
-        and (room.dtype, room.ctypes.data) == (plane.dtype, plane.ctypes.data)
-        and room.flags.c_contiguous
-        and room.size >= plane.size + SPARE
-    )
+def _room_of(plane: Plane | None) -> Plane | None:
+    """What `plane` begins, with room for vectors to read past its end: as `bounced_light` returns it."""
+    room = None if plane is None else plane.base
+    if plane is None or room is None:
+        return None
+    begins = (room.dtype, room.ctypes.data) == (plane.dtype, plane.ctypes.data)
+    return room if begins and room.flags.c_contiguous and room.size >= plane.size + SPARE else None
 
 
 def _spared(plane: Plane | None) -> Plane | None:
@@ -262,10 +260,9 @@ def bounced_light(
         return reference_frame.bounced_light(model, numbers, offset)
     library, level, threads = native
     size = model.spread.size
-    room = np.empty(size + SPARE, np.float32)
-    if out is not None and out.size == size and _has_room(out):
-        assert out.base is not None
-        room = out.base
+    room = _room_of(out)
+    if room is None or room.size != size + SPARE:
+        room = np.empty(size + SPARE, np.float32)
     arrays = [np.ascontiguousarray(a, np.float32) for a in (model.spread, model.direction)]
     ambient = None if model.ambient is None else np.ascontiguousarray(model.ambient, np.float32)
     given = [None if n is None else np.ascontiguousarray(n, float) for n in (numbers, offset)]
@@ -381,7 +378,7 @@ def _run(
     how.nodes, how.terms, how.band = model.nodes, model.terms, model.grid.shared
     how.strength, how.top = coding.strength, coding.most(pictures[0].dtype)
     image, light, out = pictures
-    if light.dtype != np.float32 or not _has_room(light):
+    if light.dtype != np.float32 or _room_of(light) is None:
         light = np.asarray(_spared(light))
     arrays = model.in_c | tables | {"image": image, "light": light, "out": out}
     arrays["painted"] = model.painted_in_c if mode == MODES["excess"] else None

@@ -21,41 +21,20 @@ struct ramp { /* a field in a block, between two node rows */
     vf at[VECTORS], step[VECTORS];
 };
 
-#if LEVEL == 512
-typedef __m512i whole;
-INLINE whole wload(const int32_t *p) { return _mm512_loadu_si512(p); }
-INLINE vf node_at(const float *from, whole at) {
-    return _mm512_permutex2var_ps(_mm512_loadu_ps(from), at, _mm512_loadu_ps(from + STEP));
-}
-INLINE whole second(whole pair) { return _mm512_srli_epi32(pair, 8); }
-#elif LEVEL == 256
-typedef __m256i whole;
-INLINE whole wload(const int32_t *p) { return _mm256_loadu_si256((const void *)p); }
-INLINE vf node_at(const float *from, whole at) {
-    return _mm256_i32gather_ps(from, _mm256_and_si256(at, _mm256_set1_epi32(31)), 4);
-}
-INLINE whole second(whole pair) { return _mm256_srli_epi32(pair, 8); }
-#else
-typedef int32_t whole;
-INLINE whole wload(const int32_t *p) { return *p; }
-INLINE vf node_at(const float *from, whole at) { return from[at & 31]; }
-INLINE whole second(whole pair) { return pair >> 8; }
-#endif
-
 struct columns { /* of one vector, among the nodes of a row */
     size_t start;
-    whole left, right;
+    vi left, right;
     vf across;
 };
 
 INLINE struct columns columns_from(const struct places *places, size_t i) {
-    const whole pair = wload(places->pair + i);
-    return (struct columns){(size_t)places->start[i / STEP], pair, second(pair), vload(places->across + i)};
+    const vi pair = vload_i(places->pair + i);
+    return (struct columns){(size_t)places->start[i / STEP], pair, vright(pair, 8), vload(places->across + i)};
 }
 
 INLINE vf widened(const struct columns *columns, const float *row) {
     const float *from = row + columns->start;
-    const vf left = node_at(from, columns->left), right = node_at(from, columns->right);
+    const vf left = vpick(from, columns->left), right = vpick(from, columns->right);
     return vfma(columns->across, vsub(right, left), left);
 }
 
@@ -98,22 +77,21 @@ INLINE void enter_all(struct way way, const struct procam_frame *how, struct roo
     const int known = room->row[cell->block] == cell->above, covered = known && room->cover[cell->block];
     const struct field light = field_of(how, how->light, 3, cell, room->below[LIGHT], known);
     const struct field least = field_of(how, how->least, 3, cell, room->below[LEAST], known);
+    const struct field cover = field_of(how, how->coverage, 1, cell, room->below[COVER], covered);
     const int limits = !way.plain && how->most, gains = !way.plain && how->gain, covers = way.lit == IN_PART;
+    struct field most = {0}, gain = {0};
+    if (limits) most = field_of(how, how->most, 3, cell, room->below[MOST], known);
+    if (gains) gain = field_of(how, how->gain, 1, cell, room->below[GAIN], known);
     for (int k = 0; k < VECTORS; k++) {
         const struct columns columns = columns_from(&how->values, cell->first + (size_t)k * LANES);
         enter(&columns, &light, k, ramps + LIGHT);
         enter(&columns, &least, k, ramps + LEAST);
-        if (!limits) continue;
-        const struct field most = field_of(how, how->most, 3, cell, room->below[MOST], known);
-        enter(&columns, &most, k, ramps + MOST);
+        if (limits) enter(&columns, &most, k, ramps + MOST);
     }
     for (int k = 0; (gains || covers) && k < VECTORS; k++) {
         const struct columns columns = columns_from(&how->shared, cell->first + (size_t)k * LANES);
-        const struct field cover = field_of(how, how->coverage, 1, cell, room->below[COVER], covered);
         if (covers) enter(&columns, &cover, k, ramps + COVER);
-        if (!gains) continue;
-        const struct field gain = field_of(how, how->gain, 1, cell, room->below[GAIN], known);
-        enter(&columns, &gain, k, ramps + GAIN);
+        if (gains) enter(&columns, &gain, k, ramps + GAIN);
     }
     room->row[cell->block] = cell->below;
     room->cover[cell->block] = covers;

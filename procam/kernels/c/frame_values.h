@@ -2,7 +2,7 @@
 
 enum { FRAME_BLOCK = 64, VECTORS = FRAME_BLOCK / LANES };
 enum { SEGMENTS = 32, TILE_WIDTH = 192, TILE_ROWS = 64 };
-#define DARKEST 0x1p-30f /* light that is written as black: parabolas begin at its root */
+#define WRITTEN_BLACK 0x1p-30f /* light that is written as black: parabolas begin at its root */
 
 #if LEVEL == 512
 struct codes { /* and in which quarters of a table they lie */
@@ -67,10 +67,6 @@ INLINE void clear(void *to, size_t bytes) { /* past the cache */
 }
 INLINE void fetch(const void *from) { _mm_prefetch(from, _MM_HINT_T2); }
 INLINE vf root(vf a) { return vmul(a, _mm512_rsqrt14_ps(a)); }
-INLINE vf piece(const float *table, vf root) {
-    const __m512i number = _mm512_srli_epi32(_mm512_castps_si512(root), 22);
-    return _mm512_permutex2var_ps(vload(table), number, vload(table + 16));
-}
 #elif LEVEL == 256
 INLINE void clear(void *to, size_t bytes) { memset(to, 0, bytes); }
 INLINE void fetch(const void *from) { _mm_prefetch(from, _MM_HINT_T0); }
@@ -95,10 +91,6 @@ INLINE void store_codes(uint8_t *to, const vf *codes) {
     }
 }
 INLINE vf root(vf a) { return vsqrt(a); }
-INLINE vf piece(const float *table, vf root) {
-    const __m256i number = _mm256_srli_epi32(_mm256_castps_si256(root), 22);
-    return _mm256_i32gather_ps(table, _mm256_and_si256(number, _mm256_set1_epi32(SEGMENTS - 1)), 4);
-}
 #else
 INLINE void clear(void *to, size_t bytes) { memset(to, 0, bytes); }
 INLINE void fetch(const void *from) { (void)from; }
@@ -136,10 +128,6 @@ INLINE void store_codes(uint8_t *to, const vf *codes) {
     for (int k = 0; k < VECTORS; k++) to[k] = (uint8_t)(codes[k] < 255 ? codes[k] : 255);
 }
 INLINE vf root(vf a) { return vsqrt(a); }
-INLINE vf piece(const float *table, vf root) {
-    const union word word = {.value = root};
-    return table[(word.bits >> 22) % SEGMENTS];
-}
 #endif
 
 INLINE size_t bytes_of(int kind) { return kind == U8 ? 1 : kind == F32 ? 4 : 2; }
@@ -169,9 +157,10 @@ INLINE void store_block(int kind, const struct procam_frame *how, const void *fr
         const size_t at = (size_t)k * LANES;
         vf v = values[k], came;
         if (kind == U8) {
-            const vf x = root(vmax(v, vset(DARKEST)));
-            v = vfma(piece(how->encode + 2 * SEGMENTS, x), x, piece(how->encode + SEGMENTS, x));
-            v = vfma(v, x, piece(how->encode, x));
+            const vf x = root(vmax(v, vset(WRITTEN_BLACK)));
+            const vi number = vright(vbits(x), 22);
+            v = vfma(vpick(how->encode + 2 * SEGMENTS, number), x, vpick(how->encode + SEGMENTS, number));
+            v = vfma(v, x, vpick(how->encode, number));
         } else if (kind == U16)
             v = vmul(v, vset(65535.0f));
         if (how->strength < 1) {

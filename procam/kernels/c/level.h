@@ -1,5 +1,6 @@
 /* All kernels for one instruction set: the includer has set LEVEL and switched the set on. */
 #include "vector.h"
+#include "whole.h"
 
 #include "areas.h"
 #include "bounce.h"

@@ -1,6 +1,5 @@
 /* Frames of a projector: the master's light where each pixel lands, black taken off, the blend's
    share, colours unmixed, and the drive that gives it. */
-#include "whole.h"
 
 /* Tiles of 64 columns and 32 rows go in two strips: the part of the master behind a square fits the
    first cache and its table of pages, whichever way the projector is turned. */

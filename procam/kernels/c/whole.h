@@ -4,6 +4,7 @@
 #if LEVEL == 512
 typedef __m512i vi;
 INLINE vi vset_i(int32_t a) { return _mm512_set1_epi32(a); }
+INLINE vi vload_i(const int32_t *p) { return _mm512_loadu_si512(p); }
 INLINE void vstore_i(int32_t *p, vi a) { _mm512_storeu_si512(p, a); }
 INLINE vi vadd_i(vi a, vi b) { return _mm512_add_epi32(a, b); }
 INLINE vi vsub_i(vi a, vi b) { return _mm512_sub_epi32(a, b); }
@@ -14,6 +15,8 @@ INLINE vi vwhole(vf a) { return _mm512_cvttps_epi32(a); } /* towards zero */
 INLINE vf vreal(vi a) { return _mm512_cvtepi32_ps(a); }
 INLINE vi vbits(vf a) { return _mm512_castps_si512(a); }
 INLINE vi vlookup(const uint32_t *table, vi at) { return _mm512_i32gather_epi32(at, table, 4); }
+/* Of 32 floats, those that the low 5 bits number. */
+INLINE vf vpick(const float *of, vi at) { return _mm512_permutex2var_ps(vload(of), at, vload(of + 16)); }
 /* The low 32 bits of numbers moved right by `by`. */
 INLINE vi vlow_half(const uint64_t *p, int by) {
     const vi even = _mm512_setr_epi32(0, 2, 4, 6, 8, 10, 12, 14, 16, 18, 20, 22, 24, 26, 28, 30);
@@ -25,9 +28,7 @@ INLINE vi vlow_half(const uint64_t *p, int by) {
 INLINE vf vdecoded(const float *decode, const float *curve, vi word, int from) {
     const vi part = vright(word, from + 3);
     const vf code = vreal(vand_i(vright(word, from), vset_i(255)));
-    const vf a = _mm512_permutex2var_ps(vload(curve), part, vload(curve + 16));
-    const vf b = _mm512_permutex2var_ps(vload(curve + 32), part, vload(curve + 48));
-    const vf c = _mm512_permutex2var_ps(vload(curve + 64), part, vload(curve + 80));
+    const vf a = vpick(curve, part), b = vpick(curve + 32, part), c = vpick(curve + 64, part);
     (void)decode;
     return vfma(vfma(c, code, b), code, a);
 }
@@ -44,6 +45,7 @@ INLINE void vstore_bytes(uint8_t *p, vi red, vi green, vi blue) { /* writes 64 b
 #elif LEVEL == 256
 typedef __m256i vi;
 INLINE vi vset_i(int32_t a) { return _mm256_set1_epi32(a); }
+INLINE vi vload_i(const int32_t *p) { return _mm256_loadu_si256((const __m256i *)p); }
 INLINE void vstore_i(int32_t *p, vi a) { _mm256_storeu_si256((__m256i *)p, a); }
 INLINE vi vadd_i(vi a, vi b) { return _mm256_add_epi32(a, b); }
 INLINE vi vsub_i(vi a, vi b) { return _mm256_sub_epi32(a, b); }
@@ -56,6 +58,7 @@ INLINE vi vbits(vf a) { return _mm256_castps_si256(a); }
 INLINE vi vlookup(const uint32_t *table, vi at) {
     return _mm256_i32gather_epi32((const int *)table, at, 4);
 }
+INLINE vf vpick(const float *of, vi at) { return _mm256_i32gather_ps(of, vand_i(at, vset_i(31)), 4); }
 INLINE vi vlow_half(const uint64_t *p, int by) {
     const vi a = _mm256_srli_epi64(_mm256_loadu_si256((const __m256i *)p), by);
     const vi b = _mm256_srli_epi64(_mm256_loadu_si256((const __m256i *)(p + 4)), by);
@@ -79,6 +82,7 @@ INLINE void vstore_bytes(uint8_t *p, vi red, vi green, vi blue) { /* writes 32 b
 #else
 typedef int32_t vi;
 INLINE vi vset_i(int32_t a) { return a; }
+INLINE vi vload_i(const int32_t *p) { return *p; }
 INLINE void vstore_i(int32_t *p, vi a) { *p = a; }
 INLINE vi vadd_i(vi a, vi b) { return a + b; }
 INLINE vi vsub_i(vi a, vi b) { return a - b; }
@@ -93,6 +97,7 @@ INLINE vi vbits(vf a) {
     return bits;
 }
 INLINE vi vlookup(const uint32_t *table, vi at) { return (vi)table[at]; }
+INLINE vf vpick(const float *of, vi at) { return of[at & 31]; }
 INLINE vi vlow_half(const uint64_t *p, int by) { return (vi)(uint32_t)(*p >> by); }
 INLINE vf vdecoded(const float *decode, const float *curve, vi word, int from) {
     (void)curve;
