@@ -129,12 +129,12 @@ class Equations:
         table, known = self._even_table(coding), self._looked
         if target is not None and known is not None:
             self._written, coded = self.solution.copy(), self._coded(table, coding)
-            span = np.ptp(table - known[0], axis=1) * self._even.lit_sr / 510
+            span = np.ptp(table - known[0], axis=1) * self._even.weights.lit_sr / 510
             if (span <= CHANGE * np.abs(known[1])).all():
                 return known[1] + even_apply(self._even, content, coded, target, table - known[0])
             even_apply(self._even, content, coded, target)
         sums = None if self._dark else even_sums(self._even, content, table)
-        self._dark = sums is None or bool((sums < DARK * self._even.lit_sr).any())
+        self._dark = sums is None or bool((sums < DARK * self._even.weights.lit_sr).any())
         if sums is None or self._dark:
             return self.sums(content, self.light(self.model), "light", coding)[:, 0]
         self._looked = table, sums

@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from procam.kernels import reference_frame
 from procam.kernels.arrays import pointer
 from procam.kernels.frame import Double, FrameModel
-from procam.kernels.grid import CHANNELS
+from procam.kernels.grid import BLOCK, CHANNELS
 from procam.kernels.loader import chosen
+from procam.kernels.reference_frame import EVERYWHERE
 
 Bytes = NDArray[np.uint8]
 Words = NDArray[np.uint32]
 Signed = NDArray[np.int8]
-BLOCK = 64
 TURNS = 256  # of a row, see c/even.h
 FULL = 2**24 - TURNS  # a sum's number for light of 1, before it is shortened to 16 bits
 HEAVY = 127 * 2**8 + 126  # the greatest weight: 256 coarse + fine can hold one more, by rounding
@@ -47,7 +47,7 @@ class EvenModel:
     @classmethod
     def of(cls, model: FrameModel) -> "EvenModel | None":
         """The same dome, or None if it is not even."""
-        where = model.coverage > 0
+        where = model.solid_angle_sr > 0
         none = np.zeros(CHANNELS, np.float32)
         fields = (model.spread, model.lo, model.hi, model.ambient, model.gain)
         values = [none if f is None else _one_value(f, where) for f in fields]
@@ -66,40 +66,82 @@ class EvenModel:
         return np.append(grid.rows[: -1 : grid.shared], self.model.size).astype(np.int32)
 
     @cached_property
-    def area_sr(self) -> Double:
-        """Mean solid angle of the lit pixels of each column of each band (bands, N) [sr]."""
-        found = []
-        for first, end in pairwise(self.rows):
-            every = slice(int(first), int(end))
-            area = reference_frame.interpolated(self.model, self.model.solid_angle_sr, every)
-            lit = _lit(self, every)
-            found.append((area * lit).sum(axis=0) / np.maximum(lit.sum(axis=0), 1))
-        return np.array(found)
+    def own(self) -> NDArray[np.int32]:
+        """Blocks with weights of their own, numbered (bands, blocks); -1 for those lit everywhere, or not."""
+        grid = self.model.grid
+        lit = grid.lit(self.model.solid_angle_sr, 1)
+        bands = np.arange(0, len(lit), grid.shared)
+        least, most = (f.reduceat(lit, bands) for f in (np.minimum, np.maximum))
+        least[:, self.model.size // BLOCK :] = 0  # a block that is not whole
+        found = (most > 0) & (least < EVERYWHERE)
+        return np.where(found, np.cumsum(found).reshape(found.shape) - 1, -1).astype(np.int32)
 
     @cached_property
-    def step_sr(self) -> float:
-        """Solid angle of 1 in `weights` [sr]."""
-        return float(self.area_sr.max()) / HEAVY
-
-    @cached_property
-    def weights(self) -> tuple[Signed, Signed]:
-        """The same areas as 256 coarse + fine (bands, padded), in a row rounded so that sums are kept."""
-        along = np.rint(np.cumsum(self.area_sr / self.step_sr, axis=1))
-        whole = np.diff(along, axis=1, prepend=0).astype(np.int64)
-        whole = np.pad(whole, ((0, 0), (0, -self.model.size % BLOCK)))
-        coarse = (whole + 128) >> 8
-        return coarse.astype(np.int8), (whole - (coarse << 8)).astype(np.int8)
-
-    @cached_property
-    def lit_sr(self) -> float:
-        """Solid angle of all that is lit, as sums weigh it [sr]."""
-        one = np.full((self.model.size, 1, 1), 256, np.int64)
-        return float(_reference_sums(self, one)[0]) / 256
+    def weights(self) -> "Weights":
+        """Solid angles as the kernels count them."""
+        return Weights.of(self)
 
     def light(self, content: Double, flux: Double, top: float) -> Double:
         """Light to send (K, 3) for content (K,) in linear light, all under the same flux (3,)."""
         wanted = self.gain * content[:, None] - self.ambient - self.spread * flux
         return np.clip(wanted, self.lo, np.minimum(self.hi, top))
+
+
+@dataclass(frozen=True, eq=False)
+class Weights:
+    """Solid angles of pixels, in `step_sr`: along a band as 256 coarse + fine, changing from row to row.
+
+    Attributes
+    ----------
+    coarse, fine : (bands, padded) at the band's middle, rounded so that sums along it are kept; 0 in
+        blocks that have weights of their own: (own blocks, rows, 64) `own_coarse`, `own_fine`.
+    slope : (bands, blocks) change from a row to the next, in `slope_sr`.
+    lit_sr : of all that is lit [sr].
+    """
+
+    coarse: Signed
+    fine: Signed
+    own_coarse: Signed
+    own_fine: Signed
+    slope: Signed
+    step_sr: float
+    slope_sr: float
+    lit_sr: float
+
+    @classmethod
+    def of(cls, model: EvenModel) -> "Weights":
+        """Those of a dome."""
+        rows, blocks = model.rows, model.own.shape[1]
+        middle = np.zeros((len(rows) - 1, blocks, BLOCK))
+        slope = np.zeros((len(rows) - 1, blocks))
+        own = np.zeros((model.own.max() + 1, np.diff(rows).max(), BLOCK))
+        for band, (first, end) in enumerate(pairwise(rows)):
+            if first == end:
+                continue
+            area, mine = _areas(model, slice(first, end)), model.own[band] >= 0
+            own[model.own[band, mine], : end - first] = np.moveaxis(area[:, mine], 0, 1)
+            middle[band, ~mine] = area[:, ~mine].mean(axis=0)
+            rise = (area[-1] - area[0]).mean(axis=-1) / max(end - first - 1, 1)
+            slope[band] = np.where(mine, 0, rise)
+        step = max(float(middle.max()), float(own.max(initial=0))) / HEAVY
+        along = np.rint(np.cumsum(middle.reshape(len(middle), -1) / step, axis=1))
+        whole, mine = np.diff(along, axis=1, prepend=0), np.rint(own / step)
+        steep = max(float(np.abs(slope).max()), 1e-300) / 127
+        slopes = np.rint(slope / steep).astype(np.int8)
+        lit = step * float(whole.sum(axis=1) @ np.diff(rows) + mine.sum())
+        return cls(*_parts(whole), *_parts(mine), slopes, step, steep, lit)
+
+
+def _areas(model: EvenModel, rows: slice) -> Double:
+    """Solid angles of pixels, 0 where not lit (R, blocks, 64) [sr]."""
+    area = reference_frame.interpolated(model.model, model.model.solid_angle_sr, rows)
+    return np.pad(area, ((0, 0), (0, -area.shape[1] % BLOCK))).reshape(len(area), -1, BLOCK)
+
+
+def _parts(whole: Double) -> tuple[Signed, Signed]:
+    """Coarse and fine: 256 coarse + fine."""
+    coarse = np.floor((whole + 128) / 256)
+    return coarse.astype(np.int8), (whole - 256 * coarse).astype(np.int8)
 
 
 def _one_value(field: NDArray[Any], where: NDArray[np.bool_]) -> NDArray[Any] | None:
@@ -115,7 +157,7 @@ def _spans(model: FrameModel) -> NDArray[np.int32] | None:
     step = 256
     for start in range(0, model.size, step):
         rows = slice(start, min(start + step, model.size))
-        lit = reference_frame.interpolated(model, model.coverage, rows) > 0
+        lit = reference_frame.interpolated(model, model.solid_angle_sr, rows) > 0
         found[rows, 0] = lit.argmax(axis=1)
         found[rows, 1] = np.where(lit.any(axis=1), lit.shape[1] - lit[:, ::-1].argmax(axis=1), 0)
         if (lit.sum(axis=1) != np.maximum(found[rows, 1] - found[rows, 0], 0)).any():
@@ -149,7 +191,8 @@ def even_apply(
     low, step = _scale(np.zeros((CHANNELS, 256)) if change is None else change)
     counted = None if change is None else _bytes(np.rint((change - low) / step))
     if chosen() is None:
-        sums = None if counted is None else _reference_sums(model, _at_codes(image, counted) << 8)
+        numbers = None if counted is None else _at_codes(image, counted) << 8
+        sums = None if numbers is None else _reference_sums(model, numbers, finely=False)
         out[...] = _reference_apply(model, image, coded)
     else:
         given: dict[str, Any] = {"image": image, "out": out, "threshold": coded.over}
@@ -157,7 +200,7 @@ def even_apply(
         sums = _run(model, given, counts=change is not None)
     if sums is None:
         return np.zeros(CHANNELS)
-    return low[:, 0] * model.lit_sr + step[:, 0] * sums / 256
+    return low[:, 0] * model.weights.lit_sr + step[:, 0] * sums / 256
 
 
 def _bytes(numbers: NDArray[Any]) -> Bytes:
@@ -199,15 +242,41 @@ def _lit(model: EvenModel, rows: slice = slice(None)) -> NDArray[np.bool_]:
     return (x >= model.lit[rows, :1]) & (x < model.lit[rows, 1:])
 
 
-def _reference_sums(model: EvenModel, numbers: NDArray[np.int64]) -> Double:
-    """Sums of numbers of 16 bits times areas, less what the low bytes of both give [sr]."""
-    kept = np.where(_lit(model)[..., None], numbers, 0)
-    band = np.searchsorted(model.rows, np.arange(model.model.size), "right") - 1
-    coarse, fine = (w[band, : model.model.size].astype(np.int64) for w in model.weights)
-    high, low = kept >> 8, kept & 255
-    first = np.einsum("yx,yxc->c", coarse, high)
-    second = np.einsum("yx,yxc->c", fine, high) + np.einsum("yx,yxc->c", coarse, low)
-    return model.step_sr * (65536.0 * first + 256.0 * second)
+def _reference_sums(model: EvenModel, numbers: NDArray[np.int64], finely: bool = True) -> Double:
+    """Sums of numbers of 16 bits times areas, less what the low bytes of both give [sr].
+
+    If not `finely`, by coarse weights alone.
+    """
+    found, kept = np.zeros(CHANNELS), model.weights
+    size = model.model.size
+    for band, (first, end) in enumerate(pairwise(model.rows)):
+        coarse, fine = (w[: end - first, :size].astype(float) for w in _band(model, band))
+        rise = (
+            np.repeat(kept.slope[band].astype(float), BLOCK)[:size] * kept.slope_sr / kept.step_sr
+        )
+        rows = np.arange(first, end)[:, None]
+        fine += (rows - (first + end - 1) / 2) * rise
+        high, low = np.divmod(
+            np.where(_lit(model, slice(first, end))[..., None], numbers[first:end], 0), 256
+        )
+        found += 65536 * np.einsum("yx,yxc->c", coarse, high)
+        if finely:
+            found += 256 * (
+                np.einsum("yx,yxc->c", fine, high) + np.einsum("yx,yxc->c", coarse, low)
+            )
+    return kept.step_sr * found
+
+
+def _band(model: EvenModel, band: int) -> list[Signed]:
+    """Coarse and fine weights of a band's rows (rows at most, padded)."""
+    kept, found = model.weights, []
+    for along, own in ((kept.coarse, kept.own_coarse), (kept.fine, kept.own_fine)):
+        every = np.broadcast_to(along[band], (own.shape[1], along.shape[1])).copy()
+        blocks = every.reshape(len(every), -1, BLOCK)
+        mine = model.own[band] >= 0
+        blocks[:, mine] = np.moveaxis(own[model.own[band, mine]], 0, 1)
+        found.append(every)
+    return found
 
 
 def _reference_apply(model: EvenModel, image: Bytes, coded: Coded) -> Bytes:
@@ -226,9 +295,12 @@ class _Even(ctypes.Structure):
             (name, ctypes.c_void_p)
             for name in (
                 *("image", "out", "table", "whole", "rest", "change"),
-                *("threshold", "lit", "rows", "coarse", "fine"),
+                *("threshold", "lit", "rows", "coarse", "fine", "slope"),
             )
         ),
+        ("steps", ctypes.c_double),
+        *((name, ctypes.c_void_p) for name in ("own", "own_coarse", "own_fine")),
+        ("tall", ctypes.c_size_t),
     ]
 
 
@@ -237,12 +309,14 @@ def _run(model: EvenModel, given: dict[str, NDArray[Any]], counts: bool) -> Doub
     native = chosen()
     assert native is not None
     library, level, threads = native
-    how, (coarse, fine) = _Even(), model.weights
-    how.size, how.padded = model.model.size, coarse.shape[1]
-    found = np.zeros((len(coarse), CHANNELS)) if counts else None
-    arrays: dict[str, NDArray[Any]] = {"lit": model.lit, "rows": model.rows}
-    arrays |= {"coarse": coarse, "fine": fine}
+    how, kept = _Even(), model.weights
+    how.size, how.padded = model.model.size, kept.coarse.shape[1]
+    how.tall, how.steps = kept.own_coarse.shape[1], kept.slope_sr / kept.step_sr
+    found = np.zeros((len(kept.coarse), CHANNELS)) if counts else None
+    names = ("coarse", "fine", "slope", "own_coarse", "own_fine")
+    arrays = {"lit": model.lit, "rows": model.rows, "own": model.own}
+    arrays |= {name: getattr(kept, name) for name in names}
     for name, array in (arrays | given).items():
         setattr(how, name, pointer(array))
-    library.procam_even(level, threads, len(coarse), ctypes.byref(how), pointer(found))
-    return None if found is None else model.step_sr * np.asarray(found.sum(axis=0))
+    library.procam_even(level, threads, len(kept.coarse), ctypes.byref(how), pointer(found))
+    return None if found is None else kept.step_sr * np.asarray(found.sum(axis=0))

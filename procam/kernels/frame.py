@@ -24,7 +24,7 @@ WHOLE = {np.dtype(np.uint8): 255.0, np.dtype(np.uint16): 65535.0}
 MODES = {"light": 0, "content": 1, "excess": 2, "at least": 3, "at most": 4}
 APPLY = 5
 TERMS = 9
-CHUNK = 32  # as in c/frame.h
+CHUNK = 64  # as in c/frame.h
 SEGMENTS, TILE = 32, 64  # as in c/frame_values.h
 SPARE = 64  # floats that a vector may read past the end of a field
 
@@ -34,14 +34,14 @@ class FrameModel:
     """What a dome does to a picture of `size`, on a dome master of M x M nodes, M <= size.
 
     Light to send is clip(gain t - b, lo, hi), t the content in linear light and b what bounces, a
-    field like the others (`bounced_light`). Fields are bilinear between nodes. Sums take the picture's
-    mean over the lit rows of a band, a few node rows, times the solid angle of all of it.
+    field like the others (`bounced_light`). Fields are bilinear between nodes; in sums directions are so
+    between every few node rows (`Grid.edges`), and solid angles too where all between them is lit.
 
     Attributes
     ----------
     spread, lo : (M, M, 3) [1/sr], [rel]. hi, ambient : (M, M, 3) [rel], None where they change
         nothing. gain : (M, M) or None. coverage : (M, M), 0 where no light is sent.
-    solid_angle_sr : (M, M) of a pixel of the picture; 0 where no projector reaches.
+    solid_angle_sr : (M, M) of a pixel of the picture, more than 0 just where light is sent.
     direction : (3, M, M) unit vectors. terms : 1, 4 or 9, of the polynomial.
     """
 
@@ -75,6 +75,11 @@ class FrameModel:
             raise InputError(f"fields: got {nodes} nodes, expected at most the size, {self.size}")
         if self.terms not in (1, 4, TERMS):
             raise InputError(f"terms: got {self.terms}, expected 1, 4 or {TERMS}")
+        odd = int(((self.coverage > 0) != (self.solid_angle_sr > 0)).sum())
+        if odd:
+            raise InputError(
+                f"solid_angle_sr: got {odd} nodes where either it or coverage is 0, expected both or none"
+            )
 
     @property
     def nodes(self) -> int:
@@ -87,32 +92,23 @@ class FrameModel:
         return Grid(self.size, self.nodes)
 
     @cached_property
-    def weight(self) -> Plane:
-        """Solid angle of a pixel, summed over the rows of each band (bands, M) [sr]."""
-        return self.grid.band_sums(self.solid_angle_sr)
+    def at_edges(self) -> dict[str, Plane]:
+        """At edges of bands: `weight`, solid angle of a pixel (E, M) [sr]; `paint`, spread; `direction`.
 
-    @cached_property
-    def painted(self) -> Plane:
-        """The same times `spread` (bands, 3, M)."""
-        sums = self.grid.band_sums(self.solid_angle_sr[..., None] * self.spread)
-        return np.ascontiguousarray(np.moveaxis(sums, -1, 1))
-
-    @cached_property
-    def painted_in_c(self) -> Plane | None:
-        """The same with room behind it; only "excess" takes it."""
-        return _spared(self.painted)
-
-    @cached_property
-    def middle(self) -> Plane:
-        """Mean direction of each band (bands, 3, M)."""
-        sums = self.grid.band_sums(np.moveaxis(self.direction, 0, -1))
-        count = np.maximum(self.grid.band_sums(np.ones_like(self.coverage)), 1)
-        return np.ascontiguousarray(np.moveaxis(sums / count[..., None], -1, 1))
+        The latter two (E, 3, M).
+        """
+        edges = self.grid.edges
+        found = {
+            "weight": self.solid_angle_sr[edges],
+            "paint": np.moveaxis(self.spread[edges], -1, 1),
+            "direction": np.moveaxis(self.direction[:, edges], 0, 1),
+        }
+        return {name: np.ascontiguousarray(plane, np.float32) for name, plane in found.items()}
 
     @cached_property
     def lit(self) -> NDArray[np.uint8]:
-        """Where blocks of the picture are lit, for each interval."""
-        return self.grid.lit(self.coverage)
+        """Where blocks of the picture are lit, for each interval: see `Grid.lit`."""
+        return self.grid.lit(self.solid_angle_sr)
 
     @cached_property
     def in_c(self) -> dict[str, NDArray[Any] | None]:
@@ -120,7 +116,7 @@ class FrameModel:
         grid = self.grid
         fields = {
             **{"least": self.lo, "most": self.hi, "gain": self.gain},
-            **{"coverage": self.coverage, "weight": self.weight, "direction": self.middle},
+            **{"area": self.solid_angle_sr, **self.at_edges},
         }
         found: dict[str, NDArray[Any] | None] = {n: _spared(f) for n, f in fields.items()}
         for name, places in grid.places.items():
@@ -226,18 +222,8 @@ class _Frame(ctypes.Structure):
         *(
             (name, ctypes.c_void_p)
             for name in (
-                *(
-                    "image",
-                    "out",
-                    "light",
-                    "least",
-                    "most",
-                    "gain",
-                    "coverage",
-                    "weight",
-                    "painted",
-                ),
-                *("direction", "lit"),
+                *("image", "out", "light", "least", "most", "gain", "area"),
+                *("weight", "paint", "direction", "lit"),
                 *(f"{n}_{p}" for n in PLACES for p in ("start", "pair", "across")),
                 *("down", "rows", "decode", "encode", "threshold", "decode_bytes"),
             )
@@ -381,7 +367,6 @@ def _run(
     if light.dtype != np.float32 or _room_of(light) is None:
         light = np.asarray(_spared(light))
     arrays = model.in_c | tables | {"image": image, "light": light, "out": out}
-    arrays["painted"] = model.painted_in_c if mode == MODES["excess"] else None
     for name, array in arrays.items():
         setattr(how, name, pointer(array))
     strips, chunks = -(-CHANNELS * model.size // STRIP), -(-(model.nodes + 1) // CHUNK)

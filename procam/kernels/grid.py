@@ -10,7 +10,7 @@ Index = NDArray[np.int32]
 CHANNELS = 3
 PLACES = ("values", "shared", "pixels")  # as in struct procam_frame
 STRIP, BLOCK, STEP = 1536, 64, 16  # as in c/frame.h
-FINE = 256  # nodes from which on rows of them may share weights
+FINE = 256  # nodes from which on bands may have more intervals than one
 
 
 class Grid:
@@ -18,23 +18,26 @@ class Grid:
 
     Row y lies between node rows above[y] and below[y], down[y] of the way; columns alike: left,
     right, across. Pairs of node rows are intervals; `rows` holds the first row of each. `shared` of
-    them make a band; `band` is that of each row of the picture.
+    them make a band, from the node row of one edge to that of the next (`edges`); `band` is that of each
+    row of the picture, `along` how far down there it lies.
     """
 
     def __init__(self, size: int, nodes: int) -> None:
+        self.size = size
         place = (np.arange(size) + 0.5) * nodes / size - 0.5
         first = np.floor(place).astype(np.int32)
         self.above = self.left = np.maximum(first, 0)
         self.below = self.right = np.minimum(first + 1, nodes - 1)
         self.down = self.across = (place - first).astype(np.float32)
         self.shared = min(4, 2 ** max(0, (nodes // FINE).bit_length() - 1))
-        self.band = (first + 1) // self.shared
+        self.band, order = np.divmod(first + 1, self.shared)
+        self.along = (order + self.down) / self.shared
+        self.edges = np.clip(np.arange(0, nodes + 1 + self.shared, self.shared) - 1, 0, nodes - 1)
         self.rows = np.searchsorted(first + 1, np.arange(nodes + 2)).astype(np.int32)
         padded = -(-CHANNELS * size // BLOCK) * BLOCK
         value = np.minimum(np.arange(padded), CHANNELS * size - 1)
         pixel, channel = value // CHANNELS, value % CHANNELS
         left, right, across = self.left[pixel], self.right[pixel], self.across[pixel]
-        self._ends = left, right
         rest = [_padded(numbers) for numbers in (self.left, self.right, self.across)]
         self.places = {
             "values": _places(CHANNELS * left + channel, CHANNELS * right + channel, across),
@@ -42,26 +45,24 @@ class Grid:
             "pixels": _places(rest[0], rest[1], rest[2]),
         }
 
-    def band_sums(self, field: NDArray[Any]) -> Plane:
-        """Sums (bands, M[, C]) over the picture's rows of each band of a field (M, M[, C])."""
-        share = np.zeros((-(-(len(field) + 1) // self.shared), len(field)))
-        down = self.down.astype(float)
-        np.add.at(share, (self.band, self.above), 1 - down)
-        np.add.at(share, (self.band, self.below), down)
-        return np.tensordot(share, field, 1).astype(np.float32)
+    def lit(self, area: Plane, channels: int = CHANNELS) -> NDArray[np.uint8]:
+        """Whether blocks of numbers, so many a pixel, are lit: nowhere, in part, everywhere: 0, 1, 2.
 
-    def lit(self, coverage: Plane) -> NDArray[np.uint8]:
-        """Whether each block of each interval is lit nowhere, in part, everywhere: 0, 1, 2."""
-        last = len(coverage) - 1
-        pair = np.arange(len(coverage) + 1)
-        ends = np.stack([coverage[np.maximum(pair - 1, 0)], coverage[np.minimum(pair, last)]])
+        Of each interval (M + 1, blocks): where it is lit at all, it is what its whole band is.
+        """
+        last = len(area) - 1
+        pair = np.arange(len(area) + 1)
+        ends = np.stack([area[np.maximum(pair - 1, 0)], area[np.minimum(pair, last)]])
         least, most = ends.min(axis=0), ends.max(axis=0)
-        left, right = self._ends[0][::BLOCK], self._ends[1][BLOCK - 1 :: BLOCK]
+        padded = -(-channels * self.size // BLOCK) * BLOCK
+        pixel = np.minimum(np.arange(padded), channels * self.size - 1) // channels
+        left, right = self.left[pixel][::BLOCK], self.right[pixel][BLOCK - 1 :: BLOCK]
         spans = np.stack([left, right + 1], axis=1).ravel()
         wide = [np.pad(e, ((0, 0), (0, 1)), "edge") for e in (least, most)]
         some = np.maximum.reduceat(wide[1], spans, axis=1)[:, ::2] > 0
         every = np.minimum.reduceat(wide[0], spans, axis=1)[:, ::2] > 0
-        return np.ascontiguousarray(some.astype(np.uint8) + every)
+        whole = np.logical_and.reduceat(every, pair[:: self.shared])[pair // self.shared]
+        return np.ascontiguousarray(some.astype(np.uint8) + whole)
 
 
 def _places(left: Index, right: Index, across: Plane) -> dict[str, NDArray[Any]]:

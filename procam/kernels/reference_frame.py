@@ -6,12 +6,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from procam.kernels.grid import BLOCK
+
 if TYPE_CHECKING:
     from procam.kernels.frame import Coding, FrameModel
 
 Plane = NDArray[np.float32]
 Double = NDArray[np.float64]
 ROWS = 64  # of the picture at a time
+EVERYWHERE = 2  # as in c/kernels.h
 
 
 def monomials(direction: NDArray[Any], terms: int) -> Double:
@@ -68,8 +71,8 @@ def frame_sums(
     model: "FrameModel", image: NDArray[Any], light: Plane, what: str, coding: "Coding"
 ) -> Double:
     """Sums (3, terms) over the dome of weight times `what` times the monomials."""
-    band, shape = model.grid.band, (len(model.weight), model.size, 3)
-    total, count = np.zeros(shape), np.zeros(shape[:2])
+    edges = {n: np.moveaxis(f, -1, 1).astype(float) for n, f in model.at_edges.items()}
+    plain, weighed = np.zeros((2, len(model.grid.edges), model.size, 3))
     for rows, wanted, lo, hi in frame_parts(model, image, light, coding):
         sent = np.minimum(np.fmax(wanted, lo), hi)
         kept = {
@@ -79,14 +82,29 @@ def frame_sums(
             "at least": 1.0 * (wanted <= lo),
             "at most": 1.0 * (wanted >= hi),
         }[what]
-        lit = interpolated(model, model.coverage, rows) > 0
-        np.add.at(total, band[rows], kept * lit[..., None])
-        np.add.at(count, band[rows], lit)
-    weight = np.moveaxis(model.painted, 1, -1) if what == "excess" else model.weight[..., None]
-    means = total / np.maximum(count, 1)[..., None] * widened(model, weight.astype(float))
-    axes = [widened(model, model.middle[:, k].astype(float)) for k in range(3)]
-    terms = monomials(np.stack(axes), model.terms)
-    return np.asarray(np.einsum("bnc,kbn->ck", means, terms, optimize=True))
+        whole = _everywhere(model, rows)
+        area = interpolated(model, model.solid_angle_sr, rows)[..., None]
+        _share(model, plain, rows, np.where(whole, kept, 0))
+        _share(model, weighed, rows, np.where(whole, 0, kept * area))
+    moved = plain * widened(model, edges["weight"])[..., None] + weighed
+    if what == "excess":
+        moved *= widened(model, edges["paint"])
+    terms = monomials(np.moveaxis(widened(model, edges["direction"]), -1, 0), model.terms)
+    return np.asarray(np.einsum("bnc,kbn->ck", moved, terms, optimize=True))
+
+
+def _everywhere(model: "FrameModel", rows: slice) -> NDArray[np.bool_]:
+    """Which values (R, N, 3) lie in blocks of bands that are lit everywhere."""
+    interval = np.searchsorted(model.grid.rows, np.arange(rows.start, rows.stop), "right") - 1
+    each = np.repeat(model.lit[interval] == EVERYWHERE, BLOCK, axis=1)
+    return each[:, : 3 * model.size].reshape(len(interval), model.size, 3)
+
+
+def _share(model: "FrameModel", edges: Double, rows: slice, kept: Double) -> None:
+    """Add rows to the edges (E, N, 3) of their bands, by how far down they lie."""
+    along = model.grid.along[rows, None, None].astype(float)
+    np.add.at(edges, model.grid.band[rows], kept * (1 - along))
+    np.add.at(edges, model.grid.band[rows] + 1, kept * along)
 
 
 def frame_apply(
@@ -95,5 +113,5 @@ def frame_apply(
     """Write the light to send, encoded as the picture is."""
     for rows, wanted, lo, hi in frame_parts(model, image, light, coding):
         sent = np.minimum(np.fmax(wanted, lo), hi)
-        sent[interpolated(model, model.coverage, rows) <= 0] = 0
+        sent[interpolated(model, model.solid_angle_sr, rows) <= 0] = 0
         out[rows] = coding.encoded(sent, image[rows], rows)

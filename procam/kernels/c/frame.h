@@ -2,19 +2,24 @@
 
    Fields lie on a coarse grid of nodes and are interpolated: along node rows once per pair of them (an
    interval), down the interval for every row of the picture. Values stay interleaved, red, green, blue,
-   until a band of rows is summed up. */
+   until they are summed up: each goes in shares to the upper and lower edge of its band of intervals,
+   where its direction, and its area if all of the band is lit, are those of the node row there. */
 
-enum { FRAME_STRIP = 1536, FRAME_CHUNK = 32 }; /* values, intervals; a strip is 512 pixels */
+enum { FRAME_STRIP = 1536, FRAME_CHUNK = 64 }; /* values, intervals; a strip is 512 pixels */
 enum { STRIP_BLOCKS = FRAME_STRIP / FRAME_BLOCK, STEP = 16 };
-enum plane { LIGHT, LEAST, MOST, GAIN, COVER, PLANES };
+enum plane { LIGHT, LEAST, MOST, GAIN, AREA, PLANES };
 enum { AXES = 3, AHEAD = 8, NODES_AHEAD = 2 }; /* rows that are fetched ahead */
 
+struct edge { /* of bands, in one strip: what falls to it */
+    float plain[FRAME_STRIP], weighed[FRAME_STRIP]; /* the latter times the area of each pixel */
+    uint8_t lit[STRIP_BLOCKS];                      /* bits: either is there */
+} __attribute__((aligned(64)));
+
 struct room { /* of one strip */
-    float below[PLANES][FRAME_STRIP];                   /* node row `row` of each block */
-    float total[FRAME_STRIP];                           /* of a band's rows */
-    float count[FRAME_STRIP];                           /* lit rows of a band, of blocks lit in part */
-    size_t row[STRIP_BLOCKS], whole[STRIP_BLOCKS];      /* lit rows of a band, of blocks lit everywhere */
-    uint8_t mixed[STRIP_BLOCKS], cover[STRIP_BLOCKS];   /* lit in part in this band; COVER is there */
+    float below[PLANES][FRAME_STRIP];               /* node row `row` of each block */
+    struct edge edges[2];                           /* of a band, the upper one is number `upper` */
+    size_t upper, row[STRIP_BLOCKS];
+    uint8_t area[STRIP_BLOCKS];                     /* AREA is there */
 } __attribute__((aligned(64)));
 
 struct ramp { /* a field in a block, between two node rows */
@@ -41,6 +46,7 @@ INLINE vf widened(const struct columns *columns, const float *row) {
 struct cell { /* of a picture: a block's rows between two node rows */
     size_t first, left, block, row, end; /* value, values, number in the strip, rows */
     size_t above, below;                 /* node rows */
+    size_t order;                        /* of the interval in its band */
     int lit;
 };
 
@@ -74,11 +80,11 @@ struct way { /* how a cell is done; known to the compiler */
 
 INLINE void enter_all(struct way way, const struct procam_frame *how, struct room *room, const struct cell *cell,
                       struct ramp *ramps) {
-    const int known = room->row[cell->block] == cell->above, covered = known && room->cover[cell->block];
+    const int known = room->row[cell->block] == cell->above, measured = known && room->area[cell->block];
     const struct field light = field_of(how, how->light, 3, cell, room->below[LIGHT], known);
     const struct field least = field_of(how, how->least, 3, cell, room->below[LEAST], known);
-    const struct field cover = field_of(how, how->coverage, 1, cell, room->below[COVER], covered);
-    const int limits = !way.plain && how->most, gains = !way.plain && how->gain, covers = way.lit == IN_PART;
+    const struct field area = field_of(how, how->area, 1, cell, room->below[AREA], measured);
+    const int limits = !way.plain && how->most, gains = !way.plain && how->gain, weighs = way.lit == IN_PART;
     struct field most = {0}, gain = {0};
     if (limits) most = field_of(how, how->most, 3, cell, room->below[MOST], known);
     if (gains) gain = field_of(how, how->gain, 1, cell, room->below[GAIN], known);
@@ -88,13 +94,13 @@ INLINE void enter_all(struct way way, const struct procam_frame *how, struct roo
         enter(&columns, &least, k, ramps + LEAST);
         if (limits) enter(&columns, &most, k, ramps + MOST);
     }
-    for (int k = 0; (gains || covers) && k < VECTORS; k++) {
+    for (int k = 0; (gains || weighs) && k < VECTORS; k++) {
         const struct columns columns = columns_from(&how->shared, cell->first + (size_t)k * LANES);
-        if (covers) enter(&columns, &cover, k, ramps + COVER);
+        if (weighs) enter(&columns, &area, k, ramps + AREA);
         if (gains) enter(&columns, &gain, k, ramps + GAIN);
     }
     room->row[cell->block] = cell->below;
-    room->cover[cell->block] = covers;
+    room->area[cell->block] = weighs;
 }
 
 INLINE vf between(const struct ramp *ramp, int k, vf down) { return vfma(down, ramp->step[k], ramp->at[k]); }
@@ -114,8 +120,8 @@ INLINE vf kept(struct way way, const struct procam_frame *how, const struct ramp
     return way.mode == SUM_EXCESS ? vsub(sent, wanted) : sent;
 }
 
-struct tally { /* of a cell: what is kept, and rows that are lit, where it is lit in part */
-    vf sum[VECTORS], count[VECTORS];
+struct tally { /* of a cell: what is kept; the same times how far down it lies */
+    vf sum[VECTORS], down[VECTORS];
 };
 
 /* One row of a block, from its content to what is kept. */
@@ -123,13 +129,14 @@ INLINE void one_row(struct way way, const struct procam_frame *how, const struct
                     struct tally *tally) {
     const vf none = vset(0.0f);
     for (int k = 0; k < VECTORS; k++) {
-        values[k] = way.lit == NOWHERE ? none : kept(way, how, ramps, k, down, values[k]);
+        vf counted = values[k] = way.lit == NOWHERE ? none : kept(way, how, ramps, k, down, values[k]);
         if (way.lit == IN_PART) {
-            const vf one = vsel(vlt(none, between(ramps + COVER, k, down)), vset(1.0f), none);
-            values[k] = vmul(one, values[k]);
-            tally->count[k] = vadd(tally->count[k], one);
+            const vf area = between(ramps + AREA, k, down);
+            values[k] = vsel(vlt(none, area), values[k], none);
+            counted = vmul(area, values[k]);
         }
-        tally->sum[k] = vadd(tally->sum[k], values[k]);
+        tally->sum[k] = vadd(tally->sum[k], counted);
+        tally->down[k] = vfma(down, counted, tally->down[k]);
     }
 }
 
@@ -179,27 +186,34 @@ INLINE void clear_rows(int kind, const struct procam_frame *how, const struct ce
     for (size_t y = cell->row; y < cell->end; y++, to += pitch) clear(to, cell->left * width);
 }
 
-INLINE void add_up(struct room *room, const struct cell *cell, const struct tally *tally) {
-    const size_t first = cell->block * FRAME_BLOCK;
-    for (int k = 0; k < VECTORS; k++) {
-        float *total = room->total + first + (size_t)k * LANES, *lit = room->count + first + (size_t)k * LANES;
-        vstore(total, vadd(vload(total), tally->sum[k]));
-        if (cell->lit == IN_PART) vstore(lit, vadd(vload(lit), tally->count[k]));
+/* A cell's share to both edges of its band. */
+INLINE void add_up(const struct procam_frame *how, struct room *room, const struct cell *cell,
+                   const struct tally *tally) {
+    const size_t first = cell->block * FRAME_BLOCK, bytes = (FRAME_BLOCK - cell->left) * sizeof(float);
+    const vf step = vset(1.0f / (float)how->band), start = vset((float)cell->order / (float)how->band);
+    struct edge *edges[] = {room->edges + room->upper, room->edges + !room->upper};
+    float *to[2];
+    for (int e = 0; e < 2; e++) {
+        to[e] = (cell->lit == IN_PART ? edges[e]->weighed : edges[e]->plain) + first;
+        edges[e]->lit[cell->block] |= (uint8_t)(1 << cell->lit);
     }
-    if (cell->left < FRAME_BLOCK)
-        memset(room->total + first + cell->left, 0, (FRAME_BLOCK - cell->left) * sizeof(float));
-    if (cell->lit == IN_PART) room->mixed[cell->block] = 1;
-    else room->whole[cell->block] += cell->end - cell->row;
+    for (int k = 0; k < VECTORS; k++) {
+        const vf lower = vfma(step, tally->down[k], vmul(start, tally->sum[k]));
+        float *above = to[0] + (size_t)k * LANES, *below = to[1] + (size_t)k * LANES;
+        vstore(above, vadd(vload(above), vsub(tally->sum[k], lower)));
+        vstore(below, vadd(vload(below), lower));
+    }
+    for (int e = 0; e < 2 && bytes; e++) memset(to[e] + cell->left, 0, bytes);
 }
 
 INLINE void one_way(struct way way, const struct procam_frame *how, struct room *room, const struct cell *cell) {
     struct ramp ramps[PLANES];
     struct tally tally;
-    for (int k = 0; k < VECTORS; k++) tally.sum[k] = tally.count[k] = vset(0.0f);
+    for (int k = 0; k < VECTORS; k++) tally.sum[k] = tally.down[k] = vset(0.0f);
     if (way.lit != NOWHERE) enter_all(way, how, room, cell, ramps);
     if (cell->left == FRAME_BLOCK) whole_rows(way, how, cell, ramps, &tally);
     else edge_rows(way, how, cell, ramps, &tally);
-    if (way.lit != NOWHERE) add_up(room, cell, &tally);
+    if (way.lit != NOWHERE) add_up(how, room, cell, &tally);
 }
 
 INLINE void one_cell(int kind, int mode, const struct procam_frame *how, struct room *room,
@@ -230,55 +244,46 @@ INLINE void apart(const float *from, vf *colours) {
 #endif
 }
 
-/* Adds a band's means over its lit rows, weighted, to the sums of each colour and term, LANES pixels at
-   a time. */
-INLINE void gather_pixels(int mode, const struct procam_frame *how, const struct room *room, size_t band,
+/* Adds what falls to an edge to the sums of each colour and term, LANES pixels at a time. */
+INLINE void gather_pixels(int mode, const struct procam_frame *how, const struct edge *edge, size_t number,
                           size_t at, size_t pixel, vf (*sums)[FRAME_TERMS]) {
     const size_t nodes = (size_t)how->nodes;
-    float means[3 * LANES] __attribute__((aligned(64)));
+    const int lit = edge->lit[at / FRAME_BLOCK] | edge->lit[(at + 3 * LANES - 1) / FRAME_BLOCK];
+    if (!lit) return;
     const struct columns columns = columns_from(&how->pixels, pixel);
-    vf colours[3], axes[AXES], weight = vset(0.0f);
-    for (size_t i = at; i < at + 3 * LANES; i += LANES) {
-        const size_t block = i / FRAME_BLOCK, whole = room->whole[block];
-        vf rows = vset(1.0f / (float)(whole ? whole : 1));
-        if (room->mixed[block])
-            rows = vdiv(vset(1.0f), vmax(vadd(vload(room->count + i), vset((float)whole)), vset(1.0f)));
-        vstore(means + (i - at), vmul(rows, vload(room->total + i)));
-    }
-    apart(means, colours);
-    for (int axis = 0; axis < AXES; axis++)
-        axes[axis] = how->terms > 1 ? widened(&columns, how->direction + (band * AXES + (size_t)axis) * nodes) : weight;
+    const vf weight = widened(&columns, how->weight + number * nodes), none = vset(0.0f);
+    vf plain[3], weighed[3] = {none, none, none}, axes[AXES] = {none, none, none};
+    apart(edge->plain + at, plain);
+    if (lit & 1 << IN_PART) apart(edge->weighed + at, weighed);
+    for (int axis = 0; how->terms > 1 && axis < AXES; axis++)
+        axes[axis] = widened(&columns, how->direction + (number * AXES + (size_t)axis) * nodes);
     const vf x = axes[0], y = axes[1], z = axes[2];
     const vf more[5] = {vmul(x, y), vmul(y, z), vmul(x, z), vsub(vmul(x, x), vmul(y, y)), vmul(z, z)};
-    if (mode != SUM_EXCESS) weight = widened(&columns, how->weight + band * nodes);
     for (int c = 0; c < 3; c++) {
-        if (mode == SUM_EXCESS)
-            weight = widened(&columns, how->painted + (band * 3 + (size_t)c) * nodes);
-        const vf v = vmul(weight, colours[c]);
-        vf *sum = sums[c];
+        vf *sum = sums[c], v = vfma(weight, plain[c], weighed[c]);
+        if (mode == SUM_EXCESS) v = vmul(v, widened(&columns, how->paint + (number * 3 + (size_t)c) * nodes));
         sum[0] = vadd(sum[0], v);
         for (int axis = 0; how->terms > 1 && axis < AXES; axis++) sum[1 + axis] = vfma(v, axes[axis], sum[1 + axis]);
         for (int k = 0; how->terms > 4 && k < 5; k++) sum[4 + k] = vfma(v, more[k], sum[4 + k]);
     }
 }
 
-INLINE void gather(int mode, const struct procam_frame *how, struct room *room, size_t band, size_t first,
+/* Empties a band's upper edge; the lower one is the next band's upper one. */
+INLINE void gather(int mode, const struct procam_frame *how, struct room *room, size_t number, size_t first,
                    double (*to)[FRAME_TERMS][LANES]) {
+    struct edge *edge = room->edges + room->upper;
     vf sums[3][FRAME_TERMS];
     for (int c = 0; c < 3; c++)
         for (int term = 0; term < how->terms; term++) sums[c][term] = vset(0.0f);
-    for (size_t at = 0; at < FRAME_STRIP; at += 3 * LANES) {
-        const size_t block = at / FRAME_BLOCK, other = (at + 3 * LANES - 1) / FRAME_BLOCK;
-        if (room->whole[block] || room->mixed[block] || room->whole[other] || room->mixed[other])
-            gather_pixels(mode, how, room, band, at, (first + at) / 3, sums);
-    }
+    for (size_t at = 0; at < FRAME_STRIP; at += 3 * LANES)
+        gather_pixels(mode, how, edge, number, at, (first + at) / 3, sums);
     for (size_t block = 0; block < STRIP_BLOCKS; block++) {
         const size_t at = block * FRAME_BLOCK, bytes = FRAME_BLOCK * sizeof(float);
-        if (!room->whole[block] && !room->mixed[block]) continue;
-        memset(room->total + at, 0, bytes);
-        if (room->mixed[block]) memset(room->count + at, 0, bytes);
-        room->whole[block] = room->mixed[block] = 0;
+        if (edge->lit[block]) memset(edge->plain + at, 0, bytes);
+        if (edge->lit[block] & 1 << IN_PART) memset(edge->weighed + at, 0, bytes);
+        edge->lit[block] = 0;
     }
+    room->upper = !room->upper;
     for (int c = 0; c < 3; c++)
         for (int term = 0; term < how->terms; term++) {
             float lanes[LANES];
@@ -299,7 +304,8 @@ INLINE void frame_of_kind(int kind, int mode, const struct procam_frame *how, si
     for (size_t interval = begin; interval < end; interval++) { /* between nodes interval - 1 and it */
         const size_t above = interval ? interval - 1 : 0, below = interval < last ? interval : last;
         struct cell cell = {.row = (size_t)how->rows[interval], .end = (size_t)how->rows[interval + 1]};
-        cell.above = above, cell.below = below;
+        const size_t band = interval / (size_t)how->band;
+        cell.above = above, cell.below = below, cell.order = interval % (size_t)how->band;
         for (; cell.row < cell.end && cell.block < STRIP_BLOCKS; cell.block++) {
             cell.first = first + cell.block * FRAME_BLOCK;
             if (cell.first >= total) break;
@@ -307,8 +313,8 @@ INLINE void frame_of_kind(int kind, int mode, const struct procam_frame *how, si
             cell.lit = how->lit[interval * wide + cell.first / FRAME_BLOCK];
             one_cell(kind, mode, how, &room, &cell);
         }
-        if ((interval + 1) % (size_t)how->band == 0 || interval == end - 1)
-            gather(mode, how, &room, interval / (size_t)how->band, first, sums);
+        if ((interval + 1) % (size_t)how->band == 0 || interval == end - 1) gather(mode, how, &room, band, first, sums);
+        if (interval == end - 1) gather(mode, how, &room, band + 1, first, sums);
     }
     for (int c = 0; c < 3; c++)
         for (int term = 0; term < FRAME_TERMS; term++)

@@ -31,8 +31,10 @@ INLINE void decode_block(const struct procam_frame *how, const uint8_t *from, vf
         40, 27, 26, 25, 24, 11, 10, 9, 8, 55, 54, 53, 52, 39, 38, 37, 36, 23, 22, 21, 20, 7, 6, 5, 4,
         51, 50, 49, 48, 35, 34, 33, 32, 19, 18, 17, 16, 3, 2, 1, 0);
     const struct codes codes = codes_of(_mm512_permutexvar_epi8(order, _mm512_loadu_si512(from)));
-    const __m512i b0 = looked_up(how->decode_bytes, &codes), b1 = looked_up(how->decode_bytes + 256, &codes);
-    const __m512i b2 = looked_up(how->decode_bytes + 512, &codes), b3 = looked_up(how->decode_bytes + 768, &codes);
+    const uint8_t *table = how->decode_bytes;
+    __asm__("" : "+r"(table)); /* else it is copied out of one memory into another for every few rows */
+    const __m512i b0 = looked_up(table, &codes), b1 = looked_up(table + 256, &codes);
+    const __m512i b2 = looked_up(table + 512, &codes), b3 = looked_up(table + 768, &codes);
     const __m512i low0 = _mm512_unpacklo_epi8(b0, b1), low1 = _mm512_unpacklo_epi8(b2, b3);
     const __m512i high0 = _mm512_unpackhi_epi8(b0, b1), high1 = _mm512_unpackhi_epi8(b2, b3);
     values[0] = _mm512_castsi512_ps(_mm512_unpacklo_epi16(low0, low1));

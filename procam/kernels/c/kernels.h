@@ -5,7 +5,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#define PROCAM_INTERFACE 8 /* raised with every change of a signature; loader.py holds the same */
+#define PROCAM_INTERFACE 9 /* raised with every change of a signature; loader.py holds the same */
 #define MOST_FRAMES 64     /* of a phase */
 #define MOST_SEARCH 32     /* of a search */
 #define RESULTS 6          /* planes of a search */
@@ -80,7 +80,7 @@ struct rays {
 
 enum { FRAME_TERMS = 9 }; /* of the polynomial of bounced light */
 enum mode { SUM_LIGHT, SUM_CONTENT, SUM_EXCESS, COUNT_LEAST, COUNT_MOST, APPLY };
-enum lit { NOWHERE, IN_PART, EVERYWHERE }; /* in a block */
+enum lit { NOWHERE, IN_PART, EVERYWHERE }; /* of a band in a block; in intervals that have light at all */
 
 struct places { /* where numbers of a row lie among the nodes: see Grid.places */
     const int32_t *start, *pair; /* of 16; of each: nodes left and right (<< 8) from there */
@@ -89,13 +89,13 @@ struct places { /* where numbers of a row lie among the nodes: see Grid.places *
 
 struct procam_frame { /* a picture (size, size, 3) and the model of its dome: see frame.py */
     size_t size;
-    int kind, nodes, terms, band; /* intervals that share weights; divides FRAME_CHUNK */
+    int kind, nodes, terms, band; /* intervals of a band; divides FRAME_CHUNK */
     float strength, top;
     const void *image;
     void *out;
     const float *light, *least, *most;        /* (nodes, nodes, 3); `most` may be NULL */
-    const float *gain, *coverage;             /* (nodes, nodes); gain may be NULL */
-    const float *weight, *painted, *direction; /* (bands, nodes), (bands, 3, nodes) twice */
+    const float *gain, *area;                 /* (nodes, nodes); gain may be NULL */
+    const float *weight, *paint, *direction;  /* at edges of bands (edges, nodes), (edges, 3, nodes) twice */
     const uint8_t *lit;                       /* (nodes + 1, blocks) */
     struct places values, shared, pixels; /* of values: of fields of three colours, and of one; of pixels */
     const float *down;          /* of rows: share of the second node */
@@ -128,6 +128,11 @@ struct procam_even { /* a picture (size, size, 3) of 8 bits: see even.py */
     const uint8_t *threshold;    /* (64, 64): a rest above it rounds up */
     const int32_t *lit, *rows;   /* (size, 2): first pixel, end; (bands + 1): first row of each */
     const int8_t *coarse, *fine; /* (bands, padded): weights, 256 coarse + fine */
+    const int8_t *slope;         /* (bands, blocks): what they change by from row to row, in steps */
+    double steps;                /* of `slope` in 1 */
+    const int32_t *own;          /* (bands, blocks): number of a block that has weights of its own, or -1 */
+    const int8_t *own_coarse, *own_fine; /* of their pixels (blocks, tall, 64) */
+    size_t tall;
 };
 
 struct even {

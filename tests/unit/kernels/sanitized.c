@@ -157,8 +157,8 @@ static float *numbers(size_t count, float value) {
 /* A picture of `edge` over fields of `nodes`, lit but for a corner; rooms end where they are read to. */
 static void frame(int level, int kind, int mode, size_t edge, int nodes, int terms) {
     const size_t width[] = {1, 2, 4, 2}, values = (3 * edge + 63) / 64 * 64, n = (size_t)nodes;
-    const size_t strips = (3 * edge + 1535) / 1536, chunks = (n + 32) / 32, spare = 64;
-    const size_t fields = 3 * n * n + spare, bands = n / 2 + 1, counts[] = {values, values, 512 * strips};
+    const size_t strips = (3 * edge + 1535) / 1536, chunks = (n + 64) / 64, spare = 64;
+    const size_t fields = 3 * n * n + spare, edges = n / 2 + 2, counts[] = {values, values, 512 * strips};
     struct procam_frame how = {.size = edge, .kind = kind, .nodes = nodes, .terms = terms, .band = 2};
     how.strength = mode % 2 ? 0.5f : 1.0f, how.top = 1;
     how.image = room(3 * edge * edge * width[kind]), how.out = room(3 * edge * edge * width[kind]);
@@ -192,12 +192,12 @@ static void frame(int level, int kind, int mode, size_t edge, int nodes, int ter
     uint8_t *lit = room((n + 1) * values / 64), *codes = room(1024);
     for (size_t i = 0; i < (n + 1) * values / 64; i++) lit[i] = (uint8_t)(i % 3);
     float *light = numbers(fields, 0.1f), *lo = numbers(fields, 0), *hi = numbers(fields, 0.5f);
-    float *gain = numbers(n * n + spare, 1), *cover = numbers(n * n + spare, 0);
-    float *weight = numbers(bands * n + spare, 1), *painted = numbers(3 * bands * n + spare, 1);
-    float *direction = numbers(3 * bands * n + spare, 0.5f), *tables = numbers(256 + 96, 0.1f);
+    float *gain = numbers(n * n + spare, 1), *area = numbers(n * n + spare, 0);
+    float *weight = numbers(edges * n + spare, 1), *paint = numbers(3 * edges * n + spare, 1);
+    float *direction = numbers(3 * edges * n + spare, 0.5f), *tables = numbers(256 + 96, 0.1f);
     float *threshold = numbers(64 * 192, 0.5f);
     how.light = light, how.least = lo, how.most = mode % 2 ? hi : NULL, how.gain = mode % 2 ? NULL : gain;
-    how.coverage = cover, how.weight = weight, how.painted = painted, how.direction = direction;
+    how.area = area, how.weight = weight, how.paint = paint, how.direction = direction;
     how.lit = lit, how.down = down, how.rows = rows;
     how.decode = tables, how.encode = tables + 256, how.threshold = threshold, how.decode_bytes = codes;
     double *sums = room(strips * chunks * 27 * sizeof(double));
@@ -205,7 +205,7 @@ static void frame(int level, int kind, int mode, size_t edge, int nodes, int ter
     double *poly = room(27 * sizeof(double));
     procam_bounce(level, 2, nodes, terms, lo, NULL, hi, poly, mode % 2 ? poly : NULL, light);
     for (int k = 0; k < 3; k++) free(start[k]), free(pair[k]), free(across[k]);
-    void *all[] = {(void *)how.image, how.out, rows, down, lit, codes, light, lo, hi, gain, cover, weight, painted, direction, tables,
+    void *all[] = {(void *)how.image, how.out, rows, down, lit, codes, light, lo, hi, gain, area, weight, paint, direction, tables,
                    threshold, sums, poly};
     for (size_t k = 0; k < sizeof all / sizeof *all; k++) free(all[k]);
 }
@@ -220,14 +220,19 @@ static void even(int level, size_t edge, size_t height) { /* the first rows of a
     uint8_t *out = room(3 * edge * height), *bytes = room(768);
     how.image = room(3 * edge * height), how.table = room(3072), how.whole = how.rest = how.change = bytes;
     how.threshold = room(4096), how.lit = lit, how.rows = rows;
-    how.coarse = coarse, how.fine = fine;
+    how.coarse = coarse, how.fine = fine, how.steps = 1, how.tall = height;
+    const size_t blocks = padded / 64;
+    int32_t *own = room(3 * blocks * sizeof(int32_t));
+    int8_t *slope = room(3 * blocks), *mine = room(2 * 64 * height);
+    for (size_t i = 0; i < 3 * blocks; i++) own[i] = (int32_t)(i % 3) - 1;
+    how.own = own, how.slope = slope, how.own_coarse = how.own_fine = mine;
     double *sums = room(9 * sizeof(double));
     procam_even(level, 2, 3, &how, sums);
     how.out = out;
     procam_even(level, 2, 3, &how, NULL);
     procam_even(level, 2, 3, &how, sums);
     free((void *)how.image), free(out), free((void *)how.table), free(bytes), free((void *)how.threshold);
-    free(lit), free(rows), free(coarse), free(fine), free(sums);
+    free(lit), free(rows), free(coarse), free(fine), free(sums), free(own), free(slope), free(mine);
 }
 
 int main(void) {
