@@ -61,9 +61,8 @@ class Fields:
         Raises
         ------
         InputError
-            An unknown white or state; maps with numbers that no light has.
+            An unknown white or state.
         """
-        _refuse_odd(calibration.maps)
         if white not in WHITES:
             raise InputError(f"white: got {white!r}, expected {' or '.join(WHITES)}")
         shown = _model(calibration, size, state)
@@ -200,22 +199,6 @@ def _model(calibration: Calibration, size: int, state: str | None) -> FrameModel
         direction=np.ascontiguousarray(np.moveaxis(direction, -1, 0), np.float32),
         terms=(maps.kernel.degree + 1) ** 2,
     )
-
-
-def _refuse_odd(maps: DomeMaps) -> None:
-    """Numbers that every frame would inherit."""
-    for name in ("scatter_per_flux", "lo", "hi", "coverage", "falloff"):
-        numbers = getattr(maps, name)
-        if numbers is None:
-            continue
-        least = 0 if name in ("lo", "coverage") else -np.inf
-        odd = int((~(np.isfinite(numbers) & (numbers >= least))).sum())
-        if odd:
-            raise InputError(
-                f"calibration, map {name}: got {odd} numbers that are not finite"
-                f"{'' if least < 0 else ', or below 0'}, expected none; take an earlier version, or "
-                "calibrate anew"
-            )
 
 
 def _untouched(shown: FrameModel, maps: DomeMaps) -> FrameModel:

@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 from procam.kernels import reference_frame
 from procam.kernels.arrays import pointer
 from procam.kernels.frame import Double, FrameModel
-from procam.kernels.grid import BLOCK, CHANNELS
+from procam.kernels.grid import BLOCK, CHANNELS, STRAIGHT
 from procam.kernels.loader import chosen
-from procam.kernels.reference_frame import EVERYWHERE
 
 Bytes = NDArray[np.uint8]
 Words = NDArray[np.uint32]
@@ -66,17 +65,6 @@ class EvenModel:
         return np.append(grid.rows[: -1 : grid.shared], self.model.size).astype(np.int32)
 
     @cached_property
-    def own(self) -> NDArray[np.int32]:
-        """Blocks with weights of their own, numbered (bands, blocks); -1 for those lit everywhere, or not."""
-        grid = self.model.grid
-        lit = grid.lit(self.model.solid_angle_sr, 1)
-        bands = np.arange(0, len(lit), grid.shared)
-        least, most = (f.reduceat(lit, bands) for f in (np.minimum, np.maximum))
-        least[:, self.model.size // BLOCK :] = 0  # a block that is not whole
-        found = (most > 0) & (least < EVERYWHERE)
-        return np.where(found, np.cumsum(found).reshape(found.shape) - 1, -1).astype(np.int32)
-
-    @cached_property
     def weights(self) -> "Weights":
         """Solid angles as the kernels count them."""
         return Weights.of(self)
@@ -93,9 +81,10 @@ class Weights:
 
     Attributes
     ----------
-    coarse, fine : (bands, padded) at the band's middle, rounded so that sums along it are kept; 0 in
-        blocks that have weights of their own: (own blocks, rows, 64) `own_coarse`, `own_fine`.
+    coarse, fine : (bands, padded) at the band's middle, rounded so that sums along it are kept.
     slope : (bands, blocks) change from a row to the next, in `slope_sr`.
+    own : (bands, blocks) number of a block whose solid angles do not change so, or -1; those of its
+        pixels are `own_coarse`, `own_fine` (own blocks, rows, 64).
     lit_sr : of all that is lit [sr].
     """
 
@@ -104,6 +93,7 @@ class Weights:
     own_coarse: Signed
     own_fine: Signed
     slope: Signed
+    own: NDArray[np.int32]
     step_sr: float
     slope_sr: float
     lit_sr: float
@@ -111,37 +101,56 @@ class Weights:
     @classmethod
     def of(cls, model: EvenModel) -> "Weights":
         """Those of a dome."""
-        rows, blocks = model.rows, model.own.shape[1]
-        middle = np.zeros((len(rows) - 1, blocks, BLOCK))
-        slope = np.zeros((len(rows) - 1, blocks))
-        own = np.zeros((model.own.max() + 1, np.diff(rows).max(), BLOCK))
-        for band, (first, end) in enumerate(pairwise(rows)):
-            if first == end:
-                continue
-            area, mine = _areas(model, slice(first, end)), model.own[band] >= 0
-            own[model.own[band, mine], : end - first] = np.moveaxis(area[:, mine], 0, 1)
-            middle[band, ~mine] = area[:, ~mine].mean(axis=0)
-            rise = (area[-1] - area[0]).mean(axis=-1) / max(end - first - 1, 1)
-            slope[band] = np.where(mine, 0, rise)
-        step = max(float(middle.max()), float(own.max(initial=0))) / HEAVY
-        along = np.rint(np.cumsum(middle.reshape(len(middle), -1) / step, axis=1))
-        whole, mine = np.diff(along, axis=1, prepend=0), np.rint(own / step)
+        middle, slope, own, areas = _areas(model)
+        step = float(max(middle.max(), areas.max(initial=0))) / HEAVY
+        along = np.rint(np.cumsum(middle / step, axis=1))
+        whole, pixels = np.diff(along, axis=1, prepend=0), np.rint(areas / step)
         steep = max(float(np.abs(slope).max()), 1e-300) / 127
         slopes = np.rint(slope / steep).astype(np.int8)
-        lit = step * float(whole.sum(axis=1) @ np.diff(rows) + mine.sum())
-        return cls(*_parts(whole), *_parts(mine), slopes, step, steep, lit)
+        lit = step * float(whole.sum(axis=1) @ np.diff(model.rows) + pixels.sum())
+        return cls(*_parts(whole), *_parts(pixels), slopes, own, step, steep, lit)
 
 
-def _areas(model: EvenModel, rows: slice) -> Double:
-    """Solid angles of pixels, 0 where not lit (R, blocks, 64) [sr]."""
-    area = reference_frame.interpolated(model.model, model.model.solid_angle_sr, rows)
-    return np.pad(area, ((0, 0), (0, -area.shape[1] % BLOCK))).reshape(len(area), -1, BLOCK)
+def _areas(model: EvenModel) -> tuple[Double, Double, NDArray[np.int32], Double]:
+    """Middle, slope, own as in `Weights`, and areas of its pixels, 0 where they are not lit [sr]."""
+    area_sr, blocks = model.model.solid_angle_sr, -(-model.model.size // BLOCK)
+    middle, slope = (np.zeros((len(model.rows) - 1, *n)) for n in ((blocks, BLOCK), (blocks,)))
+    own = np.full(slope.shape, -1, np.int32)
+    areas: list[Double] = []
+    most, tall = float(area_sr.max()), int(np.diff(model.rows).max())
+    for band, (first, end) in enumerate(pairwise(model.rows)):
+        if first == end:
+            continue
+        found = reference_frame.interpolated(model.model, area_sr, slice(first, end))
+        found = np.pad(found, ((0, 0), (0, -found.shape[1] % BLOCK)))
+        area = found.reshape(-1, blocks, BLOCK)
+        middle[band], slope[band], mine = _lines(area, STRAIGHT * most)
+        mine[model.model.size // BLOCK :] = True  # a block that is not whole
+        own[band, mine] = np.arange(mine.sum()) + sum(len(a) for a in areas)
+        areas.append(
+            np.pad(area[:, mine].swapaxes(0, 1), ((0, 0), (0, tall - end + first), (0, 0)))
+        )
+        middle[band, mine] = slope[band, mine] = 0
+    return middle.reshape(len(middle), -1), slope, own, np.concatenate(areas)
+
+
+def _lines(area: Double, most: float) -> tuple[Double, Double, NDArray[np.bool_]]:
+    """Means of columns (blocks, 64) of areas (R, blocks, 64), one slope of each block, where it misses.
+
+    By more than `most`, or if not all of a block is lit.
+    """
+    middle, lit = area.mean(axis=0), area > 0
+    slope = (area[-1] - area[0]).mean(axis=-1) / max(len(area) - 1, 1)
+    beyond = np.arange(len(area))[:, None, None] - (len(area) - 1) / 2
+    off = np.abs(area - middle - beyond * slope[:, None]).max(axis=(0, 2))
+    return middle, slope, (off > most) | lit.any(axis=(0, 2)) & ~lit.all(axis=(0, 2))
 
 
 def _parts(whole: Double) -> tuple[Signed, Signed]:
     """Coarse and fine: 256 coarse + fine."""
     coarse = np.floor((whole + 128) / 256)
-    return coarse.astype(np.int8), (whole - 256 * coarse).astype(np.int8)
+    fine = whole - 256 * coarse
+    return np.ascontiguousarray(coarse, np.int8), np.ascontiguousarray(fine, np.int8)
 
 
 def _one_value(field: NDArray[Any], where: NDArray[np.bool_]) -> NDArray[Any] | None:
@@ -273,8 +282,8 @@ def _band(model: EvenModel, band: int) -> list[Signed]:
     for along, own in ((kept.coarse, kept.own_coarse), (kept.fine, kept.own_fine)):
         every = np.broadcast_to(along[band], (own.shape[1], along.shape[1])).copy()
         blocks = every.reshape(len(every), -1, BLOCK)
-        mine = model.own[band] >= 0
-        blocks[:, mine] = np.moveaxis(own[model.own[band, mine]], 0, 1)
+        mine = kept.own[band] >= 0
+        blocks[:, mine] = np.moveaxis(own[kept.own[band, mine]], 0, 1)
         found.append(every)
     return found
 
@@ -314,7 +323,7 @@ def _run(model: EvenModel, given: dict[str, NDArray[Any]], counts: bool) -> Doub
     how.tall, how.steps = kept.own_coarse.shape[1], kept.slope_sr / kept.step_sr
     found = np.zeros((len(kept.coarse), CHANNELS)) if counts else None
     names = ("coarse", "fine", "slope", "own_coarse", "own_fine")
-    arrays = {"lit": model.lit, "rows": model.rows, "own": model.own}
+    arrays = {"lit": model.lit, "rows": model.rows, "own": kept.own}
     arrays |= {name: getattr(kept, name) for name in names}
     for name, array in (arrays | given).items():
         setattr(how, name, pointer(array))

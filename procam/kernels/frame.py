@@ -35,7 +35,7 @@ class FrameModel:
 
     Light to send is clip(gain t - b, lo, hi), t the content in linear light and b what bounces, a
     field like the others (`bounced_light`). Fields are bilinear between nodes; in sums directions are so
-    between every few node rows (`Grid.edges`), and solid angles too where all between them is lit.
+    between every few node rows (`Grid.edges`), and solid angles too where they lie on such lines.
 
     Attributes
     ----------
@@ -78,7 +78,8 @@ class FrameModel:
         odd = int(((self.coverage > 0) != (self.solid_angle_sr > 0)).sum())
         if odd:
             raise InputError(
-                f"solid_angle_sr: got {odd} nodes where either it or coverage is 0, expected both or none"
+                f"solid_angle_sr: got {odd} nodes where either it or coverage is 0, expected both or none; "
+                "multiply solid angles by the coverage"
             )
 
     @property
@@ -97,11 +98,11 @@ class FrameModel:
 
         The latter two (E, 3, M).
         """
-        edges = self.grid.edges
+        at_edges = self.grid.at_edges
         found = {
-            "weight": self.solid_angle_sr[edges],
-            "paint": np.moveaxis(self.spread[edges], -1, 1),
-            "direction": np.moveaxis(self.direction[:, edges], 0, 1),
+            "weight": at_edges(self.solid_angle_sr),
+            "paint": at_edges(np.moveaxis(self.spread, -1, 1)),
+            "direction": at_edges(np.moveaxis(self.direction, 0, 1)),
         }
         return {name: np.ascontiguousarray(plane, np.float32) for name, plane in found.items()}
 

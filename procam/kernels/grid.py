@@ -11,6 +11,9 @@ CHANNELS = 3
 PLACES = ("values", "shared", "pixels")  # as in struct procam_frame
 STRIP, BLOCK, STEP = 1536, 64, 16  # as in c/frame.h
 FINE = 256  # nodes from which on bands may have more intervals than one
+STRAIGHT = 2e-5  # of the greatest area: how far one may be from the line between edges of a band
+STEEP = 8e-3  # the same: how much that may rise; directions change too
+SMOOTH = 3e-4  # of the greatest value: second differences of what a parabola does for
 
 
 class Grid:
@@ -18,8 +21,8 @@ class Grid:
 
     Row y lies between node rows above[y] and below[y], down[y] of the way; columns alike: left,
     right, across. Pairs of node rows are intervals; `rows` holds the first row of each. `shared` of
-    them make a band, from the node row of one edge to that of the next (`edges`); `band` is that of each
-    row of the picture, `along` how far down there it lies.
+    them make a band, from the node row of one edge to that of the next (`edges`, the first and the last
+    outside the nodes); `band` is that of each row of the picture, `along` how far down there it lies.
     """
 
     def __init__(self, size: int, nodes: int) -> None:
@@ -32,7 +35,7 @@ class Grid:
         self.shared = min(4, 2 ** max(0, (nodes // FINE).bit_length() - 1))
         self.band, order = np.divmod(first + 1, self.shared)
         self.along = (order + self.down) / self.shared
-        self.edges = np.clip(np.arange(0, nodes + 1 + self.shared, self.shared) - 1, 0, nodes - 1)
+        self.edges = np.arange(0, nodes + 1 + self.shared, self.shared) - 1
         self.rows = np.searchsorted(first + 1, np.arange(nodes + 2)).astype(np.int32)
         padded = -(-CHANNELS * size // BLOCK) * BLOCK
         value = np.minimum(np.arange(padded), CHANNELS * size - 1)
@@ -45,17 +48,32 @@ class Grid:
             "pixels": _places(rest[0], rest[1], rest[2]),
         }
 
-    def lit(self, area: Plane, channels: int = CHANNELS) -> NDArray[np.uint8]:
-        """Whether blocks of numbers, so many a pixel, are lit: nowhere, in part, everywhere: 0, 1, 2.
+    def at_edges(self, field: NDArray[Any]) -> NDArray[np.float64]:
+        """A field (M, ...) at edges (E, ...), so that lines between them keep a smooth one's means."""
+        last = len(field) - 1
+        above = np.clip(self.edges, 0, max(last - 1, 0))
+        share = (self.edges - above).reshape(-1, *(1,) * (field.ndim - 1))
+        upper, lower = (field[n].astype(float) for n in (above, np.minimum(above + 1, last)))
+        found = upper + share * (lower - upper)
+        bend = np.zeros_like(found)
+        bend[1:-1] = found[2:] - 2 * found[1:-1] + found[:-2]
+        bend[np.abs(bend) > SMOOTH * np.abs(found).max()] = 0
+        return np.asarray(found - bend * (1 - self.shared**-2) / 12)
 
-        Of each interval (M + 1, blocks): where it is lit at all, it is what its whole band is.
+    def lit(self, area: Plane) -> NDArray[np.uint8]:
+        """How blocks of values in intervals (M + 1, blocks) are summed: 0, 1, 2.
+
+        0: they are not lit. 1: pixel by pixel. 2: with areas on lines between the edges of their band, all
+        of which is lit.
         """
         last = len(area) - 1
         pair = np.arange(len(area) + 1)
-        ends = np.stack([area[np.maximum(pair - 1, 0)], area[np.minimum(pair, last)]])
-        least, most = ends.min(axis=0), ends.max(axis=0)
-        padded = -(-channels * self.size // BLOCK) * BLOCK
-        pixel = np.minimum(np.arange(padded), channels * self.size - 1) // channels
+        straight = np.where(self._bent(area), 0, area)
+        nodes = np.maximum(pair - 1, 0), np.minimum(pair, last)
+        least = np.minimum(*(straight[n] for n in nodes))
+        most = np.maximum(*(area[n] for n in nodes))
+        padded = -(-CHANNELS * self.size // BLOCK) * BLOCK
+        pixel = np.minimum(np.arange(padded), CHANNELS * self.size - 1) // CHANNELS
         left, right = self.left[pixel][::BLOCK], self.right[pixel][BLOCK - 1 :: BLOCK]
         spans = np.stack([left, right + 1], axis=1).ravel()
         wide = [np.pad(e, ((0, 0), (0, 1)), "edge") for e in (least, most)]
@@ -63,6 +81,14 @@ class Grid:
         every = np.minimum.reduceat(wide[0], spans, axis=1)[:, ::2] > 0
         whole = np.logical_and.reduceat(every, pair[:: self.shared])[pair // self.shared]
         return np.ascontiguousarray(some.astype(np.uint8) + whole)
+
+    def _bent(self, area: Plane) -> NDArray[np.bool_]:
+        """Nodes (M, M) whose area does not lie on a gentle line between the edges of their band."""
+        band, order = np.divmod(np.arange(len(area)) + 1, self.shared)
+        edges, most = self.at_edges(area), area.max()
+        rise = np.diff(edges, axis=0)[band]
+        off = area - edges[band] - (order / self.shared)[:, None] * rise
+        return np.asarray((np.abs(off) > STRAIGHT * most) | (np.abs(rise) > STEEP * most))
 
 
 def _places(left: Index, right: Index, across: Plane) -> dict[str, NDArray[Any]]:

@@ -328,26 +328,6 @@ class TestWhite:
         with pytest.raises(InputError, match="white: got 'bright', expected summed or keep"):
             Compensator(calibration, SIZE, white="bright")
 
-    @pytest.mark.parametrize(
-        ("name", "odd"),
-        [
-            ("lo", -0.1),
-            ("coverage", -0.1),
-            ("lo", np.nan),
-            ("hi", np.inf),
-            ("scatter_per_flux", np.nan),
-        ],
-    )
-    def test_maps_with_numbers_that_no_light_has(
-        self, small: Calibration, name: str, odd: float
-    ) -> None:
-        broken = getattr(small.maps, name).copy()
-        broken[8, 9] = odd
-        maps = replace(small.maps, **{name: broken})
-        count = broken[8, 9].size
-        with pytest.raises(InputError, match=f"map {name}: got {count} numbers .* not finite"):
-            Compensator(replace(small, maps=maps), SIZE)
-
 
 class TestEvenDome:
     def test_tables_and_fields_agree(self, small: Calibration) -> None:
