@@ -177,14 +177,14 @@ def _model(calibration: Calibration, size: int, state: str | None) -> FrameModel
     maps = calibration.maps
     nodes = min(size, maps.size)
     direction, inside = master_directions(nodes)
-    where = master_pixels(direction, maps.size)
-    coverage = sample(maps.coverage, where) * inside
+    where = None if nodes == maps.size else master_pixels(direction, maps.size)
+    coverage = _sampled(maps.coverage, where) * inside
     lit = coverage > 0
     spread, ambient = _scatter(calibration, (direction, where), state)
-    lo = sample(maps.lo, where)
+    lo = _sampled(maps.lo, where)
     # coverage fades hi over the border; what is lit at all can be driven to full there
-    hi = np.maximum(sample(maps.hi, where) / np.maximum(coverage, 0.5)[..., None], lo)
-    falloff = None if maps.falloff is None else sample(maps.falloff, where)[..., None]
+    hi = np.maximum(_sampled(maps.hi, where) / np.maximum(coverage, 0.5)[..., None], lo)
+    falloff = None if maps.falloff is None else _sampled(maps.falloff, where)[..., None]
     return FrameModel(
         size=size,
         spread=_continued(spread, lit),
@@ -199,6 +199,11 @@ def _model(calibration: Calibration, size: int, state: str | None) -> FrameModel
         direction=np.ascontiguousarray(np.moveaxis(direction, -1, 0), np.float32),
         terms=(maps.kernel.degree + 1) ** 2,
     )
+
+
+def _sampled(field: Map, where: NDArray[np.floating] | None) -> Map:
+    """A map at places of its own; all of it if there are none."""
+    return field if where is None else sample(field, where)
 
 
 def _untouched(shown: FrameModel, maps: DomeMaps) -> FrameModel:
@@ -222,7 +227,7 @@ def _protected(maps: DomeMaps, size: int) -> NDArray[np.bool_] | None:
 
 
 def _scatter(
-    calibration: Calibration, nodes: tuple[Array, NDArray[np.floating]], state: str | None
+    calibration: Calibration, nodes: tuple[Array, NDArray[np.floating] | None], state: str | None
 ) -> tuple[Map, Map | None]:
     """Paint v (M, M, 3) and the lamps' light, or None, in a house state.
 
@@ -230,15 +235,16 @@ def _scatter(
     """
     direction, where = nodes
     maps, kernel = calibration.maps, calibration.maps.kernel
-    scatter = sample(maps.scatter_per_flux, where)
+    scatter = _sampled(maps.scatter_per_flux, where)
     ambient = None
     if state is not None:
         house = calibration.state(state)
         scatter = scatter * house.scatter_ratio.astype(np.float32)
         if house.ambient is not None:
-            ambient = sample(house.ambient, where)
-    phi = basis(direction.reshape(-1, 3), kernel.degree) @ kernel.profile.T
-    return (scatter / phi.reshape(scatter.shape)).astype(np.float32), ambient
+            ambient = _sampled(house.ambient, where)
+    profile = _harmonics(kernel.degree) @ kernel.profile.T
+    terms = monomials(np.moveaxis(direction, -1, 0), len(profile))
+    return (scatter / np.tensordot(terms, profile, (0, 0))).astype(np.float32), ambient
 
 
 def _continued(field: NDArray[np.floating], lit: NDArray[np.bool_]) -> Map:
@@ -248,11 +254,14 @@ def _continued(field: NDArray[np.floating], lit: NDArray[np.bool_]) -> Map:
 
 
 def _operator(calibration: Calibration) -> Array:
-    """(3, T, T) A B A^T, harmonics being A^T times the monomials."""
-    kernel = calibration.maps.kernel
-    terms = (kernel.degree + 1) ** 2
+    """(3, T, T) A B A^T, A as in `_harmonics`."""
+    change = _harmonics(calibration.maps.kernel.degree)
+    return np.asarray(change @ calibration.maps.kernel.matrix @ change.T)
+
+
+def _harmonics(degree: int) -> Array:
+    """A (T, T): the functions of `maths.scatter_kernel` are A^T times the monomials."""
     turn, height = np.meshgrid(np.linspace(0, 2 * np.pi, 12, endpoint=False), np.linspace(-1, 1, 9))
     direction = direction_from_angles(turn.ravel(), np.arcsin(height.ravel()))
-    mono = monomials(direction.T, terms).T
-    change = np.linalg.lstsq(mono, basis(direction, kernel.degree), rcond=None)[0]
-    return np.asarray(change @ kernel.matrix @ change.T)
+    mono = monomials(direction.T, (degree + 1) ** 2).T
+    return np.asarray(np.linalg.lstsq(mono, basis(direction, degree), rcond=None)[0])

@@ -46,14 +46,16 @@ class EvenModel:
     @classmethod
     def of(cls, model: FrameModel) -> "EvenModel | None":
         """The same dome, or None if it is not even."""
-        where = model.solid_angle_sr > 0
-        none = np.zeros(CHANNELS, np.float32)
-        fields = (model.spread, model.lo, model.hi, model.ambient, model.gain)
-        values = [none if f is None else _one_value(f, where) for f in fields]
-        if model.terms > 1 or any(v is None for v in values):
+        if model.terms > 1:
             return None
+        where, values = model.solid_angle_sr > 0, []
+        for field in (model.spread, model.lo, model.hi, model.ambient, model.gain):
+            value = np.zeros(CHANNELS) if field is None else _one_value(field, where)
+            if value is None:
+                return None
+            values.append(np.asarray(value, float))
         lit = _spans(model)
-        spread, lo, hi, ambient, gain = (np.asarray(v, float) for v in values)
+        spread, lo, hi, ambient, gain = values
         hi = np.full(CHANNELS, np.inf) if model.hi is None else hi
         even = 1.0 if model.gain is None else float(gain)
         return None if lit is None else cls(model, spread, lo, hi, ambient, even, lit)
