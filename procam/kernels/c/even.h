@@ -32,12 +32,12 @@ struct row { /* of a picture, in a stretch of it */
     int64_t beyond;      /* twice its rows from the band's middle */
     const int32_t *own;  /* of the band's blocks */
     const int8_t *slope;
-    size_t tall;         /* its number in the band */
+    size_t number;       /* in the band */
 };
 
 INLINE struct row row_of(const struct procam_even *how, size_t band, size_t y, struct stretch span) {
     const size_t blocks = how->padded / EVEN, first = (size_t)how->rows[band], end = (size_t)how->rows[band + 1];
-    struct row row = {.y = y, .span = span, .lit = lit_of_row(how, y, span), .tall = y - first};
+    struct row row = {.y = y, .span = span, .lit = lit_of_row(how, y, span), .number = y - first};
     row.beyond = 2 * (int64_t)y - (int64_t)(first + end - 1);
     row.own = how->own + band * blocks, row.slope = how->slope + band * blocks;
     return row;
@@ -96,7 +96,7 @@ INLINE const struct weights *weights_at(const struct procam_even *how, const str
                                         const struct row *row, size_t x, struct weights *room) {
     const int32_t own = row->own[x / EVEN];
     if (own < 0) return ready->weights + (x - row->span.first) / EVEN;
-    const size_t at = ((size_t)own * how->tall + row->tall) * EVEN;
+    const size_t at = ((size_t)own * how->tall + row->number) * EVEN;
     lay(ready, how->own_coarse + at, how->own_fine + at, room);
     return room;
 }
@@ -273,7 +273,7 @@ struct weights { /* of a block */
 
 INLINE struct weights weights_at(const struct procam_even *how, const struct ready *ready, const struct row *row, size_t x) {
     const int32_t own = row->own[x / EVEN];
-    const size_t block = (x - row->span.first) / EVEN * EVEN, at = ((size_t)(own < 0 ? 0 : own) * how->tall + row->tall) * EVEN;
+    const size_t block = (x - row->span.first) / EVEN * EVEN, at = ((size_t)(own < 0 ? 0 : own) * how->tall + row->number) * EVEN;
     if (own < 0) return (struct weights){ready->coarse + block, ready->fine + block};
     return (struct weights){how->own_coarse + at, how->own_fine + at};
 }
@@ -281,8 +281,9 @@ INLINE struct weights weights_at(const struct procam_even *how, const struct rea
 INLINE void sum_row(const struct procam_even *how, const struct ready *ready, const struct row *row, struct sums *sums) {
     const uint8_t *from = how->image + row->y * 3 * how->size;
     const uint32_t phase = phase_of(row->y);
+    struct weights weights = {0};
     for (size_t x = row->lit.first; x < row->lit.end; x++) {
-        const struct weights weights = weights_at(how, ready, row, x);
+        if (x == row->lit.first || x % EVEN == 0) weights = weights_at(how, ready, row, x);
         const int32_t coarse = weights.coarse[x % EVEN], fine = weights.fine[x % EVEN], slope = row->slope[x / EVEN];
         for (size_t c = 0; c < 3; c++) {
             const int32_t number = (int32_t)((how->table[256 * c + from[3 * x + c]] + phase) >> PHASE_BITS);
@@ -299,8 +300,10 @@ INLINE void write_row(const struct procam_even *how, const struct ready *ready, 
     const size_t start = row->y * 3 * how->size;
     const uint8_t *from = how->image + start, *over = how->threshold + row->y % EVEN * EVEN;
     uint8_t *to = how->out + start;
+    struct weights weights = {0};
     for (size_t x = lit.first; x < lit.end; x++) {
-        const int32_t coarse = counts ? weights_at(how, ready, row, x).coarse[x % EVEN] : 0;
+        if (counts && (x == lit.first || x % EVEN == 0)) weights = weights_at(how, ready, row, x);
+        const int32_t coarse = counts ? weights.coarse[x % EVEN] : 0;
         for (size_t c = 0; c < 3; c++) {
             const uint32_t word = ready->word[c][from[3 * x + c]];
             to[3 * x + c] = (uint8_t)(((word & 65535) + 255u - over[x % EVEN]) >> 8);
