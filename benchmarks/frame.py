@@ -87,7 +87,8 @@ class Show:
         frames = [aligned_like(first) for _ in range(2)]
         for k, frame in enumerate(frames):
             frame[:] = np.roll(first, k * PAN_PX, axis=1)
-        coding = Coding(known.decode, known.encode, threshold_tile(), 1.0, 1.0)
+        top = 1.0 if kind is np.uint8 else np.inf
+        coding = Coding(known.decode, known.encode, threshold_tile(), 1.0, top)
         fields = dome(size, measured)
         show = cls(
             Equations(fields, "exact", True, np.ones(3)), coding, frames, aligned_like(first)
@@ -107,10 +108,9 @@ class Show:
 
     def once(self) -> None:
         """One look and one write: what a frame costs where the numbers hardly move."""
-        frame = self.frames[0]
         light = self.equations.light(self.equations.model)
-        kernels.frame_sums(self.equations.model, frame, light, "light", self.coding)
-        kernels.frame_apply(self.equations.model, frame, light, self.coding, self.out)
+        self.equations.sums(self.frames[0], light, "light", self.coding)
+        self.write()
 
 
 def _moved(show: Show, maps: bool) -> floor.Floor:

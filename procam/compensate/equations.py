@@ -68,23 +68,7 @@ class Equations:
 
     def sums(self, content: NDArray[Any], light: Image, what: str, coding: Coding) -> Array:
         """Moments (3, T), see `kernels.frame.frame_sums`."""
-        return frame_sums(self._of(self.model, coding), content, light, what, coding)
-
-    def _of(self, model: FrameModel, coding: Coding) -> FrameModel:
-        """A model, without upper limits where the coding's own is the lower one everywhere."""
-        if coding.top > self._lowest_hi:
-            return model
-        return self._unlimited[0 if model is self.model else 1]
-
-    @cached_property
-    def _unlimited(self) -> tuple[FrameModel, FrameModel]:
-        model = replace(self.model, hi=None)
-        return model, model if self.shown is self.model else replace(self.shown, hi=None)
-
-    @cached_property
-    def _lowest_hi(self) -> float:
-        hi, lit = self.model.hi, self.model.coverage > 0
-        return np.inf if hi is None or not lit.any() else float(hi[lit].min())
+        return frame_sums(self.model, content, light, what, coding)
 
     @cached_property
     def _even(self) -> EvenModel | None:
@@ -112,7 +96,7 @@ class Equations:
             return self.sums(content, light, "light", coding)
         self._written = self.solution.copy()
         found = np.empty((CHANNELS, self.model.terms))
-        frame_apply(self._of(self.model, coding), content, light, coding, target, found)
+        frame_apply(self.model, content, light, coding, target, found)
         return found
 
     def _by_tables(self, content: NDArray[Any]) -> bool:
@@ -166,9 +150,7 @@ class Equations:
             target = aligned_like(content) if out is None else out
             even_apply(self._even, content, self._coded(self._even_table(coding), coding), target)
             return target
-        return frame_apply(
-            self._of(self.shown, coding), content, self.light(self.shown), coding, out
-        )
+        return frame_apply(self.shown, content, self.light(self.shown), coding, out)
 
     def solve(
         self, content: NDArray[Any], coding: Coding, target: NDArray[Any] | None = None

@@ -111,6 +111,18 @@ class FrameModel:
         """Where blocks of the picture are lit, for each interval: see `Grid.lit`."""
         return self.grid.lit(self.solid_angle_sr)
 
+    def ways(self, top: float) -> NDArray[np.uint8]:
+        """How blocks are done where no more than `top` is sent: `lit`, but 3 for 2 where `hi` is lower."""
+        if top not in self._ways:
+            held = self.hi is not None and self.grid.least(self.hi.min(axis=-1)) < top
+            found = self.lit + ((self.lit == reference_frame.EVERYWHERE) & held)
+            self._ways[top] = np.ascontiguousarray(found, np.uint8)
+        return self._ways[top]
+
+    @cached_property
+    def _ways(self) -> dict[float, NDArray[np.uint8]]:
+        return {}
+
     @cached_property
     def in_c(self) -> dict[str, NDArray[Any] | None]:
         """Arrays that every call takes, with room behind what vectors read."""
@@ -122,7 +134,7 @@ class FrameModel:
         found: dict[str, NDArray[Any] | None] = {n: _spared(f) for n, f in fields.items()}
         for name, places in grid.places.items():
             found |= {f"{name}_{part}": numbers for part, numbers in places.items()}
-        return found | {"down": grid.down, "rows": grid.rows, "lit": self.lit}
+        return found | {"down": grid.down, "rows": grid.rows}
 
 
 def _room_of(plane: Plane | None) -> Plane | None:
@@ -368,6 +380,7 @@ def _run(
     if light.dtype != np.float32 or _room_of(light) is None:
         light = np.asarray(_spared(light))
     arrays = model.in_c | tables | {"image": image, "light": light, "out": out}
+    arrays["lit"] = model.ways(how.top)
     for name, array in arrays.items():
         setattr(how, name, pointer(array))
     strips, chunks = -(-CHANNELS * model.size // STRIP), -(-(model.nodes + 1) // CHUNK)

@@ -9,7 +9,7 @@ Plane = NDArray[np.float32]
 Index = NDArray[np.int32]
 CHANNELS = 3
 PLACES = ("values", "shared", "pixels")  # as in struct procam_frame
-STRIP, BLOCK, STEP = 1536, 64, 16  # as in c/frame.h
+STRIP, BLOCK, STEP = 1536, 64, 16  # as in c/frame_cell.h
 FINE = 256  # nodes from which on bands may have more intervals than one
 STRAIGHT = 2e-5  # of the greatest area: how far one may be from the line between edges of a band
 STEEP = 8e-3  # the same: how much that may rise; directions change too
@@ -66,21 +66,23 @@ class Grid:
         0: they are not lit. 1: pixel by pixel. 2: with areas on lines between the edges of their band, all
         of which is lit.
         """
-        last = len(area) - 1
+        some = -self.least(-area) > 0
+        every = self.least(np.where(self._bent(area), 0, area)) > 0
         pair = np.arange(len(area) + 1)
-        straight = np.where(self._bent(area), 0, area)
-        nodes = np.maximum(pair - 1, 0), np.minimum(pair, last)
-        least = np.minimum(*(straight[n] for n in nodes))
-        most = np.maximum(*(area[n] for n in nodes))
+        whole = np.logical_and.reduceat(every, pair[:: self.shared])[pair // self.shared]
+        return np.ascontiguousarray(some.astype(np.uint8) + whole)
+
+    def least(self, field: Plane) -> Plane:
+        """The least of a field (M, M) at the nodes that blocks of values in intervals lie between."""
+        last = len(field) - 1
+        pair = np.arange(len(field) + 1)
+        low = np.minimum(field[np.maximum(pair - 1, 0)], field[np.minimum(pair, last)])
         padded = -(-CHANNELS * self.size // BLOCK) * BLOCK
         pixel = np.minimum(np.arange(padded), CHANNELS * self.size - 1) // CHANNELS
         left, right = self.left[pixel][::BLOCK], self.right[pixel][BLOCK - 1 :: BLOCK]
         spans = np.stack([left, right + 1], axis=1).ravel()
-        wide = [np.pad(e, ((0, 0), (0, 1)), "edge") for e in (least, most)]
-        some = np.maximum.reduceat(wide[1], spans, axis=1)[:, ::2] > 0
-        every = np.minimum.reduceat(wide[0], spans, axis=1)[:, ::2] > 0
-        whole = np.logical_and.reduceat(every, pair[:: self.shared])[pair // self.shared]
-        return np.ascontiguousarray(some.astype(np.uint8) + whole)
+        wide = np.pad(low, ((0, 0), (0, 1)), "edge")
+        return np.asarray(np.minimum.reduceat(wide, spans, axis=1)[:, ::2], np.float32)
 
     def _bent(self, area: Plane) -> NDArray[np.bool_]:
         """Nodes (M, M) whose area does not lie on a gentle line between the edges of their band."""

@@ -5,7 +5,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#define PROCAM_INTERFACE 9 /* raised with every change of a signature; loader.py holds the same */
+#define PROCAM_INTERFACE 10 /* raised with every change of a signature; loader.py holds the same */
 #define MOST_FRAMES 64     /* of a phase */
 #define MOST_SEARCH 32     /* of a search */
 #define RESULTS 6          /* planes of a search */
@@ -80,7 +80,7 @@ struct rays {
 
 enum { FRAME_TERMS = 9 }; /* of the polynomial of bounced light */
 enum mode { SUM_LIGHT, SUM_CONTENT, SUM_EXCESS, COUNT_LEAST, COUNT_MOST, APPLY };
-enum lit { NOWHERE, IN_PART, EVERYWHERE }; /* of a band in a block; in intervals that have light at all */
+enum lit { NOWHERE, IN_PART, EVERYWHERE, HELD }; /* of a band in a block; in intervals that have light at all */
 
 struct places { /* where numbers of a row lie among the nodes: see Grid.places */
     const int32_t *start, *pair; /* of 16; of each: nodes left and right (<< 8) from there */

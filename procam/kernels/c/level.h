@@ -8,6 +8,7 @@
 #include "fold.h"
 #include "frame_values.h"
 #include "even.h"
+#include "frame_cell.h"
 #include "frame.h"
 #include "phase.h"
 #include "rays.h"

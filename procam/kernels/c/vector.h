@@ -12,6 +12,8 @@
 #define INLINE static inline __attribute__((unused))
 #endif
 
+#define UNROLL _Pragma("GCC unroll 8")
+
 #if LEVEL == 512
 #define LANES 16
 typedef __m512 vf;
@@ -35,6 +37,7 @@ INLINE vf vabs(vf a) { return _mm512_abs_ps(a); }
 INLINE vf vrest(vf a) { return _mm512_reduce_ps(a, 8); } /* a less the nearest whole number */
 INLINE vm vlt(vf a, vf b) { return _mm512_cmp_ps_mask(a, b, _CMP_LT_OQ); }
 INLINE vm mand(vm a, vm b) { return a & b; }
+INLINE int vany(vm m) { return m != 0; }
 INLINE vf vsel(vm m, vf yes, vf no) { return _mm512_mask_blend_ps(m, no, yes); }
 INLINE vf vload_u8(const uint8_t *p) {
     return _mm512_cvtepi32_ps(_mm512_cvtepu8_epi32(_mm_loadu_si128((const __m128i *)p)));
@@ -68,6 +71,7 @@ INLINE vf vrest(vf a) {
 }
 INLINE vm vlt(vf a, vf b) { return _mm256_cmp_ps(a, b, _CMP_LT_OQ); }
 INLINE vm mand(vm a, vm b) { return _mm256_and_ps(a, b); }
+INLINE int vany(vm m) { return _mm256_movemask_ps(m) != 0; }
 INLINE vf vsel(vm m, vf yes, vf no) { return _mm256_blendv_ps(no, yes, m); }
 INLINE vf vload_u8(const uint8_t *p) {
     return _mm256_cvtepi32_ps(_mm256_cvtepu8_epi32(_mm_loadl_epi64((const __m128i *)p)));
@@ -102,6 +106,7 @@ INLINE vf vrest(vf a) {
 }
 INLINE vm vlt(vf a, vf b) { return a < b; }
 INLINE vm mand(vm a, vm b) { return a & b; }
+INLINE int vany(vm m) { return m; }
 INLINE vf vsel(vm m, vf yes, vf no) { return m ? yes : no; }
 INLINE vf vload_u8(const uint8_t *p) { return *p; }
 INLINE vf vload_u16(const uint16_t *p) { return *p; }

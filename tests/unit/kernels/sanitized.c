@@ -190,7 +190,7 @@ static void frame(int level, int kind, int mode, size_t edge, int nodes, int ter
         if (!y) break;
     }
     uint8_t *lit = room((n + 1) * values / 64), *codes = room(1024);
-    for (size_t i = 0; i < (n + 1) * values / 64; i++) lit[i] = (uint8_t)(i % 3);
+    for (size_t i = 0; i < (n + 1) * values / 64; i++) lit[i] = (uint8_t)(i % (mode % 2 ? 4 : 3));
     float *light = numbers(fields, 0.1f), *lo = numbers(fields, 0), *hi = numbers(fields, 0.5f);
     float *gain = numbers(n * n + spare, 1), *area = numbers(n * n + spare, 0);
     float *weight = numbers(edges * n + spare, 1), *paint = numbers(3 * edges * n + spare, 1);
