@@ -96,16 +96,21 @@ class Grid:
 def _places(left: Index, right: Index, across: Plane) -> dict[str, NDArray[Any]]:
     """Where numbers lie among the nodes: `start` of each STEP of them, and from there `pair`.
 
-    `pair` holds the node to the left, and that to the right << 8; `across` is the share of that.
+    `pair` holds the node to the left, and that to the right << 8; `across` is the share of that. Starts
+    within a BLOCK are the same if two vectors from there hold all of it.
     """
-    start = left.reshape(-1, STEP).min(axis=1)
-    from_start = np.repeat(start, STEP)
-    assert (right - from_start < 2 * STEP).all()  # what two vectors hold; so it is with M <= N
-    found = {"start": start, "pair": left - from_start | (right - from_start) << 8}
+    starts = [_least_of(left, many) for many in (BLOCK, STEP)]
+    start = next(s for s in starts if (right - s < 2 * STEP).all())  # one is, with M <= N
+    found = {"start": start[::STEP], "pair": left - start | (right - start) << 8}
     places: dict[str, NDArray[Any]] = {
         n: np.ascontiguousarray(f, np.int32) for n, f in found.items()
     }
     return places | {"across": np.ascontiguousarray(across, np.float32)}
+
+
+def _least_of(numbers: Index, many: int) -> Index:
+    """The least of every so many numbers, for each of them."""
+    return np.repeat(numbers.reshape(-1, many).min(axis=1), many)
 
 
 def _padded(numbers: NDArray[Any]) -> NDArray[Any]:

@@ -44,6 +44,8 @@ INLINE void gather_pixels(int terms, int mode, const struct rows *rows, const st
     if (!lit) return;
     const struct columns columns = columns_from(&rows->places, pixel);
     const vf weight = widened(&columns, rows->weight), none = vset(0.0f);
+    fetch(rows->weight + rows->nodes + columns.start); /* the next edge's */
+    for (int axis = 0; axis < AXES; axis++) fetch(rows->axes[axis] + AXES * rows->nodes + columns.start);
     vf plain[3], weighed[3] = {none, none, none}, term[FRAME_TERMS];
     apart(edge->plain + at, plain);
     if (lit & 1 << IN_PART) apart(edge->weighed + at, weighed);
@@ -119,6 +121,7 @@ INLINE void one_interval(cells_way *const *ways, const struct procam_frame *how,
     const int writes = room->mode == APPLY, mixes = writes && how->strength < 1;
     const uint8_t *lit = how->lit + interval * wide + begin;
     struct cell cell = interval_of(how, interval);
+    fetch(lit + 2 * wide);
     if (cell.row == cell.end) return;
     for (size_t block = 0, count; block < most; block += count) {
         const size_t left = total - (begin + block) * FRAME_BLOCK;

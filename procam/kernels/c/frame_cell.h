@@ -57,10 +57,13 @@ INLINE struct columns columns_from(const struct places *places, size_t i) {
     return (struct columns){(size_t)places->start[i / STEP], pair, vright(pair, 8), vload(places->across + i)};
 }
 
-INLINE vf widened(const struct columns *columns, const float *row) {
-    const float *from = row + columns->start;
-    const vf left = vpick(from, columns->left), right = vpick(from, columns->right);
+INLINE vf widened_in(const struct columns *columns, struct window window) {
+    const vf left = vpick(window, columns->left), right = vpick(window, columns->right);
     return vfma(columns->across, vsub(right, left), left);
+}
+
+INLINE vf widened(const struct columns *columns, const float *row) {
+    return widened_in(columns, window_at(row + columns->start));
 }
 
 INLINE const float *node_row(const struct procam_frame *how, int plane, size_t row) {
@@ -92,36 +95,47 @@ INLINE void begin(struct way way, const struct procam_frame *how, struct room *r
 struct field { /* in a cell; known before anything is stored, which might change it for all that the compiler knows */
     const float *below, *next; /* node rows, the second to come soon */
     float *kept;
+    struct window window; /* of `below` */
 };
 
-INLINE struct field field_of(const struct procam_frame *how, struct room *room, const struct cell *cell, int plane) {
+INLINE struct field field_of(const struct procam_frame *how, struct room *room, const struct cell *cell, int plane,
+                             size_t start) {
     const size_t last = (size_t)how->nodes - 1, next = cell->below + NODES_AHEAD;
-    return (struct field){node_row(how, plane, cell->below), node_row(how, plane, next < last ? next : last),
-                          room->below[plane] + cell->block * FRAME_BLOCK};
+    const float *below = node_row(how, plane, cell->below);
+    return (struct field){below, node_row(how, plane, next < last ? next : last),
+                          room->below[plane] + cell->block * FRAME_BLOCK, window_at(below + start)};
 }
 
-INLINE void enter(const struct columns *columns, const struct field *field, int k, struct ramp *ramp) {
+INLINE void enter(int same, const struct columns *columns, const struct field *field, int k, struct ramp *ramp) {
     float *kept = field->kept + k * LANES;
-    const vf above = vload(kept), below = widened(columns, field->below);
+    const vf above = vload(kept), below = same ? widened_in(columns, field->window) : widened(columns, field->below);
     ramp->at[k] = above;
     ramp->step[k] = vsub(below, above);
     vstore(kept, below);
     fetch(field->next + columns->start);
 }
 
-/* Fields `first` to `last`, which lie at the same places. */
-INLINE void enter_some(struct way way, const struct procam_frame *how, struct room *room, const struct cell *cell,
-                       int first, int last, struct ramp *ramps) {
-    const struct places places = first < GAIN ? how->values : how->shared;
-    const size_t start = cell->first;
-    struct field fields[PLANES];
-    for (int plane = first; plane <= last; plane++)
-        if (has(way, how, plane)) fields[plane] = field_of(how, room, cell, plane);
+/* Fields that lie at the same places, from one window if all of the block does. */
+INLINE void enter_some(int same, struct way way, const struct procam_frame *how, const struct places *places,
+                       size_t first, const struct field *fields, int begin, int end, struct ramp *ramps) {
     UNROLL for (int k = 0; k < VECTORS; k++) {
-        const struct columns columns = columns_from(&places, start + (size_t)k * LANES);
-        for (int plane = first; plane <= last; plane++)
-            if (has(way, how, plane)) enter(&columns, fields + plane, k, ramps + plane);
+        const struct columns columns = columns_from(places, first + (size_t)k * LANES);
+        for (int plane = begin; plane < end; plane++)
+            if (has(way, how, plane)) enter(same, &columns, fields + plane, k, ramps + plane);
     }
+}
+
+/* Fields `begin` to `end`, which lie at the same places. */
+INLINE void enter_all(struct way way, const struct procam_frame *how, struct room *room, const struct cell *cell,
+                      int begin, int end, struct ramp *ramps) {
+    const struct places places = begin < GAIN ? how->values : how->shared;
+    const size_t first = cell->first, start = (size_t)places.start[first / STEP];
+    struct field fields[PLANES];
+    for (int plane = begin; plane < end; plane++)
+        if (has(way, how, plane)) fields[plane] = field_of(how, room, cell, plane, start);
+    if ((size_t)places.start[first / STEP + FRAME_BLOCK / STEP - 1] == start)
+        enter_some(1, way, how, &places, first, fields, begin, end, ramps);
+    else enter_some(0, way, how, &places, first, fields, begin, end, ramps);
 }
 
 INLINE vf between(const struct ramp *ramp, int k, vf down) { return vfma(down, ramp->step[k], ramp->at[k]); }
@@ -260,8 +274,8 @@ INLINE void one_cell(struct way way, const struct procam_frame *how, struct room
     for (int plane = 0; plane < PLANES; plane++) planes |= (uint8_t)(has(way, how, plane) << plane);
     const int found = room->row[cell->block] == cell->above && !(planes & ~room->planes[cell->block]);
     if (!found) begin(way, how, room, cell);
-    enter_some(way, how, room, cell, LIGHT, MOST, ramps);
-    if (has(way, how, GAIN) || has(way, how, AREA)) enter_some(way, how, room, cell, GAIN, AREA, ramps);
+    enter_all(way, how, room, cell, LIGHT, GAIN, ramps);
+    if (has(way, how, GAIN) || has(way, how, AREA)) enter_all(way, how, room, cell, GAIN, PLANES, ramps);
     if (cell->left < FRAME_BLOCK) tally = edge_rows(way, how, cell, ramps, tally);
     else if (may_be_brief(way, how, ramps + LIGHT)) {
         brief(way, cell, ramps, &tally);

@@ -161,8 +161,9 @@ INLINE void store_block(int kind, const struct procam_frame *how, const void *fr
         if (kind == U8) {
             const vf x = root(vmax(v, vset(WRITTEN_BLACK)));
             const vi number = vright(vbits(x), 22);
-            v = vfma(vpick(how->encode + 2 * SEGMENTS, number), x, vpick(how->encode + SEGMENTS, number));
-            v = vfma(v, x, vpick(how->encode, number));
+            const float *curve = how->encode;
+            v = vfma(vpick(window_at(curve + 64), number), x, vpick(window_at(curve + 32), number));
+            v = vfma(v, x, vpick(window_at(curve), number));
         } else if (kind == U16)
             v = vmul(v, vset(65535.0f));
         if (how->strength < 1) {

@@ -15,8 +15,12 @@ INLINE vi vwhole(vf a) { return _mm512_cvttps_epi32(a); } /* towards zero */
 INLINE vf vreal(vi a) { return _mm512_cvtepi32_ps(a); }
 INLINE vi vbits(vf a) { return _mm512_castps_si512(a); }
 INLINE vi vlookup(const uint32_t *table, vi at) { return _mm512_i32gather_epi32(at, table, 4); }
-/* Of 32 floats, those that the low 5 bits number. */
-INLINE vf vpick(const float *of, vi at) { return _mm512_permutex2var_ps(vload(of), at, vload(of + 16)); }
+/* Of a window of 32 floats, those that the low 5 bits number. */
+struct window {
+    vf low, high;
+};
+INLINE struct window window_at(const float *of) { return (struct window){vload(of), vload(of + 16)}; }
+INLINE vf vpick(struct window of, vi at) { return _mm512_permutex2var_ps(of.low, at, of.high); }
 /* The low 32 bits of numbers moved right by `by`. */
 INLINE vi vlow_half(const uint64_t *p, int by) {
     const vi even = _mm512_setr_epi32(0, 2, 4, 6, 8, 10, 12, 14, 16, 18, 20, 22, 24, 26, 28, 30);
@@ -28,7 +32,8 @@ INLINE vi vlow_half(const uint64_t *p, int by) {
 INLINE vf vdecoded(const float *decode, const float *curve, vi word, int from) {
     const vi part = vright(word, from + 3);
     const vf code = vreal(vand_i(vright(word, from), vset_i(255)));
-    const vf a = vpick(curve, part), b = vpick(curve + 32, part), c = vpick(curve + 64, part);
+    const vf a = vpick(window_at(curve), part), b = vpick(window_at(curve + 32), part);
+    const vf c = vpick(window_at(curve + 64), part);
     (void)decode;
     return vfma(vfma(c, code, b), code, a);
 }
@@ -58,7 +63,11 @@ INLINE vi vbits(vf a) { return _mm256_castps_si256(a); }
 INLINE vi vlookup(const uint32_t *table, vi at) {
     return _mm256_i32gather_epi32((const int *)table, at, 4);
 }
-INLINE vf vpick(const float *of, vi at) { return _mm256_i32gather_ps(of, vand_i(at, vset_i(31)), 4); }
+struct window {
+    const float *of;
+};
+INLINE struct window window_at(const float *of) { return (struct window){of}; }
+INLINE vf vpick(struct window window, vi at) { return _mm256_i32gather_ps(window.of, vand_i(at, vset_i(31)), 4); }
 INLINE vi vlow_half(const uint64_t *p, int by) {
     const vi a = _mm256_srli_epi64(_mm256_loadu_si256((const __m256i *)p), by);
     const vi b = _mm256_srli_epi64(_mm256_loadu_si256((const __m256i *)(p + 4)), by);
@@ -97,7 +106,11 @@ INLINE vi vbits(vf a) {
     return bits;
 }
 INLINE vi vlookup(const uint32_t *table, vi at) { return (vi)table[at]; }
-INLINE vf vpick(const float *of, vi at) { return of[at & 31]; }
+struct window {
+    const float *of;
+};
+INLINE struct window window_at(const float *of) { return (struct window){of}; }
+INLINE vf vpick(struct window window, vi at) { return window.of[at & 31]; }
 INLINE vi vlow_half(const uint64_t *p, int by) { return (vi)(uint32_t)(*p >> by); }
 INLINE vf vdecoded(const float *decode, const float *curve, vi word, int from) {
     (void)curve;
