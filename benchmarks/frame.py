@@ -22,6 +22,7 @@ from procam.maths.transfer import transfer
 NODES = 1024
 STRIP = 0.1  # unlit share of the half sphere, along its rim
 FEEDBACK = 0.25
+DIM = 0.95  # from where on along x projectors cannot show white: a cell of a hundred, as in calibrations
 PAN_PX = 2  # between frames, as in a slow shot
 MAPS = 4 * 3 + 1  # numbers that a node has: spread, limits, direction, coverage
 
@@ -46,11 +47,12 @@ def dome(size: int, measured: bool) -> Fields:
     one = np.ones((NODES, NODES, 3), np.float32)
     wave = 1 + 0.05 * direction[..., :1] * direction[..., 1:2] if measured else 1.0
     grain = 1 + 0.01 * rng.standard_normal(one.shape) if measured else 1.0
+    dim = np.where(direction[..., :1] > DIM, 0.9, 1) if measured else 1.0
     model = FrameModel(
         size,
         (one * wave * grain * FEEDBACK / area.sum()).astype(np.float32),
         (0.001 * one * grain).astype(np.float32),
-        (1.1 * one * wave).astype(np.float32),
+        (1.1 * one * wave * dim).astype(np.float32),
         None,
         None,
         coverage,

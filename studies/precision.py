@@ -111,7 +111,8 @@ def softened(model: FrameModel) -> FrameModel:
 def structured(size: int, measured: bool) -> list[dict[str, Any]]:
     """How far sums of structured pictures are from those pixel by pixel, in double [of the light]."""
     model, coding = softened(dome(size, measured).model), Show.of(size, measured, np.uint8).coding
-    model = replace(model, lo=np.zeros_like(model.lo), spread=np.zeros_like(model.spread) + 0.1)
+    nothing = np.zeros_like(model.lo)
+    model = replace(model, lo=nothing, hi=None, spread=nothing + np.float32(0.1))
     pictures: dict[str, NDArray[np.uint8]] = {}
     expected: dict[str, Array] = {}
     for start in range(0, size, ROWS_PER_TASK):

@@ -10,11 +10,13 @@ from procam.compensate.exact import Compensator
 from procam.errors import FileFormatError, InputError
 from procam.maths.transfer import NAMES, transfer
 from procam.model.calibration import Calibration
+from procam.model.transport import DomeMaps
 from procam.workflows.clip_ends import Piece
 
 Pixels = NDArray[Any]
 COLOURS = "rgb"
 MEASURED = ("scatter_per_flux", "lo", "hi")  # maps that measured light makes
+ROUNDING = 1e-3  # of a coverage: half floats
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,13 +108,30 @@ def require_photometry(calibration: Calibration) -> None:
             "CALIBRATION: got no photometry, expected the light of every projector; capture and "
             "solve it with white, black and response pictures"
         )
-    for name in MEASURED:
-        bad = int((~np.isfinite(getattr(maps, name)[lit])).any(axis=-1).sum())
-        if bad:
+    for name, (wrong, said) in _wrong_places(maps).items():
+        if wrong.any():
             raise InputError(
-                f"CALIBRATION: got {bad} lit places of its map {name} that are NaN or infinite, expected "
+                f"CALIBRATION: got {int(wrong.sum())} lit places of its map {name} that are {said}, expected "
                 "none; restore it or run `procam solve` on its session again"
             )
+    if not all(np.isfinite(m).all() for m in (maps.kernel.matrix, maps.kernel.profile)):
+        raise InputError(
+            "CALIBRATION: got NaN or infinity in its kernel, expected numbers; restore it or run "
+            "`procam solve` on its session again"
+        )
+
+
+def _wrong_places(maps: DomeMaps) -> dict[str, tuple[NDArray[np.bool_], str]]:
+    """Where (N, N) each map is what no calibration makes it, and what that is."""
+    lit = maps.coverage > 0
+    found = {"coverage": (~(maps.coverage <= 1 + ROUNDING), "above 1 or NaN")}
+    for name in MEASURED:
+        finite = np.isfinite(getattr(maps, name)).all(axis=-1)
+        found[name] = (lit & ~finite, "NaN or infinite")
+    if maps.falloff is not None:
+        sound = (maps.falloff > 0) & np.isfinite(maps.falloff)
+        found["falloff"] = (lit & ~sound, "0 or less, NaN or infinite")
+    return found
 
 
 def named_transfer(piece: Piece, how: How) -> str:

@@ -4,6 +4,7 @@ import csv
 import json
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,11 +14,13 @@ from tolerances import FLOAT32
 
 from procam.compensate.exact import Compensator
 from procam.compensate.projector_frames import Warper
+from procam.errors import InputError
 from procam.files.calibration import save_calibration
 from procam.files.images import RGB, read_channels, read_image, write_channels, write_image
 from procam.files.stills import read_still
 from procam.maths.curves import srgb_decode, srgb_encode
 from procam.model.calibration import Calibration
+from procam.workflows.clip_engine import require_photometry
 from procam.workflows.pictures import half_sky
 
 SIZE, FIRST, COUNT = 48, 7, 4
@@ -313,6 +316,24 @@ class TestRefused:
         words = f"lit places of its map {name} that are NaN or infinite"
         assert (ran.code, words in ran.complaint) == (2, True), ran
         assert not (tmp_path / "out").exists()
+
+    def test_more_than_full_coverage_is_named(self, kept: Path, tmp_path: Path) -> None:
+        source = shoot(tmp_path / "in")
+        torn = spoiled(kept, tmp_path / "torn", {"coverage": 2}, slice(48, 49))
+        ran = procam("compensate", torn, source, tmp_path / "out")
+        words = "lit places of its map coverage that are above 1 or NaN"
+        assert (ran.code, words in ran.complaint) == (2, True), ran
+
+    def test_a_kernel_and_a_falloff_that_are_none_are_refused(
+        self, calibration: Calibration
+    ) -> None:
+        maps = calibration.maps
+        torn = replace(maps.kernel, matrix=np.full_like(maps.kernel.matrix, np.nan))
+        flat = np.zeros_like(maps.coverage)
+        wrong = {"in its kernel": {"kernel": torn}, "map falloff that are 0": {"falloff": flat}}
+        for words, change in wrong.items():
+            with pytest.raises(InputError, match=words):
+                require_photometry(replace(calibration, maps=replace(maps, **change)))
 
 
 class TestWarp:

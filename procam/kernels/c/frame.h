@@ -114,6 +114,13 @@ INLINE void clear_rows(const struct procam_frame *how, const struct cell *cell, 
     for (size_t y = cell->row; y < cell->end; y++, to += pitch) clear(to, values * width);
 }
 
+/* How many of the blocks from here on are done alike; `left` values are, and a part of a block is alone. */
+INLINE size_t run_of(const uint8_t *lit, size_t most, size_t left) {
+    size_t count = 1;
+    while (count < most && lit[count] == *lit && left >= (count + 1) * FRAME_BLOCK) count++;
+    return count;
+}
+
 INLINE void one_interval(cells_way *const *ways, const struct procam_frame *how, struct room *room, size_t strip,
                          size_t interval) {
     const size_t total = 3 * how->size, wide = (total + FRAME_BLOCK - 1) / FRAME_BLOCK;
@@ -125,7 +132,7 @@ INLINE void one_interval(cells_way *const *ways, const struct procam_frame *how,
     if (cell.row == cell.end) return;
     for (size_t block = 0, count; block < most; block += count) {
         const size_t left = total - (begin + block) * FRAME_BLOCK;
-        for (count = 1; block + count < most && lit[block + count] == lit[block] && left >= (count + 1) * FRAME_BLOCK;) count++;
+        count = run_of(lit + block, most - block, left);
         cell.block = block, cell.first = (begin + block) * FRAME_BLOCK, cell.lit = lit[block];
         cell.left = left < FRAME_BLOCK ? left : FRAME_BLOCK;
         if (cell.lit != NOWHERE || mixes) ways[how->gain && cell.lit > IN_PART ? GAINED : cell.lit](how, room, &cell, count);

@@ -92,7 +92,7 @@ INLINE void begin(struct way way, const struct procam_frame *how, struct room *r
     }
 }
 
-struct field { /* in a cell; known before anything is stored, which might change it for all that the compiler knows */
+struct field { /* in a cell; all of them are made before anything is stored, which might change what they come from */
     const float *below, *next; /* node rows, the second to come soon */
     float *kept;
     struct window window; /* of `below` */
@@ -170,7 +170,7 @@ INLINE void one_row(struct way way, const struct procam_frame *how, const struct
     }
 }
 
-/* The same to sum light to send, clip(content - light, least, most), by `brief`. */
+/* The same where `brief` has been, which turned limits of light to send into limits of content. */
 INLINE void brief_row(struct way way, const struct ramp *ramps, vf down, const vf *content, struct tally *tally) {
     UNROLL for (int k = 0; k < VECTORS; k++) {
         vf total = vmax(content[k], between(ramps + LEAST, k, down));
@@ -180,8 +180,8 @@ INLINE void brief_row(struct way way, const struct ramp *ramps, vf down, const v
     }
 }
 
-/* Sums of light to send are those of clip(content, light + least, light + most), less those of the
-   light, which its ramps tell: makes ramps of the limits, and a tally of the latter. */
+/* Light to send, clip(content - light, least, most), is clip(content, light + least, light + most) less
+   the light, whose sums its ramps tell: makes ramps of those limits, and a tally of less light. */
 INLINE void brief(struct way way, const struct cell *cell, struct ramp *ramps, struct tally *tally) {
     const struct ramp *light = ramps + LIGHT;
     const vf count = vset(-cell->count), down = vset(-cell->down), squares = vset(-cell->squares);
@@ -195,7 +195,8 @@ INLINE void brief(struct way way, const struct cell *cell, struct ramp *ramps, s
     }
 }
 
-/* Whether that is so: content does not reach `top` but by light below 0. */
+/* Whether `top` may be left out, as light to send can be above it only where light is below 0. Single
+   content is summed as it is written, for its looks must agree to 2e-9. */
 INLINE int may_be_brief(struct way way, const struct procam_frame *how, const struct ramp *light) {
     vf least = vset(0.0f);
     if (way.mode != SUM_LIGHT || way.kind == F32 || way.lit < EVERYWHERE || way.gains) return 0;
@@ -247,8 +248,7 @@ INLINE struct tally edge_rows(struct way way, const struct procam_frame *how, co
 }
 
 /* A cell's share to both edges of its band. */
-INLINE void add_up(struct room *room, const struct cell *cell,
-                   const struct tally *tally) {
+INLINE void add_up(struct room *room, const struct cell *cell, const struct tally *tally) {
     const size_t first = cell->block * FRAME_BLOCK, bytes = (FRAME_BLOCK - cell->left) * sizeof(float);
     const vf share = vset(cell->share), from = vset(cell->from);
     struct edge *edges[] = {room->edges + room->upper, room->edges + !room->upper};

@@ -80,7 +80,7 @@ struct rays {
 
 enum { FRAME_TERMS = 9 }; /* of the polynomial of bounced light */
 enum mode { SUM_LIGHT, SUM_CONTENT, SUM_EXCESS, COUNT_LEAST, COUNT_MOST, APPLY };
-enum lit { NOWHERE, IN_PART, EVERYWHERE, HELD }; /* of a band in a block; in intervals that have light at all */
+enum lit { NOWHERE, IN_PART, EVERYWHERE, HELD }; /* of blocks in intervals: see FrameModel.ways */
 
 struct places { /* where numbers of a row lie among the nodes: see Grid.places */
     const int32_t *start, *pair; /* of 16; of each: nodes left and right (<< 8) from there */
