@@ -226,7 +226,7 @@ def _dome_maps(dome: Channels, kernel: dict[str, Any] | None) -> DomeMaps:
 
 def _kernel(entry: dict[str, Any]) -> ScatterKernel:
     return ScatterKernel(
-        int(entry["degree"]), np.array(entry["matrix"]), np.array(entry["profile"])
+        int(entry["degree"]), np.array(entry["matrix"], float), np.array(entry["profile"], float)
     )
 
 

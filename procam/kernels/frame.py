@@ -112,16 +112,29 @@ class FrameModel:
         return self.grid.lit(self.solid_angle_sr)
 
     def ways(self, top: float) -> NDArray[np.uint8]:
-        """How blocks are done where no more than `top` is sent: `lit`, but 3 for 2 where `hi` is lower."""
-        if top not in self._ways:
+        """How blocks are done (enum lit) where no more than `top` is sent: upper limits above it are none."""
+        if self._ways.get("top") != top:
             held = self.hi is not None and self.grid.least(self.hi.min(axis=-1)) < top
             found = self.lit + ((self.lit == reference_frame.EVERYWHERE) & held)
-            self._ways[top] = np.ascontiguousarray(found, np.uint8)
-        return self._ways[top]
+            self._ways.update(top=top, found=np.ascontiguousarray(found, np.uint8))
+        return np.asarray(self._ways["found"])
 
     @cached_property
-    def _ways(self) -> dict[float, NDArray[np.uint8]]:
-        return {}
+    def _ways(self) -> dict[str, Any]:
+        return {}  # of the last `top`
+
+    def brief(self, dtype: np.dtype[Any], top: float) -> bool:
+        """Whether light may be summed together with what bounces, which is taken off again.
+
+        Not where lamps may outshine the picture, of whose sum little would be left; not for single content,
+        whose looks must agree with what is written to 2e-9; and not where `top` can be the limit.
+        """
+        asked = max(self._greatest_lo, np.inf if dtype == np.float16 else 1.0)
+        return dtype != np.float32 and self.ambient is None and top >= asked
+
+    @cached_property
+    def _greatest_lo(self) -> float:
+        return float(self.lo.max())
 
     @cached_property
     def in_c(self) -> dict[str, NDArray[Any] | None]:
@@ -143,7 +156,8 @@ def _room_of(plane: Plane | None) -> Plane | None:
     if plane is None or room is None:
         return None
     begins = (room.dtype, room.ctypes.data) == (plane.dtype, plane.ctypes.data)
-    return room if begins and room.flags.c_contiguous and room.size >= plane.size + SPARE else None
+    whole = room.flags.c_contiguous and plane.flags.c_contiguous
+    return room if begins and whole and room.size >= plane.size + SPARE else None
 
 
 def _spared(plane: Plane | None) -> Plane | None:
@@ -230,7 +244,7 @@ class _Frame(ctypes.Structure):
 
     _fields_ = [
         ("size", ctypes.c_size_t),
-        *((name, ctypes.c_int) for name in ("kind", "nodes", "terms", "band")),
+        *((name, ctypes.c_int) for name in ("kind", "nodes", "terms", "band", "brief")),
         *((name, ctypes.c_float) for name in ("strength", "top")),
         *(
             (name, ctypes.c_void_p)
@@ -381,6 +395,7 @@ def _run(
         light = np.asarray(_spared(light))
     arrays = model.in_c | tables | {"image": image, "light": light, "out": out}
     arrays["lit"] = model.ways(how.top)
+    how.brief = model.brief(pictures[0].dtype, how.top)
     for name, array in arrays.items():
         setattr(how, name, pointer(array))
     strips, chunks = -(-CHANNELS * model.size // STRIP), -(-(model.nodes + 1) // CHUNK)

@@ -14,7 +14,7 @@ from procam.errors import InputError
 
 LEVELS = ("avx512", "avx2", "scalar", "numpy")
 VARIABLE = "PROCAM_KERNELS"
-INTERFACE = 10  # PROCAM_INTERFACE of c/kernels.h
+INTERFACE = 11  # PROCAM_INTERFACE of c/kernels.h
 _INT, _SIZE, _ADDRESS = ctypes.c_int, ctypes.c_size_t, ctypes.c_void_p
 _DOUBLE = ctypes.c_double
 SIGNATURES = {  # level, threads, element type, pixels, ...

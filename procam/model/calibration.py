@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.errors import InputError
+from procam.errors import InputError, ShapeError
 from procam.model.correspondence import ProjectorSurface
 from procam.model.house import HouseState
 from procam.model.optics import CameraModel, ProjectorModel
@@ -55,6 +55,12 @@ class Calibration:
     provenance: Mapping[str, Any] = field(default_factory=dict)
     schema_version: int = SCHEMA_VERSION
     states: Mapping[str, HouseState] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for name, state in self.states.items():
+            if state.ambient is not None and state.ambient.shape != self.maps.hi.shape:
+                expected = f"{self.maps.hi.shape}, as the maps"
+                raise ShapeError(f"ambient of house state {name}", state.ambient.shape, expected)
 
     def state(self, name: str) -> HouseState:
         """The house in a state that was measured."""

@@ -37,12 +37,12 @@ class HouseState:
             )
         if self.scatter_ratio.shape != (3,):
             raise ShapeError(f"scatter_ratio of {self.name}", self.scatter_ratio.shape, "(3,)")
-        if not (self.scatter_ratio > 0).all():  # also refuses NaN
+        if not ((self.scatter_ratio > 0) & (self.scatter_ratio < np.inf)).all():  # nor NaN
             raise InputError(
                 f"scatter_ratio of house state {self.name}: got {self.scatter_ratio.tolist()}, "
                 "expected more than 0"
             )
-        if self.ambient is not None and not (self.ambient >= 0).all():
+        if self.ambient is not None and not ((self.ambient >= 0) & (self.ambient < np.inf)).all():
             raise InputError(
                 f"ambient of house state {self.name}: got light below 0 or NaN, expected 0 or more"
             )

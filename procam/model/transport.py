@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from procam.errors import InputError, ShapeError
 from procam.model.mask import Mask
 
 Map = NDArray[np.float32]
@@ -38,6 +39,17 @@ class ScatterKernel:
     matrix: NDArray[np.float64]
     profile: NDArray[np.float64]
 
+    def __post_init__(self) -> None:
+        if self.degree not in (0, 1, 2):
+            raise InputError(f"kernel: got degree {self.degree}, expected 0, 1 or 2")
+        terms, channels = (self.degree + 1) ** 2, len(self.matrix)
+        for name, shape in (("matrix", (channels, terms, terms)), ("profile", (channels, terms))):
+            array = getattr(self, name)
+            if array.shape != shape:
+                raise ShapeError(f"kernel {name}", array.shape, f"{shape}")
+            if not np.isfinite(array).all():
+                raise InputError(f"kernel {name}: got NaN or infinity, expected numbers")
+
     @classmethod
     def scalar(cls, channels: int = 3) -> "ScatterKernel":
         """One scalar per colour."""
@@ -67,6 +79,14 @@ class DomeMaps:
     protected: Mask | None = None
     kernel: ScatterKernel = field(default_factory=ScatterKernel.scalar)
     falloff: Map | None = None
+
+    def __post_init__(self) -> None:
+        plane = 2 * self.coverage.shape[:1]
+        shapes = dict.fromkeys(("scatter_per_flux", "albedo", "lo", "hi"), (*plane, 3))
+        for name, shape in (shapes | {"coverage": plane, "falloff": plane}).items():
+            field = getattr(self, name)
+            if field is not None and field.shape != shape:
+                raise ShapeError(f"map {name}", field.shape, f"{shape}")
 
     @property
     def size(self) -> int:

@@ -99,11 +99,10 @@ class ClipEngine:
 
 
 def require_photometry(calibration: Calibration) -> None:
-    """Refuse a calibration in which no place of the dome has light that was measured, or some has not."""
+    """Refuse a calibration in which no place of the dome has light that was measured, or a map is broken."""
     maps = calibration.maps
-    lit = maps.coverage > 0
     measured = (maps.hi > 0).all(axis=-1) & np.isfinite(maps.scatter_per_flux).all(axis=-1)
-    if not (lit & measured).any():
+    if not ((maps.coverage > 0) & measured).any():
         raise InputError(
             "CALIBRATION: got no photometry, expected the light of every projector; capture and "
             "solve it with white, black and response pictures"
@@ -111,26 +110,23 @@ def require_photometry(calibration: Calibration) -> None:
     for name, (wrong, said) in _wrong_places(maps).items():
         if wrong.any():
             raise InputError(
-                f"CALIBRATION: got {int(wrong.sum())} lit places of its map {name} that are {said}, expected "
+                f"CALIBRATION: got {int(wrong.sum())} places of its map {name} that are {said}, expected "
                 "none; restore it or run `procam solve` on its session again"
             )
-    if not all(np.isfinite(m).all() for m in (maps.kernel.matrix, maps.kernel.profile)):
-        raise InputError(
-            "CALIBRATION: got NaN or infinity in its kernel, expected numbers; restore it or run "
-            "`procam solve` on its session again"
-        )
 
 
 def _wrong_places(maps: DomeMaps) -> dict[str, tuple[NDArray[np.bool_], str]]:
-    """Where (N, N) each map is what no calibration makes it, and what that is."""
-    lit = maps.coverage > 0
-    found = {"coverage": (~(maps.coverage <= 1 + ROUNDING), "above 1 or NaN")}
+    """Where (N, N) each map is what no calibration makes it, and what that is.
+
+    Unlit places count where interpolation would carry what is wrong to lit ones.
+    """
+    within = (maps.coverage >= 0) & (maps.coverage <= 1 + ROUNDING)
+    found = {"coverage": (~within, "below 0, above 1 or NaN")}
     for name in MEASURED:
-        finite = np.isfinite(getattr(maps, name)).all(axis=-1)
-        found[name] = (lit & ~finite, "NaN or infinite")
+        found[name] = (~np.isfinite(getattr(maps, name)).all(axis=-1), "NaN or infinite")
     if maps.falloff is not None:
-        sound = (maps.falloff > 0) & np.isfinite(maps.falloff)
-        found["falloff"] = (lit & ~sound, "0 or less, NaN or infinite")
+        finite, lit = np.isfinite(maps.falloff), maps.coverage > 0
+        found["falloff"] = (~finite | (lit & (maps.falloff <= 0)), "0 or less, NaN or infinite")
     return found
 
 

@@ -313,7 +313,7 @@ class TestRefused:
         source = shoot(tmp_path / "in")
         torn = spoiled(kept, tmp_path / "torn", {f"{name}.G": np.nan}, slice(48, 49))
         ran = procam("compensate", torn, source, tmp_path / "out")
-        words = f"lit places of its map {name} that are NaN or infinite"
+        words = f"places of its map {name} that are NaN or infinite"
         assert (ran.code, words in ran.complaint) == (2, True), ran
         assert not (tmp_path / "out").exists()
 
@@ -321,19 +321,27 @@ class TestRefused:
         source = shoot(tmp_path / "in")
         torn = spoiled(kept, tmp_path / "torn", {"coverage": 2}, slice(48, 49))
         ran = procam("compensate", torn, source, tmp_path / "out")
-        words = "lit places of its map coverage that are above 1 or NaN"
+        words = "places of its map coverage that are below 0, above 1 or NaN"
         assert (ran.code, words in ran.complaint) == (2, True), ran
 
-    def test_a_kernel_and_a_falloff_that_are_none_are_refused(
-        self, calibration: Calibration
+    @pytest.mark.parametrize("value", [0, np.nan])
+    def test_a_falloff_that_is_none(self, value: float, calibration: Calibration) -> None:
+        maps = replace(calibration.maps, falloff=np.full_like(calibration.maps.coverage, value))
+        with pytest.raises(InputError, match="map falloff that are 0 or less, NaN"):
+            require_photometry(replace(calibration, maps=maps))
+
+    @pytest.mark.parametrize("change", [{"degree": 1}, {"degree": 7}, {"matrix": [[["x"]]] * 3}])
+    def test_a_kernel_that_is_none(
+        self, change: dict[str, object], kept: Path, tmp_path: Path
     ) -> None:
-        maps = calibration.maps
-        torn = replace(maps.kernel, matrix=np.full_like(maps.kernel.matrix, np.nan))
-        flat = np.zeros_like(maps.coverage)
-        wrong = {"in its kernel": {"kernel": torn}, "map falloff that are 0": {"falloff": flat}}
-        for words, change in wrong.items():
-            with pytest.raises(InputError, match=words):
-                require_photometry(replace(calibration, maps=replace(maps, **change)))
+        source, torn = shoot(tmp_path / "in"), tmp_path / "torn"
+        shutil.copytree(kept, torn)
+        document = json.loads((torn / "calibration.json").read_text())
+        document["scatter_kernel"] |= change
+        (torn / "calibration.json").write_text(json.dumps(document))
+        ran = procam("compensate", torn, source, tmp_path / "out")
+        assert (ran.code, "got a damaged calibration" in ran.complaint) == (2, True), ran
+        assert not (tmp_path / "out").exists()
 
 
 class TestWarp:

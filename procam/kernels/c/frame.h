@@ -4,7 +4,8 @@
    band, and a block of values in an interval is a cell (frame_cell.h). What falls to an edge of a band is
    summed up with the direction, and with the area if all of the band is lit, of the node row there. */
 
-enum { FRAME_CHUNK = 64, AXES = 3 }; /* intervals */
+enum { FRAME_CHUNK = 64 }; /* intervals of a task */
+enum { AXES = 3 };
 
 /* The colours of LANES pixels, one by one. */
 INLINE void apart(const float *from, vf *colours) {
@@ -135,7 +136,8 @@ INLINE void one_interval(cells_way *const *ways, const struct procam_frame *how,
         count = run_of(lit + block, most - block, left);
         cell.block = block, cell.first = (begin + block) * FRAME_BLOCK, cell.lit = lit[block];
         cell.left = left < FRAME_BLOCK ? left : FRAME_BLOCK;
-        if (cell.lit != NOWHERE || mixes) ways[how->gain && cell.lit > IN_PART ? GAINED : cell.lit](how, room, &cell, count);
+        const size_t way = how->gain && cell.lit > IN_PART ? GAINED : (size_t)cell.lit;
+        if (cell.lit != NOWHERE || mixes) ways[way](how, room, &cell, count);
         else if (writes) clear_rows(how, &cell, left < count * FRAME_BLOCK ? left : count * FRAME_BLOCK);
     }
 }

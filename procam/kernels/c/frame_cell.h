@@ -4,12 +4,13 @@
    down the cell for every row of the picture. Values stay interleaved, red, green, blue. Each goes in
    shares to the upper and lower edge of its band of intervals, as far as the cell is down there.
 
-   Every way to do a cell is a function of its own: what they share is inlined with what is constant. */
+   Every way to do a cell is a function of its own, into which what they share is inlined. */
 
 enum { FRAME_STRIP = 1536 }; /* values: 512 pixels */
 enum { STRIP_BLOCKS = FRAME_STRIP / FRAME_BLOCK, STEP = 16 };
 enum plane { LIGHT, LEAST, MOST, GAIN, AREA, PLANES };
-enum { AHEAD = 8, NODES_AHEAD = 2, GAINED = HELD + 1 }; /* rows that are fetched ahead */
+enum { AHEAD = 8, NODES_AHEAD = 2 }; /* rows of the picture, of nodes, that are fetched ahead */
+enum { GAINED = HELD + 1, WAYS };    /* way of cells with a gain, lit everywhere */
 
 struct edge { /* of bands, in one strip: what falls to it */
     float plain[FRAME_STRIP], weighed[FRAME_STRIP]; /* the latter times the area of each pixel */
@@ -32,7 +33,7 @@ struct cell {
     float count, down, squares; /* of the rows: how far down they lie in all, and its squares */
 };
 
-struct way { /* how a cell is done; known to the compiler */
+struct way { /* how a cell is done; known to the compiler, but for the mode of rarer tasks */
     int kind, mode;
     enum lit lit;
     enum { NEVER, MAYBE, SURELY } limits, gains; /* whether there are upper ones, a gain */
@@ -80,7 +81,7 @@ INLINE int has(struct way way, const struct procam_frame *how, int plane) {
 }
 
 /* The planes of a way along the node row above a cell, where the one above has not left them. */
-INLINE void begin(struct way way, const struct procam_frame *how, struct room *room, const struct cell *cell) {
+INLINE void start_row(struct way way, const struct procam_frame *how, struct room *room, const struct cell *cell) {
     for (int plane = 0; plane < PLANES; plane++) {
         if (!has(way, how, plane)) continue;
         const struct places *places = plane < GAIN ? &how->values : &how->shared;
@@ -195,17 +196,16 @@ INLINE void brief(struct way way, const struct cell *cell, struct ramp *ramps, s
     }
 }
 
-/* Whether `top` may be left out, as light to send can be above it only where light is below 0. Single
-   content is summed as it is written, for its looks must agree to 2e-9. */
-INLINE int may_be_brief(struct way way, const struct procam_frame *how, const struct ramp *light) {
+/* Whether sums are made so: light below 0 could lift what is sent above `top`. */
+INLINE int is_brief(struct way way, const struct procam_frame *how, const struct ramp *light) {
     vf least = vset(0.0f);
-    if (way.mode != SUM_LIGHT || way.kind == F32 || way.lit < EVERYWHERE || way.gains) return 0;
+    if (way.mode != SUM_LIGHT || way.kind == F32 || way.lit < EVERYWHERE || way.gains || !how->brief) return 0;
     for (int k = 0; k < VECTORS; k++) least = vmin(least, vmin(light->at[k], vadd(light->at[k], light->step[k])));
-    return how->top >= (way.kind == F16 ? INFINITY : 1.0f) && !vany(vlt(least, vset(0.0f)));
+    return !vany(vlt(least, vset(0.0f)));
 }
 
 /* The rows of a whole block; content is read a row ahead of its use. */
-INLINE struct tally whole_rows(struct way way, int is_brief, const struct procam_frame *how, const struct cell *cell,
+INLINE struct tally whole_rows(struct way way, int briefly, const struct procam_frame *how, const struct cell *cell,
                                const struct ramp *ramps, struct tally tally) {
     const size_t width = bytes_of(way.kind), pitch = 3 * how->size * width, end = cell->end;
     const size_t start = cell->row * pitch + cell->first * width, column = cell->first % TILE_WIDTH;
@@ -219,7 +219,7 @@ INLINE struct tally whole_rows(struct way way, int is_brief, const struct procam
             fetch(from + AHEAD * pitch + ahead);
         UNROLL for (int k = 0; k < VECTORS; k++) values[k] = next[k];
         if (y + 1 < end) load_block(way.kind, how, from + pitch, next);
-        if (is_brief) brief_row(way, ramps, vset(how->down[y]), values, &tally);
+        if (briefly) brief_row(way, ramps, vset(how->down[y]), values, &tally);
         else one_row(way, how, ramps, vset(how->down[y]), values, &tally);
         if (way.mode != APPLY) continue;
         store_block(way.kind, how, from, tile, values, to);
@@ -273,11 +273,11 @@ INLINE void one_cell(struct way way, const struct procam_frame *how, struct room
     UNROLL for (int k = 0; k < VECTORS; k++) tally.sum[k] = tally.down[k] = vset(0.0f);
     for (int plane = 0; plane < PLANES; plane++) planes |= (uint8_t)(has(way, how, plane) << plane);
     const int found = room->row[cell->block] == cell->above && !(planes & ~room->planes[cell->block]);
-    if (!found) begin(way, how, room, cell);
+    if (!found) start_row(way, how, room, cell);
     enter_all(way, how, room, cell, LIGHT, GAIN, ramps);
     if (has(way, how, GAIN) || has(way, how, AREA)) enter_all(way, how, room, cell, GAIN, PLANES, ramps);
     if (cell->left < FRAME_BLOCK) tally = edge_rows(way, how, cell, ramps, tally);
-    else if (may_be_brief(way, how, ramps + LIGHT)) {
+    else if (is_brief(way, how, ramps + LIGHT)) {
         brief(way, cell, ramps, &tally);
         tally = whole_rows(way, 1, how, cell, ramps, tally);
     } else tally = whole_rows(way, 0, how, cell, ramps, tally);
@@ -296,32 +296,26 @@ typedef void cells_way(const struct procam_frame *how, struct room *room, const 
         for (; count; count--, cell.block++, cell.first += FRAME_BLOCK) \
             one_cell((struct way){__VA_ARGS__}, &how, room, &cell); \
     }
-#define CELLS(name, kind, mode) \
-    CELL(name##_nowhere, kind, mode, NOWHERE, NEVER, NEVER) \
+#define LIT_CELLS(name, kind, mode) \
     CELL(name##_in_part, kind, mode, IN_PART, MAYBE, MAYBE) \
     CELL(name##_everywhere, kind, mode, EVERYWHERE, NEVER, NEVER) \
     CELL(name##_held, kind, mode, HELD, SURELY, NEVER) \
-    CELL(name##_gained, kind, mode, HELD, MAYBE, SURELY) \
-    static cells_way *const name[] = {name##_nowhere, name##_in_part, name##_everywhere, name##_held, name##_gained};
+    CELL(name##_gained, kind, mode, HELD, MAYBE, SURELY)
+#define CELLS(kind) \
+    LIT_CELLS(sum_##kind, kind, SUM_LIGHT) \
+    LIT_CELLS(apply_##kind, kind, APPLY) \
+    LIT_CELLS(other_##kind, kind, room->mode) \
+    CELL(mix_##kind, kind, APPLY, NOWHERE, NEVER, NEVER)
+CELLS(U8)
+CELLS(U16)
+CELLS(F16)
+CELLS(F32)
 
-CELLS(sum_u8, U8, SUM_LIGHT)
-CELLS(sum_u16, U16, SUM_LIGHT)
-CELLS(sum_f16, F16, SUM_LIGHT)
-CELLS(sum_f32, F32, SUM_LIGHT)
-CELLS(apply_u8, U8, APPLY)
-CELLS(apply_u16, U16, APPLY)
-CELLS(apply_f16, F16, APPLY)
-CELLS(apply_f32, F32, APPLY)
-CELLS(other_u8, U8, room->mode)
-CELLS(other_u16, U16, room->mode)
-CELLS(other_f16, F16, room->mode)
-CELLS(other_f32, F32, room->mode)
-
+/* By enum lit, and GAINED; cells that are not lit have a way where the picture is mixed with what came. */
 INLINE cells_way *const *ways_of(int kind, int mode) {
-    static cells_way *const *const ways[3][4] = {
-        {[U8] = sum_u8, [U16] = sum_u16, [F16] = sum_f16, [F32] = sum_f32},
-        {[U8] = apply_u8, [U16] = apply_u16, [F16] = apply_f16, [F32] = apply_f32},
-        {[U8] = other_u8, [U16] = other_u16, [F16] = other_f16, [F32] = other_f32},
-    };
-    return ways[mode == SUM_LIGHT ? 0 : mode == APPLY ? 1 : 2][kind];
+#define WAYS_OF(name, nowhere) {nowhere, name##_in_part, name##_everywhere, name##_held, name##_gained}
+#define TASKS_OF(kind) \
+    [kind] = {WAYS_OF(sum_##kind, NULL), WAYS_OF(apply_##kind, mix_##kind), WAYS_OF(other_##kind, NULL)}
+    static cells_way *const ways[4][3][WAYS] = {TASKS_OF(U8), TASKS_OF(U16), TASKS_OF(F16), TASKS_OF(F32)};
+    return ways[kind][mode == SUM_LIGHT ? 0 : mode == APPLY ? 1 : 2];
 }

@@ -161,11 +161,11 @@ INLINE void store_block(int kind, const struct procam_frame *how, const void *fr
         if (kind == U8) {
             const vf x = root(vmax(v, vset(WRITTEN_BLACK)));
             const vi number = vright(vbits(x), 22);
-            const float *curve = how->encode;
-            v = vfma(vpick(window_at(curve + 64), number), x, vpick(window_at(curve + 32), number));
-            v = vfma(v, x, vpick(window_at(curve), number));
+            const float *constant = how->encode, *linear = constant + SEGMENTS, *squared = linear + SEGMENTS;
+            v = vfma(vpick(window_at(squared), number), x, vpick(window_at(linear), number));
+            v = vfma(v, x, vpick(window_at(constant), number));
         } else if (kind == U16)
-            v = vmul(v, vset(65535.0f));
+            v = vmin(vmax(vmul(v, vset(65535.0f)), vset(0.0f)), vset(65535.0f));
         if (how->strength < 1) {
             came = kind == U8    ? vload_u8((const uint8_t *)from + at)
                    : kind == U16 ? vload_u16((const uint16_t *)from + at)
@@ -175,7 +175,7 @@ INLINE void store_block(int kind, const struct procam_frame *how, const void *fr
             v = vfma(vset(how->strength), vsub(v, came), came);
         }
         if (kind == U8) codes[k] = vadd(v, vload(threshold + at));
-        else if (kind == U16) vstore_u16((uint16_t *)to + at, vmin(vmax(v, vset(0.0f)), vset(65535.0f)));
+        else if (kind == U16) vstore_u16((uint16_t *)to + at, v);
         else if (kind == F16) vstore_f16((uint16_t *)to + at, v);
         else if ((uintptr_t)to % 64) vstore((float *)to + at, v);
         else vstream((float *)to + at, v);

@@ -5,7 +5,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#define PROCAM_INTERFACE 10 /* raised with every change of a signature; loader.py holds the same */
+#define PROCAM_INTERFACE 11 /* raised with every change of a signature; loader.py holds the same */
 #define MOST_FRAMES 64     /* of a phase */
 #define MOST_SEARCH 32     /* of a search */
 #define RESULTS 6          /* planes of a search */
@@ -80,7 +80,9 @@ struct rays {
 
 enum { FRAME_TERMS = 9 }; /* of the polynomial of bounced light */
 enum mode { SUM_LIGHT, SUM_CONTENT, SUM_EXCESS, COUNT_LEAST, COUNT_MOST, APPLY };
-enum lit { NOWHERE, IN_PART, EVERYWHERE, HELD }; /* of blocks in intervals: see FrameModel.ways */
+/* Of a block in an interval: not lit; summed pixel by pixel; all of its band is lit; the same, and upper
+   limits are below `top` somewhere. */
+enum lit { NOWHERE, IN_PART, EVERYWHERE, HELD };
 
 struct places { /* where numbers of a row lie among the nodes: see Grid.places */
     const int32_t *start, *pair; /* of 16; of each: nodes left and right (<< 8) from there */
@@ -90,6 +92,7 @@ struct places { /* where numbers of a row lie among the nodes: see Grid.places *
 struct procam_frame { /* a picture (size, size, 3) and the model of its dome: see frame.py */
     size_t size;
     int kind, nodes, terms, band; /* intervals of a band; divides FRAME_CHUNK */
+    int brief; /* light may be summed as `brief` in frame_cell.h does: see frame.py */
     float strength, top;
     const void *image;
     void *out;

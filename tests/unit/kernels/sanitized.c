@@ -174,7 +174,9 @@ static void frame(int level, int kind, int mode, size_t edge, int nodes, int ter
             const int first = (int)floor(place), left = first < 0 ? 0 : first;
             const int right = first + 1 < nodes ? first + 1 : nodes - 1, c = (int)((value < last ? value : last) % 3);
             const int at = k ? left : 3 * left + c, to = k ? right : 3 * right + c;
-            if (i % 16 == 0 || at < start[k][i / 16]) start[k][i / 16] = at;
+            const size_t group = i / 16 - i / 16 % (edge < 3 * n ? 1 : 4); /* as many start alike as _places says */
+            for (size_t s = group; i == 16 * group && s < group + 4 && s < counts[k] / 16; s++) start[k][s] = at;
+            for (size_t s = group; at < start[k][group] && s < group + (edge < 3 * n ? 1 : 4); s++) start[k][s] = at;
             pair[k][i] = at | to << 16;
             across[k][i] = (float)(place - first), down[pixel] = across[k][i];
         }
@@ -190,13 +192,14 @@ static void frame(int level, int kind, int mode, size_t edge, int nodes, int ter
         if (!y) break;
     }
     uint8_t *lit = room((n + 1) * values / 64), *codes = room(1024);
-    for (size_t i = 0; i < (n + 1) * values / 64; i++) lit[i] = (uint8_t)(i % (mode % 2 ? 4 : 3));
+    for (size_t i = 0; i < (n + 1) * values / 64; i++) lit[i] = (uint8_t)(i % (mode == 4 ? 3 : 4));
     float *light = numbers(fields, 0.1f), *lo = numbers(fields, 0), *hi = numbers(fields, 0.5f);
     float *gain = numbers(n * n + spare, 1), *area = numbers(n * n + spare, 0);
     float *weight = numbers(edges * n + spare, 1), *paint = numbers(3 * edges * n + spare, 1);
     float *direction = numbers(3 * edges * n + spare, 0.5f), *tables = numbers(256 + 96, 0.1f);
     float *threshold = numbers(64 * 192, 0.5f);
-    how.light = light, how.least = lo, how.most = mode % 2 ? hi : NULL, how.gain = mode % 2 ? NULL : gain;
+    how.light = light, how.least = lo, how.most = mode == 4 ? NULL : hi, how.gain = mode == 2 || mode == 4 ? gain : NULL;
+    how.brief = kind != 2 && edge % 2;
     how.area = area, how.weight = weight, how.paint = paint, how.direction = direction;
     how.lit = lit, how.down = down, how.rows = rows;
     how.decode = tables, how.encode = tables + 256, how.threshold = threshold, how.decode_bytes = codes;

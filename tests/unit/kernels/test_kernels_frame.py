@@ -131,6 +131,39 @@ class TestAgainstTheTwin:
         np.testing.assert_allclose(found, expected, rtol=0, atol=3e-7 * np.abs(expected).max())
 
     @pytest.mark.parametrize("kind", TYPES)
+    def test_a_dark_picture_under_lamps(self, level: str, kind: type) -> None:
+        dome = model(300, 256, 9)
+        room = np.full_like(dome.lo, 0.7)
+        dark = replace(dome, lo=np.full_like(dome.lo, 1e-4), ambient=room)
+        content, how, written = np.zeros((300, 300, 3), kind), coding(kind), np.empty((3, 9))
+        light = bounced_light(dark, 1e-4 * numbers())
+        frame_apply(dark, content, light, how, None, written)
+        looked = frame_sums(dark, content, light, "light", how)
+        with kernels.forced("numpy"):
+            expected = frame_sums(dark, content, light, "light", how)
+        close = 3e-7 * np.abs(expected).max()
+        np.testing.assert_allclose(written, expected, rtol=0, atol=close)
+        np.testing.assert_allclose(looked, expected, rtol=0, atol=close)
+
+    @pytest.mark.parametrize("kind", TYPES)
+    def test_black_brighter_than_what_is_sent_at_most(self, level: str, kind: type) -> None:
+        dome, content, how = model(300, 256, 1, 3), picture(300, kind), coding(kind)
+        dome, how = replace(dome, lo=dome.lo + 1.5), replace(how, top=1.0)
+        light = bounced_light(dome, numbers())
+        found = frame_sums(dome, content, light, "light", how)
+        with kernels.forced("numpy"):
+            expected = frame_sums(dome, content, light, "light", how)
+        np.testing.assert_allclose(found, expected, rtol=3e-7)
+
+    def test_a_part_of_a_larger_light(self, level: str) -> None:
+        dome, content, how = model(64, 64, 1), picture(64, np.float32), coding(np.float32)
+        wide = np.zeros((64, 80, 3), np.float32)
+        wide[:, :64] = bounced_light(dome, numbers())
+        found = frame_sums(dome, content, wide[:, :64], "light", how)
+        expected = frame_sums(dome, content, wide[:, :64].copy(), "light", how)
+        np.testing.assert_array_equal(found, expected)
+
+    @pytest.mark.parametrize("kind", TYPES)
     @pytest.mark.parametrize("top", [0.4, 1.0])
     def test_the_most_that_is_sent(self, level: str, kind: type, top: float) -> None:
         dome, content = model(300, 256, 1, 3), picture(300, kind)
@@ -146,8 +179,13 @@ class TestAgainstTheTwin:
     def test_light_below_black(self, level: str, kind: type) -> None:
         dome, content = replace(model(64, 64, 1), ambient=None), np.zeros((64, 64, 3), kind)
         dark = replace(dome, lo=np.full_like(dome.lo, -0.1))
-        sent = frame_apply(dark, content, bounced_light(dark, numbers()), coding(kind, 0.5))
-        assert sent.max() <= 0
+        light, how = bounced_light(dark, numbers()), coding(kind, 0.5)
+        assert frame_apply(dark, content, light, how).max() <= 0
+        content = (picture(64, kind).astype(float) / 30).astype(kind)
+        found = frame_apply(dark, content, light, how).astype(float)
+        with kernels.forced("numpy"):
+            expected = frame_apply(dark, content, light, how).astype(float)
+        assert np.abs(found - expected).max() <= STEP[kind]
 
     @pytest.mark.parametrize("kind", [np.float16, np.float32])
     @pytest.mark.parametrize("bad", [np.nan, np.inf])
