@@ -18,7 +18,7 @@ from procam.files.calibration import (
     next_directory,
     save_calibration,
 )
-from procam.files.images import read_channels
+from procam.files.images import read_channels, write_channels
 from procam.model.calibration import Calibration
 from procam.model.house import HouseState
 from procam.model.mask import Mask
@@ -215,12 +215,13 @@ class TestDamage:
         assert self._complaint(saved).startswith(f"{path}: got a truncated or damaged image")
 
     def test_a_states_map_is_gone(self, tmp_path: Path, calibration: Calibration) -> None:
-        state = HouseState(
-            "full", calibration.feedback, np.ones(3), np.zeros((8, 8, 3), np.float32)
-        )
+        lamps = np.zeros_like(calibration.maps.hi)
+        state = HouseState("full", calibration.feedback, np.ones(3), lamps)
         directory = tmp_path / "0001"
         save_calibration(dataclasses.replace(calibration, states={"full": state}), directory)
         path = directory / "maps" / "state-full.exr"
+        write_channels(path, {c: lamps[::2, ::2, 0] for c in "RGB"})
+        assert "ambient of house state full: got shape" in self._complaint(directory)
         path.unlink()
         assert self._complaint(directory).startswith(f"{path}: got no such file")
 
