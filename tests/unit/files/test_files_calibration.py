@@ -220,7 +220,7 @@ class TestDamage:
         directory = tmp_path / "0001"
         save_calibration(dataclasses.replace(calibration, states={"full": state}), directory)
         path = directory / "maps" / "state-full.exr"
-        write_channels(path, {c: lamps[::2, ::2, 0] for c in "RGB"})
+        write_channels(path, dict.fromkeys("RGB", lamps[::2, ::2, 0]))
         assert "ambient of house state full: got shape" in self._complaint(directory)
         path.unlink()
         assert self._complaint(directory).startswith(f"{path}: got no such file")
