@@ -18,8 +18,7 @@ from procam.kernels.loader import chosen
 
 Double = NDArray[np.float64]
 Curve = Callable[[NDArray[np.floating]], NDArray[np.floating]]
-KINDS = {np.dtype(np.uint8): 0, np.dtype(np.uint16): 1, np.dtype(np.float32): 2}
-KINDS[np.dtype(np.float16)] = 3
+KINDS = {np.dtype(t): n for n, t in enumerate((np.uint8, np.uint16, np.float32, np.float16))}
 WHOLE = {np.dtype(np.uint8): 255.0, np.dtype(np.uint16): 65535.0}
 MODES = {"light": 0, "content": 1, "excess": 2, "at least": 3, "at most": 4}
 APPLY = 5
@@ -60,11 +59,7 @@ class FrameModel:
         nodes = self.coverage.shape[0]
         plane: tuple[int, ...] = (nodes, nodes)
         colours: tuple[int, ...] = (nodes, nodes, CHANNELS)
-        shapes: dict[str, tuple[int, ...]] = {
-            "coverage": plane,
-            "gain": plane,
-            "solid_angle_sr": plane,
-        }
+        shapes = dict.fromkeys(("coverage", "gain", "solid_angle_sr"), plane)
         shapes.update(dict.fromkeys(("spread", "lo", "hi", "ambient"), colours))
         shapes["direction"] = (CHANNELS, nodes, nodes)
         for name, shape in shapes.items():
