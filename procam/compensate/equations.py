@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from procam.compensate.fields import Fields, NodeSample
 from procam.compensate.solver import Root
 from procam.errors import DidNotConverge
+from procam.kernels.arrays import aligned_like
+from procam.kernels.coding import Coding
 from procam.kernels.even import Coded, EvenModel, even_apply, even_sums
 from procam.kernels.frame import (
     TERMS,
-    Coding,
     FrameModel,
-    aligned_like,
     bounced_light,
     frame_apply,
     frame_sums,

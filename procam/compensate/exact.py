@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 from procam.compensate.equations import Equations
 from procam.compensate.fields import Fields
 from procam.errors import InputError
+from procam.kernels.coding import WHOLE, Coding
 from procam.kernels.frame import (
-    WHOLE,
-    Coding,
     bounced_light,
     check_pictures,
     frame_apply,

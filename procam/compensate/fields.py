@@ -15,18 +15,19 @@ from procam.maths.sphere import (
     direction_from_angles,
     master_directions,
     master_pixels,
-    master_solid_angles,
+    master_planes,
 )
-from procam.maths.warp import blur_within, sample
 from procam.model.calibration import Calibration
-from procam.model.transport import DomeMaps
+from procam.model.transport import DomeMaps, ScatterKernel
 
 Array = NDArray[np.float64]
 Map = NDArray[np.float32]
 WHITES = ("summed", "keep")
 CHANNELS = 3
 SAMPLE = 96  # nodes along an edge, at most, that stand for all of them
-REACH_PX = 1.5  # how far limits are continued beyond the lit part, for interpolation
+REACH = 4  # nodes that fields go on beyond the lit part, for interpolation: more than one band has
+CONTINUED = ("spread", "lo", "hi", "gain")
+AROUND = np.array([(y, x) for y in (-1, 0, 1) for x in (-1, 0, 1)]).T
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,34 +177,35 @@ class NodeSample:
 def _model(calibration: Calibration, size: int, state: str | None) -> FrameModel:
     maps = calibration.maps
     nodes = min(size, maps.size)
-    direction, inside = master_directions(nodes)
-    where = None if nodes == maps.size else master_pixels(direction, maps.size)
-    coverage = _sampled(maps.coverage, where) * inside
-    lit = coverage > 0
-    spread, ambient = _scatter(calibration, (direction, where), state)
+    direction, area = master_planes(nodes)
+    where = None if nodes == maps.size else master_pixels(np.moveaxis(direction, 0, -1), maps.size)
+    coverage = _sampled(maps.coverage, where) * (area > 0)
     lo = _sampled(maps.lo, where)
     # coverage fades hi over the border; what is lit at all can be driven to full there
     hi = np.maximum(_sampled(maps.hi, where) / np.maximum(coverage, 0.5)[..., None], lo)
-    falloff = None if maps.falloff is None else _sampled(maps.falloff, where)[..., None]
-    return FrameModel(
+    scatter, ambient = _scatter(calibration, where, state)
+    raw = FrameModel(
         size=size,
-        spread=_continued(spread, lit),
-        lo=_continued(lo, lit),
-        hi=_continued(hi, lit),
+        spread=scatter,
+        lo=lo,
+        hi=hi,
         ambient=ambient,
-        gain=None if falloff is None else _continued(falloff, lit)[..., 0],
-        coverage=coverage.astype(np.float32),
-        solid_angle_sr=(master_solid_angles(nodes) * (nodes / size) ** 2 * coverage).astype(
-            np.float32
-        ),
-        direction=np.ascontiguousarray(np.moveaxis(direction, -1, 0), np.float32),
+        gain=None if maps.falloff is None else _sampled(maps.falloff, where),
+        coverage=coverage,
+        solid_angle_sr=area * np.float32((nodes / size) ** 2) * coverage,
+        direction=direction,
         terms=(maps.kernel.degree + 1) ** 2,
     )
+    return _continued(_painted(raw, maps.kernel))
 
 
 def _sampled(field: Map, where: NDArray[np.floating] | None) -> Map:
     """A map at places of its own; all of it if there are none."""
-    return field if where is None else sample(field, where)
+    if where is None:
+        return field
+    from procam.maths.warp import sample  # noqa: PLC0415 - OpenCV is a tenth of the way to a first pixel
+
+    return sample(field, where)
 
 
 def _untouched(shown: FrameModel, maps: DomeMaps) -> FrameModel:
@@ -227,30 +229,60 @@ def _protected(maps: DomeMaps, size: int) -> NDArray[np.bool_] | None:
 
 
 def _scatter(
-    calibration: Calibration, nodes: tuple[Array, NDArray[np.floating] | None], state: str | None
+    calibration: Calibration, where: NDArray[np.floating] | None, state: str | None
 ) -> tuple[Map, Map | None]:
-    """Paint v (M, M, 3) and the lamps' light, or None, in a house state.
+    """What white brings per flux (M, M, 3) [1/sr] and the lamps' light, or None, in a house state."""
+    scatter = _sampled(calibration.maps.scatter_per_flux, where)
+    if state is None:
+        return scatter, None
+    house = calibration.state(state)
+    ambient = None if house.ambient is None else _sampled(house.ambient, where)
+    return scatter * house.scatter_ratio.astype(np.float32), ambient
 
-    `nodes` are directions and places in the maps.
+
+def _painted(model: FrameModel, kernel: ScatterKernel) -> FrameModel:
+    """A model whose `spread` is what white brings per flux, with the paint v in its place."""
+    profile = np.zeros((CHANNELS, TERMS))
+    profile[:, : model.terms] = kernel.profile @ _harmonics(kernel.degree).T
+    bare = replace(model, spread=np.ones_like(model.spread), ambient=None)
+    return replace(model, spread=model.spread / bounced_light(bare, profile))
+
+
+def _continued(model: FrameModel) -> FrameModel:
+    """A model whose fields go on for some nodes beyond the lit part as they are at its border.
+
+    Interpolation reads there. Further out they are 0.
     """
-    direction, where = nodes
-    maps, kernel = calibration.maps, calibration.maps.kernel
-    scatter = _sampled(maps.scatter_per_flux, where)
-    ambient = None
-    if state is not None:
-        house = calibration.state(state)
-        scatter = scatter * house.scatter_ratio.astype(np.float32)
-        if house.ambient is not None:
-            ambient = _sampled(house.ambient, where)
-    profile = _harmonics(kernel.degree) @ kernel.profile.T
-    terms = monomials(np.moveaxis(direction, -1, 0), len(profile))
-    return (scatter / np.tensordot(terms, profile, (0, 0))).astype(np.float32), ambient
+    known, given = model.coverage > 0, {n: getattr(model, n) for n in CONTINUED}
+    shapes = {n: field.shape for n, field in given.items() if field is not None}
+    flat = {n: np.array(given[n], np.float32).reshape(known.size, -1) for n in shapes}
+    dark = np.flatnonzero(~known)
+    for field in flat.values():
+        field[dark] = 0
+    for _ in range(REACH):
+        at, near, share = _ring(known)
+        for field in flat.values():
+            field[at] = np.matmul(share[:, None], field[near])[:, 0]
+        known.flat[at] = True
+    continued: dict[str, Any] = {n: field.reshape(shapes[n]) for n, field in flat.items()}
+    return replace(model, **continued)
 
 
-def _continued(field: NDArray[np.floating], lit: NDArray[np.bool_]) -> Map:
-    """A field (M, M, C) with the lit part's values continued just outside it."""
-    beyond = blur_within(field.astype(np.float32), lit, REACH_PX).reshape(field.shape)
-    return np.where(lit[..., None], field, beyond).astype(np.float32)
+def _ring(known: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp], Map]:
+    """Nodes (P,) round those that are known, the nine nodes (P, 9) at each, and their shares (P, 9)."""
+    edge = len(known)
+    at = np.flatnonzero(_grown(known) & ~known)
+    y, x = np.divmod(at[:, None], edge)
+    near = np.clip(y + AROUND[0], 0, edge - 1) * edge + np.clip(x + AROUND[1], 0, edge - 1)
+    share = known.ravel()[near].astype(np.float32)
+    return at, near, share / share.sum(axis=1, keepdims=True)
+
+
+def _grown(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """A mask and all that touches it, at corners too."""
+    wide = np.pad(mask, 1)
+    tall = wide[:-2] | wide[1:-1] | wide[2:]
+    return np.asarray(tall[:, :-2] | tall[:, 1:-1] | tall[:, 2:])
 
 
 def _operator(calibration: Calibration) -> Array:

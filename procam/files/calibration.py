@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.errors import FileFormatError
+from procam.errors import FileFormatError, ShapeError
 from procam.files.atomic import replacing_directory
-from procam.files.images import read_channels, write_channels
+from procam.files.images import read_channels, read_layers, write_channels
 from procam.maths.lenses import Lens
 from procam.maths.pose import Pose
 from procam.model.calibration import SCHEMA_VERSION, Calibration, ProjectorCalibration
@@ -57,7 +57,8 @@ def save_calibration(calibration: Calibration, directory: Path) -> None:
     with replacing_directory(directory) as temporary:
         for name, projector in calibration.projectors.items():
             write_channels(temporary / "maps" / f"{name}.exr", _projector_channels(projector))
-        write_channels(temporary / "maps" / "dome.exr", _dome_channels(calibration.maps))
+        dome = _dome_channels(calibration.maps)
+        write_channels(temporary / "maps" / "dome.exr", dome, "none")  # shows start with it
         for name, state in calibration.states.items():
             if state.ambient is not None:
                 path = temporary / "maps" / ambient_file(name)
@@ -188,7 +189,7 @@ def _plain(fields: dict[str, Any]) -> dict[str, Any]:
 
 
 def _calibration(directory: Path, document: dict[str, Any], with_projectors: bool) -> Calibration:
-    dome = read_channels(directory / "maps" / "dome.exr")
+    dome = read_layers(directory / "maps" / "dome.exr")
     projectors = document["projectors"].items() if with_projectors else ()
     return Calibration(
         Dome(**document["screen"] | {"bumps": tuple(document["screen"].get("bumps", ()))}),
@@ -217,7 +218,7 @@ def _state(directory: Path, name: str, entry: dict[str, Any]) -> HouseState:
 def _dome_maps(dome: Channels, kernel: dict[str, Any] | None) -> DomeMaps:
     covered = dome.get("protected")  # calibrations where nothing is protected have none
     protected = None if covered is None else Mask("screen", covered > 0.5)
-    scatter, albedo, lo, hi = (_rgb(dome, name) for name in DOME_MAPS)
+    scatter, albedo, lo, hi = (dome[name] for name in DOME_MAPS)
     spread = ScatterKernel.scalar() if kernel is None else _kernel(kernel)
     return DomeMaps(
         scatter, albedo, lo, hi, dome["coverage"], protected, spread, dome.get("falloff")
@@ -244,7 +245,7 @@ def _camera(name: str, entry: dict[str, Any]) -> CameraModel:
 
 
 def _projector(directory: Path, name: str, entry: dict[str, Any]) -> ProjectorCalibration:
-    maps = read_channels(directory / "maps" / f"{name}.exr")
+    maps = read_layers(directory / "maps" / f"{name}.exr")
     covariance = entry["covariance"]
     size = (int(entry["size"][0]), int(entry["size"][1]))
     model = ProjectorModel(
@@ -254,22 +255,25 @@ def _projector(directory: Path, name: str, entry: dict[str, Any]) -> ProjectorCa
         _pose(entry["projector_from_dome"]),
         None if covariance is None else np.array(covariance),
     )
-    direction = np.stack([maps[f"direction.{axis}"] for axis in "xyz"], axis=-1)
     surface = ProjectorSurface(
-        direction,
+        _threefold(maps, "direction"),
         maps["solid_angle"],
         maps["valid"] > 0.5,
         maps["measured"],
         maps["sigma_arcmin"],
     )
     response = ResponseCurve(**{k: np.array(v) for k, v in entry["response"].items()})
-    exponent = _rgb(maps, "exponent") if "exponent.R" in maps else None
-    photometry = Photometry(response, np.array(entry["colour_mix"]), _rgb(maps, "gain"), exponent)
+    mix, gain = np.array(entry["colour_mix"]), _threefold(maps, "gain")
+    exponent = _threefold(maps, "exponent") if "exponent" in maps else None
+    photometry = Photometry(response, mix, gain, exponent)
     return ProjectorCalibration(model, surface, photometry, maps["blend"])
 
 
-def _rgb(maps: Channels, name: str) -> NDArray[np.float32]:
-    return np.stack([maps[f"{name}.{c}"] for c in RGB], axis=-1)
+def _threefold(maps: Channels, name: str) -> NDArray[np.float32]:
+    layer = maps[name]
+    if layer.shape[2:] != (3,):
+        raise ShapeError(f"map {name}", layer.shape, "(H, W, 3)")
+    return layer
 
 
 def _lens(entry: dict[str, Any]) -> Lens:

@@ -84,3 +84,10 @@ def result_planes(
         if not (array.flags.c_contiguous and array.flags.aligned and array.flags.writeable):
             raise InputError(f"out {name}: expected a writable, contiguous, aligned array")
     return given
+
+
+def aligned_like(picture: NDArray[Any]) -> NDArray[Any]:
+    """An empty picture that begins on a cache line, so that writes can pass the cache."""
+    room = np.empty(picture.nbytes + LINE, np.uint8)
+    start = -room.ctypes.data % LINE
+    return room[start : start + picture.nbytes].view(picture.dtype).reshape(picture.shape)

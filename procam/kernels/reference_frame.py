@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from procam.kernels.grid import BLOCK
 
 if TYPE_CHECKING:
-    from procam.kernels.frame import Coding, FrameModel
+    from procam.kernels.coding import Coding
+    from procam.kernels.frame import FrameModel
 
 Plane = NDArray[np.float32]
 Double = NDArray[np.float64]

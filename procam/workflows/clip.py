@@ -6,11 +6,11 @@ import io
 import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
-from importlib.metadata import version
 from itertools import chain
 from pathlib import Path
 from typing import TypeVar
 
+from procam import __version__
 from procam.errors import FileFormatError
 from procam.files import atomic
 from procam.files.calibration import load_dome
@@ -120,7 +120,7 @@ def each_frame(clip: Clip, work: Callable[[Piece], Callable[[], Made]]) -> Itera
 
 def run_key(calibration_dir: Path, how: How, *more: str) -> str:
     """What makes two runs the same: calibration (with `more` of its files), settings, program."""
-    digest = hashlib.sha256(json.dumps([version("procam"), asdict(how)]).encode())
+    digest = hashlib.sha256(json.dumps([__version__, asdict(how)]).encode())
     for part in (*PARTS, *more):
         for path in sorted(calibration_dir.glob(part)):
             digest.update(path.read_bytes())

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import repeat
+from itertools import chain, repeat
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, BinaryIO, Protocol, Self
@@ -33,7 +33,7 @@ from procam.files.sequences import (
     state_of,
 )
 from procam.files.stills import read_still, write_still
-from procam.workflows.clip_flow import Crew
+from procam.workflows.clip_flow import Crew, begun
 
 Pixels = NDArray[Any]
 Row = dict[str, Any]
@@ -225,7 +225,10 @@ class MovieClip:
 
 
 class PipeClip:
-    """Bare frames from a pipe to a pipe; it keeps how long each took from whole to sent."""
+    """Bare frames from a pipe to a pipe; it keeps how long each took from whole to sent.
+
+    The first is read at once, while a calibration is.
+    """
 
     total = 0
     suffix = ""
@@ -236,6 +239,7 @@ class PipeClip:
         self._size, self._dtype = size, dtype
         self._count = 0
         self.latency_s = array("f")
+        self._first = begun(self._read)
 
     def __enter__(self) -> Self:
         return self
@@ -249,7 +253,7 @@ class PipeClip:
 
     def reads(self) -> Reads:
         """Frames until the pipe ends."""
-        return repeat(self._read)
+        return chain([self._first], repeat(self._read))
 
     def write(self, piece: Piece, rgb: Pixels, transfer: str, row: Row) -> None:
         """Send a frame at once."""

@@ -82,6 +82,21 @@ def flow(
         writers.stop(crew.patience_s)
 
 
+def begun(job: Callable[[], Result]) -> Callable[[], Result]:
+    """A job that a thread is at work on already; what it gives, or its error, is handed over once."""
+    future: Future[Result] = Future()
+    threading.Thread(target=_fulfil, args=(future, job), daemon=True).start()
+    held = [future]  # or a frame would live as long as who asks for it
+    return lambda: held.pop().result()
+
+
+def _fulfil(future: "Future[Result]", job: Callable[[], Result]) -> None:
+    try:
+        future.set_result(job())
+    except BaseException as error:  # raised again where the result is waited for
+        future.set_exception(error)
+
+
 def _results(futures: deque[Future[Made]]) -> Iterator[Made]:
     while futures:
         yield futures.popleft().result()
@@ -117,9 +132,5 @@ class _Threads:
 
     def _run(self) -> None:
         while (given := self._jobs.get()) is not None and not self._stopped:
-            future, job = given
-            try:
-                future.set_result(job())
-            except BaseException as error:  # raised again where the result is waited for
-                future.set_exception(error)
-            del given, future, job  # a frame must not live until the next one comes
+            _fulfil(*given)
+            del given  # a frame must not live until the next one comes

@@ -13,7 +13,6 @@ from procam.interfaces.cli.output import Output
 from procam.workflows.clip import compensate_clip, compensate_file, write_report
 from procam.workflows.clip_ends import PipeClip
 from procam.workflows.clip_engine import How
-from procam.workflows.clip_warp import warp_file
 
 if TYPE_CHECKING:
     from procam.workflows.events import Event
@@ -58,6 +57,8 @@ def run_warp(
     calibration: Path, source: Path, out: Path, transfer: str | None, output: Output
 ) -> None:
     """`procam warp`."""
+    from procam.workflows.clip_warp import warp_file
+
     events = warp_file(calibration, source, out, transfer)
     paths = _follow(events, output, quiet=source.is_file())["frames"]
     for path in paths:
@@ -90,13 +91,13 @@ def _run_pipe(
             "what does the sender give?"
         )
     keep_large_buffers()
-    loaded = load_dome(calibration)
     rows: Rows = {}
     with (  # no buffers in between: a frame is sent when it is made
         os.fdopen(0, "rb", buffering=0, closefd=False) as stdin,
         os.fdopen(1, "wb", buffering=0, closefd=False) as stdout,
     ):
         clip = PipeClip((stdin, stdout), size, pixel_type(pixels))
+        loaded = load_dome(calibration)
         try:
             for event in compensate_clip(loaded, clip, how, certify=report is not None):
                 rows |= event.data["rows"] if report else {}

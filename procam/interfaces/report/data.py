@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from procam.errors import FileFormatError, InputError
 from procam.files.calibration import list_calibrations, load_calibration
-from procam.files.images import RGB, read_channels
+from procam.files.images import RGB, read_channels, read_layers
 from procam.interfaces.plots import on_dome
 from procam.maths.sphere import angle_between, master_directions, master_pixels, master_solid_angles
 from procam.maths.warp import block_mean, sample
@@ -184,8 +184,8 @@ def true_errors(material: Material, name: str) -> Array | None:
     path = material.truth.directory / "maps" / f"{name}.exr"
     if not path.is_file():
         return None
-    maps = read_channels(path)
-    truth = np.stack([maps[f"direction.{axis}"] for axis in "xyz"], axis=-1)
+    maps = read_layers(path)
+    truth = maps["direction"]
     found = material.calibration.projectors[name].surface.direction
     error = np.degrees(angle_between(found.astype(float), truth.astype(float))) * 60
     return np.where(maps["valid"] > 0.5, error, np.nan)
@@ -214,8 +214,7 @@ def _gain_since(earlier: Path, material: Material, name: str) -> Array | None:
     path = earlier / "maps" / f"{name}.exr"
     if newest is None or session != newest.provenance.get("session") or not path.is_file():
         return None
-    maps = read_channels(path)
-    old = np.sum([maps[f"gain.{c}"] for c in RGB], axis=0, dtype=float)
+    old = read_layers(path)["gain"].sum(axis=-1, dtype=float)
     new = newest.projectors[name].photometry.gain.sum(axis=-1, dtype=float)
     return np.where(old > 0, new / np.where(old > 0, old, 1.0), np.nan)
 

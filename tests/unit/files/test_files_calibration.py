@@ -227,4 +227,14 @@ class TestDamage:
 
     def test_a_map_of_another_kind(self, saved: Path) -> None:
         (saved / "maps" / "south.exr").write_bytes((saved / "maps" / "dome.exr").read_bytes())
-        assert "direction.x" in self._complaint(saved)
+        assert "direction" in self._complaint(saved)
+
+    @pytest.mark.parametrize("name", ["direction.y", "gain.R", "blend", "hi.G", "coverage"])
+    def test_a_map_lacks_a_channel(self, saved: Path, name: str) -> None:
+        file = "dome" if name in ("hi.G", "coverage") else "south"
+        path = saved / "maps" / f"{file}.exr"
+        channels = {n: plane.copy() for n, plane in read_channels(path).items() if n != name}
+        write_channels(path, channels)
+        complaint = self._complaint(saved)
+        assert "got a damaged calibration" in complaint
+        assert name.partition(".")[0] in complaint

@@ -14,10 +14,12 @@ from procam.errors import FileFormatError
 from procam.files.images import (
     read_channels,
     read_image,
+    read_layers,
     read_picture,
     write_channels,
     write_image,
     write_picture,
+    write_spec,
 )
 
 KINDS = [
@@ -75,6 +77,29 @@ class TestNamedChannels:
         assert set(found) == set(names)
         for name in names:
             np.testing.assert_array_equal(found[name], channels[name])
+
+    @pytest.mark.parametrize("height", [1, 63, 64, 129])
+    def test_layers_are_made_of_channels_of_one_name(self, tmp_path: Path, height: int) -> None:
+        names = ["hi.G", "valid", "direction.z", "hi.R", "direction.x", "hi.B", "direction.y", "R"]
+        channels = {name: _noise(np.float32, (height, 8)) + i for i, name in enumerate(names)}
+        write_channels(tmp_path / "maps.exr", channels, "none")
+        found = read_layers(tmp_path / "maps.exr")
+        assert set(found) == {"hi", "direction", "valid", "R"}
+        for layer, parts in {"hi": "RGB", "direction": "xyz"}.items():
+            expected = np.stack([channels[f"{layer}.{c}"] for c in parts], axis=-1)
+            np.testing.assert_array_equal(found[layer], expected)
+        np.testing.assert_array_equal(found["valid"], channels["valid"])
+        np.testing.assert_array_equal(found["R"], channels["R"])
+
+    def test_layers_of_files_that_others_cropped_or_tiled(self, tmp_path: Path) -> None:
+        pixels = _noise(np.float32, (100, 80, 3))
+        for name, tile, at in (("tiled", 32, 0), ("moved", 0, 7)):
+            spec = oiio.ImageSpec(80, 100, 3, "float")
+            spec.tile_width = spec.tile_height = tile
+            spec.y = at
+            spec.channelnames = ("lo.R", "lo.G", "lo.B")
+            write_spec(tmp_path / f"{name}.exr", pixels, spec)
+            np.testing.assert_array_equal(read_layers(tmp_path / f"{name}.exr")["lo"], pixels)
 
     def test_float_is_stored_as_float_not_half(self, tmp_path: Path) -> None:
         plane = np.array([[1 + 2.0**-20, 1e-30, 1e30, np.nan]], np.float32)
@@ -143,7 +168,7 @@ class TestDamage:
         write_image(path, _noise(dtype, (120, 160, 3)))
         content = path.read_bytes()
         path.write_bytes(content[: int(share * len(content))])
-        for reader in (read_image, read_channels, read_picture):
+        for reader in (read_image, read_channels, read_layers, read_picture):
             with pytest.raises(FileFormatError) as caught:
                 reader(path)
             assert str(caught.value).startswith(f"{path}: got ")

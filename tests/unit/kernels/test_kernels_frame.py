@@ -8,13 +8,13 @@ import pytest
 
 from procam import kernels
 from procam.errors import InputError, ShapeError
+from procam.kernels.arrays import aligned_like
+from procam.kernels.coding import Coding
 from procam.kernels.even import Coded, EvenModel, even_apply, even_sums
 from procam.kernels.frame import (
     MODES,
-    Coding,
     FrameModel,
     Grid,
-    aligned_like,
     bounced_light,
     frame_apply,
     frame_sums,
