@@ -9,7 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from benchmarks import areas, bundle, frame, gray, phase, solve, warp
+from benchmarks import areas, bundle, frame, gray, phase, solve, start, warp
 from benchmarks.measure import Goal, Report, as_json
 from procam import kernels
 
@@ -28,6 +28,7 @@ BENCHES: tuple[Callable[[], Report], ...] = (
     frame.bench_codes,
     frame.bench_large,
     frame.bench_light,
+    start.bench,
 )
 
 

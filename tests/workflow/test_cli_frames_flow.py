@@ -4,8 +4,9 @@ import io
 import subprocess
 import sys
 import threading
+import weakref
 from collections.abc import Callable, Iterator
-from itertools import count
+from itertools import count, islice
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from tiny_venue import procam
 
 from procam.errors import FileFormatError, InputError
 from procam.files.calibration import save_calibration
+from procam.files.images import read_spec
 from procam.files.raw_frames import PIXELS, pixel_type, read_frame, write_frame
 from procam.interfaces.cli.frames import _latency
 from procam.model.calibration import Calibration
@@ -213,10 +215,83 @@ class TestAboveOne:
             count_above_one("frame 3", light)
 
 
-def test_the_way_to_the_first_pixel_imports_nothing_it_does_not_need() -> None:
-    code = "import sys, procam.interfaces.cli.frames; print(*sys.modules)"
-    out = subprocess.run([sys.executable, "-c", code], capture_output=True, check=True).stdout
-    loaded = set(out.decode().split())
-    assert "procam.compensate.exact" in loaded
-    slow = {"matplotlib", "colour", "scipy.optimize", "av", "rich.console", "pydantic", "jinja2"}
-    assert not slow & loaded
+class TestFirstPixel:
+    """Nothing that costs time stands on the way to it; `make bench` takes the time."""
+
+    SLOW = frozenset(
+        ("cv2", "scipy", "matplotlib", "colour", "av", "rich.console", "jinja2", "numba", "serial")
+    )
+
+    def test_it_imports_nothing_it_does_not_need(
+        self, calibration: Calibration, tmp_path: Path
+    ) -> None:
+        save_calibration(calibration, tmp_path / "kept")
+        size = 2 * calibration.maps.size
+        pipe = ["-", "-", "--pixels", "rgb24", "--size", f"{size}"]
+        code = (
+            f"import sys; sys.argv = ['procam', 'compensate', {str(tmp_path / 'kept')!r}, *{pipe}]\n"
+            "from procam.interfaces.cli.main import main\n"
+            "try: main()\nfinally: print('LOADED', *sys.modules, file=sys.stderr)"
+        )
+        sent = np.random.default_rng(1).integers(0, 256, (size, size, 3), np.uint8).tobytes()
+        ran = subprocess.run(
+            [sys.executable, "-c", code], input=sent, capture_output=True, check=True
+        )
+        assert len(ran.stdout) == len(sent)
+        loaded = set(ran.stderr.decode().partition("LOADED")[2].split())
+        assert "procam.compensate.exact" in loaded
+        assert not self.SLOW & loaded
+
+    def test_the_dome_is_stored_uncompressed(
+        self, calibration: Calibration, tmp_path: Path
+    ) -> None:
+        save_calibration(calibration, tmp_path / "kept")
+        spec = read_spec(tmp_path / "kept" / "maps" / "dome.exr")[1]
+        assert spec.get_string_attribute("compression") == "none"
+
+    def test_the_first_frame_is_read_while_a_calibration_is(self) -> None:
+        begun = threading.Event()
+
+        class Told(Feed):
+            def readinto(self, buffer: memoryview) -> int:  # type: ignore[override]
+                begun.set()
+                return super().readinto(buffer)
+
+        frames = np.random.default_rng(4).integers(0, 256, (2, SIZE, SIZE, 3), np.uint8)
+        clip = PipeClip((Told(frames.tobytes()), Drip()), SIZE, np.dtype(np.uint8))  # type: ignore[arg-type]
+        assert begun.wait(PATIENCE_S)
+        pieces = [job() for job in islice(clip.reads(), 3)]
+        assert pieces[2] is None
+        for number, frame in enumerate(frames):
+            piece = pieces[number]
+            assert piece is not None and piece.number == number
+            np.testing.assert_array_equal(piece.rgb, frame)
+
+    def test_it_is_not_kept(self) -> None:
+        one = np.zeros((SIZE, SIZE, 3), np.uint8)
+        clip = PipeClip((Feed(one.tobytes()), Drip()), SIZE, np.dtype(np.uint8))  # type: ignore[arg-type]
+        reads = iter(clip.reads())
+        piece = next(reads)()
+        assert piece is not None
+        kept = weakref.ref(piece.rgb)
+        del piece
+        assert kept() is None
+
+    def test_its_errors_come_where_it_is_asked_for(self, calibration: Calibration) -> None:
+        clip = PipeClip((Feed(bytes(50)), Drip()), SIZE, np.dtype(np.uint8))  # type: ignore[arg-type]
+        with pytest.raises(FileFormatError, match="stdin: got 50 bytes of frame 0"):
+            list(compensate_clip(calibration, clip, How()))
+
+    def test_a_calibration_that_is_not_there_is_told_though_no_frame_comes(
+        self, tmp_path: Path
+    ) -> None:
+        code = "from procam.interfaces.cli.main import main; main()"
+        pipe = ["-", "-", "--pixels", "rgb24", "--size", "64"]
+        with subprocess.Popen(
+            [sys.executable, "-c", code, "compensate", tmp_path / "none", *pipe],
+            stdin=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+        ) as child:
+            assert child.stderr is not None
+            assert b"got no calibration.json" in child.stderr.read()
+            assert child.wait(PATIENCE_S) == 2

@@ -15,6 +15,7 @@ from procam.maths.sphere import (
     intersect_sphere,
     master_directions,
     master_pixels,
+    master_planes,
     master_solid_angles,
     normalise,
     triangle_solid_angles,
@@ -96,6 +97,15 @@ class TestDomeMaster:
         outline = grid_solid_angles(corners)
         error = master_solid_angles(size)[inner] / outline[inner] - 1
         assert np.abs(error).max() < 1.2 / size**2 * np.pi**2 / 4  # second order in the pixel
+
+    @pytest.mark.parametrize("size", [2, 33, 256])
+    def test_planes_are_the_same_in_single_precision(self, size: int) -> None:
+        direction, area = master_planes(size)
+        assert direction.dtype == area.dtype == np.float32
+        expected, inside = master_directions(size)
+        np.testing.assert_allclose(np.moveaxis(direction, 0, -1), expected, atol=3e-7)
+        np.testing.assert_allclose(area, master_solid_angles(size), rtol=1e-6)
+        np.testing.assert_array_equal(area > 0, inside)
 
     def test_outside_the_circle_is_nothing(self) -> None:
         _, inside = master_directions(33)

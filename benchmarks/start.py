@@ -1,0 +1,100 @@
+"""From the start of a process to the first pixel on its stdout."""
+
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from pathlib import Path
+from typing import IO
+
+import numpy as np
+
+from benchmarks import frame
+from benchmarks.measure import Goal, Report, Times
+from procam.files.calibration import save_calibration
+from procam.model.calibration import Calibration
+from procam.model.screen import Dome
+from procam.model.transport import DomeMaps, Measured, ScatterKernel
+
+ROUNDS = 11
+PROCAM = "from procam.interfaces.cli.main import main; main()"
+RUNS = {  # what Python runs, its arguments, and the edge of the frame that is sent to it
+    "libraries": ("import numpy, OpenImageIO, typer; from pydantic import TypeAdapter", (), 0),
+    "--help": (PROCAM, ("--help",), 0),
+    "compensate, 1024^2": (PROCAM, ("compensate",), 1024),
+    "compensate, 4096^2": (PROCAM, ("compensate",), 4096),
+}
+
+
+def bench() -> Report:
+    """`procam compensate` of bare frames on a measured dome, beside what it imports and `--help`."""
+    spent: dict[str, list[tuple[float, float]]] = {name: [] for name in RUNS}
+    with tempfile.TemporaryDirectory() as folder:
+        save_calibration(_calibration(), Path(folder) / "0001")
+        for _ in range(1 + ROUNDS):  # the first leaves bytecode and files in memory
+            for name, (code, arguments, edge) in RUNS.items():
+                pipe = [f"{folder}/0001", "-", "-", "--pixels", "rgb24", "--size", f"{edge}"]
+                every = [*arguments, *pipe] if edge else list(arguments)
+                sent = frame.content(edge).tobytes() if edge else b""
+                spent[name].append(_until_first_byte([code, *every], sent, Path(folder)))
+    times = {}
+    for name, pairs in spent.items():
+        (cpu, wall), best = np.median(pairs[1:], axis=0), np.min(pairs[1:], axis=0)
+        times[name] = Times(float(cpu), float(wall), float(best[1]), ROUNDS)
+    help_ms = 1e3 * times["--help"].cpu_s
+    first = [n for n, (_, _, edge) in RUNS.items() if edge]
+    goals = (
+        Goal("--help, CPU time", help_ms, "<=", 250, "ms"),
+        *(Goal(f"{n}, best wall", 1e3 * times[n].best_wall_s, "<=", 500, "ms") for n in first),
+    )
+    note = "CPU time of the whole process, wall time from its start to the first byte on its stdout"
+    return Report("Start of a command, 1024^2 maps, to the first pixel", times, goals, (note,))
+
+
+def _calibration() -> Calibration:
+    model, some = frame.dome(frame.NODES, True).model, Measured(np.full(3, 0.3), np.full(3, 0.01))
+    assert model.hi is not None
+    bend = np.stack([np.diag([1.0, *[0.05] * 8])] * 3)
+    kernel = ScatterKernel(2, bend, bend[:, 0])
+    albedo = np.full_like(model.spread, 0.3)
+    maps = DomeMaps(model.spread, albedo, model.lo, model.hi, model.coverage, kernel=kernel)
+    return Calibration(Dome(5.0, np.pi / 2), {}, {}, maps, some, some, np.eye(3))
+
+
+def _until_first_byte(command: list[str], sent: bytes, bytecode: Path) -> tuple[float, float]:
+    """CPU time [s] of a Python program that is sent a frame, and wall time until its first byte.
+
+    Bytecode is kept, as that of an installed package is.
+    """
+    settings = os.environ | {"PYTHONPYCACHEPREFIX": str(bytecode)}
+    settings.pop("PYTHONDONTWRITEBYTECODE", None)
+    before, start = _children_s(), time.perf_counter()
+    with subprocess.Popen(
+        [sys.executable, "-c", *command],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        env=settings,
+    ) as child:
+        assert child.stdin is not None and child.stdout is not None
+        sender = threading.Thread(target=_send, args=(child.stdin, sent))
+        sender.start()
+        child.stdout.read(1)
+        wall = time.perf_counter() - start
+        child.stdout.read()
+        sender.join()
+    if child.returncode:
+        raise RuntimeError(f"{command[1:]}: ended with {child.returncode}")
+    return _children_s() - before, wall
+
+
+def _send(pipe: IO[bytes], sent: bytes) -> None:
+    with pipe:
+        pipe.write(sent)
+
+
+def _children_s() -> float:
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
