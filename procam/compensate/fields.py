@@ -25,7 +25,8 @@ Map = NDArray[np.float32]
 WHITES = ("summed", "keep")
 CHANNELS = 3
 SAMPLE = 96  # nodes along an edge, at most, that stand for all of them
-REACH = 4  # nodes that fields go on beyond the lit part, for interpolation: more than one band has
+SOUND = 0.5  # coverage from which on a node's measured light is its own
+REACH = 6  # nodes beyond that, for interpolation: past a fading border and a band of node rows
 CONTINUED = ("spread", "lo", "hi", "gain")
 AROUND = np.array([(y, x) for y in (-1, 0, 1) for x in (-1, 0, 1)]).T
 
@@ -249,32 +250,43 @@ def _painted(model: FrameModel, kernel: ScatterKernel) -> FrameModel:
 
 
 def _continued(model: FrameModel) -> FrameModel:
-    """A model whose fields go on for some nodes beyond the lit part as they are at its border.
+    """A model whose fields go on for some nodes beyond the part that is well lit as they are at its border.
 
-    Interpolation reads there. Further out they are 0.
+    Interpolation reads there. What is faintly lit further out keeps its own, and has neighbours like it;
+    what is not lit is 0 beyond.
     """
-    known, given = model.coverage > 0, {n: getattr(model, n) for n in CONTINUED}
+    lit, given = model.coverage > 0, {n: getattr(model, n) for n in CONTINUED}
     shapes = {n: field.shape for n, field in given.items() if field is not None}
-    flat = {n: np.array(given[n], np.float32).reshape(known.size, -1) for n in shapes}
-    dark = np.flatnonzero(~known)
+    flat = {n: np.array(given[n], np.float32).reshape(lit.size, -1) for n in shapes}
+    dark = np.flatnonzero(~lit)
     for field in flat.values():
         field[dark] = 0
-    for _ in range(REACH):
-        at, near, share = _ring(known)
-        for field in flat.values():
-            field[at] = np.matmul(share[:, None], field[near])[:, 0]
-        known.flat[at] = True
+    known = _spread_out(flat, model.coverage >= SOUND)
+    if (lit & ~known).any():
+        _spread_out(flat, known | lit)
     continued: dict[str, Any] = {n: field.reshape(shapes[n]) for n, field in flat.items()}
     return replace(model, **continued)
+
+
+def _spread_out(fields: dict[str, Map], known: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Continue fields (M M, C) ring by ring beyond the nodes (M, M) that are known; what is known then."""
+    known = known.copy()
+    for _ in range(REACH):
+        at, near, share = _ring(known)
+        for field in fields.values():
+            field[at] = np.matmul(share[:, None], field[near])[:, 0]
+        known.flat[at] = True
+    return known
 
 
 def _ring(known: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp], Map]:
     """Nodes (P,) round those that are known, the nine nodes (P, 9) at each, and their shares (P, 9)."""
     edge = len(known)
     at = np.flatnonzero(_grown(known) & ~known)
-    y, x = np.divmod(at[:, None], edge)
-    near = np.clip(y + AROUND[0], 0, edge - 1) * edge + np.clip(x + AROUND[1], 0, edge - 1)
-    share = known.ravel()[near].astype(np.float32)
+    y, x = (n[:, None] + step for n, step in zip(np.divmod(at, edge), AROUND, strict=True))
+    near = np.clip(y, 0, edge - 1) * edge + np.clip(x, 0, edge - 1)
+    inside = (np.minimum(x, y) >= 0) & (np.maximum(x, y) < edge)
+    share = (known.ravel()[near] & inside).astype(np.float32)
     return at, near, share / share.sum(axis=1, keepdims=True)
 
 

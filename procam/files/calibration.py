@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from procam.errors import FileFormatError, ShapeError
 from procam.files.atomic import replacing_directory
-from procam.files.images import read_channels, read_layers, write_channels
+from procam.files.images import read_channels, read_layers, write_channels, write_layers
 from procam.maths.lenses import Lens
 from procam.maths.pose import Pose
 from procam.model.calibration import SCHEMA_VERSION, Calibration, ProjectorCalibration
@@ -57,8 +57,7 @@ def save_calibration(calibration: Calibration, directory: Path) -> None:
     with replacing_directory(directory) as temporary:
         for name, projector in calibration.projectors.items():
             write_channels(temporary / "maps" / f"{name}.exr", _projector_channels(projector))
-        dome = _dome_channels(calibration.maps)
-        write_channels(temporary / "maps" / "dome.exr", dome, "none")  # shows start with it
+        write_layers(temporary / "maps" / "dome.exr", _dome_layers(calibration.maps))
         for name, state in calibration.states.items():
             if state.ambient is not None:
                 path = temporary / "maps" / ambient_file(name)
@@ -125,15 +124,12 @@ def _projector_channels(projector: ProjectorCalibration) -> Channels:
     return channels
 
 
-def _dome_channels(maps: DomeMaps) -> Channels:
-    channels: dict[str, Any] = {"coverage": maps.coverage}
+def _dome_layers(maps: DomeMaps) -> Channels:
+    names = ("coverage", "falloff", *DOME_MAPS)
+    layers = {n: getattr(maps, n) for n in names if getattr(maps, n) is not None}
     if maps.protected is not None:
-        channels["protected"] = maps.protected.covered
-    if maps.falloff is not None:
-        channels["falloff"] = maps.falloff
-    for name in DOME_MAPS:
-        channels |= {f"{name}.{c}": getattr(maps, name)[..., i] for i, c in enumerate(RGB)}
-    return channels
+        layers["protected"] = maps.protected.covered
+    return layers
 
 
 def _document(calibration: Calibration) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from procam.errors import InputError, ShapeError
 from procam.kernels import reference_frame
-from procam.kernels.arrays import aligned_like, pointer
+from procam.kernels.arrays import aligned_like, least_colour, pointer
 from procam.kernels.coding import Coding
 from procam.kernels.grid import CHANNELS, PLACES, STRIP, Grid, Plane
 from procam.kernels.loader import chosen
@@ -105,7 +105,7 @@ class FrameModel:
     def ways(self, top: float) -> NDArray[np.uint8]:
         """How blocks are done (enum lit) where no more than `top` is sent: upper limits above it are none."""
         if self._ways.get("top") != top:
-            held = self.hi is not None and self.grid.least(_least_colour(self.hi)) < top
+            held = self.hi is not None and self.grid.least(least_colour(self.hi)) < top
             found = self.lit + ((self.lit == reference_frame.EVERYWHERE) & held)
             self._ways.update(top=top, found=np.ascontiguousarray(found, np.uint8))
         return np.asarray(self._ways["found"])
@@ -139,13 +139,6 @@ class FrameModel:
         for name, places in grid.places.items():
             found |= {f"{name}_{part}": numbers for part, numbers in places.items()}
         return found | {"down": grid.down, "rows": grid.rows}
-
-
-def _least_colour(field: Plane) -> Plane:
-    red, green, blue = np.moveaxis(
-        field, -1, 0
-    )  # ten times as fast as a minimum over the last axis
-    return np.minimum(np.minimum(red, green), blue)
 
 
 def _room_of(plane: Plane | None) -> Plane | None:

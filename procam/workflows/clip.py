@@ -114,7 +114,7 @@ def each_frame(clip: Clip, work: Callable[[Piece], Callable[[], Made]]) -> Itera
         return
     crew = clip.crew(first.rgb.nbytes)
     jobs = chain([_given(first)], reads)
-    del first  # or it would live as long as the clip
+    del first
     yield from flow(jobs, work, crew)
 
 
@@ -137,4 +137,4 @@ def write_report(path: Path, rows: Sequence[Row]) -> None:
 
 
 def _given(piece: Piece) -> Callable[[], Piece]:
-    return lambda: piece
+    return [piece].pop  # given away: else it would live as long as the clip

@@ -23,7 +23,7 @@ from procam.files.movie_clips import (
     new_movie,
     require_written,
 )
-from procam.files.raw_frames import read_frame, write_frame
+from procam.files.raw_frames import Source, read_frame, write_frame
 from procam.files.sequences import (
     MadeLog,
     Numbered,
@@ -33,7 +33,7 @@ from procam.files.sequences import (
     state_of,
 )
 from procam.files.stills import read_still, write_still
-from procam.workflows.clip_flow import Crew, begun
+from procam.workflows.clip_flow import Begun, Crew
 
 Pixels = NDArray[Any]
 Row = dict[str, Any]
@@ -227,29 +227,31 @@ class MovieClip:
 class PipeClip:
     """Bare frames from a pipe to a pipe; it keeps how long each took from whole to sent.
 
-    The first is read at once, while a calibration is.
+    The first is read from the start on, so that a calibration can be read meanwhile.
     """
 
     total = 0
     suffix = ""
     made: Mapping[int, Row] = MappingProxyType({})
 
-    def __init__(self, pipes: tuple[BinaryIO, BinaryIO], size: int, dtype: np.dtype[Any]) -> None:
+    def __init__(self, pipes: tuple[Source, BinaryIO], size: int, dtype: np.dtype[Any]) -> None:
         self._source, self._out = pipes
         self._size, self._dtype = size, dtype
         self._count = 0
         self.latency_s = array("f")
-        self._first = begun(self._read)
+        self._first = Begun(self._read)
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *error: object) -> None:
-        """The pipes are the system's."""
+        """Nothing is read any more; the pipes are the system's."""
+        self._source.end()
+        self._first.join()
 
     def crew(self, frame_bytes: int) -> Crew:
         """As little waiting as can be."""
-        return Crew.for_pipe()
+        return Crew.for_pipe(self._source.end)
 
     def reads(self) -> Reads:
         """Frames until the pipe ends."""

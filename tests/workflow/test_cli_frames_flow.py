@@ -1,9 +1,12 @@
 """The machine that clips run through: order, bounds, errors; and pipes."""
 
+import gc
 import io
+import signal
 import subprocess
 import sys
 import threading
+import time
 import weakref
 from collections.abc import Callable, Iterator
 from itertools import count, islice
@@ -15,12 +18,11 @@ from tiny_venue import procam
 
 from procam.errors import FileFormatError, InputError
 from procam.files.calibration import save_calibration
-from procam.files.images import read_spec
 from procam.files.raw_frames import PIXELS, pixel_type, read_frame, write_frame
 from procam.interfaces.cli.frames import _latency
 from procam.model.calibration import Calibration
-from procam.workflows.clip import compensate_clip
-from procam.workflows.clip_ends import PipeClip, count_above_one
+from procam.workflows.clip import compensate_clip, each_frame
+from procam.workflows.clip_ends import Piece, PipeClip, count_above_one
 from procam.workflows.clip_engine import How
 from procam.workflows.clip_flow import Crew, flow
 
@@ -106,20 +108,19 @@ class TestFlow:
         assert Crew.for_movie(2**33).threads == 1
 
 
-class Feed(io.RawIOBase):
+class Feed:
     """A pipe that gives a few bytes at a time, as pipes do."""
 
     def __init__(self, content: bytes, step: int = 1000) -> None:
-        super().__init__()
         self._content, self._step = io.BytesIO(content), step
 
-    def readable(self) -> bool:
-        return True
-
-    def readinto(self, buffer: memoryview) -> int:  # type: ignore[override]
-        got = self._content.read(min(self._step, len(buffer)))
-        buffer[: len(got)] = got
+    def readinto(self, view: memoryview, /) -> int:
+        got = self._content.read(min(self._step, len(view)))
+        view[: len(got)] = got
         return len(got)
+
+    def end(self) -> None:
+        """It never waits."""
 
 
 class Drip(io.RawIOBase):
@@ -242,20 +243,13 @@ class TestFirstPixel:
         assert "procam.compensate.exact" in loaded
         assert not self.SLOW & loaded
 
-    def test_the_dome_is_stored_uncompressed(
-        self, calibration: Calibration, tmp_path: Path
-    ) -> None:
-        save_calibration(calibration, tmp_path / "kept")
-        spec = read_spec(tmp_path / "kept" / "maps" / "dome.exr")[1]
-        assert spec.get_string_attribute("compression") == "none"
-
     def test_the_first_frame_is_read_while_a_calibration_is(self) -> None:
         begun = threading.Event()
 
         class Told(Feed):
-            def readinto(self, buffer: memoryview) -> int:  # type: ignore[override]
+            def readinto(self, view: memoryview, /) -> int:
                 begun.set()
-                return super().readinto(buffer)
+                return super().readinto(view)
 
         frames = np.random.default_rng(4).integers(0, 256, (2, SIZE, SIZE, 3), np.uint8)
         clip = PipeClip((Told(frames.tobytes()), Drip()), SIZE, np.dtype(np.uint8))  # type: ignore[arg-type]
@@ -268,30 +262,80 @@ class TestFirstPixel:
             np.testing.assert_array_equal(piece.rgb, frame)
 
     def test_it_is_not_kept(self) -> None:
-        one = np.zeros((SIZE, SIZE, 3), np.uint8)
-        clip = PipeClip((Feed(one.tobytes()), Drip()), SIZE, np.dtype(np.uint8))  # type: ignore[arg-type]
-        reads = iter(clip.reads())
-        piece = next(reads)()
-        assert piece is not None
-        kept = weakref.ref(piece.rgb)
-        del piece
-        assert kept() is None
+        some = np.zeros((3, SIZE, SIZE, 3), np.uint8)
+        clip = PipeClip((Feed(some.tobytes()), Drip()), SIZE, np.dtype(np.uint8))  # type: ignore[arg-type]
+        kept = []
+
+        def work(piece: Piece) -> Callable[[], int]:
+            kept.append(weakref.ref(piece.rgb))
+            return lambda: piece.number
+
+        with clip:
+            for number in each_frame(clip, work):
+                gc.collect()
+                assert number == 0 or kept[0]() is None
 
     def test_its_errors_come_where_it_is_asked_for(self, calibration: Calibration) -> None:
         clip = PipeClip((Feed(bytes(50)), Drip()), SIZE, np.dtype(np.uint8))  # type: ignore[arg-type]
         with pytest.raises(FileFormatError, match="stdin: got 50 bytes of frame 0"):
             list(compensate_clip(calibration, clip, How()))
 
+    def test_it_comes_before_the_calibration_is_there(
+        self, calibration: Calibration, tmp_path: Path
+    ) -> None:
+        """A frame that no pipe holds is taken while the calibration is waited for."""
+        save_calibration(calibration, tmp_path / "kept")
+        (tmp_path / "kept").rename(tmp_path / "later")
+        code = (
+            "import time; from pathlib import Path; import procam.interfaces.cli.frames as frames\n"
+            "load = frames.load_dome\n"
+            "def late(path):\n"
+            f"    until = time.monotonic() + {PATIENCE_S}\n"
+            "    while not path.exists() and time.monotonic() < until: time.sleep(0.01)\n"
+            "    return load(path)\n"
+            "frames.load_dome = late\n"
+            "from procam.interfaces.cli.main import main; main()"
+        )
+        sent = bytes(300 * 300 * 3)
+        with _compensating(code, tmp_path / "kept", 300) as child:
+            assert child.stdin is not None and child.stdout is not None
+            child.stdin.write(sent)
+            child.stdin.close()
+            (tmp_path / "later").rename(tmp_path / "kept")
+            assert len(child.stdout.read()) == len(sent)
+
     def test_a_calibration_that_is_not_there_is_told_though_no_frame_comes(
         self, tmp_path: Path
     ) -> None:
-        code = "from procam.interfaces.cli.main import main; main()"
-        pipe = ["-", "-", "--pixels", "rgb24", "--size", "64"]
-        with subprocess.Popen(
-            [sys.executable, "-c", code, "compensate", tmp_path / "none", *pipe],
-            stdin=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-        ) as child:
+        with _compensating(MAIN, tmp_path / "none", 64) as child:
             assert child.stderr is not None
-            assert b"got no calibration.json" in child.stderr.read()
+            said = child.stderr.read().decode().splitlines()
+            assert len(said) == 1 and "got no calibration.json" in said[0]
             assert child.wait(PATIENCE_S) == 2
+
+    @pytest.mark.parametrize("frames", [0, 1])
+    def test_an_interrupt_while_a_frame_is_waited_for(
+        self, calibration: Calibration, tmp_path: Path, frames: int
+    ) -> None:
+        save_calibration(calibration, tmp_path / "kept")
+        with _compensating(f"print(end='.', flush=True); {MAIN}", tmp_path / "kept", 64) as child:
+            assert child.stdin is not None and child.stdout is not None
+            assert child.stderr is not None
+            child.stdin.write(bytes(frames * 64 * 64 * 3 + 100))
+            child.stdin.flush()
+            child.stdout.read(1 + frames * 64 * 64 * 3)
+            time.sleep(2)  # until it waits
+            child.send_signal(signal.SIGINT)
+            assert child.wait(PATIENCE_S) == 130
+            said = child.stderr.read().decode().strip().splitlines()
+            assert len(said) == 1 and said[0].startswith("procam: stopped")
+
+
+MAIN = "from procam.interfaces.cli.main import main; main()"
+
+
+def _compensating(code: str, calibration: Path, size: int) -> "subprocess.Popen[bytes]":
+    pipe = ["-", "-", "--pixels", "rgb24", "--size", f"{size}"]
+    every = subprocess.PIPE
+    command = [sys.executable, "-c", code, "compensate", str(calibration), *pipe]
+    return subprocess.Popen(command, stdin=every, stdout=every, stderr=every)

@@ -57,7 +57,7 @@ def run_warp(
     calibration: Path, source: Path, out: Path, transfer: str | None, output: Output
 ) -> None:
     """`procam warp`."""
-    from procam.workflows.clip_warp import warp_file
+    from procam.workflows.clip_warp import warp_file  # not on the way of `compensate`
 
     events = warp_file(calibration, source, out, transfer)
     paths = _follow(events, output, quiet=source.is_file())["frames"]
@@ -74,7 +74,7 @@ def _run_pipe(
     pipe: tuple[int, str],
     output: Output,
 ) -> None:
-    from procam.files.raw_frames import pixel_type
+    from procam.files.raw_frames import PipeSource, pixel_type
 
     (size, pixels), (explain, report) = pipe, told
     if ends != (PIPE, PIPE):
@@ -93,11 +93,10 @@ def _run_pipe(
     keep_large_buffers()
     rows: Rows = {}
     with (  # no buffers in between: a frame is sent when it is made
-        os.fdopen(0, "rb", buffering=0, closefd=False) as stdin,
         os.fdopen(1, "wb", buffering=0, closefd=False) as stdout,
+        PipeClip((PipeSource(0), stdout), size, pixel_type(pixels)) as clip,
     ):
-        clip = PipeClip((stdin, stdout), size, pixel_type(pixels))
-        loaded = load_dome(calibration)
+        loaded = load_dome(calibration)  # while the first frame comes
         try:
             for event in compensate_clip(loaded, clip, how, certify=report is not None):
                 rows |= event.data["rows"] if report else {}

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from tolerances import FLOAT32
 
-from procam.compensate.fields import REACH, Fields
+from procam.compensate import fields
+from procam.compensate.exact import Compensator
+from procam.compensate.fields import Fields
 from procam.maths.scatter_kernel import basis
 from procam.maths.sphere import master_directions, master_solid_angles
-from procam.maths.warp import grow
 from procam.model.calibration import Calibration
 from procam.model.transport import ScatterKernel
 
@@ -36,21 +37,25 @@ def bare(make_calibration: Callable[..., Calibration]) -> Calibration:
     return replace(made, maps=maps)
 
 
+def beyond(lit: np.ndarray, nodes: int) -> np.ndarray:
+    """Nodes that are lit, or so many steps from there, corners too."""
+    for _ in range(nodes):
+        wide = np.pad(lit, 1)
+        parts = [wide[y : y + SIZE, x : x + SIZE] for y in range(3) for x in range(3)]
+        lit = np.logical_or.reduce(parts)
+    return lit
+
+
 class TestBesideTheLitPart:
     def test_even_fields_go_on_evenly_and_end(self, bare: Calibration) -> None:
-        model = Fields.of(bare, SIZE).shown
-        lit = bare.maps.coverage > 0
-        corners = lit.copy()
-        for _ in range(REACH):  # nodes that touch, at corners too
-            wide = np.pad(corners, 1)
-            parts = [wide[y : y + SIZE, x : x + SIZE] for y in range(3) for x in range(3)]
-            corners = np.logical_or.reduce(parts)
-        assert 0 < corners.mean() - lit.mean() < 0.2
+        model, lit = Fields.of(bare, SIZE).shown, bare.maps.coverage > 0
+        near, far = beyond(lit, 5), ~beyond(lit, 9)
+        assert 0 < near.mean() - lit.mean() < 0.2 < far.mean()
         assert model.hi is not None and model.gain is not None
         fields = {0.1: model.spread, 0.01: model.lo, 2.0: model.hi, 0.8: model.gain[..., None]}
         for value, field in fields.items():
-            expected = np.where(corners[..., None], value, 0)
-            np.testing.assert_allclose(field, np.broadcast_to(expected, field.shape), rtol=1e-6)
+            np.testing.assert_allclose(field[near], value, rtol=1e-6)
+            assert not field[far].any()
 
     def test_nodes_there_are_means_of_their_lit_neighbours(self, bare: Calibration) -> None:
         hi = np.random.default_rng(1).uniform(1, 2, (SIZE, SIZE, 3)).astype(np.float32)
@@ -58,13 +63,53 @@ class TestBesideTheLitPart:
         lit, found = bare.maps.coverage > 0, Fields.of(noisy, SIZE).shown.hi
         assert found is not None
         np.testing.assert_array_equal(found[lit], hi[lit])
-        beside = np.argwhere(grow(lit, 1) & ~lit)
-        assert len(beside) > SIZE
+        beside = np.argwhere(beyond(lit, 1) & ~lit)
+        assert (beside == SIZE - 1).any() and len(beside) > SIZE
         for y, x in beside:
             near = np.s_[max(y - 1, 0) : y + 2, max(x - 1, 0) : x + 2]
-            if 0 < y < SIZE - 1 and 0 < x < SIZE - 1:
-                mean = hi[near][lit[near]].mean(axis=0)
-                np.testing.assert_allclose(found[y, x], mean, rtol=1e-6)
+            mean = hi[near][lit[near]].mean(axis=0)
+            np.testing.assert_allclose(found[y, x], mean, rtol=1e-6)
+
+    def test_a_border_that_fades_dims_no_picture(self, bare: Calibration) -> None:
+        """Measured limits fade with the coverage, faster where that is faint; the projectors do not."""
+        from_border = np.clip(np.arange(SIZE) - SIZE / 3, 0, 5) / 5
+        coverage = np.where(bare.maps.coverage > 0, from_border[:, None], 0).astype(np.float32)
+        hi = (
+            2 * np.where(coverage < 0.3, coverage / 3, coverage)[..., None] * np.ones(3, np.float32)
+        )
+        maps = replace(bare.maps, coverage=coverage, hi=hi)
+        found = Compensator(replace(bare, maps=maps), 4 * SIZE)
+        asked = np.full((4 * SIZE, 4 * SIZE, 3), 0.9, np.float32)
+        assert found.solve(asked).free[found.lit].all()
+
+    def test_what_is_faint_everywhere_keeps_what_was_measured(self, bare: Calibration) -> None:
+        coverage = np.where(bare.maps.coverage > 0, np.float32(0.3), np.float32(0))
+        lo = np.random.default_rng(2).uniform(0, 0.01, (SIZE, SIZE, 3)).astype(np.float32)
+        faint = replace(bare, maps=replace(bare.maps, coverage=coverage, lo=lo))
+        model, lit = Fields.of(faint, SIZE).shown, coverage > 0
+        np.testing.assert_array_equal(model.lo[lit], lo[lit])
+        np.testing.assert_allclose(model.spread[beyond(lit, 5)], 0.1, rtol=1e-6)
+
+    def test_sums_at_edges_of_bands_see_no_end(
+        self, bare: Calibration, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """1024 node rows make bands of four, at whose edges paint is read up to three nodes outside."""
+        factor = -(-1024 // SIZE)
+        big = {
+            name: np.kron(field, np.ones((factor, factor, *[1] * (field.ndim - 2)), np.float32))
+            for name in ("scatter_per_flux", "albedo", "lo", "hi", "coverage", "falloff")
+            if (field := getattr(bare.maps, name)) is not None
+        }
+        large = replace(bare, maps=replace(bare.maps, **big))
+        size = large.maps.size
+        picture = np.random.default_rng(3).uniform(0, 1.2, (size, size, 3)).astype(np.float32)
+        found = []
+        for reach in (fields.REACH, 40):
+            monkeypatch.setattr(fields, "REACH", reach)
+            compensator = Compensator(large, size, "least-squares")
+            compensator.frame(picture)
+            found.append(compensator.numbers)
+        np.testing.assert_allclose(found[0], found[1], atol=1e-8 * np.abs(found[1]).max())
 
     @pytest.mark.filterwarnings("error")
     def test_what_is_unknown_there_spreads_nowhere(self, bare: Calibration) -> None:

@@ -16,8 +16,10 @@ from procam.files.images import (
     read_image,
     read_layers,
     read_picture,
+    read_spec,
     write_channels,
     write_image,
+    write_layers,
     write_picture,
     write_spec,
 )
@@ -78,29 +80,6 @@ class TestNamedChannels:
         for name in names:
             np.testing.assert_array_equal(found[name], channels[name])
 
-    @pytest.mark.parametrize("height", [1, 63, 64, 129])
-    def test_layers_are_made_of_channels_of_one_name(self, tmp_path: Path, height: int) -> None:
-        names = ["hi.G", "valid", "direction.z", "hi.R", "direction.x", "hi.B", "direction.y", "R"]
-        channels = {name: _noise(np.float32, (height, 8)) + i for i, name in enumerate(names)}
-        write_channels(tmp_path / "maps.exr", channels, "none")
-        found = read_layers(tmp_path / "maps.exr")
-        assert set(found) == {"hi", "direction", "valid", "R"}
-        for layer, parts in {"hi": "RGB", "direction": "xyz"}.items():
-            expected = np.stack([channels[f"{layer}.{c}"] for c in parts], axis=-1)
-            np.testing.assert_array_equal(found[layer], expected)
-        np.testing.assert_array_equal(found["valid"], channels["valid"])
-        np.testing.assert_array_equal(found["R"], channels["R"])
-
-    def test_layers_of_files_that_others_cropped_or_tiled(self, tmp_path: Path) -> None:
-        pixels = _noise(np.float32, (100, 80, 3))
-        for name, tile, at in (("tiled", 32, 0), ("moved", 0, 7)):
-            spec = oiio.ImageSpec(80, 100, 3, "float")
-            spec.tile_width = spec.tile_height = tile
-            spec.y = at
-            spec.channelnames = ("lo.R", "lo.G", "lo.B")
-            write_spec(tmp_path / f"{name}.exr", pixels, spec)
-            np.testing.assert_array_equal(read_layers(tmp_path / f"{name}.exr")["lo"], pixels)
-
     def test_float_is_stored_as_float_not_half(self, tmp_path: Path) -> None:
         plane = np.array([[1 + 2.0**-20, 1e-30, 1e30, np.nan]], np.float32)
         write_channels(tmp_path / "maps.exr", {"u": plane, "valid": plane > 1})
@@ -119,6 +98,78 @@ class TestNamedChannels:
         path = tmp_path_factory.mktemp("any") / "a.exr"
         write_channels(path, {"u": plane})
         np.testing.assert_array_equal(read_channels(path)["u"], plane)
+
+
+class TestLayers:
+    @pytest.mark.parametrize("height", [1, 63, 64, 129])
+    def test_they_come_back_whole(self, tmp_path: Path, height: int) -> None:
+        shapes = {"hi": (height, 8, 3), "coverage": (height, 8), "albedo": (height, 8, 3)}
+        layers = {name: _noise(np.float32, shape) for name, shape in shapes.items()}
+        layers["coverage"][0, 0] = np.nan
+        path = tmp_path / "maps.exr"
+        write_layers(path, layers)
+        found = read_layers(path)
+        assert set(found) == set(layers)
+        for name, layer in layers.items():
+            np.testing.assert_array_equal(found[name], layer)
+        channels = read_channels(path)
+        np.testing.assert_array_equal(channels["hi.G"], layers["hi"][..., 1])
+        assert read_spec(path)[1].get_string_attribute("compression") == "none"
+
+    def test_they_are_made_of_channels_of_one_name(self, tmp_path: Path) -> None:
+        names = ["hi.G", "valid", "direction.z", "hi.R", "direction.x", "hi.B", "direction.y", "R"]
+        channels = {name: _noise(np.float32, (70, 8)) + i for i, name in enumerate(names)}
+        write_channels(tmp_path / "maps.exr", channels)
+        found = read_layers(tmp_path / "maps.exr")
+        assert set(found) == {"hi", "direction", "valid", "R"}
+        for layer, parts in {"hi": "RGB", "direction": "xyz"}.items():
+            expected = np.stack([channels[f"{layer}.{c}"] for c in parts], axis=-1)
+            np.testing.assert_array_equal(found[layer], expected)
+        np.testing.assert_array_equal(found["valid"], channels["valid"])
+        np.testing.assert_array_equal(found["R"], channels["R"])
+
+    @pytest.mark.parametrize(
+        "names",
+        [
+            ["hi.R", "hi.G"],
+            ["hi.r", "hi.g", "hi.b"],
+            ["hi.A", "hi.G", "hi.B"],
+            ["hi", "hi.G", "hi.B"],
+            ["hi.R", "hi.x", "hi.y"],
+        ],
+    )
+    def test_other_channels_are_refused(self, tmp_path: Path, names: list[str]) -> None:
+        write_channels(tmp_path / "maps.exr", dict.fromkeys(names, np.zeros((4, 4))))
+        with pytest.raises(FileFormatError, match="for its layer hi, expected one channel, or R"):
+            read_layers(tmp_path / "maps.exr")
+
+    def test_files_that_others_cropped_or_tiled(self, tmp_path: Path) -> None:
+        pixels = _noise(np.float32, (100, 80, 3))
+        for name, tile, at in (("tiled", 32, 0), ("moved", 0, 7)):
+            spec = oiio.ImageSpec(80, 100, 3, "float")
+            spec.tile_width = spec.tile_height = tile
+            spec.y = at
+            spec.channelnames = ("lo.R", "lo.G", "lo.B")
+            write_spec(tmp_path / f"{name}.exr", pixels, spec)
+            np.testing.assert_array_equal(read_layers(tmp_path / f"{name}.exr")["lo"], pixels)
+
+    @pytest.mark.parametrize("damage", ["a bit flipped", "a page of zeros"])
+    def test_damage_inside_never_reads_as_pixels(self, tmp_path: Path, damage: str) -> None:
+        path, rng = tmp_path / "maps.exr", np.random.default_rng(6)
+        layers = {"hi": _noise(np.float32, (200, 90, 3)), "lo": _noise(np.float32, (200, 90))}
+        write_layers(path, layers)
+        content = path.read_bytes()
+        for place in rng.integers(2000, len(content), 40):
+            changed = bytearray(content)
+            if damage == "a bit flipped":
+                changed[place] ^= 1 << int(rng.integers(8))
+            else:
+                page = slice(place // 4096 * 4096, place // 4096 * 4096 + 4096)
+                changed[page] = bytes(len(changed[page]))
+            path.write_bytes(changed)
+            for reader in (read_layers, read_channels, read_image):
+                with pytest.raises(FileFormatError, match=r"maps\.exr: got a"):
+                    reader(path)
 
 
 class TestPictures:
