@@ -76,6 +76,7 @@ def _until_first_byte(command: list[str], sent: bytes, bytecode: Path) -> tuple[
         [sys.executable, "-c", *command],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,  # latencies
         env=settings,
     ) as child:
         assert child.stdin is not None and child.stdout is not None

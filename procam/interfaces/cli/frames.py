@@ -74,7 +74,7 @@ def _run_pipe(
     pipe: tuple[int, str],
     output: Output,
 ) -> None:
-    from procam.files.raw_frames import PipeSource, pixel_type
+    from procam.files.raw_frames import PipeSource, pixel_type, widen
 
     (size, pixels), (explain, report) = pipe, told
     if ends != (PIPE, PIPE):
@@ -91,6 +91,8 @@ def _run_pipe(
             "what does the sender give?"
         )
     keep_large_buffers()
+    widen(0)
+    widen(1)
     rows: Rows = {}
     with (  # no buffers in between: a frame is sent when it is made
         os.fdopen(1, "wb", buffering=0, closefd=False) as stdout,
