@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from procam.compensate.fields import Fields, NodeSample
 from procam.compensate.solver import Root
-from procam.errors import DidNotConverge
 from procam.kernels.arrays import aligned_like
 from procam.kernels.coding import Coding
 from procam.kernels.even import Coded, EvenModel, even_apply, even_sums
@@ -51,6 +50,7 @@ class Equations:
         self._made: dict[bool, tuple[Array, Image]] = {}  # light of the last look, and for what
         self._looked: tuple[Array, Array] | None = None  # table, sums of the last look by tables
         self._dark = False  # the picture at hand is too dark to sum by tables
+        self._root: Root | None = None  # of the last frame
         self._written: Array | None = None  # solution under which the picture at hand is written
 
     def light(self, model: FrameModel) -> Image:
@@ -165,18 +165,15 @@ class Equations:
                     content, self.light(self.model), "content", coding
                 )
             return
-        try:
-            self._root.follow(
-                lambda value, last: self._residual(
-                    value, content, coding, target if last else None
-                ),
-                lambda value: self._slope(value, content, coding),
-                TOLERANCES.get(content.itemsize, TOLERANCE),
-            )
-        except DidNotConverge:
-            del self._root  # the next frame does not start from there
-            raise
-        self._use(self._root.value)
+        root = self._root or self._begun(content, coding)
+        self._root = None  # unless this frame is solved, the next does not start from here
+        root.follow(
+            lambda value, last: self._residual(value, content, coding, target if last else None),
+            lambda value: self._slope(value, content, coding),
+            TOLERANCES.get(content.itemsize, TOLERANCE),
+        )
+        self._root = root
+        self._use(root.value)
 
     def _use(self, value: Array) -> None:
         """Numbers of moments (3, T), and in (W) of what they pull."""
@@ -188,12 +185,14 @@ class Equations:
         """What the solution leaves of the equations of its optimum; `sent` are moments of its light."""
         if self.method != "least-squares":
             return sent - self.assumed()
+        assert self._root is not None
         return self._residual(self._root.value, content, coding)
 
     def assumed(self) -> Array:
         """Moments (3, T) that the last solution takes for those of the light sent."""
         if self.method in ("none", "paper-eq12"):
             return self.solution[0, :, : self.model.terms]
+        assert self._root is not None
         return self._root.value[:, : self.model.terms]
 
     def _residual(
@@ -223,12 +222,11 @@ class Equations:
         asked = -np.einsum("cji,cj->ci", self.fields.operator, error)
         return np.concatenate([left, asked - pull], axis=1)
 
-    @cached_property
-    def _root(self) -> Root:
-        """No light, and the slope where all is free."""
+    def _begun(self, content: NDArray[Any], coding: Coding) -> Root:
+        """No light, and the slope there."""
         terms = self.model.terms * (2 if self.method == "least-squares" else 1)
-        free = np.ones(self._sample.shape, bool)
-        return Root(np.zeros((CHANNELS, terms)), self._slope_of(free))
+        value = np.zeros((CHANNELS, terms))
+        return Root(value, self._slope(value, content, coding))
 
     @cached_property
     def _sample(self) -> NodeSample:

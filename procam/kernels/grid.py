@@ -51,14 +51,16 @@ class Grid:
     def at_edges(self, field: NDArray[Any]) -> NDArray[np.float64]:
         """A field (M, ...) at edges (E, ...), so that lines between them keep a smooth one's means."""
         last = len(field) - 1
-        above = np.clip(self.edges, 0, max(last - 1, 0))
-        share = (self.edges - above).reshape(-1, *(1,) * (field.ndim - 1))
-        upper, lower = (field[n].astype(float) for n in (above, np.minimum(above + 1, last)))
-        found = upper + share * (lower - upper)
-        bend = np.zeros_like(found)
-        bend[1:-1] = found[2:] - 2 * found[1:-1] + found[:-2]
+        found = field[np.clip(self.edges, 0, last)].astype(float)
+        for k in np.flatnonzero((self.edges < 0) | (self.edges > last)) if last else ():
+            end, before = (0, 1) if self.edges[k] < 0 else (last, last - 1)
+            slope = (field[end].astype(float) - field[before]) / (end - before)
+            found[k] += (self.edges[k] - end) * slope
+        bend = found[2:] - 2 * found[1:-1] + found[:-2]
         bend[np.abs(bend) > SMOOTH * np.abs(found).max()] = 0
-        return np.asarray(found - bend * (1 - self.shared**-2) / 12)
+        bend *= (1 - self.shared**-2) / 12
+        found[1:-1] -= bend
+        return np.asarray(found)
 
     def lit(self, area: Plane) -> NDArray[np.uint8]:
         """How blocks of values in intervals (M + 1, blocks) are summed: 0, 1, 2.
@@ -87,9 +89,9 @@ class Grid:
     def _bent(self, area: Plane) -> NDArray[np.bool_]:
         """Nodes (M, M) whose area does not lie on a gentle line between the edges of their band."""
         band, order = np.divmod(np.arange(len(area)) + 1, self.shared)
-        edges, most = self.at_edges(area), area.max()
+        edges, most = self.at_edges(area).astype(np.float32), area.max()
         rise = np.diff(edges, axis=0)[band]
-        off = area - edges[band] - (order / self.shared)[:, None] * rise
+        off = area - edges[band] - (order / self.shared).astype(np.float32)[:, None] * rise
         return np.asarray((np.abs(off) > STRAIGHT * most) | (np.abs(rise) > STEEP * most))
 
 
