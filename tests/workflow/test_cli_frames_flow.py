@@ -318,13 +318,14 @@ class TestFirstPixel:
         self, calibration: Calibration, tmp_path: Path, frames: int
     ) -> None:
         save_calibration(calibration, tmp_path / "kept")
-        with _compensating(f"print(end='.', flush=True); {MAIN}", tmp_path / "kept", 64) as child:
+        heard = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
+        with _compensating(f"{heard}; {MAIN}", tmp_path / "kept", 64) as child:
             assert child.stdin is not None and child.stdout is not None
             assert child.stderr is not None
             child.stdin.write(bytes(frames * 64 * 64 * 3 + 100))
             child.stdin.flush()
-            child.stdout.read(1 + frames * 64 * 64 * 3)
-            time.sleep(2)  # until it waits
+            child.stdout.read(frames * 64 * 64 * 3)
+            time.sleep(1.5)  # until it waits
             child.send_signal(signal.SIGINT)
             assert child.wait(PATIENCE_S) == 130
             said = child.stderr.read().decode().strip().splitlines()
