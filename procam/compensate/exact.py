@@ -205,7 +205,7 @@ class Compensator:
     def solve(self, image: Image) -> Compensated:
         """The compensated picture in linear light, what the audience will see of it, what clips."""
         check_pictures(self.size, image)
-        content = np.ascontiguousarray(image, np.float32)
+        content, self._last = np.ascontiguousarray(image, np.float32), None
         equations, coding = self._equations, self._coding("linear", np.inf, 1.0)
         equations.solve(content, coding)
         self._last = content, coding

@@ -158,12 +158,15 @@ class NodeSample:
     def free(
         self, model: FrameModel, content: NDArray[np.floating], light: Map, top: float
     ) -> NDArray[np.bool_]:
-        """Where (S, S, 3) no limit holds, for linear content (S, S, 3) less bounced light."""
+        """Where (S, S, 3) no limit holds, for linear content (S, S, 3) less bounced light.
+
+        White that is just reached is free: more light will be taken off.
+        """
         grid = np.ix_(self.node, self.node)
         gain = 1 if model.gain is None else model.gain[grid][..., None]
         wanted = content * gain - light[grid]
         hi = top if model.hi is None else np.minimum(model.hi[grid], top)
-        return np.asarray((wanted > model.lo[grid]) & (wanted < hi))
+        return np.asarray((wanted > model.lo[grid]) & (wanted <= hi))
 
     def products(self, where: NDArray[np.bool_], power: int) -> Array:
         """(3, T, T): moments over `where` (S, S, 3) of the monomials, painted so many times."""
@@ -183,7 +186,7 @@ def _model(calibration: Calibration, size: int, state: str | None) -> FrameModel
     coverage = _sampled(maps.coverage, where) * (area > 0)
     lo = _sampled(maps.lo, where)
     # coverage fades hi over the border; what is lit at all can be driven to full there
-    hi = np.maximum(_sampled(maps.hi, where) / np.maximum(coverage, 0.5)[..., None], lo)
+    hi = np.maximum(_sampled(maps.hi, where) / np.maximum(coverage, SOUND)[..., None], lo)
     scatter, ambient = _scatter(calibration, where, state)
     raw = FrameModel(
         size=size,
@@ -269,7 +272,7 @@ def _continued(model: FrameModel) -> FrameModel:
 
 
 def _spread_out(fields: dict[str, Map], known: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Continue fields (M M, C) ring by ring beyond the nodes (M, M) that are known; what is known then."""
+    """Continue fields (M * M, C) ring by ring beyond nodes (M, M) that are known; which are then."""
     known = known.copy()
     for _ in range(REACH):
         at, near, share = _ring(known)

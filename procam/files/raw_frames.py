@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from procam.errors import FileFormatError, InputError
 
 Pixels = NDArray[Any]
-PIPE_BYTES = 2**20  # what Linux lets anyone ask for; by default a pipe holds 64 KiB
+MOST_PIPE_BYTES = 2**20  # what Linux lets anyone ask for; by default a pipe holds 64 KiB
 WAIT_S = 0.1  # for bytes, before it is looked whether to go on waiting
 PIXELS = {"rgb24": "|u1", "rgb48le": "<u2", "rgbf16le": "<f2", "rgbf32le": "<f4"}
 
@@ -47,10 +47,26 @@ class PipeSource:
         self._ended = True
 
 
-def widen(descriptor: int) -> None:
-    """Let a pipe hold more, if it is one: a large frame passes in a third of the time."""
+def widen(descriptor: int, frame_bytes: int) -> None:
+    """Let a pipe hold more, if it is one: a large frame passes in a third of the time.
+
+    Not more than a frame: what waits is late.
+    """
+    wanted = min(frame_bytes, MOST_PIPE_BYTES)
     with suppress(AttributeError, OSError):  # other systems, other files
-        fcntl.fcntl(descriptor, fcntl.F_SETPIPE_SZ, PIPE_BYTES)
+        if fcntl.fcntl(descriptor, fcntl.F_GETPIPE_SZ) < wanted:
+            fcntl.fcntl(descriptor, fcntl.F_SETPIPE_SZ, wanted)
+
+
+def require_open(descriptor: int, name: str) -> None:
+    """Refuse a pipe that is not there; `name` is the option's."""
+    try:
+        os.fstat(descriptor)
+    except OSError as error:
+        raise InputError(
+            f"{name}: got - with no file open at {descriptor}, expected a pipe or a file; has it been "
+            "closed?"
+        ) from error
 
 
 def pixel_type(name: str) -> np.dtype[Any]:

@@ -12,6 +12,7 @@ from typing import Any, Generic, TypeVar
 Frame = TypeVar("Frame")
 Made = TypeVar("Made")
 Result = TypeVar("Result")
+THREAD = "procam frames"  # the name of each
 AHEAD_BYTES = 2 * 2**30  # of frames that are read ahead, and as much that wait to be written
 MOST_THREADS = 4  # EXR is packed by OpenImageIO's own threads besides
 
@@ -90,7 +91,9 @@ class Begun(Generic[Result]):
     def __init__(self, job: Callable[[], Result]) -> None:
         future: Future[Result] = Future()
         self._held = [future]  # until it is asked for: a frame would live as long as this
-        self._thread = threading.Thread(target=_fulfil, args=(future, job), daemon=True)
+        self._thread = threading.Thread(
+            target=_fulfil, name=THREAD, args=(future, job), daemon=True
+        )
         self._thread.start()
 
     def __call__(self) -> Result:
@@ -125,7 +128,9 @@ class _Threads:
         self._jobs: queue.SimpleQueue[tuple[Future[Any], Callable[[], Any]] | None]
         self._jobs = queue.SimpleQueue()
         self._stopped = False
-        self._threads = [threading.Thread(target=self._run, daemon=True) for _ in range(count)]
+        self._threads = [
+            threading.Thread(name=THREAD, target=self._run, daemon=True) for _ in range(count)
+        ]
         for thread in self._threads:
             thread.start()
 

@@ -1,7 +1,9 @@
 """The machine that clips run through: order, bounds, errors; and pipes."""
 
+import fcntl
 import gc
 import io
+import os
 import signal
 import subprocess
 import sys
@@ -9,8 +11,10 @@ import threading
 import time
 import weakref
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from itertools import count, islice
 from pathlib import Path
+from typing import IO
 
 import numpy as np
 import pytest
@@ -18,7 +22,7 @@ from tiny_venue import procam
 
 from procam.errors import FileFormatError, InputError
 from procam.files.calibration import save_calibration
-from procam.files.raw_frames import PIXELS, pixel_type, read_frame, write_frame
+from procam.files.raw_frames import PIXELS, pixel_type, read_frame, widen, write_frame
 from procam.interfaces.cli.frames import _latency
 from procam.model.calibration import Calibration
 from procam.workflows.clip import compensate_clip, each_frame
@@ -331,8 +335,58 @@ class TestFirstPixel:
             said = child.stderr.read().decode().strip().splitlines()
             assert len(said) == 1 and said[0].startswith("procam: stopped")
 
+    def test_an_interrupt_while_nobody_takes_a_frame(
+        self, calibration: Calibration, tmp_path: Path
+    ) -> None:
+        save_calibration(calibration, tmp_path / "kept")
+        heard = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
+        with _compensating(f"{heard}; {MAIN}", tmp_path / "kept", 1024) as child:
+            assert child.stdin is not None and child.stdout is not None
+            assert child.stderr is not None
+            threading.Thread(target=_sent, args=(child.stdin, bytes(4 * 1024 * 1024 * 3))).start()
+            child.stdout.read(10)
+            time.sleep(1)  # until it waits
+            child.send_signal(signal.SIGINT)
+            assert child.wait(PATIENCE_S) == 130
+            said = child.stderr.read().decode().strip().splitlines()
+            assert len(said) == 1 and said[0].startswith("procam: stopped")
+
+    @pytest.mark.parametrize(("descriptor", "name"), [(0, "IN"), (1, "OUT")])
+    def test_a_pipe_that_is_closed_is_named(
+        self, calibration: Calibration, tmp_path: Path, descriptor: int, name: str
+    ) -> None:
+        save_calibration(calibration, tmp_path / "kept")
+        with _compensating(
+            f"import os; os.close({descriptor}); {MAIN}", tmp_path / "kept", 64
+        ) as child:
+            assert child.stderr is not None
+            said = child.stderr.read().decode()
+            assert child.wait(PATIENCE_S) == 2
+            assert said.startswith(
+                f"procam: {name}: got - with no file open at {descriptor}, expected"
+            )
+
+    def test_a_pipe_holds_a_frame_at_most(self) -> None:
+        source, sink = os.pipe()
+        try:
+            before = fcntl.fcntl(sink, fcntl.F_GETPIPE_SZ)
+            widen(sink, 100)
+            assert fcntl.fcntl(sink, fcntl.F_GETPIPE_SZ) == before
+            widen(sink, 2**18)
+            assert fcntl.fcntl(sink, fcntl.F_GETPIPE_SZ) == 2**18
+            widen(sink, 2**30)
+            assert fcntl.fcntl(sink, fcntl.F_GETPIPE_SZ) == 2**20
+        finally:
+            os.close(source)
+            os.close(sink)
+
 
 MAIN = "from procam.interfaces.cli.main import main; main()"
+
+
+def _sent(pipe: IO[bytes], content: bytes) -> None:
+    with suppress(BrokenPipeError):
+        pipe.write(content)
 
 
 def _compensating(code: str, calibration: Path, size: int) -> "subprocess.Popen[bytes]":

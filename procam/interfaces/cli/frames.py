@@ -74,7 +74,7 @@ def _run_pipe(
     pipe: tuple[int, str],
     output: Output,
 ) -> None:
-    from procam.files.raw_frames import PipeSource, pixel_type, widen
+    from procam.files.raw_frames import PipeSource, pixel_type, require_open, widen
 
     (size, pixels), (explain, report) = pipe, told
     if ends != (PIPE, PIPE):
@@ -91,12 +91,13 @@ def _run_pipe(
             "what does the sender give?"
         )
     keep_large_buffers()
-    widen(0)
-    widen(1)
-    rows: Rows = {}
+    dtype, rows = pixel_type(pixels), Rows()
+    for descriptor, name in enumerate(("IN", "OUT")):
+        require_open(descriptor, name)
+        widen(descriptor, size * size * 3 * dtype.itemsize)
     with (  # no buffers in between: a frame is sent when it is made
         os.fdopen(1, "wb", buffering=0, closefd=False) as stdout,
-        PipeClip((PipeSource(0), stdout), size, pixel_type(pixels)) as clip,
+        PipeClip((PipeSource(0), stdout), size, dtype) as clip,
     ):
         loaded = load_dome(calibration)  # while the first frame comes
         try:

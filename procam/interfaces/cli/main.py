@@ -1,8 +1,10 @@
 """The `procam` command. Heavy imports wait until a command runs: `--help` stays quick."""
 
+import os
 import sys
+import threading
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NoReturn
 
 import typer
 
@@ -248,19 +250,30 @@ def main() -> None:
     try:
         app()
     except DeviceError as error:
-        sys.exit(_complain(error, 1))
+        _leave(_complain(error, 1))
     except ProcamError as error:
-        sys.exit(_complain(error, 2))
+        _leave(_complain(error, 2))
     except OSError as error:  # a full disk, a folder that may not be written
         from procam.interfaces.cli.system_errors import worded
 
-        sys.exit(_complain(ProcamError(worded(error)), 2))
+        _leave(_complain(ProcamError(worded(error)), 2))
     except SystemExit as stop:
         if stop.code == INTERRUPTED:  # typer says nothing when it ends for Ctrl-C
             _complain(
                 ProcamError("stopped; projectors are dark, the run can be resumed"), INTERRUPTED
             )
+            _leave(INTERRUPTED)
         raise
+
+
+def _leave(code: int) -> NoReturn:
+    """End the process: at once if a thread still waits at a pipe, of which libraries would complain."""
+    from procam.workflows.clip_flow import THREAD
+
+    if any(thread.name == THREAD for thread in threading.enumerate()):
+        sys.stderr.flush()
+        os._exit(code)
+    sys.exit(code)
 
 
 def _complain(error: ProcamError, code: int) -> int:

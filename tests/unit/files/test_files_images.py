@@ -167,9 +167,21 @@ class TestLayers:
                 page = slice(place // 4096 * 4096, place // 4096 * 4096 + 4096)
                 changed[page] = bytes(len(changed[page]))
             path.write_bytes(changed)
-            for reader in (read_layers, read_channels, read_image):
+            for reader in (read_layers, read_channels):
                 with pytest.raises(FileFormatError, match=r"maps\.exr: got a"):
                     reader(path)
+
+    def test_a_picture_made_of_some_of_them_is_another(self, tmp_path: Path) -> None:
+        """Programs that cut and paste keep attributes that they do not know."""
+        layers = {"hi": _noise(np.float32, (20, 9, 3)), "lo": _noise(np.float32, (20, 9))}
+        write_layers(tmp_path / "maps.exr", layers)
+        spec = read_spec(tmp_path / "maps.exr")[1]
+        cut = oiio.ImageSpec(9, 20, 3, "float")
+        cut.attribute("procam:crc32", spec.get_string_attribute("procam:crc32"))
+        cut.channelnames = ("R", "G", "B")
+        write_spec(tmp_path / "hi.exr", layers["hi"], cut)
+        np.testing.assert_array_equal(read_picture(tmp_path / "hi.exr"), layers["hi"])
+        assert set(read_channels(tmp_path / "hi.exr")) == {"R", "G", "B"}
 
 
 class TestPictures:
