@@ -322,34 +322,22 @@ class TestFirstPixel:
         self, calibration: Calibration, tmp_path: Path, frames: int
     ) -> None:
         save_calibration(calibration, tmp_path / "kept")
-        heard = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
-        with _compensating(f"{heard}; {MAIN}", tmp_path / "kept", 64) as child:
+        with _compensating(f"{HEARD}; {MAIN}", tmp_path / "kept", 64) as child:
             assert child.stdin is not None and child.stdout is not None
-            assert child.stderr is not None
             child.stdin.write(bytes(frames * 64 * 64 * 3 + 100))
             child.stdin.flush()
             child.stdout.read(frames * 64 * 64 * 3)
-            time.sleep(1.5)  # until it waits
-            child.send_signal(signal.SIGINT)
-            assert child.wait(PATIENCE_S) == 130
-            said = child.stderr.read().decode().strip().splitlines()
-            assert len(said) == 1 and said[0].startswith("procam: stopped")
+            _require_one_line_of_interrupt(child)
 
     def test_an_interrupt_while_nobody_takes_a_frame(
         self, calibration: Calibration, tmp_path: Path
     ) -> None:
         save_calibration(calibration, tmp_path / "kept")
-        heard = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
-        with _compensating(f"{heard}; {MAIN}", tmp_path / "kept", 1024) as child:
+        with _compensating(f"{HEARD}; {MAIN}", tmp_path / "kept", 1024) as child:
             assert child.stdin is not None and child.stdout is not None
-            assert child.stderr is not None
             threading.Thread(target=_sent, args=(child.stdin, bytes(4 * 1024 * 1024 * 3))).start()
             child.stdout.read(10)
-            time.sleep(1)  # until it waits
-            child.send_signal(signal.SIGINT)
-            assert child.wait(PATIENCE_S) == 130
-            said = child.stderr.read().decode().strip().splitlines()
-            assert len(said) == 1 and said[0].startswith("procam: stopped")
+            _require_one_line_of_interrupt(child)
 
     @pytest.mark.parametrize(("descriptor", "name"), [(0, "IN"), (1, "OUT")])
     def test_a_pipe_that_is_closed_is_named(
@@ -381,7 +369,17 @@ class TestFirstPixel:
             os.close(sink)
 
 
+HEARD = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"  # in any shell
 MAIN = "from procam.interfaces.cli.main import main; main()"
+
+
+def _require_one_line_of_interrupt(child: "subprocess.Popen[bytes]") -> None:
+    assert child.stderr is not None
+    time.sleep(1.5)  # until it waits
+    child.send_signal(signal.SIGINT)
+    assert child.wait(PATIENCE_S) == 130
+    said = child.stderr.read().decode().strip().splitlines()
+    assert len(said) == 1 and said[0].startswith("procam: stopped")
 
 
 def _sent(pipe: IO[bytes], content: bytes) -> None:
