@@ -2,9 +2,8 @@
 
 import fcntl
 import os
-import select
 from contextlib import suppress
-from typing import Any, BinaryIO, Protocol
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,38 +12,7 @@ from procam.errors import FileFormatError, InputError
 
 Pixels = NDArray[Any]
 MOST_PIPE_BYTES = 2**20  # what Linux lets anyone ask for; by default a pipe holds 64 KiB
-WAIT_S = 0.1  # for bytes, before it is looked whether to go on waiting
 PIXELS = {"rgb24": "|u1", "rgb48le": "<u2", "rgbf16le": "<f2", "rgbf32le": "<f4"}
-
-
-class Source(Protocol):
-    """Where bytes come from."""
-
-    def readinto(self, view: memoryview, /) -> int:
-        """Fill the beginning of `view` with what there is; 0 at the end."""
-        ...
-
-    def end(self) -> None:
-        """Nothing more is wanted: a thread that waits for bytes gets the end."""
-        ...
-
-
-class PipeSource:
-    """Bytes of a file descriptor."""
-
-    def __init__(self, descriptor: int) -> None:
-        self._descriptor, self._ended = descriptor, False
-
-    def readinto(self, view: memoryview, /) -> int:
-        """Fill the beginning of `view` with what there is; 0 at the end."""
-        while not self._ended:
-            if select.select([self._descriptor], [], [], WAIT_S)[0]:
-                return os.readv(self._descriptor, [view])
-        return 0
-
-    def end(self) -> None:
-        """Nothing more is wanted: a thread that waits for bytes gets the end."""
-        self._ended = True
 
 
 def widen(descriptor: int, frame_bytes: int) -> None:
@@ -80,12 +48,12 @@ def pixel_type(name: str) -> np.dtype[Any]:
     return np.dtype(PIXELS[name])
 
 
-def read_frame(source: Source, frame: Pixels, number: int) -> bool:
+def read_frame(stream: BinaryIO, frame: Pixels, number: int) -> bool:
     """Fill `frame` (H, W, 3) from a pipe; False at the end. A part of a frame is refused."""
     view = frame.reshape(-1).view(np.uint8).data
     filled = 0
     while filled < len(view):
-        count = source.readinto(view[filled:])
+        count = stream.readinto(view[filled:])  # type: ignore[attr-defined]
         if not count:
             break
         filled += count

@@ -23,7 +23,7 @@ from procam.files.movie_clips import (
     new_movie,
     require_written,
 )
-from procam.files.raw_frames import Source, read_frame, write_frame
+from procam.files.raw_frames import read_frame, write_frame
 from procam.files.sequences import (
     MadeLog,
     Numbered,
@@ -33,7 +33,7 @@ from procam.files.sequences import (
     state_of,
 )
 from procam.files.stills import read_still, write_still
-from procam.workflows.clip_flow import Begun, Crew
+from procam.workflows.clip_flow import Crew, begun
 
 Pixels = NDArray[Any]
 Row = dict[str, Any]
@@ -234,24 +234,22 @@ class PipeClip:
     suffix = ""
     made: Mapping[int, Row] = MappingProxyType({})
 
-    def __init__(self, pipes: tuple[Source, BinaryIO], size: int, dtype: np.dtype[Any]) -> None:
+    def __init__(self, pipes: tuple[BinaryIO, BinaryIO], size: int, dtype: np.dtype[Any]) -> None:
         self._source, self._out = pipes
         self._size, self._dtype = size, dtype
         self._count = 0
         self.latency_s = array("f")
-        self._first = Begun(self._read)
+        self._first = begun(self._read)
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *error: object) -> None:
-        """Nothing is read any more; the pipes are the system's."""
-        self._source.end()
-        self._first.join()
+        """The pipes are the system's."""
 
     def crew(self, frame_bytes: int) -> Crew:
         """As little waiting as can be."""
-        return Crew.for_pipe(self._source.end)
+        return Crew.for_pipe()
 
     def reads(self) -> Reads:
         """Frames until the pipe ends."""

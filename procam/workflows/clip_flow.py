@@ -7,12 +7,12 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future
 from dataclasses import dataclass
-from typing import Any, Generic, TypeVar
+from typing import Any, TypeVar
 
 Frame = TypeVar("Frame")
 Made = TypeVar("Made")
 Result = TypeVar("Result")
-THREAD = "procam frames"  # the name of each
+THREAD = "procam frames"  # name of each: at a pipe they may wait for ever
 AHEAD_BYTES = 2 * 2**30  # of frames that are read ahead, and as much that wait to be written
 MOST_THREADS = 4  # EXR is packed by OpenImageIO's own threads besides
 
@@ -22,13 +22,12 @@ class Crew:
     """How many threads read and write, and how many frames each side may hold.
 
     `patience_s` is how long the end waits for a thread that is at work: a movie must not be closed
-    under it, but a pipe may never answer. `end` wakes readers that wait for more than a file.
+    under it, but a pipe may never answer.
     """
 
     threads: int
     depth: int
     patience_s: float = 60.0
-    end: Callable[[], None] = lambda: None
 
     @classmethod
     def for_pictures(cls, frame_bytes: int) -> "Crew":
@@ -42,9 +41,9 @@ class Crew:
         return cls(1, _depth(3, frame_bytes))
 
     @classmethod
-    def for_pipe(cls, end: Callable[[], None]) -> "Crew":
+    def for_pipe(cls) -> "Crew":
         """For live frames: what waits is late."""
-        return cls(1, 1, 0.5, end)
+        return cls(1, 1, 0.5)
 
 
 def flow(
@@ -80,29 +79,16 @@ def flow(
             raise
         yield from _results(behind)
     finally:
-        crew.end()
         readers.stop(crew.patience_s)
         writers.stop(crew.patience_s)
 
 
-class Begun(Generic[Result]):
-    """A job that a thread is at work on already; called, it hands over the result, or error, once."""
-
-    def __init__(self, job: Callable[[], Result]) -> None:
-        future: Future[Result] = Future()
-        self._held = [future]  # until it is asked for: a frame would live as long as this
-        self._thread = threading.Thread(
-            target=_fulfil, name=THREAD, args=(future, job), daemon=True
-        )
-        self._thread.start()
-
-    def __call__(self) -> Result:
-        """What the job gave."""
-        return self._held.pop().result()
-
-    def join(self) -> None:
-        """Wait for the thread."""
-        self._thread.join()
+def begun(job: Callable[[], Result]) -> Callable[[], Result]:
+    """A job that a thread is at work on already; what it gives, or its error, is handed over once."""
+    future: Future[Result] = Future()
+    threading.Thread(target=_fulfil, name=THREAD, args=(future, job), daemon=True).start()
+    held = [future]  # or a frame would live as long as who asks for it
+    return lambda: held.pop().result()
 
 
 def _fulfil(future: "Future[Result]", job: Callable[[], Result]) -> None:

@@ -123,9 +123,6 @@ class Feed:
         view[: len(got)] = got
         return len(got)
 
-    def end(self) -> None:
-        """It never waits."""
-
 
 class Drip(io.RawIOBase):
     """A pipe that takes a few bytes at a time."""

@@ -74,7 +74,7 @@ def _run_pipe(
     pipe: tuple[int, str],
     output: Output,
 ) -> None:
-    from procam.files.raw_frames import PipeSource, pixel_type, require_open, widen
+    from procam.files.raw_frames import pixel_type, require_open, widen
 
     (size, pixels), (explain, report) = pipe, told
     if ends != (PIPE, PIPE):
@@ -96,9 +96,10 @@ def _run_pipe(
         require_open(descriptor, name)
         widen(descriptor, size * size * 3 * dtype.itemsize)
     with (  # no buffers in between: a frame is sent when it is made
+        os.fdopen(0, "rb", buffering=0, closefd=False) as stdin,
         os.fdopen(1, "wb", buffering=0, closefd=False) as stdout,
-        PipeClip((PipeSource(0), stdout), size, dtype) as clip,
     ):
+        clip = PipeClip((stdin, stdout), size, dtype)
         loaded = load_dome(calibration)  # while the first frame comes
         try:
             for event in compensate_clip(loaded, clip, how, certify=report is not None):
