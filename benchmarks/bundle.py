@@ -9,7 +9,7 @@ from scipy.optimize import OptimizeResult, least_squares
 
 from benchmarks.measure import Goal, Report, interleaved
 from procam import kernels
-from procam.estimate.bundle import (
+from procam.estimate.geometry.model import (
     Layout,
     Observations,
     Pair,
@@ -18,12 +18,12 @@ from procam.estimate.bundle import (
     residual_slopes,
     residuals,
 )
-from procam.estimate.bundle_start import Hung
-from procam.estimate.geometry import Problem, solve_geometry
-from procam.maths.lenses import Lens, project, unproject
-from procam.maths.pose import Pose, rotation_matrix
-from procam.maths.ray_to_screen import RoundShape
-from procam.maths.sphere import direction_from_angles
+from procam.estimate.geometry.solve import Problem, solve_geometry
+from procam.estimate.geometry.start import Hung
+from procam.maths.geometry.lenses import Lens, project, unproject
+from procam.maths.geometry.pose import Pose, rotation_matrix
+from procam.maths.geometry.ray_to_screen import RoundShape
+from procam.maths.geometry.sphere import direction_from_angles
 from procam.model.optics import CameraModel, Fiducial, ProjectorModel, Sensor
 
 SEED = 20240611

@@ -8,8 +8,8 @@ import numpy as np
 from benchmarks import floor
 from benchmarks.measure import Goal, Report, at_least, at_most, interleaved
 from procam import kernels
-from procam.estimate.binary import HELD_PAIRS
-from procam.maths.gray import encode_gray
+from procam.estimate.structured_light.stripes import HELD_PAIRS
+from procam.maths.codes.gray import encode_gray
 
 SHAPE = (2160, 3840)
 BITS = 11

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from procam.errors import ProcamError
-from procam.estimate.codes import CODES, Code
+from procam.estimate.structured_light.codes import CODES, Code
 from simulators.presets import STANDARD
 from simulators.scene import DomeScene, SceneSize
 from simulators.study import Bench

@@ -8,8 +8,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from procam.estimate.codes import AXES, DEFAULT_CODE, make_code
-from procam.estimate.decode import Decoded
+from procam.estimate.structured_light.codes import AXES, DEFAULT_CODE, make_code
+from procam.estimate.structured_light.decode import Decoded
 from simulators.presets import STANDARD
 from simulators.scene import DomeScene, SceneSize
 from simulators.study import Bench

@@ -6,15 +6,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.estimate.scatter import CELLS, Lighting, cell_basis, fit_scatter
-from procam.maths.radiosity import (
+from procam.estimate.light.scatter_kernel import CELLS, Lighting, cell_basis, fit_scatter
+from procam.maths.geometry.sphere import direction_from_angles, master_pixels
+from procam.maths.light.radiosity import (
     add_interreflection,
     add_interreflection_paper,
     add_zoned_interreflection,
     sphere_scatter,
 )
-from procam.maths.scatter_kernel import basis, moments, predicted_ratio
-from procam.maths.sphere import direction_from_angles, master_pixels
+from procam.maths.light.scatter_kernel import basis, moments, predicted_ratio
 from simulators.transport import DOME_RINGS, DOME_SECTORS
 
 Array = NDArray[np.float64]

@@ -15,14 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procam.errors import ProcamError
-from procam.estimate.adjustment import Problem
-from procam.estimate.bundle import Observations
-from procam.estimate.bundle_start import Hung
-from procam.estimate.geometry import GeometrySolution, solve_geometry
-from procam.estimate.landing import ARCMIN, Landing, measure_landing
-from procam.maths.lenses import project
-from procam.maths.ray_to_screen import RoundShape
-from procam.maths.sphere import angle_between, direction_from_angles, normalise
+from procam.estimate.geometry.adjustment import Problem
+from procam.estimate.geometry.model import Observations
+from procam.estimate.geometry.pixel_directions import ARCMIN, Landing, measure_landing
+from procam.estimate.geometry.solve import GeometrySolution, solve_geometry
+from procam.estimate.geometry.start import Hung
+from procam.maths.geometry.lenses import project
+from procam.maths.geometry.ray_to_screen import RoundShape
+from procam.maths.geometry.sphere import angle_between, direction_from_angles, normalise
 from procam.model.optics import CameraModel, Fiducial, Sensor
 from simulators.presets import REALISTIC, STANDARD, Preset
 from simulators.rig import CameraBuild, ProjectorBuild, hang_projectors, set_up_cameras

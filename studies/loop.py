@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.estimate.loop import (
+from procam.estimate.closed_loop.patches import (
     Belief,
     Bounces,
     Look,

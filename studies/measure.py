@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.estimate.codes import AXES, Code, generate
-from procam.estimate.decode import Decoded, Decoder
-from procam.estimate.projector_map import fit_projector_map
-from procam.maths.phase import cramer_rao_variance
+from procam.estimate.structured_light.codes import AXES, Code, generate
+from procam.estimate.structured_light.decode import Decoded, Decoder
+from procam.estimate.structured_light.panel_map import fit_projector_map
+from procam.maths.codes.phase import cramer_rao_variance
 from procam.maths.warp import sample
 from procam.model.correspondence import CorrespondenceMap
 from simulators.sensor import ROUNDING, Sensor

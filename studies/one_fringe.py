@@ -9,17 +9,17 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.estimate.codes import AXES, Code, generate, wave_code
-from procam.estimate.decode import Decoder
-from procam.estimate.limits import default_limits, dropped_samples
-from procam.estimate.phasor import (
+from procam.estimate.structured_light.codes import AXES, Code, generate, wave_code
+from procam.estimate.structured_light.decode import Decoder
+from procam.estimate.structured_light.limits import default_limits, dropped_samples
+from procam.estimate.structured_light.scatter_bias import (
     flux_share_maps,
     flux_shares,
     remove_phasor,
     scattered_light,
 )
-from procam.estimate.waves import WavePictures, decode_waves
-from procam.maths.phase import equal_steps
+from procam.estimate.structured_light.sinusoids import WavePictures, decode_waves
+from procam.maths.codes.phase import equal_steps
 from procam.maths.warp import grow
 from simulators.presets import STANDARD, Preset
 from simulators.scene import GREEN, DomeScene, SceneSize

@@ -13,7 +13,7 @@ from benchmarks.frame import STRIP, Show, dome
 from procam.kernels import reference_frame
 from procam.kernels.even import EvenModel, even_sums
 from procam.kernels.frame import FrameModel, frame_sums
-from procam.maths.sphere import master_directions, master_solid_angles
+from procam.maths.geometry.sphere import master_directions, master_solid_angles
 
 Array = NDArray[np.float64]
 HERE = Path(__file__).parent

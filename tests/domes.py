@@ -4,12 +4,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from procam.estimate.adjustment import Problem
-from procam.estimate.bundle import Layout, Observations, Pair, Rig
-from procam.estimate.bundle_start import Hung
-from procam.maths.pose import Pose, rotation_vector
-from procam.maths.ray_to_screen import RoundShape
-from procam.maths.sphere import direction_from_angles
+from procam.estimate.geometry.adjustment import Problem
+from procam.estimate.geometry.model import Layout, Observations, Pair, Rig
+from procam.estimate.geometry.start import Hung
+from procam.maths.geometry.pose import Pose, rotation_vector
+from procam.maths.geometry.ray_to_screen import RoundShape
+from procam.maths.geometry.sphere import direction_from_angles
 from procam.model.optics import CameraModel, Fiducial, ProjectorModel, Sensor
 from simulators.presets import STANDARD, Preset
 from simulators.rig import CameraBuild, ProjectorBuild, hang_projectors, set_up_cameras

@@ -19,8 +19,8 @@ from procam.kernels.frame import (
     frame_sums,
 )
 from procam.kernels.reference_frame import interpolated
-from procam.maths.dither import threshold_tile
-from procam.maths.transfer import transfer
+from procam.maths.codes.dither import threshold_tile
+from procam.maths.light.transfer import transfer
 from procam.model.calibration import Calibration
 
 Array = NDArray[np.float64]

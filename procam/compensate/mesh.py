@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procam.errors import InputError, ShapeError, UnitError
-from procam.maths.active_set import LeastSquares, Room, exact_light
-from procam.maths.mesh_radiosity import check_darkens
+from procam.maths.mesh.active_set import LeastSquares, Room, exact_light
+from procam.maths.mesh.radiosity import check_darkens
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -10,18 +10,18 @@ from numpy.typing import NDArray
 
 from procam.errors import FileFormatError, ShapeError
 from procam.files.atomic import replacing_directory
-from procam.files.images import read_channels, read_layers, write_channels, write_layers
-from procam.maths.lenses import Lens
-from procam.maths.pose import Pose
+from procam.files.images.images import read_channels, read_layers, write_channels, write_layers
+from procam.maths.geometry.lenses import Lens
+from procam.maths.geometry.pose import Pose
 from procam.model.calibration import SCHEMA_VERSION, Calibration, ProjectorCalibration
 from procam.model.correspondence import ProjectorSurface
-from procam.model.house import HouseState
 from procam.model.mask import Mask
 from procam.model.optics import CameraModel, ProjectorModel, Sensor
 from procam.model.photometry import Photometry, ResponseCurve
 from procam.model.quality import Figure, Goal
 from procam.model.screen import Dome
 from procam.model.transport import DomeMaps, Measured, ScatterKernel
+from procam.model.venue_state import HouseState
 
 Channels = dict[str, NDArray[np.float32]]
 RGB = ("R", "G", "B")

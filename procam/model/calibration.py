@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 
 from procam.errors import InputError, ShapeError
 from procam.model.correspondence import ProjectorSurface
-from procam.model.house import HouseState
 from procam.model.optics import CameraModel, ProjectorModel
 from procam.model.photometry import Photometry
 from procam.model.quality import Figure
 from procam.model.screen import Dome
 from procam.model.transport import DomeMaps, Measured
+from procam.model.venue_state import HouseState
 
 SCHEMA_VERSION = 1
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.maths.sphere import direction_from_angles
+from procam.maths.geometry.sphere import direction_from_angles
 
 # drive of red, green and blue that fills the panel
 PATCHES = {

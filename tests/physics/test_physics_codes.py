@@ -8,8 +8,12 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from procam.estimate.codes import CODES, make_code
-from procam.estimate.phasor import flux_share_maps, flux_shares, remove_phasor
+from procam.estimate.structured_light.codes import CODES, make_code
+from procam.estimate.structured_light.scatter_bias import (
+    flux_share_maps,
+    flux_shares,
+    remove_phasor,
+)
 from procam.maths.warp import grow
 from simulators.presets import STANDARD
 from simulators.scene import DomeScene, SceneSize
@@ -82,7 +86,9 @@ class TestEveryCode:
     def test_what_decode_refuses_is_told(
         self, cell: Callable[..., code_table.Row], monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        monkeypatch.setattr("procam.estimate.wave_calibration.FEWEST_PIXELS", 10**9)
+        monkeypatch.setattr(
+            "procam.estimate.structured_light.self_calibration.FEWEST_PIXELS", 10**9
+        )
         assert "NotEnoughData" in str(cell("micro-phase", 50.0)["error"])
 
 

@@ -13,8 +13,8 @@ from tolerances import FLOAT32, SIGMAS
 
 import simulators.truth
 from procam.files.calibration import load_calibration
-from procam.files.venue import load_venue
-from procam.maths.sphere import master_solid_angles
+from procam.files.venue.load import load_venue
+from procam.maths.geometry.sphere import master_solid_angles
 from procam.model.frame import CameraSettings
 from simulators.backend import build_scene
 from simulators.devices import SimulatedCamera, SimulatedProjector

@@ -8,7 +8,7 @@ from exact_room import PANEL, SIZE, exact_rooms
 from scipy.ndimage import distance_transform_edt, map_coordinates
 
 from procam.errors import ShapeError, UnitError
-from procam.maths.lenses import project
+from procam.maths.geometry.lenses import project
 from procam.model.frame import CameraSettings
 from simulators.devices import SimulatedCamera, SimulatedProjector
 from simulators.presets import IDEAL, PRESETS, PresetName

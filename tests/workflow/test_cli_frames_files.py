@@ -13,14 +13,14 @@ from tiny_venue import procam
 from procam.compensate.exact import Compensator
 from procam.errors import InputError
 from procam.files.calibration import save_calibration
-from procam.files.images import RGB, write_image
+from procam.files.images.images import RGB, write_image
 from procam.model.calibration import Calibration
 from procam.model.mask import Mask
-from procam.workflows.clip_ends import Piece
-from procam.workflows.clip_engine import How
-from procam.workflows.clip_explain import explain
-from procam.workflows.clip_files import refuse_overwriting
-from procam.workflows.pictures import half_sky
+from procam.workflows.playout.explain import explain
+from procam.workflows.playout.frame import How
+from procam.workflows.playout.overwrite_check import refuse_overwriting
+from procam.workflows.playout.sources import Piece
+from procam.workflows.sample_content import half_sky
 
 SIZE = 48
 
@@ -179,7 +179,7 @@ class TestExplained:
         monkeypatch: pytest.MonkeyPatch,
     ) -> None:
         pytest.importorskip("matplotlib", reason="needs the extra `report`")
-        from procam.interfaces import clip_plot
+        from procam.interfaces.plots import clip as clip_plot
 
         sheets: list[Any] = []
         monkeypatch.setattr(clip_plot, "_save", lambda figure, path: sheets.append(figure))

@@ -22,13 +22,13 @@ from tiny_venue import procam
 
 from procam.errors import FileFormatError, InputError
 from procam.files.calibration import save_calibration
-from procam.files.raw_frames import PIXELS, pixel_type, read_frame, widen, write_frame
+from procam.files.images.raw_frames import PIXELS, pixel_type, read_frame, widen, write_frame
 from procam.interfaces.cli.frames import _latency
 from procam.model.calibration import Calibration
-from procam.workflows.clip import compensate_clip, each_frame
-from procam.workflows.clip_ends import Piece, PipeClip, count_above_one
-from procam.workflows.clip_engine import How
-from procam.workflows.clip_flow import Crew, flow
+from procam.workflows.playout.compensate import compensate_clip, each_frame
+from procam.workflows.playout.frame import How
+from procam.workflows.playout.pipeline import Crew, flow
+from procam.workflows.playout.sources import Piece, PipeClip, count_above_one
 
 SIZE = 24
 PATIENCE_S = 20.0

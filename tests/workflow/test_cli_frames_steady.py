@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from procam.compensate.exact import Compensator
-from procam.maths.sphere import master_solid_angles
+from procam.maths.geometry.sphere import master_solid_angles
 from procam.model.calibration import Calibration
-from procam.workflows.clip_ends import Piece
-from procam.workflows.clip_engine import ClipEngine, How
-from procam.workflows.pictures import half_sky
+from procam.workflows.playout.frame import ClipEngine, How
+from procam.workflows.playout.sources import Piece
+from procam.workflows.sample_content import half_sky
 
 SIZE, FRAMES, PAN_PX = 96, 12, 2
 STEADY = 0.0022  # rms log change that the plain exact solution is known for on a 2 px/frame pan

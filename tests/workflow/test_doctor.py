@@ -22,13 +22,13 @@ from tiny_venue import (
 )
 
 from procam.devices.protocols import BackendRig
-from procam.estimate.radiance import Radiometer
-from procam.files.venue import Venue, load_venue
+from procam.estimate.camera.radiance import Radiometer
+from procam.files.venue.load import Venue, load_venue
 from procam.model.frame import Frame
-from procam.workflows import calibrate
-from procam.workflows.doctor import examine
-from procam.workflows.findings import Diagnosis
-from procam.workflows.readings import Readings
+from procam.workflows.capture.session_images import Readings
+from procam.workflows.doctor.doctor import examine
+from procam.workflows.doctor.findings import Diagnosis
+from procam.workflows.solve import calibrate
 from procam.workflows.venue_rig import open_rig
 from simulators.faults import FaultyCamera, FaultyProjector, apply_faults
 from simulators.scene import SceneSize

@@ -23,19 +23,19 @@ from tiny_venue import (
 from procam.devices.protocols import Camera
 from procam.devices.rig import Rig
 from procam.errors import InputError, NotEnoughData, OutOfModelRange
-from procam.estimate import assemble
-from procam.estimate.patterns import zone_count
-from procam.estimate.radiance import Radiometer
+from procam.estimate import calibration as assemble
+from procam.estimate.camera.radiance import Radiometer
+from procam.estimate.structured_light.patterns import zone_count
 from procam.files.calibration import load_calibration, save_calibration
-from procam.files.images import RGB, read_image, write_image
-from procam.files.venue import Venue
+from procam.files.images.images import RGB, read_image, write_image
+from procam.files.venue.load import Venue
 from procam.interfaces.cli import forecast as command
-from procam.maths.sphere import master_directions, master_solid_angles
+from procam.maths.geometry.sphere import master_directions, master_solid_angles
 from procam.model.calibration import Calibration
 from procam.model.frame import CameraSettings, Frame
-from procam.model.house import HouseState
+from procam.model.venue_state import HouseState
+from procam.workflows.audience import measure_state, with_state
 from procam.workflows.forecast import sampled
-from procam.workflows.house import measure_state, with_state
 from procam.workflows.venue_rig import open_rig
 from simulators.presets import PRESETS, Preset
 from simulators.scene import ALL_BANDS, DomeScene

@@ -7,14 +7,14 @@ import pytest
 from tiny_venue import make_venue, quick_simulator, take_session
 
 from procam.errors import OutOfModelRange
-from procam.estimate.radiance import Radiometer
+from procam.estimate.camera.radiance import Radiometer
 from procam.files.calibration import load_calibration
 from procam.files.session import Session
-from procam.files.venue import Venue
+from procam.files.venue.load import Venue
 from procam.model.frame import Frame
 from procam.model.plan import Shot
-from procam.workflows.calibrate import solve
-from procam.workflows.readings import Readings
+from procam.workflows.capture.session_images import Readings
+from procam.workflows.solve.calibrate import solve
 
 Visit = tuple[Venue, Session]
 

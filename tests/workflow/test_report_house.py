@@ -12,8 +12,8 @@ from procam.interfaces.report import dome, write_report
 from procam.interfaces.report.blocks import Table
 from procam.interfaces.report.data import gain_change, read_material
 from procam.model.calibration import Calibration
-from procam.model.house import HouseState
 from procam.model.transport import Measured
+from procam.model.venue_state import HouseState
 
 
 def _housed(calibration: Calibration) -> Calibration:

@@ -15,17 +15,17 @@ from tiny_venue import procam
 from procam.compensate.exact import Compensator
 from procam.compensate.fields import Fields
 from procam.files.calibration import save_calibration
-from procam.files.images import read_image, write_image
+from procam.files.images.images import read_image, write_image
 from procam.kernels import reference_frame
 from procam.kernels.coding import Coding
-from procam.maths.curves import srgb_decode, srgb_encode
-from procam.maths.dither import threshold_tile
-from procam.maths.scatter_kernel import basis
-from procam.maths.sphere import master_directions, master_solid_angles
+from procam.maths.codes.dither import threshold_tile
+from procam.maths.geometry.sphere import master_directions, master_solid_angles
+from procam.maths.light.curves import srgb_decode, srgb_encode
+from procam.maths.light.scatter_kernel import basis
 from procam.model.calibration import Calibration
-from procam.model.house import HouseState
 from procam.model.mask import Mask
 from procam.model.transport import Measured, ScatterKernel
+from procam.model.venue_state import HouseState
 
 SIZE = 160
 FRAMES = 300

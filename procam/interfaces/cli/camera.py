@@ -10,13 +10,13 @@ import numpy as np
 import typer
 
 from procam.errors import FileFormatError, InputError, NotEnoughData
-from procam.estimate.board_fit import tells_pose
-from procam.estimate.camera import FEWEST_VIEWS, BoardView, CameraFit, fit_camera, rms
-from procam.estimate.cvcompat import Board, BoardKind, find_board, other_count
+from procam.estimate.boards.camera import FEWEST_VIEWS, BoardView, CameraFit, fit_camera, rms
+from procam.estimate.boards.robust_fit import tells_pose
+from procam.estimate.boards.targets import Board, BoardKind, find_board, other_count
 from procam.files.atomic import write_text
 from procam.interfaces.cli.decoding import SUFFIXES, read_grey
 from procam.interfaces.cli.output import Output
-from procam.maths.lenses import LensKind
+from procam.maths.geometry.lenses import LensKind
 from procam.model.quality import Figure, Goal
 
 WORST_RMS_PX = 1.0

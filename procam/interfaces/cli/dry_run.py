@@ -4,10 +4,10 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from itertools import groupby
 
-from procam.files.venue import BY_HAND, Venue
+from procam.files.venue.load import BY_HAND, Venue
 from procam.interfaces.cli.output import Output
 from procam.model.plan import Shot
-from procam.workflows.visit import plan_of_visit
+from procam.workflows.capture.session_plan import plan_of_visit
 
 DRIVEN_S = 1.0  # beside the exposure: show, settle, read out, store
 BY_HAND_S = 5.0  # a DSLR takes 3.5 to 7 s a shot (science.md s.4)

@@ -14,10 +14,9 @@ from procam.errors import InputError
 from procam.files import atomic
 from procam.files.calibration import latest_calibration, load_calibration
 from procam.interfaces.cli.output import Output
-from procam.interfaces.forecast_plot import RELATIVE, write_plot
+from procam.interfaces.plots.forecast import RELATIVE, write_plot
 from procam.model.calibration import Calibration
 from procam.model.screen import Dome
-from procam.workflows.bake import read_square
 from procam.workflows.forecast import (
     LUMINANCE,
     Band,
@@ -34,6 +33,7 @@ from procam.workflows.forecast import (
     sampled,
     white_luminance,
 )
+from procam.workflows.refine.shown import read_square
 
 Described = Mapping[str, float | None]
 USUAL = {

@@ -9,10 +9,10 @@ from procam.files.calibration import (
     next_directory,
     save_calibration,
 )
-from procam.files.venue import load_venue
+from procam.files.venue.load import load_venue
 from procam.interfaces.cli.output import Output
-from procam.model.house import HouseState
-from procam.workflows.house import measure_state, with_state
+from procam.model.venue_state import HouseState
+from procam.workflows.audience import measure_state, with_state
 from procam.workflows.venue_rig import open_rig
 
 

@@ -11,14 +11,14 @@ import numpy as np
 import typer
 
 from procam.errors import InputError
-from procam.estimate.absolute import (
+from procam.estimate.light.absolute import (
     LARGEST_ADDITIVITY,
     LARGEST_RESIDUAL,
     PRIMARIES,
     Absolute,
     fit_absolute,
 )
-from procam.estimate.colour_spaces import (
+from procam.estimate.light.colour_spaces import (
     colour_temperature,
     content_from_rgb,
     unshown_saturation,

@@ -8,11 +8,8 @@ import numpy as np
 import typer
 
 from procam.errors import FileFormatError, InputError, NotEnoughData
-from procam.estimate.board_fit import tells_pose
-from procam.estimate.camera import rms
-from procam.estimate.codes import Code, make_code
-from procam.estimate.cvcompat import Board, find_board
-from procam.estimate.planar_pair import (
+from procam.estimate.boards.camera import rms
+from procam.estimate.boards.planar_pair import (
     DEVICES,
     FEWEST_VIEWS,
     PairView,
@@ -20,12 +17,15 @@ from procam.estimate.planar_pair import (
     fit_planar_pair,
     pair_view,
 )
+from procam.estimate.boards.robust_fit import tells_pose
+from procam.estimate.boards.targets import Board, find_board
+from procam.estimate.structured_light.codes import Code, make_code
 from procam.files.atomic import write_text
 from procam.interfaces.cli.camera import check_out, one_size, two_counts
 from procam.interfaces.cli.decoding import SUFFIXES, Picture, decode_folder, read_grey
 from procam.interfaces.cli.output import Output
-from procam.maths.lenses import Lens
-from procam.maths.pose import rotation_vector
+from procam.maths.geometry.lenses import Lens
+from procam.maths.geometry.pose import rotation_vector
 from procam.model.correspondence import CorrespondenceMap
 from procam.model.quality import Figure, Goal
 

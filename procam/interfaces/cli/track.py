@@ -3,8 +3,8 @@
 from pathlib import Path
 
 from procam.interfaces.cli.output import Output
-from procam.workflows.clip_engine import How
-from procam.workflows.track import track_show
+from procam.workflows.playout.frame import How
+from procam.workflows.playout.track import track_show
 
 
 def run_track(calibration: Path, source: Path, out: Path, how: How, output: Output) -> None:

@@ -14,12 +14,12 @@ from procam import kernels
 from procam.compensate.equations import TOLERANCE, Equations
 from procam.compensate.exact import METHODS, Compensator
 from procam.errors import InputError, ShapeError
-from procam.maths.sphere import master_directions, master_solid_angles
-from procam.maths.transfer import transfer
+from procam.maths.geometry.sphere import master_directions, master_solid_angles
+from procam.maths.light.transfer import transfer
 from procam.model.calibration import Calibration
-from procam.model.house import HouseState
 from procam.model.mask import Mask
 from procam.model.transport import DomeMaps, Measured, ScatterKernel
+from procam.model.venue_state import HouseState
 
 SMALL = 20
 SIZE = 96

@@ -14,11 +14,11 @@ from tolerances import FLOAT32
 
 from procam.compensate.exact import Compensator
 from procam.errors import InputError
-from procam.maths.sphere import master_directions, master_solid_angles
+from procam.maths.geometry.sphere import master_directions, master_solid_angles
 from procam.model.calibration import Calibration
-from procam.model.house import HouseState
 from procam.model.mask import Mask
 from procam.model.transport import Measured
+from procam.model.venue_state import HouseState
 
 SIZE = 32
 ALBEDO, EMPTY, FULL = 0.5, 0.1, 0.6  # of the dome; of the rim, empty and full

@@ -8,8 +8,8 @@ import pytest
 from procam import kernels
 from procam.errors import InputError, ShapeError
 from procam.kernels import Device, Relief, Sight, reference_bundle, reference_lenses
-from procam.maths.pose import rotation_matrix
-from procam.maths.ray_to_screen import RoundShape, bump_count
+from procam.maths.geometry.pose import rotation_matrix
+from procam.maths.geometry.ray_to_screen import RoundShape, bump_count
 
 COUNTS = [0, 1, 7, 63, 64, 65, 129, 1001, 4097]  # C takes 64 at a time, the twin 4096
 RADIUS_M = 6.0
