@@ -1,4 +1,4 @@
-"""The floors, the wall round the simulators, and how light `procam --help` is."""
+"""The layers, the wall round the simulators, and how light `procam --help` is."""
 
 import os
 import shutil
@@ -65,17 +65,37 @@ class TestContracts:
             ),
             ("simulators/transport.py", "import procam.maths.light.radiosity", "The wall"),
             ("simulators/truth.py", "from procam.files import calibration", "The wall"),
-            ("procam/maths/geometry/pose.py", "import procam.model.frame", "Floors"),
+            ("procam/maths/geometry/pose.py", "import procam.model.frame", "Layers"),
             (
                 "procam/estimate/structured_light/decode.py",
                 "import procam.files.images.images",
-                "Floors",
+                "Layers",
             ),
             ("procam/estimate/light/blend.py", "import cv2", "cv2 stays behind maths.warp"),
             (
                 "procam/estimate/geometry/camera_view.py",
                 "import embreex",
                 "Extras stay behind one module each",
+            ),
+            (
+                "procam/estimate/boards/camera.py",
+                "import procam.estimate.geometry.model",
+                "Estimators build on each other",
+            ),
+            (
+                "procam/estimate/closed_loop/patches.py",
+                "import procam.estimate.structured_light.codes",
+                "Estimators build on each other",
+            ),
+            (
+                "procam/estimate/comparison/verdict.py",
+                "import procam.estimate.camera.noise",
+                "A comparison of calibrations",
+            ),
+            (
+                "procam/files/venue/outlines.py",
+                "import procam.files.venue.load",
+                "No import cycles",
             ),
             ("procam/model/frame.py", "import time", "Numbers know no files"),
             (

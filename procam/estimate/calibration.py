@@ -14,7 +14,13 @@ from procam.estimate.light.floor_albedo import FloorLight, contradiction, floor_
 from procam.estimate.light.footprint import camera_pixels, lit_share, project_surface
 from procam.estimate.light.luminance_matching import matched_white
 from procam.estimate.light.projector_response import ColourFit
-from procam.estimate.light.scatter_kernel import CELLS, Lighting, Spread, spread_of_light
+from procam.estimate.light.scatter_kernel import (
+    BLACK_BLUR_PX,
+    CELLS,
+    Lighting,
+    Spread,
+    spread_of_light,
+)
 from procam.estimate.light.separation import Light, albedo, feedback
 from procam.maths.geometry.sphere import (
     cap_solid_angle,
@@ -34,7 +40,6 @@ from procam.model.transport import DomeMaps, Measured
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
 MAP_SIZE = 1024
-BLACK_BLUR_PX = 4.0
 COVERED = 0.999
 CONTRADICTS = 3.0  # sigmas
 ROUGH_ALBEDO = 0.5  # shapes of bounced light hardly depend on it

@@ -15,7 +15,7 @@ from scipy.ndimage import binary_erosion, uniform_filter
 from scipy.optimize import nnls
 
 from procam.errors import NotEnoughData, OutOfModelRange
-from procam.estimate.structured_light.self_calibration import NoiseLaw
+from procam.estimate.camera.noise import NoiseLaw
 from procam.maths.codes.phase import cramer_rao_variance, micro_waves
 from procam.model.optics import Sensor
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
 from procam.errors import InputError, ShapeError
-from procam.estimate.structured_light.self_calibration import NoiseLaw
+from procam.estimate.camera.noise import NoiseLaw
 from procam.model.optics import Sensor
 
 Image = NDArray[np.float32]

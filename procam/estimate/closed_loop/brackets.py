@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from procam.estimate.camera.exposure import LONGEST_S, MOST_STEPS, STEP
 from procam.estimate.camera.hdr import merge_exposures
+from procam.estimate.camera.noise import NoiseLaw
 from procam.estimate.closed_loop.patches import ALMOST_ALL, FEWEST, TWO_SIDED, just_noticeable
-from procam.estimate.structured_light.self_calibration import NoiseLaw
 from procam.model.frame import Frame
 from procam.model.optics import Sensor
 

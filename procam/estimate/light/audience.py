@@ -11,10 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.estimate.calibration import BLACK_BLUR_PX
 from procam.estimate.geometry.camera_view import DomeView
 from procam.estimate.geometry.screen_points import round_shape, screen_points
-from procam.estimate.light.scatter_kernel import ScatterCells, cell_basis
+from procam.estimate.light.scatter_kernel import BLACK_BLUR_PX, ScatterCells, cell_basis
 from procam.estimate.light.separation import CLEAR_CAMERA_PX
 from procam.maths.geometry.lenses import project
 from procam.maths.geometry.sphere import master_directions, master_pixels

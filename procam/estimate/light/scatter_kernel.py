@@ -22,6 +22,7 @@ CELLS = 32  # edge of the dome master whose pixels gather camera pixels: 6 degre
 HIGHEST = 2  # degree; above it nothing is earned in furnished rooms (studies/forward.md)
 SIZE = (HIGHEST + 1) ** 2
 ROUNDS = 2
+BLACK_BLUR_PX = 4.0  # Gaussian sigma in camera pixels: black light is smooth, its noise is not
 FEWEST = 4  # pictures per degree
 DIM = 0.05  # of the pictures' median flux
 WHOLE = 0.9  # of a cell's pixels must show nothing but bounced light

@@ -20,6 +20,7 @@ from scipy.ndimage import (
 )
 
 from procam.errors import NotEnoughData
+from procam.estimate.camera.noise import NoiseLaw
 from procam.estimate.projector_tests.patterns import (
     COUNT,
     GREYS,
@@ -28,7 +29,6 @@ from procam.estimate.projector_tests.patterns import (
     patch_bits,
     patch_codes,
 )
-from procam.estimate.structured_light.self_calibration import NoiseLaw
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

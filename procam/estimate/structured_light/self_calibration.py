@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from procam import kernels
 from procam.errors import NotEnoughData
+from procam.estimate.camera.noise import NO_NOISE, NoiseLaw
 from procam.maths.codes.phase import (
     FIT_PARTS,
     WaveFit,
@@ -35,18 +36,6 @@ PRIOR_BLUR_PX2, PRIOR_HARMONIC, PRIOR_SURPLUS = 20.0, 0.1, 0.02  # of this size,
 LARGEST_BLUR_PX2, LARGEST_HARMONIC = 100.0, 0.3
 FAINT_SHARE = 0.1  # of a bright pixel's amplitude: below, nothing shines there directly
 LEVELS = 12
-
-
-@dataclass(frozen=True, slots=True)
-class NoiseLaw:
-    """Variance of a sample of level I: `floor` + `per_level` I [image unit^2]."""
-
-    floor: float
-    per_level: float
-
-    def variance(self, level: Any) -> Any:
-        """Variance at `level`; never negative."""
-        return np.maximum(self.floor + self.per_level * level, 1e-12)
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +81,7 @@ def calibrate_waves(
         samples = raw - scattered[:, None] * surplus
         fit, seen = _fitted(samples, waves, look, length)
         scattered[seen] = np.maximum(full[seen] - 2 / look.depth(waves) * fit.amplitude, 0)
-        now = WaveCalibration(look, surplus, NO_LAW)
+        now = WaveCalibration(look, surplus, NO_NOISE)
         look, surplus = _step(samples[seen], waves, now, fit, (scattered[seen], surplus_sigma))
     fit, _ = _fitted(raw - scattered[:, None] * surplus, waves, look, length)
     return WaveCalibration(look, surplus, _noise_law(fit, len(frames) - UNKNOWNS))
@@ -194,6 +183,3 @@ def _noise_law(fit: WaveFit, freedom: int) -> NoiseLaw:
     if start < 0:
         return NoiseLaw(0.0, float(np.mean(variance) / np.mean(level)))
     return NoiseLaw(float(start), float(slope))
-
-
-NO_LAW = NoiseLaw(0.0, 0.0)

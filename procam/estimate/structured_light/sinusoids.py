@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from procam.estimate.camera.noise import NoiseLaw
 from procam.estimate.structured_light.self_calibration import (
     PRIOR_SURPLUS,
     UNKNOWNS,
-    NoiseLaw,
     WaveCalibration,
     calibrate_waves,
     search,

@@ -5,7 +5,12 @@ from pathlib import Path
 
 import numpy as np
 
-from procam.files.venue.masks import dome_complaints, file_complaints, is_within, pixel_complaints
+from procam.files.venue.outlines import (
+    dome_complaints,
+    file_complaints,
+    is_within,
+    pixel_complaints,
+)
 from procam.files.venue.server_checks import server_complaints
 from procam.files.venue.tables import (
     CameraTable,

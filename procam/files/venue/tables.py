@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, StringConstraints
 
-from procam.files.venue.masks import Outline
+from procam.files.venue.outlines import Outline
 from procam.model.optics import USUAL_FAMILY, AprilTag, TagFamily
 
 Positive = Annotated[FiniteFloat, Field(gt=0)]

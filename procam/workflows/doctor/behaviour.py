@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from procam.estimate.camera.checks import response_exponent
 from procam.estimate.camera.exposure import green, meter, noise_of_repeat
+from procam.estimate.camera.noise import NoiseLaw
 from procam.estimate.projector_tests import analysis as estimate
 from procam.estimate.projector_tests.analysis import Effect, Patches, PatchLight
 from procam.estimate.projector_tests.patterns import (
@@ -22,7 +23,6 @@ from procam.estimate.projector_tests.patterns import (
     HALF_LIGHT,
     Layout,
 )
-from procam.estimate.structured_light.self_calibration import NoiseLaw
 from procam.files.venue.load import CaptureTable
 from procam.model.frame import Frame
 from procam.workflows.doctor.examined_camera import DIM, METERINGS, NO_LIGHT, ExaminedCamera

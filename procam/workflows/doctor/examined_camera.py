@@ -25,7 +25,7 @@ from procam.estimate.camera.exposure import (
     noise_of_repeat,
     plan_exposures,
 )
-from procam.estimate.structured_light.self_calibration import NoiseLaw
+from procam.estimate.camera.noise import NoiseLaw
 from procam.files.venue.load import CaptureTable
 from procam.model.frame import CameraSettings, Frame
 from procam.model.optics import Sensor

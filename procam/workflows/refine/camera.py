@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 from procam.devices.rig import Rig
 from procam.errors import OutOfModelRange
 from procam.estimate.camera.exposure import green, noise_of_repeat
+from procam.estimate.camera.noise import NO_NOISE
 from procam.estimate.camera.radiance import Radiometer
 from procam.estimate.closed_loop.brackets import bracket_for, merged_frame
 from procam.estimate.closed_loop.dome import Cells
 from procam.estimate.geometry.camera_view import DomeView
-from procam.estimate.structured_light.self_calibration import NO_LAW
 from procam.model.calibration import Calibration
 from procam.model.frame import CameraSettings, Frame
 
@@ -33,7 +33,7 @@ class LoopCamera:
         self.cells = Cells.of(view.direction, view.on_screen)
         self._matrix = calibration.content_from_camera.astype(np.float32)
         self._exposures_s: tuple[float, ...] = (0.1,)
-        self._noise = NO_LAW
+        self._noise = NO_NOISE
         self.shots = 0
 
     def expose_for(self, observed: Image) -> None:

@@ -33,10 +33,10 @@ from procam.estimate.camera.exposure import (
     rounded_down,
 )
 from procam.estimate.camera.hdr import merge_exposures
+from procam.estimate.camera.noise import NoiseLaw
 from procam.estimate.structured_light.codes import generate, make_code
 from procam.estimate.structured_light.decode import Decoder
 from procam.estimate.structured_light.limits import DecodeLimits
-from procam.estimate.structured_light.self_calibration import NoiseLaw
 from procam.maths.codes.phase import Wavelook, fit_waves, micro_waves
 from procam.model.correspondence import CorrespondenceMap
 from procam.model.optics import Sensor

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from procam.estimate.camera.exposure import LONGEST_S
+from procam.estimate.camera.noise import NoiseLaw
 from procam.estimate.closed_loop.brackets import bracket_for, merged_frame
-from procam.estimate.structured_light.self_calibration import NoiseLaw
 from procam.model.frame import CameraSettings, Frame
 from procam.model.optics import Sensor
 

@@ -7,6 +7,7 @@ import pytest
 from scipy.ndimage import gaussian_filter, shift
 
 from procam.errors import NotEnoughData
+from procam.estimate.camera.noise import NoiseLaw
 from procam.estimate.projector_tests.analysis import (
     SIGNIFICANT,
     Effect,
@@ -34,7 +35,6 @@ from procam.estimate.projector_tests.patterns import (
     patch_bits,
     patch_codes,
 )
-from procam.estimate.structured_light.self_calibration import NoiseLaw
 
 LAYOUT = Layout((128, 80))
 QUIET = NoiseLaw(1e-6, 0.0)

@@ -7,8 +7,8 @@ import pytest
 from tolerances import SIGMAS
 
 from procam.errors import NotEnoughData
+from procam.estimate.camera.noise import NoiseLaw
 from procam.estimate.structured_light.self_calibration import (
-    NoiseLaw,
     WaveCalibration,
     calibrate_waves,
     search,

@@ -15,11 +15,11 @@ from procam.files.venue.masks import (
     camera_masks,
     done_by_hand,
     nudges,
-    polygon_pixels,
     projector_masks,
     protected_mask,
     screen_mask,
 )
+from procam.files.venue.outlines import polygon_pixels
 from procam.maths.geometry.sphere import angles_from_direction, master_directions
 from procam.model.mask import Mask, Nudge
 
