@@ -24,7 +24,7 @@ from procam.maths.warp import grow
 from simulators.presets import STANDARD, Preset
 from simulators.scene import GREEN, DomeScene, SceneSize
 from simulators.sensor import Sensor
-from simulators.study import Bench
+from simulators.study import PhotographBench
 from studies.measure import binned, rms, write
 
 SIZE = SceneSize(2, (960, 600), 1, (1024, 1024), rays=16384)
@@ -54,7 +54,7 @@ class OneFringe:
     """A bench, the pictures of one fringe per axis, and what they look like."""
 
     def __init__(self, preset: Preset, size: SceneSize = SIZE) -> None:
-        self.bench = Bench(DomeScene(preset, size, 1), "south")
+        self.bench = PhotographBench(DomeScene(preset, size, 1), "south")
         width, height = size.projector_size
         self.code: Code = wave_code((width, height), (float(width), float(height)), STEPS)
         self.pictures = generate(self.code)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procam.errors import InputError, ShapeError, UnitError
-from procam.maths.mesh.active_set import LeastSquares, Room, exact_light
+from procam.maths.mesh.active_set import LeastSquares, MeshRoom, exact_light
 from procam.maths.mesh.radiosity import check_darkens
 
 Array = NDArray[np.float64]
@@ -95,7 +95,7 @@ class MeshCompensator:
             raise InputError(
                 f"lo and hi: got lo above hi on {_count(lo > hi)}, expected lo <= hi; are they swapped?"
             )
-        self._rooms = [Room(channel, factors) for channel in albedo.T]
+        self._rooms = [MeshRoom(channel, factors) for channel in albedo.T]
         self._area_m2, self._lo, self._hi = area_m2, lo, hi
 
     def exact(self, target: Array) -> CompensatedMesh:

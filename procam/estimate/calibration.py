@@ -17,11 +17,11 @@ from procam.estimate.light.projector_response import ColourFit
 from procam.estimate.light.scatter_kernel import (
     BLACK_BLUR_PX,
     CELLS,
-    Lighting,
-    Spread,
-    spread_of_light,
+    ScatterSample,
+    ScatterSolution,
+    solve_scatter,
 )
-from procam.estimate.light.separation import Light, albedo, feedback
+from procam.estimate.light.separation import SeparatedLight, albedo, feedback
 from procam.maths.geometry.sphere import (
     cap_solid_angle,
     master_directions,
@@ -46,7 +46,7 @@ ROUGH_ALBEDO = 0.5  # shapes of bounced light hardly depend on it
 
 
 @dataclass(frozen=True, slots=True)
-class Measurement:
+class ProjectorMeasurement:
     """What was read off one projector's pictures, in camera channels.
 
     `black` (H, W, 3) is the radiance of its black picture, scattered light included; `lightings` are
@@ -54,11 +54,11 @@ class Measurement:
     `notes` what people should know.
     """
 
-    light: Light
+    light: SeparatedLight
     black: Image
     colour: ColourFit
     response: ResponseCurve
-    lightings: Sequence[Lighting] = ()
+    lightings: Sequence[ScatterSample] = ()
     exponent: Image | None = None
     notes: Sequence[str] = ()
 
@@ -67,7 +67,7 @@ def assemble(
     dome: Dome,
     geometry: GeometrySolution,
     view: DomeView,
-    measured: Mapping[str, Measurement],
+    measured: Mapping[str, ProjectorMeasurement],
     nudges: Sequence[Nudge],
     provenance: Mapping[str, Any],
     falloff_per_rad: float = 0.0,
@@ -90,7 +90,7 @@ def assemble(
     white = common_white(hi / shape[..., None], lit)
     to_relative = np.diag(1 / white) @ unmix
     lightings = [[x.converted(unmix) for x in m.lightings] for m in measured.values()]
-    bounced = _measure_bounces(dome, view, master, list(content.values()), lightings, hi)
+    bounced = _measure_scatter(dome, view, master, list(content.values()), lightings, hi)
     lo = master.black_level(measured, to_relative)
     maps = DomeMaps(
         *master.scatter_and_albedo(bounced),
@@ -120,7 +120,7 @@ def assemble(
 def _projectors(
     geometry: GeometrySolution,
     surfaces: Mapping[str, ProjectorSurface],
-    measured: Mapping[str, Measurement],
+    measured: Mapping[str, ProjectorMeasurement],
     gain_and_blend: Mapping[str, tuple[Image, Image]],
 ) -> dict[str, ProjectorCalibration]:
     mean_mix = np.mean([m.colour.mix for m in measured.values()], axis=0)
@@ -138,7 +138,9 @@ def _projectors(
 class _Master:
     """The dome master of the maps: directions, where the camera sees them, what is lit."""
 
-    def __init__(self, geometry: GeometrySolution, measured: Mapping[str, Measurement]) -> None:
+    def __init__(
+        self, geometry: GeometrySolution, measured: Mapping[str, ProjectorMeasurement]
+    ) -> None:
         direction, self.inside = master_directions(MAP_SIZE)
         self.direction = direction.astype(np.float32)
         self.where = camera_pixels(geometry, direction)
@@ -152,7 +154,7 @@ class _Master:
         """Mean (C,) over what is lit."""
         return np.asarray(np.tensordot(self.solid_sr, values, 2) / self.solid_sr.sum())
 
-    def blended(self, blender: Blender, lights: Mapping[str, Light]) -> Array:
+    def blended(self, blender: Blender, lights: Mapping[str, SeparatedLight]) -> Array:
         """Direct light (N, N, 3) of all projectors at full white, blended."""
         weights = blender.weights(self.direction)
         each = [w[..., None] * sample(lights[n].extended, self.where) for n, w in weights.items()]
@@ -166,7 +168,7 @@ class _Master:
             light.reshape(CELLS, fine, CELLS, fine, -1).sum(axis=(1, 3)).reshape(CELLS**2, -1)
         )
 
-    def scatter_and_albedo(self, bounced: "_Bounces") -> tuple[Image, Image]:
+    def scatter_and_albedo(self, bounced: "_Scatter") -> tuple[Image, Image]:
         """U [1/sr] and the paint (N, N, C): full white brings nearly the same everywhere.
 
         To .3 % over a floor of .1. The kernel's profile of it is worse: gloss bends that by percents.
@@ -174,7 +176,9 @@ class _Master:
         u = sample(bounced.spread.per_flux, self.where) * self.inside[..., None]
         return u, (u / self.mean(u) * bounced.albedo.value).astype(np.float32)
 
-    def black_level(self, measured: Mapping[str, Measurement], to_relative: Array) -> Image:
+    def black_level(
+        self, measured: Mapping[str, ProjectorMeasurement], to_relative: Array
+    ) -> Image:
         """Direct black light (N, N, 3) of all projectors together, smoothed [rel].
 
         A projector's black is spread like its white, so it holds the same share of scattered light.
@@ -187,12 +191,14 @@ class _Master:
         return np.asarray(level, np.float32)
 
 
-def _direct_share(light: Light) -> Image:
+def _direct_share(light: SeparatedLight) -> Image:
     both = np.maximum(light.direct + light.scattered, 1e-9)
     return np.where(light.lit[..., None], light.direct / both, 0)
 
 
-def _notes(measured: Mapping[str, Measurement], dome: Dome, bounced: "_Bounces") -> list[str]:
+def _notes(
+    measured: Mapping[str, ProjectorMeasurement], dome: Dome, bounced: "_Scatter"
+) -> list[str]:
     """What was seen of each projector; and a floor that is not what venue.toml says."""
     notes, floor = [note for m in measured.values() for note in m.notes], bounced.floor
     if contradiction(dome, floor) < CONTRADICTS:
@@ -206,26 +212,26 @@ def _notes(measured: Mapping[str, Measurement], dome: Dome, bounced: "_Bounces")
 
 
 @dataclass(frozen=True, slots=True)
-class _Bounces:
+class _Scatter:
     """What the dome does to light; `dome` with what is now known of its floor."""
 
     dome: Dome
-    spread: Spread
+    spread: ScatterSolution
     floor: FloorLight
     feedback: Measured
     albedo: Measured
 
 
-def _measure_bounces(
+def _measure_scatter(
     dome: Dome,
     view: DomeView,
     master: _Master,
-    lights: list[Light],
-    lightings: list[list[Lighting]],
+    lights: list[SeparatedLight],
+    lightings: list[list[ScatterSample]],
     hi: Array,
-) -> _Bounces:
+) -> _Scatter:
     white, together = master.flux_in_cells(hi), [x for each in lightings for x in each]
-    spread = spread_of_light(lights, lightings, view, white)
+    spread = solve_scatter(lights, lightings, view, white)
     floor = measure_floor(together, spread.in_cells, white, dome, ROUGH_ALBEDO)
     value, sigma = floor_of(dome, floor)
     floored = replace(dome, floor_albedo=value, floor_albedo_sigma=sigma)
@@ -234,10 +240,10 @@ def _measure_bounces(
     doubts = view.camera.sensor.glare_sigma, floor.flux_doubt / np.sqrt(len(together))
     m = feedback(lights, lit_sr, view.solid_angle_sr, spread.strengths, doubts)
     screen_sr, lit = cap_solid_angle(dome.half_angle), float(master.solid_sr.sum())
-    return _Bounces(floored, spread, floor, m, albedo(m, lit, screen_sr, floored, floor.flux_doubt))
+    return _Scatter(floored, spread, floor, m, albedo(m, lit, screen_sr, floored, floor.flux_doubt))
 
 
-def _content_matrix(measured: Mapping[str, Measurement]) -> Array:
+def _content_matrix(measured: Mapping[str, ProjectorMeasurement]) -> Array:
     """(3, 3) from camera radiance to amounts of the mean projector's primaries."""
     lights = [m.light for m in measured.values()]
     white = np.mean([light.direct[light.lit].mean(axis=0) for light in lights], axis=0)
@@ -245,16 +251,16 @@ def _content_matrix(measured: Mapping[str, Measurement]) -> Array:
     return np.asarray(np.linalg.inv(mix) / white, float)
 
 
-def _relative_mix(mean_mix: Array, measurement: Measurement) -> Array:
+def _relative_mix(mean_mix: Array, measurement: ProjectorMeasurement) -> Array:
     """Colour mixing (3, 3) in content channels; rows sum to 1."""
     mix = np.asarray(np.linalg.inv(mean_mix) @ measurement.colour.mix, float)
     return mix / mix.sum(axis=1, keepdims=True)
 
 
-def _converted(light: Light, unmix: Array) -> Light:
+def _converted(light: SeparatedLight, unmix: Array) -> SeparatedLight:
     """A light split in camera channels, in content channels."""
     matrix = unmix.T.astype(np.float32)
-    return Light(
+    return SeparatedLight(
         light.direct @ matrix,
         light.scattered @ matrix,
         light.extended @ matrix,
@@ -281,9 +287,9 @@ def _gain_and_blend(
 
 def _quality(
     geometry: GeometrySolution,
-    measured: Mapping[str, Measurement],
+    measured: Mapping[str, ProjectorMeasurement],
     master: _Master,
-    bounced: "_Bounces",
+    bounced: "_Scatter",
 ) -> dict[str, Figure]:
     residual = np.concatenate(list(geometry.residual_px.values()))
     floor, fit = bounced.floor, bounced.spread.fit

@@ -13,7 +13,7 @@ STATE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")  # it becomes part of a fi
 
 
 @dataclass(frozen=True, slots=True)
-class HouseState:
+class VenueState:
     """A house as it is in a show, beside the one that was calibrated: full, say, with exit signs on.
 
     Attributes

@@ -13,7 +13,12 @@ from procam.devices.rig import Rig
 from procam.errors import InputError, NotEnoughData, OutOfModelRange
 from procam.estimate.camera.radiance import Radiometer
 from procam.estimate.geometry.camera_view import DomeView
-from procam.estimate.light.audience import HouseView, Look, centre_shift, house_feedback
+from procam.estimate.light.audience import (
+    AudienceView,
+    ZoneObservation,
+    audience_feedback,
+    centre_shift,
+)
 from procam.estimate.structured_light.codes import Picture
 from procam.files.session import Session
 from procam.files.venue.load import Venue
@@ -22,10 +27,10 @@ from procam.maths.geometry.sphere import master_pixels
 from procam.model.calibration import Calibration
 from procam.model.frame import CameraSettings
 from procam.model.transport import Map, Measured
-from procam.model.venue_state import HouseState
+from procam.model.venue_state import VenueState
 from procam.workflows.capture.capture import missing_shots
-from procam.workflows.capture.session_images import Readings
-from procam.workflows.capture.session_plan import plan_of_visit
+from procam.workflows.capture.session_images import SessionImages
+from procam.workflows.capture.session_plan import plan_of_session
 from procam.workflows.events import Event
 
 Array = NDArray[np.float64]
@@ -45,7 +50,7 @@ GREEN = 1
 def measure_state(
     rig: Rig, venue: Venue, calibration: Calibration, name: str, ambient_only: bool = False
 ) -> Iterator[Event]:
-    """Photograph the house as it is; the last event carries `data["state"]`, a `HouseState`.
+    """Photograph the house as it is; the last event carries `data["state"]`, a `VenueState`.
 
     With `ambient_only` no projector is lit, and the feedback stays what is known of the state, or of
     the calibration if nothing is.
@@ -66,11 +71,11 @@ def measure_state(
     rig.start()
     ambient, mean = camera.ambient()
     told = f"the room's own light is {_percent(mean)} of white"
-    known = calibration.states.get(name, HouseState(name, calibration.feedback, np.ones(3)))
+    known = calibration.states.get(name, VenueState(name, calibration.feedback, np.ones(3)))
     state = replace(known, ambient=ambient)
     if not ambient_only:
         yield Event("state", 1, total, told)
-        looks: list[Look] = []
+        looks: list[ZoneObservation] = []
         pictures = _zone_pictures(venue, calibration)
         for done, projector in enumerate(calibration.projectors, start=2):
             looks += camera.zones(projector, pictures[projector])
@@ -79,12 +84,12 @@ def measure_state(
         _check_enough(looks)
         ratio = camera.house.scatter_ratio(looks, camera.calibrated_zones(pictures))
         _check_ratio(ratio)
-        state = HouseState(name, house_feedback(calibration, ratio), ratio.value, ambient)
+        state = VenueState(name, audience_feedback(calibration, ratio), ratio.value, ambient)
         told = f"{told}; bounced light is {_percent(ratio.value)} of the calibration's"
     yield Event("state", total, total, told, {"state": state, "ambient": mean})
 
 
-def with_state(calibration: Calibration, state: HouseState) -> Calibration:
+def with_state(calibration: Calibration, state: VenueState) -> Calibration:
     """The calibration with a state added, or put in the place of an older one."""
     return replace(calibration, states={**calibration.states, state.name: state})
 
@@ -98,7 +103,7 @@ class _Camera:
         name, model = next(iter(calibration.cameras.items()))
         self._camera, self._radiometer = rig.cameras[name], Radiometer(model)
         self._matrix = calibration.content_from_camera.T.astype(np.float32)
-        self.house = HouseView(calibration, _view(venue, calibration, self._radiometer))
+        self.house = AudienceView(calibration, _view(venue, calibration, self._radiometer))
 
     def ambient(self) -> tuple[Map, Array]:
         """The room's own light on the dome master, and its mean (3,) over what is lit.
@@ -116,7 +121,7 @@ class _Camera:
             "and aisle lights; dim the house lights"
         )
 
-    def zones(self, projector: str, pictures: Sequence[Picture]) -> list[Look]:
+    def zones(self, projector: str, pictures: Sequence[Picture]) -> list[ZoneObservation]:
         """Parts of a projector's panel, without its black and the room's light; it is left dark."""
         self._rig.light(projector)
         black = self._shown(projector, np.zeros_like(pictures[0], np.float32))
@@ -132,7 +137,9 @@ class _Camera:
             if expected.any():
                 yield picture, expected
 
-    def _zone(self, projector: str, picture: Image, expected: Image, black: Image) -> Look:
+    def _zone(
+        self, projector: str, picture: Image, expected: Image, black: Image
+    ) -> ZoneObservation:
         for _ in range(ATTEMPTS):
             light = self._shown(projector, picture) - black
             shift = centre_shift(light[..., GREEN], expected, self.house.view.on_screen)
@@ -149,7 +156,7 @@ class _Camera:
             )
         return self.house.look(light, expected > 0)
 
-    def calibrated_zones(self, pictures: Mapping[str, Sequence[Picture]]) -> list[Look]:
+    def calibrated_zones(self, pictures: Mapping[str, Sequence[Picture]]) -> list[ZoneObservation]:
         """Those pictures as the calibration was made of; none if they are not all there any more."""
         origin, camera = self.house.calibration.provenance, self._radiometer.camera.name
         session = Session(self._sessions / str(origin.get("session")))
@@ -160,10 +167,10 @@ class _Camera:
         others = any(len(plan.of(name, "zone")) != len(shown) for name, shown in pictures.items())
         if numbered or others or missing_shots(session, plan, [camera]):
             return []
-        readings = Readings(session, plan, self._radiometer)
+        readings = SessionImages(session, plan, self._radiometer)
         return [look for name in pictures for look in self._stored_zones(readings, name)]
 
-    def _stored_zones(self, readings: Readings, projector: str) -> Iterator[Look]:
+    def _stored_zones(self, readings: SessionImages, projector: str) -> Iterator[ZoneObservation]:
         dark, dark_long = readings.dark()
         base = readings.light(readings.only(projector, "black")) - dark_long + dark
         for shot in readings.plan.of(projector, "zone"):
@@ -190,7 +197,7 @@ class _Camera:
 
 def _zone_pictures(venue: Venue, calibration: Calibration) -> dict[str, list[Picture]]:
     """Those pictures (H, W, 1) of a visit that light a part of a projector's panel, by projector."""
-    plan, patterns = plan_of_visit(venue)
+    plan, patterns = plan_of_session(venue)
     return {
         name: [patterns[shot.pattern] for shot in plan.of(name, "zone")]
         for name in calibration.projectors
@@ -207,7 +214,7 @@ def _view(venue: Venue, calibration: Calibration, radiometer: Radiometer) -> Dom
 
 
 def _check_names(venue: Venue, calibration: Calibration, name: str) -> None:
-    HouseState(name, calibration.feedback, np.ones(3))  # refuses a name before a lamp is lit
+    VenueState(name, calibration.feedback, np.ones(3))  # refuses a name before a lamp is lit
     if f"state-{name}" in calibration.projectors:
         raise InputError(
             f"house state: got {name!r}, but projector state-{name} has a map of that name; choose "
@@ -237,7 +244,7 @@ def _check_devices(
             )
 
 
-def _check_enough(looks: Sequence[Look]) -> None:
+def _check_enough(looks: Sequence[ZoneObservation]) -> None:
     if len(looks) < FEWEST:
         raise NotEnoughData(
             f"pictures of a part of a projector's panel: got light of {len(looks)}, expected "

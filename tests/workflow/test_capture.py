@@ -25,7 +25,7 @@ from procam.devices.protocols import BackendRig, Shown
 from procam.devices.rig import Rig
 from procam.errors import DeviceError, NotConnected, StaleFrame, WrongState
 from procam.estimate import calibration as assemble
-from procam.estimate.structured_light.patterns import plan_visit
+from procam.estimate.structured_light.patterns import plan_session
 from procam.files.atomic import read_lines
 from procam.files.images.images import read_image, write_image
 from procam.files.session import Session
@@ -296,7 +296,7 @@ class BusyCamera:
 def test_projectors_may_differ_in_size(venue: Venue, rng: np.random.Generator) -> None:
     sizes = {"small": (64, 40), "large": (96, 60)}
     session = Session(venue.directory / "sessions" / "0001")
-    session.write_plan(*plan_visit(sizes, 0.1, 1.0))
+    session.write_plan(*plan_session(sizes, 0.1, 1.0))
     panels = {name: Panel(name, size) for name, size in sizes.items()}
     with Rig({CAMERA: BusyCamera(rng)}, panels, {}, SceneClock()) as rig:
         *_, last = capture(rig, venue, session)

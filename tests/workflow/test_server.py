@@ -22,8 +22,8 @@ from procam.interfaces.judge import judge, judge_pictures
 from procam.model.calibration import Calibration
 from procam.model.plan import Plan
 from procam.model.quality import Figure
-from procam.workflows.capture.session_images import Readings
-from procam.workflows.capture.session_plan import plan_of_visit, server_of
+from procam.workflows.capture.session_images import SessionImages
+from procam.workflows.capture.session_plan import plan_of_session, server_of
 from procam.workflows.refine.shown import keep_pictures, read_frames
 from procam.workflows.sample_content import half_sky
 from procam.workflows.solve.calibrate import solve
@@ -156,9 +156,9 @@ def test_forecast(visit: Visit, found: Calibration) -> None:
 
 
 class TestRefused:
-    def _readings(self, visit: Visit, plan: Plan) -> Readings:
+    def _readings(self, visit: Visit, plan: Plan) -> SessionImages:
         camera = load_venue(visit.folder).cameras[CAMERA]
-        return Readings(Session(visit.session), plan, Radiometer(camera))
+        return SessionImages(Session(visit.session), plan, Radiometer(camera))
 
     def test_a_plan_without_tags(self, visit: Visit) -> None:
         venue, plan = load_venue(visit.folder), Session(visit.session).read_plan()
@@ -186,4 +186,4 @@ def test_plans_of_other_venues_are_as_they_were(tmp_path: Path) -> None:
 
     venue = make_venue(tmp_path)
     assert server_of(venue) is None
-    assert {s.purpose for s in plan_of_visit(venue)[0].shots} >= {"code", "stripes"}
+    assert {s.purpose for s in plan_of_session(venue)[0].shots} >= {"code", "stripes"}

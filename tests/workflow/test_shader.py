@@ -25,7 +25,7 @@ from procam.maths.light.scatter_kernel import basis
 from procam.model.calibration import Calibration
 from procam.model.mask import Mask
 from procam.model.transport import Measured, ScatterKernel
-from procam.model.venue_state import HouseState
+from procam.model.venue_state import VenueState
 
 SIZE = 160
 FRAMES = 300
@@ -47,7 +47,7 @@ def furnish(calibration: Calibration) -> Calibration:
         calibration.maps, kernel=kernel, protected=Mask("screen", covered), falloff=falloff
     )
     lamps = np.full((MAP, MAP, 3), 0.004, np.float32) * np.array([1, 0.8, 0.5], np.float32)
-    state = HouseState(
+    state = VenueState(
         "full", Measured(np.full(3, 0.4), np.full(3, 0.01)), np.array([1.1, 1.12, 1.15]), lamps
     )
     return replace(calibration, maps=maps, states={"full": state})

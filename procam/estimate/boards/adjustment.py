@@ -32,7 +32,7 @@ RAYLEIGH_MEDIAN = 1.1774  # median length of a 2-D normal vector of unit sigma
 
 
 @dataclass(frozen=True, slots=True)
-class Rig:
+class BoardRig:
     """What is solved for.
 
     Attributes
@@ -110,7 +110,7 @@ def gather_corners(
     return Corners(every, where, seen, starts, area)
 
 
-def residuals(corners: Corners, rig: Rig) -> Array:
+def residuals(corners: Corners, rig: BoardRig) -> Array:
     """Predicted minus seen pixel (D, T, 2) of every corner [px]; NaN where it cannot be seen."""
     placed = _placed(corners, rig)
     seen = [project(d.apply(placed), lens) for d, lens in zip(rig.devices, rig.lenses, strict=True)]
@@ -125,7 +125,7 @@ def spreads(corners: Corners, error: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class Bundle:
+class BoardAdjustment:
     """One least-squares problem.
 
     Attributes
@@ -143,7 +143,7 @@ class Bundle:
     bend: bool = False
     robust: bool = False
 
-    def solve(self, rig: Rig, iterations: int = ITERATIONS) -> tuple[Rig, bool]:
+    def solve(self, rig: BoardRig, iterations: int = ITERATIONS) -> tuple[BoardRig, bool]:
         """The nearest minimum, and whether it was reached."""
         damping, cost = 1e-4, self.cost(rig)
         for _ in range(iterations if np.isfinite(cost) else 0):
@@ -161,7 +161,7 @@ class Bundle:
                 return rig, True
         return rig, False
 
-    def cost(self, rig: Rig) -> float:
+    def cost(self, rig: BoardRig) -> float:
         """Sum of the losses of all corners in use; infinite if one lies behind its device."""
         squared = self._squared(residuals(self.corners, rig))[self.corners.use]
         if not np.isfinite(squared).all():
@@ -169,7 +169,7 @@ class Bundle:
         limit = CAUCHY_SIGMAS**2
         return float(np.sum(limit * np.log1p(squared / limit) if self.robust else squared))
 
-    def covariance(self, rig: Rig) -> Array:
+    def covariance(self, rig: BoardRig) -> Array:
         """Covariance (S, S) of the shared parameters, scaled by what the residuals really are.
 
         The order is: per device, its free lens parameters and, but for the first, turn [rad] and
@@ -191,7 +191,7 @@ class Bundle:
     def _squared(self, error: Array) -> Array:
         return np.asarray(np.sum(error**2, axis=2) / self.sigma_px[:, None] ** 2)
 
-    def _equations(self, rig: Rig) -> "_Equations":
+    def _equations(self, rig: BoardRig) -> "_Equations":
         views = len(rig.boards)
         sums = _Equations(
             np.zeros((self.shared, self.shared)),
@@ -209,7 +209,9 @@ class Bundle:
                 sums.add(view, rows[part], own[part], error[part])
         return sums
 
-    def _rows(self, rig: Rig, device: int, index: NDArray[np.intp]) -> tuple[Array, Array, Array]:
+    def _rows(
+        self, rig: BoardRig, device: int, index: NDArray[np.intp]
+    ) -> tuple[Array, Array, Array]:
         """Weighted derivatives (2n, S) and (2n, 6) and residuals (2n,) of one device's corners."""
         pose = rig.devices[device]
         board = self.corners.view_of[index]
@@ -238,7 +240,7 @@ class Bundle:
             (error * root).ravel(),
         )
 
-    def _stepped(self, rig: Rig, shared: Array, own: Array) -> Rig:
+    def _stepped(self, rig: BoardRig, shared: Array, own: Array) -> BoardRig:
         lenses, devices, start = [], [], 0
         for number, (lens, pose, free) in enumerate(
             zip(rig.lenses, rig.devices, self.free, strict=True)
@@ -249,7 +251,7 @@ class Bundle:
             start += len(free)
             devices.append(moved(pose, shared[start : start + 6]) if number else pose)
             start += 6 if number else 0
-        return Rig(
+        return BoardRig(
             tuple(lenses),
             tuple(devices),
             tuple(moved(b, x) for b, x in zip(rig.boards, own, strict=True)),
@@ -308,7 +310,7 @@ def _by_step(points: Array, by_point: Array) -> Array:
     return np.concatenate([np.cross(points[:, None, :], by_point), by_point], axis=2)
 
 
-def _placed(corners: Corners, rig: Rig) -> Array:
+def _placed(corners: Corners, rig: BoardRig) -> Array:
     """Corners (T, 3) of the bent boards in the frame of the first device [m]."""
     bent = corners.points.copy()
     bent[:, 2] += corners.sag @ rig.bend

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procam.errors import InputError, NotEnoughData, ShapeError
-from procam.estimate.boards.adjustment import Corners, Rig, gather_corners, residuals
+from procam.estimate.boards.adjustment import BoardRig, Corners, gather_corners, residuals
 from procam.estimate.boards.robust_fit import (
     EYE,
     FEWEST_CORNERS,
@@ -20,9 +20,9 @@ from procam.estimate.boards.robust_fit import (
     DroppedCorner,
     check_focal,
     check_tilts,
+    determines_pose,
     dropped_corners,
     fit_poses,
-    tells_pose,
 )
 from procam.estimate.boards.start import pose_of_board, start_camera
 from procam.maths.geometry.lenses import Lens, LensKind, unproject
@@ -145,7 +145,7 @@ def view_residuals(fit: CameraFit, views: Sequence[BoardView]) -> dict[str, Arra
     """
     boards = tuple(pose_of_board(v.points, unproject(v.pixels, fit.lens)) for v in views)
     corners = gather_corners([v.points for v in views], [v.pixels[None] for v in views], fit.area)
-    rig = fit_poses(corners, Rig((fit.lens,), (EYE,), boards, fit.bend))
+    rig = fit_poses(corners, BoardRig((fit.lens,), (EYE,), boards, fit.bend))
     error = residuals(corners, rig)[0]
     return {view.name: _of_view(corners, error, i) for i, view in enumerate(views)}
 
@@ -155,7 +155,7 @@ def rms(residual: Mapping[str, Array]) -> float:
     return float(np.sqrt(np.mean(np.sum(np.concatenate([*residual.values()]) ** 2, axis=1))))
 
 
-def _leave_out(fit: BoardFit, corners: Corners, rig: Rig, used: list[int]) -> dict[int, Array]:
+def _leave_out(fit: BoardFit, corners: Corners, rig: BoardRig, used: list[int]) -> dict[int, Array]:
     """Residuals (N, 2) of each view under a lens that was fitted without it."""
     left_out: dict[int, Array] = {}
     if len(used) < FEWEST_TO_LEAVE_OUT:
@@ -199,7 +199,7 @@ def _check_views(views: Sequence[BoardView], size: tuple[int, int]) -> None:
                 f"{view.name}: got corners outside the picture or NaN, expected all within "
                 f"{size[0]}x{size[1]}; was the picture cropped or scaled after the corners were found?"
             )
-        if not tells_pose(view.points):
+        if not determines_pose(view.points):
             raise NotEnoughData(
                 f"{view.name}: got {len(view.points)} corners or all along a line, expected at least "
                 f"{FEWEST_CORNERS} over an area; leave this view out"

@@ -15,15 +15,15 @@ from scipy.linalg import rq
 from scipy.spatial import KDTree
 
 from procam.errors import CalibrationError, NotEnoughData, ShapeError
-from procam.estimate.boards.adjustment import Corners, Rig, gather_corners, residuals
+from procam.estimate.boards.adjustment import BoardRig, Corners, gather_corners, residuals
 from procam.estimate.boards.robust_fit import (
     EYE,
     BoardFit,
     DroppedCorner,
     check_focal,
     check_tilts,
+    determines_pose,
     dropped_corners,
-    tells_pose,
 )
 from procam.estimate.boards.start import start_camera
 from procam.maths.geometry.lenses import Lens
@@ -175,12 +175,12 @@ def _projection(source: Array, target: Array, weight: Array) -> Array:
     return np.asarray(np.linalg.eigh(rows.T @ rows)[1][:, 0].reshape(3, source.shape[1]))
 
 
-def _undistorted(rig: Rig) -> Rig:
+def _undistorted(rig: BoardRig) -> BoardRig:
     lens = rig.lenses[0]
     return replace(rig, lenses=(replace(lens, distortion=np.zeros_like(lens.distortion)),))
 
 
-def _with_projector(corners: Corners, camera: Rig, size: tuple[int, int]) -> Rig:
+def _with_projector(corners: Corners, camera: BoardRig, size: tuple[int, int]) -> BoardRig:
     """`camera` with a projector beside it, from where the boards stand (Hartley & Zisserman, s. 7.1).
 
     It needs no guess of the principal point, which lens shift may put outside the panel.
@@ -206,11 +206,11 @@ def _with_projector(corners: Corners, camera: Rig, size: tuple[int, int]) -> Rig
     triangle = triangle / triangle[2, 2] * half.max()
     lens = Lens("brown", np.diag(triangle)[:2], triangle[:2, 2] + half, np.zeros(5))
     lenses, devices = (*camera.lenses, lens), (EYE, Pose(rotation, shift))
-    return Rig(lenses, devices, camera.boards, camera.bend)
+    return BoardRig(lenses, devices, camera.boards, camera.bend)
 
 
 def _result(
-    views: Sequence[PairView], corners: Corners, kept: Corners, rig: Rig, covariance: Array
+    views: Sequence[PairView], corners: Corners, kept: Corners, rig: BoardRig, covariance: Array
 ) -> PlanarPair:
     error = residuals(kept, rig)
     left: dict[str, dict[str, Array]] = {}
@@ -247,7 +247,7 @@ def _check(views: Sequence[PairView], projector_size: tuple[int, int]) -> None:
                     f"{view.name}: {name} pixels", pixels.shape, "(N, 2) like its points"
                 )
         lit = np.asarray(np.isfinite(view.projector_px).all(axis=1), np.bool_)
-        if not tells_pose(view.points[lit]):
+        if not determines_pose(view.points[lit]):
             raise NotEnoughData(
                 f"{view.name}: got {int(lit.sum())} of {len(lit)} corners lit by the projector, expected "
                 "at least 8 over an area; let the picture of "

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procam.errors import DidNotConverge, NotEnoughData
-from procam.estimate.boards.adjustment import Bundle, Corners, Rig, residuals, spreads
+from procam.estimate.boards.adjustment import BoardAdjustment, BoardRig, Corners, residuals, spreads
 from procam.estimate.boards.start import better_poses, likely
 from procam.maths.geometry.lenses import Lens
 from procam.maths.geometry.pose import Pose
@@ -39,19 +39,19 @@ class BoardFit:
     free: tuple[tuple[int, ...], ...]
     bend: bool = False
 
-    def bundle(self, corners: Corners, rig: Rig, robust: bool = False) -> Bundle:
+    def bundle(self, corners: Corners, rig: BoardRig, robust: bool = False) -> BoardAdjustment:
         """The least-squares problem around `rig`."""
         sigma = spreads(corners, residuals(corners, rig))
-        return Bundle(corners, self.free, sigma, self.bend, robust)
+        return BoardAdjustment(corners, self.free, sigma, self.bend, robust)
 
-    def robustly(self, corners: Corners, rig: Rig) -> Rig:
+    def robustly(self, corners: Corners, rig: BoardRig) -> BoardRig:
         """The best rig with gross corners among the others; poses are looked for anew in between."""
         for _ in range(ROUNDS):
             rig, _ = self.bundle(likely(corners, rig), rig, robust=True).solve(rig)
             rig = better_poses(corners, rig)
         return rig
 
-    def without_gross(self, corners: Corners, rig: Rig) -> tuple[Corners, Rig]:
+    def without_gross(self, corners: Corners, rig: BoardRig) -> tuple[Corners, BoardRig]:
         """Least squares of the corners that are not gross; a later round may take some back.
 
         Raises
@@ -75,7 +75,7 @@ class BoardFit:
         return kept, rig
 
 
-def tells_pose(points: Array) -> bool:
+def determines_pose(points: Array) -> bool:
     """Whether corners (N, 3) are enough for a pose: eight, and not along a line."""
     if len(points) < FEWEST_CORNERS:
         return False
@@ -83,7 +83,7 @@ def tells_pose(points: Array) -> bool:
     return bool(spread[1] > LEAST_WIDTH * spread[0])
 
 
-def fit_poses(corners: Corners, rig: Rig, robust: bool = False) -> Rig:
+def fit_poses(corners: Corners, rig: BoardRig, robust: bool = False) -> BoardRig:
     """Only the boards' poses, all else as it is."""
     free: tuple[tuple[int, ...], ...] = ((),) * len(rig.lenses)
     return BoardFit(free).bundle(corners, rig, robust).solve(rig)[0]
@@ -103,7 +103,7 @@ def dropped_corners(
     return found
 
 
-def check_tilts(rig: Rig) -> None:
+def check_tilts(rig: BoardRig) -> None:
     """Parallel boards give the same two equations over and over (Zhang 2000, section 3.1)."""
     normals = np.array([b.rotation[:, 2] for b in rig.boards])
     spread = np.degrees(np.arccos(np.clip(np.abs(normals @ normals.T).min(), 0, 1)))
@@ -126,7 +126,7 @@ def check_focal(lens: Lens, covariance: Array) -> None:
         )
 
 
-def _near(corners: Corners, kept: Corners, rig: Rig) -> Corners:
+def _near(corners: Corners, kept: Corners, rig: BoardRig) -> Corners:
     """Corners that miss by no more than the crowd of those kept; of views with too few, none."""
     error = residuals(corners, rig)
     limit = np.maximum(GROSS_SIGMAS * spreads(kept, error), SMALLEST_GROSS_PX)
@@ -134,5 +134,5 @@ def _near(corners: Corners, kept: Corners, rig: Rig) -> Corners:
     for view in corners.views:
         left, seen = near[:, view].sum(axis=1), corners.use[:, view].sum(axis=1)
         near[:, view] &= (left >= LEFT_SHARE * seen)[:, None]
-        near[:, view] &= tells_pose(corners.points[view][near[0, view]])
+        near[:, view] &= determines_pose(corners.points[view][near[0, view]])
     return replace(corners, use=near)

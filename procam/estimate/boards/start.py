@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.estimate.boards.adjustment import Bundle, Corners, Rig, residuals, spreads
+from procam.estimate.boards.adjustment import BoardAdjustment, BoardRig, Corners, residuals, spreads
 from procam.maths.geometry.lenses import Lens, LensKind, unproject
 from procam.maths.geometry.pose import Pose
 
@@ -62,7 +62,7 @@ def ray_homography(flat: Array, rays: Array, weight: Array) -> Array:
     return matrix * np.sign(np.sum(weight * np.sum(rays * (flat @ matrix.T), axis=1)))
 
 
-def start_camera(kind: LensKind, size: tuple[int, int], corners: Corners) -> Rig:
+def start_camera(kind: LensKind, size: tuple[int, int], corners: Corners) -> BoardRig:
     """A camera near the truth, from a scan over focal lengths with an undistorted lens.
 
     The best few are refined with their first distortion term free, and the best of those is kept.
@@ -76,15 +76,15 @@ def start_camera(kind: LensKind, size: tuple[int, int], corners: Corners) -> Rig
     return better_poses(corners, _with_poses(best.lenses[0], corners))
 
 
-def better_poses(corners: Corners, rig: Rig) -> Rig:
+def better_poses(corners: Corners, rig: BoardRig) -> BoardRig:
     """`rig` with the board poses that its lens's rays tell, where those miss by less."""
-    fresh = Rig(rig.lenses, rig.devices, _with_poses(rig.lenses[0], corners).boards, rig.bend)
+    fresh = BoardRig(rig.lenses, rig.devices, _with_poses(rig.lenses[0], corners).boards, rig.bend)
     old, new = _medians(corners, rig), _medians(corners, fresh)
     pairs = zip(rig.boards, fresh.boards, old > new, strict=True)
     return replace(rig, boards=tuple(b if better else a for a, b, better in pairs))
 
 
-def likely(corners: Corners, rig: Rig) -> Corners:
+def likely(corners: Corners, rig: BoardRig) -> Corners:
     """The corners of views that `rig` fits about as well as most, and that lie before the camera.
 
     A board whose pose is quite wrong would hold up the fit of all others.
@@ -108,16 +108,16 @@ def _plain_lens(kind: LensKind, size: tuple[int, int], focal: float) -> Lens:
     return Lens(kind, np.full(2, focal), centre, np.zeros(COEFFICIENTS[kind]))
 
 
-def _with_poses(lens: Lens, corners: Corners) -> Rig:
+def _with_poses(lens: Lens, corners: Corners) -> BoardRig:
     rays = unproject(corners.pixels[0], lens)
     boards = []
     for view in corners.views:
         use = corners.use[0, view]
         boards.append(pose_of_board(corners.points[view][use], rays[view][use]))
-    return Rig((lens,), (Pose(np.eye(3), np.zeros(3)),), tuple(boards), np.zeros(3))
+    return BoardRig((lens,), (Pose(np.eye(3), np.zeros(3)),), tuple(boards), np.zeros(3))
 
 
-def _medians(corners: Corners, rig: Rig) -> Array:
+def _medians(corners: Corners, rig: BoardRig) -> Array:
     """Median miss (V,) of the corners of each view in the first device [px]; inf without any."""
     miss = np.linalg.norm(residuals(corners, rig)[0], axis=1)
     miss = np.where(np.isfinite(miss), miss, np.inf)
@@ -125,15 +125,15 @@ def _medians(corners: Corners, rig: Rig) -> Array:
     return np.array([np.median(miss[view][use]) if use.any() else np.inf for view, use in uses])
 
 
-def _score(corners: Corners, rig: Rig) -> float:
+def _score(corners: Corners, rig: BoardRig) -> float:
     """How well a rig fits most views [px]."""
     medians = _medians(corners, rig)
     used = [corners.use[0, view].any() for view in corners.views]
     return float(np.mean(np.minimum(medians[used], 1e6)))
 
 
-def _first_steps(corners: Corners, rig: Rig) -> Rig:
+def _first_steps(corners: Corners, rig: BoardRig) -> BoardRig:
     """A few steps with focal lengths and the first distortion term free."""
     seen = likely(corners, rig)
     sigma = spreads(seen, residuals(seen, rig))
-    return Bundle(seen, ((0, 1, 4),), sigma, robust=True).solve(rig, FIRST_STEPS)[0]
+    return BoardAdjustment(seen, ((0, 1, 4),), sigma, robust=True).solve(rig, FIRST_STEPS)[0]

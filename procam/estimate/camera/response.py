@@ -14,7 +14,7 @@ from scipy.ndimage import uniform_filter
 from scipy.optimize import brentq
 
 from procam.errors import InputError, NotEnoughData, OutOfModelRange, ShapeError
-from procam.estimate.camera.response_fit import Blocks, ResponseFit
+from procam.estimate.camera.response_fit import Blocks, CameraResponseFit
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -93,7 +93,7 @@ def solve_response(
         raise InputError(f"bits: got {bits}, expected 8 to 16; give the depth of the counts")
     blocks = _average(photos, len(seconds), 2.0**bits - 1)
     _check_rise(blocks, seconds)
-    fit = ResponseFit(_choose(blocks), seconds)
+    fit = CameraResponseFit(_choose(blocks), seconds)
     fit.solve()
     levels = np.linspace(0, 1, 256 if bits == 8 else 1025)
     light, sigma = fit.table(levels)

@@ -107,7 +107,7 @@ def _interpolated(at: Array, grid: Array, rows: Array) -> Array:
     return np.asarray(rows[low] * (1 - share) + rows[low + 1] * share)
 
 
-class ResponseFit:
+class CameraResponseFit:
     """Gauss-Newton on bends and shutter times, the blocks' brightnesses eliminated."""
 
     def __init__(self, blocks: Blocks, seconds: Array) -> None:

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, minimum_filter
 
 from procam.errors import NotEnoughData
-from procam.estimate.closed_loop.patches import ALMOST_ALL, Belief, Bounces, Look
+from procam.estimate.closed_loop.patches import ALMOST_ALL, LoopObservation, LoopState, PatchScatter
 from procam.maths.geometry.sphere import (
     cap_solid_angle,
     master_directions,
@@ -35,7 +35,7 @@ JACOBI_STEPS = 6
 
 
 @dataclass(frozen=True, slots=True)
-class Cells:
+class LoopCells:
     """Camera pixels gathered into the cells of a small dome master.
 
     `index` (K,) is the cell of each camera pixel of `use` (H, W); `count` (N, N) pixels per
@@ -48,7 +48,7 @@ class Cells:
     direction: Image
 
     @classmethod
-    def of(cls, direction: Image, on_screen: Mask) -> "Cells":
+    def of(cls, direction: Image, on_screen: Mask) -> "LoopCells":
         """Cells for a camera that sees `direction` (H, W, 3) where `on_screen`."""
         seen = direction[on_screen]
         place = np.rint(master_pixels(seen, LOOP_SIZE)).astype(np.intp)
@@ -74,7 +74,7 @@ class Cells:
         return np.stack(sums, axis=-1).reshape(shape) / np.maximum(self.count, 1)[..., None]
 
 
-class Loop:
+class DomeLoop:
     """The closed loop on one picture, over cells of a dome master (estimate/loop.py).
 
     Every cell is kept between the limits of its pixels; the correction is smooth between cells. It
@@ -92,7 +92,7 @@ class Loop:
     """
 
     def __init__(
-        self, calibration: Calibration, cells: Cells, direct: Image, target: Image
+        self, calibration: Calibration, cells: LoopCells, direct: Image, target: Image
     ) -> None:
         maps, size = calibration.maps, direct.shape[0]
         self._cells, self._start = cells, direct
@@ -113,7 +113,7 @@ class Loop:
         self.block = block[:, None] * (LOOP_SIZE // BLOCK) + block
         self._low_pass_cells = low_pass_cells(calibration)
         m = calibration.feedback
-        self.belief = Belief(
+        self.belief = LoopState(
             self._bounces(calibration),
             self.block[self._inside],
             m.sigma / np.maximum(m.value, TINY),
@@ -141,7 +141,9 @@ class Loop:
         reach = maximum_filter(light, NEAR, axes=(0, 1)) - minimum_filter(light, NEAR, axes=(0, 1))
         doubt = np.hypot(sigma / np.sqrt(photographs), STRAY * reach)
         asked, seen, doubt = (self._flat(values) for values in (light, seen, doubt))
-        self.belief.learn(Look(asked, seen, doubt, self.known[self._inside], photographs))
+        self.belief.learn(
+            LoopObservation(asked, seen, doubt, self.known[self._inside], photographs)
+        )
 
     def residual(self, seen: Array) -> Array:
         """Goal minus seen (N, N, 3) [rel]; it means something where cells are `free`."""
@@ -184,7 +186,7 @@ class Loop:
         down = np.where(self._can_fall, np.maximum(self._asked - low, 0), 0)
         return down, np.where(self._can_rise, np.maximum(high - self._asked, 0), 0)
 
-    def _bounces(self, calibration: Calibration) -> Bounces:
+    def _bounces(self, calibration: Calibration) -> PatchScatter:
         maps, inside, kernel = calibration.maps, self._inside, calibration.maps.kernel
         scatter = sample(maps.scatter_per_flux, master_pixels(self.direction, maps.size))
         scatter, phi = scatter[inside], basis(self.direction[inside], kernel.degree)
@@ -193,7 +195,7 @@ class Loop:
             for c in range(3)
         ]
         solid = master_solid_angles(LOOP_SIZE)[inside]
-        return Bounces(np.stack(spread), solid[:, None] * phi)
+        return PatchScatter(np.stack(spread), solid[:, None] * phi)
 
     def _low_pass(self, light: Array, known: Mask) -> Array:
         if self._low_pass_cells == 0:
@@ -273,7 +275,7 @@ def _nodes_for_means(means: Array) -> Array:
     return nodes
 
 
-def refined_calibration(calibration: Calibration, loop: Loop) -> Calibration:
+def refined_calibration(calibration: Calibration, loop: DomeLoop) -> Calibration:
     """The calibration with what a loop has learnt of gains and bounced light."""
     factor, scatter = _nodes_for_means(loop.gain_factor()), loop.belief.scatter_factor
     maps = calibration.maps

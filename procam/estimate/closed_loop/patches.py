@@ -46,7 +46,7 @@ def just_noticeable(light: Array) -> Array:
     return np.asarray(WEBER * (WEBER_DARK / WEBER) ** dark * nits / WHITE_NITS)
 
 
-def undo_bounces(change: Array, free: Mask, spread: Array, collect: Array) -> Array:
+def remove_scatter(change: Array, free: Mask, spread: Array, collect: Array) -> Array:
     """Direct light (n,) on the `free` patches (n,) alone that changes what is seen there by `change` (n,).
 
     dx_F = r_F - U_F (I + V_F^T U_F)^-1 V_F^T r_F for bounces U V^T, `spread` and `collect` (n, K); the
@@ -59,7 +59,7 @@ def undo_bounces(change: Array, free: Mask, spread: Array, collect: Array) -> Ar
 
 
 @dataclass(frozen=True, slots=True)
-class Bounces:
+class PatchScatter:
     """Bounced light of C channels on n patches: `spread` (C, n, K), `collect` (n, K), b+ = U V^T b0."""
 
     spread: Array
@@ -71,7 +71,7 @@ class Bounces:
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
+class LoopObservation:
     """A picture as it was asked for and as it was seen.
 
     Attributes
@@ -88,7 +88,7 @@ class Look:
     photographs: int
 
 
-class Belief:
+class LoopState:
     """What the loop believes of a dome; every look teaches it.
 
     Parameters
@@ -106,7 +106,7 @@ class Belief:
 
     def __init__(
         self,
-        bounces: Bounces,
+        bounces: PatchScatter,
         block: NDArray[np.intp],
         scatter_sigma: Array,
         low_pass: Callable[[Array, Mask], Array] = lambda light, _: light,
@@ -123,7 +123,7 @@ class Belief:
         landing = asked + self.surplus
         return np.asarray(landing + self.scatter_factor * self._bounces.of(landing))
 
-    def learn(self, look: Look) -> None:
+    def learn(self, look: LoopObservation) -> None:
         """Fold what was not expected into the belief.
 
         Two steps take the patches' own part whole; from then on each photograph weighs the same, so that
@@ -140,7 +140,7 @@ class Belief:
             errors = common_errors(
                 news[:, c], (landing + bounced)[:, c], bounced[:, c], weight, self._block
             )
-            bright, scatter = believed(*errors, self._scatter_sigma[c])
+            bright, scatter = posterior(*errors, self._scatter_sigma[c])
             fast = bright * (landing + bounced)[:, c] + scatter * bounced[:, c]
             own[:, c] = np.where(look.known[:, c], news[:, c] - fast, 0)
             self.scatter_factor[c] *= 1 + scatter / (1 + bright)
@@ -148,7 +148,7 @@ class Belief:
         own = share * self._low_pass(own, look.known)
         for c, factor in enumerate(self.scatter_factor):
             spread = factor * self._bounces.spread[c]
-            self.surplus[:, c] += undo_bounces(
+            self.surplus[:, c] += remove_scatter(
                 own[:, c], look.known[:, c], spread, self._bounces.collect
             )
 
@@ -156,7 +156,7 @@ class Belief:
         """Change (n, C) of the direct light asked for that brings the goal (n, C) nearest.
 
         `down` and `up` (n, C), 0 or more: how far each patch can go. Patches at a limit that pulls them
-        further are held, the others undo the bounces of their own change (`undo_bounces`): which are
+        further are held, the others undo the bounces of their own change (`remove_scatter`): which are
         which is found by Newton's method, as problem (P) of science.md s.5 in the changes.
         """
         wanted = goal - self.expected(asked)
@@ -203,7 +203,7 @@ def common_errors(
     return found, max(len(apart) - 1, 0) / max(len(apart), 1) * apart.T @ apart
 
 
-def believed(found: Array, covariance: Array, scatter_sigma: float) -> tuple[float, float]:
+def posterior(found: Array, covariance: Array, scatter_sigma: float) -> tuple[float, float]:
     """What is believed of common errors (brightness, bounced light) [-].
 
     Bounced light is taken to have changed, as when an audience has come, only if it is off by more
@@ -242,7 +242,7 @@ def photographs_needed(sigma: Array, light: Array) -> int:
     return int(np.clip(np.ceil(np.quantile(blur, ALMOST_ALL) ** 2), FEWEST, MOST))
 
 
-def left_over(residual: Array, sigma: Array, photographs: int) -> float:
+def residual_without_noise(residual: Array, sigma: Array, photographs: int) -> float:
     """Root mean square [rel] of what is left of `residual` (n,) without the noise of its mean."""
     return float(np.sqrt(max(float(np.mean(residual**2 - sigma**2 / photographs)), 0.0)))
 
@@ -256,11 +256,11 @@ def good_enough(residual: Array, sigma: Array, light: Array, photographs: int) -
     """Whether to stop: what is left is less than noise, or than half a JND in almost all patches."""
     noise = float(np.sqrt(np.mean(sigma**2) / AVERAGED))
     unseen = visible(residual, light) <= SEEN_JND
-    return unseen or left_over(residual, sigma, photographs) <= noise
+    return unseen or residual_without_noise(residual, sigma, photographs) <= noise
 
 
 @dataclass(frozen=True, slots=True)
-class Worsening:
+class Regression:
     """Where light is further from its goal than before, `before` and `after` in JND; `place` (n,) of it."""
 
     place: Mask
@@ -269,15 +269,15 @@ class Worsening:
     after: float
 
 
-def worst_worsening(
+def largest_regression(
     first: Array, last: Array, noise: Array, judged: Mask, block: NDArray[np.intp]
-) -> Worsening | None:
+) -> Regression | None:
     """The neighbourhood and channel that got worse most, None if none did so that it is seen.
 
     `first`, `last` (n, C) residuals and `noise` (n, C) their standard error, in JND; `judged` (n, C).
     Worse: further off by more than three sigmas, and by more than half a JND.
     """
-    found: Worsening | None = None
+    found: Regression | None = None
     for c in range(first.shape[1]):
         for number in np.unique(block[judged[:, c]]):
             place = judged[:, c] & (block == number)
@@ -290,5 +290,5 @@ def worst_worsening(
             if after - max(before, SEEN_JND**2) > chance and (
                 found is None or after > found.after**2
             ):
-                found = Worsening(place, c, np.sqrt(max(before, 0)), np.sqrt(after))
+                found = Regression(place, c, np.sqrt(max(before, 0)), np.sqrt(after))
     return found

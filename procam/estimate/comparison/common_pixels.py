@@ -26,7 +26,7 @@ AXES = np.eye(3)
 
 
 @dataclass(frozen=True, slots=True)
-class Shared:
+class CommonPixels:
     """One projector in two calibrations, over the N pixels that are valid and told of in both.
 
     Attributes
@@ -46,13 +46,13 @@ class Shared:
     alone: float
     place: Array
 
-    def thinned(self, most: int = FIT_PIXELS) -> "Shared":
+    def thinned(self, most: int = FIT_PIXELS) -> "CommonPixels":
         """At most `most` of the pixels, spread evenly."""
         count = len(self.variance)
         if count <= most:
             return self
         some = (np.arange(most) * GOLDEN % 1 * count).astype(int)
-        return Shared(
+        return CommonPixels(
             self.first[some],
             self.second[some],
             self.variance[some],
@@ -67,9 +67,9 @@ class Shared:
         return np.asarray(self.second @ turn.T - self.first)
 
 
-def shared(
+def common_pixels(
     name: str, first: ProjectorCalibration, second: ProjectorCalibration, radius_m: float
-) -> Shared:
+) -> CommonPixels:
     """What A and B tell of the same pixels of projector `name` on a screen of `radius_m`.
 
     Raises
@@ -86,7 +86,7 @@ def shared(
             f"expected {FEWEST} or more; was it lit, and seen, in both visits?"
         )
     variance = a.sigma_arcmin[both] ** 2 + b.sigma_arcmin[both] ** 2
-    return Shared(
+    return CommonPixels(
         a.direction[both],
         b.direction[both],
         np.asarray(np.radians(1 / 60) ** 2 * variance + ROUNDING**2, np.float32),
@@ -103,7 +103,7 @@ def _told(surface: ProjectorSurface) -> NDArray[np.bool_]:
     return surface.valid & known & (surface.solid_angle_sr > 0)
 
 
-def turn_between(pairs: Iterable[Shared]) -> Array:
+def turn_between(pairs: Iterable[CommonPixels]) -> Array:
     """The turn (3, 3) that best takes B's directions of some projectors into A's."""
     thin = [pair.thinned() for pair in pairs]
     first, second = (np.concatenate([getattr(p, n) for p in thin]) for n in ("first", "second"))
@@ -127,7 +127,7 @@ def smooth_field(direction: NDArray[np.floating], step: Array, variance: Map) ->
     return _fitted(np.concatenate([slopes, across], axis=1), step, variance)
 
 
-def own_motion(pair: Shared, step: Array) -> Array:
+def own_motion(pair: CommonPixels, step: Array) -> Array:
     """The part (N, 3) of a projector's differences (N, 3) that a small motion of it explains.
 
     Turned by w and shifted by t it sends pixels to w x (d - o) + t, from where they slide along

@@ -12,7 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.estimate.comparison.common_pixels import Shared, error_over_sigma, shared, smooth_field
+from procam.estimate.comparison.common_pixels import (
+    CommonPixels,
+    common_pixels,
+    error_over_sigma,
+    smooth_field,
+)
 from procam.estimate.comparison.verdict import (
     ALIKE,
     ARCMIN,
@@ -47,7 +52,7 @@ class Angles:
     error_over_sigma: float
 
     @classmethod
-    def between(cls, pairs: Sequence[Shared], turn: Array) -> "Angles":
+    def between(cls, pairs: Sequence[CommonPixels], turn: Array) -> "Angles":
         """Of all pixels of some projectors, with B turned by `turn` (3, 3)."""
         steps = [pair.step(turn) for pair in pairs]
         chord = np.concatenate([np.linalg.norm(step, axis=1) for step in steps])
@@ -76,7 +81,7 @@ class Areas:
     alone: float
 
     @classmethod
-    def between(cls, pairs: Sequence[Shared]) -> "Areas":
+    def between(cls, pairs: Sequence[CommonPixels]) -> "Areas":
         """Of all pixels of some projectors."""
         first = np.concatenate([pair.first_sr for pair in pairs]).astype(float)
         second = np.concatenate([pair.second_sr for pair in pairs]).astype(float)
@@ -151,7 +156,7 @@ def compare(first: Calibration, second: Calibration) -> Comparison:
     NotEnoughData : a projector has hardly a pixel that is valid in both.
     """
     pairs = {
-        name: shared(name, here, second.projectors[name], first.screen.radius_m)
+        name: common_pixels(name, here, second.projectors[name], first.screen.radius_m)
         for name, here in first.projectors.items()
     }
     thin = {name: pair.thinned() for name, pair in pairs.items()}
@@ -172,7 +177,7 @@ def compare(first: Calibration, second: Calibration) -> Comparison:
     )
 
 
-def _smooth(thin: Mapping[str, Shared], turn: Array) -> dict[str, tuple[Array, Array]]:
+def _smooth(thin: Mapping[str, CommonPixels], turn: Array) -> dict[str, tuple[Array, Array]]:
     """Per projector what one field for all explains of its differences, and the rest, (N, 3) each."""
     steps = {name: pair.step(turn) for name, pair in thin.items()}
     variance = np.concatenate([pair.variance for pair in thin.values()])
@@ -184,7 +189,7 @@ def _smooth(thin: Mapping[str, Shared], turn: Array) -> dict[str, tuple[Array, A
 
 
 def _difference(
-    pairs: Sequence[Shared], turn: Array, bent: Sequence[tuple[Array, Array]]
+    pairs: Sequence[CommonPixels], turn: Array, bent: Sequence[tuple[Array, Array]]
 ) -> Difference:
     smooth, rest = (np.concatenate(part) for part in zip(*bent, strict=True))
     return Difference(

@@ -10,10 +10,10 @@ from scipy.optimize import linear_sum_assignment
 
 from procam.errors import NotEnoughData
 from procam.estimate.comparison.common_pixels import (
-    Shared,
+    CommonPixels,
+    common_pixels,
     error_over_sigma,
     own_motion,
-    shared,
     smooth_field,
     turn_between,
 )
@@ -57,7 +57,9 @@ SAME = Verdict(
 )
 
 
-def judge_difference(pairs: Mapping[str, Shared], cameras: Sequence[str]) -> tuple[Verdict, Array]:
+def judge_difference(
+    pairs: Mapping[str, CommonPixels], cameras: Sequence[str]
+) -> tuple[Verdict, Array]:
     """The verdict on thinned pairs by projector, and the turn (3, 3) of the rig from B to A.
 
     A projector that moved has no say in the turn. `cameras`: those that A and B were seen by.
@@ -116,7 +118,7 @@ def judge_light(directions: Verdict, sigmas: Mapping[str, Sequence[float]]) -> V
     )
 
 
-def _common_turn(pairs: Mapping[str, Shared]) -> tuple[Array, list[str], bool]:
+def _common_turn(pairs: Mapping[str, CommonPixels]) -> tuple[Array, list[str], bool]:
     """The turn under which most projectors agree, which do, and whether they do without one.
 
     None do if those are too few to say that the others moved: half of them can only say so where
@@ -143,7 +145,7 @@ def _sound(as_is: bool, turn: Array) -> Verdict:
     )
 
 
-def _one_smooth_field(pairs: Mapping[str, Shared], steps: Mapping[str, Array]) -> bool:
+def _one_smooth_field(pairs: Mapping[str, CommonPixels], steps: Mapping[str, Array]) -> bool:
     """Whether the same smooth field bends all projectors, better than motions of each would."""
     step, variance = _joined(pairs, steps)
     direction = np.concatenate([pair.first for pair in pairs.values()])
@@ -165,7 +167,9 @@ def _lens(steps: Mapping[str, Array], cameras: Sequence[str]) -> Verdict:
     )
 
 
-def _moved(pairs: Mapping[str, Shared], steps: Mapping[str, Array], names: list[str]) -> Verdict:
+def _moved(
+    pairs: Mapping[str, CommonPixels], steps: Mapping[str, Array], names: list[str]
+) -> Verdict:
     """The verdict on projectors of which each differs in its own way."""
     left = {n: _ratio(pairs[n], steps[n] - own_motion(pairs[n], steps[n])) for n in names}
     rigid = [left[n] ** 2 <= (1 - EXPLAINED) * _ratio(pairs[n], steps[n]) ** 2 for n in names]
@@ -192,14 +196,14 @@ def _called(names: Sequence[str]) -> str:
     return f"projector{'s' if len(names) > 1 else ''} {', '.join(names)}"
 
 
-def _all_pairs(first: Calibration, second: Calibration) -> dict[tuple[str, str], Shared]:
+def _all_pairs(first: Calibration, second: Calibration) -> dict[tuple[str, str], CommonPixels]:
     """Each of A's projectors with each of B's that has its size and lights some of its pixels."""
     pairs = {}
     for a, here in first.projectors.items():
         for b, there in second.projectors.items():
             if here.model.size == there.model.size:
                 try:
-                    both = shared(a, here, there, first.screen.radius_m)
+                    both = common_pixels(a, here, there, first.screen.radius_m)
                 except NotEnoughData:
                     continue  # then they are not the same either
                 pairs[a, b] = both.thinned(MATCH_PIXELS)
@@ -207,7 +211,7 @@ def _all_pairs(first: Calibration, second: Calibration) -> dict[tuple[str, str],
 
 
 def _assigned(
-    pairs: Mapping[tuple[str, str], Shared], names: Sequence[str], turn: Array
+    pairs: Mapping[tuple[str, str], CommonPixels], names: Sequence[str], turn: Array
 ) -> tuple[float, list[int]]:
     """The pairing of A's projectors with B's that fits best under a turn, and its rms [rad]."""
     cost = np.full((len(names), len(names)), np.pi**2)
@@ -217,16 +221,16 @@ def _assigned(
     return float(np.sqrt(cost[rows, columns].mean())), [int(j) for j in columns]
 
 
-def _mean_square(pair: Shared, turn: Array) -> float:
+def _mean_square(pair: CommonPixels, turn: Array) -> float:
     return float(np.mean(np.sum(pair.step(turn) ** 2, axis=1)))
 
 
-def _ratio(pair: Shared, step: Array) -> float:
+def _ratio(pair: CommonPixels, step: Array) -> float:
     return error_over_sigma(step, pair.variance)
 
 
 def _joined(
-    pairs: Mapping[str, Shared], steps: Mapping[str, Array]
+    pairs: Mapping[str, CommonPixels], steps: Mapping[str, Array]
 ) -> tuple[Array, NDArray[np.float32]]:
     """Differences (N, 3) and variances (N,) of all projectors."""
     variance = np.concatenate([pair.variance for pair in pairs.values()])

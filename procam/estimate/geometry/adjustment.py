@@ -13,15 +13,15 @@ from procam.estimate.geometry.fiducials import mark_errors, mark_rows
 from procam.estimate.geometry.model import (
     POSE,
     PUPIL,
-    Layout,
     Observations,
     Pair,
-    Rig,
+    ParameterLayout,
+    RigGeometry,
     normal_equations,
-    relief_seen,
     residuals,
+    shape_derivatives,
 )
-from procam.estimate.geometry.start import Hung
+from procam.estimate.geometry.start import ProjectorPrior
 from procam.kernels import Relief
 from procam.maths.geometry.lenses import unproject
 from procam.maths.geometry.ray_to_screen import RoundShape
@@ -50,7 +50,7 @@ FISHEYE_PRIOR = (0.2, 0.1, 0.05, 0.02)
 
 
 @dataclass(frozen=True, slots=True)
-class Problem:
+class RigProblem:
     """What is known of a rig before it is solved.
 
     Attributes
@@ -64,7 +64,7 @@ class Problem:
 
     shape: RoundShape
     cameras: Mapping[str, CameraModel]
-    hung: Mapping[str, Hung]
+    hung: Mapping[str, ProjectorPrior]
     observations: Mapping[Pair, Observations]
     intrinsics: Mapping[str, Intrinsics]
     fiducials: Sequence[Fiducial] = ()
@@ -74,15 +74,23 @@ class Problem:
 
 
 def scores(
-    rig: Rig, pair: Pair, seen: Observations, ray: Array | None = None, relief: Relief | None = None
+    rig: RigGeometry,
+    pair: Pair,
+    seen: Observations,
+    ray: Array | None = None,
+    relief: Relief | None = None,
 ) -> Array:
     """Length (N,) of the residuals in their standard errors; infinite where there is no answer."""
     error = np.linalg.norm(residuals(rig, pair, seen, ray, relief), axis=1) / seen.sigma_px
     return np.nan_to_num(error, nan=np.inf)
 
 
-def excess_of(
-    rig: Rig, pair: Pair, seen: Observations, ray: Array | None = None, relief: Relief | None = None
+def systematic_ratio(
+    rig: RigGeometry,
+    pair: Pair,
+    seen: Observations,
+    ray: Array | None = None,
+    relief: Relief | None = None,
 ) -> float:
     """By how much means over cells of the panel exceed their standard errors; never less than 1.
 
@@ -99,14 +107,14 @@ def excess_of(
     return max(1.0, float(np.sqrt(np.mean(np.square(sums)[:, share] / number[share]))))
 
 
-def spread_of(score: Array) -> float:
+def robust_sigma(score: Array) -> float:
     """Standard deviation per axis of a crowd of residual lengths, blind to outliers."""
     return float(np.median(score)) / 1.1774  # the median of a Rayleigh distribution
 
 
-def prior_of(problem: Problem, rig: Rig) -> Array:
+def prior_of(problem: RigProblem, rig: RigGeometry) -> Array:
     """Standard deviations (P,) of the parameters before anything is seen; 0 for fixed ones."""
-    layout = Layout.of(rig)
+    layout = ParameterLayout.of(rig)
     sigma = np.full(layout.count, np.inf)
     sigma[layout.screen] = np.r_[
         0.0 if problem.radius_known else np.inf,
@@ -132,7 +140,9 @@ def prior_of(problem: Problem, rig: Rig) -> Array:
 class Adjustment:
     """Levenberg-Marquardt on a set of observations, marks and priors."""
 
-    def __init__(self, problem: Problem, seen: Mapping[Pair, Observations], prior: Array) -> None:
+    def __init__(
+        self, problem: RigProblem, seen: Mapping[Pair, Observations], prior: Array
+    ) -> None:
         self.problem, self.seen, self.prior = problem, seen, prior
         self.free = prior > 0
         fixed = {n for n, how in problem.intrinsics.items() if how == "fixed"}
@@ -142,7 +152,7 @@ class Adjustment:
             if pair[0] in fixed
         }
 
-    def solve(self, rig: Rig, robust: bool) -> Rig:
+    def solve(self, rig: RigGeometry, robust: bool) -> RigGeometry:
         """Iterate until a step gains nothing; `robust` weighs what is far off less (Cauchy)."""
         moved, (damping, easing) = np.zeros(len(self.prior)), EASING[robust]
         self._look(rig)
@@ -171,7 +181,7 @@ class Adjustment:
             "and projectors what venue.toml says, and did none move?"
         )
 
-    def certainty(self, rig: Rig) -> tuple[Array, Array, dict[Pair, float]]:
+    def certainty(self, rig: RigGeometry) -> tuple[Array, Array, dict[Pair, float]]:
         """Covariance (P, P), freedoms (F, P) that nothing fixes, and the residuals' scales."""
         self._look(rig)
         scales = self._scales(rig)
@@ -189,26 +199,27 @@ class Adjustment:
         freedoms[:, self.free] = (vectors[:, loose] / root[:, None]).T
         return covariance, freedoms, scales
 
-    def _look(self, rig: Rig) -> None:
+    def _look(self, rig: RigGeometry) -> None:
         """Evaluate the screen's harmonics where the rays of a rig meet it; near by they go on."""
         self.reliefs: dict[Pair, Relief | None] = {}
         for pair, some in self.seen.items():
             ray = self.rays.get(pair)
             if ray is None and not rig.shape.exact:
                 ray = unproject(some.camera_px, rig.cameras[pair[0]].lens)
-            self.reliefs[pair] = None if ray is None else relief_seen(rig, pair[0], ray)
+            self.reliefs[pair] = None if ray is None else shape_derivatives(rig, pair[0], ray)
 
-    def _spreads(self, rig: Rig) -> dict[Pair, float]:
+    def _spreads(self, rig: RigGeometry) -> dict[Pair, float]:
         """Middle residuals in standard errors, per pair; never less than 1."""
-        return {p: max(spread_of(self._scores(rig, p)), 1.0) for p in self.seen}
+        return {p: max(robust_sigma(self._scores(rig, p)), 1.0) for p in self.seen}
 
-    def _scores(self, rig: Rig, pair: Pair) -> Array:
+    def _scores(self, rig: RigGeometry, pair: Pair) -> Array:
         return scores(rig, pair, self.seen[pair], self.rays.get(pair), self.reliefs[pair])
 
-    def _scales(self, rig: Rig) -> dict[Pair, float]:
+    def _scales(self, rig: RigGeometry) -> dict[Pair, float]:
         """By how much residuals exceed their standard errors, per pair; never less than 1."""
         scales = {
-            p: excess_of(rig, p, o, self.rays.get(p), self.reliefs[p]) for p, o in self.seen.items()
+            p: systematic_ratio(rig, p, o, self.rays.get(p), self.reliefs[p])
+            for p, o in self.seen.items()
         }
         if not rig.shape.degree:
             return scales
@@ -216,7 +227,9 @@ class Adjustment:
         often = max(1.0, float(np.sqrt(len(scales) * CELLS**2 / PANELS)))
         return {pair: scale * often for pair, scale in scales.items()}
 
-    def _weights(self, rig: Rig, scale: Mapping[Pair, float], robust: bool) -> dict[Pair, Array]:
+    def _weights(
+        self, rig: RigGeometry, scale: Mapping[Pair, float], robust: bool
+    ) -> dict[Pair, Array]:
         """1/variance (N,) per pair, times Cauchy's weight if robust."""
         weight = {}
         for pair, some in self.seen.items():
@@ -226,7 +239,9 @@ class Adjustment:
                 weight[pair] = weight[pair] / (1 + score**2)
         return weight
 
-    def _cost(self, rig: Rig, scale: Mapping[Pair, float], robust: bool, moved: Array) -> float:
+    def _cost(
+        self, rig: RigGeometry, scale: Mapping[Pair, float], robust: bool, moved: Array
+    ) -> float:
         total = 0.0
         for pair, some in self.seen.items():
             error = residuals(rig, pair, some, self.rays.get(pair), self.reliefs[pair])
@@ -238,7 +253,7 @@ class Adjustment:
         return total + float(error @ error + self._trust() @ moved**2)
 
     def _equations(
-        self, rig: Rig, weight: Mapping[Pair, Array], moved: Array
+        self, rig: RigGeometry, weight: Mapping[Pair, Array], moved: Array
     ) -> tuple[Array, Array]:
         matrix, gradient = normal_equations(
             rig, self.seen, weight, self.free, self.rays, self.reliefs

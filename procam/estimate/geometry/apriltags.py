@@ -35,7 +35,7 @@ EXPLAINED = 0.8  # of the picture's variance, by a tag that is really there
 
 
 @dataclass(frozen=True, slots=True)
-class TagLook:
+class TagObservations:
     """What one camera's pictures show of tags, by name.
 
     Attributes
@@ -49,18 +49,18 @@ class TagLook:
     others: set[str] = field(default_factory=set)
 
 
-def look_for_tags(
+def detect_tags(
     pictures: Iterable[Image],
     lens: Lens,
     listed: Sequence[AprilTag],
     shown: Set[str] = frozenset(),
-) -> TagLook:
+) -> TagObservations:
     """Look for tags in pictures (H, W) [DN] of one camera, the best one first.
 
     The next picture, or a larger copy, is only looked at for what has not been found. `shown`: names
     of tags that projectors draw; they are no marks.
     """
-    look = TagLook()
+    look = TagObservations()
     for light, scale in ((p, s) for p in (pictures if listed else ()) for s in SCALES):
         missing = {t.name: t for t in listed if t.name not in {*look.centres, *look.doubled}}
         if not missing:
@@ -77,7 +77,9 @@ def look_for_tags(
 
 
 def tag_fiducials(
-    listed: Sequence[AprilTag], looks: Mapping[str, TagLook], cameras: Mapping[str, CameraModel]
+    listed: Sequence[AprilTag],
+    looks: Mapping[str, TagObservations],
+    cameras: Mapping[str, CameraModel],
 ) -> list[Fiducial]:
     """A mark for every camera that sees a tag; `looks` by camera."""
     marks = []
@@ -92,7 +94,7 @@ def tag_fiducials(
     return marks
 
 
-def tag_notes(listed: Sequence[AprilTag], looks: Mapping[str, TagLook]) -> list[str]:
+def tag_notes(listed: Sequence[AprilTag], looks: Mapping[str, TagObservations]) -> list[str]:
     """What did not go well with listed tags, a line each."""
     lines = [
         f"{name}: {camera} sees it at several places and does not use it; take all but one down"

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procam.estimate.geometry.model import camera_rays
-from procam.estimate.geometry.screen_points import land, round_shape, screen_points
+from procam.estimate.geometry.screen_points import intersect_screen, round_shape, screen_points
 from procam.maths.geometry.lenses import project
 from procam.maths.geometry.sphere import normalise
 from procam.model.optics import CameraModel, ProjectorModel
@@ -37,7 +37,9 @@ class DomeView:
     ) -> "DomeView":
         """The view of a placed camera whose pixels look along `rays` (H, W, 3)."""
         origin, lines = camera_rays(camera, rays.reshape(-1, 3))
-        direction = normalise(land(round_shape(dome), origin, lines)).reshape(rays.shape)
+        direction = normalise(intersect_screen(round_shape(dome), origin, lines)).reshape(
+            rays.shape
+        )
         on_screen = seen & (direction[..., 2] >= np.cos(dome.half_angle))
         across = np.gradient(direction, axis=1)
         down = np.gradient(direction, axis=0)

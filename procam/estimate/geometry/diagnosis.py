@@ -8,8 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procam.errors import CalibrationError
-from procam.estimate.geometry.adjustment import Problem
-from procam.estimate.geometry.model import POSE, Layout, Observations, Pair, Rig, residual_slopes
+from procam.estimate.geometry.adjustment import RigProblem
+from procam.estimate.geometry.model import (
+    POSE,
+    Observations,
+    Pair,
+    ParameterLayout,
+    RigGeometry,
+    residual_slopes,
+)
 from procam.estimate.geometry.solve import GeometrySolution, solve_geometry
 from procam.maths.geometry.lenses import unproject
 
@@ -33,7 +40,7 @@ MOST = 100.0  # excess of a rig of which nothing fits
 SOME = 600  # observations of each pair that are tried
 
 
-def causes(problem: Problem, found: GeometrySolution | None) -> list[str]:
+def causes(problem: RigProblem, found: GeometrySolution | None) -> list[str]:
     """Sentences on what is probably wrong; `found` is None where there was no solution at all.
 
     Each cause is put right by calculation, and told only if the rig then fits much better.
@@ -56,7 +63,7 @@ def causes(problem: Problem, found: GeometrySolution | None) -> list[str]:
     return told + (_exchanged(trial, wanted) or _bumped(trial, free, wanted))
 
 
-def _flat(problem: Problem) -> list[str]:
+def _flat(problem: RigProblem) -> list[str]:
     """Cameras that see all pictures as a flat screen would show them.
 
     A small part of a dome is flat: only views of much of a panel count.
@@ -91,7 +98,7 @@ def _off_a_plane(ray: Array, pixels: Array) -> float:
 def _stretched(found: GeometrySolution, name: str) -> str:
     """What a projector does to its picture before it shows it; "" if nothing."""
     lens = found.projectors[name].lens
-    sigma = np.sqrt(np.diag(found.covariance)[Layout.of(found.rig).projectors[name]])[
+    sigma = np.sqrt(np.diag(found.covariance)[ParameterLayout.of(found.rig).projectors[name]])[
         POSE : POSE + 2
     ]
     aspect = float(lens.focal[0] / lens.focal[1])
@@ -108,7 +115,7 @@ def _stretched(found: GeometrySolution, name: str) -> str:
     return f"projector {name} stretches its picture by {wide:.3f}, expected square pixels: {cause}"
 
 
-def _exchanged(trial: Problem, wanted: float) -> list[str]:
+def _exchanged(trial: RigProblem, wanted: float) -> list[str]:
     """Two cameras whose photographs are each filed under the other's name."""
     for a, b in combinations(trial.cameras, 2):
         if trial.cameras[a].size != trial.cameras[b].size:
@@ -123,7 +130,7 @@ def _exchanged(trial: Problem, wanted: float) -> list[str]:
     return []
 
 
-def _bumped(trial: Problem, free: GeometrySolution | None, wanted: float) -> list[str]:
+def _bumped(trial: RigProblem, free: GeometrySolution | None, wanted: float) -> list[str]:
     """A camera that moved between the pictures of two projectors."""
     order = list(trial.hung)
     if len(trial.cameras) == 1:
@@ -138,7 +145,7 @@ def _bumped(trial: Problem, free: GeometrySolution | None, wanted: float) -> lis
     return [f"camera {named} moved {moment}; fix it and capture again"]
 
 
-def _cut_alone(trial: Problem) -> tuple[int, dict[str, float]]:
+def _cut_alone(trial: RigProblem) -> tuple[int, dict[str, float]]:
     """When the only camera moved, and what is left if each part of its pictures is solved alone."""
     order = list(trial.hung)
     left = [
@@ -150,7 +157,7 @@ def _cut_alone(trial: Problem) -> tuple[int, dict[str, float]]:
     return 1 + int(np.argmin(left)), dict.fromkeys(trial.cameras, min(left))
 
 
-def _cut_among(trial: Problem, free: GeometrySolution | None) -> tuple[int, dict[str, float]]:
+def _cut_among(trial: RigProblem, free: GeometrySolution | None) -> tuple[int, dict[str, float]]:
     """When one of several cameras moved, and what is left if it was that or another one.
 
     Residuals tell the moment, but may sit in another camera's pictures: so all are tried there.
@@ -176,7 +183,7 @@ class _OwnPose:
 NO_WISH = _OwnPose(np.zeros((POSE, POSE)), np.zeros(POSE), 0.0)
 
 
-def _own_pose(rig: Rig, pair: Pair, seen: Observations) -> _OwnPose:
+def _own_pose(rig: RigGeometry, pair: Pair, seen: Observations) -> _OwnPose:
     error, slopes = residual_slopes(rig, pair, seen)
     start = 1 + rig.shape.bumps.size
     rows = slopes[..., start : start + POSE].reshape(-1, POSE)
@@ -187,7 +194,7 @@ def _own_pose(rig: Rig, pair: Pair, seen: Observations) -> _OwnPose:
     )
 
 
-def _best_cut(found: GeometrySolution, trial: Problem, name: str) -> tuple[int, float]:
+def _best_cut(found: GeometrySolution, trial: RigProblem, name: str) -> tuple[int, float]:
     """Before which projector a camera moved, if it did, and the share of its misfit that explains."""
     seen = {p: o for (c, p), o in trial.observations.items() if c == name}
     poses = [_own_pose(found.rig, (name, p), seen[p]) if p in seen else NO_WISH for p in trial.hung]
@@ -203,7 +210,7 @@ def _gain(poses: Sequence[_OwnPose]) -> float:
     return float(gradient @ np.linalg.solve(matrix, gradient))
 
 
-def _cut(trial: Problem, name: str, later: Sequence[str]) -> Problem:
+def _cut(trial: RigProblem, name: str, later: Sequence[str]) -> RigProblem:
     """The problem with a camera counted as two, the other for the projectors shot later."""
     other = f"{name} later"
     camera = replace(trial.cameras[name], name=other)
@@ -220,20 +227,20 @@ def _cut(trial: Problem, name: str, later: Sequence[str]) -> Problem:
     )
 
 
-def _only(trial: Problem, names: Sequence[str]) -> Problem:
+def _only(trial: RigProblem, names: Sequence[str]) -> RigProblem:
     """The problem with some of its projectors."""
     hung = {name: trial.hung[name] for name in names}
     seen = {(c, p): o for (c, p), o in trial.observations.items() if p in hung}
     return replace(trial, fiducials=(), hung=hung, observations=seen)
 
 
-def _small(problem: Problem) -> Problem:
+def _small(problem: RigProblem) -> RigProblem:
     """An exact sphere, fewer observations: enough to tell a blunder."""
     few = {p: o.thinned(SOME) for p, o in problem.observations.items()}
     return replace(problem, observations=few, distances=(), most_degree=0)
 
 
-def _solution(trial: Problem) -> GeometrySolution | None:
+def _solution(trial: RigProblem) -> GeometrySolution | None:
     """The solved rig; None where it cannot be solved."""
     try:
         return solve_geometry(trial)
@@ -241,7 +248,7 @@ def _solution(trial: Problem) -> GeometrySolution | None:
         return None
 
 
-def _excess(trial: Problem) -> float:
+def _excess(trial: RigProblem) -> float:
     """By how much residuals exceed their errors; infinite where the rig cannot be solved."""
     found = _solution(trial)
     return np.inf if found is None else found.sphere_excess

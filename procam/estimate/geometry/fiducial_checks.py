@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from procam.errors import CalibrationError
 from procam.estimate.geometry.fiducials import best_turn, length_of, seen_point
-from procam.estimate.geometry.model import Rig
+from procam.estimate.geometry.model import RigGeometry
 from procam.maths.geometry.sphere import normalise
 from procam.model.optics import Distance, Fiducial
 
@@ -19,7 +19,7 @@ ROUGH_SHARE = 0.02  # of a distance in a rig that was solved without any
 
 
 def check_marks(
-    rig: Rig,
+    rig: RigGeometry,
     fiducials: Sequence[Fiducial],
     distances: Sequence[Distance],
     *,
@@ -54,7 +54,7 @@ def check_marks(
         )
 
 
-def _check_fiducials(rig: Rig, fiducials: Sequence[Fiducial], slack: float) -> None:
+def _check_fiducials(rig: RigGeometry, fiducials: Sequence[Fiducial], slack: float) -> None:
     if len(fiducials) < 2:
         return
     soft = [replace(f, sigma=float(np.hypot(f.sigma, slack))) for f in fiducials]

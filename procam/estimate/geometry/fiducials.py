@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from procam.errors import InputError
-from procam.estimate.geometry.model import POSE, PUPIL, Layout, Rig, device_of
+from procam.estimate.geometry.model import POSE, PUPIL, ParameterLayout, RigGeometry, device_of
 from procam.kernels import Device
 from procam.kernels.reference_bundle import point_slopes, rays_sent
 from procam.maths.geometry.lenses import unproject
@@ -21,10 +21,10 @@ STEP = 1e-5  # [m] of a point, for slopes of what is wrong with it
 
 
 def mark_rows(
-    rig: Rig, fiducials: Sequence[Fiducial], distances: Sequence[Distance]
+    rig: RigGeometry, fiducials: Sequence[Fiducial], distances: Sequence[Distance]
 ) -> tuple[Array, Array]:
     """Residuals (M,) of all marks in their own sigmas, and slopes (M, P) by the rig's parameters."""
-    layout = Layout.of(rig)
+    layout = ParameterLayout.of(rig)
     error, rows = mark_errors(rig, fiducials, distances), [np.zeros((0, layout.count))]
     for fiducial in fiducials:
         point, moves = _seen_point(rig, fiducial, layout)
@@ -42,20 +42,24 @@ def mark_rows(
     return error, np.concatenate(rows)
 
 
-def mark_errors(rig: Rig, fiducials: Sequence[Fiducial], distances: Sequence[Distance]) -> Array:
+def mark_errors(
+    rig: RigGeometry, fiducials: Sequence[Fiducial], distances: Sequence[Distance]
+) -> Array:
     """Residuals (M,) of all marks in their own sigmas."""
     parts = [_off(f, normalise(seen_point(rig, f))) for f in fiducials]
     parts += [np.array([length_of(rig, fiducials, d) - d.metres]) / d.sigma_m for d in distances]
     return np.concatenate(parts) if parts else np.zeros(0)
 
 
-def seen_point(rig: Rig, fiducial: Fiducial) -> Array:
+def seen_point(rig: RigGeometry, fiducial: Fiducial) -> Array:
     """The point (3,) [m] of the screen where its device sees, or shows, a fiducial."""
     device, ray = _device_of(rig, fiducial)
     return rig.shape.meet(*rays_sent(device, ray))[0]
 
 
-def _seen_point(rig: Rig, fiducial: Fiducial, layout: Layout) -> tuple[Array, Array]:
+def _seen_point(
+    rig: RigGeometry, fiducial: Fiducial, layout: ParameterLayout
+) -> tuple[Array, Array]:
     """`seen_point`, and its slopes (3, P)."""
     device, ray = _device_of(rig, fiducial)
     hit = rig.shape.hit(*rays_sent(device, ray))
@@ -68,7 +72,7 @@ def _seen_point(rig: Rig, fiducial: Fiducial, layout: Layout) -> tuple[Array, Ar
     return hit.point[0], slopes
 
 
-def _device_of(rig: Rig, fiducial: Fiducial) -> tuple[Device, Array]:
+def _device_of(rig: RigGeometry, fiducial: Fiducial) -> tuple[Device, Array]:
     """The device of a fiducial, and the ray (1, 3) of its pixel."""
     pixel = np.asarray(fiducial.pixel, float)[None]
     if fiducial.device in rig.cameras:
@@ -81,7 +85,7 @@ def _device_of(rig: Rig, fiducial: Fiducial) -> tuple[Device, Array]:
     return device, unproject(pixel, projector.lens)
 
 
-def _block(layout: Layout, name: str) -> slice:
+def _block(layout: ParameterLayout, name: str) -> slice:
     """Where a device's parameters stand."""
     return layout.cameras[name] if name in layout.cameras else layout.projectors[name]
 
@@ -102,15 +106,15 @@ def _off(fiducial: Fiducial, seen: Array) -> Array:
     return np.array([off * np.cos(elevation)]) / fiducial.sigma
 
 
-def length_of(rig: Rig, fiducials: Sequence[Fiducial], distance: Distance) -> float:
+def length_of(rig: RigGeometry, fiducials: Sequence[Fiducial], distance: Distance) -> float:
     """How long a distance is in a rig [m]."""
-    layout = Layout.of(rig)
+    layout = ParameterLayout.of(rig)
     ends = [_place(rig, fiducials, name, layout)[0] for name in (distance.a, distance.b)]
     return float(np.linalg.norm(ends[0] - ends[1]))
 
 
 def _place(
-    rig: Rig, fiducials: Sequence[Fiducial], name: str, layout: Layout
+    rig: RigGeometry, fiducials: Sequence[Fiducial], name: str, layout: ParameterLayout
 ) -> tuple[Array, Array]:
     """Where a camera, projector or fiducial of that name is (3,) [m], and its slopes (3, P)."""
     pose = None
@@ -131,7 +135,7 @@ def _place(
     )
 
 
-def turned_to_fiducials(rig: Rig, fiducials: Sequence[Fiducial]) -> Rig:
+def turned_to_fiducials(rig: RigGeometry, fiducials: Sequence[Fiducial]) -> RigGeometry:
     """The whole rig turned, about the screen's centre, to where the fiducials are said to be."""
     if not fiducials:
         return rig
@@ -162,7 +166,7 @@ def best_turn(fiducials: Sequence[Fiducial], seen: Array) -> tuple[Array, list[A
     return rotation_matrix(best), miss(best)
 
 
-def turned(rig: Rig, turn: Array) -> Rig:
+def turned(rig: RigGeometry, turn: Array) -> RigGeometry:
     """A rig round an exact sphere, seen in axes turned by a rotation (3, 3): the same light."""
 
     def move(pose: Pose) -> Pose:
@@ -177,4 +181,4 @@ def turned(rig: Rig, turn: Array) -> Rig:
         n: replace(p, projector_from_dome=move(p.projector_from_dome))
         for n, p in rig.projectors.items()
     }
-    return Rig(rig.shape, cameras, projectors)
+    return RigGeometry(rig.shape, cameras, projectors)

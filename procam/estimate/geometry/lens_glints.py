@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.estimate.geometry.model import Rig, camera_rays
+from procam.estimate.geometry.model import RigGeometry, camera_rays
 from procam.maths.geometry.sphere import normalise
 
 Array = NDArray[np.float64]
@@ -11,7 +11,7 @@ HOUSING_RADIUS_M = 0.15  # of a lens; as far behind a hole in the screen it stil
 GLARE_PX = 3.0  # by which a lens flares beyond its rim
 
 
-def lens_glints(rig: Rig, camera: str, rays: Array) -> NDArray[np.bool_]:
+def lens_glints(rig: RigGeometry, camera: str, rays: Array) -> NDArray[np.bool_]:
     """Pixels (H, W) at which a camera sees a projector's lens, by their rays (H, W, 3) in its frame.
 
     A disc round every lens that stands before the screen. One behind it, as of a rear projector, is

@@ -43,16 +43,16 @@ class Observations:
 
 
 @dataclass(frozen=True, slots=True)
-class Rig:
+class RigGeometry:
     """What is solved for: screen, cameras (placed) and projectors by name."""
 
     shape: RoundShape
     cameras: Mapping[str, CameraModel]
     projectors: Mapping[str, ProjectorModel]
 
-    def moved(self, step: Array) -> "Rig":
-        """The rig changed by a step (P,) of all its parameters, in the order of `Layout`."""
-        layout = Layout.of(self)
+    def moved(self, step: Array) -> "RigGeometry":
+        """The rig changed by a step (P,) of all its parameters, in the order of `ParameterLayout`."""
+        layout = ParameterLayout.of(self)
         screen = step[layout.screen]
         shape = replace(
             self.shape,
@@ -66,11 +66,11 @@ class Rig:
         for name, columns in layout.projectors.items():
             if step[columns].any():
                 projectors[name] = moved_projector(projectors[name], step[columns])
-        return Rig(shape, cameras, projectors)
+        return RigGeometry(shape, cameras, projectors)
 
 
 @dataclass(frozen=True, slots=True)
-class Layout:
+class ParameterLayout:
     """Where each device's parameters stand among the (P,) of a rig.
 
     Screen: log radius, bumps. Camera: turn [rad] and shift [m] in its own frame, lens (focal, centre,
@@ -83,7 +83,7 @@ class Layout:
     count: int
 
     @classmethod
-    def of(cls, rig: Rig) -> "Layout":
+    def of(cls, rig: RigGeometry) -> "ParameterLayout":
         """The layout of a rig."""
         end = 1 + rig.shape.bumps.size
         screen, cameras, projectors = slice(0, end), {}, {}
@@ -143,13 +143,13 @@ def camera_rays(camera: CameraModel, ray: Array) -> tuple[Array, Array]:
     return rays_sent(device_of(camera.camera_from_dome, camera.lens, camera.pupil), ray)
 
 
-def points_seen(rig: Rig, camera: str, camera_px: Array) -> Array:
+def points_seen(rig: RigGeometry, camera: str, camera_px: Array) -> Array:
     """Points (N, 3) [m] of the screen that a camera's pixels (N, 2) see; NaN where they miss it."""
     model = rig.cameras[camera]
     return rig.shape.meet(*camera_rays(model, unproject(camera_px, model.lens)))
 
 
-def relief_seen(rig: Rig, camera: str, ray: Array) -> Relief | None:
+def shape_derivatives(rig: RigGeometry, camera: str, ray: Array) -> Relief | None:
     """The screen's harmonics where a camera's rays (N, 3) meet it; None for an exact sphere.
 
     What the functions below take from here need not be of quite the same rig: see `RoundShape.relief`.
@@ -160,7 +160,11 @@ def relief_seen(rig: Rig, camera: str, ray: Array) -> Relief | None:
 
 
 def residuals(
-    rig: Rig, pair: Pair, seen: Observations, ray: Array | None = None, relief: Relief | None = None
+    rig: RigGeometry,
+    pair: Pair,
+    seen: Observations,
+    ray: Array | None = None,
+    relief: Relief | None = None,
 ) -> Array:
     """Projector pixels (N, 2) that the rig predicts minus those that were seen.
 
@@ -172,9 +176,13 @@ def residuals(
 
 
 def residual_slopes(
-    rig: Rig, pair: Pair, seen: Observations, ray: Array | None = None, relief: Relief | None = None
+    rig: RigGeometry,
+    pair: Pair,
+    seen: Observations,
+    ray: Array | None = None,
+    relief: Relief | None = None,
 ) -> tuple[Array, Array]:
-    """Residuals (N, 2) and their slopes (N, 2, K) by the parameters `Layout.columns(pair)`.
+    """Residuals (N, 2) and their slopes (N, 2, K) by the parameters `ParameterLayout.columns(pair)`.
 
     With `ray` given the camera's lens and pupil count as fixed: their slopes are left 0.
     """
@@ -184,7 +192,7 @@ def residual_slopes(
 
 
 def normal_equations(
-    rig: Rig,
+    rig: RigGeometry,
     seen: Mapping[Pair, Observations],
     weight: Mapping[Pair, Array],
     free: NDArray[np.bool_],
@@ -196,7 +204,7 @@ def normal_equations(
     `weight` (N,) per pair; `free` (P,) the parameters that are solved for, the others' rows stay 0;
     `rays` of the pairs whose camera's lens and pupil are fixed; `reliefs` as far as they are known.
     """
-    layout = Layout.of(rig)
+    layout = ParameterLayout.of(rig)
     matrix, gradient = np.zeros((layout.count, layout.count)), np.zeros(layout.count)
     for pair, some in seen.items():
         lens_free = pair not in rays
@@ -212,14 +220,14 @@ def normal_equations(
 
 
 def _known(
-    rig: Rig, pair: Pair, seen: Observations, ray: Array | None, relief: Relief | None
+    rig: RigGeometry, pair: Pair, seen: Observations, ray: Array | None, relief: Relief | None
 ) -> tuple[Array, Relief | None]:
     """Rays and relief of a camera's pixels, made where they are not given."""
     ray = unproject(seen.camera_px, rig.cameras[pair[0]].lens) if ray is None else ray
-    return ray, relief_seen(rig, pair[0], ray) if relief is None else relief
+    return ray, shape_derivatives(rig, pair[0], ray) if relief is None else relief
 
 
-def _sight(rig: Rig, pair: Pair) -> Sight:
+def _sight(rig: RigGeometry, pair: Pair) -> Sight:
     """A camera and a projector as the kernels take them."""
     camera, projector = rig.cameras[pair[0]], rig.projectors[pair[1]]
     assert camera.camera_from_dome is not None

@@ -8,7 +8,7 @@ from procam.estimate.structured_light.panel_map import drop_inconsistent, fit_pr
 from procam.model.correspondence import CorrespondenceMap
 
 
-def gather(found: CorrespondenceMap, size: tuple[int, int]) -> Observations:
+def gather_observations(found: CorrespondenceMap, size: tuple[int, int]) -> Observations:
     """Where a camera sees the centres of a panel's patches; `size` (width, height) of the panel [px].
 
     What is not finite counts as not seen, whatever the map says of it.

@@ -6,8 +6,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.estimate.geometry.model import Layout, Observations, Pair, Rig, points_seen, residuals
-from procam.estimate.geometry.screen_points import land
+from procam.estimate.geometry.model import (
+    Observations,
+    Pair,
+    ParameterLayout,
+    RigGeometry,
+    points_seen,
+    residuals,
+)
+from procam.estimate.geometry.screen_points import intersect_screen
 from procam.estimate.geometry.solve import GeometrySolution
 from procam.maths.geometry.lenses import project, unproject
 from procam.maths.geometry.sphere import normalise
@@ -16,7 +23,7 @@ from procam.model.optics import ProjectorModel
 
 Array = NDArray[np.float64]
 Map = NDArray[np.float32]
-Look = Callable[[Rig], Array]
+Look = Callable[[RigGeometry], Array]
 CELL_PX = 16  # of the panel, over which what was measured is averaged
 SMOOTH = 1.0  # cells
 ROUGH = 3.0  # cells over which detail that was smoothed away is alike
@@ -30,7 +37,7 @@ ARCMIN = np.degrees(1) * 60
 
 
 @dataclass(frozen=True, slots=True)
-class Landing:
+class PixelDirections:
     """A projector's directions: those of its model plus a smooth field of what was measured.
 
     Attributes
@@ -40,7 +47,7 @@ class Landing:
     rays : (h', w') per camera, how much the direction follows its rays and not the model [-].
     """
 
-    rig: Rig
+    rig: RigGeometry
     projector: ProjectorModel
     field: Map
     variance: Map
@@ -75,14 +82,14 @@ class Landing:
         return pixels * ((np.array([columns, rows]) - 1) / (np.array(self.size) - 1))
 
 
-def model_directions(rig: Rig, projector: ProjectorModel, pixels: Array) -> Array:
+def model_directions(rig: RigGeometry, projector: ProjectorModel, pixels: Array) -> Array:
     """Directions (..., 3) of projector pixels (..., 2) by the models alone; NaN if they miss."""
     back = projector.projector_from_dome.inverse()
     rays = back.rotate(unproject(pixels, projector.lens))
-    return normalise(land(rig.shape, back.translation, rays))
+    return normalise(intersect_screen(rig.shape, back.translation, rays))
 
 
-def measure_landing(solution: GeometrySolution, name: str) -> Landing:
+def fit_pixel_directions(solution: GeometrySolution, name: str) -> PixelDirections:
     """Directions of one projector from everything that cameras saw of it."""
     rig, projector = solution.rig, solution.rig.projectors[name]
     if name in solution.given:
@@ -102,7 +109,7 @@ def measure_landing(solution: GeometrySolution, name: str) -> Landing:
     trust = float(np.clip(trust, 0, 1))
     detail = np.maximum(blur_within(rough, known, ROUGH), 0) * (trust > BELIEVED)
     spread = left + 2 * cells.means(tilt[:, None])[..., 0] + detail
-    return Landing(
+    return PixelDirections(
         rig,
         projector,
         _filled(np.float32(trust) * smooth, known),
@@ -110,10 +117,10 @@ def measure_landing(solution: GeometrySolution, name: str) -> Landing:
     )
 
 
-def _given(rig: Rig, projector: ProjectorModel, sigma_arcmin: float) -> Landing:
+def _given(rig: RigGeometry, projector: ProjectorModel, sigma_arcmin: float) -> PixelDirections:
     """Directions that are known beforehand, as those of dome masters are."""
     variance = np.full((2, 2), (sigma_arcmin / ARCMIN) ** 2, np.float32)
-    return Landing(rig, projector, np.zeros((1, 1, 3), np.float32), variance, variance, {})
+    return PixelDirections(rig, projector, np.zeros((1, 1, 3), np.float32), variance, variance, {})
 
 
 def sample_directions(
@@ -137,7 +144,7 @@ def sample_directions(
     -------
     (count, ..., 3); NaN where a pixel misses the screen.
     """
-    landing = measure_landing(solution, name)
+    landing = fit_pixel_directions(solution, name)
     mean = landing.at(pixels).reshape(-1, 3)
     sources = _sources(landing, pixels, mean)
     still = _told(sources, solution.rig)
@@ -149,14 +156,14 @@ def sample_directions(
     return drawn.reshape(count, *pixels.shape[:-1], 3)
 
 
-def _sources(landing: Landing, pixels: Array, mean: Array) -> list[tuple[Array, Look]]:
+def _sources(landing: PixelDirections, pixels: Array, mean: Array) -> list[tuple[Array, Look]]:
     """What directions (N, 3) of pixels (..., 2) come from: shares (N, 1), and what each tells."""
     rig, flat, name = landing.rig, pixels.reshape(-1, 2), landing.projector.name
-    points, nodes = land(rig.shape, np.zeros(3), mean), landing.nodes(pixels)
+    points, nodes = intersect_screen(rig.shape, np.zeros(3), mean), landing.nodes(pixels)
     modelled, sources = np.ones((len(flat), 1)), []
     for camera, counts in landing.rays.items():
         if counts.any():
-            look = _line_of_sight(rig, Layout.of(rig), camera, points)[1]
+            look = _line_of_sight(rig, ParameterLayout.of(rig), camera, points)[1]
             sees = np.isfinite(look(rig)).all(axis=1, keepdims=True)
             share = np.where(sees, sample(counts, nodes).reshape(-1, 1), 0.0)
             modelled = modelled - share
@@ -164,7 +171,7 @@ def _sources(landing: Landing, pixels: Array, mean: Array) -> list[tuple[Array, 
     return [(modelled, lambda r: model_directions(r, r.projectors[name], flat)), *sources]
 
 
-def _told(sources: Sequence[tuple[Array, Look]], rig: Rig) -> Array:
+def _told(sources: Sequence[tuple[Array, Look]], rig: RigGeometry) -> Array:
     """Directions (N, 3) that sources tell together, were the rig this one."""
     parts = [np.where(share > 0, share * look(rig), 0.0) for share, look in sources]
     return np.asarray(np.sum(parts, axis=0))
@@ -189,11 +196,11 @@ def _smooth_noise(size: tuple[int, int], pixels: Array, rng: np.random.Generator
     return np.asarray(sample(noise, (pixels + 0.5) / pitch + margin).reshape(-1, 3), float)
 
 
-def _relief(rig: Rig, seen: Mapping[Pair, Observations]) -> float:
+def _relief(rig: RigGeometry, seen: Mapping[Pair, Observations]) -> float:
     """How far the screen differs from its model, rms relative to the radius, as residuals tell."""
     steps = []
     shape = replace(rig.shape, radius_m=rig.shape.radius_m * (1 + STEP))
-    higher = Rig(shape, rig.cameras, rig.projectors)
+    higher = RigGeometry(shape, rig.cameras, rig.projectors)
     for pair, some in seen.items():
         error = residuals(rig, pair, some)
         slope = (residuals(higher, pair, some) - error) / STEP
@@ -206,7 +213,7 @@ def _relief(rig: Rig, seen: Mapping[Pair, Observations]) -> float:
 
 
 def _measured(
-    rig: Rig, pair: Pair, seen: Observations, relief: float
+    rig: RigGeometry, pair: Pair, seen: Observations, relief: float
 ) -> tuple[Array, Array, Array, Array]:
     """Projector pixels (N, 2), measured minus modelled direction (N, 3), variances (N,) [rad^2].
 
@@ -266,7 +273,7 @@ def _filled(field: Map, known: NDArray[np.bool_]) -> Map:
 def _certainty(
     solution: GeometrySolution, name: str, pairs: Sequence[Pair], spread: Array, trust: float
 ) -> tuple[Map, Map, dict[str, Map]]:
-    """`Landing.variance`, `Landing.unknown` and `Landing.rays` per node of a coarse grid over the panel.
+    """`variance`, `unknown` and `rays` of `PixelDirections`, per node of a coarse grid over the panel.
 
     `spread` (h, w): of the measured field, NaN where nothing was measured: there it is the model's,
     and the misfit found elsewhere stays.
@@ -301,17 +308,19 @@ def _variances(
 
     The latter are infinite where a camera does not see.
     """
-    rig, layout = solution.rig, Layout.of(solution.rig)
+    rig, layout = solution.rig, ParameterLayout.of(solution.rig)
     own = np.r_[layout.screen, layout.projectors[name]]
     modelled = _propagated(solution, own, lambda r: model_directions(r, r.projectors[name], nodes))
-    points = land(rig.shape, np.zeros(3), model_directions(rig, rig.projectors[name], nodes))
+    points = intersect_screen(
+        rig.shape, np.zeros(3), model_directions(rig, rig.projectors[name], nodes)
+    )
     sights = (_line_of_sight(rig, layout, camera, points) for camera in cameras)
     rays = np.stack([_propagated(solution, *sight) for sight in sights])
     return modelled, np.nan_to_num(rays, nan=np.inf)
 
 
 def _line_of_sight(
-    rig: Rig, layout: Layout, camera: str, points: Array
+    rig: RigGeometry, layout: ParameterLayout, camera: str, points: Array
 ) -> tuple[NDArray[np.intp], Look]:
     """What a camera's view of points (N, 3) depends on, and the directions (N, 3) it tells."""
     model = rig.cameras[camera]

@@ -17,7 +17,7 @@ def round_shape(dome: Dome) -> RoundShape:
     return RoundShape(dome.radius_m, np.array(dome.bumps), dome.degree)
 
 
-def land(shape: RoundShape, origin: Array, rays: Array) -> Array:
+def intersect_screen(shape: RoundShape, origin: Array, rays: Array) -> Array:
     """Points (..., 3) [m] where rays (..., 3) from places (3,) or (..., 3) meet the screen."""
     starts = np.broadcast_to(origin, rays.shape).reshape(-1, 3)
     flat = rays.reshape(-1, 3)

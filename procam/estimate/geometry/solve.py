@@ -10,23 +10,29 @@ from numpy.typing import NDArray
 from procam.errors import InputError
 from procam.estimate.geometry.adjustment import (
     Adjustment,
-    Problem,
-    excess_of,
+    RigProblem,
     prior_of,
+    robust_sigma,
     scores,
-    spread_of,
+    systematic_ratio,
 )
 from procam.estimate.geometry.fiducial_checks import check_marks
 from procam.estimate.geometry.fiducials import turned_to_fiducials
-from procam.estimate.geometry.model import Layout, Observations, Pair, Rig, residuals
+from procam.estimate.geometry.model import (
+    Observations,
+    Pair,
+    ParameterLayout,
+    RigGeometry,
+    residuals,
+)
 from procam.estimate.geometry.start import (
     check_complete,
     first_rigs,
     placed_by_marks,
-    rehung,
+    resect_projectors,
     with_camera,
 )
-from procam.maths.geometry.ray_to_screen import bump_count
+from procam.maths.geometry.ray_to_screen import shape_coefficient_count
 from procam.model.optics import CameraModel, ProjectorModel
 
 Array = NDArray[np.float64]
@@ -49,7 +55,7 @@ class GeometrySolution:
     Attributes
     ----------
     rig : screen, cameras and projectors. covariance : (P, P) of its parameters in the order of
-        `Layout`, 0 for those that were fixed and along freedoms that nothing fixes.
+        `ParameterLayout`, 0 for those that were fixed and along freedoms that nothing fixes.
     observations : those that agree. residual_px : (N, 2) what is left of each.
     scale : by how much the residuals of each pair exceed their standard errors [-].
     freedoms : (F, P) directions that nothing fixes, of unit length in scaled parameters.
@@ -57,7 +63,7 @@ class GeometrySolution:
     given : projectors whose directions are known beforehand, not solved, and how well [arcmin].
     """
 
-    rig: Rig
+    rig: RigGeometry
     covariance: Array
     observations: Mapping[Pair, Observations]
     residual_px: Mapping[Pair, Array]
@@ -82,7 +88,7 @@ class GeometrySolution:
         return self.rig.projectors
 
 
-def solve_geometry(problem: Problem) -> GeometrySolution:
+def solve_geometry(problem: RigProblem) -> GeometrySolution:
     """Cameras, projectors and, where they tell of it, the screen's bumps; needs no start values.
 
     First in the camera's own axes, on a part of the observations with little trust in any of them;
@@ -108,16 +114,16 @@ def solve_geometry(problem: Problem) -> GeometrySolution:
     return GeometrySolution(rig, covariance, seen, left, scales, freedoms, on_sphere)
 
 
-def _bumped(problem: Problem, few: Mapping[Pair, Observations], rig: Rig) -> Rig:
+def _bumped(problem: RigProblem, few: Mapping[Pair, Observations], rig: RigGeometry) -> RigGeometry:
     """The rig with as many harmonics of the screen as explain what an exact sphere leaves."""
     for degree in DEGREES:
         excess = _mean_excess(rig, few)
         if excess < ROUND_ENOUGH or degree > problem.most_degree:
             break
-        bumps = np.zeros(bump_count(degree))
+        bumps = np.zeros(shape_coefficient_count(degree))
         bumps[: rig.shape.bumps.size] = rig.shape.bumps
         shape = replace(rig.shape, bumps=bumps, degree=degree)
-        bent = _fitted(problem, few, Rig(shape, rig.cameras, rig.projectors))
+        bent = _fitted(problem, few, RigGeometry(shape, rig.cameras, rig.projectors))
         if _mean_excess(bent, few) > EXPLAINS * excess:
             break
         rig = bent
@@ -134,16 +140,16 @@ def _check_finite(observations: Mapping[Pair, Observations]) -> None:
             )
 
 
-def _with_covariances(rig: Rig, covariance: Array) -> Rig:
-    blocks = Layout.of(rig).projectors
+def _with_covariances(rig: RigGeometry, covariance: Array) -> RigGeometry:
+    blocks = ParameterLayout.of(rig).projectors
     projectors = {
         name: replace(p, covariance=covariance[blocks[name], blocks[name]])
         for name, p in rig.projectors.items()
     }
-    return Rig(rig.shape, rig.cameras, projectors)
+    return RigGeometry(rig.shape, rig.cameras, projectors)
 
 
-def _in_place(problem: Problem, few: Mapping[Pair, Observations]) -> Rig:
+def _in_place(problem: RigProblem, few: Mapping[Pair, Observations]) -> RigGeometry:
     """All devices near their places in the dome's frame."""
     free = replace(problem, fiducials=(), distances=())
     turns = problem.shape.exact  # turned about its centre, a sphere looks the same
@@ -154,14 +160,14 @@ def _in_place(problem: Problem, few: Mapping[Pair, Observations]) -> Rig:
     return turned_to_fiducials(rig, problem.fiducials) if turns else rig
 
 
-def _started_by_marks(problem: Problem, few: Mapping[Pair, Observations]) -> Rig:
+def _started_by_marks(problem: RigProblem, few: Mapping[Pair, Observations]) -> RigGeometry:
     """All devices near their places on a screen that is no sphere."""
     camera = placed_by_marks(problem.cameras, problem.shape, problem.fiducials)
-    alone = Rig(problem.shape, {camera.name: camera}, {})
-    return _with_others(problem, few, rehung(alone, problem.hung, few))
+    alone = RigGeometry(problem.shape, {camera.name: camera}, {})
+    return _with_others(problem, few, resect_projectors(alone, problem.hung, few))
 
 
-def _started(problem: Problem, seen: Mapping[Pair, Observations]) -> Rig:
+def _started(problem: RigProblem, seen: Mapping[Pair, Observations]) -> RigGeometry:
     """All devices near their places, in the axes of the camera that sees most.
 
     It and an exact sphere tell of everything it sees, if it starts well enough.
@@ -173,11 +179,13 @@ def _started(problem: Problem, seen: Mapping[Pair, Observations]) -> Rig:
         if _mean_excess(rigs[0], _visible(rigs[0], seen)) < ROUND_ENOUGH:
             break
         # a projector that began too far off is found anew from where the camera is by now
-        rigs = [rehung(rig, problem.hung, seen) for rig in rigs]
+        rigs = [resect_projectors(rig, problem.hung, seen) for rig in rigs]
     return _with_others(problem, seen, rigs[0])
 
 
-def _with_others(problem: Problem, seen: Mapping[Pair, Observations], rig: Rig) -> Rig:
+def _with_others(
+    problem: RigProblem, seen: Mapping[Pair, Observations], rig: RigGeometry
+) -> RigGeometry:
     """The rig with camera after camera, each time with what is known by then."""
     rig = _roughly(problem, seen, rig)
     for name in _by_most_seen(problem.cameras, seen):
@@ -195,10 +203,10 @@ def _by_most_seen(cameras: Iterable[str], seen: Mapping[Pair, Observations]) -> 
 
 
 def _best_first(
-    problem: Problem, seen: Mapping[Pair, Observations], starts: Sequence[Rig]
-) -> list[Rig]:
+    problem: RigProblem, seen: Mapping[Pair, Observations], starts: Sequence[RigGeometry]
+) -> list[RigGeometry]:
     """Rigs after a few more rounds, best first; one that fits ends the search."""
-    tried: list[tuple[float, Rig]] = []
+    tried: list[tuple[float, RigGeometry]] = []
     for start in starts:
         rig = _roughly(problem, seen, start)
         tried.append((_mean_excess(rig, _visible(rig, seen)), rig))
@@ -207,24 +215,28 @@ def _best_first(
     return [rig for _, rig in sorted(tried, key=lambda each: each[0])]
 
 
-def _roughly(problem: Problem, seen: Mapping[Pair, Observations], rig: Rig) -> Rig:
+def _roughly(
+    problem: RigProblem, seen: Mapping[Pair, Observations], rig: RigGeometry
+) -> RigGeometry:
     """A few robust rounds on the devices placed so far."""
     few = {pair: some.thinned(ROUGH) for pair, some in _visible(rig, seen).items()}
     return Adjustment(problem, few, prior_of(problem, rig)).solve(rig, robust=True)
 
 
-def _visible(rig: Rig, seen: Mapping[Pair, Observations]) -> dict[Pair, Observations]:
+def _visible(rig: RigGeometry, seen: Mapping[Pair, Observations]) -> dict[Pair, Observations]:
     return {(c, p): o for (c, p), o in seen.items() if c in rig.cameras and p in rig.projectors}
 
 
-def _fitted(problem: Problem, seen: Mapping[Pair, Observations], rig: Rig) -> Rig:
+def _fitted(
+    problem: RigProblem, seen: Mapping[Pair, Observations], rig: RigGeometry
+) -> RigGeometry:
     """Robust rounds, then plain ones on what agrees."""
     prior = prior_of(problem, rig)
     rig = Adjustment(problem, seen, prior).solve(rig, robust=True)
     return Adjustment(problem, _agreeing(rig, seen), prior).solve(rig, robust=False)
 
 
-def _bends(problem: Problem, rig: Rig) -> bool:
+def _bends(problem: RigProblem, rig: RigGeometry) -> bool:
     """Whether the screen may be solved for: two cameras stand so far apart that they tell of depth."""
     if not problem.shape.exact:
         return False
@@ -233,18 +245,18 @@ def _bends(problem: Problem, rig: Rig) -> bool:
     return bool(max(steps, default=0.0) > APART * rig.shape.radius_m)
 
 
-def _mean_excess(rig: Rig, seen: Mapping[Pair, Observations]) -> float:
+def _mean_excess(rig: RigGeometry, seen: Mapping[Pair, Observations]) -> float:
     """Root mean square over pairs of what agrees; misread patches would hide a rig that is right."""
     agreeing = _agreeing(rig, seen)
-    return float(np.sqrt(np.mean([excess_of(rig, p, o) ** 2 for p, o in agreeing.items()])))
+    return float(np.sqrt(np.mean([systematic_ratio(rig, p, o) ** 2 for p, o in agreeing.items()])))
 
 
 def _agreeing(
-    rig: Rig, seen: Mapping[Pair, Observations], sigmas: float = OUTLIER_SIGMAS
+    rig: RigGeometry, seen: Mapping[Pair, Observations], sigmas: float = OUTLIER_SIGMAS
 ) -> dict[Pair, Observations]:
     """Observations without those far outside the crowd of their pair."""
     kept = {}
     for pair, some in seen.items():
         error = scores(rig, pair, some)
-        kept[pair] = some.some(error < sigmas * max(spread_of(error), 1.0))
+        kept[pair] = some.some(error < sigmas * max(robust_sigma(error), 1.0))
     return kept

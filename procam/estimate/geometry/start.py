@@ -9,7 +9,7 @@ from scipy.linalg import rq
 from scipy.optimize import least_squares
 
 from procam.errors import CalibrationError, NotEnoughData
-from procam.estimate.geometry.model import Observations, Pair, Rig, camera_rays, residuals
+from procam.estimate.geometry.model import Observations, Pair, RigGeometry, camera_rays, residuals
 from procam.maths.geometry.lenses import Lens, LensKind, project, unproject
 from procam.maths.geometry.pose import Pose, align_rotation
 from procam.maths.geometry.ray_to_screen import RoundShape
@@ -25,7 +25,7 @@ WIDE = (0.3, 0.45, 0.6, 0.8)  # focal lengths over width that are tried for a fi
 
 
 @dataclass(frozen=True, slots=True)
-class Hung:
+class ProjectorPrior:
     """A projector before it is solved: size (width, height) [px] and kind of lens."""
 
     name: str
@@ -36,9 +36,9 @@ class Hung:
 def first_rigs(
     camera: CameraModel,
     shape: RoundShape,
-    hung: Mapping[str, Hung],
+    hung: Mapping[str, ProjectorPrior],
     seen: Mapping[Pair, Observations],
-) -> list[Rig]:
+) -> list[RigGeometry]:
     """One camera, set at several places about the centre, and the projectors it sees; best first.
 
     In the camera's own axes. From a wrong place a projector may seem mirrored: these are left out.
@@ -48,7 +48,7 @@ def first_rigs(
     for pose in _first_poses(shape):
         placed = replace(camera, camera_from_dome=pose)
         try:
-            tried.append(_with_projectors(Rig(shape, {camera.name: placed}, {}), hung, few))
+            tried.append(_with_projectors(RigGeometry(shape, {camera.name: placed}, {}), hung, few))
         except CalibrationError as error:
             complaint = complaint or error
     if not tried and complaint is not None:
@@ -56,10 +56,12 @@ def first_rigs(
     return sorted(tried, key=lambda rig: _misfit(rig, few))
 
 
-def rehung(rig: Rig, hung: Mapping[str, Hung], seen: Mapping[Pair, Observations]) -> Rig:
+def resect_projectors(
+    rig: RigGeometry, hung: Mapping[str, ProjectorPrior], seen: Mapping[Pair, Observations]
+) -> RigGeometry:
     """The rig with all projectors found anew from where its cameras are."""
     few = {pair: some.thinned(SOME) for pair, some in seen.items()}
-    return _with_projectors(Rig(rig.shape, rig.cameras, {}), hung, few)
+    return _with_projectors(RigGeometry(rig.shape, rig.cameras, {}), hung, few)
 
 
 def placed_by_marks(
@@ -83,14 +85,17 @@ def placed_by_marks(
 
 
 def with_camera(
-    rig: Rig, camera: CameraModel, hung: Mapping[str, Hung], seen: Mapping[Pair, Observations]
-) -> Rig:
+    rig: RigGeometry,
+    camera: CameraModel,
+    hung: Mapping[str, ProjectorPrior],
+    seen: Mapping[Pair, Observations],
+) -> RigGeometry:
     """The rig with one more camera, placed by what it shares, and the projectors only that sees."""
     few = {pair: some.thinned(SOME) for pair, some in seen.items()}
     return _with_projectors(_placed(rig, camera, few), hung, few)
 
 
-def check_complete(rig: Rig, hung: Mapping[str, Hung]) -> None:
+def check_complete(rig: RigGeometry, hung: Mapping[str, ProjectorPrior]) -> None:
     """Complain of a projector that no camera sees enough of."""
     if missing := set(hung) - set(rig.projectors):
         raise NotEnoughData(
@@ -108,7 +113,9 @@ def _first_poses(shape: RoundShape) -> list[Pose]:
     return [Pose(np.eye(3), -place) for place in places]
 
 
-def _with_projectors(rig: Rig, hung: Mapping[str, Hung], seen: Mapping[Pair, Observations]) -> Rig:
+def _with_projectors(
+    rig: RigGeometry, hung: Mapping[str, ProjectorPrior], seen: Mapping[Pair, Observations]
+) -> RigGeometry:
     """The rig with every projector that its cameras see enough of."""
     found = dict(rig.projectors)
     for name, projector in hung.items():
@@ -122,10 +129,12 @@ def _with_projectors(rig: Rig, hung: Mapping[str, Hung], seen: Mapping[Pair, Obs
         if good.sum() >= FEWEST:
             fit = _resection if projector.lens == "brown" else _fisheye_resection
             found[name] = fit(projector, points[good], some.projector_px[good])
-    return Rig(rig.shape, rig.cameras, found)
+    return RigGeometry(rig.shape, rig.cameras, found)
 
 
-def _placed(rig: Rig, camera: CameraModel, seen: Mapping[Pair, Observations]) -> Rig:
+def _placed(
+    rig: RigGeometry, camera: CameraModel, seen: Mapping[Pair, Observations]
+) -> RigGeometry:
     """The rig with one more camera, placed by the projectors it sees."""
     views = [(p, o) for (c, p), o in seen.items() if c == camera.name and p in rig.projectors]
     rays, points = [np.zeros((0, 3))], [np.zeros((0, 3))]
@@ -144,7 +153,7 @@ def _placed(rig: Rig, camera: CameraModel, seen: Mapping[Pair, Observations]) ->
         )
     pose = place_by_rays(ray[good], point[good], rig.shape.radius_m)
     placed = replace(camera, camera_from_dome=pose)
-    return Rig(rig.shape, {**rig.cameras, camera.name: placed}, rig.projectors)
+    return RigGeometry(rig.shape, {**rig.cameras, camera.name: placed}, rig.projectors)
 
 
 def place_by_rays(ray: Array, point: Array, radius_m: float) -> Pose:
@@ -168,7 +177,7 @@ def place_by_rays(ray: Array, point: Array, radius_m: float) -> Pose:
     return Pose(turn(best), -turn(best) @ best)
 
 
-def _misfit(rig: Rig, seen: Mapping[Pair, Observations]) -> float:
+def _misfit(rig: RigGeometry, seen: Mapping[Pair, Observations]) -> float:
     """Middle distance [px] between what is seen and what a start predicts; projectors lost count."""
     lost = {p for _, p in seen} - set(rig.projectors)
     middles = [1e3] * len(lost)
@@ -179,7 +188,7 @@ def _misfit(rig: Rig, seen: Mapping[Pair, Observations]) -> float:
     return float(np.mean(middles)) if middles else np.inf
 
 
-def _resection(hung: Hung, points: Array, pixels: Array) -> ProjectorModel:
+def _resection(hung: ProjectorPrior, points: Array, pixels: Array) -> ProjectorModel:
     """A pinhole projector by the direct linear transform (Hartley & Zisserman, s. 7.1)."""
     size = float(np.linalg.norm(points, axis=1).mean())
     scaled = np.c_[points / size, np.ones(len(points))]
@@ -208,7 +217,7 @@ def _resection(hung: Hung, points: Array, pixels: Array) -> ProjectorModel:
     return ProjectorModel(hung.name, hung.size, lens, Pose(rotation, translation))
 
 
-def _fisheye_resection(hung: Hung, points: Array, pixels: Array) -> ProjectorModel:
+def _fisheye_resection(hung: ProjectorPrior, points: Array, pixels: Array) -> ProjectorModel:
     """A fisheye projector: place and turn for several focal lengths, the best of them."""
     radius_m = float(np.linalg.norm(points, axis=1).mean())
     centre = (np.array(hung.size) - 1) / 2

@@ -16,7 +16,7 @@ from procam.errors import NotEnoughData
 from procam.estimate.light.colour_spaces import colour_difference, xyy_from_xyz
 from procam.estimate.light.panel_light import PanelLight
 from procam.model.calibration import Calibration
-from procam.model.reading import BLACK, MeterReading, Spot, told_spot
+from procam.model.reading import BLACK, MeterReading, Spot
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -46,7 +46,7 @@ class Additivity:
 
 
 @dataclass(frozen=True, slots=True)
-class Absolute:
+class AbsoluteLight:
     """What the meter tells.
 
     Attributes
@@ -91,7 +91,7 @@ class Absolute:
         return self.readings[at], float(self.residual_de2000[at])
 
 
-def fit_absolute(readings: Sequence[MeterReading], calibration: Calibration) -> Absolute:
+def fit_absolute(readings: Sequence[MeterReading], calibration: Calibration) -> AbsoluteLight:
     """Solve for XYZ of the content channels from full-panel patches of one or more projectors.
 
     A reading is all the light there: direct, bounced, and black. Black is the one that was read at the
@@ -125,7 +125,7 @@ def fit_absolute(readings: Sequence[MeterReading], calibration: Calibration) -> 
         *_contradiction(samples, white),
         *_black_notes(blacks, dark, matrix),
     ]
-    return Absolute(
+    return AbsoluteLight(
         matrix,
         covariance * excess,
         tuple(lit),
@@ -278,7 +278,7 @@ def _black_notes(
         read, told = float(xyz[1]), float(matrix[1] @ dark[spot])
         if max(read, told) > BLACKS_DIFFER * max(min(read, told), 0.0):
             yield (
-                f"{told_spot(spot)}: the meter reads a black of {read:.3g} cd/m2, the calibration has "
+                f"{spot_name(spot)}: the meter reads a black of {read:.3g} cd/m2, the calibration has "
                 f"{told:.3g}; was there light in the room, or is it below the meter's range?"
             )
 

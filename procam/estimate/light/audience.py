@@ -36,7 +36,7 @@ GREEN = 1
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
+class ZoneObservation:
     """A picture that lights a part of the dome, in cells of it.
 
     `scattered` (N, C) mean where nothing but bounced light is seen, else NaN; `flux` (N, C) of all light
@@ -54,7 +54,7 @@ class Look:
         return np.asarray(direct, float)
 
 
-class HouseView:
+class AudienceView:
     """A calibrated dome through its main camera.
 
     `view` is without what a person has masked.
@@ -98,7 +98,7 @@ class HouseView:
         mean = np.tensordot(lit_sr, np.nan_to_num(light), 2) / lit_sr.sum()
         return level.astype(np.float32), np.maximum(mean, 0)
 
-    def look(self, light: Image, lit: Mask) -> Look:
+    def look(self, light: Image, lit: Mask) -> ZoneObservation:
         """A photograph (H, W, 3) without black [rel], NaN where saturated, of a picture.
 
         `lit` (H, W) is where the calibration expects its direct light.
@@ -106,9 +106,11 @@ class HouseView:
         near = grow(lit, CLEAR_CAMERA_PX) & self.view.on_screen
         dark = self.view.on_screen & ~near
         seen = self._cells.lighting(light, dark, np.where(near[..., None], light, 0))
-        return Look(seen.scattered, seen.direct, self._summed(near.astype(np.float32)))
+        return ZoneObservation(seen.scattered, seen.direct, self._summed(near.astype(np.float32)))
 
-    def scatter_ratio(self, looks: Sequence[Look], calibrated: Sequence[Look] = ()) -> Measured:
+    def scatter_ratio(
+        self, looks: Sequence[ZoneObservation], calibrated: Sequence[ZoneObservation] = ()
+    ) -> Measured:
         """Bounced light per direct light, over the calibration's (3,), from two pictures or more.
 
         Light where nothing but bounces is seen, over what the calibration's u and kernel make of the
@@ -130,11 +132,11 @@ class HouseView:
             ratio, np.sqrt(spread**2 + (UNSEEN * (ratio - 1)) ** 2 + (kernel * ratio) ** 2)
         )
 
-    def _ratios(self, looks: Sequence[Look]) -> Array:
+    def _ratios(self, looks: Sequence[ZoneObservation]) -> Array:
         """Ratio (C,) to what the calibration's u and kernel predict."""
         return np.array([self._ratio(c, looks) for c in range(self._u.shape[1])])
 
-    def _ratio(self, channel: int, looks: Sequence[Look]) -> float:
+    def _ratio(self, channel: int, looks: Sequence[ZoneObservation]) -> float:
         """Ratio of one channel.
 
         Where direct light falls, what bounced there has to come off it, and that hangs on the ratio:
@@ -182,7 +184,7 @@ def centre_shift(light: Image, expected: Image, usable: Mask) -> float:
     return float(np.hypot(*(_middle(lit) - _middle(inside & (expected > cut)))))
 
 
-def house_feedback(calibration: Calibration, ratio: Measured) -> Measured:
+def audience_feedback(calibration: Calibration, ratio: Measured) -> Measured:
     """M (3,) in a state whose bounced light is `ratio` times the calibration's."""
     m = calibration.feedback
     sigma = np.hypot(ratio.value * m.sigma, m.value * ratio.sigma)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
-from procam.estimate.light.scatter_kernel import CELLS, Lighting
+from procam.estimate.light.scatter_kernel import CELLS, ScatterSample
 from procam.maths.geometry.sphere import master_directions, master_solid_angles
 from procam.model.screen import Dome
 
@@ -40,7 +40,7 @@ class FloorLight:
 
 
 def measure_floor(
-    lightings: Sequence[Lighting], per_flux: Array, white: Array, dome: Dome, albedo: float
+    lightings: Sequence[ScatterSample], per_flux: Array, white: Array, dome: Dome, albedo: float
 ) -> FloorLight:
     """The floor's albedo from pictures with light on parts of the dome.
 
@@ -65,12 +65,12 @@ def measure_floor(
         others = (top - sums[:, 0]) / np.maximum(bottom - sums[:, 1], 1e-300)
         floor = float(np.clip(floor + top / bottom, 0, LARGEST))
         sigma = float(np.sqrt((len(sums) - 1) * np.var(others)))
-    doubt = _flux_doubt(_Room(dome, albedo, floor, by_floor), lightings, per_flux, white)
+    doubt = _flux_inconsistency(_Room(dome, albedo, floor, by_floor), lightings, per_flux, white)
     return FloorLight(floor, float(np.hypot(sigma, MODEL_SIGMA * floor)), doubt)
 
 
-def _flux_doubt(
-    room: "_Room", lightings: Sequence[Lighting], per_flux: Array, white: Array
+def _flux_inconsistency(
+    room: "_Room", lightings: Sequence[ScatterSample], per_flux: Array, white: Array
 ) -> float:
     """Spread of the pictures' bounced light over what the room makes of their direct light."""
     brought = room.returned(white.mean(axis=1)) / white.mean(axis=1).sum()
@@ -86,7 +86,7 @@ def _flux_doubt(
 
 
 def _against(
-    rooms: Sequence["_Room"], picture: Lighting, per_flux: Array, white: Array
+    rooms: Sequence["_Room"], picture: ScatterSample, per_flux: Array, white: Array
 ) -> tuple[float, float]:
     """Weighted products of a slope with what the first room leaves unexplained, and with itself."""
     known = (picture.pixels > 0) & np.isfinite(picture.scattered + per_flux).all(axis=1)

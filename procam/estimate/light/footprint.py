@@ -5,10 +5,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.estimate.geometry.pixel_directions import Landing, measure_landing
+from procam.estimate.geometry.pixel_directions import PixelDirections, fit_pixel_directions
 from procam.estimate.geometry.screen_points import screen_points
 from procam.estimate.geometry.solve import GeometrySolution
-from procam.estimate.light.separation import Light
+from procam.estimate.light.separation import SeparatedLight
 from procam.maths.geometry.areas import PanelField, panel_solid_angles
 from procam.maths.geometry.lenses import project
 from procam.maths.geometry.local_shift import LocalShift
@@ -23,7 +23,11 @@ LIT_HALF = 0.5  # a border pixel counts when half of its light arrives
 
 
 def project_surface(
-    solution: GeometrySolution, name: str, dome: Dome, light: Light, nudges: Sequence[Nudge] = ()
+    solution: GeometrySolution,
+    name: str,
+    dome: Dome,
+    light: SeparatedLight,
+    nudges: Sequence[Nudge] = (),
 ) -> ProjectorSurface:
     """The surface of projector `name`; `light` tells which pixels really arrive on the screen.
 
@@ -32,7 +36,7 @@ def project_surface(
     picture, they are those that it was moved away from. Nudges move no light and tell nothing of
     errors: what is lit, and the standard error, stay as measured.
     """
-    landing = measure_landing(solution, name)
+    landing = fit_pixel_directions(solution, name)
     own = [nudge for nudge in nudges if nudge.projector == name]
     shipped = _nudged(landing, own) if own else landing.directions
     x, y = (np.arange(n, dtype=float) for n in landing.size)
@@ -49,7 +53,7 @@ def project_surface(
     )
 
 
-def _nudged(landing: Landing, nudges: Sequence[Nudge]) -> PanelField:
+def _nudged(landing: PixelDirections, nudges: Sequence[Nudge]) -> PanelField:
     """Directions of the panel's points (x, y) [px] after a person has moved the picture."""
     shift = LocalShift.on_panel(
         landing.size,
@@ -73,7 +77,7 @@ def camera_pixels(solution: GeometrySolution, direction: NDArray[np.floating]) -
 
 
 def lit_share(
-    solution: GeometrySolution, direction: NDArray[np.floating], light: Light
+    solution: GeometrySolution, direction: NDArray[np.floating], light: SeparatedLight
 ) -> NDArray[np.float32]:
     """Share 0..1 (...) of the light expected in directions (..., 3) that the camera really saw."""
     xy = camera_pixels(solution, direction)

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.linalg import spsolve
 
-from procam.estimate.light.separation import Light
+from procam.estimate.light.separation import SeparatedLight
 from procam.maths.warp import grow
 from procam.model.mask import Mask
 
@@ -20,14 +20,14 @@ BORDER_CAMERA_PX = 3  # how far lens and scattering carry light out of a hidden 
 NEIGHBOURS = ((0, 1), (0, -1), (1, 0), (-1, 0))
 
 
-def hidden_pixels(panel: Mask, projector_xy: Image) -> Pixels:
+def pixels_without_pattern(panel: Mask, projector_xy: Image) -> Pixels:
     """Camera pixels (H, W) that see marked pixels of a panel, or the light beside them."""
     return grow(panel.at(projector_xy), BORDER_CAMERA_PX)
 
 
 def fill_light(
-    light: Light, white: Image, hidden: Pixels, solid_angle_sr: NDArray[np.float64]
-) -> Light:
+    light: SeparatedLight, white: Image, hidden: Pixels, solid_angle_sr: NDArray[np.float64]
+) -> SeparatedLight:
     """Direct light continued over `hidden` camera pixels (H, W), as if white had shone there too.
 
     The border of the lit area is drawn straight through them. `white` (H, W, 3) is the photograph of

@@ -53,7 +53,7 @@ def tile_levels(
     return np.where(inside, np.searchsorted(LEVELS, np.rint(255 * drive)), -1)
 
 
-class ResponseFit:
+class ProjectorResponseFit:
     """Collects (level, direct light) samples of a projector; white's direct light is the unit."""
 
     def __init__(self, direct: Image, mix: Array) -> None:

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from procam.errors import OutOfModelRange
 from procam.estimate.geometry.camera_view import DomeView
-from procam.estimate.light.separation import Light, scatter_per_flux
+from procam.estimate.light.separation import SeparatedLight, scatter_per_flux
 from procam.maths.geometry.sphere import master_directions, master_pixels
-from procam.maths.light.scatter_kernel import Evidence, basis, predicted_ratio
+from procam.maths.light.scatter_kernel import ZoneMeasurements, basis, predicted_ratio
 from procam.maths.warp import sample
 from procam.model.transport import ScatterKernel
 
@@ -30,7 +30,7 @@ CLEARLY = 0.9  # a higher degree must err by less than this share of the lower o
 
 
 @dataclass(frozen=True, slots=True)
-class Lighting:
+class ScatterSample:
     """Bounced light of one picture in cells of the dome.
 
     Attributes
@@ -49,9 +49,9 @@ class Lighting:
         """Moments (K, C) of the direct light, up to degree `HIGHEST` [rel sr]."""
         return np.asarray(cell_basis().T @ self.direct)
 
-    def converted(self, matrix: Array) -> "Lighting":
+    def converted(self, matrix: Array) -> "ScatterSample":
         """The same in other channels, `matrix` (C, C) times the old ones."""
-        return Lighting(self.scattered @ matrix.T, self.pixels, self.direct @ matrix.T)
+        return ScatterSample(self.scattered @ matrix.T, self.pixels, self.direct @ matrix.T)
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,12 +90,12 @@ class ScatterCells:
         self._all = np.bincount(self._index, minlength=CELLS**2)
         self._solid = solid_angle_sr[self._use]
 
-    def lighting(self, scattered: Image, known: Mask, direct: Image) -> Lighting:
+    def lighting(self, scattered: Image, known: Mask, direct: Image) -> ScatterSample:
         """Bounced light (H, W, C) where it is `known` (H, W), and the direct light behind it."""
         light = np.nan_to_num(direct[self._use])
         sums = self._sums(light * self._solid[:, None], self._index)
         mean, pixels = self.mean(scattered, known)
-        return Lighting(mean, pixels, sums)
+        return ScatterSample(mean, pixels, sums)
 
     def mean(self, picture: Image, known: Mask) -> tuple[Array, Array]:
         """Cell means (N, C), NaN where less than `WHOLE` of a cell is known, and pixels (N,)."""
@@ -119,7 +119,7 @@ def cell_basis() -> Array:
 
 
 @dataclass(frozen=True, slots=True)
-class Spread:
+class ScatterSolution:
     """Where bounced light goes.
 
     `per_flux` (H, W, C) u of full white at camera pixels [1/sr]; `strengths`, one (H, W, C) per
@@ -133,9 +133,12 @@ class Spread:
     in_cells: Array
 
 
-def spread_of_light(
-    lights: Sequence[Light], lightings: Sequence[Sequence[Lighting]], view: DomeView, white: Array
-) -> Spread:
+def solve_scatter(
+    lights: Sequence[SeparatedLight],
+    lightings: Sequence[Sequence[ScatterSample]],
+    view: DomeView,
+    white: Array,
+) -> ScatterSolution:
     """Fit u and the kernel in turn: what white brings is told by projectors that are not all of it.
 
     `lightings` of each projector, its white first; `white` (N, C) flux of the whole dome's white.
@@ -149,12 +152,12 @@ def spread_of_light(
         mean, _ = cells.mean(per_flux, view.on_screen)
         fit = fit_scatter([x for each in lightings for x in each], mean, moment)
         whites = [each[0].moment for each in lightings]
-        strengths = [sample(_strength(fit.kernel, m), places, 1.0) for m in whites]
+        strengths = [sample(_relative_gain(fit.kernel, m), places, 1.0) for m in whites]
     per_flux = scatter_per_flux(lights, strengths)
-    return Spread(per_flux, strengths or [], fit, cells.mean(per_flux, view.on_screen)[0])
+    return ScatterSolution(per_flux, strengths or [], fit, cells.mean(per_flux, view.on_screen)[0])
 
 
-def _strength(kernel: ScatterKernel, moment: Array) -> Image:
+def _relative_gain(kernel: ScatterKernel, moment: Array) -> Image:
     """By how much more than full white's a unit of flux of these moments brings to each cell."""
     size = (kernel.degree + 1) ** 2
     phi = cell_basis()[:, :size]
@@ -165,7 +168,7 @@ def _strength(kernel: ScatterKernel, moment: Array) -> Image:
     return np.stack(each, axis=-1).reshape(CELLS, CELLS, -1).astype(np.float32)
 
 
-def fit_scatter(lightings: Sequence[Lighting], per_flux: Array, white: Array) -> ScatterFit:
+def fit_scatter(lightings: Sequence[ScatterSample], per_flux: Array, white: Array) -> ScatterFit:
     """Choose the kernel's degree by pictures held out, then fit it to all.
 
     Parameters
@@ -192,7 +195,7 @@ def fit_scatter(lightings: Sequence[Lighting], per_flux: Array, white: Array) ->
     return ScatterFit(ScatterKernel(degree, matrix, profile), held_out)
 
 
-def _bright(lightings: Sequence[Lighting]) -> list[Lighting]:
+def _bright(lightings: Sequence[ScatterSample]) -> list[ScatterSample]:
     """Without pictures that hardly light the dome: parts of a panel that miss it."""
     flux = np.array([x.moment[0].mean() for x in lightings])
     return [x for x, f in zip(lightings, flux, strict=True) if f > DIM * np.median(flux)]
@@ -211,7 +214,7 @@ class _Channel:
     """One colour of all pictures."""
 
     def __init__(
-        self, lightings: Sequence[Lighting], per_flux: Array, white: Array, channel: int
+        self, lightings: Sequence[ScatterSample], per_flux: Array, white: Array, channel: int
     ) -> None:
         on_dome = np.isfinite(per_flux) & (per_flux > 0)
         self._phi, self._white = cell_basis()[on_dome], white
@@ -243,7 +246,7 @@ class _Channel:
                 errors.append(np.average(miss**2, weights=weight) / scale**2)
         return float(np.sqrt(np.mean(errors)))
 
-    def _evidence(self, degree: int) -> Evidence:
+    def _evidence(self, degree: int) -> ZoneMeasurements:
         size = (degree + 1) ** 2
         pictures = self._ratio, self._weight, self._moment[:, :size]
-        return Evidence.of(self._phi[:, :size], pictures, self._white[:size])
+        return ZoneMeasurements.of(self._phi[:, :size], pictures, self._white[:size])

@@ -30,7 +30,7 @@ BORDER_SIGMA = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
-class Light:
+class SeparatedLight:
     """One projector's full white, split, in camera radiance [full scale/s].
 
     Attributes
@@ -106,7 +106,7 @@ class Separation:
         self._dark_sum += light * dark[..., None] * (weight / share).astype(np.float32)
         self._dark_weight += dark * np.float32(weight)
 
-    def result(self) -> Light:
+    def result(self) -> SeparatedLight:
         """The split, after all pairs."""
         on_screen = self._solid > 0
         known = (self._dark_weight > 0) & on_screen & np.isfinite(self._dark_sum).all(axis=-1)
@@ -120,7 +120,7 @@ class Separation:
         direct = np.where(near[..., None], white / self._count[..., None], 0).astype(np.float32)
         beyond = blur_within(direct, grow(self._inside, -1), EXTEND_PX)
         extended = np.where(grow(self._inside, -1)[..., None], direct, beyond)
-        return Light(
+        return SeparatedLight(
             direct,
             scattered,
             extended.astype(np.float32),
@@ -130,7 +130,9 @@ class Separation:
         )
 
 
-def scatter_per_flux(lights: Sequence[Light], strengths: Sequence[Image] | None = None) -> Image:
+def scatter_per_flux(
+    lights: Sequence[SeparatedLight], strengths: Sequence[Image] | None = None
+) -> Image:
     """U (H, W, C) [1/sr]: scattered radiance per direct flux, all projectors weighed together.
 
     `strengths` (H, W, C): by how much more than full white's a unit of flux of each projector brings
@@ -147,7 +149,7 @@ def scatter_per_flux(lights: Sequence[Light], strengths: Sequence[Image] | None 
 
 
 def feedback(
-    lights: list[Light],
+    lights: list[SeparatedLight],
     lit_sr: Array,
     on_screen_sr: Array,
     strengths: Sequence[Image],

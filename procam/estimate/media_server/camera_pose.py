@@ -8,10 +8,16 @@ from numpy.typing import NDArray
 
 from procam.errors import CalibrationError, NotEnoughData
 from procam.estimate.boards.targets import find_tags
-from procam.estimate.geometry.adjustment import Adjustment, Intrinsics, Problem, prior_of, spread_of
-from procam.estimate.geometry.apriltags import look_for_tags, tag_fiducials, toned
+from procam.estimate.geometry.adjustment import (
+    Adjustment,
+    Intrinsics,
+    RigProblem,
+    prior_of,
+    robust_sigma,
+)
+from procam.estimate.geometry.apriltags import detect_tags, tag_fiducials, toned
 from procam.estimate.geometry.fiducials import seen_point
-from procam.estimate.geometry.model import Layout, Observations, Rig, points_seen
+from procam.estimate.geometry.model import Observations, ParameterLayout, RigGeometry, points_seen
 from procam.estimate.geometry.solve import GeometrySolution
 from procam.estimate.geometry.start import place_by_rays
 from procam.estimate.media_server.dome_master import DomeMaster
@@ -43,7 +49,7 @@ class PlacedCamera:
 
     Attributes
     ----------
-    covariance : (P, P) of screen and camera, in the order of `Layout`.
+    covariance : (P, P) of screen and camera, in the order of `ParameterLayout`.
     tags : those that agree. error_arcmin : (T,) between where they are and where they are seen; it
         holds the server's own misalignment.
     dropped : names of tags that the others outvote.
@@ -75,7 +81,7 @@ def find_master_tags(
     found: list[Fiducial] = []
     for number in range(TAG_PICTURES):
         tags = [t.on_dome(master.model, sigma) for t in _tags(master, number)]
-        look = look_for_tags([pictures[number]], camera.lens, tags)
+        look = detect_tags([pictures[number]], camera.lens, tags)
         marks = tag_fiducials(tags, {camera.name: look}, {camera.name: camera})
         found += [replace(m, name=f"{m.name}, picture {number + 1}") for m in marks]
     if len(found) < FEWEST:
@@ -101,7 +107,7 @@ def place_camera(
     placed = _started(camera, shape, known, np.array([t.pixel for t in tags]))
     for _ in range(ROUNDS):
         error = _errors(placed, shape, tags, known)
-        good = error < OUTLIER_SIGMAS * max(spread_of(error), ALIGNED_ARCMIN)
+        good = error < OUTLIER_SIGMAS * max(robust_sigma(error), ALIGNED_ARCMIN)
         agree = good.sum() >= max(FEWEST, (1 - MOST_LOST) * len(tags))
         if not agree or np.median(error) > HOPELESS_ARCMIN:
             raise CalibrationError(_misfit(camera, shape, tags, known, error))
@@ -123,12 +129,12 @@ def server_geometry(
     """The rig of placed cameras and a server whose directions are known, as the solver gives rigs."""
     model, shape = master.model, RoundShape(radius_m)
     cameras = {name: each.camera for name, each in placed.items()}
-    rig = Rig(shape, cameras, {master.name: model})
-    layout = Layout.of(rig)
+    rig = RigGeometry(shape, cameras, {master.name: model})
+    layout = ParameterLayout.of(rig)
     covariance = np.zeros((layout.count, layout.count))
     seen, left, scale = {}, {}, {}
     for name, each in placed.items():
-        alone = Layout.of(Rig(shape, {name: each.camera}, {})).cameras[name]
+        alone = ParameterLayout.of(RigGeometry(shape, {name: each.camera}, {})).cameras[name]
         covariance[layout.cameras[name], layout.cameras[name]] = each.covariance[alone, alone]
         pixels = np.array([t.pixel for t in each.tags])
         arcmin_per_px = master.fov * ARCMIN / master.size
@@ -181,10 +187,10 @@ def _adjusted(
     camera: CameraModel, intrinsics: Intrinsics, shape: RoundShape, tags: Sequence[Fiducial]
 ) -> tuple[CameraModel, Array]:
     """The camera by least squares over tags, and the covariance (P, P) of screen and camera."""
-    problem = Problem(
+    problem = RigProblem(
         shape, {camera.name: camera}, {}, {}, {camera.name: intrinsics}, tags, radius_known=True
     )
-    rig = Rig(shape, {camera.name: camera}, {})
+    rig = RigGeometry(shape, {camera.name: camera}, {})
     adjustment = Adjustment(problem, {}, prior_of(problem, rig))
     rig = adjustment.solve(rig, robust=False)
     return rig.cameras[camera.name], adjustment.certainty(rig)[0]
@@ -198,7 +204,7 @@ def _errors(
     camera: CameraModel, shape: RoundShape, tags: Sequence[Fiducial], known: Array
 ) -> Array:
     """Angles (T,) [arcmin] from the dome's centre between known places (T, 3) and those seen."""
-    rig = Rig(shape, {camera.name: camera}, {})
+    rig = RigGeometry(shape, {camera.name: camera}, {})
     seen = normalise(points_seen(rig, camera.name, np.array([t.pixel for t in tags])))
     return np.nan_to_num(angle_between(seen, known) * ARCMIN, nan=np.inf)
 

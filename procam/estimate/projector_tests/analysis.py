@@ -25,7 +25,7 @@ from procam.estimate.projector_tests.patterns import (
     COUNT,
     GREYS,
     STRIPE_PX,
-    Layout,
+    PatchLayout,
     patch_bits,
     patch_codes,
 )
@@ -137,9 +137,13 @@ class Patches:
 
 
 def find_patches(
-    pair: tuple[Array, Array], bits: Sequence[Array], span: Array, noise: NoiseLaw, layout: Layout
+    pair: tuple[Array, Array],
+    bits: Sequence[Array],
+    span: Array,
+    noise: NoiseLaw,
+    layout: PatchLayout,
 ) -> Patches:
-    """Patches in signals (H, W) of `Layout.pair` and of bits 1 and 2; `span` is white - black.
+    """Patches in signals (H, W) of `PatchLayout.pair` and of bits 1 and 2; `span` is white - black.
 
     Raises
     ------
@@ -187,7 +191,7 @@ def colour_effects(
 ) -> tuple[Effect, Effect]:
     """How much brighter white is than red + green + blue, and than half of cyan + magenta + yellow.
 
-    Of the worst channel each; `colours` are those of `Layout.colours`, `pair` of `Layout.pair`.
+    Of the worst channel each; `colours` are those of `PatchLayout.colours`, `pair` of `PatchLayout.pair`.
     """
     first, direct = patch_bits(0), direct_light(pair)
     left = (colours[0] + colours[1] + colours[2]) - (pair[0] + pair[1].scaled(2))

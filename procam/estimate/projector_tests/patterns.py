@@ -38,7 +38,7 @@ def patch_codes() -> NDArray[np.intp]:
 
 
 @dataclass(frozen=True, slots=True)
-class Layout:
+class PatchLayout:
     """Where the patches of a panel `size` (width, height) are, and how large [px]."""
 
     size: tuple[int, int]

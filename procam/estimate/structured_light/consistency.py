@@ -14,7 +14,7 @@ from procam.estimate.structured_light.limits import default_limits
 from procam.estimate.structured_light.self_calibration import search
 from procam.estimate.structured_light.sinusoids import FEWEST, complete_base
 from procam.estimate.structured_light.stripes import StripeFolder
-from procam.maths.codes.phase import Wavelook
+from procam.maths.codes.phase import WaveDistortion
 
 Samples = NDArray[Any]
 Order = list[int | None]  # per plane of the code, the photograph that shows it
@@ -37,7 +37,7 @@ def probe_places(shape: tuple[int, int]) -> Places:
     return np.repeat(rows.ravel()[:, None], 3, axis=1), across
 
 
-class Soundness:
+class OrderConsistency:
     """Share of lit triples that decode to a straight line, for any order of the photographs.
 
     Parameters
@@ -129,6 +129,6 @@ def _by_waves(
     frames = complete_base(there, coding.waves.base, white, black)
     keep = np.isin(np.arange(len(sines)), list(frames))
     ordered = [frames[number] for number in sorted(frames)]
-    found = search(ordered, coding.waves.kept(keep), Wavelook(), coding.length)
+    found = search(ordered, coding.waves.kept(keep), WaveDistortion(), coding.length)
     scale = MISFIT * len(there) * np.maximum(found.amplitude, 1e-9) ** 2
     return found.position, np.nan_to_num(np.exp(-found.residual / scale))

@@ -15,7 +15,7 @@ LEVELS = (0, 16, 32, 48, 64, 80, 96, 112, 128, 144, 160, 176, 192, 208, 224, 240
 LEVEL_PICTURES = 2
 
 
-def plan_visit(
+def plan_session(
     projectors: dict[str, tuple[int, int]], exposure_s: float, black_exposure_s: float
 ) -> tuple[Plan, dict[str, Picture]]:
     """The plan for projectors of given sizes, and its pictures (H, W, 1 or 3) by path.

@@ -13,7 +13,7 @@ Slot = tuple[str, float]
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
+class PhotoObservation:
     """What a photograph looks like.
 
     Attributes
@@ -44,7 +44,7 @@ class Match:
     missing: list[Slot] = field(default_factory=list)
 
 
-def match_photos(plan: Plan, looks: Sequence[Look], stored: Set[Slot]) -> Match:
+def match_photos(plan: Plan, looks: Sequence[PhotoObservation], stored: Set[Slot]) -> Match:
     """Match photographs, in the order they were taken, to the shots of a plan.
 
     A person's word goes before the number seen. A photograph with neither gets the place that its
@@ -83,7 +83,7 @@ def match_photos(plan: Plan, looks: Sequence[Look], stored: Set[Slot]) -> Match:
 
 def _fill_gaps(
     plan: Plan,
-    looks: Sequence[Look],
+    looks: Sequence[PhotoObservation],
     places: Sequence[int | None],
     stored: Set[Slot],
     notes: list[str],
@@ -114,7 +114,7 @@ def _fill_gaps(
 
 
 def _unknown_runs(
-    looks: Sequence[Look], places: Sequence[int | None], count: int
+    looks: Sequence[PhotoObservation], places: Sequence[int | None], count: int
 ) -> list[tuple[list[int], int, int]]:
     """Photographs in a row without a known shot, and the shots before and after them."""
     runs: list[tuple[list[int], int, int]] = []
@@ -131,7 +131,7 @@ def _unknown_runs(
     return runs
 
 
-def _choose(shot: Shot, looks: Sequence[Look], photos: list[int], match: Match) -> None:
+def _choose(shot: Shot, looks: Sequence[PhotoObservation], photos: list[int], match: Match) -> None:
     """One photograph for each exposure of a shot."""
     by_exposure = _sorted_by_exposure(shot, looks, photos)
     if by_exposure is None:
@@ -154,7 +154,7 @@ def _choose(shot: Shot, looks: Sequence[Look], photos: list[int], match: Match) 
 
 
 def _sorted_by_exposure(
-    shot: Shot, looks: Sequence[Look], photos: list[int]
+    shot: Shot, looks: Sequence[PhotoObservation], photos: list[int]
 ) -> Mapping[float, list[int]] | None:
     """Photographs by the plan's exposure that theirs is nearest to; None if nothing tells."""
     if not photos:
@@ -174,7 +174,7 @@ def _sorted_by_exposure(
     return {e: [photo] for e, photo in zip(shot.exposures_s, sorted(photos), strict=True)}
 
 
-def _leave_stored(looks: Sequence[Look], stored: Set[Slot], match: Match) -> None:
+def _leave_stored(looks: Sequence[PhotoObservation], stored: Set[Slot], match: Match) -> None:
     """Forget photographs of what is stored already."""
     for slot in [s for s in match.chosen if s in stored]:
         match.notes.append(f"{looks[match.chosen.pop(slot)].name}: {slot[0]} is stored already")

@@ -17,8 +17,8 @@ from procam.errors import NotEnoughData
 from procam.estimate.camera.noise import NO_NOISE, NoiseLaw
 from procam.maths.codes.phase import (
     FIT_PARTS,
+    WaveDistortion,
     WaveFit,
-    Wavelook,
     Waves,
     search_columns,
     shared_sensitivity,
@@ -42,7 +42,7 @@ LEVELS = 12
 class WaveCalibration:
     """What all pixels of one axis share; `surplus` (K,) is each picture's flux beyond half of white's."""
 
-    look: Wavelook
+    look: WaveDistortion
     surplus: Array
     noise: NoiseLaw
 
@@ -76,7 +76,7 @@ def calibrate_waves(
     if variance is not None:
         scale = 1 / np.sqrt(np.ravel(variance)[where].astype(float))
         raw, full = raw * scale[:, None], full * scale
-    look, surplus, scattered = Wavelook(), np.zeros(len(frames)), np.zeros(len(where))
+    look, surplus, scattered = WaveDistortion(), np.zeros(len(frames)), np.zeros(len(where))
     for _ in range(ROUNDS):
         samples = raw - scattered[:, None] * surplus
         fit, seen = _fitted(samples, waves, look, length)
@@ -87,7 +87,9 @@ def calibrate_waves(
     return WaveCalibration(look, surplus, _noise_law(fit, len(frames) - UNKNOWNS))
 
 
-def _fitted(samples: Array, waves: Waves, look: Wavelook, length: int) -> tuple[WaveFit, Mask]:
+def _fitted(
+    samples: Array, waves: Waves, look: WaveDistortion, length: int
+) -> tuple[WaveFit, Mask]:
     """Fit of the samples (n, K) in which a wave is seen, and which (n,) these are."""
     found = search(list(np.ascontiguousarray(samples.T, np.float32)), waves, look, length)
     seen = np.isfinite(found.position)
@@ -101,7 +103,7 @@ def _fitted(samples: Array, waves: Waves, look: Wavelook, length: int) -> tuple[
 
 
 def search(
-    frames: Sequence[Samples], waves: Waves, look: Wavelook, length: int
+    frames: Sequence[Samples], waves: Waves, look: WaveDistortion, length: int
 ) -> kernels.PhaseFit:
     """Best column of every pixel; waves of a single period tell it only within that period.
 
@@ -126,7 +128,7 @@ def _step(
     now: WaveCalibration,
     fit: WaveFit,
     flux: tuple[Array, float],
-) -> tuple[Wavelook, Array]:
+) -> tuple[WaveDistortion, Array]:
     """One Gauss-Newton step of look and surplus; `flux`: scattered light (n,), size of surplus."""
     honest, surplus_sigma = _honest(fit), flux[1]
     fit = WaveFit(*(getattr(fit, name)[honest] for name in FIT_PARTS))
@@ -138,7 +140,7 @@ def _step(
     gradient = gradient / noise - values / size**2
     values = values + np.linalg.solve(matrix / noise + np.diag(size**-2), gradient)
     blur_px2 = float(np.clip(values[0], 0.0, LARGEST_BLUR_PX2))
-    return Wavelook(
+    return WaveDistortion(
         blur_px2, float(np.clip(values[1], -LARGEST_HARMONIC, LARGEST_HARMONIC))
     ), values[2:]
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from procam.errors import InputError
 from procam.estimate.structured_light.codes import AXES, Axis, Code
-from procam.estimate.structured_light.consistency import Order, Samples, Soundness
+from procam.estimate.structured_light.consistency import Order, OrderConsistency, Samples
 from procam.estimate.structured_light.limits import full_scale
 
 POOR = 0.5  # share of straight triples below which also the other axis is searched
@@ -30,7 +30,7 @@ BEYOND, MOST_BEYOND = 0.3, 0.1  # of a pixel's reach, and share of the pixels
 
 
 @dataclass
-class Verdict:
+class SetReport:
     """What a set of photographs turned out to be.
 
     Attributes
@@ -45,7 +45,7 @@ class Verdict:
 
 def examine(
     code: Code, sequence: Sequence[int], probes: Sequence[Samples], names: Sequence[str]
-) -> Verdict:
+) -> SetReport:
     """Match photographs with the planes of `code`.
 
     Parameters
@@ -60,7 +60,7 @@ def examine(
     inspector.drop_stale(order)
     inspector.exchange(order)
     inspector.judge(order)
-    return Verdict(order, inspector.notes)
+    return SetReport(order, inspector.notes)
 
 
 class _Inspector:
@@ -78,7 +78,7 @@ class _Inspector:
             )
         self.lit = reach > 0.25 * reach.max()
         self.reach = float(reach[self.lit].mean())
-        self._sound = Soundness(code, self.probes)
+        self._sound = OrderConsistency(code, self.probes)
 
     def matched(self, sequence: Sequence[int]) -> Order:
         """Photographs by plane, with one too many or one missing taken care of."""

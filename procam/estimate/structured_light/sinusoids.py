@@ -16,7 +16,7 @@ from procam.estimate.structured_light.self_calibration import (
     search,
 )
 from procam.kernels import PhaseFit
-from procam.maths.codes.phase import Wavelook, Waves
+from procam.maths.codes.phase import WaveDistortion, Waves
 
 Map = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -82,7 +82,7 @@ class WaveResult:
     x: Map
     sigma: Map
     amplitude: Map
-    look: Wavelook
+    look: WaveDistortion
     noise: NoiseLaw
     period_px: float
 
@@ -140,7 +140,11 @@ def _balanced(
 
 
 def _search_rest(
-    pictures: WavePictures, frames: Sequence[Samples], look: Wavelook, rows: Mask, found: PhaseFit
+    pictures: WavePictures,
+    frames: Sequence[Samples],
+    look: WaveDistortion,
+    rows: Mask,
+    found: PhaseFit,
 ) -> None:
     """Put the answer for pixels `rows` (H, W) with missing samples into `found`, in place."""
     samples = np.stack([f[rows] for f in frames], axis=1).astype(np.float32)

@@ -11,7 +11,7 @@ from procam.files.calibration import load_dome
 from procam.interfaces.cli.memory import keep_large_buffers
 from procam.interfaces.cli.output import Output
 from procam.workflows.playout.compensate import compensate_clip, compensate_file, write_report
-from procam.workflows.playout.frame import How
+from procam.workflows.playout.frame import FrameSettings
 from procam.workflows.playout.sources import PipeClip
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ Rows = dict[int, dict[str, Any]]
 def run_compensate(
     calibration: Path,
     ends: tuple[Path, Path],
-    how: How,
+    how: FrameSettings,
     told: tuple[Path | None, Path | None],
     pipe: tuple[int, str],
     output: Output,
@@ -69,7 +69,7 @@ def run_warp(
 def _run_pipe(
     calibration: Path,
     ends: tuple[Path, Path],
-    how: How,
+    how: FrameSettings,
     told: tuple[Path | None, Path | None],
     pipe: tuple[int, str],
     output: Output,
@@ -143,7 +143,7 @@ def _collected(events: "Iterator[Event]", rows: Rows) -> "Iterator[Event]":
         yield event
 
 
-def _tell(rows: Rows, ends: tuple[Path, Path], how: How, output: Output) -> None:
+def _tell(rows: Rows, ends: tuple[Path, Path], how: FrameSettings, output: Output) -> None:
     frames = [rows[number] for number in sorted(rows)]
     document: dict[str, Any] = {
         "out": str(ends[1]),
@@ -211,10 +211,10 @@ def _write_report(report: Path, rows: Rows) -> None:
     write_clip_plot(_plot(report), frames)
 
 
-def _explain(calibration: Path, source: Path, how: How, folder: Path) -> None:
+def _explain(calibration: Path, source: Path, how: FrameSettings, folder: Path) -> None:
     from procam.interfaces.plots.clip import write_explained
-    from procam.workflows.playout.explain import explain, first_piece, write_pictures
+    from procam.workflows.playout.explain import explain, first_frame, write_pictures
 
-    explained = explain(load_dome(calibration), first_piece(source), how)
+    explained = explain(load_dome(calibration), first_frame(source), how)
     write_pictures(folder, explained)
     write_explained(_sheet(folder), explained, how.strength)

@@ -17,7 +17,7 @@ from procam.estimate.boards.planar_pair import (
     fit_planar_pair,
     pair_view,
 )
-from procam.estimate.boards.robust_fit import tells_pose
+from procam.estimate.boards.robust_fit import determines_pose
 from procam.estimate.boards.targets import Board, find_board
 from procam.estimate.structured_light.codes import Code, make_code
 from procam.files.atomic import write_text
@@ -98,7 +98,7 @@ def _view(place: Path, board: Board, found: CorrespondenceMap) -> PairView | Non
         return None
     view = pair_view(place.name, *seen, found)
     lit = np.isfinite(view.projector_px).all(axis=1)
-    return view if tells_pose(view.points[lit]) else None
+    return view if determines_pose(view.points[lit]) else None
 
 
 def _too_few(board: Board, poses: int, skipped: Sequence[str]) -> str:

@@ -100,7 +100,7 @@ def cramer_rao_variance(
 
 
 @dataclass(frozen=True, slots=True)
-class Wavelook:
+class WaveDistortion:
     """What lens and response make of the waves, alike all over one axis.
 
     Attributes
@@ -144,7 +144,7 @@ class WaveFit:
 
 
 def fit_waves(
-    samples: Array, keep: NDArray[np.bool_], waves: Waves, look: Wavelook, x: Array
+    samples: Array, keep: NDArray[np.bool_], waves: Waves, look: WaveDistortion, x: Array
 ) -> WaveFit:
     """Fit A + B (m cos t + h cos 2t) to samples (n, K), of which `keep` (n, K) count, from x (n,)."""
     weight = keep.astype(float)
@@ -163,7 +163,7 @@ def fit_waves(
 
 
 def search_columns(
-    samples: Array, keep: NDArray[np.bool_], waves: Waves, look: Wavelook, length: int
+    samples: Array, keep: NDArray[np.bool_], waves: Waves, look: WaveDistortion, length: int
 ) -> tuple[WaveFit, Array]:
     """Best column of all for samples (n, K) of which only `keep` (n, K) count.
 
@@ -201,7 +201,7 @@ def search_columns(
 
 
 def shared_sensitivity(
-    samples: Array, waves: Waves, look: Wavelook, fit: WaveFit
+    samples: Array, waves: Waves, look: WaveDistortion, fit: WaveFit
 ) -> tuple[Array, Array, Array]:
     """What fits leave of samples (n, K), and what all pixels share would change of it.
 
@@ -219,7 +219,7 @@ def shared_sensitivity(
     by_blur = (
         bend * look.modulation(waves) * np.cos(angles) + bend_2 * look.harmonics(waves) * twice
     )
-    by_harmonic = Wavelook(look.blur_px2, 1.0).harmonics(waves) * twice
+    by_harmonic = WaveDistortion(look.blur_px2, 1.0).harmonics(waves) * twice
     amplitude = fit.amplitude[:, None]
     error = samples - fit.offset[:, None] - amplitude * value
     left, *shared = (
@@ -245,7 +245,7 @@ def _without(basis: Array, vector: Array) -> Array:
     return vector
 
 
-def _curve(waves: Waves, look: Wavelook, x: Array) -> tuple[Array, Array]:
+def _curve(waves: Waves, look: WaveDistortion, x: Array) -> tuple[Array, Array]:
     """Normalised wave (n, K) at columns x (n,), and its slope per px."""
     angles = waves.angles(x)
     m, h = look.modulation(waves), look.harmonics(waves)
@@ -255,7 +255,7 @@ def _curve(waves: Waves, look: Wavelook, x: Array) -> tuple[Array, Array]:
 
 
 def _local_model(
-    waves: Waves, look: Wavelook, x: Array, offset: Array, amplitude: Array, samples: Array
+    waves: Waves, look: WaveDistortion, x: Array, offset: Array, amplitude: Array, samples: Array
 ) -> tuple[Array, Array]:
     """Jacobian (n, K, 3) by offset, amplitude and column, and what is left of the samples."""
     value, slope = _curve(waves, look, x)

@@ -65,6 +65,6 @@ class RoundShape:
         return on_screen(origin, direction, self.radius_m, self.bumps, relief)
 
 
-def bump_count(degree: int) -> int:
+def shape_coefficient_count(degree: int) -> int:
     """Number of coefficients up to a degree; 0 for an exact sphere."""
     return harmonic_count(LOWEST, degree) if degree else 0

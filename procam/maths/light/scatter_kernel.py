@@ -59,7 +59,7 @@ def moments(direct: Array, solid_angle_sr: Array, phi: Array) -> Array:
 
 
 @dataclass(frozen=True, slots=True)
-class Evidence:
+class ZoneMeasurements:
     """What pictures of known direct light tell of B, of one colour; any subset of them can be fitted.
 
     `normal` (P, T, T): normal equations of each picture for the T numbers in B. `mean` (T,): their
@@ -71,7 +71,9 @@ class Evidence:
     white: Array
 
     @classmethod
-    def of(cls, phi: Array, pictures: tuple[Array, Array, Array], white: Array) -> "Evidence":
+    def of(
+        cls, phi: Array, pictures: tuple[Array, Array, Array], white: Array
+    ) -> "ZoneMeasurements":
         """Gather it.
 
         Parameters
@@ -115,7 +117,7 @@ class Evidence:
 
 
 def predicted_ratio(phi: Array, matrix: Array, profile: Array, moment: Array) -> Array:
-    """Ratio (P, N), as `Evidence` takes it, that pictures of moments (P, K) should show."""
+    """Ratio (P, N), as `ZoneMeasurements` takes it, that pictures of moments (P, K) should show."""
     return np.asarray((moment @ matrix) @ phi.T / (phi @ profile))
 
 

@@ -29,7 +29,7 @@ INNER = 1e-6  # of the balances within one
 
 
 @dataclass(frozen=True, slots=True)
-class Room:
+class MeshRoom:
     """Faces that exchange light: `albedo` (N,) of one colour, `factors` (N, N) of `form_factors`."""
 
     albedo: Array
@@ -76,7 +76,7 @@ class Room:
         return [slice(at, at + ROWS) for at in range(0, len(self.factors), ROWS)]
 
 
-def exact_light(room: Room, target: Array, lo: Array, hi: Array) -> Array:
+def exact_light(room: MeshRoom, target: Array, lo: Array, hi: Array) -> Array:
     """Direct light (N,) that solves (P): b0 = clip(t - (N - I) b0, lo, hi), all arrays (N,).
 
     Notes
@@ -111,7 +111,7 @@ class LeastSquares:
     points closer.
     """
 
-    room: Room
+    room: MeshRoom
     target: Array
     weight: Array
     lo: Array
@@ -119,7 +119,9 @@ class LeastSquares:
     curvature: Array
 
     @classmethod
-    def of(cls, room: Room, target: Array, weight: Array, lo: Array, hi: Array) -> "LeastSquares":
+    def of(
+        cls, room: MeshRoom, target: Array, weight: Array, lo: Array, hi: Array
+    ) -> "LeastSquares":
         """The problem. Faces without weight are for those whose limits leave no choice."""
         rows = room.all_back(weight * room.all(np.ones_like(weight)))
         return cls(room, target, weight, lo, hi, np.where(rows > 0, rows, 1))

@@ -18,7 +18,7 @@ from procam.files.session import Session
 from procam.files.venue.load import Venue
 from procam.maths.codes.shot_id import CELLS_PER_MASTER, CELLS_PER_PANEL, draw_number
 from procam.model.plan import Plan, Shot
-from procam.workflows.capture.session_plan import plan_of_visit, server_of
+from procam.workflows.capture.session_plan import plan_of_session, server_of
 
 PREFIX = "hand-"  # keeps these sessions apart from those that `procam capture` resumes
 HOLD_S = 4  # to find the shutter button, beside twice the exposures
@@ -30,7 +30,7 @@ COLUMNS = ("number", "shot", "projector", "purpose", "picture", "exposures_s", "
 def prepare_by_hand(venue: Venue) -> Session:
     """A new session whose pictures carry their numbers, for photographs to be ingested."""
     capture = venue.table.capture
-    plan, patterns = plan_of_visit(venue)
+    plan, patterns = plan_of_session(venue)
     light = black_light(capture.exposure_s, capture.black_exposure_s)
     cells = CELLS_PER_MASTER if server_of(venue) else CELLS_PER_PANEL
     numbered, shots = {}, []

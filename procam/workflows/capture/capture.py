@@ -17,7 +17,7 @@ from procam.files.venue.load import Venue
 from procam.model.frame import CameraSettings, Frame
 from procam.model.optics import Sensor
 from procam.model.plan import Plan, Shot
-from procam.workflows.capture.session_plan import plan_of_visit
+from procam.workflows.capture.session_plan import plan_of_session
 from procam.workflows.events import Event
 
 ATTEMPTS = 3
@@ -44,7 +44,7 @@ def prepare_session(venue: Venue, directory: Path) -> Session:
         shutil.rmtree(directory)  # nothing was captured with the old file
     directory.mkdir(parents=True, exist_ok=True)
     atomic.write_text(directory / "venue.toml", text)
-    session.write_plan(*plan_of_visit(venue))
+    session.write_plan(*plan_of_session(venue))
     return session
 
 

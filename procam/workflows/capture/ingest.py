@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from procam.errors import CalibrationError, FileFormatError, InputError
 from procam.estimate.camera.response import CameraResponse, solve_response
-from procam.estimate.structured_light.photo_match import Look, Match, Slot, match_photos
+from procam.estimate.structured_light.photo_match import Match, PhotoObservation, Slot, match_photos
 from procam.files import atomic
 from procam.files.images.photos import (
     Photo,
@@ -39,7 +39,7 @@ class _Surveyed:
     """What is kept of a photograph while the others are looked at; its pixels are not."""
 
     path: Path
-    look: Look
+    look: PhotoObservation
     channels: int
     taken_s: float | None
     setting: tuple[float | None, float | None]
@@ -170,7 +170,7 @@ def _survey(
             f"{path}: got {width}x{height} px, expected {model.size[0]}x{model.size[1]} as venue.toml "
             "says; export it whole and unturned, or correct the camera's size"
         )
-    look = Look(path.name, number, claimed, photo.exposure_s, clipped, sharpness, fits)
+    look = PhotoObservation(path.name, number, claimed, photo.exposure_s, clipped, sharpness, fits)
     channels = photo.pixels.shape[2]
     return _Surveyed(path, look, channels, photo.taken_s, (photo.sensitivity, photo.aperture))
 

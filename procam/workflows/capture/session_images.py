@@ -21,7 +21,7 @@ SHOWN = 5  # missing shots that a line names
 
 
 @dataclass(frozen=True)
-class Readings:
+class SessionImages:
     """Stored shots of one camera, turned into radiance."""
 
     session: Session

@@ -21,7 +21,7 @@ from procam.estimate.projector_tests.patterns import (
     DARK_LEVELS,
     GREYS,
     HALF_LIGHT,
-    Layout,
+    PatchLayout,
 )
 from procam.files.venue.load import CaptureTable
 from procam.model.frame import Frame
@@ -59,7 +59,7 @@ class BehaviourTest:
 
     def __init__(self, examined: ExaminedCamera, projector: str) -> None:
         self._examined, self._projector = examined, projector
-        self._layout = Layout(examined.rig.projectors[projector].size)
+        self._layout = PatchLayout(examined.rig.projectors[projector].size)
         self._black = np.zeros((*self._layout.size[::-1], 3), np.float32)
         self._exposure_s = 0.0
 

@@ -18,13 +18,13 @@ from procam.files.images.movies import is_movie
 from procam.files.images.sequences import MadeLog, Numbered
 from procam.model.calibration import Calibration
 from procam.workflows.events import Event
-from procam.workflows.playout.frame import ClipEngine, How
+from procam.workflows.playout.frame import ClipEngine, FrameSettings
 from procam.workflows.playout.overwrite_check import Named, refuse_overwriting
 from procam.workflows.playout.pipeline import flow
 from procam.workflows.playout.sources import (
     Clip,
+    ClipFrame,
     MovieClip,
-    Piece,
     Row,
     SequenceClip,
     StillClip,
@@ -42,7 +42,7 @@ def compensate_file(
     calibration_dir: Path,
     source: Path,
     out: Path,
-    how: How,
+    how: FrameSettings,
     again: bool = False,
     beside: Sequence[Named] = (),
 ) -> Iterator[Event]:
@@ -61,7 +61,7 @@ def compensate_file(
     yield from compensate_clip(calibration, clip, how)
 
 
-def open_clip(source: Path, out: Path, calibration_dir: Path, how: How) -> FileClip:
+def open_clip(source: Path, out: Path, calibration_dir: Path, how: FrameSettings) -> FileClip:
     """The clip that IN and OUT name, and what is left to do of it."""
     sequence = source_sequence(source)
     if sequence:
@@ -80,7 +80,7 @@ def sequence_log(folder: Path, names: Numbered) -> Path:
 
 
 def compensate_clip(
-    calibration: Calibration, clip: Clip, how: How, certify: bool = True
+    calibration: Calibration, clip: Clip, how: FrameSettings, certify: bool = True
 ) -> Iterator[Event]:
     """Compensate all frames of a clip; an event per frame, as `compensate_file`'s.
 
@@ -88,7 +88,7 @@ def compensate_clip(
     """
     engine = ClipEngine(calibration, how, clip.suffix, certify)
 
-    def work(piece: Piece) -> Callable[[], tuple[str, Row]]:
+    def work(piece: ClipFrame) -> Callable[[], tuple[str, Row]]:
         made = engine.make(piece)
 
         def write() -> tuple[str, Row]:
@@ -106,7 +106,7 @@ def compensate_clip(
         raise FileFormatError("IN: got no frame, expected one or more; is it the right clip?")
 
 
-def each_frame(clip: Clip, work: Callable[[Piece], Callable[[], Made]]) -> Iterator[Made]:
+def each_frame(clip: Clip, work: Callable[[ClipFrame], Callable[[], Made]]) -> Iterator[Made]:
     """What `work` makes of the frames of an open clip, in their order."""
     reads = iter(clip.reads())
     first = next((job() for job in reads), None)
@@ -118,7 +118,7 @@ def each_frame(clip: Clip, work: Callable[[Piece], Callable[[], Made]]) -> Itera
     yield from flow(jobs, work, crew)
 
 
-def run_key(calibration_dir: Path, how: How, *more: str) -> str:
+def run_key(calibration_dir: Path, how: FrameSettings, *more: str) -> str:
     """What makes two runs the same: calibration (with `more` of its files), settings, program."""
     digest = hashlib.sha256(json.dumps([__version__, asdict(how)]).encode())
     for part in (*PARTS, *more):
@@ -136,5 +136,5 @@ def write_report(path: Path, rows: Sequence[Row]) -> None:
     atomic.write_text(path, text.getvalue())
 
 
-def _given(piece: Piece) -> Callable[[], Piece]:
+def _given(piece: ClipFrame) -> Callable[[], ClipFrame]:
     return [piece].pop  # given away: else it would live as long as the clip

@@ -11,8 +11,13 @@ from procam.errors import FileFormatError
 from procam.files.images.images import RGB, write_channels
 from procam.files.images.movies import MovieReader, is_movie
 from procam.model.calibration import Calibration
-from procam.workflows.playout.frame import How, decoded, named_transfer, square_edge
-from procam.workflows.playout.sources import Piece, movie_piece, read_piece, source_sequence
+from procam.workflows.playout.frame import FrameSettings, decoded, named_transfer, square_edge
+from procam.workflows.playout.sources import (
+    ClipFrame,
+    movie_clip_frame,
+    read_clip_frame,
+    source_sequence,
+)
 
 Image = NDArray[np.float32]
 
@@ -38,21 +43,21 @@ class Explained:
     limits: Image
 
 
-def first_piece(source: Path) -> Piece:
+def first_frame(source: Path) -> ClipFrame:
     """The first frame of what IN names."""
     sequence = source_sequence(source)
     if sequence:
-        return read_piece(sequence.names.path(sequence.numbers[0]))
+        return read_clip_frame(sequence.names.path(sequence.numbers[0]))
     if not is_movie(source):
-        return read_piece(source)
+        return read_clip_frame(source)
     with MovieReader(source) as reader:
         frame = next(iter(reader), None)
         if frame is None:
             raise FileFormatError(f"{source}: got no frame, expected one or more")
-        return movie_piece(reader, frame, 0)
+        return movie_clip_frame(reader, frame, 0)
 
 
-def explain(calibration: Calibration, piece: Piece, how: How) -> Explained:
+def explain(calibration: Calibration, piece: ClipFrame, how: FrameSettings) -> Explained:
     """Solve a frame with (in full, whatever the strength) and without compensation, in linear light."""
     size = square_edge(piece)
     content = decoded(piece.rgb, named_transfer(piece, how))

@@ -12,7 +12,7 @@ from procam.kernels.arrays import least_colour
 from procam.maths.light.transfer import NAMES, transfer
 from procam.model.calibration import Calibration
 from procam.model.transport import DomeMaps
-from procam.workflows.playout.sources import Piece
+from procam.workflows.playout.sources import ClipFrame
 
 Pixels = NDArray[Any]
 COLOURS = "rgb"
@@ -21,7 +21,7 @@ ROUNDING = 1e-3  # of a coverage: half floats
 
 
 @dataclass(frozen=True, slots=True)
-class How:
+class FrameSettings:
     """Settings of a run, as `Compensator` takes them."""
 
     method: str = "exact"
@@ -32,7 +32,7 @@ class How:
 
 
 @dataclass(frozen=True, slots=True)
-class Made:
+class CompensatedFrame:
     """A frame that is made: encoded colours (N, N, 3), their transfer function, the report's row."""
 
     rgb: Pixels
@@ -52,7 +52,7 @@ class ClipEngine:
     """
 
     def __init__(
-        self, calibration: Calibration, how: How, suffix: str, certify: bool = True
+        self, calibration: Calibration, how: FrameSettings, suffix: str, certify: bool = True
     ) -> None:
         require_photometry(calibration)
         self._calibration, self._how, self._suffix = calibration, how, suffix
@@ -60,7 +60,7 @@ class ClipEngine:
         self._compensator: Compensator | None = None
         self._encoding: tuple[np.dtype[Any], str] | None = None
 
-    def make(self, piece: Piece) -> Made:
+    def make(self, piece: ClipFrame) -> CompensatedFrame:
         """Compensate a frame."""
         named = named_transfer(piece, self._how)
         dtype, out = output_encoding(piece.rgb.dtype, named, self._suffix)
@@ -68,11 +68,11 @@ class ClipEngine:
         compensator = self._for(piece, dtype, out)
         row: dict[str, Any] = {"frame": piece.number, "above_one": piece.above_one}
         if not self._certify:
-            return Made(compensator.frame(rgb, rgb), out, row)
+            return CompensatedFrame(compensator.frame(rgb, rgb), out, row)
         made = compensator.frame(rgb)
-        return Made(made, out, row | _worth(compensator))
+        return CompensatedFrame(made, out, row | _worth(compensator))
 
-    def _for(self, piece: Piece, dtype: np.dtype[Any], out: str) -> Compensator:
+    def _for(self, piece: ClipFrame, dtype: np.dtype[Any], out: str) -> Compensator:
         size = square_edge(piece)
         if self._compensator is None or self._encoding is None:
             how = self._how
@@ -131,7 +131,7 @@ def _wrong_places(maps: DomeMaps) -> dict[str, tuple[NDArray[np.bool_], str]]:
     return found
 
 
-def named_transfer(piece: Piece, how: How) -> str:
+def named_transfer(piece: ClipFrame, how: FrameSettings) -> str:
     """The transfer function of a frame; refuses one without a name."""
     named = how.transfer or piece.transfer
     if named is None:
@@ -144,7 +144,7 @@ def named_transfer(piece: Piece, how: How) -> str:
     return named
 
 
-def square_edge(piece: Piece) -> int:
+def square_edge(piece: ClipFrame) -> int:
     """Edge [px] of a dome master; refuses what is not square."""
     height, width = piece.rgb.shape[:2]
     if height != width:

@@ -18,7 +18,7 @@ MOST_THREADS = 4  # EXR is packed by OpenImageIO's own threads besides
 
 
 @dataclass(frozen=True, slots=True)
-class Crew:
+class ThreadPlan:
     """How many threads read and write, and how many frames each side may hold.
 
     `patience_s` is how long the end waits for a thread that is at work: a movie must not be closed
@@ -30,18 +30,18 @@ class Crew:
     patience_s: float = 60.0
 
     @classmethod
-    def for_pictures(cls, frame_bytes: int) -> "Crew":
+    def for_pictures(cls, frame_bytes: int) -> "ThreadPlan":
         """For files that are read and written independently."""
         threads = max(1, min(MOST_THREADS, (os.cpu_count() or 1) // 2))
         return cls(threads, _depth(2 * threads, frame_bytes))
 
     @classmethod
-    def for_movie(cls, frame_bytes: int) -> "Crew":
+    def for_movie(cls, frame_bytes: int) -> "ThreadPlan":
         """For frames that come and go one after the other."""
         return cls(1, _depth(3, frame_bytes))
 
     @classmethod
-    def for_pipe(cls) -> "Crew":
+    def for_pipe(cls) -> "ThreadPlan":
         """For live frames: what waits is late."""
         return cls(1, 1, 0.5)
 
@@ -49,7 +49,7 @@ class Crew:
 def flow(
     reads: Iterable[Callable[[], Frame | None]],
     work: Callable[[Frame], Callable[[], Made]],
-    crew: Crew,
+    crew: ThreadPlan,
 ) -> Iterator[Made]:
     """Run frames through: `reads` in threads, `work` here, what it returns in threads; in order.
 
@@ -83,7 +83,7 @@ def flow(
         writers.stop(crew.patience_s)
 
 
-def begun(job: Callable[[], Result]) -> Callable[[], Result]:
+def prefetched(job: Callable[[], Result]) -> Callable[[], Result]:
     """A job that a thread is at work on already; what it gives, or its error, is handed over once."""
     future: Future[Result] = Future()
     threading.Thread(target=_fulfil, name=THREAD, args=(future, job), daemon=True).start()

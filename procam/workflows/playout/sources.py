@@ -33,18 +33,18 @@ from procam.files.images.sequences import (
     state_of,
 )
 from procam.files.images.stills import read_still, write_still
-from procam.workflows.playout.pipeline import Crew, begun
+from procam.workflows.playout.pipeline import ThreadPlan, prefetched
 
 Pixels = NDArray[Any]
 Row = dict[str, Any]
-Reads = Iterator[Callable[[], "Piece | None"]]
+Reads = Iterator[Callable[[], "ClipFrame | None"]]
 ONE_AS_HALF, INFINITE_AS_HALF = 0x3C00, 0x7C00
 UNTAGGED = 2  # transfer characteristics as ITU-T H.273 and FFmpeg count them
 HIGH_RANGE = {16: " (PQ)", 18: " (HLG)"}
 
 
 @dataclass(frozen=True, slots=True)
-class Piece:
+class ClipFrame:
     """One frame of a clip as it came.
 
     Attributes
@@ -83,13 +83,13 @@ class Clip(Protocol):
     def __exit__(self, *error: object) -> None:
         """Close it."""
 
-    def crew(self, frame_bytes: int) -> Crew:
+    def crew(self, frame_bytes: int) -> ThreadPlan:
         """Threads for it."""
 
     def reads(self) -> Reads:
         """Jobs that each read a frame; None ends them."""
 
-    def write(self, piece: Piece, rgb: Pixels, transfer: str, row: Row) -> None:
+    def write(self, piece: ClipFrame, rgb: Pixels, transfer: str, row: Row) -> None:
         """Store what was made of a frame; `row` is what a report says of it."""
 
 
@@ -110,15 +110,15 @@ class StillClip:
     def __exit__(self, *error: object) -> None:
         """Pictures are closed already."""
 
-    def crew(self, frame_bytes: int) -> Crew:
+    def crew(self, frame_bytes: int) -> ThreadPlan:
         """One after the other."""
-        return Crew.for_movie(frame_bytes)
+        return ThreadPlan.for_movie(frame_bytes)
 
     def reads(self) -> Reads:
         """The picture."""
-        yield lambda: read_piece(self.source)
+        yield lambda: read_clip_frame(self.source)
 
-    def write(self, piece: Piece, rgb: Pixels, transfer: str, row: Row) -> None:
+    def write(self, piece: ClipFrame, rgb: Pixels, transfer: str, row: Row) -> None:
         """Write the picture."""
         write_still(self.out, rgb, piece.carried, transfer)
 
@@ -149,26 +149,26 @@ class SequenceClip:
         """Whether a logged picture, whose own file is whole, needs nothing more."""
         return True
 
-    def crew(self, frame_bytes: int) -> Crew:
+    def crew(self, frame_bytes: int) -> ThreadPlan:
         """Several at once."""
-        return Crew.for_pictures(frame_bytes)
+        return ThreadPlan.for_pictures(frame_bytes)
 
     def reads(self) -> Reads:
         """The pictures that are still to be made."""
         for number in self._todo:
             yield partial(self._read, number)
 
-    def write(self, piece: Piece, rgb: Pixels, transfer: str, row: Row) -> None:
+    def write(self, piece: ClipFrame, rgb: Pixels, transfer: str, row: Row) -> None:
         """Write a picture and log it."""
         state, still = piece.carried
         out = self._names.path(piece.number)
         write_still(out, rgb, still, transfer)
         self.log.add(out, state, row)
 
-    def _read(self, number: int) -> Piece:
+    def _read(self, number: int) -> ClipFrame:
         path = self._sequence.names.path(number)
         state = state_of(path)
-        piece = read_piece(path, number)
+        piece = read_clip_frame(path, number)
         return replace(piece, carried=(state, piece.carried))
 
 
@@ -201,27 +201,27 @@ class MovieClip:
         if error == (None, None, None) and self._writer is not None:
             self._log.add(self.out, self._state, {})
 
-    def crew(self, frame_bytes: int) -> Crew:
+    def crew(self, frame_bytes: int) -> ThreadPlan:
         """One frame after the other."""
-        return Crew.for_movie(frame_bytes)
+        return ThreadPlan.for_movie(frame_bytes)
 
     def reads(self) -> Reads:
         """The frames."""
         return repeat(self._read)
 
-    def write(self, piece: Piece, rgb: Pixels, transfer: str, row: Row) -> None:
+    def write(self, piece: ClipFrame, rgb: Pixels, transfer: str, row: Row) -> None:
         """Encode a frame."""
         if self._writer is None:
             movie = new_movie(self.out, self.reader, transfer=transfer)
             self._writer = self.stack.enter_context(movie)
         self._writer.write(rgb, piece.carried)
 
-    def _read(self) -> Piece | None:
+    def _read(self) -> ClipFrame | None:
         frame = next(self._frames, None)
         if frame is None:
             return None
         self._count += 1
-        return movie_piece(self.reader, frame, self._count - 1)
+        return movie_clip_frame(self.reader, frame, self._count - 1)
 
 
 class PipeClip:
@@ -239,7 +239,7 @@ class PipeClip:
         self._size, self._dtype = size, dtype
         self._count = 0
         self.latency_s = array("f")
-        self._first = begun(self._read)
+        self._first = prefetched(self._read)
 
     def __enter__(self) -> Self:
         return self
@@ -247,20 +247,20 @@ class PipeClip:
     def __exit__(self, *error: object) -> None:
         """The pipes are the system's."""
 
-    def crew(self, frame_bytes: int) -> Crew:
+    def crew(self, frame_bytes: int) -> ThreadPlan:
         """As little waiting as can be."""
-        return Crew.for_pipe()
+        return ThreadPlan.for_pipe()
 
     def reads(self) -> Reads:
         """Frames until the pipe ends."""
         return chain([self._first], repeat(self._read))
 
-    def write(self, piece: Piece, rgb: Pixels, transfer: str, row: Row) -> None:
+    def write(self, piece: ClipFrame, rgb: Pixels, transfer: str, row: Row) -> None:
         """Send a frame at once."""
         write_frame(self._out, rgb)
         self.latency_s.append(time.perf_counter() - piece.came_s)
 
-    def _read(self) -> Piece | None:
+    def _read(self) -> ClipFrame | None:
         rgb: Pixels = np.empty((self._size, self._size, 3), self._dtype)
         if not read_frame(self._source, rgb, self._count):
             return None
@@ -268,24 +268,24 @@ class PipeClip:
         number = self._count - 1
         name = f"frame {number} of stdin"
         default = "linear" if self._dtype.kind == "f" else "srgb"
-        return Piece(number, name, rgb, default, count_above_one(name, rgb))
+        return ClipFrame(number, name, rgb, default, count_above_one(name, rgb))
 
 
-def read_piece(path: Path, number: int = 0) -> Piece:
+def read_clip_frame(path: Path, number: int = 0) -> ClipFrame:
     """A picture with all that is kept of it; refuses light that is NaN or infinite."""
     still = read_still(path)
     above = count_above_one(path, still.rgb)
     said = still.spec.get_string_attribute("oiio:ColorSpace")
-    return Piece(number, str(path), still.rgb, still.transfer, above, still, said=said)
+    return ClipFrame(number, str(path), still.rgb, still.transfer, above, still, said=said)
 
 
-def movie_piece(reader: MovieReader, frame: MovieFrame, number: int) -> Piece:
+def movie_clip_frame(reader: MovieReader, frame: MovieFrame, number: int) -> ClipFrame:
     """A frame of a movie."""
     name, tag = f"frame {number} of {reader.path}", int(reader.stream.codec_context.color_trc)
     said = f"transfer characteristics {tag}{HIGH_RANGE.get(tag, '')}"
     if tag == UNTAGGED:
         said = "nothing of it"
-    return Piece(number, name, frame.rgb, reader.transfer, carried=frame, said=said)
+    return ClipFrame(number, name, frame.rgb, reader.transfer, carried=frame, said=said)
 
 
 def count_above_one(name: object, rgb: Pixels) -> int:

@@ -24,9 +24,14 @@ from procam.files.images.images import RGB, write_image
 from procam.files.images.movies import MovieReader, is_movie
 from procam.model.calibration import Calibration
 from procam.workflows.events import Event
-from procam.workflows.playout.frame import How, named_transfer, require_photometry, square_edge
-from procam.workflows.playout.pipeline import Crew, flow
-from procam.workflows.playout.sources import Piece, Reads, read_piece, source_sequence
+from procam.workflows.playout.frame import (
+    FrameSettings,
+    named_transfer,
+    require_photometry,
+    square_edge,
+)
+from procam.workflows.playout.pipeline import ThreadPlan, flow
+from procam.workflows.playout.sources import ClipFrame, Reads, read_clip_frame, source_sequence
 
 SCHEMA = 1
 GLSL = "#version 330 core\n"
@@ -48,7 +53,9 @@ TEXTURES = {
 NEAREST, REPEAT = ("protection", "dither"), ("dither",)
 
 
-def track_show(calibration_dir: Path, source: Path, out: Path, how: How) -> Iterator[Event]:
+def track_show(
+    calibration_dir: Path, source: Path, out: Path, how: FrameSettings
+) -> Iterator[Event]:
     """Write OUT for the pictures or the movie `source`; an event per frame.
 
     OUT appears whole or not at all. The last event's data are those of OUT/track.json.
@@ -88,7 +95,7 @@ class _Show:
 
     total: int
     reads: Reads
-    crew: Callable[[int], Crew]
+    crew: Callable[[int], ThreadPlan]
 
 
 @contextmanager
@@ -96,17 +103,17 @@ def _opened(source: Path) -> Iterator[_Show]:
     if is_movie(source):
         with MovieReader(source) as movie:
             pieces = (
-                Piece(number, f"frame {number} of {source}", frame.rgb, movie.transfer)
+                ClipFrame(number, f"frame {number} of {source}", frame.rgb, movie.transfer)
                 for number, frame in enumerate(movie)
             )
-            yield _Show(movie.frames, repeat(lambda: next(pieces, None)), Crew.for_movie)
+            yield _Show(movie.frames, repeat(lambda: next(pieces, None)), ThreadPlan.for_movie)
         return
     sequence = source_sequence(source)
     paths = {0: source}
     if sequence is not None:
         paths = {number: sequence.names.path(number) for number in sequence.numbers}
-    reads = (partial(read_piece, path, number) for number, path in paths.items())
-    yield _Show(len(paths), reads, Crew.for_pictures)
+    reads = (partial(read_clip_frame, path, number) for number, path in paths.items())
+    yield _Show(len(paths), reads, ThreadPlan.for_pictures)
 
 
 class _Rows:
@@ -118,7 +125,9 @@ class _Rows:
     used : how many of the nine numbers per colour are written. numbers : of the frames so far.
     """
 
-    def __init__(self, calibration: Calibration, first: Piece, how: How, file: TextIO) -> None:
+    def __init__(
+        self, calibration: Calibration, first: ClipFrame, how: FrameSettings, file: TextIO
+    ) -> None:
         require_photometry(calibration)
         self.transfer, self.dtype = named_transfer(first, how), first.rgb.dtype
         self.compensator = Compensator(
@@ -135,7 +144,7 @@ class _Rows:
         self._table = csv.writer(file, lineterminator="\n")
         self._table.writerow(["frame", *columns(self.used)])
 
-    def add(self, piece: Piece) -> Callable[[], str]:
+    def add(self, piece: ClipFrame) -> Callable[[], str]:
         """Solve a frame, which must be like the first one; what is left to do tells its name."""
         name, found = piece.name, (square_edge(piece), piece.rgb.dtype, self._named(piece))
         if found != (expected := (self.compensator.size, self.dtype, self.transfer)):
@@ -149,7 +158,7 @@ class _Rows:
         self.numbers.append(piece.number)
         return lambda: name
 
-    def _named(self, piece: Piece) -> str:
+    def _named(self, piece: ClipFrame) -> str:
         return named_transfer(piece, self._how)
 
 
@@ -169,7 +178,7 @@ def _check(out: Path, method: str) -> None:
         )
 
 
-def _document(rows: _Rows, how: How) -> dict[str, Any]:
+def _document(rows: _Rows, how: FrameSettings) -> dict[str, Any]:
     return {
         "schema": SCHEMA,
         "procam": version("procam"),

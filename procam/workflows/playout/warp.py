@@ -19,7 +19,7 @@ from procam.model.calibration import Calibration
 from procam.workflows.events import Event
 from procam.workflows.playout.compensate import LOG, each_frame, run_key, sequence_log
 from procam.workflows.playout.frame import (
-    How,
+    FrameSettings,
     decoded,
     named_transfer,
     require_photometry,
@@ -28,8 +28,8 @@ from procam.workflows.playout.frame import (
 from procam.workflows.playout.overwrite_check import refuse_overwriting
 from procam.workflows.playout.sources import (
     Clip,
+    ClipFrame,
     MovieClip,
-    Piece,
     SequenceClip,
     StillClip,
     source_sequence,
@@ -46,7 +46,7 @@ class WarpClip(Clip, Protocol):
     read: list[Path]
     written: list[Path]
 
-    def write_frames(self, piece: Piece, frames: Frames) -> None:
+    def write_frames(self, piece: ClipFrame, frames: Frames) -> None:
         """Store a frame (H, W, 3) of every projector."""
 
 
@@ -63,10 +63,10 @@ def warp_file(
     require_photometry(calibration)
     clip = _open(calibration_dir, calibration, source, out, transfer)
     refuse_overwriting(clip.read, (("OUT", path) for path in clip.written))
-    how = How(transfer=transfer)
+    how = FrameSettings(transfer=transfer)
     warper: Warper | None = None  # known by the first frame; preparing it takes seconds
 
-    def work(piece: Piece) -> Callable[[], str]:
+    def work(piece: ClipFrame) -> Callable[[], str]:
         nonlocal warper
         size, name = square_edge(piece), named_transfer(piece, how)
         if warper is None:
@@ -102,7 +102,7 @@ def _open(
     names = list(calibration.projectors)
     sequence = source_sequence(source)
     if sequence:
-        key = run_key(calibration_dir, How(method="warp", transfer=transfer), MAPS)
+        key = run_key(calibration_dir, FrameSettings(method="warp", transfer=transfer), MAPS)
         log = MadeLog(sequence_log(out, sequence.names), key)
         return _WarpedSequence(sequence, out, names, log)
     if is_movie(source):
@@ -117,7 +117,7 @@ class _WarpedStill(StillClip):
         self.written = list(self._paths.values())
         self.paths = [str(path) for path in self.written]
 
-    def write_frames(self, piece: Piece, frames: Frames) -> None:
+    def write_frames(self, piece: ClipFrame, frames: Frames) -> None:
         for name, pixels in frames.items():
             write_image(self._paths[name], pixels)
 
@@ -140,7 +140,7 @@ class _WarpedSequence(SequenceClip):
         paths = {name: outs.path(number) for name, outs in self._outs.items()}
         return all(p.is_file() and p.stat().st_size == sizes.get(n) for n, p in paths.items())
 
-    def write_frames(self, piece: Piece, frames: Frames) -> None:
+    def write_frames(self, piece: ClipFrame, frames: Frames) -> None:
         sizes = {}
         for name, pixels in frames.items():
             path = self._outs[name].path(piece.number)
@@ -160,7 +160,7 @@ class _WarpedMovie(MovieClip):
         super().__init__(source, out / f"projector{suffix}", MadeLog(out / LOG, ""))
         self.written = list(self._paths.values())
 
-    def write_frames(self, piece: Piece, frames: Frames) -> None:
+    def write_frames(self, piece: ClipFrame, frames: Frames) -> None:
         if not self._writers:
             for name, path in self._paths.items():
                 movie = new_movie(

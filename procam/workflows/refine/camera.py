@@ -11,7 +11,7 @@ from procam.estimate.camera.exposure import green, noise_of_repeat
 from procam.estimate.camera.noise import NO_NOISE
 from procam.estimate.camera.radiance import Radiometer
 from procam.estimate.closed_loop.brackets import bracket_for, merged_frame
-from procam.estimate.closed_loop.dome import Cells
+from procam.estimate.closed_loop.dome import LoopCells
 from procam.estimate.geometry.camera_view import DomeView
 from procam.model.calibration import Calibration
 from procam.model.frame import CameraSettings, Frame
@@ -30,7 +30,7 @@ class LoopCamera:
         self._camera, self._radiometer = rig.cameras[name], Radiometer(model)
         dome = calibration.screen
         view = DomeView.of(model, dome, self._radiometer.rays, self._radiometer.seen)
-        self.cells = Cells.of(view.direction, view.on_screen)
+        self.cells = LoopCells.of(view.direction, view.on_screen)
         self._matrix = calibration.content_from_camera.astype(np.float32)
         self._exposures_s: tuple[float, ...] = (0.1,)
         self._noise = NO_NOISE

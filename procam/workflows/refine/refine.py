@@ -9,16 +9,16 @@ from numpy.typing import NDArray
 from procam.compensate.exact import Compensated, Compensator
 from procam.compensate.projector_frames import projector_frames
 from procam.devices.rig import Rig
-from procam.estimate.closed_loop.dome import Loop, noise_by_level, refined_calibration
+from procam.estimate.closed_loop.dome import DomeLoop, noise_by_level, refined_calibration
 from procam.estimate.closed_loop.patches import (
     FEWEST,
     MOST_STEPS,
     SEEN_JND,
     good_enough,
     just_noticeable,
+    largest_regression,
     photographs_needed,
     visible,
-    worst_worsening,
 )
 from procam.maths.geometry.sphere import angles_from_direction
 from procam.model.calibration import Calibration
@@ -104,7 +104,7 @@ class _Run:
     """
 
     camera: LoopCamera
-    loop: Loop
+    loop: DomeLoop
     sigma: Array
     seen: list[Array]
     first: Array
@@ -112,7 +112,7 @@ class _Run:
     left: list[float] = field(default_factory=list)
 
     @classmethod
-    def begin(cls, camera: LoopCamera, loop: Loop) -> "_Run":
+    def begin(cls, camera: LoopCamera, loop: DomeLoop) -> "_Run":
         """Photograph the picture shown now as often, and as long, as it takes to tell it from its goal."""
         seen = camera.photographs(FEWEST)
         sigma = noise_by_level(seen, camera.cells.count)
@@ -171,7 +171,7 @@ def refine(rig: Rig, calibration: Calibration, content: Image) -> Iterator[Event
     compensator = Compensator(calibration, content.shape[0])
     wanted = compensator.solve(content)
     camera.expose_for(wanted.observed)
-    loop = Loop(calibration, camera.cells, wanted.direct, compensator.target(content))
+    loop = DomeLoop(calibration, camera.cells, wanted.direct, compensator.target(content))
     camera.show(projector_frames(wanted.direct, calibration))
     run = _Run.begin(camera, loop)
     floor = loop.residual_rms(run.sigma)
@@ -238,7 +238,7 @@ def _worse(run: _Run, free: Mask) -> str:
     noticed = just_noticeable(loop.goal).reshape(flat)
     first, last = (loop.residual(seen).reshape(flat) / noticed for seen in (run.first, run.mean()))
     noise = run.sigma.reshape(flat) / noticed / np.sqrt(len(run.seen))
-    found = worst_worsening(first, last, noise, free.reshape(flat), loop.block.ravel())
+    found = largest_regression(first, last, noise, free.reshape(flat), loop.block.ravel())
     if found is None:
         return ""
     azimuth, elevation = angles_from_direction(

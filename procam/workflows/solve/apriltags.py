@@ -7,29 +7,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procam.estimate.geometry import apriltags as tags
-from procam.estimate.geometry.apriltags import TagLook
+from procam.estimate.geometry.apriltags import TagObservations
 from procam.estimate.structured_light.photo_match import NUMBER
 from procam.files.venue.load import Venue
 from procam.model.optics import USUAL_FAMILY, Distance, Fiducial, tag_name
 from procam.model.plan import Plan, Purpose
-from procam.workflows.capture.session_images import Readings
+from procam.workflows.capture.session_images import SessionImages
 
 # the blacks are exposed long: paper that is too bright in white is not in them
 LIT_ALL_OVER: tuple[Purpose, ...] = ("white", "black")
 
 
-def look_for_tags(venue: Venue, readings: Readings) -> TagLook:
+def detect_tags(venue: Venue, readings: SessionImages) -> TagObservations:
     """What one camera's pictures show of the venue's tags."""
     lens, shown = readings.radiometer.camera.lens, _shown(readings.plan)
-    return tags.look_for_tags(_pictures(readings), lens, venue.tags, shown)
+    return tags.detect_tags(_pictures(readings), lens, venue.tags, shown)
 
 
-def tag_marks(venue: Venue, looks: Mapping[str, TagLook]) -> list[Fiducial]:
+def tag_marks(venue: Venue, looks: Mapping[str, TagObservations]) -> list[Fiducial]:
     """A mark for every camera that sees a tag; `looks` by camera."""
     return tags.tag_fiducials(venue.tags, looks, venue.cameras)
 
 
-def tag_notes(venue: Venue, plan: Plan, looks: Mapping[str, TagLook]) -> list[str]:
+def tag_notes(venue: Venue, plan: Plan, looks: Mapping[str, TagObservations]) -> list[str]:
     """What did not go well with tags, a line each."""
     shown = _shown(plan)
     lines = [
@@ -51,7 +51,7 @@ def known_distances(venue: Venue, marks: Sequence[Fiducial]) -> list[Distance]:
     return [d for d in venue.distances if not lost & {d.a, d.b}]
 
 
-def _pictures(readings: Readings) -> Iterator[NDArray[np.float32]]:
+def _pictures(readings: SessionImages) -> Iterator[NDArray[np.float32]]:
     """Counts (H, W) of the whole dome lit: the pictures of all projectors together."""
     for purpose in LIT_ALL_OVER:
         shots = (shot for shot in readings.plan.shots if shot.purpose == purpose)

@@ -8,12 +8,12 @@ from typing import TypeVar
 
 import numpy as np
 
-from procam.estimate.calibration import Measurement, assemble
+from procam.estimate.calibration import ProjectorMeasurement, assemble
 from procam.estimate.camera.radiance import Radiometer
-from procam.estimate.geometry.apriltags import TagLook
+from procam.estimate.geometry.apriltags import TagObservations
 from procam.estimate.geometry.camera_view import DomeView
 from procam.estimate.geometry.model import Observations, Pair
-from procam.estimate.geometry.observations import gather
+from procam.estimate.geometry.observations import gather_observations
 from procam.estimate.geometry.solve import GeometrySolution
 from procam.estimate.media_server.camera_pose import PlacedCamera
 from procam.estimate.media_server.dome_master import DomeMaster
@@ -37,10 +37,10 @@ from procam.model.calibration import Calibration
 from procam.model.correspondence import CorrespondenceMap
 from procam.model.quality import Figure
 from procam.model.screen import Dome
-from procam.workflows.capture.session_images import Readings
+from procam.workflows.capture.session_images import SessionImages
 from procam.workflows.capture.session_plan import server_of
 from procam.workflows.events import Event
-from procam.workflows.solve.apriltags import look_for_tags, tag_marks, tag_notes
+from procam.workflows.solve.apriltags import detect_tags, tag_marks, tag_notes
 from procam.workflows.solve.geometry import rig_problem, solve_rig
 from procam.workflows.solve.light import measure_light, measure_server_light
 from procam.workflows.solve.media_server import (
@@ -59,7 +59,7 @@ Result = TypeVar("Result")
 
 
 @dataclass(frozen=True, slots=True)
-class _Rig:
+class _SolvedRig:
     """A solved rig, and what else of a session its light is read with.
 
     `found` is what cameras saw of projectors that were decoded; `readings` those of the camera that
@@ -67,7 +67,7 @@ class _Rig:
     """
 
     geometry: GeometrySolution
-    readings: Readings
+    readings: SessionImages
     verdict: str
     notes: list[str]
     found: Mapping[Pair, CorrespondenceMap] = field(default_factory=dict)
@@ -98,7 +98,7 @@ def solve(venue: Venue, session: Session) -> Iterator[Event]:
     if server:
         mask = projector_masks(venue)[server.name]
         work = partial(measure_server_light, dome, readings, view, geometry, (server, mask))
-    measured: dict[str, Measurement] = {}
+    measured: dict[str, ProjectorMeasurement] = {}
     for i, (name, measured[name]) in enumerate(_each(names, work)):
         done = total - len(names) - 1 + i
         yield Event("solve", done, total, f"{name} light split, response fitted")
@@ -113,22 +113,22 @@ def solve(venue: Venue, session: Session) -> Iterator[Event]:
     )
 
 
-def _quality(calibration: Calibration, rig: _Rig) -> dict[str, Figure]:
+def _quality(calibration: Calibration, rig: _SolvedRig) -> dict[str, Figure]:
     """Figures of a solve; tags do not tell a dome's shape from a server's alignment."""
     untold = SHAPE_FIGURES if rig.geometry.given else ()
     kept = {n: figure for n, figure in calibration.quality.items() if n not in untold}
     return {**kept, **rig.figures}
 
 
-def _rig_by_codes(venue: Venue, session: Session, total: int) -> Generator[Event, None, _Rig]:
+def _rig_by_codes(venue: Venue, session: Session, total: int) -> Generator[Event, None, _SolvedRig]:
     """Cameras and projectors, from what cameras decode."""
     plan, cameras = session.read_plan(), venue.cameras
     found: dict[Pair, CorrespondenceMap] = {}
     gathered: dict[Pair, Observations] = {}
-    looks: dict[str, TagLook] = {}
+    looks: dict[str, TagObservations] = {}
     for camera in cameras:
-        readings = Readings(session, plan, Radiometer(cameras[camera]))
-        looks[camera] = look_for_tags(venue, readings)
+        readings = SessionImages(session, plan, Radiometer(cameras[camera]))
+        looks[camera] = detect_tags(venue, readings)
         work = partial(_decode, venue, readings)
         for name, (seen, patches) in _each(list(venue.table.projectors), work):
             found[camera, name], gathered[camera, name] = seen, patches
@@ -137,19 +137,19 @@ def _rig_by_codes(venue: Venue, session: Session, total: int) -> Generator[Event
             yield Event("solve", len(found), total, told)
     marks = [*venue.fiducials, *tag_marks(venue, looks)]
     geometry, verdict, notes = solve_rig(rig_problem(venue, gathered, marks))
-    return _Rig(geometry, readings, verdict, [*tag_notes(venue, plan, looks), *notes], found)
+    return _SolvedRig(geometry, readings, verdict, [*tag_notes(venue, plan, looks), *notes], found)
 
 
 def _rig_by_server(
     venue: Venue, session: Session, server: DomeMaster, total: int
-) -> Generator[Event, None, _Rig]:
+) -> Generator[Event, None, _SolvedRig]:
     """Cameras, from the tags that a media server showed."""
     plan, cameras = session.read_plan(), venue.cameras
     placed: dict[str, PlacedCamera] = {}
-    looks: dict[str, TagLook] = {}
+    looks: dict[str, TagObservations] = {}
     for camera in cameras:
-        readings = Readings(session, plan, Radiometer(cameras[camera]))
-        looks[camera] = look_for_tags(venue, readings)
+        readings = SessionImages(session, plan, Radiometer(cameras[camera]))
+        looks[camera] = detect_tags(venue, readings)
         placed[camera] = placed_by_server(venue, server, camera, readings)
         told = f"{camera} placed by {len(placed[camera].tags)} tags"
         yield Event("solve", len(placed), total, told)
@@ -159,15 +159,15 @@ def _rig_by_server(
     worst = figures["server_misalignment_rms_arcmin"].value
     notes = [*tag_notes(venue, plan, looks), *server_notes(venue, server, placed)]
     verdict = f"tags are {worst:.1f} arcmin off"
-    return _Rig(geometry, readings, verdict, notes, figures=figures)
+    return _SolvedRig(geometry, readings, verdict, notes, figures=figures)
 
 
-def _of_main(venue: Venue, rig: _Rig) -> Readings:
+def _of_main(venue: Venue, rig: _SolvedRig) -> SessionImages:
     """Readings of the camera that sees most."""
     last, main = rig.readings, rig.geometry.main
     if last.radiometer.camera.name == main:
         return last
-    return Readings(last.session, last.plan, Radiometer(venue.cameras[main]))
+    return SessionImages(last.session, last.plan, Radiometer(venue.cameras[main]))
 
 
 def _each(names: list[str], work: Callable[[str], Result]) -> Iterator[tuple[str, Result]]:
@@ -176,7 +176,9 @@ def _each(names: list[str], work: Callable[[str], Result]) -> Iterator[tuple[str
         yield from zip(names, pool.map(work, names), strict=True)
 
 
-def _decode(venue: Venue, readings: Readings, name: str) -> tuple[CorrespondenceMap, Observations]:
+def _decode(
+    venue: Venue, readings: SessionImages, name: str
+) -> tuple[CorrespondenceMap, Observations]:
     """What a camera sees of a projector, pixel by pixel and by patches of the panel."""
     camera = readings.radiometer.camera
     limits = DecodeLimits(
@@ -192,7 +194,7 @@ def _decode(venue: Venue, readings: Readings, name: str) -> tuple[Correspondence
     found = keep_only(found, ~camera_masks(venue)[camera.name].covered)
     # masked pixels shine while the light is measured: only the geometry does without them
     used = keep_only(found, ~projector_masks(venue)[name].at(found.projector_xy))
-    return found, gather(used, venue.table.projectors[name].size)
+    return found, gather_observations(used, venue.table.projectors[name].size)
 
 
 def _solved_screen(venue: Venue, geometry: GeometrySolution) -> Dome:
@@ -201,7 +203,9 @@ def _solved_screen(venue: Venue, geometry: GeometrySolution) -> Dome:
     return replace(venue.screen, radius_m=shape.radius_m, bumps=bumps, degree=shape.degree)
 
 
-def _view(venue: Venue, dome: Dome, readings: Readings, geometry: GeometrySolution) -> DomeView:
+def _view(
+    venue: Venue, dome: Dome, readings: SessionImages, geometry: GeometrySolution
+) -> DomeView:
     """What the main camera sees of the screen, without what a person has masked."""
     seen = readings.radiometer.seen & ~camera_masks(venue)[geometry.main].covered
     view = DomeView.of(geometry.camera, dome, readings.radiometer.rays, seen)

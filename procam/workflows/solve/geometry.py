@@ -3,12 +3,12 @@
 from collections.abc import Mapping, Sequence
 
 from procam.errors import CalibrationError
-from procam.estimate.geometry.adjustment import Problem
+from procam.estimate.geometry.adjustment import RigProblem
 from procam.estimate.geometry.diagnosis import causes
 from procam.estimate.geometry.fiducial_checks import missing_marks
 from procam.estimate.geometry.model import Observations, Pair
 from procam.estimate.geometry.solve import ROUND_ENOUGH, GeometrySolution, solve_geometry
-from procam.estimate.geometry.start import FEWEST, Hung
+from procam.estimate.geometry.start import FEWEST, ProjectorPrior
 from procam.files.venue.load import Venue
 from procam.maths.geometry.ray_to_screen import RoundShape
 from procam.model.optics import Fiducial
@@ -17,13 +17,16 @@ from procam.workflows.solve.apriltags import known_distances
 
 def rig_problem(
     venue: Venue, seen: Mapping[Pair, Observations], marks: Sequence[Fiducial]
-) -> Problem:
+) -> RigProblem:
     """What is known of a venue's rig before it is solved."""
     table = venue.table
-    return Problem(
+    return RigProblem(
         RoundShape(venue.screen.radius_m),
         venue.cameras,
-        {name: Hung(name, entry.size, entry.lens) for name, entry in table.projectors.items()},
+        {
+            name: ProjectorPrior(name, entry.size, entry.lens)
+            for name, entry in table.projectors.items()
+        },
         {pair: some for pair, some in seen.items() if len(some.sigma_px) >= FEWEST},
         {name: entry.intrinsics for name, entry in table.cameras.items()},
         marks,
@@ -32,7 +35,7 @@ def rig_problem(
     )
 
 
-def solve_rig(problem: Problem) -> tuple[GeometrySolution, str, list[str]]:
+def solve_rig(problem: RigProblem) -> tuple[GeometrySolution, str, list[str]]:
     """The solved rig, a verdict on the screen's shape, and what nobody should miss, a line each.
 
     Raises

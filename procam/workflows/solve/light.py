@@ -7,16 +7,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procam.errors import OutOfModelRange
-from procam.estimate.calibration import Measurement
+from procam.estimate.calibration import ProjectorMeasurement
 from procam.estimate.camera.response import Linearity, linearity_error
 from procam.estimate.geometry.camera_view import DomeView
 from procam.estimate.geometry.lens_glints import lens_glints
 from procam.estimate.geometry.model import Pair
 from procam.estimate.geometry.solve import GeometrySolution
-from procam.estimate.light.inpaint import fill_light, fill_picture, hidden_pixels
-from procam.estimate.light.projector_response import ResponseFit, fit_colour, tile_levels
-from procam.estimate.light.scatter_kernel import Lighting, ScatterCells
-from procam.estimate.light.separation import CLEAR_CAMERA_PX, Light, Separation
+from procam.estimate.light.inpaint import fill_light, fill_picture, pixels_without_pattern
+from procam.estimate.light.projector_response import ProjectorResponseFit, fit_colour, tile_levels
+from procam.estimate.light.scatter_kernel import ScatterCells, ScatterSample
+from procam.estimate.light.separation import CLEAR_CAMERA_PX, SeparatedLight, Separation
 from procam.estimate.light.stability import LightChecks
 from procam.estimate.media_server.dome_master import DomeMaster, lit_pixels
 from procam.estimate.media_server.local_response import Levels, fit_exponent, level_samples
@@ -26,7 +26,7 @@ from procam.model.correspondence import CorrespondenceMap
 from procam.model.mask import Mask
 from procam.model.plan import Shot
 from procam.model.screen import Dome
-from procam.workflows.capture.session_images import Readings
+from procam.workflows.capture.session_images import SessionImages
 
 Image = NDArray[np.float32]
 Pixels = NDArray[np.bool_]
@@ -40,7 +40,7 @@ SATURATED = 0.005  # of the screen: white paper on it, glints
 
 
 @dataclass(frozen=True, slots=True)
-class _Sight:
+class _CameraSight:
     """One projector as the main camera sees it.
 
     Attributes
@@ -63,13 +63,13 @@ class _Sight:
 
 def measure_light(
     dome: Dome,
-    readings: Readings,
+    readings: SessionImages,
     view: DomeView,
     geometry: GeometrySolution,
     found: Mapping[Pair, CorrespondenceMap],
     masks: Mapping[str, Mask],
     name: str,
-) -> Measurement:
+) -> ProjectorMeasurement:
     """Projector `name`'s light, split and fitted; black is measured at its own long exposure.
 
     Where pictures carried their numbers they showed no pattern, and where the camera looks into a
@@ -83,10 +83,10 @@ def measure_light(
     white = fill_picture(white, glints, view.on_screen)
     xy = view.projector_pixels(geometry.projectors[name], dome)
     numbers = _numbers(readings, geometry, name, CELLS_PER_PANEL)
-    hidden = glints | hidden_pixels(numbers, xy)
+    hidden = glints | pixels_without_pattern(numbers, xy)
     panel = np.where(hidden[..., None], np.float32(np.nan), xy)
     lit = found[geometry.main, name].valid | hidden
-    sight = _Sight(xy, panel, lit, hidden, white, base, float(numbers.covered.mean()))
+    sight = _CameraSight(xy, panel, lit, hidden, white, base, float(numbers.covered.mean()))
     bent = _bent(readings, name, sight)
     _check_linear(readings, name, bent, TONE_CURVE)
     measurement, _ = _measured(readings, view, name, black, sight)
@@ -96,12 +96,12 @@ def measure_light(
 
 def measure_server_light(
     dome: Dome,
-    readings: Readings,
+    readings: SessionImages,
     view: DomeView,
     geometry: GeometrySolution,
     server: tuple[DomeMaster, Mask],
     name: str,
-) -> Measurement:
+) -> ProjectorMeasurement:
     """The light of media server `name`, split and fitted, as `measure_light` does a projector's.
 
     What it lights is told by the stripes, in the master's circle; the mask is of the master.
@@ -114,16 +114,18 @@ def measure_server_light(
     pairs = ((pattern, inverse) for *_, pattern, inverse in readings.stripe_pairs(name))
     lit = lit_pixels(white, pairs) & master.inside(xy)
     numbers = _numbers(readings, geometry, name, CELLS_PER_MASTER)
-    hidden = hidden_pixels(numbers, xy)
+    hidden = pixels_without_pattern(numbers, xy)
     panel = np.where(hidden[..., None], np.float32(np.nan), master.coarse_pixels(xy))
-    sight = _Sight(xy, panel, lit | hidden, hidden, white, base, float(numbers.covered.mean()))
+    sight = _CameraSight(
+        xy, panel, lit | hidden, hidden, white, base, float(numbers.covered.mean())
+    )
     found, levels = _measured(readings, view, name, black, sight, master)
     samples = level_samples(levels, found.light.direct, found.colour.mix, xy, master.size)
     found = replace(found, exponent=fit_exponent(samples, found.response, master.size))
     return _without(found, unused.at(xy))
 
 
-def _without(found: Measurement, masked: Pixels) -> Measurement:
+def _without(found: ProjectorMeasurement, masked: Pixels) -> ProjectorMeasurement:
     """The measurement of a projector whose picture is not used at masked camera pixels (H, W)."""
     light = found.light
     direct = np.where(masked[..., None], np.float32(0), light.direct)
@@ -140,7 +142,7 @@ def _check_saturation(white: Image, on_screen: Pixels, name: str) -> None:
         )
 
 
-def _black(readings: Readings, name: str) -> tuple[Image, Image]:
+def _black(readings: SessionImages, name: str) -> tuple[Image, Image]:
     """A projector's black (H, W, 3), and that with the room's light at the other shots' exposure."""
     dark, dark_long = readings.dark()
     black = readings.light(readings.only(name, "black")) - dark_long
@@ -148,13 +150,13 @@ def _black(readings: Readings, name: str) -> tuple[Image, Image]:
 
 
 def _measured(
-    readings: Readings,
+    readings: SessionImages,
     view: DomeView,
     name: str,
     black: Image,
-    sight: _Sight,
+    sight: _CameraSight,
     master: DomeMaster | None = None,
-) -> tuple[Measurement, list[Levels]]:
+) -> tuple[ProjectorMeasurement, list[Levels]]:
     """The light of white, split and fitted, and that of level pictures; `master` of a server."""
     coarse = master.coarse if master else 1
     separation = Separation(sight.white, sight.panel, sight.lit, view.solid_angle_sr)
@@ -174,7 +176,7 @@ def _measured(
     primaries = [direct_part(shot) for shot in readings.plan.of(name, "primary")]
     sound = light.lit & ~sight.hidden
     colour = fit_colour(primaries, np.where(sound[..., None], light.direct, 0))
-    fit, steps = ResponseFit(light.direct, colour.mix), list[Levels]()
+    fit, steps = ProjectorResponseFit(light.direct, colour.mix), list[Levels]()
     for shot in readings.plan.of(name, "levels"):
         picture = readings.session.pattern(shot)[::coarse, ::coarse]
         steps.append((direct_part(shot), tile_levels(picture, sight.panel, light.lit)))
@@ -185,11 +187,13 @@ def _measured(
         black = fill_picture(black, sight.hidden & on_screen, on_screen)
     lightings, zones = _lightings(readings, view, name, light, sight)
     checks.add("of parts of the panel", zones, 3 * sight.numbers)
-    found = Measurement(light, black, colour, fit.curve(), lightings, notes=checks.notes(name))
+    found = ProjectorMeasurement(
+        light, black, colour, fit.curve(), lightings, notes=checks.notes(name)
+    )
     return found, steps
 
 
-def _bent(readings: Readings, name: str, sight: _Sight) -> Linearity:
+def _bent(readings: SessionImages, name: str, sight: _CameraSight) -> Linearity:
     """How far the light of a stripe picture and its inverse is from that of white."""
     _, _, *pair = next(readings.stripe_pairs(name))
     white, pattern, inverse = (
@@ -199,7 +203,7 @@ def _bent(readings: Readings, name: str, sight: _Sight) -> Linearity:
     return linearity_error(white, np.zeros_like(white), pattern, inverse)
 
 
-def _check_linear(readings: Readings, name: str, found: Linearity, limit: float) -> None:
+def _check_linear(readings: SessionImages, name: str, found: Linearity, limit: float) -> None:
     """Refuse photographs whose light does not add up: a tone curve that venue.toml does not know."""
     if abs(found.exponent - 1) > max(limit, CERTAIN * found.exponent_sigma):
         camera = readings.radiometer.camera.name
@@ -211,8 +215,8 @@ def _check_linear(readings: Readings, name: str, found: Linearity, limit: float)
 
 
 def _lightings(
-    readings: Readings, view: DomeView, name: str, light: Light, sight: _Sight
-) -> tuple[list[Lighting], list[Image]]:
+    readings: SessionImages, view: DomeView, name: str, light: SeparatedLight, sight: _CameraSight
+) -> tuple[list[ScatterSample], list[Image]]:
     """Bounced light of a projector's white and of parts of it, where nothing else is seen.
 
     Also the sum of the parts, if there are any, which should be white.
@@ -230,7 +234,7 @@ def _lightings(
     return found, [total][: len(found) - 1]
 
 
-def _numbers(readings: Readings, geometry: GeometrySolution, name: str, cells: int) -> Mask:
+def _numbers(readings: SessionImages, geometry: GeometrySolution, name: str, cells: int) -> Mask:
     """Where a projector's pictures carried their numbers."""
     width, height = geometry.projectors[name].size
     if "number" not in readings.only(name, "white").detail:

@@ -20,14 +20,14 @@ from procam.estimate.media_server.tags import TAG_PICTURES
 from procam.files.venue.load import Venue
 from procam.model.optics import Fiducial
 from procam.model.quality import Figure
-from procam.workflows.capture.session_images import Readings
+from procam.workflows.capture.session_images import SessionImages
 
 WELL_ALIGNED_ARCMIN = 3 * ALIGNED_ARCMIN
 SAME_FOCAL = 0.02  # of a lens that was a guess; more may be the master's angle
 
 
 def placed_by_server(
-    venue: Venue, master: DomeMaster, camera: str, readings: Readings
+    venue: Venue, master: DomeMaster, camera: str, readings: SessionImages
 ) -> PlacedCamera:
     """One camera, placed by the tags that the server showed."""
     shots = readings.plan.of(master.name, "tags")

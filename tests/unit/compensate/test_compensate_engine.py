@@ -19,7 +19,7 @@ from procam.maths.light.transfer import transfer
 from procam.model.calibration import Calibration
 from procam.model.mask import Mask
 from procam.model.transport import DomeMaps, Measured, ScatterKernel
-from procam.model.venue_state import HouseState
+from procam.model.venue_state import VenueState
 
 SMALL = 20
 SIZE = 96
@@ -394,7 +394,7 @@ class TestProtectedInStates:
         falloff = fall if case in ("falloff", "all") else None
         maps = replace(maps, protected=Mask("screen", covered), falloff=falloff)
         lamps = np.full((SIZE, SIZE, 3), 0.05, np.float32)
-        house = HouseState("full", Measured(np.full(3, 0.3), np.full(3, 0.01)), np.ones(3), lamps)
+        house = VenueState("full", Measured(np.full(3, 0.3), np.full(3, 0.01)), np.ones(3), lamps)
         known = replace(calibration, maps=maps, states={"full": house})
         state = "full" if case in ("state", "all") else None
         white = "keep" if case in ("keep", "all") else "summed"

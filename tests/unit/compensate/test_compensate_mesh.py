@@ -319,7 +319,7 @@ class TestNewtonIsNotTrusted:
 
     def test_a_balance_that_is_not_found(self, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(active_set, "_step", lambda right, *_: 0 * right)
-        room = active_set.Room(np.full(3, 0.5), np.full((3, 3), 1 / 3))
+        room = active_set.MeshRoom(np.full(3, 0.5), np.full((3, 3), 1 / 3))
         with pytest.raises(DidNotConverge, match="got no balance after 200 corrections"):
             room.all(np.ones(3))
 

@@ -22,7 +22,7 @@ from procam.files.images.images import read_channels, write_channels
 from procam.model.calibration import Calibration
 from procam.model.mask import Mask
 from procam.model.transport import Measured, ScatterKernel
-from procam.model.venue_state import HouseState
+from procam.model.venue_state import VenueState
 
 
 def _assert_same(found: Any, expected: Any, where: str = "calibration") -> None:
@@ -83,8 +83,8 @@ class TestRoundTrip:
         ambient = rng.uniform(0, 0.02, (96, 96, 3)).astype(np.float32)
         m = Measured(rng.uniform(0.3, 0.4, 3), rng.uniform(0, 0.01, 3))
         states = {
-            "full": HouseState("full", m, rng.uniform(1.1, 1.2, 3), ambient),
-            "school": HouseState("school", m, rng.uniform(1.1, 1.2, 3)),
+            "full": VenueState("full", m, rng.uniform(1.1, 1.2, 3), ambient),
+            "school": VenueState("school", m, rng.uniform(1.1, 1.2, 3)),
         }
         housed = dataclasses.replace(calibration, states=states)
         save_calibration(housed, tmp_path / "0001")
@@ -216,7 +216,7 @@ class TestDamage:
 
     def test_a_states_map_is_gone(self, tmp_path: Path, calibration: Calibration) -> None:
         lamps = np.zeros_like(calibration.maps.hi)
-        state = HouseState("full", calibration.feedback, np.ones(3), lamps)
+        state = VenueState("full", calibration.feedback, np.ones(3), lamps)
         directory = tmp_path / "0001"
         save_calibration(dataclasses.replace(calibration, states={"full": state}), directory)
         path = directory / "maps" / "state-full.exr"

@@ -9,7 +9,13 @@ import pytest
 from tolerances import SIGMAS
 
 from procam.errors import InputError, NotEnoughData, ShapeError
-from procam.estimate.boards.adjustment import Bundle, Rig, gather_corners, moved, residuals
+from procam.estimate.boards.adjustment import (
+    BoardAdjustment,
+    BoardRig,
+    gather_corners,
+    moved,
+    residuals,
+)
 from procam.estimate.boards.camera import BoardView, fit_camera, rms, view_residuals
 from procam.estimate.boards.start import pose_of_board
 from procam.maths.geometry.lens_derivatives import lens_of_parameters, lens_parameters
@@ -222,8 +228,10 @@ class TestDerivatives:
             Pose.from_vectors((0.1, -0.2, 0.05), (0.02, 0, 0.01)),
         )
         boards = tuple(pose_of_board(v.points, unproject(v.pixels, FISHEYE)) for v in views)
-        rig = Rig((FISHEYE, FISHEYE), devices, boards, BEND)
-        bundle = Bundle(corners, (tuple(range(8)), (0, 3, 5)), np.array([1.0, 2.0]), bend=True)
+        rig = BoardRig((FISHEYE, FISHEYE), devices, boards, BEND)
+        bundle = BoardAdjustment(
+            corners, (tuple(range(8)), (0, 3, 5)), np.array([1.0, 2.0]), bend=True
+        )
         gradient = []
         for i in range(bundle.shared + 18):
             step = np.zeros(bundle.shared + 18)
@@ -235,14 +243,14 @@ class TestDerivatives:
         np.testing.assert_allclose(ours, gradient, rtol=1e-4, atol=1e-4 * np.abs(ours).max())
 
 
-def stepped(rig: Rig, bundle: Bundle, x: np.ndarray) -> Rig:
+def stepped(rig: BoardRig, bundle: BoardAdjustment, x: np.ndarray) -> BoardRig:
     """The same step, written out by hand for the one rig of the test above."""
     first = lens_of_parameters(FISHEYE, lens_parameters(rig.lenses[0]) + x[:8])
     change = np.zeros(8)
     change[[0, 3, 5]] = x[8:11]
     second = lens_of_parameters(FISHEYE, lens_parameters(rig.lenses[1]) + change)
     own = x[bundle.shared :].reshape(-1, 6)
-    return Rig(
+    return BoardRig(
         (first, second),
         (rig.devices[0], moved(rig.devices[1], x[11:17])),
         tuple(moved(b, s) for b, s in zip(rig.boards, own, strict=True)),
@@ -327,7 +335,7 @@ def test_residuals_are_predicted_minus_seen() -> None:
     pose = looking_at(0.1, 0.0, np.zeros(3), 0.3)
     pixels = project(pose.apply(BOARD), PINHOLE) + np.array([1.0, -2.0])
     corners = gather_corners([BOARD], [pixels[None]])
-    rig = Rig((PINHOLE,), (Pose(np.eye(3), np.zeros(3)),), (pose,), np.zeros(3))
+    rig = BoardRig((PINHOLE,), (Pose(np.eye(3), np.zeros(3)),), (pose,), np.zeros(3))
     np.testing.assert_allclose(
         residuals(corners, rig)[0], np.tile([-1.0, 2.0], (len(BOARD), 1)), atol=1e-9
     )

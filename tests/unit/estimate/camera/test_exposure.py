@@ -37,7 +37,7 @@ from procam.estimate.camera.noise import NoiseLaw
 from procam.estimate.structured_light.codes import generate, make_code
 from procam.estimate.structured_light.decode import Decoder
 from procam.estimate.structured_light.limits import DecodeLimits
-from procam.maths.codes.phase import Wavelook, fit_waves, micro_waves
+from procam.maths.codes.phase import WaveDistortion, fit_waves, micro_waves
 from procam.model.correspondence import CorrespondenceMap
 from procam.model.optics import Sensor
 
@@ -148,7 +148,7 @@ class TestPlan:
             x = rng.uniform(0, PANEL[0], rows.size)
             samples = offset[:, None] + amplitude[:, None] * np.cos(waves.angles(x))
             samples += rng.normal(0, 1, samples.shape) * np.sqrt(LAW.variance(samples))
-            fit = fit_waves(samples, np.ones(samples.shape, bool), waves, Wavelook(), x)
+            fit = fit_waves(samples, np.ones(samples.shape, bool), waves, WaveDistortion(), x)
             errors.append(fit.x - x)
         sigma = 1.4826 * np.median(np.abs(np.concatenate(errors)))
         assert plan.column_sigma_px == pytest.approx(sigma, rel=0.1)

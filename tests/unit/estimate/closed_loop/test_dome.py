@@ -11,8 +11,8 @@ from procam.errors import NotEnoughData
 from procam.estimate.closed_loop import dome as feedback
 from procam.estimate.closed_loop.dome import (
     CELL_ARCMIN,
-    Cells,
-    Loop,
+    DomeLoop,
+    LoopCells,
     low_pass_cells,
     noise_by_level,
     refined_calibration,
@@ -35,10 +35,10 @@ def few_cells() -> Iterator[None]:
 
 
 @pytest.fixture(scope="module")
-def cells(few_cells: None) -> Cells:
+def cells(few_cells: None) -> LoopCells:
     """A camera whose pixels are a dome master twice as fine as the loop's cells."""
     direction, inside = master_directions(2 * LOOP_SIZE)
-    return Cells.of(direction.astype(np.float32), inside & (direction[..., 2] > 0.02))
+    return LoopCells.of(direction.astype(np.float32), inside & (direction[..., 2] > 0.02))
 
 
 @pytest.fixture
@@ -51,8 +51,8 @@ def direct(calibration: Calibration) -> Image:
 
 
 @pytest.fixture
-def loop(calibration: Calibration, cells: Cells, direct: Image) -> Loop:
-    return Loop(calibration, cells, direct, _observed(calibration, direct))
+def loop(calibration: Calibration, cells: LoopCells, direct: Image) -> DomeLoop:
+    return DomeLoop(calibration, cells, direct, _observed(calibration, direct))
 
 
 def _observed(calibration: Calibration, direct: Image) -> Image:
@@ -69,18 +69,18 @@ def _sigma() -> np.ndarray:
 
 
 class TestCells:
-    def test_every_pixel_is_in_one_cell(self, cells: Cells) -> None:
+    def test_every_pixel_is_in_one_cell(self, cells: LoopCells) -> None:
         assert cells.count.sum() == cells.use.sum() == len(cells.index)
         assert cells.count.max() <= 9
 
-    def test_averages_keep_levels_and_slants(self, cells: Cells) -> None:
+    def test_averages_keep_levels_and_slants(self, cells: LoopCells) -> None:
         picture = np.clip(cells.direction, -1, 1)
         means = cells.average(picture)
         direction, _ = master_directions(LOOP_SIZE)
         full = cells.count >= 4
         np.testing.assert_allclose(means[full], direction[full], atol=1.5 * np.pi / LOOP_SIZE / 2)
 
-    def test_a_master_is_read_where_the_camera_looks(self, cells: Cells) -> None:
+    def test_a_master_is_read_where_the_camera_looks(self, cells: LoopCells) -> None:
         """Same sampling: a picture and the photograph of it have the same cell means."""
         direction, _ = master_directions(300)
         master = np.abs(direction).astype(np.float32)
@@ -93,28 +93,28 @@ class TestCells:
 
 class TestLoop:
     def test_the_picture_at_the_start_is_the_compensated_one(
-        self, loop: Loop, direct: Image
+        self, loop: DomeLoop, direct: Image
     ) -> None:
         np.testing.assert_allclose(loop.picture, direct, atol=FLOAT32)
 
-    def test_cells_at_a_limit_are_not_free(self, loop: Loop) -> None:
+    def test_cells_at_a_limit_are_not_free(self, loop: DomeLoop) -> None:
         elevation = np.arcsin(np.clip(loop.direction[..., 2], -1, 1))
         assert loop.free[elevation > np.radians(26)].all()
         assert not loop.free[elevation < np.radians(14)].any()
         assert loop.known[(elevation > np.radians(15)) & (elevation < np.radians(17))].all()
 
-    def test_residual_rms_is_over_free_cells(self, loop: Loop) -> None:
+    def test_residual_rms_is_over_free_cells(self, loop: DomeLoop) -> None:
         residual = np.full((LOOP_SIZE, LOOP_SIZE, 3), 0.25)
         residual[~loop.free] = 99.0
         assert loop.residual_rms(residual) == pytest.approx(0.25)
 
-    def test_what_was_expected_changes_nothing(self, loop: Loop, direct: Image) -> None:
+    def test_what_was_expected_changes_nothing(self, loop: DomeLoop, direct: Image) -> None:
         loop.update(loop.goal, _sigma(), 4)
         assert np.abs(loop.correction[loop.free]).max() < 2e-4
         np.testing.assert_array_equal(loop.belief.scatter_factor, 1)
 
     def test_one_step_is_enough_for_a_known_plant(
-        self, loop: Loop, cells: Cells, calibration: Calibration, direct: Image
+        self, loop: DomeLoop, cells: LoopCells, calibration: Calibration, direct: Image
     ) -> None:
         """Preconditioned by the dome's own bounces, the loop is dead-beat (science.md s.6)."""
         ripple = 0.02 * np.sin(8 * master_directions(SIZE)[0]).astype(np.float32)
@@ -127,7 +127,7 @@ class TestLoop:
         assert np.abs(left[inner]).mean() < 0.03 * np.abs(before[inner]).mean()
 
     def test_dark_cells_are_let_go_when_their_light_is_wanted(
-        self, loop: Loop, cells: Cells
+        self, loop: DomeLoop, cells: LoopCells
     ) -> None:
         """At lo and seen darker than wanted: no longer held."""
         dark = loop.known & ~loop.free
@@ -138,7 +138,7 @@ class TestLoop:
         assert (loop.picture >= 0).all()
 
     def test_corrected_light_stays_within_the_limits(
-        self, loop: Loop, calibration: Calibration
+        self, loop: DomeLoop, calibration: Calibration
     ) -> None:
         for _ in range(4):
             loop.update(0.3 * loop.goal, _sigma(), 4)
@@ -150,26 +150,26 @@ class TestLoop:
         assert (hi - loop.picture)[whole].min() < FLOAT32
 
     def test_what_is_protected_is_left_alone(
-        self, calibration: Calibration, cells: Cells, direct: Image
+        self, calibration: Calibration, cells: LoopCells, direct: Image
     ) -> None:
         """Up to its border, where the correction of cells outside would reach in."""
         covered = np.zeros((96, 96), bool)
         covered[30:50, 30:50] = True
         maps = replace(calibration.maps, protected=Mask("screen", covered))
-        loop = Loop(replace(calibration, maps=maps), cells, direct, direct)
+        loop = DomeLoop(replace(calibration, maps=maps), cells, direct, direct)
         loop.update(loop.goal - 0.1, _sigma(), 4)
         there = maps.is_protected(master_pixels(master_directions(SIZE)[0], 96))
         np.testing.assert_array_equal(loop.picture[there], direct[there])
         assert not loop.known[40 * LOOP_SIZE // 96, 40 * LOOP_SIZE // 96].any()
 
     def test_a_picture_that_limits_hold_everywhere_is_refused(
-        self, calibration: Calibration, cells: Cells
+        self, calibration: Calibration, cells: LoopCells
     ) -> None:
         black = np.zeros((SIZE, SIZE, 3), np.float32)
         with pytest.raises(
             NotEnoughData, match=r"limits of the projectors hold everywhere .* mid-t"
         ):
-            Loop(calibration, cells, black, black)
+            DomeLoop(calibration, cells, black, black)
 
 
 class TestLowPass:
@@ -184,13 +184,13 @@ class TestLowPass:
         assert np.hypot(sigma, 1 / np.sqrt(12)) == pytest.approx(2, rel=1e-6)
 
     def test_takes_fine_structure_out_of_the_correction(
-        self, calibration: Calibration, cells: Cells, direct: Image
+        self, calibration: Calibration, cells: LoopCells, direct: Image
     ) -> None:
         rows = np.indices((LOOP_SIZE, LOOP_SIZE))[0][..., None]
         stripes = np.where(rows % 2, 0.01, -0.01) * np.ones(3)
         sizes = []
         for arcmin in (0.2, CELL_ARCMIN):
-            loop = Loop(_registered(calibration, arcmin), cells, direct, direct)
+            loop = DomeLoop(_registered(calibration, arcmin), cells, direct, direct)
             loop.learn(loop.goal + stripes, _sigma(), 4)
             fine = np.diff(loop._whole(loop.belief.surplus), axis=0)
             sizes.append(float(np.abs(fine[loop.free[1:] & loop.free[:-1]]).mean()))
@@ -211,14 +211,14 @@ class TestNoise:
 
 class TestRefinedCalibration:
     @pytest.fixture
-    def taught(self, loop: Loop, calibration: Calibration) -> Calibration:
+    def taught(self, loop: DomeLoop, calibration: Calibration) -> Calibration:
         """A loop that knows: 5 % too little light everywhere, bounced light 10 % stronger."""
         loop.belief.surplus = -0.05 * loop._asked[loop._inside]
         loop.belief.scatter_factor[:] = 1.1
         return refined_calibration(calibration, loop)
 
     def test_gains_are_light_got_per_light_asked(
-        self, loop: Loop, calibration: Calibration, taught: Calibration
+        self, loop: DomeLoop, calibration: Calibration, taught: Calibration
     ) -> None:
         factor = loop.gain_factor()
         np.testing.assert_allclose(factor[loop.free], 0.95, rtol=1e-5)
@@ -235,8 +235,8 @@ class TestRefinedCalibration:
         direction, inside = master_directions(2 * LOOP_SIZE)
         inside = inside & (direction[..., 2] > 0.02)
         inside[LOOP_SIZE : LOOP_SIZE + 2] = False  # a row of cells at the zenith
-        few = Cells.of(direction.astype(np.float32), inside)
-        loop = Loop(calibration, few, direct, _observed(calibration, direct))
+        few = LoopCells.of(direction.astype(np.float32), inside)
+        loop = DomeLoop(calibration, few, direct, _observed(calibration, direct))
         loop.belief.surplus = -0.05 * loop._asked[loop._inside]
         hole = (LOOP_SIZE // 2, slice(LOOP_SIZE // 2 - 5, LOOP_SIZE // 2 + 5))
         assert (few.count[hole] == 0).all()

@@ -8,18 +8,18 @@ from procam.errors import OutOfModelRange
 from procam.estimate.closed_loop.patches import (
     FEWEST,
     MOST,
-    Belief,
-    Bounces,
-    Look,
-    believed,
+    LoopObservation,
+    LoopState,
+    PatchScatter,
     common_errors,
     good_enough,
     just_noticeable,
-    left_over,
+    largest_regression,
     photographs_needed,
-    undo_bounces,
+    posterior,
+    remove_scatter,
+    residual_without_noise,
     visible,
-    worst_worsening,
 )
 from studies import loop as study
 
@@ -59,7 +59,7 @@ class TestUndoBounces:
     ) -> None:
         free, change = rng.random(PATCHES) < 0.6, rng.normal(size=PATCHES)
         spread, collect = _scatter(*sphere)[:, None], sphere[1][:, None]
-        step = undo_bounces(change, free, spread, collect)
+        step = remove_scatter(change, free, spread, collect)
         assert not step[~free].any()
         np.testing.assert_allclose((_dense(*sphere) @ step)[free], change[free], atol=SOLVER)
 
@@ -69,7 +69,7 @@ class TestUndoBounces:
         """dx_F = r_F - rho_F (a_F.r_F) / (A_s - sum of a rho over what is not free)."""
         albedo, area = sphere
         free, change = rng.random(PATCHES) < 0.6, rng.normal(size=PATCHES)
-        step = undo_bounces(change, free, _scatter(*sphere)[:, None], area[:, None])
+        step = remove_scatter(change, free, _scatter(*sphere)[:, None], area[:, None])
         rest = 4 * np.pi - (area * albedo)[~free].sum()
         wanted = change - albedo * (area * change)[free].sum() / rest
         np.testing.assert_allclose(step[free], wanted[free], atol=SOLVER)
@@ -77,7 +77,7 @@ class TestUndoBounces:
     def test_of_several_moments(self, rng: np.random.Generator) -> None:
         spread, collect = rng.normal(size=(2, PATCHES, 4)) / PATCHES
         free, change = rng.random(PATCHES) < 0.5, rng.normal(size=PATCHES)
-        step = undo_bounces(change, free, spread, collect)
+        step = remove_scatter(change, free, spread, collect)
         seen = (np.eye(PATCHES) + spread @ collect.T) @ step
         np.testing.assert_allclose(seen[free], change[free], atol=SOLVER)
 
@@ -128,7 +128,7 @@ class TestLearn:
         seen = belief.expected(asked)
         seen[:10] = 99.0
         known = np.arange(PATCHES)[:, None] >= 10
-        belief.learn(Look(asked, seen, np.full_like(asked, 0.001), known, 1))
+        belief.learn(LoopObservation(asked, seen, np.full_like(asked, 0.001), known, 1))
         assert np.abs(belief.surplus).max() < SOLVER and belief.scatter_factor[0] == 1
 
     @pytest.mark.parametrize("factor", [0.9, 1.1])
@@ -170,14 +170,14 @@ class TestCommonErrors:
     def test_little_change_of_bounced_light_is_left_to_the_calibration(self) -> None:
         small, clear = np.array([0.02, 0.01]), np.array([0.02, 0.1])
         covariance = np.diag([1e-8, 1e-8])
-        assert believed(small, covariance, 0.002) == pytest.approx((0.02, 0), rel=1e-3)
-        assert believed(clear, covariance, 0.002) == pytest.approx((0.02, 0.1), rel=1e-3)
-        assert believed(clear, covariance, 0.05)[1] == 0
+        assert posterior(small, covariance, 0.002) == pytest.approx((0.02, 0), rel=1e-3)
+        assert posterior(clear, covariance, 0.002) == pytest.approx((0.02, 0.1), rel=1e-3)
+        assert posterior(clear, covariance, 0.05)[1] == 0
 
     def test_without_a_picture_nothing_is_found(self) -> None:
         dark = np.zeros(50)
         found, covariance = common_errors(dark, dark, dark, dark, np.zeros(50, int))
-        assert believed(found, covariance, 0.01) == (0, 0)
+        assert posterior(found, covariance, 0.01) == (0, 0)
 
 
 class TestRules:
@@ -196,8 +196,8 @@ class TestRules:
 
     def test_left_over_is_without_noise(self) -> None:
         residual, sigma = np.array([0.05, -0.05]), np.full(2, 0.06)
-        assert left_over(residual, sigma, 4) == pytest.approx(0.04)
-        assert left_over(residual, sigma, 1) == 0
+        assert residual_without_noise(residual, sigma, 4) == pytest.approx(0.04)
+        assert residual_without_noise(residual, sigma, 1) == 0
 
     def test_stops_at_half_a_jnd_in_almost_all_patches(self) -> None:
         light, sigma = np.ones(1000), np.zeros(1000)
@@ -221,7 +221,7 @@ class TestWorsening:
         last = first.copy()
         last[100:200, 1] = 0.9
         last[200:, 0] = 0.7
-        found = worst_worsening(first, last, np.full((300, 2), 0.1), judged, block)
+        found = largest_regression(first, last, np.full((300, 2), 0.1), judged, block)
         assert found is not None
         np.testing.assert_array_equal(found.place, block == 1)
         assert (found.channel, found.before) == (1, pytest.approx(np.sqrt(0.08)))
@@ -233,11 +233,11 @@ class TestWorsening:
         block, judged = np.repeat([0, 1], 100), np.ones((200, 1), bool)
         noise = np.full((200, 1), 2.0)
         first, last = 2.0 * rng.normal(size=(2, 200, 1))
-        assert worst_worsening(first, last, noise, judged, block) is None
+        assert largest_regression(first, last, noise, judged, block) is None
         quiet = np.zeros((200, 1))
-        assert worst_worsening(quiet, quiet + 0.4, quiet, judged, block) is None
+        assert largest_regression(quiet, quiet + 0.4, quiet, judged, block) is None
         judged[20:] = False
-        assert worst_worsening(quiet, quiet + 9, quiet, judged, block) is None
+        assert largest_regression(quiet, quiet + 9, quiet, judged, block) is None
 
 
 class TestLoops:
@@ -268,11 +268,11 @@ class TestLoops:
         assert study.iterations_to([3, 0.5, 1.2]) is None
 
 
-def _belief(sphere: tuple[Array, Array], factor: float = 1.0) -> Belief:
-    bounces = Bounces(factor * _scatter(*sphere)[None, :, None], sphere[1][:, None])
-    return Belief(bounces, np.arange(PATCHES) // 20, np.array([0.005]))
+def _belief(sphere: tuple[Array, Array], factor: float = 1.0) -> LoopState:
+    bounces = PatchScatter(factor * _scatter(*sphere)[None, :, None], sphere[1][:, None])
+    return LoopState(bounces, np.arange(PATCHES) // 20, np.array([0.005]))
 
 
-def _look(asked: Array, seen: Array, photographs: int) -> Look:
+def _look(asked: Array, seen: Array, photographs: int) -> LoopObservation:
     doubt = np.full_like(asked, 0.001)
-    return Look(asked, seen, doubt, np.ones_like(asked, bool), photographs)
+    return LoopObservation(asked, seen, doubt, np.ones_like(asked, bool), photographs)

@@ -9,10 +9,10 @@ from domes import SimulatedDome
 from tolerances import SIGMAS
 
 from procam.errors import NotEnoughData
-from procam.estimate.comparison.common_pixels import Shared
+from procam.estimate.comparison.common_pixels import CommonPixels
 from procam.estimate.comparison.compare import compare
 from procam.estimate.comparison.verdict import judge_difference
-from procam.estimate.geometry.pixel_directions import measure_landing
+from procam.estimate.geometry.pixel_directions import fit_pixel_directions
 from procam.estimate.geometry.solve import GeometrySolution, solve_geometry
 from procam.maths.geometry.lenses import Lens, unproject
 from procam.maths.geometry.pose import Pose, rotation_matrix
@@ -346,16 +346,16 @@ def _visit(dome: SimulatedDome, turn: float, wrong: Callable[[Lens], Lens]) -> G
     return solve_geometry(replace(problem, cameras=told))
 
 
-def _shared_landings(a: GeometrySolution, b: GeometrySolution, name: str) -> Shared:
+def _shared_landings(a: GeometrySolution, b: GeometrySolution, name: str) -> CommonPixels:
     """What two solved rigs tell of the panel's upper half, which lands on the dome."""
     x, y = np.arange(20.0, 1920, 40), np.arange(20.0, 800, 40)
-    landings = [measure_landing(solution, name) for solution in (a, b)]
+    landings = [fit_pixel_directions(solution, name) for solution in (a, b)]
     first, second = (each.directions(x, y).reshape(-1, 3) for each in landings)
     sigma = [each.sigma_arcmin(x, y).ravel() * ARCMIN for each in landings]
     place = a.projectors[name].projector_from_dome.origin / a.rig.shape.radius_m
     even = np.ones(len(first), np.float32)
     variance = (sigma[0] ** 2 + sigma[1] ** 2).astype(np.float32)
-    return Shared(
+    return CommonPixels(
         first.astype(np.float32), second.astype(np.float32), variance, even, even, 0.0, place
     )
 

@@ -10,14 +10,14 @@ from printed_tags import Printed, photograph, whiteness
 from procam.errors import CalibrationError
 from procam.estimate.boards.targets import TAG_SETS, find_tags, tag_cells
 from procam.estimate.geometry.apriltags import (
-    TagLook,
-    look_for_tags,
+    TagObservations,
+    detect_tags,
     tag_centre,
     tag_fiducials,
     tag_notes,
     toned,
 )
-from procam.estimate.geometry.model import Rig
+from procam.estimate.geometry.model import RigGeometry
 from procam.estimate.geometry.solve import solve_geometry
 from procam.maths.geometry.lenses import Lens, project, unproject
 from procam.maths.geometry.pose import Pose
@@ -62,8 +62,8 @@ def picture_of(tags: list[Printed], rng: np.random.Generator, **how: float) -> n
 
 def look(
     tags: list[Printed], *pictures: np.ndarray, shown: frozenset[str] = frozenset()
-) -> TagLook:
-    return look_for_tags(pictures, LENS, [t.listed() for t in tags], shown)
+) -> TagObservations:
+    return detect_tags(pictures, LENS, [t.listed() for t in tags], shown)
 
 
 @pytest.fixture(scope="module")
@@ -117,14 +117,14 @@ class TestLook:
     def test_mirrored_ones_are_none(self, rng) -> None:
         tags = stuck(40)
         found = look(tags, picture_of([replace(t, mirrored=True) for t in tags], rng))
-        assert found == TagLook()
+        assert found == TagObservations()
 
     def test_pictures_without_light_are_passed_over(self, forty, rng) -> None:
         tags, picture = forty
         night = photograph(np.zeros(picture.shape), rng)
         assert not toned(night).any()
         assert look(tags[:1], night, picture).centres.keys() == {"tag 0"}
-        assert look(tags[:1], night) == TagLook()
+        assert look(tags[:1], night) == TagObservations()
 
     def test_no_further_picture_is_made_than_is_needed(self, forty) -> None:
         tags, picture = forty
@@ -133,8 +133,8 @@ class TestLook:
             yield picture
             raise AssertionError("one is enough")
 
-        assert look_for_tags(pictures(), LENS, [tags[2].listed()]).centres.keys() == {"tag 2"}
-        assert look_for_tags(map(pytest.fail, ["not even one"]), LENS, []) == TagLook()
+        assert detect_tags(pictures(), LENS, [tags[2].listed()]).centres.keys() == {"tag 2"}
+        assert detect_tags(map(pytest.fail, ["not even one"]), LENS, []) == TagObservations()
 
     def test_others_and_those_of_projectors_are_no_marks(self, forty) -> None:
         tags, picture = forty
@@ -145,7 +145,7 @@ class TestLook:
     def test_one_that_is_there_twice_is_not_used(self, rng) -> None:
         tags = stuck(40)[:3]
         found = look(tags, picture_of([tags[0], tags[1], replace(tags[2], number=0)], rng))
-        assert found == TagLook(found.centres, {"tag 0"}, set())
+        assert found == TagObservations(found.centres, {"tag 0"}, set())
         assert found.centres.keys() == {"tag 1"}
 
     def test_families_are_as_large_as_opencvs(self) -> None:
@@ -161,25 +161,28 @@ class TestNotes:
 
     def test_nothing_to_tell(self) -> None:
         looks = {
-            "a": TagLook({"tag 7": np.zeros(2)}, set(), {"tag 3"}),
-            "b": TagLook({"tag 8 of 25h9": np.zeros(2)}),
+            "a": TagObservations({"tag 7": np.zeros(2)}, set(), {"tag 3"}),
+            "b": TagObservations({"tag 8 of 25h9": np.zeros(2)}),
         }
         assert tag_notes(self.LISTED, looks) == []
 
     def test_missing_ones_are_told_in_one_line(self) -> None:
-        (line,) = tag_notes(self.LISTED, {"a": TagLook()})
+        (line,) = tag_notes(self.LISTED, {"a": TagObservations()})
         assert line.startswith("tag 7, tag 8 of 25h9: got no camera that sees it, expected one; ")
-        (line,) = tag_notes(self.LISTED, {"a": TagLook({"tag 7": np.zeros(2)}, set(), {"tag 3"})})
+        (line,) = tag_notes(
+            self.LISTED, {"a": TagObservations({"tag 7": np.zeros(2)}, set(), {"tag 3"})}
+        )
         assert line.startswith("tag 8 of 25h9: got no camera")
 
     def test_others_are_told_if_no_listed_one_is_found(self) -> None:
         (line,) = tag_notes(
-            self.LISTED, {"a": TagLook({}, set(), {"tag 4", "tag 3"}), "b": TagLook()}
+            self.LISTED,
+            {"a": TagObservations({}, set(), {"tag 4", "tag 3"}), "b": TagObservations()},
         )
         assert "got tag 3, tag 4 instead" in line and "correct family and id" in line
 
     def test_doubled_ones(self) -> None:
-        (line,) = tag_notes(self.LISTED[:1], {"a": TagLook({}, {"tag 7"})})
+        (line,) = tag_notes(self.LISTED[:1], {"a": TagObservations({}, {"tag 7"})})
         assert (
             line == "tag 7: a sees it at several places and does not use it; take all but one down"
         )
@@ -191,7 +194,9 @@ class TestMarks:
         cameras = {"a": camera, "b": replace(camera, name="b")}
         tag = AprilTag("36h11", 7, 0.1, None, 1e-3)
         places = {"a": np.array([3.0, 4.0]), "b": np.array([5.0, 6.0])}
-        marks = tag_fiducials([tag], {n: TagLook({"tag 7": p}) for n, p in places.items()}, cameras)
+        marks = tag_fiducials(
+            [tag], {n: TagObservations({"tag 7": p}) for n, p in places.items()}, cameras
+        )
         assert [(m.name, m.device, m.azimuth, m.elevation) for m in marks] == [
             ("tag 7", "a", 0.1, None),
             ("tag 7", "b", 0.1, None),
@@ -207,7 +212,7 @@ def tags_seen(dome: SimulatedDome, tags: list[Printed], listed: list[AprilTag]) 
     for camera in dome.cameras:
         pose, radius_m = camera.camera_from_dome, dome.surface.preset.radius_m
         light = whiteness(tags, camera.lens, camera.size, pose, radius_m)
-        looks[camera.name] = look_for_tags([photograph(light, dome.rng)], camera.lens, listed)
+        looks[camera.name] = detect_tags([photograph(light, dome.rng)], camera.lens, listed)
     cameras = {c.name: CameraModel(c.name, c.size, c.lens, Sensor(12, 64.0)) for c in dome.cameras}
     return tag_fiducials(listed, looks, cameras)
 
@@ -238,12 +243,12 @@ class TestGeometry:
             solve_geometry(dome.problem(dome.observations(48), fiducials=marks))
 
 
-def worst_direction(found: Rig, truth: Rig) -> float:
+def worst_direction(found: RigGeometry, truth: RigGeometry) -> float:
     """Largest angle [rad] between where pixels land and where they should."""
     x, y = np.meshgrid(np.linspace(100, 1800, 9), np.linspace(100, 1100, 7))
     panel = np.stack([x, y], axis=-1).reshape(-1, 2)
 
-    def landing(rig: Rig, name: str) -> np.ndarray:
+    def landing(rig: RigGeometry, name: str) -> np.ndarray:
         projector = rig.projectors[name]
         back = projector.projector_from_dome.inverse()
         ray = back.rotate(unproject(panel, projector.lens))

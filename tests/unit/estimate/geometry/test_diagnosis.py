@@ -7,7 +7,7 @@ import pytest
 from domes import SimulatedDome
 
 from procam.errors import CalibrationError
-from procam.estimate.geometry.adjustment import Problem
+from procam.estimate.geometry.adjustment import RigProblem
 from procam.estimate.geometry.diagnosis import causes
 from procam.estimate.geometry.model import Observations, Pair
 from procam.estimate.geometry.solve import GeometrySolution, solve_geometry
@@ -17,14 +17,14 @@ from simulators.presets import REALISTIC, STANDARD
 Seen = dict[Pair, Observations]
 
 
-def _solved(problem: Problem) -> GeometrySolution | None:
+def _solved(problem: RigProblem) -> GeometrySolution | None:
     try:
         return solve_geometry(problem)
     except CalibrationError:
         return None
 
 
-def _told(problem: Problem) -> list[str]:
+def _told(problem: RigProblem) -> list[str]:
     return causes(problem, _solved(problem))
 
 

@@ -8,7 +8,7 @@ from domes import SimulatedDome
 
 from procam.estimate.geometry.camera_view import DomeView
 from procam.estimate.geometry.lens_glints import GLARE_PX, HOUSING_RADIUS_M, lens_glints
-from procam.estimate.geometry.model import Rig
+from procam.estimate.geometry.model import RigGeometry
 from procam.maths.geometry.lenses import project, unproject
 from procam.maths.geometry.pose import Pose
 from procam.model.screen import Dome
@@ -18,7 +18,7 @@ RADIUS_M = 8.0
 
 
 @pytest.fixture(scope="module")
-def rig() -> Rig:
+def rig() -> RigGeometry:
     """Three projectors just inside the rim; the first camera takes pictures of a quarter's size."""
     rig = SimulatedDome.build(4).rig()
     camera = rig.cameras["zenith"]
@@ -26,12 +26,12 @@ def rig() -> Rig:
     return replace(rig, cameras={"zenith": replace(camera, size=SIZE, lens=lens)})
 
 
-def rays_of(rig: Rig) -> np.ndarray:
+def rays_of(rig: RigGeometry) -> np.ndarray:
     pixels = np.stack(np.meshgrid(np.arange(SIZE[0]), np.arange(SIZE[1])), axis=-1).astype(float)
     return unproject(pixels, rig.cameras["zenith"].lens)
 
 
-def with_lens_at(rig: Rig, place: np.ndarray) -> Rig:
+def with_lens_at(rig: RigGeometry, place: np.ndarray) -> RigGeometry:
     """The rig with one projector alone, its lens at a place (3,) [m] in the camera's frame."""
     camera, (name, projector) = rig.cameras["zenith"], next(iter(rig.projectors.items()))
     assert camera.camera_from_dome is not None
@@ -40,13 +40,13 @@ def with_lens_at(rig: Rig, place: np.ndarray) -> Rig:
     return replace(rig, projectors={name: replace(projector, projector_from_dome=pose)})
 
 
-def radius_px(rig: Rig, distance_m: float) -> float:
+def radius_px(rig: RigGeometry, distance_m: float) -> float:
     focal = float(rig.cameras["zenith"].lens.focal.mean())
     return focal * np.arcsin(HOUSING_RADIUS_M / distance_m) + GLARE_PX
 
 
 class TestDiscs:
-    def test_every_lens_is_covered(self, rig: Rig) -> None:
+    def test_every_lens_is_covered(self, rig: RigGeometry) -> None:
         covered, camera = lens_glints(rig, "zenith", rays_of(rig)), rig.cameras["zenith"]
         assert camera.camera_from_dome is not None
         expected = 0.0
@@ -77,17 +77,19 @@ class TestDiscs:
         one = with_lens_at(rig, (screen_m + beyond_m) * up)
         assert lens_glints(one, "zenith", rays_of(one)).any() == seen
 
-    def test_a_lens_behind_the_camera_covers_nothing(self, rig: Rig) -> None:
+    def test_a_lens_behind_the_camera_covers_nothing(self, rig: RigGeometry) -> None:
         one = with_lens_at(rig, np.array([0.0, 0.0, -0.4]))
         assert not lens_glints(one, "zenith", rays_of(one)).any()
 
-    def test_a_camera_inside_the_housing_sees_nothing_else_on_that_side(self, rig: Rig) -> None:
+    def test_a_camera_inside_the_housing_sees_nothing_else_on_that_side(
+        self, rig: RigGeometry
+    ) -> None:
         one = with_lens_at(rig, np.array([0.0, 0.0, 0.1]))
         rays = rays_of(one)
         assert lens_glints(one, "zenith", rays)[rays[..., 2] > 0].all()
 
 
-def test_a_view_without_them_has_neither_their_screen_nor_its_solid_angle(rig: Rig) -> None:
+def test_a_view_without_them_has_neither_their_screen_nor_its_solid_angle(rig: RigGeometry) -> None:
     rays = rays_of(rig)
     dome = Dome(RADIUS_M, np.pi / 2, 0.0, 0.1, 0.05)
     view = DomeView.of(rig.cameras["zenith"], dome, rays, np.ones(SIZE[::-1], bool))

@@ -6,19 +6,19 @@ import numpy as np
 import pytest
 
 from procam.estimate.geometry.model import (
-    Layout,
     Observations,
     Pair,
-    Rig,
+    ParameterLayout,
+    RigGeometry,
     camera_rays,
     normal_equations,
-    relief_seen,
     residual_slopes,
     residuals,
+    shape_derivatives,
 )
 from procam.maths.geometry.lenses import Lens, project, unproject
 from procam.maths.geometry.pose import Pose
-from procam.maths.geometry.ray_to_screen import RoundShape, bump_count
+from procam.maths.geometry.ray_to_screen import RoundShape, shape_coefficient_count
 from procam.model.optics import CameraModel, ProjectorModel, Sensor
 
 RADIUS_M = 6.0
@@ -31,8 +31,8 @@ BROWN = Lens(
 STEP = 1e-6
 
 
-def _rig(degree: int) -> Rig:
-    bumps = np.random.default_rng(2).normal(0, 3e-4, bump_count(degree))
+def _rig(degree: int) -> RigGeometry:
+    bumps = np.random.default_rng(2).normal(0, 3e-4, shape_coefficient_count(degree))
     cameras = {
         name: CameraModel(
             name, (800, 800), FISHEYE, Sensor(12, 64.0), Pose.from_vectors(turn, (0.3, 0.2, -0.5))
@@ -48,10 +48,10 @@ def _rig(degree: int) -> Rig:
             "north", (1280, 800), FISHEYE, Pose.from_vectors((0, -0.3, 1), (0.5, 0, 1))
         ),
     }
-    return Rig(RoundShape(RADIUS_M, bumps, degree), cameras, projectors)
+    return RigGeometry(RoundShape(RADIUS_M, bumps, degree), cameras, projectors)
 
 
-def _seen(rig: Rig, count: int = 60) -> dict[Pair, Observations]:
+def _seen(rig: RigGeometry, count: int = 60) -> dict[Pair, Observations]:
     rng = np.random.default_rng(3)
     found = {}
     for pair in (("zenith", "south"), ("second", "south"), ("second", "north")):
@@ -64,7 +64,7 @@ def _seen(rig: Rig, count: int = 60) -> dict[Pair, Observations]:
     return found
 
 
-def _errors(rig: Rig, seen: dict[Pair, Observations]) -> np.ndarray:
+def _errors(rig: RigGeometry, seen: dict[Pair, Observations]) -> np.ndarray:
     return np.concatenate([residuals(rig, p, o).ravel() for p, o in seen.items()])
 
 
@@ -72,7 +72,7 @@ def _errors(rig: Rig, seen: dict[Pair, Observations]) -> np.ndarray:
 def test_slopes_of_every_parameter(degree: int) -> None:
     """Lenses, and with them the rays, move as well; tangents of the relief are taken anew."""
     rig = _rig(degree)
-    seen, layout = _seen(rig), Layout.of(rig)
+    seen, layout = _seen(rig), ParameterLayout.of(rig)
     slopes = np.zeros((sum(2 * len(o.sigma_px) for o in seen.values()), layout.count))
     at = 0
     for pair, some in seen.items():
@@ -92,12 +92,12 @@ def test_slopes_of_every_parameter(degree: int) -> None:
 @pytest.mark.parametrize("degree", [0, 3])
 def test_normal_equations_are_the_slopes_squared(degree: int, fixed: bool) -> None:
     rig = _rig(degree)
-    seen, layout = _seen(rig), Layout.of(rig)
+    seen, layout = _seen(rig), ParameterLayout.of(rig)
     free = np.ones(layout.count, bool)
     free[[2, 9, 30, 41]] = False
     rays = {p: unproject(o.camera_px, rig.cameras[p[0]].lens) for p, o in seen.items()}
     weight = {p: np.linspace(1, 2, len(o.sigma_px)) for p, o in seen.items()}
-    reliefs = {p: relief_seen(rig, p[0], ray) for p, ray in rays.items()}
+    reliefs = {p: shape_derivatives(rig, p[0], ray) for p, ray in rays.items()}
     found = normal_equations(rig, seen, weight, free, rays if fixed else {}, reliefs)
     matrix, gradient = np.zeros((layout.count,) * 2), np.zeros(layout.count)
     for pair, some in seen.items():
@@ -116,13 +116,13 @@ def test_a_known_relief_is_the_one_made_on_the_spot() -> None:
     rig = _rig(3)
     for pair, some in _seen(rig).items():
         ray = unproject(some.camera_px, rig.cameras[pair[0]].lens)
-        known = residuals(rig, pair, some, ray, relief_seen(rig, pair[0], ray))
+        known = residuals(rig, pair, some, ray, shape_derivatives(rig, pair[0], ray))
         np.testing.assert_array_equal(known, residuals(rig, pair, some))
 
 
 def test_a_step_of_nothing_moves_nothing() -> None:
     rig = _rig(3)
-    layout = Layout.of(rig)
+    layout = ParameterLayout.of(rig)
     still = rig.moved(np.zeros(layout.count))
     assert still.cameras == rig.cameras and still.projectors == rig.projectors
     step = np.zeros(layout.count)

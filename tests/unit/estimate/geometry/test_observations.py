@@ -5,7 +5,7 @@ import pytest
 from domes import SimulatedDome
 
 from procam.errors import InputError
-from procam.estimate.geometry.observations import gather
+from procam.estimate.geometry.observations import gather_observations
 from procam.estimate.geometry.solve import solve_geometry
 from procam.model.correspondence import CorrespondenceMap
 
@@ -20,9 +20,11 @@ def _map() -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("part", ["places", "errors"])
 def test_nan_counts_as_not_seen_even_where_the_map_calls_it_valid(part: str) -> None:
     xy, sigma = _map()
-    whole = gather(CorrespondenceMap(xy.copy(), sigma.copy(), np.ones((200, 300), bool)), SIZE)
+    whole = gather_observations(
+        CorrespondenceMap(xy.copy(), sigma.copy(), np.ones((200, 300), bool)), SIZE
+    )
     (xy if part == "places" else sigma)[50:60] = np.nan
-    some = gather(CorrespondenceMap(xy, sigma, np.ones((200, 300), bool)), SIZE)
+    some = gather_observations(CorrespondenceMap(xy, sigma, np.ones((200, 300), bool)), SIZE)
     assert 0 < len(some.sigma_px) < len(whole.sigma_px)
     for values in (some.camera_px, some.projector_px, some.sigma_px):
         assert np.isfinite(values).all()
@@ -30,7 +32,9 @@ def test_nan_counts_as_not_seen_even_where_the_map_calls_it_valid(part: str) -> 
 
 def test_nothing_seen_gives_nothing() -> None:
     xy, sigma = _map()
-    empty = gather(CorrespondenceMap(xy * np.nan, sigma, np.ones((200, 300), bool)), SIZE)
+    empty = gather_observations(
+        CorrespondenceMap(xy * np.nan, sigma, np.ones((200, 300), bool)), SIZE
+    )
     assert len(empty.sigma_px) == 0
 
 

@@ -5,7 +5,11 @@ import pytest
 from domes import SimulatedDome
 from tolerances import SIGMAS
 
-from procam.estimate.geometry.pixel_directions import ARCMIN, measure_landing, sample_directions
+from procam.estimate.geometry.pixel_directions import (
+    ARCMIN,
+    fit_pixel_directions,
+    sample_directions,
+)
 from procam.estimate.geometry.solve import GeometrySolution, solve_geometry
 from procam.maths.geometry.pose import align_rotation, rotation_vector
 from procam.maths.geometry.sphere import grid_solid_angles, normalise
@@ -42,7 +46,7 @@ def _lit_block(dome: SimulatedDome, pitch: float) -> np.ndarray:
 @pytest.mark.parametrize(("preset", "cameras"), [(STANDARD, 1), (REALISTIC, 2)])
 def test_draws_scatter_as_told(preset: Preset, cameras: int) -> None:
     dome, solution = _solved(7, preset, cameras)
-    landing = measure_landing(solution, "south")
+    landing = fit_pixel_directions(solution, "south")
     x, y = np.arange(7.0, 1920, 160), np.arange(9.0, 1200, 160)
     pixels = np.stack(np.meshgrid(x, y), axis=-1)
     drawn = sample_directions(solution, "south", pixels, DRAWS, np.random.default_rng(1))
@@ -76,7 +80,7 @@ def test_projectors_drawn_from_one_state_belong_to_one_rig() -> None:
     pixels = np.stack([x, y], axis=-1)
     turns = []
     for name in ("south", "north"):
-        mean = measure_landing(solution, name).at(pixels).reshape(-1, 3)
+        mean = fit_pixel_directions(solution, name).at(pixels).reshape(-1, 3)
         drawn = sample_directions(solution, name, pixels, 20, np.random.default_rng(3))
         turns.append([rotation_vector(align_rotation(mean, d.reshape(-1, 3))) for d in drawn])
     south, north = np.array(turns)
@@ -89,7 +93,7 @@ def test_solid_angles_get_error_bars_that_cover_the_truth() -> None:
         dome, solution = _solved(20 + seed)
         corners = _lit_block(dome, 120.0)
         true = float(grid_solid_angles(_true(dome, corners)).sum())
-        told = float(grid_solid_angles(measure_landing(solution, "south").at(corners)).sum())
+        told = float(grid_solid_angles(fit_pixel_directions(solution, "south").at(corners)).sum())
         drawn = sample_directions(solution, "south", corners, 50, np.random.default_rng(seed))
         sums = np.array([grid_solid_angles(d).sum() for d in drawn])
         spreads.append(sums.std() / true)

@@ -8,10 +8,10 @@ from domes import SimulatedDome, step_between
 
 from procam.errors import CalibrationError, NotEnoughData
 from procam.estimate.geometry.fiducial_checks import missing_marks
-from procam.estimate.geometry.model import Layout, Observations
-from procam.estimate.geometry.pixel_directions import ARCMIN, measure_landing
+from procam.estimate.geometry.model import Observations, ParameterLayout
+from procam.estimate.geometry.pixel_directions import ARCMIN, fit_pixel_directions
 from procam.estimate.geometry.solve import ROUND_ENOUGH, GeometrySolution, solve_geometry
-from procam.estimate.geometry.start import Hung
+from procam.estimate.geometry.start import ProjectorPrior
 from procam.maths.geometry.lenses import Lens
 from procam.maths.geometry.ray_to_screen import RoundShape
 from procam.maths.geometry.sphere import angle_between, normalise
@@ -24,7 +24,7 @@ def direction_errors(dome: SimulatedDome, found: GeometrySolution) -> tuple[np.n
     """Errors and told standard errors [arcmin] over all lit pixels, thinned."""
     errors, sigmas = [], []
     for build in dome.projectors:
-        landing = measure_landing(found, build.name)
+        landing = fit_pixel_directions(found, build.name)
         x, y = np.arange(7, build.size[0], 40), np.arange(9, build.size[1], 40)
         pixels = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2).astype(float)
         true = points_lit(dome.surface, build, pixels)
@@ -43,7 +43,7 @@ class TestSphere:
             dome.problem(dome.observations(48, 0.0), fiducials=dome.fiducials(off=0))
         )
         step = step_between(found.rig, dome.rig())
-        layout = Layout.of(found.rig)
+        layout = ParameterLayout.of(found.rig)
         for block in (*layout.cameras.values(), *layout.projectors.values()):
             assert np.abs(step[block][:6]).max() < 1e-6  # rad, m
         assert (found.sphere_excess, found.rig.shape.degree, len(found.freedoms)) == (1.0, 0, 0)
@@ -222,7 +222,7 @@ class TestLenses:
             np.array([0.01, -0.002, 0, 0]),
         )
         dome = replace(dome, projectors=[replace(p, lens=lens) for p in dome.projectors])
-        hung = {p.name: Hung(p.name, p.size, "kannala-brandt") for p in dome.projectors}
+        hung = {p.name: ProjectorPrior(p.name, p.size, "kannala-brandt") for p in dome.projectors}
         found = solve_geometry(dome.problem(dome.observations(32), hung=hung))
         errors, _ = direction_errors(dome, found)
         assert np.sqrt(np.mean(errors**2)) < 0.3

@@ -8,8 +8,8 @@ import pytest
 from domes import SimulatedDome, step_between
 
 from procam.errors import CalibrationError, InputError, NotEnoughData
-from procam.estimate.geometry.model import Layout
-from procam.estimate.geometry.pixel_directions import ARCMIN, measure_landing
+from procam.estimate.geometry.model import ParameterLayout
+from procam.estimate.geometry.pixel_directions import ARCMIN, fit_pixel_directions
 from procam.estimate.geometry.solve import GeometrySolution, solve_geometry
 from procam.maths.geometry.ray_to_screen import RoundShape
 from procam.maths.geometry.sphere import angle_between, intersect_sphere, normalise
@@ -77,7 +77,7 @@ def test_exact_observations_give_the_exact_rig(kind: str) -> None:
     dome = _rig(kind, projectors=2)
     found = _solved(dome, 0.0)
     step = step_between(found.rig, dome.rig())
-    layout = Layout.of(found.rig)
+    layout = ParameterLayout.of(found.rig)
     for block in (*layout.cameras.values(), *layout.projectors.values()):
         assert np.abs(step[block][:6]).max() < (1e-12 if kind == "box" else 1e-8)  # rad, m
     assert len(found.freedoms) == 0
@@ -93,7 +93,7 @@ def test_directions_err_by_as_much_as_told(kind: str) -> None:
     for build in dome.projectors:
         true = points_lit(dome.surface, build, pixels)
         lit = np.isfinite(true).all(axis=1)
-        landing = measure_landing(found, build.name)
+        landing = fit_pixel_directions(found, build.name)
         told = landing.directions(x, y).reshape(-1, 3)[lit]
         error = ARCMIN * angle_between(normalise(true[lit]), told)
         assert np.sqrt(np.mean(error**2)) < 0.1

@@ -9,7 +9,13 @@ from tolerances import SOLVER
 
 from procam.estimate.camera.radiance import Radiometer
 from procam.estimate.geometry.camera_view import DomeView
-from procam.estimate.light.audience import KERNEL, UNSEEN, HouseView, centre_shift, house_feedback
+from procam.estimate.light.audience import (
+    KERNEL,
+    UNSEEN,
+    AudienceView,
+    audience_feedback,
+    centre_shift,
+)
 from procam.estimate.structured_light.patterns import zone_picture
 from procam.maths.geometry.lenses import Lens
 from procam.maths.geometry.sphere import master_directions
@@ -49,7 +55,7 @@ def _quarters(
     known: Calibration, view: DomeView, ratio: np.ndarray, lamp: float = 1.0
 ) -> list[Picture]:
     """Pictures of quarters where `ratio` times what the kernel says bounces, from lamps of some strength."""
-    house, found = HouseView(known, view), []
+    house, found = AudienceView(known, view), []
     for name in NAMES:
         size = known.projectors[name].model.size
         for zone in range(ZONES):
@@ -65,7 +71,7 @@ def _quarters(
 def _ratio(
     known: Calibration, view: DomeView, pictures: list[Picture], before: Sequence[Picture] = ()
 ) -> Measured:
-    house = HouseView(known, view)
+    house = AudienceView(known, view)
     looks, then = ([house.look(*picture) for picture in each] for each in (pictures, before))
     return house.scatter_ratio(looks, then)
 
@@ -124,7 +130,7 @@ class TestRatio:
         assert (found.sigma > 0.02).all()
 
     def test_feedback_is_the_calibrations_times_the_ratio(self, known: Calibration) -> None:
-        m = house_feedback(known, Measured(RATIO, np.full(3, 0.01)))
+        m = audience_feedback(known, Measured(RATIO, np.full(3, 0.01)))
         before = known.feedback
         np.testing.assert_allclose(m.value, RATIO * before.value, rtol=SOLVER)
         sigma = np.sqrt((RATIO * before.sigma) ** 2 + (0.01 * before.value) ** 2)
@@ -138,7 +144,7 @@ class TestAmbient:
         slope = 0.02 * (1 + 0.5 * view.direction[..., 1:2]) * [1.0, 0.5, 0.2]
         light = (slope * view.on_screen[..., None]).astype(np.float32)
         light[70:74, 90:94] = np.nan  # a lamp in the picture
-        level, mean = HouseView(known, view).ambient(light)
+        level, mean = AudienceView(known, view).ambient(light)
         direction, inside = master_directions(96)
         high = inside & (direction[..., 2] > np.sin(np.radians(12.0)))
         expected = 0.02 * (1 + 0.5 * direction[..., 1:2]) * [1.0, 0.5, 0.2]
@@ -151,7 +157,7 @@ class TestAmbient:
         self, known: Calibration, view: DomeView, rng: np.random.Generator
     ) -> None:
         light = rng.normal(0, 1e-3, (*view.on_screen.shape, 3)).astype(np.float32)
-        level, mean = HouseView(known, view).ambient(light)
+        level, mean = AudienceView(known, view).ambient(light)
         assert level.min() >= 0 and mean.min() >= 0
         assert level.mean() < 1e-4 and mean.max() < 1e-4
 
@@ -159,7 +165,7 @@ class TestAmbient:
 class TestCentre:
     def shifted(self, known: Calibration, view: DomeView, by: int) -> float:
         seen, _ = _quarters(known, view, np.ones(3))[0]
-        house = HouseView(known, view)
+        house = AudienceView(known, view)
         expected = house.expected("south", zone_picture((48, 30), 0, ZONES) / np.float32(255))
         light = np.roll(seen[..., 1], by, axis=1)
         return centre_shift(light, expected, view.on_screen)
@@ -172,6 +178,6 @@ class TestCentre:
         assert self.shifted(known, view, by) == pytest.approx(abs(by), abs=1.0)
 
     def test_no_light(self, known: Calibration, view: DomeView) -> None:
-        house = HouseView(known, view)
+        house = AudienceView(known, view)
         expected = house.expected("south", zone_picture((48, 30), 0, ZONES) / np.float32(255))
         assert np.isnan(centre_shift(0 * expected, expected, view.on_screen))

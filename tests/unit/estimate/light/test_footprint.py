@@ -8,11 +8,11 @@ from tolerances import CLOSED_FORM, FLOAT32, SIGMAS, SOLVER
 
 from procam.compensate.projector_frames import projector_frames
 from procam.estimate.geometry.camera_view import DomeView
-from procam.estimate.geometry.model import Layout, Observations, Rig
-from procam.estimate.geometry.pixel_directions import measure_landing, model_directions
+from procam.estimate.geometry.model import Observations, ParameterLayout, RigGeometry
+from procam.estimate.geometry.pixel_directions import fit_pixel_directions, model_directions
 from procam.estimate.geometry.solve import GeometrySolution
 from procam.estimate.light.footprint import camera_pixels, lit_share, project_surface
-from procam.estimate.light.separation import Light
+from procam.estimate.light.separation import SeparatedLight
 from procam.maths.geometry.lenses import project, unproject
 from procam.maths.geometry.local_shift import REACH
 from procam.maths.geometry.ray_to_screen import RoundShape
@@ -49,7 +49,7 @@ def _solution(
 ) -> GeometrySolution:
     """A rig known exactly, and what its camera sees of the projector south, with noise."""
     model = calibration.projectors["south"].model
-    rig = Rig(RoundShape(calibration.screen.radius_m), {"c": camera}, {"south": model})
+    rig = RigGeometry(RoundShape(calibration.screen.radius_m), {"c": camera}, {"south": model})
     width, height = model.size
     x, y = np.arange(0.5, width - 1, 2), np.arange(0.5, height - 1, 2)
     centres = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
@@ -59,7 +59,7 @@ def _solution(
     seen = project(camera.camera_from_dome.apply(points), camera.lens)
     pair = ("c", "south")
     seen = Observations(seen, centres, np.full(len(centres), max(sigma_px, 1e-3)))
-    layout = Layout.of(rig)
+    layout = ParameterLayout.of(rig)
     covariance = np.zeros((layout.count, layout.count))
     for block, size in ((layout.cameras["c"], 1e-6), (layout.projectors["south"], 1e-3)):
         start = block.start
@@ -71,7 +71,7 @@ def _solution(
 
 def test_a_projector_sees_what_it_lights(calibration: Calibration) -> None:
     model = calibration.projectors["south"].model
-    rig = Rig(RoundShape(calibration.screen.radius_m), {}, {})
+    rig = RigGeometry(RoundShape(calibration.screen.radius_m), {}, {})
     grid = np.stack(np.meshgrid(np.arange(48), np.arange(30)), axis=-1).astype(float)
     found = model_directions(rig, model, grid)
     np.testing.assert_allclose(np.linalg.norm(found, axis=-1), 1, rtol=CLOSED_FORM)
@@ -115,7 +115,7 @@ def test_lit_share_is_light_seen_over_light_expected(calibration: Calibration) -
     direct = extended.copy()
     direct[:, :145], direct[:, 145:155] = 0.0, 0.25
     lit = np.zeros(shape[:2], bool)
-    light = Light(direct, 0 * direct, extended, np.ones(3), direct, grow(lit, 1))
+    light = SeparatedLight(direct, 0 * direct, extended, np.ones(3), direct, grow(lit, 1))
     direction, inside = master_directions(150)
     solution = _solution(calibration, camera)
     share = lit_share(solution, direction, light)
@@ -134,13 +134,13 @@ class TestProjectSurface:
         return _solution(calibration, _camera(), 1e-4)
 
     @staticmethod
-    def _light(camera: CameraModel, calibration: Calibration) -> Light:
+    def _light(camera: CameraModel, calibration: Calibration) -> SeparatedLight:
         """White all over, but behind blackout plates below 10 degrees."""
         view = _view(calibration, camera)
         lit = view.on_screen & (view.direction[..., 2] > np.sin(np.radians(10.0)))
         extended = np.ones((*lit.shape, 3), np.float32)
         direct = extended * lit[..., None]
-        return Light(direct, 0 * direct, extended, np.ones(3), direct, lit)
+        return SeparatedLight(direct, 0 * direct, extended, np.ones(3), direct, lit)
 
     def test_is_the_known_surface(
         self, solution: GeometrySolution, calibration: Calibration
@@ -162,8 +162,8 @@ class TestProjectSurface:
         solution = _solution(calibration, _camera())
         pair, some = next(iter(solution.observations.items()))
         far = replace(solution, observations={pair: some.some(some.projector_px[:, 0] > 40)})
-        landing, draws = measure_landing(far, "south"), 400
-        layout, corner = Layout.of(solution.rig), np.zeros((1, 2))
+        landing, draws = fit_pixel_directions(far, "south"), 400
+        layout, corner = ParameterLayout.of(solution.rig), np.zeros((1, 2))
         middle = model_directions(solution.rig, solution.projectors["south"], corner)
         moved = []
         own = layout.projectors["south"]
@@ -184,7 +184,7 @@ class TestProjectSurface:
         pair, some = next(iter(solution.observations.items()))
         swell = 0.5 * np.sin(some.projector_px / 20)  # half a pixel, smooth
         wavy = Observations(some.camera_px, some.projector_px - swell, some.sigma_px)
-        landing = measure_landing(replace(solution, observations={pair: wavy}), "south")
+        landing = fit_pixel_directions(replace(solution, observations={pair: wavy}), "south")
         assert np.abs(landing.field).max() > 1e-3
 
 

@@ -3,8 +3,13 @@
 import numpy as np
 from tolerances import FLOAT32
 
-from procam.estimate.light.inpaint import BORDER_CAMERA_PX, fill_light, fill_picture, hidden_pixels
-from procam.estimate.light.separation import Light
+from procam.estimate.light.inpaint import (
+    BORDER_CAMERA_PX,
+    fill_light,
+    fill_picture,
+    pixels_without_pattern,
+)
+from procam.estimate.light.separation import SeparatedLight
 from procam.model.mask import Mask
 
 SHAPE = (40, 60)
@@ -15,9 +20,9 @@ SOLID = np.full(SHAPE, 1e-3)
 HOLE = (X >= 20) & (X < 33) & (Y >= 10) & (Y < 25)
 
 
-def split(lit: np.ndarray) -> Light:
+def split(lit: np.ndarray) -> SeparatedLight:
     spoilt = np.where(HOLE[..., None], 7, SLOPE) * lit[..., None]
-    return Light(
+    return SeparatedLight(
         spoilt.astype(np.float32),
         np.full_like(SLOPE, SCATTERED),
         spoilt.astype(np.float32),
@@ -48,7 +53,7 @@ class TestFill:
         np.testing.assert_array_equal(fill_picture(SLOPE, ~everything, everything), SLOPE)
 
 
-def filled(lit: np.ndarray, shown: np.ndarray = SLOPE, solid: np.ndarray = SOLID) -> Light:
+def filled(lit: np.ndarray, shown: np.ndarray = SLOPE, solid: np.ndarray = SOLID) -> SeparatedLight:
     return fill_light(split(lit), (shown + SCATTERED).astype(np.float32), HOLE, solid)
 
 
@@ -86,6 +91,6 @@ def test_pixels_that_see_a_mark() -> None:
     panel.covered[5:10, 10:15] = True
     xy = np.stack([X / 2, Y / 2], axis=-1).astype(np.float32)
     xy[0, 0] = np.nan
-    hidden = hidden_pixels(panel, xy)
+    hidden = pixels_without_pattern(panel, xy)
     assert hidden[10:19, 20:29].all()
     assert not hidden[: 9 - BORDER_CAMERA_PX].any() and not hidden[:, 30 + BORDER_CAMERA_PX :].any()

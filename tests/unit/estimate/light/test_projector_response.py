@@ -7,7 +7,7 @@ from tolerances import FLOAT32
 from procam.errors import NotEnoughData, OutOfModelRange
 from procam.estimate.light.projector_response import (
     TILE_MARGIN_PX,
-    ResponseFit,
+    ProjectorResponseFit,
     fit_colour,
     tile_levels,
 )
@@ -86,7 +86,7 @@ class TestResponse:
     curve = drive ** np.array([2.2, 2.3, 2.0])
 
     def test_recovers_a_known_curve(self, direct: np.ndarray, level: np.ndarray) -> None:
-        fit = ResponseFit(direct, MIX)
+        fit = ProjectorResponseFit(direct, MIX)
         fit.add(_light(direct, self.curve, level), level)
         found = fit.curve()
         expected = found.levels[:, None] ** np.array([2.2, 2.3, 2.0])
@@ -96,7 +96,7 @@ class TestResponse:
         assert (np.diff(found.values, axis=0) >= 0).all()
 
     def test_pictures_add_up(self, direct: np.ndarray, level: np.ndarray) -> None:
-        whole, parts = ResponseFit(direct, MIX), ResponseFit(direct, MIX)
+        whole, parts = ProjectorResponseFit(direct, MIX), ProjectorResponseFit(direct, MIX)
         light = _light(direct, self.curve, level)
         whole.add(light, level)
         for half in (0, 1):
@@ -106,7 +106,7 @@ class TestResponse:
     def test_sigma_is_that_of_the_mean(
         self, rng: np.random.Generator, direct: np.ndarray, level: np.ndarray
     ) -> None:
-        fit = ResponseFit(direct, np.eye(3))
+        fit = ProjectorResponseFit(direct, np.eye(3))
         light = direct * (self.curve[level] + rng.normal(0, 0.02, (*SHAPE, 3)))
         fit.add(light.astype(np.float32), level)
         count = SHAPE[0] * SHAPE[1] / len(LEVELS)
@@ -121,13 +121,13 @@ class TestResponse:
         light[0, 0, 1] = np.nan
         direct[1, 1] = 0.0
         direct[2, 2, 0] = np.nan
-        fit = ResponseFit(direct, MIX)
+        fit = ProjectorResponseFit(direct, MIX)
         fit.add(light, level)
         expected = fit.curve().levels[:, None] ** np.array([2.2, 2.3, 2.0])
         np.testing.assert_allclose(fit.curve().values, expected, atol=0.001)
 
     def test_too_few_samples(self, direct: np.ndarray, level: np.ndarray) -> None:
-        fit = ResponseFit(direct, MIX)
+        fit = ProjectorResponseFit(direct, MIX)
         level[level == 5] = -1
         fit.add(_light(direct, self.curve, level), level)
         with pytest.raises(NotEnoughData, match="got 0 samples at the rarest of 17 levels"):
@@ -136,7 +136,7 @@ class TestResponse:
     def test_a_curve_that_falls_is_refused(self, direct: np.ndarray, level: np.ndarray) -> None:
         bent = self.curve.copy()
         bent[12] = bent[10]  # below its neighbour at 11
-        fit = ResponseFit(direct, MIX)
+        fit = ProjectorResponseFit(direct, MIX)
         fit.add(_light(direct, bent, level), level)
         with pytest.raises(OutOfModelRange, match=rf"above drive {LEVELS[11]}/255"):
             fit.curve()

@@ -11,8 +11,8 @@ from procam.errors import OutOfModelRange
 from procam.estimate.light.floor_albedo import FloorLight, contradiction, floor_of, measure_floor
 from procam.estimate.light.scatter_kernel import (
     CELLS,
-    Lighting,
     ScatterCells,
+    ScatterSample,
     cell_basis,
     fit_scatter,
 )
@@ -70,13 +70,13 @@ class TracedRoom:
         image = self.room.dome_image(self.room.irradiance(flux))[..., 0]
         return sample(image, self.room.dome_image_coordinates(DIRECTION)[None])[0].astype(float)
 
-    def lighting(self, lit: Where, noise: float) -> Lighting:
+    def lighting(self, lit: Where, noise: float) -> ScatterSample:
         met = lit(DIRECTION) & INSIDE
         rng = np.random.default_rng(int(1000 * met.sum()))
         light = self.scattered(lit)
         seen = light + noise * light.mean() * rng.normal(size=len(light))
         seen = np.where(INSIDE & ~met, seen, np.nan)[:, None]
-        return Lighting(seen, np.isfinite(seen[:, 0]) * 1.0, self.flux(lit))
+        return ScatterSample(seen, np.isfinite(seen[:, 0]) * 1.0, self.flux(lit))
 
     def flux(self, lit: Where) -> Array:
         """Direct flux (N, 1) in the cells, patch by patch."""
@@ -216,7 +216,7 @@ class TestCells:
         assert (pixels[~np.isfinite(mean[:, 0])] == 0).all()
 
     def test_other_channels(self) -> None:
-        lighting = Lighting(np.ones((4, 3)), np.ones(4), np.ones((4, 3)))
+        lighting = ScatterSample(np.ones((4, 3)), np.ones(4), np.ones((4, 3)))
         found = lighting.converted(np.diag([1.0, 2.0, 3.0]))
         np.testing.assert_allclose(found.direct[0], [1, 2, 3])
         np.testing.assert_allclose(found.scattered[0], [1, 2, 3])

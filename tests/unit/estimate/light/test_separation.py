@@ -7,7 +7,7 @@ from tolerances import FLOAT32
 from procam.estimate.light.separation import (
     BORDER_SIGMA,
     CLEAR_CAMERA_PX,
-    Light,
+    SeparatedLight,
     Separation,
     albedo,
     feedback,
@@ -54,7 +54,7 @@ class Scene:
         bright = stripe(PANEL, bit)[index]
         return self.picture(bright.astype(float)), self.picture((~bright).astype(float))
 
-    def separate(self) -> Light:
+    def separate(self) -> SeparatedLight:
         separation = Separation(self.white(), self.xy, self.lit, self.solid)
         for axis in ("x", "y"):
             for bit in SEPARATION_BITS:
@@ -78,39 +78,41 @@ def scene() -> Scene:
 
 
 @pytest.fixture(scope="module")
-def light(scene: Scene) -> Light:
+def light(scene: Scene) -> SeparatedLight:
     return scene.separate()
 
 
 class TestSeparation:
-    def test_scattered_light_is_u_times_flux(self, scene: Scene, light: Light) -> None:
+    def test_scattered_light_is_u_times_flux(self, scene: Scene, light: SeparatedLight) -> None:
         expected = scene.u * scene.flux
         inner = scene.inner
         # smoothing over a pixel or two bends a gentle wave by less than this
         np.testing.assert_allclose(light.scattered[inner], expected[inner], rtol=1e-3)
 
-    def test_scattered_light_outside_the_picture_too(self, scene: Scene, light: Light) -> None:
+    def test_scattered_light_outside_the_picture_too(
+        self, scene: Scene, light: SeparatedLight
+    ) -> None:
         y, x = np.mgrid[0:SIZE, 0:SIZE]
         away = scene.on_screen & ((x < 50) | (x > 270)) & (np.hypot(x - 160, y - 160) < 145)
         expected = scene.u * scene.flux
         np.testing.assert_allclose(light.scattered[away], expected[away], rtol=1e-3)
 
-    def test_direct_light_is_the_rest(self, scene: Scene, light: Light) -> None:
+    def test_direct_light_is_the_rest(self, scene: Scene, light: SeparatedLight) -> None:
         inner = scene.inner
         np.testing.assert_allclose(light.direct[inner], scene.direct[inner], rtol=1e-3)
 
-    def test_flux_and_parts_add_up(self, scene: Scene, light: Light) -> None:
+    def test_flux_and_parts_add_up(self, scene: Scene, light: SeparatedLight) -> None:
         np.testing.assert_allclose(light.flux, scene.flux, rtol=1e-3)
         inner = scene.inner
         total = (light.direct + light.scattered)[inner]
         np.testing.assert_allclose(total, scene.white()[inner], rtol=FLOAT32)
 
-    def test_extended_goes_on_beyond_the_border(self, scene: Scene, light: Light) -> None:
+    def test_extended_goes_on_beyond_the_border(self, scene: Scene, light: SeparatedLight) -> None:
         assert not scene.lit[160, 58] and light.extended[160, 58].min() > 0.5
         middle = (160, 160)
         np.testing.assert_array_equal(light.extended[middle], light.direct[middle])
 
-    def test_nothing_off_the_screen(self, scene: Scene, light: Light) -> None:
+    def test_nothing_off_the_screen(self, scene: Scene, light: SeparatedLight) -> None:
         assert not light.direct[~scene.on_screen].any()
         assert not light.lit[~scene.lit].any()
 
@@ -120,7 +122,9 @@ class TestSeparation:
         # two float32 sums over some 100 000 pixels
         np.testing.assert_allclose(share, 0.37, rtol=10 * FLOAT32)
 
-    def test_a_glint_in_one_picture_stays_where_it_is(self, scene: Scene, light: Light) -> None:
+    def test_a_glint_in_one_picture_stays_where_it_is(
+        self, scene: Scene, light: SeparatedLight
+    ) -> None:
         """A pixel that saturates in a single picture must not spoil the map around it."""
         separation = Separation(scene.white(), scene.xy, scene.lit, scene.solid)
         for axis in ("x", "y"):
@@ -149,7 +153,7 @@ class TestTogether:
         clear = scenes[0].inner & (np.abs(np.arange(SIZE) - 165) > 30)
         np.testing.assert_allclose(u[clear], scenes[0].u[clear], rtol=2e-3)
 
-    def test_feedback_is_u_over_the_lit_part(self, scene: Scene, light: Light) -> None:
+    def test_feedback_is_u_over_the_lit_part(self, scene: Scene, light: SeparatedLight) -> None:
         lit_sr = np.where(scene.inner, scene.solid, 0)
         found = feedback([light, light], lit_sr, scene.solid, ALIKE, (0.0, 0.0))
         expected = np.tensordot(lit_sr, scene.u, 2)
@@ -157,8 +161,10 @@ class TestTogether:
         # two projectors that agree leave no doubt but the border's
         np.testing.assert_allclose(found.sigma, BORDER_SIGMA * found.value, rtol=1e-6)
 
-    def test_feedback_doubts_what_projectors_disagree_on(self, scene: Scene, light: Light) -> None:
-        other = Light(
+    def test_feedback_doubts_what_projectors_disagree_on(
+        self, scene: Scene, light: SeparatedLight
+    ) -> None:
+        other = SeparatedLight(
             light.direct, 1.1 * light.scattered, light.extended, light.flux, light.weight, light.lit
         )
         lit_sr = np.where(scene.inner, scene.solid, 0)
@@ -168,7 +174,7 @@ class TestTogether:
         expected = np.hypot(0.05 * single, BORDER_SIGMA * found.value)
         np.testing.assert_allclose(found.sigma, expected, rtol=1e-4)
 
-    def test_an_unknown_veil_of_glare_is_doubt(self, scene: Scene, light: Light) -> None:
+    def test_an_unknown_veil_of_glare_is_doubt(self, scene: Scene, light: SeparatedLight) -> None:
         lit_sr = np.where(scene.inner, scene.solid, 0)
         found = feedback([light, light], lit_sr, scene.solid, ALIKE, (0.01, 0.0))
         total = np.tensordot(scene.solid, light.direct + light.scattered, 2) / light.flux
@@ -177,7 +183,7 @@ class TestTogether:
             found.sigma, np.hypot(expected, BORDER_SIGMA * found.value), rtol=1e-5
         )
 
-    def test_doubt_of_direct_light_is_doubt(self, scene: Scene, light: Light) -> None:
+    def test_doubt_of_direct_light_is_doubt(self, scene: Scene, light: SeparatedLight) -> None:
         lit_sr = np.where(scene.inner, scene.solid, 0)
         found = feedback([light, light], lit_sr, scene.solid, ALIKE, (0.0, 0.005))
         np.testing.assert_allclose(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from procam.errors import CalibrationError, NotEnoughData
-from procam.estimate.geometry.pixel_directions import measure_landing, sample_directions
+from procam.estimate.geometry.pixel_directions import fit_pixel_directions, sample_directions
 from procam.estimate.media_server.camera_pose import (
     FEWEST,
     check_turn,
@@ -136,7 +136,7 @@ class TestGeometry:
     def test_directions_are_those_of_the_master(self, tags: list[Fiducial]) -> None:
         placed = place_camera(CAMERA, "fixed", RADIUS_M, tags)
         geometry = server_geometry(MASTER, RADIUS_M, {"zenith": placed})
-        landing = measure_landing(geometry, "server")
+        landing = fit_pixel_directions(geometry, "server")
         line = np.arange(0.0, SIZE, 37)
         direction, inside = master_directions(SIZE)
         wanted, found = direction[::37, ::37], landing.directions(line, line)

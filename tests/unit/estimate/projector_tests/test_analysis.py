@@ -31,12 +31,12 @@ from procam.estimate.projector_tests.patterns import (
     DARK_LEVELS,
     GREYS,
     STRIPE_PX,
-    Layout,
+    PatchLayout,
     patch_bits,
     patch_codes,
 )
 
-LAYOUT = Layout((128, 80))
+LAYOUT = PatchLayout((128, 80))
 QUIET = NoiseLaw(1e-6, 0.0)
 BLACK = 3.0
 FIRST = patch_bits(0)
@@ -91,7 +91,7 @@ class TestEffect:
 class TestPictures:
     @pytest.mark.parametrize("size", [(128, 80), (1280, 800), (1920, 1200)])
     def test_half_of_the_patches_make_five_per_cent(self, size: tuple[int, int]) -> None:
-        layout = Layout(size)
+        layout = PatchLayout(size)
         first, second = layout.pair()
         assert first.mean() == second.mean() == pytest.approx(0.05, rel=0.06)
         assert not (first * second).any()
@@ -289,7 +289,7 @@ class TestStripes:
     def stripes(self, slant: int, low: float, high: float, *, moved: float = 0.0) -> np.ndarray:
         """Light of stripes, blurred; half of it moved to the right and down [projector px]."""
         height, width = (size // self.SCALE for size in self.SHAPE)
-        light = Layout((width, height)).stripes(slant, low, high)[..., 0].astype(float)
+        light = PatchLayout((width, height)).stripes(slant, low, high)[..., 0].astype(float)
         fine = gaussian_filter(np.kron(light, np.ones((self.SCALE,) * 2)), 1.0 * self.SCALE)
         copy = shift(fine, moved * self.SCALE, order=3, mode="nearest")
         return 2 + 1498 * (0.5 * (fine + copy) * 0.8 + 0.1)

@@ -14,7 +14,7 @@ from procam.estimate.structured_light.patterns import (
     SEPARATION_BITS,
     level_pictures,
     level_tile,
-    plan_visit,
+    plan_session,
     stripe_picture,
     zone_count,
     zone_picture,
@@ -28,7 +28,7 @@ Pictures = dict[str, np.ndarray]
 
 @pytest.fixture(scope="module")
 def visit() -> tuple[Plan, Pictures]:
-    return plan_visit(SIZES, 0.13, 6.5)
+    return plan_session(SIZES, 0.13, 6.5)
 
 
 class TestPlan:

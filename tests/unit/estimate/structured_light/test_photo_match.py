@@ -5,7 +5,7 @@ from dataclasses import replace
 from hypothesis import given
 from hypothesis import strategies as st
 
-from procam.estimate.structured_light.photo_match import NUMBER, Look, match_photos
+from procam.estimate.structured_light.photo_match import NUMBER, PhotoObservation, match_photos
 from procam.model.plan import Plan, Shot
 
 PLAN = Plan(
@@ -17,15 +17,17 @@ PLAN = Plan(
 SLOTS = [(shot.id, e) for shot in PLAN.shots for e in shot.exposures_s]
 
 
-def look(name: str, number: int | None = None, **changed: object) -> Look:
-    return replace(Look(name, number, None, None, 0.0, 1.0), **changed)  # type: ignore[arg-type]
+def look(name: str, number: int | None = None, **changed: object) -> PhotoObservation:
+    return replace(PhotoObservation(name, number, None, None, 0.0, 1.0), **changed)  # type: ignore[arg-type]
 
 
-def full() -> list[Look]:
+def full() -> list[PhotoObservation]:
     return [look("d0"), look("d1"), *(look(f"p{i}", i) for i in range(1, 7))]
 
 
-def chosen(looks: list[Look], stored: set[tuple[str, float]] | None = None) -> dict[str, str]:
+def chosen(
+    looks: list[PhotoObservation], stored: set[tuple[str, float]] | None = None
+) -> dict[str, str]:
     match = match_photos(PLAN, looks, stored or set())
     return {f"{s}@{e:g}": looks[i].name for (s, e), i in match.chosen.items()}
 

@@ -13,12 +13,18 @@ from procam.estimate.structured_light.self_calibration import (
     calibrate_waves,
     search,
 )
-from procam.maths.codes.phase import Wavelook, Waves, equal_steps, heterodyne_waves, micro_waves
+from procam.maths.codes.phase import (
+    WaveDistortion,
+    Waves,
+    equal_steps,
+    heterodyne_waves,
+    micro_waves,
+)
 
 LENGTH = 960
 MICRO = micro_waves((LENGTH, 600))
 HETERODYNE = heterodyne_waves((LENGTH, 600))
-SHARP, CAMERA = Wavelook(), NoiseLaw(1.0, 0.02)
+SHARP, CAMERA = WaveDistortion(), NoiseLaw(1.0, 0.02)
 SHAPE = (30, 80)
 RUNS = 4
 
@@ -28,7 +34,7 @@ class Pixels:
     """Pixels by the model: direct and scattered light of all sizes, any column."""
 
     waves: Waves = MICRO
-    look: Wavelook = SHARP
+    look: WaveDistortion = SHARP
     surplus: np.ndarray | float = 0.0
     noise: NoiseLaw = CAMERA
     odd: float = 0.0  # share of pixels that see no wave but something else
@@ -71,7 +77,7 @@ def check_unbiased(found: list[float] | np.ndarray, expected: float, largest_err
     ids=["blurred", "much", "no harmonic", "heterodyne"],
 )
 def test_blur_and_harmonic(waves: Waves, blur_px2: float, harmonic: float) -> None:
-    found = runs(Pixels(waves, Wavelook(blur_px2, harmonic)))
+    found = runs(Pixels(waves, WaveDistortion(blur_px2, harmonic)))
     check_unbiased([c.look.blur_px2 for c in found], blur_px2, 0.25)
     check_unbiased([c.look.harmonic for c in found], harmonic, 2e-3)
 
@@ -81,7 +87,7 @@ def test_surplus_of_flux(waves: Waves) -> None:
     count = len(waves.periods)
     surplus = np.random.default_rng(4).normal(0, 0.02, count)
     surplus -= surplus.mean()  # what all pictures have in common is offset
-    found = runs(Pixels(waves, Wavelook(2.0, 0.02), surplus))
+    found = runs(Pixels(waves, WaveDistortion(2.0, 0.02), surplus))
     for i in range(count):
         check_unbiased([c.surplus[i] - c.surplus.mean() for c in found], surplus[i], 3e-3)
 
@@ -97,7 +103,7 @@ def test_what_is_not_there_is_not_found() -> None:
     "law", [NoiseLaw(1.0, 0.02), NoiseLaw(4.0, 0.0), NoiseLaw(0.0, 0.05)], ids=str
 )
 def test_noise_law(law: NoiseLaw) -> None:
-    found = runs(Pixels(look=Wavelook(2.0, 0.02), noise=law))
+    found = runs(Pixels(look=WaveDistortion(2.0, 0.02), noise=law))
     rounding = 1 / 12
     for level in (150.0, 250.0, 370.0):
         variance = [c.noise.variance(level) for c in found]
@@ -114,7 +120,7 @@ def test_one_level_only(law: NoiseLaw) -> None:
 
 
 def test_pixels_that_see_no_wave_do_not_count() -> None:
-    honest = Pixels(look=Wavelook(3.0, 0.03))
+    honest = Pixels(look=WaveDistortion(3.0, 0.03))
     for clean, known in zip(runs(honest), runs(replace(honest, odd=0.1)), strict=True):
         assert known.look.blur_px2 == pytest.approx(clean.look.blur_px2, abs=0.3)
         assert known.look.harmonic == pytest.approx(0.03, abs=3e-3)
@@ -150,7 +156,7 @@ class TestSearch:
         keep = ~np.isin(np.arange(8), lost)
         x, frames = self._frames(MICRO, rng)
         left = [f for f, k in zip(frames, keep, strict=True) if k]
-        found = search(left, MICRO.kept(keep), Wavelook(), LENGTH)
+        found = search(left, MICRO.kept(keep), WaveDistortion(), LENGTH)
         assert found.position.shape == x.shape
         error = 0.5 * np.sqrt(found.variance)
         assert np.mean(((found.position - x) / error) ** 2) == pytest.approx(1, abs=0.35)
@@ -159,6 +165,6 @@ class TestSearch:
     def test_one_period_is_told_within_it(self, rng: np.random.Generator) -> None:
         waves = Waves(np.full(5, 30.0), equal_steps(5), 5)
         x, frames = self._frames(waves, rng)
-        found = search(frames, waves, Wavelook(), LENGTH)
+        found = search(frames, waves, WaveDistortion(), LENGTH)
         off = np.mod(found.position - x + 15, 30) - 15
         assert np.abs(off).max() < 0.3

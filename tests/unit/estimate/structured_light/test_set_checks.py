@@ -11,10 +11,10 @@ from procam.errors import InputError
 from procam.estimate.structured_light.codes import Code, generate, make_code
 from procam.estimate.structured_light.consistency import probe_places
 from procam.estimate.structured_light.decode import Decoder
-from procam.estimate.structured_light.set_checks import Verdict, examine
+from procam.estimate.structured_light.set_checks import SetReport, examine
 from simulators.presets import STANDARD
 from simulators.scene import DomeScene, SceneSize
-from simulators.study import Bench
+from simulators.study import PhotographBench
 
 SIZE = (320, 200)
 CODES = ("micro-phase", "gray", "phase-heterodyne")
@@ -36,7 +36,7 @@ class Shots:
     photographs: list[np.ndarray]
     names: list[str]
 
-    def examine(self) -> Verdict:
+    def examine(self) -> SetReport:
         places = probe_places(self.photographs[0].shape)
         probes = [p[places] for p in self.photographs]
         return examine(self.code, self.sequence, probes, self.names)
@@ -91,15 +91,15 @@ def _names(count: int) -> list[str]:
     return [f"img_{i + 1:03d}.png" for i in range(count)]
 
 
-_KEPT: list[Bench] = []
+_KEPT: list[PhotographBench] = []
 
 
-def bench() -> Bench:
+def bench() -> PhotographBench:
     if not _KEPT:
         preset = STANDARD.altered(snr=50, defocus_px=0.7)
         size = SceneSize(projectors=1, projector_size=SIZE, camera_size=(500, 500), rays=64)
         scene = DomeScene(preset, size, 1)
-        _KEPT.append(Bench(scene, next(iter(scene.lights))))
+        _KEPT.append(PhotographBench(scene, next(iter(scene.lights))))
     return _KEPT[0]
 
 

@@ -10,7 +10,7 @@ from tolerances import CLOSED_FORM, SIGMAS, SOLVER
 from procam.maths.codes.phase import (
     HETERODYNE_PERIODS,
     MICRO_PERIODS,
-    Wavelook,
+    WaveDistortion,
     Waves,
     cramer_rao_variance,
     equal_steps,
@@ -25,11 +25,11 @@ from procam.maths.codes.phase import (
 
 SIZE = (960, 600)
 MICRO = micro_waves(SIZE)
-LOOK = Wavelook(blur_px2=1.5, harmonic=0.04)
+LOOK = WaveDistortion(blur_px2=1.5, harmonic=0.04)
 
 
 def photograph(
-    waves: Waves, look: Wavelook, x: np.ndarray, offset: float | np.ndarray, amplitude: float
+    waves: Waves, look: WaveDistortion, x: np.ndarray, offset: float | np.ndarray, amplitude: float
 ) -> np.ndarray:
     """Samples (n, K) by the definition, without noise; `amplitude` is that of the first period."""
     angles = 2 * np.pi * x[:, None] / waves.periods - waves.shifts
@@ -98,7 +98,7 @@ class TestCodes:
 class TestLook:
     def test_blur_is_the_transfer_of_a_gaussian(self) -> None:
         """Against a wave smeared numerically."""
-        look, offsets = Wavelook(2.5, 0.06), np.linspace(-30, 30, 6001)
+        look, offsets = WaveDistortion(2.5, 0.06), np.linspace(-30, 30, 6001)
         weight = np.exp(-(offsets**2) / (2 * look.blur_px2))
         weight /= weight.sum()
         angle = 2 * np.pi * offsets[:, None] / MICRO.periods
@@ -109,14 +109,16 @@ class TestLook:
         np.testing.assert_allclose(look.harmonics(MICRO), 0.06 * second / first[0], rtol=1e-9)
 
     def test_without_blur_nothing_is_taken(self) -> None:
-        assert Wavelook().depth(MICRO) == 1
-        assert (Wavelook().modulation(MICRO) == 1).all()
-        assert (Wavelook().harmonics(MICRO) == 0).all()
+        assert WaveDistortion().depth(MICRO) == 1
+        assert (WaveDistortion().modulation(MICRO) == 1).all()
+        assert (WaveDistortion().harmonics(MICRO) == 0).all()
 
 
 class TestFit:
-    @pytest.mark.parametrize("look", [Wavelook(), LOOK], ids=["sharp", "blurred"])
-    def test_perfect_samples_are_recovered(self, rng: np.random.Generator, look: Wavelook) -> None:
+    @pytest.mark.parametrize("look", [WaveDistortion(), LOOK], ids=["sharp", "blurred"])
+    def test_perfect_samples_are_recovered(
+        self, rng: np.random.Generator, look: WaveDistortion
+    ) -> None:
         x = columns(rng, 300)
         offset = rng.uniform(90, 200, 300)
         samples = photograph(MICRO, look, x, offset, 70.0)
@@ -147,7 +149,7 @@ class TestFit:
 
     @given(place=st.floats(0, 959), blur=st.floats(0, 4), harmonic=st.floats(-0.05, 0.05))
     def test_search_finds_any_column(self, place: float, blur: float, harmonic: float) -> None:
-        look = Wavelook(blur, harmonic)
+        look = WaveDistortion(blur, harmonic)
         samples = photograph(MICRO, look, np.array([place]), 100.0, 50.0)
         fit, margin = search_columns(samples, np.ones((1, 8), bool), MICRO, look, SIZE[0])
         assert fit.x[0] == pytest.approx(place, abs=1e-4)
@@ -200,10 +202,10 @@ class TestFit:
     def test_waves_of_one_period_have_no_runner_up(self, rng: np.random.Generator) -> None:
         waves = Waves(np.full(6, 30.0), equal_steps(6), 6)
         x = columns(rng, 100)
-        samples = photograph(waves, Wavelook(), x, 100.0, 50.0)
+        samples = photograph(waves, WaveDistortion(), x, 100.0, 50.0)
         keep = np.ones(samples.shape, bool)
         keep[:, 2] = False
-        fit, margin = search_columns(samples, keep, waves, Wavelook(), SIZE[0])
+        fit, margin = search_columns(samples, keep, waves, WaveDistortion(), SIZE[0])
         turns = (fit.x - x) / 30
         np.testing.assert_allclose(turns, np.rint(turns), atol=1e-6)
         assert np.isposinf(margin).all()
@@ -216,7 +218,7 @@ class TestNoise:
     places, times = 12, 1000
 
     def _fits(
-        self, waves: Waves, look: Wavelook, lost: tuple[int, ...] = ()
+        self, waves: Waves, look: WaveDistortion, lost: tuple[int, ...] = ()
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Columns (12,), errors and claimed variances (12, 1000)."""
         rng = np.random.default_rng(5)
@@ -232,7 +234,7 @@ class TestNoise:
 
     @pytest.mark.parametrize("waves", [MICRO, heterodyne_waves(SIZE)], ids=["micro", "heterodyne"])
     def test_errors_reach_the_cramer_rao_bound(self, waves: Waves) -> None:
-        look = Wavelook(1.5, 0.0)  # the bound is that of pure waves
+        look = WaveDistortion(1.5, 0.0)  # the bound is that of pure waves
         x, miss, _ = self._fits(waves, look)
         depth = np.broadcast_to(self.amplitude * look.modulation(waves), (12, len(waves.periods)))
         noise = np.full(len(waves.periods), self.noise**2)
@@ -292,9 +294,9 @@ class TestSharedSensitivity:
             for sign in (1, -1):
                 look, seen = LOOK, samples
                 if i == 0:
-                    look = Wavelook(LOOK.blur_px2 + sign * step, LOOK.harmonic)
+                    look = WaveDistortion(LOOK.blur_px2 + sign * step, LOOK.harmonic)
                 elif i == 1:
-                    look = Wavelook(LOOK.blur_px2, LOOK.harmonic + sign * step)
+                    look = WaveDistortion(LOOK.blur_px2, LOOK.harmonic + sign * step)
                 else:
                     seen = samples - sign * step * scattered[:, None] * np.eye(8)[i - 2]
                 again = fit_waves(seen, keep, MICRO, look, fit.x)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from procam.maths.geometry.ray_to_screen import RoundShape, bump_count
+from procam.maths.geometry.ray_to_screen import RoundShape, shape_coefficient_count
 
 RADIUS_M = 6.0
 COUNT = 400
@@ -11,7 +11,7 @@ COUNT = 400
 
 def _shape(size: float, degree: int = 4) -> RoundShape:
     rng = np.random.default_rng(9)
-    return RoundShape(RADIUS_M, rng.normal(0, size, bump_count(degree)), degree)
+    return RoundShape(RADIUS_M, rng.normal(0, size, shape_coefficient_count(degree)), degree)
 
 
 def _rays(seed: int = 1) -> tuple[np.ndarray, np.ndarray]:

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from procam.maths.geometry.sphere import master_directions, master_solid_angles
 from procam.maths.light import scatter_kernel
 from procam.maths.light.box_solver import solve_flux, solve_moments
-from procam.maths.light.scatter_kernel import Evidence, basis, moments, predicted_ratio
+from procam.maths.light.scatter_kernel import ZoneMeasurements, basis, moments, predicted_ratio
 
 Array = NDArray[np.float64]
 SIZE = 24
@@ -41,12 +41,12 @@ class Dome:
     def per_flux(self) -> Array:
         return self.scattered(self.white) / (self.solid @ self.white)
 
-    def evidence(self, degree: int) -> Evidence:
+    def evidence(self, degree: int) -> ZoneMeasurements:
         size = (degree + 1) ** 2
         ratio = np.stack([self.scattered(p) / self.per_flux for p in self.pictures])
         moment = np.stack([self.moment(p)[:size] for p in self.pictures])
         pictures = ratio, np.ones_like(ratio), moment
-        return Evidence.of(self.phi[:, :size], pictures, self.moment(self.white)[:size])
+        return ZoneMeasurements.of(self.phi[:, :size], pictures, self.moment(self.white)[:size])
 
 
 @pytest.fixture(scope="module")
@@ -81,7 +81,9 @@ def test_what_no_picture_shows_stays_as_on_a_bare_sphere(dome: Dome) -> None:
     picture = 1 + 0.5 * dome.direction[:, 0]
     ratio = np.stack([dome.scattered(picture) / dome.per_flux] * 10)
     moment = np.stack([dome.moment(picture)] * 10)
-    evidence = Evidence.of(dome.phi, (ratio, np.ones_like(ratio), moment), dome.moment(dome.white))
+    evidence = ZoneMeasurements.of(
+        dome.phi, (ratio, np.ones_like(ratio), moment), dome.moment(dome.white)
+    )
     matrix, _ = evidence.fit(np.ones(10, bool))
     assert np.abs(matrix - np.diag(np.eye(9)[0])).max() < 0.03
 
@@ -102,8 +104,8 @@ def test_unknown_patches_do_not_count(dome: Dome) -> None:
     spoiled, spoiled[:, :50], weight[:, :50] = np.nan * ratio, np.nan, 1.0
     spoiled[:, 50:] = ratio[:, 50:]
     white = dome.moment(dome.white)[:4]
-    without = Evidence.of(dome.phi[50:, :4], (ratio[:, 50:], weight[:, 50:], moment), white)
-    found = Evidence.of(dome.phi[:, :4], (spoiled, weight, moment), white)
+    without = ZoneMeasurements.of(dome.phi[50:, :4], (ratio[:, 50:], weight[:, 50:], moment), white)
+    found = ZoneMeasurements.of(dome.phi[:, :4], (spoiled, weight, moment), white)
     np.testing.assert_allclose(found.normal, without.normal, rtol=1e-12)
     assert not np.allclose(found.normal, known.normal)
 
