@@ -16,7 +16,7 @@ from procam.errors import NotEnoughData
 from procam.estimate.light.colour_spaces import colour_difference, xyy_from_xyz
 from procam.estimate.light.panel_light import PanelLight
 from procam.model.calibration import Calibration
-from procam.model.reading import BLACK, MeterReading, Spot
+from procam.model.reading import BLACK, MeterReading, Spot, spot_name
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
