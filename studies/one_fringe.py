@@ -1,6 +1,6 @@
 """One fringe over the whole panel: what scattered light does to it, and what takes it out again.
 
-Writes studies/one_fringe.json and studies/one_fringe.md; docs/theory/phasor.md tells the theory.
+Writes studies/one_fringe.json and studies/one_fringe.md; docs/theory/scatter-bias.md tells the theory.
 """
 
 from collections.abc import Iterator

@@ -1,7 +1,7 @@
 """The bias that scattered light gives to few wide fringes, measured where no light falls directly.
 
 Each picture of a wave lights the whole dome through its total flux, so scattered light carries a wave
-of its own, and pixels are read off the sum of both (science.md s.2; docs/theory/phasor.md). Pixels
+of its own, and pixels are read off the sum of both (science.md s.2; docs/theory/scatter-bias.md). Pixels
 that the projector does not light directly show nothing but that wave.
 """
 
