@@ -17,7 +17,7 @@ from procam.errors import InputError
 from procam.maths.geometry.sphere import cap_solid_angle, direction_from_angles
 from procam.maths.light.radiosity import floor_return
 from procam.maths.mesh.form_factors import form_factors
-from procam.maths.mesh.radiosity import add_bounces
+from procam.maths.mesh.radiosity import add_mesh_interreflection
 from simulators.mitsuba_paths import scattered_irradiance
 from simulators.mitsuba_scene import load_mitsuba
 from simulators.mitsuba_venue import room_mesh, scattered_radiosity
@@ -190,7 +190,7 @@ def _mesh_rows() -> Iterator[dict]:
         areas["spot"] = far <= np.sort(far)[len(far) // 40]
         direct = np.stack([area * albedo for area in areas.values()], axis=1)
         albedos = np.repeat(albedo[:, None], len(areas), axis=1)
-        told = add_bounces(direct, albedos, form_factors(vertices, faces)) - direct
+        told = add_mesh_interreflection(direct, albedos, form_factors(vertices, faces)) - direct
         true, sigma = scattered_radiosity(vertices, faces, albedos, direct, SAMPLES, SEED)
         mean, columns = true.mean(axis=0), range(len(areas))
         square = np.mean((told - true) ** 2, axis=0) - np.mean(sigma**2, axis=0)

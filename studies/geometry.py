@@ -102,7 +102,7 @@ def run(case: Case, seed: int) -> dict[str, float | str]:
         "chi2": float(np.mean((error / sigma) ** 2)),
         "seam_rms_px": _seams(dome, landings),
         "degree": found.rig.shape.degree,
-        "sphere_ratio": found.sphere_excess**2,
+        "sphere_ratio": found.sphere_systematic_ratio**2,
         "disagreement_arcmin": _cross_validated(problem, dome) if case.halves else np.nan,
         "solve_s": seconds,
     }

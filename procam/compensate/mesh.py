@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from procam.errors import InputError, ShapeError, UnitError
 from procam.maths.mesh.active_set import LeastSquares, MeshRoom, exact_light
-from procam.maths.mesh.radiosity import check_darkens
+from procam.maths.mesh.radiosity import check_gain
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -113,7 +113,7 @@ class MeshCompensator:
         for c, room in enumerate(self._rooms):
             wanted, lo, hi = target[:, c], self._lo[:, c], self._hi[:, c]
             direct[:, c] = exact_light(room, wanted, lo, hi)
-            bounced = room.all(direct[:, c]) - direct[:, c]
+            bounced = room.total(direct[:, c]) - direct[:, c]
             moved[:, c] = np.clip(wanted - bounced, lo, hi) - direct[:, c]
         return self._certified(target, direct, moved)
 
@@ -143,8 +143,8 @@ class MeshCompensator:
     def _certified(self, target: Array, direct: Array, moved: Array) -> CompensatedMesh:
         """The light (N, C) with its certificate; `moved` is what its problem would still change."""
         rooms = list(enumerate(self._rooms))
-        total = np.stack([room.all(direct[:, c]) for c, room in rooms], axis=1)
-        again = np.stack([room.once(total[:, c]) for c, room in rooms], axis=1)
+        total = np.stack([room.total(direct[:, c]) for c, room in rooms], axis=1)
+        again = np.stack([room.bounce(total[:, c]) for c, room in rooms], axis=1)
         choice = self._lo < self._hi
         at_lo, at_hi = choice & (direct <= self._lo), choice & (direct >= self._hi)
         chosen = np.maximum(self._area_m2 @ choice, np.finfo(float).tiny)
@@ -190,7 +190,7 @@ def _check_room(factors: NDArray[np.floating], albedo: Array, area_m2: Array) ->
             "form factors: got values that are negative or not finite, expected 0 or more; make them "
             "with form_factors"
         )
-    check_darkens(albedo, factors)
+    check_gain(albedo, factors)
 
 
 def _check_array(name: str, values: Array, shape: tuple[int, ...]) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procam.estimate.geometry.camera_view import DomeView
-from procam.estimate.geometry.solve import ROUND_ENOUGH, GeometrySolution
+from procam.estimate.geometry.solve import MAX_SPHERE_RATIO, GeometrySolution
 from procam.estimate.light.blend import Blender, common_white
 from procam.estimate.light.floor_albedo import FloorLight, contradiction, floor_of, measure_floor
 from procam.estimate.light.footprint import camera_pixels, lit_share, project_surface
@@ -300,9 +300,9 @@ def _quality(
             float(np.sqrt(np.mean(residual**2))), "px", samples=len(residual)
         ),
         "sphere_variance_ratio": Figure(
-            geometry.sphere_excess**2,
+            geometry.sphere_systematic_ratio**2,
             "-",
-            Goal("<=", ROUND_ENOUGH**2),
+            Goal("<=", MAX_SPHERE_RATIO**2),
             len(residual),
             "above it the dome is not a sphere",
         ),

@@ -21,7 +21,11 @@ from procam.maths.light.radiosity import (
 )
 from procam.maths.mesh.facets import face_areas
 from procam.maths.mesh.form_factors import form_factors
-from procam.maths.mesh.radiosity import add_bounces, check_darkens, remove_bounces
+from procam.maths.mesh.radiosity import (
+    add_mesh_interreflection,
+    check_gain,
+    remove_mesh_interreflection,
+)
 from simulators.presets import REALISTIC
 from simulators.surface import Surface
 from simulators.transport import DOME_RINGS, DOME_SECTORS, Deck, Room
@@ -169,17 +173,19 @@ class TestMesh:
         factors, area = form_factors(vertices, faces), face_areas(vertices, faces)
         rng = np.random.default_rng(2)
         direct, albedo = rng.uniform(size=(len(faces), 3)), rng.uniform(0.2, 0.8, (len(faces), 3))
-        total = add_bounces(direct, albedo, factors)
+        total = add_mesh_interreflection(direct, albedo, factors)
         arriving = factors.astype(float) @ total
         np.testing.assert_allclose(area @ direct, area @ ((1 - albedo) * arriving), rtol=1e-5)
-        np.testing.assert_allclose(remove_bounces(total, albedo, factors), direct, atol=2e-6)
+        np.testing.assert_allclose(
+            remove_mesh_interreflection(total, albedo, factors), direct, atol=2e-6
+        )
 
     def test_against_a_dense_solve(self) -> None:
         vertices, faces = mesh_shapes.fine_box((0, 0, 0), (1, 1, 1), 5)
         factors = form_factors(vertices, faces)
         rng = np.random.default_rng(2)
         direct, albedo = rng.uniform(size=(len(faces), 2)), rng.uniform(0.2, 0.9, (len(faces), 2))
-        found = add_bounces(direct, albedo, factors)
+        found = add_mesh_interreflection(direct, albedo, factors)
         for c in range(2):
             system = np.eye(len(faces)) - albedo[:, c : c + 1] * factors
             np.testing.assert_allclose(
@@ -198,7 +204,7 @@ class TestMesh:
         paint = surface.albedo(normalise(middle))
         albedo = np.where(on_dome, paint, 0.3)[:, None]
         direct = np.where(on_dome & (middle[:, 1] > 0), 1.0, 0.0)[:, None]
-        arriving = factors @ add_bounces(direct, albedo, factors)
+        arriving = factors @ add_mesh_interreflection(direct, albedo, factors)
 
         dome = DOME_RINGS * DOME_SECTORS
         half = np.arange(dome) % DOME_SECTORS < DOME_SECTORS // 2
@@ -220,15 +226,15 @@ class TestMesh:
         vertices, faces = mesh_shapes.fine_box((0, 0, 0), (1, 1, 1), 2)
         factors = form_factors(vertices, faces)
         white = np.ones((len(faces), 1))
-        with pytest.raises(InputError, match="gives back 1 of its light at every bounce"):
-            add_bounces(white, white, factors)
-        check_darkens(0.99 * white, factors)
+        with pytest.raises(InputError, match="the room returns 1 of its light at every bounce"):
+            add_mesh_interreflection(white, white, factors)
+        check_gain(0.99 * white, factors)
 
     def test_a_white_wall_in_a_grey_room_is_no_furnace(self) -> None:
         vertices, faces = mesh_shapes.fine_box((0, 0, 0), (1, 1, 1), 2)
         factors, albedo = form_factors(vertices, faces), np.full((len(faces), 1), 0.5)
         albedo[:8] = 1.0
-        check_darkens(albedo, factors)
+        check_gain(albedo, factors)
 
 
 def _dome_and_deck(radius: float, deck: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

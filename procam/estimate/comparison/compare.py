@@ -19,8 +19,8 @@ from procam.estimate.comparison.common_pixels import (
     smooth_field,
 )
 from procam.estimate.comparison.verdict import (
-    ALIKE,
     ARCMIN,
+    CLOSE,
     Verdict,
     exchanged,
     find_exchanged,
@@ -163,7 +163,7 @@ def compare(first: Calibration, second: Calibration) -> Comparison:
     cameras = list(dict.fromkeys([*first.cameras, *second.cameras]))
     verdict, turn = judge_difference(thin, cameras)
     together = [*pairs.values()]
-    if Angles.between([*thin.values()], np.eye(3)).rms > ALIKE * ARCMIN:
+    if Angles.between([*thin.values()], np.eye(3)).rms > CLOSE * ARCMIN:
         partners = find_exchanged(first, second)
         verdict = exchanged(partners) if partners else verdict
     bent, light = _smooth(thin, turn), _light(first, second)

@@ -27,7 +27,7 @@ AGREE = 2.0  # error over sigma: a pose has six freedoms, by chance one in a tho
 LIGHT_SIGMAS = 5.0  # of feedback or albedo: six figures, and sigmas that are themselves estimates
 EXPLAINED = 0.9  # of the variance, from which on a field is the reason and not a part of it
 CLEARER = 0.5  # one field for all must leave half of what motions leave: it has more numbers
-ALIKE = np.radians(1.0)  # no mount slips further, no two projectors are hung closer together
+CLOSE = np.radians(1.0)  # no mount slips further, no two projectors are hung closer together
 CLEARLY = 0.1  # exchanged names must bring the difference down to this share
 MATCH_PIXELS = 200  # of each projector: other projectors are tens of degrees away
 
@@ -87,7 +87,7 @@ def find_exchanged(first: Calibration, second: Calibration) -> dict[str, str]:
     turns = [np.eye(3), *(turn_between([pair]) for pair in pairs.values())]
     found = [_assigned(pairs, names, turn) for turn in turns]
     sizes = [np.linalg.norm(rotation_vector(turn)) for turn in turns]
-    best = min(range(len(turns)), key=lambda i: (max(found[i][0], ALIKE), sizes[i]))
+    best = min(range(len(turns)), key=lambda i: (max(found[i][0], CLOSE), sizes[i]))
     left, partners = found[best]
     as_named = float(np.sqrt(np.mean([_mean_square(pairs[n, n], np.eye(3)) for n in names])))
     if left > CLEARLY * as_named:

@@ -12,14 +12,14 @@ from procam.estimate.geometry.adjustment import (
     Adjustment,
     Intrinsics,
     RigProblem,
-    prior_of,
+    prior_sigmas,
     robust_sigma,
 )
-from procam.estimate.geometry.apriltags import detect_tags, tag_fiducials, toned
-from procam.estimate.geometry.fiducials import seen_point
+from procam.estimate.geometry.apriltags import detect_tags, tag_fiducials, to_8_bit
+from procam.estimate.geometry.fiducials import fiducial_point
 from procam.estimate.geometry.model import Observations, ParameterLayout, RigGeometry, points_seen
 from procam.estimate.geometry.solve import GeometrySolution
-from procam.estimate.geometry.start import place_by_rays
+from procam.estimate.geometry.start import resect_by_rays
 from procam.estimate.media_server.dome_master import DomeMaster
 from procam.estimate.media_server.tags import FAMILY, TAG_PICTURES, MasterTag, master_tags
 from procam.maths.geometry.lenses import project, unproject
@@ -29,7 +29,7 @@ from procam.model.optics import CameraModel, Fiducial
 
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
-FEWEST = 6  # tags; three would do, but would not show that the server is wrong
+MIN_TAGS = 6  # tags; three would do, but would not show that the server is wrong
 MOST_ARCMIN = 15.0  # of tags' errors: no server that is aligned is so far off
 HOPELESS_ARCMIN = 300.0  # no lens that was a guess is so far off
 ALIGNED_ARCMIN = 2.0  # a good server's error, before it is known
@@ -84,7 +84,7 @@ def find_master_tags(
         look = detect_tags([pictures[number]], camera.lens, tags)
         marks = tag_fiducials(tags, {camera.name: look}, {camera.name: camera})
         found += [replace(m, name=f"{m.name}, picture {number + 1}") for m in marks]
-    if len(found) < FEWEST:
+    if len(found) < MIN_TAGS:
         raise NotEnoughData(_too_few(camera.name, master, pictures, len(found)))
     return found
 
@@ -108,7 +108,7 @@ def place_camera(
     for _ in range(ROUNDS):
         error = _errors(placed, shape, tags, known)
         good = error < OUTLIER_SIGMAS * max(robust_sigma(error), ALIGNED_ARCMIN)
-        agree = good.sum() >= max(FEWEST, (1 - MOST_LOST) * len(tags))
+        agree = good.sum() >= max(MIN_TAGS, (1 - MOST_LOST) * len(tags))
         if not agree or np.median(error) > HOPELESS_ARCMIN:
             raise CalibrationError(_misfit(camera, shape, tags, known, error))
         sigma = float(np.sqrt(np.mean(error[good] ** 2) / 2)) / ARCMIN  # a direction errs two ways
@@ -151,7 +151,9 @@ def server_geometry(
     return GeometrySolution(rig, covariance, seen, left, scale, freedoms, 1.0, given)
 
 
-def check_turn(geometry: GeometrySolution, master: DomeMaster, marks: Sequence[Fiducial]) -> None:
+def check_rotation(
+    geometry: GeometrySolution, master: DomeMaster, marks: Sequence[Fiducial]
+) -> None:
     """Complain if marks on the dome say that the server shows it turned about the pole.
 
     Tags that a server shows cannot tell: turned with it, they look the same.
@@ -159,7 +161,7 @@ def check_turn(geometry: GeometrySolution, master: DomeMaster, marks: Sequence[F
     marks = [m for m in marks if m.device in geometry.rig.cameras and m.azimuth is not None]
     if not marks:
         return
-    seen = normalise(np.array([seen_point(geometry.rig, m) for m in marks]))
+    seen = normalise(np.array([fiducial_point(geometry.rig, m) for m in marks]))
     turns = []
     for mark, place in zip(marks, seen, strict=True):
         turns.append((mark.azimuth or 0.0) - float(np.arctan2(place[1], place[0])))
@@ -179,7 +181,7 @@ def _tags(master: DomeMaster, picture: int) -> list[MasterTag]:
 
 
 def _started(camera: CameraModel, shape: RoundShape, known: Array, pixels: Array) -> CameraModel:
-    pose = place_by_rays(unproject(pixels, camera.lens), shape.radius_m * known, shape.radius_m)
+    pose = resect_by_rays(unproject(pixels, camera.lens), shape.radius_m * known, shape.radius_m)
     return replace(camera, camera_from_dome=pose)
 
 
@@ -191,9 +193,9 @@ def _adjusted(
         shape, {camera.name: camera}, {}, {}, {camera.name: intrinsics}, tags, radius_known=True
     )
     rig = RigGeometry(shape, {camera.name: camera}, {})
-    adjustment = Adjustment(problem, {}, prior_of(problem, rig))
+    adjustment = Adjustment(problem, {}, prior_sigmas(problem, rig))
     rig = adjustment.solve(rig, robust=False)
-    return rig.cameras[camera.name], adjustment.certainty(rig)[0]
+    return rig.cameras[camera.name], adjustment.uncertainty(rig)[0]
 
 
 def _names(tags: Sequence[Fiducial], which: NDArray[np.bool_]) -> list[str]:
@@ -219,15 +221,15 @@ def _too_few(name: str, master: DomeMaster, pictures: Sequence[Image], count: in
     """What to say of a camera that sees too few tags."""
     total = sum(len(_tags(master, number)) for number in range(TAG_PICTURES))
     flipped = (np.ascontiguousarray(picture[:, ::-1]) for picture in pictures)
-    mirrored = sum(len(find_tags(toned(picture), FAMILY)) for picture in flipped)
-    if mirrored >= FEWEST:
+    mirrored = sum(len(find_tags(to_8_bit(picture), FAMILY)) for picture in flipped)
+    if mirrored >= MIN_TAGS:
         return (
             f"projector {master.name}: camera {name} reads {mirrored} tags in a mirror and {count} as they "
             "are, expected them as they are; switch off the server's flip, or the photographs' mirroring"
         )
     return (
         f"projector {master.name}: camera {name} finds {count} of {total} tags, expected "
-        f"{FEWEST} or more, spread over the dome; is the lens in focus, is the exposure right, does the "
+        f"{MIN_TAGS} or more, spread over the dome; is the lens in focus, is the exposure right, does the "
         "camera see the dome with 5 pixels per degree, and does the server show the whole master?"
     )
 

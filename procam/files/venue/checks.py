@@ -162,7 +162,7 @@ def _nudge_complaints(where: str, projector: ProjectorTable) -> list[str]:
     ]
     pixels, by = np.array([(n.pixel, n.shift_px) for n in nudges]).reshape(-1, 2, 2).swapaxes(0, 1)
     shift = LocalShift.on_panel(projector.size, pixels, by)
-    torn = shift.torn_at()
+    torn = shift.first_fold()
     if torn is not None:
         found.append(
             f"{where}.nudges.{torn}: got shift_px {by[torn].tolist()} at pixel "

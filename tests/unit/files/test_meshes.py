@@ -100,7 +100,7 @@ class TestGoodMeshes:
     def test_rays_meet_what_was_loaded(self, tmp_path: Path) -> None:
         screen = load_mesh(write_ply(tmp_path / "a.ply", *hemisphere(8.0, 40)), smooth=True)
         tracer = MeshTracer(screen.vertices, screen.faces, smooth=screen.smooth)
-        point = tracer.meet(np.array([1.0, 0, 0]), np.array([0.0, 0.6, 0.8]))
+        point = tracer.intersect(np.array([1.0, 0, 0]), np.array([0.0, 0.6, 0.8]))
         assert np.linalg.norm(point) == pytest.approx(8.0, abs=1e-5)
 
     @pytest.mark.parametrize("shape", ["dome", "room"])

@@ -38,8 +38,8 @@ def case(
     source = device(projector, (-0.4, 0.3, 0.2), (0.2, 0.5, 3.0))
     ray = np.c_[rng.uniform(-0.7, 0.7, (count, 2)), np.ones(count)]
     ray /= np.linalg.norm(ray, axis=1, keepdims=True)
-    sight = Sight(eye, source, RADIUS_M, shape.bumps)
-    relief = shape.relief(*reference_bundle.rays_sent(eye, ray))
+    sight = Sight(eye, source, RADIUS_M, shape.harmonic_coefficients)
+    relief = shape.shape_derivatives(*reference_bundle.rays_sent(eye, ray))
     seen = rng.normal(0, 3, (count, 2)) + reference_bundle.bundle_misses(
         sight, ray, np.zeros((count, 2)), relief
     )

@@ -8,7 +8,7 @@ from domes import SimulatedDome
 
 from procam.errors import CalibrationError
 from procam.estimate.geometry.adjustment import RigProblem
-from procam.estimate.geometry.diagnosis import causes
+from procam.estimate.geometry.diagnosis import find_causes
 from procam.estimate.geometry.model import Observations, Pair
 from procam.estimate.geometry.solve import GeometrySolution, solve_geometry
 from procam.maths.geometry.pose import Pose, rotation_matrix
@@ -25,7 +25,7 @@ def _solved(problem: RigProblem) -> GeometrySolution | None:
 
 
 def _told(problem: RigProblem) -> list[str]:
-    return causes(problem, _solved(problem))
+    return find_causes(problem, _solved(problem))
 
 
 def _warped(seen: Seen, name: str, matrix: np.ndarray) -> Seen:
@@ -104,8 +104,8 @@ def test_another_format() -> None:
     scaled = np.diag([1.0, 1200 / 1080, 1.0])  # 16:9 on a panel of 16:10
     (told,) = _told(dome.problem(_warped(dome.observations(), "east", scaled)))
     assert told == (
-        "projector east stretches its picture by 1.111, expected square pixels: it is fed another "
-        "format than its panel has; feed it its native resolution, unscaled"
+        "projector east stretches its picture by 1.111, so its pixels are not square: its input has "
+        "another format than its panel; feed it its native resolution, unscaled"
     )
 
 
@@ -137,4 +137,6 @@ def test_a_small_part_of_a_dome_is_no_flat_screen() -> None:
 def test_a_flat_screen() -> None:
     dome = replace(SimulatedDome.build(7, cameras=1), surface=Wall())
     (told,) = _told(dome.problem(dome.observations()))
-    assert told.startswith("camera zenith sees south, north, east on a flat screen (bent by 0.")
+    assert told.startswith(
+        "camera zenith sees south, north, east on a flat screen (it deviates by 0."
+    )

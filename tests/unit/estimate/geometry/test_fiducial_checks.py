@@ -7,7 +7,7 @@ import pytest
 from domes import SimulatedDome
 
 from procam.errors import CalibrationError
-from procam.estimate.geometry.fiducial_checks import check_marks
+from procam.estimate.geometry.fiducial_checks import check_fiducials
 from procam.estimate.geometry.solve import solve_geometry
 from procam.model.optics import Distance, Fiducial
 
@@ -78,8 +78,8 @@ def test_a_distance_that_does_not_fit(known: bool) -> None:
         distances=[*sound[:2], between("south", "north", 3.0)],
         radius_known=known,
     )
-    assert told.startswith("distances: got ") and "from south to north" in told
+    assert told.startswith("distances: south to north is given as ") and "make" in told
 
 
 def test_nothing_to_check_is_no_complaint() -> None:
-    check_marks(DOME.rig(), [], [], rough=False)
+    check_fiducials(DOME.rig(), [], [], rough=False)

@@ -7,10 +7,10 @@ import pytest
 from domes import SimulatedDome, step_between
 
 from procam.errors import CalibrationError, NotEnoughData
-from procam.estimate.geometry.fiducial_checks import missing_marks
+from procam.estimate.geometry.fiducial_checks import missing_fiducials
 from procam.estimate.geometry.model import Observations, ParameterLayout
 from procam.estimate.geometry.pixel_directions import ARCMIN, fit_pixel_directions
-from procam.estimate.geometry.solve import ROUND_ENOUGH, GeometrySolution, solve_geometry
+from procam.estimate.geometry.solve import MAX_SPHERE_RATIO, GeometrySolution, solve_geometry
 from procam.estimate.geometry.start import ProjectorPrior
 from procam.maths.geometry.lenses import Lens
 from procam.maths.geometry.ray_to_screen import RoundShape
@@ -46,7 +46,11 @@ class TestSphere:
         layout = ParameterLayout.of(found.rig)
         for block in (*layout.cameras.values(), *layout.projectors.values()):
             assert np.abs(step[block][:6]).max() < 1e-6  # rad, m
-        assert (found.sphere_excess, found.rig.shape.degree, len(found.freedoms)) == (1.0, 0, 0)
+        assert (found.sphere_systematic_ratio, found.rig.shape.degree, len(found.freedoms)) == (
+            1.0,
+            0,
+            0,
+        )
 
     def test_errors_are_as_large_as_told(self) -> None:
         """Mahalanobis distance of all parameters over several domes; fiducials err too."""
@@ -67,7 +71,7 @@ class TestSphere:
     def test_every_rig_is_found_without_start_values(self, seed: int) -> None:
         dome = SimulatedDome.build(100 + seed, projectors=4)
         found = solve_geometry(dome.problem(dome.observations(64)))
-        assert max(found.scale.values()) < ROUND_ENOUGH
+        assert max(found.scale.values()) < MAX_SPHERE_RATIO
         errors, _ = direction_errors(dome, found)
         assert np.sqrt(np.mean(errors**2)) < 0.3
         assert errors.max() < 1.0
@@ -88,7 +92,7 @@ class TestNoSphere:
         dome = SimulatedDome.build(5, REALISTIC)
         found = solve_geometry(dome.problem(dome.observations(16)))
         errors, sigmas = direction_errors(dome, found)
-        assert found.sphere_excess > 5 and found.rig.shape.degree >= 6
+        assert found.sphere_systematic_ratio > 5 and found.rig.shape.degree >= 6
         assert np.sqrt(np.mean(errors**2)) < 1.0
         assert np.mean((errors / sigmas) ** 2) < 1.3
 
@@ -96,7 +100,7 @@ class TestNoSphere:
         dome = SimulatedDome.build(5, REALISTIC, cameras=1)
         found = solve_geometry(dome.problem(dome.observations(32)))
         assert found.rig.shape.degree == 0
-        assert found.sphere_excess > 5
+        assert found.sphere_systematic_ratio > 5
 
 
 class TestGauge:
@@ -116,7 +120,7 @@ class TestGauge:
         )
         found = solve_geometry(problem)
         assert len(found.freedoms) == expected
-        assert bool(missing_marks(radius_known, problem.fiducials, expected)) == (expected > 0)
+        assert bool(missing_fiducials(radius_known, problem.fiducials, expected)) == (expected > 0)
 
     def test_a_distance_gives_the_size(self) -> None:
         dome = SimulatedDome.build(2, projectors=2)
@@ -222,8 +226,8 @@ class TestLenses:
             np.array([0.01, -0.002, 0, 0]),
         )
         dome = replace(dome, projectors=[replace(p, lens=lens) for p in dome.projectors])
-        hung = {p.name: ProjectorPrior(p.name, p.size, "kannala-brandt") for p in dome.projectors}
-        found = solve_geometry(dome.problem(dome.observations(32), hung=hung))
+        priors = {p.name: ProjectorPrior(p.name, p.size, "kannala-brandt") for p in dome.projectors}
+        found = solve_geometry(dome.problem(dome.observations(32), projectors=priors))
         errors, _ = direction_errors(dome, found)
         assert np.sqrt(np.mean(errors**2)) < 0.3
 
@@ -234,7 +238,7 @@ class TestBadInput:
         seen = dome.observations(48)
         pairs = {p: o if p[1] == "south" else o.some(slice(0, 9)) for p, o in seen.items()}
         with pytest.raises(
-            NotEnoughData, match=r"projector north: no camera that is placed sees enough"
+            NotEnoughData, match=r"projector north: no camera with a pose sees 40 or more"
         ):
             solve_geometry(dome.problem(pairs))
 
@@ -252,5 +256,7 @@ class TestBadInput:
         dome = SimulatedDome.build(2, projectors=2)
         seen = dome.observations(48)
         apart = {p: o for p, o in seen.items() if p in (("zenith", "south"), ("second", "north"))}
-        with pytest.raises(NotEnoughData, match=r"camera \w+: got 0 patches .* turn it so that"):
+        with pytest.raises(
+            NotEnoughData, match=r"camera \w+: it shares 0 patches .* Turn it so that"
+        ):
             solve_geometry(dome.problem(apart))

@@ -103,7 +103,9 @@ def test_directions_err_by_as_much_as_told(kind: str) -> None:
 def test_a_mesh_takes_four_fiducials() -> None:
     dome = _rig("box", projectors=2)
     problem = dome.problem(dome.observations(64), shape=dome.surface.shape())
-    with pytest.raises(NotEnoughData, match=r"fiducials: got 3 .* expected 4 or more"):
+    with pytest.raises(
+        NotEnoughData, match=r"fiducials: no camera sees more than 3 .* needs 4 or more"
+    ):
         solve_geometry(problem)
 
 
@@ -118,7 +120,7 @@ def test_a_wrong_corner_is_named() -> None:
 
 def test_what_the_origin_cannot_see_is_refused() -> None:
     vertices, faces = mesh_shapes.box(LOW, HIGH)
-    with pytest.raises(InputError, match="got 2 of 12 faces that the origin sees edge-on"):
+    with pytest.raises(InputError, match="the origin sees 2 of 12 faces edge-on"):
         MeshShape.of(vertices + np.array([0, 0, 2.0]), faces)
 
 
@@ -142,9 +144,9 @@ class TestHemisphere:
 
     def test_reach(self) -> None:
         _, direction = self._rays()
-        np.testing.assert_allclose(self.mesh.reach(direction), 6.0, atol=1e-5)
+        np.testing.assert_allclose(self.mesh.radius_at(direction), 6.0, atol=1e-5)
 
     def test_rays_that_miss_are_nan(self) -> None:
         down = np.array([[0.0, 0.6, -0.8]])
-        assert np.isnan(self.mesh.meet(np.zeros((1, 3)), down)).all()
-        assert np.isnan(self.mesh.reach(down)).all()
+        assert np.isnan(self.mesh.intersect(np.zeros((1, 3)), down)).all()
+        assert np.isnan(self.mesh.radius_at(down)).all()

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from procam.errors import CalibrationError, NotEnoughData
-from procam.estimate.geometry.pixel_directions import fit_pixel_directions, sample_directions
+from procam.estimate.geometry.direction_samples import sample_directions
+from procam.estimate.geometry.pixel_directions import fit_pixel_directions
 from procam.estimate.media_server.camera_pose import (
-    FEWEST,
-    check_turn,
+    MIN_TAGS,
+    check_rotation,
     find_master_tags,
     place_camera,
     server_geometry,
@@ -106,7 +107,7 @@ class TestPlaced:
 class TestRefused:
     def test_a_dark_room(self, photos: list[np.ndarray]) -> None:
         dark = [np.full_like(p, 64.0) for p in photos]
-        with pytest.raises(NotEnoughData, match=f"finds 0 of .* tags, expected {FEWEST} or more"):
+        with pytest.raises(NotEnoughData, match=f"finds 0 of .* tags, expected {MIN_TAGS} or more"):
             find_master_tags(CAMERA, MASTER, dark)
 
     def test_a_mirrored_dome(self, photos: list[np.ndarray]) -> None:
@@ -167,7 +168,7 @@ class TestGeometry:
                 found.append(Fiducial(name, *place, 0.001, "zenith", pixel))
             return found
 
-        check_turn(geometry, MASTER, [])
-        check_turn(geometry, MASTER, marks(0.5))
+        check_rotation(geometry, MASTER, [])
+        check_rotation(geometry, MASTER, marks(0.5))
         with pytest.raises(CalibrationError, match=f"set rotation_deg = {turn_deg:.0f}, or turn"):
-            check_turn(geometry, MASTER, marks(turn_deg))
+            check_rotation(geometry, MASTER, marks(turn_deg))

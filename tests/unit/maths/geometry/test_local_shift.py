@@ -76,7 +76,7 @@ class TestShift:
 
     def test_no_points_move_nothing(self) -> None:
         none = LocalShift.on_panel(SIZE, np.zeros((0, 2)), np.zeros((0, 2)))
-        assert not none.at(panel()).any() and none.torn_at() is None
+        assert not none.at(panel()).any() and none.first_fold() is None
 
 
 class TestTorn:
@@ -87,20 +87,20 @@ class TestTorn:
         x, y = np.meshgrid(np.arange(24, 80, 12), np.arange(12, 50, 12))
         pixels = np.stack([x, y], axis=-1).reshape(-1, 2) + rng.uniform(-1, 1, (20, 2))
         shift = LocalShift.on_panel(SIZE, pixels, rng.uniform(-1, 1, (20, 2)))
-        assert shift.torn_at() is None
+        assert shift.first_fold() is None
         assert largest_turn(shift, panel(0.5)) > 0.2
 
     def test_one_point_may_move_by_two_thirds_of_the_reach(self) -> None:
-        assert moved((48, 30, 0.66 * REACH_PX, 0)).torn_at() is None
-        assert moved((48, 30, 0, -0.68 * REACH_PX)).torn_at() == 0
+        assert moved((48, 30, 0.66 * REACH_PX, 0)).first_fold() is None
+        assert moved((48, 30, 0, -0.68 * REACH_PX)).first_fold() == 0
 
     def test_neighbours_that_change_places(self) -> None:
         still, here, there = (10, 10, 0, 1), (50, 30, 2, 0), (53, 30, -2, 0)
-        assert moved(still, here, there).torn_at() == 1
-        assert moved(still, here, (53, 30, 1, 0)).torn_at() is None
+        assert moved(still, here, there).first_fold() == 1
+        assert moved(still, here, (53, 30, 1, 0)).first_fold() is None
 
     def test_one_place_asked_for_twice(self) -> None:
-        assert moved((10, 10, 0, 1), (50, 30, 2, 0), (54, 30, -2, 0)).torn_at() == 1
+        assert moved((10, 10, 0, 1), (50, 30, 2, 0), (54, 30, -2, 0)).first_fold() == 1
 
     @given(st.lists(st.tuples(COORDINATES, SHIFTS), min_size=2, max_size=3))
     def test_what_is_not_called_torn_folds_nowhere(
@@ -108,5 +108,5 @@ class TestTorn:
     ) -> None:
         pixels, by = (np.array(column) for column in zip(*points, strict=True))
         shift = LocalShift.on_panel(SIZE, pixels, by)
-        if shift.torn_at() is None:
+        if shift.first_fold() is None:
             assert largest_turn(shift, panel(0.5)) > 0

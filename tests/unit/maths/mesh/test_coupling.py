@@ -9,7 +9,7 @@ from procam.maths.geometry.sphere import triangle_solid_angles
 from procam.maths.mesh.coupling import projector_coupling
 from procam.maths.mesh.facets import face_areas
 from procam.maths.mesh.form_factors import form_factors
-from procam.maths.mesh.radiosity import add_bounces
+from procam.maths.mesh.radiosity import add_mesh_interreflection
 
 SIZE = (64, 48)
 FORWARD = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])  # +x ahead, z up
@@ -79,6 +79,6 @@ def test_scattered_light_of_a_projector_in_a_box() -> None:
     coupling = projector_coupling(vertices, faces, projector(20.0))
     flux = np.full(SIZE[0] * SIZE[1], 0.5)
     direct = albedo * (coupling @ flux)[:, None]
-    total = add_bounces(direct, albedo, form_factors(vertices, faces))
+    total = add_mesh_interreflection(direct, albedo, form_factors(vertices, faces))
     absorbed = (1 - albedo) / albedo * total
     np.testing.assert_allclose(areas @ absorbed, flux.sum(), rtol=1e-5)

@@ -106,7 +106,7 @@ class TestSmooth:
         vertices, faces = hemisphere(8.0, 158)
         assert len(faces) == pytest.approx(100_000, rel=0.01)
         rays, place = panel()
-        points = MeshTracer(vertices, faces, smooth=True).meet(place, rays)
+        points = MeshTracer(vertices, faces, smooth=True).intersect(place, rays)
         truth = intersect_sphere(place, rays, 8.0)
         seen = truth[..., 2] > 1e-3
         assert not np.isnan(points[seen]).any()
@@ -121,7 +121,7 @@ class TestSmooth:
 
     def test_flat_facets_would_show(self) -> None:
         rays, place = panel(120, 75)
-        points = MeshTracer(*hemisphere(8.0, 158)).meet(place, rays)
+        points = MeshTracer(*hemisphere(8.0, 158)).intersect(place, rays)
         expected = grid_solid_angles(normalise(intersect_sphere(place, rays, 8.0)))
         error = np.abs(grid_solid_angles(normalise(points)) / expected - 1)
         assert np.nanmedian(error) > 5e-5
@@ -148,7 +148,7 @@ class TestSmooth:
         tracer = MeshTracer(vertices, faces, smooth=True)
         x = np.linspace(-1, 1, 41)
         rays = normalise(np.stack([np.ones(41), x, np.full(41, 1e-3)], axis=1))
-        points = tracer.meet(np.array([4.3, 0.0, 0.01]), rays)
+        points = tracer.intersect(np.array([4.3, 0.0, 0.01]), rays)
         assert (np.linalg.norm(points, axis=1) < 5.1).all()
 
 
@@ -162,7 +162,7 @@ class TestRays:
         assert np.abs(found.points - box_exit(np.zeros(3), direction)).max() < EXACT_M
         one = tracer.first_hits(np.zeros(3), direction[1, 2])
         np.testing.assert_allclose(one.points, found.points[1, 2], atol=1e-12)
-        assert tracer.meet(np.zeros((0, 3)), np.zeros((0, 3))).shape == (0, 3)
+        assert tracer.intersect(np.zeros((0, 3)), np.zeros((0, 3))).shape == (0, 3)
 
     def test_nan_rays_miss(self) -> None:
         hits = MeshTracer(*box(LOW, HIGH)).first_hits(
@@ -185,7 +185,7 @@ class TestRays:
         direction = normalise(rng.normal([1, 0, 0], 0.4, (200, 3)))
         direction = direction[direction[:, 0] > 0.2]
         expected = box_exit(origin, direction)
-        assert np.abs(tracer.meet(origin, direction) - expected).max() < EXACT_M
+        assert np.abs(tracer.intersect(origin, direction) - expected).max() < EXACT_M
 
     def test_on_a_dome_it_sees_all_but_its_own_surroundings(self) -> None:
         tracer = MeshTracer(*hemisphere(8.0, 40), smooth=True)
@@ -195,10 +195,10 @@ class TestRays:
         away = np.linalg.norm(truth - place, axis=-1)
         seen = (away > 2) & (truth[..., 2] > 0.01)
         assert seen.sum() > 500
-        assert np.linalg.norm(tracer.meet(place, rays) - truth, axis=-1)[seen].max() < 1e-4
+        assert np.linalg.norm(tracer.intersect(place, rays) - truth, axis=-1)[seen].max() < 1e-4
 
 
 def test_a_missing_extra_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "embreex.mesh_construction", None)
-    with pytest.raises(InputError, match=r'no embreex, .* run: pip install "procam\[geom\]"'):
+    with pytest.raises(InputError, match=r'needs embreex, .* Run: pip install "procam\[geom\]"'):
         MeshTracer(*box(LOW, HIGH))
