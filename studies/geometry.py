@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 from procam.errors import ProcamError
 from procam.estimate.geometry.adjustment import RigProblem
 from procam.estimate.geometry.model import Observations
-from procam.estimate.geometry.pixel_directions import ARCMIN, PixelDirections, fit_pixel_directions
+from procam.estimate.geometry.pixel_directions import PixelDirections, fit_pixel_directions
 from procam.estimate.geometry.solve import GeometrySolution, solve_geometry
 from procam.estimate.geometry.start import ProjectorPrior
 from procam.maths.geometry.lenses import project
 from procam.maths.geometry.ray_to_screen import RoundShape
-from procam.maths.geometry.sphere import angle_between, direction_from_angles, normalise
+from procam.maths.geometry.sphere import ARCMIN, angle_between, direction_from_angles, normalise
 from procam.model.optics import CameraModel, Fiducial, Sensor
 from simulators.presets import REALISTIC, STANDARD, Preset
 from simulators.rig import CameraBuild, ProjectorBuild, hang_projectors, set_up_cameras

@@ -24,7 +24,7 @@ from procam.estimate.geometry.model import (
 from procam.estimate.geometry.screen_points import intersect_screen
 from procam.estimate.geometry.solve import GeometrySolution
 from procam.maths.geometry.lenses import project, unproject
-from procam.maths.geometry.sphere import normalise
+from procam.maths.geometry.sphere import ARCMIN, normalise
 from procam.maths.warp import blur, blur_within, sample
 from procam.model.optics import ProjectorModel
 
@@ -41,7 +41,6 @@ FILL = (2.0, 6.0, 24.0)  # cells, ever wider, over which holes are filled from t
 REACHED = 0.02  # share of measured cells around a hole, from which it is filled
 SIGMA_GRID = 12  # nodes along the short edge at which standard errors are propagated
 STEP = 1e-4  # of the radius, for numerical derivatives
-ARCMIN = np.degrees(1) * 60
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+ARCMIN = np.degrees(1) * 60  # arcminutes in a radian
 
 
 def direction_from_angles(azimuth: ArrayLike, elevation: ArrayLike) -> Array:

@@ -6,10 +6,10 @@ from domes import SimulatedDome
 from tolerances import SIGMAS
 
 from procam.estimate.geometry.direction_samples import sample_directions
-from procam.estimate.geometry.pixel_directions import ARCMIN, fit_pixel_directions
+from procam.estimate.geometry.pixel_directions import fit_pixel_directions
 from procam.estimate.geometry.solve import GeometrySolution, solve_geometry
 from procam.maths.geometry.pose import align_rotation, rotation_vector
-from procam.maths.geometry.sphere import grid_solid_angles, normalise
+from procam.maths.geometry.sphere import ARCMIN, grid_solid_angles, normalise
 from simulators.presets import REALISTIC, STANDARD, Preset
 from simulators.sightings import points_lit
 

@@ -9,12 +9,12 @@ from domes import SimulatedDome, step_between
 from procam.errors import CalibrationError, NotEnoughData
 from procam.estimate.geometry.fiducial_checks import missing_fiducials
 from procam.estimate.geometry.model import Observations, ParameterLayout
-from procam.estimate.geometry.pixel_directions import ARCMIN, fit_pixel_directions
+from procam.estimate.geometry.pixel_directions import fit_pixel_directions
 from procam.estimate.geometry.solve import MAX_SPHERE_RATIO, GeometrySolution, solve_geometry
 from procam.estimate.geometry.start import ProjectorPrior
 from procam.maths.geometry.lenses import Lens
 from procam.maths.geometry.ray_to_screen import RoundShape
-from procam.maths.geometry.sphere import angle_between, normalise
+from procam.maths.geometry.sphere import ARCMIN, angle_between, normalise
 from procam.model.optics import Distance
 from simulators.presets import REALISTIC
 from simulators.sightings import points_lit

@@ -9,10 +9,10 @@ from domes import SimulatedDome, step_between
 
 from procam.errors import CalibrationError, InputError, NotEnoughData
 from procam.estimate.geometry.model import ParameterLayout
-from procam.estimate.geometry.pixel_directions import ARCMIN, fit_pixel_directions
+from procam.estimate.geometry.pixel_directions import fit_pixel_directions
 from procam.estimate.geometry.solve import GeometrySolution, solve_geometry
 from procam.maths.geometry.ray_to_screen import RoundShape
-from procam.maths.geometry.sphere import angle_between, intersect_sphere, normalise
+from procam.maths.geometry.sphere import ARCMIN, angle_between, intersect_sphere, normalise
 from procam.maths.mesh.shape import MeshShape
 from simulators.presets import STANDARD
 from simulators.sightings import points_lit
