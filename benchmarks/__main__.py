@@ -25,8 +25,8 @@ BENCHES: tuple[Callable[[], Report], ...] = (
     bundle.bench,
     bundle.bench_growth,
     warp.bench,
-    frame.bench_codes,
-    frame.bench_large,
+    lambda: frame.bench_codes(4096),
+    lambda: frame.bench_codes(8192),
     frame.bench_light,
     start.bench,
 )

@@ -1,4 +1,4 @@
-"""Compensating a dome master: solve and apply, on an even dome and on a measured one."""
+"""Compensating a dome master on a dome as a calibration gives it: solve and apply."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,8 +9,7 @@ import numpy as np
 import OpenImageIO as oiio
 
 from benchmarks import floor
-from benchmarks.measure import Goal, Report, at_least, at_most, interleaved
-from procam import kernels
+from benchmarks.measure import Report, at_least, at_most, interleaved
 from procam.compensate.equations import Equations
 from procam.compensate.fields import Fields
 from procam.kernels.arrays import aligned_like
@@ -40,7 +39,7 @@ def content(size: int) -> np.ndarray:
 
 @cache
 def dome(size: int, measured: bool) -> Fields:
-    """An even dome of one scalar, or one with maps and a kernel of degree 2."""
+    """A uniform dome of one scalar, or one with maps and a kernel of degree 2."""
     rng = np.random.default_rng(6)
     direction, inside = master_directions(NODES)
     lit = inside & (direction[..., 2] > STRIP)
@@ -94,9 +93,7 @@ class Show:
         top = 1.0 if kind is np.uint8 else np.inf
         coding = Coding(known.decode, known.encode, threshold_tile(), 1.0, top)
         fields = dome(size, measured)
-        show = cls(
-            Equations(fields, "exact", True, np.ones(3)), coding, frames, aligned_like(first)
-        )
+        show = cls(Equations(fields, "exact", np.ones(3)), coding, frames, aligned_like(first))
         show()
         return show
 
@@ -117,12 +114,10 @@ class Show:
         self.write()
 
 
-def _moved(show: Show, maps: bool) -> floor.Floor:
+def _moved(show: Show) -> floor.Floor:
     """The lit part read twice, the maps too, all written once."""
-    size = show.out.shape[0]
-    lit = float((dome(size, maps).model.coverage > 0).mean())
-    nodes = 2 * 4 * NODES * NODES * MAPS if maps else 0
-    read = int(2 * lit * show.out.nbytes) + nodes
+    lit = float((show.equations.model.coverage > 0).mean())
+    read = int(2 * lit * show.out.nbytes) + 2 * 4 * NODES * NODES * MAPS
     return floor.Floor.of_bytes(read, show.out.nbytes)
 
 
@@ -162,38 +157,12 @@ def _by_oiio(show: Show) -> Callable[[], None]:
     return run
 
 
-def bench_codes() -> Report:
-    """8 bits, 4096^2: an even dome by tables, and a measured one, solve and all."""
-    even, measured = (Show.of(4096, m, np.uint8) for m in (False, True))
-    lut = np.random.default_rng(1).integers(0, 256, (1, 256, 3), dtype=np.uint8)
-    runs = {
-        "even dome": even,
-        "measured dome": measured,
-        "cv2.LUT alone": lambda: cv2.LUT(even.frames[0], lut, even.out),
-        "floor": _moved(even, False),
-        "floor with maps": _moved(measured, True),
-    }
-    with kernels.forced("avx2"):
-        slow = Show.of(4096, False, np.uint8)
-    runs["even dome, AVX2"] = _at("avx2", slow)
-    runs["even dome, AVX2, apply alone"] = _at("avx2", slow.write)
-    times = interleaved(runs)
-    goals = (
-        at_most(times, "even dome", "floor", 1.6),
-        at_least(times, "even dome", "cv2.LUT alone", 2.5),
-        at_least(times, "even dome, AVX2, apply alone", "cv2.LUT alone", 1.3),
-        at_most(times, "measured dome", "floor with maps", 2.5),
-    )
-    return Report("Compensate 4096^2, 8 bits", times, goals, (floor.name(),))
-
-
-def bench_large() -> Report:
-    """8192^2, 8 bits, on an even dome."""
-    even = Show.of(8192, False, np.uint8)
-    times = interleaved({"even dome": even, "floor": _moved(even, False)})
-    wall = Goal("even dome, best wall", 1e3 * times["even dome"].best_wall_s, "<=", 20, "ms")
-    goals = (at_most(times, "even dome", "floor", 1.6), wall)
-    return Report("Compensate 8192^2, 8 bits", times, goals, (floor.name(),))
+def bench_codes(size: int) -> Report:
+    """8 bits on a measured dome, solved and applied."""
+    measured = Show.of(size, True, np.uint8)
+    times = interleaved({"measured dome": measured, "floor with maps": _moved(measured)})
+    goals = (at_most(times, "measured dome", "floor with maps", 2.5),)
+    return Report(f"Compensate {size}^2, 8 bits", times, goals, (floor.name(),))
 
 
 def bench_light() -> Report:
@@ -205,8 +174,8 @@ def bench_light() -> Report:
         "float, to 2e-9": single,
         "cv2": _by_cv2(single),
         "OpenImageIO, sub and clamp alone": _by_oiio(single),
-        "floor, float": _moved(single, True),
-        "floor, half": _moved(half, True),
+        "floor, float": _moved(single),
+        "floor, half": _moved(half),
     }
     times = interleaved(runs)
     best = min(("cv2", "OpenImageIO, sub and clamp alone"), key=lambda n: times[n].wall_s)
@@ -217,11 +186,3 @@ def bench_light() -> Report:
         at_most(times, "half, one look", "floor, half", 1.8),
     )
     return Report("Compensate 4096^2, light", times, goals, (floor.name(),))
-
-
-def _at(level: str, run: Callable[[], None]) -> Callable[[], None]:
-    def at_level() -> None:
-        with kernels.forced(level):
-            run()
-
-    return at_level

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from benchmarks.frame import STRIP, Show, dome
 from procam.kernels import reference_frame
-from procam.kernels.even import EvenModel, even_sums
 from procam.kernels.frame import FrameModel, frame_sums
 from procam.maths.sphere import master_directions, master_solid_angles
 
@@ -122,14 +121,9 @@ def structured(size: int, measured: bool) -> list[dict[str, Any]]:
             picture = pictures.setdefault(name, np.zeros((size, size, 3), np.uint8))
             picture[rows] = 255 * where[..., None]
             expected[name] = expected.get(name, 0) + terms @ where.ravel()
-    even, none = EvenModel.of(model), np.zeros_like(model.spread)
-    found = []
+    none, found = np.zeros_like(model.spread), []
     for name, picture in pictures.items():
-        if even is None:
-            sums = frame_sums(model, picture, none, "light", coding)[1]
-        else:
-            decode = np.tile(coding.tables["decode"].astype(float), (3, 1))
-            sums = even_sums(even, picture, decode)[1:2]
+        sums = frame_sums(model, picture, none, "light", coding)[1]
         off = float(np.abs(sums - expected[name]).max() / expected[name][0])
         found.append({"size": size, "dome": _name(measured), "structure": name, "off": off})
     return found
@@ -144,7 +138,7 @@ def _weighed_terms(model: FrameModel, rows: slice) -> Array:
 
 
 def _name(measured: bool) -> str:
-    return "measured" if measured else "even"
+    return "measured" if measured else "uniform"
 
 
 def main() -> None:

@@ -11,7 +11,6 @@ from procam.compensate.fields import Fields, NodeSample
 from procam.compensate.solver import Root
 from procam.kernels.arrays import aligned_like
 from procam.kernels.coding import Coding
-from procam.kernels.even import Coded, EvenModel, even_apply, even_sums
 from procam.kernels.frame import (
     TERMS,
     FrameModel,
@@ -25,9 +24,6 @@ Image = NDArray[np.float32]
 CHANNELS = 3
 TOLERANCE = 2e-9  # of the moments, relative: what double sums of single light resolve
 TOLERANCES = {1: 1.5e-5, 2: 1e-6}  # of types of so many bytes: their own steps show nothing of it
-DARK = 0.02  # mean light [rel] of a colour from which on steps of tables resolve 1.5e-5 of it
-CHANGE = 2e-6  # of a sum: what 8 bits of a change may miss
-WORTH_PX = 3000  # edge from which on the weights of tables are fine enough (`kernels.even`)
 
 
 class Equations:
@@ -36,20 +32,17 @@ class Equations:
     Parameters
     ----------
     fields : of the dome.
-    method : see `Compensator`. quick : whether a dome that is the same everywhere may go by tables.
+    method : see `Compensator`.
     albedo : (3,), which paper eq. 12 goes by.
     """
 
-    def __init__(self, fields: Fields, method: str, quick: bool, albedo: Array) -> None:
+    def __init__(self, fields: Fields, method: str, albedo: Array) -> None:
         self.fields, self.method = fields, method
         self.model = _known_to(method, fields.model, albedo)
         same = fields.shown is fields.model
         self.shown = self.model if same else _known_to(method, fields.shown, albedo)
-        self._quick = quick and method == "exact" and self.model.size >= WORTH_PX
         self.solution = np.zeros((2, CHANNELS, TERMS))  # q, and what (W) takes off
         self._made: dict[bool, tuple[Array, Image]] = {}  # light of the last look, and for what
-        self._looked: tuple[Array, Array] | None = None  # table, sums of the last look by tables
-        self._dark = False  # the picture at hand is too dark to sum by tables
         self._root: Root | None = None  # of the last frame
         self._written: Array | None = None  # solution under which the picture at hand is written
 
@@ -70,27 +63,10 @@ class Equations:
         """Moments (3, T), see `kernels.frame.frame_sums`."""
         return frame_sums(self.model, content, light, what, coding)
 
-    @cached_property
-    def _even(self) -> EvenModel | None:
-        """The dome, if it is the same everywhere and its pictures can go by tables."""
-        quick = self._quick and self.shown is self.model
-        return EvenModel.of(self.model) if quick else None
-
-    def _even_table(self, coding: Coding) -> Array:
-        """Light to send (3, 256) for each code of 8 bits."""
-        assert self._even is not None
-        return self._even.light(
-            coding.tables["decode"].astype(float),
-            self.solution[0, :, 0],
-            coding.most(np.dtype(np.uint8)),
-        ).T
-
     def _light_sums(
         self, content: NDArray[Any], coding: Coding, target: NDArray[Any] | None
     ) -> Array:
         """Moments (3, T) of the light to send; it is written to `target`, if there is one."""
-        if self._by_tables(content):
-            return self._even_sums(content, coding, target)[:, None]
         light = self.light(self.model)
         if target is None:
             return self.sums(content, light, "light", coding)
@@ -98,34 +74,6 @@ class Equations:
         found = np.empty((CHANNELS, self.model.terms))
         frame_apply(self.model, content, light, coding, target, found)
         return found
-
-    def _by_tables(self, content: NDArray[Any]) -> bool:
-        return content.dtype == np.uint8 and self._even is not None
-
-    def _even_sums(
-        self, content: NDArray[Any], coding: Coding, target: NDArray[Any] | None
-    ) -> Array:
-        """The same (3,) by tables, of which dark pictures ask too much.
-
-        To write, it does to count what changed since the last look, if that is little.
-        """
-        assert self._even is not None
-        table, known = self._even_table(coding), self._looked
-        if target is not None and known is not None:
-            self._written, coded = self.solution.copy(), self._coded(table, coding)
-            span = np.ptp(table - known[0], axis=1) * self._even.weights.lit_sr / 510
-            if (span <= CHANGE * np.abs(known[1])).all():
-                return known[1] + even_apply(self._even, content, coded, target, table - known[0])
-            even_apply(self._even, content, coded, target)
-        sums = None if self._dark else even_sums(self._even, content, table)
-        self._dark = sums is None or bool((sums < DARK * self._even.weights.lit_sr).any())
-        if sums is None or self._dark:
-            return self.sums(content, self.light(self.model), "light", coding)[:, 0]
-        self._looked = table, sums
-        return sums
-
-    def _coded(self, table: Array, coding: Coding) -> Coded:
-        return Coded(255 * np.asarray(coding.encode(table), float), coding.threshold)
 
     def frame(
         self, content: NDArray[Any], coding: Coding, out: NDArray[Any] | None
@@ -145,19 +93,13 @@ class Equations:
         self, content: NDArray[Any], coding: Coding, out: NDArray[Any] | None
     ) -> NDArray[Any]:
         """The light to send, encoded as the content is."""
-        if self._by_tables(content):
-            assert self._even is not None
-            target = aligned_like(content) if out is None else out
-            even_apply(self._even, content, self._coded(self._even_table(coding), coding), target)
-            return target
         return frame_apply(self.shown, content, self.light(self.shown), coding, out)
 
     def solve(
         self, content: NDArray[Any], coding: Coding, target: NDArray[Any] | None = None
     ) -> None:
         """Find the numbers of a frame, from those of the last; looks may write to `target`."""
-        self._written = self._looked = None
-        self._dark = False
+        self._written = None
         if self.method in ("none", "paper-eq12"):
             self.solution = np.zeros((2, CHANNELS, TERMS))
             if self.method == "paper-eq12":

@@ -124,7 +124,7 @@ class Compensator:
         self.method, self.size, self.strength = method, size, strength
         self._transfer = transfer_name and transfer(transfer_name)
         self.fields = Fields.of(calibration, size, state, white)
-        self._equations = Equations(self.fields, method, strength == 1, calibration.albedo.value)
+        self._equations = Equations(self.fields, method, calibration.albedo.value)
         self._codings: dict[tuple[str, float, float], Coding] = {}
         self._last: tuple[NDArray[Any], Coding] | None = None
 

@@ -14,7 +14,7 @@ from procam.errors import InputError
 
 LEVELS = ("avx512", "avx2", "scalar", "numpy")
 VARIABLE = "PROCAM_KERNELS"
-INTERFACE = 11  # PROCAM_INTERFACE of c/kernels.h
+INTERFACE = 12  # PROCAM_INTERFACE of c/kernels.h
 _INT, _SIZE, _ADDRESS = ctypes.c_int, ctypes.c_size_t, ctypes.c_void_p
 _DOUBLE = ctypes.c_double
 SIGNATURES = {  # level, threads, element type, pixels, ...
@@ -27,7 +27,6 @@ SIGNATURES = {  # level, threads, element type, pixels, ...
     "procam_rays": [_INT, _INT, _SIZE, _ADDRESS, _ADDRESS, _INT, _ADDRESS, _DOUBLE, _ADDRESS],
     "procam_warp": [_INT, _INT, _SIZE, _ADDRESS],  # rows
     "procam_frame": [_INT, _INT, _INT, _SIZE, _SIZE, _ADDRESS, _ADDRESS],  # mode, strips, chunks
-    "procam_even": [_INT, _INT, _SIZE, _ADDRESS, _ADDRESS],  # bands
     "procam_bounce": [_INT, _INT, _INT, _INT, *[_ADDRESS] * 6],  # nodes, terms
 }
 MISSING = (

@@ -92,10 +92,6 @@ static void run_bounce(const struct level *level, const void *job, size_t first,
     level->bounce(job, first, count);
 }
 
-static void run_even(const struct level *level, const void *job, size_t first, size_t count) {
-    level->even(job, first, count);
-}
-
 static void run_warp(const struct level *level, const void *job, size_t first, size_t count) {
     level->warp(job, first, count);
 }
@@ -118,7 +114,7 @@ EXPORT int procam_levels(void) {
     if (avx2) levels |= 2;
     if (avx2 && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") &&
         __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl") &&
-        __builtin_cpu_supports("avx512vbmi") && __builtin_cpu_supports("avx512vnni"))
+        __builtin_cpu_supports("avx512vbmi"))
         levels |= 1;
 #endif
     return levels;
@@ -195,13 +191,6 @@ EXPORT void procam_bounce(int level, int threads, int nodes, int terms, const fl
                           const double *offset, float *light) {
     const struct bounce job = {nodes, terms, paint, ambient, direction, numbers, offset, light};
     spread(run_bounce, level, threads, &job, (size_t)nodes, AREAS_TILE);
-}
-
-/* Writes the picture where `how` has one, sums it where `sums` (bands, 3) is given. */
-EXPORT void procam_even(int level, int threads, size_t bands, const struct procam_even *how,
-                        double *sums) {
-    const struct even job = {how, sums};
-    spread(run_even, level, threads, &job, bands, 8);
 }
 
 EXPORT void procam_warp(int level, int threads, size_t rows, const struct procam_warp *job) {

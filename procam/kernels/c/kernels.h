@@ -5,7 +5,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#define PROCAM_INTERFACE 11 /* raised with every change of a signature; loader.py holds the same */
+#define PROCAM_INTERFACE 12 /* raised with every change of a signature; loader.py holds the same */
 #define MOST_FRAMES 64     /* of a phase */
 #define MOST_SEARCH 32     /* of a search */
 #define RESULTS 6          /* planes of a search */
@@ -121,28 +121,6 @@ struct bounce { /* see frame.py */
     float *light;
 };
 
-struct procam_even { /* a picture (size, size, 3) of 8 bits: see even.py */
-    size_t size, padded;         /* of a row: pixels, and made up to whole blocks */
-    const uint8_t *image;
-    uint8_t *out;                /* NULL to sum only */
-    const uint32_t *table;       /* (3, 256) by code: 24 bits to sum */
-    const uint8_t *whole, *rest; /* the same: what to write, and 256 times its rest */
-    const uint8_t *change;       /* the same: what to sum while writing */
-    const uint8_t *threshold;    /* (64, 64): a rest above it rounds up */
-    const int32_t *lit, *rows;   /* (size, 2): first pixel, end; (bands + 1): first row of each */
-    const int8_t *coarse, *fine; /* (bands, padded): weights, 256 coarse + fine */
-    const int8_t *slope;         /* (bands, blocks): what they change by from row to row, in steps */
-    double steps;                /* of `slope` in 1 */
-    const int32_t *own;          /* (bands, blocks): number of a block that has weights of its own, or -1 */
-    const int8_t *own_coarse, *own_fine; /* of their pixels (blocks, tall, 64) */
-    size_t tall;
-};
-
-struct even {
-    const struct procam_even *how;
-    double *sums; /* (bands, 3), or NULL to write only */
-};
-
 enum { FIELDS = 8, BLOCK = 16 };  /* of a warp's blocks: numbers of a pixel, pixels */
 enum { KNOTS = 513 };             /* of a table of drives */
 
@@ -165,7 +143,7 @@ struct procam_warp {
 };
 
 /* Each works on `count` pixels (rays, observations) from pixel `first` on; areas and warp on rows,
-   frames on strips of intervals, bounces on rows, evens on bands. */
+   frames on strips of intervals, bounces on rows. */
 struct level {
     void (*fold)(const struct fold *job, size_t first, size_t count);
     void (*phase)(const struct phase *job, size_t first, size_t count);
@@ -176,7 +154,6 @@ struct level {
     void (*rays)(const struct rays *job, size_t first, size_t count);
     void (*frame)(const struct frame *job, size_t first, size_t count);
     void (*bounce)(const struct bounce *job, size_t first, size_t count);
-    void (*even)(const struct even *job, size_t first, size_t count);
     void (*warp)(const struct procam_warp *job, size_t first, size_t count);
 };
 

@@ -7,7 +7,6 @@
 #include "bundle.h"
 #include "fold.h"
 #include "frame_values.h"
-#include "even.h"
 #include "frame_cell.h"
 #include "frame.h"
 #include "phase.h"

@@ -1,4 +1,4 @@
-/* The kernels for AVX-512 (F, BW, DQ, VL, VBMI, VNNI). */
+/* The kernels for AVX-512 (F, BW, DQ, VL, VBMI). */
 #include "kernels.h"
 
 #if HAVE_X86
@@ -8,12 +8,12 @@
 #include <string.h>
 #define LEVEL 512
 #ifdef __clang__
-#pragma clang attribute push(__attribute__((target("avx512f,avx512bw,avx512dq,avx512vl,avx512vbmi,avx512vnni,avx2,fma,f16c"))), apply_to = function)
+#pragma clang attribute push(__attribute__((target("avx512f,avx512bw,avx512dq,avx512vl,avx512vbmi,avx2,fma,f16c"))), apply_to = function)
 #else
-#pragma GCC target("avx512f,avx512bw,avx512dq,avx512vl,avx512vbmi,avx512vnni,avx2,fma,f16c,prefer-vector-width=512")
+#pragma GCC target("avx512f,avx512bw,avx512dq,avx512vl,avx512vbmi,avx2,fma,f16c,prefer-vector-width=512")
 #endif
 #include "level.h"
-const struct level procam_avx512 = {fold, phase, search, areas, bundle, misses, rays, frame, bounce, even, warp};
+const struct level procam_avx512 = {fold, phase, search, areas, bundle, misses, rays, frame, bounce, warp};
 #ifdef __clang__
 #pragma clang attribute pop
 #endif

@@ -1,6 +1,6 @@
 /* A vector of floats under the names the kernels use, for the instruction set of the includer.
 
-   LEVEL is 512 (AVX-512 F, BW, DQ, VL, VBMI, VNNI), 256 (AVX2, FMA, F16C) or 1 (plain C). Minimum and maximum return
+   LEVEL is 512 (AVX-512 F, BW, DQ, VL, VBMI), 256 (AVX2, FMA, F16C) or 1 (plain C). Minimum and maximum return
    their second argument where either is NaN, as the processor does; comparisons with NaN fail. */
 #include <float.h>
 #include <math.h>

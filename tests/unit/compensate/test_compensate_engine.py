@@ -19,7 +19,7 @@ from procam.maths.transfer import transfer
 from procam.model.calibration import Calibration
 from procam.model.house import HouseState
 from procam.model.mask import Mask
-from procam.model.transport import DomeMaps, Measured, ScatterKernel
+from procam.model.transport import Measured, ScatterKernel
 
 SMALL = 20
 SIZE = 96
@@ -327,59 +327,6 @@ class TestWhite:
     def test_an_unknown_white(self, calibration: Calibration) -> None:
         with pytest.raises(InputError, match="white: got 'bright', expected summed or keep"):
             Compensator(calibration, SIZE, white="bright")
-
-
-class TestEvenDome:
-    def test_tables_and_fields_agree(self, small: Calibration) -> None:
-        """A dome that is the same everywhere goes by tables: against the same picture in floats."""
-        size, maps_size = 3072, 300
-        compensator = Compensator(_even(small, maps_size), size)
-        assert compensator._equations._even is not None
-        u, v = np.meshgrid(*[np.linspace(0, 1, size, dtype=np.float32)] * 2)
-        content = np.rint(255 * np.stack([u, v, (u + v) / 2], axis=-1)).astype(np.uint8)
-        found = compensator.frame(content)
-        linear = transfer("srgb").decode(np.arange(256) / 255).astype(np.float32)[content]
-        exact = Compensator(_even(small, maps_size), size)
-        light = np.clip(exact.frame(linear)[::7, ::7], 0, 1)
-        off = np.abs(found[::7, ::7] - 255 * np.asarray(transfer("srgb").encode(light)))
-        assert off.max() < 1.01
-        np.testing.assert_allclose(compensator.numbers[:, 0], exact.numbers[:, 0], rtol=2e-5)
-        assert compensator.certificate.kkt < 2e-5
-
-    def test_dark_scenes_cuts_and_stripes(self, small: Calibration) -> None:
-        """Where tables are too coarse, fields are summed; a cut's long step is not counted in 8 bits."""
-        size, rows = 3072, np.arange(3072)
-        compensator = Compensator(_even(small, 300), size)
-
-        def scene(base: int, disc: tuple[int, int, int]) -> np.ndarray:
-            frame = np.full((size, size, 3), base, np.uint8)
-            near = (rows[1300:1700] - 1500) ** 2
-            frame[1300:1700, 1300:1700][near[:, None] + near < 200**2] = disc
-            return frame
-
-        stripes = np.zeros((size, size, 3), np.uint8)
-        stripes[rows % 64 == 0] = 80
-        bright, other = scene(54, (248, 75, 145)), scene(31, (145, 161, 90))
-        black = np.zeros_like(stripes)
-        for frame in (
-            scene(13, (32, 31, 199)),
-            bright,
-            other,
-            bright,
-            stripes,
-            black,
-            scene(1, (9, 0, 255)),
-        ):
-            compensator.frame(frame)
-            assert compensator.certificate.kkt < 2e-5
-
-
-def _even(known: Calibration, size: int) -> Calibration:
-    direction, inside = master_directions(size)
-    one = np.ones((size, size, 3), np.float32)
-    coverage = (inside & (direction[..., 2] > 0.1)).astype(np.float32)
-    maps = DomeMaps(0.05 * one, 0.5 * one, 0.001 * one, 1.1 * one, coverage)
-    return replace(known, maps=maps)
 
 
 class TestProtectedInStates:

@@ -22,7 +22,6 @@ void procam_warp(int, int, size_t, const struct procam_warp *);
 void procam_frame(int, int, int, size_t, size_t, const struct procam_frame *, double *);
 void procam_bounce(int, int, int, int, const float *, const float *, const float *, const double *,
                    const double *, float *);
-void procam_even(int, int, size_t, const struct procam_even *, double *);
 
 enum { FRAMES = 12 };
 
@@ -213,31 +212,6 @@ static void frame(int level, int kind, int mode, size_t edge, int nodes, int ter
     for (size_t k = 0; k < sizeof all / sizeof *all; k++) free(all[k]);
 }
 
-static void even(int level, size_t edge, size_t height) { /* the first rows of a picture */
-    const size_t padded = (edge + 63) / 64 * 64;
-    struct procam_even how = {.size = edge, .padded = padded};
-    int32_t *lit = room(2 * height * sizeof(int32_t)), *rows = room(4 * sizeof(int32_t));
-    for (size_t y = 0; y < height; y++) lit[2 * y] = (int32_t)(y % 70 % edge), lit[2 * y + 1] = (int32_t)(edge - y % 3 % edge);
-    rows[1] = (int32_t)height / 2, rows[2] = rows[3] = (int32_t)height;
-    int8_t *coarse = room(3 * padded), *fine = room(3 * padded);
-    uint8_t *out = room(3 * edge * height), *bytes = room(768);
-    how.image = room(3 * edge * height), how.table = room(3072), how.whole = how.rest = how.change = bytes;
-    how.threshold = room(4096), how.lit = lit, how.rows = rows;
-    how.coarse = coarse, how.fine = fine, how.steps = 1, how.tall = height;
-    const size_t blocks = padded / 64;
-    int32_t *own = room(3 * blocks * sizeof(int32_t));
-    int8_t *slope = room(3 * blocks), *mine = room(2 * 64 * height);
-    for (size_t i = 0; i < 3 * blocks; i++) own[i] = (int32_t)(i % 3) - 1;
-    how.own = own, how.slope = slope, how.own_coarse = how.own_fine = mine;
-    double *sums = room(9 * sizeof(double));
-    procam_even(level, 2, 3, &how, sums);
-    how.out = out;
-    procam_even(level, 2, 3, &how, NULL);
-    procam_even(level, 2, 3, &how, sums);
-    free((void *)how.image), free(out), free((void *)how.table), free(bytes), free((void *)how.threshold);
-    free(lit), free(rows), free(coarse), free(fine), free(sums), free(own), free(slope), free(mine);
-}
-
 int main(void) {
     const size_t sizes[] = {0, 1, 7, 8, 15, 16, 17, 31, 127, 128, 129, 2049, 32768, 32771};
     const size_t width[] = {1, 2, 4};
@@ -271,8 +245,6 @@ int main(void) {
                      edges[i / 4]);
         const size_t pictures[] = {5, 64, 97, 130, 300};
         for (int i = 0; i < 5; i++) {
-            even(level, pictures[i], pictures[i]);
-            even(level, 4095 + pictures[i], 3);
             for (int kinds = 0; kinds < 24; kinds++)
                 frame(level, kinds % 4, kinds / 4, pictures[i], 5 + i * (1 + i) * 3, (int[]){1, 4, 9}[i % 3]);
         }

@@ -8,9 +8,7 @@ import pytest
 
 from procam import kernels
 from procam.errors import InputError, ShapeError
-from procam.kernels.arrays import aligned_like
 from procam.kernels.coding import Coding
-from procam.kernels.even import Coded, EvenModel, even_apply, even_sums
 from procam.kernels.frame import (
     MODES,
     FrameModel,
@@ -349,13 +347,10 @@ def bordered(dome: FrameModel, border: str) -> FrameModel:
 
 @pytest.mark.parametrize(("size", "nodes"), [(1200, 300), (1200, 520), (1300, 901), (1300, 1024)])
 @pytest.mark.parametrize("border", ["sharp", "soft", "none"])
-@pytest.mark.parametrize("which", ["fields", "tables"])
-def test_sums_know_the_area_and_direction_of_each_pixel(
-    size: int, nodes: int, border: str, which: str
-) -> None:
+def test_sums_use_the_area_and_direction_of_each_pixel(size: int, nodes: int, border: str) -> None:
     """Wherever in a band of rows light lies; areas and directions are those between nodes."""
-    dome = bordered(model(size, nodes, 9 if which == "fields" else 1), border)
-    even, how, dark = EvenModel.of(dome), coding(np.uint8, name="linear"), np.zeros_like(dome.lo)
+    dome = bordered(model(size, nodes, 9), border)
+    how, dark = coding(np.uint8, name="linear"), np.zeros_like(dome.lo)
     area = cv2.resize(dome.solid_angle_sr.astype(float), (size, size))
     x, y, z = (cv2.resize(axis.astype(float), (size, size)) for axis in dome.direction)
     mono = (1, x, y, z, x * y, y * z, x * z, x * x - y * y, z * z)[: dome.terms]
@@ -364,103 +359,9 @@ def test_sums_know_the_area_and_direction_of_each_pixel(
         if expected[0] == 0:
             continue
         content = np.repeat(picture[..., None], 3, axis=2)
-        if which == "fields":
-            found = frame_sums(dome, content, dark, "light", how)[1]
-        else:
-            assert even is not None
-            found = even_sums(even, content, np.tile(np.arange(256) / 255, (3, 1)))[1:2]
+        found = frame_sums(dome, content, dark, "light", how)[1]
         off = np.abs(found - expected) / expected[0]
         assert off[0] < 2e-5 and off.max() < 4e-5, (name, off)
-
-
-class TestEven:
-    def even(self, size: int, nodes: int) -> EvenModel:
-        dome = model(size, nodes, 1)
-        flat = [np.full((nodes, nodes, 3), v, np.float32) for v in (0.03, 0.002)]
-        found = EvenModel.of(replace(dome, spread=flat[0], lo=flat[1]))
-        assert found is not None
-        return found
-
-    @pytest.mark.parametrize(("size", "nodes"), [(64, 64), (130, 64), (515, 260), (700, 520)])
-    def test_levels_agree(self, level: str, size: int, nodes: int) -> None:
-        dome, content = self.even(size, nodes), picture(size, np.uint8)
-        light = dome.light(transfer("srgb").decode(np.arange(256) / 255), np.full(3, 2.0), 1.0).T
-        coded = Coded(255 * transfer("srgb").encode(light), threshold_tile())
-        outs = [aligned_like(content) for _ in range(4)]
-
-        def every(outs: list[np.ndarray]) -> list[np.ndarray]:
-            changed = even_apply(dome, content, coded, outs[0], light - 0.9 * light)
-            assert (even_apply(dome, content, coded, outs[1]) == 0).all()
-            return [even_sums(dome, content, light), changed]
-
-        found = every(outs)
-        with kernels.forced("numpy"):
-            expected = every(outs[2:])
-        np.testing.assert_allclose(found, expected, rtol=1e-12)
-        for out in outs[1:]:
-            np.testing.assert_array_equal(outs[0], out)
-
-    def test_sums_of_a_change(self) -> None:
-        dome, content = self.even(515, 260), picture(515, np.uint8)
-        tables = np.random.default_rng(3).random((3, 256)), np.linspace(0, 1e-3, 256) - 4e-4
-        coded = Coded(np.zeros((3, 256)), threshold_tile())
-        sums = even_sums(dome, content, tables[0])
-        changed = even_apply(dome, content, coded, aligned_like(content), tables[1] + 0 * tables[0])
-        expected = even_sums(dome, content, np.clip(tables[0] + tables[1], 0, 1)) - sums
-        np.testing.assert_allclose(changed, expected, atol=3e-6)
-
-    @pytest.mark.parametrize("which", [n for n in kernels.available() if n != "numpy"])
-    def test_wide_pictures_are_summed_in_stretches(self, which: str) -> None:
-        """Rows whose weights do not fit the first cache."""
-        dome, content = self.even(4300, 64), picture(4300, np.uint8)
-        table = np.random.default_rng(3).random((3, 256))
-        coded, out = Coded(255 * table, threshold_tile()), aligned_like(content)
-        with kernels.forced(which):
-            found = even_sums(dome, content, table), even_apply(dome, content, coded, out, table)
-        with kernels.forced("numpy" if which == "scalar" else "scalar"):
-            expected = even_sums(dome, content, table)
-        np.testing.assert_allclose(found[0], expected, rtol=1e-12)
-        np.testing.assert_allclose(found[1], expected, rtol=1e-3)  # 8 bits of what is random
-        white = even_sums(dome, content, np.ones((3, 256)))
-        np.testing.assert_allclose(
-            white, dome.weights.lit_sr, rtol=1e-6
-        )  # low bytes of both are left out
-
-    def test_dark_pictures_are_summed_to_24_bits(self) -> None:
-        dome = self.even(515, 260)
-        content = np.broadcast_to(np.uint8([3, 4, 5]), (515, 515, 3))
-        table = np.tile(np.linspace(0, 1, 256) / 1000, (3, 1))
-        per_sr = even_sums(dome, content, table) / dome.weights.lit_sr
-        np.testing.assert_allclose(per_sr, table[0, [3, 4, 5]], rtol=0, atol=2**-24)
-
-    @pytest.mark.parametrize("flux", [0.5, 6.0])
-    def test_is_what_fields_give(self, flux: float) -> None:
-        dome, content = self.even(1030, 515), picture(1030, np.uint8)
-        how, known = coding(np.uint8), transfer("srgb")
-        value = np.zeros((3, 9))
-        value[:, 0] = flux
-        light = bounced_light(dome.model, value)
-        table = dome.light(known.decode(np.arange(256) / 255), np.full(3, flux), 1.0).T
-        sums = frame_sums(dome.model, content, light, "light", how)[:, 0]
-        found = even_sums(dome, content, table)
-        np.testing.assert_allclose(found, sums, rtol=2e-5)
-        ours = aligned_like(content)
-        even_apply(dome, content, Coded(255 * known.encode(table), threshold_tile()), ours)
-        theirs = frame_apply(dome.model, content, light, how)
-        off = np.abs(ours.astype(int) - theirs)
-        assert off.max() <= 1 and (off > 0).mean() < 0.01
-
-    def test_what_is_not_even(self) -> None:
-        assert EvenModel.of(model(64, 64, 1)) is None
-        dome = self.even(64, 64).model
-        lit = np.ones_like(dome.coverage)
-        lit[30:34, 30:34] = 0
-        for kept in (lit, 0 * lit):
-            holed = replace(
-                dome, coverage=kept * dome.coverage, solid_angle_sr=kept * dome.solid_angle_sr
-            )
-            assert EvenModel.of(holed) is None
-        assert EvenModel.of(replace(dome, terms=4)) is None
 
 
 class TestRefusals:
