@@ -17,7 +17,6 @@ HERE = Path(__file__).parent
 BENCHES: tuple[Callable[[], Report], ...] = (
     solve.bench,
     gray.bench,
-    phase.bench_steps,
     lambda: phase.bench_search(4),
     lambda: phase.bench_search(5),
     phase.bench_growth,

@@ -8,9 +8,7 @@ are also what the tests hold it against. Pictures are uint8, uint16, float16 or 
 from procam.kernels.areas import solid_angles
 from procam.kernels.bundle import bundle_equations, bundle_misses
 from procam.kernels.frame import bounced_light, frame_apply, frame_sums
-from procam.kernels.gray import fold_pairs
 from procam.kernels.loader import LEVELS, active, available, forced, use
-from procam.kernels.phase import wrapped_phase
 from procam.kernels.rays import fisheye_rays
 from procam.kernels.reference import PhaseFit
 from procam.kernels.reference_bundle import Device, Equations, Relief, Sight
@@ -32,7 +30,6 @@ __all__ = [
     "bundle_equations",
     "bundle_misses",
     "fisheye_rays",
-    "fold_pairs",
     "forced",
     "frame_apply",
     "frame_sums",
@@ -41,5 +38,4 @@ __all__ = [
     "solid_angles",
     "use",
     "warp_frame",
-    "wrapped_phase",
 ]

@@ -14,12 +14,10 @@ from procam.errors import InputError
 
 LEVELS = ("avx512", "avx2", "scalar", "numpy")
 VARIABLE = "PROCAM_KERNELS"
-INTERFACE = 12  # PROCAM_INTERFACE of c/kernels.h
+INTERFACE = 13  # PROCAM_INTERFACE of c/kernels.h
 _INT, _SIZE, _ADDRESS = ctypes.c_int, ctypes.c_size_t, ctypes.c_void_p
 _DOUBLE = ctypes.c_double
 SIGNATURES = {  # level, threads, element type, pixels, ...
-    "procam_fold": [_INT, _INT, _INT, _SIZE, _INT, *[_ADDRESS] * 5],
-    "procam_phase": [_INT, _INT, _INT, _SIZE, _INT, *[_ADDRESS] * 5],
     "procam_search": [_INT, _INT, _INT, _SIZE, *[_ADDRESS] * 3],
     "procam_areas": [_INT, _INT, _SIZE, _SIZE, _ADDRESS, _ADDRESS],  # rows, columns of cells
     "procam_bundle": [_INT, _INT, _SIZE, _ADDRESS, _INT, _SIZE, _ADDRESS, _ADDRESS],

@@ -30,42 +30,12 @@ class PhaseFit(NamedTuple):
     margin: Plane
 
 
-def fold_pair(
-    pattern: Picture,
-    inverse: Picture,
-    bit: int,
-    code: NDArray[np.uint16],
-    least: Picture | None = None,
-    most: Picture | None = None,
-) -> None:
-    """Twin of one turn of `procam.kernels.fold_pairs`."""
-    with np.errstate(invalid="ignore"):
-        contrast = np.maximum(pattern, inverse) - np.minimum(pattern, inverse)
-    contrast = np.where(np.isnan(contrast), 0, contrast)
-    code |= (pattern > inverse).astype(np.uint16) << np.uint16(bit)
-    if least is not None:
-        np.minimum(least, contrast, out=least)
-    if most is not None:
-        np.maximum(most, contrast, out=most)
-
-
 def sinusoid_weights(shifts: Double) -> Double:
     """Rows (3, N) that turn N pictures a + b cos(phase - shift) into a, b cos(phase), b sin(phase).
 
     Least squares: the pseudo-inverse of the rows (1, cos shift, sin shift).
     """
     return np.linalg.pinv(np.stack([np.ones_like(shifts), np.cos(shifts), np.sin(shifts)], axis=1))
-
-
-def wrapped_phase(
-    frames: Sequence[Picture], shifts: Double, with_offset: bool = True
-) -> tuple[Plane, Plane, Plane | None]:
-    """Twin of `procam.kernels.wrapped_phase`."""
-    offset, cosine, sine = _fit_sinusoid(frames, shifts)
-    phase = (np.arctan2(sine, cosine) % TURN).astype(np.float32)
-    phase[phase >= TURN] = 0  # float32 rounds the last value below a turn up to it
-    amplitude = np.hypot(cosine, sine).astype(np.float32)
-    return phase, amplitude, offset.astype(np.float32) if with_offset else None
 
 
 def search_phase(  # noqa: PLR0913, PLR0917

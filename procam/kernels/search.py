@@ -11,10 +11,10 @@ from procam.errors import InputError, ShapeError
 from procam.kernels import reference
 from procam.kernels.arrays import check_frames, kind_of, plain, pointer, pointers, result_planes
 from procam.kernels.loader import chosen
-from procam.kernels.phase import RANK, check_shifts
 from procam.kernels.reference import TURN, PhaseFit
 
 MOST_FRAMES = 32
+RANK = 3  # unknowns of a sinusoid: offset, cosine, sine
 BLOCK = 1 << 17  # pixels that the NumPy twin takes at a time
 
 
@@ -177,5 +177,15 @@ def _checked(count: int, *given: ArrayLike, base: int, length: float, steps: int
         raise InputError(f"modulation: got {terms.modulation}, expected > 0 in the first {base}")
     if not (0 < length < np.inf and steps >= 0):
         raise InputError(f"length, steps: got {length} px, {steps}; expected > 0 px, >= 0 steps")
-    check_shifts(terms.shifts[:base], base)
+    _check_shifts(terms.shifts[:base])
     return terms
+
+
+def _check_shifts(angles: NDArray[np.float64]) -> None:
+    """Refuse angles [rad] that leave offset, cosine and sine undetermined."""
+    rows = np.stack([np.ones_like(angles), np.cos(angles), np.sin(angles)])
+    if np.linalg.matrix_rank(rows, tol=1e-6) < RANK:
+        raise InputError(
+            f"shifts: got {angles} rad, which leave offset, amplitude and phase undecided; "
+            "expected three or more that differ modulo a turn"
+        )

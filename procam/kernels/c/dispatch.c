@@ -14,7 +14,7 @@
 #define EXPORT __attribute__((visibility("default")))
 #endif
 
-enum { STREAM_TILE = 1 << 15, SEARCH_TILE = 1 << 11 }; /* pixels; multiples of a vector */
+enum { SEARCH_TILE = 1 << 11 }; /* pixels; multiples of a vector */
 enum { AREAS_TILE = 16 };                              /* rows */
 enum { RAYS_TILE = 1 << 12 };                          /* rays, observations */
 enum { WARP_TILE = 32 };                                /* rows: a band of warp.h */
@@ -54,14 +54,6 @@ static void spread(task *run, int level, int threads, const void *job, size_t pi
 #pragma omp parallel for schedule(dynamic) num_threads(workers)
     for (size_t t = 0; t < tiles; t++)
         run(set, job, t * tile, pixels - t * tile < tile ? pixels - t * tile : tile);
-}
-
-static void run_fold(const struct level *level, const void *job, size_t first, size_t count) {
-    level->fold(job, first, count);
-}
-
-static void run_phase(const struct level *level, const void *job, size_t first, size_t count) {
-    level->phase(job, first, count);
 }
 
 static void run_search(const struct level *level, const void *job, size_t first, size_t count) {
@@ -118,20 +110,6 @@ EXPORT int procam_levels(void) {
         levels |= 1;
 #endif
     return levels;
-}
-
-EXPORT void procam_fold(int level, int threads, int kind, size_t pixels, int pairs,
-                        const int *bits, const void *const *pictures, uint16_t *code, void *least,
-                        void *most) {
-    const struct fold job = {kind, pairs, bits, pictures, code, least, most};
-    spread(run_fold, level, threads, &job, pixels, STREAM_TILE);
-}
-
-EXPORT void procam_phase(int level, int threads, int kind, size_t pixels, int count,
-                         const void *const *frames, const float *weights, float *phase,
-                         float *amplitude, float *offset) {
-    const struct phase job = {kind, count, frames, weights, phase, amplitude, offset};
-    spread(run_phase, level, threads, &job, pixels, STREAM_TILE);
 }
 
 EXPORT void procam_search(int level, int threads, int kind, size_t pixels,

@@ -5,27 +5,11 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#define PROCAM_INTERFACE 12 /* raised with every change of a signature; loader.py holds the same */
-#define MOST_FRAMES 64     /* of a phase */
+#define PROCAM_INTERFACE 13 /* raised with every change of a signature; loader.py holds the same */
 #define MOST_SEARCH 32     /* of a search */
 #define RESULTS 6          /* planes of a search */
 
 enum kind { U8, U16, F32, F16 }; /* element type of the pictures */
-
-struct fold {
-    int kind, pairs;
-    const int *bits;               /* of each pair */
-    const void *const *pictures;   /* pattern, inverse of each pair */
-    uint16_t *code;
-    void *least, *most; /* either may be NULL */
-};
-
-struct phase {
-    int kind, count;
-    const void *const *frames;
-    const float *weights; /* (3, count): offset, cosine, sine */
-    float *phase, *amplitude, *offset; /* offset may be NULL */
-};
 
 enum term { FREQUENCY, SHIFT, FIRST, SECOND, SLOPE, SECOND_SLOPE, SAME, COSINE, SINE, TERMS };
 
@@ -145,8 +129,6 @@ struct procam_warp {
 /* Each works on `count` pixels (rays, observations) from pixel `first` on; areas and warp on rows,
    frames on strips of intervals, bounces on rows. */
 struct level {
-    void (*fold)(const struct fold *job, size_t first, size_t count);
-    void (*phase)(const struct phase *job, size_t first, size_t count);
     void (*search)(const struct search *job, size_t first, size_t count);
     void (*areas)(const struct areas *job, size_t first, size_t count);
     void (*bundle)(const struct bundle *job, size_t first, size_t count);

@@ -13,7 +13,7 @@
 #pragma GCC target("avx2,fma,f16c")
 #endif
 #include "level.h"
-const struct level procam_avx2 = {fold, phase, search, areas, bundle, misses, rays, frame, bounce, warp};
+const struct level procam_avx2 = {search, areas, bundle, misses, rays, frame, bounce, warp};
 #ifdef __clang__
 #pragma clang attribute pop
 #endif

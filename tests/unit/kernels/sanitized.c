@@ -7,10 +7,6 @@
 #include "kernels.h"
 
 int procam_levels(void);
-void procam_fold(int, int, int, size_t, int, const int *, const void *const *, uint16_t *, void *,
-                 void *);
-void procam_phase(int, int, int, size_t, int, const void *const *, const float *, float *, float *,
-                  float *);
 void procam_search(int, int, int, size_t, const void *const *, const struct procam_search *,
                    float *const *);
 void procam_areas(int, int, size_t, size_t, const double *const *, double *);
@@ -30,32 +26,6 @@ static void *room(size_t bytes) {
     if (posix_memalign((void **)&found, 64, bytes ? bytes : 1)) abort();
     for (size_t i = 0; i < bytes; i++) found[i] = (unsigned char)(rand() & 63);
     return found;
-}
-
-static void fold(int level, int threads, int kind, size_t n, size_t width) {
-    void *bright = room(n * width), *dark = room(n * width);
-    void *least = room(n * width), *most = room(n * width), *code = room(n * 2);
-    const void *const pictures[] = {bright, dark, dark, bright, dark, dark};
-    const int bits[] = {15, 0, 1};
-    procam_fold(level, threads, kind, n, 1, bits, pictures, code, least, most);
-    procam_fold(level, threads, kind, n, 1, bits, pictures, code, NULL, most);
-    procam_fold(level, threads, kind, n, 2, bits, pictures, code, least, NULL);
-    procam_fold(level, threads, kind, n, 3, bits, pictures, code, NULL, NULL);
-    free(bright), free(dark), free(least), free(most), free(code);
-}
-
-static void phase(int level, int threads, int kind, size_t n, void *const *frames) {
-    for (int count = 3; count <= FRAMES; count += 3) {
-        float *weights = room(sizeof(float) * 3 * (size_t)count), *out[3];
-        for (int i = 0; i < 3 * count; i++) weights[i] = (float)(i % 7) - 3;
-        for (int i = 0; i < 3; i++) out[i] = room(n * sizeof(float));
-        procam_phase(level, threads, kind, n, count, (const void *const *)frames, weights, out[0],
-                     out[1], out[2]);
-        procam_phase(level, threads, kind, n, count, (const void *const *)frames, weights, out[0],
-                     out[1], NULL);
-        for (int i = 0; i < 3; i++) free(out[i]);
-        free(weights);
-    }
 }
 
 static void search(int level, int threads, int kind, size_t n, void *const *frames) {
@@ -222,8 +192,6 @@ int main(void) {
                 const int threads = 1 + (int)(i % 2);
                 void *frames[FRAMES];
                 for (int k = 0; k < FRAMES; k++) frames[k] = room(sizes[i] * width[kind]);
-                fold(level, threads, kind, sizes[i], width[kind]);
-                phase(level, threads, kind, sizes[i], frames);
                 search(level, threads, kind, sizes[i] < 3000 ? sizes[i] : 2047, frames);
                 for (int k = 0; k < FRAMES; k++) free(frames[k]);
             }
