@@ -12,9 +12,9 @@ from benchmarks import floor
 from benchmarks.measure import Report, at_least, at_most, interleaved
 from procam.compensate.equations import Equations
 from procam.compensate.fields import Fields
-from procam.kernels.arrays import aligned_like
-from procam.kernels.coding import Coding
 from procam.kernels.frame import FrameModel
+from procam.kernels.frame.coding import Coding
+from procam.kernels.native.arrays import aligned_like
 from procam.maths.dither import threshold_tile
 from procam.maths.scatter_kernel import basis
 from procam.maths.sphere import master_directions, master_solid_angles

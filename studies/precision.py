@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.frame import STRIP, Show, dome
-from procam.kernels import reference_frame
 from procam.kernels.frame import FrameModel, frame_sums
+from procam.kernels.frame import reference as reference_frame
 from procam.maths.sphere import master_directions, master_solid_angles
 
 Array = NDArray[np.float64]

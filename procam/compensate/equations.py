@@ -9,8 +9,6 @@ from numpy.typing import NDArray
 
 from procam.compensate.fields import Fields, NodeSample
 from procam.compensate.solver import Root
-from procam.kernels.arrays import aligned_like
-from procam.kernels.coding import Coding
 from procam.kernels.frame import (
     TERMS,
     FrameModel,
@@ -18,6 +16,8 @@ from procam.kernels.frame import (
     frame_apply,
     frame_sums,
 )
+from procam.kernels.frame.coding import Coding
+from procam.kernels.native.arrays import aligned_like
 
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]

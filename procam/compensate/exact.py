@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 from procam.compensate.equations import Equations
 from procam.compensate.fields import Fields
 from procam.errors import InputError
-from procam.kernels.coding import WHOLE, Coding
 from procam.kernels.frame import (
     bounced_light,
     check_pictures,
     frame_apply,
     frame_sums,
 )
-from procam.kernels.reference_frame import interpolated
+from procam.kernels.frame.coding import WHOLE, Coding
+from procam.kernels.frame.reference import interpolated
 from procam.maths.dither import threshold_tile
 from procam.maths.transfer import transfer
 from procam.model.calibration import Calibration

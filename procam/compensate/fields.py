@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from procam.errors import InputError
 from procam.kernels.frame import TERMS, FrameModel, bounced_light
-from procam.kernels.reference_frame import monomials
+from procam.kernels.frame.reference import monomials
 from procam.maths.scatter_kernel import basis
 from procam.maths.sphere import (
     direction_from_angles,

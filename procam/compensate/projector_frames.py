@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from procam.errors import InputError, ShapeError
 from procam.kernels import WarpPlan, plan_warp, warp_frame
-from procam.kernels.reference_warp import KNOTS, TILE
+from procam.kernels.warp.reference import KNOTS, TILE
 from procam.maths.curves import invert_curve, srgb_decode
 from procam.maths.sphere import master_pixels
 from procam.maths.warp import sample

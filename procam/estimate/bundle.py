@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procam.kernels import Device, Relief, Sight, bundle_equations, bundle_misses
-from procam.kernels.reference_bundle import bundle_rows, rays_sent
+from procam.kernels.bundle.reference import bundle_rows, rays_sent
 from procam.maths.lens_derivatives import lens_parameters
 from procam.maths.lenses import Lens, unproject
 from procam.maths.pose import Pose, rotation_matrix

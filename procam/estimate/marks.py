@@ -10,7 +10,7 @@ from scipy.optimize import least_squares
 from procam.errors import InputError
 from procam.estimate.bundle import POSE, PUPIL, Layout, Rig, device_of
 from procam.kernels import Device
-from procam.kernels.reference_bundle import point_slopes, rays_sent
+from procam.kernels.bundle.reference import point_slopes, rays_sent
 from procam.maths.lenses import unproject
 from procam.maths.pose import Pose, align_rotation, rotation_matrix, rotation_vector
 from procam.maths.sphere import angles_from_direction, direction_from_angles, normalise

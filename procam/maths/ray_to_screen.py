@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procam.kernels import Relief
-from procam.kernels.reference_bundle import Hit, on_screen
+from procam.kernels.bundle.reference import Hit, on_screen
 from procam.maths.harmonics import harmonic_count, harmonics
 from procam.maths.sphere import intersect_sphere
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from procam.compensate.exact import Compensator
 from procam.errors import FileFormatError, InputError
-from procam.kernels.arrays import least_colour
+from procam.kernels.native.arrays import least_colour
 from procam.maths.transfer import NAMES, transfer
 from procam.model.calibration import Calibration
 from procam.model.transport import DomeMaps

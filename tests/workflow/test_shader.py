@@ -16,8 +16,8 @@ from procam.compensate.exact import Compensator
 from procam.compensate.fields import Fields
 from procam.files.calibration import save_calibration
 from procam.files.images import read_image, write_image
-from procam.kernels import reference_frame
-from procam.kernels.coding import Coding
+from procam.kernels.frame import reference as reference_frame
+from procam.kernels.frame.coding import Coding
 from procam.maths.curves import srgb_decode, srgb_encode
 from procam.maths.dither import threshold_tile
 from procam.maths.scatter_kernel import basis

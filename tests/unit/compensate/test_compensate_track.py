@@ -7,7 +7,7 @@ import pytest
 
 from procam.compensate.fields import Fields
 from procam.compensate.track import TERMS, columns, moves, row, textures, uniforms
-from procam.kernels.reference_frame import monomials
+from procam.kernels.frame.reference import monomials
 from procam.maths.sphere import master_directions, master_solid_angles
 from procam.model.calibration import Calibration
 from procam.model.mask import Mask

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from procam import kernels
 from procam.errors import InputError, ShapeError
-from procam.kernels import reference
+from procam.kernels.areas import reference
 from procam.maths.sphere import cap_solid_angle, direction_from_angles, grid_solid_angles
 
 GRIDS = [

@@ -13,7 +13,7 @@ from procam import kernels
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[2]
-SOURCES = ROOT / "procam/kernels/c"
+SOURCES = ROOT / "procam/kernels/native"
 COMPILER = shutil.which("gcc") or shutil.which("cc")
 needs_compiler = pytest.mark.skipif(
     COMPILER is None, reason="no C compiler (Debian: gcc libc6-dev)"
@@ -75,5 +75,5 @@ def test_without_a_compiler_the_package_still_builds(tmp_path: Path) -> None:
     assert built.returncode == 0, built.stderr
     (wheel,) = (tmp_path / "out").glob("*.whl")
     names = zipfile.ZipFile(wheel).namelist()
-    assert "procam/kernels/reference.py" in names
+    assert "procam/kernels/frame/reference.py" in names
     assert not any("_native" in name for name in names)

@@ -7,7 +7,9 @@ import pytest
 
 from procam import kernels
 from procam.errors import InputError, ShapeError
-from procam.kernels import Device, Relief, Sight, reference_bundle, reference_lenses
+from procam.kernels import Device, Relief, Sight
+from procam.kernels.bundle import lenses as reference_lenses
+from procam.kernels.bundle import reference as reference_bundle
 from procam.maths.pose import rotation_matrix
 from procam.maths.ray_to_screen import RoundShape, bump_count
 

@@ -8,15 +8,15 @@ import pytest
 
 from procam import kernels
 from procam.errors import InputError, ShapeError
-from procam.kernels.coding import Coding
 from procam.kernels.frame import (
-    MODES,
     FrameModel,
-    Grid,
     bounced_light,
     frame_apply,
     frame_sums,
 )
+from procam.kernels.frame.api import MODES
+from procam.kernels.frame.coding import Coding
+from procam.kernels.frame.grid import Grid
 from procam.maths.dither import threshold_tile
 from procam.maths.sphere import master_directions, master_solid_angles
 from procam.maths.transfer import NAMES, transfer

@@ -10,7 +10,7 @@ import pytest
 
 from procam import kernels
 from procam.errors import InputError
-from procam.kernels import loader
+from procam.kernels.native import loader
 
 
 def _python(code: str, **environment: str) -> subprocess.CompletedProcess[str]:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from procam import kernels
-from procam.kernels import reference_lenses
+from procam.kernels.bundle import lenses as reference_lenses
 from procam.maths.lenses import Lens, project
 
 LENS = np.array([900.0, 905, 1500, 1499, 0.02, -0.008, 0.001, 0.0])

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 
 from procam import kernels
 from procam.errors import InputError, ShapeError
-from procam.kernels import PhaseFit, reference
+from procam.kernels import PhaseFit
+from procam.kernels.search import reference
 
 POSITION_PX = 1e-3
 

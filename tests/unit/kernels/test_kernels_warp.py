@@ -7,8 +7,8 @@ import pytest
 
 from procam import kernels
 from procam.errors import InputError, ShapeError
-from procam.kernels import reference_warp
-from procam.kernels.reference_warp import KNOTS, PLACE, WarpPlan
+from procam.kernels.warp import reference as reference_warp
+from procam.kernels.warp.reference import KNOTS, PLACE, WarpPlan
 from procam.maths.curves import srgb_decode, srgb_encode
 from procam.maths.warp import sample
 

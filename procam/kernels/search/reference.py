@@ -78,19 +78,6 @@ def search_phase(  # noqa: PLR0913, PLR0917
     return PhaseFit(*(np.where(unknown, np.nan, r).astype(np.float32) for r in results))
 
 
-def solid_angles(corners: Double) -> Double:
-    """Twin of `procam.kernels.solid_angles`, all corners (H + 1, W + 1, 3) at once."""
-    a, b, c, d = corners[:-1, :-1], corners[:-1, 1:], corners[1:, 1:], corners[1:, :-1]
-    return np.abs(_triangle_solid_angles(a, b, c) + _triangle_solid_angles(a, c, d))
-
-
-def _triangle_solid_angles(a: Double, b: Double, c: Double) -> Double:
-    """tan(area / 2) = a.((b - a) x (c - a)) / (1 + a.b + b.c + c.a), signed."""
-    triple = (a * np.cross(b - a, c - a)).sum(axis=-1)
-    denominator = 1 + (a * b).sum(axis=-1) + (b * c).sum(axis=-1) + (c * a).sum(axis=-1)
-    return 2 * np.arctan2(triple, denominator)
-
-
 def _fit_sinusoid(frames: Sequence[Picture], shifts: Double) -> list[Double]:
     """Offset, amplitude * cos(phase), amplitude * sin(phase) of every pixel."""
     weights = sinusoid_weights(np.asarray(shifts, dtype=float))

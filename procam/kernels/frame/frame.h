@@ -1,7 +1,7 @@
 /* A dome master against the model of what bounces: sums of its light, or the light to send.
 
    Fields lie on a coarse grid of nodes; between two rows of them is an interval, some intervals make a
-   band, and a block of values in an interval is a cell (frame_cell.h). What falls to an edge of a band is
+   band, and a block of values in an interval is a cell (cell.h). What falls to an edge of a band is
    summed up with the direction, and with the area if all of the band is lit, of the node row there. */
 
 enum { FRAME_CHUNK = 64 }; /* intervals of a task */

@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.kernels.arrays import aligned_like
-from procam.kernels.grid import CHANNELS, Plane
+from procam.kernels.frame.grid import CHANNELS, Plane
+from procam.kernels.native.arrays import aligned_like
 
 Double = NDArray[np.float64]
 Curve = Callable[[NDArray[np.floating]], NDArray[np.floating]]
 WHOLE = {np.dtype(np.uint8): 255.0, np.dtype(np.uint16): 65535.0}
-SEGMENTS, TILE = 32, 64  # as in c/frame_values.h
+SEGMENTS, TILE = 32, 64  # as in frame/values.h
 FITTED = 16  # values of a curve that a parabola goes by
 
 

@@ -1,21 +1,18 @@
 """A dome master against the model of what bounces, as equations in NumPy: the twin of `frame`."""
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.kernels.grid import BLOCK
-
-if TYPE_CHECKING:
-    from procam.kernels.coding import Coding
-    from procam.kernels.frame import FrameModel
+from procam.kernels.frame.coding import Coding
+from procam.kernels.frame.grid import BLOCK
+from procam.kernels.frame.model import EVERYWHERE, FrameModel
 
 Plane = NDArray[np.float32]
 Double = NDArray[np.float64]
 ROWS = 64  # of the picture at a time
-EVERYWHERE = 2  # as in c/kernels.h
 
 
 def monomials(direction: NDArray[Any], terms: int) -> Double:
@@ -25,7 +22,7 @@ def monomials(direction: NDArray[Any], terms: int) -> Double:
     return np.stack(every[:terms])
 
 
-def bounced_light(model: "FrameModel", numbers: Double, offset: Double | None) -> Plane:
+def bounced_light(model: FrameModel, numbers: Double, offset: Double | None) -> Plane:
     """Polynomial times paint, lamps added and the second polynomial taken off (M, M, 3)."""
     terms = monomials(model.direction, model.terms)
     light = model.spread * np.tensordot(terms, numbers[:, : model.terms], (0, 1))
@@ -36,7 +33,7 @@ def bounced_light(model: "FrameModel", numbers: Double, offset: Double | None) -
     return light.astype(np.float32)
 
 
-def interpolated(model: "FrameModel", field: NDArray[Any], rows: slice) -> Double:
+def interpolated(model: FrameModel, field: NDArray[Any], rows: slice) -> Double:
     """Rows of a field (M, M[, C]) at the size of the picture (R, N[, C])."""
     grid, nodes = model.grid, field.astype(float)
     above, below = nodes[grid.above[rows]], nodes[grid.below[rows]]
@@ -44,7 +41,7 @@ def interpolated(model: "FrameModel", field: NDArray[Any], rows: slice) -> Doubl
     return widened(model, above + down * (below - above))
 
 
-def widened(model: "FrameModel", rows: Double) -> Double:
+def widened(model: FrameModel, rows: Double) -> Double:
     """Node rows (R, M[, C]) at the columns of the picture (R, N[, C])."""
     grid = model.grid
     left, right = rows[:, grid.left], rows[:, grid.right]
@@ -53,7 +50,7 @@ def widened(model: "FrameModel", rows: Double) -> Double:
 
 
 def frame_parts(
-    model: "FrameModel", image: NDArray[Any], light: Plane, coding: "Coding"
+    model: FrameModel, image: NDArray[Any], light: Plane, coding: Coding
 ) -> Iterator[tuple[slice, Double, Double, Double]]:
     """Rows, wanted light and its limits (R, N, 3), some rows at a time."""
     for start in range(0, model.size, ROWS):
@@ -69,7 +66,7 @@ def frame_parts(
 
 
 def frame_sums(
-    model: "FrameModel", image: NDArray[Any], light: Plane, what: str, coding: "Coding"
+    model: FrameModel, image: NDArray[Any], light: Plane, what: str, coding: Coding
 ) -> Double:
     """Sums (3, terms) over the dome of weight times `what` times the monomials."""
     edges = {n: np.moveaxis(f, -1, 1).astype(float) for n, f in model.at_edges.items()}
@@ -94,14 +91,14 @@ def frame_sums(
     return np.asarray(np.einsum("bnc,kbn->ck", moved, terms, optimize=True))
 
 
-def _everywhere(model: "FrameModel", rows: slice) -> NDArray[np.bool_]:
+def _everywhere(model: FrameModel, rows: slice) -> NDArray[np.bool_]:
     """Which values (R, N, 3) lie in blocks of bands that are lit everywhere."""
     interval = np.searchsorted(model.grid.rows, np.arange(rows.start, rows.stop), "right") - 1
     each = np.repeat(model.lit[interval] == EVERYWHERE, BLOCK, axis=1)
     return each[:, : 3 * model.size].reshape(len(interval), model.size, 3)
 
 
-def _share(model: "FrameModel", edges: Double, rows: slice, kept: Double) -> None:
+def _share(model: FrameModel, edges: Double, rows: slice, kept: Double) -> None:
     """Add rows to the edges (E, N, 3) of their bands, by how far down they lie."""
     along = model.grid.along[rows, None, None].astype(float)
     np.add.at(edges, model.grid.band[rows], kept * (1 - along))
@@ -109,7 +106,7 @@ def _share(model: "FrameModel", edges: Double, rows: slice, kept: Double) -> Non
 
 
 def frame_apply(
-    model: "FrameModel", image: NDArray[Any], light: Plane, coding: "Coding", out: NDArray[Any]
+    model: FrameModel, image: NDArray[Any], light: Plane, coding: Coding, out: NDArray[Any]
 ) -> None:
     """Write the light to send, encoded as the picture is."""
     for rows, wanted, lo, hi in frame_parts(model, image, light, coding):

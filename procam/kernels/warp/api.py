@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from procam.errors import InputError, ShapeError
-from procam.kernels import reference_warp
-from procam.kernels.arrays import KINDS, plain, planes, pointer
-from procam.kernels.loader import chosen
-from procam.kernels.reference_warp import BAND, BLOCK, KNOTS, PACKED, PLACE, STRIP, TILE, WarpPlan
+from procam.kernels.native.arrays import KINDS, plain, planes, pointer
+from procam.kernels.native.loader import chosen
+from procam.kernels.warp import reference
+from procam.kernels.warp.reference import BAND, BLOCK, KNOTS, PACKED, PLACE, STRIP, TILE, WarpPlan
 
 MASTER_KINDS = {**KINDS, np.dtype(np.float16): 3}
 CODES = 256
@@ -20,7 +20,7 @@ WHOLE = {np.dtype(np.uint8): 255 * 256, np.dtype(np.uint16): 65535}  # full driv
 
 
 class _Warp(ctypes.Structure):
-    """`struct procam_warp` of c/kernels.h."""
+    """`struct procam_warp` of native/kernels.h."""
 
     _fields_ = (
         *((name, ctypes.c_int) for name in ("kind", "out_kind")),
@@ -128,7 +128,7 @@ def warp_frame(
     _check_frame(frame, plan)
     native = chosen()
     if native is None:
-        reference_warp.warp_frame(source, plan, frame)
+        reference.warp_frame(source, plan, frame)
         return frame
     library, level, threads = native
     knots = None if plan.drives is None or frame.dtype == np.float32 else _knots(plan, frame.dtype)

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procam.errors import InputError, ShapeError
-from procam.kernels import reference
-from procam.kernels.arrays import check_like, plain, pointer
-from procam.kernels.loader import chosen
+from procam.kernels.areas import reference
+from procam.kernels.native.arrays import check_like, plain, pointer
+from procam.kernels.native.loader import chosen
 
 Double = NDArray[np.float64]
 

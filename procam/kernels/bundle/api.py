@@ -7,21 +7,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procam.errors import InputError, ShapeError
-from procam.kernels import reference_bundle as reference
-from procam.kernels.arrays import plain, pointer
-from procam.kernels.loader import chosen
-from procam.kernels.reference_bundle import Device, Equations, Relief, Sight
+from procam.kernels.bundle import reference
+from procam.kernels.bundle.reference import Device, Equations, Relief, Sight
+from procam.kernels.native.arrays import plain, pointer
+from procam.kernels.native.loader import chosen
 
 Double = NDArray[np.float64]
 BLOCK = 64  # observations that C takes at a time
 LEAST, TILES = 512, 16  # observations of a share of the work; shares at most
-LANES = 8  # PARTIAL of c/kernels.h
+LANES = 8  # PARTIAL of native/kernels.h
 MOST_COLUMNS = 128  # of slopes and the residual
 LENS = {"brown": 9, "kannala-brandt": 8}
 
 
 class _Sight(ctypes.Structure):
-    """`struct procam_bundle` of c/kernels.h."""
+    """`struct procam_bundle` of native/kernels.h."""
 
     _fields_ = (
         *((n, ctypes.c_int) for n in ("waves", "fisheye_camera", "fisheye_projector", "lens_free")),
@@ -128,7 +128,7 @@ def _described(
 
 
 def _numbers(device: Device) -> Double:
-    """`struct placed` of c/sight.h: turn, shift, lens made up to that of Brown, pupil."""
+    """`struct placed` of sight.h: turn, shift, lens made up to that of Brown, pupil."""
     rest = np.zeros(LENS["brown"] - len(device.lens))
     parts = [np.ravel(device.rotation), device.translation, device.lens, rest, device.pupil]
     return np.concatenate(parts).astype(np.float64)

@@ -8,10 +8,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from procam.errors import InputError, ShapeError
-from procam.kernels import reference
-from procam.kernels.arrays import check_frames, kind_of, plain, pointer, pointers, result_planes
-from procam.kernels.loader import chosen
-from procam.kernels.reference import TURN, PhaseFit
+from procam.kernels.native.arrays import (
+    check_frames,
+    kind_of,
+    plain,
+    pointer,
+    pointers,
+    result_planes,
+)
+from procam.kernels.native.loader import chosen
+from procam.kernels.search import reference
+from procam.kernels.search.reference import TURN, PhaseFit
 
 MOST_FRAMES = 32
 RANK = 3  # unknowns of a sinusoid: offset, cosine, sine
@@ -31,7 +38,7 @@ class _Terms(NamedTuple):
 
 
 class _Search(ctypes.Structure):
-    """`struct procam_search` of c/kernels.h."""
+    """`struct procam_search` of native/kernels.h."""
 
     _fields_ = (
         *((name, ctypes.c_int) for name in ("frames", "base", "candidates", "steps", "harmonics")),

@@ -17,7 +17,7 @@ struct procam_search {
     int frames, base, candidates, steps, harmonics;
     float period, limit;  /* of the base [px]; the longest move of x in a step [px] */
     const float *weights; /* (3, base) */
-    const float *terms;   /* (frames, TERMS): see enum term and search.py */
+    const float *terms;   /* (frames, TERMS): see enum term and search/api.py */
     const float *turns;   /* (candidates, frames - base, 2): cosine, sine */
 };
 
@@ -73,10 +73,10 @@ struct places { /* where numbers of a row lie among the nodes: see Grid.places *
     const float *across;         /* of each: share of the right one */
 };
 
-struct procam_frame { /* a picture (size, size, 3) and the model of its dome: see frame.py */
+struct procam_frame { /* a picture (size, size, 3) and the model of its dome */
     size_t size;
     int kind, nodes, terms, band; /* intervals of a band; divides FRAME_CHUNK */
-    int brief; /* light may be summed as `brief` in frame_cell.h does: see frame.py */
+    int brief; /* light may be summed as `brief` in cell.h does */
     float strength, top;
     const void *image;
     void *out;
@@ -98,7 +98,7 @@ struct frame {
     double *sums; /* (tasks, 3, FRAME_TERMS) */
 };
 
-struct bounce { /* see frame.py */
+struct bounce {
     int nodes, terms;
     const float *spread, *ambient, *direction; /* (nodes, nodes, 3) twice, (3, nodes, nodes) */
     const double *numbers, *offset;            /* (3, FRAME_TERMS); offset may be NULL */

@@ -14,7 +14,7 @@ from procam.errors import InputError
 
 LEVELS = ("avx512", "avx2", "scalar", "numpy")
 VARIABLE = "PROCAM_KERNELS"
-INTERFACE = 13  # PROCAM_INTERFACE of c/kernels.h
+INTERFACE = 13  # PROCAM_INTERFACE of native/kernels.h
 _INT, _SIZE, _ADDRESS = ctypes.c_int, ctypes.c_size_t, ctypes.c_void_p
 _DOUBLE = ctypes.c_double
 SIGNATURES = {  # level, threads, element type, pixels, ...
@@ -109,7 +109,7 @@ def chosen() -> tuple[ctypes.CDLL, int, int] | None:
 def library() -> ctypes.CDLL | None:
     """The compiled library, or None if there is none that fits."""
     for suffix in EXTENSION_SUFFIXES:
-        path = Path(__file__).with_name("_native" + suffix)
+        path = Path(__file__).parents[1] / f"_native{suffix}"
         if path.exists():
             return _opened(path)
     return None

@@ -5,9 +5,9 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from procam.kernels import reference_lenses as reference
-from procam.kernels.arrays import plain, pointer
-from procam.kernels.loader import chosen
+from procam.kernels.bundle import lenses as reference
+from procam.kernels.native.arrays import plain, pointer
+from procam.kernels.native.loader import chosen
 
 Double = NDArray[np.float64]
 

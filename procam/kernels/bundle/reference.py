@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.kernels.reference_lenses import project_slopes, ray_slopes
+from procam.kernels.bundle.lenses import project_slopes, ray_slopes
 
 Array = NDArray[np.float64]
 STEPS = 3  # from near the screen onto it
