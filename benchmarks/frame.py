@@ -10,7 +10,7 @@ import OpenImageIO as oiio
 
 from benchmarks import floor
 from benchmarks.measure import Report, at_least, at_most, interleaved
-from procam.compensate.equations import Equations
+from procam.compensate.equations import FrameEquations, Solution
 from procam.compensate.fields import Fields
 from procam.kernels.frame import FrameModel
 from procam.kernels.frame.coding import Coding
@@ -72,13 +72,14 @@ def dome(size: int, measured: bool) -> Fields:
 
 @dataclass
 class Show:
-    """Frames of a slow pan, each compensated from the last one's numbers."""
+    """Frames of a slow pan, each solved from the last one's solution."""
 
-    equations: Equations
+    equations: FrameEquations
     coding: Coding
     frames: list[np.ndarray]
     out: np.ndarray
     shown: int = 0
+    solution: Solution | None = None
 
     @classmethod
     def of(cls, size: int, measured: bool, kind: type) -> "Show":
@@ -93,7 +94,7 @@ class Show:
         top = 1.0 if kind is np.uint8 else np.inf
         coding = Coding(known.decode, known.encode, threshold_tile(), 1.0, top)
         fields = dome(size, measured)
-        show = cls(Equations(fields, "exact", np.ones(3)), coding, frames, aligned_like(first))
+        show = cls(FrameEquations(fields, "exact", np.ones(3)), coding, frames, aligned_like(first))
         show()
         return show
 
@@ -101,17 +102,13 @@ class Show:
         """Solve the next frame and write it."""
         frame = self.frames[self.shown % 2]
         self.shown += 1
-        self.equations.frame(frame, self.coding, self.out)
-
-    def write(self) -> None:
-        """Write a frame whose numbers are known."""
-        self.equations.apply(self.frames[0], self.coding, self.out)
+        _, self.solution = self.equations.frame(frame, self.coding, self.out)
 
     def once(self) -> None:
-        """One look and one write: what a frame costs where the numbers hardly move."""
-        light = self.equations.light(self.equations.model)
-        self.equations.sums(self.frames[0], light, "light", self.coding)
-        self.write()
+        """One sum and one write: the cost of a frame whose coefficients hardly change."""
+        assert self.solution is not None
+        self.equations.sums(self.frames[0], self.solution, "light", self.coding)
+        self.equations.apply(self.frames[0], self.coding, self.solution, self.out)
 
 
 def _moved(show: Show) -> floor.Floor:
@@ -124,10 +121,11 @@ def _moved(show: Show) -> floor.Floor:
 def _by_cv2(show: Show) -> Callable[[], None]:
     """The same of float light by OpenCV: area-weighted sums, subtraction, limits; maps as large as it."""
     size = show.out.shape[0]
+    assert show.solution is not None
     model, picture = show.equations.model, show.frames[0].astype(np.float32)
     grow = {"dsize": (size, size), "interpolation": cv2.INTER_LINEAR}
     light, lo, hi = (
-        cv2.resize(m, **grow) for m in (show.equations.light(model), model.lo, model.hi)
+        cv2.resize(m, **grow) for m in (show.equations.light(show.solution), model.lo, model.hi)
     )
     weight = cv2.resize(np.repeat(model.solid_angle_sr[..., None], 3, axis=2), **grow)
     room, product = np.empty_like(picture), np.empty_like(picture)
@@ -146,9 +144,9 @@ def _by_cv2(show: Show) -> Callable[[], None]:
 def _by_oiio(show: Show) -> Callable[[], None]:
     """Only the subtraction and clamp, by OpenImageIO."""
     picture = oiio.ImageBuf(np.ascontiguousarray(show.frames[0]))
-    light = oiio.ImageBuf(
-        cv2.resize(show.equations.light(show.equations.model), show.out.shape[:2])
-    )
+    assert show.solution is not None
+    light = show.equations.light(show.solution)
+    light = oiio.ImageBuf(cv2.resize(light, show.out.shape[:2]))
 
     def run() -> None:
         less = oiio.ImageBufAlgo.sub(picture, light)

@@ -28,7 +28,8 @@ def light_in_double(show: Show) -> Array:
     """What bounces to each node (M, M, 3) [rel], by the numbers that the kernels found."""
     model = show.equations.model
     terms = reference_frame.monomials(model.direction, model.terms)
-    numbers = show.equations.solution[0][:, : model.terms]
+    assert show.solution is not None
+    numbers = show.solution.coefficients[:, : model.terms]
     return model.spread.astype(float) * np.tensordot(terms, numbers, (0, 1))
 
 
@@ -61,7 +62,8 @@ def study(size: int, measured: bool, kind: type) -> dict[str, Any]:
     show = Show.of(size, measured, kind)
     show()
     frame = show.frames[(show.shown - 1) % 2]
-    light, assumed = light_in_double(show), show.equations.assumed()
+    assert show.solution is not None
+    light, assumed = light_in_double(show), show.solution.moments
     model = show.equations.model
     sums = reference_frame.frame_sums(model, frame, light, "light", show.coding)
     pixels = np.zeros_like(sums)

@@ -77,8 +77,8 @@ class Fields:
             return replace(fields, shown=shown, model=shown)
         return replace(fields, shown=shown, model=_untouched(shown, calibration.maps))
 
-    def numbers_of(self, moments: Array) -> Array:
-        """Polynomial q (3, 9) for moments (3, T) [rel sr] of direct light."""
+    def coefficients_of(self, moments: Array) -> Array:
+        """Coefficients q (3, 9) of scattered light for moments (3, T) [rel sr] of direct light."""
         found = np.zeros((CHANNELS, TERMS))
         found[:, : self.model.terms] = np.einsum("cij,cj->ci", self.operator, moments)
         return found
@@ -89,7 +89,7 @@ class Fields:
         gain = np.ones_like(model.coverage) if model.gain is None else model.gain
         assert model.hi is not None
         direct = np.clip(gain[..., None], model.lo, model.hi).astype(float)
-        light = bounced_light(self.shown, self.numbers_of(self.node_sums(direct)))
+        light = bounced_light(self.shown, self.coefficients_of(self.node_sums(direct)))
         area = model.solid_angle_sr.astype(float)
         totals = np.tensordot(area, direct + light, 2) / np.tensordot(area, gain.astype(float), 2)
         return float(totals.min())

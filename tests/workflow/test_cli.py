@@ -25,7 +25,7 @@ from tiny_venue import (
     watch_stage,
 )
 
-from procam.compensate.exact import Compensator
+from procam.compensate.compensator import Compensator
 from procam.compensate.projector_frames import projector_frames, quantised
 from procam.devices.protocols import BackendRig
 from procam.estimate import assemble

@@ -12,7 +12,7 @@ import pytest
 from tiny_venue import procam
 from tolerances import FLOAT32
 
-from procam.compensate.exact import Compensator
+from procam.compensate.compensator import Compensator
 from procam.compensate.projector_frames import Warper
 from procam.errors import InputError
 from procam.files.calibration import save_calibration

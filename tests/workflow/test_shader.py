@@ -12,7 +12,7 @@ import pytest
 from player import Player, open_gl
 from tiny_venue import procam
 
-from procam.compensate.exact import Compensator
+from procam.compensate.compensator import Compensator
 from procam.compensate.fields import Fields
 from procam.files.calibration import save_calibration
 from procam.files.images import read_image, write_image
@@ -209,7 +209,7 @@ class TestLive:
             wanted[kept] = coding.decoded(frame[rows])[kept]
             sent = np.clip(wanted, least, most) * (weight[rows] * covered)[..., None]
             moments += np.einsum("rnc,krn->ck", sent, terms[:, rows])
-        expected = fields.numbers_of(moments)
+        expected = fields.coefficients_of(moments)
         np.testing.assert_allclose(found, expected, atol=2e-5 * np.abs(expected).max())
 
 

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 
 from procam import kernels
-from procam.compensate.equations import TOLERANCE, Equations
-from procam.compensate.exact import METHODS, Compensator
+from procam.compensate.compensator import METHODS, Compensator
+from procam.compensate.equations import TOLERANCE, FrameEquations
 from procam.errors import InputError, ShapeError
 from procam.maths.sphere import master_directions, master_solid_angles
 from procam.maths.transfer import transfer
@@ -149,9 +149,12 @@ class TestOptimum:
 
 def _wanted(compensator: Compensator, content: np.ndarray, terms: int) -> np.ndarray:
     """Light before limits (N, N) of the first colour, from the solution's numbers alone."""
+    assert compensator._solved is not None
+    solution = compensator._solved.solution
+    found = solution.coefficients, solution.pull
     direction = np.moveaxis(master_directions(SMALL)[0], -1, 0)
     mono = np.stack([np.ones((SMALL, SMALL)), *direction])[:terms]
-    scatter, pull = (np.tensordot(n[0, :terms], mono, 1) for n in compensator._equations.solution)
+    scatter, pull = (np.tensordot(n[0, :terms], mono, 1) for n in found)
     paint = compensator.fields.model.spread[..., 0].astype(float)
     return content[..., 0] - paint * scatter + pull
 
@@ -172,7 +175,7 @@ class TestCertificate:
         assert told.kkt < 1e-6 and told.self_consistency < 1e-6
 
     def test_of_no_frame(self, calibration: Calibration) -> None:
-        with pytest.raises(InputError, match="certificate: got no frame"):
+        with pytest.raises(InputError, match="certificate: there is no frame"):
             _ = Compensator(calibration, SIZE).certificate
 
 
@@ -232,7 +235,7 @@ class TestPictures:
         compensator = Compensator(furnished(calibration), SIZE)
         expected = compensator.frame(content)
         other = Compensator(furnished(calibration), SIZE)
-        np.testing.assert_array_equal(other.apply(content, compensator.numbers), expected)
+        np.testing.assert_array_equal(other.apply(content, compensator.coefficients), expected)
 
     @pytest.mark.parametrize("kind", [np.uint8, np.float32])
     def test_what_a_look_wrote_is_the_picture(
@@ -240,9 +243,9 @@ class TestPictures:
     ) -> None:
         """Pans and cuts: the last look writes, or what it wrote is written over."""
         compensator, other = (Compensator(furnished(calibration), SIZE) for _ in range(2))
-        written_late, apply = [], Equations.apply
+        written_late, apply = [], FrameEquations.apply
         monkeypatch.setattr(
-            Equations, "apply", lambda *given: written_late.append(given[0]) or apply(*given)
+            FrameEquations, "apply", lambda *given: written_late.append(given[0]) or apply(*given)
         )
         rng = np.random.default_rng(7)
         scenes = [rng.integers(0, most, (SIZE, SIZE, 3)) for most in (256, 60, 200)]
@@ -250,7 +253,7 @@ class TestPictures:
         for codes in frames:
             frame = codes if kind is np.uint8 else (codes / np.float32(255)).astype(kind)
             found = compensator.frame(frame)
-            np.testing.assert_array_equal(found, other.apply(frame, compensator.numbers))
+            np.testing.assert_array_equal(found, other.apply(frame, compensator.coefficients))
             assert compensator.certificate.kkt < (2e-5 if kind is np.uint8 else 1e-7)
         assert sum(by is compensator._equations for by in written_late) < len(frames)
 

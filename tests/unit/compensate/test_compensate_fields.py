@@ -8,7 +8,7 @@ import pytest
 from tolerances import FLOAT32
 
 from procam.compensate import fields
-from procam.compensate.exact import Compensator
+from procam.compensate.compensator import Compensator
 from procam.compensate.fields import Fields
 from procam.maths.scatter_kernel import basis
 from procam.maths.sphere import master_directions, master_solid_angles
@@ -108,7 +108,7 @@ class TestBesideTheLitPart:
             monkeypatch.setattr(fields, "REACH", reach)
             compensator = Compensator(large, size, "least-squares")
             compensator.frame(picture)
-            found.append(compensator.numbers)
+            found.append(compensator.coefficients)
         np.testing.assert_allclose(found[0], found[1], atol=1e-8 * np.abs(found[1]).max())
 
     @pytest.mark.filterwarnings("error")

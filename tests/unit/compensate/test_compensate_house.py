@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from tolerances import FLOAT32
 
-from procam.compensate.exact import Compensator
+from procam.compensate.compensator import Compensator
 from procam.errors import InputError
 from procam.maths.sphere import master_directions, master_solid_angles
 from procam.model.calibration import Calibration

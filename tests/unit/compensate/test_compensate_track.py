@@ -140,7 +140,7 @@ class TestMoves:
         dome = Dome(furnished, np.clip(0.2 + 0.6 * master_directions(SIZE)[0], 0, None))
         exact = np.zeros((3, 9))
         for _ in range(40):
-            exact = dome.fields.numbers_of(dome.moments(exact))
+            exact = dome.fields.coefficients_of(dome.moments(exact))
         numbers, errors = np.zeros((3, 9)), []
         for _ in range(8):
             numbers = dome.step(numbers)

@@ -1,6 +1,10 @@
-"""Compensation of dome masters: exact (P), least squares (W), and what they are compared with."""
+"""Compensation of dome masters: exact (P), least squares (W), and simpler methods for comparison.
 
-from collections.abc import Callable
+`Fields` turns a calibration into the frame model, `FrameEquations` solves it for a picture, and the
+kernels write the light to send. A `Compensator` joins them for content of any type: 8-bit content stays
+as it is and goes through tables, other encoded content is decoded before and encoded after.
+"""
+
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -8,16 +12,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.compensate.equations import Equations
+from procam.compensate.equations import FrameEquations, Solution
 from procam.compensate.fields import Fields
 from procam.errors import InputError
 from procam.kernels.frame import (
+    Coding,
     bounced_light,
     check_pictures,
     frame_apply,
     frame_sums,
 )
-from procam.kernels.frame.coding import WHOLE, Coding
+from procam.kernels.frame.coding import WHOLE
 from procam.kernels.frame.reference import interpolated
 from procam.maths.dither import threshold_tile
 from procam.maths.transfer import transfer
@@ -27,7 +32,7 @@ Array = NDArray[np.float64]
 Image = NDArray[np.float32]
 METHODS = ("exact", "subtract", "least-squares", "paper-eq12", "none")
 CHANNELS = 3
-DARKEST = 1e-5  # light [rel sr] that what a certificate tells is relative to, of a black frame
+DARKEST = 1e-5  # moments [rel sr] of a black frame: certificates are relative to no less
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,13 +56,13 @@ class Compensated:
 
 @dataclass(frozen=True, slots=True)
 class Certificate:
-    """What a compensated frame is worth, told from the light of its full result, whatever the strength.
+    """How well a compensated frame solves its equations, at full strength.
 
     Attributes
     ----------
-    kkt : how far the conditions of the optimum are from holding, relative to the light's moments;
-        NaN for methods that find none.
-    self_consistency : the light that bounces, as subtracted, less that of the light sent; relative.
+    kkt : residual of the optimality conditions, relative to the moments of the light; NaN for methods
+        without an optimum.
+    self_consistency : moments of the light sent less those assumed for the scattered light; relative.
     share_lo, share_hi : (3,) share of the lit solid angle where a limit holds.
     flux_in, flux_out : (3,) of the content under its white, and of the light sent [rel sr].
     """
@@ -70,10 +75,20 @@ class Certificate:
     flux_out: Array
 
 
+@dataclass(frozen=True, eq=False, slots=True)
+class _Solved:
+    """A solved frame: its content as the kernels take it, which nobody has overwritten, and its solution."""
+
+    content: NDArray[Any]
+    coding: Coding
+    solution: Solution
+
+
 class Compensator:
     """Compensates dome masters of one size for one calibration.
 
-    Light of protected places is left as it is, and counts for the rest of the dome.
+    Protected places are left as they are; their light counts for the rest of the dome. Frames are
+    solved in turn, each from the solution of the last.
 
     Parameters
     ----------
@@ -81,9 +96,10 @@ class Compensator:
     size : edge of the square content [px].
     method : "exact" solves (P) of science.md s.5: what no limit holds is reproduced exactly.
         "least-squares" (W) has the least squared error over the dome. "subtract" takes off the light
-        that would bounce were there no limits, then clamps (van Baar et al. 2011, eq. 12, with all that
-        reflects). "paper-eq12" is that equation to the letter, with the lit area alone. "none" clamps.
-    state : name of the house state to compensate for; None for the house as it was calibrated.
+        that would be scattered without limits, then clamps (van Baar et al. 2011, eq. 12, with all
+        that reflects). "paper-eq12" is that equation to the letter, with the lit area alone. "none"
+        clamps.
+    state : name of the venue state to compensate for; None for the venue as it was calibrated.
     strength : 0 gives the content itself, 1 the full result, mixed as encoded.
     white : what content 1.0 is, see `Fields.of`.
     transfer_name : the content's transfer function, see `maths.transfer`; None: srgb for integers,
@@ -97,13 +113,13 @@ class Compensator:
 
     Notes
     -----
-    In a state of ratio r and ambient light A, u becomes r u, and the room's own lamps come on top. Light
-    adds up: with e what the lamps bring to the screen before any bounce, what is seen is N (b0 + e) =
-    N b0 + N e, and a camera that looked while the projectors were dark saw A = N e, with all its
-    bounces. So A is added to what is observed, never to the direct light `lo`, for there it would
-    bounce once more. The wanted light is N b0 = t - A: (P) of science.md s.5 with t - A for t. Where A
-    outshines the target that is negative, and the clip at lo holds as it does for any black. Methods
-    "paper-eq12" and "none" know nothing of the lamps.
+    In a state of ratio r and ambient light A, u becomes r u, and the light of the room's own lamps is
+    added. Light adds up: with e the lamps' irradiance before any bounce, the total is N (b0 + e) =
+    N b0 + N e. A camera that photographs the screen while the projectors are dark measures A = N e,
+    with all bounces. So A is added to the total, never to the direct light `lo`, where it would be
+    scattered once more. The wanted light is N b0 = t - A: (P) of science.md s.5 with t - A for t.
+    Where A exceeds the target that is negative, and the clip at lo holds as for any black. Methods
+    "paper-eq12" and "none" ignore the lamps.
     """
 
     def __init__(
@@ -124,14 +140,11 @@ class Compensator:
         self.method, self.size, self.strength = method, size, strength
         self._transfer = transfer_name and transfer(transfer_name)
         self.fields = Fields.of(calibration, size, state, white)
-        self._equations = Equations(self.fields, method, calibration.albedo.value)
+        self._equations = FrameEquations(self.fields, method, calibration.albedo.value)
         self._codings: dict[tuple[str, float, float], Coding] = {}
-        self._last: tuple[NDArray[Any], Coding] | None = None
-
-    @property
-    def numbers(self) -> Array:
-        """(3, 9) of the last frame: the polynomial of its bounced light (`Fields.numbers_of`)."""
-        return self._equations.solution[0]
+        self._solved: _Solved | None = None
+        #: (3, 9) polynomial of the last frame's scattered light (`Fields.coefficients_of`)
+        self.coefficients: Array = self._equations.nothing.coefficients
 
     @property
     def protected(self) -> NDArray[np.bool_]:
@@ -159,66 +172,81 @@ class Compensator:
             Another shape or element type.
         """
         check_pictures(self.size, image, out)
-        coded = self._coded(image)
-        self._last = None
-        sent = self._applied(image, coded, out, self._equations.frame)
+        content, coding = self._coded(image)
+        held, self._solved = self._protected_pixels(image), None
+        to = out if content is image else None
+        sent, solution = self._equations.frame(content, coding, to)
+        self.coefficients = solution.coefficients
         if out is None or not np.may_share_memory(image, out):
-            self._last = coded
-        return sent
+            self._solved = _Solved(content, coding, solution)
+        return self._finished(image, sent, None if content is image else coding, out, held)
 
     def apply(
-        self, image: NDArray[Any], numbers: Array, out: NDArray[Any] | None = None
+        self, image: NDArray[Any], coefficients: Array, out: NDArray[Any] | None = None
     ) -> NDArray[Any]:
-        """`frame` with known numbers (3, 9), such as a track's; nothing is solved."""
+        """`frame` with known coefficients (3, 9), such as a track's; nothing is solved."""
         check_pictures(self.size, image, out)
-        self._last = None
-        self._equations.solution = np.stack([numbers, np.zeros_like(numbers)])
-        return self._applied(image, self._coded(image), out, self._equations.apply)
+        content, coding = self._coded(image)
+        held, self._solved, self.coefficients = self._protected_pixels(image), None, coefficients
+        solution = replace(self._equations.nothing, coefficients=coefficients)
+        to = out if content is image else None
+        sent = self._equations.apply(content, coding, solution, to)
+        return self._finished(image, sent, None if content is image else coding, out, held)
 
     @property
     def certificate(self) -> Certificate:
-        """Of the last frame; costs a few looks at it."""
-        if self._last is None:
+        """Of the last frame; costs a few evaluations of it."""
+        if self._solved is None:
             raise InputError(
-                "certificate: got no frame that is still there, expected one; call frame() first, "
-                "and do not write over its content"
+                "certificate: there is no frame to certify; call frame() first, and do not write over "
+                "its content"
             )
-        content, coding = self._last
+        content, coding, solution = (
+            self._solved.content,
+            self._solved.coding,
+            self._solved.solution,
+        )
         equations = self._equations
-        light = equations.light(equations.model)
-        at = {w: equations.sums(content, light, w, coding)[:, 0] for w in ("at least", "at most")}
-        sent = equations.sums(content, light, "light", coding)
+
+        def sums(what: str) -> Array:
+            return equations.sums(content, solution, what, coding)
+
         lit = float(self.fields.gram[0, 0])
+        sent = sums("light")
+        missed = residual = sent - solution.moments
+        if solution.pull is not None:
+            residual = equations.residual(content, coding, solution)
         moments = max(np.abs(sent).max(), DARKEST)
-        residual = equations.left(content, sent, coding)
-        # of (P) and (W) the residual is that of the equations that make the optimum
         optimal = self.method in ("exact", "least-squares")
+        dark = np.zeros_like(equations.light(solution))
         return Certificate(
             float(np.abs(residual).max() / moments) if optimal else float("nan"),
-            float(np.abs(sent - equations.assumed()).max() / moments),
-            at["at least"] / lit,
-            at["at most"] / lit,
-            equations.sums(content, np.zeros_like(light), "content", coding)[:, 0],
+            float(np.abs(missed).max() / moments),
+            sums("at least")[:, 0] / lit,
+            sums("at most")[:, 0] / lit,
+            frame_sums(equations.model, content, dark, "content", coding)[:, 0],
             sent[:, 0],
         )
 
     def solve(self, image: Image) -> Compensated:
         """The compensated picture in linear light, what the audience will see of it, what clips."""
         check_pictures(self.size, image)
-        content, self._last = np.ascontiguousarray(image, np.float32), None
+        content, self._solved = np.ascontiguousarray(image, np.float32), None
         equations, coding = self._equations, self._coding("linear", np.inf, 1.0)
-        equations.solve(content, coding)
-        self._last = content, coding
+        solution, _ = equations.solve(content, coding)
+        self._solved = _Solved(content, coding, solution)
+        self.coefficients = solution.coefficients
         shown, every, lit = equations.shown, slice(None), self.lit[..., None]
-        light = equations.light(shown)
+        light = equations.shown_light(solution)
         direct = frame_apply(shown, content, light, coding)
         wanted = self._under_white(content) - interpolated(shown, light, every)
         assert shown.hi is not None
         lo, hi = (interpolated(shown, field, every) for field in (shown.lo, shown.hi))
         free, kept = (wanted > lo) & (wanted < hi) & lit, self.protected
         counted = np.where(kept[..., None] & lit, np.clip(content, lo, hi), direct)
-        observed = np.where(lit, counted + self._bounced(content, coding), 0)
-        sums = equations.sums(content, equations.light(equations.model), "light", coding)
+        scattered = self._scattered(content, coding, solution)
+        observed = np.where(lit, counted + scattered, 0)
+        sums = equations.sums(content, solution, "light", coding)
         direct[kept], free[kept] = image[kept], False
         return Compensated(direct, observed.astype(np.float32), free, sums[:, 0])
 
@@ -237,12 +265,13 @@ class Compensator:
             np.float32
         )
 
-    def _bounced(self, content: Image, coding: Coding) -> Array:
-        """What really bounces of the light sent, and the lamps' (N, N, 3)."""
+    def _scattered(self, content: Image, coding: Coding, solution: Solution) -> Array:
+        """Scattered light (N, N, 3) of the light sent, whatever the method, and the lamps'."""
         equations, shown = self._equations, self.fields.shown
         model = replace(equations.model, terms=shown.terms)
-        sums = frame_sums(model, content, equations.light(equations.model), "light", coding)
-        return interpolated(shown, bounced_light(shown, self.fields.numbers_of(sums)), slice(None))
+        sums = frame_sums(model, content, equations.light(solution), "light", coding)
+        coefficients = self.fields.coefficients_of(sums)
+        return interpolated(shown, bounced_light(shown, coefficients), slice(None))
 
     def _coded(self, image: NDArray[Any]) -> tuple[NDArray[Any], Coding]:
         """The content as the kernels take it: 8 bits through tables, the rest in linear light."""
@@ -265,29 +294,27 @@ class Compensator:
             self._codings[asked] = made
         return self._codings[asked]
 
-    def _applied(
+    def _protected_pixels(self, image: NDArray[Any]) -> NDArray[Any] | None:
+        kept = self.fields.protected
+        return None if kept is None else image[kept]
+
+    def _finished(
         self,
         image: NDArray[Any],
-        coded: tuple[NDArray[Any], Coding],
+        sent: NDArray[Any],
+        coding: Coding | None,
         out: NDArray[Any] | None,
-        write: Callable[[NDArray[Any], Coding, NDArray[Any] | None], NDArray[Any]],
+        held: NDArray[Any] | None,
     ) -> NDArray[Any]:
-        content, coding = coded
-        kept = self.fields.protected
-        held = None if kept is None else image[kept]
-        if content is image:
-            sent = write(content, coding, out)
-        else:
-            sent = self._encoded(image, write(content, coding, None), coding)
+        """Light encoded as the image is, by `coding` unless it is so already; protected pixels put back."""
+        if coding is not None:
+            whole = WHOLE.get(image.dtype)
+            value = np.asarray(coding.encode(sent)) * (whole or 1.0)
+            mixed = image + self.strength * (value - image)
+            sent = (np.rint(mixed) if whole else mixed).astype(image.dtype)
             if out is not None:
                 out[...] = sent
                 sent = out
         if held is not None:
-            sent[kept] = held
+            sent[self.fields.protected] = held
         return sent
-
-    def _encoded(self, image: NDArray[Any], linear: Image, coding: Coding) -> NDArray[Any]:
-        whole = WHOLE.get(image.dtype)
-        value = np.asarray(coding.encode(linear)) * (whole or 1.0)
-        mixed = image + self.strength * (value - image)
-        return (np.rint(mixed) if whole else mixed).astype(image.dtype)
