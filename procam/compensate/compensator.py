@@ -17,10 +17,10 @@ from procam.compensate.fields import Fields
 from procam.errors import InputError
 from procam.kernels.frame import (
     Coding,
-    bounced_light,
     check_pictures,
     frame_apply,
     frame_sums,
+    scattered_light,
 )
 from procam.kernels.frame.coding import WHOLE
 from procam.kernels.frame.reference import interpolated
@@ -41,10 +41,10 @@ class Compensated:
 
     Attributes
     ----------
-    direct : (N, N, 3) light the projectors must put there [rel]; 0 where nothing is lit, and the
-        content itself, whatever it asks for, where a person protects it.
-    observed : (N, N, 3) what the audience will see of it [rel].
-    free : (N, N, 3) neither bound nor protection holds: observed equals the target there.
+    direct : (N, N, 3) direct light of the projectors [rel]; 0 where nothing is lit, and the content
+        itself, even beyond the limits, where it is protected.
+    observed : (N, N, 3) total light as the audience sees it [rel].
+    free : (N, N, 3) neither a limit nor protection holds: observed equals the target there.
     flux : (3,) direct flux [rel sr].
     """
 
@@ -134,9 +134,11 @@ class Compensator:
         transfer_name: str | None = None,
     ) -> None:
         if method not in METHODS:
-            raise InputError(f"method: got {method!r}, expected one of {', '.join(METHODS)}")
+            raise InputError(f"method: {method!r} is unknown; choose one of {', '.join(METHODS)}")
         if not 0 <= strength <= 1:
-            raise InputError(f"strength: got {strength}, expected 0 (the content itself) to 1")
+            raise InputError(
+                f"strength: {strength} is outside 0 (the content itself) to 1 (the full result)"
+            )
         self.method, self.size, self.strength = method, size, strength
         self._transfer = transfer_name and transfer(transfer_name)
         self.fields = Fields.of(calibration, size, state, white)
@@ -148,7 +150,7 @@ class Compensator:
 
     @property
     def protected(self) -> NDArray[np.bool_]:
-        """(N, N) where the content goes out as it came."""
+        """(N, N) where the content is sent unchanged."""
         none = np.zeros((self.size, self.size), bool)
         return none if self.fields.protected is None else self.fields.protected
 
@@ -162,8 +164,8 @@ class Compensator:
 
         Parameters
         ----------
-        image : (N, N, 3) uint8, uint16, float16 or float32; 1.0 (255, 65535) is the white; what is
-            not finite is taken for black.
+        image : (N, N, 3) uint8, uint16, float16 or float32; 1.0 (255, 65535) is the white; values
+            that are not finite count as black.
         out : array like it to write to, which may be `image` itself.
 
         Raises
@@ -229,7 +231,7 @@ class Compensator:
         )
 
     def solve(self, image: Image) -> Compensated:
-        """The compensated picture in linear light, what the audience will see of it, what clips."""
+        """The compensated picture in linear light, its total as the audience sees it, where it clips."""
         check_pictures(self.size, image)
         content, self._solved = np.ascontiguousarray(image, np.float32), None
         equations, coding = self._equations, self._coding("linear", np.inf, 1.0)
@@ -251,7 +253,7 @@ class Compensator:
         return Compensated(direct, observed.astype(np.float32), free, sums[:, 0])
 
     def target(self, image: Image) -> Image:
-        """What the audience should see (N, N, 3): the content under its white, or as it is kept."""
+        """The total light to aim for (N, N, 3): the content under its white, or itself where protected."""
         wanted = np.where(self.lit[..., None], self._under_white(image), 0).astype(np.float32)
         kept = self.protected & self.lit
         wanted[kept] = image[kept]
@@ -271,10 +273,10 @@ class Compensator:
         model = replace(equations.model, terms=shown.terms)
         sums = frame_sums(model, content, equations.light(solution), "light", coding)
         coefficients = self.fields.coefficients_of(sums)
-        return interpolated(shown, bounced_light(shown, coefficients), slice(None))
+        return interpolated(shown, scattered_light(shown, coefficients), slice(None))
 
     def _coded(self, image: NDArray[Any]) -> tuple[NDArray[Any], Coding]:
-        """The content as the kernels take it: 8 bits through tables, the rest in linear light."""
+        """The content for the kernels: 8 bits as they are, other types in linear light."""
         integer = image.dtype in WHOLE
         name = self._transfer.name if self._transfer else "srgb" if integer else "linear"
         top = 1.0 if integer else np.inf

@@ -21,9 +21,9 @@ from procam.kernels.frame import (
     TERMS,
     Coding,
     FrameModel,
-    bounced_light,
     frame_apply,
     frame_sums,
+    scattered_light,
 )
 from procam.kernels.native.arrays import aligned_like
 
@@ -68,7 +68,7 @@ class NodeLight:
         """Light (M, M, 3) [rel], in (W) less the pull. The next solution's light overwrites it."""
         if self._known is None or not _same(self._known[0], solution):
             room = None if self._known is None else self._known[1]
-            light = bounced_light(self.model, solution.coefficients, solution.pull, room)
+            light = scattered_light(self.model, solution.coefficients, solution.pull, room)
             self._known = solution, light
         return self._known[1]
 
@@ -184,7 +184,7 @@ class FrameEquations:
             return missed
         pull = solution.pull[:, : self.model.terms]
         error = self.sums(content, solution, "excess", coding)
-        error = error + np.einsum("cij,cj->ci", self.fields.painted_gram, pull)
+        error = error + np.einsum("cij,cj->ci", self.fields.spread_gram, pull)
         optimal = -np.einsum("cji,cj->ci", self.fields.operator, error)
         return np.concatenate([missed, optimal - pull], axis=1)
 

@@ -1,4 +1,10 @@
-"""What a calibration says of a dome, as the frame kernels take it."""
+"""The fields of a calibration for the frame kernels, and the operator of scattered light.
+
+A calibration has maps on a dome master: scatter per flux, limits, coverage. They are sampled at the nodes
+of the frame model, and continued some nodes beyond the lit part, where interpolation at its border reads.
+Scattered light is a field `spread` times a polynomial q of the direction, with q = G M for the moments M
+of the direct light; G (`operator`) is the calibration's kernel in terms of monomials.
+"""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -8,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procam.errors import InputError
-from procam.kernels.frame import TERMS, FrameModel, bounced_light
+from procam.kernels.frame import TERMS, FrameModel, scattered_light
 from procam.kernels.frame.reference import monomials
 from procam.maths.scatter_kernel import basis
 from procam.maths.sphere import (
@@ -24,24 +30,24 @@ Array = NDArray[np.float64]
 Map = NDArray[np.float32]
 WHITES = ("summed", "keep")
 CHANNELS = 3
-SAMPLE = 96  # nodes along an edge, at most, that stand for all of them
-SOUND = 0.5  # coverage from which on a node's measured light is its own
-REACH = 6  # nodes beyond that, for interpolation: past a fading border and a band of node rows
+SAMPLE = 96  # nodes along an edge, at most, of a sample
+SOUND = 0.5  # least coverage of a node whose measured light is used
+REACH = 6  # nodes to continue beyond that: the width of a fading border and of a band of node rows
 CONTINUED = ("spread", "lo", "hi", "gain")
 AROUND = np.array([(y, x) for y in (-1, 0, 1) for x in (-1, 0, 1)]).T
 
 
 @dataclass(frozen=True, eq=False)
 class Fields:
-    """Fields of a calibration on a dome master of M x M nodes, and the operator of bounced light.
+    """Fields of a calibration on a dome master of M x M nodes, and the operator of scattered light.
 
     Attributes
     ----------
-    shown : for the frame kernels; its `spread` is v, so that light bounced to a place is
-        v (q . mono(direction)), see `kernels.frame`. `hi` is there.
-    model : the same for sums: where content is protected it goes out as it came.
+    shown : the model for pictures; its `spread` is v, so that the scattered light at a place is
+        v (q . mono(direction)), see `kernels.frame`. It has `hi`.
+    model : the model for sums, in which protected content is sent unchanged.
     operator : (3, T, T) per colour, from moments of direct light (`kernels.frame.frame_sums`) to q.
-    protected : (N, N) where content goes out as it came, or None.
+    protected : (N, N) where content is sent unchanged, or None.
     """
 
     shown: FrameModel
@@ -53,7 +59,7 @@ class Fields:
     def of(
         cls, calibration: Calibration, size: int, state: str | None = None, white: str = "summed"
     ) -> "Fields":
-        """Fields for content of `size`, for a house state, under a white.
+        """Fields for content of `size`, in a venue state, under a white.
 
         Parameters
         ----------
@@ -66,13 +72,13 @@ class Fields:
             An unknown white or state.
         """
         if white not in WHITES:
-            raise InputError(f"white: got {white!r}, expected {' or '.join(WHITES)}")
+            raise InputError(f"white: {white!r} is unknown; choose {' or '.join(WHITES)}")
         shown = _model(calibration, size, state)
         fields = cls(shown, shown, _operator(calibration), _protected(calibration.maps, size))
         if white == "keep":
             gain = fields.todays_white() * (1 if shown.gain is None else shown.gain)
-            even = np.broadcast_to(gain, shown.coverage.shape).astype(np.float32)
-            shown = replace(shown, gain=even)
+            uniform = np.broadcast_to(gain, shown.coverage.shape).astype(np.float32)
+            shown = replace(shown, gain=uniform)
         if fields.protected is None:
             return replace(fields, shown=shown, model=shown)
         return replace(fields, shown=shown, model=_untouched(shown, calibration.maps))
@@ -89,7 +95,7 @@ class Fields:
         gain = np.ones_like(model.coverage) if model.gain is None else model.gain
         assert model.hi is not None
         direct = np.clip(gain[..., None], model.lo, model.hi).astype(float)
-        light = bounced_light(self.shown, self.coefficients_of(self.node_sums(direct)))
+        light = scattered_light(self.shown, self.coefficients_of(self.node_sums(direct)))
         area = model.solid_angle_sr.astype(float)
         totals = np.tensordot(area, direct + light, 2) / np.tensordot(area, gain.astype(float), 2)
         return float(totals.min())
@@ -107,8 +113,8 @@ class Fields:
         return self._products(np.ones((*self.model.coverage.shape, 1)))[0]
 
     @cached_property
-    def painted_gram(self) -> Array:
-        """(3, T, T): the same, painted with `spread`."""
+    def spread_gram(self) -> Array:
+        """(3, T, T): the same, weighted with `spread`."""
         return self._products(self.model.spread.astype(float))
 
     def _products(self, paint: Array) -> Array:
@@ -121,7 +127,7 @@ class Fields:
 
 @dataclass(frozen=True, eq=False)
 class NodeSample:
-    """Some of a model's nodes, and the pixels of the picture nearest to them; they stand for all.
+    """A sample of a model's nodes, and the pixels of the picture nearest to them.
 
     `node` (S,) indices along an edge, `pixel` (S,) of the picture; `weight` (S, S) [sr], `spread`
     (S, S, 3), `terms` (T, S, S).
@@ -135,7 +141,7 @@ class NodeSample:
 
     @classmethod
     def of(cls, model: FrameModel) -> "NodeSample":
-        """Every so manyth node of a model."""
+        """Equally spaced nodes of a model; their weights add up to its solid angle."""
         step = -(-model.nodes // SAMPLE)
         node = np.arange(step // 2, model.nodes, step)
         pixel = ((node + 0.5) * model.size / model.nodes).astype(np.intp)
@@ -148,7 +154,7 @@ class NodeSample:
 
     @property
     def shape(self) -> tuple[int, int, int]:
-        """Of what is told of each colour."""
+        """Of a boolean mask over the sample, per colour."""
         return (*self.weight.shape, CHANNELS)
 
     def of_picture(self, picture: NDArray[Any]) -> NDArray[Any]:
@@ -158,9 +164,9 @@ class NodeSample:
     def free(
         self, model: FrameModel, content: NDArray[np.floating], light: Map, top: float
     ) -> NDArray[np.bool_]:
-        """Where (S, S, 3) no limit holds, for linear content (S, S, 3) less bounced light.
+        """Where (S, S, 3) no limit holds, for linear content (S, S, 3) less scattered light.
 
-        White that is just reached is free: more light will be taken off.
+        White that is just reached is free: the solution subtracts more light.
         """
         grid = np.ix_(self.node, self.node)
         gain = 1 if model.gain is None else model.gain[grid][..., None]
@@ -169,7 +175,7 @@ class NodeSample:
         return np.asarray((wanted > model.lo[grid]) & (wanted <= hi))
 
     def products(self, where: NDArray[np.bool_], power: int) -> Array:
-        """(3, T, T): moments over `where` (S, S, 3) of the monomials, painted so many times."""
+        """(3, T, T): moments over `where` (S, S, 3) of the monomials, weighted with spread^power."""
         flat = self.terms.reshape(len(self.terms), -1)
         found = []
         for c in range(CHANNELS):
@@ -200,20 +206,20 @@ def _model(calibration: Calibration, size: int, state: str | None) -> FrameModel
         direction=direction,
         terms=(maps.kernel.degree + 1) ** 2,
     )
-    return _continued(_painted(raw, maps.kernel))
+    return _continued(_divided_by_profile(raw, maps.kernel))
 
 
 def _sampled(field: Map, where: NDArray[np.floating] | None) -> Map:
-    """A map at places of its own; all of it if there are none."""
+    """A map sampled at `where`, or the map itself."""
     if where is None:
         return field
-    from procam.maths.warp import sample  # noqa: PLC0415 - OpenCV is a tenth of the way to a first pixel
+    from procam.maths.warp import sample  # noqa: PLC0415 - OpenCV takes a tenth of the time to a first pixel
 
     return sample(field, where)
 
 
 def _untouched(shown: FrameModel, maps: DomeMaps) -> FrameModel:
-    """A model under which protected content goes out as it came."""
+    """A model in which protected content is sent unchanged."""
     direction, _ = master_directions(shown.nodes)
     kept = maps.is_protected(master_pixels(direction, maps.size))
     none = np.float32(0)
@@ -224,7 +230,7 @@ def _untouched(shown: FrameModel, maps: DomeMaps) -> FrameModel:
 
 
 def _protected(maps: DomeMaps, size: int) -> NDArray[np.bool_] | None:
-    """Where (N, N) content goes out as it came; None if nowhere."""
+    """Where (N, N) content is sent unchanged; None if nowhere."""
     if maps.protected is None:  # a large master's directions take seconds
         return None
     direction, inside = master_directions(size)
@@ -235,7 +241,7 @@ def _protected(maps: DomeMaps, size: int) -> NDArray[np.bool_] | None:
 def _scatter(
     calibration: Calibration, where: NDArray[np.floating] | None, state: str | None
 ) -> tuple[Map, Map | None]:
-    """What white brings per flux (M, M, 3) [1/sr] and the lamps' light, or None, in a house state."""
+    """Scatter per flux (M, M, 3) [1/sr] and the lamps' light, or None, in a venue state."""
     scatter = _sampled(calibration.maps.scatter_per_flux, where)
     if state is None:
         return scatter, None
@@ -244,19 +250,18 @@ def _scatter(
     return scatter * house.scatter_ratio.astype(np.float32), ambient
 
 
-def _painted(model: FrameModel, kernel: ScatterKernel) -> FrameModel:
-    """A model whose `spread` is what white brings per flux, with the paint v in its place."""
+def _divided_by_profile(model: FrameModel, kernel: ScatterKernel) -> FrameModel:
+    """A model whose `spread`, scatter per flux of full white, is replaced by v: divided by its polynomial."""
     profile = np.zeros((CHANNELS, TERMS))
     profile[:, : model.terms] = kernel.profile @ _harmonics(kernel.degree).T
     bare = replace(model, spread=np.ones_like(model.spread), ambient=None)
-    return replace(model, spread=model.spread / bounced_light(bare, profile))
+    return replace(model, spread=model.spread / scattered_light(bare, profile))
 
 
 def _continued(model: FrameModel) -> FrameModel:
-    """A model whose fields go on for some nodes beyond the part that is well lit as they are at its border.
+    """A model whose fields are continued for some nodes beyond the well lit part, for interpolation.
 
-    Interpolation reads there. What is faintly lit further out keeps its own, and has neighbours like it;
-    what is not lit is 0 beyond.
+    Faintly lit nodes further out keep their values and are continued in turn; unlit nodes beyond are 0.
     """
     lit, given = model.coverage > 0, {n: getattr(model, n) for n in CONTINUED}
     shapes = {n: field.shape for n, field in given.items() if field is not None}
@@ -272,7 +277,7 @@ def _continued(model: FrameModel) -> FrameModel:
 
 
 def _spread_out(fields: dict[str, Map], known: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Continue fields (M * M, C) ring by ring beyond nodes (M, M) that are known; which are then."""
+    """Continue fields (M * M, C) ring by ring beyond known nodes (M, M); returns all that are known then."""
     known = known.copy()
     for _ in range(REACH):
         at, near, share = _ring(known)
@@ -283,7 +288,7 @@ def _spread_out(fields: dict[str, Map], known: NDArray[np.bool_]) -> NDArray[np.
 
 
 def _ring(known: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp], Map]:
-    """Nodes (P,) round those that are known, the nine nodes (P, 9) at each, and their shares (P, 9)."""
+    """Unknown nodes (P,) next to known ones, the nine nodes (P, 9) around each, and their weights (P, 9)."""
     edge = len(known)
     at = np.flatnonzero(_grown(known) & ~known)
     y, x = (n[:, None] + step for n, step in zip(np.divmod(at, edge), AROUND, strict=True))
@@ -294,7 +299,7 @@ def _ring(known: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp],
 
 
 def _grown(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """A mask and all that touches it, at corners too."""
+    """A mask grown by one node, at corners too."""
     wide = np.pad(mask, 1)
     tall = wide[:-2] | wide[1:-1] | wide[2:]
     return np.asarray(tall[:, :-2] | tall[:, 1:-1] | tall[:, 2:])

@@ -22,7 +22,7 @@ from procam.estimate.bundle import (
 )
 from procam.estimate.bundle_start import Hung
 from procam.estimate.marks import mark_errors, mark_rows
-from procam.kernels import Relief
+from procam.kernels import ShapeDerivatives
 from procam.maths.lenses import unproject
 from procam.maths.ray_to_screen import RoundShape
 from procam.model.optics import CameraModel, Distance, Fiducial
@@ -74,7 +74,11 @@ class Problem:
 
 
 def scores(
-    rig: Rig, pair: Pair, seen: Observations, ray: Array | None = None, relief: Relief | None = None
+    rig: Rig,
+    pair: Pair,
+    seen: Observations,
+    ray: Array | None = None,
+    relief: ShapeDerivatives | None = None,
 ) -> Array:
     """Length (N,) of the residuals in their standard errors; infinite where there is no answer."""
     error = np.linalg.norm(residuals(rig, pair, seen, ray, relief), axis=1) / seen.sigma_px
@@ -82,7 +86,11 @@ def scores(
 
 
 def excess_of(
-    rig: Rig, pair: Pair, seen: Observations, ray: Array | None = None, relief: Relief | None = None
+    rig: Rig,
+    pair: Pair,
+    seen: Observations,
+    ray: Array | None = None,
+    relief: ShapeDerivatives | None = None,
 ) -> float:
     """By how much means over cells of the panel exceed their standard errors; never less than 1.
 
@@ -191,7 +199,7 @@ class Adjustment:
 
     def _look(self, rig: Rig) -> None:
         """Evaluate the screen's harmonics where the rays of a rig meet it; near by they go on."""
-        self.reliefs: dict[Pair, Relief | None] = {}
+        self.reliefs: dict[Pair, ShapeDerivatives | None] = {}
         for pair, some in self.seen.items():
             ray = self.rays.get(pair)
             if ray is None and not rig.shape.exact:

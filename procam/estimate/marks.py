@@ -9,7 +9,7 @@ from scipy.optimize import least_squares
 
 from procam.errors import InputError
 from procam.estimate.bundle import POSE, PUPIL, Layout, Rig, device_of
-from procam.kernels import Device
+from procam.kernels import PlacedDevice
 from procam.kernels.bundle.reference import point_slopes, rays_sent
 from procam.maths.lenses import unproject
 from procam.maths.pose import Pose, align_rotation, rotation_matrix, rotation_vector
@@ -68,7 +68,7 @@ def _seen_point(rig: Rig, fiducial: Fiducial, layout: Layout) -> tuple[Array, Ar
     return hit.point[0], slopes
 
 
-def _device_of(rig: Rig, fiducial: Fiducial) -> tuple[Device, Array]:
+def _device_of(rig: Rig, fiducial: Fiducial) -> tuple[PlacedDevice, Array]:
     """The device of a fiducial, and the ray (1, 3) of its pixel."""
     pixel = np.asarray(fiducial.pixel, float)[None]
     if fiducial.device in rig.cameras:

@@ -195,7 +195,7 @@ class TestLive:
         found = live.live_numbers()
         fields = Fields.of(furnished, SIZE, "full")
         coding = Coding(srgb_decode, srgb_encode, threshold_tile(), top=1.0)
-        light = reference_frame.bounced_light(fields.shown, found.astype(float), None)
+        light = reference_frame.scattered_light(fields.shown, found.astype(float), None)
         assert fields.protected is not None
         direction, inside = master_directions(SIZE)
         weight = np.where(inside, master_solid_angles(SIZE), 0)

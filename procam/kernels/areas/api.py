@@ -28,7 +28,7 @@ def solid_angles(
     blocks : corner directions (n, W + 1, 3) float64, any n, from the top down; together H + 1 rows.
         One block with all rows will do.
     shape : (H, W) of the cells.
-    out : (H, W) float64 to write to; saves making it anew.
+    out : (H, W) float64 to write to, instead of a new array.
 
     Returns
     -------
@@ -37,7 +37,7 @@ def solid_angles(
     Raises
     ------
     InputError
-        If the blocks are not float64 (float32 cannot tell the corners of a pixel well enough apart)
+        If the blocks are not float64 (float32 does not resolve the corners of a pixel)
         or do not add up to H + 1 rows of W + 1 directions.
 
     Examples
@@ -51,16 +51,16 @@ def solid_angles(
     areas = np.empty(shape) if out is None else out
     check_like(areas, np.broadcast_to(0.0, shape), np.float64, "out")
     if not (areas.flags.c_contiguous and areas.flags.aligned and areas.flags.writeable):
-        raise InputError("out: expected a writable, contiguous, aligned array")
+        raise InputError("out: a writable, contiguous, aligned array is needed")
     done = 0
     for rows in _overlapping(blocks, width):
         end = done + len(rows) - 1
         if end > height:
-            raise InputError(f"blocks: got {end} rows of cells or more, expected {height}")
+            raise InputError(f"blocks: {end} rows of cells or more were given; {height} are needed")
         _fill(rows, areas[done:end])
         done = end
     if done != height:
-        raise InputError(f"blocks: got {done} rows of cells, expected {height}")
+        raise InputError(f"blocks: {done} rows of cells were given; {height} are needed")
     return areas
 
 
@@ -71,7 +71,9 @@ def _overlapping(blocks: Iterable[Double], width: int) -> Iterator[list[Double]]
         if block.ndim != 3 or block.shape[1:] != (width + 1, 3):
             raise ShapeError("blocks", block.shape, f"(n, {width + 1}, 3), W + 1 corners in a row")
         if block.dtype != np.float64:
-            raise InputError(f"blocks: got {block.dtype}, expected float64")
+            raise InputError(
+                f"blocks: {block.dtype} is too coarse for the corners of pixels; float64 is needed"
+            )
         rows = [*last, *(block if _readable(block) else plain(block))]
         if rows:
             yield rows
@@ -79,7 +81,7 @@ def _overlapping(blocks: Iterable[Double], width: int) -> Iterator[list[Double]]
 
 
 def _readable(block: Double) -> bool:
-    """Whether C can read each row as it lies."""
+    """Whether each row is contiguous and aligned."""
     return block.flags.aligned and block.strides[1:] == (24, 8)
 
 

@@ -1,13 +1,17 @@
-/* Solid angles of the cells of a grid of unit directions: two great-circle triangles per cell. */
+/* Solid angles of the cells of a grid of unit directions.
 
-#define SPAN 256    /* cells: two rows of their corners stay in the first cache */
-#define NARROW 1e-2 /* tangent of a quarter of a triangle's solid angle up to which a series does */
+       a ---- b      Each cell is two great-circle triangles, (a, b, c) and (a, c, d). Each gives
+       |  \   |      tan(angle / 2) from a triple product and a denominator (Van Oosterom & Strackee
+       d ---- c      1983). For the small cells of a panel a series replaces the arctangent. */
 
-struct corners { /* coordinates apart, so that a vector holds neighbours */
+#define SPAN 256    /* cells at a time: two rows of their corners fit the L1 cache */
+#define SMALL 1e-2 /* largest tangent of half a solid angle for which the series is exact */
+
+struct corners { /* one array per coordinate, so that a vector holds neighbours */
     double x[SPAN + 1], y[SPAN + 1], z[SPAN + 1];
 };
 
-INLINE void take_apart(size_t count, const double *restrict row, struct corners *restrict to) {
+INLINE void split_coordinates(size_t count, const double *restrict row, struct corners *restrict to) {
     for (size_t i = 0; i < count; i++) {
         to->x[i] = row[3 * i];
         to->y[i] = row[3 * i + 1];
@@ -20,7 +24,7 @@ struct halves { /* of a cell: triple products and denominators of its two triang
 };
 
 /* Triangles (a, b, c) and (a, c, d) of Van Oosterom & Strackee 1983. The triple products come from
-   edge differences, with n = (c - a) x a in common: for small triangles they lose no digits. */
+   edge differences, with n = (c - a) x a in common, which keeps full precision for small triangles. */
 INLINE struct halves halves_of(const struct corners *restrict top,
                                const struct corners *restrict bottom, size_t i) {
     const double ax = top->x[i], ay = top->y[i], az = top->z[i];
@@ -40,28 +44,28 @@ INLINE struct halves halves_of(const struct corners *restrict top,
     return found;
 }
 
-/* atan(t) for |t| <= NARROW, to a rounding. */
-INLINE double narrow_angle(double t) {
+/* atan(t) for |t| <= SMALL, to a rounding. */
+INLINE double small_angle(double t) {
     const double y = t * t;
     return t - t * y * (1.0 / 3 - y * (1.0 / 5 - y * (1.0 / 7)));
 }
 
-/* Areas of `count` cells by the series; true if it does not do for one of them. NaN does. */
-INLINE int narrow_cells(size_t count, const struct corners *restrict top,
+/* Areas of `count` cells by the series; 1 if any of them is too large for it. NaN is not. */
+INLINE int small_cells(size_t count, const struct corners *restrict top,
                         const struct corners *restrict bottom, double *restrict areas) {
     int wide = 0;
     for (size_t i = 0; i < count; i++) {
         const struct halves h = halves_of(top, bottom, i);
-        const double one = 1.0 / (h.above * h.below); /* both divisions in one */
-        const double angle = narrow_angle(h.upper * h.below * one) +
-                             narrow_angle(h.lower * h.above * one);
+        const double one = 1.0 / (h.above * h.below); /* one division instead of two */
+        const double angle = small_angle(h.upper * h.below * one) +
+                             small_angle(h.lower * h.above * one);
         areas[i] = fabs(2.0 * angle);
-        wide |= (fabs(h.upper) >= NARROW * h.above) | (fabs(h.lower) >= NARROW * h.below);
+        wide |= (fabs(h.upper) >= SMALL * h.above) | (fabs(h.lower) >= SMALL * h.below);
     }
     return wide;
 }
 
-static void wide_cells(size_t count, const struct corners *top, const struct corners *bottom,
+static void large_cells(size_t count, const struct corners *top, const struct corners *bottom,
                        double *areas) {
     for (size_t i = 0; i < count; i++) {
         const struct halves h = halves_of(top, bottom, i);
@@ -73,12 +77,12 @@ static void areas(const struct areas *job, size_t first, size_t count) {
     struct corners rows[2];
     for (size_t left = 0; left < job->columns; left += SPAN) {
         const size_t cells = job->columns - left < SPAN ? job->columns - left : SPAN;
-        take_apart(cells + 1, job->corners[first] + 3 * left, &rows[first % 2]);
+        split_coordinates(cells + 1, job->corners[first] + 3 * left, &rows[first % 2]);
         for (size_t r = first; r < first + count; r++) {
             const struct corners *top = &rows[r % 2], *bottom = &rows[(r + 1) % 2];
             double *to = job->areas + r * job->columns + left;
-            take_apart(cells + 1, job->corners[r + 1] + 3 * left, &rows[(r + 1) % 2]);
-            if (narrow_cells(cells, top, bottom, to)) wide_cells(cells, top, bottom, to);
+            split_coordinates(cells + 1, job->corners[r + 1] + 3 * left, &rows[(r + 1) % 2]);
+            if (small_cells(cells, top, bottom, to)) large_cells(cells, top, bottom, to);
         }
     }
 }

@@ -7,7 +7,7 @@ Double = NDArray[np.float64]
 
 
 def solid_angles(corners: Double) -> Double:
-    """Twin of `procam.kernels.solid_angles`, all corners (H + 1, W + 1, 3) at once."""
+    """See `procam.kernels.solid_angles`; all corners (H + 1, W + 1, 3) at once."""
     a, b, c, d = corners[:-1, :-1], corners[:-1, 1:], corners[1:, 1:], corners[1:, :-1]
     return np.abs(_triangle_solid_angles(a, b, c) + _triangle_solid_angles(a, c, d))
 

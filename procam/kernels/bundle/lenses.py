@@ -1,4 +1,4 @@
-"""Slopes of lenses as equations in NumPy, and the fisheye's inverse.
+"""Derivatives of lenses in NumPy, and the inverse of the fisheye.
 
 A lens is its kind and its parameters (P,): focal x, y, centre x, y [px], then distortion [-], k1 k2
 p1 p2 k3 of "brown" (Brown 1966, ordered as OpenCV does) or k1..k4 of "kannala-brandt" (Kannala &
@@ -28,7 +28,7 @@ def project_slopes(points: Array, kind: str, lens: Array) -> tuple[Array, Array,
 def ray_slopes(ray: Array, kind: str, lens: Array) -> Array:
     """Slopes (N, 3, P) by its lens of the unit ray (N, 3) of a pixel.
 
-    The ray moves so that its own picture stays where it is: by the inverse of the picture's slopes.
+    The ray moves so that its pixel stays: by the inverse of the projection's derivatives.
     """
     across, down = _tangents(ray)
     _, by_point, by_lens = project_slopes(ray, kind, lens)
@@ -63,7 +63,7 @@ def fisheye_angle(radius: Array, k: Array) -> Array:
 
 
 def fisheye_rays(pixels: Array, lens: Array) -> Array:
-    """Twin of `procam.kernels.fisheye_rays`."""
+    """See `procam.kernels.fisheye_rays`."""
     plane = (pixels - lens[2:4]) / lens[:2]
     radius = np.hypot(plane[..., 0], plane[..., 1])
     theta = fisheye_angle(radius, lens[4:])

@@ -50,7 +50,7 @@ def fisheye_rays(pixels: ArrayLike, lens: Double) -> Double:
 
 @lru_cache(maxsize=32)
 def _angles(*k: float) -> tuple[Double, float]:
-    """Angles (KNOTS,) [rad] at even steps of the radius up to where the lens folds, and that radius."""
+    """Angles (KNOTS,) [rad] at equal steps of the radius up to where the lens folds, and that radius."""
     theta = np.linspace(0, np.pi, reference.KNOTS)
     reach = reference.fisheye_radius(theta, np.array(k))
     rising = int(np.argmax(np.diff(reach, append=-np.inf) <= 0)) + 1

@@ -1,4 +1,9 @@
-"""Compensation of dome masters: sums of light, and the light to send, at the rate of memory."""
+"""Compensation of dome masters: sums of their direct light over the dome, and the light to send.
+
+Both read the picture once and take the same steps for each value: decode, subtract scattered light,
+clip. The model's fields are read at their own, coarser, resolution and interpolated on the fly, so the
+time is near that of moving the picture through memory.
+"""
 
 import ctypes
 from typing import Any
@@ -9,8 +14,8 @@ from numpy.typing import NDArray
 from procam.errors import InputError, ShapeError
 from procam.kernels.frame import reference
 from procam.kernels.frame.coding import Coding
-from procam.kernels.frame.grid import CHANNELS, PLACES, STRIP, Plane
-from procam.kernels.frame.model import SPARE, TERMS, FrameModel, spared
+from procam.kernels.frame.grid import CHANNELS, POSITIONS, STRIP, Plane
+from procam.kernels.frame.model import SPARE, TERMS, FrameModel, padded
 from procam.kernels.native.arrays import aligned_like, pointer
 from procam.kernels.native.loader import chosen
 
@@ -26,56 +31,57 @@ class _Frame(ctypes.Structure):
 
     _fields_ = [
         ("size", ctypes.c_size_t),
-        *((name, ctypes.c_int) for name in ("kind", "nodes", "terms", "band", "brief")),
+        *((name, ctypes.c_int) for name in ("kind", "nodes", "terms", "band", "fold_limits")),
         *((name, ctypes.c_float) for name in ("strength", "top")),
         *(
             (name, ctypes.c_void_p)
             for name in (
                 *("image", "out", "light", "least", "most", "gain", "area"),
-                *("weight", "paint", "direction", "lit"),
-                *(f"{n}_{p}" for n in PLACES for p in ("start", "pair", "across")),
+                *("weight", "edge_spread", "direction", "lit"),
+                *(f"{n}_{p}" for n in POSITIONS for p in ("start", "pair", "across")),
                 *("down", "rows", "decode", "encode", "threshold", "decode_bytes"),
             )
         ),
     ]
 
 
-def _room_of(plane: Plane | None) -> Plane | None:
-    """What `plane` begins, with room for vectors to read past its end: as `bounced_light` returns it."""
-    room = None if plane is None else plane.base
-    if plane is None or room is None:
+def _buffer_of(plane: Plane | None) -> Plane | None:
+    """The padded array that `plane` starts, if `scattered_light` made it; None for any other plane."""
+    buffer = None if plane is None else plane.base
+    if plane is None or buffer is None:
         return None
-    begins = (room.dtype, room.ctypes.data) == (plane.dtype, plane.ctypes.data)
-    whole = room.flags.c_contiguous and plane.flags.c_contiguous
-    return room if begins and whole and room.size >= plane.size + SPARE else None
+    begins = (buffer.dtype, buffer.ctypes.data) == (plane.dtype, plane.ctypes.data)
+    whole = buffer.flags.c_contiguous and plane.flags.c_contiguous
+    return buffer if begins and whole and buffer.size >= plane.size + SPARE else None
 
 
-def bounced_light(
-    model: FrameModel, numbers: Double, offset: Double | None = None, out: Plane | None = None
+def scattered_light(
+    model: FrameModel, coefficients: Double, offset: Double | None = None, out: Plane | None = None
 ) -> Plane:
-    """What bounces to each node (M, M, 3) [rel]: spread times the polynomial, and the lamps' light.
+    """Scattered light at each node (M, M, 3) [rel]: spread times the polynomial, plus the lamps' light.
 
     Parameters
     ----------
-    numbers : (3, 9) its coefficients per colour. offset : (3, 9) of what (W) takes off, or None.
-    out : a result of this function for as many nodes, to be written over.
+    coefficients : (3, 9) of the polynomial, per colour. offset : (3, 9) of a second polynomial, which
+        is subtracted, or None.
+    out : an earlier result of this function for as many nodes, to be overwritten.
     """
     native = chosen()
     if native is None:
-        return reference.bounced_light(model, numbers, offset)
+        return reference.scattered_light(model, coefficients, offset)
     library, level, threads = native
     size = model.spread.size
-    room = _room_of(out)
-    if room is None or room.size != size + SPARE:
-        room = np.empty(size + SPARE, np.float32)
+    buffer = _buffer_of(out)
+    if buffer is None or buffer.size != size + SPARE:
+        buffer = np.empty(size + SPARE, np.float32)
     arrays = [np.ascontiguousarray(a, np.float32) for a in (model.spread, model.direction)]
     ambient = None if model.ambient is None else np.ascontiguousarray(model.ambient, np.float32)
-    given = [None if n is None else np.ascontiguousarray(n, float) for n in (numbers, offset)]
-    library.procam_bounce(
+    given = [None if n is None else np.ascontiguousarray(n, float) for n in (coefficients, offset)]
+    library.procam_scattered(
         *(level, threads, model.nodes, model.terms, pointer(arrays[0]), pointer(ambient)),
-        *(pointer(arrays[1]), pointer(given[0]), pointer(given[1]), pointer(room)),
+        *(pointer(arrays[1]), pointer(given[0]), pointer(given[1]), pointer(buffer)),
     )
-    return room[:size].reshape(model.spread.shape)
+    return buffer[:size].reshape(model.spread.shape)
 
 
 def frame_sums(
@@ -86,9 +92,9 @@ def frame_sums(
     Parameters
     ----------
     image : (N, N, 3) uint8, uint16, float16 or float32.
-    light : (M, M, 3), of `bounced_light`.
-    what : "light" [rel sr]; "content", without limits; "excess", what limits add, weighed by `spread`;
-        "at least", "at most": the solid angle where a limit holds [sr].
+    light : (M, M, 3), of `scattered_light`.
+    what : "light" [rel sr]; "content", without limits; "excess", the light that limits add, times
+        `spread`; "at least", "at most": the solid angle where a limit holds [sr].
 
     Returns
     -------
@@ -136,7 +142,7 @@ def _check_light(model: FrameModel, light: Plane) -> None:
 
 
 def check_pictures(size: int, image: NDArray[Any], out: NDArray[Any] | None = None) -> None:
-    """Refuse pictures that the kernels cannot read, or not write to.
+    """Refuse pictures that the kernels cannot read or write.
 
     Raises
     ------
@@ -148,7 +154,7 @@ def check_pictures(size: int, image: NDArray[Any], out: NDArray[Any] | None = No
         raise ShapeError("content", image.shape, f"{expected}")
     if image.dtype not in KINDS:
         raise InputError(
-            f"content: got {image.dtype}, expected uint8, uint16, float16 or float32; convert it"
+            f"content: {image.dtype} is not supported; convert it to uint8, uint16, float16 or float32"
         )
     if out is None:
         return
@@ -156,11 +162,11 @@ def check_pictures(size: int, image: NDArray[Any], out: NDArray[Any] | None = No
         raise ShapeError("out", out.shape, f"{expected}")
     if out.dtype != image.dtype or not out.flags.c_contiguous or not out.flags.writeable:
         raise InputError(
-            f"out: got {out.dtype}, expected writable, contiguous {image.dtype}, as the content"
+            f"out: it must be a writable, contiguous array of the content's type, {image.dtype}"
         )
     same = image.ctypes.data == out.ctypes.data and image.strides == out.strides
     if np.may_share_memory(image, out) and not same:
-        raise InputError("out: got a part of the content's memory, expected all of it or none")
+        raise InputError("out: it overlaps the content; pass the content itself or an array apart")
 
 
 def _run(
@@ -171,19 +177,19 @@ def _run(
     coding: Coding,
 ) -> Double:
     library, level, threads = native
-    how, tables = _Frame(), coding.tables
-    how.size, how.kind = model.size, KINDS[pictures[0].dtype]
-    how.nodes, how.terms, how.band = model.nodes, model.terms, model.grid.shared
-    how.strength, how.top = coding.strength, coding.most(pictures[0].dtype)
+    setup, tables = _Frame(), coding.tables
+    setup.size, setup.kind = model.size, KINDS[pictures[0].dtype]
+    setup.nodes, setup.terms, setup.band = model.nodes, model.terms, model.grid.shared
+    setup.strength, setup.top = coding.strength, coding.most(pictures[0].dtype)
     image, light, out = pictures
-    if light.dtype != np.float32 or _room_of(light) is None:
-        light = np.asarray(spared(light))
+    if light.dtype != np.float32 or _buffer_of(light) is None:
+        light = np.asarray(padded(light))
     arrays = model.in_c | tables | {"image": image, "light": light, "out": out}
-    arrays["lit"] = model.ways(how.top)
-    how.brief = model.brief(pictures[0].dtype, how.top)
+    arrays["lit"] = model.variants(setup.top)
+    setup.fold_limits = model.fold_limits(pictures[0].dtype, setup.top)
     for name, array in arrays.items():
-        setattr(how, name, pointer(array))
+        setattr(setup, name, pointer(array))
     strips, chunks = -(-CHANNELS * model.size // STRIP), -(-(model.nodes + 1) // CHUNK)
     sums = np.zeros((strips * chunks, CHANNELS, TERMS))
-    library.procam_frame(level, threads, mode, strips, chunks, ctypes.byref(how), pointer(sums))
+    library.procam_frame(level, threads, mode, strips, chunks, ctypes.byref(setup), pointer(sums))
     return sums.sum(axis=0)[:, : model.terms]

@@ -1,4 +1,4 @@
-"""How the numbers of a picture stand for light, as the frame kernels take it."""
+"""Coding of light in pictures, for the frame kernels: decoding, encoding, dither, strength."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -14,19 +14,19 @@ Double = NDArray[np.float64]
 Curve = Callable[[NDArray[np.floating]], NDArray[np.floating]]
 WHOLE = {np.dtype(np.uint8): 255.0, np.dtype(np.uint16): 65535.0}
 SEGMENTS, TILE = 32, 64  # as in frame/values.h
-FITTED = 16  # values of a curve that a parabola goes by
+FITTED = 16  # samples of a curve for each parabola
 
 
 @dataclass(frozen=True, eq=False)
 class Coding:
-    """How a picture's numbers stand for light, and how they are written.
+    """How the values of a picture encode light, and how results are written.
 
     Attributes
     ----------
     decode, encode : of values 0..1; used for uint8 only, other types are linear.
     threshold : (64, 64) in 0..1, for the rounding of uint8: floor(value + threshold).
     strength : 0 gives the picture itself, 1 the full result, mixed as encoded.
-    top : the most light that is sent anywhere [rel].
+    top : the most light to send anywhere [rel].
     """
 
     decode: Curve

@@ -1,14 +1,23 @@
-/* A dome master against the model of what bounces: sums of its light, or the light to send.
+/* One frame of a dome master: sums of its direct light over the dome, or the light to send.
 
-   Fields lie on a coarse grid of nodes; between two rows of them is an interval, some intervals make a
-   band, and a block of values in an interval is a cell (cell.h). What falls to an edge of a band is
-   summed up with the direction, and with the area if all of the band is lit, of the node row there. */
+   Fields are given on a coarse grid of nodes. The rows of the picture between two node rows are an
+   interval, some intervals (1, 2 or 4) a band, and a block of 64 values in an interval a cell (cell.h):
+
+       edge ===================  node row     |  interval  |
+            [cell][cell][cell]                |            |  band
+            ------------------   node row                  |
+            [cell][cell][cell]                             |
+       edge ===================  node row
+
+   A cell's sums go to the two edges of its band. Directions and solid angles are linear enough over a
+   band that they are multiplied in once per edge, not once per row; only where a band is partly lit are
+   solid angles multiplied in pixel by pixel. Tasks are strips of 512 pixels by FRAME_CHUNK intervals. */
 
 enum { FRAME_CHUNK = 64 }; /* intervals of a task */
 enum { AXES = 3 };
 
-/* The colours of LANES pixels, one by one. */
-INLINE void apart(const float *from, vf *colours) {
+/* Splits LANES interleaved pixels into their colours. */
+INLINE void split_colours(const float *from, vf *colours) {
 #if LEVEL == 512
     const __m512i step = _mm512_set_epi32(45, 42, 39, 36, 33, 30, 27, 24, 21, 18, 15, 12, 9, 6, 3, 0);
     const vf a = vload(from), b = vload(from + LANES), c = vload(from + 2 * LANES);
@@ -25,32 +34,32 @@ INLINE void apart(const float *from, vf *colours) {
 #endif
 }
 
-struct rows { /* of nodes, at an edge of bands */
-    struct places places;
-    const float *weight, *paint, *axes[AXES];
+struct rows { /* fields along an edge of bands */
+    struct positions positions;
+    const float *weight, *edge_spread, *axes[AXES];
     size_t nodes;
 };
 
-INLINE struct rows rows_of(const struct procam_frame *how, size_t number) {
-    const size_t nodes = (size_t)how->nodes;
-    const float *direction = how->direction + number * AXES * nodes;
-    return (struct rows){how->pixels, how->weight + number * nodes, how->paint + number * 3 * nodes,
+INLINE struct rows rows_of(const struct procam_frame *setup, size_t number) {
+    const size_t nodes = (size_t)setup->nodes;
+    const float *direction = setup->direction + number * AXES * nodes;
+    return (struct rows){setup->pixels, setup->weight + number * nodes, setup->edge_spread + number * 3 * nodes,
                          {direction, direction + nodes, direction + 2 * nodes}, nodes};
 }
 
-/* Adds what falls to an edge to the sums of each colour and term, LANES pixels at a time. */
+/* Adds the sums at an edge to those of each colour and term, LANES pixels at a time. */
 INLINE void gather_pixels(int terms, int mode, const struct rows *rows, const struct edge *edge, size_t at,
                           size_t pixel, vf (*sums)[FRAME_TERMS]) {
     const int lit = edge->lit[at / FRAME_BLOCK] | edge->lit[(at + 3 * LANES - 1) / FRAME_BLOCK];
     if (!lit) return;
-    const struct columns columns = columns_from(&rows->places, pixel);
-    const vf weight = widened(&columns, rows->weight), none = vset(0.0f);
-    fetch(rows->weight + rows->nodes + columns.start); /* the next edge's */
-    for (int axis = 0; axis < AXES; axis++) fetch(rows->axes[axis] + AXES * rows->nodes + columns.start);
+    const struct columns columns = columns_from(&rows->positions, pixel);
+    const vf weight = along_row(&columns, rows->weight), none = vset(0.0f);
+    prefetch(rows->weight + rows->nodes + columns.start); /* of the next edge */
+    for (int axis = 0; axis < AXES; axis++) prefetch(rows->axes[axis] + AXES * rows->nodes + columns.start);
     vf plain[3], weighed[3] = {none, none, none}, term[FRAME_TERMS];
-    apart(edge->plain + at, plain);
-    if (lit & 1 << IN_PART) apart(edge->weighed + at, weighed);
-    for (int axis = 0; axis < AXES && axis < terms - 1; axis++) term[1 + axis] = widened(&columns, rows->axes[axis]);
+    split_colours(edge->plain + at, plain);
+    if (lit & 1 << IN_PART) split_colours(edge->weighed + at, weighed);
+    for (int axis = 0; axis < AXES && axis < terms - 1; axis++) term[1 + axis] = along_row(&columns, rows->axes[axis]);
     if (terms > 4) {
         const vf x = term[1], y = term[2], z = term[3];
         term[4] = vmul(x, y), term[5] = vmul(y, z), term[6] = vmul(x, z);
@@ -58,15 +67,15 @@ INLINE void gather_pixels(int terms, int mode, const struct rows *rows, const st
     }
     UNROLL for (int c = 0; c < 3; c++) {
         vf v = vfma(weight, plain[c], weighed[c]);
-        if (mode == SUM_EXCESS) v = vmul(v, widened(&columns, rows->paint + (size_t)c * rows->nodes));
+        if (mode == SUM_EXCESS) v = vmul(v, along_row(&columns, rows->edge_spread + (size_t)c * rows->nodes));
         sums[c][0] = vadd(sums[c][0], v);
         UNROLL for (int k = 1; k < terms; k++) sums[c][k] = vfma(v, term[k], sums[c][k]);
     }
 }
 
-INLINE void gather_edge(int terms, int mode, const struct procam_frame *how, const struct edge *edge, size_t number,
+INLINE void gather_edge(int terms, int mode, const struct procam_frame *setup, const struct edge *edge, size_t number,
                         size_t first, double (*to)[FRAME_TERMS][LANES]) {
-    const struct rows rows = rows_of(how, number);
+    const struct rows rows = rows_of(setup, number);
     vf sums[3][FRAME_TERMS];
     for (int c = 0; c < 3; c++)
         for (int k = 0; k < terms; k++) sums[c][k] = vset(0.0f);
@@ -80,81 +89,81 @@ INLINE void gather_edge(int terms, int mode, const struct procam_frame *how, con
         }
 }
 
-/* Empties a band's upper edge; the lower one is the next band's upper one. */
-INLINE void gather(int mode, const struct procam_frame *how, struct room *room, size_t number, size_t first,
+/* Adds up and clears a band's upper edge; the lower one becomes the upper one of the next band. */
+INLINE void gather(int mode, const struct procam_frame *setup, struct workspace *work, size_t number, size_t first,
                    double (*to)[FRAME_TERMS][LANES]) {
-    struct edge *edge = room->edges + room->upper;
-    if (how->terms == 1) gather_edge(1, mode, how, edge, number, first, to);
-    else if (how->terms == 4) gather_edge(4, mode, how, edge, number, first, to);
-    else gather_edge(FRAME_TERMS, mode, how, edge, number, first, to);
+    struct edge *edge = work->edges + work->upper;
+    if (setup->terms == 1) gather_edge(1, mode, setup, edge, number, first, to);
+    else if (setup->terms == 4) gather_edge(4, mode, setup, edge, number, first, to);
+    else gather_edge(FRAME_TERMS, mode, setup, edge, number, first, to);
     for (size_t block = 0; block < STRIP_BLOCKS; block++) {
         const size_t at = block * FRAME_BLOCK, bytes = FRAME_BLOCK * sizeof(float);
         if (edge->lit[block]) memset(edge->plain + at, 0, bytes);
         if (edge->lit[block] & 1 << IN_PART) memset(edge->weighed + at, 0, bytes);
         edge->lit[block] = 0;
     }
-    room->upper = !room->upper;
+    work->upper = !work->upper;
 }
 
-/* Between rows of nodes: which, and where rows of the picture lie. */
-INLINE struct cell interval_of(const struct procam_frame *how, size_t interval) {
-    const size_t last = (size_t)how->nodes - 1, band = (size_t)how->band;
-    struct cell cell = {.row = (size_t)how->rows[interval], .end = (size_t)how->rows[interval + 1]};
+/* The interval between two node rows, and the rows of the picture in it. */
+INLINE struct cell interval_of(const struct procam_frame *setup, size_t interval) {
+    const size_t last = (size_t)setup->nodes - 1, band = (size_t)setup->band;
+    struct cell cell = {.row = (size_t)setup->rows[interval], .end = (size_t)setup->rows[interval + 1]};
     cell.above = interval ? interval - 1 : 0, cell.below = interval < last ? interval : last;
-    cell.share = 1.0f / (float)how->band, cell.from = (float)(interval % band) * cell.share;
+    cell.share = 1.0f / (float)setup->band, cell.from = (float)(interval % band) * cell.share;
     for (size_t y = cell.row; y < cell.end; y++) {
-        const float down = how->down[y];
+        const float down = setup->down[y];
         cell.count += 1, cell.down += down, cell.squares += down * down;
     }
     return cell;
 }
 
-INLINE void clear_rows(const struct procam_frame *how, const struct cell *cell, size_t values) {
-    const size_t width = bytes_of(how->kind), pitch = 3 * how->size * width;
-    unsigned char *to = (unsigned char *)how->out + cell->row * pitch + cell->first * width;
+INLINE void clear_rows(const struct procam_frame *setup, const struct cell *cell, size_t values) {
+    const size_t width = bytes_of(setup->kind), pitch = 3 * setup->size * width;
+    unsigned char *to = (unsigned char *)setup->out + cell->row * pitch + cell->first * width;
     for (size_t y = cell->row; y < cell->end; y++, to += pitch) clear(to, values * width);
 }
 
-/* How many of the blocks from here on are done alike; `left` values are, and a part of a block is alone. */
+/* Number of blocks from here on of the same kind; `left` values remain, an incomplete block is alone. */
 INLINE size_t run_of(const uint8_t *lit, size_t most, size_t left) {
     size_t count = 1;
     while (count < most && lit[count] == *lit && left >= (count + 1) * FRAME_BLOCK) count++;
     return count;
 }
 
-INLINE void one_interval(cells_way *const *ways, const struct procam_frame *how, struct room *room, size_t strip,
+INLINE void one_interval(cells_variant *const *variants, const struct procam_frame *setup, struct workspace *work, size_t strip,
                          size_t interval) {
-    const size_t total = 3 * how->size, wide = (total + FRAME_BLOCK - 1) / FRAME_BLOCK;
+    const size_t total = 3 * setup->size, wide = (total + FRAME_BLOCK - 1) / FRAME_BLOCK;
     const size_t begin = strip * STRIP_BLOCKS, most = wide - begin < STRIP_BLOCKS ? wide - begin : STRIP_BLOCKS;
-    const int writes = room->mode == APPLY, mixes = writes && how->strength < 1;
-    const uint8_t *lit = how->lit + interval * wide + begin;
-    struct cell cell = interval_of(how, interval);
-    fetch(lit + 2 * wide);
+    const int writes = work->mode == APPLY, mixes = writes && setup->strength < 1;
+    const uint8_t *lit = setup->lit + interval * wide + begin;
+    struct cell cell = interval_of(setup, interval);
+    prefetch(lit + 2 * wide);
     if (cell.row == cell.end) return;
     for (size_t block = 0, count; block < most; block += count) {
         const size_t left = total - (begin + block) * FRAME_BLOCK;
         count = run_of(lit + block, most - block, left);
         cell.block = block, cell.first = (begin + block) * FRAME_BLOCK, cell.lit = lit[block];
         cell.left = left < FRAME_BLOCK ? left : FRAME_BLOCK;
-        const size_t way = how->gain && cell.lit > IN_PART ? GAINED : (size_t)cell.lit;
-        if (cell.lit != NOWHERE || mixes) ways[way](how, room, &cell, count);
-        else if (writes) clear_rows(how, &cell, left < count * FRAME_BLOCK ? left : count * FRAME_BLOCK);
+        const size_t variant = setup->gain && cell.lit > IN_PART ? GAINED : (size_t)cell.lit;
+        if (cell.lit != NOWHERE || mixes) variants[variant](setup, work, &cell, count);
+        else if (writes) clear_rows(setup, &cell, left < count * FRAME_BLOCK ? left : count * FRAME_BLOCK);
     }
 }
 
-INLINE void one_task(int mode, const struct procam_frame *how, size_t strip, size_t chunk, double *to) {
-    struct room room;
+INLINE void one_task(int mode, const struct procam_frame *setup, size_t strip, size_t chunk, double *to) {
+    struct workspace work;
     double sums[3][FRAME_TERMS][LANES] = {0};
-    cells_way *const *ways = ways_of(how->kind, mode);
-    const size_t intervals = (size_t)how->nodes + 1, band = (size_t)how->band, begin = chunk * FRAME_CHUNK;
+    cells_variant *const *variants = variants_of(setup->kind, mode);
+    const size_t intervals = (size_t)setup->nodes + 1, band = (size_t)setup->band, begin = chunk * FRAME_CHUNK;
     const size_t end = begin + FRAME_CHUNK < intervals ? begin + FRAME_CHUNK : intervals;
-    memset(&room, 0, sizeof room);
-    room.mode = mode;
+    memset(&work, 0, sizeof work);
+    work.mode = mode;
     for (size_t interval = begin; interval < end; interval++) {
-        one_interval(ways, how, &room, strip, interval);
+        one_interval(variants, setup, &work, strip, interval);
         const size_t number = interval / band, first = strip * FRAME_STRIP;
-        if ((interval + 1) % band == 0 || interval == end - 1) gather(mode, how, &room, number, first, sums);
-        if (interval == end - 1) gather(mode, how, &room, number + 1, first, sums);
+        if ((interval + 1) % band == 0 || interval == end - 1) gather(mode, setup, &work, number, first, sums);
+        if (interval == end - 1) gather(mode, setup, &work, number + 1, first, sums);
     }
     for (int c = 0; c < 3; c++)
         for (int term = 0; term < FRAME_TERMS; term++)
@@ -164,5 +173,5 @@ INLINE void one_task(int mode, const struct procam_frame *how, size_t strip, siz
 
 static void frame(const struct frame *job, size_t first, size_t count) {
     for (size_t task = first; task < first + count; task++)
-        one_task(job->mode, job->how, task % job->strips, task / job->strips, job->sums + task * 3 * FRAME_TERMS);
+        one_task(job->mode, job->setup, task % job->strips, task / job->strips, job->sums + task * 3 * FRAME_TERMS);
 }

@@ -1,4 +1,9 @@
-"""Where the pixels of a dome master lie among the nodes of coarser fields."""
+"""Positions of the pixels of a dome master among the nodes of coarser fields.
+
+Fields of a dome are smooth, so they are kept at M x M nodes and interpolated bilinearly to the N x N
+pixels of a picture, M <= N. Everything about that which depends on M and N alone is computed here once:
+the nodes around each pixel and their weights, and which blocks of the picture are lit.
+"""
 
 from typing import Any
 
@@ -8,21 +13,24 @@ from numpy.typing import NDArray
 Plane = NDArray[np.float32]
 Index = NDArray[np.int32]
 CHANNELS = 3
-PLACES = ("values", "shared", "pixels")  # as in struct procam_frame
+POSITIONS = ("values", "shared", "pixels")  # as in struct procam_frame
 STRIP, BLOCK, STEP = 1536, 64, 16  # as in frame/cell.h
-FINE = 256  # nodes from which on bands may have more intervals than one
-STRAIGHT = 2e-5  # of the greatest area: how far one may be from the line between edges of a band
-STEEP = 8e-3  # the same: how much that may rise; directions change too
-SMOOTH = 3e-4  # of the greatest value: second differences of what a parabola does for
+FINE = 256  # nodes from which on a band may have more than one interval
+STRAIGHT = (
+    2e-5  # of the greatest area: how far one may lie off the line between the edges of a band
+)
+STEEP = 8e-3  # of the greatest area: how much it may change over a band; directions change too
+SMOOTH = 3e-4  # of the greatest value: largest second difference that a parabola describes
 
 
 class Grid:
-    """Where the pixels of a picture of `size` lie among `nodes`: half-pixel centres, edges clamped.
+    """Positions of the pixels of a picture of `size` among `nodes`: half-pixel centres, edges clamped.
 
-    Row y lies between node rows above[y] and below[y], down[y] of the way; columns alike: left,
-    right, across. Pairs of node rows are intervals; `rows` holds the first row of each. `shared` of
-    them make a band, from the node row of one edge to that of the next (`edges`, the first and the last
-    outside the nodes); `band` is that of each row of the picture, `along` how far down there it lies.
+    Row y lies between node rows above[y] and below[y], at the fraction down[y]; columns
+    alike: left, right, across. Pairs of node rows are intervals; `rows` holds the first row of each.
+    `shared` intervals make a band, from the node row of one edge to that of the next (`edges`; the
+    first and the last lie outside the nodes). `band` is that of each row of the picture, `along` its
+    position in the band, 0..1.
     """
 
     def __init__(self, size: int, nodes: int) -> None:
@@ -42,14 +50,14 @@ class Grid:
         pixel, channel = value // CHANNELS, value % CHANNELS
         left, right, across = self.left[pixel], self.right[pixel], self.across[pixel]
         rest = [_padded(numbers) for numbers in (self.left, self.right, self.across)]
-        self.places = {
-            "values": _places(CHANNELS * left + channel, CHANNELS * right + channel, across),
-            "shared": _places(left, right, across),
-            "pixels": _places(rest[0], rest[1], rest[2]),
+        self.positions = {
+            "values": _positions(CHANNELS * left + channel, CHANNELS * right + channel, across),
+            "shared": _positions(left, right, across),
+            "pixels": _positions(rest[0], rest[1], rest[2]),
         }
 
     def at_edges(self, field: NDArray[Any]) -> NDArray[np.float64]:
-        """A field (M, ...) at edges (E, ...), so that lines between them keep a smooth one's means."""
+        """A field (M, ...) at edges (E, ...); lines between them have the means of a smooth field."""
         last = len(field) - 1
         found = field[np.clip(self.edges, 0, last)].astype(float)
         for k in np.flatnonzero((self.edges < 0) | (self.edges > last)) if last else ():
@@ -65,8 +73,8 @@ class Grid:
     def lit(self, area: Plane) -> NDArray[np.uint8]:
         """How blocks of values in intervals (M + 1, blocks) are summed: 0, 1, 2.
 
-        0: they are not lit. 1: pixel by pixel. 2: with areas on lines between the edges of their band, all
-        of which is lit.
+        0: unlit. 1: partly lit, with the solid angle of each pixel. 2: lit all over their band, with
+        solid angles linear between its edges.
         """
         some = -self.least(-area) > 0
         every = self.least(np.where(self._bent(area), 0, area)) > 0
@@ -87,7 +95,7 @@ class Grid:
         return np.asarray(np.minimum.reduceat(wide, spans, axis=1)[:, ::2], np.float32)
 
     def _bent(self, area: Plane) -> NDArray[np.bool_]:
-        """Nodes (M, M) whose area does not lie on a gentle line between the edges of their band."""
+        """Nodes (M, M) whose area does not lie near a flat line between the edges of their band."""
         band, order = np.divmod(np.arange(len(area)) + 1, self.shared)
         edges, most = self.at_edges(area).astype(np.float32), area.max()
         rise = np.diff(edges, axis=0)[band]
@@ -95,26 +103,26 @@ class Grid:
         return np.asarray((np.abs(off) > STRAIGHT * most) | (np.abs(rise) > STEEP * most))
 
 
-def _places(left: Index, right: Index, across: Plane) -> dict[str, NDArray[Any]]:
-    """Where numbers lie among the nodes: `start` of each STEP of them, and from there `pair`.
+def _positions(left: Index, right: Index, across: Plane) -> dict[str, NDArray[Any]]:
+    """Nodes around values: `start`, the first one for each STEP values, and `pair`, counted from there.
 
-    `pair` holds the node to the left, and that to the right << 8; `across` is the share of that. Starts
-    within a BLOCK are the same if two vectors from there hold all of it.
+    `pair` holds the left node, and the right one << 8; `across` is the weight of the right one. All
+    starts of a BLOCK are equal if two vectors of nodes from there hold all of it.
     """
     starts = [_least_of(left, many) for many in (BLOCK, STEP)]
     start = next(s for s in starts if (right - s < 2 * STEP).all())  # one is, with M <= N
     found = {"start": start[::STEP], "pair": left - start | (right - start) << 8}
-    places: dict[str, NDArray[Any]] = {
+    positions: dict[str, NDArray[Any]] = {
         n: np.ascontiguousarray(f, np.int32) for n, f in found.items()
     }
-    return places | {"across": np.ascontiguousarray(across, np.float32)}
+    return positions | {"across": np.ascontiguousarray(across, np.float32)}
 
 
 def _least_of(numbers: Index, many: int) -> Index:
-    """The least of every so many numbers, for each of them."""
+    """The least of each group of `many` numbers, repeated for each of them."""
     return np.repeat(numbers.reshape(-1, many).min(axis=1), many)
 
 
 def _padded(numbers: NDArray[Any]) -> NDArray[Any]:
-    """As many as whole strips of pixels have, the last one again and again."""
+    """Numbers padded with the last one to whole strips of pixels."""
     return np.pad(numbers, (0, -len(numbers) % (STRIP // CHANNELS)), "edge")

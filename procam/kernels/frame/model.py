@@ -1,4 +1,4 @@
-"""What a dome does to a picture, as the frame kernels take it."""
+"""The model of a dome for the frame kernels: fields at nodes, derived arrays, how blocks are summed."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,23 +12,24 @@ from procam.kernels.frame.grid import CHANNELS, Grid, Plane
 from procam.kernels.native.arrays import least_colour
 
 TERMS = 9
-SPARE = 64  # floats that a vector may read past the end of a field
+SPARE = 64  # floats that vectors may read past the end of a field
 EVERYWHERE = 2  # as in native/kernels.h
 
 
 @dataclass(frozen=True, eq=False)
 class FrameModel:
-    """What a dome does to a picture of `size`, on a dome master of M x M nodes, M <= size.
+    """The fields that compensate pictures of `size`, on a dome master of M x M nodes, M <= size.
 
-    Light to send is clip(gain t - b, lo, hi), t the content in linear light and b what bounces, a
-    field like the others (`bounced_light`). Fields are bilinear between nodes; in sums directions are so
-    between every few node rows (`Grid.edges`), and solid angles too where they lie on such lines.
+    Light to send is clip(gain t - b, lo, hi), t the content in linear light and b the scattered light,
+    a field like the others (`scattered_light`). Fields are bilinear between nodes. In sums, directions
+    are interpolated between every few node rows only (`Grid.edges`), and solid angles too where they
+    are linear there.
 
     Attributes
     ----------
-    spread, lo : (M, M, 3) [1/sr], [rel]. hi, ambient : (M, M, 3) [rel], None where they change
-        nothing. gain : (M, M) or None. coverage : (M, M), 0 where no light is sent.
-    solid_angle_sr : (M, M) of a pixel of the picture, more than 0 just where light is sent.
+    spread : (M, M, 3) scattered light per flux [1/sr]. lo : (M, M, 3) [rel]. hi, ambient : (M, M, 3)
+        [rel], or None. gain : (M, M) or None. coverage : (M, M), 0 where no light is sent.
+    solid_angle_sr : (M, M) of a pixel of the picture, above 0 exactly where coverage is.
     direction : (3, M, M) unit vectors. terms : 1, 4 or 9, of the polynomial.
     """
 
@@ -55,14 +56,16 @@ class FrameModel:
             if field is not None and field.shape != shape:
                 raise ShapeError(f"field {name}", field.shape, f"{shape}")
         if nodes > self.size:
-            raise InputError(f"fields: got {nodes} nodes, expected at most the size, {self.size}")
+            raise InputError(
+                f"fields: {nodes} nodes are more than the picture's {self.size} px; sample them coarser"
+            )
         if self.terms not in (1, 4, TERMS):
-            raise InputError(f"terms: got {self.terms}, expected 1, 4 or {TERMS}")
+            raise InputError(f"terms: {self.terms} are not supported, only 1, 4 and {TERMS}")
         odd = int(((self.coverage > 0) != (self.solid_angle_sr > 0)).sum())
         if odd:
             raise InputError(
-                f"solid_angle_sr: got {odd} nodes where either it or coverage is 0, expected both or none; "
-                "multiply solid angles by the coverage"
+                f"solid_angle_sr: at {odd} nodes it or the coverage is 0, but not both; multiply the solid "
+                "angles by the coverage"
             )
 
     @property
@@ -72,48 +75,55 @@ class FrameModel:
 
     @cached_property
     def grid(self) -> Grid:
-        """Places of the picture's pixels among the nodes."""
+        """Positions of the picture's pixels among the nodes."""
         return Grid(self.size, self.nodes)
 
     @cached_property
     def at_edges(self) -> dict[str, Plane]:
-        """At edges of bands: `weight`, solid angle of a pixel (E, M) [sr]; `paint`, spread; `direction`.
+        """Fields at the edges of bands.
 
-        The latter two (E, 3, M).
+        `weight` (E, M), solid angle of a pixel [sr]; `edge_spread`, `direction` (E, 3, M).
         """
         at_edges = self.grid.at_edges
         found = {
             "weight": at_edges(self.solid_angle_sr),
-            "paint": at_edges(np.moveaxis(self.spread, -1, 1)),
+            "edge_spread": at_edges(np.moveaxis(self.spread, -1, 1)),
             "direction": at_edges(np.moveaxis(self.direction, 0, 1)),
         }
         return {name: np.ascontiguousarray(plane, np.float32) for name, plane in found.items()}
 
     @cached_property
     def lit(self) -> NDArray[np.uint8]:
-        """Where blocks of the picture are lit, for each interval: see `Grid.lit`."""
+        """How blocks of the picture are lit, for each interval: see `Grid.lit`."""
         return self.grid.lit(self.solid_angle_sr)
 
-    def ways(self, top: float) -> NDArray[np.uint8]:
-        """How blocks are done (enum lit) where no more than `top` is sent: upper limits above it are none."""
-        if self._ways.get("top") != top:
-            held = self.hi is not None and self.grid.least(least_colour(self.hi)) < top
-            found = self.lit + ((self.lit == EVERYWHERE) & held)
-            self._ways.update(top=top, found=np.ascontiguousarray(found, np.uint8))
-        return np.asarray(self._ways["found"])
+    def variants(self, top: float) -> NDArray[np.uint8]:
+        """`lit`, and where upper limits lie below `top`, the most light to send (enum lit)."""
+        if top not in self._variants:
+            limited = (self.lit == EVERYWHERE) & (self._least_hi < top)
+            self._variants[top] = np.ascontiguousarray(self.lit + limited, np.uint8)
+        return self._variants[top]
 
     @cached_property
-    def _ways(self) -> dict[str, Any]:
-        return {}  # of the last `top`
+    def _variants(self) -> dict[float, NDArray[np.uint8]]:
+        return {}
 
-    def brief(self, dtype: np.dtype[Any], top: float) -> bool:
-        """Whether light may be summed together with what bounces, which is taken off again.
+    @cached_property
+    def _least_hi(self) -> Plane:
+        """Least upper limit of each block (M + 1, blocks), infinite without limits."""
+        if self.hi is None:
+            return np.full(self.lit.shape, np.inf, np.float32)
+        return self.grid.least(least_colour(self.hi))
 
-        Not where lamps may outshine the picture, of whose sum little would be left; not for single content,
-        whose looks must agree with what is written to 2e-9; and not where `top` can be the limit.
+    def fold_limits(self, dtype: np.dtype[Any], top: float) -> bool:
+        """Whether sums may fold the limits into the content (frame/cell.h), which is faster.
+
+        The sum of the scattered light is then added and subtracted again. Not under lamps, which may
+        exceed the picture and leave a small difference; not for float32, whose sums must agree with
+        what is written to 2e-9; and not where `top` may bind.
         """
-        asked = max(self._greatest_lo, np.inf if dtype == np.float16 else 1.0)
-        return dtype != np.float32 and self.ambient is None and top >= asked
+        needed = max(self._greatest_lo, np.inf if dtype == np.float16 else 1.0)
+        return dtype != np.float32 and self.ambient is None and top >= needed
 
     @cached_property
     def _greatest_lo(self) -> float:
@@ -121,20 +131,20 @@ class FrameModel:
 
     @cached_property
     def in_c(self) -> dict[str, NDArray[Any] | None]:
-        """Arrays that every call takes, with room behind what vectors read."""
+        """Arrays of the C struct that do not change from call to call, padded for vectors."""
         grid = self.grid
         fields = {
             **{"least": self.lo, "most": self.hi, "gain": self.gain},
             **{"area": self.solid_angle_sr, **self.at_edges},
         }
-        found: dict[str, NDArray[Any] | None] = {n: spared(f) for n, f in fields.items()}
-        for name, places in grid.places.items():
-            found |= {f"{name}_{part}": numbers for part, numbers in places.items()}
+        found: dict[str, NDArray[Any] | None] = {n: padded(f) for n, f in fields.items()}
+        for name, positions in grid.positions.items():
+            found |= {f"{name}_{part}": numbers for part, numbers in positions.items()}
         return found | {"down": grid.down, "rows": grid.rows}
 
 
-def spared(plane: Plane | None) -> Plane | None:
-    """A copy with room for vectors to read past its end, or None."""
+def padded(plane: Plane | None) -> Plane | None:
+    """A flat copy with space for vectors to read past its end, or None."""
     if plane is None:
         return None
     return np.concatenate([plane.astype(np.float32).ravel(), np.zeros(SPARE, np.float32)])

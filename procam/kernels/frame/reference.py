@@ -1,4 +1,4 @@
-"""A dome master against the model of what bounces, as equations in NumPy: the twin of `frame`."""
+"""The frame kernels in NumPy, in double precision: their reference implementation."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -22,10 +22,10 @@ def monomials(direction: NDArray[Any], terms: int) -> Double:
     return np.stack(every[:terms])
 
 
-def bounced_light(model: FrameModel, numbers: Double, offset: Double | None) -> Plane:
-    """Polynomial times paint, lamps added and the second polynomial taken off (M, M, 3)."""
+def scattered_light(model: FrameModel, coefficients: Double, offset: Double | None) -> Plane:
+    """Polynomial times spread, plus the lamps, less the second polynomial (M, M, 3)."""
     terms = monomials(model.direction, model.terms)
-    light = model.spread * np.tensordot(terms, numbers[:, : model.terms], (0, 1))
+    light = model.spread * np.tensordot(terms, coefficients[:, : model.terms], (0, 1))
     if model.ambient is not None:
         light += model.ambient
     if offset is not None:
@@ -38,10 +38,10 @@ def interpolated(model: FrameModel, field: NDArray[Any], rows: slice) -> Double:
     grid, nodes = model.grid, field.astype(float)
     above, below = nodes[grid.above[rows]], nodes[grid.below[rows]]
     down = grid.down[rows].astype(float).reshape(-1, *(1,) * (field.ndim - 1))
-    return widened(model, above + down * (below - above))
+    return along_row(model, above + down * (below - above))
 
 
-def widened(model: FrameModel, rows: Double) -> Double:
+def along_row(model: FrameModel, rows: Double) -> Double:
     """Node rows (R, M[, C]) at the columns of the picture (R, N[, C])."""
     grid = model.grid
     left, right = rows[:, grid.left], rows[:, grid.right]
@@ -84,10 +84,10 @@ def frame_sums(
         area = interpolated(model, model.solid_angle_sr, rows)[..., None]
         _share(model, plain, rows, np.where(whole, kept, 0))
         _share(model, weighed, rows, np.where(whole, 0, kept * area))
-    moved = plain * widened(model, edges["weight"])[..., None] + weighed
+    moved = plain * along_row(model, edges["weight"])[..., None] + weighed
     if what == "excess":
-        moved *= widened(model, edges["paint"])
-    terms = monomials(np.moveaxis(widened(model, edges["direction"]), -1, 0), model.terms)
+        moved *= along_row(model, edges["edge_spread"])
+    terms = monomials(np.moveaxis(along_row(model, edges["direction"]), -1, 0), model.terms)
     return np.asarray(np.einsum("bnc,kbn->ck", moved, terms, optimize=True))
 
 
@@ -99,7 +99,7 @@ def _everywhere(model: FrameModel, rows: slice) -> NDArray[np.bool_]:
 
 
 def _share(model: FrameModel, edges: Double, rows: slice, kept: Double) -> None:
-    """Add rows to the edges (E, N, 3) of their bands, by how far down they lie."""
+    """Split rows between the edges (E, N, 3) of their bands, by their distance from them."""
     along = model.grid.along[rows, None, None].astype(float)
     np.add.at(edges, model.grid.band[rows], kept * (1 - along))
     np.add.at(edges, model.grid.band[rows] + 1, kept * along)

@@ -1,8 +1,11 @@
-/* Values of dome masters as they are stored, and as linear light: 64 at a time. */
+/* Values of dome masters as they are stored, to and from linear light: 64 at a time.
+
+   8-bit codes are decoded by a table and encoded by parabolas in the root of the light, with dither.
+   Results bypass the cache where they are aligned. */
 
 enum { FRAME_BLOCK = 64, VECTORS = FRAME_BLOCK / LANES };
 enum { SEGMENTS = 32, TILE_WIDTH = 192, TILE_ROWS = 64 };
-#define WRITTEN_BLACK 0x1p-30f /* light that is written as black: parabolas begin at its root */
+#define WRITTEN_BLACK 0x1p-30f /* light written as black: the parabolas start at its root */
 
 #if LEVEL == 512
 struct codes { /* and in which quarters of a table they lie */
@@ -25,14 +28,14 @@ INLINE __m512i looked_up(const uint8_t *table, const struct codes *codes) { /* t
 }
 
 /* Table lookup of 64 codes: floats are looked up byte by byte, from four tables of their bytes. */
-INLINE void decode_block(const struct procam_frame *how, const uint8_t *from, vf *values) {
+INLINE void decode_block(const struct procam_frame *setup, const uint8_t *from, vf *values) {
     const __m512i order = _mm512_set_epi8(
         63, 62, 61, 60, 47, 46, 45, 44, 31, 30, 29, 28, 15, 14, 13, 12, 59, 58, 57, 56, 43, 42, 41,
         40, 27, 26, 25, 24, 11, 10, 9, 8, 55, 54, 53, 52, 39, 38, 37, 36, 23, 22, 21, 20, 7, 6, 5, 4,
         51, 50, 49, 48, 35, 34, 33, 32, 19, 18, 17, 16, 3, 2, 1, 0);
     const struct codes codes = codes_of(_mm512_permutexvar_epi8(order, _mm512_loadu_si512(from)));
-    const uint8_t *table = how->decode_bytes;
-    __asm__("" : "+r"(table)); /* else it is copied out of one memory into another for every few rows */
+    const uint8_t *table = setup->decode_bytes;
+    __asm__("" : "+r"(table)); /* keeps the compiler from copying the table to the stack */
     const __m512i b0 = looked_up(table, &codes), b1 = looked_up(table + 256, &codes);
     const __m512i b2 = looked_up(table + 512, &codes), b3 = looked_up(table + 768, &codes);
     const __m512i low0 = _mm512_unpacklo_epi8(b0, b1), low1 = _mm512_unpacklo_epi8(b2, b3);
@@ -45,13 +48,13 @@ INLINE void decode_block(const struct procam_frame *how, const uint8_t *from, vf
 INLINE vf vload_f16(const uint16_t *p) { return _mm512_cvtph_ps(_mm256_loadu_si256((const void *)p)); }
 INLINE void vstore_16(uint16_t *p, __m256i a) {
     if ((uintptr_t)p % 32) _mm256_storeu_si256((void *)p, a);
-    else _mm256_stream_si256((void *)p, a); /* past the cache */
+    else _mm256_stream_si256((void *)p, a); /* bypasses the cache */
 }
 INLINE void vstore_f16(uint16_t *p, vf a) { vstore_16(p, _mm512_cvtps_ph(a, 0)); }
 INLINE void vstore_u16(uint16_t *p, vf a) {
     vstore_16(p, _mm512_cvtusepi32_epi16(_mm512_cvtps_epu32(a)));
 }
-INLINE void store_codes(uint8_t *to, const vf *codes) { /* whole parts of 64 codes, at most 255 */
+INLINE void store_codes(uint8_t *to, const vf *codes) { /* integer parts of 64 codes, at most 255 */
     const __m512i order = _mm512_set_epi32(15, 11, 7, 3, 14, 10, 6, 2, 13, 9, 5, 1, 12, 8, 4, 0);
     __m512i whole[VECTORS];
     for (int k = 0; k < VECTORS; k++) whole[k] = _mm512_cvttps_epi32(codes[k]);
@@ -59,19 +62,19 @@ INLINE void store_codes(uint8_t *to, const vf *codes) { /* whole parts of 64 cod
     const __m512i high = _mm512_packus_epi32(whole[2], whole[3]);
     const __m512i bytes = _mm512_permutexvar_epi32(order, _mm512_packus_epi16(low, high));
     if ((uintptr_t)to % 64) _mm512_storeu_si512(to, bytes);
-    else _mm512_stream_si512((void *)to, bytes); /* past the cache */
+    else _mm512_stream_si512((void *)to, bytes); /* bypasses the cache */
 }
-INLINE void clear(void *to, size_t bytes) { /* past the cache */
+INLINE void clear(void *to, size_t bytes) { /* bypasses the cache */
     if ((uintptr_t)to % 64 || bytes % 64) memset(to, 0, bytes);
     else
         for (size_t at = 0; at < bytes; at += 64)
             _mm512_stream_si512((void *)((char *)to + at), _mm512_setzero_si512());
 }
-INLINE void fetch(const void *from) { _mm_prefetch(from, _MM_HINT_T2); }
+INLINE void prefetch(const void *from) { _mm_prefetch(from, _MM_HINT_T2); }
 INLINE vf root(vf a) { return vmul(a, _mm512_rsqrt14_ps(a)); }
 #elif LEVEL == 256
 INLINE void clear(void *to, size_t bytes) { memset(to, 0, bytes); }
-INLINE void fetch(const void *from) { _mm_prefetch(from, _MM_HINT_T0); }
+INLINE void prefetch(const void *from) { _mm_prefetch(from, _MM_HINT_T0); }
 INLINE vf vload_f16(const uint16_t *p) { return _mm256_cvtph_ps(_mm_loadu_si128((const void *)p)); }
 INLINE void vstore_f16(uint16_t *p, vf a) { _mm_storeu_si128((void *)p, _mm256_cvtps_ph(a, 0)); }
 INLINE void vstore_u16(uint16_t *p, vf a) {
@@ -79,10 +82,10 @@ INLINE void vstore_u16(uint16_t *p, vf a) {
     _mm_storeu_si128((void *)p, _mm_packus_epi32(_mm256_castsi256_si128(whole),
                                                  _mm256_extracti128_si256(whole, 1)));
 }
-INLINE void decode_block(const struct procam_frame *how, const uint8_t *from, vf *values) {
+INLINE void decode_block(const struct procam_frame *setup, const uint8_t *from, vf *values) {
     for (int k = 0; k < VECTORS; k++)
         values[k] = _mm256_i32gather_ps(
-            how->decode, _mm256_cvtepu8_epi32(_mm_loadl_epi64((const void *)(from + 8 * k))), 4);
+            setup->decode, _mm256_cvtepu8_epi32(_mm_loadl_epi64((const void *)(from + 8 * k))), 4);
 }
 INLINE void store_codes(uint8_t *to, const vf *codes) {
     for (int k = 0; k < VECTORS; k++) {
@@ -95,7 +98,7 @@ INLINE void store_codes(uint8_t *to, const vf *codes) {
 INLINE vf root(vf a) { return vsqrt(a); }
 #else
 INLINE void clear(void *to, size_t bytes) { memset(to, 0, bytes); }
-INLINE void fetch(const void *from) { (void)from; }
+INLINE void prefetch(const void *from) { (void)from; }
 union word {
     uint32_t bits;
     float value;
@@ -123,8 +126,8 @@ INLINE uint16_t float_to_half(float value) { /* to nearest, ties to even */
 INLINE vf vload_f16(const uint16_t *p) { return half_to_float(*p); }
 INLINE void vstore_f16(uint16_t *p, vf a) { *p = float_to_half(a); }
 INLINE void vstore_u16(uint16_t *p, vf a) { *p = (uint16_t)lrintf(a); }
-INLINE void decode_block(const struct procam_frame *how, const uint8_t *from, vf *values) {
-    for (int k = 0; k < VECTORS; k++) values[k] = how->decode[from[k]];
+INLINE void decode_block(const struct procam_frame *setup, const uint8_t *from, vf *values) {
+    for (int k = 0; k < VECTORS; k++) values[k] = setup->decode[from[k]];
 }
 INLINE void store_codes(uint8_t *to, const vf *codes) {
     for (int k = 0; k < VECTORS; k++) to[k] = (uint8_t)(codes[k] < 255 ? codes[k] : 255);
@@ -135,9 +138,9 @@ INLINE vf root(vf a) { return vsqrt(a); }
 INLINE size_t bytes_of(int kind) { return kind == U8 ? 1 : kind == F32 ? 4 : 2; }
 
 /* 64 values in linear light; what is not finite is black. */
-INLINE void load_block(int kind, const struct procam_frame *how, const void *from, vf *values) {
+INLINE void load_block(int kind, const struct procam_frame *setup, const void *from, vf *values) {
     if (kind == U8) {
-        decode_block(how, from, values);
+        decode_block(setup, from, values);
         return;
     }
     for (int k = 0; k < VECTORS; k++) {
@@ -151,28 +154,28 @@ INLINE void load_block(int kind, const struct procam_frame *how, const void *fro
     }
 }
 
-/* 64 values of light as they are stored, mixed with what came in; `from` may be `to`. */
-INLINE void store_block(int kind, const struct procam_frame *how, const void *from,
+/* Stores 64 values of light, mixed with the original ones; `from` may be `to`. */
+INLINE void store_block(int kind, const struct procam_frame *setup, const void *from,
                         const float *threshold, const vf *values, void *to) {
     vf codes[VECTORS];
     for (int k = 0; k < VECTORS; k++) {
         const size_t at = (size_t)k * LANES;
-        vf v = values[k], came;
+        vf v = values[k], original;
         if (kind == U8) {
             const vf x = root(vmax(v, vset(WRITTEN_BLACK)));
-            const vi number = vright(vbits(x), 22);
-            const float *constant = how->encode, *linear = constant + SEGMENTS, *squared = linear + SEGMENTS;
+            const vi number = vshift(vbits(x), 22);
+            const float *constant = setup->encode, *linear = constant + SEGMENTS, *squared = linear + SEGMENTS;
             v = vfma(vpick(window_at(squared), number), x, vpick(window_at(linear), number));
             v = vfma(v, x, vpick(window_at(constant), number));
         } else if (kind == U16)
             v = vmin(vmax(vmul(v, vset(65535.0f)), vset(0.0f)), vset(65535.0f));
-        if (how->strength < 1) {
-            came = kind == U8    ? vload_u8((const uint8_t *)from + at)
+        if (setup->strength < 1) {
+            original = kind == U8    ? vload_u8((const uint8_t *)from + at)
                    : kind == U16 ? vload_u16((const uint16_t *)from + at)
                    : kind == F16 ? vload_f16((const uint16_t *)from + at)
                                  : vload((const float *)from + at);
-            if (kind == F16 || kind == F32) came = vsel(vlt(vabs(came), vset(INFINITY)), came, vset(0.0f));
-            v = vfma(vset(how->strength), vsub(v, came), came);
+            if (kind == F16 || kind == F32) original = vsel(vlt(vabs(original), vset(INFINITY)), original, vset(0.0f));
+            v = vfma(vset(setup->strength), vsub(v, original), original);
         }
         if (kind == U8) codes[k] = vadd(v, vload(threshold + at));
         else if (kind == U16) vstore_u16((uint16_t *)to + at, v);

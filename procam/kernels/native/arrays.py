@@ -1,4 +1,4 @@
-"""Arrays on their way into C: checked, contiguous, aligned."""
+"""Arrays for C: checked, contiguous, aligned."""
 
 import ctypes
 from collections.abc import Sequence
@@ -14,24 +14,26 @@ LINE = 64  # bytes of a cache line; aligned results can bypass the cache
 
 
 def kind_of(array: NDArray[Any], what: str) -> int:
-    """Number by which C knows the element type of a picture."""
+    """Number of the element type of a picture in C (enum kind)."""
     if array.dtype not in KINDS:
-        raise InputError(f"{what}: got {array.dtype}, expected uint8, uint16 or float32")
+        raise InputError(
+            f"{what}: {array.dtype} is not supported; convert it to uint8, uint16 or float32"
+        )
     return KINDS[array.dtype]
 
 
 def check_like(array: NDArray[Any], model: NDArray[Any], dtype: Any, what: str) -> None:
-    """Refuse an array whose shape or element type is not the asked one."""
+    """Refuse an array of another shape or element type."""
     if array.shape != model.shape:
         raise ShapeError(what, array.shape, f"{model.shape}")
     if array.dtype != dtype:
-        raise InputError(f"{what}: got {array.dtype}, expected {np.dtype(dtype)}")
+        raise InputError(f"{what}: it is {array.dtype}; {np.dtype(dtype)} is needed")
 
 
 def check_frames(frames: Sequence[NDArray[Any]], least: int, most: int) -> list[NDArray[Any]]:
     """Pictures of one shape and element type, between `least` and `most` of them."""
     if not least <= len(frames) <= most:
-        raise InputError(f"frames: got {len(frames)}, expected {least} to {most}")
+        raise InputError(f"frames: {len(frames)} were given; {least} to {most} are needed")
     found = [np.asarray(frame) for frame in frames]
     kind_of(found[0], "frame 0")
     for k, frame in enumerate(found):
@@ -40,7 +42,7 @@ def check_frames(frames: Sequence[NDArray[Any]], least: int, most: int) -> list[
 
 
 def plain(array: NDArray[Any]) -> NDArray[Any]:
-    """The array itself if C can read it as it lies, else a copy."""
+    """The array itself if it is contiguous and aligned, else a copy."""
     fits = array.flags.c_contiguous and array.flags.aligned
     return array if fits else np.require(array, requirements=["C", "A"])
 
@@ -77,12 +79,12 @@ def result_planes(
     given = [array for array in out if array is not None]
     if len(given) != len(wanted):
         raise InputError(
-            f"out: got {len(given)} arrays, expected {len(wanted)}: {', '.join(wanted)}"
+            f"out: {len(given)} arrays were given; {len(wanted)} are needed: {', '.join(wanted)}"
         )
     for array, name in zip(given, wanted, strict=True):
         check_like(array, np.broadcast_to(np.float32(0), shape), np.float32, f"out {name}")
         if not (array.flags.c_contiguous and array.flags.aligned and array.flags.writeable):
-            raise InputError(f"out {name}: expected a writable, contiguous, aligned array")
+            raise InputError(f"out {name}: a writable, contiguous, aligned array is needed")
     return given
 
 
@@ -94,5 +96,5 @@ def aligned_like(picture: NDArray[Any]) -> NDArray[Any]:
 
 
 def least_colour(field: NDArray[Any]) -> NDArray[Any]:
-    """The least of three colours (..., 3); of truths, whether all are. Ten times as fast as `min`."""
+    """The minimum over three colours (..., 3), logical and for booleans. Ten times as fast as `min`."""
     return np.minimum(np.minimum(field[..., 0], field[..., 1]), field[..., 2])

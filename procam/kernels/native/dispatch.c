@@ -1,4 +1,7 @@
-/* What Python calls: tiles of a picture spread over threads, at the level that was asked for. */
+/* The functions that Python calls.
+
+   Each fills a job, splits its pixels (rows, observations) into tiles and runs the kernel of the level
+   asked for on them, on several threads. Results do not depend on the number of threads. */
 #include "kernels.h"
 
 #ifdef _OPENMP
@@ -21,7 +24,7 @@ enum { WARP_TILE = 32 };                                /* rows: a band of warp.
 
 typedef void task(const struct level *level, const void *job, size_t first, size_t count);
 
-/* OpenMP's threads do not survive a fork; the child works on alone. */
+/* OpenMP's threads do not survive a fork; the child runs on one thread. */
 static int forked;
 static void mark_forked(void) { forked = 1; }
 
@@ -42,7 +45,7 @@ static int worker_count(int threads, size_t tiles) {
     return (size_t)workers < tiles ? workers : (int)(tiles ? tiles : 1);
 }
 
-static void spread(task *run, int level, int threads, const void *job, size_t pixels, size_t tile) {
+static void run_tiles(task *run, int level, int threads, const void *job, size_t pixels, size_t tile) {
     const struct level *set = level_at(level);
     const size_t tiles = (pixels + tile - 1) / tile;
     const int workers = worker_count(threads, tiles);
@@ -68,8 +71,8 @@ static void run_bundle(const struct level *level, const void *job, size_t first,
     level->bundle(job, first, count);
 }
 
-static void run_misses(const struct level *level, const void *job, size_t first, size_t count) {
-    level->misses(job, first, count);
+static void run_residuals(const struct level *level, const void *job, size_t first, size_t count) {
+    level->residuals(job, first, count);
 }
 
 static void run_rays(const struct level *level, const void *job, size_t first, size_t count) {
@@ -80,8 +83,8 @@ static void run_frame(const struct level *level, const void *job, size_t first, 
     level->frame(job, first, count);
 }
 
-static void run_bounce(const struct level *level, const void *job, size_t first, size_t count) {
-    level->bounce(job, first, count);
+static void run_scattered(const struct level *level, const void *job, size_t first, size_t count) {
+    level->scattered(job, first, count);
 }
 
 static void run_warp(const struct level *level, const void *job, size_t first, size_t count) {
@@ -90,13 +93,13 @@ static void run_warp(const struct level *level, const void *job, size_t first, s
 
 EXPORT int procam_interface(void) {
 #ifndef _WIN32
-    static int told;
-    if (!told) told = !pthread_atfork(NULL, NULL, mark_forked);
+    static int registered;
+    if (!registered) registered = !pthread_atfork(NULL, NULL, mark_forked);
 #endif
     return PROCAM_INTERFACE;
 }
 
-/* One bit per level that this processor runs: 1 AVX-512, 2 AVX2, 4 plain C. */
+/* One bit per level that this processor supports: 1 AVX-512, 2 AVX2, 4 plain C. */
 EXPORT int procam_levels(void) {
     int levels = 4;
 #if HAVE_X86
@@ -113,26 +116,26 @@ EXPORT int procam_levels(void) {
 }
 
 EXPORT void procam_search(int level, int threads, int kind, size_t pixels,
-                          const void *const *frames, const struct procam_search *how,
+                          const void *const *frames, const struct procam_search *setup,
                           float *const *results) {
-    const struct search job = {kind, frames, how, results};
-    spread(run_search, level, threads, &job, pixels, SEARCH_TILE);
+    const struct search job = {kind, frames, setup, results};
+    run_tiles(run_search, level, threads, &job, pixels, SEARCH_TILE);
 }
 
 EXPORT void procam_areas(int level, int threads, size_t rows, size_t columns,
                          const double *const *corners, double *areas) {
     const struct areas job = {columns, corners, areas};
-    spread(run_areas, level, threads, &job, rows, AREAS_TILE);
+    run_tiles(run_areas, level, threads, &job, rows, AREAS_TILE);
 }
 
 /* Products (used, used) of the rows of `count` observations; `sums` (tiles, columns, columns, PARTIAL)
-   is room for those of each tile, so that the result does not depend on the threads. */
-EXPORT void procam_bundle(int level, int threads, size_t count, const struct procam_bundle *how,
+   holds those of each tile. */
+EXPORT void procam_bundle(int level, int threads, size_t count, const struct procam_bundle *setup,
                           int used, size_t tile, double *sums, double *products) {
     const int columns = (used + 3) / 4 * 4;
-    const struct bundle job = {how, used, columns, tile, sums};
+    const struct bundle job = {setup, used, columns, tile, sums};
     const size_t size = (size_t)(columns * columns) * PARTIAL;
-    spread(run_bundle, level, threads, &job, count, tile);
+    run_tiles(run_bundle, level, threads, &job, count, tile);
     for (int r = 0; r < used; r++)
         for (int c = 0; c <= r; c++) {
             double sum = 0.0;
@@ -143,34 +146,34 @@ EXPORT void procam_bundle(int level, int threads, size_t count, const struct pro
         }
 }
 
-EXPORT void procam_misses(int level, int threads, size_t count, const struct procam_bundle *how,
-                          double *misses) {
-    const struct bundle job = {how, 0, 0, 0, misses};
-    spread(run_misses, level, threads, &job, count, RAYS_TILE);
+EXPORT void procam_residuals(int level, int threads, size_t count, const struct procam_bundle *setup,
+                          double *residuals) {
+    const struct bundle job = {setup, 0, 0, 0, residuals};
+    run_tiles(run_residuals, level, threads, &job, count, RAYS_TILE);
 }
 
 EXPORT void procam_rays(int level, int threads, size_t count, const double *pixels,
                         const double *lens, int knots, const double *table, double per_radius,
                         double *rays) {
     const struct rays job = {pixels, lens, table, knots, per_radius, rays};
-    spread(run_rays, level, threads, &job, count, RAYS_TILE);
+    run_tiles(run_rays, level, threads, &job, count, RAYS_TILE);
 }
 
-/* `sums` (strips of the picture, chunks of intervals, 3, FRAME_TERMS), zeros; by task, so that the
-   result does not depend on the threads. */
+/* `sums` (strips of the picture, chunks of intervals, 3, FRAME_TERMS), zeros at first; one
+   set per task. */
 EXPORT void procam_frame(int level, int threads, int mode, size_t strips, size_t chunks,
-                         const struct procam_frame *how, double *sums) {
-    const struct frame job = {how, mode, strips, sums};
-    spread(run_frame, level, threads, &job, strips * chunks, 1);
+                         const struct procam_frame *setup, double *sums) {
+    const struct frame job = {setup, mode, strips, sums};
+    run_tiles(run_frame, level, threads, &job, strips * chunks, 1);
 }
 
-EXPORT void procam_bounce(int level, int threads, int nodes, int terms, const float *paint,
-                          const float *ambient, const float *direction, const double *numbers,
+EXPORT void procam_scattered(int level, int threads, int nodes, int terms, const float *edge_spread,
+                          const float *ambient, const float *direction, const double *coefficients,
                           const double *offset, float *light) {
-    const struct bounce job = {nodes, terms, paint, ambient, direction, numbers, offset, light};
-    spread(run_bounce, level, threads, &job, (size_t)nodes, AREAS_TILE);
+    const struct scattered job = {nodes, terms, edge_spread, ambient, direction, coefficients, offset, light};
+    run_tiles(run_scattered, level, threads, &job, (size_t)nodes, AREAS_TILE);
 }
 
 EXPORT void procam_warp(int level, int threads, size_t rows, const struct procam_warp *job) {
-    spread(run_warp, level, threads, job, rows, WARP_TILE);
+    run_tiles(run_warp, level, threads, job, rows, WARP_TILE);
 }

@@ -1,5 +1,5 @@
-/* Vectors of 32-bit whole numbers beside those of vector.h, tables held in registers, and pixels of
-   three bytes. */
+/* Vectors of 32-bit integers to go with the floats of vector.h, small tables held in registers, and
+   pixels of three bytes. */
 
 #if LEVEL == 512
 typedef __m512i vi;
@@ -10,28 +10,28 @@ INLINE vi vadd_i(vi a, vi b) { return _mm512_add_epi32(a, b); }
 INLINE vi vsub_i(vi a, vi b) { return _mm512_sub_epi32(a, b); }
 INLINE vi vmul_i(vi a, vi b) { return _mm512_mullo_epi32(a, b); }
 INLINE vi vand_i(vi a, vi b) { return _mm512_and_si512(a, b); }
-INLINE vi vright(vi a, int by) { return _mm512_srli_epi32(a, (unsigned)by); }
-INLINE vi vwhole(vf a) { return _mm512_cvttps_epi32(a); } /* towards zero */
-INLINE vf vreal(vi a) { return _mm512_cvtepi32_ps(a); }
+INLINE vi vshift(vi a, int by) { return _mm512_srli_epi32(a, (unsigned)by); }
+INLINE vi vtruncate(vf a) { return _mm512_cvttps_epi32(a); } /* towards zero */
+INLINE vf vfloat(vi a) { return _mm512_cvtepi32_ps(a); }
 INLINE vi vbits(vf a) { return _mm512_castps_si512(a); }
 INLINE vi vlookup(const uint32_t *table, vi at) { return _mm512_i32gather_epi32(at, table, 4); }
-/* Of a window of 32 floats, those that the low 5 bits number. */
+/* Entries of a window of 32 floats, by the low 5 bits of an index. */
 struct window {
     vf low, high;
 };
 INLINE struct window window_at(const float *of) { return (struct window){vload(of), vload(of + 16)}; }
 INLINE vf vpick(struct window of, vi at) { return _mm512_permutex2var_ps(of.low, at, of.high); }
-/* The low 32 bits of numbers moved right by `by`. */
+/* The low 32 bits of 64-bit integers shifted right by `by`. */
 INLINE vi vlow_half(const uint64_t *p, int by) {
     const vi even = _mm512_setr_epi32(0, 2, 4, 6, 8, 10, 12, 14, 16, 18, 20, 22, 24, 26, 28, 30);
     const vi a = _mm512_srli_epi64(_mm512_loadu_si512(p), (unsigned)by);
     const vi b = _mm512_srli_epi64(_mm512_loadu_si512(p + 8), (unsigned)by);
     return _mm512_permutex2var_epi32(a, even, b);
 }
-/* Light of the byte from bit `from` on: 32 parabolas are faster than 256 numbers in memory. */
+/* Light of the byte at bit `from`: 32 parabolas are faster than a table of 256. */
 INLINE vf vdecoded(const float *decode, const float *curve, vi word, int from) {
-    const vi part = vright(word, from + 3);
-    const vf code = vreal(vand_i(vright(word, from), vset_i(255)));
+    const vi part = vshift(word, from + 3);
+    const vf code = vfloat(vand_i(vshift(word, from), vset_i(255)));
     const vf a = vpick(window_at(curve), part), b = vpick(window_at(curve + 32), part);
     const vf c = vpick(window_at(curve + 64), part);
     (void)decode;
@@ -56,9 +56,9 @@ INLINE vi vadd_i(vi a, vi b) { return _mm256_add_epi32(a, b); }
 INLINE vi vsub_i(vi a, vi b) { return _mm256_sub_epi32(a, b); }
 INLINE vi vmul_i(vi a, vi b) { return _mm256_mullo_epi32(a, b); }
 INLINE vi vand_i(vi a, vi b) { return _mm256_and_si256(a, b); }
-INLINE vi vright(vi a, int by) { return _mm256_srli_epi32(a, by); }
-INLINE vi vwhole(vf a) { return _mm256_cvttps_epi32(a); }
-INLINE vf vreal(vi a) { return _mm256_cvtepi32_ps(a); }
+INLINE vi vshift(vi a, int by) { return _mm256_srli_epi32(a, by); }
+INLINE vi vtruncate(vf a) { return _mm256_cvttps_epi32(a); }
+INLINE vf vfloat(vi a) { return _mm256_cvtepi32_ps(a); }
 INLINE vi vbits(vf a) { return _mm256_castps_si256(a); }
 INLINE vi vlookup(const uint32_t *table, vi at) {
     return _mm256_i32gather_epi32((const int *)table, at, 4);
@@ -76,7 +76,7 @@ INLINE vi vlow_half(const uint64_t *p, int by) {
 }
 INLINE vf vdecoded(const float *decode, const float *curve, vi word, int from) {
     (void)curve;
-    return _mm256_i32gather_ps(decode, vand_i(vright(word, from), vset_i(255)), 4);
+    return _mm256_i32gather_ps(decode, vand_i(vshift(word, from), vset_i(255)), 4);
 }
 INLINE void vstore_bytes(uint8_t *p, vi red, vi green, vi blue) { /* writes 32 bytes */
     const vi word = _mm256_or_si256(
@@ -97,9 +97,9 @@ INLINE vi vadd_i(vi a, vi b) { return a + b; }
 INLINE vi vsub_i(vi a, vi b) { return a - b; }
 INLINE vi vmul_i(vi a, vi b) { return a * b; }
 INLINE vi vand_i(vi a, vi b) { return a & b; }
-INLINE vi vright(vi a, int by) { return (vi)((uint32_t)a >> by); }
-INLINE vi vwhole(vf a) { return (vi)a; }
-INLINE vf vreal(vi a) { return (vf)a; }
+INLINE vi vshift(vi a, int by) { return (vi)((uint32_t)a >> by); }
+INLINE vi vtruncate(vf a) { return (vi)a; }
+INLINE vf vfloat(vi a) { return (vf)a; }
 INLINE vi vbits(vf a) {
     vi bits;
     memcpy(&bits, &a, sizeof bits);
@@ -114,7 +114,7 @@ INLINE vf vpick(struct window window, vi at) { return window.of[at & 31]; }
 INLINE vi vlow_half(const uint64_t *p, int by) { return (vi)(uint32_t)(*p >> by); }
 INLINE vf vdecoded(const float *decode, const float *curve, vi word, int from) {
     (void)curve;
-    return decode[vright(word, from) & 255];
+    return decode[vshift(word, from) & 255];
 }
 INLINE void vstore_bytes(uint8_t *p, vi red, vi green, vi blue) {
     p[0] = (uint8_t)red, p[1] = (uint8_t)green, p[2] = (uint8_t)blue;
@@ -122,18 +122,18 @@ INLINE void vstore_bytes(uint8_t *p, vi red, vi green, vi blue) {
 #endif
 
 typedef float quad __attribute__((vector_size(16)));
-typedef int32_t whole_quad __attribute__((vector_size(16)));
+typedef int32_t int_quad __attribute__((vector_size(16)));
 
 /* Four 16-bit numbers. */
-INLINE whole_quad quad_u16(const uint16_t *p) {
+INLINE int_quad quad_u16(const uint16_t *p) {
 #if LEVEL > 1
-    return (whole_quad)_mm_cvtepu16_epi32(_mm_loadl_epi64((const __m128i *)p));
+    return (int_quad)_mm_cvtepu16_epi32(_mm_loadl_epi64((const __m128i *)p));
 #else
-    return (whole_quad){p[0], p[1], p[2], p[3]};
+    return (int_quad){p[0], p[1], p[2], p[3]};
 #endif
 }
 
-/* Copies past the cache where whole lines are written; `from` is aligned. */
+/* Copies, bypassing the cache where whole lines are written; `from` is aligned. */
 INLINE void vcopy(uint8_t *to, const uint8_t *from, size_t bytes) {
     if (LEVEL == 1 || ((uintptr_t)to | bytes) % 64) {
         memcpy(to, from, bytes);

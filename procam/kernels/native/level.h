@@ -1,9 +1,10 @@
-/* All kernels for one instruction set: the includer has set LEVEL and switched the set on. */
+/* All kernels for one instruction set. The including file defines LEVEL and enables the set; every
+   kernel is compiled once per level from the same source. */
 #include "vector.h"
 #include "integers.h"
 
 #include "../areas/areas.h"
-#include "../frame/bounce.h"
+#include "../frame/scattered.h"
 #include "../bundle/bundle.h"
 #include "../frame/values.h"
 #include "../frame/cell.h"

@@ -1,4 +1,4 @@
-/* The kernels for AVX2 and FMA. */
+/* The kernels for AVX2, FMA and F16C. */
 #include "kernels.h"
 
 #if HAVE_X86
@@ -13,7 +13,7 @@
 #pragma GCC target("avx2,fma,f16c")
 #endif
 #include "level.h"
-const struct level procam_avx2 = {search, areas, bundle, misses, rays, frame, bounce, warp};
+const struct level procam_avx2 = {search, areas, bundle, residuals, rays, frame, scattered, warp};
 #ifdef __clang__
 #pragma clang attribute pop
 #endif

@@ -3,4 +3,4 @@
 
 #define LEVEL 1
 #include "level.h"
-const struct level procam_scalar = {search, areas, bundle, misses, rays, frame, bounce, warp};
+const struct level procam_scalar = {search, areas, bundle, residuals, rays, frame, scattered, warp};

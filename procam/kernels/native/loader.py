@@ -1,4 +1,4 @@
-"""Finds the compiled library and chooses between its instruction sets and the NumPy twins."""
+"""Finds the compiled library, and chooses one of its instruction sets or NumPy."""
 
 import ctypes
 import os
@@ -14,18 +14,18 @@ from procam.errors import InputError
 
 LEVELS = ("avx512", "avx2", "scalar", "numpy")
 VARIABLE = "PROCAM_KERNELS"
-INTERFACE = 13  # PROCAM_INTERFACE of native/kernels.h
+INTERFACE = 14  # PROCAM_INTERFACE of native/kernels.h
 _INT, _SIZE, _ADDRESS = ctypes.c_int, ctypes.c_size_t, ctypes.c_void_p
 _DOUBLE = ctypes.c_double
 SIGNATURES = {  # level, threads, element type, pixels, ...
     "procam_search": [_INT, _INT, _INT, _SIZE, *[_ADDRESS] * 3],
     "procam_areas": [_INT, _INT, _SIZE, _SIZE, _ADDRESS, _ADDRESS],  # rows, columns of cells
     "procam_bundle": [_INT, _INT, _SIZE, _ADDRESS, _INT, _SIZE, _ADDRESS, _ADDRESS],
-    "procam_misses": [_INT, _INT, _SIZE, _ADDRESS, _ADDRESS],
+    "procam_residuals": [_INT, _INT, _SIZE, _ADDRESS, _ADDRESS],
     "procam_rays": [_INT, _INT, _SIZE, _ADDRESS, _ADDRESS, _INT, _ADDRESS, _DOUBLE, _ADDRESS],
     "procam_warp": [_INT, _INT, _SIZE, _ADDRESS],  # rows
     "procam_frame": [_INT, _INT, _INT, _SIZE, _SIZE, _ADDRESS, _ADDRESS],  # mode, strips, chunks
-    "procam_bounce": [_INT, _INT, _INT, _INT, *[_ADDRESS] * 6],  # nodes, terms
+    "procam_scattered": [_INT, _INT, _INT, _INT, *[_ADDRESS] * 6],  # nodes, terms
 }
 MISSING = (
     "procam runs without its compiled kernels, in NumPy: same results, many times slower; "
@@ -35,7 +35,7 @@ MISSING = (
 
 @dataclass(slots=True)
 class _Choice:
-    """What runs now: a level (None: not chosen yet) and a number of threads (0: as OpenMP has it)."""
+    """The present level (None: not chosen yet) and number of threads (0: OpenMP's own)."""
 
     level: str | None = None
     threads: int = 0
@@ -57,7 +57,7 @@ def active() -> str:
     """Level that the next call runs at.
 
     The first call chooses: PROCAM_KERNELS if it is set, else the best level of this processor.
-    Without the library that is "numpy", which is said once as a RuntimeWarning.
+    Without the library that is "numpy", with a RuntimeWarning the first time.
     """
     if _choice.level is None:
         asked = os.environ.get(VARIABLE)
@@ -68,7 +68,7 @@ def active() -> str:
 
 
 def use(level: str | None = None, threads: int = 0) -> str:
-    """Force a level, or the best one for None; gives back what is now active.
+    """Force a level, or the best one for None; returns the level now active.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ def use(level: str | None = None, threads: int = 0) -> str:
         If the level is unknown or does not run here.
     """
     if threads < 0:
-        raise InputError(f"threads: got {threads}, expected 0 (automatic) or more")
+        raise InputError(f"threads: {threads} is below 0; use 0 for as many as OpenMP chooses")
     _choice.level = available()[0] if level is None else _checked(level)
     _choice.threads = threads
     return _choice.level
@@ -98,7 +98,7 @@ def forced(level: str | None = None, threads: int = 0) -> Iterator[str]:
 
 
 def chosen() -> tuple[ctypes.CDLL, int, int] | None:
-    """Library, number of the level and of threads for the next call; None for the NumPy twin."""
+    """Library, number of the level and of threads for the next call; None for NumPy."""
     level, found = active(), library()
     if level == "numpy" or found is None:
         return None
@@ -133,14 +133,14 @@ def _opened(path: Path) -> ctypes.CDLL | None:
 
 
 def _checked(level: str, source: str = "") -> str:
-    """`level`, if it is one and runs here."""
+    """`level`, if it exists and runs here."""
     if level not in LEVELS:
         raise InputError(
-            f"kernel level{source}: got {level!r}, expected one of {', '.join(LEVELS)}"
+            f"kernel level{source}: {level!r} is unknown; choose one of {', '.join(LEVELS)}"
         )
     if level not in available():
         built = "no compiled library was found" if library() is None else "this processor lacks it"
         raise InputError(
-            f"kernel level{source}: got {level!r}, but {built}; try one of {', '.join(available())}"
+            f"kernel level{source}: {level!r} does not run, {built}; try one of {', '.join(available())}"
         )
     return level

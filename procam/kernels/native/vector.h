@@ -1,4 +1,4 @@
-/* A vector of floats under the names the kernels use, for the instruction set of the includer.
+/* Vectors of floats: one set of functions, implemented for each instruction set.
 
    LEVEL is 512 (AVX-512 F, BW, DQ, VL, VBMI), 256 (AVX2, FMA, F16C) or 1 (plain C). Minimum and maximum return
    their second argument where either is NaN, as the processor does; comparisons with NaN fail. */
@@ -8,7 +8,7 @@
 
 #ifdef __OPTIMIZE__
 #define INLINE static inline __attribute__((always_inline))
-#else /* what looks for faults is compiled much sooner */
+#else /* builds with sanitizers compile much faster without inlining */
 #define INLINE static inline __attribute__((unused))
 #endif
 
@@ -34,7 +34,7 @@ INLINE vf vfnma(vf a, vf b, vf c) { return _mm512_fnmadd_ps(a, b, c); } /* c - a
 INLINE vf vmin(vf a, vf b) { return _mm512_min_ps(a, b); }
 INLINE vf vmax(vf a, vf b) { return _mm512_max_ps(a, b); }
 INLINE vf vabs(vf a) { return _mm512_abs_ps(a); }
-INLINE vf vrest(vf a) { return _mm512_reduce_ps(a, 8); } /* a less the nearest whole number */
+INLINE vf vfraction(vf a) { return _mm512_reduce_ps(a, 8); } /* a less the nearest integer */
 INLINE vm vlt(vf a, vf b) { return _mm512_cmp_ps_mask(a, b, _CMP_LT_OQ); }
 INLINE vm mand(vm a, vm b) { return a & b; }
 INLINE int vany(vm m) { return m != 0; }
@@ -66,7 +66,7 @@ INLINE vf vfnma(vf a, vf b, vf c) { return _mm256_fnmadd_ps(a, b, c); }
 INLINE vf vmin(vf a, vf b) { return _mm256_min_ps(a, b); }
 INLINE vf vmax(vf a, vf b) { return _mm256_max_ps(a, b); }
 INLINE vf vabs(vf a) { return _mm256_andnot_ps(_mm256_set1_ps(-0.0f), a); }
-INLINE vf vrest(vf a) {
+INLINE vf vfraction(vf a) {
     return _mm256_sub_ps(a, _mm256_round_ps(a, _MM_FROUND_TO_NEAREST_INT | _MM_FROUND_NO_EXC));
 }
 INLINE vm vlt(vf a, vf b) { return _mm256_cmp_ps(a, b, _CMP_LT_OQ); }
@@ -100,7 +100,7 @@ INLINE vf vfnma(vf a, vf b, vf c) { return c - a * b; }
 INLINE vf vmin(vf a, vf b) { return a < b ? a : b; }
 INLINE vf vmax(vf a, vf b) { return a > b ? a : b; }
 INLINE vf vabs(vf a) { return fabsf(a); }
-INLINE vf vrest(vf a) {
+INLINE vf vfraction(vf a) {
     const float much = a < 0 ? -12582912.0f : 12582912.0f; /* 1.5 * 2^23: its last bit is 1 */
     return a - ((a + much) - much);
 }
@@ -112,7 +112,7 @@ INLINE vf vload_u8(const uint8_t *p) { return *p; }
 INLINE vf vload_u16(const uint16_t *p) { return *p; }
 #endif
 
-/* One vector of a picture; the kind is a constant wherever this is inlined. */
+/* One vector of a picture; the kind is a constant where this is inlined. */
 INLINE vf vload_kind(int kind, const void *picture, size_t at) {
     if (kind == U8) return vload_u8((const uint8_t *)picture + at);
     if (kind == U16) return vload_u16((const uint16_t *)picture + at);

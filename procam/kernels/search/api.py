@@ -22,11 +22,11 @@ from procam.kernels.search.reference import TURN, PhaseFit
 
 MOST_FRAMES = 32
 RANK = 3  # unknowns of a sinusoid: offset, cosine, sine
-BLOCK = 1 << 17  # pixels that the NumPy twin takes at a time
+BLOCK = 1 << 17  # pixels that NumPy handles at a time
 
 
 class _Terms(NamedTuple):
-    """What is known of the frames, float64 (K,) each, and how to search."""
+    """Parameters of the frames, float64 (K,) each, and of the search."""
 
     periods: NDArray[np.float64]
     shifts: NDArray[np.float64]
@@ -63,8 +63,8 @@ def search_phase(  # noqa: PLR0913, PLR0917
 
     The model is frame_k = offset + amplitude (m_k cos t_k + h_k cos 2 t_k) with
     t_k = 2 pi x / period_k - shift_k. The first `base` frames give x modulo their common period P;
-    of x, x + P, ... that one is kept which leaves the smallest sum of squares in the other frames,
-    the harmonic left aside; Gauss-Newton steps on all frames then refine offset, amplitude and x.
+    of x, x + P, ... the one with the smallest sum of squared residuals in the other frames is kept,
+    without the harmonic; Gauss-Newton steps on all frames then refine offset, amplitude and x.
     No step moves x by more than a quarter of the shortest period.
 
     Parameters
@@ -75,7 +75,7 @@ def search_phase(  # noqa: PLR0913, PLR0917
     base : how many frames share the first period, at least 3.
     length : columns or rows of the panel [px]; x is looked for from -P/4 on.
     steps : Gauss-Newton steps.
-    out : float32 arrays to write to; saves making them anew.
+    out : float32 arrays to write to, instead of new ones.
 
     Returns
     -------
@@ -112,19 +112,19 @@ def search_phase(  # noqa: PLR0913, PLR0917
     fit = PhaseFit(*result_planes(out, PhaseFit._fields, pictures[0].shape))
     native = chosen()
     if native is None:
-        _run_twin(pictures, terms, fit)
+        _run_reference(pictures, terms, fit)
         return fit
     library, level, threads = native
     ready = [plain(picture) for picture in pictures]
     library.procam_search(
         *(level, threads, kind_of(ready[0], "frames"), ready[0].size, pointers(ready)),
-        *(_described(terms), pointers(fit)),
+        *(_c_search(terms), pointers(fit)),
     )
     return fit
 
 
-def _run_twin(pictures: list[NDArray[Any]], terms: _Terms, fit: PhaseFit) -> None:
-    """The NumPy twin, a block of pixels at a time."""
+def _run_reference(pictures: list[NDArray[Any]], terms: _Terms, fit: PhaseFit) -> None:
+    """The reference implementation, a block of pixels at a time."""
     flat = [picture.reshape(-1) for picture in pictures]
     planes = [plane.reshape(-1) for plane in fit]
     for first in range(0, flat[0].size, BLOCK):
@@ -134,8 +134,8 @@ def _run_twin(pictures: list[NDArray[Any]], terms: _Terms, fit: PhaseFit) -> Non
             plane[part] = result
 
 
-def _described(terms: _Terms) -> Any:
-    """The search as C takes it: everything that is trigonometry of k or of the frames is done here.
+def _c_search(terms: _Terms) -> Any:
+    """The search as `struct procam_search`; trigonometry of candidates and frames is done here.
 
     Per frame: cycles per pixel, shift [cycles], m, h, the factors of sin t and of 2 sin t cos t in
     the derivative by x, whether the period is that of the frame before, and cosine and sine of the
@@ -172,18 +172,22 @@ def _checked(count: int, *given: ArrayLike, base: int, length: float, steps: int
         if column.shape != (count,):
             raise ShapeError(name, column.shape, f"({count},), one per frame")
         if not np.isfinite(column).all():
-            raise InputError(f"{name}: got {column}, expected finite numbers")
+            raise InputError(f"{name}: {column} are not all finite")
     terms = _Terms(**columns, base=int(base), length=float(length), steps=int(steps))
     if not RANK <= base <= count:
-        raise InputError(f"base: got {base}, expected {RANK} to {count}, the number of frames")
+        raise InputError(f"base: {base} frames; {RANK} to {count} are needed, the number of frames")
     if not (terms.periods > 0).all() or np.ptp(terms.periods[:base]) > 0:
         raise InputError(
-            f"periods: got {terms.periods} px, expected positive ones, the first {base} equal"
+            f"periods: {terms.periods} px; they must be above 0 and the first {base} equal"
         )
     if not (terms.modulation[:base] > 0).all():
-        raise InputError(f"modulation: got {terms.modulation}, expected > 0 in the first {base}")
+        raise InputError(
+            f"modulation: {terms.modulation}; it must be above 0 in the first {base} frames"
+        )
     if not (0 < length < np.inf and steps >= 0):
-        raise InputError(f"length, steps: got {length} px, {steps}; expected > 0 px, >= 0 steps")
+        raise InputError(
+            f"length, steps: {length} px, {steps} steps; the length must be above 0 px, steps not below 0"
+        )
     _check_shifts(terms.shifts[:base])
     return terms
 
@@ -193,6 +197,6 @@ def _check_shifts(angles: NDArray[np.float64]) -> None:
     rows = np.stack([np.ones_like(angles), np.cos(angles), np.sin(angles)])
     if np.linalg.matrix_rank(rows, tol=1e-6) < RANK:
         raise InputError(
-            f"shifts: got {angles} rad, which leave offset, amplitude and phase undecided; "
-            "expected three or more that differ modulo a turn"
+            f"shifts: {angles} rad leave offset, amplitude and phase undetermined; three or more must "
+            "differ modulo 2 pi"
         )

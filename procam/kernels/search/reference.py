@@ -1,7 +1,6 @@
-"""The kernels as equations in NumPy: what runs without the library, and what it is tested against.
+"""The search for columns in NumPy: the reference implementation of `search_phase`.
 
-Nothing is checked here; the functions of the same name in `procam.kernels` check and describe their
-arguments.
+Arguments are checked and described in `procam.kernels.search.api`.
 """
 
 from collections.abc import Sequence
@@ -31,7 +30,7 @@ class PhaseFit(NamedTuple):
 
 
 def sinusoid_weights(shifts: Double) -> Double:
-    """Rows (3, N) that turn N pictures a + b cos(phase - shift) into a, b cos(phase), b sin(phase).
+    """Weights (3, N) that map N frames a + b cos(phase - shift) to a, b cos(phase), b sin(phase).
 
     Least squares: the pseudo-inverse of the rows (1, cos shift, sin shift).
     """
@@ -48,7 +47,7 @@ def search_phase(  # noqa: PLR0913, PLR0917
     length: float,
     steps: int = 2,
 ) -> PhaseFit:
-    """Twin of `procam.kernels.search_phase`."""
+    """See `procam.kernels.search_phase`."""
     images = np.stack([frame.astype(float) for frame in frames])
     each = (-1,) + (1,) * frames[0].ndim
     terms = [values.reshape(each) for values in (periods, shifts, modulation, harmonic)]
@@ -92,7 +91,7 @@ def _search(
     first_period: float,
     length: float,
 ) -> tuple[Double, Double]:
-    """Which of start, start + first_period, ... explains the later pictures best, and by how much."""
+    """Which of start, start + first_period, ... fits the later frames best, and by what margin."""
     periods, shifts, modulation, _ = later
     wave = amplitude * modulation * np.exp(1j * (TURN * start / periods - shifts))
     best, second = np.full(start.shape, np.inf), np.full(start.shape, np.inf)
@@ -118,7 +117,7 @@ def _gauss_newton(
     """Step of (offset, amplitude, amplitude * x), inverse normal matrix [x, x], sum of squares.
 
     The rows of the design are (1, g, dg/dx) with g = m cos t + h cos 2t, so that the normal matrix
-    does not depend on the amplitude. The last result tells where it is singular.
+    does not depend on the amplitude. The last result is where it is singular.
     """
     periods, shifts, modulation, harmonic = terms
     t = TURN * x / periods - shifts

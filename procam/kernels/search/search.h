@@ -1,26 +1,30 @@
-/* Which period a pixel lies in, and where in it: search_phase of procam.kernels.reference. */
+/* Projector columns from sinusoids of several periods: the period a pixel lies in, and where in it.
+
+   start: offset, amplitude and phase from the base frames, which share one period.
+   choose: of x, x + period, x + 2 period, ... the one with the least residual in the other frames.
+   refine: Gauss-Newton steps on all frames. reference.py has the same equations. */
 
 #define DARK 1e-4f     /* an amplitude below this share of the offset carries no phase */
-#define SINGULAR 1e-5f /* determinant of the normal matrix over the product of its diagonal */
+#define SINGULAR 1e-5f /* least determinant of the normal matrix over the product of its diagonal */
 
-#define BATCH 8        /* vectors */
+#define BATCH 8        /* vectors that go through a stage together */
 
 struct fit {
     vf offset, amplitude, x, margin, variance, residual;
-    vm kept;
+    vm valid;
 };
 
 /* Smallest and second smallest sum of squares over the candidates. With `later` constant and small
-   everything but the table of turns stays in registers. */
-INLINE void scan(int later, int candidates, const float *turns, const vf *above, const vf *cosine,
+   everything but the table of rotations is held in registers. */
+INLINE void scan(int later, int candidates, const float *rotations, const vf *above, const vf *cosine,
                  const vf *sine, vf *which, vf *margin) {
     vf best = vset(INFINITY), second = vset(INFINITY), found = vset(0.0f);
     for (int k = 0; k < candidates; k++) {
         vf sum = vset(0.0f);
 #pragma GCC unroll 8
-        for (int e = 0; e < later; e++, turns += 2) {
-            const vf left = vfma(sine[e], vset(turns[1]), vfnma(cosine[e], vset(turns[0]), above[e]));
-            sum = vfma(left, left, sum);
+        for (int e = 0; e < later; e++, rotations += 2) {
+            const vf residual = vfma(sine[e], vset(rotations[1]), vfnma(cosine[e], vset(rotations[0]), above[e]));
+            sum = vfma(residual, residual, sum);
         }
         found = vsel(vlt(sum, best), vset((float)k), found);
         second = vmin(second, vmax(best, sum));
@@ -30,29 +34,29 @@ INLINE void scan(int later, int candidates, const float *turns, const vf *above,
     *margin = vsub(second, best);
 }
 
-static void scan_any(int later, int candidates, const float *turns, const vf *above,
+static void scan_any(int later, int candidates, const float *rotations, const vf *above,
                      const vf *cosine, const vf *sine, vf *which, vf *margin) {
 #define CASE(n)                                                                                    \
     case n: {                                                                                      \
         vf a[n], c[n], s[n];                                                                       \
         for (int e = 0; e < n; e++) a[e] = above[e], c[e] = cosine[e], s[e] = sine[e];             \
-        scan(n, candidates, turns, a, c, s, which, margin);                                        \
+        scan(n, candidates, rotations, a, c, s, which, margin);                                        \
         break;                                                                                     \
     }
     switch (later) {
         CASE(1) CASE(2) CASE(3) CASE(4) CASE(5) CASE(6) CASE(7) CASE(8)
     default:
-        scan(later, candidates, turns, above, cosine, sine, which, margin);
+        scan(later, candidates, rotations, above, cosine, sine, which, margin);
     }
 #undef CASE
 }
 
 /* Cosine and sine of 2 pi x / period - shift. */
 INLINE void turn_at(vf x, const float *term, vf *cosine, vf *sine) {
-    vturn(vrest(vfms(x, vset(term[FREQUENCY]), vset(term[SHIFT]))), cosine, sine);
+    vturn(vfraction(vfms(x, vset(term[FREQUENCY]), vset(term[SHIFT]))), cosine, sine);
 }
 
-/* The same for frame k, which is the frame before turned by a constant where periods are equal. */
+/* The same for frame k: where its period is that of the frame before, by a constant rotation. */
 INLINE void turn_frame(vf x, const float *term, vf *cosine, vf *sine) {
     if (term[SAME] == 0.0f) {
         turn_at(x, term, cosine, sine);
@@ -63,47 +67,47 @@ INLINE void turn_frame(vf x, const float *term, vf *cosine, vf *sine) {
     *sine = vfma(s, tc, vmul(c, ts));
 }
 
-INLINE void start(const struct procam_search *how, const vf *image, struct fit *fit) {
+INLINE void start(const struct procam_search *setup, const vf *image, struct fit *fit) {
     vf offset = vset(0.0f), c = vset(0.0f), s = vset(0.0f);
-    for (int k = 0; k < how->base; k++) {
-        offset = vfma(vset(how->weights[k]), image[k], offset);
-        c = vfma(vset(how->weights[how->base + k]), image[k], c);
-        s = vfma(vset(how->weights[2 * how->base + k]), image[k], s);
+    for (int k = 0; k < setup->base; k++) {
+        offset = vfma(vset(setup->weights[k]), image[k], offset);
+        c = vfma(vset(setup->weights[setup->base + k]), image[k], c);
+        s = vfma(vset(setup->weights[2 * setup->base + k]), image[k], s);
     }
-    const vf period = vset(how->period);
-    const vf x = vmul(vangle(c, s), vset(how->period * 0.159154943f));
+    const vf period = vset(setup->period);
+    const vf x = vmul(vangle(c, s), vset(setup->period * 0.159154943f));
     fit->offset = offset;
-    fit->amplitude = vdiv(vsqrt(vfma(c, c, vmul(s, s))), vset(how->terms[FIRST]));
-    fit->x = vsel(vlt(x, vset(0.75f * how->period)), x, vsub(x, period));
-    fit->kept = vlt(vmul(vset(DARK), vabs(offset)), fit->amplitude);
+    fit->amplitude = vdiv(vsqrt(vfma(c, c, vmul(s, s))), vset(setup->terms[FIRST]));
+    fit->x = vsel(vlt(x, vset(0.75f * setup->period)), x, vsub(x, period));
+    fit->valid = vlt(vmul(vset(DARK), vabs(offset)), fit->amplitude);
 }
 
-INLINE void choose(const struct procam_search *how, const vf *image, struct fit *fit) {
+INLINE void choose(const struct procam_search *setup, const vf *image, struct fit *fit) {
     vf above[MOST_SEARCH], cosine[MOST_SEARCH], sine[MOST_SEARCH], which;
-    const int later = how->frames - how->base;
+    const int later = setup->frames - setup->base;
     for (int e = 0; e < later; e++) {
-        const float *term = how->terms + (how->base + e) * TERMS;
+        const float *term = setup->terms + (setup->base + e) * TERMS;
         vf c, s;
         turn_at(fit->x, term, &c, &s);
         const vf wave = vmul(fit->amplitude, vset(term[FIRST]));
-        above[e] = vsub(image[how->base + e], fit->offset);
+        above[e] = vsub(image[setup->base + e], fit->offset);
         cosine[e] = vmul(wave, c);
         sine[e] = vmul(wave, s);
     }
-    scan_any(later, how->candidates, how->turns, above, cosine, sine, &which, &fit->margin);
-    fit->x = vfma(which, vset(how->period), fit->x);
+    scan_any(later, setup->candidates, setup->rotations, above, cosine, sine, &which, &fit->margin);
+    fit->x = vfma(which, vset(setup->period), fit->x);
 }
 
-/* One Gauss-Newton step, or the variance and the sum of squares where the fit stands now. The rows
-   of the design are (1, g, q = dg/dx): the normal matrix does not depend on the amplitude. Taken
-   about the means the sums do not depend on the offset; it is new in every step. */
-INLINE void refine(int harmonics, int last, const struct procam_search *how, const vf *image,
+/* One Gauss-Newton step, or the variance and the sum of squares at the present fit. The rows of
+   the design are (1, g, q = dg/dx): the normal matrix does not depend on the amplitude. Sums
+   about the means do not depend on the offset, which every step computes anew. */
+INLINE void refine(int harmonics, int last, const struct procam_search *setup, const vf *image,
                    struct fit *fit) {
     const vf zero = vset(0.0f);
     vf g1 = zero, q1 = zero, gg = zero, gq = zero, qq = zero;
     vf r1 = zero, rg = zero, rq = zero, rr = zero, c = zero, s = zero;
-    for (int k = 0; k < how->frames; k++) {
-        const float *term = how->terms + k * TERMS;
+    for (int k = 0; k < setup->frames; k++) {
+        const float *term = setup->terms + k * TERMS;
         turn_frame(fit->x, term, &c, &s);
         vf g = vmul(vset(term[FIRST]), c), q = vset(term[SLOPE]);
         if (harmonics) {
@@ -126,14 +130,14 @@ INLINE void refine(int harmonics, int last, const struct procam_search *how, con
             rq = vfma(r, q, rq);
         }
     }
-    const vf share = vset(1.0f / (float)how->frames);
+    const vf share = vset(1.0f / (float)setup->frames);
     const vf floor = vmul(vset(SINGULAR), vmul(gg, qq)), gm = vmul(g1, share), qm = vmul(q1, share);
     gg = vfnma(gm, g1, gg);
     gq = vfnma(gm, q1, gq);
     qq = vfnma(qm, q1, qq);
     const vf determinant = vfms(gg, qq, vmul(gq, gq));
-    fit->kept = mand(fit->kept, vlt(floor, determinant));
-    const vf one = vdiv(vset(1.0f), vmul(determinant, fit->amplitude)); /* both divisions in one */
+    fit->valid = mand(fit->valid, vlt(floor, determinant));
+    const vf one = vdiv(vset(1.0f), vmul(determinant, fit->amplitude)); /* one division instead of two */
     if (last) {
         fit->variance = vdiv(vmul(gg, one), fit->amplitude);
         fit->residual = rr;
@@ -142,25 +146,25 @@ INLINE void refine(int harmonics, int last, const struct procam_search *how, con
     rg = vfnma(gm, r1, rg);
     rq = vfnma(qm, r1, rq);
     const vf da = vmul(vfms(qq, rg, vmul(gq, rq)), vmul(one, fit->amplitude));
-    const vf dx = vmul(vfms(gg, rq, vmul(gq, rg)), one), limit = vset(how->limit);
+    const vf dx = vmul(vfms(gg, rq, vmul(gq, rg)), one), limit = vset(setup->limit);
     const vf move = vmin(limit, vmax(vsub(zero, limit), dx));
     const vf dz = vmul(dx, fit->amplitude);
     const vf offset = vfnma(qm, dz, vfnma(gm, da, vmul(r1, share)));
-    fit->amplitude = vsel(fit->kept, vadd(fit->amplitude, da), fit->amplitude);
-    fit->offset = vsel(fit->kept, offset, fit->offset);
-    fit->x = vsel(fit->kept, vadd(fit->x, move), fit->x);
-    fit->kept = mand(fit->kept, vlt(vmul(vset(DARK), vabs(fit->offset)), fit->amplitude));
+    fit->amplitude = vsel(fit->valid, vadd(fit->amplitude, da), fit->amplitude);
+    fit->offset = vsel(fit->valid, offset, fit->offset);
+    fit->x = vsel(fit->valid, vadd(fit->x, move), fit->x);
+    fit->valid = mand(fit->valid, vlt(vmul(vset(DARK), vabs(fit->offset)), fit->amplitude));
 }
 
-/* A batch of vectors goes through one stage after the other: neighbours in a loop then do not wait
-   for one another, and the processor overlaps them. */
-INLINE void search_batch(int harmonics, const struct procam_search *how, int vectors,
+/* A batch of vectors goes through one stage after the other: vectors of a stage are independent, so
+   that the processor overlaps them. */
+INLINE void search_batch(int harmonics, const struct procam_search *setup, int vectors,
                          vf image[BATCH][MOST_SEARCH], struct fit *fit) {
-    for (int v = 0; v < vectors; v++) start(how, image[v], fit + v);
-    for (int v = 0; v < vectors; v++) choose(how, image[v], fit + v);
-    for (int step = 0; step < how->steps; step++)
-        for (int v = 0; v < vectors; v++) refine(harmonics, 0, how, image[v], fit + v);
-    for (int v = 0; v < vectors; v++) refine(harmonics, 1, how, image[v], fit + v);
+    for (int v = 0; v < vectors; v++) start(setup, image[v], fit + v);
+    for (int v = 0; v < vectors; v++) choose(setup, image[v], fit + v);
+    for (int step = 0; step < setup->steps; step++)
+        for (int v = 0; v < vectors; v++) refine(harmonics, 0, setup, image[v], fit + v);
+    for (int v = 0; v < vectors; v++) refine(harmonics, 1, setup, image[v], fit + v);
 }
 
 INLINE void results_of(const struct fit *fit, const vf *image, int frames, vf *results) {
@@ -168,8 +172,8 @@ INLINE void results_of(const struct fit *fit, const vf *image, int frames, vf *r
     for (int k = 1; k < frames; k++) sum = vadd(sum, image[k]);
     const vm known = vlt(vabs(sum), vset(INFINITY));
     const vf unknown = vset(NAN);
-    results[0] = vsel(mand(known, fit->kept), fit->x, unknown);
-    results[1] = vsel(mand(known, fit->kept), fit->variance, unknown);
+    results[0] = vsel(mand(known, fit->valid), fit->x, unknown);
+    results[1] = vsel(mand(known, fit->valid), fit->variance, unknown);
     results[2] = vsel(known, fit->amplitude, unknown);
     results[3] = vsel(known, fit->offset, unknown);
     results[4] = vsel(known, fit->residual, unknown);
@@ -178,10 +182,10 @@ INLINE void results_of(const struct fit *fit, const vf *image, int frames, vf *r
 
 INLINE void search_at(int kind, int harmonics, const struct search *job, size_t first,
                       size_t count) {
-    uintptr_t places = 0; /* results past the cache need whole lines */
-    for (int r = 0; r < RESULTS; r++) places |= (uintptr_t)(job->results[r] + first);
-    const int streamed = places % 64 == 0;
-    const int frames = job->how->frames;
+    uintptr_t positions = 0; /* stores that bypass the cache need whole lines */
+    for (int r = 0; r < RESULTS; r++) positions |= (uintptr_t)(job->results[r] + first);
+    const int streamed = positions % 64 == 0;
+    const int frames = job->setup->frames;
     const size_t end = first + count;
     vf image[BATCH][MOST_SEARCH], results[RESULTS];
     struct fit fit[BATCH];
@@ -193,7 +197,7 @@ INLINE void search_at(int kind, int harmonics, const struct search *job, size_t 
                 image[v][k] = v < whole ? vload_kind(kind, job->frames[k], i + v * LANES)
                                         : vload_part(kind, job->frames[k], i + v * LANES,
                                                      pixels % LANES);
-        search_batch(harmonics, job->how, vectors, image, fit);
+        search_batch(harmonics, job->setup, vectors, image, fit);
         for (int v = 0; v < vectors; v++) {
             results_of(fit + v, image[v], frames, results);
             for (int r = 0; r < RESULTS; r++)
@@ -210,7 +214,7 @@ INLINE void search_at(int kind, int harmonics, const struct search *job, size_t 
 
 static void search(const struct search *job, size_t first, size_t count) {
 #define RUN(kind)                                                                                  \
-    (job->how->harmonics ? search_at(kind, 1, job, first, count)                                   \
+    (job->setup->harmonics ? search_at(kind, 1, job, first, count)                                   \
                          : search_at(kind, 0, job, first, count))
     if (job->kind == U8)
         RUN(U8);

@@ -1,4 +1,9 @@
-"""Frames of a projector from a dome master of direct light."""
+"""Frames of a projector from a dome master of direct light.
+
+`plan_warp` packs what is fixed for a projector, its position in the master, black and blend per pixel, in
+20 bytes per pixel and in the order in which the kernel reads it. `warp_frame` then makes a frame in one
+pass: sample, subtract black, blend, unmix colours, look up the drive, dither.
+"""
 
 import ctypes
 from typing import Any
@@ -41,7 +46,7 @@ def plan_warp(
     decode: ArrayLike | None = None,
     thresholds: ArrayLike | None = None,
 ) -> WarpPlan:
-    """Everything about one projector that does not change from frame to frame.
+    """The plan of one projector: everything that does not change from frame to frame.
 
     Places, blacks and shares are kept to 1/131070 of their range within 16 pixels of a row.
 
@@ -66,7 +71,7 @@ def plan_warp(
         if array.shape != (*shape, last):
             raise ShapeError(name, array.shape, f"({', '.join(map(str, shape))}, {last})")
     if (share < 0).any():
-        raise InputError(f"share: got a least of {np.nanmin(share):.3g}, expected none below 0")
+        raise InputError(f"share: the least is {np.nanmin(share):.3g}; none may be below 0")
     light = np.arange(CODES) / (CODES - 1) if decode is None else decode
     codes = _table("decode", light, (CODES,))
     tile = np.full((TILE, TILE), 0.5) if thresholds is None else thresholds
@@ -92,21 +97,21 @@ def warp_frame(
 ) -> NDArray[Any]:
     """The frame of one projector for a dome master of direct light.
 
-    The master is decoded, sampled bilinearly (0 outside it), black taken off, the rest shared out,
-    unmixed and clipped to 0..1; that light is what float32 frames hold. Others hold the drive that
-    gives it: uint16 rounded, uint8 dithered, floor(255 drive + threshold).
+    The master is decoded and sampled bilinearly (0 outside it); black is subtracted, the share of the
+    blend applied, colours unmixed, the result clipped to 0..1. Float32 frames hold that light, others
+    the drive that gives it: uint16 rounded, uint8 dithered, floor(255 drive + threshold).
 
     Parameters
     ----------
     master : (N, M, 3) uint8, encoded as the plan's `decode` says, or linear light: uint16, of which
         65535 is 1, float16 or float32 [rel]. What NaN or infinite light touches is dark.
     plan : made by `plan_warp`; with drives, unless the frame is float32.
-    out : (H, W, 3) to write to; saves making it anew. Its type goes before `dtype`.
+    out : (H, W, 3) to write to, instead of a new array. Its type overrides `dtype`.
     dtype : of a new frame, uint8, uint16 or float32.
 
     Returns
     -------
-    (H, W, 3) frame. C differs from the NumPy twin by the rounding of float32 places, and with AVX-512
+    (H, W, 3) frame. C differs from NumPy by the rounding of float32 places, and with AVX-512
     by 8e-6 in the light of sRGB codes below 16, 5e-7 in that of others.
 
     Raises
@@ -180,7 +185,7 @@ def _parabolas(light: NDArray[np.float64]) -> NDArray[np.float32]:
 
 
 def _knots(plan: WarpPlan, kind: np.dtype[Any]) -> NDArray[np.uint32]:
-    """Drives (3, 513) as C takes them: whole numbers, and the rise to the next in the high bits."""
+    """Drives (3, 513) as C takes them: integers, with the rise to the next in the high bits."""
     assert plan.drives is not None
     whole = np.ascontiguousarray(np.rint(plan.drives.T * WHOLE[kind]), np.uint32)
     return whole | np.diff(whole, append=whole[:, -1:]) << np.uint32(16)
@@ -191,8 +196,7 @@ def _rising(drives: ArrayLike) -> NDArray[np.float64]:
     found = _table("drives", drives, (len(KNOTS), 3))
     if (np.diff(found, axis=0) < 0).any() or found.min() < 0 or found.max() > 1:
         raise InputError(
-            f"drives: got {found.min():.3g} to {found.max():.3g}, expected a table that rises "
-            "within 0..1"
+            f"drives: {found.min():.3g} to {found.max():.3g}; the table must rise within 0..1"
         )
     return found
 
@@ -202,7 +206,7 @@ def _thresholds(tile: ArrayLike) -> NDArray[np.float32]:
     found = _table("thresholds", tile, (TILE, TILE)).astype(np.float32)
     if found.min() < 0 or found.max() >= 1:
         raise InputError(
-            f"thresholds: got {found.min():.3g} to {found.max():.3g}, expected 0 or more, below 1"
+            f"thresholds: {found.min():.3g} to {found.max():.3g}; they must be 0 or more and below 1"
         )
     return found
 
@@ -213,14 +217,16 @@ def _table(name: str, values: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.f
     if found.shape != shape:
         raise ShapeError(name, found.shape, f"{shape}")
     if not np.isfinite(found).all():
-        raise InputError(f"{name}: got numbers that are not finite, expected finite ones")
+        raise InputError(f"{name}: some values are not finite")
     return found
 
 
 def _checked_master(master: NDArray[Any]) -> NDArray[Any]:
-    """A dome master that can be sampled, as C reads it."""
+    """A dome master that can be sampled, contiguous and aligned."""
     if master.dtype not in MASTER_KINDS:
-        raise InputError(f"master: got {master.dtype}, expected uint8, uint16, float16 or float32")
+        raise InputError(
+            f"master: {master.dtype} is not supported; convert it to uint8, uint16, float16 or float32"
+        )
     if master.ndim != 3 or master.shape[2] != 3 or min(master.shape[:2]) < LEAST_EDGE:
         raise ShapeError("master", master.shape, "(N, M, 3), N and M 2 or more")
     if master.shape[0] * master.shape[1] > MOST_PIXELS:
@@ -229,16 +235,16 @@ def _checked_master(master: NDArray[Any]) -> NDArray[Any]:
 
 
 def _check_frame(frame: NDArray[Any], plan: WarpPlan) -> None:
-    """Refuse what a frame cannot be written to."""
+    """Refuse an array that a frame cannot be written to."""
     if frame.dtype not in KINDS:
-        raise InputError(f"frame: got {frame.dtype}, expected uint8, uint16 or float32")
+        raise InputError(f"frame: {frame.dtype} is not supported; use uint8, uint16 or float32")
     if frame.shape != (*plan.shape, 3):
         raise ShapeError("out", frame.shape, f"{(*plan.shape, 3)}")
     if not (frame.flags.c_contiguous and frame.flags.aligned and frame.flags.writeable):
-        raise InputError("out: expected a writable, contiguous, aligned array")
+        raise InputError("out: a writable, contiguous, aligned array is needed")
     if frame.dtype != np.float32 and plan.drives is None:
         raise InputError(
-            f"frame: got {frame.dtype}, but the plan has no drives; expected float32, or drives"
+            f"frame: {frame.dtype} needs a plan with drives; this one has none, so use float32"
         )
 
 

@@ -1,6 +1,6 @@
-"""Twin of the warp: frames of a projector as equations in NumPy.
+"""Frames of a projector in NumPy: the reference implementation of `warp_frame`.
 
-Nothing is checked here; `procam.kernels.warp` checks and describes the arguments.
+Arguments are checked and described in `procam.kernels.warp.api`.
 """
 
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ KNOTS = (_LIFTED - LEAST) / (1 - LEAST)  # light at which drives are tabulated, 
 
 @dataclass(frozen=True, slots=True)
 class WarpPlan:
-    """What `warp_frame` needs to know of one projector; made by `plan_warp`.
+    """Everything `warp_frame` needs of one projector; made by `plan_warp`.
 
     Attributes
     ----------
@@ -47,7 +47,7 @@ class WarpPlan:
 
 
 def unpacked(plan: WarpPlan, band: int) -> Plane:
-    """Place x, y, black and share (h, W, 8) of 32 rows, or of those that are left."""
+    """Place x, y, black and share (h, W, 8) of 32 rows, fewer at the end."""
     blocks = plan.blocks[band]
     numbers = blocks["base"][..., None] + blocks["step"][..., None] * blocks["number"]
     rows = numbers.transpose(2, 0, 1, 3, 5, 4).reshape(BAND, -1, 8)
@@ -88,7 +88,7 @@ def drive(light: Plane, plan: WarpPlan) -> Plane:
 
 
 def warp_frame(master: NDArray[Any], plan: WarpPlan, out: NDArray[Any]) -> None:
-    """Twin of `procam.kernels.warp_frame`."""
+    """See `procam.kernels.warp_frame`."""
     linear = decoded(master, plan)
     tile = np.tile(plan.thresholds, (1, -(-plan.shape[1] // TILE)))[:, : plan.shape[1], None]
     for band in range(len(plan.blocks)):

@@ -1,19 +1,20 @@
-/* Frames of a projector: the master's light where each pixel lands, black taken off, the blend's
-   share, colours unmixed, and the drive that gives it. */
+/* One frame of a projector from a dome master of direct light. For each pixel: sample the master at
+   its position, subtract black, multiply by the pixel's share of the blend, unmix the colours, look up
+   the drive, dither.
 
-/* Tiles of 64 columns and 32 rows go in two strips: the part of the master behind a square fits the
-   first cache and its table of pages, whichever way the projector is turned. */
+   A frame is processed in tiles of 64 columns and 32 rows, in two strips: the part of the master that
+   a square of 32 x 32 pixels covers fits the L1 cache and its page table at any rotation. */
 enum { TILE = 64, ROWS = 32, STRIP = 32 };
-enum { CHUNK = 64, CHUNK_ROWS = CHUNK / STRIP }; /* pixels worked on together */
+enum { CHUNK = 64, CHUNK_ROWS = CHUNK / STRIP }; /* pixels processed together */
 enum { IN_CHUNK = CHUNK / BLOCK, IN_STRIP = STRIP * ROWS / BLOCK, IN_TILE = TILE * ROWS / BLOCK };
 enum { PLACE_X, PLACE_Y, BLACK, SHARE = BLACK + 3 }; /* fields of a block */
-enum { STEPS = 32, LOWEST = 16 }; /* of the drives: knots per octave of light, octaves */
+enum { STEPS = 32, LOWEST = 16 }; /* of the table of drives: knots per octave of light, octaves */
 
-struct spots {
-    int32_t at[CHUNK];       /* first number of the upper left of the four pixels of the master */
+struct samples {
+    int32_t at[CHUNK];       /* index of the upper left of the four pixels of the master */
     float weight[4][CHUNK];  /* upper left, upper right, lower left, lower right */
     uint64_t row[2][CHUNK];  /* 8-bit: upper left and right, lower left and right */
-    float light[3][CHUNK];   /* of other kinds */
+    float light[3][CHUNK];   /* for other types */
 };
 
 INLINE vf vfield(const struct warp_block *block, int field, size_t i) {
@@ -21,22 +22,22 @@ INLINE vf vfield(const struct warp_block *block, int field, size_t i) {
                 vset(block->base[field]));
 }
 
-/* A tent round a pixel: what it weighs at `away` pixels from it. */
+/* Weight of a pixel at a distance of `away` pixels: a tent. */
 INLINE vf vtent(vf away) { return vmax(vsub(vset(1.0f), vabs(away)), vset(0.0f)); }
 
-/* Where the pixels of a chunk lie in the master. The four pixels are inside it always, and weigh
-   nothing where the place is not. */
-INLINE void find_spots(const struct procam_warp *d, const struct warp_block *blocks,
-                       struct spots *to) {
+/* Samples of a chunk: four pixels of the master and their weights. The pixels are always inside the
+   master; their weights are 0 where the position is not. */
+INLINE void find_samples(const struct procam_warp *d, const struct warp_block *blocks,
+                       struct samples *to) {
     const vf zero = vset(0.0f), one = vset(1.0f), unit = vset(d->unit);
     const vf right = vset((float)(d->master_columns - 2)), low = vset((float)(d->master_rows - 2));
     const vi columns = vset_i((int32_t)d->master_columns), three = vset_i(3);
     for (size_t i = 0; i < CHUNK; i += LANES) {
         const struct warp_block *block = blocks + i / BLOCK;
         const vf x = vfield(block, PLACE_X, i % BLOCK), y = vfield(block, PLACE_Y, i % BLOCK);
-        const vi column = vwhole(vmin(vmax(x, zero), right));
-        const vi row = vwhole(vmin(vmax(y, zero), low));
-        const vf dx = vsub(x, vreal(column)), dy = vsub(y, vreal(row));
+        const vi column = vtruncate(vmin(vmax(x, zero), right));
+        const vi row = vtruncate(vmin(vmax(y, zero), low));
+        const vf dx = vsub(x, vfloat(column)), dy = vsub(y, vfloat(row));
         const vf left = vtent(dx), upper = vmul(vtent(dy), unit);
         const vf beside = vtent(vsub(dx, one)), lower = vmul(vtent(vsub(dy, one)), unit);
         vstore_i(to->at + i, vmul_i(vadd_i(vmul_i(row, columns), column), three));
@@ -47,7 +48,7 @@ INLINE void find_spots(const struct procam_warp *d, const struct warp_block *blo
     }
 }
 
-/* Two 8-bit pixels side by side in the low 48 bits; reads nothing beyond the master. */
+/* Two neighbouring 8-bit pixels in the low 48 bits; reads nothing beyond the master. */
 INLINE uint64_t pair_at(const uint8_t *master, size_t at, size_t last) {
     uint64_t pair;
     if (at <= last) {
@@ -59,15 +60,15 @@ INLINE uint64_t pair_at(const uint8_t *master, size_t at, size_t last) {
     return pair;
 }
 
-INLINE void fetch_pairs(const struct procam_warp *d, struct spots *spots) {
+INLINE void fetch_pairs(const struct procam_warp *d, struct samples *samples) {
     const uint8_t *master = d->master;
     const size_t stride = 3 * d->master_columns, last = stride * d->master_rows - 8;
     for (size_t i = 0; i < CHUNK; i++) {
-        const size_t at = (size_t)spots->at[i];
+        const size_t at = (size_t)samples->at[i];
         uint64_t upper = pair_at(master, at, last), lower = pair_at(master, at + stride, last);
-        __asm__("" : "+r"(upper), "+r"(lower)); /* else made into vectors, slower */
-        spots->row[0][i] = upper;
-        spots->row[1][i] = lower;
+        __asm__("" : "+r"(upper), "+r"(lower)); /* keeps the compiler from vectorising this, which is slower */
+        samples->row[0][i] = upper;
+        samples->row[1][i] = lower;
     }
 }
 
@@ -77,67 +78,67 @@ INLINE quad quad_at(int kind, const void *master, size_t at) {
         memcpy(&found, (const float *)master + at, sizeof found);
         return found;
     }
-    const whole_quad bits = quad_u16((const uint16_t *)master + at);
+    const int_quad bits = quad_u16((const uint16_t *)master + at);
     if (kind == U16) return __builtin_convertvector(bits, quad);
-    const whole_quad size = (bits & 0x7fff) << 13, sign = (bits & 0x8000) << 16;
-    const whole_quad unknown = (size >= 0x7c00 << 13) & 0x7fc00000; /* infinity counts as NaN */
-    return (quad)((whole_quad)((quad)size * 0x1p112f) | sign | unknown);
+    const int_quad size = (bits & 0x7fff) << 13, sign = (bits & 0x8000) << 16;
+    const int_quad unknown = (size >= 0x7c00 << 13) & 0x7fc00000; /* infinity counts as NaN */
+    return (quad)((int_quad)((quad)size * 0x1p112f) | sign | unknown);
 }
 
-/* Light of pixels that are not 8-bit: two overlapping reads a row hold the six numbers of a pair. */
-INLINE void fetch_light(int kind, const struct procam_warp *d, struct spots *spots) {
+/* Light of other types: two overlapping reads per row hold the six values of a pair. */
+INLINE void fetch_light(int kind, const struct procam_warp *d, struct samples *samples) {
     const size_t stride = 3 * d->master_columns;
     for (size_t i = 0; i < CHUNK; i++) {
-        const size_t at = (size_t)spots->at[i];
-        const quad left = quad_at(kind, d->master, at) * spots->weight[0][i] +
-                          quad_at(kind, d->master, at + stride) * spots->weight[2][i];
-        const quad right = quad_at(kind, d->master, at + 2) * spots->weight[1][i] +
-                           quad_at(kind, d->master, at + stride + 2) * spots->weight[3][i];
-        for (int c = 0; c < 3; c++) spots->light[c][i] = left[c] + right[c + 1];
+        const size_t at = (size_t)samples->at[i];
+        const quad left = quad_at(kind, d->master, at) * samples->weight[0][i] +
+                          quad_at(kind, d->master, at + stride) * samples->weight[2][i];
+        const quad right = quad_at(kind, d->master, at + 2) * samples->weight[1][i] +
+                           quad_at(kind, d->master, at + stride + 2) * samples->weight[3][i];
+        for (int c = 0; c < 3; c++) samples->light[c][i] = left[c] + right[c + 1];
     }
 }
 
-INLINE vf light_of_pairs(const struct procam_warp *d, const struct spots *spots, size_t i, int c) {
+INLINE vf light_of_pairs(const struct procam_warp *d, const struct samples *samples, size_t i, int c) {
     vf sum = vset(0.0f);
     for (int row = 0; row < 2; row++) {
-        const uint64_t *pairs = spots->row[row] + i;
+        const uint64_t *pairs = samples->row[row] + i;
         const vf left = vdecoded(d->decode, d->curve, vlow_half(pairs, 0), 8 * c);
         const vf right = vdecoded(d->decode, d->curve, vlow_half(pairs, 24), 8 * c);
-        sum = vfma(vload(spots->weight[2 * row] + i), left, sum);
-        sum = vfma(vload(spots->weight[2 * row + 1] + i), right, sum);
+        sum = vfma(vload(samples->weight[2 * row] + i), left, sum);
+        sum = vfma(vload(samples->weight[2 * row + 1] + i), right, sum);
     }
     return sum;
 }
 
-/* What to send, 0..1 in linear light; NaN is taken for 0. */
+/* Light to send, 0..1; NaN becomes 0. */
 INLINE void unmixed(int kind, const struct procam_warp *d, const struct warp_block *block,
-                    const struct spots *spots, size_t i, vf *sent) {
-    vf asked[3];
+                    const struct samples *samples, size_t i, vf *sent) {
+    vf wanted[3];
     for (int c = 0; c < 3; c++) {
-        vf light = kind == U8 ? light_of_pairs(d, spots, i, c) : vload(spots->light[c] + i);
-        if (kind != U8) light = vadd(light, vsub(light, light)); /* infinite light is unknown */
-        const vf less = vsub(light, vfield(block, BLACK + c, i % BLOCK));
-        asked[c] = vmul(less, vfield(block, SHARE + c, i % BLOCK));
+        vf light = kind == U8 ? light_of_pairs(d, samples, i, c) : vload(samples->light[c] + i);
+        if (kind != U8) light = vadd(light, vsub(light, light)); /* infinity becomes NaN */
+        const vf above_black = vsub(light, vfield(block, BLACK + c, i % BLOCK));
+        wanted[c] = vmul(above_black, vfield(block, SHARE + c, i % BLOCK));
     }
     for (int c = 0; c < 3; c++) {
         const float *row = d->unmix + 3 * c;
-        const vf sum = vfma(vset(row[0]), asked[0],
-                            vfma(vset(row[1]), asked[1], vmul(vset(row[2]), asked[2])));
+        const vf sum = vfma(vset(row[0]), wanted[0],
+                            vfma(vset(row[1]), wanted[1], vmul(vset(row[2]), wanted[2])));
         sent[c] = vmin(vmax(sum, vset(0.0f)), vset(1.0f));
     }
 }
 
-/* Drive from a table over the logarithm of the light, straight between its knots. */
+/* Drive from a table over the logarithm of the light, linear between its knots. */
 INLINE vf drive_of(const uint32_t *knots, vf sent) {
     const float least = 0x1p-16f;
     const vi bits = vbits(vfma(sent, vset(1.0f - least), vset(least)));
     const vi first = vset_i((127 - LOWEST) * STEPS);
-    const vi knot = vlookup(knots, vsub_i(vright(bits, 18), first));
-    const vf part = vmul(vreal(vand_i(bits, vset_i(0x3ffff))), vset(0x1p-18f));
-    return vfma(vreal(vright(knot, 16)), part, vreal(vand_i(knot, vset_i(0xffff))));
+    const vi knot = vlookup(knots, vsub_i(vshift(bits, 18), first));
+    const vf part = vmul(vfloat(vand_i(bits, vset_i(0x3ffff))), vset(0x1p-18f));
+    return vfma(vfloat(vshift(knot, 16)), part, vfloat(vand_i(knot, vset_i(0xffff))));
 }
 
-struct part { /* of a frame: a tile of bytes; of other kinds a chunk */
+struct part { /* results before they are written: a tile of bytes, or a chunk of other types */
     uint8_t bytes[ROWS][3 * TILE + 64] __attribute__((aligned(64)));
     int32_t drive[3][CHUNK];
     float sent[3][CHUNK];
@@ -153,14 +154,14 @@ INLINE void finish(int out_kind, const struct procam_warp *d, const float *thres
         }
         const vf drive = drive_of(d->drives + (size_t)c * KNOTS, sent[c]);
         if (out_kind == U16)
-            vstore_i(to->drive[c] + i, vwhole(vadd(drive, vset(0.5f))));
+            vstore_i(to->drive[c] + i, vtruncate(vadd(drive, vset(0.5f))));
         else
-            code[c] = vwhole(vmin(vfma(drive, vset(0x1p-8f), vload(thresholds)), vset(255.0f)));
+            code[c] = vtruncate(vmin(vfma(drive, vset(0x1p-8f), vload(thresholds)), vset(255.0f)));
     }
     if (out_kind == U8) vstore_bytes(bytes, code[0], code[1], code[2]);
 }
 
-struct tile { /* of a frame: its first column and row, how many there are */
+struct tile { /* first column and row, number of columns and rows */
     size_t left, top, wide, high;
 };
 
@@ -185,9 +186,9 @@ INLINE void write_bytes(const struct procam_warp *d, const struct tile *tile,
         vcopy(out + 3 * y * d->columns, part->bytes[y], 3 * tile->wide);
 }
 
-/* Asks for the numbers of two strips on, and for the lines of the master that the next strip needs:
-   those of two pixels in 16, others in each row, so that the rows of a strip ask for all. */
-INLINE void look_ahead(int kind, const struct procam_warp *d, const struct warp_block *blocks,
+/* Prefetches the blocks of the strip after the next, and the lines of the master for the next strip:
+   for two pixels in 16, different ones in each row, so that a whole strip covers them all. */
+INLINE void prefetch_strip(int kind, const struct procam_warp *d, const struct warp_block *blocks,
                        const struct warp_block *end, size_t row) {
     const size_t size = kind == U8 ? 1 : kind == F32 ? 4 : 2;
     if (blocks + 2 * IN_STRIP + IN_CHUNK > end) return;
@@ -207,19 +208,19 @@ INLINE void look_ahead(int kind, const struct procam_warp *d, const struct warp_
 
 INLINE void warp_tile(int kind, int out_kind, const struct procam_warp *d, const struct tile *tile,
                       const struct warp_block *blocks, const struct warp_block *end) {
-    struct spots spots;
+    struct samples samples;
     struct part part;
     for (size_t x = 0; x < TILE; x += STRIP)
         for (size_t y = 0; y < ROWS; y += CHUNK_ROWS, blocks += IN_CHUNK) {
             if (x >= tile->wide || y >= tile->high) continue;
-            look_ahead(kind, d, blocks, end, y);
-            find_spots(d, blocks, &spots);
-            kind == U8 ? fetch_pairs(d, &spots) : fetch_light(kind, d, &spots);
+            prefetch_strip(kind, d, blocks, end, y);
+            find_samples(d, blocks, &samples);
+            kind == U8 ? fetch_pairs(d, &samples) : fetch_light(kind, d, &samples);
             for (size_t i = 0; i < CHUNK; i += LANES) {
                 const size_t row = y + i / STRIP, column = x + i % STRIP;
                 const float *thresholds = d->thresholds + (tile->top + row) % TILE * TILE + column;
                 vf sent[3];
-                unmixed(kind, d, blocks + i / BLOCK, &spots, i, sent);
+                unmixed(kind, d, blocks + i / BLOCK, &samples, i, sent);
                 finish(out_kind, d, thresholds, i, sent, &part, part.bytes[row] + 3 * column);
             }
             if (out_kind != U8) write_chunk(out_kind, d, tile, x, y, &part);

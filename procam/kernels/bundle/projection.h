@@ -1,14 +1,16 @@
-/* Pictures of points in a lens, and how they move with the point and with the lens. */
-#include "sight.h"
+/* Projection of points by a lens, with derivatives by the point and by the lens's parameters.
 
-struct picture { /* a point on the plane at distance 1, and how its pixel moves */
+   Two models: Brown's pinhole with distortion, and the fisheye of Kannala and Brandt. */
+#include "observations.h"
+
+struct projection { /* a point on the plane at distance 1, and derivatives of its pixel */
     lane plane[2], by_point[6], by_bend[10];
 };
 
-/* Brown's lens; lens: focal x, y, centre x, y, k1 k2 p1 p2 k3. */
-INLINE void picture_brown(int slopes, const struct placed *device, const lane *point,
-                          struct picture *to) {
-    const struct placed d = *device;
+/* Brown's lens. Parameters: focal x, y, centre x, y, k1 k2 p1 p2 k3. */
+INLINE void project_brown(int slopes, const struct device *device, const lane *point,
+                          struct projection *to) {
+    const struct device d = *device;
     const double fx = d.lens[0], fy = d.lens[1];
     const double k1 = d.lens[4], k2 = d.lens[5], p1 = d.lens[6], p2 = d.lens[7], k3 = d.lens[8];
     EACH {
@@ -36,10 +38,10 @@ INLINE void picture_brown(int slopes, const struct placed *device, const lane *p
     }
 }
 
-/* Kannala and Brandt's lens; lens: focal x, y, centre x, y, k1..k4. */
-INLINE void picture_fisheye(int slopes, const struct placed *device, const lane *point,
-                            struct picture *to) {
-    const struct placed d = *device;
+/* Kannala and Brandt's lens. Parameters: focal x, y, centre x, y, k1..k4. */
+INLINE void project_fisheye(int slopes, const struct device *device, const lane *point,
+                            struct projection *to) {
+    const struct device d = *device;
     const double fx = d.lens[0], fy = d.lens[1];
     const double k1 = d.lens[4], k2 = d.lens[5], k3 = d.lens[6], k4 = d.lens[7];
     EACH {
@@ -47,7 +49,7 @@ INLINE void picture_fisheye(int slopes, const struct placed *device, const lane 
         const double square = x * x + y * y, across = sqrt(square);
         const double theta = angle_off(across, z), t2 = theta * theta;
         const double radius = theta * (1.0 + t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4))));
-        const double one = across > 0.0 ? 1.0 / across : across; /* 0, or NaN as it came */
+        const double one = across > 0.0 ? 1.0 / across : across; /* 0 or NaN */
         const double scale = across == 0.0 ? 1.0 / z : radius * one;
         to->plane[0][i] = x * scale, to->plane[1][i] = y * scale;
         if (!slopes) continue;
@@ -67,8 +69,8 @@ INLINE void picture_fisheye(int slopes, const struct placed *device, const lane 
     }
 }
 
-INLINE void picture_of(int slopes, int fisheye, const struct placed *device, const lane *point,
-                       struct picture *to) {
-    fisheye ? picture_fisheye(slopes, device, point, to)
-            : picture_brown(slopes, device, point, to);
+INLINE void project(int slopes, int fisheye, const struct device *device, const lane *point,
+                       struct projection *to) {
+    fisheye ? project_fisheye(slopes, device, point, to)
+            : project_brown(slopes, device, point, to);
 }

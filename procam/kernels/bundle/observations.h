@@ -1,31 +1,33 @@
-/* From a camera's rays over a round screen into a projector's frame, SIGHTS observations at a time.
+/* From a camera's rays to points in a projector's frame, OBSERVATIONS observations at a time.
 
-   Every coordinate has an array of its own, so that the compiler puts neighbours into one vector. */
+       camera o----- ray -----> point on the screen -----> projector o
 
-#define SIGHTS 64 /* observations at a time: their rows stay in the second cache, mostly the first */
-#define ROW (2 * SIGHTS) /* of x, then of y of the projector's pixel */
-#define FAR_STEPS 3      /* from near the screen onto it, as STEPS of reference_bundle.py */
-#define EACH for (int i = 0; i < SIGHTS; i++)
+   Every coordinate is an array of its own, so that the compiler puts neighbours into one vector. */
 
-typedef double lane[SIGHTS] __attribute__((aligned(64)));
+#define OBSERVATIONS 64 /* observations at a time: their rows fit the L2 cache */
+#define ROW (2 * OBSERVATIONS) /* derivatives of x, then of y of the projector's pixel */
+#define FAR_STEPS 3      /* Newton steps from near the screen onto it, as STEPS of reference.py */
+#define EACH for (int i = 0; i < OBSERVATIONS; i++)
 
-struct placed { /* a device, read from PLACED numbers */
-    double turn[9], shift[3], lens[9], pupil[2];
+typedef double lane[OBSERVATIONS] __attribute__((aligned(64)));
+
+struct device { /* a device, read from DEVICE_NUMBERS numbers */
+    double rotation[9], translation[3], lens[9], pupil[2];
 };
 
-struct sight { /* in the camera's frame: ray, start (on the view's axis); in the dome's: the rest */
+struct observations { /* ray, start (along the optical axis): camera frame; the rest: dome frame */
     lane ray[3], start, angle2, origin[3], direction[3], point[3], outward[3];
-    lane level, off[3]; /* sum of the bumps; from the start of the relief to the point's direction */
-    lane there[3];      /* the point in the projector's frame */
+    lane level, offset[3]; /* relative height of the screen; from the start of the derivatives to the point's direction */
+    lane in_projector[3];      /* the point in the projector's frame */
 };
 
-INLINE struct placed placed_at(const double *numbers) {
-    struct placed device;
+INLINE struct device device_at(const double *numbers) {
+    struct device device;
     memcpy(&device, numbers, sizeof device);
     return device;
 }
 
-/* atan2 for across >= 0, to a rounding (Moshier's Cephes: one division into [0, 1], one about pi/4). */
+/* atan2 for across >= 0, correct to rounding (Moshier's Cephes: one division into [0, 1], one about pi/4). */
 INLINE double angle_off(double across, double ahead) {
     const double depth = fabs(ahead), least = across < depth ? across : depth;
     const double most = across < depth ? depth : across;
@@ -47,30 +49,30 @@ INLINE double angle_off(double across, double ahead) {
     return ahead < 0.0 ? 3.14159265358979323846 - front : front;
 }
 
-/* Rays of `count` observations from `first` on, in both frames; those that lack are made up. */
-INLINE void send(const struct procam_bundle *job, const struct placed *camera, size_t first,
-                 size_t count, struct sight *s) {
+/* Rays of `count` observations from `first` on, in both frames; the rest are filled with the axis. */
+INLINE void cast_rays(const struct procam_bundle *job, const struct device *camera, size_t first,
+                 size_t count, struct observations *s) {
     for (size_t i = 0; i < count; i++)
         for (int j = 0; j < 3; j++) s->ray[j][i] = job->rays[3 * (first + i) + j];
-    for (size_t i = count; i < SIGHTS; i++) s->ray[0][i] = s->ray[1][i] = 0.0, s->ray[2][i] = 1.0;
-    const struct placed c = *camera;
+    for (size_t i = count; i < OBSERVATIONS; i++) s->ray[0][i] = s->ray[1][i] = 0.0, s->ray[2][i] = 1.0;
+    const struct device c = *camera;
     EACH {
         const double x = s->ray[0][i], y = s->ray[1][i], z = s->ray[2][i];
         const double theta = angle_off(sqrt(x * x + y * y), z), t2 = theta * theta;
-        const double start = t2 * (c.pupil[0] + t2 * c.pupil[1]), ahead = start - c.shift[2];
+        const double start = t2 * (c.pupil[0] + t2 * c.pupil[1]), ahead = start - c.translation[2];
         s->angle2[i] = t2;
         s->start[i] = start;
-        s->direction[0][i] = c.turn[0] * x + c.turn[3] * y + c.turn[6] * z;
-        s->direction[1][i] = c.turn[1] * x + c.turn[4] * y + c.turn[7] * z;
-        s->direction[2][i] = c.turn[2] * x + c.turn[5] * y + c.turn[8] * z;
-        s->origin[0][i] = c.turn[6] * ahead - c.turn[0] * c.shift[0] - c.turn[3] * c.shift[1];
-        s->origin[1][i] = c.turn[7] * ahead - c.turn[1] * c.shift[0] - c.turn[4] * c.shift[1];
-        s->origin[2][i] = c.turn[8] * ahead - c.turn[2] * c.shift[0] - c.turn[5] * c.shift[1];
+        s->direction[0][i] = c.rotation[0] * x + c.rotation[3] * y + c.rotation[6] * z;
+        s->direction[1][i] = c.rotation[1] * x + c.rotation[4] * y + c.rotation[7] * z;
+        s->direction[2][i] = c.rotation[2] * x + c.rotation[5] * y + c.rotation[8] * z;
+        s->origin[0][i] = c.rotation[6] * ahead - c.rotation[0] * c.translation[0] - c.rotation[3] * c.translation[1];
+        s->origin[1][i] = c.rotation[7] * ahead - c.rotation[1] * c.translation[0] - c.rotation[4] * c.translation[1];
+        s->origin[2][i] = c.rotation[8] * ahead - c.rotation[2] * c.translation[0] - c.rotation[5] * c.translation[1];
     }
 }
 
 /* Where the rays meet the sphere: the far root, NaN where there is none. */
-INLINE void meet_sphere(double radius, struct sight *s) {
+INLINE void meet_sphere(double radius, struct observations *s) {
     const double one = 1.0 / radius;
     EACH {
         const double x = s->origin[0][i], y = s->origin[1][i], z = s->origin[2][i];
@@ -87,21 +89,21 @@ INLINE void meet_sphere(double radius, struct sight *s) {
     }
 }
 
-/* Where the rays meet a screen whose height goes on as its tangent at `start` does, from there on. */
-INLINE void meet_relief(const struct procam_bundle *job, size_t first, size_t count,
-                        struct sight *s) {
-    const int waves = job->waves;
+/* Where the rays meet a screen whose height is linear around `start`. */
+INLINE void meet_screen(const struct procam_bundle *job, size_t first, size_t count,
+                        struct observations *s) {
+    const int harmonics = job->harmonics;
     const double radius = job->radius;
     lane start[3] = {{0}}, slope[3] = {{0}}, base = {0};
     for (size_t i = 0; i < count; i++) {
-        const double *values = job->values + waves * (first + i);
-        const double *slopes = job->slopes + 3 * waves * (first + i);
+        const double *values = job->values + harmonics * (first + i);
+        const double *slopes = job->slopes + 3 * harmonics * (first + i);
         double level = 0.0, x = 0.0, y = 0.0, z = 0.0;
-        for (int k = 0; k < waves; k++) {
-            level += job->bumps[k] * values[k];
-            x += job->bumps[k] * slopes[3 * k];
-            y += job->bumps[k] * slopes[3 * k + 1];
-            z += job->bumps[k] * slopes[3 * k + 2];
+        for (int k = 0; k < harmonics; k++) {
+            level += job->coefficients[k] * values[k];
+            x += job->coefficients[k] * slopes[3 * k];
+            y += job->coefficients[k] * slopes[3 * k + 1];
+            z += job->coefficients[k] * slopes[3 * k + 2];
         }
         base[i] = level, slope[0][i] = x, slope[1][i] = y, slope[2][i] = z;
         for (int j = 0; j < 3; j++) start[j][i] = job->start[3 * (first + i) + j];
@@ -131,9 +133,9 @@ INLINE void meet_relief(const struct procam_bundle *job, size_t first, size_t co
             const double back = (distance - radius * (1.0 + level)) / (nx * u + ny * v + nz * w);
             s->outward[0][i] = nx, s->outward[1][i] = ny, s->outward[2][i] = nz;
             s->level[i] = level;
-            s->off[0][i] = ex - start[0][i];
-            s->off[1][i] = ey - start[1][i];
-            s->off[2][i] = ez - start[2][i];
+            s->offset[0][i] = ex - start[0][i];
+            s->offset[1][i] = ey - start[1][i];
+            s->offset[2][i] = ez - start[2][i];
             s->point[0][i] = x - back * u;
             s->point[1][i] = y - back * v;
             s->point[2][i] = z - back * w;
@@ -141,18 +143,18 @@ INLINE void meet_relief(const struct procam_bundle *job, size_t first, size_t co
 }
 
 /* From the rays to points in the projector's frame. */
-INLINE void light(const struct procam_bundle *job, const struct placed *camera,
-                  const struct placed *projector, size_t first, size_t count, struct sight *s) {
-    send(job, camera, first, count, s);
-    if (job->waves)
-        meet_relief(job, first, count, s);
+INLINE void trace_rays(const struct procam_bundle *job, const struct device *camera,
+                  const struct device *projector, size_t first, size_t count, struct observations *s) {
+    cast_rays(job, camera, first, count, s);
+    if (job->harmonics)
+        meet_screen(job, first, count, s);
     else
         meet_sphere(job->radius, s);
-    const struct placed p = *projector;
+    const struct device p = *projector;
     EACH {
         const double x = s->point[0][i], y = s->point[1][i], z = s->point[2][i];
-        s->there[0][i] = p.turn[0] * x + p.turn[1] * y + p.turn[2] * z + p.shift[0];
-        s->there[1][i] = p.turn[3] * x + p.turn[4] * y + p.turn[5] * z + p.shift[1];
-        s->there[2][i] = p.turn[6] * x + p.turn[7] * y + p.turn[8] * z + p.shift[2];
+        s->in_projector[0][i] = p.rotation[0] * x + p.rotation[1] * y + p.rotation[2] * z + p.translation[0];
+        s->in_projector[1][i] = p.rotation[3] * x + p.rotation[4] * y + p.rotation[5] * z + p.translation[1];
+        s->in_projector[2][i] = p.rotation[6] * x + p.rotation[7] * y + p.rotation[8] * z + p.translation[2];
     }
 }
