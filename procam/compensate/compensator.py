@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from procam.compensate.content import ContentCodec
 from procam.compensate.equations import FrameEquations, Solution
 from procam.compensate.fields import Fields
 from procam.errors import InputError
@@ -22,9 +23,7 @@ from procam.kernels.frame import (
     frame_sums,
     scattered_light,
 )
-from procam.kernels.frame.coding import WHOLE
 from procam.kernels.frame.reference import interpolated
-from procam.maths.dither import threshold_tile
 from procam.maths.transfer import transfer
 from procam.model.calibration import Calibration
 
@@ -140,10 +139,10 @@ class Compensator:
                 f"strength: {strength} is outside 0 (the content itself) to 1 (the full result)"
             )
         self.method, self.size, self.strength = method, size, strength
-        self._transfer = transfer_name and transfer(transfer_name)
+        known = transfer(transfer_name) if transfer_name else None
         self.fields = Fields.of(calibration, size, state, white)
         self._equations = FrameEquations(self.fields, method, calibration.albedo.value)
-        self._codings: dict[tuple[str, float, float], Coding] = {}
+        self._codec = ContentCodec(known, strength, self.fields.protected)
         self._solved: _Solved | None = None
         #: (3, 9) polynomial of the last frame's scattered light (`Fields.coefficients_of`)
         self.coefficients: Array = self._equations.nothing.coefficients
@@ -174,26 +173,30 @@ class Compensator:
             Another shape or element type.
         """
         check_pictures(self.size, image, out)
-        content, coding = self._coded(image)
-        held, self._solved = self._protected_pixels(image), None
+        content, coding = self._codec.decoded(image)
+        held, self._solved = self._codec.protected_pixels(image), None
         to = out if content is image else None
         sent, solution = self._equations.frame(content, coding, to)
         self.coefficients = solution.coefficients
         if out is None or not np.may_share_memory(image, out):
             self._solved = _Solved(content, coding, solution)
-        return self._finished(image, sent, None if content is image else coding, out, held)
+        return self._codec.finished(image, sent, None if content is image else coding, out, held)
 
     def apply(
         self, image: NDArray[Any], coefficients: Array, out: NDArray[Any] | None = None
     ) -> NDArray[Any]:
         """`frame` with known coefficients (3, 9), such as a track's; nothing is solved."""
         check_pictures(self.size, image, out)
-        content, coding = self._coded(image)
-        held, self._solved, self.coefficients = self._protected_pixels(image), None, coefficients
+        content, coding = self._codec.decoded(image)
+        held, self._solved, self.coefficients = (
+            self._codec.protected_pixels(image),
+            None,
+            coefficients,
+        )
         solution = replace(self._equations.nothing, coefficients=coefficients)
         to = out if content is image else None
         sent = self._equations.apply(content, coding, solution, to)
-        return self._finished(image, sent, None if content is image else coding, out, held)
+        return self._codec.finished(image, sent, None if content is image else coding, out, held)
 
     @property
     def certificate(self) -> Certificate:
@@ -234,7 +237,7 @@ class Compensator:
         """The compensated picture in linear light, its total as the audience sees it, where it clips."""
         check_pictures(self.size, image)
         content, self._solved = np.ascontiguousarray(image, np.float32), None
-        equations, coding = self._equations, self._coding("linear", np.inf, 1.0)
+        equations, coding = self._equations, self._codec.coding("linear", np.inf, 1.0)
         solution, _ = equations.solve(content, coding)
         self._solved = _Solved(content, coding, solution)
         self.coefficients = solution.coefficients
@@ -274,49 +277,3 @@ class Compensator:
         sums = frame_sums(model, content, equations.light(solution), "light", coding)
         coefficients = self.fields.coefficients_of(sums)
         return interpolated(shown, scattered_light(shown, coefficients), slice(None))
-
-    def _coded(self, image: NDArray[Any]) -> tuple[NDArray[Any], Coding]:
-        """The content for the kernels: 8 bits as they are, other types in linear light."""
-        integer = image.dtype in WHOLE
-        name = self._transfer.name if self._transfer else "srgb" if integer else "linear"
-        top = 1.0 if integer else np.inf
-        if image.dtype == np.uint8:
-            return image, self._coding(name, top, self.strength)
-        if name == "linear":
-            return image, self._coding(name, top, self.strength)
-        value = image.astype(np.float32) / np.float32(WHOLE.get(image.dtype, 1))
-        linear = transfer(name).decode(value).astype(np.float32)
-        return linear, self._coding(name, top, 1.0)
-
-    def _coding(self, name: str, top: float, strength: float) -> Coding:
-        asked = name, top, strength
-        if asked not in self._codings:
-            known = transfer(name)
-            made = Coding(known.decode, known.encode, threshold_tile(), strength, top)
-            self._codings[asked] = made
-        return self._codings[asked]
-
-    def _protected_pixels(self, image: NDArray[Any]) -> NDArray[Any] | None:
-        kept = self.fields.protected
-        return None if kept is None else image[kept]
-
-    def _finished(
-        self,
-        image: NDArray[Any],
-        sent: NDArray[Any],
-        coding: Coding | None,
-        out: NDArray[Any] | None,
-        held: NDArray[Any] | None,
-    ) -> NDArray[Any]:
-        """Light encoded as the image is, by `coding` unless it is so already; protected pixels put back."""
-        if coding is not None:
-            whole = WHOLE.get(image.dtype)
-            value = np.asarray(coding.encode(sent)) * (whole or 1.0)
-            mixed = image + self.strength * (value - image)
-            sent = (np.rint(mixed) if whole else mixed).astype(image.dtype)
-            if out is not None:
-                out[...] = sent
-                sent = out
-        if held is not None:
-            sent[self.fields.protected] = held
-        return sent

@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.compensate.fields import Fields, NodeSample
+from procam.compensate.fields import Fields
+from procam.compensate.node_sample import NodeSample
 from procam.compensate.solver import Root
 from procam.kernels.frame import (
     TERMS,
@@ -67,8 +68,8 @@ class NodeLight:
     def of(self, solution: Solution) -> Image:
         """Light (M, M, 3) [rel], in (W) less the pull. The next solution's light overwrites it."""
         if self._known is None or not _same(self._known[0], solution):
-            room = None if self._known is None else self._known[1]
-            light = scattered_light(self.model, solution.coefficients, solution.pull, room)
+            buffer = None if self._known is None else self._known[1]
+            light = scattered_light(self.model, solution.coefficients, solution.pull, buffer)
             self._known = solution, light
         return self._known[1]
 
@@ -224,15 +225,15 @@ class FrameEquations:
     def _slope_of(self, free: NDArray[np.bool_]) -> Array:
         sample, operator, terms = self._sample, self.fields.operator, self.model.terms
         eye = np.eye(terms)
-        painted = sample.products(free, 1)
+        weighted = sample.products(free, 1)
         if self.method != "least-squares":
-            return -(eye + painted @ operator)
+            return -(eye + weighted @ operator)
         transposed = operator.transpose(0, 2, 1)
         slope = np.empty((CHANNELS, 2 * terms, 2 * terms))
-        slope[:, :terms, :terms] = -(eye + painted @ operator)
+        slope[:, :terms, :terms] = -(eye + weighted @ operator)
         slope[:, :terms, terms:] = sample.products(free, 0)
         slope[:, terms:, :terms] = -transposed @ sample.products(~free, 2) @ operator
-        slope[:, terms:, terms:] = -(eye + transposed @ painted)
+        slope[:, terms:, terms:] = -(eye + transposed @ weighted)
         return slope
 
 

@@ -8,11 +8,11 @@ of the direct light; G (`operator`) is the calibration's kernel in terms of mono
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from procam.compensate._continuation import WELL_LIT, continued
 from procam.errors import InputError
 from procam.kernels.frame import TERMS, FrameModel, scattered_light
 from procam.kernels.frame.reference import monomials
@@ -30,11 +30,6 @@ Array = NDArray[np.float64]
 Map = NDArray[np.float32]
 WHITES = ("summed", "keep")
 CHANNELS = 3
-SAMPLE = 96  # nodes along an edge, at most, of a sample
-SOUND = 0.5  # least coverage of a node whose measured light is used
-REACH = 6  # nodes to continue beyond that: the width of a fading border and of a band of node rows
-CONTINUED = ("spread", "lo", "hi", "gain")
-AROUND = np.array([(y, x) for y in (-1, 0, 1) for x in (-1, 0, 1)]).T
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,71 +112,12 @@ class Fields:
         """(3, T, T): the same, weighted with `spread`."""
         return self._products(self.model.spread.astype(float))
 
-    def _products(self, paint: Array) -> Array:
+    def _products(self, weights: Array) -> Array:
         terms = monomials(self.model.direction, self.model.terms).reshape(self.model.terms, -1)
         weight = self.model.solid_angle_sr.astype(float).ravel()
         weight *= (self.model.size / self.model.nodes) ** 2
-        each = [(terms * (weight * p)) @ terms.T for p in paint.reshape(-1, paint.shape[-1]).T]
+        each = [(terms * (weight * p)) @ terms.T for p in weights.reshape(-1, weights.shape[-1]).T]
         return np.array(each)
-
-
-@dataclass(frozen=True, eq=False)
-class NodeSample:
-    """A sample of a model's nodes, and the pixels of the picture nearest to them.
-
-    `node` (S,) indices along an edge, `pixel` (S,) of the picture; `weight` (S, S) [sr], `spread`
-    (S, S, 3), `terms` (T, S, S).
-    """
-
-    node: NDArray[np.intp]
-    pixel: NDArray[np.intp]
-    weight: Array
-    spread: Array
-    terms: Array
-
-    @classmethod
-    def of(cls, model: FrameModel) -> "NodeSample":
-        """Equally spaced nodes of a model; their weights add up to its solid angle."""
-        step = -(-model.nodes // SAMPLE)
-        node = np.arange(step // 2, model.nodes, step)
-        pixel = ((node + 0.5) * model.size / model.nodes).astype(np.intp)
-        grid = np.ix_(node, node)
-        weight = model.solid_angle_sr[grid].astype(float)
-        total = float(model.solid_angle_sr.sum(dtype=float)) * (model.size / model.nodes) ** 2
-        terms = monomials(model.direction[:, node][:, :, node], model.terms)
-        scale = total / max(float(weight.sum()), 1e-300)
-        return cls(node, pixel, weight * scale, model.spread[grid].astype(float), terms)
-
-    @property
-    def shape(self) -> tuple[int, int, int]:
-        """Of a boolean mask over the sample, per colour."""
-        return (*self.weight.shape, CHANNELS)
-
-    def of_picture(self, picture: NDArray[Any]) -> NDArray[Any]:
-        """The sample's pixels (S, S, 3) of a picture (N, N, 3)."""
-        return picture[np.ix_(self.pixel, self.pixel)]
-
-    def free(
-        self, model: FrameModel, content: NDArray[np.floating], light: Map, top: float
-    ) -> NDArray[np.bool_]:
-        """Where (S, S, 3) no limit holds, for linear content (S, S, 3) less scattered light.
-
-        White that is just reached is free: the solution subtracts more light.
-        """
-        grid = np.ix_(self.node, self.node)
-        gain = 1 if model.gain is None else model.gain[grid][..., None]
-        wanted = content * gain - light[grid]
-        hi = top if model.hi is None else np.minimum(model.hi[grid], top)
-        return np.asarray((wanted > model.lo[grid]) & (wanted <= hi))
-
-    def products(self, where: NDArray[np.bool_], power: int) -> Array:
-        """(3, T, T): moments over `where` (S, S, 3) of the monomials, weighted with spread^power."""
-        flat = self.terms.reshape(len(self.terms), -1)
-        found = []
-        for c in range(CHANNELS):
-            weight = self.weight * where[..., c] * self.spread[..., c] ** power
-            found.append((flat * weight.ravel()) @ flat.T)
-        return np.array(found)
 
 
 def _model(calibration: Calibration, size: int, state: str | None) -> FrameModel:
@@ -192,7 +128,7 @@ def _model(calibration: Calibration, size: int, state: str | None) -> FrameModel
     coverage = _sampled(maps.coverage, where) * (area > 0)
     lo = _sampled(maps.lo, where)
     # coverage fades hi over the border; what is lit at all can be driven to full there
-    hi = np.maximum(_sampled(maps.hi, where) / np.maximum(coverage, SOUND)[..., None], lo)
+    hi = np.maximum(_sampled(maps.hi, where) / np.maximum(coverage, WELL_LIT)[..., None], lo)
     scatter, ambient = _scatter(calibration, where, state)
     raw = FrameModel(
         size=size,
@@ -206,7 +142,7 @@ def _model(calibration: Calibration, size: int, state: str | None) -> FrameModel
         direction=direction,
         terms=(maps.kernel.degree + 1) ** 2,
     )
-    return _continued(_divided_by_profile(raw, maps.kernel))
+    return continued(_divided_by_profile(raw, maps.kernel))
 
 
 def _sampled(field: Map, where: NDArray[np.floating] | None) -> Map:
@@ -245,9 +181,9 @@ def _scatter(
     scatter = _sampled(calibration.maps.scatter_per_flux, where)
     if state is None:
         return scatter, None
-    house = calibration.state(state)
-    ambient = None if house.ambient is None else _sampled(house.ambient, where)
-    return scatter * house.scatter_ratio.astype(np.float32), ambient
+    condition = calibration.state(state)
+    ambient = None if condition.ambient is None else _sampled(condition.ambient, where)
+    return scatter * condition.scatter_ratio.astype(np.float32), ambient
 
 
 def _divided_by_profile(model: FrameModel, kernel: ScatterKernel) -> FrameModel:
@@ -256,53 +192,6 @@ def _divided_by_profile(model: FrameModel, kernel: ScatterKernel) -> FrameModel:
     profile[:, : model.terms] = kernel.profile @ _harmonics(kernel.degree).T
     bare = replace(model, spread=np.ones_like(model.spread), ambient=None)
     return replace(model, spread=model.spread / scattered_light(bare, profile))
-
-
-def _continued(model: FrameModel) -> FrameModel:
-    """A model whose fields are continued for some nodes beyond the well lit part, for interpolation.
-
-    Faintly lit nodes further out keep their values and are continued in turn; unlit nodes beyond are 0.
-    """
-    lit, given = model.coverage > 0, {n: getattr(model, n) for n in CONTINUED}
-    shapes = {n: field.shape for n, field in given.items() if field is not None}
-    flat = {n: np.array(given[n], np.float32).reshape(lit.size, -1) for n in shapes}
-    dark = np.flatnonzero(~lit)
-    for field in flat.values():
-        field[dark] = 0
-    known = _spread_out(flat, model.coverage >= SOUND)
-    if (lit & ~known).any():
-        _spread_out(flat, known | lit)
-    continued: dict[str, Any] = {n: field.reshape(shapes[n]) for n, field in flat.items()}
-    return replace(model, **continued)
-
-
-def _spread_out(fields: dict[str, Map], known: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Continue fields (M * M, C) ring by ring beyond known nodes (M, M); returns all that are known then."""
-    known = known.copy()
-    for _ in range(REACH):
-        at, near, share = _ring(known)
-        for field in fields.values():
-            field[at] = np.matmul(share[:, None], field[near])[:, 0]
-        known.flat[at] = True
-    return known
-
-
-def _ring(known: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp], Map]:
-    """Unknown nodes (P,) next to known ones, the nine nodes (P, 9) around each, and their weights (P, 9)."""
-    edge = len(known)
-    at = np.flatnonzero(_grown(known) & ~known)
-    y, x = (n[:, None] + step for n, step in zip(np.divmod(at, edge), AROUND, strict=True))
-    near = np.clip(y, 0, edge - 1) * edge + np.clip(x, 0, edge - 1)
-    inside = (np.minimum(x, y) >= 0) & (np.maximum(x, y) < edge)
-    share = (known.ravel()[near] & inside).astype(np.float32)
-    return at, near, share / share.sum(axis=1, keepdims=True)
-
-
-def _grown(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """A mask grown by one node, at corners too."""
-    wide = np.pad(mask, 1)
-    tall = wide[:-2] | wide[1:-1] | wide[2:]
-    return np.asarray(tall[:, :-2] | tall[:, 1:-1] | tall[:, 2:])
 
 
 def _operator(calibration: Calibration) -> Array:

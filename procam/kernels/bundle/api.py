@@ -98,13 +98,13 @@ def bundle_equations(
     columns[1 + len(block.harmonic_coefficients) + 6 : -(6 + len(block.projector.lens))] = lens_free
     used, count = int(columns.sum()) + 1, len(ray)
     tile = max(LEAST, -(-count // (TILES * BLOCK)) * BLOCK)
-    room = np.empty((-(-count // tile), *[-(-used // 4) * 4] * 2, LANES))
+    tiles = np.empty((-(-count // tile), *[-(-used // 4) * 4] * 2, LANES))
     products = np.empty((used, used))
     described = _c_block(block, (ray, seen, weight), derivatives, lens_free)
     library, level, threads = native
     library.procam_bundle(
         *(level, threads, count, ctypes.byref(described), used, tile),
-        *(pointer(room), pointer(products)),
+        *(pointer(tiles), pointer(products)),
     )
     matrix, gradient = np.zeros((columns.size, columns.size)), np.zeros(columns.size)
     matrix[np.ix_(columns, columns)], gradient[columns] = products[:-1, :-1], products[:-1, -1]
