@@ -160,19 +160,19 @@ def _wanted(compensator: Compensator, content: np.ndarray, terms: int) -> np.nda
 
 
 class TestCertificate:
-    def test_tells_shares_and_fluxes(self, calibration: Calibration) -> None:
+    def test_shares_and_fluxes(self, calibration: Calibration) -> None:
         picture = np.full((SIZE, SIZE, 3), 0.5, np.float32)
         picture[: SIZE // 2] = 0
         compensator = Compensator(calibration, SIZE)
         found = compensator.solve(picture)
-        told = compensator.certificate
+        certificate = compensator.certificate
         area = master_solid_angles(SIZE) * calibration.maps.coverage
-        np.testing.assert_allclose(told.flux_in, np.tensordot(area, picture, 2), rtol=1e-5)
-        np.testing.assert_allclose(told.flux_out, found.flux, rtol=1e-6)
+        np.testing.assert_allclose(certificate.flux_in, np.tensordot(area, picture, 2), rtol=1e-5)
+        np.testing.assert_allclose(certificate.flux_out, found.flux, rtol=1e-6)
         dark = (area * (found.direct[..., 0] <= calibration.maps.lo[..., 0])).sum() / area.sum()
-        np.testing.assert_allclose(told.share_lo[0], dark, rtol=1e-5)
-        assert not told.share_hi.any()
-        assert told.kkt < 1e-6 and told.self_consistency < 1e-6
+        np.testing.assert_allclose(certificate.share_lo[0], dark, rtol=1e-5)
+        assert not certificate.share_hi.any()
+        assert certificate.kkt < 1e-6 and certificate.self_consistency < 1e-6
 
     def test_of_no_frame(self, calibration: Calibration) -> None:
         with pytest.raises(InputError, match="certificate: there is no frame"):
@@ -195,8 +195,13 @@ class TestPictures:
         step = {np.uint8: 1.05, np.uint16: 0.7, np.float16: 2**-11, np.float32: 1e-6}[kind]
         np.testing.assert_allclose(found, encoded * (whole or 1), atol=step)
 
-    @pytest.mark.parametrize("name", ["linear", "gamma2.2", "bt1886"])
-    @pytest.mark.parametrize("kind", TYPES)
+    @pytest.mark.parametrize(
+        ("kind", "name"),
+        [
+            *zip(TYPES, ("bt1886", "gamma2.2", "bt1886", "gamma2.2"), strict=True),
+            (np.uint8, "linear"),
+        ],
+    )
     def test_transfer_functions_by_name(
         self, calibration: Calibration, kind: type, name: str
     ) -> None:
@@ -238,10 +243,10 @@ class TestPictures:
         np.testing.assert_array_equal(other.apply(content, compensator.coefficients), expected)
 
     @pytest.mark.parametrize("kind", [np.uint8, np.float32])
-    def test_what_a_look_wrote_is_the_picture(
+    def test_the_last_evaluation_writes_the_picture(
         self, calibration: Calibration, kind: type, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        """Pans and cuts: the last look writes, or what it wrote is written over."""
+        """Pans and cuts: the last evaluation writes, or the frame is written again."""
         compensator, other = (Compensator(furnished(calibration), SIZE) for _ in range(2))
         written_late, apply = [], FrameEquations.apply
         monkeypatch.setattr(
@@ -257,8 +262,9 @@ class TestPictures:
             assert compensator.certificate.kkt < (2e-5 if kind is np.uint8 else 1e-7)
         assert sum(by is compensator._equations for by in written_late) < len(frames)
 
-    @pytest.mark.parametrize("method", METHODS)
-    @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+    @pytest.mark.parametrize(
+        ("method", "bad"), [*zip(METHODS, (np.nan, np.inf, -np.inf, np.nan, np.inf), strict=True)]
+    )
     def test_what_is_not_finite_is_black(
         self, calibration: Calibration, method: str, bad: float
     ) -> None:
@@ -309,7 +315,7 @@ class TestStrength:
 
 class TestWhite:
     def test_kept_white_is_the_total_of_todays(self, calibration: Calibration) -> None:
-        """What a full white shows today, bounces and all, is what content 1.0 asks for."""
+        """Content 1.0 is the total light of a full white as it is today."""
         full = np.ones((SIZE, SIZE, 3), np.float32)
         today = Compensator(calibration, SIZE, "none").solve(full)
         area = (master_solid_angles(SIZE) * calibration.maps.coverage)[..., None]

@@ -262,12 +262,16 @@ def test_each_colour_is_a_problem_of_its_own() -> None:
 def test_the_certificate_tells_fluxes_and_shares() -> None:
     problem = _problem(30, 4, 1.0)
     shown = problem.exact()
-    told, choice = shown.certificate, (problem.lo < problem.hi)[:, 0]
+    certificate, choice = shown.certificate, (problem.lo < problem.hi)[:, 0]
     at_lo, at_hi = ((shown.direct == limit)[:, 0] & choice for limit in (problem.lo, problem.hi))
-    assert told.flux_in[0] == pytest.approx(problem.area @ problem.target[:, 0])
-    assert told.flux_out[0] == pytest.approx(problem.area @ shown.direct[:, 0])
-    assert told.share_lo[0] == pytest.approx(problem.area[at_lo].sum() / problem.area[choice].sum())
-    assert told.share_hi[0] == pytest.approx(problem.area[at_hi].sum() / problem.area[choice].sum())
+    assert certificate.flux_in[0] == pytest.approx(problem.area @ problem.target[:, 0])
+    assert certificate.flux_out[0] == pytest.approx(problem.area @ shown.direct[:, 0])
+    assert certificate.share_lo[0] == pytest.approx(
+        problem.area[at_lo].sum() / problem.area[choice].sum()
+    )
+    assert certificate.share_hi[0] == pytest.approx(
+        problem.area[at_hi].sum() / problem.area[choice].sum()
+    )
 
 
 def test_the_certificate_sees_light_that_is_wrong(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,4 +1,4 @@
-"""Roots by few looks, on equations whose roots are known."""
+"""Roots in few evaluations, of equations whose roots are known."""
 
 from collections.abc import Callable
 
@@ -26,7 +26,7 @@ def start() -> Root:
 
 @pytest.mark.parametrize("slope", [-1.3, -0.8])
 def test_the_last_pictures_slope_is_not_trusted_across_a_cut(slope: float) -> None:
-    """Nearly the same root, other limits: the step must be looked at before it counts."""
+    """Nearly the same root, other limits: the step must be evaluated before it is taken."""
     root = start()
     for place in (1.0, 1.001, 1.0, 1.001):
         root.follow(falling(place, -1.002), known(-1.002), 1e-5)

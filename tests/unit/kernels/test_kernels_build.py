@@ -51,7 +51,7 @@ def test_sanitizers_find_nothing(tmp_path: Path) -> None:
     flags += ["-fno-math-errno", "-fno-trapping-math", "-ffp-contract=fast", "-Wno-unknown-pragmas"]
     built = _run([COMPILER, *SANITIZE, *flags, *map(str, files), "-o", str(program), "-lm"])
     assert built.returncode == 0, built.stderr
-    # OpenMP keeps its threads to the end: leaks are not looked for
+    # OpenMP keeps its threads to the end, so leaks are not checked
     ran = _run([str(program)], ASAN_OPTIONS="detect_leaks=0", UBSAN_OPTIONS="print_stacktrace=1")
     assert ran.returncode == 0, ran.stderr
     assert "level 2 clean" in ran.stdout

@@ -252,7 +252,7 @@ class TestAgainstTheReference:
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("size", [64])
 def test_encoding_is_within_a_tenth_of_a_step(level: str, size: int, name: str) -> None:
-    """Where nothing bounces, codes come back as themselves under any threshold."""
+    """Without scattered light codes come back as themselves under any threshold."""
     dome = replace(
         model(size, size, 1), spread=np.zeros((size, size, 3), np.float32),
         lo=np.zeros((size, size, 3), np.float32),

@@ -94,13 +94,13 @@ def test_asking_for_numpy_is_not_worth_a_warning(
 
 @pytest.mark.parametrize("name", kernels.available())
 def test_the_environment_forces_a_level(name: str) -> None:
-    told = _python("from procam import kernels; print(kernels.active())", PROCAM_KERNELS=name)
-    assert told.stdout.strip() == name
+    ran = _python("from procam import kernels; print(kernels.active())", PROCAM_KERNELS=name)
+    assert ran.stdout.strip() == name
 
 
 def test_a_wrong_level_in_the_environment_is_named() -> None:
-    told = _python("from procam import kernels; kernels.active()", PROCAM_KERNELS="fast")
-    assert "kernel level (PROCAM_KERNELS): 'fast' is unknown" in told.stderr
+    ran = _python("from procam import kernels; kernels.active()", PROCAM_KERNELS="fast")
+    assert "kernel level (PROCAM_KERNELS): 'fast' is unknown" in ran.stderr
 
 
 def test_a_library_of_another_interface_is_not_used(tmp_path: Path) -> None:
@@ -115,8 +115,8 @@ def test_import_is_light_and_leaves_the_environment_alone() -> None:
         "heavy = {'scipy', 'cv2', 'numba', 'colour'} & set(sys.modules);"
         "assert not heavy and before == dict(os.environ), heavy"
     )
-    told = _python(code)
-    assert told.returncode == 0, told.stderr
+    ran = _python(code)
+    assert ran.returncode == 0, ran.stderr
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="this system has no fork")
@@ -131,5 +131,5 @@ def test_a_fork_works_on_alone() -> None:
         "if not child: os._exit(7)\n"
         "sys.exit(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))\n"
     )
-    told = _python(code, PYTHONWARNINGS="ignore")
-    assert told.returncode == 7, told.stderr
+    ran = _python(code, PYTHONWARNINGS="ignore")
+    assert ran.returncode == 7, ran.stderr

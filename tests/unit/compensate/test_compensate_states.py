@@ -1,4 +1,4 @@
-"""The compensator in a state of the house, against light solved patch by patch.
+"""The compensator in a venue state, against light solved patch by patch.
 
 The room: a sphere's cap, in which every patch lights every other with a_j / 4 pi (paper eq. 7), a dense
 matrix here. Its lit part is what the calibration knows; the rim below reflects and is never lit. People
@@ -35,7 +35,7 @@ class Room:
     rim: float
 
     def total(self, first: np.ndarray) -> np.ndarray:
-        """Light (N, C) after all bounces of what patches send out first (N, C)."""
+        """Light (N, C) after all bounces, of the light that patches emit first (N, C)."""
         albedo = np.where(self.lit, ALBEDO, self.rim)
         system = np.eye(len(albedo)) - albedo[:, None] * self.solid[None, :] / (4 * np.pi)
         return np.linalg.solve(system, first)
@@ -51,7 +51,7 @@ def _room(rim: float) -> Room:
 
 
 def _lamps() -> np.ndarray:
-    """What lamps at the rim bring to the screen and the rim before any bounce (N, 3)."""
+    """Irradiance by lamps at the rim on the screen and the rim before any bounce (N, 3)."""
     direction, inside = master_directions(SIZE)
     near = np.exp(-6 * direction[inside][:, 2]) * (1 + 0.5 * direction[inside][:, 1])
     return near[:, None] * np.array([0.10, 0.06, 0.02])
@@ -84,9 +84,9 @@ def known(make_calibration: Callable[..., Calibration]) -> Calibration:
 def _scatter_per_flux(room: Room) -> float:
     first = np.zeros((len(room.solid), 1))
     first[room.lit] = 1.0
-    bounced = (room.total(first) - first)[room.lit, 0]
-    assert np.ptp(bounced) < 1e-9  # on a sphere all get alike
-    return float(bounced[0] / room.solid[room.lit].sum())
+    scattered = (room.total(first) - first)[room.lit, 0]
+    assert np.ptp(scattered) < 1e-9  # on a sphere all get alike
+    return float(scattered[0] / room.solid[room.lit].sum())
 
 
 @pytest.fixture
@@ -114,8 +114,8 @@ class TestExact:
         for method in ("exact", "none"):
             found = Compensator(known, SIZE, method, "full").solve(content)  # type: ignore[arg-type]
             seen = room.total(room.patches(found.direct) + _lamps())
-            told = room.patches(found.observed)
-            np.testing.assert_allclose(told[room.lit], seen[room.lit], atol=EXACT)
+            observed = room.patches(found.observed)
+            np.testing.assert_allclose(observed[room.lit], seen[room.lit], atol=EXACT)
 
     def test_without_the_state_the_picture_is_too_bright(
         self, known: Calibration, content: np.ndarray
