@@ -9,7 +9,7 @@ JOBS ?= 2
 .PHONY: demo test check docs bench studies lock clean
 .DEFAULT_GOAL := demo
 
-$(READY): requirements.lock pyproject.toml $(wildcard procam/kernels/c/*)
+$(READY): requirements.lock pyproject.toml $(wildcard procam/kernels/*/*.[ch])
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "procam needs Python >= 3.11, got %s.%s; try: make PYTHON=python3.11" % sys.version_info[:2])'
 	$(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --requirement requirements.lock

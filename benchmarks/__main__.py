@@ -17,7 +17,6 @@ HERE = Path(__file__).parent
 BENCHES: tuple[Callable[[], Report], ...] = (
     solve.bench,
     gray.bench,
-    phase.bench_steps,
     lambda: phase.bench_search(4),
     lambda: phase.bench_search(5),
     phase.bench_growth,
@@ -25,8 +24,8 @@ BENCHES: tuple[Callable[[], Report], ...] = (
     bundle.bench,
     bundle.bench_growth,
     warp.bench,
-    frame.bench_codes,
-    frame.bench_large,
+    lambda: frame.bench_codes(4096),
+    lambda: frame.bench_codes(8192),
     frame.bench_light,
     start.bench,
 )

@@ -15,7 +15,7 @@ from typing import Any
 __version__ = "0.1.0"
 
 _MODULES = {
-    "compensate.exact": ("Compensator",),
+    "compensate.compensator": ("Compensator",),
     "compensate.projector_frames": ("Warper",),
     "errors": ("CalibrationError", "DeviceError", "InputError", "ProcamError"),
     "files.calibration": ("load_calibration", "save_calibration"),

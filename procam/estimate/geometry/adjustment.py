@@ -22,7 +22,7 @@ from procam.estimate.geometry.model import (
     shape_derivatives,
 )
 from procam.estimate.geometry.start import ProjectorPrior
-from procam.kernels import Relief
+from procam.kernels import ShapeDerivatives
 from procam.maths.geometry.lenses import unproject
 from procam.maths.geometry.ray_to_screen import RoundShape
 from procam.model.optics import CameraModel, Distance, Fiducial
@@ -78,7 +78,7 @@ def scores(
     pair: Pair,
     seen: Observations,
     ray: Array | None = None,
-    relief: Relief | None = None,
+    relief: ShapeDerivatives | None = None,
 ) -> Array:
     """Length (N,) of the residuals in their standard errors; infinite where there is no answer."""
     error = np.linalg.norm(residuals(rig, pair, seen, ray, relief), axis=1) / seen.sigma_px
@@ -90,7 +90,7 @@ def systematic_ratio(
     pair: Pair,
     seen: Observations,
     ray: Array | None = None,
-    relief: Relief | None = None,
+    relief: ShapeDerivatives | None = None,
 ) -> float:
     """By how much means over cells of the panel exceed their standard errors; never less than 1.
 
@@ -201,7 +201,7 @@ class Adjustment:
 
     def _look(self, rig: RigGeometry) -> None:
         """Evaluate the screen's harmonics where the rays of a rig meet it; near by they go on."""
-        self.reliefs: dict[Pair, Relief | None] = {}
+        self.reliefs: dict[Pair, ShapeDerivatives | None] = {}
         for pair, some in self.seen.items():
             ray = self.rays.get(pair)
             if ray is None and not rig.shape.exact:

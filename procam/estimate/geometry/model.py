@@ -11,8 +11,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.kernels import Device, Relief, Sight, bundle_equations, bundle_misses
-from procam.kernels.reference_bundle import bundle_rows, rays_sent
+from procam.kernels import (
+    ObservationBlock,
+    PlacedDevice,
+    ShapeDerivatives,
+    bundle_equations,
+    bundle_residuals,
+)
+from procam.kernels.bundle.reference import bundle_rows, rays_sent
 from procam.maths.geometry.lens_derivatives import lens_parameters
 from procam.maths.geometry.lenses import Lens, unproject
 from procam.maths.geometry.pose import Pose, rotation_matrix
@@ -149,7 +155,7 @@ def points_seen(rig: RigGeometry, camera: str, camera_px: Array) -> Array:
     return rig.shape.meet(*camera_rays(model, unproject(camera_px, model.lens)))
 
 
-def shape_derivatives(rig: RigGeometry, camera: str, ray: Array) -> Relief | None:
+def shape_derivatives(rig: RigGeometry, camera: str, ray: Array) -> ShapeDerivatives | None:
     """The screen's harmonics where a camera's rays (N, 3) meet it; None for an exact sphere.
 
     What the functions below take from here need not be of quite the same rig: see `RoundShape.relief`.
@@ -164,7 +170,7 @@ def residuals(
     pair: Pair,
     seen: Observations,
     ray: Array | None = None,
-    relief: Relief | None = None,
+    relief: ShapeDerivatives | None = None,
 ) -> Array:
     """Projector pixels (N, 2) that the rig predicts minus those that were seen.
 
@@ -172,7 +178,7 @@ def residuals(
     that of the screen where they meet it, as well.
     """
     ray, relief = _known(rig, pair, seen, ray, relief)
-    return bundle_misses(_sight(rig, pair), ray, seen.projector_px, relief)
+    return bundle_residuals(_sight(rig, pair), ray, seen.projector_px, relief)
 
 
 def residual_slopes(
@@ -180,7 +186,7 @@ def residual_slopes(
     pair: Pair,
     seen: Observations,
     ray: Array | None = None,
-    relief: Relief | None = None,
+    relief: ShapeDerivatives | None = None,
 ) -> tuple[Array, Array]:
     """Residuals (N, 2) and their slopes (N, 2, K) by the parameters `ParameterLayout.columns(pair)`.
 
@@ -197,7 +203,7 @@ def normal_equations(
     weight: Mapping[Pair, Array],
     free: NDArray[np.bool_],
     rays: Mapping[Pair, Array],
-    reliefs: Mapping[Pair, Relief | None] | None = None,
+    reliefs: Mapping[Pair, ShapeDerivatives | None] | None = None,
 ) -> tuple[Array, Array]:
     """Normal matrix (P, P) and gradient (P,) of the weighted squares of all residuals.
 
@@ -220,18 +226,22 @@ def normal_equations(
 
 
 def _known(
-    rig: RigGeometry, pair: Pair, seen: Observations, ray: Array | None, relief: Relief | None
-) -> tuple[Array, Relief | None]:
+    rig: RigGeometry,
+    pair: Pair,
+    seen: Observations,
+    ray: Array | None,
+    relief: ShapeDerivatives | None,
+) -> tuple[Array, ShapeDerivatives | None]:
     """Rays and relief of a camera's pixels, made where they are not given."""
     ray = unproject(seen.camera_px, rig.cameras[pair[0]].lens) if ray is None else ray
     return ray, shape_derivatives(rig, pair[0], ray) if relief is None else relief
 
 
-def _sight(rig: RigGeometry, pair: Pair) -> Sight:
+def _sight(rig: RigGeometry, pair: Pair) -> ObservationBlock:
     """A camera and a projector as the kernels take them."""
     camera, projector = rig.cameras[pair[0]], rig.projectors[pair[1]]
     assert camera.camera_from_dome is not None
-    return Sight(
+    return ObservationBlock(
         device_of(camera.camera_from_dome, camera.lens, camera.pupil),
         device_of(projector.projector_from_dome, projector.lens, np.zeros(PUPIL)),
         rig.shape.radius_m,
@@ -239,6 +249,6 @@ def _sight(rig: RigGeometry, pair: Pair) -> Sight:
     )
 
 
-def device_of(pose: Pose, lens: Lens, pupil: Array) -> Device:
+def device_of(pose: Pose, lens: Lens, pupil: Array) -> PlacedDevice:
     """A camera or projector as the kernels take it."""
-    return Device(pose.rotation, pose.translation, lens.kind, lens_parameters(lens), pupil)
+    return PlacedDevice(pose.rotation, pose.translation, lens.kind, lens_parameters(lens), pupil)

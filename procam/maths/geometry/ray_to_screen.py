@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.kernels import Relief
-from procam.kernels.reference_bundle import Hit, on_screen
+from procam.kernels import ShapeDerivatives
+from procam.kernels.bundle.reference import Hit, on_screen
 from procam.maths.geometry.harmonics import harmonic_count, harmonics
 from procam.maths.geometry.sphere import intersect_sphere
 
@@ -43,7 +43,7 @@ class RoundShape:
         """Distance (N,) [m] from the centre in unit directions (N, 3)."""
         return self.radius_m * (1 + self.waves(direction)[0] @ self.bumps)
 
-    def relief(self, origin: Array, direction: Array) -> Relief | None:
+    def relief(self, origin: Array, direction: Array) -> ShapeDerivatives | None:
         """Harmonics where rays (N, 3) from inside meet the sphere; None if it is exact.
 
         They go on as their tangents do: `meet` and `hit` may be given those of rays 1e-3 rad off,
@@ -53,13 +53,15 @@ class RoundShape:
         if self.exact:
             return None
         start = intersect_sphere(origin, direction, self.radius_m) / self.radius_m
-        return Relief(start, *self.waves(start))
+        return ShapeDerivatives(start, *self.waves(start))
 
-    def meet(self, origin: Array, direction: Array, relief: Relief | None = None) -> Array:
+    def meet(
+        self, origin: Array, direction: Array, relief: ShapeDerivatives | None = None
+    ) -> Array:
         """Points (N, 3) [m] where rays from inside meet the surface; NaN if they miss."""
         return self.hit(origin, direction, relief)[0]
 
-    def hit(self, origin: Array, direction: Array, relief: Relief | None = None) -> Hit:
+    def hit(self, origin: Array, direction: Array, relief: ShapeDerivatives | None = None) -> Hit:
         """Where rays meet the surface; its relief is taken where they meet the sphere unless given."""
         relief = self.relief(origin, direction) if relief is None else relief
         return on_screen(origin, direction, self.radius_m, self.bumps, relief)
