@@ -9,7 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from benchmarks import areas, bundle, frame, gray, phase, solve, start, warp
+from benchmarks import areas, bundle, demo, frame, gray, phase, solve, start, warp
 from benchmarks.measure import Goal, Report, as_json
 from procam import kernels
 
@@ -28,6 +28,7 @@ BENCHES: tuple[Callable[[], Report], ...] = (
     lambda: frame.bench_codes(8192),
     frame.bench_light,
     start.bench,
+    demo.bench,
 )
 
 
