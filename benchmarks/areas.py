@@ -8,8 +8,8 @@ from benchmarks import floor
 from benchmarks.measure import Goal, Report, at_least, at_most, interleaved
 from procam import kernels
 from procam.kernels.native.arrays import planes
-from procam.maths.areas import panel_solid_angles
-from procam.maths.sphere import grid_solid_angles, intersect_sphere, normalise
+from procam.maths.geometry.areas import panel_solid_angles
+from procam.maths.geometry.sphere import grid_solid_angles, intersect_sphere, normalise
 
 SIZE = (3840, 2160)
 LARGEST = (7680, 4320)

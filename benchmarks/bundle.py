@@ -9,21 +9,22 @@ from scipy.optimize import OptimizeResult, least_squares
 
 from benchmarks.measure import Goal, Report, interleaved
 from procam import kernels
-from procam.estimate.bundle import (
-    Layout,
+from procam.estimate.geometry.adjustment import RigProblem
+from procam.estimate.geometry.model import (
     Observations,
     Pair,
-    Rig,
+    ParameterLayout,
+    RigGeometry,
     normal_equations,
     residual_slopes,
     residuals,
 )
-from procam.estimate.bundle_start import Hung
-from procam.estimate.geometry import Problem, solve_geometry
-from procam.maths.lenses import Lens, project, unproject
-from procam.maths.pose import Pose, rotation_matrix
-from procam.maths.ray_to_screen import RoundShape
-from procam.maths.sphere import direction_from_angles
+from procam.estimate.geometry.solve import solve_geometry
+from procam.estimate.geometry.start import ProjectorPrior
+from procam.maths.geometry.lenses import Lens, project, unproject
+from procam.maths.geometry.pose import Pose, rotation_matrix
+from procam.maths.geometry.ray_to_screen import RoundShape
+from procam.maths.geometry.sphere import direction_from_angles
 from procam.model.optics import CameraModel, Fiducial, ProjectorModel, Sensor
 
 SEED = 20240611
@@ -66,7 +67,7 @@ def camera(name: str, rng: np.random.Generator) -> CameraModel:
     return CameraModel(name, CAMERA_SIZE, lens, sensor, Pose(rotation, -rotation @ place))
 
 
-def sightings(rig: Rig, pair: Pair, count: int, rng: np.random.Generator) -> Observations:
+def sightings(rig: RigGeometry, pair: Pair, count: int, rng: np.random.Generator) -> Observations:
     """`count` places of a panel as a camera sees them, good to SIGMA_PX."""
     eye, source = rig.cameras[pair[0]], rig.projectors[pair[1]]
     pixel = rng.uniform(0, SIZE, (4 * count, 2))
@@ -82,18 +83,18 @@ def sightings(rig: Rig, pair: Pair, count: int, rng: np.random.Generator) -> Obs
 
 def rig_and_sightings(
     projectors: int, cameras: int, observations: int
-) -> tuple[Rig, dict[Pair, Observations]]:
+) -> tuple[RigGeometry, dict[Pair, Observations]]:
     """A rig and what its cameras see, the same each time; every camera sees every projector."""
     rng = np.random.default_rng(SEED)
     hung = {f"p{i}": projector(f"p{i}", 2 * np.pi * i / projectors, rng) for i in range(projectors)}
     placed = {f"c{i}": camera(f"c{i}", rng) for i in range(cameras)}
-    rig = Rig(RoundShape(RADIUS_M), placed, hung)
+    rig = RigGeometry(RoundShape(RADIUS_M), placed, hung)
     each = observations // (projectors * cameras)
     seen = {(c, p): sightings(rig, (c, p), each, rng) for c in placed for p in hung}
     return rig, seen
 
 
-def problem(rig: Rig, seen: Mapping[Pair, Observations], intrinsics: str) -> Problem:
+def problem(rig: RigGeometry, seen: Mapping[Pair, Observations], intrinsics: str) -> RigProblem:
     """The rig before it is solved: no poses, lenses of the projectors unknown, three marks known."""
     eye = rig.cameras["c0"]
     assert eye.camera_from_dome is not None
@@ -102,10 +103,10 @@ def problem(rig: Rig, seen: Mapping[Pair, Observations], intrinsics: str) -> Pro
         point = RADIUS_M * direction_from_angles(azimuth, elevation)
         pixel = project(eye.camera_from_dome.apply(point), eye.lens)
         marks.append(Fiducial(name, azimuth, elevation, 1e-4, "c0", pixel))
-    return Problem(
+    return RigProblem(
         shape=rig.shape,
         cameras={n: replace(c, camera_from_dome=None) for n, c in rig.cameras.items()},
-        hung={n: Hung(n, p.size) for n, p in rig.projectors.items()},
+        hung={n: ProjectorPrior(n, p.size) for n, p in rig.projectors.items()},
         observations=seen,
         intrinsics=dict.fromkeys(rig.cameras, intrinsics),
         fiducials=marks,
@@ -115,8 +116,10 @@ def problem(rig: Rig, seen: Mapping[Pair, Observations], intrinsics: str) -> Pro
 class Rounds:
     """The rounds of a solve, all parameters free but the radius and, if so, the cameras' lenses."""
 
-    def __init__(self, rig: Rig, seen: Mapping[Pair, Observations], lenses_fixed: bool) -> None:
-        self.rig, self.seen, layout = rig, seen, Layout.of(rig)
+    def __init__(
+        self, rig: RigGeometry, seen: Mapping[Pair, Observations], lenses_fixed: bool
+    ) -> None:
+        self.rig, self.seen, layout = rig, seen, ParameterLayout.of(rig)
         self.weight = {pair: 1 / some.sigma_px**2 for pair, some in seen.items()}
         lens = {pair: rig.cameras[pair[0]].lens for pair in seen}
         rays = {pair: unproject(some.camera_px, lens[pair]) for pair, some in seen.items()}
@@ -136,11 +139,11 @@ class Rounds:
 
     def scipy(self) -> OptimizeResult:
         """From nearby, by the same residuals and slopes as one dense Jacobian."""
-        layout = Layout.of(self.rig)
+        layout = ParameterLayout.of(self.rig)
         rng = np.random.default_rng(SEED)
         x = START * rng.normal(size=int(self.free.sum()))
 
-        def rig_at(x: np.ndarray) -> Rig:
+        def rig_at(x: np.ndarray) -> RigGeometry:
             step = np.zeros(layout.count)
             step[self.free] = x
             return self.rig.moved(step)

@@ -15,10 +15,10 @@ from procam.compensate.fields import Fields
 from procam.kernels.frame import FrameModel
 from procam.kernels.frame.coding import Coding
 from procam.kernels.native.arrays import aligned_like
-from procam.maths.dither import threshold_tile
-from procam.maths.scatter_kernel import basis
-from procam.maths.sphere import master_directions, master_solid_angles
-from procam.maths.transfer import transfer
+from procam.maths.codes.dither import threshold_tile
+from procam.maths.geometry.sphere import master_directions, master_solid_angles
+from procam.maths.light.scatter_kernel import basis
+from procam.maths.light.transfer import transfer
 
 NODES = 1024
 STRIP = 0.1  # unlit share of the half sphere, along its rim

@@ -7,7 +7,7 @@ import numpy as np
 
 from benchmarks import floor
 from benchmarks.measure import Goal, Report, at_least, interleaved
-from procam.maths.gray import encode_gray, fold_pair
+from procam.maths.codes.gray import encode_gray, fold_pair
 
 SHAPE = (2160, 3840)
 BITS = 11

@@ -3,8 +3,8 @@
 import numpy as np
 
 from benchmarks.measure import Report, at_least, interleaved
-from procam.maths.box_solver import solve_flux
-from procam.maths.sphere import master_solid_angles
+from procam.maths.geometry.sphere import master_solid_angles
+from procam.maths.light.box_solver import solve_flux
 
 
 def bench() -> Report:

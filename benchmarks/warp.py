@@ -9,7 +9,7 @@ from benchmarks import floor
 from benchmarks.measure import Goal, Report, at_least, at_most, interleaved
 from procam import kernels
 from procam.kernels.warp.reference import KNOTS
-from procam.maths.curves import srgb_decode
+from procam.maths.light.curves import srgb_decode
 
 MASTER = 4096
 SHAPE = (2160, 3840)

@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.maths.lenses import unproject
-from procam.maths.sphere import grid_solid_angles, normalise
+from procam.maths.geometry.lenses import unproject
+from procam.maths.geometry.sphere import grid_solid_angles, normalise
 from simulators.presets import Preset
 from simulators.rig import ProjectorBuild
 from simulators.surface import Surface

@@ -15,7 +15,7 @@ from scipy.sparse import csr_array
 from scipy.stats import qmc
 
 from procam.errors import ShapeError, UnitError
-from procam.maths.sphere import normalise
+from procam.maths.geometry.sphere import normalise
 from simulators.mitsuba_scene import CHANNELS, GlowingMesh
 
 Array = NDArray[np.float64]

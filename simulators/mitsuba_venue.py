@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.maths.sphere import normalise
+from procam.maths.geometry.sphere import normalise
 from simulators import transport
 from simulators.mitsuba_paths import PatchedMesh, scattered_irradiance
 from simulators.surface import GORES, Surface

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procam.errors import InputError
-from procam.maths.lenses import Lens
-from procam.maths.pose import Pose
-from procam.maths.sphere import direction_from_angles
+from procam.maths.geometry.lenses import Lens
+from procam.maths.geometry.pose import Pose
+from procam.maths.geometry.sphere import direction_from_angles
 
 Array = NDArray[np.float64]
 PROJECTOR_NAMES = ("south", "north", "east", "west", "aft", "fore")

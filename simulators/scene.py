@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procam.errors import InputError
-from procam.maths.lenses import unproject
+from procam.maths.geometry.lenses import unproject
 from procam.model.frame import CameraSettings
 from simulators.clock import SceneClock
 from simulators.light import ProjectorLight

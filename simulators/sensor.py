@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from procam.errors import UnitError
-from procam.maths.lenses import unproject
+from procam.maths.geometry.lenses import unproject
 from simulators.presets import white_exposure_s
 from simulators.rig import CameraBuild
 from simulators.scene import GREEN, DomeScene, camera_circle

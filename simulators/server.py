@@ -13,8 +13,13 @@ from numpy.typing import NDArray
 
 from procam.devices.protocols import Shown
 from procam.errors import ShapeError, UnitError
-from procam.maths.lenses import project
-from procam.maths.sphere import master_directions, master_pixels, master_solid_angles, normalise
+from procam.maths.geometry.lenses import project
+from procam.maths.geometry.sphere import (
+    master_directions,
+    master_pixels,
+    master_solid_angles,
+    normalise,
+)
 from simulators.light import ProjectorLight
 from simulators.projector_state import ProjectorState
 from simulators.scene import DomeScene

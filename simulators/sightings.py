@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.maths.lenses import project, unproject
-from procam.maths.pose import Pose, rotation_matrix
+from procam.maths.geometry.lenses import project, unproject
+from procam.maths.geometry.pose import Pose, rotation_matrix
 from simulators.rig import CameraBuild, ProjectorBuild
 from simulators.surface import Surface
 

@@ -17,7 +17,7 @@ from simulators.sensor import Sensor
 Image = NDArray[np.float32]
 
 
-class Bench:
+class PhotographBench:
     """One projector of a scene before one camera; all other projectors are shuttered.
 
     Parameters

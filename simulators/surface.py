@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import sph_harm_y
 
-from procam.maths.sphere import angles_from_direction, intersect_sphere
+from procam.maths.geometry.sphere import angles_from_direction, intersect_sphere
 from simulators.presets import Preset
 
 Array = NDArray[np.float64]

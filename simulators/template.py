@@ -8,8 +8,8 @@ from typing import Unpack
 
 import numpy as np
 
-from procam.maths.lenses import project
-from procam.maths.sphere import direction_from_angles
+from procam.maths.geometry.lenses import project
+from procam.maths.geometry.sphere import direction_from_angles
 from simulators.presets import PRESETS, Overrides, Preset, PresetName, white_exposure_s
 from simulators.rig import CameraBuild, hang_projectors, set_up_cameras
 from simulators.scene import SceneSize

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
-from procam.maths.sphere import angles_from_direction
+from procam.maths.geometry.sphere import angles_from_direction
 from simulators.presets import Preset
 from simulators.surface import Surface
 

@@ -12,7 +12,7 @@ import numpy as np
 import OpenImageIO as oiio
 from numpy.typing import NDArray
 
-from procam.maths.sphere import master_directions, master_solid_angles
+from procam.maths.geometry.sphere import master_directions, master_solid_angles
 from simulators.backend import build_scene, build_server
 from simulators.light import ProjectorLight
 from simulators.mitsuba_venue import PathTracedRoom

@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.maths.lenses import project
-from procam.maths.sphere import normalise
+from procam.maths.geometry.lenses import project
+from procam.maths.geometry.sphere import normalise
 from simulators.light import ProjectorLight
 from simulators.transport import Deck, Room
 

@@ -11,10 +11,10 @@ from typing import NamedTuple
 import numpy as np
 
 from procam.errors import ProcamError
-from procam.estimate.codes import CODES, Code
+from procam.estimate.structured_light.codes import CODES, Code
 from simulators.presets import STANDARD
 from simulators.scene import DomeScene, SceneSize
-from simulators.study import Bench
+from simulators.study import PhotographBench
 from studies.measure import Misses, Shots, rms, write
 
 # Half a full panel with the waves of a full one, so that blur, stripes and periods are to scale.
@@ -50,7 +50,7 @@ def code_of(name: str, size: tuple[int, int] = PANEL) -> Code:
 
 def rows_of(scene: DomeScene, condition: Condition, seed: int) -> list[Row]:
     """All codes and SNRs under one condition."""
-    bench = Bench(scene.altered(**condition._asdict()), "south")
+    bench = PhotographBench(scene.altered(**condition._asdict()), "south")
     rows = []
     for name in CODES:
         shots = Shots(bench, code_of(name, scene.size.projector_size))

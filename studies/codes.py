@@ -8,11 +8,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from procam.estimate.codes import AXES, DEFAULT_CODE, make_code
-from procam.estimate.decode import Decoded
+from procam.estimate.structured_light.codes import AXES, DEFAULT_CODE, make_code
+from procam.estimate.structured_light.decode import Decoded
 from simulators.presets import STANDARD
 from simulators.scene import DomeScene, SceneSize
-from simulators.study import Bench
+from simulators.study import PhotographBench
 from studies.measure import Misses, Shots, patch_errors, rms, smallest_sigma, write
 
 SEEDS = (1, 2, 3)
@@ -47,7 +47,7 @@ GOALS: dict[str, tuple[str, tuple[str, float] | None, tuple[str, float] | None]]
 def shoot(size: SceneSize = SIZE, name: str = DEFAULT_CODE, projector: str = "south") -> Shots:
     """The code's pictures on the standard preset under the study's condition."""
     scene = DomeScene(STANDARD.altered(**CONDITION), size, 1)
-    return Shots(Bench(scene, projector), make_code(name, size.projector_size))
+    return Shots(PhotographBench(scene, projector), make_code(name, size.projector_size))
 
 
 def figures_of(shots: Shots, decoded: Decoded) -> dict[str, float]:

@@ -20,16 +20,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procam.files.calibration import load_calibration
-from procam.files.images import RGB, write_channels
-from procam.files.venue import load_venue
+from procam.files.images.images import RGB, write_channels
+from procam.files.venue.load import load_venue
 from procam.interfaces.judge import judge_pictures
-from procam.maths.sphere import master_directions, normalise
+from procam.maths.geometry.sphere import master_directions, normalise
 from procam.maths.warp import block_mean
 from procam.model.calibration import Calibration
-from procam.workflows.bake import keep_pictures, read_frames
-from procam.workflows.calibrate import solve
-from procam.workflows.capture import capture, prepare_session
-from procam.workflows.pictures import CONTENTS
+from procam.workflows.capture.capture import capture, prepare_session
+from procam.workflows.refine.shown import keep_pictures, read_frames
+from procam.workflows.sample_content import CONTENTS
+from procam.workflows.solve.calibrate import solve
 from procam.workflows.venue_rig import open_rig
 from simulators.backend import build_scene
 from simulators.presets import PresetName

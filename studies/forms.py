@@ -6,15 +6,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.estimate.scatter import CELLS, Lighting, cell_basis, fit_scatter
-from procam.maths.radiosity import (
+from procam.estimate.light.scatter_kernel import CELLS, ScatterSample, cell_basis, fit_scatter
+from procam.maths.geometry.sphere import direction_from_angles, master_pixels
+from procam.maths.light.radiosity import (
     add_interreflection,
     add_interreflection_paper,
     add_zoned_interreflection,
     sphere_scatter,
 )
-from procam.maths.scatter_kernel import basis, moments, predicted_ratio
-from procam.maths.sphere import direction_from_angles, master_pixels
+from procam.maths.light.scatter_kernel import basis, moments, predicted_ratio
 from simulators.transport import DOME_RINGS, DOME_SECTORS
 
 Array = NDArray[np.float64]
@@ -112,13 +112,13 @@ def _together(pictures: Sequence[Picture]) -> Picture:
     return Picture("together", direct, scattered, np.zeros_like(scattered))
 
 
-def _lighting(dome: Dome, picture: Picture, dark: NDArray[np.bool_]) -> Lighting:
+def _lighting(dome: Dome, picture: Picture, dark: NDArray[np.bool_]) -> ScatterSample:
     """A picture as a camera sees it: bounced light where nothing else is."""
     seen = _in_cells(np.where(dark[:, None], picture.scattered, np.nan))
     flux = picture.direct[:, 0] * dome.solid_angle_sr
     direct = np.bincount(_cell(), flux, CELLS**2)[:, None]
     pixels = np.isfinite(seen[:, 0]) * np.bincount(_cell(), minlength=CELLS**2)
-    return Lighting(seen, pixels.astype(float), direct)
+    return ScatterSample(seen, pixels.astype(float), direct)
 
 
 def _in_cells(values: Array) -> Array:

@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procam.errors import InputError
-from procam.maths.form_factors import form_factors
-from procam.maths.mesh_radiosity import add_bounces
-from procam.maths.radiosity import floor_return
-from procam.maths.sphere import cap_solid_angle, direction_from_angles
+from procam.maths.geometry.sphere import cap_solid_angle, direction_from_angles
+from procam.maths.light.radiosity import floor_return
+from procam.maths.mesh.form_factors import form_factors
+from procam.maths.mesh.radiosity import add_bounces
 from simulators.mitsuba_paths import scattered_irradiance
 from simulators.mitsuba_scene import load_mitsuba
 from simulators.mitsuba_venue import room_mesh, scattered_radiosity

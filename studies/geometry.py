@@ -15,14 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procam.errors import ProcamError
-from procam.estimate.adjustment import Problem
-from procam.estimate.bundle import Observations
-from procam.estimate.bundle_start import Hung
-from procam.estimate.geometry import GeometrySolution, solve_geometry
-from procam.estimate.landing import ARCMIN, Landing, measure_landing
-from procam.maths.lenses import project
-from procam.maths.ray_to_screen import RoundShape
-from procam.maths.sphere import angle_between, direction_from_angles, normalise
+from procam.estimate.geometry.adjustment import RigProblem
+from procam.estimate.geometry.model import Observations
+from procam.estimate.geometry.pixel_directions import ARCMIN, PixelDirections, fit_pixel_directions
+from procam.estimate.geometry.solve import GeometrySolution, solve_geometry
+from procam.estimate.geometry.start import ProjectorPrior
+from procam.maths.geometry.lenses import project
+from procam.maths.geometry.ray_to_screen import RoundShape
+from procam.maths.geometry.sphere import angle_between, direction_from_angles, normalise
 from procam.model.optics import CameraModel, Fiducial, Sensor
 from simulators.presets import REALISTIC, STANDARD, Preset
 from simulators.rig import CameraBuild, ProjectorBuild, hang_projectors, set_up_cameras
@@ -94,7 +94,7 @@ def run(case: Case, seed: int) -> dict[str, float | str]:
     except ProcamError as error:
         return {"failed": str(error)}
     seconds = time.perf_counter() - started
-    landings = {b.name: measure_landing(found, b.name) for b in dome.projectors}
+    landings = {b.name: fit_pixel_directions(found, b.name) for b in dome.projectors}
     error, sigma = _directions(dome, landings)
     return {
         "rms_arcmin": float(np.sqrt(np.mean(error**2))),
@@ -108,7 +108,7 @@ def run(case: Case, seed: int) -> dict[str, float | str]:
     }
 
 
-def _problem(dome: Dome, patch_px: int, rng: np.random.Generator) -> Problem:
+def _problem(dome: Dome, patch_px: int, rng: np.random.Generator) -> RigProblem:
     seen = {}
     for camera in dome.cameras:
         for build in dome.projectors:
@@ -116,10 +116,10 @@ def _problem(dome: Dome, patch_px: int, rng: np.random.Generator) -> Problem:
             sigma = np.full(len(pixels[0]), SIGMA_PX)
             seen[camera.name, build.name] = Observations(*pixels, sigma)
     cameras = {c.name: CameraModel(c.name, c.size, c.lens, Sensor(12, 64.0)) for c in dome.cameras}
-    return Problem(
+    return RigProblem(
         RoundShape(RADIUS_M),
         cameras,
-        {b.name: Hung(b.name, b.size) for b in dome.projectors},
+        {b.name: ProjectorPrior(b.name, b.size) for b in dome.projectors},
         seen,
         dict.fromkeys(cameras, "fixed"),
         _fiducials(dome, rng),
@@ -138,7 +138,7 @@ def _fiducials(dome: Dome, rng: np.random.Generator) -> list[Fiducial]:
     return marks
 
 
-def _directions(dome: Dome, landings: dict[str, Landing]) -> tuple[Array, Array]:
+def _directions(dome: Dome, landings: dict[str, PixelDirections]) -> tuple[Array, Array]:
     """Errors of all lit pixels, thinned, and what was told of them [arcmin]."""
     errors, sigmas = [], []
     for build in dome.projectors:
@@ -152,7 +152,7 @@ def _directions(dome: Dome, landings: dict[str, Landing]) -> tuple[Array, Array]
     return np.concatenate(errors), np.concatenate(sigmas)
 
 
-def _seams(dome: Dome, landings: dict[str, Landing]) -> float:
+def _seams(dome: Dome, landings: dict[str, PixelDirections]) -> float:
     """How far pixels of two projectors that should coincide are apart, seen from a new place [px]."""
     apart = []
     for first in dome.projectors:
@@ -177,7 +177,7 @@ def _seen(dome: Dome, build: ProjectorBuild, pixels: Array) -> Array:
     return normalise(flat - JUDGE_M).reshape(*pixels.shape[:-1], 3)
 
 
-def _pixel_of(landing: Landing, direction: Array) -> Array:
+def _pixel_of(landing: PixelDirections, direction: Array) -> Array:
     """The pixel (H, W, 2) whose shipped direction is `direction` (H, W, 3), by Newton's method."""
     model, radius_m = landing.projector, landing.rig.shape.radius_m
     pixel = project(model.projector_from_dome.apply(radius_m * direction), model.lens)
@@ -192,7 +192,7 @@ def _pixel_of(landing: Landing, direction: Array) -> Array:
     return np.where(missed[..., None], np.nan, pixel)  # no pixel of this panel shows it
 
 
-def _cross_validated(problem: Problem, dome: Dome) -> float:
+def _cross_validated(problem: RigProblem, dome: Dome) -> float:
     """RMS angle between two solutions, each from every other patch [arcmin]."""
     halves = []
     for start in (0, 1):
@@ -204,7 +204,7 @@ def _cross_validated(problem: Problem, dome: Dome) -> float:
 
 def _angle(halves: list[GeometrySolution], build: ProjectorBuild) -> Array:
     x, y = np.arange(3, build.size[0], 40), np.arange(5, build.size[1], 40)
-    first, second = (measure_landing(h, build.name).directions(x, y) for h in halves)
+    first, second = (fit_pixel_directions(h, build.name).directions(x, y) for h in halves)
     angle = ARCMIN * angle_between(first, second)
     return np.asarray(angle[np.isfinite(angle)])
 

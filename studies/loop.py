@@ -16,12 +16,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.estimate.loop import (
-    Belief,
-    Bounces,
-    Look,
+from procam.estimate.closed_loop.patches import (
+    LoopObservation,
+    LoopState,
+    PatchScatter,
     photographs_needed,
-    undo_bounces,
+    remove_scatter,
     visible,
 )
 
@@ -156,14 +156,14 @@ Update = Callable[[Array, Array], Array]
 def ours(plant: Plant, photographs: int) -> Update:
     """Learns gains slowly, bounced light fast, and holds what is at a limit."""
     low, high = (limit[:, None] for limit in plant.limits)
-    model = Bounces(plant.scatter()[None, :, None], plant.area[:, None])
-    belief = Belief(model, plant.block(), np.array([0.01]))
+    model = PatchScatter(plant.scatter()[None, :, None], plant.area[:, None])
+    belief = LoopState(model, plant.block(), np.array([0.01]))
     known = plant.lit[:, None]
 
     def update(asked: Array, seen: Array) -> Array:
         doubt = np.full_like(asked, SIGMA / np.sqrt(photographs))[:, None]
         now = asked[:, None]
-        belief.learn(Look(now, seen[:, None], doubt, known, photographs))
+        belief.learn(LoopObservation(now, seen[:, None], doubt, known, photographs))
         return (now + belief.step(now, plant.target[:, None], now - low, high - now))[:, 0]
 
     return update
@@ -182,7 +182,7 @@ def clipped(plant: Plant) -> Update:
     spread, collect = plant.scatter()[:, None], plant.area[:, None]
     low, high = plant.limits
     return lambda asked, seen: np.clip(
-        asked + undo_bounces(plant.target - seen, plant.lit, spread, collect), low, high
+        asked + remove_scatter(plant.target - seen, plant.lit, spread, collect), low, high
     )
 
 
@@ -198,8 +198,8 @@ LOOPS: dict[str, Callable[[Plant, int], Update]] = {
 def first_picture(plant: Plant) -> Array:
     """(n,) what the calibration makes of the target: problem (P) with its own bounced light."""
     low, high = (limit[:, None] for limit in plant.limits)
-    model = Bounces(plant.scatter()[None, :, None], plant.area[:, None])
-    belief = Belief(model, plant.block(), np.array([0.01]))
+    model = PatchScatter(plant.scatter()[None, :, None], plant.area[:, None])
+    belief = LoopState(model, plant.block(), np.array([0.01]))
     step = belief.step(low, plant.target[:, None], low - low, high - low)
     return (low + step)[:, 0]
 

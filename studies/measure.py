@@ -9,14 +9,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.estimate.codes import AXES, Code, generate
-from procam.estimate.decode import Decoded, Decoder
-from procam.estimate.projector_map import fit_projector_map
-from procam.maths.phase import cramer_rao_variance
+from procam.estimate.structured_light.codes import AXES, Code, generate
+from procam.estimate.structured_light.decode import Decoded, Decoder
+from procam.estimate.structured_light.panel_map import fit_projector_map
+from procam.maths.codes.phase import cramer_rao_variance
 from procam.maths.warp import sample
 from procam.model.correspondence import CorrespondenceMap
 from simulators.sensor import ROUNDING, Sensor
-from simulators.study import Bench
+from simulators.study import PhotographBench
 
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
@@ -28,7 +28,7 @@ FULL_PATCH = 40  # camera pixels that a patch must have to be judged
 class Shots:
     """All pictures of a code, photographed once without noise; noise is drawn again and again."""
 
-    def __init__(self, bench: Bench, code: Code) -> None:
+    def __init__(self, bench: PhotographBench, code: Code) -> None:
         self.bench, self.code = bench, code
         self.signals = list(bench.photograph(generate(code)))
         self.truth = bench.projector_pixels()

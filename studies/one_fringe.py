@@ -1,6 +1,6 @@
 """One fringe over the whole panel: what scattered light does to it, and what takes it out again.
 
-Writes studies/one_fringe.json and studies/one_fringe.md; docs/theory/phasor.md tells the theory.
+Writes studies/one_fringe.json and studies/one_fringe.md; docs/theory/scatter-bias.md tells the theory.
 """
 
 from collections.abc import Iterator
@@ -9,22 +9,22 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.estimate.codes import AXES, Code, generate, wave_code
-from procam.estimate.decode import Decoder
-from procam.estimate.limits import default_limits, dropped_samples
-from procam.estimate.phasor import (
+from procam.estimate.structured_light.codes import AXES, Code, generate, wave_code
+from procam.estimate.structured_light.decode import Decoder
+from procam.estimate.structured_light.limits import default_limits, dropped_samples
+from procam.estimate.structured_light.scatter_bias import (
     flux_share_maps,
     flux_shares,
     remove_phasor,
     scattered_light,
 )
-from procam.estimate.waves import WavePictures, decode_waves
-from procam.maths.phase import equal_steps
+from procam.estimate.structured_light.sinusoids import WavePictures, decode_waves
+from procam.maths.codes.phase import equal_steps
 from procam.maths.warp import grow
 from simulators.presets import STANDARD, Preset
 from simulators.scene import GREEN, DomeScene, SceneSize
 from simulators.sensor import Sensor
-from simulators.study import Bench
+from simulators.study import PhotographBench
 from studies.measure import binned, rms, write
 
 SIZE = SceneSize(2, (960, 600), 1, (1024, 1024), rays=16384)
@@ -54,7 +54,7 @@ class OneFringe:
     """A bench, the pictures of one fringe per axis, and what they look like."""
 
     def __init__(self, preset: Preset, size: SceneSize = SIZE) -> None:
-        self.bench = Bench(DomeScene(preset, size, 1), "south")
+        self.bench = PhotographBench(DomeScene(preset, size, 1), "south")
         width, height = size.projector_size
         self.code: Code = wave_code((width, height), (float(width), float(height)), STEPS)
         self.pictures = generate(self.code)

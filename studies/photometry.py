@@ -23,22 +23,22 @@ from numpy.typing import NDArray
 
 from procam.compensate.compensator import Compensator
 from procam.compensate.projector_frames import projector_frames
-from procam.estimate.blend import Blender
-from procam.estimate.colour_spaces import colour_difference
-from procam.estimate.desk import Veil, desk_glare
-from procam.estimate.radiance import Radiometer
+from procam.estimate.camera.glare_and_vignetting import Veil, desk_glare
+from procam.estimate.camera.radiance import Radiometer
+from procam.estimate.light.blend import Blender
+from procam.estimate.light.colour_spaces import colour_difference
 from procam.files.calibration import latest_calibration, load_calibration
-from procam.files.images import RGB, read_channels
-from procam.files.venue import load_venue
+from procam.files.images.images import RGB, read_channels
+from procam.files.venue.load import load_venue
 from procam.interfaces.judge import judge
 from procam.maths.colour_science import colour_science
-from procam.maths.sphere import master_directions, master_pixels
+from procam.maths.geometry.sphere import master_directions, master_pixels
 from procam.maths.warp import block_mean, sample
 from procam.model.calibration import Calibration
 from procam.model.frame import CameraSettings, Frame
 from procam.model.optics import CameraModel
-from procam.workflows.calibrate import solve
-from procam.workflows.capture import capture, prepare_session
+from procam.workflows.capture.capture import capture, prepare_session
+from procam.workflows.solve.calibrate import solve
 from procam.workflows.venue_rig import open_rig
 from simulators.presets import PRESETS, Preset, PresetName
 from simulators.rig import set_up_cameras

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from benchmarks.frame import STRIP, Show, dome
 from procam.kernels.frame import FrameModel, frame_sums
 from procam.kernels.frame import reference as reference_frame
-from procam.maths.sphere import master_directions, master_solid_angles
+from procam.maths.geometry.sphere import master_directions, master_solid_angles
 
 Array = NDArray[np.float64]
 HERE = Path(__file__).parent

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
 
-from procam.maths.lenses import Lens, unproject
-from procam.maths.pose import Pose
-from procam.maths.sphere import (
+from procam.maths.geometry.lenses import Lens, unproject
+from procam.maths.geometry.pose import Pose
+from procam.maths.geometry.sphere import (
     grid_solid_angles,
     intersect_sphere,
     master_directions,

@@ -4,12 +4,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from procam.estimate.adjustment import Problem
-from procam.estimate.bundle import Layout, Observations, Pair, Rig
-from procam.estimate.bundle_start import Hung
-from procam.maths.pose import Pose, rotation_vector
-from procam.maths.ray_to_screen import RoundShape
-from procam.maths.sphere import direction_from_angles
+from procam.estimate.geometry.adjustment import RigProblem
+from procam.estimate.geometry.model import Observations, Pair, ParameterLayout, RigGeometry
+from procam.estimate.geometry.start import ProjectorPrior
+from procam.maths.geometry.pose import Pose, rotation_vector
+from procam.maths.geometry.ray_to_screen import RoundShape
+from procam.maths.geometry.sphere import direction_from_angles
 from procam.model.optics import CameraModel, Fiducial, ProjectorModel, Sensor
 from simulators.presets import STANDARD, Preset
 from simulators.rig import CameraBuild, ProjectorBuild, hang_projectors, set_up_cameras
@@ -56,9 +56,9 @@ class SimulatedDome:
         """A sphere of the dome's radius."""
         return RoundShape(self.surface.preset.radius_m)
 
-    def rig(self) -> Rig:
+    def rig(self) -> RigGeometry:
         """The truth, where the dome is a sphere."""
-        return Rig(
+        return RigGeometry(
             self.shape,
             {
                 c.name: replace(self._camera(c), camera_from_dome=c.camera_from_dome)
@@ -101,12 +101,12 @@ class SimulatedDome:
             )
         return marks
 
-    def problem(self, observations: dict[Pair, Observations], **changes: object) -> Problem:
+    def problem(self, observations: dict[Pair, Observations], **changes: object) -> RigProblem:
         """Everything a solver is told, with some of it changed."""
-        problem = Problem(
+        problem = RigProblem(
             self.shape,
             {c.name: self._camera(c) for c in self.cameras},
-            {p.name: Hung(p.name, p.size) for p in self.projectors},
+            {p.name: ProjectorPrior(p.name, p.size) for p in self.projectors},
             observations,
             dict.fromkeys((c.name for c in self.cameras), "fixed"),
             self.fiducials(),
@@ -117,9 +117,9 @@ class SimulatedDome:
         return CameraModel(build.name, build.size, build.lens, SENSOR)
 
 
-def step_between(found: Rig, truth: Rig) -> np.ndarray:
-    """The step (P,) that leads from one rig to another, as `Rig.moved` counts it."""
-    layout = Layout.of(found)
+def step_between(found: RigGeometry, truth: RigGeometry) -> np.ndarray:
+    """The step (P,) that leads from one rig to another, as `RigGeometry.moved` counts it."""
+    layout = ParameterLayout.of(found)
     step = np.zeros(layout.count)
     for devices, others, blocks, pose in (
         (found.cameras, truth.cameras, layout.cameras, "camera_from_dome"),

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from procam.maths.lenses import project
-from procam.maths.sphere import angles_from_direction, master_directions
+from procam.maths.geometry.lenses import project
+from procam.maths.geometry.sphere import angles_from_direction, master_directions
 from procam.model.calibration import Calibration
 from procam.model.reading import PATCHES, MeterReading
 

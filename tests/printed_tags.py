@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from procam.estimate.cvcompat import tag_cells
-from procam.maths.lenses import Lens, project, unproject
-from procam.maths.pose import Pose
-from procam.maths.sphere import direction_from_angles, intersect_sphere
+from procam.estimate.boards.targets import tag_cells
+from procam.maths.geometry.lenses import Lens, project, unproject
+from procam.maths.geometry.pose import Pose
+from procam.maths.geometry.sphere import direction_from_angles, intersect_sphere
 from procam.model.optics import AprilTag, TagFamily
 
 FINE = 4  # rays along a pixel's edge

@@ -1,4 +1,4 @@
-"""The floors, the wall round the simulators, and how light `procam --help` is."""
+"""The layers, the wall round the simulators, and how light `procam --help` is."""
 
 import os
 import shutil
@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from procam.files.calibration import save_calibration
-from procam.files.images import write_image
+from procam.files.images.images import write_image
 from procam.model.calibration import Calibration
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -59,18 +59,50 @@ class TestContracts:
         ("path", "line", "contract"),
         [
             (
-                "procam/workflows/capture.py",
+                "procam/workflows/capture/capture.py",
                 "import simulators.scene",
                 "procam never imports the simulators",
             ),
-            ("simulators/transport.py", "import procam.maths.radiosity", "The wall"),
+            ("simulators/transport.py", "import procam.maths.light.radiosity", "The wall"),
             ("simulators/truth.py", "from procam.files import calibration", "The wall"),
-            ("procam/maths/pose.py", "import procam.model.frame", "Floors"),
-            ("procam/estimate/decode.py", "import procam.files.images", "Floors"),
-            ("procam/estimate/blend.py", "import cv2", "cv2 stays behind maths.warp"),
-            ("procam/estimate/view.py", "import embreex", "Extras stay behind one module each"),
+            ("procam/maths/geometry/pose.py", "import procam.model.frame", "Layers"),
+            (
+                "procam/estimate/structured_light/decode.py",
+                "import procam.files.images.images",
+                "Layers",
+            ),
+            ("procam/estimate/light/blend.py", "import cv2", "cv2 stays behind maths.warp"),
+            (
+                "procam/estimate/geometry/camera_view.py",
+                "import embreex",
+                "Extras stay behind one module each",
+            ),
+            (
+                "procam/estimate/boards/camera.py",
+                "import procam.estimate.geometry.model",
+                "Estimators build on each other",
+            ),
+            (
+                "procam/estimate/closed_loop/patches.py",
+                "import procam.estimate.structured_light.codes",
+                "Estimators build on each other",
+            ),
+            (
+                "procam/estimate/comparison/verdict.py",
+                "import procam.estimate.camera.noise",
+                "A comparison of calibrations",
+            ),
+            (
+                "procam/files/venue/outlines.py",
+                "import procam.files.venue.load",
+                "No import cycles",
+            ),
             ("procam/model/frame.py", "import time", "Numbers know no files"),
-            ("procam/__init__.py", "import procam.maths.pose", "import procam stays light"),
+            (
+                "procam/__init__.py",
+                "import procam.maths.geometry.pose",
+                "import procam stays light",
+            ),
         ],
     )
     def test_each_bites(self, copy: Path, path: str, line: str, contract: str) -> None:
@@ -135,8 +167,10 @@ class TestStart:
         assert not any(name.startswith("procam.estimate") for name in loaded)
 
     def test_the_test_itself_can_see_numpy(self) -> None:
-        assert "numpy" in _modules_after("import procam.maths.pose")
+        assert "numpy" in _modules_after("import procam.maths.geometry.pose")
 
     def test_procam_loads_no_simulator_by_itself(self) -> None:
-        loaded = _modules_after("import procam.workflows.calibrate, procam.workflows.capture")
+        loaded = _modules_after(
+            "import procam.workflows.solve.calibrate, procam.workflows.capture.capture"
+        )
         assert not any(name.split(".")[0] == "simulators" for name in loaded)

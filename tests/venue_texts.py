@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from procam.errors import InputError
-from procam.files.venue import Venue, load_venue, template_text
+from procam.files.venue.load import Venue, load_venue, template_text
 
 PLAIN = template_text("simulated-ideal")
 TAGS = """

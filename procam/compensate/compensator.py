@@ -24,7 +24,7 @@ from procam.kernels.frame import (
     scattered_light,
 )
 from procam.kernels.frame.reference import interpolated
-from procam.maths.transfer import transfer
+from procam.maths.light.transfer import transfer
 from procam.model.calibration import Calibration
 
 Array = NDArray[np.float64]

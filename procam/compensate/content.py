@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from procam.kernels.frame import Coding
 from procam.kernels.frame.coding import WHOLE
-from procam.maths.dither import threshold_tile
-from procam.maths.transfer import Transfer, transfer
+from procam.maths.codes.dither import threshold_tile
+from procam.maths.light.transfer import Transfer, transfer
 
 
 @dataclass(frozen=True)

@@ -16,13 +16,13 @@ from procam.compensate._continuation import WELL_LIT, continued
 from procam.errors import InputError
 from procam.kernels.frame import TERMS, FrameModel, scattered_light
 from procam.kernels.frame.reference import monomials
-from procam.maths.scatter_kernel import basis
-from procam.maths.sphere import (
+from procam.maths.geometry.sphere import (
     direction_from_angles,
     master_directions,
     master_pixels,
     master_planes,
 )
+from procam.maths.light.scatter_kernel import basis
 from procam.model.calibration import Calibration
 from procam.model.transport import DomeMaps, ScatterKernel
 

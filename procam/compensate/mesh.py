@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procam.errors import InputError, ShapeError, UnitError
-from procam.maths.active_set import LeastSquares, Room, exact_light
-from procam.maths.mesh_radiosity import check_darkens
+from procam.maths.mesh.active_set import LeastSquares, MeshRoom, exact_light
+from procam.maths.mesh.radiosity import check_darkens
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -93,7 +93,7 @@ class MeshCompensator:
             _check_array(name, limit, albedo.shape)
         if (lo > hi).any():
             raise InputError(f"lo and hi: lo is above hi on {_count(lo > hi)}; are they swapped?")
-        self._rooms = [Room(channel, factors) for channel in albedo.T]
+        self._rooms = [MeshRoom(channel, factors) for channel in albedo.T]
         self._area_m2, self._lo, self._hi = area_m2, lo, hi
 
     def exact(self, target: Array) -> CompensatedMesh:

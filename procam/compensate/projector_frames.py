@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from procam.errors import InputError, ShapeError
 from procam.kernels import WarpPlan, plan_warp, warp_frame
 from procam.kernels.warp.reference import KNOTS, TILE
-from procam.maths.curves import invert_curve, srgb_decode
-from procam.maths.sphere import master_pixels
+from procam.maths.geometry.sphere import master_pixels
+from procam.maths.light.curves import invert_curve, srgb_decode
 from procam.maths.warp import sample
 from procam.model.calibration import Calibration, ProjectorCalibration
 from procam.model.photometry import Photometry

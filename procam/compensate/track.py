@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procam.compensate.fields import Fields
-from procam.maths.dither import threshold_tile
+from procam.maths.codes.dither import threshold_tile
 
 Array = NDArray[np.float64]
 Texture = NDArray[np.float32]

@@ -9,7 +9,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from procam.devices.projector_control import open_serial_control
+from procam.devices.control.projector_control import open_serial_control
 from procam.devices.protocols import (
     BackendRig,
     Camera,

@@ -10,18 +10,18 @@ from numpy.typing import NDArray
 
 from procam.errors import FileFormatError, ShapeError
 from procam.files.atomic import replacing_directory
-from procam.files.images import read_channels, read_layers, write_channels, write_layers
-from procam.maths.lenses import Lens
-from procam.maths.pose import Pose
+from procam.files.images.images import read_channels, read_layers, write_channels, write_layers
+from procam.maths.geometry.lenses import Lens
+from procam.maths.geometry.pose import Pose
 from procam.model.calibration import SCHEMA_VERSION, Calibration, ProjectorCalibration
 from procam.model.correspondence import ProjectorSurface
-from procam.model.house import HouseState
 from procam.model.mask import Mask
 from procam.model.optics import CameraModel, ProjectorModel, Sensor
 from procam.model.photometry import Photometry, ResponseCurve
 from procam.model.quality import Figure, Goal
 from procam.model.screen import Dome
 from procam.model.transport import DomeMaps, Measured, ScatterKernel
+from procam.model.venue_state import VenueState
 
 Channels = dict[str, NDArray[np.float32]]
 RGB = ("R", "G", "B")
@@ -148,7 +148,7 @@ def _document(calibration: Calibration) -> dict[str, Any]:
     }
 
 
-def _state_entry(state: HouseState) -> dict[str, Any]:
+def _state_entry(state: VenueState) -> dict[str, Any]:
     return {
         "feedback": _plain(asdict(state.feedback)),
         "scatter_ratio": state.scatter_ratio.tolist(),
@@ -202,13 +202,13 @@ def _calibration(directory: Path, document: dict[str, Any], with_projectors: boo
     )
 
 
-def _state(directory: Path, name: str, entry: dict[str, Any]) -> HouseState:
+def _state(directory: Path, name: str, entry: dict[str, Any]) -> VenueState:
     ambient = None
     if entry["ambient"]:
         maps = read_channels(directory / "maps" / ambient_file(name))
         ambient = np.stack([maps[c] for c in RGB], axis=-1)
     ratio = np.array(entry["scatter_ratio"])
-    return HouseState(name, _measured(entry["feedback"]), ratio, ambient)
+    return VenueState(name, _measured(entry["feedback"]), ratio, ambient)
 
 
 def _dome_maps(dome: Channels, kernel: dict[str, Any] | None) -> DomeMaps:

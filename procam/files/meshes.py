@@ -16,8 +16,8 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from procam.errors import FileFormatError
-from procam.maths.facets import half_edges, shared_edges
-from procam.maths.sphere import angles_from_direction, normalise
+from procam.maths.geometry.sphere import angles_from_direction, normalise
+from procam.maths.mesh.facets import half_edges, shared_edges
 from procam.model.screen import MeshScreen
 
 Vertices = NDArray[np.float64]

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from procam.errors import FileFormatError
 from procam.files import atomic
-from procam.files.images import read_image, write_image
+from procam.files.images.images import read_image, write_image
 from procam.model.frame import CameraSettings, Frame, PixelFormat
 from procam.model.plan import Plan, Shot
 

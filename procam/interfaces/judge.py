@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from procam.errors import FileFormatError
 from procam.files.calibration import load_calibration
-from procam.files.images import RGB, read_channels
-from procam.maths.sphere import (
+from procam.files.images.images import RGB, read_channels
+from procam.maths.geometry.sphere import (
     angle_between,
     master_directions,
     master_pixels,

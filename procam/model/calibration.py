@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 
 from procam.errors import InputError, ShapeError
 from procam.model.correspondence import ProjectorSurface
-from procam.model.house import HouseState
 from procam.model.optics import CameraModel, ProjectorModel
 from procam.model.photometry import Photometry
 from procam.model.quality import Figure
 from procam.model.screen import Dome
 from procam.model.transport import DomeMaps, Measured
+from procam.model.venue_state import VenueState
 
 SCHEMA_VERSION = 1
 
@@ -54,7 +54,7 @@ class Calibration:
     quality: Mapping[str, Figure] = field(default_factory=dict)
     provenance: Mapping[str, Any] = field(default_factory=dict)
     schema_version: int = SCHEMA_VERSION
-    states: Mapping[str, HouseState] = field(default_factory=dict)
+    states: Mapping[str, VenueState] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for name, state in self.states.items():
@@ -62,7 +62,7 @@ class Calibration:
                 expected = f"{self.maps.hi.shape}, as the maps"
                 raise ShapeError(f"ambient of house state {name}", state.ambient.shape, expected)
 
-    def state(self, name: str) -> HouseState:
+    def state(self, name: str) -> VenueState:
         """The house in a state that was measured."""
         if name not in self.states:
             there = f"one of {', '.join(self.states)}" if self.states else "none"

@@ -6,8 +6,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.maths.lenses import Lens
-from procam.maths.pose import Pose
+from procam.maths.geometry.lenses import Lens
+from procam.maths.geometry.pose import Pose
 
 __all__ = [
     "AprilTag",

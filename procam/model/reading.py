@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.maths.sphere import direction_from_angles
+from procam.maths.geometry.sphere import direction_from_angles
 
 # drive of red, green and blue that fills the panel
 PATCHES = {
@@ -49,13 +49,13 @@ class MeterReading:
         return direction_from_angles(np.radians(self.azimuth_deg), np.radians(self.elevation_deg))
 
     def __str__(self) -> str:
-        return f"{self.patch} of {told_spot(self.spot)}"
+        return f"{self.patch} of {spot_name(self.spot)}"
 
 
-def told_spot(spot: Spot) -> str:
+def spot_name(spot: Spot) -> str:
     """A spot in words.
 
-    >>> told_spot(("south", 10.0, 42.5))
+    >>> spot_name(("south", 10.0, 42.5))
     'south at azimuth 10, elevation 42.5 deg'
     """
     name, azimuth, elevation = spot

@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 
 from procam.compensate.compensator import Compensated, Compensator
 from procam.errors import InputError
-from procam.maths.box_solver import solve_flux
-from procam.maths.radiosity import add_interreflection, floor_return, sphere_scatter
-from procam.maths.sphere import (
+from procam.maths.geometry.sphere import (
     cap_solid_angle,
     master_directions,
     master_pixels,
     master_solid_angles,
 )
+from procam.maths.light.box_solver import solve_flux
+from procam.maths.light.radiosity import add_interreflection, floor_return, sphere_scatter
 from procam.maths.warp import sample
 from procam.model.calibration import Calibration
 from procam.model.screen import Dome

@@ -5,7 +5,7 @@ from contextlib import ExitStack
 from procam.devices.protocols import BackendRig
 from procam.devices.rig import Rig, known_backends, open_backend, open_control
 from procam.errors import InputError
-from procam.files.venue import BY_HAND, Venue
+from procam.files.venue.load import BY_HAND, Venue
 
 
 def open_rig(venue: Venue) -> Rig:

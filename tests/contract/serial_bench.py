@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 
 import pytest
 
-from procam.devices.escvp21 import ESC_VP21
-from procam.devices.projector_control import SerialProjectorControl
+from procam.devices.control.escvp21 import ESC_VP21
+from procam.devices.control.projector_control import SerialProjectorControl
+from procam.devices.control.serial_link import SerialLink
+from procam.devices.control.serial_table import SerialTable
 from procam.devices.protocols import Clock, Power
-from procam.devices.serial_link import SerialLink
-from procam.devices.serial_table import SerialTable
 from procam.errors import ProcamError
 from simulators.clock import SceneClock
 from simulators.projector_state import ProjectorState

@@ -6,10 +6,10 @@ from dataclasses import replace
 import pytest
 from serial_bench import COOL_DOWN_S, MAKES, WARM_UP_S, Bench, do_everything, message, shown
 
-from procam.devices.escvp21 import ESC_VP21
-from procam.devices.projector_control import SERIAL_TABLES
+from procam.devices.control.escvp21 import ESC_VP21
+from procam.devices.control.projector_control import SERIAL_TABLES
+from procam.devices.control.serial_table import SerialTable
 from procam.devices.protocols import Power, ProjectorControl
-from procam.devices.serial_table import SerialTable
 from procam.errors import DeviceTimeout, InputError, WrongState
 from simulators.clock import SceneClock
 from simulators.projector_state import ProjectorState

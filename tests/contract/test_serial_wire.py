@@ -6,9 +6,9 @@ from dataclasses import replace
 import pytest
 from serial_bench import COOL_DOWN_S, MAKES, Bench, do_everything, message, shown
 
-from procam.devices.projector_control import open_serial_control
+from procam.devices.control.projector_control import open_serial_control
+from procam.devices.control.serial_link import GarbledReply
 from procam.devices.protocols import Power
-from procam.devices.serial_link import GarbledReply
 from procam.errors import DeviceError, DeviceTimeout, InputError, NotConnected, WrongState
 from simulators.clock import SceneClock
 

@@ -8,12 +8,16 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from procam.estimate.codes import CODES, make_code
-from procam.estimate.phasor import flux_share_maps, flux_shares, remove_phasor
+from procam.estimate.structured_light.codes import CODES, make_code
+from procam.estimate.structured_light.scatter_bias import (
+    flux_share_maps,
+    flux_shares,
+    remove_phasor,
+)
 from procam.maths.warp import grow
 from simulators.presets import STANDARD
 from simulators.scene import DomeScene, SceneSize
-from simulators.study import Bench
+from simulators.study import PhotographBench
 from studies import code_table, codes, one_fringe
 from studies.measure import Misses, Shots, patch_errors
 
@@ -26,7 +30,9 @@ def shots() -> Shots:
     # 1024 rays: below, the room's own noise is no longer small beside a patch's error
     size = SceneSize(2, PANEL, 1, (560, 560), rays=1024)
     preset = STANDARD.altered(albedo=0.6, snr=50.0, defocus_px=HALF_BLUR_PX)
-    return Shots(Bench(DomeScene(preset, size, 1), "south"), make_code("micro-phase", PANEL))
+    return Shots(
+        PhotographBench(DomeScene(preset, size, 1), "south"), make_code("micro-phase", PANEL)
+    )
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +40,7 @@ def cell() -> Callable[..., code_table.Row]:
     scene = DomeScene(STANDARD, SceneSize(2, (320, 200), 1, (256, 256), rays=64), 1)
 
     def measure(name: str, snr: float, **overrides: float) -> code_table.Row:
-        bench = Bench(scene.altered(**overrides), "south")
+        bench = PhotographBench(scene.altered(**overrides), "south")
         return code_table.cell(Shots(bench, make_code(name, (320, 200))), snr, 1)
 
     return measure
@@ -82,7 +88,9 @@ class TestEveryCode:
     def test_what_decode_refuses_is_told(
         self, cell: Callable[..., code_table.Row], monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        monkeypatch.setattr("procam.estimate.wave_calibration.FEWEST_PIXELS", 10**9)
+        monkeypatch.setattr(
+            "procam.estimate.structured_light.self_calibration.FEWEST_PIXELS", 10**9
+        )
         assert "NotEnoughData" in str(cell("micro-phase", 50.0)["error"])
 
 

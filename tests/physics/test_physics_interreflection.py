@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from tolerances import CLOSED_FORM, SOLVER
 
-from procam.maths.radiosity import (
+from procam.maths.light.radiosity import (
     add_interreflection,
     albedo_from_feedback,
     remove_interreflection,

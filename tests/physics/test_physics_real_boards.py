@@ -5,9 +5,9 @@ from importlib import resources
 import numpy as np
 import pytest
 
-from procam.estimate.codes import AXES, make_code
-from procam.estimate.decode import Decoded, Decoder
-from procam.estimate.projector_map import fit_projector_map
+from procam.estimate.structured_light.codes import AXES, make_code
+from procam.estimate.structured_light.decode import Decoded, Decoder
+from procam.estimate.structured_light.panel_map import fit_projector_map
 
 SESSIONS = ("s00", "s03", "s05", "s11", "s15", "s17")
 SIZE = (800, 800)

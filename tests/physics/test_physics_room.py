@@ -12,8 +12,8 @@ import pytest
 from tolerances import FLOAT32, SIGMAS
 
 import simulators.transport
-from procam.maths.radiosity import albedo_from_feedback, floor_return
-from procam.maths.sphere import cap_solid_angle
+from procam.maths.geometry.sphere import cap_solid_angle
+from procam.maths.light.radiosity import albedo_from_feedback, floor_return
 from simulators.presets import IDEAL, REALISTIC, Preset
 from simulators.surface import Surface
 from simulators.transport import Room

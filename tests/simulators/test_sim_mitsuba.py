@@ -15,7 +15,7 @@ from exact_room import coarse_rooms, exact_rooms
 from tolerances import SIGMAS
 
 from procam.errors import InputError, ShapeError, UnitError
-from procam.maths.sphere import normalise
+from procam.maths.geometry.sphere import normalise
 from simulators import mitsuba_scene, transport
 from simulators.mitsuba_paths import PatchedMesh, scattered_irradiance
 from simulators.mitsuba_scene import load_mitsuba

@@ -13,15 +13,15 @@ from tolerances import FLOAT32, SIGMAS
 
 import simulators.truth
 from procam.files.calibration import load_calibration
-from procam.files.venue import load_venue
-from procam.maths.sphere import master_solid_angles
+from procam.files.venue.load import load_venue
+from procam.maths.geometry.sphere import master_solid_angles
 from procam.model.frame import CameraSettings
 from simulators.backend import build_scene
 from simulators.devices import SimulatedCamera, SimulatedProjector
 from simulators.presets import EXPOSURE_S, IDEAL, PRESETS, STANDARD, PresetName, white_exposure_s
 from simulators.rig import hang_projectors
 from simulators.scene import GREEN, DomeScene
-from simulators.study import Bench
+from simulators.study import PhotographBench
 from simulators.surface import Surface
 from simulators.template import venue_text
 from simulators.transport import Room
@@ -49,12 +49,12 @@ def standard() -> DomeScene:
 
 def _signal(scene: DomeScene, picture: np.ndarray) -> np.ndarray:
     """Share of full scale (H, W) of a picture of projector south."""
-    return next(Bench(scene, "south", exposure_s=EXPOSURE_S).photograph([picture]))
+    return next(PhotographBench(scene, "south", exposure_s=EXPOSURE_S).photograph([picture]))
 
 
 def _levels(scene: DomeScene) -> tuple[np.ndarray, np.ndarray]:
     """White without the vignetting (H, W), and where no projector lights the dome."""
-    bench = Bench(scene, "south")
+    bench = PhotographBench(scene, "south")
     view, fall = scene.camera_view("zenith"), bench._sensor.vignetting[..., 0]
     lit = _smeared_mask(np.isfinite(bench.projector_pixels()[..., 0]))
     return _signal(scene, WHITE) / np.where(fall > 0, fall, 1), view.on_dome & ~lit & (fall > 0)
@@ -140,7 +140,9 @@ class TestSharing:
         one, two = _signal(new, picture), _signal(altered, picture)
         np.testing.assert_allclose(two, one, rtol=0, atol=FLOAT32)
         assert new.preset == altered.preset
-        assert (Bench(new, "south")._sensor.noise is None) == (new.preset.white_snr is None)
+        assert (PhotographBench(new, "south")._sensor.noise is None) == (
+            new.preset.white_snr is None
+        )
 
     def test_a_room_repainted_is_a_room_traced_anew(self) -> None:
         with coarse_rooms():
@@ -159,7 +161,7 @@ class TestSharing:
 
 def _darkest(scene: DomeScene, exposure_s: float) -> tuple[np.ndarray, np.ndarray]:
     """Camera pixels (H, W) near the 0.5 percentile, and white less black (H, W), full scale 1."""
-    benches = [Bench(scene, name, exposure_s=exposure_s) for name in scene.lights]
+    benches = [PhotographBench(scene, name, exposure_s=exposure_s) for name in scene.lights]
     quantiles = []
     for bench in benches:
         light = bench._light
@@ -221,10 +223,10 @@ class TestSnr:
     def test_a_bench_gives_it_at_its_own_exposure(
         self, ideal: DomeScene, rng: np.random.Generator
     ) -> None:
-        bench = Bench(ideal, "south", exposure_s=0.05)
+        bench = PhotographBench(ideal, "south", exposure_s=0.05)
         use, difference = _darkest(ideal, 0.05)
         if not np.isfinite(bench.projector_pixels()[use]).all():
-            bench = Bench(ideal, "north", exposure_s=0.05)
+            bench = PhotographBench(ideal, "north", exposure_s=0.05)
         (white,) = bench.photograph([WHITE])
         for snr in (6.0, 60.0):
             stack = np.stack([bench.digitise(white, rng, snr) for _ in range(self.FRAMES)])
@@ -232,7 +234,7 @@ class TestSnr:
             assert abs(found - snr) < SIGMAS * error + self.SAME_PIXELS * snr
 
     def test_the_law_keeps_its_shape(self, standard: DomeScene) -> None:
-        sensor = Bench(standard, "south")._sensor
+        sensor = PhotographBench(standard, "south")._sensor
         law, scaled = sensor.noise, sensor.noise_of_snr(10.0, EXPOSURE_S)
         assert law is not None
         assert scaled.per_dn / law.per_dn == pytest.approx((scaled.read_dn / law.read_dn) ** 2)
@@ -240,15 +242,15 @@ class TestSnr:
     def test_more_than_the_bits_carry_is_refused(
         self, ideal: DomeScene, rng: np.random.Generator
     ) -> None:
-        bench = Bench(ideal, "south", exposure_s=0.01)
+        bench = PhotographBench(ideal, "south", exposure_s=0.01)
         with pytest.raises(Exception, match=r"snr of camera zenith: got 5000, expected less than"):
             bench.digitise(np.zeros((200, 200), np.float32), rng, 5000.0)
 
 
 def _white_at(scene: DomeScene, projector: str, use: np.ndarray) -> float:
-    white, black = Bench(scene, projector, exposure_s=white_exposure_s(scene.preset)).photograph(
-        [WHITE, BLACK]
-    )
+    white, black = PhotographBench(
+        scene, projector, exposure_s=white_exposure_s(scene.preset)
+    ).photograph([WHITE, BLACK])
     return float((white - black)[use].mean())
 
 
@@ -264,7 +266,7 @@ class TestDefocus:
         scene = ideal.altered(defocus_px=defocus_px, albedo=0.0)
         edge = WHITE.copy()
         edge[:, : PANEL[0] // 2] = 0
-        bench = Bench(scene, "south")
+        bench = PhotographBench(scene, "south")
         white, black, half = bench.photograph([WHITE, BLACK, edge])
         where = bench.projector_pixels()
         inner = (np.abs(where[..., 0] - PANEL[0] / 2) < 30) & (np.abs(where[..., 1] - 50) < 25)
@@ -286,7 +288,7 @@ class TestGamma:
     @pytest.mark.parametrize("factor", [1.0, 0.8, 1.1])
     def test_grey_levels_follow_the_altered_gamma(self, ideal: DomeScene, factor: float) -> None:
         scene = ideal.altered(gamma_left=factor)
-        bench = Bench(scene, "south")
+        bench = PhotographBench(scene, "south")
         grey = np.array([0, 20, 64, 128, 200, 255], np.uint8)
         lit = np.isfinite(bench.projector_pixels()[..., 0])
         signals = np.array(
@@ -333,7 +335,7 @@ class TestVenueFile:
         self, albedo: float | None, snr: float | None, traced: DomeScene, rng: np.random.Generator
     ) -> None:
         scene = traced.altered(albedo=albedo, snr=snr)
-        bench = Bench(scene, "south")
+        bench = PhotographBench(scene, "south")
         (signal,) = bench.photograph([WHITE])
         saturated = bench.digitise(signal, rng) == 4095
         assert saturated.mean() < 1e-3

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from procam.files.venue import load_venue, template_text
-from procam.maths.lenses import project
-from procam.maths.sphere import direction_from_angles
+from procam.files.venue.load import load_venue, template_text
+from procam.maths.geometry.lenses import project
+from procam.maths.geometry.sphere import direction_from_angles
 from simulators.presets import PRESETS
 from simulators.rig import hang_projectors, set_up_cameras
 from simulators.surface import Surface

@@ -8,12 +8,12 @@ from exact_room import PANEL, SIZE, exact_rooms
 from scipy.ndimage import distance_transform_edt, map_coordinates
 
 from procam.errors import ShapeError, UnitError
-from procam.maths.lenses import project
+from procam.maths.geometry.lenses import project
 from procam.model.frame import CameraSettings
 from simulators.devices import SimulatedCamera, SimulatedProjector
 from simulators.presets import IDEAL, PRESETS, PresetName
 from simulators.scene import DomeScene
-from simulators.study import Bench
+from simulators.study import PhotographBench
 
 SHAPE = (*PANEL[::-1], 1)
 WHITE = np.full(SHAPE, 255, np.uint8)
@@ -50,7 +50,7 @@ class TestPhotograph:
         noise = scene.noise_stream("zenith", camera.configure(CameraSettings(0.1, "mono")))
         scene._repeats.clear()  # the camera draws the same noise again
         counts = camera.capture().counts
-        bench = Bench(scene, "north", exposure_s=0.1)
+        bench = PhotographBench(scene, "north", exposure_s=0.1)
         (signal,) = bench.photograph([picture])
         assert signal.dtype == np.float32
         # floats are summed in another order
@@ -59,14 +59,14 @@ class TestPhotograph:
 
     def test_pictures_come_one_by_one(self, scene: DomeScene, rng: np.random.Generator) -> None:
         pictures = [_picture(rng) for _ in range(3)]
-        bench = Bench(scene, "south")
+        bench = PhotographBench(scene, "south")
         frames = list(bench.photograph(iter(pictures)))
         assert len({frame.tobytes() for frame in frames}) == 3
         for picture, frame in zip(pictures, frames, strict=True):
             np.testing.assert_array_equal(next(bench.photograph([picture])), frame)
 
     def test_a_signal_outlives_its_noise(self, scene: DomeScene, rng: np.random.Generator) -> None:
-        bench = Bench(scene, "south")
+        bench = PhotographBench(scene, "south")
         (signal,) = bench.photograph([WHITE])
         before = signal.copy()
         one, two = (bench.digitise(signal, rng, 20.0) for _ in range(2))
@@ -77,13 +77,13 @@ class TestPhotograph:
     def test_the_same_generator_gives_the_same_counts(
         self, scene: DomeScene, snr: float | None
     ) -> None:
-        bench = Bench(scene, "south")
+        bench = PhotographBench(scene, "south")
         (signal,) = bench.photograph([WHITE])
         one, two = (bench.digitise(signal, np.random.default_rng(3), snr) for _ in range(2))
         np.testing.assert_array_equal(one, two)
 
     def test_refuses_other_pictures(self, scene: DomeScene) -> None:
-        bench = Bench(scene, "south")
+        bench = PhotographBench(scene, "south")
         with pytest.raises(ShapeError, match="picture of projector south"):
             next(bench.photograph([WHITE[..., 0]]))
         with pytest.raises(UnitError, match="picture of projector south: got float64"):
@@ -97,7 +97,7 @@ class TestProjectorPixels:
         """From the projector's pixel to the dome and on into the camera, and back by the map."""
         scene = DomeScene(PRESETS[preset], SIZE, 1)
         light, build = scene.lights[name], scene.cameras["zenith"]
-        truth = Bench(scene, name).projector_pixels()
+        truth = PhotographBench(scene, name).projector_pixels()
         point = light.direction * scene.surface.radius(light.direction)[..., None]
         pixel = project(build.camera_from_dome.apply(point), build.lens)
         column, row = np.moveaxis(pixel, -1, 0)
@@ -114,7 +114,7 @@ class TestProjectorPixels:
         assert np.median(error) < 0.02 and np.quantile(error, 0.99) < 0.2
 
     def test_white_lands_there_and_nowhere_else(self, scene: DomeScene) -> None:
-        bench = Bench(scene.altered(albedo=0.0, defocus_px=0.0), "south")
+        bench = PhotographBench(scene.altered(albedo=0.0, defocus_px=0.0), "south")
         lands = np.isfinite(bench.projector_pixels()).all(axis=-1)
         (white,) = bench.photograph([WHITE])
         inside = distance_transform_edt(lands) > 3
@@ -124,7 +124,7 @@ class TestProjectorPixels:
         assert white[outside].max() < 1e-4
 
     def test_what_the_plates_block_is_no_landing(self, scene: DomeScene) -> None:
-        bench = Bench(scene, "south")
+        bench = PhotographBench(scene, "south")
         where, blocked = scene.camera_view("zenith").sources["south"][0], ~bench._light.lit
         assert blocked.any()
         truth = bench.projector_pixels()

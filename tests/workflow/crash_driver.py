@@ -33,13 +33,13 @@ from tiny_venue import (
     take_session,
 )
 
-import procam.estimate.assemble
-import procam.estimate.wave_calibration
+import procam.estimate.calibration
+import procam.estimate.structured_light.self_calibration
 import simulators.backend
 import simulators.transport
 from procam.files import atomic
 from procam.files.session import Session
-from procam.files.venue import load_venue
+from procam.files.venue.load import load_venue
 from procam.interfaces.cli.main import main as procam_main
 
 MAP_SIZE = 128  # dome maps of a solve: as many files and flushes, a sixtieth of the pixels
@@ -363,8 +363,8 @@ def main() -> None:
     group, folder = sys.argv[1], Path(sys.argv[2])
     tempfile.tempdir = str(folder / "wires")  # where emulated serial ports appear
     Path(tempfile.tempdir).mkdir()
-    procam.estimate.assemble.MAP_SIZE = MAP_SIZE
-    procam.estimate.wave_calibration.SAMPLE_PIXELS = SAMPLE_PIXELS
+    procam.estimate.calibration.MAP_SIZE = MAP_SIZE
+    procam.estimate.structured_light.self_calibration.SAMPLE_PIXELS = SAMPLE_PIXELS
     simulators.transport.DOME_RINGS, simulators.transport.DOME_SECTORS = COARSE_ROOM
     with quick_simulator():
         survived = list(GROUPS[group](Bench(folder)))

@@ -13,11 +13,11 @@ from tiny_venue import CAMERA, procam, quick_simulator
 import simulators.transport
 from procam.devices.protocols import Camera, ControlState, Power
 from procam.devices.rig import Rig
-from procam.estimate.behaviour import Effect
-from procam.files.venue import Venue, load_venue
+from procam.estimate.projector_tests.analysis import Effect
+from procam.files.venue.load import Venue, load_venue
 from procam.model.frame import Frame
-from procam.workflows.doctor import examine
-from procam.workflows.findings import (
+from procam.workflows.doctor.doctor import examine
+from procam.workflows.doctor.findings import (
     BEHAVIOUR,
     SWITCH,
     Behaviour,

@@ -10,16 +10,16 @@ import pytest
 from tiny_venue import TINY, make_venue, procam, quick_simulator, solved, take_session
 
 from procam.errors import FileFormatError
-from procam.estimate import assemble
+from procam.estimate import calibration as assemble
 from procam.files.calibration import load_calibration
-from procam.files.images import RGB, read_channels, write_channels
+from procam.files.images.images import RGB, read_channels, write_channels
 from procam.files.session import Session
-from procam.files.venue import load_venue
+from procam.files.venue.load import load_venue
 from procam.interfaces.cli import venues
-from procam.maths.sphere import master_pixels
+from procam.maths.geometry.sphere import master_pixels
 from procam.model.calibration import Calibration
-from procam.workflows.calibrate import solve
-from procam.workflows.pictures import half_sky
+from procam.workflows.sample_content import half_sky
+from procam.workflows.solve.calibrate import solve
 
 SIZE = 128  # of maps and content
 PIXEL, SHIFT = (64, 40), (2, -1)

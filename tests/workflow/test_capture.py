@@ -24,14 +24,14 @@ from tiny_venue import (
 from procam.devices.protocols import BackendRig, Shown
 from procam.devices.rig import Rig
 from procam.errors import DeviceError, NotConnected, StaleFrame, WrongState
-from procam.estimate import assemble
-from procam.estimate.patterns import plan_visit
+from procam.estimate import calibration as assemble
+from procam.estimate.structured_light.patterns import plan_session
 from procam.files.atomic import read_lines
-from procam.files.images import read_image, write_image
+from procam.files.images.images import read_image, write_image
 from procam.files.session import Session
-from procam.files.venue import Venue
+from procam.files.venue.load import Venue
 from procam.model.frame import CameraSettings, Frame
-from procam.workflows.capture import capture
+from procam.workflows.capture.capture import capture
 from simulators.clock import SceneClock
 from simulators.devices import SimulatedCamera
 from simulators.faults import STRIKE_AT_FRAME, StaleCamera
@@ -296,7 +296,7 @@ class BusyCamera:
 def test_projectors_may_differ_in_size(venue: Venue, rng: np.random.Generator) -> None:
     sizes = {"small": (64, 40), "large": (96, 60)}
     session = Session(venue.directory / "sessions" / "0001")
-    session.write_plan(*plan_visit(sizes, 0.1, 1.0))
+    session.write_plan(*plan_session(sizes, 0.1, 1.0))
     panels = {name: Panel(name, size) for name, size in sizes.items()}
     with Rig({CAMERA: BusyCamera(rng)}, panels, {}, SceneClock()) as rig:
         *_, last = capture(rig, venue, session)

@@ -28,18 +28,18 @@ from tiny_venue import (
 from procam.compensate.compensator import Compensator
 from procam.compensate.projector_frames import projector_frames, quantised
 from procam.devices.protocols import BackendRig
-from procam.estimate import assemble
+from procam.estimate import calibration as assemble
 from procam.files.calibration import save_calibration
-from procam.files.images import RGB, read_channels, read_image, write_channels, write_image
+from procam.files.images.images import RGB, read_channels, read_image, write_channels, write_image
 from procam.files.session import Session
-from procam.files.venue import Venue, load_venue, template_names
+from procam.files.venue.load import Venue, load_venue, template_names
 from procam.interfaces.cli import venues
 from procam.interfaces.cli.main import app
-from procam.maths.curves import srgb_decode, srgb_encode
+from procam.maths.light.curves import srgb_decode, srgb_encode
 from procam.model.calibration import Calibration
 from procam.model.transport import Measured
 from procam.workflows import venue_rig
-from procam.workflows.pictures import half_sky
+from procam.workflows.sample_content import half_sky
 from simulators.devices import SimulatedCamera
 
 COMMANDS = sorted(str(command.callback.__name__) for command in app.registered_commands)

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from tiny_venue import procam
 
-from procam.files.images import write_image
+from procam.files.images.images import write_image
 from procam.interfaces.cli import camera as command
-from procam.maths.lenses import Lens, project, unproject
-from procam.maths.pose import Pose, rotation_matrix
+from procam.maths.geometry.lenses import Lens, project, unproject
+from procam.maths.geometry.pose import Pose, rotation_matrix
 
 SIZE = (640, 480)
 SQUARES, SQUARE_M = (10, 7), 0.02

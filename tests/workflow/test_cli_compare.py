@@ -10,7 +10,7 @@ import pytest
 from tiny_venue import procam
 
 from procam.files.calibration import save_calibration
-from procam.maths.pose import rotation_matrix
+from procam.maths.geometry.pose import rotation_matrix
 from procam.model.calibration import Calibration
 from procam.model.transport import Measured
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from tiny_venue import procam
 
-from procam.estimate.codes import CODES
-from procam.files.images import read_channels, write_image
-from procam.maths.gray import stripe
+from procam.estimate.structured_light.codes import CODES
+from procam.files.images.images import read_channels, write_image
+from procam.maths.codes.gray import stripe
 
 
 @pytest.fixture(scope="module")

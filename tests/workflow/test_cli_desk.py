@@ -12,11 +12,11 @@ from scipy.ndimage import gaussian_filter
 from tiny_venue import CAMERA, Ran, make_venue, procam
 from venue_texts import edit, mistakes
 
-from procam.files.images import write_channels, write_image
-from procam.files.photos import load_response
+from procam.files.images.images import write_channels, write_image
+from procam.files.images.photos import load_response
 from procam.files.session import Session
-from procam.files.venue import template_text
-from procam.maths.curves import srgb_decode, srgb_encode
+from procam.files.venue.load import template_text
+from procam.maths.light.curves import srgb_decode, srgb_encode
 from simulators.scene import SceneSize
 
 Array = np.ndarray

@@ -9,7 +9,7 @@ import pytest
 from tiny_venue import TINY_PAIR, make_venue, procam
 from venue_texts import load_venue_of
 
-from procam.files.venue import Venue, template_text
+from procam.files.venue.load import Venue, template_text
 from procam.interfaces.cli.dry_run import photograph_s, run_dry, work
 from procam.interfaces.cli.output import Output
 from procam.model.plan import Shot

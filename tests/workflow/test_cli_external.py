@@ -24,12 +24,12 @@ from tiny_venue import (
     take_session,
 )
 
-from procam.estimate import assemble
-from procam.estimate.comparison import compare
+from procam.estimate import calibration as assemble
+from procam.estimate.comparison.compare import compare
 from procam.files.calibration import load_calibration
-from procam.files.images import read_image, write_image
+from procam.files.images.images import read_image, write_image
 from procam.files.session import Session
-from procam.maths.curves import srgb_encode
+from procam.maths.light.curves import srgb_encode
 from simulators.scene import SceneSize
 
 PHOTOGRAPHER = Path(__file__).with_name("photographer.py")

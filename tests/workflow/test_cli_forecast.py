@@ -11,12 +11,12 @@ import pytest
 from tiny_venue import procam
 
 from procam.files.calibration import save_calibration
-from procam.files.images import read_image, write_image, write_picture
+from procam.files.images.images import read_image, write_image, write_picture
 from procam.interfaces.cli import forecast as command
-from procam.maths.sphere import master_solid_angles
+from procam.maths.geometry.sphere import master_solid_angles
 from procam.model.calibration import Calibration
 from procam.workflows.forecast import sampled
-from procam.workflows.pictures import half_sky
+from procam.workflows.sample_content import half_sky
 
 PLAN = ("--albedo", 0.5, "--coverage", 0.9)
 WIDEST = 100

@@ -16,12 +16,12 @@ from procam.compensate.compensator import Compensator
 from procam.compensate.projector_frames import Warper
 from procam.errors import InputError
 from procam.files.calibration import save_calibration
-from procam.files.images import RGB, read_channels, read_image, write_channels, write_image
-from procam.files.stills import read_still
-from procam.maths.curves import srgb_decode, srgb_encode
+from procam.files.images.images import RGB, read_channels, read_image, write_channels, write_image
+from procam.files.images.stills import read_still
+from procam.maths.light.curves import srgb_decode, srgb_encode
 from procam.model.calibration import Calibration
-from procam.workflows.clip_engine import require_photometry
-from procam.workflows.pictures import half_sky
+from procam.workflows.playout.frame import require_photometry
+from procam.workflows.sample_content import half_sky
 
 SIZE, FIRST, COUNT = 48, 7, 4
 NUMBERS = range(FIRST, FIRST + COUNT)

@@ -13,14 +13,14 @@ from tiny_venue import procam
 from procam.compensate.compensator import Compensator
 from procam.errors import InputError
 from procam.files.calibration import save_calibration
-from procam.files.images import RGB, write_image
+from procam.files.images.images import RGB, write_image
 from procam.model.calibration import Calibration
 from procam.model.mask import Mask
-from procam.workflows.clip_ends import Piece
-from procam.workflows.clip_engine import How
-from procam.workflows.clip_explain import explain
-from procam.workflows.clip_files import refuse_overwriting
-from procam.workflows.pictures import half_sky
+from procam.workflows.playout.explain import explain
+from procam.workflows.playout.frame import FrameSettings
+from procam.workflows.playout.overwrite_check import refuse_overwriting
+from procam.workflows.playout.sources import ClipFrame
+from procam.workflows.sample_content import half_sky
 
 SIZE = 48
 
@@ -118,8 +118,8 @@ class TestOverwriting:
 
 
 class TestExplained:
-    def piece(self) -> Piece:
-        return Piece(0, "sky", np.asarray(half_sky(SIZE), np.float32), "linear")
+    def piece(self) -> ClipFrame:
+        return ClipFrame(0, "sky", np.asarray(half_sky(SIZE), np.float32), "linear")
 
     @pytest.mark.parametrize("white", ["summed", "keep"])
     def test_limits_are_against_the_content_under_its_white(
@@ -127,7 +127,7 @@ class TestExplained:
     ) -> None:
         """At free places what is seen is the target; beyond limits it is above or below it."""
         piece = self.piece()
-        found = explain(calibration, piece, How(white=white))
+        found = explain(calibration, piece, FrameSettings(white=white))
         target = Compensator(calibration, SIZE, white=white).target(piece.rgb)
         apart = found.observed - target
         np.testing.assert_allclose(apart[found.limits == 0], 0, atol=1e-5)
@@ -141,7 +141,9 @@ class TestExplained:
         """Of white specks little bounces: full light is above 1, and below what the white asks for."""
         rgb = np.zeros((SIZE, SIZE, 3), np.float32)
         rgb[::8, ::8] = 1
-        found = explain(calibration, Piece(0, "specks", rgb, "linear"), How(white="keep"))
+        found = explain(
+            calibration, ClipFrame(0, "specks", rgb, "linear"), FrameSettings(white="keep")
+        )
         between = (found.limits == -1) & (found.observed > rgb)
         assert between.sum() > 9
         target = Compensator(calibration, SIZE, white="keep").target(rgb)
@@ -150,7 +152,9 @@ class TestExplained:
     def test_without_compensation_is_todays_picture_under_any_white(
         self, calibration: Calibration
     ) -> None:
-        pictures = [explain(calibration, self.piece(), How(white=w)) for w in ("summed", "keep")]
+        pictures = [
+            explain(calibration, self.piece(), FrameSettings(white=w)) for w in ("summed", "keep")
+        ]
         np.testing.assert_array_equal(pictures[0].without, pictures[1].without)
 
     def test_limits_tell_nothing_of_protected_and_unlit_places(
@@ -162,7 +166,7 @@ class TestExplained:
         kept = replace(
             calibration, maps=replace(calibration.maps, protected=Mask("screen", covered))
         )
-        found = explain(kept, self.piece(), How())
+        found = explain(kept, self.piece(), FrameSettings())
         compensator = Compensator(kept, SIZE)
         untold = ~compensator.lit | compensator.protected
         np.testing.assert_array_equal(np.isnan(found.limits).all(axis=-1), untold)
@@ -179,11 +183,11 @@ class TestExplained:
         monkeypatch: pytest.MonkeyPatch,
     ) -> None:
         pytest.importorskip("matplotlib", reason="needs the extra `report`")
-        from procam.interfaces import clip_plot
+        from procam.interfaces.plots import clip as clip_plot
 
         sheets: list[Any] = []
         monkeypatch.setattr(clip_plot, "_save", lambda figure, path: sheets.append(figure))
-        found = explain(calibration, self.piece(), How(strength=strength))
+        found = explain(calibration, self.piece(), FrameSettings(strength=strength))
         clip_plot.write_explained(tmp_path / "e.png", found, strength)
         titles = [axes.get_title() for axes in sheets[0].axes]
         assert sum("at strength 1" in title for title in titles) == (2 if told else 0)

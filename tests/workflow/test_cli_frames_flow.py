@@ -22,13 +22,13 @@ from tiny_venue import procam
 
 from procam.errors import FileFormatError, InputError
 from procam.files.calibration import save_calibration
-from procam.files.raw_frames import PIXELS, pixel_type, read_frame, widen, write_frame
+from procam.files.images.raw_frames import PIXELS, pixel_type, read_frame, widen, write_frame
 from procam.interfaces.cli.frames import _latency
 from procam.model.calibration import Calibration
-from procam.workflows.clip import compensate_clip, each_frame
-from procam.workflows.clip_ends import Piece, PipeClip, count_above_one
-from procam.workflows.clip_engine import How
-from procam.workflows.clip_flow import Crew, flow
+from procam.workflows.playout.compensate import compensate_clip, each_frame
+from procam.workflows.playout.frame import FrameSettings
+from procam.workflows.playout.pipeline import ThreadPlan, flow
+from procam.workflows.playout.sources import ClipFrame, PipeClip, count_above_one
 
 SIZE = 24
 PATIENCE_S = 20.0
@@ -39,15 +39,15 @@ def same(frame: int) -> Callable[[], int]:
 
 
 class TestFlow:
-    @pytest.mark.parametrize("crew", [Crew(1, 1), Crew(1, 3), Crew(4, 8)])
-    def test_everything_comes_in_order(self, crew: Crew) -> None:
+    @pytest.mark.parametrize("crew", [ThreadPlan(1, 1), ThreadPlan(1, 3), ThreadPlan(4, 8)])
+    def test_everything_comes_in_order(self, crew: ThreadPlan) -> None:
         made = flow((same(n) for n in range(50)), lambda n: lambda: 10 * n, crew)
         assert list(made) == [10 * n for n in range(50)]
 
     def test_a_read_of_none_ends_it(self) -> None:
         numbers = iter([1, 2, None, 3])
         reads = (lambda: next(numbers) for _ in count())
-        assert list(flow(reads, lambda n: lambda: n, Crew(1, 1))) == [1, 2]
+        assert list(flow(reads, lambda n: lambda: n, ThreadPlan(1, 1))) == [1, 2]
 
     def test_no_more_frames_live_than_the_crew_may_hold(self) -> None:
         """1,000 frames; what is read and not yet written is counted."""
@@ -66,7 +66,7 @@ class TestFlow:
         def work(frame: int) -> Callable[[], None]:
             return lambda: change(-1)
 
-        crew = Crew(3, 4)
+        crew = ThreadPlan(3, 4)
         assert sum(1 for _ in flow((read for _ in range(1000)), work, crew)) == 1000
         # read ahead, at work, waiting to be written or being written
         assert most <= (crew.depth + 1) + 1 + (crew.depth + 1)
@@ -84,7 +84,7 @@ class TestFlow:
             return lambda: written.append(frame)
 
         with pytest.raises(ValueError, match="bad"):
-            list(flow(reads(), work, Crew(2, 2)))
+            list(flow(reads(), work, ThreadPlan(2, 2)))
         assert written == [1, 2]
 
     def test_an_error_of_the_writer_arrives(self) -> None:
@@ -92,7 +92,7 @@ class TestFlow:
             return lambda: 1 // (3 - frame)
 
         with pytest.raises(ZeroDivisionError):
-            list(flow((same(n) for n in range(9)), work, Crew(1, 1)))
+            list(flow((same(n) for n in range(9)), work, ThreadPlan(1, 1)))
 
     def test_reading_goes_on_while_a_frame_is_worked_on(self) -> None:
         second = threading.Event()
@@ -105,11 +105,11 @@ class TestFlow:
             assert second.wait(PATIENCE_S)
             return lambda: frame
 
-        assert list(flow(reads(), work, Crew(1, 1))) == [1, 2]
+        assert list(flow(reads(), work, ThreadPlan(1, 1))) == [1, 2]
 
     def test_crews_hold_less_of_large_frames(self) -> None:
-        assert Crew.for_pictures(2**20).depth >= Crew.for_pictures(2**33).depth == 1
-        assert Crew.for_movie(2**33).threads == 1
+        assert ThreadPlan.for_pictures(2**20).depth >= ThreadPlan.for_pictures(2**33).depth == 1
+        assert ThreadPlan.for_movie(2**33).threads == 1
 
 
 class Feed:
@@ -167,7 +167,7 @@ class TestPipe:
         frames = np.random.default_rng(4).integers(0, 65536, (3, SIZE, SIZE, 3)).astype(np.uint16)
         out = Drip()
         clip = PipeClip((Feed(frames.tobytes()), out), SIZE, np.dtype(np.uint16))  # type: ignore[arg-type]
-        events = list(compensate_clip(calibration, clip, How(strength=0.0)))
+        events = list(compensate_clip(calibration, clip, FrameSettings(strength=0.0)))
         assert [e.done for e in events] == [0, 1, 2, 3]
         found = np.frombuffer(out.content, np.uint16).reshape(frames.shape)
         assert np.abs(found.astype(int) - frames).max() <= 1
@@ -267,7 +267,7 @@ class TestFirstPixel:
         clip = PipeClip((Feed(some.tobytes()), Drip()), SIZE, np.dtype(np.uint8))  # type: ignore[arg-type]
         kept = []
 
-        def work(piece: Piece) -> Callable[[], int]:
+        def work(piece: ClipFrame) -> Callable[[], int]:
             kept.append(weakref.ref(piece.rgb))
             return lambda: piece.number
 
@@ -279,7 +279,7 @@ class TestFirstPixel:
     def test_its_errors_come_where_it_is_asked_for(self, calibration: Calibration) -> None:
         clip = PipeClip((Feed(bytes(50)), Drip()), SIZE, np.dtype(np.uint8))  # type: ignore[arg-type]
         with pytest.raises(FileFormatError, match="stdin: got 50 bytes of frame 0"):
-            list(compensate_clip(calibration, clip, How()))
+            list(compensate_clip(calibration, clip, FrameSettings()))
 
     def test_it_comes_before_the_calibration_is_there(
         self, calibration: Calibration, tmp_path: Path

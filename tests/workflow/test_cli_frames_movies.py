@@ -11,10 +11,10 @@ from tiny_venue import procam
 from procam.compensate.compensator import Compensator
 from procam.compensate.projector_frames import Warper
 from procam.files.calibration import save_calibration
-from procam.files.movie_clips import MovieReader
-from procam.maths.curves import srgb_encode
+from procam.files.images.movies import MovieReader
+from procam.maths.light.curves import srgb_encode
 from procam.model.calibration import Calibration
-from procam.workflows.pictures import half_sky
+from procam.workflows.sample_content import half_sky
 
 av = pytest.importorskip("av", reason="needs the extra `video`")
 SIZE, FRAMES = 48, 4

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from procam.compensate.compensator import Compensator
-from procam.maths.sphere import master_solid_angles
+from procam.maths.geometry.sphere import master_solid_angles
 from procam.model.calibration import Calibration
-from procam.workflows.clip_ends import Piece
-from procam.workflows.clip_engine import ClipEngine, How
-from procam.workflows.pictures import half_sky
+from procam.workflows.playout.frame import ClipEngine, FrameSettings
+from procam.workflows.playout.sources import ClipFrame
+from procam.workflows.sample_content import half_sky
 
 SIZE, FRAMES, PAN_PX = 96, 12, 2
 STEADY = 0.0022  # rms log change that the plain exact solution is known for on a 2 px/frame pan
@@ -99,10 +99,12 @@ def test_at_a_cut_nothing_lags(show: Show) -> None:
 
 
 def test_the_first_frame_after_a_cut_has_its_own_numbers(show: Show) -> None:
-    engine = ClipEngine(show.calibration, How(), ".exr")
+    engine = ClipEngine(show.calibration, FrameSettings(), ".exr")
     for number, frame in enumerate([*pan()[:3], dark()[0]]):
-        made = engine.make(Piece(number, f"frame {number}", frame, "linear"))
-    alone = ClipEngine(show.calibration, How(), ".exr").make(Piece(0, "alone", dark()[0], "linear"))
+        made = engine.make(ClipFrame(number, f"frame {number}", frame, "linear"))
+    alone = ClipEngine(show.calibration, FrameSettings(), ".exr").make(
+        ClipFrame(0, "alone", dark()[0], "linear")
+    )
     for colour in "rgb":
         assert made.row[f"s_{colour}"] == pytest.approx(alone.row[f"s_{colour}"], rel=2e-6)
     np.testing.assert_allclose(made.rgb, alone.rgb, atol=2e-6)

@@ -9,10 +9,10 @@ from tiny_venue import CAMERA, TINY, make_venue, procam, solved
 
 from procam.errors import FileFormatError
 from procam.files.session import Session
-from procam.files.venue import Venue
+from procam.files.venue.load import Venue
 from procam.interfaces.cli.system_errors import worded
 from procam.model.frame import CameraSettings, Frame
-from procam.workflows.ingest import _index_lines
+from procam.workflows.capture.ingest import _index_lines
 
 
 @pytest.fixture

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from tiny_venue import TINY_PAIR, quick_simulator
 
-from procam.estimate import assemble
+from procam.estimate import calibration as assemble
 from procam.interfaces import judge
-from procam.maths.sphere import master_directions, master_solid_angles
-from procam.workflows.pictures import CONTENTS, night
+from procam.maths.geometry.sphere import master_directions, master_solid_angles
+from procam.workflows.sample_content import CONTENTS, night
 from simulators import transport, truth
 from simulators.presets import PRESETS, PresetName
 from simulators.scene import DomeScene, SceneSize

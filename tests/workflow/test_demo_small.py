@@ -11,10 +11,10 @@ from typing import Any
 import pytest
 from tiny_venue import Ran, contents, procam, quick_simulator
 
-from procam.estimate import assemble
+from procam.estimate import calibration as assemble
 from procam.files.calibration import load_calibration
 from procam.interfaces.cli import demo
-from procam.workflows.refine import MAX_ITERATIONS
+from procam.workflows.refine.refine import MAX_ITERATIONS
 from simulators import devices, truth
 from simulators.scene import SceneSize
 from simulators.template import venue_text

@@ -22,13 +22,13 @@ from tiny_venue import (
 )
 
 from procam.devices.protocols import BackendRig
-from procam.estimate.radiance import Radiometer
-from procam.files.venue import Venue, load_venue
+from procam.estimate.camera.radiance import Radiometer
+from procam.files.venue.load import Venue, load_venue
 from procam.model.frame import Frame
-from procam.workflows import calibrate
-from procam.workflows.doctor import examine
-from procam.workflows.findings import Diagnosis
-from procam.workflows.readings import Readings
+from procam.workflows.capture.session_images import SessionImages
+from procam.workflows.doctor.doctor import examine
+from procam.workflows.doctor.findings import Diagnosis
+from procam.workflows.solve import calibrate
 from procam.workflows.venue_rig import open_rig
 from simulators.faults import FaultyCamera, FaultyProjector, apply_faults
 from simulators.scene import SceneSize
@@ -119,7 +119,7 @@ class TestSound:
         venue = make_venue(tmp_path, size=size)
         (view,) = json.loads(procam("doctor", tmp_path, "--json").out)["views"]
         session = take_session(venue)
-        readings = Readings(session, session.read_plan(), Radiometer(venue.cameras["zenith"]))
+        readings = SessionImages(session, session.read_plan(), Radiometer(venue.cameras["zenith"]))
         found, _ = calibrate._decode(venue, readings, "south")
         median = np.median(found.sigma_px[found.valid])
         # blur is not foreseen, and takes a little of the waves

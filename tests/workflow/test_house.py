@@ -23,19 +23,19 @@ from tiny_venue import (
 from procam.devices.protocols import Camera
 from procam.devices.rig import Rig
 from procam.errors import InputError, NotEnoughData, OutOfModelRange
-from procam.estimate import assemble
-from procam.estimate.patterns import zone_count
-from procam.estimate.radiance import Radiometer
+from procam.estimate import calibration as assemble
+from procam.estimate.camera.radiance import Radiometer
+from procam.estimate.structured_light.patterns import zone_count
 from procam.files.calibration import load_calibration, save_calibration
-from procam.files.images import RGB, read_image, write_image
-from procam.files.venue import Venue
+from procam.files.images.images import RGB, read_image, write_image
+from procam.files.venue.load import Venue
 from procam.interfaces.cli import forecast as command
-from procam.maths.sphere import master_directions, master_solid_angles
+from procam.maths.geometry.sphere import master_directions, master_solid_angles
 from procam.model.calibration import Calibration
 from procam.model.frame import CameraSettings, Frame
-from procam.model.house import HouseState
+from procam.model.venue_state import VenueState
+from procam.workflows.audience import measure_state, with_state
 from procam.workflows.forecast import sampled
-from procam.workflows.house import measure_state, with_state
 from procam.workflows.venue_rig import open_rig
 from simulators.presets import PRESETS, Preset
 from simulators.scene import ALL_BANDS, DomeScene
@@ -115,9 +115,9 @@ def _through(rig: Rig, change: Callable[[Frame], Frame] = lambda frame: frame) -
 
 def _measured(
     rig: Rig, venue: Venue, calibration: Calibration, ambient_only: bool = False
-) -> HouseState:
+) -> VenueState:
     *_, last = measure_state(rig, venue, calibration, "full", ambient_only)
-    assert (last.done, isinstance(last.data["state"], HouseState)) == (last.total, True)
+    assert (last.done, isinstance(last.data["state"], VenueState)) == (last.total, True)
     return last.data["state"]
 
 
@@ -373,7 +373,7 @@ class TestCommand:
         assert ran.code == 2 and "got no calibration, expected calibrations/0001" in ran.complaint
 
     def test_a_state_is_put_in_the_place_of_an_older_one(self, calibration: Calibration) -> None:
-        old = HouseState("full", calibration.feedback, np.full(3, 1.1))
+        old = VenueState("full", calibration.feedback, np.full(3, 1.1))
         new = replace(old, scatter_ratio=np.full(3, 1.2))
         twice = with_state(with_state(calibration, old), new)
         assert list(twice.states) == ["full"] and twice.states["full"] is new
@@ -391,7 +391,7 @@ class TestForecast:
         for name, ratio, ambient in (("school", 1.05, None), ("full", 1.12, lamps)):
             values = np.full(3, ratio)
             m = replace(calibration.feedback, value=ratio * calibration.feedback.value)
-            calibration = with_state(calibration, HouseState(name, m, values, ambient))
+            calibration = with_state(calibration, VenueState(name, m, values, ambient))
         save_calibration(calibration, tmp_path / "calibrations" / "0001")
         return tmp_path
 

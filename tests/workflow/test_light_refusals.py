@@ -7,14 +7,14 @@ import pytest
 from tiny_venue import make_venue, quick_simulator, take_session
 
 from procam.errors import OutOfModelRange
-from procam.estimate.radiance import Radiometer
+from procam.estimate.camera.radiance import Radiometer
 from procam.files.calibration import load_calibration
 from procam.files.session import Session
-from procam.files.venue import Venue
+from procam.files.venue.load import Venue
 from procam.model.frame import Frame
 from procam.model.plan import Shot
-from procam.workflows.calibrate import solve
-from procam.workflows.readings import Readings
+from procam.workflows.capture.session_images import SessionImages
+from procam.workflows.solve.calibrate import solve
 
 Visit = tuple[Venue, Session]
 
@@ -47,15 +47,15 @@ def test_a_tone_curve_that_venue_toml_does_not_know(
 
 def changing(monkeypatch: pytest.MonkeyPatch, share: float, drift: float = 0.0) -> None:
     """Light of the room, or a lamp, changes after the codes: stripes see it, white does not."""
-    steady = Readings.light
+    steady = SessionImages.light
 
-    def light(self: Readings, shot: Shot, exposure: int = 0) -> np.ndarray:
+    def light(self: SessionImages, shot: Shot, exposure: int = 0) -> np.ndarray:
         seen = steady(self, shot, exposure)
         if shot.purpose != "stripes":
             return seen
         return np.asarray(seen * (1 + drift) + share * np.nanpercentile(seen, 95), np.float32)
 
-    monkeypatch.setattr(Readings, "light", light)
+    monkeypatch.setattr(SessionImages, "light", light)
 
 
 def test_a_door_that_opened(visit: Visit, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 from tiny_venue import quick_simulator
 
-from procam.estimate import assemble
+from procam.estimate import calibration as assemble
 from simulators import truth
 from simulators.scene import SceneSize
 from studies import photometry

@@ -19,17 +19,18 @@ from tiny_venue import (
     watch_stage,
 )
 
-from procam.estimate import assemble, feedback
+from procam.estimate import calibration as assemble
+from procam.estimate.closed_loop import dome as feedback
 from procam.files.calibration import load_calibration
-from procam.files.images import write_picture
-from procam.files.venue import load_venue
+from procam.files.images.images import write_picture
+from procam.files.venue.load import load_venue
 from procam.interfaces.cli import venues
-from procam.maths.sphere import master_directions
+from procam.maths.geometry.sphere import master_directions
 from procam.model.calibration import Calibration
 from procam.model.frame import Frame
 from procam.model.transport import Measured
-from procam.workflows import loop_camera
-from procam.workflows import refine as refining
+from procam.workflows.refine import camera as loop_camera
+from procam.workflows.refine import refine as refining
 from procam.workflows.venue_rig import open_rig
 from simulators.devices import SimulatedCamera
 

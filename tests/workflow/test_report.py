@@ -10,16 +10,16 @@ import pytest
 from procam.compensate.compensator import Compensator
 from procam.errors import FileFormatError, InputError
 from procam.files.calibration import save_calibration
-from procam.files.images import RGB, write_channels
-from procam.interfaces.plots import Scale, on_dome
+from procam.files.images.images import RGB, write_channels
+from procam.interfaces.plots.charts import Scale, on_dome
 from procam.interfaces.report import write_report
 from procam.interfaces.report.words import NAMES, goal_text, percent, value_text
-from procam.maths.sphere import master_directions, master_pixels
+from procam.maths.geometry.sphere import master_directions, master_pixels
 from procam.maths.warp import block_mean
 from procam.model.mask import Mask
 from procam.model.quality import Figure, Goal
-from procam.workflows.pictures import half_sky
-from procam.workflows.refine import Refined
+from procam.workflows.refine.refine import Refined
+from procam.workflows.sample_content import half_sky
 
 SIZE = 96
 HOSTILE = '<img src=x onerror="alert(1)">'

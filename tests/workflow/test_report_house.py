@@ -12,16 +12,16 @@ from procam.interfaces.report import dome, write_report
 from procam.interfaces.report.blocks import Table
 from procam.interfaces.report.data import gain_change, read_material
 from procam.model.calibration import Calibration
-from procam.model.house import HouseState
 from procam.model.transport import Measured
+from procam.model.venue_state import VenueState
 
 
 def _housed(calibration: Calibration) -> Calibration:
     lamps = np.broadcast_to(np.float32([0.004, 0.003, 0.002]), (96, 96, 3)).copy()
     m = Measured(np.array([0.34, 0.37, 0.45]), np.full(3, 0.005))
     states = {
-        "full": HouseState("full", m, np.full(3, 1.12), lamps),
-        "school": HouseState("school", m, np.full(3, 1.12)),
+        "full": VenueState("full", m, np.full(3, 1.12), lamps),
+        "school": VenueState("school", m, np.full(3, 1.12)),
     }
     return replace(calibration, states=states)
 

@@ -11,23 +11,23 @@ import pytest
 from tiny_venue import CAMERA, Ran, procam, quick_simulator
 
 from procam.errors import CalibrationError, FileFormatError
-from procam.estimate import assemble
-from procam.estimate.dome_master import DomeMaster
-from procam.estimate.radiance import Radiometer
+from procam.estimate import calibration as assemble
+from procam.estimate.camera.radiance import Radiometer
+from procam.estimate.media_server.dome_master import DomeMaster
 from procam.files.calibration import load_calibration
-from procam.files.images import read_image
+from procam.files.images.images import read_image
 from procam.files.session import Session
-from procam.files.venue import load_venue
+from procam.files.venue.load import load_venue
 from procam.interfaces.judge import judge, judge_pictures
 from procam.model.calibration import Calibration
 from procam.model.plan import Plan
 from procam.model.quality import Figure
-from procam.workflows.bake import keep_pictures, read_frames
-from procam.workflows.calibrate import solve
-from procam.workflows.pictures import half_sky
-from procam.workflows.readings import Readings
-from procam.workflows.server import placed_by_server
-from procam.workflows.visit import plan_of_visit, server_of
+from procam.workflows.capture.session_images import SessionImages
+from procam.workflows.capture.session_plan import plan_of_session, server_of
+from procam.workflows.refine.shown import keep_pictures, read_frames
+from procam.workflows.sample_content import half_sky
+from procam.workflows.solve.calibrate import solve
+from procam.workflows.solve.media_server import placed_by_server
 from simulators import truth
 from simulators.scene import SceneSize
 from simulators.template import server_text
@@ -156,9 +156,9 @@ def test_forecast(visit: Visit, found: Calibration) -> None:
 
 
 class TestRefused:
-    def _readings(self, visit: Visit, plan: Plan) -> Readings:
+    def _readings(self, visit: Visit, plan: Plan) -> SessionImages:
         camera = load_venue(visit.folder).cameras[CAMERA]
-        return Readings(Session(visit.session), plan, Radiometer(camera))
+        return SessionImages(Session(visit.session), plan, Radiometer(camera))
 
     def test_a_plan_without_tags(self, visit: Visit) -> None:
         venue, plan = load_venue(visit.folder), Session(visit.session).read_plan()
@@ -186,4 +186,4 @@ def test_plans_of_other_venues_are_as_they_were(tmp_path: Path) -> None:
 
     venue = make_venue(tmp_path)
     assert server_of(venue) is None
-    assert {s.purpose for s in plan_of_visit(venue)[0].shots} >= {"code", "stripes"}
+    assert {s.purpose for s in plan_of_session(venue)[0].shots} >= {"code", "stripes"}

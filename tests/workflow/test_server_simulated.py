@@ -5,8 +5,8 @@ import pytest
 from tiny_venue import quick_simulator
 
 from procam.errors import ShapeError, UnitError
-from procam.files.venue import load_venue, template_text
-from procam.maths.sphere import angle_between, master_directions, master_pixels
+from procam.files.venue.load import load_venue, template_text
+from procam.maths.geometry.sphere import angle_between, master_directions, master_pixels
 from procam.workflows.venue_rig import open_rig
 from simulators.backend import build_scene, build_server
 from simulators.backend import open_rig as open_backend

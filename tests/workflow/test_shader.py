@@ -15,17 +15,17 @@ from tiny_venue import procam
 from procam.compensate.compensator import Compensator
 from procam.compensate.fields import Fields
 from procam.files.calibration import save_calibration
-from procam.files.images import read_image, write_image
+from procam.files.images.images import read_image, write_image
 from procam.kernels.frame import reference as reference_frame
 from procam.kernels.frame.coding import Coding
-from procam.maths.curves import srgb_decode, srgb_encode
-from procam.maths.dither import threshold_tile
-from procam.maths.scatter_kernel import basis
-from procam.maths.sphere import master_directions, master_solid_angles
+from procam.maths.codes.dither import threshold_tile
+from procam.maths.geometry.sphere import master_directions, master_solid_angles
+from procam.maths.light.curves import srgb_decode, srgb_encode
+from procam.maths.light.scatter_kernel import basis
 from procam.model.calibration import Calibration
-from procam.model.house import HouseState
 from procam.model.mask import Mask
 from procam.model.transport import Measured, ScatterKernel
+from procam.model.venue_state import VenueState
 
 SIZE = 160
 FRAMES = 300
@@ -47,7 +47,7 @@ def furnish(calibration: Calibration) -> Calibration:
         calibration.maps, kernel=kernel, protected=Mask("screen", covered), falloff=falloff
     )
     lamps = np.full((MAP, MAP, 3), 0.004, np.float32) * np.array([1, 0.8, 0.5], np.float32)
-    state = HouseState(
+    state = VenueState(
         "full", Measured(np.full(3, 0.4), np.full(3, 0.01)), np.array([1.1, 1.12, 1.15]), lamps
     )
     return replace(calibration, maps=maps, states={"full": state})

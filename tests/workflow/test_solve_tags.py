@@ -12,12 +12,12 @@ from tiny_venue import CAMERA, make_venue, quick_simulator, take_session
 
 from procam.files.calibration import load_calibration
 from procam.files.session import Session
-from procam.files.venue import Venue, load_venue
-from procam.maths.pose import rotation_vector
+from procam.files.venue.load import Venue, load_venue
+from procam.maths.geometry.pose import rotation_vector
 from procam.model.plan import Plan, Shot
-from procam.workflows.calibrate import solve
 from procam.workflows.events import Event
-from procam.workflows.tags import tag_notes
+from procam.workflows.solve.apriltags import tag_notes
+from procam.workflows.solve.calibrate import solve
 from simulators.rig import set_up_cameras
 from simulators.scene import SceneSize
 

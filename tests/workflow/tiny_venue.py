@@ -12,14 +12,14 @@ from pathlib import Path
 
 import pytest
 
-import procam.devices.projector_control as controls
+import procam.devices.control.projector_control as controls
 import simulators.backend
 from procam.devices.protocols import BackendRig
 from procam.files.session import Session
-from procam.files.venue import Venue, load_venue
+from procam.files.venue.load import Venue, load_venue
 from procam.interfaces.cli.main import main
-from procam.workflows.calibrate import solve
-from procam.workflows.capture import capture, prepare_session
+from procam.workflows.capture.capture import capture, prepare_session
+from procam.workflows.solve.calibrate import solve
 from procam.workflows.venue_rig import open_rig
 from simulators import transport
 from simulators.devices import SimulatedCamera

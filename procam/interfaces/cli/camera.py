@@ -10,13 +10,13 @@ import numpy as np
 import typer
 
 from procam.errors import FileFormatError, InputError, NotEnoughData
-from procam.estimate.board_fit import tells_pose
-from procam.estimate.camera import FEWEST_VIEWS, BoardView, CameraFit, fit_camera, rms
-from procam.estimate.cvcompat import Board, BoardKind, find_board, other_count
+from procam.estimate.boards.camera import FEWEST_VIEWS, BoardView, CameraFit, fit_camera, rms
+from procam.estimate.boards.robust_fit import determines_pose
+from procam.estimate.boards.targets import Board, BoardKind, find_board, other_count
 from procam.files.atomic import write_text
 from procam.interfaces.cli.decoding import SUFFIXES, read_grey
 from procam.interfaces.cli.output import Output
-from procam.maths.lenses import LensKind
+from procam.maths.geometry.lenses import LensKind
 from procam.model.quality import Figure, Goal
 
 WORST_RMS_PX = 1.0
@@ -167,7 +167,7 @@ def _find_boards(
         picture = read_grey(path)
         sizes[path] = (picture.shape[1], picture.shape[0])
         found = find_board(picture, board)
-        if found is None or not tells_pose(found[0]):
+        if found is None or not determines_pose(found[0]):
             output.say(f"{path}: no board of {_count(board.squares)} squares found; left out")
             skipped.append(path)
         else:

@@ -8,7 +8,7 @@ from textwrap import wrap
 import typer
 
 from procam.errors import InputError
-from procam.estimate.comparison import Angles, Comparison, Difference, compare
+from procam.estimate.comparison.compare import Angles, Comparison, Difference, compare
 from procam.files.calibration import load_calibration
 from procam.interfaces.cli.output import Output
 from procam.model.calibration import Calibration

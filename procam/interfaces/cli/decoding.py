@@ -8,16 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procam.errors import CalibrationError, FileFormatError, InputError
-from procam.estimate.codes import CODES, Code, make_code, picture
-from procam.estimate.decode import Decoder
-from procam.estimate.frame_checks import Verdict, examine
-from procam.estimate.limits import DecodeLimits, default_limits
-from procam.estimate.panel_checks import panel_notes
-from procam.estimate.projector_map import drop_inconsistent, fit_projector_map
-from procam.estimate.soundness import probe_places
-from procam.files.images import read_image, write_channels, write_image
+from procam.estimate.structured_light.codes import CODES, Code, make_code, picture
+from procam.estimate.structured_light.consistency import probe_places
+from procam.estimate.structured_light.decode import Decoder
+from procam.estimate.structured_light.limits import DecodeLimits, default_limits
+from procam.estimate.structured_light.panel_checks import panel_notes
+from procam.estimate.structured_light.panel_map import drop_inconsistent, fit_projector_map
+from procam.estimate.structured_light.set_checks import SetReport, examine
+from procam.files.images.images import read_image, write_channels, write_image
 from procam.interfaces.cli.output import Output
-from procam.interfaces.quicklook import quick_look
+from procam.interfaces.plots.correspondence import quick_look
 from procam.model.correspondence import CorrespondenceMap, ProjectorMap
 
 SUFFIXES = (".png", ".tif", ".tiff", ".jpg", ".jpeg", ".exr", ".bmp", ".pgm")
@@ -145,7 +145,7 @@ def folder_order(code: Code) -> list[int]:
     return shown if code.has_waves else [*shown[2:], 0, 1]
 
 
-def _matched(files: list[Path], code: Code) -> Verdict:
+def _matched(files: list[Path], code: Code) -> SetReport:
     """Which file shows which plane; files of another size than most are left out."""
     pictures = ((path, read_grey(path)) for path in files)
     seen = [
@@ -162,7 +162,7 @@ def _matched(files: list[Path], code: Code) -> Verdict:
     probes = [probe for _, kind, probe in seen if kind == usual]
     verdict = examine(code, folder_order(code), probes, [path.name for path in same])
     order = [None if i is None else files.index(same[i]) for i in verdict.order]
-    return Verdict(order, notes + verdict.notes)
+    return SetReport(order, notes + verdict.notes)
 
 
 def _kind(picture: Picture) -> str:

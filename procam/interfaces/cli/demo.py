@@ -14,16 +14,16 @@ import typer
 from procam.errors import InputError
 from procam.files import atomic
 from procam.files.calibration import load_calibration
-from procam.files.venue import Venue, load_venue, template_names, template_text
+from procam.files.venue.load import Venue, load_venue, template_names, template_text
 from procam.interfaces.cli.output import Output
 from procam.interfaces.cli.venues import keep_refined
 from procam.interfaces.judge import failed, judge, judge_pictures
 from procam.model.quality import Figure, Goal
-from procam.workflows import capture as capturing
-from procam.workflows.bake import keep_loop, keep_pictures, read_frames
-from procam.workflows.calibrate import solve
-from procam.workflows.pictures import half_sky
-from procam.workflows.refine import Refined, refine
+from procam.workflows.capture import capture as capturing
+from procam.workflows.refine.refine import Refined, refine
+from procam.workflows.refine.shown import keep_loop, keep_pictures, read_frames
+from procam.workflows.sample_content import half_sky
+from procam.workflows.solve.calibrate import solve
 from procam.workflows.venue_rig import open_rig
 
 CONTENT_SIZE = 1024

@@ -9,15 +9,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procam.errors import FileFormatError, InputError
-from procam.estimate.desk import Vignetting, black_level, desk_glare, fit_vignetting, flat_light
-from procam.estimate.radiance import Radiometer
+from procam.estimate.camera.glare_and_vignetting import (
+    Vignetting,
+    black_level,
+    desk_glare,
+    fit_vignetting,
+    flat_light,
+)
+from procam.estimate.camera.radiance import Radiometer
 from procam.files.atomic import write_text
-from procam.files.images import read_image
-from procam.files.photos import SUFFIXES, photo_counts, read_photo, write_response
-from procam.files.venue import load_venue
+from procam.files.images.images import read_image
+from procam.files.images.photos import SUFFIXES, photo_counts, read_photo, write_response
+from procam.files.venue.load import load_venue
 from procam.interfaces.cli.output import Output
 from procam.model.optics import CameraModel
-from procam.workflows.ingest import solve_brackets
+from procam.workflows.capture.ingest import solve_brackets
 
 Trap = tuple[float, float, float]
 

@@ -6,10 +6,10 @@ from pathlib import Path
 import typer
 
 from procam.errors import DeviceError
-from procam.files.venue import load_venue
+from procam.files.venue.load import load_venue
 from procam.interfaces.cli.output import Output
-from procam.workflows.doctor import examine
-from procam.workflows.findings import Behaviour, Diagnosis, Finding
+from procam.workflows.doctor.doctor import examine
+from procam.workflows.doctor.findings import Behaviour, Diagnosis, Finding
 from procam.workflows.venue_rig import open_rig
 
 COLUMNS = (

@@ -4,10 +4,10 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from itertools import groupby
 
-from procam.files.venue import BY_HAND, Venue
+from procam.files.venue.load import BY_HAND, Venue
 from procam.interfaces.cli.output import Output
 from procam.model.plan import Shot
-from procam.workflows.visit import plan_of_visit
+from procam.workflows.capture.session_plan import plan_of_session
 
 DRIVEN_S = 1.0  # beside the exposure: show, settle, read out, store
 BY_HAND_S = 5.0  # a DSLR takes 3.5 to 7 s a shot (science.md s.4)
@@ -30,7 +30,7 @@ class Work:
 def run_dry(venue: Venue, output: Output) -> None:
     """Print the work per projector and in all, the order of the shots, and when geometry is there."""
     sizes = {name: entry.size for name, entry in venue.table.projectors.items()}
-    shots = plan_of_visit(venue)[0].shots
+    shots = plan_of_session(venue)[0].shots
     each = {name: work(venue, [s for s in shots if s.projector == name]) for name in ("", *sizes)}
     until = max(i for i, shot in enumerate(shots) if shot.purpose in FOR_GEOMETRY) + 1
     geometry, stages = work(venue, shots[:until]), _stages(shots)

@@ -3,14 +3,14 @@
 from pathlib import Path
 
 from procam.errors import InputError
-from procam.files.movies import video_library
+from procam.files.images.slideshow import video_library
 from procam.files.session import Session
-from procam.files.venue import load_venue
+from procam.files.venue.load import load_venue
 from procam.interfaces.cli.output import Output
 from procam.interfaces.cli.venues import venue_of
-from procam.workflows.external import export, hold_s, prepare_by_hand
-from procam.workflows.ingest import ingest
-from procam.workflows.visit import server_of
+from procam.workflows.capture.by_hand import export, hold_s, prepare_by_hand
+from procam.workflows.capture.ingest import ingest
+from procam.workflows.capture.session_plan import server_of
 
 SHOWN = 8  # missing shots that a line names
 ONE_BY_ONE = "show one projector's pictures after the other's, all other shutters closed"

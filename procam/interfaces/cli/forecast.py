@@ -14,10 +14,9 @@ from procam.errors import InputError
 from procam.files import atomic
 from procam.files.calibration import latest_calibration, load_calibration
 from procam.interfaces.cli.output import Output
-from procam.interfaces.forecast_plot import RELATIVE, write_plot
+from procam.interfaces.plots.forecast import RELATIVE, write_plot
 from procam.model.calibration import Calibration
 from procam.model.screen import Dome
-from procam.workflows.bake import read_square
 from procam.workflows.forecast import (
     LUMINANCE,
     Band,
@@ -34,6 +33,7 @@ from procam.workflows.forecast import (
     sampled,
     white_luminance,
 )
+from procam.workflows.refine.shown import read_square
 
 Described = Mapping[str, float | None]
 USUAL = {
@@ -65,7 +65,7 @@ def run_forecast(
     levels = _levels(prospect, lumens)
     unit = RELATIVE if lumens is None else "cd/m2"
     pictures = {path: _picture(prospect, content) for path, content in contents.items()}
-    house = _House.of(prospect, lumens, contents)
+    house = _Hall.of(prospect, lumens, contents)
     assumptions = list(_assumptions(prospect, venue, described, lumens))
     document = {
         "unit": unit,
@@ -131,7 +131,7 @@ def _check_light(lumens: float | None, described: Described, venue: Path | None)
 
 
 @dataclass(frozen=True)
-class _House:
+class _Hall:
     """A venue in the states of its house: as it was calibrated first, then by name.
 
     `levels` and `figures`, those of each picture by path, are in that order.
@@ -144,7 +144,7 @@ class _House:
     @classmethod
     def of(
         cls, prospect: Prospect, lumens: float | None, contents: Mapping[str, np.ndarray]
-    ) -> "_House | None":
+    ) -> "_Hall | None":
         """None where no state was measured."""
         venue = prospect.ends[1]
         names = list(venue.states)

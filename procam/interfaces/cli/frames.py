@@ -10,9 +10,9 @@ from procam.errors import InputError
 from procam.files.calibration import load_dome
 from procam.interfaces.cli.memory import keep_large_buffers
 from procam.interfaces.cli.output import Output
-from procam.workflows.clip import compensate_clip, compensate_file, write_report
-from procam.workflows.clip_ends import PipeClip
-from procam.workflows.clip_engine import How
+from procam.workflows.playout.compensate import compensate_clip, compensate_file, write_report
+from procam.workflows.playout.frame import FrameSettings
+from procam.workflows.playout.sources import PipeClip
 
 if TYPE_CHECKING:
     from procam.workflows.events import Event
@@ -25,7 +25,7 @@ Rows = dict[int, dict[str, Any]]
 def run_compensate(
     calibration: Path,
     ends: tuple[Path, Path],
-    how: How,
+    how: FrameSettings,
     told: tuple[Path | None, Path | None],
     pipe: tuple[int, str],
     output: Output,
@@ -57,7 +57,7 @@ def run_warp(
     calibration: Path, source: Path, out: Path, transfer: str | None, output: Output
 ) -> None:
     """`procam warp`."""
-    from procam.workflows.clip_warp import warp_file  # not on the way of `compensate`
+    from procam.workflows.playout.warp import warp_file  # not on the way of `compensate`
 
     events = warp_file(calibration, source, out, transfer)
     paths = _follow(events, output, quiet=source.is_file())["frames"]
@@ -69,12 +69,12 @@ def run_warp(
 def _run_pipe(
     calibration: Path,
     ends: tuple[Path, Path],
-    how: How,
+    how: FrameSettings,
     told: tuple[Path | None, Path | None],
     pipe: tuple[int, str],
     output: Output,
 ) -> None:
-    from procam.files.raw_frames import pixel_type, require_open, widen
+    from procam.files.images.raw_frames import pixel_type, require_open, widen
 
     (size, pixels), (explain, report) = pipe, told
     if ends != (PIPE, PIPE):
@@ -143,7 +143,7 @@ def _collected(events: "Iterator[Event]", rows: Rows) -> "Iterator[Event]":
         yield event
 
 
-def _tell(rows: Rows, ends: tuple[Path, Path], how: How, output: Output) -> None:
+def _tell(rows: Rows, ends: tuple[Path, Path], how: FrameSettings, output: Output) -> None:
     frames = [rows[number] for number in sorted(rows)]
     document: dict[str, Any] = {
         "out": str(ends[1]),
@@ -177,7 +177,7 @@ def _check_plots(explain: Path | None, report: Path | None) -> None:
     if report and report.suffix != ".csv":
         raise InputError(f"--report: got {report}, expected a name that ends in .csv")
     if report or explain:
-        from procam.interfaces.plots import require_matplotlib
+        from procam.interfaces.plots.charts import require_matplotlib
 
         require_matplotlib()
 
@@ -188,7 +188,7 @@ def _beside(explain: Path | None, report: Path | None) -> list[tuple[str, Path]]
     if report:
         files += [("--report", report), ("--report", _plot(report))]
     if explain:
-        from procam.workflows.clip_explain import picture_files
+        from procam.workflows.playout.explain import picture_files
 
         pictures = [*picture_files(explain).values(), _sheet(explain)]
         files += [("--explain", path) for path in pictures]
@@ -204,17 +204,17 @@ def _sheet(explain: Path) -> Path:
 
 
 def _write_report(report: Path, rows: Rows) -> None:
-    from procam.interfaces.clip_plot import write_clip_plot
+    from procam.interfaces.plots.clip import write_clip_plot
 
     frames = [rows[number] for number in sorted(rows)]
     write_report(report, frames)
     write_clip_plot(_plot(report), frames)
 
 
-def _explain(calibration: Path, source: Path, how: How, folder: Path) -> None:
-    from procam.interfaces.clip_plot import write_explained
-    from procam.workflows.clip_explain import explain, first_piece, write_pictures
+def _explain(calibration: Path, source: Path, how: FrameSettings, folder: Path) -> None:
+    from procam.interfaces.plots.clip import write_explained
+    from procam.workflows.playout.explain import explain, first_frame, write_pictures
 
-    explained = explain(load_dome(calibration), first_piece(source), how)
+    explained = explain(load_dome(calibration), first_frame(source), how)
     write_pictures(folder, explained)
     write_explained(_sheet(folder), explained, how.strength)

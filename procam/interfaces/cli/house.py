@@ -9,10 +9,10 @@ from procam.files.calibration import (
     next_directory,
     save_calibration,
 )
-from procam.files.venue import load_venue
+from procam.files.venue.load import load_venue
 from procam.interfaces.cli.output import Output
-from procam.model.house import HouseState
-from procam.workflows.house import measure_state, with_state
+from procam.model.venue_state import VenueState
+from procam.workflows.audience import measure_state, with_state
 from procam.workflows.venue_rig import open_rig
 
 
@@ -22,7 +22,7 @@ def run_state(directory: Path, name: str, ambient_only: bool, output: Output) ->
     calibration = load_calibration(latest_calibration(directory))
     with atomic.locked(directory / "sessions"), open_rig(venue) as rig:
         data = output.follow(measure_state(rig, venue, calibration, name, ambient_only))
-    state: HouseState = data["state"]
+    state: VenueState = data["state"]
     out = next_directory(directory)
     save_calibration(with_state(calibration, state), out)
     low, high = state.feedback.interval()

@@ -51,7 +51,7 @@ def init(
 
     By-hand is for rigs of your own, through-server for domes behind a media server.
     """
-    from procam.files.venue import template_names
+    from procam.files.venue.load import template_names
     from procam.interfaces.cli.venues import run_init
 
     if not template:
@@ -268,7 +268,7 @@ def main() -> None:
 
 def _leave(code: int) -> NoReturn:
     """End the process: at once if a thread still waits at a pipe, of which libraries would complain."""
-    from procam.workflows.clip_flow import THREAD
+    from procam.workflows.playout.pipeline import THREAD
 
     if any(thread.name == THREAD for thread in threading.enumerate()):
         sys.stderr.flush()

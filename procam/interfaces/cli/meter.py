@@ -11,14 +11,14 @@ import numpy as np
 import typer
 
 from procam.errors import InputError
-from procam.estimate.absolute import (
+from procam.estimate.light.absolute import (
     LARGEST_ADDITIVITY,
     LARGEST_RESIDUAL,
     PRIMARIES,
-    Absolute,
+    AbsoluteLight,
     fit_absolute,
 )
-from procam.estimate.colour_spaces import (
+from procam.estimate.light.colour_spaces import (
     colour_temperature,
     content_from_rgb,
     unshown_saturation,
@@ -56,7 +56,7 @@ def run_meter(calibration: Path, readings: Path, out: Path, output: Output) -> N
         raise typer.Exit(1)
 
 
-def _figures(found: Absolute) -> dict[str, Figure]:
+def _figures(found: AbsoluteLight) -> dict[str, Figure]:
     residual = float(found.residual_de2000.mean())
     figures = {
         "residual_de2000": Figure(
@@ -77,7 +77,7 @@ def _figures(found: Absolute) -> dict[str, Figure]:
     return figures
 
 
-def _lines(found: Absolute) -> Iterator[str]:
+def _lines(found: AbsoluteLight) -> Iterator[str]:
     nits, sigma = found.nits_per_unit
     kelvin, duv = colour_temperature(found.white)
     told = "no colour temperature" if np.isnan(kelvin) else f"{kelvin:.0f} K"
@@ -100,13 +100,13 @@ def _lines(found: Absolute) -> Iterator[str]:
         )
 
 
-def _primaries(found: Absolute) -> dict[str, list[float]]:
+def _primaries(found: AbsoluteLight) -> dict[str, list[float]]:
     """X, y and Y of each content channel at 1."""
     each = xyy_from_xyz(found.xyz_from_content.T)
     return {name: row.tolist() for name, row in zip(PRIMARIES, each, strict=True)}
 
 
-def _unshown(found: Absolute) -> dict[str, dict[str, float]]:
+def _unshown(found: AbsoluteLight) -> dict[str, dict[str, float]]:
     """By colour space and primary, with the dome's white as the space's."""
     matrix = found.xyz_from_content
     shares = {s: unshown_saturation(content_from_rgb(s, matrix), matrix) for s in SPACES}
@@ -116,7 +116,7 @@ def _unshown(found: Absolute) -> dict[str, dict[str, float]]:
 
 
 def _document(
-    found: Absolute, figures: Mapping[str, Figure], calibration: Path, readings: Path
+    found: AbsoluteLight, figures: Mapping[str, Figure], calibration: Path, readings: Path
 ) -> dict[str, Any]:
     nits, sigma = found.nits_per_unit
     kelvin, duv = colour_temperature(found.white)

@@ -8,11 +8,8 @@ import numpy as np
 import typer
 
 from procam.errors import FileFormatError, InputError, NotEnoughData
-from procam.estimate.board_fit import tells_pose
-from procam.estimate.camera import rms
-from procam.estimate.codes import Code, make_code
-from procam.estimate.cvcompat import Board, find_board
-from procam.estimate.planar_pair import (
+from procam.estimate.boards.camera import rms
+from procam.estimate.boards.planar_pair import (
     DEVICES,
     FEWEST_VIEWS,
     PairView,
@@ -20,12 +17,15 @@ from procam.estimate.planar_pair import (
     fit_planar_pair,
     pair_view,
 )
+from procam.estimate.boards.robust_fit import determines_pose
+from procam.estimate.boards.targets import Board, find_board
+from procam.estimate.structured_light.codes import Code, make_code
 from procam.files.atomic import write_text
 from procam.interfaces.cli.camera import check_out, one_size, two_counts
 from procam.interfaces.cli.decoding import SUFFIXES, Picture, decode_folder, read_grey
 from procam.interfaces.cli.output import Output
-from procam.maths.lenses import Lens
-from procam.maths.pose import rotation_vector
+from procam.maths.geometry.lenses import Lens
+from procam.maths.geometry.pose import rotation_vector
 from procam.model.correspondence import CorrespondenceMap
 from procam.model.quality import Figure, Goal
 
@@ -98,7 +98,7 @@ def _view(place: Path, board: Board, found: CorrespondenceMap) -> PairView | Non
         return None
     view = pair_view(place.name, *seen, found)
     lit = np.isfinite(view.projector_px).all(axis=1)
-    return view if tells_pose(view.points[lit]) else None
+    return view if determines_pose(view.points[lit]) else None
 
 
 def _too_few(board: Board, poses: int, skipped: Sequence[str]) -> str:

@@ -39,7 +39,7 @@ def track(
     `procam compensate` would write. How strongly is chosen while it plays.
     """
     from procam.interfaces.cli.track import run_track
-    from procam.workflows.clip_engine import How
+    from procam.workflows.playout.frame import FrameSettings
 
-    how = How(method, state, white=white, transfer=transfer)
+    how = FrameSettings(method, state, white=white, transfer=transfer)
     run_track(calibration, source, out, how, Output(json))

@@ -74,9 +74,9 @@ def compensate(
     killed is resumed. On a pipe each frame is sent at once, and stderr tells the latency at the end.
     """
     from procam.interfaces.cli.frames import run_compensate
-    from procam.workflows.clip_engine import How
+    from procam.workflows.playout.frame import FrameSettings
 
-    how = How(method, state, strength, white, transfer)
+    how = FrameSettings(method, state, strength, white, transfer)
     run_compensate(calibration, (source, out), how, (explain, report), (size, pixels), Output(json))
 
 

@@ -3,11 +3,13 @@
 from pathlib import Path
 
 from procam.interfaces.cli.output import Output
-from procam.workflows.clip_engine import How
-from procam.workflows.track import track_show
+from procam.workflows.playout.frame import FrameSettings
+from procam.workflows.playout.track import track_show
 
 
-def run_track(calibration: Path, source: Path, out: Path, how: How, output: Output) -> None:
+def run_track(
+    calibration: Path, source: Path, out: Path, how: FrameSettings, output: Output
+) -> None:
     """Write OUT for the show IN."""
     document = output.follow(track_show(calibration, source, out, how))
     output.say(

@@ -14,15 +14,15 @@ from procam.files.calibration import (
     save_calibration,
 )
 from procam.files.session import Session
-from procam.files.venue import BY_HAND, Venue, load_venue, template_text
+from procam.files.venue.load import BY_HAND, Venue, load_venue, template_text
 from procam.interfaces.cli.dry_run import run_dry
 from procam.interfaces.cli.output import Output
 from procam.interfaces.judge import failed
-from procam.workflows import capture as capturing
-from procam.workflows.bake import keep_loop, keep_pictures, read_square
-from procam.workflows.calibrate import solve
-from procam.workflows.pictures import half_sky
-from procam.workflows.refine import Refined, refine
+from procam.workflows.capture import capture as capturing
+from procam.workflows.refine.refine import Refined, refine
+from procam.workflows.refine.shown import keep_loop, keep_pictures, read_square
+from procam.workflows.sample_content import half_sky
+from procam.workflows.solve.calibrate import solve
 from procam.workflows.venue_rig import open_rig
 
 CONTENT_SIZE = 1024

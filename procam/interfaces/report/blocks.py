@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.interfaces.plots import Scale
+from procam.interfaces.plots.charts import Scale
 from procam.interfaces.report.data import Material
 
 COLOURS = ("red", "green", "blue")

@@ -12,9 +12,14 @@ from numpy.typing import NDArray
 
 from procam.errors import FileFormatError, InputError
 from procam.files.calibration import list_calibrations, load_calibration
-from procam.files.images import RGB, read_channels, read_layers
-from procam.interfaces.plots import on_dome
-from procam.maths.sphere import angle_between, master_directions, master_pixels, master_solid_angles
+from procam.files.images.images import RGB, read_channels, read_layers
+from procam.interfaces.plots.charts import on_dome
+from procam.maths.geometry.sphere import (
+    angle_between,
+    master_directions,
+    master_pixels,
+    master_solid_angles,
+)
 from procam.maths.warp import block_mean, sample
 from procam.model.calibration import Calibration
 from procam.model.correspondence import ProjectorSurface

@@ -5,8 +5,8 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.interfaces import plots
-from procam.interfaces.plots import Scale
+from procam.interfaces.plots import charts as plots
+from procam.interfaces.plots.charts import Scale
 from procam.interfaces.report.blocks import (
     COLOURS,
     Block,
@@ -24,7 +24,7 @@ from procam.interfaces.report.blocks import (
 )
 from procam.interfaces.report.data import SHOWN, WHOLE, Material, drawn, resized, true_errors
 from procam.interfaces.report.words import number, percent
-from procam.maths.sphere import master_solid_angles
+from procam.maths.geometry.sphere import master_solid_angles
 from procam.model.calibration import Calibration
 from procam.model.quality import Figure
 from procam.model.transport import Measured

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from procam.interfaces import plots
+from procam.interfaces.plots import charts as plots
 from procam.interfaces.report.blocks import Block, DomePicture, Domes, Group, Table, Text
 from procam.interfaces.report.data import SHOWN, Material
 from procam.interfaces.report.words import number, percent

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.interfaces import plots
+from procam.interfaces.plots import charts as plots
 from procam.interfaces.report.blocks import (
     COLOURS,
     Block,
@@ -25,7 +25,11 @@ from procam.interfaces.report.blocks import (
 )
 from procam.interfaces.report.data import WHOLE, Loop, Material, Seen, drawn, gain_change, resized
 from procam.interfaces.report.words import percent
-from procam.maths.sphere import angles_from_direction, master_directions, master_solid_angles
+from procam.maths.geometry.sphere import (
+    angles_from_direction,
+    master_directions,
+    master_solid_angles,
+)
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.floating]

@@ -10,7 +10,7 @@ import numpy as np
 
 from procam.errors import InputError
 from procam.files import atomic
-from procam.interfaces import plots
+from procam.interfaces.plots import charts as plots
 from procam.interfaces.report import dome, hand, light
 from procam.interfaces.report.blocks import COLOURS, Section
 from procam.interfaces.report.data import Material, read_material
@@ -22,7 +22,7 @@ from procam.interfaces.report.words import (
     value_text,
     words_for,
 )
-from procam.maths.sphere import cap_solid_angle
+from procam.maths.geometry.sphere import cap_solid_angle
 from procam.model.calibration import Calibration
 
 WHITE_SHARES = (0.1, 0.25, 0.5, 0.75)

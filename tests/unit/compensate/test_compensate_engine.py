@@ -14,12 +14,12 @@ from procam import kernels
 from procam.compensate.compensator import METHODS, Compensator
 from procam.compensate.equations import TOLERANCE, FrameEquations
 from procam.errors import InputError, ShapeError
-from procam.maths.sphere import master_directions, master_solid_angles
-from procam.maths.transfer import transfer
+from procam.maths.geometry.sphere import master_directions, master_solid_angles
+from procam.maths.light.transfer import transfer
 from procam.model.calibration import Calibration
-from procam.model.house import HouseState
 from procam.model.mask import Mask
 from procam.model.transport import Measured, ScatterKernel
+from procam.model.venue_state import VenueState
 
 SMALL = 20
 SIZE = 96
@@ -350,7 +350,7 @@ class TestProtectedInStates:
         falloff = fall if case in ("falloff", "all") else None
         maps = replace(maps, protected=Mask("screen", covered), falloff=falloff)
         lamps = np.full((SIZE, SIZE, 3), 0.05, np.float32)
-        house = HouseState("full", Measured(np.full(3, 0.3), np.full(3, 0.01)), np.ones(3), lamps)
+        house = VenueState("full", Measured(np.full(3, 0.3), np.full(3, 0.01)), np.ones(3), lamps)
         known = replace(calibration, maps=maps, states={"full": house})
         state = "full" if case in ("state", "all") else None
         white = "keep" if case in ("keep", "all") else "summed"

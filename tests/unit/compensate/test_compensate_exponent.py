@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 
 from procam.compensate.projector_frames import projector_frames
-from procam.maths.curves import apply_curve
-from procam.maths.sphere import master_pixels
+from procam.maths.geometry.sphere import master_pixels
+from procam.maths.light.curves import apply_curve
 from procam.maths.warp import sample
 from procam.model.calibration import Calibration
 

@@ -10,8 +10,8 @@ from tolerances import FLOAT32
 from procam.compensate import _continuation
 from procam.compensate.compensator import Compensator
 from procam.compensate.fields import Fields
-from procam.maths.scatter_kernel import basis
-from procam.maths.sphere import master_directions, master_solid_angles
+from procam.maths.geometry.sphere import master_directions, master_solid_angles
+from procam.maths.light.scatter_kernel import basis
 from procam.model.calibration import Calibration
 from procam.model.transport import ScatterKernel
 

@@ -13,11 +13,11 @@ from tolerances import CLOSED_FORM, SOLVER
 
 from procam.compensate.mesh import CompensatedMesh, MeshCompensator
 from procam.errors import DidNotConverge, InputError, ShapeError, UnitError
-from procam.maths import active_set
-from procam.maths.box_solver import solve_flux
-from procam.maths.facets import face_areas
-from procam.maths.form_factors import form_factors
-from procam.maths.sphere import normalise, triangle_solid_angles
+from procam.maths.geometry.sphere import normalise, triangle_solid_angles
+from procam.maths.light.box_solver import solve_flux
+from procam.maths.mesh import active_set
+from procam.maths.mesh.facets import face_areas
+from procam.maths.mesh.form_factors import form_factors
 
 QP = 1e-7  # what is asked between our light and that of a general solver
 COARSE, FINE, RADIUS_M = 5, 10, 2.0
@@ -323,7 +323,7 @@ class TestNewtonIsNotTrusted:
 
     def test_a_balance_that_is_not_found(self, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(active_set, "_step", lambda right, *_: 0 * right)
-        room = active_set.Room(np.full(3, 0.5), np.full((3, 3), 1 / 3))
+        room = active_set.MeshRoom(np.full(3, 0.5), np.full((3, 3), 1 / 3))
         with pytest.raises(DidNotConverge, match="got no balance after 200 corrections"):
             room.all(np.ones(3))
 

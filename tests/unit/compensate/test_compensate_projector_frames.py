@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from procam.compensate.projector_frames import projector_frames, quantised
-from procam.maths.curves import apply_curve
+from procam.maths.light.curves import apply_curve
 from procam.model.calibration import Calibration, ProjectorCalibration
 
 SIZE = 96

@@ -14,11 +14,11 @@ from tolerances import FLOAT32
 
 from procam.compensate.compensator import Compensator
 from procam.errors import InputError
-from procam.maths.sphere import master_directions, master_solid_angles
+from procam.maths.geometry.sphere import master_directions, master_solid_angles
 from procam.model.calibration import Calibration
-from procam.model.house import HouseState
 from procam.model.mask import Mask
 from procam.model.transport import Measured
+from procam.model.venue_state import VenueState
 
 SIZE = 32
 ALBEDO, EMPTY, FULL = 0.5, 0.1, 0.6  # of the dome; of the rim, empty and full
@@ -77,7 +77,7 @@ def known(make_calibration: Callable[..., Calibration]) -> Calibration:
     )
     ratio = np.full(3, scatter[1] / scatter[0])
     m = Measured(ratio * made.feedback.value, made.feedback.sigma)
-    state = HouseState("full", m, ratio, lamps)
+    state = VenueState("full", m, ratio, lamps)
     return replace(made, maps=maps, states={"full": state})
 
 

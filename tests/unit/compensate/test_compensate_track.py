@@ -8,7 +8,7 @@ import pytest
 from procam.compensate.fields import Fields
 from procam.compensate.track import TERMS, columns, moves, row, textures, uniforms
 from procam.kernels.frame.reference import monomials
-from procam.maths.sphere import master_directions, master_solid_angles
+from procam.maths.geometry.sphere import master_directions, master_solid_angles
 from procam.model.calibration import Calibration
 from procam.model.mask import Mask
 from procam.model.transport import ScatterKernel

@@ -8,7 +8,7 @@ import pytest
 
 from procam.compensate.projector_frames import Warper, projector_frames
 from procam.errors import InputError, ShapeError
-from procam.maths.curves import srgb_decode
+from procam.maths.light.curves import srgb_decode
 from procam.model.calibration import Calibration
 
 N = 96

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from procam import kernels
 from procam.errors import InputError, ShapeError
 from procam.kernels.areas import reference
-from procam.maths.sphere import cap_solid_angle, direction_from_angles, grid_solid_angles
+from procam.maths.geometry.sphere import cap_solid_angle, direction_from_angles, grid_solid_angles
 
 GRIDS = [
     (1, 1),

@@ -10,8 +10,8 @@ from procam.errors import InputError, ShapeError
 from procam.kernels import ObservationBlock, PlacedDevice, ShapeDerivatives
 from procam.kernels.bundle import lenses as reference_lenses
 from procam.kernels.bundle import reference as reference_bundle
-from procam.maths.pose import rotation_matrix
-from procam.maths.ray_to_screen import RoundShape, bump_count
+from procam.maths.geometry.pose import rotation_matrix
+from procam.maths.geometry.ray_to_screen import RoundShape, shape_coefficient_count
 
 COUNTS = [(0, 4), (1, 0), (63, 4), (64, 0), (129, 4), (4097, 0)]  # C handles 64, NumPy 4096 at once
 RADIUS_M = 6.0
@@ -35,7 +35,7 @@ def case(
 ) -> Case:
     """Rays that end in the projector's view, so that none is nearly behind it."""
     rng = np.random.default_rng(4)
-    shape = RoundShape(RADIUS_M, rng.normal(0, 2e-3, bump_count(degree)), degree)
+    shape = RoundShape(RADIUS_M, rng.normal(0, 2e-3, shape_coefficient_count(degree)), degree)
     eye = device(camera, (0.1, -0.05, 0.3), (0.3, -0.2, 0.5), (0.004, 0.002))
     source = device(projector, (-0.4, 0.3, 0.2), (0.2, 0.5, 3.0))
     ray = np.c_[rng.uniform(-0.7, 0.7, (count, 2)), np.ones(count)]
@@ -130,7 +130,7 @@ def test_any_number_of_observations(level: str, count: int, degree: int) -> None
     given = case(count, degree=degree)
     for lens_free in (False, True):
         found = kernels.bundle_equations(*given, lens_free=lens_free)
-        assert found.matrix.shape == (1 + bump_count(degree) + 31,) * 2
+        assert found.matrix.shape == (1 + shape_coefficient_count(degree) + 31,) * 2
         assert_same(found, reference_bundle.bundle_equations(*given, lens_free))
     block, ray, seen, _, derivatives = given
     wanted = reference_bundle.bundle_residuals(block, ray, seen, derivatives)

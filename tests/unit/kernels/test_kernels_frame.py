@@ -17,9 +17,9 @@ from procam.kernels.frame import (
 from procam.kernels.frame.api import MODES
 from procam.kernels.frame.coding import Coding
 from procam.kernels.frame.grid import Grid
-from procam.maths.dither import threshold_tile
-from procam.maths.sphere import master_directions, master_solid_angles
-from procam.maths.transfer import NAMES, transfer
+from procam.maths.codes.dither import threshold_tile
+from procam.maths.geometry.sphere import master_directions, master_solid_angles
+from procam.maths.light.transfer import NAMES, transfer
 
 SIZES = [(64, 64, 1), (97, 64, 4), (270, 257, 9), (35, 33, 9)]
 TYPES = [np.uint8, np.uint16, np.float16, np.float32]

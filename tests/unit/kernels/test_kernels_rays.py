@@ -7,7 +7,7 @@ import pytest
 
 from procam import kernels
 from procam.kernels.bundle import lenses as reference_lenses
-from procam.maths.lenses import Lens, project
+from procam.maths.geometry.lenses import Lens, project
 
 LENS = np.array([900.0, 905, 1500, 1499, 0.02, -0.008, 0.001, 0.0])
 FOLDING = np.array([900.0, 905, 1500, 1499, -0.1, 0.0, 0.0, 0.0])  # at 1.83 rad

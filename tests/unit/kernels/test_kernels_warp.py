@@ -9,7 +9,7 @@ from procam import kernels
 from procam.errors import InputError, ShapeError
 from procam.kernels.warp import reference as reference_warp
 from procam.kernels.warp.reference import KNOTS, PLACE, WarpPlan
-from procam.maths.curves import srgb_decode, srgb_encode
+from procam.maths.light.curves import srgb_decode, srgb_encode
 from procam.maths.warp import sample
 
 MASTERS = [np.uint8, np.uint16, np.float16, np.float32]

@@ -1,0 +1,1 @@
+"""Remote control of projectors over serial lines: commands are data, one engine sends them."""

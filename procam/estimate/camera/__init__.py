@@ -1,0 +1,1 @@
+"""What one camera does to light: exposure, noise, response, HDR merging, glare and vignetting."""

@@ -1,0 +1,51 @@
+"""Raw counts to relative radiance: black, exposure, vignetting, veiling glare."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procam.maths.geometry.lenses import unproject
+from procam.model.frame import Frame
+from procam.model.optics import CameraModel
+
+Image = NDArray[np.float32]
+
+
+class Radiometer:
+    """Turns frames of one camera into radiance [full scale per second], (H, W) or (H, W, 3).
+
+    Saturated pixels become NaN. Pixels outside `seen` (the image circle) mean nothing.
+    """
+
+    def __init__(self, camera: CameraModel) -> None:
+        self.camera = camera
+        width, height = camera.size
+        pixels = np.stack(np.meshgrid(np.arange(width), np.arange(height)), -1).astype(float)
+        self.rays = unproject(pixels, camera.lens)
+        theta = np.arccos(np.clip(self.rays[..., 2], -1, 1))
+        fall = np.ones_like(theta)
+        for power, coefficient in enumerate(camera.sensor.vignetting, start=1):
+            fall += coefficient * theta ** (2 * power)
+        centre = camera.lens.centre
+        off_axis = np.hypot(pixels[..., 0] - centre[0], pixels[..., 1] - centre[1])
+        circle = camera.lens.kind == "brown" or off_axis <= min(camera.size) / 2
+        self.seen = np.asarray((fall > 0.05) & circle)
+        self._correction = np.where(self.seen, 1 / np.maximum(fall, 0.05), 0.0).astype(np.float32)
+        # a matrix product sums far faster than a reduction over two axes
+        self._mean_weight = (self.seen / self.seen.sum()).astype(np.float32).ravel()
+
+    def radiance(self, frame: Frame) -> Image:
+        """Radiance of a frame; the veil of glare is taken off, from the frame's own mean."""
+        sensor = self.camera.sensor
+        shaped = (..., None) if frame.counts.ndim == 3 else (...,)
+        scale = (sensor.full_scale * frame.settings.exposure_s) * (1 - sensor.glare)
+        light = frame.counts.astype(np.float32)
+        light -= np.float32(sensor.black_level)
+        light *= (self._correction / np.float32(scale))[shaped]
+        if sensor.glare:
+            # photographed = (1 - g) true + g mean(true), and the mean over the circle is kept
+            mean = self._mean_weight @ light.reshape(self._mean_weight.size, -1)
+            light -= np.float32(sensor.glare) * mean
+        saturated = 2**sensor.bits - 1
+        if frame.counts.max() >= saturated:
+            light[frame.counts >= saturated] = np.nan
+        return light

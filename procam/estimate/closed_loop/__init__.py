@@ -1,0 +1,1 @@
+"""Corrections learnt from photographs of a compensated picture."""

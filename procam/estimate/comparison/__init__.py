@@ -1,0 +1,1 @@
+"""Two calibrations of one rig compared within their error bars."""

@@ -1,0 +1,242 @@
+"""What the difference between two calibrations of a rig means, in words."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+
+from procam.errors import NotEnoughData
+from procam.estimate.comparison.common_pixels import (
+    CommonPixels,
+    common_pixels,
+    error_over_sigma,
+    own_motion,
+    smooth_field,
+    turn_between,
+)
+from procam.maths.geometry.pose import rotation_vector
+from procam.model.calibration import Calibration
+
+Array = NDArray[np.float64]
+Kind = Literal["agree", "turned", "light", "moved", "changed", "lens", "exchanged", "differ"]
+ARCMIN = np.degrees(1) * 60
+AGREE = 2.0  # error over sigma: a pose has six freedoms, by chance one in a thousand exceeds it
+LIGHT_SIGMAS = 5.0  # of feedback or albedo: six figures, and sigmas that are themselves estimates
+EXPLAINED = 0.9  # of the variance, from which on a field is the reason and not a part of it
+CLEARER = 0.5  # one field for all must leave half of what motions leave: it has more numbers
+ALIKE = np.radians(1.0)  # no mount slips further, no two projectors are hung closer together
+CLEARLY = 0.1  # exchanged names must bring the difference down to this share
+MATCH_PIXELS = 200  # of each projector: other projectors are tens of degrees away
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """What the difference is.
+
+    Attributes
+    ----------
+    kind : in a word. text : a sentence. projectors : those that it is about.
+    """
+
+    kind: Kind
+    text: str
+    projectors: tuple[str, ...] = ()
+
+    @property
+    def sound(self) -> bool:
+        """Whether nothing but a turn of the whole rig is told."""
+        return self.kind in ("agree", "turned")
+
+
+SAME = Verdict(
+    "agree",
+    "the directions are the same to the last bit; those of two captures would differ by noise",
+)
+
+
+def judge_difference(
+    pairs: Mapping[str, CommonPixels], cameras: Sequence[str]
+) -> tuple[Verdict, Array]:
+    """The verdict on thinned pairs by projector, and the turn (3, 3) of the rig from B to A.
+
+    A projector that moved has no say in the turn. `cameras`: those that A and B were seen by.
+    """
+    if all(np.array_equal(pair.first, pair.second) for pair in pairs.values()):
+        return SAME, np.eye(3)
+    turn, kept, as_is = _common_turn(pairs)
+    steps = {name: pair.step(turn) for name, pair in pairs.items()}
+    others = [name for name in pairs if name not in kept]
+    if not others:
+        return _sound(as_is, turn), turn
+    if _one_smooth_field(pairs, steps):
+        return _lens(steps, cameras), turn
+    return _moved(pairs, steps, others), turn
+
+
+def find_exchanged(first: Calibration, second: Calibration) -> dict[str, str]:
+    """B's name of each of A's projectors where they are other ones; none if names are right.
+
+    A rig may be turned as well: every turn that takes one projector into another is tried, and of
+    those that explain all the smallest is believed.
+    """
+    pairs = _all_pairs(first, second)
+    names = list(first.projectors)
+    turns = [np.eye(3), *(turn_between([pair]) for pair in pairs.values())]
+    found = [_assigned(pairs, names, turn) for turn in turns]
+    sizes = [np.linalg.norm(rotation_vector(turn)) for turn in turns]
+    best = min(range(len(turns)), key=lambda i: (max(found[i][0], ALIKE), sizes[i]))
+    left, partners = found[best]
+    as_named = float(np.sqrt(np.mean([_mean_square(pairs[n, n], np.eye(3)) for n in names])))
+    if left > CLEARLY * as_named:
+        return {}
+    return {name: names[j] for name, j in zip(names, partners, strict=True) if name != names[j]}
+
+
+def exchanged(partners: Mapping[str, str]) -> Verdict:
+    """The verdict on projectors that carry each other's names."""
+    each = ", ".join(f"A's {here} is B's {there}" for here, there in partners.items())
+    return Verdict("exchanged", f"{each}: wrong projector on the wire", tuple(partners))
+
+
+def judge_light(directions: Verdict, sigmas: Mapping[str, Sequence[float]]) -> Verdict:
+    """`directions`, or that the light differs where nothing worse does.
+
+    `sigmas`: per figure of the light, B - A in standard errors, by channel.
+    """
+    worst = {name: max(map(abs, each)) for name, each in sigmas.items()}
+    names = [name for name, most in worst.items() if most > LIGHT_SIGMAS]
+    if not names or not directions.sound:
+        return directions
+    each = " and ".join(f"{name} by {worst[name]:.3g} standard errors" for name in names)
+    return Verdict(
+        "light",
+        f"the light differs, {each}: was the screen painted or cleaned, a surface covered, or the "
+        f"camera's response, black level or glare another? Of the directions: {directions.text}",
+    )
+
+
+def _common_turn(pairs: Mapping[str, CommonPixels]) -> tuple[Array, list[str], bool]:
+    """The turn under which most projectors agree, which do, and whether they do without one.
+
+    None do if those are too few to say that the others moved: half of them can only say so where
+    marks fix the rig, and it is not turned at all.
+    """
+    each = [turn_between([pair]) for pair in pairs.values()]
+    turns = [np.eye(3), turn_between(pairs.values()), *each]
+    agreeing = [[n for n, p in pairs.items() if _ratio(p, p.step(turn)) <= AGREE] for turn in turns]
+    best = max(range(len(turns)), key=lambda i: len(agreeing[i]))  # of equals the first
+    kept, as_is = agreeing[best], best == 0
+    if 2 * len(kept) <= len(pairs) - as_is:
+        return turns[1], [], False
+    return turn_between([pairs[name] for name in kept]), kept, as_is
+
+
+def _sound(as_is: bool, turn: Array) -> Verdict:
+    if as_is:
+        return Verdict("agree", "the calibrations agree within their error bars")
+    size = ARCMIN * np.linalg.norm(rotation_vector(turn))
+    return Verdict(
+        "turned",
+        f"a turn of the whole rig by {size:.3g} arcmin and nothing else: fiducials or camera were "
+        "set anew, or nothing fixes the rig in space",
+    )
+
+
+def _one_smooth_field(pairs: Mapping[str, CommonPixels], steps: Mapping[str, Array]) -> bool:
+    """Whether the same smooth field bends all projectors, better than motions of each would."""
+    step, variance = _joined(pairs, steps)
+    direction = np.concatenate([pair.first for pair in pairs.values()])
+    left = error_over_sigma(step - smooth_field(direction, step, variance), variance)
+    moved = np.concatenate([steps[n] - own_motion(pair, steps[n]) for n, pair in pairs.items()])
+    explains = left**2 <= (1 - EXPLAINED) * error_over_sigma(step, variance) ** 2
+    return explains and left < CLEARER * error_over_sigma(moved, variance)
+
+
+def _lens(steps: Mapping[str, Array], cameras: Sequence[str]) -> Verdict:
+    which = f"camera {cameras[0]}" if len(cameras) == 1 else f"a camera ({', '.join(cameras)})"
+    where = "in all projectors alike" if len(steps) > 1 else "in the only projector"
+    other = "the dome's shape" if len(steps) > 1 else "the projector's zoom or lens shift"
+    return Verdict(
+        "lens",
+        f"the lens model of {which} is doubtful, or {other}: a smooth difference of "
+        f"{_arcmin(*steps.values()):.3g} arcmin {where}",
+        tuple(steps),
+    )
+
+
+def _moved(
+    pairs: Mapping[str, CommonPixels], steps: Mapping[str, Array], names: list[str]
+) -> Verdict:
+    """The verdict on projectors of which each differs in its own way."""
+    left = {n: _ratio(pairs[n], steps[n] - own_motion(pairs[n], steps[n])) for n in names}
+    rigid = [left[n] ** 2 <= (1 - EXPLAINED) * _ratio(pairs[n], steps[n]) ** 2 for n in names]
+    each = ", ".join(f"{n} by {_arcmin(steps[n]):.3g}" for n in names) + " arcmin"
+    if all(rigid):
+        how = "moved" if len(names) < len(pairs) or len(pairs) == 1 else "moved, each on its own"
+        return Verdict("moved", f"{_called(names)} {how}: {each}", tuple(names))
+    if len(names) < len(pairs):
+        return Verdict(
+            "changed",
+            f"{_called(names)} changed, and not only in place: {each}; was zoom, lens shift, focus or "
+            "keystone touched?",
+            tuple(names),
+        )
+    return Verdict(
+        "differ",
+        f"the calibrations differ by more than their error bars: {each}; no turn, no motion of "
+        "projectors and no smooth field explains it",
+        tuple(names),
+    )
+
+
+def _called(names: Sequence[str]) -> str:
+    return f"projector{'s' if len(names) > 1 else ''} {', '.join(names)}"
+
+
+def _all_pairs(first: Calibration, second: Calibration) -> dict[tuple[str, str], CommonPixels]:
+    """Each of A's projectors with each of B's that has its size and lights some of its pixels."""
+    pairs = {}
+    for a, here in first.projectors.items():
+        for b, there in second.projectors.items():
+            if here.model.size == there.model.size:
+                try:
+                    both = common_pixels(a, here, there, first.screen.radius_m)
+                except NotEnoughData:
+                    continue  # then they are not the same either
+                pairs[a, b] = both.thinned(MATCH_PIXELS)
+    return pairs
+
+
+def _assigned(
+    pairs: Mapping[tuple[str, str], CommonPixels], names: Sequence[str], turn: Array
+) -> tuple[float, list[int]]:
+    """The pairing of A's projectors with B's that fits best under a turn, and its rms [rad]."""
+    cost = np.full((len(names), len(names)), np.pi**2)
+    for (a, b), both in pairs.items():
+        cost[names.index(a), names.index(b)] = _mean_square(both, turn)
+    rows, columns = linear_sum_assignment(cost)
+    return float(np.sqrt(cost[rows, columns].mean())), [int(j) for j in columns]
+
+
+def _mean_square(pair: CommonPixels, turn: Array) -> float:
+    return float(np.mean(np.sum(pair.step(turn) ** 2, axis=1)))
+
+
+def _ratio(pair: CommonPixels, step: Array) -> float:
+    return error_over_sigma(step, pair.variance)
+
+
+def _joined(
+    pairs: Mapping[str, CommonPixels], steps: Mapping[str, Array]
+) -> tuple[Array, NDArray[np.float32]]:
+    """Differences (N, 3) and variances (N,) of all projectors."""
+    variance = np.concatenate([pair.variance for pair in pairs.values()])
+    return np.concatenate([steps[name] for name in pairs]), variance
+
+
+def _arcmin(*steps: Array) -> float:
+    """Root mean square of differences [arcmin]."""
+    return float(ARCMIN * np.sqrt(np.mean(np.sum(np.concatenate(steps) ** 2, axis=1))))

@@ -1,0 +1,61 @@
+"""What a placed camera sees of the dome, pixel by pixel."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procam.estimate.geometry.model import camera_rays
+from procam.estimate.geometry.screen_points import intersect_screen, round_shape, screen_points
+from procam.maths.geometry.lenses import project
+from procam.maths.geometry.sphere import normalise
+from procam.model.optics import CameraModel, ProjectorModel
+from procam.model.screen import Dome
+
+Image = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True)
+class DomeView:
+    """The dome through one camera.
+
+    Attributes
+    ----------
+    direction : (H, W, 3) from the dome's centre to what the pixel sees.
+    on_screen : (H, W) the pixel sees the cap. solid_angle_sr : (H, W) its size from the centre [sr].
+    """
+
+    camera: CameraModel
+    direction: Image
+    on_screen: Mask
+    solid_angle_sr: NDArray[np.float64]
+
+    @classmethod
+    def of(
+        cls, camera: CameraModel, dome: Dome, rays: NDArray[np.float64], seen: Mask
+    ) -> "DomeView":
+        """The view of a placed camera whose pixels look along `rays` (H, W, 3)."""
+        origin, lines = camera_rays(camera, rays.reshape(-1, 3))
+        direction = normalise(intersect_screen(round_shape(dome), origin, lines)).reshape(
+            rays.shape
+        )
+        on_screen = seen & (direction[..., 2] >= np.cos(dome.half_angle))
+        across = np.gradient(direction, axis=1)
+        down = np.gradient(direction, axis=0)
+        size = np.linalg.norm(np.cross(across, down), axis=-1)
+        return cls(camera, direction.astype(np.float32), on_screen, np.where(on_screen, size, 0.0))
+
+    def without(self, covered: Mask) -> "DomeView":
+        """The view with some of its pixels (H, W) left out."""
+        solid = np.where(covered, 0.0, self.solid_angle_sr)
+        return replace(self, on_screen=self.on_screen & ~covered, solid_angle_sr=solid)
+
+    def projector_pixels(self, projector: ProjectorModel, dome: Dome) -> Image:
+        """Projector pixel (H, W, 2) whose centre would land where each camera pixel looks."""
+        points = screen_points(round_shape(dome), self.direction)
+        xy = project(projector.projector_from_dome.apply(points), projector.lens)
+        width, height = projector.size
+        inside = (xy[..., 0] > -0.5) & (xy[..., 0] < width - 0.5)
+        inside &= (xy[..., 1] > -0.5) & (xy[..., 1] < height - 0.5) & self.on_screen
+        return np.where(inside[..., None], xy, np.nan).astype(np.float32)

@@ -1,0 +1,68 @@
+"""How the response of a media server differs by place: its projectors are not all alike."""
+
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procam.estimate.structured_light.patterns import LEVELS
+from procam.maths.light.curves import apply_curve
+from procam.maths.warp import blur, sample
+from procam.model.photometry import ResponseCurve
+
+Array = NDArray[np.float64]
+Image = NDArray[np.float32]
+Levels = tuple[Image, NDArray[np.intp]]
+Sample = tuple[Array, Array, Array]
+CELLS = 40  # along each side of a master, about as many as level tiles
+SMOOTH = 1.5  # cells over which places are alike: a few dozen tiles, so that all levels are there
+ROUNDS = 2
+DOUBT = 0.02  # of the most evidence that a place has: those that nobody saw get exponent 1
+DARKEST = 1e-4
+
+
+def level_samples(
+    pictures: Iterable[Levels], white: Image, mix: Array, places: Image, size: int
+) -> Iterator[Sample]:
+    """What level pictures tell: light (K, 3) of the primaries, drive (K, 3), place (K, 2) in 0..1.
+
+    Parameters
+    ----------
+    pictures : direct light (H, W, 3) and index into LEVELS (H, W), -1 for none, of each.
+    white : (H, W, 3) direct light of white. mix : (3, 3) of `ColourFit`.
+    places : (H, W, 2) where each camera pixel looks in a master of `size` pixels.
+    """
+    unmix = np.linalg.inv(mix).T
+    for light, level in pictures:
+        use = (level >= 0) & np.isfinite(light).all(axis=-1) & (white.min(axis=-1) > 0)
+        drive = np.array(LEVELS)[level[use]] / 255
+        relative = (light[use] / white[use]).astype(float) @ unmix
+        yield relative, np.repeat(drive[:, None], 3, axis=1), (places[use] + 0.5) / size
+
+
+def fit_exponent(samples: Iterable[Sample], response: ResponseCurve, size: int) -> Image:
+    """Exponents p (N, N, 3) that make light = response(drive) ** p, by place of a master of `size`.
+
+    Gauss-Newton on cells whose neighbours count too. One number per place and primary does: other
+    gammas and S-shaped curves both bend a response most where its light is a third of white.
+    """
+    known = [
+        (light, np.clip(apply_curve(drive, response.levels, response.values), DARKEST, 1), at)
+        for light, drive, at in samples
+    ]
+    grid = np.ones((CELLS, CELLS, 3))
+    for _ in range(ROUNDS):
+        top, bottom = np.zeros((2, CELLS**2, 3))
+        for light, whole, at in known:
+            column, row = np.clip(at.T * CELLS, 0, CELLS - 1).astype(np.intp)
+            expected = whole ** grid[row, column]
+            slope = expected * np.log(whole)
+            for c in range(3):
+                evidence = slope[:, c] * (light[:, c] - expected[:, c])
+                top[:, c] += np.bincount(row * CELLS + column, evidence, CELLS**2)
+                bottom[:, c] += np.bincount(row * CELLS + column, slope[:, c] ** 2, CELLS**2)
+        step, weight = (blur(a.reshape(CELLS, CELLS, 3), SMOOTH) for a in (top, bottom))
+        grid = grid + step / (weight + DOUBT * weight.max(axis=(0, 1)))
+    line = (np.arange(size) + 0.5) / size * CELLS - 0.5
+    where = np.clip(np.stack(np.meshgrid(line, line), axis=-1), 0, CELLS - 1)
+    return sample(grid, where)

@@ -1,0 +1,1 @@
+"""Test pictures that show which projector settings break a calibration, and their analysis."""

@@ -1,0 +1,1 @@
+"""Codes, their pictures, and the projector pixel that each camera pixel saw."""

@@ -1,0 +1,151 @@
+"""The bias that scattered light gives to few wide fringes, measured where no light falls directly.
+
+Each picture of a wave lights the whole dome through its total flux, so scattered light carries a wave
+of its own, and pixels are read off the sum of both (science.md s.2; docs/theory/scatter-bias.md). Pixels
+that the projector does not light directly show nothing but that wave.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procam.errors import NotEnoughData, ShapeError
+from procam.maths.polynomials import fit_surface
+from procam.maths.warp import block_mean, grow
+
+Array = NDArray[np.float64]
+Map = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+Samples = NDArray[Any]
+DIM = 0.1  # of the median lit pixel's white - black: darker pixels are off the screen
+FEWEST_PIXELS = 1000
+BLOCK_PX = 8
+LIT_AMPLITUDE = 0.2  # of white - black: the flux's own wave is weaker, direct light's stronger
+AWAY_PX = 12  # from what is lit: farther than the blur reaches
+HALF_FULL = 0.5  # of a block
+LEAST_Q = 0.01  # a wave of the flux nearly as deep as the light's own is no measurement
+ODD_STEPS = 7  # from as many steps on the third harmonic is not mistaken for the wave itself
+
+
+def balanced(frames: Samples, white: Samples, black: Samples, amplitude: Map, shifts: Array) -> Map:
+    """Photographs (K, H, W) of one period's equal `shifts` as if all had half of white's flux.
+
+    `amplitude` (H, W) of the wave tells pixels that the projector lights from those that it does not,
+    which see no wave but that of the flux. Errors as of `flux_shares`.
+    """
+    span = np.subtract(white, black, dtype=np.float32)
+    near = grow(amplitude > LIT_AMPLITUDE * span, AWAY_PX)
+    shares = flux_share_maps(frames, white, black, near)
+    scattered = scattered_light(frames, white, black, shares, shifts)
+    return remove_phasor(frames, shares, scattered)
+
+
+def flux_shares(frames: Samples, white: Samples, black: Samples, lit: Mask) -> Array:
+    """Flux (K,) of pictures K, (H, W) each, between 0 for black and 1 for white.
+
+    Parameters
+    ----------
+    frames, white, black : photographs (K, H, W), (H, W), (H, W), linear, in one unit.
+    lit : (H, W) pixels on which the projector's light may fall directly, borders and blur included.
+    """
+    span, unlit = _unlit(frames, white, black, lit)
+    dark, total = black[unlit].astype(float), float(span[unlit].sum())
+    return np.array([(f[unlit] - dark).sum() / total for f in frames])
+
+
+def flux_share_maps(
+    frames: Samples, white: Samples, black: Samples, lit: Mask, *, degree: int = 2
+) -> Map:
+    """`flux_shares` (K, H, W) that vary smoothly over the photograph, as in a room that is no sphere.
+
+    A polynomial in the camera's pixels, fitted where no light falls directly and carried on over
+    the lit part.
+    """
+    span, unlit = _unlit(frames, white, black, lit)
+    weight = block_mean(unlit.astype(np.float32), BLOCK_PX)
+    rows, columns = np.nonzero(weight > HALF_FULL)
+    total = block_mean(np.where(unlit, span, 0), BLOCK_PX)[rows, columns]
+    values = [
+        block_mean(np.where(unlit, np.subtract(f, black, dtype=np.float32), 0), BLOCK_PX)
+        for f in frames
+    ]
+    ratios = np.stack([v[rows, columns] / total for v in values], axis=1).astype(float)
+    middle = np.stack([columns, rows], axis=1).astype(float) * BLOCK_PX + (BLOCK_PX - 1) / 2
+    surface = fit_surface(middle, ratios, degree)
+    fitted = surface(middle)
+    low, high = fitted.min(axis=0), fitted.max(axis=0)
+    slack = high - low  # a polynomial carried on too far is worth nothing
+    height, width = lit.shape
+    pixels = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1)
+    maps = surface(pixels.reshape(-1, 2).astype(float)).clip(low - slack, high + slack)
+    maps = maps.reshape(height, width, -1)
+    return np.ascontiguousarray(np.moveaxis(maps, -1, 0), np.float32)
+
+
+def scattered_light(
+    frames: Samples, white: Samples, black: Samples, shares: NDArray[np.floating], shifts: Array
+) -> Map:
+    """The scattered part (H, W) of white - black, from equal `shifts` (K,) [rad] of ONE period.
+
+    `shares` as of `flux_shares` or `flux_share_maps`. Of white - black = D + G, the pictures' wave is
+    d D e^(i phase) + f G with d and f known: a quadratic equation for D.
+    """
+    span = np.subtract(white, black, dtype=float)
+    wave = _phasor(frames, shifts)
+    of_flux = _phasor(shares, shifts)
+    free = wave - span * of_flux
+    depth = 0.5
+    direct = _direct(free, of_flux, depth)
+    if len(frames) >= ODD_STEPS:
+        depth -= _third_harmonic(frames, shifts, free + direct * of_flux, direct)
+        direct = _direct(free, of_flux, depth)
+    return np.clip(span - direct, 0, np.maximum(span, 0)).astype(np.float32)
+
+
+def remove_phasor(frames: Samples, shares: NDArray[np.floating], scattered: Map) -> Map:
+    """Photographs (K, H, W) as if all pictures had half of white's flux.
+
+    `shares` (K,) or (K, H, W); `scattered` (H, W) is the scattered part of white - black.
+    """
+    if len(shares) != len(frames):
+        raise ShapeError("flux shares", shares.shape, f"{len(frames)} first, like the photographs")
+    surplus = np.asarray(shares, np.float32) - np.float32(0.5)
+    surplus = surplus.reshape(len(frames), *(surplus.shape[1:] or (1, 1)))
+    return np.asarray(frames - surplus * scattered, np.float32)
+
+
+def _unlit(frames: Samples, white: Samples, black: Samples, lit: Mask) -> tuple[Map, Mask]:
+    """White - black (H, W), and the screen's pixels (H, W) without direct light."""
+    if frames.shape[1:] != lit.shape or white.shape != lit.shape or black.shape != lit.shape:
+        raise ShapeError("photographs", frames.shape[1:], f"{lit.shape} like lit, white, black")
+    span = np.subtract(white, black, dtype=np.float32)
+    level = float(np.median(span[lit])) if lit.any() else np.inf
+    unlit = ~lit & (span > DIM * level)
+    if unlit.sum() < FEWEST_PIXELS:
+        raise NotEnoughData(
+            f"flux shares: got {unlit.sum()} pixels of the screen without direct light, expected "
+            f"at least {FEWEST_PIXELS}; is some of the screen outside this projector's picture?"
+        )
+    return span, np.asarray(unlit)
+
+
+def _phasor(values: Samples, shifts: Array) -> NDArray[np.complex128]:
+    """Complex amplitude (...) of values (K, ...) on the wave cos(phase - shift)."""
+    return np.asarray(2 / len(shifts) * np.tensordot(np.exp(1j * shifts), values, axes=1))
+
+
+def _direct(free: NDArray[np.complex128], of_flux: NDArray[np.complex128], depth: float) -> Array:
+    """Positive root D of |free + D of_flux| = depth D."""
+    q = np.maximum(depth**2 - np.abs(of_flux) ** 2, LEAST_Q)
+    half = np.real(free * np.conj(of_flux))
+    return np.asarray((half + np.sqrt(half**2 + q * np.abs(free) ** 2)) / q)
+
+
+def _third_harmonic(
+    frames: Samples, shifts: Array, wave: NDArray[np.complex128], direct: Array
+) -> float:
+    """What a response that keeps black and white takes from the wave: black 0, white 1 leave 1/2."""
+    third = _phasor(frames, 3 * shifts) * np.exp(-3j * np.angle(wave))
+    bright = direct > 0.5 * np.quantile(direct, 0.9)
+    return float(np.real(third[bright]).sum() / direct[bright].sum())

@@ -1,0 +1,1 @@
+"""Images, numbered sequences, photographs, raw frames and movies."""

@@ -1,0 +1,236 @@
+"""Photographs that others took: pixels, what their header tells, and raw counts from them."""
+
+import csv
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import OpenImageIO as oiio
+from numpy.typing import NDArray
+
+from procam.errors import FileFormatError
+from procam.files.atomic import write_text
+from procam.files.images.images import read_image
+from procam.maths.light.curves import srgb_decode
+from procam.model.optics import Sensor
+
+SENSITIVITY = ("Exif:PhotographicSensitivity", "Exif:ISOSpeedRatings")
+SUFFIXES = (".png", ".tif", ".tiff", ".jpg", ".jpeg")
+Response = tuple[NDArray[np.float64], NDArray[np.float64]]
+Pixels = NDArray[Any]
+END_OF_JPEG = b"\xff\xd9"
+TAIL = 65536  # cameras append previews; they end alike
+
+
+@dataclass(frozen=True, slots=True)
+class Photo:
+    """A photograph and its header; None for what the header does not tell.
+
+    Attributes
+    ----------
+    pixels : (H, W, 1) or (H, W, 3) uint8 or uint16.
+    exposure_s : shutter time [s]. taken_s : seconds since 1970 on the camera's clock [s].
+    sensitivity : ISO. aperture : f-number.
+    """
+
+    path: Path
+    pixels: Pixels
+    exposure_s: float | None
+    taken_s: float | None
+    sensitivity: float | None
+    aperture: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Bracket:
+    """Photographs of one still scene, their exposures [s] and the depth of their pixels [bit]."""
+
+    paths: tuple[Path, ...]
+    exposures_s: tuple[float, ...]
+    bits: int
+
+    def pixels(self) -> Iterator[Pixels]:
+        """One photograph after the other, (H, W, 1) or (H, W, 3)."""
+        return (read_photo(path).pixels for path in self.paths)
+
+
+def list_photos(folder: Path) -> tuple[list[Path], list[str]]:
+    """Photographs of a folder, img_2 before img_10, and the names of the files that are none."""
+    if not folder.is_dir():
+        raise FileFormatError(f"{folder}: got no such folder, expected one with photographs")
+    files = sorted((p for p in folder.iterdir() if p.is_file()), key=_in_order)
+    photos = [p for p in files if p.suffix.lower() in SUFFIXES]
+    if not photos:
+        raise FileFormatError(
+            f"{folder}: got no photographs, expected some of {', '.join(SUFFIXES)}; develop raw "
+            "files to linear 16-bit TIFF first"
+        )
+    return photos, [p.name for p in files if p not in photos]
+
+
+def read_photo(path: Path) -> Photo:
+    """A photograph with its header; one that is cut short is refused."""
+    if path.suffix.lower() in (".jpg", ".jpeg") and not _is_whole(path):
+        raise FileFormatError(
+            f"{path}: got a truncated photograph, expected a whole; copy it again"
+        )
+    pixels = read_image(path)
+    if pixels.dtype not in (np.uint8, np.uint16):
+        raise FileFormatError(
+            f"{path}: got {pixels.dtype} pixels, expected 8 or 16 bits; export it as 16-bit TIFF"
+        )
+    pixels = pixels[..., : 1 if pixels.shape[2] < 3 else 3]
+    header = _header(path)
+    return Photo(
+        path,
+        pixels,
+        _number(header, "ExposureTime"),
+        _taken(header),
+        _number(header, *SENSITIVITY),
+        _number(header, "FNumber"),
+    )
+
+
+def find_bracket(folder: Path, exposures_s: Sequence[float] = ()) -> Bracket:
+    """The photographs of a folder, sorted by name, with the exposures told here or by their headers.
+
+    Refused are photographs of several depths, sensitivities or apertures: one curve needs one setting.
+    """
+    paths, _ = list_photos(folder)
+    if exposures_s and len(exposures_s) != len(paths):
+        raise FileFormatError(
+            f"{folder}: got {len(paths)} photographs and {len(exposures_s)} exposures, expected one for "
+            f"each, in the order of their names: {', '.join(p.name for p in paths)}"
+        )
+    headers = [_header(path) for path in paths]
+    for what, of in (
+        ("bits", lambda h: 8 * int(h.format.basesize())),
+        ("ISO", lambda h: _number(h, *SENSITIVITY)),
+        ("aperture f/", lambda h: _number(h, "FNumber")),
+    ):
+        found = {path: of(header) for path, header in zip(paths, headers, strict=True)}
+        if len({value for value in found.values() if value is not None}) > 1:
+            raise FileFormatError(
+                f"{folder}: got several {what} ({', '.join(f'{p.name} {v}' for p, v in found.items())}), "
+                "expected one for all: only the shutter time may change"
+            )
+    told = exposures_s or [_exposure(p, h) for p, h in zip(paths, headers, strict=True)]
+    return Bracket(tuple(paths), tuple(told), 8 * int(headers[0].format.basesize()))
+
+
+def photo_counts(photo: Photo, response: Response | None, sensor: Sensor) -> NDArray[np.uint16]:
+    """Linear counts (H, W, C) [DN] as the sensor would have given them.
+
+    Without a `response` the photograph is linear and stays as it is, so 8 bits are refused: nobody
+    stores linear light in them. With one, the end of its scale becomes the sensor's.
+    """
+    pixels = photo.pixels
+    if response is not None:
+        levels, light = response
+        top = np.iinfo(pixels.dtype).max
+        linear = np.interp(np.arange(top + 1) / top, levels, light)
+        table = np.rint(sensor.black_level + linear * sensor.full_scale).astype(np.uint16)
+        return np.asarray(table[pixels])
+    if pixels.dtype == np.uint8:
+        raise FileFormatError(
+            f"{photo.path}: got 8 bits of unknown response, expected linear 16 bits; develop the raw "
+            'files to linear 16-bit TIFF, or set response = "srgb" (or a table FILE.csv, or "solve" '
+            "with brackets) for the camera in venue.toml"
+        )
+    if int(pixels.max()) >= 2**sensor.bits:
+        raise FileFormatError(
+            f"{photo.path}: got values up to {int(pixels.max())}, expected less than "
+            f"{2**sensor.bits} as bits = {sensor.bits} says; was it scaled to 16 bits? set bits and "
+            "black_level in venue.toml to what the files hold"
+        )
+    return np.asarray(pixels, np.uint16)
+
+
+def load_response(name: str, folder: Path) -> Response | None:
+    """Levels and light (K,), both 0..1, of a venue's `response`; None for "linear"."""
+    if name == "linear":
+        return None
+    if name == "srgb":
+        levels = np.linspace(0, 1, 4096)
+        return levels, np.asarray(srgb_decode(levels), float)
+    path = folder / name
+    if not path.is_file():
+        raise FileFormatError(
+            f"{path}: got no such file, expected a response with level,light lines"
+        )
+    rows = list(csv.reader(path.read_text("utf-8").splitlines()))
+    try:
+        table = np.array([[float(cell) for cell in row] for row in rows[_has_title(rows) :]])
+    except ValueError as error:
+        raise FileFormatError(f"{path}: got {error}, expected two numbers per line") from error
+    rises = table.ndim == 2 and table.shape[1] == 2 and (np.diff(table, axis=0) > 0).all()
+    if not rises or not np.array_equal(table[[0, -1]], [[0, 0], [1, 1]]):
+        raise FileFormatError(
+            f"{path}: got another table, expected lines level,light that rise from 0,0 to 1,1"
+        )
+    return table[:, 0], table[:, 1]
+
+
+def write_response(path: Path, levels: NDArray[np.float64], light: NDArray[np.float64]) -> None:
+    """Write a response (K,), as `load_response` reads it; no digit is lost."""
+    lines = (
+        f"{level!r},{value!r}" for level, value in zip(levels.tolist(), light.tolist(), strict=True)
+    )
+    write_text(path, "\n".join(["level,light", *lines, ""]))
+
+
+def _has_title(rows: list[list[str]]) -> bool:
+    return bool(rows) and [cell.strip() for cell in rows[0]] == ["level", "light"]
+
+
+def _is_whole(path: Path) -> bool:
+    # the JPEG reader fills what is missing with grey and says nothing
+    return END_OF_JPEG in path.read_bytes()[-TAIL:]
+
+
+def _header(path: Path) -> Any:
+    source = oiio.ImageInput.open(str(path))
+    if source is None:
+        raise FileFormatError(
+            f"{path}: got no readable photograph ({' '.join(oiio.geterror().split())}), expected one; "
+            "copy it again"
+        )
+    header = source.spec()
+    source.close()
+    return header
+
+
+def _exposure(path: Path, header: Any) -> float:
+    found = _number(header, "ExposureTime")
+    if found is None:
+        raise FileFormatError(
+            f"{path}: got no exposure in its header, expected one; give them to `procam response "
+            '--exposures`, and set response = "FILE.csv" in venue.toml to what it writes'
+        )
+    return found
+
+
+def _number(header: Any, *names: str) -> float | None:
+    values = (header.getattribute(name) for name in names)
+    found = next((v for v in values if v is not None), None)
+    value = float(found) if isinstance(found, int | float) else 0.0
+    return value if value > 0 else None
+
+
+def _taken(header: Any) -> float | None:
+    text = header.getattribute("Exif:DateTimeOriginal")
+    try:
+        moment = datetime.strptime(str(text), "%Y:%m:%d %H:%M:%S")
+    except ValueError:
+        return None
+    part = str(header.getattribute("Exif:SubsecTimeOriginal") or "")
+    return moment.timestamp() + (float(f"0.{part}") if part.isdigit() else 0.0)
+
+
+def _in_order(path: Path) -> list[str | int]:
+    """Sorts img_2 before img_10; even places are text, odd ones numbers."""
+    return [int(part) if i % 2 else part for i, part in enumerate(re.split(r"(\d+)", path.name))]

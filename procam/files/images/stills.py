@@ -1,0 +1,172 @@
+"""Pictures that keep what their file says: other channels, attributes, bit depth, straight alpha."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import OpenImageIO as oiio
+from numpy.typing import NDArray
+
+from procam.errors import FileFormatError
+from procam.files.images.images import (
+    STORED_AS,
+    colour_places,
+    read_spec,
+    require_suffix,
+    write_spec,
+)
+
+Pixels = NDArray[Any]
+FOREIGN = (
+    "compression",
+    "planarconfig",
+    "oiio:BitsPerSample",
+    "oiio:RowsPerChunk",
+    "oiio:subimages",
+)
+OF_A_FORMAT = ("tiff:", "png:", "openexr:")
+NAMED = {
+    "srgb": "srgb",
+    "lin": "linear",
+    "linear": "linear",
+    "g22": "gamma2.2",
+    "g24": "gamma2.4",
+    "g26": "gamma2.6",
+}  # how OpenImageIO's colour spaces begin, and the transfer function they have
+
+
+@dataclass(frozen=True, slots=True)
+class Still:
+    """A picture as stored.
+
+    Attributes
+    ----------
+    pixels : (H, W, C) all channels in the file's own type. rgb : (H, W, 3) the colours.
+    places : which channels R, G and B are. spec : what the file says of them. suffix : of its name.
+    """
+
+    pixels: Pixels
+    rgb: Pixels
+    places: tuple[int, ...]
+    spec: oiio.ImageSpec
+    suffix: str
+
+    @property
+    def transfer(self) -> str | None:
+        """Name of the transfer function its file tells; None where it tells one without a name."""
+        space = self.spec.get_string_attribute("oiio:ColorSpace")
+        if not space:
+            return "linear" if self.rgb.dtype.kind == "f" else "srgb"
+        return NAMED.get(space.lower().split("_")[0])
+
+
+def read_still(path: Path) -> Still:
+    """Read a picture with everything that can be kept of it.
+
+    Raises
+    ------
+    FileFormatError
+        No whole RGB picture; more than one; premultiplied alpha that is not full everywhere.
+    """
+    pixels, spec = read_spec(path)
+    parts = spec.get_int_attribute("oiio:subimages", 1)
+    if parts > 1:
+        raise FileFormatError(
+            f"{path}: got {parts} pictures in one file, expected one; split its parts"
+        )
+    places = colour_places(path, spec)
+    _refuse_premultiplied(path, pixels, spec)
+    whole = _display_window(pixels, spec)
+    plain = places == list(range(whole.shape[2]))
+    rgb = whole if plain else np.ascontiguousarray(whole[..., places])
+    return Still(whole, rgb, tuple(places), spec, path.suffix)
+
+
+def write_still(path: Path, rgb: Pixels, like: Still, transfer: str) -> None:
+    """Write colours (H, W, 3) durably with the other channels and the attributes of `like`.
+
+    The type is that of `rgb`; another type than the source's, or another suffix, changes the other
+    channels' type and drops what only the source's format knows. `transfer` names how `rgb` is
+    encoded.
+    """
+    require_suffix(path)
+    spec = oiio.ImageSpec(like.spec)
+    stored = like.pixels
+    if rgb.dtype != like.rgb.dtype:
+        spec.set_format(STORED_AS[str(rgb.dtype)])
+        stored = _as_type(stored, rgb.dtype)
+        spec.erase_attribute("oiio:BitsPerSample")
+    if transfer != like.transfer:
+        spec.attribute("oiio:ColorSpace", _space(transfer))
+        spec.erase_attribute("oiio:Gamma")
+    if path.suffix != like.suffix:
+        _forget_format(path, spec)
+    if path.suffix == ".png":
+        spec.attribute("png:compressionLevel", 1)
+    write_spec(path, _with_colours(stored, rgb, like.places), spec)
+
+
+def _with_colours(stored: Pixels, rgb: Pixels, places: tuple[int, ...]) -> Pixels:
+    if places == tuple(range(stored.shape[2])):
+        return np.ascontiguousarray(rgb)
+    whole = np.array(stored)
+    whole[..., places] = rgb
+    return whole
+
+
+def _forget_format(path: Path, spec: oiio.ImageSpec) -> None:
+    """Drop what only the source's format knows, and choose the new one's compression."""
+    for attribute in list(spec.extra_attribs):
+        if attribute.name in FOREIGN or attribute.name.startswith(OF_A_FORMAT):
+            spec.erase_attribute(attribute.name)
+    spec.attribute("compression", "" if path.suffix == ".png" else "zip")
+    spec.tile_width = spec.tile_height = 0
+
+
+def _space(transfer: str) -> str:
+    for start, name in NAMED.items():
+        if name == transfer:
+            return f"{start}_rec709_scene"
+    return ""
+
+
+def _as_type(values: Pixels, dtype: np.dtype[Any]) -> Pixels:
+    """Channels as another type; full of an integer is 1.0."""
+    peak = 1.0 if values.dtype.kind == "f" else float(np.iinfo(values.dtype).max)
+    share = np.asarray(values, np.float32) / np.float32(peak)
+    if dtype.kind == "f":
+        return share.astype(dtype)
+    top = np.iinfo(dtype).max
+    return np.rint(np.clip(np.nan_to_num(share), 0, 1) * top).astype(dtype)
+
+
+def _refuse_premultiplied(path: Path, pixels: Pixels, spec: oiio.ImageSpec) -> None:
+    place = spec.alpha_channel
+    if place < 0 or spec.get_int_attribute("oiio:UnassociatedAlpha"):
+        return
+    alpha = pixels[..., place]
+    full = 1.0 if alpha.dtype.kind == "f" else np.iinfo(alpha.dtype).max
+    thin = int((alpha < full).sum())
+    if thin:
+        raise FileFormatError(
+            f"{path}: got premultiplied alpha below 1 in {thin} pixels, expected straight or full "
+            "alpha; unpremultiply or flatten it"
+        )
+
+
+def _display_window(pixels: Pixels, spec: oiio.ImageSpec) -> Pixels:
+    """The whole picture where a renderer has stored a part of it (EXR's data window), black around."""
+    shape = (spec.full_height, spec.full_width)
+    top, left = spec.y - spec.full_y, spec.x - spec.full_x
+    if pixels.shape[:2] == shape and not (top or left):
+        return pixels
+    whole = np.zeros((*shape, pixels.shape[2]), pixels.dtype)
+    rows = slice(max(top, 0), max(top, 0, min(top + pixels.shape[0], shape[0])))
+    columns = slice(max(left, 0), max(left, 0, min(left + pixels.shape[1], shape[1])))
+    whole[rows, columns] = pixels[
+        rows.start - top : rows.stop - top, columns.start - left : columns.stop - left
+    ]
+    spec.x, spec.y = spec.full_x, spec.full_y
+    spec.height, spec.width = shape
+    return whole

@@ -1,0 +1,1 @@
+"""venue.toml: tables, checks, messages and manual masks."""

@@ -1,0 +1,141 @@
+"""venue.toml: what a person knows of the rig. Every mistake is one line with its dotted path."""
+
+import tomllib
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import ValidationError
+
+from procam.errors import InputError
+from procam.files.venue.checks import complaints
+from procam.files.venue.messages import complaint
+from procam.files.venue.tables import BY_HAND, CameraTable, CaptureTable, VenueTable
+from procam.maths.geometry.lenses import Lens
+from procam.model.optics import AprilTag, CameraModel, Distance, Fiducial, Sensor
+from procam.model.screen import Dome
+
+__all__ = [
+    "BY_HAND",
+    "CaptureTable",
+    "Venue",
+    "VenueTable",
+    "load_venue",
+    "template_names",
+    "template_text",
+]
+USUAL_RADIUS_M = 5.0  # where none was measured: a start
+
+
+@dataclass(frozen=True, slots=True)
+class Venue:
+    """A venue folder and its validated file; `backends` holds each backend's own raw table."""
+
+    directory: Path
+    table: VenueTable
+    backends: Mapping[str, Mapping[str, Any]]
+
+    @property
+    def screen(self) -> Dome:
+        """The screen as the solver wants it; of unknown radius, of a usual one."""
+        t = self.table.screen
+        return Dome(
+            t.radius_m or USUAL_RADIUS_M,
+            float(np.radians(t.half_angle_deg)),
+            float(np.radians(t.tilt_deg)),
+            t.floor_albedo,
+            t.floor_albedo_sigma,
+        )
+
+    @property
+    def cameras(self) -> dict[str, CameraModel]:
+        """The cameras, not yet placed."""
+        return {name: _camera(name, t) for name, t in self.table.cameras.items()}
+
+    @property
+    def fiducials(self) -> list[Fiducial]:
+        """The marks on the dome.
+
+        Cameras that see one mark share its survey's error: together they weigh no more than one.
+        """
+        seen = Counter(t.name for t in self.table.fiducials)
+        marks = []
+        for t in self.table.fiducials:
+            azimuth, elevation, survey = t.place
+            focal = np.mean(self.table.cameras[t.camera].f) if t.camera else np.inf
+            sigma = float(np.hypot(survey * np.sqrt(seen[t.name]), t.sigma_px / focal))
+            device, pixel = t.camera or t.projector or "", np.array(t.pixel)
+            marks.append(Fiducial(t.name, azimuth, elevation, sigma, device, pixel))
+        return marks
+
+    @property
+    def tags(self) -> list[AprilTag]:
+        """Tags on the dome that cameras find."""
+        return [t.tag for t in self.table.apriltags]
+
+    @property
+    def distances(self) -> list[Distance]:
+        """Distances that somebody measured."""
+        return [Distance(t.a, t.b, t.metres, t.sigma_m) for t in self.table.distances]
+
+
+def load_venue(directory: Path) -> Venue:
+    """Read and validate DIRECTORY/venue.toml; all mistakes at once, a line each."""
+    path = directory / "venue.toml"
+    if not path.is_file():
+        raise InputError(
+            f"{path}: got no such file, expected a venue folder; make one with "
+            f"`procam init {directory} --template NAME`"
+        )
+    try:
+        raw = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: got invalid TOML ({error}), expected name = value") from error
+    names = _backend_names(raw)
+    backends = {name: raw.pop(name, {}) for name in names}
+    try:
+        table = VenueTable.model_validate(raw)
+    except ValidationError as error:
+        raise _refusal(path, [complaint(e, sorted(names)) for e in error.errors()]) from error
+    if found := complaints(table, directory):
+        raise _refusal(path, found)
+    return Venue(directory, table, backends)
+
+
+def template_names() -> list[str]:
+    """Names of the venue templates that come with procam."""
+    folder = resources.files("calib_data") / "venues"
+    return sorted(entry.name for entry in folder.iterdir() if (entry / "venue.toml").is_file())
+
+
+def template_text(name: str) -> str:
+    """The commented venue.toml of a template."""
+    if name not in template_names():
+        raise InputError(f"template: got {name!r}, expected one of {', '.join(template_names())}")
+    return (resources.files("calib_data") / "venues" / name / "venue.toml").read_text("utf-8")
+
+
+def _refusal(path: Path, found: list[str]) -> InputError:
+    return InputError("\n".join(f"{path}: {line}" for line in found))
+
+
+def _backend_names(raw: Mapping[str, Any]) -> set[str]:
+    """Backends that may have a table of their own; what is done by hand needs none."""
+    devices = [*_tables(raw.get("cameras")), *_tables(raw.get("projectors"))]
+    names = {d["backend"] for d in devices if isinstance(d.get("backend"), str)}
+    return names - {BY_HAND, *VenueTable.model_fields}
+
+
+def _tables(group: object) -> list[Mapping[str, Any]]:
+    values = group.values() if isinstance(group, dict) else ()
+    return [v for v in values if isinstance(v, dict)]
+
+
+def _camera(name: str, t: CameraTable) -> CameraModel:
+    lens = Lens(t.model, np.array(t.f), np.array(t.c), np.array(t.k))
+    sensor = Sensor(t.bits, t.black_level, tuple(t.vignetting), t.glare, t.glare_sigma)
+    return CameraModel(name, t.size, lens, sensor)

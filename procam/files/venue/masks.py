@@ -1,0 +1,135 @@
+"""Masks by hand: polygons of venue.toml and PNG pictures, as pixels.
+
+`masks` name what is not used (a pillar before a camera, a door in the dome), `protected` what is
+measured but never compensated. They live in venue.toml, so every solve finds them again.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procam.errors import FileFormatError
+from procam.files.images.images import read_image
+from procam.files.venue.load import Venue
+from procam.files.venue.outlines import Covered, Outline, polygon_pixels
+from procam.maths.geometry.sphere import (
+    direction_from_angles,
+    master_directions,
+    master_pixels,
+    master_solid_angles,
+)
+from procam.model.mask import Mask, Nudge
+
+Array = NDArray[np.float64]
+MASTER_SIZE = 1024  # edge of the dome master that PNGs of the dome are drawn on [px]
+
+
+def camera_masks(venue: Venue) -> dict[str, Mask]:
+    """Camera pixels (H, W) that see something else than the screen, by camera."""
+    return {
+        name: Mask(name, _covered(venue.directory, table.masks, table.size))
+        for name, table in venue.table.cameras.items()
+    }
+
+
+def projector_masks(venue: Venue) -> dict[str, Mask]:
+    """Panel pixels (H, W) that are not to be used, by projector."""
+    return {
+        name: Mask(name, _covered(venue.directory, table.masks, table.size))
+        for name, table in venue.table.projectors.items()
+    }
+
+
+def screen_mask(venue: Venue, size: int) -> Mask:
+    """Parts of the dome that are no screen, as a dome master (N, N) of `size` pixels."""
+    return _of_dome(venue, venue.table.screen.masks, size)
+
+
+def protected_mask(venue: Venue, size: int) -> Mask:
+    """Parts of the dome that are never compensated, as a dome master (N, N) of `size` pixels."""
+    return _of_dome(venue, venue.table.screen.protected, size)
+
+
+def nudges(venue: Venue) -> list[Nudge]:
+    """Places that a person moves, of all projectors."""
+    return [
+        Nudge(name, nudge.pixel, nudge.shift_px)
+        for name, table in venue.table.projectors.items()
+        for nudge in table.nudges
+    ]
+
+
+def done_by_hand(venue: Venue) -> dict[str, Any]:
+    """What venue.toml masks, protects and nudges, as JSON for a calibration; {} for nothing.
+
+    "masks" and "protected" list {"of": "camera NAME", "projector NAME" or "dome", "corners" of a
+    polygon or "file", "share" of the picture's or panel's pixels or of the dome's solid angle, 0..1},
+    "nudges" {"projector", "pixel", "shift_px"} [px].
+    """
+    table, folder = venue.table, venue.directory
+    screen, protected = (
+        [_told("dome", outline, _share_of_dome(venue, outline)) for outline in outlines]
+        for outlines in (table.screen.masks, table.screen.protected)
+    )
+    masks = [
+        _told(f"{kind} {name}", outline, float(_covered(folder, [outline], device.size).mean()))
+        for kind, devices in (("camera", table.cameras), ("projector", table.projectors))
+        for name, device in devices.items()
+        for outline in device.masks
+    ]
+    moved = [
+        {"projector": n.projector, "pixel": list(n.pixel), "shift_px": list(n.shift_px)}
+        for n in nudges(venue)
+    ]
+    parts = {"masks": masks + screen, "protected": protected, "nudges": moved}
+    return {name: entries for name, entries in parts.items() if entries}
+
+
+def _of_dome(venue: Venue, outlines: Sequence[Outline], size: int) -> Mask:
+    def placed(outline: Outline) -> str | Array:
+        if isinstance(outline, str):
+            return outline
+        azimuth, elevation = np.radians(outline).T
+        # edges are straight in the dome master, so a polygon may go round the pole
+        return np.asarray(master_pixels(direction_from_angles(azimuth, elevation), size))
+
+    return Mask("screen", _covered(venue.directory, [placed(o) for o in outlines], (size, size)))
+
+
+def _share_of_dome(venue: Venue, outline: Outline) -> float:
+    half_angle = np.radians(venue.table.screen.half_angle_deg)
+    on_dome = master_directions(MASTER_SIZE)[0][..., 2] >= np.cos(half_angle)
+    solid = master_solid_angles(MASTER_SIZE) * on_dome
+    marked = _of_dome(venue, [outline], MASTER_SIZE).covered
+    return float(solid[marked].sum() / solid.sum())
+
+
+def _told(of: str, outline: Outline, share: float) -> dict[str, Any]:
+    drawn = {"file": outline} if isinstance(outline, str) else {"corners": len(outline)}
+    return {"of": of, **drawn, "share": share}
+
+
+def _covered(folder: Path, outlines: Sequence[Outline | Array], size: tuple[int, int]) -> Covered:
+    covered = np.zeros((size[1], size[0]), bool)
+    for outline in outlines:
+        if isinstance(outline, str):
+            covered |= _read_mask(folder / outline, size)
+        else:
+            covered |= polygon_pixels(np.asarray(outline, float), size)
+    return covered
+
+
+def _read_mask(path: Path, size: tuple[int, int]) -> Covered:
+    """Pixels of a PNG that are not black."""
+    pixels = read_image(path)
+    height, width = pixels.shape[:2]
+    if (width, height) != tuple(size):
+        raise FileFormatError(
+            f"{path}: got a mask of {width}x{height} px, expected {size[0]}x{size[1]}; draw it over a "
+            "picture of that size"
+        )
+    colours = pixels[..., :3] if pixels.shape[2] > 2 else pixels[..., :1]
+    return np.asarray((colours.astype(float) > 0).any(axis=2))

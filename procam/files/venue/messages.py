@@ -1,0 +1,107 @@
+"""What pydantic finds wrong with venue.toml, in the house's words: what, got, expected, what to try."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from difflib import get_close_matches
+from typing import Any, get_args, get_origin
+
+from pydantic import BaseModel
+
+from procam.files.venue.tables import BY_HAND, NAME_PATTERN, RESPONSE_PATTERN, VenueTable
+
+OUTLINES = ("masks", "protected")  # lists whose entries are polygons or files
+NUMBER, WHOLE = "a number", "a whole number"
+LIST, TABLE = "a list in brackets", "a table of name = value"
+# what is expected, by pydantic's name of the mistake; filled from its context
+EXPECTED = {
+    "literal_error": "{expected}",
+    "greater_than": "more than {gt:g}",
+    "greater_than_equal": "{ge:g} or more",
+    "less_than": "less than {lt:g}",
+    "less_than_equal": "{le:g} or less",
+    "finite_number": "a finite number",
+    "float_type": NUMBER,
+    "float_parsing": NUMBER,
+    "int_type": WHOLE,
+    "int_parsing": WHOLE,
+    "int_from_float": WHOLE,
+    "string_type": "text in quotes",
+    "list_type": LIST,
+    "tuple_type": LIST,
+    "dict_type": TABLE,
+    "model_type": TABLE,
+    "too_short": "at least {min_length} of them",
+    "too_long": "at most {max_length} of them",
+}
+PATTERNS = {
+    NAME_PATTERN: "a name of letters, digits, - and _ that begins with a letter or digit",
+    RESPONSE_PATTERN: '"linear", "srgb", "solve" or a table\'s name that ends in .csv',
+}
+
+
+def complaint(error: Mapping[str, Any], backends: Sequence[str]) -> str:
+    """One line on an entry of `ValidationError.errors()`; `backends` may have tables of their own."""
+    got = error["input"]
+    shown = "a table" if isinstance(got, dict) else repr(got)
+    if error["type"] == "missing":
+        shown, expected = "nothing", "an entry; add it, `procam init` writes a complete example"
+    elif error["type"] == "extra_forbidden":
+        expected = _known_keys(error["loc"], backends)
+    else:
+        expected = f"{_expected(error)}; correct it"
+    return f"{_place(error['loc'])}: got {shown}, expected {expected}"
+
+
+def _expected(error: Mapping[str, Any]) -> str:
+    kind, where, context = error["type"], error["loc"], error.get("ctx", {})
+    if kind == "string_pattern_mismatch":
+        return PATTERNS[context["pattern"]]
+    if kind == "list_type" and _is_outline(where, len(where) - 1):
+        return "a polygon [[x, y], ...] or the name of a PNG"
+    if kind == "list_type" and isinstance(error["input"], dict):
+        return f"a list of tables, each under [[{'.'.join(map(str, where))}]]"
+    if kind not in EXPECTED:
+        return str(error["msg"]).removeprefix("Input should be ")
+    expected = EXPECTED[kind].format(**context)
+    return f"one of {expected}" if " or '" in expected else expected
+
+
+def _place(where: Sequence[str | int]) -> str:
+    """The dotted path, without what pydantic adds to it for itself."""
+    kept = (
+        str(part) for i, part in enumerate(where) if part != "[key]" and not _is_outline(where, i)
+    )
+    return ".".join(kept)
+
+
+def _is_outline(where: Sequence[str | int], i: int) -> bool:
+    """Whether part `i` tells only which kind of outline, polygon or file, was taken for meant."""
+    return i > 1 and isinstance(where[i - 1], int) and where[i - 2] in OUTLINES
+
+
+def _known_keys(where: Sequence[str | int], backends: Sequence[str]) -> str:
+    """The keys of the table that got an unknown one, and the likeliest."""
+    known = list(_table_at(where[:-1]).model_fields)
+    at_top = len(where) == 1
+    own = f", or the table of a backend that a device names ({', '.join(backends) or BY_HAND} now)"
+    near = get_close_matches(str(where[-1]), [*known, *backends] if at_top else known, 1)
+    advice = f"did you mean {near[0]}?" if near else "remove it or check its spelling"
+    return f"one of the keys {', '.join(known)}{own if at_top else ''}; {advice}"
+
+
+def _table_at(where: Sequence[str | int]) -> type[BaseModel]:
+    """The table of the file that a path leads to."""
+    table: type[BaseModel] = VenueTable
+    parts = iter(where)
+    for part in parts:
+        annotation = table.model_fields[str(part)].annotation
+        table = next(_tables_in(annotation))
+        if get_origin(annotation) in (dict, list):
+            next(parts)  # the name or number of one of them
+    return table
+
+
+def _tables_in(annotation: Any) -> Iterator[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+    for inner in get_args(annotation):
+        yield from _tables_in(inner)

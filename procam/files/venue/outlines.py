@@ -1,0 +1,93 @@
+"""Outlines in venue.toml: a polygon or the name of a PNG, the pixels they cover, and their checks."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Discriminator, FiniteFloat, Tag
+
+Covered = NDArray[np.bool_]
+Polygon = list[tuple[FiniteFloat, FiniteFloat]]
+# a polygon, or the name of a PNG beside venue.toml; the tags make one complaint of a mistake, not two
+Outline = Annotated[
+    Annotated[str, Tag("file")] | Annotated[Polygon, Tag("polygon")],
+    Discriminator(lambda entry: "file" if isinstance(entry, str) else "polygon"),
+]
+FEWEST_CORNERS = 3
+
+
+def polygon_pixels(corners: NDArray[np.floating], size: tuple[int, int]) -> Covered:
+    """Pixels (H, W) whose centres lie inside a polygon (N, 2) [px], by the even-odd rule.
+
+    Where edges cross, what is enclosed twice is outside. A centre on an edge belongs to the polygon
+    on one side of it only, so that neighbours share no pixel.
+
+    >>> polygon_pixels(np.array([[0.5, -0.5], [2.5, -0.5], [2.5, 0.5], [0.5, 0.5]]), (4, 1)).tolist()
+    [[False, True, True, False]]
+    """
+    width, height = size
+    inside = np.zeros((height, width), bool)
+    columns = np.arange(width)
+    for (x0, y0), (x1, y1) in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        low, high = sorted((y0, y1))
+        rows = np.arange(max(0, int(np.ceil(low))), min(height, int(np.ceil(high))))
+        crossing = x0 + (rows - y0) * (x1 - x0) / (y1 - y0) if len(rows) else rows
+        inside[rows] ^= columns[None, :] >= np.asarray(crossing)[:, None]
+    return inside
+
+
+def is_within(pixel: tuple[float, float], size: tuple[int, int]) -> bool:
+    """Whether a place lies on a picture or panel, its outermost pixels' edges included."""
+    return all(-0.5 <= at <= count - 0.5 for at, count in zip(pixel, size, strict=True))
+
+
+def file_complaints(where: str, outlines: Sequence[Outline], folder: Path) -> list[str]:
+    """Which pictures of masks are not there, a line each."""
+    return [
+        f"{where}.{number}: {folder / outline}: got no such file, expected a PNG; put it there or "
+        "correct the name"
+        for number, outline in enumerate(outlines)
+        if isinstance(outline, str) and not (folder / outline).is_file()
+    ]
+
+
+def pixel_complaints(where: str, outlines: Sequence[Outline], size: tuple[int, int]) -> list[str]:
+    """What is wrong with polygons in pixels of a device of `size`, a line each."""
+    width, height = size
+    found = _too_few(where, outlines)
+    for number, outline in _polygons(outlines):
+        off = next((corner for corner in outline if not is_within(corner, size)), None)
+        if off is not None:
+            found.append(
+                f"{where}.{number}: got the corner {list(off)}, expected one within -0.5..{width - 0.5} "
+                f"and -0.5..{height - 0.5} px; clip the polygon to the picture"
+            )
+    return found
+
+
+def dome_complaints(where: str, outlines: Sequence[Outline]) -> list[str]:
+    """What is wrong with polygons of [azimuth_deg, elevation_deg], a line each."""
+    found = _too_few(where, outlines)
+    for number, outline in _polygons(outlines):
+        off = next((c for c in outline if not (abs(c[0]) <= 360 and 0 <= c[1] <= 90)), None)
+        if off is not None:
+            found.append(
+                f"{where}.{number}: got the corner {list(off)}, expected an azimuth within -360..360 "
+                "and an elevation within 0..90 degrees; clip the polygon to the dome master"
+            )
+    return found
+
+
+def _polygons(outlines: Sequence[Outline]) -> list[tuple[int, Polygon]]:
+    return [(i, outline) for i, outline in enumerate(outlines) if not isinstance(outline, str)]
+
+
+def _too_few(where: str, outlines: Sequence[Outline]) -> list[str]:
+    return [
+        f"{where}.{number}: got a polygon of {len(outline)} corners, expected at least "
+        f"{FEWEST_CORNERS}; add corners or remove it"
+        for number, outline in _polygons(outlines)
+        if len(outline) < FEWEST_CORNERS
+    ]

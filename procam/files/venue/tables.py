@@ -1,0 +1,179 @@
+"""The tables of venue.toml: what may stand in each, and between which bounds."""
+
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, StringConstraints
+
+from procam.files.venue.outlines import Outline
+from procam.model.optics import USUAL_FAMILY, AprilTag, TagFamily
+
+Positive = Annotated[FiniteFloat, Field(gt=0)]
+Share = Annotated[FiniteFloat, Field(ge=0, le=1)]
+Pair = tuple[FiniteFloat, FiniteFloat]
+# names become folders and file names
+NAME_PATTERN = r"^[A-Za-z0-9][A-Za-z0-9_-]*$"
+Name = Annotated[str, StringConstraints(pattern=NAME_PATTERN)]
+# of photographs that are ingested: their light is linear, sRGB, told by a table or by brackets
+RESPONSE_PATTERN = r"^(linear|srgb|solve|.+\.csv)$"
+Response = Annotated[str, StringConstraints(pattern=RESPONSE_PATTERN)]
+BY_HAND = "by-hand"  # the backend of devices that procam does not drive
+Size = tuple[Annotated[int, Field(ge=8, le=32766)], Annotated[int, Field(ge=8, le=32766)]]
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=False)
+
+
+class ScreenTable(_Table):
+    """[screen]."""
+
+    kind: Literal["dome"]
+    radius_m: Annotated[FiniteFloat, Field(ge=0.1, le=1000)] | None = None
+    half_angle_deg: Annotated[FiniteFloat, Field(gt=0, le=90)] = 90.0
+    tilt_deg: Annotated[FiniteFloat, Field(ge=-90, le=90)] = 0.0
+    floor_albedo: Share = 0.1
+    floor_albedo_sigma: Share = 0.05
+    masks: list[Outline] = []
+    protected: list[Outline] = []
+
+
+class CameraTable(_Table):
+    """[cameras.NAME]."""
+
+    backend: str = BY_HAND
+    size: Size
+    model: Literal["kannala-brandt", "brown"]
+    f: tuple[Positive, Positive]
+    c: Pair
+    k: list[FiniteFloat]
+    intrinsics: Literal["fixed", "prior", "solve"] = "fixed"
+    response: Response = "linear"
+    brackets: str | None = None
+    bits: Annotated[int, Field(ge=8, le=16)]
+    black_level: Annotated[FiniteFloat, Field(ge=0)]
+    vignetting: list[FiniteFloat] = []
+    glare: Annotated[FiniteFloat, Field(ge=0, lt=1)] = 0.0
+    glare_sigma: Share = 0.0
+    masks: list[Outline] = []
+
+
+class ControlTable(_Table):
+    """[projectors.NAME.control]: the serial remote control."""
+
+    protocol: Literal["escvp21"]
+    port: str
+
+
+class NudgeTable(_Table):
+    """[[projectors.NAME.nudges]]: the picture moves there by this many pixels, right and down.
+
+    Counted from what cameras measure, in every solve anew: who looks again changes the entry.
+    """
+
+    pixel: Pair
+    shift_px: Pair
+
+
+class ProjectorTable(_Table):
+    """[projectors.NAME]; one of kind "dome-master" is an aligned dome behind a media server."""
+
+    backend: str = BY_HAND
+    size: Size
+    kind: Literal["projector", "dome-master"] = "projector"
+    lens: Literal["brown", "kannala-brandt"] = "brown"
+    fov_deg: Annotated[FiniteFloat, Field(ge=20, le=250)] = 180.0
+    rotation_deg: Annotated[FiniteFloat, Field(ge=-360, le=360)] = 0.0
+    control: ControlTable | None = None
+    masks: list[Outline] = []
+    nudges: list[NudgeTable] = []
+
+
+class _PlaceTable(_Table):
+    """A place on the dome. One angle is enough: the springline has an elevation, the front an azimuth."""
+
+    azimuth_deg: FiniteFloat | None = None
+    elevation_deg: Annotated[FiniteFloat, Field(ge=-90, le=90)] | None = None
+    sigma_deg: Positive
+
+    @property
+    def place(self) -> tuple[float | None, float | None, float]:
+        """Azimuth, elevation and sigma [rad]."""
+        azimuth, elevation = (
+            None if angle is None else float(np.radians(angle))
+            for angle in (self.azimuth_deg, self.elevation_deg)
+        )
+        return azimuth, elevation, float(np.radians(self.sigma_deg))
+
+
+class FiducialTable(_PlaceTable):
+    """[[fiducials]]: a mark that a camera sees, or a projector shines, at a pixel.
+
+    `sigma_px`: how well somebody clicked it in the camera's picture [px].
+    """
+
+    name: str
+    camera: str | None = None
+    projector: str | None = None
+    pixel: Pair
+    sigma_px: Positive = 0.3
+
+
+class TagTable(_PlaceTable):
+    """[[apriltags]]: a printed tag whose middle is there; cameras find it."""
+
+    family: TagFamily = USUAL_FAMILY
+    id: Annotated[int, Field(ge=0)]
+
+    @property
+    def tag(self) -> AprilTag:
+        """The tag as the solver wants it."""
+        return AprilTag(self.family, self.id, *self.place)
+
+
+class DistanceTable(_Table):
+    """[[distances]]: metres between two cameras, projectors or fiducials."""
+
+    a: str
+    b: str
+    metres: Annotated[FiniteFloat, Field(ge=0.001, le=1000)]
+    sigma_m: Positive = 0.005
+
+
+class CaptureTable(_Table):
+    """[capture]: shutter times [s]; black is dim, so it wants a long one.
+
+    `shot_s`: from one photograph to the next, for telling how long a visit takes.
+    """
+
+    exposure_s: Positive
+    black_exposure_s: Positive
+    shot_s: Positive | None = None
+
+
+class BlendTable(_Table):
+    """[blend]: how the white is matched.
+
+    `falloff_percent_per_deg`: by how much it may change per degree seen from the dome's centre; 0 is
+    an even white, as bright as the dimmest place.
+    """
+
+    falloff_percent_per_deg: Annotated[FiniteFloat, Field(ge=0, le=10)] = 0.0
+
+    @property
+    def falloff_per_rad(self) -> float:
+        """Most relative change of the white per radian."""
+        return float(self.falloff_percent_per_deg / 100 / np.radians(1))
+
+
+class VenueTable(_Table):
+    """The whole file; tables that belong to backends are cut out before it is validated."""
+
+    screen: ScreenTable
+    cameras: Annotated[dict[Name, CameraTable], Field(min_length=1)]
+    projectors: Annotated[dict[Name, ProjectorTable], Field(min_length=1)]
+    fiducials: list[FiducialTable] = []
+    apriltags: list[TagTable] = []
+    distances: list[DistanceTable] = []
+    capture: CaptureTable
+    blend: BlendTable = BlendTable()

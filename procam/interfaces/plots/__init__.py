@@ -1,0 +1,1 @@
+"""Charts and pictures for reports and commands."""

@@ -1,0 +1,250 @@
+"""Dome pictures, colour scales and charts as PNG data addresses; matplotlib's Agg only, lazily."""
+
+import base64
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procam.errors import InputError
+from procam.maths.geometry.sphere import master_pixels
+from procam.maths.light.curves import srgb_encode
+from procam.model.photometry import ResponseCurve
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+Floats = NDArray[np.floating]
+Pixels = NDArray[np.uint8]
+Colours = Sequence[tuple[int, int, int]]
+Palette = Literal["light", "amount", "alternative", "signed"]
+# all of them safe for colour-blind readers and readable in grey print
+MAPS = {"amount": "viridis", "alternative": "cividis", "signed": "RdBu_r"}
+CHANNELS = (("red", "#c44e00", "-"), ("green", "#00805d", "--"), ("blue", "#0063a6", ":"))
+UNKNOWN = (176, 180, 184)
+# how many projectors: none, one, two, three, four or more
+COUNTS = ((236, 238, 239), (158, 202, 225), (66, 146, 198), (8, 81, 156), (8, 29, 88))
+# reproduced exactly, stays too bright, stays too dark, unlit; the hues of the signed scale
+LIMITS = ((247, 247, 247), (202, 64, 60), (50, 119, 180), UNKNOWN)
+INK, GRID = "#22303c", "#d5dade"
+STOPS = 24
+DPI = 190
+EXTRA = 'pip install "procam[report]"'
+
+
+@dataclass(frozen=True, slots=True)
+class Scale:
+    """How numbers become colours.
+
+    Attributes
+    ----------
+    label : what is shown, with its unit. low, high : values at the ends.
+    palette : "light" encodes light for a screen (sRGB), "signed" is centred on 0.
+    factor : what ticks are multiplied with, such as 100 for per cent.
+    """
+
+    label: str
+    low: float
+    high: float
+    palette: Palette = "amount"
+    factor: float = 1.0
+
+    def position(self, values: Floats) -> Floats:
+        """Where values lie on the scale, 0..1."""
+        share = np.clip((values - self.low) / (self.high - self.low), 0, 1)
+        return srgb_encode(share) if self.palette == "light" else share
+
+    def ticks(self) -> list[tuple[float, str]]:
+        """(position [%], text) of round values."""
+        values = _round_values(self.low * self.factor, self.high * self.factor)
+        places = self.position(values / self.factor) * 100
+        minus = [f"{v:.6g}".replace("-", "\N{MINUS SIGN}") for v in values]
+        return [(float(p), text) for p, text in zip(places, minus, strict=True)]
+
+    def stops(self) -> list[str]:
+        """Colours from low to high, for a gradient."""
+        table = self._table()[np.linspace(0, 255, STOPS).round().astype(int)]
+        return [css_colour((int(r), int(g), int(b))) for r, g, b in table]
+
+    def _table(self) -> Pixels:
+        """The 256 colours of the scale (256, 3)."""
+        if self.palette == "light":
+            return np.repeat(np.arange(256, dtype=np.uint8)[:, None], 3, axis=1)
+        name = MAPS[self.palette]
+        colours = require_matplotlib().colormaps[name](np.linspace(0, 1, 256))
+        return np.asarray(np.rint(np.asarray(colours)[:, :3] * 255), np.uint8)
+
+    def paint(self, values: Floats) -> str:
+        """A dome master (N, N), or (N, N, 3) light, as a PNG data address; NaN is grey."""
+        known = np.isfinite(values)
+        codes = np.rint(self.position(np.where(known, values, self.low)) * 255).astype(np.uint8)
+        colours = codes if values.ndim == 3 else self._table()[codes]
+        shown = np.broadcast_to(known if values.ndim == 3 else known[..., None], colours.shape)
+        return dome_png(np.where(shown, colours, np.array(UNKNOWN, np.uint8)))
+
+
+def require_matplotlib() -> Any:
+    """Matplotlib, or an error that says how to get it."""
+    try:
+        import matplotlib as mpl  # noqa: PLC0415
+    except ImportError as error:
+        raise InputError(
+            f"report: got no matplotlib, expected the extra that draws reports; run: {EXTRA}"
+        ) from error
+    return mpl
+
+
+def paint_categories(codes: NDArray[np.integer], colours: Colours) -> str:
+    """A dome master (N, N) of indices into `colours` as a PNG data address."""
+    return dome_png(np.array(colours, np.uint8)[np.clip(codes, 0, len(colours) - 1)])
+
+
+def css_colour(colour: tuple[int, int, int]) -> str:
+    """A colour as a page writes it.
+
+    >>> css_colour((255, 0, 16))
+    '#ff0010'
+    """
+    return "#{:02x}{:02x}{:02x}".format(*colour)
+
+
+def dome_png(rgb: Pixels) -> str:
+    """A dome master (N, N, 3) as a PNG data address, transparent outside the circle."""
+    from matplotlib.image import imsave  # noqa: PLC0415
+
+    offset = (np.arange(len(rgb)) - (len(rgb) - 1) / 2) / (len(rgb) / 2)
+    inside = np.hypot(*np.meshgrid(offset, offset)) <= 1
+    rgba = np.dstack([np.where(inside[..., None], rgb, 0), inside * np.uint8(255)])
+    buffer = io.BytesIO()
+    imsave(buffer, rgba, format="png", pil_kwargs={"compress_level": 4})
+    return _address(buffer.getvalue())
+
+
+def on_dome(direction: Floats, values: Floats, size: int) -> Array:
+    """Mean of `values` (K,) per pixel of a dome master of `size`; NaN where none falls.
+
+    `direction` (K, 3) are unit vectors from the dome's centre.
+    """
+    where = np.rint(master_pixels(direction.astype(float), size)).astype(int)
+    index = np.clip(where[:, 1], 0, size - 1) * size + np.clip(where[:, 0], 0, size - 1)
+    count = np.bincount(index, minlength=size * size)
+    total = np.bincount(index, weights=values, minlength=size * size)
+    mean = np.where(count > 0, total / np.maximum(count, 1), np.nan)
+    return np.asarray(mean.reshape(size, size))
+
+
+def response_chart(name: str, curve: ResponseCurve) -> str:
+    """Response of a projector, and what sets it apart from the power law 2.2."""
+    figure = _figure(3.7, 3.9)
+    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(2.2, 1))
+    power = curve.levels**2.2
+    upper.plot(curve.levels, power, color="#9aa4ad", lw=4, alpha=0.6, label="power law 2.2")
+    for c, (label, colour, style) in enumerate(CHANNELS):
+        apart, sigma = 100 * (curve.values[:, c] - power), 100 * 1.96 * curve.sigma[:, c]
+        upper.plot(curve.levels, curve.values[:, c], color=colour, ls=style, lw=1.6, label=label)
+        lower.plot(curve.levels, apart, color=colour, ls=style, lw=1.4)
+        lower.fill_between(curve.levels, apart - sigma, apart + sigma, color=colour, alpha=0.18)
+    upper.set_title(name, loc="left", fontweight="bold", fontsize=10, color=INK)
+    upper.set_ylabel("light given (1 = full)")
+    lower.set_ylabel("difference [%]")
+    lower.set_xlabel("drive sent (0 = black, 1 = full)")
+    finish([upper, lower])
+    upper.legend(frameon=False, fontsize=8.5)
+    return _saved(figure)
+
+
+def profile_chart(elevation_deg: Array, before: Array, after: Array, after_free: Array) -> str:
+    """Error against elevation, (K,) and (K, 3) as share of white; the right panel is enlarged."""
+    figure = _figure(9.6, 3.5)
+    left, right = figure.subplots(1, 2)
+    for c, (label, colour, style) in enumerate(CHANNELS):
+        left.plot(
+            elevation_deg, 100 * before[:, c], color=colour, ls=style, label=f"{label}, before"
+        )
+        left.plot(elevation_deg, 100 * after_free[:, c], color=colour, ls=style, lw=0.9)
+        right.plot(elevation_deg, 100 * after_free[:, c], color=colour, ls=style, label=label)
+        right.plot(elevation_deg, 100 * after[:, c], color=colour, ls=style, lw=1, alpha=0.35)
+    titles = ("Before; thin, near zero: after", "After, enlarged; pale: limits included")
+    for axes, title in zip((left, right), titles, strict=True):
+        axes.set_title(title, loc="left", fontweight="bold", fontsize=10, color=INK)
+        axes.axhline(0, color=INK, lw=0.8)
+        axes.set_xlabel("elevation above the dome's rim [degrees]")
+        axes.set_ylabel("too bright by [% of white]")
+        axes.legend(frameon=False, fontsize=8.5)
+    finish([left, right])
+    return _saved(figure)
+
+
+def loop_chart(residual: Sequence[float], noise_floor: float) -> str:
+    """Residual after each iteration against the camera's noise, as shares of white."""
+    figure = _figure(6.4, 3.3)
+    axes = figure.subplots()
+    values = 100 * np.array(residual, float)
+    positive = values[values > 0]
+    if len(positive) == len(values) and positive.max() > 8 * positive.min():
+        axes.set_yscale("log")
+        axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    else:
+        axes.set_ylim(0, 1.15 * max(np.nanmax(values), 100 * noise_floor))
+    axes.axhline(
+        100 * noise_floor, color="#6b7680", ls="--", lw=1.3, label="camera noise, one photograph"
+    )
+    axes.plot(range(len(values)), values, color="#0063a6", marker="o", label="what is left")
+    for i, value in enumerate(values):
+        axes.annotate(
+            f"{value:.2g} %", (i, value), xytext=(7, 6), textcoords="offset points", color=INK
+        )
+    axes.set_xticks(range(len(values)))
+    axes.set_xlim(-0.2, len(values) - 0.45)
+    axes.set_xlabel("corrections made (0 = straight from the calibration)")
+    axes.set_ylabel("difference [% of white]")
+    axes.legend(frameon=False, fontsize=8.5)
+    finish([axes])
+    return _saved(figure)
+
+
+def _figure(width_in: float, height_in: float) -> "Figure":
+    require_matplotlib()
+    from matplotlib.figure import Figure  # noqa: PLC0415
+
+    return Figure(figsize=(width_in, height_in), layout="constrained")
+
+
+def finish(panels: "Sequence[Axes]") -> None:
+    """The look that all plots share: a quiet grid behind, two spines."""
+    for axes in panels:
+        axes.grid(color=GRID, lw=0.7)
+        axes.set_axisbelow(True)
+        axes.tick_params(colors=INK, labelsize=8.5, length=3)
+        axes.xaxis.label.set(color=INK, size=9)
+        axes.yaxis.label.set(color=INK, size=9)
+        for side, spine in axes.spines.items():
+            spine.set_visible(side in ("left", "bottom"))
+            spine.set_color("#9aa4ad")
+
+
+def _saved(figure: "Figure") -> str:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415
+
+    buffer = io.BytesIO()
+    FigureCanvasAgg(figure)
+    figure.savefig(buffer, format="png", dpi=DPI)
+    return _address(buffer.getvalue())
+
+
+def _address(png: bytes) -> str:
+    return "data:image/png;base64," + base64.b64encode(png).decode("ascii")
+
+
+def _round_values(low: float, high: float) -> Array:
+    """Four to nine values on steps of 1, 2 or 5 within a range."""
+    rough = (high - low) / 6
+    power = 10.0 ** np.floor(np.log10(rough))
+    step = power * min((s for s in (1, 2, 5, 10) if s * power >= rough), default=10)
+    first, last = np.ceil(low / step - 1e-9), np.floor(high / step + 1e-9)
+    return np.asarray(np.arange(first, last + 1) * step + 0.0)

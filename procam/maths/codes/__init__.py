@@ -1,0 +1,1 @@
+"""Binary and sinusoidal codes, shot marks and dither patterns."""

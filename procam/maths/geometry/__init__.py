@@ -1,0 +1,1 @@
+"""Poses, lenses, spheres, directions and solid angles."""

@@ -1,0 +1,1 @@
+"""Ray casting, form factors and radiosity on triangle meshes."""

@@ -1,0 +1,53 @@
+"""Which faces of a screen of any shape a projector's pixels light (van Baar et al. 2011, s. 3)."""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+
+from procam.maths.geometry.lenses import Lens, unproject
+from procam.maths.geometry.pose import Pose
+from procam.maths.mesh.facets import Faces, face_areas
+from procam.maths.mesh.raycast import MeshTracer
+
+Array = NDArray[np.float64]
+
+
+def projector_coupling(
+    vertices: Array,
+    faces: Faces,
+    projector: tuple[Lens, Pose, tuple[int, int]],
+    samples: int = 4,
+) -> csr_array:
+    """Irradiance of faces per flux of pixels, (F, H W) [1/m2]: E = coupling @ flux.
+
+    Parameters
+    ----------
+    vertices : (V, 3) [m]. faces : (F, 3), counter-clockwise seen from inside.
+    projector : its lens, `projector_from_mesh` and size (width, height) [px].
+    samples : rays along either edge of a pixel; faces much smaller than a pixel want more.
+
+    Notes
+    -----
+    A pixel's light is spread evenly over its area on the panel; what passes the screen lights nothing.
+    Scattered light follows by `mesh_radiosity.add_bounces` of albedo times E. Its transpose tells what a
+    pixel's light does to a sum over faces.
+
+    Raises
+    ------
+    ProcamError
+        If embreex is not installed.
+    """
+    lens, pose, (width, height) = projector
+    tracer, back = MeshTracer(vertices, faces), pose.inverse()
+    fine = (np.arange(samples) + 0.5) / samples - 0.5
+    pixels = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1).reshape(-1, 2)
+    index, face = [], []
+    for down in fine:
+        for across in fine:
+            rays = back.rotate(unproject(pixels + np.array([across, down]), lens))
+            met = tracer.first_hits(back.translation, rays).faces
+            index.append(np.flatnonzero(met >= 0))
+            face.append(met[met >= 0])
+    rows, columns = np.concatenate(face), np.concatenate(index)
+    share = 1 / samples**2 / face_areas(vertices, faces)[rows]
+    return csr_array((share, (rows, columns)), shape=(len(faces), width * height))

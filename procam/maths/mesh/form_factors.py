@@ -1,0 +1,118 @@
+"""Form factors between the faces of a mesh: how light spreads on a screen of any shape (paper eqs. 1-3).
+
+F_ij is the share of what face i sends out that meets face j, all of it diffuse. Pairs far apart by
+the kernel between their middles; near ones by the exact contour integral; what stands between them
+by rays, which convex rooms do without. Reciprocity holds to the last bit, and a closed room keeps
+all of its light.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procam.maths.mesh.contours import exchange_areas
+from procam.maths.mesh.facets import Faces, face_areas, face_normals, shared_edges
+from procam.maths.mesh.raycast import MeshTracer
+
+Array = NDArray[np.float64]
+Matrix = NDArray[np.float32]
+Index = NDArray[np.intp]
+NEAR = 3.0  # diameters between middles, below which the kernel between them errs by a percent
+BLOCK = 256  # faces whose light is spread at a time
+RAYS = 1 << 20  # at a time
+CONVEX = 1e-6  # of the extent that a corner may stand before a face of a convex room
+CLOSED = 1e-6  # of a row's sum, that light may be lost or won in a closed room
+BALANCES = 100
+
+
+def form_factors(vertices: Array, faces: Faces) -> Matrix:
+    """Form factors (N, N) between the faces (N, 3) of a mesh, counter-clockwise seen from inside.
+
+    F_ij >= 0 and area_i F_ij = area_j F_ji; rows of a closed mesh sum to 1. Walls of a cube of 1,700
+    faces exchange light to 1e-3 of it; the error falls as the faces' area does.
+
+    Raises
+    ------
+    InputError
+        If a mesh that is not convex is traced without embreex.
+    """
+    middle, normal = vertices[faces].mean(axis=1), face_normals(vertices, faces)
+    area, convex = face_areas(vertices, faces), is_convex(vertices, faces)
+    size = np.linalg.norm(vertices[faces] - middle[:, None], axis=2).max(axis=1)
+    exchange = np.empty((len(faces), len(faces)), np.float32)
+    tracer = None if convex else MeshTracer(vertices, faces)
+    for at in range(0, len(faces), BLOCK):
+        rows = slice(at, at + BLOCK)
+        block, near = _spread(middle, normal, area, size, rows)
+        i, j = np.nonzero(near)
+        corners = vertices[faces]
+        block[i, j] = exchange_areas(corners[at + i], corners[at + j])
+        if tracer is not None:
+            _hide(block, tracer, middle, at)
+        square = block[:, : len(block)]
+        square[:] = np.triu(square) + np.triu(square, 1).T
+        exchange[rows, at:] = block
+        exchange[at:, rows] = block.T
+    if _is_closed(faces):
+        exchange = _balanced(exchange, area)
+    exchange /= area[:, None].astype(np.float32)
+    return exchange
+
+
+def is_convex(vertices: Array, faces: Faces) -> bool:
+    """Whether no corner of the mesh stands before any face's back: then nothing hides anything."""
+    inward = face_normals(vertices, faces)
+    depth = np.einsum("fi,fi->f", inward, vertices[faces[:, 0]])
+    extent = float(np.ptp(vertices, axis=0).max())
+    return all(
+        (vertices @ inward[at : at + BLOCK].T - depth[at : at + BLOCK]).min() > -CONVEX * extent
+        for at in range(0, len(faces), BLOCK)
+    )
+
+
+def _spread(
+    middle: Array, normal: Array, area: Array, size: Array, rows: slice
+) -> tuple[Matrix, NDArray[np.bool_]]:
+    """Area times form factor (R, N - first) [m^2] of a block of faces with all from it on.
+
+    By the kernel between their middles; and which pairs are too near for it.
+    """
+    here, there = slice(rows.start, min(rows.stop, len(area))), slice(rows.start, None)
+    a, b = (middle[s].astype(np.float32) for s in (here, there))
+    n, m = (normal[s].astype(np.float32) for s in (here, there))
+    apart2 = np.sum(a * a, axis=1)[:, None] + np.sum(b * b, axis=1) - 2 * (a @ b.T)
+    sent = n @ b.T - np.sum(n * a, axis=1)[:, None]
+    met = a @ m.T - np.sum(m * b, axis=1)
+    facing = (sent > 0) & (met > 0)
+    reach = (NEAR * 2 * np.maximum(size[here, None], size[there])).astype(np.float32)
+    near = facing & (apart2 < reach * reach)
+    weight = np.outer(area[here], area[there] / np.pi).astype(np.float32)
+    spread = sent * met * weight / np.maximum(apart2 * apart2, np.float32(1e-30))
+    spread[~facing] = 0
+    return spread, near
+
+
+def _hide(block: Matrix, tracer: MeshTracer, middle: Array, first: int) -> None:
+    """Set what does not see each other to 0."""
+    i, j = np.nonzero(block)
+    for at in range(0, len(i), RAYS):
+        here, there = i[at : at + RAYS], j[at : at + RAYS]
+        clear = tracer.is_clear(middle[first + here], middle[first + there])
+        block[here[~clear], there[~clear]] = 0
+
+
+def _is_closed(faces: Faces) -> bool:
+    return 2 * len(shared_edges(faces)) == 3 * len(faces)
+
+
+def _balanced(exchange: Matrix, area: Array) -> Matrix:
+    """Rows that sum to the areas: each pair scaled by a factor for either face."""
+    scale = np.ones(len(area))
+    for _ in range(BALANCES):
+        sums = scale * (exchange @ scale.astype(np.float32)).astype(float)
+        sums = np.where(sums > 0, sums, area)  # a face that lies on another sees nothing
+        if np.abs(sums / area - 1).max() < CLOSED:
+            break
+        scale *= np.sqrt(area / sums)
+    exchange *= scale.astype(np.float32)
+    exchange *= scale.astype(np.float32)[:, None]
+    return exchange

@@ -1,0 +1,239 @@
+"""Where rays meet a screen that is a triangle mesh.
+
+Embree, in float32, only finds the face; the point is then taken in float64.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procam.errors import InputError
+from procam.maths.mesh.facets import (
+    Faces,
+    corner_normals,
+    face_normals,
+    patch_points,
+    patches,
+    shared_edges,
+)
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+EXTRA = 'pip install "procam[geom]"'
+BLOCK = 1 << 14  # rays at a time; they stay in the caches
+BEHIND = 0.05  # of the mesh's extent: how far a ray may run behind the screen before it enters
+WALK = 5  # steps from the face that Embree names; the corner of a room needs up to four
+SINGLE = 1e-5  # of the extent: what float32 leaves uncertain, with a margin
+STEPS = 5  # of Newton's method at most; each squares an error of some 1e-3 of an edge
+SETTLED = 1e-9  # of an edge
+
+
+class Hits(NamedTuple):
+    """Where rays of shape (...) land: `points` (..., 3) [m], `faces` (...) and unit `normals` (..., 3).
+
+    NaN, -1 and NaN for rays that miss.
+    """
+
+    points: Array
+    faces: NDArray[np.int32]
+    normals: Array
+
+
+class MeshTracer:
+    """Traces rays against a mesh whose normals look to where devices stand.
+
+    Parameters
+    ----------
+    vertices : (V, 3) float64 [m].
+    faces : (F, 3) indices of vertices, counter-clockwise seen from the inside.
+    smooth : take the mesh as samples of a smooth surface (with creases where faces meet at more
+        than 30 degrees): points on quadratic patches through the vertices, so that no facets show,
+        and normals interpolated between vertices. Else the faces are flat, as of a panelled dome.
+
+    Raises
+    ------
+    InputError
+        If embreex is not installed.
+    """
+
+    def __init__(self, vertices: Array, faces: Faces, *, smooth: bool = False) -> None:
+        self._scene = _embree_scene(vertices, faces)
+        self._corners = vertices[faces]
+        self._flat = face_normals(vertices, faces)
+        self._extent = float(np.ptp(vertices, axis=0).max())
+        self._beyond = _faces_beyond(faces)
+        self._normals = corner_normals(vertices, faces) if smooth else None
+        if self._normals is not None:
+            self._patches = patches(vertices, faces, self._normals)
+
+    def meet(self, origin: Array, direction: Array) -> Array:
+        """Points (..., 3) [m] where rays meet the screen, NaN if they miss: as `intersect_sphere`."""
+        return self.first_hits(origin, direction).points
+
+    def first_hits(self, origin: Array, direction: Array) -> Hits:
+        """Where rays first meet the inside of the screen.
+
+        `origin` (..., 3) [m] and `direction` (..., 3) of any length broadcast. A ray that meets the
+        outside first misses, unless that is so near its origin (5 % of the screen's extent) that
+        its device stands on the screen or looks through a hole in it.
+        """
+        origins, directions = np.broadcast_arrays(origin, direction)
+        shape = origins.shape[:-1]
+        origins, directions = origins.reshape(-1, 3), directions.reshape(-1, 3)
+        hits = Hits(
+            np.full(origins.shape, np.nan),
+            np.full(len(origins), -1, np.int32),
+            np.full(origins.shape, np.nan),
+        )
+        for first in range(0, len(origins), BLOCK):
+            block = slice(first, first + BLOCK)
+            out = Hits(hits.points[block], hits.faces[block], hits.normals[block])
+            self._trace(origins[block], directions[block], out)
+        return Hits(
+            hits.points.reshape(*shape, 3),
+            hits.faces.reshape(shape),
+            hits.normals.reshape(*shape, 3),
+        )
+
+    def is_clear(self, start: Array, end: Array) -> NDArray[np.bool_]:
+        """Whether nothing stands between points (N, 3) of the mesh and others (N, 3) of it."""
+        line = end - start
+        reach = np.linalg.norm(line, axis=1)
+        step = SINGLE * self._extent / reach[:, None] * line
+        rays = (np.ascontiguousarray(part, np.float32) for part in (start + step, line))
+        first = np.asarray(self._scene.run(*rays, query="DISTANCE"))
+        return np.asarray(first > 1 - 3 * SINGLE * self._extent / reach)
+
+    def _trace(self, origin: Array, direction: Array, out: Hits) -> None:
+        """Write the hits of a block of rays (N, 3)."""
+        face = self._faces_met(origin, direction)
+        met = face >= 0
+        face, origin, direction = face[met], origin[met], direction[met]
+        face, point, u, v = self._settle(face, origin, direction)
+        normal = self._flat[face]
+        if self._normals is not None:
+            point, u, v = self._smoothed(face, origin, direction, (point, u, v))
+            normal = np.einsum("nk,nki->ni", np.stack([1 - u - v, u, v], 1), self._normals[face])
+            normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+        out.points[met], out.faces[met], out.normals[met] = point, face, normal
+
+    def _faces_met(self, origin: Array, direction: Array) -> Index:
+        """Faces (N,) whose inside rays meet first; -1 for none."""
+        face = self._query(origin, direction)
+        back = np.flatnonzero(self._from_behind(face, direction))
+        point = self._in_face(face[back], origin[back], direction[back])[0]
+        ahead = direction[back] / np.linalg.norm(direction[back], axis=1, keepdims=True)
+        near = np.linalg.norm(point - origin[back], axis=1) < BEHIND * self._extent
+        again = point + SINGLE * self._extent * ahead
+        face[back[~near]] = -1
+        face[back[near]] = self._query(again[near], ahead[near])
+        face[self._from_behind(face, direction)] = -1
+        return face
+
+    def _query(self, origin: Array, direction: Array) -> Index:
+        """Embree's first faces (N,); -1 for none."""
+        if not len(origin):
+            return np.empty(0, np.intp)
+        rays = (np.ascontiguousarray(part, np.float32) for part in (origin, direction))
+        return np.asarray(self._scene.run(*rays), np.intp)
+
+    def _from_behind(self, face: Index, direction: Array) -> NDArray[np.bool_]:
+        """Whether rays (N, 3) meet the outside of faces (N,)."""
+        return (face >= 0) & (np.einsum("ni,ni->n", self._flat[face], direction) >= 0)
+
+    def _settle(
+        self, face: Index, origin: Array, direction: Array
+    ) -> tuple[Index, Array, Array, Array]:
+        """Faces, points and barycentric u, v in float64.
+
+        Near an edge float32 may have named the neighbour, whose plane is met outside of it.
+        """
+        point, u, v = self._in_face(face, origin, direction)
+        (astray,) = np.nonzero(_inside(u, v) < -SETTLED)
+        if not len(astray):
+            return face, point, u, v
+        there = face[astray]
+        for _ in range(WALK):
+            _, s, t = self._in_face(there, origin[astray], direction[astray])
+            apart = np.stack([t, 1 - s - t, s], axis=1)  # of the edges 01, 12, 20
+            beyond = self._beyond[there, apart.argmin(axis=1)]
+            there = np.where((apart.min(axis=1) < -SETTLED) & (beyond >= 0), beyond, there)
+        found, s, t = self._in_face(there, origin[astray], direction[astray])
+        better = _inside(s, t) > _inside(u[astray], v[astray])
+        astray = astray[better]
+        face[astray], point[astray] = there[better], found[better]
+        u[astray], v[astray] = s[better], t[better]
+        return face, point, u, v
+
+    def _in_face(self, face: Index, origin: Array, direction: Array) -> tuple[Array, Array, Array]:
+        """Where rays meet the planes of faces: points, and their barycentric u, v."""
+        a, b, c = np.moveaxis(self._corners[face], 1, 0)
+        point = _on_plane(origin, direction, a, self._flat[face])
+        return point, *_components(point - a, b - a, c - a)
+
+    def _smoothed(
+        self, face: Index, origin: Array, direction: Array, start: tuple[Array, Array, Array]
+    ) -> tuple[Array, Array, Array]:
+        """Points and u, v on the smooth patches, by Newton's method from the flat faces.
+
+        A ray that grazes and does not meet the patch keeps its flat point.
+        """
+        point, u, v = start
+        coefficients = self._patches[face]
+        for _ in range(STEPS):
+            near, along_u, along_v = patch_points(coefficients, u, v)
+            point = _on_plane(origin, direction, near, np.cross(along_u, along_v))
+            du, dv = _components(point - near, along_u, along_v)
+            u, v = u + du, v + dv
+            settled = np.abs(du) + np.abs(dv) < SETTLED
+            if settled.all():
+                break
+        return (
+            np.where(settled[:, None], point, start[0]),
+            np.where(settled, u, start[1]),
+            np.where(settled, v, start[2]),
+        )
+
+
+def _inside(u: Array, v: Array) -> Array:
+    """How far barycentric u, v are inside of the nearest edge; negative outside."""
+    return np.minimum(np.minimum(u, v), 1 - u - v)
+
+
+def _on_plane(origin: Array, direction: Array, point: Array, normal: Array) -> Array:
+    """Points (N, 3) where rays meet planes."""
+    height = np.einsum("ni,ni->n", point - origin, normal)
+    slope = np.einsum("ni,ni->n", direction, normal)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(origin + (height / slope)[:, None] * direction)
+
+
+def _components(vector: Array, along_u: Array, along_v: Array) -> tuple[Array, Array]:
+    """u, v of vector = u along_u + v along_v, (N, 3) each, all in one plane."""
+    normal = np.cross(along_u, along_v)
+    normal /= np.einsum("ni,ni->n", normal, normal)[:, None]
+    u = np.einsum("ni,ni->n", np.cross(vector, along_v), normal)
+    return u, np.einsum("ni,ni->n", np.cross(along_u, vector), normal)
+
+
+def _faces_beyond(faces: Faces) -> Index:
+    """Neighbours (F, 3) over the edges 01, 12, 20; -1 where there is none."""
+    beyond = np.full(3 * len(faces), -1, np.intp)
+    one, other = shared_edges(faces).T
+    beyond[one], beyond[other] = other // 3, one // 3
+    return beyond.reshape(-1, 3)
+
+
+def _embree_scene(vertices: Array, faces: Faces) -> Any:
+    """An Embree scene; robust, so that no ray slips between two faces."""
+    try:
+        from embreex.mesh_construction import TriangleMesh  # noqa: PLC0415
+        from embreex.rtcore_scene import EmbreeScene  # noqa: PLC0415
+    except ImportError as error:
+        raise InputError(
+            f"mesh screen: got no embreex, expected the extra that traces rays; run: {EXTRA}"
+        ) from error
+    scene = EmbreeScene(robust=True)
+    TriangleMesh(scene, vertices.astype(np.float32), faces.astype(np.int32))
+    return scene

@@ -1,0 +1,274 @@
+"""Measures a state of the house: how much more bounces with the audience in, and the show's own lamps.
+
+A few photographs, for people are sitting there: one of the room's own light, five of each projector.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procam.devices.rig import Rig
+from procam.errors import InputError, NotEnoughData, OutOfModelRange
+from procam.estimate.camera.radiance import Radiometer
+from procam.estimate.geometry.camera_view import DomeView
+from procam.estimate.light.audience import (
+    AudienceView,
+    ZoneObservation,
+    audience_feedback,
+    centre_shift,
+)
+from procam.estimate.structured_light.codes import Picture
+from procam.files.session import Session
+from procam.files.venue.load import Venue
+from procam.files.venue.masks import MASTER_SIZE, camera_masks, screen_mask
+from procam.maths.geometry.sphere import master_pixels
+from procam.model.calibration import Calibration
+from procam.model.frame import CameraSettings
+from procam.model.transport import Map, Measured
+from procam.model.venue_state import VenueState
+from procam.workflows.capture.capture import missing_shots
+from procam.workflows.capture.session_images import SessionImages
+from procam.workflows.capture.session_plan import plan_of_session
+from procam.workflows.events import Event
+
+Array = NDArray[np.float64]
+Image = NDArray[np.float32]
+Size = tuple[int, int]
+MOST_SHIFT_PX = 3.0  # of the middle of a lit part; the calibration's own pixel is a fraction of one
+RATIOS = (0.5, 2.0)  # an audience moves the bounced light by a tenth
+FEWEST = 2  # pictures: one tells nothing of its own error
+SATURATED_SHARE = 0.002  # of the screen; above it light is lost
+ATTEMPTS = (
+    2  # of a picture that is not where it should be: the camera may have delivered an old picture
+)
+BREATH_S = 0.5
+GREEN = 1
+
+
+def measure_state(
+    rig: Rig, venue: Venue, calibration: Calibration, name: str, ambient_only: bool = False
+) -> Iterator[Event]:
+    """Photograph the house as it is; the last event carries `data["state"]`, a `VenueState`.
+
+    With `ambient_only` no projector is lit, and the feedback stays what is known of the state, or of
+    the calibration if nothing is.
+
+    Raises
+    ------
+    InputError
+        A name that cannot be one, or the calibration is of other devices than the venue.
+    NotEnoughData
+        The camera sees no direct light.
+    OutOfModelRange
+        The camera or a projector has moved, the room's light outshines the projectors, or what
+        bounces has changed by more than people can change it.
+    """
+    _check_names(venue, calibration, name)
+    camera = _Camera(rig, venue, calibration)
+    total = 1 if ambient_only else 1 + len(calibration.projectors)
+    rig.start()
+    ambient, mean = camera.ambient()
+    told = f"the room's own light is {_percent(mean)} of white"
+    known = calibration.states.get(name, VenueState(name, calibration.feedback, np.ones(3)))
+    state = replace(known, ambient=ambient)
+    if not ambient_only:
+        yield Event("state", 1, total, told)
+        looks: list[ZoneObservation] = []
+        pictures = _zone_pictures(venue, calibration)
+        for done, projector in enumerate(calibration.projectors, start=2):
+            looks += camera.zones(projector, pictures[projector])
+            if done < total:
+                yield Event("state", done, total, f"{projector} photographed")
+        _check_enough(looks)
+        ratio = camera.house.scatter_ratio(looks, camera.calibrated_zones(pictures))
+        _check_ratio(ratio)
+        state = VenueState(name, audience_feedback(calibration, ratio), ratio.value, ambient)
+        told = f"{told}; bounced light is {_percent(ratio.value)} of the calibration's"
+    yield Event("state", total, total, told, {"state": state, "ambient": mean})
+
+
+def with_state(calibration: Calibration, state: VenueState) -> Calibration:
+    """The calibration with a state added, or put in the place of an older one."""
+    return replace(calibration, states={**calibration.states, state.name: state})
+
+
+class _Camera:
+    """The camera that the calibration's light was measured with, which it names first."""
+
+    def __init__(self, rig: Rig, venue: Venue, calibration: Calibration) -> None:
+        self._rig, self._capture = rig, venue.table.capture
+        self._sessions = venue.directory / "sessions"
+        name, model = next(iter(calibration.cameras.items()))
+        self._camera, self._radiometer = rig.cameras[name], Radiometer(model)
+        self._matrix = calibration.content_from_camera.T.astype(np.float32)
+        self.house = AudienceView(calibration, _view(venue, calibration, self._radiometer))
+
+    def ambient(self) -> tuple[Map, Array]:
+        """The room's own light on the dome master, and its mean (3,) over what is lit.
+
+        At the exposure of black where that saturates nowhere, else at that of white.
+        """
+        for exposure_s in sorted({self._capture.black_exposure_s, self._capture.exposure_s})[::-1]:
+            light = self._photograph(exposure_s)
+            if self._lost(light) <= SATURATED_SHARE:
+                level, mean = self.house.ambient(light)
+                if mean.max() < 1:
+                    return level, mean
+        raise OutOfModelRange(
+            "the room's own light: got more than the projectors' white, expected a show's exit signs "
+            "and aisle lights; dim the house lights"
+        )
+
+    def zones(self, projector: str, pictures: Sequence[Picture]) -> list[ZoneObservation]:
+        """Parts of a projector's panel, without its black and the room's light; it is left dark."""
+        self._rig.light(projector)
+        black = self._shown(projector, np.zeros_like(pictures[0], np.float32))
+        drives = (np.asarray(picture / 255, np.float32) for picture in pictures)
+        found = [self._zone(projector, d, e, black) for d, e in self._seen(projector, drives)]
+        self._rig.darken(projector)
+        return found
+
+    def _seen(self, projector: str, pictures: Iterable[Image]) -> Iterator[tuple[Image, Image]]:
+        """Pictures of which the camera sees any direct light, and where it is expected."""
+        for picture in pictures:
+            expected = self.house.expected(projector, picture)
+            if expected.any():
+                yield picture, expected
+
+    def _zone(
+        self, projector: str, picture: Image, expected: Image, black: Image
+    ) -> ZoneObservation:
+        for _ in range(ATTEMPTS):
+            light = self._shown(projector, picture) - black
+            shift = centre_shift(light[..., GREEN], expected, self.house.view.on_screen)
+            if shift <= MOST_SHIFT_PX:
+                break
+            self._rig.clock.sleep(BREATH_S)
+        else:
+            raise OutOfModelRange(_moved(self._camera.name, projector, shift))
+        lost = self._lost(light)
+        if lost > SATURATED_SHARE:
+            raise OutOfModelRange(
+                f"a lit part of projector {projector}: got {lost:.1%} saturated pixels, expected less "
+                f"than {SATURATED_SHARE:.1%}; dim the house lights, or lower [capture] exposure_s"
+            )
+        return self.house.look(light, expected > 0)
+
+    def calibrated_zones(self, pictures: Mapping[str, Sequence[Picture]]) -> list[ZoneObservation]:
+        """Those pictures as the calibration was made of; none if they are not all there any more."""
+        origin, camera = self.house.calibration.provenance, self._radiometer.camera.name
+        session = Session(self._sessions / str(origin.get("session")))
+        if not (session.directory / "plan.json").is_file():
+            return []
+        plan = session.read_plan()
+        numbered = any("number" in shot.detail for shot in plan.shots)  # light beside the zones
+        others = any(len(plan.of(name, "zone")) != len(shown) for name, shown in pictures.items())
+        if numbered or others or missing_shots(session, plan, [camera]):
+            return []
+        readings = SessionImages(session, plan, self._radiometer)
+        return [look for name in pictures for look in self._stored_zones(readings, name)]
+
+    def _stored_zones(self, readings: SessionImages, projector: str) -> Iterator[ZoneObservation]:
+        dark, dark_long = readings.dark()
+        base = readings.light(readings.only(projector, "black")) - dark_long + dark
+        for shot in readings.plan.of(projector, "zone"):
+            picture = readings.session.pattern(shot)[..., :1]
+            for _, expected in self._seen(projector, [picture]):
+                light = (readings.light(shot) - base) @ self._matrix
+                yield self.house.look(light, expected > 0)
+
+    def _shown(self, projector: str, picture: Image) -> Image:
+        """What is seen of a grey picture (H, W, 1)."""
+        drive = np.broadcast_to(picture, (*picture.shape[:2], 3))
+        self._rig.projectors[projector].show(np.ascontiguousarray(drive))
+        return self._photograph(self._capture.exposure_s)
+
+    def _photograph(self, exposure_s: float) -> Image:
+        """Content light (H, W, 3), NaN where saturated."""
+        self._camera.configure(CameraSettings(exposure_s, "rgb"))
+        return self._radiometer.radiance(self._camera.capture()) @ self._matrix
+
+    def _lost(self, light: Image) -> float:
+        """Share of the screen that is saturated."""
+        return float(np.isnan(light[self.house.view.on_screen]).any(axis=-1).mean())
+
+
+def _zone_pictures(venue: Venue, calibration: Calibration) -> dict[str, list[Picture]]:
+    """Those pictures (H, W, 1) of a visit that light a part of a projector's panel, by projector."""
+    plan, patterns = plan_of_session(venue)
+    return {
+        name: [patterns[shot.pattern] for shot in plan.of(name, "zone")]
+        for name in calibration.projectors
+    }
+
+
+def _view(venue: Venue, calibration: Calibration, radiometer: Radiometer) -> DomeView:
+    """What the camera sees of the screen, without what a person has masked."""
+    camera = radiometer.camera
+    seen = radiometer.seen & ~camera_masks(venue)[camera.name].covered
+    view = DomeView.of(camera, calibration.screen, radiometer.rays, seen)
+    places = master_pixels(np.nan_to_num(view.direction), MASTER_SIZE)
+    return view.without(screen_mask(venue, MASTER_SIZE).at(places))
+
+
+def _check_names(venue: Venue, calibration: Calibration, name: str) -> None:
+    VenueState(name, calibration.feedback, np.ones(3))  # refuses a name before a lamp is lit
+    if f"state-{name}" in calibration.projectors:
+        raise InputError(
+            f"house state: got {name!r}, but projector state-{name} has a map of that name; choose "
+            "another"
+        )
+    table = venue.table
+    sizes = {n: camera.size for n, camera in calibration.cameras.items()}
+    _check_devices(venue, "camera", sizes, {n: t.size for n, t in table.cameras.items()})
+    sizes = {n: p.model.size for n, p in calibration.projectors.items()}
+    _check_devices(venue, "projector", sizes, {n: t.size for n, t in table.projectors.items()})
+
+
+def _check_devices(
+    venue: Venue, kind: str, known: Mapping[str, Size], there: Mapping[str, Size]
+) -> None:
+    """Refuse a calibration of other devices than the venue's."""
+    for name, size in known.items():
+        if there.get(name) != size:
+            got = (
+                f"{kind} {name} of size {list(there[name])}"
+                if name in there
+                else f"no {kind} {name}"
+            )
+            raise InputError(
+                f"{venue.directory / 'venue.toml'}: got {got}, expected the newest calibration's of "
+                f"{list(size)}; run `procam calibrate {venue.directory}` again"
+            )
+
+
+def _check_enough(looks: Sequence[ZoneObservation]) -> None:
+    if len(looks) < FEWEST:
+        raise NotEnoughData(
+            f"pictures of a part of a projector's panel: got light of {len(looks)}, expected "
+            f"{FEWEST} or more; are masks in venue.toml too wide?"
+        )
+
+
+def _check_ratio(ratio: Measured) -> None:
+    low, high = RATIOS
+    if not ((ratio.value >= low) & (ratio.value <= high)).all():
+        raise OutOfModelRange(
+            f"bounced light: got {_percent(ratio.value)} of the calibration's, expected "
+            f"{low:.0%} to {high:.0%}; is a projector lit that should be dark, or was the dome "
+            "painted? then calibrate again"
+        )
+
+
+def _moved(camera: str, projector: str, shift: float) -> str:
+    seen = "nowhere" if np.isnan(shift) else f"{shift:.1f} px from where the calibration has it"
+    return (
+        f"a lit part of projector {projector}: got it {seen}, expected at most {MOST_SHIFT_PX:g} px; "
+        f"camera {camera} or the projector has moved, or is covered: calibrate again"
+    )
+
+
+def _percent(values: Array) -> str:
+    return " / ".join(f"{100 * v:.1f}" for v in values) + " %"

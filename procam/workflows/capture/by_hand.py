@@ -1,0 +1,109 @@
+"""A visit for rigs that procam does not drive: numbered pictures, movies, and the order to show them."""
+
+import csv
+import io
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from procam.errors import InputError
+from procam.estimate.structured_light.codes import NOMINAL_GAMMA, Picture
+from procam.estimate.structured_light.photo_match import NUMBER
+from procam.files import atomic
+from procam.files.images.images import read_image
+from procam.files.images.slideshow import write_movie
+from procam.files.session import Session
+from procam.files.venue.load import Venue
+from procam.maths.codes.shot_id import CELLS_PER_MASTER, CELLS_PER_PANEL, draw_number
+from procam.model.plan import Plan, Shot
+from procam.workflows.capture.session_plan import plan_of_session, server_of
+
+PREFIX = "hand-"  # keeps these sessions apart from those that `procam capture` resumes
+HOLD_S = 4  # to find the shutter button, beside twice the exposures
+BLACK_TAG_SHARE = 0.12  # of white's counts, in the photograph of black
+MOST_LIGHT_IN_BLACK = 0.01  # of white: its bounces must stay well below black's own light
+COLUMNS = ("number", "shot", "projector", "purpose", "picture", "exposures_s", "start_s", "hold_s")
+
+
+def prepare_by_hand(venue: Venue) -> Session:
+    """A new session whose pictures carry their numbers, for photographs to be ingested."""
+    capture = venue.table.capture
+    plan, patterns = plan_of_session(venue)
+    light = black_light(capture.exposure_s, capture.black_exposure_s)
+    cells = CELLS_PER_MASTER if server_of(venue) else CELLS_PER_PANEL
+    numbered, shots = {}, []
+    for number, shot in enumerate(plan.shots):
+        if not shot.pattern:
+            shots.append(shot)  # nothing shines, so nothing can be read
+            continue
+        drive = round(255 * light ** (1 / NOMINAL_GAMMA)) if shot.purpose == "black" else None
+        numbered[shot.pattern] = draw_number(patterns.pop(shot.pattern), number, drive, cells)
+        shots.append(replace(shot, detail={**shot.detail, NUMBER: number}))
+    session = Session(_next_folder(venue))
+    text = (venue.directory / "venue.toml").read_text("utf-8")
+    atomic.write_text(session.directory / "venue.toml", text)
+    session.write_plan(Plan(tuple(shots)), numbered)
+    return session
+
+
+def export(session: Session, out: Path, movie: bool) -> None:
+    """Copy a session's plan and pictures to a folder for the rig, with the order and playlists."""
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise InputError(f"{out}: got something there already, expected a new or empty folder")
+    plan = session.read_plan()
+    out.mkdir(parents=True, exist_ok=True)
+    for shot in plan.shots:
+        if shot.pattern:
+            (out / shot.pattern).parent.mkdir(parents=True, exist_ok=True)
+            (out / shot.pattern).write_bytes((session.directory / shot.pattern).read_bytes())
+    atomic.write_text(out / "plan.json", (session.directory / "plan.json").read_text("utf-8"))
+    atomic.write_text(out / "order.csv", order_table(plan))
+    for name in dict.fromkeys(shot.projector for shot in plan.shots if shot.projector):
+        shots = [shot for shot in plan.shots if shot.projector == name]
+        atomic.write_text(out / f"{name}.m3u", _playlist(shots))
+        if movie:
+            stills = ((_picture(session, shot), hold_s(shot)) for shot in shots)
+            write_movie(out / f"{name}.mov", stills)
+
+
+def black_light(exposure_s: float, black_exposure_s: float) -> float:
+    """Light of the number in a black picture, as a share of white: readable at black's exposure."""
+    return min(MOST_LIGHT_IN_BLACK, BLACK_TAG_SHARE * exposure_s / black_exposure_s)
+
+
+def hold_s(shot: Shot) -> int:
+    """Whole seconds to show a shot for: time to release the shutter, and then some."""
+    return HOLD_S + math.ceil(2 * sum(shot.exposures_s))
+
+
+def order_table(plan: Plan) -> str:
+    """What to show when and how long to expose it, as CSV; times count within a projector's movie."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    starts: dict[str, int] = {}
+    for shot in plan.shots:
+        start = starts.get(shot.projector, 0)
+        starts[shot.projector] = start + hold_s(shot)
+        exposures = " ".join(f"{e:g}" for e in shot.exposures_s)
+        number = shot.detail.get(NUMBER, "")
+        head = (number, shot.id, shot.projector, shot.purpose, shot.pattern, exposures)
+        writer.writerow((*head, start, hold_s(shot)))
+    return text.getvalue()
+
+
+def _next_folder(venue: Venue) -> Path:
+    folder = venue.directory / "sessions"
+    taken = [int(p.name.removeprefix(PREFIX)) for p in folder.glob(PREFIX + 4 * "[0-9]")]
+    return folder / f"{PREFIX}{max(taken, default=0) + 1:04d}"
+
+
+def _playlist(shots: list[Shot]) -> str:
+    entries = (f"#EXTINF:{hold_s(shot)},{shot.id}\n{shot.pattern}\n" for shot in shots)
+    return "#EXTM3U\n" + "".join(entries)
+
+
+def _picture(session: Session, shot: Shot) -> Picture:
+    return np.asarray(read_image(session.directory / shot.pattern), np.uint8)

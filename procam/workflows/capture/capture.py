@@ -1,0 +1,210 @@
+"""Show a plan and photograph it; resumable at any instant."""
+
+import shutil
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procam.devices.rig import Rig
+from procam.errors import InputError, OutOfModelRange, StaleFrame
+from procam.files import atomic
+from procam.files.session import Session
+from procam.files.venue.load import Venue
+from procam.model.frame import CameraSettings, Frame
+from procam.model.optics import Sensor
+from procam.model.plan import Plan, Shot
+from procam.workflows.capture.session_plan import plan_of_session
+from procam.workflows.events import Event
+
+ATTEMPTS = 3
+SATURATED_SHARE = 0.002  # of the frame; above it the exposure is wrong, not a glint in the way
+PROBE_STEP = 7  # checks look at every 7th pixel: enough to tell pictures apart
+
+
+def prepare_session(venue: Venue, directory: Path) -> Session:
+    """A session with its plan; an unfinished one is picked up where it stopped.
+
+    Open the rig first: a venue.toml that no device answers to must leave nothing behind.
+    """
+    session = Session(directory)
+    text = (venue.directory / "venue.toml").read_text("utf-8")
+    if (directory / "plan.json").is_file():
+        if (directory / "venue.toml").read_text("utf-8") == text:
+            return session
+        if any(session.stored(camera) for camera in venue.cameras):
+            raise InputError(
+                f"{venue.directory / 'venue.toml'}: got a file that has changed since the unfinished "
+                f"session {directory} began, expected the same; undo the change to resume it, or "
+                "remove that folder to begin again"
+            )
+        shutil.rmtree(directory)  # nothing was captured with the old file
+    directory.mkdir(parents=True, exist_ok=True)
+    atomic.write_text(directory / "venue.toml", text)
+    session.write_plan(*plan_of_session(venue))
+    return session
+
+
+def missing_shots(session: Session, plan: Plan, cameras: list[str]) -> list[Shot]:
+    """Shots of which some camera lacks some exposure."""
+    stored = {camera: session.stored(camera) for camera in cameras}
+    return [
+        shot
+        for shot in plan.shots
+        if any((shot.id, e) not in stored[c] for c in cameras for e in shot.exposures_s)
+    ]
+
+
+def capture(rig: Rig, venue: Venue, session: Session) -> Iterator[Event]:
+    """Take every shot that is missing; one projector is lit at a time, the rest are shuttered."""
+    plan = session.read_plan()
+    todo = missing_shots(session, plan, list(rig.cameras))
+    if not todo:
+        yield Event("capture", len(plan.shots), len(plan.shots), "all shots are there")
+        return
+    rig.start()
+    lit, done = "", len(plan.shots) - len(todo)
+    checks = {name: _FrameCheck(camera.sensor) for name, camera in venue.cameras.items()}
+    with _Recorder(session) as recorder:
+        for shot in todo:
+            if shot.projector != lit:
+                _hand_over(rig, lit, shot.projector)
+                lit = shot.projector
+            _take(rig, session, recorder, shot, checks)
+            done += 1
+            yield Event("capture", done, len(plan.shots), f"{shot.id} {shot.purpose}")
+    _hand_over(rig, lit, "")
+
+
+def _hand_over(rig: Rig, lit: str, following: str) -> None:
+    if lit:
+        rig.darken(lit)
+    if following:
+        rig.light(following)
+
+
+class _Recorder:
+    """Writes frames to disk while the next picture is being taken, one behind at most."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+        self._pool = ThreadPoolExecutor(1)
+        self._pending: Future[None] | None = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        with self._pool:
+            self._settle()
+
+    def store(self, camera: str, shot: Shot, exposure_s: float, frame: Frame) -> None:
+        """Hand a frame over; what went wrong with the one before it is raised here."""
+        self._settle()
+        self._pending = self._pool.submit(self._session.store, camera, shot, exposure_s, frame)
+
+    def _settle(self) -> None:
+        pending, self._pending = self._pending, None
+        if pending is not None:
+            pending.result()
+
+
+def _take(
+    rig: Rig,
+    session: Session,
+    recorder: _Recorder,
+    shot: Shot,
+    checks: dict[str, "_FrameCheck"],
+) -> None:
+    drive = session.pattern(shot) if shot.pattern else None
+    if drive is not None:
+        rig.projectors[shot.projector].show(np.ascontiguousarray(drive))
+    for name, camera in rig.cameras.items():
+        stored = session.stored(name)
+        for exposure_s in shot.exposures_s:
+            if (shot.id, exposure_s) in stored:
+                continue  # by a run that was cut short within the shot
+            camera.configure(CameraSettings(exposure_s, shot.pixel_format))
+            frame = _checked(rig, camera.capture, checks[name], shot, drive)
+            recorder.store(name, shot, exposure_s, frame)
+
+
+def _checked(
+    rig: Rig,
+    take: Callable[[], Frame],
+    check: "_FrameCheck",
+    shot: Shot,
+    drive: NDArray[np.float32] | None,
+) -> Frame:
+    """A frame that passed the checks; a stale one is taken again, after a breath."""
+    for attempt in range(ATTEMPTS):
+        frame = take()
+        try:
+            check.inspect(frame, shot, drive)
+        except StaleFrame:
+            if attempt == ATTEMPTS - 1:
+                raise
+            rig.clock.sleep(0.5)
+            continue
+        check.remember(frame, drive)
+        return frame
+    raise AssertionError("unreachable")
+
+
+class _FrameCheck:
+    """Compares a frame with what it should be and with the one before it."""
+
+    def __init__(self, sensor: Sensor) -> None:
+        self.sensor = sensor
+        self.last: tuple[NDArray[np.float64], NDArray[np.float32] | None, float] | None = None
+
+    def inspect(self, frame: Frame, shot: Shot, drive: NDArray[np.float32] | None) -> None:
+        """Raise what is wrong with `frame`."""
+        probe = self._probe(frame)
+        saturated = float((probe >= 2**self.sensor.bits - 1 - self.sensor.black_level).mean())
+        if saturated > SATURATED_SHARE:
+            raise OutOfModelRange(
+                f"shot {shot.id}: got {saturated:.1%} saturated pixels, expected less than "
+                f"{SATURATED_SHARE:.1%}; lower [capture] exposure_s in venue.toml"
+            )
+        if (
+            shot.purpose == "white"
+            and float(np.percentile(probe, 99)) < self.sensor.full_scale / 50
+        ):
+            raise OutOfModelRange(
+                f"shot {shot.id}: got a black picture of white, expected light from projector "
+                f"{shot.projector}; check its lamp, shutter and input, or raise exposure_s"
+            )
+        if self._is_stale(probe, frame.settings.exposure_s, drive):
+            raise StaleFrame(
+                f"shot {shot.id}: got the picture before it again ({ATTEMPTS} times), expected the "
+                "new pattern; add a delay to the player or check the camera's trigger"
+            )
+
+    def remember(self, frame: Frame, drive: NDArray[np.float32] | None) -> None:
+        """Keep what the next frame must differ from."""
+        self.last = (self._probe(frame), drive, frame.settings.exposure_s)
+
+    def _is_stale(
+        self, probe: NDArray[np.float64], exposure_s: float, drive: NDArray[np.float32] | None
+    ) -> bool:
+        """The drives differ a lot, the photographs by no more than noise."""
+        if self.last is None or drive is None:
+            return False
+        before, shown, exposure_before = self.last
+        if shown is None:
+            return False
+        one_panel = shown.shape == drive.shape  # else another projector, of another size
+        if exposure_before != exposure_s or (
+            one_panel and float(np.abs(shown - drive).mean()) < 0.05
+        ):
+            return False
+        level = max(float(np.percentile(probe, 99)), float(np.percentile(before, 99)))
+        return float(np.abs(probe - before).mean()) < 0.01 * level
+
+    def _probe(self, frame: Frame) -> NDArray[np.float64]:
+        counts = frame.counts if frame.counts.ndim == 2 else frame.counts[..., 1]
+        return counts[::PROBE_STEP, ::PROBE_STEP].astype(float) - self.sensor.black_level

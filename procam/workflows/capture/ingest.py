@@ -1,0 +1,282 @@
+"""Photographs taken by hand or by another program, put behind the shots of a plan."""
+
+import csv
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procam.errors import CalibrationError, FileFormatError, InputError
+from procam.estimate.camera.response import CameraResponse, solve_response
+from procam.estimate.structured_light.photo_match import Match, PhotoObservation, Slot, match_photos
+from procam.files import atomic
+from procam.files.images.photos import (
+    Photo,
+    Response,
+    find_bracket,
+    list_photos,
+    load_response,
+    photo_counts,
+    read_photo,
+    write_response,
+)
+from procam.files.session import Session
+from procam.files.venue.load import Venue
+from procam.maths.codes.shot_id import read_number
+from procam.model.frame import CameraSettings, Frame
+from procam.model.optics import CameraModel
+from procam.model.plan import Plan, Shot
+from procam.workflows.events import Event
+
+GREEN = 1
+SAME_EXPOSURE = 1e-3  # relative; headers round
+
+
+@dataclass(frozen=True, slots=True)
+class _Surveyed:
+    """What is kept of a photograph while the others are looked at; its pixels are not."""
+
+    path: Path
+    look: PhotoObservation
+    channels: int
+    taken_s: float | None
+    setting: tuple[float | None, float | None]
+
+
+def ingest(
+    venue: Venue, session: Session, camera: str, folder: Path, index: Path | None = None
+) -> Iterator[Event]:
+    """Sort the photographs of a folder behind the shots of a session and store what is missing.
+
+    Everything is checked before anything is written. The last event carries `stored`, `missing` and
+    `notes`, one line for every photograph that was left out or guessed.
+    """
+    with atomic.locked(session.directory):
+        plan = session.read_plan()
+        model, response = _camera(venue, session, camera)
+        paths, others = list_photos(folder)
+        claims = _read_index(index, plan, paths) if index else {}
+        surveyed = []
+        for path in paths:
+            surveyed.append(_survey(path, model, response, claims.get(path.name)))
+            yield Event("ingest", len(surveyed), len(paths), f"{path.name} looked at")
+        surveyed = _in_time(surveyed)
+        match = match_photos(plan, [s.look for s in surveyed], set(session.stored(camera)))
+        match.notes += [f"{name}: is no photograph; left out" for name in others]
+        _check(plan, surveyed, match, model, session, camera)
+        exposed, chosen = _as_exposed(plan, surveyed, match, session, venue)
+        if exposed != plan:
+            session.write_plan(exposed, {})
+        match.notes += _keep_response(venue, session, camera, response)
+        yield from _store(session, exposed, model, response, surveyed, chosen)
+        yield Event("ingest", len(chosen), len(chosen), "stored", _summary(chosen, match))
+
+
+def solve_brackets(folder: Path, exposures_s: Sequence[float] = ()) -> CameraResponse:
+    """Response of the camera whose bracketed photographs lie in a folder; exposures as told or by header."""
+    bracket = find_bracket(folder, exposures_s)
+    try:
+        return solve_response(bracket.pixels(), bracket.exposures_s, bracket.bits)
+    except CalibrationError as error:
+        names = ", ".join(path.name for path in bracket.paths)
+        raise type(error)(f"{folder} ({names}): {error}") from error
+
+
+def _camera(venue: Venue, session: Session, name: str) -> tuple[CameraModel, Response | None]:
+    """The camera, and its response: a solved one only once per session, so that frames are alike."""
+    if name not in venue.cameras:
+        raise InputError(f"--camera: got {name!r}, expected one of {', '.join(venue.cameras)}")
+    table, used = venue.table.cameras[name], _solved_response(session, name)
+    if table.brackets is None:
+        return venue.cameras[name], load_response(table.response, venue.directory)
+    if used.is_file():
+        return venue.cameras[name], load_response(used.name, used.parent)
+    found = solve_brackets(venue.directory / table.brackets)
+    return venue.cameras[name], (found.levels, found.light)
+
+
+def _solved_response(session: Session, camera: str) -> Path:
+    return session.directory / "captures" / camera / "response.csv"
+
+
+def _keep_response(
+    venue: Venue, session: Session, camera: str, response: Response | None
+) -> list[str]:
+    """Store a response that was solved just now; a line that says which one was used."""
+    brackets, path = venue.table.cameras[camera].brackets, _solved_response(session, camera)
+    if brackets is None or response is None:
+        return []
+    if path.is_file():
+        return [f"{path}: this response, solved before, is used for all photographs of the session"]
+    write_response(path, *response)
+    return [f"{path}: response solved from the photographs in {brackets}"]
+
+
+def _read_index(path: Path, plan: Plan, photos: list[Path]) -> dict[str, str]:
+    """Shot by file name, from lines "file,shot"."""
+    if not path.is_file():
+        raise FileFormatError(f"{path}: got no such file, expected lines file,shot")
+    lines = _index_lines(path)
+    files, shots = {p.name for p in photos}, {shot.id for shot in plan.shots}
+    claims: dict[str, str] = {}
+    for number, line in enumerate(lines, start=1):
+        if len(line) != 2:
+            raise FileFormatError(f"{path}: entry {number}: got {line}, expected file,shot")
+        file, shot = (cell.strip() for cell in line)
+        for what, value, known in (("file", file, files), ("shot", shot, shots)):
+            if value not in known:
+                raise FileFormatError(
+                    f"{path}: entry {number}: got the {what} {value!r}, expected one of the "
+                    f"{len(known)} {what}s of the {'plan' if what == 'shot' else 'folder'}"
+                )
+        if file in claims:
+            raise FileFormatError(f"{path}: entry {number}: got the file {file!r} twice")
+        claims[file] = shot
+    return claims
+
+
+def _index_lines(path: Path) -> list[list[str]]:
+    """Lines of a CSV, without empty ones and the head; a byte order mark does no harm."""
+    try:
+        text = path.read_text("utf-8-sig")
+        lines = [line for line in csv.reader(text.splitlines()) if line]
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise FileFormatError(
+            f"{path}: got no UTF-8 text ({error}), expected lines file,shot; save it as CSV in UTF-8 "
+            "(in spreadsheets 'CSV UTF-8', not 'Unicode text')"
+        ) from error
+    headed = bool(lines) and [cell.strip() for cell in lines[0]] == ["file", "shot"]
+    return lines[headed:]
+
+
+def _survey(
+    path: Path, model: CameraModel, response: Response | None, claimed: str | None
+) -> _Surveyed:
+    photo = read_photo(path)
+    height, width = photo.pixels.shape[:2]
+    fits = (width, height) == tuple(model.size)
+    if not fits and claimed is None:
+        # a stranger among the photographs, unless it shows a number after all
+        number, clipped, sharpness = read_number(photo.pixels), 0.0, 0.0
+    else:
+        counts = photo_counts(photo, response, model.sensor)
+        number = read_number(counts) if claimed is None else None
+        clipped = float((counts >= 2**model.sensor.bits - 1).any(axis=2).mean())
+        sharpness = _sharpness(counts, model.sensor.black_level)
+    if not fits and (number is not None or claimed is not None):
+        raise FileFormatError(
+            f"{path}: got {width}x{height} px, expected {model.size[0]}x{model.size[1]} as venue.toml "
+            "says; export it whole and unturned, or correct the camera's size"
+        )
+    look = PhotoObservation(path.name, number, claimed, photo.exposure_s, clipped, sharpness, fits)
+    channels = photo.pixels.shape[2]
+    return _Surveyed(path, look, channels, photo.taken_s, (photo.sensitivity, photo.aperture))
+
+
+def _sharpness(counts: NDArray[np.uint16], black_level: float) -> float:
+    """Mean square of second differences, relative to the light: blur and shake lower it."""
+    light = counts.mean(axis=2, dtype=np.float32) - np.float32(black_level)
+    bend = light[1:-1, 1:-1] * 4 - light[:-2, 1:-1] - light[2:, 1:-1]
+    bend -= light[1:-1, :-2] + light[1:-1, 2:]
+    return float(np.mean(bend**2) / max(float(np.mean(light**2)), 1e-9))
+
+
+def _in_time(surveyed: list[_Surveyed]) -> list[_Surveyed]:
+    """By the camera's clock, if all photographs carry it; else as they are named."""
+    if any(s.taken_s is None for s in surveyed):
+        return surveyed
+    return sorted(surveyed, key=lambda s: s.taken_s or 0.0)
+
+
+def _check(
+    plan: Plan,
+    surveyed: list[_Surveyed],
+    match: Match,
+    model: CameraModel,
+    session: Session,
+    camera: str,
+) -> None:
+    """Refuse what would make a solve wrong, before anything is stored."""
+    if not match.chosen and not session.stored(camera):
+        raise InputError(
+            f"{surveyed[0].path.parent}: got {len(surveyed)} photographs, none of a shot of "
+            f"{session.directory / 'plan.json'}; are the numbers in the pictures sharp and whole? "
+            "else name files and shots with --index"
+        )
+    colour = {shot.id for shot in plan.shots if shot.pixel_format == "rgb"}
+    for (shot, _), photo in match.chosen.items():
+        if shot in colour and surveyed[photo].channels == 1:
+            raise FileFormatError(
+                f"{surveyed[photo].path}: got one channel, expected R, G and B for shot {shot}; "
+                "develop the photographs in colour"
+            )
+    used = [surveyed[photo] for photo in match.chosen.values()]
+    for which, name in ((0, "ISO"), (1, "aperture f/")):
+        values = {v for s in used if (v := s.setting[which]) is not None}
+        if len(values) > 1:
+            odd = next(s for s in used if s.setting[which] == max(values))
+            raise FileFormatError(
+                f"{odd.path}: got {name}{max(values):g}, but others have {min(values):g}; expected one "
+                "for all: only the shutter time may change; take the others again"
+            )
+
+
+def _as_exposed(
+    plan: Plan, surveyed: list[_Surveyed], match: Match, session: Session, venue: Venue
+) -> tuple[Plan, dict[Slot, int]]:
+    """The plan with the exposures that the photographs' headers tell, and the choice by those."""
+    fixed = {slot for camera in venue.cameras for slot in session.stored(camera)}
+    chosen: dict[Slot, int] = {}
+    shots = []
+    for shot in plan.shots:
+        exposures = []
+        for planned in shot.exposures_s:
+            photo = match.chosen.get((shot.id, planned))
+            told = None if photo is None else surveyed[photo].look.exposure_s
+            really = planned if told is None or _alike(told, planned) else told
+            if really != planned and photo is not None and (shot.id, planned) in fixed:
+                raise FileFormatError(
+                    f"{surveyed[photo].path}: got an exposure of {really:g} s, but another camera has "
+                    f"shot {shot.id} at {planned:g} s; expose all cameras alike"
+                )
+            exposures.append(really)
+            if photo is not None:
+                chosen[shot.id, really] = photo
+        shots.append(replace(shot, exposures_s=tuple(exposures)))
+    return Plan(tuple(shots)), chosen
+
+
+def _alike(first: float, second: float) -> bool:
+    return abs(first / second - 1) < SAME_EXPOSURE
+
+
+def _store(
+    session: Session,
+    plan: Plan,
+    model: CameraModel,
+    response: Response | None,
+    surveyed: list[_Surveyed],
+    chosen: Mapping[Slot, int],
+) -> Iterator[Event]:
+    shots = {shot.id: shot for shot in plan.shots}
+    for done, ((shot_id, exposure_s), photo) in enumerate(chosen.items(), start=1):
+        shot, source = shots[shot_id], read_photo(surveyed[photo].path)
+        frame = _frame(source, photo_counts(source, response, model.sensor), shot, exposure_s)
+        session.store(model.name, shot, exposure_s, frame)
+        yield Event("ingest", done, len(chosen), f"{source.path.name} stored as {shot_id}")
+
+
+def _frame(photo: Photo, counts: NDArray[np.uint16], shot: Shot, exposure_s: float) -> Frame:
+    """A photograph as a driven camera would have given it; the clock is the photograph's own."""
+    mono = shot.pixel_format == "mono" or counts.shape[2] == 1
+    wanted = counts[..., min(GREEN, counts.shape[2] - 1)] if mono else counts
+    started_s = photo.taken_s or 0.0
+    settings = CameraSettings(exposure_s, "mono" if mono else "rgb")
+    return Frame(np.ascontiguousarray(wanted), settings, started_s, started_s + exposure_s)
+
+
+def _summary(chosen: Mapping[Slot, int], match: Match) -> dict[str, object]:
+    missing = list(dict.fromkeys(shot for shot, _ in match.missing))
+    return {"stored": len(chosen), "missing": missing, "notes": match.notes}

@@ -1,0 +1,117 @@
+"""Radiance of a session's shots, one at a time, straight from the stored captures."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procam.errors import FileFormatError
+from procam.estimate.camera.radiance import Radiometer
+from procam.files.session import Session
+from procam.model.frame import Frame
+from procam.model.plan import Plan, Purpose, Shot
+from procam.workflows.capture.by_hand import PREFIX
+from procam.workflows.capture.capture import missing_shots
+
+Image = NDArray[np.float32]
+Counts = NDArray[np.uint16]
+GREEN = 1
+SHOWN = 5  # missing shots that a line names
+
+
+@dataclass(frozen=True)
+class SessionImages:
+    """Stored shots of one camera, turned into radiance."""
+
+    session: Session
+    plan: Plan
+    radiometer: Radiometer
+
+    def light(self, shot: Shot, exposure: int = 0) -> Image:
+        """Radiance (H, W) or (H, W, 3) of a shot at its first or another exposure."""
+        return self.radiometer.radiance(self._frame(shot, exposure))
+
+    def _frame(self, shot: Shot, exposure: int) -> Frame:
+        camera, exposure_s = self.radiometer.camera, shot.exposures_s[exposure]
+        by_hand = self.session.directory.name.startswith(PREFIX)
+        if by_hand and (shot.id, exposure_s) not in self.session.stored(camera.name):
+            raise FileFormatError(self._not_photographed())
+        return self.session.load(camera.name, shot, exposure_s, camera.size)
+
+    def _not_photographed(self) -> str:
+        """What a session that nobody drives lacks of this camera; capture cannot take it again."""
+        camera = self.radiometer.camera.name
+        missing = [shot.id for shot in missing_shots(self.session, self.plan, [camera])]
+        more = f" and {len(missing) - SHOWN} more" if len(missing) > SHOWN else ""
+        return (
+            f"{self.session.directory}: got no photographs by camera {camera} of "
+            f"{', '.join(missing[:SHOWN])}{more}, expected all {len(self.plan.shots)} shots; "
+            "photograph them and `procam ingest` again: it adds only what is missing"
+        )
+
+    def only(self, projector: str, purpose: Purpose) -> Shot:
+        """The one shot of its kind."""
+        shots = self.plan.of(projector, purpose)
+        if len(shots) != 1:
+            raise FileFormatError(
+                f"{self.session.directory / 'plan.json'}: got {len(shots)} shots {purpose!r} of "
+                f"projector {projector or '(none)'}, expected one"
+            )
+        return shots[0]
+
+    def dark(self) -> tuple[Image, Image]:
+        """Room light (H, W, 3) with everything shuttered, at the two exposures of the plan."""
+        shot = self.only("", "dark")
+        return self.light(shot, 0), self.light(shot, 1)
+
+    def code(self, projector: str) -> tuple[str, Iterator[tuple[int, Counts]]]:
+        """Name of the code shown, and green counts of its pictures by number: white, black, planes."""
+        shots = self.plan.of(projector, "code")
+        names = {str(shot.detail["code"]) for shot in shots}
+        if len(names) != 1:
+            raise FileFormatError(
+                f"{self.session.directory / 'plan.json'}: got codes {sorted(names)} for projector "
+                f"{projector}, expected one"
+            )
+        return names.pop(), self._code_pictures(projector, shots)
+
+    def _code_pictures(self, projector: str, shots: list[Shot]) -> Iterator[tuple[int, Counts]]:
+        white = self.only(projector, "white")
+        yield 0, self.counts(white)
+        black = self.only(projector, "black")
+        yield 1, self._exposed_as(white, black)
+        for shot in shots:
+            yield int(shot.detail["plane"]), self.counts(shot)
+
+    def counts(self, shot: Shot) -> Counts:
+        """Raw green counts (H, W) of a shot [DN]."""
+        frame = self._frame(shot, 0)
+        return frame.counts if frame.counts.ndim == 2 else frame.counts[..., GREEN]
+
+    def _exposed_as(self, wanted: Shot, shot: Shot) -> Counts:
+        """Counts of `shot` as if exposed like `wanted`: black is photographed long."""
+        level = self.radiometer.camera.sensor.black_level
+        ratio = wanted.exposures_s[0] / shot.exposures_s[0]
+        return np.rint(level + (self.counts(shot) - level) * ratio).clip(0).astype(np.uint16)
+
+    def stripe_pairs(self, projector: str) -> Iterator[tuple[str, int, Image, Image]]:
+        """(axis, bit, pattern, inverse) of the stripes for the separation."""
+        for pattern, inverse in self._pairs(projector):
+            yield (
+                str(pattern.detail["axis"]),
+                int(pattern.detail["bit"]),
+                self.light(pattern),
+                self.light(inverse),
+            )
+
+    def _pairs(self, projector: str) -> Iterator[tuple[Shot, Shot]]:
+        shots = self.plan.of(projector, "stripes")
+        for pattern, inverse in zip(shots[::2], shots[1::2], strict=True):
+            same = all(pattern.detail[k] == inverse.detail[k] for k in ("axis", "bit"))
+            if not same or (pattern.detail["inverse"], inverse.detail["inverse"]) != (0, 1):
+                raise FileFormatError(
+                    f"{self.session.directory / 'plan.json'}: shots {pattern.id} and {inverse.id} "
+                    "are no pattern and inverse, expected pairs in order"
+                )
+            yield pattern, inverse

@@ -1,0 +1,28 @@
+"""What a venue's visit shows: projectors one after the other, or a media server that has them all."""
+
+import numpy as np
+
+from procam.estimate.media_server.dome_master import DomeMaster, plan_server
+from procam.estimate.structured_light.codes import Picture
+from procam.estimate.structured_light.patterns import plan_session
+from procam.files.venue.load import Venue
+from procam.files.venue.server_checks import DOME_MASTER
+from procam.model.plan import Plan
+
+
+def server_of(venue: Venue) -> DomeMaster | None:
+    """The media server of a venue, if its projectors are behind one."""
+    for name, entry in venue.table.projectors.items():
+        if entry.kind == DOME_MASTER:
+            fov, rotation = (float(np.radians(a)) for a in (entry.fov_deg, entry.rotation_deg))
+            return DomeMaster(name, entry.size[0], fov, rotation)
+    return None
+
+
+def plan_of_session(venue: Venue) -> tuple[Plan, dict[str, Picture]]:
+    """The plan of a venue's visit, and its pictures (H, W, 1 or 3) by path."""
+    server, capture = server_of(venue), venue.table.capture
+    if server is not None:
+        return plan_server(server, capture.exposure_s, capture.black_exposure_s)
+    sizes = {name: entry.size for name, entry in venue.table.projectors.items()}
+    return plan_session(sizes, capture.exposure_s, capture.black_exposure_s)

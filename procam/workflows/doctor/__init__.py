@@ -1,0 +1,1 @@
+"""Examines every device that a venue names before a capture session."""

@@ -1,0 +1,1 @@
+"""Content through the compensator: sources, frame pipeline, warping, track for shaders."""

@@ -1,0 +1,140 @@
+"""`procam compensate`: a picture, numbered pictures, a movie or a pipe through the compensator."""
+
+import csv
+import hashlib
+import io
+import json
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict
+from itertools import chain
+from pathlib import Path
+from typing import TypeVar
+
+from procam import __version__
+from procam.errors import FileFormatError
+from procam.files import atomic
+from procam.files.calibration import load_dome
+from procam.files.images.movies import is_movie
+from procam.files.images.sequences import MadeLog, Numbered
+from procam.model.calibration import Calibration
+from procam.workflows.events import Event
+from procam.workflows.playout.frame import ClipEngine, FrameSettings
+from procam.workflows.playout.overwrite_check import Named, refuse_overwriting
+from procam.workflows.playout.pipeline import flow
+from procam.workflows.playout.sources import (
+    Clip,
+    ClipFrame,
+    MovieClip,
+    Row,
+    SequenceClip,
+    StillClip,
+    output_names,
+    source_sequence,
+)
+
+Made = TypeVar("Made")
+FileClip = StillClip | SequenceClip | MovieClip
+LOG = "procam.jsonl"
+PARTS = ("calibration.json", "maps/dome.exr", "maps/state-*.exr")  # what a compensator is made of
+
+
+def compensate_file(
+    calibration_dir: Path,
+    source: Path,
+    out: Path,
+    how: FrameSettings,
+    again: bool = False,
+    beside: Sequence[Named] = (),
+) -> Iterator[Event]:
+    """Compensate IN to OUT; an event per frame, whose data hold its row of the report by its number.
+
+    Pictures of a sequence that an earlier run made of the same sources with the same calibration and
+    settings are skipped, and the first event has their rows; so is a movie, unless `again`. `beside` is
+    what the caller will write of it. Nothing is begun if anything would be written over IN, or twice.
+    """
+    clip = open_clip(source, out, calibration_dir, how)
+    refuse_overwriting(clip.read, [*(("OUT", path) for path in clip.written), *beside])
+    calibration = load_dome(calibration_dir)
+    if isinstance(clip, MovieClip) and clip.is_made and not again:
+        yield Event("frames", 0, 0, f"{out} is there already", {"rows": {}})
+        return
+    yield from compensate_clip(calibration, clip, how)
+
+
+def open_clip(source: Path, out: Path, calibration_dir: Path, how: FrameSettings) -> FileClip:
+    """The clip that IN and OUT name, and what is left to do of it."""
+    sequence = source_sequence(source)
+    if sequence:
+        names = output_names(sequence, out)
+        log = MadeLog(sequence_log(names.folder, names), run_key(calibration_dir, how))
+        return SequenceClip(sequence, names, log)
+    if is_movie(source):
+        log = MadeLog(out.with_name(f"{out.name}.{LOG}"), run_key(calibration_dir, how))
+        return MovieClip(source, out, log)
+    return StillClip(source, out)
+
+
+def sequence_log(folder: Path, names: Numbered) -> Path:
+    """Where a folder keeps what is made in it: sky.procam.jsonl for sky.0001.exr."""
+    return folder / f"{names.before.strip('._- ')}.{LOG}".lstrip(".")
+
+
+def compensate_clip(
+    calibration: Calibration, clip: Clip, how: FrameSettings, certify: bool = True
+) -> Iterator[Event]:
+    """Compensate all frames of a clip; an event per frame, as `compensate_file`'s.
+
+    Without `certify` the rows only count what is above 1.0: for live frames.
+    """
+    engine = ClipEngine(calibration, how, clip.suffix, certify)
+
+    def work(piece: ClipFrame) -> Callable[[], tuple[str, Row]]:
+        made = engine.make(piece)
+
+        def write() -> tuple[str, Row]:
+            clip.write(piece, made.rgb, made.transfer, made.row)
+            return piece.name, made.row
+
+        return write
+
+    done = 0
+    with clip:
+        yield Event("frames", 0, clip.total, "", {"rows": dict(clip.made)})
+        for done, (name, row) in enumerate(each_frame(clip, work), 1):
+            yield Event("frames", done, max(clip.total, done), name, {"rows": {row["frame"]: row}})
+    if not (done or clip.made):
+        raise FileFormatError("IN: got no frame, expected one or more; is it the right clip?")
+
+
+def each_frame(clip: Clip, work: Callable[[ClipFrame], Callable[[], Made]]) -> Iterator[Made]:
+    """What `work` makes of the frames of an open clip, in their order."""
+    reads = iter(clip.reads())
+    first = next((job() for job in reads), None)
+    if first is None:
+        return
+    crew = clip.crew(first.rgb.nbytes)
+    jobs = chain([_given(first)], reads)
+    del first
+    yield from flow(jobs, work, crew)
+
+
+def run_key(calibration_dir: Path, how: FrameSettings, *more: str) -> str:
+    """What makes two runs the same: calibration (with `more` of its files), settings, program."""
+    digest = hashlib.sha256(json.dumps([__version__, asdict(how)]).encode())
+    for part in (*PARTS, *more):
+        for path in sorted(calibration_dir.glob(part)):
+            digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
+def write_report(path: Path, rows: Sequence[Row]) -> None:
+    """Write the clip report: a line of CSV per frame."""
+    text = io.StringIO()
+    table = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
+    table.writeheader()
+    table.writerows(rows)
+    atomic.write_text(path, text.getvalue())
+
+
+def _given(piece: ClipFrame) -> Callable[[], ClipFrame]:
+    return [piece].pop  # given away: else it would live as long as the clip

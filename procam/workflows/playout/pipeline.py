@@ -1,0 +1,139 @@
+"""Frames through a machine: some are read ahead, one is worked on, some are being written."""
+
+import os
+import queue
+import threading
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+Frame = TypeVar("Frame")
+Made = TypeVar("Made")
+Result = TypeVar("Result")
+THREAD = "procam frames"  # name of each: at a pipe they may wait for ever
+AHEAD_BYTES = 2 * 2**30  # of frames that are read ahead, and as much that wait to be written
+MOST_THREADS = 4  # EXR is packed by OpenImageIO's own threads besides
+
+
+@dataclass(frozen=True, slots=True)
+class ThreadPlan:
+    """How many threads read and write, and how many frames each side may hold.
+
+    `patience_s` is how long the end waits for a thread that is at work: a movie must not be closed
+    under it, but a pipe may never answer.
+    """
+
+    threads: int
+    depth: int
+    patience_s: float = 60.0
+
+    @classmethod
+    def for_pictures(cls, frame_bytes: int) -> "ThreadPlan":
+        """For files that are read and written independently."""
+        threads = max(1, min(MOST_THREADS, (os.cpu_count() or 1) // 2))
+        return cls(threads, _depth(2 * threads, frame_bytes))
+
+    @classmethod
+    def for_movie(cls, frame_bytes: int) -> "ThreadPlan":
+        """For frames that come and go one after the other."""
+        return cls(1, _depth(3, frame_bytes))
+
+    @classmethod
+    def for_pipe(cls) -> "ThreadPlan":
+        """For live frames: what waits is late."""
+        return cls(1, 1, 0.5)
+
+
+def flow(
+    reads: Iterable[Callable[[], Frame | None]],
+    work: Callable[[Frame], Callable[[], Made]],
+    crew: ThreadPlan,
+) -> Iterator[Made]:
+    """Run frames through: `reads` in threads, `work` here, what it returns in threads; in order.
+
+    A read that gives None ends the flow. Never more than `crew.depth` frames are held before and as many
+    behind the work. The first error in the order of the frames is raised here, when all frames before
+    it are written.
+    """
+    readers, writers = _Threads(crew.threads), _Threads(crew.threads)
+    jobs = iter(reads)
+    ahead: deque[Future[Frame | None]] = deque()
+    behind: deque[Future[Made]] = deque()
+
+    def next_frame() -> Frame | None:
+        while len(ahead) <= crew.depth and (job := next(jobs, None)) is not None:
+            ahead.append(readers.give(job))
+        return ahead.popleft().result() if ahead else None
+
+    try:
+        try:
+            while (frame := next_frame()) is not None:
+                behind.append(writers.give(work(frame)))
+                del frame  # its memory is the writer's now
+                while behind and (len(behind) > crew.depth or behind[0].done()):
+                    yield behind.popleft().result()
+        except Exception:
+            yield from _results(behind)
+            raise
+        yield from _results(behind)
+    finally:
+        readers.stop(crew.patience_s)
+        writers.stop(crew.patience_s)
+
+
+def prefetched(job: Callable[[], Result]) -> Callable[[], Result]:
+    """A job that a thread is at work on already; what it gives, or its error, is handed over once."""
+    future: Future[Result] = Future()
+    threading.Thread(target=_fulfil, name=THREAD, args=(future, job), daemon=True).start()
+    held = [future]  # or a frame would live as long as who asks for it
+    return lambda: held.pop().result()
+
+
+def _fulfil(future: "Future[Result]", job: Callable[[], Result]) -> None:
+    try:
+        future.set_result(job())
+    except BaseException as error:  # raised again where the result is waited for
+        future.set_exception(error)
+
+
+def _results(futures: deque[Future[Made]]) -> Iterator[Made]:
+    while futures:
+        yield futures.popleft().result()
+
+
+def _depth(wanted: int, frame_bytes: int) -> int:
+    return max(1, min(wanted, AHEAD_BYTES // max(frame_bytes, 1)))
+
+
+class _Threads:
+    """Daemon threads that do jobs in the order they are given."""
+
+    def __init__(self, count: int) -> None:
+        self._jobs: queue.SimpleQueue[tuple[Future[Any], Callable[[], Any]] | None]
+        self._jobs = queue.SimpleQueue()
+        self._stopped = False
+        self._threads = [
+            threading.Thread(name=THREAD, target=self._run, daemon=True) for _ in range(count)
+        ]
+        for thread in self._threads:
+            thread.start()
+
+    def give(self, job: Callable[[], Result]) -> "Future[Result]":
+        future: Future[Result] = Future()
+        self._jobs.put((future, job))
+        return future
+
+    def stop(self, patience_s: float) -> None:
+        """No job is begun any more; wait for those at work."""
+        self._stopped = True
+        for _ in self._threads:
+            self._jobs.put(None)
+        for thread in self._threads:
+            thread.join(patience_s)
+
+    def _run(self) -> None:
+        while (given := self._jobs.get()) is not None and not self._stopped:
+            _fulfil(*given)
+            del given  # a frame must not live until the next one comes

@@ -1,0 +1,329 @@
+"""Where frames come from and where they go: one picture, numbered pictures, a movie, a pipe."""
+
+import time
+from array import array
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass, field, replace
+from functools import partial
+from itertools import chain, repeat
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, BinaryIO, Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procam.errors import FileFormatError, InputError
+from procam.files.images.images import SUFFIXES, require_finite, require_suffix
+from procam.files.images.movies import (
+    MovieFrame,
+    MovieReader,
+    MovieWriter,
+    new_movie,
+    require_written,
+)
+from procam.files.images.raw_frames import read_frame, write_frame
+from procam.files.images.sequences import (
+    MadeLog,
+    Numbered,
+    PictureSequence,
+    find_sequence,
+    parse_pattern,
+    state_of,
+)
+from procam.files.images.stills import read_still, write_still
+from procam.workflows.playout.pipeline import ThreadPlan, prefetched
+
+Pixels = NDArray[Any]
+Row = dict[str, Any]
+Reads = Iterator[Callable[[], "ClipFrame | None"]]
+ONE_AS_HALF, INFINITE_AS_HALF = 0x3C00, 0x7C00
+UNTAGGED = 2  # transfer characteristics as ITU-T H.273 and FFmpeg count them
+HIGH_RANGE = {16: " (PQ)", 18: " (HLG)"}
+
+
+@dataclass(frozen=True, slots=True)
+class ClipFrame:
+    """One frame of a clip as it came.
+
+    Attributes
+    ----------
+    number : of the frame. name : of its file, or "frame 12 of FILE"; what messages call it.
+    rgb : (N, N, 3) encoded colours in the source's type.
+    transfer : name of their transfer function, as far as the source tells it.
+    above_one : pixels that ask for more than 1.0. said : the source's own words on its transfer function.
+    carried : what its writer needs of the source. came_s : when it was whole, on the clip's clock.
+    """
+
+    number: int
+    name: str
+    rgb: Pixels
+    transfer: str | None
+    above_one: int = 0
+    carried: Any = None
+    came_s: float = field(default_factory=time.perf_counter)
+    said: str = ""
+
+
+class Clip(Protocol):
+    """A source of frames and the place where what is made of them goes.
+
+    `total` is how many frames will come (0: unknown), `suffix` the kind of the output's pictures, `made`
+    the report's rows of frames that need not come any more.
+    """
+
+    total: int
+    suffix: str
+    made: Mapping[int, Row]
+
+    def __enter__(self) -> Self:
+        """Open it."""
+
+    def __exit__(self, *error: object) -> None:
+        """Close it."""
+
+    def crew(self, frame_bytes: int) -> ThreadPlan:
+        """Threads for it."""
+
+    def reads(self) -> Reads:
+        """Jobs that each read a frame; None ends them."""
+
+    def write(self, piece: ClipFrame, rgb: Pixels, transfer: str, row: Row) -> None:
+        """Store what was made of a frame; `row` is what a report says of it."""
+
+
+class StillClip:
+    """One picture: `read` and `written` are its files, as of all clips that have files."""
+
+    total = 1
+    made: Mapping[int, Row] = MappingProxyType({})
+
+    def __init__(self, source: Path, out: Path) -> None:
+        require_suffix(out)
+        self.source, self.out, self.suffix = source, out, out.suffix
+        self.read, self.written = [source], [out]
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        """Pictures are closed already."""
+
+    def crew(self, frame_bytes: int) -> ThreadPlan:
+        """One after the other."""
+        return ThreadPlan.for_movie(frame_bytes)
+
+    def reads(self) -> Reads:
+        """The picture."""
+        yield lambda: read_clip_frame(self.source)
+
+    def write(self, piece: ClipFrame, rgb: Pixels, transfer: str, row: Row) -> None:
+        """Write the picture."""
+        write_still(self.out, rgb, piece.carried, transfer)
+
+
+class SequenceClip:
+    """Numbered pictures; those that an earlier run has made of the same are left out."""
+
+    def __init__(self, sequence: PictureSequence, names: Numbered, log: MadeLog) -> None:
+        self._sequence, self._names, self.log = sequence, names, log
+        self.suffix = names.suffix
+        sources = {number: sequence.names.path(number) for number in sequence.numbers}
+        self.read = list(sources.values())
+        self.written = [*map(names.path, sources), log.path]
+        logged = {n: log.made(names.path(n), state_of(path)) for n, path in sources.items()}
+        self.made: Mapping[int, Row] = {
+            n: row for n, row in logged.items() if row is not None and self.is_whole(n, row)
+        }
+        self._todo = [number for number in logged if number not in self.made]
+        self.total = len(self._todo)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        """Pictures are closed already."""
+
+    def is_whole(self, number: int, row: Row) -> bool:
+        """Whether a logged picture, whose own file is whole, needs nothing more."""
+        return True
+
+    def crew(self, frame_bytes: int) -> ThreadPlan:
+        """Several at once."""
+        return ThreadPlan.for_pictures(frame_bytes)
+
+    def reads(self) -> Reads:
+        """The pictures that are still to be made."""
+        for number in self._todo:
+            yield partial(self._read, number)
+
+    def write(self, piece: ClipFrame, rgb: Pixels, transfer: str, row: Row) -> None:
+        """Write a picture and log it."""
+        state, still = piece.carried
+        out = self._names.path(piece.number)
+        write_still(out, rgb, still, transfer)
+        self.log.add(out, state, row)
+
+    def _read(self, number: int) -> ClipFrame:
+        path = self._sequence.names.path(number)
+        state = state_of(path)
+        piece = read_clip_frame(path, number)
+        return replace(piece, carried=(state, piece.carried))
+
+
+class MovieClip:
+    """A movie to a movie; it is made anew from its first frame unless it is there whole."""
+
+    def __init__(self, source: Path, out: Path, log: MadeLog) -> None:
+        require_written(out)
+        self.source, self.out, self.suffix = source, out, out.suffix
+        self.read, self.written = [source], [out, log.path]
+        self.made: Mapping[int, Row] = {}
+        self._log = log
+        self.stack = ExitStack()
+        self._writer: MovieWriter | None = None
+
+    @property
+    def is_made(self) -> bool:
+        """Whether an earlier run has finished it."""
+        there = self.source.is_file()
+        return there and self._log.made(self.out, state_of(self.source)) is not None
+
+    def __enter__(self) -> Self:
+        self.reader = self.stack.enter_context(MovieReader(self.source))
+        self._state = state_of(self.source)
+        self.total, self._frames, self._count = self.reader.frames, iter(self.reader), 0
+        return self
+
+    def __exit__(self, *error: Any) -> None:
+        self.stack.__exit__(*error)
+        if error == (None, None, None) and self._writer is not None:
+            self._log.add(self.out, self._state, {})
+
+    def crew(self, frame_bytes: int) -> ThreadPlan:
+        """One frame after the other."""
+        return ThreadPlan.for_movie(frame_bytes)
+
+    def reads(self) -> Reads:
+        """The frames."""
+        return repeat(self._read)
+
+    def write(self, piece: ClipFrame, rgb: Pixels, transfer: str, row: Row) -> None:
+        """Encode a frame."""
+        if self._writer is None:
+            movie = new_movie(self.out, self.reader, transfer=transfer)
+            self._writer = self.stack.enter_context(movie)
+        self._writer.write(rgb, piece.carried)
+
+    def _read(self) -> ClipFrame | None:
+        frame = next(self._frames, None)
+        if frame is None:
+            return None
+        self._count += 1
+        return movie_clip_frame(self.reader, frame, self._count - 1)
+
+
+class PipeClip:
+    """Bare frames from a pipe to a pipe; it keeps how long each took from whole to sent.
+
+    The first is read from the start on, so that a calibration can be read meanwhile.
+    """
+
+    total = 0
+    suffix = ""
+    made: Mapping[int, Row] = MappingProxyType({})
+
+    def __init__(self, pipes: tuple[BinaryIO, BinaryIO], size: int, dtype: np.dtype[Any]) -> None:
+        self._source, self._out = pipes
+        self._size, self._dtype = size, dtype
+        self._count = 0
+        self.latency_s = array("f")
+        self._first = prefetched(self._read)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        """The pipes are the system's."""
+
+    def crew(self, frame_bytes: int) -> ThreadPlan:
+        """As little waiting as can be."""
+        return ThreadPlan.for_pipe()
+
+    def reads(self) -> Reads:
+        """Frames until the pipe ends."""
+        return chain([self._first], repeat(self._read))
+
+    def write(self, piece: ClipFrame, rgb: Pixels, transfer: str, row: Row) -> None:
+        """Send a frame at once."""
+        write_frame(self._out, rgb)
+        self.latency_s.append(time.perf_counter() - piece.came_s)
+
+    def _read(self) -> ClipFrame | None:
+        rgb: Pixels = np.empty((self._size, self._size, 3), self._dtype)
+        if not read_frame(self._source, rgb, self._count):
+            return None
+        self._count += 1
+        number = self._count - 1
+        name = f"frame {number} of stdin"
+        default = "linear" if self._dtype.kind == "f" else "srgb"
+        return ClipFrame(number, name, rgb, default, count_above_one(name, rgb))
+
+
+def read_clip_frame(path: Path, number: int = 0) -> ClipFrame:
+    """A picture with all that is kept of it; refuses light that is NaN or infinite."""
+    still = read_still(path)
+    above = count_above_one(path, still.rgb)
+    said = still.spec.get_string_attribute("oiio:ColorSpace")
+    return ClipFrame(number, str(path), still.rgb, still.transfer, above, still, said=said)
+
+
+def movie_clip_frame(reader: MovieReader, frame: MovieFrame, number: int) -> ClipFrame:
+    """A frame of a movie."""
+    name, tag = f"frame {number} of {reader.path}", int(reader.stream.codec_context.color_trc)
+    said = f"transfer characteristics {tag}{HIGH_RANGE.get(tag, '')}"
+    if tag == UNTAGGED:
+        said = "nothing of it"
+    return ClipFrame(number, name, frame.rgb, reader.transfer, carried=frame, said=said)
+
+
+def count_above_one(name: object, rgb: Pixels) -> int:
+    """Pixels above 1.0 in any colour; refuses NaN and infinite values of a frame called `name`."""
+    if rgb.dtype.kind != "f":
+        return 0
+    if rgb.dtype == np.float16:  # as integers, for NumPy is slow with halves
+        bits = rgb.view(np.int16)
+        finite = (bits & 0x7FFF).max() < INFINITE_AS_HALF
+        above = bits > ONE_AS_HALF
+    else:
+        finite = bool(np.isfinite(rgb.max()) and np.isfinite(rgb.min()))
+        above = rgb > 1
+    if not finite:
+        require_finite(name, np.asarray(rgb, np.float32))
+    return int(above.any(axis=-1).sum())
+
+
+def output_names(sequence: PictureSequence, out: Path) -> Numbered:
+    """How the pictures made of a sequence are named: by a pattern, or as the source's in a folder."""
+    names = parse_pattern(out)
+    if names is None:
+        if out.suffix and not out.is_dir():
+            raise InputError(
+                f"OUT: got {out} for numbered pictures, expected a pattern such as out.%04d.exr, or "
+                "a folder"
+            )
+        source = sequence.names
+        names = Numbered(out, source.before, source.digits, source.after)
+    require_suffix(names.path(0))
+    return names
+
+
+def source_sequence(source: Path) -> PictureSequence | None:
+    """The numbered pictures that IN names; None for one picture or a movie."""
+    sequence = find_sequence(source)
+    if sequence and sequence.names.suffix not in SUFFIXES:
+        raise FileFormatError(
+            f"{source}: got pictures of kind {sequence.names.suffix!r}, expected .png, .tif or .exr"
+        )
+    return sequence

@@ -1,0 +1,241 @@
+"""A folder from which a player compensates a show by itself: numbers per frame, textures, shaders."""
+
+import csv
+import hashlib
+import json
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from importlib import resources
+from importlib.metadata import version
+from itertools import chain, repeat
+from pathlib import Path
+from typing import Any, TextIO
+
+import numpy as np
+
+from procam.compensate.compensator import Compensator
+from procam.compensate.track import METHODS, columns, moves, row, textures, uniforms
+from procam.errors import FileFormatError, InputError
+from procam.files.atomic import replacing_directory
+from procam.files.calibration import load_dome
+from procam.files.images.images import RGB, write_image
+from procam.files.images.movies import MovieReader, is_movie
+from procam.model.calibration import Calibration
+from procam.workflows.events import Event
+from procam.workflows.playout.frame import (
+    FrameSettings,
+    named_transfer,
+    require_photometry,
+    square_edge,
+)
+from procam.workflows.playout.pipeline import ThreadPlan, flow
+from procam.workflows.playout.sources import ClipFrame, Reads, read_clip_frame, source_sequence
+
+SCHEMA = 1
+GLSL = "#version 330 core\n"
+LIVE = "#define LIVE\n"
+NUMBERS = (
+    "scattered light of a colour at a direction is spread times the sum of number times term; x points to "
+    "the front, y to the audience's left, z to the pole; columns are TERM.COLOUR, those not there are 0"
+)
+TEXTURES = {
+    "spread": "scattered light for a polynomial of 1 [rel]",
+    "lo": "least direct light [rel]",
+    "hi": "most direct light [rel]",
+    "ambient": "light of the room's own lamps [rel]",
+    "gain": "content is multiplied by it after decoding",
+    "coverage": "share that projectors reach; black goes out where it is 0",
+    "protection": "1 where the content goes out as it came",
+    "dither": "thresholds 0..1, added to 8-bit values before they are cut off",
+}
+NEAREST, REPEAT = ("protection", "dither"), ("dither",)
+
+
+def track_show(
+    calibration_dir: Path, source: Path, out: Path, how: FrameSettings
+) -> Iterator[Event]:
+    """Write OUT for the pictures or the movie `source`; an event per frame.
+
+    OUT appears whole or not at all. The last event's data are those of OUT/track.json.
+
+    Raises
+    ------
+    InputError
+        OUT exists; frames of the method differ by more than the numbers; no transfer function.
+    FileFormatError
+        A frame is no dome master, or not like the first one.
+    """
+    _check(out, how.method)
+    calibration = load_dome(calibration_dir)
+    with _opened(source) as show, replacing_directory(out) as folder:
+        first = next(show.reads)()
+        if first is None:
+            raise InputError(f"IN: got no frame in {source}, expected dome masters")
+        with (folder / "track.csv").open("w", newline="", encoding="utf-8") as file:
+            rows = _Rows(calibration, first, how, file)
+            reads = chain([lambda: first], show.reads)
+            for name in flow(reads, rows.add, show.crew(first.rgb.nbytes)):
+                yield Event("track", len(rows.numbers), show.total, name)
+        document = _document(rows, how) | {
+            "calibration": {"path": str(calibration_dir), "sha256": _digest(calibration_dir)},
+            "show": str(source),
+        }
+        _write_textures(folder, rows.compensator)
+        _write_shaders(folder)
+        (folder / "track.json").write_text(json.dumps(document, indent=1), encoding="utf-8")
+    done = len(rows.numbers)
+    yield Event("track", done, done, f"{out} written", {"out": str(out)} | document)
+
+
+@dataclass(frozen=True, slots=True)
+class _Show:
+    """`total` frames (0: unknown), jobs that each read one (None ends them), and threads for them."""
+
+    total: int
+    reads: Reads
+    crew: Callable[[int], ThreadPlan]
+
+
+@contextmanager
+def _opened(source: Path) -> Iterator[_Show]:
+    if is_movie(source):
+        with MovieReader(source) as movie:
+            pieces = (
+                ClipFrame(number, f"frame {number} of {source}", frame.rgb, movie.transfer)
+                for number, frame in enumerate(movie)
+            )
+            yield _Show(movie.frames, repeat(lambda: next(pieces, None)), ThreadPlan.for_movie)
+        return
+    sequence = source_sequence(source)
+    paths = {0: source}
+    if sequence is not None:
+        paths = {number: sequence.names.path(number) for number in sequence.numbers}
+    reads = (partial(read_clip_frame, path, number) for number, path in paths.items())
+    yield _Show(len(paths), reads, ThreadPlan.for_pictures)
+
+
+class _Rows:
+    """Writes a row of numbers per frame.
+
+    Attributes
+    ----------
+    compensator : of all frames. transfer, dtype : how their pixels are encoded.
+    used : how many of the nine numbers per colour are written. numbers : of the frames so far.
+    """
+
+    def __init__(
+        self, calibration: Calibration, first: ClipFrame, how: FrameSettings, file: TextIO
+    ) -> None:
+        require_photometry(calibration)
+        self.transfer, self.dtype = named_transfer(first, how), first.rgb.dtype
+        self.compensator = Compensator(
+            calibration,
+            square_edge(first),
+            how.method,
+            how.state,
+            white=how.white,
+            transfer_name=self.transfer,
+        )
+        self.used = self.compensator.fields.model.terms
+        self.numbers: list[int] = []
+        self._how, self._out = how, np.empty_like(first.rgb)
+        self._table = csv.writer(file, lineterminator="\n")
+        self._table.writerow(["frame", *columns(self.used)])
+
+    def add(self, piece: ClipFrame) -> Callable[[], str]:
+        """Solve a frame, which must be like the first one; what is left to do tells its name."""
+        name, found = piece.name, (square_edge(piece), piece.rgb.dtype, self._named(piece))
+        if found != (expected := (self.compensator.size, self.dtype, self.transfer)):
+            raise FileFormatError(
+                f"{name}: got {_worded(*found)}, expected {_worded(*expected)} as the first frame "
+                "has; render all frames alike"
+            )
+        self.compensator.frame(piece.rgb, self._out)
+        numbers = row(self.compensator.coefficients, self.used)
+        self._table.writerow([piece.number, *(f"{value:.9g}" for value in numbers)])
+        self.numbers.append(piece.number)
+        return lambda: name
+
+    def _named(self, piece: ClipFrame) -> str:
+        return named_transfer(piece, self._how)
+
+
+def _worded(size: int, dtype: np.dtype[Any], transfer: str) -> str:
+    return f"{size} px of {dtype} in {transfer}"
+
+
+def _check(out: Path, method: str) -> None:
+    if method not in METHODS:
+        raise InputError(
+            f"--method: got {method!r}, expected {' or '.join(METHODS)}; frames of other methods "
+            "differ by more than a track can say"
+        )
+    if out.exists():
+        raise InputError(
+            f"OUT: got {out}, which exists, expected a new folder; choose another name"
+        )
+
+
+def _document(rows: _Rows, how: FrameSettings) -> dict[str, Any]:
+    return {
+        "schema": SCHEMA,
+        "procam": version("procam"),
+        "size": rows.compensator.size,
+        "field_size": rows.compensator.fields.model.nodes,
+        "content_type": str(rows.dtype),
+        "method": how.method,
+        "state": how.state,
+        "white": how.white,
+        "transfer": rows.transfer,
+        "uniforms": uniforms(rows.transfer, rows.dtype),
+        "frames": {
+            "count": len(rows.numbers),
+            "first": rows.numbers[0],
+            "last": rows.numbers[-1],
+        },
+        "numbers": {"file": "track.csv", "columns": columns(rows.used), "meaning": NUMBERS},
+        "textures": {
+            name: {
+                "file": f"{name}.exr",
+                "filter": "nearest" if name in NEAREST else "linear",
+                "wrap": "repeat" if name in REPEAT else "clamp",
+                "meaning": meaning,
+            }
+            for name, meaning in TEXTURES.items()
+        },
+    }
+
+
+def _write_textures(folder: Path, compensator: Compensator) -> None:
+    for name, pixels in textures(compensator.fields).items():
+        write_image(folder / f"{name}.exr", pixels, RGB if pixels.shape[2] == 3 else ("Y",))
+    write_image(folder / "live" / "moves.exr", moves(compensator.fields), RGB)
+
+
+def _write_shaders(folder: Path) -> None:
+    """The programs, each whole in its file."""
+    parts = resources.files("procam.compensate") / "shader"
+    dome, compensate, reduce, solve = (
+        (parts / name).read_text("utf-8")
+        for name in ("dome.glsl", "compensate.frag", "reduce.frag", "solve.frag")
+    )
+    programs = {
+        "compensate.frag": [dome, compensate],
+        "live/apply.frag": [LIVE, dome, compensate],
+        "live/reduce.frag": [LIVE, dome, reduce],
+        "live/solve.frag": [solve],
+    }
+    for name, sources in programs.items():
+        (folder / name).write_text("\n".join([GLSL.rstrip(), *sources]), encoding="utf-8")
+    (folder / "README.txt").write_text((parts / "README.md").read_text("utf-8"), encoding="utf-8")
+
+
+def _digest(calibration_dir: Path) -> str:
+    """Of all files of a calibration."""
+    digest = hashlib.sha256()
+    for path in sorted(path for path in calibration_dir.rglob("*") if path.is_file()):
+        digest.update(path.relative_to(calibration_dir).as_posix().encode())
+        digest.update(path.read_bytes())
+    return digest.hexdigest()

@@ -1,0 +1,172 @@
+"""`procam warp`: direct light on dome masters to what each projector is sent."""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procam.compensate.projector_frames import Warper
+from procam.errors import FileFormatError
+from procam.files.calibration import load_calibration
+from procam.files.images.images import write_image
+from procam.files.images.movies import MovieFrame, MovieWriter, is_movie, new_movie
+from procam.files.images.sequences import MadeLog, Numbered, PictureSequence
+from procam.maths.light.transfer import transfer as transfer_function
+from procam.model.calibration import Calibration
+from procam.workflows.events import Event
+from procam.workflows.playout.compensate import LOG, each_frame, run_key, sequence_log
+from procam.workflows.playout.frame import (
+    FrameSettings,
+    decoded,
+    named_transfer,
+    require_photometry,
+    square_edge,
+)
+from procam.workflows.playout.overwrite_check import refuse_overwriting
+from procam.workflows.playout.sources import (
+    Clip,
+    ClipFrame,
+    MovieClip,
+    SequenceClip,
+    StillClip,
+    source_sequence,
+)
+
+Frames = Mapping[str, NDArray[np.uint16]]
+MAPS = "maps/*.exr"  # a warp is made of every projector's
+
+
+class WarpClip(Clip, Protocol):
+    """A clip that gives frames of projectors."""
+
+    paths: list[str]
+    read: list[Path]
+    written: list[Path]
+
+    def write_frames(self, piece: ClipFrame, frames: Frames) -> None:
+        """Store a frame (H, W, 3) of every projector."""
+
+
+def warp_file(
+    calibration_dir: Path, source: Path, out: Path, transfer: str | None = None
+) -> Iterator[Event]:
+    """Write each projector's frames of a clip of direct light under OUT, 16 bits.
+
+    OUT/PROJECTOR.png of a picture, OUT/PROJECTOR/NAME.png of numbered pictures (those that an earlier
+    run made are skipped), OUT/PROJECTOR.mov or .mkv of a movie. An event per frame, whose data name
+    what is written: {"frames"}.
+    """
+    calibration = load_calibration(calibration_dir)
+    require_photometry(calibration)
+    clip = _open(calibration_dir, calibration, source, out, transfer)
+    refuse_overwriting(clip.read, (("OUT", path) for path in clip.written))
+    how = FrameSettings(transfer=transfer)
+    warper: Warper | None = None  # known by the first frame; preparing it takes seconds
+
+    def work(piece: ClipFrame) -> Callable[[], str]:
+        nonlocal warper
+        size, name = square_edge(piece), named_transfer(piece, how)
+        if warper is None:
+            warper = Warper(calibration, size, np.uint16, decode=transfer_function(name).decode)
+        if size != warper.size:
+            raise FileFormatError(
+                f"{piece.name}: got {size} px, expected {warper.size} as the first frame has; "
+                "render all frames in one size"
+            )
+        codes = piece.rgb.dtype == np.uint8  # others come as light
+        frames = warper.frame(piece.rgb if codes else decoded(piece.rgb, name))
+
+        def write() -> str:
+            clip.write_frames(piece, frames)
+            return piece.name
+
+        return write
+
+    told = {"frames": clip.paths}
+    with clip:
+        yield Event("frames", 0, clip.total, "", told)
+        for done, name in enumerate(each_frame(clip, work), 1):
+            yield Event("frames", done, max(clip.total, done), name, told)
+
+
+def _open(
+    calibration_dir: Path,
+    calibration: Calibration,
+    source: Path,
+    out: Path,
+    transfer: str | None,
+) -> WarpClip:
+    names = list(calibration.projectors)
+    sequence = source_sequence(source)
+    if sequence:
+        key = run_key(calibration_dir, FrameSettings(method="warp", transfer=transfer), MAPS)
+        log = MadeLog(sequence_log(out, sequence.names), key)
+        return _WarpedSequence(sequence, out, names, log)
+    if is_movie(source):
+        return _WarpedMovie(source, out, calibration)
+    return _WarpedStill(source, out, names)
+
+
+class _WarpedStill(StillClip):
+    def __init__(self, source: Path, out: Path, names: list[str]) -> None:
+        super().__init__(source, out / "projector.png")
+        self._paths = {name: out / f"{name}.png" for name in names}
+        self.written = list(self._paths.values())
+        self.paths = [str(path) for path in self.written]
+
+    def write_frames(self, piece: ClipFrame, frames: Frames) -> None:
+        for name, pixels in frames.items():
+            write_image(self._paths[name], pixels)
+
+
+class _WarpedSequence(SequenceClip):
+    def __init__(
+        self, sequence: PictureSequence, out: Path, names: list[str], log: MadeLog
+    ) -> None:
+        source = sequence.names
+        after = f"{source.after.removesuffix(source.suffix)}.png"
+        self._outs = {n: Numbered(out / n, source.before, source.digits, after) for n in names}
+        self.paths = [str(numbered) for numbered in self._outs.values()]
+        super().__init__(sequence, self._outs[names[-1]], log)
+        self.written = [o.path(n) for o in self._outs.values() for n in sequence.numbers]
+        self.written.append(log.path)
+
+    def is_whole(self, number: int, row: dict[str, Any]) -> bool:
+        """Whether every projector's frame is there; the log knows the size of the last one only."""
+        sizes = row.get("sizes", {})
+        paths = {name: outs.path(number) for name, outs in self._outs.items()}
+        return all(p.is_file() and p.stat().st_size == sizes.get(n) for n, p in paths.items())
+
+    def write_frames(self, piece: ClipFrame, frames: Frames) -> None:
+        sizes = {}
+        for name, pixels in frames.items():
+            path = self._outs[name].path(piece.number)
+            write_image(path, pixels)
+            sizes[name] = path.stat().st_size
+        state, _ = piece.carried
+        self.log.add(path, state, {"sizes": sizes})
+
+
+class _WarpedMovie(MovieClip):
+    def __init__(self, source: Path, out: Path, calibration: Calibration) -> None:
+        suffix = ".mkv" if source.suffix == ".mkv" else ".mov"
+        self._sizes = {n: p.model.size for n, p in calibration.projectors.items()}
+        self._paths = {name: out / f"{name}{suffix}" for name in self._sizes}
+        self.paths = [str(path) for path in self._paths.values()]
+        self._writers: dict[str, MovieWriter] = {}
+        super().__init__(source, out / f"projector{suffix}", MadeLog(out / LOG, ""))
+        self.written = list(self._paths.values())
+
+    def write_frames(self, piece: ClipFrame, frames: Frames) -> None:
+        if not self._writers:
+            for name, path in self._paths.items():
+                movie = new_movie(
+                    path, self.reader, transfer="", size=self._sizes[name], layout="rgb48le"
+                )
+                self._writers[name] = self.stack.enter_context(movie)
+        frame: MovieFrame = replace(piece.carried, alpha=None)
+        for name, pixels in frames.items():
+            self._writers[name].write(pixels, frame)

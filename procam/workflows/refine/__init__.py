@@ -1,0 +1,1 @@
+"""The closed loop: show, photograph, compare with the prediction, correct."""

@@ -1,0 +1,81 @@
+"""The camera of the closed loop: photographs of what is on the dome, as light per cell."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procam.devices.rig import Rig
+from procam.errors import OutOfModelRange
+from procam.estimate.camera.exposure import green, noise_of_repeat
+from procam.estimate.camera.noise import NO_NOISE
+from procam.estimate.camera.radiance import Radiometer
+from procam.estimate.closed_loop.brackets import bracket_for, merged_frame
+from procam.estimate.closed_loop.dome import LoopCells
+from procam.estimate.geometry.camera_view import DomeView
+from procam.model.calibration import Calibration
+from procam.model.frame import CameraSettings, Frame
+
+Array = NDArray[np.float64]
+Image = NDArray[np.float32]
+FILL = 0.7  # of full scale, for the brightest content
+
+
+class LoopCamera:
+    """Photographs sets of projector frames and gives content light per cell."""
+
+    def __init__(self, rig: Rig, calibration: Calibration) -> None:
+        self._projectors = rig.projectors
+        name, model = next(iter(calibration.cameras.items()))
+        self._camera, self._radiometer = rig.cameras[name], Radiometer(model)
+        dome = calibration.screen
+        view = DomeView.of(model, dome, self._radiometer.rays, self._radiometer.seen)
+        self.cells = LoopCells.of(view.direction, view.on_screen)
+        self._matrix = calibration.content_from_camera.astype(np.float32)
+        self._exposures_s: tuple[float, ...] = (0.1,)
+        self._noise = NO_NOISE
+        self.shots = 0
+
+    def expose_for(self, observed: Image) -> None:
+        """Choose the shutter time so that the brightest of `observed` fills the sensor well."""
+        light = observed.reshape(-1, 3) @ np.linalg.inv(self._matrix).T
+        self._exposures_s = (FILL / float(np.percentile(light, 99.9)),)
+
+    def hold(self, light: Array, sigma: Array) -> bool:
+        """Take brackets from now on if one exposure cannot hold cells of `light` (n,); whether so.
+
+        `sigma` (n,) is the standard error that one exposure has shown.
+        """
+        self._exposures_s = bracket_for(light, sigma, self._exposures_s[0])
+        if len(self._exposures_s) == 1:
+            return False
+        pair = [green(self._capture(self._exposures_s[0]).counts) for _ in range(2)]
+        self._noise = noise_of_repeat(pair[0], pair[1], self._radiometer.camera.sensor)
+        return True
+
+    def show(self, frames: Mapping[str, Image]) -> None:
+        """Put a frame on every projector."""
+        for name, frame in frames.items():
+            self._projectors[name].show(frame)
+
+    def photographs(self, count: int) -> list[Array]:
+        """Cell means (N, N, 3) of what is on the dome [rel], `count` times."""
+        return [self._photograph() for _ in range(count)]
+
+    def _photograph(self) -> Array:
+        frames = [self._capture(exposure_s) for exposure_s in self._exposures_s]
+        sensor = self._radiometer.camera.sensor
+        frame = frames[0] if len(frames) == 1 else merged_frame(frames, sensor, self._noise)
+        light = self._radiometer.radiance(frame)
+        lost = float(np.isnan(light[self.cells.use]).any(axis=-1).mean())
+        if lost > 0.01:
+            raise OutOfModelRange(
+                f"loop photograph at {frame.settings.exposure_s:.3g} s: {lost:.1%} of the dome is "
+                "saturated, expected less than 1%; is room light on, or another projector?"
+            )
+        return self.cells.average(np.nan_to_num(light) @ self._matrix.T)
+
+    def _capture(self, exposure_s: float) -> Frame:
+        self._camera.configure(CameraSettings(exposure_s, "rgb"))
+        self.shots += 1
+        return self._camera.capture()

@@ -1,0 +1,94 @@
+"""Files in, files out: projector frames, and what a demo and a loop have shown."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procam.compensate.compensator import Compensated, Compensator
+from procam.compensate.projector_frames import Warper, quantised
+from procam.errors import FileFormatError
+from procam.files import atomic
+from procam.files.images.images import (
+    RGB,
+    read_image,
+    read_picture,
+    write_channels,
+    write_image,
+)
+from procam.model.calibration import Calibration
+from procam.workflows.refine.refine import Refined
+
+Image = NDArray[np.float32]
+
+
+def write_frames(frames: Mapping[str, Image], out: Path) -> list[Path]:
+    """Write OUT/PROJECTOR.png, 16 bits."""
+    paths = []
+    for name, pixels in quantised(frames).items():
+        write_image(out / f"{name}.png", pixels)
+        paths.append(out / f"{name}.png")
+    return paths
+
+
+def read_frames(directory: Path) -> dict[str, Image]:
+    """Frames written by `write_frames`, 0..1."""
+    return {
+        path.stem: np.asarray(read_image(path), np.float32) / np.float32(65535)
+        for path in sorted(directory.glob("*.png"))
+    }
+
+
+def read_square(path: Path) -> Image:
+    """A dome master (N, N, 3) in linear light."""
+    picture = read_picture(path)
+    height, width = picture.shape[:2]
+    if height != width:
+        raise FileFormatError(
+            f"{path}: got {width}x{height} px, expected a square dome master; crop or pad it"
+        )
+    return picture
+
+
+def keep_pictures(
+    venue_dir: Path, calibration: Calibration, content: Image
+) -> dict[str, Compensated]:
+    """Compute and store VENUE/pictures and VENUE/frames for a piece of content; returns them."""
+    size = content.shape[0]
+    methods: tuple[str, ...] = ("none", "exact", "paper-eq12")
+    compensators = {m: Compensator(calibration, size, m) for m in methods}
+    made: dict[str, Compensated] = {m: c.solve(content) for m, c in compensators.items()}
+    pictures = venue_dir / "pictures"
+    _write_rgb(pictures / "target.exr", compensators["exact"].target(content))
+    _write_rgb(pictures / "uncompensated.exr", made["none"].observed)
+    _write_rgb(pictures / "compensated.exr", made["exact"].observed)
+    _write_rgb(pictures / "direct.exr", made["exact"].direct)
+    _write_rgb(pictures / "free.exr", made["exact"].free.astype(np.float32))
+    warper = Warper(calibration, size, np.float32)
+    for method, result in made.items():
+        write_frames(warper.frame(result.direct), venue_dir / "frames" / method)
+    return made
+
+
+def keep_loop(venue_dir: Path, refined: Refined) -> None:
+    """Store VENUE/loop: curve, photographs, prediction; and the refined frames."""
+    loop = venue_dir / "loop"
+    _write_rgb(loop / "before.exr", refined.photographs["before"])
+    _write_rgb(loop / "after.exr", refined.photographs["after"])
+    _write_rgb(loop / "predicted.exr", refined.target)
+    _write_rgb(loop / "free.exr", refined.free.astype(np.float32))
+    write_frames(refined.frames, venue_dir / "frames" / "refined")
+    curve = {
+        "residual": refined.residual,
+        "noise_floor": refined.noise_floor,
+        "left_jnd": refined.left_jnd,
+        "scatter_factor": refined.scatter_factor.tolist(),
+        "worse": refined.worse,
+    }
+    atomic.write_text(loop / "loop.json", json.dumps(curve, indent=1))
+
+
+def _write_rgb(path: Path, picture: NDArray[np.floating]) -> None:
+    write_channels(path, {c: picture[..., i] for i, c in enumerate(RGB)})

@@ -1,0 +1,1 @@
+"""From stored captures to a calibration, without devices."""

@@ -1,0 +1,222 @@
+"""From stored captures to a calibration; needs no device and repeats to the last bit."""
+
+from collections.abc import Callable, Generator, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import TypeVar
+
+import numpy as np
+
+from procam.estimate.calibration import ProjectorMeasurement, assemble
+from procam.estimate.camera.radiance import Radiometer
+from procam.estimate.geometry.apriltags import TagObservations
+from procam.estimate.geometry.camera_view import DomeView
+from procam.estimate.geometry.model import Observations, Pair
+from procam.estimate.geometry.observations import gather_observations
+from procam.estimate.geometry.solve import GeometrySolution
+from procam.estimate.media_server.camera_pose import PlacedCamera
+from procam.estimate.media_server.dome_master import DomeMaster
+from procam.estimate.structured_light.codes import make_code
+from procam.estimate.structured_light.decode import Decoder
+from procam.estimate.structured_light.limits import DecodeLimits
+from procam.estimate.structured_light.outliers import keep_only
+from procam.files.calibration import next_directory, save_calibration
+from procam.files.session import Session
+from procam.files.venue.load import Venue
+from procam.files.venue.masks import (
+    MASTER_SIZE,
+    camera_masks,
+    nudges,
+    projector_masks,
+    protected_mask,
+    screen_mask,
+)
+from procam.maths.geometry.sphere import master_pixels
+from procam.model.calibration import Calibration
+from procam.model.correspondence import CorrespondenceMap
+from procam.model.quality import Figure
+from procam.model.screen import Dome
+from procam.workflows.capture.session_images import SessionImages
+from procam.workflows.capture.session_plan import server_of
+from procam.workflows.events import Event
+from procam.workflows.solve.apriltags import detect_tags, tag_marks, tag_notes
+from procam.workflows.solve.geometry import rig_problem, solve_rig
+from procam.workflows.solve.light import measure_light, measure_server_light
+from procam.workflows.solve.media_server import (
+    placed_by_server,
+    server_figures,
+    server_notes,
+    server_rig,
+)
+from procam.workflows.solve.provenance import provenance
+
+NOISE_DN = 6.0  # differences below a few counts mean nothing
+DARK_SIGMAS = 3.0
+SHAPE_FIGURES = ("sphere_variance_ratio", "shape_degree")
+WORKERS = 2  # each holds about 400 MB for a 2.5 Mpx camera
+Result = TypeVar("Result")
+
+
+@dataclass(frozen=True, slots=True)
+class _SolvedRig:
+    """A solved rig, and what else of a session its light is read with.
+
+    `found` is what cameras saw of projectors that were decoded; `readings` those of the camera that
+    was looked at last; `notes` and `figures` what the solve tells of itself.
+    """
+
+    geometry: GeometrySolution
+    readings: SessionImages
+    verdict: str
+    notes: list[str]
+    found: Mapping[Pair, CorrespondenceMap] = field(default_factory=dict)
+    figures: Mapping[str, Figure] = field(default_factory=dict)
+
+
+def solve(venue: Venue, session: Session) -> Iterator[Event]:
+    """Decode, solve the geometry, split the light, fit the projectors, write a calibration.
+
+    Geometry from all cameras; light from the one that sees most. Of a media server only the cameras
+    are solved. The last event carries the new directory as `data["calibration"]`; what nobody should
+    miss is in its provenance as "notes".
+    """
+    origin = provenance(venue, session)  # first of all, for it finds what is wrong with masks
+    names, server, looks = list(venue.table.projectors), server_of(venue), len(venue.cameras)
+    total = len(names) * (looks + 1) + 3
+    rig = yield from (
+        _rig_by_server(venue, session, server, total)
+        if server
+        else _rig_by_codes(venue, session, total)
+    )
+    yield Event("solve", total - len(names) - 2, total, f"geometry solved; {rig.verdict}")
+    origin["notes"] = rig.notes
+    geometry, readings = rig.geometry, _of_main(venue, rig)
+    dome = _solved_screen(venue, geometry)
+    view = _view(venue, dome, readings, geometry)
+    work = partial(measure_light, dome, readings, view, geometry, rig.found, projector_masks(venue))
+    if server:
+        mask = projector_masks(venue)[server.name]
+        work = partial(measure_server_light, dome, readings, view, geometry, (server, mask))
+    measured: dict[str, ProjectorMeasurement] = {}
+    for i, (name, measured[name]) in enumerate(_each(names, work)):
+        done = total - len(names) - 1 + i
+        yield Event("solve", done, total, f"{name} light split, response fitted")
+    falloff = venue.table.blend.falloff_per_rad
+    calibration = assemble(dome, geometry, view, measured, nudges(venue), origin, falloff)
+    calibration = replace(calibration, quality=_quality(calibration, rig))
+    yield Event("solve", total - 1, total, "maps assembled")
+    directory = next_directory(venue.directory)
+    save_calibration(_protecting(venue, calibration), directory)
+    yield Event(
+        "solve", total, total, f"calibration {directory} written", {"calibration": str(directory)}
+    )
+
+
+def _quality(calibration: Calibration, rig: _SolvedRig) -> dict[str, Figure]:
+    """Figures of a solve; tags do not tell a dome's shape from a server's alignment."""
+    untold = SHAPE_FIGURES if rig.geometry.given else ()
+    kept = {n: figure for n, figure in calibration.quality.items() if n not in untold}
+    return {**kept, **rig.figures}
+
+
+def _rig_by_codes(venue: Venue, session: Session, total: int) -> Generator[Event, None, _SolvedRig]:
+    """Cameras and projectors, from what cameras decode."""
+    plan, cameras = session.read_plan(), venue.cameras
+    found: dict[Pair, CorrespondenceMap] = {}
+    gathered: dict[Pair, Observations] = {}
+    looks: dict[str, TagObservations] = {}
+    for camera in cameras:
+        readings = SessionImages(session, plan, Radiometer(cameras[camera]))
+        looks[camera] = detect_tags(venue, readings)
+        work = partial(_decode, venue, readings)
+        for name, (seen, patches) in _each(list(venue.table.projectors), work):
+            found[camera, name], gathered[camera, name] = seen, patches
+            share = float(seen.valid.sum() / readings.radiometer.seen.sum())
+            told = f"{name} decoded, {share:.0%} of what {camera} sees"
+            yield Event("solve", len(found), total, told)
+    marks = [*venue.fiducials, *tag_marks(venue, looks)]
+    geometry, verdict, notes = solve_rig(rig_problem(venue, gathered, marks))
+    return _SolvedRig(geometry, readings, verdict, [*tag_notes(venue, plan, looks), *notes], found)
+
+
+def _rig_by_server(
+    venue: Venue, session: Session, server: DomeMaster, total: int
+) -> Generator[Event, None, _SolvedRig]:
+    """Cameras, from the tags that a media server showed."""
+    plan, cameras = session.read_plan(), venue.cameras
+    placed: dict[str, PlacedCamera] = {}
+    looks: dict[str, TagObservations] = {}
+    for camera in cameras:
+        readings = SessionImages(session, plan, Radiometer(cameras[camera]))
+        looks[camera] = detect_tags(venue, readings)
+        placed[camera] = placed_by_server(venue, server, camera, readings)
+        told = f"{camera} placed by {len(placed[camera].tags)} tags"
+        yield Event("solve", len(placed), total, told)
+    marks = [*venue.fiducials, *tag_marks(venue, looks)]
+    geometry = server_rig(venue, server, placed, marks)
+    figures = server_figures(placed)
+    worst = figures["server_misalignment_rms_arcmin"].value
+    notes = [*tag_notes(venue, plan, looks), *server_notes(venue, server, placed)]
+    verdict = f"tags are {worst:.1f} arcmin off"
+    return _SolvedRig(geometry, readings, verdict, notes, figures=figures)
+
+
+def _of_main(venue: Venue, rig: _SolvedRig) -> SessionImages:
+    """Readings of the camera that sees most."""
+    last, main = rig.readings, rig.geometry.main
+    if last.radiometer.camera.name == main:
+        return last
+    return SessionImages(last.session, last.plan, Radiometer(venue.cameras[main]))
+
+
+def _each(names: list[str], work: Callable[[str], Result]) -> Iterator[tuple[str, Result]]:
+    """Results by projector, in order; two at a time, since NumPy leaves the other core idle."""
+    with ThreadPoolExecutor(WORKERS) as pool:
+        yield from zip(names, pool.map(work, names), strict=True)
+
+
+def _decode(
+    venue: Venue, readings: SessionImages, name: str
+) -> tuple[CorrespondenceMap, Observations]:
+    """What a camera sees of a projector, pixel by pixel and by patches of the panel."""
+    camera = readings.radiometer.camera
+    limits = DecodeLimits(
+        white_black=DARK_SIGMAS * NOISE_DN,
+        contrast=NOISE_DN,
+        saturated=2.0**camera.sensor.bits - 1,
+    )
+    code_name, pictures = readings.code(name)
+    decoder = Decoder(make_code(code_name, venue.table.projectors[name].size), limits)
+    for number, counts in pictures:
+        decoder.add(number, counts)
+    found = decoder.result().map
+    found = keep_only(found, ~camera_masks(venue)[camera.name].covered)
+    # masked pixels shine while the light is measured: only the geometry does without them
+    used = keep_only(found, ~projector_masks(venue)[name].at(found.projector_xy))
+    return found, gather_observations(used, venue.table.projectors[name].size)
+
+
+def _solved_screen(venue: Venue, geometry: GeometrySolution) -> Dome:
+    shape = geometry.rig.shape
+    bumps = tuple(float(b) for b in shape.bumps)
+    return replace(venue.screen, radius_m=shape.radius_m, bumps=bumps, degree=shape.degree)
+
+
+def _view(
+    venue: Venue, dome: Dome, readings: SessionImages, geometry: GeometrySolution
+) -> DomeView:
+    """What the main camera sees of the screen, without what a person has masked."""
+    seen = readings.radiometer.seen & ~camera_masks(venue)[geometry.main].covered
+    view = DomeView.of(geometry.camera, dome, readings.radiometer.rays, seen)
+    masked = screen_mask(venue, MASTER_SIZE).at(
+        master_pixels(np.nan_to_num(view.direction), MASTER_SIZE)
+    )
+    return view.without(masked)
+
+
+def _protecting(venue: Venue, calibration: Calibration) -> Calibration:
+    """The calibration with the parts of the dome that a person protects, if there are any."""
+    mask, maps = protected_mask(venue, calibration.maps.size), calibration.maps
+    protected = mask if mask.covered.any() else None
+    return replace(calibration, maps=replace(maps, protected=protected))

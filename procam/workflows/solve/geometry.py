@@ -1,0 +1,68 @@
+"""Decoded pictures and a venue's marks solved to a rig; what does not fit is told by name."""
+
+from collections.abc import Mapping, Sequence
+
+from procam.errors import CalibrationError
+from procam.estimate.geometry.adjustment import RigProblem
+from procam.estimate.geometry.diagnosis import causes
+from procam.estimate.geometry.fiducial_checks import missing_marks
+from procam.estimate.geometry.model import Observations, Pair
+from procam.estimate.geometry.solve import ROUND_ENOUGH, GeometrySolution, solve_geometry
+from procam.estimate.geometry.start import FEWEST, ProjectorPrior
+from procam.files.venue.load import Venue
+from procam.maths.geometry.ray_to_screen import RoundShape
+from procam.model.optics import Fiducial
+from procam.workflows.solve.apriltags import known_distances
+
+
+def rig_problem(
+    venue: Venue, seen: Mapping[Pair, Observations], marks: Sequence[Fiducial]
+) -> RigProblem:
+    """What is known of a venue's rig before it is solved."""
+    table = venue.table
+    return RigProblem(
+        RoundShape(venue.screen.radius_m),
+        venue.cameras,
+        {
+            name: ProjectorPrior(name, entry.size, entry.lens)
+            for name, entry in table.projectors.items()
+        },
+        {pair: some for pair, some in seen.items() if len(some.sigma_px) >= FEWEST},
+        {name: entry.intrinsics for name, entry in table.cameras.items()},
+        marks,
+        known_distances(venue, marks),
+        table.screen.radius_m is not None,
+    )
+
+
+def solve_rig(problem: RigProblem) -> tuple[GeometrySolution, str, list[str]]:
+    """The solved rig, a verdict on the screen's shape, and what nobody should miss, a line each.
+
+    Raises
+    ------
+    CalibrationError
+        If there is no solution; with the probable cause, if one of `causes` is it.
+    """
+    try:
+        found = solve_geometry(problem)
+    except CalibrationError as error:
+        told = [str(error), *causes(problem, None)]
+        raise type(error)("\n".join(told)) from error
+    notes = missing_marks(problem.radius_known, problem.fiducials, len(found.freedoms))
+    verdict, guilty = _verdict(found), causes(problem, found)
+    if found.sphere_excess >= ROUND_ENOUGH and not guilty:
+        notes.append(verdict)
+    return found, verdict, [*notes, *guilty]
+
+
+def _verdict(found: GeometrySolution) -> str:
+    ratio = f"(ratio {found.sphere_excess**2:.1f})"
+    if found.sphere_excess < ROUND_ENOUGH:
+        return f"the dome is a sphere {ratio}"
+    degree = found.rig.shape.degree
+    cure = "no bumps explain it; did a camera or a projector move between the pictures?"
+    if degree:
+        cure = f"bumps up to degree {degree} were solved"
+    elif len(found.rig.cameras) == 1:
+        cure = "a second camera would tell its bumps, unless the camera moved between the pictures"
+    return f"the dome is NOT a sphere {ratio}; {cure}"

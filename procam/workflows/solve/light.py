@@ -1,0 +1,242 @@
+"""One projector's light, read off the pictures of a session."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procam.errors import OutOfModelRange
+from procam.estimate.calibration import ProjectorMeasurement
+from procam.estimate.camera.response import Linearity, linearity_error
+from procam.estimate.geometry.camera_view import DomeView
+from procam.estimate.geometry.lens_glints import lens_glints
+from procam.estimate.geometry.model import Pair
+from procam.estimate.geometry.solve import GeometrySolution
+from procam.estimate.light.inpaint import fill_light, fill_picture, pixels_without_pattern
+from procam.estimate.light.projector_response import ProjectorResponseFit, fit_colour, tile_levels
+from procam.estimate.light.scatter_kernel import ScatterCells, ScatterSample
+from procam.estimate.light.separation import CLEAR_CAMERA_PX, SeparatedLight, Separation
+from procam.estimate.light.stability import LightChecks
+from procam.estimate.media_server.dome_master import DomeMaster, lit_pixels
+from procam.estimate.media_server.local_response import Levels, fit_exponent, level_samples
+from procam.maths.codes.shot_id import CELLS_PER_MASTER, CELLS_PER_PANEL, taken_pixels
+from procam.maths.warp import grow, sample
+from procam.model.correspondence import CorrespondenceMap
+from procam.model.mask import Mask
+from procam.model.plan import Shot
+from procam.model.screen import Dome
+from procam.workflows.capture.session_images import SessionImages
+
+Image = NDArray[np.float32]
+Pixels = NDArray[np.bool_]
+GREEN = 1
+TONE_CURVE, NOT_LINEAR = (
+    0.3,
+    0.05,
+)  # of the exponent; drift of a percent between photographs makes .02
+CERTAIN = 5.0  # sigmas
+SATURATED = 0.005  # of the screen: white paper on it, glints
+
+
+@dataclass(frozen=True, slots=True)
+class _CameraSight:
+    """One projector as the main camera sees it.
+
+    Attributes
+    ----------
+    xy : (H, W, 2) panel pixel, NaN where there is none. panel : its pixels on the raster that stripes
+        and levels are drawn on, NaN also where they are hidden.
+    lit : (H, W) sees the projector's picture, or may. hidden : (H, W) sees no pattern.
+    white, base : (H, W, 3) the photographs of white, base taken off, and of black.
+    numbers : share of the panel that its pictures' numbers take.
+    """
+
+    xy: Image
+    panel: Image
+    lit: Pixels
+    hidden: Pixels
+    white: Image
+    base: Image
+    numbers: float
+
+
+def measure_light(
+    dome: Dome,
+    readings: SessionImages,
+    view: DomeView,
+    geometry: GeometrySolution,
+    found: Mapping[Pair, CorrespondenceMap],
+    masks: Mapping[str, Mask],
+    name: str,
+) -> ProjectorMeasurement:
+    """Projector `name`'s light, split and fitted; black is measured at its own long exposure.
+
+    Where pictures carried their numbers they showed no pattern, and where the camera looks into a
+    lens it sees no screen: these places are left out of every fit, and filled from around them at
+    the end. What is masked on the panel shines here too, and counts until then.
+    """
+    black, base = _black(readings, name)
+    glints = view.on_screen & lens_glints(geometry.rig, geometry.main, readings.radiometer.rays)
+    white = readings.light(readings.only(name, "white")) - base
+    _check_saturation(white, view.on_screen & ~glints, name)
+    white = fill_picture(white, glints, view.on_screen)
+    xy = view.projector_pixels(geometry.projectors[name], dome)
+    numbers = _numbers(readings, geometry, name, CELLS_PER_PANEL)
+    hidden = glints | pixels_without_pattern(numbers, xy)
+    panel = np.where(hidden[..., None], np.float32(np.nan), xy)
+    lit = found[geometry.main, name].valid | hidden
+    sight = _CameraSight(xy, panel, lit, hidden, white, base, float(numbers.covered.mean()))
+    bent = _bent(readings, name, sight)
+    _check_linear(readings, name, bent, TONE_CURVE)
+    measurement, _ = _measured(readings, view, name, black, sight)
+    _check_linear(readings, name, bent, NOT_LINEAR)  # if light held still, it is no drift
+    return _without(measurement, masks[name].at(xy))
+
+
+def measure_server_light(
+    dome: Dome,
+    readings: SessionImages,
+    view: DomeView,
+    geometry: GeometrySolution,
+    server: tuple[DomeMaster, Mask],
+    name: str,
+) -> ProjectorMeasurement:
+    """The light of media server `name`, split and fitted, as `measure_light` does a projector's.
+
+    What it lights is told by the stripes, in the master's circle; the mask is of the master.
+    """
+    master, unused = server
+    black, base = _black(readings, name)
+    white = readings.light(readings.only(name, "white")) - base
+    _check_saturation(white, view.on_screen, name)
+    xy = view.projector_pixels(geometry.projectors[name], dome)
+    pairs = ((pattern, inverse) for *_, pattern, inverse in readings.stripe_pairs(name))
+    lit = lit_pixels(white, pairs) & master.inside(xy)
+    numbers = _numbers(readings, geometry, name, CELLS_PER_MASTER)
+    hidden = pixels_without_pattern(numbers, xy)
+    panel = np.where(hidden[..., None], np.float32(np.nan), master.coarse_pixels(xy))
+    sight = _CameraSight(
+        xy, panel, lit | hidden, hidden, white, base, float(numbers.covered.mean())
+    )
+    found, levels = _measured(readings, view, name, black, sight, master)
+    samples = level_samples(levels, found.light.direct, found.colour.mix, xy, master.size)
+    found = replace(found, exponent=fit_exponent(samples, found.response, master.size))
+    return _without(found, unused.at(xy))
+
+
+def _without(found: ProjectorMeasurement, masked: Pixels) -> ProjectorMeasurement:
+    """The measurement of a projector whose picture is not used at masked camera pixels (H, W)."""
+    light = found.light
+    direct = np.where(masked[..., None], np.float32(0), light.direct)
+    return replace(found, light=replace(light, direct=direct, lit=light.lit & ~masked))
+
+
+def _check_saturation(white: Image, on_screen: Pixels, name: str) -> None:
+    """Refuse a white whose brightest part is not known: its bounced light is, so m would be too large."""
+    share = float(np.isnan(white[on_screen]).any(axis=-1).mean())
+    if share > SATURATED:
+        raise OutOfModelRange(
+            f"white of projector {name}: got {share:.1%} of the screen saturated, expected less than "
+            f"{SATURATED:.1%}; photograph with a shorter exposure_s"
+        )
+
+
+def _black(readings: SessionImages, name: str) -> tuple[Image, Image]:
+    """A projector's black (H, W, 3), and that with the room's light at the other shots' exposure."""
+    dark, dark_long = readings.dark()
+    black = readings.light(readings.only(name, "black")) - dark_long
+    return black, black + dark
+
+
+def _measured(
+    readings: SessionImages,
+    view: DomeView,
+    name: str,
+    black: Image,
+    sight: _CameraSight,
+    master: DomeMaster | None = None,
+) -> tuple[ProjectorMeasurement, list[Levels]]:
+    """The light of white, split and fitted, and that of level pictures; `master` of a server."""
+    coarse = master.coarse if master else 1
+    separation = Separation(sight.white, sight.panel, sight.lit, view.solid_angle_sr)
+    checks = LightChecks(sight.white, view.on_screen & ~sight.hidden)
+    for axis, bit, pattern, inverse in readings.stripe_pairs(name):
+        pattern, inverse = pattern - sight.base, inverse - sight.base  # noqa: PLW2901
+        separation.add_pair(axis, bit, pattern, inverse)
+        if master is None:  # a server draws edges in greys, which do not add up to white
+            checks.add(f"of stripes {axis} {bit}", [pattern, inverse], sight.numbers)
+    light = separation.result()
+
+    def direct_part(shot: Shot) -> Image:
+        picture = readings.light(shot) - sight.base
+        share = separation.flux_share(picture).astype(np.float32)
+        return picture - share * light.scattered
+
+    primaries = [direct_part(shot) for shot in readings.plan.of(name, "primary")]
+    sound = light.lit & ~sight.hidden
+    colour = fit_colour(primaries, np.where(sound[..., None], light.direct, 0))
+    fit, steps = ProjectorResponseFit(light.direct, colour.mix), list[Levels]()
+    for shot in readings.plan.of(name, "levels"):
+        picture = readings.session.pattern(shot)[::coarse, ::coarse]
+        steps.append((direct_part(shot), tile_levels(picture, sight.panel, light.lit)))
+        fit.add(*steps[-1])
+    if sight.hidden.any():
+        on_screen = view.solid_angle_sr > 0
+        light = fill_light(light, sight.white, sight.hidden, view.solid_angle_sr)
+        black = fill_picture(black, sight.hidden & on_screen, on_screen)
+    lightings, zones = _lightings(readings, view, name, light, sight)
+    checks.add("of parts of the panel", zones, 3 * sight.numbers)
+    found = ProjectorMeasurement(
+        light, black, colour, fit.curve(), lightings, notes=checks.notes(name)
+    )
+    return found, steps
+
+
+def _bent(readings: SessionImages, name: str, sight: _CameraSight) -> Linearity:
+    """How far the light of a stripe picture and its inverse is from that of white."""
+    _, _, *pair = next(readings.stripe_pairs(name))
+    white, pattern, inverse = (
+        np.where(sight.hidden, np.float32(np.nan), picture[..., GREEN])
+        for picture in (sight.white, *(p - sight.base for p in pair))
+    )
+    return linearity_error(white, np.zeros_like(white), pattern, inverse)
+
+
+def _check_linear(readings: SessionImages, name: str, found: Linearity, limit: float) -> None:
+    """Refuse photographs whose light does not add up: a tone curve that venue.toml does not know."""
+    if abs(found.exponent - 1) > max(limit, CERTAIN * found.exponent_sigma):
+        camera = readings.radiometer.camera.name
+        raise OutOfModelRange(
+            f"camera {camera}: got photographs of projector {name} whose light goes with the power "
+            f"{1 / found.exponent:.2f} of what is there, expected 1; photograph raw, or tell the "
+            'camera\'s response in venue.toml ("srgb", a table of `procam response`, "solve")'
+        )
+
+
+def _lightings(
+    readings: SessionImages, view: DomeView, name: str, light: SeparatedLight, sight: _CameraSight
+) -> tuple[list[ScatterSample], list[Image]]:
+    """Bounced light of a projector's white and of parts of it, where nothing else is seen.
+
+    Also the sum of the parts, if there are any, which should be white.
+    """
+    total = np.zeros_like(sight.white)
+    cells = ScatterCells(view.direction, view.solid_angle_sr)
+    found = [cells.lighting(light.scattered, view.on_screen, light.direct)]
+    for shot in readings.plan.of(name, "zone"):
+        shown = sample(readings.session.pattern(shot)[..., 0], sight.xy)
+        met = light.lit & ((shown > 0) | sight.hidden)
+        dark = view.on_screen & ~grow(met, CLEAR_CAMERA_PX)
+        picture = readings.light(shot) - sight.base
+        found.append(cells.lighting(picture, dark, light.direct * shown[..., None]))
+        total += picture
+    return found, [total][: len(found) - 1]
+
+
+def _numbers(readings: SessionImages, geometry: GeometrySolution, name: str, cells: int) -> Mask:
+    """Where a projector's pictures carried their numbers."""
+    width, height = geometry.projectors[name].size
+    if "number" not in readings.only(name, "white").detail:
+        return Mask(name, np.zeros((height, width), bool))
+    return Mask(name, taken_pixels((width, height), cells))

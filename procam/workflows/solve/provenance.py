@@ -1,0 +1,30 @@
+"""Where a calibration comes from: versions, hashes of what went in, and what a person set."""
+
+import hashlib
+import platform
+from importlib.metadata import version
+from typing import Any
+
+from procam.files.session import Session
+from procam.files.venue.load import Venue
+from procam.files.venue.masks import done_by_hand
+
+PACKAGES = ("procam", "numpy", "scipy", "opencv-contrib-python-headless", "OpenImageIO")
+
+
+def provenance(venue: Venue, session: Session) -> dict[str, Any]:
+    """Versions, the session, a hash over its plan, venue and captures, and what was done by hand."""
+    digest = hashlib.sha256()
+    digest.update((venue.directory / "venue.toml").read_bytes())  # the one that was solved with
+    digest.update((session.directory / "plan.json").read_bytes())
+    for camera in venue.table.cameras:
+        for key, entry in sorted(session.stored(camera).items()):
+            digest.update(f"{camera} {key} {entry['sha256']}".encode())
+    found = {
+        "session": session.directory.name,
+        "input_sha256": digest.hexdigest(),
+        "python": platform.python_version(),
+        "versions": {name: version(name) for name in PACKAGES},
+    }
+    by_hand = done_by_hand(venue)
+    return found | ({"by_hand": by_hand} if by_hand else {})

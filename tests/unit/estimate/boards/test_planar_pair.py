@@ -1,0 +1,179 @@
+"""A camera and a projector on a flat board: made-up truth, and somebody else's six sessions."""
+
+from importlib import resources
+
+import numpy as np
+import pytest
+from tolerances import SIGMAS
+
+from procam.errors import CalibrationError, NotEnoughData, ShapeError
+from procam.estimate.boards.planar_pair import (
+    PairView,
+    fit_planar_pair,
+    pair_view,
+    projector_corners,
+)
+from procam.estimate.boards.targets import Board, find_board
+from procam.estimate.structured_light.codes import AXES, make_code
+from procam.estimate.structured_light.decode import Decoder
+from procam.maths.geometry.lenses import Lens, project
+from procam.maths.geometry.pose import Pose, rotation_matrix, rotation_vector
+from procam.model.correspondence import CorrespondenceMap
+
+SESSIONS = ("s00", "s03", "s05", "s11", "s15", "s17")
+BITS = 10
+GSOUP_SIZE = (800, 800)
+GSOUP_BOARD = Board("checkerboard", (16, 16), 0.0185)
+
+
+def session(name: str) -> PairView:
+    """Corners in whole-camera pixels and what the projector sends there; captures/README.md."""
+    path = resources.files("calib_data") / "captures" / "gsoup_six_sessions.npz"
+    with path.open("rb") as file, np.load(file) as data:
+        images, offset = data[name], data["offsets"][SESSIONS.index(name)]
+    decoder = Decoder(make_code("gray", GSOUP_SIZE))
+    decoder.add(0, images[40])
+    decoder.add(1, images[41])
+    planes = [(axis, plane) for axis in range(len(AXES)) for plane in range(BITS)]
+    for number, (axis, plane) in enumerate(planes):
+        decoder.add(2 + 2 * number, images[axis * BITS + plane])
+        decoder.add(3 + 2 * number, images[2 * BITS + axis * BITS + plane])
+    board = find_board(images[40], GSOUP_BOARD)
+    assert board is not None
+    view = pair_view(name, *board, decoder.result().map)
+    return PairView(name, view.points, view.camera_px + offset, view.projector_px)
+
+
+class TestSixSessions:
+    """Blender's own numbers: f 800, c 399.5, 0.3 m between camera and projector."""
+
+    def test_truth(self) -> None:
+        pair = fit_planar_pair([session(s) for s in SESSIONS], GSOUP_SIZE, GSOUP_SIZE)
+        turn = rotation_matrix([0.24285, 0.12374, 0.01512])
+        shift = np.array([-0.12403, 0.23891, -0.13242])
+        miss = pair.projector_from_camera.translation - shift
+        print(pair.camera, pair.projector, f"baseline off by {np.linalg.norm(miss) * 1e3:.2f} mm")
+        for lens in (pair.camera, pair.projector):
+            np.testing.assert_allclose(lens.focal, 800, atol=2)
+            np.testing.assert_allclose(lens.centre, 399.5, atol=1.5)
+        off = rotation_vector(pair.projector_from_camera.rotation @ turn.T)
+        assert np.degrees(np.linalg.norm(off)) < 0.05
+        assert np.linalg.norm(miss) < 1e-3
+
+
+CAMERA = Lens(
+    "brown",
+    np.array([1210.0, 1208.0]),
+    np.array([640.0, 508.0]),
+    np.array([-0.1, 0.04, 1e-3, -5e-4, 0.01]),
+)
+# lens shift puts the principal point below the panel
+PROJECTOR = Lens(
+    "brown",
+    np.array([1810.0, 1815.0]),
+    np.array([655.0, 905.0]),
+    np.array([0.05, -0.03, 0.0, 2e-4, 0.01]),
+)
+CAMERA_SIZE, PROJECTOR_SIZE = (1280, 1024), (1280, 800)
+POSE = Pose.from_vectors((0.15, -0.3, 0.02), (0.287, -0.125, 0.03))
+BOARD = Board("checkerboard", (12, 9), 0.03).corners_m
+NOISE_PX = (0.05, 0.1)
+
+
+def made_up(rng: np.random.Generator, number: int, camera: Lens, projector: Lens) -> list[PairView]:
+    views = []
+    for i in range(number):
+        turn = rotation_matrix(rng.normal(0, 0.35, 3) * [1, 1, 0.4])
+        place = np.array([*rng.uniform(-0.08, 0.08, 2), rng.uniform(0.8, 1.2)])
+        points = Pose(turn, place - turn @ BOARD.mean(axis=0)).apply(BOARD)
+        seen = project(points, camera) + rng.normal(0, NOISE_PX[0], (len(BOARD), 2))
+        lit = project(POSE.apply(points), projector) + rng.normal(0, NOISE_PX[1], (len(BOARD), 2))
+        beside = ((lit < 0) | (lit > np.array(PROJECTOR_SIZE) - 1)).any(axis=1)
+        lit[beside] = np.nan
+        views.append(PairView(str(i), BOARD, seen, lit))
+    return views
+
+
+def plain(lens: Lens) -> Lens:
+    return Lens(lens.kind, lens.focal, lens.centre, np.zeros(5))
+
+
+class TestTruth:
+    @pytest.mark.parametrize("distortion", [False, True])
+    def test_parameters_lie_within_their_sigmas(self, rng, distortion: bool) -> None:
+        camera, projector = (lens if distortion else plain(lens) for lens in (CAMERA, PROJECTOR))
+        views = made_up(rng, 14, camera, projector)
+        views[3].projector_px[20] += [7.0, -3.0]
+        views[5].camera_px[40] += [-4.0, 9.0]
+        pair = fit_planar_pair(views, CAMERA_SIZE, PROJECTOR_SIZE, distortion=distortion)
+        assert [(d.view, d.index) for d in pair.dropped["projector"]] == [("3", 20)]
+        assert [(d.view, d.index) for d in pair.dropped["camera"]] == [("5", 40)]
+        terms = 9 if distortion else 4
+        miss = [
+            np.r_[found.focal, found.centre, found.distortion][:terms]
+            - np.r_[true.focal, true.centre, true.distortion][:terms]
+            for found, true in ((pair.camera, camera), (pair.projector, projector))
+        ]
+        turn = rotation_vector(pair.projector_from_camera.rotation @ POSE.rotation.T)
+        shift = pair.projector_from_camera.translation - POSE.translation
+        z = np.r_[*miss, turn, shift] / np.sqrt(np.diag(pair.covariance))
+        assert np.abs(z).max() < SIGMAS, z
+        assert len(pair.covariance) == 2 * terms + 6
+
+    def test_corner_coordinates_from_a_rounded_map(self, rng) -> None:
+        """Whole projector pixels, one in fifty quite wrong: a window's fit is far better than one."""
+        tilted = np.array([[1.3, 0.1, 40.0], [-0.05, 1.2, 30.0], [2e-4, 1e-4, 1.0]])
+        rows, columns = np.indices((200, 240))
+        ahead = np.stack([columns, rows, np.ones_like(rows)], axis=-1) @ tilted.T
+        xy = np.rint(ahead[..., :2] / ahead[..., 2:]).astype(np.float32)
+        xy[rng.random((200, 240)) < 0.02] = 5.0
+        valid = np.ones((200, 240), bool)
+        valid[:, 150:] = False
+        found = CorrespondenceMap(xy, np.full_like(xy, 0.3), valid)
+        x, y = np.meshgrid(np.arange(20, 230, 16.0), np.arange(20, 190, 16.0))
+        corners = np.stack([x, y], axis=-1).reshape(-1, 2) + 0.37
+        lit = projector_corners(found, corners)
+        truth = np.c_[corners, np.ones(len(corners))] @ tilted.T
+        miss = lit - truth[:, :2] / truth[:, 2:]
+        inside = corners[:, 0] < 140
+        assert np.sqrt(np.mean(miss[inside] ** 2)) < 0.05
+        assert np.isnan(lit[corners[:, 0] > 160]).all()
+
+    def test_an_empty_map_lights_nothing(self) -> None:
+        nothing = np.full((20, 20, 2), np.nan, np.float32)
+        found = CorrespondenceMap(nothing, nothing, np.zeros((20, 20), bool))
+        assert np.isnan(projector_corners(found, np.array([[3.0, 4.0], [9.0, 9.0]]))).all()
+
+
+class TestRefusals:
+    def test_too_few_views(self, rng) -> None:
+        with pytest.raises(NotEnoughData, match="got 2 of the board, expected at least 3"):
+            fit_planar_pair(made_up(rng, 2, CAMERA, PROJECTOR), CAMERA_SIZE, PROJECTOR_SIZE)
+
+    def test_parallel_boards(self, rng) -> None:
+        views = []
+        for i in range(4):
+            points = BOARD + np.array([-0.15 + 0.02 * i, -0.1, 0.9 + 0.1 * i])
+            lit = project(POSE.apply(points), PROJECTOR)
+            views.append(PairView(str(i), BOARD, project(points, CAMERA), lit))
+        with pytest.raises(NotEnoughData, match="all parallel"):
+            fit_planar_pair(views, CAMERA_SIZE, PROJECTOR_SIZE)
+
+    def test_a_board_the_projector_misses(self, rng) -> None:
+        views = made_up(rng, 4, CAMERA, PROJECTOR)
+        views[1].projector_px[5:] = np.nan
+        with pytest.raises(NotEnoughData, match=r"1: got 5 of 88 corners lit .* 1280x800"):
+            fit_planar_pair(views, CAMERA_SIZE, PROJECTOR_SIZE)
+
+    def test_a_mirrored_picture(self, rng) -> None:
+        views = made_up(rng, 6, plain(CAMERA), plain(PROJECTOR))
+        for view in views:
+            view.projector_px[:, 0] = 1279 - view.projector_px[:, 0]
+        with pytest.raises(CalibrationError, match="arrives mirrored"):
+            fit_planar_pair(views, CAMERA_SIZE, PROJECTOR_SIZE)
+
+    def test_shapes(self, rng) -> None:
+        views = made_up(rng, 3, CAMERA, PROJECTOR)
+        views[0] = PairView("0", BOARD, views[0].camera_px[1:], views[0].projector_px)
+        with pytest.raises(ShapeError, match=r"0: camera pixels: got shape \(87, 2\)"):
+            fit_planar_pair(views, CAMERA_SIZE, PROJECTOR_SIZE)

@@ -1,0 +1,85 @@
+"""Marks that contradict each other are named, those that agree are not complained of."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from domes import SimulatedDome
+
+from procam.errors import CalibrationError
+from procam.estimate.geometry.fiducial_checks import check_marks
+from procam.estimate.geometry.solve import solve_geometry
+from procam.model.optics import Distance, Fiducial
+
+SIGMA = 1.7e-4  # a hundredth of a degree
+DOME = SimulatedDome.build(1, projectors=2)
+SEEN = DOME.observations(64)
+
+
+def _marks(count: int = 5) -> list[Fiducial]:
+    return DOME.fiducials(SIGMA, count)
+
+
+def _off(mark: Fiducial, degrees: float) -> Fiducial:
+    assert mark.elevation is not None
+    return replace(mark, elevation=mark.elevation + np.radians(degrees))
+
+
+def _complaint(fiducials: list[Fiducial], **more: object) -> str:
+    with pytest.raises(CalibrationError) as told:
+        solve_geometry(DOME.problem(SEEN, fiducials=fiducials, **more))
+    return str(told.value)
+
+
+@pytest.mark.parametrize("degrees", [20.0, 0.6, 0.15])
+def test_the_one_of_five_that_is_wrong(degrees: float) -> None:
+    marks = _marks()
+    marks[3] = _off(marks[3], degrees)
+    told = _complaint(marks)
+    assert told.startswith("fiducials: back does not fit the others, off by up to")
+
+
+def test_of_three_every_one_that_would_explain_it() -> None:
+    marks = _marks(3)
+    marks[1] = _off(marks[1], 0.6)
+    told = _complaint(marks)
+    assert told.startswith("fiducials: ") and "left" in told
+
+
+def test_a_springline_that_is_wrong() -> None:
+    marks = _marks(3)
+    marks += [replace(_off(m, 3.0), name="rim", azimuth=None) for m in _marks()[3:4]]
+    assert _complaint(marks).startswith("fiducials: rim does not fit the others")
+
+
+def test_springline_points_of_which_one_is_wrong() -> None:
+    marks = [replace(m, azimuth=None) for m in _marks()]
+    marks[4] = _off(marks[4], 3.0)
+    assert _complaint(marks).startswith("fiducials: top does not fit the others")
+
+
+def test_marks_as_good_as_they_say_are_no_complaint() -> None:
+    solve_geometry(DOME.problem(SEEN, fiducials=_marks()))
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_a_distance_that_does_not_fit(known: bool) -> None:
+    rig = DOME.rig()
+    places = {n: c.camera_from_dome.origin for n, c in rig.cameras.items() if c.camera_from_dome}
+    places |= {n: p.projector_from_dome.origin for n, p in rig.projectors.items()}
+
+    def between(a: str, b: str, times: float = 1.0) -> Distance:
+        return Distance(a, b, times * float(np.linalg.norm(places[a] - places[b])), 0.01)
+
+    sound = [between("zenith", "south"), between("zenith", "north"), between("south", "north")]
+    solve_geometry(DOME.problem(SEEN, distances=sound, radius_known=known))
+    told = _complaint(
+        list(DOME.fiducials()),
+        distances=[*sound[:2], between("south", "north", 3.0)],
+        radius_known=known,
+    )
+    assert told.startswith("distances: got ") and "from south to north" in told
+
+
+def test_nothing_to_check_is_no_complaint() -> None:
+    check_marks(DOME.rig(), [], [], rough=False)

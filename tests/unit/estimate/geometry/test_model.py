@@ -1,0 +1,132 @@
+"""The rig's parameters: residuals, their slopes and the normal equations agree with each other."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from procam.estimate.geometry.model import (
+    Observations,
+    Pair,
+    ParameterLayout,
+    RigGeometry,
+    camera_rays,
+    normal_equations,
+    residual_slopes,
+    residuals,
+    shape_derivatives,
+)
+from procam.maths.geometry.lenses import Lens, project, unproject
+from procam.maths.geometry.pose import Pose
+from procam.maths.geometry.ray_to_screen import RoundShape, shape_coefficient_count
+from procam.model.optics import CameraModel, ProjectorModel, Sensor
+
+RADIUS_M = 6.0
+FISHEYE = Lens(
+    "kannala-brandt", np.array([230.0, 231]), np.array([400.5, 397]), np.array([0.02, -0.008, 0, 0])
+)
+BROWN = Lens(
+    "brown", np.array([575.0, 577]), np.array([642.0, 481]), np.array([-0.02, 0.002, 0.001, 0, 0])
+)
+STEP = 1e-6
+
+
+def _rig(degree: int) -> RigGeometry:
+    bumps = np.random.default_rng(2).normal(0, 3e-4, shape_coefficient_count(degree))
+    cameras = {
+        name: CameraModel(
+            name, (800, 800), FISHEYE, Sensor(12, 64.0), Pose.from_vectors(turn, (0.3, 0.2, -0.5))
+        )
+        for name, turn in (("zenith", (0.05, -0.03, 0.4)), ("second", (-0.1, 0.1, 2.0)))
+    }
+    cameras["second"] = replace(cameras["second"], pupil=np.array([0.004, 0.001]))
+    projectors = {
+        "south": ProjectorModel(
+            "south", (1280, 800), BROWN, Pose.from_vectors((0.2, 0, 0), (0, 1, 2))
+        ),
+        "north": ProjectorModel(
+            "north", (1280, 800), FISHEYE, Pose.from_vectors((0, -0.3, 1), (0.5, 0, 1))
+        ),
+    }
+    return RigGeometry(RoundShape(RADIUS_M, bumps, degree), cameras, projectors)
+
+
+def _seen(rig: RigGeometry, count: int = 60) -> dict[Pair, Observations]:
+    rng = np.random.default_rng(3)
+    found = {}
+    for pair in (("zenith", "south"), ("second", "south"), ("second", "north")):
+        camera, projector = rig.cameras[pair[0]], rig.projectors[pair[1]]
+        pixel = rng.uniform(250, 550, (count, 2))
+        point = rig.shape.meet(*camera_rays(camera, unproject(pixel, camera.lens)))
+        shown = project(projector.projector_from_dome.apply(point), projector.lens)
+        sigma = np.full(count, 0.1)
+        found[pair] = Observations(pixel, shown + rng.normal(0, 0.1, shown.shape), sigma)
+    return found
+
+
+def _errors(rig: RigGeometry, seen: dict[Pair, Observations]) -> np.ndarray:
+    return np.concatenate([residuals(rig, p, o).ravel() for p, o in seen.items()])
+
+
+@pytest.mark.parametrize("degree", [0, 3])
+def test_slopes_of_every_parameter(degree: int) -> None:
+    """Lenses, and with them the rays, move as well; tangents of the relief are taken anew."""
+    rig = _rig(degree)
+    seen, layout = _seen(rig), ParameterLayout.of(rig)
+    slopes = np.zeros((sum(2 * len(o.sigma_px) for o in seen.values()), layout.count))
+    at = 0
+    for pair, some in seen.items():
+        error, part = residual_slopes(rig, pair, some)
+        np.testing.assert_allclose(error, residuals(rig, pair, some), atol=1e-9)
+        slopes[at : at + error.size, layout.columns(pair)] = part.reshape(error.size, -1)
+        at += error.size
+    for i, step in enumerate(STEP * np.eye(layout.count)):
+        difference = (_errors(rig.moved(step), seen) - _errors(rig.moved(-step), seen)) / (2 * STEP)
+        size = np.abs(slopes[:, i]).max() + 1
+        np.testing.assert_allclose(
+            slopes[:, i], difference, atol=(1e-4 if degree else 1e-6) * size, err_msg=f"{i}"
+        )
+
+
+@pytest.mark.parametrize("fixed", [False, True], ids=["lenses-free", "lenses-fixed"])
+@pytest.mark.parametrize("degree", [0, 3])
+def test_normal_equations_are_the_slopes_squared(degree: int, fixed: bool) -> None:
+    rig = _rig(degree)
+    seen, layout = _seen(rig), ParameterLayout.of(rig)
+    free = np.ones(layout.count, bool)
+    free[[2, 9, 30, 41]] = False
+    rays = {p: unproject(o.camera_px, rig.cameras[p[0]].lens) for p, o in seen.items()}
+    weight = {p: np.linspace(1, 2, len(o.sigma_px)) for p, o in seen.items()}
+    reliefs = {p: shape_derivatives(rig, p[0], ray) for p, ray in rays.items()}
+    found = normal_equations(rig, seen, weight, free, rays if fixed else {}, reliefs)
+    matrix, gradient = np.zeros((layout.count,) * 2), np.zeros(layout.count)
+    for pair, some in seen.items():
+        error, slopes = residual_slopes(rig, pair, some, rays[pair] if fixed else None)
+        every = np.zeros((error.size, layout.count))
+        every[:, layout.columns(pair)] = slopes.reshape(error.size, -1)
+        every *= free
+        root = np.repeat(weight[pair], 2)
+        matrix += every.T @ (root[:, None] * every)
+        gradient += every.T @ (root * error.ravel())
+    np.testing.assert_allclose(found[0], matrix, rtol=1e-9, atol=1e-9 * np.abs(matrix).max())
+    np.testing.assert_allclose(found[1], gradient, rtol=1e-9, atol=1e-9 * np.abs(gradient).max())
+
+
+def test_a_known_relief_is_the_one_made_on_the_spot() -> None:
+    rig = _rig(3)
+    for pair, some in _seen(rig).items():
+        ray = unproject(some.camera_px, rig.cameras[pair[0]].lens)
+        known = residuals(rig, pair, some, ray, shape_derivatives(rig, pair[0], ray))
+        np.testing.assert_array_equal(known, residuals(rig, pair, some))
+
+
+def test_a_step_of_nothing_moves_nothing() -> None:
+    rig = _rig(3)
+    layout = ParameterLayout.of(rig)
+    still = rig.moved(np.zeros(layout.count))
+    assert still.cameras == rig.cameras and still.projectors == rig.projectors
+    step = np.zeros(layout.count)
+    step[layout.projectors["north"].start] = 1e-3
+    moved = rig.moved(step)
+    assert moved.projectors["south"] is rig.projectors["south"]
+    assert moved.projectors["north"] is not rig.projectors["north"]

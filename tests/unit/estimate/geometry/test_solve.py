@@ -1,0 +1,256 @@
+"""Rigs solved from simulated sightings: exact, honest about noise, found from anywhere."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from domes import SimulatedDome, step_between
+
+from procam.errors import CalibrationError, NotEnoughData
+from procam.estimate.geometry.fiducial_checks import missing_marks
+from procam.estimate.geometry.model import Observations, ParameterLayout
+from procam.estimate.geometry.pixel_directions import ARCMIN, fit_pixel_directions
+from procam.estimate.geometry.solve import ROUND_ENOUGH, GeometrySolution, solve_geometry
+from procam.estimate.geometry.start import ProjectorPrior
+from procam.maths.geometry.lenses import Lens
+from procam.maths.geometry.ray_to_screen import RoundShape
+from procam.maths.geometry.sphere import angle_between, normalise
+from procam.model.optics import Distance
+from simulators.presets import REALISTIC
+from simulators.sightings import points_lit
+
+
+def direction_errors(dome: SimulatedDome, found: GeometrySolution) -> tuple[np.ndarray, np.ndarray]:
+    """Errors and told standard errors [arcmin] over all lit pixels, thinned."""
+    errors, sigmas = [], []
+    for build in dome.projectors:
+        landing = fit_pixel_directions(found, build.name)
+        x, y = np.arange(7, build.size[0], 40), np.arange(9, build.size[1], 40)
+        pixels = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2).astype(float)
+        true = points_lit(dome.surface, build, pixels)
+        lit = np.isfinite(true).all(axis=1)
+        told = landing.directions(x, y).reshape(-1, 3)[lit]
+        errors.append(ARCMIN * angle_between(normalise(true[lit]), told))
+        sigmas.append(landing.sigma_arcmin(x, y).ravel()[lit])
+    return np.concatenate(errors), np.concatenate(sigmas)
+
+
+class TestSphere:
+    @pytest.mark.parametrize("cameras", [1, 2])
+    def test_exact_observations_give_the_exact_rig(self, cameras: int) -> None:
+        dome = SimulatedDome.build(1, projectors=2, cameras=cameras)
+        found = solve_geometry(
+            dome.problem(dome.observations(48, 0.0), fiducials=dome.fiducials(off=0))
+        )
+        step = step_between(found.rig, dome.rig())
+        layout = ParameterLayout.of(found.rig)
+        for block in (*layout.cameras.values(), *layout.projectors.values()):
+            assert np.abs(step[block][:6]).max() < 1e-6  # rad, m
+        assert (found.sphere_excess, found.rig.shape.degree, len(found.freedoms)) == (1.0, 0, 0)
+
+    def test_errors_are_as_large_as_told(self) -> None:
+        """Mahalanobis distance of all parameters over several domes; fiducials err too."""
+        total, count = 0.0, 0
+        for seed in range(8):
+            dome = SimulatedDome.build(seed, projectors=2)
+            fiducials = dome.fiducials(1e-4)
+            found = solve_geometry(dome.problem(dome.observations(48), fiducials=fiducials))
+            free = np.diag(found.covariance) > 0
+            step = step_between(found.rig, dome.rig())[free]
+            root = np.sqrt(np.diag(found.covariance)[free])
+            scaled = found.covariance[np.ix_(free, free)] / np.outer(root, root)
+            total += float((step / root) @ np.linalg.solve(scaled, step / root))
+            count += int(free.sum())
+        assert abs(total - count) < 4 * np.sqrt(2 * count)
+
+    @pytest.mark.parametrize("seed", range(20))
+    def test_every_rig_is_found_without_start_values(self, seed: int) -> None:
+        dome = SimulatedDome.build(100 + seed, projectors=4)
+        found = solve_geometry(dome.problem(dome.observations(64)))
+        assert max(found.scale.values()) < ROUND_ENOUGH
+        errors, _ = direction_errors(dome, found)
+        assert np.sqrt(np.mean(errors**2)) < 0.3
+        assert errors.max() < 1.0
+
+    def test_misread_patches_do_no_harm(self) -> None:
+        dome = SimulatedDome.build(3)
+        seen = dome.observations()
+        for pair, some in seen.items():
+            wrong = some.projector_px.copy()
+            wrong[::20] += dome.rng.uniform(-300, 300, wrong[::20].shape)
+            seen[pair] = Observations(some.camera_px, wrong, some.sigma_px)
+        errors, _ = direction_errors(dome, solve_geometry(dome.problem(seen)))
+        assert errors.max() < 0.3
+
+
+class TestNoSphere:
+    def test_a_real_dome(self) -> None:
+        dome = SimulatedDome.build(5, REALISTIC)
+        found = solve_geometry(dome.problem(dome.observations(16)))
+        errors, sigmas = direction_errors(dome, found)
+        assert found.sphere_excess > 5 and found.rig.shape.degree >= 6
+        assert np.sqrt(np.mean(errors**2)) < 1.0
+        assert np.mean((errors / sigmas) ** 2) < 1.3
+
+    def test_one_camera_cannot_tell_its_shape(self) -> None:
+        dome = SimulatedDome.build(5, REALISTIC, cameras=1)
+        found = solve_geometry(dome.problem(dome.observations(32)))
+        assert found.rig.shape.degree == 0
+        assert found.sphere_excess > 5
+
+
+class TestGauge:
+    """Nothing, the radius, one fiducial, two: 4, 3, 1, 0 freedoms (science.md s.3)."""
+
+    @pytest.mark.parametrize("cameras", [1, 2])
+    @pytest.mark.parametrize(
+        ("radius_known", "fiducials", "expected"),
+        [(False, 0, 4), (True, 0, 3), (True, 1, 1), (True, 2, 0), (False, 2, 1)],
+    )
+    def test_rank(self, cameras: int, radius_known: bool, fiducials: int, expected: int) -> None:
+        dome = SimulatedDome.build(2, projectors=2, cameras=cameras)
+        problem = dome.problem(
+            dome.observations(48),
+            fiducials=dome.fiducials(count=fiducials),
+            radius_known=radius_known,
+        )
+        found = solve_geometry(problem)
+        assert len(found.freedoms) == expected
+        assert bool(missing_marks(radius_known, problem.fiducials, expected)) == (expected > 0)
+
+    def test_a_distance_gives_the_size(self) -> None:
+        dome = SimulatedDome.build(2, projectors=2)
+        first, second = (c.camera_from_dome.origin for c in dome.cameras)
+        metres = float(np.linalg.norm(first - second))
+        found = solve_geometry(
+            dome.problem(
+                dome.observations(48),
+                shape=RoundShape(5.0),
+                radius_known=False,
+                distances=[Distance("zenith", "second", metres, 1e-3)],
+            )
+        )
+        assert len(found.freedoms) == 0
+        assert found.rig.shape.radius_m == pytest.approx(8.0, abs=0.01)
+
+    def test_a_springline_and_a_front(self) -> None:
+        dome = SimulatedDome.build(2, projectors=2)
+        front, left, right = dome.fiducials()
+        marks = [
+            replace(front, elevation=None),
+            replace(left, azimuth=None),
+            replace(right, azimuth=None),
+        ]
+        found = solve_geometry(dome.problem(dome.observations(48), fiducials=marks))
+        errors, _ = direction_errors(dome, found)
+        assert len(found.freedoms) == 0
+        assert errors.max() < 0.3
+
+    def test_a_point_that_a_projector_shines(self) -> None:
+        dome = SimulatedDome.build(2, projectors=2)
+        marks = dome.fiducials(count=1)
+        build = dome.projectors[1]
+        pixel = np.array([900.0, 300.0])
+        place = normalise(points_lit(dome.surface, build, pixel[None]))[0]
+        shone = replace(
+            marks[0],
+            name="cross",
+            azimuth=float(np.arctan2(place[1], place[0])),
+            elevation=float(np.arcsin(place[2])),
+            device=build.name,
+            pixel=pixel,
+        )
+        found = solve_geometry(dome.problem(dome.observations(48), fiducials=[*marks, shone]))
+        errors, _ = direction_errors(dome, found)
+        assert len(found.freedoms) == 0
+        assert errors.max() < 0.3
+
+    def test_the_fiducial_that_contradicts_the_others_is_named(self) -> None:
+        dome = SimulatedDome.build(2, projectors=2)
+        front, left, right = dome.fiducials()
+        wrong = replace(left, elevation=left.elevation + np.radians(3))
+        with pytest.raises(
+            CalibrationError, match=r"fiducials: left does not fit the others, off by"
+        ):
+            solve_geometry(dome.problem(dome.observations(48), fiducials=[front, wrong, right]))
+        with pytest.raises(CalibrationError, match=r"fiducials: front, left do not fit together"):
+            solve_geometry(dome.problem(dome.observations(48), fiducials=[front, wrong]))
+
+
+class TestLenses:
+    @pytest.mark.parametrize("how", ["prior", "solve"])
+    def test_intrinsics_are_solved_on_the_dome(self, how: str) -> None:
+        dome = SimulatedDome.build(4)
+        problem = dome.problem(dome.observations(64))
+        cameras = {}
+        for name, camera in problem.cameras.items():
+            lens = camera.lens
+            off = Lens(
+                lens.kind,
+                lens.focal * 1.002,
+                lens.centre + np.array([1.5, -1.0]),
+                lens.distortion + np.array([0.002, 0, 0, 0]),
+            )
+            cameras[name] = replace(camera, lens=off)
+        trusted = solve_geometry(replace(problem, cameras=cameras, most_degree=0))
+        intrinsics = dict.fromkeys(cameras, how)
+        solved = solve_geometry(replace(problem, cameras=cameras, intrinsics=intrinsics))
+        before, after = (direction_errors(dome, s)[0] for s in (trusted, solved))
+        assert np.sqrt(np.mean(before**2)) > 3.0
+        assert np.sqrt(np.mean(after**2)) < 0.5
+        assert len(solved.freedoms) == 0
+
+    def test_a_wandering_pupil(self) -> None:
+        dome = SimulatedDome.build(6)
+        dome = replace(dome, cameras=[replace(c, pupil=(0.02, 0.0)) for c in dome.cameras])
+        intrinsics = {c.name: "prior" for c in dome.cameras}
+        fixed = solve_geometry(dome.problem(dome.observations(64), most_degree=0))
+        found = solve_geometry(dome.problem(dome.observations(64), intrinsics=intrinsics))
+        before, after = (
+            np.sqrt(np.mean(direction_errors(dome, s)[0] ** 2)) for s in (fixed, found)
+        )
+        assert after < 0.3 < before
+        for camera in found.rig.cameras.values():
+            assert camera.pupil[0] == pytest.approx(0.02, abs=0.004)
+
+    def test_a_fisheye_projector(self) -> None:
+        dome = SimulatedDome.build(7, projectors=2)
+        lens = Lens(
+            "kannala-brandt",
+            np.full(2, 400.0),
+            np.array([963.0, 590.0]),
+            np.array([0.01, -0.002, 0, 0]),
+        )
+        dome = replace(dome, projectors=[replace(p, lens=lens) for p in dome.projectors])
+        hung = {p.name: ProjectorPrior(p.name, p.size, "kannala-brandt") for p in dome.projectors}
+        found = solve_geometry(dome.problem(dome.observations(32), hung=hung))
+        errors, _ = direction_errors(dome, found)
+        assert np.sqrt(np.mean(errors**2)) < 0.3
+
+
+class TestBadInput:
+    def test_too_few_correspondences(self) -> None:
+        dome = SimulatedDome.build(2, projectors=2)
+        seen = dome.observations(48)
+        pairs = {p: o if p[1] == "south" else o.some(slice(0, 9)) for p, o in seen.items()}
+        with pytest.raises(
+            NotEnoughData, match=r"projector north: no camera that is placed sees enough"
+        ):
+            solve_geometry(dome.problem(pairs))
+
+    def test_a_mirrored_picture_is_named(self) -> None:
+        dome = SimulatedDome.build(2, projectors=2)
+        seen = dome.observations(48)
+        for pair, some in seen.items():
+            if pair[1] == "north":
+                flipped = some.projector_px * [-1, 1] + [1919, 0]
+                seen[pair] = Observations(some.camera_px, flipped, some.sigma_px)
+        with pytest.raises(CalibrationError, match="projector north: its picture arrives mirrored"):
+            solve_geometry(dome.problem(seen))
+
+    def test_cameras_that_share_nothing(self) -> None:
+        dome = SimulatedDome.build(2, projectors=2)
+        seen = dome.observations(48)
+        apart = {p: o for p, o in seen.items() if p in (("zenith", "south"), ("second", "north"))}
+        with pytest.raises(NotEnoughData, match=r"camera \w+: got 0 patches .* turn it so that"):
+            solve_geometry(dome.problem(apart))

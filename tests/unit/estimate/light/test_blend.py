@@ -1,0 +1,70 @@
+"""Soft edges and the common white."""
+
+import numpy as np
+import pytest
+from tolerances import FLOAT32
+
+from procam.estimate.light.blend import Blender, common_white
+from procam.maths.geometry.sphere import master_directions
+from procam.model.calibration import Calibration
+from procam.model.screen import Dome
+
+
+@pytest.fixture(scope="module")
+def blender(calibration: Calibration) -> Blender:
+    projectors = calibration.projectors
+    return Blender(
+        {n: p.model for n, p in projectors.items()},
+        {n: p.surface for n, p in projectors.items()},
+        calibration.screen,
+    )
+
+
+def test_weights_sum_to_one_where_anything_is_lit(blender: Blender) -> None:
+    direction, _ = master_directions(200)
+    weights = blender.weights(direction.astype(np.float32))
+    total = sum(weights.values())
+    lit = total > 0
+    assert lit.mean() > 0.3
+    np.testing.assert_allclose(total[lit], 1, rtol=FLOAT32)
+    assert not lit.all()
+    for weight in weights.values():
+        assert weight.min() >= 0
+
+
+def test_each_end_belongs_to_one_and_the_middle_to_both(blender: Blender) -> None:
+    low = np.radians(25.0)
+    places = np.array(
+        [[[np.cos(low), 0, np.sin(low)], [0, 0, 1.0], [-np.cos(low), 0, np.sin(low)]]], np.float32
+    )
+    weights = blender.weights(places)
+    np.testing.assert_allclose(weights["south"][0, [0, 2]], [1, 0], atol=1e-6)
+    np.testing.assert_allclose(weights["north"][0, [0, 2]], [0, 1], atol=1e-6)
+    assert 0.2 < weights["south"][0, 1] < 0.8
+
+
+def test_there_is_no_step_anywhere(blender: Blender) -> None:
+    """Weights fade to nothing at a footprint's border: neighbours differ little."""
+    azimuth = np.zeros(4000)
+    elevation = np.linspace(np.radians(15.0), np.radians(165.0), 4000)
+    path = np.stack([np.cos(elevation), np.sin(azimuth), np.sin(elevation)], axis=-1)
+    south = blender.weights(path[None].astype(np.float32))["south"][0]
+    assert south.max() == pytest.approx(1, abs=1e-5) and south.min() == pytest.approx(0, abs=1e-5)
+    assert np.abs(np.diff(south)).max() < 0.01
+
+
+def test_one_projector_takes_it_all(calibration: Calibration) -> None:
+    south = calibration.projectors["south"]
+    alone = Blender({"south": south.model}, {"south": south.surface}, Dome(6.0, np.pi / 2))
+    weight = alone.weights(south.surface.direction)["south"]
+    np.testing.assert_allclose(weight[5:25, 5:43][south.surface.valid[5:25, 5:43]], 1, rtol=FLOAT32)
+
+
+def test_common_white_is_the_least_anyone_can_do(rng: np.random.Generator) -> None:
+    hi = rng.uniform(1, 2, (100, 100, 3)) * [1.0, 1.1, 0.9]
+    lit = np.ones((100, 100), bool)
+    lit[:3] = False
+    hi[:3] = 0.01
+    white = common_white(hi, lit)
+    np.testing.assert_allclose(white, [1.0, 1.1, 0.9], rtol=0.01)
+    assert (white >= hi[lit].min(axis=0)).all()

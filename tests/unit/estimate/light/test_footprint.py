@@ -1,0 +1,268 @@
+"""Where projector pixels land and what a camera sees: there and back."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tolerances import CLOSED_FORM, FLOAT32, SIGMAS, SOLVER
+
+from procam.compensate.projector_frames import projector_frames
+from procam.estimate.geometry.camera_view import DomeView
+from procam.estimate.geometry.model import Observations, ParameterLayout, RigGeometry
+from procam.estimate.geometry.pixel_directions import fit_pixel_directions, model_directions
+from procam.estimate.geometry.solve import GeometrySolution
+from procam.estimate.light.footprint import camera_pixels, lit_share, project_surface
+from procam.estimate.light.separation import SeparatedLight
+from procam.maths.geometry.lenses import project, unproject
+from procam.maths.geometry.local_shift import REACH
+from procam.maths.geometry.ray_to_screen import RoundShape
+from procam.maths.geometry.sphere import cap_solid_angle, grid_solid_angles, master_directions
+from procam.maths.warp import grow
+from procam.model.calibration import Calibration
+from procam.model.correspondence import ProjectorSurface
+from procam.model.mask import Nudge
+from procam.model.optics import CameraModel, Lens, Pose, Sensor
+
+
+def _camera(size: int = 300) -> CameraModel:
+    lens = Lens(
+        "kannala-brandt", np.full(2, size / 2 / 1.72), np.full(2, (size - 1) / 2 + 0.7), np.zeros(4)
+    )
+    return CameraModel(
+        "c",
+        (size, size),
+        lens,
+        Sensor(12, 64.0),
+        Pose.from_vectors((0.03, 0.02, 0.5), (0.2, 0.3, -0.5)),
+    )
+
+
+def _view(calibration: Calibration, camera: CameraModel) -> DomeView:
+    width, height = camera.size
+    pixels = np.stack(np.meshgrid(np.arange(width), np.arange(height)), -1).astype(float)
+    seen = np.hypot(*np.moveaxis(pixels - camera.lens.centre, -1, 0)) <= width / 2
+    return DomeView.of(camera, calibration.screen, unproject(pixels, camera.lens), seen)
+
+
+def _solution(
+    calibration: Calibration, camera: CameraModel, sigma_px: float = 0.02
+) -> GeometrySolution:
+    """A rig known exactly, and what its camera sees of the projector south, with noise."""
+    model = calibration.projectors["south"].model
+    rig = RigGeometry(RoundShape(calibration.screen.radius_m), {"c": camera}, {"south": model})
+    width, height = model.size
+    x, y = np.arange(0.5, width - 1, 2), np.arange(0.5, height - 1, 2)
+    centres = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    off = centres + np.random.default_rng(1).normal(0, sigma_px, centres.shape)
+    assert camera.camera_from_dome is not None
+    points = calibration.screen.radius_m * model_directions(rig, model, off)
+    seen = project(camera.camera_from_dome.apply(points), camera.lens)
+    pair = ("c", "south")
+    seen = Observations(seen, centres, np.full(len(centres), max(sigma_px, 1e-3)))
+    layout = ParameterLayout.of(rig)
+    covariance = np.zeros((layout.count, layout.count))
+    for block, size in ((layout.cameras["c"], 1e-6), (layout.projectors["south"], 1e-3)):
+        start = block.start
+        covariance[range(start, start + 6), range(start, start + 6)] = size**2
+    return GeometrySolution(
+        rig, covariance, {pair: seen}, {}, {pair: 1.0}, np.zeros((0, layout.count)), 1.0
+    )
+
+
+def test_a_projector_sees_what_it_lights(calibration: Calibration) -> None:
+    model = calibration.projectors["south"].model
+    rig = RigGeometry(RoundShape(calibration.screen.radius_m), {}, {})
+    grid = np.stack(np.meshgrid(np.arange(48), np.arange(30)), axis=-1).astype(float)
+    found = model_directions(rig, model, grid)
+    np.testing.assert_allclose(np.linalg.norm(found, axis=-1), 1, rtol=CLOSED_FORM)
+    points = calibration.screen.radius_m * found
+    back = project(model.projector_from_dome.apply(points), model.lens)
+    np.testing.assert_allclose(back, grid, atol=SOLVER)
+
+
+class TestView:
+    def test_camera_pixels_undo_the_view(self, calibration: Calibration) -> None:
+        camera = _camera()
+        view = _view(calibration, camera)
+        back = camera_pixels(_solution(calibration, camera), view.direction)
+        grid = np.stack(np.meshgrid(np.arange(300), np.arange(300)), axis=-1)
+        # directions are kept in float32
+        np.testing.assert_allclose(back[view.on_screen], grid[view.on_screen], atol=1e-4)
+
+    def test_solid_angles_add_up_to_the_cap(self, calibration: Calibration) -> None:
+        view = _view(calibration, _camera(600))
+        # pixels at the rim are in or out as a whole
+        assert view.solid_angle_sr.sum() == pytest.approx(cap_solid_angle(np.pi / 2), rel=2e-3)
+        assert not view.solid_angle_sr[~view.on_screen].any()
+
+    def test_projector_pixels_land_where_the_camera_looks(self, calibration: Calibration) -> None:
+        view = _view(calibration, _camera())
+        model = calibration.projectors["north"].model
+        xy = view.projector_pixels(model, calibration.screen)
+        inside = np.isfinite(xy[..., 0])
+        assert 0.1 < inside.mean() < 0.9
+        assert xy[inside].min() > -0.5 and (xy[inside] < np.array(model.size) - 0.5).all()
+        rays = unproject(xy[inside].astype(float), model.lens)
+        points = model.projector_from_dome.apply(6.0 * view.direction[inside].astype(float))
+        cosine = np.sum(rays * points, axis=-1) / np.linalg.norm(points, axis=-1)
+        assert cosine.min() > 1 - 1e-10
+
+
+def test_lit_share_is_light_seen_over_light_expected(calibration: Calibration) -> None:
+    camera = _camera()
+    shape = (300, 300, 3)
+    extended = np.ones(shape, np.float32)
+    direct = extended.copy()
+    direct[:, :145], direct[:, 145:155] = 0.0, 0.25
+    lit = np.zeros(shape[:2], bool)
+    light = SeparatedLight(direct, 0 * direct, extended, np.ones(3), direct, grow(lit, 1))
+    direction, inside = master_directions(150)
+    solution = _solution(calibration, camera)
+    share = lit_share(solution, direction, light)
+    column = camera_pixels(solution, direction)[..., 0]
+    assert (share[inside & (column > 156)] == 1).all()
+    assert (share[inside & (column < 144)] == 0).all()
+    near = inside & (np.abs(column - 149.5) < 4)
+    assert near.any()
+    np.testing.assert_allclose(share[near], 0.25, rtol=FLOAT32)
+
+
+class TestProjectSurface:
+    @pytest.fixture(scope="class")
+    @classmethod
+    def solution(cls, calibration: Calibration) -> GeometrySolution:
+        return _solution(calibration, _camera(), 1e-4)
+
+    @staticmethod
+    def _light(camera: CameraModel, calibration: Calibration) -> SeparatedLight:
+        """White all over, but behind blackout plates below 10 degrees."""
+        view = _view(calibration, camera)
+        lit = view.on_screen & (view.direction[..., 2] > np.sin(np.radians(10.0)))
+        extended = np.ones((*lit.shape, 3), np.float32)
+        direct = extended * lit[..., None]
+        return SeparatedLight(direct, 0 * direct, extended, np.ones(3), direct, lit)
+
+    def test_is_the_known_surface(
+        self, solution: GeometrySolution, calibration: Calibration
+    ) -> None:
+        truth = calibration.projectors["south"].surface
+        light = self._light(solution.camera, calibration)
+        found = project_surface(solution, "south", calibration.screen, light)
+        np.testing.assert_allclose(found.direction, truth.direction, atol=1e-4)
+        np.testing.assert_allclose(found.solid_angle_sr, truth.solid_angle_sr, rtol=1e-3)
+        elevation = np.degrees(np.arcsin(truth.direction[..., 2]))
+        clear = np.abs(elevation - 10) > 1.0  # the camera's pixels are 0.6 degrees wide
+        np.testing.assert_array_equal(found.valid[clear], truth.valid[clear])
+        np.testing.assert_array_equal(found.measured[clear] > 0.5, truth.valid[clear])
+
+    def test_sigma_is_the_spread_of_directions(
+        self, calibration: Calibration, rng: np.random.Generator
+    ) -> None:
+        """Parameters drawn from their covariance move an unseen pixel by as much as is predicted."""
+        solution = _solution(calibration, _camera())
+        pair, some = next(iter(solution.observations.items()))
+        far = replace(solution, observations={pair: some.some(some.projector_px[:, 0] > 40)})
+        landing, draws = fit_pixel_directions(far, "south"), 400
+        layout, corner = ParameterLayout.of(solution.rig), np.zeros((1, 2))
+        middle = model_directions(solution.rig, solution.projectors["south"], corner)
+        moved = []
+        own = layout.projectors["south"]
+        for x in rng.multivariate_normal(
+            np.zeros(own.stop - own.start), solution.covariance[own, own], draws
+        ):
+            step = np.zeros(layout.count)
+            step[own] = x
+            rig = solution.rig.moved(step)
+            moved.append(model_directions(rig, rig.projectors["south"], corner) - middle)
+        sigma = np.degrees(np.sqrt(np.sum(np.square(moved)) / draws)) * 60
+        predicted = float(landing.sigma_arcmin(np.zeros(1), np.zeros(1))[0, 0])
+        # two axes at the least: the mean square is known to 1 / sqrt(draws)
+        assert abs((sigma / predicted) ** 2 - 1) < SIGMAS * np.sqrt(2 / draws) + 0.02
+
+    def test_a_bump_that_no_model_knows_is_followed(self, calibration: Calibration) -> None:
+        solution = _solution(calibration, _camera(), 0.001)
+        pair, some = next(iter(solution.observations.items()))
+        swell = 0.5 * np.sin(some.projector_px / 20)  # half a pixel, smooth
+        wavy = Observations(some.camera_px, some.projector_px - swell, some.sigma_px)
+        landing = fit_pixel_directions(replace(solution, observations={pair: wavy}), "south")
+        assert np.abs(landing.field).max() > 1e-3
+
+
+class TestNudges:
+    """The picture of the projector south, moved by a person 2 px to the right and 1 px up."""
+
+    PIXEL, SHIFT = (22, 14), (2, -1)
+    NUDGE = Nudge("south", PIXEL, SHIFT)
+
+    @pytest.fixture(scope="class")
+    @classmethod
+    def surfaces(cls, calibration: Calibration) -> tuple[ProjectorSurface, ProjectorSurface]:
+        """As measured, and nudged."""
+        solution = _solution(calibration, _camera(), 1e-4)
+        light = TestProjectSurface._light(solution.camera, calibration)
+        other = Nudge("north", (10, 10), (1, 1))
+        plain, nudged = (
+            project_surface(solution, "south", calibration.screen, light, nudges)
+            for nudges in ([other], [cls.NUDGE, other])
+        )
+        return plain, nudged
+
+    def test_the_pixel_it_was_sent_to_shows_what_the_pixel_showed(
+        self, surfaces: tuple[ProjectorSurface, ProjectorSurface]
+    ) -> None:
+        plain, nudged = surfaces
+        (x, y), (right, down) = self.PIXEL, self.SHIFT
+        np.testing.assert_allclose(
+            nudged.direction[y + down, x + right], plain.direction[y, x], atol=1e-6
+        )
+
+    def test_far_away_nothing_changes(
+        self, surfaces: tuple[ProjectorSurface, ProjectorSurface]
+    ) -> None:
+        plain, nudged = surfaces
+        x, y = np.meshgrid(np.arange(48), np.arange(30))
+        far = np.hypot(x - 24, y - 13) > REACH * 48 + 1  # a pixel's corners move too
+        np.testing.assert_array_equal(nudged.direction[far], plain.direction[far])
+        np.testing.assert_array_equal(nudged.solid_angle_sr[far], plain.solid_angle_sr[far])
+        assert (nudged.direction != plain.direction).any(axis=-1)[~far].mean() > 0.7
+
+    def test_solid_angles_are_those_of_the_nudged_directions(
+        self, surfaces: tuple[ProjectorSurface, ProjectorSurface]
+    ) -> None:
+        plain, nudged = surfaces
+        total = plain.solid_angle_sr.sum()
+        assert nudged.solid_angle_sr.sum() == pytest.approx(total, rel=1e-5)
+        # of cells between the pixels' centres: means of four pixels, but for what they bend
+        between = grid_solid_angles(nudged.direction.astype(float))
+        own = nudged.solid_angle_sr
+        mean = (own[1:, 1:] + own[1:, :-1] + own[:-1, 1:] + own[:-1, :-1]) / 4
+        np.testing.assert_allclose(between, mean, rtol=0.03)
+        changed = nudged.solid_angle_sr / plain.solid_angle_sr
+        assert changed.max() > 1.3 and changed.min() < 0.7
+
+    def test_what_is_lit_and_how_sure_it_is_stay_as_measured(
+        self, surfaces: tuple[ProjectorSurface, ProjectorSurface]
+    ) -> None:
+        plain, nudged = surfaces
+        for name in ("sigma_arcmin", "valid", "measured"):
+            np.testing.assert_array_equal(getattr(nudged, name), getattr(plain, name))
+
+    def test_a_spot_moves_on_the_panel_as_it_was_asked_to(
+        self, calibration: Calibration, surfaces: tuple[ProjectorSurface, ProjectorSurface]
+    ) -> None:
+        plain, nudged = surfaces
+        direction, _ = master_directions(512)
+        apart = direction @ plain.direction[self.PIXEL[1], self.PIXEL[0]].astype(float)
+        spot = np.exp((apart - 1) / np.radians(1.5) ** 2)  # a pixel is some 2 degrees wide
+        content = np.repeat(spot[..., None], 3, axis=-1).astype(np.float32)
+        south = calibration.projectors["south"]
+        places = []
+        for surface in (plain, nudged):
+            shown = replace(calibration, projectors={"south": replace(south, surface=surface)})
+            frame = projector_frames(content, shown)["south"].sum(axis=-1)
+            light = np.where(frame > 0.3 * frame.max(), frame, 0)
+            places.append(
+                [light.sum(0) @ np.arange(48), light.sum(1) @ np.arange(30)] / light.sum()
+            )
+        np.testing.assert_allclose(places[0], self.PIXEL, atol=0.1)
+        np.testing.assert_allclose(places[1] - places[0], self.SHIFT, atol=0.15)

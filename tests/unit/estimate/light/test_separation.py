@@ -1,0 +1,212 @@
+"""Splitting light into direct and scattered on scenes where both are known."""
+
+import numpy as np
+import pytest
+from tolerances import FLOAT32
+
+from procam.estimate.light.separation import (
+    BORDER_SIGMA,
+    CLEAR_CAMERA_PX,
+    SeparatedLight,
+    Separation,
+    albedo,
+    feedback,
+    scatter_per_flux,
+)
+from procam.estimate.structured_light.patterns import SEPARATION_BITS
+from procam.maths.codes.gray import stripe
+from procam.maths.geometry.sphere import cap_solid_angle
+from procam.maths.warp import blur
+from procam.model.screen import Dome
+from procam.model.transport import Measured
+
+SIZE = 320
+PANEL = 512
+ALIKE = [np.ones((1, 1, 1), np.float32)] * 2  # projectors whose light spreads alike
+LENS_BLUR_PX = 0.5  # what smears the edges of stripes
+
+
+class Scene:
+    """A camera that sees a projector's picture as a square in the middle of the screen."""
+
+    def __init__(self, left: int = 60, right: int = 260) -> None:
+        y, x = np.mgrid[0:SIZE, 0:SIZE].astype(np.float32)
+        self.lit = (x >= left) & (x < right) & (y >= 80) & (y < 240)
+        self.xy = np.stack([(x - 50) * 1.6 + 0.2, (y - 70) * 1.6 + 0.3], axis=-1)
+        self.xy[(self.xy < -0.5).any(axis=-1) | (self.xy > PANEL - 0.5).any(axis=-1)] = np.nan
+        wave = 1 + 0.1 * np.sin(x / 40) * np.cos(y / 50)
+        self.solid = np.where(np.hypot(x - 160, y - 160) < 155, 6.0 / (np.pi * 155**2), 0)
+        self.on_screen = self.solid > 0
+        self.u = (wave[..., None] * [0.05, 0.06, 0.08] * self.on_screen[..., None]).astype(float)
+        self.direct = wave[..., None] * [0.9, 1.0, 0.7] * self.lit[..., None]
+
+    def picture(self, drive: np.ndarray) -> np.ndarray:
+        """What the camera sees of relative drive (H, W): direct, and u times its flux."""
+        direct = blur(self.direct * drive[..., None], LENS_BLUR_PX)
+        flux = np.tensordot(self.solid, direct, 2)
+        return (direct + self.u * flux).astype(np.float32)
+
+    def white(self) -> np.ndarray:
+        return self.picture(np.ones((SIZE, SIZE)))
+
+    def pair(self, axis: str, bit: int) -> tuple[np.ndarray, np.ndarray]:
+        index = np.rint(np.nan_to_num(self.xy[..., 0 if axis == "x" else 1])).astype(int)
+        bright = stripe(PANEL, bit)[index]
+        return self.picture(bright.astype(float)), self.picture((~bright).astype(float))
+
+    def separate(self) -> SeparatedLight:
+        separation = Separation(self.white(), self.xy, self.lit, self.solid)
+        for axis in ("x", "y"):
+            for bit in SEPARATION_BITS:
+                separation.add_pair(axis, bit, *self.pair(axis, bit))
+        return separation.result()
+
+    @property
+    def flux(self) -> np.ndarray:
+        return np.tensordot(self.solid, self.direct, 2)
+
+    @property
+    def inner(self) -> np.ndarray:
+        """Clear of the picture's border and of the screen's."""
+        y, x = np.mgrid[0:SIZE, 0:SIZE]
+        return (x > 80) & (x < 240) & (y > 100) & (y < 220)
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    return Scene()
+
+
+@pytest.fixture(scope="module")
+def light(scene: Scene) -> SeparatedLight:
+    return scene.separate()
+
+
+class TestSeparation:
+    def test_scattered_light_is_u_times_flux(self, scene: Scene, light: SeparatedLight) -> None:
+        expected = scene.u * scene.flux
+        inner = scene.inner
+        # smoothing over a pixel or two bends a gentle wave by less than this
+        np.testing.assert_allclose(light.scattered[inner], expected[inner], rtol=1e-3)
+
+    def test_scattered_light_outside_the_picture_too(
+        self, scene: Scene, light: SeparatedLight
+    ) -> None:
+        y, x = np.mgrid[0:SIZE, 0:SIZE]
+        away = scene.on_screen & ((x < 50) | (x > 270)) & (np.hypot(x - 160, y - 160) < 145)
+        expected = scene.u * scene.flux
+        np.testing.assert_allclose(light.scattered[away], expected[away], rtol=1e-3)
+
+    def test_direct_light_is_the_rest(self, scene: Scene, light: SeparatedLight) -> None:
+        inner = scene.inner
+        np.testing.assert_allclose(light.direct[inner], scene.direct[inner], rtol=1e-3)
+
+    def test_flux_and_parts_add_up(self, scene: Scene, light: SeparatedLight) -> None:
+        np.testing.assert_allclose(light.flux, scene.flux, rtol=1e-3)
+        inner = scene.inner
+        total = (light.direct + light.scattered)[inner]
+        np.testing.assert_allclose(total, scene.white()[inner], rtol=FLOAT32)
+
+    def test_extended_goes_on_beyond_the_border(self, scene: Scene, light: SeparatedLight) -> None:
+        assert not scene.lit[160, 58] and light.extended[160, 58].min() > 0.5
+        middle = (160, 160)
+        np.testing.assert_array_equal(light.extended[middle], light.direct[middle])
+
+    def test_nothing_off_the_screen(self, scene: Scene, light: SeparatedLight) -> None:
+        assert not light.direct[~scene.on_screen].any()
+        assert not light.lit[~scene.lit].any()
+
+    def test_shares_of_flux_are_shares_of_totals(self, scene: Scene) -> None:
+        separation = Separation(scene.white(), scene.xy, scene.lit, scene.solid)
+        share = separation.flux_share(scene.picture(np.full((SIZE, SIZE), 0.37)))
+        # two float32 sums over some 100 000 pixels
+        np.testing.assert_allclose(share, 0.37, rtol=10 * FLOAT32)
+
+    def test_a_glint_in_one_picture_stays_where_it_is(
+        self, scene: Scene, light: SeparatedLight
+    ) -> None:
+        """A pixel that saturates in a single picture must not spoil the map around it."""
+        separation = Separation(scene.white(), scene.xy, scene.lit, scene.solid)
+        for axis in ("x", "y"):
+            for bit in SEPARATION_BITS:
+                pattern, inverse = scene.pair(axis, bit)
+                if (axis, bit) == ("x", SEPARATION_BITS[0]):
+                    pattern[150, 160] = np.nan
+                separation.add_pair(axis, bit, pattern, inverse)
+        found = separation.result()
+        far = np.ones((SIZE, SIZE), bool)
+        far[150 - 2 * CLEAR_CAMERA_PX : 150 + 2 * CLEAR_CAMERA_PX, 160 - 12 : 160 + 12] = False
+        for field in ("direct", "scattered", "extended"):
+            values = getattr(found, field)
+            assert np.isfinite(values[far]).all(), field
+            np.testing.assert_allclose(
+                values[far], getattr(light, field)[far], rtol=1e-3, atol=1e-5
+            )
+        assert np.isfinite(found.flux).all()
+
+
+class TestTogether:
+    def test_scatter_per_flux_of_two_projectors(self) -> None:
+        scenes = [Scene(60, 180), Scene(150, 260)]
+        lights = [s.separate() for s in scenes]
+        u = scatter_per_flux(lights)
+        clear = scenes[0].inner & (np.abs(np.arange(SIZE) - 165) > 30)
+        np.testing.assert_allclose(u[clear], scenes[0].u[clear], rtol=2e-3)
+
+    def test_feedback_is_u_over_the_lit_part(self, scene: Scene, light: SeparatedLight) -> None:
+        lit_sr = np.where(scene.inner, scene.solid, 0)
+        found = feedback([light, light], lit_sr, scene.solid, ALIKE, (0.0, 0.0))
+        expected = np.tensordot(lit_sr, scene.u, 2)
+        np.testing.assert_allclose(found.value, expected, rtol=2e-3)
+        # two projectors that agree leave no doubt but the border's
+        np.testing.assert_allclose(found.sigma, BORDER_SIGMA * found.value, rtol=1e-6)
+
+    def test_feedback_doubts_what_projectors_disagree_on(
+        self, scene: Scene, light: SeparatedLight
+    ) -> None:
+        other = SeparatedLight(
+            light.direct, 1.1 * light.scattered, light.extended, light.flux, light.weight, light.lit
+        )
+        lit_sr = np.where(scene.inner, scene.solid, 0)
+        found = feedback([light, other], lit_sr, scene.solid, ALIKE, (0.0, 0.0))
+        single = feedback([light, light], lit_sr, scene.solid, ALIKE, (0.0, 0.0)).value
+        np.testing.assert_allclose(found.value, 1.05 * single, rtol=1e-4)
+        expected = np.hypot(0.05 * single, BORDER_SIGMA * found.value)
+        np.testing.assert_allclose(found.sigma, expected, rtol=1e-4)
+
+    def test_an_unknown_veil_of_glare_is_doubt(self, scene: Scene, light: SeparatedLight) -> None:
+        lit_sr = np.where(scene.inner, scene.solid, 0)
+        found = feedback([light, light], lit_sr, scene.solid, ALIKE, (0.01, 0.0))
+        total = np.tensordot(scene.solid, light.direct + light.scattered, 2) / light.flux
+        expected = 0.01 * total * lit_sr.sum() / scene.solid.sum()
+        np.testing.assert_allclose(
+            found.sigma, np.hypot(expected, BORDER_SIGMA * found.value), rtol=1e-5
+        )
+
+    def test_doubt_of_direct_light_is_doubt(self, scene: Scene, light: SeparatedLight) -> None:
+        lit_sr = np.where(scene.inner, scene.solid, 0)
+        found = feedback([light, light], lit_sr, scene.solid, ALIKE, (0.0, 0.005))
+        np.testing.assert_allclose(
+            found.sigma, np.hypot(0.005, BORDER_SIGMA) * found.value, rtol=1e-6
+        )
+
+
+class TestAlbedo:
+    screen_sr = cap_solid_angle(np.pi / 2)
+
+    def test_of_a_uniform_hemisphere(self) -> None:
+        """m = kappa / (1 - kappa) with kappa = rho / 2."""
+        rho = np.array([0.3, 0.5, 0.8])
+        m = Measured(rho / 2 / (1 - rho / 2), np.zeros(3))
+        found = albedo(m, self.screen_sr, self.screen_sr, Dome(6.0, np.pi / 2), 0.01)
+        np.testing.assert_allclose(found.value, rho, rtol=1e-12)
+        np.testing.assert_allclose(found.sigma, 0.01 * rho, rtol=1e-12)
+
+    def test_doubt_in_feedback_and_floor_shows(self) -> None:
+        m = Measured(np.full(3, 0.33), np.full(3, 0.003))
+        sharp, vague = Dome(6.0, np.pi / 2), Dome(6.0, np.pi / 2, 0.0, 0.1, 0.03)
+        first = albedo(m, self.screen_sr, self.screen_sr, sharp, 0.001)
+        second = albedo(m, self.screen_sr, self.screen_sr, vague, 0.001)
+        assert (first.sigma > 2 * 0.001 * first.value).all()
+        assert (second.sigma > 2 * first.sigma).all()
+        assert (second.value < first.value).all()  # the floor explains part of the feedback

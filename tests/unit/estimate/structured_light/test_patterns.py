@@ -1,0 +1,172 @@
+"""The plan of a visit and its pictures."""
+
+from collections import Counter
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from procam.estimate.structured_light.codes import generate, make_code
+from procam.estimate.structured_light.patterns import (
+    LEVEL_PICTURES,
+    LEVELS,
+    SEPARATION_BITS,
+    level_pictures,
+    level_tile,
+    plan_session,
+    stripe_picture,
+    zone_count,
+    zone_picture,
+)
+from procam.maths.codes.gray import bit_count, decode_gray
+from procam.model.plan import Plan
+
+SIZES = {"south": (320, 200), "north": (100, 75)}
+Pictures = dict[str, np.ndarray]
+
+
+@pytest.fixture(scope="module")
+def visit() -> tuple[Plan, Pictures]:
+    return plan_session(SIZES, 0.13, 6.5)
+
+
+class TestPlan:
+    def test_dark_first_then_projector_by_projector_white_and_black_first(
+        self, visit: tuple[Plan, Pictures]
+    ) -> None:
+        shots = visit[0].shots
+        assert (shots[0].purpose, shots[0].projector, shots[0].pattern) == ("dark", "", "")
+        assert shots[0].exposures_s == (0.13, 6.5)
+        order = [s.projector for s in shots[1:]]
+        assert order == sorted(order, reverse=True)  # south before north, never back again
+        for name in SIZES:
+            mine = [s.purpose for s in shots if s.projector == name]
+            assert mine[:2] == ["white", "black"]
+
+    @pytest.mark.parametrize("name", SIZES)
+    def test_counts(self, visit: tuple[Plan, Pictures], name: str) -> None:
+        count = Counter(s.purpose for s in visit[0].shots if s.projector == name)
+        assert count == {
+            "white": 1,
+            "black": 1,
+            "code": 16,
+            "stripes": 2 * 2 * len(SEPARATION_BITS),
+            "zone": zone_count(len(SIZES)),
+            "primary": 3,
+            "levels": LEVEL_PICTURES,
+        }
+
+    def test_ids_are_unique_and_every_pattern_is_there(self, visit: tuple[Plan, Pictures]) -> None:
+        plan, pictures = visit
+        assert len({s.id for s in plan.shots}) == len(plan.shots)
+        assert {s.pattern for s in plan.shots if s.pattern} == set(pictures)
+        for shot in plan.shots[1:]:
+            width, height = SIZES[shot.projector]
+            picture = pictures[shot.pattern]
+            assert picture.shape[:2] == (height, width) and picture.shape[2] in (1, 3)
+            assert picture.dtype == np.uint8
+
+    def test_black_alone_wants_the_long_exposure(self, visit: tuple[Plan, Pictures]) -> None:
+        for shot in visit[0].shots[1:]:
+            assert shot.exposures_s == ((6.5,) if shot.purpose == "black" else (0.13,))
+
+    def test_colour_where_light_is_split(self, visit: tuple[Plan, Pictures]) -> None:
+        for shot in visit[0].shots:
+            assert shot.pixel_format == ("mono" if shot.purpose == "code" else "rgb")
+
+
+class TestCode:
+    @pytest.mark.parametrize("name", SIZES)
+    def test_its_planes_are_those_of_micro_phase_shifting_in_order(
+        self, visit: tuple[Plan, Pictures], name: str
+    ) -> None:
+        plan, pictures = visit
+        code = make_code("micro-phase", SIZES[name])
+        shots = plan.of(name, "code")
+        assert [dict(s.detail) for s in shots] == [
+            {"code": "micro-phase", "plane": number} for number in range(2, len(code.planes))
+        ]
+        for shot, expected in zip(shots, generate(code)[2:], strict=True):
+            np.testing.assert_array_equal(pictures[shot.pattern], expected)
+
+
+class TestStripes:
+    @pytest.mark.parametrize("name", SIZES)
+    def test_middle_bits_of_both_axes(self, visit: tuple[Plan, Pictures], name: str) -> None:
+        plan, pictures = visit
+        shots = plan.of(name, "stripes")
+        assert [(s.detail["axis"], s.detail["bit"], s.detail["inverse"]) for s in shots] == [
+            (axis, bit, inverse) for axis in "xy" for bit in (6, 5) for inverse in (0, 1)
+        ]
+        for shot in shots:
+            expected = stripe_picture(
+                SIZES[name], str(shot.detail["axis"]), int(shot.detail["bit"]), False
+            )
+            flip = 255 * int(shot.detail["inverse"])
+            np.testing.assert_array_equal(pictures[shot.pattern] ^ flip, expected)
+
+    @pytest.mark.parametrize("name", SIZES)
+    def test_every_pair_is_flux_balanced_to_the_panel(
+        self, visit: tuple[Plan, Pictures], name: str
+    ) -> None:
+        """Pattern and inverse together are white at every pixel, so their global parts add up."""
+        plan, pictures = visit
+        shots = plan.of(name, "stripes")
+        for pattern, inverse in zip(shots[::2], shots[1::2], strict=True):
+            assert (pattern.detail["inverse"], inverse.detail["inverse"]) == (0, 1)
+            assert {k: pattern.detail[k] for k in ("axis", "bit")} == {
+                k: inverse.detail[k] for k in ("axis", "bit")
+            }
+            total = pictures[pattern.pattern].astype(int) + pictures[inverse.pattern]
+            np.testing.assert_array_equal(total, 255)
+
+    @given(width=st.integers(8, 300), height=st.integers(8, 300))
+    def test_the_pictures_spell_every_pixel(self, width: int, height: int) -> None:
+        for axis, length in (("x", width), ("y", height)):
+            bits = bit_count(length)
+            planes = [
+                stripe_picture((width, height), axis, b, False)[..., 0] > 0 for b in range(bits)
+            ]
+            code = sum(plane.astype(int) << b for b, plane in enumerate(planes))
+            index = decode_gray(code, bits)
+            expected = np.arange(length)[None, :] if axis == "x" else np.arange(length)[:, None]
+            np.testing.assert_array_equal(index, np.broadcast_to(expected, (height, width)))
+
+
+class TestOthers:
+    def test_white_black_and_primaries(self, visit: tuple[Plan, Pictures]) -> None:
+        plan, pictures = visit
+        assert (pictures[plan.of("south", "white")[0].pattern] == 255).all()
+        assert (pictures[plan.of("south", "black")[0].pattern] == 0).all()
+        for channel, shot in enumerate(plan.of("south", "primary")):
+            assert shot.detail["channel"] == channel
+            expected = np.zeros(3)
+            expected[channel] = 255
+            assert (pictures[shot.pattern] == expected).all()
+
+    def test_levels_hold_every_drive_equally_often(self) -> None:
+        size = (1280, 17 * 32)
+        assert level_tile(size) == 32
+        pictures = level_pictures(size)
+        assert len(pictures) == LEVEL_PICTURES
+        for picture in pictures:
+            drive, count = np.unique(picture, return_counts=True)
+            assert tuple(drive) == LEVELS
+            assert set(count) == {40 * 32 * 32}
+
+    def test_level_pictures_differ_and_repeat(self) -> None:
+        first, second = level_pictures((640, 400))
+        assert (first != second).mean() > 0.8
+        np.testing.assert_array_equal(level_pictures((640, 400))[1], second)
+
+
+@pytest.mark.parametrize("projectors", range(1, 7))
+def test_zones_share_out_the_panel(projectors: int) -> None:
+    count = zone_count(projectors)
+    zones = [zone_picture((321, 201), zone, count) for zone in range(count)]
+    np.testing.assert_array_equal(np.sum(zones, axis=0), 255)
+    lit = [int((zone > 0).sum()) for zone in zones]
+    assert max(lit) < 1.03 * min(lit)
+    assert projectors * count >= 12 or projectors == 1
+    assert 2 + 8 + count + 3 + LEVEL_PICTURES <= 24  # photographs of a projector's light

@@ -1,0 +1,119 @@
+"""Photographs of others: order, headers, damage, and counts from what they hold."""
+
+from pathlib import Path
+
+import numpy as np
+import OpenImageIO as oiio
+import pytest
+
+from procam.errors import FileFormatError
+from procam.files.images.images import write_channels, write_image
+from procam.files.images.photos import list_photos, load_response, photo_counts, read_photo
+from procam.maths.light.curves import srgb_decode
+from procam.model.optics import Sensor
+
+SENSOR = Sensor(bits=12, black_level=64.0)
+HEADER = {
+    "ExposureTime": 0.125,
+    "FNumber": 5.6,
+    "Exif:PhotographicSensitivity": 400,
+    "Exif:DateTimeOriginal": "2026:01:02 03:04:05",
+}
+
+
+def write(path: Path, pixels: np.ndarray, **header: object) -> Path:
+    spec = oiio.ImageSpec(pixels.shape[1], pixels.shape[0], pixels.shape[2], str(pixels.dtype))
+    for key, value in header.items():
+        spec.attribute(key, value)
+    output = oiio.ImageOutput.create(str(path))
+    assert output.open(str(path), spec) and output.write_image(pixels)
+    output.close()
+    return path
+
+
+def ramp(dtype: type, top: int) -> np.ndarray:
+    return np.linspace(0, top, 40 * 30 * 3).reshape(30, 40, 3).astype(dtype)
+
+
+class TestReading:
+    def test_names_in_the_order_people_mean(self, tmp_path: Path) -> None:
+        for name in ("img_10.tif", "img_9.TIF", "2.jpg", "img_9b.png", "notes.txt", "a.CR2"):
+            (tmp_path / name).touch()
+        photos, others = list_photos(tmp_path)
+        assert [p.name for p in photos] == ["2.jpg", "img_9.TIF", "img_9b.png", "img_10.tif"]
+        assert others == ["a.CR2", "notes.txt"]
+
+    @pytest.mark.parametrize("suffix", ["tif", "png", "jpg"])
+    def test_headers(self, tmp_path: Path, suffix: str) -> None:
+        path = write(tmp_path / f"a.{suffix}", ramp(np.uint8, 255), **HEADER)
+        photo = read_photo(path)
+        assert photo.exposure_s == pytest.approx(0.125)
+        assert photo.aperture == pytest.approx(5.6, rel=1e-3)
+        assert photo.taken_s is not None
+        later = dict(HEADER, **{"Exif:DateTimeOriginal": "2026:01:02 03:05:05"})
+        other = read_photo(write(tmp_path / f"b.{suffix}", ramp(np.uint8, 255), **later))
+        assert other.taken_s == photo.taken_s + 60
+
+    def test_no_header(self, tmp_path: Path) -> None:
+        write_image(tmp_path / "a.png", ramp(np.uint16, 4000))
+        photo = read_photo(tmp_path / "a.png")
+        assert (photo.exposure_s, photo.taken_s, photo.aperture) == (None, None, None)
+
+    def test_transparency_is_dropped(self, tmp_path: Path) -> None:
+        write_image(tmp_path / "a.png", np.zeros((4, 5, 4), np.uint16))
+        assert read_photo(tmp_path / "a.png").pixels.shape == (4, 5, 3)
+
+    def test_a_jpeg_cut_short(self, tmp_path: Path) -> None:
+        # the reader itself would fill the rest with grey
+        noise = np.random.default_rng(0).integers(0, 255, (200, 300, 3)).astype(np.uint8)
+        path = write(tmp_path / "a.jpg", noise)
+        read_photo(path)
+        path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+        with pytest.raises(FileFormatError, match=r"a\.jpg: got a truncated photograph"):
+            read_photo(path)
+
+    def test_light_of_floats_is_no_photograph(self, tmp_path: Path) -> None:
+        write_channels(tmp_path / "a.exr", dict.fromkeys("RGB", np.zeros((4, 4))))
+        with pytest.raises(FileFormatError, match="got float32 pixels, expected 8 or 16 bits"):
+            read_photo(tmp_path / "a.exr")
+
+
+class TestCounts:
+    def test_linear_ones_stay_as_they_are(self, tmp_path: Path) -> None:
+        pixels = ramp(np.uint16, 4095)
+        write_image(tmp_path / "a.tif", pixels)
+        counts = photo_counts(read_photo(tmp_path / "a.tif"), None, SENSOR)
+        np.testing.assert_array_equal(counts, pixels)
+
+    @pytest.mark.parametrize(("dtype", "top"), [(np.uint8, 255), (np.uint16, 65535)])
+    def test_srgb_becomes_light(self, tmp_path: Path, dtype: type, top: int) -> None:
+        pixels = ramp(dtype, top)
+        write_image(tmp_path / "a.png", pixels)
+        response = load_response("srgb", tmp_path)
+        counts = photo_counts(read_photo(tmp_path / "a.png"), response, SENSOR)
+        expected = 64 + srgb_decode(pixels / top) * SENSOR.full_scale
+        np.testing.assert_allclose(counts, expected, atol=0.51)
+        assert counts.max() == 4095  # white stays recognisable as saturated
+
+    def test_refusals(self, tmp_path: Path) -> None:
+        write_image(tmp_path / "a.png", ramp(np.uint8, 255))
+        with pytest.raises(FileFormatError, match=r'8 bits of unknown .* set response = "srgb"'):
+            photo_counts(read_photo(tmp_path / "a.png"), None, SENSOR)
+        write_image(tmp_path / "b.png", ramp(np.uint16, 65535))
+        with pytest.raises(FileFormatError, match="up to 65535, expected less than 4096"):
+            photo_counts(read_photo(tmp_path / "b.png"), None, SENSOR)
+
+    @pytest.mark.parametrize(
+        ("text", "told"),
+        [
+            ("level,light\n0,0\n1,x\n", "expected two numbers per line"),
+            ("0,0\n0.4,0.6,3\n1,1\n", "expected two numbers per line"),
+            ("0,0\n0.5,0.6\n0.9,1\n", r"that rise from 0,0 to 1,1"),
+            ("0,0\n0.5,0.6\n0.5,0.7\n1,1\n", r"that rise from 0,0 to 1,1"),
+            ("", r"that rise from 0,0 to 1,1"),
+        ],
+    )
+    def test_bad_tables(self, tmp_path: Path, text: str, told: str) -> None:
+        (tmp_path / "r.csv").write_text(text)
+        with pytest.raises(FileFormatError, match=told):
+            load_response("r.csv", tmp_path)

@@ -1,0 +1,240 @@
+"""Calibration directories there and back, and what is said of damaged ones."""
+
+import dataclasses
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from procam.errors import FileFormatError
+from procam.files.calibration import (
+    latest_calibration,
+    list_calibrations,
+    load_calibration,
+    load_dome,
+    next_directory,
+    save_calibration,
+)
+from procam.files.images.images import read_channels, write_channels
+from procam.model.calibration import Calibration
+from procam.model.mask import Mask
+from procam.model.transport import Measured, ScatterKernel
+from procam.model.venue_state import VenueState
+
+
+def _assert_same(found: Any, expected: Any, where: str = "calibration") -> None:
+    if dataclasses.is_dataclass(expected):
+        assert type(found) is type(expected), where
+        for field in dataclasses.fields(expected):
+            name = field.name
+            _assert_same(getattr(found, name), getattr(expected, name), f"{where}.{name}")
+    elif isinstance(expected, np.ndarray):
+        assert found.dtype == expected.dtype, where
+        np.testing.assert_array_equal(found, expected, err_msg=where)
+    elif isinstance(expected, Mapping):
+        assert set(found) == set(expected), where
+        for key in expected:
+            _assert_same(found[key], expected[key], f"{where}[{key}]")
+    else:
+        assert found == expected and type(found) is type(expected), where
+
+
+@pytest.fixture
+def saved(tmp_path: Path, calibration: Calibration) -> Path:
+    directory = tmp_path / "calibrations" / "0001"
+    save_calibration(calibration, directory)
+    return directory
+
+
+class TestRoundTrip:
+    def test_everything_comes_back_to_the_last_bit(
+        self, saved: Path, calibration: Calibration
+    ) -> None:
+        _assert_same(load_calibration(saved), calibration)
+
+    def test_what_is_protected_comes_back_too(
+        self, tmp_path: Path, calibration: Calibration
+    ) -> None:
+        covered = np.zeros((96, 96), bool)
+        covered[10:30, 20:50] = True
+        maps = dataclasses.replace(calibration.maps, protected=Mask("screen", covered))
+        protecting = dataclasses.replace(calibration, maps=maps)
+        save_calibration(protecting, tmp_path / "0001")
+        _assert_same(load_calibration(tmp_path / "0001"), protecting)
+
+    def test_kernel_and_falloff_come_back_too(
+        self, tmp_path: Path, calibration: Calibration
+    ) -> None:
+        rng = np.random.default_rng(3)
+        kernel = ScatterKernel(1, rng.normal(size=(3, 4, 4)), rng.normal(size=(3, 4)))
+        falloff = rng.uniform(0.5, 1, (96, 96)).astype(np.float32)
+        maps = dataclasses.replace(calibration.maps, kernel=kernel, falloff=falloff)
+        furnished = dataclasses.replace(calibration, maps=maps)
+        save_calibration(furnished, tmp_path / "0001")
+        _assert_same(load_calibration(tmp_path / "0001"), furnished)
+
+    def test_states_of_the_house_come_back_too(
+        self, tmp_path: Path, calibration: Calibration
+    ) -> None:
+        rng = np.random.default_rng(4)
+        ambient = rng.uniform(0, 0.02, (96, 96, 3)).astype(np.float32)
+        m = Measured(rng.uniform(0.3, 0.4, 3), rng.uniform(0, 0.01, 3))
+        states = {
+            "full": VenueState("full", m, rng.uniform(1.1, 1.2, 3), ambient),
+            "school": VenueState("school", m, rng.uniform(1.1, 1.2, 3)),
+        }
+        housed = dataclasses.replace(calibration, states=states)
+        save_calibration(housed, tmp_path / "0001")
+        _assert_same(load_calibration(tmp_path / "0001"), housed)
+        assert sorted(p.name for p in (tmp_path / "0001" / "maps").glob("state-*")) == [
+            "state-full.exr"
+        ]
+
+    def test_one_from_before_there_were_states_has_none(
+        self, saved: Path, calibration: Calibration
+    ) -> None:
+        path = saved / "calibration.json"
+        document = json.loads(path.read_text())
+        del document["states"]
+        path.write_text(json.dumps(document))
+        _assert_same(load_calibration(saved), calibration)
+
+    def test_one_from_before_there_were_kernels_has_one_scalar(self, saved: Path) -> None:
+        path = saved / "calibration.json"
+        document = json.loads(path.read_text())
+        del document["scatter_kernel"]
+        path.write_text(json.dumps(document))
+        _assert_same(load_calibration(saved).maps.kernel, ScatterKernel.scalar())
+
+    def test_one_without_protection_says_nothing_of_it(self, saved: Path) -> None:
+        """And so does every calibration that was made before there was any."""
+        assert "protected" not in read_channels(saved / "maps" / "dome.exr")
+        assert load_calibration(saved).maps.protected is None
+
+    def test_a_dome_is_all_but_the_projectors(self, saved: Path, calibration: Calibration) -> None:
+        """Whose maps need not even be there."""
+        for name in calibration.projectors:
+            (saved / "maps" / f"{name}.exr").unlink()
+        _assert_same(load_dome(saved), dataclasses.replace(calibration, projectors={}))
+
+    def test_files_are_where_other_tools_look(self, saved: Path) -> None:
+        files = sorted(str(p.relative_to(saved)) for p in saved.rglob("*") if p.is_file())
+        assert files == [
+            "calibration.json",
+            "maps/dome.exr",
+            "maps/north.exr",
+            "maps/south.exr",
+        ]
+
+    def test_a_finished_one_is_never_overwritten(
+        self, saved: Path, calibration: Calibration
+    ) -> None:
+        with pytest.raises(OSError):
+            save_calibration(calibration, saved)
+        _assert_same(load_calibration(saved), calibration)
+
+    def test_saving_that_fails_leaves_nothing(
+        self, tmp_path: Path, calibration: Calibration
+    ) -> None:
+        unfit = dataclasses.replace(calibration, provenance={"not": {"json": object()}})
+        with pytest.raises(TypeError):
+            save_calibration(unfit, tmp_path / "0001")
+        assert list(tmp_path.iterdir()) == []
+
+
+class TestNumbering:
+    def test_counts_up(self, tmp_path: Path, calibration: Calibration) -> None:
+        for number in ("0001", "0002", "0003"):
+            assert next_directory(tmp_path) == tmp_path / "calibrations" / number
+            save_calibration(calibration, next_directory(tmp_path))
+            assert latest_calibration(tmp_path).name == number
+        assert [p.name for p in list_calibrations(tmp_path)] == ["0001", "0002", "0003"]
+
+    def test_goes_on_after_an_old_one_is_deleted(self, tmp_path: Path) -> None:
+        for number in ("0001", "0002"):
+            folder = tmp_path / "calibrations" / number
+            folder.mkdir(parents=True)
+            (folder / "calibration.json").write_text("{}")
+        (tmp_path / "calibrations" / "0001" / "calibration.json").unlink()
+        (tmp_path / "calibrations" / "0001").rmdir()
+        assert next_directory(tmp_path).name == "0003"
+
+    def test_none_yet(self, tmp_path: Path) -> None:
+        with pytest.raises(FileFormatError, match=r"got no calibration.*procam calibrate"):
+            latest_calibration(tmp_path)
+
+
+class TestDamage:
+    def _complaint(self, directory: Path) -> str:
+        with pytest.raises(FileFormatError) as caught:
+            load_calibration(directory)
+        assert "\n" not in str(caught.value)
+        return str(caught.value)
+
+    def test_no_calibration_here(self, tmp_path: Path) -> None:
+        message = self._complaint(tmp_path)
+        assert message.startswith(f"{tmp_path}: got no calibration.json")
+        assert "VENUE/calibrations/0001" in message
+
+    @pytest.mark.parametrize("version", [0, 2, "1", None])
+    def test_of_another_version(self, saved: Path, version: object) -> None:
+        path = saved / "calibration.json"
+        path.write_text(json.dumps(json.loads(path.read_text()) | {"schema_version": version}))
+        message = self._complaint(saved)
+        assert f"got schema_version {version}, expected 1" in message
+        assert "calibrate again" in message
+
+    @pytest.mark.parametrize("text", ["", "{", "[]", "3", '{"schema_version": 1}', "\x00"])
+    def test_damaged_json(self, saved: Path, text: str) -> None:
+        (saved / "calibration.json").write_text(text)
+        message = self._complaint(saved)
+        assert message.startswith(f"{saved / 'calibration.json'}: got a damaged calibration")
+        assert "procam solve" in message
+
+    @pytest.mark.parametrize("key", ["screen", "cameras", "projectors", "feedback", "quality"])
+    def test_a_part_is_missing(self, saved: Path, key: str) -> None:
+        path = saved / "calibration.json"
+        document = json.loads(path.read_text())
+        del document[key]
+        path.write_text(json.dumps(document))
+        message = self._complaint(saved)
+        assert "damaged calibration" in message and key in message
+
+    @pytest.mark.parametrize("name", ["dome", "south"])
+    def test_a_map_is_gone(self, saved: Path, name: str) -> None:
+        (saved / "maps" / f"{name}.exr").unlink()
+        assert self._complaint(saved).startswith(f"{saved / 'maps' / name}.exr: got no such file")
+
+    @pytest.mark.parametrize("name", ["dome", "south"])
+    def test_a_map_is_truncated(self, saved: Path, name: str) -> None:
+        path = saved / "maps" / f"{name}.exr"
+        path.write_bytes(path.read_bytes()[:-200])
+        assert self._complaint(saved).startswith(f"{path}: got a truncated or damaged image")
+
+    def test_a_states_map_is_gone(self, tmp_path: Path, calibration: Calibration) -> None:
+        lamps = np.zeros_like(calibration.maps.hi)
+        state = VenueState("full", calibration.feedback, np.ones(3), lamps)
+        directory = tmp_path / "0001"
+        save_calibration(dataclasses.replace(calibration, states={"full": state}), directory)
+        path = directory / "maps" / "state-full.exr"
+        write_channels(path, dict.fromkeys("RGB", lamps[::2, ::2, 0]))
+        assert "ambient of house state full: got shape" in self._complaint(directory)
+        path.unlink()
+        assert self._complaint(directory).startswith(f"{path}: got no such file")
+
+    def test_a_map_of_another_kind(self, saved: Path) -> None:
+        (saved / "maps" / "south.exr").write_bytes((saved / "maps" / "dome.exr").read_bytes())
+        assert "direction" in self._complaint(saved)
+
+    @pytest.mark.parametrize("name", ["direction.y", "gain.R", "blend", "hi.G", "coverage"])
+    def test_a_map_lacks_a_channel(self, saved: Path, name: str) -> None:
+        file = "dome" if name in ("hi.G", "coverage") else "south"
+        path = saved / "maps" / f"{file}.exr"
+        channels = {n: plane.copy() for n, plane in read_channels(path).items() if n != name}
+        write_channels(path, channels)
+        complaint = self._complaint(saved)
+        assert "got a damaged calibration" in complaint or "for its layer" in complaint
+        assert name.partition(".")[0] in complaint

@@ -1,0 +1,308 @@
+"""Sinusoidal codes: what they can tell, and fits that reach it."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats import chi2
+from tolerances import CLOSED_FORM, SIGMAS, SOLVER
+
+from procam.maths.codes.phase import (
+    HETERODYNE_PERIODS,
+    MICRO_PERIODS,
+    WaveDistortion,
+    Waves,
+    cramer_rao_variance,
+    equal_steps,
+    fit_waves,
+    heterodyne_waves,
+    micro_waves,
+    period_scale,
+    search_columns,
+    shared_sensitivity,
+    sine_line,
+)
+
+SIZE = (960, 600)
+MICRO = micro_waves(SIZE)
+LOOK = WaveDistortion(blur_px2=1.5, harmonic=0.04)
+
+
+def photograph(
+    waves: Waves, look: WaveDistortion, x: np.ndarray, offset: float | np.ndarray, amplitude: float
+) -> np.ndarray:
+    """Samples (n, K) by the definition, without noise; `amplitude` is that of the first period."""
+    angles = 2 * np.pi * x[:, None] / waves.periods - waves.shifts
+    spread = 2 * np.pi**2 * look.blur_px2
+    depth = np.exp(-spread * (waves.periods**-2 - waves.periods[0] ** -2))
+    second = look.harmonic * np.exp(-spread * (4 * waves.periods**-2 - waves.periods[0] ** -2))
+    wave = depth * np.cos(angles) + second * np.cos(2 * angles)
+    return np.reshape(offset, (-1, 1)) + amplitude * wave
+
+
+def columns(rng: np.random.Generator, count: int) -> np.ndarray:
+    return rng.uniform(0, SIZE[0] - 1, count)
+
+
+class TestCodes:
+    def test_periods_grow_with_the_panel_but_never_below_16_px(self) -> None:
+        assert period_scale((1920, 1080)) == 1
+        assert period_scale((1080, 3840)) == 2
+        assert period_scale((320, 200)) == period_scale((16, 16)) == 1 / 3
+        for periods in (MICRO_PERIODS, HETERODYNE_PERIODS):
+            assert min(periods) / 3 > 16
+
+    def test_micro_is_eight_pictures_three_of_one_period(self) -> None:
+        assert (len(MICRO.periods), MICRO.base, MICRO.single) == (8, 3, False)
+        assert np.ptp(MICRO.periods[:3]) == 0
+        np.testing.assert_allclose(np.diff(MICRO.shifts[:3]), 2 * np.pi / 3)
+        np.testing.assert_allclose(MICRO.periods[[0, 3, 4, 5, 6, 7]], np.array(MICRO_PERIODS) / 2)
+
+    def test_heterodyne_is_three_sets_of_equal_steps(self) -> None:
+        waves = heterodyne_waves(SIZE)
+        assert (len(waves.periods), waves.base, waves.single) == (12, 4, False)
+        np.testing.assert_allclose(waves.shifts, np.tile(equal_steps(4), 3))
+        np.testing.assert_allclose(waves.periods[::4], np.array(HETERODYNE_PERIODS) / 2)
+
+    @pytest.mark.parametrize("size", [(320, 200), (1280, 800), (1920, 1200), (3840, 2160)])
+    @pytest.mark.parametrize("make", [micro_waves, heterodyne_waves])
+    def test_no_two_columns_look_alike(self, make: object, size: tuple[int, int]) -> None:
+        """The pictures of columns a fringe or more apart differ by .7 of the amplitude at least."""
+        waves = make(size)
+        # all that is equal in the first period is off by whole ones of it
+        period = waves.periods[0]
+        x = np.arange(0.0, max(size), 0.25)
+        seen = np.cos(waves.angles(x))
+        nearest = np.inf
+        for turns in range(1, int(max(size) / period) + 1):
+            other = np.cos(waves.angles(x + turns * period))[x + turns * period < max(size)]
+            if len(other):
+                nearest = min(nearest, np.linalg.norm(other - seen[: len(other)], axis=1).min())
+        assert nearest > 0.7
+
+    def test_a_line_is_the_wave_between_0_and_1(self) -> None:
+        line = sine_line(40, 10.0, np.pi / 2)
+        x = np.arange(40)
+        np.testing.assert_allclose(line, 0.5 + 0.5 * np.sin(2 * np.pi * x / 10), atol=CLOSED_FORM)
+        assert line.min() >= 0 and line.max() <= 1
+
+    def test_pictures_can_be_left_out(self) -> None:
+        keep = np.ones(8, bool)
+        keep[[1, 6]] = False
+        left = MICRO.kept(keep)
+        assert left.base == 2
+        np.testing.assert_array_equal(left.periods, MICRO.periods[keep])
+        np.testing.assert_array_equal(left.shifts, MICRO.shifts[keep])
+
+
+class TestLook:
+    def test_blur_is_the_transfer_of_a_gaussian(self) -> None:
+        """Against a wave smeared numerically."""
+        look, offsets = WaveDistortion(2.5, 0.06), np.linspace(-30, 30, 6001)
+        weight = np.exp(-(offsets**2) / (2 * look.blur_px2))
+        weight /= weight.sum()
+        angle = 2 * np.pi * offsets[:, None] / MICRO.periods
+        first = weight @ np.cos(angle)
+        np.testing.assert_allclose(look.depth(MICRO), first[0], rtol=1e-9)
+        np.testing.assert_allclose(look.modulation(MICRO), first / first[0], rtol=1e-9)
+        second = weight @ np.cos(2 * angle)
+        np.testing.assert_allclose(look.harmonics(MICRO), 0.06 * second / first[0], rtol=1e-9)
+
+    def test_without_blur_nothing_is_taken(self) -> None:
+        assert WaveDistortion().depth(MICRO) == 1
+        assert (WaveDistortion().modulation(MICRO) == 1).all()
+        assert (WaveDistortion().harmonics(MICRO) == 0).all()
+
+
+class TestFit:
+    @pytest.mark.parametrize("look", [WaveDistortion(), LOOK], ids=["sharp", "blurred"])
+    def test_perfect_samples_are_recovered(
+        self, rng: np.random.Generator, look: WaveDistortion
+    ) -> None:
+        x = columns(rng, 300)
+        offset = rng.uniform(90, 200, 300)
+        samples = photograph(MICRO, look, x, offset, 70.0)
+        keep = np.ones(samples.shape, bool)
+        fit = fit_waves(samples, keep, MICRO, look, x + rng.uniform(-1, 1, 300))
+        np.testing.assert_allclose(fit.x, x, atol=SOLVER)
+        # three steps from a pixel away leave a little of the rest
+        np.testing.assert_allclose(fit.offset, offset, rtol=1e-6)
+        np.testing.assert_allclose(fit.amplitude, 70, rtol=1e-6)
+        np.testing.assert_allclose(fit.residual, 0, atol=SOLVER)
+
+    @pytest.mark.parametrize("lost", [(0,), (1, 4), (0, 1, 2), (5, 6, 7)])
+    @pytest.mark.parametrize("waves", [MICRO, heterodyne_waves(SIZE)], ids=["micro", "heterodyne"])
+    def test_missing_samples_do_not_count(
+        self, rng: np.random.Generator, lost: tuple[int, ...], waves: Waves
+    ) -> None:
+        x = columns(rng, 200)
+        samples = photograph(waves, LOOK, x, 120.0, 60.0)
+        keep = np.ones(samples.shape, bool)
+        keep[:100, lost] = False
+        samples[~keep] = 9e9
+        fit, margin = search_columns(samples, keep, waves, LOOK, SIZE[0])
+        np.testing.assert_allclose(fit.x, x, atol=1e-5)
+        np.testing.assert_allclose(fit.amplitude, 60, rtol=1e-6)
+        assert (margin > 0).all()
+        # what is left over is less certain
+        assert fit.variance[:100].mean() > fit.variance[100:].mean()
+
+    @given(place=st.floats(0, 959), blur=st.floats(0, 4), harmonic=st.floats(-0.05, 0.05))
+    def test_search_finds_any_column(self, place: float, blur: float, harmonic: float) -> None:
+        look = WaveDistortion(blur, harmonic)
+        samples = photograph(MICRO, look, np.array([place]), 100.0, 50.0)
+        fit, margin = search_columns(samples, np.ones((1, 8), bool), MICRO, look, SIZE[0])
+        assert fit.x[0] == pytest.approx(place, abs=1e-4)
+        assert margin[0] > 0.1 * 50.0**2
+
+    def test_margin_is_how_much_worse_the_runner_up_fits(self, rng: np.random.Generator) -> None:
+        """Against all columns in steps of .02 px."""
+        samples = photograph(MICRO, LOOK, columns(rng, 40), 100.0, 50.0)
+        samples += rng.normal(0, 2, samples.shape)
+        keep = rng.random(samples.shape) < 0.9
+        fit, margin = search_columns(samples, keep, MICRO, LOOK, SIZE[0])
+        grid = np.arange(-0.5, SIZE[0], 0.02)
+        curve = photograph(MICRO, LOOK, grid, 0.0, 1.0)
+        for i in range(40):
+            wave = curve[:, keep[i]] - curve[:, keep[i]].mean(axis=1, keepdims=True)
+            seen = samples[i, keep[i]] - samples[i, keep[i]].mean()
+            amplitude = np.maximum(wave @ seen, 0) / np.sum(wave**2, axis=1)
+            left = np.sum((seen - amplitude[:, None] * wave) ** 2, axis=1)
+            best = int(np.argmin(left))
+            assert fit.x[i] == pytest.approx(grid[best], abs=0.02)
+            far = np.abs(grid - grid[best]) > MICRO.periods[0] / 2
+            # a candidate may move outside the panel, or hop to one that is even better; far worse ones
+            # are judged on a grid of half pixels
+            assert margin[i] <= 1.05 * (left[far].min() - left[best]) + 0.1
+            assert margin[i] >= 0.5 * (left[far].min() - left[best])  # less only drops a pixel
+
+    @pytest.mark.parametrize("lost", [(0, 1, 2), (5, 6, 7), (1, 4, 6)])
+    @pytest.mark.parametrize("noise", [0.01, 0.3, 1.0])
+    def test_few_samples_are_right_or_doubted(
+        self, rng: np.random.Generator, lost: tuple[int, ...], noise: float
+    ) -> None:
+        """Of five samples many columns look alike; half a pixel off, the right one looks wrong."""
+        x = columns(rng, 2000)
+        samples = photograph(MICRO, LOOK, x, 120.0, 60.0) + rng.normal(0, noise, (2000, 8))
+        keep = np.ones(samples.shape, bool)
+        keep[:, lost] = False
+        fit, margin = search_columns(samples, keep, MICRO, LOOK, SIZE[0])
+        trusted = margin > 12 * noise**2
+        assert trusted.mean() > 0.5
+        assert np.mean(np.abs(fit.x - x)[trusted] > 1) <= 1e-3
+
+    @pytest.mark.parametrize("length", [2, 7, 20, 33])
+    def test_a_panel_with_hardly_a_fringe(self, rng: np.random.Generator, length: int) -> None:
+        x = rng.uniform(0, length - 1, 100)
+        samples = photograph(MICRO, LOOK, x, 100.0, 50.0)
+        fit, margin = search_columns(samples, np.ones((100, 8), bool), MICRO, LOOK, length)
+        np.testing.assert_allclose(fit.x, x, atol=1e-4)
+        assert (margin > 0).all()
+
+    def test_waves_of_one_period_have_no_runner_up(self, rng: np.random.Generator) -> None:
+        waves = Waves(np.full(6, 30.0), equal_steps(6), 6)
+        x = columns(rng, 100)
+        samples = photograph(waves, WaveDistortion(), x, 100.0, 50.0)
+        keep = np.ones(samples.shape, bool)
+        keep[:, 2] = False
+        fit, margin = search_columns(samples, keep, waves, WaveDistortion(), SIZE[0])
+        turns = (fit.x - x) / 30
+        np.testing.assert_allclose(turns, np.rint(turns), atol=1e-6)
+        assert np.isposinf(margin).all()
+
+
+class TestNoise:
+    """The bound, the errors and the standard errors that fits claim are one and the same."""
+
+    noise, amplitude = 1.5, 60.0
+    places, times = 12, 1000
+
+    def _fits(
+        self, waves: Waves, look: WaveDistortion, lost: tuple[int, ...] = ()
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Columns (12,), errors and claimed variances (12, 1000)."""
+        rng = np.random.default_rng(5)
+        places = columns(rng, self.places)
+        x = np.repeat(places, self.times)
+        samples = photograph(waves, look, x, 120.0, self.amplitude)
+        samples += rng.normal(0, self.noise, samples.shape)
+        keep = np.ones(samples.shape, bool)
+        keep[:, lost] = False
+        fit = fit_waves(samples, keep, waves, look, x)
+        shape = self.places, self.times
+        return places, (fit.x - x).reshape(shape), (self.noise**2 * fit.variance).reshape(shape)
+
+    @pytest.mark.parametrize("waves", [MICRO, heterodyne_waves(SIZE)], ids=["micro", "heterodyne"])
+    def test_errors_reach_the_cramer_rao_bound(self, waves: Waves) -> None:
+        look = WaveDistortion(1.5, 0.0)  # the bound is that of pure waves
+        x, miss, _ = self._fits(waves, look)
+        depth = np.broadcast_to(self.amplitude * look.modulation(waves), (12, len(waves.periods)))
+        noise = np.full(len(waves.periods), self.noise**2)
+        bound = cramer_rao_variance(waves, x, depth, noise)
+        z = (np.mean(miss**2, axis=1) / bound - 1) / np.sqrt(2 / self.times)
+        assert np.abs(z).max() < SIGMAS
+        together = np.mean(miss**2 / bound[:, None]) - 1
+        assert abs(together) < SIGMAS * np.sqrt(2 / miss.size)
+        assert np.abs(miss.mean(axis=1) / np.sqrt(bound / self.times)).max() < SIGMAS
+
+    def test_the_bound_weighs_samples_by_their_noise(self, rng: np.random.Generator) -> None:
+        """A sample without end of noise is one that is missing."""
+        x, noise = columns(rng, 20), np.full(8, 2.0)
+        noise[5] = 1e12
+        keep = np.arange(8) != 5
+        np.testing.assert_allclose(
+            cramer_rao_variance(MICRO, x, 60.0, noise),
+            cramer_rao_variance(MICRO.kept(keep), x, 60.0, noise[keep]),
+            rtol=1e-6,
+        )
+
+    @pytest.mark.parametrize("lost", [(), (0,), (2, 6)])
+    def test_claimed_standard_errors_hold(self, lost: tuple[int, ...]) -> None:
+        _, miss, variance = self._fits(MICRO, LOOK, lost)
+        squares = miss**2 / variance
+        low, high = chi2.interval(0.9999, squares.size) / np.float64(squares.size)
+        assert 0.9 < low < squares.mean() < high < 1.1
+        assert np.mean(squares < 1) == pytest.approx(0.683, abs=0.02)
+        assert np.mean(squares < 9) > 0.995
+
+    def test_closed_form_of_equal_steps(self) -> None:
+        """N steps of one period: sigma = period noise / (2 pi amplitude) sqrt(2 / N)."""
+        waves = Waves(np.full(5, 30.0), equal_steps(5), 5)
+        variance = cramer_rao_variance(waves, np.linspace(0, 30, 7), 10.0, np.full(5, 0.04))
+        expected = (30 / (2 * np.pi * 10)) ** 2 * 0.04 * 2 / 5
+        np.testing.assert_allclose(variance, expected, rtol=1e-10)
+
+
+class TestSharedSensitivity:
+    def test_is_what_a_change_leaves_after_the_pixel_has_adapted(
+        self, rng: np.random.Generator
+    ) -> None:
+        """Central differences of the residual of refitted pixels."""
+        x = columns(rng, 30)
+        scattered = rng.uniform(0, 80, 30)
+        samples = photograph(MICRO, LOOK, x, 120.0, 60.0) + rng.normal(0, 0.01, (30, 8))
+        keep = np.ones(samples.shape, bool)
+        fit = fit_waves(samples, keep, MICRO, LOOK, x)
+        left, by_look, basis = shared_sensitivity(samples, MICRO, LOOK, fit)
+        own = np.einsum("bnk,bnl->nkl", basis, basis)
+        by_flux = scattered[:, None, None] * (np.eye(8) - own)
+        shared = np.concatenate([np.moveaxis(by_look, 0, -1), by_flux], axis=-1)
+        np.testing.assert_allclose(np.einsum("bnk,nk->bn", basis, left), 0, atol=1e-12)
+        step = 1e-4
+        for i in range(10):
+            sides = []
+            for sign in (1, -1):
+                look, seen = LOOK, samples
+                if i == 0:
+                    look = WaveDistortion(LOOK.blur_px2 + sign * step, LOOK.harmonic)
+                elif i == 1:
+                    look = WaveDistortion(LOOK.blur_px2, LOOK.harmonic + sign * step)
+                else:
+                    seen = samples - sign * step * scattered[:, None] * np.eye(8)[i - 2]
+                again = fit_waves(seen, keep, MICRO, look, fit.x)
+                model = photograph(MICRO, look, again.x, again.offset, 1.0)
+                model += (again.amplitude - 1)[:, None] * photograph(MICRO, look, again.x, 0.0, 1.0)
+                sides.append(seen - model)
+            found = -(sides[0] - sides[1]) / (2 * step)
+            # residuals bend with the noise that is left
+            np.testing.assert_allclose(shared[..., i], found, atol=2e-3 * np.abs(found).max())

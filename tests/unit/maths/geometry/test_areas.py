@@ -1,0 +1,128 @@
+"""Sizes of pixels: quadrature of the true pixel, caps, and flat and round surfaces."""
+
+import numpy as np
+import pytest
+from numpy.polynomial.legendre import leggauss
+
+from procam.maths.geometry.areas import BLOCK, panel_areas, panel_solid_angles, quad_areas
+from procam.maths.geometry.lenses import Lens, unproject
+from procam.maths.geometry.sphere import (
+    cap_solid_angle,
+    direction_from_angles,
+    grid_solid_angles,
+    intersect_sphere,
+    normalise,
+)
+
+RADIUS_M = 6.0
+PLACE = np.array([-3.0, 2.0, 0.3])
+SIZE = (480, 300)
+
+
+def rotation() -> np.ndarray:
+    """Columns: right, down and ahead of the projector."""
+    ahead = normalise(np.array([0.7, -0.3, 0.6]))
+    right = normalise(np.cross(ahead, [0.0, 0.0, 1.0]))
+    return np.stack([right, np.cross(ahead, right), ahead], axis=1)
+
+
+def lens(size: tuple[int, int]) -> Lens:
+    focal = 0.62 * size[0]
+    return Lens("brown", np.array([focal, focal]), (np.array(size) - 1) / 2, np.zeros(5))
+
+
+def landing(size: tuple[int, int], x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    pixels = np.stack(np.meshgrid(x, y), axis=-1)
+    return intersect_sphere(PLACE, unproject(pixels, lens(size)) @ rotation().T, RADIUS_M)
+
+
+def quadrature(size: tuple[int, int], nodes: int = 4) -> np.ndarray:
+    """Solid angle (H, W) from the centre of each true pixel, without corners or edges.
+
+    That from the projector, dx dy / (f^2 (1 + r^2)^(3/2)), times distance^2 / (R^2 cosine of
+    incidence), by Gauss and Legendre.
+    """
+    at, weight = leggauss(nodes)
+    width, height = size
+    focal = lens(size).focal[0]
+    total = np.zeros((height, width))
+    for dx, wx in zip(at / 2, weight / 2, strict=True):
+        for dy, wy in zip(at / 2, weight / 2, strict=True):
+            x, y = np.arange(width) + dx, np.arange(height) + dy
+            rays = unproject(np.stack(np.meshgrid(x, y), axis=-1), lens(size))
+            point = landing(size, x, y)
+            away = np.linalg.norm(point - PLACE, axis=-1)
+            incidence = np.sum((point - PLACE) * point, axis=-1) / (away * RADIUS_M)
+            total += wx * wy * rays[..., 2] ** 3 / focal**2 * away**2 / (RADIUS_M**2 * incidence)
+    return total
+
+
+class TestSolidAngles:
+    def test_of_every_pixel_are_those_of_the_quadrature(self) -> None:
+        found = panel_solid_angles(SIZE, lambda x, y: normalise(landing(SIZE, x, y)))
+        truth = quadrature(SIZE)
+        np.testing.assert_allclose(truth, quadrature(SIZE, 6), rtol=1e-10)
+        assert np.abs(found / truth - 1).max() < 1e-5
+        assert found.sum() == pytest.approx(truth.sum(), rel=1e-6)
+
+    def test_a_footprint_that_is_a_cap_has_its_area(self) -> None:
+        """A panel of rings seen from a projector on the axis, 2 m below the centre."""
+        size = (4096, 60)
+
+        def directions(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+            azimuth = (x + 0.5) * 2 * np.pi / size[0]
+            polar = (y + 0.5) * np.radians(50) / size[1]
+            rays = direction_from_angles(*np.meshgrid(azimuth, np.pi / 2 - polar))
+            return normalise(intersect_sphere(np.array([0.0, 0, -2]), rays, RADIUS_M))
+
+        rim = directions(np.array([7.0]), np.array([size[1] - 0.5]))[0, 0]
+        found = panel_solid_angles(size, directions)
+        assert found.sum() == pytest.approx(cap_solid_angle(np.arccos(rim[2])), rel=1e-6)
+
+    def test_corners_are_asked_for_a_few_rows_at_a_time(self) -> None:
+        asked = []
+
+        def directions(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+            asked.append((len(x), len(y)))
+            return normalise(landing((1000, 300), x, y))
+
+        found = panel_solid_angles((1000, 300), directions)
+        assert all(nx == 1001 and nx * ny <= BLOCK for nx, ny in asked)
+        assert sum(ny for _, ny in asked) == 301
+        x, y = np.arange(1001) - 0.5, np.arange(301) - 0.5
+        whole = grid_solid_angles(normalise(landing((1000, 300), x, y)))
+        np.testing.assert_allclose(found, whole, rtol=1e-12)
+
+    def test_a_panel_wider_than_a_block(self) -> None:
+        def directions(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+            return direction_from_angles(*np.meshgrid(x * 1e-5, y * 0.1))
+
+        assert panel_solid_angles((BLOCK + 3, 2), directions).shape == (2, BLOCK + 3)
+
+
+class TestAreas:
+    def test_of_a_flat_wall_are_exact(self) -> None:
+        def wall(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+            pixels = np.stack(np.meshgrid(x, y), axis=-1)
+            rays = unproject(pixels, lens((40, 30)))
+            return rays * 3 / rays[..., 2:]
+
+        focal = lens((40, 30)).focal[0]
+        np.testing.assert_allclose(panel_areas((40, 30), wall), (3 / focal) ** 2, rtol=1e-12)
+
+    def test_of_a_sphere_lack_the_bulge_only(self) -> None:
+        found = panel_areas(SIZE, lambda x, y: landing(SIZE, x, y))
+        truth = quadrature(SIZE) * RADIUS_M**2
+        assert np.abs(found / truth - 1).max() < 1e-5
+
+    def test_blocks_are_one_grid(self) -> None:
+        size = (2000, 70)
+        x, y = np.arange(2001) - 0.5, np.arange(71) - 0.5
+        found = panel_areas(size, lambda x, y: landing(size, x, y))
+        np.testing.assert_allclose(found, quad_areas(landing(size, x, y)), rtol=1e-12)
+
+    def test_nan_corners_give_nan(self) -> None:
+        corners = np.stack([*np.meshgrid(np.arange(4.0), np.arange(3.0)), np.zeros((3, 4))], -1)
+        corners[1, 1, 2] = np.nan
+        expected = [[np.nan, np.nan, 1], [np.nan, np.nan, 1]]
+        np.testing.assert_array_equal(quad_areas(corners), expected)

@@ -1,0 +1,123 @@
+"""Problem (P): the flux against bisection, the light against a general box solver and KKT."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.optimize import brentq, lsq_linear
+from tolerances import CLOSED_FORM, SOLVER
+
+import procam.maths.light.box_solver
+from procam.errors import DidNotConverge
+from procam.maths.light.box_solver import solve_flux
+
+Problem = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+
+
+def _problem(patches: int, seed: int, hardness: float) -> Problem:
+    """Target, u, a, lo, hi; `hardness` 0 clips nothing, 3 nearly everything."""
+    rng = np.random.default_rng(seed)
+    solid = rng.uniform(0.1, 1, patches) * 6 / patches
+    scatter = rng.uniform(0.02, 0.12, patches)
+    target = rng.uniform(0, 1, patches) ** (1 + 2 * hardness) * 1.2
+    lo, hi = rng.uniform(0, 0.02, patches), rng.uniform(0.8, 1.1, patches)
+    if hardness == 0:
+        lo, hi, target = lo - 9, hi + 9, target + 0.5
+    return target, scatter, solid, lo, hi
+
+
+def _light(problem: Problem, value: float) -> np.ndarray:
+    target, scatter, _, lo, hi = problem
+    return np.clip(target - scatter * value, lo, hi)
+
+
+problems = st.builds(
+    _problem,
+    st.integers(1, 60),
+    st.integers(0, 2**31),
+    st.sampled_from([0.0, 0.5, 1.0, 3.0]),
+)
+
+
+@given(problem=problems)
+def test_flux_is_that_of_the_light_it_gives(problem: Problem) -> None:
+    value = solve_flux(*problem)
+    assert problem[2] @ _light(problem, value) == pytest.approx(value, rel=1e-10, abs=CLOSED_FORM)
+
+
+@given(problem=problems)
+def test_flux_by_bisection(problem: Problem) -> None:
+    solid, lo, hi = problem[2:]
+
+    def excess(value: float) -> float:
+        return float(solid @ _light(problem, value)) - value
+
+    expected = brentq(excess, solid @ lo - 1, solid @ hi + 1, xtol=1e-14, rtol=1e-14)
+    assert solve_flux(*problem) == pytest.approx(expected, rel=1e-10, abs=1e-11)
+
+
+@given(problem=problems)
+def test_the_root_is_the_only_one(problem: Problem) -> None:
+    """h(F) = sum a clip(t - u F) - F falls all the way, so no other flux solves (P)."""
+    solid, lo, hi = problem[2:]
+    grid = np.linspace(solid @ lo, solid @ hi, 200)
+    h = np.array([solid @ _light(problem, value) - value for value in grid])
+    assert (np.diff(h) < 0).all()
+
+
+@given(problem=problems)
+def test_what_is_not_clipped_is_exact(problem: Problem) -> None:
+    target, scatter, solid, lo, hi = problem
+    direct = _light(problem, solve_flux(*problem))
+    total = direct + scatter * (solid @ direct)
+    free = (direct > lo) & (direct < hi)
+    np.testing.assert_allclose(total[free], target[free], atol=1e-10)
+
+
+@given(problem=problems)
+def test_what_is_clipped_wants_to_go_further(problem: Problem) -> None:
+    """The certificate: held at lo, the total is above the target; held at hi, below it."""
+    target, scatter, solid, lo, hi = problem
+    direct = _light(problem, solve_flux(*problem))
+    residual = direct + scatter * (solid @ direct) - target
+    assert (residual[direct == lo] >= -SOLVER).all()
+    assert (residual[direct == hi] <= SOLVER).all()
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_energy_norm_minimiser_by_a_general_solver(seed: int) -> None:
+    """(P) minimises 1/2 x'(diag(a/u) + a a')x - (a t/u)'x within the box."""
+    target, scatter, solid, lo, hi = problem = _problem(25, seed, 1.0)
+    matrix = np.diag(solid / scatter) + np.outer(solid, solid)
+    root = np.linalg.cholesky(matrix).T
+    right = np.linalg.solve(root.T, solid * target / scatter)
+    expected = lsq_linear(root, right, bounds=(lo, hi), method="bvls", tol=1e-14).x
+    direct = _light(problem, solve_flux(*problem))
+    assert ((direct == lo) | (direct == hi)).any()  # or the test would test nothing
+    np.testing.assert_allclose(direct, expected, atol=SOLVER)
+
+
+def test_everything_clipped_low_or_high() -> None:
+    ones = np.ones(4)
+    dark = solve_flux(0 * ones, 0.1 * ones, ones, 0.2 * ones, ones)
+    bright = solve_flux(9 * ones, 0.1 * ones, ones, 0.2 * ones, ones)
+    assert (dark, bright) == (pytest.approx(0.8), pytest.approx(4.0))
+
+
+def test_limits_that_leave_no_choice() -> None:
+    ones = np.ones(3)
+    assert solve_flux(0.1 * ones, 0.1 * ones, ones, 0.5 * ones, 0.5 * ones) == pytest.approx(1.5)
+
+
+def test_a_large_picture_takes_few_steps(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Newton's method on a piecewise linear function: pieces, not digits, decide."""
+    monkeypatch.setattr(procam.maths.light.box_solver, "MAX_STEPS", 12)
+    problem = _problem(200_000, 3, 1.0)
+    value = solve_flux(*problem)
+    assert problem[2] @ _light(problem, value) == pytest.approx(value, rel=1e-10)
+
+
+def test_unknown_scatter_is_refused() -> None:
+    ones = np.ones(3)
+    with pytest.raises(DidNotConverge, match="scatter_per_flux"):
+        solve_flux(ones, np.full(3, np.nan), ones, 0 * ones, ones)

@@ -1,0 +1,135 @@
+"""Bounced light that depends smoothly on where direct light fell."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from procam.maths.geometry.sphere import master_directions, master_solid_angles
+from procam.maths.light import scatter_kernel
+from procam.maths.light.box_solver import solve_flux, solve_moments
+from procam.maths.light.scatter_kernel import ZoneMeasurements, basis, moments, predicted_ratio
+
+Array = NDArray[np.float64]
+SIZE = 24
+DEGREE = 2
+
+
+class Dome:
+    """Patches of a hemisphere with paint, and a reciprocal kernel drawn at random."""
+
+    def __init__(self, seed: int = 0) -> None:
+        rng = np.random.default_rng(seed)
+        direction, inside = master_directions(SIZE)
+        self.direction, self.solid = direction[inside], master_solid_angles(SIZE)[inside]
+        self.phi = basis(self.direction, DEGREE)
+        bend = rng.normal(0, 0.01, (self.phi.shape[1],) * 2)
+        self.kernel = np.diag(np.eye(len(bend))[0]) + bend + bend.T
+        self.paint = 0.1 * (1 + 0.1 * rng.normal(size=len(self.solid)))
+        self.white = np.ones(len(self.solid))
+        self.pictures = [
+            np.maximum(self.direction @ rng.normal(size=3), 0) + (self.direction[:, 0] > edge)
+            for edge in rng.uniform(-0.5, 0.5, 12)
+        ]
+
+    def moment(self, picture: Array) -> Array:
+        return moments(picture[:, None], self.solid, self.phi)[:, 0]
+
+    def scattered(self, picture: Array) -> Array:
+        return self.paint * (self.phi @ self.kernel @ self.moment(picture))
+
+    @property
+    def per_flux(self) -> Array:
+        return self.scattered(self.white) / (self.solid @ self.white)
+
+    def evidence(self, degree: int) -> ZoneMeasurements:
+        size = (degree + 1) ** 2
+        ratio = np.stack([self.scattered(p) / self.per_flux for p in self.pictures])
+        moment = np.stack([self.moment(p)[:size] for p in self.pictures])
+        pictures = ratio, np.ones_like(ratio), moment
+        return ZoneMeasurements.of(self.phi[:, :size], pictures, self.moment(self.white)[:size])
+
+
+@pytest.fixture(scope="module")
+def dome() -> Dome:
+    return Dome()
+
+
+def test_moments_of_degree_0_are_the_flux(dome: Dome) -> None:
+    flat = basis(dome.direction, 0)
+    found = moments(dome.pictures[0][:, None], dome.solid, flat)
+    np.testing.assert_allclose(found, [[dome.solid @ dome.pictures[0]]], rtol=1e-12)
+
+
+def test_a_picture_that_took_no_part_is_predicted(
+    dome: Dome, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The kernel comes back whatever the paint: ten pictures fit it, the rest are told from it."""
+    monkeypatch.setattr(scatter_kernel, "PULL", 1e-8)
+    take = np.arange(12) < 10
+    matrix, profile = dome.evidence(DEGREE).fit(take)
+    np.testing.assert_allclose(matrix, matrix.T)
+    for picture in dome.pictures[10:]:
+        told = (
+            dome.per_flux
+            * predicted_ratio(dome.phi, matrix, profile, dome.moment(picture)[None])[0]
+        )
+        np.testing.assert_allclose(told, dome.scattered(picture), rtol=1e-3)
+
+
+def test_what_no_picture_shows_stays_as_on_a_bare_sphere(dome: Dome) -> None:
+    """One picture ten times over: nothing tells of light that falls elsewhere."""
+    picture = 1 + 0.5 * dome.direction[:, 0]
+    ratio = np.stack([dome.scattered(picture) / dome.per_flux] * 10)
+    moment = np.stack([dome.moment(picture)] * 10)
+    evidence = ZoneMeasurements.of(
+        dome.phi, (ratio, np.ones_like(ratio), moment), dome.moment(dome.white)
+    )
+    matrix, _ = evidence.fit(np.ones(10, bool))
+    assert np.abs(matrix - np.diag(np.eye(9)[0])).max() < 0.03
+
+
+def test_white_brings_what_it_brings(dome: Dome) -> None:
+    white = dome.moment(dome.white)
+    matrix, profile = dome.evidence(DEGREE).fit(np.ones(12, bool))
+    ratio = predicted_ratio(dome.phi, matrix, profile, white[None])[0]
+    np.testing.assert_allclose(ratio, white[0], rtol=1e-6)
+    assert (dome.phi @ profile).mean() == pytest.approx(1, rel=1e-9)
+
+
+def test_unknown_patches_do_not_count(dome: Dome) -> None:
+    known = dome.evidence(1)
+    ratio = np.stack([dome.scattered(p) / dome.per_flux for p in dome.pictures])
+    moment = np.stack([dome.moment(p)[:4] for p in dome.pictures])
+    weight = np.ones_like(ratio)
+    spoiled, spoiled[:, :50], weight[:, :50] = np.nan * ratio, np.nan, 1.0
+    spoiled[:, 50:] = ratio[:, 50:]
+    white = dome.moment(dome.white)[:4]
+    without = ZoneMeasurements.of(dome.phi[50:, :4], (ratio[:, 50:], weight[:, 50:], moment), white)
+    found = ZoneMeasurements.of(dome.phi[:, :4], (spoiled, weight, moment), white)
+    np.testing.assert_allclose(found.normal, without.normal, rtol=1e-12)
+    assert not np.allclose(found.normal, known.normal)
+
+
+class TestSolveMoments:
+    def test_of_one_number_is_the_flux(self, dome: Dome) -> None:
+        target, u, a = 0.2 + dome.pictures[0], dome.paint, dome.solid
+        lo, hi = np.full_like(u, 0.01), np.full_like(u, 0.9)
+        flux = solve_flux(target, u, a, lo, hi)
+        found = solve_moments(target, u[:, None], a[:, None], lo, hi)
+        np.testing.assert_allclose(found, [flux], rtol=1e-10)
+
+    @pytest.mark.parametrize("seed", range(5))
+    def test_self_consistent_and_exact_where_free(self, seed: int) -> None:
+        dome = Dome(seed)
+        spread = 2 * dome.paint[:, None] * (dome.phi @ dome.kernel)
+        collect = dome.solid[:, None] * dome.phi
+        target = 0.3 * dome.pictures[0]
+        lo, hi = np.full_like(target, 0.005), np.full_like(target, 0.3)
+        found = solve_moments(target, spread, collect, lo, hi)
+        wanted = target - spread @ found
+        direct = np.clip(wanted, lo, hi)
+        assert 0.02 < np.mean(direct != wanted) < 0.98
+        np.testing.assert_allclose(collect.T @ direct, found, rtol=1e-9, atol=1e-12)
+        total = direct + (spread @ collect.T) @ direct
+        free = direct == wanted
+        np.testing.assert_allclose(total[free], target[free], rtol=1e-9)
