@@ -18,7 +18,7 @@ CHUNK = 4096  # observations at a time, which stay in the cache
 class PlacedDevice(NamedTuple):
     """A placed camera or projector: x_device = rotation @ x_dome + translation.
 
-    rotation (3, 3), translation (3,) [m]; kind and lens (P,) as in `reference_lenses`; pupil (2,):
+    rotation (3, 3), translation (3,) [m]; kind and lens (P,) as in `lenses`; pupil (2,):
     rays off the axis by theta start pupil[0] theta^2 + pupil[1] theta^4 [m] ahead on it.
     """
 
