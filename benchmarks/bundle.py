@@ -185,13 +185,13 @@ def rms(misses: list[np.ndarray]) -> float:
 
 
 def in_numpy(run: Callable[[], object]) -> Callable[[], object]:
-    """The same run by the kernels' NumPy twins."""
+    """The same run by the reference implementation in NumPy."""
 
-    def twin() -> None:
+    def by_numpy() -> None:
         with kernels.forced("numpy"):
             run()
 
-    return twin
+    return by_numpy
 
 
 def bench() -> Report:

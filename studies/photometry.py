@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.compensate.exact import Compensator
+from procam.compensate.compensator import Compensator
 from procam.compensate.projector_frames import projector_frames
 from procam.estimate.camera.glare_and_vignetting import Veil, desk_glare
 from procam.estimate.camera.radiance import Radiometer

@@ -153,7 +153,7 @@ class TestStart:
         arguments = ["procam", "compensate", *(str(tmp_path / name) for name in names)]
         loaded = _modules_after(RUN.format(arguments))
         assert (tmp_path / "out.png").is_file()
-        assert "procam.compensate.exact" in loaded
+        assert "procam.compensate.compensator" in loaded
         slow = {
             "scipy",
             "scipy.linalg",

@@ -25,7 +25,7 @@ from tiny_venue import (
     watch_stage,
 )
 
-from procam.compensate.exact import Compensator
+from procam.compensate.compensator import Compensator
 from procam.compensate.projector_frames import projector_frames, quantised
 from procam.devices.protocols import BackendRig
 from procam.estimate import calibration as assemble
@@ -376,7 +376,7 @@ class TestCompensateAndWarp:
     ) -> None:
         source, made = picture(tmp_path), tmp_path / "made"
         ran = procam("compensate", kept, source, made / "out.exr", "--method", "magic")
-        assert (ran.code, "method: got 'magic', expected one of exact" in ran.complaint) == (
+        assert (ran.code, "method: 'magic' is unknown; choose one of exact" in ran.complaint) == (
             2,
             True,
         )

@@ -12,7 +12,7 @@ import pytest
 from tiny_venue import procam
 from tolerances import FLOAT32
 
-from procam.compensate.exact import Compensator
+from procam.compensate.compensator import Compensator
 from procam.compensate.projector_frames import Warper
 from procam.errors import InputError
 from procam.files.calibration import save_calibration
@@ -272,9 +272,9 @@ class TestRefused:
             (("in", "out.exr"), "expected a pattern such as out.%04d.exr, or a folder"),
             (("in", "out.%04d.jpg"), "got the suffix '.jpg'"),
             (("in", "out", "--transfer", "gamma9"), "got 'gamma9', expected one of srgb, linear"),
-            (("in", "out", "--method", "magic"), "got 'magic', expected"),
-            (("in", "out", "--white", "bright"), "got 'bright', expected"),
-            (("in", "out", "--strength", "1.5"), "got 1.5, expected"),
+            (("in", "out", "--method", "magic"), "'magic' is unknown; choose"),
+            (("in", "out", "--white", "bright"), "'bright' is unknown; choose"),
+            (("in", "out", "--strength", "1.5"), "1.5 is outside 0"),
             (("in", "out", "--state", "full"), "got 'full', expected none"),
             (("in", "out", "--report", "clip.txt"), "expected a name that ends in .csv"),
             (("in/no.%d.exr", "out"), "got no picture of that name"),

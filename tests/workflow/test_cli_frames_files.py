@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from tiny_venue import procam
 
-from procam.compensate.exact import Compensator
+from procam.compensate.compensator import Compensator
 from procam.errors import InputError
 from procam.files.calibration import save_calibration
 from procam.files.images.images import RGB, write_image

@@ -241,7 +241,7 @@ class TestFirstPixel:
         )
         assert len(ran.stdout) == len(sent)
         loaded = set(ran.stderr.decode().partition("LOADED")[2].split())
-        assert "procam.compensate.exact" in loaded
+        assert "procam.compensate.compensator" in loaded
         assert not self.SLOW & loaded
 
     def test_the_first_frame_is_read_while_a_calibration_is(self) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from tiny_venue import procam
 
-from procam.compensate.exact import Compensator
+from procam.compensate.compensator import Compensator
 from procam.compensate.projector_frames import Warper
 from procam.files.calibration import save_calibration
 from procam.files.images.movies import MovieReader

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from procam.compensate.exact import Compensator
+from procam.compensate.compensator import Compensator
 from procam.errors import FileFormatError, InputError
 from procam.files.calibration import save_calibration
 from procam.files.images.images import RGB, write_channels

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from tolerances import FLOAT32
 
-from procam.compensate.exact import Compensator
+from procam.compensate.compensator import Compensator
 from procam.estimate import calibration as assemble
 from procam.files.calibration import load_calibration
 from procam.files.session import Session

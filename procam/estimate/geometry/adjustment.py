@@ -29,14 +29,14 @@ from procam.estimate.geometry.model import (
     screen_derivatives,
 )
 from procam.estimate.geometry.start import ProjectorPrior
-from procam.kernels import Relief
+from procam.kernels import ShapeDerivatives
 from procam.maths.geometry.lenses import unproject
 from procam.maths.geometry.ray_to_screen import RoundShape
 from procam.model.optics import CameraModel, Distance, Fiducial
 
 Array = NDArray[np.float64]
 Intrinsics = Literal["fixed", "prior", "solve"]
-_Arguments = tuple[RigGeometry, Pair, Observations, Array | None, Relief | None]
+_Arguments = tuple[RigGeometry, Pair, Observations, Array | None, ShapeDerivatives | None]
 ROUNDS, ROBUST_ROUNDS = 100, 8  # lenses solved from one camera converge slowly
 CELLS = 10  # along each edge of a panel, for the systematic ratio
 PANELS = 100  # of a typical dome
@@ -89,7 +89,7 @@ def normalised_residuals(
     pair: Pair,
     seen: Observations,
     ray: Array | None = None,
-    shape_derivatives: Relief | None = None,
+    shape_derivatives: ShapeDerivatives | None = None,
 ) -> Array:
     """Lengths (N,) of the residuals over their standard errors; infinite where undefined."""
     error = (
@@ -103,7 +103,7 @@ def systematic_ratio(
     pair: Pair,
     seen: Observations,
     ray: Array | None = None,
-    shape_derivatives: Relief | None = None,
+    shape_derivatives: ShapeDerivatives | None = None,
 ) -> float:
     """Root mean square of cell means of the residuals over their standard errors; at least 1.
 
@@ -221,7 +221,7 @@ class Adjustment:
 
     def _update_derivatives(self, rig: RigGeometry) -> None:
         """Evaluate the screen's harmonics for a rig; a step extrapolates them linearly."""
-        self.derivatives: dict[Pair, Relief | None] = {}
+        self.derivatives: dict[Pair, ShapeDerivatives | None] = {}
         for pair, some in self.seen.items():
             ray = self.rays.get(pair)
             if ray is None and not rig.shape.is_sphere:

@@ -9,8 +9,8 @@ from scipy.optimize import least_squares
 
 from procam.errors import InputError
 from procam.estimate.geometry.model import POSE, PUPIL, ParameterLayout, RigGeometry, device_of
-from procam.kernels import Device
-from procam.kernels.reference_bundle import point_slopes, rays_sent
+from procam.kernels import PlacedDevice
+from procam.kernels.bundle.reference import point_slopes, rays_sent
 from procam.maths.geometry.lenses import unproject
 from procam.maths.geometry.pose import Pose, align_rotation, rotation_matrix, rotation_vector
 from procam.maths.geometry.sphere import angles_from_direction, direction_from_angles, normalise
@@ -76,7 +76,7 @@ def _point_slopes(
     return hit.point[0], slopes
 
 
-def _device_of(rig: RigGeometry, fiducial: Fiducial) -> tuple[Device, Array]:
+def _device_of(rig: RigGeometry, fiducial: Fiducial) -> tuple[PlacedDevice, Array]:
     """The device of a fiducial, and the ray (1, 3) of its pixel."""
     pixel = np.asarray(fiducial.pixel, float)[None]
     if fiducial.device in rig.cameras:

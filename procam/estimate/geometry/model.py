@@ -12,8 +12,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.kernels import Device, Relief, Sight, bundle_equations, bundle_misses
-from procam.kernels.reference_bundle import bundle_rows, rays_sent
+from procam.kernels import (
+    ObservationBlock,
+    PlacedDevice,
+    ShapeDerivatives,
+    bundle_equations,
+    bundle_residuals,
+)
+from procam.kernels.bundle.reference import bundle_rows, rays_sent
 from procam.maths.geometry.lens_derivatives import lens_parameters
 from procam.maths.geometry.lenses import Lens, unproject
 from procam.maths.geometry.pose import Pose, rotation_matrix
@@ -150,7 +156,7 @@ def points_seen(rig: RigGeometry, camera: str, camera_px: Array) -> Array:
     return rig.shape.intersect(*camera_rays(model, unproject(camera_px, model.lens)))
 
 
-def screen_derivatives(rig: RigGeometry, camera: str, ray: Array) -> Relief | None:
+def screen_derivatives(rig: RigGeometry, camera: str, ray: Array) -> ShapeDerivatives | None:
     """The screen's harmonics where a camera's rays (N, 3) meet it; None for an exact sphere.
 
     They also serve for slightly different rigs, see `RoundShape.shape_derivatives`.
@@ -165,7 +171,7 @@ def residuals(
     pair: Pair,
     seen: Observations,
     ray: Array | None = None,
-    shape_derivatives: Relief | None = None,
+    shape_derivatives: ShapeDerivatives | None = None,
 ) -> Array:
     """Projector pixels (N, 2) that the rig predicts minus those that were observed.
 
@@ -173,7 +179,7 @@ def residuals(
     computed unless given.
     """
     ray, shape_derivatives = _with_defaults(rig, pair, seen, ray, shape_derivatives)
-    return bundle_misses(_kernel_pair(rig, pair), ray, seen.projector_px, shape_derivatives)
+    return bundle_residuals(_kernel_pair(rig, pair), ray, seen.projector_px, shape_derivatives)
 
 
 def residual_slopes(
@@ -181,7 +187,7 @@ def residual_slopes(
     pair: Pair,
     seen: Observations,
     ray: Array | None = None,
-    shape_derivatives: Relief | None = None,
+    shape_derivatives: ShapeDerivatives | None = None,
 ) -> tuple[Array, Array]:
     """Residuals (N, 2) and their derivatives (N, 2, K) by the parameters `layout.columns(pair)`.
 
@@ -200,7 +206,7 @@ def normal_equations(
     weight: Mapping[Pair, Array],
     free: NDArray[np.bool_],
     rays: Mapping[Pair, Array],
-    shape_derivatives: Mapping[Pair, Relief | None] | None = None,
+    shape_derivatives: Mapping[Pair, ShapeDerivatives | None] | None = None,
 ) -> tuple[Array, Array]:
     """Normal matrix (P, P) and gradient (P,) of the weighted squares of all residuals.
 
@@ -233,8 +239,8 @@ def _with_defaults(
     pair: Pair,
     seen: Observations,
     ray: Array | None,
-    shape_derivatives: Relief | None,
-) -> tuple[Array, Relief | None]:
+    shape_derivatives: ShapeDerivatives | None,
+) -> tuple[Array, ShapeDerivatives | None]:
     """Rays and shape derivatives of a camera's pixels, computed where not given."""
     ray = unproject(seen.camera_px, rig.cameras[pair[0]].lens) if ray is None else ray
     return ray, screen_derivatives(
@@ -242,11 +248,11 @@ def _with_defaults(
     ) if shape_derivatives is None else shape_derivatives
 
 
-def _kernel_pair(rig: RigGeometry, pair: Pair) -> Sight:
+def _kernel_pair(rig: RigGeometry, pair: Pair) -> ObservationBlock:
     """A camera, a projector and the screen in the form that the kernels take."""
     camera, projector = rig.cameras[pair[0]], rig.projectors[pair[1]]
     assert camera.camera_from_dome is not None
-    return Sight(
+    return ObservationBlock(
         device_of(camera.camera_from_dome, camera.lens, camera.pupil),
         device_of(projector.projector_from_dome, projector.lens, np.zeros(PUPIL)),
         rig.shape.radius_m,
@@ -254,6 +260,6 @@ def _kernel_pair(rig: RigGeometry, pair: Pair) -> Sight:
     )
 
 
-def device_of(pose: Pose, lens: Lens, pupil: Array) -> Device:
+def device_of(pose: Pose, lens: Lens, pupil: Array) -> PlacedDevice:
     """A camera or projector in the form that the kernels take."""
-    return Device(pose.rotation, pose.translation, lens.kind, lens_parameters(lens), pupil)
+    return PlacedDevice(pose.rotation, pose.translation, lens.kind, lens_parameters(lens), pupil)

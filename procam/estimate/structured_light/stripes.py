@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from procam import kernels
 from procam.estimate.structured_light.codes import AxisCode
+from procam.maths.codes.gray import fold_pair
 
 Map = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -96,7 +96,8 @@ class StripeFolder:
         if not self._held:
             return
         pairs, self._held = self._held, []
-        kernels.fold_pairs(pairs, self._code, self._least, self._most)
+        for pattern, inverse, bit in pairs:
+            fold_pair(pattern, inverse, bit, (self._code, self._least, self._most))
         for pattern, inverse, _ in pairs if self._scattering else ():
             surplus = abs(float(pattern.sum(dtype=float) - inverse.sum(dtype=float)))
             if surplus > FLUX_SLACK * self._total:

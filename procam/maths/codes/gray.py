@@ -1,10 +1,12 @@
 """Binary codes of projector columns and rows: reflected (Gray), logical (XOR) and long-run."""
 
 from functools import cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+FOLD_BLOCK = 1 << 16  # pixels of a stack that are folded at a time
 # Changing bits of cyclic codes with long runs, found by search: the first steps, and the bit that
 # takes each bit's part in the next turn. Whole turns of these steps walk through all 2^n codewords
 # and close. The shortest and longest runs are 4..8, 4..8, 5..10, 6..11 and 6..13 columns.
@@ -44,6 +46,43 @@ def decode_gray(code: NDArray[np.integer], bits: int) -> NDArray[np.integer]:
 def stripe(length: int, bit: int) -> NDArray[np.bool_]:
     """Which of `length` columns are bright in the plane of `bit` (0 = finest)."""
     return ((encode_gray(np.arange(length)) >> bit) & 1).astype(bool)
+
+
+def fold_pair(
+    pattern: NDArray[Any],
+    inverse: NDArray[Any],
+    bit: int,
+    state: tuple[NDArray[np.uint16], NDArray[Any], NDArray[Any]],
+) -> None:
+    """Fold a stripe picture and its inverse into the state of a streaming decoder, in place.
+
+    With the contrast c = abs(pattern - inverse): code |= (pattern > inverse) << bit,
+    least = min(least, c), most = max(most, c). A pixel that is NaN in either picture has c = 0 and
+    bit 0. Rows are taken in blocks that stay in the cache.
+
+    Parameters
+    ----------
+    pattern, inverse : (H, ...) of one shape and type [any unit]. bit : 0 to 15.
+    state : code, least and most, of the pictures' shape; the last two of their type.
+
+    Examples
+    --------
+    >>> code, least, most = np.zeros(3, np.uint16), np.full(3, 255, np.uint8), np.zeros(3, np.uint8)
+    >>> fold_pair(np.uint8([9, 2, 5]), np.uint8([1, 7, 5]), 2, (code, least, most))
+    >>> print(code, least, most)
+    [4 0 0] [8 5 0] [8 5 0]
+    """
+    step = max(1, FOLD_BLOCK * len(pattern) // max(1, pattern.size))
+    for first in range(0, len(pattern), step):
+        rows = slice(first, first + step)
+        p, q, (code, least, most) = pattern[rows], inverse[rows], (part[rows] for part in state)
+        with np.errstate(invalid="ignore"):
+            contrast = np.maximum(p, q) - np.minimum(p, q)
+        if contrast.dtype.kind == "f":
+            contrast[np.isnan(contrast)] = 0
+        code |= (p > q) * np.uint16(1 << bit)
+        np.minimum(least, contrast, out=least)
+        np.maximum(most, contrast, out=most)
 
 
 def edge_distance(coordinate: NDArray[np.floating], bit: int) -> NDArray[np.floating]:

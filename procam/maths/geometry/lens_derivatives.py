@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.kernels.reference_lenses import project_slopes
+from procam.kernels.bundle.lenses import project_slopes
 from procam.maths.geometry.lenses import Lens, project
 
 Array = NDArray[np.float64]

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procam.kernels import fisheye_rays
-from procam.kernels.reference_lenses import fisheye_radius
+from procam.kernels.bundle.lenses import fisheye_radius
 
 Array = NDArray[np.float64]
 LensKind = Literal["brown", "kannala-brandt"]

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.kernels import Relief
-from procam.kernels.reference_bundle import Hit, on_screen
+from procam.kernels import ShapeDerivatives
+from procam.kernels.bundle.reference import Hit, on_screen
 from procam.maths.geometry.harmonics import harmonic_count, harmonics
 from procam.maths.geometry.sphere import intersect_sphere
 
@@ -45,7 +45,7 @@ class RoundShape:
         """Distance (N,) [m] of the surface from the centre in unit directions (N, 3)."""
         return self.radius_m * (1 + self.harmonics_at(direction)[0] @ self.harmonic_coefficients)
 
-    def shape_derivatives(self, origin: Array, direction: Array) -> Relief | None:
+    def shape_derivatives(self, origin: Array, direction: Array) -> ShapeDerivatives | None:
         """Harmonics and their gradients where rays (N, 3) from inside meet the sphere.
 
         None for an exact sphere. `intersect` and `hit` extrapolate them linearly, so one evaluation
@@ -55,15 +55,17 @@ class RoundShape:
         if self.is_sphere:
             return None
         start = intersect_sphere(origin, direction, self.radius_m) / self.radius_m
-        return Relief(start, *self.harmonics_at(start))
+        return ShapeDerivatives(start, *self.harmonics_at(start))
 
     def intersect(
-        self, origin: Array, direction: Array, shape_derivatives: Relief | None = None
+        self, origin: Array, direction: Array, shape_derivatives: ShapeDerivatives | None = None
     ) -> Array:
         """Points (N, 3) [m] where rays from inside meet the surface; NaN where they miss."""
         return self.hit(origin, direction, shape_derivatives)[0]
 
-    def hit(self, origin: Array, direction: Array, shape_derivatives: Relief | None = None) -> Hit:
+    def hit(
+        self, origin: Array, direction: Array, shape_derivatives: ShapeDerivatives | None = None
+    ) -> Hit:
         """Points and outward gradients where rays (N, 3) meet the surface.
 
         `shape_derivatives` are evaluated where the rays meet the sphere unless given.

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procam.errors import InputError
-from procam.kernels import Relief
+from procam.kernels import ShapeDerivatives
 from procam.maths.geometry.ray_to_screen import RoundShape
 from procam.maths.mesh.facets import Faces
 from procam.maths.mesh.raycast import Hits, MeshTracer
@@ -59,15 +59,15 @@ class MeshShape(RoundShape):
         _, values, slopes = self._derivatives(self.tracer.first_hits(np.zeros(3), direction))
         return values, slopes
 
-    def shape_derivatives(self, origin: Array, direction: Array) -> Relief:
+    def shape_derivatives(self, origin: Array, direction: Array) -> ShapeDerivatives:
         """Height and gradient of the mesh where rays (N, 3) meet it; NaN where they miss."""
         return self._derivatives(self.tracer.first_hits(origin / self.radius_m, direction))
 
     @staticmethod
-    def _derivatives(hits: Hits) -> Relief:
+    def _derivatives(hits: Hits) -> ShapeDerivatives:
         """Height of the faces that were hit over the unit sphere: r(u) = (p.n) / (u.n)."""
         distance = np.linalg.norm(hits.points, axis=1, keepdims=True)
         start = hits.points / distance
         depth = np.sum(hits.points * hits.normals, axis=1, keepdims=True)
         slopes = -(distance**2) * hits.normals / depth
-        return Relief(start, distance - 1, slopes[:, None])
+        return ShapeDerivatives(start, distance - 1, slopes[:, None])

@@ -15,7 +15,7 @@ from typing import Any, TextIO
 
 import numpy as np
 
-from procam.compensate.exact import Compensator
+from procam.compensate.compensator import Compensator
 from procam.compensate.track import METHODS, columns, moves, row, textures, uniforms
 from procam.errors import FileFormatError, InputError
 from procam.files.atomic import replacing_directory
@@ -153,7 +153,7 @@ class _Rows:
                 "has; render all frames alike"
             )
         self.compensator.frame(piece.rgb, self._out)
-        numbers = row(self.compensator.numbers, self.used)
+        numbers = row(self.compensator.coefficients, self.used)
         self._table.writerow([piece.number, *(f"{value:.9g}" for value in numbers)])
         self.numbers.append(piece.number)
         return lambda: name

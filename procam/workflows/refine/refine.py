@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.compensate.exact import Compensated, Compensator
+from procam.compensate.compensator import Compensated, Compensator
 from procam.compensate.projector_frames import projector_frames
 from procam.devices.rig import Rig
 from procam.estimate.closed_loop.dome import DomeLoop, noise_by_level, refined_calibration

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.compensate.exact import Compensated, Compensator
+from procam.compensate.compensator import Compensated, Compensator
 from procam.compensate.projector_frames import Warper, quantised
 from procam.errors import FileFormatError
 from procam.files import atomic

@@ -262,12 +262,16 @@ def test_each_colour_is_a_problem_of_its_own() -> None:
 def test_the_certificate_tells_fluxes_and_shares() -> None:
     problem = _problem(30, 4, 1.0)
     shown = problem.exact()
-    told, choice = shown.certificate, (problem.lo < problem.hi)[:, 0]
+    certificate, choice = shown.certificate, (problem.lo < problem.hi)[:, 0]
     at_lo, at_hi = ((shown.direct == limit)[:, 0] & choice for limit in (problem.lo, problem.hi))
-    assert told.flux_in[0] == pytest.approx(problem.area @ problem.target[:, 0])
-    assert told.flux_out[0] == pytest.approx(problem.area @ shown.direct[:, 0])
-    assert told.share_lo[0] == pytest.approx(problem.area[at_lo].sum() / problem.area[choice].sum())
-    assert told.share_hi[0] == pytest.approx(problem.area[at_hi].sum() / problem.area[choice].sum())
+    assert certificate.flux_in[0] == pytest.approx(problem.area @ problem.target[:, 0])
+    assert certificate.flux_out[0] == pytest.approx(problem.area @ shown.direct[:, 0])
+    assert certificate.share_lo[0] == pytest.approx(
+        problem.area[at_lo].sum() / problem.area[choice].sum()
+    )
+    assert certificate.share_hi[0] == pytest.approx(
+        problem.area[at_hi].sum() / problem.area[choice].sum()
+    )
 
 
 def test_the_certificate_sees_light_that_is_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -348,17 +352,21 @@ class TestRefusals:
         for key, name in (("albedo", "albedo"), ("area", "area_m2"), ("lo", "lo"), ("hi", "hi")):
             bad = getattr(good, key).copy()
             bad[2] = np.nan
-            self._refused(InputError, f"{name}: got NaN or infinity on 1 of 8", **{key: bad})
+            self._refused(InputError, f"{name}: NaN or infinity on 1 of 8", **{key: bad})
         bad = good.factors.copy()
         bad[2, 3] = np.inf
-        self._refused(InputError, "form factors: got values that are neg", factors=bad)
-        self._refused(InputError, "form factors: got values that are neg", factors=-good.factors)
+        self._refused(InputError, "form factors: some are neg", factors=bad)
+        self._refused(InputError, "form factors: some are neg", factors=-good.factors)
 
     def test_units(self) -> None:
         good = self.good
-        self._refused(UnitError, "area_m2: got 0 at least, expected more", area=0 * good.area)
-        self._refused(UnitError, "albedo: got .* to 1, exp.*percent", albedo=good.albedo * 0 + 1)
-        self._refused(UnitError, "albedo: got -.* expected 0 or more", albedo=-good.albedo)
+        self._refused(
+            UnitError, "area_m2: the least is 0; areas must be above 0", area=0 * good.area
+        )
+        self._refused(
+            UnitError, "albedo: .* to 1 is not all within.*percent", albedo=good.albedo * 0 + 1
+        )
+        self._refused(UnitError, "albedo: -.* is not all within 0", albedo=-good.albedo)
 
     def test_a_room_that_never_darkens(self) -> None:
         half = np.full((8, 8), 0.25)
@@ -368,23 +376,23 @@ class TestRefusals:
 
     def test_limits_that_cross(self) -> None:
         swapped = {"lo": self.good.hi, "hi": self.good.lo}
-        self._refused(InputError, "got lo above hi on .* of 8 values, .*swapped", **swapped)
+        self._refused(InputError, "lo is above hi on .* of 8 values; .*swapped", **swapped)
 
     def test_targets(self) -> None:
         compensator, target = self.good.compensator(), self.good.target
         for solve in (compensator.exact, compensator.least_squares):
             with pytest.raises(ShapeError, match=r"target: got shape .7, 1., expected"):
                 solve(target[1:])
-            with pytest.raises(InputError, match="target: got NaN or infinity on 8 of 8"):
+            with pytest.raises(InputError, match="target: NaN or infinity on 8 of 8"):
                 solve(target * np.nan)
 
     def test_weights(self) -> None:
         compensator, target = self.good.compensator(), self.good.target
         for error, match, weight in (
             (ShapeError, "weight: got shape .7,.", np.ones(7)),
-            (InputError, "weight: got NaN or infinity on 8", np.full(8, np.nan)),
-            (UnitError, "weight: got -1 at least, expected 0", np.full(8, -1.0)),
-            (InputError, "weight: got 0 on .* light can be chosen", np.zeros(8)),
+            (InputError, "weight: NaN or infinity on 8", np.full(8, np.nan)),
+            (UnitError, "weight: the least is -1; none", np.full(8, -1.0)),
+            (InputError, "weight: 0 on .* light can be chosen", np.zeros(8)),
         ):
             with pytest.raises(error, match=match):
                 compensator.least_squares(target, weight)

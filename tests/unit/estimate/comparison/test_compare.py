@@ -294,7 +294,9 @@ class TestNumbers:
     def test_a_projector_that_nobody_saw_twice(self, calibration: Calibration) -> None:
         north = calibration.projectors["north"]
         dark = replace(north.surface, valid=np.zeros_like(north.surface.valid))
-        with pytest.raises(NotEnoughData, match="projector north: the calibrations share 0 of its pixels"):
+        with pytest.raises(
+            NotEnoughData, match="projector north: the calibrations share 0 of its pixels"
+        ):
             compare(calibration, _with(calibration, {"north": replace(north, surface=dark)}))
 
     def test_sizes_differ_only_where_names_are_exchanged(self, rig: Calibration) -> None:

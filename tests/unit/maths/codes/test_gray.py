@@ -12,6 +12,7 @@ from procam.maths.codes.gray import (
     decode_gray,
     edge_distance,
     encode_gray,
+    fold_pair,
     is_bright,
     long_run_codewords,
     longest_stripe,
@@ -187,3 +188,28 @@ def test_xor_stripes_are_narrow(length: int, base: int) -> None:
     code = xor_codewords(length, base)
     assert longest_stripe(code) == 2 ** (base + 1)
     assert shortest_stripe(code) == 2**base
+
+
+@pytest.mark.parametrize("kind", [np.uint8, np.uint16, np.float32])
+def test_folded_pairs_hold_code_and_contrast(kind: type, rng: np.random.Generator) -> None:
+    """Also over more rows than are folded at a time."""
+    stack = rng.integers(0, 250, (4, 200, 700)).astype(kind)
+    code, least, most = (
+        np.zeros((200, 700), np.uint16),
+        np.full((200, 700), 255, kind),
+        0 * stack[0],
+    )
+    for k, bit in enumerate((15, 3)):
+        fold_pair(stack[2 * k], stack[2 * k + 1], bit, (code, least, most))
+    contrast = np.abs(stack[::2].astype(float) - stack[1::2])
+    above = stack[::2] > stack[1::2]
+    np.testing.assert_array_equal(code, above[0] * 2**15 + above[1] * 2**3)
+    np.testing.assert_array_equal(least, contrast.min(axis=0))
+    np.testing.assert_array_equal(most, contrast.max(axis=0))
+
+
+def test_a_pixel_without_a_value_has_no_contrast_and_no_bit() -> None:
+    state = np.zeros(4, np.uint16), np.full(4, np.inf, np.float32), np.zeros(4, np.float32)
+    pattern, inverse = np.array([[np.nan, 1, np.inf, 5], [1, np.nan, np.inf, 2]], np.float32)
+    fold_pair(pattern, inverse, 0, state)
+    np.testing.assert_array_equal(np.stack(state), [[0, 0, 0, 1], [0, 0, 0, 3], [0, 0, 0, 3]])
