@@ -307,7 +307,7 @@ class TestNewtonIsNotTrusted:
             active_set,
             "_step",
             lambda right, once, accuracy: (
-                100 * right if accuracy == active_set.STEP else step(right, once, accuracy)
+                100 * right if accuracy == active_set.NEWTON_ACCURACY else step(right, once, accuracy)
             ),
         )
 
@@ -371,7 +371,7 @@ class TestRefusals:
     def test_a_room_that_never_darkens(self) -> None:
         half = np.full((8, 8), 0.25)
         self._refused(
-            InputError, "gives back 1.8 of its light", factors=half, albedo=np.full((8, 1), 0.9)
+            InputError, "returns 1.8 of its light", factors=half, albedo=np.full((8, 1), 0.9)
         )
 
     def test_limits_that_cross(self) -> None:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from procam.kernels.reference_lenses import ray_slopes
+from procam.kernels.bundle.lenses import ray_slopes
 from procam.maths.geometry.lens_derivatives import lens_parameters, project_with_derivatives
 from procam.maths.geometry.lenses import Lens, project, unproject
 
