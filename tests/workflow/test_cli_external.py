@@ -25,7 +25,7 @@ from tiny_venue import (
 )
 
 from procam.estimate import calibration as assemble
-from procam.estimate.comparison.compare import compare
+from procam.estimate.comparison.compare import compare_calibrations
 from procam.files.calibration import load_calibration
 from procam.files.images.images import read_image, write_image
 from procam.files.session import Session
@@ -438,7 +438,9 @@ def test_solves_like_a_driven_visit(tmp_path: Path) -> None:
     ran = procam("solve", session)
     assert (ran.code, "calibrations/0001 written" in ran.out) == (0, True), ran
     driven = solved(venue, take_session(venue))
-    found = compare(*map(load_calibration, (venue.directory / "calibrations/0001", driven)))
+    found = compare_calibrations(
+        *map(load_calibration, (venue.directory / "calibrations/0001", driven))
+    )
     assert found.verdict.sound
     assert found.together.as_is.rms < 0.3  # arcmin; both share what the marks' sigma allows
     assert found.together.as_is.error_over_sigma < 1

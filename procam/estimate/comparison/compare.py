@@ -150,7 +150,7 @@ class Comparison:
     verdict: Verdict
 
 
-def compare(first: Calibration, second: Calibration) -> Comparison:
+def compare_calibrations(first: Calibration, second: Calibration) -> Comparison:
     """Compare A and B, whose projectors have the same names and sizes.
 
     Raises

@@ -36,7 +36,6 @@ from procam.model.optics import CameraModel, Distance, Fiducial
 
 Array = NDArray[np.float64]
 Intrinsics = Literal["fixed", "prior", "solve"]
-_Arguments = tuple[RigGeometry, Pair, Observations, Array | None, ShapeDerivatives | None]
 ROUNDS, ROBUST_ROUNDS = 100, 8  # lenses solved from one camera converge slowly
 CELLS = 10  # along each edge of a panel, for the systematic ratio
 PANELS = 100  # of a typical dome
@@ -84,37 +83,23 @@ class RigProblem:
     most_degree: int = 8
 
 
-def normalised_residuals(
-    rig: RigGeometry,
-    pair: Pair,
-    seen: Observations,
-    ray: Array | None = None,
-    shape_derivatives: ShapeDerivatives | None = None,
-) -> Array:
-    """Lengths (N,) of the residuals over their standard errors; infinite where undefined."""
-    error = (
-        np.linalg.norm(residuals(rig, pair, seen, ray, shape_derivatives), axis=1) / seen.sigma_px
-    )
-    return np.nan_to_num(error, nan=np.inf)
+def normalised_residuals(error: Array, seen: Observations) -> Array:
+    """Lengths (N,) of residuals (N, 2) over their standard errors; infinite where undefined."""
+    return np.nan_to_num(np.linalg.norm(error, axis=1) / seen.sigma_px, nan=np.inf)
 
 
-def systematic_ratio(
-    rig: RigGeometry,
-    pair: Pair,
-    seen: Observations,
-    ray: Array | None = None,
-    shape_derivatives: ShapeDerivatives | None = None,
-) -> float:
-    """Root mean square of cell means of the residuals over their standard errors; at least 1.
+def systematic_ratio(error: Array, seen: Observations, size: tuple[int, int]) -> float:
+    """Rms of residuals (N, 2) averaged over cells, over its value for independent errors; at least 1.
 
-    Where the model is right, neighbouring residuals are independent and the ratio is 1. A screen
+    Where the model is right, the errors of neighbours are independent and the ratio is 1. A screen
     that is not a sphere leaves smooth residuals, of which a thousand observations determine no more
-    than one does.
+    than one does. `size` is that of the panel [px].
     """
-    size = np.array(rig.projectors[pair[1]].size)
-    error = residuals(rig, pair, seen, ray, shape_derivatives)
     score = np.clip(error / seen.sigma_px[:, None], -CLIPPED, CLIPPED)
-    cell = np.clip(seen.projector_px / size * CELLS, 0, CELLS - 1).astype(int) @ [1, CELLS]
+    cell = np.clip(seen.projector_px / np.array(size) * CELLS, 0, CELLS - 1).astype(int) @ [
+        1,
+        CELLS,
+    ]
     number = np.maximum(np.bincount(cell, minlength=CELLS**2), 1)
     sums = [np.bincount(cell, np.nan_to_num(s), CELLS**2) for s in score.T]
     share = number >= 0.3 * np.median(number[number > 1])
@@ -228,20 +213,22 @@ class Adjustment:
                 ray = unproject(some.camera_px, rig.cameras[pair[0]].lens)
             self.derivatives[pair] = None if ray is None else screen_derivatives(rig, pair[0], ray)
 
-    def _evaluated(self, rig: RigGeometry, pair: Pair) -> _Arguments:
-        """The arguments of `residuals` for a pair, with what is evaluated already."""
-        return rig, pair, self.seen[pair], self.rays.get(pair), self.derivatives[pair]
+    def _residuals(self, rig: RigGeometry, pair: Pair) -> Array:
+        return residuals(rig, pair, self.seen[pair], self.rays.get(pair), self.derivatives[pair])
 
     def _robust_sigmas(self, rig: RigGeometry) -> dict[Pair, float]:
         """Robust sigma of each pair's residuals over their standard errors; at least 1."""
         return {
-            p: max(robust_sigma(normalised_residuals(*self._evaluated(rig, p))), 1.0)
-            for p in self.seen
+            p: max(robust_sigma(normalised_residuals(self._residuals(rig, p), o)), 1.0)
+            for p, o in self.seen.items()
         }
 
     def _scales(self, rig: RigGeometry) -> dict[Pair, float]:
         """Factors (at least 1) for the standard errors of each pair: their systematic ratios."""
-        scales = {p: systematic_ratio(*self._evaluated(rig, p)) for p in self.seen}
+        scales = {
+            p: systematic_ratio(self._residuals(rig, p), o, rig.projectors[p[1]].size)
+            for p, o in self.seen.items()
+        }
         if not rig.shape.degree:
             return scales
         # cells and devices that see the same misplaced panel of the dome are not independent
@@ -256,8 +243,8 @@ class Adjustment:
         for pair, some in self.seen.items():
             weight[pair] = 1 / (some.sigma_px * scale[pair]) ** 2
             if robust:
-                error = normalised_residuals(*self._evaluated(rig, pair)) / (CAUCHY * scale[pair])
-                weight[pair] = weight[pair] / (1 + error**2)
+                error = normalised_residuals(self._residuals(rig, pair), some)
+                weight[pair] /= 1 + (error / (CAUCHY * scale[pair])) ** 2
         return weight
 
     def _cost(
@@ -266,7 +253,7 @@ class Adjustment:
         """Sum of squared residuals, or of their Cauchy loss, with fiducials and priors."""
         total = 0.0
         for pair, some in self.seen.items():
-            error = residuals(*self._evaluated(rig, pair))
+            error = self._residuals(rig, pair)
             square = np.sum(np.nan_to_num(error, nan=1e4) ** 2, axis=1)
             square /= (some.sigma_px * scale[pair]) ** 2
             total += float(np.sum(CAUCHY**2 * np.log1p(square / CAUCHY**2) if robust else square))

@@ -260,8 +260,11 @@ def _is_shape_determined(problem: RigProblem, rig: RigGeometry) -> bool:
 
 def _mean_ratio(rig: RigGeometry, seen: Mapping[Pair, Observations]) -> float:
     """Root mean square of the pairs' systematic ratios, without outliers."""
-    agreeing = _agreeing(rig, seen)
-    return float(np.sqrt(np.mean([systematic_ratio(rig, p, o) ** 2 for p, o in agreeing.items()])))
+    ratios = [
+        systematic_ratio(residuals(rig, p, o), o, rig.projectors[p[1]].size)
+        for p, o in _agreeing(rig, seen).items()
+    ]
+    return float(np.sqrt(np.mean(np.square(ratios))))
 
 
 def _agreeing(
@@ -270,6 +273,6 @@ def _agreeing(
     """Observations without outliers, by the robust sigma of their pair."""
     kept = {}
     for pair, some in seen.items():
-        error = normalised_residuals(rig, pair, some)
+        error = normalised_residuals(residuals(rig, pair, some), some)
         kept[pair] = some.some(error < sigmas * max(robust_sigma(error), 1.0))
     return kept

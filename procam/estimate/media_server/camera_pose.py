@@ -121,7 +121,8 @@ def place_camera(
         ]
         placed, covariance = _adjusted(placed, intrinsics, shape, kept)
     error = _errors(placed, shape, kept, known[good])
-    found = PlacedCamera(placed, covariance, kept, error, _names(tags, ~good))
+    dropped = [tag.name for tag, use in zip(tags, good, strict=True) if not use]
+    found = PlacedCamera(placed, covariance, kept, error, dropped)
     if not found.rms_arcmin <= MOST_ARCMIN:
         raise CalibrationError(_misfit(camera, shape, kept, known[good], error))
     return found
@@ -198,10 +199,6 @@ def _adjusted(
     adjustment = Adjustment(problem, {}, prior_sigmas(problem, rig))
     rig = adjustment.solve(rig, robust=False)
     return rig.cameras[camera.name], adjustment.uncertainty(rig)[0]
-
-
-def _names(tags: Sequence[Fiducial], which: NDArray[np.bool_]) -> list[str]:
-    return [tag.name for tag, named in zip(tags, which, strict=True) if named]
 
 
 def _errors(

@@ -8,7 +8,7 @@ from textwrap import wrap
 import typer
 
 from procam.errors import InputError
-from procam.estimate.comparison.compare import Angles, Comparison, Difference, compare
+from procam.estimate.comparison.compare import Angles, Comparison, Difference, compare_calibrations
 from procam.files.calibration import load_calibration
 from procam.interfaces.cli.output import Output
 from procam.model.calibration import Calibration
@@ -23,7 +23,7 @@ def run_compare(first: Path, second: Path, output: Output) -> None:
     """Print how far B's directions, areas and light are from A's, and what that means."""
     a, b = load_calibration(first), load_calibration(second)
     _check(first, a, second, b)
-    found = compare(a, b)
+    found = compare_calibrations(a, b)
     output.say(f"A {first}\nB {second}")
     for line in _lines(found):
         output.say(line)

@@ -307,7 +307,9 @@ class TestNewtonIsNotTrusted:
             active_set,
             "_step",
             lambda right, once, accuracy: (
-                100 * right if accuracy == active_set.NEWTON_ACCURACY else step(right, once, accuracy)
+                100 * right
+                if accuracy == active_set.NEWTON_ACCURACY
+                else step(right, once, accuracy)
             ),
         )
 
