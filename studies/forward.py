@@ -164,8 +164,8 @@ def _judge(dome: Dome, training: Sequence[Picture], pictures: Sequence[Picture])
         exact = one_scalar(dome, training, picture.direct)[lit]
         z[picture.name] = _rms((exact - true) / sigma)
         for form in FORMS:
-            told = form.tell(dome, training, picture.direct)[lit]
-            learned = form.tell(dome, noisy, picture.direct)[lit] - told
+            told = form.predict(dome, training, picture.direct)[lit]
+            learned = form.predict(dome, noisy, picture.direct)[lit] - told
             # the tracer's noise, in what is judged and in what is learned from, is no error
             square = _rms(told - true) ** 2 - _rms(sigma) ** 2 - _rms(learned) ** 2
             error = np.sqrt(max(square, 0.0)) / true.mean()

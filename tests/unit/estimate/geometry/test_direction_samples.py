@@ -1,4 +1,4 @@
-"""Draws of directions scatter as told, belong to one rig, and give solid angles their error bars."""
+"""Draws of directions scatter by their sigma, belong to one rig, and give solid angles error bars."""
 
 import numpy as np
 import pytest
@@ -17,12 +17,12 @@ DRAWS = 400
 
 
 def _solved(
-    seed: int, preset: Preset = STANDARD, cameras: int = 1, marks: float = 1e-4
+    seed: int, preset: Preset = STANDARD, cameras: int = 1, sigma: float = 1e-4
 ) -> tuple[SimulatedDome, GeometrySolution]:
     dome = SimulatedDome.build(seed, preset, projectors=2, cameras=cameras)
     seen = dome.observations(48, 0.05)
     return dome, solve_geometry(
-        dome.problem(seen, fiducials=dome.fiducials(marks), most_degree=6)  # quicker than 8
+        dome.problem(seen, fiducials=dome.fiducials(sigma), most_degree=6)  # quicker than 8
     )
 
 
@@ -41,19 +41,19 @@ def _lit_block(dome: SimulatedDome, pitch: float) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("preset", "cameras"), [(STANDARD, 1), (REALISTIC, 2)])
-def test_draws_scatter_as_told(preset: Preset, cameras: int) -> None:
+def test_draws_scatter_by_their_sigma(preset: Preset, cameras: int) -> None:
     dome, solution = _solved(7, preset, cameras)
-    landing = fit_pixel_directions(solution, "south")
+    fitted = fit_pixel_directions(solution, "south")
     x, y = np.arange(7.0, 1920, 160), np.arange(9.0, 1200, 160)
     pixels = np.stack(np.meshgrid(x, y), axis=-1)
     drawn = sample_directions(solution, "south", pixels, DRAWS, np.random.default_rng(1))
-    off = drawn - landing.at(pixels)
-    told = landing.sigma_arcmin(x, y) / ARCMIN
+    off = drawn - fitted.at(pixels)
+    sigma = fitted.sigma_arcmin(x, y) / ARCMIN
     lit = np.isfinite(_true(dome, pixels)).all(axis=-1)
-    # of an error that goes one way only, the mean square is known to sqrt(2 / draws)
-    ratio = np.mean(np.sum(off**2, axis=-1), axis=0) / told**2
+    # for an error along one axis the mean square is known to sqrt(2 / draws)
+    ratio = np.mean(np.sum(off**2, axis=-1), axis=0) / sigma**2
     assert np.abs(ratio[lit] - 1).max() < SIGMAS * np.sqrt(2 / DRAWS)
-    bias = np.linalg.norm(off.mean(axis=0), axis=-1) / told * np.sqrt(DRAWS)
+    bias = np.linalg.norm(off.mean(axis=0), axis=-1) / sigma * np.sqrt(DRAWS)
     assert bias[lit].max() < SIGMAS
 
 
@@ -71,8 +71,8 @@ def test_draws_are_unit_directions_of_any_pixels_and_repeat() -> None:
 
 
 def test_projectors_drawn_from_one_state_belong_to_one_rig() -> None:
-    """Where marks are poor, the rig turns as a whole: both projectors tell the same turn."""
-    _, solution = _solved(7, marks=3e-3)
+    """With poor fiducials the rig rotates as a whole: both projectors show the same rotation."""
+    _, solution = _solved(7, sigma=3e-3)
     x, y = np.meshgrid(np.arange(100.0, 1900, 300), np.arange(100.0, 900, 200))
     pixels = np.stack([x, y], axis=-1)
     turns = []
@@ -85,16 +85,18 @@ def test_projectors_drawn_from_one_state_belong_to_one_rig() -> None:
 
 
 def test_solid_angles_get_error_bars_that_cover_the_truth() -> None:
-    score, spreads = [], []
+    score, ratios = [], []
     for seed in range(6):
         dome, solution = _solved(20 + seed)
         corners = _lit_block(dome, 120.0)
         true = float(grid_solid_angles(_true(dome, corners)).sum())
-        told = float(grid_solid_angles(fit_pixel_directions(solution, "south").at(corners)).sum())
+        estimate = float(
+            grid_solid_angles(fit_pixel_directions(solution, "south").at(corners)).sum()
+        )
         drawn = sample_directions(solution, "south", corners, 50, np.random.default_rng(seed))
         sums = np.array([grid_solid_angles(d).sum() for d in drawn])
-        spreads.append(sums.std() / true)
-        score.append((told - true) / sums.std())
-        assert abs(sums.mean() - told) < SIGMAS * sums.std() / np.sqrt(50)
-    assert 1e-6 < min(spreads) and max(spreads) < 1e-3
+        ratios.append(sums.std() / true)
+        score.append((estimate - true) / sums.std())
+        assert abs(sums.mean() - estimate) < SIGMAS * sums.std() / np.sqrt(50)
+    assert 1e-6 < min(ratios) and max(ratios) < 1e-3
     assert abs(np.sum(np.square(score)) - len(score)) < SIGMAS * np.sqrt(2 * len(score))

@@ -13,7 +13,7 @@ from procam.model.optics import Distance, Fiducial
 
 
 @pytest.mark.parametrize("degree", [0, 4])
-def test_slopes_are_those_of_the_errors(degree: int) -> None:
+def test_derivatives_are_those_of_the_residuals(degree: int) -> None:
     dome = SimulatedDome.build(2, projectors=2, cameras=2)
     coefficients = np.random.default_rng(1).normal(0, 3e-4, shape_coefficient_count(degree))
     rig = RigGeometry(

@@ -1,4 +1,4 @@
-"""The rig's parameters: residuals, their slopes and the normal equations agree with each other."""
+"""Residuals, their derivatives and the normal equations agree with each other."""
 
 from dataclasses import replace
 
@@ -69,8 +69,8 @@ def _errors(rig: RigGeometry, seen: dict[Pair, Observations]) -> np.ndarray:
 
 
 @pytest.mark.parametrize("degree", [0, 3])
-def test_slopes_of_every_parameter(degree: int) -> None:
-    """Lenses, and with them the rays, move as well; the screen derivatives are evaluated anew."""
+def test_derivatives_by_every_parameter(degree: int) -> None:
+    """Rays follow the lenses; the screen derivatives are evaluated for each rig."""
     rig = _rig(degree)
     seen, layout = _seen(rig), ParameterLayout.of(rig)
     slopes = np.zeros((sum(2 * len(o.sigma_px) for o in seen.values()), layout.count))
@@ -90,7 +90,7 @@ def test_slopes_of_every_parameter(degree: int) -> None:
 
 @pytest.mark.parametrize("fixed", [False, True], ids=["lenses-free", "lenses-fixed"])
 @pytest.mark.parametrize("degree", [0, 3])
-def test_normal_equations_are_the_slopes_squared(degree: int, fixed: bool) -> None:
+def test_normal_equations_are_products_of_the_derivatives(degree: int, fixed: bool) -> None:
     rig = _rig(degree)
     seen, layout = _seen(rig), ParameterLayout.of(rig)
     free = np.ones(layout.count, bool)
@@ -120,7 +120,7 @@ def test_given_shape_derivatives_give_the_same_residuals() -> None:
         np.testing.assert_array_equal(known, residuals(rig, pair, some))
 
 
-def test_a_step_of_nothing_moves_nothing() -> None:
+def test_a_zero_step_changes_nothing() -> None:
     rig = _rig(3)
     layout = ParameterLayout.of(rig)
     still = rig.moved(np.zeros(layout.count))

@@ -1,4 +1,4 @@
-"""Rigs solved on screens that are meshes; what is seen there is traced by closed forms."""
+"""Rigs solved on mesh screens, with observations from closed forms."""
 
 from dataclasses import dataclass, replace
 
@@ -23,7 +23,7 @@ HEIGHT_M = 9.0
 
 @dataclass(frozen=True)
 class Room:
-    """A room to stand in for a dome; every ray from inside meets the nearest wall ahead."""
+    """A room instead of a dome; every ray from inside meets the nearest wall ahead."""
 
     kind: str
     preset = STANDARD
@@ -84,7 +84,7 @@ def test_exact_observations_give_the_exact_rig(kind: str) -> None:
 
 
 @pytest.mark.parametrize("kind", ["box", "drum"])
-def test_directions_err_by_as_much_as_told(kind: str) -> None:
+def test_errors_of_directions_agree_with_their_sigma(kind: str) -> None:
     dome = _rig(kind, projectors=2)
     found = _solved(dome, 0.02)
     assert max(found.scale.values()) < 1.1
@@ -93,14 +93,14 @@ def test_directions_err_by_as_much_as_told(kind: str) -> None:
     for build in dome.projectors:
         true = points_lit(dome.surface, build, pixels)
         lit = np.isfinite(true).all(axis=1)
-        landing = fit_pixel_directions(found, build.name)
-        told = landing.directions(x, y).reshape(-1, 3)[lit]
-        error = ARCMIN * angle_between(normalise(true[lit]), told)
+        fitted = fit_pixel_directions(found, build.name)
+        estimate = fitted.directions(x, y).reshape(-1, 3)[lit]
+        error = ARCMIN * angle_between(normalise(true[lit]), estimate)
         assert np.sqrt(np.mean(error**2)) < 0.1
-        assert 0.3 < np.mean((error / landing.sigma_arcmin(x, y).ravel()[lit]) ** 2) < 2
+        assert 0.3 < np.mean((error / fitted.sigma_arcmin(x, y).ravel()[lit]) ** 2) < 2
 
 
-def test_a_mesh_takes_four_fiducials() -> None:
+def test_a_mesh_needs_four_fiducials() -> None:
     dome = _rig("box", projectors=2)
     problem = dome.problem(dome.observations(64), shape=dome.surface.shape())
     with pytest.raises(
@@ -118,14 +118,14 @@ def test_a_wrong_corner_is_named() -> None:
         solve_geometry(problem)
 
 
-def test_what_the_origin_cannot_see_is_refused() -> None:
+def test_a_mesh_that_the_origin_does_not_see_is_refused() -> None:
     vertices, faces = mesh_shapes.box(LOW, HIGH)
     with pytest.raises(InputError, match="the origin sees 2 of 12 faces edge-on"):
         MeshShape.of(vertices + np.array([0, 0, 2.0]), faces)
 
 
 class TestHemisphere:
-    """A mesh of a sphere must answer as the sphere does."""
+    """A mesh of a sphere gives the same points and gradients as the sphere."""
 
     vertices, faces = mesh_shapes.hemisphere(6.0, 40)
     mesh = MeshShape.of(vertices, faces, smooth=True)
@@ -136,13 +136,13 @@ class TestHemisphere:
         direction = normalise(rng.normal(size=(500, 3)) * [1, 1, 0.3] + [0, 0, 1.0])
         return rng.normal(0, 0.5, (500, 3)) + np.array([0, 0, 0.5]), direction
 
-    def test_points_and_slopes(self) -> None:
+    def test_points_and_gradients(self) -> None:
         origin, direction = self._rays()
         found, known = self.mesh.hit(origin, direction), self.sphere.hit(origin, direction)
         assert np.abs(found.point - known.point).max() < 1e-5
         assert np.abs(normalise(found.outward) - known.outward).max() < 1e-4
 
-    def test_reach(self) -> None:
+    def test_radius(self) -> None:
         _, direction = self._rays()
         np.testing.assert_allclose(self.mesh.radius_at(direction), 6.0, atol=1e-5)
 

@@ -1,4 +1,4 @@
-"""Where rays meet a dome that is nearly a sphere: on it, with the right slope, from any relief."""
+"""Points where rays meet a dome that is nearly a sphere: on it, with the right gradients."""
 
 import numpy as np
 import pytest
@@ -37,7 +37,7 @@ def test_an_exact_sphere_has_no_relief() -> None:
 
 
 def test_points_lie_on_the_surface_and_on_their_rays() -> None:
-    """A centimetre of relief on 6 m: the tangents are good to 1e-7 of the radius."""
+    """A centimetre on 6 m: linear extrapolation is good to 1e-7 of the radius."""
     shape, (origin, direction) = _shape(3e-4), _rays()
     point = shape.intersect(origin, direction)
     assert np.abs(_height(shape, point)).max() < 1e-7 * RADIUS_M
@@ -50,18 +50,18 @@ def test_points_lie_on_the_surface_and_on_their_rays() -> None:
 def test_a_relief_serves_rays_that_moved(off: float, limit: float) -> None:
     """Its error grows with the square of how far off it was taken, and with the coefficients."""
     shape, (origin, direction) = _shape(1e-4), _rays()
-    relief = shape.shape_derivatives(origin, direction)
+    derivatives = shape.shape_derivatives(origin, direction)
     step = np.random.default_rng(3).normal(0, off, direction.shape)
     moved = (direction + step) / np.linalg.norm(direction + step, axis=1, keepdims=True)
-    point = shape.intersect(origin, moved, relief)
+    point = shape.intersect(origin, moved, derivatives)
     assert np.abs(_height(shape, point)).max() < limit * RADIUS_M
 
 
-def test_a_relief_serves_other_bumps_and_another_radius() -> None:
+def test_derivatives_serve_other_coefficients_and_another_radius() -> None:
     origin, direction = _rays()
-    relief = _shape(0.0).shape_derivatives(origin, direction)
+    derivatives = _shape(0.0).shape_derivatives(origin, direction)
     other = RoundShape(RADIUS_M * 1.002, _shape(1e-4).harmonic_coefficients, 4)
-    point = other.intersect(origin, direction, relief)
+    point = other.intersect(origin, direction, derivatives)
     assert np.abs(_height(other, point)).max() < 1e-7 * RADIUS_M
 
 

@@ -50,7 +50,7 @@ def panel(width: int = 480, height: int = 300) -> tuple[np.ndarray, np.ndarray]:
 
 class TestFlatFaces:
     @pytest.mark.parametrize("smooth", [False, True])
-    def test_a_box_is_met_where_it_is(self, smooth: bool, rng: np.random.Generator) -> None:
+    def test_points_on_a_box(self, smooth: bool, rng: np.random.Generator) -> None:
         tracer = MeshTracer(*box(LOW, HIGH), smooth=smooth)
         origin = rng.uniform(np.array(LOW) + 0.1, np.array(HIGH) - 0.1, (20_000, 3))
         direction = normalise(rng.normal(0, 1, (20_000, 3)))
@@ -60,8 +60,8 @@ class TestFlatFaces:
         wall = np.isclose(expected, LOW, atol=1e-9) * 1.0 - np.isclose(expected, HIGH, atol=1e-9)
         np.testing.assert_allclose(hits.normals, wall, atol=1e-12)
 
-    def test_its_edges_and_corners_are_tight(self, rng: np.random.Generator) -> None:
-        """Embree rounds to 1e-7 and may name the wrong wall; none is lost, none is off."""
+    def test_no_ray_passes_edges_and_corners(self, rng: np.random.Generator) -> None:
+        """Embree rounds to 1e-7 and may return the wrong wall; every ray still gets its exact point."""
         tracer = MeshTracer(*box(LOW, HIGH))
         target = rng.uniform(LOW, HIGH, (3000, 3))
         for axis in range(3):
@@ -76,8 +76,8 @@ class TestFlatFaces:
         expected = box_exit(origin, target - origin)
         assert np.abs(hits.points - expected).max() < 2e-8
 
-    @pytest.mark.parametrize("sides", [3, 7, 64])
-    def test_a_prism_is_met_where_it_is(self, sides: int, rng: np.random.Generator) -> None:
+    @pytest.mark.parametrize("sides", [3, 64])
+    def test_points_on_a_prism(self, sides: int, rng: np.random.Generator) -> None:
         tracer = MeshTracer(*cylinder(5.0, 4.0, sides))
         origin = rng.uniform([-1, -1, 1], [1, 1, 3], (10_000, 3))
         direction = normalise(rng.normal(0, 1, (10_000, 3)))
@@ -143,7 +143,7 @@ class TestSmooth:
         )  # floor and ceiling stay flat
 
     def test_a_ray_that_grazes_keeps_its_flat_point(self) -> None:
-        """From the rim's height a ray almost along a coarse facet: still an answer on the mesh."""
+        """From the rim's height a ray almost along a coarse facet: the point is still on the mesh."""
         vertices, faces = hemisphere(5.0, 4)
         tracer = MeshTracer(vertices, faces, smooth=True)
         x = np.linspace(-1, 1, 41)
@@ -179,7 +179,7 @@ class TestRays:
 
     @pytest.mark.parametrize("step", [0.0, 1e-6, 0.15 * BEHIND, -1e-6])
     def test_a_device_may_stand_on_the_screen(self, step: float, rng: np.random.Generator) -> None:
-        """On it, or looking through a hole in it: the far side is met, as on a sphere."""
+        """On it or behind a hole in it: rays meet the far side, as on a sphere."""
         tracer = MeshTracer(*box(LOW, HIGH))
         origin = np.array([-3.0 - step * 7, 1.0, 1.0])
         direction = normalise(rng.normal([1, 0, 0], 0.4, (200, 3)))
