@@ -11,9 +11,7 @@ from procam.estimate.media_server.dome_master import (
     plan_server,
     zone_picture,
 )
-from procam.estimate.media_server.tags import TAG_PICTURES, draw_tags, master_tags
-from procam.maths.codes.shot_id import CELLS_PER_MASTER, taken_pixels
-from procam.maths.geometry.lenses import project, unproject
+from procam.maths.geometry.lenses import project
 from procam.maths.geometry.pose import rotation_matrix
 from procam.maths.geometry.sphere import (
     direction_from_angles,
@@ -95,32 +93,6 @@ def test_zones_cover_the_master_once_and_lie_at_different_heights() -> None:
     solid = master_solid_angles(256)
     heights = [float((solid * z * direction[..., 2]).sum() / (solid * z).sum()) for z in zones]
     assert heights[0] > 0.75 and max(heights[1:]) < 0.5
-
-
-class TestTags:
-    @pytest.mark.parametrize("picture", range(TAG_PICTURES))
-    @pytest.mark.parametrize("size", [512, 4096])
-    def test_they_are_many_and_clear_of_the_shot_mark(self, size: int, picture: int) -> None:
-        tags = master_tags(size, np.pi, picture)
-        assert 20 <= len(tags) <= 35  # the family's
-        assert [t.number for t in tags] == list(range(len(tags)))
-        if size == 512:
-            drawn = draw_tags(DomeMaster("server", size).model, tags, np.pi)
-            assert not drawn[..., 0][taken_pixels((size, size), CELLS_PER_MASTER)].any()
-
-    def test_their_centres_have_the_stated_directions(self) -> None:
-        """The centroid of the light of a full white tag, on the sphere."""
-        master = DomeMaster("server", SIZE, rotation=0.3)
-        tag = master_tags(SIZE, np.pi, 0)[7]
-        drawn = draw_tags(master.model, [tag], np.pi)[..., 0] > 0
-        rows, columns = np.nonzero(drawn)
-        box = np.array([[columns.min(), rows.min()], [columns.max(), rows.max()]]).mean(axis=0)
-        ray = unproject(box, master.model.lens)
-        assert np.degrees(np.arccos(ray @ tag.ray)) < 0.5  # a pixel is a third of a degree
-        mark = tag.on_dome(master.model, 0.001)
-        assert mark.azimuth is not None and mark.elevation is not None
-        place = direction_from_angles(mark.azimuth, mark.elevation)
-        np.testing.assert_allclose(pixels_of(master, place), project(tag.ray, master.model.lens))
 
 
 class TestLitPixels:
