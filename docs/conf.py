@@ -3,7 +3,7 @@
 import procam
 
 project = "procam"
-copyright = "the procam authors, Apache-2.0"  # noqa: A001 (the name Sphinx reads)
+copyright = "the procam authors, Apache-2.0"
 release = procam.__version__
 extensions = [
     "myst_nb",

@@ -98,8 +98,8 @@ def chosen_by_evidence(dome: Dome, training: Sequence[Picture], direct: Array) -
     zones = [_lighting(dome, t, t.direct[:, 0] == 0) for t in training]
     white, everywhere = sum(x.direct for x in zones), np.ones(PATCHES, bool)
     halves = [training[i : i + len(training) // 2] for i in (0, len(training) // 2)]
-    lightings = zones + [_lighting(dome, _together(h), everywhere) for h in halves]
-    kernel = fit_scatter(lightings, _in_cells(per_flux), cell_basis().T @ white).kernel
+    scatter_samples = zones + [_lighting(dome, _together(h), everywhere) for h in halves]
+    kernel = fit_scatter(scatter_samples, _in_cells(per_flux), cell_basis().T @ white).kernel
     phi = basis(patch_directions(), kernel.degree)
     moment = moments(direct, dome.solid_angle_sr, phi)[:, 0]
     ratio = predicted_ratio(phi, kernel.matrix[0], kernel.profile[0], moment[None])

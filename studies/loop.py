@@ -22,7 +22,7 @@ from procam.estimate.closed_loop.patches import (
     PatchScatter,
     photographs_needed,
     remove_scatter,
-    visible,
+    residual_jnd,
 )
 
 Array = NDArray[np.float64]
@@ -157,14 +157,14 @@ def ours(plant: Plant, photographs: int) -> Update:
     """Learns gains slowly, bounced light fast, and holds what is at a limit."""
     low, high = (limit[:, None] for limit in plant.limits)
     model = PatchScatter(plant.scatter()[None, :, None], plant.area[:, None])
-    belief = LoopState(model, plant.block(), np.array([0.01]))
+    state = LoopState(model, plant.block(), np.array([0.01]))
     known = plant.lit[:, None]
 
     def update(asked: Array, seen: Array) -> Array:
         doubt = np.full_like(asked, SIGMA / np.sqrt(photographs))[:, None]
         now = asked[:, None]
-        belief.learn(LoopObservation(now, seen[:, None], doubt, known, photographs))
-        return (now + belief.step(now, plant.target[:, None], now - low, high - now))[:, 0]
+        state.learn(LoopObservation(now, seen[:, None], doubt, known, photographs))
+        return (now + state.step(now, plant.target[:, None], now - low, high - now))[:, 0]
 
     return update
 
@@ -199,8 +199,8 @@ def first_picture(plant: Plant) -> Array:
     """(n,) what the calibration makes of the target: problem (P) with its own bounced light."""
     low, high = (limit[:, None] for limit in plant.limits)
     model = PatchScatter(plant.scatter()[None, :, None], plant.area[:, None])
-    belief = LoopState(model, plant.block(), np.array([0.01]))
-    step = belief.step(low, plant.target[:, None], low - low, high - low)
+    state = LoopState(model, plant.block(), np.array([0.01]))
+    step = state.step(low, plant.target[:, None], low - low, high - low)
     return (low + step)[:, 0]
 
 
@@ -215,7 +215,7 @@ def run(plant: Plant, update: Update, photographs: int) -> tuple[list[float], li
     jnd, sigmas = [], []
     for _ in range(ITERATIONS + 1):
         true = plant.seen(asked)
-        jnd.append(visible((goal - true)[here], goal[here]))
+        jnd.append(residual_jnd((goal - true)[here], goal[here]))
         sigmas.append(float(np.sqrt(np.mean((best - true)[here] ** 2))) / SIGMA)
         noise = rng.normal(size=len(true)) * SIGMA / np.sqrt(photographs)
         asked = update(asked, true + noise)

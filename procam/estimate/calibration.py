@@ -49,7 +49,7 @@ ROUGH_ALBEDO = 0.5  # shapes of bounced light hardly depend on it
 class ProjectorMeasurement:
     """What was read off one projector's pictures, in camera channels.
 
-    `black` (H, W, 3) is the radiance of its black picture, scattered light included; `lightings` are
+    `black` (H, W, 3) is the radiance of its black picture, scattered light included; `scatter_samples` are
     the bounced light of its white, then of its other pictures; `exponent` is that of `Photometry`;
     `notes` what people should know.
     """
@@ -58,7 +58,7 @@ class ProjectorMeasurement:
     black: Image
     colour: ColourFit
     response: ResponseCurve
-    lightings: Sequence[ScatterSample] = ()
+    scatter_samples: Sequence[ScatterSample] = ()
     exponent: Image | None = None
     notes: Sequence[str] = ()
 
@@ -89,8 +89,8 @@ def assemble(
     shape = matched_white(hi, lit, falloff_per_rad)
     white = common_white(hi / shape[..., None], lit)
     to_relative = np.diag(1 / white) @ unmix
-    lightings = [[x.converted(unmix) for x in m.lightings] for m in measured.values()]
-    bounced = _measure_scatter(dome, view, master, list(content.values()), lightings, hi)
+    scatter_samples = [[x.converted(unmix) for x in m.scatter_samples] for m in measured.values()]
+    bounced = _measure_scatter(dome, view, master, list(content.values()), scatter_samples, hi)
     lo = master.black_level(measured, to_relative)
     maps = DomeMaps(
         *master.scatter_and_albedo(bounced),
@@ -227,11 +227,11 @@ def _measure_scatter(
     view: DomeView,
     master: _Master,
     lights: list[SeparatedLight],
-    lightings: list[list[ScatterSample]],
+    scatter_samples: list[list[ScatterSample]],
     hi: Array,
 ) -> _Scatter:
-    white, together = master.flux_in_cells(hi), [x for each in lightings for x in each]
-    spread = solve_scatter(lights, lightings, view, white)
+    white, together = master.flux_in_cells(hi), [x for each in scatter_samples for x in each]
+    spread = solve_scatter(lights, scatter_samples, view, white)
     floor = measure_floor(together, spread.in_cells, white, dome, ROUGH_ALBEDO)
     value, sigma = floor_of(dome, floor)
     floored = replace(dome, floor_albedo=value, floor_albedo_sigma=sigma)

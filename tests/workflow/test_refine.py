@@ -155,7 +155,7 @@ class TestCommand:
         assert not (dome / "calibrations" / "0002").exists()
 
     def test_nothing_to_correct(self, dome: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setattr(refining, "good_enough", lambda *_: True)
+        monkeypatch.setattr(refining, "converged", lambda *_: True)
         ran = procam("refine", dome)
         old = dome / "calibrations" / "0001"
         assert ran.out.splitlines()[-1] == f"nothing to correct, {old} stays newest"
@@ -197,7 +197,7 @@ def test_a_picture_that_one_exposure_cannot_hold_is_bracketed(
     calibrated: Path, good: Calibration, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The bracket's photographs tell the same light as single ones."""
-    monkeypatch.setattr(refining, "good_enough", lambda *_: True)
+    monkeypatch.setattr(refining, "converged", lambda *_: True)
     single = _refined(calibrated, good)
     monkeypatch.setattr(loop_camera, "bracket_for", lambda light, sigma, e: (e, 4 * e))
     bracketed = _refined(calibrated, good)

@@ -10,7 +10,12 @@ from numpy.typing import NDArray
 from procam.estimate.camera.exposure import LONGEST_S, MOST_STEPS, STEP
 from procam.estimate.camera.hdr import merge_exposures
 from procam.estimate.camera.noise import NoiseLaw
-from procam.estimate.closed_loop.patches import ALMOST_ALL, FEWEST, TWO_SIDED, just_noticeable
+from procam.estimate.closed_loop.patches import (
+    CELL_QUANTILE,
+    MIN_PHOTOGRAPHS,
+    TWO_SIDED,
+    just_noticeable,
+)
 from procam.model.frame import Frame
 from procam.model.optics import Sensor
 
@@ -23,12 +28,12 @@ def bracket_for(light: Array, sigma: Array, exposure_s: float) -> tuple[float, .
     One alone if it shows the dark cells, those that a longer one would not clip, to a JND with as many
     photographs as are taken anyway. Else each next is `STEP` times longer, until it would clip the darkest.
     """
-    brightest, darkest = float(light.max()), float(np.quantile(light, 1 - ALMOST_ALL))
+    brightest, darkest = float(light.max()), float(np.quantile(light, 1 - CELL_QUANTILE))
     dark = light * STEP <= brightest
     if not dark.any():
         return (exposure_s,)
     blur = TWO_SIDED * sigma[dark] / just_noticeable(light[dark])
-    if np.quantile(blur, ALMOST_ALL) <= np.sqrt(FEWEST):
+    if np.quantile(blur, CELL_QUANTILE) <= np.sqrt(MIN_PHOTOGRAPHS):
         return (exposure_s,)
     longer = (exposure_s * STEP**k for k in range(1, MOST_STEPS) if darkest * STEP**k <= brightest)
     return (exposure_s, *(e for e in longer if e <= LONGEST_S))

@@ -7,7 +7,12 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, minimum_filter
 
 from procam.errors import NotEnoughData
-from procam.estimate.closed_loop.patches import ALMOST_ALL, LoopObservation, LoopState, PatchScatter
+from procam.estimate.closed_loop.patches import (
+    CELL_QUANTILE,
+    LoopObservation,
+    LoopState,
+    PatchScatter,
+)
 from procam.maths.geometry.sphere import (
     cap_solid_angle,
     master_directions,
@@ -113,7 +118,7 @@ class DomeLoop:
         self.block = block[:, None] * (LOOP_SIZE // BLOCK) + block
         self._low_pass_cells = low_pass_cells(calibration)
         m = calibration.feedback
-        self.belief = LoopState(
+        self.state = LoopState(
             self._bounces(calibration),
             self.block[self._inside],
             m.sigma / np.maximum(m.value, TINY),
@@ -131,7 +136,7 @@ class DomeLoop:
         self.learn(seen, sigma, photographs)
         down, up = self._rooms()
         flat = (self._asked, self.goal, down, up)
-        change = self._whole(self.belief.step(*(self._flat(values) for values in flat)))
+        change = self._whole(self.state.step(*(self._flat(values) for values in flat)))
         self.correction += change
         self._show()
 
@@ -141,9 +146,7 @@ class DomeLoop:
         reach = maximum_filter(light, NEAR, axes=(0, 1)) - minimum_filter(light, NEAR, axes=(0, 1))
         doubt = np.hypot(sigma / np.sqrt(photographs), STRAY * reach)
         asked, seen, doubt = (self._flat(values) for values in (light, seen, doubt))
-        self.belief.learn(
-            LoopObservation(asked, seen, doubt, self.known[self._inside], photographs)
-        )
+        self.state.learn(LoopObservation(asked, seen, doubt, self.known[self._inside], photographs))
 
     def residual(self, seen: Array) -> Array:
         """Goal minus seen (N, N, 3) [rel]; it means something where cells are `free`."""
@@ -155,7 +158,7 @@ class DomeLoop:
 
     def gain_factor(self) -> Array:
         """(N, N, 3) means by which the calibration's gain was wrong: light got per light asked."""
-        surplus = self._whole(self.belief.surplus)
+        surplus = self._whole(self.state.surplus)
         with np.errstate(divide="ignore", invalid="ignore"):
             factor = 1 + surplus / self._asked
         trusted = self.known & (self._asked > LEAST_ASKED) & np.isfinite(factor)
@@ -223,7 +226,7 @@ def low_pass_cells(calibration: Calibration) -> float:
     sigma = np.concatenate(
         [s.sigma_arcmin[s.valid & np.isfinite(s.sigma_arcmin)] for s in surfaces]
     )
-    registration = float(np.quantile(sigma, ALMOST_ALL)) if sigma.size else 0.0
+    registration = float(np.quantile(sigma, CELL_QUANTILE)) if sigma.size else 0.0
     wanted = 2 * registration / CELL_ARCMIN
     return float(np.sqrt(max(wanted**2 - 1 / 12, 0.0)))
 
@@ -277,7 +280,7 @@ def _nodes_for_means(means: Array) -> Array:
 
 def refined_calibration(calibration: Calibration, loop: DomeLoop) -> Calibration:
     """The calibration with what a loop has learnt of gains and bounced light."""
-    factor, scatter = _nodes_for_means(loop.gain_factor()), loop.belief.scatter_factor
+    factor, scatter = _nodes_for_means(loop.gain_factor()), loop.state.scatter_factor
     maps = calibration.maps
     where = master_pixels(master_directions(maps.size)[0], maps.size)
     at, brighter = _factor_at(factor, where, maps), _albedo_factor(calibration, scatter)

@@ -20,12 +20,12 @@ WHITE_NITS = 14.0  # of a bright dome (science.md s.7): the brighter, the finer 
 WEBER, BRIGHT_NITS = 0.007, 10.0
 WEBER_DARK, DARK_NITS = 0.04, 0.1
 WHOLE_STEPS = 2  # the first finds the error, the second what the first missed for wrong gains
-MOST_STEPS = 4  # corrections of one loop
-FEWEST, MOST = 4, 16  # photographs of a picture: four also tell their own noise
+MAX_CORRECTIONS = 4  # corrections of one loop
+MIN_PHOTOGRAPHS, MOST = 4, 16  # photographs of a picture: four also tell their own noise
 TWO_SIDED = 1.96  # sigmas within which 95 % of a normal distribution lies
-ALMOST_ALL = 0.95  # of the patches must be as good as is told
+CELL_QUANTILE = 0.95  # of the patches must be as good as is told
 AVERAGED = 8  # a residual below the noise of so many photographs' mean is left alone
-SEEN_JND = 0.5  # of which no one will see more, if it is corrected
+VISIBLE_JND = 0.5  # of which no one will see more, if it is corrected
 TINY = 1e-6  # of white
 FEWEST_PATCHES = 30  # of a neighbourhood, for its mean to be judged
 CLEAR_SIGMAS, STRAY_DOUBT = 3.0, 0.005  # of bounced light
@@ -233,13 +233,13 @@ def photographs_needed(sigma: Array, light: Array) -> int:
     """
     blur = TWO_SIDED * sigma / just_noticeable(light)
     half = float(np.median(blur)) ** 2
-    if half > MOST * MOST_STEPS:
+    if half > MOST * MAX_CORRECTIONS:
         raise OutOfModelRange(
             f"closed loop: got a camera whose single photograph is uncertain by {np.sqrt(half):.2g} "
-            f"JND in half of the dome, expected at most {np.sqrt(MOST * MOST_STEPS):.2g}; open the "
+            f"JND in half of the dome, expected at most {np.sqrt(MOST * MAX_CORRECTIONS):.2g}; open the "
             "aperture, expose longer, or refine on a brighter picture"
         )
-    return int(np.clip(np.ceil(np.quantile(blur, ALMOST_ALL) ** 2), FEWEST, MOST))
+    return int(np.clip(np.ceil(np.quantile(blur, CELL_QUANTILE) ** 2), MIN_PHOTOGRAPHS, MOST))
 
 
 def residual_without_noise(residual: Array, sigma: Array, photographs: int) -> float:
@@ -247,15 +247,15 @@ def residual_without_noise(residual: Array, sigma: Array, photographs: int) -> f
     return float(np.sqrt(max(float(np.mean(residual**2 - sigma**2 / photographs)), 0.0)))
 
 
-def visible(residual: Array, light: Array) -> float:
+def residual_jnd(residual: Array, light: Array) -> float:
     """What almost all patches of `residual` (n,) are off by at most, of light (n,) [JND]."""
-    return float(np.quantile(np.abs(residual) / just_noticeable(light), ALMOST_ALL))
+    return float(np.quantile(np.abs(residual) / just_noticeable(light), CELL_QUANTILE))
 
 
-def good_enough(residual: Array, sigma: Array, light: Array, photographs: int) -> bool:
+def converged(residual: Array, sigma: Array, light: Array, photographs: int) -> bool:
     """Whether to stop: what is left is less than noise, or than half a JND in almost all patches."""
     noise = float(np.sqrt(np.mean(sigma**2) / AVERAGED))
-    unseen = visible(residual, light) <= SEEN_JND
+    unseen = residual_jnd(residual, light) <= VISIBLE_JND
     return unseen or residual_without_noise(residual, sigma, photographs) <= noise
 
 
@@ -287,7 +287,7 @@ def largest_regression(
             before = float(np.mean(first[place, c] ** 2)) - known
             after = float(np.mean(last[place, c] ** 2)) - known
             chance = 3 * np.sqrt(2 / place.sum()) * (known + max(before, after, 0))
-            if after - max(before, SEEN_JND**2) > chance and (
+            if after - max(before, VISIBLE_JND**2) > chance and (
                 found is None or after > found.after**2
             ):
                 found = Regression(place, c, np.sqrt(max(before, 0)), np.sqrt(after))

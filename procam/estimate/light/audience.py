@@ -98,14 +98,14 @@ class AudienceView:
         mean = np.tensordot(lit_sr, np.nan_to_num(light), 2) / lit_sr.sum()
         return level.astype(np.float32), np.maximum(mean, 0)
 
-    def look(self, light: Image, lit: Mask) -> ZoneObservation:
+    def observe(self, light: Image, lit: Mask) -> ZoneObservation:
         """A photograph (H, W, 3) without black [rel], NaN where saturated, of a picture.
 
         `lit` (H, W) is where the calibration expects its direct light.
         """
         near = grow(lit, CLEAR_CAMERA_PX) & self.view.on_screen
         dark = self.view.on_screen & ~near
-        seen = self._cells.lighting(light, dark, np.where(near[..., None], light, 0))
+        seen = self._cells.scatter_sample(light, dark, np.where(near[..., None], light, 0))
         return ZoneObservation(seen.scattered, seen.direct, self._summed(near.astype(np.float32)))
 
     def scatter_ratio(
@@ -164,7 +164,7 @@ class AudienceView:
     def _summed(self, share: Image) -> Array:
         """Solid angle (N,) of cells that a share (H, W) of pixels takes [sr]."""
         nothing = np.zeros(share.shape, bool)
-        return self._cells.lighting(share[..., None], nothing, share[..., None]).direct[:, 0]
+        return self._cells.scatter_sample(share[..., None], nothing, share[..., None]).direct[:, 0]
 
 
 def centre_shift(light: Image, expected: Image, usable: Mask) -> float:

@@ -40,7 +40,11 @@ class FloorLight:
 
 
 def measure_floor(
-    lightings: Sequence[ScatterSample], per_flux: Array, white: Array, dome: Dome, albedo: float
+    scatter_samples: Sequence[ScatterSample],
+    per_flux: Array,
+    white: Array,
+    dome: Dome,
+    albedo: float,
 ) -> FloorLight:
     """The floor's albedo from pictures with light on parts of the dome.
 
@@ -58,24 +62,26 @@ def measure_floor(
     floor, sigma, by_floor = dome.floor_albedo, np.inf, _floor_exchange(dome)
     for _ in range(ROUNDS):
         rooms = [_Room(dome, albedo, f, by_floor) for f in (floor, floor + STEP)]
-        sums = np.array([_against(rooms, x, per_flux, white) for x in lightings])
+        sums = np.array([_against(rooms, x, per_flux, white) for x in scatter_samples])
         top, bottom = sums.sum(axis=0)
         if not bottom > 0:
             return FloorLight(dome.floor_albedo, np.inf, UNKNOWN_DOUBT)
         others = (top - sums[:, 0]) / np.maximum(bottom - sums[:, 1], 1e-300)
         floor = float(np.clip(floor + top / bottom, 0, LARGEST))
         sigma = float(np.sqrt((len(sums) - 1) * np.var(others)))
-    doubt = _flux_inconsistency(_Room(dome, albedo, floor, by_floor), lightings, per_flux, white)
+    doubt = _flux_inconsistency(
+        _Room(dome, albedo, floor, by_floor), scatter_samples, per_flux, white
+    )
     return FloorLight(floor, float(np.hypot(sigma, MODEL_SIGMA * floor)), doubt)
 
 
 def _flux_inconsistency(
-    room: "_Room", lightings: Sequence[ScatterSample], per_flux: Array, white: Array
+    room: "_Room", scatter_samples: Sequence[ScatterSample], per_flux: Array, white: Array
 ) -> float:
     """Spread of the pictures' bounced light over what the room makes of their direct light."""
     brought = room.returned(white.mean(axis=1)) / white.mean(axis=1).sum()
     scales = []
-    for x in lightings:
+    for x in scatter_samples:
         known = (x.pixels > 0) & np.isfinite(x.scattered + per_flux).all(axis=1) & room.on_cap
         if known.any():
             expected = (room.returned(x.direct.mean(axis=1)) / brought)[known]

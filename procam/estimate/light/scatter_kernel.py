@@ -90,7 +90,7 @@ class ScatterCells:
         self._all = np.bincount(self._index, minlength=CELLS**2)
         self._solid = solid_angle_sr[self._use]
 
-    def lighting(self, scattered: Image, known: Mask, direct: Image) -> ScatterSample:
+    def scatter_sample(self, scattered: Image, known: Mask, direct: Image) -> ScatterSample:
         """Bounced light (H, W, C) where it is `known` (H, W), and the direct light behind it."""
         light = np.nan_to_num(direct[self._use])
         sums = self._sums(light * self._solid[:, None], self._index)
@@ -135,13 +135,13 @@ class ScatterSolution:
 
 def solve_scatter(
     lights: Sequence[SeparatedLight],
-    lightings: Sequence[Sequence[ScatterSample]],
+    scatter_samples: Sequence[Sequence[ScatterSample]],
     view: DomeView,
     white: Array,
 ) -> ScatterSolution:
     """Fit u and the kernel in turn: what white brings is told by projectors that are not all of it.
 
-    `lightings` of each projector, its white first; `white` (N, C) flux of the whole dome's white.
+    `scatter_samples` of each projector, its white first; `white` (N, C) flux of the whole dome's white.
     """
     moment = cell_basis().T @ white
     cells = ScatterCells(view.direction, view.solid_angle_sr)
@@ -150,8 +150,8 @@ def solve_scatter(
     for _ in range(ROUNDS):
         per_flux = scatter_per_flux(lights, strengths)
         mean, _ = cells.mean(per_flux, view.on_screen)
-        fit = fit_scatter([x for each in lightings for x in each], mean, moment)
-        whites = [each[0].moment for each in lightings]
+        fit = fit_scatter([x for each in scatter_samples for x in each], mean, moment)
+        whites = [each[0].moment for each in scatter_samples]
         strengths = [sample(_relative_gain(fit.kernel, m), places, 1.0) for m in whites]
     per_flux = scatter_per_flux(lights, strengths)
     return ScatterSolution(per_flux, strengths or [], fit, cells.mean(per_flux, view.on_screen)[0])
@@ -168,7 +168,9 @@ def _relative_gain(kernel: ScatterKernel, moment: Array) -> Image:
     return np.stack(each, axis=-1).reshape(CELLS, CELLS, -1).astype(np.float32)
 
 
-def fit_scatter(lightings: Sequence[ScatterSample], per_flux: Array, white: Array) -> ScatterFit:
+def fit_scatter(
+    scatter_samples: Sequence[ScatterSample], per_flux: Array, white: Array
+) -> ScatterFit:
     """Choose the kernel's degree by pictures held out, then fit it to all.
 
     Parameters
@@ -176,7 +178,7 @@ def fit_scatter(lightings: Sequence[ScatterSample], per_flux: Array, white: Arra
     lightings : pictures. per_flux : (N, C) bounced light that a unit of white's flux brings [1/sr],
         NaN where unknown. white : (K, C) moments of full white on all the dome.
     """
-    channels, lightings = white.shape[1], _bright(lightings)
+    channels, scatter_samples = white.shape[1], _bright(scatter_samples)
     if not np.isfinite(white).all():
         raise OutOfModelRange(
             "full white: got light that is not known in places, expected all of it; where white is "
@@ -186,19 +188,19 @@ def fit_scatter(lightings: Sequence[ScatterSample], per_flux: Array, white: Arra
         raise OutOfModelRange(
             "bounced light: got none above zero anywhere; is glare or black_level in venue.toml too large?"
         )
-    each = [_Channel(lightings, per_flux[:, c], white[:, c], c) for c in range(channels)]
-    degrees = [d for d in range(HIGHEST + 1) if len(lightings) >= max(2, FEWEST * d)]
+    each = [_Channel(scatter_samples, per_flux[:, c], white[:, c], c) for c in range(channels)]
+    degrees = [d for d in range(HIGHEST + 1) if len(scatter_samples) >= max(2, FEWEST * d)]
     held_out = {d: float(np.mean([x.held_out_error(d) for x in each])) for d in degrees}
     degree = _simplest(held_out)
-    fits = [x.fit(degree, np.ones(len(lightings), bool)) for x in each]
+    fits = [x.fit(degree, np.ones(len(scatter_samples), bool)) for x in each]
     matrix, profile = (np.stack(part) for part in zip(*fits, strict=True))
     return ScatterFit(ScatterKernel(degree, matrix, profile), held_out)
 
 
-def _bright(lightings: Sequence[ScatterSample]) -> list[ScatterSample]:
+def _bright(scatter_samples: Sequence[ScatterSample]) -> list[ScatterSample]:
     """Without pictures that hardly light the dome: parts of a panel that miss it."""
-    flux = np.array([x.moment[0].mean() for x in lightings])
-    return [x for x, f in zip(lightings, flux, strict=True) if f > DIM * np.median(flux)]
+    flux = np.array([x.moment[0].mean() for x in scatter_samples])
+    return [x for x, f in zip(scatter_samples, flux, strict=True) if f > DIM * np.median(flux)]
 
 
 def _simplest(held_out: dict[int, float]) -> int:
@@ -214,15 +216,15 @@ class _Channel:
     """One colour of all pictures."""
 
     def __init__(
-        self, lightings: Sequence[ScatterSample], per_flux: Array, white: Array, channel: int
+        self, scatter_samples: Sequence[ScatterSample], per_flux: Array, white: Array, channel: int
     ) -> None:
         on_dome = np.isfinite(per_flux) & (per_flux > 0)
         self._phi, self._white = cell_basis()[on_dome], white
         base = per_flux[on_dome]
-        self._ratio = np.stack([x.scattered[on_dome, channel] / base for x in lightings])
+        self._ratio = np.stack([x.scattered[on_dome, channel] / base for x in scatter_samples])
         # noise of a cell falls with its pixels; the ratio's grows where little bounces
-        self._weight = np.stack([x.pixels[on_dome] * base**2 for x in lightings])
-        self._moment = np.stack([x.moment[:, channel] for x in lightings])
+        self._weight = np.stack([x.pixels[on_dome] * base**2 for x in scatter_samples])
+        self._moment = np.stack([x.moment[:, channel] for x in scatter_samples])
 
     def fit(self, degree: int, pictures: Mask) -> tuple[Array, Array]:
         """Kernel and profile from some pictures."""

@@ -26,7 +26,7 @@ GREEN = 1
 
 
 @dataclass(frozen=True, slots=True)
-class Sum:
+class PatternSum:
     """What pictures that should add up to white leave over.
 
     `shots` as people know them; `drift`, `room` relative to white, with `sigma` of the worse one.
@@ -38,7 +38,7 @@ class Sum:
     sigma: float
 
 
-class LightChecks:
+class StabilityChecks:
     """Collects sums of one projector's pictures.
 
     Parameters
@@ -51,7 +51,7 @@ class LightChecks:
         self._places = places[:: max(1, len(places) // MOST_PIXELS)]
         self._white = self._picked(white)
         self._level = float(np.percentile(self._white, 95)) if len(self._white) else 0.0
-        self.sums: list[Sum] = []
+        self.sums: list[PatternSum] = []
 
     def add(self, shots: str, pictures: Sequence[Image], numbers: float = 0.0) -> None:
         """Compare the sum of pictures (H, W, 3), black taken off each, with white.
@@ -73,7 +73,7 @@ class LightChecks:
         sigma = float(np.sqrt(np.diag(covariance).max()))
         drift, room = float(found[0]), float(found[1])
         room = float(np.copysign(max(abs(room) - BOUNCED * numbers, 0.0), room))
-        self.sums.append(Sum(shots, drift, room, sigma))
+        self.sums.append(PatternSum(shots, drift, room, sigma))
 
     def notes(self, projector: str) -> list[str]:
         """What people should know; refuses what would spoil the calibration.

@@ -87,7 +87,7 @@ def plan_server(
     return plan_of({master.name: shown}, exposure_s, black_exposure_s)
 
 
-def lit_pixels(white: Image, pairs: Iterable[tuple[Image, Image]]) -> Mask:
+def lit_by_stripes(white: Image, pairs: Iterable[tuple[Image, Image]]) -> Mask:
     """Camera pixels (H, W) that stripes and their inverses, (H, W, C) each, tell apart.
 
     `white` (H, W, C) is white minus black. It marks the whole dome, since bounced light is

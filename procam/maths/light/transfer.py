@@ -56,4 +56,4 @@ _TRANSFERS: Mapping[str, Transfer] = MappingProxyType(
         "bt1886": _power("bt1886", 2.4),
     }
 )
-NAMES = tuple(_TRANSFERS)
+TRANSFER_NAMES = tuple(_TRANSFERS)

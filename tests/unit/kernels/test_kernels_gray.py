@@ -129,11 +129,11 @@ def test_any_float(values: np.ndarray, bit: int) -> None:
     [
         ({"bit": 16}, InputError, "bit: got 16, expected 0 to 15"),
         ({"pattern": np.zeros(4)}, InputError, "pattern: got float64, expected uint8"),
-        ({"inverse": np.zeros(3, np.uint8)}, ShapeError, r"inverse: got shape \(3,\)"),
+        ({"inverse": np.zeros(3, np.uint8)}, ShapeError, r"inverse has shape \(3,\)"),
         ({"inverse": np.zeros(4, np.uint16)}, InputError, "inverse: got uint16, expected uint8"),
         ({"code": np.zeros(4, np.int32)}, InputError, "code: got int32, expected uint16"),
         ({"least": np.zeros(4, np.float32)}, InputError, "least: got float32, expected uint8"),
-        ({"most": np.zeros((2, 2), np.uint8)}, ShapeError, r"most: got shape \(2, 2\)"),
+        ({"most": np.zeros((2, 2), np.uint8)}, ShapeError, r"most has shape \(2, 2\)"),
     ],
 )
 def test_what_does_not_fit_is_refused(change: dict, error: type, text: str) -> None:

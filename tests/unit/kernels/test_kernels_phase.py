@@ -128,7 +128,7 @@ def test_any_shifts(shifts: list[float], phase: float, amplitude: float) -> None
             ShapeError,
             "frame 1",
         ),
-        ([np.zeros(4, np.uint8)] * 3, [0, 2], ShapeError, r"shifts: got shape \(2,\)"),
+        ([np.zeros(4, np.uint8)] * 3, [0, 2], ShapeError, r"shifts has shape \(2,\)"),
         ([np.zeros(4, np.uint8)] * 3, [0, 2, np.nan], InputError, "expected finite angles"),
         ([np.zeros(4, np.uint8)] * 3, [0, 2, 0], InputError, "undecided"),
         ([np.zeros(4, np.uint8)] * 4, [1, 1 + 2 * np.pi, 2, 2], InputError, "undecided"),

@@ -201,7 +201,7 @@ def test_any_plan(seed: int, period: float, length: float, harmonic: float) -> N
         ({"base": 8}, InputError, "base: got 8, expected 3 to 7"),
         ({"base": 4}, InputError, "expected positive ones, the first 4 equal"),
         ({"periods": [-64.0] * 7}, InputError, "expected positive ones"),
-        ({"periods": [64.0] * 6}, ShapeError, r"periods: got shape \(6,\)"),
+        ({"periods": [64.0] * 6}, ShapeError, r"periods has shape \(6,\)"),
         ({"modulation": [0.0] * 7}, InputError, "modulation: .* expected > 0 in the first 3"),
         ({"harmonic": [np.inf] * 7}, InputError, "harmonic: .* expected finite numbers"),
         ({"shifts": [0.0] * 7}, InputError, "undecided"),

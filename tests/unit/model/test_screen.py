@@ -29,9 +29,9 @@ def test_can_be_the_key_of_what_is_kept_for_it() -> None:
 @pytest.mark.parametrize(
     ("change", "error", "text"),
     [
-        ({"vertices": VERTICES[:, :2]}, ShapeError, r"vertices: got shape \(3, 2\)"),
-        ({"faces": FACES[0]}, ShapeError, r"faces: got shape \(3,\)"),
-        ({"faces": FACES[:0]}, ShapeError, r"faces: got shape \(0, 3\)"),
+        ({"vertices": VERTICES[:, :2]}, ShapeError, r"vertices has shape \(3, 2\)"),
+        ({"faces": FACES[0]}, ShapeError, r"faces has shape \(3,\)"),
+        ({"faces": FACES[:0]}, ShapeError, r"faces has shape \(0, 3\)"),
         (
             {"vertices": VERTICES.astype("f4")},
             InputError,

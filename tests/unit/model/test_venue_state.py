@@ -21,7 +21,7 @@ def test_a_name_that_is_no_file_name_is_refused(name: str) -> None:
 
 def test_one_ratio_per_colour() -> None:
     with pytest.raises(
-        ShapeError, match=r"scatter_ratio of full: got shape \(2,\), expected \(3,\)"
+        ShapeError, match=r"scatter_ratio of full has shape \(2,\); it needs \(3,\)"
     ):
         VenueState("full", FEEDBACK, np.ones(2))
 

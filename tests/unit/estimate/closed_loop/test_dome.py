@@ -111,7 +111,7 @@ class TestLoop:
     def test_what_was_expected_changes_nothing(self, loop: DomeLoop, direct: Image) -> None:
         loop.update(loop.goal, _sigma(), 4)
         assert np.abs(loop.correction[loop.free]).max() < 2e-4
-        np.testing.assert_array_equal(loop.belief.scatter_factor, 1)
+        np.testing.assert_array_equal(loop.state.scatter_factor, 1)
 
     def test_one_step_is_enough_for_a_known_plant(
         self, loop: DomeLoop, cells: LoopCells, calibration: Calibration, direct: Image
@@ -192,7 +192,7 @@ class TestLowPass:
         for arcmin in (0.2, CELL_ARCMIN):
             loop = DomeLoop(_registered(calibration, arcmin), cells, direct, direct)
             loop.learn(loop.goal + stripes, _sigma(), 4)
-            fine = np.diff(loop._whole(loop.belief.surplus), axis=0)
+            fine = np.diff(loop._whole(loop.state.surplus), axis=0)
             sizes.append(float(np.abs(fine[loop.free[1:] & loop.free[:-1]]).mean()))
         assert sizes[1] < 0.05 * sizes[0]
 
@@ -213,8 +213,8 @@ class TestRefinedCalibration:
     @pytest.fixture
     def taught(self, loop: DomeLoop, calibration: Calibration) -> Calibration:
         """A loop that knows: 5 % too little light everywhere, bounced light 10 % stronger."""
-        loop.belief.surplus = -0.05 * loop._asked[loop._inside]
-        loop.belief.scatter_factor[:] = 1.1
+        loop.state.surplus = -0.05 * loop._asked[loop._inside]
+        loop.state.scatter_factor[:] = 1.1
         return refined_calibration(calibration, loop)
 
     def test_gains_are_light_got_per_light_asked(
@@ -237,7 +237,7 @@ class TestRefinedCalibration:
         inside[LOOP_SIZE : LOOP_SIZE + 2] = False  # a row of cells at the zenith
         few = LoopCells.of(direction.astype(np.float32), inside)
         loop = DomeLoop(calibration, few, direct, _observed(calibration, direct))
-        loop.belief.surplus = -0.05 * loop._asked[loop._inside]
+        loop.state.surplus = -0.05 * loop._asked[loop._inside]
         hole = (LOOP_SIZE // 2, slice(LOOP_SIZE // 2 - 5, LOOP_SIZE // 2 + 5))
         assert (few.count[hole] == 0).all()
         np.testing.assert_allclose(loop.gain_factor()[hole], 0.95, rtol=1e-5)

@@ -6,20 +6,20 @@ from tolerances import SOLVER
 
 from procam.errors import OutOfModelRange
 from procam.estimate.closed_loop.patches import (
-    FEWEST,
+    MIN_PHOTOGRAPHS,
     MOST,
     LoopObservation,
     LoopState,
     PatchScatter,
     common_errors,
-    good_enough,
+    converged,
     just_noticeable,
     largest_regression,
     photographs_needed,
     posterior,
     remove_scatter,
+    residual_jnd,
     residual_without_noise,
-    visible,
 )
 from studies import loop as study
 
@@ -87,10 +87,10 @@ class TestStep:
         self, sphere: tuple[Array, Array], rng: np.random.Generator
     ) -> None:
         """The conditions of problem (P): right where free, pulled outwards where held."""
-        belief = _belief(sphere)
+        state = _belief(sphere)
         goal, asked = rng.uniform(0, 0.8, (PATCHES, 1)), np.full((PATCHES, 1), 0.2)
         down, up = asked - 0.01, 0.35 - asked
-        asked = asked + belief.step(asked, goal, down, up)
+        asked = asked + state.step(asked, goal, down, up)
         wrong = goal[:, 0] - _dense(*sphere) @ asked[:, 0]
         low, high = asked[:, 0] < 0.01 + 1e-9, asked[:, 0] > 0.35 - 1e-9
         assert low.any() and high.any() and (~low & ~high).any()
@@ -100,10 +100,10 @@ class TestStep:
     def test_a_held_patch_is_let_go_when_its_light_is_wanted(
         self, sphere: tuple[Array, Array]
     ) -> None:
-        belief = _belief(sphere)
+        state = _belief(sphere)
         asked = np.full((PATCHES, 1), 0.01)
-        held = belief.step(asked, np.full_like(asked, 0.0), asked - 0.01, 1 - asked)
-        free = belief.step(asked, np.full_like(asked, 0.5), asked - 0.01, 1 - asked)
+        held = state.step(asked, np.full_like(asked, 0.0), asked - 0.01, 1 - asked)
+        free = state.step(asked, np.full_like(asked, 0.5), asked - 0.01, 1 - asked)
         assert not held.any() and (free > 0.05).all()
 
 
@@ -111,36 +111,36 @@ class TestLearn:
     def test_two_steps_are_whole_then_every_photograph_weighs_the_same(
         self, sphere: tuple[Array, Array]
     ) -> None:
-        belief = _belief(sphere)
+        state = _belief(sphere)
         asked = np.full((PATCHES, 1), 0.5)
         ripple = np.resize([0.01, -0.01], (PATCHES, 1))  # nothing of it is common
         shares = []
         for _ in range(5):
-            before = belief.surplus.copy()
-            news = belief.expected(asked) + ripple
-            belief.learn(_look(asked, news, 4))
-            shares.append(np.abs(belief.surplus - before).mean() / 0.01)
+            before = state.surplus.copy()
+            news = state.expected(asked) + ripple
+            state.learn(_look(asked, news, 4))
+            shares.append(np.abs(state.surplus - before).mean() / 0.01)
         np.testing.assert_allclose(shares, [1, 1, 1 / 2, 1 / 3, 1 / 4], rtol=0.02)
 
     def test_unknown_patches_teach_nothing(self, sphere: tuple[Array, Array]) -> None:
-        belief = _belief(sphere)
+        state = _belief(sphere)
         asked = np.full((PATCHES, 1), 0.5)
-        seen = belief.expected(asked)
+        seen = state.expected(asked)
         seen[:10] = 99.0
         known = np.arange(PATCHES)[:, None] >= 10
-        belief.learn(LoopObservation(asked, seen, np.full_like(asked, 0.001), known, 1))
-        assert np.abs(belief.surplus).max() < SOLVER and belief.scatter_factor[0] == 1
+        state.learn(LoopObservation(asked, seen, np.full_like(asked, 0.001), known, 1))
+        assert np.abs(state.surplus).max() < SOLVER and state.scatter_factor[0] == 1
 
     @pytest.mark.parametrize("factor", [0.9, 1.1])
     def test_bounced_light_is_told_from_gains_by_one_look(
         self, sphere: tuple[Array, Array], rng: np.random.Generator, factor: float
     ) -> None:
-        belief = _belief(sphere, factor)
+        state = _belief(sphere, factor)
         asked = np.resize([0.01, 0.3, 0.6], (PATCHES, 1))
         gain = 1 + 0.02 * rng.normal(size=(PATCHES, 1))
-        belief.learn(_look(asked, _dense(*sphere) @ (gain * asked), 1))
-        assert belief.scatter_factor[0] * factor == pytest.approx(1, abs=0.02)
-        got = (asked + belief.surplus) / asked
+        state.learn(_look(asked, _dense(*sphere) @ (gain * asked), 1))
+        assert state.scatter_factor[0] * factor == pytest.approx(1, abs=0.02)
+        got = (asked + state.surplus) / asked
         np.testing.assert_allclose(got[1::3], gain[1::3], atol=0.01)
 
 
@@ -183,7 +183,7 @@ class TestCommonErrors:
 class TestRules:
     def test_photographs_are_as_many_as_a_jnd_needs(self) -> None:
         light = np.full(100, 1.0)  # its JND is .7 % of white
-        for sigma, wanted in ((0.0, FEWEST), (0.009, 7), (0.02, MOST)):
+        for sigma, wanted in ((0.0, MIN_PHOTOGRAPHS), (0.009, 7), (0.02, MOST)):
             assert photographs_needed(np.full(100, sigma), light) == wanted
 
     def test_a_camera_that_cannot_resolve_is_refused(self) -> None:
@@ -202,16 +202,16 @@ class TestRules:
     def test_stops_at_half_a_jnd_in_almost_all_patches(self) -> None:
         light, sigma = np.ones(1000), np.zeros(1000)
         residual = np.where(np.arange(1000) < 40, 0.1, 0.0034)
-        assert visible(residual, light) == pytest.approx(0.0034 / 0.007)
-        assert good_enough(residual, sigma, light, 1)
-        assert not good_enough(1.1 * residual, sigma, light, 1)
+        assert residual_jnd(residual, light) == pytest.approx(0.0034 / 0.007)
+        assert converged(residual, sigma, light, 1)
+        assert not converged(1.1 * residual, sigma, light, 1)
 
     def test_stops_at_the_noise_of_eight_photographs(self) -> None:
         light, sigma = np.ones(1000), np.full(1000, 0.02)
         noise = 0.01  # of the mean of four
         for left, stops in ((0.9, True), (1.1, False)):
             residual = np.full(1000, np.hypot(noise, left * 0.02 / np.sqrt(8)))
-            assert good_enough(residual, sigma, light, 4) is stops
+            assert converged(residual, sigma, light, 4) is stops
 
 
 class TestWorsening:

@@ -72,7 +72,7 @@ def _ratio(
     known: Calibration, view: DomeView, pictures: list[Picture], before: Sequence[Picture] = ()
 ) -> Measured:
     house = AudienceView(known, view)
-    looks, then = ([house.look(*picture) for picture in each] for each in (pictures, before))
+    looks, then = ([house.observe(*picture) for picture in each] for each in (pictures, before))
     return house.scatter_ratio(looks, then)
 
 

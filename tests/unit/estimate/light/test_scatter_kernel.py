@@ -70,7 +70,7 @@ class TracedRoom:
         image = self.room.dome_image(self.room.irradiance(flux))[..., 0]
         return sample(image, self.room.dome_image_coordinates(DIRECTION)[None])[0].astype(float)
 
-    def lighting(self, lit: Where, noise: float) -> ScatterSample:
+    def scatter_sample(self, lit: Where, noise: float) -> ScatterSample:
         met = lit(DIRECTION) & INSIDE
         rng = np.random.default_rng(int(1000 * met.sum()))
         light = self.scattered(lit)
@@ -103,7 +103,7 @@ def bare() -> TracedRoom:
 
 def fitted(room: TracedRoom, noise: float = 0.003):  # type: ignore[no-untyped-def]
     per_flux, white = room.known()
-    found = [room.lighting(lit, noise) for lit in parts()]
+    found = [room.scatter_sample(lit, noise) for lit in parts()]
     return fit_scatter(found, per_flux, cell_basis().T @ white)
 
 
@@ -123,7 +123,7 @@ def test_a_furnished_one_takes_more_and_says_why(furnished: TracedRoom) -> None:
 
 def test_parts_that_miss_the_dome_do_not_spoil_the_choice(furnished: TracedRoom) -> None:
     per_flux, white = furnished.known()
-    found = [furnished.lighting(lit, 0.003) for lit in parts()]
+    found = [furnished.scatter_sample(lit, 0.003) for lit in parts()]
     dark = replace(found[0], direct=1e-4 * found[0].direct, scattered=1e-4 * found[0].scattered)
     moment = cell_basis().T @ white
     chosen = fit_scatter([*found, dark], per_flux, moment)
@@ -138,14 +138,14 @@ def test_parts_that_miss_the_dome_do_not_spoil_the_choice(furnished: TracedRoom)
 def test_light_that_cannot_be(
     per_flux: float, white: float, message: str, bare: TracedRoom
 ) -> None:
-    found = [bare.lighting(lit, 0.0) for lit in parts()[:2]]
+    found = [bare.scatter_sample(lit, 0.0) for lit in parts()[:2]]
     with pytest.raises(OutOfModelRange, match=message):
         fit_scatter(found, np.full((CELLS**2, 1), per_flux), np.full((9, 1), white))
 
 
 def test_too_few_pictures_take_one_scalar(furnished: TracedRoom) -> None:
     per_flux, white = furnished.known()
-    found = [furnished.lighting(lit, 0.0) for lit in parts()[:1]]
+    found = [furnished.scatter_sample(lit, 0.0) for lit in parts()[:1]]
     fit = fit_scatter(found, per_flux, cell_basis().T @ white)
     assert fit.kernel.degree == 0 and not fit.held_out
     assert "too few pictures" in fit.explained()
@@ -157,7 +157,7 @@ def test_the_floor_is_told_by_the_shape_of_what_it_returns(
 ) -> None:
     room = furnished if asked else bare
     per_flux, white = room.known()
-    found = [room.lighting(lit, 0.003) for lit in parts()]
+    found = [room.scatter_sample(lit, 0.003) for lit in parts()]
     dome = Dome(6.0, np.pi / 2, TILT, 0.1, 0.05)
     floor = measure_floor(found, per_flux, white, dome, 0.5)
     assert abs(floor.albedo - asked) < 2.5 * floor.sigma + 0.005
@@ -168,7 +168,7 @@ def test_the_floor_is_told_by_the_shape_of_what_it_returns(
 def test_scales_of_pictures_do_not_count_for_the_floor(furnished: TracedRoom) -> None:
     """A projector that has drifted, or whose gloss hides light, tells the same floor."""
     per_flux, white = furnished.known()
-    found = [furnished.lighting(lit, 0.0) for lit in parts()]
+    found = [furnished.scatter_sample(lit, 0.0) for lit in parts()]
     drifted = [replace(x, scattered=x.scattered * (1 + 0.1 * i)) for i, x in enumerate(found)]
     dome = Dome(6.0, np.pi / 2, TILT, 0.1, 0.05)
     first, second = (measure_floor(x, per_flux, white, dome, 0.5) for x in (found, drifted))
@@ -199,7 +199,7 @@ class TestCells:
     def test_means_and_flux(self) -> None:
         cells = self.camera()
         picture = np.full((4 * CELLS, 4 * CELLS, 3), 0.5, np.float32)
-        found = cells.lighting(picture, self.inside, 2 * picture)
+        found = cells.scatter_sample(picture, self.inside, 2 * picture)
         known = found.pixels > 0
         np.testing.assert_allclose(found.scattered[known], 0.5)
         np.testing.assert_allclose(found.direct.sum(axis=0), 2 * np.pi, rtol=2e-3)
@@ -216,7 +216,7 @@ class TestCells:
         assert (pixels[~np.isfinite(mean[:, 0])] == 0).all()
 
     def test_other_channels(self) -> None:
-        lighting = ScatterSample(np.ones((4, 3)), np.ones(4), np.ones((4, 3)))
-        found = lighting.converted(np.diag([1.0, 2.0, 3.0]))
+        scatter_sample = ScatterSample(np.ones((4, 3)), np.ones(4), np.ones((4, 3)))
+        found = scatter_sample.converted(np.diag([1.0, 2.0, 3.0]))
         np.testing.assert_allclose(found.direct[0], [1, 2, 3])
         np.testing.assert_allclose(found.scattered[0], [1, 2, 3])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from procam.errors import OutOfModelRange
-from procam.estimate.light.stability import LightChecks
+from procam.estimate.light.stability import StabilityChecks
 
 SIZE = 120
 
@@ -23,9 +23,9 @@ def pictures(rng: np.random.Generator, noise: float = 0.01):
     return seen(np.ones_like(direct), 1), seen(stripe, 0.5), seen(1 - stripe, 0.5)
 
 
-def checks(room: float = 0.0, drift: float = 0.0, seed: int = 0) -> LightChecks:
+def checks(room: float = 0.0, drift: float = 0.0, seed: int = 0) -> StabilityChecks:
     white, pattern, inverse = pictures(np.random.default_rng(seed))
-    found = LightChecks(white, np.ones((SIZE, SIZE), bool))
+    found = StabilityChecks(white, np.ones((SIZE, SIZE), bool))
     found.add("7 and 8", [pattern * (1 + drift) + room, inverse * (1 + drift)])
     return found
 
@@ -66,7 +66,7 @@ def test_what_would_spoil_the_calibration_is_refused(
 def test_someone_who_walks_through_does_not_count() -> None:
     white, pattern, inverse = pictures(np.random.default_rng(3))
     pattern[40:60, 20:50] = 0
-    found = LightChecks(white, np.ones((SIZE, SIZE), bool))
+    found = StabilityChecks(white, np.ones((SIZE, SIZE), bool))
     found.add("7 and 8", [pattern, inverse])
     assert found.notes("north") == []
 
@@ -74,9 +74,9 @@ def test_someone_who_walks_through_does_not_count() -> None:
 def test_saturated_pixels_and_an_unseen_projector() -> None:
     white, pattern, inverse = pictures(np.random.default_rng(4))
     pattern[:10] = np.nan
-    found = LightChecks(white, np.ones((SIZE, SIZE), bool))
+    found = StabilityChecks(white, np.ones((SIZE, SIZE), bool))
     found.add("7 and 8", [pattern, inverse])
     assert found.notes("north") == []
-    unseen = LightChecks(0 * white, np.zeros((SIZE, SIZE), bool))
+    unseen = StabilityChecks(0 * white, np.zeros((SIZE, SIZE), bool))
     unseen.add("7 and 8", [pattern, inverse])
     assert unseen.notes("north") == []

@@ -59,7 +59,7 @@ def test_channels_do_not_mix() -> None:
 
 
 def test_flux_refuses_patches_that_do_not_match() -> None:
-    with pytest.raises(ShapeError, match=r"solid_angle_sr: got shape \(3,\), expected \(4,\)"):
+    with pytest.raises(ShapeError, match=r"solid_angle_sr has shape \(3,\); it needs \(4,\)"):
         flux(np.ones((4, 3)), np.ones(3))
 
 
