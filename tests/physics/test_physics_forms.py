@@ -116,7 +116,7 @@ class TestSphere:
 
     def test_a_furnace_is_refused(self) -> None:
         room = Sphere(1.0, 0.5, 1.0)
-        with pytest.raises(InputError, match="gives back 1 of its light at every bounce"):
+        with pytest.raises(InputError, match="1 of its light at every bounce"):
             sphere_scatter(room.albedo, room.solid)
 
 
@@ -220,7 +220,7 @@ class TestMesh:
         vertices, faces = mesh_shapes.fine_box((0, 0, 0), (1, 1, 1), 2)
         factors = form_factors(vertices, faces)
         white = np.ones((len(faces), 1))
-        with pytest.raises(InputError, match="gives back 1 of its light at every bounce"):
+        with pytest.raises(InputError, match="1 of its light at every bounce"):
             add_bounces(white, white, factors)
         check_darkens(0.99 * white, factors)
 

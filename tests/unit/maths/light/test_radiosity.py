@@ -108,5 +108,5 @@ class TestAlbedo:
 
     @pytest.mark.parametrize("lit", [0.0, -1.0, 6.4])
     def test_refuses_a_lit_part_larger_than_the_screen(self, lit: float) -> None:
-        with pytest.raises(InputError, match=r"lit solid angle: got .* half_angle_deg"):
+        with pytest.raises(InputError, match=r"lit solid angle is .* half_angle_deg"):
             albedo_from_feedback(np.array([0.3]), lit, 2 * np.pi)

@@ -64,7 +64,7 @@ def test_a_picture_that_took_no_part_is_predicted(
     dome: Dome, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The kernel comes back whatever the paint: ten pictures fit it, the rest are told from it."""
-    monkeypatch.setattr(scatter_kernel, "PULL", 1e-8)
+    monkeypatch.setattr(scatter_kernel, "PRIOR_WEIGHT", 1e-8)
     take = np.arange(12) < 10
     matrix, profile = dome.evidence(DEGREE).fit(take)
     np.testing.assert_allclose(matrix, matrix.T)
