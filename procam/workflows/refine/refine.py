@@ -205,7 +205,7 @@ def _finish(
         better = refined_calibration(calibration, loop)
         own = Compensator(better, content.shape[0]).solve(content)
         run.show(projector_frames(own.direct, better))
-    free = loop.free & loop.where_whole(own.free)
+    free = loop.free & loop.cells_where(own.free)
     refined = Refined(
         calibration=better,
         frames=projector_frames(own.direct, better),
