@@ -259,7 +259,7 @@ class TestLoops:
         plant = study.Plant(0.25, 0, 8, 16)
         albedo = 1 + 0.08 * plant.point[:, 0] - 0.06 * plant.point[:, 1]
         albedo *= 4 * np.pi * 0.25 / (plant.area @ albedo)
-        np.testing.assert_allclose(plant.bounces, _dense(albedo, plant.area), atol=SOLVER)
+        np.testing.assert_allclose(plant.transport, _dense(albedo, plant.area), atol=SOLVER)
 
     def test_iterations_to_counts_until_it_stays(self) -> None:
         assert study.iterations_to([0.5, 0.4]) == 0
