@@ -8,14 +8,10 @@ from numpy.typing import NDArray
 
 from procam.estimate.light.scatter_kernel import CELLS, ScatterSample, cell_basis, fit_scatter
 from procam.maths.geometry.sphere import direction_from_angles, master_pixels
-from procam.maths.light.radiosity import (
-    add_interreflection,
-    add_interreflection_paper,
-    add_zoned_interreflection,
-    sphere_scatter,
-)
+from procam.maths.light.radiosity import add_interreflection, sphere_scatter
 from procam.maths.light.scatter_kernel import basis, moments, predicted_ratio
 from simulators.transport import DOME_RINGS, DOME_SECTORS
+from studies.closed_forms import add_interreflection_paper, add_zoned_interreflection
 
 Array = NDArray[np.float64]
 PATCHES = DOME_RINGS * DOME_SECTORS

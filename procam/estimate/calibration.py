@@ -122,13 +122,13 @@ def assemble(
         falloff=shape if falloff_per_rad else None,
     )
     projectors = {
-        name: _gain_and_blend(geometry, name, surfaces[name], light.extended / white, blender)
+        name: _projector(geometry, name, surfaces[name], measured, light.extended / white, blender)
         for name, light in content.items()
     }
     return Calibration(
         scatter.dome,
         geometry.rig.cameras,
-        _projectors(geometry, surfaces, measured, projectors),
+        projectors,
         maps,
         scatter.feedback,
         scatter.albedo,
@@ -136,24 +136,6 @@ def assemble(
         _quality(geometry, measured, master, scatter),
         {**provenance, "notes": [*provenance.get("notes", []), *_notes(measured, dome, scatter)]},
     )
-
-
-def _projectors(
-    geometry: GeometrySolution,
-    surfaces: Mapping[str, ProjectorSurface],
-    measured: Mapping[str, ProjectorMeasurement],
-    gain_and_blend: Mapping[str, tuple[Image, Image]],
-) -> dict[str, ProjectorCalibration]:
-    mean_mix = np.mean([m.colour.mix for m in measured.values()], axis=0)
-    found = {}
-    for name, (gain, blend) in gain_and_blend.items():
-        own = measured[name]
-        mix = _relative_mix(mean_mix, own)
-        photometry = Photometry(own.response, mix, gain, own.exponent)
-        found[name] = ProjectorCalibration(
-            geometry.projectors[name], surfaces[name], photometry, blend
-        )
-    return found
 
 
 class _Master:
@@ -276,14 +258,11 @@ def _content_matrix(measured: Mapping[str, ProjectorMeasurement]) -> Array:
     """(3, 3) from camera radiance to amounts of the mean projector's primaries."""
     lights = [m.light for m in measured.values()]
     white = np.mean([light.direct[light.lit].mean(axis=0) for light in lights], axis=0)
-    mix = np.mean([m.colour.mix for m in measured.values()], axis=0)
-    return np.asarray(np.linalg.inv(mix) / white, float)
+    return np.asarray(np.linalg.inv(_mean_mix(measured)) / white, float)
 
 
-def _relative_mix(mean_mix: Array, measurement: ProjectorMeasurement) -> Array:
-    """Colour mix (3, 3) in content channels; rows sum to 1."""
-    mix = np.asarray(np.linalg.inv(mean_mix) @ measurement.colour.mix, float)
-    return mix / mix.sum(axis=1, keepdims=True)
+def _mean_mix(measured: Mapping[str, ProjectorMeasurement]) -> Array:
+    return np.asarray(np.mean([m.colour.mix for m in measured.values()], axis=0))
 
 
 def _converted(light: SeparatedLight, unmix: Array) -> SeparatedLight:
@@ -298,19 +277,25 @@ def _converted(light: SeparatedLight, unmix: Array) -> SeparatedLight:
     )
 
 
-def _gain_and_blend(
+def _projector(
     geometry: GeometrySolution,
     name: str,
     surface: ProjectorSurface,
+    measured: Mapping[str, ProjectorMeasurement],
     white_light: NDArray[np.floating],
     blender: Blender,
-) -> tuple[Image, Image]:
-    """Gain (H, W, 3), from the camera at each pixel's direction, and blend weight (H, W)."""
-    direction = np.nan_to_num(surface.direction)
+) -> ProjectorCalibration:
+    """One projector: its gain from the camera at each pixel's direction, its mix in content channels."""
+    own, direction = measured[name], np.nan_to_num(surface.direction)
     gain = sample(white_light, camera_pixels(geometry, direction))
     gain = np.maximum(gain, 0) * surface.valid[..., None]
     blend = blender.weights(direction)[name] * surface.valid
-    return gain.astype(np.float32), blend.astype(np.float32)
+    mix = np.linalg.inv(_mean_mix(measured)) @ own.colour.mix
+    mix = np.asarray(mix / mix.sum(axis=1, keepdims=True), float)
+    photometry = Photometry(own.response, mix, gain.astype(np.float32), own.exponent)
+    return ProjectorCalibration(
+        geometry.projectors[name], surface, photometry, blend.astype(np.float32)
+    )
 
 
 def _quality(

@@ -9,22 +9,21 @@ from tolerances import CLOSED_FORM, SOLVER
 
 from procam.errors import InputError
 from procam.maths.geometry.sphere import normalise
-from procam.maths.light.radiosity import (
-    add_interreflection,
-    add_interreflection_paper,
-    add_zoned_interreflection,
-    bounce,
-    bounce_paper,
-    remove_interreflection_paper,
-    remove_zoned_interreflection,
-    sphere_scatter,
-)
+from procam.maths.light.radiosity import add_interreflection, sphere_scatter
 from procam.maths.mesh.facets import face_areas
 from procam.maths.mesh.form_factors import form_factors
 from procam.maths.mesh.radiosity import add_bounces, check_darkens, remove_bounces
 from simulators.presets import REALISTIC
 from simulators.surface import Surface
 from simulators.transport import DOME_RINGS, DOME_SECTORS, Deck, Room
+from studies.closed_forms import (
+    add_interreflection_paper,
+    add_zoned_interreflection,
+    bounce,
+    bounce_paper,
+    remove_interreflection_paper,
+    remove_zoned_interreflection,
+)
 
 COUNT = 300
 

@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procam.estimate.geometry.camera_view import DomeView
-from procam.estimate.geometry.screen_points import round_shape, screen_points
+from procam.estimate.geometry.screen_points import round_shape
+from procam.estimate.light.footprint import pixels_of
 from procam.estimate.light.scatter_kernel import BLACK_BLUR_PX, ScatterCells, cell_basis
 from procam.estimate.light.separation import CLEAR_CAMERA_PX
-from procam.maths.geometry.lenses import project
 from procam.maths.geometry.sphere import master_directions, master_pixels
 from procam.maths.warp import blur_within, grow, sample
 from procam.model.calibration import Calibration
@@ -92,9 +92,7 @@ class AudienceView:
         known = self.view.on_screen & np.isfinite(light).all(axis=-1)
         smooth = blur_within(np.nan_to_num(light), known, BLACK_BLUR_PX)
         direction, inside = master_directions(maps.size)
-        assert camera.camera_from_dome is not None
-        points = screen_points(round_shape(self.calibration.screen), direction)
-        where = project(camera.camera_from_dome.apply(points), camera.lens)
+        where = pixels_of(camera, round_shape(self.calibration.screen), direction)
         level = np.maximum(sample(smooth, where), 0) * inside[..., None]
         lit_sr = self._covered * self.view.solid_angle_sr * known
         mean = np.tensordot(lit_sr, np.nan_to_num(light), 2) / lit_sr.sum()

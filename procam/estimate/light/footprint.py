@@ -12,6 +12,7 @@ from procam.estimate.light.separation import SeparatedLight
 from procam.maths.geometry.areas import PanelField, panel_solid_angles
 from procam.maths.geometry.lenses import project
 from procam.maths.geometry.local_shift import LocalShift
+from procam.maths.geometry.ray_to_screen import RoundShape
 from procam.maths.warp import sample
 from procam.model.correspondence import ProjectorSurface
 from procam.model.mask import Nudge
@@ -69,10 +70,13 @@ def _nudged(fitted: PixelDirections, nudges: Sequence[Nudge]) -> PanelField:
 
 def camera_pixels(solution: GeometrySolution, direction: NDArray[np.floating]) -> Array:
     """Pixel (..., 2) of the main camera that sees the screen in directions (..., 3)."""
-    camera: CameraModel = solution.camera
+    return pixels_of(solution.camera, solution.rig.shape, direction)
+
+
+def pixels_of(camera: CameraModel, shape: RoundShape, direction: NDArray[np.floating]) -> Array:
+    """Pixel (..., 2) of a camera that sees a screen of `shape` in directions (..., 3)."""
     assert camera.camera_from_dome is not None
-    points = screen_points(solution.rig.shape, direction)
-    return project(camera.camera_from_dome.apply(points), camera.lens)
+    return project(camera.camera_from_dome.apply(screen_points(shape, direction)), camera.lens)
 
 
 def lit_share(

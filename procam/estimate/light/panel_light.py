@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procam.errors import InputError
-from procam.estimate.geometry.screen_points import round_shape, screen_points
-from procam.maths.geometry.lenses import project
+from procam.estimate.geometry.screen_points import round_shape
+from procam.estimate.light.footprint import pixels_of
 from procam.maths.geometry.sphere import master_pixels
 from procam.maths.light.scatter_kernel import basis, moments
 from procam.maths.warp import sample
@@ -127,10 +127,9 @@ def _panel_place(surface: ProjectorSurface, direction: Array) -> Array:
 
 def _is_seen(calibration: Calibration, direction: Array) -> bool:
     """Whether the direction is inside the picture of a camera."""
-    point = screen_points(round_shape(calibration.screen), direction[None])
-    for camera in calibration.cameras.values():
-        assert camera.camera_from_dome is not None
-        xy = project(camera.camera_from_dome.apply(point), camera.lens)[0]
-        if ((xy > -0.5) & (xy < np.array(camera.size) - 0.5)).all():
-            return True
-    return False
+    shape = round_shape(calibration.screen)
+    return any(
+        ((xy > -0.5) & (xy < np.array(camera.size) - 0.5)).all()
+        for camera in calibration.cameras.values()
+        for xy in pixels_of(camera, shape, direction[None])
+    )
