@@ -8,14 +8,10 @@ from numpy.typing import NDArray
 
 from procam.estimate.light.scatter_kernel import CELLS, ScatterSample, cell_basis, fit_scatter
 from procam.maths.geometry.sphere import direction_from_angles, master_pixels
-from procam.maths.light.radiosity import (
-    add_interreflection,
-    add_interreflection_paper,
-    add_zoned_interreflection,
-    sphere_scatter,
-)
+from procam.maths.light.radiosity import add_interreflection, sphere_scatter
 from procam.maths.light.scatter_kernel import basis, moments, predicted_ratio
 from simulators.transport import DOME_RINGS, DOME_SECTORS
+from studies.closed_forms import add_interreflection_paper, add_zoned_interreflection
 
 Array = NDArray[np.float64]
 PATCHES = DOME_RINGS * DOME_SECTORS
@@ -135,7 +131,7 @@ def _cell() -> NDArray[np.intp]:
 
 
 def patch_directions() -> Array:
-    """Unit vectors (N, 3) to the patches' middles."""
+    """Unit vectors (N, 3) to the patches' centres."""
     z, azimuth = 1 - (RING + 0.5) / DOME_RINGS, (SECTOR + 0.5) / DOME_SECTORS * 2 * np.pi
     return direction_from_angles(azimuth, np.arcsin(z))
 

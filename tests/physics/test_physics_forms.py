@@ -9,16 +9,7 @@ from tolerances import CLOSED_FORM, SOLVER
 
 from procam.errors import InputError
 from procam.maths.geometry.sphere import normalise
-from procam.maths.light.radiosity import (
-    add_interreflection,
-    add_interreflection_paper,
-    add_zoned_interreflection,
-    bounce,
-    bounce_paper,
-    remove_interreflection_paper,
-    remove_zoned_interreflection,
-    sphere_scatter,
-)
+from procam.maths.light.radiosity import add_interreflection, sphere_scatter
 from procam.maths.mesh.facets import face_areas
 from procam.maths.mesh.form_factors import form_factors
 from procam.maths.mesh.radiosity import (
@@ -29,6 +20,14 @@ from procam.maths.mesh.radiosity import (
 from simulators.presets import REALISTIC
 from simulators.surface import Surface
 from simulators.transport import DOME_RINGS, DOME_SECTORS, Deck, Room
+from studies.closed_forms import (
+    add_interreflection_paper,
+    add_zoned_interreflection,
+    bounce,
+    bounce_paper,
+    remove_interreflection_paper,
+    remove_zoned_interreflection,
+)
 
 COUNT = 300
 
@@ -122,7 +121,7 @@ class TestSphere:
 
     def test_a_furnace_is_refused(self) -> None:
         room = Sphere(1.0, 0.5, 1.0)
-        with pytest.raises(InputError, match="gives back 1 of its light at every bounce"):
+        with pytest.raises(InputError, match="1 of its light at every bounce"):
             sphere_scatter(room.albedo, room.solid)
 
 

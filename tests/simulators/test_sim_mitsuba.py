@@ -242,7 +242,7 @@ class TestErrors:
             load_mitsuba.__wrapped__()
 
     def test_albedo_of_other_faces(self) -> None:
-        with pytest.raises(ShapeError, match=r"albedo: got shape \(11, 1\), expected \(12, C\)"):
+        with pytest.raises(ShapeError, match=r"albedo has shape \(11, 1\); it needs \(12, C\)"):
             scattered_radiosity(*self.BOX, *np.full((2, 11, 1), 0.5), 16)
 
     def test_white_room(self) -> None:
@@ -250,7 +250,7 @@ class TestErrors:
             scattered_radiosity(*self.BOX, *np.ones((2, 12, 1)), 16)
 
     def test_direct_light_of_other_channels(self) -> None:
-        with pytest.raises(ShapeError, match=r"direct: got shape \(12, 3\), expected \(12, 1\)"):
+        with pytest.raises(ShapeError, match=r"direct has shape \(12, 3\); it needs \(12, 1\)"):
             scattered_radiosity(*self.BOX, np.full((12, 1), 0.5), np.ones((12, 3)), 16)
 
     @pytest.mark.parametrize("samples", [4, 100])

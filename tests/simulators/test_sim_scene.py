@@ -81,7 +81,7 @@ class TestProjectorInput:
             assert (scene.shown["north"] == value).all()
 
     def test_refuses_a_wrong_shape(self, scene: DomeScene) -> None:
-        with pytest.raises(ShapeError, match=r"drive of projector south: got shape \(4, 4, 3\)"):
+        with pytest.raises(ShapeError, match=r"drive of projector south has shape \(4, 4, 3\)"):
             SimulatedProjector(scene, "south").show(np.zeros((4, 4, 3), np.float32))
 
     @pytest.mark.parametrize("bad", [-0.1, 1.5, np.nan])

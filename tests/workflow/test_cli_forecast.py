@@ -191,7 +191,7 @@ class TestRefusals:
             ((*PLAN, "--half-angle-deg", 120), "half angle: got 120 degrees, expected more than 0"),
             ((*PLAN, "--contrast", 0), "contrast: got 0, expected more than 1"),
             ((*PLAN, "--floor-albedo", 2), "floor albedo: got 2, expected between 0 and 1"),
-            ((*PLAN, "--radius-m", -1), "radius_m: got -1.0, expected more than 0 metres"),
+            ((*PLAN, "--radius-m", -1), "radius_m is -1.0; it needs a length above 0 metres"),
             ((*PLAN, "--lumens", 9), "--lumens: got no --radius-m beside it, expected the dome's"),
             ((*PLAN, "--lumens", 0, "--radius-m", 5), "--lumens: got 0 in all, expected more than"),
             ((*PLAN, "nonesuch.png"), "nonesuch.png: got no such file, expected an image"),

@@ -114,7 +114,7 @@ def plan_exposures(
     white, black : (H, W) or (H, W, 3) raw counts [DN]. exposures_s : theirs [s].
     sensor : bits and black level. panel : (width, height) of the projector [px].
     direct : (H, W) counts of white that came straight from the projector, 0 where not lit, as from
-        `direct_light`; without it, from `lit_pixels`, all light there is taken for direct.
+        `direct_light`; without it, from `lit_by_brightness`, all light there is taken for direct.
     noise : variance of a signal above black [DN^2]; read off the pictures if not given.
 
     Raises
@@ -177,7 +177,7 @@ def direct_light(first: Counts, second: Counts, span: Counts, noise_dn: ArrayLik
     return np.where(lit, np.minimum(direct, span), 0.0)
 
 
-def lit_pixels(span: Counts, noise_dn: float) -> Mask:
+def lit_by_brightness(span: Counts, noise_dn: float) -> Mask:
     """Pixels (H, W) lit directly, from white - black (H, W) alone: the brighter of two groups.
 
     Scattered light reaches everywhere, so the groups are split where their logarithms differ most
@@ -250,7 +250,9 @@ def _light(
     dark = (np.asarray(black, float) - level) / exposures_s[1]
     if direct is None:
         step = np.diff(rate, 2, axis=1)
-        lit = lit_pixels(rate - dark, MAD_SIGMA * float(np.median(np.abs(step))) / np.sqrt(6))
+        lit = lit_by_brightness(
+            rate - dark, MAD_SIGMA * float(np.median(np.abs(step))) / np.sqrt(6)
+        )
         straight = np.where(lit, rate - dark, 0.0)
     else:
         straight = np.asarray(direct, float) / exposures_s[0]

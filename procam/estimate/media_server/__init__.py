@@ -11,7 +11,7 @@ from procam.estimate.media_server.camera_pose import (
     place_camera,
     server_geometry,
 )
-from procam.estimate.media_server.dome_master import DomeMaster, lit_pixels, plan_server
+from procam.estimate.media_server.dome_master import DomeMaster, lit_by_stripes, plan_server
 from procam.estimate.media_server.local_response import Levels, fit_exponent, level_samples
 from procam.estimate.media_server.tags import TAG_PICTURES
 
@@ -24,7 +24,7 @@ __all__ = [
     "find_master_tags",
     "fit_exponent",
     "level_samples",
-    "lit_pixels",
+    "lit_by_stripes",
     "place_camera",
     "plan_server",
     "server_geometry",

@@ -87,7 +87,7 @@ def plan_server(
     return plan_of({master.name: shown}, exposure_s, black_exposure_s)
 
 
-def lit_pixels(white: Image, pairs: Iterable[tuple[Image, Image]]) -> Mask:
+def lit_by_stripes(white: Image, pairs: Iterable[tuple[Image, Image]]) -> Mask:
     """Camera pixels (H, W) with direct light, from stripes and their inverses, (H, W, C) each.
 
     `white` (H, W, C) is white minus black. Scattered light makes it bright on the whole dome; the

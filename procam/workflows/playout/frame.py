@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from procam.compensate.compensator import Compensator
 from procam.errors import FileFormatError, InputError
 from procam.kernels.native.arrays import least_colour
-from procam.maths.light.transfer import NAMES, transfer
+from procam.maths.light.transfer import TRANSFER_NAMES, transfer
 from procam.model.calibration import Calibration
 from procam.model.transport import DomeMaps
 from procam.workflows.playout.sources import ClipFrame
@@ -138,7 +138,7 @@ def named_transfer(piece: ClipFrame, how: FrameSettings) -> str:
         said = f" (its file says {piece.said})" if piece.said else ""
         raise InputError(
             f"{piece.name}: got no transfer function that procam knows{said}, expected one of "
-            f"{', '.join(NAMES)}; name it with --transfer"
+            f"{', '.join(TRANSFER_NAMES)}; name it with --transfer"
         )
     transfer(named)
     return named

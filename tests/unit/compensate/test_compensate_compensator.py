@@ -250,7 +250,7 @@ class TestCalls:
     def test_content_of_a_wrong_shape(
         self, calibration: Calibration, shape: tuple[int, ...]
     ) -> None:
-        expected = r"content: got shape \(.*\), expected \(96, 96, 3\)"
+        expected = r"content has shape \(.*\); it needs \(96, 96, 3\)"
         with pytest.raises(ShapeError, match=expected):
             Compensator(calibration, SIZE).solve(np.zeros(shape, np.float32))
 

@@ -391,7 +391,7 @@ class TestOut:
         return np.full((SIZE, SIZE, 3), 128, np.uint8)
 
     def test_of_a_wrong_shape(self, calibration: Calibration) -> None:
-        with pytest.raises(ShapeError, match="out: got shape"):
+        with pytest.raises(ShapeError, match="out has shape"):
             Compensator(calibration, SIZE).frame(self.picture(), np.zeros((16, 16, 3), np.uint8))
 
     @pytest.mark.parametrize("kind", ["type", "strided", "read-only"])
@@ -422,5 +422,5 @@ class TestOut:
 
 def test_fields_of_a_wrong_shape(calibration: Calibration) -> None:
     model = Compensator(calibration, SIZE).fields.model
-    with pytest.raises(ShapeError, match=r"field lo: got shape .*, expected \(96, 96, 3\)"):
+    with pytest.raises(ShapeError, match=r"field lo has shape .*; it needs \(96, 96, 3\)"):
         replace(model, lo=model.lo[..., :1])

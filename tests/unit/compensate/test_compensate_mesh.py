@@ -342,12 +342,12 @@ class TestRefusals:
 
     def test_shapes(self) -> None:
         good = self.good
-        self._refused(ShapeError, "form factors: got shape .7, 8.", factors=good.factors[1:])
-        self._refused(ShapeError, "form factors: got shape .0, 0.", factors=np.zeros((0, 0)))
-        self._refused(ShapeError, "albedo: got shape .8,., exp", albedo=good.albedo[:, 0])
-        self._refused(ShapeError, "area_m2: got shape .7,., expected .8,.", area=good.area[1:])
-        self._refused(ShapeError, "lo: got shape .7, 1.", lo=good.lo[1:])
-        self._refused(ShapeError, "hi: got shape .8, 2.", hi=np.hstack([good.hi, good.hi]))
+        self._refused(ShapeError, "form factors has shape .7, 8.", factors=good.factors[1:])
+        self._refused(ShapeError, "form factors has shape .0, 0.", factors=np.zeros((0, 0)))
+        self._refused(ShapeError, "albedo has shape .8,.; it needs", albedo=good.albedo[:, 0])
+        self._refused(ShapeError, "area_m2 has shape .7,.; it needs .8,.", area=good.area[1:])
+        self._refused(ShapeError, "lo has shape .7, 1.", lo=good.lo[1:])
+        self._refused(ShapeError, "hi has shape .8, 2.", hi=np.hstack([good.hi, good.hi]))
 
     def test_what_is_not_finite(self) -> None:
         good = self.good
@@ -383,7 +383,7 @@ class TestRefusals:
     def test_targets(self) -> None:
         compensator, target = self.good.compensator(), self.good.target
         for solve in (compensator.exact, compensator.least_squares):
-            with pytest.raises(ShapeError, match=r"target: got shape .7, 1., expected"):
+            with pytest.raises(ShapeError, match=r"target has shape .7, 1.; it needs"):
                 solve(target[1:])
             with pytest.raises(InputError, match="target: NaN or infinity on 8 of 8"):
                 solve(target * np.nan)
@@ -391,7 +391,7 @@ class TestRefusals:
     def test_weights(self) -> None:
         compensator, target = self.good.compensator(), self.good.target
         for error, match, weight in (
-            (ShapeError, "weight: got shape .7,.", np.ones(7)),
+            (ShapeError, "weight has shape .7,.", np.ones(7)),
             (InputError, "weight: NaN or infinity on 8", np.full(8, np.nan)),
             (UnitError, "weight: the least is -1; none", np.full(8, -1.0)),
             (InputError, "weight: 0 on .* light can be chosen", np.zeros(8)),

@@ -172,5 +172,5 @@ class TestExact:
 
 
 def test_an_unknown_state_is_refused(known: Calibration) -> None:
-    with pytest.raises(InputError, match="house state: got 'empty', expected one of full"):
+    with pytest.raises(InputError, match=r"venue state 'empty' was not measured .*: full"):
         Compensator(known, SIZE, state="empty")

@@ -221,7 +221,7 @@ class TestDamage:
         save_calibration(dataclasses.replace(calibration, states={"full": state}), directory)
         path = directory / "maps" / "state-full.exr"
         write_channels(path, dict.fromkeys("RGB", lamps[::2, ::2, 0]))
-        assert "ambient of house state full: got shape" in self._complaint(directory)
+        assert "ambient of venue state full has shape" in self._complaint(directory)
         path.unlink()
         assert self._complaint(directory).startswith(f"{path}: got no such file")
 

@@ -164,8 +164,8 @@ def test_any_grid(seed: int, height: int, width: int, step: float) -> None:
         ([np.ones((4, 4, 3))], InputError, "blocks: 3 rows of cells were given; 4"),
         ([np.ones((6, 4, 3))], InputError, "blocks: 5 rows of cells or more were given; 4"),
         ([np.ones((3, 4, 3))] * 2, InputError, "blocks: 5 rows of cells or more were given; 4"),
-        ([np.ones((5, 3, 3))], ShapeError, r"blocks: got shape \(5, 3, 3\), expected \(n, 4, 3\)"),
-        ([np.ones((5, 12))], ShapeError, r"blocks: got shape \(5, 12\)"),
+        ([np.ones((5, 3, 3))], ShapeError, r"blocks has shape \(5, 3, 3\); it needs \(n, 4, 3\)"),
+        ([np.ones((5, 12))], ShapeError, r"blocks has shape \(5, 12\)"),
         ([np.ones((5, 4, 3), np.float32)], InputError, "blocks: float32 is too coarse"),
     ],
 )
@@ -177,7 +177,7 @@ def test_what_does_not_fit_is_refused(blocks: list, error: type, text: str) -> N
 @pytest.mark.parametrize(
     ("out", "text"),
     [
-        (np.ones((3, 4)), r"out: got shape \(3, 4\)"),
+        (np.ones((3, 4)), r"out has shape \(3, 4\)"),
         (np.ones((4, 3), np.float32), "out: it is float32; float64 is needed"),
         (np.ones((4, 6))[:, ::2], "out: a writable, contiguous"),
     ],

@@ -237,9 +237,9 @@ def test_odd_layouts(level: str, odd_layout: Callable[[np.ndarray], np.ndarray])
 @pytest.mark.parametrize(
     ("change", "error", "text"),
     [
-        ({"ray": np.ones((5, 2))}, ShapeError, r"ray: got shape \(5, 2\), expected \(5, 3\)"),
-        ({"seen": np.ones((4, 2))}, ShapeError, r"seen: got shape \(4, 2\), expected \(5, 2\)"),
-        ({"weight": np.ones(6)}, ShapeError, r"weight: got shape \(6,\)"),
+        ({"ray": np.ones((5, 2))}, ShapeError, r"ray has shape \(5, 2\); it needs \(5, 3\)"),
+        ({"seen": np.ones((4, 2))}, ShapeError, r"seen has shape \(4, 2\); it needs \(5, 2\)"),
+        ({"weight": np.ones(6)}, ShapeError, r"weight has shape \(6,\)"),
         ({"derivatives": None}, InputError, "derivatives: the screen has 5 harmonic coefficients"),
     ],
 )
@@ -253,7 +253,7 @@ def test_what_does_not_fit_is_refused(
 
 def test_a_relief_of_other_harmonics_is_refused(level: str) -> None:
     block, ray, seen, weight, derivatives = case(5, degree=2)
-    with pytest.raises(ShapeError, match=r"values: got shape \(5, 5\), expected \(5, 4\)"):
+    with pytest.raises(ShapeError, match=r"values has shape \(5, 5\); it needs \(5, 4\)"):
         kernels.bundle_equations(
             block._replace(harmonic_coefficients=np.zeros(4)), ray, seen, weight, derivatives
         )

@@ -19,7 +19,7 @@ from procam.kernels.frame.coding import Coding
 from procam.kernels.frame.grid import Grid
 from procam.maths.codes.dither import threshold_tile
 from procam.maths.geometry.sphere import master_directions, master_solid_angles
-from procam.maths.light.transfer import NAMES, transfer
+from procam.maths.light.transfer import TRANSFER_NAMES, transfer
 
 SIZES = [(64, 64, 1), (97, 64, 4), (270, 257, 9), (35, 33, 9)]
 TYPES = [np.uint8, np.uint16, np.float16, np.float32]
@@ -249,7 +249,7 @@ class TestAgainstTheReference:
         np.testing.assert_allclose(found[lit], dome.lo[lit], rtol=1e-6)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", TRANSFER_NAMES)
 @pytest.mark.parametrize("size", [64])
 def test_encoding_is_within_a_tenth_of_a_step(level: str, size: int, name: str) -> None:
     """Without scattered light codes come back as themselves under any threshold."""
@@ -370,7 +370,7 @@ class TestRefusals:
         for other in (light.copy(), light.astype(float), np.asfortranarray(light)):
             found = frame_sums(dome, content, other, "light", how)
             np.testing.assert_array_equal(found, expected)
-        with pytest.raises(ShapeError, match="light: got shape"):
+        with pytest.raises(ShapeError, match="light has shape"):
             frame_sums(dome, content, light[:-1], "light", how)
 
     def test_fields_finer_than_the_picture(self) -> None:
@@ -391,9 +391,9 @@ class TestRefusals:
     def test_content_of_a_wrong_shape(self) -> None:
         dome, how = model(64, 64, 1), coding(np.uint8)
         light = scattered_light(dome, numbers())
-        with pytest.raises(ShapeError, match=r"content: got shape .*, expected \(64, 64, 3\)"):
+        with pytest.raises(ShapeError, match=r"content has shape .*; it needs \(64, 64, 3\)"):
             frame_sums(dome, picture(65, np.uint8), light, "light", how)
-        with pytest.raises(ShapeError, match="out: got shape"):
+        with pytest.raises(ShapeError, match="out has shape"):
             frame_apply(dome, picture(64, np.uint8), light, how, picture(65, np.uint8))
 
     def test_content_of_a_wrong_type(self) -> None:

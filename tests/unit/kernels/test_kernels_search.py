@@ -213,7 +213,7 @@ def test_any_plan(seed: int, period: float, length: float, harmonic: float) -> N
         ({"base": 8}, InputError, "base: 8 frames; 3 to 7"),
         ({"base": 4}, InputError, "the first 4 equal"),
         ({"periods": [-64.0] * 7}, InputError, "they must be above 0 and the first 3"),
-        ({"periods": [64.0] * 6}, ShapeError, r"periods: got shape \(6,\)"),
+        ({"periods": [64.0] * 6}, ShapeError, r"periods has shape \(6,\)"),
         ({"modulation": [0.0] * 7}, InputError, "modulation: .* must be above 0 in the first 3"),
         ({"harmonic": [np.inf] * 7}, InputError, "harmonic: .* not all finite"),
         ({"shifts": [0.0] * 7}, InputError, "undetermined"),

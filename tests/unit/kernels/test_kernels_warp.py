@@ -220,14 +220,14 @@ GRID, ONE = np.zeros((4, 5, 2)), np.ones((4, 5, 3))
 @pytest.mark.parametrize(
     ("more", "error", "text"),
     [
-        ({"place": np.zeros((4, 5, 3))}, ShapeError, r"place: got shape \(4, 5, 3\)"),
-        ({"black": np.zeros((4, 6, 3))}, ShapeError, r"black: got shape \(4, 6, 3\)"),
-        ({"share": np.zeros((4, 5))}, ShapeError, r"share: got shape \(4, 5\)"),
+        ({"place": np.zeros((4, 5, 3))}, ShapeError, r"place has shape \(4, 5, 3\)"),
+        ({"black": np.zeros((4, 6, 3))}, ShapeError, r"black has shape \(4, 6, 3\)"),
+        ({"share": np.zeros((4, 5))}, ShapeError, r"share has shape \(4, 5\)"),
         ({"share": -ONE}, InputError, "share: the least is -1; none"),
-        ({"unmix": np.eye(4)}, ShapeError, r"unmix: got shape \(4, 4\)"),
+        ({"unmix": np.eye(4)}, ShapeError, r"unmix has shape \(4, 4\)"),
         ({"unmix": np.full((3, 3), np.nan)}, InputError, "unmix: some values are not finite"),
-        ({"decode": np.zeros(255)}, ShapeError, r"decode: got shape \(255,\)"),
-        ({"drives": np.zeros((512, 3))}, ShapeError, r"drives: got shape \(512, 3\)"),
+        ({"decode": np.zeros(255)}, ShapeError, r"decode has shape \(255,\)"),
+        ({"drives": np.zeros((512, 3))}, ShapeError, r"drives has shape \(512, 3\)"),
         ({"drives": RESPONSE[::-1]}, InputError, "drives: .* must rise"),
         ({"drives": 2 * RESPONSE}, InputError, "drives: 0 to 2; .* within 0..1"),
         (
@@ -235,7 +235,7 @@ GRID, ONE = np.zeros((4, 5, 2)), np.ones((4, 5, 3))
             InputError,
             "thresholds: 1.1 to 1.1; they must be",
         ),
-        ({"thresholds": np.zeros((8, 8))}, ShapeError, r"thresholds: got shape \(8, 8\)"),
+        ({"thresholds": np.zeros((8, 8))}, ShapeError, r"thresholds has shape \(8, 8\)"),
     ],
 )
 def test_plans_that_do_not_fit_are_refused(more: dict, error: type, text: str) -> None:
@@ -248,10 +248,10 @@ def test_plans_that_do_not_fit_are_refused(more: dict, error: type, text: str) -
     ("master", "out", "error", "text"),
     [
         (np.zeros((4, 4, 3)), None, InputError, "master: float64 is not supported; convert it to uint8"),
-        (np.zeros((4, 4), "u1"), None, ShapeError, r"master: got shape \(4, 4\)"),
+        (np.zeros((4, 4), "u1"), None, ShapeError, r"master has shape \(4, 4\)"),
         (np.zeros((1, 4, 3), "u1"), None, ShapeError, "N and M 2 or more"),
         (np.zeros((4, 4, 3), "u1"), np.zeros((4, 5, 3)), InputError, "frame: float64 is not supported"),
-        (np.zeros((4, 4, 3), "u1"), np.zeros((5, 4, 3), "f4"), ShapeError, r"out: got shape"),
+        (np.zeros((4, 4, 3), "u1"), np.zeros((5, 4, 3), "f4"), ShapeError, r"out has shape"),
         (np.zeros((4, 4, 3), "u1"), np.zeros((4, 5, 3), "u1"), InputError, "this one has none"),
         (np.zeros((4, 4, 3), "u1"), np.zeros((4, 5, 6), "f4")[..., ::2], InputError, "contiguous"),
         (np.broadcast_to(np.uint8(0), (1 << 15, 1 << 15, 3)), None, ShapeError, "at most"),

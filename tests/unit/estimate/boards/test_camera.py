@@ -325,9 +325,9 @@ class TestRefusals:
             fit_camera([*views, views[0]], SIZE, "brown")
         with pytest.raises(InputError, match=r"00\.png: got corners outside .* within 640x480"):
             fit_camera(views, (640, 480), "brown")
-        with pytest.raises(ShapeError, match=r"points: got shape \(117, 2\)"):
+        with pytest.raises(ShapeError, match=r"points has shape \(117, 2\)"):
             fit_camera([*views, BoardView("x", BOARD[:, :2], BOARD[:, :2])], SIZE, "brown")
-        with pytest.raises(ShapeError, match=r"pixels: got shape \(116, 2\)"):
+        with pytest.raises(ShapeError, match=r"pixels has shape \(116, 2\)"):
             fit_camera([*views, BoardView("x", BOARD, BOARD[1:, :2])], SIZE, "brown")
 
 

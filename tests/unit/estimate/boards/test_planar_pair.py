@@ -175,5 +175,5 @@ class TestRefusals:
     def test_shapes(self, rng) -> None:
         views = made_up(rng, 3, CAMERA, PROJECTOR)
         views[0] = PairView("0", BOARD, views[0].camera_px[1:], views[0].projector_px)
-        with pytest.raises(ShapeError, match=r"0: camera pixels: got shape \(87, 2\)"):
+        with pytest.raises(ShapeError, match=r"0: camera pixels has shape \(87, 2\)"):
             fit_planar_pair(views, CAMERA_SIZE, PROJECTOR_SIZE)

@@ -24,7 +24,7 @@ from procam.estimate.camera.exposure import (
     WANTED_SNR,
     direct_light,
     exposure_for_snr,
-    lit_pixels,
+    lit_by_brightness,
     merged_snr,
     meter,
     noise_of_pictures,
@@ -209,8 +209,8 @@ class TestParts:
 
     def test_two_groups_are_split(self) -> None:
         white, direct = scene()
-        assert np.array_equal(lit_pixels(white, 1.0), direct > 0)
-        assert not lit_pixels(np.zeros(SHAPE), 1.0).any()
+        assert np.array_equal(lit_by_brightness(white, 1.0), direct > 0)
+        assert not lit_by_brightness(np.zeros(SHAPE), 1.0).any()
 
     @pytest.mark.parametrize("law", [LAW, NoiseLaw(9.0, 0.02), NoiseLaw(1.0, 1.0)])
     def test_noise_is_read_off_pictures(self, law: NoiseLaw, rng: np.random.Generator) -> None:

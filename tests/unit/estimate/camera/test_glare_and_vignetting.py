@@ -98,7 +98,7 @@ class TestFlatLight:
         np.testing.assert_allclose(flat_light(merged, RADIOMETER)[80, 80], 1e5, rtol=1e-9)
 
     def test_another_size(self) -> None:
-        with pytest.raises(ShapeError, match=r"got shape \(9, 9, 1\), expected \(161, 161\)"):
+        with pytest.raises(ShapeError, match=r"has shape \(9, 9, 1\); it needs \(161, 161\)"):
             flat_light(np.zeros((9, 9), np.uint16), RADIOMETER)
 
 
@@ -227,7 +227,7 @@ class TestGlareRefuses:
             (
                 lambda: ([light[1:] for light in lights(0.01)], traps(1)),
                 ShapeError,
-                r"photograph 1: got shape \(160, 161\), expected \(161, 161\)",
+                r"photograph 1 has shape \(160, 161\); it needs \(161, 161\)",
             ),
         ],
     )
@@ -303,7 +303,7 @@ class TestVignetting:
                 "above black near the lens's axis",
             ),
             (list, NotEnoughData, "got no photographs, expected one or more, best four"),
-            (lambda: [flat(1)[0][1:]], ShapeError, r"photograph 1: got shape \(160, 161\)"),
+            (lambda: [flat(1)[0][1:]], ShapeError, r"photograph 1 has shape \(160, 161\)"),
         ],
     )
     def test_refusals(

@@ -197,7 +197,7 @@ class TestRefuses:
                 lambda: [*bracket()[:3], bracket(LIGHT)[3]],
                 TWO_STOPS,
                 ShapeError,
-                r"photograph 4: got shape \(200, 300\), expected \(120, 180\) like the first",
+                r"photograph 4 has shape \(200, 300\); it needs \(120, 180\) like the first",
             ),
         ],
     )
@@ -213,7 +213,7 @@ class TestRefuses:
 
     def test_pictures_of_no_shape(self) -> None:
         with pytest.raises(
-            ShapeError, match=r"photograph 1: got shape \(9,\), expected \(H, W\) or"
+            ShapeError, match=r"photograph 1 has shape \(9,\); it needs \(H, W\) or"
         ):
             solve_response([np.zeros(9)] * 4, TWO_STOPS, 8)
 
@@ -278,9 +278,7 @@ class TestLinearity:
 
     def test_refusals(self) -> None:
         white, black, pattern, inverse = stripes()
-        with pytest.raises(
-            ShapeError, match=r"pattern: got shape \(149, 200\), expected \(150, 20"
-        ):
+        with pytest.raises(ShapeError, match=r"pattern has shape \(149, 200\); it needs \(150, 20"):
             linearity_error(white, black, pattern[1:], inverse)
         with pytest.raises(
             NotEnoughData, match="got 0 pixels where both pattern and inverse shine"

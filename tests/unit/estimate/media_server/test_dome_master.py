@@ -7,7 +7,7 @@ from tolerances import CLOSED_FORM
 from procam.estimate.media_server.dome_master import (
     SECTORS,
     DomeMaster,
-    lit_pixels,
+    lit_by_stripes,
     plan_server,
     zone_picture,
 )
@@ -103,12 +103,14 @@ class TestLitPixels:
         white = direct + 0.25 + RNG.normal(0, 0.004, direct.shape).astype(np.float32)
         stripes = np.add.outer(np.zeros(60), np.arange(80) // 8 % 2)[..., None]
         pairs = [(direct * stripes + 0.12, direct * (1 - stripes) + 0.13)]
-        found = lit_pixels(white, [(p.astype(np.float32), i.astype(np.float32)) for p, i in pairs])
+        found = lit_by_stripes(
+            white, [(p.astype(np.float32), i.astype(np.float32)) for p, i in pairs]
+        )
         assert found[:, :48].all() and not found[:, 52:].any()
 
     def test_a_dark_picture_has_no_lit_pixels(self) -> None:
         dark = np.zeros((20, 30, 3), np.float32)
-        assert not lit_pixels(dark, [(dark, dark)]).any()
+        assert not lit_by_stripes(dark, [(dark, dark)]).any()
 
 
 def test_positions_outside_the_circle() -> None:

@@ -194,11 +194,11 @@ class TestSynthetic:
         decoder = Decoder(GRAY, PLAIN)
         decoder.add(0, frames[0])
         with pytest.raises(
-            ShapeError, match=r"picture 1: got shape \(13, 19\), expected \(13, 20\)"
+            ShapeError, match=r"picture 1 has shape \(13, 19\); it needs \(13, 20\)"
         ):
             decoder.add(1, frames[1][:, :-1])
         decoder.add(1, frames[1])
-        with pytest.raises(ShapeError, match=r"picture 7: got shape \(12, 20\)"):
+        with pytest.raises(ShapeError, match=r"picture 7 has shape \(12, 20\)"):
             decoder.add(7, frames[7][1:])
 
     def test_white_and_black_come_first_and_once(self) -> None:

@@ -210,5 +210,5 @@ class TestMask:
         assert mask.at(xy).tolist() == [[True, False], [True, False]]
 
     def test_only_flat_truths(self) -> None:
-        with pytest.raises(ShapeError, match=r"mask m: got shape \(2, 2, 1\)"):
+        with pytest.raises(ShapeError, match=r"mask m has shape \(2, 2, 1\)"):
             Mask("m", np.zeros((2, 2, 1), bool))
