@@ -30,7 +30,7 @@ BORDER_DOUBT = 0.4  # sigmas that the border's place is uncertain by
 BEYOND_PX = 100  # of the camera: farther than any blur reaches
 
 
-def undo_blur(
+def correct_defocus_bias(
     found: CorrespondenceMap,
     direct: Map,
     blur_px2: Array,

@@ -28,7 +28,9 @@ LEAST_Q = 0.01  # a wave of the flux nearly as deep as the light's own is no mea
 ODD_STEPS = 7  # from as many steps on the third harmonic is not mistaken for the wave itself
 
 
-def balanced(frames: Samples, white: Samples, black: Samples, amplitude: Map, shifts: Array) -> Map:
+def remove_scatter_bias(
+    frames: Samples, white: Samples, black: Samples, amplitude: Map, shifts: Array
+) -> Map:
     """Photographs (K, H, W) of one period's equal `shifts` as if all had half of white's flux.
 
     `amplitude` (H, W) of the wave tells pixels that the projector lights from those that it does not,

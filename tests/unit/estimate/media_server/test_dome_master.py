@@ -12,7 +12,7 @@ from procam.estimate.media_server.dome_master import (
     zone_picture,
 )
 from procam.estimate.media_server.tags import TAG_PICTURES, draw_tags, master_tags
-from procam.maths.codes.shot_id import CELLS_PER_MASTER, taken_pixels
+from procam.maths.codes.shot_id import CELLS_PER_MASTER, shot_id_pixels
 from procam.maths.geometry.lenses import project, unproject
 from procam.maths.geometry.pose import rotation_matrix
 from procam.maths.geometry.sphere import (
@@ -106,7 +106,7 @@ class TestTags:
         assert [t.number for t in tags] == list(range(len(tags)))
         if size == 512:
             drawn = draw_tags(DomeMaster("server", size).model, tags, np.pi)
-            assert not drawn[..., 0][taken_pixels((size, size), CELLS_PER_MASTER)].any()
+            assert not drawn[..., 0][shot_id_pixels((size, size), CELLS_PER_MASTER)].any()
 
     def test_their_middles_are_where_they_are_said_to_be(self) -> None:
         """The centroid of the light of a full white tag, on the sphere."""

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from procam.estimate.structured_light.defocus_bias import NEAREST_SIGMAS, undo_blur
+from procam.estimate.structured_light.defocus_bias import NEAREST_SIGMAS, correct_defocus_bias
 from procam.model.correspondence import CorrespondenceMap
 
 SHAPE = (110, 150)
@@ -69,7 +69,7 @@ class View:
         starts = np.array([self.across.start, self.down.start])
         first = np.where(starts > NOWHERE, starts + 0.5, 0.0).astype(np.float32)
         moved = CorrespondenceMap(found.projector_xy - first, found.sigma_px, found.valid)
-        after = undo_blur(moved, direct, SIGMA**2, PERIOD, PANEL)
+        after = correct_defocus_bias(moved, direct, SIGMA**2, PERIOD, PANEL)
         return replace(after, projector_xy=after.projector_xy + first)
 
     def errors(self, found: CorrespondenceMap) -> np.ndarray:
@@ -136,7 +136,9 @@ def test_small_gaps_are_no_borders() -> None:
     holes[40:43, 60:66], holes[80, 20:120] = True, True
     valid = found.valid & ~holes
     xy = np.where(valid[..., None], found.projector_xy, np.nan)
-    after = undo_blur(CorrespondenceMap(xy, found.sigma_px, valid), direct, SIGMA**2, PERIOD, PANEL)
+    after = correct_defocus_bias(
+        CorrespondenceMap(xy, found.sigma_px, valid), direct, SIGMA**2, PERIOD, PANEL
+    )
     np.testing.assert_array_equal(after.valid, valid)
     assert np.abs(view.errors(after)).max() < 1e-3
 
@@ -144,7 +146,7 @@ def test_small_gaps_are_no_borders() -> None:
 @pytest.mark.parametrize("blur_px2", [[0.0, 0.0], [0.0, 2.0], [3.0, 0.0]])
 def test_without_blur_nothing_moves(blur_px2: list[float]) -> None:
     found, direct = View(Light(0.015), Light(), 0.3).seen()
-    after = undo_blur(found, direct, np.array(blur_px2), PERIOD, PANEL)
+    after = correct_defocus_bias(found, direct, np.array(blur_px2), PERIOD, PANEL)
     assert after is found
 
 
@@ -153,4 +155,4 @@ def test_too_few_pixels_are_left_alone() -> None:
     valid = np.zeros(SHAPE, bool)
     valid[50:60, 50:69] = True
     few = CorrespondenceMap(found.projector_xy, found.sigma_px, valid)
-    assert undo_blur(few, direct, SIGMA**2, PERIOD, PANEL) is few
+    assert correct_defocus_bias(few, direct, SIGMA**2, PERIOD, PANEL) is few

@@ -57,7 +57,7 @@ class TestNotes:
         assert "switch off its keystone correction" in note
 
     def test_waves_cannot_tell(self) -> None:
-        for name in ("micro-phase", "phase-gray"):
+        for name in ("micro-phase", "phase-heterodyne"):
             assert panel_notes(make_code(name, SIZE), seen(scaled(0.8, 1.0))) == []
 
     def test_nothing_decoded_says_nothing(self) -> None:
