@@ -19,7 +19,7 @@ from procam.estimate.structured_light.stripes import StripeDecoder
 from procam.maths.codes.phase import WaveDistortion
 
 Samples = NDArray[Any]
-Order = list[int | None]  # per plane of the code, the photograph that shows it
+Order = list[int | None]  # per plane of the code, the index of its photograph
 Places = tuple[NDArray[np.intp], NDArray[np.intp]]
 TRIPLES = 3000
 APART_PX = 5  # between the pixels of a triple: far enough to leave a few stripes

@@ -242,7 +242,7 @@ class TestNumber:
     def test_one_too_many_that_doubles_none(self, every: dict[str, Shots]) -> None:
         gray = every["gray"]
         with pytest.raises(
-            InputError, match="got 37, expected 36, and none doubles the one before"
+            InputError, match="there are 37, one more than the code has, and none repeats"
         ):
             gray.shown([*gray.photographs, gray.photographs[3]]).examine()
 
@@ -250,7 +250,7 @@ class TestNumber:
     def test_far_too_few_or_many(self, sound: Shots, count: int) -> None:
         shots = sound.shown((3 * sound.photographs)[:count])
         expected = (
-            f"got {count}, expected {len(sound.sequence)} for the code {sound.code.name} on 320x200"
+            f"{sound.code.name} on 320x200 px has {len(sound.sequence)}, and {count} were given"
         )
         with pytest.raises(InputError, match=expected):
             shots.examine()
