@@ -1,4 +1,11 @@
-"""Where each patch of a projector's panel is seen, fitted over the camera pixels that see it."""
+"""Camera pixel at which each patch of a projector's panel is seen, from a correspondence map.
+
+The panel is divided into square patches with some 72 camera pixels each. In each patch a straight line
+of projector coordinates on camera pixels is fitted, with the curvature of a block of patches; the
+camera pixel of the patch's centre follows by inverting the fit. The camera pixels have exact positions
+and the projector coordinates have noise, so the fit is in this direction. `drop_inconsistent` uses the
+fits to find misread pixels.
+"""
 
 from dataclasses import dataclass
 
@@ -11,16 +18,16 @@ from procam.model.correspondence import CorrespondenceMap, ProjectorMap
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 Mask = NDArray[np.bool_]
-PIXELS_PER_PATCH = 72  # enough to bring .3 px down to .04
+PIXELS_PER_PATCH = 72  # reduce a noise of .3 px to .04
 SMALLEST_PATCH_PX = 4
-FEWEST_PIXELS = 12
-BLOCK = 4  # patches along the edge of a block, over which curvature is alike
+MIN_PIXELS = 12
+BLOCK = 4  # patches along the edge of a block, over which the curvature is constant
 FULL_BLOCK = BLOCK**2 / 2  # patches of it that must be seen
-INSIDE = 0.2  # the patch's centre may miss the mean place by this share of the patch
-FAR = 3.0  # spreads of a patch from its middle; a parallelogram reaches to 2.45 at most
+INSIDE = 0.2  # of the patch: largest distance of its centre from the mean of its pixels
+FAR = 3.0  # standard deviations of a patch from its mean; a parallelogram reaches 2.45 at most
 SIGMAS = 6.0
-SHARED_PX = 0.0025  # what neighbouring pixels share of their error at least (studies/codes.md)
-MISFIT_PX = 0.5  # what the fit may leave beyond noise
+SHARED_PX = 0.0025  # least error that neighbouring pixels have in common (studies/codes.md)
+MISFIT_PX = 0.5  # residual that the fit may have beyond noise
 ROUNDS = 2
 
 
@@ -28,10 +35,11 @@ ROUNDS = 2
 class _Fits:
     """Projector = bend(camera) + line (1, camera - middle) in each of P patches.
 
-    The bend, of blocks of patches, takes the curvature that straight lines cannot follow.
-    `middle` (P, 2), `line` (P, 3, 2) with the inverse of its normal matrix (P, 3, 3); `block` (P,)
-    of each patch, their `block_middle` (B, 2) and `bend` (B, 3, 2); `count` (P,); `shared_px2` (P,)
-    variance that the pixels of a patch have in common.
+    Attributes
+    ----------
+    middle : (P, 2) mean camera pixel. line : (P, 3, 2). inverse : (P, 3, 3) of its normal matrix.
+    block : (P,) of each patch. block_middle : (B, 2). bend : (B, 3, 2), quadratic terms of B blocks.
+    count : (P,) camera pixels. shared_px2 : (P,) variance that the pixels of a patch have in common.
     """
 
     middle: Array
@@ -44,14 +52,14 @@ class _Fits:
     shared_px2: Array
 
     def predict(self, patch: Index, camera_px: Array) -> Array:
-        """Projector pixel (N, 2) by each pixel's own patch."""
+        """Projector pixel (N, 2) of camera pixels (N, 2), by their `patch` (N,)."""
         near = camera_px - self.middle[patch]
         lines = self.line[patch]
         straight = lines[:, 0] + near[:, :1] * lines[:, 1] + near[:, 1:] * lines[:, 2]
         return straight + self.bent(patch, camera_px)
 
     def bent(self, patch: Index, camera_px: Array) -> Array:
-        """The curved part (N, 2)."""
+        """The quadratic part (N, 2)."""
         block = self.block[patch]
         u, v = (camera_px - self.block_middle[block]).T[..., None]
         bend = self.bend[block]
@@ -68,10 +76,9 @@ class _Fits:
 
 
 def fit_projector_map(found: CorrespondenceMap, size: tuple[int, int]) -> ProjectorMap:
-    """The panel's side of a map: per patch the camera pixel where its centre is seen.
+    """The camera pixel at which the centre of each patch of a panel of `size` (width, height) is seen.
 
-    Least squares of the projector coordinates on the camera pixels, whose places are exact; twice,
-    since noise moves pixels over the borders between patches.
+    The fit is made twice, because noise moves pixels over the borders between patches.
     """
     rows, columns = np.nonzero(found.valid)
     camera_px = np.stack([columns, rows], axis=1).astype(float)
@@ -82,19 +89,19 @@ def fit_projector_map(found: CorrespondenceMap, size: tuple[int, int]) -> Projec
     )
     patch_px = patch_size(xy)
     shape = (-(-size[1] // patch_px), -(-size[0] // patch_px))
-    place, use = xy, _together(_patch_index(xy, patch_px, shape), camera_px, shape)
+    position, use = xy, _near_their_patch(_patch_index(xy, patch_px, shape), camera_px, shape)
     for _ in range(ROUNDS):
-        index = _patch_index(place, patch_px, shape)
+        index = _patch_index(position, patch_px, shape)
         fits = _fit(index[use], camera_px[use], xy[use], sigma[use], shared[use], shape)
-        place = fits.predict(index, camera_px)
-        use = (np.abs(xy - place) <= MISFIT_PX + SIGMAS * sigma).all(axis=1)
-        use &= fits.count[index] >= FEWEST_PIXELS
-        place = np.where(use[:, None], place, xy)
+        position = fits.predict(index, camera_px)
+        use = (np.abs(xy - position) <= MISFIT_PX + SIGMAS * sigma).all(axis=1)
+        use &= fits.count[index] >= MIN_PIXELS
+        position = np.where(use[:, None], position, xy)
     return _at_centres(fits, patch_px, shape)
 
 
 def patch_size(xy: Array) -> int:
-    """Edge [px] of patches that some 72 of the camera pixels that see xy (N, 2) fall into."""
+    """Edge [px] of patches that contain some 72 of the projector coordinates xy (N, 2)."""
     if not len(xy):
         return SMALLEST_PATCH_PX
     cells = np.unique(
@@ -105,27 +112,26 @@ def patch_size(xy: Array) -> int:
 
 
 def drop_inconsistent(found: CorrespondenceMap, seen: ProjectorMap) -> CorrespondenceMap:
-    """Drop camera pixels that their patch, looked up through the panel, expects elsewhere.
+    """Drop camera pixels that contradict the fit of the patch they are decoded to: they are misread.
 
-    Forward from camera to panel, back by the patch's fit: what does not come home is misread.
-    Pixels of patches without a fit are kept; nothing contradicts them.
+    Pixels of patches without a fit are kept.
     """
     rows, columns = np.nonzero(found.valid)
     xy, sigma = found.projector_xy[found.valid], found.sigma_px[found.valid]
     height, width = seen.valid.shape
     patch = np.clip((xy + 0.5) / seen.patch_px, 0, [width - 1e-3, height - 1e-3]).astype(int)
     at = (patch[:, 1], patch[:, 0])
-    home = np.stack([columns, rows], axis=1) - seen.camera_px[at]
+    offset = np.stack([columns, rows], axis=1) - seen.camera_px[at]
     centre = (patch + 0.5) * seen.patch_px - 0.5
-    miss = np.abs(xy - centre - np.einsum("nij,nj->ni", seen.slope[at], home))
+    miss = np.abs(xy - centre - np.einsum("nij,nj->ni", seen.slope[at], offset))
     ok = (miss <= MISFIT_PX + SIGMAS * sigma).all(axis=1) | ~seen.valid[at]
     keep = np.zeros_like(found.valid)
     keep[rows[ok], columns[ok]] = True
     return keep_only(found, keep)
 
 
-def _patch_index(place: Array, patch_px: int, shape: tuple[int, int]) -> Index:
-    cell = np.floor((place + 0.5) / patch_px).astype(int)
+def _patch_index(position: Array, patch_px: int, shape: tuple[int, int]) -> Index:
+    cell = np.floor((position + 0.5) / patch_px).astype(int)
     column, row = np.clip(cell, 0, [shape[1] - 1, shape[0] - 1]).T
     return np.asarray(row * shape[1] + column, np.intp)
 
@@ -150,8 +156,8 @@ def _fit(
     terms = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=1)
     bend, _ = _grouped_fit(of_block, terms, xy, weight, len(block_middle))
     count = np.bincount(index, minlength=patches).astype(float)
-    filled = np.bincount(block, count >= FEWEST_PIXELS, len(block_middle))
-    bend[filled < FULL_BLOCK] = 0.0  # a corner of a block does not tell how it bends
+    filled = np.bincount(block, count >= MIN_PIXELS, len(block_middle))
+    bend[filled < FULL_BLOCK] = 0.0  # a corner of a block does not determine its curvature
     fits = _Fits(
         _means(index, camera_px, patches),
         np.zeros((patches, 3, 2)),
@@ -169,8 +175,8 @@ def _fit(
     return fits
 
 
-def _together(index: Index, camera_px: Array, shape: tuple[int, int]) -> Mask:
-    """Which pixels (N,) lie where most of their patch does: misread ones would pull it far."""
+def _near_their_patch(index: Index, camera_px: Array, shape: tuple[int, int]) -> Mask:
+    """Pixels (N,) that lie near the mean camera pixel of their patch; misread ones do not."""
     patches = shape[0] * shape[1]
     use = np.ones(len(index), bool)
     for _ in range(ROUNDS):
@@ -209,25 +215,25 @@ def _at_centres(fits: _Fits, patch_px: int, shape: tuple[int, int]) -> Projector
     every = np.arange(len(centre))
     slope = fits.slope(every, fits.middle)
     size = np.abs(np.linalg.det(slope))  # projector px^2 that one camera pixel covers
-    valid = (fits.count >= FEWEST_PIXELS) & (size > 1e-6)
+    valid = (fits.count >= MIN_PIXELS) & (size > 1e-6)
     slope = np.where(valid[:, None, None], slope, np.eye(2))
-    place = fits.middle
-    for _ in range(2):  # Newton's method; the second step takes the little curvature there is
-        ahead = centre - fits.predict(every, place)
-        place = place + np.linalg.solve(slope, ahead[..., None])[..., 0]
-    step = place - fits.middle
+    position = fits.middle
+    for _ in range(2):  # Newton's method; the second step accounts for the curvature
+        ahead = centre - fits.predict(every, position)
+        position = position + np.linalg.solve(slope, ahead[..., None])[..., 0]
+    step = position - fits.middle
     reach = np.abs(np.einsum("nij,nj->ni", slope, step))
     valid &= (reach <= INSIDE * patch_px).all(axis=1)
     terms = np.concatenate([np.ones((len(step), 1)), step], axis=1)
     variance = np.einsum("ni,nij,nj->n", terms, fits.inverse, terms)
-    return _masked(fits, patch_px, shape, place, slope, variance, valid)
+    return _masked(fits, patch_px, shape, position, slope, variance, valid)
 
 
 def _masked(
     fits: _Fits,
     patch_px: int,
     shape: tuple[int, int],
-    place: Array,
+    position: Array,
     slope: Array,
     variance: Array,
     valid: NDArray[np.bool_],
@@ -239,7 +245,7 @@ def _masked(
     coverage = np.where(valid, fits.count * np.abs(np.linalg.det(slope)), 0) / patch_px**2
     return ProjectorMap(
         patch_px,
-        grid(place),
+        grid(position),
         grid(np.sqrt(variance + SHARED_PX**2 + fits.shared_px2)),
         grid(slope),
         coverage.reshape(shape).astype(np.float32),

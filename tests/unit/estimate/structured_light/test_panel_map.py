@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from procam.estimate.structured_light.panel_map import (
-    FEWEST_PIXELS,
+    MIN_PIXELS,
     MISFIT_PX,
     SMALLEST_PATCH_PX,
     drop_inconsistent,
@@ -217,7 +217,7 @@ class TestHoles:
     def test_few_pixels_make_no_patch(self) -> None:
         keep = np.zeros(SHAPE, bool)
         keep[200:203, 260:263] = True
-        assert FEWEST_PIXELS > 9
+        assert MIN_PIXELS > 9
         assert not fit_projector_map(without(seen(), ~keep), SIZE).valid.any()
 
 
