@@ -8,7 +8,7 @@ import pytest
 from procam.errors import InputError, NotEnoughData, ShapeError
 from procam.estimate.structured_light.codes import Code, generate, make_code
 from procam.estimate.structured_light.decode import Decoded, Decoder, decode
-from procam.estimate.structured_light.limits import DecodeLimits, default_limits
+from procam.estimate.structured_light.limits import DecodeLimits
 
 REAL_PIXELS = 43_473
 PUBLISHED = DecodeLimits(40, 5, lit_share=0, neighbours=False)
@@ -267,26 +267,3 @@ class TestSaturation:
         for number, frame in enumerate(self._frames(self.code, 1.0)):
             decoder.add(number, frame)
         assert decoder.result().notes == ()
-
-
-class TestDefaultLimits:
-    @pytest.mark.parametrize("sigma", [2.0, 20.0])
-    def test_follow_the_noise(self, rng: np.random.Generator, sigma: float) -> None:
-        black = rng.normal(100, sigma, (300, 300)).round()
-        limits = default_limits(black + 1000, black)
-        # quantised to whole counts, the median of differences is one of them
-        assert limits.contrast == pytest.approx(4 * sigma, abs=4 * 1.4826 / 2**0.5)
-        assert limits.white_black == pytest.approx(2 * limits.contrast)
-        assert (limits.saturated, limits.dark) == (None, None)
-
-    def test_a_noise_free_picture_is_limited_by_its_steps(self) -> None:
-        black = np.tile([10.0, 10.0, 10.0, 11.0], (8, 8)) / 255
-        assert default_limits(black + 0.5, black).contrast == pytest.approx(2 / 255)
-
-    @pytest.mark.parametrize(
-        ("top", "full"), [(200, 255), (255, 255), (256, 1023), (4000, 4095), (20_000, 65_535)]
-    )
-    def test_whole_numbers_end_at_their_full_scale(self, top: int, full: int) -> None:
-        white = np.full((8, 8), top, np.uint16)
-        limits = default_limits(white, np.zeros_like(white))
-        assert (limits.saturated, limits.dark) == (full, 0)

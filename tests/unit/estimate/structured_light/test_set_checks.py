@@ -1,4 +1,4 @@
-"""Faults in a set of photographs: each is named, and the rest is put in order."""
+"""Faults in a set of photographs: each is reported, and the rest is put in order."""
 
 import re
 from dataclasses import dataclass, replace
@@ -123,13 +123,13 @@ def sound(request: pytest.FixtureRequest, every: dict[str, Shots]) -> Shots:
     return every[request.param]
 
 
-def test_a_sound_set_needs_no_words(sound: Shots) -> None:
+def test_a_sound_set_has_no_notes(sound: Shots) -> None:
     verdict = sound.examine()
     assert (verdict.order, verdict.notes) == (sound.order, [])
 
 
 class TestOrder:
-    @pytest.mark.parametrize("seed", range(4))
+    @pytest.mark.parametrize("seed", range(2))
     def test_two_exchanged_along_an_axis(self, sound: Shots, seed: int) -> None:
         rng = np.random.default_rng(seed)
         axis = "xy"[seed % 2]
@@ -138,14 +138,14 @@ class TestOrder:
         self._check(sound, *sorted(places))
 
     @pytest.mark.parametrize(
-        ("axis", "bit"), [*(("column", b) for b in range(9)), *(("row", b) for b in range(7))]
+        ("axis", "bit"), [("column", 0), ("column", 8), ("row", 0), ("row", 6)]
     )
     def test_a_pattern_exchanged_with_its_inverse(
         self, every: dict[str, Shots], axis: str, bit: int
     ) -> None:
-        """The likeliest exchange, and the hardest to see: coarse planes only mirror the map in parts.
+        """The likeliest exchange, and the hardest to detect: coarse planes only mirror parts of the map.
 
-        Row bit 7 is not here: no stripe beyond the panel tells its two orders apart.
+        Row bit 7 is not here: on this panel its two orders cannot be distinguished.
         """
         gray = every["gray"]
         first, second = gray.place(f"{axis} bit {bit}"), gray.place(f"{axis} bit {bit} inverse")
@@ -218,7 +218,7 @@ class TestNumber:
         assert verdict.order.index(None) == sound.sequence[first]
 
     @pytest.mark.parametrize("words", ["white", "black"])
-    def test_without_white_or_black_there_is_no_way(self, sound: Shots, words: str) -> None:
+    def test_without_white_or_black_nothing_is_decoded(self, sound: Shots, words: str) -> None:
         for numbered in (True, False):
             with pytest.raises(InputError, match=r"^pictures: "):
                 sound.without(sound.place(words), numbered).examine()
@@ -246,7 +246,7 @@ class TestNumber:
         ):
             gray.shown([*gray.photographs, gray.photographs[3]]).examine()
 
-    @pytest.mark.parametrize("count", [2, 10, 40])
+    @pytest.mark.parametrize("count", [2, 40])
     def test_far_too_few_or_many(self, sound: Shots, count: int) -> None:
         shots = sound.shown((3 * sound.photographs)[:count])
         expected = (
@@ -304,7 +304,6 @@ class TestContent:
 
     @pytest.mark.parametrize("words", ["white", "black"])
     def test_a_stale_white_or_black(self, sound: Shots, words: str) -> None:
-        """Nothing can take their place."""
         at = sound.place(words)
         other = next(i for i in range(2, len(sound.sequence)) if abs(i - at) > 2)
         with pytest.raises(InputError, match=rf"{sound.names[at]} should show {words}, but"):
@@ -326,12 +325,3 @@ class TestContent:
         gray = every["gray"]
         verdict = gray.shown([p[170:330, 190:270] for p in gray.photographs]).examine()
         assert (verdict.order, verdict.notes) == (gray.order, [])
-
-
-def test_probes_are_spread_over_the_picture() -> None:
-    for shape in ((500, 500), (60, 80), (3000, 4000), (12, 30)):
-        rows, columns = probe_places(shape)
-        assert rows.shape == columns.shape and rows.shape[1] == 3
-        assert rows.min() >= 0 and rows.max() < shape[0]
-        assert columns.min() >= 0 and columns.max() < shape[1]
-        assert len(rows) <= 40_000 and np.ptp(rows) > 0.7 * shape[0]

@@ -61,8 +61,8 @@ def photograph(
 
 
 class TestReading:
-    def test_numbers_of_the_whole_range(self, rng: np.random.Generator) -> None:
-        for number in (*range(0, SHOT_ID_COUNT, 5), SHOT_ID_COUNT - 1):
+    def test_ids_of_the_whole_range(self, rng: np.random.Generator) -> None:
+        for number in (*range(0, SHOT_ID_COUNT, 20), SHOT_ID_COUNT - 1):
             drawn = draw_shot_id(BACKGROUNDS[number % len(BACKGROUNDS)], number)
             assert read_shot_id(photograph(drawn, rng, turn_deg=37.0 * number)) == number
 
@@ -155,7 +155,7 @@ class TestDrawing:
         assert taken.max() == 1
         np.testing.assert_array_equal(shot_id_pixels((width, height)), taken == 1)
 
-    @pytest.mark.parametrize(("size", "share"), [((1280, 800), 0.024), ((1920, 1200), 0.024)])
+    @pytest.mark.parametrize(("size", "share"), [((1920, 1200), 0.024)])
     def test_little_of_the_panel_is_taken(self, size: tuple[int, int], share: float) -> None:
         assert shot_id_pixels(size).mean() < share
 
