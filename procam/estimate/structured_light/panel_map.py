@@ -32,22 +32,59 @@ ROUNDS = 2
 
 
 @dataclass(frozen=True, slots=True)
+class _Pixels:
+    """The decoded camera pixels: camera_px, xy, their standard errors sigma and shared, (N, 2) [px] each."""
+
+    camera_px: Array
+    xy: Array
+    sigma: Array
+    shared: Array
+
+    def where(self, use: Mask) -> "_Pixels":
+        """The pixels that `use` (N,) selects."""
+        return _Pixels(self.camera_px[use], self.xy[use], self.sigma[use], self.shared[use])
+
+
+@dataclass(frozen=True, slots=True)
+class _Bends:
+    """Curvature of the map in each of B blocks of patches.
+
+    Attributes
+    ----------
+    block : (P,) of each patch. middle : (B, 2) mean camera pixel.
+    terms : (B, 3, 2) factors of u^2, u v and v^2, where (u, v) = camera pixel - middle.
+    """
+
+    block: Index
+    middle: Array
+    terms: Array
+
+    def at(self, patch: Index, camera_px: Array) -> Array:
+        """The quadratic part (N, 2) [projector px] of the map."""
+        u, v, terms = self.local(patch, camera_px)
+        return u * u * terms[:, 0] + u * v * terms[:, 1] + v * v * terms[:, 2]
+
+    def local(self, patch: Index, camera_px: Array) -> tuple[Array, Array, Array]:
+        """Offsets u and v (N, 1) of camera pixels (N, 2), and the terms (N, 3, 2) of their blocks."""
+        block = self.block[patch]
+        u, v = (camera_px - self.middle[block]).T[..., None]
+        return u, v, self.terms[block]
+
+
+@dataclass(frozen=True, slots=True)
 class _Fits:
-    """Projector = bend(camera) + line (1, camera - middle) in each of P patches.
+    """Projector = bends(camera) + line (1, camera - middle) in each of P patches.
 
     Attributes
     ----------
     middle : (P, 2) mean camera pixel. line : (P, 3, 2). inverse : (P, 3, 3) of its normal matrix.
-    block : (P,) of each patch. block_middle : (B, 2). bend : (B, 3, 2), quadratic terms of B blocks.
     count : (P,) camera pixels. shared_px2 : (P,) variance that the pixels of a patch have in common.
     """
 
     middle: Array
     line: Array
     inverse: Array
-    block: Index
-    block_middle: Array
-    bend: Array
+    bends: _Bends
     count: Array
     shared_px2: Array
 
@@ -56,22 +93,14 @@ class _Fits:
         near = camera_px - self.middle[patch]
         lines = self.line[patch]
         straight = lines[:, 0] + near[:, :1] * lines[:, 1] + near[:, 1:] * lines[:, 2]
-        return straight + self.bent(patch, camera_px)
-
-    def bent(self, patch: Index, camera_px: Array) -> Array:
-        """The quadratic part (N, 2)."""
-        block = self.block[patch]
-        u, v = (camera_px - self.block_middle[block]).T[..., None]
-        bend = self.bend[block]
-        return u * u * bend[:, 0] + u * v * bend[:, 1] + v * v * bend[:, 2]
+        return straight + self.bends.at(patch, camera_px)
 
     def slope(self, patch: Index, camera_px: Array) -> Array:
         """Projector pixels per camera pixel (N, 2, 2) at camera pixels (N, 2)."""
-        block = self.block[patch]
-        u, v = (camera_px - self.block_middle[block]).T[..., None]
-        bend, line = self.bend[block], self.line[patch]
-        across = line[:, 1] + 2 * u * bend[:, 0] + v * bend[:, 1]
-        down = line[:, 2] + u * bend[:, 1] + 2 * v * bend[:, 2]
+        u, v, terms = self.bends.local(patch, camera_px)
+        line = self.line[patch]
+        across = line[:, 1] + 2 * u * terms[:, 0] + v * terms[:, 1]
+        down = line[:, 2] + u * terms[:, 1] + 2 * v * terms[:, 2]
         return np.stack([across, down], axis=-1)
 
 
@@ -80,23 +109,18 @@ def fit_projector_map(found: CorrespondenceMap, size: tuple[int, int]) -> Projec
 
     The fit is made twice, because noise moves pixels over the borders between patches.
     """
-    rows, columns = np.nonzero(found.valid)
-    camera_px = np.stack([columns, rows], axis=1).astype(float)
-    xy = found.projector_xy[found.valid].astype(float)
-    sigma = np.maximum(found.sigma_px[found.valid].astype(float), 1e-6)
-    shared = (
-        np.zeros_like(xy) if found.shared_px is None else found.shared_px[found.valid].astype(float)
-    )
-    patch_px = patch_size(xy)
+    pixels = _pixels(found)
+    patch_px = patch_size(pixels.xy)
     shape = (-(-size[1] // patch_px), -(-size[0] // patch_px))
-    position, use = xy, _near_their_patch(_patch_index(xy, patch_px, shape), camera_px, shape)
+    position = pixels.xy
+    use = _near_their_patch(_patch_index(position, patch_px, shape), pixels.camera_px, shape)
     for _ in range(ROUNDS):
         index = _patch_index(position, patch_px, shape)
-        fits = _fit(index[use], camera_px[use], xy[use], sigma[use], shared[use], shape)
-        position = fits.predict(index, camera_px)
-        use = (np.abs(xy - position) <= MISFIT_PX + SIGMAS * sigma).all(axis=1)
-        use &= fits.count[index] >= MIN_PIXELS
-        position = np.where(use[:, None], position, xy)
+        fits = _fit(index[use], pixels.where(use), shape)
+        position = fits.predict(index, pixels.camera_px)
+        near = np.abs(pixels.xy - position) <= MISFIT_PX + SIGMAS * pixels.sigma
+        use = np.asarray(near.all(axis=1) & (fits.count[index] >= MIN_PIXELS))
+        position = np.where(use[:, None], position, pixels.xy)
     return _at_centres(fits, patch_px, shape)
 
 
@@ -136,43 +160,44 @@ def _patch_index(position: Array, patch_px: int, shape: tuple[int, int]) -> Inde
     return np.asarray(row * shape[1] + column, np.intp)
 
 
-def _fit(
-    index: Index,
-    camera_px: Array,
-    xy: Array,
-    sigma: Array,
-    shared: Array,
-    shape: tuple[int, int],
-) -> _Fits:
-    patches = shape[0] * shape[1]
-    blocks = (-(-shape[0] // BLOCK), -(-shape[1] // BLOCK))
-    rows, columns = np.divmod(np.arange(patches), shape[1])
-    block = rows // BLOCK * blocks[1] + columns // BLOCK
-    weight = 1 / np.mean(sigma**2, axis=1)
+def _pixels(found: CorrespondenceMap) -> _Pixels:
+    rows, columns = np.nonzero(found.valid)
+    camera_px = np.stack([columns, rows], axis=1).astype(float)
+    xy = found.projector_xy[found.valid].astype(float)
+    sigma = np.maximum(found.sigma_px[found.valid].astype(float), 1e-6)
+    shared = found.shared_px
+    errors = np.zeros_like(xy) if shared is None else shared[found.valid].astype(float)
+    return _Pixels(camera_px, xy, sigma, errors)
 
-    of_block = block[index]
-    block_middle = _means(of_block, camera_px, blocks[0] * blocks[1])
-    u, v = (camera_px - block_middle[of_block]).T
-    terms = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=1)
-    bend, _ = _grouped_fit(of_block, terms, xy, weight, len(block_middle))
+
+def _fit(index: Index, pixels: _Pixels, shape: tuple[int, int]) -> _Fits:
+    patches = shape[0] * shape[1]
+    weight = 1 / np.mean(pixels.sigma**2, axis=1)
     count = np.bincount(index, minlength=patches).astype(float)
-    filled = np.bincount(block, count >= MIN_PIXELS, len(block_middle))
-    bend[filled < FULL_BLOCK] = 0.0  # a corner of a block does not determine its curvature
-    fits = _Fits(
-        _means(index, camera_px, patches),
-        np.zeros((patches, 3, 2)),
-        np.zeros((patches, 3, 3)),
-        block,
-        block_middle,
-        bend[:, 3:],
-        count,
-        _means(index, shared**2, patches).mean(axis=1),
-    )
-    near = camera_px - fits.middle[index]
+    bends = _fit_bends(index, pixels, weight, count >= MIN_PIXELS, shape)
+    middle = _means(index, pixels.camera_px, patches)
+    near = pixels.camera_px - middle[index]
     terms = np.concatenate([np.ones((len(near), 1)), near], axis=1)
-    straight = xy - fits.bent(index, camera_px)
-    fits.line[:], fits.inverse[:] = _grouped_fit(index, terms, straight, weight, patches)
-    return fits
+    straight = pixels.xy - bends.at(index, pixels.camera_px)
+    line, inverse = _grouped_fit(index, terms, straight, weight, patches)
+    shared_px2 = _means(index, pixels.shared**2, patches).mean(axis=1)
+    return _Fits(middle, line, inverse, bends, count, shared_px2)
+
+
+def _fit_bends(
+    index: Index, pixels: _Pixels, weight: Array, seen: Mask, shape: tuple[int, int]
+) -> _Bends:
+    """Curvature of the blocks of which at least half the patches are `seen` (P,), 0 for the others."""
+    blocks = (-(-shape[0] // BLOCK), -(-shape[1] // BLOCK))
+    rows, columns = np.divmod(np.arange(len(seen)), shape[1])
+    block = rows // BLOCK * blocks[1] + columns // BLOCK
+    of_pixel = block[index]
+    middle = _means(of_pixel, pixels.camera_px, blocks[0] * blocks[1])
+    u, v = (pixels.camera_px - middle[of_pixel]).T
+    terms = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=1)
+    bend, _ = _grouped_fit(of_pixel, terms, pixels.xy, weight, len(middle))
+    bend[np.bincount(block, seen, len(middle)) < FULL_BLOCK] = 0.0
+    return _Bends(block, middle, bend[:, 3:])
 
 
 def _near_their_patch(index: Index, camera_px: Array, shape: tuple[int, int]) -> Mask:

@@ -188,7 +188,7 @@ class TestFit:
     def test_few_samples_are_right_or_have_a_small_margin(
         self, rng: np.random.Generator, lost: tuple[int, ...], noise: float
     ) -> None:
-        """Of five samples many columns distortion alike; half a pixel off, the right one looks wrong."""
+        """With five samples many columns fit; half a pixel off, the right one fits badly."""
         x = columns(rng, 2000)
         samples = photograph(MICRO, DISTORTION, x, 120.0, 60.0) + rng.normal(0, noise, (2000, 8))
         keep = np.ones(samples.shape, bool)
