@@ -112,4 +112,4 @@ class TestRefuses:
         assert "first: got 1 pictures, expected 42" in self.refused(*where)
         for number in range(1, 42):
             shutil.copy(poses / "s00" / "00.png", pose / f"{number:02d}.png")
-        assert "first: pictures: got 42 that are all alike" in self.refused(*where)
+        assert "first: pictures: all 42 are alike" in self.refused(*where)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.maths.codes.gray import edge_distance, is_bright
+from procam.maths.codes.gray import is_bright, stripe_edge_distance
 from procam.maths.light.radiosity import albedo_from_feedback, floor_return
 from procam.maths.warp import blur_within, grow
 from procam.model.screen import Dome
@@ -94,7 +94,7 @@ class Separation:
         """Add a stripe picture and its inverse, (H, W, 3), black subtracted."""
         which = 0 if axis == "x" else 1
         with np.errstate(invalid="ignore"):
-            near_edge = edge_distance(self._xy[..., which], bit) <= CLEAR_PX
+            near_edge = stripe_edge_distance(self._xy[..., which], bit) <= CLEAR_PX
         # a media server draws edges as greys, which do not add up to white
         sound = ~near_edge
         self._sum += np.where(sound[..., None], pattern + inverse, 0)

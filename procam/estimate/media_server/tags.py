@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from procam.estimate.boards.targets import tag_cells
 from procam.estimate.structured_light.codes import NOMINAL_GAMMA, Picture
-from procam.maths.codes.shot_id import CELLS_PER_MASTER, tag_blocks
+from procam.maths.codes.shot_id import CELLS_PER_MASTER, shot_id_blocks
 from procam.maths.geometry.lenses import project, unproject
 from procam.maths.geometry.pose import rotation_matrix
 from procam.maths.geometry.sphere import normalise
@@ -112,7 +112,7 @@ def _box(model: ProjectorModel, tag: MasterTag, fov: float) -> tuple[int, int, i
 def _is_clear(at: Array, size: int) -> bool:
     """Whether a tag at a position (2,) [px] does not touch the shot mark."""
     reach = size / EDGES * (0.5 + QUIET_CELLS / CELLS) * np.sqrt(2) * 1.2
-    for x, y, width, height in tag_blocks((size, size), CELLS_PER_MASTER):
+    for x, y, width, height in shot_id_blocks((size, size), CELLS_PER_MASTER):
         off = np.maximum(np.abs(at - [x + width / 2, y + height / 2]) - [width / 2, height / 2], 0)
         if np.hypot(*off) < reach:
             return False

@@ -17,13 +17,7 @@ app = typer.Typer(
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of text.")]
 SizeOption = Annotated[str, typer.Option(help="Projector size, such as 1280x800.")]
-CodeOption = Annotated[
-    str,
-    typer.Option(
-        help="micro-phase, micro-phase-checked, gray, gray-wide, xor-02, xor-04, phase-gray or "
-        "phase-heterodyne."
-    ),
-]
+CodeOption = Annotated[str, typer.Option(help="micro-phase, gray or phase-heterodyne.")]
 VenueArgument = Annotated[Path, typer.Argument(help="Venue folder with a venue.toml.")]
 CalibrationArgument = Annotated[
     Path, typer.Argument(help="Calibration directory, such as VENUE/calibrations/0001.")

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from procam.estimate import projector_tests as estimate
 from procam.estimate.camera.checks import response_exponent
 from procam.estimate.camera.exposure import green, meter, noise_of_repeat
 from procam.estimate.camera.noise import NoiseLaw
-from procam.estimate.projector_tests import analysis as estimate
-from procam.estimate.projector_tests.analysis import Effect, Patches, PatchLight
+from procam.estimate.projector_tests import Effect, Patches, PatchLight
 from procam.estimate.projector_tests.patterns import (
     BRIGHT_LEVELS,
     DARK_LEVELS,
@@ -160,7 +160,7 @@ class BehaviourTest:
             self._examined.rig.clock.sleep(shown_s + after_s - self._examined.rig.clock.now_s())
             early = self._light(patches, self._take(), noise)
             name = f"after-{after_s:g}-s"
-            yield estimate.remnant(early, pair[1], direct, REMNANT_LIMIT + moved, name)
+            yield estimate.persistence_effect(early, pair[1], direct, REMNANT_LIMIT + moved, name)
 
     def _coloured(
         self, patches: Patches, pair: Pair, noise: NoiseLaw, moved: float

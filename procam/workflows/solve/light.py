@@ -20,7 +20,7 @@ from procam.estimate.light.separation import CLEAR_CAMERA_PX, SeparatedLight, Se
 from procam.estimate.light.stability import StabilityChecks
 from procam.estimate.media_server.dome_master import DomeMaster, lit_by_stripes
 from procam.estimate.media_server.local_response import Levels, fit_exponent, level_samples
-from procam.maths.codes.shot_id import CELLS_PER_MASTER, CELLS_PER_PANEL, taken_pixels
+from procam.maths.codes.shot_id import CELLS_PER_MASTER, CELLS_PER_PANEL, shot_id_pixels
 from procam.maths.warp import grow, sample
 from procam.model.correspondence import CorrespondenceMap
 from procam.model.mask import Mask
@@ -239,4 +239,4 @@ def _numbers(readings: SessionImages, geometry: GeometrySolution, name: str, cel
     width, height = geometry.projectors[name].size
     if "number" not in readings.only(name, "white").detail:
         return Mask(name, np.zeros((height, width), bool))
-    return Mask(name, taken_pixels((width, height), cells))
+    return Mask(name, shot_id_pixels((width, height), cells))

@@ -5,7 +5,7 @@ import pytest
 
 from procam.estimate.media_server.dome_master import DomeMaster
 from procam.estimate.media_server.tags import TAG_PICTURES, draw_tags, master_tags
-from procam.maths.codes.shot_id import CELLS_PER_MASTER, taken_pixels
+from procam.maths.codes.shot_id import CELLS_PER_MASTER, shot_id_pixels
 from procam.maths.geometry.lenses import project, unproject
 from procam.maths.geometry.sphere import direction_from_angles
 
@@ -20,7 +20,7 @@ def test_tags_are_many_and_clear_of_the_shot_mark(size: int, picture: int) -> No
     assert [t.number for t in tags] == list(range(len(tags)))
     if size == 512:
         drawn = draw_tags(DomeMaster("server", size).model, tags, np.pi)
-        assert not drawn[..., 0][taken_pixels((size, size), CELLS_PER_MASTER)].any()
+        assert not drawn[..., 0][shot_id_pixels((size, size), CELLS_PER_MASTER)].any()
 
 
 def test_centres_have_the_stated_directions() -> None:
