@@ -48,33 +48,23 @@ class RoundShape:
     def shape_derivatives(self, origin: Array, direction: Array) -> ShapeDerivatives | None:
         """Harmonics and their gradients where rays (N, 3) from inside meet the sphere.
 
-        None for an exact sphere. `intersect` and `hit` extrapolate them linearly, so one evaluation
-        serves for rays up to 1e-3 rad away, other coefficients and another radius; the error is
-        below 1e-7 of the radius for coefficients of 1e-4.
+        None for an exact sphere. `on_screen` and the kernels extrapolate them linearly, so one
+        evaluation serves for rays up to 1e-3 rad away, other coefficients and another radius; the
+        error is below 1e-7 of the radius for coefficients of 1e-4.
         """
         if self.is_sphere:
             return None
         start = intersect_sphere(origin, direction, self.radius_m) / self.radius_m
         return ShapeDerivatives(start, *self.harmonics_at(start))
 
-    def intersect(
-        self, origin: Array, direction: Array, shape_derivatives: ShapeDerivatives | None = None
-    ) -> Array:
+    def intersect(self, origin: Array, direction: Array) -> Array:
         """Points (N, 3) [m] where rays from inside meet the surface; NaN where they miss."""
-        return self.hit(origin, direction, shape_derivatives)[0]
+        return self.hit(origin, direction).point
 
-    def hit(
-        self, origin: Array, direction: Array, shape_derivatives: ShapeDerivatives | None = None
-    ) -> Hit:
-        """Points and outward gradients where rays (N, 3) meet the surface.
-
-        `shape_derivatives` are evaluated where the rays meet the sphere unless given.
-        """
-        if shape_derivatives is None:
-            shape_derivatives = self.shape_derivatives(origin, direction)
-        return on_screen(
-            origin, direction, self.radius_m, self.harmonic_coefficients, shape_derivatives
-        )
+    def hit(self, origin: Array, direction: Array) -> Hit:
+        """Points and outward gradients where rays (N, 3) meet the surface."""
+        derivatives = self.shape_derivatives(origin, direction)
+        return on_screen(origin, direction, self.radius_m, self.harmonic_coefficients, derivatives)
 
 
 def shape_coefficient_count(degree: int) -> int:
