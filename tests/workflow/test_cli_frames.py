@@ -276,7 +276,7 @@ class TestRefused:
             (("in", "out", "--white", "bright"), "got 'bright', expected"),
             (("in", "out", "--strength", "1.5"), "got 1.5, expected"),
             (("in", "out", "--state", "full"), "got 'full', expected none"),
-            (("in", "out", "--report", "clip.txt"), "expected a name that ends in .csv"),
+            (("in", "out", "--report", "clip.txt"), "the name must end in .csv"),
             (("in/no.%d.exr", "out"), "got no picture of that name"),
         ],
     )

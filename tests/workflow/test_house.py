@@ -363,7 +363,7 @@ class TestCommand:
     def test_people_read_one_line_per_colour(self, venue: Venue, full: None) -> None:
         ran = procam("state", venue.directory, "exit-signs", "--ambient-only")
         lines = ran.out.splitlines()
-        assert ran.code == 0 and lines[0].endswith("written, with house state exit-signs")
+        assert ran.code == 0 and lines[0].endswith("written, with venue state exit-signs")
         assert [line[:3] for line in lines[1:]] == ["  R", "  G", "  B"]
         assert "100.0% of the calibration's; the room's own light 0.0" in lines[1]
 
@@ -417,7 +417,7 @@ class TestForecast:
 
     def test_people_are_told_the_names(self, housed: Path) -> None:
         said = procam("forecast", housed).out
-        assert "as calibrated, in brackets with house states: school, full\n" in said
+        assert "as calibrated, in brackets with venue states: school, full\n" in said
         assert said.count("full white : full black") == 2
 
     def test_a_venue_without_states_says_nothing_of_them(self, venue: Venue) -> None:
