@@ -16,11 +16,11 @@ from procam.estimate.boards.camera import BoardView, CameraFit, fit_camera
 from procam.estimate.boards.targets import Board, find_board
 from procam.estimate.structured_light import codes
 from procam.estimate.structured_light.decode import Decoder
-from procam.files.atomic import write_text
+from procam.files.atomic import locked, write_text
 from procam.files.calibration import load_calibration
 from procam.files.session import Session
 from procam.files.venue.load import load_venue, template_text
-from procam.interfaces.cli.venues import open_session
+from procam.interfaces.cli._sessions import open_session, venue_of
 from procam.maths.geometry.lenses import LensKind
 from procam.model.calibration import Calibration
 from procam.model.correspondence import CorrespondenceMap
@@ -193,7 +193,7 @@ def capture(venue: str | Path) -> Path:
     procam.errors.InputError: ...
     """
     loaded = load_venue(Path(venue))
-    with open_rig(loaded) as rig:
+    with locked(loaded.directory / "sessions"), open_rig(loaded) as rig:
         session = capturing.prepare_session(loaded, open_session(loaded))
         for _ in capturing.capture(rig, loaded, session):
             pass
@@ -223,7 +223,7 @@ def solve(session: str | Path) -> Calibration:
     procam.errors.InputError: ...
     """
     directory = Path(session)
-    *_, last = calibrate.solve(load_venue(directory.parents[1]), Session(directory))
+    *_, last = calibrate.solve(load_venue(venue_of(directory)), Session(directory))
     return load_calibration(Path(last.data["calibration"]))
 
 

@@ -366,7 +366,7 @@ class TestCommand:
     def test_prints_one_line_per_channel(self, venue: Venue, full: None) -> None:
         ran = procam("state", venue.directory, "exit-signs", "--ambient-only")
         lines = ran.out.splitlines()
-        assert ran.code == 0 and lines[0].endswith("state exit-signs")
+        assert ran.code == 0 and lines[0].endswith("written, with venue state exit-signs")
         assert [line[:3] for line in lines[1:]] == ["  R", "  G", "  B"]
         assert "100.0% of the calibration's; the room's own light 0.0" in lines[1]
 
@@ -420,7 +420,7 @@ class TestForecast:
 
     def test_prints_the_names(self, with_states: Path) -> None:
         printed = procam("forecast", with_states).out
-        assert "states: school, full\n" in printed
+        assert "as calibrated, in brackets with venue states: school, full\n" in printed
         assert printed.count("full white : full black") == 2
 
     def test_a_venue_without_states(self, venue: Venue) -> None:

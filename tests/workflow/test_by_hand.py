@@ -15,7 +15,7 @@ from procam.files.calibration import load_calibration
 from procam.files.images.images import RGB, read_channels, write_channels
 from procam.files.session import Session
 from procam.files.venue.load import load_venue
-from procam.interfaces.cli import venues
+from procam.interfaces.cli import _sessions
 from procam.maths.geometry.sphere import master_pixels
 from procam.model.calibration import Calibration
 from procam.workflows.sample_content import half_sky
@@ -51,7 +51,7 @@ def _set(folder: Path, lines: dict[str, str]) -> None:
 def small_and_quick() -> Iterator[None]:
     with quick_simulator(), pytest.MonkeyPatch.context() as patch:
         patch.setattr(assemble, "MAP_SIZE", SIZE)
-        patch.setattr(venues, "CONTENT_SIZE", SIZE)
+        patch.setattr(_sessions, "CONTENT_SIZE", SIZE)
         yield
 
 

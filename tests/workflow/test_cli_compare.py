@@ -72,7 +72,7 @@ class TestTable:
     def test_a_rotation_is_not_a_failure(self, where: Path) -> None:
         ran = procam("compare", where / "a", where / "turned")
         assert ran.code == 0
-        assert "the common turn from B to A: 6.88 arcmin (x " in ran.out
+        assert "the common rotation from B to A: 6.88 arcmin (x " in ran.out
         assert "z -6.88)" in ran.out
         assert "light" not in ran.out  # B has none
 
@@ -138,11 +138,11 @@ class TestRefused:
 
     def test_other_projectors(self, refusal: Callable[[str, str], str]) -> None:
         line = refusal("a", "alone")
-        assert "alone: got projectors south 48x30, expected those of " in line
-        assert line.endswith("a: south 48x30, north 48x30; compare calibrations of the same rig")
+        assert "alone has projectors south 48x30, and " in line
+        assert line.endswith("a has south 48x30, north 48x30; compare calibrations of the same rig")
 
     def test_other_sizes(self, refusal: Callable[[str, str], str]) -> None:
-        assert "small: got projectors south 48x30, north 40x30" in refusal("a", "small")
+        assert "small has projectors south 48x30, north 40x30" in refusal("a", "small")
 
     def test_a_projector_that_was_not_seen_twice(self, refusal: Callable[[str, str], str]) -> None:
         line = refusal("a", "dark")

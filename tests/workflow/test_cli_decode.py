@@ -70,14 +70,14 @@ class TestDecode:
         ran = procam("decode", photos, "--size", "1280x800", "--out", out)
         assert (ran.code, out.exists()) == (2, False)
         assert (
-            "got 42 pictures, expected 44 for the code gray of a projector of 1280x800"
+            "there are 42 pictures, and the code gray of a projector of 1280x800 needs 44"
             in ran.complaint
         )
         empty = tmp_path / "empty"
         empty.mkdir()
         for folder, message in (
-            (empty, "got 0 pictures"),
-            (tmp_path / "gone", "got no such folder"),
+            (empty, "there are 0 pictures"),
+            (tmp_path / "gone", "there is no such folder"),
         ):
             ran = procam("decode", folder, "--size", "64x64", "--out", out)
             assert (ran.code, message in ran.complaint) == (2, True)
@@ -109,10 +109,10 @@ class TestDecode:
         (tmp_path / "map-look.png").write_text("precious")
         arguments = ("decode", photos, "--size", "1024x768", "--out")
         ran = procam(*arguments, tmp_path / "map.exr")
-        assert (ran.code, "map-look.png: is there already" in ran.complaint) == (2, True)
+        assert (ran.code, "map-look.png exists already" in ran.complaint) == (2, True)
         assert (tmp_path / "map-look.png").read_text() == "precious"
         ran = procam(*arguments, tmp_path / "map.png")
-        assert (ran.code, "expected .exr" in ran.complaint) == (2, True)
+        assert (ran.code, "must end in .exr" in ran.complaint) == (2, True)
         ran = procam(*arguments, photos / "map.exr")
         assert (ran.code, "among the photographs" in ran.complaint) == (2, True)
 
@@ -136,7 +136,7 @@ class TestDecode:
         left_out, missing, *_ = ran.out.splitlines()
         assert (
             left_out
-            == "07.png: got 380x256 px of uint8, expected 384x256 px of uint8 like most; left out"
+            == "07.png: 380x256 px of uint8, unlike most, which are 384x256 px of uint8; left out"
         )
         assert missing == "missing: column bit 6 inverse, after 06.png; done without"
         expected = np.load(photos / "expected.npy")
@@ -159,7 +159,7 @@ class TestDecode:
         out = tmp_path / "map.exr"
         ran = procam("decode", photos, f"--size={size}", "--out", out)
         assert (ran.code, out.exists()) == (2, False)
-        assert f"size: got {size!r}, expected WIDTHxHEIGHT" in ran.complaint
+        assert f"--size: {size!r} is not of the form WIDTHxHEIGHT" in ran.complaint
 
     def test_an_unknown_code(self, photos: Path, tmp_path: Path) -> None:
         arguments = ("--size", "1024x768", "--out", tmp_path / "m.exr", "--code", "morse")

@@ -10,8 +10,8 @@ from tiny_venue import TINY_PAIR, make_venue, procam
 from venue_texts import load_venue_of
 
 from procam.files.venue.load import Venue, template_text
-from procam.interfaces.cli.dry_run import photograph_s, run_dry, work
-from procam.interfaces.cli.output import Output
+from procam.interfaces.cli._dry_run import photograph_s, run_dry, work
+from procam.interfaces.cli._output import Output
 from procam.model.plan import Shot
 
 BY_HAND = template_text("by-hand")
@@ -132,5 +132,5 @@ class TestDryRun:
         assert until == last
         run_dry(venue, Output(as_json=False))
         said = capsys.readouterr().out
-        assert f"solved from is there after {until} shots" in said
+        assert f"directions can be solved after {until} shots" in said
         assert "  north, then south: 1 white, 1 black, " in said

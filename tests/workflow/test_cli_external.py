@@ -164,11 +164,11 @@ class TestPatterns:
     def test_refusals(self, visit: Visit, tmp_path: Path) -> None:
         venue, new = visit.session.parents[1], tmp_path / "new"
         for arguments, told in (
-            ((venue, "--out", visit.out), "expected a new or empty folder"),
-            ((venue, "--out", new, "--size", "64x40"), "venue.toml has the sizes"),
-            ((venue, "--out", new, "--code", "gray"), "venue.toml has the sizes"),
-            (("--out", new), "got no VENUE and no --size"),
-            (("--out", new, "--size", "64x40", "--movie"), "--movie: got no VENUE"),
+            ((venue, "--out", visit.out), "give a new or empty folder"),
+            ((venue, "--out", new, "--size", "64x40"), "sizes come from its venue.toml"),
+            ((venue, "--out", new, "--code", "gray"), "sizes come from its venue.toml"),
+            (("--out", new), "a VENUE or --size is needed"),
+            (("--out", new, "--size", "64x40", "--movie"), "--movie needs a VENUE"),
         ):
             ran = procam("patterns", *arguments)
             assert (ran.code, told in ran.complaint) == (2, True), ran

@@ -144,7 +144,7 @@ class TestMeasured:
     def test_its_own_options_are_refused(self, venue: Path) -> None:
         ran = procam("forecast", venue, *PLAN, "--radius-m", 5)
         assert ran.code == 2
-        assert "got --albedo, --coverage, --radius-m beside" in ran.complaint
+        assert "--albedo, --coverage, --radius-m cannot be combined with" in ran.complaint
 
     def test_without_a_calibration(self, tmp_path: Path) -> None:
         ran = procam("forecast", tmp_path)
@@ -182,8 +182,7 @@ class TestRefusals:
     @pytest.mark.parametrize(
         ("arguments", "words"),
         [
-            ((), "got no --albedo and no --coverage, expected both, or a VENUE"),
-            (("--albedo", 0.5), "forecast: got no --coverage, expected both"),
+            (("--albedo", 0.5), "forecast needs --albedo and --coverage, or a VENUE"),
             (("--albedo", 1.5, "--coverage", 1), "albedo: got 1.5, expected more than 0 and less"),
             (("--albedo", 0.5, "--coverage", 1.1), "coverage: got 1.1, expected more than 0"),
             ((*PLAN, "--albedo-sigma", 0.4), "albedo sigma: got 0.4, expected 0 or more"),
@@ -192,8 +191,11 @@ class TestRefusals:
             ((*PLAN, "--contrast", 0), "contrast: got 0, expected more than 1"),
             ((*PLAN, "--floor-albedo", 2), "floor albedo: got 2, expected between 0 and 1"),
             ((*PLAN, "--radius-m", -1), "radius_m is -1.0; it needs a length above 0 metres"),
-            ((*PLAN, "--lumens", 9), "--lumens: got no --radius-m beside it, expected the dome's"),
-            ((*PLAN, "--lumens", 0, "--radius-m", 5), "--lumens: got 0 in all, expected more than"),
+            ((*PLAN, "--lumens", 9), "--lumens needs --radius-m"),
+            (
+                (*PLAN, "--lumens", 0, "--radius-m", 5),
+                "--lumens is 0; the sum of all projectors is above 0",
+            ),
             ((*PLAN, "nonesuch.png"), "nonesuch.png: got no such file, expected an image"),
         ],
     )

@@ -276,7 +276,7 @@ class TestRefused:
             (("in", "out", "--white", "bright"), "'bright' is unknown; choose"),
             (("in", "out", "--strength", "1.5"), "1.5 is outside 0"),
             (("in", "out", "--state", "full"), "'full' was not measured"),
-            (("in", "out", "--report", "clip.txt"), "expected a name that ends in .csv"),
+            (("in", "out", "--report", "clip.txt"), "the name must end in .csv"),
             (("in/no.%d.exr", "out"), "got no picture of that name"),
         ],
     )

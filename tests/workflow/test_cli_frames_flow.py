@@ -23,7 +23,7 @@ from tiny_venue import procam
 from procam.errors import FileFormatError, InputError
 from procam.files.calibration import save_calibration
 from procam.files.images.raw_frames import PIXELS, pixel_type, read_frame, widen, write_frame
-from procam.interfaces.cli.frames import _latency
+from procam.interfaces.cli._pipe import _latency
 from procam.model.calibration import Calibration
 from procam.workflows.playout.compensate import compensate_clip, each_frame
 from procam.workflows.playout.frame import FrameSettings
@@ -178,16 +178,16 @@ class TestPipe:
     @pytest.mark.parametrize(
         ("arguments", "words"),
         [
-            (["-", "out.exr"], "got - and out.exr, expected - for both or for none"),
-            (["-", "-"], "got - without --size and --pixels, expected both"),
-            (["-", "-", "--size", "9000000", "--pixels", "rgb24"], "got 9000000 px, expected 2 to"),
+            (["-", "out.exr"], "IN is - and OUT is out.exr; either both are -"),
+            (["-", "-"], "give --size and --pixels"),
+            (["-", "-", "--size", "9000000", "--pixels", "rgb24"], "--size is 9000000 px"),
             (
                 ["-", "-", "--size", "1", "--pixels", "rgb24"],
-                "--size: got 1 px, expected 2 to 16384",
+                "--size is 1 px; it must be the edge of a frame, from 2 to 16384",
             ),
             (["-", "-", "--size", "8", "--pixels", "yuv420p"], "expected one of rgb24"),
-            (["-", "-", "--size", "8", "--pixels", "rgb24", "--json"], "expected none: stdout is"),
-            (["a.exr", "b.exr", "--size", "8"], "got one for a file, expected IN and OUT to be -"),
+            (["-", "-", "--size", "8", "--pixels", "rgb24", "--json"], "cannot be used on a pipe"),
+            (["a.exr", "b.exr", "--size", "8"], "--size and --pixels are for pipes"),
         ],
     )
     def test_refusals(
@@ -288,7 +288,7 @@ class TestFirstPixel:
         save_calibration(calibration, tmp_path / "kept")
         (tmp_path / "kept").rename(tmp_path / "later")
         code = (
-            "import time; from pathlib import Path; import procam.interfaces.cli.frames as frames\n"
+            "import time; from pathlib import Path; import procam.interfaces.cli._pipe as frames\n"
             "load = frames.load_dome\n"
             "def late(path):\n"
             f"    until = time.monotonic() + {PATIENCE_S}\n"

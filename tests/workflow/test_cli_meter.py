@@ -51,7 +51,7 @@ def test_what_it_prints(tmp_path: Path, stored: Path, readings: list[MeterReadin
         "  blue  x 0.1500 y 0.0600, 0.8722 cd/m2",
     ]
     assert lines[4] == "contrast: 251:1, full white over black at one place"
-    assert lines[5].startswith("fits worst: ") and lines[5].endswith(", dE2000 0.00")
+    assert lines[5].startswith("largest residual: ") and lines[5].endswith(", dE2000 0.00")
     assert lines[6:8] == ["Rec.709: all shown", "P3-D65: all shown"]
     assert lines[8].startswith("Rec.2020: saturation that cannot be shown: red ")
     assert [line.split()[0] for line in lines[9:11]] == ["residual_de2000", "additivity_error"]
@@ -119,10 +119,10 @@ class TestRefusals:
 
     def test_where_to_write(self, tmp_path: Path, stored: Path) -> None:
         (tmp_path / "folder.json").mkdir()
-        for name in ("colour.toml", "folder.json"):
+        for name, words in (
+            ("colour.toml", "its name must end in .json"),
+            ("folder.json", "this is a folder"),
+        ):
             ran = procam("meter", stored, tmp_path / "x.csv", "--out", tmp_path / name)
             assert ran.code == 2
-            assert ran.complaint == (
-                f"procam: {tmp_path / name}: got no name of a JSON file, expected one such as "
-                "colour.json"
-            )
+            assert ran.complaint.startswith(f"procam: {tmp_path / name}: {words}; choose ")

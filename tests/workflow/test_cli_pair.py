@@ -72,7 +72,7 @@ class TestSolves:
             "pair", tmp_path / "poses", *BOARD, "--distortion", "--out", tmp_path / "p.toml"
         )
         assert ran.code == 0, ran.err
-        assert "wall: no board is seen that the projector lights; left out" in ran.out
+        assert "wall: no board is found that the projector lights; left out" in ran.out
         assert "camera.k3" in ran.out
         assert "not solved for" not in (tmp_path / "p.toml").read_text()
 
@@ -86,20 +86,21 @@ class TestRefuses:
 
     def test_folders_and_options(self, tmp_path: Path) -> None:
         out = tmp_path / "p.toml"
-        assert "got no folders in it" in self.refused(tmp_path, out)
-        assert "got no such folder" in self.refused(tmp_path / "gone", out)
-        assert "--size: got 'big'" in self.refused(tmp_path, out, *BOARD[:4], "--size", "big")
-        assert "--square-mm: got nan" in self.refused(
+        assert "there are no folders in it" in self.refused(tmp_path, out)
+        assert "there is no such folder" in self.refused(tmp_path / "gone", out)
+        assert "--size: 'big' is not" in self.refused(tmp_path, out, *BOARD[:4], "--size", "big")
+        assert "--square-mm is nan" in self.refused(
             tmp_path, out, *BOARD[:2], "--square-mm", "nan", *BOARD[4:]
         )
-        assert "expected .toml" in self.refused(tmp_path, tmp_path / "p.json")
+        assert "must end in .toml" in self.refused(tmp_path, tmp_path / "p.json")
 
     def test_too_few_poses_with_the_board(self, poses: Path, tmp_path: Path) -> None:
         out = tmp_path / "p.toml"
         ran = procam("pair", poses, "--squares", "17x16", *BOARD[2:], "--out", out, "--json")
         assert (ran.code, out.exists()) == (2, False)
         assert (
-            "got a board of 17x16 squares in 0 of 4 (none in s00, s05, s11, s17)" in ran.complaint
+            "a board of 17x16 squares is found in 0 of 4 (none in s00, s05, s11, s17)"
+            in ran.complaint
         )
 
     def test_a_wrong_number_of_photographs_names_the_pose(
@@ -109,7 +110,7 @@ class TestRefuses:
         pose.mkdir(parents=True)
         shutil.copy(poses / "s00" / "00.png", pose)
         where = tmp_path / "poses", tmp_path / "p.toml"
-        assert "first: got 1 pictures, expected 42" in self.refused(*where)
+        assert "first: there are 1 pictures, and the code gray" in self.refused(*where)
         for number in range(1, 42):
             shutil.copy(poses / "s00" / "00.png", pose / f"{number:02d}.png")
         assert "first: pictures: all 42 are alike" in self.refused(*where)

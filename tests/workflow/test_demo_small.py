@@ -40,7 +40,7 @@ FIGURES = {
 
 @dataclass(frozen=True)
 class SmallRun:
-    """A demo that was watched: `truths` tells, at every step, whether a truth/ was there."""
+    """A demo that was watched: `truths` holds, for every step, whether a truth/ was there."""
 
     out: Path
     ran: Ran
@@ -52,7 +52,7 @@ class SmallRun:
 
 
 def watched_demo(folder: Path) -> SmallRun:
-    """`procam demo` at the small size, with a look for any truth at every step."""
+    """`procam demo` at the small size, with a check for any truth at every step."""
     out = folder / "run"
     truths: dict[str, list[bool]] = {}
 
@@ -154,7 +154,7 @@ def test_a_loop_that_made_something_worse_fails_the_easy_presets(
 ) -> None:
     refined = SimpleNamespace(worse="light is off by more", corrections=1, figures=dict)
     monkeypatch.setattr(demo, "_run", lambda *_: (1, tmp_path / "0001", refined))
-    for step in ("load_calibration", "keep_pictures", "keep_loop", "_tell_truth", "_report"):
+    for step in ("load_calibration", "keep_pictures", "keep_loop", "_write_truth", "_print"):
         monkeypatch.setattr(demo, step, lambda *_: None)
     for step in ("judge", "judge_pictures"):
         monkeypatch.setattr(demo, step, lambda *_: {})

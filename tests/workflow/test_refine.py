@@ -24,7 +24,7 @@ from procam.estimate.closed_loop import dome as closed_loop
 from procam.files.calibration import load_calibration
 from procam.files.images.images import write_picture
 from procam.files.venue.load import load_venue
-from procam.interfaces.cli import venues
+from procam.interfaces.cli import _sessions
 from procam.maths.geometry.sphere import master_directions
 from procam.model.calibration import Calibration
 from procam.model.frame import Frame
@@ -44,7 +44,7 @@ def quick() -> Iterator[None]:
     with quick_simulator(), pytest.MonkeyPatch.context() as patch:
         patch.setattr(closed_loop, "LOOP_SIZE", CELLS)
         patch.setattr(assemble, "MAP_SIZE", MASTER)
-        patch.setattr(venues, "CONTENT_SIZE", MASTER)
+        patch.setattr(_sessions, "CONTENT_SIZE", MASTER)
         yield
 
 

@@ -1,29 +1,42 @@
-"""`procam compare`: two calibrations of the same rig held against each other."""
+"""`procam compare`: the differences of two calibrations of the same rig."""
 
 from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 from textwrap import wrap
+from typing import Annotated
 
 import typer
 
 from procam.errors import InputError
 from procam.estimate.comparison.compare import Angles, Comparison, Difference, compare_calibrations
 from procam.files.calibration import load_calibration
-from procam.interfaces.cli.output import Output
+from procam.interfaces.cli._options import Json
+from procam.interfaces.cli._output import Output
 from procam.model.calibration import Calibration
 
+EXAMPLE = "procam compare my-dome/calibrations/0001 my-dome/calibrations/0002"
 ALL = "together"
 COLUMNS = 100
-SCREEN = {"radius_m": ("radius [m]", ".4f"), "degree": ("bumps to degree", ".0f")}
+SCREEN = {"radius_m": ("radius [m]", ".4f"), "degree": ("harmonics to degree", ".0f")}
 LIGHT = {"feedback": "feedback m", "albedo": "albedo"}
 
 
-def run_compare(first: Path, second: Path, output: Output) -> None:
-    """Print how far B's directions, areas and light are from A's, and what that means."""
+def compare(
+    first: Annotated[Path, typer.Argument(metavar="A", help="A calibration directory.")],
+    second: Annotated[Path, typer.Argument(metavar="B", help="Another of the same rig.")],
+    json: Json = False,
+) -> None:
+    """Compare two calibrations of a rig; exit 1 if they differ by more than a rotation.
+
+    They come from independent captures: another session, another camera, or the same camera turned
+    by 90 degrees, which shows a wrong lens that no residual of one session shows. Prints how far
+    apart directions, areas and light are, whether their error bars cover that, and if not, whether
+    a projector moved, a lens is wrong, or two projectors are exchanged.
+    """
     a, b = load_calibration(first), load_calibration(second)
     _check(first, a, second, b)
-    found = compare_calibrations(a, b)
+    output, found = Output(json), compare_calibrations(a, b)
     output.say(f"A {first}\nB {second}")
     for line in _lines(found):
         output.say(line)
@@ -37,12 +50,12 @@ def _check(first: Path, a: Calibration, second: Path, b: Calibration) -> None:
     here, there = ({n: p.model.size for n, p in c.projectors.items()} for c in (a, b))
     if here != there:
         raise InputError(
-            f"{second}: got projectors {_told(there)}, expected those of {first}: {_told(here)}; "
-            "compare calibrations of the same rig"
+            f"{second} has projectors {_listed(there)}, and {first} has {_listed(here)}; compare "
+            "calibrations of the same rig"
         )
 
 
-def _told(sizes: dict[str, tuple[int, int]]) -> str:
+def _listed(sizes: dict[str, tuple[int, int]]) -> str:
     return ", ".join(f"{name} {width}x{height}" for name, (width, height) in sizes.items())
 
 
@@ -55,7 +68,7 @@ def _lines(found: Comparison) -> Iterator[str]:
     for name, row in rows.items():
         yield f"  {name:{wide - 2}} {row.pixels:9} {_angles(row.as_is)}"
     yield ""
-    yield f"the common turn from B to A: {_turn(found.turn_arcmin)}"
+    yield f"the common rotation from B to A: {_turn(found.turn_arcmin)}"
     yield f"{'after it':{wide}} {head} {'smooth':>9} {'rest':>9}"
     for name, row in rows.items():
         parts = f"{row.smooth_arcmin:9.3g} {row.rest_arcmin:9.3g}"
@@ -86,12 +99,12 @@ def _areas(rows: dict[str, Difference], wide: int) -> Iterator[str]:
     )
     for name, row in rows.items():
         steps = (row.areas.median, row.areas.rms, row.areas.sum)
-        told = " ".join(f"{v:9.2g}" for v in steps)
-        yield f"  {name:{wide - 2}} {told} {row.areas.alone:12.2%}"
+        columns = " ".join(f"{v:9.2g}" for v in steps)
+        yield f"  {name:{wide - 2}} {columns} {row.areas.alone:12.2%}"
 
 
 def _screen(found: Comparison) -> Iterator[str]:
-    """What the screens differ in, to the digits that are shown."""
+    """Differences between the screens, to the digits that are shown."""
     rows = {}
     for key, (label, digits) in SCREEN.items():
         a, b = (format(value, digits) for value in found.screen[key])
@@ -100,7 +113,7 @@ def _screen(found: Comparison) -> Iterator[str]:
     if rows:
         wide = max(map(len, rows)) + 2
         yield from ("", f"{'screen':{wide}}   {'A':21} B")
-        yield from (f"  {label:{wide}} {told}" for label, told in rows.items())
+        yield from (f"  {label:{wide}} {values}" for label, values in rows.items())
 
 
 def _light(found: Comparison, wide: int) -> Iterator[str]:
@@ -110,8 +123,8 @@ def _light(found: Comparison, wide: int) -> Iterator[str]:
     yield f"{'light':{wide}} {'A':21} {'B':21} (B - A) in standard errors"
     for name, step in found.light.items():
         each = (_channels(values, 4) for values in (step.first, step.second))
-        told = " ".join(f"{text:21}" for text in each)
-        yield f"  {LIGHT[name]:{wide - 2}} {told} {_channels(step.sigmas, 1)}"
+        columns = " ".join(f"{text:21}" for text in each)
+        yield f"  {LIGHT[name]:{wide - 2}} {columns} {_channels(step.sigmas, 1)}"
 
 
 def _channels(values: list[float], digits: int) -> str:

@@ -1,34 +1,51 @@
-"""`procam doctor`: can all that a venue names be reached, exposed and resolved."""
+"""`procam doctor`: a check of all devices of a venue before a capture session."""
 
 from collections.abc import Iterator
-from pathlib import Path
+from typing import Annotated
 
 import typer
 
 from procam.errors import DeviceError
 from procam.files.venue.load import load_venue
-from procam.interfaces.cli.output import Output
+from procam.interfaces.cli._options import Json, VenueArgument
+from procam.interfaces.cli._output import Output
 from procam.workflows.doctor.doctor import examine
 from procam.workflows.doctor.findings import Behaviour, Diagnosis, Finding
 from procam.workflows.venue_rig import open_rig
 
+EXAMPLE = "procam doctor my-dome --behaviour"
 COLUMNS = (
     "projector  camera     peak  exposure_s  darkest SNR  bracket_s            lit    error px"
     "  gamma  halves"
 )
 
 
-def run_doctor(directory: Path, behaviour: bool, output: Output) -> None:
-    """`procam doctor`; exit 1 if anything is wrong."""
-    venue = load_venue(directory)
-    diagnosis = Diagnosis()
+def doctor(
+    venue: VenueArgument,
+    behaviour: Annotated[
+        bool,
+        typer.Option(
+            "--behaviour",
+            help="Also test each projector for settings that break calibration, such as dynamic "
+            "black or white boost: 24 more photographs and two minutes each.",
+        ),
+    ] = False,
+    json: Json = False,
+) -> None:
+    """Check that every device of a venue can be reached, exposed and resolved; exit 1 if not.
+
+    Photographs each projector about five times, prints what to set, and leaves the projectors dark.
+    """
+    loaded, output, diagnosis = load_venue(venue), Output(json), Diagnosis()
     reached = False
     try:
-        with open_rig(venue) as rig:
+        with open_rig(loaded) as rig:
             reached = True
-            output.follow(examine(rig, venue, diagnosis, behaviour=behaviour))
+            output.follow(examine(rig, loaded, diagnosis, behaviour=behaviour))
     except DeviceError as error:
-        diagnosis.keep(_end(diagnosis, error) if reached else Finding("rig", "closed", str(error)))
+        diagnosis.keep(
+            _still_lit(diagnosis, error) if reached else Finding("rig", "closed", str(error))
+        )
     for line in _lines(diagnosis):
         output.say(line)
     output.finish(diagnosis.as_dict())
@@ -36,12 +53,12 @@ def run_doctor(directory: Path, behaviour: bool, output: Output) -> None:
         raise typer.Exit(1)
 
 
-def _end(diagnosis: Diagnosis, error: DeviceError) -> Finding:
-    """What to say when the projectors could not be left dark."""
+def _still_lit(diagnosis: Diagnosis, error: DeviceError) -> Finding:
+    """The finding when the projectors could not be left dark."""
     known = any(str(error) in finding.text for finding in diagnosis.findings)
     why = "see above" if known else str(error)
     return Finding(
-        "rig", "lit", f"a projector may still be lit ({why}); look, and switch it off by hand"
+        "rig", "lit", f"a projector may still be lit ({why}); check, and switch it off by hand"
     )
 
 

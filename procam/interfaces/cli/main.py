@@ -1,281 +1,118 @@
-"""The `procam` command. Heavy imports wait until a command runs: `--help` stays quick."""
+"""The `procam` command: its list of commands, and how errors end the process.
+
+Each command is a module of this package with a function of the same name, whose signature typer turns
+into options, and an `EXAMPLE`. A module is imported only when its command runs or its own help is
+shown, so `procam --help` needs none of the libraries that compute.
+"""
 
 import os
 import sys
 import threading
-from pathlib import Path
-from typing import Annotated, NoReturn
+from importlib import import_module
+from typing import Any, NoReturn
 
 import typer
+from typer.core import TyperCommand, TyperGroup
 
-from procam.errors import DeviceError, InputError, ProcamError
-from procam.interfaces.cli.app import CodeOption, Json, VenueArgument, app
-from procam.interfaces.cli.output import Output
+from procam.errors import DeviceError, ProcamError
 
-INTERRUPTED = 130
-
-
-@app.command(epilog="Example: procam demo --out demo-run --preset standard")
-def demo(
-    out: Annotated[Path, typer.Option(help="Folder to make; an earlier demo is replaced.")] = Path(
-        "demo-run"
-    ),
-    preset: Annotated[
-        str, typer.Option(help="ideal, standard, realistic, faulty or server.")
-    ] = "standard",
-    judge: Annotated[
-        str,
-        typer.Option(help="Who traces the light that judges: rays, or mitsuba, a path tracer."),
-    ] = "rays",
-    json: Json = False,
-) -> None:
-    """Calibrate and clean a simulated dome, and judge the result against the truth."""
-    from procam.interfaces.cli.demo import run_demo
-
-    run_demo(out, preset, judge, Output(json))
-
-
-@app.command(epilog="Example: procam init my-dome --template simulated-standard")
-def init(
-    venue: Annotated[Path, typer.Argument(help="Folder to make.")],
-    template: Annotated[
-        str,
-        typer.Option(
-            help="Which example to start from: by-hand, through-server, simulated-faulty, "
-            "simulated-ideal, simulated-realistic, simulated-server or simulated-standard."
-        ),
-    ] = "",
-    json: Json = False,
-) -> None:
-    """Write a complete, commented venue.toml to start from.
-
-    By-hand is for rigs of your own, through-server for domes behind a media server.
-    """
-    from procam.files.venue.load import template_names
-    from procam.interfaces.cli.venues import run_init
-
-    if not template:
-        raise InputError(
-            f"--template: got none, expected one of {', '.join(template_names())}; "
-            "by-hand is for rigs of your own"
-        )
-    run_init(venue, template, Output(json))
+INTERRUPTED = 130  # the exit code of a process that Ctrl-C has ended
+SETTINGS = {"help_option_names": ["-h", "--help"]}
+# in the order of the list; a test compares them with the first lines of the functions
+COMMANDS = {
+    "demo": "Calibrate a simulated dome, compensate a picture, and compare both with the truth.",
+    "init": "Write a complete, commented venue.toml to start from.",
+    "doctor": "Check that every device of a venue can be reached, exposed and resolved; exit 1 if not.",
+    "capture": "Show the patterns and photograph them; a run that was stopped is resumed.",
+    "solve": "Calibrate from stored captures alone; no device is touched.",
+    "calibrate": "Capture, solve and report in one run.",
+    "refine": "Show the compensated picture, photograph it and correct the residual; a new calibration.",
+    "state": "Measure the venue with its present audience and its own lamps; a new calibration.",
+    "report": "Write report.html, one self-contained file.",
+    "patterns": "Write the pictures of a venue's capture session, or of one code, to show by any means.",
+    "ingest": "Assign photographs taken by hand or by another program to the shots of a session.",
+    "projector": "Query or control a projector over its serial remote control.",
+    "response": "Solve how a camera encodes light, from photographs at three exposures or more.",
+    "glare": "Measure a lens's veiling glare with a light trap in the middle of a bright surface.",
+    "vignetting": "Measure how a lens darkens towards the rim; prints the line for venue.toml.",
+    "meter": "Make a calibration absolute with a hand meter; exit 1 if the two disagree.",
+    "compensate": "Take the scattered light out of dome masters.",
+    "warp": "Make each projector's frames: warp, blend, colour, response.",
+    "judge": "Compare a calibration with the truth; exit 1 if a figure misses its goal.",
+    "compare": "Compare two calibrations of a rig; exit 1 if they differ by more than a rotation.",
+    "inspect": "Describe a file or folder that procam has written, and check that it is whole.",
+    "decode": "Decode a folder of structured-light photographs; needs no venue.",
+    "camera": "Solve a camera's lens from photographs of a flat board; exit 1 if it fits badly.",
+    "pair": "Solve a projector and a camera from a flat chessboard; exit 1 if it fits badly.",
+    "forecast": "Predict white and contrast of a dome before anything is bought.",
+    "track": "Write what a player needs to compensate a show by itself, without encoding it anew.",
+}
 
 
-@app.command(epilog="Example: procam doctor my-dome --behaviour")
-def doctor(
-    venue: VenueArgument,
-    behaviour: Annotated[
-        bool,
-        typer.Option(
-            "--behaviour",
-            help="Also test each projector for settings that break calibration, such as dynamic "
-            "black or white boost: 24 more photographs and two minutes each.",
-        ),
-    ] = False,
-    json: Json = False,
-) -> None:
-    """Check that all a venue names can be reached, exposed and resolved; exit 1 if it cannot.
+class LazyGroup(TyperGroup):
+    """The commands of the list, each imported only when it is needed."""
 
-    Photographs each projector about five times, says what to set, and leaves the projectors dark.
-    """
-    from procam.interfaces.cli.doctor import run_doctor
+    def __init__(self, **settings: Any) -> None:
+        placeholders = {name: TyperCommand(name, help=text) for name, text in COMMANDS.items()}
+        super().__init__(**settings | {"commands": placeholders})
 
-    run_doctor(venue, behaviour, Output(json))
+    def resolve_command(self, ctx: Any, args: list[str]) -> tuple[str | None, Any, list[str]]:
+        """The command that the arguments name, imported."""
+        name, placeholder, rest = super().resolve_command(ctx, args)
+        return name, load_command(name) if name and placeholder else None, rest
 
 
-@app.command(epilog="Example: procam capture my-dome --dry-run")
-def capture(
-    venue: VenueArgument,
-    dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Only say how many shots, minutes and GB.")
-    ] = False,
-    json: Json = False,
-) -> None:
-    """Show the patterns and photograph them. Killed or unplugged, it resumes where it stopped."""
-    from procam.interfaces.cli.venues import run_capture
-
-    run_capture(venue, dry_run, Output(json))
+def load_command(name: str) -> Any:
+    """Import the module of a command and make the command of its function."""
+    module = import_module(f"procam.interfaces.cli.{name}")
+    single = typer.Typer(add_completion=False)
+    example = f"Example: {module.EXAMPLE}"
+    single.command(name, context_settings=SETTINGS, epilog=example)(getattr(module, name))
+    return typer.main.get_command(single)
 
 
-@app.command(epilog="Example: procam solve my-dome/sessions/0001")
-def solve(
-    session: Annotated[Path, typer.Argument(help="Session folder, such as VENUE/sessions/0001.")],
-    json: Json = False,
-) -> None:
-    """Calibrate from stored captures alone; no device is touched."""
-    from procam.interfaces.cli.venues import run_solve
-
-    run_solve(session, Output(json))
-
-
-@app.command(epilog="Example: procam calibrate my-dome")
-def calibrate(venue: VenueArgument, json: Json = False) -> None:
-    """Capture, solve and report, in one go."""
-    from procam.interfaces.cli.venues import run_calibrate
-
-    run_calibrate(venue, Output(json))
-
-
-@app.command(epilog="Example: procam refine my-dome --picture sky.exr")
-def refine(
-    venue: VenueArgument,
-    picture: Annotated[
-        Path | None, typer.Option(help="Dome master to refine on; a half sky if none is given.")
-    ] = None,
-    json: Json = False,
-) -> None:
-    """Show the compensated picture, photograph it, correct what is left; a new calibration."""
-    from procam.interfaces.cli.venues import run_refine
-
-    run_refine(venue, picture, Output(json))
-
-
-@app.command(epilog="Example: procam state my-dome full")
-def state(
-    venue: VenueArgument,
-    name: Annotated[str, typer.Argument(metavar="NAME", help="What to call it, such as full.")],
-    ambient_only: Annotated[
-        bool,
-        typer.Option(
-            "--ambient-only",
-            help="Only the room's own light; no projector is lit, nothing checked.",
-        ),
-    ] = False,
-    json: Json = False,
-) -> None:
-    """Measure the house as it is now, with its audience and the show's own lamps; a new calibration.
-
-    Leave exit signs and aisle lights as in a show. Photographs the room dark, then five pictures of
-    each projector, and adds the state to what the newest calibration knows. The camera must stand where
-    it stood then.
-    """
-    from procam.interfaces.cli.house import run_state
-
-    run_state(venue, name, ambient_only, Output(json))
-
-
-@app.command(epilog="Example: procam report my-dome")
-def report(
-    where: Annotated[Path, typer.Argument(metavar="VENUE|SESSION", help="What to report on.")],
-    json: Json = False,
-) -> None:
-    """Write report.html, one self-contained file."""
-    from procam.interfaces.cli.pictures import run_report
-
-    run_report(where, Output(json))
-
-
-@app.command(epilog="Example: procam patterns my-dome --out pictures --movie")
-def patterns(
-    out: Annotated[Path, typer.Option(help="New folder for the pictures.")],
-    venue: Annotated[
-        Path | None, typer.Argument(help="Venue folder: all pictures of a visit, numbered.")
-    ] = None,
-    size: Annotated[
-        str, typer.Option(help="Without a venue: projector size, such as 1280x800.")
-    ] = "",
-    code: CodeOption = "micro-phase",
-    movie: Annotated[
-        bool, typer.Option("--movie", help="With a venue: also one movie per projector.")
-    ] = False,
-    json: Json = False,
-) -> None:
-    """Write the pictures of a venue's visit, or of one code, to be shown by any means.
-
-    With a venue every picture carries its number, and `procam ingest` sorts the photographs.
-    """
-    if venue is None:
-        if movie:
-            raise InputError("--movie: got no VENUE, expected one: a movie shows a venue's visit")
-        if not size:
-            raise InputError("patterns: got no VENUE and no --size, expected one of them")
-        from procam.interfaces.cli.decoding import run_patterns
-
-        run_patterns(size, out, code, Output(json))
-        return
-    if size or code != "micro-phase":
-        raise InputError(
-            f"patterns: got --size or --code beside {venue}, expected none: venue.toml has the sizes, "
-            "and a visit its code"
-        )
-    from procam.interfaces.cli.external import run_venue_patterns
-
-    run_venue_patterns(venue, out, movie, Output(json))
-
-
-@app.command(
-    epilog="Example: procam ingest my-dome/sessions/hand-0001 --camera zenith --photos DCIM"
+app = typer.Typer(
+    name="procam",
+    cls=LazyGroup,
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings=SETTINGS,
 )
-def ingest(
-    session: Annotated[Path, typer.Argument(help="Session made by `procam patterns VENUE`.")],
-    camera: Annotated[str, typer.Option(help="Camera's name in venue.toml.")],
-    photos: Annotated[Path, typer.Option(help="Folder of linear 16-bit TIFF, PNG or JPEG.")],
-    index: Annotated[
-        Path | None, typer.Option(help="CSV of lines file,shot; goes before the numbers seen.")
-    ] = None,
-    json: Json = False,
-) -> None:
-    """Sort photographs taken by hand or by another program behind the shots of a session.
 
-    They are known by the number seen in them, else by their place among the others. What is missing
-    or left out is told; run it again with more photographs, it adds only what is missing.
+
+@app.callback()
+def procam() -> None:
+    """Calibrate a projection dome with cameras, and remove bounced light from its pictures.
+
+    Start with `procam demo`.
     """
-    from procam.interfaces.cli.external import run_ingest
-
-    run_ingest(session, camera, photos, index, Output(json))
-
-
-@app.command(epilog="Example: procam projector my-dome north shutter closed")
-def projector(
-    venue: VenueArgument,
-    name: Annotated[str, typer.Argument(metavar="ID", help="Projector's name in venue.toml.")],
-    action: Annotated[str, typer.Argument(help="state, on, off, input, shutter or hours.")],
-    value: Annotated[
-        str, typer.Argument(help="open or closed for shutter; a source code for input.")
-    ] = "",
-    json: Json = False,
-) -> None:
-    """Ask or tell a projector over its serial remote control."""
-    from procam.interfaces.cli.venues import run_projector
-
-    run_projector(venue, name, action, value, Output(json))
-
-
-from procam.interfaces.cli import desk_commands, show_commands, tools  # noqa: E402, F401 (they register)
 
 
 def main() -> None:
-    """Entry point: errors become one clear line; 2 for bad input, 1 for a failed device or check."""
+    """Entry point: an error becomes one line; exit 2 for bad input, 1 for a failed device or check."""
     try:
         app()
     except DeviceError as error:
-        _leave(_complain(error, 1))
+        _end(str(error), 1)
     except ProcamError as error:
-        _leave(_complain(error, 2))
-    except OSError as error:  # a full disk, a folder that may not be written
-        from procam.interfaces.cli.system_errors import worded
+        _end(str(error), 2)
+    except OSError as error:  # a full disk, a folder without permission
+        from procam.interfaces.cli._system_errors import worded
 
-        _leave(_complain(ProcamError(worded(error)), 2))
+        _end(worded(error), 2)
     except SystemExit as stop:
-        if stop.code == INTERRUPTED:  # typer says nothing when it ends for Ctrl-C
-            _complain(
-                ProcamError("stopped; projectors are dark, the run can be resumed"), INTERRUPTED
-            )
-            _leave(INTERRUPTED)
+        if stop.code == INTERRUPTED:  # typer prints nothing when Ctrl-C ends it
+            _end("stopped; projectors are dark, the run can be resumed", INTERRUPTED)
         raise
 
 
-def _leave(code: int) -> NoReturn:
-    """End the process: at once if a thread still waits at a pipe, of which libraries would complain."""
+def _end(message: str, code: int) -> NoReturn:
+    """Print the message and end the process, at once if a thread still waits at a pipe."""
     from procam.workflows.playout.pipeline import THREAD
 
+    sys.stderr.write(f"procam: {message}\n")
     if any(thread.name == THREAD for thread in threading.enumerate()):
         sys.stderr.flush()
-        os._exit(code)
+        os._exit(code)  # a regular exit would wait for that thread, and libraries would complain
     sys.exit(code)
-
-
-def _complain(error: ProcamError, code: int) -> int:
-    sys.stderr.write(f"procam: {error}\n")
-    return code

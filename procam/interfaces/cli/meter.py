@@ -1,16 +1,15 @@
-"""`procam meter`: a hand meter's readings make a calibration absolute."""
+"""`procam meter`: absolute luminance and colour of a calibration, from readings of a hand meter."""
 
 import hashlib
-import json
 from collections.abc import Iterator, Mapping
 from importlib.metadata import version
+from json import dumps
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import typer
 
-from procam.errors import InputError
 from procam.estimate.light.absolute import (
     LARGEST_ADDITIVITY,
     LARGEST_RESIDUAL,
@@ -27,24 +26,42 @@ from procam.estimate.light.colour_spaces import (
 from procam.files.atomic import write_text
 from procam.files.calibration import load_calibration
 from procam.files.meter import read_meter
-from procam.interfaces.cli.output import Output
+from procam.interfaces.cli._options import CalibrationArgument, Json
+from procam.interfaces.cli._output import Output, as_dicts, exit_if_missed
+from procam.interfaces.cli._paths import check_out
 from procam.model.quality import Figure, Goal
 
+EXAMPLE = "procam meter my-dome/calibrations/0001 readings.csv --out colour.json"
 SPACES = ("Rec.709", "P3-D65", "Rec.2020")
-TELLING = 0.005  # of a primary's saturation
+LEAST_LOST = 0.005  # of a primary's saturation; less is not printed
 
 
-def run_meter(calibration: Path, readings: Path, out: Path, output: Output) -> None:
-    """Solve what a unit of each content channel is in cd/m2, say it and write OUT."""
-    if out.suffix != ".json" or out.is_dir():
-        raise InputError(f"{out}: got no name of a JSON file, expected one such as colour.json")
-    if out.exists():
-        raise InputError(f"{out}: got a file that exists, expected a new one; choose another name")
+def meter(
+    calibration: CalibrationArgument,
+    readings: Annotated[
+        Path,
+        typer.Argument(
+            metavar="READINGS",
+            help="CSV: projector,patch,azimuth_deg,elevation_deg,Y,x,y (or X,Y,Z) in cd/m2.",
+        ),
+    ],
+    *,
+    out: Annotated[Path, typer.Option(help="JSON file with what a unit of each channel is.")],
+    json: Json = False,
+) -> None:
+    """Make a calibration absolute with a hand meter; exit 1 if the two disagree.
+
+    Show red, green, blue, white and black on the whole panel of one projector, unwarped and
+    unblended, the others shuttered, in the dark. Read each from the middle of the dome at one place
+    well inside the picture. A second place, or a second projector of the type, checks the first.
+    """
+    output = Output(json)
+    check_out(out, ".json", replace=False)
     known = load_calibration(calibration)
     found = fit_absolute(read_meter(readings, tuple(known.projectors)), known)
     figures = _figures(found)
     document = _document(found, figures, calibration, readings)
-    write_text(out, json.dumps(document, indent=1) + "\n")
+    write_text(out, dumps(document, indent=1) + "\n")
     for line in _lines(found):
         output.say(line)
     output.table(figures)
@@ -52,8 +69,7 @@ def run_meter(calibration: Path, readings: Path, out: Path, output: Output) -> N
         output.say(f"note: {note}")
     output.say(f"{out} written")
     output.finish({"out": str(out), **document})
-    if any(figure.passed is False for figure in figures.values()):
-        raise typer.Exit(1)
+    exit_if_missed(figures)
 
 
 def _figures(found: AbsoluteLight) -> dict[str, Figure]:
@@ -80,19 +96,20 @@ def _figures(found: AbsoluteLight) -> dict[str, Figure]:
 def _lines(found: AbsoluteLight) -> Iterator[str]:
     nits, sigma = found.nits_per_unit
     kelvin, duv = colour_temperature(found.white)
-    told = "no colour temperature" if np.isnan(kelvin) else f"{kelvin:.0f} K"
+    temperature = "no colour temperature" if np.isnan(kelvin) else f"{kelvin:.0f} K"
     x, y, _ = xyy_from_xyz(found.white)
     yield (
-        f"reference white: {nits:.4g} +- {sigma:.2g} cd/m2, x {x:.4f} y {y:.4f}, {told} (Duv {duv:+.4f})"
+        f"reference white: {nits:.4g} +- {sigma:.2g} cd/m2, x {x:.4f} y {y:.4f}, {temperature} "
+        f"(Duv {duv:+.4f})"
     )
     for name, (x, y, luminance) in _primaries(found).items():
         yield f"  {name:5} x {x:.4f} y {y:.4f}, {luminance:.4g} cd/m2"
     if found.contrast is not None:
         yield f"contrast: {found.contrast:.0f}:1, full white over black at one place"
     reading, residual = found.worst
-    yield f"fits worst: {reading}, dE2000 {residual:.2f}"
+    yield f"largest residual: {reading}, dE2000 {residual:.2f}"
     for space, unshown in _unshown(found).items():
-        lost = [f"{n} {v:.0%}" for n, v in unshown.items() if v > TELLING]
+        lost = [f"{n} {v:.0%}" for n, v in unshown.items() if v > LEAST_LOST]
         yield (
             f"{space}: saturation that cannot be shown: {', '.join(lost)}"
             if lost
@@ -133,7 +150,7 @@ def _document(
         "primaries_xy": {name: row[:2] for name, row in _primaries(found).items()},
         "contrast": found.contrast,
         "unshown_saturation": _unshown(found),
-        "quality": {name: figure.as_dict() for name, figure in figures.items()},
+        "quality": as_dicts(figures),
         "provenance": {
             "calibration": str(calibration),
             "calibration_sha256": _sha256(calibration / "calibration.json"),

@@ -1,8 +1,8 @@
-"""`procam pair`: a projector and a camera that look at a flat board; needs no venue."""
+"""`procam pair`: a projector and a camera from photographs of a flat board; needs no venue."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import typer
@@ -21,69 +21,103 @@ from procam.estimate.boards.robust_fit import determines_pose
 from procam.estimate.boards.targets import Board, find_board
 from procam.estimate.structured_light.codes import Code, make_code
 from procam.files.atomic import write_text
-from procam.interfaces.cli.camera import check_out, one_size, two_counts
-from procam.interfaces.cli.decoding import SUFFIXES, Picture, decode_folder, read_grey
-from procam.interfaces.cli.output import Output
-from procam.maths.geometry.lenses import Lens
+from procam.interfaces.cli._boards import (
+    WORST_RMS,
+    coefficients,
+    count_text,
+    lens_rows,
+    listed,
+    make_board,
+    sigmas,
+)
+from procam.interfaces.cli._options import (
+    CodeOption,
+    Json,
+    SizeOption,
+    SquareOption,
+    SquaresOption,
+)
+from procam.interfaces.cli._output import Output, as_dicts, exit_if_missed
+from procam.interfaces.cli._paths import (
+    SUFFIXES,
+    Picture,
+    Size,
+    check_out,
+    one_size,
+    panel_size,
+    read_grey,
+    some,
+)
+from procam.interfaces.cli.decode import decode_folder
 from procam.maths.geometry.pose import rotation_vector
 from procam.model.correspondence import CorrespondenceMap
-from procam.model.quality import Figure, Goal
+from procam.model.quality import Figure
 
-WORST_RMS_PX = 1.0
+EXAMPLE = "procam pair poses --squares 10x7 --square-mm 20 --size 1280x800 --out pair.toml"
 LENS_NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 POSE_NAMES = (*(f"turn_{a}_deg" for a in "xyz"), *(f"shift_{a}_m" for a in "xyz"))
-Size = tuple[int, int]
-Parameters = dict[str, tuple[float, float]]
+Parameters = dict[str, tuple[float, float]]  # value, standard error
 
 
-def run_pair(
-    folder: Path,
-    board: Board,
-    shown: tuple[str, str],
-    distortion: bool,
-    out: Path,
-    output: Output,
+def pair(
+    folder: Annotated[Path, typer.Argument(help="Folder with a folder of photographs per pose.")],
+    *,
+    squares: SquaresOption,
+    square_mm: SquareOption,
+    size: SizeOption,
+    out: Annotated[Path, typer.Option(help="TOML file with both lenses and the pose between.")],
+    code: CodeOption = "gray",
+    distortion: Annotated[
+        bool, typer.Option("--distortion", help="Also solve the distortion of both lenses.")
+    ] = False,
+    json: Json = False,
 ) -> None:
-    """Decode every pose in FOLDER, solve the pair, write OUT; `shown` are size and code."""
-    check_out(out)
-    size = two_counts("--size", shown[0], "WIDTHxHEIGHT such as 1280x800")
-    views, camera_size, skipped = _views(_poses(folder), make_code(shown[1], size), board, output)
-    pair = fit_planar_pair(views, camera_size, size, distortion=distortion)
-    told, figures = _parameters(pair), _figures(pair)
-    sizes = dict(zip(DEVICES, (camera_size, size), strict=True))
-    write_text(out, _toml(pair, told, sizes))
-    _say(pair, told, figures, output)
+    """Solve a projector and a camera from a flat chessboard; exit 1 if it fits badly.
+
+    Three poses of the board or more, tilted to all sides; of each the photographs of a code on it,
+    as `procam decode` takes them, in a folder of its own. Needs no venue.
+    """
+    board, output = make_board(squares, square_mm), Output(json)
+    check_out(out, ".toml")
+    panel = panel_size(size)
+    views, camera_size, skipped = _views(_poses(folder), make_code(code, panel), board, output)
+    fit = fit_planar_pair(views, camera_size, panel, distortion=distortion)
+    parameters, figures = _parameters(fit), _figures(fit)
+    sizes = dict(zip(DEVICES, (camera_size, panel), strict=True))
+    write_text(out, _toml(fit, parameters, sizes))
+    _print_fit(fit, parameters, figures, output)
     output.say(f"{out} written")
-    output.finish(_document(pair, told, figures, out, skipped))
-    if any(figure.passed is False for figure in figures.values()):
-        raise typer.Exit(1)
+    output.finish(_document(fit, parameters, figures, out, skipped))
+    exit_if_missed(figures)
 
 
 def _poses(folder: Path) -> list[Path]:
     if not folder.is_dir():
-        raise FileFormatError(f"{folder}: got no such folder, expected one with a folder per pose")
+        raise FileFormatError(
+            f"{folder}: there is no such folder; give one with a folder for every pose of the board"
+        )
     poses = sorted(p for p in folder.iterdir() if p.is_dir() and not p.name.startswith("."))
     if not poses:
         raise FileFormatError(
-            f"{folder}: got no folders in it, expected one for every pose of the board, each with the "
-            "photographs of a code on it"
+            f"{folder}: there are no folders in it; every pose of the board needs one, with the "
+            "photographs of a code on the board"
         )
     return poses
 
 
 def _views(
     poses: Sequence[Path], code: Code, board: Board, output: Output
-) -> tuple[list[PairView], Size, list[str]]:
+) -> tuple[list[PairView], Size, list[Path]]:
     """Views of the board, the photographs' size, and the poses that are of no use."""
-    views, sizes, skipped = [], {}, []
+    views, sizes, skipped = [], {}, list[Path]()
     for place in poses:
         found = _decoded(place, code, output)
         height, width = found.valid.shape
         sizes[place] = (width, height)
         view = _view(place, board, found)
         if view is None:
-            output.say(f"{place.name}: no board is seen that the projector lights; left out")
-            skipped.append(place.name)
+            output.say(f"{place.name}: no board is found that the projector lights; left out")
+            skipped.append(place)
         else:
             views.append(view)
     if len(views) < FEWEST_VIEWS:
@@ -101,18 +135,16 @@ def _view(place: Path, board: Board, found: CorrespondenceMap) -> PairView | Non
     return view if determines_pose(view.points[lit]) else None
 
 
-def _too_few(board: Board, poses: int, skipped: Sequence[str]) -> str:
-    columns, rows = board.squares
-    missing = ", ".join(skipped[:4]) + (f" and {len(skipped) - 4} more" if skipped[4:] else "")
+def _too_few(board: Board, poses: int, skipped: Sequence[Path]) -> str:
     return (
-        f"poses: got a board of {columns}x{rows} squares in {poses - len(skipped)} of {poses} "
-        f"(none in {missing or '-'}), expected it in at least {FEWEST_VIEWS}; light all of it with the "
-        "projector, tilt it to all sides; is --squares right?"
+        f"poses: a board of {count_text(board.squares)} squares is found in {poses - len(skipped)} of "
+        f"{poses} (none in {some(skipped) or '-'}), and at least {FEWEST_VIEWS} are needed; light all of "
+        "it with the projector, and tilt it to all sides; is --squares right?"
     )
 
 
 def _decoded(place: Path, code: Code, output: Output) -> CorrespondenceMap:
-    """The map of a pose; what is wrong or odd is told with its name."""
+    """The map of a pose; errors and notes carry its name."""
     try:
         found, _, notes = decode_folder(place, code, (None, None))
     except InputError as error:
@@ -131,109 +163,86 @@ def _white(folder: Path, shape: tuple[int, ...]) -> Picture:
     return max(fitting, key=lambda picture: float(picture.mean(dtype=float)))
 
 
-def _parameters(pair: PlanarPair) -> Parameters:
+def _parameters(fit: PlanarPair) -> Parameters:
     """Values and standard errors by name, such as camera.fx."""
-    count = (len(pair.covariance) - len(POSE_NAMES)) // len(DEVICES)
-    lenses = dict(zip(DEVICES, (pair.camera, pair.projector), strict=True))
-    pose = pair.projector_from_camera
+    count = (len(fit.covariance) - len(POSE_NAMES)) // len(DEVICES)
+    pose = fit.projector_from_camera
     names = [f"{device}.{name}" for device in DEVICES for name in LENS_NAMES[:count]]
-    values = [_numbers(lens)[:count] for lens in lenses.values()]
+    lenses = [coefficients(lens)[:count] for lens in (fit.camera, fit.projector)]
     turn = np.degrees(rotation_vector(pose.rotation))
-    sigma = np.sqrt(np.diag(pair.covariance))
+    sigma = np.sqrt(np.diag(fit.covariance))
     sigma[-6:-3] = np.degrees(sigma[-6:-3])
-    told = np.concatenate([*values, turn, pose.translation])
-    each = zip(told.tolist(), sigma.tolist(), strict=True)
+    values = np.concatenate([*lenses, turn, pose.translation])
+    each = zip(values.tolist(), sigma.tolist(), strict=True)
     return dict(zip([*names, *POSE_NAMES], each, strict=True))
 
 
-def _numbers(lens: Lens) -> Any:
-    return np.concatenate([lens.focal, lens.centre, lens.distortion])
-
-
-def _figures(pair: PlanarPair) -> dict[str, Figure]:
-    """What the fit is worth; the command fails if a goal is missed."""
-    goal = Goal("<=", WORST_RMS_PX)
+def _figures(fit: PlanarPair) -> dict[str, Figure]:
+    """How well the fit explains the corners."""
     return {
-        f"{device}_rms": Figure(rms(left), "px", goal, sum(map(len, left.values())))
-        for device, left in pair.residual_px.items()
+        f"{device}_rms": Figure(rms(left), "px", WORST_RMS, sum(map(len, left.values())))
+        for device, left in fit.residual_px.items()
     }
 
 
-def _toml(pair: PlanarPair, told: Parameters, sizes: Mapping[str, Size]) -> str:
+def _toml(fit: PlanarPair, parameters: Parameters, sizes: Mapping[str, Size]) -> str:
     """Both lenses as in venue.toml, and the pose between them; standard errors as comments."""
-    views = len(pair.boards)
-    fits = ", ".join(f"{device} {rms(left):.3f} px" for device, left in pair.residual_px.items())
-    pose = pair.projector_from_camera
-    rows = ", ".join(_listed(row, 8) for row in pose.rotation)
-    turns, shifts = (_sigmas(told, POSE_NAMES[part]) for part in (slice(3), slice(3, 6)))
-    lenses = zip(DEVICES, (pair.camera, pair.projector), strict=True)
+    rms_px = ", ".join(f"{device} {rms(left):.3f} px" for device, left in fit.residual_px.items())
+    pose = fit.projector_from_camera
+    rows = ", ".join(listed(row, 8) for row in pose.rotation)
+    turns, shifts = (
+        sigmas([parameters[name][1] for name in part]) for part in (POSE_NAMES[:3], POSE_NAMES[3:])
+    )
+    lines = [
+        f"# a projector and a camera from {len(fit.boards)} poses of a flat board; RMS: {rms_px}",
+        "# standard errors come from the scatter of the corners; an error of the board's own size adds "
+        "to every length",
+    ]
+    for device, lens in zip(DEVICES, (fit.camera, fit.projector), strict=True):
+        errors = [sigma for name, (_, sigma) in parameters.items() if name.startswith(f"{device}.")]
+        lines += [f"[{device}]", *lens_rows(lens, sizes[device], errors), ""]
     return "\n".join(
         [
-            f"# a projector and a camera from {views} poses of a flat board; RMS: {fits}",
-            "# standard errors tell how corners scatter; the board's own size adds its share to every length",
-            *(line for name, lens in lenses for line in _lens_lines(name, lens, sizes[name], told)),
+            *lines,
             "[projector_from_camera]",
             f"rotation = [{rows}]  # by rows; +- {turns} degrees about x, y, z",
-            f"translation_m = {_listed(pose.translation, 6)}  # +- {shifts} m",
+            f"translation_m = {listed(pose.translation, 6)}  # +- {shifts} m",
             "",
         ]
     )
 
 
-def _lens_lines(device: str, lens: Lens, size: Size, told: Parameters) -> Iterator[str]:
-    names = [f"{device}.{name}" for name in LENS_NAMES]
-    yield f"[{device}]"
-    yield f'model = "{lens.kind}"'
-    yield f"size = [{size[0]}, {size[1]}]"
-    yield f"f = {_listed(lens.focal, 4)}  # +- {_sigmas(told, names[:2])} px"
-    yield (
-        f"c = {_listed(lens.centre, 4)}  # +- {_sigmas(told, names[2:4])} px; (0, 0) is the centre of "
-        "the first pixel"
-    )
-    solved = names[4] in told
-    yield f"k = {_listed(lens.distortion, 8)}" + (
-        f"  # +- {_sigmas(told, names[4:])}" if solved else "  # not solved for"
-    )
-    yield ""
-
-
-def _listed(values: Any, digits: int) -> str:
-    return f"[{', '.join(f'{v:.{digits}f}' for v in values)}]"
-
-
-def _sigmas(told: Parameters, names: Sequence[str]) -> str:
-    return ", ".join(f"{told[name][1]:.2g}" for name in names)
-
-
-def _say(pair: PlanarPair, told: Parameters, figures: Mapping[str, Figure], output: Output) -> None:
-    for view in pair.boards:
-        each = (f"{d} RMS {rms({view: left[view]}):.3f} px" for d, left in pair.residual_px.items())
-        corners = len(pair.residual_px[DEVICES[1]][view])
+def _print_fit(
+    fit: PlanarPair, parameters: Parameters, figures: Mapping[str, Figure], output: Output
+) -> None:
+    for view in fit.boards:
+        each = (f"{d} RMS {rms({view: left[view]}):.3f} px" for d, left in fit.residual_px.items())
+        corners = len(fit.residual_px[DEVICES[1]][view])
         output.say(f"{view}: {corners} corners, {', '.join(each)}")
-    for device, dropped in pair.dropped.items():
+    for device, dropped in fit.dropped.items():
         if dropped:
-            output.say(f"{device}: {len(dropped)} corners that fit nothing are dropped")
-    for name, (value, sigma) in told.items():
+            output.say(f"{device}: {len(dropped)} corners fit no pose of the board; dropped")
+    for name, (value, sigma) in parameters.items():
         output.say(f"  {name:30} {value:>28.6g} +- {sigma:.2g}")
     output.table(figures)
 
 
 def _document(
-    pair: PlanarPair,
-    told: Parameters,
+    fit: PlanarPair,
+    parameters: Parameters,
     figures: Mapping[str, Figure],
     out: Path,
-    skipped: Sequence[str],
+    skipped: Sequence[Path],
 ) -> dict[str, Any]:
-    pose = pair.projector_from_camera
+    pose = fit.projector_from_camera
     return {
         "out": str(out),
-        "parameters": {n: {"value": v, "sigma": s} for n, (v, s) in told.items()},
+        "parameters": {n: {"value": v, "sigma": s} for n, (v, s) in parameters.items()},
         "rotation": pose.rotation.tolist(),
         "translation_m": pose.translation.tolist(),
-        "covariance": pair.covariance.tolist(),
-        "figures": {name: figure.as_dict() for name, figure in figures.items()},
-        "poses": list(pair.boards),
-        "left_out": list(skipped),
-        "dropped_corners": {device: len(found) for device, found in pair.dropped.items()},
+        "covariance": fit.covariance.tolist(),
+        "figures": as_dicts(figures),
+        "poses": list(fit.boards),
+        "left_out": [path.name for path in skipped],
+        "dropped_corners": {device: len(found) for device, found in fit.dropped.items()},
     }

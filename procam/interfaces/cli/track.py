@@ -1,20 +1,53 @@
 """`procam track`: a folder from which a player compensates a show by itself."""
 
 from pathlib import Path
+from typing import Annotated
 
-from procam.interfaces.cli.output import Output
+import typer
+
+from procam.interfaces.cli._options import (
+    CalibrationArgument,
+    Json,
+    StateOption,
+    TransferOption,
+)
+from procam.interfaces.cli._output import Output
 from procam.workflows.playout.frame import FrameSettings
 from procam.workflows.playout.track import track_show
 
+EXAMPLE = "procam track my-dome/calibrations/0001 show/ show-track"
 
-def run_track(
-    calibration: Path, source: Path, out: Path, how: FrameSettings, output: Output
+
+def track(
+    calibration: CalibrationArgument,
+    source: Annotated[
+        Path,
+        typer.Argument(
+            metavar="IN",
+            help="Dome masters: a folder, a pattern such as show.####.exr, or a movie.",
+        ),
+    ],
+    out: Annotated[Path, typer.Argument(metavar="OUT", help="Folder to make.")],
+    *,
+    method: Annotated[str, typer.Option(help="exact or subtract.")] = "exact",
+    state: StateOption = None,
+    white: Annotated[
+        str, typer.Option(help="summed, or keep: the white of today's full-white frame.")
+    ] = "summed",
+    transfer: TransferOption = None,
+    json: Json = False,
 ) -> None:
-    """Write OUT for the show IN."""
-    document = output.follow(track_show(calibration, source, out, how))
+    """Write what a player needs to compensate a show by itself, without encoding it anew.
+
+    A few coefficients per frame, textures, and a shader that computes from them and the show's own
+    frames what `procam compensate` would write. The strength is chosen while the show plays.
+    """
+    output = Output(json)
+    settings = FrameSettings(method, state, white=white, transfer=transfer)
+    document = output.follow(track_show(calibration, source, out, settings))
     output.say(
         f"{out} written: {document['frames']['count']} frames of {document['size']} px, "
-        f"{len(document['numbers']['columns'])} numbers each; give the folder to the player, README.txt is "
-        "for who programs it"
+        f"{len(document['numbers']['columns'])} coefficients each; give the folder to the player, whose "
+        "programmer finds the format in README.txt"
     )
     output.finish(document)

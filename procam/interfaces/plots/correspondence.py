@@ -9,7 +9,7 @@ LINES = 16  # grid lines over the longer side of the panel
 UNKNOWN = 24  # grey of holes
 
 
-def quick_look(found: CorrespondenceMap, size: tuple[int, int]) -> NDArray[np.uint8]:
+def draw_map(found: CorrespondenceMap, size: tuple[int, int]) -> NDArray[np.uint8]:
     """Colours (H, W, 3): red grows to the panel's right, green downwards; a grid every 1/16.
 
     Straight, evenly coloured cells are a sound map; holes are dark grey.

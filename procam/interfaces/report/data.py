@@ -78,6 +78,19 @@ class Seen:
 
 
 @dataclass(frozen=True, slots=True)
+class Limits:
+    """Where the compensated picture meets a limit of the projectors.
+
+    `codes` (N, N, 3): 0 exact, 1 too bright, 2 too dark, 3 not lit or protected. `too_bright` and
+    `too_dark` (3,) are shares of the lit dome that is not protected.
+    """
+
+    codes: NDArray[np.integer]
+    too_bright: Array
+    too_dark: Array
+
+
+@dataclass(frozen=True, slots=True)
 class Material:
     """All a report is made of; what a venue does not have is None or empty.
 
@@ -138,6 +151,20 @@ class Material:
             return Seen(before, after, target, free, coverage, "camera")
         before, after = self.pictures["uncompensated"], self.pictures["compensated"]
         return Seen(before, after, target, free, coverage, "prediction")
+
+    def limits(self) -> Limits | None:
+        """Where a limit holds; None without a compensated picture."""
+        if self.calibration is None or not self.pictures:
+            return None
+        held = 1 - self.pictures["free"]
+        above = self.pictures["compensated"] > self.pictures["target"]
+        judged = self.coverage(len(held)) * ~self.protected(len(held))
+        weight = (master_solid_angles(len(held)) * (judged > WHOLE))[..., None]
+        total = max(float(weight.sum()), 1e-12)
+        codes = np.where(held > 0.5, np.where(above, 1, 2), 0)
+        codes = np.where((judged > 0.5)[..., None], codes, 3)
+        shares = ((weight * held * side).sum(axis=(0, 1)) / total for side in (above, ~above))
+        return Limits(codes, *shares)
 
 
 def read_material(venue_dir: Path) -> Material:

@@ -219,31 +219,25 @@ def _gain_change(material: Material) -> Iterator[Block]:
 
 def clipped(material: Material) -> Iterator[Block]:
     """Where a limit of the projectors holds, and which."""
-    if not material.pictures or material.calibration is None:
+    limits = material.limits()
+    if limits is None:
         yield not_there("The map of what clipped", calibrating(material))
         return
-    held = 1 - material.pictures["free"]
-    above = material.pictures["compensated"] > material.pictures["target"]
-    protected = material.protected(len(held))
-    coverage = material.coverage(len(held)) * ~protected
-    weight = (master_solid_angles(len(held)) * (coverage > WHOLE))[..., None]
-    total = max(float(weight.sum()), 1e-12)
-    low, high = ((weight * held * side).sum(axis=(0, 1)) / total for side in (above, ~above))
+    low, high = limits.too_bright, limits.too_dark
     yield Text(
         f"{percent(float(1 - (low + high).mean()), 2)} of the lit picture is reproduced exactly. "
         f"{percent(float(low.mean()), 2)} asks for less light than already bounces there: no "
         "projector can take light away, so black stays a little grey. "
         f"{percent(float(high.mean()), 2)} asks for more light than the projectors have."
     )
-    codes = np.where(held > 0.5, np.where(above, 1, 2), 0)
-    also = " or protected by hand" if protected.any() else ""
-    yield _limits(np.where((coverage > 0.5)[..., None], codes, 3), also)
+    masked = material.protected(len(limits.codes)).any()
+    yield _limits(limits.codes, " or protected by hand" if masked else "")
     rows = [
         [c.capitalize(), *(percent(float(share[i])) for share in (1 - low - high, low, high))]
         for i, c in enumerate(COLOURS)
     ]
     head = ["Channel", "Exact", "Held at black", "Held at full light"]
-    left_out = ", without what is protected by hand" if also else ""
+    left_out = ", without what is protected by hand" if masked else ""
     yield Table(head, rows, f"Shares of the lit dome{left_out}.")
 
 

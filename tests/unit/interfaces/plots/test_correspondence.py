@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from procam.interfaces.plots.correspondence import LINES, UNKNOWN, quick_look
+from procam.interfaces.plots.correspondence import LINES, UNKNOWN, draw_map
 from procam.model.correspondence import CorrespondenceMap
 
 SIZE = (320, 200)
@@ -22,14 +22,14 @@ def straight() -> CorrespondenceMap:
 
 
 def test_holes_are_dark_grey_and_nothing_else_is(straight: CorrespondenceMap) -> None:
-    picture = quick_look(straight, SIZE)
+    picture = draw_map(straight, SIZE)
     assert (picture.shape, picture.dtype) == ((100, 160, 3), np.uint8)
     hole = (picture == UNKNOWN).all(axis=-1)
     np.testing.assert_array_equal(hole, ~straight.valid)
 
 
 def test_a_grid_of_square_cells(straight: CorrespondenceMap) -> None:
-    line = (quick_look(straight, SIZE) == 255).all(axis=-1)
+    line = (draw_map(straight, SIZE) == 255).all(axis=-1)
     cell = 320 / LINES / 2
     columns = np.flatnonzero(line[5])
     rows = np.flatnonzero(line[:, 5])
@@ -38,7 +38,7 @@ def test_a_grid_of_square_cells(straight: CorrespondenceMap) -> None:
 
 
 def test_red_grows_to_the_right_and_green_downwards(straight: CorrespondenceMap) -> None:
-    picture = quick_look(straight, SIZE).astype(int)
+    picture = draw_map(straight, SIZE).astype(int)
     plain = straight.valid & ~(picture == 255).all(axis=-1)
     x, y = straight.projector_xy[plain].T
     red, green, blue = picture[plain].T
@@ -49,19 +49,19 @@ def test_red_grows_to_the_right_and_green_downwards(straight: CorrespondenceMap)
 
 def test_a_fault_shows(straight: CorrespondenceMap) -> None:
     """A pixel on another fringe has another colour and lines around it."""
-    before = quick_look(straight, SIZE).astype(int)
+    before = draw_map(straight, SIZE).astype(int)
     straight.projector_xy[15, 26] += 60
-    after = quick_look(straight, SIZE).astype(int)
+    after = draw_map(straight, SIZE).astype(int)
     changed = np.argwhere((after != before).any(axis=-1)).tolist()
     assert [15, 26] in changed and 1 <= len(changed) <= 3
 
 
 def test_places_beyond_the_panel_stay_in_range() -> None:
     xy = np.array([[[-40.0, 500.0], [900.0, -3.0]]], np.float32)
-    picture = quick_look(CorrespondenceMap(xy, 0 * xy, np.ones((1, 2), bool)), SIZE)
+    picture = draw_map(CorrespondenceMap(xy, 0 * xy, np.ones((1, 2), bool)), SIZE)
     assert picture[0, 0].tolist() == pytest.approx([38, 217, 128], abs=1)
 
 
 def test_a_map_of_nothing() -> None:
     xy = np.full((4, 5, 2), np.nan, np.float32)
-    assert (quick_look(CorrespondenceMap(xy, xy, np.zeros((4, 5), bool)), SIZE) == UNKNOWN).all()
+    assert (draw_map(CorrespondenceMap(xy, xy, np.zeros((4, 5), bool)), SIZE) == UNKNOWN).all()

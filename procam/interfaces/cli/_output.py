@@ -5,6 +5,8 @@ import sys
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
+import typer
+
 if TYPE_CHECKING:
     from procam.model.calibration import Calibration
     from procam.model.quality import Figure
@@ -12,34 +14,34 @@ if TYPE_CHECKING:
 
 
 class Output:
-    """Where a command talks to: people (text, progress) or machines (`as_json`)."""
+    """What a command prints: text and progress for people, or one document for machines (`as_json`)."""
 
     def __init__(self, as_json: bool) -> None:
         self.as_json = as_json
 
     def say(self, text: str) -> None:
-        """A line for people."""
+        """Print a line for people."""
         if not self.as_json:
             sys.stdout.write(text + "\n")
 
     def notes(self, calibration: "Calibration") -> list[str]:
-        """Say what a solve found that nobody should miss; the same lines."""
+        """Print the notes of a solve, which nobody should miss, and return them."""
         lines = [str(line) for line in calibration.provenance.get("notes", ())]
         for line in lines:
             self.say(f"note: {line}")
         return lines
 
     def finish(self, document: Mapping[str, Any]) -> None:
-        """The one document for machines."""
+        """Print the one document for machines."""
         if self.as_json:
             sys.stdout.write(json.dumps(document, indent=1) + "\n")
 
     def follow(self, events: Iterator["Event"]) -> dict[str, Any]:
-        """Run a workflow, show its progress on stderr, return the data of its last event."""
+        """Run a workflow, show its progress on stderr, and return the data of its last event."""
         from rich.console import Console
         from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-        from procam.interfaces.cli.memory import keep_large_buffers
+        from procam.interfaces.cli._memory import keep_large_buffers
 
         keep_large_buffers()
         console = Console(stderr=True)
@@ -62,12 +64,23 @@ class Output:
         return data
 
     def table(self, figures: Mapping[str, "Figure"]) -> None:
-        """Figures with goal and verdict."""
+        """Print figures with goal and verdict."""
         for name, figure in figures.items():
             verdict = {True: "pass", False: "FAIL", None: ""}[figure.passed]
             goal = f"{figure.goal.op} {figure.goal.value}" if figure.goal else ""
             unit = "" if figure.unit == "-" else figure.unit
             self.say(f"  {name:30} {_short(figure.value):>28} {unit:7} {goal:14} {verdict}")
+
+
+def as_dicts(figures: Mapping[str, "Figure"]) -> dict[str, dict[str, Any]]:
+    """Figures as JSON has them."""
+    return {name: figure.as_dict() for name, figure in figures.items()}
+
+
+def exit_if_missed(figures: Mapping[str, "Figure"]) -> None:
+    """End the command with exit code 1 if a figure misses its goal."""
+    if any(figure.passed is False for figure in figures.values()):
+        raise typer.Exit(1)
 
 
 def _short(value: Any) -> str:

@@ -1,51 +1,34 @@
-"""Commands that work on calibrations and pictures; no device is touched."""
+"""`procam inspect`: what a file or folder holds."""
 
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+import numpy as np
 import typer
 
 from procam.errors import FileFormatError
 from procam.files.calibration import load_calibration
 from procam.files.images.images import read_channels
 from procam.files.session import Session
-from procam.interfaces.cli.output import Output
-from procam.interfaces.cli.venues import venue_of
+from procam.interfaces.cli._options import Json
+from procam.interfaces.cli._output import Output
+
+EXAMPLE = "procam inspect my-dome/calibrations/0001"
 
 
-def run_report(where: Path, output: Output) -> None:
-    """`procam report`."""
-    from procam.interfaces.report import write_report
-
-    venue = venue_of(where) if (where / "plan.json").is_file() else where
-    path = write_report(venue)
-    output.say(f"{path} written")
-    output.finish({"report": str(path)})
-
-
-def run_judge(calibration: Path, truth: Path, output: Output) -> None:
-    """`procam judge`."""
-    from procam.interfaces.judge import failed, judge
-
-    figures = judge(calibration, truth)
-    output.table(figures)
-    output.finish({name: figure.as_dict() for name, figure in figures.items()})
-    if failed(figures):
-        raise typer.Exit(1)
-
-
-def run_inspect(path: Path, output: Output) -> None:
-    """`procam inspect`."""
-    document = _describe(path)
+def inspect(
+    file: Annotated[Path, typer.Argument(help="Calibration, session, plan, map or picture.")],
+    json: Json = False,
+) -> None:
+    """Describe a file or folder that procam has written, and check that it is whole."""
+    output, document = Output(json), _describe(file)
     for key, value in document.items():
         output.say(f"{key:>22}  {value}")
     output.finish(document)
 
 
 def _describe(path: Path) -> dict[str, Any]:
-    if path.name == "calibration.json":
-        path = path.parent
-    if path.name == "plan.json":
+    if path.name in ("calibration.json", "plan.json"):
         path = path.parent
     if (path / "calibration.json").is_file():
         return _calibration(path)
@@ -54,22 +37,27 @@ def _describe(path: Path) -> dict[str, Any]:
     if path.suffix.lower() in (".exr", ".tif", ".tiff", ".png"):
         return _image(path)
     raise FileFormatError(
-        f"{path}: got nothing that procam knows, expected a calibration or session folder, or an "
-        "EXR, TIFF or PNG file"
+        f"{path}: this is no file of procam's; give a calibration or session folder, or an EXR, TIFF "
+        "or PNG file"
     )
 
 
 def _calibration(path: Path) -> dict[str, Any]:
     calibration = load_calibration(path)
+    rounded = {
+        name: [round(float(v), 4) for v in values]
+        for quantity in ("feedback", "albedo")
+        for name, values in (
+            (quantity, getattr(calibration, quantity).value),
+            (f"{quantity}_sigma", getattr(calibration, quantity).sigma),
+        )
+    }
     return {
         "kind": "calibration",
         "schema_version": calibration.schema_version,
         "projectors": list(calibration.projectors),
         "cameras": list(calibration.cameras),
-        "feedback": [round(float(v), 4) for v in calibration.feedback.value],
-        "feedback_sigma": [round(float(v), 4) for v in calibration.feedback.sigma],
-        "albedo": [round(float(v), 4) for v in calibration.albedo.value],
-        "albedo_sigma": [round(float(v), 4) for v in calibration.albedo.sigma],
+        **rounded,
         "states": list(calibration.states),
         **{name: figure.value for name, figure in calibration.quality.items()},
         "provenance": dict(calibration.provenance),
@@ -94,8 +82,6 @@ def _image(path: Path) -> dict[str, Any]:
     channels = read_channels(path)
     first = next(iter(channels.values()))
     document: dict[str, Any] = {"kind": "image", "size": [first.shape[1], first.shape[0]]}
-    import numpy as np
-
     for name, values in channels.items():
         finite = values[np.isfinite(values)]
         low, high = (float(finite.min()), float(finite.max())) if finite.size else (None, None)

@@ -1,25 +1,25 @@
-"""`procam capture VENUE --dry-run`: how much work a visit is, and what is there if it is cut short."""
+"""`procam capture VENUE --dry-run`: how long a capture session takes, and what a part of it gives."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from itertools import groupby
 
 from procam.files.venue.load import BY_HAND, Venue
-from procam.interfaces.cli.output import Output
+from procam.interfaces.cli._output import Output
 from procam.model.plan import Shot
 from procam.workflows.capture.session_plan import plan_of_session
 
 DRIVEN_S = 1.0  # beside the exposure: show, settle, read out, store
-BY_HAND_S = 5.0  # a DSLR takes 3.5 to 7 s a shot (science.md s.4)
+BY_HAND_S = 5.0  # a DSLR takes 3.5 to 7 s a shot
 BYTES = 2  # of a stored sample
-DARK = "dark"  # how the shot of no projector is called
+DARK = "dark"  # the name of the shot of no projector
 Stage = tuple[str, str, int]
 FOR_GEOMETRY = ("white", "black", "tags", "code")
 
 
 @dataclass(frozen=True, slots=True)
 class Work:
-    """What some shots cost: photographs per camera, all cameras one after the other, their files."""
+    """Photographs per camera, time with all cameras one after the other, and size of some shots."""
 
     shots: int
     exposures: int
@@ -28,7 +28,7 @@ class Work:
 
 
 def run_dry(venue: Venue, output: Output) -> None:
-    """Print the work per projector and in all, the order of the shots, and when geometry is there."""
+    """Print the work per projector and in all, the order of the shots, and what geometry needs."""
     sizes = {name: entry.size for name, entry in venue.table.projectors.items()}
     shots = plan_of_session(venue)[0].shots
     each = {name: work(venue, [s for s in shots if s.projector == name]) for name in ("", *sizes)}
@@ -41,19 +41,16 @@ def run_dry(venue: Venue, output: Output) -> None:
     output.say("order:")
     for line in _order(stages):
         output.say(f"  {line}")
-    output.say(
-        f"what directions are solved from is there after {geometry.shots} shots, "
-        f"{geometry.minutes:.1f} min"
-    )
+    output.say(f"directions can be solved after {geometry.shots} shots, {geometry.minutes:.1f} min")
     output.say(
         "{shots} shots, {exposures} exposures, {minutes} min, {gigabytes} GB".format(**document)
     )
-    told = {name: _rounded(part) for name, part in each.items()}
+    rounded = {name: _rounded(part) for name, part in each.items()}
     output.finish(
         {
             **document,
-            "dark": told.pop(""),
-            "projectors": told,
+            "dark": rounded.pop(""),
+            "projectors": rounded,
             "order": [dict(zip(("projector", "purpose", "shots"), s, strict=True)) for s in stages],
             "geometry": _rounded(geometry),
         }
@@ -61,7 +58,7 @@ def run_dry(venue: Venue, output: Output) -> None:
 
 
 def work(venue: Venue, shots: Sequence[Shot]) -> Work:
-    """What a venue's cameras need for some shots."""
+    """What some shots take with a venue's cameras."""
     cameras = venue.table.cameras.values()
     seconds = sum(
         photograph_s(venue, camera.backend, exposure_s)
@@ -76,10 +73,10 @@ def work(venue: Venue, shots: Sequence[Shot]) -> Work:
 
 
 def photograph_s(venue: Venue, backend: str, exposure_s: float) -> float:
-    """From one photograph to the next [s]: as [capture] shot_s says, else as such cameras need."""
-    told = venue.table.capture.shot_s
-    if told is not None:
-        return max(told, exposure_s)
+    """From one photograph to the next [s]: shot_s of [capture], else what such cameras take."""
+    given = venue.table.capture.shot_s
+    if given is not None:
+        return max(given, exposure_s)
     needed = exposure_s + DRIVEN_S
     return max(BY_HAND_S, needed) if backend == BY_HAND else needed
 
@@ -92,13 +89,13 @@ def _stages(shots: Iterable[Shot]) -> list[Stage]:
 
 def _order(stages: Iterable[Stage]) -> Iterator[str]:
     """The stages in words; projectors that follow each other alike share a line."""
-    turns = [
+    runs = [
         (projector, ", ".join(f"{count} {purpose}" for _, purpose, count in run))
         for projector, run in groupby(stages, lambda stage: stage[0])
     ]
-    for told, alike in groupby(turns, lambda turn: turn[1]):
+    for text, alike in groupby(runs, lambda run: run[1]):
         names = ", then ".join(projector for projector, _ in alike)
-        yield f"{names}: {told}" if names else told
+        yield f"{names}: {text}" if names else text
 
 
 def _row(name: str, part: Work) -> str:

@@ -1,0 +1,85 @@
+"""The result of `procam demo` in about ten lines for people."""
+
+from collections.abc import Iterator, Mapping
+from textwrap import wrap
+from typing import Any
+
+from procam.interfaces.report.data import Material
+from procam.interfaces.report.words import miss_text, number, percent
+
+COLUMNS, LABEL = 100, 16
+MASTER_PX = 4096  # edge of the dome master that errors are compared with
+MASTER_PIXEL_ARCMIN = 180 * 60 / MASTER_PX
+Entries = Mapping[str, Mapping[str, Any]]
+
+
+def result_lines(material: Material) -> Iterator[str]:
+    """What was measured and what compensation achieved, a short paragraph each."""
+    parts = {
+        "Geometry": _geometry(material.figures, material.preset == "server"),
+        "Screen": _screen(material),
+        "Bounced light": _bounced_light(material.figures),
+        "Not removed": _not_removed(material),
+        "Time": _time(material.figures),
+        "Goals missed": " ".join(
+            miss_text(n, e) for n, e in material.figures.items() if e["pass"] is False
+        ),
+    }
+    for label, text in parts.items():
+        if text:
+            indent = " " * LABEL
+            yield from wrap(f"{label + ':':{LABEL}}{text}", COLUMNS, subsequent_indent=indent)
+
+
+def _geometry(figures: Entries, through_server: bool) -> str:
+    if "direction_error_rms_arcmin" not in figures:
+        return ""
+    error = figures["direction_error_rms_arcmin"]["value"]
+    who = "the media server puts its pixels" if through_server else "procam finds projector pixels"
+    return (
+        f"{who} to {number(error, 2)} arcmin (root mean square). One arcmin is what a sharp eye "
+        f"resolves; here it is {number(error / MASTER_PIXEL_ARCMIN, 2)} pixels of a dome master of "
+        f"{MASTER_PX} px."
+    )
+
+
+def _screen(material: Material) -> str:
+    sphere = material.figures.get("dome_is_sphere")
+    if sphere is None or material.calibration is None:
+        return ""
+    if sphere["value"]:
+        return "a sphere, as far as the cameras can measure."
+    degree = material.calibration.screen.degree
+    solved = f"its shape was solved up to harmonics of degree {degree}"
+    return f"not a sphere; {solved if degree else 'its shape could not be solved'}."
+
+
+def _bounced_light(figures: Entries) -> str:
+    names = ("scatter_left_refined", "scatter_left_exact")
+    left = next((figures[name] for name in names if name in figures), None)
+    if left is None or "scatter_before" not in figures:
+        return ""
+    before, after = figures["scatter_before"]["value"], left["value"]
+    return (
+        f"it adds {percent(before, 2)} of white to the picture before compensation, and "
+        f"{percent(before * after, 2)} after it: {percent(after, 2)} of it is left."
+    )
+
+
+def _not_removed(material: Material) -> str:
+    limits = material.limits()
+    if limits is None:
+        return ""
+    low, high = (float(share.mean()) for share in (limits.too_bright, limits.too_dark))
+    return (
+        f"{percent(low, 2)} of the lit picture asks for less light than already bounces there. That "
+        "would need negative light, which no projector has: black stays a little grey. "
+        f"{percent(high, 2)} asks for more light than the projectors have."
+    )
+
+
+def _time(figures: Entries) -> str:
+    seconds, shots = (figures.get(name) for name in ("simulated_run_s", "shots"))
+    if seconds is None or shots is None:
+        return ""
+    return f"{number(seconds['value'], 2)} s on this computer, with {shots['value']} photographs."

@@ -1,0 +1,52 @@
+"""Photographs from which `procam glare` and `procam vignetting` measure a camera."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procam.errors import FileFormatError, InputError
+from procam.files.images.images import read_image
+from procam.files.images.photos import SUFFIXES, photo_counts, read_photo
+from procam.files.venue.load import load_venue
+from procam.interfaces.cli._paths import photographs
+from procam.model.optics import CameraModel
+
+
+def named_camera(venue: Path, name: str) -> CameraModel:
+    """A camera of a venue."""
+    cameras = load_venue(venue).cameras
+    if name not in cameras:
+        raise InputError(
+            f"--camera {name!r} is not in venue.toml; choose one of {', '.join(cameras)}"
+        )
+    return cameras[name]
+
+
+def linear_photographs(photos: Sequence[Path]) -> list[Path]:
+    """Photographs, and those of folders by name."""
+    return photographs(photos, (*SUFFIXES, ".exr"))
+
+
+def linear_counts(path: Path, camera: CameraModel) -> NDArray[Any]:
+    """Linear counts (H, W, C), or light in floating point of an EXR, of the camera's size."""
+    if path.suffix.lower() == ".exr":
+        pixels = np.asarray(read_image(path), float)
+        counts: NDArray[Any] = pixels[..., : 1 if pixels.shape[2] < 3 else 3]
+    else:
+        photo = read_photo(path)
+        if photo.pixels.dtype == np.uint8:
+            raise FileFormatError(
+                f"{path}: 8 bits are too coarse: veiling glare is below their last step. Develop the raw "
+                "file to linear 16-bit TIFF"
+            )
+        counts = photo_counts(photo, None, camera.sensor)
+    height, width = counts.shape[:2]
+    if (width, height) != tuple(camera.size):
+        raise FileFormatError(
+            f"{path}: the photograph has {width}x{height} px, and the camera in venue.toml "
+            f"{camera.size[0]}x{camera.size[1]}; export it whole and unrotated, or correct the camera's size"
+        )
+    return counts

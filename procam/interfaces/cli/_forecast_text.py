@@ -1,0 +1,103 @@
+"""The lines of `procam forecast`: figures with their bands, without and with compensation."""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, fields
+from textwrap import wrap
+from typing import Any
+
+from procam.workflows.forecast import Band, Levels, PictureFigures, band
+
+COLUMNS, LABEL, FIGURE = 100, 37, 31  # widths of the table
+Ends = Sequence[Levels] | Sequence[PictureFigures]
+
+
+def light_lines(title: str, ends: Sequence[Levels], unit: str, *, value: int = 1) -> Iterator[str]:
+    """White, black and contrast; `value` is the index of the end that is the figure."""
+    bands = _bands(ends, value)
+    yield _row(title, "without compensation", "with compensation")
+    yield _row(
+        f"full white [{unit}]", _number(bands["white_before"]), _number(bands["white_after"])
+    )
+    yield _row("  of it scattered light", _percent(bands["scattered_share"]), "")
+    black = _number(bands["black"])
+    yield _row(f"full black [{unit}]", black, black)
+    rows = {"full white : full black": "on_off", "black beside white, half each": "checkerboard"}
+    for label, name in rows.items():
+        yield _row(label, *(_number(bands[f"{name}_{when}"], ":1") for when in ("before", "after")))
+    scatter = _number(bands["checkerboard_scatter"], ":1")
+    yield _row("  if projectors' black were none", scatter, scatter)
+
+
+def picture_lines(path: str, ends: Sequence[PictureFigures], *, value: int = 1) -> Iterator[str]:
+    """What compensation does for a picture."""
+    bands = _bands(ends, value)
+    yield f"\n{path}"
+    for label, name in {
+        "too bright (clips at black)": "black",
+        "too dark (at white)": "white",
+    }.items():
+        yield _row(f"  {label}", "", _percent(bands[f"clipped_{name}"]))
+    yield _row(
+        "  darkest quarter too bright by",
+        *(_percent(bands[f"dark_lift_{when}"], " of white") for when in ("before", "after")),
+    )
+    yield _row(
+        f"  rms contrast (asked {bands['contrast_target'].value:.3g})",
+        *(_number(bands[f"contrast_{when}"]) for when in ("before", "after")),
+    )
+    yield _row("  of the lost contrast restored", "", _percent(bands["contrast_restored"]))
+    yield _row("  can be shown without clipping", "", _verdict(bands["unclipped"]))
+    yield _row("  darkest level beside the rest", "", _percent(bands["darkest"], " of white"))
+
+
+def assumed_lines(assumptions: Sequence[str]) -> Iterator[str]:
+    """The assumptions, wrapped."""
+    yield "\nassumed:"
+    for text in assumptions:
+        yield from wrap(text, COLUMNS, initial_indent="  ", subsequent_indent="    ")
+
+
+def _row(label: str, before: str, after: str) -> str:
+    return f"{label:{LABEL}}{before:>{FIGURE}} {after:>{FIGURE}}".rstrip()
+
+
+def _bands(ends: Ends, value: int) -> dict[str, Band]:
+    """Each figure with its band, by name."""
+    return {f.name: band([getattr(end, f.name) for end in ends], value) for f in fields(ends[0])}
+
+
+def plain(ends: Ends, *, value: int = 1) -> dict[str, Any]:
+    """Figures with their bands as JSON has them; null where there is no such number."""
+    return {
+        name: {k: v if math.isfinite(v) else None for k, v in asdict(figure).items()}
+        for name, figure in _bands(ends, value).items()
+    }
+
+
+def _number(figure: Band, unit: str = "") -> str:
+    return _with_band([_digits(v) for v in (figure.value, figure.low, figure.high)], unit)
+
+
+def _percent(figure: Band, unit: str = "") -> str:
+    each = [f"{100 * v:.1f}" for v in (figure.value, figure.low, figure.high)]
+    return _with_band(each, f" %{unit}")
+
+
+def _with_band(texts: Sequence[str], unit: str) -> str:
+    value, low, high = texts
+    if value == "nan":
+        return "-"
+    text = f"{value}{unit}"
+    return text if low == high else f"{text} ({low} .. {high})"
+
+
+def _digits(value: float) -> str:
+    """Three digits, and no powers of ten."""
+    return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.3g}"
+
+
+def _verdict(unclipped: Band) -> str:
+    if unclipped.low == unclipped.high:
+        return "yes" if unclipped.value else "no"
+    return f"{'yes' if unclipped.value else 'no'}, but not at both ends"

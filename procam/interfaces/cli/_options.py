@@ -1,0 +1,40 @@
+"""Options and arguments that several commands share."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of text.")]
+VenueArgument = Annotated[Path, typer.Argument(help="Venue folder with a venue.toml.")]
+CalibrationArgument = Annotated[
+    Path, typer.Argument(help="Calibration directory, such as VENUE/calibrations/0001.")
+]
+
+# structured light and boards
+SizeOption = Annotated[str, typer.Option(help="Projector size, such as 1280x800.")]
+CodeOption = Annotated[str, typer.Option(help="micro-phase, gray or phase-heterodyne.")]
+SquaresOption = Annotated[str, typer.Option(help="Squares of the board, all counted: 10x7.")]
+SquareOption = Annotated[float, typer.Option(help="Edge of a square, in mm.")]
+
+# a camera measured apart from a capture session
+PhotosArgument = Annotated[
+    list[Path], typer.Argument(help="Linear 16-bit TIFF or PNG, or EXR; or folders of them.")
+]
+CameraVenueOption = Annotated[
+    Path, typer.Option(help="Venue folder; its venue.toml has the camera's lens.")
+]
+CameraOption = Annotated[str, typer.Option(help="Camera's name in venue.toml.")]
+
+# frames of a show
+TransferOption = Annotated[
+    str | None,
+    typer.Option(
+        help="How IN encodes light: srgb, linear, gamma2.2, gamma2.4, gamma2.6 or bt1886. By "
+        "default, what the file declares: sRGB for integer pictures, linear for EXR."
+    ),
+]
+StateOption = Annotated[
+    str | None,
+    typer.Option(help="Venue state, as measured by `procam state`; by default as calibrated."),
+]

@@ -1,0 +1,87 @@
+"""Bare frames from stdin to stdout."""
+
+import os
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from procam.errors import InputError
+from procam.files.calibration import load_dome
+from procam.interfaces.cli._memory import keep_large_buffers
+from procam.workflows.playout.compensate import compensate_clip
+from procam.workflows.playout.frame import FrameSettings
+from procam.workflows.playout.sources import PipeClip
+
+PIPE = Path("-")
+SIZES_PX = (2, 16384)  # edges of frames on a pipe
+
+
+@dataclass(frozen=True, slots=True)
+class RawFrames:
+    """What the command was given as IN, OUT, --size and --pixels; refuses what is no pipe."""
+
+    source: Path
+    out: Path
+    size: int
+    pixels: str
+
+    def __post_init__(self) -> None:
+        if (self.source, self.out) != (PIPE, PIPE):
+            raise InputError(
+                f"IN is {self.source} and OUT is {self.out}; either both are - or neither is"
+            )
+        if self.size == 0 or not self.pixels:
+            raise InputError(
+                "IN is -, and frames on a pipe have no header: give --size and --pixels, such as "
+                "--size 4096 --pixels rgb24"
+            )
+        if not SIZES_PX[0] <= self.size <= SIZES_PX[1]:
+            raise InputError(
+                f"--size is {self.size} px; it must be the edge of a frame, from {SIZES_PX[0]} to "
+                f"{SIZES_PX[1]} px, as the sender gives it"
+            )
+
+
+def compensate_pipe(
+    calibration: Path, frames: RawFrames, settings: FrameSettings, *, certify: bool
+) -> dict[int, dict[str, Any]]:
+    """Compensate frames as they come; returns the lines of the report if `certify`.
+
+    Prints the latency on stderr at the end.
+    """
+    from procam.files.images.raw_frames import pixel_type, require_open, widen
+
+    keep_large_buffers()
+    dtype, rows = pixel_type(frames.pixels), dict[int, dict[str, Any]]()
+    for descriptor, name in enumerate(("IN", "OUT")):
+        require_open(descriptor, name)
+        widen(descriptor, frames.size**2 * 3 * dtype.itemsize)
+    with (  # no buffers in between: a frame is sent when it is made
+        os.fdopen(0, "rb", buffering=0, closefd=False) as stdin,
+        os.fdopen(1, "wb", buffering=0, closefd=False) as stdout,
+    ):
+        clip = PipeClip((stdin, stdout), frames.size, dtype)
+        loaded = load_dome(calibration)  # while the first frame is read
+        try:
+            for event in compensate_clip(loaded, clip, settings, certify=certify):
+                rows |= event.data["rows"] if certify else {}
+        except BrokenPipeError as error:
+            raise InputError(
+                f"OUT: the reader of stdout stopped after {len(clip.latency_s)} frames; it must read "
+                "to the end"
+            ) from error
+    sys.stderr.write(_latency(clip) + "\n")
+    return rows
+
+
+def _latency(clip: PipeClip) -> str:
+    """How long frames took, from the last byte that was read to the last that was sent."""
+    import numpy as np
+
+    ms = 1000 * np.array(clip.latency_s)
+    middle, late = np.quantile(ms, (0.5, 0.95))
+    return (
+        f"{len(ms)} frames; latency median {middle:.1f} ms, 95 % within {late:.1f} ms, "
+        f"longest {ms.max():.1f} ms, first {ms[0]:.1f} ms"
+    )

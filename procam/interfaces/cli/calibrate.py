@@ -1,0 +1,27 @@
+"""`procam calibrate`: capture, solve and report."""
+
+from pathlib import Path
+
+from procam.files.calibration import load_calibration
+from procam.files.venue.load import load_venue
+from procam.interfaces.cli import _sessions
+from procam.interfaces.cli._options import Json, VenueArgument
+from procam.interfaces.cli._output import Output
+from procam.interfaces.report import write_report
+from procam.workflows.refine.shown import keep_pictures
+from procam.workflows.sample_content import half_sky
+from procam.workflows.solve.calibrate import solve
+
+EXAMPLE = "procam calibrate my-dome"
+
+
+def calibrate(venue: VenueArgument, json: Json = False) -> None:
+    """Capture, solve and report in one run."""
+    loaded, output = load_venue(venue), Output(json)
+    written = output.follow(solve(loaded, _sessions.take(loaded, output)))["calibration"]
+    calibration = load_calibration(Path(written))
+    keep_pictures(venue, calibration, half_sky(_sessions.CONTENT_SIZE))
+    report = write_report(venue)
+    output.say(f"{written} and {report} written")
+    notes = output.notes(calibration)
+    output.finish({"calibration": written, "report": str(report), "notes": notes})

@@ -1,0 +1,33 @@
+"""`procam capture`: one capture session of a venue."""
+
+from typing import Annotated
+
+import typer
+
+from procam.files.venue.load import load_venue
+from procam.interfaces.cli._dry_run import run_dry
+from procam.interfaces.cli._options import Json, VenueArgument
+from procam.interfaces.cli._output import Output
+from procam.interfaces.cli._sessions import take
+
+EXAMPLE = "procam capture my-dome --dry-run"
+
+
+def capture(
+    venue: VenueArgument,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Only print how many shots, minutes and GB.")
+    ] = False,
+    json: Json = False,
+) -> None:
+    """Show the patterns and photograph them; a run that was stopped is resumed.
+
+    A lost cable, a full disk or a killed process loses no photograph: run the command again.
+    """
+    loaded, output = load_venue(venue), Output(json)
+    if dry_run:
+        run_dry(loaded, output)
+        return
+    session = take(loaded, output)
+    output.say(f"captured; now run: procam solve {session.directory}")
+    output.finish({"session": str(session.directory)})

@@ -1,0 +1,195 @@
+"""`procam compensate`: pictures, numbered pictures, movies and pipes of dome masters.
+
+A file, a folder or a movie is read, compensated and written frame by frame; a run that was stopped is
+resumed. On a pipe, `_pipe` sends each frame at once. Nothing is imported here that the first pixel
+would wait for: plots and reports are imported when they are asked for.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from procam.errors import InputError
+from procam.files.calibration import load_dome
+from procam.interfaces.cli._options import (
+    CalibrationArgument,
+    Json,
+    StateOption,
+    TransferOption,
+)
+from procam.interfaces.cli._output import Output
+from procam.interfaces.cli._pipe import PIPE, RawFrames, compensate_pipe
+from procam.interfaces.cli._progress import follow_frames
+from procam.workflows.playout.compensate import compensate_file, write_report
+from procam.workflows.playout.frame import FrameSettings
+
+if TYPE_CHECKING:
+    from procam.workflows.events import Event
+
+EXAMPLE = "procam compensate my-dome/calibrations/0001 sky.%04d.exr direct"
+Rows = dict[int, dict[str, Any]]  # lines of the report by frame
+
+
+def compensate(
+    calibration: CalibrationArgument,
+    source: Annotated[
+        Path,
+        typer.Argument(
+            metavar="IN",
+            help="Dome masters: a PNG, TIFF or EXR; numbered ones as sky.%04d.exr, sky.####.exr or a "
+            "folder; a movie; or - for bare frames from stdin.",
+        ),
+    ],
+    out: Annotated[
+        Path,
+        typer.Argument(
+            metavar="OUT",
+            help="A picture; a pattern or a folder; a .mov (ProRes 4444) or .mkv (FFV1, lossless); or "
+            "- for stdout.",
+        ),
+    ],
+    *,
+    method: Annotated[
+        str,
+        typer.Option(help="exact, subtract, least-squares, paper-eq12 (for comparison) or none."),
+    ] = "exact",
+    strength: Annotated[
+        float, typer.Option(help="From 0, the content as it is, to 1, all of the correction.")
+    ] = 1.0,
+    white: Annotated[
+        str,
+        typer.Option(
+            help="What content 1.0 is: summed, the white that all of the dome can reach, or keep, "
+            "today's full white."
+        ),
+    ] = "summed",
+    transfer: TransferOption = None,
+    state: StateOption = None,
+    explain: Annotated[
+        Path | None, typer.Option(help="Folder for pictures of what happens to the first frame.")
+    ] = None,
+    report: Annotated[
+        Path | None,
+        typer.Option(help="FILE.csv with a line per frame; FILE.plot.png is a plot of it."),
+    ] = None,
+    size: Annotated[int, typer.Option(help="With -: edge of the frames, in px.")] = 0,
+    pixels: Annotated[str, typer.Option(help="With -: rgb24, rgb48le, rgbf16le or rgbf32le.")] = "",
+    json: Json = False,
+) -> None:
+    """Take the scattered light out of dome masters.
+
+    1.0 (255 of 8 bits) is the calibration's reference white. OUT is the direct light to send, also
+    dome masters; depth, alpha, attributes, frame numbers, timestamps and sound are kept. A run that
+    was stopped is resumed. On a pipe each frame is sent at once, and stderr reports the latency at
+    the end.
+    """
+    settings, output = FrameSettings(method, state, strength, white, transfer), Output(json)
+    _check_plots(explain, report)
+    if PIPE in (source, out):
+        if output.as_json or explain:
+            raise InputError("--json and --explain cannot be used on a pipe: stdout carries frames")
+        rows: Rows = compensate_pipe(
+            calibration, RawFrames(source, out, size, pixels), settings, certify=report is not None
+        )
+        if report and rows:
+            _write_report(report, rows)
+        return
+    if size or pixels:
+        raise InputError("--size and --pixels are for pipes; use them with - as IN and OUT")
+    beside, rows = _beside(explain, report), {}
+    again = report is not None
+    events = compensate_file(calibration, source, out, settings, again, beside)
+    follow_frames(_collected(events, rows), output, quiet=source.is_file())
+    if report:
+        _write_report(report, rows)
+    if explain:
+        _write_explained(calibration, source, settings, explain)
+    _summarise([rows[number] for number in sorted(rows)], out, settings, output)
+
+
+def _collected(events: "Iterator[Event]", rows: Rows) -> "Iterator[Event]":
+    for event in events:
+        rows |= event.data["rows"]
+        yield event
+
+
+def _summarise(
+    frames: list[dict[str, Any]], out: Path, settings: FrameSettings, output: Output
+) -> None:
+    document: dict[str, Any] = {
+        "out": str(out),
+        "method": settings.method,
+        "state": settings.state,
+        "strength": settings.strength,
+        "white": settings.white,
+        "frames": len(frames),
+    }
+    if not frames:
+        output.say(f"{out} is complete and was made with the same settings; remove it to repeat")
+        output.finish(document)
+        return
+    clipped = [max(row[f"share_lo_{c}"] + row[f"share_hi_{c}"] for row in frames) for c in "rgb"]
+    flux = [sum(row[f"flux_out_{c}"] for row in frames) / len(frames) for c in "rgb"]
+    above = [row for row in frames if row["above_one"]]
+    document |= {"clipped_share": clipped, "direct_flux_sr": flux, "frames_above_one": len(above)}
+    worst = "" if len(frames) == 1 else f"; {len(frames)} frames, the worst one"
+    shares = ", ".join(f"{share:.1%}" for share in clipped)
+    output.say(f"{out} written{worst}; at a limit (R, G, B): {shares} of the lit picture")
+    if above:
+        most = max(above, key=lambda row: row["above_one"])
+        output.say(
+            f"note: {len(above)} frames ask for more than 1.0, frame {most['frame']} in "
+            f"{most['above_one']} pixels; they get what the projectors can give"
+        )
+    output.finish(document)
+
+
+def _check_plots(explain: Path | None, report: Path | None) -> None:
+    if report and report.suffix != ".csv":
+        raise InputError(f"--report {report}: the name must end in .csv")
+    if report or explain:
+        from procam.interfaces.plots.charts import require_matplotlib
+
+        require_matplotlib()
+
+
+def _beside(explain: Path | None, report: Path | None) -> list[tuple[str, Path]]:
+    """Files that are written beside OUT, with the option that asks for them."""
+    files = []
+    if report:
+        files += [("--report", report), ("--report", _plot(report))]
+    if explain:
+        from procam.workflows.playout.explain import picture_files
+
+        pictures = [*picture_files(explain).values(), _sheet(explain)]
+        files += [("--explain", path) for path in pictures]
+    return files
+
+
+def _plot(report: Path) -> Path:
+    return report.with_suffix(".plot.png")
+
+
+def _sheet(explain: Path) -> Path:
+    return explain / "explained.png"
+
+
+def _write_report(report: Path, rows: Rows) -> None:
+    from procam.interfaces.plots.clip import write_clip_plot
+
+    frames = [rows[number] for number in sorted(rows)]
+    write_report(report, frames)
+    write_clip_plot(_plot(report), frames)
+
+
+def _write_explained(
+    calibration: Path, source: Path, settings: FrameSettings, folder: Path
+) -> None:
+    from procam.interfaces.plots.clip import write_explained
+    from procam.workflows.playout.explain import explain, first_frame, write_pictures
+
+    explained = explain(load_dome(calibration), first_frame(source), settings)
+    write_pictures(folder, explained)
+    write_explained(_sheet(folder), explained, settings.strength)

@@ -1,0 +1,96 @@
+"""`procam glare`: a lens's veiling glare in a light trap."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+
+from procam.errors import InputError
+from procam.estimate.camera.glare_and_vignetting import black_level, desk_glare, flat_light
+from procam.estimate.camera.radiance import Radiometer
+from procam.files.atomic import write_text
+from procam.interfaces.cli._flat_light import linear_counts, linear_photographs, named_camera
+from procam.interfaces.cli._options import CameraOption, CameraVenueOption, Json, PhotosArgument
+from procam.interfaces.cli._output import Output
+from procam.interfaces.cli._paths import check_out
+
+EXAMPLE = (
+    "procam glare a.tif b.tif --trap 2000,1400,120 --trap 900,700,120 --venue my-dome --camera zenith "
+    "--dark cap.tif --out glare.toml"
+)
+Trap = tuple[float, float, float]  # x, y, radius [px]
+
+
+def glare(
+    photos: PhotosArgument,
+    *,
+    trap: Annotated[
+        list[str],
+        typer.Option(help="X,Y,RADIUS of the hole's inside in pixels: one for all, or one each."),
+    ],
+    venue: CameraVenueOption,
+    camera: CameraOption,
+    out: Annotated[Path, typer.Option(help="TOML file with the lines for venue.toml.")],
+    dark: Annotated[
+        Path | None, typer.Option(help="Photograph with the cap on; gives black_level too.")
+    ] = None,
+    trap_sigma: Annotated[
+        float, typer.Option(help="Light of the trap itself, as a share of the mean around it.")
+    ] = 5e-4,
+    json: Json = False,
+) -> None:
+    """Measure a lens's veiling glare with a light trap in the middle of a bright surface.
+
+    A box lined with black velvet with a small hole, in front of a bright surround that fills the
+    picture and is nowhere white. The light in the hole is the veiling glare. Take three photographs
+    or more with the trap at different places: how they differ goes into glare_sigma.
+    """
+    output = Output(json)
+    check_out(out, ".toml", replace=False)
+    if not 0 <= trap_sigma < 1:
+        raise InputError(f"--trap-sigma is {trap_sigma:g}; it must be a share, from 0 to below 1")
+    model = named_camera(venue, camera)
+    lines, document = [f"[cameras.{model.name}]"], dict[str, Any]()
+    if dark is not None:
+        level, error = black_level(linear_counts(dark, model), model.sensor.bits)
+        model = replace(model, sensor=replace(model.sensor, black_level=level))
+        lines.append(f"black_level = {level:.2f}  # +- {error:.2g}, from {dark.name}")
+        document["black_level"] = {"value": level, "sigma": error}
+    files = linear_photographs(photos)
+    places = _places(trap, len(files))
+    radiometer = Radiometer(model)
+    lights = [flat_light(linear_counts(path, model), radiometer) for path in files]
+    veil = desk_glare(lights, places, radiometer.seen, trap_sigma=trap_sigma)
+    each = ", ".join(f"{path.name} {g:.5f}" for path, g in zip(files, veil.each, strict=True))
+    lines += [f"glare = {veil.glare:.5f}  # {each}", f"glare_sigma = {veil.sigma:.5f}", ""]
+    write_text(out, "\n".join(lines))
+    for line in lines[:-1]:
+        output.say(line)
+    output.say(f"{out} written; copy its lines into venue.toml")
+    document["glare"] = {"value": veil.glare, "sigma": veil.sigma, "each": list(veil.each)}
+    output.finish({"out": str(out), **document})
+
+
+def _places(traps: list[str], photographs: int) -> list[Trap]:
+    """The trap's place in each photograph."""
+    places = [_place(text) for text in traps] * (photographs if len(traps) == 1 else 1)
+    if len(places) != photographs:
+        raise InputError(
+            f"--trap is given {len(traps)} times for {photographs} photographs; give it once for all, or "
+            "once for each in their order"
+        )
+    return places
+
+
+def _place(text: str) -> Trap:
+    try:
+        x, y, radius = (float(part) for part in text.split(","))
+    except ValueError:
+        x = y = radius = np.nan
+    if not (np.isfinite([x, y, radius]).all() and radius > 0):
+        raise InputError(
+            f"--trap {text!r} is not X,Y,RADIUS of the hole's inside in pixels, such as 2000,1400,120"
+        )
+    return x, y, radius

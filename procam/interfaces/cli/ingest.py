@@ -1,0 +1,51 @@
+"""`procam ingest`: photographs of a rig that procam does not drive."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from procam.files.session import Session
+from procam.files.venue.load import load_venue
+from procam.interfaces.cli._options import Json
+from procam.interfaces.cli._output import Output
+from procam.interfaces.cli._sessions import venue_of
+from procam.workflows.capture import ingest as ingesting
+
+EXAMPLE = "procam ingest my-dome/sessions/hand-0001 --camera zenith --photos DCIM"
+SHOWN = 8  # missing shots that a line names
+
+
+def ingest(
+    session: Annotated[Path, typer.Argument(help="Session made by `procam patterns VENUE`.")],
+    camera: Annotated[str, typer.Option(help="Camera's name in venue.toml.")],
+    photos: Annotated[Path, typer.Option(help="Folder of linear 16-bit TIFF, PNG or JPEG.")],
+    index: Annotated[
+        Path | None,
+        typer.Option(help="CSV with lines file,shot; it overrides the shot marks in the pictures."),
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Assign photographs taken by hand or by another program to the shots of a session.
+
+    Each photograph is identified by the shot mark in it, else by its place among the others. What is
+    missing or left out is listed; run the command again with more photographs, and it adds only what
+    is missing.
+    """
+    stored, output = Session(session), Output(json)
+    venue = load_venue(venue_of(session))
+    stored.read_plan()  # refuses what is no session before a lock file is made in it
+    result = output.follow(ingesting.ingest(venue, stored, camera, photos, index))
+    for note in result["notes"]:
+        output.say(note)
+    missing = result["missing"]
+    more = f" and {len(missing) - SHOWN} more" if len(missing) > SHOWN else ""
+    output.say(f"{result['stored']} photographs stored for camera {camera}")
+    if missing:
+        output.say(
+            f"missing: {', '.join(missing[:SHOWN])}{more}; photograph them and ingest again: "
+            "it adds only what is missing"
+        )
+    else:
+        output.say(f"nothing is missing; now run: procam solve {session}")
+    output.finish(result)

@@ -1,0 +1,47 @@
+"""`procam init`: a venue folder to start from."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from procam.errors import InputError
+from procam.files import atomic
+from procam.files.venue.load import BY_HAND, load_venue, template_names, template_text
+from procam.interfaces.cli._options import Json
+from procam.interfaces.cli._output import Output
+
+EXAMPLE = "procam init my-dome --template simulated-standard"
+
+
+def init(
+    venue: Annotated[Path, typer.Argument(help="Folder to make.")],
+    template: Annotated[
+        str,
+        typer.Option(
+            help="Which example to start from: by-hand, through-server, simulated-faulty, "
+            "simulated-ideal, simulated-realistic, simulated-server, simulated-small or "
+            "simulated-standard."
+        ),
+    ] = "",
+    json: Json = False,
+) -> None:
+    """Write a complete, commented venue.toml to start from.
+
+    By-hand is for rigs of your own, through-server for domes behind a media server.
+    """
+    if not template:
+        raise InputError(
+            f"--template is missing: choose one of {', '.join(template_names())}; by-hand is for rigs "
+            "of your own"
+        )
+    text = template_text(template)
+    path = venue / "venue.toml"
+    if path.exists():
+        raise InputError(f"{path} exists already and is left as it is; choose another folder")
+    atomic.write_text(path, text)
+    by_hand = any(c.backend == BY_HAND for c in load_venue(venue).table.cameras.values())
+    first = f"patterns {venue} --out PICTURES" if by_hand else f"capture {venue} --dry-run"
+    output = Output(json)
+    output.say(f"{path} written; edit it, then run: procam {first}")
+    output.finish({"venue": str(path)})

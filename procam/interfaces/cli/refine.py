@@ -1,0 +1,49 @@
+"""`procam refine`: the closed loop on the compensated picture."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from procam.files.calibration import latest_calibration, load_calibration
+from procam.files.venue.load import load_venue
+from procam.interfaces.cli import _sessions
+from procam.interfaces.cli._options import Json, VenueArgument
+from procam.interfaces.cli._output import Output, as_dicts, exit_if_missed
+from procam.workflows.refine import refine as loop
+from procam.workflows.refine.shown import keep_loop, keep_pictures, read_square
+from procam.workflows.sample_content import half_sky
+from procam.workflows.venue_rig import open_rig
+
+EXAMPLE = "procam refine my-dome --picture sky.exr"
+
+
+def refine(
+    venue: VenueArgument,
+    picture: Annotated[
+        Path | None,
+        typer.Option(help="Dome master to refine on; by default a picture of half a sky."),
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Show the compensated picture, photograph it and correct the residual; a new calibration.
+
+    Exit 1 if a figure misses its goal or gets worse; if one gets worse, nothing is written.
+    """
+    loaded, output = load_venue(venue), Output(json)
+    kept = latest_calibration(venue)
+    calibration = load_calibration(kept)
+    content = read_square(picture) if picture else half_sky(_sessions.CONTENT_SIZE)
+    with open_rig(loaded) as rig:
+        rig.start()
+        refined: loop.Refined = output.follow(loop.refine(rig, calibration, content))["refined"]
+    keep_pictures(venue, calibration, content)
+    keep_loop(venue, refined)
+    figures = refined.figures()
+    output.table(figures)
+    newest = _sessions.keep_refined(venue, kept, refined, output)
+    document = {"calibration": str(newest), "figures": as_dicts(figures)}
+    output.finish(document | ({"worse": refined.worse} if refined.worse else {}))
+    if refined.worse:
+        raise typer.Exit(1)
+    exit_if_missed(figures)

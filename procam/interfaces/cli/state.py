@@ -1,0 +1,73 @@
+"""`procam state`: feedback and ambient light of the venue with its audience and its own lamps."""
+
+from typing import Annotated
+
+import typer
+
+from procam.files import atomic
+from procam.files.calibration import (
+    latest_calibration,
+    load_calibration,
+    next_directory,
+    save_calibration,
+)
+from procam.files.venue.load import load_venue
+from procam.interfaces.cli._options import Json, VenueArgument
+from procam.interfaces.cli._output import Output
+from procam.model.venue_state import VenueState
+from procam.workflows.audience import measure_state, with_state
+from procam.workflows.venue_rig import open_rig
+
+EXAMPLE = "procam state my-dome full"
+
+
+def state(
+    venue: VenueArgument,
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the state, such as full.")],
+    ambient_only: Annotated[
+        bool,
+        typer.Option(
+            "--ambient-only",
+            help="Only the room's own light; no projector is lit, nothing is checked.",
+        ),
+    ] = False,
+    json: Json = False,
+) -> None:
+    """Measure the venue with its present audience and its own lamps; a new calibration.
+
+    Leave exit signs and aisle lights as in a show. Photographs the room dark, then five pictures of
+    each projector, and adds the state to the newest calibration. The camera must stand where it
+    stood for that calibration.
+    """
+    loaded, output = load_venue(venue), Output(json)
+    calibration = load_calibration(latest_calibration(venue))
+    with atomic.locked(venue / "sessions"), open_rig(loaded) as rig:
+        data = output.follow(measure_state(rig, loaded, calibration, name, ambient_only))
+    measured: VenueState = data["state"]
+    out = next_directory(venue)
+    save_calibration(with_state(calibration, measured), out)
+    ambient = [float(v) for v in data["ambient"]]
+    output.say(f"{out} written, with venue state {name}")
+    _print_channels(measured, ambient, output)
+    output.finish(
+        {
+            "calibration": str(out),
+            "state": name,
+            "feedback": measured.feedback.value.tolist(),
+            "feedback_sigma": measured.feedback.sigma.tolist(),
+            "scatter_ratio": measured.scatter_ratio.tolist(),
+            "ambient": ambient,
+        }
+    )
+
+
+def _print_channels(measured: VenueState, ambient: list[float], output: Output) -> None:
+    low, high = measured.feedback.interval()
+    rows = zip(
+        "RGB", measured.feedback.value, low, high, measured.scatter_ratio, ambient, strict=True
+    )
+    for channel, m, least, most, ratio, light in rows:
+        output.say(
+            f"  {channel}  feedback {m:.4f} ({least:.4f} .. {most:.4f}), {ratio:.1%} of the "
+            f"calibration's; the room's own light {light:.2%} of white"
+        )

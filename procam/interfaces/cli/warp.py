@@ -1,0 +1,40 @@
+"""`procam warp`: the frames of each projector."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from procam.interfaces.cli._options import CalibrationArgument, Json, TransferOption
+from procam.interfaces.cli._output import Output
+from procam.interfaces.cli._progress import follow_frames
+from procam.workflows.playout.warp import warp_file
+
+EXAMPLE = "procam warp my-dome/calibrations/0001 direct.exr frames"
+
+
+def warp(
+    calibration: CalibrationArgument,
+    source: Annotated[
+        Path,
+        typer.Argument(
+            metavar="IN", help="Direct light: a picture, a folder, a pattern or a movie."
+        ),
+    ],
+    out: Annotated[
+        Path, typer.Argument(metavar="OUT", help="Folder for what each projector is sent.")
+    ],
+    transfer: TransferOption = None,
+    json: Json = False,
+) -> None:
+    """Make each projector's frames: warp, blend, colour, response.
+
+    A picture becomes OUT/PROJECTOR.png, numbered pictures become OUT/PROJECTOR/NAME.png, and a movie
+    becomes OUT/PROJECTOR.mov, or .mkv if it was one.
+    """
+    output = Output(json)
+    events = warp_file(calibration, source, out, transfer)
+    paths = follow_frames(events, output, quiet=source.is_file())["frames"]
+    for path in paths:
+        output.say(f"{path} written")
+    output.finish({"frames": paths})
