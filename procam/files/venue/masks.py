@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procam.errors import FileFormatError
-from procam.files.images.images import read_image
+from procam.files.images.pixels import read_image
 from procam.files.venue.load import Venue
 from procam.files.venue.outlines import Covered, Outline, polygon_pixels
 from procam.maths.geometry.sphere import (

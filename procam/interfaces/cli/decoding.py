@@ -15,7 +15,8 @@ from procam.estimate.structured_light.limits import DecodeLimits, default_limits
 from procam.estimate.structured_light.panel_checks import panel_notes
 from procam.estimate.structured_light.panel_map import drop_inconsistent, fit_projector_map
 from procam.estimate.structured_light.set_checks import SetReport, examine
-from procam.files.images.images import read_image, write_channels, write_image
+from procam.files.images.layers import write_channels
+from procam.files.images.pixels import read_image, write_image
 from procam.interfaces.cli.output import Output
 from procam.interfaces.plots.correspondence import quick_look
 from procam.model.correspondence import CorrespondenceMap, ProjectorMap

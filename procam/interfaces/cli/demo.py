@@ -1,7 +1,6 @@
 """`procam demo`: a simulated venue from the first pattern to the judged report."""
 
 import json
-import resource
 import shutil
 import time
 from importlib.metadata import entry_points
@@ -14,6 +13,7 @@ import typer
 from procam.errors import InputError
 from procam.files import atomic
 from procam.files.calibration import load_calibration
+from procam.files.system import peak_memory_mib
 from procam.files.venue.load import Venue, load_venue, template_names, template_text
 from procam.interfaces.cli.output import Output
 from procam.interfaces.cli.venues import keep_refined
@@ -46,7 +46,7 @@ def run_demo(out: Path, preset: str, judged_by: str, output: Output) -> None:
     shots, first, refined = _run(venue, output)
     figures = {
         "simulated_run_s": Figure(time.monotonic() - started, "s", Goal("<=", 60.0)),
-        "peak_memory_mib": Figure(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, "MiB"),
+        "peak_memory_mib": Figure(peak_memory_mib(), "MiB"),
         "shots": Figure(shots, "-", Goal("<=", 120.0)),
         "session_gb": Figure(_gigabytes(out / "sessions"), "GB", Goal("<=", 1.5)),
     }

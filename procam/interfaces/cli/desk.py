@@ -18,8 +18,8 @@ from procam.estimate.camera.glare_and_vignetting import (
 )
 from procam.estimate.camera.radiance import Radiometer
 from procam.files.atomic import write_text
-from procam.files.images.images import read_image
 from procam.files.images.photos import SUFFIXES, photo_counts, read_photo, write_response
+from procam.files.images.pixels import read_image
 from procam.files.venue.load import load_venue
 from procam.interfaces.cli.output import Output
 from procam.model.optics import CameraModel

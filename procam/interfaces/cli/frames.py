@@ -74,7 +74,8 @@ def _run_pipe(
     pipe: tuple[int, str],
     output: Output,
 ) -> None:
-    from procam.files.images.raw_frames import pixel_type, require_open, widen
+    from procam.files.images.raw_frames import pixel_type, require_open
+    from procam.files.system import widen_pipe
 
     (size, pixels), (explain, report) = pipe, told
     if ends != (PIPE, PIPE):
@@ -94,7 +95,7 @@ def _run_pipe(
     dtype, rows = pixel_type(pixels), Rows()
     for descriptor, name in enumerate(("IN", "OUT")):
         require_open(descriptor, name)
-        widen(descriptor, size * size * 3 * dtype.itemsize)
+        widen_pipe(descriptor, size * size * 3 * dtype.itemsize)
     with (  # no buffers in between: a frame is sent when it is made
         os.fdopen(0, "rb", buffering=0, closefd=False) as stdin,
         os.fdopen(1, "wb", buffering=0, closefd=False) as stdout,

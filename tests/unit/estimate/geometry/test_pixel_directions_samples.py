@@ -13,8 +13,8 @@ from procam.estimate.geometry.pixel_directions import (
 from procam.estimate.geometry.solve import GeometrySolution, solve_geometry
 from procam.maths.geometry.pose import align_rotation, rotation_vector
 from procam.maths.geometry.sphere import grid_solid_angles, normalise
+from simulators.observations import lit_points
 from simulators.presets import REALISTIC, STANDARD, Preset
-from simulators.sightings import points_lit
 
 DRAWS = 400
 
@@ -31,7 +31,7 @@ def _solved(
 
 def _true(dome: SimulatedDome, pixels: np.ndarray) -> np.ndarray:
     """True directions (..., 3) of the first projector's pixels (..., 2); NaN where nothing is lit."""
-    points = points_lit(dome.surface, dome.projectors[0], pixels.reshape(-1, 2))
+    points = lit_points(dome.surface, dome.projectors[0], pixels.reshape(-1, 2))
     return normalise(points).reshape(*pixels.shape[:-1], 3)
 
 

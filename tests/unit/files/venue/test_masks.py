@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from procam.errors import FileFormatError, InputError, ShapeError
-from procam.files.images.images import write_image
+from procam.files.images.pixels import write_image
 from procam.files.venue.load import Venue, load_venue, template_text
 from procam.files.venue.masks import (
     camera_masks,
