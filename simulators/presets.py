@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Literal, TypedDict, Unpack
 
-from simulators.rig import Features
+from simulators.builds import Features
 
 PresetName = Literal["ideal", "standard", "realistic", "faulty"]
 EXPOSURE_S = 0.13  # white of one projector stays just below saturation

@@ -5,7 +5,7 @@ import threading
 
 from procam.devices.protocols import Clock, Power
 from procam.errors import WrongState
-from simulators.rig import Features
+from simulators.builds import Features
 
 
 class ProjectorState:

@@ -12,14 +12,15 @@ from numpy.typing import NDArray
 from procam.errors import InputError
 from procam.maths.geometry.lenses import unproject
 from procam.model.frame import CameraSettings
+from simulators.builds import CameraBuild, ProjectorBuild
 from simulators.clock import SceneClock
-from simulators.light import ProjectorLight
+from simulators.placement import place_cameras, place_projectors
 from simulators.presets import Overrides, Preset
+from simulators.projector_light import ProjectorLight
 from simulators.projector_state import ProjectorState
-from simulators.rig import CameraBuild, ProjectorBuild, hang_projectors, set_up_cameras
+from simulators.sight_lines import SightLines
 from simulators.surface import Surface
 from simulators.transport import Room
-from simulators.view import View
 
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
@@ -51,7 +52,7 @@ class DomeScene:
         self.preset, self.size, self.seed = preset, size, seed
         self.clock = SceneClock()
         self.surface = Surface.build(preset)
-        hung = hang_projectors(size.projectors, size.projector_size, preset.radius_m)
+        hung = place_projectors(size.projectors, size.projector_size, preset.radius_m)
         _check_names(preset, [build.name for build in hung])
         builds = [_as_altered(build, preset) for build in hung]
         self._like = like
@@ -68,7 +69,7 @@ class DomeScene:
             }
         self.cameras = {
             c.name: c
-            for c in set_up_cameras(
+            for c in place_cameras(
                 size.cameras, size.camera_size, size.camera_kind, preset.radius_m
             )
         }
@@ -79,7 +80,7 @@ class DomeScene:
         black = np.zeros((size.projector_size[1], size.projector_size[0], 3), np.float32)
         self.shown: dict[str, Image] = dict.fromkeys(self.lights, black)
         self._before: dict[str, tuple[Image, float]] = {}  # until when it stays up
-        self._views: dict[str, View] = {}
+        self._views: dict[str, SightLines] = {}
         self._repeats: dict[int, int] = {}
 
     def altered(self, **overrides: Unpack[Overrides]) -> "DomeScene":
@@ -99,7 +100,7 @@ class DomeScene:
         before, until_s = self._before.get(name, (self.shown[name], 0.0))
         return before if self.clock.now_s() < until_s else self.shown[name]
 
-    def radiance(self, view: View, bands: slice, blur_px: float) -> Image:
+    def radiance(self, view: SightLines, bands: slice, blur_px: float) -> Image:
         """Radiance (H, W, C) [full scale/s] along a view of what is on the screen now."""
         drives = {n: self.on_screen(n) for n in self.shown if self.states[n].light_factor() > 0}
         factors = {n: self.states[n].light_factor() for n in drives}
@@ -107,7 +108,7 @@ class DomeScene:
 
     def radiance_of(
         self,
-        view: View,
+        view: SightLines,
         drives: Mapping[str, Image],
         factors: Mapping[str, float],
         bands: slice,
@@ -121,7 +122,7 @@ class DomeScene:
         return self.seen(view, irradiances, len(range(*bands.indices(3))), blur_px)
 
     def seen(
-        self, view: View, irradiances: Mapping[str, Image], channels: int, blur_px: float
+        self, view: SightLines, irradiances: Mapping[str, Image], channels: int, blur_px: float
     ) -> Image:
         """Radiance (H, W, C) that projectors' irradiance images (H, W, C) cause along a view."""
         patches = len(self.room.area_m2)
@@ -133,7 +134,7 @@ class DomeScene:
             radiance += view.direct(name, self.lights[name].blurred(irradiance, blur_px))
         return radiance
 
-    def camera_view(self, name: str) -> View:
+    def camera_view(self, name: str) -> SightLines:
         """The lines of sight of a camera, prepared once."""
         if name not in self._views and self._like is not None:
             ratio = self.preset.albedo / self._like.preset.albedo
@@ -146,7 +147,7 @@ class DomeScene:
             in_circle = camera_circle(camera)
             rays = np.where(in_circle[..., None], rays, np.nan)
             back = camera.camera_from_dome.inverse()
-            self._views[name] = View.along(
+            self._views[name] = SightLines.along(
                 self.room, self.lights, back.translation, back.rotate(rays)
             )
         return self._views[name]

@@ -10,8 +10,8 @@ from scipy.special import ndtri
 
 from procam.errors import UnitError
 from procam.maths.geometry.lenses import unproject
+from simulators.builds import CameraBuild
 from simulators.presets import white_exposure_s
-from simulators.rig import CameraBuild
 from simulators.scene import GREEN, DomeScene, camera_circle
 
 Image = NDArray[np.float32]

@@ -20,7 +20,7 @@ from procam.maths.geometry.sphere import (
     master_solid_angles,
     normalise,
 )
-from simulators.light import ProjectorLight
+from simulators.projector_light import ProjectorLight
 from simulators.projector_state import ProjectorState
 from simulators.scene import DomeScene
 

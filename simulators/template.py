@@ -10,8 +10,9 @@ import numpy as np
 
 from procam.maths.geometry.lenses import project
 from procam.maths.geometry.sphere import direction_from_angles
+from simulators.builds import CameraBuild
+from simulators.placement import place_cameras, place_projectors
 from simulators.presets import PRESETS, Overrides, Preset, PresetName, white_exposure_s
-from simulators.rig import CameraBuild, hang_projectors, set_up_cameras
 from simulators.scene import SceneSize
 from simulators.server import NAME as SERVER
 from simulators.surface import Surface
@@ -34,8 +35,8 @@ def venue_text(
 ) -> str:
     """A complete venue.toml for a preset, with the fiducials where the camera sees them."""
     preset, size = PRESETS[preset_name].altered(**overrides), size or SceneSize()
-    cameras = set_up_cameras(size.cameras, size.camera_size, size.camera_kind, preset.radius_m)
-    names = [b.name for b in hang_projectors(size.projectors, (64, 40), preset.radius_m)]
+    cameras = place_cameras(size.cameras, size.camera_size, size.camera_kind, preset.radius_m)
+    names = [b.name for b in place_projectors(size.projectors, (64, 40), preset.radius_m)]
     parts = [
         _head(preset_name, preset),
         *(_camera(camera, preset) for camera in cameras),
@@ -51,7 +52,7 @@ def server_text(
 ) -> str:
     """A complete venue.toml of a dome behind a media server."""
     preset, size = PRESETS[preset_name], size or SceneSize()
-    cameras = set_up_cameras(size.cameras, size.camera_size, size.camera_kind, preset.radius_m)
+    cameras = place_cameras(size.cameras, size.camera_size, size.camera_kind, preset.radius_m)
     head = _head(preset_name, preset).replace("dome, preset", "dome behind a media server, preset")
     parts = [
         head,

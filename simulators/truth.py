@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 
 from procam.maths.geometry.sphere import master_directions, master_solid_angles
 from simulators.backend import build_scene, build_server
-from simulators.light import ProjectorLight
+from simulators.builds import CameraBuild, ProjectorBuild
 from simulators.mitsuba_venue import PathTracedRoom
-from simulators.rig import CameraBuild, ProjectorBuild
+from simulators.projector_light import ProjectorLight
 from simulators.scene import ALL_BANDS, DomeScene
 from simulators.server import NAME as SERVER
 from simulators.server import MediaServer, by_projector, server_entry, server_maps
-from simulators.view import View
+from simulators.sight_lines import SightLines
 
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
@@ -88,14 +88,14 @@ def _evenly(scene: DomeScene, server: MediaServer | None, level: float) -> Mappi
     return {n: np.full_like(d, level) for n, d in scene.shown.items()}
 
 
-def _audience(scene: DomeScene, size: int) -> View:
+def _audience(scene: DomeScene, size: int) -> SightLines:
     """Lines of sight from the dome's centre, a dome master of them."""
     direction, inside = master_directions(size)
     rays = np.where(inside[..., None], direction, np.nan)
-    return View.along(scene.room, scene.lights, np.zeros(3), rays)
+    return SightLines.along(scene.room, scene.lights, np.zeros(3), rays)
 
 
-def _split(scene: DomeScene, view: View, drives: Mapping[str, Image]) -> tuple[Image, Image]:
+def _split(scene: DomeScene, view: SightLines, drives: Mapping[str, Image]) -> tuple[Image, Image]:
     patches = len(scene.room.area_m2)
     flux, direct = np.zeros((patches, 3)), np.zeros((*view.albedo.shape, 3), np.float32)
     for name, drive in drives.items():
@@ -124,7 +124,7 @@ def _averaged(fine: Image) -> Image:
     return np.asarray(blocks.mean(axis=(1, 3)), np.float32)
 
 
-def _projector_maps(light: ProjectorLight, view: View) -> dict[str, NDArray[Any]]:
+def _projector_maps(light: ProjectorLight, view: SightLines) -> dict[str, NDArray[Any]]:
     white = light.build.colour_mix.sum(axis=1)
     valid = light.lit.astype(np.float32)
     albedo = light.reflected_m2 / np.maximum(light.solid_angle_sr, 1e-30)

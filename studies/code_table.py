@@ -12,9 +12,9 @@ import numpy as np
 
 from procam.errors import ProcamError
 from procam.estimate.structured_light.codes import CODES, Code
+from simulators.photograph_bench import PhotographBench
 from simulators.presets import STANDARD
 from simulators.scene import DomeScene, SceneSize
-from simulators.study import PhotographBench
 from studies.measure import Misses, Shots, rms, write
 
 # Half a full panel with the waves of a full one, so that blur, stripes and periods are to scale.

@@ -10,9 +10,9 @@ import numpy as np
 
 from procam.estimate.structured_light.codes import AXES, DEFAULT_CODE, make_code
 from procam.estimate.structured_light.decode import Decoded
+from simulators.photograph_bench import PhotographBench
 from simulators.presets import STANDARD
 from simulators.scene import DomeScene, SceneSize
-from simulators.study import PhotographBench
 from studies.measure import Misses, Shots, patch_errors, rms, smallest_sigma, write
 
 SEEDS = (1, 2, 3)

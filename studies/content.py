@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procam.files.calibration import load_calibration
-from procam.files.images.images import RGB, write_channels
+from procam.files.images.layers import RGB, write_channels
 from procam.files.venue.load import load_venue
 from procam.interfaces.judge import judge_pictures
 from procam.maths.geometry.sphere import master_directions, normalise
@@ -34,7 +34,7 @@ from procam.workflows.venue_rig import open_rig
 from simulators.backend import build_scene
 from simulators.presets import PresetName
 from simulators.scene import ALL_BANDS, DomeScene, SceneSize
-from simulators.view import View
+from simulators.sight_lines import SightLines
 from studies.measure import write
 from studies.photometry import make_truth
 
@@ -109,15 +109,15 @@ class Stage:
         return {name: figure.value for name, figure in figures.items()}
 
 
-def sight_lines(scene: DomeScene, eye: Array) -> View:
+def sight_lines(scene: DomeScene, eye: Array) -> SightLines:
     """Lines of sight from `eye` (3,) [m] to the pixels of a fine dome master on the screen."""
     direction, inside = master_directions(FINE * MASTER)
     point = scene.surface.intersect(np.zeros(3), direction)
     rays = np.where(inside[..., None], normalise(point - eye), np.nan)
-    return View.along(scene.room, scene.lights, eye, rays)
+    return SightLines.along(scene.room, scene.lights, eye, rays)
 
 
-def scattered(scene: DomeScene, view: View, sent: dict[str, Image]) -> Image:
+def scattered(scene: DomeScene, view: SightLines, sent: dict[str, Image]) -> Image:
     """Scattered radiance (N, N, 3) of the frames that projectors are sent."""
     patches = len(scene.room.area_m2)
     flux = np.zeros((patches, len(RGB)))
@@ -127,7 +127,7 @@ def scattered(scene: DomeScene, view: View, sent: dict[str, Image]) -> Image:
     return block_mean(view.scattered(scene.room, scene.room.irradiance(flux)), FINE)
 
 
-def _drawn(scene: DomeScene, view: View, sent: dict[str, Image]) -> Image:
+def _drawn(scene: DomeScene, view: SightLines, sent: dict[str, Image]) -> Image:
     full = dict.fromkeys(sent, 1.0)
     return block_mean(scene.radiance_of(view, sent, full, ALL_BANDS, 0), FINE)
 

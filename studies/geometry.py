@@ -1,6 +1,6 @@
 """Geometry over many rigs: how far directions are off, seams, and whether the error bars are right.
 
-Poses and lenses are perturbed for every seed. Observations come from `simulators.sightings`: true
+Poses and lenses are perturbed for every seed. Observations come from `simulators.observations`: true
 positions of patches with a decoder's noise, no pictures.
 """
 
@@ -24,9 +24,10 @@ from procam.maths.geometry.lenses import project
 from procam.maths.geometry.ray_to_screen import RoundShape
 from procam.maths.geometry.sphere import ARCMIN, angle_between, direction_from_angles, normalise
 from procam.model.optics import CameraModel, Fiducial, Sensor
+from simulators.builds import CameraBuild, ProjectorBuild
+from simulators.observations import camera_pixels, lit_points, perturb_rig, simulate_observations
+from simulators.placement import place_cameras, place_projectors
 from simulators.presets import REALISTIC, STANDARD, Preset
-from simulators.rig import CameraBuild, ProjectorBuild, hang_projectors, set_up_cameras
-from simulators.sightings import camera_sees, points_lit, shaken, sightings
 from simulators.surface import Surface
 
 Array = NDArray[np.float64]
@@ -84,9 +85,9 @@ def run(case: Case, seed: int) -> dict[str, float | str]:
     """Figures of one rig."""
     rng = np.random.default_rng(seed)
     surface = Surface.build(replace(case.preset, radius_m=RADIUS_M))
-    projectors = hang_projectors(PROJECTORS, PANEL, RADIUS_M)
-    placed = set_up_cameras(CAMERAS, CAMERA, "fisheye", RADIUS_M)
-    dome = Dome(surface, *shaken(projectors, placed, rng))
+    projectors = place_projectors(PROJECTORS, PANEL, RADIUS_M)
+    placed = place_cameras(CAMERAS, CAMERA, "fisheye", RADIUS_M)
+    dome = Dome(surface, *perturb_rig(projectors, placed, rng))
     problem = _problem(dome, case.patch_px, rng)
     started = time.perf_counter()
     try:
@@ -112,7 +113,7 @@ def _problem(dome: Dome, patch_px: int, rng: np.random.Generator) -> RigProblem:
     seen = {}
     for camera in dome.cameras:
         for build in dome.projectors:
-            pixels = sightings(dome.surface, build, camera, patch_px, SIGMA_PX, rng)
+            pixels = simulate_observations(dome.surface, build, camera, patch_px, SIGMA_PX, rng)
             sigma = np.full(len(pixels[0]), SIGMA_PX)
             seen[camera.name, build.name] = Observations(*pixels, sigma)
     cameras = {c.name: CameraModel(c.name, c.size, c.lens, Sensor(12, 64.0)) for c in dome.cameras}
@@ -132,7 +133,7 @@ def _fiducials(dome: Dome, rng: np.random.Generator) -> list[Fiducial]:
         direction = direction_from_angles(azimuth, elevation)
         point = direction * dome.surface.radius(direction)
         off = rng.normal(0, FIDUCIAL_SIGMA, 2)
-        pixel = camera_sees(dome.cameras[0], point[None])[0]
+        pixel = camera_pixels(dome.cameras[0], point[None])[0]
         angles = azimuth + off[0] / np.cos(elevation), elevation + off[1]
         marks.append(Fiducial(f"f{i}", *angles, FIDUCIAL_SIGMA, dome.cameras[0].name, pixel))
     return marks
@@ -144,7 +145,7 @@ def _directions(dome: Dome, fitted: dict[str, PixelDirections]) -> tuple[Array, 
     for build in dome.projectors:
         x, y = np.arange(3, build.size[0], 20), np.arange(5, build.size[1], 20)
         pixels = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2).astype(float)
-        true = points_lit(dome.surface, build, pixels)
+        true = lit_points(dome.surface, build, pixels)
         lit = np.isfinite(true).all(axis=1)
         estimate = fitted[build.name].directions(x, y).reshape(-1, 3)[lit]
         errors.append(ARCMIN * angle_between(normalise(true[lit]), estimate))
@@ -173,7 +174,7 @@ def _seams(dome: Dome, fitted: dict[str, PixelDirections]) -> float:
 
 def _seen(dome: Dome, build: ProjectorBuild, pixels: Array) -> Array:
     """True directions (..., 3) of pixels from the judge's viewpoint; NaN where not lit."""
-    flat = points_lit(dome.surface, build, pixels.reshape(-1, 2))
+    flat = lit_points(dome.surface, build, pixels.reshape(-1, 2))
     return normalise(flat - JUDGE_M).reshape(*pixels.shape[:-1], 3)
 
 

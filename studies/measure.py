@@ -15,8 +15,8 @@ from procam.estimate.structured_light.panel_map import fit_projector_map
 from procam.maths.codes.phase import cramer_rao_variance
 from procam.maths.warp import sample
 from procam.model.correspondence import CorrespondenceMap
+from simulators.photograph_bench import PhotographBench
 from simulators.sensor import ROUNDING, Sensor
-from simulators.study import PhotographBench
 
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]

@@ -21,10 +21,10 @@ from procam.estimate.structured_light.scatter_bias import (
 from procam.estimate.structured_light.sinusoids import WavePictures, decode_waves
 from procam.maths.codes.phase import equal_steps
 from procam.maths.warp import grow
+from simulators.photograph_bench import PhotographBench
 from simulators.presets import STANDARD, Preset
 from simulators.scene import GREEN, DomeScene, SceneSize
 from simulators.sensor import Sensor
-from simulators.study import PhotographBench
 from studies.measure import binned, rms, write
 
 SIZE = SceneSize(2, (960, 600), 1, (1024, 1024), rays=16384)

@@ -28,7 +28,7 @@ from procam.estimate.camera.radiance import Radiometer
 from procam.estimate.light.blend import Blender
 from procam.estimate.light.colour_spaces import colour_difference
 from procam.files.calibration import latest_calibration, load_calibration
-from procam.files.images.images import RGB, read_channels
+from procam.files.images.layers import RGB, read_channels
 from procam.files.venue.load import load_venue
 from procam.interfaces.judge import judge
 from procam.maths.colour_science import colour_science
@@ -40,8 +40,8 @@ from procam.model.optics import CameraModel
 from procam.workflows.capture.capture import capture, prepare_session
 from procam.workflows.solve.calibrate import solve
 from procam.workflows.venue_rig import open_rig
+from simulators.placement import place_cameras
 from simulators.presets import PRESETS, Preset, PresetName
-from simulators.rig import set_up_cameras
 from simulators.scene import SceneSize
 from simulators.sensor import Sensor
 from simulators.surface import Surface
@@ -111,7 +111,7 @@ def desk_veil(
     cameras: Mapping[str, CameraModel], preset: PresetName, size: SceneSize, seed: int
 ) -> Veil:
     """Veiling glare of the first camera, from photographs of a bright wall with a light trap."""
-    build = set_up_cameras(1, size.camera_size, size.camera_kind, PRESETS[preset].radius_m)[0]
+    build = place_cameras(1, size.camera_size, size.camera_kind, PRESETS[preset].radius_m)[0]
     sensor = Sensor(
         SimpleNamespace(preset=PRESETS[preset], cameras={build.name: build}), build.name
     )

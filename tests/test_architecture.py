@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from procam.files.calibration import save_calibration
-from procam.files.images.images import write_image
+from procam.files.images.pixels import write_image
 from procam.model.calibration import Calibration
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -68,7 +68,7 @@ class TestContracts:
             ("procam/maths/geometry/pose.py", "import procam.model.frame", "Layers"),
             (
                 "procam/estimate/structured_light/decode.py",
-                "import procam.files.images.images",
+                "import procam.files.images.pixels",
                 "Layers",
             ),
             ("procam/estimate/light/blend.py", "import cv2", "cv2 stays behind maths.warp"),

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from procam.errors import FileFormatError, ShapeError
 from procam.files.atomic import replacing_directory
-from procam.files.images.images import read_channels, read_layers, write_channels, write_layers
+from procam.files.images.layers import read_channels, read_layers, write_channels, write_layers
 from procam.maths.geometry.lenses import Lens
 from procam.maths.geometry.pose import Pose
 from procam.model.calibration import SCHEMA_VERSION, Calibration, ProjectorCalibration

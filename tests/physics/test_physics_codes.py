@@ -15,9 +15,9 @@ from procam.estimate.structured_light.scatter_bias import (
     remove_phasor,
 )
 from procam.maths.warp import grow
+from simulators.photograph_bench import PhotographBench
 from simulators.presets import STANDARD
 from simulators.scene import DomeScene, SceneSize
-from simulators.study import PhotographBench
 from studies import code_table, codes, one_fringe
 from studies.measure import Misses, Shots, patch_errors
 

@@ -27,7 +27,8 @@ from procam.estimate import calibration as assemble
 from procam.estimate.camera.radiance import Radiometer
 from procam.estimate.structured_light.patterns import zone_count
 from procam.files.calibration import load_calibration, save_calibration
-from procam.files.images.images import RGB, read_image, write_image
+from procam.files.images.layers import RGB
+from procam.files.images.pixels import read_image, write_image
 from procam.files.venue.load import Venue
 from procam.interfaces.cli import forecast as command
 from procam.maths.geometry.sphere import master_directions, master_solid_angles
@@ -39,7 +40,7 @@ from procam.workflows.forecast import sampled
 from procam.workflows.venue_rig import open_rig
 from simulators.presets import PRESETS, Preset
 from simulators.scene import ALL_BANDS, DomeScene
-from simulators.view import View
+from simulators.sight_lines import SightLines
 
 PEOPLE = 0.20  # albedo of the floor with people on it; .08 when it was calibrated
 PHOTOGRAPHS = 1 + 2 * (1 + zone_count(2))  # dark; black and zones of each projector
@@ -126,7 +127,7 @@ def _true_feedback(preset: Preset) -> np.ndarray:
     scene = DomeScene(preset, TINY_PAIR, 1)
     direction, inside = master_directions(MASTER)
     rays = np.where(inside[..., None], direction, np.nan)
-    view = View.along(scene.room, scene.lights, np.zeros(3), rays)
+    view = SightLines.along(scene.room, scene.lights, np.zeros(3), rays)
     flux = np.zeros((len(scene.room.area_m2), 3))
     direct = np.zeros((MASTER, MASTER, 3))
     lit = np.zeros((MASTER, MASTER), bool)

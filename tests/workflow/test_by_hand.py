@@ -12,7 +12,7 @@ from tiny_venue import TINY, make_venue, procam, quick_simulator, solved, take_s
 from procam.errors import FileFormatError
 from procam.estimate import calibration as assemble
 from procam.files.calibration import load_calibration
-from procam.files.images.images import RGB, read_channels, write_channels
+from procam.files.images.layers import RGB, read_channels, write_channels
 from procam.files.session import Session
 from procam.files.venue.load import load_venue
 from procam.interfaces.cli import _sessions

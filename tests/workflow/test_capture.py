@@ -27,7 +27,7 @@ from procam.errors import DeviceError, NotConnected, StaleFrame, WrongState
 from procam.estimate import calibration as assemble
 from procam.estimate.structured_light.patterns import plan_session
 from procam.files.atomic import read_lines
-from procam.files.images.images import read_image, write_image
+from procam.files.images.pixels import read_image, write_image
 from procam.files.session import Session
 from procam.files.venue.load import Venue
 from procam.model.frame import CameraSettings, Frame

@@ -30,7 +30,8 @@ from procam.compensate.projector_frames import projector_frames, quantised
 from procam.devices.protocols import BackendRig
 from procam.estimate import calibration as assemble
 from procam.files.calibration import save_calibration
-from procam.files.images.images import RGB, read_channels, read_image, write_channels, write_image
+from procam.files.images.layers import RGB, read_channels, write_channels
+from procam.files.images.pixels import read_image, write_image
 from procam.files.session import Session
 from procam.files.venue.load import Venue, load_venue, template_names
 from procam.interfaces.cli import _sessions

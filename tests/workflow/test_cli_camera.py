@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from tiny_venue import procam
 
-from procam.files.images.images import write_image
+from procam.files.images.pixels import write_image
 from procam.interfaces.cli import camera as command
 from procam.maths.geometry.lenses import Lens, project, unproject
 from procam.maths.geometry.pose import Pose, rotation_matrix

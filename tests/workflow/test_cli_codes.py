@@ -8,7 +8,8 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 from tiny_venue import procam
 
 from procam.estimate.structured_light.codes import CODES
-from procam.files.images.images import read_channels, read_image, write_image
+from procam.files.images.layers import read_channels
+from procam.files.images.pixels import read_image, write_image
 
 WIDTH, HEIGHT = 160, 100
 GAMMA, BLUR_PX, NOISE_DN = 2.2, 0.5, 15.0

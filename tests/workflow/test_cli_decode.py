@@ -10,7 +10,8 @@ import pytest
 from tiny_venue import procam
 
 from procam.estimate.structured_light.codes import CODES
-from procam.files.images.images import read_channels, write_image
+from procam.files.images.layers import read_channels
+from procam.files.images.pixels import write_image
 from procam.maths.codes.gray import stripe
 
 

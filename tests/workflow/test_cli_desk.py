@@ -12,8 +12,9 @@ from scipy.ndimage import gaussian_filter
 from tiny_venue import CAMERA, Ran, make_venue, procam
 from venue_texts import edit, mistakes
 
-from procam.files.images.images import write_channels, write_image
+from procam.files.images.layers import write_channels
 from procam.files.images.photos import load_response
+from procam.files.images.pixels import write_image
 from procam.files.session import Session
 from procam.files.venue.load import template_text
 from procam.maths.light.curves import srgb_decode, srgb_encode

@@ -27,7 +27,7 @@ from tiny_venue import (
 from procam.estimate import calibration as assemble
 from procam.estimate.comparison.compare import compare_calibrations
 from procam.files.calibration import load_calibration
-from procam.files.images.images import read_image, write_image
+from procam.files.images.pixels import read_image, write_image
 from procam.files.session import Session
 from procam.maths.light.curves import srgb_encode
 from simulators.scene import SceneSize

@@ -11,7 +11,8 @@ import pytest
 from tiny_venue import procam
 
 from procam.files.calibration import save_calibration
-from procam.files.images.images import read_image, write_image, write_picture
+from procam.files.images.pixels import read_image, write_image
+from procam.files.images.stills import write_picture
 from procam.interfaces.cli import forecast as command
 from procam.maths.geometry.sphere import master_solid_angles
 from procam.model.calibration import Calibration

@@ -16,7 +16,8 @@ from procam.compensate.compensator import Compensator
 from procam.compensate.projector_frames import Warper
 from procam.errors import InputError
 from procam.files.calibration import save_calibration
-from procam.files.images.images import RGB, read_channels, read_image, write_channels, write_image
+from procam.files.images.layers import RGB, read_channels, write_channels
+from procam.files.images.pixels import read_image, write_image
 from procam.files.images.stills import read_still
 from procam.maths.light.curves import srgb_decode, srgb_encode
 from procam.model.calibration import Calibration

@@ -22,7 +22,8 @@ from tiny_venue import procam
 
 from procam.errors import FileFormatError, InputError
 from procam.files.calibration import save_calibration
-from procam.files.images.raw_frames import PIXELS, pixel_type, read_frame, widen, write_frame
+from procam.files.images.raw_frames import PIXELS, pixel_type, read_frame, write_frame
+from procam.files.system import widen_pipe
 from procam.interfaces.cli._pipe import _latency
 from procam.model.calibration import Calibration
 from procam.workflows.playout.compensate import compensate_clip, each_frame
@@ -355,11 +356,11 @@ class TestFirstPixel:
         source, sink = os.pipe()
         try:
             before = fcntl.fcntl(sink, fcntl.F_GETPIPE_SZ)
-            widen(sink, 100)
+            widen_pipe(sink, 100)
             assert fcntl.fcntl(sink, fcntl.F_GETPIPE_SZ) == before
-            widen(sink, 2**18)
+            widen_pipe(sink, 2**18)
             assert fcntl.fcntl(sink, fcntl.F_GETPIPE_SZ) == 2**18
-            widen(sink, 2**30)
+            widen_pipe(sink, 2**30)
             assert fcntl.fcntl(sink, fcntl.F_GETPIPE_SZ) == 2**20
         finally:
             os.close(source)

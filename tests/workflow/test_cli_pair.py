@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from tiny_venue import procam
 
-from procam.files.images.images import write_image
+from procam.files.images.pixels import write_image
 
 SESSIONS = ("s00", "s03", "s05", "s11", "s15", "s17")
 USED = ("s00", "s05", "s11", "s17")

@@ -22,7 +22,7 @@ from tiny_venue import (
 from procam.estimate import calibration as assemble
 from procam.estimate.closed_loop import dome as closed_loop
 from procam.files.calibration import load_calibration
-from procam.files.images.images import write_picture
+from procam.files.images.stills import write_picture
 from procam.files.venue.load import load_venue
 from procam.interfaces.cli import _sessions
 from procam.maths.geometry.sphere import master_directions

@@ -10,7 +10,7 @@ import pytest
 from procam.compensate.compensator import Compensator
 from procam.errors import FileFormatError, InputError
 from procam.files.calibration import save_calibration
-from procam.files.images.images import RGB, write_channels
+from procam.files.images.layers import RGB, write_channels
 from procam.interfaces.plots.charts import Scale, on_dome
 from procam.interfaces.report import write_report
 from procam.interfaces.report.words import NAMES, goal_text, percent, value_text

@@ -15,7 +15,7 @@ from tiny_venue import procam
 from procam.compensate.compensator import Compensator
 from procam.compensate.fields import Fields
 from procam.files.calibration import save_calibration
-from procam.files.images.images import read_image, write_image
+from procam.files.images.pixels import read_image, write_image
 from procam.kernels.frame import reference as reference_frame
 from procam.kernels.frame.coding import Coding
 from procam.maths.codes.dither import threshold_tile

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procam.errors import FileFormatError
-from procam.files.images.images import read_image
+from procam.files.images.pixels import read_image
 from procam.files.venue.load import Venue
 from procam.files.venue.outlines import Covered, Outline, polygon_pixels
 from procam.maths.geometry.sphere import (
@@ -62,7 +62,7 @@ def nudges(venue: Venue) -> list[Nudge]:
     ]
 
 
-def done_by_hand(venue: Venue) -> dict[str, Any]:
+def manual_edits(venue: Venue) -> dict[str, Any]:
     """What venue.toml masks, protects and nudges, as JSON for a calibration; {} for nothing.
 
     "masks" and "protected" list {"of": "camera NAME", "projector NAME" or "dome", "corners" of a

@@ -12,7 +12,7 @@ from procam.errors import InputError
 from procam.estimate.structured_light.codes import NOMINAL_GAMMA, Picture
 from procam.estimate.structured_light.photo_match import NUMBER
 from procam.files import atomic
-from procam.files.images.images import read_image
+from procam.files.images.pixels import read_image
 from procam.files.images.slideshow import write_movie
 from procam.files.session import Session
 from procam.files.venue.load import Venue

@@ -20,8 +20,9 @@ from procam.compensate.track import METHODS, columns, moves, row, textures, unif
 from procam.errors import FileFormatError, InputError
 from procam.files.atomic import replacing_directory
 from procam.files.calibration import load_dome
-from procam.files.images.images import RGB, write_image
+from procam.files.images.layers import RGB
 from procam.files.images.movies import MovieReader, is_movie
+from procam.files.images.pixels import write_image
 from procam.model.calibration import Calibration
 from procam.workflows.events import Event
 from procam.workflows.playout.frame import (

@@ -18,7 +18,7 @@ from procam.files.calibration import (
     next_directory,
     save_calibration,
 )
-from procam.files.images.images import read_channels, write_channels
+from procam.files.images.layers import read_channels, write_channels
 from procam.model.calibration import Calibration
 from procam.model.mask import Mask
 from procam.model.transport import Measured, ScatterKernel

@@ -10,8 +10,8 @@ from procam.estimate.geometry.pixel_directions import fit_pixel_directions
 from procam.estimate.geometry.solve import GeometrySolution, solve_geometry
 from procam.maths.geometry.pose import align_rotation, rotation_vector
 from procam.maths.geometry.sphere import ARCMIN, grid_solid_angles, normalise
+from simulators.observations import lit_points
 from simulators.presets import REALISTIC, STANDARD, Preset
-from simulators.sightings import points_lit
 
 DRAWS = 400
 
@@ -28,7 +28,7 @@ def _solved(
 
 def _true(dome: SimulatedDome, pixels: np.ndarray) -> np.ndarray:
     """True directions (..., 3) of the first projector's pixels (..., 2); NaN where nothing is lit."""
-    points = points_lit(dome.surface, dome.projectors[0], pixels.reshape(-1, 2))
+    points = lit_points(dome.surface, dome.projectors[0], pixels.reshape(-1, 2))
     return normalise(points).reshape(*pixels.shape[:-1], 3)
 
 

@@ -13,8 +13,8 @@ from procam.estimate.geometry.pixel_directions import (
 )
 from procam.estimate.geometry.solve import solve_geometry
 from procam.maths.geometry.sphere import ARCMIN, angle_between, normalise
+from simulators.observations import lit_points
 from simulators.presets import REALISTIC
-from simulators.sightings import points_lit
 
 
 def test_the_field_is_added_per_cell_of_the_panel() -> None:
@@ -38,7 +38,7 @@ def test_measurements_correct_a_model_without_the_domes_panels() -> None:
     x, y = np.arange(7, 1920, 40), np.arange(9, 1200, 40)
     pixels = np.stack(np.meshgrid(x, y), axis=-1).astype(float)
     build = dome.projectors[0]
-    true = normalise(points_lit(dome.surface, build, pixels.reshape(-1, 2))).reshape(
+    true = normalise(lit_points(dome.surface, build, pixels.reshape(-1, 2))).reshape(
         *pixels.shape[:2], 3
     )
     fitted = fit_pixel_directions(found, build.name)

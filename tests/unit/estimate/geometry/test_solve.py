@@ -16,8 +16,8 @@ from procam.maths.geometry.lenses import Lens
 from procam.maths.geometry.ray_to_screen import RoundShape
 from procam.maths.geometry.sphere import ARCMIN, angle_between, normalise
 from procam.model.optics import Distance
+from simulators.observations import lit_points
 from simulators.presets import REALISTIC
-from simulators.sightings import points_lit
 
 
 def direction_errors(dome: SimulatedDome, found: GeometrySolution) -> tuple[np.ndarray, np.ndarray]:
@@ -27,7 +27,7 @@ def direction_errors(dome: SimulatedDome, found: GeometrySolution) -> tuple[np.n
         fitted = fit_pixel_directions(found, build.name)
         x, y = np.arange(7, build.size[0], 40), np.arange(9, build.size[1], 40)
         pixels = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2).astype(float)
-        true = points_lit(dome.surface, build, pixels)
+        true = lit_points(dome.surface, build, pixels)
         lit = np.isfinite(true).all(axis=1)
         estimate = fitted.directions(x, y).reshape(-1, 3)[lit]
         errors.append(ARCMIN * angle_between(normalise(true[lit]), estimate))
@@ -161,7 +161,7 @@ class TestGauge:
         marks = dome.fiducials(count=1)
         build = dome.projectors[1]
         pixel = np.array([900.0, 300.0])
-        place = normalise(points_lit(dome.surface, build, pixel[None]))[0]
+        place = normalise(lit_points(dome.surface, build, pixel[None]))[0]
         shone = replace(
             marks[0],
             name="cross",

@@ -13,8 +13,8 @@ from procam.estimate.geometry.pixel_directions import fit_pixel_directions
 from procam.estimate.geometry.solve import GeometrySolution, solve_geometry
 from procam.maths.geometry.sphere import ARCMIN, angle_between, intersect_sphere, normalise
 from procam.maths.mesh.shape import MeshShape
+from simulators.observations import lit_points
 from simulators.presets import STANDARD
-from simulators.sightings import points_lit
 
 LOW, HIGH = (-8.5, -7.6, -2.0), (8.3, 7.9, 6.5)
 HEIGHT_M = 9.0
@@ -90,7 +90,7 @@ def test_errors_of_directions_agree_with_their_sigma(kind: str) -> None:
     x, y = np.arange(7, 1920, 40), np.arange(9, 1200, 40)
     pixels = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2).astype(float)
     for build in dome.projectors:
-        true = points_lit(dome.surface, build, pixels)
+        true = lit_points(dome.surface, build, pixels)
         lit = np.isfinite(true).all(axis=1)
         fitted = fit_pixel_directions(found, build.name)
         estimate = fitted.directions(x, y).reshape(-1, 3)[lit]

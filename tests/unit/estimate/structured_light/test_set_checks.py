@@ -12,9 +12,9 @@ from procam.estimate.structured_light.codes import AxisCode, Code, generate, mak
 from procam.estimate.structured_light.consistency import probe_places
 from procam.estimate.structured_light.decode import Decoder
 from procam.estimate.structured_light.set_checks import SetReport, examine
+from simulators.photograph_bench import PhotographBench
 from simulators.presets import STANDARD
 from simulators.scene import DomeScene, SceneSize
-from simulators.study import PhotographBench
 
 SIZE = (320, 200)
 CODES = ("micro-phase", "gray", "phase-heterodyne")

@@ -9,7 +9,7 @@ from tolerances import CLOSED_FORM
 from venue_texts import DISTANCE, MARK_PIXEL, PLAIN, TAGS, edit, load_venue_of, mistakes
 
 from procam.errors import InputError
-from procam.files.images.images import write_image
+from procam.files.images.pixels import write_image
 from procam.files.venue.load import load_venue, template_names, template_text
 
 

@@ -9,11 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from procam.errors import FileFormatError, InputError, ShapeError
-from procam.files.images.images import write_image
+from procam.files.images.pixels import write_image
 from procam.files.venue.load import Venue, load_venue, template_text
 from procam.files.venue.masks import (
     camera_masks,
-    done_by_hand,
+    manual_edits,
     nudges,
     projector_masks,
     protected_mask,
@@ -120,7 +120,7 @@ class TestVenue:
         venue = load(tmp_path)
         assert not any(m.covered.any() for m in (*camera_masks(venue).values(),))
         assert not screen_mask(venue, 64).covered.any() and nudges(venue) == []
-        assert done_by_hand(venue) == {}
+        assert manual_edits(venue) == {}
 
     def test_what_is_told_of_them(self, tmp_path: Path) -> None:
         half = np.zeros((1600, 1600), np.uint8)
@@ -134,7 +134,7 @@ class TestVenue:
             projector="masks = [[[-0.5, -0.5], [127.5, -0.5], [127.5, 799.5], [-0.5, 799.5]]]\n"
             "nudges = [{ pixel = [640, 400], shift_px = [-1.5, 0.25] }]",
         )
-        told = done_by_hand(venue)
+        told = manual_edits(venue)
         assert json.loads(json.dumps(told)) == told
         camera, panel, dome = told["masks"]
         assert camera == {"of": "camera zenith", "file": "half.png", "share": 0.5}

@@ -12,16 +12,17 @@ from tolerances import CODE_8BIT, FLOAT32
 
 from procam.errors import InputError
 from simulators.backend import build_scene
+from simulators.builds import UNSHARP_PX, Features
 from simulators.clock import SceneClock
 from simulators.devices import SETTLE_S, SimulatedProjector
-from simulators.light import ProjectorLight, _smeared
+from simulators.placement import place_projectors
 from simulators.presets import STANDARD
+from simulators.projector_light import ProjectorLight, _smeared
 from simulators.projector_state import ProjectorState
-from simulators.rig import UNSHARP_PX, Features, hang_projectors
 from simulators.scene import ALL_BANDS, DomeScene
 from simulators.surface import Surface
 
-BUILD = hang_projectors(1, PANEL, 6.0)[0]
+BUILD = place_projectors(1, PANEL, 6.0)[0]
 RNG = np.random.default_rng(5)
 
 

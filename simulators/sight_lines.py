@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from procam.maths.geometry.lenses import project
 from procam.maths.geometry.sphere import normalise
-from simulators.light import ProjectorLight
+from simulators.projector_light import ProjectorLight
 from simulators.transport import Deck, Room
 
 Array = NDArray[np.float64]
@@ -17,7 +17,7 @@ GLOSS_EXPONENT = 20
 
 
 @dataclass(frozen=True)
-class View:
+class SightLines:
     """A grid of lines of sight into the room, prepared for many pictures.
 
     Attributes
@@ -37,7 +37,7 @@ class View:
     @classmethod
     def along(
         cls, room: Room, lights: dict[str, ProjectorLight], origin: Array, rays: Array
-    ) -> "View":
+    ) -> "SightLines":
         """Lines of sight from `origin` (3,) [m] along unit `rays` (H, W, 3); NaN rays see nothing."""
         surface = room.surface
         looking = np.isfinite(rays[..., 0])
@@ -60,7 +60,7 @@ class View:
             {n: (xy, (gain * albedo).astype(np.float32)) for n, (xy, gain) in sources.items()},
         )
 
-    def repainted(self, ratio: float) -> "View":
+    def repainted(self, ratio: float) -> "SightLines":
         """The same lines of sight on a dome whose albedo is `ratio` times as high."""
         if ratio == 1:
             return self

@@ -18,10 +18,10 @@ from procam.maths.geometry.sphere import master_solid_angles
 from procam.model.frame import CameraSettings
 from simulators.backend import build_scene
 from simulators.devices import SimulatedCamera, SimulatedProjector
+from simulators.photograph_bench import PhotographBench
+from simulators.placement import place_projectors
 from simulators.presets import EXPOSURE_S, IDEAL, PRESETS, STANDARD, PresetName, white_exposure_s
-from simulators.rig import hang_projectors
 from simulators.scene import GREEN, DomeScene
-from simulators.study import PhotographBench
 from simulators.surface import Surface
 from simulators.template import venue_text
 from simulators.transport import Room
@@ -295,7 +295,7 @@ class TestGamma:
             [s[lit].mean() for s in bench.photograph(np.full_like(WHITE, g) for g in grey)]
         )
         found = (signals - signals[0]) / (signals[-1] - signals[0])
-        (nominal,) = hang_projectors(1, PANEL, IDEAL.radius_m)
+        (nominal,) = place_projectors(1, PANEL, IDEAL.radius_m)
         v = np.rint(grey / 255 * 1023)[:, None] / 1023  # the input has 10 bits
         toe = nominal.toe * v * v * (3 - 2 * v)
         primaries = (1 - nominal.toe) * v ** (nominal.gamma * factor) + toe

@@ -1,4 +1,4 @@
-"""Pictures there and back, and everything that must not pass for one."""
+"""Pixels, maps and pictures written and read back, and the damaged files that are refused."""
 
 from pathlib import Path
 
@@ -11,18 +11,9 @@ from hypothesis.extra import numpy as hnp
 from tolerances import FLOAT32
 
 from procam.errors import FileFormatError
-from procam.files.images.images import (
-    read_channels,
-    read_image,
-    read_layers,
-    read_picture,
-    read_spec,
-    write_channels,
-    write_image,
-    write_layers,
-    write_picture,
-    write_spec,
-)
+from procam.files.images.layers import read_channels, read_layers, write_channels, write_layers
+from procam.files.images.pixels import read_image, read_spec, write_image, write_spec
+from procam.files.images.stills import read_picture, write_picture
 
 KINDS = [
     (".png", np.uint8),
@@ -102,7 +93,7 @@ class TestNamedChannels:
 
 class TestLayers:
     @pytest.mark.parametrize("height", [1, 63, 64, 129])
-    def test_they_come_back_whole(self, tmp_path: Path, height: int) -> None:
+    def test_are_read_back(self, tmp_path: Path, height: int) -> None:
         shapes = {"hi": (height, 8, 3), "coverage": (height, 8), "albedo": (height, 8, 3)}
         layers = {name: _noise(np.float32, shape) for name, shape in shapes.items()}
         layers["coverage"][0, 0] = np.nan
@@ -116,7 +107,7 @@ class TestLayers:
         np.testing.assert_array_equal(channels["hi.G"], layers["hi"][..., 1])
         assert read_spec(path)[1].get_string_attribute("compression") == "none"
 
-    def test_they_are_made_of_channels_of_one_name(self, tmp_path: Path) -> None:
+    def test_consist_of_channels_with_one_prefix(self, tmp_path: Path) -> None:
         names = ["hi.G", "valid", "direction.z", "hi.R", "direction.x", "hi.B", "direction.y", "R"]
         channels = {name: _noise(np.float32, (70, 8)) + i for i, name in enumerate(names)}
         write_channels(tmp_path / "maps.exr", channels)
@@ -140,7 +131,7 @@ class TestLayers:
     )
     def test_other_channels_are_refused(self, tmp_path: Path, names: list[str]) -> None:
         write_channels(tmp_path / "maps.exr", dict.fromkeys(names, np.zeros((4, 4))))
-        with pytest.raises(FileFormatError, match="for its layer hi, expected one channel, or R"):
+        with pytest.raises(FileFormatError, match="it needs a single one, or R, G and B"):
             read_layers(tmp_path / "maps.exr")
 
     def test_files_that_others_cropped_or_tiled(self, tmp_path: Path) -> None:
@@ -168,10 +159,10 @@ class TestLayers:
                 changed[page] = bytes(len(changed[page]))
             path.write_bytes(changed)
             for reader in (read_layers, read_channels):
-                with pytest.raises(FileFormatError, match=r"maps\.exr: got a"):
+                with pytest.raises(FileFormatError, match=r"maps\.exr is (damaged|truncated)"):
                     reader(path)
 
-    def test_a_picture_made_of_some_of_them_is_another(self, tmp_path: Path) -> None:
+    def test_a_picture_made_of_some_layers_is_not_checked(self, tmp_path: Path) -> None:
         """Programs that cut and paste keep attributes that they do not know."""
         layers = {"hi": _noise(np.float32, (20, 9, 3)), "lo": _noise(np.float32, (20, 9))}
         write_layers(tmp_path / "maps.exr", layers)
@@ -203,11 +194,11 @@ class TestPictures:
         np.testing.assert_allclose(found, 0.2158605, rtol=FLOAT32)
 
     @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
-    def test_content_that_is_no_light_is_refused(self, tmp_path: Path, bad: float) -> None:
+    def test_values_that_are_not_finite_are_refused(self, tmp_path: Path, bad: float) -> None:
         light = np.ones((4, 4, 3), np.float32)
         light[1, 2, 0] = light[3, 3, 1] = bad
         write_image(tmp_path / "a.exr", light, ("R", "G", "B"))
-        with pytest.raises(FileFormatError, match=r"a\.exr: got 2 values that are NaN or infinite"):
+        with pytest.raises(FileFormatError, match=r"a\.exr: 2 values are NaN or infinite"):
             read_picture(tmp_path / "a.exr")
 
     def test_channels_are_found_by_name(self, tmp_path: Path) -> None:
@@ -215,15 +206,15 @@ class TestPictures:
         write_channels(tmp_path / "a.exr", planes)
         assert read_picture(tmp_path / "a.exr")[0, 0].tolist() == [3.0, 2.0, 4.0]
 
-    def test_a_grey_picture_is_refused_by_name(self, tmp_path: Path) -> None:
+    def test_a_grey_picture_is_refused(self, tmp_path: Path) -> None:
         write_image(tmp_path / "a.png", np.ones((4, 4), np.uint8))
-        with pytest.raises(FileFormatError, match=r"got channels Y, expected R, G and B"):
+        with pytest.raises(FileFormatError, match="has the channels Y; R, G and B are needed"):
             read_picture(tmp_path / "a.png")
 
 
 class TestDamage:
     @pytest.mark.parametrize(("suffix", "dtype"), KINDS)
-    @pytest.mark.parametrize("share", [0.02, 0.3, 0.6, 0.95])
+    @pytest.mark.parametrize("share", [0.02, 0.5, 0.95])
     def test_a_truncated_file_never_reads_as_pixels(
         self, tmp_path: Path, suffix: str, dtype: type, share: float
     ) -> None:
@@ -234,30 +225,23 @@ class TestDamage:
         for reader in (read_image, read_channels, read_layers, read_picture):
             with pytest.raises(FileFormatError) as caught:
                 reader(path)
-            assert str(caught.value).startswith(f"{path}: got ")
+            assert str(caught.value).startswith(f"{path} is ")
             assert "\n" not in str(caught.value)
 
     @pytest.mark.parametrize("content", [b"", b"this is no picture at all\n" * 9])
     def test_a_foreign_file(self, tmp_path: Path, content: bytes) -> None:
         path = tmp_path / "a.exr"
         path.write_bytes(content)
-        with pytest.raises(FileFormatError, match=r"a\.exr: got ") as caught:
+        with pytest.raises(FileFormatError, match=r"a\.exr is (not|truncated)") as caught:
             read_image(path)
         assert "\n" not in str(caught.value)
 
     def test_an_absent_file(self, tmp_path: Path) -> None:
-        with pytest.raises(
-            FileFormatError, match=r"none\.png: got no such file, expected an image"
-        ):
+        with pytest.raises(FileFormatError, match=r"none\.png: no such file; an image is needed"):
             read_image(tmp_path / "none.png")
 
-    @pytest.mark.parametrize("name", ["a.xyz", "a"])
-    def test_a_suffix_nobody_writes(self, tmp_path: Path, name: str) -> None:
-        with pytest.raises(FileFormatError, match=r"expected \.png, \.tif or \.exr"):
+    @pytest.mark.parametrize("name", ["a.jpg", "a"])
+    def test_other_suffixes_are_refused(self, tmp_path: Path, name: str) -> None:
+        with pytest.raises(FileFormatError, match=r"written as \.png, \.tif or \.exr"):
             write_image(tmp_path / name, np.ones((4, 4, 3), np.uint8))
-        assert list(tmp_path.iterdir()) == []
-
-    def test_a_lossy_suffix_is_refused(self, tmp_path: Path) -> None:
-        with pytest.raises(FileFormatError, match=r"expected \.png, \.tif or \.exr"):
-            write_image(tmp_path / "a.jpg", np.ones((4, 4, 3), np.uint8))
         assert list(tmp_path.iterdir()) == []

@@ -11,9 +11,9 @@ from procam.errors import ShapeError, UnitError
 from procam.maths.geometry.lenses import project
 from procam.model.frame import CameraSettings
 from simulators.devices import SimulatedCamera, SimulatedProjector
+from simulators.photograph_bench import PhotographBench
 from simulators.presets import IDEAL, PRESETS, PresetName
 from simulators.scene import DomeScene
-from simulators.study import PhotographBench
 
 SHAPE = (*PANEL[::-1], 1)
 WHITE = np.full(SHAPE, 255, np.uint8)

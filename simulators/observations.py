@@ -7,14 +7,14 @@ from numpy.typing import NDArray
 
 from procam.maths.geometry.lenses import project, unproject
 from procam.maths.geometry.pose import Pose, rotation_matrix
-from simulators.rig import CameraBuild, ProjectorBuild
+from simulators.builds import CameraBuild, ProjectorBuild
 from simulators.surface import Surface
 
 Array = NDArray[np.float64]
 PUPIL_STEPS = 6
 
 
-def shaken(
+def perturb_rig(
     builds: list[ProjectorBuild], cameras: list[CameraBuild], rng: np.random.Generator
 ) -> tuple[list[ProjectorBuild], list[CameraBuild]]:
     """The same rig hung by somebody else: turned by degrees, moved by decimetres, other zoom."""
@@ -37,7 +37,7 @@ def shaken(
     return hung, placed
 
 
-def points_lit(surface: Surface, build: ProjectorBuild, pixels: Array) -> Array:
+def lit_points(surface: Surface, build: ProjectorBuild, pixels: Array) -> Array:
     """Points (N, 3) [m] that projector pixels (N, 2) light; NaN beyond the blackout plates."""
     back = build.projector_from_dome.inverse()
     rays = back.rotate(unproject(pixels, build.lens))
@@ -47,7 +47,7 @@ def points_lit(surface: Surface, build: ProjectorBuild, pixels: Array) -> Array:
     return np.where(lit[:, None], point, np.nan)
 
 
-def camera_sees(camera: CameraBuild, points: Array) -> Array:
+def camera_pixels(camera: CameraBuild, points: Array) -> Array:
     """Camera pixels (N, 2) of points (N, 3) [m]; NaN outside of the picture."""
     place = camera.camera_from_dome.apply(points)
     shift = np.zeros(len(points))
@@ -61,7 +61,7 @@ def camera_sees(camera: CameraBuild, points: Array) -> Array:
     return np.where((inside & (radius < min(camera.size) / 2))[:, None], pixels, np.nan)
 
 
-def sightings(
+def simulate_observations(
     surface: Surface,
     build: ProjectorBuild,
     camera: CameraBuild,
@@ -77,7 +77,7 @@ def sightings(
     x, y = (np.arange(patch_px / 2 - 0.5, n, patch_px) for n in (width, height))
     centres = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
     off = centres + rng.normal(0, sigma_px, centres.shape)
-    seen = camera_sees(camera, points_lit(surface, build, off))
+    seen = camera_pixels(camera, lit_points(surface, build, off))
     keep = np.isfinite(seen).all(axis=1)
     return seen[keep], centres[keep]
 

@@ -12,7 +12,7 @@ from tolerances import CLOSED_FORM, FLOAT32, SIGMAS
 import simulators.truth
 from procam.errors import InputError, ShapeError, UnitError
 from procam.files.calibration import load_calibration
-from procam.files.images.images import read_picture
+from procam.files.images.stills import read_picture
 from procam.maths.geometry.lenses import project
 from procam.maths.geometry.sphere import master_solid_angles
 from procam.model.frame import CameraSettings, Frame

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from procam.maths.geometry.lenses import unproject
 from procam.maths.geometry.sphere import grid_solid_angles, normalise
+from simulators.builds import ProjectorBuild
 from simulators.presets import Preset
-from simulators.rig import ProjectorBuild
 from simulators.surface import Surface
 from simulators.transport import dome_patch
 
