@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from procam.compensate.exact import Compensated, Compensator
 from procam.compensate.projector_frames import projector_frames
 from procam.devices.rig import Rig
-from procam.estimate.closed_loop.dome import DomeLoop, noise_by_level, refined_calibration
+from procam.estimate.closed_loop import DomeLoop, noise_by_level, refined_calibration
 from procam.estimate.closed_loop.patches import (
     MAX_CORRECTIONS,
     MIN_PHOTOGRAPHS,
