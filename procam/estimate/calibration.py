@@ -2,8 +2,8 @@
 
 Light is measured in camera channels. `assemble` converts it to content channels, in which the mean
 projector's primaries are the unit vectors; computes footprints, blend weights and the common white;
-estimates scatter, feedback and albedo of the dome; and samples everything on the maps of a dome master.
-The light of each projector (`ProjectorMeasurement`) comes from `workflows.solve.light`.
+estimates scatter, feedback and albedo of the dome (`light.dome_scatter`); and samples everything on
+the maps of a dome master. `workflows.solve.light` measures the light of each projector.
 """
 
 from collections.abc import Mapping, Sequence
@@ -16,12 +16,8 @@ from numpy.typing import NDArray
 from procam.estimate.geometry.camera_view import DomeView
 from procam.estimate.geometry.solve import MAX_SPHERE_RATIO, GeometrySolution
 from procam.estimate.light.blend import Blender, common_white
-from procam.estimate.light.floor_albedo import (
-    FloorLight,
-    combined_floor_albedo,
-    discrepancy,
-    measure_floor,
-)
+from procam.estimate.light.dome_scatter import DomeScatter, measure_scatter
+from procam.estimate.light.floor_albedo import floor_notes
 from procam.estimate.light.footprint import camera_pixels, lit_share, project_surface
 from procam.estimate.light.luminance_matching import matched_white
 from procam.estimate.light.projector_response import ColourFit
@@ -29,14 +25,10 @@ from procam.estimate.light.scatter_kernel import (
     BLACK_BLUR_PX,
     CELLS,
     ScatterSample,
-    ScatterSolution,
-    solve_scatter,
 )
-from procam.estimate.light.separation import SeparatedLight, estimate_albedo, estimate_feedback
+from procam.estimate.light.separation import SeparatedLight
 from procam.maths.geometry.sphere import (
-    cap_solid_angle,
     master_directions,
-    master_pixels,
     master_solid_angles,
 )
 from procam.maths.warp import blur, sample
@@ -46,14 +38,12 @@ from procam.model.mask import Nudge
 from procam.model.photometry import Photometry, ResponseCurve
 from procam.model.quality import Figure, Goal
 from procam.model.screen import Dome
-from procam.model.transport import DomeMaps, Measured
+from procam.model.transport import DomeMaps
 
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
 MAP_SIZE = 1024
 COVERED = 0.999  # coverage of a pixel that limits the common white
-MAX_DISCREPANCY = 3.0  # sigmas, between the floor albedo in venue.toml and the measured one
-ROUGH_ALBEDO = 0.5  # the distribution of scattered light hardly depends on it
 MAX_ADDITIVITY_ERROR = 0.01
 
 
@@ -111,7 +101,10 @@ def assemble(
     white = common_white(hi / shape[..., None], lit)
     to_relative = np.diag(1 / white) @ unmix
     samples = [[x.converted(unmix) for x in m.scatter_samples] for m in measured.values()]
-    scatter = _measure_scatter(dome, view, master, list(content.values()), samples, hi)
+    lights = list(content.values())
+    scatter = measure_scatter(
+        dome, view, lights, samples, master.flux_in_cells(hi), master.coverage
+    )
     lo = master.black_level(measured, to_relative)
     maps = DomeMaps(
         *master.scatter_and_albedo(scatter),
@@ -125,6 +118,8 @@ def assemble(
         name: _projector(geometry, name, surfaces[name], measured, light.extended / white, blender)
         for name, light in content.items()
     }
+    notes = [note for m in measured.values() for note in m.notes]
+    notes += floor_notes(dome, scatter.floor)
     return Calibration(
         scatter.dome,
         geometry.rig.cameras,
@@ -134,7 +129,7 @@ def assemble(
         scatter.albedo,
         to_relative,
         _quality(geometry, measured, master, scatter),
-        {**provenance, "notes": [*provenance.get("notes", []), *_notes(measured, dome, scatter)]},
+        {**provenance, "notes": [*provenance.get("notes", []), *notes]},
     )
 
 
@@ -171,7 +166,7 @@ class _Master:
             light.reshape(CELLS, fine, CELLS, fine, -1).sum(axis=(1, 3)).reshape(CELLS**2, -1)
         )
 
-    def scatter_and_albedo(self, scatter: "_Scatter") -> tuple[Image, Image]:
+    def scatter_and_albedo(self, scatter: DomeScatter) -> tuple[Image, Image]:
         """Maps (N, N, C) of u [1/sr] and of the albedo.
 
         u of full white is proportional to the albedo, to .3 % over a floor of albedo .1. The profile
@@ -199,59 +194,6 @@ def _direct_share(light: SeparatedLight) -> Image:
     """Direct over total light (H, W, 3) of a projector's white; 0 where it does not light."""
     both = np.maximum(light.direct + light.scattered, 1e-9)
     return np.where(light.lit[..., None], light.direct / both, 0)
-
-
-def _notes(
-    measured: Mapping[str, ProjectorMeasurement], dome: Dome, scatter: "_Scatter"
-) -> list[str]:
-    """Notes on each projector, and on a floor albedo that contradicts venue.toml."""
-    notes, floor = [note for m in measured.values() for note in m.notes], scatter.floor
-    if discrepancy(dome, floor) < MAX_DISCREPANCY:
-        return notes
-    note = (
-        f"floor_albedo is {dome.floor_albedo:g} +- {dome.floor_albedo_sigma:g} in venue.toml, but "
-        f"{floor.albedo:.2f} +- {floor.sigma:.2f} by the light that the floor returns; only the albedo "
-        "of the screen depends on it"
-    )
-    return [*notes, note]
-
-
-@dataclass(frozen=True, slots=True)
-class _Scatter:
-    """Scatter, feedback and albedo of the dome; `dome` has the combined floor albedo."""
-
-    dome: Dome
-    solution: ScatterSolution
-    floor: FloorLight
-    feedback: Measured
-    albedo: Measured
-
-
-def _measure_scatter(
-    dome: Dome,
-    view: DomeView,
-    master: _Master,
-    lights: list[SeparatedLight],
-    samples: list[list[ScatterSample]],
-    hi: Array,
-) -> _Scatter:
-    white, together = master.flux_in_cells(hi), [x for each in samples for x in each]
-    solution = solve_scatter(lights, samples, view, white)
-    floor = measure_floor(together, solution.in_cells, white, dome, ROUGH_ALBEDO)
-    value, sigma = combined_floor_albedo(dome, floor)
-    dome = replace(dome, floor_albedo=value, floor_albedo_sigma=sigma)
-    at = master_pixels(np.nan_to_num(view.direction), MAP_SIZE)
-    m = estimate_feedback(
-        lights,
-        solution.relative_gains,
-        sample(master.coverage, at) * view.solid_angle_sr,
-        view.solid_angle_sr,
-        glare_sigma=view.camera.sensor.glare_sigma,
-        flux_sigma=floor.flux_inconsistency / np.sqrt(len(together)),
-    )
-    screen_sr, lit_sr = cap_solid_angle(dome.half_angle), float(master.solid_sr.sum())
-    rho = estimate_albedo(m, lit_sr, screen_sr, dome, floor.flux_inconsistency)
-    return _Scatter(dome, solution, floor, m, rho)
 
 
 def _content_matrix(measured: Mapping[str, ProjectorMeasurement]) -> Array:
@@ -302,7 +244,7 @@ def _quality(
     geometry: GeometrySolution,
     measured: Mapping[str, ProjectorMeasurement],
     master: _Master,
-    scatter: "_Scatter",
+    scatter: DomeScatter,
 ) -> dict[str, Figure]:
     residual = np.concatenate(list(geometry.residual_px.values()))
     floor, fit = scatter.floor, scatter.solution.fit

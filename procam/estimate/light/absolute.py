@@ -3,31 +3,31 @@
 A camera's spectral response differs from that of the standard observer, above all for laser light, but
 a camera compares places well. So the calibration gives the relative light in content channels at the
 place of each reading, and the readings determine the 3 x 3 matrix from content light to XYZ [cd/m2], by
-least squares on x, y and Y with the errors of the meter (`_Samples.solve`). The result is then tested:
+least squares (`meter_samples`). The result is then tested:
 does the light of each projector add up, does every projector agree with the others, do the residuals
 agree with the meter's errors, and does black agree with the calibration?
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
-from scipy.special import chdtrc
 
 from procam.errors import NotEnoughData
-from procam.estimate.light.colour_spaces import colour_difference, xyy_from_xyz
+from procam.estimate.light.colour_spaces import colour_difference
+from procam.estimate.light.meter_samples import (
+    METER_SIGMA,
+    MeterSamples,
+    probability,
+    reduced_chi2,
+)
 from procam.estimate.light.panel_light import PanelLight
 from procam.model.calibration import Calibration
 from procam.model.reading import BLACK, MeterReading, Spot, spot_name
 
 Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-METER_SIGMA = np.array([0.002, 0.002, 0.02])  # of x, y and, relative, Y: data sheets of hand meters
 MIN_PATCHES = 3
-TIGHT = 1e-12  # relative tolerance of the solver
-IMPROBABLE = 0.01  # probability of the residuals below which the sigmas are scaled up
 CONTRADICTION = 1e-3  # probability of one projector's readings given the others'
 LARGEST_ADDITIVITY = 0.02
 LARGEST_RESIDUAL = 2.0  # mean dE2000
@@ -116,9 +116,9 @@ def fit_absolute(readings: Sequence[MeterReading], calibration: Calibration) -> 
     light = PanelLight(calibration)
     blacks = {r.spot: r.xyz for r in readings if r.patch == BLACK}
     dark = {r.spot: light.black(r) for r in readings}
-    samples = _Samples.of(lit, light, blacks, dark)
+    samples = MeterSamples.of(lit, light, blacks, dark)
     matrix, covariance = samples.solve()
-    chi2, white = _reduced_chi2(samples, matrix), matrix.sum(axis=1)
+    chi2, white = reduced_chi2(samples, matrix), matrix.sum(axis=1)
     each = _additivities(readings, {s: matrix @ d for s, d in dark.items()} | blacks)
     additivity = max(each, key=lambda found: abs(found.error), default=None)
     notes = [
@@ -138,99 +138,7 @@ def fit_absolute(readings: Sequence[MeterReading], calibration: Calibration) -> 
     )
 
 
-@dataclass(frozen=True, slots=True)
-class _Samples:
-    """Readings as arrays; xyz = content @ matrix.T + offset, up to the meter's errors.
-
-    `name`, `patch` (n,); `content`, `offset`, `xyz` (n, 3); `sigma` (n, 3) of x, y and, relative, Y;
-    `level` (n,) the Y to which it is relative.
-    """
-
-    name: NDArray[np.str_]
-    patch: NDArray[np.str_]
-    content: Array
-    offset: Array
-    xyz: Array
-    sigma: Array
-    level: Array
-
-    @classmethod
-    def of(
-        cls,
-        lit: Sequence[MeterReading],
-        light: PanelLight,
-        blacks: dict[Spot, Array],
-        dark: dict[Spot, Array],
-    ) -> "_Samples":
-        nothing = np.zeros(3)
-        added = [nothing if r.spot in blacks else dark[r.spot] for r in lit]
-        return cls(
-            np.array([r.projector for r in lit]),
-            np.array([r.patch for r in lit]),
-            np.array([light.patch(r) for r in lit]) + added,
-            np.array([blacks.get(r.spot, nothing) for r in lit]),
-            np.array([r.xyz for r in lit]),
-            METER_SIGMA / np.sqrt([[r.count] for r in lit]),
-            np.array([r.xyz[1] for r in lit]),
-        )
-
-    def only(self, use: Mask) -> "_Samples":
-        """A subset of the readings."""
-        return _Samples(*(getattr(self, field.name)[use] for field in fields(self)))
-
-    def predicted(self, matrix: Array) -> Array:
-        """Predicted XYZ (n, 3) [cd/m2]."""
-        return self.content @ matrix.T + self.offset
-
-    def residual(self, matrix: Array) -> Array:
-        """Residual (n, 3) of x, y and Y in the meter's sigmas."""
-        read, predicted = xyy_from_xyz(self.xyz), xyy_from_xyz(self.predicted(matrix))
-        return (read - predicted) / self._sigmas
-
-    def slopes(self, matrix: Array) -> Array:
-        """Derivatives (n, 3, 9) of the residual by the matrix, row by row."""
-        xyz = self.predicted(matrix)
-        total = xyz.sum(axis=1)[:, None, None]
-        by_xyz = np.zeros((len(xyz), 3, 3))
-        by_xyz[:, :2] = np.eye(3)[:2] / total - xyz[:, :2, None] / total**2
-        by_xyz[:, 2, 1] = 1
-        by_xyz /= self._sigmas[..., None]
-        return -np.einsum("nab,nc->nabc", by_xyz, self.content).reshape(-1, 3, 9)
-
-    def solve(self) -> tuple[Array, Array]:
-        """The matrix (3, 3) and the covariance (9, 9) of its entries."""
-        weight = 1 / self.xyz[:, 1:2]
-        light = (self.xyz - self.offset) * weight
-        start = np.asarray(np.linalg.lstsq(self.content * weight, light, rcond=None)[0].T, float)
-        # weights from the readings themselves would favour those that are low by chance
-        expected = np.clip(self.predicted(start)[:, 1], self.level / 2, self.level * 2)
-        return replace(self, level=expected)._refined(start)
-
-    def _refined(self, start: Array) -> tuple[Array, Array]:
-        def residual(entries: Array) -> Array:
-            return self.residual(entries.reshape(3, 3)).ravel()
-
-        def slopes(entries: Array) -> Array:
-            return self.slopes(entries.reshape(3, 3)).reshape(-1, 9)
-
-        found = least_squares(residual, start.ravel(), slopes, method="lm", xtol=TIGHT, ftol=TIGHT)
-        final = slopes(found.x)
-        return found.x.reshape(3, 3), np.asarray(np.linalg.inv(final.T @ final))
-
-    @property
-    def _sigmas(self) -> Array:
-        ones = np.ones_like(self.level)
-        return self.sigma * np.stack([ones, ones, self.level], axis=1)
-
-
-def _reduced_chi2(samples: _Samples, matrix: Array) -> float:
-    """Chi squared per degree of freedom if it is improbably large, else 1."""
-    freedom = samples.xyz.size - matrix.size
-    square = float(np.sum(samples.residual(matrix) ** 2))
-    return square / freedom if freedom > 0 and chdtrc(freedom, square) < IMPROBABLE else 1.0
-
-
-def _contradiction_note(samples: _Samples, white: Array) -> Iterator[str]:
+def _contradiction_note(samples: MeterSamples, white: Array) -> Iterator[str]:
     """The projector that contradicts the others most, if chance hardly explains it."""
     found = []
     for name in np.unique(samples.name):
@@ -238,8 +146,8 @@ def _contradiction_note(samples: _Samples, white: Array) -> Iterator[str]:
         if len(set(rest.patch)) >= MIN_PATCHES:
             matrix, covariance = rest.solve()
             # an error that all share, such as white boost, is no contradiction
-            scale = _reduced_chi2(rest, matrix)
-            chance = _chance(own, matrix, covariance, scale)
+            scale = reduced_chi2(rest, matrix)
+            chance = probability(own, matrix, covariance, scale)
             found.append((chance, name, own, own.predicted(matrix)))
     chance, name, own, predicted = min(
         found, key=lambda each: each[0], default=(1.0, "", samples, white)
@@ -253,14 +161,6 @@ def _contradiction_note(samples: _Samples, white: Array) -> Iterator[str]:
             f"{apart:.1f}; check that all projectors are of one type, that the others were shuttered, and "
             "that no lamp has changed since the calibration"
         )
-
-
-def _chance(samples: _Samples, matrix: Array, covariance: Array, scale: float) -> float:
-    """Probability of readings as far from their prediction, with all variances times `scale`."""
-    slopes = samples.slopes(matrix).reshape(-1, 9)
-    residual = samples.residual(matrix).ravel()
-    variance = np.eye(len(residual)) + slopes @ covariance @ slopes.T
-    return float(chdtrc(len(residual), residual @ np.linalg.solve(variance, residual) / scale))
 
 
 def _black_notes(

@@ -28,6 +28,7 @@ MIN_PICTURES = 4  # for a standard deviation
 UNKNOWN_INCONSISTENCY = 0.01  # relative, with fewer pictures
 MODEL_SIGMA = 0.1  # relative: seats and steps are no level floor
 MIN_SIGMA = 1e-6  # of a floor albedo in venue.toml
+MAX_DISCREPANCY = 3.0  # sigmas, between the floor albedo in venue.toml and the measured one
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,6 +140,17 @@ def discrepancy(dome: Dome, measured: FloorLight) -> float:
     return abs(measured.albedo - dome.floor_albedo) / float(
         np.hypot(max(dome.floor_albedo_sigma, MIN_SIGMA), measured.sigma)
     )
+
+
+def floor_notes(dome: Dome, measured: FloorLight) -> list[str]:
+    """A note for the report if the measured floor albedo contradicts venue.toml."""
+    if discrepancy(dome, measured) < MAX_DISCREPANCY:
+        return []
+    return [
+        f"floor_albedo is {dome.floor_albedo:g} +- {dome.floor_albedo_sigma:g} in venue.toml, but "
+        f"{measured.albedo:.2f} +- {measured.sigma:.2f} by the light that the floor returns; only the "
+        "albedo of the screen depends on it"
+    ]
 
 
 class _Room:

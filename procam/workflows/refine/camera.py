@@ -10,8 +10,8 @@ from procam.errors import OutOfModelRange
 from procam.estimate.camera.exposure import green, noise_of_repeat
 from procam.estimate.camera.noise import NO_NOISE
 from procam.estimate.camera.radiance import Radiometer
+from procam.estimate.closed_loop import LoopCells
 from procam.estimate.closed_loop.brackets import bracket_for, merged_frame
-from procam.estimate.closed_loop.dome import LoopCells
 from procam.estimate.geometry.camera_view import DomeView
 from procam.model.calibration import Calibration
 from procam.model.frame import CameraSettings, Frame

@@ -1,67 +1,26 @@
 """The closed loop on a dome master against a known plant."""
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from small_loop import LOOP_SIZE, SIZE, observed
 from tolerances import FLOAT32
 
 from procam.errors import NotEnoughData
-from procam.estimate.closed_loop import dome
 from procam.estimate.closed_loop.dome import (
     CELL_ARCMIN,
     DomeLoop,
     LoopCells,
     low_pass_cells,
     noise_by_level,
-    refined_calibration,
 )
-from procam.maths.geometry.sphere import master_directions, master_pixels, master_solid_angles
+from procam.maths.geometry.sphere import master_directions, master_pixels
 from procam.maths.warp import sample
 from procam.model.calibration import Calibration
 from procam.model.mask import Mask
 
 Image = np.ndarray
-LOOP_SIZE = 64  # a quarter of the real one: the same arithmetic, sixteen times as fast
-SIZE = 128
-
-
-@pytest.fixture(scope="module", autouse=True)
-def few_cells() -> Iterator[None]:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(dome, "LOOP_SIZE", LOOP_SIZE)
-        yield
-
-
-@pytest.fixture(scope="module")
-def cells(few_cells: None) -> LoopCells:
-    """A camera whose pixels are a dome master twice as fine as the loop's cells."""
-    direction, inside = master_directions(2 * LOOP_SIZE)
-    return LoopCells.of(direction.astype(np.float32), inside & (direction[..., 2] > 0.02))
-
-
-@pytest.fixture
-def direct(calibration: Calibration) -> Image:
-    """Half of white above 20 degrees; the rest is at the black level."""
-    direction, inside = master_directions(SIZE)
-    lo = sample(calibration.maps.lo, master_pixels(direction, calibration.maps.size))
-    high = (direction[..., 2] > np.sin(np.radians(20.0)))[..., None]
-    return np.where(high, 0.5, lo).astype(np.float32) * inside[..., None]
-
-
-@pytest.fixture
-def loop(calibration: Calibration, cells: LoopCells, direct: Image) -> DomeLoop:
-    return DomeLoop(calibration, cells, direct, _observed(calibration, direct))
-
-
-def _observed(calibration: Calibration, direct: Image) -> Image:
-    """Total light of direct light, by the calibration's scalar kernel."""
-    direction, _ = master_directions(SIZE)
-    where = master_pixels(direction, calibration.maps.size)
-    lit = (sample(calibration.maps.coverage, where) * master_solid_angles(SIZE))[..., None]
-    scatter = sample(calibration.maps.scatter_per_flux, where)
-    return (direct + scatter * (lit * direct).sum(axis=(0, 1))).astype(np.float32)
 
 
 def _sigma() -> np.ndarray:
@@ -118,9 +77,9 @@ class TestLoop:
         """Preconditioned by the dome's own scatter, the loop is dead-beat."""
         ripple = 0.02 * np.sin(8 * master_directions(SIZE)[0]).astype(np.float32)
         dimmed = direct * (1 + ripple)
-        loop.update(cells.average_master(_observed(calibration, dimmed)), _sigma(), 4)
-        after = _observed(calibration, loop.picture * (1 + ripple))
-        before = loop.residual(cells.average_master(_observed(calibration, dimmed)))
+        loop.update(cells.average_master(observed(calibration, dimmed)), _sigma(), 4)
+        after = observed(calibration, loop.picture * (1 + ripple))
+        before = loop.residual(cells.average_master(observed(calibration, dimmed)))
         left = loop.residual(cells.average_master(after))
         inner = loop.free & (loop.direction[..., 2:] > np.sin(np.radians(30)))  # clear of the edge
         assert np.abs(left[inner]).mean() < 0.03 * np.abs(before[inner]).mean()
@@ -208,56 +167,6 @@ class TestNoise:
         found = noise_by_level(seen, count)
         inner = (slice(None), slice(4, -4))
         np.testing.assert_allclose(found[inner], true[inner], rtol=0.15)
-
-
-class TestRefinedCalibration:
-    @pytest.fixture
-    def refined(self, loop: DomeLoop, calibration: Calibration) -> Calibration:
-        """By a loop that found 5 % too little light everywhere and 10 % more scatter."""
-        loop.state.surplus = -0.05 * loop._asked[loop._inside]
-        loop.state.scatter_factor[:] = 1.1
-        return refined_calibration(calibration, loop)
-
-    def test_gains_are_light_got_per_light_asked(
-        self, loop: DomeLoop, calibration: Calibration, refined: Calibration
-    ) -> None:
-        factor = loop.gain_factor()
-        np.testing.assert_allclose(factor[loop.free], 0.95, rtol=1e-5)
-        rim = loop.direction[..., 2] < np.sin(
-            np.radians(-5)
-        )  # far from all cells that the camera sees
-        assert (factor[rim] == 1.0).all()
-        for name, old in calibration.projectors.items():
-            high = old.surface.direction[..., 2] > np.sin(np.radians(30))
-            gain = refined.projectors[name].photometry.gain
-            np.testing.assert_allclose(gain[high], 0.95 * old.photometry.gain[high], rtol=1e-4)
-
-    def test_cells_that_no_pixel_sees_follow_their_neighbours(
-        self, calibration: Calibration, direct: Image
-    ) -> None:
-        direction, inside = master_directions(2 * LOOP_SIZE)
-        inside = inside & (direction[..., 2] > 0.02)
-        inside[LOOP_SIZE : LOOP_SIZE + 2] = False  # a row of cells at the zenith
-        few = LoopCells.of(direction.astype(np.float32), inside)
-        loop = DomeLoop(calibration, few, direct, _observed(calibration, direct))
-        loop.state.surplus = -0.05 * loop._asked[loop._inside]
-        hole = (LOOP_SIZE // 2, slice(LOOP_SIZE // 2 - 5, LOOP_SIZE // 2 + 5))
-        assert (few.count[hole] == 0).all()
-        np.testing.assert_allclose(loop.gain_factor()[hole], 0.95, rtol=1e-5)
-
-    def test_feedback_maps_and_albedo_follow(
-        self, calibration: Calibration, refined: Calibration
-    ) -> None:
-        np.testing.assert_allclose(refined.feedback.value, 1.1 * calibration.feedback.value)
-        np.testing.assert_allclose(
-            refined.maps.scatter_per_flux, 1.1 * calibration.maps.scatter_per_flux, rtol=FLOAT32
-        )
-        centre = calibration.maps.size // 2
-        hi, was = (c.maps.hi[centre, centre] for c in (refined, calibration))
-        lo = calibration.maps.lo[centre, centre]
-        np.testing.assert_allclose(hi - lo, 0.95 * (was - lo), rtol=1e-4)
-        brighter = refined.albedo.value / calibration.albedo.value
-        assert ((brighter > 1.03) & (brighter < 1.1)).all()
 
 
 def _registered(calibration: Calibration, arcmin: float) -> Calibration:
