@@ -23,11 +23,9 @@ from procam.estimate.projector_tests.patches import (
     direct_light,
     find_patches,
 )
-from procam.estimate.projector_tests.patterns import PatchLayout
 
 __all__ = [
     "Effect",
-    "PatchLayout",
     "PatchLight",
     "Patches",
     "Steps",

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from procam.errors import InputError, NotEnoughData, ShapeError
 from procam.estimate.structured_light.axis import AxisResult, SinusoidDecoder
-from procam.estimate.structured_light.codes import AXES, Axis, Code, Plane
+from procam.estimate.structured_light.codes import AXES, Code, Plane
 from procam.estimate.structured_light.defocus_bias import correct_defocus_bias
 from procam.estimate.structured_light.limits import DecodeLimits, default_limits, dropped_samples
 from procam.estimate.structured_light.outliers import drop_outliers
@@ -122,15 +122,11 @@ class Decoder:
         if self._clipped > CLIPPED_SHARE:
             self._notes.append(f"white is saturated in {self._clipped:.0%} of the lit pixels")
         for axis in AXES:
-            self._axes[axis] = self._axis_decoder(axis, white, black)
-
-    def _axis_decoder(
-        self, axis: Axis, white: Samples, black: Samples
-    ) -> StripeDecoder | SinusoidDecoder:
-        coding = self.code.axis(axis)
-        if coding.codewords is not None:
-            return StripeDecoder(coding.codewords, white, black, self._limits)
-        return SinusoidDecoder(coding, axis, white, black, self._limits)
+            coding = self.code.axis(axis)
+            if coding.codewords is None:
+                self._axes[axis] = SinusoidDecoder(coding, axis, white, black, self._limits)
+            else:
+                self._axes[axis] = StripeDecoder(coding.codewords, white, black, self._limits)
 
     def _without_defocus_bias(
         self, found: CorrespondenceMap, x: AxisResult, y: AxisResult, span: Map

@@ -1,7 +1,6 @@
 """Checks of the brightness of a set of photographs: white, black, and patterns without light."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -16,10 +15,8 @@ DARK_SHARE = 0.2  # of the light that a pattern should have: with less it counts
 MIN_LIGHT = 0.15  # of white's: a pattern with less may have none where the camera looks
 BETWEEN_LIGHT = 0.2  # of white's, above which a pattern counts in the median
 MOST_LIT = 0.4  # of the patterns have light, whatever part of the panel is seen
-MEDIAN_LIGHT = (
-    0.3,
-    0.8,
-)  # of white's: half, with some room for a camera that sees part of the panel
+# Median light of the patterns, of white's: half, and more or less where part of the panel is seen.
+MEDIAN_LIGHT = (0.3, 0.8)
 CLIPPED_SHARE = 0.05
 BEYOND, MAX_BEYOND = 0.3, 0.1  # of a pixel's range, and share of the lit pixels
 
@@ -85,24 +82,17 @@ def drop_dark(code: Code, photos: ProbedSet, order: Order) -> list[str]:
 
     A pattern whose inverse has all the light is kept: the camera may see only half of the panel.
     """
-    light = [None if p is None else float(photos.probes[p].mean()) for p in order]
-    white, black = light[0], light[1]
-    assert white is not None and black is not None
+    light = [np.nan if p is None else float(photos.probes[p].mean()) for p in order]
+    share = (np.array(light) - light[1]) / (light[0] - light[1])  # of white's
     notes = []
     for index, photo in enumerate(order):
         plane = code.planes[index]
         if plane.axis == "" or photo is None:
             continue
         expected = float(code.axis(plane.axis).line(plane).mean())
-        share = (photos.probes[photo].mean() - black) / (white - black)
-        inverse = _inverse_of(code, index)
-        other = None if inverse is None else light[inverse]
-        if (
-            other is not None
-            and share + (other - black) / (white - black) > 1 - DARK_SHARE * expected
-        ):
-            continue
-        if expected > MIN_LIGHT and share < DARK_SHARE * expected:
+        inverse = share[index ^ 1] if plane.kind == "binary" else np.nan  # the pairs begin at 2
+        complete = share[index] + inverse > 1 - DARK_SHARE * expected
+        if not complete and expected > MIN_LIGHT and share[index] < DARK_SHARE * expected:
             notes.append(f"{photos.names[photo]}: black, expected {plane}; left out")
             order[index] = None
     return notes
@@ -147,11 +137,3 @@ def _clipping(photos: ProbedSet, white: int, black: int) -> list[str]:
     return [
         f"{photos.names[white]}: white is clipped in {clipped:.0%} of the lit pixels; expose shorter"
     ]
-
-
-def _inverse_of(code: Code, index: int) -> int | None:
-    """The plane with bright and dark exchanged, if the code has it."""
-    plane = code.planes[index]
-    if plane.kind != "binary":
-        return None
-    return code.planes.index(replace(plane, inverse=not plane.inverse))

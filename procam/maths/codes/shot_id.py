@@ -51,7 +51,7 @@ def shot_id_blocks(
 
     The shorter side of the panel has the length of `cells` cells of a tag.
 
-    >>> tag_blocks((1280, 800))[0]
+    >>> shot_id_blocks((1280, 800))[0]
     (610, 361, 60, 78)
     """
     if size[0] < SMALLEST_PANEL[0] or size[1] < SMALLEST_PANEL[1]:
