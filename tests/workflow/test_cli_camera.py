@@ -211,13 +211,13 @@ class TestRefuses:
                 )
                 for edge in ("nan", "inf", "1e-300", "-20")
             ),
-            (("--squares", "3x7", "--square-mm", "20"), "got 3x7 squares of 20 mm"),
+            (("--squares", "3x7", "--square-mm", "20"), "3x7 squares of 20 mm are no board"),
             ((*BOARD, "--model", "equidistant"), "--model: got 'equidistant', expected brown or"),
             ((*BOARD, "--board", "circles"), "--board: got 'circles', expected checkerboard or"),
-            ((*BOARD, "--board", "charuco"), "got markers of 0 mm in squares of 20 mm"),
+            ((*BOARD, "--board", "charuco"), "markers of 0 mm do not fit into squares of 20 mm"),
             (
                 (*BOARD, "--board", "charuco", "--marker-mm", "14", "--dictionary", "DICT_9X9"),
-                "got the dictionary 'DICT_9X9'",
+                "no marker dictionary 'DICT_9X9'",
             ),
         ],
     )

@@ -10,7 +10,7 @@ Mask = NDArray[np.bool_]
 Samples = NDArray[Any]
 
 
-def dark_line(
+def fit_dark_frames(
     short: Samples, long: Samples, exposures_s: tuple[float, float]
 ) -> tuple[float, Array]:
     """Black level [DN], and room light with dark current (H, W) [DN/s], of two dark photographs.
@@ -47,6 +47,6 @@ def grey_gamma(grey: Samples, white: Samples, black: Samples, lit: Mask, drive: 
     return float(np.log(max(float(np.median(share)), 1e-6)) / np.log(drive))
 
 
-def grown_brightness(first: Samples, second: Samples, lit: Mask) -> float:
+def brightness_ratio(first: Samples, second: Samples, lit: Mask) -> float:
     """Brightness of the second photograph over the first, (H, W) signals [DN] of one picture."""
     return float(np.median(second[lit]) / max(float(np.median(first[lit])), 1.0))

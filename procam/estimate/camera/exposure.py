@@ -22,20 +22,22 @@ from procam.model.optics import Sensor
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Counts = NDArray[Any]
-TARGET = 0.92  # of full scale for the brightest lit pixel: the rest is for its noise and for drift
-BRIGHTEST, DARKEST = (
+TARGET_LEVEL = (
+    0.92  # of full scale for the brightest lit pixel: the rest is for its noise and for drift
+)
+BRIGHT_QUANTILE, DARK_QUANTILE = (
     0.999,
     0.005,
 )  # quantiles of the lit pixels: a few are glints, or lie under a seam
-WANTED_SNR = 50.0
-STEP, LARGEST_STEP, MOST_STEPS = (
+TARGET_SNR = 50.0
+RATIO, MAX_RATIO, MAX_EXPOSURES = (
     4.0,
     8.0,
     3,
 )  # a bracket: what one exposure clips, the next shows well
 NEARLY = 1.1  # of an exposure: no picture is worth less than this
 BLACK_SIGMAS = 20.0  # of read noise, that black light should stand above the black level
-LONGEST_S = 60.0
+MAX_EXPOSURE_S = 60.0
 LIT_SHARE = 0.3  # of white - black that comes straight, for a pixel to count as lit
 CLEAR_SIGMAS = 6.0
 LEVELS, ROUNDS = 16, 4
@@ -53,7 +55,7 @@ class ExposurePlan:
     ----------
     exposure_s : keeps the brightest lit pixel just below saturation [s].
     bracket_s : exposures to merge (`hdr.merge_exposures`) for the darkest lit pixels to reach
-        `WANTED_SNR`; one alone where it is enough [s].
+        `TARGET_SNR`; one alone where it is enough [s].
     black_exposure_s : black light stands clear of read noise [s].
     snr, snr_bracket : (white - black) of the darkest lit pixel over its single-frame sigma, at
         `exposure_s` and after merging the bracket [-].
@@ -93,7 +95,9 @@ class _Light:
         inner = self.inner()
         white = uniform_filter(self.white, 3)[inner]  # else noise itself makes the darkest
         span = white - uniform_filter(self.black, 3)[inner]
-        place = np.argpartition(span, int(DARKEST * span.size))[int(DARKEST * span.size)]
+        place = np.argpartition(span, int(DARK_QUANTILE * span.size))[
+            int(DARK_QUANTILE * span.size)
+        ]
         return float(white[place]), float(span[place])
 
 
@@ -114,7 +118,7 @@ def plan_exposures(
     white, black : (H, W) or (H, W, 3) raw counts [DN]. exposures_s : theirs [s].
     sensor : bits and black level. panel : (width, height) of the projector [px].
     direct : (H, W) counts of white that came straight from the projector, 0 where not lit, as from
-        `direct_light`; without it, from `lit_pixels`, all light there is taken for direct.
+        `direct_light`; without it, from `lit_by_brightness`, all light there is taken for direct.
     noise : variance of a signal above black [DN^2]; read off the pictures if not given.
 
     Raises
@@ -123,16 +127,16 @@ def plan_exposures(
         White is saturated. NotEnoughData : nothing is lit.
     """
     brightest = white.max(axis=2) if white.ndim == 3 else white
-    noise = noise or noise_of_pictures((green(white), green(black)), sensor)
+    noise = noise or noise_from_neighbours((green(white), green(black)), sensor)
     light = _light(green(white), green(black), exposures_s, sensor.black_level, direct)
-    peak = float(np.quantile(brightest[light.lit], BRIGHTEST)) - sensor.black_level
+    peak = float(np.quantile(brightest[light.lit], BRIGHT_QUANTILE)) - sensor.black_level
     if peak >= sensor.full_scale:
         raise OutOfModelRange(
-            f"white: got {1 - BRIGHTEST:.1%} or more of the lit pixels saturated at "
+            f"white: got {1 - BRIGHT_QUANTILE:.1%} or more of the lit pixels saturated at "
             f"{exposures_s[0]:g} s, expected less; try {0.25 * exposures_s[0]:.3g} s"
         )
-    exposure_s = rounded_down(TARGET * sensor.full_scale / peak * exposures_s[0])
-    bracket_s = _bracket(light.darkest(), noise, exposure_s, TARGET * sensor.full_scale)
+    exposure_s = round_down_exposure(TARGET_LEVEL * sensor.full_scale / peak * exposures_s[0])
+    bracket_s = _bracket(light.darkest(), noise, exposure_s, TARGET_LEVEL * sensor.full_scale)
     sigma = _column_sigma(light, noise, exposure_s, panel)
     return ExposurePlan(
         exposure_s,
@@ -141,22 +145,22 @@ def plan_exposures(
         merged_snr(light.darkest(), noise, (exposure_s,)),
         merged_snr(light.darkest(), noise, bracket_s),
         float(np.median(sigma)),
-        float(np.quantile(sigma, 1 - DARKEST)),
+        float(np.quantile(sigma, 1 - DARK_QUANTILE)),
         float(light.lit.mean()),
         peak / sensor.full_scale,
     )
 
 
 def meter(white: Counts, exposure_s: float, sensor: Sensor) -> float:
-    """The exposure [s] at which the brightest of a photograph reach `TARGET`; a quarter if clipped.
+    """The exposure [s] at which the brightest of a photograph reach `TARGET_LEVEL`; a quarter if clipped.
 
     Looks at the 99.9 percentile of all pixels and channels; an exposure without signal is multiplied
     by no more than 16.
     """
-    peak = float(np.quantile(white, BRIGHTEST)) - sensor.black_level
+    peak = float(np.quantile(white, BRIGHT_QUANTILE)) - sensor.black_level
     if peak >= sensor.full_scale:
         return 0.25 * exposure_s
-    return exposure_s * min(16.0, TARGET * sensor.full_scale / max(peak, 1.0))
+    return exposure_s * min(16.0, TARGET_LEVEL * sensor.full_scale / max(peak, 1.0))
 
 
 def green(counts: Counts) -> Counts:
@@ -177,7 +181,7 @@ def direct_light(first: Counts, second: Counts, span: Counts, noise_dn: ArrayLik
     return np.where(lit, np.minimum(direct, span), 0.0)
 
 
-def lit_pixels(span: Counts, noise_dn: float) -> Mask:
+def lit_by_brightness(span: Counts, noise_dn: float) -> Mask:
     """Pixels (H, W) lit directly, from white - black (H, W) alone: the brighter of two groups.
 
     Scattered light reaches everywhere, so the groups are split where their logarithms differ most
@@ -195,7 +199,7 @@ def lit_pixels(span: Counts, noise_dn: float) -> Mask:
     return np.asarray(clear & (span > np.exp(edges[1 + np.argmax(below * above * apart**2)])))
 
 
-def noise_of_pictures(pictures: Sequence[Counts], sensor: Sensor) -> NoiseLaw:
+def noise_from_neighbours(pictures: Sequence[Counts], sensor: Sensor) -> NoiseLaw:
     """Noise law from what photographs (H, W) of their own neighbourhood do not predict.
 
     Second differences along rows cancel slopes; texture of the screen counts as noise, so it is an
@@ -211,7 +215,7 @@ def noise_of_pictures(pictures: Sequence[Counts], sensor: Sensor) -> NoiseLaw:
     return _noise_law(np.concatenate(levels), np.concatenate(squares))
 
 
-def noise_of_repeat(first: Counts, second: Counts, sensor: Sensor) -> NoiseLaw:
+def noise_from_repeat(first: Counts, second: Counts, sensor: Sensor) -> NoiseLaw:
     """Noise law from two photographs (H, W) of one picture; a common change of brightness is no noise."""
     a, b = (np.asarray(c, float) - sensor.black_level for c in (first, second))
     sound = np.maximum(a, b) < sensor.full_scale
@@ -233,7 +237,7 @@ def exposure_for_snr(pixel: tuple[float, float], noise: NoiseLaw, snr: float) ->
     return float((shot + np.sqrt(shot**2 + 4 * (snr * span) ** 2 * noise.floor)) / (2 * span**2))
 
 
-def rounded_down(seconds: float) -> float:
+def round_down_exposure(seconds: float) -> float:
     """Seconds to two or three figures, never more [s]."""
     unit = 10.0 ** (np.floor(np.log10(seconds)) - 2)
     return float(f"{np.floor(seconds / unit) * unit:.3g}")
@@ -250,7 +254,9 @@ def _light(
     dark = (np.asarray(black, float) - level) / exposures_s[1]
     if direct is None:
         step = np.diff(rate, 2, axis=1)
-        lit = lit_pixels(rate - dark, MAD_SIGMA * float(np.median(np.abs(step))) / np.sqrt(6))
+        lit = lit_by_brightness(
+            rate - dark, MAD_SIGMA * float(np.median(np.abs(step))) / np.sqrt(6)
+        )
         straight = np.where(lit, rate - dark, 0.0)
     else:
         straight = np.asarray(direct, float) / exposures_s[0]
@@ -266,13 +272,13 @@ def _light(
 def _bracket(
     pixel: tuple[float, float], noise: NoiseLaw, exposure_s: float, ceiling_dn: float
 ) -> tuple[float, ...]:
-    """Exposures [s] by equal ratios from `exposure_s` until the pixel reaches `WANTED_SNR`."""
-    longest_s = min(exposure_for_snr(pixel, noise, WANTED_SNR), ceiling_dn / pixel[0])
-    ratio = min(longest_s, LONGEST_S) / exposure_s
+    """Exposures [s] by equal ratios from `exposure_s` until the pixel reaches `TARGET_SNR`."""
+    longest_s = min(exposure_for_snr(pixel, noise, TARGET_SNR), ceiling_dn / pixel[0])
+    ratio = min(longest_s, MAX_EXPOSURE_S) / exposure_s
     if ratio <= NEARLY:
         return (exposure_s,)
-    steps = min(MOST_STEPS, 1 + math.ceil(math.log(ratio) / math.log(STEP)))
-    step = min(ratio ** (1 / (steps - 1)), LARGEST_STEP)
+    steps = min(MAX_EXPOSURES, 1 + math.ceil(math.log(ratio) / math.log(RATIO)))
+    step = min(ratio ** (1 / (steps - 1)), MAX_RATIO)
     return (exposure_s, *(float(f"{exposure_s * step**k:.3g}") for k in range(1, steps)))
 
 
@@ -294,9 +300,9 @@ def _black_exposure_s(
     """Exposure [s] for black; light below a quarter count, as photographed, cannot be told."""
     # a mean, since whole counts have a coarse median
     rate = max(float(light.black[light.lit].mean()), 0.25 / black_exposure_s)
-    most = max(float(np.quantile(light.black, BRIGHTEST)), rate)
+    most = max(float(np.quantile(light.black, BRIGHT_QUANTILE)), rate)
     wanted_s = BLACK_SIGMAS * float(np.sqrt(noise.variance(0.0))) / rate
-    return float(f"{min(wanted_s, TARGET * sensor.full_scale / most, LONGEST_S):.3g}")
+    return float(f"{min(wanted_s, TARGET_LEVEL * sensor.full_scale / most, MAX_EXPOSURE_S):.3g}")
 
 
 def _noise_law(level: Array, square: Array) -> NoiseLaw:

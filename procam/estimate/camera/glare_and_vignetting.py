@@ -34,7 +34,7 @@ MOST_UNEVEN, MOST_MISFIT, BRIGHTEST_RIM = 0.03, 0.02, 0.02
 
 
 @dataclass(frozen=True, slots=True)
-class Veil:
+class VeilingGlare:
     """Share of the frame's mean that veils every pixel, with its standard error; `each` photograph's."""
 
     glare: float
@@ -55,7 +55,7 @@ class Vignetting:
     uneven: float
 
 
-def flat_light(counts: Pixels, radiometer: Radiometer) -> Array:
+def linear_light(counts: Pixels, radiometer: Radiometer) -> Array:
     """Light (H, W, C) of raw counts, vignetting taken off, glare left in; NaN where saturated.
 
     Counts in floating point are light already, as merged exposures are: no black level is taken off,
@@ -116,13 +116,13 @@ def circle_mask(shape: tuple[int, int], x: float, y: float, radius: float) -> Ma
     return np.asarray(np.hypot(columns - x, rows - y) <= radius)
 
 
-def desk_glare(
+def fit_glare(
     lights: Sequence[Array],
     traps: Sequence[Mask | tuple[float, float, float]],
     seen: Mask,
     *,
     trap_sigma: float = TRAP_SIGMA,
-) -> Veil:
+) -> VeilingGlare:
     """Veil of glare from photographs of a bright surround with a light trap in it.
 
     Parameters
@@ -159,7 +159,7 @@ def desk_glare(
     if count > 1:
         uneven = float(each.std(ddof=1) * student.ppf(ONE_SIGMA, count - 1))
     parts = (trap_sigma, uneven, float(np.sqrt(np.mean(noise**2))))
-    return Veil(max(glare, 0.0), float(np.linalg.norm(parts)), tuple(each.tolist()))
+    return VeilingGlare(max(glare, 0.0), float(np.linalg.norm(parts)), tuple(each.tolist()))
 
 
 def _veil(

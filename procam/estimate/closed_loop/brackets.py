@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.estimate.camera.exposure import LONGEST_S, MOST_STEPS, STEP
+from procam.estimate.camera.exposure import RATIO, MAX_EXPOSURE_S, MAX_EXPOSURES
 from procam.estimate.camera.hdr import merge_exposures
 from procam.estimate.camera.noise import NoiseLaw
 from procam.estimate.closed_loop.patches import ALMOST_ALL, FEWEST, TWO_SIDED, just_noticeable
@@ -21,17 +21,19 @@ def bracket_for(light: Array, sigma: Array, exposure_s: float) -> tuple[float, .
     """Exposures [s] that hold a picture's cells of `light` (n,) with `sigma` (n,) at `exposure_s` [rel].
 
     One alone if it shows the dark cells, those that a longer one would not clip, to a JND with as many
-    photographs as are taken anyway. Else each next is `STEP` times longer, until it would clip the darkest.
+    photographs as are taken anyway. Else each next is `RATIO` times longer, until it would clip the darkest.
     """
     brightest, darkest = float(light.max()), float(np.quantile(light, 1 - ALMOST_ALL))
-    dark = light * STEP <= brightest
+    dark = light * RATIO <= brightest
     if not dark.any():
         return (exposure_s,)
     blur = TWO_SIDED * sigma[dark] / just_noticeable(light[dark])
     if np.quantile(blur, ALMOST_ALL) <= np.sqrt(FEWEST):
         return (exposure_s,)
-    longer = (exposure_s * STEP**k for k in range(1, MOST_STEPS) if darkest * STEP**k <= brightest)
-    return (exposure_s, *(e for e in longer if e <= LONGEST_S))
+    longer = (
+        exposure_s * RATIO**k for k in range(1, MAX_EXPOSURES) if darkest * RATIO**k <= brightest
+    )
+    return (exposure_s, *(e for e in longer if e <= MAX_EXPOSURE_S))
 
 
 def merged_frame(frames: Sequence[Frame], sensor: Sensor, noise: NoiseLaw) -> Frame:

@@ -11,11 +11,11 @@ from procam.estimate.structured_light.codes import Axis, AxisCode, Plane
 from procam.estimate.structured_light.limits import DecodeLimits, dropped_samples
 from procam.estimate.structured_light.scatter_bias import balanced
 from procam.estimate.structured_light.sinusoids import (
-    FEWEST,
-    WavePictures,
-    WaveResult,
-    complete_base,
-    decode_waves,
+    MIN_SAMPLES,
+    SinusoidImages,
+    SinusoidResult,
+    complete_base_set,
+    decode_sinusoids,
 )
 from procam.estimate.structured_light.stripes import StripeFolder
 
@@ -39,7 +39,7 @@ class AxisResult:
     x: Map
     sigma: Map
     direct: Map
-    waves: WaveResult | None
+    waves: SinusoidResult | None
     lost: tuple[Plane, ...]
 
 
@@ -54,7 +54,7 @@ class AxisDecoder:
         self._order = [p for p in coding.planes(axis) if p.kind == "sine"]
         self._frames: dict[int, Samples] = {}
         self._variances: Map | None = None  # sum over the frames
-        self._waves: WaveResult | None = None
+        self._waves: SinusoidResult | None = None
         scattering = limits.lit_share > 0
         self._stripes = (
             StripeFolder(white, black, limits.contrast, scattering) if coding.bits else None
@@ -144,16 +144,18 @@ class AxisDecoder:
 
     def _solve_waves(self) -> None:
         assert self._coding.waves is not None
-        completed = complete_base(self._frames, self._coding.waves.base, self._white, self._black)
+        completed = complete_base_set(
+            self._frames, self._coding.waves.base, self._white, self._black
+        )
         shown = sorted(completed)
         frames = [completed[i] for i in shown]
         self._frames = {}
-        if len(frames) < FEWEST:
+        if len(frames) < MIN_SAMPLES:
             self._lost += [self._order[i] for i in shown]
             return
         waves = self._coding.waves.kept(np.isin(np.arange(len(self._order)), shown))
         span = np.subtract(self._white, self._black, dtype=np.float32)
-        pictures = WavePictures(
+        pictures = SinusoidImages(
             frames,
             waves,
             self._coding.length,
@@ -165,11 +167,11 @@ class AxisDecoder:
         if waves.single and self._coding.length < FEW_FRINGES * waves.periods[0]:
             self._waves = self._of_few_fringes(replace(pictures, surplus_sigma=NO_SURPLUS))
         else:
-            self._waves = decode_waves(pictures)
+            self._waves = decode_sinusoids(pictures)
 
-    def _of_few_fringes(self, pictures: WavePictures) -> WaveResult:
+    def _of_few_fringes(self, pictures: SinusoidImages) -> SinusoidResult:
         """Few wide fringes are biased by scattered light, and cannot tell by how much themselves."""
-        found = decode_waves(pictures)
+        found = decode_sinusoids(pictures)
         if len(pictures.frames) < len(self._order):
             return found  # equal steps no more
         levels, shifts = (self._white, self._black), pictures.waves.shifts
@@ -177,4 +179,4 @@ class AxisDecoder:
             frames = balanced(np.stack(pictures.frames), *levels, found.amplitude, shifts)
         except NotEnoughData:
             return found  # the whole screen is lit: nowhere to measure it
-        return decode_waves(replace(pictures, frames=list(frames)))
+        return decode_sinusoids(replace(pictures, frames=list(frames)))

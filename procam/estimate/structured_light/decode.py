@@ -17,7 +17,7 @@ from procam.estimate.structured_light.codes import AXES, Code, Plane
 from procam.estimate.structured_light.defocus_bias import undo_blur
 from procam.estimate.structured_light.limits import DecodeLimits, default_limits, dropped_samples
 from procam.estimate.structured_light.outliers import drop_lonely
-from procam.estimate.structured_light.sinusoids import WaveResult
+from procam.estimate.structured_light.sinusoids import SinusoidResult
 from procam.model.correspondence import CorrespondenceMap
 
 Samples = NDArray[Any]
@@ -41,7 +41,7 @@ class Decoded:
     map: CorrespondenceMap
     direct: Map
     scattered: Map
-    waves: dict[str, WaveResult] = field(default_factory=dict)
+    waves: dict[str, SinusoidResult] = field(default_factory=dict)
     lost: tuple[Plane, ...] = ()
     notes: tuple[str, ...] = ()
 

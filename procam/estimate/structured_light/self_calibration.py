@@ -39,7 +39,7 @@ LEVELS = 12
 
 
 @dataclass(frozen=True, slots=True)
-class WaveCalibration:
+class SelfCalibration:
     """What all pixels of one axis share; `surplus` (K,) is each picture's flux beyond half of white's."""
 
     look: WaveDistortion
@@ -47,7 +47,7 @@ class WaveCalibration:
     noise: NoiseLaw
 
 
-def calibrate_waves(
+def self_calibrate(
     frames: Sequence[Samples],
     waves: Waves,
     length: int,
@@ -55,7 +55,7 @@ def calibrate_waves(
     usable: Mask,
     variance: Map | None = None,
     surplus_sigma: float = PRIOR_SURPLUS,
-) -> WaveCalibration:
+) -> SelfCalibration:
     """Read lens, response, surplus and noise off K pictures (H, W).
 
     `span` (H, W) is white - black; `usable` (H, W) marks pixels to look at; `variance` (H, W) of a
@@ -81,17 +81,17 @@ def calibrate_waves(
         samples = raw - scattered[:, None] * surplus
         fit, seen = _fitted(samples, waves, look, length)
         scattered[seen] = np.maximum(full[seen] - 2 / look.depth(waves) * fit.amplitude, 0)
-        now = WaveCalibration(look, surplus, NO_NOISE)
+        now = SelfCalibration(look, surplus, NO_NOISE)
         look, surplus = _step(samples[seen], waves, now, fit, (scattered[seen], surplus_sigma))
     fit, _ = _fitted(raw - scattered[:, None] * surplus, waves, look, length)
-    return WaveCalibration(look, surplus, _noise_law(fit, len(frames) - UNKNOWNS))
+    return SelfCalibration(look, surplus, _noise_law(fit, len(frames) - UNKNOWNS))
 
 
 def _fitted(
     samples: Array, waves: Waves, look: WaveDistortion, length: int
 ) -> tuple[WaveFit, Mask]:
     """Fit of the samples (n, K) in which a wave is seen, and which (n,) these are."""
-    found = search(list(np.ascontiguousarray(samples.T, np.float32)), waves, look, length)
+    found = find_columns(list(np.ascontiguousarray(samples.T, np.float32)), waves, look, length)
     seen = np.isfinite(found.position)
     if seen.sum() < FEWEST_PIXELS:
         raise NotEnoughData(
@@ -102,7 +102,7 @@ def _fitted(
     return WaveFit(*(part[seen].astype(float) for part in parts)), seen
 
 
-def search(
+def find_columns(
     frames: Sequence[Samples], waves: Waves, look: WaveDistortion, length: int
 ) -> kernels.PhaseFit:
     """Best column of every pixel; waves of a single period tell it only within that period.
@@ -125,7 +125,7 @@ def search(
 def _step(
     samples: Array,
     waves: Waves,
-    now: WaveCalibration,
+    now: SelfCalibration,
     fit: WaveFit,
     flux: tuple[Array, float],
 ) -> tuple[WaveDistortion, Array]:

@@ -11,9 +11,9 @@ from procam.estimate.camera.noise import NoiseLaw
 from procam.estimate.structured_light.self_calibration import (
     PRIOR_SURPLUS,
     UNKNOWNS,
-    WaveCalibration,
-    calibrate_waves,
-    search,
+    SelfCalibration,
+    find_columns,
+    self_calibrate,
 )
 from procam.kernels import PhaseFit
 from procam.maths.codes.phase import WaveDistortion, Waves
@@ -21,7 +21,7 @@ from procam.maths.codes.phase import WaveDistortion, Waves
 Map = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 Samples = NDArray[Any]
-FEWEST = 5  # samples left: two more than unknowns, or nothing could check them
+MIN_SAMPLES = 5  # samples left: two more than unknowns, or nothing could check them
 NEGLIGIBLE_SURPLUS = 1e-4  # of the flux: less moves no column by .01 px
 MOST_SLOW = 60_000  # pixels with no base set left, each of which takes a search over all columns
 AMPLITUDE_SIGMAS = 5.0
@@ -29,7 +29,7 @@ MARGIN_SIGMAS2 = 12.0  # a wrong fringe fits worse by this much, or the pixel is
 MISFIT_SIGMAS2 = 35.0  # beyond the expected sum of squares: never, for a pixel that obeys the model
 
 
-def complete_base(
+def complete_base_set(
     frames: dict[int, Samples], base: int, white: Samples, black: Samples
 ) -> dict[int, Samples]:
     """Pictures by number, with one lost of the three that begin made up.
@@ -46,7 +46,7 @@ def complete_base(
 
 
 @dataclass(frozen=True, slots=True)
-class WavePictures:
+class SinusoidImages:
     """The pictures of one axis as photographed.
 
     Attributes
@@ -69,7 +69,7 @@ class WavePictures:
 
 
 @dataclass(frozen=True, slots=True)
-class WaveResult:
+class SinusoidResult:
     """One axis.
 
     Attributes
@@ -87,12 +87,12 @@ class WaveResult:
     period_px: float
 
 
-def decode_waves(pictures: WavePictures) -> WaveResult:
+def decode_sinusoids(pictures: SinusoidImages) -> SinusoidResult:
     """Columns of one axis; pixels with dropped samples are decoded from five others or more."""
     waves, frames = pictures.waves, pictures.frames
     short = np.logical_or.reduce(pictures.dropped)
     usable = pictures.usable & ~short
-    known = calibrate_waves(
+    known = self_calibrate(
         frames,
         waves,
         pictures.length,
@@ -101,15 +101,15 @@ def decode_waves(pictures: WavePictures) -> WaveResult:
         pictures.variance,
         pictures.surplus_sigma,
     )
-    found = search(frames, waves, known.look, pictures.length)
+    found = find_columns(frames, waves, known.look, pictures.length)
     if np.abs(known.surplus).max() > NEGLIGIBLE_SURPLUS:
         frames = _balanced(pictures, known, found)
-        found = search(frames, waves, known.look, pictures.length)
+        found = find_columns(frames, waves, known.look, pictures.length)
     count = np.full(usable.shape, len(frames))
     if short.any():
         count -= np.sum(pictures.dropped, axis=0)
         _search_rest(
-            pictures, frames, known.look, short & pictures.usable & (count >= FEWEST), found
+            pictures, frames, known.look, short & pictures.usable & (count >= MIN_SAMPLES), found
         )
     noise = pictures.variance
     if noise is None:
@@ -117,7 +117,7 @@ def decode_waves(pictures: WavePictures) -> WaveResult:
     ok = _trusted(found, count, noise)
     sigma = np.sqrt(np.where(ok, found.variance * noise, np.nan))
     amplitude = np.where(short & ~ok, 0.0, found.amplitude) / known.look.depth(waves)
-    return WaveResult(
+    return SinusoidResult(
         np.where(ok, found.position, np.nan).astype(np.float32),
         sigma.astype(np.float32),
         np.nan_to_num(amplitude).astype(np.float32),
@@ -128,7 +128,7 @@ def decode_waves(pictures: WavePictures) -> WaveResult:
 
 
 def _balanced(
-    pictures: WavePictures, known: WaveCalibration, found: PhaseFit
+    pictures: SinusoidImages, known: SelfCalibration, found: PhaseFit
 ) -> list[NDArray[np.float32]]:
     """The photographs without what their surplus flux adds to the scattered light."""
     direct = 2 / known.look.depth(pictures.waves) * np.nan_to_num(found.amplitude)
@@ -140,7 +140,7 @@ def _balanced(
 
 
 def _search_rest(
-    pictures: WavePictures,
+    pictures: SinusoidImages,
     frames: Sequence[Samples],
     look: WaveDistortion,
     rows: Mask,
@@ -158,7 +158,7 @@ def _search_rest(
         if not some.size:
             continue
         columns = list(np.ascontiguousarray(samples[np.ix_(some, pattern)].T))
-        answers[:, some] = np.stack(search(columns, waves, look, pictures.length))
+        answers[:, some] = np.stack(find_columns(columns, waves, look, pictures.length))
     for whole, answer in zip(found, answers, strict=True):
         whole[rows] = answer
 
@@ -169,5 +169,5 @@ def _trusted(found: PhaseFit, count: NDArray[Any], variance: Map) -> Mask:
         ok = found.amplitude > AMPLITUDE_SIGMAS * np.sqrt(2 * variance / np.maximum(count, 1))
         ok &= found.margin >= MARGIN_SIGMAS2 * variance
         ok &= found.residual <= (count - UNKNOWNS + MISFIT_SIGMAS2) * variance
-        ok &= np.isfinite(found.position) & (count >= FEWEST)
+        ok &= np.isfinite(found.position) & (count >= MIN_SAMPLES)
     return np.asarray(ok)

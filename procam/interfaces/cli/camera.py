@@ -10,9 +10,9 @@ import numpy as np
 import typer
 
 from procam.errors import FileFormatError, InputError, NotEnoughData
-from procam.estimate.boards.camera import FEWEST_VIEWS, BoardView, CameraFit, fit_camera, rms
+from procam.estimate.boards.camera import MIN_VIEWS, BoardView, CameraFit, fit_camera, rms
 from procam.estimate.boards.robust_fit import determines_pose
-from procam.estimate.boards.targets import Board, BoardKind, find_board, other_count
+from procam.estimate.boards.targets import Board, BoardKind, find_board, suggest_squares
 from procam.files.atomic import write_text
 from procam.interfaces.cli.decoding import SUFFIXES, read_grey
 from procam.interfaces.cli.output import Output
@@ -173,7 +173,7 @@ def _find_boards(
         else:
             views.append(BoardView(str(path), *found))
     size = one_size(sizes)
-    if len(views) < FEWEST_VIEWS:
+    if len(views) < MIN_VIEWS:
         raise NotEnoughData(_too_few(files, skipped, board))
     return views, size, skipped
 
@@ -197,13 +197,13 @@ def _too_few(files: Sequence[Path], skipped: Sequence[Path], board: Board) -> st
     if board.kind == "charuco":
         hint += "; are --squares and --dictionary right?"
     for path in skipped[:LOOKED_AT] if board.kind == "checkerboard" else ():
-        other = other_count(read_grey(path), board.squares)
+        other = suggest_squares(read_grey(path), board.squares)
         if other:
             hint = f"{path} shows one of {_count(other)}, so try --squares {_count(other)}"
             break
     return (
         f"photographs: got a board of {_count(board.squares)} squares in {len(files) - len(skipped)} of "
-        f"{len(files)} (none in {_some(skipped)}), expected it in at least {FEWEST_VIEWS}; {hint}"
+        f"{len(files)} (none in {_some(skipped)}), expected it in at least {MIN_VIEWS}; {hint}"
     )
 
 

@@ -12,9 +12,9 @@ from procam.errors import FileFormatError, InputError
 from procam.estimate.camera.glare_and_vignetting import (
     Vignetting,
     black_level,
-    desk_glare,
+    fit_glare,
     fit_vignetting,
-    flat_light,
+    linear_light,
 )
 from procam.estimate.camera.radiance import Radiometer
 from procam.files.atomic import write_text
@@ -81,8 +81,8 @@ def run_glare(
             "each in their order"
         )
     radiometer = Radiometer(model)
-    lights = [flat_light(_counts(path, model), radiometer) for path in files]
-    veil = desk_glare(lights, places, radiometer.seen, trap_sigma=trap_sigma)
+    lights = [linear_light(_counts(path, model), radiometer) for path in files]
+    veil = fit_glare(lights, places, radiometer.seen, trap_sigma=trap_sigma)
     each = ", ".join(f"{path.name} {g:.5f}" for path, g in zip(files, veil.each, strict=True))
     lines += [f"glare = {veil.glare:.5f}  # {each}", f"glare_sigma = {veil.sigma:.5f}", ""]
     write_text(out, "\n".join(lines))
@@ -98,7 +98,7 @@ def run_vignetting(photos: Sequence[Path], camera: tuple[Path, str], output: Out
     model = _camera(*camera)
     plain = replace(model, sensor=replace(model.sensor, vignetting=()))
     radiometer, files = Radiometer(plain), _files(photos)
-    lights = [flat_light(_counts(path, plain), radiometer) for path in files]
+    lights = [linear_light(_counts(path, plain), radiometer) for path in files]
     found = fit_vignetting(lights, radiometer.rays, radiometer.seen)
     output.say(_line(found))
     output.say(

@@ -11,7 +11,7 @@ from procam.errors import FileFormatError, InputError, NotEnoughData
 from procam.estimate.boards.camera import rms
 from procam.estimate.boards.planar_pair import (
     DEVICES,
-    FEWEST_VIEWS,
+    MIN_VIEWS,
     PairView,
     PlanarPair,
     fit_planar_pair,
@@ -86,7 +86,7 @@ def _views(
             skipped.append(place.name)
         else:
             views.append(view)
-    if len(views) < FEWEST_VIEWS:
+    if len(views) < MIN_VIEWS:
         raise NotEnoughData(_too_few(board, len(poses), skipped))
     return views, one_size(sizes), skipped
 
@@ -106,7 +106,7 @@ def _too_few(board: Board, poses: int, skipped: Sequence[str]) -> str:
     missing = ", ".join(skipped[:4]) + (f" and {len(skipped) - 4} more" if skipped[4:] else "")
     return (
         f"poses: got a board of {columns}x{rows} squares in {poses - len(skipped)} of {poses} "
-        f"(none in {missing or '-'}), expected it in at least {FEWEST_VIEWS}; light all of it with the "
+        f"(none in {missing or '-'}), expected it in at least {MIN_VIEWS}; light all of it with the "
         "projector, tilt it to all sides; is --squares right?"
     )
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procam.estimate.camera.checks import response_exponent
-from procam.estimate.camera.exposure import green, meter, noise_of_repeat
+from procam.estimate.camera.exposure import green, meter, noise_from_repeat
 from procam.estimate.camera.noise import NoiseLaw
 from procam.estimate.projector_tests import analysis as estimate
 from procam.estimate.projector_tests.analysis import Effect, Patches, PatchLight
@@ -105,7 +105,7 @@ class BehaviourTest:
         self._show(self._black, BLACK_S)
         after_black = self._photograph(np.ones_like(self._black))
         both = green(white.counts), green(after_black.counts)
-        noise = noise_of_repeat(*both, self._examined.measured)
+        noise = noise_from_repeat(*both, self._examined.measured)
         return _Whites(black, white, after_black, noise)
 
     def _metered_white(self) -> Frame:

@@ -1,4 +1,4 @@
-"""A camera from views of a board: held against made-up truth, and against somebody's real fisheye."""
+"""A camera from views of a board: simulated views with known truth, and a published real fisheye."""
 
 import itertools
 from dataclasses import replace
@@ -9,15 +9,10 @@ import pytest
 from tolerances import SIGMAS
 
 from procam.errors import InputError, NotEnoughData, ShapeError
-from procam.estimate.boards.adjustment import (
-    BoardAdjustment,
-    BoardRig,
-    gather_corners,
-    moved,
-    residuals,
-)
+from procam.estimate.boards.adjustment import BoardAdjustment, step_pose
 from procam.estimate.boards.camera import BoardView, fit_camera, rms, view_residuals
-from procam.estimate.boards.start import pose_of_board
+from procam.estimate.boards.corners import BoardRig, residuals, stack_corners
+from procam.estimate.boards.start import pose_from_rays
 from procam.maths.geometry.lens_derivatives import lens_of_parameters, lens_parameters
 from procam.maths.geometry.lenses import Lens, project, unproject
 from procam.maths.geometry.pose import Pose, align_rotation, rotation_matrix
@@ -28,8 +23,8 @@ BOARD = BOARD.reshape(-1, 3) * SQUARE_M
 MIDDLE = np.array([*(BOARD[:, :2].max(axis=0) / 2), 0.0])
 HALF = float(np.linalg.norm(MIDDLE))
 BEND = np.array([0.003, -0.001, 0.0015])
-NOISE_PX = 0.05  # what OpenCV's corner finder leaves on a sharp photograph
-EDGE_PX = 0.1  # of a lens at the rim of what its photographs show
+NOISE_PX = 0.05  # of OpenCV's corner finder on a sharp photograph
+EDGE_PX = 0.1  # error of a lens at the largest angle that its photographs show
 
 FISHEYE = Lens(
     "kannala-brandt",
@@ -52,7 +47,7 @@ def bent(points: np.ndarray, bend: np.ndarray) -> np.ndarray:
 
 
 def looking_at(angle: float, azimuth: float, tilt: np.ndarray, distance: float) -> Pose:
-    """A board whose middle is `angle` off the axis, facing the camera but for its `tilt`."""
+    """A board with its middle `angle` off the axis, facing the camera except for its `tilt`."""
     axis = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
     facing = rotation_matrix(axis * angle)
     rotation = facing @ rotation_matrix(tilt)
@@ -86,23 +81,25 @@ def pinhole_views(rng: np.random.Generator, lens: Lens, number: int = 30) -> lis
 
 
 def seen(rng: np.random.Generator, name: str, pose: Pose, lens: Lens) -> BoardView:
-    """What the camera sees, noise and all; corners beside the picture are not seen."""
+    """Noisy corners that lie within the picture."""
     pixels = project(pose.apply(bent(BOARD, BEND)), lens)
     inside = ((pixels > 0) & (pixels < np.array(SIZE) - 1)).all(axis=1)
     noisy = pixels + rng.normal(0, NOISE_PX, pixels.shape)
     return BoardView(name, BOARD[inside], noisy[inside])
 
 
-def spoil(rng: np.random.Generator, views: list[BoardView], share: float) -> set[tuple[str, int]]:
-    """Move some corners by 5 to 60 px; which ones."""
-    moved_ones = set()
+def add_outliers(
+    rng: np.random.Generator, views: list[BoardView], share: float
+) -> set[tuple[str, int]]:
+    """Move some corners by 5 to 60 px; returns which."""
+    outliers = set()
     for view, pixels in [(v.name, v.pixels) for v in views]:
         for index in np.flatnonzero(rng.random(len(pixels)) < share):
             angle, far = rng.uniform(0, 2 * np.pi), rng.uniform(5, 60)
             shifted = pixels[index] + far * np.array([np.cos(angle), np.sin(angle)])
             pixels[index] = np.clip(shifted, 0, np.array(SIZE) - 1)
-            moved_ones.add((view, int(index)))
-    return moved_ones
+            outliers.add((view, int(index)))
+    return outliers
 
 
 def z_scores(found: Lens, truth: Lens, covariance: np.ndarray) -> np.ndarray:
@@ -118,31 +115,31 @@ class TestTruth:
     )
     def test_parameters_lie_within_their_sigmas(self, rng, lens, make) -> None:
         views = make(rng, lens)
-        gross = spoil(rng, views[1:], 0.05)
-        assert len(gross) > 20
+        outliers = add_outliers(rng, views[1:], 0.05)
+        assert len(outliers) > 20
         fit = fit_camera(views, SIZE, lens.kind)
-        assert {(d.view, d.index) for d in fit.dropped} == gross
+        assert {(d.view, d.index) for d in fit.dropped} == outliers
         assert not fit.dropped_views
         z = z_scores(fit.lens, lens, fit.covariance)
         assert np.abs(z).max() < SIGMAS, dict(zip(fit.sigma, z, strict=True))
         bend_z = (fit.bend - BEND) / np.sqrt(np.diag(fit.bend_covariance))
         assert np.abs(bend_z).max() < SIGMAS
-        # two coordinates of noise; corners' own poses take a little of it
+        # noise along two axes; the fitted poses absorb a little of it
         assert rms(fit.residual_px) == pytest.approx(NOISE_PX * np.sqrt(2), rel=0.06)
         assert rms(fit.held_out_px) == pytest.approx(NOISE_PX * np.sqrt(2), rel=0.08)
         assert set(fit.held_out_px) == {v.name for v in views}
-        self.judge_edge(fit.lens, lens, views)
+        self.check_edge(fit.lens, lens, views)
 
     @staticmethod
-    def judge_edge(found: Lens, truth: Lens, views: list[BoardView]) -> None:
-        """The rim of what was seen, all round."""
+    def check_edge(found: Lens, truth: Lens, views: list[BoardView]) -> None:
+        """The projection agrees all round the largest observed angle."""
         reach = unproject(np.concatenate([v.pixels for v in views]), truth)[:, 2].min()
         turn = np.linspace(0, 2 * np.pi, 60)
         side = np.sqrt(1 - reach**2)
         rim = np.stack([side * np.cos(turn), side * np.sin(turn), np.full(60, reach)], axis=1)
         inside = ((project(rim, truth) > 0) & (project(rim, truth) < SIZE)).all(axis=1)
         assert inside.sum() > 3
-        # a camera's pose takes up any turn that its lens is thought to have
+        # a rotation of the lens is equivalent to one of the camera
         every = np.concatenate([v.pixels for v in views])
         turned = align_rotation(unproject(every, truth), unproject(every, found))
         miss = np.linalg.norm(project(rim @ turned.T, found) - project(rim, truth), axis=1)
@@ -155,7 +152,7 @@ class TestTruth:
         np.testing.assert_array_equal(views[0].pixels[22], FISHEYE.centre)
         assert fit.coverage > 0.5
 
-    def test_sigmas_are_what_repeated_noise_shows(self) -> None:
+    def test_covariance_covers_repeated_noise(self) -> None:
         """Mean squared z of many parameters over many seeds is 1 when the covariance is right."""
         scores = []
         for seed in range(8):
@@ -182,7 +179,7 @@ class TestTruth:
         assert other.name not in fit.residual_px
         assert np.abs(z_scores(fit.lens, PINHOLE, fit.covariance)).max() < SIGMAS
 
-    def test_views_not_fitted_are_predicted(self, rng) -> None:
+    def test_new_views_are_predicted(self, rng) -> None:
         fit = fit_camera(fisheye_views(rng, FISHEYE), SIZE, "kannala-brandt")
         fresh = view_residuals(fit, fisheye_views(np.random.default_rng(5), FISHEYE, 10))
         assert rms(fresh) == pytest.approx(NOISE_PX * np.sqrt(2), rel=0.08)
@@ -203,7 +200,7 @@ class TestRealFisheye:
             for part in [rows[rows["view"] == view]]
         ]
 
-    def test_predicts_pictures_it_never_saw(self) -> None:
+    def test_unseen_pictures_are_predicted(self) -> None:
         fit = fit_camera(self.views("train"), (1280, 800), "kannala-brandt")
         test = view_residuals(fit, self.views("test"))
         lengths = np.linalg.norm(np.concatenate([*test.values()]), axis=1)
@@ -217,17 +214,17 @@ class TestRealFisheye:
 
 
 class TestDerivatives:
-    def test_bundle_walks_along_its_own_slope(self, rng) -> None:
-        """Normal equations against central differences of the residuals, all parameters at once."""
+    def test_normal_equations_equal_finite_differences(self, rng) -> None:
+        """The gradient against central differences of the cost, for all parameters."""
         views = fisheye_views(rng, FISHEYE, 3)
-        corners = gather_corners(
+        corners = stack_corners(
             [v.points for v in views], [np.stack([v.pixels, v.pixels + 3]) for v in views]
         )
         devices = (
             Pose(np.eye(3), np.zeros(3)),
             Pose.from_vectors((0.1, -0.2, 0.05), (0.02, 0, 0.01)),
         )
-        boards = tuple(pose_of_board(v.points, unproject(v.pixels, FISHEYE)) for v in views)
+        boards = tuple(pose_from_rays(v.points, unproject(v.pixels, FISHEYE)) for v in views)
         rig = BoardRig((FISHEYE, FISHEYE), devices, boards, BEND)
         bundle = BoardAdjustment(
             corners, (tuple(range(8)), (0, 3, 5)), np.array([1.0, 2.0]), bend=True
@@ -244,7 +241,7 @@ class TestDerivatives:
 
 
 def stepped(rig: BoardRig, bundle: BoardAdjustment, x: np.ndarray) -> BoardRig:
-    """The same step, written out by hand for the one rig of the test above."""
+    """The step of the parameters, written out for the rig of the test above."""
     first = lens_of_parameters(FISHEYE, lens_parameters(rig.lenses[0]) + x[:8])
     change = np.zeros(8)
     change[[0, 3, 5]] = x[8:11]
@@ -252,8 +249,8 @@ def stepped(rig: BoardRig, bundle: BoardAdjustment, x: np.ndarray) -> BoardRig:
     own = x[bundle.shared :].reshape(-1, 6)
     return BoardRig(
         (first, second),
-        (rig.devices[0], moved(rig.devices[1], x[11:17])),
-        tuple(moved(b, s) for b, s in zip(rig.boards, own, strict=True)),
+        (rig.devices[0], step_pose(rig.devices[1], x[11:17])),
+        tuple(step_pose(b, s) for b, s in zip(rig.boards, own, strict=True)),
         rig.bend + x[17:20],
     )
 
@@ -261,7 +258,7 @@ def stepped(rig: BoardRig, bundle: BoardAdjustment, x: np.ndarray) -> BoardRig:
 class TestStart:
     def test_pose_from_rays_beyond_ninety_degrees(self) -> None:
         pose = looking_at(np.radians(97), 1.0, np.array([0.2, -0.3, 0.5]), 0.15)
-        found = pose_of_board(BOARD, unproject(project(pose.apply(BOARD), FISHEYE), FISHEYE))
+        found = pose_from_rays(BOARD, unproject(project(pose.apply(BOARD), FISHEYE), FISHEYE))
         np.testing.assert_allclose(found.rotation, pose.rotation, atol=1e-6)
         np.testing.assert_allclose(found.translation, pose.translation, atol=1e-7)
 
@@ -291,7 +288,7 @@ class TestStart:
 
 class TestRefusals:
     def test_too_few_views(self, rng) -> None:
-        with pytest.raises(NotEnoughData, match=r"got 2 of the board, expected at least 3.*tilted"):
+        with pytest.raises(NotEnoughData, match=r"only 2 of the board; at least 3 .* tilted"):
             fit_camera(pinhole_views(rng, PINHOLE, 2), SIZE, "brown")
 
     @pytest.mark.parametrize("lens", [FISHEYE, PINHOLE], ids=["fisheye", "brown"])
@@ -302,12 +299,10 @@ class TestRefusals:
             seen(rng, str(i), Pose(tilt, np.array(place) - tilt @ MIDDLE), lens)
             for i, place in enumerate(places)
         ]
-        with pytest.raises(
-            NotEnoughData, match=r"all parallel within .* leave the focal length open"
-        ):
+        with pytest.raises(NotEnoughData, match=r"parallel within .* leaves the focal length open"):
             fit_camera(views, SIZE, lens.kind)
 
-    def test_hardly_tilted_boards(self, rng) -> None:
+    def test_slightly_tilted_boards(self, rng) -> None:
         far = [looking_at(0.05, i, 0.06 * rng.normal(size=3), 3.0) for i in range(5)]
         views = [seen(rng, str(i), pose, PINHOLE) for i, pose in enumerate(far)]
         with pytest.raises(NotEnoughData, match="focal length"):
@@ -316,25 +311,27 @@ class TestRefusals:
     def test_corners_along_a_line(self, rng) -> None:
         views = pinhole_views(rng, PINHOLE, 4)
         views[2] = BoardView("thin.png", BOARD[:13], views[2].pixels[:13])
-        with pytest.raises(NotEnoughData, match=r"thin\.png: got 13 corners or all along a line"):
+        with pytest.raises(NotEnoughData, match=r"thin\.png: 13 corners do not determine"):
             fit_camera(views, SIZE, "brown")
 
     def test_names_shapes_and_places(self, rng) -> None:
         views = pinhole_views(rng, PINHOLE, 4)
-        with pytest.raises(InputError, match="same name twice"):
+        with pytest.raises(InputError, match="have the same name"):
             fit_camera([*views, views[0]], SIZE, "brown")
-        with pytest.raises(InputError, match=r"00\.png: got corners outside .* within 640x480"):
+        with pytest.raises(
+            InputError, match=r"00\.png: some corners .* outside the picture of 640x480"
+        ):
             fit_camera(views, (640, 480), "brown")
-        with pytest.raises(ShapeError, match=r"points: got shape \(117, 2\)"):
+        with pytest.raises(ShapeError, match=r"points.*\(117, 2\)"):
             fit_camera([*views, BoardView("x", BOARD[:, :2], BOARD[:, :2])], SIZE, "brown")
-        with pytest.raises(ShapeError, match=r"pixels: got shape \(116, 2\)"):
+        with pytest.raises(ShapeError, match=r"pixels.*\(116, 2\)"):
             fit_camera([*views, BoardView("x", BOARD, BOARD[1:, :2])], SIZE, "brown")
 
 
-def test_residuals_are_predicted_minus_seen() -> None:
+def test_residuals_are_predicted_minus_observed() -> None:
     pose = looking_at(0.1, 0.0, np.zeros(3), 0.3)
     pixels = project(pose.apply(BOARD), PINHOLE) + np.array([1.0, -2.0])
-    corners = gather_corners([BOARD], [pixels[None]])
+    corners = stack_corners([BOARD], [pixels[None]])
     rig = BoardRig((PINHOLE,), (Pose(np.eye(3), np.zeros(3)),), (pose,), np.zeros(3))
     np.testing.assert_allclose(
         residuals(corners, rig)[0], np.tile([-1.0, 2.0], (len(BOARD), 1)), atol=1e-9

@@ -12,25 +12,25 @@ from tolerances import SIGMAS
 from procam.errors import InputError, NotEnoughData, OutOfModelRange, ShapeError
 from procam.estimate.camera.checks import (
     additivity,
-    dark_line,
+    brightness_ratio,
+    fit_dark_frames,
     grey_gamma,
-    grown_brightness,
     response_exponent,
 )
 from procam.estimate.camera.exposure import (
     BLACK_SIGMAS,
-    LARGEST_STEP,
-    TARGET,
-    WANTED_SNR,
+    MAX_RATIO,
+    TARGET_LEVEL,
+    TARGET_SNR,
     direct_light,
     exposure_for_snr,
-    lit_pixels,
+    lit_by_brightness,
     merged_snr,
     meter,
-    noise_of_pictures,
-    noise_of_repeat,
+    noise_from_neighbours,
+    noise_from_repeat,
     plan_exposures,
-    rounded_down,
+    round_down_exposure,
 )
 from procam.estimate.camera.hdr import merge_exposures
 from procam.estimate.camera.noise import NoiseLaw
@@ -86,7 +86,7 @@ class TestPlan:
     ) -> None:
         plan, (white, _) = planned(taken), scene()
         assert plan.exposure_s == pytest.approx(
-            TARGET * SENSOR.full_scale / np.quantile(white[LIT], 0.999),
+            TARGET_LEVEL * SENSOR.full_scale / np.quantile(white[LIT], 0.999),
             rel=0.03,  # what it meters holds noise
         )
         assert (photograph(white, plan.exposure_s, rng) == 2**SENSOR.bits - 1).mean() < 1e-3
@@ -111,7 +111,7 @@ class TestPlan:
     ) -> None:
         plan = planned(taken, noise=NoiseLaw(0.5, 0.01))
         assert plan.bracket_s == (plan.exposure_s,)
-        assert plan.snr_bracket == plan.snr > WANTED_SNR
+        assert plan.snr_bracket == plan.snr > TARGET_SNR
 
     @pytest.mark.parametrize("fall", [10.0, 40.0, 150.0])
     def test_brackets_reach_the_wanted_ratio(self, fall: float, rng: np.random.Generator) -> None:
@@ -123,8 +123,8 @@ class TestPlan:
         steps = np.diff(np.log(plan.bracket_s))
         assert 2 <= len(plan.bracket_s) <= 3
         assert np.allclose(steps, steps[0], rtol=0.02)
-        assert steps[0] <= np.log(LARGEST_STEP) + 0.01
-        assert plan.snr < WANTED_SNR <= plan.snr_bracket * 1.01
+        assert steps[0] <= np.log(MAX_RATIO) + 0.01
+        assert plan.snr < TARGET_SNR <= plan.snr_bracket * 1.01
 
     def test_black_stands_clear_of_read_noise(
         self, taken: tuple[NDArray[np.uint16], NDArray[np.uint16]]
@@ -181,13 +181,13 @@ class TestPlan:
         white, _ = scene(brightest=6_000.0)
         better_s = meter(photograph(white, 0.05, rng), 0.05, SENSOR)
         peak = np.quantile(photograph(white, better_s, rng), 0.999) - SENSOR.black_level
-        assert peak == pytest.approx(TARGET * SENSOR.full_scale, rel=0.1)
+        assert peak == pytest.approx(TARGET_LEVEL * SENSOR.full_scale, rel=0.1)
 
 
 class TestParts:
     @given(st.floats(1e-4, 900.0))
     def test_exposures_are_rounded_down(self, seconds: float) -> None:
-        assert 0.99 * seconds <= rounded_down(seconds) <= seconds * (1 + 1e-12)
+        assert 0.99 * seconds <= round_down_exposure(seconds) <= seconds * (1 + 1e-12)
 
     @given(
         st.floats(1, 1e5), st.floats(0.05, 1), st.floats(0.1, 9), st.floats(0, 1), st.floats(1, 200)
@@ -209,14 +209,17 @@ class TestParts:
 
     def test_two_groups_are_split(self) -> None:
         white, direct = scene()
-        assert np.array_equal(lit_pixels(white, 1.0), direct > 0)
-        assert not lit_pixels(np.zeros(SHAPE), 1.0).any()
+        assert np.array_equal(lit_by_brightness(white, 1.0), direct > 0)
+        assert not lit_by_brightness(np.zeros(SHAPE), 1.0).any()
 
     @pytest.mark.parametrize("law", [LAW, NoiseLaw(9.0, 0.02), NoiseLaw(1.0, 1.0)])
     def test_noise_is_read_off_pictures(self, law: NoiseLaw, rng: np.random.Generator) -> None:
         rate = 3000 * np.linspace(0, 1, 300)[:, None] ** 3 * np.ones(400)
         first, second = (photograph(rate, 1.0, rng, law) for _ in range(2))
-        for found in (noise_of_pictures([first], SENSOR), noise_of_repeat(first, second, SENSOR)):
+        for found in (
+            noise_from_neighbours([first], SENSOR),
+            noise_from_repeat(first, second, SENSOR),
+        ):
             for level in (0.0, 300.0, 3000.0):
                 assert found.variance(level) == pytest.approx(
                     law.variance(level) + 1 / 12, rel=0.15
@@ -225,7 +228,7 @@ class TestParts:
     def test_a_brighter_repeat_is_no_noise(self, rng: np.random.Generator) -> None:
         rate = np.linspace(100, 3000, 300 * 400).reshape(300, 400)
         pair = photograph(rate, 1.0, rng), photograph(rate, 1.1, rng)
-        found = noise_of_repeat(*pair, SENSOR)
+        found = noise_from_repeat(*pair, SENSOR)
         assert found.variance(2000.0) == pytest.approx(LAW.variance(2000.0), rel=0.15)
 
 
@@ -344,7 +347,7 @@ class TestDeviceChecks:
         room = np.full((60, 80), 12.0)
         room[:3, :3] = 900.0  # an exit sign
         shots = [photograph(room, e, rng) for e in (0.1, 2.0)]
-        level, ambient = dark_line(shots[0], shots[1], (0.1, 2.0))
+        level, ambient = fit_dark_frames(shots[0], shots[1], (0.1, 2.0))
         assert level == pytest.approx(SENSOR.black_level, abs=0.15)
         assert np.median(ambient) == pytest.approx(12.0, rel=0.1)
 
@@ -375,4 +378,4 @@ class TestDeviceChecks:
 
     def test_brightness(self) -> None:
         white, direct = scene()
-        assert grown_brightness(white, 1.3 * white, direct > 0) == pytest.approx(1.3)
+        assert brightness_ratio(white, 1.3 * white, direct > 0) == pytest.approx(1.3)

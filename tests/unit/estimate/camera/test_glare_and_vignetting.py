@@ -12,9 +12,9 @@ from procam.errors import InputError, NotEnoughData, OutOfModelRange, ProcamErro
 from procam.estimate.camera.glare_and_vignetting import (
     UNEVEN_VEIL,
     black_level,
-    desk_glare,
+    fit_glare,
     fit_vignetting,
-    flat_light,
+    linear_light,
 )
 from procam.estimate.camera.radiance import Radiometer
 from procam.maths.geometry.lenses import Lens, project, unproject
@@ -78,7 +78,7 @@ def lights(
     glare: float, number: int = 1, veil: Callable[[Array, float], Array] = even_veil, **more: float
 ) -> list[Array]:
     return [
-        flat_light(photograph(veil(surround(place, **more), glare), seed=i), RADIOMETER)
+        linear_light(photograph(veil(surround(place, **more), glare), seed=i), RADIOMETER)
         for i, place in enumerate(PLACES[:number])
     ]
 
@@ -86,33 +86,33 @@ def lights(
 class TestFlatLight:
     def test_counts_become_light(self) -> None:
         truth = surround(PLACES[0])
-        light = flat_light(photograph(truth, noise=0), RADIOMETER)
+        light = linear_light(photograph(truth, noise=0), RADIOMETER)
         assert light.shape == (SIZE, SIZE, 1)
         np.testing.assert_allclose(light[CIRCLE, 0] / SCALE, truth[CIRCLE], atol=1.5 / SCALE)
 
     def test_saturated_is_unknown_but_not_in_merged_exposures(self) -> None:
         counts = photograph(surround(PLACES[0]))
         counts[80, 20] = 65535
-        assert np.isnan(flat_light(counts, RADIOMETER)).sum() == 1
+        assert np.isnan(linear_light(counts, RADIOMETER)).sum() == 1
         merged = np.full((SIZE, SIZE, 3), 1e5)
-        np.testing.assert_allclose(flat_light(merged, RADIOMETER)[80, 80], 1e5, rtol=1e-9)
+        np.testing.assert_allclose(linear_light(merged, RADIOMETER)[80, 80], 1e5, rtol=1e-9)
 
     def test_another_size(self) -> None:
         with pytest.raises(ShapeError, match=r"got shape \(9, 9, 1\), expected \(161, 161\)"):
-            flat_light(np.zeros((9, 9), np.uint16), RADIOMETER)
+            linear_light(np.zeros((9, 9), np.uint16), RADIOMETER)
 
 
 class TestGlare:
     @pytest.mark.parametrize("glare", [0.002, 0.01, 0.04])
     def test_an_even_veil(self, glare: float) -> None:
-        found = desk_glare(lights(glare, 3), traps(3), RADIOMETER.seen)
+        found = fit_glare(lights(glare, 3), traps(3), RADIOMETER.seen)
         assert abs(found.glare - glare) < SIGMAS * 2e-5  # counts of noise and rounding, averaged
         assert found.sigma == pytest.approx(5e-4, rel=0.05)  # the trap's own, alone
         assert len(found.each) == 3
 
     def test_an_uneven_veil_is_in_the_sigma(self) -> None:
         """Truth: what veils the picture on average, as a share of the mean; no single place shows it."""
-        found = desk_glare(lights(0.01, 4, wide_veil), traps(4), RADIOMETER.seen)
+        found = fit_glare(lights(0.01, 4, wide_veil), traps(4), RADIOMETER.seen)
         shares = []
         for place in PLACES:
             light = surround(place)
@@ -122,23 +122,21 @@ class TestGlare:
         assert np.ptp(found.each) > 1e-3
 
     def test_one_photograph_allows_for_an_uneven_veil(self) -> None:
-        found = desk_glare(lights(0.01), traps(1), RADIOMETER.seen)
+        found = fit_glare(lights(0.01), traps(1), RADIOMETER.seen)
         assert found.sigma == pytest.approx(np.hypot(UNEVEN_VEIL * 0.01, 5e-4), rel=0.02)
 
     def test_colour(self) -> None:
         shares = (0.008, 0.01, 0.012)
         truth = np.stack([even_veil(surround(PLACES[0]), g) for g in shares], axis=-1)
         counts = np.rint(BLACK + SCALE * truth * fall()[..., None]).astype(np.uint16)
-        found = desk_glare([flat_light(counts, RADIOMETER)], traps(1), RADIOMETER.seen)
+        found = fit_glare([linear_light(counts, RADIOMETER)], traps(1), RADIOMETER.seen)
         assert found.glare == pytest.approx(0.01, abs=1e-5)
         assert found.sigma > 0.002  # of the channels
 
     def test_a_grey_trap_within_what_is_told(self) -> None:
         """A residual of a thousandth, told as such: one sigma off, and said so."""
         own = 1e-3 * surround(PLACES[0])[CIRCLE].mean()
-        found = desk_glare(
-            lights(0.01, 3, residual=own), traps(3), RADIOMETER.seen, trap_sigma=1e-3
-        )
+        found = fit_glare(lights(0.01, 3, residual=own), traps(3), RADIOMETER.seen, trap_sigma=1e-3)
         assert 0.8e-3 < found.glare - 0.01 < 1.2e-3
         assert found.sigma >= 1e-3
 
@@ -146,7 +144,7 @@ class TestGlare:
         x, y, radius = traps(1)[0]
         mask = np.hypot(COLUMNS - x, ROWS - y) <= radius
         (light,) = lights(0.01)
-        assert desk_glare([light], [mask], RADIOMETER.seen) == desk_glare(
+        assert fit_glare([light], [mask], RADIOMETER.seen) == fit_glare(
             [light], traps(1), RADIOMETER.seen
         )
 
@@ -155,8 +153,8 @@ class TestGlare:
         from procam.model.frame import CameraSettings, Frame
 
         counts = photograph(even_veil(surround(PLACES[1]), 0.03), noise=0)
-        light = flat_light(counts, RADIOMETER)
-        glare = desk_glare([light], [traps(2)[1]], RADIOMETER.seen).glare
+        light = linear_light(counts, RADIOMETER)
+        glare = fit_glare([light], [traps(2)[1]], RADIOMETER.seen).glare
         camera = replace(CAMERA, sensor=replace(CAMERA.sensor, glare=glare))
         radiance = Radiometer(camera).radiance(Frame(counts, CameraSettings(1.0), 0.0, 1.0))
         hole = np.hypot(COLUMNS - PLACES[1][0], ROWS - PLACES[1][1]) <= INSIDE_PX
@@ -239,7 +237,7 @@ class TestGlareRefuses:
     ) -> None:
         photos, places = given()
         with pytest.raises(error, match=told):
-            desk_glare(photos, places, RADIOMETER.seen)
+            fit_glare(photos, places, RADIOMETER.seen)
 
 
 def flat(turns: int, *, gradient: float = 0.0, v1: float = V1, v2: float = V2) -> list[Array]:
@@ -247,7 +245,7 @@ def flat(turns: int, *, gradient: float = 0.0, v1: float = V1, v2: float = V2) -
     plain = Radiometer(replace(CAMERA, sensor=replace(CAMERA.sensor, vignetting=())))
     paper = 0.8 * (1 + gradient * (COLUMNS - MIDDLE) / MIDDLE)
     return [
-        flat_light(photograph(np.rot90(paper, k), seed=k, darkening=fall(v1, v2)), plain)
+        linear_light(photograph(np.rot90(paper, k), seed=k, darkening=fall(v1, v2)), plain)
         for k in range(turns)
     ]
 
@@ -271,7 +269,7 @@ class TestVignetting:
         theta = np.arctan(np.hypot(x, y))
         radiometer = Radiometer(camera)
         counts = photograph(np.full((SIZE, SIZE), 0.8), darkening=1 - 0.6 * theta**2)
-        found = fit_vignetting([flat_light(counts, radiometer)], radiometer.rays, radiometer.seen)
+        found = fit_vignetting([linear_light(counts, radiometer)], radiometer.rays, radiometer.seen)
         assert (np.abs(found.coefficients - [-0.6, 0.0]) < SIGMAS * found.sigma).all()
 
     @pytest.mark.parametrize(

@@ -9,9 +9,9 @@ from tolerances import SIGMAS
 from procam.errors import NotEnoughData
 from procam.estimate.camera.noise import NoiseLaw
 from procam.estimate.structured_light.self_calibration import (
-    WaveCalibration,
-    calibrate_waves,
-    search,
+    SelfCalibration,
+    find_columns,
+    self_calibrate,
 )
 from procam.maths.codes.phase import (
     WaveDistortion,
@@ -40,7 +40,7 @@ class Pixels:
     odd: float = 0.0  # share of pixels that see no wave but something else
     direct: tuple[float, float] = (60, 400)
 
-    def calibration(self, seed: int) -> WaveCalibration:
+    def calibration(self, seed: int) -> SelfCalibration:
         rng = np.random.default_rng(seed)
         count = SHAPE[0] * SHAPE[1]
         x = rng.uniform(0, LENGTH - 1, count)
@@ -56,10 +56,10 @@ class Pixels:
         samples = level + np.sqrt(self.noise.variance(level)) * rng.standard_normal(level.shape)
         frames = [np.rint(s).astype(np.uint16).reshape(SHAPE) for s in samples.T]
         span = (direct + scattered).reshape(SHAPE).astype(np.float32)
-        return calibrate_waves(frames, self.waves, LENGTH, span, np.ones(SHAPE, bool))
+        return self_calibrate(frames, self.waves, LENGTH, span, np.ones(SHAPE, bool))
 
 
-def runs(pixels: Pixels) -> list[WaveCalibration]:
+def runs(pixels: Pixels) -> list[SelfCalibration]:
     return [pixels.calibration(seed) for seed in range(RUNS)]
 
 
@@ -137,7 +137,7 @@ def test_too_few_pixels_are_refused() -> None:
     usable = np.zeros(SHAPE, bool)
     usable[0, :49] = True
     with pytest.raises(NotEnoughData, match=r"got 49 pixels .*, expected at least 50"):
-        calibrate_waves(frames, MICRO, LENGTH, np.ones(SHAPE, np.float32), usable)
+        self_calibrate(frames, MICRO, LENGTH, np.ones(SHAPE, np.float32), usable)
 
 
 class TestSearch:
@@ -156,7 +156,7 @@ class TestSearch:
         keep = ~np.isin(np.arange(8), lost)
         x, frames = self._frames(MICRO, rng)
         left = [f for f, k in zip(frames, keep, strict=True) if k]
-        found = search(left, MICRO.kept(keep), WaveDistortion(), LENGTH)
+        found = find_columns(left, MICRO.kept(keep), WaveDistortion(), LENGTH)
         assert found.position.shape == x.shape
         error = 0.5 * np.sqrt(found.variance)
         assert np.mean(((found.position - x) / error) ** 2) == pytest.approx(1, abs=0.35)
@@ -165,6 +165,6 @@ class TestSearch:
     def test_one_period_is_told_within_it(self, rng: np.random.Generator) -> None:
         waves = Waves(np.full(5, 30.0), equal_steps(5), 5)
         x, frames = self._frames(waves, rng)
-        found = search(frames, waves, WaveDistortion(), LENGTH)
+        found = find_columns(frames, waves, WaveDistortion(), LENGTH)
         off = np.mod(found.position - x + 15, 30) - 15
         assert np.abs(off).max() < 0.3
