@@ -14,7 +14,7 @@ import numpy as np
 State = TypeVar("State")
 Trial = Callable[[float], State]
 
-FIRST_DAMPING, MIN_DAMPING, MAX_DAMPING = 1e-4, 1e-12, 1e12  # shares of the diagonal
+MIN_DAMPING, MAX_DAMPING = 1e-12, 1e12  # shares of the diagonal
 RAISE, LOWER = 8.0, 64.0  # a successful step lowers the damping by LOWER / RAISE
 
 
@@ -24,6 +24,7 @@ def minimise(
     linearise: Callable[[State], Trial[State]],
     *,
     iterations: int = 200,
+    damping: float = 1e-4,
     tolerance: float = 1e-11,
 ) -> tuple[State, bool]:
     """Descend from a state to the nearest minimum of a cost.
@@ -33,13 +34,14 @@ def minimise(
     cost : the value to minimise; infinite or NaN where a state is impossible.
     linearise : builds the normal equations at a state; returns the function from damping to trial state.
     iterations : most linearisations.
+    damping : of the first trial; small where the start is near or directions are weakly determined.
     tolerance : the relative gain of a step below which the descent ends.
 
     Returns
     -------
     state, converged : where the descent ended, and whether it ended before `iterations`.
     """
-    damping, value = FIRST_DAMPING, cost(state)
+    value = cost(state)
     for _ in range(iterations if np.isfinite(value) else 0):
         trial_at = linearise(state)
         trial, new = state, np.inf

@@ -281,8 +281,8 @@ class TestGlare:
         )
         assert "--trap-sigma: got 2, expected a share" in of(**{"trap-sigma": "2"})
         assert "glare.csv: got the suffix '.csv', expected .toml" in of(out=venue / "glare.csv")
-        assert "got a trap with 11" in of(trap="40,40,8")
-        assert "dark: got up to" in of(dark=venue / "a.tif")
+        assert "the trap has 11" in of(trap="40,40,8")
+        assert "dark: the photograph has up to" in of(dark=venue / "a.tif")
         assert not out.exists()
 
 
@@ -304,6 +304,4 @@ class TestVignetting:
         paper = 0.8 * (1 + 0.2 * (COLUMNS - MIDDLE) / MIDDLE)
         write_image(venue / "flat.tif", darkened(paper, 0.0))
         where = ("--venue", venue, "--camera", "zenith")
-        assert "round the axis, expected 3% at most" in refused(
-            "vignetting", venue / "flat.tif", *where
-        )
+        assert "round the axis, more than 3%" in refused("vignetting", venue / "flat.tif", *where)

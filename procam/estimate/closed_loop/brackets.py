@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.estimate.camera.exposure import RATIO, MAX_EXPOSURE_S, MAX_EXPOSURES
+from procam.estimate.camera.exposure import MAX_EXPOSURE_S, MAX_EXPOSURES, RATIO
 from procam.estimate.camera.hdr import merge_exposures
 from procam.estimate.camera.noise import NoiseLaw
 from procam.estimate.closed_loop.patches import ALMOST_ALL, FEWEST, TWO_SIDED, just_noticeable

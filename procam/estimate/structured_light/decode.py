@@ -95,7 +95,7 @@ class Decoder:
         both: dict[str, AxisResult] = {"x": x, "y": y}
         waves = {n: r.waves for n, r in both.items() if r.waves is not None}
         if len(waves) == len(AXES):
-            blur_px2 = np.array([waves[axis].look.blur_px2 for axis in AXES])
+            blur_px2 = np.array([waves[axis].distortion.blur_px2 for axis in AXES])
             period_px = np.array([waves[axis].period_px for axis in AXES])
             seen = np.clip((x.direct + y.direct) / 2, 0, span).astype(np.float32)
             found = undo_blur(found, seen, blur_px2, period_px, self.code.size)

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procam.estimate.camera.checks import response_exponent
-from procam.estimate.camera.exposure import green, meter, noise_from_repeat
-from procam.estimate.camera.noise import NoiseLaw
+from procam.estimate.camera.exposure import green, meter
+from procam.estimate.camera.noise import NoiseLaw, noise_from_repeat
 from procam.estimate.projector_tests import analysis as estimate
 from procam.estimate.projector_tests.analysis import Effect, Patches, PatchLight
 from procam.estimate.projector_tests.patterns import (

@@ -21,11 +21,9 @@ from procam.estimate.camera.exposure import (
     direct_light,
     green,
     meter,
-    noise_from_neighbours,
-    noise_from_repeat,
     plan_exposures,
 )
-from procam.estimate.camera.noise import NoiseLaw
+from procam.estimate.camera.noise import NoiseLaw, noise_from_neighbours, noise_from_repeat
 from procam.files.venue.load import CaptureTable
 from procam.model.frame import CameraSettings, Frame
 from procam.model.optics import Sensor

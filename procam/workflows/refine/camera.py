@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from procam.devices.rig import Rig
 from procam.errors import OutOfModelRange
-from procam.estimate.camera.exposure import green, noise_from_repeat
-from procam.estimate.camera.noise import NO_NOISE
+from procam.estimate.camera.exposure import green
+from procam.estimate.camera.noise import NO_NOISE, noise_from_repeat
 from procam.estimate.camera.radiance import Radiometer
 from procam.estimate.closed_loop.brackets import bracket_for, merged_frame
 from procam.estimate.closed_loop.dome import LoopCells

@@ -6,100 +6,29 @@ from importlib import resources
 
 import numpy as np
 import pytest
+from simulated_boards import (
+    BEND,
+    BOARD,
+    FISHEYE,
+    MIDDLE,
+    NOISE_PX,
+    PINHOLE,
+    SIZE,
+    add_outliers,
+    fisheye_views,
+    looking_at,
+    pinhole_views,
+    seen,
+)
 from tolerances import SIGMAS
 
 from procam.errors import InputError, NotEnoughData, ShapeError
-from procam.estimate.boards.adjustment import BoardAdjustment, step_pose
 from procam.estimate.boards.camera import BoardView, fit_camera, rms, view_residuals
-from procam.estimate.boards.corners import BoardRig, residuals, stack_corners
-from procam.estimate.boards.start import pose_from_rays
-from procam.maths.geometry.lens_derivatives import lens_of_parameters, lens_parameters
+from procam.maths.geometry.lens_derivatives import lens_parameters
 from procam.maths.geometry.lenses import Lens, project, unproject
 from procam.maths.geometry.pose import Pose, align_rotation, rotation_matrix
 
-COLUMNS, ROWS, SQUARE_M = 13, 9, 0.0135
-BOARD = np.stack([*np.meshgrid(np.arange(COLUMNS), np.arange(ROWS)), np.zeros((ROWS, COLUMNS))], -1)
-BOARD = BOARD.reshape(-1, 3) * SQUARE_M
-MIDDLE = np.array([*(BOARD[:, :2].max(axis=0) / 2), 0.0])
-HALF = float(np.linalg.norm(MIDDLE))
-BEND = np.array([0.003, -0.001, 0.0015])
-NOISE_PX = 0.05  # of OpenCV's corner finder on a sharp photograph
 EDGE_PX = 0.1  # error of a lens at the largest angle that its photographs show
-
-FISHEYE = Lens(
-    "kannala-brandt",
-    np.array([311.0, 310.2]),
-    np.array([652.3, 507.4]),
-    np.array([0.03, -0.012, 0.004, -0.0007]),
-)
-PINHOLE = Lens(
-    "brown",
-    np.array([905.0, 903.1]),
-    np.array([652.3, 507.4]),
-    np.array([-0.28, 0.11, 0.0006, -0.0004, -0.02]),
-)
-SIZE = (1300, 1020)
-
-
-def bent(points: np.ndarray, bend: np.ndarray) -> np.ndarray:
-    u, v = ((points - MIDDLE)[:, :2] / HALF).T
-    return points + np.stack([0 * u, 0 * u, np.stack([u * u, v * v, u * v], 1) @ bend], axis=1)
-
-
-def looking_at(angle: float, azimuth: float, tilt: np.ndarray, distance: float) -> Pose:
-    """A board with its middle `angle` off the axis, facing the camera except for its `tilt`."""
-    axis = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
-    facing = rotation_matrix(axis * angle)
-    rotation = facing @ rotation_matrix(tilt)
-    return Pose(rotation, facing[:, 2] * distance - rotation @ MIDDLE)
-
-
-def fisheye_views(rng: np.random.Generator, lens: Lens, number: int = 30) -> list[BoardView]:
-    """Boards all over the half space and beyond; the first has a corner on the principal point."""
-    angles = np.radians(np.linspace(0, 88, number))
-    views = []
-    for i, angle in enumerate(angles):
-        pose = looking_at(angle, 2.4 * i, rng.normal(0, 0.35, 3), rng.uniform(0.13, 0.2))
-        if i == 0:
-            corner = pose.apply(bent(BOARD, BEND))[22]
-            pose = Pose(pose.rotation, pose.translation - [corner[0], corner[1], 0.0])
-        views.append(seen(rng, f"{i:02d}.png", pose, lens))
-    corner = views[0].pixels[22]
-    corner[:] = lens.centre
-    return views
-
-
-def pinhole_views(rng: np.random.Generator, lens: Lens, number: int = 30) -> list[BoardView]:
-    views = []
-    while len(views) < number:
-        tilt = rng.normal(0, 0.45, 3) * [1, 1, 0.3]
-        pose = looking_at(rng.uniform(0, 0.65), rng.uniform(0, 7), tilt, rng.uniform(0.2, 0.45))
-        views.append(seen(rng, f"{len(views):02d}.png", pose, lens))
-        if len(views[-1].pixels) < len(BOARD) / 2:
-            views.pop()
-    return views
-
-
-def seen(rng: np.random.Generator, name: str, pose: Pose, lens: Lens) -> BoardView:
-    """Noisy corners that lie within the picture."""
-    pixels = project(pose.apply(bent(BOARD, BEND)), lens)
-    inside = ((pixels > 0) & (pixels < np.array(SIZE) - 1)).all(axis=1)
-    noisy = pixels + rng.normal(0, NOISE_PX, pixels.shape)
-    return BoardView(name, BOARD[inside], noisy[inside])
-
-
-def add_outliers(
-    rng: np.random.Generator, views: list[BoardView], share: float
-) -> set[tuple[str, int]]:
-    """Move some corners by 5 to 60 px; returns which."""
-    outliers = set()
-    for view, pixels in [(v.name, v.pixels) for v in views]:
-        for index in np.flatnonzero(rng.random(len(pixels)) < share):
-            angle, far = rng.uniform(0, 2 * np.pi), rng.uniform(5, 60)
-            shifted = pixels[index] + far * np.array([np.cos(angle), np.sin(angle)])
-            pixels[index] = np.clip(shifted, 0, np.array(SIZE) - 1)
-            outliers.add((view, int(index)))
-    return outliers
 
 
 def z_scores(found: Lens, truth: Lens, covariance: np.ndarray) -> np.ndarray:
@@ -163,9 +92,8 @@ class TestTruth:
         # chi-square of 72 degrees of freedom, +-4 sigma
         assert np.sum(scores) == pytest.approx(72, abs=SIGMAS * np.sqrt(2 * 72))
 
-    def test_exact_corners_give_the_exact_lens(self, rng, monkeypatch) -> None:
-        monkeypatch.setitem(globals(), "NOISE_PX", 0.0)
-        fit = fit_camera(fisheye_views(rng, FISHEYE, 8), SIZE, "kannala-brandt")
+    def test_exact_corners_give_the_exact_lens(self, rng) -> None:
+        fit = fit_camera(fisheye_views(rng, FISHEYE, 8, noise_px=0.0), SIZE, "kannala-brandt")
         np.testing.assert_allclose(fit.lens.focal, FISHEYE.focal, rtol=1e-7)
         np.testing.assert_allclose(fit.bend, BEND, atol=1e-8)
 
@@ -213,56 +141,8 @@ class TestRealFisheye:
         assert len(fit.dropped) < 0.01 * sum(map(len, fit.residual_px.values()))
 
 
-class TestDerivatives:
-    def test_normal_equations_equal_finite_differences(self, rng) -> None:
-        """The gradient against central differences of the cost, for all parameters."""
-        views = fisheye_views(rng, FISHEYE, 3)
-        corners = stack_corners(
-            [v.points for v in views], [np.stack([v.pixels, v.pixels + 3]) for v in views]
-        )
-        devices = (
-            Pose(np.eye(3), np.zeros(3)),
-            Pose.from_vectors((0.1, -0.2, 0.05), (0.02, 0, 0.01)),
-        )
-        boards = tuple(pose_from_rays(v.points, unproject(v.pixels, FISHEYE)) for v in views)
-        rig = BoardRig((FISHEYE, FISHEYE), devices, boards, BEND)
-        bundle = BoardAdjustment(
-            corners, (tuple(range(8)), (0, 3, 5)), np.array([1.0, 2.0]), bend=True
-        )
-        gradient = []
-        for i in range(bundle.shared + 18):
-            step = np.zeros(bundle.shared + 18)
-            step[i] = 1e-6
-            ahead, back = (bundle.cost(stepped(rig, bundle, sign * step)) for sign in (1, -1))
-            gradient.append((ahead - back) / 4e-6)
-        equations = bundle._equations(rig)
-        ours = np.r_[equations.gradient, equations.own_gradient.ravel()]
-        np.testing.assert_allclose(ours, gradient, rtol=1e-4, atol=1e-4 * np.abs(ours).max())
-
-
-def stepped(rig: BoardRig, bundle: BoardAdjustment, x: np.ndarray) -> BoardRig:
-    """The step of the parameters, written out for the rig of the test above."""
-    first = lens_of_parameters(FISHEYE, lens_parameters(rig.lenses[0]) + x[:8])
-    change = np.zeros(8)
-    change[[0, 3, 5]] = x[8:11]
-    second = lens_of_parameters(FISHEYE, lens_parameters(rig.lenses[1]) + change)
-    own = x[bundle.shared :].reshape(-1, 6)
-    return BoardRig(
-        (first, second),
-        (rig.devices[0], step_pose(rig.devices[1], x[11:17])),
-        tuple(step_pose(b, s) for b, s in zip(rig.boards, own, strict=True)),
-        rig.bend + x[17:20],
-    )
-
-
-class TestStart:
-    def test_pose_from_rays_beyond_ninety_degrees(self) -> None:
-        pose = looking_at(np.radians(97), 1.0, np.array([0.2, -0.3, 0.5]), 0.15)
-        found = pose_from_rays(BOARD, unproject(project(pose.apply(BOARD), FISHEYE), FISHEYE))
-        np.testing.assert_allclose(found.rotation, pose.rotation, atol=1e-6)
-        np.testing.assert_allclose(found.translation, pose.translation, atol=1e-7)
-
-    @pytest.mark.parametrize("focal", [200.0, 420.0, 1500.0])
+class TestFocals:
+    @pytest.mark.parametrize("focal", [200.0, 1500.0])
     def test_any_fisheye_focal_is_found(self, rng, focal: float) -> None:
         lens = replace(FISHEYE, focal=np.full(2, focal), distortion=np.zeros(4))
         views = [v for v in fisheye_views(rng, lens, 40) if len(v.points) > 20]
@@ -270,7 +150,7 @@ class TestStart:
         fit = fit_camera(views[1:], SIZE, "kannala-brandt")
         assert abs(fit.lens.focal[0] - focal) < SIGMAS * fit.sigma["fx"]
 
-    @pytest.mark.parametrize("focal", [600.0, 2500.0, 6000.0])
+    @pytest.mark.parametrize("focal", [600.0, 6000.0])
     def test_any_pinhole_focal_is_found(self, rng, focal: float) -> None:
         lens = replace(PINHOLE, focal=np.full(2, focal), distortion=np.zeros(5))
         views = [
@@ -326,13 +206,3 @@ class TestRefusals:
             fit_camera([*views, BoardView("x", BOARD[:, :2], BOARD[:, :2])], SIZE, "brown")
         with pytest.raises(ShapeError, match=r"pixels.*\(116, 2\)"):
             fit_camera([*views, BoardView("x", BOARD, BOARD[1:, :2])], SIZE, "brown")
-
-
-def test_residuals_are_predicted_minus_observed() -> None:
-    pose = looking_at(0.1, 0.0, np.zeros(3), 0.3)
-    pixels = project(pose.apply(BOARD), PINHOLE) + np.array([1.0, -2.0])
-    corners = stack_corners([BOARD], [pixels[None]])
-    rig = BoardRig((PINHOLE,), (Pose(np.eye(3), np.zeros(3)),), (pose,), np.zeros(3))
-    np.testing.assert_allclose(
-        residuals(corners, rig)[0], np.tile([-1.0, 2.0], (len(BOARD), 1)), atol=1e-9
-    )

@@ -27,13 +27,11 @@ from procam.estimate.camera.exposure import (
     lit_by_brightness,
     merged_snr,
     meter,
-    noise_from_neighbours,
-    noise_from_repeat,
     plan_exposures,
     round_down_exposure,
 )
 from procam.estimate.camera.hdr import merge_exposures
-from procam.estimate.camera.noise import NoiseLaw
+from procam.estimate.camera.noise import NoiseLaw, noise_from_neighbours, noise_from_repeat
 from procam.estimate.structured_light.codes import generate, make_code
 from procam.estimate.structured_light.decode import Decoder
 from procam.estimate.structured_light.limits import DecodeLimits

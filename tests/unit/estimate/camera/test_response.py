@@ -16,7 +16,8 @@ from procam.errors import (
     ShapeError,
 )
 from procam.estimate.camera import response_fit
-from procam.estimate.camera.response import linearity_error, solve_response
+from procam.estimate.camera.linearity import linearity_error
+from procam.estimate.camera.response import solve_response
 
 Array = np.ndarray
 Curve = Callable[[Array], Array]
