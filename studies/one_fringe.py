@@ -18,7 +18,8 @@ from procam.estimate.structured_light.scatter_bias import (
     remove_phasor,
     scattered_light,
 )
-from procam.estimate.structured_light.sinusoids import SinusoidImages, decode_sinusoids
+from procam.estimate.structured_light.self_calibration import SinusoidImages
+from procam.estimate.structured_light.sinusoids import decode_sinusoids
 from procam.maths.codes.phase import equal_steps
 from procam.maths.warp import grow
 from simulators.presets import STANDARD, Preset

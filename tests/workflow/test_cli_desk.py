@@ -21,7 +21,7 @@ from simulators.scene import SceneSize
 
 Array = np.ndarray
 SECONDS = (1 / 64, 1 / 16, 1 / 4, 1.0)
-TOLD = "1/64, 1/16, 0.25, 1"
+EXPOSURES = "1/64, 1/16, 0.25, 1"
 SIZE, MIDDLE, FOCAL = 160, 79.5, 60.0
 BLACK = 200.0
 ROWS, COLUMNS = np.indices((SIZE, SIZE))
@@ -77,9 +77,9 @@ def refused(*arguments: object) -> str:
 
 
 class TestResponse:
-    def test_with_exposures_told(self, brackets: Path, tmp_path: Path) -> None:
+    def test_with_given_exposures(self, brackets: Path, tmp_path: Path) -> None:
         out = tmp_path / "zenith.csv"
-        ran = procam("response", brackets, "--exposures", TOLD, "--out", out)
+        ran = procam("response", brackets, "--exposures", EXPOSURES, "--out", out)
         assert (ran.code, ran.err) == (0, "")
         assert 'set response = "zenith.csv"' in ran.out
         response = load_response("zenith.csv", tmp_path)
@@ -109,8 +109,8 @@ class TestResponse:
             *command, "1,2,3"
         )
         assert "0.png: got no exposure in its header" in refused(*command[:-1])
-        told = refused(*command, "1,1/4,1/16,1/64")
-        assert f"{brackets} (0.png, 1.png, 2.png, 3.png): brackets: photographs 4 and 3" in told
+        message = refused(*command, "1,1/4,1/16,1/64")
+        assert f"{brackets} (0.png, 1.png, 2.png, 3.png): brackets: photographs 4 and 3" in message
         assert "got the suffix '.toml', expected .csv" in refused(
             "response", brackets, "--out", tmp_path / "a.toml"
         )
@@ -121,11 +121,11 @@ class TestResponse:
         assert "got no such folder" in refused("response", tmp_path / "gone", "--out", out)
         put_headers(brackets, shots)
         with_header(brackets / "1.png", shots[1], ExposureTime=0.06, FNumber=11.0)
-        assert "got several aperture f/ (0.png 8.0, 1.png 11.0" in refused(*command, TOLD)
+        assert "got several aperture f/ (0.png 8.0, 1.png 11.0" in refused(*command, EXPOSURES)
         write_image(brackets / "1.png", shots[1].astype(np.uint16))
-        assert "got several bits (0.png 8, 1.png 16" in refused(*command, TOLD)
+        assert "got several bits (0.png 8, 1.png 16" in refused(*command, EXPOSURES)
         (brackets / "1.png").write_bytes(b"no picture")
-        assert "1.png: got no readable photograph" in refused(*command, TOLD)
+        assert "1.png: got no readable photograph" in refused(*command, EXPOSURES)
         assert not out.exists()
 
 
@@ -133,7 +133,7 @@ class TestVenue:
     """What venue.toml may say of brackets."""
 
     @pytest.mark.parametrize(
-        ("new", "told"),
+        ("new", "message"),
         [
             ('response = "solve"', "cameras.zenith.brackets: got nothing, expected with response"),
             (
@@ -146,9 +146,9 @@ class TestVenue:
             ),
         ],
     )
-    def test_mistakes(self, tmp_path: Path, new: str, told: str) -> None:
+    def test_mistakes(self, tmp_path: Path, new: str, message: str) -> None:
         (line,) = mistakes(tmp_path, edit('response = "linear"', new))
-        assert line.startswith(f"{tmp_path / 'venue.toml'}: {told.format(tmp_path)}")
+        assert line.startswith(f"{tmp_path / 'venue.toml'}: {message.format(tmp_path)}")
 
 
 class TestIngest:

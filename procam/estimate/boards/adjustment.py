@@ -88,14 +88,7 @@ class BoardAdjustment:
         return lambda damping: self._stepped(rig, *equations.step(damping))
 
     def _equations(self, rig: BoardRig) -> "_BoardEquations":
-        views = len(rig.boards)
-        sums = _BoardEquations(
-            np.zeros((self.shared, self.shared)),
-            np.zeros((views, self.shared, 6)),
-            np.zeros((views, 6, 6)),
-            np.zeros(self.shared),
-            np.zeros((views, 6)),
-        )
+        sums = _BoardEquations(self.shared, len(rig.boards))
         for device, use in enumerate(self.corners.use):
             index = np.flatnonzero(use)
             rows, own, error = self._rows(rig, device, index)
@@ -161,18 +154,16 @@ class BoardAdjustment:
         return BoardRig(tuple(lenses), tuple(devices), tuple(boards), bend)
 
 
-@dataclass(frozen=True, slots=True)
 class _BoardEquations:
     """Normal equations of S shared parameters and V board poses.
 
     `matrix` (S, S), `cross` (V, S, 6), `own` (V, 6, 6), `gradient` (S,), `own_gradient` (V, 6).
     """
 
-    matrix: Array
-    cross: Array
-    own: Array
-    gradient: Array
-    own_gradient: Array
+    def __init__(self, shared: int, views: int) -> None:
+        self.matrix, self.gradient = np.zeros((shared, shared)), np.zeros(shared)
+        self.own, self.own_gradient = np.zeros((views, 6, 6)), np.zeros((views, 6))
+        self.cross = np.zeros((views, shared, 6))
 
     def add(self, view: int, rows: Array, own: Array, error: Array) -> None:
         """Add rows (n, S) and (n, 6) of one view with residuals (n,)."""

@@ -16,8 +16,10 @@ from procam.estimate.boards.corners import BoardRig, Corners, residuals, stack_c
 from procam.estimate.boards.robust_fit import (
     IDENTITY,
     MIN_CORNERS,
+    MIN_VIEWS,
     BoardFit,
     DroppedCorner,
+    check_count,
     check_focal,
     check_tilts,
     determines_pose,
@@ -29,7 +31,6 @@ from procam.maths.geometry.lenses import Lens, LensKind, unproject
 from procam.maths.geometry.pose import Pose
 
 Array = NDArray[np.float64]
-MIN_VIEWS = 3
 FOLDS, MIN_VIEWS_TO_HOLD_OUT = 5, 6  # of the cross-validation
 GRID = 8  # cells per side of the coverage figure
 NAMES = {
@@ -185,11 +186,7 @@ def _coverage(pixels: Array, size: tuple[int, int]) -> float:
 
 
 def _check_views(views: Sequence[BoardView], size: tuple[int, int]) -> None:
-    if len(views) < MIN_VIEWS:
-        raise NotEnoughData(
-            f"views: only {len(views)} of the board; at least {MIN_VIEWS} are needed, 15 are better. "
-            "Photograph it more often, tilted to all sides"
-        )
+    check_count(views, 15)
     if len({v.name for v in views}) < len(views):
         raise InputError("views: two have the same name; give each a name of its own")
     for view in views:

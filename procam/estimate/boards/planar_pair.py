@@ -22,6 +22,7 @@ from procam.estimate.boards.robust_fit import (
     MIN_CORNERS,
     BoardFit,
     DroppedCorner,
+    check_count,
     check_focal,
     check_tilts,
     determines_pose,
@@ -33,7 +34,6 @@ from procam.maths.geometry.pose import Pose
 from procam.model.correspondence import CorrespondenceMap
 
 Array = NDArray[np.float64]
-MIN_VIEWS = 3
 PINHOLE, BROWN = tuple(range(4)), tuple(range(9))
 WINDOW = 1.0  # radius, over the distance to the nearest corner: the window stays on the board
 MIN_PIXELS = 40  # of a window
@@ -240,11 +240,7 @@ def _result(
 
 
 def _check(views: Sequence[PairView], projector_size: tuple[int, int]) -> None:
-    if len(views) < MIN_VIEWS:
-        raise NotEnoughData(
-            f"views: only {len(views)} of the board; at least {MIN_VIEWS} are needed, 6 are better. "
-            "Scan it again, tilted differently"
-        )
+    check_count(views, 6)
     for view in views:
         for name, pixels in zip(DEVICES, (view.camera_px, view.projector_px), strict=True):
             if pixels.shape != (len(view.points), 2):

@@ -1,5 +1,6 @@
 """Board adjustment with outliers: a robust fit first, then least squares of the inliers."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,7 +15,7 @@ from procam.maths.geometry.pose import Pose
 
 Array = NDArray[np.float64]
 IDENTITY = Pose(np.eye(3), np.zeros(3))
-MIN_CORNERS = 8  # of a view
+MIN_VIEWS, MIN_CORNERS = 3, 8  # of a board; of a view
 MIN_WIDTH = 0.05  # of the corners of a view, over their length
 ROUNDS = 3  # of rejecting outliers and fitting the others
 OUTLIER_SIGMAS, MIN_OUTLIER_PX = 6.0, 0.1
@@ -87,6 +88,15 @@ def determines_pose(points: Array) -> bool:
         return False
     extent = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     return bool(extent[1] > MIN_WIDTH * extent[0])
+
+
+def check_count(views: Sequence[object], enough: int) -> None:
+    """Refuse fewer than three views."""
+    if len(views) < MIN_VIEWS:
+        raise NotEnoughData(
+            f"views: only {len(views)} of the board; at least {MIN_VIEWS} are needed, {enough} are better. "
+            "Photograph it more often, tilted to all sides"
+        )
 
 
 def fit_poses(corners: Corners, rig: BoardRig, robust: bool = False) -> BoardRig:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from procam.errors import InputError, NotEnoughData, OutOfModelRange, ShapeError
 from procam.estimate.camera.radiance import Radiometer
@@ -171,7 +171,7 @@ def fit_glare(
     glare, count = float(each.mean()), len(each)
     variation = GLARE_VARIATION * glare
     if count > 1:
-        variation = float(each.std(ddof=1) * student.ppf(ONE_SIGMA, count - 1))
+        variation = float(each.std(ddof=1) * stdtrit(count - 1, ONE_SIGMA))
     parts = (trap_sigma, variation, float(np.sqrt(np.mean(noise**2))))
     return VeilingGlare(max(glare, 0.0), float(np.linalg.norm(parts)), tuple(each.tolist()))
 

@@ -10,9 +10,9 @@ from procam.errors import NotEnoughData
 from procam.estimate.structured_light.codes import Axis, AxisCode, Plane
 from procam.estimate.structured_light.limits import DecodeLimits, dropped_samples
 from procam.estimate.structured_light.scatter_bias import balanced
+from procam.estimate.structured_light.self_calibration import SinusoidImages
 from procam.estimate.structured_light.sinusoids import (
     MIN_SAMPLES,
-    SinusoidImages,
     SinusoidResult,
     complete_base_set,
     decode_sinusoids,

@@ -9,7 +9,7 @@ scattered light and so the data, so a fixed number of steps replaces a descent o
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -43,34 +43,41 @@ MAX_RESIDUAL = 6.0  # over the median of bright pixels: above, edges and mixture
 
 
 @dataclass(frozen=True, slots=True)
+class SinusoidImages:
+    """The photographs of one axis.
+
+    Attributes
+    ----------
+    frames : K photographs (H, W).
+    waves, length : their waves; columns of the panel.
+    span : (H, W) white - black.
+    usable : (H, W) pixels for the self-calibration.
+    dropped : K masks (H, W) of saturated or dark samples.
+    variance : (H, W) of a sample, for merged exposures; None to estimate a noise law.
+    surplus_sigma : prior of the pictures' flux beyond half of white's, as a share of it.
+    """
+
+    frames: Sequence[Samples]
+    waves: Waves
+    length: int
+    span: Map
+    usable: Mask
+    dropped: Sequence[Mask]
+    variance: Map | None = None
+    surplus_sigma: float = PRIOR_SURPLUS
+
+
+@dataclass(frozen=True, slots=True)
 class SelfCalibration:
     """Shared properties of one axis; `surplus` (K,) is each picture's flux beyond half of white's."""
 
     distortion: WaveDistortion
     surplus: Array
-    noise: NoiseLaw
+    noise: NoiseLaw = NO_NOISE
 
 
-def self_calibrate(
-    frames: Sequence[Samples],
-    waves: Waves,
-    length: int,
-    span: Map,
-    usable: Mask,
-    variance: Map | None = None,
-    surplus_sigma: float = PRIOR_SURPLUS,
-) -> SelfCalibration:
-    """Estimate blur, harmonic, flux surplus and noise of one axis.
-
-    Parameters
-    ----------
-    frames : K pictures (H, W).
-    waves, length : their waves; columns of the panel.
-    span : (H, W) white - black.
-    usable : (H, W) pixels to use.
-    variance : (H, W) of a sample, where noise is no function of the level, as of merged exposures; it
-        becomes the unit of the noise law.
-    surplus_sigma : prior of the surplus, as a share of the flux.
+def self_calibrate(pictures: SinusoidImages) -> SelfCalibration:
+    """Estimate blur, harmonic, flux surplus and noise of one axis from pixels without dropped samples.
 
     Raises
     ------
@@ -80,41 +87,39 @@ def self_calibrate(
     Notes
     -----
     Scattered light adds to each picture in proportion to its flux. The surplus is that proportion beyond
-    one half, and so the phasor by which scattered light biases columns.
+    one half, and so the phasor by which scattered light biases columns. Given variances become the unit
+    of the noise law.
     """
-    where = np.flatnonzero(usable)
+    where = np.flatnonzero(pictures.usable & ~np.logical_or.reduce(pictures.dropped))
     if where.size < MIN_PIXELS:
         raise NotEnoughData(
             f"waves: only {where.size} pixels have light and no saturated sample; at least {MIN_PIXELS} are "
             "needed. Check that the projector is on and the exposure right"
         )
     where = where[:: max(1, where.size // MAX_PIXELS)]
-    raw = np.stack([np.ravel(f)[where] for f in frames], axis=1).astype(float)
-    full = np.ravel(span)[where].astype(float)
-    if variance is not None:
-        scale = 1 / np.sqrt(np.ravel(variance)[where].astype(float))
+    raw = np.stack([np.ravel(f)[where] for f in pictures.frames], axis=1).astype(float)
+    full = np.ravel(pictures.span)[where].astype(float)
+    if pictures.variance is not None:
+        scale = 1 / np.sqrt(np.ravel(pictures.variance)[where].astype(float))
         raw, full = raw * scale[:, None], full * scale
-    now, scattered = _uncalibrated(len(frames)), np.zeros(len(where))
+    now = SelfCalibration(WaveDistortion(), np.zeros(raw.shape[1]))
+    scattered = np.zeros(len(where))
     for _ in range(ROUNDS):
         samples = raw - scattered[:, None] * now.surplus
-        fit, seen = _fitted(samples, waves, now.distortion, length)
-        direct = 2 / now.distortion.depth(waves) * fit.amplitude
+        fit, seen = _fitted(samples, pictures, now.distortion)
+        direct = 2 / now.distortion.depth(pictures.waves) * fit.amplitude
         scattered[seen] = np.maximum(full[seen] - direct, 0)
-        now = _step(samples[seen], waves, now, fit, (scattered[seen], surplus_sigma))
-    fit, _ = _fitted(raw - scattered[:, None] * now.surplus, waves, now.distortion, length)
-    return SelfCalibration(now.distortion, now.surplus, _residual_noise(fit, len(frames)))
-
-
-def _uncalibrated(pictures: int) -> SelfCalibration:
-    return SelfCalibration(WaveDistortion(), np.zeros(pictures), NO_NOISE)
+        now = _step(samples[seen], pictures, now, fit, scattered[seen])
+    fit, _ = _fitted(raw - scattered[:, None] * now.surplus, pictures, now.distortion)
+    return replace(now, noise=_residual_noise(fit, raw.shape[1]))
 
 
 def _fitted(
-    samples: Array, waves: Waves, distortion: WaveDistortion, length: int
+    samples: Array, pictures: SinusoidImages, distortion: WaveDistortion
 ) -> tuple[WaveFit, Mask]:
     """Fit of the pixels with a visible wave among samples (n, K), and which (n,) these are."""
     columns = list(np.ascontiguousarray(samples.T, np.float32))
-    found = find_columns(columns, waves, distortion, length)
+    found = find_columns(columns, pictures.waves, distortion, pictures.length)
     seen = np.isfinite(found.position)
     if seen.sum() < MIN_PIXELS:
         raise NotEnoughData(
@@ -146,25 +151,23 @@ def find_columns(
 
 
 def _step(
-    samples: Array,
-    waves: Waves,
-    now: SelfCalibration,
-    fit: WaveFit,
-    flux: tuple[Array, float],
+    samples: Array, pictures: SinusoidImages, now: SelfCalibration, fit: WaveFit, scattered: Array
 ) -> SelfCalibration:
-    """One Gauss-Newton step; `flux` is the scattered light (n,) and the prior of the surplus."""
-    use, (scattered, surplus_sigma) = _representative(fit), flux
+    """One Gauss-Newton step from the samples (n, K), their fit and scattered light (n,)."""
+    use = _representative(fit)
     fit = WaveFit(*(getattr(fit, name)[use] for name in FIT_PARTS))
-    residual, by_shared, basis = shared_sensitivity(samples[use], waves, now.distortion, fit)
+    residual, by_shared, basis = shared_sensitivity(
+        samples[use], pictures.waves, now.distortion, fit
+    )
     matrix, gradient = _shared_equations(residual, by_shared, basis, scattered[use])
     noise = max(float(np.mean(residual**2)), 1e-20)
     values = np.r_[now.distortion.blur_px2, now.distortion.harmonic, now.surplus]
-    size = np.r_[PRIOR_BLUR_PX2, PRIOR_HARMONIC, np.full(len(now.surplus), surplus_sigma)]
+    size = np.r_[PRIOR_BLUR_PX2, PRIOR_HARMONIC, np.full(len(now.surplus), pictures.surplus_sigma)]
     gradient = gradient / noise - values / size**2
     values = values + np.linalg.solve(matrix / noise + np.diag(size**-2), gradient)
     blur_px2 = float(np.clip(values[0], 0.0, MAX_BLUR_PX2))
     harmonic = float(np.clip(values[1], -MAX_HARMONIC, MAX_HARMONIC))
-    return SelfCalibration(WaveDistortion(blur_px2, harmonic), values[2:], NO_NOISE)
+    return SelfCalibration(WaveDistortion(blur_px2, harmonic), values[2:])
 
 
 def _shared_equations(

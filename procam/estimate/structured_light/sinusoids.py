@@ -9,14 +9,14 @@ from numpy.typing import NDArray
 
 from procam.estimate.camera.noise import NoiseLaw
 from procam.estimate.structured_light.self_calibration import (
-    PRIOR_SURPLUS,
     UNKNOWNS,
     SelfCalibration,
+    SinusoidImages,
     find_columns,
     self_calibrate,
 )
 from procam.kernels import PhaseFit
-from procam.maths.codes.phase import WaveDistortion, Waves
+from procam.maths.codes.phase import WaveDistortion
 
 Map = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -47,31 +47,6 @@ def complete_base_set(
 
 
 @dataclass(frozen=True, slots=True)
-class SinusoidImages:
-    """The photographs of one axis.
-
-    Attributes
-    ----------
-    frames : K photographs (H, W).
-    waves, length : their waves; columns of the panel.
-    span : (H, W) white - black.
-    usable : (H, W) pixels for the self-calibration.
-    dropped : K masks (H, W) of saturated or dark samples.
-    variance : (H, W) of a sample, for merged exposures; None to estimate a noise law.
-    surplus_sigma : prior of the pictures' flux beyond half of white's, as a share of it.
-    """
-
-    frames: Sequence[Samples]
-    waves: Waves
-    length: int
-    span: Map
-    usable: Mask
-    dropped: Sequence[Mask]
-    variance: Map | None = None
-    surplus_sigma: float = PRIOR_SURPLUS
-
-
-@dataclass(frozen=True, slots=True)
 class SinusoidResult:
     """One decoded axis.
 
@@ -95,21 +70,12 @@ def decode_sinusoids(pictures: SinusoidImages) -> SinusoidResult:
     """Decode one axis; pixels with dropped samples are decoded from the others, five or more."""
     waves, frames = pictures.waves, pictures.frames
     short = np.logical_or.reduce(pictures.dropped)
-    usable = pictures.usable & ~short
-    known = self_calibrate(
-        frames,
-        waves,
-        pictures.length,
-        pictures.span,
-        usable,
-        pictures.variance,
-        pictures.surplus_sigma,
-    )
+    known = self_calibrate(pictures)
     found = find_columns(frames, waves, known.distortion, pictures.length)
     if np.abs(known.surplus).max() > NEGLIGIBLE_SURPLUS:
         frames = _balanced(pictures, known, found)
         found = find_columns(frames, waves, known.distortion, pictures.length)
-    count = np.full(usable.shape, len(frames))
+    count = np.full(short.shape, len(frames))
     if short.any():
         count -= np.sum(pictures.dropped, axis=0)
         _search_rest(

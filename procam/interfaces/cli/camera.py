@@ -10,8 +10,8 @@ import numpy as np
 import typer
 
 from procam.errors import FileFormatError, InputError, NotEnoughData
-from procam.estimate.boards.camera import MIN_VIEWS, BoardView, CameraFit, fit_camera, rms
-from procam.estimate.boards.robust_fit import determines_pose
+from procam.estimate.boards.camera import BoardView, CameraFit, fit_camera, rms
+from procam.estimate.boards.robust_fit import MIN_VIEWS, determines_pose
 from procam.estimate.boards.targets import Board, BoardKind, find_board, suggest_squares
 from procam.files.atomic import write_text
 from procam.interfaces.cli.decoding import SUFFIXES, read_grey

@@ -11,13 +11,12 @@ from procam.errors import FileFormatError, InputError, NotEnoughData
 from procam.estimate.boards.camera import rms
 from procam.estimate.boards.planar_pair import (
     DEVICES,
-    MIN_VIEWS,
     PairView,
     PlanarPair,
     fit_planar_pair,
     pair_view,
 )
-from procam.estimate.boards.robust_fit import determines_pose
+from procam.estimate.boards.robust_fit import MIN_VIEWS, determines_pose
 from procam.estimate.boards.targets import Board, find_board
 from procam.estimate.structured_light.codes import Code, make_code
 from procam.files.atomic import write_text

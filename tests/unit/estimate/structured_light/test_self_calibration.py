@@ -10,6 +10,7 @@ from procam.errors import NotEnoughData
 from procam.estimate.camera.noise import NoiseLaw
 from procam.estimate.structured_light.self_calibration import (
     SelfCalibration,
+    SinusoidImages,
     find_columns,
     self_calibrate,
 )
@@ -27,6 +28,13 @@ HETERODYNE = heterodyne_waves((LENGTH, 600))
 SHARP, CAMERA = WaveDistortion(), NoiseLaw(1.0, 0.02)
 SHAPE = (30, 80)
 RUNS = 4
+
+
+def images(
+    frames: list[np.ndarray], waves: Waves, span: np.ndarray, usable: np.ndarray
+) -> SinusoidImages:
+    dropped = [np.zeros(SHAPE, bool)] * len(frames)
+    return SinusoidImages(frames, waves, LENGTH, span, usable, dropped)
 
 
 @dataclass(frozen=True)
@@ -56,7 +64,7 @@ class Pixels:
         samples = level + np.sqrt(self.noise.variance(level)) * rng.standard_normal(level.shape)
         frames = [np.rint(s).astype(np.uint16).reshape(SHAPE) for s in samples.T]
         span = (direct + scattered).reshape(SHAPE).astype(np.float32)
-        return self_calibrate(frames, self.waves, LENGTH, span, np.ones(SHAPE, bool))
+        return self_calibrate(images(frames, self.waves, span, np.ones(SHAPE, bool)))
 
 
 def runs(pixels: Pixels) -> list[SelfCalibration]:
@@ -132,7 +140,7 @@ def test_too_few_pixels_are_refused() -> None:
     usable = np.zeros(SHAPE, bool)
     usable[0, :49] = True
     with pytest.raises(NotEnoughData, match=r"only 49 pixels .* at least 50"):
-        self_calibrate(frames, MICRO, LENGTH, np.ones(SHAPE, np.float32), usable)
+        self_calibrate(images(frames, MICRO, np.ones(SHAPE, np.float32), usable))
 
 
 class TestSearch:

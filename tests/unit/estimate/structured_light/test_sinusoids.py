@@ -4,11 +4,8 @@ import numpy as np
 import pytest
 from tolerances import SIGMAS
 
-from procam.estimate.structured_light.sinusoids import (
-    SinusoidImages,
-    complete_base_set,
-    decode_sinusoids,
-)
+from procam.estimate.structured_light.self_calibration import SinusoidImages
+from procam.estimate.structured_light.sinusoids import complete_base_set, decode_sinusoids
 from procam.maths.codes.phase import micro_waves
 
 LENGTH, SHAPE, NOISE = 960, (30, 80), 0.5
