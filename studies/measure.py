@@ -118,7 +118,7 @@ def smallest_sigma(shots: Shots, decoded: Decoded, misses: Misses, axis: int) ->
     The amplitude is the regression of the photographs without noise on the true wave.
     """
     bench, name = shots.bench, AXES[axis]
-    waves, look = shots.code.axis(name).waves, decoded.waves[name].look
+    waves, look = shots.code.axis(name).waves, decoded.waves[name].distortion
     assert waves is not None
     order = [i for i, p in enumerate(shots.code.planes) if p.axis == name and p.kind == "sine"]
     signals = np.stack([shots.signals[i][misses.both] for i in order], axis=1).astype(float)

@@ -18,7 +18,8 @@ from procam.estimate.structured_light.scatter_bias import (
     remove_phasor,
     scattered_light,
 )
-from procam.estimate.structured_light.sinusoids import WavePictures, decode_waves
+from procam.estimate.structured_light.self_calibration import SinusoidImages
+from procam.estimate.structured_light.sinusoids import decode_sinusoids
 from procam.maths.codes.phase import equal_steps
 from procam.maths.warp import grow
 from simulators.photograph_bench import PhotographBench
@@ -144,7 +145,7 @@ class OneFringe:
         dropped = [dropped_samples(frame, limits) for frame in frames]
         usable = span > limits.white_black
         length = self.code.size[axis]
-        return decode_waves(WavePictures(frames, waves, length, span, usable, dropped)).x
+        return decode_sinusoids(SinusoidImages(frames, waves, length, span, usable, dropped)).x
 
     def judge(self, found: Maps, expected: Maps, axis: int) -> dict[str, float]:
         """Bias over 64 bins of the panel and error of single pixels [px of 4096]."""

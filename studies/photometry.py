@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from procam.compensate.compensator import Compensator
 from procam.compensate.projector_frames import projector_frames
-from procam.estimate.camera.glare_and_vignetting import Veil, desk_glare
+from procam.estimate.camera.glare_and_vignetting import VeilingGlare, fit_glare
 from procam.estimate.camera.radiance import Radiometer
 from procam.estimate.light.blend import Blender
 from procam.estimate.light.colour_spaces import colour_difference
@@ -109,7 +109,7 @@ def _write_venue(folder: Path, preset: PresetName, seed: int, size: SceneSize) -
 
 def desk_veil(
     cameras: Mapping[str, CameraModel], preset: PresetName, size: SceneSize, seed: int
-) -> Veil:
+) -> VeilingGlare:
     """Veiling glare of the first camera, from photographs of a bright wall with a light trap."""
     build = place_cameras(1, size.camera_size, size.camera_kind, PRESETS[preset].radius_m)[0]
     sensor = Sensor(
@@ -129,7 +129,7 @@ def desk_veil(
         counts = sensor.digitise(signal, rng, sensor.noise)[..., 0]
         lights.append(radiometer.radiance(Frame(counts, settings, 0.0, DESK_EXPOSURE_S)))
         traps.append((*place, radius))
-    return desk_glare(lights, traps, radiometer.seen)
+    return fit_glare(lights, traps, radiometer.seen)
 
 
 def _interval(name: str, found: Calibration, truth: Calibration) -> dict[str, Any]:

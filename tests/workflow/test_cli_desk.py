@@ -22,7 +22,7 @@ from simulators.scene import SceneSize
 
 Array = np.ndarray
 SECONDS = (1 / 64, 1 / 16, 1 / 4, 1.0)
-TOLD = "1/64, 1/16, 0.25, 1"
+EXPOSURES = "1/64, 1/16, 0.25, 1"
 SIZE, MIDDLE, FOCAL = 160, 79.5, 60.0
 BLACK = 200.0
 ROWS, COLUMNS = np.indices((SIZE, SIZE))
@@ -78,9 +78,9 @@ def refused(*arguments: object) -> str:
 
 
 class TestResponse:
-    def test_with_exposures_told(self, brackets: Path, tmp_path: Path) -> None:
+    def test_with_given_exposures(self, brackets: Path, tmp_path: Path) -> None:
         out = tmp_path / "zenith.csv"
-        ran = procam("response", brackets, "--exposures", TOLD, "--out", out)
+        ran = procam("response", brackets, "--exposures", EXPOSURES, "--out", out)
         assert (ran.code, ran.err) == (0, "")
         assert 'set response = "zenith.csv"' in ran.out
         response = load_response("zenith.csv", tmp_path)
@@ -104,23 +104,27 @@ class TestResponse:
     def test_refusals(self, brackets: Path, shots: list[Array], tmp_path: Path) -> None:
         out = tmp_path / "a.csv"
         command = ("response", brackets, "--out", out, "--exposures")
-        assert "--exposures: 'fast' is no exposure" in refused(*command, "1,fast,3,4")
-        assert "--exposures: '1/0' is no exposure" in refused(*command, "1/0,1,2,3")
-        assert "4 photographs and 3 exposures" in refused(*command, "1,2,3")
-        assert "0.png: " in refused(*command[:-1])
-        told = refused(*command, "1,1/4,1/16,1/64")
-        assert f"{brackets} (0.png, 1.png, 2.png, 3.png): brackets: photographs 4 and 3" in told
-        assert "must end in .csv" in refused("response", brackets, "--out", tmp_path / "a.toml")
+        assert "--exposures: got 'fast', expected seconds" in refused(*command, "1,fast,3,4")
+        assert "--exposures: got '1/0', expected" in refused(*command, "1/0,1,2,3")
+        assert "got 4 photographs and 3 exposures, expected one for each" in refused(
+            *command, "1,2,3"
+        )
+        assert "0.png: got no exposure in its header" in refused(*command[:-1])
+        message = refused(*command, "1,1/4,1/16,1/64")
+        assert f"{brackets} (0.png, 1.png, 2.png, 3.png): brackets: photographs 4 and 3" in message
+        assert "got the suffix '.toml', expected .csv" in refused(
+            "response", brackets, "--out", tmp_path / "a.toml"
+        )
         (tmp_path / "b.csv").mkdir()
         assert "this is a folder" in refused("response", brackets, "--out", tmp_path / "b.csv")
         assert "gone" in refused("response", tmp_path / "gone", "--out", out)
         put_headers(brackets, shots)
         with_header(brackets / "1.png", shots[1], ExposureTime=0.06, FNumber=11.0)
-        assert "(0.png 8.0, 1.png 11.0" in refused(*command, TOLD)
+        assert "got several aperture f/ (0.png 8.0, 1.png 11.0" in refused(*command, EXPOSURES)
         write_image(brackets / "1.png", shots[1].astype(np.uint16))
-        assert "(0.png 8, 1.png 16" in refused(*command, TOLD)
+        assert "got several bits (0.png 8, 1.png 16" in refused(*command, EXPOSURES)
         (brackets / "1.png").write_bytes(b"no picture")
-        assert "1.png: " in refused(*command, TOLD)
+        assert "1.png: got no readable photograph" in refused(*command, EXPOSURES)
         assert not out.exists()
 
 
@@ -128,7 +132,7 @@ class TestVenue:
     """What venue.toml may say of brackets."""
 
     @pytest.mark.parametrize(
-        ("new", "told"),
+        ("new", "message"),
         [
             ('response = "solve"', "cameras.zenith.brackets: got nothing, expected with response"),
             (
@@ -141,9 +145,9 @@ class TestVenue:
             ),
         ],
     )
-    def test_mistakes(self, tmp_path: Path, new: str, told: str) -> None:
+    def test_mistakes(self, tmp_path: Path, new: str, message: str) -> None:
         (line,) = mistakes(tmp_path, edit('response = "linear"', new))
-        assert line.startswith(f"{tmp_path / 'venue.toml'}: {told.format(tmp_path)}")
+        assert line.startswith(f"{tmp_path / 'venue.toml'}: {message.format(tmp_path)}")
 
 
 class TestIngest:
@@ -274,10 +278,10 @@ class TestGlare:
             *("--trap", "80,70,8") * 3,
             *("--out", out),
         )
-        assert "--trap-sigma is 2; it must be a share" in of(**{"trap-sigma": "2"})
-        assert "glare.csv: its name must end in .toml" in of(out=venue / "glare.csv")
-        assert "trap with 11" in of(trap="40,40,8")
-        assert "dark: " in of(dark=venue / "a.tif")
+        assert "--trap-sigma: got 2, expected a share" in of(**{"trap-sigma": "2"})
+        assert "glare.csv: got the suffix '.csv', expected .toml" in of(out=venue / "glare.csv")
+        assert "the trap has 11" in of(trap="40,40,8")
+        assert "dark: the photograph has up to" in of(dark=venue / "a.tif")
         assert not out.exists()
 
 
@@ -299,4 +303,4 @@ class TestVignetting:
         paper = 0.8 * (1 + 0.2 * (COLUMNS - MIDDLE) / MIDDLE)
         write_image(venue / "flat.tif", darkened(paper, 0.0))
         where = ("--venue", venue, "--camera", "zenith")
-        assert "round the axis" in refused("vignetting", venue / "flat.tif", *where)
+        assert "round the axis, more than 3%" in refused("vignetting", venue / "flat.tif", *where)

@@ -1,4 +1,4 @@
-"""`procam pair`: folders of somebody else's photographs to both lenses and the pose between them."""
+"""`procam pair`: folders of published rendered photographs to both lenses and the pose between them."""
 
 import json
 import shutil
@@ -41,17 +41,17 @@ def poses(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 class TestSolves:
-    def test_somebody_elses_pair(self, poses: Path, tmp_path: Path) -> None:
+    def test_a_published_pair(self, poses: Path, tmp_path: Path) -> None:
         ran = procam("pair", poses, *BOARD, "--out", tmp_path / "pair.toml", "--json")
         assert ran.code == 0, ran.err
         document = json.loads(ran.out)
-        told = document["parameters"]
+        parameters = document["parameters"]
         for name, truth, margin in (("fx", 800, 2), ("fy", 800, 2), ("cx", 399.5, 1.5)):
             for device in ("camera", "projector"):
-                entry = told[f"{device}.{name}"]
+                entry = parameters[f"{device}.{name}"]
                 assert abs(entry["value"] - truth) < margin
                 assert 0 < entry["sigma"] < margin
-        turn = [told[f"turn_{axis}_deg"]["value"] for axis in "xyz"]
+        turn = [parameters[f"turn_{axis}_deg"]["value"] for axis in "xyz"]
         np.testing.assert_allclose(turn, TURN_DEG, atol=0.05)
         np.testing.assert_allclose(document["translation_m"], SHIFT_M, atol=1e-3)
         assert document["poses"] == list(USED)

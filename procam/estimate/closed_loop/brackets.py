@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.estimate.camera.exposure import LONGEST_S, MOST_STEPS, STEP
+from procam.estimate.camera.exposure import MAX_EXPOSURE_S, MAX_EXPOSURES, RATIO
 from procam.estimate.camera.hdr import merge_exposures
 from procam.estimate.camera.noise import NoiseLaw
 from procam.estimate.closed_loop.patches import (
@@ -26,18 +26,20 @@ def bracket_for(light: Array, sigma: Array, exposure_s: float) -> tuple[float, .
     """Exposures [s] for a picture whose cells (n,) have `light` and, at `exposure_s`, `sigma` [rel].
 
     One exposure is enough if `MIN_PHOTOGRAPHS` of them resolve one JND in the dark cells, those that the
-    next longer exposure would not clip. Otherwise each next one is `STEP` times longer, until it would
+    next longer exposure would not clip. Otherwise each next one is `RATIO` times longer, until it would
     clip the darkest cells.
     """
     brightest, darkest = float(light.max()), float(np.quantile(light, 1 - CELL_QUANTILE))
-    dark = light * STEP <= brightest
+    dark = light * RATIO <= brightest
     if not dark.any():
         return (exposure_s,)
     error_jnd = TWO_SIDED * sigma[dark] / just_noticeable(light[dark])
     if np.quantile(error_jnd, CELL_QUANTILE) <= np.sqrt(MIN_PHOTOGRAPHS):
         return (exposure_s,)
-    longer = (exposure_s * STEP**k for k in range(1, MOST_STEPS) if darkest * STEP**k <= brightest)
-    return (exposure_s, *(e for e in longer if e <= LONGEST_S))
+    longer = (
+        exposure_s * RATIO**k for k in range(1, MAX_EXPOSURES) if darkest * RATIO**k <= brightest
+    )
+    return (exposure_s, *(e for e in longer if e <= MAX_EXPOSURE_S))
 
 
 def merged_frame(frames: Sequence[Frame], sensor: Sensor, noise: NoiseLaw) -> Frame:

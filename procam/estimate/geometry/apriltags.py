@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
-from procam.estimate.boards.start import ray_homography
+from procam.estimate.boards.start import homography_from_rays
 from procam.estimate.boards.targets import find_tags, tag_cells
 from procam.maths.geometry.lenses import Lens, project, unproject
 from procam.maths.warp import blur, sample
@@ -139,7 +139,7 @@ def tag_centre(light: Image, corners: Array, cells: NDArray[np.bool_], lens: Len
     edge_px = float(np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).mean())
     sheet = _Sheet.of(cells, edge_px)
     flat = np.c_[CORNERS, np.ones(4)]
-    plane = ray_homography(flat, unproject(corners, lens), np.ones(4))
+    plane = homography_from_rays(flat, unproject(corners, lens), np.ones(4))
     shifts, explained = np.zeros(sheet.slopes.shape[-1]), 0.0
     for _ in range(ROUNDS):
         seen = sample(light, _pixels(sheet.places, shifts, plane, lens))

@@ -10,18 +10,20 @@ from procam.errors import NotEnoughData
 from procam.estimate.structured_light.codes import Axis, AxisCode, Plane
 from procam.estimate.structured_light.limits import DecodeLimits, dropped_samples
 from procam.estimate.structured_light.scatter_bias import remove_scatter_bias
+from procam.estimate.structured_light.self_calibration import SinusoidImages
 from procam.estimate.structured_light.sinusoids import (
-    FEWEST,
-    WavePictures,
-    WaveResult,
-    complete_base,
-    decode_waves,
+    MIN_SAMPLES,
+    SinusoidResult,
+    complete_base_set,
+    decode_sinusoids,
 )
 
 Samples = NDArray[Any]
 Map = NDArray[np.float32]
 NO_SURPLUS = 1e-9  # standard error of the flux surplus once it has been measured and removed
-FEW_FRINGES = 16  # with more of them, each pattern has half of white's flux (docs/theory/phasor.md)
+FEW_FRINGES = (
+    16  # with more of them, each pattern has half of white's flux (docs/theory/scatter-bias.md)
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +41,7 @@ class AxisResult:
     x: Map
     sigma: Map
     direct: Map
-    waves: WaveResult | None
+    waves: SinusoidResult | None
     lost: tuple[Plane, ...]
 
 
@@ -55,7 +57,7 @@ class SinusoidDecoder:
         self._order = coding.planes(axis)
         self._frames: dict[int, Samples] = {}
         self._variances: Map | None = None  # sum over the frames
-        self._waves: WaveResult | None = None
+        self._waves: SinusoidResult | None = None
         self._lost: list[Plane] = []
 
     def add(self, plane: Plane, image: Samples, variance: Map | None = None) -> None:
@@ -81,15 +83,15 @@ class SinusoidDecoder:
         return AxisResult(x, waves.sigma, 2 * waves.amplitude, waves, tuple(self._lost))
 
     def _solve(self) -> None:
-        completed = complete_base(self._frames, self._set.base, self._white, self._black)
+        completed = complete_base_set(self._frames, self._set.base, self._white, self._black)
         shown = sorted(completed)
         frames = [completed[i] for i in shown]
         self._frames = {}
-        if len(frames) < FEWEST:
+        if len(frames) < MIN_SAMPLES:
             self._lost += [self._order[i] for i in shown]
             return
         span = np.subtract(self._white, self._black, dtype=np.float32)
-        pictures = WavePictures(
+        pictures = SinusoidImages(
             frames,
             self._set.kept(np.isin(np.arange(len(self._order)), shown)),
             self._length,
@@ -101,11 +103,11 @@ class SinusoidDecoder:
         if self._set.single and self._length < FEW_FRINGES * self._set.periods[0]:
             self._waves = self._solve_few_fringes(replace(pictures, surplus_sigma=NO_SURPLUS))
         else:
-            self._waves = decode_waves(pictures)
+            self._waves = decode_sinusoids(pictures)
 
-    def _solve_few_fringes(self, pictures: WavePictures) -> WaveResult:
+    def _solve_few_fringes(self, pictures: SinusoidImages) -> SinusoidResult:
         """Decode few wide fringes: scattered light biases them and their own fit cannot show it."""
-        found = decode_waves(pictures)
+        found = decode_sinusoids(pictures)
         if len(pictures.frames) < len(self._order):
             return found  # the steps are no longer equal
         levels, shifts = (self._white, self._black), pictures.waves.shifts
@@ -115,4 +117,4 @@ class SinusoidDecoder:
             )
         except NotEnoughData:
             return found  # the whole screen is lit, so the bias cannot be measured
-        return decode_waves(replace(pictures, frames=list(frames)))
+        return decode_sinusoids(replace(pictures, frames=list(frames)))

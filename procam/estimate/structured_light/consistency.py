@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from procam.estimate.structured_light.codes import AXES, Axis, Code
 from procam.estimate.structured_light.limits import DecodeLimits, default_limits
-from procam.estimate.structured_light.self_calibration import search
-from procam.estimate.structured_light.sinusoids import FEWEST, complete_base
+from procam.estimate.structured_light.self_calibration import find_columns
+from procam.estimate.structured_light.sinusoids import MIN_SAMPLES, complete_base_set
 from procam.estimate.structured_light.stripes import StripeDecoder
 from procam.maths.codes.phase import WaveDistortion
 
@@ -123,11 +123,11 @@ def _by_waves(
     coding = code.axis(axis)
     sines = code.planes_of(axis)
     there = {number: shown[i] for number, i in enumerate(sines) if i in shown}
-    if coding.waves is None or len(there) < FEWEST:
+    if coding.waves is None or len(there) < MIN_SAMPLES:
         return np.full(white.shape, np.nan, np.float32), np.ones(white.shape, np.float32)
-    frames = complete_base(there, coding.waves.base, white, black)
+    frames = complete_base_set(there, coding.waves.base, white, black)
     keep = np.isin(np.arange(len(sines)), list(frames))
     ordered = [frames[number] for number in sorted(frames)]
-    found = search(ordered, coding.waves.kept(keep), WaveDistortion(), coding.length)
+    found = find_columns(ordered, coding.waves.kept(keep), WaveDistortion(), coding.length)
     scale = MISFIT * len(there) * np.maximum(found.amplitude, 1e-9) ** 2
     return found.position, np.nan_to_num(np.exp(-found.residual / scale))

@@ -18,7 +18,7 @@ from procam.estimate.structured_light.codes import AXES, Code, Plane
 from procam.estimate.structured_light.defocus_bias import correct_defocus_bias
 from procam.estimate.structured_light.limits import DecodeLimits, default_limits, dropped_samples
 from procam.estimate.structured_light.outliers import drop_outliers
-from procam.estimate.structured_light.sinusoids import WaveResult
+from procam.estimate.structured_light.sinusoids import SinusoidResult
 from procam.estimate.structured_light.stripes import StripeDecoder
 from procam.model.correspondence import CorrespondenceMap
 
@@ -43,7 +43,7 @@ class Decoded:
     map: CorrespondenceMap
     direct: Map
     scattered: Map
-    waves: dict[str, WaveResult] = field(default_factory=dict)
+    waves: dict[str, SinusoidResult] = field(default_factory=dict)
     lost: tuple[Plane, ...] = ()
     notes: tuple[str, ...] = ()
 
@@ -135,7 +135,7 @@ class Decoder:
         if x.waves is None or y.waves is None:
             return found
         both = (x.waves, y.waves)
-        blur_px2 = np.array([waves.look.blur_px2 for waves in both])
+        blur_px2 = np.array([waves.distortion.blur_px2 for waves in both])
         period_px = np.array([waves.period_px for waves in both])
         seen = np.clip((x.direct + y.direct) / 2, 0, span).astype(np.float32)
         return correct_defocus_bias(found, seen, blur_px2, period_px, self.code.size)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from procam.errors import OutOfModelRange
 from procam.estimate.calibration import ProjectorMeasurement
-from procam.estimate.camera.response import Linearity, linearity_error
+from procam.estimate.camera.linearity import Linearity, linearity_error
 from procam.estimate.geometry.camera_view import DomeView
 from procam.estimate.geometry.lens_glints import lens_glints
 from procam.estimate.geometry.model import Pair

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from procam.estimate.camera.exposure import LONGEST_S
+from procam.estimate.camera.exposure import MAX_EXPOSURE_S
 from procam.estimate.camera.noise import NoiseLaw
 from procam.estimate.closed_loop.brackets import bracket_for, merged_frame
 from procam.model.frame import CameraSettings, Frame
@@ -39,7 +39,7 @@ class TestBracketFor:
     def test_no_exposure_is_longer_than_a_minute(self) -> None:
         light = np.linspace(0.01, 1.0, 500)
         light[:100] = 0.01
-        assert max(bracket_for(light, np.full(500, 0.05), 10.0)) <= LONGEST_S
+        assert max(bracket_for(light, np.full(500, 0.05), 10.0)) <= MAX_EXPOSURE_S
 
 
 class TestMergedFrame:
