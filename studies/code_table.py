@@ -220,7 +220,7 @@ def _summary(rows: list[Row]) -> Iterator[str]:
 def main() -> int:
     """Run all conditions and write the results."""
     scene = DomeScene(STANDARD, SIZE, 1)
-    scene.camera_view(next(iter(scene.cameras)))  # before there are threads
+    scene.sight_lines(next(iter(scene.cameras)))  # before there are threads
     with ThreadPoolExecutor(WORKERS) as pool:
         jobs = [pool.submit(rows_of, scene, c, i) for i, c in enumerate(conditions())]
         rows = []

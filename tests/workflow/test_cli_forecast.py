@@ -150,9 +150,7 @@ class TestMeasured:
     def test_without_a_calibration(self, tmp_path: Path) -> None:
         ran = procam("forecast", tmp_path)
         assert ran.code == 2
-        assert "got no calibration, expected calibrations/0001; run `procam calibrate" in (
-            ran.complaint
-        )
+        assert "has no calibration; run `procam calibrate" in (ran.complaint)
 
 
 class TestFiles:
@@ -195,7 +193,7 @@ class TestRefusals:
             ((*PLAN, "--radius-m", -1), "radius_m: got -1.0, expected more than 0 metres"),
             ((*PLAN, "--lumens", 9), "--lumens: got no --radius-m beside it, expected the dome's"),
             ((*PLAN, "--lumens", 0, "--radius-m", 5), "--lumens: got 0 in all, expected more than"),
-            ((*PLAN, "nonesuch.png"), "nonesuch.png: got no such file, expected an image"),
+            ((*PLAN, "nonesuch.png"), "nonesuch.png: no such file; an image is needed"),
         ],
     )
     def test_one_line_each(self, arguments: tuple[object, ...], words: str) -> None:
