@@ -20,20 +20,20 @@ LARGEST |= {"iris_s": 600.0, "picture_delay_s": 600.0}  # [s]
 
 @dataclass(frozen=True, slots=True)
 class Features:
-    """What a projector's menu has switched on, to please people and to spoil measurements.
+    """Features of a projector's menu that please viewers and disturb measurements.
 
     Attributes
     ----------
-    white_boost : how much brighter a white segment makes what red, green and blue share, against
-        pure colours; white itself keeps its level.
+    white_boost : relative gain of the part that red, green and blue share, by a white segment,
+        against pure colours; white itself keeps its level.
     dynamic_black : share of the light that an iris takes from a black picture; it follows the
         picture's mean drive, `iris_s` [s] behind.
     constant_light : share of the light lost at a white picture; in step with the mean drive.
-    pixel_shift : every other refresh is shifted so far to the right and down [px].
-    limited_range : 1 for an input that takes 16 for black and 235 for white, of 255; less for
-        limits nearer to 0 and 255.
+    pixel_shift : shift of every other refresh to the right and down [px].
+    limited_range : 1 for an input whose black is 16 and whose white is 235, of 255; less for limits
+        nearer to 0 and 255.
     edge_enhancement : gain of an unsharp mask, of `UNSHARP_PX`, on the drive.
-    picture_delay_s : a new picture comes that much after it was confirmed [s].
+    picture_delay_s : time from the confirmation of a new picture to its appearance [s].
     """
 
     white_boost: float = 0.0
@@ -51,16 +51,14 @@ class Features:
         known = {f.name.replace("_", "-"): f.name for f in fields(cls)}
         for name, size in sizes.items():
             if name not in known:
-                raise InputError(
-                    f"features: got {name}, expected some of {', '.join(sorted(known))}"
-                )
+                raise InputError(f"feature {name} is not one of {', '.join(sorted(known))}")
             most = LARGEST.get(known[name], 1.0)
             if not 0 <= size <= most:
-                raise InputError(f"features: got {name} = {size:g}, expected 0 to {most:g}")
+                raise InputError(f"feature {name} is {size:g}; it must be 0 to {most:g}")
         return cls(**{known[name]: size for name, size in sizes.items()})
 
     def processed(self, drive: NDArray[np.float32]) -> NDArray[np.float32]:
-        """The drive (H, W, 3) that the panel is given for one at the input."""
+        """The drive (H, W, 3) of the panel for a drive at the input."""
         if not (self.limited_range or self.edge_enhancement):
             return drive
         if self.limited_range:
@@ -72,7 +70,7 @@ class Features:
         return np.clip(drive, 0, 1)
 
     def boosted(self, light: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Light (..., 3) of the primaries with what the white segment adds."""
+        """Light (..., 3) of the primaries with that of the white segment."""
         if not self.white_boost:
             return light
         shared = np.float32(self.white_boost) * light.min(axis=-1, keepdims=True)
@@ -81,7 +79,7 @@ class Features:
 
 @dataclass(frozen=True)
 class ProjectorBuild:
-    """One projector as it left the factory and was hung.
+    """One projector as it was made and installed.
 
     Attributes
     ----------
@@ -90,7 +88,7 @@ class ProjectorBuild:
     falloff : loss of light towards the panel's corners [-].
     black : light at drive 0 relative to white; it leaks without the falloff.
     defocus_px : Gaussian sigma of lens and screen [px].
-    bits : depth of the picture input [bit]. features : what its menu has switched on.
+    bits : depth of the picture input [bit]. features : those that its menu has switched on.
     """
 
     name: str
@@ -130,8 +128,8 @@ class CameraBuild:
     """One camera on its tripod.
 
     `vignetting` are the coefficients of 1 + v1 theta^2 + v2 theta^4 off the axis, `blur_px` the
-    Gaussian sigma of lens and pixel [px], `read_noise_dn` [DN]; `pupil` how far its entrance pupil
-    moves forward, p1 theta^2 + p2 theta^4 [m].
+    Gaussian sigma of lens and pixel [px], `read_noise_dn` [DN]; `pupil` the coefficients of the forward
+    shift of its entrance pupil, p1 theta^2 + p2 theta^4 [m].
     """
 
     name: str

@@ -1,4 +1,7 @@
-"""What cameras would measure of projectors, without light: for studies of geometry over many rigs."""
+"""Camera observations of projector pixels without rendering light, for studies of geometry.
+
+A projector pixel is traced to the dome and into a camera, and its position gets a decoder's error.
+"""
 
 from dataclasses import replace
 
@@ -17,11 +20,11 @@ PUPIL_STEPS = 6
 def perturb_rig(
     builds: list[ProjectorBuild], cameras: list[CameraBuild], rng: np.random.Generator
 ) -> tuple[list[ProjectorBuild], list[CameraBuild]]:
-    """The same rig hung by somebody else: turned by degrees, moved by decimetres, other zoom."""
-    hung = [
+    """The same rig installed differently: rotated by degrees, moved by decimetres, other zoom."""
+    projectors = [
         replace(
             b,
-            projector_from_dome=_shaken(b.projector_from_dome, 0.06, 0.15, rng),
+            projector_from_dome=_perturbed(b.projector_from_dome, 0.06, 0.15, rng),
             lens=replace(
                 b.lens,
                 focal=b.lens.focal * (1 + rng.normal(0, 0.03)),
@@ -32,9 +35,9 @@ def perturb_rig(
         for b in builds
     ]
     placed = [
-        replace(c, camera_from_dome=_shaken(c.camera_from_dome, 0.15, 0.4, rng)) for c in cameras
+        replace(c, camera_from_dome=_perturbed(c.camera_from_dome, 0.15, 0.4, rng)) for c in cameras
     ]
-    return hung, placed
+    return projectors, placed
 
 
 def lit_points(surface: Surface, build: ProjectorBuild, pixels: Array) -> Array:
@@ -69,9 +72,9 @@ def simulate_observations(
     sigma_px: float,
     rng: np.random.Generator,
 ) -> tuple[Array, Array]:
-    """Camera pixels (N, 2) of the centres (N, 2) of a panel's patches, good to `sigma_px`.
+    """Camera pixels (N, 2) of the centres (N, 2) of a panel's patches, with an error of `sigma_px`.
 
-    The error is one of the projector's pixels, as a decoder's is.
+    The error is in projector pixels, as a decoder's.
     """
     width, height = build.size
     x, y = (np.arange(patch_px / 2 - 0.5, n, patch_px) for n in (width, height))
@@ -82,6 +85,6 @@ def simulate_observations(
     return seen[keep], centres[keep]
 
 
-def _shaken(pose: Pose, turn: float, shift_m: float, rng: np.random.Generator) -> Pose:
-    rotation = rotation_matrix(rng.normal(0, turn, 3)) @ pose.rotation
+def _perturbed(pose: Pose, angle: float, shift_m: float, rng: np.random.Generator) -> Pose:
+    rotation = rotation_matrix(rng.normal(0, angle, 3)) @ pose.rotation
     return Pose(rotation, -rotation @ (pose.origin + rng.normal(0, shift_m, 3)))

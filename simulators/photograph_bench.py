@@ -1,7 +1,7 @@
-"""Photographs of one projector's pictures without a rig, a clock or files: for studies and tests.
+"""Photographs of one projector's pictures without a rig, a clock or files, for studies and tests.
 
-They come from the same scene and sensor as those of `devices.SimulatedCamera`; only the steps are
-apart, so that one render can be given noise again and again.
+They come from the same scene and sensor as those of `devices.SimulatedCamera`. Rendering and digitising
+are separate steps, so that one render can be given noise many times.
 """
 
 from collections.abc import Iterable, Iterator
@@ -38,7 +38,7 @@ class PhotographBench:
         camera = camera or next(iter(scene.cameras))
         self.scene, self.projector, self.camera = scene, projector, camera
         self.exposure_s = exposure_s or white_exposure_s(scene.preset)
-        self._light, self._view = scene.lights[projector], scene.camera_view(camera)
+        self._light, self._lines = scene.lights[projector], scene.sight_lines(camera)
         self._sensor = Sensor(scene, camera)
 
     def photograph(self, pictures: Iterable[NDArray[np.uint8]]) -> Iterator[Image]:
@@ -53,16 +53,18 @@ class PhotographBench:
                 raise ShapeError(what, picture.shape, f"{shape}")
             if picture.dtype != np.uint8:
                 raise UnitError(
-                    f"picture of projector {self.projector}: got {picture.dtype}, expected uint8"
+                    f"picture of projector {self.projector} has {picture.dtype}; it needs uint8"
                 )
             irradiance = {self.projector: self._light.emit_grey(picture, GREEN)}
-            radiance = self.scene.seen(self._view, irradiance, 1, self._sensor.blur_px)
+            radiance = self.scene.radiance_of_irradiances(
+                self._lines, irradiance, 1, self._sensor.blur_px
+            )
             yield self._sensor.signal(radiance, self.exposure_s)[..., 0]
 
     def digitise(
         self, signal: Image, rng: np.random.Generator, snr: float | None = None
     ) -> NDArray[np.uint16]:
-        """Counts (H, W) [DN] of a signal (H, W), which is left as it is.
+        """Counts (H, W) [DN] of a signal (H, W), which is not changed.
 
         `snr` is that of the darkest lit pixel (`presets.Overrides`) at this bench's exposure; None
         for the noise of the scene's own camera. `rng` needs a bit generator of 64 raw bits: any
@@ -75,7 +77,7 @@ class PhotographBench:
     def projector_pixels(self) -> Image:
         """The truth: projector pixel (H, W, 2) under each camera pixel's centre.
 
-        NaN where the projector's picture does not land, be it for the blackout plates. Good to
+        NaN where the projector's picture does not fall, also behind the blackout plates. Accurate to
         1e-4 px (float32).
         """
-        return self._view.projector_pixels(self.projector, self._light.lit)
+        return self._lines.projector_pixels(self.projector, self._light.lit)

@@ -15,7 +15,7 @@ RIM_DISTANCE = 0.95  # of the radius: lenses just inside the rim
 
 
 def place_projectors(count: int, size: tuple[int, int], radius_m: float) -> list[ProjectorBuild]:
-    """Projectors evenly round the rim, each looking across to the far side."""
+    """Projectors at equal angles round the rim, each pointed at the far side."""
     rng = np.random.default_rng(8611005)
     return [
         _projector(PROJECTOR_NAMES[i], 2 * np.pi * i / count, size, radius_m, rng)
@@ -26,7 +26,7 @@ def place_projectors(count: int, size: tuple[int, int], radius_m: float) -> list
 def place_cameras(
     count: int, size: tuple[int, int], kind: str, radius_m: float
 ) -> list[CameraBuild]:
-    """Cameras near the middle of the deck, off the dome's centre, looking up."""
+    """Cameras near the middle of the deck, off the dome's centre, pointed upwards."""
     places = np.array(
         [[0.08, -0.06, 0.09], [-0.3, 0.2, 0.1], [0.25, 0.3, 0.08], [-0.1, -0.35, 0.1]]
     )
@@ -56,7 +56,7 @@ def _projector(
             np.array([0.5 * width + rng.normal(0, 4), 0.6 * height + rng.normal(0, 4)]),
             np.array([-0.02, 0.002, 0.0, 0.0, 0.0]) * (1 + rng.normal(0, 0.1)),
         ),
-        _look(place, aim),
+        _level_pose(place, aim),
         mix / mix.sum(axis=1, keepdims=True) * white[:, None],
         gamma=np.array([2.2, 2.25, 2.15]) * (1 + rng.normal(0, 0.01, 3)),
         toe=rng.uniform(0.02, 0.08, 3),
@@ -68,19 +68,19 @@ def _projector(
 def _camera(
     name: str, place: Array, turn: tuple[float, ...], size: tuple[int, int], kind: str
 ) -> CameraBuild:
-    rotation = Pose.from_vectors(turn, np.zeros(3)).rotation  # looks up, image x to the front
+    rotation = Pose.from_vectors(turn, np.zeros(3)).rotation  # upwards, image x to the front
     centre = (np.array(size) - 1) / 2 + [3.3, -2.1]
     if kind == "pinhole":
         focal, k = np.full(2, 0.4 * min(size)), np.zeros(5)
         lens = Lens("brown", focal, centre, k)
     else:
-        focal = np.full(2, min(size) / 2 / 1.72)  # 98 degrees off axis reach the edge
+        focal = np.full(2, min(size) / 2 / 1.72)  # the edge is 98 degrees off the axis
         lens = Lens("kannala-brandt", focal, centre, np.array([0.02, -0.008, 0.001, 0.0]))
     return CameraBuild(name, size, lens, Pose(rotation, -rotation @ place))
 
 
-def _look(place: Array, aim: Array) -> Pose:
-    """A level device at `place` that looks along `aim` (x right, y down, z forward)."""
+def _level_pose(place: Array, aim: Array) -> Pose:
+    """Pose of a level device at `place` pointed along `aim` (x right, y down, z forward)."""
     right = np.cross(aim, [0.0, 0.0, 1.0])
     right /= np.linalg.norm(right)
     rotation = np.stack([right, np.cross(aim, right), aim])

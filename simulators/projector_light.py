@@ -16,16 +16,16 @@ from simulators.transport import dome_patch
 
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
-LEAST_SMEAR_PX = 0.4  # what lies between two pixels is drawn by a Gaussian on their grid
+MIN_SMEAR_PX = 0.4  # sigma that draws a shift between two pixels on their grid
 
 
 @dataclass(frozen=True)
 class ProjectorLight:
-    """What one projector's pixels do on the dome.
+    """The light of one projector's pixels on the dome.
 
     Attributes
     ----------
-    direction : (H, W, 3) from the dome's centre to where the pixel's centre lands.
+    direction : (H, W, 3) from the dome's centre to the point that the pixel's centre lights.
     solid_angle_sr : (H, W) of the pixel seen from the dome's centre [sr].
     lit : (H, W) the pixel passes the blackout plates.
     irradiance : (H, W) at full white, relative to the scene's unit; 0 where not lit.
@@ -46,7 +46,7 @@ class ProjectorLight:
 
     @classmethod
     def on(cls, surface: Surface, build: ProjectorBuild) -> "ProjectorLight":
-        """Shine `build` on the dome."""
+        """Trace the pixels of `build` to the dome."""
         width, height = build.size
         direction = _directions(surface, build, np.arange(width), np.arange(height))
         corners = _directions(
@@ -77,7 +77,7 @@ class ProjectorLight:
 
     def emit_grey(self, picture: NDArray[np.uint8], bands: slice) -> Image:
         """Irradiance (H, W, C) of a grey picture (H, W, 1) of 8 bits."""
-        if self.build.features.edge_enhancement:  # neighbours matter: no table can tell
+        if self.build.features.edge_enhancement:  # depends on neighbours: no table
             return self.emit(np.repeat(picture / np.float32(255), 3, axis=2), bands)
         levels = np.arange(256, dtype=np.float32)[:, None] / np.float32(255)
         table = self.build.linear(np.repeat(levels, 3, axis=1)) @ self._mix(bands).T
@@ -88,7 +88,7 @@ class ProjectorLight:
         return self.build.colour_mix[bands].astype(np.float32)
 
     def _irradiance(self, light: Image, bands: slice) -> Image:
-        """Irradiance (H, W, C) of relative light (H, W, C), which is used up."""
+        """Irradiance (H, W, C) of relative light (H, W, C), which is overwritten."""
         white = self.build.colour_mix[bands].sum(axis=1).astype(np.float32)
         light *= self.irradiance[..., None]
         light += self.black_irradiance[..., None] * white
@@ -110,15 +110,15 @@ class ProjectorLight:
         return float(np.hypot(self.build.defocus_px, camera_blur_px))
 
     def blurred(self, irradiance: Image, camera_blur_px: float) -> Image:
-        """The image as lens and camera pixel smear it, still on the projector's grid.
+        """The image blurred by lens and camera pixel, on the projector's grid.
 
-        A lens smears flux; how much area the screen offers it is decided where it lands.
+        A lens blurs flux; the area that receives it is that of the pixel where it arrives.
         """
         sigma, shift = self.smear_px(camera_blur_px), self.build.features.pixel_shift
         if sigma == 0 and not shift:
             return irradiance
         area = self.area_m2[..., None]
-        flux = _smeared(irradiance * area, sigma, shift)
+        flux = _blurred_flux(irradiance * area, sigma, shift)
         return np.asarray(flux.reshape(irradiance.shape) / area, np.float32)
 
     def altered(self, build: ProjectorBuild, old: Preset, new: Preset) -> "ProjectorLight":
@@ -133,13 +133,13 @@ class ProjectorLight:
         )
 
 
-def _smeared(flux: Image, sigma: float, shift: float) -> Image:
+def _blurred_flux(flux: Image, sigma: float, shift: float) -> Image:
     """Flux (H, W, C) under a Gaussian [px]; half of it shifted to the right and down [px]."""
     if not shift:
         return np.asarray(
             cv2.GaussianBlur(flux, (0, 0), sigma, borderType=cv2.BORDER_CONSTANT), np.float32
         )
-    sigma = max(sigma, LEAST_SMEAR_PX)
+    sigma = max(sigma, MIN_SMEAR_PX)
     reach = np.arange(-np.ceil(4 * sigma + shift), np.ceil(4 * sigma + shift) + 1)
     seen = np.zeros_like(flux)
     for place in (0.0, shift):

@@ -1,4 +1,4 @@
-"""What an eye or a camera sees of the scene: directions, occlusion, radiance."""
+"""Lines of sight of a camera or an eye into the scene: where they end, and the radiance along them."""
 
 from dataclasses import dataclass, replace
 
@@ -25,7 +25,7 @@ class SightLines:
     on_dome : (H, W) the line ends on the cap. albedo : (H, W) of what it ends on.
     scatter_at : (H, W, 2) where to read the dome's scattered irradiance.
     floor : flat places of the lines that end on the deck, and the room patches there.
-    sources : per projector, (H, W, 2) projector pixel seen and (H, W) direct radiance per irradiance.
+    sources : per projector, (H, W, 2) projector pixel and (H, W) direct radiance per irradiance.
     """
 
     on_dome: NDArray[np.bool_]
@@ -38,13 +38,13 @@ class SightLines:
     def along(
         cls, room: Room, lights: dict[str, ProjectorLight], origin: Array, rays: Array
     ) -> "SightLines":
-        """Lines of sight from `origin` (3,) [m] along unit `rays` (H, W, 3); NaN rays see nothing."""
+        """Lines of sight from `origin` (3,) [m] along unit `rays` (H, W, 3); NaN rays end nowhere."""
         surface = room.surface
-        looking = np.isfinite(rays[..., 0])
-        rays = np.where(looking[..., None], rays, [0.0, 0.0, 1.0])
+        defined = np.isfinite(rays[..., 0])
+        rays = np.where(defined[..., None], rays, [0.0, 0.0, 1.0])
         point = surface.intersect(origin, rays)
         direction = normalise(point)
-        on_dome = looking & (direction[..., 2] >= np.cos(surface.half_angle))
+        on_dome = defined & (direction[..., 2] >= np.cos(surface.half_angle))
         direction = np.where(on_dome[..., None], direction, [0.0, 0.0, 1.0])
         point = np.where(on_dome[..., None], point, surface.preset.radius_m * direction)
         albedo = np.where(on_dome, surface.albedo(direction), 0.0)
@@ -56,7 +56,7 @@ class SightLines:
             on_dome,
             albedo.astype(np.float32),
             room.dome_image_coordinates(direction),
-            _deck_patches(room, origin, rays, looking & ~on_dome),
+            _deck_patches(room, origin, rays, defined & ~on_dome),
             {n: (xy, (gain * albedo).astype(np.float32)) for n, (xy, gain) in sources.items()},
         )
 
@@ -69,7 +69,7 @@ class SightLines:
         return replace(self, albedo=self.albedo * factor, sources=sources)
 
     def projector_pixels(self, name: str, lit: NDArray[np.bool_]) -> Image:
-        """Projector pixel (H, W, 2) under each line of sight, NaN where its picture does not land.
+        """Projector pixel (H, W, 2) at the end of each line of sight, NaN outside its picture.
 
         `lit` (H, W) are the projector's pixels that pass the blackout plates.
         """
@@ -77,8 +77,8 @@ class SightLines:
         height, width = lit.shape
         inside = np.all((where >= -0.5) & (where < (width - 0.5, height - 0.5)), axis=-1)
         column, row = np.rint(np.where(inside[..., None], where, 0)).astype(np.intp).T
-        lands = inside & lit[row.T.clip(0, height - 1), column.T.clip(0, width - 1)]
-        return np.where(lands[..., None], where, np.float32(np.nan))
+        reached = inside & lit[row.T.clip(0, height - 1), column.T.clip(0, width - 1)]
+        return np.where(reached[..., None], where, np.float32(np.nan))
 
     def direct(self, name: str, irradiance: Image) -> Image:
         """Directly reflected radiance (H, W, C) of projector `name`'s irradiance image."""
@@ -89,7 +89,7 @@ class SightLines:
         return np.asarray(np.multiply(seen, gain[..., None], out=seen), np.float32)
 
     def scattered(self, room: Room, patch_irradiance: Array) -> Image:
-        """Radiance (H, W, C) of light that has bounced before."""
+        """Radiance (H, W, C) of scattered light."""
         image = room.dome_image(patch_irradiance)
         seen = cv2.remap(image, self.scatter_at, None, cv2.INTER_LINEAR)  # type: ignore[call-overload]
         seen = seen.reshape(*self.albedo.shape, -1)

@@ -129,7 +129,7 @@ def scattered(scene: DomeScene, view: SightLines, sent: dict[str, Image]) -> Ima
 
 def _drawn(scene: DomeScene, view: SightLines, sent: dict[str, Image]) -> Image:
     full = dict.fromkeys(sent, 1.0)
-    return block_mean(scene.radiance_of(view, sent, full, ALL_BANDS, 0), FINE)
+    return block_mean(scene.radiance_of_drives(view, sent, full, ALL_BANDS, 0), FINE)
 
 
 def _camera_bands(picture: Image, calibration: Calibration) -> Image:

@@ -43,7 +43,7 @@ class Shots:
 
 
 @dataclass(frozen=True)
-class Misses:
+class Errors:
     """What was decoded against the truth, both as maps (H, W, 2)."""
 
     found: CorrespondenceMap
@@ -112,7 +112,7 @@ def rms(values: NDArray[np.floating], axis: int | None = None) -> Array:
     return np.asarray(np.sqrt(np.mean(np.square(values, dtype=float), axis=axis)))
 
 
-def smallest_sigma(shots: Shots, decoded: Decoded, misses: Misses, axis: int) -> Array:
+def smallest_sigma(shots: Shots, decoded: Decoded, misses: Errors, axis: int) -> Array:
     """Cramer-Rao bound (N,) [px] of pixels with their true noise and their true amplitudes.
 
     The amplitude is the regression of the photographs without noise on the true wave.
@@ -135,7 +135,7 @@ def smallest_sigma(shots: Shots, decoded: Decoded, misses: Misses, axis: int) ->
     return np.asarray(np.sqrt(bound))
 
 
-def patch_errors(misses: Misses, size: tuple[int, int]) -> tuple[Array, Array]:
+def patch_errors(misses: Errors, size: tuple[int, int]) -> tuple[Array, Array]:
     """Errors (P, 2) [projector px] and told sigmas (P, 2) of the well seen patches of the panel."""
     seen = fit_projector_map(misses.found, size)
     true = sample(np.where(misses.lit[..., None], misses.truth, np.nan), seen.camera_px)

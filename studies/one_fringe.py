@@ -72,7 +72,7 @@ class OneFringe:
     def direct_places(self) -> Maps:
         """Decoded position of every pixel (H, W, 2) from direct light alone, without noise."""
         scene, name = self.bench.scene, self.bench.projector
-        light, view = scene.lights[name], scene.camera_view(self.bench.camera)
+        light, view = scene.lights[name], scene.sight_lines(self.bench.camera)
         blur_px = Sensor(scene, self.bench.camera).blur_px
         direct = np.stack(
             [

@@ -1,4 +1,4 @@
-"""The named faults do what they say, and nothing else."""
+"""The named faults have their effects, and no others."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -15,7 +15,7 @@ from simulators.faults import (
     CAMERA_FAULTS,
     DIM_SHARE,
     IRIS_SHARE,
-    METER_LEVEL,
+    METERED_LEVEL,
     STUCK_S,
     TOP_DN,
     apply_faults,
@@ -80,7 +80,9 @@ def test_no_fault_is_no_change(rig: BackendRig) -> None:
 
 
 def test_an_unknown_fault_is_refused(rig: BackendRig) -> None:
-    with pytest.raises(InputError, match=r"got gremlins, expected some of ambient-light, auto-"):
+    with pytest.raises(
+        InputError, match=r"faults gremlins: the known ones are ambient-light, auto-"
+    ):
         apply_faults(rig, {}, ("gremlins",))
 
 
@@ -90,12 +92,12 @@ def test_cameras_keep_name_and_size(name: str, rig: BackendRig) -> None:
     assert (camera.name, camera.size) == ("plain", (2, 2))
 
 
-def test_automatic_exposure_ignores_what_is_asked_and_denies_it(rig: BackendRig) -> None:
+def test_automatic_exposure_ignores_the_settings_but_reports_them(rig: BackendRig) -> None:
     rig = apply_faults(rig, {}, ("auto-exposure",))
     for _ in range(6):
         signal(rig, 0.1)
     settled = signal(rig, 0.1)
-    assert settled.max() == pytest.approx(METER_LEVEL, rel=0.05)
+    assert settled.max() == pytest.approx(METERED_LEVEL, rel=0.05)
     assert np.allclose(signal(rig, 0.05), settled, atol=0.01)
     asked = CameraSettings(0.0123)
     rig.cameras["camera"].configure(asked)

@@ -17,7 +17,7 @@ from simulators.clock import SceneClock
 from simulators.devices import SETTLE_S, SimulatedProjector
 from simulators.placement import place_projectors
 from simulators.presets import STANDARD
-from simulators.projector_light import ProjectorLight, _smeared
+from simulators.projector_light import ProjectorLight, _blurred_flux
 from simulators.projector_state import ProjectorState
 from simulators.scene import ALL_BANDS, DomeScene
 from simulators.surface import Surface
@@ -64,11 +64,11 @@ class TestNames:
         [
             (
                 {"gremlins": 1},
-                r"features: got gremlins, expected some of constant-light, dynamic-b",
+                r"feature gremlins is not one of constant-light, dynamic-b",
             ),
-            ({"constant-light": 1.5}, r"got constant-light = 1.5, expected 0 to 1"),
-            ({"pixel-shift": -0.5}, r"got pixel-shift = -0.5, expected 0 to 4"),
-            ({"white-boost": float("nan")}, r"got white-boost = nan, expected 0 to 5"),
+            ({"constant-light": 1.5}, r"constant-light is 1.5; it must be 0 to 1"),
+            ({"pixel-shift": -0.5}, r"pixel-shift is -0.5; it must be 0 to 4"),
+            ({"white-boost": float("nan")}, r"white-boost is nan; it must be 0 to 5"),
         ],
     )
     def test_others_are_refused(self, sizes: dict[str, float], message: str) -> None:
@@ -81,7 +81,7 @@ class TestNames:
 
     def test_of_an_unknown_projector(self) -> None:
         preset = STANDARD.with_features({"attic": {"white-boost": 0.1}})
-        with pytest.raises(InputError, match=r"got projector attic, expected one of south, north"):
+        with pytest.raises(InputError, match="projector attic is not one of south, north"):
             DomeScene(preset, SIZE, 1)
 
 
@@ -132,7 +132,7 @@ class TestPicture:
     def test_pixel_shift_is_half_the_light_elsewhere(self, shift: float) -> None:
         point = np.zeros((31, 41, 2), np.float32)
         point[15, 20] = 1
-        seen = _smeared(point, 1.2, shift)[..., 0]
+        seen = _blurred_flux(point, 1.2, shift)[..., 0]
         rows, columns = np.indices(seen.shape)
         assert seen.sum() == pytest.approx(1, rel=FLOAT32)
         assert (seen * columns).sum() == pytest.approx(20 + shift / 2, abs=1e-3)
@@ -142,7 +142,9 @@ class TestPicture:
 
     def test_no_shift_is_a_plain_blur(self) -> None:
         image = RNG.random((20, 30, 3)).astype(np.float32)
-        assert np.allclose(_smeared(image, 1.2, 0.0), _smeared(image, 1.2, 1e-9), atol=2e-3)
+        assert np.allclose(
+            _blurred_flux(image, 1.2, 0.0), _blurred_flux(image, 1.2, 1e-9), atol=2e-3
+        )
 
 
 class TestLoad:
@@ -169,7 +171,7 @@ class TestLoad:
     def test_bright_pictures_dim_at_once(self) -> None:
         assert self.factor(0.5, 0.0, constant_light=0.2) == pytest.approx(0.9)
 
-    def test_a_picture_tells_its_load(self, scene: DomeScene) -> None:
+    def test_a_picture_sets_its_mean_drive(self, scene: DomeScene) -> None:
         scene.states["south"] = ProjectorState(
             scene.clock, on=True, features=Features(constant_light=0.2)
         )

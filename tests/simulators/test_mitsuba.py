@@ -73,7 +73,7 @@ class TestClosedForms:
         assert np.sqrt(np.mean(error**2)) < 0.03 * expected
 
     def test_furnace(self) -> None:
-        """In a closed room whose walls glow with 1 - rho, everything looks 1, everywhere."""
+        """In a closed room whose walls emit 1 - rho, the radiosity is 1 everywhere."""
         vertices, faces = mesh_shapes.box((0, 0, 0), (1, 1, 1))
         albedo = np.linspace(0.2, 0.8, 24).reshape(12, 2)
         scattered, error = scattered_radiosity(vertices, faces, albedo, 1 - albedo, 512)
@@ -105,7 +105,7 @@ class TestClosedForms:
         assert not error.any()
 
     def test_a_ball_in_a_sphere(self) -> None:
-        """What hides: F to the ball is (r1/r2)^2; two equations tell all light."""
+        """Occlusion: F to the ball is (r1/r2)^2; two equations give all light."""
         ball, cover = (
             mesh_shapes.scattered_sphere(1.0, 6000),
             mesh_shapes.scattered_sphere(2.0, 9000),
@@ -171,15 +171,15 @@ class TestRoom:
         preset = replace(REALISTIC, gloss=0.0, floor_albedo=0.3)
         with coarse_rooms():
             room = Room.trace(Surface.build(preset), 1024)
-            told = room.irradiance(_flux(room))
+            traced = room.irradiance(_flux(room))
             light, error = PathTracedRoom.of(room, samples=64, seed=3).irradiance_and_error(
                 _flux(room)
             )
-        assert light.shape == told.shape == (len(room.area_m2), 2)
+        assert light.shape == traced.shape == (len(room.area_m2), 2)
         dome, deck, pod = (slice(0, 288), slice(288, 480), slice(480, None))
         for part in (dome, deck, pod):
-            assert light[part].mean() == pytest.approx(told[part].mean(), rel=0.02)
-        score = (light - told) / error
+            assert light[part].mean() == pytest.approx(traced[part].mean(), rel=0.02)
+        score = (light - traced) / error
         assert np.sqrt(np.mean(score**2)) / T_SPREAD < 1.2
 
     @pytest.mark.parametrize("preset", [IDEAL, REALISTIC], ids=["ideal", "realistic"])
@@ -222,7 +222,7 @@ class TestRoom:
         dark = bare.repainted(Surface.build(IDEAL.altered(albedo=0.0)))
         assert not PathTracedRoom.of(dark).irradiance(_flux(dark)).any()
 
-    def test_a_seed_tells_all(self) -> None:
+    def test_a_seed_determines_the_result(self) -> None:
         vertices, faces = mesh_shapes.box((0, 0, 0), (1, 1, 1))
         light = [
             scattered_radiosity(vertices, faces, *np.full((2, 12, 1), 0.5), 16, seed)[0]
@@ -237,7 +237,7 @@ class TestErrors:
 
     def test_no_mitsuba(self, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setitem(sys.modules, "mitsuba", None)
-        message = r'got no mitsuba, .*; run: pip install "procam\[sim\]"$'
+        message = r'mitsuba is not installed; run: pip install "procam\[sim\]"$'
         with pytest.raises(InputError, match=message):
             load_mitsuba.__wrapped__()
 
@@ -246,7 +246,7 @@ class TestErrors:
             scattered_radiosity(*self.BOX, *np.full((2, 11, 1), 0.5), 16)
 
     def test_white_room(self) -> None:
-        with pytest.raises(UnitError, match="albedo: got 1 to 1, expected 0 to below 1"):
+        with pytest.raises(UnitError, match="albedo is 1 to 1; it must be 0 to below 1"):
             scattered_radiosity(*self.BOX, *np.ones((2, 12, 1)), 16)
 
     def test_direct_light_of_other_channels(self) -> None:
@@ -255,7 +255,7 @@ class TestErrors:
 
     @pytest.mark.parametrize("samples", [4, 100])
     def test_samples(self, samples: int) -> None:
-        message = f"samples: got {samples}, expected a power of two from 8 on"
+        message = f"samples is {samples}; it must be a power of two from 8 on"
         with pytest.raises(UnitError, match=message):
             scattered_radiosity(*self.BOX, *np.full((2, 12, 1), 0.5), samples)
 

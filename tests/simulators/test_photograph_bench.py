@@ -86,7 +86,7 @@ class TestPhotograph:
         bench = PhotographBench(scene, "south")
         with pytest.raises(ShapeError, match="picture of projector south"):
             next(bench.photograph([WHITE[..., 0]]))
-        with pytest.raises(UnitError, match="picture of projector south: got float64"):
+        with pytest.raises(UnitError, match="picture of projector south has float64"):
             next(bench.photograph([WHITE / 255]))
 
 
@@ -125,7 +125,7 @@ class TestProjectorPixels:
 
     def test_what_the_plates_block_is_no_landing(self, scene: DomeScene) -> None:
         bench = PhotographBench(scene, "south")
-        where, blocked = scene.camera_view("zenith").sources["south"][0], ~bench._light.lit
+        where, blocked = scene.sight_lines("zenith").sources["south"][0], ~bench._light.lit
         assert blocked.any()
         truth = bench.projector_pixels()
         inside = np.all((where > 0) & (where < np.array(PANEL) - 1), axis=-1)

@@ -34,7 +34,7 @@ def test_the_table(field: str) -> None:
     assert tuple(getattr(PRESETS[name], field) for name in NAMES) == TABLE[field]
 
 
-def test_glare_is_told_for_standard_alone_and_faults_are_named() -> None:
+def test_glare_is_known_for_standard_alone_and_faults_are_named() -> None:
     assert PRESETS["standard"].glare_known and not PRESETS["realistic"].glare_known
     assert PRESETS["faulty"].faults and not PRESETS["realistic"].faults
 
@@ -65,7 +65,7 @@ def test_fiducials_are_where_the_camera_sees_them(
 
 class TestRig:
     @pytest.mark.parametrize("count", [1, 2, 6])
-    def test_projectors_hang_inside_the_rim_and_look_across(self, count: int) -> None:
+    def test_projectors_are_inside_the_rim_and_pointed_across(self, count: int) -> None:
         builds = place_projectors(count, (1280, 800), 6.0)
         assert len({b.name for b in builds}) == count
         for build in builds:
@@ -93,7 +93,7 @@ class TestRig:
         assert aside[0] < middle[0]
 
     @pytest.mark.parametrize("kind", ["fisheye", "pinhole"])
-    def test_cameras_look_up_from_off_the_centre(self, kind: str) -> None:
+    def test_cameras_point_up_from_off_the_centre(self, kind: str) -> None:
         for build in place_cameras(4, (400, 400), kind, 6.0):
             assert build.camera_from_dome.rotation[2] @ [0, 0, 1] > 0.95
             assert 0.05 * 6 < np.linalg.norm(build.camera_from_dome.origin) < 0.5 * 6

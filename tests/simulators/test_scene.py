@@ -18,7 +18,7 @@ from procam.maths.geometry.sphere import master_solid_angles
 from procam.model.frame import CameraSettings, Frame
 from simulators.backend import build_scene
 from simulators.devices import SimulatedCamera, SimulatedProjector
-from simulators.faults import STRIKE_AT_FRAME, StaleCamera
+from simulators.faults import STALE_FRAME, StaleCamera
 from simulators.presets import IDEAL, PRESETS, STANDARD, Preset
 from simulators.scene import ALL_BANDS, DomeScene, camera_circle
 from simulators.surface import Surface
@@ -88,7 +88,7 @@ class TestProjectorInput:
     def test_refuses_what_is_no_drive(self, scene: DomeScene, bad: float) -> None:
         drive = np.zeros((PANEL[1], PANEL[0], 3), np.float32)
         drive[3, 3, 1] = bad
-        with pytest.raises(UnitError, match=r"drive of projector south: .* expected 0\.\.1"):
+        with pytest.raises(UnitError, match=r"drive of projector south is .* must be 0\.\.1"):
             SimulatedProjector(scene, "south").show(drive)
 
 
@@ -149,7 +149,7 @@ class TestScene:
     def test_a_shutter_makes_it_dark(self, scene: DomeScene) -> None:
         _show(scene, "south", 1.0)
         _show(scene, "north", 1.0)
-        view = scene.camera_view("zenith")
+        view = scene.sight_lines("zenith")
         assert scene.radiance(view, ALL_BANDS, 0.5).max() > 1
         for state in scene.states.values():
             state.set_muted(True)
@@ -158,7 +158,7 @@ class TestScene:
     def test_a_lamp_in_standby_is_dark_and_warms_up_slowly(self) -> None:
         scene = DomeScene(IDEAL, SIZE, 1)
         _show(scene, "south", 1.0)
-        view = scene.camera_view("zenith")
+        view = scene.sight_lines("zenith")
         assert not scene.radiance(view, ALL_BANDS, 0.0).any()
         scene.states["south"].switch_on()
         scene.clock.sleep(15.0)
@@ -168,12 +168,12 @@ class TestScene:
         np.testing.assert_allclose(dim, 0.25 * full, rtol=FLOAT32, atol=1e-6)
 
     def test_scattered_light_is_the_closed_form(self, scene: DomeScene) -> None:
-        """b+ = rho Phi / (A_s - a rho), wherever one looks on the dome."""
+        """b+ = rho Phi / (A_s - a rho), everywhere on the dome."""
         white = np.ones((PANEL[1], PANEL[0], 3), np.float32)
-        view = scene.camera_view("zenith")
+        view = scene.sight_lines("zenith")
         light = scene.lights["south"]
         flux = light.patch_flux(light.emit(white, ALL_BANDS), len(scene.room.area_m2))
-        total = scene.radiance_of(view, {"south": white}, {"south": 1.0}, ALL_BANDS, 0.0)
+        total = scene.radiance_of_drives(view, {"south": white}, {"south": 1.0}, ALL_BANDS, 0.0)
         rho, sphere = IDEAL.albedo, 4 * np.pi * IDEAL.radius_m**2
         expected = rho * flux.sum(axis=0) / (sphere - rho * sphere / 2)
         unlit = view.on_dome & (
@@ -185,7 +185,7 @@ class TestScene:
         )
 
     def test_direct_light_is_albedo_times_irradiance(self, scene: DomeScene) -> None:
-        view = scene.camera_view("zenith")
+        view = scene.sight_lines("zenith")
         seen = view.direct("south", np.full((*PANEL[::-1], 1), 3.0, np.float32))[..., 0]
         where, _ = view.sources["south"]
         inner = view.on_dome & np.all((where >= 0) & (where <= np.array(PANEL) - 1), axis=-1)
@@ -193,11 +193,13 @@ class TestScene:
         np.testing.assert_allclose(seen[inner], 3.0 * IDEAL.albedo, rtol=FLOAT32)
 
     def test_projectors_add_up(self, scene: DomeScene, rng: np.random.Generator) -> None:
-        view = scene.camera_view("zenith")
+        view = scene.sight_lines("zenith")
         drives = {n: rng.random((*PANEL[::-1], 3)).astype(np.float32) for n in scene.lights}
         ones = dict.fromkeys(drives, 1.0)
-        both = scene.radiance_of(view, drives, ones, ALL_BANDS, 0.4)
-        each = [scene.radiance_of(view, {n: d}, ones, ALL_BANDS, 0.4) for n, d in drives.items()]
+        both = scene.radiance_of_drives(view, drives, ones, ALL_BANDS, 0.4)
+        each = [
+            scene.radiance_of_drives(view, {n: d}, ones, ALL_BANDS, 0.4) for n, d in drives.items()
+        ]
         np.testing.assert_allclose(both, each[0] + each[1], rtol=10 * FLOAT32, atol=1e-6)
 
 
@@ -228,7 +230,7 @@ class TestCamera:
         # floats are summed in another order
         assert np.abs(mono.counts.astype(int) - rgb.counts[..., 1]).max() <= 1
 
-    def test_exposures_out_of_reach_are_clipped_and_told(self, scene: DomeScene) -> None:
+    def test_exposures_out_of_range_are_clipped_and_reported(self, scene: DomeScene) -> None:
         camera = SimulatedCamera(scene, "zenith")
         assert camera.configure(CameraSettings(1e-9)).exposure_s == 1e-4
         assert camera.configure(CameraSettings(1e9)).exposure_s == 60.0
@@ -376,30 +378,30 @@ class TestFaults:
         camera = StaleCamera(SimulatedCamera(scene, "zenith"))
         camera.configure(CameraSettings(EXPOSURE_S))
         means = []
-        for number in range(1, STRIKE_AT_FRAME + 2):
+        for number in range(1, STALE_FRAME + 2):
             _show(scene, "south", number / 20)
             means.append(camera.capture().counts.mean())
         steps = np.diff(means)
-        assert steps[STRIKE_AT_FRAME - 2] == 0
-        assert (np.delete(steps, STRIKE_AT_FRAME - 2) > 0).all()
+        assert steps[STALE_FRAME - 2] == 0
+        assert (np.delete(steps, STALE_FRAME - 2) > 0).all()
 
 
 class TestBackend:
     @pytest.mark.parametrize(
         ("settings", "where"),
         [
-            ({"preset": "perfect"}, "simulated.preset: got 'perfect'"),
-            ({"projectors": 0}, "simulated.projectors: got 0"),
-            ({"typo": 1}, "simulated.typo: got 1"),
+            ({"preset": "perfect"}, "simulated.preset is 'perfect'"),
+            ({"projectors": 0}, "simulated.projectors is 0"),
+            ({"typo": 1}, "simulated.typo is 1"),
             ({"camera_size": [10]}, "simulated.camera_size.1"),
-            ({"albedo": 0.96}, "simulated.albedo: got 0.96"),
-            ({"albedo": -0.1}, "simulated.albedo: got -0.1"),
-            ({"albedo": float("nan")}, "simulated.albedo: got nan"),
-            ({"snr": 0}, "simulated.snr: got 0;"),
-            ({"snr": 1e4}, "simulated.snr: got 10000.0"),
-            ({"defocus_px": -0.5}, "simulated.defocus_px: got -0.5"),
-            ({"gamma_left": "much"}, "simulated.gamma_left: got 'much'"),
-            ({"gamma_left": 0}, "simulated.gamma_left: got 0;"),
+            ({"albedo": 0.96}, "simulated.albedo is 0.96"),
+            ({"albedo": -0.1}, "simulated.albedo is -0.1"),
+            ({"albedo": float("nan")}, "simulated.albedo is nan"),
+            ({"snr": 0}, "simulated.snr is 0;"),
+            ({"snr": 1e4}, "simulated.snr is 10000.0"),
+            ({"defocus_px": -0.5}, "simulated.defocus_px is -0.5"),
+            ({"gamma_left": "much"}, "simulated.gamma_left is 'much'"),
+            ({"gamma_left": 0}, "simulated.gamma_left is 0;"),
         ],
     )
     def test_mistakes_are_a_line_each(self, settings: dict[str, object], where: str) -> None:

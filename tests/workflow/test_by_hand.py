@@ -125,5 +125,5 @@ def test_a_bad_mask_is_told_before_anything_is_solved(both: Solved) -> None:
     venue = load_venue(both.folder)
     table = venue.table.screen.model_copy(update={"protected": ["gone.png"]})
     broken = replace(venue, table=venue.table.model_copy(update={"screen": table}))
-    with pytest.raises(FileFormatError, match=r"gone\.png: got no such file"):
+    with pytest.raises(FileFormatError, match=r"gone\.png: no such file"):
         next(solve(broken, Session(both.folder / "sessions" / "0001")))

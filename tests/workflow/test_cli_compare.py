@@ -134,7 +134,7 @@ class TestRefused:
 
     def test_no_folder(self, refusal: Callable[[str, str], str]) -> None:
         for names in (("a", "nowhere"), ("nowhere", "a")):
-            assert "nowhere: got no calibration.json, expected a calibration" in refusal(*names)
+            assert "nowhere has no calibration.json; a calibration" in refusal(*names)
 
     def test_other_projectors(self, refusal: Callable[[str, str], str]) -> None:
         line = refusal("a", "alone")

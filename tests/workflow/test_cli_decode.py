@@ -78,7 +78,7 @@ class TestDecode:
         empty.mkdir()
         for folder, message in (
             (empty, "there are 0 pictures"),
-            (tmp_path / "gone", "there is no such folder"),
+            (tmp_path / "gone", "no such folder"),
         ):
             ran = procam("decode", folder, "--size", "64x64", "--out", out)
             assert (ran.code, message in ran.complaint) == (2, True)
@@ -152,7 +152,7 @@ class TestDecode:
         path = folder / "30.png"
         path.write_bytes(path.read_bytes()[:4000])
         ran = procam("decode", folder, "--size", "1024x768", "--out", tmp_path / "map.exr")
-        assert (ran.code, "30.png: got a truncated" in ran.complaint) == (2, True)
+        assert (ran.code, "30.png is truncated" in ran.complaint) == (2, True)
         assert not (tmp_path / "map.exr").exists()
 
     @pytest.mark.parametrize("size", ["1024x", "0x768", "1024X768", "-4x8", ""])

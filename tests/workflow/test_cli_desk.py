@@ -106,25 +106,27 @@ class TestResponse:
         command = ("response", brackets, "--out", out, "--exposures")
         assert "--exposures: got 'fast', expected seconds" in refused(*command, "1,fast,3,4")
         assert "--exposures: got '1/0', expected" in refused(*command, "1/0,1,2,3")
-        assert "got 4 photographs and 3 exposures, expected one for each" in refused(
+        assert "3 exposures were given for 4 photographs; give one for each" in refused(
             *command, "1,2,3"
         )
-        assert "0.png: got no exposure in its header" in refused(*command[:-1])
-        message = refused(*command, "1,1/4,1/16,1/64")
-        assert f"{brackets} (0.png, 1.png, 2.png, 3.png): brackets: photographs 4 and 3" in message
+        assert "0.png has no exposure in its header" in refused(*command[:-1])
+        told = refused(*command, "1,1/4,1/16,1/64")
+        assert f"{brackets} (0.png, 1.png, 2.png, 3.png): brackets: photographs 4 and 3" in told
         assert "got the suffix '.toml', expected .csv" in refused(
             "response", brackets, "--out", tmp_path / "a.toml"
         )
         (tmp_path / "b.csv").mkdir()
-        assert "this is a folder" in refused("response", brackets, "--out", tmp_path / "b.csv")
-        assert "gone" in refused("response", tmp_path / "gone", "--out", out)
+        assert "got a folder, expected a file" in refused(
+            "response", brackets, "--out", tmp_path / "b.csv"
+        )
+        assert "no such folder" in refused("response", tmp_path / "gone", "--out", out)
         put_headers(brackets, shots)
         with_header(brackets / "1.png", shots[1], ExposureTime=0.06, FNumber=11.0)
-        assert "got several aperture f/ (0.png 8.0, 1.png 11.0" in refused(*command, EXPOSURES)
+        assert "differ in aperture f/ (0.png 8.0, 1.png 11.0" in refused(*command, EXPOSURES)
         write_image(brackets / "1.png", shots[1].astype(np.uint16))
-        assert "got several bits (0.png 8, 1.png 16" in refused(*command, EXPOSURES)
+        assert "differ in bits (0.png 8, 1.png 16" in refused(*command, EXPOSURES)
         (brackets / "1.png").write_bytes(b"no picture")
-        assert "1.png: got no readable photograph" in refused(*command, EXPOSURES)
+        assert "1.png is not a readable image" in refused(*command, EXPOSURES)
         assert not out.exists()
 
 
@@ -134,14 +136,14 @@ class TestVenue:
     @pytest.mark.parametrize(
         ("new", "message"),
         [
-            ('response = "solve"', "cameras.zenith.brackets: got nothing, expected with response"),
+            ('response = "solve"', "cameras.zenith.brackets is missing: response"),
             (
                 'response = "linear"\nbrackets = "b"',
-                "cameras.zenith.brackets: got 'b' with response = 'linear', expected it with",
+                "cameras.zenith.brackets is for response",
             ),
             (
                 'response = "solve"\nbrackets = "b"',
-                "cameras.zenith.brackets: {}/b: got no such folder, expected one of photographs",
+                "cameras.zenith.brackets: {}/b: no such folder; photographs",
             ),
         ],
     )
@@ -173,12 +175,15 @@ class TestIngest:
     ) -> None:
         venue, kept = session.parents[1], session / "captures" / CAMERA / "response.csv"
         first, second = (shot.id for shot in Session(session).read_plan().shots[1:3])
-        assert "got 8 bits of unknown response" in self.ingest(session, shots[3], first).complaint
+        assert (
+            "has 8 bits, and its response is not known"
+            in self.ingest(session, shots[3], first).complaint
+        )
         toml = venue / "venue.toml"
         solve = 'response = "solve"\nbrackets = "brackets"'
         toml.write_text(toml.read_text().replace('response = "linear"', solve))
         ran = self.ingest(session, shots[3], first)
-        assert (ran.code, "0.png: got no exposure in its header" in ran.complaint) == (2, True)
+        assert (ran.code, "0.png has no exposure in its header" in ran.complaint) == (2, True)
         assert not kept.exists()
         put_headers(brackets, shots)
         ran = self.ingest(session, shots[3], first)
@@ -266,11 +271,11 @@ class TestGlare:
             rest = [x for key, value in more.items() for x in (f"--{key}", value)]
             return refused("glare", venue / photo, "--trap", trap, *where, *rest)
 
-        assert "eight.png: 8 bits are too coarse" in of("eight.png")
-        assert "small.tif: the photograph has 50x40 px" in of("small.tif")
-        assert "gone.tif: " in of("gone.tif")
-        assert "empty: there are no photographs here" in of("empty")
-        assert "--camera 'b' is not in venue.toml; choose one of zenith, side" in of(camera="b")
+        assert "eight.png: got 8 bits, expected linear 16" in of("eight.png")
+        assert "small.tif: got 50x40 px, expected 160x160 as venue.toml says" in of("small.tif")
+        assert "gone.tif: no such file" in of("gone.tif")
+        assert "empty holds no photographs" in of("empty")
+        assert "--camera: got 'b', expected one of zenith, side" in of(camera="b")
         for trap in ("80,70", "80,x,8", "80,70,-8", "nan,70,8"):
             assert f"--trap {trap!r} is not X,Y,RADIUS" in of(trap=trap)
         assert "--trap is given 3 times for 2 photographs; give it once for all" in refused(

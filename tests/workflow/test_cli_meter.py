@@ -109,13 +109,12 @@ class TestRefusals:
     ) -> None:
         ran = run(tmp_path, stored, [*readings, replace(readings[0], projector="west")])
         assert self._complaint(ran, tmp_path) == (
-            f"procam: {tmp_path / 'readings.csv'}:12: got projector 'west', expected one of "
-            "south, north"
+            f"procam: {tmp_path / 'readings.csv'}:12: projector 'west' is not one of south, north"
         )
 
     def test_no_calibration(self, tmp_path: Path, readings: list[MeterReading]) -> None:
         ran = run(tmp_path, tmp_path, readings)
-        assert "got no calibration.json" in self._complaint(ran, tmp_path)
+        assert "has no calibration.json" in self._complaint(ran, tmp_path)
 
     def test_where_to_write(self, tmp_path: Path, stored: Path) -> None:
         (tmp_path / "folder.json").mkdir()
