@@ -1,4 +1,4 @@
-"""Measures a state of the house: how much more bounces with the audience in, and the show's own lamps.
+"""Measures a venue state: scattered light with an audience in, and the show's own lamps.
 
 A few photographs, for people are sitting there: one of the room's own light, five of each projector.
 """
@@ -37,8 +37,8 @@ Array = NDArray[np.float64]
 Image = NDArray[np.float32]
 Size = tuple[int, int]
 MOST_SHIFT_PX = 3.0  # of the middle of a lit part; the calibration's own pixel is a fraction of one
-RATIOS = (0.5, 2.0)  # an audience moves the bounced light by a tenth
-FEWEST = 2  # pictures: one tells nothing of its own error
+RATIOS = (0.5, 2.0)  # an audience changes the scattered light by a tenth
+FEWEST = 2  # pictures: one gives no estimate of its own error
 SATURATED_SHARE = 0.002  # of the screen; above it light is lost
 ATTEMPTS = (
     2  # of a picture that is not where it should be: the camera may have delivered an old picture
@@ -50,7 +50,7 @@ GREEN = 1
 def measure_state(
     rig: Rig, venue: Venue, calibration: Calibration, name: str, ambient_only: bool = False
 ) -> Iterator[Event]:
-    """Photograph the house as it is; the last event carries `data["state"]`, a `VenueState`.
+    """Photograph the venue as it is; the last event carries `data["state"]`, a `VenueState`.
 
     With `ambient_only` no projector is lit, and the feedback stays what is known of the state, or of
     the calibration if nothing is.
@@ -70,23 +70,23 @@ def measure_state(
     total = 1 if ambient_only else 1 + len(calibration.projectors)
     rig.start()
     ambient, mean = camera.ambient()
-    told = f"the room's own light is {_percent(mean)} of white"
+    text = f"the room's own light is {_percent(mean)} of white"
     known = calibration.states.get(name, VenueState(name, calibration.feedback, np.ones(3)))
     state = replace(known, ambient=ambient)
     if not ambient_only:
-        yield Event("state", 1, total, told)
-        looks: list[ZoneObservation] = []
+        yield Event("state", 1, total, text)
+        observations: list[ZoneObservation] = []
         pictures = _zone_pictures(venue, calibration)
         for done, projector in enumerate(calibration.projectors, start=2):
-            looks += camera.zones(projector, pictures[projector])
+            observations += camera.zones(projector, pictures[projector])
             if done < total:
                 yield Event("state", done, total, f"{projector} photographed")
-        _check_enough(looks)
-        ratio = camera.house.scatter_ratio(looks, camera.calibrated_zones(pictures))
+        _check_enough(observations)
+        ratio = camera.audience.scatter_ratio(observations, camera.calibrated_zones(pictures))
         _check_ratio(ratio)
         state = VenueState(name, audience_feedback(calibration, ratio), ratio.value, ambient)
-        told = f"{told}; bounced light is {_percent(ratio.value)} of the calibration's"
-    yield Event("state", total, total, told, {"state": state, "ambient": mean})
+        text = f"{text}; scattered light is {_percent(ratio.value)} of the calibration's"
+    yield Event("state", total, total, text, {"state": state, "ambient": mean})
 
 
 def with_state(calibration: Calibration, state: VenueState) -> Calibration:
@@ -103,7 +103,7 @@ class _Camera:
         name, model = next(iter(calibration.cameras.items()))
         self._camera, self._radiometer = rig.cameras[name], Radiometer(model)
         self._matrix = calibration.content_from_camera.T.astype(np.float32)
-        self.house = AudienceView(calibration, _view(venue, calibration, self._radiometer))
+        self.audience = AudienceView(calibration, _view(venue, calibration, self._radiometer))
 
     def ambient(self) -> tuple[Map, Array]:
         """The room's own light on the dome master, and its mean (3,) over what is lit.
@@ -113,12 +113,12 @@ class _Camera:
         for exposure_s in sorted({self._capture.black_exposure_s, self._capture.exposure_s})[::-1]:
             light = self._photograph(exposure_s)
             if self._lost(light) <= SATURATED_SHARE:
-                level, mean = self.house.ambient(light)
+                level, mean = self.audience.ambient(light)
                 if mean.max() < 1:
                     return level, mean
         raise OutOfModelRange(
             "the room's own light: got more than the projectors' white, expected a show's exit signs "
-            "and aisle lights; dim the house lights"
+            "and aisle lights; dim the room lights"
         )
 
     def zones(self, projector: str, pictures: Sequence[Picture]) -> list[ZoneObservation]:
@@ -133,7 +133,7 @@ class _Camera:
     def _seen(self, projector: str, pictures: Iterable[Image]) -> Iterator[tuple[Image, Image]]:
         """Pictures of which the camera sees any direct light, and where it is expected."""
         for picture in pictures:
-            expected = self.house.expected(projector, picture)
+            expected = self.audience.expected(projector, picture)
             if expected.any():
                 yield picture, expected
 
@@ -142,7 +142,7 @@ class _Camera:
     ) -> ZoneObservation:
         for _ in range(ATTEMPTS):
             light = self._shown(projector, picture) - black
-            shift = centre_shift(light[..., GREEN], expected, self.house.view.on_screen)
+            shift = centre_shift(light[..., GREEN], expected, self.audience.view.on_screen)
             if shift <= MOST_SHIFT_PX:
                 break
             self._rig.clock.sleep(BREATH_S)
@@ -152,13 +152,13 @@ class _Camera:
         if lost > SATURATED_SHARE:
             raise OutOfModelRange(
                 f"a lit part of projector {projector}: got {lost:.1%} saturated pixels, expected less "
-                f"than {SATURATED_SHARE:.1%}; dim the house lights, or lower [capture] exposure_s"
+                f"than {SATURATED_SHARE:.1%}; dim the room lights, or lower [capture] exposure_s"
             )
-        return self.house.observe(light, expected > 0)
+        return self.audience.observe(light, expected > 0)
 
     def calibrated_zones(self, pictures: Mapping[str, Sequence[Picture]]) -> list[ZoneObservation]:
-        """Those pictures as the calibration was made of; none if they are not all there any more."""
-        origin, camera = self.house.calibration.provenance, self._radiometer.camera.name
+        """Those pictures from the session of the calibration; none if some are gone."""
+        origin, camera = self.audience.calibration.provenance, self._radiometer.camera.name
         session = Session(self._sessions / str(origin.get("session")))
         if not (session.directory / "plan.json").is_file():
             return []
@@ -167,17 +167,19 @@ class _Camera:
         others = any(len(plan.of(name, "zone")) != len(shown) for name, shown in pictures.items())
         if numbered or others or missing_shots(session, plan, [camera]):
             return []
-        readings = SessionImages(session, plan, self._radiometer)
-        return [look for name in pictures for look in self._stored_zones(readings, name)]
+        images = SessionImages(session, plan, self._radiometer)
+        return [
+            observation for name in pictures for observation in self._stored_zones(images, name)
+        ]
 
-    def _stored_zones(self, readings: SessionImages, projector: str) -> Iterator[ZoneObservation]:
-        dark, dark_long = readings.dark()
-        base = readings.light(readings.only(projector, "black")) - dark_long + dark
-        for shot in readings.plan.of(projector, "zone"):
-            picture = readings.session.pattern(shot)[..., :1]
+    def _stored_zones(self, images: SessionImages, projector: str) -> Iterator[ZoneObservation]:
+        dark, dark_long = images.dark()
+        base = images.light(images.only(projector, "black")) - dark_long + dark
+        for shot in images.plan.of(projector, "zone"):
+            picture = images.session.pattern(shot)[..., :1]
             for _, expected in self._seen(projector, [picture]):
-                light = (readings.light(shot) - base) @ self._matrix
-                yield self.house.observe(light, expected > 0)
+                light = (images.light(shot) - base) @ self._matrix
+                yield self.audience.observe(light, expected > 0)
 
     def _shown(self, projector: str, picture: Image) -> Image:
         """What is seen of a grey picture (H, W, 1)."""
@@ -192,11 +194,11 @@ class _Camera:
 
     def _lost(self, light: Image) -> float:
         """Share of the screen that is saturated."""
-        return float(np.isnan(light[self.house.view.on_screen]).any(axis=-1).mean())
+        return float(np.isnan(light[self.audience.view.on_screen]).any(axis=-1).mean())
 
 
 def _zone_pictures(venue: Venue, calibration: Calibration) -> dict[str, list[Picture]]:
-    """Those pictures (H, W, 1) of a visit that light a part of a projector's panel, by projector."""
+    """Those pictures (H, W, 1) of a session that light a part of a projector's panel, by projector."""
     plan, patterns = plan_of_session(venue)
     return {
         name: [patterns[shot.pattern] for shot in plan.of(name, "zone")]
@@ -217,7 +219,7 @@ def _check_names(venue: Venue, calibration: Calibration, name: str) -> None:
     VenueState(name, calibration.feedback, np.ones(3))  # refuses a name before a lamp is lit
     if f"state-{name}" in calibration.projectors:
         raise InputError(
-            f"house state: got {name!r}, but projector state-{name} has a map of that name; choose "
+            f"venue state: got {name!r}, but projector state-{name} has a map of that name; choose "
             "another"
         )
     table = venue.table
@@ -244,10 +246,10 @@ def _check_devices(
             )
 
 
-def _check_enough(looks: Sequence[ZoneObservation]) -> None:
-    if len(looks) < FEWEST:
+def _check_enough(observations: Sequence[ZoneObservation]) -> None:
+    if len(observations) < FEWEST:
         raise NotEnoughData(
-            f"pictures of a part of a projector's panel: got light of {len(looks)}, expected "
+            f"pictures of a part of a projector's panel: got light of {len(observations)}, expected "
             f"{FEWEST} or more; are masks in venue.toml too wide?"
         )
 
@@ -256,7 +258,7 @@ def _check_ratio(ratio: Measured) -> None:
     low, high = RATIOS
     if not ((ratio.value >= low) & (ratio.value <= high)).all():
         raise OutOfModelRange(
-            f"bounced light: got {_percent(ratio.value)} of the calibration's, expected "
+            f"scattered light: got {_percent(ratio.value)} of the calibration's, expected "
             f"{low:.0%} to {high:.0%}; is a projector lit that should be dark, or was the dome "
             "painted? then calibrate again"
         )

@@ -1,4 +1,4 @@
-"""What workflows tell while they run: the command line, reports and tests read one stream."""
+"""What workflows report while they run: the command line, reports and tests read one stream."""
 
 from dataclasses import dataclass, field
 from typing import Any

@@ -105,7 +105,7 @@ class PlannedDome:
         return float(sphere_scatter(paint, patches, returned)[0, 0] * self.lit_sr)
 
     def calibration(self, albedo: float, size: int) -> Calibration:
-        """What a calibration would say, with maps of `size` pixels, and no device in it."""
+        """A calibration with these properties, with maps of `size` pixels, and no device in it."""
         direction, _ = master_directions(size)
         rim = 2 * np.arcsin(np.sqrt(self.coverage) * np.sin(self.screen.half_angle / 2))
         solid = master_solid_angles(size)
@@ -181,7 +181,7 @@ class PictureFigures:
     darkest : least level that can be shown beside the rest of the picture [rel to white].
     dark_lift_before, dark_lift_after : by how much the darkest quarter is too bright [rel to white].
     contrast_target, contrast_before, contrast_after : rms over mean of the luminance.
-    contrast_restored : share of the lost contrast that compensation brings back; NaN if none is lost.
+    contrast_restored : share of the lost contrast that compensation restores; NaN if none is lost.
     """
 
     clipped_black: float
@@ -252,10 +252,10 @@ def light_levels(
 ) -> Levels:
     """White, black and contrast; `reference` is the light of a direct white of 1.0.
 
-    `state` names a state of the house; the light of its own lamps counts as white, and as black.
+    `state` names a venue state; the light of its own lamps counts as white, and as black.
     """
-    house = calibration if state is None else calibration.state(state)
-    m, ambient = float(LUMINANCE @ house.feedback.value), ambient_level(calibration, state)
+    known = calibration if state is None else calibration.state(state)
+    m, ambient = float(LUMINANCE @ known.feedback.value), ambient_level(calibration, state)
     black = black_level(calibration)
     total, white = black * (1 + m) + ambient, 1 + m + ambient
     return Levels(
@@ -316,7 +316,7 @@ def checkerboard_contrast(
 def picture_figures(
     calibration: Calibration, content: Image, state: str | None = None
 ) -> tuple[PictureFigures, Seen]:
-    """What is expected of a dome master (N, N, 3) of linear light, in a house state if one is named."""
+    """What is expected of a dome master (N, N, 3) of linear light, in a venue state if one is named."""
     size = content.shape[0]
     compensator = Compensator(calibration, size, state=state)
     exact = compensator.solve(content)
@@ -356,7 +356,7 @@ def sampled(picture: Image, size: int = SAMPLES) -> Image:
 
 
 def band(values: Sequence[float], counts: int = 1) -> Band:
-    """The figure of (low end, middle, high end); the middle counts, or the one that is told."""
+    """The figure of (low end, middle, high end); the middle counts."""
     return Band(values[counts], min(values), max(values))
 
 

@@ -38,7 +38,7 @@ def half_sky(size: int) -> Image:
 def left_right(size: int) -> Image:
     """Day on the left half of the dome, dusk on the right: (N, N, 3) linear.
 
-    The most one-sided of pictures: one scalar for all bounced light misses what a floor sends back.
+    The most one-sided of pictures: one scalar for all scattered light misses what a floor returns.
     """
     direction, inside = master_directions(size)
     _, elevation = angles_from_direction(direction)

@@ -1,4 +1,4 @@
-"""A visit for rigs that procam does not drive: numbered pictures, movies, and the order to show them."""
+"""A session for rigs that procam does not drive: numbered pictures, movies, the order to show them."""
 
 import csv
 import io

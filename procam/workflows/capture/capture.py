@@ -22,7 +22,7 @@ from procam.workflows.events import Event
 
 ATTEMPTS = 3
 SATURATED_SHARE = 0.002  # of the frame; above it the exposure is wrong, not a glint in the way
-PROBE_STEP = 7  # checks look at every 7th pixel: enough to tell pictures apart
+PROBE_STEP = 7  # checks read every 7th pixel: enough to distinguish pictures
 
 
 def prepare_session(venue: Venue, directory: Path) -> Session:

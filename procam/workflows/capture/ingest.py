@@ -39,7 +39,7 @@ class _Surveyed:
     """What is kept of a photograph while the others are looked at; its pixels are not."""
 
     path: Path
-    look: PhotoObservation
+    observation: PhotoObservation
     channels: int
     taken_s: float | None
     setting: tuple[float | None, float | None]
@@ -63,7 +63,7 @@ def ingest(
             surveyed.append(_survey(path, model, response, claims.get(path.name)))
             yield Event("ingest", len(surveyed), len(paths), f"{path.name} looked at")
         surveyed = _in_time(surveyed)
-        match = match_photos(plan, [s.look for s in surveyed], set(session.stored(camera)))
+        match = match_photos(plan, [s.observation for s in surveyed], set(session.stored(camera)))
         match.notes += [f"{name}: is no photograph; left out" for name in others]
         _check(plan, surveyed, match, model, session, camera)
         exposed, chosen = _as_exposed(plan, surveyed, match, session, venue)
@@ -75,7 +75,7 @@ def ingest(
 
 
 def solve_brackets(folder: Path, exposures_s: Sequence[float] = ()) -> CameraResponse:
-    """Response of the camera whose bracketed photographs lie in a folder; exposures as told or by header."""
+    """Response of a camera from the bracketed photographs in a folder; exposures as stated or from headers."""
     bracket = find_bracket(folder, exposures_s)
     try:
         return solve_response(bracket.pixels(), bracket.exposures_s, bracket.bits)
@@ -104,7 +104,7 @@ def _solved_response(session: Session, camera: str) -> Path:
 def _keep_response(
     venue: Venue, session: Session, camera: str, response: Response | None
 ) -> list[str]:
-    """Store a response that was solved just now; a line that says which one was used."""
+    """Store a response that was solved just now; a line that names the one used."""
     brackets, path = venue.table.cameras[camera].brackets, _solved_response(session, camera)
     if brackets is None or response is None:
         return []
@@ -170,9 +170,13 @@ def _survey(
             f"{path}: got {width}x{height} px, expected {model.size[0]}x{model.size[1]} as venue.toml "
             "says; export it whole and unturned, or correct the camera's size"
         )
-    look = PhotoObservation(path.name, number, claimed, photo.exposure_s, clipped, sharpness, fits)
+    observation = PhotoObservation(
+        path.name, number, claimed, photo.exposure_s, clipped, sharpness, fits
+    )
     channels = photo.pixels.shape[2]
-    return _Surveyed(path, look, channels, photo.taken_s, (photo.sensitivity, photo.aperture))
+    return _Surveyed(
+        path, observation, channels, photo.taken_s, (photo.sensitivity, photo.aperture)
+    )
 
 
 def _sharpness(counts: NDArray[np.uint16], black_level: float) -> float:
@@ -226,7 +230,7 @@ def _check(
 def _as_exposed(
     plan: Plan, surveyed: list[_Surveyed], match: Match, session: Session, venue: Venue
 ) -> tuple[Plan, dict[Slot, int]]:
-    """The plan with the exposures that the photographs' headers tell, and the choice by those."""
+    """The plan with the exposures of the photographs' headers, and the choice by those."""
     fixed = {slot for camera in venue.cameras for slot in session.stored(camera)}
     chosen: dict[Slot, int] = {}
     shots = []
@@ -234,8 +238,8 @@ def _as_exposed(
         exposures = []
         for planned in shot.exposures_s:
             photo = match.chosen.get((shot.id, planned))
-            told = None if photo is None else surveyed[photo].look.exposure_s
-            really = planned if told is None or _alike(told, planned) else told
+            stated_s = None if photo is None else surveyed[photo].observation.exposure_s
+            really = planned if stated_s is None or _alike(stated_s, planned) else stated_s
             if really != planned and photo is not None and (shot.id, planned) in fixed:
                 raise FileFormatError(
                     f"{surveyed[photo].path}: got an exposure of {really:g} s, but another camera has "

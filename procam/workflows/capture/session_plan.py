@@ -1,4 +1,4 @@
-"""What a venue's visit shows: projectors one after the other, or a media server that has them all."""
+"""The plan of a capture session: projectors one after the other, or a media server as one."""
 
 import numpy as np
 
@@ -20,7 +20,7 @@ def server_of(venue: Venue) -> DomeMaster | None:
 
 
 def plan_of_session(venue: Venue) -> tuple[Plan, dict[str, Picture]]:
-    """The plan of a venue's visit, and its pictures (H, W, 1 or 3) by path."""
+    """The plan of a venue's capture session, and its pictures (H, W, 1 or 3) by path."""
     server, capture = server_of(venue), venue.table.capture
     if server is not None:
         return plan_server(server, capture.exposure_s, capture.black_exposure_s)

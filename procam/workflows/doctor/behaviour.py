@@ -1,7 +1,7 @@
 """Shows a projector test pictures and photographs them, to find settings that break calibration.
 
 24 photographs and about a minute and a half of waiting for each projector. Pictures that are compared
-carry the same flux, so that what changes light with the picture is told apart from what is wrong with
+carry the same flux, so that an effect of the picture is separated from a fault of
 colours, levels and fine detail.
 """
 
@@ -41,7 +41,7 @@ LEAST_CAMERA_PX = 2.0  # per projector pixel, for the shape of the camera's blur
 LOAD_LIMIT, AFTER_BLACK_LIMIT, COLOUR_LIMIT, REMNANT_LIMIT = 0.005, 0.01, 0.01, 0.02
 STEP_LIMIT, SLANT_LIMIT, SHARPNESS_LIMIT = 0.5, 0.05, 0.03
 MOVED = "all else is judged {:.1%} less strictly, as the light moves; see to that, then test again"
-COARSE = "pixel shift: a projector pixel is {:.1f} camera pixels wide, 2 or more can tell"
+COARSE = "pixel shift: a projector pixel is {:.1f} camera pixels wide, 2 or more are needed"
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Looks at every device that a venue names, and says what is wrong before a scan is begun.
+"""Examines every device that a venue names, and reports faults before a capture session starts.
 
 About five photographs for each projector and camera, ten where a camera is looked at first; two dozen
 more for each projector whose settings are tested.
@@ -28,7 +28,7 @@ def examine(
 ) -> Iterator[Event]:
     """Fill `diagnosis`: reach all devices, photograph each projector with each camera, judge.
 
-    With `behaviour` also look for settings of projectors that break calibration. Leaves projectors
+    With `behaviour` also test for settings of projectors that break calibration. Leaves projectors
     dark one by one as it goes; the rig does so again when it is let go.
     """
     total = len(rig.projectors) * (1 + len(rig.cameras) + behaviour) + len(rig.cameras) + 1

@@ -1,4 +1,4 @@
-"""One camera of a venue under examination: what it says of itself, and of each projector."""
+"""One camera under examination: its own measurements, and those of each projector."""
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -47,7 +47,7 @@ SETTLE_S = 0.5  # before a stale picture is taken again
 SLOW_S = 1.0  # before a photograph of a projector that is known to be slow
 SETTINGS_OFF = 0.01
 FRACTIONS = (0.5, 0.25)  # of the exposure, for the camera's response
-SMALLEST_RATIO = 1.2  # of exposures, to tell a response from
+SMALLEST_RATIO = 1.2  # of exposures; closer ones do not determine a response
 
 
 @dataclass(frozen=True)
@@ -121,7 +121,7 @@ class ExaminedCamera:
         )
 
     def look_at(self, projector: str, capture: CaptureTable) -> None:
-        """White, black, grey and halves of a projector; the first one also tells of the camera."""
+        """White, black, grey and halves of a projector; the first one also examines the camera."""
         black, white = self.metered(projector, capture)
         shots = self._shots(projector, black, white)
         if shots is None:
@@ -130,7 +130,7 @@ class ExaminedCamera:
         if not self.judged:
             self._look_at_response(projector, white, shots.lit)
         if self.diagnosis.has(self.device, *UNTRUSTWORTHY):
-            return  # what a camera makes up says nothing of a projector
+            return  # a camera that alters its pictures does not measure a projector
         if self._clipped(white):
             self._tell_saturated(projector, white.settings.exposure_s)
             return
@@ -154,7 +154,7 @@ class ExaminedCamera:
         return _Shots(white, black, level, dark, grey, (left, right), direct)
 
     def _view(self, panel: tuple[int, int], shots: "_Shots", capture: CaptureTable) -> View:
-        """What the pictures of one projector say."""
+        """What the pictures of one projector show."""
         assert self.ambient is not None and self.noise is not None
         seconds = (shots.white.settings.exposure_s, shots.black.settings.exposure_s)
         plan = plan_exposures(

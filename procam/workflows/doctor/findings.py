@@ -21,7 +21,7 @@ class Finding:
         return self.text if self.text.startswith(self.device) else f"{self.device}: {self.text}"
 
     @classmethod
-    def told(cls, device: str, kind: str, got: str, expected: str, advice: str) -> "Finding":
+    def of(cls, device: str, kind: str, got: str, expected: str, advice: str) -> "Finding":
         """A finding in the words that errors use."""
         return cls(device, kind, f"got {got}, expected {expected}; {advice}")
 
@@ -66,7 +66,7 @@ class CameraView:
 
 @dataclass(frozen=True, slots=True)
 class Behaviour:
-    """What the tests of one projector found, as `camera` saw it, and why some could not be made."""
+    """Results of the tests of one projector with `camera`, and why some could not be run."""
 
     camera: str
     effects: tuple[Effect, ...] = ()
@@ -87,9 +87,9 @@ class Diagnosis:
     behaviour: dict[str, Behaviour] = field(default_factory=dict)
     photographs: int = 0
 
-    def add(self, *told: str) -> None:
+    def add(self, *parts: str) -> None:
         """Add a finding: device, kind, got, expected, advice."""
-        self.keep(Finding.told(*told))
+        self.keep(Finding.of(*parts))
 
     def keep(self, finding: Finding) -> None:
         """Add a finding, unless this device has one of its kind."""
@@ -145,7 +145,10 @@ FLAT_EXPONENT = 0.2  # a picture that hardly follows its exposure: no encoding d
 BLACK_LEVEL_OFF = 5e-4  # of full scale
 
 
-UNTRUSTWORTHY = ("auto-exposure", "response")  # findings for which a camera's pictures tell no more
+UNTRUSTWORTHY = (
+    "auto-exposure",
+    "response",
+)  # findings after which a camera's pictures are not used
 MOVING = ("dynamic-black", "constant-light")  # findings that explain why light does not add up
 
 BEHAVIOUR = {  # what was measured, and the finding for a value above and below 0
@@ -181,7 +184,7 @@ SWITCH = {
 
 
 def judge_behaviour(diagnosis: Diagnosis, projector: str) -> None:
-    """Add which settings of a projector to switch off; of several signs of one the strongest tells."""
+    """Add the settings of a projector to switch off; of several signs of one the strongest counts."""
     found = [e for e in diagnosis.behaviour[projector].effects if e.found]
     for effect in sorted(found, key=lambda e: -abs(e.value) / e.limit):
         sentence, above, below = BEHAVIOUR[effect.name]
@@ -193,7 +196,7 @@ def judge_behaviour(diagnosis: Diagnosis, projector: str) -> None:
 
 
 def judge_dark(diagnosis: Diagnosis, device: str, camera: CameraView, sensor: Sensor) -> None:
-    """Add what the dark says is wrong; `sensor` is venue.toml's."""
+    """Add the faults that the dark frames show; `sensor` is venue.toml's."""
     off_dn = camera.black_level_dn - sensor.black_level
     if abs(off_dn) > max(1.0, BLACK_LEVEL_OFF * sensor.full_scale):
         diagnosis.add(
@@ -206,7 +209,7 @@ def judge_dark(diagnosis: Diagnosis, device: str, camera: CameraView, sensor: Se
 
 
 def judge_response(diagnosis: Diagnosis, device: str, camera: CameraView) -> None:
-    """Add what photographs of the same white say is wrong."""
+    """Add the faults that repeated photographs of white show."""
     exponents, repeat = camera.exponents, camera.repeat
     flat = bool(exponents) and all(abs(e) < FLAT_EXPONENT for e in exponents)
     if flat or (repeat is not None and abs(repeat - 1) > REPEAT_OFF):
@@ -231,7 +234,7 @@ def judge_response(diagnosis: Diagnosis, device: str, camera: CameraView) -> Non
 
 
 def judge_views(diagnosis: Diagnosis) -> None:
-    """Add what the photographs of projectors say is wrong."""
+    """Add the faults that photographs of projectors show."""
     for (projector, camera), view in diagnosis.views.items():
         _judge_ambient(diagnosis, f"camera {camera}", projector, view)
         _judge_exposure(diagnosis, f"projector {projector}", f"camera {camera}", view)
@@ -247,7 +250,7 @@ def _judge_ambient(diagnosis: Diagnosis, camera: str, projector: str, view: View
             f"room light of {view.ambient_share:.0%} of what projector {projector} gives its "
             "darkest pixel",
             f"less than {MOST_AMBIENT:.0%}",
-            "switch the house lights off, cover exit signs and monitors, close the doors",
+            "switch the room lights off, cover exit signs and monitors, close the doors",
         )
 
 

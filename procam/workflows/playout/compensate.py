@@ -36,74 +36,74 @@ from procam.workflows.playout.sources import (
 Made = TypeVar("Made")
 FileClip = StillClip | SequenceClip | MovieClip
 LOG = "procam.jsonl"
-PARTS = ("calibration.json", "maps/dome.exr", "maps/state-*.exr")  # what a compensator is made of
+PARTS = ("calibration.json", "maps/dome.exr", "maps/state-*.exr")  # what a compensator reads
 
 
 def compensate_file(
     calibration_dir: Path,
     source: Path,
     out: Path,
-    how: FrameSettings,
+    settings: FrameSettings,
     again: bool = False,
     beside: Sequence[Named] = (),
 ) -> Iterator[Event]:
     """Compensate IN to OUT; an event per frame, whose data hold its row of the report by its number.
 
-    Pictures of a sequence that an earlier run made of the same sources with the same calibration and
+    Pictures of a sequence that an earlier run finished from the same sources with the same calibration and
     settings are skipped, and the first event has their rows; so is a movie, unless `again`. `beside` is
-    what the caller will write of it. Nothing is begun if anything would be written over IN, or twice.
+    the files that the caller will write. Nothing starts if a file would overwrite IN or another output.
     """
-    clip = open_clip(source, out, calibration_dir, how)
+    clip = open_clip(source, out, calibration_dir, settings)
     refuse_overwriting(clip.read, [*(("OUT", path) for path in clip.written), *beside])
     calibration = load_dome(calibration_dir)
     if isinstance(clip, MovieClip) and clip.is_made and not again:
         yield Event("frames", 0, 0, f"{out} is there already", {"rows": {}})
         return
-    yield from compensate_clip(calibration, clip, how)
+    yield from compensate_clip(calibration, clip, settings)
 
 
-def open_clip(source: Path, out: Path, calibration_dir: Path, how: FrameSettings) -> FileClip:
-    """The clip that IN and OUT name, and what is left to do of it."""
+def open_clip(source: Path, out: Path, calibration_dir: Path, settings: FrameSettings) -> FileClip:
+    """The clip that IN and OUT name, and the frames still to do."""
     sequence = source_sequence(source)
     if sequence:
         names = output_names(sequence, out)
-        log = OutputLog(sequence_log(names.folder, names), run_key(calibration_dir, how))
+        log = OutputLog(sequence_log(names.folder, names), run_key(calibration_dir, settings))
         return SequenceClip(sequence, names, log)
     if is_movie(source):
-        log = OutputLog(out.with_name(f"{out.name}.{LOG}"), run_key(calibration_dir, how))
+        log = OutputLog(out.with_name(f"{out.name}.{LOG}"), run_key(calibration_dir, settings))
         return MovieClip(source, out, log)
     return StillClip(source, out)
 
 
 def sequence_log(folder: Path, names: Numbered) -> Path:
-    """Where a folder keeps what is made in it: sky.procam.jsonl for sky.0001.exr."""
+    """Where a folder logs what was written in it: sky.procam.jsonl for sky.0001.exr."""
     return folder / f"{names.before.strip('._- ')}.{LOG}".lstrip(".")
 
 
 def compensate_clip(
-    calibration: Calibration, clip: Clip, how: FrameSettings, certify: bool = True
+    calibration: Calibration, clip: Clip, settings: FrameSettings, certify: bool = True
 ) -> Iterator[Event]:
     """Compensate all frames of a clip; an event per frame, as `compensate_file`'s.
 
     Without `certify` the rows only count what is above 1.0: for live frames.
     """
-    engine = ClipEngine(calibration, how, clip.suffix, certify)
+    engine = ClipEngine(calibration, settings, clip.suffix, certify)
 
-    def work(piece: ClipFrame) -> Callable[[], tuple[str, Row]]:
-        made = engine.make(piece)
+    def work(clip_frame: ClipFrame) -> Callable[[], tuple[str, Row]]:
+        result = engine.make(clip_frame)
 
         def write() -> tuple[str, Row]:
-            clip.write(piece, made.rgb, made.transfer, made.row)
-            return piece.name, made.row
+            clip.write(clip_frame, result.rgb, result.transfer, result.row)
+            return clip_frame.name, result.row
 
         return write
 
     done = 0
     with clip:
-        yield Event("frames", 0, clip.total, "", {"rows": dict(clip.made)})
+        yield Event("frames", 0, clip.total, "", {"rows": dict(clip.finished)})
         for done, (name, row) in enumerate(each_frame(clip, work), 1):
             yield Event("frames", done, max(clip.total, done), name, {"rows": {row["frame"]: row}})
-    if not (done or clip.made):
+    if not (done or clip.finished):
         raise FileFormatError("IN: got no frame, expected one or more; is it the right clip?")
 
 
@@ -113,15 +113,15 @@ def each_frame(clip: Clip, work: Callable[[ClipFrame], Callable[[], Made]]) -> I
     first = next((job() for job in reads), None)
     if first is None:
         return
-    crew = clip.crew(first.rgb.nbytes)
+    thread_plan = clip.thread_plan(first.rgb.nbytes)
     jobs = chain([_given(first)], reads)
     del first
-    yield from flow(jobs, work, crew)
+    yield from flow(jobs, work, thread_plan)
 
 
-def run_key(calibration_dir: Path, how: FrameSettings, *more: str) -> str:
+def run_key(calibration_dir: Path, settings: FrameSettings, *more: str) -> str:
     """What makes two runs the same: calibration (with `more` of its files), settings, program."""
-    digest = hashlib.sha256(json.dumps([__version__, asdict(how)]).encode())
+    digest = hashlib.sha256(json.dumps([__version__, asdict(settings)]).encode())
     for part in (*PARTS, *more):
         for path in sorted(calibration_dir.glob(part)):
             digest.update(path.read_bytes())
@@ -137,5 +137,5 @@ def write_report(path: Path, rows: Sequence[Row]) -> None:
     atomic.write_text(path, text.getvalue())
 
 
-def _given(piece: ClipFrame) -> Callable[[], ClipFrame]:
-    return [piece].pop  # given away: else it would live as long as the clip
+def _given(clip_frame: ClipFrame) -> Callable[[], ClipFrame]:
+    return [clip_frame].pop  # hands over the only reference: else it would live as long as the clip

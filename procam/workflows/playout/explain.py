@@ -29,7 +29,7 @@ class Explained:
     Attributes
     ----------
     content : what is asked for. without : what would be seen of it without compensation.
-    scattered : the light in `without` that bounced. direct : what is sent instead.
+    scattered : the scattered light in `without`. direct : what is sent instead.
     observed : what will be seen of that.
     limits : 0 where `observed` is the content under its white, 1 where even black is too bright, -1
         where even white is too dark; NaN where nothing is lit and where a person protects the content.
@@ -57,14 +57,19 @@ def first_frame(source: Path) -> ClipFrame:
         return movie_clip_frame(reader, frame, 0)
 
 
-def explain(calibration: Calibration, piece: ClipFrame, how: FrameSettings) -> Explained:
+def explain(calibration: Calibration, clip_frame: ClipFrame, settings: FrameSettings) -> Explained:
     """Solve a frame with (in full, whatever the strength) and without compensation, in linear light."""
-    size = square_edge(piece)
-    content = decoded(piece.rgb, named_transfer(piece, how))
+    size = square_edge(clip_frame)
+    content = decoded(clip_frame.rgb, named_transfer(clip_frame, settings))
     ours = Compensator(
-        calibration, size, how.method, how.state, white=how.white, transfer_name="linear"
+        calibration,
+        size,
+        settings.method,
+        settings.state,
+        white=settings.white,
+        transfer_name="linear",
     )
-    plain = Compensator(calibration, size, "none", how.state, transfer_name="linear")
+    plain = Compensator(calibration, size, "none", settings.state, transfer_name="linear")
     found, without = ours.solve(content), plain.solve(content)
     limits = np.sign(found.observed - ours.target(content))
     limits[found.free] = 0

@@ -1,4 +1,4 @@
-"""One frame of any kind through the compensator: encodings in and out, and what a report says of it."""
+"""One frame of any kind through the compensator: encodings in and out, and the row of the report."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -33,7 +33,7 @@ class FrameSettings:
 
 @dataclass(frozen=True, slots=True)
 class CompensatedFrame:
-    """A frame that is made: encoded colours (N, N, 3), their transfer function, the report's row."""
+    """A compensated frame: encoded colours (N, N, 3), their transfer function, the report's row."""
 
     rgb: Pixels
     transfer: str
@@ -47,53 +47,53 @@ class ClipEngine:
     ----------
     calibration, how : what to compensate, and how.
     suffix : of the pictures that will be written; EXR takes linear light, and PNG takes none.
-    certify : say in the rows what each frame is worth, which costs a few looks at it; without, a frame
-        is made in place.
+    certify : add the certificate to each row, at the cost of a few evaluations; without it a frame is
+        compensated in place.
     """
 
     def __init__(
-        self, calibration: Calibration, how: FrameSettings, suffix: str, certify: bool = True
+        self, calibration: Calibration, settings: FrameSettings, suffix: str, certify: bool = True
     ) -> None:
         require_photometry(calibration)
-        self._calibration, self._how, self._suffix = calibration, how, suffix
+        self._calibration, self._settings, self._suffix = calibration, settings, suffix
         self._certify = certify
         self._compensator: Compensator | None = None
         self._encoding: tuple[np.dtype[Any], str] | None = None
 
-    def make(self, piece: ClipFrame) -> CompensatedFrame:
+    def make(self, clip_frame: ClipFrame) -> CompensatedFrame:
         """Compensate a frame."""
-        named = named_transfer(piece, self._how)
-        dtype, out = output_encoding(piece.rgb.dtype, named, self._suffix)
-        rgb = recoded(piece.rgb, named, dtype, out)
-        compensator = self._for(piece, dtype, out)
-        row: dict[str, Any] = {"frame": piece.number, "above_one": piece.above_one}
+        named = named_transfer(clip_frame, self._settings)
+        dtype, out = output_encoding(clip_frame.rgb.dtype, named, self._suffix)
+        rgb = recoded(clip_frame.rgb, named, dtype, out)
+        compensator = self._for(clip_frame, dtype, out)
+        row: dict[str, Any] = {"frame": clip_frame.number, "above_one": clip_frame.above_one}
         if not self._certify:
             return CompensatedFrame(compensator.frame(rgb, rgb), out, row)
-        made = compensator.frame(rgb)
-        return CompensatedFrame(made, out, row | _worth(compensator))
+        encoded = compensator.frame(rgb)
+        return CompensatedFrame(encoded, out, row | _worth(compensator))
 
-    def _for(self, piece: ClipFrame, dtype: np.dtype[Any], out: str) -> Compensator:
-        size = square_edge(piece)
+    def _for(self, clip_frame: ClipFrame, dtype: np.dtype[Any], out: str) -> Compensator:
+        size = square_edge(clip_frame)
         if self._compensator is None or self._encoding is None:
-            how = self._how
+            settings = self._settings
             self._compensator = Compensator(
                 self._calibration,
                 size,
-                how.method,
-                how.state,
-                strength=how.strength,
-                white=how.white,
+                settings.method,
+                settings.state,
+                strength=settings.strength,
+                white=settings.white,
                 transfer_name=out,
             )
             self._encoding = (dtype, out)
         if size != self._compensator.size:
             raise FileFormatError(
-                f"{piece.name}: got {size}x{size} px, expected {self._compensator.size} as the first "
+                f"{clip_frame.name}: got {size}x{size} px, expected {self._compensator.size} as the first "
                 "frame has; render all frames in one size"
             )
         if (dtype, out) != self._encoding:
             raise FileFormatError(
-                f"{piece.name}: got {piece.rgb.dtype} pixels in {out}, expected "
+                f"{clip_frame.name}: got {clip_frame.rgb.dtype} pixels in {out}, expected "
                 f"{self._encoding[0]} in {self._encoding[1]} as the first frame has"
             )
         return self._compensator
@@ -108,10 +108,10 @@ def require_photometry(calibration: Calibration) -> None:
             "CALIBRATION: got no photometry, expected the light of every projector; capture and "
             "solve it with white, black and response pictures"
         )
-    for name, (wrong, said) in _wrong_places(maps).items():
+    for name, (wrong, stated) in _wrong_places(maps).items():
         if wrong.any():
             raise InputError(
-                f"CALIBRATION: got {int(wrong.sum())} places of its map {name} that are {said}, expected "
+                f"CALIBRATION: got {int(wrong.sum())} places of its map {name} that are {stated}, expected "
                 "none; restore it or run `procam solve` on its session again"
             )
 
@@ -131,31 +131,31 @@ def _wrong_places(maps: DomeMaps) -> dict[str, tuple[NDArray[np.bool_], str]]:
     return found
 
 
-def named_transfer(piece: ClipFrame, how: FrameSettings) -> str:
+def named_transfer(clip_frame: ClipFrame, settings: FrameSettings) -> str:
     """The transfer function of a frame; refuses one without a name."""
-    named = how.transfer or piece.transfer
+    named = settings.transfer or clip_frame.transfer
     if named is None:
-        said = f" (its file says {piece.said})" if piece.said else ""
+        stated = f" (its file says {clip_frame.stated})" if clip_frame.stated else ""
         raise InputError(
-            f"{piece.name}: got no transfer function that procam knows{said}, expected one of "
+            f"{clip_frame.name}: got no transfer function that procam knows{stated}, expected one of "
             f"{', '.join(TRANSFER_NAMES)}; name it with --transfer"
         )
     transfer(named)
     return named
 
 
-def square_edge(piece: ClipFrame) -> int:
+def square_edge(clip_frame: ClipFrame) -> int:
     """Edge [px] of a dome master; refuses what is not square."""
-    height, width = piece.rgb.shape[:2]
+    height, width = clip_frame.rgb.shape[:2]
     if height != width:
         raise FileFormatError(
-            f"{piece.name}: got {width}x{height} px, expected a square dome master; crop or pad it"
+            f"{clip_frame.name}: got {width}x{height} px, expected a square dome master; crop or pad it"
         )
     return height
 
 
 def output_encoding(dtype: np.dtype[Any], named: str, suffix: str) -> tuple[np.dtype[Any], str]:
-    """Type and transfer function of what is made of pixels of a type, encoded as `named`.
+    """Type and transfer function of the output for pixels of a type, encoded as `named`.
 
     As they came, but EXR takes light (from integers: linear float) and PNG takes integers (from
     linear light: 16-bit sRGB).
@@ -190,7 +190,7 @@ def decoded(rgb: Pixels, named: str) -> NDArray[np.float32]:
 
 
 def _worth(compensator: Compensator) -> dict[str, float]:
-    """What a report says of the last frame."""
+    """The certificate of the last frame, for the report."""
     found = compensator.certificate
     row: dict[str, float] = {}
     columns = {

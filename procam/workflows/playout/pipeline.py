@@ -49,21 +49,21 @@ class ThreadPlan:
 def flow(
     reads: Iterable[Callable[[], Frame | None]],
     work: Callable[[Frame], Callable[[], Made]],
-    crew: ThreadPlan,
+    thread_plan: ThreadPlan,
 ) -> Iterator[Made]:
     """Run frames through: `reads` in threads, `work` here, what it returns in threads; in order.
 
-    A read that gives None ends the flow. Never more than `crew.depth` frames are held before and as many
-    behind the work. The first error in the order of the frames is raised here, when all frames before
+    A read that gives None ends the flow. At most `thread_plan.depth` frames wait before the work, and as
+    many behind it. The first error in the order of the frames is raised here, when all frames before
     it are written.
     """
-    readers, writers = _Threads(crew.threads), _Threads(crew.threads)
+    readers, writers = _Threads(thread_plan.threads), _Threads(thread_plan.threads)
     jobs = iter(reads)
     ahead: deque[Future[Frame | None]] = deque()
     behind: deque[Future[Made]] = deque()
 
     def next_frame() -> Frame | None:
-        while len(ahead) <= crew.depth and (job := next(jobs, None)) is not None:
+        while len(ahead) <= thread_plan.depth and (job := next(jobs, None)) is not None:
             ahead.append(readers.give(job))
         return ahead.popleft().result() if ahead else None
 
@@ -72,15 +72,15 @@ def flow(
             while (frame := next_frame()) is not None:
                 behind.append(writers.give(work(frame)))
                 del frame  # its memory is the writer's now
-                while behind and (len(behind) > crew.depth or behind[0].done()):
+                while behind and (len(behind) > thread_plan.depth or behind[0].done()):
                     yield behind.popleft().result()
         except Exception:
             yield from _results(behind)
             raise
         yield from _results(behind)
     finally:
-        readers.stop(crew.patience_s)
-        writers.stop(crew.patience_s)
+        readers.stop(thread_plan.patience_s)
+        writers.stop(thread_plan.patience_s)
 
 
 def prefetched(job: Callable[[], Result]) -> Callable[[], Result]:
@@ -126,7 +126,7 @@ class _Threads:
         return future
 
     def stop(self, patience_s: float) -> None:
-        """No job is begun any more; wait for those at work."""
+        """Start no further job; wait for those at work."""
         self._stopped = True
         for _ in self._threads:
             self._jobs.put(None)

@@ -45,9 +45,9 @@ class ClipFrame:
     ----------
     number : of the frame. name : of its file, or "frame 12 of FILE"; what messages call it.
     rgb : (N, N, 3) encoded colours in the source's type.
-    transfer : name of their transfer function, as far as the source tells it.
+    transfer : name of their transfer function, if the source names one.
     above_one : pixels that ask for more than 1.0. said : the source's own words on its transfer function.
-    carried : what its writer needs of the source. came_s : when it was whole, on the clip's clock.
+    source_data : what its writer needs of the source. came_s : when it was whole, on the clip's clock.
     """
 
     number: int
@@ -55,21 +55,21 @@ class ClipFrame:
     rgb: Pixels
     transfer: str | None
     above_one: int = 0
-    carried: Any = None
-    came_s: float = field(default_factory=time.perf_counter)
-    said: str = ""
+    source_data: Any = None
+    received_s: float = field(default_factory=time.perf_counter)
+    stated: str = ""
 
 
 class Clip(Protocol):
-    """A source of frames and the place where what is made of them goes.
+    """A source of frames and the destination of the compensated ones.
 
-    `total` is how many frames will come (0: unknown), `suffix` the kind of the output's pictures, `made`
+    `total` is how many frames will come (0: unknown), `suffix` the kind of the output's pictures, `finished`
     the report's rows of frames that need not come any more.
     """
 
     total: int
     suffix: str
-    made: Mapping[int, Row]
+    finished: Mapping[int, Row]
 
     def __enter__(self) -> Self:
         """Open it."""
@@ -77,21 +77,21 @@ class Clip(Protocol):
     def __exit__(self, *error: object) -> None:
         """Close it."""
 
-    def crew(self, frame_bytes: int) -> ThreadPlan:
+    def thread_plan(self, frame_bytes: int) -> ThreadPlan:
         """Threads for it."""
 
     def reads(self) -> Reads:
         """Jobs that each read a frame; None ends them."""
 
-    def write(self, piece: ClipFrame, rgb: Pixels, transfer: str, row: Row) -> None:
-        """Store what was made of a frame; `row` is what a report says of it."""
+    def write(self, clip_frame: ClipFrame, rgb: Pixels, transfer: str, row: Row) -> None:
+        """Store a compensated frame; `row` is its row of the report."""
 
 
 class StillClip:
     """One picture: `read` and `written` are its files, as of all clips that have files."""
 
     total = 1
-    made: Mapping[int, Row] = MappingProxyType({})
+    finished: Mapping[int, Row] = MappingProxyType({})
 
     def __init__(self, source: Path, out: Path) -> None:
         require_suffix(out)
@@ -104,7 +104,7 @@ class StillClip:
     def __exit__(self, *error: object) -> None:
         """Pictures are closed already."""
 
-    def crew(self, frame_bytes: int) -> ThreadPlan:
+    def thread_plan(self, frame_bytes: int) -> ThreadPlan:
         """One after the other."""
         return ThreadPlan.for_movie(frame_bytes)
 
@@ -112,13 +112,13 @@ class StillClip:
         """The picture."""
         yield lambda: read_clip_frame(self.source)
 
-    def write(self, piece: ClipFrame, rgb: Pixels, transfer: str, row: Row) -> None:
+    def write(self, clip_frame: ClipFrame, rgb: Pixels, transfer: str, row: Row) -> None:
         """Write the picture."""
-        write_still(self.out, rgb, piece.carried, transfer)
+        write_still(self.out, rgb, clip_frame.source_data, transfer)
 
 
 class SequenceClip:
-    """Numbered pictures; those that an earlier run has made of the same are left out."""
+    """Numbered pictures; those that an earlier run finished from the same source are left out."""
 
     def __init__(self, sequence: PictureSequence, names: Numbered, log: OutputLog) -> None:
         self._sequence, self._names, self.log = sequence, names, log
@@ -127,10 +127,10 @@ class SequenceClip:
         self.read = list(sources.values())
         self.written = [*map(names.path, sources), log.path]
         logged = {n: log.kept(names.path(n), file_state(path)) for n, path in sources.items()}
-        self.made: Mapping[int, Row] = {
+        self.finished: Mapping[int, Row] = {
             n: row for n, row in logged.items() if row is not None and self.is_whole(n, row)
         }
-        self._todo = [number for number in logged if number not in self.made]
+        self._todo = [number for number in logged if number not in self.finished]
         self.total = len(self._todo)
 
     def __enter__(self) -> Self:
@@ -143,37 +143,37 @@ class SequenceClip:
         """Whether a logged picture, whose own file is whole, needs nothing more."""
         return True
 
-    def crew(self, frame_bytes: int) -> ThreadPlan:
+    def thread_plan(self, frame_bytes: int) -> ThreadPlan:
         """Several at once."""
         return ThreadPlan.for_pictures(frame_bytes)
 
     def reads(self) -> Reads:
-        """The pictures that are still to be made."""
+        """The pictures that are not finished yet."""
         for number in self._todo:
             yield partial(self._read, number)
 
-    def write(self, piece: ClipFrame, rgb: Pixels, transfer: str, row: Row) -> None:
+    def write(self, clip_frame: ClipFrame, rgb: Pixels, transfer: str, row: Row) -> None:
         """Write a picture and log it."""
-        state, still = piece.carried
-        out = self._names.path(piece.number)
+        state, still = clip_frame.source_data
+        out = self._names.path(clip_frame.number)
         write_still(out, rgb, still, transfer)
         self.log.add(out, state, row)
 
     def _read(self, number: int) -> ClipFrame:
         path = self._sequence.names.path(number)
         state = file_state(path)
-        piece = read_clip_frame(path, number)
-        return replace(piece, carried=(state, piece.carried))
+        clip_frame = read_clip_frame(path, number)
+        return replace(clip_frame, source_data=(state, clip_frame.source_data))
 
 
 class MovieClip:
-    """A movie to a movie; it is made anew from its first frame unless it is there whole."""
+    """A movie to a movie; it is written anew from its first frame unless it is complete."""
 
     def __init__(self, source: Path, out: Path, log: OutputLog) -> None:
         require_written(out)
         self.source, self.out, self.suffix = source, out, out.suffix
         self.read, self.written = [source], [out, log.path]
-        self.made: Mapping[int, Row] = {}
+        self.finished: Mapping[int, Row] = {}
         self._log = log
         self.stack = ExitStack()
         self._writer: MovieWriter | None = None
@@ -195,7 +195,7 @@ class MovieClip:
         if error == (None, None, None) and self._writer is not None:
             self._log.add(self.out, self._state, {})
 
-    def crew(self, frame_bytes: int) -> ThreadPlan:
+    def thread_plan(self, frame_bytes: int) -> ThreadPlan:
         """One frame after the other."""
         return ThreadPlan.for_movie(frame_bytes)
 
@@ -203,12 +203,12 @@ class MovieClip:
         """The frames."""
         return repeat(self._read)
 
-    def write(self, piece: ClipFrame, rgb: Pixels, transfer: str, row: Row) -> None:
+    def write(self, clip_frame: ClipFrame, rgb: Pixels, transfer: str, row: Row) -> None:
         """Encode a frame."""
         if self._writer is None:
             movie = new_movie(self.out, self.reader, transfer=transfer)
             self._writer = self.stack.enter_context(movie)
-        self._writer.write(rgb, piece.carried)
+        self._writer.write(rgb, clip_frame.source_data)
 
     def _read(self) -> ClipFrame | None:
         frame = next(self._frames, None)
@@ -226,7 +226,7 @@ class PipeClip:
 
     total = 0
     suffix = ""
-    made: Mapping[int, Row] = MappingProxyType({})
+    finished: Mapping[int, Row] = MappingProxyType({})
 
     def __init__(self, pipes: tuple[BinaryIO, BinaryIO], size: int, dtype: np.dtype[Any]) -> None:
         self._source, self._out = pipes
@@ -241,7 +241,7 @@ class PipeClip:
     def __exit__(self, *error: object) -> None:
         """The pipes are the system's."""
 
-    def crew(self, frame_bytes: int) -> ThreadPlan:
+    def thread_plan(self, frame_bytes: int) -> ThreadPlan:
         """As little waiting as can be."""
         return ThreadPlan.for_pipe()
 
@@ -249,10 +249,10 @@ class PipeClip:
         """Frames until the pipe ends."""
         return chain([self._first], repeat(self._read))
 
-    def write(self, piece: ClipFrame, rgb: Pixels, transfer: str, row: Row) -> None:
+    def write(self, clip_frame: ClipFrame, rgb: Pixels, transfer: str, row: Row) -> None:
         """Send a frame at once."""
         write_frame(self._out, rgb)
-        self.latency_s.append(time.perf_counter() - piece.came_s)
+        self.latency_s.append(time.perf_counter() - clip_frame.received_s)
 
     def _read(self) -> ClipFrame | None:
         rgb: Pixels = np.empty((self._size, self._size, 3), self._dtype)
@@ -269,17 +269,17 @@ def read_clip_frame(path: Path, number: int = 0) -> ClipFrame:
     """A picture with all that is kept of it; refuses light that is NaN or infinite."""
     still = read_still(path)
     above = count_above_one(path, still.rgb)
-    said = still.spec.get_string_attribute("oiio:ColorSpace")
-    return ClipFrame(number, str(path), still.rgb, still.transfer, above, still, said=said)
+    stated = still.spec.get_string_attribute("oiio:ColorSpace")
+    return ClipFrame(number, str(path), still.rgb, still.transfer, above, still, stated=stated)
 
 
 def movie_clip_frame(reader: MovieReader, frame: MovieFrame, number: int) -> ClipFrame:
     """A frame of a movie."""
     name, tag = f"frame {number} of {reader.path}", int(reader.stream.codec_context.color_trc)
-    said = f"transfer characteristics {tag}{HIGH_RANGE.get(tag, '')}"
+    stated = f"transfer characteristics {tag}{HIGH_RANGE.get(tag, '')}"
     if tag == UNTAGGED:
-        said = "nothing of it"
-    return ClipFrame(number, name, frame.rgb, reader.transfer, carried=frame, said=said)
+        stated = "nothing of it"
+    return ClipFrame(number, name, frame.rgb, reader.transfer, source_data=frame, stated=stated)
 
 
 def count_above_one(name: object, rgb: Pixels) -> int:
@@ -299,7 +299,7 @@ def count_above_one(name: object, rgb: Pixels) -> int:
 
 
 def output_names(sequence: PictureSequence, out: Path) -> Numbered:
-    """How the pictures made of a sequence are named: by a pattern, or as the source's in a folder."""
+    """How the output of a sequence is named: by a pattern, or as the source's in a folder."""
     names = parse_pattern(out)
     if names is None:
         if out.suffix and not out.is_dir():

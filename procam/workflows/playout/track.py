@@ -55,7 +55,7 @@ NEAREST, REPEAT = ("protection", "dither"), ("dither",)
 
 
 def track_show(
-    calibration_dir: Path, source: Path, out: Path, how: FrameSettings
+    calibration_dir: Path, source: Path, out: Path, settings: FrameSettings
 ) -> Iterator[Event]:
     """Write OUT for the pictures or the movie `source`; an event per frame.
 
@@ -68,18 +68,18 @@ def track_show(
     FileFormatError
         A frame is no dome master, or not like the first one.
     """
-    _check(out, how.method)
+    _check(out, settings.method)
     calibration = load_dome(calibration_dir)
     with _opened(source) as show, replacing_directory(out) as folder:
         first = next(show.reads)()
         if first is None:
             raise InputError(f"IN: got no frame in {source}, expected dome masters")
         with (folder / "track.csv").open("w", newline="", encoding="utf-8") as file:
-            rows = _Rows(calibration, first, how, file)
+            rows = _Rows(calibration, first, settings, file)
             reads = chain([lambda: first], show.reads)
-            for name in flow(reads, rows.add, show.crew(first.rgb.nbytes)):
+            for name in flow(reads, rows.add, show.thread_plan(first.rgb.nbytes)):
                 yield Event("track", len(rows.numbers), show.total, name)
-        document = _document(rows, how) | {
+        document = _document(rows, settings) | {
             "calibration": {"path": str(calibration_dir), "sha256": _digest(calibration_dir)},
             "show": str(source),
         }
@@ -96,7 +96,7 @@ class _Show:
 
     total: int
     reads: Reads
-    crew: Callable[[int], ThreadPlan]
+    thread_plan: Callable[[int], ThreadPlan]
 
 
 @contextmanager
@@ -127,40 +127,43 @@ class _Rows:
     """
 
     def __init__(
-        self, calibration: Calibration, first: ClipFrame, how: FrameSettings, file: TextIO
+        self, calibration: Calibration, first: ClipFrame, settings: FrameSettings, file: TextIO
     ) -> None:
         require_photometry(calibration)
-        self.transfer, self.dtype = named_transfer(first, how), first.rgb.dtype
+        self.transfer, self.dtype = named_transfer(first, settings), first.rgb.dtype
         self.compensator = Compensator(
             calibration,
             square_edge(first),
-            how.method,
-            how.state,
-            white=how.white,
+            settings.method,
+            settings.state,
+            white=settings.white,
             transfer_name=self.transfer,
         )
         self.used = self.compensator.fields.model.terms
         self.numbers: list[int] = []
-        self._how, self._out = how, np.empty_like(first.rgb)
+        self._settings, self._out = settings, np.empty_like(first.rgb)
         self._table = csv.writer(file, lineterminator="\n")
         self._table.writerow(["frame", *columns(self.used)])
 
-    def add(self, piece: ClipFrame) -> Callable[[], str]:
-        """Solve a frame, which must be like the first one; what is left to do tells its name."""
-        name, found = piece.name, (square_edge(piece), piece.rgb.dtype, self._named(piece))
+    def add(self, clip_frame: ClipFrame) -> Callable[[], str]:
+        """Solve a frame, which must be like the first one; returns a call that gives its name."""
+        name, found = (
+            clip_frame.name,
+            (square_edge(clip_frame), clip_frame.rgb.dtype, self._named(clip_frame)),
+        )
         if found != (expected := (self.compensator.size, self.dtype, self.transfer)):
             raise FileFormatError(
                 f"{name}: got {_worded(*found)}, expected {_worded(*expected)} as the first frame "
                 "has; render all frames alike"
             )
-        self.compensator.frame(piece.rgb, self._out)
+        self.compensator.frame(clip_frame.rgb, self._out)
         numbers = row(self.compensator.coefficients, self.used)
-        self._table.writerow([piece.number, *(f"{value:.9g}" for value in numbers)])
-        self.numbers.append(piece.number)
+        self._table.writerow([clip_frame.number, *(f"{value:.9g}" for value in numbers)])
+        self.numbers.append(clip_frame.number)
         return lambda: name
 
-    def _named(self, piece: ClipFrame) -> str:
-        return named_transfer(piece, self._how)
+    def _named(self, clip_frame: ClipFrame) -> str:
+        return named_transfer(clip_frame, self._settings)
 
 
 def _worded(size: int, dtype: np.dtype[Any], transfer: str) -> str:
@@ -171,7 +174,7 @@ def _check(out: Path, method: str) -> None:
     if method not in METHODS:
         raise InputError(
             f"--method: got {method!r}, expected {' or '.join(METHODS)}; frames of other methods "
-            "differ by more than a track can say"
+            "differ by more than a track can hold"
         )
     if out.exists():
         raise InputError(
@@ -179,16 +182,16 @@ def _check(out: Path, method: str) -> None:
         )
 
 
-def _document(rows: _Rows, how: FrameSettings) -> dict[str, Any]:
+def _document(rows: _Rows, settings: FrameSettings) -> dict[str, Any]:
     return {
         "schema": SCHEMA,
         "procam": version("procam"),
         "size": rows.compensator.size,
         "field_size": rows.compensator.fields.model.nodes,
         "content_type": str(rows.dtype),
-        "method": how.method,
-        "state": how.state,
-        "white": how.white,
+        "method": settings.method,
+        "state": settings.state,
+        "white": settings.white,
         "transfer": rows.transfer,
         "uniforms": uniforms(rows.transfer, rows.dtype),
         "frames": {

@@ -37,7 +37,7 @@ from procam.workflows.playout.sources import (
 )
 
 Frames = Mapping[str, NDArray[np.uint16]]
-MAPS = "maps/*.exr"  # a warp is made of every projector's
+MAPS = "maps/*.exr"  # a warp needs every projector's
 
 
 class WarpClip(Clip, Protocol):
@@ -47,7 +47,7 @@ class WarpClip(Clip, Protocol):
     read: list[Path]
     written: list[Path]
 
-    def write_frames(self, piece: ClipFrame, frames: Frames) -> None:
+    def write_frames(self, clip_frame: ClipFrame, frames: Frames) -> None:
         """Store a frame (H, W, 3) of every projector."""
 
 
@@ -57,40 +57,40 @@ def warp_file(
     """Write each projector's frames of a clip of direct light under OUT, 16 bits.
 
     OUT/PROJECTOR.png of a picture, OUT/PROJECTOR/NAME.png of numbered pictures (those that an earlier
-    run made are skipped), OUT/PROJECTOR.mov or .mkv of a movie. An event per frame, whose data name
+    run has finished are skipped), OUT/PROJECTOR.mov or .mkv of a movie. An event per frame, whose data name
     what is written: {"frames"}.
     """
     calibration = load_calibration(calibration_dir)
     require_photometry(calibration)
     clip = _open(calibration_dir, calibration, source, out, transfer)
     refuse_overwriting(clip.read, (("OUT", path) for path in clip.written))
-    how = FrameSettings(transfer=transfer)
+    settings = FrameSettings(transfer=transfer)
     warper: Warper | None = None  # known by the first frame; preparing it takes seconds
 
-    def work(piece: ClipFrame) -> Callable[[], str]:
+    def work(clip_frame: ClipFrame) -> Callable[[], str]:
         nonlocal warper
-        size, name = square_edge(piece), named_transfer(piece, how)
+        size, name = square_edge(clip_frame), named_transfer(clip_frame, settings)
         if warper is None:
             warper = Warper(calibration, size, np.uint16, decode=transfer_function(name).decode)
         if size != warper.size:
             raise FileFormatError(
-                f"{piece.name}: got {size} px, expected {warper.size} as the first frame has; "
+                f"{clip_frame.name}: got {size} px, expected {warper.size} as the first frame has; "
                 "render all frames in one size"
             )
-        codes = piece.rgb.dtype == np.uint8  # others come as light
-        frames = warper.frame(piece.rgb if codes else decoded(piece.rgb, name))
+        codes = clip_frame.rgb.dtype == np.uint8  # others come as light
+        frames = warper.frame(clip_frame.rgb if codes else decoded(clip_frame.rgb, name))
 
         def write() -> str:
-            clip.write_frames(piece, frames)
-            return piece.name
+            clip.write_frames(clip_frame, frames)
+            return clip_frame.name
 
         return write
 
-    told = {"frames": clip.paths}
+    data = {"frames": clip.paths}
     with clip:
-        yield Event("frames", 0, clip.total, "", told)
+        yield Event("frames", 0, clip.total, "", data)
         for done, name in enumerate(each_frame(clip, work), 1):
-            yield Event("frames", done, max(clip.total, done), name, told)
+            yield Event("frames", done, max(clip.total, done), name, data)
 
 
 def _open(
@@ -118,7 +118,7 @@ class _WarpedStill(StillClip):
         self.written = list(self._paths.values())
         self.paths = [str(path) for path in self.written]
 
-    def write_frames(self, piece: ClipFrame, frames: Frames) -> None:
+    def write_frames(self, clip_frame: ClipFrame, frames: Frames) -> None:
         for name, pixels in frames.items():
             write_image(self._paths[name], pixels)
 
@@ -141,13 +141,13 @@ class _WarpedSequence(SequenceClip):
         paths = {name: outs.path(number) for name, outs in self._outs.items()}
         return all(p.is_file() and p.stat().st_size == sizes.get(n) for n, p in paths.items())
 
-    def write_frames(self, piece: ClipFrame, frames: Frames) -> None:
+    def write_frames(self, clip_frame: ClipFrame, frames: Frames) -> None:
         sizes = {}
         for name, pixels in frames.items():
-            path = self._outs[name].path(piece.number)
+            path = self._outs[name].path(clip_frame.number)
             write_image(path, pixels)
             sizes[name] = path.stat().st_size
-        state, _ = piece.carried
+        state, _ = clip_frame.source_data
         self.log.add(path, state, {"sizes": sizes})
 
 
@@ -161,13 +161,13 @@ class _WarpedMovie(MovieClip):
         super().__init__(source, out / f"projector{suffix}", OutputLog(out / LOG, ""))
         self.written = list(self._paths.values())
 
-    def write_frames(self, piece: ClipFrame, frames: Frames) -> None:
+    def write_frames(self, clip_frame: ClipFrame, frames: Frames) -> None:
         if not self._writers:
             for name, path in self._paths.items():
                 movie = new_movie(
                     path, self.reader, transfer="", size=self._sizes[name], layout="rgb48le"
                 )
                 self._writers[name] = self.stack.enter_context(movie)
-        frame: MovieFrame = replace(piece.carried, alpha=None)
+        frame: MovieFrame = replace(clip_frame.source_data, alpha=None)
         for name, pixels in frames.items():
             self._writers[name].write(pixels, frame)

@@ -40,7 +40,7 @@ class Refined:
 
     Attributes
     ----------
-    calibration : with gains and bounced light corrected by what was seen; the one it began with if no
+    calibration : with gains and scattered light corrected by the photographs; the first one if no
         correction was needed, or if that got worse.
     frames : by projector, of the picture as `calibration` compensates it.
     residual : after calibration and after each correction, of one photograph [rel].
@@ -49,7 +49,7 @@ class Refined:
         as `residual` [JND]. own_jnd : the same of `frames`.
     photographs : (LOOP_SIZE, LOOP_SIZE, 3) cell means by name: "before" (uncompensated), "after".
     target : (LOOP_SIZE, LOOP_SIZE, 3) what was predicted. free : cells that no limit holds.
-    scatter_factor : (3,) bounced light over what the calibration said.
+    scatter_factor : (3,) scattered light over that of the calibration.
     shots : photographs taken. per_picture : of them for each picture.
     worse : what got worse, in a sentence; empty if nothing did.
     """
@@ -99,8 +99,8 @@ class _Run:
     """A loop under way.
 
     `sigma` (N, N, 3) of a photograph; `seen` those of the picture shown now; `first` the mean of those of
-    the picture that the calibration made. `residual` of one photograph of each picture [rel], `left` what
-    their means show [JND].
+    the picture that the calibration compensated. `residual` of one photograph of each picture
+    [rel], `left` of the mean of its photographs [JND].
     """
 
     camera: LoopCamera
@@ -113,7 +113,7 @@ class _Run:
 
     @classmethod
     def begin(cls, camera: LoopCamera, loop: DomeLoop) -> "_Run":
-        """Photograph the picture shown now as often, and as long, as it takes to tell it from its goal."""
+        """Photograph the picture often and long enough to resolve its distance from the goal."""
         seen = camera.photographs(MIN_PHOTOGRAPHS)
         sigma = noise_by_level(seen, camera.cells.count)
         if camera.hold(loop.goal[loop.free], sigma[loop.free]):
@@ -197,7 +197,7 @@ def _uncompensated(camera: LoopCamera, calibration: Calibration, content: Image)
 def _finish(
     run: _Run, calibration: Calibration, content: Image, before: Array, wanted: Compensated
 ) -> Refined:
-    """Judge what was learnt by a picture made from nothing else: that of the new calibration."""
+    """Judge the result by a picture of the new calibration alone."""
     loop, better, own = run.loop, calibration, wanted
     floor = loop.residual_rms(run.sigma)
     if loop.state.steps:

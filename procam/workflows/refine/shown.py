@@ -55,17 +55,17 @@ def keep_pictures(
     size = content.shape[0]
     methods: tuple[str, ...] = ("none", "exact", "paper-eq12")
     compensators = {m: Compensator(calibration, size, m) for m in methods}
-    made: dict[str, Compensated] = {m: c.solve(content) for m, c in compensators.items()}
+    results: dict[str, Compensated] = {m: c.solve(content) for m, c in compensators.items()}
     pictures = venue_dir / "pictures"
     _write_rgb(pictures / "target.exr", compensators["exact"].target(content))
-    _write_rgb(pictures / "uncompensated.exr", made["none"].observed)
-    _write_rgb(pictures / "compensated.exr", made["exact"].observed)
-    _write_rgb(pictures / "direct.exr", made["exact"].direct)
-    _write_rgb(pictures / "free.exr", made["exact"].free.astype(np.float32))
+    _write_rgb(pictures / "uncompensated.exr", results["none"].observed)
+    _write_rgb(pictures / "compensated.exr", results["exact"].observed)
+    _write_rgb(pictures / "direct.exr", results["exact"].direct)
+    _write_rgb(pictures / "free.exr", results["exact"].free.astype(np.float32))
     warper = Warper(calibration, size, np.float32)
-    for method, result in made.items():
+    for method, result in results.items():
         write_frames(warper.frame(result.direct), venue_dir / "frames" / method)
-    return made
+    return results
 
 
 def keep_loop(venue_dir: Path, refined: Refined) -> None:

@@ -1,4 +1,4 @@
-"""AprilTags on the dome: looked for in what a session holds, and handed to the solver as marks."""
+"""AprilTags on the dome: detected in the pictures of a session, and given to the solver as fiducials."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from functools import reduce
@@ -18,18 +18,18 @@ from procam.workflows.capture.session_images import SessionImages
 LIT_ALL_OVER: tuple[Purpose, ...] = ("white", "black")
 
 
-def detect_tags(venue: Venue, readings: SessionImages) -> TagObservations:
+def detect_tags(venue: Venue, images: SessionImages) -> TagObservations:
     """What one camera's pictures show of the venue's tags."""
-    lens, shown = readings.radiometer.camera.lens, _shown(readings.plan)
-    return tags.detect_tags(_pictures(readings), lens, venue.tags, shown)
+    lens, shown = images.radiometer.camera.lens, _shown(images.plan)
+    return tags.detect_tags(_pictures(images), lens, venue.tags, shown)
 
 
-def tag_marks(venue: Venue, looks: Mapping[str, TagObservations]) -> list[Fiducial]:
-    """A mark for every camera that sees a tag; `looks` by camera."""
-    return tags.tag_fiducials(venue.tags, looks, venue.cameras)
+def tag_marks(venue: Venue, tags_seen: Mapping[str, TagObservations]) -> list[Fiducial]:
+    """A fiducial for every camera that sees a tag; `tags_seen` by camera."""
+    return tags.tag_fiducials(venue.tags, tags_seen, venue.cameras)
 
 
-def tag_notes(venue: Venue, plan: Plan, looks: Mapping[str, TagObservations]) -> list[str]:
+def tag_notes(venue: Venue, plan: Plan, tags_seen: Mapping[str, TagObservations]) -> list[str]:
     """What did not go well with tags, a line each."""
     shown = _shown(plan)
     lines = [
@@ -39,8 +39,8 @@ def tag_notes(venue: Venue, plan: Plan, looks: Mapping[str, TagObservations]) ->
         if tag.name in shown
     ]
     others = [tag for tag in venue.tags if tag.name not in shown]
-    lines += tags.tag_notes(others, looks)
-    known = known_distances(venue, tag_marks(venue, looks))
+    lines += tags.tag_notes(others, tags_seen)
+    known = known_distances(venue, tag_marks(venue, tags_seen))
     left_out = [d for d in venue.distances if d not in known]
     return lines + [f"the distance from {d.a} to {d.b} is left out" for d in left_out]
 
@@ -51,14 +51,14 @@ def known_distances(venue: Venue, marks: Sequence[Fiducial]) -> list[Distance]:
     return [d for d in venue.distances if not lost & {d.a, d.b}]
 
 
-def _pictures(readings: SessionImages) -> Iterator[NDArray[np.float32]]:
+def _pictures(images: SessionImages) -> Iterator[NDArray[np.float32]]:
     """Counts (H, W) of the whole dome lit: the pictures of all projectors together."""
     for purpose in LIT_ALL_OVER:
-        shots = (shot for shot in readings.plan.shots if shot.purpose == purpose)
-        yield reduce(np.add, (readings.counts(shot).astype(np.float32) for shot in shots))
+        shots = (shot for shot in images.plan.shots if shot.purpose == purpose)
+        yield reduce(np.add, (images.counts(shot).astype(np.float32) for shot in shots))
 
 
 def _shown(plan: Plan) -> set[str]:
-    """Names of the tags that projectors draw, so that photographs tell their pictures apart."""
+    """Names of the tags that projectors draw, by which photographs are assigned to shots."""
     lit = (shot for shot in plan.shots if shot.purpose in LIT_ALL_OVER)
     return {tag_name(USUAL_FAMILY, int(s.detail[NUMBER])) for s in lit if NUMBER in s.detail}

@@ -62,12 +62,12 @@ Result = TypeVar("Result")
 class _SolvedRig:
     """A solved rig, and what else of a session its light is read with.
 
-    `found` is what cameras saw of projectors that were decoded; `readings` those of the camera that
-    was looked at last; `notes` and `figures` what the solve tells of itself.
+    `found` is what cameras saw of projectors that were decoded; `images` those of the camera that
+    was read last; `notes` and `figures` those of the solve.
     """
 
     geometry: GeometrySolution
-    readings: SessionImages
+    images: SessionImages
     verdict: str
     notes: list[str]
     found: Mapping[Pair, CorrespondenceMap] = field(default_factory=dict)
@@ -82,8 +82,8 @@ def solve(venue: Venue, session: Session) -> Iterator[Event]:
     miss is in its provenance as "notes".
     """
     origin = provenance(venue, session)  # first of all, for it finds what is wrong with masks
-    names, server, looks = list(venue.table.projectors), server_of(venue), len(venue.cameras)
-    total = len(names) * (looks + 1) + 3
+    names, server, tags_seen = list(venue.table.projectors), server_of(venue), len(venue.cameras)
+    total = len(names) * (tags_seen + 1) + 3
     rig = yield from (
         _rig_by_server(venue, session, server, total)
         if server
@@ -91,13 +91,13 @@ def solve(venue: Venue, session: Session) -> Iterator[Event]:
     )
     yield Event("solve", total - len(names) - 2, total, f"geometry solved; {rig.verdict}")
     origin["notes"] = rig.notes
-    geometry, readings = rig.geometry, _of_main(venue, rig)
+    geometry, images = rig.geometry, _of_main(venue, rig)
     dome = _solved_screen(venue, geometry)
-    view = _view(venue, dome, readings, geometry)
-    work = partial(measure_light, dome, readings, view, geometry, rig.found, projector_masks(venue))
+    view = _view(venue, dome, images, geometry)
+    work = partial(measure_light, dome, images, view, geometry, rig.found, projector_masks(venue))
     if server:
         mask = projector_masks(venue)[server.name]
-        work = partial(measure_server_light, dome, readings, view, geometry, (server, mask))
+        work = partial(measure_server_light, dome, images, view, geometry, (server, mask))
     measured: dict[str, ProjectorMeasurement] = {}
     for i, (name, measured[name]) in enumerate(_each(names, work)):
         done = total - len(names) - 1 + i
@@ -114,7 +114,7 @@ def solve(venue: Venue, session: Session) -> Iterator[Event]:
 
 
 def _quality(calibration: Calibration, rig: _SolvedRig) -> dict[str, Figure]:
-    """Figures of a solve; tags do not tell a dome's shape from a server's alignment."""
+    """Figures of a solve; tags cannot separate a dome's shape from a server's alignment."""
     untold = SHAPE_FIGURES if rig.geometry.given else ()
     kept = {n: figure for n, figure in calibration.quality.items() if n not in untold}
     return {**kept, **rig.figures}
@@ -125,19 +125,21 @@ def _rig_by_codes(venue: Venue, session: Session, total: int) -> Generator[Event
     plan, cameras = session.read_plan(), venue.cameras
     found: dict[Pair, CorrespondenceMap] = {}
     gathered: dict[Pair, Observations] = {}
-    looks: dict[str, TagObservations] = {}
+    tags_seen: dict[str, TagObservations] = {}
     for camera in cameras:
-        readings = SessionImages(session, plan, Radiometer(cameras[camera]))
-        looks[camera] = detect_tags(venue, readings)
-        work = partial(_decode, venue, readings)
+        images = SessionImages(session, plan, Radiometer(cameras[camera]))
+        tags_seen[camera] = detect_tags(venue, images)
+        work = partial(_decode, venue, images)
         for name, (seen, patches) in _each(list(venue.table.projectors), work):
             found[camera, name], gathered[camera, name] = seen, patches
-            share = float(seen.valid.sum() / readings.radiometer.seen.sum())
-            told = f"{name} decoded, {share:.0%} of what {camera} sees"
-            yield Event("solve", len(found), total, told)
-    marks = [*venue.fiducials, *tag_marks(venue, looks)]
+            share = float(seen.valid.sum() / images.radiometer.seen.sum())
+            text = f"{name} decoded, {share:.0%} of what {camera} sees"
+            yield Event("solve", len(found), total, text)
+    marks = [*venue.fiducials, *tag_marks(venue, tags_seen)]
     geometry, verdict, notes = solve_rig(rig_problem(venue, gathered, marks))
-    return _SolvedRig(geometry, readings, verdict, [*tag_notes(venue, plan, looks), *notes], found)
+    return _SolvedRig(
+        geometry, images, verdict, [*tag_notes(venue, plan, tags_seen), *notes], found
+    )
 
 
 def _rig_by_server(
@@ -146,25 +148,25 @@ def _rig_by_server(
     """Cameras, from the tags that a media server showed."""
     plan, cameras = session.read_plan(), venue.cameras
     placed: dict[str, PlacedCamera] = {}
-    looks: dict[str, TagObservations] = {}
+    tags_seen: dict[str, TagObservations] = {}
     for camera in cameras:
-        readings = SessionImages(session, plan, Radiometer(cameras[camera]))
-        looks[camera] = detect_tags(venue, readings)
-        placed[camera] = placed_by_server(venue, server, camera, readings)
-        told = f"{camera} placed by {len(placed[camera].tags)} tags"
-        yield Event("solve", len(placed), total, told)
-    marks = [*venue.fiducials, *tag_marks(venue, looks)]
+        images = SessionImages(session, plan, Radiometer(cameras[camera]))
+        tags_seen[camera] = detect_tags(venue, images)
+        placed[camera] = placed_by_server(venue, server, camera, images)
+        text = f"{camera} placed by {len(placed[camera].tags)} tags"
+        yield Event("solve", len(placed), total, text)
+    marks = [*venue.fiducials, *tag_marks(venue, tags_seen)]
     geometry = server_rig(venue, server, placed, marks)
     figures = server_figures(placed)
     worst = figures["server_misalignment_rms_arcmin"].value
-    notes = [*tag_notes(venue, plan, looks), *server_notes(venue, server, placed)]
+    notes = [*tag_notes(venue, plan, tags_seen), *server_notes(venue, server, placed)]
     verdict = f"tags are {worst:.1f} arcmin off"
-    return _SolvedRig(geometry, readings, verdict, notes, figures=figures)
+    return _SolvedRig(geometry, images, verdict, notes, figures=figures)
 
 
 def _of_main(venue: Venue, rig: _SolvedRig) -> SessionImages:
     """Readings of the camera that sees most."""
-    last, main = rig.readings, rig.geometry.main
+    last, main = rig.images, rig.geometry.main
     if last.radiometer.camera.name == main:
         return last
     return SessionImages(last.session, last.plan, Radiometer(venue.cameras[main]))
@@ -177,16 +179,16 @@ def _each(names: list[str], work: Callable[[str], Result]) -> Iterator[tuple[str
 
 
 def _decode(
-    venue: Venue, readings: SessionImages, name: str
+    venue: Venue, images: SessionImages, name: str
 ) -> tuple[CorrespondenceMap, Observations]:
     """What a camera sees of a projector, pixel by pixel and by patches of the panel."""
-    camera = readings.radiometer.camera
+    camera = images.radiometer.camera
     limits = DecodeLimits(
         white_black=DARK_SIGMAS * NOISE_DN,
         contrast=NOISE_DN,
         saturated=2.0**camera.sensor.bits - 1,
     )
-    code_name, pictures = readings.code(name)
+    code_name, pictures = images.code(name)
     decoder = Decoder(make_code(code_name, venue.table.projectors[name].size), limits)
     for number, counts in pictures:
         decoder.add(number, counts)
@@ -203,12 +205,10 @@ def _solved_screen(venue: Venue, geometry: GeometrySolution) -> Dome:
     return replace(venue.screen, radius_m=shape.radius_m, bumps=bumps, degree=shape.degree)
 
 
-def _view(
-    venue: Venue, dome: Dome, readings: SessionImages, geometry: GeometrySolution
-) -> DomeView:
+def _view(venue: Venue, dome: Dome, images: SessionImages, geometry: GeometrySolution) -> DomeView:
     """What the main camera sees of the screen, without what a person has masked."""
-    seen = readings.radiometer.seen & ~camera_masks(venue)[geometry.main].covered
-    view = DomeView.of(geometry.camera, dome, readings.radiometer.rays, seen)
+    seen = images.radiometer.seen & ~camera_masks(venue)[geometry.main].covered
+    view = DomeView.of(geometry.camera, dome, images.radiometer.rays, seen)
     masked = screen_mask(venue, MASTER_SIZE).at(
         master_pixels(np.nan_to_num(view.direction), MASTER_SIZE)
     )

@@ -1,4 +1,4 @@
-"""Decoded pictures and a venue's marks solved to a rig; what does not fit is told by name."""
+"""Decoded pictures and a venue's marks solved to a rig; what does not fit is named."""
 
 from collections.abc import Mapping, Sequence
 
@@ -46,8 +46,8 @@ def solve_rig(problem: RigProblem) -> tuple[GeometrySolution, str, list[str]]:
     try:
         found = solve_geometry(problem)
     except CalibrationError as error:
-        told = [str(error), *find_causes(problem, None)]
-        raise type(error)("\n".join(told)) from error
+        text = [str(error), *find_causes(problem, None)]
+        raise type(error)("\n".join(text)) from error
     notes = missing_fiducials(problem.radius_known, problem.fiducials, len(found.freedoms))
     verdict, guilty = _verdict(found), find_causes(problem, found)
     if found.sphere_systematic_ratio >= MAX_SPHERE_RATIO and not guilty:
@@ -64,5 +64,5 @@ def _verdict(found: GeometrySolution) -> str:
     if degree:
         cure = f"bumps up to degree {degree} were solved"
     elif len(found.rig.cameras) == 1:
-        cure = "a second camera would tell its bumps, unless the camera moved between the pictures"
+        cure = "a second camera would determine its shape, unless the camera moved between the pictures"
     return f"the dome is NOT a sphere {ratio}; {cure}"

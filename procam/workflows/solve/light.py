@@ -1,4 +1,4 @@
-"""One projector's light, read off the pictures of a session."""
+"""One projector's light, measured on the pictures of a session."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -49,21 +49,21 @@ class _CameraSight:
         and levels are drawn on, NaN also where they are hidden.
     lit : (H, W) sees the projector's picture, or may. hidden : (H, W) sees no pattern.
     white, base : (H, W, 3) the photographs of white, base taken off, and of black.
-    numbers : share of the panel that its pictures' numbers take.
+    shot_ids_share : share of the panel that its pictures' numbers take.
     """
 
     xy: Image
     panel: Image
     lit: Pixels
-    hidden: Pixels
+    unpatterned: Pixels
     white: Image
     base: Image
-    numbers: float
+    shot_ids_share: float
 
 
 def measure_light(
     dome: Dome,
-    readings: SessionImages,
+    images: SessionImages,
     view: DomeView,
     geometry: GeometrySolution,
     found: Mapping[Pair, CorrespondenceMap],
@@ -76,27 +76,29 @@ def measure_light(
     lens it sees no screen: these places are left out of every fit, and filled from around them at
     the end. What is masked on the panel shines here too, and counts until then.
     """
-    black, base = _black(readings, name)
-    glints = view.on_screen & lens_glints(geometry.rig, geometry.main, readings.radiometer.rays)
-    white = readings.light(readings.only(name, "white")) - base
+    black, base = _black(images, name)
+    glints = view.on_screen & lens_glints(geometry.rig, geometry.main, images.radiometer.rays)
+    white = images.light(images.only(name, "white")) - base
     _check_saturation(white, view.on_screen & ~glints, name)
     white = fill_picture(white, glints, view.on_screen)
     xy = view.projector_pixels(geometry.projectors[name], dome)
-    numbers = _numbers(readings, geometry, name, CELLS_PER_PANEL)
-    hidden = glints | pixels_without_pattern(numbers, xy)
-    panel = np.where(hidden[..., None], np.float32(np.nan), xy)
-    lit = found[geometry.main, name].valid | hidden
-    sight = _CameraSight(xy, panel, lit, hidden, white, base, float(numbers.covered.mean()))
-    bent = _bent(readings, name, sight)
-    _check_linear(readings, name, bent, TONE_CURVE)
-    measurement, _ = _measured(readings, view, name, black, sight)
-    _check_linear(readings, name, bent, NOT_LINEAR)  # if light held still, it is no drift
+    shot_ids_share = _shot_id_mask(images, geometry, name, CELLS_PER_PANEL)
+    unpatterned = glints | pixels_without_pattern(shot_ids_share, xy)
+    panel = np.where(unpatterned[..., None], np.float32(np.nan), xy)
+    lit = found[geometry.main, name].valid | unpatterned
+    sight = _CameraSight(
+        xy, panel, lit, unpatterned, white, base, float(shot_ids_share.covered.mean())
+    )
+    linearity = _linearity(images, name, sight)
+    _check_linear(images, name, linearity, TONE_CURVE)
+    measurement, _ = _measured(images, view, name, black, sight)
+    _check_linear(images, name, linearity, NOT_LINEAR)  # if light held still, it is no drift
     return _without(measurement, masks[name].at(xy))
 
 
 def measure_server_light(
     dome: Dome,
-    readings: SessionImages,
+    images: SessionImages,
     view: DomeView,
     geometry: GeometrySolution,
     server: tuple[DomeMaster, Mask],
@@ -104,22 +106,22 @@ def measure_server_light(
 ) -> ProjectorMeasurement:
     """The light of media server `name`, split and fitted, as `measure_light` does a projector's.
 
-    What it lights is told by the stripes, in the master's circle; the mask is of the master.
+    The stripes determine what it lights, in the master's circle; the mask is of the master.
     """
     master, unused = server
-    black, base = _black(readings, name)
-    white = readings.light(readings.only(name, "white")) - base
+    black, base = _black(images, name)
+    white = images.light(images.only(name, "white")) - base
     _check_saturation(white, view.on_screen, name)
     xy = view.projector_pixels(geometry.projectors[name], dome)
-    pairs = ((pattern, inverse) for *_, pattern, inverse in readings.stripe_pairs(name))
+    pairs = ((pattern, inverse) for *_, pattern, inverse in images.stripe_pairs(name))
     lit = lit_by_stripes(white, pairs) & master.inside(xy)
-    numbers = _numbers(readings, geometry, name, CELLS_PER_MASTER)
-    hidden = pixels_without_pattern(numbers, xy)
-    panel = np.where(hidden[..., None], np.float32(np.nan), master.coarse_pixels(xy))
+    shot_ids_share = _shot_id_mask(images, geometry, name, CELLS_PER_MASTER)
+    unpatterned = pixels_without_pattern(shot_ids_share, xy)
+    panel = np.where(unpatterned[..., None], np.float32(np.nan), master.coarse_pixels(xy))
     sight = _CameraSight(
-        xy, panel, lit | hidden, hidden, white, base, float(numbers.covered.mean())
+        xy, panel, lit | unpatterned, unpatterned, white, base, float(shot_ids_share.covered.mean())
     )
-    found, levels = _measured(readings, view, name, black, sight, master)
+    found, levels = _measured(images, view, name, black, sight, master)
     samples = level_samples(levels, found.light.direct, found.colour.mix, xy, master.size)
     found = replace(found, exponent=fit_exponent(samples, found.response, master.size))
     return _without(found, unused.at(xy))
@@ -133,7 +135,7 @@ def _without(found: ProjectorMeasurement, masked: Pixels) -> ProjectorMeasuremen
 
 
 def _check_saturation(white: Image, on_screen: Pixels, name: str) -> None:
-    """Refuse a white whose brightest part is not known: its bounced light is, so m would be too large."""
+    """Refuse a white whose brightest part is not known: its scattered light is, so m would be too large."""
     share = float(np.isnan(white[on_screen]).any(axis=-1).mean())
     if share > SATURATED:
         raise OutOfModelRange(
@@ -142,15 +144,15 @@ def _check_saturation(white: Image, on_screen: Pixels, name: str) -> None:
         )
 
 
-def _black(readings: SessionImages, name: str) -> tuple[Image, Image]:
+def _black(images: SessionImages, name: str) -> tuple[Image, Image]:
     """A projector's black (H, W, 3), and that with the room's light at the other shots' exposure."""
-    dark, dark_long = readings.dark()
-    black = readings.light(readings.only(name, "black")) - dark_long
+    dark, dark_long = images.dark()
+    black = images.light(images.only(name, "black")) - dark_long
     return black, black + dark
 
 
 def _measured(
-    readings: SessionImages,
+    images: SessionImages,
     view: DomeView,
     name: str,
     black: Image,
@@ -160,83 +162,83 @@ def _measured(
     """The light of white, split and fitted, and that of level pictures; `master` of a server."""
     coarse = master.coarse if master else 1
     separation = Separation(sight.white, sight.panel, sight.lit, view.solid_angle_sr)
-    checks = StabilityChecks(sight.white, view.on_screen & ~sight.hidden)
-    for axis, bit, pattern, inverse in readings.stripe_pairs(name):
+    checks = StabilityChecks(sight.white, view.on_screen & ~sight.unpatterned)
+    for axis, bit, pattern, inverse in images.stripe_pairs(name):
         pattern, inverse = pattern - sight.base, inverse - sight.base  # noqa: PLW2901
         separation.add_pair(axis, bit, pattern, inverse)
         if master is None:  # a server draws edges in greys, which do not add up to white
-            checks.add(f"of stripes {axis} {bit}", [pattern, inverse], sight.numbers)
+            checks.add(f"of stripes {axis} {bit}", [pattern, inverse], sight.shot_ids_share)
     light = separation.result()
 
     def direct_part(shot: Shot) -> Image:
-        picture = readings.light(shot) - sight.base
+        picture = images.light(shot) - sight.base
         share = separation.flux_share(picture).astype(np.float32)
         return picture - share * light.scattered
 
-    primaries = [direct_part(shot) for shot in readings.plan.of(name, "primary")]
-    sound = light.lit & ~sight.hidden
+    primaries = [direct_part(shot) for shot in images.plan.of(name, "primary")]
+    sound = light.lit & ~sight.unpatterned
     colour = fit_colour(primaries, np.where(sound[..., None], light.direct, 0))
     fit, steps = ProjectorResponseFit(light.direct, colour.mix), list[Levels]()
-    for shot in readings.plan.of(name, "levels"):
-        picture = readings.session.pattern(shot)[::coarse, ::coarse]
+    for shot in images.plan.of(name, "levels"):
+        picture = images.session.pattern(shot)[::coarse, ::coarse]
         steps.append((direct_part(shot), tile_levels(picture, sight.panel, light.lit)))
         fit.add(*steps[-1])
-    if sight.hidden.any():
+    if sight.unpatterned.any():
         on_screen = view.solid_angle_sr > 0
-        light = fill_light(light, sight.white, sight.hidden, view.solid_angle_sr)
-        black = fill_picture(black, sight.hidden & on_screen, on_screen)
-    scatter_samples, zones = _lightings(readings, view, name, light, sight)
-    checks.add("of parts of the panel", zones, 3 * sight.numbers)
+        light = fill_light(light, sight.white, sight.unpatterned, view.solid_angle_sr)
+        black = fill_picture(black, sight.unpatterned & on_screen, on_screen)
+    scatter_samples, zones = _scatter_samples(images, view, name, light, sight)
+    checks.add("of parts of the panel", zones, 3 * sight.shot_ids_share)
     found = ProjectorMeasurement(
         light, black, colour, fit.curve(), scatter_samples, notes=checks.notes(name)
     )
     return found, steps
 
 
-def _bent(readings: SessionImages, name: str, sight: _CameraSight) -> Linearity:
+def _linearity(images: SessionImages, name: str, sight: _CameraSight) -> Linearity:
     """How far the light of a stripe picture and its inverse is from that of white."""
-    _, _, *pair = next(readings.stripe_pairs(name))
+    _, _, *pair = next(images.stripe_pairs(name))
     white, pattern, inverse = (
-        np.where(sight.hidden, np.float32(np.nan), picture[..., GREEN])
+        np.where(sight.unpatterned, np.float32(np.nan), picture[..., GREEN])
         for picture in (sight.white, *(p - sight.base for p in pair))
     )
     return linearity_error(white, np.zeros_like(white), pattern, inverse)
 
 
-def _check_linear(readings: SessionImages, name: str, found: Linearity, limit: float) -> None:
-    """Refuse photographs whose light does not add up: a tone curve that venue.toml does not know."""
+def _check_linear(images: SessionImages, name: str, found: Linearity, limit: float) -> None:
+    """Refuse photographs whose light does not add up: a tone curve missing from venue.toml."""
     if abs(found.exponent - 1) > max(limit, CERTAIN * found.exponent_sigma):
-        camera = readings.radiometer.camera.name
+        camera = images.radiometer.camera.name
         raise OutOfModelRange(
             f"camera {camera}: got photographs of projector {name} whose light goes with the power "
-            f"{1 / found.exponent:.2f} of what is there, expected 1; photograph raw, or tell the "
+            f"{1 / found.exponent:.2f} of what is there, expected 1; photograph raw, or state the "
             'camera\'s response in venue.toml ("srgb", a table of `procam response`, "solve")'
         )
 
 
-def _lightings(
-    readings: SessionImages, view: DomeView, name: str, light: SeparatedLight, sight: _CameraSight
+def _scatter_samples(
+    images: SessionImages, view: DomeView, name: str, light: SeparatedLight, sight: _CameraSight
 ) -> tuple[list[ScatterSample], list[Image]]:
-    """Bounced light of a projector's white and of parts of it, where nothing else is seen.
+    """Scattered light of a projector's white and of parts of it, where nothing else is seen.
 
     Also the sum of the parts, if there are any, which should be white.
     """
     total = np.zeros_like(sight.white)
     cells = ScatterCells(view.direction, view.solid_angle_sr)
     found = [cells.scatter_sample(light.scattered, view.on_screen, light.direct)]
-    for shot in readings.plan.of(name, "zone"):
-        shown = sample(readings.session.pattern(shot)[..., 0], sight.xy)
-        met = light.lit & ((shown > 0) | sight.hidden)
+    for shot in images.plan.of(name, "zone"):
+        shown = sample(images.session.pattern(shot)[..., 0], sight.xy)
+        met = light.lit & ((shown > 0) | sight.unpatterned)
         dark = view.on_screen & ~grow(met, CLEAR_CAMERA_PX)
-        picture = readings.light(shot) - sight.base
+        picture = images.light(shot) - sight.base
         found.append(cells.scatter_sample(picture, dark, light.direct * shown[..., None]))
         total += picture
     return found, [total][: len(found) - 1]
 
 
-def _numbers(readings: SessionImages, geometry: GeometrySolution, name: str, cells: int) -> Mask:
+def _shot_id_mask(images: SessionImages, geometry: GeometrySolution, name: str, cells: int) -> Mask:
     """Where a projector's pictures carried their numbers."""
     width, height = geometry.projectors[name].size
-    if "number" not in readings.only(name, "white").detail:
+    if "number" not in images.only(name, "white").detail:
         return Mask(name, np.zeros((height, width), bool))
     return Mask(name, shot_id_pixels((width, height), cells))

@@ -27,16 +27,16 @@ SAME_FOCAL = 0.02  # of a lens that was a guess; more may be the master's angle
 
 
 def placed_by_server(
-    venue: Venue, master: DomeMaster, camera: str, readings: SessionImages
+    venue: Venue, master: DomeMaster, camera: str, images: SessionImages
 ) -> PlacedCamera:
     """One camera, placed by the tags that the server showed."""
-    shots = readings.plan.of(master.name, "tags")
+    shots = images.plan.of(master.name, "tags")
     if [shot.detail.get("picture") for shot in shots] != list(range(TAG_PICTURES)):
         raise FileFormatError(
-            f"{readings.session.directory / 'plan.json'}: got {len(shots)} shots 'tags' of projector "
+            f"{images.session.directory / 'plan.json'}: got {len(shots)} shots 'tags' of projector "
             f"{master.name}, expected {TAG_PICTURES}; restore the file"
         )
-    pictures: list[NDArray[np.float32]] = [readings.counts(s).astype(np.float32) for s in shots]
+    pictures: list[NDArray[np.float32]] = [images.counts(s).astype(np.float32) for s in shots]
     model, table = venue.cameras[camera], venue.table.cameras[camera]
     tags = find_master_tags(model, master, pictures)
     return place_camera(model, table.intrinsics, venue.screen.radius_m, tags)
@@ -54,7 +54,7 @@ def server_rig(
 def server_notes(venue: Venue, master: DomeMaster, placed: dict[str, PlacedCamera]) -> list[str]:
     """What nobody should miss of the tags, a line each."""
     lines = [
-        f"camera {name}: {', '.join(each.dropped)} left out, far from where the others say"
+        f"camera {name}: {', '.join(each.dropped)} left out, far from where the others place them"
         for name, each in placed.items()
         if each.dropped
     ]
@@ -62,21 +62,21 @@ def server_notes(venue: Venue, master: DomeMaster, placed: dict[str, PlacedCamer
         ratio = float(np.mean(each.camera.lens.focal / venue.cameras[name].lens.focal))
         if abs(ratio - 1) > SAME_FOCAL:
             lines.append(
-                f"camera {name}: f was solved to {ratio:.3f} times what venue.toml says; if that was "
+                f"camera {name}: f was solved to {ratio:.3f} times the value in venue.toml; if that was "
                 f"right, the master spans {np.degrees(master.fov) * ratio:.0f} degrees and not "
-                f"{np.degrees(master.fov):.0f}: the tags alone cannot tell"
+                f"{np.degrees(master.fov):.0f}: the tags alone do not determine it"
             )
     worst = max(each.rms_arcmin for each in placed.values())
     if worst > WELL_ALIGNED_ARCMIN:
         lines.append(
             f"projector {master.name}: tags are {worst:.1f} arcmin rms off, more than a well aligned "
-            "server's; it is warped badly, or the camera's lens is not what venue.toml says"
+            "server's; it is warped badly, or the camera's lens is not that of venue.toml"
         )
     return lines
 
 
 def server_figures(placed: dict[str, PlacedCamera]) -> dict[str, Figure]:
-    """How well a server is aligned, as far as cameras tell."""
+    """How well a server is aligned, as its cameras measure it."""
     count = sum(len(each.tags) for each in placed.values())
     worst = max(each.rms_arcmin for each in placed.values())
     note = "tags, shown against seen; the camera's lens errs in it too"
