@@ -75,7 +75,7 @@ def ingest(
 
 
 def solve_brackets(folder: Path, exposures_s: Sequence[float] = ()) -> CameraResponse:
-    """Response of a camera from the bracketed photographs in a folder; exposures as stated or from headers."""
+    """Response of a camera from the bracketed photographs in a folder; exposures given or from headers."""
     bracket = find_bracket(folder, exposures_s)
     try:
         return solve_response(bracket.pixels(), bracket.exposures_s, bracket.bits)
