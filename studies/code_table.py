@@ -15,7 +15,7 @@ from procam.estimate.structured_light.codes import CODES, Code
 from simulators.photograph_bench import PhotographBench
 from simulators.presets import STANDARD
 from simulators.scene import DomeScene, SceneSize
-from studies.measure import Misses, Shots, rms, write
+from studies.measure import Errors, Shots, rms, write
 
 # Half a full panel with the waves of a full one, so that blur, stripes and periods are to scale.
 PANEL, FULL_PANEL = (960, 600), (1920, 1200)
@@ -66,7 +66,7 @@ def cell(shots: Shots, snr: float, seed: int) -> Row:
         found = shots.decode([seed, int(snr)], snr).map
     except ProcamError as error:
         return {"error": f"{type(error).__name__}: {error}"}
-    misses = Misses(found, shots.truth)
+    misses = Errors(found, shots.truth)
     if not misses.both.any():
         return {"error": "decoded without complaint, but gave no pixel where the picture lands"}
     limit = MISREAD_PX + MISREAD_SIGMAS * misses.sigma

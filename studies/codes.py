@@ -13,7 +13,7 @@ from procam.estimate.structured_light.decode import Decoded
 from simulators.photograph_bench import PhotographBench
 from simulators.presets import STANDARD
 from simulators.scene import DomeScene, SceneSize
-from studies.measure import Misses, Shots, patch_errors, rms, smallest_sigma, write
+from studies.measure import Errors, Shots, patch_errors, rms, smallest_sigma, write
 
 SEEDS = (1, 2, 3)
 CONDITION = {"albedo": 0.6, "snr": 50.0, "defocus_px": 3.0}
@@ -52,7 +52,7 @@ def shoot(size: SceneSize = SIZE, name: str = DEFAULT_CODE, projector: str = "so
 
 def figures_of(shots: Shots, decoded: Decoded) -> dict[str, float]:
     """All figures of one seed."""
-    misses = Misses(decoded.map, shots.truth)
+    misses = Errors(decoded.map, shots.truth)
     near = misses.inliers()
     figures: dict[str, float] = {
         "coverage": misses.coverage,

@@ -19,7 +19,7 @@ from simulators.photograph_bench import PhotographBench
 from simulators.presets import STANDARD
 from simulators.scene import DomeScene, SceneSize
 from studies import code_table, codes, one_fringe
-from studies.measure import Misses, Shots, patch_errors
+from studies.measure import Errors, Shots, patch_errors
 
 PANEL = (960, 600)
 HALF_BLUR_PX = 1.5  # periods are half as long as on a panel of full size
@@ -62,7 +62,7 @@ class TestDefaultCode:
 
     def test_a_patch_is_as_good_as_it_says(self, shots: Shots) -> None:
         """At a low SNR: what all patches share, .003 px of it, is no part of their sigma."""
-        misses = Misses(shots.decode([2], snr=15.0).map, shots.truth)
+        misses = Errors(shots.decode([2], snr=15.0).map, shots.truth)
         error, sigma = patch_errors(misses, PANEL)
         assert len(error) >= 800
         assert np.mean((error / sigma) ** 2) == pytest.approx(1.0, abs=0.1)
