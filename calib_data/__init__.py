@@ -1,1 +1,1 @@
-"""Example venues, golden calibrations and small real captures that come with procam."""
+"""Example venues and small real captures that come with procam."""

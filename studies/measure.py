@@ -1,4 +1,4 @@
-"""Codes photographed in scenes whose truth is known, and how well what is decoded meets it."""
+"""Codes photographed in scenes of known truth, and the errors of the decoded positions."""
 
 import json
 from collections.abc import Iterable
@@ -21,12 +21,12 @@ from simulators.sensor import ROUNDING, Sensor
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
 HERE = Path(__file__).parent
-BINS = 64  # of a period, in which the code bias is told (design: code bias)
-FULL_PATCH = 40  # camera pixels that a patch must have to be judged
+BINS = 64  # of a period, for the bias of a code
+FULL_PATCH = 40  # camera pixels that a patch must have to be evaluated
 
 
 class Shots:
-    """All pictures of a code, photographed once without noise; noise is drawn again and again."""
+    """All pictures of a code, rendered once without noise; noise is drawn for each seed."""
 
     def __init__(self, bench: PhotographBench, code: Code) -> None:
         self.bench, self.code = bench, code
@@ -44,14 +44,14 @@ class Shots:
 
 @dataclass(frozen=True)
 class Errors:
-    """What was decoded against the truth, both as maps (H, W, 2)."""
+    """Decoded positions against the truth, both as maps (H, W, 2)."""
 
     found: CorrespondenceMap
     truth: Image
 
     @cached_property
     def lit(self) -> NDArray[np.bool_]:
-        """Where the projector's picture lands (H, W)."""
+        """Pixels (H, W) with light of the projector's picture."""
         return np.asarray(np.isfinite(self.truth[..., 0]))
 
     @cached_property
@@ -66,7 +66,7 @@ class Errors:
 
     @property
     def invented(self) -> int:
-        """Pixels decoded where the picture does not land."""
+        """Number of pixels decoded outside the picture."""
         return int((self.found.valid & ~self.lit).sum())
 
     @cached_property
@@ -76,7 +76,7 @@ class Errors:
 
     @cached_property
     def sigma(self) -> Array:
-        """(N, 2) standard error as told [px]."""
+        """(N, 2) standard error as estimated [px]."""
         return np.asarray(self.found.sigma_px[self.both], float)
 
     @cached_property
@@ -100,7 +100,7 @@ class Errors:
 
 
 def binned(place: Array, error: Array, period: float, fewest: int = 20) -> Array:
-    """Mean errors in bins of place modulo period; bins of few pixels are left out."""
+    """Mean errors in bins of place modulo period, without bins of few pixels."""
     cell = np.floor(place % period / period * BINS).astype(int).clip(0, BINS - 1)
     count = np.bincount(cell, minlength=BINS)
     mean = np.bincount(cell, error, BINS) / np.maximum(count, 1)
@@ -112,33 +112,33 @@ def rms(values: NDArray[np.floating], axis: int | None = None) -> Array:
     return np.asarray(np.sqrt(np.mean(np.square(values, dtype=float), axis=axis)))
 
 
-def smallest_sigma(shots: Shots, decoded: Decoded, misses: Errors, axis: int) -> Array:
-    """Cramer-Rao bound (N,) [px] of pixels with their true noise and their true amplitudes.
+def smallest_sigma(shots: Shots, decoded: Decoded, errors: Errors, axis: int) -> Array:
+    """Cramer-Rao bound (N,) [px] of pixels with their true noise and amplitudes.
 
-    The amplitude is the regression of the photographs without noise on the true wave.
+    The amplitude is that of the true wave, fitted to the photographs without noise.
     """
     bench, name = shots.bench, AXES[axis]
     waves, look = shots.code.axis(name).waves, decoded.waves[name].distortion
     assert waves is not None
     order = [i for i, p in enumerate(shots.code.planes) if p.axis == name and p.kind == "sine"]
-    signals = np.stack([shots.signals[i][misses.both] for i in order], axis=1).astype(float)
+    signals = np.stack([shots.signals[i][errors.both] for i in order], axis=1).astype(float)
     sensor = Sensor(bench.scene, bench.camera)
     noise = sensor.noise
     assert noise is not None
     counts = np.maximum(signals * sensor.full_dn, 0)
     variance = (noise.per_dn * counts + noise.read_dn**2 + ROUNDING) / sensor.full_dn**2
     depth = look.modulation(waves)
-    wave = np.cos(waves.angles(misses.place[:, axis])) * depth
+    wave = np.cos(waves.angles(errors.place[:, axis])) * depth
     wave -= wave.mean(axis=1, keepdims=True)
     amplitude = (wave * signals).sum(axis=1) / (wave**2).sum(axis=1)
-    bound = cramer_rao_variance(waves, misses.place[:, axis], amplitude[:, None] * depth, variance)
+    bound = cramer_rao_variance(waves, errors.place[:, axis], amplitude[:, None] * depth, variance)
     return np.asarray(np.sqrt(bound))
 
 
-def patch_errors(misses: Errors, size: tuple[int, int]) -> tuple[Array, Array]:
-    """Errors (P, 2) [projector px] and told sigmas (P, 2) of the well seen patches of the panel."""
-    seen = fit_projector_map(misses.found, size)
-    true = sample(np.where(misses.lit[..., None], misses.truth, np.nan), seen.camera_px)
+def patch_errors(errors: Errors, size: tuple[int, int]) -> tuple[Array, Array]:
+    """Errors (P, 2) [projector px] and estimated sigmas (P, 2) of well observed patches of the panel."""
+    seen = fit_projector_map(errors.found, size)
+    true = sample(np.where(errors.lit[..., None], errors.truth, np.nan), seen.camera_px)
     rows, columns = np.indices(seen.valid.shape)
     centre = (np.stack([columns, rows], axis=-1) + 0.5) * seen.patch_px - 0.5
     error = true - centre
@@ -148,7 +148,7 @@ def patch_errors(misses: Errors, size: tuple[int, int]) -> tuple[Array, Array]:
 
 
 def write(name: str, document: dict[str, object], lines: Iterable[str]) -> None:
-    """Results as studies/NAME.json and, for reading, studies/NAME.md."""
+    """Write results as studies/NAME.json and a readable studies/NAME.md."""
     command = f"python -m studies {name.replace('_', '-')}"
     text = json.dumps({"command": command, **document}, indent=1)
     (HERE / f"{name}.json").write_text(text + "\n")

@@ -1,4 +1,4 @@
-"""What several test files share: seeded randomness and a small, fully known calibration."""
+"""Fixtures of several test files: seeded randomness and a small, fully known calibration."""
 
 from collections.abc import Callable
 
@@ -22,7 +22,7 @@ from procam.model.quality import Figure, Goal
 from procam.model.screen import Dome
 from procam.model.transport import DomeMaps, Measured
 
-# the same examples in every run and on every machine; a busy machine is no failure
+# the same examples in every run; a busy machine is not a failure
 settings.register_profile(
     "repeatable",
     derandomize=True,
@@ -35,7 +35,7 @@ settings.load_profile("repeatable")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """The longest first, so that no worker is left alone with them at the end."""
+    """Run the longest tests first, so that workers finish together."""
     items.sort(key=lambda item: "test_crash" not in item.nodeid)
 
 
@@ -46,7 +46,7 @@ def rng() -> np.random.Generator:
 
 @pytest.fixture(scope="session")
 def make_calibration() -> Callable[..., Calibration]:
-    """A maker of small calibrations with two projectors; see its arguments."""
+    """The function `_calibration`."""
     return _calibration
 
 
@@ -117,13 +117,13 @@ def _projector(name: str, azimuth: float, dome: Dome) -> ProjectorCalibration:
     pose = Pose(rotation, -rotation @ place)
     model = ProjectorModel(name, (width, height), lens, pose, np.diag(np.arange(1.0, 13.0)) * 1e-6)
 
-    def land(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    def directions(x: np.ndarray, y: np.ndarray) -> np.ndarray:
         pixels = np.stack(np.meshgrid(x, y), axis=-1).astype(float)
         rays = unproject(pixels, lens) @ rotation
         return normalise(intersect_sphere(place, rays, dome.radius_m))
 
-    direction = land(np.arange(width), np.arange(height))
-    corners = land(np.arange(width + 1) - 0.5, np.arange(height + 1) - 0.5)
+    direction = directions(np.arange(width), np.arange(height))
+    corners = directions(np.arange(width + 1) - 0.5, np.arange(height + 1) - 0.5)
     valid = direction[..., 2] > np.sin(np.radians(10.0))
     surface = ProjectorSurface(
         direction.astype(np.float32),

@@ -1,4 +1,4 @@
-"""Rigs in simulated domes, and what cameras would measure of them, for tests of geometry."""
+"""Rigs in simulated domes and camera observations of them, for tests of geometry."""
 
 from dataclasses import dataclass, replace
 
@@ -29,7 +29,7 @@ SENSOR = Sensor(12, 64.0)
 
 @dataclass(frozen=True)
 class SimulatedDome:
-    """A dome, its rig, and a seed for what is measured."""
+    """A dome, its rig, and random numbers for measurement errors."""
 
     surface: Surface
     projectors: list[ProjectorBuild]
@@ -45,12 +45,12 @@ class SimulatedDome:
         cameras: int = 2,
         radius_m: float = 8.0,
     ) -> "SimulatedDome":
-        """A rig that is hung a little differently for every seed."""
+        """A rig that is installed differently for every seed."""
         rng = np.random.default_rng(seed)
-        hung = place_projectors(projectors, (1920, 1200), radius_m)
+        builds = place_projectors(projectors, (1920, 1200), radius_m)
         placed = place_cameras(cameras, (2048, 2048), "fisheye", radius_m)
         surface = Surface.build(replace(preset, radius_m=radius_m))
-        return cls(surface, *perturb_rig(hung, placed, rng), rng)
+        return cls(surface, *perturb_rig(builds, placed, rng), rng)
 
     @property
     def shape(self) -> RoundShape:
@@ -72,7 +72,7 @@ class SimulatedDome:
         )
 
     def observations(self, patch_px: int = 32, sigma_px: float = 0.02) -> dict[Pair, Observations]:
-        """What every camera sees of every projector."""
+        """Observations of every projector by every camera."""
         found = {}
         for camera in self.cameras:
             for build in self.projectors:
@@ -84,7 +84,7 @@ class SimulatedDome:
         return found
 
     def fiducials(self, sigma: float = 1e-5, count: int = 3, off: float = 1.0) -> list[Fiducial]:
-        """Marks that the first camera sees, surveyed to `sigma` [rad]; they err by `off` sigmas."""
+        """Fiducials of the first camera, surveyed to `sigma` [rad], with errors of `off` sigmas."""
         marks = []
         for name, angles in list(MARKS_DEG.items())[:count]:
             azimuth, elevation = np.radians(angles)
@@ -105,7 +105,7 @@ class SimulatedDome:
         return marks
 
     def problem(self, observations: dict[Pair, Observations], **changes: object) -> RigProblem:
-        """Everything a solver is told, with some of it changed."""
+        """The input of a solver, with some of it changed."""
         problem = RigProblem(
             self.shape,
             {c.name: self._camera(c) for c in self.cameras},

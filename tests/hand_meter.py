@@ -1,4 +1,4 @@
-"""A hand meter in a dome of known light: every reading summed up pixel by pixel."""
+"""A hand meter in a dome of known light; every reading is summed over pixels."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -47,11 +47,10 @@ def known_dome(make: Callable[..., Calibration], black: float = BLACK_PER_WHITE)
 
 @dataclass(frozen=True)
 class Meter:
-    """Reads the total light of a dome.
+    """Readings of the total light of a dome.
 
-    `matrix` is the truth looked for; `shape` how much of a patch's light at directions (N, 3) bounces to
-    a direction (3,), 1 for evenly; `room` is XYZ of other light; `scale` (3,) of the drives, by which a
-    projector departs from its calibration.
+    `matrix` is the true XYZ of content; `shape` the relative light scattered from directions (N, 3) to a
+    direction (3,), 1 for uniform; `room` is the XYZ of other light.
     """
 
     calibration: Calibration
@@ -63,15 +62,15 @@ class Meter:
     room: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def read(self, name: str, patch: str, pixel: tuple[int, int] = MIDDLE) -> MeterReading:
-        """One patch where a panel pixel lands."""
+        """One patch at the point that a panel pixel lights."""
         projector = self.calibration.projectors[name]
         surface, light = projector.surface, projector.photometry
         drive = light.colour_mix @ np.array(PATCHES[patch]) + self.black
         direct = light.gain.astype(float) * drive
         place = surface.direction[pixel].astype(float)
         patches = surface.direction.reshape(-1, 3).astype(float)
-        brought = surface.solid_angle_sr.ravel() * self.shape(place, patches)
-        flux = sum(a * b for a, b in zip(brought, direct.reshape(-1, 3), strict=True))
+        weight = surface.solid_angle_sr.ravel() * self.shape(place, patches)
+        flux = sum(a * b for a, b in zip(weight, direct.reshape(-1, 3), strict=True))
         paint = 1 + 0.03 * place[0] - 0.02 * place[1]
         scattered = paint * np.array(FEEDBACK) / LIT_SR * flux
         azimuth, elevation = np.degrees(angles_from_direction(place))
@@ -83,7 +82,7 @@ class Meter:
         *spots: tuple[str, tuple[int, int]],
         patches: tuple[str, ...] = ("red", "green", "blue", "white"),
     ) -> list[MeterReading]:
-        """Patches at several places."""
+        """Patches at several points."""
         return [self.read(name, patch, pixel) for name, pixel in spots for patch in patches]
 
 
@@ -99,7 +98,7 @@ def with_noise(readings: list[MeterReading], rng: np.random.Generator) -> list[M
 
 
 def as_csv(readings: list[MeterReading]) -> str:
-    """The file somebody would have written, with all digits."""
+    """The file of a person with a meter, with all digits."""
     lines = ["projector,patch,azimuth_deg,elevation_deg,X,Y,Z"]
     for r in readings:
         numbers = ",".join(repr(float(v)) for v in (r.azimuth_deg, r.elevation_deg, *r.xyz))

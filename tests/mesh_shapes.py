@@ -7,7 +7,7 @@ Mesh = tuple[np.ndarray, np.ndarray]
 
 
 def hemisphere(radius: float, steps: int) -> Mesh:
-    """4 steps^2 triangles: the upper faces of an octahedron, subdivided and blown up."""
+    """4 steps^2 triangles: the upper faces of an octahedron, subdivided and projected on the sphere."""
     rows = [(i, j) for i in range(steps + 1) for j in range(steps + 1 - i)]
     number = {place: n for n, place in enumerate(rows)}
     one = []
@@ -80,6 +80,6 @@ def cylinder(radius: float, height: float, sides: int, closed: bool = False) -> 
 
 
 def welded(points: np.ndarray, faces: np.ndarray) -> Mesh:
-    """With vertices at one place made one."""
+    """The mesh with equal vertices merged."""
     _, first, place = np.unique(points.round(9), axis=0, return_index=True, return_inverse=True)
     return points[first], place.reshape(-1)[faces].astype(np.int32)

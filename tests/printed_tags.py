@@ -19,7 +19,7 @@ FULL, BLACK_LEVEL = 4095, 64
 
 @dataclass(frozen=True)
 class Printed:
-    """A tag whose middle is in a direction [rad] from the dome's centre."""
+    """A tag with its centre in a direction [rad] from the dome's centre."""
 
     number: int
     azimuth: float
@@ -30,7 +30,7 @@ class Printed:
     mirrored: bool = False
 
     def listed(self, sigma: float = 1e-5) -> AprilTag:
-        """What venue.toml says of it."""
+        """Its entry in venue.toml."""
         return AprilTag(self.family, self.number, self.azimuth, self.elevation, sigma)
 
     @property
@@ -38,7 +38,7 @@ class Printed:
         return direction_from_angles(self.azimuth, self.elevation)
 
     def whiteness(self, points: np.ndarray) -> np.ndarray:
-        """Of the screen's points (N, 3) [m]; relative to bare screen. Looked up on the tangent plane."""
+        """Reflectance (N,) of points (N, 3) [m] relative to bare screen, on the tangent plane."""
         out = self.direction
         right = np.cross(out, [0.3, -0.2, 0.93])
         right /= np.linalg.norm(right)
@@ -61,7 +61,7 @@ class Printed:
 def whiteness(
     tags: Iterable[Printed], lens: Lens, size: tuple[int, int], pose: Pose, radius_m: float
 ) -> np.ndarray:
-    """What a camera sees (H, W) of a dome under even light, 1 where it is bare."""
+    """Picture (H, W) of a dome under uniform light, 1 where it is bare."""
     picture = np.ones(size[::-1])
     for tag in tags:
         middle, reach = _window(tag, lens, pose, radius_m)
@@ -79,7 +79,7 @@ def whiteness(
 
 
 def _window(tag: Printed, lens: Lens, pose: Pose, radius_m: float) -> tuple[np.ndarray, int]:
-    """Its middle pixel (2,), and as many pixels to all sides as it may take."""
+    """Its centre pixel (2,), and a half-width [px] that contains it."""
     seen = pose.apply(radius_m * tag.direction)
     edge_px = tag.edge_m / np.linalg.norm(seen) * lens.focal.max()
     return np.rint(project(seen, lens)).astype(int), int(1.6 * edge_px) + 3
@@ -88,7 +88,7 @@ def _window(tag: Printed, lens: Lens, pose: Pose, radius_m: float) -> tuple[np.n
 def photograph(
     light: np.ndarray, rng: np.random.Generator, level: float = 0.4, noise: float = 1.0
 ) -> np.ndarray:
-    """Counts (H, W) of 12 bits: uneven light, lens blur, noise of a white SNR of about 100."""
+    """Counts (H, W) of 12 bits: light of slow variation, lens blur, noise of a white SNR of about 100."""
     height, width = light.shape
     x, y = np.meshgrid(np.linspace(0, 9, width), np.linspace(0, 7, height))
     blurred = cv2.GaussianBlur(light * (1 + 0.3 * np.cos(x) * np.sin(y)), (0, 0), 0.5)

@@ -1,4 +1,4 @@
-"""Texts of venue.toml, sound and with mistakes."""
+"""Texts of venue.toml, valid and with mistakes."""
 
 from pathlib import Path
 
@@ -34,13 +34,13 @@ def load_venue_of(folder: Path, text: str) -> Venue:
 
 
 def mistakes(folder: Path, text: str) -> list[str]:
-    """The lines that refuse a venue.toml."""
+    """The lines of the error about a venue.toml."""
     with pytest.raises(InputError) as caught:
         load_venue_of(folder, text)
     return str(caught.value).splitlines()
 
 
 def edit(old: str, new: str, text: str = PLAIN) -> str:
-    """A venue.toml with another text in place of one that it has."""
+    """A venue.toml with `old` replaced by `new`."""
     assert old in text
     return text.replace(old, new)

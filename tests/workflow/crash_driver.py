@@ -1,11 +1,11 @@
-"""Kills captures and solves with SIGKILL, in children forked off one process that is warm.
+"""Kills captures and solves with SIGKILL, in children forked from one process that has loaded everything.
 
-`python crash_driver.py GROUP FOLDER` runs one group of `GROUPS`; it exits 0 and prints how many
-kills were survived, or ends in the assertion that failed.
+`python crash_driver.py GROUP FOLDER` runs one group of `GROUPS`; it exits 0 and prints the
+kills, or raises the assertion that failed.
 
-Each child is killed for good: no handler, no clean-up, as by `kill -9`. What is then on the disk is
-compared with an uninterrupted run, byte by byte: the noise of the simulated camera depends on what
-is photographed and not on when, so everything but the times in index.jsonl must be equal.
+A killed child runs no handler and no clean-up. Its files are compared with those of an uninterrupted
+run, byte by byte: the noise of the simulated camera depends on the picture and not on the time, so
+everything but the times in index.jsonl must be equal.
 """
 
 import faulthandler
@@ -42,15 +42,15 @@ from procam.files.session import Session
 from procam.files.venue.load import load_venue
 from procam.interfaces.cli.main import main as procam_main
 
-MAP_SIZE = 128  # dome maps of a solve: as many files and flushes, a sixtieth of the pixels
-SAMPLE_PIXELS = 1000  # that lens and response are read off
-COARSE_ROOM = 10, 20  # rings and sectors of light-exchanging patches: traced in no time
+MAP_SIZE = 128  # dome maps of a solve: the same files and flushes, a sixtieth of the pixels
+SAMPLE_PIXELS = 1000  # from which lens and response are estimated
+COARSE_ROOM = 10, 20  # rings and sectors of patches: quick to trace
 RANDOM_KILLS = 6
 STUCK_S = 120
 FAILED = 70  # exit code of a child that raised
 INTERRUPTED = 130
 LEFT_LIT = 71
-Killer = Callable[[str, bool], None]  # told of each rename and flush, before (False) and after
+Killer = Callable[[str, bool], None]  # called for each rename and flush, before (False) and after
 
 
 def child(work: Callable[[], object], killer: Killer | None = None) -> int:
@@ -61,7 +61,7 @@ def child(work: Callable[[], object], killer: Killer | None = None) -> int:
         return pid
     code = FAILED
     faulthandler.register(signal.SIGALRM, chain=True)
-    signal.alarm(STUCK_S)  # says where all threads stand, and ends the child
+    signal.alarm(STUCK_S)  # prints the stacks of all threads, and ends the child
     try:
         if killer:
             watch_disk(killer)
@@ -81,7 +81,7 @@ def ended(pid: int) -> int:
 
 
 def watch_disk(killer: Killer) -> None:
-    """Tell `killer` of every rename and flush of this process."""
+    """Call `killer` for every rename and flush of this process."""
     renamed = ""
     seen: Counter[str] = Counter()
 
@@ -114,7 +114,7 @@ def watch_disk(killer: Killer) -> None:
 
 
 def kill_at(label: str, after: bool) -> Killer:
-    """Die just before or just after one call."""
+    """Kill the process just before or just after one call."""
 
     def killer(name: str, is_after: bool) -> None:
         if (name, is_after) == (label, after):
@@ -124,7 +124,7 @@ def kill_at(label: str, after: bool) -> Killer:
 
 
 def kill_later(pid: int, seconds: float, number: int = signal.SIGKILL) -> int:
-    """Send a signal to a running child after a while; how it ended."""
+    """Send a signal to a running child after a while; returns how it ended."""
     time.sleep(seconds)
     os.kill(pid, number)
     return ended(pid)
@@ -161,7 +161,7 @@ class Bench:
         """Every rename and flush of the uninterrupted run, in order."""
         found = [json.loads(line) for line in self._calls.read_text().splitlines()]
         names = [name for of, name in found if of == stage]
-        assert len(set(names)) == len(names), "a call cannot be told from another"
+        assert len(set(names)) == len(names), "two calls have the same name"
         return names
 
     def venue(self, name: str) -> Path:
@@ -176,26 +176,26 @@ class Bench:
         return Session(venue / "sessions" / "0001")
 
     def index(self, venue: Path) -> list[tuple[str, str, float, str]]:
-        """What index.jsonl names, in order, without the times."""
+        """The entries of index.jsonl, in order, without the times."""
         path = self.session(venue).directory / "captures" / CAMERA / "index.jsonl"
         entries = [json.loads(line) for line in atomic.read_lines(path)]
         return [(e["shot"], e["file"], e["exposure_s"], e["sha256"]) for e in entries]
 
     def check_session(self, venue: Path) -> None:
-        """Nothing that is named is lost, and nothing half-written is taken for whole."""
+        """No named frame is lost, and no incomplete file has a final name."""
         stored = contents(venue / "sessions") if (venue / "sessions").is_dir() else {}
         for name, content in stored.items():
             path = Path(name)
             if path.name == "index.jsonl" or path.name.startswith("."):
                 continue
-            assert content == self.session_files[name], f"{name} differs from a whole one"
+            assert content == self.session_files[name], f"{name} differs from a complete one"
         named = self.index(venue)
         assert named == self.named[: len(named)], "index.jsonl names other frames"
         lost = [e[1] for e in named if f"0001/captures/{CAMERA}/{e[1]}" not in stored]
-        assert not lost, f"named, but not there: {lost}"
+        assert not lost, f"named, but missing: {lost}"
 
     def check_calibrations(self, venue: Path, least: int = 0) -> None:
-        """Each calibration that has a number is whole and equal to the uninterrupted run's."""
+        """Each calibration that has a number is complete and equals the uninterrupted run's."""
         found = [p for p in venue.glob("calibrations/*") if not p.name.startswith(".")]
         assert len(found) >= least, "no calibration was written"
         for directory in found:
@@ -256,7 +256,7 @@ def capture_at_random(bench: Bench) -> Iterator[str]:
     for number in range(RANDOM_KILLS):
         venue = bench.venue(f"killed-{number}")
         seconds = rng.uniform(0, 0.95 * bench.capture_s)
-        while kill_later(child(bench.taking(venue)), seconds) == 0:  # it was quicker than we
+        while kill_later(child(bench.taking(venue)), seconds) == 0:  # it ended before the kill
             shutil.rmtree(venue / "sessions")
             seconds *= 0.7
         bench.check_session(venue)
@@ -339,7 +339,7 @@ def _commanded(venue: Path, ready: int) -> Callable[[], int]:
         try:
             procam_main()
         except SystemExit as stop:
-            signal.signal(signal.SIGINT, signal.SIG_IGN)  # it was quicker than we
+            signal.signal(signal.SIGINT, signal.SIG_IGN)  # it ended before the kill
             scene = simulators.backend.build_scene({}, venue)
             lit = [n for n, state in scene.states.items() if state.light_factor() > 0]
             return LEFT_LIT if lit else int(stop.code or 0)

@@ -1,7 +1,7 @@
 """A venue that procam does not drive: its server shows PNGs, its camera writes TIFFs.
 
-`python photographer.py VENUE PICTURES PHOTOS`: a process of its own, which is given a folder with a
-venue.toml (what the simulated dome is), the folder that `procam patterns` made, and nothing else.
+`python photographer.py VENUE PICTURES PHOTOS`: a process of its own with a folder with a venue.toml (of
+the simulated dome), the folder that `procam patterns` made, and nothing else.
 """
 
 import csv

@@ -1,4 +1,4 @@
-"""A player of shows as somebody else would write it: it knows a track's folder and OpenGL, not procam."""
+"""A player of shows that uses a track's folder and OpenGL, without procam."""
 
 import csv
 import json
@@ -24,10 +24,10 @@ TILES = 32
 
 def open_gl() -> Any:
     """A context without a window; skips where there is none."""
-    moderngl = pytest.importorskip("moderngl", reason="moderngl (extra `display`) is not there")
+    moderngl = pytest.importorskip("moderngl", reason="moderngl (extra `display`) is not installed")
     try:
         context = moderngl.create_standalone_context(backend="egl", require=330)
-    except Exception as error:  # whatever the driver complains of
+    except Exception as error:  # any error of the driver
         pytest.skip(f"no OpenGL through EGL ({error}); apt-get install libegl1 libgl1-mesa-dri")
     return context
 
@@ -60,7 +60,7 @@ class Player:
         return self._draw(self.show, frame)
 
     def play_live(self, frame: np.ndarray, steps: int = 3) -> np.ndarray:
-        """A frame that no track knows; the last one's numbers are the start."""
+        """A frame without a track, started from the coefficients of the last frame."""
         if not self._numbers:
             self._start_live()
         self._load(frame)
@@ -72,7 +72,7 @@ class Player:
         return self._draw(self.live["apply"], frame)
 
     def live_numbers(self) -> np.ndarray:
-        """(3, 9) as the live variant has them now."""
+        """The present coefficients (3, 9) of the live variant."""
         return np.frombuffer(self._numbers[0].read(), np.float32).reshape(9, 4)[:, :3].T
 
     def _start_live(self) -> None:
@@ -156,7 +156,7 @@ class Player:
 
 
 def _rows(path: Path) -> dict[int, np.ndarray]:
-    """The 27 numbers by frame; columns that are not there are 0."""
+    """The 27 coefficients by frame; absent columns are 0."""
     with path.open() as file:
         return {
             int(row["frame"]): np.array(

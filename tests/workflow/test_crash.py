@@ -2,17 +2,16 @@
 
 Covered, each with a real SIGKILL in a process of its own (crash_driver.py):
 
-- capture: every rename and every flush to disk there is, of the session's venue.toml, patterns,
-  plan, frames and index, killed once just before each, and once just after each rename: after a
-  flush the disk is as it is just before the next call. One session takes all these kills in turn,
-  so that each run also resumes what the last one left.
+- capture: killed once just before every rename and every flush to disk of the session's venue.toml,
+  patterns, plan, frames and index, and once just after each rename (after a flush the disk is as just
+  before the next call). All kills happen in one session, so that each run also resumes the last one.
 - solve: every rename and flush of the calibration's files and folder, in the same way.
 - both: 6 random moments, each in a fresh session or a fresh solve.
 - Ctrl-C at 6 random moments of `procam capture`: exit code 130 and dark projectors as well.
 
-After every kill, what index.jsonl names is there and equal to an uninterrupted run's file, byte by
-byte (but for the time in picture headers), and so is everything that carries its final name. After
-resuming, no stored frame was taken twice, and the calibration equals the uninterrupted one.
+After every kill, each file that index.jsonl names, and each file with a final name, equals that of an
+uninterrupted run, byte by byte (except the time in picture headers). After resuming, no stored frame was
+taken twice, and the calibration equals the uninterrupted one.
 """
 
 import json
@@ -31,7 +30,7 @@ from procam.interfaces.cli.main import main
 from simulators.devices import SimulatedCamera
 
 DRIVER = Path(__file__).with_name("crash_driver.py")
-STUCK_S = 600  # no verdict on speed: a driver that hangs must not hang the suite
+STUCK_S = 600  # a driver that hangs must not hang the suite
 ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 
 
@@ -71,7 +70,7 @@ def python_handles_ctrl_c() -> Iterator[None]:
         signal.signal(signal.SIGINT, before)
 
 
-def test_ctrl_c_says_that_the_projectors_are_dark_and_the_run_resumes(
+def test_ctrl_c_leaves_the_projectors_dark_and_the_run_resumable(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     venue = make_venue(tmp_path)
@@ -96,10 +95,10 @@ def test_ctrl_c_says_that_the_projectors_are_dark_and_the_run_resumes(
     assert printed.err.splitlines() == [
         "procam: stopped; projectors are dark, the run can be resumed"
     ]
-    main_ends_well(capsys)
+    main_succeeds(capsys)
 
 
-def main_ends_well(capsys: pytest.CaptureFixture[str]) -> None:
+def main_succeeds(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as stop:
         main()
     assert stop.value.code in (0, None)

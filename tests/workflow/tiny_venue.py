@@ -33,7 +33,7 @@ from simulators.transport import Room
 CAMERA = "zenith"
 TINY = SceneSize(projectors=1, projector_size=(128, 80), camera_size=(200, 200), rays=64)
 TINY_PAIR = replace(TINY, projectors=2)
-QUIET_S = 0.01  # a pseudo terminal needs no long silence to show that nothing more will come
+QUIET_S = 0.01  # silence after which nothing more comes from a pseudo terminal
 WRITTEN_AT = re.compile(rb"\d{4}:\d\d:\d\d \d\d:\d\d:\d\d")
 HEADER = 4096
 
@@ -46,15 +46,15 @@ def _traced(preset: Preset, rays: int, _patches: tuple[int, int]) -> Room:
 
 
 def _patches() -> tuple[int, int]:
-    """Tests may make rooms of fewer patches."""
+    """The present numbers of patches; tests may reduce them."""
     return transport.DOME_RINGS, transport.DOME_SECTORS
 
 
 @contextmanager
 def quick_simulator() -> Iterator[None]:
-    """Trace each preset's room once per process, and wait for no real cable's silences.
+    """Trace each preset's room once per process, and do not wait as long as for a real cable.
 
-    Nothing ever writes to a room, so that venues can share one.
+    Rooms are never changed, so venues can share one.
     """
     table = controls.SERIAL_TABLES["escvp21"]
     quick = replace(table, timings=replace(table.timings, quiet_s=QUIET_S))
@@ -89,7 +89,7 @@ def solved(venue: Venue, session: Session) -> Path:
 
 
 def contents(directory: Path) -> dict[str, bytes]:
-    """Every file under a folder by relative path, without the time that picture headers carry."""
+    """Every file under a folder by relative path, without the time in picture headers."""
     files = (p for p in sorted(directory.rglob("*")) if p.is_file())
     return {str(p.relative_to(directory)): _timeless(p.read_bytes()) for p in files}
 
@@ -100,7 +100,7 @@ def _timeless(content: bytes) -> bytes:
 
 @dataclass(frozen=True)
 class Ran:
-    """What a command did: its exit code, and the lines it printed."""
+    """Exit code and output of a command."""
 
     code: int
     out: str
@@ -108,7 +108,7 @@ class Ran:
 
     @property
     def complaint(self) -> str:
-        """The one line of a refusal."""
+        """The one line of an error."""
         lines = self.err.splitlines()
         assert (len(lines), self.out) == (1, ""), self
         assert lines[0].startswith("procam: ")
@@ -144,7 +144,7 @@ class Stage:
 def watch_stage(
     monkeypatch: pytest.MonkeyPatch, alter: Callable[[Stage], BackendRig] = lambda s: s.backend
 ) -> list[Stage]:
-    """Stages of the venues that are opened from here on; `alter` may put other devices in."""
+    """Stages of the venues that are opened from now on; `alter` may replace their devices."""
     stages: list[Stage] = []
     faults = simulators.backend.apply_faults
     scenes: list[DomeScene] = []
@@ -164,12 +164,12 @@ def watch_stage(
 
 
 def replace_camera(rig: BackendRig, wrap: Callable[[SimulatedCamera], object]) -> BackendRig:
-    """The rig with every camera inside another."""
+    """The rig with every camera wrapped in another."""
     return replace(rig, cameras={n: wrap(c) for n, c in rig.cameras.items()})  # type: ignore[arg-type, misc]
 
 
 def one_thread() -> None:
-    """No pool threads in this process from here on: it will be forked."""
+    """Use no pool threads in this process, because it will be forked."""
     import cv2
     import OpenImageIO as oiio
 

@@ -219,7 +219,7 @@ class TestDamage:
         save_calibration(dataclasses.replace(calibration, states={"full": state}), directory)
         path = directory / "maps" / "state-full.exr"
         write_channels(path, dict.fromkeys("RGB", lamps[::2, ::2, 0]))
-        assert "ambient of house state full has shape" in self._message(directory)
+        assert "ambient of venue state full has shape" in self._message(directory)
         path.unlink()
         assert self._message(directory).startswith(f"{path}: no such file")
 
