@@ -186,7 +186,7 @@ class TestExplained:
         from procam.interfaces.plots import clip as clip_plot
 
         sheets: list[Any] = []
-        monkeypatch.setattr(clip_plot, "_save", lambda figure, path: sheets.append(figure))
+        monkeypatch.setattr(clip_plot, "save_figure", lambda figure, path: sheets.append(figure))
         found = explain(calibration, self.piece(), FrameSettings(strength=strength))
         clip_plot.write_explained(tmp_path / "e.png", found, strength)
         titles = [axes.get_title() for axes in sheets[0].axes]

@@ -150,7 +150,7 @@ def _check_plots(explain: Path | None, report: Path | None) -> None:
     if report and report.suffix != ".csv":
         raise InputError(f"--report {report}: the name must end in .csv")
     if report or explain:
-        from procam.interfaces.plots.charts import require_matplotlib
+        from procam.interfaces.plots.figure import require_matplotlib
 
         require_matplotlib()
 
