@@ -5,12 +5,11 @@ from textwrap import wrap
 from typing import Any
 
 from procam.interfaces.report.data import Material
-from procam.interfaces.report.words import miss_text, number, percent
+from procam.interfaces.report.words import limits_text, miss_text, number, percent
 
 COLUMNS, LABEL = 100, 16
 MASTER_PX = 4096  # edge of the dome master that errors are compared with
 MASTER_PIXEL_ARCMIN = 180 * 60 / MASTER_PX
-LEAST_SHARE = 5e-4  # of the lit picture; less is not worth a sentence
 # a terminal may lack what the report's texts use
 ASCII = str.maketrans(
     {
@@ -85,12 +84,7 @@ def _not_removed(material: Material) -> str:
     limits = material.limits()
     if limits is None:
         return ""
-    low, high = (float(share.mean()) for share in (limits.too_bright, limits.too_dark))
-    too_dark = f" {percent(high, 2)} asks for more light than the projectors have."
-    return (
-        f"{percent(low, 2)} of the lit picture asks for less light than already bounces there. That "
-        "would need negative light, which no projector has: black stays a little grey."
-    ) + (too_dark if high >= LEAST_SHARE else "")
+    return limits_text(float(limits.too_bright.mean()), float(limits.too_dark.mean()))
 
 
 def _time(figures: Entries) -> str:

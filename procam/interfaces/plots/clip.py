@@ -11,29 +11,40 @@ from procam.interfaces.plots.figure import (
     CHANNELS,
     INK,
     LIMITS,
-    UNKNOWN,
     add_legend_squares,
+    brightest,
     finish,
+    light_colours,
     new_figure,
     save_figure,
     show_dome,
     title_axes,
 )
 from procam.maths.geometry.sphere import master_solid_angles
-from procam.maths.light.curves import srgb_encode
 from procam.workflows.playout.explain import Explained
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Array = NDArray[np.float64]
 Colours = NDArray[np.floating]
-COLOURS = "rgb"
 LIMIT_NAMES = (
     "exact",
     "too bright: black is not dark enough",
     "too dark",
     "not lit, or protected",
+)
+PANELS = (  # title, unit, and columns of the report with a factor and whether they are thin
+    ("Scattered light removed", "scatter level s, per colour", [("s", 1, False)]),
+    (
+        "Light asked for (thin) and light sent (thick)",
+        "flux [rel sr]",
+        [("flux_in", 1, True), ("flux_out", 1, False)],
+    ),
+    (
+        "At a limit: at full light (up), at black (down)",
+        "lit dome [%]",
+        [("share_hi", 100, False), ("share_lo", -100, False)],
+    ),
 )
 MOST_MARKED = 60  # frames that get a mark each; more would merge into a line
 
@@ -42,40 +53,33 @@ def write_clip_plot(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
     """Write the report of a clip, a row per frame, as a PNG of curves over its frames."""
     figure = new_figure(9.6, 7.6)
     panels = figure.subplots(3, 1, sharex=True)
-    frames = np.array([row["frame"] for row in rows])
-
-    def draw(axes: "Axes", name: str, factor: float, thin: bool = False) -> None:
-        for c, (label, colour, style) in zip(COLOURS, CHANNELS, strict=True):
-            values = factor * np.array([row[f"{name}_{c}"] for row in rows])
-            axes.plot(
-                frames,
-                values,
-                color=colour,
-                ls=style,
-                lw=0.9 if thin else 1.7,
-                marker="o" if len(rows) <= MOST_MARKED else "",
-                ms=3,
-                alpha=0.55 if thin else 1,
-                label=None if thin else label,
-            )
-
-    draw(panels[0], "s", 1)
-    _title(panels[0], "Scattered light removed", "scatter level s, per colour")
-    draw(panels[1], "flux_in", 1, thin=True)
-    draw(panels[1], "flux_out", 1)
-    _title(panels[1], "Light asked for (thin) and light sent (thick)", "flux [rel sr]")
-    draw(panels[2], "share_hi", 100)
-    draw(panels[2], "share_lo", -100)
+    for axes, (title, unit, curves) in zip(panels, PANELS, strict=True):
+        for name, factor, thin in curves:
+            _draw_channels(axes, rows, name, factor, thin)
+        title_axes(axes, title)
+        axes.set_ylabel(unit)
+        finish([axes])
     panels[2].axhline(0, color=INK, lw=0.8)
     panels[2].yaxis.set_major_formatter(lambda value, _: f"{abs(value):g}")
-    _title(panels[2], "At a limit: at full light (up), at black (down)", "lit dome [%]")
     panels[2].xaxis.get_major_locator().set_params(integer=True)
-    panels[2].set_xlim(frames[0] - 0.5, frames[-1] + 0.5)
+    panels[2].set_xlim(rows[0]["frame"] - 0.5, rows[-1]["frame"] + 0.5)
     panels[2].set_xlabel(f"frame; {_worst(rows)}")
-    for axes in panels:
-        finish([axes])
     panels[0].legend(frameon=False, fontsize=8.5, ncols=3, loc="lower right", bbox_to_anchor=(1, 1))
     save_figure(figure, path)
+
+
+def _draw_channels(
+    axes: "Axes", rows: Sequence[Mapping[str, Any]], name: str, factor: float, thin: bool
+) -> None:
+    style: dict[str, Any] = {"lw": 0.9, "alpha": 0.55} if thin else {"lw": 1.7}
+    marker = "o" if len(rows) <= MOST_MARKED else ""
+    frames = [row["frame"] for row in rows]
+    for c, (label, colour, dashes) in zip("rgb", CHANNELS, strict=True):
+        values = [factor * row[f"{name}_{c}"] for row in rows]
+        shown = None if thin else label
+        axes.plot(
+            frames, values, color=colour, ls=dashes, marker=marker, ms=3, label=shown, **style
+        )
 
 
 def write_explained(path: Path, explained: Explained, strength: float) -> None:
@@ -91,25 +95,24 @@ def write_explained(path: Path, explained: Explained, strength: float) -> None:
     unlit = np.asarray(unknown & ~explained.without.any(axis=-1))  # the others are protected
     inside = np.asarray(master_solid_angles(len(unlit)) > 0)
     shown = (explained.content, explained.without, explained.direct, explained.observed)
-    brightest = max(1.0, *(float(np.percentile(p[~unlit], 99.5)) for p in shown))
+    white = brightest(shown, unlit)
     scattered = float(np.percentile(explained.scattered[~unlit], 99.5))
     pictures = (
-        ("target", explained.content, brightest),
-        ("without compensation", explained.without, brightest),
-        (_scaled("scattered light in it", brightest, scattered), explained.scattered, scattered),
-        (f"sent: direct light{full}", explained.direct, brightest),
-        (f"with compensation, as predicted{full}", explained.observed, brightest),
+        ("target", explained.content, white),
+        ("without compensation", explained.without, white),
+        (_scaled("scattered light in it", white, scattered), explained.scattered, scattered),
+        (f"sent: direct light{full}", explained.direct, white),
+        (f"with compensation, as predicted{full}", explained.observed, white),
     )
-    for axes, (title, picture, white) in zip(panels.flat, pictures, strict=False):
-        colours = srgb_encode(np.clip(picture / max(white, 1e-9), 0, 1))
-        show_dome(axes, title, np.where(unlit[..., None], np.array(UNKNOWN) / 255, colours), inside)
+    for axes, (title, picture, top) in zip(panels.flat, pictures, strict=False):
+        show_dome(axes, title, light_colours(picture, top, unlit), inside)
     _draw_limits(panels[1, 2], explained.limits, inside)
     save_figure(figure, path)
 
 
-def _scaled(title: str, brightest: float, scattered: float) -> str:
+def _scaled(title: str, white: float, scattered: float) -> str:
     """The title, with the factor by which the picture is shown brighter than the others."""
-    return f"{title}, shown {brightest / scattered:.2g} times brighter" if scattered > 0 else title
+    return f"{title}, shown {white / scattered:.2g} times brighter" if scattered > 0 else title
 
 
 def _draw_limits(axes: "Axes", limits: Colours, inside: NDArray[np.bool_]) -> None:
@@ -127,10 +130,5 @@ def _draw_limits(axes: "Axes", limits: Colours, inside: NDArray[np.bool_]) -> No
 
 def _worst(rows: Sequence[Mapping[str, Any]]) -> str:
     kkt, own = (max(row[name] for row in rows) for name in ("kkt", "self_consistency"))
-    sought = "no optimum is searched for" if np.isnan(kkt) else f"worst KKT residual {kkt:.1g}"
-    return f"{sought}, worst self-consistency {own:.1g}"
-
-
-def _title(axes: "Axes", title: str, unit: str) -> None:
-    title_axes(axes, title)
-    axes.set_ylabel(unit)
+    optimum = "no optimum is searched for" if np.isnan(kkt) else f"worst KKT residual {kkt:.1g}"
+    return f"{optimum}, worst self-consistency {own:.1g}"

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,16 +10,16 @@ from numpy.typing import NDArray
 from procam.interfaces.plots.figure import (
     INK,
     LIMITS,
-    UNKNOWN,
     add_legend_squares,
+    brightest,
     finish,
+    light_colours,
     new_figure,
     save_figure,
     show_dome,
     title_axes,
 )
 from procam.maths.geometry.sphere import master_solid_angles
-from procam.maths.light.curves import srgb_encode
 from procam.workflows.forecast import Levels, Seen, checkerboard_contrast
 
 if TYPE_CHECKING:
@@ -97,15 +97,8 @@ def _draw_contrast(axes: "Axes", levels: Sequence[Levels]) -> None:
 
     share = 100 * WHITE_SHARES
     low, middle, high = levels
-    axes.fill_between(
-        share,
-        curve(low, False),
-        curve(high, False),
-        color=WITHOUT,
-        alpha=0.18,
-        lw=0,
-        label="95 % interval",
-    )
+    band: dict[str, Any] = {"color": WITHOUT, "alpha": 0.18, "lw": 0, "label": "95 % interval"}
+    axes.fill_between(share, curve(low, False), curve(high, False), **band)
     axes.plot(
         share, curve(middle, False), color=WITHOUT, lw=4, alpha=0.6, label="without compensation"
     )
@@ -122,6 +115,16 @@ def _draw_contrast(axes: "Axes", levels: Sequence[Levels]) -> None:
         fontsize=9.5,
         arrowprops={"arrowstyle": "-", "color": INK, "lw": 0.8},
     )
+    _log_scales(axes)
+    axes.set_xlabel("white share of a picture of black and white [%]")
+    axes.set_ylabel("white : black")
+    title_axes(axes, "Black beside white", size=11)
+    axes.legend(frameon=False, fontsize=8.5, loc="upper right")
+    finish([axes])
+
+
+def _log_scales(axes: "Axes") -> None:
+    """Logarithmic axes with round numbers, and no powers of ten."""
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.set_xticks([0.5, 1, 2, 5, 10, 20, 50, 100])
@@ -130,11 +133,6 @@ def _draw_contrast(axes: "Axes", levels: Sequence[Levels]) -> None:
     axes.minorticks_off()
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_formatter(lambda value, _: f"{value:g}")
-    axes.set_xlabel("white share of a picture of black and white [%]")
-    axes.set_ylabel("white : black")
-    title_axes(axes, "Black beside white", size=11)
-    axes.legend(frameon=False, fontsize=8.5, loc="upper right")
-    finish([axes])
 
 
 def _draw_picture(part: "SubFigure", name: str, seen: Seen) -> None:
@@ -142,11 +140,10 @@ def _draw_picture(part: "SubFigure", name: str, seen: Seen) -> None:
     part.suptitle(name, x=0.01, ha="left", fontweight="bold", fontsize=11, color=INK)
     shown = (seen.target, seen.before, seen.after)
     unlit = seen.limits == 3
-    brightest = max(1.0, *(float(np.percentile(p[~unlit], 99.5)) for p in shown))
+    white = brightest(shown, unlit)
     inside = master_solid_angles(seen.limits.shape[0]) > 0
     for axes, title, picture in zip(panels, TITLES, shown, strict=False):
-        colours = srgb_encode(np.clip(picture / brightest, 0, 1))
-        show_dome(axes, title, np.where(unlit[..., None], np.array(UNKNOWN) / 255, colours), inside)
+        show_dome(axes, title, light_colours(picture, white, unlit), inside)
     show_dome(panels[3], TITLES[3], np.array(LIMITS)[seen.limits] / 255, inside)
     add_legend_squares(panels[3], LIMIT_NAMES)
     panels[3].legend(

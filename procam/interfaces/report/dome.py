@@ -114,7 +114,7 @@ def _geometry(calibration: Calibration) -> Iterator[Block]:
                 else "its shape could not be solved, so directions carry a systematic error"
             )
         yield Text(
-            f"{verdict}. The residuals of an exact sphere vary {number(_mean(sphere))} times as much as "
+            f"{verdict}. The residuals of an exact sphere vary {_mean(sphere):.2f} times as much as "
             "the cameras' noise explains (1 is perfect; above 2.25 the dome is not a sphere)."
         )
 

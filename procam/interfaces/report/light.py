@@ -33,7 +33,7 @@ from procam.interfaces.report.data import (
     on_master,
     resized,
 )
-from procam.interfaces.report.words import percent
+from procam.interfaces.report.words import limits_text, percent
 from procam.maths.geometry.sphere import (
     angles_from_direction,
     master_directions,
@@ -233,12 +233,10 @@ def clipped(material: Material) -> Iterator[Block]:
         yield not_there("The map of limits", calibrating(material))
         return
     low, high = limits.too_bright, limits.too_dark
-    yield Text(
-        f"{percent(float(1 - (low + high).mean()), 2)} of the lit picture is reproduced exactly. "
-        f"{percent(float(low.mean()), 2)} asks for less light than already bounces there: no "
-        "projector can take light away, so black stays a little grey. "
-        f"{percent(float(high.mean()), 2)} asks for more light than the projectors have."
+    exact = (
+        f"{percent(float(1 - (low + high).mean()), 2)} of the lit picture is reproduced exactly."
     )
+    yield Text(f"{exact} {limits_text(float(low.mean()), float(high.mean()))}")
     masked = material.protected(len(limits.codes)).any()
     yield _limits(limits.codes, " or protected by hand" if masked else "")
     rows = [

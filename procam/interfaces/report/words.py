@@ -16,6 +16,7 @@ class Words:
 
 
 THIN = "\N{NARROW NO-BREAK SPACE}"
+LEAST_SHARE = 5e-4  # of the lit picture; less is not worth a sentence
 LEFT = "share of the bounced light that remains where no limit holds"
 LEFT_JND = "95 % of the dome where no limit holds is off by at most this; 1 can just be noticed"
 NAMES = {
@@ -28,7 +29,7 @@ NAMES = {
         "angle between the calculated and the true direction of a projector pixel",
     ),
     "direction_error_max_arcmin": Words("Direction error, worst pixel"),
-    "solid_angle_sum_error": Words("Error of the projected area, worst projector", percent=True),
+    "solid_angle_sum_error": Words("Error of the projected area", percent=True),
     "dome_is_sphere": Words("The dome is a sphere", "as far as the cameras can measure"),
     "feedback": Words("Feedback m, red / green / blue", "bounced light per light projected"),
     "feedback_error": Words("Error of the feedback", "measured against true", percent=True),
@@ -43,17 +44,17 @@ NAMES = {
         "Bounced light that remains with the calibration alone", LEFT, percent=True
     ),
     "scatter_left_exact_mean": Words("\u2014 its signed mean", percent=True),
-    "scatter_left_exact_fine": Words("\u2014 on finer patches", "0.18 degrees", percent=True),
+    "scatter_left_exact_fine": Words("\u2014 on finer patches", percent=True),
     "scatter_left_paper_eq12": Words(
         "Bounced light that remains with the published formula",
         "subtraction by equation 12 of the paper, for comparison",
         percent=True,
     ),
     "scatter_left_paper_eq12_mean": Words("\u2014 its signed mean", percent=True),
-    "scatter_left_paper_eq12_fine": Words("\u2014 on finer patches", "0.18 degrees", percent=True),
+    "scatter_left_paper_eq12_fine": Words("\u2014 on finer patches", percent=True),
     "scatter_left_refined": Words("Bounced light that remains after the loop", LEFT, percent=True),
     "scatter_left_refined_mean": Words("\u2014 its signed mean", percent=True),
-    "scatter_left_refined_fine": Words("\u2014 on finer patches", "0.18 degrees", percent=True),
+    "scatter_left_refined_fine": Words("\u2014 on finer patches", percent=True),
     "lit_area_found": Words("Lit dome that the calibration covers", percent=True),
     "scatter_before": Words("Bounced light before compensation", "in % of white", percent=True),
     "loop_residual_by_iteration": Words(
@@ -89,10 +90,21 @@ NAMES = {
     ),
     "additivity_error": Words(
         "Colours add up",
-        "red, green and blue alone against white; above 1 % the projector mixes them",
+        "red, green and blue alone against white; above 1 % the projector processes them",
         percent=True,
     ),
     "coverage": Words("Share of the dome that is lit", percent=True),
+    "scatter_degree": Words(
+        "Degree of the scatter kernel", "how bounced light depends on where the direct light falls"
+    ),
+    "floor_albedo_by_light": Words(
+        "Albedo of the floor", "from the spatial distribution of the light that it reflects"
+    ),
+    "flux_doubt": Words("Inconsistency of the flux between pictures", percent=True),
+    "server_misalignment_rms_arcmin": Words(
+        "Misalignment of the media server, root mean square",
+        "between the shown and the intended directions of its tags",
+    ),
 }
 
 
@@ -115,6 +127,16 @@ def number(value: float, digits: int = 3) -> str:
 def percent(value: float, digits: int = 3) -> str:
     """A share in per cent."""
     return f"{number(float(f'{100 * value:.{digits}g}'), digits)}{THIN}%"
+
+
+def limits_text(too_bright: float, too_dark: float) -> str:
+    """Sentences on the shares of the lit picture where a limit of the projectors holds."""
+    black = (
+        f"{percent(too_bright, 2)} of the lit picture asks for less light than already bounces there. That "
+        "would need negative light, which no projector has: black stays a little grey."
+    )
+    white = f" {percent(too_dark, 2)} asks for more light than the projectors have."
+    return black + (white if too_dark >= LEAST_SHARE else "")
 
 
 def value_text(name: str, entry: Mapping[str, Any]) -> str:
