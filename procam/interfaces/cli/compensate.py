@@ -21,7 +21,6 @@ from procam.interfaces.cli._options import (
 )
 from procam.interfaces.cli._output import Output
 from procam.interfaces.cli._pipe import PIPE, RawFrames, compensate_pipe
-from procam.interfaces.cli._progress import follow_frames
 from procam.workflows.playout.compensate import compensate_file, write_report
 from procam.workflows.playout.frame import FrameSettings
 
@@ -101,7 +100,7 @@ def compensate(
     beside, rows = _beside(explain, report), {}
     again = report is not None
     events = compensate_file(calibration, source, out, settings, again, beside)
-    follow_frames(_collected(events, rows), output, quiet=source.is_file())
+    output.follow_frames(_collected(events, rows), quiet=source.is_file())
     if report:
         _write_report(report, rows)
     if explain:
