@@ -6,10 +6,10 @@ READY := .venv/.ready
 OUT ?= demo-run
 JOBS ?= 2
 
-.PHONY: demo test check bench studies lock clean
+.PHONY: demo test check docs bench studies lock clean
 .DEFAULT_GOAL := demo
 
-$(READY): requirements.lock pyproject.toml $(wildcard procam/kernels/c/*)
+$(READY): requirements.lock pyproject.toml $(wildcard procam/kernels/*/*.[ch])
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "procam needs Python >= 3.11, got %s.%s; try: make PYTHON=python3.11" % sys.version_info[:2])'
 	$(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --requirement requirements.lock
@@ -28,6 +28,9 @@ check: $(READY)
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
+docs: $(READY)
+	$(BIN)/python -m sphinx -W --keep-going -q -b html docs docs/_build/html
+
 bench: $(READY)
 	$(BIN)/python -m benchmarks
 
@@ -38,9 +41,9 @@ studies: $(READY)
 lock:
 	$(PYTHON) -m venv .venv-lock
 	.venv-lock/bin/python -m pip install --quiet uv
-	.venv-lock/bin/uv pip compile pyproject.toml --universal --python-version 3.11 --extra geom --extra report --extra sim --extra video --group dev \
+	.venv-lock/bin/uv pip compile pyproject.toml --universal --python-version 3.11 --extra geom --extra report --extra sim --extra video --group dev --group docs \
 	  --generate-hashes --no-emit-index-url --no-annotate --no-header --quiet --output-file requirements.lock
 	rm -rf .venv-lock
 
 clean:
-	rm -rf .venv .venv-lock build demo-run *.egg-info procam/kernels/_native*
+	rm -rf .venv .venv-lock build demo-run docs/_build *.egg-info procam/kernels/_native*

@@ -9,7 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from benchmarks import areas, bundle, frame, gray, phase, solve, start, warp
+from benchmarks import areas, bundle, demo, frame, gray, phase, solve, start, warp
 from benchmarks.measure import Goal, Report, as_json
 from procam import kernels
 
@@ -17,7 +17,6 @@ HERE = Path(__file__).parent
 BENCHES: tuple[Callable[[], Report], ...] = (
     solve.bench,
     gray.bench,
-    phase.bench_steps,
     lambda: phase.bench_search(4),
     lambda: phase.bench_search(5),
     phase.bench_growth,
@@ -25,10 +24,11 @@ BENCHES: tuple[Callable[[], Report], ...] = (
     bundle.bench,
     bundle.bench_growth,
     warp.bench,
-    frame.bench_codes,
-    frame.bench_large,
+    lambda: frame.bench_codes(4096),
+    lambda: frame.bench_codes(8192),
     frame.bench_light,
     start.bench,
+    demo.bench,
 )
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from benchmarks import floor
 from benchmarks.measure import Goal, Report, at_least, at_most, interleaved
 from procam import kernels
-from procam.kernels.arrays import planes
+from procam.kernels.native.arrays import planes
 from procam.maths.geometry.areas import panel_solid_angles
 from procam.maths.geometry.sphere import grid_solid_angles, intersect_sphere, normalise
 

@@ -73,7 +73,7 @@ def sightings(rig: RigGeometry, pair: Pair, count: int, rng: np.random.Generator
     pixel = rng.uniform(0, SIZE, (4 * count, 2))
     back = source.projector_from_dome.inverse()
     out = back.rotate(unproject(pixel, source.lens))
-    point = rig.shape.meet(np.broadcast_to(back.translation, out.shape), out)
+    point = rig.shape.intersect(np.broadcast_to(back.translation, out.shape), out)
     pixel, point = (a[point[:, 2] > 0.02 * RADIUS_M][:count] for a in (pixel, point))
     assert len(point) == count and eye.camera_from_dome is not None
     seen = project(eye.camera_from_dome.apply(point), eye.lens)
@@ -106,7 +106,7 @@ def problem(rig: RigGeometry, seen: Mapping[Pair, Observations], intrinsics: str
     return RigProblem(
         shape=rig.shape,
         cameras={n: replace(c, camera_from_dome=None) for n, c in rig.cameras.items()},
-        hung={n: ProjectorPrior(n, p.size) for n, p in rig.projectors.items()},
+        projectors={n: ProjectorPrior(n, p.size) for n, p in rig.projectors.items()},
         observations=seen,
         intrinsics=dict.fromkeys(rig.cameras, intrinsics),
         fiducials=marks,
@@ -185,13 +185,13 @@ def rms(misses: list[np.ndarray]) -> float:
 
 
 def in_numpy(run: Callable[[], object]) -> Callable[[], object]:
-    """The same run by the kernels' NumPy twins."""
+    """The same run by the reference implementation in NumPy."""
 
-    def twin() -> None:
+    def by_numpy() -> None:
         with kernels.forced("numpy"):
             run()
 
-    return twin
+    return by_numpy
 
 
 def bench() -> Report:

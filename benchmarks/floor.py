@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from procam.kernels.arrays import planes
+from procam.kernels.native.arrays import planes
 
 LINE = 64
 

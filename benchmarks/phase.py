@@ -1,18 +1,15 @@
-"""Phase shifting with 8 steps on two axes, and the search over several periods."""
+"""The search for columns over several periods of sinusoids."""
 
 import numpy as np
 
-from benchmarks import floor
-from benchmarks.measure import Goal, Report, at_least, at_most, interleaved
+from benchmarks.measure import Goal, Report, at_least, interleaved
 from procam import kernels
 
 SHAPE = (2160, 3840)
-STEPS = 8
 LENGTH = 3840.0
 FIRST = 128.0
 EXTRAS = (137.0, 149.0, 111.0, 101.0, 119.0)
 PEER_PIXELS = 100
-TURN = np.float32(2 * np.pi)
 
 
 def waves(shape: tuple[int, int], periods: np.ndarray, shifts: np.ndarray) -> np.ndarray:
@@ -27,39 +24,6 @@ def waves(shape: tuple[int, int], periods: np.ndarray, shifts: np.ndarray) -> np
             100 + 76 * np.cos(angle), np.roll(noise, int(shift * 999)), out=frame, casting="unsafe"
         )
     return stack
-
-
-def plain_phase(stack: np.ndarray, shifts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """tensordot, arctan2, hypot in float32."""
-    weights = np.stack([np.cos(shifts), np.sin(shifts)]).astype(np.float32) * 2 / len(shifts)
-    cosine, sine = np.tensordot(weights, stack.astype(np.float32), axes=1)
-    return np.arctan2(sine, cosine) % TURN, np.hypot(cosine, sine)
-
-
-def bench_steps() -> Report:
-    """8 steps, 2 axes, 3840x2160 uint8."""
-    shifts = 2 * np.pi * np.arange(STEPS) / STEPS
-    stack = waves(SHAPE, np.full(STEPS, 50.0), shifts)
-    axes = [stack, stack[:, ::-1].copy()]
-    out = [kernels.wrapped_phase(frames, shifts, with_offset=False) for frames in axes]
-
-    def kernel() -> None:
-        for frames, planes in zip(axes, out, strict=True):
-            kernels.wrapped_phase(frames, shifts, with_offset=False, out=planes)
-
-    floors = [floor.Floor(frames, 8 * frames[0].size) for frames in axes]
-    runs = {
-        "kernel": kernel,
-        "NumPy": lambda: [plain_phase(frames, shifts) for frames in axes],
-        "floor": lambda: [move() for move in floors],
-    }
-    times = interleaved(runs, rounds=5)
-    return Report(
-        "Phase, 8 steps on 2 axes, 3840x2160 uint8 to float32 phase and amplitude",
-        times,
-        (at_least(times, "kernel", "NumPy", 15), at_most(times, "kernel", "floor", 3)),
-        (floor.name(), "results are written to arrays that exist"),
-    )
 
 
 def plan(extras: int) -> tuple[np.ndarray, ...]:

@@ -8,7 +8,7 @@ import numpy as np
 from benchmarks import floor
 from benchmarks.measure import Goal, Report, at_least, at_most, interleaved
 from procam import kernels
-from procam.kernels.reference_warp import KNOTS
+from procam.kernels.warp.reference import KNOTS
 from procam.maths.light.curves import srgb_decode
 
 MASTER = 4096

@@ -1,42 +1,47 @@
-"""Everything procam can refuse or fail at, in one tree.
+"""The tree of exceptions that procam raises on purpose.
 
 ::
 
     ProcamError
-    |-- InputError            the caller's or the file's fault; exit code 2
+    |-- InputError            an argument or a file cannot be used; exit code 2
     |   |-- ShapeError        an array of the wrong shape
     |   |-- UnitError         a number outside what its unit allows
     |   `-- FileFormatError   a file that is missing, truncated, foreign or inconsistent
-    |-- CalibrationError      the captures do not carry the answer
-    |   |-- NotEnoughData     too little was seen
+    |-- CalibrationError      the photographs do not determine the result
+    |   |-- NotEnoughData     too few observations
     |   |-- DidNotConverge    a solve stopped short of its tolerance
-    |   `-- OutOfModelRange   the measured thing does not obey the model
-    `-- DeviceError           a projector, camera or wire misbehaved
-        |-- NotConnected      nothing answers
-        |-- WrongState        it answers, but cannot do this now
-        |-- Unsupported       it never can
-        |-- DeviceTimeout     it did not answer in time
-        `-- StaleFrame        the camera delivered an old picture
+    |   `-- OutOfModelRange   the measurement contradicts the model
+    `-- DeviceError           a projector, camera or connection failed
+        |-- NotConnected      no answer from the device
+        |-- WrongState        the device cannot do this now
+        |-- Unsupported       the device can never do this
+        |-- DeviceTimeout     no answer in time
+        `-- StaleFrame        the camera delivered a picture from before the pattern
 
-A message says what, what was got, what was expected, and what to try next.
+A message is one or two plain sentences: what is wrong and where, what is needed, and what to do next.
 """
 
 from collections.abc import Sequence
 
 
 class ProcamError(Exception):
-    """Base of all errors that procam raises on purpose."""
+    """Base class of all errors that procam raises on purpose."""
 
 
 class InputError(ProcamError, ValueError):
-    """The caller or a file gave something that cannot be used."""
+    """An argument or a file cannot be used."""
 
 
 class ShapeError(InputError):
-    """An array has the wrong shape."""
+    """An array has the wrong shape.
 
-    def __init__(self, what: str, got: Sequence[int], expected: str) -> None:
-        super().__init__(f"{what}: got shape {tuple(got)}, expected {expected}")
+    Parameters
+    ----------
+    what : the array. shape : its shape. needed : the shape that it should have, and why.
+    """
+
+    def __init__(self, what: str, shape: Sequence[int], needed: str) -> None:
+        super().__init__(f"{what} has shape {tuple(shape)}; it needs {needed}")
 
 
 class UnitError(InputError):
@@ -48,11 +53,11 @@ class FileFormatError(InputError):
 
 
 class CalibrationError(ProcamError):
-    """The captures do not carry the answer."""
+    """The photographs do not determine the result."""
 
 
 class NotEnoughData(CalibrationError):
-    """Too little was seen to solve for what is asked."""
+    """There are too few observations to solve for the unknowns."""
 
 
 class DidNotConverge(CalibrationError):
@@ -60,19 +65,19 @@ class DidNotConverge(CalibrationError):
 
 
 class OutOfModelRange(CalibrationError):
-    """The measured thing does not obey the model."""
+    """A measurement contradicts the model."""
 
 
 class DeviceError(ProcamError):
-    """A projector, camera or wire misbehaved."""
+    """A projector, camera or connection failed."""
 
 
 class NotConnected(DeviceError):
-    """Nothing answers."""
+    """The device does not answer."""
 
 
 class WrongState(DeviceError):
-    """The device answers, but cannot do this now."""
+    """The device cannot do this in its present state."""
 
 
 class Unsupported(DeviceError):

@@ -1,4 +1,4 @@
-"""Entry point of the simulated backend: its own table of venue.toml in, devices out."""
+"""Entry point of the simulated backend: makes devices of its table of venue.toml."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -14,7 +14,7 @@ from simulators.presets import PRESETS, PresetName
 from simulators.scene import DomeScene, SceneSize
 from simulators.serial_port import EmulatedEscVp21
 from simulators.server import NAME as SERVER
-from simulators.server import MediaServer, SimulatedServer, put_behind
+from simulators.server import MediaServer, SimulatedServer, share_lamp
 
 Size = tuple[int, int]
 
@@ -47,8 +47,8 @@ def read_settings(settings: Mapping[str, Any], venue_dir: Path) -> Settings:
         return Settings.model_validate(settings)
     except ValidationError as error:
         lines = [
-            f"{venue_dir / 'venue.toml'}: simulated.{'.'.join(map(str, e['loc']))}: got "
-            f"{e['input']!r}; {e['msg']}; correct it"
+            f"{venue_dir / 'venue.toml'}: simulated.{'.'.join(map(str, e['loc']))} is "
+            f"{e['input']!r}; {e['msg'].replace('Input should', 'it must')}"
             for e in error.errors()
         ]
         raise InputError("\n".join(lines)) from error
@@ -69,21 +69,21 @@ def build_scene(settings: Mapping[str, Any], venue_dir: Path) -> DomeScene:
 def build_server(
     scene: DomeScene, settings: Mapping[str, Any], venue_dir: Path
 ) -> MediaServer | None:
-    """The media server before the projectors of a scene, if the table says that there is one."""
+    """The media server before the projectors of a scene, if the table has one."""
     s = read_settings(settings, venue_dir)
     return MediaServer(scene, s.server_size) if s.server else None
 
 
 def open_rig(settings: Mapping[str, Any], venue_dir: Path) -> BackendRig:
-    """Open the simulated venue: one scene, its cameras and projectors, a serial wire each.
+    """Open the simulated venue: one scene, its cameras and projectors, a serial port for each.
 
-    Of a media server there is one input and one wire.
+    A media server has one input and one serial port for all projectors.
     """
     scene = build_scene(settings, venue_dir)
     server = build_server(scene, settings, venue_dir)
     projectors: dict[str, Projector] = {}
     if server:
-        states = {SERVER: put_behind(scene)}
+        states = {SERVER: share_lamp(scene)}
         projectors[SERVER] = SimulatedServer(scene, server)
     else:
         states = scene.states

@@ -1,10 +1,10 @@
-"""The free clock of a simulated scene: sleeping costs nothing and moves time on."""
+"""The clock of a simulated scene: sleeping takes no real time and advances the scene's time."""
 
 import threading
 
 
 class SceneClock:
-    """Seconds since the scene was opened; every device of the scene lives in it."""
+    """Seconds since the scene was opened, for every device of the scene."""
 
     def __init__(self) -> None:
         self._now_s = 0.0
@@ -16,6 +16,6 @@ class SceneClock:
             return self._now_s
 
     def sleep(self, duration_s: float) -> None:
-        """Move time on by `duration_s` [s]."""
+        """Advance the time by `duration_s` [s]."""
         with self._lock:
             self._now_s += max(0.0, duration_s)

@@ -1,4 +1,4 @@
-"""Simulated projector inputs and cameras: windows on one `DomeScene`."""
+"""Simulated projector inputs and cameras of one `DomeScene`."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,16 @@ SETTLE_S = 0.1
 READOUT_S = 0.2
 
 
+def require_drive(what: str, drive: NDArray[np.float32], size: tuple[int, int]) -> None:
+    """Refuse a drive that is not (H, W, 3) of `size` (width, height) in 0..1."""
+    shape = (size[1], size[0], 3)
+    if drive.shape != shape:
+        raise ShapeError(what, drive.shape, f"{shape}")
+    low, high = float(drive.min()), float(drive.max())
+    if not (low >= 0 and high <= 1):
+        raise UnitError(f"{what} is {low:.3g}..{high:.3g}; it must be 0..1")
+
+
 class SimulatedProjector:
     """The picture input of a projector of the scene."""
 
@@ -24,16 +34,7 @@ class SimulatedProjector:
 
     def show(self, drive: NDArray[np.float32]) -> Shown:
         """Show `drive` (H, W, 3) in 0..1, quantised to the input's depth."""
-        width, height = self.size
-        if drive.shape != (height, width, 3):
-            raise ShapeError(
-                f"drive of projector {self.name}", drive.shape, f"{(height, width, 3)}"
-            )
-        low, high = float(drive.min()), float(drive.max())
-        if not (low >= 0 and high <= 1):
-            raise UnitError(
-                f"drive of projector {self.name}: got {low:.3g}..{high:.3g}, expected 0..1"
-            )
+        require_drive(f"drive of projector {self.name}", drive, self.size)
         quantised = np.rint(drive * self._steps) / self._steps
         self._scene.show(self.name, quantised.astype(np.float32))
         self._scene.clock.sleep(SETTLE_S)
@@ -51,18 +52,18 @@ class SimulatedCamera:
         self._settings = CameraSettings(exposure_s=0.1)
 
     def configure(self, settings: CameraSettings) -> CameraSettings:
-        """Takes any exposure from 0.1 ms to 60 s; the gain is fixed."""
+        """Set an exposure from 0.1 ms to 60 s; the gain is fixed."""
         exposure_s = float(np.clip(settings.exposure_s, 1e-4, 60.0))
         self._settings = CameraSettings(exposure_s, settings.pixel_format)
         return self._settings
 
     def capture(self) -> Frame:
-        """Photograph what is on the screen now."""
+        """Photograph the screen as it is now."""
         settings, clock = self._settings, self._scene.clock
         started = clock.now_s()
         bands = GREEN if settings.pixel_format == "mono" else ALL_BANDS
-        view = self._scene.camera_view(self.name)
-        radiance = self._scene.radiance(view, bands, self._sensor.blur_px)
+        lines = self._scene.sight_lines(self.name)
+        radiance = self._scene.radiance(lines, bands, self._sensor.blur_px)
         drift = 1 + self._scene.preset.drift * started / 600.0
         signal = self._sensor.signal(radiance, drift * settings.exposure_s)
         noise_stream = self._scene.noise_stream(self.name, settings)

@@ -1,4 +1,4 @@
-"""Named faults that strike a simulated venue; see `apply_faults`."""
+"""Named faults of a simulated venue; see `apply_faults`."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -11,39 +11,36 @@ from procam.errors import InputError
 from procam.model.frame import CameraSettings, Frame
 from simulators.serial_port import EmulatedEscVp21
 
-STRIKE_AT_FRAME = 9
+STALE_FRAME = 9  # number of the frame that is repeated
 TOP_DN, BLACK_DN = 4095, 64  # of the simulated cameras with noise
-METERED, METER_LEVEL = (
-    0.99,
-    0.6,
-)  # automatic exposure: this quantile goes to this share of full scale
-METER_STEP, LONGEST_S = 8.0, 1.0  # at most, from one picture to the next; and in all [s]
+METERED_QUANTILE, METERED_LEVEL = 0.99, 0.6  # automatic exposure puts the quantile at the level
+METER_STEP, LONGEST_S = 8.0, 1.0  # largest change between two pictures; longest exposure [s]
 DIM_SHARE = 0.08  # of the light that a lamp at its end still gives
 IRIS_SHARE = 0.5  # of the light that passes for a black picture
-AMBIENT_PER_S = 0.5  # room light [full scale/s]
+AMBIENT_PER_S = 0.5  # light of lamps in the room [full scale/s]
 SHOT_PER_DN = 0.28  # variance of light per count, as of the presets' white
 STUCK_S = 1 / 30
-GAMMA = 2.2  # of the projectors, by and large
+GAMMA = 2.2  # approximate gamma of the projectors
 
 
 class FaultyCamera:
-    """A camera behind a fault: does what the real one does, unless overridden."""
+    """A camera with a fault: as the healthy one, unless overridden."""
 
     def __init__(self, camera: Camera) -> None:
         self._camera = camera
         self.name, self.size = camera.name, camera.size
 
     def configure(self, settings: CameraSettings) -> CameraSettings:
-        """As the real camera does."""
+        """As the healthy camera does."""
         return self._camera.configure(settings)
 
     def capture(self) -> Frame:
-        """As the real camera does."""
+        """As the healthy camera does."""
         return self._camera.capture()
 
 
 class StaleCamera(FaultyCamera):
-    """A camera whose trigger slips once: it delivers the picture before the asked one again."""
+    """A camera whose trigger fails once: it delivers the picture before the requested one again."""
 
     def __init__(self, camera: Camera) -> None:
         super().__init__(camera)
@@ -53,39 +50,39 @@ class StaleCamera(FaultyCamera):
     def capture(self) -> Frame:
         """The picture, or once the one before it."""
         self._taken += 1
-        if self._taken == STRIKE_AT_FRAME and self._last is not None:
+        if self._taken == STALE_FRAME and self._last is not None:
             return self._last
         self._last = self._camera.capture()
         return self._last
 
 
 class AutoExposureCamera(FaultyCamera):
-    """A camera on automatic exposure: it says what it was asked, and follows the last picture."""
+    """A camera on automatic exposure: it reports the requested settings, but adapts to the last picture."""
 
     def __init__(self, camera: Camera) -> None:
         super().__init__(camera)
-        self._asked = CameraSettings(0.1)
+        self._requested = CameraSettings(0.1)
         self._exposure_s = 0.1
 
     def configure(self, settings: CameraSettings) -> CameraSettings:
-        """Takes note, and keeps its own exposure."""
-        self._asked = settings
+        """Store the settings, and keep its own exposure."""
+        self._requested = settings
         return settings
 
     def capture(self) -> Frame:
-        """A picture at the exposure that the one before it would have wanted."""
-        self._camera.configure(replace(self._asked, exposure_s=self._exposure_s))
+        """A picture at the exposure that the one before it asks for."""
+        self._camera.configure(replace(self._requested, exposure_s=self._exposure_s))
         frame = self._camera.capture()
-        level = float(np.quantile(frame.counts, METERED)) - BLACK_DN
+        level = float(np.quantile(frame.counts, METERED_QUANTILE)) - BLACK_DN
         full = TOP_DN - BLACK_DN
-        wanted = 0.0 if level >= full else METER_LEVEL * full / max(level, 1.0)
+        wanted = 0.0 if level >= full else METERED_LEVEL * full / max(level, 1.0)
         step = float(np.clip(wanted, 1 / METER_STEP, METER_STEP))
         self._exposure_s = float(np.clip(self._exposure_s * step, 1e-4, LONGEST_S))
-        return replace(frame, settings=self._asked)
+        return replace(frame, settings=self._requested)
 
 
 class GammaCamera(FaultyCamera):
-    """A camera that encodes its counts for a screen (sRGB, IEC 61966-2-1) and does not say so."""
+    """A camera that encodes its counts for a screen (sRGB, IEC 61966-2-1) without reporting it."""
 
     def capture(self) -> Frame:
         """The picture, encoded above the black level."""
@@ -112,15 +109,15 @@ class AmbientLightCamera(FaultyCamera):
 
 
 class StuckExposureCamera(FaultyCamera):
-    """A camera that keeps one exposure, and admits it."""
+    """A camera that keeps one exposure, and reports it."""
 
     def configure(self, settings: CameraSettings) -> CameraSettings:
-        """Its own exposure, whatever is asked."""
+        """Its own exposure, whatever is requested."""
         return self._camera.configure(replace(settings, exposure_s=STUCK_S))
 
 
 class FaultyProjector:
-    """A projector that shows another picture than it is sent."""
+    """A projector that shows another picture than the one it is sent."""
 
     def __init__(
         self,
@@ -164,13 +161,13 @@ def apply_faults(
 ) -> BackendRig:
     """The rig with the named faults built in.
 
-    Those of `CAMERA_FAULTS` strike every camera, those of `PROJECTOR_FAULTS` and "unplugged-serial"
-    the last projector. They know the 12-bit cameras of the presets with noise.
+    Those of `CAMERA_FAULTS` affect every camera, those of `PROJECTOR_FAULTS` and "unplugged-serial"
+    the last projector. They assume the 12-bit cameras of the presets with noise.
     """
     known = {*CAMERA_FAULTS, *PROJECTOR_FAULTS, "unplugged-serial"}
     if not known.issuperset(names):
         raise InputError(
-            f"faults: got {', '.join(names)}, expected some of {', '.join(sorted(known))}"
+            f"faults {', '.join(names)}: the known ones are {', '.join(sorted(known))}"
         )
     for name in names:
         if name in CAMERA_FAULTS:
@@ -178,8 +175,8 @@ def apply_faults(
             rig = replace(rig, cameras={n: wrap(c) for n, c in rig.cameras.items()})
         elif name in PROJECTOR_FAULTS:
             last = list(rig.projectors)[-1]
-            struck = FaultyProjector(rig.projectors[last], PROJECTOR_FAULTS[name])
-            rig = replace(rig, projectors={**rig.projectors, last: struck})
+            faulty = FaultyProjector(rig.projectors[last], PROJECTOR_FAULTS[name])
+            rig = replace(rig, projectors={**rig.projectors, last: faulty})
     if "unplugged-serial" in names:
         wire = list(wires.values())[-1]
         wire.faults.commands, wire.faults.unplug_at = b"MUTE OFF", 0
@@ -187,5 +184,5 @@ def apply_faults(
 
 
 def _counts(values: NDArray[np.float64]) -> NDArray[np.uint16]:
-    """Values [DN] as the camera would deliver them."""
+    """Values [DN] as counts of the camera."""
     return np.rint(np.clip(values, 0, TOP_DN)).astype(np.uint16)

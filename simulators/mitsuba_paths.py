@@ -1,8 +1,8 @@
-"""Light that has bounced in a room of triangles, by path tracing with Mitsuba 3 (extra `sim`).
+"""Scattered light in a room of triangles, by path tracing with Mitsuba 3 (extra `sim`).
 
-Two steps. Paths from every patch give the light after all bounces, with some noise. Then many more
-rays look from every patch at all that the faces send, direct and bounced: noise of the first step is
-averaged over the whole room, and what is left is that of one bounce.
+Two steps. Paths from every patch estimate the light after all bounces, with some noise. Then many more
+rays from every patch gather the radiosity of the faces, direct and scattered: noise of the first step
+is averaged over the whole room, and the noise of one bounce remains.
 """
 
 from collections.abc import Iterable, Iterator
@@ -21,8 +21,8 @@ from simulators.mitsuba_scene import CHANNELS, GlowingMesh
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 Index = NDArray[np.intp]
-BATCHES = 8  # independent repetitions, whose spread is the standard error
-PATHS = 1 << 17  # of all patches together and per batch, that find the light after all bounces
+BATCHES = 8  # independent repetitions, whose scatter gives the standard error
+PATHS = 1 << 17  # of the first step, for all patches together, per batch
 BLOCK = 1 << 20  # rays at a time
 OFFSET = 1e-5  # of the extent: rays start off their face
 
@@ -50,8 +50,8 @@ class PatchedMesh:
             raise ShapeError("albedo", self.albedo.shape, f"({len(self.faces)}, C)")
         if not ((self.albedo >= 0) & (self.albedo < 1)).all():
             raise UnitError(
-                f"albedo: got {self.albedo.min():.3g} to {self.albedo.max():.3g}, expected 0 to "
-                "below 1; light in a white room never ends"
+                f"albedo is {self.albedo.min():.3g} to {self.albedo.max():.3g}; it must be 0 to below 1, "
+                "because paths in a white room never end"
             )
 
     def areas_m2(self) -> Array:
@@ -61,7 +61,7 @@ class PatchedMesh:
     def frames(self) -> Floats:
         """(F, 3, 3) two tangents and the normal of each face: unit vectors, as rows."""
         normal = normalise(self._crossed())
-        # neighbours turn alike: stratified rays stay so from face to face
+        # neighbouring faces get similar tangents, which keeps rays stratified across them
         helper = np.where(np.abs(normal[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
         first = normalise(np.cross(helper, normal))
         return np.stack([first, np.cross(normal, first), normal], axis=1).astype(np.float32)
@@ -74,9 +74,9 @@ class PatchedMesh:
 def scattered_irradiance(
     mesh: PatchedMesh, direct: Array, samples: int, seed: int = 0
 ) -> tuple[Array, Array]:
-    """Irradiance (P, C) of light that has bounced before, and its standard error (P, C).
+    """Irradiance (P, C) of scattered light, and its standard error (P, C).
 
-    `direct` (F, C) is what the faces send out after the first bounce [rel]. `samples` rays leave
+    `direct` (F, C) is the radiosity of the faces after the first bounce [rel]. `samples` rays leave
     every patch, a power of two.
 
     Raises
@@ -84,21 +84,21 @@ def scattered_irradiance(
     InputError
         If mitsuba is not installed.
     ShapeError, UnitError
-        If the light does not belong to the mesh, or `samples` is no power of two.
+        If the light does not belong to the mesh, or `samples` is not a power of two.
     """
     if direct.shape != mesh.albedo.shape:
         raise ShapeError("direct", direct.shape, f"{mesh.albedo.shape}, as the albedo")
     if samples < BATCHES or samples & (samples - 1):
-        raise UnitError(f"samples: got {samples}, expected a power of two from {BATCHES} on")
+        raise UnitError(f"samples is {samples}; it must be a power of two from {BATCHES} on")
     tracer = _Tracer(mesh, direct)
     streams = np.random.default_rng(seed).spawn(BATCHES)
     batches = [tracer.irradiance(samples // BATCHES, rng) for rng in streams]
-    spread = np.std(batches, axis=0, ddof=1) / np.sqrt(BATCHES)
-    return np.mean(batches, axis=0), spread
+    error = np.std(batches, axis=0, ddof=1) / np.sqrt(BATCHES)
+    return np.mean(batches, axis=0), error
 
 
 class _Starts:
-    """Where rays start: places on the patches, and directions."""
+    """Origins on the patches and directions of rays."""
 
     def __init__(self, mesh: PatchedMesh) -> None:
         order = np.argsort(mesh.patch, kind="stable")
@@ -116,7 +116,7 @@ class _Starts:
     def rays(self, samples: int, rng: np.random.Generator) -> Iterator[tuple[Floats, Floats]]:
         """Origins and directions (K samples, 3), `samples` of one patch after the other.
 
-        Places are stratified, directions are distributed as the cosine to the normal.
+        Origins are stratified, directions are distributed as the cosine to the normal.
         """
         base = qmc.Sobol(4, rng=rng).random(samples)
         step = max(1, BLOCK // samples)
@@ -129,7 +129,7 @@ class _Starts:
         share = self._patch_area[patches, None] * (1 - sample[..., 3])
         place = (self._patch_end[patches, None] - share).ravel()
         face = np.minimum(np.searchsorted(self._upto, place, side="right"), len(self._upto) - 1)
-        # what is left of a number that has chosen a face is as random as before
+        # the remainder of a random number that has chosen a face is uniform again
         rest = 1 - (self._upto[face] - place) / self._area[face]
         root = np.sqrt(np.clip(rest, 0, 1)).astype(np.float32)[:, None]
         height, turn, across = sample[..., :3].reshape(-1, 3).astype(np.float32).T
@@ -155,9 +155,9 @@ class _Tracer:
         some = min(samples, 1 << (max(PATHS // self._starts.patches, 1).bit_length() - 1))
         bounced = self._by_paths(self._lit, some, rng)
         sent = self._direct + self._matte * bounced[self._mesh.patch]
-        if self._mesh.gloss.any():  # which is left to follow
+        if self._mesh.gloss.any():  # its reflections have to be traced
             return self._by_paths(self._scenes(sent, np.zeros_like(sent)), samples, rng)
-        return self._by_looks(sent, samples, rng)
+        return self._gathered(sent, samples, rng)
 
     def _scenes(self, sent: Array, matte: Array) -> Iterator[GlowingMesh]:
         """The room three channels at a time; faces send (F, C) and reflect `matte` and gloss."""
@@ -179,8 +179,8 @@ class _Tracer:
             light.append(np.pi * np.concatenate(seen))
         return np.concatenate(light, axis=1)[:, : self._direct.shape[1]]
 
-    def _by_looks(self, sent: Array, samples: int, rng: np.random.Generator) -> Array:
-        """Irradiance (P, C) from all that faces send (F, C), one ray a look."""
+    def _gathered(self, sent: Array, samples: int, rng: np.random.Generator) -> Array:
+        """Irradiance (P, C) from the radiosity (F, C) of the faces that rays hit first."""
         light = []
         for origin, direction in self._starts.rays(samples, rng):
             face = self._lit[0].first_faces(origin, direction)
@@ -193,7 +193,7 @@ class _Tracer:
 
 
 def _means(seen: Array | Floats, samples: int) -> Array:
-    """Means (K, C) over the samples of each patch, seen (K samples, C)."""
+    """Means (K, C) over the samples of each patch, of values (K samples, C)."""
     return np.asarray(seen.reshape(-1, samples, seen.shape[1]).mean(axis=1, dtype=float))
 
 

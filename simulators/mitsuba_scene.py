@@ -1,4 +1,4 @@
-"""Mitsuba 3 (extra `sim`): which variant runs here, and a scene of glowing triangles to trace."""
+"""Mitsuba 3 (extra `sim`): the variant that works here, and a scene of glowing triangles to trace."""
 
 import os
 import subprocess
@@ -29,7 +29,9 @@ print(path.sample(scene, sampler, mi.RayDifferential3f(ray))[0])
 """
 PROBE_S = 120
 CHANNELS = 3  # that a path carries
-ROULETTE_DEPTH = 6  # bounces; no path is cut short, so that no light is missing
+ROULETTE_DEPTH = (
+    6  # bounces before Russian roulette; no path is cut at a depth, which would lose light
+)
 LOBE_ROUGHNESS = 0.16  # Beckmann's alpha: about as wide as cos^20 round the mirror direction
 
 
@@ -45,9 +47,7 @@ def load_mitsuba() -> Any:
     try:
         import mitsuba  # noqa: PLC0415
     except ImportError as error:
-        raise InputError(
-            f"path tracer: got no mitsuba, expected the extra that traces paths; run: {EXTRA}"
-        ) from error
+        raise InputError(f"path tracer: mitsuba is not installed; run: {EXTRA}") from error
     library = os.environ.get(LIBRARY) or next(filter(None, map(find_library, LLVM)), "")
     if _llvm_works(library):
         os.environ[LIBRARY] = library
@@ -58,7 +58,7 @@ def load_mitsuba() -> Any:
 
 
 def _llvm_works(library: str) -> bool:
-    """Whether paths can be traced with an LLVM `library`; tried elsewhere: old ones abort."""
+    """Whether paths can be traced with an LLVM `library`; tried in a process of its own: old ones abort."""
     try:
         done = subprocess.run(
             [sys.executable, "-c", PROBE],
@@ -73,14 +73,13 @@ def _llvm_works(library: str) -> bool:
 
 
 class GlowingMesh:
-    """A mesh whose faces glow and reflect, each in its own way.
+    """A mesh whose faces emit and reflect light, each with its own values.
 
     Parameters
     ----------
-    vertices : (V, 3) [m]. faces : (F, 3), counter-clockwise seen from the side that glows.
-    radiosity : (F, 3) that the faces send out, evenly to all sides.
-    matte : (F, 3) reflectance, 0 to 1, to all sides. glossy : (F, 3) that of a lobe round the mirror
-        direction.
+    vertices : (V, 3) [m]. faces : (F, 3), counter-clockwise seen from the side that emits.
+    radiosity : (F, 3) that the faces emit, as diffuse light.
+    matte : (F, 3) diffuse reflectance, 0 to 1. glossy : (F, 3) that of a lobe round the mirror direction.
     """
 
     def __init__(
@@ -95,7 +94,7 @@ class GlowingMesh:
         }
         properties = mi.Properties()
         properties["bsdf"] = mi.load_dict(_bsdf(share))
-        # the tracer cannot aim at a face's own radiance, so it must never choose this emitter
+        # Mitsuba cannot sample emitters with radiance per face, so it must never choose this one
         properties["emitter"] = mi.load_dict(
             {"type": "area", "radiance": _per_face("face_radiance"), "sampling_weight": 0.0}
         )
@@ -114,7 +113,7 @@ class GlowingMesh:
         self._sampler = mi.load_dict({"type": "independent"})
 
     def radiance(self, origin: Floats, direction: Floats, seed: int) -> Array:
-        """Radiance (n, 3) of all that comes along rays of (n, 3) `origin` and `direction`."""
+        """Radiance (n, 3) along rays of (n, 3) `origin` and `direction`."""
         mi, scene, sampler = self._mi, self._scene, self._sampler
         if _is_scalar(mi):
             sampler.seed(seed)
@@ -129,7 +128,7 @@ class GlowingMesh:
         return np.array(self._integrator.sample(scene, sampler, rays)[0], dtype=float).T
 
     def first_faces(self, origin: Floats, direction: Floats) -> NDArray[np.intp]:
-        """Face (n,) that each ray meets first, from whichever side; -1 where it leaves the room."""
+        """Face (n,) that each ray hits first, from either side; -1 where it leaves the room."""
         mi, scene = self._mi, self._scene
         if _is_scalar(mi):
             rays = zip(origin.tolist(), direction.tolist(), strict=True)

@@ -1,7 +1,7 @@
-"""A path-traced judge of the light in a room, its dome as built or any mesh (extra `sim`).
+"""Path-traced light in a room, of a dome as built or of any mesh (extra `sim`).
 
-Nothing here is shared with `simulators.transport` but where the patches lie: the room is a mesh of
-triangles, and its light comes from Mitsuba's paths.
+It checks `simulators.transport`, with which it shares the layout of the patches and nothing else: the
+room is a mesh of triangles, and Mitsuba traces its light.
 """
 
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ from simulators.transport import Deck, Room
 
 Array = NDArray[np.float64]
 Faces = NDArray[np.integer[Any]]
-SAMPLES = 1 << 15  # rays from each patch: .1 % of the light
+SAMPLES = 1 << 15  # rays from each patch, for .1 % of the light
 COLUMNS = 15 * GORES  # of faces round the room, so that edges of panels are edges of faces
 DOME_STEP = np.radians(1.5)  # height of a face
 POD_STEP = np.radians(2.0)
@@ -29,8 +29,8 @@ PAINT_CUTS = 5  # a face's albedo is the mean over 25 places: seams are narrower
 class PathTracedRoom(Room):
     """A room whose scattered light is path-traced whenever it is asked for.
 
-    It takes the place of the `Room` it was made of. `samples`, a power of two, is how many rays leave
-    each patch; of the real size and with LLVM on two cores, 32768 take a minute.
+    It replaces the `Room` it was made of. `samples`, a power of two, is how many rays leave
+    each patch; a room of the usual size takes a minute for 32768, with LLVM on two cores.
     """
 
     samples: int = SAMPLES
@@ -134,8 +134,8 @@ def _part(points: Array, ring: NDArray[np.intp], sectors: int, inward: Array) ->
     sector = np.arange(COLUMNS) * sectors // COLUMNS
     patch = np.repeat((ring[:, None] * sectors + sector)[..., None], 2, axis=2)
     area = np.linalg.norm(normal, axis=-1)
-    there = area > 1e-6 * area.max()  # a pole's row has triangles of two corners
-    return _Part(corners[there], patch[there], (int(ring[-1]) + 1) * sectors)
+    kept = area > 1e-6 * area.max()  # the row at a pole has triangles without area
+    return _Part(corners[kept], patch[kept], (int(ring[-1]) + 1) * sectors)
 
 
 def _dome(surface: Surface) -> _Part:
@@ -184,7 +184,7 @@ def _turn() -> Array:
 
 
 def _mean_albedo(surface: Surface, corners: Array) -> Array:
-    """Mean albedo (F,) over each triangle (F, 3, 3), at the middles of its equal parts."""
+    """Mean albedo (F,) over each triangle (F, 3, 3), from the centres of its equal parts."""
     n = PAINT_CUTS
     up = [(3 * i + 1, 3 * j + 1) for i in range(n) for j in range(n - i)]
     down = [(3 * i + 2, 3 * j + 2) for i in range(n) for j in range(n - 1 - i)]

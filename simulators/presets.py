@@ -1,32 +1,32 @@
-"""The simulated venues: one table, amplitudes rather than peak to peak (design.md s.1)."""
+"""The simulated venues, in one table. Variations are amplitudes, not peak to peak."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Literal, TypedDict, Unpack
 
-from simulators.rig import Features
+from simulators.builds import Features
 
 PresetName = Literal["ideal", "standard", "realistic", "faulty"]
 EXPOSURE_S = 0.13  # white of one projector stays just below saturation
 
 
 class Overrides(TypedDict, total=False):
-    """Keys of [simulated] that take the place of a preset's own values; None leaves them.
+    """Keys of [simulated] that replace a preset's own values; None keeps them.
 
     Attributes
     ----------
-    albedo : mean reflectance of the dome, 0..0.95; it sets how strongly light bounces and nothing
-        else. The projectors grow brighter as the paint grows darker, so that light after its FIRST
-        bounce keeps its level and exposures stay valid. At 0 the room returns nothing (no light
-        has bounced twice, off the dome or the deck), and the first bounce is drawn with the
-        preset's albedo: an ideal measurement, not a black dome.
+    albedo : mean reflectance of the dome, 0..0.95; it changes the strength of inter-reflection and
+        nothing else. The projectors are brighter for darker paint, so that light after its first
+        bounce keeps its level and exposures stay valid. At 0 there is no inter-reflection at all
+        (dome and deck), and the first bounce has the preset's albedo: an ideal measurement, not a
+        black dome.
     snr : signal to noise of the darkest lit pixel: (white - black) over the sigma of white in one
         frame, where one projector alone shows full white in the green band at `white_exposure_s`.
         Darkest: the 0.5 percentile over lit pixels clear of the picture's border, of the
         projector where it is lowest. Shot and read noise keep their ratio; the camera has its 12
         bits, also where the preset's has no noise.
     defocus_px : Gaussian sigma of the projectors' lenses [px]; 0 is sharp.
-    gamma_left : factor on the projectors' gamma; what was linearised for 1 is off by it.
+    gamma_left : factor on the projectors' gamma; light linearised for a factor of 1 has this error.
     """
 
     albedo: float | None
@@ -37,7 +37,7 @@ class Overrides(TypedDict, total=False):
 
 @dataclass(frozen=True, slots=True)
 class Preset:
-    """What is wrong with a venue.
+    """Geometry and imperfections of a venue.
 
     Attributes
     ----------
@@ -49,15 +49,15 @@ class Preset:
         along panel seams, relative slow drift from front to back.
     gloss : share of the reflected light that leaves in a lobe round the mirror direction.
     glare, glare_known : share of a camera frame's mean that veils every pixel; whether the
-        venue file tells.
+        venue file has it.
     white_snr : signal to noise at white level; None for a camera without noise or quantisation.
-    darkest_snr : likewise for the darkest lit pixel (`Overrides.snr`); it wins over `white_snr`.
+    darkest_snr : likewise for the darkest lit pixel (`Overrides.snr`); it overrides `white_snr`.
     drift : relative change of the camera's gain in 600 s.
     faults : named faults (simulators.faults).
     brightness : median irradiance of a projector's full white [camera full scale per second].
-    bounces : False for a room that returns no light.
+    bounces : False for a room without inter-reflection.
     defocus_px, gamma_left : of all projectors; None leaves the defocus they were built with.
-    features : what single projectors' menus have switched on, by name.
+    features : menu features of single projectors, by name.
     """
 
     radius_m: float = 6.0

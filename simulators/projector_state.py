@@ -1,26 +1,26 @@
-"""The electrical side of one simulated projector, in the scene's own time."""
+"""The electrical state of one simulated projector, in the scene's time."""
 
 import math
 import threading
 
 from procam.devices.protocols import Clock, Power
 from procam.errors import WrongState
-from simulators.rig import Features
+from simulators.builds import Features
 
 
 class ProjectorState:
-    """Lamp, shutter, input and faults; shared by what is seen and by what answers on the wire.
+    """Lamp, shutter, input and faults, shared by the rendering and the serial port.
 
-    Safe to use from the thread that draws the scene and from the one that serves the wire.
+    Safe to use from the thread that renders the scene and from the one that serves the port.
 
     Parameters
     ----------
     clock : the scene's time.
-    on : start with the picture up; otherwise in standby.
-    warm_up_s, cool_down_s : how long a lamp takes to come up and to cool [s].
+    on : start with the lamp on; otherwise in standby.
+    warm_up_s, cool_down_s : time that the lamp takes to reach full light and to cool [s].
     source : active input, a code of the emulated make.
     lamp_hours : hours on the lamp before the scene began [h].
-    features : what its menu has switched on.
+    features : those that its menu has switched on.
     """
 
     def __init__(
@@ -57,7 +57,7 @@ class ProjectorState:
 
     @property
     def muted(self) -> bool:
-        """Whether the picture is held back; switching off ends it."""
+        """Whether the picture is muted; switching off ends it."""
         with self._lock:
             return self._muted
 
@@ -69,7 +69,7 @@ class ProjectorState:
 
     @property
     def error_codes(self) -> tuple[str, ...]:
-        """Codes of what is broken, in the words of the emulated make."""
+        """Fault codes of the emulated make."""
         with self._lock:
             return self._error_codes
 
@@ -79,12 +79,12 @@ class ProjectorState:
             power = self._advance()
             if self._muted:
                 return 0.0
-            if power is Power.WARMING:  # a lamp is dim at first, then catches up
+            if power is Power.WARMING:  # a lamp is dim at first
                 return ((self._clock.now_s() - self._since_s) / self._warm_up_s) ** 2
             return self._feature_factor() if power is Power.ON else 0.0
 
     def follow(self, load: float) -> None:
-        """Take note of the mean drive (0..1) of the picture that is shown from now on."""
+        """Set the mean drive (0..1) of the picture that is shown from now on."""
         with self._lock:
             self._load_before = self._load_behind()
             self._load, self._loaded_s = load, self._clock.now_s()
@@ -94,7 +94,7 @@ class ProjectorState:
         with self._lock:
             power = self._advance()
             if power in (Power.COOLING, Power.ERROR):
-                raise WrongState(f"simulated projector: got power on in state {power}")
+                raise WrongState(f"simulated projector: cannot switch on in state {power}")
             if power is Power.STANDBY:
                 self._enter(Power.WARMING, self._clock.now_s())
                 self._lit_since_s = self._since_s
@@ -104,42 +104,42 @@ class ProjectorState:
         with self._lock:
             power = self._advance()
             if power is Power.WARMING:
-                raise WrongState(f"simulated projector: got power off in state {power}")
+                raise WrongState(f"simulated projector: cannot switch off in state {power}")
             if power is Power.ON:
                 self._put_out(Power.COOLING)
 
     def set_muted(self, muted: bool) -> None:
-        """Hold the picture back or let it out; a stuck shutter stays where it is."""
+        """Mute or show the picture; a stuck shutter stays as it is."""
         with self._lock:
             if not self.shutter_stuck:
                 self._muted = muted
 
     def report_error(self, code: str) -> None:
-        """Add a complaint that does not stop the projector."""
+        """Add a fault that does not stop the projector."""
         with self._lock:
             self._error_codes += (code,)
 
     def break_down(self, code: str) -> None:
-        """Fail for the reason `code`: the light goes out and stays out."""
+        """Fail for the reason `code`: the lamp goes out and stays out."""
         with self._lock:
             self._error_codes += (code,)
             self._put_out(Power.ERROR)
 
     def _feature_factor(self) -> float:
-        """Share of the full light that features leave."""
+        """Share of the full light with the menu features."""
         features = self._features
         open_iris = 1 - features.dynamic_black * (1 - self._load_behind())
         return open_iris * (1 - features.constant_light * self._load)
 
     def _load_behind(self) -> float:
-        """The mean drive as an iris has followed it by now."""
+        """The mean drive that an iris, which follows with a delay, has reached."""
         if self._features.iris_s == 0:
             return self._load
         left = math.exp(-(self._clock.now_s() - self._loaded_s) / self._features.iris_s)
         return self._load + (self._load_before - self._load) * left
 
     def _put_out(self, power: Power) -> None:
-        """Leave the lit states for `power`."""
+        """Put out the lamp and enter `power`."""
         self._lamp_s += self._burning_s()
         self._lit_since_s = None
         self._muted = False
@@ -150,7 +150,7 @@ class ProjectorState:
         return 0.0 if self._lit_since_s is None else self._clock.now_s() - self._lit_since_s
 
     def _advance(self) -> Power:
-        """Bring the power state up to now."""
+        """Update the power state to the present time."""
         for_s = self._clock.now_s() - self._since_s
         if self._power is Power.WARMING and for_s >= self._warm_up_s:
             self._enter(Power.ON, self._since_s + self._warm_up_s)

@@ -12,14 +12,15 @@ from numpy.typing import NDArray
 from procam.errors import InputError
 from procam.maths.geometry.lenses import unproject
 from procam.model.frame import CameraSettings
+from simulators.builds import CameraBuild, ProjectorBuild
 from simulators.clock import SceneClock
-from simulators.light import ProjectorLight
+from simulators.placement import place_cameras, place_projectors
 from simulators.presets import Overrides, Preset
+from simulators.projector_light import ProjectorLight
 from simulators.projector_state import ProjectorState
-from simulators.rig import CameraBuild, ProjectorBuild, hang_projectors, set_up_cameras
+from simulators.sight_lines import SightLines
 from simulators.surface import Surface
 from simulators.transport import Room
-from simulators.view import View
 
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
@@ -40,9 +41,9 @@ class SceneSize:
 
 
 class DomeScene:
-    """Dome, room, projectors and cameras, and what is on the screen now.
+    """Dome, room, projectors and cameras, and the present picture of each projector.
 
-    `like` is a scene that differs by overrides alone: its rays, lenses and shapes are used again.
+    `like` is a scene that differs by overrides alone, whose rays, lenses and shapes are used again.
     """
 
     def __init__(
@@ -51,9 +52,9 @@ class DomeScene:
         self.preset, self.size, self.seed = preset, size, seed
         self.clock = SceneClock()
         self.surface = Surface.build(preset)
-        hung = hang_projectors(size.projectors, size.projector_size, preset.radius_m)
-        _check_names(preset, [build.name for build in hung])
-        builds = [_as_altered(build, preset) for build in hung]
+        placed = place_projectors(size.projectors, size.projector_size, preset.radius_m)
+        _check_names(preset, [build.name for build in placed])
+        builds = [_with_overrides(build, preset) for build in placed]
         self._like = like
         if like is None:
             with ThreadPoolExecutor(2) as pool:
@@ -68,7 +69,7 @@ class DomeScene:
             }
         self.cameras = {
             c.name: c
-            for c in set_up_cameras(
+            for c in place_cameras(
                 size.cameras, size.camera_size, size.camera_kind, preset.radius_m
             )
         }
@@ -78,8 +79,8 @@ class DomeScene:
         }
         black = np.zeros((size.projector_size[1], size.projector_size[0], 3), np.float32)
         self.shown: dict[str, Image] = dict.fromkeys(self.lights, black)
-        self._before: dict[str, tuple[Image, float]] = {}  # until when it stays up
-        self._views: dict[str, View] = {}
+        self._before: dict[str, tuple[Image, float]] = {}  # and the time when it ends [s]
+        self._lines: dict[str, SightLines] = {}
         self._repeats: dict[int, int] = {}
 
     def altered(self, **overrides: Unpack[Overrides]) -> "DomeScene":
@@ -99,15 +100,15 @@ class DomeScene:
         before, until_s = self._before.get(name, (self.shown[name], 0.0))
         return before if self.clock.now_s() < until_s else self.shown[name]
 
-    def radiance(self, view: View, bands: slice, blur_px: float) -> Image:
-        """Radiance (H, W, C) [full scale/s] along a view of what is on the screen now."""
+    def radiance(self, lines: SightLines, bands: slice, blur_px: float) -> Image:
+        """Radiance (H, W, C) [full scale/s] of the present pictures along lines of sight."""
         drives = {n: self.on_screen(n) for n in self.shown if self.states[n].light_factor() > 0}
         factors = {n: self.states[n].light_factor() for n in drives}
-        return self.radiance_of(view, drives, factors, bands, blur_px)
+        return self.radiance_of_drives(lines, drives, factors, bands, blur_px)
 
-    def radiance_of(
+    def radiance_of_drives(
         self,
-        view: View,
+        lines: SightLines,
         drives: Mapping[str, Image],
         factors: Mapping[str, float],
         bands: slice,
@@ -118,27 +119,29 @@ class DomeScene:
             name: self.lights[name].emit(drive, bands) * np.float32(factors[name])
             for name, drive in drives.items()
         }
-        return self.seen(view, irradiances, len(range(*bands.indices(3))), blur_px)
+        return self.radiance_of_irradiances(
+            lines, irradiances, len(range(*bands.indices(3))), blur_px
+        )
 
-    def seen(
-        self, view: View, irradiances: Mapping[str, Image], channels: int, blur_px: float
+    def radiance_of_irradiances(
+        self, lines: SightLines, irradiances: Mapping[str, Image], channels: int, blur_px: float
     ) -> Image:
-        """Radiance (H, W, C) that projectors' irradiance images (H, W, C) cause along a view."""
+        """Radiance (H, W, C) of projectors' irradiance images (H, W, C) along lines of sight."""
         patches = len(self.room.area_m2)
         flux = np.zeros((patches, channels))
         for name, irradiance in irradiances.items():
             flux += self.lights[name].patch_flux(irradiance, patches)
-        radiance = view.scattered(self.room, self.room.irradiance(flux))
+        radiance = lines.scattered(self.room, self.room.irradiance(flux))
         for name, irradiance in irradiances.items():
-            radiance += view.direct(name, self.lights[name].blurred(irradiance, blur_px))
+            radiance += lines.direct(name, self.lights[name].blurred(irradiance, blur_px))
         return radiance
 
-    def camera_view(self, name: str) -> View:
+    def sight_lines(self, name: str) -> SightLines:
         """The lines of sight of a camera, prepared once."""
-        if name not in self._views and self._like is not None:
+        if name not in self._lines and self._like is not None:
             ratio = self.preset.albedo / self._like.preset.albedo
-            self._views[name] = self._like.camera_view(name).repainted(ratio)
-        elif name not in self._views:
+            self._lines[name] = self._like.sight_lines(name).repainted(ratio)
+        elif name not in self._lines:
             camera = self.cameras[name]
             width, height = camera.size
             pixels = np.stack(np.meshgrid(np.arange(width), np.arange(height)), -1).astype(float)
@@ -146,13 +149,13 @@ class DomeScene:
             in_circle = camera_circle(camera)
             rays = np.where(in_circle[..., None], rays, np.nan)
             back = camera.camera_from_dome.inverse()
-            self._views[name] = View.along(
+            self._lines[name] = SightLines.along(
                 self.room, self.lights, back.translation, back.rotate(rays)
             )
-        return self._views[name]
+        return self._lines[name]
 
     def noise_stream(self, camera: str, settings: CameraSettings) -> np.random.Generator:
-        """Noise that depends on what is photographed, not on when: a resumed run repeats it.
+        """Noise that depends on the picture, not on the time, so that a resumed run repeats it.
 
         The same picture taken again in one run gets fresh noise.
         """
@@ -170,12 +173,10 @@ class DomeScene:
 def _check_names(preset: Preset, names: list[str]) -> None:
     unknown = [name for name, _ in preset.features if name not in names]
     if unknown:
-        raise InputError(
-            f"features: got projector {unknown[0]}, expected one of {', '.join(names)}"
-        )
+        raise InputError(f"features: projector {unknown[0]} is not one of {', '.join(names)}")
 
 
-def _as_altered(build: ProjectorBuild, preset: Preset) -> ProjectorBuild:
+def _with_overrides(build: ProjectorBuild, preset: Preset) -> ProjectorBuild:
     defocus_px = build.defocus_px if preset.defocus_px is None else preset.defocus_px
     features = dict(preset.features).get(build.name, build.features)
     gamma = build.gamma * preset.gamma_left
@@ -183,7 +184,7 @@ def _as_altered(build: ProjectorBuild, preset: Preset) -> ProjectorBuild:
 
 
 def camera_circle(camera: CameraBuild) -> NDArray[np.bool_]:
-    """Pixels (H, W) that the lens's image circle reaches; all of them for a pinhole."""
+    """Pixels (H, W) inside the lens's image circle; all of them for a pinhole."""
     width, height = camera.size
     if camera.lens.kind == "brown":
         return np.ones((height, width), dtype=bool)

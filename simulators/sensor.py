@@ -1,4 +1,4 @@
-"""What a camera makes of the light at its lens: veil, vignetting, noise, black level, counts."""
+"""A camera's counts from the radiance at its lens: veiling glare, vignetting, noise, black level."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -10,15 +10,15 @@ from scipy.special import ndtri
 
 from procam.errors import UnitError
 from procam.maths.geometry.lenses import unproject
+from simulators.builds import CameraBuild
 from simulators.presets import white_exposure_s
-from simulators.rig import CameraBuild
 from simulators.scene import GREEN, DomeScene, camera_circle
 
 Image = NDArray[np.float32]
 NORMAL_TABLE = ndtri((np.arange(2**16) + 0.5) / 2**16).astype(np.float32)
 NOISELESS_BITS = 16  # a file holds integers
-DARKEST = 0.005  # quantile of the lit pixels: a few may lie under a seam or a mark
-BORDER_SIGMAS = 4.0  # a Gaussian has ended there
+DARKEST = 0.005  # quantile of the lit pixels; a few may lie under a seam or a mark
+BORDER_SIGMAS = 4.0  # distance at which a Gaussian is negligible
 ROUNDING = 1 / 12  # variance of a count's rounding [DN^2]
 
 
@@ -51,7 +51,7 @@ class Sensor:
 
     @property
     def blur_px(self) -> float:
-        """Gaussian sigma of lens and pixel [projector px], 1.3 of which it covers by and large."""
+        """Gaussian sigma of lens and pixel [projector px]; a camera pixel covers about 1.3 of them."""
         return 1.3 * self._build.blur_px
 
     @property
@@ -60,11 +60,11 @@ class Sensor:
         return 2**self._build.bits - 1 - self._build.black_level
 
     def signal(self, radiance: Image, exposure_s: float) -> Image:
-        """Signal (H, W, C) without noise, in the memory of the radiance (H, W, C) it is made from."""
-        veil = self._preset.glare
+        """Signal (H, W, C) without noise, in the memory of the radiance (H, W, C)."""
+        glare = self._preset.glare
         mean = self._mean_weight @ radiance.reshape(self._mean_weight.size, -1)
-        radiance *= np.float32(1 - veil)
-        radiance += np.float32(veil) * mean
+        radiance *= np.float32(1 - glare)
+        radiance += np.float32(glare) * mean
         radiance *= self.vignetting * np.float32(exposure_s)
         return radiance
 
@@ -73,7 +73,7 @@ class Sensor:
     ) -> NDArray[np.uint16]:
         """Counts [DN] of a signal: shot and read noise, black level, saturation, rounding.
 
-        Without `noise` they are as many as a file holds. The signal is left as it is.
+        Without `noise` they have 16 bits. The signal is not changed.
         """
         black_level = np.float32(self._build.black_level)
         if noise is None:
@@ -81,12 +81,12 @@ class Sensor:
             exact = np.rint(signal * (top - float(black_level)) + black_level)
             return np.clip(exact, 0, top).astype(np.uint16)
         counts = signal * np.float32(self.full_dn)
-        spread = np.maximum(counts, 0)
-        spread *= np.float32(noise.per_dn)
-        spread += np.float32(noise.read_dn**2)
-        np.sqrt(spread, out=spread)
-        spread *= _normal(rng, signal.shape)
-        counts += spread
+        sigma = np.maximum(counts, 0)
+        sigma *= np.float32(noise.per_dn)
+        sigma += np.float32(noise.read_dn**2)
+        np.sqrt(sigma, out=sigma)
+        sigma *= _normal(rng, signal.shape)
+        counts += sigma
         counts += black_level
         np.rint(counts, out=counts)
         return np.clip(counts, 0, 2**self._build.bits - 1, out=counts).astype(np.uint16)
@@ -107,8 +107,8 @@ class Sensor:
         if not wanted > 0:
             most = difference / ROUNDING**0.5
             raise UnitError(
-                f"snr of camera {self._name}: got {snr:g}, expected less than {most:.0f}, which "
-                f"{self._build.bits} bits carry at {exposure_s:g} s; ask for less or expose longer"
+                f"snr of camera {self._name} is {snr:g}; {self._build.bits} bits allow less than {most:.0f} "
+                f"at {exposure_s:g} s. Set a lower one or expose longer"
             )
         return law.scaled(wanted / law.variance(white))
 
@@ -123,25 +123,17 @@ class Sensor:
 
     def _darkest_of(self, projector: str) -> tuple[float, float]:
         scene = self._scene
-        view, light = scene.camera_view(self._name), scene.lights[projector]
-        white, black = (
-            self.signal(
-                scene.seen(
-                    view,
-                    {
-                        projector: light.emit_grey(
-                            np.full((*light.lit.shape, 1), v, np.uint8), GREEN
-                        )
-                    },
-                    1,
-                    self.blur_px,
-                ),
-                1.0,
-            )[..., 0]
-            for v in (255, 0)
-        )
+        lines, light = scene.sight_lines(self._name), scene.lights[projector]
+
+        def signal(level: int) -> Image:
+            picture = np.full((*light.lit.shape, 1), level, np.uint8)
+            irradiance = {projector: light.emit_grey(picture, GREEN)}
+            radiance = scene.radiance_of_irradiances(lines, irradiance, 1, self.blur_px)
+            return self.signal(radiance, 1.0)[..., 0]
+
+        white, black = signal(255), signal(0)
         inner = _clear_of_border(light.lit, BORDER_SIGMAS * light.smear_px(self.blur_px))
-        clear = np.isfinite(view.projector_pixels(projector, inner)[..., 0])
+        clear = np.isfinite(lines.projector_pixels(projector, inner)[..., 0])
         white = white[clear]
         difference = white - black[clear]
         rank = int(DARKEST * len(difference))
@@ -150,14 +142,14 @@ class Sensor:
 
 
 def _clear_of_border(lit: NDArray[np.bool_], margin_px: float) -> NDArray[np.bool_]:
-    """Pixels (H, W) at least `margin_px` inside the lit part, or its middle if it is too narrow."""
+    """Pixels (H, W) at least `margin_px` inside the lit part, or its middle half if that is narrow."""
     framed = np.pad(lit.astype(np.uint8), 1)
     distance = cv2.distanceTransform(framed, cv2.DIST_L2, 5)[1:-1, 1:-1]
     return np.asarray(distance > min(margin_px, 0.5 * float(distance.max())))
 
 
 def _normal(rng: np.random.Generator, shape: tuple[int, ...]) -> Image:
-    """Standard normal noise by table from 16 random bits each: twice as fast, good to 4 sigma."""
+    """Standard normal noise from a table of 16 random bits: twice as fast, accurate to 4 sigma."""
     count = int(np.prod(shape))
     bits = rng.bit_generator.random_raw(-(-count // 4)).view(np.uint16)[:count]
     return NORMAL_TABLE[bits].reshape(shape)

@@ -1,4 +1,4 @@
-"""An Epson projector behind a pseudo terminal: the wire is real, its faults are ours."""
+"""An emulated Epson projector behind a pseudo terminal, with faults on the wire (Linux and macOS)."""
 
 import os
 import select
@@ -27,22 +27,22 @@ SOURCES = ("11", "14", "30", "41", "42", "53", "80", "A0")
 
 @dataclass
 class WireFaults:
-    """What goes wrong on the wire; change it at any time.
+    """Faults on the wire; they can be changed at any time.
 
-    The counts run down by one per command they hit, and 0 is a healthy wire.
+    The counts go down by one for each command that they affect; 0 is a healthy wire.
 
     Attributes
     ----------
-    commands : only commands that start with this are hit.
-    split_at : reply bytes before a pause; None sends replies whole.
+    commands : only commands that start with this are affected.
+    split_at : reply bytes before a pause; None sends replies without one.
     split_pause_s : length of that pause, in real time [s].
     garbage, garbage_at : bytes put into a reply, and where.
-    garbled_replies : replies that get `garbage`.
+    garbled_replies : replies with `garbage`.
     lost_commands : commands that never reach the projector.
     refused_commands : commands answered by a refusal and not carried out.
     lost_replies : replies that never arrive.
     late_replies : replies that arrive only once the next command has been sent.
-    unplug_at : reply bytes after which the cable is pulled; None leaves it in.
+    unplug_at : reply bytes after which the cable is unplugged; None keeps it plugged in.
     """
 
     commands: bytes = b""
@@ -58,7 +58,7 @@ class WireFaults:
     unplug_at: int | None = None
 
     def strikes(self, fault: str, command: bytes) -> bool:
-        """Whether the named count hits `command`; uses one up."""
+        """Whether the named fault affects `command`; its count goes down by one if so."""
         if getattr(self, fault) < 1 or not command.startswith(self.commands):
             return False
         setattr(self, fault, getattr(self, fault) - 1)
@@ -66,16 +66,16 @@ class WireFaults:
 
 
 class EmulatedEscVp21:
-    """A projector that speaks ESC/VP21 on a pseudo terminal, served by a thread.
+    """A projector with ESC/VP21 on a pseudo terminal, served by a thread.
 
     Parameters
     ----------
-    state : the projector it speaks for.
+    state : the projector's state.
 
     Attributes
     ----------
     port : path to open as a serial port; stays the same when unplugged and replugged.
-    faults : what goes wrong on the wire.
+    faults : faults on the wire.
     """
 
     def __init__(self, state: ProjectorState) -> None:
@@ -88,7 +88,7 @@ class EmulatedEscVp21:
         self.replug()
 
     def replug(self) -> None:
-        """Plug the cable in, after pulling it if need be."""
+        """Plug the cable in, after unplugging it if necessary."""
         self.unplug()
         self._late = b""
         master, slave = os.openpty()
@@ -102,20 +102,20 @@ class EmulatedEscVp21:
         self._thread.start()
 
     def unplug(self) -> None:
-        """Pull the cable: the open port dies and its path is gone."""
+        """Unplug the cable: the open port fails and its path disappears."""
         if self._thread is not None:
             os.close(self._stop)
             self._thread.join()
             self._thread = None
 
     def close(self) -> None:
-        """Pull the cable for good."""
+        """Unplug the cable for the last time."""
         self.unplug()
         if self._folder.exists():
             self._folder.rmdir()
 
     def _serve(self, master: int, slave: int, stopped: int) -> None:
-        """Answer until the cable is pulled from either end."""
+        """Answer until the cable is unplugged at either end."""
         try:
             pending = b""
             while stopped not in select.select([master, stopped], [], [])[0]:
@@ -125,12 +125,12 @@ class EmulatedEscVp21:
         except BrokenPipeError:
             pass
         finally:
-            Path(self.port).unlink()  # first, so that nobody opens a dying port
+            Path(self.port).unlink()  # first, so that nobody opens a port that is being closed
             for descriptor in (master, slave, stopped):
                 os.close(descriptor)
 
     def _respond(self, master: int, command: bytes) -> None:
-        """Carry out one command and reply, as far as the faults allow."""
+        """Carry out one command and reply, with the faults."""
         strikes = self.faults.strikes
         if strikes("lost_commands", command):
             return
@@ -148,21 +148,21 @@ class EmulatedEscVp21:
         self._send(master, late + reply, command)
 
     def _send(self, master: int, reply: bytes, command: bytes) -> None:
-        """Put a reply on the wire in one piece, in two, or with the cable pulled half-way."""
+        """Send a reply at once, in two parts, or cut short by an unplugged cable."""
         faults = self.faults
-        hit = command.startswith(faults.commands)
-        if hit and faults.unplug_at is not None:
+        affected = command.startswith(faults.commands)
+        if affected and faults.unplug_at is not None:
             os.write(master, reply[: faults.unplug_at])
             faults.unplug_at = None
             raise BrokenPipeError
-        if hit and faults.split_at is not None:
+        if affected and faults.split_at is not None:
             os.write(master, reply[: faults.split_at])
             time.sleep(faults.split_pause_s)
             reply = reply[faults.split_at :]
         os.write(master, reply)
 
     def _answer(self, command: str) -> bytes:
-        """Reply to a command that got through."""
+        """Reply to a command that arrived."""
         if not command:
             return PROMPT
         try:
@@ -174,7 +174,7 @@ class EmulatedEscVp21:
         return PROMPT
 
     def _value(self, command: str) -> str:
-        """Answer to a question; most are refused unless the picture is up."""
+        """Value of a query; most are refused unless the projector is on."""
         state = self.state
         if command == "PWR?":
             return POWER_CODES[state.power]
@@ -187,7 +187,7 @@ class EmulatedEscVp21:
             return state.source
         if command == "LAMP?":
             return str(int(state.lamp_hours))
-        raise WrongState(f"emulated projector: got {command}")
+        raise WrongState(f"emulated projector: unknown command {command}")
 
     def _obey(self, command: str) -> None:
         """Carry out a command; raises `WrongState` where the projector refuses."""
@@ -203,9 +203,9 @@ class EmulatedEscVp21:
             self._require_on(command)
             self.state.source = value
         else:
-            raise WrongState(f"emulated projector: got {command}")
+            raise WrongState(f"emulated projector: unknown command {command}")
 
     def _require_on(self, command: str) -> None:
-        """Refuse `command` unless the picture is up."""
+        """Refuse `command` unless the projector is on."""
         if self.state.power is not Power.ON:
-            raise WrongState(f"emulated projector: got {command} in state {self.state.power}")
+            raise WrongState(f"emulated projector: cannot {command} in state {self.state.power}")

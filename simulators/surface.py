@@ -1,4 +1,8 @@
-"""The dome as built: a cap that is nearly a sphere, with paint, panels and seams."""
+"""The dome as built: nearly a spherical cap, with paint, panels and seams.
+
+The radius is the nominal one plus harmonics and panel steps; the albedo varies slowly and drops along
+seams. Harmonics are evaluated as polynomials in x, y, z, which on the sphere are the same functions.
+"""
 
 from dataclasses import dataclass
 
@@ -11,14 +15,14 @@ from simulators.presets import Preset
 
 Array = NDArray[np.float64]
 GORES, RINGS = 16, 5
-SEAM_SIGMA_M = 0.025  # joints are shaded softly, not drawn with a ruler
+SEAM_SIGMA_M = 0.025  # Gaussian profile of a joint
 SURFACE_STEPS = 3
-BOUND = 1.01  # a sphere round everything the harmonics and steps can reach
+BOUND = 1.01  # radius of a sphere outside all harmonics and steps, in nominal radii
 
 
 @dataclass(frozen=True)
 class Surface:
-    """Shape and paint of the dome; everything is a function of the direction from the centre."""
+    """Shape and paint of the dome as functions of the direction from the centre."""
 
     preset: Preset
     shape_terms: Array  # radial harmonics l = 2..4, as a polynomial in x, y, z
@@ -27,7 +31,7 @@ class Surface:
 
     @classmethod
     def build(cls, preset: Preset) -> "Surface":
-        """The dome of a preset; the same in every session, as a real one would be."""
+        """The dome of a preset; it is the same in every session."""
         rng = np.random.default_rng(20110)
         steps = rng.uniform(-1, 1, (RINGS, GORES)) * preset.panel_step_m
         return cls(preset, _unit_sum(rng, range(2, 5)), steps, _unit_sum(rng, range(1, 4)))
@@ -62,7 +66,7 @@ class Surface:
         for _ in range(SURFACE_STEPS):
             radius = self.radius(point / np.linalg.norm(point, axis=-1, keepdims=True))
             nearer = intersect_sphere(origin, direction, radius)
-            # a ray that grazes a panel from just behind its edge keeps the last good point
+            # a ray that grazes a panel just behind its edge keeps the last finite point
             point = np.where(np.isfinite(nearer), nearer, point)
         return point
 
@@ -98,7 +102,7 @@ class Surface:
 
 
 def _unit_sum(rng: np.random.Generator, degrees: range) -> Array:
-    """A random sum of harmonics as a polynomial, its largest value on the upper half sphere 1."""
+    """A random sum of harmonics as a polynomial with a largest value of 1 on the upper hemisphere."""
     probe = rng.normal(size=(4000, 3))
     probe[:, 2] = np.abs(probe[:, 2])
     probe /= np.linalg.norm(probe, axis=1, keepdims=True)
@@ -108,7 +112,7 @@ def _unit_sum(rng: np.random.Generator, degrees: range) -> Array:
         for order in range(-degree, degree + 1):
             wave = sph_harm_y(degree, abs(order), np.pi / 2 - elevation, azimuth)
             total += rng.normal() * (wave.real if order >= 0 else wave.imag)
-    # on the sphere a harmonic of degree l IS a polynomial of degree l: the fit is exact, and fast
+    # on the sphere a harmonic of degree l is a polynomial of degree l, so the fit is exact
     columns = np.stack([_monomial(probe, p) for p in _powers(max(degrees))], axis=1)
     terms = np.linalg.lstsq(columns, total / np.abs(total).max(), rcond=None)[0]
     return np.asarray(terms)
@@ -122,7 +126,7 @@ def _polynomial(direction: Array, terms: Array, degree: int) -> Array:
 
 
 def _powers(degree: int) -> list[tuple[int, int, int]]:
-    """Monomials up to `degree`, z at most linear: z^2 = 1 - x^2 - y^2 makes the rest redundant."""
+    """Monomials up to `degree`, z at most linear, because z^2 = 1 - x^2 - y^2."""
     return [
         (i, j, k)
         for k in (0, 1)

@@ -1,6 +1,6 @@
-"""Writes the venue.toml of a simulated venue, as its owner would know it.
+"""The venue.toml of a simulated venue, with what an owner would know of it.
 
-`python -m simulators.template PRESET` (or `server`) prints one; those in calib_data/venues were made so.
+`python -m simulators.template PRESET` (or `server`) prints one; it wrote those in calib_data/venues.
 """
 
 import sys
@@ -10,17 +10,18 @@ import numpy as np
 
 from procam.maths.geometry.lenses import project
 from procam.maths.geometry.sphere import direction_from_angles
+from simulators.builds import CameraBuild
+from simulators.placement import place_cameras, place_projectors
 from simulators.presets import PRESETS, Overrides, Preset, PresetName, white_exposure_s
-from simulators.rig import CameraBuild, hang_projectors, set_up_cameras
 from simulators.scene import SceneSize
 from simulators.server import NAME as SERVER
 from simulators.surface import Surface
 
 FIDUCIALS_DEG = {"front": (12.0, 35.0), "left": (130.0, 30.0), "right": (-110.0, 50.0)}
 BLACK_EXPOSURE_S = 6.5
-SERVER_EXPOSURE_S = 0.2  # soft edges share out what a projector alone shows
+SERVER_EXPOSURE_S = 0.2  # soft edges reduce the light of each projector
 MARKS = """\
-# Marks on the dome whose place is known, and where a camera sees them. Printed AprilTags need no
+# Marks on the dome whose position is known, and the camera pixels where they are. Printed AprilTags need no
 # pixel: [[apriltags]] with id, azimuth_deg, elevation_deg, sigma_deg, and family if it is not 36h11.
 
 """
@@ -34,8 +35,8 @@ def venue_text(
 ) -> str:
     """A complete venue.toml for a preset, with the fiducials where the camera sees them."""
     preset, size = PRESETS[preset_name].altered(**overrides), size or SceneSize()
-    cameras = set_up_cameras(size.cameras, size.camera_size, size.camera_kind, preset.radius_m)
-    names = [b.name for b in hang_projectors(size.projectors, (64, 40), preset.radius_m)]
+    cameras = place_cameras(size.cameras, size.camera_size, size.camera_kind, preset.radius_m)
+    names = [b.name for b in place_projectors(size.projectors, (64, 40), preset.radius_m)]
     parts = [
         _head(preset_name, preset),
         *(_camera(camera, preset) for camera in cameras),
@@ -51,7 +52,7 @@ def server_text(
 ) -> str:
     """A complete venue.toml of a dome behind a media server."""
     preset, size = PRESETS[preset_name], size or SceneSize()
-    cameras = set_up_cameras(size.cameras, size.camera_size, size.camera_kind, preset.radius_m)
+    cameras = place_cameras(size.cameras, size.camera_size, size.camera_kind, preset.radius_m)
     head = _head(preset_name, preset).replace("dome, preset", "dome behind a media server, preset")
     parts = [
         head,
@@ -67,7 +68,7 @@ def server_text(
 def _server(size: int) -> str:
     return f"""\
 [projectors.{SERVER}]
-kind = "dome-master"       # a media server that has the projectors: aligned, blended, fed with masters
+kind = "dome-master"       # a media server that drives the projectors: aligned, blended, fed with masters
 backend = "simulated"
 size = [{size}, {size}]        # of the dome masters it plays [px]
 fov_deg = 180.0            # of the master, from edge to edge of its circle
@@ -77,18 +78,18 @@ control = {{ protocol = "escvp21", port = "backend" }}  # or a device such as "/
 
 
 def _head(name: str, preset: Preset) -> str:
-    # the owner has held a grey card to the carpet, and can see black paint
+    # the owner has compared a grey card with the carpet, and recognises black paint
     floor = (0.1, 0.03) if preset.floor_albedo else (0.0, 0.01)
     return f"""\
-# A simulated dome, preset "{name}". Every key a real venue needs is here, with its unit.
+# A simulated dome, preset "{name}". It has every key that a real venue needs, with its unit.
 
 [screen]
 kind = "dome"
 radius_m = {preset.radius_m}
 half_angle_deg = {preset.half_angle_deg}      # pole to rim: all of the cap that reflects, lit or not
-tilt_deg = {preset.tilt_deg}            # the pole leans this far towards the audience's front
-floor_albedo = {floor[0]}        # what is known of the deck under the dome; it matters for the
-floor_albedo_sigma = {floor[1]}  # albedo only, never for the compensation
+tilt_deg = {preset.tilt_deg}            # lean of the pole towards the audience's front
+floor_albedo = {floor[0]}        # an estimate for the deck under the dome; it affects the
+floor_albedo_sigma = {floor[1]}  # albedo only, never the compensation
 """
 
 
@@ -109,7 +110,7 @@ response = "linear"
 bits = {bits}
 black_level = {camera.black_level}
 vignetting = {list(camera.vignetting)}   # 1 + v1 theta^2 + v2 theta^4, theta off the axis [rad]
-glare = {glare}              # share of the frame's mean that veils every pixel
+glare = {glare}              # veiling glare: share of the frame's mean that is added to every pixel
 glare_sigma = {sigma:g}
 """
 
@@ -138,7 +139,7 @@ elevation_deg = {elevation}
 sigma_deg = 0.01
 camera = "{camera.name}"
 pixel = [{pixel[0]:.2f}, {pixel[1]:.2f}]
-sigma_px = 0.01          # the simulator clicks better than people do, who reach about 0.3
+sigma_px = 0.01          # exact here; a click by hand has about 0.3
 """)
     return "\n".join(lines)
 
@@ -149,7 +150,7 @@ def _tail(name: str, exposure_s: float, size: SceneSize, seed: int) -> str:
 exposure_s = {exposure_s}       # white of one projector just below saturation
 black_exposure_s = {BLACK_EXPOSURE_S}  # black is dim
 
-[simulated]  # goes to the backend unread
+[simulated]  # settings of the simulator
 preset = "{name}"
 seed = {seed}
 projectors = {size.projectors}

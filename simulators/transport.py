@@ -1,7 +1,8 @@
 """Light between patches of the room by flux tracing: rays, hits and counts, no closed form.
 
-Each patch sends cosine-distributed rays from stratified places; the share that lands on another
-patch is the form factor between them. Dome, deck and pod are met where they really are.
+Each patch sends cosine-distributed rays from stratified points; the share that hits another patch is the
+form factor between them. Rays are intersected with the true dome, deck and pod. All bounces follow from
+the linear system E = F (b0 + rho E), solved once per room.
 """
 
 from dataclasses import dataclass, replace
@@ -23,7 +24,7 @@ POD_CENTRE_M = np.array([0.8, 1.0, -0.15])
 POD_RADIUS_M = 0.55
 POD_ALBEDO = 0.3
 START_OFFSET_M = 1e-6
-BATCH = 8  # patches cast together: enough to hide Python, small enough for the cache
+BATCH = 8  # patches cast together: few Python calls, and arrays that fit the cache
 
 
 @dataclass(frozen=True)
@@ -52,8 +53,8 @@ class Deck:
 class Room:
     """Patches of the room and the light they exchange.
 
-    Patches are ordered dome (rings of equal area from the pole), deck, pod. `exchange` (P, P) holds in row
-    i what patch i sees: irradiance_i = sum_j exchange_ij radiosity_j. `area_m2`, `albedo` are (P,).
+    Patches are ordered dome (rings of equal area from the pole), deck, pod. `exchange` (P, P) holds the form
+    factors: irradiance_i = sum_j exchange_ij radiosity_j. `area_m2`, `albedo` are (P,).
     """
 
     surface: Surface
@@ -70,7 +71,7 @@ class Room:
 
     @classmethod
     def painted(cls, surface: Surface, exchange: Array, area_m2: Array, albedo: Array) -> "Room":
-        """A room of patches (P,) that exchange light (P, P): solve for all bounces at once."""
+        """A room of patches (P,) with form factors (P, P): solve for all bounces at once."""
         if surface.preset.bounces:
             # E = F (b0 + rho E)
             system = np.eye(len(albedo)) - exchange * albedo
@@ -116,7 +117,7 @@ class Room:
 
 
 class _Tracer:
-    """Everything needed while rays are flying."""
+    """The rays between patches."""
 
     def __init__(self, surface: Surface) -> None:
         self.surface = surface
@@ -128,7 +129,7 @@ class _Tracer:
         self.area_m2 = self._areas()
 
     def patch_albedo(self) -> Array:
-        """Mean albedo (P,) of the patches, dome sampled densely because of its seams."""
+        """Mean albedo (P,) of the patches; the dome is sampled densely because of its seams."""
         samples = qmc.Sobol(2, rng=np.random.default_rng(5)).random(256)
         dome = [
             float(self.surface.albedo(self._dome_direction(i, samples)).mean())
@@ -138,7 +139,7 @@ class _Tracer:
         return np.concatenate([dome, floor, np.full(self.pod_count, POD_ALBEDO)])
 
     def exchange(self, rays: int) -> Array:
-        """(P, P) share of the rays of each row's patch that land on each column's patch."""
+        """(P, P) share of the rays of each row's patch that hit each column's patch."""
         base = qmc.Sobol(4, rng=np.random.default_rng(7)).random(rays)
         shifts = np.random.default_rng(11).random((self.count, 4))
         matrix = np.zeros((self.count, self.count))
@@ -146,12 +147,12 @@ class _Tracer:
             batch = range(first, min(first + BATCH, self.count))
             starts = [self._start(i, (base + shifts[i]) % 1.0) for i in batch]
             hit = self._cast(*(np.concatenate(part) for part in zip(*starts, strict=True)))
-            for i, landed in zip(batch, hit.reshape(len(batch), rays), strict=True):
-                matrix[i] = np.bincount(landed[landed >= 0], minlength=self.count) / rays
-        return self._gather_neighbours(matrix)
+            for i, patch in zip(batch, hit.reshape(len(batch), rays), strict=True):
+                matrix[i] = np.bincount(patch[patch >= 0], minlength=self.count) / rays
+        return self._smooth_over_neighbours(matrix)
 
-    def _gather_neighbours(self, matrix: Array) -> Array:
-        """Let each dome patch use its neighbours' rays too: irradiance is smooth, ray noise is not."""
+    def _smooth_over_neighbours(self, matrix: Array) -> Array:
+        """Average each dome patch with its neighbours: irradiance is smooth, and the noise of rays is not."""
         dome = matrix[: self.dome_count].reshape(DOME_RINGS, DOME_SECTORS, self.count)
         for _ in range(2):
             dome = (np.roll(dome, 1, axis=1) + 2 * dome + np.roll(dome, -1, axis=1)) / 4
@@ -206,7 +207,7 @@ class _Tracer:
         return np.asarray(plane - self.deck.depth_m * self.deck.up)
 
     def _cast(self, origin: Array, direction: Array) -> Index:
-        """Patch that each ray meets first; -1 where it leaves the room."""
+        """Patch that each ray hits first; -1 where it leaves the room."""
         point = self.surface.intersect(origin, direction)
         unit = point / np.linalg.norm(point, axis=-1, keepdims=True)
         on_cap = unit[:, 2] >= np.cos(self.surface.half_angle)

@@ -1,6 +1,8 @@
-"""What a simulated venue really is, in the calibration-directory format, for the judge alone.
+"""The truth about a simulated venue, in the calibration-directory format, for the judge alone.
 
-Written after a run has ended, with code of its own: it shares no reader or writer with procam.
+The files are those of `procam.files.calibration`, written after a run has ended, with code of their own:
+reader and writer are not shared with procam, so a mistake in either shows. The light of full white and
+black is split into direct and scattered light on a dome master; feedback and albedo are their means.
 """
 
 import json
@@ -8,25 +10,26 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
+import cv2
 import numpy as np
 import OpenImageIO as oiio
 from numpy.typing import NDArray
 
-from procam.maths.geometry.sphere import master_directions, master_solid_angles
+from procam.maths.geometry.sphere import master_directions, master_pixels, master_solid_angles
 from simulators.backend import build_scene, build_server
-from simulators.light import ProjectorLight
+from simulators.builds import CameraBuild, ProjectorBuild
 from simulators.mitsuba_venue import PathTracedRoom
-from simulators.rig import CameraBuild, ProjectorBuild
+from simulators.projector_light import ProjectorLight
 from simulators.scene import ALL_BANDS, DomeScene
 from simulators.server import NAME as SERVER
-from simulators.server import MediaServer, by_projector, server_entry, server_maps
-from simulators.view import View
+from simulators.server import MediaServer, projector_drives
+from simulators.sight_lines import SightLines
 
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
 MASTER = 1024
-PATHS = 8192  # from each patch: .2 % of bounced light, half a minute a picture
-FINE = 2  # pictures are drawn this much finer and averaged: patches, not points
+PATHS = 8192  # from each patch: .2 % of the scattered light, half a minute a picture
+FINE = 2  # pictures are rendered this much finer and averaged over pixels
 RGB = ("R", "G", "B")
 
 
@@ -40,8 +43,8 @@ def write_truth(
     """Write the truth of a simulated venue to `out`.
 
     `pictures` are sets of projector drives (H, W, 3) by picture and projector; for each,
-    OUT/pictures/NAME.exr holds the radiance seen on the dome without camera or noise. Bounced light by
-    `judge`: the scene's own flux tracing, or Mitsuba's path tracer.
+    OUT/pictures/NAME.exr holds the radiance on the dome without camera or noise. `judge` is the source of
+    inter-reflection: the scene's own flux tracing, or Mitsuba's path tracer.
     """
     scene = build_scene(settings, venue_dir)
     if judge == "mitsuba":
@@ -49,53 +52,59 @@ def write_truth(
     server = build_server(scene, settings, venue_dir)
     (out / "maps").mkdir(parents=True)
     (out / "pictures").mkdir()
-    white, black = (_evenly(scene, server, level) for level in (1.0, 0.0))
-    view = _audience(scene, MASTER)
+    white, black = (_uniform_drives(scene, server, level) for level in (1.0, 0.0))
+    view = _master_lines(scene, MASTER)
     direct_white, scattered = _split(scene, view, white)
     direct_black, _ = _split(scene, view, black)
     coverage = _coverage(scene)
     solid = master_solid_angles(MASTER) * coverage
     flux = np.tensordot(solid, direct_white, 2)
     feedback = np.tensordot(solid, scattered, 2) / flux
-    returned = view.albedo * np.float32(scene.preset.bounces)  # no bounces are told as albedo 0
-    albedo = np.tensordot(solid, returned, 2) / solid.sum()
+    albedo_seen = view.albedo * np.float32(
+        scene.preset.bounces
+    )  # without inter-reflection the albedo is 0
+    albedo = np.tensordot(solid, albedo_seen, 2) / solid.sum()
     dome = {"coverage": coverage}
     for i, c in enumerate(RGB):
         dome[f"scatter_per_flux.{c}"] = scattered[..., i] / flux[i]
-        dome[f"albedo.{c}"] = returned
+        dome[f"albedo.{c}"] = albedo_seen
         dome[f"lo.{c}"], dome[f"hi.{c}"] = direct_black[..., i], direct_white[..., i]
     _write_exr(out / "maps" / "dome.exr", dome)
     if server:
-        _write_exr(out / "maps" / f"{SERVER}.exr", server_maps(server, direct_white))
+        _write_exr(out / "maps" / f"{SERVER}.exr", _server_maps(server, direct_white))
     else:
         for name, light in scene.lights.items():
             _write_exr(out / "maps" / f"{name}.exr", _projector_maps(light, view))
     document = _document(scene, server, feedback, np.full(3, albedo))
     (out / "calibration.json").write_text(json.dumps(document, indent=1))
-    fine = _audience(scene, FINE * MASTER)
+    fine = _master_lines(scene, FINE * MASTER)
     for name, drives in pictures.items():
-        sent = by_projector(server, drives)
-        picture = _averaged(scene.radiance_of(fine, sent, dict.fromkeys(sent, 1.0), ALL_BANDS, 0))
+        sent = projector_drives(server, drives)
+        picture = _averaged(
+            scene.radiance_of_drives(fine, sent, dict.fromkeys(sent, 1.0), ALL_BANDS, 0)
+        )
         _write_exr(
             out / "pictures" / f"{name}.exr", {c: picture[..., i] for i, c in enumerate(RGB)}
         )
 
 
-def _evenly(scene: DomeScene, server: MediaServer | None, level: float) -> Mapping[str, Image]:
-    """What the projectors are sent for pictures of one level."""
+def _uniform_drives(
+    scene: DomeScene, server: MediaServer | None, level: float
+) -> Mapping[str, Image]:
+    """Drives of the projectors for a uniform picture of one level."""
     if server:
         return server.frames(np.full((server.size, server.size, 3), level, np.float32))
     return {n: np.full_like(d, level) for n, d in scene.shown.items()}
 
 
-def _audience(scene: DomeScene, size: int) -> View:
-    """Lines of sight from the dome's centre, a dome master of them."""
+def _master_lines(scene: DomeScene, size: int) -> SightLines:
+    """Lines of sight from the dome's centre, one per pixel of a dome master."""
     direction, inside = master_directions(size)
     rays = np.where(inside[..., None], direction, np.nan)
-    return View.along(scene.room, scene.lights, np.zeros(3), rays)
+    return SightLines.along(scene.room, scene.lights, np.zeros(3), rays)
 
 
-def _split(scene: DomeScene, view: View, drives: Mapping[str, Image]) -> tuple[Image, Image]:
+def _split(scene: DomeScene, view: SightLines, drives: Mapping[str, Image]) -> tuple[Image, Image]:
     patches = len(scene.room.area_m2)
     flux, direct = np.zeros((patches, 3)), np.zeros((*view.albedo.shape, 3), np.float32)
     for name, drive in drives.items():
@@ -107,8 +116,8 @@ def _split(scene: DomeScene, view: View, drives: Mapping[str, Image]) -> tuple[I
 
 
 def _coverage(scene: DomeScene) -> Image:
-    """Share (N, N) of each master pixel that some projector lights, from a fine picture."""
-    view = _audience(scene, FINE * MASTER)
+    """Share (N, N) of each master pixel that some projector lights, from a finer picture."""
+    view = _master_lines(scene, FINE * MASTER)
     lit = np.zeros(view.albedo.shape, np.float32)
     for name, light in scene.lights.items():
         mask = light.lit.astype(np.float32)[..., None]
@@ -124,22 +133,35 @@ def _averaged(fine: Image) -> Image:
     return np.asarray(blocks.mean(axis=(1, 3)), np.float32)
 
 
-def _projector_maps(light: ProjectorLight, view: View) -> dict[str, NDArray[Any]]:
+def _projector_maps(light: ProjectorLight, view: SightLines) -> dict[str, NDArray[Any]]:
     white = light.build.colour_mix.sum(axis=1)
     valid = light.lit.astype(np.float32)
     albedo = light.reflected_m2 / np.maximum(light.solid_angle_sr, 1e-30)
     albedo = albedo / np.median(albedo) * np.median(view.albedo[view.on_dome])
-    maps: dict[str, NDArray[Any]] = {
-        f"direction.{axis}": light.direction[..., i] for i, axis in enumerate("xyz")
-    }
-    maps |= {
-        "solid_angle": light.solid_angle_sr,
+    gain = (light.irradiance * albedo)[..., None] * white
+    return _maps(light.direction, light.solid_angle_sr, valid, gain)
+
+
+def _server_maps(server: MediaServer, white: Image) -> dict[str, NDArray[Any]]:
+    """Channels of the server's map; `white` (M, M, 3) is the direct radiance of full white."""
+    direction, reached = server.pixel_directions()
+    valid = reached.astype(np.float32)
+    at = master_pixels(direction, white.shape[0]).astype(np.float32)
+    gain = cv2.remap(white, at, None, cv2.INTER_LINEAR)  # type: ignore[call-overload]
+    return _maps(direction, master_solid_angles(server.size), valid, gain * valid[..., None])
+
+
+def _maps(direction: Array, solid_angle_sr: Array, valid: Image, gain: Array) -> dict[str, Any]:
+    """Channels of a map of the calibration format, by name."""
+    return {
+        **{f"direction.{axis}": direction[..., i] for i, axis in enumerate("xyz")},
+        "solid_angle": solid_angle_sr,
         "sigma_arcmin": np.zeros_like(valid),
         "valid": valid,
         "measured": valid,
         "blend": valid,
+        **{f"gain.{c}": gain[..., i] for i, c in enumerate(RGB)},
     }
-    return maps | {f"gain.{c}": light.irradiance * albedo * white[i] for i, c in enumerate(RGB)}
 
 
 def _document(
@@ -149,7 +171,7 @@ def _document(
     builds = {n: light.build for n, light in scene.lights.items()}
     projectors = {n: _projector(build) for n, build in builds.items()}
     if server:
-        projectors = {SERVER: {**next(iter(projectors.values())), **server_entry(server)}}
+        projectors = {SERVER: {**next(iter(projectors.values())), **_server_device(server)}}
     return {
         "schema_version": 1,
         "screen": {
@@ -199,6 +221,24 @@ def _projector(build: ProjectorBuild) -> dict[str, Any]:
             "sigma": np.zeros_like(values).tolist(),
         },
         "colour_mix": mix.tolist(),
+    }
+
+
+def _server_device(server: MediaServer) -> dict[str, Any]:
+    """Size, lens and pose of the server: an equidistant fisheye at the dome's centre."""
+    middle = (server.size - 1) / 2
+    return {
+        "size": [server.size, server.size],
+        "lens": {
+            "kind": "kannala-brandt",
+            "focal": [server.size / np.pi] * 2,
+            "centre": [middle] * 2,
+            "distortion": [0.0] * 4,
+        },
+        "projector_from_dome": {
+            "rotation": [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]],
+            "translation": [0.0] * 3,
+        },
     }
 
 

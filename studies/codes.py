@@ -1,4 +1,4 @@
-"""How accurate is the default code? Full size, albedo .6, SNR 50, defocus 3 px, over noise seeds.
+"""Accuracy of the default code at full size, albedo .6, SNR 50, defocus 3 px, over noise seeds.
 
 Writes studies/codes.json and studies/codes.md.
 """
@@ -10,15 +10,15 @@ import numpy as np
 
 from procam.estimate.structured_light.codes import AXES, DEFAULT_CODE, make_code
 from procam.estimate.structured_light.decode import Decoded
+from simulators.photograph_bench import PhotographBench
 from simulators.presets import STANDARD
 from simulators.scene import DomeScene, SceneSize
-from simulators.study import PhotographBench
-from studies.measure import Misses, Shots, patch_errors, rms, smallest_sigma, write
+from studies.measure import Errors, Shots, patch_errors, rms, smallest_sigma, write
 
 SEEDS = (1, 2, 3)
 CONDITION = {"albedo": 0.6, "snr": 50.0, "defocus_px": 3.0}
-# With 256 to 2048 rays the simulator's own noise, alike in all pictures, is no longer small beside
-# what remains in the mean over a patch, and shows in the patches' chi2.
+# With 256 to 2048 rays the simulator's own noise, the same in all pictures, is no longer small beside the
+# error of the mean over a patch, and affects the chi2 of the patches.
 SIZE = SceneSize(2, (1920, 1200), 1, (2048, 2048), rays=16384)
 FEWEST_PATCHES = 800
 COMPARE = {"<=": operator.le, ">=": operator.ge, "<": operator.lt, "none": lambda *_: True}
@@ -45,14 +45,14 @@ GOALS: dict[str, tuple[str, tuple[str, float] | None, tuple[str, float] | None]]
 
 
 def shoot(size: SceneSize = SIZE, name: str = DEFAULT_CODE, projector: str = "south") -> Shots:
-    """The code's pictures on the standard preset under the study's condition."""
+    """The code's patterns photographed on the standard preset under the study's condition."""
     scene = DomeScene(STANDARD.altered(**CONDITION), size, 1)
     return Shots(PhotographBench(scene, projector), make_code(name, size.projector_size))
 
 
 def figures_of(shots: Shots, decoded: Decoded) -> dict[str, float]:
     """All figures of one seed."""
-    misses = Misses(decoded.map, shots.truth)
+    misses = Errors(decoded.map, shots.truth)
     near = misses.inliers()
     figures: dict[str, float] = {
         "coverage": misses.coverage,

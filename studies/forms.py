@@ -1,4 +1,4 @@
-"""The ways to tell light that bounces that the study `forward` compares, on patches of a dome."""
+"""The forms of inter-reflection that the study `forward` compares, on patches of a dome."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -8,14 +8,10 @@ from numpy.typing import NDArray
 
 from procam.estimate.light.scatter_kernel import CELLS, ScatterSample, cell_basis, fit_scatter
 from procam.maths.geometry.sphere import direction_from_angles, master_pixels
-from procam.maths.light.radiosity import (
-    add_interreflection,
-    add_interreflection_paper,
-    add_zoned_interreflection,
-    sphere_scatter,
-)
+from procam.maths.light.radiosity import add_interreflection, sphere_scatter
 from procam.maths.light.scatter_kernel import basis, moments, predicted_ratio
 from simulators.transport import DOME_RINGS, DOME_SECTORS
+from studies.closed_forms import add_interreflection_paper, add_zoned_interreflection
 
 Array = NDArray[np.float64]
 PATCHES = DOME_RINGS * DOME_SECTORS
@@ -24,9 +20,9 @@ RING, SECTOR = np.divmod(np.arange(PATCHES), DOME_SECTORS)
 
 @dataclass(frozen=True)
 class Dome:
-    """What forms may know of a dome: `solid_angle_sr` and `albedo` (N, 1) of its patches, which are lit.
+    """The inputs of a form: `solid_angle_sr` and `albedo` (N, 1) of a dome's patches, which are `lit`.
 
-    `returned` is what its floor sends back.
+    `returned` is the share of light that the floor returns.
     """
 
     name: str
@@ -49,57 +45,57 @@ class Picture:
 
 @dataclass(frozen=True)
 class Form:
-    """A way to tell scattered radiosity (N, 1) from a dome, training pictures and direct light.
+    """A prediction of scattered radiosity (N, 1) from a dome, training pictures and direct light.
 
     Training pictures are white on each of twelve zones; together they are full white.
     """
 
     name: str
-    tell: Callable[[Dome, Sequence[Picture], Array], Array]
+    predict: Callable[[Dome, Sequence[Picture], Array], Array]
 
 
 def paper_eq_10(dome: Dome, training: Sequence[Picture], direct: Array) -> Array:
-    """To the letter, with the lit area alone."""
-    lit, told = dome.lit, np.full_like(direct, np.nan)
+    """Paper eq. 10 with the lit area alone."""
+    lit, scattered = dome.lit, np.full_like(direct, np.nan)
     albedo = float(dome.albedo[lit].mean())
     total = add_interreflection_paper(direct[lit], albedo, dome.solid_angle_sr[lit])
-    told[lit] = total - direct[lit]
-    return told
+    scattered[lit] = total - direct[lit]
+    return scattered
 
 
 def one_scalar(dome: Dome, training: Sequence[Picture], direct: Array) -> Array:
-    """The closed form of all that reflects, with the floor's mean."""
+    """The closed form with all that reflects and the floor's mean."""
     scatter = sphere_scatter(dome.albedo, dome.solid_angle_sr, dome.returned)
     return add_interreflection(direct, scatter, dome.solid_angle_sr) - direct
 
 
 def measured(dome: Dome, training: Sequence[Picture], direct: Array) -> Array:
-    """What full white scatters, per flux."""
+    """The scattered light of full white per flux."""
     white = sum(t.direct for t in training)
     scatter = sum(t.scattered for t in training) / (dome.solid_angle_sr @ white)
     return add_interreflection(direct, scatter, dome.solid_angle_sr) - direct
 
 
 def measured_by_zones(dome: Dome, training: Sequence[Picture], direct: Array) -> Array:
-    """What white on each zone scatters, per flux."""
+    """The scattered light of white on each zone per flux."""
     scatter = np.stack([t.scattered / (dome.solid_angle_sr @ t.direct) for t in training])
     collect = np.stack([(t.direct[:, 0] > 0) * dome.solid_angle_sr for t in training])
     return add_zoned_interreflection(direct, scatter, collect) - direct
 
 
 def chosen_by_evidence(dome: Dome, training: Sequence[Picture], direct: Array) -> Array:
-    """The kernel whose degree pictures held out choose, as a calibration does.
+    """The scatter kernel with the degree that held-out pictures choose, as in a calibration.
 
-    As from two projectors that share the dome and show their zones, six each; of their whites
-    stripes tell the bounced light also where direct light falls.
+    Two projectors share the dome and show six zones each; from their whites, stripes separate the
+    scattered light also where direct light falls.
     """
     flux = dome.solid_angle_sr @ sum(t.direct for t in training)
     per_flux = sum(t.scattered for t in training) / flux
-    zones = [_lighting(dome, t, t.direct[:, 0] == 0) for t in training]
+    zones = [_sample(dome, t, t.direct[:, 0] == 0) for t in training]
     white, everywhere = sum(x.direct for x in zones), np.ones(PATCHES, bool)
     halves = [training[i : i + len(training) // 2] for i in (0, len(training) // 2)]
-    lightings = zones + [_lighting(dome, _together(h), everywhere) for h in halves]
-    kernel = fit_scatter(lightings, _in_cells(per_flux), cell_basis().T @ white).kernel
+    samples = zones + [_sample(dome, _together(h), everywhere) for h in halves]
+    kernel = fit_scatter(samples, _in_cells(per_flux), cell_basis().T @ white).kernel
     phi = basis(patch_directions(), kernel.degree)
     moment = moments(direct, dome.solid_angle_sr, phi)[:, 0]
     ratio = predicted_ratio(phi, kernel.matrix[0], kernel.profile[0], moment[None])
@@ -112,8 +108,8 @@ def _together(pictures: Sequence[Picture]) -> Picture:
     return Picture("together", direct, scattered, np.zeros_like(scattered))
 
 
-def _lighting(dome: Dome, picture: Picture, dark: NDArray[np.bool_]) -> ScatterSample:
-    """A picture as a camera sees it: bounced light where nothing else is."""
+def _sample(dome: Dome, picture: Picture, dark: NDArray[np.bool_]) -> ScatterSample:
+    """A picture as a camera measures it: scattered light where no other light is."""
     seen = _in_cells(np.where(dark[:, None], picture.scattered, np.nan))
     flux = picture.direct[:, 0] * dome.solid_angle_sr
     direct = np.bincount(_cell(), flux, CELLS**2)[:, None]
@@ -135,7 +131,7 @@ def _cell() -> NDArray[np.intp]:
 
 
 def patch_directions() -> Array:
-    """Unit vectors (N, 3) to the patches' middles."""
+    """Unit vectors (N, 3) to the patches' centres."""
     z, azimuth = 1 - (RING + 0.5) / DOME_RINGS, (SECTOR + 0.5) / DOME_SECTORS * 2 * np.pi
     return direction_from_angles(azimuth, np.arcsin(z))
 

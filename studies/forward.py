@@ -1,6 +1,6 @@
-"""Light that bounces, as told by every form of procam, against path tracing on the room as built.
+"""Scattered light by every forward model of procam, against path tracing in the same room.
 
-Both get the direct light; compared is what the room adds to it, over the lit patches.
+Both get the direct light; the light that the room adds to it is compared over the lit patches.
 """
 
 import json
@@ -17,7 +17,7 @@ from procam.errors import InputError
 from procam.maths.geometry.sphere import cap_solid_angle, direction_from_angles
 from procam.maths.light.radiosity import floor_return
 from procam.maths.mesh.form_factors import form_factors
-from procam.maths.mesh.radiosity import add_bounces
+from procam.maths.mesh.radiosity import add_mesh_interreflection
 from simulators.mitsuba_paths import scattered_irradiance
 from simulators.mitsuba_scene import load_mitsuba
 from simulators.mitsuba_venue import room_mesh, scattered_radiosity
@@ -38,11 +38,11 @@ from studies.forms import (
 
 HERE = Path(__file__).parent
 SAMPLES = 4096  # rays from each patch, and from each face of a mesh
-SEED, TRAINING_SEED = 1, 2  # of the pictures judged, and of those that forms may learn from
+SEED, TRAINING_SEED = 1, 2  # of the pictures judged, and of those that models are fitted to
 STRIPS = (0.0, 0.1, 0.2, 0.4)
-# albedo, and how far it varies; .8 +-30 % would be brighter than white
+# albedo and its variation; .8 +-30 % would exceed 1
 PAINTS = ((0.3, 0.0), (0.3, 0.3), (0.5, 0.0), (0.5, 0.3), (0.8, 0.0), (0.8, 0.2))
-TILTS_DEG = (15.0, 30.0)  # of a bare dome, where they change nothing
+TILTS_DEG = (15.0, 30.0)  # of a bare dome, where they have no effect
 FURNISHED = ((0.3, 15.0), (0.5, 0.0), (0.5, 15.0), (0.5, 30.0), (0.8, 15.0))  # albedo, tilt
 SPOT = direction_from_angles(np.radians(40.0), np.radians(50.0))
 SPOT_RADIUS = np.radians(20.0)
@@ -61,8 +61,8 @@ def main() -> None:
     variant = load_mitsuba().variant()
     if not variant.startswith("llvm"):
         raise InputError(
-            f"study forward: got Mitsuba's variant {variant}, expected LLVM's, as others take hours; "
-            "install libLLVM 19 or newer"
+            f"study forward: Mitsuba's variant is {variant}, which takes hours; install libLLVM 19 or "
+            "newer for its LLVM variant"
         )
     rows = []
     for row in chain(_dome_rows(), _mesh_rows()):
@@ -91,7 +91,7 @@ def _dome_rows() -> Iterator[dict]:
 
 
 def _rows(preset: Preset, kind: str, strips: Sequence[float]) -> Iterator[dict]:
-    """One dome with several strips: the light of all is traced at once."""
+    """One dome with several unlit strips; the light of all is traced at once."""
     started = time.perf_counter()
     surface = Surface.build(preset)
     mesh = room_mesh(surface)
@@ -100,13 +100,13 @@ def _rows(preset: Preset, kind: str, strips: Sequence[float]) -> Iterator[dict]:
     albedo = paint[:PATCHES, None]
     lit = [RING < DOME_RINGS * (1 - strip) for strip in strips]
     shown = [{n: m & where for n, m in _pictures().items()} for where in lit]
-    taught = [{n: m & where for n, m in _training().items()} for where in lit]
+    fitted = [{n: m & where for n, m in _training().items()} for where in lit]
     judged = iter(_traced(surface, albedo, [m for s in shown for m in s.values()], SEED))
-    learned = iter(_traced(surface, albedo, [m for s in taught for m in s.values()], TRAINING_SEED))
+    trained = iter(_traced(surface, albedo, [m for s in fitted for m in s.values()], TRAINING_SEED))
     seconds = (time.perf_counter() - started) / len(strips)
     tilt = np.radians(preset.tilt_deg)
     solid = np.full(PATCHES, cap_solid_angle(surface.half_angle) / PATCHES)
-    for strip, where, names, teachers in zip(strips, lit, shown, taught, strict=True):
+    for strip, where, names, zones in zip(strips, lit, shown, fitted, strict=True):
         name = (
             f"albedo {preset.albedo:g} +-{100 * preset.albedo_smooth:g} %, "
             f"strip {100 * strip:g} %, tilt {preset.tilt_deg:g} deg"
@@ -114,7 +114,7 @@ def _rows(preset: Preset, kind: str, strips: Sequence[float]) -> Iterator[dict]:
         returned = floor_return(surface.half_angle, tilt, preset.floor_albedo)
         dome = Dome(name, kind, solid, albedo, where, returned)
         pictures = [Picture(n, *next(judged)) for n in names]
-        training = [Picture(n, *next(learned)) for n in teachers]
+        training = [Picture(n, *next(trained)) for n in zones]
         yield {**_judge(dome, training, pictures), "seconds": seconds}
 
 
@@ -140,7 +140,7 @@ def _traced(
     surface: Surface, albedo: Array, lit: Sequence[NDArray[np.bool_]], seed: int
 ) -> list[tuple[Array, Array, Array]]:
     """Direct, scattered and its error (N, 1) of white light on each of some areas (N,)."""
-    areas, place = np.unique(np.stack(lit), axis=0, return_inverse=True)  # strips share some
+    areas, place = np.unique(np.stack(lit), axis=0, return_inverse=True)  # some strips are equal
     mesh = room_mesh(surface, len(areas))
     whole = np.zeros((mesh.patch.max() + 1, len(areas)))
     whole[:PATCHES] = albedo * areas.T
@@ -151,7 +151,7 @@ def _traced(
 
 
 def _judge(dome: Dome, training: Sequence[Picture], pictures: Sequence[Picture]) -> dict:
-    """Relative rms errors of every form, per picture, and how far the tracer is to be trusted."""
+    """Relative rms error of every form per picture, and the tracer's noise."""
     lit, forms, z, noise = dome.lit, {}, {}, {}
     rng = np.random.default_rng(SEED)
     noisy = [
@@ -164,10 +164,10 @@ def _judge(dome: Dome, training: Sequence[Picture], pictures: Sequence[Picture])
         exact = one_scalar(dome, training, picture.direct)[lit]
         z[picture.name] = _rms((exact - true) / sigma)
         for form in FORMS:
-            told = form.tell(dome, training, picture.direct)[lit]
-            learned = form.tell(dome, noisy, picture.direct)[lit] - told
-            # the tracer's noise, in what is judged and in what is learned from, is no error
-            square = _rms(told - true) ** 2 - _rms(sigma) ** 2 - _rms(learned) ** 2
+            found = form.predict(dome, training, picture.direct)[lit]
+            fit_noise = form.predict(dome, noisy, picture.direct)[lit] - found
+            # the tracer's noise, in the pictures judged and in those fitted, is no error of a form
+            square = _rms(found - true) ** 2 - _rms(sigma) ** 2 - _rms(fit_noise) ** 2
             error = np.sqrt(max(square, 0.0)) / true.mean()
             forms.setdefault(form.name, {})[picture.name] = float(error)
     return {"kind": dome.kind, "room": dome.name, "noise": noise, "z": z, "error": forms}
@@ -178,7 +178,7 @@ def _rms(values: Array) -> float:
 
 
 def _mesh_rows() -> Iterator[dict]:
-    """Rooms of any shape: form factors against paths."""
+    """Rooms of any shape: form factors against path tracing."""
     for name, (vertices, faces) in {"box 5 x 3 x 2 m": _box(), "cylinder": _cylinder()}.items():
         started = time.perf_counter()
         middle = vertices[faces].mean(axis=1)
@@ -190,10 +190,10 @@ def _mesh_rows() -> Iterator[dict]:
         areas["spot"] = far <= np.sort(far)[len(far) // 40]
         direct = np.stack([area * albedo for area in areas.values()], axis=1)
         albedos = np.repeat(albedo[:, None], len(areas), axis=1)
-        told = add_bounces(direct, albedos, form_factors(vertices, faces)) - direct
+        found = add_mesh_interreflection(direct, albedos, form_factors(vertices, faces)) - direct
         true, sigma = scattered_radiosity(vertices, faces, albedos, direct, SAMPLES, SEED)
         mean, columns = true.mean(axis=0), range(len(areas))
-        square = np.mean((told - true) ** 2, axis=0) - np.mean(sigma**2, axis=0)
+        square = np.mean((found - true) ** 2, axis=0) - np.mean(sigma**2, axis=0)
         error, noise = np.sqrt(np.maximum(square, 0)) / mean, np.sqrt(np.mean(sigma**2, 0)) / mean
         yield {
             "kind": "mesh",
@@ -208,7 +208,7 @@ Mesh = tuple[Array, NDArray[np.intp]]
 
 
 def _box() -> Mesh:
-    """Half as long, wide and high to either side of the origin, walls of squares of a quarter metre."""
+    """A box about the origin, its walls squares of a quarter metre."""
     half, walls = np.array([2.5, 1.5, 1.0]), []
     for axis in range(3):
         u, v = (axis + 1) % 3, (axis + 2) % 3
@@ -223,7 +223,7 @@ def _box() -> Mesh:
 
 
 def _cylinder() -> Mesh:
-    """3 m across and 4 m high, closed; of 36 sides."""
+    """A closed cylinder of 36 sides, 3 m across and 4 m high."""
     turn = np.linspace(0, 2 * np.pi, 37)
     around = np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=1)
     up = np.array([0, 0, 1.0])
@@ -234,14 +234,14 @@ def _cylinder() -> Mesh:
 
 
 def _joined(grids: Sequence[Array]) -> Mesh:
-    """Triangles over grids of points (R, C, 3), with points at one place made one."""
+    """Triangles over grids of points (R, C, 3); equal points are merged."""
     corners = []
     for grid in grids:
         a, b, c, d = grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:]
         corners += [np.stack(three, axis=2).reshape(-1, 3, 3) for three in ((a, b, c), (a, c, d))]
     flat = np.concatenate(corners)
-    spread = np.cross(flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0])
-    flat = flat[np.linalg.norm(spread, axis=1) > 1e-9]
+    normal = np.cross(flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0])
+    flat = flat[np.linalg.norm(normal, axis=1) > 1e-9]
     _, first, place = np.unique(
         flat.reshape(-1, 3).round(9), axis=0, return_index=True, return_inverse=True
     )
@@ -251,30 +251,30 @@ def _joined(grids: Sequence[Array]) -> Mesh:
 def _report(rows: Sequence[dict]) -> str:
     domes = [row for row in rows if row["kind"] != "mesh"]
     lines = [
-        "# Forward model: light that bounces, told and path-traced",
+        "# Forward models of scattered light against path tracing",
         "",
-        "Root mean square of told less traced, over the lit patches, relative to the mean of the "
-        "traced; the tracer's noise is taken off, so that 0 means less than about .4. Worst and mean over "
+        "Root mean square of predicted less traced light, over the lit patches, relative to the mean of "
+        "the traced; the tracer's noise is subtracted, so that 0 means less than about .4. Worst and mean of "
         f"six pictures: {', '.join(_pictures())}. {DOME_RINGS} x {DOME_SECTORS} patches, "
         f"{SAMPLES} rays from each.",
         "",
-        "Noise: the tracer's standard error, worst picture. z: what the closed form is off in "
-        "standard errors (rms, worst picture); about 1.2 where the form is exact and the errors are "
-        "honest, since eight batches tell them. Measured forms learn from white, or from white on "
-        "each of twelve zones, traced with rays of their own; the last is what calibrations do.",
+        "Noise: the tracer's standard error, worst picture. z: error of the closed form in standard errors "
+        "(rms, worst picture); about 1.2 where the form is exact and the standard errors, from eight "
+        "batches, are right. Measured forms are fitted to white, or to white on each of twelve zones, "
+        "traced with other rays; the last is what calibrations do.",
         "",
         "| room | noise [%] | z | " + " | ".join(f"{f.name} [%]" for f in FORMS) + " |",
         "|" + "---|" * (3 + len(FORMS)),
     ]
     for row in domes:
-        told = " | ".join(_worst_and_mean(row["error"][f.name]) for f in FORMS)
+        errors = " | ".join(_worst_and_mean(row["error"][f.name]) for f in FORMS)
         z, noise = max(row["z"].values()), 100 * max(row["noise"].values())
-        lines.append(f"| {row['kind']}, {row['room']} | {noise:.2f} | {z:.2f} | {told} |")
+        lines.append(f"| {row['kind']}, {row['room']} | {noise:.2f} | {z:.2f} | {errors} |")
     lines += ["", "| room | noise [%] | form factors [%] |", "|---|---|---|"]
     for row in (row for row in rows if row["kind"] == "mesh"):
         noise = 100 * max(row["noise"].values())
-        told = _worst_and_mean(row["error"]["form factors"])
-        lines.append(f"| {row['room']} | {noise:.2f} | {told} |")
+        errors = _worst_and_mean(row["error"]["form factors"])
+        lines.append(f"| {row['room']} | {noise:.2f} | {errors} |")
     goals = "<= .5 on bare domes, <= 2 on furnished ones by the form chosen, <= 2 on meshes"
     lines += ["", f"Goals [%]: {goals}.", "", "`python -m studies forward`", ""]
     return "\n".join(lines)

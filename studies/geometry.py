@@ -1,7 +1,7 @@
-"""Geometry over many rigs: how far directions are off, seams, and whether the errors are as told.
+"""Geometry over many rigs: how far directions are off, seams, and whether the error bars are right.
 
-Rigs are shaken out of their places for every seed; what cameras measure comes from
-`simulators.sightings`: true places of patches with a decoder's noise, no pictures.
+Poses and lenses are perturbed for every seed. Observations come from `simulators.observations`: true
+positions of patches with a decoder's noise, no pictures.
 """
 
 import json
@@ -17,16 +17,17 @@ from numpy.typing import NDArray
 from procam.errors import ProcamError
 from procam.estimate.geometry.adjustment import RigProblem
 from procam.estimate.geometry.model import Observations
-from procam.estimate.geometry.pixel_directions import ARCMIN, PixelDirections, fit_pixel_directions
+from procam.estimate.geometry.pixel_directions import PixelDirections, fit_pixel_directions
 from procam.estimate.geometry.solve import GeometrySolution, solve_geometry
 from procam.estimate.geometry.start import ProjectorPrior
 from procam.maths.geometry.lenses import project
 from procam.maths.geometry.ray_to_screen import RoundShape
-from procam.maths.geometry.sphere import angle_between, direction_from_angles, normalise
+from procam.maths.geometry.sphere import ARCMIN, angle_between, direction_from_angles, normalise
 from procam.model.optics import CameraModel, Fiducial, Sensor
+from simulators.builds import CameraBuild, ProjectorBuild
+from simulators.observations import camera_pixels, lit_points, perturb_rig, simulate_observations
+from simulators.placement import place_cameras, place_projectors
 from simulators.presets import REALISTIC, STANDARD, Preset
-from simulators.rig import CameraBuild, ProjectorBuild, hang_projectors, set_up_cameras
-from simulators.sightings import camera_sees, points_lit, shaken, sightings
 from simulators.surface import Surface
 
 Array = NDArray[np.float64]
@@ -36,7 +37,7 @@ PROJECTORS, CAMERAS = 6, 2
 SIGMA_PX = 0.02  # of a patch: studies/codes.md finds .015 at SNR 50
 FIDUCIALS_DEG = ((12.0, 35.0), (130.0, 30.0), (-110.0, 50.0))
 FIDUCIAL_SIGMA = 1e-5  # rad: surveyed far better than the rig is solved
-JUDGE_M = np.array([-1.6, -0.9, -0.4])  # where nobody stood when the rig was solved
+JUDGE_M = np.array([-1.6, -0.9, -0.4])  # a viewpoint that no camera of the solve had
 SEAM_STEP_PX = 40
 FOUND = 1e-7  # rad: a pixel that shows a direction
 WORKERS = 2
@@ -50,7 +51,7 @@ class Case:
     preset: Preset
     seeds: int
     patch_px: int
-    halves: bool  # whether two solutions from half of the patches each are compared: it takes long
+    halves: bool  # whether to compare two solutions from half of the patches each, which is slow
 
 
 CASES = (Case("standard", STANDARD, 100, 24, False), Case("realistic", REALISTIC, 3, 12, True))
@@ -58,7 +59,7 @@ CASES = (Case("standard", STANDARD, 100, 24, False), Case("realistic", REALISTIC
 
 @dataclass(frozen=True)
 class Dome:
-    """A shaken rig in a dome, and the solution."""
+    """A dome with a perturbed rig."""
 
     surface: Surface
     projectors: list[ProjectorBuild]
@@ -84,9 +85,9 @@ def run(case: Case, seed: int) -> dict[str, float | str]:
     """Figures of one rig."""
     rng = np.random.default_rng(seed)
     surface = Surface.build(replace(case.preset, radius_m=RADIUS_M))
-    hung = hang_projectors(PROJECTORS, PANEL, RADIUS_M)
-    placed = set_up_cameras(CAMERAS, CAMERA, "fisheye", RADIUS_M)
-    dome = Dome(surface, *shaken(hung, placed, rng))
+    projectors = place_projectors(PROJECTORS, PANEL, RADIUS_M)
+    placed = place_cameras(CAMERAS, CAMERA, "fisheye", RADIUS_M)
+    dome = Dome(surface, *perturb_rig(projectors, placed, rng))
     problem = _problem(dome, case.patch_px, rng)
     started = time.perf_counter()
     try:
@@ -94,15 +95,15 @@ def run(case: Case, seed: int) -> dict[str, float | str]:
     except ProcamError as error:
         return {"failed": str(error)}
     seconds = time.perf_counter() - started
-    landings = {b.name: fit_pixel_directions(found, b.name) for b in dome.projectors}
-    error, sigma = _directions(dome, landings)
+    fitted = {b.name: fit_pixel_directions(found, b.name) for b in dome.projectors}
+    error, sigma = _directions(dome, fitted)
     return {
         "rms_arcmin": float(np.sqrt(np.mean(error**2))),
         "max_arcmin": float(error.max()),
         "chi2": float(np.mean((error / sigma) ** 2)),
-        "seam_rms_px": _seams(dome, landings),
+        "seam_rms_px": _seams(dome, fitted),
         "degree": found.rig.shape.degree,
-        "sphere_ratio": found.sphere_excess**2,
+        "sphere_ratio": found.sphere_systematic_ratio**2,
         "disagreement_arcmin": _cross_validated(problem, dome) if case.halves else np.nan,
         "solve_s": seconds,
     }
@@ -112,7 +113,7 @@ def _problem(dome: Dome, patch_px: int, rng: np.random.Generator) -> RigProblem:
     seen = {}
     for camera in dome.cameras:
         for build in dome.projectors:
-            pixels = sightings(dome.surface, build, camera, patch_px, SIGMA_PX, rng)
+            pixels = simulate_observations(dome.surface, build, camera, patch_px, SIGMA_PX, rng)
             sigma = np.full(len(pixels[0]), SIGMA_PX)
             seen[camera.name, build.name] = Observations(*pixels, sigma)
     cameras = {c.name: CameraModel(c.name, c.size, c.lens, Sensor(12, 64.0)) for c in dome.cameras}
@@ -132,38 +133,38 @@ def _fiducials(dome: Dome, rng: np.random.Generator) -> list[Fiducial]:
         direction = direction_from_angles(azimuth, elevation)
         point = direction * dome.surface.radius(direction)
         off = rng.normal(0, FIDUCIAL_SIGMA, 2)
-        pixel = camera_sees(dome.cameras[0], point[None])[0]
+        pixel = camera_pixels(dome.cameras[0], point[None])[0]
         angles = azimuth + off[0] / np.cos(elevation), elevation + off[1]
         marks.append(Fiducial(f"f{i}", *angles, FIDUCIAL_SIGMA, dome.cameras[0].name, pixel))
     return marks
 
 
-def _directions(dome: Dome, landings: dict[str, PixelDirections]) -> tuple[Array, Array]:
-    """Errors of all lit pixels, thinned, and what was told of them [arcmin]."""
+def _directions(dome: Dome, fitted: dict[str, PixelDirections]) -> tuple[Array, Array]:
+    """Errors of all lit pixels, thinned, and their estimated sigmas [arcmin]."""
     errors, sigmas = [], []
     for build in dome.projectors:
         x, y = np.arange(3, build.size[0], 20), np.arange(5, build.size[1], 20)
         pixels = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2).astype(float)
-        true = points_lit(dome.surface, build, pixels)
+        true = lit_points(dome.surface, build, pixels)
         lit = np.isfinite(true).all(axis=1)
-        told = landings[build.name].directions(x, y).reshape(-1, 3)[lit]
-        errors.append(ARCMIN * angle_between(normalise(true[lit]), told))
-        sigmas.append(landings[build.name].sigma_arcmin(x, y).ravel()[lit])
+        estimate = fitted[build.name].directions(x, y).reshape(-1, 3)[lit]
+        errors.append(ARCMIN * angle_between(normalise(true[lit]), estimate))
+        sigmas.append(fitted[build.name].sigma_arcmin(x, y).ravel()[lit])
     return np.concatenate(errors), np.concatenate(sigmas)
 
 
-def _seams(dome: Dome, landings: dict[str, PixelDirections]) -> float:
-    """How far pixels of two projectors that should coincide are apart, seen from a new place [px]."""
+def _seams(dome: Dome, fitted: dict[str, PixelDirections]) -> float:
+    """Rms distance [px], from a new viewpoint, of two projectors' pixels with equal estimated direction."""
     apart = []
     for first in dome.projectors:
         x, y = (np.arange(20, n - 20, SEAM_STEP_PX) for n in first.size)
         pixels = np.stack(np.meshgrid(x, y), axis=-1).astype(float)
-        direction = landings[first.name].at(pixels)
+        direction = fitted[first.name].at(pixels)
         here = _seen(dome, first, pixels)
         pixel = np.linalg.norm(_seen(dome, first, pixels + np.array([1.0, 0.0])) - here, axis=-1)
         for second in dome.projectors:
             if second.name != first.name:
-                other = _pixel_of(landings[second.name], direction)
+                other = _pixel_of(fitted[second.name], direction)
                 inside = ((other > 0) & (other < np.array(second.size) - 1.0)).all(axis=-1)
                 there = _seen(dome, second, np.where(inside[..., None], other, 0.0))
                 gap = np.linalg.norm(there - here, axis=-1) / pixel
@@ -172,23 +173,23 @@ def _seams(dome: Dome, landings: dict[str, PixelDirections]) -> float:
 
 
 def _seen(dome: Dome, build: ProjectorBuild, pixels: Array) -> Array:
-    """Directions (..., 3) from the judge's place to where pixels truly land; NaN where not lit."""
-    flat = points_lit(dome.surface, build, pixels.reshape(-1, 2))
+    """True directions (..., 3) of pixels from the judge's viewpoint; NaN where not lit."""
+    flat = lit_points(dome.surface, build, pixels.reshape(-1, 2))
     return normalise(flat - JUDGE_M).reshape(*pixels.shape[:-1], 3)
 
 
-def _pixel_of(landing: PixelDirections, direction: Array) -> Array:
-    """The pixel (H, W, 2) whose shipped direction is `direction` (H, W, 3), by Newton's method."""
-    model, radius_m = landing.projector, landing.rig.shape.radius_m
+def _pixel_of(directions: PixelDirections, direction: Array) -> Array:
+    """The pixels (H, W, 2) with estimated directions `direction` (H, W, 3), by Newton's method."""
+    model, radius_m = directions.projector, directions.rig.shape.radius_m
     pixel = project(model.projector_from_dome.apply(radius_m * direction), model.lens)
     for _ in range(3):
-        here = landing.at(np.nan_to_num(pixel))
-        steps = [landing.at(np.nan_to_num(pixel) + s) - here for s in np.eye(2)]
+        here = directions.at(np.nan_to_num(pixel))
+        steps = [directions.at(np.nan_to_num(pixel) + s) - here for s in np.eye(2)]
         slope = np.stack(steps, axis=-1)
         square = np.einsum("...ia,...ib->...ab", slope, slope) + 1e-18 * np.eye(2)
         right = np.einsum("...ia,...i->...a", slope, direction - here)
         pixel = pixel + np.linalg.solve(square, right[..., None])[..., 0]
-    missed = np.linalg.norm(landing.at(np.nan_to_num(pixel)) - direction, axis=-1) > FOUND
+    missed = np.linalg.norm(directions.at(np.nan_to_num(pixel)) - direction, axis=-1) > FOUND
     return np.where(missed[..., None], np.nan, pixel)  # no pixel of this panel shows it
 
 
@@ -214,7 +215,7 @@ def _report(rows: list[dict]) -> str:
         "# Geometry: directions, seams and error bars",
         "",
         f"{PROJECTORS} projectors of {PANEL[0]}x{PANEL[1]}, {CAMERAS} fisheyes of {CAMERA[0]}x{CAMERA[1]}, "
-        f"dome of {RADIUS_M:g} m; rigs shaken by 3 to 9 degrees and decimetres for every seed, no start "
+        f"dome of {RADIUS_M:g} m; poses perturbed by 3 to 9 degrees and decimetres for every seed, no start "
         f"values; {SIGMA_PX} px noise per patch, lenses of the cameras known.",
         "",
         "| case | seeds | converged | direction rms, mean and worst [arcmin] | max, worst | chi2 of "

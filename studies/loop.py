@@ -1,7 +1,7 @@
-"""The closed loop on domes whose every bounce is known, beside the loops that it replaces.
+"""The closed loop, and simpler loops, on domes of exactly known transport.
 
 The plant is a dense matrix N = (I - rho F)^-1 of patches of a sphere, F from distances and cosines of
-points, not from the sphere's law; gains of its projectors are off by 5 %, the loop's bounced light by 10 %.
+points, not from the closed form. The gains of its projectors are wrong by 5 %, the loop's scatter by 10 %.
 """
 
 import json
@@ -22,7 +22,7 @@ from procam.estimate.closed_loop.patches import (
     PatchScatter,
     photographs_needed,
     remove_scatter,
-    visible,
+    residual_jnd,
 )
 
 Array = NDArray[np.float64]
@@ -31,15 +31,15 @@ HERE = Path(__file__).parent
 KAPPAS = (0.25, 0.55)
 SEEDS, ITERATIONS, WORKERS = 20, 8, 2
 GAIN_RMS, SCATTER_ERROR, SIGMA = 0.05, 0.1, 0.005
-BLACK, WEAK = 0.003, 0.55  # direct light at least, and at most where one projector is weak
+BLACK, WEAK = 0.003, 0.55  # least direct light, and the most where one projector is weak
 UNLIT_DEG = 5.0
-SETTLED = 400  # steps of the reference's own search
-AVERAGING = 6  # corrections after which noise is told: four beyond the first two
+SETTLED = 400  # steps of the reference solution
+AVERAGING = 6  # corrections after which noise is reported: four beyond the first two
 
 
 @dataclass(frozen=True)
 class Plant:
-    """A dome of `kappa`, and a rig drawn by `seed`; every second one has its bounced light overstated."""
+    """A dome of `kappa` and a rig drawn by `seed`; every second one has its scatter overstated."""
 
     kappa: float
     seed: int
@@ -57,7 +57,7 @@ class Plant:
 
     @property
     def share(self) -> float:
-        """Of the sphere that reflects: half of it cannot reach a kappa of .55."""
+        """Share of the sphere that reflects; half of it cannot reach a kappa of .55."""
         return 0.5 if self.kappa < 0.5 else 0.75
 
     @property
@@ -67,7 +67,7 @@ class Plant:
         return np.full(n, 4 * np.pi * self.share / n)
 
     @cached_property
-    def bounces(self) -> Array:
+    def transport(self) -> Array:
         """N (n, n), by a dense solve."""
         albedo = 1 + 0.08 * self.point[:, 0] - 0.06 * self.point[:, 1]
         albedo *= 4 * np.pi * self.kappa / (self.area @ albedo)
@@ -97,7 +97,7 @@ class Plant:
 
     @property
     def target(self) -> Array:
-        """(n,) a sky brighter than the ground, with dark trees that bounced light outshines."""
+        """(n,) a sky brighter than the ground, with trees darker than the scattered light."""
         low = self.elevation.min()
         height = (self.elevation - low) / (90 - low)
         picture = np.where(height > 0.35, 0.9 - 0.5 * height, 0.35 + 0.1 * np.cos(5 * self.azimuth))
@@ -112,25 +112,25 @@ class Plant:
 
     @cached_property
     def gain(self) -> Array:
-        """(n,) light got per light asked: half of its variance is smooth, half each patch's own."""
+        """(n,) light received per light asked for; half of its variance is smooth."""
         rng = np.random.default_rng([self.seed, 1])
         smooth = self.point @ rng.normal(size=3) + (self.point @ rng.normal(size=3)) ** 2
         smooth = (smooth - smooth[self.lit].mean()) / smooth[self.lit].std()
         return 1 + GAIN_RMS / np.sqrt(2) * (smooth + rng.normal(size=len(smooth)))
 
     def seen(self, asked: Array) -> Array:
-        """(n,) what is seen of direct light that is asked for."""
-        return self.bounces @ (self.gain * asked)
+        """(n,) total light of direct light asked for."""
+        return self.transport @ (self.gain * asked)
 
     def scatter(self) -> Array:
-        """(n,) bounced light per flux as the loop has it: that of full white, 10 % wrong."""
+        """(n,) scattered light per flux of full white as calibrated, 10 % wrong."""
         white = self.lit.astype(float)
-        true = (self.bounces @ white - white) / (self.area @ white)
+        true = (self.transport @ white - white) / (self.area @ white)
         return true * (1 + SCATTER_ERROR * (1 if self.seed % 2 else -1))
 
     @cached_property
     def best(self) -> Array:
-        """(n,) direct light of problem (P), by small steps with the true plant alone."""
+        """(n,) optimal direct light, by small steps with the true plant."""
         low, high = self.limits
         asked = np.clip(self.target, low, high)
         for _ in range(SETTLED):
@@ -140,7 +140,7 @@ class Plant:
 
     @property
     def reachable(self) -> Mask:
-        """(n,) lit patches that no limit holds at the best."""
+        """(n,) lit patches that no limit holds at the optimum."""
         low, high = self.limits
         return self.lit & (self.best > low + 1e-6) & (self.best < high - 1e-6)
 
@@ -154,17 +154,17 @@ Update = Callable[[Array, Array], Array]
 
 
 def ours(plant: Plant, photographs: int) -> Update:
-    """Learns gains slowly, bounced light fast, and holds what is at a limit."""
+    """The closed loop of procam."""
     low, high = (limit[:, None] for limit in plant.limits)
     model = PatchScatter(plant.scatter()[None, :, None], plant.area[:, None])
-    belief = LoopState(model, plant.block(), np.array([0.01]))
+    state = LoopState(model, plant.block(), np.array([0.01]))
     known = plant.lit[:, None]
 
     def update(asked: Array, seen: Array) -> Array:
-        doubt = np.full_like(asked, SIGMA / np.sqrt(photographs))[:, None]
+        sigma = np.full_like(asked, SIGMA / np.sqrt(photographs))[:, None]
         now = asked[:, None]
-        belief.learn(LoopObservation(now, seen[:, None], doubt, known, photographs))
-        return (now + belief.step(now, plant.target[:, None], now - low, high - now))[:, 0]
+        state.learn(LoopObservation(now, seen[:, None], sigma, known, photographs))
+        return (now + state.step(now, plant.target[:, None], now - low, high - now))[:, 0]
 
     return update
 
@@ -196,18 +196,18 @@ LOOPS: dict[str, Callable[[Plant, int], Update]] = {
 
 
 def first_picture(plant: Plant) -> Array:
-    """(n,) what the calibration makes of the target: problem (P) with its own bounced light."""
+    """(n,) exact compensation of the target by the calibrated scatter."""
     low, high = (limit[:, None] for limit in plant.limits)
     model = PatchScatter(plant.scatter()[None, :, None], plant.area[:, None])
-    belief = LoopState(model, plant.block(), np.array([0.01]))
-    step = belief.step(low, plant.target[:, None], low - low, high - low)
+    state = LoopState(model, plant.block(), np.array([0.01]))
+    step = state.step(low, plant.target[:, None], low - low, high - low)
     return (low + step)[:, 0]
 
 
 def run(plant: Plant, update: Update, photographs: int) -> tuple[list[float], list[float]]:
-    """What a loop leaves after 0, 1, ... corrections, judged without noise on reachable patches.
+    """Residual after 0, 1, ... corrections, evaluated without noise on reachable patches.
 
-    In JND, 95 % of them; and its distance from the best [sigma of one photograph], root mean square.
+    Its 95 % quantile [JND]; and its rms distance from the optimum [sigma of one photograph].
     """
     rng = np.random.default_rng([plant.seed, 2])
     here, goal = plant.reachable, plant.target
@@ -215,7 +215,7 @@ def run(plant: Plant, update: Update, photographs: int) -> tuple[list[float], li
     jnd, sigmas = [], []
     for _ in range(ITERATIONS + 1):
         true = plant.seen(asked)
-        jnd.append(visible((goal - true)[here], goal[here]))
+        jnd.append(residual_jnd((goal - true)[here], goal[here]))
         sigmas.append(float(np.sqrt(np.mean((best - true)[here] ** 2))) / SIGMA)
         noise = rng.normal(size=len(true)) * SIGMA / np.sqrt(photographs)
         asked = update(asked, true + noise)
@@ -240,7 +240,7 @@ def study(plant: Plant) -> dict[str, Any]:
 
 
 def iterations_to(jnd: list[float], limit: float = 1.0) -> int | None:
-    """Corrections until what is left is within a limit for good; None if never."""
+    """Corrections until the residual stays within a limit; None if never."""
     above = [i for i, value in enumerate(jnd) if value > limit]
     return None if len(jnd) - 1 in above else (above[-1] + 1 if above else 0)
 
@@ -257,16 +257,16 @@ def main() -> None:
 def _report(rows: list[dict[str, Any]]) -> str:
     counts = sorted({row["photographs"] for row in rows})
     lines = [
-        "# The closed loop, and the loops that it replaces",
+        "# The closed loop, and simpler loops",
         "",
-        f"{SEEDS} rigs for each kappa on {24 * 64} patches of a sphere, all bounces by a dense solve. Gains "
-        f"off by {GAIN_RMS:.0%} rms (half smooth, half each patch's own), bounced light as calibrated by "
+        f"{SEEDS} rigs for each kappa on {24 * 64} patches of a sphere, transport by a dense solve. "
+        f"Gains wrong by {GAIN_RMS:.0%} rms (half of it smooth, half of each patch), calibrated scatter by "
         f"{SCATTER_ERROR:.0%} (too much and too little in turn), {SIGMA:.1%} of white noise per patch and "
-        f"photograph, {counts[0]} to {counts[-1]} photographs of each picture, as the loop itself chose. "
-        "Half sky: trees are held at black, a quarter of the dome by a weak projector. Judged without "
-        "noise, on patches that no limit holds at the best.",
+        f"photograph, {counts[0]} to {counts[-1]} photographs of each picture, as the loop chose. Content: "
+        "half sky, with trees held at black and a quarter of the dome lit by a weak projector. Evaluated "
+        "without noise, on patches that no limit holds at the optimum.",
         "",
-        "Left in 95 % of the patches [JND], worst rig, after 0, 1, ... corrections; and how many are "
+        "95 % quantile of the residual [JND], worst rig, after 0, 1, ... corrections; and corrections "
         "needed to stay within 1 JND, worst rig:",
         "",
         "| kappa | loop | " + " | ".join(str(i) for i in range(ITERATIONS + 1)) + " | needed |",
@@ -281,18 +281,18 @@ def _report(rows: list[dict[str, Any]]) -> str:
         )
     lines += [
         "",
-        "One photograph of each picture: distance from the best picture [sigma of a photograph], rms, "
-        "mean of the rigs and worst:",
+        "One photograph of each picture: rms distance from the optimal picture [sigma of a photograph], "
+        "mean and worst of the rigs:",
         "",
         "| kappa | " + " | ".join(str(i) for i in range(ITERATIONS + 1)) + " |",
         "|" + "---|" * (ITERATIONS + 2),
     ]
     for kappa in KAPPAS:
         left = np.array([row["single_sigmas"] for row in rows if row["kappa"] == kappa])
-        told = (
+        cells = (
             f"{m:.2f}, {w:.2f}" for m, w in zip(left.mean(axis=0), left.max(axis=0), strict=True)
         )
-        lines.append(f"| {kappa} | " + " | ".join(told) + " |")
+        lines.append(f"| {kappa} | " + " | ".join(cells) + " |")
     goals = f"<= 3 corrections to 1 JND; <= .55 sigma after {AVERAGING}, four of which average"
     return "\n".join([*lines, "", f"Goals: {goals}.", "", "`python -m studies loop`", ""])
 

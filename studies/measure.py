@@ -15,8 +15,8 @@ from procam.estimate.structured_light.panel_map import fit_projector_map
 from procam.maths.codes.phase import cramer_rao_variance
 from procam.maths.warp import sample
 from procam.model.correspondence import CorrespondenceMap
+from simulators.photograph_bench import PhotographBench
 from simulators.sensor import ROUNDING, Sensor
-from simulators.study import PhotographBench
 
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
@@ -43,7 +43,7 @@ class Shots:
 
 
 @dataclass(frozen=True)
-class Misses:
+class Errors:
     """What was decoded against the truth, both as maps (H, W, 2)."""
 
     found: CorrespondenceMap
@@ -112,13 +112,13 @@ def rms(values: NDArray[np.floating], axis: int | None = None) -> Array:
     return np.asarray(np.sqrt(np.mean(np.square(values, dtype=float), axis=axis)))
 
 
-def smallest_sigma(shots: Shots, decoded: Decoded, misses: Misses, axis: int) -> Array:
+def smallest_sigma(shots: Shots, decoded: Decoded, misses: Errors, axis: int) -> Array:
     """Cramer-Rao bound (N,) [px] of pixels with their true noise and their true amplitudes.
 
     The amplitude is the regression of the photographs without noise on the true wave.
     """
     bench, name = shots.bench, AXES[axis]
-    waves, look = shots.code.axis(name).waves, decoded.waves[name].look
+    waves, look = shots.code.axis(name).waves, decoded.waves[name].distortion
     assert waves is not None
     order = [i for i, p in enumerate(shots.code.planes) if p.axis == name and p.kind == "sine"]
     signals = np.stack([shots.signals[i][misses.both] for i in order], axis=1).astype(float)
@@ -135,7 +135,7 @@ def smallest_sigma(shots: Shots, decoded: Decoded, misses: Misses, axis: int) ->
     return np.asarray(np.sqrt(bound))
 
 
-def patch_errors(misses: Misses, size: tuple[int, int]) -> tuple[Array, Array]:
+def patch_errors(misses: Errors, size: tuple[int, int]) -> tuple[Array, Array]:
     """Errors (P, 2) [projector px] and told sigmas (P, 2) of the well seen patches of the panel."""
     seen = fit_projector_map(misses.found, size)
     true = sample(np.where(misses.lit[..., None], misses.truth, np.nan), seen.camera_px)

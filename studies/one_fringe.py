@@ -1,6 +1,6 @@
-"""One fringe over the whole panel: what scattered light does to it, and what takes it out again.
+"""Bias of one fringe over the whole panel by scattered light, with several corrections.
 
-Writes studies/one_fringe.json and studies/one_fringe.md; docs/theory/phasor.md tells the theory.
+Writes studies/one_fringe.json and studies/one_fringe.md; the theory is in docs/theory/phasor.md.
 """
 
 from collections.abc import Iterator
@@ -18,18 +18,19 @@ from procam.estimate.structured_light.scatter_bias import (
     remove_phasor,
     scattered_light,
 )
-from procam.estimate.structured_light.sinusoids import WavePictures, decode_waves
+from procam.estimate.structured_light.self_calibration import SinusoidImages
+from procam.estimate.structured_light.sinusoids import decode_sinusoids
 from procam.maths.codes.phase import equal_steps
 from procam.maths.warp import grow
+from simulators.photograph_bench import PhotographBench
 from simulators.presets import STANDARD, Preset
 from simulators.scene import GREEN, DomeScene, SceneSize
 from simulators.sensor import Sensor
-from simulators.study import PhotographBench
 from studies.measure import binned, rms, write
 
 SIZE = SceneSize(2, (960, 600), 1, (1024, 1024), rays=16384)
 STEPS = 8
-FULL_PX = 4096  # the panel in whose pixels the bias is told
+FULL_PX = 4096  # width of the panel in whose pixels the bias is given
 INSIDE_PX, AWAY_PX = 4, 10  # camera pixels inside the picture's border, and clear outside of it
 NOISELESS = replace(STANDARD.altered(albedo=0.5, defocus_px=0.7), white_snr=None)
 ROOMS: dict[str, Preset] = {
@@ -51,7 +52,7 @@ Maps = NDArray[np.floating]
 
 
 class OneFringe:
-    """A bench, the pictures of one fringe per axis, and what they look like."""
+    """A bench, the patterns of one fringe per axis, and their photographs without noise."""
 
     def __init__(self, preset: Preset, size: SceneSize = SIZE) -> None:
         self.bench = PhotographBench(DomeScene(preset, size, 1), "south")
@@ -69,9 +70,9 @@ class OneFringe:
         return [self.bench.digitise(signal, rng, snr) for signal in self.signals]
 
     def direct_places(self) -> Maps:
-        """Where the direct light alone, without noise, puts every pixel (H, W, 2)."""
+        """Decoded position of every pixel (H, W, 2) from direct light alone, without noise."""
         scene, name = self.bench.scene, self.bench.projector
-        light, view = scene.lights[name], scene.camera_view(self.bench.camera)
+        light, view = scene.lights[name], scene.sight_lines(self.bench.camera)
         blur_px = Sensor(scene, self.bench.camera).blur_px
         direct = np.stack(
             [
@@ -82,17 +83,17 @@ class OneFringe:
         return np.stack([self.places(direct, axis) for axis in range(2)], axis=-1)
 
     def places(self, frames: Maps, axis: int) -> Maps:
-        """Pixel along an axis by the N-step formula, from the frames of both axes."""
+        """Position along an axis by the N-step formula, from the frames of both axes."""
         turn = np.exp(1j * equal_steps(STEPS))
         wave = np.tensordot(turn, frames[axis * STEPS : (axis + 1) * STEPS], axes=1)
         return np.asarray(np.angle(wave) / (2 * np.pi) * self.period(axis))
 
     def period(self, axis: int) -> float:
-        """Of the fringe: the whole panel [px]."""
+        """Period of the fringe: the length of the panel [px]."""
         return float(self.code.size[axis])
 
     def true_shares(self) -> NDArray[np.float64]:
-        """Each picture's reflected flux between black and white."""
+        """Reflected flux of each pattern, 0 for black and 1 for white."""
         light = self.bench.scene.lights[self.bench.projector]
         flux = np.array(
             [
@@ -135,7 +136,7 @@ class OneFringe:
         return np.stack([self.places(frames, axis) for axis in range(2)], axis=-1)
 
     def _by_fits(self, counts: list[NDArray[np.uint16]], axis: int) -> Maps:
-        """With the surplus that the fits' own residuals tell, as for codes of several periods."""
+        """With the surplus estimated from the residuals of the fits, as for codes of several periods."""
         waves = self.code.axis(AXES[axis]).waves
         assert waves is not None
         limits = default_limits(counts[0], counts[1])
@@ -144,10 +145,10 @@ class OneFringe:
         dropped = [dropped_samples(frame, limits) for frame in frames]
         usable = span > limits.white_black
         length = self.code.size[axis]
-        return decode_waves(WavePictures(frames, waves, length, span, usable, dropped)).x
+        return decode_sinusoids(SinusoidImages(frames, waves, length, span, usable, dropped)).x
 
     def judge(self, found: Maps, expected: Maps, axis: int) -> dict[str, float]:
-        """Bias over 64 bins of the panel and spread of single pixels [px of 4096]."""
+        """Bias over 64 bins of the panel and error of single pixels [px of 4096]."""
         period = self.period(axis)
         error = np.mod(found[..., axis] - expected[..., axis] + period / 2, period) - period / 2
         use = self.judged & np.isfinite(error)

@@ -1,8 +1,8 @@
-"""Light measured with doubt: feedback, albedo, response and seams over noise seeds, and their intervals.
+"""Errors and intervals of feedback, albedo, response and seams over noise seeds.
 
-Every seed is a whole visit to a small venue: capture, solve, judge; then flat pictures are compensated
-and shown on the simulated dome. The realistic venue's camera has 1 % of veiling glare, which was
-measured at a desk before the visit. Writes studies/photometry.json and studies/photometry.md;
+Every seed is a whole calibration of a small venue: capture, solve, judge; then flat pictures are
+compensated and shown on the simulated dome. The realistic venue's camera has 1 % of veiling glare,
+measured at a desk beforehand. Writes studies/photometry.json and studies/photometry.md;
 `python -m studies photometry` remakes them.
 """
 
@@ -21,14 +21,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.compensate.exact import Compensator
+from procam.compensate.compensator import Compensator
 from procam.compensate.projector_frames import projector_frames
-from procam.estimate.camera.glare_and_vignetting import Veil, desk_glare
+from procam.estimate.camera.glare_and_vignetting import VeilingGlare, fit_glare
 from procam.estimate.camera.radiance import Radiometer
 from procam.estimate.light.blend import Blender
 from procam.estimate.light.colour_spaces import colour_difference
 from procam.files.calibration import latest_calibration, load_calibration
-from procam.files.images.images import RGB, read_channels
+from procam.files.images.layers import RGB, read_channels
 from procam.files.venue.load import load_venue
 from procam.interfaces.judge import judge
 from procam.maths.colour_science import colour_science
@@ -40,8 +40,8 @@ from procam.model.optics import CameraModel
 from procam.workflows.capture.capture import capture, prepare_session
 from procam.workflows.solve.calibrate import solve
 from procam.workflows.venue_rig import open_rig
+from simulators.placement import place_cameras
 from simulators.presets import PRESETS, Preset, PresetName
-from simulators.rig import set_up_cameras
 from simulators.scene import SceneSize
 from simulators.sensor import Sensor
 from simulators.surface import Surface
@@ -57,25 +57,25 @@ SEAM_SEEDS = range(1, 4)
 SIZE = SceneSize(projector_size=(480, 300), camera_size=(600, 600), rays=1024)
 FLATS = {"grey": (0.4, 0.4, 0.4), "dark": (0.15, 0.15, 0.15), "orange": (0.5, 0.3, 0.15)}
 MASTER, PATCHES = 1024, 256
-SEAM = 0.02  # least blend weight of two projectors where pictures meet
+SEAM = 0.02  # least blend weight of two projectors in a seam
 EDGE = 0.999
 WORKERS = 2
-TRAPS = ((0.5, 0.5), (0.3, 0.4), (0.6, 0.7))  # places in the picture
+TRAPS = ((0.5, 0.5), (0.3, 0.4), (0.6, 0.7))  # light traps, in shares of the picture
 DESK_EXPOSURE_S = 0.5
 TRACE = Room.trace
 
 
-def tell_truth(folder: Path, preset: PresetName, size: SceneSize = SIZE) -> Path:
-    """The truth, which all seeds share: a seed draws the noise, not the dome."""
+def make_truth(folder: Path, preset: PresetName, size: SceneSize = SIZE) -> Path:
+    """Write the truth, the same for all seeds: a seed draws the noise, not the dome."""
     _write_venue(folder, preset, 1, size)
     write_truth(load_venue(folder).backends["simulated"], folder, folder / "truth", {})
     return folder / "truth"
 
 
-def visit(
+def calibrate_and_judge(
     folder: Path, preset: PresetName, seed: int, truth_dir: Path, size: SceneSize = SIZE
 ) -> dict[str, Any]:
-    """Figures of one visit."""
+    """Figures of one calibration."""
     _write_venue(folder, preset, seed, size)
     venue = load_venue(folder)
     with open_rig(venue) as rig:
@@ -109,9 +109,9 @@ def _write_venue(folder: Path, preset: PresetName, seed: int, size: SceneSize) -
 
 def desk_veil(
     cameras: Mapping[str, CameraModel], preset: PresetName, size: SceneSize, seed: int
-) -> Veil:
-    """The first camera's veil, from photographs of a bright wall with a light trap in it."""
-    build = set_up_cameras(1, size.camera_size, size.camera_kind, PRESETS[preset].radius_m)[0]
+) -> VeilingGlare:
+    """Veiling glare of the first camera, from photographs of a bright wall with a light trap."""
+    build = place_cameras(1, size.camera_size, size.camera_kind, PRESETS[preset].radius_m)[0]
     sensor = Sensor(
         SimpleNamespace(preset=PRESETS[preset], cameras={build.name: build}), build.name
     )
@@ -129,7 +129,7 @@ def desk_veil(
         counts = sensor.digitise(signal, rng, sensor.noise)[..., 0]
         lights.append(radiometer.radiance(Frame(counts, settings, 0.0, DESK_EXPOSURE_S)))
         traps.append((*place, radius))
-    return desk_glare(lights, traps, radiometer.seen)
+    return fit_glare(lights, traps, radiometer.seen)
 
 
 def _interval(name: str, found: Calibration, truth: Calibration) -> dict[str, Any]:
@@ -144,7 +144,7 @@ def _interval(name: str, found: Calibration, truth: Calibration) -> dict[str, An
 
 
 def response_error(found: Calibration, truth: Calibration) -> float:
-    """Rms over drives of measured against true response, the worst channel of all projectors."""
+    """Rms over drives of the response error, in the worst channel of all projectors."""
     errors = []
     for name, projector in found.projectors.items():
         measured, true = projector.photometry.response, truth.projectors[name].photometry.response
@@ -163,9 +163,9 @@ def _shown(calibration: Calibration, rgb: tuple[float, float, float]) -> dict[st
 
 
 def seams(folder: Path) -> dict[str, float]:
-    """DE2000 of flat pictures where projectors meet: patches of 0.7 degrees against what was meant.
+    """DE2000 of flat pictures in the seams, over patches of 0.7 degrees, against the content.
 
-    `folder` is a venue that has been visited; its pictures are shown on the simulated dome.
+    `folder` is a calibrated venue; its pictures are shown on the simulated dome.
     """
     calibration = load_calibration(latest_calibration(folder))
     frames = {name: _shown(calibration, rgb) for name, rgb in FLATS.items()}
@@ -196,10 +196,10 @@ def seam_patches(calibration: Calibration) -> NDArray[np.bool_]:
     return np.asarray(((weights > SEAM).sum(axis=0) >= 2) & covered & inside)
 
 
-def delta_e(seen: Array, meant: Array) -> Array:
-    """DE2000 (N,) of linear light (N, 3) in which 1 is the reference white, read as sRGB's primaries."""
+def delta_e(seen: Array, content: Array) -> Array:
+    """DE2000 (N,) of linear light (N, 3), 1 the reference white, taken in sRGB's primaries."""
     to_xyz = colour_science().RGB_COLOURSPACES["sRGB"].matrix_RGB_to_XYZ
-    first, second = (np.maximum(rgb, 0) @ to_xyz.T for rgb in (seen, meant))
+    first, second = (np.maximum(rgb, 0) @ to_xyz.T for rgb in (seen, content))
     return colour_difference(first, second, to_xyz @ np.ones(3))
 
 
@@ -211,12 +211,12 @@ def _seen(path: Path, calibration: Calibration) -> Array:
 
 
 def table(rows: list[dict[str, Any]]) -> Iterator[str]:
-    """Markdown lines, a venue each."""
+    """Markdown lines, one per figure, a column per venue."""
     yield "| figure | goal | " + " | ".join(VENUES) + " |"
     yield "|---|---|" + "---|" * len(VENUES)
     by_venue = [[row for row in rows if row["preset"] == v] for v in VENUES]
-    for name, goal, tell in COLUMNS:
-        yield f"| {name} | {goal} | " + " | ".join(tell(some) for some in by_venue) + " |"
+    for name, goal, cell in COLUMNS:
+        yield f"| {name} | {goal} | " + " | ".join(cell(some) for some in by_venue) + " |"
 
 
 def _worst(key: str, rows: list[dict[str, Any]]) -> str:
@@ -257,25 +257,25 @@ def _traced(preset: Preset, rays: int) -> Room:
     return TRACE(Surface.build(preset), rays)
 
 
-def _visit_of(job: tuple[PresetName, int, Path]) -> dict[str, Any]:
+def _row(job: tuple[PresetName, int, Path]) -> dict[str, Any]:
     venue, seed, truth = job
     Room.trace = lambda surface, rays: _traced(surface.preset, rays)
     with tempfile.TemporaryDirectory() as folder:
-        row = visit(Path(folder), venue, seed, truth)
+        row = calibrate_and_judge(Path(folder), venue, seed, truth)
         return row | (seams(Path(folder)) if seed in SEAM_SEEDS else {})
 
 
 def main() -> None:
-    """Run all seeds and write the results; takes the better part of an hour."""
+    """Run all seeds and write the results; takes most of an hour."""
     os.environ["OPENBLAS_NUM_THREADS"] = "1"  # each worker has a core of its own
     rows = []
     with (
         tempfile.TemporaryDirectory() as shared,
         ProcessPoolExecutor(WORKERS, mp_context=get_context("spawn")) as pool,
     ):
-        truths = {v: tell_truth(Path(shared) / v, v) for v in VENUES}
+        truths = {v: make_truth(Path(shared) / v, v) for v in VENUES}
         jobs = [(v, seed, truths[v]) for v in VENUES for seed in SEEDS[v]]
-        for row in pool.map(_visit_of, jobs):
+        for row in pool.map(_row, jobs):
             rows.append(row)
             print(row, flush=True)
     here = Path(__file__).parent
@@ -288,10 +288,10 @@ def main() -> None:
     lines = [
         "# Light over noise seeds, 480x300 projectors, 600x600 camera",
         "",
-        f"{len(SEEDS['standard'])} and {len(SEEDS['realistic'])} visits; three channels each. Seams: "
+        f"{len(SEEDS['standard'])} and {len(SEEDS['realistic'])} calibrations; three channels each. Seams: "
         "patches of 0.7 degrees where projectors share the picture, of flat pictures "
-        f"{', '.join(FLATS)} in the first {len(SEAM_SEEDS)} visits. The realistic camera's "
-        "veil of 1 % was measured at a desk, by three photographs of a light trap.",
+        f"{', '.join(FLATS)} in the first {len(SEAM_SEEDS)} calibrations. The realistic "
+        "camera's veiling glare of 1 % was measured at a desk, by three photographs of a light trap.",
         "",
         *table(rows),
         "",

@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.frame import STRIP, Show, dome
-from procam.kernels import reference_frame
-from procam.kernels.even import EvenModel, even_sums
 from procam.kernels.frame import FrameModel, frame_sums
+from procam.kernels.frame import reference as reference_frame
 from procam.maths.geometry.sphere import master_directions, master_solid_angles
 
 Array = NDArray[np.float64]
@@ -29,7 +28,8 @@ def light_in_double(show: Show) -> Array:
     """What bounces to each node (M, M, 3) [rel], by the numbers that the kernels found."""
     model = show.equations.model
     terms = reference_frame.monomials(model.direction, model.terms)
-    numbers = show.equations.solution[0][:, : model.terms]
+    assert show.solution is not None
+    numbers = show.solution.coefficients[:, : model.terms]
     return model.spread.astype(float) * np.tensordot(terms, numbers, (0, 1))
 
 
@@ -62,7 +62,8 @@ def study(size: int, measured: bool, kind: type) -> dict[str, Any]:
     show = Show.of(size, measured, kind)
     show()
     frame = show.frames[(show.shown - 1) % 2]
-    light, assumed = light_in_double(show), show.equations.assumed()
+    assert show.solution is not None
+    light, assumed = light_in_double(show), show.solution.moments
     model = show.equations.model
     sums = reference_frame.frame_sums(model, frame, light, "light", show.coding)
     pixels = np.zeros_like(sums)
@@ -122,14 +123,9 @@ def structured(size: int, measured: bool) -> list[dict[str, Any]]:
             picture = pictures.setdefault(name, np.zeros((size, size, 3), np.uint8))
             picture[rows] = 255 * where[..., None]
             expected[name] = expected.get(name, 0) + terms @ where.ravel()
-    even, none = EvenModel.of(model), np.zeros_like(model.spread)
-    found = []
+    none, found = np.zeros_like(model.spread), []
     for name, picture in pictures.items():
-        if even is None:
-            sums = frame_sums(model, picture, none, "light", coding)[1]
-        else:
-            decode = np.tile(coding.tables["decode"].astype(float), (3, 1))
-            sums = even_sums(even, picture, decode)[1:2]
+        sums = frame_sums(model, picture, none, "light", coding)[1]
         off = float(np.abs(sums - expected[name]).max() / expected[name][0])
         found.append({"size": size, "dome": _name(measured), "structure": name, "off": off})
     return found
@@ -144,7 +140,7 @@ def _weighed_terms(model: FrameModel, rows: slice) -> Array:
 
 
 def _name(measured: bool) -> str:
-    return "measured" if measured else "even"
+    return "measured" if measured else "uniform"
 
 
 def main() -> None:

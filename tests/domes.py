@@ -11,9 +11,10 @@ from procam.maths.geometry.pose import Pose, rotation_vector
 from procam.maths.geometry.ray_to_screen import RoundShape
 from procam.maths.geometry.sphere import direction_from_angles
 from procam.model.optics import CameraModel, Fiducial, ProjectorModel, Sensor
+from simulators.builds import CameraBuild, ProjectorBuild
+from simulators.observations import camera_pixels, perturb_rig, simulate_observations
+from simulators.placement import place_cameras, place_projectors
 from simulators.presets import STANDARD, Preset
-from simulators.rig import CameraBuild, ProjectorBuild, hang_projectors, set_up_cameras
-from simulators.sightings import camera_sees, shaken, sightings
 from simulators.surface import Surface
 
 MARKS_DEG = {
@@ -46,10 +47,10 @@ class SimulatedDome:
     ) -> "SimulatedDome":
         """A rig that is hung a little differently for every seed."""
         rng = np.random.default_rng(seed)
-        hung = hang_projectors(projectors, (1920, 1200), radius_m)
-        placed = set_up_cameras(cameras, (2048, 2048), "fisheye", radius_m)
+        hung = place_projectors(projectors, (1920, 1200), radius_m)
+        placed = place_cameras(cameras, (2048, 2048), "fisheye", radius_m)
         surface = Surface.build(replace(preset, radius_m=radius_m))
-        return cls(surface, *shaken(hung, placed, rng), rng)
+        return cls(surface, *perturb_rig(hung, placed, rng), rng)
 
     @property
     def shape(self) -> RoundShape:
@@ -75,7 +76,9 @@ class SimulatedDome:
         found = {}
         for camera in self.cameras:
             for build in self.projectors:
-                seen = sightings(self.surface, build, camera, patch_px, sigma_px, self.rng)
+                seen = simulate_observations(
+                    self.surface, build, camera, patch_px, sigma_px, self.rng
+                )
                 sigma = np.full(len(seen[0]), max(sigma_px, 1e-4))
                 found[camera.name, build.name] = Observations(*seen, sigma)
         return found
@@ -87,7 +90,7 @@ class SimulatedDome:
             azimuth, elevation = np.radians(angles)
             direction = direction_from_angles(azimuth, elevation)
             point = direction * self.surface.radius(direction)
-            pixel = camera_sees(self.cameras[0], point[None])[0]
+            pixel = camera_pixels(self.cameras[0], point[None])[0]
             error = off * self.rng.normal(0, sigma, 2)
             marks.append(
                 Fiducial(

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from procam.files.calibration import save_calibration
-from procam.files.images.images import write_image
+from procam.files.images.pixels import write_image
 from procam.model.calibration import Calibration
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -68,7 +68,7 @@ class TestContracts:
             ("procam/maths/geometry/pose.py", "import procam.model.frame", "Layers"),
             (
                 "procam/estimate/structured_light/decode.py",
-                "import procam.files.images.images",
+                "import procam.files.images.pixels",
                 "Layers",
             ),
             ("procam/estimate/light/blend.py", "import cv2", "cv2 stays behind maths.warp"),
@@ -153,7 +153,7 @@ class TestStart:
         arguments = ["procam", "compensate", *(str(tmp_path / name) for name in names)]
         loaded = _modules_after(RUN.format(arguments))
         assert (tmp_path / "out.png").is_file()
-        assert "procam.compensate.exact" in loaded
+        assert "procam.compensate.compensator" in loaded
         slow = {
             "scipy",
             "scipy.linalg",

@@ -1,247 +1,223 @@
-"""The equations of a compensated frame, and their solution by looks at the whole picture."""
+"""The equations of a compensated frame, solved by evaluations of the whole picture.
 
-from dataclasses import replace
+A frame is known once the moments of its direct light are: sums over the dome of light times the
+monomials of the direction. They give the coefficients of the scattered light (`Fields.operator`);
+content less scattered light, within its limits, is the direct light; its moments must be those assumed.
+That makes 1, 4 or 9 unknowns per colour, twice as many for least squares (W). Each evaluation of the
+residual reads the picture once (`kernels.frame`). `Root` starts from the last frame's solution and
+slope, so that a slow pan takes two evaluations, and the second one already writes the result.
+"""
+
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.compensate.fields import Fields, NodeSample
+from procam.compensate.fields import Fields
+from procam.compensate.node_sample import NodeSample
 from procam.compensate.solver import Root
-from procam.kernels.arrays import aligned_like
-from procam.kernels.coding import Coding
-from procam.kernels.even import Coded, EvenModel, even_apply, even_sums
 from procam.kernels.frame import (
     TERMS,
+    Coding,
     FrameModel,
-    bounced_light,
     frame_apply,
     frame_sums,
+    scattered_light,
 )
+from procam.kernels.native.arrays import aligned_like
 
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
 CHANNELS = 3
-TOLERANCE = 2e-9  # of the moments, relative: what double sums of single light resolve
-TOLERANCES = {1: 1.5e-5, 2: 1e-6}  # of types of so many bytes: their own steps show nothing of it
-DARK = 0.02  # mean light [rel] of a colour from which on steps of tables resolve 1.5e-5 of it
-CHANGE = 2e-6  # of a sum: what 8 bits of a change may miss
-WORTH_PX = 3000  # edge from which on the weights of tables are fine enough (`kernels.even`)
+TOLERANCE = 2e-9  # of the moments, relative: the resolution of double sums of single light
+TOLERANCES = {1: 1.5e-5, 2: 1e-6}  # for types of so many bytes: below their own quantisation
 
 
-class Equations:
-    """Numbers of a frame's bounced light: solved, kept for the next frame, applied.
+@dataclass(frozen=True, eq=False, slots=True)
+class Solution:
+    """What is taken off a frame.
+
+    Attributes
+    ----------
+    moments : (3, T) of the direct light, as assumed [rel sr].
+    coefficients : (3, 9) of the polynomial of its scattered light.
+    pull : (3, 9) of the polynomial by which (W) raises the direct light; None for other methods.
+    """
+
+    moments: Array
+    coefficients: Array
+    pull: Array | None = None
+
+    @property
+    def unknowns(self) -> Array:
+        """(3, T), or (3, 2 T) with a pull: moments, then pull."""
+        if self.pull is None:
+            return self.moments
+        return np.concatenate([self.moments, self.pull[:, : self.moments.shape[1]]], axis=1)
+
+
+class NodeLight:
+    """Scattered light at the nodes of one model, kept for the last solution asked for."""
+
+    def __init__(self, model: FrameModel) -> None:
+        self.model = model
+        self._known: tuple[Solution, Image] | None = None
+
+    def of(self, solution: Solution) -> Image:
+        """Light (M, M, 3) [rel], in (W) less the pull. The next solution's light overwrites it."""
+        if self._known is None or not _same(self._known[0], solution):
+            buffer = None if self._known is None else self._known[1]
+            light = scattered_light(self.model, solution.coefficients, solution.pull, buffer)
+            self._known = solution, light
+        return self._known[1]
+
+
+class FrameEquations:
+    """Solves frames one after the other, each from the solution of the one before.
 
     Parameters
     ----------
     fields : of the dome.
-    method : see `Compensator`. quick : whether a dome that is the same everywhere may go by tables.
-    albedo : (3,), which paper eq. 12 goes by.
+    method : see `Compensator`.
+    albedo : (3,), for paper eq. 12.
     """
 
-    def __init__(self, fields: Fields, method: str, quick: bool, albedo: Array) -> None:
+    def __init__(self, fields: Fields, method: str, albedo: Array) -> None:
         self.fields, self.method = fields, method
         self.model = _known_to(method, fields.model, albedo)
         same = fields.shown is fields.model
         self.shown = self.model if same else _known_to(method, fields.shown, albedo)
-        self._quick = quick and method == "exact" and self.model.size >= WORTH_PX
-        self.solution = np.zeros((2, CHANNELS, TERMS))  # q, and what (W) takes off
-        self._made: dict[bool, tuple[Array, Image]] = {}  # light of the last look, and for what
-        self._looked: tuple[Array, Array] | None = None  # table, sums of the last look by tables
-        self._dark = False  # the picture at hand is too dark to sum by tables
-        self._root: Root | None = None  # of the last frame
-        self._written: Array | None = None  # solution under which the picture at hand is written
+        self._light = NodeLight(self.model)
+        self._shown_light = self._light if same else NodeLight(self.shown)
+        self._root: Root | None = None  # of the last frame, if it was solved
 
-    def light(self, model: FrameModel) -> Image:
-        """What bounces to each node (M, M, 3) of `model` or `shown` [rel]; in (W) less what it pulls.
+    @property
+    def nothing(self) -> Solution:
+        """No scattered light."""
+        return Solution(np.zeros((CHANNELS, self.model.terms)), np.zeros((CHANNELS, TERMS)))
 
-        The next solution's light is written over it.
-        """
-        which = model is self.model
-        known, room = self._made.get(which, (None, None))
-        if known is None or (known != self.solution).any():
-            offset = self.solution[1] if self.method == "least-squares" else None
-            light = bounced_light(model, self.solution[0], offset, room)
-            self._made[which] = self.solution.copy(), light
-        return self._made[which][1]
+    def light(self, solution: Solution) -> Image:
+        """Scattered light (M, M, 3) at the nodes of `model` [rel], see `NodeLight.of`."""
+        return self._light.of(solution)
 
-    def sums(self, content: NDArray[Any], light: Image, what: str, coding: Coding) -> Array:
+    def shown_light(self, solution: Solution) -> Image:
+        """The same for `shown`."""
+        return self._shown_light.of(solution)
+
+    def sums(self, content: NDArray[Any], solution: Solution, what: str, coding: Coding) -> Array:
         """Moments (3, T), see `kernels.frame.frame_sums`."""
-        return frame_sums(self.model, content, light, what, coding)
-
-    @cached_property
-    def _even(self) -> EvenModel | None:
-        """The dome, if it is the same everywhere and its pictures can go by tables."""
-        quick = self._quick and self.shown is self.model
-        return EvenModel.of(self.model) if quick else None
-
-    def _even_table(self, coding: Coding) -> Array:
-        """Light to send (3, 256) for each code of 8 bits."""
-        assert self._even is not None
-        return self._even.light(
-            coding.tables["decode"].astype(float),
-            self.solution[0, :, 0],
-            coding.most(np.dtype(np.uint8)),
-        ).T
-
-    def _light_sums(
-        self, content: NDArray[Any], coding: Coding, target: NDArray[Any] | None
-    ) -> Array:
-        """Moments (3, T) of the light to send; it is written to `target`, if there is one."""
-        if self._by_tables(content):
-            return self._even_sums(content, coding, target)[:, None]
-        light = self.light(self.model)
-        if target is None:
-            return self.sums(content, light, "light", coding)
-        self._written = self.solution.copy()
-        found = np.empty((CHANNELS, self.model.terms))
-        frame_apply(self.model, content, light, coding, target, found)
-        return found
-
-    def _by_tables(self, content: NDArray[Any]) -> bool:
-        return content.dtype == np.uint8 and self._even is not None
-
-    def _even_sums(
-        self, content: NDArray[Any], coding: Coding, target: NDArray[Any] | None
-    ) -> Array:
-        """The same (3,) by tables, of which dark pictures ask too much.
-
-        To write, it does to count what changed since the last look, if that is little.
-        """
-        assert self._even is not None
-        table, known = self._even_table(coding), self._looked
-        if target is not None and known is not None:
-            self._written, coded = self.solution.copy(), self._coded(table, coding)
-            span = np.ptp(table - known[0], axis=1) * self._even.weights.lit_sr / 510
-            if (span <= CHANGE * np.abs(known[1])).all():
-                return known[1] + even_apply(self._even, content, coded, target, table - known[0])
-            even_apply(self._even, content, coded, target)
-        sums = None if self._dark else even_sums(self._even, content, table)
-        self._dark = sums is None or bool((sums < DARK * self._even.weights.lit_sr).any())
-        if sums is None or self._dark:
-            return self.sums(content, self.light(self.model), "light", coding)[:, 0]
-        self._looked = table, sums
-        return sums
-
-    def _coded(self, table: Array, coding: Coding) -> Coded:
-        return Coded(255 * np.asarray(coding.encode(table), float), coding.threshold)
+        return frame_sums(self.model, content, self.light(solution), what, coding)
 
     def frame(
         self, content: NDArray[Any], coding: Coding, out: NDArray[Any] | None
-    ) -> NDArray[Any]:
-        """Solve, and write the light to send, encoded as the content is.
-
-        The look that is likely the last one writes already.
-        """
+    ) -> tuple[NDArray[Any], Solution]:
+        """Solve; the light to send, encoded as the content is, with its solution."""
         target = aligned_like(content) if out is None else out
         early = self.shown is self.model and not np.may_share_memory(content, target)
-        self.solve(content, coding, target if early else None)
-        if self._written is None or (self._written != self.solution).any():
-            self.apply(content, coding, target)
-        return target
+        solution, written = self.solve(content, coding, target if early else None)
+        if not written:
+            self.apply(content, coding, solution, target)
+        return target, solution
 
     def apply(
-        self, content: NDArray[Any], coding: Coding, out: NDArray[Any] | None
+        self,
+        content: NDArray[Any],
+        coding: Coding,
+        solution: Solution,
+        out: NDArray[Any] | None,
     ) -> NDArray[Any]:
-        """The light to send, encoded as the content is."""
-        if self._by_tables(content):
-            assert self._even is not None
-            target = aligned_like(content) if out is None else out
-            even_apply(self._even, content, self._coded(self._even_table(coding), coding), target)
-            return target
-        return frame_apply(self.shown, content, self.light(self.shown), coding, out)
+        """The light to send for a known solution, encoded as the content is."""
+        return frame_apply(self.shown, content, self.shown_light(solution), coding, out)
 
     def solve(
         self, content: NDArray[Any], coding: Coding, target: NDArray[Any] | None = None
-    ) -> None:
-        """Find the numbers of a frame, from those of the last; looks may write to `target`."""
-        self._written = self._looked = None
-        self._dark = False
-        if self.method in ("none", "paper-eq12"):
-            self.solution = np.zeros((2, CHANNELS, TERMS))
-            if self.method == "paper-eq12":
-                self.solution[0, :, :1] = self.sums(
-                    content, self.light(self.model), "content", coding
-                )
-            return
-        root = self._root or self._begun(content, coding)
-        self._root = None  # unless this frame is solved, the next does not start from here
-        root.follow(
-            lambda value, last: self._residual(value, content, coding, target if last else None),
-            lambda value: self._slope(value, content, coding),
-            TOLERANCES.get(content.itemsize, TOLERANCE),
-        )
+    ) -> tuple[Solution, bool]:
+        """The solution of a frame, and whether its picture was written to `target` on the way.
+
+        The evaluation that is likely the last one writes there.
+        """
+        if self.method == "none":
+            return self.nothing, False
+        if self.method == "paper-eq12":
+            flux = self.sums(content, self.nothing, "content", coding)
+            return Solution(flux, np.pad(flux, ((0, 0), (0, TERMS - 1)))), False
+        root, self._root = self._root or self._start(content, coding), None
+        target = target if self.method == "exact" else None
+        written: Array | None = None
+
+        def residual(value: Array, last: bool) -> Array:
+            nonlocal written
+            if last:
+                written = value.copy()
+            solution = self._solution(value)
+            return self.residual(content, coding, solution, target if last else None)
+
+        def slope(value: Array) -> Array:
+            return self._slope(self._solution(value), content, coding)
+
+        root.follow(residual, slope, TOLERANCES.get(content.itemsize, TOLERANCE))
         self._root = root
-        self._use(root.value)
+        up_to_date = target is not None and np.array_equal(written, root.value)  # type: ignore[arg-type]
+        return self._solution(root.value), up_to_date
 
-    def _use(self, value: Array) -> None:
-        """Numbers of moments (3, T), and in (W) of what they pull."""
-        terms = self.model.terms
-        self.solution[0] = self.fields.numbers_of(value[:, :terms])
-        self.solution[1, :, :terms] = value[:, terms:] if value.shape[1] > terms else 0
-
-    def left(self, content: NDArray[Any], sent: Array, coding: Coding) -> Array:
-        """What the solution leaves of the equations of its optimum; `sent` are moments of its light."""
-        if self.method != "least-squares":
-            return sent - self.assumed()
-        assert self._root is not None
-        return self._residual(self._root.value, content, coding)
-
-    def assumed(self) -> Array:
-        """Moments (3, T) that the last solution takes for those of the light sent."""
-        if self.method in ("none", "paper-eq12"):
-            return self.solution[0, :, : self.model.terms]
-        assert self._root is not None
-        return self._root.value[:, : self.model.terms]
-
-    def _residual(
+    def residual(
         self,
-        value: Array,
         content: NDArray[Any],
         coding: Coding,
+        solution: Solution,
         target: NDArray[Any] | None = None,
     ) -> Array:
-        """Moments of the light sent less those assumed; in (W) also the pull less what it must be.
+        """Moments of the light sent less those assumed; in (W) also the optimal pull less the pull.
 
         (W) minimises sum a (y - t)^2 / 2, y = b0 + v mono.C m, under m = sum a mono b0. With pull l, the
         multiplier of that, b0 = clip(t - v mono.C m + mono.l) and l = -C^T sum a v mono (y - t).
+        With a `target`, for (P) alone, the light is also written there.
         """
-        terms = self.model.terms
-        self._use(value)
-        if self.method == "exact":
-            return self._light_sums(content, coding, target) - value
-        light = self.light(self.model)
+        if target is not None:
+            sent = np.empty((CHANNELS, self.model.terms))
+            frame_apply(self.model, content, self.light(solution), coding, target, sent)
+            return sent - solution.moments
         what = "content" if self.method == "subtract" else "light"
-        left = self.sums(content, light, what, coding) - value[:, :terms]
-        if self.method == "subtract":
-            return left
-        pull = value[:, terms:]
-        error = self.sums(content, light, "excess", coding)
-        error = error + np.einsum("cij,cj->ci", self.fields.painted_gram, pull)
-        asked = -np.einsum("cji,cj->ci", self.fields.operator, error)
-        return np.concatenate([left, asked - pull], axis=1)
+        missed = self.sums(content, solution, what, coding) - solution.moments
+        if solution.pull is None:
+            return missed
+        pull = solution.pull[:, : self.model.terms]
+        error = self.sums(content, solution, "excess", coding)
+        error = error + np.einsum("cij,cj->ci", self.fields.spread_gram, pull)
+        optimal = -np.einsum("cji,cj->ci", self.fields.operator, error)
+        return np.concatenate([missed, optimal - pull], axis=1)
 
-    def _begun(self, content: NDArray[Any], coding: Coding) -> Root:
+    def _solution(self, value: Array) -> Solution:
+        """The solution of unknowns (3, K)."""
+        terms = self.model.terms
+        moments = value[:, :terms]
+        pull = None
+        if self.method == "least-squares":
+            pull = np.zeros((CHANNELS, TERMS))
+            pull[:, :terms] = value[:, terms:]
+        return Solution(moments, self.fields.coefficients_of(moments), pull)
+
+    def _start(self, content: NDArray[Any], coding: Coding) -> Root:
         """No light, and the slope there."""
         terms = self.model.terms * (2 if self.method == "least-squares" else 1)
         value = np.zeros((CHANNELS, terms))
-        return Root(value, self._slope(value, content, coding))
+        return Root(value, self._slope(self._solution(value), content, coding))
 
     @cached_property
     def _sample(self) -> NodeSample:
         return NodeSample.of(self.model)
 
-    def _slope(self, value: Array, content: NDArray[Any], coding: Coding) -> Array:
-        """Slope of the residual, by the places of a sample that no limit holds."""
-        self._use(value)
+    def _slope(self, solution: Solution, content: NDArray[Any], coding: Coding) -> Array:
+        """Slope of the residual, from the nodes of a sample where no limit holds."""
         sample = self._sample
         free = np.ones(sample.shape, bool)
         if self.method != "subtract":
             free = sample.free(
                 self.model,
                 coding.decoded(sample.of_picture(content)),
-                self.light(self.model),
+                self.light(solution),
                 coding.most(content.dtype),
             )
         return self._slope_of(free)
@@ -249,20 +225,25 @@ class Equations:
     def _slope_of(self, free: NDArray[np.bool_]) -> Array:
         sample, operator, terms = self._sample, self.fields.operator, self.model.terms
         eye = np.eye(terms)
-        painted = sample.products(free, 1)
+        weighted = sample.products(free, 1)
         if self.method != "least-squares":
-            return -(eye + painted @ operator)
+            return -(eye + weighted @ operator)
         transposed = operator.transpose(0, 2, 1)
         slope = np.empty((CHANNELS, 2 * terms, 2 * terms))
-        slope[:, :terms, :terms] = -(eye + painted @ operator)
+        slope[:, :terms, :terms] = -(eye + weighted @ operator)
         slope[:, :terms, terms:] = sample.products(free, 0)
         slope[:, terms:, :terms] = -transposed @ sample.products(~free, 2) @ operator
-        slope[:, terms:, terms:] = -(eye + transposed @ painted)
+        slope[:, terms:, terms:] = -(eye + transposed @ weighted)
         return slope
 
 
+def _same(a: Solution, b: Solution) -> bool:
+    pulls = a.pull is b.pull or np.array_equal(a.pull, b.pull)  # type: ignore[arg-type]
+    return pulls and np.array_equal(a.coefficients, b.coefficients)
+
+
 def _known_to(method: str, model: FrameModel, albedo: Array) -> FrameModel:
-    """A model as a method knows it; those for comparison know of no lamps."""
+    """A model as a method takes it; methods for comparison ignore the lamps."""
     if method == "none":
         return replace(model, ambient=None, spread=np.zeros_like(model.spread), terms=1)
     if method == "paper-eq12":

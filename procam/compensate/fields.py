@@ -1,15 +1,21 @@
-"""What a calibration says of a dome, as the frame kernels take it."""
+"""The fields of a calibration for the frame kernels, and the operator of scattered light.
+
+A calibration has maps on a dome master: scatter per flux, limits, coverage. They are sampled at the nodes
+of the frame model, and continued some nodes beyond the lit part, where interpolation at its border reads.
+Scattered light is a field `spread` times a polynomial q of the direction, with q = G M for the moments M
+of the direct light; G (`operator`) is the calibration's kernel in terms of monomials.
+"""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from procam.compensate._continuation import WELL_LIT, continued
 from procam.errors import InputError
-from procam.kernels.frame import TERMS, FrameModel, bounced_light
-from procam.kernels.reference_frame import monomials
+from procam.kernels.frame import TERMS, FrameModel, scattered_light
+from procam.kernels.frame.reference import monomials
 from procam.maths.geometry.sphere import (
     direction_from_angles,
     master_directions,
@@ -24,24 +30,19 @@ Array = NDArray[np.float64]
 Map = NDArray[np.float32]
 WHITES = ("summed", "keep")
 CHANNELS = 3
-SAMPLE = 96  # nodes along an edge, at most, that stand for all of them
-SOUND = 0.5  # coverage from which on a node's measured light is its own
-REACH = 6  # nodes beyond that, for interpolation: past a fading border and a band of node rows
-CONTINUED = ("spread", "lo", "hi", "gain")
-AROUND = np.array([(y, x) for y in (-1, 0, 1) for x in (-1, 0, 1)]).T
 
 
 @dataclass(frozen=True, eq=False)
 class Fields:
-    """Fields of a calibration on a dome master of M x M nodes, and the operator of bounced light.
+    """Fields of a calibration on a dome master of M x M nodes, and the operator of scattered light.
 
     Attributes
     ----------
-    shown : for the frame kernels; its `spread` is v, so that light bounced to a place is
-        v (q . mono(direction)), see `kernels.frame`. `hi` is there.
-    model : the same for sums: where content is protected it goes out as it came.
+    shown : the model for pictures; its `spread` is v, so that the scattered light at a place is
+        v (q . mono(direction)), see `kernels.frame`. It has `hi`.
+    model : the model for sums, in which protected content is sent unchanged.
     operator : (3, T, T) per colour, from moments of direct light (`kernels.frame.frame_sums`) to q.
-    protected : (N, N) where content goes out as it came, or None.
+    protected : (N, N) where content is sent unchanged, or None.
     """
 
     shown: FrameModel
@@ -53,7 +54,7 @@ class Fields:
     def of(
         cls, calibration: Calibration, size: int, state: str | None = None, white: str = "summed"
     ) -> "Fields":
-        """Fields for content of `size`, for a house state, under a white.
+        """Fields for content of `size`, in a venue state, under a white.
 
         Parameters
         ----------
@@ -66,19 +67,19 @@ class Fields:
             An unknown white or state.
         """
         if white not in WHITES:
-            raise InputError(f"white: got {white!r}, expected {' or '.join(WHITES)}")
+            raise InputError(f"white: {white!r} is unknown; choose {' or '.join(WHITES)}")
         shown = _model(calibration, size, state)
         fields = cls(shown, shown, _operator(calibration), _protected(calibration.maps, size))
         if white == "keep":
             gain = fields.todays_white() * (1 if shown.gain is None else shown.gain)
-            even = np.broadcast_to(gain, shown.coverage.shape).astype(np.float32)
-            shown = replace(shown, gain=even)
+            uniform = np.broadcast_to(gain, shown.coverage.shape).astype(np.float32)
+            shown = replace(shown, gain=uniform)
         if fields.protected is None:
             return replace(fields, shown=shown, model=shown)
         return replace(fields, shown=shown, model=_untouched(shown, calibration.maps))
 
-    def numbers_of(self, moments: Array) -> Array:
-        """Polynomial q (3, 9) for moments (3, T) [rel sr] of direct light."""
+    def coefficients_of(self, moments: Array) -> Array:
+        """Coefficients q (3, 9) of scattered light for moments (3, T) [rel sr] of direct light."""
         found = np.zeros((CHANNELS, TERMS))
         found[:, : self.model.terms] = np.einsum("cij,cj->ci", self.operator, moments)
         return found
@@ -89,7 +90,7 @@ class Fields:
         gain = np.ones_like(model.coverage) if model.gain is None else model.gain
         assert model.hi is not None
         direct = np.clip(gain[..., None], model.lo, model.hi).astype(float)
-        light = bounced_light(self.shown, self.numbers_of(self.node_sums(direct)))
+        light = scattered_light(self.shown, self.coefficients_of(self.node_sums(direct)))
         area = model.solid_angle_sr.astype(float)
         totals = np.tensordot(area, direct + light, 2) / np.tensordot(area, gain.astype(float), 2)
         return float(totals.min())
@@ -107,75 +108,16 @@ class Fields:
         return self._products(np.ones((*self.model.coverage.shape, 1)))[0]
 
     @cached_property
-    def painted_gram(self) -> Array:
-        """(3, T, T): the same, painted with `spread`."""
+    def spread_gram(self) -> Array:
+        """(3, T, T): the same, weighted with `spread`."""
         return self._products(self.model.spread.astype(float))
 
-    def _products(self, paint: Array) -> Array:
+    def _products(self, weights: Array) -> Array:
         terms = monomials(self.model.direction, self.model.terms).reshape(self.model.terms, -1)
         weight = self.model.solid_angle_sr.astype(float).ravel()
         weight *= (self.model.size / self.model.nodes) ** 2
-        each = [(terms * (weight * p)) @ terms.T for p in paint.reshape(-1, paint.shape[-1]).T]
+        each = [(terms * (weight * p)) @ terms.T for p in weights.reshape(-1, weights.shape[-1]).T]
         return np.array(each)
-
-
-@dataclass(frozen=True, eq=False)
-class NodeSample:
-    """Some of a model's nodes, and the pixels of the picture nearest to them; they stand for all.
-
-    `node` (S,) indices along an edge, `pixel` (S,) of the picture; `weight` (S, S) [sr], `spread`
-    (S, S, 3), `terms` (T, S, S).
-    """
-
-    node: NDArray[np.intp]
-    pixel: NDArray[np.intp]
-    weight: Array
-    spread: Array
-    terms: Array
-
-    @classmethod
-    def of(cls, model: FrameModel) -> "NodeSample":
-        """Every so manyth node of a model."""
-        step = -(-model.nodes // SAMPLE)
-        node = np.arange(step // 2, model.nodes, step)
-        pixel = ((node + 0.5) * model.size / model.nodes).astype(np.intp)
-        grid = np.ix_(node, node)
-        weight = model.solid_angle_sr[grid].astype(float)
-        total = float(model.solid_angle_sr.sum(dtype=float)) * (model.size / model.nodes) ** 2
-        terms = monomials(model.direction[:, node][:, :, node], model.terms)
-        scale = total / max(float(weight.sum()), 1e-300)
-        return cls(node, pixel, weight * scale, model.spread[grid].astype(float), terms)
-
-    @property
-    def shape(self) -> tuple[int, int, int]:
-        """Of what is told of each colour."""
-        return (*self.weight.shape, CHANNELS)
-
-    def of_picture(self, picture: NDArray[Any]) -> NDArray[Any]:
-        """The sample's pixels (S, S, 3) of a picture (N, N, 3)."""
-        return picture[np.ix_(self.pixel, self.pixel)]
-
-    def free(
-        self, model: FrameModel, content: NDArray[np.floating], light: Map, top: float
-    ) -> NDArray[np.bool_]:
-        """Where (S, S, 3) no limit holds, for linear content (S, S, 3) less bounced light.
-
-        White that is just reached is free: more light will be taken off.
-        """
-        grid = np.ix_(self.node, self.node)
-        gain = 1 if model.gain is None else model.gain[grid][..., None]
-        wanted = content * gain - light[grid]
-        hi = top if model.hi is None else np.minimum(model.hi[grid], top)
-        return np.asarray((wanted > model.lo[grid]) & (wanted <= hi))
-
-    def products(self, where: NDArray[np.bool_], power: int) -> Array:
-        """(3, T, T): moments over `where` (S, S, 3) of the monomials, painted so many times."""
-        flat = self.terms.reshape(len(self.terms), -1)
-        found = []
-        for c in range(CHANNELS):
-            weight = self.weight * where[..., c] * self.spread[..., c] ** power
-            found.append((flat * weight.ravel()) @ flat.T)
-        return np.array(found)
 
 
 def _model(calibration: Calibration, size: int, state: str | None) -> FrameModel:
@@ -186,7 +128,7 @@ def _model(calibration: Calibration, size: int, state: str | None) -> FrameModel
     coverage = _sampled(maps.coverage, where) * (area > 0)
     lo = _sampled(maps.lo, where)
     # coverage fades hi over the border; what is lit at all can be driven to full there
-    hi = np.maximum(_sampled(maps.hi, where) / np.maximum(coverage, SOUND)[..., None], lo)
+    hi = np.maximum(_sampled(maps.hi, where) / np.maximum(coverage, WELL_LIT)[..., None], lo)
     scatter, ambient = _scatter(calibration, where, state)
     raw = FrameModel(
         size=size,
@@ -200,20 +142,20 @@ def _model(calibration: Calibration, size: int, state: str | None) -> FrameModel
         direction=direction,
         terms=(maps.kernel.degree + 1) ** 2,
     )
-    return _continued(_painted(raw, maps.kernel))
+    return continued(_divided_by_profile(raw, maps.kernel))
 
 
 def _sampled(field: Map, where: NDArray[np.floating] | None) -> Map:
-    """A map at places of its own; all of it if there are none."""
+    """A map sampled at `where`, or the map itself."""
     if where is None:
         return field
-    from procam.maths.warp import sample  # noqa: PLC0415 - OpenCV is a tenth of the way to a first pixel
+    from procam.maths.warp import sample  # noqa: PLC0415 - OpenCV takes a tenth of the time to a first pixel
 
     return sample(field, where)
 
 
 def _untouched(shown: FrameModel, maps: DomeMaps) -> FrameModel:
-    """A model under which protected content goes out as it came."""
+    """A model in which protected content is sent unchanged."""
     direction, _ = master_directions(shown.nodes)
     kept = maps.is_protected(master_pixels(direction, maps.size))
     none = np.float32(0)
@@ -224,7 +166,7 @@ def _untouched(shown: FrameModel, maps: DomeMaps) -> FrameModel:
 
 
 def _protected(maps: DomeMaps, size: int) -> NDArray[np.bool_] | None:
-    """Where (N, N) content goes out as it came; None if nowhere."""
+    """Where (N, N) content is sent unchanged; None if nowhere."""
     if maps.protected is None:  # a large master's directions take seconds
         return None
     direction, inside = master_directions(size)
@@ -235,69 +177,21 @@ def _protected(maps: DomeMaps, size: int) -> NDArray[np.bool_] | None:
 def _scatter(
     calibration: Calibration, where: NDArray[np.floating] | None, state: str | None
 ) -> tuple[Map, Map | None]:
-    """What white brings per flux (M, M, 3) [1/sr] and the lamps' light, or None, in a house state."""
+    """Scatter per flux (M, M, 3) [1/sr] and the lamps' light, or None, in a venue state."""
     scatter = _sampled(calibration.maps.scatter_per_flux, where)
     if state is None:
         return scatter, None
-    house = calibration.state(state)
-    ambient = None if house.ambient is None else _sampled(house.ambient, where)
-    return scatter * house.scatter_ratio.astype(np.float32), ambient
+    condition = calibration.state(state)
+    ambient = None if condition.ambient is None else _sampled(condition.ambient, where)
+    return scatter * condition.scatter_ratio.astype(np.float32), ambient
 
 
-def _painted(model: FrameModel, kernel: ScatterKernel) -> FrameModel:
-    """A model whose `spread` is what white brings per flux, with the paint v in its place."""
+def _divided_by_profile(model: FrameModel, kernel: ScatterKernel) -> FrameModel:
+    """A model whose `spread`, scatter per flux of full white, is replaced by v: divided by its polynomial."""
     profile = np.zeros((CHANNELS, TERMS))
     profile[:, : model.terms] = kernel.profile @ _harmonics(kernel.degree).T
     bare = replace(model, spread=np.ones_like(model.spread), ambient=None)
-    return replace(model, spread=model.spread / bounced_light(bare, profile))
-
-
-def _continued(model: FrameModel) -> FrameModel:
-    """A model whose fields go on for some nodes beyond the part that is well lit as they are at its border.
-
-    Interpolation reads there. What is faintly lit further out keeps its own, and has neighbours like it;
-    what is not lit is 0 beyond.
-    """
-    lit, given = model.coverage > 0, {n: getattr(model, n) for n in CONTINUED}
-    shapes = {n: field.shape for n, field in given.items() if field is not None}
-    flat = {n: np.array(given[n], np.float32).reshape(lit.size, -1) for n in shapes}
-    dark = np.flatnonzero(~lit)
-    for field in flat.values():
-        field[dark] = 0
-    known = _spread_out(flat, model.coverage >= SOUND)
-    if (lit & ~known).any():
-        _spread_out(flat, known | lit)
-    continued: dict[str, Any] = {n: field.reshape(shapes[n]) for n, field in flat.items()}
-    return replace(model, **continued)
-
-
-def _spread_out(fields: dict[str, Map], known: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Continue fields (M * M, C) ring by ring beyond nodes (M, M) that are known; which are then."""
-    known = known.copy()
-    for _ in range(REACH):
-        at, near, share = _ring(known)
-        for field in fields.values():
-            field[at] = np.matmul(share[:, None], field[near])[:, 0]
-        known.flat[at] = True
-    return known
-
-
-def _ring(known: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp], Map]:
-    """Nodes (P,) round those that are known, the nine nodes (P, 9) at each, and their shares (P, 9)."""
-    edge = len(known)
-    at = np.flatnonzero(_grown(known) & ~known)
-    y, x = (n[:, None] + step for n, step in zip(np.divmod(at, edge), AROUND, strict=True))
-    near = np.clip(y, 0, edge - 1) * edge + np.clip(x, 0, edge - 1)
-    inside = (np.minimum(x, y) >= 0) & (np.maximum(x, y) < edge)
-    share = (known.ravel()[near] & inside).astype(np.float32)
-    return at, near, share / share.sum(axis=1, keepdims=True)
-
-
-def _grown(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """A mask and all that touches it, at corners too."""
-    wide = np.pad(mask, 1)
-    tall = wide[:-2] | wide[1:-1] | wide[2:]
-    return np.asarray(tall[:, :-2] | tall[:, 1:-1] | tall[:, 2:])
+    return replace(model, spread=model.spread / scattered_light(bare, profile))
 
 
 def _operator(calibration: Calibration) -> Array:

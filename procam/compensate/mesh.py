@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from procam.errors import InputError, ShapeError, UnitError
 from procam.maths.mesh.active_set import LeastSquares, MeshRoom, exact_light
-from procam.maths.mesh.radiosity import check_darkens
+from procam.maths.mesh.radiosity import check_gain
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -15,12 +15,12 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True, slots=True)
 class MeshCertificate:
-    """What shows that light solves its problem, per colour (C,).
+    """How well light solves its problem, per colour (C,).
 
     Attributes
     ----------
-    kkt : how far the light is from where its conditions hold, of the largest target [-]. For (P) the
-        largest |b0 - clip(t - bounced, lo, hi)|; for (W) the same of a gradient step.
+    kkt : residual of the optimality conditions, relative to the largest target [-]. For (P) the
+        largest |b0 - clip(t - scattered, lo, hi)|; for (W) the same of a gradient step.
     self_consistency : largest |b - b0 - rho F b| of the largest total light b [-].
     share_lo, share_hi : area at a limit, of the area whose light can be chosen.
     flux_in, flux_out : area times target, and times direct light [rel m2].
@@ -40,8 +40,8 @@ class CompensatedMesh:
 
     Attributes
     ----------
-    direct : what the projectors must put there [rel]. total : what is seen, with all bounces [rel].
-    free : no limit holds; by (P) the total is the target there.
+    direct : light of the projectors [rel]. total : with all inter-reflections [rel].
+    free : no limit holds; in (P) the total equals the target there.
     """
 
     direct: Array
@@ -55,16 +55,16 @@ class MeshCompensator:
 
     Parameters
     ----------
-    factors : (N, N) of `form_factors`. It is kept, not copied.
+    factors : (N, N) of `form_factors`; kept, not copied.
     albedo : (N, C) [-], at least 0 and below 1.
     area_m2 : (N,) of the faces.
-    lo, hi : (N, C) least and most direct light [rel]. Faces that nothing lights, floor or seats, have
-        0 for both: they bounce light, and nothing is chosen there.
+    lo, hi : (N, C) least and most direct light [rel]. Faces that no projector lights, such as floor
+        and seats, have 0 for both: they only reflect light.
 
     Raises
     ------
     InputError
-        Arrays that do not fit, values that are not finite or mean nothing, a room that never darkens.
+        Arrays of other shapes, values that are not finite or out of range, a room that absorbs no light.
 
     Examples
     --------
@@ -92,9 +92,7 @@ class MeshCompensator:
         for name, limit in (("lo", lo), ("hi", hi)):
             _check_array(name, limit, albedo.shape)
         if (lo > hi).any():
-            raise InputError(
-                f"lo and hi: got lo above hi on {_count(lo > hi)}, expected lo <= hi; are they swapped?"
-            )
+            raise InputError(f"lo and hi: lo is above hi on {_count(lo > hi)}; are they swapped?")
         self._rooms = [MeshRoom(channel, factors) for channel in albedo.T]
         self._area_m2, self._lo, self._hi = area_m2, lo, hi
 
@@ -106,28 +104,28 @@ class MeshCompensator:
         InputError
             A target that does not fit, or is not finite.
         DidNotConverge
-            If light still moves after many steps.
+            If the solution does not settle in many steps.
         """
         _check_array("target", target, self._lo.shape)
         direct, moved = np.empty(target.shape), np.empty(target.shape)
         for c, room in enumerate(self._rooms):
             wanted, lo, hi = target[:, c], self._lo[:, c], self._hi[:, c]
             direct[:, c] = exact_light(room, wanted, lo, hi)
-            bounced = room.all(direct[:, c]) - direct[:, c]
-            moved[:, c] = np.clip(wanted - bounced, lo, hi) - direct[:, c]
+            scattered = room.total(direct[:, c]) - direct[:, c]
+            moved[:, c] = np.clip(wanted - scattered, lo, hi) - direct[:, c]
         return self._certified(target, direct, moved)
 
     def least_squares(self, target: Array, weight: Array | None = None) -> CompensatedMesh:
-        """Light whose total misses the target (N, C) least, by the sum of weight times square: (W).
+        """Light whose total has the least weighted squared error from the target (N, C): (W).
 
-        `weight` (N,), by default the areas; 0 where nobody looks and nothing can be lit.
+        `weight` (N,), by default the areas; 0 is allowed where nothing can be lit.
 
         Raises
         ------
         InputError
             A target or weights that do not fit, are not finite, below 0, or 0 where light can be chosen.
         DidNotConverge
-            If light still moves after many steps.
+            If the solution does not settle in many steps.
         """
         weight = self._area_m2 if weight is None else weight
         self._check_weight(weight)
@@ -141,10 +139,10 @@ class MeshCompensator:
         return self._certified(target, direct, moved)
 
     def _certified(self, target: Array, direct: Array, moved: Array) -> CompensatedMesh:
-        """The light (N, C) with its certificate; `moved` is what its problem would still change."""
+        """The light (N, C) with its certificate; `moved` is the residual of its conditions."""
         rooms = list(enumerate(self._rooms))
-        total = np.stack([room.all(direct[:, c]) for c, room in rooms], axis=1)
-        again = np.stack([room.once(total[:, c]) for c, room in rooms], axis=1)
+        total = np.stack([room.total(direct[:, c]) for c, room in rooms], axis=1)
+        again = np.stack([room.bounce(total[:, c]) for c, room in rooms], axis=1)
         choice = self._lo < self._hi
         at_lo, at_hi = choice & (direct <= self._lo), choice & (direct >= self._hi)
         chosen = np.maximum(self._area_m2 @ choice, np.finfo(float).tiny)
@@ -161,12 +159,12 @@ class MeshCompensator:
     def _check_weight(self, weight: Array) -> None:
         _check_array("weight", weight, self._area_m2.shape)
         if (weight < 0).any():
-            raise UnitError(f"weight: got {weight.min():.3g} at least, expected 0 or more")
+            raise UnitError(f"weight: the least is {weight.min():.3g}; none may be below 0")
         idle = (weight == 0)[:, None] & (self._lo < self._hi)
         if idle.any():
             raise InputError(
-                f"weight: got 0 on {_count(idle)} whose light can be chosen, expected more than 0; any "
-                "light there would serve as well"
+                f"weight: 0 on {_count(idle)} whose light can be chosen, which leaves it undetermined; "
+                "give them a weight above 0"
             )
 
 
@@ -178,19 +176,18 @@ def _check_room(factors: NDArray[np.floating], albedo: Array, area_m2: Array) ->
         raise ShapeError("albedo", albedo.shape, f"({faces}, C), a row for each face")
     _check_array("area_m2", area_m2, (faces,))
     if (area_m2 <= 0).any():
-        raise UnitError(f"area_m2: got {area_m2.min():.3g} at least, expected more than 0")
+        raise UnitError(f"area_m2: the least is {area_m2.min():.3g}; areas must be above 0")
     _check_array("albedo", albedo, albedo.shape)
     if (albedo >= 1).any() or (albedo < 0).any():
         raise UnitError(
-            f"albedo: got {albedo.min():.3g} to {albedo.max():.3g}, expected 0 or more and below 1; is it "
-            "in percent?"
+            f"albedo: {albedo.min():.3g} to {albedo.max():.3g} is not all within 0 <= albedo < 1; is it in "
+            "percent?"
         )
     if not (np.isfinite(factors.sum(axis=1, dtype=float)).all() and factors.min() >= 0):
         raise InputError(
-            "form factors: got values that are negative or not finite, expected 0 or more; make them "
-            "with form_factors"
+            "form factors: some are negative or not finite; compute them with form_factors"
         )
-    check_darkens(albedo, factors)
+    check_gain(albedo, factors)
 
 
 def _check_array(name: str, values: Array, shape: tuple[int, ...]) -> None:
@@ -198,8 +195,7 @@ def _check_array(name: str, values: Array, shape: tuple[int, ...]) -> None:
         raise ShapeError(name, values.shape, f"{shape}")
     if not np.isfinite(values).all():
         raise InputError(
-            f"{name}: got NaN or infinity on {_count(~np.isfinite(values))}, expected finite values; "
-            "fill what is unknown first"
+            f"{name}: NaN or infinity on {_count(~np.isfinite(values))}; fill unknown values first"
         )
 
 

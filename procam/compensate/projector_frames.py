@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from procam.errors import InputError, ShapeError
 from procam.kernels import WarpPlan, plan_warp, warp_frame
-from procam.kernels.reference_warp import KNOTS, TILE
+from procam.kernels.warp.reference import KNOTS, TILE
 from procam.maths.geometry.sphere import master_pixels
 from procam.maths.light.curves import invert_curve, srgb_decode
 from procam.maths.warp import sample
@@ -21,7 +21,9 @@ Image = NDArray[np.float32]
 Frame = NDArray[Any]
 Decode = Callable[[NDArray[np.floating]], NDArray[np.floating]]
 CODES = 256
-MOST_SHARE = 100.0  # beyond that a pixel adds under 1 % of white, and would coarsen its neighbours
+MOST_SHARE = (
+    100.0  # larger shares add under 1 % of white, and cost precision of neighbouring pixels
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,9 +37,9 @@ class _Prepared:
 class Warper:
     """Makes the frames of all projectors from dome masters of one size.
 
-    At each pixel the master is sampled, black is taken off, the blend shares the rest out, and the
-    projector's colour mixing and response are undone. What a projector cannot give is clipped;
-    pixels that do not arrive on the screen, or whose light is unknown, are dark.
+    At each pixel the master is sampled, black is subtracted, the blend's share applied, and the
+    projector's colour mixing and response are inverted. Light beyond a projector's range is clipped;
+    pixels that miss the screen, or whose light is unknown, are dark.
 
     Parameters
     ----------
@@ -55,7 +57,7 @@ class Warper:
     Notes
     -----
     Preparing takes some seconds for large projectors and 20 bytes for each of their pixels: keep the
-    object. A response that differs by place is undone in NumPy, about 20 times slower.
+    object. A response that depends on position is inverted in NumPy, about 20 times slower.
     """
 
     def __init__(
@@ -69,9 +71,11 @@ class Warper:
     ) -> None:
         self.size, self.dtype = size, np.dtype(dtype)
         if self.dtype not in (np.uint8, np.uint16, np.float32):
-            raise InputError(f"frames: got {self.dtype}, expected uint8, uint16 or float32")
+            raise InputError(
+                f"frames: {self.dtype} is not supported; choose uint8, uint16 or float32"
+            )
         if size < 2:
-            raise InputError(f"size: got {size} px, expected 2 or more")
+            raise InputError(f"size: {size} px is too small; 2 or more are needed")
         codes = decode(np.arange(CODES) / (CODES - 1))
         self._projectors = {
             name: _Prepared(
@@ -86,7 +90,7 @@ class Warper:
         Parameters
         ----------
         master : uint8, encoded, or linear: uint16, of which 65535 is 1, float16, float32 [rel].
-        out : frames to write to; saves making them anew.
+        out : frames to write to, instead of new ones.
         """
         if master.shape != (self.size, self.size, 3):
             raise ShapeError("master", master.shape, f"({self.size}, {self.size}, 3)")
@@ -123,7 +127,7 @@ def _plan(
     codes: NDArray[np.floating],
     thresholds: NDArray[np.floating] | None,
 ) -> WarpPlan:
-    """What the kernel needs to know of a projector."""
+    """The plan of a projector for the kernel."""
     surface, photometry = projector.surface, projector.photometry
     known = surface.valid[..., None] & np.isfinite(surface.direction)
     direction = np.where(known, surface.direction, 0)
@@ -147,12 +151,12 @@ def _drives(photometry: Photometry) -> NDArray[np.float64]:
     response = photometry.response
     light = np.repeat(KNOTS[:, None], 3, axis=1)
     drives = np.clip(invert_curve(light, response.levels, response.values), 0, 1)
-    drives[0] = 0  # no light is no drive, also where a response begins flat
+    drives[0] = 0  # no light is no drive, also where a response starts flat
     return np.maximum.accumulate(drives, axis=0)
 
 
 def _exact_drive(master: Frame, projector: _Prepared) -> Image:
-    """Drives by the response's own table; where it differs by place, of the light behind that."""
+    """Drives by the response's own table, after its exponent where it depends on position."""
     photometry = projector.photometry
     light = warp_frame(master, projector.plan, dtype=np.float32)
     if photometry.exponent is not None:
@@ -162,7 +166,7 @@ def _exact_drive(master: Frame, projector: _Prepared) -> Image:
 
 
 def _quantised(drive: Image, dtype: np.dtype[Any], thresholds: Image) -> Frame:
-    """Drives as numbers of a type: rounded to 16 bits, dithered to 8."""
+    """Drives as values of a type: rounded to 16 bits, dithered to 8."""
     if dtype == np.float32:
         return drive
     if dtype == np.uint16:

@@ -1,7 +1,7 @@
-"""What a player needs to repeat exact compensation by itself: textures, and few numbers per frame.
+"""Exact compensation for a player: textures, uniforms, and a few coefficients per frame.
 
 Per colour, scattered light is `spread` times a polynomial of nine terms in the direction
-(compensate.fields). The polynomial's numbers are all that differs from frame to frame.
+(compensate.fields). The coefficients of the polynomial are all that differs from frame to frame.
 """
 
 from collections.abc import Sequence
@@ -16,16 +16,16 @@ Array = NDArray[np.float64]
 Texture = NDArray[np.float32]
 TERMS = ("1", "x", "y", "z", "xy", "yz", "xz", "x^2-y^2", "z^2")
 CHANNELS = "RGB"
-METHODS = ("exact", "subtract")  # those whose frames differ by the numbers alone
+METHODS = ("exact", "subtract")  # those whose frames differ in the coefficients alone
 EXPONENTS = {"gamma2.2": 2.2, "gamma2.4": 2.4, "gamma2.6": 2.6, "bt1886": 2.4}
 NO_LIMIT = 1e30  # a number that JSON and a shader can both hold
 
 
 def textures(fields: Fields) -> dict[str, Texture]:
-    """Textures (H, W, 1 or 3) by name; a field that is the same all over is one texel.
+    """Textures (H, W, 1 or 3) by name; a uniform field is one texel.
 
-    Floats of 32 bits: near black a step of 8-bit sRGB is 3e-4 of white, and halves would round the
-    scattered light by as much as half of that.
+    Floats of 32 bits: near black a step of 8-bit sRGB is 3e-4 of white, and half floats would round the
+    scattered light by up to half of that.
     """
     model = fields.shown
     found = {
@@ -46,7 +46,7 @@ def _texel(value: float, channels: int = 1) -> Texture:
 
 
 def columns(used: int) -> list[str]:
-    """Names of a row's numbers: the three colours of the first term, of the second, and so on.
+    """Names of a row's coefficients: the three colours of the first term, of the second, and so on.
 
     A bare sphere has one term, a furnished dome four or nine (`FrameModel.terms`).
 
@@ -56,13 +56,13 @@ def columns(used: int) -> list[str]:
     return [f"{term}.{channel}" for term in TERMS[:used] for channel in CHANNELS]
 
 
-def row(numbers: Array, used: int) -> Sequence[float]:
-    """The numbers (3, 9) of a frame in the order of `columns`."""
-    return [float(value) for value in numbers[:, :used].T.ravel()]
+def row(coefficients: Array, used: int) -> Sequence[float]:
+    """The coefficients (3, 9) of a frame in the order of `columns`."""
+    return [float(value) for value in coefficients[:, :used].T.ravel()]
 
 
 def uniforms(transfer: str, dtype: np.dtype[np.generic]) -> dict[str, float]:
-    """What the shader is told once: the transfer function by name, and what a target of `dtype` holds.
+    """Uniforms that do not change: the transfer function, and the range of a target of `dtype`.
 
     >>> uniforms("bt1886", np.dtype(np.uint8))
     {'transfer': 2, 'exponent': 2.4, 'top': 1.0, 'levels': 255.0}
@@ -77,17 +77,17 @@ def uniforms(transfer: str, dtype: np.dtype[np.generic]) -> dict[str, float]:
 
 
 def moves(fields: Fields) -> Texture:
-    """(18, 9, 3) for the live variant: numbers q become A M + B q, M the moments that q leads to.
+    """(18, 9, 3) for the live variant: coefficients q become A M + B q, M the moments that q gives.
 
-    With all places free, M = M_t - S q, S the moments of the terms painted with `spread`, and
-    q = G M (`Fields.operator`) is solved by Newton's step q + J (G M - q), J = (I + G S)^-1. Where
-    places are at a limit that step falls short, but by no more than their share of what light bounces.
-    Rows 0..8 are A = J G, rows 9..17 are B = I - J, columns the term they apply to.
+    Without limits M = M_t - S q, S the moments of the terms weighted with `spread`, and q = G M
+    (`Fields.operator`) is solved by Newton's step q + J (G M - q), J = (I + G S)^-1. Where limits hold
+    the step is too short, but by no more than their share of the scattered light. Rows 0..8 are
+    A = J G, rows 9..17 are B = I - J, columns the term they apply to.
     """
     used, count = fields.model.terms, len(TERMS)
     found = np.zeros((2 * count, count, 3), np.float32)
     for c in range(3):
-        bounced = np.eye(used) + fields.operator[c] @ fields.painted_gram[c]
-        found[:used, :used, c] = np.linalg.solve(bounced, fields.operator[c])
-        found[count : count + used, :used, c] = np.eye(used) - np.linalg.inv(bounced)
+        scattered = np.eye(used) + fields.operator[c] @ fields.spread_gram[c]
+        found[:used, :used, c] = np.linalg.solve(scattered, fields.operator[c])
+        found[count : count + used, :used, c] = np.eye(used) - np.linalg.inv(scattered)
     return found

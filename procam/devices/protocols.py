@@ -1,6 +1,6 @@
-"""What procam asks of a camera, a projector, its remote control and a clock.
+"""The interfaces of a camera, a projector, its remote control and a clock.
 
-Small blocking protocols: a projector and a camera taking turns need neither asyncio nor threads.
+The calls block: a projector and a camera that take turns need neither asyncio nor threads.
 """
 
 from collections.abc import Callable, Mapping
@@ -26,7 +26,7 @@ class Power(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Shown:
-    """What a projector really shows: the drive after its own quantisation, and since when."""
+    """The drive that a projector shows, after its quantisation, and the time since when [s]."""
 
     drive: NDArray[np.float32]
     at_s: float
@@ -39,10 +39,10 @@ class ControlState:
     Attributes
     ----------
     power : power state.
-    shuttered : True when the picture is dark (shutter or A/V mute); None when it cannot be asked now.
-    source : active input in the projector's own words; None when it cannot be asked now.
-    lamp_hours : hours on the light source; None when it cannot be asked now.
-    errors : what the projector complains of, in words; empty when it is well.
+    shuttered : True when the picture is dark (shutter or A/V mute); None if unknown in this state.
+    source : code of the active input; None if unknown in this state.
+    lamp_hours : hours on the light source; None if unknown in this state.
+    errors : faults that the projector reports, in words.
     """
 
     power: Power
@@ -53,14 +53,14 @@ class ControlState:
 
 
 class Clock(Protocol):
-    """Real time, or a scene's own free time."""
+    """Real time, or the simulated time of a scene."""
 
     def now_s(self) -> float:
         """Seconds since an arbitrary start [s]."""
         ...
 
     def sleep(self, duration_s: float) -> None:
-        """Let `duration_s` pass [s]."""
+        """Wait for `duration_s` [s]."""
         ...
 
 
@@ -71,7 +71,7 @@ class Camera(Protocol):
     size: tuple[int, int]
 
     def configure(self, settings: CameraSettings) -> CameraSettings:
-        """Ask for settings; returns the ones really set."""
+        """Request settings; returns those that are in force."""
         ...
 
     def capture(self) -> Frame:
@@ -94,7 +94,7 @@ class ProjectorControl(Protocol):
     """The remote control of a projector."""
 
     def state(self) -> ControlState:
-        """Ask for everything that can be asked in this power state."""
+        """Read everything that can be read in this power state."""
         ...
 
     def set_power(self, on: bool) -> None:
@@ -102,15 +102,15 @@ class ProjectorControl(Protocol):
         ...
 
     def set_shutter(self, closed: bool) -> None:
-        """Make the picture dark or let it out; returns when the projector has confirmed it."""
+        """Close or open the shutter; returns when the projector has confirmed it."""
         ...
 
     def set_input(self, source: str) -> None:
-        """Select an input by the projector's own word for it."""
+        """Select an input by the projector's code for it."""
         ...
 
     def close(self) -> None:
-        """Let go of the wire."""
+        """Close the connection."""
         ...
 
 
@@ -121,9 +121,9 @@ class BackendRig:
     Attributes
     ----------
     cameras, projectors : devices by name.
-    clock : the time they live in.
-    ports : serial device path by projector name, for remote controls on the backend's own wires.
-    closers : called in order when the rig is let go.
+    clock : the time of these devices.
+    ports : serial device path by projector name, for remote controls on the backend's own ports.
+    closers : called in order when the rig is closed.
     """
 
     cameras: Mapping[str, Camera]

@@ -1,4 +1,4 @@
-"""All devices of a venue by name; leaves every projector dark, whatever happens."""
+"""All devices of a venue by name; every projector is left dark, also after an error."""
 
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
@@ -20,15 +20,15 @@ from procam.devices.protocols import (
 )
 from procam.errors import DeviceError, InputError
 
-FROM_BACKEND = "backend"  # a control port that hangs on the backend's own wire
+FROM_BACKEND = "backend"  # a control port that the backend provides
 
 
 @dataclass
 class Rig:
     """Cameras, projectors and remote controls by name.
 
-    A context manager: on the way out every projector is shuttered, or shows black where it has no
-    shutter, and all wires are let go.
+    A context manager: at the end every projector is shuttered, or shows black where it has no
+    shutter, and all connections are closed.
     """
 
     cameras: Mapping[str, Camera]
@@ -41,13 +41,13 @@ class Rig:
         return self
 
     def __exit__(self, *_: object) -> None:
-        with ExitStack() as stack:  # runs every step even if one of them fails
+        with ExitStack() as stack:  # runs every step, also after one that fails
             stack.callback(self.release)
             for name in self.projectors:
                 stack.callback(self.darken, name)
 
     def release(self) -> None:
-        """Let go of all wires, leaving the projectors as they are."""
+        """Close all connections, leaving the projectors as they are."""
         with ExitStack() as stack:
             for closer in self.closers:
                 stack.callback(closer)
@@ -55,22 +55,22 @@ class Rig:
                 stack.callback(control.close)
 
     def start(self) -> None:
-        """Switch every projector on (waits for the lamp) and make it dark."""
+        """Switch every projector on, wait for its lamp and make it dark."""
         for name, control in self.controls.items():
             if control.state().power is not Power.ON:
                 control.set_power(True)
             self.darken(name)
 
     def light(self, name: str) -> None:
-        """Let the light of one projector out."""
+        """Open the shutter of one projector."""
         if name in self.controls:
             self.controls[name].set_shutter(False)
 
     def darken(self, name: str) -> None:
         """Show black, and close the shutter where there is one that works.
 
-        A projector that is warming up refuses its shutter, so this waits until the lamp burns:
-        left alone, it would light the dome a minute after whoever stopped the run has gone.
+        A projector that is warming up refuses its shutter, so this waits until the lamp is on;
+        otherwise the dome would be lit a minute after the run has ended.
         """
         width, height = self.projectors[name].size
         self.projectors[name].show(np.zeros((height, width, 3), np.float32))
@@ -92,7 +92,7 @@ def open_backend(name: str, settings: Mapping[str, Any], venue_dir: Path) -> Bac
     known = entry_points(group="procam.backends")
     if name not in known.names:
         raise InputError(
-            f"backend: got {name!r}, expected one of {', '.join(sorted(known.names))}; "
+            f"backend {name!r} is not installed; choose one of {', '.join(sorted(known.names))}, or "
             "install the package that provides it"
         )
     rig: BackendRig = known[name].load()(settings, venue_dir)
@@ -100,11 +100,11 @@ def open_backend(name: str, settings: Mapping[str, Any], venue_dir: Path) -> Bac
 
 
 def open_control(projector: str, protocol: str, port: str, backend: BackendRig) -> ProjectorControl:
-    """The remote control of one projector; port "backend" means the backend's own wire."""
+    """The remote control of one projector; port "backend" is the one that the backend provides."""
     path = backend.ports.get(projector) if port == FROM_BACKEND else port
     if path is None:
         raise DeviceError(
-            f"projector {projector}: got control port {FROM_BACKEND!r}, but its backend has no "
-            "wire for it; give the device path, such as /dev/ttyUSB0"
+            f"projector {projector}: its backend provides no control port; replace {FROM_BACKEND!r} by a "
+            "device path such as /dev/ttyUSB0"
         )
     return open_serial_control(path, protocol, clock=backend.clock, name=projector)

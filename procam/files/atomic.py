@@ -1,6 +1,5 @@
 """Writes that survive a kill: temporary name, flush to disk, rename; logs that lose no whole line."""
 
-import fcntl
 import os
 import shutil
 from collections.abc import Iterator
@@ -8,28 +7,29 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from procam.errors import FileFormatError, InputError
+from procam.files.system import flush, try_lock
 
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Yield a temporary name beside `path`; when the block ends well, it becomes `path` at once.
+    """Yield a temporary name beside `path`, renamed to `path` when the block ends without an error.
 
-    Whoever reads `path` sees the old file or the whole new one, also after a power cut.
+    A reader of `path` finds the old file or the complete new one, also after a power cut.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.name}.tmp{path.suffix}")
     try:
         yield temporary
-        _flush(temporary)
+        flush(temporary)
         temporary.replace(path)
-        _flush(path.parent)
+        flush(path.parent)
     finally:
         temporary.unlink(missing_ok=True)
 
 
 @contextmanager
 def replacing_directory(path: Path) -> Iterator[Path]:
-    """Yield a temporary directory beside `path`; when the block ends well, it becomes `path`.
+    """Yield a temporary directory beside `path`, renamed to `path` when the block ends without an error.
 
     `path` must not exist: a finished directory is never overwritten.
     """
@@ -40,33 +40,35 @@ def replacing_directory(path: Path) -> Iterator[Path]:
     try:
         yield temporary
         for file in sorted(temporary.rglob("*")):
-            _flush(file)
-        _flush(temporary)
+            flush(file)
+        flush(temporary)
         temporary.rename(path)
-        _flush(path.parent)
+        flush(path.parent)
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write `text` durably; an existing file is replaced whole."""
+    """Write `text` durably; an existing file is replaced as a whole."""
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
 
 
 def append_line(path: Path, line: str) -> None:
-    """Append one line and flush it to disk; a torn last line of an earlier kill is cut off first."""
+    """Append one line and flush it to disk, after removing an incomplete last line."""
     with path.open("ab+") as file:
-        file.seek(0)
-        whole = file.read().rfind(b"\n") + 1
-        file.truncate(whole)
+        if size := file.seek(0, os.SEEK_END):
+            file.seek(size - 1)
+            if file.read() != b"\n":  # a process was killed while it wrote
+                file.seek(0)
+                file.truncate(file.read().rfind(b"\n") + 1)
         file.write(line.encode() + b"\n")
         file.flush()
         os.fsync(file.fileno())
 
 
 def read_lines(path: Path) -> list[str]:
-    """Whole lines of a log; a torn last line is dropped. An absent log has none."""
+    """The complete lines of a log, without an incomplete last one. A log that is absent has none."""
     if not path.exists():
         return []
     content = path.read_bytes()
@@ -74,7 +76,7 @@ def read_lines(path: Path) -> list[str]:
         return content[: content.rfind(b"\n") + 1].decode().splitlines()
     except UnicodeDecodeError as error:
         raise FileFormatError(
-            f"{path}: got bytes that are no text ({error.reason}), expected a log; restore the file"
+            f"{path} is not a text file ({error.reason}); restore the log"
         ) from error
 
 
@@ -83,18 +85,8 @@ def locked(folder: Path) -> Iterator[None]:
     """Hold a folder against other procam processes; refuses if one holds it."""
     folder.mkdir(parents=True, exist_ok=True)
     with (folder / ".lock").open("w") as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
+        if not try_lock(file):
             raise InputError(
-                f"{folder}: got another capture at work here, expected none; wait for it or stop it"
-            ) from error
+                f"{folder}: another procam process is capturing into this folder; wait for it or stop it"
+            )
         yield
-
-
-def _flush(path: Path) -> None:
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from procam.errors import FileFormatError, ShapeError
 from procam.files.atomic import replacing_directory
-from procam.files.images.images import read_channels, read_layers, write_channels, write_layers
+from procam.files.images.layers import read_channels, read_layers, write_channels, write_layers
 from procam.maths.geometry.lenses import Lens
 from procam.maths.geometry.pose import Pose
 from procam.model.calibration import SCHEMA_VERSION, Calibration, ProjectorCalibration
@@ -46,14 +46,13 @@ def latest_calibration(venue_dir: Path) -> Path:
     found = list_calibrations(venue_dir)
     if not found:
         raise FileFormatError(
-            f"{venue_dir}: got no calibration, expected calibrations/0001; run "
-            f"`procam calibrate {venue_dir}` first"
+            f"{venue_dir} has no calibration; run `procam calibrate {venue_dir}` first"
         )
     return found[-1]
 
 
 def save_calibration(calibration: Calibration, directory: Path) -> None:
-    """Write a calibration; the directory appears whole or not at all."""
+    """Write a calibration; the directory appears when it is complete."""
     with replacing_directory(directory) as temporary:
         for name, projector in calibration.projectors.items():
             write_channels(temporary / "maps" / f"{name}.exr", _projector_channels(projector))
@@ -67,7 +66,7 @@ def save_calibration(calibration: Calibration, directory: Path) -> None:
 
 
 def ambient_file(state: str) -> str:
-    """Name of the map of a house state's own light."""
+    """Name of the map of a venue state's ambient light."""
     return f"state-{state}.exr"
 
 
@@ -77,7 +76,7 @@ def load_calibration(directory: Path) -> Calibration:
 
 
 def load_dome(directory: Path) -> Calibration:
-    """Read a calibration directory without its projectors: what dome masters are compensated with."""
+    """Read a calibration directory without its projectors, which dome masters do not need."""
     return _load(directory, with_projectors=False)
 
 
@@ -85,23 +84,23 @@ def _load(directory: Path, with_projectors: bool) -> Calibration:
     path = directory / "calibration.json"
     if not path.is_file():
         raise FileFormatError(
-            f"{directory}: got no calibration.json, expected a calibration directory such as "
-            "VENUE/calibrations/0001"
+            f"{directory} has no calibration.json; a calibration directory such as "
+            "VENUE/calibrations/0001 is needed"
         )
     try:
         document = json.loads(path.read_text("utf-8"))
         if document["schema_version"] != SCHEMA_VERSION:
             raise FileFormatError(
-                f"{path}: got schema_version {document['schema_version']}, expected "
-                f"{SCHEMA_VERSION}; calibrate again with this version"
+                f"{path} has schema_version {document['schema_version']}, and this version of procam "
+                f"reads {SCHEMA_VERSION}; calibrate again with this version"
             )
         return _calibration(directory, document, with_projectors)
-    except (KeyError, TypeError, ValueError, json.JSONDecodeError) as error:
-        if isinstance(error, FileFormatError):
-            raise
+    except FileFormatError:
+        raise
+    except (KeyError, TypeError, ValueError) as error:
         raise FileFormatError(
-            f"{path}: got a damaged calibration ({type(error).__name__}: {error}); restore it or "
-            "run `procam solve` on its session again"
+            f"{path} is a damaged calibration ({type(error).__name__}: {error}); restore it or run "
+            "`procam solve` on its session again"
         ) from error
 
 
@@ -118,9 +117,9 @@ def _projector_channels(projector: ProjectorCalibration) -> Channels:
         "blend": projector.blend,
     }
     for name in ("gain", "exponent"):
-        found = getattr(projector.photometry, name)
-        if found is not None:
-            channels |= {f"{name}.{c}": found[..., i] for i, c in enumerate(RGB)}
+        values = getattr(projector.photometry, name)
+        if values is not None:
+            channels |= {f"{name}.{c}": values[..., i] for i, c in enumerate(RGB)}
     return channels
 
 
@@ -212,13 +211,12 @@ def _state(directory: Path, name: str, entry: dict[str, Any]) -> VenueState:
 
 
 def _dome_maps(dome: Channels, kernel: dict[str, Any] | None) -> DomeMaps:
-    covered = dome.get("protected")  # calibrations where nothing is protected have none
+    covered = dome.get("protected")  # absent where nothing is protected
     protected = None if covered is None else Mask("screen", covered > 0.5)
     scatter, albedo, lo, hi = (dome[name] for name in DOME_MAPS)
-    spread = ScatterKernel.scalar() if kernel is None else _kernel(kernel)
-    return DomeMaps(
-        scatter, albedo, lo, hi, dome["coverage"], protected, spread, dome.get("falloff")
-    )
+    scatter_kernel = ScatterKernel.scalar() if kernel is None else _kernel(kernel)
+    falloff = dome.get("falloff")
+    return DomeMaps(scatter, albedo, lo, hi, dome["coverage"], protected, scatter_kernel, falloff)
 
 
 def _kernel(entry: dict[str, Any]) -> ScatterKernel:
@@ -252,20 +250,20 @@ def _projector(directory: Path, name: str, entry: dict[str, Any]) -> ProjectorCa
         None if covariance is None else np.array(covariance),
     )
     surface = ProjectorSurface(
-        _threefold(maps, "direction"),
+        _three_channels(maps, "direction"),
         maps["solid_angle"],
         maps["valid"] > 0.5,
         maps["measured"],
         maps["sigma_arcmin"],
     )
     response = ResponseCurve(**{k: np.array(v) for k, v in entry["response"].items()})
-    mix, gain = np.array(entry["colour_mix"]), _threefold(maps, "gain")
-    exponent = _threefold(maps, "exponent") if "exponent" in maps else None
+    mix, gain = np.array(entry["colour_mix"]), _three_channels(maps, "gain")
+    exponent = _three_channels(maps, "exponent") if "exponent" in maps else None
     photometry = Photometry(response, mix, gain, exponent)
     return ProjectorCalibration(model, surface, photometry, maps["blend"])
 
 
-def _threefold(maps: Channels, name: str) -> NDArray[np.float32]:
+def _three_channels(maps: Channels, name: str) -> NDArray[np.float32]:
     layer = maps[name]
     if layer.shape[2:] != (3,):
         raise ShapeError(f"map {name}", layer.shape, "(H, W, 3)")

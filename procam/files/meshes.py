@@ -1,7 +1,9 @@
 """Screens as triangle meshes, from OBJ and PLY files (trimesh; extra `geom`).
 
-A mesh must be one surface round the dome frame's origin, in metres. What can be put right without
-doubt is, with a warning; everything else is refused in one line.
+A mesh must be one surface round the dome frame's origin, in metres. Vertices at one place are welded,
+faces without area dropped and faces that point outwards reversed, with a warning; every other fault is
+an error. To orient the faces, each face is two nodes of a graph, as it is and reversed, and neighbours are
+joined so that they agree: a surface with two sides falls into two components, a one-sided one does not.
 """
 
 import warnings
@@ -32,7 +34,7 @@ OTHER_RIM = 0.5  # of the longest rim: how long the other end of a tube is at le
 
 @dataclass(frozen=True, slots=True)
 class _Mesh:
-    """A mesh on its way through the checks, and the file that it came from."""
+    """A mesh that is being checked, and its file."""
 
     path: Path
     vertices: Vertices
@@ -43,19 +45,18 @@ class _Mesh:
         """Longest edge of the bounding box [m]."""
         return float(np.ptp(self.vertices, axis=0).max())
 
-    def fault(self, got: str, expected: str) -> FileFormatError:
-        return FileFormatError(f"{self.path}: got {got}, expected {expected}")
+    def fault(self, message: str) -> FileFormatError:
+        return FileFormatError(f"{self.path}: {message}")
 
-    def tell(self, what: str) -> None:
-        """Say what was put right."""
-        warnings.warn(f"{self.path}: {what}", UserWarning, stacklevel=4)
+    def warn(self, message: str) -> None:
+        warnings.warn(f"{self.path}: {message}", UserWarning, stacklevel=4)
 
 
 def load_mesh(path: Path, *, smooth: bool = False) -> MeshScreen:
     """The screen in an OBJ or PLY file, in metres in the dome frame.
 
-    Vertices at one place are welded. Faces without area or drawn twice are dropped, and faces that
-    look outwards turned; each is told as a UserWarning.
+    Vertices at one place are welded. Faces without area or drawn twice are dropped, and faces that point
+    outwards reversed, each with a UserWarning.
 
     Parameters
     ----------
@@ -65,9 +66,9 @@ def load_mesh(path: Path, *, smooth: bool = False) -> MeshScreen:
     Raises
     ------
     FileFormatError
-        If there is no such file, it holds no faces, or NaN vertices; if it is larger than 500 m; if
-        the surface is one-sided or branches; if it has an opening besides its rim. A tube, open at
-        both ends, has two rims.
+        If there is no such file, it has no faces, or NaN vertices; if it is larger than 500 m; if the
+        surface is one-sided or branches; if it has an opening besides its rim. A tube, open at both
+        ends, has two rims.
     """
     mesh = _read(Path(path))
     _check_numbers(mesh)
@@ -78,26 +79,24 @@ def load_mesh(path: Path, *, smooth: bool = False) -> MeshScreen:
 
 
 def _read(path: Path) -> _Mesh:
-    """What the file holds, polygons as triangles."""
+    """The mesh of a file, polygons as triangles."""
     if path.suffix.lower() not in SUFFIXES:
-        raise FileFormatError(f"{path}: got {path.suffix!r}, expected .obj or .ply; export as one")
+        raise FileFormatError(f"{path}: meshes are read from .obj and .ply files; export it as one")
     if not path.is_file():
-        raise FileFormatError(f"{path}: got no such file, expected a mesh; check the name")
+        raise FileFormatError(f"{path}: no such file; a mesh is needed. Check the name")
     try:
         found = _trimesh().load_mesh(path, process=False)
     except (ValueError, IndexError, KeyError, TypeError) as error:
         raise FileFormatError(
-            f"{path}: got an unreadable mesh ({' '.join(str(error).split())}), expected OBJ or PLY; "
-            "export it again"
+            f"{path} is not a readable OBJ or PLY mesh ({' '.join(str(error).split())}); export it again"
         ) from error
     mesh = _Mesh(path, np.asarray(found.vertices, np.float64), np.asarray(found.faces, np.intp))
-    promised = _promised_faces(path)
-    if len(mesh.faces) < max(promised, 1):
+    stated = _faces_in_header(path)
+    if len(mesh.faces) < stated:
+        raise mesh.fault(f"{len(mesh.faces)} of the {stated} faces in its header; copy it again")
+    if not len(mesh.faces):
         raise mesh.fault(
-            f"{len(mesh.faces)} faces",
-            f"the {promised} its header tells of; copy it again"
-            if promised
-            else "a surface; make one of the points first, such as by Poisson reconstruction",
+            "no faces; make a surface of the points, such as by Poisson reconstruction"
         )
     return mesh
 
@@ -107,12 +106,12 @@ def _trimesh() -> Any:
         import trimesh  # noqa: PLC0415
     except ImportError as error:
         raise FileFormatError(
-            f"mesh screen: got no trimesh, expected the extra that reads meshes; run: {EXTRA}"
+            f"mesh screen: trimesh, which reads meshes, is not installed; run: {EXTRA}"
         ) from error
     return trimesh
 
 
-def _promised_faces(path: Path) -> int:
+def _faces_in_header(path: Path) -> int:
     """Number of polygons in the header of a PLY; 0 for other files."""
     if path.suffix.lower() != ".ply":
         return 0
@@ -125,18 +124,16 @@ def _check_numbers(mesh: _Mesh) -> None:
     bad = int((~np.isfinite(mesh.vertices)).any(axis=1).sum())
     if bad:
         raise mesh.fault(
-            f"{bad} of {len(mesh.vertices)} vertices NaN or infinite",
-            "finite metres; delete them and close the holes",
+            f"{bad} of {len(mesh.vertices)} vertices are NaN or infinite; delete them and close the holes"
         )
     if mesh.faces.min() < 0 or mesh.faces.max() >= len(mesh.vertices):
         raise mesh.fault(
-            f"a face of vertices up to {mesh.faces.max()}",
-            f"{len(mesh.vertices)} vertices to hold it; export it again",
+            f"a face has vertex {mesh.faces.max()}, but there are {len(mesh.vertices)}; export it again"
         )
     if mesh.extent > LARGEST_M:
         raise mesh.fault(
-            f"an extent of {mesh.extent:.6g} m",
-            f"at most {LARGEST_M:g}; if it is in millimetres, scale it by 0.001 to metres",
+            f"it extends over {mesh.extent:.6g} m, more than {LARGEST_M:g}; if it is in millimetres, scale "
+            "it by 0.001 to metres"
         )
 
 
@@ -151,21 +148,21 @@ def _welded(mesh: _Mesh) -> _Mesh:
 
 
 def _without_empty_faces(mesh: _Mesh) -> _Mesh:
-    """Without faces that have no area or are drawn twice."""
+    """The mesh without faces that have no area or are drawn twice."""
     a, b, c = np.moveaxis(mesh.vertices[mesh.faces], 1, 0)
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
     kept = np.zeros(len(mesh.faces), bool)
     kept[np.unique(np.sort(mesh.faces, axis=1), axis=0, return_index=True)[1]] = True
     kept &= area > NO_AREA * mesh.extent**2
     if not kept.any():
-        raise mesh.fault(f"{len(kept)} faces, all without area", "a surface; export it again")
+        raise mesh.fault(f"all {len(kept)} faces are without area; export it again")
     if not kept.all():
-        mesh.tell(f"{(~kept).sum()} of {len(kept)} faces had no area or were drawn twice; dropped")
+        mesh.warn(f"{(~kept).sum()} of {len(kept)} faces had no area or were drawn twice; dropped")
     return _Mesh(mesh.path, mesh.vertices, mesh.faces[kept])
 
 
 def _facing_inside(mesh: _Mesh) -> _Mesh:
-    """With all faces counter-clockwise as seen from the origin's side."""
+    """The mesh with all faces counter-clockwise as seen from the origin's side."""
     _refuse_branches(mesh)
     part, turned = _sides(mesh)
     faces = np.where(turned[:, None], mesh.faces[:, ::-1], mesh.faces)
@@ -173,7 +170,7 @@ def _facing_inside(mesh: _Mesh) -> _Mesh:
     outward = np.bincount(part, np.einsum("fi,fi->f", a, np.cross(b, c)))  # six times the volume
     wrong = turned ^ (outward > 0)[part]
     if wrong.any():
-        mesh.tell(f"{wrong.sum()} of {len(wrong)} faces looked outwards; turned")
+        mesh.warn(f"{wrong.sum()} of {len(wrong)} faces pointed outwards; reversed")
     return _Mesh(
         mesh.path, mesh.vertices, np.where(wrong[:, None], mesh.faces[:, ::-1], mesh.faces)
     )
@@ -185,16 +182,16 @@ def _refuse_branches(mesh: _Mesh) -> None:
     branching = edges[count > 2]
     if len(branching):
         raise mesh.fault(
-            f"{len(branching)} edges with three faces or more, the first {_place(mesh, branching[0])}",
-            "one surface; delete what lies inside or behind it",
+            f"{len(branching)} edges have three faces or more, the first {_place(mesh, branching[0])}; "
+            "delete the faces inside or behind the surface"
         )
 
 
 def _sides(mesh: _Mesh) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
-    """Connected part of each face, and whether to turn it to look as the rest of its part does.
+    """Connected part of each face, and whether it has to be reversed to agree with its part.
 
-    Each face is two nodes, as it is and turned; neighbours are joined the way that makes them agree.
-    A part falls into two mirror images then, unless it has only one side.
+    Each face is two nodes, as it is and reversed, and neighbours are joined so that they agree. A part
+    then falls into two mirror images, unless it has only one side.
     """
     count = len(mesh.faces)
     pairs, start = shared_edges(mesh.faces), half_edges(mesh.faces)[:, 0]
@@ -206,8 +203,8 @@ def _sides(mesh: _Mesh) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
     images = connected_components(graph, directed=False)[1].reshape(2, count)
     if (images[0] == images[1]).any():
         raise mesh.fault(
-            f"{(images[0] == images[1]).sum()} faces on a surface with one side only",
-            "an inside and an outside; rebuild the surface there",
+            f"{(images[0] == images[1]).sum()} faces are on a surface with one side only; rebuild the "
+            "surface there"
         )
     part = np.unique(images.min(axis=0), return_inverse=True)[1]
     return part, images[0] > images[1]
@@ -229,16 +226,15 @@ def _refuse_openings(mesh: _Mesh) -> None:
     rims = ends if len(ends) == 2 and longest in ends else [longest]
     holes = [n for n in range(len(length)) if not slit[n] and n not in rims]
     if holes:
-        tell = "; ".join(_opening(mesh, edges[loop == n]) for n in holes[:3])
+        listed = "; ".join(_opening(mesh, edges[loop == n]) for n in holes[:3])
         raise mesh.fault(
-            f"{len(holes)} {'hole' if len(holes) == 1 else 'holes'} besides the rim: {tell}"
-            f"{'; ...' if len(holes) > 3 else ''}",
-            "a surface with one rim; close holes, delete loose pieces",
+            f"{len(holes)} {'hole' if len(holes) == 1 else 'holes'} besides the rim: {listed}"
+            f"{'; ...' if len(holes) > 3 else ''}. Close holes, delete loose pieces"
         )
 
 
 def _open_edges(mesh: _Mesh) -> Faces:
-    """Vertices (E, 2) of the edges with one face, as that face runs."""
+    """Vertices (E, 2) of the edges with one face, in that face's order."""
     edges = half_edges(mesh.faces)
     alone = np.ones(len(edges), bool)
     alone[shared_edges(mesh.faces)] = False
@@ -254,7 +250,7 @@ def _loops(edges: Faces) -> NDArray[np.intp]:
 
 
 def _turns(loop: NDArray[np.intp], a: Vertices, b: Vertices) -> NDArray[np.intp]:
-    """How often each loop of edges from a to b goes round the pole."""
+    """Number of times that each loop of edges from a to b goes round the pole."""
     step = np.arctan2(b[:, 1], b[:, 0]) - np.arctan2(a[:, 1], a[:, 0])
     step -= 2 * np.pi * np.rint(step / (2 * np.pi))
     return np.rint(np.bincount(loop, step) / (2 * np.pi)).astype(np.intp)
@@ -267,7 +263,7 @@ def _opening(mesh: _Mesh, edges: Faces) -> str:
 
 
 def _place(mesh: _Mesh, vertices: Faces) -> str:
-    """Where some vertices are, as seen from the origin."""
+    """Direction of some vertices from the origin, for messages."""
     centre = mesh.vertices[np.unique(vertices)].mean(axis=0)
     azimuth, elevation = np.degrees(angles_from_direction(normalise(centre)))
     return f"at azimuth {azimuth:.1f}, elevation {elevation:.1f} degrees"

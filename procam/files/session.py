@@ -1,12 +1,18 @@
-"""A session: plan, patterns and captures of one visit, stored so that nothing is ever lost.
+"""A capture session on disk: its plan, patterns and captured frames.
 
 SESSION/venue.toml  plan.json  patterns/PROJECTOR/SHOT.png
 SESSION/captures/CAMERA/SHOT@EXPOSURE.tif + index.jsonl
+
+A frame is written first and its line in index.jsonl second, each flushed to disk, so every frame that
+the index names is complete, also after a kill or a power cut. A `Session` reads each index once and
+then keeps it in memory. Before each use it compares the file's size and time with those it has read,
+and reads the index again if another process has changed it.
 """
 
 import hashlib
 import json
-from dataclasses import asdict, dataclass
+import threading
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -15,11 +21,23 @@ from numpy.typing import NDArray
 
 from procam.errors import FileFormatError
 from procam.files import atomic
-from procam.files.images.images import read_image, write_image
+from procam.files.images.pixels import read_image, write_image
+from procam.files.output_log import file_state
 from procam.model.frame import CameraSettings, Frame, PixelFormat
 from procam.model.plan import Plan, Shot
 
 SCHEMA = 1
+ENTRY_KEYS = {"shot", "exposure_s", "file", "sha256"}
+Entry = dict[str, Any]
+Slot = tuple[str, float]  # shot and exposure [s]
+
+
+@dataclass(slots=True)
+class _Index:
+    """An index.jsonl as it was last read or written: entries by slot, and the file's state."""
+
+    entries: dict[Slot, Entry] = field(default_factory=dict)
+    state: list[int] = field(default_factory=list)
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +45,8 @@ class Session:
     """A session on disk."""
 
     directory: Path
+    _indexes: dict[str, _Index] = field(default_factory=dict, init=False, repr=False, compare=False)
+    _lock: Any = field(default_factory=threading.Lock, init=False, repr=False, compare=False)
 
     def write_plan(self, plan: Plan, patterns: dict[str, NDArray[np.uint8]]) -> None:
         """Store pattern pictures by path, then the plan that names them."""
@@ -40,18 +60,18 @@ class Session:
         path = self.directory / "plan.json"
         if not path.is_file():
             raise FileFormatError(
-                f"{path}: got no such file, expected a session folder such as "
-                "VENUE/sessions/0001; run `procam capture VENUE` first"
+                f"{path}: no such file; a session folder such as VENUE/sessions/0001 is needed. Run "
+                "`procam capture VENUE` first"
             )
         document = _parse(path, path.read_text("utf-8"))
         if document.get("schema") != SCHEMA:
             raise FileFormatError(
-                f"{path}: got schema {document.get('schema')!r}, expected {SCHEMA}; "
-                "it was written by another version of procam"
+                f"{path} has schema {document.get('schema')!r}, and this version of procam reads "
+                f"{SCHEMA}; use the version that wrote it"
             )
         shots = document.get("shots")
         if not isinstance(shots, list):
-            raise FileFormatError(f"{path}: got no list of shots, expected one; restore the file")
+            raise FileFormatError(f"{path} has no list of shots; restore the file")
         return Plan(tuple(_shot(path, entry) for entry in shots))
 
     def pattern(self, shot: Shot) -> NDArray[np.float32]:
@@ -59,23 +79,17 @@ class Session:
         pixels = np.asarray(read_image(self.directory / shot.pattern), np.float32) / 255
         return np.broadcast_to(pixels, (*pixels.shape[:2], 3))
 
-    def stored(self, camera: str) -> dict[tuple[str, float], dict[str, Any]]:
-        """Index entries of the frames that are safely on disk, by (shot, exposure)."""
-        path = self._index(camera)
-        entries = [_parse(path, line) for line in atomic.read_lines(path)]
-        for number, entry in enumerate(entries, start=1):
-            if missing := {"shot", "exposure_s", "file", "sha256"} - set(entry):
-                raise FileFormatError(
-                    f"{path}: line {number}: got no {', '.join(sorted(missing))}, expected a "
-                    "capture's entry; restore the file or remove the line and capture again"
-                )
-        there = (e for e in entries if (path.parent / e["file"]).is_file())
-        return {(e["shot"], e["exposure_s"]): e for e in there}
+    def stored(self, camera: str) -> dict[Slot, Entry]:
+        """Index entries of the frames that are on disk, by (shot, exposure)."""
+        folder = self._folder(camera)
+        with self._lock:
+            entries = dict(self._index(camera).entries)
+        return {slot: e for slot, e in entries.items() if (folder / e["file"]).is_file()}
 
     def store(self, camera: str, shot: Shot, exposure_s: float, frame: Frame) -> None:
-        """Put a frame on disk, then name it in the index: what is named is there."""
+        """Write a frame to disk, then its entry in the index."""
         name = f"{shot.id}@{exposure_s:g}.tif"
-        path = self.directory / "captures" / camera / name
+        path = self._folder(camera) / name
         write_image(path, frame.counts)
         entry = {
             "shot": shot.id,
@@ -85,49 +99,71 @@ class Session:
             "pixel_format": frame.settings.pixel_format,
             "started_s": frame.started_s,
             "ended_s": frame.ended_s,
-            "sha256": hashlib.sha256(np.ascontiguousarray(frame.counts).data).hexdigest(),
+            "sha256": _digest(frame.counts),
         }
-        atomic.append_line(self._index(camera), json.dumps(entry))
+        with self._lock:
+            index, log = self._index(camera), path.with_name("index.jsonl")
+            atomic.append_line(log, json.dumps(entry))
+            index.entries[shot.id, exposure_s] = entry
+            index.state = file_state(log)
 
     def load(self, camera: str, shot: Shot, exposure_s: float, size: tuple[int, int]) -> Frame:
-        """A stored frame, checked: present, whole, of the camera's size, and not swapped."""
-        entry = self.stored(camera).get((shot.id, exposure_s))
-        folder = self.directory / "captures" / camera
-        if entry is None:
+        """A stored frame, checked against its entry and the camera's size."""
+        with self._lock:
+            entry = self._index(camera).entries.get((shot.id, exposure_s))
+        folder = self._folder(camera)
+        if entry is None or not (folder / entry["file"]).is_file():
             raise FileFormatError(
-                f"{folder}: got no capture of shot {shot.id} at {exposure_s:g} s, expected one; "
-                "run `procam capture` on this venue again: it takes only what is missing"
+                f"{folder}: shot {shot.id} at {exposure_s:g} s was not captured; run `procam capture` on "
+                "this venue again, which takes only what is missing"
             )
         path = folder / str(entry["file"])
         pixels = read_image(path)
         counts = np.asarray(pixels[..., 0] if pixels.shape[2] == 1 else pixels)
-        self._check(path, counts, entry, size)
+        _check(path, counts, entry, size)
         pixel_format: PixelFormat = "mono" if counts.ndim == 2 else "rgb"
         settings = CameraSettings(exposure_s, pixel_format, entry["gain"])
         return Frame(counts.astype(np.uint16), settings, entry["started_s"], entry["ended_s"])
 
-    def _check(
-        self,
-        path: Path,
-        counts: NDArray[np.generic],
-        entry: dict[str, Any],
-        size: tuple[int, int],
-    ) -> None:
-        height, width = counts.shape[:2]
-        if (width, height) != tuple(size):
-            raise FileFormatError(
-                f"{path}: got {width}x{height} px, expected {size[0]}x{size[1]} as venue.toml "
-                "says; capture it again or correct the camera's size"
-            )
-        if hashlib.sha256(np.ascontiguousarray(counts).data).hexdigest() != entry["sha256"]:
-            raise FileFormatError(
-                f"{path}: got other pixels than were captured for shot {entry['shot']} (swapped "
-                "or edited file), expected the stored ones; restore it or delete the file and its "
-                "line in index.jsonl and capture again"
-            )
+    def _folder(self, camera: str) -> Path:
+        return self.directory / "captures" / camera
 
-    def _index(self, camera: str) -> Path:
-        return self.directory / "captures" / camera / "index.jsonl"
+    def _index(self, camera: str) -> _Index:
+        """The index of a camera's frames, as it is on disk now; hold the lock."""
+        path = self._folder(camera) / "index.jsonl"
+        state = file_state(path) if path.exists() else []
+        if camera not in self._indexes or self._indexes[camera].state != state:
+            self._indexes[camera] = _Index(_read_index(path), state)
+        return self._indexes[camera]
+
+
+def _read_index(path: Path) -> dict[Slot, Entry]:
+    entries = [_parse(path, line) for line in atomic.read_lines(path)]
+    for number, entry in enumerate(entries, start=1):
+        if missing := ENTRY_KEYS - set(entry):
+            raise FileFormatError(
+                f"{path}: line {number} has no {', '.join(sorted(missing))}; restore the file, or remove "
+                "the line and capture again"
+            )
+    return {(e["shot"], e["exposure_s"]): e for e in entries}
+
+
+def _check(path: Path, counts: NDArray[np.generic], entry: Entry, size: tuple[int, int]) -> None:
+    height, width = counts.shape[:2]
+    if (width, height) != tuple(size):
+        raise FileFormatError(
+            f"{path} has {width}x{height} px, but venue.toml gives the camera {size[0]}x{size[1]}; "
+            "capture it again or correct the camera's size"
+        )
+    if _digest(counts) != entry["sha256"]:
+        raise FileFormatError(
+            f"{path} differs from the frame captured for shot {entry['shot']} (swapped or edited "
+            "file); restore it, or delete the file and its line in index.jsonl and capture again"
+        )
+
+
+def _digest(counts: NDArray[np.generic]) -> str:
+    return hashlib.sha256(np.ascontiguousarray(counts).data).hexdigest()
 
 
 def _shot(path: Path, entry: dict[str, Any]) -> Shot:
@@ -136,8 +172,8 @@ def _shot(path: Path, entry: dict[str, Any]) -> Shot:
         return Shot(exposures_s=exposures, **entry)
     except (AttributeError, KeyError, TypeError) as error:
         raise FileFormatError(
-            f"{path}: got a shot that does not fit ({error}), expected id, projector, pattern, "
-            "purpose, exposures_s"
+            f"{path}: a shot is damaged ({error}); it needs id, projector, pattern, purpose and "
+            "exposures_s. Restore the file"
         ) from error
 
 
@@ -145,7 +181,9 @@ def _parse(path: Path, text: str) -> dict[str, Any]:
     try:
         document = json.loads(text)
     except json.JSONDecodeError as error:
-        raise FileFormatError(f"{path}: got damaged JSON ({error}); restore the file") from error
+        raise FileFormatError(f"{path} is damaged JSON ({error}); restore the file") from error
     if not isinstance(document, dict):
-        raise FileFormatError(f"{path}: got a {type(document).__name__}, expected an object")
+        raise FileFormatError(
+            f"{path} holds a JSON {type(document).__name__}; it must be an object"
+        )
     return document

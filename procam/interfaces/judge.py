@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from procam.errors import FileFormatError
 from procam.files.calibration import load_calibration
-from procam.files.images.images import RGB, read_channels
+from procam.files.images.layers import RGB, read_channels
 from procam.maths.geometry.sphere import (
     angle_between,
     master_directions,

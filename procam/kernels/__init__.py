@@ -1,45 +1,49 @@
-"""Hot loops over pictures: one small C library and a NumPy twin of every function.
+"""The hot loops over pictures and observations, in C with a NumPy reference implementation of each.
 
-The library is built with the package and picks its instruction set at run time (`active`, `use`, or
-PROCAM_KERNELS in the environment); without it the twins of `procam.kernels.reference*` run, which
-are also what the tests hold it against. Pictures are uint8, uint16, float16 or float32, geometry float64.
+One package per kernel: `frame` compensates dome masters, `warp` makes projector frames, `search` finds
+columns from sinusoids, `bundle` sums normal equations, `areas` computes solid angles of pixels.
+
+Each has an `api` that checks arguments, a `reference` in NumPy, and C headers. `native` compiles every
+header three times, for AVX-512, AVX2 and plain C, and chooses at run time (`active`, `use`, or
+PROCAM_KERNELS in the environment). Without the library the reference implementations run; the tests
+hold the library against them. Pictures are uint8, uint16, float16 or float32, geometry is float64.
 """
 
 from procam.kernels.areas import solid_angles
-from procam.kernels.bundle import bundle_equations, bundle_misses
-from procam.kernels.frame import bounced_light, frame_apply, frame_sums
-from procam.kernels.gray import fold_pairs
-from procam.kernels.loader import LEVELS, active, available, forced, use
-from procam.kernels.phase import wrapped_phase
-from procam.kernels.rays import fisheye_rays
-from procam.kernels.reference import PhaseFit
-from procam.kernels.reference_bundle import Device, Equations, Relief, Sight
-from procam.kernels.reference_warp import WarpPlan
-from procam.kernels.search import search_phase
-from procam.kernels.warp import plan_warp, warp_frame
+from procam.kernels.bundle import (
+    NormalEquations,
+    ObservationBlock,
+    PlacedDevice,
+    ShapeDerivatives,
+    bundle_equations,
+    bundle_residuals,
+    fisheye_rays,
+)
+from procam.kernels.frame import frame_apply, frame_sums, scattered_light
+from procam.kernels.native.loader import LEVELS, active, available, forced, use
+from procam.kernels.search import PhaseFit, search_phase
+from procam.kernels.warp import WarpPlan, plan_warp, warp_frame
 
 __all__ = [
     "LEVELS",
-    "Device",
-    "Equations",
+    "NormalEquations",
+    "ObservationBlock",
     "PhaseFit",
-    "Relief",
-    "Sight",
+    "PlacedDevice",
+    "ShapeDerivatives",
     "WarpPlan",
     "active",
     "available",
-    "bounced_light",
     "bundle_equations",
-    "bundle_misses",
+    "bundle_residuals",
     "fisheye_rays",
-    "fold_pairs",
     "forced",
     "frame_apply",
     "frame_sums",
     "plan_warp",
+    "scattered_light",
     "search_phase",
     "solid_angles",
     "use",
     "warp_frame",
-    "wrapped_phase",
 ]

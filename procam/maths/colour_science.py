@@ -1,4 +1,4 @@
-"""The door to colour-science, which takes a second to import and changes how NumPy prints."""
+"""Lazy import of colour-science, which takes a second and changes NumPy's print options."""
 
 from types import ModuleType
 
@@ -6,7 +6,7 @@ import numpy as np
 
 
 def colour_science() -> ModuleType:
-    """The library `colour`, imported at first use; NumPy goes on printing as it did."""
+    """The library `colour`, imported at first use; NumPy's print options are restored."""
     with np.printoptions():
         import colour  # noqa: PLC0415
     return colour

@@ -6,17 +6,20 @@ import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
+from procam.maths.statistics import robust_sigma
+
 Array = NDArray[np.float64]
-ROUNDS = 3
-MOST_POINTS = 20_000
-SIGMAS = 3.0
+ROUNDS = 3  # of rejecting outliers
+MAX_POINTS = 20_000
+OUTLIER_SIGMAS = 3.0
 
 
 @dataclass(frozen=True, slots=True)
 class Surface2D:
-    """A polynomial of total degree `degree` in two coordinates, Legendre for good conditioning.
+    """A polynomial of total degree `degree` in two coordinates, with C values.
 
-    `centre`, `half` (2,) bring the coordinates into -1..1; `coefficients` (T, C).
+    (xy - `centre`) / `half`, each (2,), is in -1..1; `coefficients` (T, C) are of products of Legendre
+    polynomials, for good conditioning.
     """
 
     degree: int
@@ -41,11 +44,11 @@ class Surface2D:
 
 
 def fit_surface(xy: Array, values: Array, degree: int) -> Surface2D:
-    """Robust least squares of values (N, C) at coordinates (N, 2): what is far off does not count.
+    """Fit values (N, C) at coordinates (N, 2) by least squares without outliers.
 
-    Of very many points some 20,000, evenly picked, are enough.
+    Of many points, some `MAX_POINTS` evenly picked ones are used.
     """
-    some = slice(None, None, max(1, len(xy) // MOST_POINTS))
+    some = slice(None, None, max(1, len(xy) // MAX_POINTS))
     xy, values = xy[some], values[some]
     low, high = xy.min(axis=0), xy.max(axis=0)
     centre, half = (low + high) / 2, np.maximum((high - low) / 2, 1e-9)
@@ -54,7 +57,7 @@ def fit_surface(xy: Array, values: Array, degree: int) -> Surface2D:
     for _ in range(ROUNDS):
         coefficients = np.linalg.lstsq(terms[use], values[use], rcond=None)[0]
         miss = np.abs(values - terms @ coefficients).max(axis=1)
-        use = miss <= SIGMAS * 1.4826 * np.median(miss) + 1e-12
+        use = miss <= OUTLIER_SIGMAS * robust_sigma(miss, 0.0) + 1e-12
     return Surface2D(degree, centre, half, np.asarray(coefficients, float))
 
 

@@ -1,4 +1,4 @@
-"""Sampling pictures at fractional places; the only door to OpenCV."""
+"""Image operations by OpenCV: sampling at fractional positions, blur, masks, block means."""
 
 import cv2
 import numpy as np
@@ -11,9 +11,9 @@ EXACT_CHANNELS = (1, 3, 4)
 def sample(image: NDArray[np.floating], xy: NDArray[np.floating], outside: float = 0.0) -> Image:
     """Bilinear samples (..., C) of `image` (H, W[, C]) at pixel coordinates `xy` (..., 2).
 
-    Places outside the image, and NaN places, give `outside`. OpenCV 5 is exact to 3e-5 px with
-    float maps and 1, 3 or 4 channels; others it rounds to 1/32 px, so they go one by one. No side
-    may exceed 32766 px.
+    Positions outside the image, and NaN, give `outside`. OpenCV 5 is exact to 3e-5 px with float maps
+    and 1, 3 or 4 channels. Other numbers of channels it rounds to 1/32 px, so they are sampled one by
+    one. No side may exceed 32766 px.
     """
     if image.ndim == 3 and image.shape[2] not in EXACT_CHANNELS:
         planes = [sample(image[..., i], xy, outside) for i in range(image.shape[2])]
@@ -40,9 +40,9 @@ def blur(image: NDArray[np.floating], sigma_px: float) -> Image:
 
 
 def blur_within(image: NDArray[np.floating], mask: NDArray[np.bool_], sigma_px: float) -> Image:
-    """Gaussian blur that only looks at pixels of `mask`, and so also fills just outside it.
+    """Gaussian blur of (H, W[, C]) over the pixels of `mask` (H, W) alone, which also fills just outside.
 
-    Places with nothing of the mask within reach become 0.
+    Pixels out of reach of the mask become 0.
     """
     weight = blur(mask.astype(np.float32), sigma_px)
     shaped = (..., None) if image.ndim == 3 else (...,)
@@ -53,7 +53,7 @@ def blur_within(image: NDArray[np.floating], mask: NDArray[np.bool_], sigma_px: 
 
 
 def grow(mask: NDArray[np.bool_], pixels: int) -> NDArray[np.bool_]:
-    """`mask` grown by `pixels` in all directions; negative shrinks it."""
+    """`mask` (H, W) dilated by a disc of radius `pixels`; a negative radius erodes it."""
     size = 2 * abs(pixels) + 1
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
     change = cv2.dilate if pixels > 0 else cv2.erode
@@ -62,14 +62,14 @@ def grow(mask: NDArray[np.bool_], pixels: int) -> NDArray[np.bool_]:
 
 
 def edge_distance(mask: NDArray[np.bool_]) -> Image:
-    """Distance [px] of each pixel of `mask` to the nearest one outside; the border is outside."""
+    """Distance (H, W) [px] of each pixel of `mask` to the nearest one outside; the border is outside."""
     padded = np.pad(mask.astype(np.uint8), 1)
     distance = cv2.distanceTransform(padded, cv2.DIST_L2, cv2.DIST_MASK_5)
     return np.asarray(distance[1:-1, 1:-1], np.float32)
 
 
 def block_mean(image: NDArray[np.floating], size: int) -> Image:
-    """Means over `size` x `size` blocks of (H, W[, C]); a ragged edge is left out."""
+    """Means over `size` x `size` blocks of (H, W[, C]); an incomplete block at the edge is left out."""
     height, width = (n // size * size for n in image.shape[:2])
     trimmed = np.ascontiguousarray(image[:height, :width], np.float32)
     target = (width // size, height // size)
@@ -80,7 +80,7 @@ def block_mean(image: NDArray[np.floating], size: int) -> Image:
 def local_median(image: NDArray[np.floating], mask: NDArray[np.bool_]) -> Image:
     """Median over the pixels of `mask` in 5 x 5 neighbourhoods of (H, W).
 
-    Other pixels count as very large or very small in turn, and so sway it by one rank at most.
+    Other pixels count as very large or very small in turn, which shifts it by one rank at most.
     """
     checkers = np.add.outer(np.arange(mask.shape[0]), np.arange(mask.shape[1])) % 2
     sides = np.where(checkers, np.float32(1e9), np.float32(-1e9))

@@ -1,4 +1,4 @@
-"""A calibration: everything procam knows about one venue at one time."""
+"""A calibration: the result of one capture session of a venue, with quality and provenance."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -21,7 +21,7 @@ SCHEMA_VERSION = 1
 
 @dataclass(frozen=True, slots=True)
 class ProjectorCalibration:
-    """One projector: its model, where its pixels land, its light, and its blend weight (H, W)."""
+    """One projector: model, pixel directions, light, and blend weight (H, W)."""
 
     model: ProjectorModel
     surface: ProjectorSurface
@@ -31,17 +31,17 @@ class ProjectorCalibration:
 
 @dataclass(frozen=True, slots=True)
 class Calibration:
-    """All of it, with quality and provenance.
+    """Rig, maps of the dome, light of each projector, and how good they are.
 
     Attributes
     ----------
     screen, cameras, projectors : the rig.
-    maps : the dome's own maps.
-    feedback, albedo : m and mean albedo per content channel, with sigma.
+    maps : light on the dome, sampled on a dome master.
+    feedback, albedo : m (docs/theory/interreflection.md I10) and mean albedo per content channel.
     content_from_camera : (3, 3) matrix from camera radiance [full scale per second] to relative
-        content radiance: 1.0 in every channel is the reference white W.
+        content radiance; 1.0 in every channel is the reference white.
     quality : figures of the solve. provenance : versions, seeds, input hashes.
-    states : the house in other states than when it was calibrated, by name.
+    states : venue states measured since, by name.
     """
 
     screen: Dome
@@ -59,15 +59,21 @@ class Calibration:
     def __post_init__(self) -> None:
         for name, state in self.states.items():
             if state.ambient is not None and state.ambient.shape != self.maps.hi.shape:
-                expected = f"{self.maps.hi.shape}, as the maps"
-                raise ShapeError(f"ambient of house state {name}", state.ambient.shape, expected)
+                needed = f"{self.maps.hi.shape}, as the maps"
+                raise ShapeError(f"ambient of venue state {name}", state.ambient.shape, needed)
 
     def state(self, name: str) -> VenueState:
-        """The house in a state that was measured."""
+        """The measured venue state of that name.
+
+        Raises
+        ------
+        InputError
+            For a name that was not measured.
+        """
         if name not in self.states:
-            there = f"one of {', '.join(self.states)}" if self.states else "none"
+            measured = ", ".join(self.states) or "none"
             raise InputError(
-                f"house state: got {name!r}, expected {there}; `procam state VENUE {name}` "
-                "measures it"
+                f"venue state {name!r} was not measured (measured states: {measured}); run "
+                f"`procam state VENUE {name}`"
             )
         return self.states[name]

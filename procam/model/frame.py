@@ -1,4 +1,4 @@
-"""One photograph as the camera delivered it."""
+"""One photograph as the camera delivers it."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -11,7 +11,7 @@ PixelFormat = Literal["mono", "rgb"]
 
 @dataclass(frozen=True, slots=True)
 class CameraSettings:
-    """What a camera can be told before a shot.
+    """Settings of a camera for one photograph.
 
     Attributes
     ----------
@@ -32,8 +32,8 @@ class Frame:
     Attributes
     ----------
     counts : (H, W) or (H, W, 3) uint16, raw camera values [DN].
-    settings : the settings that were really in force.
-    started_s, ended_s : shutter opened and closed, on the rig's clock [s].
+    settings : the settings in force, which may differ from those requested.
+    started_s, ended_s : when the shutter opened and closed, on the rig's clock [s].
     """
 
     counts: NDArray[np.uint16]

@@ -1,4 +1,4 @@
-"""Parts of a picture or of the dome that a person has marked."""
+"""Manual masks and manual corrections of a projector's picture."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ from procam.errors import ShapeError
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mask:
-    """Pixels of a device, or of a dome master, that a person has marked.
+    """A manual mask: pixels of a device or of a dome master.
 
     Attributes
     ----------
@@ -26,7 +26,7 @@ class Mask:
             raise ShapeError(f"mask {self.name}", self.covered.shape, "(H, W) of bool")
 
     def at(self, xy: NDArray[np.floating]) -> NDArray[np.bool_]:
-        """Whether places (..., 2) as (x, y) [px] fall on a marked pixel; NaN and outside: no.
+        """Whether positions (..., 2) as (x, y) [px] are on a marked pixel; False for NaN and outside.
 
         >>> mask = Mask("south", np.array([[False, True]]))
         >>> mask.at(np.array([[0.6, 0.0], [0.4, 0.0], [np.nan, 0.0]])).tolist()
@@ -42,12 +42,12 @@ class Mask:
 
 @dataclass(frozen=True, slots=True)
 class Nudge:
-    """A place of a projector's panel that a person moves.
+    """A manual shift of the picture at one point of a projector's panel.
 
     Attributes
     ----------
     projector : its name. pixel : (x, y) on its panel [px].
-    shift_px : (x, y) by which the picture moves there [px]; right and down are positive.
+    shift_px : (x, y) shift of the picture there [px]; right and down are positive.
     """
 
     projector: str

@@ -1,4 +1,4 @@
-"""Cameras and projectors as the solver knows them."""
+"""Cameras, projectors, fiducials and distances, as the geometric solver takes them."""
 
 from dataclasses import dataclass, field
 from typing import Literal
@@ -28,14 +28,15 @@ TAG_COUNTS: dict[TagFamily, int] = {"36h11": 587, "25h9": 35, "16h5": 30}
 
 @dataclass(frozen=True, slots=True)
 class Sensor:
-    """How a camera turns light into counts.
+    """Radiometric model of a camera.
 
     Attributes
     ----------
-    bits : depth of the raw values [bit].
+    bits : depth of the raw counts [bit].
     black_level : counts without light [DN].
     vignetting : even polynomial of the angle off the optical axis, 1 + v1 theta^2 + v2 theta^4 + ...
-    glare, glare_sigma : share of the frame's mean radiance that veils every pixel [-].
+    glare, glare_sigma : share of the picture's mean radiance that veiling glare adds to every pixel,
+        and its standard error [-] (docs/theory/photometry.md R1).
     """
 
     bits: int
@@ -52,10 +53,10 @@ class Sensor:
 
 @dataclass(frozen=True, slots=True)
 class CameraModel:
-    """A camera: size (width, height) [px], lens, sensor and, once solved, where it stands.
+    """A camera: size (width, height) [px], lens, sensor and, once solved, its pose.
 
-    `pupil` (2,): how far the rays' common point moves along the view with the angle theta off it,
-    pupil[0] theta^2 + pupil[1] theta^4 [m]; wide fisheyes have millimetres of it.
+    `pupil` (2,): the entrance pupil moves along the optical axis with the angle theta off it, by
+    pupil[0] theta^2 + pupil[1] theta^4 [m]; millimetres in wide fisheyes.
     """
 
     name: str
@@ -70,8 +71,8 @@ class CameraModel:
 class ProjectorModel:
     """A projector: size (width, height) [px], lens, pose and the covariance of its parameters.
 
-    `covariance` (P, P) is ordered: turn [rad] and shift [m] in its own frame, focal x, y, centre x, y
-    [px], distortion [-].
+    `covariance` (P, P) is ordered: rotation [rad] and shift [m] in its own frame, focal x, y, centre
+    x, y [px], distortion [-].
     """
 
     name: str
@@ -83,11 +84,11 @@ class ProjectorModel:
 
 @dataclass(frozen=True, slots=True)
 class Fiducial:
-    """A mark on the dome whose place is known and which a device sees, or shows.
+    """A point of known direction on the dome that a camera sees or a projector shows.
 
-    `azimuth`, `elevation` [rad] from the dome's centre, None where not known (a springline mark has
-    an elevation alone), to `sigma` [rad]; `device` is the camera that sees it at `pixel` (2,), or the
-    projector that shines it there.
+    `azimuth`, `elevation` [rad] from the dome's centre with standard error `sigma` [rad]; None where
+    not known: a springline mark has an elevation alone. `device` is the camera that sees it at `pixel`
+    (2,), or the projector that shows it there.
     """
 
     name: str
@@ -100,10 +101,10 @@ class Fiducial:
 
 @dataclass(frozen=True, slots=True)
 class AprilTag:
-    """A printed tag on the dome, which cameras find by themselves.
+    """A printed AprilTag on the dome, which is detected in photographs.
 
-    `family` and `number` tell it from others; `azimuth`, `elevation` and `sigma` [rad] are those of its
-    centre, as of a `Fiducial`.
+    `family` and `number` identify it; `azimuth`, `elevation` and `sigma` [rad] are those of its
+    centre, as in `Fiducial`.
     """
 
     family: TagFamily
@@ -114,12 +115,12 @@ class AprilTag:
 
     @property
     def name(self) -> str:
-        """What people call it, and the marks that are made of it."""
+        """Its name in messages, and that of the fiducial made from it."""
         return tag_name(self.family, self.number)
 
 
 def tag_name(family: TagFamily, number: int) -> str:
-    """What people call a tag.
+    """Name of a tag in messages.
 
     >>> tag_name("36h11", 7), tag_name("25h9", 7)
     ('tag 7', 'tag 7 of 25h9')

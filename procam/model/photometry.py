@@ -1,4 +1,4 @@
-"""What a projector's light is like."""
+"""Response, colour and brightness of a projector."""
 
 from dataclasses import dataclass
 
@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True, slots=True)
 class ResponseCurve:
-    """Monotone table of the projector's response.
+    """Projector response as a monotone table.
 
     `levels` (K,) drive 0..1; `values` (K, 3) relative linear light, 0 at drive 0 and 1 at drive 1
-    (black taken off); `sigma` (K, 3) their standard errors.
+    (black subtracted); `sigma` (K, 3) their standard errors.
     """
 
     levels: NDArray[np.float64]
@@ -23,15 +23,16 @@ class ResponseCurve:
 class Photometry:
     """Light of one projector in the calibration's content channels.
 
-    direct radiance at a pixel = gain * (colour_mix @ response(drive) ** exponent) + black.
+    direct radiance at a pixel = gain * (colour_mix @ response(drive) ** exponent) + black
+    (docs/theory/photometry.md R2).
 
     Attributes
     ----------
     response : drive to linear light.
-    colour_mix : (3, 3), rows sum to 1: what each primary sends into each content channel.
+    colour_mix : (3, 3), rows sum to 1: light of each primary in each content channel.
     gain : (H, W, 3) direct radiance [rel] at full white, before blending.
-    exponent : (H, W, 3) how the response differs by place, as that of a media server does whose
-        projectors are not alike; None where it does not.
+    exponent : (H, W, 3) change of the response over the picture, as with a media server that feeds
+        projectors of different response; None for one response.
     """
 
     response: ResponseCurve

@@ -1,4 +1,4 @@
-"""A capture plan: which pictures to show and photograph, in which order."""
+"""A capture plan: the pictures to show and photograph, in order."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -16,13 +16,13 @@ class Shot:
     Attributes
     ----------
     id : unique name, such as "south-0007".
-    projector : who shows it; empty for the dark shot, when all are shuttered.
+    projector : the one that shows it; empty for the dark shot, with all shuttered.
     pattern : path of the picture inside the session; empty for the dark shot.
-    purpose : what it is for. exposures_s : shutter times to photograph it with [s].
-    detail : what the pattern is; for codes the code's name and the number of its plane; for stripes
-        axis ("x"/"y"), bit (0 = finest), inverse (0/1); for zones its number; for primaries
-        channel (0, 1, 2); for tags which picture of them (0, 1). A number that
-        is drawn into the picture is there as number.
+    purpose : its use. exposures_s : shutter times of its photographs [s].
+    detail : describes the pattern. For codes: the code's name and the number of the plane; for
+        stripes: axis ("x"/"y"), bit (0 = finest), inverse (0/1); for zones: their number; for
+        primaries: channel (0, 1, 2); for tags: the picture (0, 1). A shot mark drawn into the
+        picture is there as "number".
     """
 
     id: str

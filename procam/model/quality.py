@@ -1,4 +1,4 @@
-"""Figures: a number that knows its unit, its goal and whether it meets it."""
+"""Figures of a report: a value with unit, goal and verdict."""
 
 import operator
 from collections.abc import Callable
@@ -16,7 +16,7 @@ _COMPARE: dict[Comparison, Callable[[Any, Any], bool]] = {
 
 @dataclass(frozen=True, slots=True)
 class Goal:
-    """What a figure should be, such as Goal("<=", 0.5)."""
+    """The goal of a figure, such as Goal("<=", 0.5)."""
 
     op: Comparison
     value: float | bool
@@ -24,14 +24,14 @@ class Goal:
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """One figure of a run (design.md s.3).
+    """One figure of a run (docs/figures.md).
 
     Attributes
     ----------
     value : the number, a list of numbers, or a verdict.
     unit : its unit, "-" for ratios.
-    goal : what it should be; None if it is only reported.
-    samples : how many independent things it was taken over.
+    goal : None if the figure is only reported.
+    samples : number of independent observations behind it.
     note : one plain sentence for the reader.
     """
 
@@ -49,7 +49,7 @@ class Figure:
         return bool(_COMPARE[self.goal.op](self.value, self.goal.value))
 
     def as_dict(self) -> dict[str, Any]:
-        """The figure as summary.json carries it."""
+        """The figure as it is stored in summary.json."""
         goal = None if self.goal is None else {"op": self.goal.op, "value": self.goal.value}
         return {
             "value": self.value,

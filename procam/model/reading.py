@@ -1,4 +1,4 @@
-"""What a hand meter reads off the dome."""
+"""Readings of a hand-held colorimeter on the dome."""
 
 from dataclasses import dataclass
 
@@ -21,14 +21,14 @@ Spot = tuple[str, float, float]  # projector, azimuth and elevation [deg]
 
 @dataclass(frozen=True, slots=True)
 class MeterReading:
-    """A full-panel patch of one projector, read from the dome's middle, the others shuttered.
+    """A full-panel patch of one projector, read from the dome's centre, the others shuttered.
 
     Attributes
     ----------
     projector : its name. patch : one of PATCHES.
-    azimuth_deg, elevation_deg : where on the dome the meter looked.
-    xyz : (3,) tristimulus values [cd/m2] of the 2 degree observer; the mean where it was read often.
-    count : how many readings are in it.
+    azimuth_deg, elevation_deg : direction that the meter was aimed at.
+    xyz : (3,) tristimulus values [cd/m2] of the 2 degree observer; the mean of `count` readings.
+    count : number of readings.
     """
 
     projector: str
@@ -40,12 +40,12 @@ class MeterReading:
 
     @property
     def spot(self) -> Spot:
-        """Projector and place, which several patches share."""
+        """Projector and direction, which several patches share."""
         return self.projector, self.azimuth_deg, self.elevation_deg
 
     @property
     def direction(self) -> NDArray[np.float64]:
-        """Unit direction (3,) of the place."""
+        """Unit direction (3,)."""
         return direction_from_angles(np.radians(self.azimuth_deg), np.radians(self.elevation_deg))
 
     def __str__(self) -> str:
@@ -53,7 +53,7 @@ class MeterReading:
 
 
 def spot_name(spot: Spot) -> str:
-    """A spot in words.
+    """A spot as text, for messages.
 
     >>> spot_name(("south", 10.0, 42.5))
     'south at azimuth 10, elevation 42.5 deg'

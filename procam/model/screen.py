@@ -1,4 +1,4 @@
-"""The screen: what the light lands on."""
+"""The projection screen: a dome, or a mesh of any shape."""
 
 from dataclasses import dataclass
 
@@ -10,16 +10,17 @@ from procam.errors import InputError, ShapeError, UnitError
 
 @dataclass(frozen=True, slots=True)
 class Dome:
-    """A spherical cap round the dome frame's origin, its pole on z.
+    """A spherical cap about the dome frame's origin, its pole on z.
 
     Attributes
     ----------
     radius_m : sphere radius [m].
-    half_angle : angle from the pole to the rim of all that is screen, lit or not [rad].
-    tilt : how far the pole leans towards the front, off gravity's vertical [rad].
-    floor_albedo, floor_albedo_sigma : what is known of the deck under the dome, diffuse
-        reflectance [-]; it enters the albedo only, never the compensation.
-    bumps : harmonics of the radius from degree 2 to `degree`, relative to it; none for a sphere.
+    half_angle : angle from the pole to the rim of the whole screen, lit or not [rad].
+    tilt : angle between the pole and the vertical, positive towards the front [rad].
+    floor_albedo, floor_albedo_sigma : diffuse reflectance of the floor under the dome [-]; it
+        enters the albedo only, never the compensation.
+    bumps : harmonic coefficients of the radius from degree 2 to `degree`, relative to the radius;
+        none for a sphere.
     """
 
     radius_m: float
@@ -32,16 +33,18 @@ class Dome:
 
     def __post_init__(self) -> None:
         if not self.radius_m > 0:  # also refuses NaN
-            raise UnitError(f"radius_m: got {self.radius_m}, expected more than 0 metres")
+            raise UnitError(f"radius_m is {self.radius_m}; it needs a length above 0 metres")
         if not 0 < self.half_angle < 3.1416:
-            raise UnitError(f"half_angle: got {self.half_angle} rad, expected between 0 and pi")
+            raise UnitError(
+                f"half_angle is {self.half_angle} rad; it needs an angle between 0 and pi"
+            )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeshScreen:
     """A screen of any shape as triangles in the dome frame: cylinder, box, faceted or scanned dome.
 
-    Two are equal only if they are the same object, so that a tracer can be kept for each.
+    Equality is identity, so that a ray tracer can be cached for each screen.
 
     Attributes
     ----------
@@ -63,11 +66,13 @@ class MeshScreen:
             if array.ndim != 2 or array.shape[1] != 3 or not len(array):
                 raise ShapeError(name, array.shape, "(n, 3) with n of 1 or more")
             if array.dtype != dtype:
-                raise InputError(f"{name}: got {array.dtype}, expected {np.dtype(dtype)}")
+                raise InputError(f"{name} has type {array.dtype}; it needs {np.dtype(dtype)}")
         if not np.isfinite(self.vertices).all():
-            raise InputError("vertices: got NaN or infinite ones, expected finite metres")
+            raise InputError(
+                "vertices contain NaN or infinity; they need finite coordinates in metres"
+            )
         if self.faces.min() < 0 or self.faces.max() >= len(self.vertices):
             raise InputError(
-                f"faces: got vertices {self.faces.min()} to {self.faces.max()}, expected "
+                f"faces refer to vertices {self.faces.min()} to {self.faces.max()}; the mesh has vertices "
                 f"0 to {len(self.vertices) - 1}"
             )

@@ -1,4 +1,4 @@
-"""What the dome does to light, sampled on a dome master."""
+"""Light transport of the dome: maps on a dome master, the scatter kernel, measured values."""
 
 from dataclasses import dataclass, field
 
@@ -13,7 +13,7 @@ Map = NDArray[np.float32]
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """A number per channel with its standard error: `value` (3,), `sigma` (3,)."""
+    """One value per channel with its standard error: `value` (3,), `sigma` (3,)."""
 
     value: NDArray[np.float64]
     sigma: NDArray[np.float64]
@@ -25,14 +25,15 @@ class Measured:
 
 @dataclass(frozen=True, slots=True)
 class ScatterKernel:
-    """How bounced light depends on where the direct light falls (maths.scatter_kernel).
+    """Dependence of scattered light on where the direct light falls (`maths.light.scatter_kernel`).
 
-    A place of scatter_per_flux u gets u (phi.(B M)) / (phi.g) of direct light of moments M; phi are the
-    harmonics up to `degree` at the place, K = (degree + 1)^2 of them. Degree 0 is one scalar.
+    Direct light of moments M scatters u (phi.(B M)) / (phi.g) to a patch, where u is its
+    scatter_per_flux and phi its K = (degree + 1)^2 harmonics (docs/theory/interreflection.md I16).
+    Degree 0 is one scalar per channel.
 
     Attributes
     ----------
-    matrix : (C, K, K) B per channel, symmetric. profile : (C, K) g, of full white's light.
+    matrix : (C, K, K) B per channel, symmetric. profile : (C, K) g = B M of full white, per flux.
     """
 
     degree: int
@@ -41,18 +42,18 @@ class ScatterKernel:
 
     def __post_init__(self) -> None:
         if self.degree not in (0, 1, 2):
-            raise InputError(f"kernel: got degree {self.degree}, expected 0, 1 or 2")
+            raise InputError(f"the scatter kernel has degree {self.degree}; it needs 0, 1 or 2")
         terms, channels = (self.degree + 1) ** 2, len(self.matrix)
         for name, shape in (("matrix", (channels, terms, terms)), ("profile", (channels, terms))):
             array = getattr(self, name)
             if array.shape != shape:
                 raise ShapeError(f"kernel {name}", array.shape, f"{shape}")
             if not np.isfinite(array).all():
-                raise InputError(f"kernel {name}: got NaN or infinity, expected numbers")
+                raise InputError(f"kernel {name} contains NaN or infinity; it needs finite numbers")
 
     @classmethod
     def scalar(cls, channels: int = 3) -> "ScatterKernel":
-        """One scalar per colour."""
+        """The kernel of a bare sphere: one scalar per channel."""
         return cls(0, np.ones((channels, 1, 1)), np.ones((channels, 1)))
 
 
@@ -62,13 +63,13 @@ class DomeMaps:
 
     Attributes
     ----------
-    scatter_per_flux : (N, N, 3) u, scattered radiance per direct flux of full white [1/sr].
+    scatter_per_flux : (N, N, 3) u, scattered light per direct flux of full white [1/sr].
     albedo : (N, N, 3) diffuse reflectance [-].
-    lo, hi : (N, N, 3) direct radiance with all projectors black and at full blended white [rel].
+    lo, hi : (N, N, 3) direct light with all projectors black, and at full blended white [rel].
     coverage : (N, N) share of the pixel that a projector can light, 0..1.
-    protected : (N, N) where the picture is left as it is, never compensated; None for nowhere.
-    kernel : what bounced light of other pictures than full white is like.
-    falloff : (N, N) of the white, 1 at its brightest: content is multiplied with it; None for even.
+    protected : (N, N) mask of the part that is never compensated; None for nowhere.
+    kernel : dependence of the scattered light on the picture.
+    falloff : (N, N) of the white, 1 at its brightest; content is multiplied by it. None for uniform.
     """
 
     scatter_per_flux: Map
@@ -94,7 +95,7 @@ class DomeMaps:
         return int(self.coverage.shape[0])
 
     def is_protected(self, where: NDArray[np.floating]) -> NDArray[np.bool_]:
-        """Whether the picture is left as it is at places (..., 2) of the maps [px]."""
+        """Whether positions (..., 2) of the maps [px] are in the part that is never compensated."""
         if self.protected is None:
             return np.zeros(where.shape[:-1], bool)
         return self.protected.at(where)

@@ -154,7 +154,7 @@ class _Camera:
                 f"a lit part of projector {projector}: got {lost:.1%} saturated pixels, expected less "
                 f"than {SATURATED_SHARE:.1%}; dim the house lights, or lower [capture] exposure_s"
             )
-        return self.house.look(light, expected > 0)
+        return self.house.observe(light, expected > 0)
 
     def calibrated_zones(self, pictures: Mapping[str, Sequence[Picture]]) -> list[ZoneObservation]:
         """Those pictures as the calibration was made of; none if they are not all there any more."""
@@ -177,7 +177,7 @@ class _Camera:
             picture = readings.session.pattern(shot)[..., :1]
             for _, expected in self._seen(projector, [picture]):
                 light = (readings.light(shot) - base) @ self._matrix
-                yield self.house.look(light, expected > 0)
+                yield self.house.observe(light, expected > 0)
 
     def _shown(self, projector: str, picture: Image) -> Image:
         """What is seen of a grey picture (H, W, 1)."""

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.compensate.exact import Compensated, Compensator
+from procam.compensate.compensator import Compensated, Compensator
 from procam.errors import InputError
 from procam.maths.geometry.sphere import (
     cap_solid_angle,

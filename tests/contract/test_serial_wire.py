@@ -79,33 +79,32 @@ class TestWire:
         bench.arm(lost_commands=100)
         text = message(DeviceTimeout, bench, bench.control.state)
         assert f"no usable answer to {shown(bench.table.power.command)} in 3 attempts" in text
-        assert "got b'' within 0.2 s" in text
+        assert "was b'' after 0.2 s" in text
         assert "check that the device is powered" in text
 
     def test_nothing_but_garbage_is_an_error(self, bench: Bench) -> None:
         bench.arm(garbage=b"\xf0\x0f", garbled_replies=100)
         text = message(GarbledReply, bench, bench.control.state)
         assert f"no usable answer to {shown(bench.table.power.command)} in 3 attempts" in text
-        assert "when getting back into step" in text
+        assert "during synchronisation" in text
         assert "9600 baud" in text
 
     @pytest.mark.parametrize("garbage", [b"U" * 100, b":" * 100])
     def test_endless_talk_is_an_error(self, bench: Bench, garbage: bytes) -> None:
         bench.arm(garbage=garbage, garbled_replies=100)
         text = message(GarbledReply, bench, bench.control.state)
-        assert "got 64 bytes" in text
+        assert "received 64 bytes" in text
         assert "is the right device" in text
 
     def test_an_unknown_power_code_is_an_error(self, bench: Bench) -> None:
         control = bench.another_control(table=replace(bench.table, power_codes={"77": Power.ON}))
         text = message(DeviceError, bench, control.state)
-        assert "got power code 01, expected one of 77" in text
+        assert "power code 01 is not one of 77" in text
 
     def test_a_refused_power_question_is_an_error(self, bench: Bench) -> None:
         bench.arm(bench.table.power.command, refused_commands=1)
         text = message(WrongState, bench, bench.control.state)
-        assert "got the refusal" in text
-        assert f"to {shown(bench.table.power.command)}, expected" in text
+        assert f"refused {shown(bench.table.power.command)} with" in text
 
 
 class TestCable:
@@ -164,5 +163,5 @@ class TestCable:
 
 
 def test_an_unknown_protocol_is_refused_by_name() -> None:
-    with pytest.raises(InputError, match=r"projector north: .*'morse'.*expected one of escvp21"):
+    with pytest.raises(InputError, match=r"projector north: .*'morse'.*choose one of escvp21"):
         open_serial_control("/dev/null", "morse", clock=SceneClock(), name="north")

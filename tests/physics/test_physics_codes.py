@@ -1,6 +1,6 @@
-"""Codes in a room that scatters light, against the simulator's truth: small cousins of studies/.
+"""Codes in a dome that scatters light, against the simulator's truth.
 
-`python -m studies codes code-table one-fringe` asks the same at full size.
+`python -m studies codes code-table one-fringe` measures the same at full size.
 """
 
 from collections.abc import Callable
@@ -15,11 +15,11 @@ from procam.estimate.structured_light.scatter_bias import (
     remove_phasor,
 )
 from procam.maths.warp import grow
+from simulators.photograph_bench import PhotographBench
 from simulators.presets import STANDARD
 from simulators.scene import DomeScene, SceneSize
-from simulators.study import PhotographBench
 from studies import code_table, codes, one_fringe
-from studies.measure import Misses, Shots, patch_errors
+from studies.measure import Errors, Shots, patch_errors
 
 PANEL = (960, 600)
 HALF_BLUR_PX = 1.5  # periods are half as long as on a panel of full size
@@ -27,7 +27,7 @@ HALF_BLUR_PX = 1.5  # periods are half as long as on a panel of full size
 
 @pytest.fixture(scope="module")
 def shots() -> Shots:
-    # 1024 rays: below, the room's own noise is no longer small beside a patch's error
+    # with fewer than 1024 rays the simulator's own noise is no longer small beside a patch's error
     size = SceneSize(2, PANEL, 1, (560, 560), rays=1024)
     preset = STANDARD.altered(albedo=0.6, snr=50.0, defocus_px=HALF_BLUR_PX)
     return Shots(
@@ -60,9 +60,9 @@ class TestDefaultCode:
         assert not missed
         assert all(0.9 < figures[f"pixel_chi2_{axis}"] < 1.1 for axis in "xy")
 
-    def test_a_patch_is_as_good_as_it_says(self, shots: Shots) -> None:
-        """At a low SNR: what all patches share, .003 px of it, is no part of their sigma."""
-        misses = Misses(shots.decode([2], snr=15.0).map, shots.truth)
+    def test_standard_errors_of_patches_hold(self, shots: Shots) -> None:
+        """At a low SNR: the .003 px that all patches share is not part of their sigma."""
+        misses = Errors(shots.decode([2], snr=15.0).map, shots.truth)
         error, sigma = patch_errors(misses, PANEL)
         assert len(error) >= 800
         assert np.mean((error / sigma) ** 2) == pytest.approx(1.0, abs=0.1)
@@ -76,7 +76,7 @@ class TestEveryCode:
         assert row["coverage"] > 0.85, row  # type: ignore[operator]
         assert row["misread"] <= code_table.USABLE_MISREAD, row  # type: ignore[operator]
 
-    def test_waves_outlive_blur_that_ends_stripes(
+    def test_sinusoids_stand_blur_that_stripes_do_not(
         self, cell: Callable[..., code_table.Row]
     ) -> None:
         waves, stripes = (
@@ -85,7 +85,7 @@ class TestEveryCode:
         assert code_table.usable(waves), waves
         assert not code_table.usable(stripes), stripes
 
-    def test_what_decode_refuses_is_told(
+    def test_an_error_of_decode_is_recorded(
         self, cell: Callable[..., code_table.Row], monkeypatch: pytest.MonkeyPatch
     ) -> None:
         monkeypatch.setattr(
@@ -95,7 +95,7 @@ class TestEveryCode:
 
 
 class TestOneFringe:
-    def test_unlit_pixels_tell_the_bias(self, fringe: one_fringe.OneFringe) -> None:
+    def test_unlit_pixels_give_the_bias(self, fringe: one_fringe.OneFringe) -> None:
         direct = fringe.direct_places()
         counts = fringe.photograph(None)
         biased, mended = (
@@ -115,7 +115,7 @@ class TestOneFringe:
         maps = flux_share_maps(frames, counts[0], counts[1], near)
         np.testing.assert_allclose(maps[:, fringe.lit].mean(axis=1), shares, atol=2e-3)
 
-    def test_balanced_pictures_are_left_alone(self) -> None:
+    def test_balanced_photographs_are_unchanged(self) -> None:
         frames = np.arange(24, dtype=np.float32).reshape(2, 3, 4)
         scattered = np.full((3, 4), 5.0, np.float32)
         np.testing.assert_array_equal(remove_phasor(frames, np.full(2, 0.5), scattered), frames)

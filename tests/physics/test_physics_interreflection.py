@@ -12,15 +12,15 @@ from procam.maths.light.radiosity import (
     add_interreflection,
     albedo_from_feedback,
     remove_interreflection,
-    remove_interreflection_paper,
 )
+from studies.closed_forms import remove_interreflection_paper
 
 PATCHES = 400
 SPHERE_SR = 4 * np.pi
 
 
 class Screen:
-    """Patches of a sphere: `lit`, then unlit but reflecting; what is left of the sphere is open."""
+    """Patches of a sphere: `lit`, then unlit but reflecting; the rest of the sphere is open."""
 
     def __init__(self, lit_share: float, unlit_share: float, albedo: float, spread: float) -> None:
         rng = np.random.default_rng(17)
@@ -43,7 +43,7 @@ class Screen:
         return np.where(self.lit[:, None], light, 0.0)
 
     def measured_scatter(self, seed: int) -> np.ndarray:
-        """u on the lit patches, as one known picture tells it."""
+        """u on the lit patches, from one known picture."""
         direct = self.image(seed)
         flux = self.solid @ direct
         return (self.dense(direct) - direct)[self.lit] / flux
@@ -59,7 +59,7 @@ SCREENS = {
 
 @pytest.mark.parametrize("name", SCREENS)
 class TestMeasuredForm:
-    def test_one_picture_foretells_every_other(self, name: str) -> None:
+    def test_one_picture_predicts_every_other(self, name: str) -> None:
         screen = SCREENS[name]
         u, direct = screen.measured_scatter(1), screen.image(2)
         expected = screen.dense(direct)[screen.lit]
@@ -74,7 +74,7 @@ class TestMeasuredForm:
         np.testing.assert_allclose(found, direct[screen.lit], atol=SOLVER)
 
     def test_feedback_by_the_general_form(self, name: str) -> None:
-        """m = sum_L a rho / (A_s - sum of ALL a rho), science.md s.1."""
+        """m = sum_L a rho / (A_s - sum of ALL a rho)."""
         screen = SCREENS[name]
         feedback = screen.solid[screen.lit] @ screen.measured_scatter(1)
         weight = screen.solid * screen.albedo
@@ -82,14 +82,14 @@ class TestMeasuredForm:
         np.testing.assert_allclose(feedback, expected, rtol=SOLVER)
 
     def test_bounce_by_bounce(self, name: str) -> None:
-        """b^m = (rho / A_s) kappa^(m-1) (a.b0), the corrected eq. 9."""
+        """b^m = (rho / A_s) kappa^(m-1) (a.b0), (I8)."""
         screen, direct = SCREENS[name], SCREENS[name].image(4)
         kappa = screen.solid @ screen.albedo / SPHERE_SR
-        bounce = direct
+        light = direct
         for number in range(1, 5):
-            bounce = screen.albedo[:, None] * (screen.solid @ bounce) / SPHERE_SR
+            light = screen.albedo[:, None] * (screen.solid @ light) / SPHERE_SR
             expected = screen.albedo[:, None] / SPHERE_SR * kappa ** (number - 1)
-            np.testing.assert_allclose(bounce, expected * (screen.solid @ direct), rtol=SOLVER)
+            np.testing.assert_allclose(light, expected * (screen.solid @ direct), rtol=SOLVER)
 
 
 @pytest.mark.parametrize(
@@ -97,7 +97,7 @@ class TestMeasuredForm:
     [(0.3, 0.176), (0.4, 0.25), (0.5, 0.333), (0.6, 0.429), (0.7, 0.538), (0.8, 0.667)],
 )
 def test_integrating_half_sphere(albedo: float, feedback: float) -> None:
-    """m = kappa / (1 - kappa) with kappa = rho / 2; the table of science.md s.1."""
+    """m = kappa / (1 - kappa) with kappa = rho / 2 (I13)."""
     screen = Screen(0.5, 1e-15, albedo, 0.0)
     found = screen.solid[screen.lit] @ screen.measured_scatter(1)
     kappa = albedo / 2
@@ -118,7 +118,9 @@ class TestPaperToTheLetter:
     """Eqs 10 and 12 with the lit area alone: wrong by a known amount, which a round trip hides."""
 
     @pytest.mark.parametrize(("albedo", "percent"), [(0.5, -12.0), (0.8, -21.0)])
-    def test_equation_10_understates_the_pollution(self, albedo: float, percent: float) -> None:
+    def test_equation_10_understates_the_scattered_light(
+        self, albedo: float, percent: float
+    ) -> None:
         screen = Screen(0.3, 0.2, albedo, 0.0)
         direct = screen.image(5)
         true = (screen.dense(direct) - direct)[screen.lit]
@@ -130,7 +132,7 @@ class TestPaperToTheLetter:
 
     @pytest.mark.parametrize("albedo", [0.5, 0.8])
     def test_equation_12_removes_too_little(self, albedo: float) -> None:
-        """It takes off 1 - rho f_U of what is there."""
+        """It removes 1 - rho f_U of the scattered light."""
         screen = Screen(0.3, 0.2, albedo, 0.0)
         direct = screen.image(6)
         total = screen.dense(direct)[screen.lit]

@@ -1,7 +1,7 @@
-"""The simulator's flux tracing against closed forms, judged by its own spread.
+"""The simulator's flux tracing against closed forms, within its own standard error.
 
-Every figure is taken over independent replicates (other random shifts of the ray pattern); what is
-asked is |mean - expected| <= 4 standard errors, and a standard error small enough to mean something.
+Every value is a mean over independent replicates (random shifts of the ray pattern). The tests demand
+|mean - expected| <= 4 standard errors, and a small standard error.
 """
 
 from collections.abc import Callable
@@ -89,7 +89,7 @@ def _mean(room: Room, values: np.ndarray, part: slice = slice(DOME)) -> float:
 
 
 class TestBlackDeck:
-    """Paper eq. 10 with all that reflects: E = Phi / (A_s - a rho) everywhere on the sphere."""
+    """(I6): E = Phi / (A_s - a rho) everywhere on the sphere."""
 
     def _expected(self, room: Room, flux: np.ndarray) -> float:
         preset = room.surface.preset
@@ -102,8 +102,8 @@ class TestBlackDeck:
         values = [_mean(r, r.irradiance(flux)[:, 0]) for r in rooms]
         _judge(values, self._expected(rooms[0], flux), 5e-4)
 
-    def test_every_patch_gets_the_same(self, trace: Tracer) -> None:
-        """Light of a one-sided picture spreads evenly; no patch stands out of the noise."""
+    def test_irradiance_is_uniform(self, trace: Tracer) -> None:
+        """Scattered light of a one-sided picture is uniform within the noise."""
         rooms = trace(IDEAL)
         flux = _one_sided(rooms[0])
         light = np.stack([r.irradiance(flux)[:DOME, 0] for r in rooms])
@@ -136,7 +136,7 @@ class TestBlackDeck:
 
 
 class TestDeck:
-    """Cap with a Lambertian deck: K = [1 + returned / f] / A_s, exact in the mean (science.md s.1)."""
+    """Cap with a Lambertian deck: K = [1 + returned / f] / A_s, exact in the mean (I15)."""
 
     def _expected(self, preset: Preset, flux: np.ndarray) -> float:
         returned = floor_return(np.pi / 2, np.radians(preset.tilt_deg), WHITE_DECK)
@@ -152,20 +152,20 @@ class TestDeck:
         _judge(values, self._expected(preset, flux), 5e-4)
 
     def test_beside_a_gap_the_formula_is_a_little_low(self, trace: Tracer) -> None:
-        """Places of the deck that see less of the dome get less of its light and give less back.
+        """Places of the deck that see less of the dome receive less light and return less.
 
-        `floor_return` takes one mean for both, and the mean of squares is larger (Jensen).
+        `floor_return` uses one mean for both, and the mean of squares is larger (Jensen).
         """
         preset = replace(IDEAL, floor_albedo=WHITE_DECK)
         rooms = trace(preset)
         flux = _white(rooms[0])
         values = np.array([_mean(r, r.irradiance(flux)[:, 0]) for r in rooms])
-        excess = values / self._expected(preset, flux) - 1
-        error = excess.std(ddof=1) / np.sqrt(REPLICATES)
-        assert SIGMAS * error < excess.mean() < 0.01
+        difference = values / self._expected(preset, flux) - 1
+        error = difference.std(ddof=1) / np.sqrt(REPLICATES)
+        assert SIGMAS * error < difference.mean() < 0.01
 
-    def test_it_adds_as_much_as_path_tracing_said(self, trace: Tracer) -> None:
-        """Deck albedo .3 under a half sphere of albedo .5 adds 45 % to the pollution."""
+    def test_it_adds_as_much_as_in_path_tracing(self, trace: Tracer) -> None:
+        """Deck albedo .3 under a half sphere of albedo .5 adds 45 % to the scattered light."""
         bright = replace(CLOSED, floor_albedo=WHITE_DECK)
         rooms = {CLOSED: trace(CLOSED, count=2), bright: trace(bright)}
         light = {
@@ -188,13 +188,13 @@ class TestDeck:
 
 class TestConservation:
     def test_furnace(self, trace: Tracer) -> None:
-        """In a closed room whose walls glow with 1 - rho, everything looks 1, everywhere."""
+        """In a closed room whose walls emit 1 - rho, radiosity is 1 everywhere."""
         room = trace(replace(CLOSED, floor_albedo=WHITE_DECK))[0]
         np.testing.assert_allclose(room.exchange.sum(axis=1, dtype=float), 1, rtol=FLOAT32)
         glow = (1 - room.albedo) * room.area_m2
         np.testing.assert_allclose(room.irradiance(glow[:, None])[:, 0], 1, rtol=10 * FLOAT32)
 
-    def test_all_light_is_absorbed_in_the_end(self, trace: Tracer) -> None:
+    def test_all_light_is_absorbed(self, trace: Tracer) -> None:
         rooms = trace(replace(CLOSED, floor_albedo=WHITE_DECK))
         flux = _one_sided(rooms[0])
         absorbed = [float((r.area_m2 * (1 - r.albedo)) @ r.irradiance(flux)[:, 0]) for r in rooms]
@@ -221,7 +221,7 @@ class TestConservation:
         assert np.abs(scores).max() < 7.0
         assert np.sqrt(np.mean(np.square(scores))) < 2.0
 
-    def test_no_light_comes_from_nowhere(self, trace: Tracer) -> None:
+    def test_no_light_is_created(self, trace: Tracer) -> None:
         for room in trace(REALISTIC, count=1):
             assert room.exchange.min() >= 0
             assert room.exchange.sum(axis=1, dtype=float).max() <= 1 + FLOAT32
@@ -233,8 +233,8 @@ def _flux(room: Room, seen_by: slice, source: slice) -> float:
     return float(room.area_m2[seen_by] @ shares)
 
 
-def test_the_real_size_is_as_good() -> None:
-    """Patches as in the demo, an eighth of its rays: eq. 10 as closely."""
+def test_the_size_of_the_demo() -> None:
+    """Patches as in the demo, an eighth of its rays, against (I6)."""
     room = Room.trace(Surface.build(IDEAL), 256)
     rings, sectors = simulators.transport.DOME_RINGS, simulators.transport.DOME_SECTORS
     flux = np.zeros((len(room.area_m2), 1))

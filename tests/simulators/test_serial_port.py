@@ -80,17 +80,17 @@ class TestProjectorState:
         state.break_down("06")
         assert (state.power, state.light_factor()) == (Power.ERROR, 0.0)
         assert state.error_codes == ("01", "06")
-        with pytest.raises(WrongState, match="power on in state error"):
+        with pytest.raises(WrongState, match="switch on in state error"):
             state.switch_on()
 
     def test_no_power_command_in_a_transition(self) -> None:
         state = ProjectorState(SceneClock(), on=True)
         state.switch_off()
-        with pytest.raises(WrongState, match="power on in state cooling"):
+        with pytest.raises(WrongState, match="switch on in state cooling"):
             state.switch_on()
         warming = ProjectorState(SceneClock())
         warming.switch_on()
-        with pytest.raises(WrongState, match="power off in state warming"):
+        with pytest.raises(WrongState, match="switch off in state warming"):
             warming.switch_off()
 
 

@@ -139,7 +139,7 @@ class Bench:
         self._calls = folder / "calls.jsonl"
         venue = make_venue(self.whole)
         scene = simulators.backend.build_scene(venue.backends["simulated"], self.whole)
-        scene.camera_view(CAMERA)
+        scene.sight_lines(CAMERA)
         simulators.backend.build_scene = lambda *_: scene  # each child has its own copy
         self.capture_s = self._run(lambda: take_session(venue), "capture")
         self.solve_s = self._run(lambda: solved(venue, self.session(self.whole)), "solve")

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from tiny_venue import CAMERA, quick_simulator
 
-from procam.files.images.images import read_image, write_image
+from procam.files.images.pixels import read_image, write_image
 from procam.files.venue.load import load_venue
 from procam.model.frame import CameraSettings
 from procam.workflows.venue_rig import open_rig

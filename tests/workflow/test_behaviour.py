@@ -24,11 +24,11 @@ from procam.workflows.doctor.findings import (
     Diagnosis,
     judge_behaviour,
 )
+from simulators.builds import Features
 from simulators.devices import SimulatedCamera, SimulatedProjector
 from simulators.faults import AutoExposureCamera, FaultyCamera, GammaCamera
 from simulators.presets import PRESETS, PresetName
 from simulators.projector_state import ProjectorState
-from simulators.rig import Features
 from simulators.scene import DomeScene, SceneSize
 from simulators.template import venue_text
 

@@ -12,7 +12,7 @@ from tiny_venue import TINY, make_venue, procam, quick_simulator, solved, take_s
 from procam.errors import FileFormatError
 from procam.estimate import calibration as assemble
 from procam.files.calibration import load_calibration
-from procam.files.images.images import RGB, read_channels, write_channels
+from procam.files.images.layers import RGB, read_channels, write_channels
 from procam.files.session import Session
 from procam.files.venue.load import load_venue
 from procam.interfaces.cli import _sessions
@@ -125,5 +125,5 @@ def test_a_bad_mask_is_told_before_anything_is_solved(both: Solved) -> None:
     venue = load_venue(both.folder)
     table = venue.table.screen.model_copy(update={"protected": ["gone.png"]})
     broken = replace(venue, table=venue.table.model_copy(update={"screen": table}))
-    with pytest.raises(FileFormatError, match=r"gone\.png: got no such file"):
+    with pytest.raises(FileFormatError, match=r"gone\.png: no such file"):
         next(solve(broken, Session(both.folder / "sessions" / "0001")))

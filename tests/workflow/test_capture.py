@@ -27,14 +27,14 @@ from procam.errors import DeviceError, NotConnected, StaleFrame, WrongState
 from procam.estimate import calibration as assemble
 from procam.estimate.structured_light.patterns import plan_session
 from procam.files.atomic import read_lines
-from procam.files.images.images import read_image, write_image
+from procam.files.images.pixels import read_image, write_image
 from procam.files.session import Session
 from procam.files.venue.load import Venue
 from procam.model.frame import CameraSettings, Frame
 from procam.workflows.capture.capture import capture
 from simulators.clock import SceneClock
 from simulators.devices import SimulatedCamera
-from simulators.faults import STRIKE_AT_FRAME, StaleCamera
+from simulators.faults import STALE_FRAME, StaleCamera
 
 NO_PATTERN_BEFORE = 3  # the dark frames, and the white that follows them
 FRAMES = Path("captures") / CAMERA
@@ -234,7 +234,7 @@ def test_a_stale_frame_is_taken_again(
 
     watch_stage(monkeypatch, put_in(wrap))
     take_session(venue)
-    assert cameras[0]._taken == len(pictures(venue.directory)) + 1 > STRIKE_AT_FRAME
+    assert cameras[0]._taken == len(pictures(venue.directory)) + 1 > STALE_FRAME
     assert same_as(whole, venue)
 
 
@@ -330,7 +330,7 @@ def test_the_faulty_preset_ends_in_the_right_named_errors(
     assert isinstance(stages[-1].backend.cameras[CAMERA], StaleCamera)
     files = pictures(tmp_path)  # the stale frame was taken again, and nothing of north is stored
     taken = stages[-1].backend.cameras[CAMERA]._taken
-    assert len(files) == taken - 1 > STRIKE_AT_FRAME
+    assert len(files) == taken - 1 > STALE_FRAME
     assert not [name for name in files if "north" in name]
     assert len(set(files.values())) == len(files)
     ran = procam("capture", venue.directory)
@@ -340,18 +340,18 @@ def test_the_faulty_preset_ends_in_the_right_named_errors(
 
 def missing(folder: Path) -> str:
     (folder / "south-0002@0.13.tif").unlink()
-    return "got no capture of shot"
+    return "was not captured"
 
 
 def truncated(folder: Path) -> str:
     path = folder / "south-0002@0.13.tif"
     path.write_bytes(path.read_bytes()[:-3000])
-    return "got a truncated or damaged image"
+    return "truncated or damaged"
 
 
 def cut_to_nothing(folder: Path) -> str:
     (folder / "south-0002@0.13.tif").write_bytes(b"")
-    return "got no readable image"
+    return "readable image"
 
 
 def swapped(folder: Path) -> str:
@@ -359,13 +359,13 @@ def swapped(folder: Path) -> str:
     one.rename(folder / "aside")
     other.rename(one)
     (folder / "aside").rename(other)
-    return "got other pixels than were captured for shot south-000"
+    return "differs from the frame captured for shot south-000"
 
 
 def wrong_size(folder: Path) -> str:
     path = folder / "south-0002@0.13.tif"
     write_image(path, np.asarray(read_image(path))[:100])
-    return "got 200x100 px, expected 200x200"
+    return "has 200x100 px, but venue.toml gives the camera 200x200"
 
 
 def edited(folder: Path) -> str:
@@ -373,20 +373,20 @@ def edited(folder: Path) -> str:
     pixels = np.array(read_image(path))
     pixels[0, 0] += 1
     write_image(path, pixels)
-    return "got other pixels than were captured for shot south-0002"
+    return "differs from the frame captured for shot south-0002"
 
 
 def unnamed(folder: Path) -> str:
     index = folder / "index.jsonl"
     lines = index.read_text().splitlines(keepends=True)
     index.write_text("".join(line for line in lines if '"south-0002"' not in line))
-    return "got no capture of shot south-0002"
+    return "was not captured"
 
 
 def garbled_index(folder: Path) -> str:
     index = folder / "index.jsonl"
     index.write_text(index.read_text().replace('"south-0002"', '"south-0002', 1))
-    return "got damaged JSON"
+    return "damaged JSON"
 
 
 @pytest.mark.parametrize(

@@ -25,12 +25,13 @@ from tiny_venue import (
     watch_stage,
 )
 
-from procam.compensate.exact import Compensator
+from procam.compensate.compensator import Compensator
 from procam.compensate.projector_frames import projector_frames, quantised
 from procam.devices.protocols import BackendRig
 from procam.estimate import calibration as assemble
 from procam.files.calibration import save_calibration
-from procam.files.images.images import RGB, read_channels, read_image, write_channels, write_image
+from procam.files.images.layers import RGB, read_channels, write_channels
+from procam.files.images.pixels import read_image, write_image
 from procam.files.session import Session
 from procam.files.venue.load import Venue, load_venue, template_names
 from procam.interfaces.cli import _sessions
@@ -113,7 +114,7 @@ class TestInit:
     def test_an_unknown_template_is_told_the_known_ones(self, tmp_path: Path) -> None:
         ran = procam("init", tmp_path / "new", "--template", "nonesuch")
         assert ran.code == 2
-        assert "nonesuch" in ran.complaint
+        assert "template 'nonesuch' does not exist; choose one of " in ran.complaint
         assert all(name in ran.complaint for name in template_names())
         assert not (tmp_path / "new").exists()
 
@@ -185,9 +186,9 @@ class TestVenueCommands:
 
     def test_what_is_no_session_is_refused(self, tmp_path: Path) -> None:
         make_venue(tmp_path)
-        assert "0001" in procam("solve", tmp_path / "sessions" / "0001").complaint
+        assert "no such file" in procam("solve", tmp_path / "sessions" / "0001").complaint
         assert "give a folder such as" in procam("solve", tmp_path).complaint
-        assert "calibration" in procam("refine", tmp_path).complaint
+        assert "has no calibration" in procam("refine", tmp_path).complaint
         assert not (tmp_path / "calibrations").exists()
 
 
@@ -233,18 +234,18 @@ class TestInspect:
     @pytest.mark.parametrize(
         ("name", "content", "words"),
         [
-            ("gone.png", None, "got no such file"),
-            ("garbage.exr", b"not a picture", "got no readable image"),
-            ("garbage.png", b"not a picture", "got no readable image"),
+            ("gone.png", None, "no such file"),
+            ("garbage.exr", b"not a picture", "readable image"),
+            ("garbage.png", b"not a picture", "readable image"),
             ("notes.txt", b"hello", "this is no file of procam's"),
-            ("plan.json", b"{]", "got damaged JSON"),
-            ("plan.json", b"[]", "expected an object"),
-            ("plan.json", b'{"schema": 9}', "got schema 9, expected 1"),
-            ("plan.json", b'{"schema": 1}', "got no list of shots"),
-            ("calibration.json", b"{]", "got a damaged calibration"),
-            ("calibration.json", b"[]", "got a damaged calibration"),
-            ("calibration.json", b'{"schema_version": 99}', "got schema_version 99"),
-            ("calibration.json", b'{"schema_version": 1}', "dome.exr: got no such file"),
+            ("plan.json", b"{]", "damaged JSON"),
+            ("plan.json", b"[]", "must be an object"),
+            ("plan.json", b'{"schema": 9}', "has schema 9"),
+            ("plan.json", b'{"schema": 1}', "has no list of shots"),
+            ("calibration.json", b"{]", "damaged calibration"),
+            ("calibration.json", b"[]", "damaged calibration"),
+            ("calibration.json", b'{"schema_version": 99}', "has schema_version 99"),
+            ("calibration.json", b'{"schema_version": 1}', "dome.exr: no such file"),
         ],
     )
     def test_garbage(self, name: str, content: bytes | None, words: str, tmp_path: Path) -> None:
@@ -347,12 +348,12 @@ class TestCompensateAndWarp:
         ("make", "words"),
         [
             (oblong, "got 96x95 px, expected a square dome master"),
-            (holed, "got 1 values that are NaN or infinite"),
-            (truncated, "got a truncated or damaged image"),
-            (truncated_png, "got a truncated or damaged image"),
-            (grey, "expected R, G and B"),
-            (absent, "got no such file"),
-            (garbage, "got no readable image"),
+            (holed, "1 values are NaN or infinite"),
+            (truncated, "truncated or damaged"),
+            (truncated_png, "truncated or damaged"),
+            (grey, "R, G and B are needed"),
+            (absent, "no such file"),
+            (garbage, "readable image"),
         ],
     )
     def test_a_bad_picture_is_refused_and_leaves_no_output(
@@ -376,12 +377,12 @@ class TestCompensateAndWarp:
     ) -> None:
         source, made = picture(tmp_path), tmp_path / "made"
         ran = procam("compensate", kept, source, made / "out.exr", "--method", "magic")
-        assert (ran.code, "method: got 'magic', expected one of exact" in ran.complaint) == (
+        assert (ran.code, "method: 'magic' is unknown; choose one of exact" in ran.complaint) == (
             2,
             True,
         )
         ran = procam("compensate", kept, source, made / "out.jpg")
-        assert (ran.code, "got the suffix '.jpg'" in ran.complaint) == (2, True)
+        assert (ran.code, "not '.jpg'" in ran.complaint) == (2, True)
         assert not made.exists()
 
     def test_an_output_that_cannot_be_written_is_one_line(self, kept: Path, tmp_path: Path) -> None:
@@ -401,7 +402,7 @@ class TestCompensateAndWarp:
         self, command: str, read: list[str], kept: Path, tmp_path: Path
     ) -> None:
         source, out = picture(tmp_path), tmp_path / "out.exr"
-        assert "got no calibration.json" in procam(command, tmp_path, source, out).complaint
+        assert "has no calibration.json" in procam(command, tmp_path, source, out).complaint
         for name in read:
             damaged = tmp_path / f"without-{name}"
             shutil.copytree(kept, damaged)
@@ -438,7 +439,7 @@ class TestJudge:
         south = {"south": calibration.projectors["south"]}
         save_calibration(replace(calibration, projectors=south), tmp_path / "other")
         ran = procam("judge", tmp_path / "other", kept)
-        assert (ran.code, "got no projector north" in ran.complaint) == (2, True)
+        assert (ran.code, "has no projector north" in ran.complaint) == (2, True)
 
 
 class TestProjector:
@@ -504,7 +505,7 @@ class TestProjector:
         [
             (["north", "dance"], "action 'dance' is unknown; choose one of state, on, off"),
             (["north", "shutter", "ajar"], "shutter 'ajar' is unknown; choose open or closed"),
-            (["north", "input", "??"], "'??'"),
+            (["north", "input", "??"], "input '??' is not a source code"),
             (
                 ["attic", "state"],
                 "projector 'attic' is not in venue.toml; choose one of south, north",
@@ -536,7 +537,7 @@ class TestProjector:
         path.write_text(path.read_text().replace('port = "backend"', 'port = "/dev/procam-none"'))
         ran = procam("projector", venue, "north", "state")
         assert ran.code == 1
-        assert "projector south: port /dev/procam-none: " in ran.complaint
+        assert "projector south: port /dev/procam-none" in ran.complaint
         assert not list(venue.glob("procam-serial-*"))
 
 
@@ -556,28 +557,25 @@ class TestVenueErrors:
     @pytest.mark.parametrize(
         ("edit", "words"),
         [
-            (edited("[screen]", "[screen]\ncolour = 3"), ["screen.colour: got 3"]),
-            (edited("radius_m = 6.0", "radius_m = 0"), ["screen.radius_m: got 0"]),
-            (edited("radius_m = 6.0", "radius_m = nan"), ["screen.radius_m: got nan"]),
-            (edited('kind = "dome"', 'kind = "cube"'), ["screen.kind: got 'cube'"]),
-            (edited("[projectors.south]", "[projects.south]"), ["projectors: ", "projects: "]),
+            (edited("[screen]", "[screen]\ncolour = 3"), ["screen.colour is not a known key"]),
+            (edited("radius_m = 6.0", "radius_m = 0"), ["screen.radius_m is 0;"]),
+            (edited("[projectors.south]", "[projects.south]"), ["projectors is ", "projects is "]),
             (
                 edited("radius_m = 6.0", "radius_m = 0\nsize = 1\nhalf_angle = 2"),
-                ["screen.radius_m: ", "screen.size: ", "screen.half_angle: "],
+                ["screen.radius_m is ", "screen.size is ", "screen.half_angle is "],
             ),
             (
                 edited('camera = "zenith"', 'camera = "attic"'),
-                ["fiducials.front.camera: got 'attic', expected one of zenith"],
+                ["fiducials.front.camera is 'attic'; it must be one of zenith"],
             ),
             (
                 edited("[projectors.south]", "[projectors.attic]"),
                 ["projectors.attic: got a name that backend 'simulated' does not have"],
             ),
             (edited("size = [128, 80]", "size = [128, 81]"), ["projectors.south.size: got "]),
-            (edited('preset = "standard"', 'preset = "best"'), ["simulated.preset: got 'best'"]),
             (
                 edited("rays = 64", "rays = 1\ncolour = 3"),
-                ["simulated.rays: got 1", "simulated.colour: got 3"],
+                ["simulated.rays is 1", "simulated.colour is 3"],
             ),
             (
                 edited('backend = "simulated"', 'backend = "dream"'),
@@ -591,9 +589,9 @@ class TestVenueErrors:
             ),
             (
                 lambda text: text.replace('backend = "simulated"', 'backend = "simulatd"'),
-                ["simulated: got a table, expected one of the keys "],
+                ["simulated is not a known key; "],
             ),
-            (lambda text: text + "[[[", ["got invalid TOML"]),
+            (lambda text: text + "[[[", ["is not valid TOML"]),
         ],
     )
     def test_every_mistake_has_its_line_and_nothing_stays_open(
@@ -645,7 +643,7 @@ class TestVenueErrors:
     def test_a_missing_venue_is_told_how_to_make_one(self, command: str, tmp_path: Path) -> None:
         ran = procam(command, tmp_path / "nowhere")
         assert ran.code == 2
-        assert "nowhere/venue.toml: got no such file" in ran.complaint
+        assert "nowhere/venue.toml: no such file" in ran.complaint
         assert "procam init" in ran.complaint
         assert not (tmp_path / "nowhere").exists()
 

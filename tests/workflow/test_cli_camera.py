@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from tiny_venue import procam
 
-from procam.files.images.images import write_image
+from procam.files.images.pixels import write_image
 from procam.interfaces.cli import camera as command
 from procam.maths.geometry.lenses import Lens, project, unproject
 from procam.maths.geometry.pose import Pose, rotation_matrix
@@ -111,7 +111,7 @@ class TestSolves:
         np.testing.assert_allclose(table["f"], LENS.focal, rtol=0.003)
         assert rim_miss(table, LENS) < 0.3
 
-    def test_json_says_all(self, photos: Path, tmp_path: Path) -> None:
+    def test_json_is_complete(self, photos: Path, tmp_path: Path) -> None:
         ran = procam("camera", photos, *BOARD, "--out", tmp_path / "c.toml", "--json")
         document = json.loads(ran.out)
         assert document["no_board"] == [str(photos / "wall.png")]
@@ -120,7 +120,7 @@ class TestSolves:
         assert document["figures"]["held_out_rms"]["value"] < 0.2
         for name, true in zip(("fx", "fy", "cx", "cy"), (560, 560, 327.3, 233.8), strict=True):
             entry = document["parameters"][name]
-            # errors of corner finders are correlated, which the sigmas leave out
+            # errors of the corner finder are systematic, so they exceed the sigmas
             assert abs(entry["value"] - true) < 6 * entry["sigma"], (name, entry)
 
     def test_fisheye(self, tmp_path: Path) -> None:
@@ -136,7 +136,7 @@ class TestSolves:
         assert rim_miss(table, FISHEYE) < 0.3
 
     def test_charuco_in_parts(self, tmp_path: Path) -> None:
-        """Boards that stick out of the picture are used as far as they are seen."""
+        """The visible parts of boards beyond the picture's edge are used."""
         photos = write_all(tmp_path / "photos", charuco(), LENS, poses(10, distance=0.2))
         charuco_board = ("--board", "charuco", "--marker-mm", "14", "--dictionary", "DICT_5X5_100")
         ran = procam(
@@ -149,7 +149,7 @@ class TestSolves:
         assert abs(document["parameters"]["fx"]["value"] - 560) < 3
 
     def test_a_lens_of_another_kind_fails_the_check(self, tmp_path: Path) -> None:
-        """A fisheye pressed into the Brown model fits badly: exit 1, and the file is there."""
+        """A fisheye with the Brown model fits badly: exit 1, and the file is written."""
         photos = write_all(
             tmp_path / "photos", checkers(), FISHEYE, poses(10, tilt=0.5, distance=0.11)
         )
@@ -211,7 +211,7 @@ class TestRefuses:
                 )
                 for edge in ("nan", "inf", "-20")
             ),
-            (("--squares", "3x7", "--square-mm", "20"), "3x7"),
+            (("--squares", "3x7", "--square-mm", "20"), "3x7 squares of 20 mm are no board"),
             (
                 (*BOARD, "--model", "equidistant"),
                 "--model 'equidistant' is unknown; choose brown or",
@@ -220,10 +220,10 @@ class TestRefuses:
                 (*BOARD, "--board", "circles"),
                 "--board 'circles' is unknown; choose checkerboard or",
             ),
-            ((*BOARD, "--board", "charuco"), "0 mm"),
+            ((*BOARD, "--board", "charuco"), "markers of 0 mm do not fit into squares of 20 mm"),
             (
                 (*BOARD, "--board", "charuco", "--marker-mm", "14", "--dictionary", "DICT_9X9"),
-                "'DICT_9X9'",
+                "no marker dictionary 'DICT_9X9'",
             ),
         ],
     )
@@ -245,12 +245,12 @@ class TestRefuses:
         monkeypatch.setattr(command, "_find_boards", pytest.fail)
         (tmp_path / "notes.txt").write_text("x")
         (tmp_path / "folder.toml").mkdir()
-        for out, words in (
+        for out, message in (
             ("notes.txt/sub/c.toml", "notes.txt is a file, not a folder"),
             ("folder.toml", "folder.toml: this is a folder"),
         ):
             ran = procam("camera", photos, *BOARD, "--out", tmp_path / out)
-            assert (ran.code, words in ran.complaint) == (2, True), ran
+            assert (ran.code, message in ran.complaint) == (2, True), ran
 
     def test_another_suffix(self, photos: Path, tmp_path: Path) -> None:
         ran = procam("camera", photos, *BOARD, "--out", tmp_path / "c.json")

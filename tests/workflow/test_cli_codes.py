@@ -1,4 +1,4 @@
-"""`procam patterns` and `procam decode` for every code, with a camera that knows only the files."""
+"""`procam patterns` and `procam decode` for every code, with photographs of the written files."""
 
 from pathlib import Path
 
@@ -8,14 +8,15 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 from tiny_venue import procam
 
 from procam.estimate.structured_light.codes import CODES
-from procam.files.images.images import read_channels, read_image, write_image
+from procam.files.images.layers import read_channels
+from procam.files.images.pixels import read_image, write_image
 
 WIDTH, HEIGHT = 160, 100
 GAMMA, BLUR_PX, NOISE_DN = 2.2, 0.5, 15.0
 
 
 def _view() -> tuple[np.ndarray, np.ndarray]:
-    """Projector pixels x, y that a camera of 300x240 px sees: turned, and slightly bent."""
+    """Projector pixels x, y that a camera of 300x240 px sees: rotated, and slightly bent."""
     v, u = np.mgrid[:240, :300].astype(float)
     x = 0.6 * u + 0.05 * v + 1e-4 * u * v - 12.0
     y = 0.5 * v - 0.04 * u + 1e-4 * v * v + 2.0
@@ -23,7 +24,7 @@ def _view() -> tuple[np.ndarray, np.ndarray]:
 
 
 def _photograph(pattern: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """12-bit counts of a pattern as a screen of uneven whiteness shows it, out of focus."""
+    """12-bit counts of a pattern as a screen of varying reflectance shows it, out of focus."""
     x, y = _view()
     light = np.pad(gaussian_filter((pattern / 255.0) ** GAMMA, BLUR_PX, mode="constant"), 4)
     seen = map_coordinates(light, [y + 4, x + 4], order=1, mode="constant")

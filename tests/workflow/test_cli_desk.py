@@ -12,8 +12,9 @@ from scipy.ndimage import gaussian_filter
 from tiny_venue import CAMERA, Ran, make_venue, procam
 from venue_texts import edit, mistakes
 
-from procam.files.images.images import write_channels, write_image
+from procam.files.images.layers import write_channels
 from procam.files.images.photos import load_response
+from procam.files.images.pixels import write_image
 from procam.files.session import Session
 from procam.files.venue.load import template_text
 from procam.maths.light.curves import srgb_decode, srgb_encode
@@ -21,7 +22,7 @@ from simulators.scene import SceneSize
 
 Array = np.ndarray
 SECONDS = (1 / 64, 1 / 16, 1 / 4, 1.0)
-TOLD = "1/64, 1/16, 0.25, 1"
+EXPOSURES = "1/64, 1/16, 0.25, 1"
 SIZE, MIDDLE, FOCAL = 160, 79.5, 60.0
 BLACK = 200.0
 ROWS, COLUMNS = np.indices((SIZE, SIZE))
@@ -77,9 +78,9 @@ def refused(*arguments: object) -> str:
 
 
 class TestResponse:
-    def test_with_exposures_told(self, brackets: Path, tmp_path: Path) -> None:
+    def test_with_given_exposures(self, brackets: Path, tmp_path: Path) -> None:
         out = tmp_path / "zenith.csv"
-        ran = procam("response", brackets, "--exposures", TOLD, "--out", out)
+        ran = procam("response", brackets, "--exposures", EXPOSURES, "--out", out)
         assert (ran.code, ran.err) == (0, "")
         assert 'set response = "zenith.csv"' in ran.out
         response = load_response("zenith.csv", tmp_path)
@@ -105,21 +106,23 @@ class TestResponse:
         command = ("response", brackets, "--out", out, "--exposures")
         assert "--exposures: 'fast' is no exposure" in refused(*command, "1,fast,3,4")
         assert "--exposures: '1/0' is no exposure" in refused(*command, "1/0,1,2,3")
-        assert "4 photographs and 3 exposures" in refused(*command, "1,2,3")
-        assert "0.png: " in refused(*command[:-1])
+        assert "3 exposures were given for 4 photographs; give one for each" in refused(
+            *command, "1,2,3"
+        )
+        assert "0.png has no exposure in its header" in refused(*command[:-1])
         told = refused(*command, "1,1/4,1/16,1/64")
         assert f"{brackets} (0.png, 1.png, 2.png, 3.png): brackets: photographs 4 and 3" in told
         assert "must end in .csv" in refused("response", brackets, "--out", tmp_path / "a.toml")
         (tmp_path / "b.csv").mkdir()
         assert "this is a folder" in refused("response", brackets, "--out", tmp_path / "b.csv")
-        assert "gone" in refused("response", tmp_path / "gone", "--out", out)
+        assert "no such folder" in refused("response", tmp_path / "gone", "--out", out)
         put_headers(brackets, shots)
         with_header(brackets / "1.png", shots[1], ExposureTime=0.06, FNumber=11.0)
-        assert "(0.png 8.0, 1.png 11.0" in refused(*command, TOLD)
+        assert "differ in aperture f/ (0.png 8.0, 1.png 11.0" in refused(*command, EXPOSURES)
         write_image(brackets / "1.png", shots[1].astype(np.uint16))
-        assert "(0.png 8, 1.png 16" in refused(*command, TOLD)
+        assert "differ in bits (0.png 8, 1.png 16" in refused(*command, EXPOSURES)
         (brackets / "1.png").write_bytes(b"no picture")
-        assert "1.png: " in refused(*command, TOLD)
+        assert "1.png is not a readable image" in refused(*command, EXPOSURES)
         assert not out.exists()
 
 
@@ -127,22 +130,22 @@ class TestVenue:
     """What venue.toml may say of brackets."""
 
     @pytest.mark.parametrize(
-        ("new", "told"),
+        ("new", "message"),
         [
-            ('response = "solve"', "cameras.zenith.brackets: got nothing, expected with response"),
+            ('response = "solve"', "cameras.zenith.brackets is missing: response"),
             (
                 'response = "linear"\nbrackets = "b"',
-                "cameras.zenith.brackets: got 'b' with response = 'linear', expected it with",
+                "cameras.zenith.brackets is for response",
             ),
             (
                 'response = "solve"\nbrackets = "b"',
-                "cameras.zenith.brackets: {}/b: got no such folder, expected one of photographs",
+                "cameras.zenith.brackets: {}/b: no such folder; photographs",
             ),
         ],
     )
-    def test_mistakes(self, tmp_path: Path, new: str, told: str) -> None:
+    def test_mistakes(self, tmp_path: Path, new: str, message: str) -> None:
         (line,) = mistakes(tmp_path, edit('response = "linear"', new))
-        assert line.startswith(f"{tmp_path / 'venue.toml'}: {told.format(tmp_path)}")
+        assert line.startswith(f"{tmp_path / 'venue.toml'}: {message.format(tmp_path)}")
 
 
 class TestIngest:
@@ -168,12 +171,15 @@ class TestIngest:
     ) -> None:
         venue, kept = session.parents[1], session / "captures" / CAMERA / "response.csv"
         first, second = (shot.id for shot in Session(session).read_plan().shots[1:3])
-        assert "got 8 bits of unknown response" in self.ingest(session, shots[3], first).complaint
+        assert (
+            "has 8 bits, and its response is not known"
+            in self.ingest(session, shots[3], first).complaint
+        )
         toml = venue / "venue.toml"
         solve = 'response = "solve"\nbrackets = "brackets"'
         toml.write_text(toml.read_text().replace('response = "linear"', solve))
         ran = self.ingest(session, shots[3], first)
-        assert (ran.code, "0.png: got no exposure in its header" in ran.complaint) == (2, True)
+        assert (ran.code, "0.png has no exposure in its header" in ran.complaint) == (2, True)
         assert not kept.exists()
         put_headers(brackets, shots)
         ran = self.ingest(session, shots[3], first)
@@ -263,7 +269,7 @@ class TestGlare:
 
         assert "eight.png: 8 bits are too coarse" in of("eight.png")
         assert "small.tif: the photograph has 50x40 px" in of("small.tif")
-        assert "gone.tif: " in of("gone.tif")
+        assert "gone.tif: no such file" in of("gone.tif")
         assert "empty: there are no photographs here" in of("empty")
         assert "--camera 'b' is not in venue.toml; choose one of zenith, side" in of(camera="b")
         for trap in ("80,70", "80,x,8", "80,70,-8", "nan,70,8"):
@@ -275,8 +281,8 @@ class TestGlare:
         )
         assert "--trap-sigma is 2; it must be a share" in of(**{"trap-sigma": "2"})
         assert "glare.csv: its name must end in .toml" in of(out=venue / "glare.csv")
-        assert "trap with 11" in of(trap="40,40,8")
-        assert "dark: " in of(dark=venue / "a.tif")
+        assert "the trap has 11" in of(trap="40,40,8")
+        assert "dark: the photograph has up to" in of(dark=venue / "a.tif")
         assert not out.exists()
 
 
@@ -298,4 +304,4 @@ class TestVignetting:
         paper = 0.8 * (1 + 0.2 * (COLUMNS - MIDDLE) / MIDDLE)
         write_image(venue / "flat.tif", darkened(paper, 0.0))
         where = ("--venue", venue, "--camera", "zenith")
-        assert "round the axis" in refused("vignetting", venue / "flat.tif", *where)
+        assert "round the axis, more than 3%" in refused("vignetting", venue / "flat.tif", *where)

@@ -11,7 +11,8 @@ import pytest
 from tiny_venue import procam
 
 from procam.files.calibration import save_calibration
-from procam.files.images.images import read_image, write_image, write_picture
+from procam.files.images.pixels import read_image, write_image
+from procam.files.images.stills import write_picture
 from procam.interfaces.cli import forecast as command
 from procam.maths.geometry.sphere import master_solid_angles
 from procam.model.calibration import Calibration
@@ -149,9 +150,7 @@ class TestMeasured:
     def test_without_a_calibration(self, tmp_path: Path) -> None:
         ran = procam("forecast", tmp_path)
         assert ran.code == 2
-        assert "got no calibration, expected calibrations/0001; run `procam calibrate" in (
-            ran.complaint
-        )
+        assert "has no calibration; run `procam calibrate" in (ran.complaint)
 
 
 class TestFiles:
@@ -190,13 +189,13 @@ class TestRefusals:
             ((*PLAN, "--half-angle-deg", 120), "half angle: got 120 degrees, expected more than 0"),
             ((*PLAN, "--contrast", 0), "contrast: got 0, expected more than 1"),
             ((*PLAN, "--floor-albedo", 2), "floor albedo: got 2, expected between 0 and 1"),
-            ((*PLAN, "--radius-m", -1), "radius_m: got -1.0, expected more than 0 metres"),
+            ((*PLAN, "--radius-m", -1), "radius_m is -1.0; it needs a length above 0 metres"),
             ((*PLAN, "--lumens", 9), "--lumens needs --radius-m"),
             (
                 (*PLAN, "--lumens", 0, "--radius-m", 5),
                 "--lumens is 0; the sum of all projectors is above 0",
             ),
-            ((*PLAN, "nonesuch.png"), "nonesuch.png: got no such file, expected an image"),
+            ((*PLAN, "nonesuch.png"), "nonesuch.png: no such file; an image is needed"),
         ],
     )
     def test_one_line_each(self, arguments: tuple[object, ...], words: str) -> None:

@@ -12,11 +12,12 @@ import pytest
 from tiny_venue import procam
 from tolerances import FLOAT32
 
-from procam.compensate.exact import Compensator
+from procam.compensate.compensator import Compensator
 from procam.compensate.projector_frames import Warper
 from procam.errors import InputError
 from procam.files.calibration import save_calibration
-from procam.files.images.images import RGB, read_channels, read_image, write_channels, write_image
+from procam.files.images.layers import RGB, read_channels, write_channels
+from procam.files.images.pixels import read_image, write_image
 from procam.files.images.stills import read_still
 from procam.maths.light.curves import srgb_decode, srgb_encode
 from procam.model.calibration import Calibration
@@ -196,7 +197,7 @@ class TestResume:
         whole = bad.read_bytes()
         bad.write_bytes(whole[: len(whole) // 2])
         ran = procam("compensate", kept, source, tmp_path / "out")
-        assert (ran.code, f"{bad}: got a truncated or damaged image" in ran.complaint) == (2, True)
+        assert (ran.code, f"{bad} is truncated or damaged" in ran.complaint) == (2, True)
         there = sorted(p.name for p in (tmp_path / "out").glob("*.exr"))
         assert there == [f"sky.{n:04d}.exr" for n in (FIRST, FIRST + 1)]
         assert not list((tmp_path / "out").glob(".*"))
@@ -238,11 +239,11 @@ class TestRefused:
     @pytest.mark.parametrize(
         ("spoil", "words"),
         [
-            (nan, "got 1 values that are NaN or infinite"),
+            (nan, "1 values are NaN or infinite"),
             (oblong, f"got {SIZE}x{SIZE - 2} px, expected a square dome master"),
             (other_size, f"got {SIZE + 2}x{SIZE + 2} px, expected {SIZE} as the first frame has"),
             (other_type, "got float32 pixels in linear, expected float16 in linear"),
-            (premultiplied, "got premultiplied alpha below 1 in"),
+            (premultiplied, "has premultiplied alpha below 1 in"),
         ],
     )
     def test_a_bad_frame_is_named(
@@ -260,7 +261,7 @@ class TestRefused:
         source = shoot(tmp_path / "in")
         (source / f"sky.{FIRST + 1:04d}.exr").unlink()
         ran = procam(command, kept, source / "sky.%04d.exr", tmp_path / "out")
-        words = f"got a gap in the numbering, sky.{FIRST + 1:04d}.exr missing"
+        words = f": sky.{FIRST + 1:04d}.exr missing between"
         assert (ran.code, words in ran.complaint) == (2, True)
         assert not (tmp_path / "out").exists()
 
@@ -270,14 +271,14 @@ class TestRefused:
             (("in", "in"), "which is IN itself"),
             (("in", "in/sky.%04d.exr"), "which is IN itself"),
             (("in", "out.exr"), "expected a pattern such as out.%04d.exr, or a folder"),
-            (("in", "out.%04d.jpg"), "got the suffix '.jpg'"),
-            (("in", "out", "--transfer", "gamma9"), "got 'gamma9', expected one of srgb, linear"),
+            (("in", "out.%04d.jpg"), "not '.jpg'"),
+            (("in", "out", "--transfer", "gamma9"), "transfer function 'gamma9' is unknown"),
             (("in", "out", "--method", "magic"), "got 'magic', expected"),
             (("in", "out", "--white", "bright"), "got 'bright', expected"),
             (("in", "out", "--strength", "1.5"), "got 1.5, expected"),
-            (("in", "out", "--state", "full"), "got 'full', expected none"),
+            (("in", "out", "--state", "full"), "'full' was not measured"),
             (("in", "out", "--report", "clip.txt"), "the name must end in .csv"),
-            (("in/no.%d.exr", "out"), "got no picture of that name"),
+            (("in/no.%d.exr", "out"), "no picture has such a name"),
         ],
     )
     def test_wrong_arguments(
@@ -340,7 +341,7 @@ class TestRefused:
         document["scatter_kernel"] |= change
         (torn / "calibration.json").write_text(json.dumps(document))
         ran = procam("compensate", torn, source, tmp_path / "out")
-        assert (ran.code, "got a damaged calibration" in ran.complaint) == (2, True), ran
+        assert (ran.code, "damaged calibration" in ran.complaint) == (2, True), ran
         assert not (tmp_path / "out").exists()
 
 

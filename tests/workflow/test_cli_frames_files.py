@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 from tiny_venue import procam
 
-from procam.compensate.exact import Compensator
+from procam.compensate.compensator import Compensator
 from procam.errors import InputError
 from procam.files.calibration import save_calibration
-from procam.files.images.images import RGB, write_image
+from procam.files.images.layers import RGB
+from procam.files.images.pixels import write_image
 from procam.model.calibration import Calibration
 from procam.model.mask import Mask
 from procam.workflows.playout.explain import explain

@@ -22,7 +22,8 @@ from tiny_venue import procam
 
 from procam.errors import FileFormatError, InputError
 from procam.files.calibration import save_calibration
-from procam.files.images.raw_frames import PIXELS, pixel_type, read_frame, widen, write_frame
+from procam.files.images.raw_frames import PIXELS, pixel_type, read_frame, write_frame
+from procam.files.system import widen_pipe
 from procam.interfaces.cli._pipe import _latency
 from procam.model.calibration import Calibration
 from procam.workflows.playout.compensate import compensate_clip, each_frame
@@ -153,12 +154,14 @@ class TestPipe:
         assert not read_frame(pipe, again, 1)  # type: ignore[arg-type]
 
     def test_a_part_of_a_frame_is_refused(self) -> None:
-        with pytest.raises(FileFormatError, match="stdin: got 50 bytes of frame 3, expected 75"):
+        with pytest.raises(
+            FileFormatError, match="stdin ended after 50 of the 75 bytes of frame 3"
+        ):
             read_frame(Feed(bytes(50)), np.empty((5, 5, 3), np.uint8), 3)  # type: ignore[arg-type]
 
     def test_an_unknown_layout_is_refused_with_the_list(self) -> None:
         with pytest.raises(
-            InputError, match="--pixels: got 'yuv420p', expected one of rgb24, rgb48le"
+            InputError, match="--pixels is 'yuv420p'; it must be one of rgb24, rgb48le"
         ):
             pixel_type("yuv420p")
 
@@ -185,7 +188,7 @@ class TestPipe:
                 ["-", "-", "--size", "1", "--pixels", "rgb24"],
                 "--size is 1 px; it must be the edge of a frame, from 2 to 16384",
             ),
-            (["-", "-", "--size", "8", "--pixels", "yuv420p"], "expected one of rgb24"),
+            (["-", "-", "--size", "8", "--pixels", "yuv420p"], "must be one of rgb24"),
             (["-", "-", "--size", "8", "--pixels", "rgb24", "--json"], "cannot be used on a pipe"),
             (["a.exr", "b.exr", "--size", "8"], "--size and --pixels are for pipes"),
         ],
@@ -213,7 +216,7 @@ class TestAboveOne:
     def test_what_is_no_light_is_refused_by_name(self, dtype: type, bad: float) -> None:
         light = np.zeros((4, 4, 3), dtype)
         light[1, 2, 0] = bad
-        with pytest.raises(FileFormatError, match="frame 3: got 1 values that are NaN or infinite"):
+        with pytest.raises(FileFormatError, match="frame 3: 1 values are NaN or infinite"):
             count_above_one("frame 3", light)
 
 
@@ -241,7 +244,7 @@ class TestFirstPixel:
         )
         assert len(ran.stdout) == len(sent)
         loaded = set(ran.stderr.decode().partition("LOADED")[2].split())
-        assert "procam.compensate.exact" in loaded
+        assert "procam.compensate.compensator" in loaded
         assert not self.SLOW & loaded
 
     def test_the_first_frame_is_read_while_a_calibration_is(self) -> None:
@@ -278,7 +281,9 @@ class TestFirstPixel:
 
     def test_its_errors_come_where_it_is_asked_for(self, calibration: Calibration) -> None:
         clip = PipeClip((Feed(bytes(50)), Drip()), SIZE, np.dtype(np.uint8))  # type: ignore[arg-type]
-        with pytest.raises(FileFormatError, match="stdin: got 50 bytes of frame 0"):
+        with pytest.raises(
+            FileFormatError, match="stdin ended after 50 of the 192 bytes of frame 0"
+        ):
             list(compensate_clip(calibration, clip, FrameSettings()))
 
     def test_it_comes_before_the_calibration_is_there(
@@ -311,7 +316,7 @@ class TestFirstPixel:
         with _compensating(MAIN, tmp_path / "none", 64) as child:
             assert child.stderr is not None
             said = child.stderr.read().decode().splitlines()
-            assert len(said) == 1 and "got no calibration.json" in said[0]
+            assert len(said) == 1 and "has no calibration.json" in said[0]
             assert child.wait(PATIENCE_S) == 2
 
     @pytest.mark.parametrize("frames", [0, 1])
@@ -348,18 +353,18 @@ class TestFirstPixel:
             said = child.stderr.read().decode()
             assert child.wait(PATIENCE_S) == 2
             assert said.startswith(
-                f"procam: {name}: got - with no file open at {descriptor}, expected"
+                f"procam: {name}: - was given, but no pipe or file is open at {descriptor}"
             )
 
     def test_a_pipe_holds_a_frame_at_most(self) -> None:
         source, sink = os.pipe()
         try:
             before = fcntl.fcntl(sink, fcntl.F_GETPIPE_SZ)
-            widen(sink, 100)
+            widen_pipe(sink, 100)
             assert fcntl.fcntl(sink, fcntl.F_GETPIPE_SZ) == before
-            widen(sink, 2**18)
+            widen_pipe(sink, 2**18)
             assert fcntl.fcntl(sink, fcntl.F_GETPIPE_SZ) == 2**18
-            widen(sink, 2**30)
+            widen_pipe(sink, 2**30)
             assert fcntl.fcntl(sink, fcntl.F_GETPIPE_SZ) == 2**20
         finally:
             os.close(source)

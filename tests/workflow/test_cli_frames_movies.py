@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from tiny_venue import procam
 
-from procam.compensate.exact import Compensator
+from procam.compensate.compensator import Compensator
 from procam.compensate.projector_frames import Warper
 from procam.files.calibration import save_calibration
 from procam.files.images.movies import MovieReader
@@ -132,11 +132,11 @@ class TestCompensate:
     @pytest.mark.parametrize(
         ("source", "out", "words"),
         [
-            ("m.mkv", "o.mp4", "got the suffix '.mp4', expected .mov (ProRes 4444)"),
-            ("m.mkv", "o.png", "got the suffix '.png', expected .mov"),
+            ("m.mkv", "o.mp4", "written as .mov (ProRes 4444)"),
+            ("m.mkv", "o.png", "written as .mov"),
             ("m.mkv", "m.mkv", "which is IN itself"),
-            ("none.mkv", "o.mkv", "got no such file, expected a movie"),
-            ("cut.mov", "o.mkv", "got no whole movie"),
+            ("none.mkv", "o.mkv", "no such file; a movie is needed"),
+            ("cut.mov", "o.mkv", "not a complete movie"),
             ("wide.mkv", "o.mkv", f"got {SIZE}x{SIZE - 8} px, expected a square dome master"),
         ],
     )

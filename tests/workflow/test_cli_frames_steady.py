@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from procam.compensate.exact import Compensator
+from procam.compensate.compensator import Compensator
 from procam.maths.geometry.sphere import master_solid_angles
 from procam.model.calibration import Calibration
 from procam.workflows.playout.frame import ClipEngine, FrameSettings
@@ -34,7 +34,7 @@ class Show:
         compensator, numbers, sent = Compensator(self.calibration, SIZE), None, []
         for frame in frames:
             compensator.frame(frame)
-            own = compensator.numbers.copy()
+            own = compensator.coefficients.copy()
             numbers = own if numbers is None else numbers + alpha * (own - numbers)
             sent.append(np.asarray(compensator.apply(frame, numbers)))
         return sent
@@ -117,7 +117,7 @@ def test_film_grain_does_not_flicker(show: Show) -> None:
     for _ in range(8):
         noise = rng.normal(0, 0.05, (SIZE, SIZE, 3)).astype(np.float32)
         compensator.frame(np.clip(half_sky(SIZE) + noise, 0, 1))
-        numbers.append(compensator.numbers[:, 0].copy())
+        numbers.append(compensator.coefficients[:, 0].copy())
     spread = np.std(numbers, axis=0) / np.mean(numbers, axis=0)
     of_a_mean = 0.05 / 0.3 / np.sqrt(np.pi * (SIZE / 2) ** 2)  # of a picture whose mean is 0.3
     assert spread.max() < 4 * of_a_mean

@@ -80,7 +80,7 @@ def test_a_failed_check(tmp_path: Path, stored: Path, readings: list[MeterReadin
     ran = run(tmp_path, stored, boosted)
     assert (ran.code, ran.err) == (1, "")
     assert ran.out.count("FAIL") == 2
-    assert "note: north: red + green + blue are -23" in ran.out
+    assert "note: north: red + green + blue differ by -23" in ran.out
     assert json.loads((tmp_path / "colour.json").read_text("utf-8"))["provenance"]["notes"]
 
 
@@ -102,20 +102,19 @@ class TestRefusals:
 
     def test_too_few(self, tmp_path: Path, stored: Path, readings: list[MeterReading]) -> None:
         ran = run(tmp_path, stored, readings[:2])
-        assert "got readings of green, red, expected three" in self._complaint(ran, tmp_path)
+        assert "are of green, red; read three" in self._complaint(ran, tmp_path)
 
     def test_a_projector_of_another_dome(
         self, tmp_path: Path, stored: Path, readings: list[MeterReading]
     ) -> None:
         ran = run(tmp_path, stored, [*readings, replace(readings[0], projector="west")])
         assert self._complaint(ran, tmp_path) == (
-            f"procam: {tmp_path / 'readings.csv'}:12: got projector 'west', expected one of "
-            "south, north"
+            f"procam: {tmp_path / 'readings.csv'}:12: projector 'west' is not one of south, north"
         )
 
     def test_no_calibration(self, tmp_path: Path, readings: list[MeterReading]) -> None:
         ran = run(tmp_path, tmp_path, readings)
-        assert "got no calibration.json" in self._complaint(ran, tmp_path)
+        assert "has no calibration.json" in self._complaint(ran, tmp_path)
 
     def test_where_to_write(self, tmp_path: Path, stored: Path) -> None:
         (tmp_path / "folder.json").mkdir()

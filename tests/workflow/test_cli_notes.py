@@ -8,9 +8,9 @@ import pytest
 from tiny_venue import make_venue, procam, quick_simulator, take_session
 
 FIDUCIALS = re.compile(r"\[\[fiducials\]\]\n(?:\w.*\n)+")
-POLE = "nothing tells the dome's front and pole: list two or more [[fiducials]] in venue.toml"
+POLE = "the dome's front and pole are not known: list two or more [[fiducials]] in venue.toml"
 SIZE = "the dome's size is not known"
-TAG = "tag 77: got no camera that sees it"
+TAG = "tag 77: no camera sees it"
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +33,7 @@ def test_solve_says_it_and_the_report_repeats_it(session: Path) -> None:
     assert [any(part in note for note in notes) for part in (TAG, SIZE, POLE)] == [True] * 3
     assert procam("report", session.parents[1]).code == 0
     page = (session.parents[1] / "report.html").read_text("utf-8")
-    assert "nothing tells the dome" in page and "[[fiducials]]" in page
+    assert "front and pole are not known" in page and "[[fiducials]]" in page
 
 
 def test_machines_get_it_too(session: Path) -> None:

@@ -1,4 +1,4 @@
-"""`procam pair`: folders of somebody else's photographs to both lenses and the pose between them."""
+"""`procam pair`: folders of published rendered photographs to both lenses and the pose between them."""
 
 import json
 import shutil
@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from tiny_venue import procam
 
-from procam.files.images.images import write_image
+from procam.files.images.pixels import write_image
 
 SESSIONS = ("s00", "s03", "s05", "s11", "s15", "s17")
 USED = ("s00", "s05", "s11", "s17")
@@ -41,17 +41,17 @@ def poses(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 class TestSolves:
-    def test_somebody_elses_pair(self, poses: Path, tmp_path: Path) -> None:
+    def test_a_published_pair(self, poses: Path, tmp_path: Path) -> None:
         ran = procam("pair", poses, *BOARD, "--out", tmp_path / "pair.toml", "--json")
         assert ran.code == 0, ran.err
         document = json.loads(ran.out)
-        told = document["parameters"]
+        parameters = document["parameters"]
         for name, truth, margin in (("fx", 800, 2), ("fy", 800, 2), ("cx", 399.5, 1.5)):
             for device in ("camera", "projector"):
-                entry = told[f"{device}.{name}"]
+                entry = parameters[f"{device}.{name}"]
                 assert abs(entry["value"] - truth) < margin
                 assert 0 < entry["sigma"] < margin
-        turn = [told[f"turn_{axis}_deg"]["value"] for axis in "xyz"]
+        turn = [parameters[f"turn_{axis}_deg"]["value"] for axis in "xyz"]
         np.testing.assert_allclose(turn, TURN_DEG, atol=0.05)
         np.testing.assert_allclose(document["translation_m"], SHIFT_M, atol=1e-3)
         assert document["poses"] == list(USED)
@@ -87,7 +87,7 @@ class TestRefuses:
     def test_folders_and_options(self, tmp_path: Path) -> None:
         out = tmp_path / "p.toml"
         assert "there are no folders in it" in self.refused(tmp_path, out)
-        assert "there is no such folder" in self.refused(tmp_path / "gone", out)
+        assert "no such folder" in self.refused(tmp_path / "gone", out)
         assert "--size: 'big' is not" in self.refused(tmp_path, out, *BOARD[:4], "--size", "big")
         assert "--square-mm is nan" in self.refused(
             tmp_path, out, *BOARD[:2], "--square-mm", "nan", *BOARD[4:]
@@ -113,4 +113,4 @@ class TestRefuses:
         assert "first: there are 1 pictures, and the code gray" in self.refused(*where)
         for number in range(1, 42):
             shutil.copy(poses / "s00" / "00.png", pose / f"{number:02d}.png")
-        assert "first: " in self.refused(*where)
+        assert "first: pictures: all 42 are alike" in self.refused(*where)

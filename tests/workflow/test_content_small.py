@@ -1,4 +1,4 @@
-"""The study of content at an eighth of its size: what of a miss is bounced light, and what is not."""
+"""The study of content at an eighth of its size: scattered light in the residual, and the rest."""
 
 from typing import Any
 
@@ -29,14 +29,14 @@ def rows() -> dict[str, dict[str, Any]]:
     return {row["content"]: row for row in found}
 
 
-def test_hardly_any_bounced_light_is_left(rows: dict[str, dict[str, Any]]) -> None:
+def test_hardly_any_scattered_light_remains(rows: dict[str, dict[str, Any]]) -> None:
     for row in rows.values():
         assert row["bounced_alone"] < 0.02
     white = rows["white"]  # it has no edges to blur
     assert white["scatter_left"] < min(0.02, 0.3 * white["paper_eq12"])
 
 
-def test_matte_paint_looks_the_same_from_everywhere(rows: dict[str, dict[str, Any]]) -> None:
+def test_matte_paint_has_no_view_dependence(rows: dict[str, dict[str, Any]]) -> None:
     for row in rows.values():
         assert row["from_camera"] == pytest.approx(row["scatter_left"], rel=1e-3)
 
@@ -44,7 +44,7 @@ def test_matte_paint_looks_the_same_from_everywhere(rows: dict[str, dict[str, An
 @pytest.mark.parametrize(
     ("preset", "least", "most"), [("standard", 0, 1e-6), ("realistic", 0.01, 0.1)]
 )
-def test_gloss_is_seen_differently_from_another_place(
+def test_gloss_depends_on_the_view(
     preset: PresetName, least: float, most: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for module, name, size in (
@@ -57,7 +57,8 @@ def test_gloss_is_seen_differently_from_another_place(
     camera = next(iter(scene.cameras.values())).camera_from_dome.inverse().translation
     white = {name: np.ones_like(drive) for name, drive in scene.shown.items()}
     centre, aside = (
-        content._drawn(scene, content.sights(scene, eye), white) for eye in (np.zeros(3), camera)
+        content._drawn(scene, content.sight_lines(scene, eye), white)
+        for eye in (np.zeros(3), camera)
     )
     assert least <= np.std(centre - aside) / np.mean(centre) <= most
 
@@ -71,7 +72,7 @@ def test_the_table_has_a_line_for_every_content(rows: dict[str, dict[str, Any]])
 
 
 @pytest.mark.parametrize("name", CONTENTS)
-def test_contents_are_light_that_can_be_asked_for(name: str) -> None:
+def test_contents_are_valid_pictures(name: str) -> None:
     picture = CONTENTS[name](96)
     _, inside = master_directions(96)
     assert picture.dtype == np.float32 and picture.shape == (96, 96, 3)
@@ -79,7 +80,7 @@ def test_contents_are_light_that_can_be_asked_for(name: str) -> None:
     assert not picture[~inside].any()
 
 
-def test_what_the_contents_are_for() -> None:
+def test_properties_of_the_contents() -> None:
     solid = master_solid_angles(96)
     left_right, room, white = (CONTENTS[n](96) for n in ("left-right", "interior", "white"))
     halves = [(solid[:, h, None] * left_right[:, h]).sum() for h in (slice(48), slice(48, None))]

@@ -1,4 +1,4 @@
-"""Photographs whose light does not add up are refused by their cause, or noted."""
+"""Photographs whose light does not add up are refused by cause, or noted."""
 
 from pathlib import Path
 
@@ -16,23 +16,23 @@ from procam.model.plan import Shot
 from procam.workflows.capture.session_images import SessionImages
 from procam.workflows.solve.calibrate import solve
 
-Visit = tuple[Venue, Session]
+Captured = tuple[Venue, Session]
 
 
 @pytest.fixture(scope="module")
-def visit(tmp_path_factory: pytest.TempPathFactory) -> Visit:
+def captured(tmp_path_factory: pytest.TempPathFactory) -> Captured:
     with quick_simulator():
         venue = make_venue(tmp_path_factory.mktemp("venue"))
         return venue, take_session(venue)
 
 
-def solved(visit: Visit) -> Path:
-    *_, last = solve(*visit)
+def solved(captured: Captured) -> Path:
+    *_, last = solve(*captured)
     return Path(last.data["calibration"])
 
 
 def test_a_tone_curve_that_venue_toml_does_not_know(
-    visit: Visit, monkeypatch: pytest.MonkeyPatch
+    captured: Captured, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     linear = Radiometer.radiance
 
@@ -41,12 +41,12 @@ def test_a_tone_curve_that_venue_toml_does_not_know(
         return np.asarray(np.sign(light) * np.abs(light) ** (1 / 2.2), np.float32)
 
     monkeypatch.setattr(Radiometer, "radiance", encoded)
-    with pytest.raises(OutOfModelRange, match=r"goes with the power 0\.4\d of .+ photograph raw"):
-        solved(visit)
+    with pytest.raises(OutOfModelRange, match=r"0\.4\d .+ photograph raw"):
+        solved(captured)
 
 
 def changing(monkeypatch: pytest.MonkeyPatch, share: float, drift: float = 0.0) -> None:
-    """Light of the room, or a lamp, changes after the codes: stripes see it, white does not."""
+    """Light of the room, or a lamp, changes after the codes: in stripes but not in white."""
     steady = SessionImages.light
 
     def light(self: SessionImages, shot: Shot, exposure: int = 0) -> np.ndarray:
@@ -58,23 +58,23 @@ def changing(monkeypatch: pytest.MonkeyPatch, share: float, drift: float = 0.0) 
     monkeypatch.setattr(SessionImages, "light", light)
 
 
-def test_a_door_that_opened(visit: Visit, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_door_that_opened(captured: Captured, monkeypatch: pytest.MonkeyPatch) -> None:
     changing(monkeypatch, 0.02)
     with pytest.raises(OutOfModelRange, match=r"light of the room changed .+ photograph it again"):
-        solved(visit)
+        solved(captured)
 
 
-def test_a_lamp_that_drifted(visit: Visit, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_lamp_that_drifted(captured: Captured, monkeypatch: pytest.MonkeyPatch) -> None:
     changing(monkeypatch, 0.0, drift=0.04)
     with pytest.raises(OutOfModelRange, match="drifted while it was photographed"):
-        solved(visit)
+        solved(captured)
 
 
-def test_less_of_it_is_noted(visit: Visit, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_less_of_it_is_noted(captured: Captured, monkeypatch: pytest.MonkeyPatch) -> None:
     changing(monkeypatch, 0.0, drift=0.012)
-    notes = load_calibration(solved(visit)).provenance["notes"]
+    notes = load_calibration(solved(captured)).provenance["notes"]
     assert [n for n in notes if "drifted while it was photographed" in n and "+1.1" in n]
 
 
-def test_steady_light_is_not_noted(visit: Visit) -> None:
-    assert not load_calibration(solved(visit)).provenance["notes"]
+def test_steady_light_is_not_noted(captured: Captured) -> None:
+    assert not load_calibration(solved(captured)).provenance["notes"]

@@ -1,4 +1,4 @@
-"""The study of light at a quarter of its size, one seed: errors, intervals, response, seams."""
+"""The study of photometry at a quarter of its size, one seed: errors, intervals, response, seams."""
 
 from pathlib import Path
 from typing import Any
@@ -17,14 +17,14 @@ MASTER = 256
 
 @pytest.fixture(scope="module")
 def row(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    """A realistic venue whose camera's veil was measured at a desk."""
+    """A realistic venue whose camera's veiling glare was measured at a desk."""
     with quick_simulator(), pytest.MonkeyPatch.context() as patch:
         for module, name in ((assemble, "MAP_SIZE"), (truth, "MASTER"), (photometry, "MASTER")):
             patch.setattr(module, name, MASTER)
         patch.setattr(photometry, "PATCHES", MASTER // 2)
-        shared, folder = (tmp_path_factory.mktemp(n) for n in ("truth", "visit"))
-        told = photometry.tell_truth(shared, "realistic", SMALL)
-        found = photometry.visit(folder, "realistic", 1, told, SMALL)
+        shared, folder = (tmp_path_factory.mktemp(n) for n in ("truth", "venue"))
+        truth_dir = photometry.make_truth(shared, "realistic", SMALL)
+        found = photometry.calibrate_and_judge(folder, "realistic", 1, truth_dir, SMALL)
         return found | photometry.seams(folder)
 
 
@@ -38,12 +38,11 @@ def test_feedback_and_albedo_within_their_intervals(row: dict[str, Any]) -> None
 def test_response_and_seams(row: dict[str, Any]) -> None:
     assert row["response_error"] < 0.003
     assert row["seam_delta_e_mean"] < 0.5
-    assert (
-        row["seam_delta_e_95"] < 1.2
-    )  # patches of 1.4 degrees, panel pixels of a quarter of a degree
+    # patches of 1.4 degrees, panel pixels of a quarter of a degree
+    assert row["seam_delta_e_95"] < 1.2
 
 
-def test_the_veil_is_what_it_is(tmp_path: Path) -> None:
+def test_the_measured_glare_is_that_of_the_preset(tmp_path: Path) -> None:
     photometry._write_venue(tmp_path, "realistic", 2, SMALL)
     lines = (tmp_path / "venue.toml").read_text().splitlines()
     glare, sigma = (

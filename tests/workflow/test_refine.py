@@ -1,4 +1,4 @@
-"""`procam refine` on a small simulated dome, whose light is traced and owes nothing to the loop's formula."""
+"""`procam refine` on a small simulated dome, whose light is traced without the loop's formulas."""
 
 import json
 import shutil
@@ -20,9 +20,9 @@ from tiny_venue import (
 )
 
 from procam.estimate import calibration as assemble
-from procam.estimate.closed_loop import dome as feedback
+from procam.estimate.closed_loop import dome as closed_loop
 from procam.files.calibration import load_calibration
-from procam.files.images.images import write_picture
+from procam.files.images.stills import write_picture
 from procam.files.venue.load import load_venue
 from procam.interfaces.cli import _sessions
 from procam.maths.geometry.sphere import master_directions
@@ -42,7 +42,7 @@ MASTER, CELLS = 96, 48
 def quick() -> Iterator[None]:
     """Cells as wide as such a camera allows."""
     with quick_simulator(), pytest.MonkeyPatch.context() as patch:
-        patch.setattr(feedback, "LOOP_SIZE", CELLS)
+        patch.setattr(closed_loop, "LOOP_SIZE", CELLS)
         patch.setattr(assemble, "MAP_SIZE", MASTER)
         patch.setattr(_sessions, "CONTENT_SIZE", MASTER)
         yield
@@ -68,7 +68,7 @@ def dome(calibrated: Path, tmp_path: Path) -> Path:
 
 
 def _spoilt(calibration: Calibration, gain: float, scatter: float) -> Calibration:
-    """Gains wrong by `gain` rms in slow waves, bounced light by the factor `scatter`."""
+    """Gains wrong by `gain` rms in slow waves, scatter wrong by the factor `scatter`."""
     projectors = {}
     for name, projector in calibration.projectors.items():
         wave = np.sin(5 * np.nan_to_num(projector.surface.direction) @ [0.6, 0.5, 0.7])
@@ -86,7 +86,7 @@ def _spoilt(calibration: Calibration, gain: float, scatter: float) -> Calibratio
 
 
 def _broad() -> np.ndarray:
-    """A bright front, a dark rear: no detail that pixels of a degree would smear."""
+    """A bright front, a dark rear: no detail that pixels of a degree would blur."""
     direction, inside = master_directions(MASTER)
     front = np.clip(1.5 * direction[..., 0] + 0.5, 0, 1)
     picture = 0.03 + 0.6 * front * front * (3 - 2 * front)
@@ -114,7 +114,7 @@ class TestLoop:
             refined.calibration.feedback.value, good.feedback.value, rtol=0.03
         )
 
-    def test_a_good_calibration_s_feedback_is_left_alone(
+    def test_the_feedback_of_a_good_calibration_does_not_change(
         self, calibrated: Path, good: Calibration
     ) -> None:
         refined = _refined(calibrated, good)
@@ -128,15 +128,15 @@ class TestLoop:
 class TestCommand:
     def test_a_new_version_with_its_own_figures(self, dome: Path) -> None:
         ran = procam("refine", dome, "--json")
-        told = json.loads(ran.out)
-        assert told["calibration"] == str(dome / "calibrations" / "0002")
-        assert ran.code == int(any(f["pass"] is False for f in told["figures"].values()))
+        document = json.loads(ran.out)
+        assert document["calibration"] == str(dome / "calibrations" / "0002")
+        assert ran.code == int(any(f["pass"] is False for f in document["figures"].values()))
         found = load_calibration(dome / "calibrations" / "0002")
-        assert found.quality["loop_own_jnd"].value == told["figures"]["loop_own_jnd"]["value"]
+        assert found.quality["loop_own_jnd"].value == document["figures"]["loop_own_jnd"]["value"]
         curve = json.loads((dome / "loop" / "loop.json").read_text())
-        assert curve["residual"] == told["figures"]["loop_residual_by_iteration"]["value"]
+        assert curve["residual"] == document["figures"]["loop_residual_by_iteration"]["value"]
 
-    def test_what_got_worse_is_told_and_the_old_one_kept(
+    def test_a_regression_is_reported_and_the_old_calibration_kept(
         self, dome: Path, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         monkeypatch.setattr(
@@ -147,15 +147,11 @@ class TestCommand:
         line = ran.out.splitlines()[-1]
         old = dome / "calibrations" / "0001"
         assert line.startswith(f"nothing written, {old} stays newest: ")
-        assert (
-            "light at azimuth" in line
-            and "JND and is by" in line
-            and line.endswith("expected no more than before")
-        )
+        assert "light at azimuth" in line and "JND" in line
         assert not (dome / "calibrations" / "0002").exists()
 
     def test_nothing_to_correct(self, dome: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setattr(refining, "good_enough", lambda *_: True)
+        monkeypatch.setattr(refining, "converged", lambda *_: True)
         ran = procam("refine", dome)
         old = dome / "calibrations" / "0001"
         assert ran.out.splitlines()[-1] == f"nothing to correct, {old} stays newest"
@@ -167,7 +163,7 @@ class TestCommand:
         watch_stage(monkeypatch, lambda stage: replace_camera(stage.backend, _Noisy))
         ran = procam("refine", dome)
         assert ran.code == 2
-        assert "got a camera whose single photograph is uncertain by" in ran.complaint
+        assert "one photograph is uncertain by" in ran.complaint
         assert not (dome / "calibrations" / "0002").exists()
 
     def test_a_picture_of_black_is_refused(self, dome: Path, tmp_path: Path) -> None:
@@ -177,7 +173,7 @@ class TestCommand:
 
 
 class _Noisy:
-    """A camera whose every pixel is off by a quarter of full scale."""
+    """A camera with noise of a quarter of full scale."""
 
     def __init__(self, camera: SimulatedCamera) -> None:
         self._camera = camera
@@ -196,8 +192,8 @@ class _Noisy:
 def test_a_picture_that_one_exposure_cannot_hold_is_bracketed(
     calibrated: Path, good: Calibration, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The bracket's photographs tell the same light as single ones."""
-    monkeypatch.setattr(refining, "good_enough", lambda *_: True)
+    """Merged brackets give the same light as single photographs."""
+    monkeypatch.setattr(refining, "converged", lambda *_: True)
     single = _refined(calibrated, good)
     monkeypatch.setattr(loop_camera, "bracket_for", lambda light, sigma, e: (e, 4 * e))
     bracketed = _refined(calibrated, good)

@@ -15,7 +15,7 @@ from procam.estimate import calibration as assemble
 from procam.estimate.camera.radiance import Radiometer
 from procam.estimate.media_server.dome_master import DomeMaster
 from procam.files.calibration import load_calibration
-from procam.files.images.images import read_image
+from procam.files.images.pixels import read_image
 from procam.files.session import Session
 from procam.files.venue.load import load_venue
 from procam.interfaces.judge import judge, judge_pictures

@@ -11,7 +11,7 @@ from procam.workflows.venue_rig import open_rig
 from simulators.backend import build_scene, build_server
 from simulators.backend import open_rig as open_backend
 from simulators.scene import DomeScene, SceneSize
-from simulators.server import ASSUMED_GAMMA, BITS, ERROR_ARCMIN, MediaServer, by_projector
+from simulators.server import ASSUMED_GAMMA, BITS, ERROR_ARCMIN, MediaServer, projector_drives
 from simulators.template import server_text
 
 SIZE, BINS = 256, 40
@@ -66,7 +66,7 @@ def test_soft_edges_add_up_for_projectors_of_the_gamma_it_believes_in(
 
 def test_its_alignment_is_a_little_off(server: MediaServer) -> None:
     ideal, _ = master_directions(SIZE)
-    direction, lands = server.landing()
+    direction, lands = server.pixel_directions()
     error = np.degrees(angle_between(direction[lands], ideal[lands])) * 60
     assert 0.5 * ERROR_ARCMIN < np.sqrt(np.mean(error**2)) < 1.5 * ERROR_ARCMIN
     assert error.max() < 5 * ERROR_ARCMIN
@@ -85,7 +85,7 @@ def test_masters_are_played_with_its_depth(server: MediaServer) -> None:
 
 def test_what_goes_to_projectors_directly_stays_as_it_is() -> None:
     drives = {"south": np.zeros((2, 3, 3), np.float32)}
-    assert by_projector(None, drives) is drives
+    assert projector_drives(None, drives) is drives
 
 
 def test_the_rig_has_one_input_and_one_wire(tmp_path) -> None:
@@ -98,7 +98,7 @@ def test_the_rig_has_one_input_and_one_wire(tmp_path) -> None:
         with pytest.raises(ShapeError, match="master of the server"):
             device.show(np.zeros((SIZE, SIZE // 2, 3), np.float32))
         with pytest.raises(
-            UnitError, match=r"master of the server: got 0\.\.1\.5, expected 0\.\.1"
+            UnitError, match=r"master of the server is 0\.\.1\.5; it must be 0\.\.1"
         ):
             master = np.zeros((SIZE, SIZE, 3), np.float32)
             master[0, 0] = 1.5

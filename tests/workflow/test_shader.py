@@ -12,12 +12,12 @@ import pytest
 from player import Player, open_gl
 from tiny_venue import procam
 
-from procam.compensate.exact import Compensator
+from procam.compensate.compensator import Compensator
 from procam.compensate.fields import Fields
 from procam.files.calibration import save_calibration
-from procam.files.images.images import read_image, write_image
-from procam.kernels import reference_frame
-from procam.kernels.coding import Coding
+from procam.files.images.pixels import read_image, write_image
+from procam.kernels.frame import reference as reference_frame
+from procam.kernels.frame.coding import Coding
 from procam.maths.codes.dither import threshold_tile
 from procam.maths.geometry.sphere import master_directions, master_solid_angles
 from procam.maths.light.curves import srgb_decode, srgb_encode
@@ -195,7 +195,7 @@ class TestLive:
         found = live.live_numbers()
         fields = Fields.of(furnished, SIZE, "full")
         coding = Coding(srgb_decode, srgb_encode, threshold_tile(), top=1.0)
-        light = reference_frame.bounced_light(fields.shown, found.astype(float), None)
+        light = reference_frame.scattered_light(fields.shown, found.astype(float), None)
         assert fields.protected is not None
         direction, inside = master_directions(SIZE)
         weight = np.where(inside, master_solid_angles(SIZE), 0)
@@ -209,7 +209,7 @@ class TestLive:
             wanted[kept] = coding.decoded(frame[rows])[kept]
             sent = np.clip(wanted, least, most) * (weight[rows] * covered)[..., None]
             moments += np.einsum("rnc,krn->ck", sent, terms[:, rows])
-        expected = fields.numbers_of(moments)
+        expected = fields.coefficients_of(moments)
         np.testing.assert_allclose(found, expected, atol=2e-5 * np.abs(expected).max())
 
 

@@ -1,4 +1,4 @@
-"""A venue whose only marks are AprilTags on the dome, from its pictures to a calibration."""
+"""A venue whose only fiducials are AprilTags on the dome, from its pictures to a calibration."""
 
 import re
 from collections.abc import Iterator
@@ -18,7 +18,7 @@ from procam.model.plan import Plan, Shot
 from procam.workflows.events import Event
 from procam.workflows.solve.apriltags import tag_notes
 from procam.workflows.solve.calibrate import solve
-from simulators.rig import set_up_cameras
+from simulators.placement import place_cameras
 from simulators.scene import SceneSize
 
 SIZE = SceneSize(projectors=2, projector_size=(128, 80), camera_size=(480, 480), rays=64)
@@ -35,14 +35,14 @@ class Solved:
 
     @property
     def texts(self) -> list[str]:
-        """What a solve tells that nobody should miss."""
+        """The notes of the calibration."""
         calibration = load_calibration(Path(self.events[-1].data["calibration"]))
         return list(calibration.provenance["notes"])
 
 
 def stick_tags(session: Session) -> None:
-    """Put tags into the pictures of white, as if they had hung on the dome."""
-    (build,) = set_up_cameras(1, SIZE.camera_size, "fisheye", RADIUS_M)
+    """Draw tags into the pictures of white, as if they were on the dome."""
+    (build,) = place_cameras(1, SIZE.camera_size, "fisheye", RADIUS_M)
     tags = [Printed(n, *np.radians(place), EDGE_M) for n, place in PLACES_DEG.items()]
     pose = build.camera_from_dome
     white = whiteness(tags, build.lens, build.size, pose, RADIUS_M)[..., None]
@@ -55,7 +55,7 @@ def stick_tags(session: Session) -> None:
 
 
 def list_tags(venue: Venue) -> Venue:
-    """The venue with tags, one of which is nowhere, in the place of its fiducials."""
+    """The venue with tags instead of fiducials; one of them is not on the dome."""
     path = venue.directory / "venue.toml"
     entries = [
         f"[[apriltags]]\nid = {n}\nazimuth_deg = {azimuth}\nelevation_deg = {elevation}\n"
@@ -78,9 +78,9 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Solved]:
         yield Solved(venue, list(solve(venue, session)))
 
 
-def test_the_rig_is_turned_to_the_tags(run: Solved) -> None:
+def test_the_rig_is_rotated_to_the_tags(run: Solved) -> None:
     calibration = load_calibration(Path(run.events[-1].data["calibration"]))
-    (build,) = set_up_cameras(1, SIZE.camera_size, "fisheye", RADIUS_M)
+    (build,) = place_cameras(1, SIZE.camera_size, "fisheye", RADIUS_M)
     found = calibration.cameras[CAMERA].camera_from_dome
     assert found is not None
     turn = rotation_vector(found.rotation @ build.camera_from_dome.rotation.T)
@@ -88,15 +88,15 @@ def test_the_rig_is_turned_to_the_tags(run: Solved) -> None:
     assert not any("front and pole" in text for text in run.texts)
 
 
-def test_the_tag_that_is_nowhere_is_told_with_the_distance_to_it(run: Solved) -> None:
-    told = [text for text in run.texts if f"tag {LOST}" in text]
-    assert told[0].startswith(f"tag {LOST}: got no camera that sees it, expected one; ")
-    assert told[1:] == [f"the distance from {CAMERA} to tag {LOST} is left out"]
+def test_a_missing_tag_and_its_distance_are_in_the_notes(run: Solved) -> None:
+    lines = [text for text in run.texts if f"tag {LOST}" in text]
+    assert lines[0].startswith(f"tag {LOST}: no camera sees it; ")
+    assert lines[1:] == [f"the distance from {CAMERA} to tag {LOST} is left out"]
 
 
-def test_numbers_in_pictures_are_no_marks(run: Solved) -> None:
+def test_shot_marks_are_not_fiducials(run: Solved) -> None:
     white = Shot("s-0000", "south", "", "white", (0.1,), detail={"number": 3})
     code = Shot("s-0002", "south", "", "code", (0.1,), detail={"number": 4})
     lines = tag_notes(run.venue, Plan((white, code)), {})
     assert lines[0].startswith("tag 3: the pictures of this session carry that number")
-    assert lines[1].startswith("tag 4, tag 5, tag 11: got no camera")
+    assert lines[1].startswith("tag 4, tag 5, tag 11: no camera")

@@ -1,19 +1,19 @@
-// What all programs share: where a pixel lies on the dome, its light, and the limits of its light.
+// Shared by all programs: direction of a pixel on the dome, its light, and the limits of its light.
 //
 // All textures are stored row 0 first, as files are, and `pixel` counts from the first row of the dome master.
 // Front is at its last row, the audience's left at its first column.
 
 uniform sampler2D content;    // N x N, encoded, 1.0 the reference white; nearest
 uniform sampler2D spread;     // M x M, float; linear, clamp to edge, as all fields
-uniform sampler2D lo;         // least direct light: the black of the projectors
+uniform sampler2D lo;         // least direct light: black of the projectors
 uniform sampler2D hi;         // most direct light
 uniform sampler2D ambient;    // light of the room's own lamps
 uniform sampler2D gain;       // content is multiplied by it (red channel)
-uniform sampler2D coverage;   // what projectors reach (red channel)
+uniform sampler2D coverage;   // by the projectors (red channel)
 uniform sampler2D protection; // red above 0.5 where the content stays as it is; nearest
 uniform int transfer;         // of the content: 0 linear, 1 sRGB, 2 a power
 uniform float exponent;       // of that power, such as 2.4
-uniform float top;            // most that the target can hold: 1.0 for integers
+uniform float top;            // largest value of the target: 1.0 for integers
 
 #ifdef LIVE
 uniform sampler2D numbers;    // 9 x 1, float; nearest
@@ -63,8 +63,8 @@ void terms_at(vec3 d, out float terms[TERMS]) {
     terms[8] = d.z * d.z;
 }
 
-// Whether a bilinear sample of the coverage is above 0, in whole numbers: a filter that rounds its
-// weights would blacken or light pixels at the border.
+// Whether a bilinear sample of the coverage is above 0, in integers: a texture filter rounds its
+// weights, which would darken or light pixels at the border.
 bool is_lit(ivec2 pixel, int size) {
     int nodes = textureSize(coverage, 0).x;
     ivec2 at = (2 * pixel + 1) * nodes + size; // in 1/(2 size) of a node, one node on: never below 0
@@ -78,16 +78,16 @@ bool is_lit(ivec2 pixel, int size) {
 
 bool is_protected(vec2 uv) { return texture(protection, uv).r > 0.5; }
 
-// Light that the projectors can put there.
+// Light within what the projectors can send.
 vec3 within_limits(vec3 light, vec2 uv) {
     return min(max(light, texture(lo, uv).rgb), min(texture(hi, uv).rgb, top));
 }
 
-// Direct light that the projectors must put there, `light` being the content's own:
+// Direct light of the projectors, for content of `light`:
 //   clip(gain light - ambient - spread (numbers . terms), lo, min(hi, top)).
 vec3 direct_light(vec3 light, vec2 uv, float terms[TERMS]) {
     vec3 level = vec3(0.0);
     for (int k = 0; k < TERMS; k++) level += number(k) * terms[k];
-    vec3 bounced = texture(ambient, uv).rgb + texture(spread, uv).rgb * level;
-    return within_limits(light * texture(gain, uv).r - bounced, uv);
+    vec3 scattered = texture(ambient, uv).rgb + texture(spread, uv).rgb * level;
+    return within_limits(light * texture(gain, uv).r - scattered, uv);
 }

@@ -1,4 +1,4 @@
-// Live, pass 1: what direct light, with the numbers at hand, adds up to over the dome.
+// Live, pass 1: sums of the direct light over the dome, with the present numbers.
 //
 // Draw it over seven targets at once, G x G RGBA32F, G a power of two (64 serves 4096 px), and then make
 // their mip chains: the last level, times G x G, holds the 27 sums. Each fragment sums a block of pixels.

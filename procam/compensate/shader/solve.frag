@@ -1,6 +1,6 @@
-// Live, between the passes: moves the numbers towards those that agree with the sums of reduce.frag.
+// Live, between the passes: one Newton step of the numbers, from the sums of reduce.frag.
 //
-// Draw it over a 9 x 1 RGBA32F target that is not `numbers` itself, and use that target from then on.
+// Draw it over a 9 x 1 RGBA32F target that is not `numbers` itself, and use that target afterwards.
 
 uniform sampler2D part_0; // the seven targets of reduce.frag with their mip chains
 uniform sampler2D part_1;
@@ -10,7 +10,7 @@ uniform sampler2D part_4;
 uniform sampler2D part_5;
 uniform sampler2D part_6;
 uniform sampler2D numbers; // 9 x 1: those that reduce.frag used; nearest
-uniform sampler2D moves;   // 9 x 18, from moves.exr: per colour, what each sum and each number bring; nearest
+uniform sampler2D moves;   // 9 x 18, from moves.exr: per colour, weights of the sums and of the numbers; nearest
 uniform int tiles;         // G
 
 in vec2 place;

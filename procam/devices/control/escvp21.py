@@ -1,10 +1,10 @@
 r"""ESC/VP21, the serial protocol of Epson projectors.
 
-Commands end with a carriage return. A command that was carried out is answered by ``:``, a
-question by ``NAME=VALUE\r:``, anything refused by ``ERR\r:``; an empty command is answered by
-``:``. The reply to ``PWR ON`` may come only after the warm-up, 40 s to 100 s later; a projector
-with a fault answers little. Source: Epson, ESC/VP21 Command User's Guide, chapters 2 and 5, and the
-command lists in the manuals of single models.
+Commands end with a carriage return. The reply to a command that was carried out is ``:``, to a query
+``NAME=VALUE\r:``, to a refused one ``ERR\r:``, and to an empty command ``:``. The reply to ``PWR ON``
+may come only after the warm-up, 40 s to 100 s later; a projector with a fault answers few queries.
+Source: Epson, ESC/VP21 Command User's Guide, chapters 2 and 5, and the command lists in the manuals
+of single models.
 """
 
 import re

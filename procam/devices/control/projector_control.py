@@ -1,4 +1,9 @@
-"""Remote control of projectors over a serial wire: one engine for every make's table."""
+"""Remote control of projectors over a serial port: one engine for the tables of all makes.
+
+The engine sends a command, matches the reply with the patterns of the table, and tries again after a lost
+or garbled reply. Before each retry it synchronises: it sends a command without effect and waits for
+silence, so that a late reply is not taken for the next one. A value that was set is read back.
+"""
 
 import re
 from collections.abc import Iterator, Mapping
@@ -23,7 +28,7 @@ def open_serial_control(
     ----------
     port : device path.
     protocol : key of `SERIAL_TABLES`.
-    clock : the time the projector lives in.
+    clock : the time of the projector.
     name : the projector's name, for messages.
 
     Raises
@@ -35,8 +40,8 @@ def open_serial_control(
     """
     if protocol not in SERIAL_TABLES:
         raise InputError(
-            f"projector {name}: serial protocol {protocol!r} is not known; "
-            f"expected one of {', '.join(SERIAL_TABLES)}"
+            f"projector {name}: serial protocol {protocol!r} is not known; choose one of "
+            f"{', '.join(SERIAL_TABLES)}"
         )
     table = SERIAL_TABLES[protocol]
     try:
@@ -47,18 +52,16 @@ def open_serial_control(
 
 
 class SerialProjectorControl:
-    """A projector on a serial wire; implements `ProjectorControl`.
+    """A projector on a serial port; implements `ProjectorControl`.
 
-    Lost and garbled replies are asked for again, after getting back into step with the projector,
-    and so is what a pulled cable cut short, once it is back in; a refusal is not. A value that was
-    set is read back, and one that cannot be read back is an error: nothing is assumed to have
-    worked.
+    Commands and queries are sent again after a lost or garbled reply and after the cable was unplugged,
+    but not after a refusal. A value that was set is read back; if it cannot be, that is an error.
 
     Parameters
     ----------
-    link : the open wire; closed together with this object.
-    table : what the make understands and answers.
-    clock : the time the projector lives in; waits for lamps and shutters are made in it.
+    link : the open port; closed together with this object.
+    table : the make's protocol.
+    clock : the time in which it waits for lamps and shutters.
     name : the projector's name, for messages.
     """
 
@@ -67,26 +70,28 @@ class SerialProjectorControl:
         self._link = link
         self._table = table
         self._clock = clock
-        self._in_step = False  # half a command of an earlier program may still be on the wire
+        self._synchronised = (
+            False  # a part of an earlier program's command may still be on the wire
+        )
 
     def state(self) -> ControlState:
-        """Ask for everything that can be asked in this power state."""
+        """Read everything that can be read in this power state."""
         power = self._power()
-        shutter = self._look(self._table.shutter, power)
-        hours = self._look(self._table.hours, power)
+        shutter = self._query(self._table.shutter, power)
+        hours = self._query(self._table.hours, power)
         return ControlState(
             power=power,
             shuttered=None if shutter is None else self._table.shutter_codes[shutter],
-            source=self._look(self._table.source, power),
+            source=self._query(self._table.source, power),
             lamp_hours=None if hours is None else max(int(lamp) for lamp in hours.split()),
             errors=self._errors(power),
         )
 
     def set_power(self, on: bool) -> None:
-        """Switch on and wait for the picture, or switch off and wait until the light is out.
+        """Switch on and wait for the picture, or switch off and wait until the lamp is off.
 
-        Goes through what the projector insists on: a cool-down before it starts again, a finished
-        warm-up before it can be switched off. Cooling counts as off: the light is out.
+        Waits for the states that the projector requires: a cool-down before it starts again, a finished
+        warm-up before it can be switched off. Cooling counts as off.
 
         Raises
         ------
@@ -111,7 +116,7 @@ class SerialProjectorControl:
             power = self._power_in_transit()
 
     def set_shutter(self, closed: bool) -> None:
-        """Make the picture dark or let it out; returns when the projector has confirmed it.
+        """Close or open the shutter; returns when the projector has confirmed it.
 
         Raises
         ------
@@ -127,12 +132,12 @@ class SerialProjectorControl:
             self._confirm(self._table.shutter, {code for code in codes if codes[code] is closed})
 
     def set_input(self, source: str) -> None:
-        """Select an input by the projector's own code for it, and read it back.
+        """Select an input by the projector's code for it, and read it back.
 
         Raises
         ------
         InputError
-            `source` is no source code.
+            `source` is not a source code.
         DeviceError
             Anything that leaves the input unconfirmed, as for `set_shutter`.
         """
@@ -140,7 +145,7 @@ class SerialProjectorControl:
         if not table.source_code.fullmatch(source):
             known = ", ".join(f"{code} ({text})" for code, text in table.source_names.items())
             raise InputError(
-                f"{self._who()}: got input {source!r}, expected a source code, for example {known}"
+                f"{self._who()}: input {source!r} is not a source code; use one such as {known}"
             )
         before, after = table.source_command
         with self._confirmed_or_error(f"input {source}"):
@@ -149,30 +154,30 @@ class SerialProjectorControl:
             self._confirm(table.source, {source} | table.source_groups.get(source, frozenset()))
 
     def close(self) -> None:
-        """Let go of the wire."""
+        """Close the port."""
         self._link.close()
 
     def _power(self) -> Power:
-        """Ask for the power state."""
+        """The power state now."""
         code = self._ask(self._table.power)
         if code not in self._table.power_codes:
             raise DeviceError(
-                f"{self._who()}: got power code {code}, expected one of "
-                f"{', '.join(self._table.power_codes)}; check the model's list of codes"
+                f"{self._who()}: power code {code} is not one of {', '.join(self._table.power_codes)}; "
+                "check the model's list of codes"
             )
         return self._table.power_codes[code]
 
     def _power_in_transit(self) -> Power | None:
-        """Power state of a projector that may be too busy to say; None then."""
+        """Power state of a projector that may be too busy to answer; None then."""
         try:
             return self._power()
         except (DeviceTimeout, GarbledReply, WrongState):
             return None
 
     def _order_power(self, command: bytes) -> None:
-        """Send a power command; only the power state will tell whether it worked.
+        """Send a power command; the power state shows later whether it worked.
 
-        Some models confirm only when the lamp burns, so a missing reply is not waited for again.
+        Some models reply only when the lamp is on, so a missing reply is not an error here.
         """
         try:
             self._attempt(command, self._table.done, self._table.timings.reply_s)
@@ -180,23 +185,21 @@ class SerialProjectorControl:
             pass
 
     def _require_on(self) -> None:
-        """Refuse what a projector can do only when it is on."""
+        """Raise an error unless the projector is on."""
         power = self._power()
         if power is not Power.ON:
-            raise WrongState(
-                f"{self._who()}: got power state {power}, expected {Power.ON}; switch it on first"
-            )
+            raise WrongState(f"{self._who()} is in power state {power}; switch it on first")
 
     def _errors(self, power: Power) -> tuple[str, ...]:
-        """Complaints in words; a fault state without a reason is a complaint too."""
+        """Faults in words; a fault state without a reason counts as one."""
         texts = self._table.error_texts
-        codes = (self._look(self._table.errors, power) or "").split()
+        codes = (self._query(self._table.errors, power) or "").split()
         named = tuple(texts.get(code, f"error code {code}") for code in codes)
         errors = tuple(text for text in named if text)
         return errors or (("fault without a stated reason",) if power is Power.ERROR else ())
 
-    def _look(self, query: Query, power: Power) -> str | None:
-        """Answer to a question; None when it cannot be asked in this power state."""
+    def _query(self, query: Query, power: Power) -> str | None:
+        """Value of a query; None when the projector does not answer it in this power state."""
         if power not in query.answered_when:
             return None
         try:
@@ -212,32 +215,32 @@ class SerialProjectorControl:
             if self._clock.now_s() >= deadline_s:
                 raise WrongState(
                     f"{self._who()}: {_shown(query.command)} still answers {answer} after "
-                    f"{timings.confirm_s:g} s, expected {' or '.join(sorted(accepted))}; "
-                    "look at the projector, and switch it off if the picture must be dark"
+                    f"{timings.confirm_s:g} s instead of {' or '.join(sorted(accepted))}; check the "
+                    "projector, and switch it off if the picture must be dark"
                 )
             self._clock.sleep(timings.confirm_poll_s)
 
     @contextmanager
     def _confirmed_or_error(self, what: str) -> Iterator[None]:
-        """Say in every error which wish it leaves open."""
+        """Add to every error what is not confirmed."""
         try:
             yield
         except DeviceError as error:
             raise type(error)(f"{what} is not confirmed: {error}") from error
 
     def _ask(self, query: Query) -> str:
-        """Put a question; returns the value in its answer."""
-        match = self._insist(query.command, query.reply, self._table.timings.reply_s)
+        """Send a query; returns the value in its reply."""
+        match = self._send(query.command, query.reply, self._table.timings.reply_s)
         return match["value"].decode("ascii")
 
     def _order(self, command: bytes, timeout_s: float | None = None) -> None:
-        """Give a command and wait until the projector says it is done."""
-        self._insist(command, self._table.done, timeout_s or self._table.timings.reply_s)
+        """Send a command and wait for its confirmation."""
+        self._send(command, self._table.done, timeout_s or self._table.timings.reply_s)
 
-    def _insist(
+    def _send(
         self, command: bytes, expected: re.Pattern[bytes], timeout_s: float
     ) -> re.Match[bytes]:
-        """Try until there is an answer; the only place where anything is tried again."""
+        """Send until there is a valid reply; the only place with retries."""
         attempts = self._table.attempts
         for left in reversed(range(attempts)):
             try:
@@ -253,66 +256,64 @@ class SerialProjectorControl:
     def _attempt(
         self, command: bytes, expected: re.Pattern[bytes], timeout_s: float
     ) -> re.Match[bytes]:
-        """Send `command` once, in step, and match the reply."""
-        self._get_in_step()
-        self._in_step = False
+        """Send `command` once, synchronised, and match the reply."""
+        self._synchronise()
+        self._synchronised = False
         reply = self._link.exchange(command, self._table.terminator, timeout_s)
         match = expected.fullmatch(reply)
         refused = self._table.refused.fullmatch(reply)
-        self._in_step = bool(match or refused)
+        self._synchronised = bool(match or refused)
         if match:
             return match
         if refused:
             raise WrongState(
-                f"{self._who()}: got the refusal {reply!r} to {_shown(command)}, expected it to be "
-                "carried out; wait until the projector is on and has a steady signal, then try "
-                "again, or check that this model knows the command"
+                f"{self._who()} refused {_shown(command)} with {reply!r}; wait until the projector is on and "
+                "has a steady signal, then try again, or check that this model has the command"
             )
         raise GarbledReply(
-            f"{self._who()}: got {reply!r} to {_shown(command)}, expected {expected.pattern!r}; "
+            f"{self._who()} answered {_shown(command)} with {reply!r} instead of {expected.pattern!r}; "
             f"check that this is {self._table.make} at {self._table.baud_rate} baud"
         )
 
-    def _get_in_step(self) -> None:
-        """After anything odd, make sure that no late answer is taken for the next one.
+    def _synchronise(self) -> None:
+        """After an error, make sure that no late reply is taken for the next one.
 
-        A projector answers in order. When the answer to a command without effect is the last thing
-        before a silence, every answer due before it has come or never will.
+        A projector answers in order. When the reply to a command without effect is followed by silence,
+        every earlier reply has arrived or never will.
         """
-        if self._in_step:
+        if self._synchronised:
             return
         table = self._table
-        heard = self._link.exchange(table.synchronise, table.terminator, table.timings.reply_s)
-        heard += self._link.listen(table.timings.quiet_s)
-        replies = re.split(b"(?<=" + re.escape(table.terminator) + b")", heard)
+        received = self._link.exchange(table.synchronise, table.terminator, table.timings.reply_s)
+        received += self._link.listen(table.timings.quiet_s)
+        replies = re.split(b"(?<=" + re.escape(table.terminator) + b")", received)
         if replies[-2:] != [table.synchronised, b""]:
             raise GarbledReply(
-                f"{self._who()}: got {heard!r} when getting back into step, expected it to end "
-                f"with {table.synchronised!r} alone; check that this is {table.make} at "
-                f"{table.baud_rate} baud"
+                f"{self._who()} sent {received!r} during synchronisation, which must end with "
+                f"{table.synchronised!r} alone; check that this is {table.make} at {table.baud_rate} baud"
             )
-        self._in_step = True
+        self._synchronised = True
 
     def _who(self) -> str:
         """Projector and port, for messages."""
         return f"projector {self.name} on {self._link.port}"
 
     def _fault(self) -> str:
-        """Message for a projector that will not switch on."""
+        """Message for a projector that does not switch on."""
         return (
-            f"{self._who()}: got power state {Power.ERROR} ({', '.join(self._errors(Power.ERROR))})"
-            f", expected {Power.STANDBY}; clear the fault at the projector, then try again"
+            f"{self._who()} reports a fault ({', '.join(self._errors(Power.ERROR))}); clear it at the "
+            "projector, then try again"
         )
 
     def _never_changed(self, on: bool, power: Power | None) -> str:
-        """Message for a power change that did not come."""
+        """Message for a power change that did not happen."""
         return (
-            f"{self._who()}: got power state {power or 'unknown (no answer)'} after "
-            f"{self._table.timings.power_change_s:g} s, expected {'on' if on else 'standby'}; "
-            "look at its indicator lights and try again"
+            f"{self._who()} is in power state {power or 'unknown (no answer)'}, not "
+            f"{'on' if on else 'standby'}, after {self._table.timings.power_change_s:g} s; check its "
+            "indicator lights and try again"
         )
 
 
 def _shown(command: bytes) -> str:
-    """Show a command in messages, without its ending."""
+    """A command for messages, without its ending."""
     return repr(command.strip().decode("ascii", "replace"))

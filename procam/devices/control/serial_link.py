@@ -1,4 +1,4 @@
-"""One serial cable: a command out, one terminated reply back, and plain words when it fails."""
+"""A serial port: sends a command and reads one terminated reply; errors name the port and the remedy."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -11,32 +11,32 @@ WRITE_TIMEOUT_S = 2.0
 WIRE_ERRORS: tuple[type[Exception], ...] = (OSError,)
 try:
     import termios
-except ImportError:  # Windows, where pyserial raises nothing but OSError
+except ImportError:  # Windows, where pyserial raises OSError only
     pass
-else:  # pyserial lets this one through when a port dies while it is being set up
+else:  # pyserial does not catch this error of a port that fails while it is being opened
     WIRE_ERRORS = (OSError, termios.error)
 
 
 class GarbledReply(DeviceError):
-    """Bytes arrived, but they are no reply."""
+    """The bytes that arrived are not a valid reply."""
 
 
 class SerialLink:
     """An exclusively opened serial port, 8 data bits, no parity, 1 stop bit.
 
-    A port that died (cable pulled, adapter gone) is opened again by the next call, so a link
-    outlives its cable as long as the path comes back.
+    A port that failed (cable or adapter unplugged) is opened again by the next call, so a link works
+    again as soon as the path is back.
 
     Parameters
     ----------
     port : device path, best one that survives replugging such as ``/dev/serial/by-id/...``.
     baud_rate : speed [bit/s].
-    longest_reply : more bytes than this without a terminator are garbage [byte].
+    longest_reply : more bytes than this without a terminator are an error [byte].
 
     Raises
     ------
     NotConnected
-        The port is absent, or another program holds it.
+        The port does not exist, or another program holds it.
     """
 
     def __init__(self, port: str, *, baud_rate: int = 9600, longest_reply: int = 256) -> None:
@@ -48,7 +48,7 @@ class SerialLink:
             pass
 
     def exchange(self, command: bytes, terminator: bytes, timeout_s: float) -> bytes:
-        """Drop what is waiting to be read, send `command`, and read one reply.
+        """Discard the bytes that wait to be read, send `command`, and read one reply.
 
         Parameters
         ----------
@@ -64,7 +64,7 @@ class SerialLink:
         Raises
         ------
         NotConnected
-            The port cannot be opened, or died.
+            The port cannot be opened, or failed.
         DeviceTimeout
             No terminator within `timeout_s`.
         GarbledReply
@@ -80,29 +80,29 @@ class SerialLink:
         if len(reply) >= self._longest_reply:
             raise self._garbage(f"{len(reply)} bytes without the end {terminator!r}", reply)
         raise DeviceTimeout(
-            f"port {self.port}: sent {command!r}, got {reply!r} within {timeout_s:g} s, expected a "
-            f"reply that ends with {terminator!r}; check that the device is powered, the cable, "
-            f"and that both ends run at {self._baud_rate} baud"
+            f"port {self.port}: the reply to {command!r} was {reply!r} after {timeout_s:g} s and does not "
+            f"end with {terminator!r}; check that the device is powered, the cable, and that both ends "
+            f"run at {self._baud_rate} baud"
         )
 
     def listen(self, quiet_s: float) -> bytes:
-        """Read whatever still comes until nothing has come for `quiet_s` [s].
+        """Read until no byte has arrived for `quiet_s` [s].
 
         Raises
         ------
         NotConnected
-            The port cannot be opened, or died.
+            The port cannot be opened, or failed.
         GarbledReply
-            The other end does not stop talking.
+            The other end does not stop sending.
         """
-        heard = b""
+        received = b""
         with self._wire() as wire:
             wire.timeout = quiet_s
-            while len(heard) < self._longest_reply and (byte := wire.read(1)):
-                heard += byte
-        if len(heard) >= self._longest_reply:
-            raise self._garbage(f"{len(heard)} bytes nobody asked for", heard)
-        return heard
+            while len(received) < self._longest_reply and (byte := wire.read(1)):
+                received += byte
+        if len(received) >= self._longest_reply:
+            raise self._garbage(f"{len(received)} bytes without a command", received)
+        return received
 
     def close(self) -> None:
         """Release the port."""
@@ -112,7 +112,7 @@ class SerialLink:
 
     @contextmanager
     def _wire(self) -> Iterator[serial.Serial]:
-        """Give the open port; what goes wrong with it becomes an error that names it."""
+        """The open port; its errors become those of procam, with its name."""
         try:
             if self._serial is None:
                 self._serial = serial.Serial(
@@ -121,20 +121,19 @@ class SerialLink:
             yield self._serial
         except serial.SerialTimeoutException as error:
             raise DeviceTimeout(
-                f"port {self.port}: bytes could not be sent within {WRITE_TIMEOUT_S:g} s, expected "
-                "the wire to take them at once; check flow control and the adapter"
+                f"port {self.port}: bytes could not be sent within {WRITE_TIMEOUT_S:g} s; check flow "
+                "control and the adapter"
             ) from error
         except WIRE_ERRORS as error:
             self.close()
             raise NotConnected(
-                f"port {self.port}: got {error}, expected an open serial port; check that the "
-                "cable is plugged in, that the path is right, that you may use it (group dialout) "
-                "and that no other program holds it"
+                f"port {self.port} cannot be used ({error}); check that the cable is plugged in, that the "
+                "path is right, that you may use it (group dialout) and that no other program holds it"
             ) from error
 
-    def _garbage(self, what: str, heard: bytes) -> GarbledReply:
-        """Make the error for bytes that make no sense."""
+    def _garbage(self, what: str, received: bytes) -> GarbledReply:
+        """The error for bytes that are not a reply."""
         return GarbledReply(
-            f"port {self.port}: got {what}, starting {heard[:16]!r}; expected one short reply; "
-            f"check that both ends run at {self._baud_rate} baud and that this is the right device"
+            f"port {self.port} received {what}, starting {received[:16]!r}; check that both ends run at "
+            f"{self._baud_rate} baud and that this is the right device"
         )

@@ -1,4 +1,4 @@
-"""How a make of projector talks over a serial wire, as data."""
+"""The serial protocol of a make of projector, as data."""
 
 import re
 from collections.abc import Mapping
@@ -11,13 +11,13 @@ WHEN_ON = frozenset({Power.ON})
 
 @dataclass(frozen=True, slots=True)
 class Query:
-    """A question and the answer it must get.
+    """A query and its reply.
 
     Attributes
     ----------
     command : bytes to send.
     reply : pattern of a whole reply, with the group ``value``.
-    answered_when : power states in which the question is worth asking.
+    answered_when : power states in which the projector answers it.
     """
 
     command: bytes
@@ -27,14 +27,14 @@ class Query:
 
 @dataclass(frozen=True, slots=True)
 class Timings:
-    """How long things take.
+    """Durations of a protocol.
 
     Attributes
     ----------
     reply_s : longest wait for an ordinary reply, on the wire [s].
     source_reply_s : longest wait for the reply to an input change, on the wire [s].
-    quiet_s : silence on the wire after which nothing late is expected any more [s].
-    power_poll_s, confirm_poll_s : pause between two looks at a change, in the rig's time [s].
+    quiet_s : silence on the wire after which no late reply will come [s].
+    power_poll_s, confirm_poll_s : pause between two readings of a change, in the rig's time [s].
     power_change_s : longest cool-down and warm-up together, in the rig's time [s].
     confirm_s : longest time until a set value can be read back, in the rig's time [s].
     """
@@ -54,24 +54,24 @@ class SerialTable:
 
     Attributes
     ----------
-    make : whose protocol this is, for messages.
+    make : name of the protocol, for messages.
     baud_rate : speed of the port [bit/s].
     terminator : bytes that end every reply.
-    synchronise, synchronised : a command without effect, and the only reply it can get.
+    synchronise, synchronised : a command without effect, and its only reply.
     done : pattern of the reply to a command that was carried out.
-    refused : pattern of the reply to a command or question that was not.
-    attempts : times that a question is put before giving up.
-    power, shutter, source, hours, errors : the questions.
-    power_codes : what the answer to `power` means.
+    refused : pattern of the reply to a command or query that was refused.
+    attempts : number of times that a command or query is sent before it fails.
+    power, shutter, source, hours, errors : the queries.
+    power_codes : power state by the value of `power`.
     power_on, power_off : commands.
-    shutter_codes : what the answer to `shutter` means; True is dark.
+    shutter_codes : shutter state by the value of `shutter`; True is dark.
     shutter_commands : command by wanted state; True is dark.
     source_command : prefix and suffix round a source code.
     source_code : pattern of a whole source code.
-    source_names : what each source code stands for, on most models.
-    source_groups : codes that may be read back after a code that lets the projector choose.
-    error_texts : what an error code means; empty where it stands for no error.
-    timings : how long things take.
+    source_names : meaning of each source code, on most models.
+    source_groups : codes that may be read back after a code that leaves the choice to the projector.
+    error_texts : meaning of each error code; empty for no error.
+    timings : durations.
     """
 
     make: str

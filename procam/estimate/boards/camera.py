@@ -1,8 +1,8 @@
-"""Intrinsics of a camera from photographs of a flat board, with what they are worth.
+"""Intrinsics of a camera from photographs of a flat board, with their standard errors.
 
-Zhang 2000 (doi:10.1109/34.888718) with our own start, so that fisheyes beyond 90 degrees off the
-axis need no help; the board may be bent, gross corners are found, and views are left out in turn to
-see how well the lens predicts pictures that it was not fitted to.
+The method is that of Zhang 2000 (doi:10.1109/34.888718) with initial values that also suit fisheyes
+beyond 90 degrees off the axis. The fit solves for the bend of the board and rejects outliers.
+Cross-validation leaves views out in turn and measures how well the lens predicts them.
 """
 
 from collections.abc import Mapping, Sequence
@@ -12,26 +12,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procam.errors import InputError, NotEnoughData, ShapeError
-from procam.estimate.boards.adjustment import BoardRig, Corners, gather_corners, residuals
+from procam.estimate.boards.corners import BoardRig, Corners, residuals, stack_corners
 from procam.estimate.boards.robust_fit import (
-    EYE,
-    FEWEST_CORNERS,
+    IDENTITY,
+    MIN_CORNERS,
+    MIN_VIEWS,
     BoardFit,
     DroppedCorner,
+    check_count,
     check_focal,
     check_tilts,
     determines_pose,
     dropped_corners,
     fit_poses,
 )
-from procam.estimate.boards.start import pose_of_board, start_camera
+from procam.estimate.boards.start import pose_from_rays, start_camera
 from procam.maths.geometry.lenses import Lens, LensKind, unproject
 from procam.maths.geometry.pose import Pose
 
 Array = NDArray[np.float64]
-FEWEST_VIEWS = 3
-FOLDS, FEWEST_TO_LEAVE_OUT = 5, 6
-GRID = 8
+FOLDS, MIN_VIEWS_TO_HOLD_OUT = 5, 6  # of the cross-validation
+GRID = 8  # cells per side of the coverage figure
 NAMES = {
     "brown": ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3"),
     "kannala-brandt": ("fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4"),
@@ -40,13 +41,13 @@ NAMES = {
 
 @dataclass(frozen=True, slots=True)
 class BoardView:
-    """What one photograph shows of the board.
+    """The corners that one photograph shows.
 
     Attributes
     ----------
     name : of the photograph.
-    points : (N, 3) the corners on the flat board, z = 0 [m].
-    pixels : (N, 2) where they are seen [px].
+    points : (N, 3) on the flat board, z = 0 [m].
+    pixels : (N, 2) in the photograph [px].
     """
 
     name: str
@@ -63,15 +64,15 @@ class CameraFit:
     size : (width, height) of the pictures [px].
     lens : the intrinsics.
     covariance : (P, P) of fx, fy, cx, cy [px] and the distortion terms [-], in this order.
-    bend : (3,) how the board sags [m], and `bend_covariance` (3, 3); see `board_bundle.Rig`.
+    bend, bend_covariance : (3,) [m] and (3, 3), as in `BoardRig`.
     area : (2, 2) lowest and highest x, y of the board's corners [m]; `bend` refers to it.
-    boards : camera_from_board per view that was fitted.
-    residual_px : (N, 2) predicted minus seen per view, of the corners that were fitted.
-    held_out_px : the same for each view while it was left out and only its pose was fitted; empty
-        when there are too few views to leave any out.
-    dropped : gross corners. dropped_views : views that lost so many that nothing of them was used.
-    coverage : share of the picture, in 8 x 8 fields, in which corners were fitted [-].
-    reach_deg : largest angle off the axis at which a corner was fitted.
+    boards : camera_from_board per fitted view.
+    residual_px : (N, 2) predicted minus observed, per fitted view.
+    held_out_px : the same for each view under a lens fitted without it, with only its pose fitted;
+        empty when there are too few views.
+    dropped : outliers. dropped_views : views rejected as a whole.
+    coverage : share of the picture's 8 x 8 cells that hold fitted corners [-].
+    reach_deg : largest angle off the axis of a fitted corner.
     """
 
     size: tuple[int, int]
@@ -101,22 +102,24 @@ def fit_camera(views: Sequence[BoardView], size: tuple[int, int], kind: LensKind
     Raises
     ------
     NotEnoughData
-        Too few views, or all of boards that lie parallel: they leave the focal length open.
+        Too few views, or parallel boards, which leave the focal length open.
+    DidNotConverge
+        The fit did not reach a minimum.
     """
     _check_views(views, size)
-    corners = gather_corners([v.points for v in views], [v.pixels[None] for v in views])
+    corners = stack_corners([v.points for v in views], [v.pixels[None] for v in views])
     fit = BoardFit((tuple(range(len(NAMES[kind]))),), bend=True)
-    rig = fit.robustly(corners, start_camera(kind, size, corners))
+    rig = fit.fit_robustly(corners, start_camera(kind, size, corners))
     check_tilts(rig)
-    kept, rig = fit.without_gross(corners, rig)
+    kept, rig = fit.fit_inliers(corners, rig)
     used = [i for i, view in enumerate(kept.views) if kept.use[0, view].any()]
     names = [v.name for v in views]
-    if len(used) < FEWEST_VIEWS:
+    if len(used) < MIN_VIEWS:
         raise NotEnoughData(
-            f"views: got {len(used)} that fit one lens and one board, expected at least "
-            f"{FEWEST_VIEWS}; is the number of squares right, and was the zoom left alone?"
+            f"views: only {len(used)} fit one lens and one board; at least {MIN_VIEWS} are needed. Check "
+            "the number of squares, and that the zoom did not change"
         )
-    covariance = fit.bundle(kept, rig).covariance(rig)
+    covariance = fit.adjustment(kept, rig).covariance(rig)
     lenses = len(covariance) - len(rig.bend)
     check_focal(rig.lenses[0], covariance)
     error = residuals(kept, rig)[0]
@@ -130,7 +133,7 @@ def fit_camera(views: Sequence[BoardView], size: tuple[int, int], kind: LensKind
         kept.area,
         {names[i]: rig.boards[i] for i in used},
         {names[i]: _of_view(kept, error, i) for i in used},
-        {names[i]: left for i, left in _leave_out(fit, kept, rig, used).items()},
+        {names[i]: px for i, px in _cross_validate(fit, kept, rig, used).items()},
         tuple(d for i in used for d in dropped_corners(corners, kept, error, (0, i), names[i])),
         tuple(name for i, name in enumerate(names) if i not in used),
         _coverage(seen, size),
@@ -139,13 +142,13 @@ def fit_camera(views: Sequence[BoardView], size: tuple[int, int], kind: LensKind
 
 
 def view_residuals(fit: CameraFit, views: Sequence[BoardView]) -> dict[str, Array]:
-    """Predicted minus seen pixel (N, 2) in views that were not fitted; only their poses are.
+    """Predicted minus observed pixel (N, 2) in new views, of which only the poses are fitted.
 
-    All corners count, gross ones too.
+    All corners count, outliers included.
     """
-    boards = tuple(pose_of_board(v.points, unproject(v.pixels, fit.lens)) for v in views)
-    corners = gather_corners([v.points for v in views], [v.pixels[None] for v in views], fit.area)
-    rig = fit_poses(corners, BoardRig((fit.lens,), (EYE,), boards, fit.bend))
+    boards = tuple(pose_from_rays(v.points, unproject(v.pixels, fit.lens)) for v in views)
+    corners = stack_corners([v.points for v in views], [v.pixels[None] for v in views], fit.area)
+    rig = fit_poses(corners, BoardRig((fit.lens,), (IDENTITY,), boards, fit.bend))
     error = residuals(corners, rig)[0]
     return {view.name: _of_view(corners, error, i) for i, view in enumerate(views)}
 
@@ -155,19 +158,21 @@ def rms(residual: Mapping[str, Array]) -> float:
     return float(np.sqrt(np.mean(np.sum(np.concatenate([*residual.values()]) ** 2, axis=1))))
 
 
-def _leave_out(fit: BoardFit, corners: Corners, rig: BoardRig, used: list[int]) -> dict[int, Array]:
-    """Residuals (N, 2) of each view under a lens that was fitted without it."""
-    left_out: dict[int, Array] = {}
-    if len(used) < FEWEST_TO_LEAVE_OUT:
-        return left_out
+def _cross_validate(
+    fit: BoardFit, corners: Corners, rig: BoardRig, used: list[int]
+) -> dict[int, Array]:
+    """Residuals (N, 2) [px] of each view under a lens that was fitted without it."""
+    held_out: dict[int, Array] = {}
+    if len(used) < MIN_VIEWS_TO_HOLD_OUT:
+        return held_out
     for fold in range(FOLDS):
         test = used[fold::FOLDS]
         train = corners.only([i for i in used if i not in test])
-        fitted, _ = fit.bundle(train, rig).solve(rig)
-        judged = corners.only(test)
-        error = residuals(judged, fit_poses(judged, fitted))[0]
-        left_out |= {i: _of_view(judged, error, i) for i in test}
-    return dict(sorted(left_out.items()))
+        fitted, _ = fit.adjustment(train, rig).solve(rig)
+        tested = corners.only(test)
+        error = residuals(tested, fit_poses(tested, fitted))[0]
+        held_out |= {i: _of_view(tested, error, i) for i in test}
+    return dict(sorted(held_out.items()))
 
 
 def _of_view(corners: Corners, error: Array, view: int) -> Array:
@@ -176,31 +181,30 @@ def _of_view(corners: Corners, error: Array, view: int) -> Array:
 
 
 def _coverage(pixels: Array, size: tuple[int, int]) -> float:
-    fields = np.clip((pixels + 0.5) / np.array(size) * GRID, 0, GRID - 1).astype(int)
-    return len(np.unique(fields, axis=0)) / GRID**2
+    cells = np.clip((pixels + 0.5) / np.array(size) * GRID, 0, GRID - 1).astype(int)
+    return len(np.unique(cells, axis=0)) / GRID**2
 
 
 def _check_views(views: Sequence[BoardView], size: tuple[int, int]) -> None:
-    if len(views) < FEWEST_VIEWS:
-        raise NotEnoughData(
-            f"views: got {len(views)} of the board, expected at least {FEWEST_VIEWS} and better 15; "
-            "photograph it more often, tilted to all sides"
-        )
+    check_count(views, 15)
     if len({v.name for v in views}) < len(views):
-        raise InputError("views: got the same name twice, expected a name of its own for each")
+        raise InputError("views: two have the same name; give each a name of its own")
     for view in views:
-        if view.points.shape != (len(view.points), 3):
-            raise ShapeError(f"{view.name}: points", view.points.shape, "(N, 3)")
-        if view.pixels.shape != (len(view.points), 2):
-            raise ShapeError(f"{view.name}: pixels", view.pixels.shape, "(N, 2) like its points")
-        inside = (view.pixels > -1) & (view.pixels < size)
-        if not inside.all():
-            raise InputError(
-                f"{view.name}: got corners outside the picture or NaN, expected all within "
-                f"{size[0]}x{size[1]}; was the picture cropped or scaled after the corners were found?"
-            )
-        if not determines_pose(view.points):
-            raise NotEnoughData(
-                f"{view.name}: got {len(view.points)} corners or all along a line, expected at least "
-                f"{FEWEST_CORNERS} over an area; leave this view out"
-            )
+        _check_view(view, size)
+
+
+def _check_view(view: BoardView, size: tuple[int, int]) -> None:
+    if view.points.shape != (len(view.points), 3):
+        raise ShapeError(f"{view.name}: points", view.points.shape, "(N, 3)")
+    if view.pixels.shape != (len(view.points), 2):
+        raise ShapeError(f"{view.name}: pixels", view.pixels.shape, "(N, 2) like its points")
+    if not ((view.pixels > -1) & (view.pixels < size)).all():
+        raise InputError(
+            f"{view.name}: some corners are NaN or outside the picture of {size[0]}x{size[1]}; find the "
+            "corners again if the picture was cropped or scaled since"
+        )
+    if not determines_pose(view.points):
+        raise NotEnoughData(
+            f"{view.name}: {len(view.points)} corners do not determine the board's pose; it needs at "
+            f"least {MIN_CORNERS} over an area. Leave this view out"
+        )

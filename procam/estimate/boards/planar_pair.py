@@ -1,9 +1,10 @@
-"""A camera and a projector that both look at a flat board: lenses and the pose between them.
+"""Lenses of a camera and a projector and the pose between them, from views of a flat board.
 
-The projector is a camera run backwards. The camera finds the board's corners in the white picture;
-where the projector "sees" them is read off the correspondence map around each (Moreno & Taubin
-2012, doi:10.1109/3DIMPVT.2012.77). Then both lenses, the pose between them and all board poses are
-fitted together. A board that fills little of the picture tells little of the lenses' rims.
+The projector is an inverse camera. The camera finds the board's corners in the white picture; local
+homographies of the correspondence map around each corner give its projector pixel (Moreno & Taubin
+2012, doi:10.1109/3DIMPVT.2012.77). One board adjustment then solves both lenses, the pose between
+them and all board poses. Boards that fill little of the picture determine the distortion at the
+lenses' edges poorly.
 """
 
 from collections.abc import Sequence
@@ -15,11 +16,13 @@ from scipy.linalg import rq
 from scipy.spatial import KDTree
 
 from procam.errors import CalibrationError, NotEnoughData, ShapeError
-from procam.estimate.boards.adjustment import BoardRig, Corners, gather_corners, residuals
+from procam.estimate.boards.corners import BoardRig, Corners, residuals, stack_corners
 from procam.estimate.boards.robust_fit import (
-    EYE,
+    IDENTITY,
+    MIN_CORNERS,
     BoardFit,
     DroppedCorner,
+    check_count,
     check_focal,
     check_tilts,
     determines_pose,
@@ -31,26 +34,25 @@ from procam.maths.geometry.pose import Pose
 from procam.model.correspondence import CorrespondenceMap
 
 Array = NDArray[np.float64]
-FEWEST_VIEWS = 3
 PINHOLE, BROWN = tuple(range(4)), tuple(range(9))
-WINDOW = 1.0  # radius, in distances to the nearest corner: surely on the board
-FEWEST_PIXELS = 40
-OFF_MIDDLE = 0.35  # the window's pixels may lie off its middle by this share of its radius
-WEIGHINGS = 4
-FAR = 4.0  # median distances from the middle; the rim of a window is at 2 or 3
+WINDOW = 1.0  # radius, over the distance to the nearest corner: the window stays on the board
+MIN_PIXELS = 40  # of a window
+MAX_OFFSET = 0.35  # of the mean of a window's pixels from its corner, over its radius
+REWEIGHTINGS = 4
+OUTLIER_DISTANCE = 4.0  # over the median distance from the middle; a window's edge is at 2 or 3
 DEVICES = ("camera", "projector")
 
 
 @dataclass(frozen=True, slots=True)
 class PairView:
-    """One pose of the board, seen by both.
+    """One pose of the board, observed by both devices.
 
     Attributes
     ----------
     name : of the session.
-    points : (N, 3) the corners on the flat board, z = 0 [m].
-    camera_px : (N, 2) where the camera sees them [px].
-    projector_px : (N, 2) projector pixels that light them [px]; NaN where none is known.
+    points : (N, 3) corners on the flat board, z = 0 [m].
+    camera_px : (N, 2) their camera pixels [px].
+    projector_px : (N, 2) the projector pixels that light them [px]; NaN where unknown.
     """
 
     name: str
@@ -67,12 +69,12 @@ class PlanarPair:
     ----------
     camera, projector : lenses.
     projector_from_camera : pose between them [m].
-    covariance : (S, S) of the camera's lens parameters, the projector's, then the turn [rad] and
-        shift [m] of `projector_from_camera`; a lens's are fx, fy, cx, cy [px] and, if they were
-        solved for, k1, k2, p1, p2, k3.
+    covariance : (S, S) of the camera's lens parameters, the projector's, then the rotation [rad] and
+        translation [m] of `projector_from_camera`; a lens's are fx, fy, cx, cy [px] and, if they
+        were solved for, k1, k2, p1, p2, k3.
     boards : camera_from_board per view.
-    residual_px : per device, "camera" and "projector", and view: predicted minus seen (N, 2).
-    dropped : gross corners per device.
+    residual_px : per device, "camera" and "projector", and view: predicted minus observed (N, 2).
+    dropped : outliers per device.
     """
 
     camera: Lens
@@ -85,15 +87,15 @@ class PlanarPair:
 
 
 def pair_view(name: str, points: Array, camera_px: Array, found: CorrespondenceMap) -> PairView:
-    """A view from corners (N, 3) [m] seen at (N, 2) [px] in a decoded session."""
+    """A view from corners (N, 3) [m] at camera pixels (N, 2) and a decoded correspondence map."""
     return PairView(name, points, camera_px, projector_corners(found, camera_px))
 
 
 def projector_corners(found: CorrespondenceMap, camera_px: Array) -> Array:
-    """Projector pixels (N, 2) of board corners seen at camera pixels (N, 2); NaN where unlit.
+    """Projector pixels (N, 2) of board corners at camera pixels (N, 2); NaN where not lit.
 
-    A homography is fitted to the map around each corner, so that its rounding averages out and the
-    lenses may bend lines; it reaches as far as the nearest corner.
+    A homography is fitted to the map within a window around each corner, which averages the map's
+    rounding and follows the lenses' distortion. The window reaches to the nearest corner.
     """
     rows, columns = np.nonzero(found.valid)
     if not len(rows):
@@ -123,41 +125,44 @@ def fit_planar_pair(
     Raises
     ------
     NotEnoughData
-        Too few views or corners, or all boards parallel.
+        Too few views or corners, or parallel boards.
+    CalibrationError
+        The projector's picture is mirrored. DidNotConverge : the fit did not reach a minimum.
     """
     _check(views, projector_size)
     free = BROWN if distortion else PINHOLE
-    corners = gather_corners(
+    corners = stack_corners(
         [v.points for v in views], [np.stack([v.camera_px, v.projector_px]) for v in views]
     )
     first = replace(corners, pixels=corners.pixels[:1], use=corners.use[:1])
-    camera = BoardFit((free,)).robustly(
+    camera = BoardFit((free,)).fit_robustly(
         first, _undistorted(start_camera("brown", camera_size, first))
     )
     check_tilts(camera)
-    first, camera = BoardFit((free,)).without_gross(first, camera)
+    first, camera = BoardFit((free,)).fit_inliers(first, camera)
     start = _with_projector(replace(corners, use=corners.use & first.use), camera, projector_size)
     both = BoardFit((free, free))
-    rig, _ = both.bundle(corners, start, robust=True).solve(start)
-    kept, rig = both.without_gross(corners, rig)
-    covariance = both.bundle(kept, rig).covariance(rig)
+    rig, _ = both.adjustment(corners, start, robust=True).solve(start)
+    kept, rig = both.fit_inliers(corners, rig)
+    covariance = both.adjustment(kept, rig).covariance(rig)
     check_focal(rig.lenses[0], covariance)
     check_focal(rig.lenses[1], covariance[len(free) :, len(free) :])
     return _result(views, corners, kept, rig, covariance)
 
 
 def _at_corner(offset: Array, xy: Array) -> Array:
-    """Projector pixel (2,) at the middle of a window: pixels (n, 2) in radii, lit by xy (n, 2)."""
-    if len(offset) < FEWEST_PIXELS or np.linalg.norm(offset.mean(axis=0)) > OFF_MIDDLE:
+    """Projector pixel (2,) at the centre of a window, from offsets (n, 2) [radii] and their xy (n, 2)."""
+    if len(offset) < MIN_PIXELS or np.linalg.norm(offset.mean(axis=0)) > MAX_OFFSET:
         return np.full(2, np.nan)
     middle = np.median(xy, axis=0)
     away = np.abs(xy - middle)
-    inside = (away <= FAR * np.median(away, axis=0) + 1).all(axis=1)  # a misread pixel is anywhere
+    # misread pixels lie anywhere
+    inside = (away <= OUTLIER_DISTANCE * np.median(away, axis=0) + 1).all(axis=1)
     size = max(float(away[inside].max()), 1.0)
     target = (xy[inside] - middle) / size
     source = np.c_[offset[inside], np.ones(len(target))]
     weight = np.ones(len(source))
-    for _ in range(WEIGHINGS):
+    for _ in range(REWEIGHTINGS):
         matrix = _projection(source, target, weight)
         ahead = source @ matrix.T
         miss = np.linalg.norm(ahead[:, :2] / ahead[:, 2:] - target, axis=1)
@@ -181,9 +186,10 @@ def _undistorted(rig: BoardRig) -> BoardRig:
 
 
 def _with_projector(corners: Corners, camera: BoardRig, size: tuple[int, int]) -> BoardRig:
-    """`camera` with a projector beside it, from where the boards stand (Hartley & Zisserman, s. 7.1).
+    """`camera` with the projector's initial lens and pose, by resection (Hartley & Zisserman, s. 7.1).
 
-    It needs no guess of the principal point, which lens shift may put outside the panel.
+    The direct linear transform needs no initial principal point, which lens shift may put outside
+    the panel.
     """
     use = corners.use[0] & corners.use[1]
     views = zip(camera.boards, corners.views, strict=True)
@@ -199,13 +205,12 @@ def _with_projector(corners: Corners, camera: BoardRig, size: tuple[int, int]) -
     triangle, rotation = triangle @ sign, sign @ rotation
     if np.linalg.det(rotation) < 0:
         raise CalibrationError(
-            "projector: its picture arrives mirrored, expected a right-reading one; switch off rear "
-            "projection or flip in its menu"
+            "projector: its picture is mirrored; switch off rear projection and flip in its menu"
         )
     shift = np.linalg.solve(triangle, matrix[:, 3]) * scale - rotation @ middle
     triangle = triangle / triangle[2, 2] * half.max()
     lens = Lens("brown", np.diag(triangle)[:2], triangle[:2, 2] + half, np.zeros(5))
-    lenses, devices = (*camera.lenses, lens), (EYE, Pose(rotation, shift))
+    lenses, devices = (*camera.lenses, lens), (IDENTITY, Pose(rotation, shift))
     return BoardRig(lenses, devices, camera.boards, camera.bend)
 
 
@@ -213,11 +218,11 @@ def _result(
     views: Sequence[PairView], corners: Corners, kept: Corners, rig: BoardRig, covariance: Array
 ) -> PlanarPair:
     error = residuals(kept, rig)
-    left: dict[str, dict[str, Array]] = {}
+    residual: dict[str, dict[str, Array]] = {}
     dropped: dict[str, tuple[DroppedCorner, ...]] = {}
     for device, name in enumerate(DEVICES):
         parts = zip(views, corners.views, strict=True)
-        left[name] = {v.name: error[device, part][kept.use[device, part]] for v, part in parts}
+        residual[name] = {v.name: error[device, part][kept.use[device, part]] for v, part in parts}
         lists = (
             dropped_corners(corners, kept, error[device], (device, i), v.name)
             for i, v in enumerate(views)
@@ -229,17 +234,13 @@ def _result(
         rig.devices[1],
         covariance,
         {v.name: board for v, board in zip(views, rig.boards, strict=True)},
-        left,
+        residual,
         dropped,
     )
 
 
 def _check(views: Sequence[PairView], projector_size: tuple[int, int]) -> None:
-    if len(views) < FEWEST_VIEWS:
-        raise NotEnoughData(
-            f"views: got {len(views)} of the board, expected at least {FEWEST_VIEWS} and better 6; "
-            "scan it again, tilted otherwise"
-        )
+    check_count(views, 6)
     for view in views:
         for name, pixels in zip(DEVICES, (view.camera_px, view.projector_px), strict=True):
             if pixels.shape != (len(view.points), 2):
@@ -249,7 +250,7 @@ def _check(views: Sequence[PairView], projector_size: tuple[int, int]) -> None:
         lit = np.asarray(np.isfinite(view.projector_px).all(axis=1), np.bool_)
         if not determines_pose(view.points[lit]):
             raise NotEnoughData(
-                f"{view.name}: got {int(lit.sum())} of {len(lit)} corners lit by the projector, expected "
-                "at least 8 over an area; let the picture of "
+                f"{view.name}: the projector lights {int(lit.sum())} of {len(lit)} corners; at least "
+                f"{MIN_CORNERS} over an area are needed. Let the picture of "
                 f"{projector_size[0]}x{projector_size[1]} cover the board"
             )

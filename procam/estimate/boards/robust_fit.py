@@ -1,30 +1,32 @@
-"""From a rough rig to the best one: robust first, then without the gross corners."""
+"""Board adjustment with outliers: a robust fit first, then least squares of the inliers."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from procam.errors import DidNotConverge, NotEnoughData
-from procam.estimate.boards.adjustment import BoardAdjustment, BoardRig, Corners, residuals, spreads
-from procam.estimate.boards.start import better_poses, likely
+from procam.estimate.boards.adjustment import BoardAdjustment
+from procam.estimate.boards.corners import BoardRig, Corners, residual_sigmas, residuals
+from procam.estimate.boards.start import plausible_corners, reestimate_poses
 from procam.maths.geometry.lenses import Lens
 from procam.maths.geometry.pose import Pose
 
 Array = NDArray[np.float64]
-EYE = Pose(np.eye(3), np.zeros(3))
-FEWEST_CORNERS = 8
-LEAST_WIDTH = 0.05  # of a cloud of corners, over its length
-ROUNDS = 3
-GROSS_SIGMAS, SMALLEST_GROSS_PX = 6.0, 0.1
-LEFT_SHARE = 0.5  # of a view's corners must fit, or none is used
-LEAST_TILT_DEG = 5.0
-WORST_FOCAL_SIGMA = 0.02
+IDENTITY = Pose(np.eye(3), np.zeros(3))
+MIN_VIEWS, MIN_CORNERS = 3, 8  # of a board; of a view
+MIN_WIDTH = 0.05  # of the corners of a view, over their length
+ROUNDS = 3  # of rejecting outliers and fitting the others
+OUTLIER_SIGMAS, MIN_OUTLIER_PX = 6.0, 0.1
+MIN_INLIERS = 0.5  # of a view's corners, or the whole view is rejected
+MIN_TILT_DEG = 5.0  # between any two boards; below, the focal length is not determined
+MAX_FOCAL_SIGMA = 0.02  # of the focal length
 
 
 @dataclass(frozen=True, slots=True)
 class DroppedCorner:
-    """A gross corner: number `index` of photograph `view`, seen at `pixel` (x, y), `miss_px` off."""
+    """An outlier: corner `index` of photograph `view`, observed at `pixel` (x, y), `miss_px` off."""
 
     view: str
     index: int
@@ -34,105 +36,118 @@ class DroppedCorner:
 
 @dataclass(frozen=True, slots=True)
 class BoardFit:
-    """What to solve for: `free` lens parameters per device, and the board's `bend`."""
+    """The parameters to solve for: `free` lens parameters per device, and the board's `bend`."""
 
     free: tuple[tuple[int, ...], ...]
     bend: bool = False
 
-    def bundle(self, corners: Corners, rig: BoardRig, robust: bool = False) -> BoardAdjustment:
-        """The least-squares problem around `rig`."""
-        sigma = spreads(corners, residuals(corners, rig))
+    def adjustment(self, corners: Corners, rig: BoardRig, robust: bool = False) -> BoardAdjustment:
+        """The least-squares problem near `rig`, with the noise that its residuals show."""
+        sigma = residual_sigmas(corners, residuals(corners, rig))
         return BoardAdjustment(corners, self.free, sigma, self.bend, robust)
 
-    def robustly(self, corners: Corners, rig: BoardRig) -> BoardRig:
-        """The best rig with gross corners among the others; poses are looked for anew in between."""
+    def fit_robustly(self, corners: Corners, rig: BoardRig) -> BoardRig:
+        """Fit corners with outliers among them; board poses are re-estimated between rounds."""
         for _ in range(ROUNDS):
-            rig, _ = self.bundle(likely(corners, rig), rig, robust=True).solve(rig)
-            rig = better_poses(corners, rig)
+            plausible = plausible_corners(corners, rig)
+            rig, _ = self.adjustment(plausible, rig, robust=True).solve(rig)
+            rig = reestimate_poses(corners, rig)
         return rig
 
-    def without_gross(self, corners: Corners, rig: BoardRig) -> tuple[Corners, BoardRig]:
-        """Least squares of the corners that are not gross; a later round may take some back.
+    def fit_inliers(self, corners: Corners, rig: BoardRig) -> tuple[Corners, BoardRig]:
+        """Least squares of the inliers, which every round chooses anew.
+
+        Returns
+        -------
+        kept, rig : the corners with only the inliers in use, and the fit.
 
         Raises
         ------
         DidNotConverge
-            The fit found no end.
+            The fit did not reach a minimum.
         """
-        kept, done = corners, False
+        kept, converged = corners, False
         for _ in range(ROUNDS):
-            # a view that was left out gets its chance with the lens that the others have made
-            rig = fit_poses(likely(corners, rig), rig, robust=True)
-            kept = _near(corners, kept, rig)
+            # the better lens may explain a view that an earlier round rejected
+            rig = fit_poses(plausible_corners(corners, rig), rig, robust=True)
+            kept = _inliers(corners, kept, rig)
             if not kept.use.any():
                 return kept, rig
-            rig, done = self.bundle(kept, rig).solve(rig)
-        if not done:
+            rig, converged = self.adjustment(kept, rig).solve(rig)
+        if not converged:
             raise DidNotConverge(
-                "lens: got no end of the fit, expected one within 200 steps; is the model right for it, "
-                "and the number of squares?"
+                "lens: the fit did not settle within 200 steps; check that the lens model suits the lens "
+                "and that the number of squares is right"
             )
         return kept, rig
 
 
 def determines_pose(points: Array) -> bool:
-    """Whether corners (N, 3) are enough for a pose: eight, and not along a line."""
-    if len(points) < FEWEST_CORNERS:
+    """Whether corners (N, 3) determine a pose: eight or more, and not along a line."""
+    if len(points) < MIN_CORNERS:
         return False
-    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-    return bool(spread[1] > LEAST_WIDTH * spread[0])
+    extent = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return bool(extent[1] > MIN_WIDTH * extent[0])
+
+
+def check_count(views: Sequence[object], enough: int) -> None:
+    """Refuse fewer than three views."""
+    if len(views) < MIN_VIEWS:
+        raise NotEnoughData(
+            f"views: only {len(views)} of the board; at least {MIN_VIEWS} are needed, {enough} are better. "
+            "Photograph it more often, tilted to all sides"
+        )
 
 
 def fit_poses(corners: Corners, rig: BoardRig, robust: bool = False) -> BoardRig:
-    """Only the boards' poses, all else as it is."""
+    """Fit only the boards' poses; lenses, devices and bend stay."""
     free: tuple[tuple[int, ...], ...] = ((),) * len(rig.lenses)
-    return BoardFit(free).bundle(corners, rig, robust).solve(rig)[0]
+    return BoardFit(free).adjustment(corners, rig, robust).solve(rig)[0]
 
 
 def dropped_corners(
     corners: Corners, kept: Corners, error: Array, where: tuple[int, int], name: str
 ) -> list[DroppedCorner]:
-    """Corners that one device, in one view, `where`, sees but that are not `kept`; error (T, 2)."""
+    """Observations that are not `kept`, of one device in one view: `where`; error (T, 2) [px]."""
     device, view = where
     part = corners.views[view]
-    gross = np.flatnonzero(corners.use[device, part] & ~kept.use[device, part])
+    outliers = np.flatnonzero(corners.use[device, part] & ~kept.use[device, part])
     found = []
-    for index in gross.tolist():
+    for index in outliers.tolist():
         x, y = corners.pixels[device, part][index].tolist()
         found.append(DroppedCorner(name, index, (x, y), float(np.linalg.norm(error[part][index]))))
     return found
 
 
 def check_tilts(rig: BoardRig) -> None:
-    """Parallel boards give the same two equations over and over (Zhang 2000, section 3.1)."""
+    """Refuse parallel boards: they all give the same two equations (Zhang 2000, section 3.1)."""
     normals = np.array([b.rotation[:, 2] for b in rig.boards])
-    spread = np.degrees(np.arccos(np.clip(np.abs(normals @ normals.T).min(), 0, 1)))
-    if not spread >= LEAST_TILT_DEG:
+    widest = np.degrees(np.arccos(np.clip(np.abs(normals @ normals.T).min(), 0, 1)))
+    if not widest >= MIN_TILT_DEG:
         raise NotEnoughData(
-            f"views: got boards that are all parallel within {spread:.1f} degrees, expected tilts of "
-            "20 to 45 degrees to all sides: parallel ones leave the focal length open; tilt the "
-            "board or the camera between photographs"
+            f"views: all boards are parallel within {widest:.1f} degrees, which leaves the focal length "
+            "open; tilt the board or the camera by 20 to 45 degrees to all sides between photographs"
         )
 
 
 def check_focal(lens: Lens, covariance: Array) -> None:
-    """Refuse a lens whose focal lengths, first in `covariance`, are hardly known."""
+    """Refuse a lens with uncertain focal lengths, the first two parameters of `covariance`."""
     share = float((np.sqrt(np.diag(covariance)[:2]) / lens.focal).max())
-    if not share <= WORST_FOCAL_SIGMA:
+    if not share <= MAX_FOCAL_SIGMA:
         raise NotEnoughData(
-            f"views: got a focal length of {lens.focal[0]:.4g} px that is uncertain by "
-            f"{share:.0%}, expected at most {WORST_FOCAL_SIGMA:.0%}; add views with the board "
-            "tilted by 20 to 45 degrees and large in the picture"
+            f"views: the focal length of {lens.focal[0]:.4g} px is uncertain by {share:.0%}, more than "
+            f"{MAX_FOCAL_SIGMA:.0%}; add views with the board tilted by 20 to 45 degrees and large in "
+            "the picture"
         )
 
 
-def _near(corners: Corners, kept: Corners, rig: BoardRig) -> Corners:
-    """Corners that miss by no more than the crowd of those kept; of views with too few, none."""
+def _inliers(corners: Corners, kept: Corners, rig: BoardRig) -> Corners:
+    """Corners within the limit that the residuals of `kept` set; of views with too few, none."""
     error = residuals(corners, rig)
-    limit = np.maximum(GROSS_SIGMAS * spreads(kept, error), SMALLEST_GROSS_PX)
+    limit = np.maximum(OUTLIER_SIGMAS * residual_sigmas(kept, error), MIN_OUTLIER_PX)
     near = corners.use & (np.linalg.norm(error, axis=2) <= limit[:, None])
     for view in corners.views:
-        left, seen = near[:, view].sum(axis=1), corners.use[:, view].sum(axis=1)
-        near[:, view] &= (left >= LEFT_SHARE * seen)[:, None]
+        inliers, observed = near[:, view].sum(axis=1), corners.use[:, view].sum(axis=1)
+        near[:, view] &= (inliers >= MIN_INLIERS * observed)[:, None]
         near[:, view] &= determines_pose(corners.points[view][near[0, view]])
     return replace(corners, use=near)

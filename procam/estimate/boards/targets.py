@@ -1,4 +1,4 @@
-"""Corners of printed boards and tags, by OpenCV 5; no other estimator sees its types."""
+"""Corners of printed boards and AprilTags in photographs, by OpenCV 5."""
 
 import math
 from dataclasses import dataclass
@@ -14,19 +14,19 @@ from procam.model.optics import TagFamily
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8] | NDArray[np.uint16] | NDArray[np.float32]
 BoardKind = Literal["checkerboard", "charuco"]
-SHARP = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 60, 1e-4)
-SMALLEST_WINDOW_PX, LARGEST_WINDOW_PX = 2, 11
-BRIGHT_PERCENT = 99.5
-SEARCHED_PX, HINT_PX = 1600, 1000  # longest side of the copies that are searched
-FEWEST_SQUARES = 4
+CORNER_STOP = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 60, 1e-4)
+MIN_WINDOW_PX, MAX_WINDOW_PX = 2, 11  # half width of the sub-pixel window
+BRIGHT_PERCENT = 99.5  # that becomes white in 8 bits
+SEARCH_PX, HINT_PX = 1600, 1000  # longest side of the copies that are searched
+MIN_SQUARES = 4
 TAG_SETS: dict[TagFamily, int] = {
     "36h11": cv2.aruco.DICT_APRILTAG_36h11,
     "25h9": cv2.aruco.DICT_APRILTAG_25h9,
     "16h5": cv2.aruco.DICT_APRILTAG_16h5,
 }
-SMALLEST_TAG_PX = 10.0  # edge, in the photograph
+MIN_TAG_PX = 10.0  # edge, in the photograph
 TAG_WINDOWS_PX = (7, 47, 20)  # of the adaptive threshold: smallest, largest, step
-TAG_CORRECTED = 0.4  # of the bits a family can correct: forgives 36h11 two, 16h5 none
+TAG_CORRECTION = 0.4  # of the bits a family can correct: two for 36h11, none for 16h5
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,21 +48,21 @@ class Board:
     dictionary: str = "DICT_4X4_50"
 
     def __post_init__(self) -> None:
-        if min(self.squares) < FEWEST_SQUARES or self.square_m <= 0:
+        if min(self.squares) < MIN_SQUARES or self.square_m <= 0:
             raise InputError(
-                f"board: got {self.squares[0]}x{self.squares[1]} squares of {self.square_m * 1e3:g} mm, "
-                f"expected at least {FEWEST_SQUARES}x{FEWEST_SQUARES} of more than 0 mm; "
-                "squares are counted, not corners"
+                f"board: {self.squares[0]}x{self.squares[1]} squares of {self.square_m * 1e3:g} mm are no "
+                f"board; it needs at least {MIN_SQUARES}x{MIN_SQUARES} squares of more than 0 mm. Count "
+                "squares, not corners"
             )
         if self.kind == "charuco" and not 0 < self.marker_m < self.square_m:
             raise InputError(
-                f"board: got markers of {self.marker_m * 1e3:g} mm in squares of "
-                f"{self.square_m * 1e3:g} mm, expected smaller ones; measure them with a ruler"
+                f"board: markers of {self.marker_m * 1e3:g} mm do not fit into squares of "
+                f"{self.square_m * 1e3:g} mm; measure both with a ruler"
             )
         if not isinstance(getattr(cv2.aruco, self.dictionary, None), int):
             raise InputError(
-                f"board: got the dictionary {self.dictionary!r}, expected a name of OpenCV's such as "
-                "DICT_4X4_50 or DICT_5X5_100; it is printed with the board's data"
+                f"board: OpenCV has no marker dictionary {self.dictionary!r}; give the name printed with "
+                "the board's data, such as DICT_4X4_50 or DICT_5X5_100"
             )
 
     @property
@@ -75,9 +75,9 @@ class Board:
 
 
 def find_board(picture: Picture, board: Board) -> tuple[Array, Array] | None:
-    """Corners of the board (N, 3) [m] and where they are seen (N, 2) [px]; None if it is not found.
+    """Corners of the board (N, 3) [m] and their pixels (N, 2) [px]; None if it is not found.
 
-    A checkerboard is found whole or not at all; of a charuco board any part.
+    A checkerboard must be visible as a whole; of a charuco board any part suffices.
     """
     grey = to_8bit(picture)
     if board.kind == "charuco":
@@ -86,18 +86,17 @@ def find_board(picture: Picture, board: Board) -> tuple[Array, Array] | None:
     return None if pixels is None else (board.corners_m, pixels)
 
 
-def other_count(picture: Picture, squares: tuple[int, int]) -> tuple[int, int] | None:
-    """The number of squares of the checkerboard in a picture, if it is a little off `squares`.
+def suggest_squares(picture: Picture, squares: tuple[int, int]) -> tuple[int, int] | None:
+    """The number of squares of the checkerboard in a picture, within two of `squares` per edge.
 
-    The largest that is found: the sector method also finds a part of a board. A small copy of the
-    picture will do.
+    The largest board found, since the sector method also finds a part of a board.
     """
     grey = to_8bit(picture)
     small, _ = _small_copy(grey, HINT_PX)
     steps = range(-2, 3)
     near = sorted(((squares[0] + i, squares[1] + j) for i in steps for j in steps), key=math.prod)
     for other in reversed(near):
-        if other == squares or min(other) < FEWEST_SQUARES:
+        if other == squares or min(other) < MIN_SQUARES:
             continue
         if cv2.findChessboardCornersSB(small, (other[0] - 1, other[1] - 1))[0]:
             return other
@@ -107,10 +106,10 @@ def other_count(picture: Picture, squares: tuple[int, int]) -> tuple[int, int] |
 def find_tags(
     grey: NDArray[np.uint8], family: TagFamily, scale: int = 1
 ) -> list[tuple[int, Array]]:
-    """Numbers and corners (4, 2) [px] of the AprilTags in a picture (H, W); corners to half a pixel.
+    """IDs and corners (4, 2) [px] of the AprilTags in a picture (H, W); corners to half a pixel.
 
-    Corners go round each tag from its own top left. A copy that is `scale` times as large is searched:
-    twice finds tags of half the size. Mirrored tags are none.
+    The corners go round each tag from its own top left. The search enlarges the picture `scale` times:
+    2 finds tags of half the size. Mirrored tags are not found.
     """
     if scale > 1:
         size = (scale * grey.shape[1], scale * grey.shape[0])
@@ -119,14 +118,14 @@ def find_tags(
     settings.adaptiveThreshWinSizeMin, settings.adaptiveThreshWinSizeMax = TAG_WINDOWS_PX[:2]
     settings.adaptiveThreshWinSizeStep = TAG_WINDOWS_PX[2]
     settings.adaptiveThreshConstant = 5
-    # without this floor every speck of noise is tried as a tag
-    settings.minMarkerPerimeterRate = 4 * SMALLEST_TAG_PX * scale / max(grey.shape)
-    settings.errorCorrectionRate = TAG_CORRECTED
+    # without a smallest size every speck of noise is tried as a tag
+    settings.minMarkerPerimeterRate = 4 * MIN_TAG_PX * scale / max(grey.shape)
+    settings.errorCorrectionRate = TAG_CORRECTION
     settings.perspectiveRemovePixelPerCell = 8
     found = cv2.aruco.ArucoDetector(_tag_set(family), settings).detectMarkers(grey)
-    corners, numbers = found[0], () if found[1] is None else found[1]
+    corners, ids = found[0], () if found[1] is None else found[1]
     places = [(_points(c) + 0.5) / scale - 0.5 for c in corners]
-    return [(int(n), place) for n, place in zip(np.ravel(numbers), places, strict=True)]
+    return [(int(n), place) for n, place in zip(np.ravel(ids), places, strict=True)]
 
 
 def tag_cells(family: TagFamily, number: int) -> NDArray[np.bool_]:
@@ -144,7 +143,7 @@ def _tag_set(family: TagFamily) -> Any:
 
 
 def to_8bit(picture: Picture) -> NDArray[np.uint8]:
-    """A picture (H, W) in the 8 bits that the finders want, its brightest parts near white."""
+    """A picture (H, W) scaled to the 8 bits that the detectors need, its brightest parts near white."""
     if picture.dtype == np.uint8:
         return np.ascontiguousarray(picture, np.uint8)
     bright = max(float(np.percentile(picture, BRIGHT_PERCENT)), 1e-30)
@@ -152,14 +151,13 @@ def to_8bit(picture: Picture) -> NDArray[np.uint8]:
 
 
 def _find_checkers(grey: NDArray[np.uint8], squares: tuple[int, int]) -> Array | None:
-    """Corners (N, 2); found by the sector method, else by the old one, which bears more distortion.
+    """Corners (N, 2) by the sector method, or by the older one, which tolerates more distortion.
 
-    Both look at a small copy: on whole photographs of 12 megapixels they take minutes. The places
-    come from the gradients around each corner, which know them to .05 px where the sector method
-    itself scatters by .1 to .2 px.
+    Both search a small copy: whole photographs of 12 megapixels take minutes. The gradients around each
+    corner then locate it to .05 px, where the sector method itself scatters by .1 to .2 px.
     """
     inner = (squares[0] - 1, squares[1] - 1)
-    small, share = _small_copy(grey, SEARCHED_PX)
+    small, share = _small_copy(grey, SEARCH_PX)
     flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE
     found, corners = cv2.findChessboardCornersSB(small, inner, flags=flags)
     if not found:
@@ -179,24 +177,24 @@ def _small_copy(grey: NDArray[np.uint8], longest_px: int) -> tuple[NDArray[np.ui
 
 
 def _sharpen(grey: NDArray[np.uint8], corners: Array, inner: tuple[int, int]) -> Array:
-    """Sub-pixel places, from a window that holds no second corner."""
+    """Sub-pixel corners (N, 2), each from a window without a second corner."""
     grid = corners.reshape(inner[1], inner[0], 2)
     steps = [np.linalg.norm(np.diff(grid, axis=axis), axis=2).min() for axis in (0, 1)]
-    half = int(np.clip(min(steps) / 2.5, SMALLEST_WINDOW_PX, LARGEST_WINDOW_PX))
+    half = int(np.clip(min(steps) / 2.5, MIN_WINDOW_PX, MAX_WINDOW_PX))
     start = corners.astype(np.float32).reshape(-1, 1, 2)
-    return _points(cv2.cornerSubPix(grey, start, (half, half), (-1, -1), SHARP))
+    return _points(cv2.cornerSubPix(grey, start, (half, half), (-1, -1), CORNER_STOP))
 
 
 def _find_charuco(grey: NDArray[np.uint8], board: Board) -> tuple[Array, Array] | None:
-    """Of the two layouts that OpenCV has printed over the years, the one that fits better."""
+    """Corners of a charuco board in whichever of OpenCV's two layouts shows more of them."""
     name = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, board.dictionary))
     best: tuple[Any, Any] | None = None
     for old in (False, True):
         layout = cv2.aruco.CharucoBoard(board.squares, board.square_m, board.marker_m, name)
         layout.setLegacyPattern(old)
-        corners, numbers, _, _ = cv2.aruco.CharucoDetector(layout).detectBoard(grey)
+        corners, ids, _, _ = cv2.aruco.CharucoDetector(layout).detectBoard(grey)
         if corners is not None and (best is None or len(corners) > len(best[0])):
-            best = corners, numbers
+            best = corners, ids
     if best is None:
         return None
     return board.corners_m[np.asarray(best[1]).ravel()], _points(best[0])

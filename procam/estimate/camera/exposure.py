@@ -1,7 +1,8 @@
-"""How long to expose, and what to expect of it, from one photograph of white and one of black.
+"""Exposures for a projector and the precision to expect, from one photograph of white and one of black.
 
-Rates are signals above the black level per second [DN/s]. Noise is a law of the signal, read off
-neighbouring pixels or off two photographs of the same picture.
+Rates are signals above the black level per second [DN/s]. The brightest lit pixels set the exposure,
+the signal-to-noise ratio of the darkest sets the bracket. Noise follows `NoiseLaw`, and the expected
+column error is the Cramer-Rao bound of the default code.
 """
 
 import math
@@ -12,55 +13,45 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import binary_erosion, uniform_filter
-from scipy.optimize import nnls
 
 from procam.errors import NotEnoughData, OutOfModelRange
-from procam.estimate.camera.noise import NoiseLaw
+from procam.estimate.camera.noise import NoiseLaw, noise_from_neighbours
 from procam.maths.codes.phase import cramer_rao_variance, micro_waves
+from procam.maths.statistics import robust_sigma
 from procam.model.optics import Sensor
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Counts = NDArray[Any]
-TARGET = 0.92  # of full scale for the brightest lit pixel: the rest is for its noise and for drift
-BRIGHTEST, DARKEST = (
-    0.999,
-    0.005,
-)  # quantiles of the lit pixels: a few are glints, or lie under a seam
-WANTED_SNR = 50.0
-STEP, LARGEST_STEP, MOST_STEPS = (
-    4.0,
-    8.0,
-    3,
-)  # a bracket: what one exposure clips, the next shows well
-NEARLY = 1.1  # of an exposure: no picture is worth less than this
-BLACK_SIGMAS = 20.0  # of read noise, that black light should stand above the black level
-LONGEST_S = 60.0
-LIT_SHARE = 0.3  # of white - black that comes straight, for a pixel to count as lit
-CLEAR_SIGMAS = 6.0
-LEVELS, ROUNDS = 16, 4
-CUT_SIGMAS, CUT_MEAN = 3.0, 0.97334  # mean square of what a normal distribution has within
-FEWEST_PIXELS = 50
-ROUNDING = 1 / 12  # variance of a count's rounding [DN^2]
-MAD_SIGMA = 1.4826
+TARGET_LEVEL = 0.92  # of full scale for the brightest lit pixels; leaves room for noise and drift
+BRIGHT_QUANTILE, DARK_QUANTILE = 0.999, 0.005  # of the lit pixels; excludes glints and seams
+TARGET_SNR = 50.0  # of the darkest lit pixel
+RATIO, MAX_RATIO, MAX_EXPOSURES = 4.0, 8.0, 3  # of a bracket: usual and largest ratio, number
+WORTHWHILE = 1.1  # smallest ratio of exposures that justifies another picture
+BLACK_SIGMAS = 20.0  # of read noise, by which the black picture's light exceeds the black level
+MAX_EXPOSURE_S = 60.0
+LIT_SHARE = 0.3  # of white - black that is direct light, for a pixel to count as lit
+CLEAR_SIGMAS = 6.0  # of noise, for white - black to count as light
+MIN_PIXELS = 50
+MIN_BLACK_COUNTS = 0.25  # black light below this is lost in the rounding [DN]
 
 
 @dataclass(frozen=True, slots=True)
 class ExposurePlan:
-    """What to set, and what to expect.
+    """Exposures to set and the precision to expect.
 
     Attributes
     ----------
-    exposure_s : keeps the brightest lit pixel just below saturation [s].
-    bracket_s : exposures to merge (`hdr.merge_exposures`) for the darkest lit pixels to reach
-        `WANTED_SNR`; one alone where it is enough [s].
-    black_exposure_s : black light stands clear of read noise [s].
+    exposure_s : the brightest lit pixels stay just below saturation [s].
+    bracket_s : exposures to merge (`hdr.merge_exposures`) so that the darkest lit pixels reach
+        `TARGET_SNR`; one where it suffices [s].
+    black_exposure_s : the light of a black picture exceeds the read noise [s].
     snr, snr_bracket : (white - black) of the darkest lit pixel over its single-frame sigma, at
         `exposure_s` and after merging the bracket [-].
     column_sigma_px, column_sigma_darkest_px : Cramer-Rao bound of the default code's column error at
         `exposure_s`, for the median and the darkest lit pixel, without blur [projector px].
-    lit_share : of the picture that is lit directly [-].
-    peak : signal of the brightest lit pixel as photographed [full scale].
+    lit_share : directly lit share of the picture [-].
+    peak : signal of the brightest lit pixel in the white photograph [full scale].
     """
 
     exposure_s: float
@@ -75,7 +66,7 @@ class ExposurePlan:
 
 
 @dataclass(frozen=True, slots=True)
-class _Light:
+class _WhiteAndBlack:
     """Rates (H, W) [DN/s] of white, black and direct light, and the lit pixels (H, W)."""
 
     white: Array
@@ -89,11 +80,15 @@ class _Light:
         return inner if inner.any() else self.lit
 
     def darkest(self) -> tuple[float, float]:
-        """Rates of white, and of white - black, where the latter is least."""
+        """Rates of white and of white - black at the darkest lit pixel."""
         inner = self.inner()
-        white = uniform_filter(self.white, 3)[inner]  # else noise itself makes the darkest
+        white = uniform_filter(self.white, 3)[
+            inner
+        ]  # smooth: the noisiest pixel is not the darkest
         span = white - uniform_filter(self.black, 3)[inner]
-        place = np.argpartition(span, int(DARKEST * span.size))[int(DARKEST * span.size)]
+        place = np.argpartition(span, int(DARK_QUANTILE * span.size))[
+            int(DARK_QUANTILE * span.size)
+        ]
         return float(white[place]), float(span[place])
 
 
@@ -107,32 +102,34 @@ def plan_exposures(
     direct: Counts | None = None,
     noise: NoiseLaw | None = None,
 ) -> ExposurePlan:
-    """Exposures for one projector, from its white and black.
+    """Plan the exposures of one camera for one projector.
 
     Parameters
     ----------
     white, black : (H, W) or (H, W, 3) raw counts [DN]. exposures_s : theirs [s].
     sensor : bits and black level. panel : (width, height) of the projector [px].
-    direct : (H, W) counts of white that came straight from the projector, 0 where not lit, as from
-        `direct_light`; without it, from `lit_pixels`, all light there is taken for direct.
-    noise : variance of a signal above black [DN^2]; read off the pictures if not given.
+    direct : (H, W) counts of white that are direct light, 0 where not lit, as from `direct_light`.
+        Without it all light of the pixels of `lit_by_brightness` counts as direct.
+    noise : variance of a signal above black [DN^2]; estimated from the pictures if not given.
 
     Raises
     ------
     OutOfModelRange
-        White is saturated. NotEnoughData : nothing is lit.
+        White is saturated.
+    NotEnoughData
+        No pixel is lit.
     """
     brightest = white.max(axis=2) if white.ndim == 3 else white
-    noise = noise or noise_of_pictures((green(white), green(black)), sensor)
+    noise = noise or noise_from_neighbours((green(white), green(black)), sensor)
     light = _light(green(white), green(black), exposures_s, sensor.black_level, direct)
-    peak = float(np.quantile(brightest[light.lit], BRIGHTEST)) - sensor.black_level
+    peak = float(np.quantile(brightest[light.lit], BRIGHT_QUANTILE)) - sensor.black_level
     if peak >= sensor.full_scale:
         raise OutOfModelRange(
-            f"white: got {1 - BRIGHTEST:.1%} or more of the lit pixels saturated at "
-            f"{exposures_s[0]:g} s, expected less; try {0.25 * exposures_s[0]:.3g} s"
+            f"white: {1 - BRIGHT_QUANTILE:.1%} or more of the lit pixels are saturated at "
+            f"{exposures_s[0]:g} s; try {0.25 * exposures_s[0]:.3g} s"
         )
-    exposure_s = rounded_down(TARGET * sensor.full_scale / peak * exposures_s[0])
-    bracket_s = _bracket(light.darkest(), noise, exposure_s, TARGET * sensor.full_scale)
+    exposure_s = round_down_exposure(TARGET_LEVEL * sensor.full_scale / peak * exposures_s[0])
+    bracket_s = _bracket(light.darkest(), noise, exposure_s, TARGET_LEVEL * sensor.full_scale)
     sigma = _column_sigma(light, noise, exposure_s, panel)
     return ExposurePlan(
         exposure_s,
@@ -141,22 +138,22 @@ def plan_exposures(
         merged_snr(light.darkest(), noise, (exposure_s,)),
         merged_snr(light.darkest(), noise, bracket_s),
         float(np.median(sigma)),
-        float(np.quantile(sigma, 1 - DARKEST)),
+        float(np.quantile(sigma, 1 - DARK_QUANTILE)),
         float(light.lit.mean()),
         peak / sensor.full_scale,
     )
 
 
 def meter(white: Counts, exposure_s: float, sensor: Sensor) -> float:
-    """The exposure [s] at which the brightest of a photograph reach `TARGET`; a quarter if clipped.
+    """The exposure [s] at which the 99.9 percentile of a photograph reaches `TARGET_LEVEL`.
 
-    Looks at the 99.9 percentile of all pixels and channels; an exposure without signal is multiplied
-    by no more than 16.
+    All pixels and channels count. A clipped photograph gives a quarter of its exposure; one without
+    signal gives 16 times its exposure at most.
     """
-    peak = float(np.quantile(white, BRIGHTEST)) - sensor.black_level
+    peak = float(np.quantile(white, BRIGHT_QUANTILE)) - sensor.black_level
     if peak >= sensor.full_scale:
         return 0.25 * exposure_s
-    return exposure_s * min(16.0, TARGET * sensor.full_scale / max(peak, 1.0))
+    return exposure_s * min(16.0, TARGET_LEVEL * sensor.full_scale / max(peak, 1.0))
 
 
 def green(counts: Counts) -> Counts:
@@ -165,23 +162,22 @@ def green(counts: Counts) -> Counts:
 
 
 def direct_light(first: Counts, second: Counts, span: Counts, noise_dn: ArrayLike) -> Array:
-    """Light (H, W) that comes straight from the projector, from photographs of its two halves.
+    """Direct light (H, W) [DN] from photographs of the panel's two halves; 0 where not lit.
 
     `first` and `second` (H, W) show one half of the panel white each, `span` (H, W) is white - black,
-    all at one exposure, and `noise_dn` the sigma there [DN]. Scattered light is the same in both, so
-    their difference has none of it (as far as the halves carry the same flux). 0 where too little
-    is direct.
+    all at one exposure; `noise_dn` is the sigma of `span` [DN]. Scattered light is equal in both
+    photographs, as far as the halves carry equal flux, so it cancels in their difference.
     """
     direct = np.abs(np.asarray(first, float) - second)
     lit = (direct > LIT_SHARE * span) & (span > CLEAR_SIGMAS * np.asarray(noise_dn))
     return np.where(lit, np.minimum(direct, span), 0.0)
 
 
-def lit_pixels(span: Counts, noise_dn: float) -> Mask:
-    """Pixels (H, W) lit directly, from white - black (H, W) alone: the brighter of two groups.
+def lit_by_brightness(span: Counts, noise_dn: float) -> Mask:
+    """Directly lit pixels (H, W) from white - black (H, W) alone: the brighter of two groups.
 
-    Scattered light reaches everywhere, so the groups are split where their logarithms differ most
-    (Otsu 1979, doi:10.1109/TSMC.1979.4310076). Halves of the panel tell it better: `direct_light`.
+    Scattered light reaches every pixel, so the threshold is where the logarithms of the two groups
+    differ most (Otsu 1979, doi:10.1109/TSMC.1979.4310076). `direct_light` is more reliable.
     """
     clear = span > CLEAR_SIGMAS * noise_dn
     if not clear.any():
@@ -195,46 +191,21 @@ def lit_pixels(span: Counts, noise_dn: float) -> Mask:
     return np.asarray(clear & (span > np.exp(edges[1 + np.argmax(below * above * apart**2)])))
 
 
-def noise_of_pictures(pictures: Sequence[Counts], sensor: Sensor) -> NoiseLaw:
-    """Noise law from what photographs (H, W) of their own neighbourhood do not predict.
-
-    Second differences along rows cancel slopes; texture of the screen counts as noise, so it is an
-    upper bound. The law is of the signal above black [DN].
-    """
-    levels, squares = [], []
-    for counts in pictures:
-        value = np.asarray(counts, float) - sensor.black_level
-        left, centre, right = value[:, :-2], value[:, 1:-1], value[:, 2:]
-        sound = np.maximum(np.maximum(left, centre), right) < sensor.full_scale
-        levels.append(((left + centre + right) / 3)[sound])
-        squares.append(((left - 2 * centre + right) ** 2 / 6)[sound])
-    return _noise_law(np.concatenate(levels), np.concatenate(squares))
-
-
-def noise_of_repeat(first: Counts, second: Counts, sensor: Sensor) -> NoiseLaw:
-    """Noise law from two photographs (H, W) of one picture; a common change of brightness is no noise."""
-    a, b = (np.asarray(c, float) - sensor.black_level for c in (first, second))
-    sound = np.maximum(a, b) < sensor.full_scale
-    a, b = a[sound], b[sound]
-    ratio = float(a @ b) / max(float(b @ b), 1e-9)
-    return _noise_law(0.5 * (a + b), (a - ratio * b) ** 2 / (1 + ratio**2))
-
-
 def merged_snr(pixel: tuple[float, float], noise: NoiseLaw, exposures_s: Sequence[float]) -> float:
-    """Signal to noise of a pixel of rates (white, white - black) [DN/s] after merging exposures [s]."""
+    """Signal-to-noise ratio of a pixel of rates (white, white - black) [DN/s] in merged exposures [s]."""
     white, span = pixel
     return float(np.sqrt(sum((span * e) ** 2 / noise.variance(white * e) for e in exposures_s)))
 
 
 def exposure_for_snr(pixel: tuple[float, float], noise: NoiseLaw, snr: float) -> float:
-    """Exposure [s] at which a pixel of rates (white, white - black) [DN/s] reaches a ratio alone."""
+    """Single exposure [s] at which a pixel of rates (white, white - black) [DN/s] reaches `snr`."""
     white, span = pixel
     shot = snr**2 * noise.per_level * white
     return float((shot + np.sqrt(shot**2 + 4 * (snr * span) ** 2 * noise.floor)) / (2 * span**2))
 
 
-def rounded_down(seconds: float) -> float:
-    """Seconds to two or three figures, never more [s]."""
+def round_down_exposure(seconds: float) -> float:
+    """An exposure [s] rounded down to three significant figures."""
     unit = 10.0 ** (np.floor(np.log10(seconds)) - 2)
     return float(f"{np.floor(seconds / unit) * unit:.3g}")
 
@@ -245,41 +216,41 @@ def _light(
     exposures_s: tuple[float, float],
     level: float,
     direct: Counts | None,
-) -> _Light:
+) -> _WhiteAndBlack:
     rate = (np.asarray(white, float) - level) / exposures_s[0]
     dark = (np.asarray(black, float) - level) / exposures_s[1]
     if direct is None:
         step = np.diff(rate, 2, axis=1)
-        lit = lit_pixels(rate - dark, MAD_SIGMA * float(np.median(np.abs(step))) / np.sqrt(6))
-        straight = np.where(lit, rate - dark, 0.0)
+        lit = lit_by_brightness(rate - dark, robust_sigma(step, 0.0) / np.sqrt(6))
+        direct_rate = np.where(lit, rate - dark, 0.0)
     else:
-        straight = np.asarray(direct, float) / exposures_s[0]
-        lit = straight > 0
-    if lit.sum() < FEWEST_PIXELS:
+        direct_rate = np.asarray(direct, float) / exposures_s[0]
+        lit = direct_rate > 0
+    if lit.sum() < MIN_PIXELS:
         raise NotEnoughData(
-            f"white and black: got {lit.sum()} lit pixels, expected at least {FEWEST_PIXELS}; is the "
-            "projector on, and does the camera see it?"
+            f"white and black: only {lit.sum()} pixels are lit; at least {MIN_PIXELS} are needed. Check that "
+            "the projector is on and in the camera's view"
         )
-    return _Light(rate, dark, straight, np.asarray(lit))
+    return _WhiteAndBlack(rate, dark, direct_rate, np.asarray(lit))
 
 
 def _bracket(
     pixel: tuple[float, float], noise: NoiseLaw, exposure_s: float, ceiling_dn: float
 ) -> tuple[float, ...]:
-    """Exposures [s] by equal ratios from `exposure_s` until the pixel reaches `WANTED_SNR`."""
-    longest_s = min(exposure_for_snr(pixel, noise, WANTED_SNR), ceiling_dn / pixel[0])
-    ratio = min(longest_s, LONGEST_S) / exposure_s
-    if ratio <= NEARLY:
+    """Exposures [s] in equal ratios from `exposure_s` until the pixel reaches `TARGET_SNR`."""
+    longest_s = min(exposure_for_snr(pixel, noise, TARGET_SNR), ceiling_dn / pixel[0])
+    ratio = min(longest_s, MAX_EXPOSURE_S) / exposure_s
+    if ratio <= WORTHWHILE:
         return (exposure_s,)
-    steps = min(MOST_STEPS, 1 + math.ceil(math.log(ratio) / math.log(STEP)))
-    step = min(ratio ** (1 / (steps - 1)), LARGEST_STEP)
+    steps = min(MAX_EXPOSURES, 1 + math.ceil(math.log(ratio) / math.log(RATIO)))
+    step = min(ratio ** (1 / (steps - 1)), MAX_RATIO)
     return (exposure_s, *(float(f"{exposure_s * step**k:.3g}") for k in range(1, steps)))
 
 
 def _column_sigma(
-    light: _Light, noise: NoiseLaw, exposure_s: float, panel: tuple[int, int]
+    light: _WhiteAndBlack, noise: NoiseLaw, exposure_s: float, panel: tuple[int, int]
 ) -> Array:
-    """Cramer-Rao bound (n,) [px] for each inner pixel; its noise is that of half white."""
+    """Cramer-Rao bound (n,) [px] of the column at each inner pixel, with the noise of half white."""
     waves, inner = micro_waves(panel), light.inner()
     x = np.linspace(0, 4 * waves.periods[0], 64)
     unit = cramer_rao_variance(waves, x, np.ones(64), np.ones(len(waves.periods))).mean()
@@ -289,42 +260,11 @@ def _column_sigma(
 
 
 def _black_exposure_s(
-    light: _Light, noise: NoiseLaw, black_exposure_s: float, sensor: Sensor
+    light: _WhiteAndBlack, noise: NoiseLaw, black_exposure_s: float, sensor: Sensor
 ) -> float:
-    """Exposure [s] for black; light below a quarter count, as photographed, cannot be told."""
-    # a mean, since whole counts have a coarse median
-    rate = max(float(light.black[light.lit].mean()), 0.25 / black_exposure_s)
-    most = max(float(np.quantile(light.black, BRIGHTEST)), rate)
+    """Exposure [s] for the black picture."""
+    # the mean, since the median of whole counts is coarse
+    rate = max(float(light.black[light.lit].mean()), MIN_BLACK_COUNTS / black_exposure_s)
+    most = max(float(np.quantile(light.black, BRIGHT_QUANTILE)), rate)
     wanted_s = BLACK_SIGMAS * float(np.sqrt(noise.variance(0.0))) / rate
-    return float(f"{min(wanted_s, TARGET * sensor.full_scale / most, LONGEST_S):.3g}")
-
-
-def _noise_law(level: Array, square: Array) -> NoiseLaw:
-    """Line through the variance of samples sorted by level; neither part is negative.
-
-    Edges and glints are not noise, so what lies beyond 3 sigma is left out.
-    """
-    order = np.argsort(level)
-    parts = [p for p in np.array_split(order, LEVELS) if p.size]
-    levels = np.array([level[p].mean() for p in parts])
-    law = NoiseLaw(1.0, 0.0)
-    for attempt in range(ROUNDS):  # within a part the variance grows too, as the law before it says
-        share = square / law.variance(np.maximum(level, 0))
-        means = [_robust_mean(share[p], coarse=attempt == 0) for p in parts]
-        law = _line(levels, np.maximum(means * law.variance(np.maximum(levels, 0)), ROUNDING))
-    return law
-
-
-def _robust_mean(share: Array, coarse: bool) -> float:
-    """Mean of squares about 1 without outliers; coarsely by the median, which whole counts distort."""
-    if coarse:
-        return MAD_SIGMA**2 * float(np.median(share))
-    kept = share[share < CUT_SIGMAS**2]
-    return float(kept.mean()) / CUT_MEAN if kept.size else 1.0
-
-
-def _line(levels: Array, variances: Array) -> NoiseLaw:
-    """The law that fits variances at levels best, in proportion; rounding is the least noise."""
-    design = np.stack([np.ones(len(levels)), np.maximum(levels, 0)], axis=1)
-    (floor, slope), _ = nnls(design / variances[:, None], np.ones(len(levels)))
-    return NoiseLaw(max(float(floor), ROUNDING), float(slope))
+    return float(f"{min(wanted_s, TARGET_LEVEL * sensor.full_scale / most, MAX_EXPOSURE_S):.3g}")

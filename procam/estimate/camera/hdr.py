@@ -1,6 +1,6 @@
-"""Several exposures of one picture to one radiance with a variance that holds.
+"""Several exposures of one picture merged to one radiance with its variance.
 
-Merge white, black and every plane alike; the decoder takes a merged picture with its variance.
+White, black and all patterns must be merged alike; the decoder takes merged pictures with variances.
 """
 
 from collections.abc import Sequence
@@ -17,8 +17,8 @@ from procam.model.optics import Sensor
 Image = NDArray[np.float32]
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-AROUND = 5  # pixels whose mean predicts: a pixel's own noise must not choose its exposures
-CLEAR_SIGMAS = 4.0  # a longer exposure is used only where it cannot have saturated by noise
+WINDOW_PX = 5  # of the mean that selects exposures: a pixel's own noise must not select its own
+CLEAR_SIGMAS = 4.0  # of noise between the expected level and saturation, for a sample to count
 
 
 def merge_exposures(
@@ -28,12 +28,14 @@ def merge_exposures(
     sensor: Sensor,
     noise: NoiseLaw,
 ) -> tuple[Image, Image]:
-    """Radiance and its variance from exposures of the same picture.
+    """Merge exposures of one picture.
 
     Parameters
     ----------
-    counts : K arrays (H, W) of raw counts [DN]. exposures_s : (K,) [s], in any order.
-    sensor : bits and black level. noise : variance of a signal above black [DN^2].
+    counts : K arrays (H, W) of raw counts [DN].
+    exposures_s : (K,) [s], in any order.
+    sensor : bits and black level.
+    noise : variance of a signal above black [DN^2].
 
     Returns
     -------
@@ -41,11 +43,10 @@ def merge_exposures(
 
     Notes
     -----
-    Weights are inverse variances of the signal that the unweighted mean predicts, not of the noisy
-    sample itself, or low samples would weigh more and bias the mean. For the same reason a sample is
-    rejected for what the shorter exposures predict there, beside being saturated: where it would
-    saturate by noise every other time, those left would be the low ones. What is left of that bias
-    is below a tenth of a sigma, for signals within the noise of that limit.
+    The weights are inverse variances at the level that a first, unweighted mean predicts. Variances at
+    the noisy sample itself would give low samples more weight and bias the mean. For the same reason a
+    sample is also rejected where the shorter exposures predict that noise may saturate it: only the low
+    samples would remain. The residual bias near that limit is below a tenth of a sigma.
 
     >>> sensor, noise = Sensor(bits=8, black_level=10), NoiseLaw(1.0, 0.0)
     >>> pair = [np.full((1, 1), 34), np.full((1, 1), 106)]
@@ -73,8 +74,8 @@ def merge_exposures(
 def _check(counts: Sequence[NDArray[Any]], exposures_s: Sequence[float]) -> None:
     if not counts or len(counts) != len(exposures_s) or min(exposures_s) <= 0:
         raise InputError(
-            f"exposures: got {len(counts)} pictures at {list(exposures_s)} s, expected one or more, "
-            "each with its positive exposure"
+            f"exposures: {len(counts)} pictures and the exposures {list(exposures_s)} s do not match; give "
+            "one or more pictures, each with its positive exposure"
         )
     for i, picture in enumerate(counts):
         if picture.shape != counts[0].shape:
@@ -84,26 +85,26 @@ def _check(counts: Sequence[NDArray[Any]], exposures_s: Sequence[float]) -> None
 def _usable(
     signal: list[Array], seconds: Array, full_scale: float, noise: NoiseLaw
 ) -> list[NDArray[np.bool_]]:
-    """Samples (K of (H, W)) that count; each is judged by itself and by the shorter ones."""
+    """Masks (K of (H, W)) of the samples to use, judged by themselves and by shorter exposures."""
     use = [signal[0] < full_scale]
     for k in range(1, len(signal)):
         weights = [u * e * e for u, e in zip(use, seconds[:k], strict=True)]
         rate, total = _mean(signal[:k], seconds[:k], weights)
-        rate = uniform_filter(np.nan_to_num(rate, nan=full_scale / seconds[0]), AROUND)
+        rate = uniform_filter(np.nan_to_num(rate, nan=full_scale / seconds[0]), WINDOW_PX)
         expected = np.maximum(rate, 0) * seconds[k]
-        known = sum(
+        summed = sum(
             w * noise.variance(expected * e / seconds[k])
             for w, e in zip(weights, seconds[:k], strict=True)
         )
-        predicted = known * (seconds[k] / np.maximum(total, 1e-12) / AROUND) ** 2
-        spread = np.sqrt(predicted + noise.variance(expected))
-        clear = (total > 0) & (expected + CLEAR_SIGMAS * spread < full_scale)
+        predicted = summed * (seconds[k] / np.maximum(total, 1e-12) / WINDOW_PX) ** 2
+        sigma = np.sqrt(predicted + noise.variance(expected))
+        clear = (total > 0) & (expected + CLEAR_SIGMAS * sigma < full_scale)
         use.append(clear & (signal[k] < full_scale))
     return use
 
 
 def _mean(signal: list[Array], seconds: Array, weights: list[Array]) -> tuple[Array, Array]:
-    """Weighted mean rate (H, W) [DN/s] and the sum of weights; NaN where that is zero."""
+    """Weighted mean rate (H, W) [DN/s], NaN where all weights are 0, and the sum of weights."""
     total = np.sum(weights, axis=0, dtype=float)
     summed = np.sum([w * (s / e) for w, s, e in zip(weights, signal, seconds, strict=True)], axis=0)
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -1,9 +1,30 @@
-"""The variance of a camera's samples as a function of their level."""
+"""The noise law: the variance of a camera's samples as a function of their level, and its fit.
 
+Shot noise grows in proportion to the light and read noise does not, so the variance is a line in the
+level (Healey and Kondepudy 1994, doi:10.1109/34.276126). Squared errors are sorted by level into equal
+groups, averaged, and the line with non-negative coefficients is fitted to the averages.
+"""
+
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import nnls
+
+from procam.maths.statistics import NORMAL_MAD
+from procam.model.optics import Sensor
+
+Array = NDArray[np.float64]
+Counts = NDArray[Any]
+GROUPS, ROUNDS = 16, 4
+CUT_SIGMAS, CUT_MEAN = (
+    3.0,
+    0.97334,
+)  # cut of outliers; mean square of a normal distribution within it
+ROUNDING = 1 / 12  # variance of rounding to whole counts [DN^2]
+MIN_VARIANCE = 1e-12
 
 
 @dataclass(frozen=True, slots=True)
@@ -15,7 +36,82 @@ class NoiseLaw:
 
     def variance(self, level: Any) -> Any:
         """Variance at `level`; never negative."""
-        return np.maximum(self.floor + self.per_level * level, 1e-12)
+        return np.maximum(self.floor + self.per_level * level, MIN_VARIANCE)
 
 
 NO_NOISE = NoiseLaw(0.0, 0.0)
+
+
+def noise_from_neighbours(pictures: Sequence[Counts], sensor: Sensor) -> NoiseLaw:
+    """Noise law of the signal above black [DN] from single photographs (H, W).
+
+    Second differences along rows cancel slopes. The screen's texture counts as noise, so the law is an
+    upper bound.
+    """
+    levels, squares = [], []
+    for counts in pictures:
+        value = np.asarray(counts, float) - sensor.black_level
+        left, centre, right = value[:, :-2], value[:, 1:-1], value[:, 2:]
+        sound = np.maximum(np.maximum(left, centre), right) < sensor.full_scale
+        levels.append(((left + centre + right) / 3)[sound])
+        squares.append(((left - 2 * centre + right) ** 2 / 6)[sound])
+    return _fit_robustly(np.concatenate(levels), np.concatenate(squares))
+
+
+def noise_from_repeat(first: Counts, second: Counts, sensor: Sensor) -> NoiseLaw:
+    """Noise law of the signal above black [DN] from two photographs (H, W) of one picture.
+
+    A change of brightness between them does not count as noise.
+    """
+    a, b = (np.asarray(c, float) - sensor.black_level for c in (first, second))
+    sound = np.maximum(a, b) < sensor.full_scale
+    a, b = a[sound], b[sound]
+    ratio = float(a @ b) / max(float(b @ b), 1e-9)
+    return _fit_robustly(0.5 * (a + b), (a - ratio * b) ** 2 / (1 + ratio**2))
+
+
+def fit_noise_law(level: Array, variance: Array) -> NoiseLaw:
+    """Noise law from unbiased estimates (N,) of the variance at levels (N,), without outliers."""
+    groups = _groups(level)
+    return _line(
+        np.array([level[g].mean() for g in groups]),
+        np.maximum([variance[g].mean() for g in groups], MIN_VARIANCE),
+    )
+
+
+def _fit_robustly(level: Array, square: Array) -> NoiseLaw:
+    """Noise law from squared errors (N,) of counts, with edges and glints among them.
+
+    Each round cuts the errors at 3 sigma of the law before it. That law also corrects for the growth of
+    the variance within a group.
+    """
+    groups = _groups(level)
+    levels = np.array([level[g].mean() for g in groups])
+    law = NoiseLaw(1.0, 0.0)
+    for number in range(ROUNDS):
+        share = square / law.variance(np.maximum(level, 0))
+        means = [_mean_square(share[g], coarse=number == 0) for g in groups]
+        variances = means * law.variance(np.maximum(levels, 0))
+        law = _line(levels, np.maximum(variances, ROUNDING))
+        law = NoiseLaw(max(law.floor, ROUNDING), law.per_level)
+    return law
+
+
+def _groups(level: Array) -> list[NDArray[np.intp]]:
+    """Indices of the samples in groups of equal size and rising level."""
+    return [g for g in np.array_split(np.argsort(level), GROUPS) if g.size]
+
+
+def _mean_square(share: Array, coarse: bool) -> float:
+    """Mean of squares near 1 without outliers; `coarse` by the median, which whole counts distort."""
+    if coarse:
+        return NORMAL_MAD**2 * float(np.median(share))
+    kept = share[share < CUT_SIGMAS**2]
+    return float(kept.mean()) / CUT_MEAN if kept.size else 1.0
+
+
+def _line(levels: Array, variances: Array) -> NoiseLaw:
+    """The law with the least relative errors of the variances at these levels."""
+    design = np.stack([np.ones(len(levels)), np.maximum(levels, 0)], axis=1)
+    (floor, slope), _ = nnls(design / variances[:, None], np.ones(len(levels)))
+    return NoiseLaw(float(floor), float(slope))

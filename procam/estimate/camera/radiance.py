@@ -1,4 +1,4 @@
-"""Raw counts to relative radiance: black, exposure, vignetting, veiling glare."""
+"""Raw counts to relative radiance: black level, exposure, vignetting, veiling glare."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,9 +11,9 @@ Image = NDArray[np.float32]
 
 
 class Radiometer:
-    """Turns frames of one camera into radiance [full scale per second], (H, W) or (H, W, 3).
+    """Converts frames of one camera to radiance [full scale per second], (H, W) or (H, W, 3).
 
-    Saturated pixels become NaN. Pixels outside `seen` (the image circle) mean nothing.
+    Saturated pixels become NaN. Pixels outside the image circle `seen` are not valid.
     """
 
     def __init__(self, camera: CameraModel) -> None:
@@ -30,11 +30,11 @@ class Radiometer:
         circle = camera.lens.kind == "brown" or off_axis <= min(camera.size) / 2
         self.seen = np.asarray((fall > 0.05) & circle)
         self._correction = np.where(self.seen, 1 / np.maximum(fall, 0.05), 0.0).astype(np.float32)
-        # a matrix product sums far faster than a reduction over two axes
+        # a matrix product is much faster than a sum over two axes
         self._mean_weight = (self.seen / self.seen.sum()).astype(np.float32).ravel()
 
     def radiance(self, frame: Frame) -> Image:
-        """Radiance of a frame; the veil of glare is taken off, from the frame's own mean."""
+        """Radiance of a frame; veiling glare is estimated from the frame's mean and subtracted."""
         sensor = self.camera.sensor
         shaped = (..., None) if frame.counts.ndim == 3 else (...,)
         scale = (sensor.full_scale * frame.settings.exposure_s) * (1 - sensor.glare)
@@ -42,7 +42,7 @@ class Radiometer:
         light -= np.float32(sensor.black_level)
         light *= (self._correction / np.float32(scale))[shaped]
         if sensor.glare:
-            # photographed = (1 - g) true + g mean(true), and the mean over the circle is kept
+            # observed = (1 - g) true + g mean(true), which leaves the mean over the circle unchanged
             mean = self._mean_weight @ light.reshape(self._mean_weight.size, -1)
             light -= np.float32(sensor.glare) * mean
         saturated = 2**sensor.bits - 1

@@ -1,6 +1,7 @@
-"""What a camera's development does to light: its response from brackets, and a test of linearity.
+"""The response of a camera's development (sRGB, a gamma, a picture profile) from bracketed photographs.
 
-Photographs may be encoded: sRGB, a gamma, or a picture profile of the camera's own.
+Photographs are averaged over small squares, flat squares of all brightnesses are chosen, and
+`response_fit` fits the curve to their levels.
 """
 
 from collections.abc import Iterable, Sequence
@@ -10,36 +11,33 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter
-from scipy.optimize import brentq
 
 from procam.errors import InputError, NotEnoughData, OutOfModelRange, ShapeError
+from procam.estimate.camera.response_checks import check_response
 from procam.estimate.camera.response_fit import Blocks, CameraResponseFit
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Pixels = NDArray[Any]
 
-FEWEST_EXPOSURES = 3
-LEAST_RATIO = 1.2  # of neighbouring exposures; a third of a stop is 1.26
-STEEPEST_GAMMA = 6.0  # between neighbouring exposures; a steeper curve is no development
-BLOCKS = 60_000  # about as many as a picture is averaged to
-BLOCK_PX = (2, 16)
-BINS, PER_BIN = 64, 60  # of brightness; the flattest blocks of each
-FEWEST_PIXELS = 50
-EXPONENTS = (0.2, 6.0)
-NEARLY = 0.01  # of white: light that adds up
+MIN_EXPOSURES = 3
+MIN_RATIO = 1.2  # of neighbouring exposures; a third of a stop is 1.26
+MAX_GAMMA = 6.0  # between neighbouring exposures; no development is steeper
+BLOCKS = 60_000  # squares that a photograph is averaged to, about
+BLOCK_PX = (2, 16)  # smallest and largest edge of a square
+BINS, PER_BIN = 64, 60  # of brightness; the flattest squares of each are used
+MIN_PIXELS = 50
 
 
 @dataclass(frozen=True, slots=True)
 class CameraResponse:
-    """Monotone inverse response of a camera: levels (K,) to light (K,), both from 0 to 1.
+    """Monotonic inverse response of a camera: levels (K,) to light (K,), both from 0 to 1.
 
     Attributes
     ----------
-    sigma : (K,) standard errors of the light, those of the shutter times in them.
-    exposures_s : (J,) as the photographs fit them [s], within a few percent of those told.
-    residual : rms of the levels about the fit, a share of their range [-].
+    sigma : (K,) standard errors of the light, with those of the shutter times.
+    exposures_s : (J,) fitted exposures [s], within a few percent of the nominal ones.
+    residual : rms residual of the levels, as a share of their range [-].
     """
 
     levels: Array
@@ -49,20 +47,6 @@ class CameraResponse:
     residual: float
 
 
-@dataclass(frozen=True, slots=True)
-class Linearity:
-    """How far `pattern + inverse` is above `white + black`, and the power that mends it.
-
-    `error` is a share of white, 0 for linear light; light = counts^`exponent` fits best. Each with its
-    standard error.
-    """
-
-    error: float
-    error_sigma: float
-    exponent: float
-    exponent_sigma: float
-
-
 def solve_response(
     photos: Iterable[Pixels], exposures_s: Sequence[float], bits: int
 ) -> CameraResponse:
@@ -70,129 +54,56 @@ def solve_response(
 
     Parameters
     ----------
-    photos : three or more, read one after the other; all channels are taken to share one curve.
-    exposures_s : shutter time of each [s], known to some 2 %: what is rounded in headers is solved
-        along, and is in the standard errors.
+    photos : three or more, read one at a time; all channels share one curve.
+    exposures_s : shutter time of each [s], accurate to 2 % since headers round them; the fit solves for
+        the deviations and includes them in the standard errors.
     bits : depth of the counts, 8..16.
 
     Raises
     ------
-    NotEnoughData : too few exposures, too alike, or levels that no photograph has.
-    OutOfModelRange : no single curve fits: photographs exchanged, automatic exposure, another picture
-        profile, a scene that moved.
-    DidNotConverge : the fit found no end.
-
-    Notes
-    -----
-    The logarithm of the slope is a cubic spline of the level, so that the curve always rises. Levels
-    are predicted from the curve and a brightness per block of pixels, which is eliminated; clipped
-    samples count as little as those that noise could have clipped.
+    NotEnoughData
+        Too few or too similar exposures, or levels that no photograph has.
+    OutOfModelRange
+        No single curve fits: exchanged photographs, automatic exposure, different picture profiles, or
+        a scene that moved.
+    DidNotConverge
+        The fit did not reach a minimum.
     """
     seconds = _checked_exposures(exposures_s)
     if not 8 <= bits <= 16:
-        raise InputError(f"bits: got {bits}, expected 8 to 16; give the depth of the counts")
+        raise InputError(f"bits: {bits} is no depth of a photograph; give 8 to 16")
     blocks = _average(photos, len(seconds), 2.0**bits - 1)
     _check_rise(blocks, seconds)
     fit = CameraResponseFit(_choose(blocks), seconds)
     fit.solve()
+    check_response(fit)
     levels = np.linspace(0, 1, 256 if bits == 8 else 1025)
     light, sigma = fit.table(levels)
-    return CameraResponse(levels, light, sigma, np.exp(fit.shutter), fit.residual_rms())
-
-
-def linearity_error(white: Pixels, black: Pixels, pattern: Pixels, inverse: Pixels) -> Linearity:
-    """Whether counts (H, W) are linear in light, from a stripe picture and its inverse.
-
-    Linear light adds up, scattered light, blur and all: pattern + inverse = white + black. A gamma
-    lifts the left side wherever both pictures shine, at edges and by scattered light.
-
-    Parameters
-    ----------
-    white, black, pattern, inverse : counts above the camera's black level at one exposure; NaN where
-        saturated.
-
-    Notes
-    -----
-    Pixels count by how much both pictures shine around them, not in them: noise that chose its own
-    weight would look like a gamma (an instrumental variable).
-    """
-    pictures = [np.asarray(p, float) for p in (white, black, pattern, inverse)]
-    for name, picture in zip(("black", "pattern", "inverse"), pictures[1:], strict=True):
-        if picture.shape != pictures[0].shape:
-            raise ShapeError(name, picture.shape, f"{pictures[0].shape} like white")
-    weight = _both_shine(*pictures)
-    top = float(np.nanpercentile(pictures[0], 99.5))
-    use = np.all([np.isfinite(p) for p in pictures], axis=0) & (weight > 0)
-    use &= pictures[0] > 0.1 * top
-    if use.sum() < FEWEST_PIXELS or top <= 0:
-        raise NotEnoughData(
-            f"linearity: got {int(use.sum())} pixels where both pattern and inverse shine, expected "
-            f"{FEWEST_PIXELS}; give stripes that the camera sees, and their inverse"
-        )
-    return _excess([p[use] / top for p in pictures], weight[use])
-
-
-def _both_shine(white: Array, black: Array, pattern: Array, inverse: Array) -> Array:
-    """Product of the two pictures' shares of white (H, W), of the eight pixels around."""
-    around = []
-    for picture in (white, black, pattern, inverse):
-        known = np.nan_to_num(picture)
-        around.append((9 * uniform_filter(known, 3, mode="nearest") - known) / 8)
-    span = np.maximum(around[0] - around[1], 1e-9)
-    shares = [np.clip((p - around[1]) / span, 0, 1) for p in around[2:]]
-    return np.asarray(shares[0] * shares[1])
-
-
-def _excess(pictures: Sequence[Array], weight: Array) -> Linearity:
-    def excess(exponent: float) -> Array:
-        # noise may go below black; cut off, it would lift the mean
-        powers = (np.sign(p) * np.abs(p) ** exponent for p in pictures)
-        white, black, pattern, inverse = powers
-        return np.asarray((pattern + inverse - white - black) / white)
-
-    def mean(exponent: float) -> float:
-        return float(weight @ excess(exponent) / weight.sum())
-
-    def error(exponent: float) -> float:
-        left = excess(exponent) - mean(exponent)
-        return float(np.sqrt(np.sum((weight * left) ** 2)) / weight.sum())
-
-    low, high = EXPONENTS
-    if mean(low) * mean(high) >= 0 and abs(mean(1.0)) <= NEARLY:
-        return Linearity(mean(1.0), error(1.0), 1.0, high - low)  # nothing shows an exponent
-    if mean(low) * mean(high) >= 0:
-        raise OutOfModelRange(
-            f"linearity: got pattern + inverse {mean(1):+.1%} of white off white + black, which no "
-            f"exponent from {low:g} to {high:g} mends; are the four pictures those of one stripe code?"
-        )
-    fits = float(brentq(mean, low, high))
-    slope = (mean(fits * 1.001) - mean(fits * 0.999)) / (0.002 * fits)
-    return Linearity(mean(1.0), error(1.0), fits, error(fits) / abs(slope))
+    return CameraResponse(levels, light, sigma, fit.exposures_s, fit.residual_rms())
 
 
 def _checked_exposures(exposures_s: Sequence[float]) -> Array:
     seconds = np.asarray(exposures_s, float)
-    if len(seconds) < FEWEST_EXPOSURES:
+    if len(seconds) < MIN_EXPOSURES:
         raise NotEnoughData(
-            f"brackets: got {len(seconds)} exposures, expected {FEWEST_EXPOSURES} or more; photograph "
-            "the same scene at 1, 2, 4, 8 ... times the shortest exposure"
+            f"brackets: {len(seconds)} exposures are too few; photograph the same scene at "
+            f"{MIN_EXPOSURES} or more, at 1, 2, 4, 8 ... times the shortest"
         )
     if not (np.isfinite(seconds).all() and (seconds > 0).all()):
-        raise InputError(f"exposures: got {list(exposures_s)} s, expected finite ones above zero")
+        raise InputError(f"exposures: {list(exposures_s)} s must be finite and above zero")
     ordered = np.sort(seconds)
     ratio = ordered[1:] / ordered[:-1]
-    if ratio.min() < LEAST_RATIO:
+    if ratio.min() < MIN_RATIO:
         k = int(np.argmin(ratio))
         raise NotEnoughData(
-            f"brackets: got exposures of {ordered[k]:g} and {ordered[k + 1]:g} s, a ratio of "
-            f"{ratio[k]:.3f}, expected {LEAST_RATIO:g} or more between neighbours; leave one out, and "
-            "step by a stop (a factor of 2)"
+            f"brackets: exposures of {ordered[k]:g} and {ordered[k + 1]:g} s are too similar; neighbours "
+            f"need a ratio of {MIN_RATIO:g} or more. Leave one out, and step by a factor of 2"
         )
     return seconds
 
 
 def _average(photos: Iterable[Pixels], count: int, top: float) -> Blocks:
-    """Small squares of every photograph; all channels in one row."""
+    """Means over small squares of every photograph, with all channels in one row."""
     parts, shape, edge = list[tuple[Array, Array, Mask]](), None, 1
     for number, photo in enumerate(photos, start=1):
         if shape is None:
@@ -205,10 +116,11 @@ def _average(photos: Iterable[Pixels], count: int, top: float) -> Blocks:
         parts.append(_squares(photo.reshape(*photo.shape[:2], -1), top, edge))
     if len(parts) != count:
         raise InputError(
-            f"brackets: got {len(parts)} photographs and {count} exposures; give one each"
+            f"brackets: {len(parts)} photographs and {count} exposures do not match; give one exposure "
+            "for each photograph"
         )
-    level, spread, sound = (np.stack(part) for part in zip(*parts, strict=True))
-    return Blocks(edge, level, spread, sound)
+    level, deviation, sound = (np.stack(part) for part in zip(*parts, strict=True))
+    return Blocks(edge, level, deviation, sound)
 
 
 def _squares(photo: Pixels, top: float, edge: int) -> tuple[Array, Array, Mask]:
@@ -223,32 +135,33 @@ def _squares(photo: Pixels, top: float, edge: int) -> tuple[Array, Array, Mask]:
 
 
 def _check_rise(blocks: Blocks, seconds: Array) -> None:
-    """Longer exposures are brighter, or photographs are exchanged or exposed automatically."""
+    """Refuse longer exposures that are not brighter."""
     order = np.argsort(seconds)
     for first, second in pairwise(order):
         both = blocks.sound[first] & blocks.sound[second]
         pair = f"photographs {first + 1} and {second + 1} ({seconds[first]:g} and {seconds[second]:g} s)"
-        if both.sum() < FEWEST_PIXELS:
+        if both.sum() < MIN_PIXELS:
             raise NotEnoughData(
-                f"brackets: {pair}: got {int(both.sum())} places that are neither black nor white in "
-                f"both, expected {FEWEST_PIXELS} or more; leave out what is all black or white, or take an "
-                "exposure between them, of a scene with all shades"
+                f"brackets: {pair}: only {int(both.sum())} places are neither black nor white in both; "
+                f"{MIN_PIXELS} are needed. Leave out what is all black or white, or take an exposure "
+                "between them, of a scene with all shades"
             )
         dim, bright = blocks.level[first][both], blocks.level[second][both]
-        lit = dim >= np.percentile(dim, 90)  # the others may lie on the floor of noise
+        lit = dim >= np.percentile(dim, 90)  # darker places may be all noise
         rise = float(np.median(bright[lit] / dim[lit]))
-        least = (seconds[second] / seconds[first]) ** (1 / STEEPEST_GAMMA)
+        least = (seconds[second] / seconds[first]) ** (1 / MAX_GAMMA)
         if rise < least:
             raise OutOfModelRange(
-                f"brackets: {pair}: got levels that change by a factor of {rise:.3f}, expected "
-                f"{least:.3f} or more; are they exchanged, or was exposure or ISO automatic?"
+                f"brackets: {pair}: the levels change by a factor of {rise:.3f}; {least:.3f} is the least "
+                "for these exposures. Check that the photographs are not exchanged, and that neither "
+                "exposure nor ISO was automatic"
             )
 
 
 def _choose(blocks: Blocks) -> Blocks:
-    """Flat blocks of all brightnesses, each sound in two exposures or more."""
+    """Flat blocks of all brightnesses, each unclipped in two exposures or more."""
     bright = blocks.level.mean(axis=0)
-    rough = np.where(blocks.sound, blocks.spread, 0).max(axis=0)
+    rough = np.where(blocks.sound, blocks.deviation, 0).max(axis=0)
     usable = blocks.sound.sum(axis=0) >= 2
     bins = np.minimum(BINS * bright, BINS - 1).astype(int)
     chosen = []

@@ -1,4 +1,4 @@
-"""Brackets for the closed loop: one photograph from several where one exposure cannot hold the picture."""
+"""Exposure brackets for the closed loop, where one exposure is too noisy in the dark parts."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -7,10 +7,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.estimate.camera.exposure import LONGEST_S, MOST_STEPS, STEP
+from procam.estimate.camera.exposure import MAX_EXPOSURE_S, MAX_EXPOSURES, RATIO
 from procam.estimate.camera.hdr import merge_exposures
 from procam.estimate.camera.noise import NoiseLaw
-from procam.estimate.closed_loop.patches import ALMOST_ALL, FEWEST, TWO_SIDED, just_noticeable
+from procam.estimate.closed_loop.patches import (
+    CELL_QUANTILE,
+    MIN_PHOTOGRAPHS,
+    TWO_SIDED,
+    just_noticeable,
+)
 from procam.model.frame import Frame
 from procam.model.optics import Sensor
 
@@ -18,26 +23,29 @@ Array = NDArray[np.float64]
 
 
 def bracket_for(light: Array, sigma: Array, exposure_s: float) -> tuple[float, ...]:
-    """Exposures [s] that hold a picture's cells of `light` (n,) with `sigma` (n,) at `exposure_s` [rel].
+    """Exposures [s] for a picture whose cells (n,) have `light` and, at `exposure_s`, `sigma` [rel].
 
-    One alone if it shows the dark cells, those that a longer one would not clip, to a JND with as many
-    photographs as are taken anyway. Else each next is `STEP` times longer, until it would clip the darkest.
+    One exposure is enough if `MIN_PHOTOGRAPHS` of them resolve one JND in the dark cells, those that the
+    next longer exposure would not clip. Otherwise each next one is `RATIO` times longer, until it would
+    clip the darkest cells.
     """
-    brightest, darkest = float(light.max()), float(np.quantile(light, 1 - ALMOST_ALL))
-    dark = light * STEP <= brightest
+    brightest, darkest = float(light.max()), float(np.quantile(light, 1 - CELL_QUANTILE))
+    dark = light * RATIO <= brightest
     if not dark.any():
         return (exposure_s,)
-    blur = TWO_SIDED * sigma[dark] / just_noticeable(light[dark])
-    if np.quantile(blur, ALMOST_ALL) <= np.sqrt(FEWEST):
+    error_jnd = TWO_SIDED * sigma[dark] / just_noticeable(light[dark])
+    if np.quantile(error_jnd, CELL_QUANTILE) <= np.sqrt(MIN_PHOTOGRAPHS):
         return (exposure_s,)
-    longer = (exposure_s * STEP**k for k in range(1, MOST_STEPS) if darkest * STEP**k <= brightest)
-    return (exposure_s, *(e for e in longer if e <= LONGEST_S))
+    longer = (
+        exposure_s * RATIO**k for k in range(1, MAX_EXPOSURES) if darkest * RATIO**k <= brightest
+    )
+    return (exposure_s, *(e for e in longer if e <= MAX_EXPOSURE_S))
 
 
 def merged_frame(frames: Sequence[Frame], sensor: Sensor, noise: NoiseLaw) -> Frame:
-    """Frames (H, W, C) of one picture as a single one at the shortest exposure, in finer counts.
+    """Merge frames (H, W, C) of one picture into one at the shortest exposure, with fractional counts.
 
-    What all exposures clip has the counts of saturation.
+    Pixels that all exposures clip are saturated in the result.
     """
     shortest = min(frames, key=lambda frame: frame.settings.exposure_s)
     exposures_s = [frame.settings.exposure_s for frame in frames]

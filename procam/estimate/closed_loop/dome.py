@@ -1,45 +1,54 @@
-"""The closed loop on a dome master: from a photograph of a picture to a better picture (science.md s.6)."""
+"""The closed loop on a dome master: from photographs of a picture to a better picture and calibration.
 
-from dataclasses import dataclass, replace
+Photographs and pictures are averaged over cells of a small dome master (`LoopCells`), on which
+`LoopState` estimates what the calibration did not predict (docs/theory/closed-loop.md). `DomeLoop` keeps the
+correction per cell, interpolates it to the picture between the limits of the projectors, and repeats.
+`refined.refined_calibration` turns the estimates into a new calibration.
+"""
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, minimum_filter
 
 from procam.errors import NotEnoughData
-from procam.estimate.closed_loop.patches import ALMOST_ALL, LoopObservation, LoopState, PatchScatter
+from procam.estimate.closed_loop.patches import (
+    CELL_QUANTILE,
+    LoopObservation,
+    LoopState,
+    PatchScatter,
+)
 from procam.maths.geometry.sphere import (
-    cap_solid_angle,
     master_directions,
     master_pixels,
     master_solid_angles,
 )
-from procam.maths.light.radiosity import albedo_from_feedback, floor_return
 from procam.maths.light.scatter_kernel import basis
 from procam.maths.warp import block_mean, blur_within, sample
-from procam.model.calibration import Calibration, ProjectorCalibration
-from procam.model.transport import DomeMaps, Measured
+from procam.model.calibration import Calibration
 
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 LOOP_SIZE = 256
 CELL_ARCMIN = 180 * 60 / LOOP_SIZE
-BLOCK = 32  # cells, 22 degrees: errors of gains further apart are taken for independent
-FREE_SHARE = 0.98
-LEAST_ASKED = 0.05  # of white: with less, light got per light asked tells nothing
-TINY = 1e-5  # of white: nearer to a limit is at it
-NEAR, STRAY = 7, 0.05  # cells that lenses may stray light to, and of their contrast how much
-LEVELS = 16
+BLOCK = 32  # cells, 22 degrees: errors of gains further apart are taken as independent
+FREE_SHARE = 0.98  # of a cell that must satisfy a condition
+MIN_ASKED = 0.05  # of white, for a gain; with less light it is too uncertain
+MAX_GAIN_CHANGE = 0.25  # factor up to 1 + this, down to its inverse
+TINY = 1e-5  # of white, between a value and a limit that it has reached
+NEAR, STRAY = 7, 0.05  # cells that lens stray light reaches, and its share of their contrast
+LEVELS = 16  # groups of equal level, for the noise
 JACOBI_STEPS = 6
 
 
 @dataclass(frozen=True, slots=True)
 class LoopCells:
-    """Camera pixels gathered into the cells of a small dome master.
+    """Assignment of camera pixels to the cells of a small dome master.
 
-    `index` (K,) is the cell of each camera pixel of `use` (H, W); `count` (N, N) pixels per
-    cell, `direction` (H, W, 3) what each camera pixel sees.
+    `index` (K,) is the cell of each camera pixel of `use` (H, W); `count` (N, N) is the number of
+    pixels per cell, `direction` (H, W, 3) that of each camera pixel.
     """
 
     use: Mask
@@ -49,7 +58,7 @@ class LoopCells:
 
     @classmethod
     def of(cls, direction: Image, on_screen: Mask) -> "LoopCells":
-        """Cells for a camera that sees `direction` (H, W, 3) where `on_screen`."""
+        """Cells for a camera with pixel directions (H, W, 3) where `on_screen` (H, W)."""
         seen = direction[on_screen]
         place = np.rint(master_pixels(seen, LOOP_SIZE)).astype(np.intp)
         inside = np.all((place >= 0) & (place < LOOP_SIZE), axis=-1)
@@ -64,7 +73,7 @@ class LoopCells:
         return self._means(light[self.use])
 
     def average_master(self, master: Image) -> Array:
-        """Cell means of a dome master, read where the camera's pixels look: same sampling."""
+        """Cell means (N, N, C) of a dome master, sampled in the directions of the camera's pixels."""
         where = master_pixels(self.direction, master.shape[0])
         return self._means(sample(master, where)[self.use])
 
@@ -75,20 +84,28 @@ class LoopCells:
 
 
 class DomeLoop:
-    """The closed loop on one picture, over cells of a dome master (estimate/loop.py).
+    """The closed loop on one picture, over cells of a dome master.
 
-    Every cell is kept between the limits of its pixels; the correction is smooth between cells. It
-    is low-passed at twice the registration error, as far as a cell's own width does not do it.
+    The correction is bilinear between cells, clipped to the limits of each pixel, and low-passed at
+    twice the registration error where that exceeds a cell's width.
 
     Parameters
     ----------
-    direct : (N, N, 3) direct light of the compensated picture [rel]. target : (N, N, 3) what should
-        be seen [rel]; where a limit keeps the prediction from it, only the limit does.
+    calibration, cells : the dome, and the camera's cells.
+    direct : (N, N, 3) direct light of the compensated picture [rel].
+    target : (N, N, 3) total light that the audience should see [rel].
+
+    Attributes
+    ----------
+    picture : (N, N, 3) direct light of the corrected picture [rel].
+    goal, correction : (M, M, 3) cell means of `target`; the correction of direct light [rel].
+    known, free : (M, M, 3) cells that the camera sees; those that no limit holds.
+    state : the estimates. block : (M, M) neighbourhoods of cells.
 
     Raises
     ------
     NotEnoughData
-        A limit holds everywhere.
+        If a limit holds in every cell.
     """
 
     def __init__(
@@ -100,7 +117,7 @@ class DomeLoop:
         coverage = sample(maps.coverage, where)
         self._coverage = coverage[..., None]
         self._lo = sample(maps.lo, where)
-        # coverage fades hi over the border; what is lit at all can be driven to full there
+        # hi is multiplied by coverage, but a pixel on the border can be driven fully where it is lit
         self._hi = np.maximum(sample(maps.hi, where) / np.maximum(self._coverage, 0.5), self._lo)
         self._protected = (maps.is_protected(where) & (coverage > 0))[..., None]
         self.direction, self._inside = master_directions(LOOP_SIZE)
@@ -113,8 +130,8 @@ class DomeLoop:
         self.block = block[:, None] * (LOOP_SIZE // BLOCK) + block
         self._low_pass_cells = low_pass_cells(calibration)
         m = calibration.feedback
-        self.belief = LoopState(
-            self._bounces(calibration),
+        self.state = LoopState(
+            self._scatter(calibration),
             self.block[self._inside],
             m.sigma / np.maximum(m.value, TINY),
             self._low_pass,
@@ -122,71 +139,71 @@ class DomeLoop:
         self._show()
         if not self.free.any():
             raise NotEnoughData(
-                "closed loop: got a picture that the limits of the projectors hold everywhere the camera "
-                "sees it, expected one with mid-tones; choose another --picture"
+                "closed loop: the limits of the projectors hold everywhere in the picture; choose another "
+                "--picture, with mid-tones"
             )
 
     def update(self, seen: Array, sigma: Array, photographs: int) -> None:
-        """Learn from the mean (N, N, 3) of `photographs` with `sigma` each, and correct the picture."""
+        """Update by the mean (N, N, 3) of `photographs` with `sigma` each, and correct the picture."""
         self.learn(seen, sigma, photographs)
-        down, up = self._rooms()
+        down, up = self._margins()
         flat = (self._asked, self.goal, down, up)
-        change = self._whole(self.belief.step(*(self._flat(values) for values in flat)))
+        change = self._whole(self.state.step(*(self._flat(values) for values in flat)))
         self.correction += change
         self._show()
 
     def learn(self, seen: Array, sigma: Array, photographs: int) -> None:
-        """Fold the mean (N, N, 3) of `photographs` of the picture shown into the belief."""
+        """Update the state by the mean (N, N, 3) of `photographs` of the picture shown."""
         light = self._asked
-        reach = maximum_filter(light, NEAR, axes=(0, 1)) - minimum_filter(light, NEAR, axes=(0, 1))
-        doubt = np.hypot(sigma / np.sqrt(photographs), STRAY * reach)
-        asked, seen, doubt = (self._flat(values) for values in (light, seen, doubt))
-        self.belief.learn(
-            LoopObservation(asked, seen, doubt, self.known[self._inside], photographs)
-        )
+        highest, lowest = (f(light, NEAR, axes=(0, 1)) for f in (maximum_filter, minimum_filter))
+        sigma = np.hypot(sigma / np.sqrt(photographs), STRAY * (highest - lowest))
+        asked, seen, sigma = (self._flat(values) for values in (light, seen, sigma))
+        self.state.learn(LoopObservation(asked, seen, sigma, self.known[self._inside], photographs))
 
     def residual(self, seen: Array) -> Array:
-        """Goal minus seen (N, N, 3) [rel]; it means something where cells are `free`."""
+        """Goal less seen light (N, N, 3) [rel]; meaningful in `free` cells."""
         return self.goal - seen
 
     def residual_rms(self, residual: Array) -> float:
-        """Root mean square (over free cells and channels) [rel to white]."""
+        """Root mean square over free cells and channels [rel]."""
         return float(np.sqrt(np.mean(residual[self.free] ** 2)))
 
     def gain_factor(self) -> Array:
-        """(N, N, 3) means by which the calibration's gain was wrong: light got per light asked."""
-        surplus = self._whole(self.belief.surplus)
+        """Factor (N, N, 3) of the calibration's gain: direct light received per light asked for."""
+        surplus = self._whole(self.state.surplus)
         with np.errstate(divide="ignore", invalid="ignore"):
             factor = 1 + surplus / self._asked
-        trusted = self.known & (self._asked > LEAST_ASKED) & np.isfinite(factor)
-        return 1 + _filled(np.where(trusted, np.clip(factor, 0.8, 1.25) - 1, 0), trusted)
+        trusted = self.known & (self._asked > MIN_ASKED) & np.isfinite(factor)
+        most = 1 + MAX_GAIN_CHANGE
+        return 1 + _filled(np.where(trusted, np.clip(factor, 1 / most, most) - 1, 0), trusted)
 
     def _show(self) -> None:
-        """Make the picture of the correction as it is, and what it asks of the cells."""
+        """Compute the picture with the present correction, and the cells that can still change."""
         size = self._start.shape[0]
         seen = (self._cells.count > 0)[..., None]
-        nodes = _nodes_for_means(_filled(self.correction, seen | ~self._inside[..., None]))
+        nodes = nodes_for_means(_filled(self.correction, seen | ~self._inside[..., None]))
         added = sample(nodes, master_pixels(master_directions(size)[0], LOOP_SIZE))
         corrected = np.clip(self._start + added, self._lo, self._hi)
         corrected = np.where(self._start > 0, corrected, 0)
         self.picture = np.where(self._protected, self._start, corrected).astype(np.float32)
         asked = np.clip(self.picture, self._lo, self._hi) * self._coverage
         self._asked = np.where(seen, self._cells.average_master(asked), _cell_means(asked))
-        self._can_fall = self.where_whole(self.picture > self._lo + TINY) & self.known
-        self._can_rise = self.where_whole(self.picture < self._hi - TINY) & self.known
+        self._can_fall = self.cells_where(self.picture > self._lo + TINY) & self.known
+        self._can_rise = self.cells_where(self.picture < self._hi - TINY) & self.known
         self.free = self._can_fall & self._can_rise
 
-    def where_whole(self, pixels: Mask) -> Mask:
-        """Cells (N, N, 3) of which almost all pixels of a dome master (M, M, 3) are true."""
+    def cells_where(self, pixels: Mask) -> Mask:
+        """Cells (N, N, 3) in which almost all pixels of a dome master (M, M, 3) are true."""
         return self._cells.average_master(pixels.astype(np.float32)) > FREE_SHARE
 
-    def _rooms(self) -> tuple[Array, Array]:
-        """How far the light of each cell (N, N, 3) can fall and rise [rel]."""
+    def _margins(self) -> tuple[Array, Array]:
+        """Largest decrease and increase of the light of each cell (N, N, 3) [rel]."""
         low, high = (self._cells.average_master(limit) for limit in (self._lo, self._hi))
         down = np.where(self._can_fall, np.maximum(self._asked - low, 0), 0)
         return down, np.where(self._can_rise, np.maximum(high - self._asked, 0), 0)
 
-    def _bounces(self, calibration: Calibration) -> PatchScatter:
+    def _scatter(self, calibration: Calibration) -> PatchScatter:
+        """Scatter kernel on the cells, b+ = U V^T b0."""
         maps, inside, kernel = calibration.maps, self._inside, calibration.maps.kernel
         scatter = sample(maps.scatter_per_flux, master_pixels(self.direction, maps.size))
         scatter, phi = scatter[inside], basis(self.direction[inside], kernel.degree)
@@ -214,25 +231,25 @@ class DomeLoop:
 
 
 def low_pass_cells(calibration: Calibration) -> float:
-    """Sigma [cells] of the low-pass that a cell's width leaves to do.
+    """Sigma [cells] of the low-pass in addition to that of a cell's width.
 
-    Twice the registration error in all (science.md s.6): the calibration's own standard error of
-    directions, its worst twentieth left out. The mean over a cell is a low-pass of 1/sqrt(12) cell.
+    Together they are twice the registration error, the 95 % quantile of the standard error of the pixel
+    directions. The mean over a cell is a low-pass of sigma 1/sqrt(12) cell.
     """
     surfaces = [p.surface for p in calibration.projectors.values()]
     sigma = np.concatenate(
         [s.sigma_arcmin[s.valid & np.isfinite(s.sigma_arcmin)] for s in surfaces]
     )
-    registration = float(np.quantile(sigma, ALMOST_ALL)) if sigma.size else 0.0
+    registration = float(np.quantile(sigma, CELL_QUANTILE)) if sigma.size else 0.0
     wanted = 2 * registration / CELL_ARCMIN
     return float(np.sqrt(max(wanted**2 - 1 / 12, 0.0)))
 
 
 def noise_by_level(photographs: list[Array], count: Array) -> Array:
-    """Standard error (N, N, C) of one photograph's cells, from several of the same picture.
+    """Standard error (N, N, C) of the cells of one photograph, from several of the same picture.
 
-    That of a camera pixel is taken to depend on the level alone: the median of groups of equal level.
-    `count` (N, N) camera pixels per cell.
+    The variance of a camera pixel is taken to depend on the level alone, and averaged over groups of
+    similar level. `count` (N, N) camera pixels per cell.
     """
     stack = np.stack(photographs)
     level, per_pixel = stack.mean(axis=0), stack.var(axis=0, ddof=1) * count[..., None]
@@ -246,24 +263,24 @@ def noise_by_level(photographs: list[Array], count: Array) -> Array:
 
 
 def _cell_means(master: Image) -> Array:
-    """Means (N, N, C) of a dome master over the cells, from four places of each."""
+    """Means (N, N, C) of a dome master over the cells, from four samples of each."""
     direction, _ = master_directions(2 * LOOP_SIZE)
     fine = sample(master, master_pixels(direction, master.shape[0]))
     return block_mean(fine, 2).astype(float)
 
 
 def _filled(values: Array, known: Mask) -> Array:
-    """Values (N, N, C) with those that are not `known` (N, N, C or 1) taken from their neighbours."""
+    """Values (N, N, C), interpolated from neighbours where not `known` (N, N, C or 1)."""
     known = np.broadcast_to(known, values.shape)
     planes = [blur_within(values[..., c], known[..., c], 1.0) for c in range(values.shape[-1])]
     return np.where(known, values, np.stack(planes, axis=-1))
 
 
-def _nodes_for_means(means: Array) -> Array:
+def nodes_for_means(means: Array) -> Array:
     """Node values (N, N, C) whose bilinear interpolation has the given cell means.
 
-    The mean over a cell weighs its node and the neighbours 1/8, 3/4, 1/8 along each axis; Jacobi
-    steps undo that. Without it the loop would answer fine structure with half of what it needs.
+    The mean over a cell weights its node and the neighbours 1/8, 3/4, 1/8 along each axis; Jacobi
+    steps invert that. Otherwise the correction of fine structure would be half of what it needs.
     """
     nodes = means.copy()
     for _ in range(JACOBI_STEPS):
@@ -273,59 +290,3 @@ def _nodes_for_means(means: Array) -> Array:
             blurred = 0.75 * blurred + 0.125 * ends
         nodes = nodes + means - blurred
     return nodes
-
-
-def refined_calibration(calibration: Calibration, loop: DomeLoop) -> Calibration:
-    """The calibration with what a loop has learnt of gains and bounced light."""
-    factor, scatter = _nodes_for_means(loop.gain_factor()), loop.belief.scatter_factor
-    maps = calibration.maps
-    where = master_pixels(master_directions(maps.size)[0], maps.size)
-    at, brighter = _factor_at(factor, where, maps), _albedo_factor(calibration, scatter)
-    new = replace(
-        maps,
-        hi=(maps.lo + (maps.hi - maps.lo) * at).astype(np.float32),
-        scatter_per_flux=(maps.scatter_per_flux * scatter).astype(np.float32),
-        albedo=(maps.albedo * brighter).astype(np.float32),
-    )
-    return replace(
-        calibration,
-        maps=new,
-        projectors={n: _regained(p, factor, maps) for n, p in calibration.projectors.items()},
-        feedback=_times(calibration.feedback, scatter),
-        albedo=_times(calibration.albedo, brighter),
-        states={
-            name: replace(state, feedback=_times(state.feedback, scatter))
-            for name, state in calibration.states.items()
-        },
-    )
-
-
-def _regained(
-    projector: ProjectorCalibration, factor: Array, maps: DomeMaps
-) -> ProjectorCalibration:
-    direction = np.nan_to_num(projector.surface.direction)
-    at = _factor_at(factor, master_pixels(direction, maps.size), maps)
-    photometry = replace(projector.photometry, gain=projector.photometry.gain * at)
-    return replace(projector, photometry=photometry)
-
-
-def _factor_at(factor: Array, where: NDArray[np.floating], maps: DomeMaps) -> Image:
-    """The factor at places (..., 2) of the maps [px]; 1 where the picture is protected."""
-    ours = (where + 0.5) * (LOOP_SIZE / maps.size) - 0.5
-    at = sample(factor, ours, outside=1.0)
-    at[maps.is_protected(where)] = 1.0
-    return at
-
-
-def _albedo_factor(calibration: Calibration, scatter: Array) -> Array:
-    """By how much (C,) paint must be brighter for `scatter` (C,) times the bounced light."""
-    dome, maps, m = calibration.screen, calibration.maps, calibration.feedback.value
-    screen_sr = cap_solid_angle(dome.half_angle)
-    lit_sr = min(float((master_solid_angles(maps.size) * maps.coverage).sum()), screen_sr)
-    returned = floor_return(dome.half_angle, dome.tilt, dome.floor_albedo)
-    found, before = (albedo_from_feedback(f, lit_sr, screen_sr, returned) for f in (m * scatter, m))
-    return found / before
-
-
-def _times(measured: Measured, factor: Array) -> Measured:
-    return Measured(measured.value * factor, measured.sigma * factor)

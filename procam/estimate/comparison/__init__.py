@@ -1,1 +1,14 @@
-"""Two calibrations of one rig compared within their error bars."""
+"""Comparison of two calibrations of one rig within their error bars.
+
+`common_pixels` matches the pixels of a projector, `verdict` finds the probable cause of a difference,
+`compare` puts both together with areas and light.
+"""
+
+from procam.estimate.comparison.compare import (
+    Angles,
+    Comparison,
+    Difference,
+    compare_calibrations,
+)
+
+__all__ = ["Angles", "Comparison", "Difference", "compare_calibrations"]

@@ -1,9 +1,9 @@
-"""Two calibrations of the same rig from independent captures, held against each other.
+"""Comparison of two calibrations of the same rig from independent captures.
 
-Standard errors tell how captures scatter, not whether the model is right: a wrong lens bends the
-dome in every capture, and no residual of one of them shows it. A second visit, another camera, or
-the same camera turned about its axis bends it otherwise. (Only what is the same all round the
-camera's axis stays hidden from a turn about that axis.)
+Standard errors describe the scatter between captures, not errors of the model: a wrong lens bends
+the directions of every capture, and no residual of one of them shows it. A second capture with
+another camera, or with the same camera rotated about its axis, bends them differently. (Errors that
+are symmetric about the camera's axis do not show when it is rotated about that axis.)
 """
 
 from collections.abc import Mapping, Sequence
@@ -16,11 +16,11 @@ from procam.estimate.comparison.common_pixels import (
     CommonPixels,
     common_pixels,
     error_over_sigma,
+    rms_arcmin,
     smooth_field,
 )
 from procam.estimate.comparison.verdict import (
-    ALIKE,
-    ARCMIN,
+    CLOSE,
     Verdict,
     exchanged,
     find_exchanged,
@@ -28,6 +28,7 @@ from procam.estimate.comparison.verdict import (
     judge_light,
 )
 from procam.maths.geometry.pose import rotation_vector
+from procam.maths.geometry.sphere import ARCMIN
 from procam.model.calibration import Calibration
 from procam.model.transport import Measured
 
@@ -37,12 +38,12 @@ SCREEN = ("radius_m", "degree")
 
 @dataclass(frozen=True, slots=True)
 class Angles:
-    """Angles between the directions that two calibrations tell [arcmin].
+    """Angles between the directions of two calibrations [arcmin].
 
-    `error_over_sigma`: root of the ratio of their mean square to what both standard errors tell; 1
-    if these are honest, with a scatter of a third where errors are those of a pose. Less where A and
-    B share errors that both tell of, such as marks surveyed once, and after the turn, which takes
-    out what those errors do.
+    `error_over_sigma` is their rms over the combined standard error. It is 1 if the standard errors
+    are right, with a scatter of a third where errors of a pose dominate. It is less where A and B
+    share errors, such as those of fiducials surveyed once, and after the common rotation, which
+    removes the effect of such errors.
     """
 
     rms: float
@@ -53,7 +54,7 @@ class Angles:
 
     @classmethod
     def between(cls, pairs: Sequence[CommonPixels], turn: Array) -> "Angles":
-        """Of all pixels of some projectors, with B turned by `turn` (3, 3)."""
+        """Over all pixels of some projectors, with B rotated by `turn` (3, 3)."""
         steps = [pair.step(turn) for pair in pairs]
         chord = np.concatenate([np.linalg.norm(step, axis=1) for step in steps])
         angle = 2 * ARCMIN * np.arcsin(np.minimum(chord / 2, 1))
@@ -70,9 +71,9 @@ class Angles:
 
 @dataclass(frozen=True, slots=True)
 class Areas:
-    """Solid angles of B over those of A, minus 1 [-]: the median pixel's, all pixels' rms, the sums'.
+    """Solid angles of B over those of A, minus 1 [-]: median and rms over pixels, and of their sums.
 
-    `alone` : share of the pixels valid in either that is valid in one only.
+    `alone` : share of the pixels valid in A or B that are valid in one only.
     """
 
     median: float
@@ -82,7 +83,7 @@ class Areas:
 
     @classmethod
     def between(cls, pairs: Sequence[CommonPixels]) -> "Areas":
-        """Of all pixels of some projectors."""
+        """Over all pixels of some projectors."""
         first = np.concatenate([pair.first_sr for pair in pairs]).astype(float)
         second = np.concatenate([pair.second_sr for pair in pairs]).astype(float)
         step = second / first - 1
@@ -96,14 +97,15 @@ class Areas:
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """Everything about one projector, or all.
+    """The difference of one projector, or of all.
 
     Attributes
     ----------
-    pixels : how many are valid in both. as_is, turned : angles before and after the common turn.
-    smooth_arcmin, rest_arcmin : rms of what is left after the turn, as far as one smooth field over
-        the dome explains it (a lens, the shape of the dome), and the rest (noise, or projectors that
-        moved) [arcmin].
+    pixels : number of pixels that are valid in both.
+    as_is, turned : angles before and after the common rotation.
+    smooth_arcmin : rms, after the rotation, of one smooth field over the dome (an error of a lens or
+        of the dome's shape) [arcmin].
+    rest_arcmin : rms of the remainder (noise, or projectors that moved) [arcmin].
     areas : solid angles.
     """
 
@@ -117,7 +119,7 @@ class Difference:
 
 @dataclass(frozen=True, slots=True)
 class LightStep:
-    """A figure of the light per content channel (3,) in A and B; `sigma` (3,) of the difference."""
+    """A figure of the light per channel (3,) in A and B, and the `sigma` (3,) of their difference."""
 
     first: list[float]
     second: list[float]
@@ -125,18 +127,18 @@ class LightStep:
 
     @property
     def sigmas(self) -> list[float]:
-        """B - A in standard errors; infinite where they differ and none is told."""
+        """B - A over its standard error; infinite where they differ and sigma is 0."""
         step, sigma = np.subtract(self.second, self.first), np.array(self.sigma)
-        told = np.where(sigma > 0, sigma, 1.0)
-        return [float(s) for s in np.where(sigma > 0, step / told, np.where(step, np.inf, 0.0))]
+        safe = np.where(sigma > 0, sigma, 1.0)
+        return [float(s) for s in np.where(sigma > 0, step / safe, np.where(step, np.inf, 0.0))]
 
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """What two calibrations differ in.
+    """The differences of two calibrations.
 
-    `turn_arcmin` (3,): the common turn of the rig from B to A as axis times angle, in A's frame.
-    `screen`: "radius_m" and "degree" of the bumps, of A and of B.
+    `turn_arcmin` (3,): the common rotation of the rig from B to A as a rotation vector in A's frame.
+    `screen`: "radius_m" and "degree" of the harmonics, of A and of B.
     `light`: "feedback" (m) and "albedo", where both calibrations have them.
     """
 
@@ -148,12 +150,13 @@ class Comparison:
     verdict: Verdict
 
 
-def compare(first: Calibration, second: Calibration) -> Comparison:
-    """A and B, projectors of the same names and sizes, held against each other.
+def compare_calibrations(first: Calibration, second: Calibration) -> Comparison:
+    """Compare A and B, whose projectors have the same names and sizes.
 
     Raises
     ------
-    NotEnoughData : a projector has hardly a pixel that is valid in both.
+    NotEnoughData
+        If the calibrations share too few pixels of a projector.
     """
     pairs = {
         name: common_pixels(name, here, second.projectors[name], first.screen.radius_m)
@@ -163,7 +166,7 @@ def compare(first: Calibration, second: Calibration) -> Comparison:
     cameras = list(dict.fromkeys([*first.cameras, *second.cameras]))
     verdict, turn = judge_difference(thin, cameras)
     together = [*pairs.values()]
-    if Angles.between([*thin.values()], np.eye(3)).rms > ALIKE * ARCMIN:
+    if Angles.between([*thin.values()], np.eye(3)).rms > CLOSE * ARCMIN:
         partners = find_exchanged(first, second)
         verdict = exchanged(partners) if partners else verdict
     bent, light = _smooth(thin, turn), _light(first, second)
@@ -178,7 +181,7 @@ def compare(first: Calibration, second: Calibration) -> Comparison:
 
 
 def _smooth(thin: Mapping[str, CommonPixels], turn: Array) -> dict[str, tuple[Array, Array]]:
-    """Per projector what one field for all explains of its differences, and the rest, (N, 3) each."""
+    """Per projector the smooth field common to all and the remainder of its differences, (N, 3) each."""
     steps = {name: pair.step(turn) for name, pair in thin.items()}
     variance = np.concatenate([pair.variance for pair in thin.values()])
     direction = np.concatenate([pair.first for pair in thin.values()])
@@ -191,19 +194,15 @@ def _smooth(thin: Mapping[str, CommonPixels], turn: Array) -> dict[str, tuple[Ar
 def _difference(
     pairs: Sequence[CommonPixels], turn: Array, bent: Sequence[tuple[Array, Array]]
 ) -> Difference:
-    smooth, rest = (np.concatenate(part) for part in zip(*bent, strict=True))
+    smooth, rest = zip(*bent, strict=True)
     return Difference(
         sum(len(pair.variance) for pair in pairs),
         Angles.between(pairs, np.eye(3)),
         Angles.between(pairs, turn),
-        _rms_arcmin(smooth),
-        _rms_arcmin(rest),
+        rms_arcmin(*smooth),
+        rms_arcmin(*rest),
         Areas.between(pairs),
     )
-
-
-def _rms_arcmin(step: Array) -> float:
-    return float(ARCMIN * np.sqrt(np.mean(np.sum(step**2, axis=1))))
 
 
 def _light(first: Calibration, second: Calibration) -> dict[str, LightStep]:

@@ -1,4 +1,9 @@
-"""What the difference between two calibrations of a rig means, in words."""
+"""The probable cause of the difference between two calibrations of a rig, in words.
+
+The common rotation is the one under which most projectors agree within their standard errors.
+Projectors that then disagree either share one smooth field (a lens), moved rigidly, or changed
+otherwise. Each explanation is accepted only if it removes most of the difference's variance.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,31 +19,32 @@ from procam.estimate.comparison.common_pixels import (
     common_pixels,
     error_over_sigma,
     own_motion,
+    rms_arcmin,
     smooth_field,
     turn_between,
 )
 from procam.maths.geometry.pose import rotation_vector
+from procam.maths.geometry.sphere import ARCMIN
 from procam.model.calibration import Calibration
 
 Array = NDArray[np.float64]
 Kind = Literal["agree", "turned", "light", "moved", "changed", "lens", "exchanged", "differ"]
-ARCMIN = np.degrees(1) * 60
-AGREE = 2.0  # error over sigma: a pose has six freedoms, by chance one in a thousand exceeds it
-LIGHT_SIGMAS = 5.0  # of feedback or albedo: six figures, and sigmas that are themselves estimates
-EXPLAINED = 0.9  # of the variance, from which on a field is the reason and not a part of it
-CLEARER = 0.5  # one field for all must leave half of what motions leave: it has more numbers
-ALIKE = np.radians(1.0)  # no mount slips further, no two projectors are hung closer together
-CLEARLY = 0.1  # exchanged names must bring the difference down to this share
-MATCH_PIXELS = 200  # of each projector: other projectors are tens of degrees away
+AGREE = 2.0  # error over sigma: a pose has six freedoms, so that one in 1000 exceeds it by chance
+LIGHT_SIGMAS = 5.0  # of feedback or albedo: six figures with sigmas that are estimates themselves
+EXPLAINED = 0.9  # share of the variance that an explanation must remove
+CLEARER = 0.5  # ratio of remainders: a field has more coefficients than motions have
+CLOSE = np.radians(1.0)  # a mount slips by less, two projectors are mounted further apart
+CLEARLY = 0.1  # share to which exchanged names must reduce the difference
+MATCH_PIXELS = 200  # of each projector: enough, as other projectors are tens of degrees away
 
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """What the difference is.
+    """The probable cause of a difference.
 
     Attributes
     ----------
-    kind : in a word. text : a sentence. projectors : those that it is about.
+    kind : class of the cause. text : a sentence. projectors : those concerned.
     """
 
     kind: Kind
@@ -47,7 +53,7 @@ class Verdict:
 
     @property
     def sound(self) -> bool:
-        """Whether nothing but a turn of the whole rig is told."""
+        """Whether the directions agree up to a rotation of the whole rig."""
         return self.kind in ("agree", "turned")
 
 
@@ -60,9 +66,9 @@ SAME = Verdict(
 def judge_difference(
     pairs: Mapping[str, CommonPixels], cameras: Sequence[str]
 ) -> tuple[Verdict, Array]:
-    """The verdict on thinned pairs by projector, and the turn (3, 3) of the rig from B to A.
+    """The verdict on thinned pairs by projector, and the rotation (3, 3) of the rig from B to A.
 
-    A projector that moved has no say in the turn. `cameras`: those that A and B were seen by.
+    Projectors that moved do not enter the rotation. `cameras`: names of the cameras of A and B.
     """
     if all(np.array_equal(pair.first, pair.second) for pair in pairs.values()):
         return SAME, np.eye(3)
@@ -77,34 +83,34 @@ def judge_difference(
 
 
 def find_exchanged(first: Calibration, second: Calibration) -> dict[str, str]:
-    """B's name of each of A's projectors where they are other ones; none if names are right.
+    """B's name of each of A's projectors, where the names differ; empty if the names are right.
 
-    A rig may be turned as well: every turn that takes one projector into another is tried, and of
-    those that explain all the smallest is believed.
+    The rig may be rotated as well: every rotation that maps one projector to another is tried, and
+    the smallest of those that explain all projectors is taken.
     """
     pairs = _all_pairs(first, second)
     names = list(first.projectors)
     turns = [np.eye(3), *(turn_between([pair]) for pair in pairs.values())]
     found = [_assigned(pairs, names, turn) for turn in turns]
     sizes = [np.linalg.norm(rotation_vector(turn)) for turn in turns]
-    best = min(range(len(turns)), key=lambda i: (max(found[i][0], ALIKE), sizes[i]))
-    left, partners = found[best]
+    best = min(range(len(turns)), key=lambda i: (max(found[i][0], CLOSE), sizes[i]))
+    rms, partners = found[best]
     as_named = float(np.sqrt(np.mean([_mean_square(pairs[n, n], np.eye(3)) for n in names])))
-    if left > CLEARLY * as_named:
+    if rms > CLEARLY * as_named:
         return {}
     return {name: names[j] for name, j in zip(names, partners, strict=True) if name != names[j]}
 
 
 def exchanged(partners: Mapping[str, str]) -> Verdict:
-    """The verdict on projectors that carry each other's names."""
+    """The verdict on projectors with exchanged names."""
     each = ", ".join(f"A's {here} is B's {there}" for here, there in partners.items())
     return Verdict("exchanged", f"{each}: wrong projector on the wire", tuple(partners))
 
 
 def judge_light(directions: Verdict, sigmas: Mapping[str, Sequence[float]]) -> Verdict:
-    """`directions`, or that the light differs where nothing worse does.
+    """The verdict on the light, if it differs and the directions agree; else `directions`.
 
-    `sigmas`: per figure of the light, B - A in standard errors, by channel.
+    `sigmas`: per figure of the light, B - A over its standard error, by channel.
     """
     worst = {name: max(map(abs, each)) for name, each in sigmas.items()}
     names = [name for name, most in worst.items() if most > LIGHT_SIGMAS]
@@ -113,21 +119,22 @@ def judge_light(directions: Verdict, sigmas: Mapping[str, Sequence[float]]) -> V
     each = " and ".join(f"{name} by {worst[name]:.3g} standard errors" for name in names)
     return Verdict(
         "light",
-        f"the light differs, {each}: was the screen painted or cleaned, a surface covered, or the "
-        f"camera's response, black level or glare another? Of the directions: {directions.text}",
+        f"the light differs, {each}: check whether the screen was painted or cleaned, a surface "
+        "covered, or the camera's response, black level or glare changed. Directions: "
+        f"{directions.text}",
     )
 
 
 def _common_turn(pairs: Mapping[str, CommonPixels]) -> tuple[Array, list[str], bool]:
-    """The turn under which most projectors agree, which do, and whether they do without one.
+    """The rotation under which most projectors agree, these projectors, and whether it is none.
 
-    None do if those are too few to say that the others moved: half of them can only say so where
-    marks fix the rig, and it is not turned at all.
+    A majority must agree to conclude that the others moved; without any rotation, where fiducials
+    fix the rig, half of them suffice. Otherwise no projector counts as agreeing.
     """
     each = [turn_between([pair]) for pair in pairs.values()]
     turns = [np.eye(3), turn_between(pairs.values()), *each]
     agreeing = [[n for n, p in pairs.items() if _ratio(p, p.step(turn)) <= AGREE] for turn in turns]
-    best = max(range(len(turns)), key=lambda i: len(agreeing[i]))  # of equals the first
+    best = max(range(len(turns)), key=lambda i: len(agreeing[i]))
     kept, as_is = agreeing[best], best == 0
     if 2 * len(kept) <= len(pairs) - as_is:
         return turns[1], [], False
@@ -140,19 +147,19 @@ def _sound(as_is: bool, turn: Array) -> Verdict:
     size = ARCMIN * np.linalg.norm(rotation_vector(turn))
     return Verdict(
         "turned",
-        f"a turn of the whole rig by {size:.3g} arcmin and nothing else: fiducials or camera were "
+        f"a rotation of the whole rig by {size:.3g} arcmin and nothing else: fiducials or camera were "
         "set anew, or nothing fixes the rig in space",
     )
 
 
 def _one_smooth_field(pairs: Mapping[str, CommonPixels], steps: Mapping[str, Array]) -> bool:
-    """Whether the same smooth field bends all projectors, better than motions of each would."""
+    """Whether one smooth field explains all projectors, and better than a motion of each does."""
     step, variance = _joined(pairs, steps)
     direction = np.concatenate([pair.first for pair in pairs.values()])
-    left = error_over_sigma(step - smooth_field(direction, step, variance), variance)
+    remainder = error_over_sigma(step - smooth_field(direction, step, variance), variance)
     moved = np.concatenate([steps[n] - own_motion(pair, steps[n]) for n, pair in pairs.items()])
-    explains = left**2 <= (1 - EXPLAINED) * error_over_sigma(step, variance) ** 2
-    return explains and left < CLEARER * error_over_sigma(moved, variance)
+    explains = remainder**2 <= (1 - EXPLAINED) * error_over_sigma(step, variance) ** 2
+    return explains and remainder < CLEARER * error_over_sigma(moved, variance)
 
 
 def _lens(steps: Mapping[str, Array], cameras: Sequence[str]) -> Verdict:
@@ -161,8 +168,8 @@ def _lens(steps: Mapping[str, Array], cameras: Sequence[str]) -> Verdict:
     other = "the dome's shape" if len(steps) > 1 else "the projector's zoom or lens shift"
     return Verdict(
         "lens",
-        f"the lens model of {which} is doubtful, or {other}: a smooth difference of "
-        f"{_arcmin(*steps.values()):.3g} arcmin {where}",
+        f"the lens model of {which} may be wrong, or {other} changed: a smooth difference of "
+        f"{rms_arcmin(*steps.values()):.3g} arcmin {where}",
         tuple(steps),
     )
 
@@ -170,23 +177,23 @@ def _lens(steps: Mapping[str, Array], cameras: Sequence[str]) -> Verdict:
 def _moved(
     pairs: Mapping[str, CommonPixels], steps: Mapping[str, Array], names: list[str]
 ) -> Verdict:
-    """The verdict on projectors of which each differs in its own way."""
-    left = {n: _ratio(pairs[n], steps[n] - own_motion(pairs[n], steps[n])) for n in names}
-    rigid = [left[n] ** 2 <= (1 - EXPLAINED) * _ratio(pairs[n], steps[n]) ** 2 for n in names]
-    each = ", ".join(f"{n} by {_arcmin(steps[n]):.3g}" for n in names) + " arcmin"
+    """The verdict on projectors that differ independently of each other."""
+    rest = {n: _ratio(pairs[n], steps[n] - own_motion(pairs[n], steps[n])) for n in names}
+    rigid = [rest[n] ** 2 <= (1 - EXPLAINED) * _ratio(pairs[n], steps[n]) ** 2 for n in names]
+    each = ", ".join(f"{n} by {rms_arcmin(steps[n]):.3g}" for n in names) + " arcmin"
     if all(rigid):
-        how = "moved" if len(names) < len(pairs) or len(pairs) == 1 else "moved, each on its own"
-        return Verdict("moved", f"{_called(names)} {how}: {each}", tuple(names))
+        manner = "moved" if len(names) < len(pairs) or len(pairs) == 1 else "moved, each on its own"
+        return Verdict("moved", f"{_called(names)} {manner}: {each}", tuple(names))
     if len(names) < len(pairs):
         return Verdict(
             "changed",
-            f"{_called(names)} changed, and not only in place: {each}; was zoom, lens shift, focus or "
-            "keystone touched?",
+            f"{_called(names)} changed by more than a motion: {each}; check zoom, lens shift, focus "
+            "and keystone",
             tuple(names),
         )
     return Verdict(
         "differ",
-        f"the calibrations differ by more than their error bars: {each}; no turn, no motion of "
+        f"the calibrations differ by more than their error bars: {each}; no rotation, no motion of "
         "projectors and no smooth field explains it",
         tuple(names),
     )
@@ -205,7 +212,7 @@ def _all_pairs(first: Calibration, second: Calibration) -> dict[tuple[str, str],
                 try:
                     both = common_pixels(a, here, there, first.screen.radius_m)
                 except NotEnoughData:
-                    continue  # then they are not the same either
+                    continue  # they are different projectors
                 pairs[a, b] = both.thinned(MATCH_PIXELS)
     return pairs
 
@@ -213,7 +220,7 @@ def _all_pairs(first: Calibration, second: Calibration) -> dict[tuple[str, str],
 def _assigned(
     pairs: Mapping[tuple[str, str], CommonPixels], names: Sequence[str], turn: Array
 ) -> tuple[float, list[int]]:
-    """The pairing of A's projectors with B's that fits best under a turn, and its rms [rad]."""
+    """The rms [rad] of the best assignment of B's projectors to A's under a rotation, and their indices."""
     cost = np.full((len(names), len(names)), np.pi**2)
     for (a, b), both in pairs.items():
         cost[names.index(a), names.index(b)] = _mean_square(both, turn)
@@ -235,8 +242,3 @@ def _joined(
     """Differences (N, 3) and variances (N,) of all projectors."""
     variance = np.concatenate([pair.variance for pair in pairs.values()])
     return np.concatenate([steps[name] for name in pairs]), variance
-
-
-def _arcmin(*steps: Array) -> float:
-    """Root mean square of differences [arcmin]."""
-    return float(ARCMIN * np.sqrt(np.mean(np.sum(np.concatenate(steps) ** 2, axis=1))))

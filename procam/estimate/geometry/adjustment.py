@@ -1,4 +1,11 @@
-"""Levenberg-Marquardt for rigs: observations, marks and what was known before, weighed together."""
+"""Levenberg-Marquardt for rigs (docs/theory/geometry.md (G2)).
+
+The cost is the sum of squares of three kinds of residuals, each over its standard error:
+observations, fiducials and distances, and the parameters' departures from their priors. A robust
+phase with Cauchy weights (Triggs et al. 2000, doi:10.1007/3-540-44480-7_21) finds the observations
+that agree; a plain phase solves for them. Residuals that neighbouring observations share are
+estimated as a systematic ratio per pair of camera and projector, which scales their standard errors.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -9,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
 from procam.errors import DidNotConverge
-from procam.estimate.geometry.fiducials import mark_errors, mark_rows
+from procam.estimate.geometry.fiducials import fiducial_residuals, fiducial_rows
 from procam.estimate.geometry.model import (
     POSE,
     PUPIL,
@@ -19,33 +26,33 @@ from procam.estimate.geometry.model import (
     RigGeometry,
     normal_equations,
     residuals,
-    shape_derivatives,
+    screen_derivatives,
 )
 from procam.estimate.geometry.start import ProjectorPrior
-from procam.kernels import Relief
+from procam.kernels import ShapeDerivatives
 from procam.maths.geometry.lenses import unproject
 from procam.maths.geometry.ray_to_screen import RoundShape
 from procam.model.optics import CameraModel, Distance, Fiducial
 
 Array = NDArray[np.float64]
 Intrinsics = Literal["fixed", "prior", "solve"]
-ROUNDS, ROBUST_ROUNDS = 100, 8  # lenses solved by one camera creep along what it hardly tells
-CELLS = 10  # along both edges of a panel
-PANELS = 100  # that a dome is made of
-CLIPPED = 50.0  # standard errors, so that a misread patch does not speak for its cell
-CAUCHY = 2.5  # standard errors from which on an observation counts less
-SETTLED = 0.01  # of chi squared: a step that gains less moves nothing by a tenth of its error
-EASING = {True: (1e-3, 10.0), False: (1e-6, 100.0)}  # first damping and its fall, robust or not
-UNDAMPED = 1e-9  # of the normal matrix' diagonal: with more, a step goes nowhere along what is weak
-LEAST_DAMPING = 1e-11  # keeps freedoms that nothing fixes from being singular
-LENS_PRIOR = {  # focal, centre [shares of the size]; distortion, one by one [-]
+ROUNDS, ROBUST_ROUNDS = 100, 8  # lenses solved from one camera converge slowly
+CELLS = 10  # along each edge of a panel, for the systematic ratio
+PANELS = 100  # of a typical dome
+CLIPPED = 50.0  # standard errors: limit of a residual, so that no misread patch dominates its cell
+CAUCHY = 2.5  # standard errors: scale of the robust loss
+CONVERGED = 0.01  # of chi squared: a smaller gain moves no parameter by a tenth of its sigma
+DAMPING = {True: (1e-3, 10.0), False: (1e-6, 100.0)}  # initial, and divisor per step; robust or not
+UNDAMPED = 1e-9  # of the diagonal: with more damping, weakly determined parameters do not move
+LEAST_DAMPING = 1e-11  # keeps the matrix regular along gauge freedoms
+LENS_PRIOR = {  # sigmas: focal length [share], centre [share of the size], first distortion [-]
     "fixed": None,
     "prior": (0.005, 0.005, 0.02),
     "solve": (0.2, 0.05, 0.2),
 }
 PUPIL_PRIOR_M = 0.005
-BUMP_PRIOR = 3e-4  # of the radius, for each: domes are built to a centimetre
-BROWN_PRIOR = (0.3, 0.3, 0.02, 0.02, 0.0)  # k1 k2 p1 p2 k3 of a projector; five would be too many
+HARMONIC_PRIOR = 3e-4  # of the radius, per coefficient: domes are built to a centimetre
+BROWN_PRIOR = (0.3, 0.3, 0.02, 0.02, 0.0)  # k1 k2 p1 p2 k3 of a projector; k3 is fixed
 FISHEYE_PRIOR = (0.2, 0.1, 0.05, 0.02)
 
 
@@ -55,16 +62,19 @@ class RigProblem:
 
     Attributes
     ----------
-    shape : the screen to start from. radius_known : whether its radius was measured.
-    cameras : not placed. intrinsics : how far each camera's lens is trusted.
-    hung : the projectors. observations : what cameras see of them, by (camera, projector).
+    shape : the screen to start from.
+    cameras : without poses.
+    projectors : sizes and kinds of lens.
+    observations : by (camera, projector).
+    intrinsics : whether each camera's lens is fixed, has a prior, or is solved for.
     fiducials, distances : what fixes the rig in space.
-    most_degree : up to which bumps of the screen are solved for; 0 insists on an exact sphere.
+    radius_known : whether the screen's radius was measured.
+    most_degree : highest degree of the screen's harmonics that is tried; 0 for an exact sphere.
     """
 
     shape: RoundShape
     cameras: Mapping[str, CameraModel]
-    hung: Mapping[str, ProjectorPrior]
+    projectors: Mapping[str, ProjectorPrior]
     observations: Mapping[Pair, Observations]
     intrinsics: Mapping[str, Intrinsics]
     fiducials: Sequence[Fiducial] = ()
@@ -73,34 +83,23 @@ class RigProblem:
     most_degree: int = 8
 
 
-def scores(
-    rig: RigGeometry,
-    pair: Pair,
-    seen: Observations,
-    ray: Array | None = None,
-    relief: Relief | None = None,
-) -> Array:
-    """Length (N,) of the residuals in their standard errors; infinite where there is no answer."""
-    error = np.linalg.norm(residuals(rig, pair, seen, ray, relief), axis=1) / seen.sigma_px
-    return np.nan_to_num(error, nan=np.inf)
+def normalised_residuals(error: Array, seen: Observations) -> Array:
+    """Lengths (N,) of residuals (N, 2) over their standard errors; infinite where undefined."""
+    return np.nan_to_num(np.linalg.norm(error, axis=1) / seen.sigma_px, nan=np.inf)
 
 
-def systematic_ratio(
-    rig: RigGeometry,
-    pair: Pair,
-    seen: Observations,
-    ray: Array | None = None,
-    relief: Relief | None = None,
-) -> float:
-    """By how much means over cells of the panel exceed their standard errors; never less than 1.
+def systematic_ratio(error: Array, seen: Observations, size: tuple[int, int]) -> float:
+    """Rms of residuals (N, 2) averaged over cells, over its value for independent errors; at least 1.
 
-    Where the model is right, neighbours err independently and means over many are small. A screen
-    that is no sphere leaves smooth fields, of which a thousand observations tell no more than one.
+    Where the model is right, the errors of neighbours are independent and the ratio is 1. A screen
+    that is not a sphere leaves smooth residuals, of which a thousand observations determine no more
+    than one does. `size` is that of the panel [px].
     """
-    size = np.array(rig.projectors[pair[1]].size)
-    error = residuals(rig, pair, seen, ray, relief)
     score = np.clip(error / seen.sigma_px[:, None], -CLIPPED, CLIPPED)
-    cell = np.clip(seen.projector_px / size * CELLS, 0, CELLS - 1).astype(int) @ [1, CELLS]
+    cell = np.clip(seen.projector_px / np.array(size) * CELLS, 0, CELLS - 1).astype(int) @ [
+        1,
+        CELLS,
+    ]
     number = np.maximum(np.bincount(cell, minlength=CELLS**2), 1)
     sums = [np.bincount(cell, np.nan_to_num(s), CELLS**2) for s in score.T]
     share = number >= 0.3 * np.median(number[number > 1])
@@ -108,44 +107,44 @@ def systematic_ratio(
 
 
 def robust_sigma(score: Array) -> float:
-    """Standard deviation per axis of a crowd of residual lengths, blind to outliers."""
+    """Standard deviation per axis of residuals, from the median of their lengths (N,)."""
     return float(np.median(score)) / 1.1774  # the median of a Rayleigh distribution
 
 
-def prior_of(problem: RigProblem, rig: RigGeometry) -> Array:
-    """Standard deviations (P,) of the parameters before anything is seen; 0 for fixed ones."""
+def prior_sigmas(problem: RigProblem, rig: RigGeometry) -> Array:
+    """Prior standard deviations (P,) of the parameters; 0 for fixed ones, infinite for free ones."""
     layout = ParameterLayout.of(rig)
     sigma = np.full(layout.count, np.inf)
     sigma[layout.screen] = np.r_[
         0.0 if problem.radius_known else np.inf,
-        np.full(rig.shape.bumps.size, BUMP_PRIOR if rig.shape.degree else 0.0),
+        np.full(rig.shape.harmonic_coefficients.size, HARMONIC_PRIOR if rig.shape.degree else 0.0),
     ]
     for name, camera in rig.cameras.items():
         block = sigma[layout.cameras[name]]
-        trust = LENS_PRIOR[problem.intrinsics[name]]
-        if trust is None:
+        lens_prior = LENS_PRIOR[problem.intrinsics[name]]
+        if lens_prior is None:
             block[POSE:] = 0.0
             continue
-        focal, centre, bend = trust
+        focal, centre, distortion = lens_prior
         block[POSE : POSE + 2] = focal * camera.lens.focal
         block[POSE + 2 : POSE + 4] = centre * max(camera.size)
-        block[POSE + 4 : -PUPIL] = bend / 4.0 ** np.arange(camera.lens.distortion.size)
+        block[POSE + 4 : -PUPIL] = distortion / 4.0 ** np.arange(camera.lens.distortion.size)
         block[-PUPIL:] = PUPIL_PRIOR_M
     for name, projector in rig.projectors.items():
-        bends = BROWN_PRIOR if projector.lens.kind == "brown" else FISHEYE_PRIOR
-        sigma[layout.projectors[name]][POSE + 4 :] = bends
+        distortions = BROWN_PRIOR if projector.lens.kind == "brown" else FISHEYE_PRIOR
+        sigma[layout.projectors[name]][POSE + 4 :] = distortions
     return sigma
 
 
 class Adjustment:
-    """Levenberg-Marquardt on a set of observations, marks and priors."""
+    """Levenberg-Marquardt on a set of observations, fiducials and priors."""
 
     def __init__(
         self, problem: RigProblem, seen: Mapping[Pair, Observations], prior: Array
     ) -> None:
         self.problem, self.seen, self.prior = problem, seen, prior
         self.free = prior > 0
-        fixed = {n for n, how in problem.intrinsics.items() if how == "fixed"}
+        fixed = {name for name, mode in problem.intrinsics.items() if mode == "fixed"}
         self.rays = {
             pair: unproject(some.camera_px, problem.cameras[pair[0]].lens)
             for pair, some in seen.items()
@@ -153,13 +152,19 @@ class Adjustment:
         }
 
     def solve(self, rig: RigGeometry, robust: bool) -> RigGeometry:
-        """Iterate until a step gains nothing; `robust` weighs what is far off less (Cauchy)."""
-        moved, (damping, easing) = np.zeros(len(self.prior)), EASING[robust]
-        self._look(rig)
-        scale = self._spreads(rig) if robust else self._scales(rig)
+        """Iterate to convergence; with `robust`, large residuals get Cauchy's lower weights.
+
+        Raises
+        ------
+        DidNotConverge
+            If the plain phase finds no minimum.
+        """
+        moved, (damping, easing) = np.zeros(len(self.prior)), DAMPING[robust]
+        self._update_derivatives(rig)
+        scale = self._robust_sigmas(rig) if robust else self._scales(rig)
         for _ in range(ROBUST_ROUNDS if robust else ROUNDS):
-            if robust:  # never wider again: that would be to give a projector up
-                now = self._spreads(rig)
+            if robust:  # a scale that grew again would discard a whole projector
+                now = self._robust_sigmas(rig)
                 scale = {pair: min(scale[pair], now[pair]) for pair in scale}
             matrix, gradient = self._equations(rig, self._weights(rig, scale, robust), moved)
             cost = self._cost(rig, scale, robust, moved)
@@ -171,19 +176,19 @@ class Adjustment:
                     break
                 damping = max(10 * damping, 1e-6)
             rig, moved, damping = ahead, moved + step, damping / easing
-            self._look(rig)
-            if gain < SETTLED and damping < UNDAMPED:
+            self._update_derivatives(rig)
+            if gain < CONVERGED and damping < UNDAMPED:
                 return rig
         if robust:
-            return rig  # the next round begins here, with other weights
+            return rig  # a start for the next solve
         raise DidNotConverge(
-            f"geometry: got no minimum in {ROUNDS} steps, expected one in about 10; are all cameras "
-            "and projectors what venue.toml says, and did none move?"
+            f"geometry: no minimum in {ROUNDS} steps, where 10 are usual. Check that all cameras and "
+            "projectors are as venue.toml describes them and that none moved."
         )
 
-    def certainty(self, rig: RigGeometry) -> tuple[Array, Array, dict[Pair, float]]:
-        """Covariance (P, P), freedoms (F, P) that nothing fixes, and the residuals' scales."""
-        self._look(rig)
+    def uncertainty(self, rig: RigGeometry) -> tuple[Array, Array, dict[Pair, float]]:
+        """Covariance (P, P), gauge freedoms (F, P), and the systematic ratio of each pair."""
+        self._update_derivatives(rig)
         scales = self._scales(rig)
         weight = self._weights(rig, scales, robust=False)
         matrix, _ = self._equations(rig, weight, np.zeros(len(self.prior)))
@@ -199,33 +204,36 @@ class Adjustment:
         freedoms[:, self.free] = (vectors[:, loose] / root[:, None]).T
         return covariance, freedoms, scales
 
-    def _look(self, rig: RigGeometry) -> None:
-        """Evaluate the screen's harmonics where the rays of a rig meet it; near by they go on."""
-        self.reliefs: dict[Pair, Relief | None] = {}
+    def _update_derivatives(self, rig: RigGeometry) -> None:
+        """Evaluate the screen's harmonics for a rig; a step extrapolates them linearly."""
+        self.derivatives: dict[Pair, ShapeDerivatives | None] = {}
         for pair, some in self.seen.items():
             ray = self.rays.get(pair)
-            if ray is None and not rig.shape.exact:
+            if ray is None and not rig.shape.is_sphere:
                 ray = unproject(some.camera_px, rig.cameras[pair[0]].lens)
-            self.reliefs[pair] = None if ray is None else shape_derivatives(rig, pair[0], ray)
+            self.derivatives[pair] = None if ray is None else screen_derivatives(rig, pair[0], ray)
 
-    def _spreads(self, rig: RigGeometry) -> dict[Pair, float]:
-        """Middle residuals in standard errors, per pair; never less than 1."""
-        return {p: max(robust_sigma(self._scores(rig, p)), 1.0) for p in self.seen}
+    def _residuals(self, rig: RigGeometry, pair: Pair) -> Array:
+        return residuals(rig, pair, self.seen[pair], self.rays.get(pair), self.derivatives[pair])
 
-    def _scores(self, rig: RigGeometry, pair: Pair) -> Array:
-        return scores(rig, pair, self.seen[pair], self.rays.get(pair), self.reliefs[pair])
+    def _robust_sigmas(self, rig: RigGeometry) -> dict[Pair, float]:
+        """Robust sigma of each pair's residuals over their standard errors; at least 1."""
+        return {
+            p: max(robust_sigma(normalised_residuals(self._residuals(rig, p), o)), 1.0)
+            for p, o in self.seen.items()
+        }
 
     def _scales(self, rig: RigGeometry) -> dict[Pair, float]:
-        """By how much residuals exceed their standard errors, per pair; never less than 1."""
+        """Factors (at least 1) for the standard errors of each pair: their systematic ratios."""
         scales = {
-            p: systematic_ratio(rig, p, o, self.rays.get(p), self.reliefs[p])
+            p: systematic_ratio(self._residuals(rig, p), o, rig.projectors[p[1]].size)
             for p, o in self.seen.items()
         }
         if not rig.shape.degree:
             return scales
-        # a panel that sticks out is one fact, however many cells and devices look at it
-        often = max(1.0, float(np.sqrt(len(scales) * CELLS**2 / PANELS)))
-        return {pair: scale * often for pair, scale in scales.items()}
+        # cells and devices that see the same misplaced panel of the dome are not independent
+        repeats = max(1.0, float(np.sqrt(len(scales) * CELLS**2 / PANELS)))
+        return {pair: scale * repeats for pair, scale in scales.items()}
 
     def _weights(
         self, rig: RigGeometry, scale: Mapping[Pair, float], robust: bool
@@ -235,46 +243,49 @@ class Adjustment:
         for pair, some in self.seen.items():
             weight[pair] = 1 / (some.sigma_px * scale[pair]) ** 2
             if robust:
-                score = self._scores(rig, pair) / (CAUCHY * scale[pair])
-                weight[pair] = weight[pair] / (1 + score**2)
+                error = normalised_residuals(self._residuals(rig, pair), some)
+                weight[pair] /= 1 + (error / (CAUCHY * scale[pair])) ** 2
         return weight
 
     def _cost(
         self, rig: RigGeometry, scale: Mapping[Pair, float], robust: bool, moved: Array
     ) -> float:
+        """Sum of squared residuals, or of their Cauchy loss, with fiducials and priors."""
         total = 0.0
         for pair, some in self.seen.items():
-            error = residuals(rig, pair, some, self.rays.get(pair), self.reliefs[pair])
+            error = self._residuals(rig, pair)
             square = np.sum(np.nan_to_num(error, nan=1e4) ** 2, axis=1)
             square /= (some.sigma_px * scale[pair]) ** 2
             total += float(np.sum(CAUCHY**2 * np.log1p(square / CAUCHY**2) if robust else square))
-        error = mark_errors(rig, self.problem.fiducials, self.problem.distances)
+        error = fiducial_residuals(rig, self.problem.fiducials, self.problem.distances)
         error = np.nan_to_num(error, nan=1e6)
-        return total + float(error @ error + self._trust() @ moved**2)
+        return total + float(error @ error + self._prior_weights() @ moved**2)
 
     def _equations(
         self, rig: RigGeometry, weight: Mapping[Pair, Array], moved: Array
     ) -> tuple[Array, Array]:
+        """Normal matrix (P, P) and gradient (P,) of the cost."""
         matrix, gradient = normal_equations(
-            rig, self.seen, weight, self.free, self.rays, self.reliefs
+            rig, self.seen, weight, self.free, self.rays, self.derivatives
         )
-        error, slopes = mark_rows(rig, self.problem.fiducials, self.problem.distances)
+        error, slopes = fiducial_rows(rig, self.problem.fiducials, self.problem.distances)
         slopes = slopes * self.free
-        trust = self._trust()
-        matrix += slopes.T @ slopes + np.diag(trust)
-        return matrix, gradient + slopes.T @ error + trust * moved
+        prior_weight = self._prior_weights()
+        matrix += slopes.T @ slopes + np.diag(prior_weight)
+        return matrix, gradient + slopes.T @ error + prior_weight * moved
 
-    def _trust(self) -> Array:
+    def _prior_weights(self) -> Array:
         """1/variance (P,) of the priors; 0 where there is none or the parameter is fixed."""
         known = self.free & np.isfinite(self.prior)
         return np.where(known, 1 / np.where(known, self.prior, 1.0) ** 2, 0.0)
 
     def _step(self, matrix: Array, gradient: Array, damping: float) -> Array:
+        """The damped step (P,); the damping is relative to the diagonal."""
         square, slope = matrix[np.ix_(self.free, self.free)], gradient[self.free]
         root = np.sqrt(np.maximum(np.diag(square), 1e-30))
         scaled = square / np.outer(root, root)
         scaled[np.diag_indices_from(scaled)] += max(damping, LEAST_DAMPING)
         step = np.zeros(len(gradient))
-        # NumPy's own solver stalls for a hundred milliseconds where a core is busy
+        # np.linalg.solve stalls for 100 ms when another process occupies a core
         step[self.free] = -cho_solve(cho_factor(scaled), slope / root) / root
         return step

@@ -1,4 +1,4 @@
-"""What a placed camera sees of the dome, pixel by pixel."""
+"""The dome as one camera sees it: direction and solid angle of every camera pixel."""
 
 from dataclasses import dataclass, replace
 
@@ -18,12 +18,13 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True, slots=True)
 class DomeView:
-    """The dome through one camera.
+    """The dome as one camera sees it.
 
     Attributes
     ----------
-    direction : (H, W, 3) from the dome's centre to what the pixel sees.
-    on_screen : (H, W) the pixel sees the cap. solid_angle_sr : (H, W) its size from the centre [sr].
+    direction : (H, W, 3) from the dome's centre to the point that the pixel sees.
+    on_screen : (H, W) whether the pixel sees the cap.
+    solid_angle_sr : (H, W) of that part of the cap from the centre [sr].
     """
 
     camera: CameraModel
@@ -35,7 +36,7 @@ class DomeView:
     def of(
         cls, camera: CameraModel, dome: Dome, rays: NDArray[np.float64], seen: Mask
     ) -> "DomeView":
-        """The view of a placed camera whose pixels look along `rays` (H, W, 3)."""
+        """The view of a camera with a pose, whose pixels have the `rays` (H, W, 3) and are `seen`."""
         origin, lines = camera_rays(camera, rays.reshape(-1, 3))
         direction = normalise(intersect_screen(round_shape(dome), origin, lines)).reshape(
             rays.shape
@@ -47,12 +48,12 @@ class DomeView:
         return cls(camera, direction.astype(np.float32), on_screen, np.where(on_screen, size, 0.0))
 
     def without(self, covered: Mask) -> "DomeView":
-        """The view with some of its pixels (H, W) left out."""
+        """The view without the pixels of a mask (H, W)."""
         solid = np.where(covered, 0.0, self.solid_angle_sr)
         return replace(self, on_screen=self.on_screen & ~covered, solid_angle_sr=solid)
 
     def projector_pixels(self, projector: ProjectorModel, dome: Dome) -> Image:
-        """Projector pixel (H, W, 2) whose centre would land where each camera pixel looks."""
+        """Projector pixel (H, W, 2) that lights the point each camera pixel sees; NaN if none does."""
         points = screen_points(round_shape(dome), self.direction)
         xy = project(projector.projector_from_dome.apply(points), projector.lens)
         width, height = projector.size

@@ -1,4 +1,9 @@
-"""Why a rig does not fit: what crews get wrong, tried one after the other, told by name."""
+"""Why a rig does not fit: the usual mistakes of an installation, each tested by name.
+
+Every test undoes one mistake numerically (a flat screen, a stretched picture, exchanged cameras, a
+camera that moved during the capture) and reports it only if the corrected rig fits much better. Fits
+are judged by the systematic ratio on an exact sphere; few observations are enough for that.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -21,82 +26,79 @@ from procam.estimate.geometry.solve import GeometrySolution, solve_geometry
 from procam.maths.geometry.lenses import unproject
 
 Array = NDArray[np.float64]
-FLAT_SHARE = 0.004  # of the panel's width that a flat picture may be bent by lenses
-WHOLE = 0.5  # of a panel's width and height that a view must reach over
-SQUARE = 0.01  # by which a projector's two focal lengths may differ: its pixels are square
-FORMATS = (
+FLAT_SHARE = 0.004  # of the panel's width: distortion by lenses of a picture on a flat screen
+MIN_EXTENT = 0.5  # of a panel's width and height, for a test whether the screen is flat
+SQUARE = 0.01  # relative difference of a projector's two focal lengths, as its pixels are square
+FORMATS = (  # ratios of two usual aspect ratios
     16 / 10 / (16 / 9),
     4 / 3 / (16 / 10),
     4 / 3 / (16 / 9),
     5 / 4 / (4 / 3),
     5 / 4 / (16 / 10),
 )
-FORMAT_OFF = 0.004
-DOUBTFUL = 2.0  # excess of the residuals on a sphere from which on a cause is looked for
-BETTER = 0.5  # of the excess, at most, that a cause must leave
-ALIKE = 1.2  # two excesses of which neither is better
-MOVED = 0.5  # of a camera's misfit that two poses remove: panels of a dome are below .1
-MOST = 100.0  # excess of a rig of which nothing fits
-SOME = 600  # observations of each pair that are tried
+FORMAT_TOLERANCE = 0.004
+SUSPICIOUS = 2.0  # systematic ratio from which a cause is sought
+BETTER = 0.5  # share of the systematic ratio that must remain at most, once a cause is corrected
+EQUAL = 1.2  # factor between two systematic ratios of which neither is better
+MOVED = 0.5  # share of a camera's misfit that two poses must remove; a panelled dome gives below .1
+MOST = 100.0  # limit of the systematic ratio of a rig that does not fit at all
+THINNED = 600  # observations of each pair that the tests use
 
 
-def causes(problem: RigProblem, found: GeometrySolution | None) -> list[str]:
-    """Sentences on what is probably wrong; `found` is None where there was no solution at all.
-
-    Each cause is put right by calculation, and told only if the rig then fits much better.
-    """
-    if found is None or found.sphere_excess > DOUBTFUL:
-        told = _flat(problem)
-        if told:
-            return told
-    told = []
+def find_causes(problem: RigProblem, found: GeometrySolution | None) -> list[str]:
+    """Sentences on probable causes of a misfit; `found` is None if the solve failed."""
+    if found is None or found.sphere_systematic_ratio > SUSPICIOUS:
+        flat = _flat(problem)
+        if flat:
+            return flat
+    lines = []
     if found is not None:
-        told = [line for name in found.projectors if (line := _stretched(found, name))]
-        if found.sphere_excess < DOUBTFUL:
-            return told
+        lines = [line for name in found.projectors if (line := _stretched(found, name))]
+        if found.sphere_systematic_ratio < SUSPICIOUS:
+            return lines
     trial = _small(problem)
     free = _solution(replace(trial, fiducials=()))
-    excess = np.inf if free is None else free.sphere_excess
-    if excess < DOUBTFUL:  # nothing is wrong but the fiducials
-        return told + _exchanged(trial, ALIKE * excess)
-    wanted = BETTER * min(excess, MOST)
-    return told + (_exchanged(trial, wanted) or _bumped(trial, free, wanted))
+    ratio = np.inf if free is None else free.sphere_systematic_ratio
+    if ratio < SUSPICIOUS:  # only the fiducials do not fit
+        return lines + _exchanged(trial, EQUAL * ratio)
+    wanted = BETTER * min(ratio, MOST)
+    return lines + (_exchanged(trial, wanted) or _moved_camera(trial, free, wanted))
 
 
 def _flat(problem: RigProblem) -> list[str]:
-    """Cameras that see all pictures as a flat screen would show them.
+    """Cameras that see all pictures as on a flat screen.
 
-    A small part of a dome is flat: only views of much of a panel count.
+    Only views of a large part of a panel count, because a small part of a dome is nearly flat.
     """
     lines = []
     for name, camera in problem.cameras.items():
-        bent = {}
+        deviations = {}
         for (c, projector), seen in problem.observations.items():
-            extent = np.ptp(seen.projector_px, axis=0) / problem.hung[projector].size
-            if c == name and extent.min() > WHOLE:
-                off = _off_a_plane(unproject(seen.camera_px, camera.lens), seen.projector_px)
-                bent[projector] = off / problem.hung[projector].size[0]
-        if bent and max(bent.values()) < FLAT_SHARE:
+            extent = np.ptp(seen.projector_px, axis=0) / problem.projectors[projector].size
+            if c == name and extent.min() > MIN_EXTENT:
+                error = _plane_error(unproject(seen.camera_px, camera.lens), seen.projector_px)
+                deviations[projector] = error / problem.projectors[projector].size[0]
+        if deviations and max(deviations.values()) < FLAT_SHARE:
             lines.append(
-                f"camera {name} sees {', '.join(bent)} on a flat screen (bent by "
-                f"{max(bent.values()):.2%} of the picture's width); turn it to the dome"
+                f"camera {name} sees {', '.join(deviations)} on a flat screen (it deviates by "
+                f"{max(deviations.values()):.2%} of the picture's width); turn it to the dome"
             )
     return lines
 
 
-def _off_a_plane(ray: Array, pixels: Array) -> float:
-    """Middle distance [px] of pixels (N, 2) from a homography of rays (N, 3)."""
+def _plane_error(ray: Array, pixels: Array) -> float:
+    """Median distance [px] of pixels (N, 2) from the best homography of rays (N, 3)."""
     scale = np.abs(pixels).max()
     xy, zero = pixels / scale, np.zeros_like(ray)
     rows = np.r_[np.c_[ray, zero, -xy[:, :1] * ray], np.c_[zero, ray, -xy[:, 1:] * ray]]
     matrix = np.linalg.eigh(rows.T @ rows)[1][:, 0].reshape(3, 3)
-    shown = ray @ matrix.T
-    off = shown[:, :2] / shown[:, 2:] - xy
-    return float(np.median(np.linalg.norm(off, axis=1)) * scale)
+    mapped = ray @ matrix.T
+    error = mapped[:, :2] / mapped[:, 2:] - xy
+    return float(np.median(np.linalg.norm(error, axis=1)) * scale)
 
 
 def _stretched(found: GeometrySolution, name: str) -> str:
-    """What a projector does to its picture before it shows it; "" if nothing."""
+    """A sentence on a projector that distorts its picture electronically; "" if it does not."""
     lens = found.projectors[name].lens
     sigma = np.sqrt(np.diag(found.covariance)[ParameterLayout.of(found.rig).projectors[name]])[
         POSE : POSE + 2
@@ -108,84 +110,87 @@ def _stretched(found: GeometrySolution, name: str) -> str:
     cause = (
         "keystone correction or corner pinning is on in its menu or in the player; switch it off"
     )
-    if min(abs(wide * ratio - 1) for ratio in FORMATS) < FORMAT_OFF:
+    if min(abs(wide * ratio - 1) for ratio in FORMATS) < FORMAT_TOLERANCE:
         cause = (
-            "it is fed another format than its panel has; feed it its native resolution, unscaled"
+            "its input has another format than its panel; feed it its native resolution, unscaled"
         )
-    return f"projector {name} stretches its picture by {wide:.3f}, expected square pixels: {cause}"
+    return f"projector {name} stretches its picture by {wide:.3f}, so its pixels are not square: {cause}"
 
 
 def _exchanged(trial: RigProblem, wanted: float) -> list[str]:
-    """Two cameras whose photographs are each filed under the other's name."""
+    """Two cameras whose photographs are stored under each other's names."""
     for a, b in combinations(trial.cameras, 2):
         if trial.cameras[a].size != trial.cameras[b].size:
             continue
         other = {a: b, b: a}
         seen = {(other.get(c, c), p): o for (c, p), o in trial.observations.items()}
-        if _excess(replace(trial, observations=seen)) < wanted:
+        if _ratio(replace(trial, observations=seen)) < wanted:
             return [
                 f"cameras {a} and {b} seem exchanged: each one's photographs fit the other's lens and "
-                "marks; exchange their cables, or their names in venue.toml"
+                "fiducials; exchange their cables, or their names in venue.toml"
             ]
     return []
 
 
-def _bumped(trial: RigProblem, free: GeometrySolution | None, wanted: float) -> list[str]:
+def _moved_camera(trial: RigProblem, free: GeometrySolution | None, wanted: float) -> list[str]:
     """A camera that moved between the pictures of two projectors."""
-    order = list(trial.hung)
+    order = list(trial.projectors)
     if len(trial.cameras) == 1:
-        cut, excess = _cut_alone(trial)
+        cut, ratios = _cut_of_only_camera(trial)
     else:
-        cut, excess = _cut_among(trial, free)
-    best = min(excess.values(), default=np.inf)
+        cut, ratios = _cut_of_one_camera(trial, free)
+    best = min(ratios.values(), default=np.inf)
     if best >= wanted:
         return []
-    named = " or ".join(name for name, left in excess.items() if left < ALIKE * best)
+    named = " or ".join(name for name, ratio in ratios.items() if ratio < EQUAL * best)
     moment = f"between the pictures of {order[cut - 1]} and {order[cut]}"
     return [f"camera {named} moved {moment}; fix it and capture again"]
 
 
-def _cut_alone(trial: RigProblem) -> tuple[int, dict[str, float]]:
-    """When the only camera moved, and what is left if each part of its pictures is solved alone."""
-    order = list(trial.hung)
-    left = [
-        max(_excess(_only(trial, some)) for some in (order[:cut], order[cut:]))
+def _cut_of_only_camera(trial: RigProblem) -> tuple[int, dict[str, float]]:
+    """The projector before which the only camera moved, and the ratio with both parts solved apart."""
+    order = list(trial.projectors)
+    ratios = [
+        max(_ratio(_only(trial, some)) for some in (order[:cut], order[cut:]))
         for cut in range(1, len(order))
     ]
-    if not left:
+    if not ratios:
         return 0, {}
-    return 1 + int(np.argmin(left)), dict.fromkeys(trial.cameras, min(left))
+    return 1 + int(np.argmin(ratios)), dict.fromkeys(trial.cameras, min(ratios))
 
 
-def _cut_among(trial: RigProblem, free: GeometrySolution | None) -> tuple[int, dict[str, float]]:
-    """When one of several cameras moved, and what is left if it was that or another one.
+def _cut_of_one_camera(
+    trial: RigProblem, free: GeometrySolution | None
+) -> tuple[int, dict[str, float]]:
+    """The projector before which one of several cameras moved, and the ratio for each camera.
 
-    Residuals tell the moment, but may sit in another camera's pictures: so all are tried there.
+    The residuals determine the moment, but may appear in another camera's pictures; so the moment is
+    tried for every camera.
     """
     if free is None:
         return 0, {}
     cut, share = max((_best_cut(free, trial, name) for name in trial.cameras), key=lambda c: c[1])
     if share < MOVED:
         return 0, {}
-    later = list(trial.hung)[cut:]
-    return cut, {name: _excess(_cut(trial, name, later)) for name in trial.cameras}
+    later = list(trial.projectors)[cut:]
+    return cut, {name: _ratio(_split(trial, name, later)) for name in trial.cameras}
 
 
 @dataclass(frozen=True, slots=True)
 class _OwnPose:
-    """What one pair's residuals want its camera's pose to be: normal matrix (6, 6), gradient (6,)."""
+    """Normal equations (6, 6), (6,) of one pair for its camera's pose, and the sum of squares."""
 
     matrix: Array
     gradient: Array
     cost: float
 
 
-NO_WISH = _OwnPose(np.zeros((POSE, POSE)), np.zeros(POSE), 0.0)
+NO_DATA = _OwnPose(np.zeros((POSE, POSE)), np.zeros(POSE), 0.0)
 
 
 def _own_pose(rig: RigGeometry, pair: Pair, seen: Observations) -> _OwnPose:
     error, slopes = residual_slopes(rig, pair, seen)
-    start = 1 + rig.shape.bumps.size
+    start = 1 + rig.shape.harmonic_coefficients.size
     rows = slopes[..., start : start + POSE].reshape(-1, POSE)
     error = error.ravel()
     good = np.isfinite(rows).all(axis=1) & np.isfinite(error)
@@ -195,23 +200,25 @@ def _own_pose(rig: RigGeometry, pair: Pair, seen: Observations) -> _OwnPose:
 
 
 def _best_cut(found: GeometrySolution, trial: RigProblem, name: str) -> tuple[int, float]:
-    """Before which projector a camera moved, if it did, and the share of its misfit that explains."""
+    """The projector before which a camera moved, and the share of its misfit that this explains."""
     seen = {p: o for (c, p), o in trial.observations.items() if c == name}
-    poses = [_own_pose(found.rig, (name, p), seen[p]) if p in seen else NO_WISH for p in trial.hung]
+    poses = [
+        _own_pose(found.rig, (name, p), seen[p]) if p in seen else NO_DATA for p in trial.projectors
+    ]
     gains = [_gain(poses[:cut]) + _gain(poses[cut:]) for cut in range(1, len(poses))]
     cost = sum(p.cost for p in poses)
     return 1 + int(np.argmax([*gains, 0.0])), max(gains, default=0.0) / max(cost, 1e-30)
 
 
 def _gain(poses: Sequence[_OwnPose]) -> float:
-    """By how much one pose for some pairs lowers the sum of their squares."""
+    """Decrease of the sum of squares of some pairs if they get a pose of their own."""
     matrix = sum((p.matrix for p in poses), 1e-9 * np.eye(POSE))
     gradient = sum((p.gradient for p in poses), np.zeros(POSE))
     return float(gradient @ np.linalg.solve(matrix, gradient))
 
 
-def _cut(trial: RigProblem, name: str, later: Sequence[str]) -> RigProblem:
-    """The problem with a camera counted as two, the other for the projectors shot later."""
+def _split(trial: RigProblem, name: str, later: Sequence[str]) -> RigProblem:
+    """The problem with a camera as two, the second one for the projectors captured later."""
     other = f"{name} later"
     camera = replace(trial.cameras[name], name=other)
     seen = {
@@ -220,7 +227,7 @@ def _cut(trial: RigProblem, name: str, later: Sequence[str]) -> RigProblem:
     }
     return replace(
         trial,
-        fiducials=(),  # nobody knows when they were clicked
+        fiducials=(),  # clicked before or after the move, which is not recorded
         cameras={**trial.cameras, other: camera},
         intrinsics={**trial.intrinsics, other: trial.intrinsics[name]},
         observations=seen,
@@ -229,14 +236,14 @@ def _cut(trial: RigProblem, name: str, later: Sequence[str]) -> RigProblem:
 
 def _only(trial: RigProblem, names: Sequence[str]) -> RigProblem:
     """The problem with some of its projectors."""
-    hung = {name: trial.hung[name] for name in names}
-    seen = {(c, p): o for (c, p), o in trial.observations.items() if p in hung}
-    return replace(trial, fiducials=(), hung=hung, observations=seen)
+    projectors = {name: trial.projectors[name] for name in names}
+    seen = {(c, p): o for (c, p), o in trial.observations.items() if p in projectors}
+    return replace(trial, fiducials=(), projectors=projectors, observations=seen)
 
 
 def _small(problem: RigProblem) -> RigProblem:
-    """An exact sphere, fewer observations: enough to tell a blunder."""
-    few = {p: o.thinned(SOME) for p, o in problem.observations.items()}
+    """The problem on an exact sphere with fewer observations."""
+    few = {p: o.thinned(THINNED) for p, o in problem.observations.items()}
     return replace(problem, observations=few, distances=(), most_degree=0)
 
 
@@ -248,7 +255,7 @@ def _solution(trial: RigProblem) -> GeometrySolution | None:
         return None
 
 
-def _excess(trial: RigProblem) -> float:
-    """By how much residuals exceed their errors; infinite where the rig cannot be solved."""
+def _ratio(trial: RigProblem) -> float:
+    """Systematic ratio of the solved rig; infinite where it cannot be solved."""
     found = _solution(trial)
-    return np.inf if found is None else found.sphere_excess
+    return np.inf if found is None else found.sphere_systematic_ratio

@@ -1,4 +1,4 @@
-"""Fiducials and distances that contradict each other, and what is still missing, by name."""
+"""Fiducials and distances that contradict each other, and gauge freedoms that none of them fixes."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -7,18 +7,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procam.errors import CalibrationError
-from procam.estimate.geometry.fiducials import best_turn, length_of, seen_point
+from procam.estimate.geometry.fiducials import best_rotation, distance_in_rig, fiducial_point
 from procam.estimate.geometry.model import RigGeometry
 from procam.maths.geometry.sphere import normalise
 from procam.model.optics import Distance, Fiducial
 
 Array = NDArray[np.float64]
-CONTRADICTION = 8.0  # sigmas
-ROUGH = 1e-3  # how far an exact sphere may misplace a mark on a dome that is none [rad]
-ROUGH_SHARE = 0.02  # of a distance in a rig that was solved without any
+CONTRADICTION = 8.0  # sigmas of a residual that is an error, not noise
+ROUGH = 1e-3  # error of a fiducial on a dome that is solved as an exact sphere [rad]
+ROUGH_SHARE = 0.02  # relative error of a distance in such a rig
 
 
-def check_marks(
+def check_fiducials(
     rig: RigGeometry,
     fiducials: Sequence[Fiducial],
     distances: Sequence[Distance],
@@ -26,19 +26,23 @@ def check_marks(
     rough: bool,
     size_known: bool = True,
 ) -> None:
-    """Complain of marks that contradict each other, and name the one that the others outvote.
+    """Refuse fiducials and distances that contradict each other.
 
-    `rough`: the rig was solved without marks, or the screen is no sphere, so that marks may be
-    arcminutes off without anybody's fault. The size of the rig is a guess unless known.
+    Parameters
+    ----------
+    rig, fiducials, distances : the solved rig and what was measured.
+    rough : the rig was solved without fiducials, or the screen is not a sphere, so that correct
+        fiducials may be arcminutes off.
+    size_known : whether the size of the rig is determined without the distances.
 
     Raises
     ------
     CalibrationError
-        With the mark's name.
+        With the name of the fiducial that disagrees with all others, if there is one.
     """
     _check_fiducials(rig, fiducials, ROUGH if rough else 0.0)
     share = ROUGH_SHARE if rough else 0.0
-    lengths = np.array([length_of(rig, fiducials, d) for d in distances])
+    lengths = np.array([distance_in_rig(rig, fiducials, d) for d in distances])
     metres = np.array([d.metres for d in distances])
     if not len(lengths):
         return
@@ -48,9 +52,9 @@ def check_marks(
     if off.max() > CONTRADICTION:
         i = int(off.argmax())
         raise CalibrationError(
-            f"distances: got {metres[i]:g} m from {distances[i].a} to {distances[i].b}, expected about "
-            f"{scale * lengths[i]:.3g} m, which the rig is solved to"
-            f"{'' if size_known else ' by the other distances'}; correct it, or [screen] radius_m"
+            f"distances: {distances[i].a} to {distances[i].b} is given as {metres[i]:g} m, but "
+            f"{'the rig makes' if size_known else 'the other distances make'} it about "
+            f"{scale * lengths[i]:.3g} m. Correct it, or [screen] radius_m."
         )
 
 
@@ -58,7 +62,7 @@ def _check_fiducials(rig: RigGeometry, fiducials: Sequence[Fiducial], slack: flo
     if len(fiducials) < 2:
         return
     soft = [replace(f, sigma=float(np.hypot(f.sigma, slack))) for f in fiducials]
-    seen = normalise(np.array([seen_point(rig, f) for f in fiducials]))
+    seen = normalise(np.array([fiducial_point(rig, f) for f in fiducials]))
     worst = _disagreement(soft, seen)
     if worst < CONTRADICTION:
         return
@@ -68,41 +72,43 @@ def _check_fiducials(rig: RigGeometry, fiducials: Sequence[Fiducial], slack: flo
         name: _disagreement([f for f, k in zip(soft, kept, strict=True) if k], seen[kept])
         for name, kept in keep.items()
     }
-    guilty = [name for name in names if without[name] < CONTRADICTION]
-    told = f"{', '.join(names)} do not fit together"
-    if len(guilty) == 1:
-        told = f"{guilty[0]} does not fit the others"
-    elif 1 < len(guilty) < len(names):
-        told += f" ({' or '.join(guilty)} is wrong)"
+    suspects = [name for name in names if without[name] < CONTRADICTION]
+    cause = f"{', '.join(names)} do not fit together"
+    if len(suspects) == 1:
+        cause = f"{suspects[0]} does not fit the others"
+    elif 1 < len(suspects) < len(names):
+        cause += f" ({' or '.join(suspects)} is wrong)"
     off = np.degrees(worst * max(f.sigma for f in soft))
     raise CalibrationError(
-        f"fiducials: {told}, off by up to {off:.2g} degrees; check azimuth_deg, elevation_deg and "
-        "pixel, and that it is this mark the pixel shows"
+        f"fiducials: {cause}, off by up to {off:.2g} degrees. Check azimuth_deg, elevation_deg and "
+        "pixel, and that the pixel shows this fiducial."
     )
 
 
 def _disagreement(fiducials: Sequence[Fiducial], seen: Array) -> float:
-    """Largest part, in sigmas, that the best turn leaves of fiducials seen in directions (N, 3)."""
+    """Largest residual [sigma] of fiducials seen in directions (N, 3), after the best rotation."""
     if len(seen) < 2:
         return 0.0
-    return max(float(np.linalg.norm(left)) for left in best_turn(fiducials, seen)[1])
+    return max(float(np.linalg.norm(error)) for error in best_rotation(fiducials, seen)[1])
 
 
-def missing_marks(radius_known: bool, fiducials: Sequence[Fiducial], freedoms: int) -> list[str]:
-    """What is not fixed in space, by name, and what would fix it; `freedoms` as a solution counts."""
-    lines, turns = [], freedoms
+def missing_fiducials(
+    radius_known: bool, fiducials: Sequence[Fiducial], freedoms: int
+) -> list[str]:
+    """Lines on the gauge freedoms that remain, and what would fix them; `freedoms` is their number."""
+    lines, rotations = [], freedoms
     if not radius_known and freedoms in (1, 2, 4):
-        turns -= 1
+        rotations -= 1
         lines.append(
-            "the dome's size is not known, and no distance in metres is told: give [screen] radius_m "
+            "the dome's size is not known, and no distance in metres is given: add [screen] radius_m "
             "or one [[distances]]; directions and the compensation do not need it"
         )
-    if turns >= 3:
+    if rotations >= 3:
         lines.append(
-            "nothing tells the dome's front and pole: list two or more [[fiducials]] in venue.toml, or a "
-            "springline and a front; until then the main camera's own axes are taken"
+            "the dome's front and pole are not known: list two or more [[fiducials]] in venue.toml, or a "
+            "springline and a front; until then the dome frame has the axes of the main camera"
         )
-    elif turns:
+    elif rotations:
         names = " and ".join(dict.fromkeys(f.name for f in fiducials)) or "the pole"
-        lines.append(f"the dome may still turn about {names}: list another of [[fiducials]]")
+        lines.append(f"the rotation about {names} is not known: list one more of [[fiducials]]")
     return lines

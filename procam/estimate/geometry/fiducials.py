@@ -1,4 +1,4 @@
-"""What fixes a rig in space: fiducials on the dome, and distances somebody measured."""
+"""What fixes a rig in space: residuals of fiducials on the dome and of measured distances."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -9,70 +9,74 @@ from scipy.optimize import least_squares
 
 from procam.errors import InputError
 from procam.estimate.geometry.model import POSE, PUPIL, ParameterLayout, RigGeometry, device_of
-from procam.kernels import Device
-from procam.kernels.reference_bundle import point_slopes, rays_sent
+from procam.kernels import PlacedDevice
+from procam.kernels.bundle.reference import point_slopes, rays_sent
 from procam.maths.geometry.lenses import unproject
 from procam.maths.geometry.pose import Pose, align_rotation, rotation_matrix, rotation_vector
 from procam.maths.geometry.sphere import angles_from_direction, direction_from_angles, normalise
 from procam.model.optics import Distance, Fiducial
 
 Array = NDArray[np.float64]
-STEP = 1e-5  # [m] of a point, for slopes of what is wrong with it
+STEP = 1e-5  # [m] of a point, for numerical derivatives of its residual
 
 
-def mark_rows(
+def fiducial_rows(
     rig: RigGeometry, fiducials: Sequence[Fiducial], distances: Sequence[Distance]
 ) -> tuple[Array, Array]:
-    """Residuals (M,) of all marks in their own sigmas, and slopes (M, P) by the rig's parameters."""
+    """Residuals (M,) of fiducials and distances over their sigmas, and derivatives (M, P)."""
     layout = ParameterLayout.of(rig)
-    error, rows = mark_errors(rig, fiducials, distances), [np.zeros((0, layout.count))]
+    error, rows = fiducial_residuals(rig, fiducials, distances), [np.zeros((0, layout.count))]
     for fiducial in fiducials:
-        point, moves = _seen_point(rig, fiducial, layout)
+        point, by_parameters = _point_slopes(rig, fiducial, layout)
         by_point = [
-            _off(fiducial, normalise(point + step)) - _off(fiducial, normalise(point - step))
+            _residual(fiducial, normalise(point + step))
+            - _residual(fiducial, normalise(point - step))
             for step in STEP * np.eye(3)
         ]
-        rows.append(np.stack(by_point, axis=1) / (2 * STEP) @ moves)
+        rows.append(np.stack(by_point, axis=1) / (2 * STEP) @ by_parameters)
     for distance in distances:
         (a, by_a), (b, by_b) = (
-            _place(rig, fiducials, name, layout) for name in (distance.a, distance.b)
+            _position(rig, fiducials, name, layout) for name in (distance.a, distance.b)
         )
         along = (a - b) / np.linalg.norm(a - b)
         rows.append((along @ (by_a - by_b) / distance.sigma_m)[None])
     return error, np.concatenate(rows)
 
 
-def mark_errors(
+def fiducial_residuals(
     rig: RigGeometry, fiducials: Sequence[Fiducial], distances: Sequence[Distance]
 ) -> Array:
-    """Residuals (M,) of all marks in their own sigmas."""
-    parts = [_off(f, normalise(seen_point(rig, f))) for f in fiducials]
-    parts += [np.array([length_of(rig, fiducials, d) - d.metres]) / d.sigma_m for d in distances]
+    """Residuals (M,) of fiducials and distances over their sigmas."""
+    parts = [_residual(f, normalise(fiducial_point(rig, f))) for f in fiducials]
+    parts += [
+        np.array([distance_in_rig(rig, fiducials, d) - d.metres]) / d.sigma_m for d in distances
+    ]
     return np.concatenate(parts) if parts else np.zeros(0)
 
 
-def seen_point(rig: RigGeometry, fiducial: Fiducial) -> Array:
-    """The point (3,) [m] of the screen where its device sees, or shows, a fiducial."""
+def fiducial_point(rig: RigGeometry, fiducial: Fiducial) -> Array:
+    """The point (3,) [m] of the screen where a fiducial's device sees it, or projects it."""
     device, ray = _device_of(rig, fiducial)
-    return rig.shape.meet(*rays_sent(device, ray))[0]
+    return rig.shape.intersect(*rays_sent(device, ray))[0]
 
 
-def _seen_point(
+def _point_slopes(
     rig: RigGeometry, fiducial: Fiducial, layout: ParameterLayout
 ) -> tuple[Array, Array]:
-    """`seen_point`, and its slopes (3, P)."""
+    """`fiducial_point`, and its derivatives (3, P) by the rig's parameters."""
     device, ray = _device_of(rig, fiducial)
     hit = rig.shape.hit(*rays_sent(device, ray))
     shape, identity = rig.shape, np.eye(3)[None]
-    parts = point_slopes(device, ray, hit, shape.radius_m, shape.bumps, identity, lens_free=True)
-    found = np.concatenate(parts, axis=2)[0]
+    coefficients = shape.harmonic_coefficients
+    parts = point_slopes(device, ray, hit, shape.radius_m, coefficients, identity, lens_free=True)
+    by_own = np.concatenate(parts, axis=2)[0]
     columns = np.r_[layout.screen, _block(layout, fiducial.device)]
     slopes = np.zeros((3, layout.count))
-    slopes[:, columns] = found[:, : len(columns)]  # a projector has no pupil to move
+    slopes[:, columns] = by_own[:, : len(columns)]  # a projector has no pupil parameters
     return hit.point[0], slopes
 
 
-def _device_of(rig: RigGeometry, fiducial: Fiducial) -> tuple[Device, Array]:
+def _device_of(rig: RigGeometry, fiducial: Fiducial) -> tuple[PlacedDevice, Array]:
     """The device of a fiducial, and the ray (1, 3) of its pixel."""
     pixel = np.asarray(fiducial.pixel, float)[None]
     if fiducial.device in rig.cameras:
@@ -86,19 +90,19 @@ def _device_of(rig: RigGeometry, fiducial: Fiducial) -> tuple[Device, Array]:
 
 
 def _block(layout: ParameterLayout, name: str) -> slice:
-    """Where a device's parameters stand."""
+    """The parameters of a device."""
     return layout.cameras[name] if name in layout.cameras else layout.projectors[name]
 
 
-def _off(fiducial: Fiducial, seen: Array) -> Array:
-    """What is wrong with a fiducial that is seen in a direction (3,), along the angles known [sigma]."""
+def _residual(fiducial: Fiducial, seen: Array) -> Array:
+    """Residuals over sigma of a fiducial seen in a direction (3,), one per known angle."""
     azimuth, elevation = (float(a) for a in angles_from_direction(seen))
     known_azimuth, known_elevation = fiducial.azimuth, fiducial.elevation
     if known_azimuth is not None and known_elevation is not None:
-        # two tangents at the known place: angles of their own would fail near the pole
-        place = direction_from_angles(known_azimuth, known_elevation)
+        # two tangents at the known direction: differences of angles would fail near the pole
+        known = direction_from_angles(known_azimuth, known_elevation)
         east = direction_from_angles(known_azimuth + np.pi / 2, 0.0)
-        return np.array([seen @ east, seen @ np.cross(place, east)]) / fiducial.sigma
+        return np.array([seen @ east, seen @ np.cross(known, east)]) / fiducial.sigma
     if known_elevation is not None:
         return np.array([elevation - known_elevation]) / fiducial.sigma
     assert known_azimuth is not None
@@ -106,17 +110,17 @@ def _off(fiducial: Fiducial, seen: Array) -> Array:
     return np.array([off * np.cos(elevation)]) / fiducial.sigma
 
 
-def length_of(rig: RigGeometry, fiducials: Sequence[Fiducial], distance: Distance) -> float:
-    """How long a distance is in a rig [m]."""
+def distance_in_rig(rig: RigGeometry, fiducials: Sequence[Fiducial], distance: Distance) -> float:
+    """A distance as the rig has it [m]."""
     layout = ParameterLayout.of(rig)
-    ends = [_place(rig, fiducials, name, layout)[0] for name in (distance.a, distance.b)]
+    ends = [_position(rig, fiducials, name, layout)[0] for name in (distance.a, distance.b)]
     return float(np.linalg.norm(ends[0] - ends[1]))
 
 
-def _place(
+def _position(
     rig: RigGeometry, fiducials: Sequence[Fiducial], name: str, layout: ParameterLayout
 ) -> tuple[Array, Array]:
-    """Where a camera, projector or fiducial of that name is (3,) [m], and its slopes (3, P)."""
+    """Position (3,) [m] of a camera, projector or fiducial, and its derivatives (3, P)."""
     pose = None
     if name in rig.cameras:
         pose = rig.cameras[name].camera_from_dome
@@ -128,49 +132,48 @@ def _place(
         return pose.origin, slopes
     for fiducial in fiducials:
         if fiducial.name == name:
-            return _seen_point(rig, fiducial, layout)
+            return _point_slopes(rig, fiducial, layout)
     raise InputError(
-        f"distances: got {name!r}, expected a camera, projector or fiducial: "
-        f"{', '.join([*rig.cameras, *rig.projectors, *(f.name for f in fiducials)])}"
+        f"distances: {name!r} is not a camera, projector or fiducial of this venue. Use one of "
+        f"{', '.join([*rig.cameras, *rig.projectors, *(f.name for f in fiducials)])}."
     )
 
 
-def turned_to_fiducials(rig: RigGeometry, fiducials: Sequence[Fiducial]) -> RigGeometry:
-    """The whole rig turned, about the screen's centre, to where the fiducials are said to be."""
+def rotated_to_fiducials(rig: RigGeometry, fiducials: Sequence[Fiducial]) -> RigGeometry:
+    """The rig rotated about the screen's centre to the known directions of the fiducials."""
     if not fiducials:
         return rig
-    seen = normalise(np.array([seen_point(rig, f) for f in fiducials]))
-    return turned(rig, best_turn(fiducials, seen)[0])
+    seen = normalise(np.array([fiducial_point(rig, f) for f in fiducials]))
+    return rotated(rig, best_rotation(fiducials, seen)[0])
 
 
-def best_turn(fiducials: Sequence[Fiducial], seen: Array) -> tuple[Array, list[Array]]:
-    """The turn (3, 3) that brings directions (N, 3) to the fiducials, and what is left [sigma]."""
+def best_rotation(fiducials: Sequence[Fiducial], seen: Array) -> tuple[Array, list[Array]]:
+    """The rotation (3, 3) of directions (N, 3) that fits the fiducials best, and the residuals."""
 
-    def miss(turn: Array) -> list[Array]:
-        places = seen @ rotation_matrix(turn).T
-        return [_off(f, p) for f, p in zip(fiducials, places, strict=True)]
+    def errors(vector: Array) -> list[Array]:
+        rotated = seen @ rotation_matrix(vector).T
+        return [_residual(f, d) for f, d in zip(fiducials, rotated, strict=True)]
 
     full = [f.azimuth is not None and f.elevation is not None for f in fiducials]
     if sum(full) > 1:
         known = [direction_from_angles(f.azimuth or 0.0, f.elevation or 0.0) for f in fiducials]
         starts = [rotation_vector(align_rotation(seen[full], np.array(known)[full]))]
     else:
-        tips, spins = (0.0, 1.5, 3.0), (-2.0, 0.0, 2.0)
-        starts = [np.array([tip, 0.0, spin]) for tip in tips for spin in spins]
+        starts = [np.array([x, 0.0, z]) for x in (0.0, 1.5, 3.0) for z in (-2.0, 0.0, 2.0)]
 
-    def joined(turn: Array) -> Array:
-        return np.concatenate(miss(turn))
+    def joined(vector: Array) -> Array:
+        return np.concatenate(errors(vector))
 
     fits = [least_squares(joined, start, x_scale=0.1) for start in starts]
     best = min(fits, key=lambda fit: float(fit.cost)).x
-    return rotation_matrix(best), miss(best)
+    return rotation_matrix(best), errors(best)
 
 
-def turned(rig: RigGeometry, turn: Array) -> RigGeometry:
-    """A rig round an exact sphere, seen in axes turned by a rotation (3, 3): the same light."""
+def rotated(rig: RigGeometry, rotation: Array) -> RigGeometry:
+    """A rig on an exact sphere, rotated (3, 3) about the centre; no residual changes."""
 
     def move(pose: Pose) -> Pose:
-        return Pose(pose.rotation @ turn.T, pose.translation)
+        return Pose(pose.rotation @ rotation.T, pose.translation)
 
     cameras = {
         n: replace(c, camera_from_dome=move(c.camera_from_dome))

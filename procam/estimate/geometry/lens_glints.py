@@ -1,4 +1,4 @@
-"""Projector lenses that a camera looks into: what it sees there is no screen."""
+"""Camera pixels that see a projector's lens instead of the screen."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,15 +7,17 @@ from procam.estimate.geometry.model import RigGeometry, camera_rays
 from procam.maths.geometry.sphere import normalise
 
 Array = NDArray[np.float64]
-HOUSING_RADIUS_M = 0.15  # of a lens; as far behind a hole in the screen it still shines
-GLARE_PX = 3.0  # by which a lens flares beyond its rim
+HOUSING_RADIUS_M = (
+    0.15  # of a lens; also how far behind the screen a lens still shines through its hole
+)
+GLARE_PX = 3.0  # of glare around a lens's rim
 
 
 def lens_glints(rig: RigGeometry, camera: str, rays: Array) -> NDArray[np.bool_]:
-    """Pixels (H, W) at which a camera sees a projector's lens, by their rays (H, W, 3) in its frame.
+    """Pixels (H, W) at which a camera sees a projector's lens, given their rays (H, W, 3).
 
-    A disc round every lens that stands before the screen. One behind it, as of a rear projector, is
-    not seen.
+    A disc around every lens in front of the screen. A lens behind it, as for rear projection, is
+    invisible.
     """
     model = rig.cameras[camera]
     assert model.camera_from_dome is not None
@@ -24,8 +26,8 @@ def lens_glints(rig: RigGeometry, camera: str, rays: Array) -> NDArray[np.bool_]
     distance = np.linalg.norm(towards, axis=1)
     towards = normalise(towards)
     origin, line = camera_rays(model, towards)
-    screen = np.linalg.norm(rig.shape.meet(origin, line) - origin, axis=1)
-    before = ~(distance > screen + HOUSING_RADIUS_M)  # also where there is no screen behind it
+    screen = np.linalg.norm(rig.shape.intersect(origin, line) - origin, axis=1)
+    before = ~(distance > screen + HOUSING_RADIUS_M)  # true as well where the ray misses the screen
     radius = np.arcsin(np.minimum(HOUSING_RADIUS_M / distance, 1.0))
     radius += GLARE_PX / float(model.lens.focal.mean())
     covered = np.zeros(rays.shape[:2], bool)

@@ -1,8 +1,9 @@
-"""Bundle adjustment of cameras, projectors and a round screen (science.md s.3).
+"""Bundle adjustment of cameras, projectors and a round screen (docs/theory/geometry.md (G2)).
 
-An observation is a camera pixel that sees a projector pixel: its ray ends on the screen, and the
-projector must have sent that pixel there. There are no points to solve for, so that the normal
-equations are as small as the rig, whatever the number of observations.
+An observation is a camera pixel that sees a projector pixel. The camera's ray is intersected with
+the screen and the point projected into the projector; the residual is the difference to the
+projector pixel that was decoded. No point on the screen is an unknown, so the normal equations have
+one block per device, whatever the number of observations.
 """
 
 from collections.abc import Mapping
@@ -11,8 +12,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.kernels import Device, Relief, Sight, bundle_equations, bundle_misses
-from procam.kernels.reference_bundle import bundle_rows, rays_sent
+from procam.kernels import (
+    ObservationBlock,
+    PlacedDevice,
+    ShapeDerivatives,
+    bundle_equations,
+    bundle_residuals,
+)
+from procam.kernels.bundle.reference import bundle_rows, rays_sent
 from procam.maths.geometry.lens_derivatives import lens_parameters
 from procam.maths.geometry.lenses import Lens, unproject
 from procam.maths.geometry.pose import Pose, rotation_matrix
@@ -27,41 +34,41 @@ POSE, PUPIL = 6, 2
 
 @dataclass(frozen=True, slots=True)
 class Observations:
-    """Camera pixels (N, 2) that see projector pixels (N, 2), to `sigma_px` (N,) projector pixels."""
+    """Camera pixels (N, 2), the projector pixels (N, 2) that they see, and the latter's `sigma_px` (N,)."""
 
     camera_px: Array
     projector_px: Array
     sigma_px: Array
 
     def some(self, which: Index | NDArray[np.bool_] | slice) -> "Observations":
-        """A part of them."""
+        """A subset."""
         return Observations(self.camera_px[which], self.projector_px[which], self.sigma_px[which])
 
     def thinned(self, most: int) -> "Observations":
-        """Every so many of them, so that about `most` are left, up to twice that."""
+        """Every n-th observation, so that between `most` and twice as many remain."""
         return self.some(slice(None, None, max(1, len(self.sigma_px) // most)))
 
 
 @dataclass(frozen=True, slots=True)
 class RigGeometry:
-    """What is solved for: screen, cameras (placed) and projectors by name."""
+    """The unknowns of a solve: screen, cameras with poses, and projectors by name."""
 
     shape: RoundShape
     cameras: Mapping[str, CameraModel]
     projectors: Mapping[str, ProjectorModel]
 
     def moved(self, step: Array) -> "RigGeometry":
-        """The rig changed by a step (P,) of all its parameters, in the order of `ParameterLayout`."""
+        """The rig after a step (P,) of its parameters, in the order of `ParameterLayout`."""
         layout = ParameterLayout.of(self)
         screen = step[layout.screen]
         shape = replace(
             self.shape,
             radius_m=self.shape.radius_m * float(np.exp(screen[0])),
-            bumps=self.shape.bumps + screen[1:],
+            harmonic_coefficients=self.shape.harmonic_coefficients + screen[1:],
         )
         cameras, projectors = dict(self.cameras), dict(self.projectors)
         for name, columns in layout.cameras.items():
-            if step[columns].any():  # a step of one parameter is common: see `mark_rows`
+            if step[columns].any():  # numerical derivatives step one parameter at a time
                 cameras[name] = moved_camera(cameras[name], step[columns])
         for name, columns in layout.projectors.items():
             if step[columns].any():
@@ -71,10 +78,10 @@ class RigGeometry:
 
 @dataclass(frozen=True, slots=True)
 class ParameterLayout:
-    """Where each device's parameters stand among the (P,) of a rig.
+    """Positions of each device's parameters among the (P,) of a rig.
 
-    Screen: log radius, bumps. Camera: turn [rad] and shift [m] in its own frame, lens (focal, centre,
-    distortion), pupil. Projector: turn, shift, lens.
+    Screen: log radius, harmonic coefficients. Camera: rotation [rad] and translation [m] in its own
+    frame, lens (focal, centre, distortion), pupil. Projector: rotation, translation, lens.
     """
 
     screen: slice
@@ -85,7 +92,7 @@ class ParameterLayout:
     @classmethod
     def of(cls, rig: RigGeometry) -> "ParameterLayout":
         """The layout of a rig."""
-        end = 1 + rig.shape.bumps.size
+        end = 1 + rig.shape.harmonic_coefficients.size
         screen, cameras, projectors = slice(0, end), {}, {}
         for name, camera in rig.cameras.items():
             cameras[name] = slice(end, end + POSE + lens_count(camera.lens) + PUPIL)
@@ -96,7 +103,7 @@ class ParameterLayout:
         return cls(screen, cameras, projectors, end)
 
     def columns(self, pair: Pair) -> Index:
-        """Parameters that a camera's view of a projector depends on."""
+        """Indices of the parameters that a camera's observations of a projector depend on."""
         camera, projector = self.cameras[pair[0]], self.projectors[pair[1]]
         return np.r_[self.screen, camera, projector]
 
@@ -107,18 +114,18 @@ def lens_count(lens: Lens) -> int:
 
 
 def moved_pose(pose: Pose, x: Array) -> Pose:
-    """`pose` turned by the rotation vector x[:3] about the device and shifted by x[3:6] [m]."""
+    """`pose` rotated about the device by the vector x[:3] [rad] and shifted by x[3:6] [m]."""
     turn = rotation_matrix(x[:3])
     return Pose(turn @ pose.rotation, turn @ pose.translation + x[3:6])
 
 
 def moved_lens(lens: Lens, x: Array) -> Lens:
-    """A lens changed by (L,): focal, centre [px], distortion."""
+    """A lens after a step (L,) of focal lengths, centre [px] and distortion [-]."""
     return Lens(lens.kind, lens.focal + x[:2], lens.centre + x[2:4], lens.distortion + x[4:])
 
 
 def moved_camera(camera: CameraModel, x: Array) -> CameraModel:
-    """A placed camera changed by its parameters."""
+    """A camera with a pose after a step of its parameters."""
     assert camera.camera_from_dome is not None
     return replace(
         camera,
@@ -129,7 +136,7 @@ def moved_camera(camera: CameraModel, x: Array) -> CameraModel:
 
 
 def moved_projector(projector: ProjectorModel, x: Array) -> ProjectorModel:
-    """A projector changed by its parameters."""
+    """A projector after a step of its parameters."""
     return replace(
         projector,
         projector_from_dome=moved_pose(projector.projector_from_dome, x[:POSE]),
@@ -138,25 +145,25 @@ def moved_projector(projector: ProjectorModel, x: Array) -> ProjectorModel:
 
 
 def camera_rays(camera: CameraModel, ray: Array) -> tuple[Array, Array]:
-    """Origins (N, 3) [m] and unit directions (N, 3) in the dome's frame of rays (N, 3) in its own."""
+    """Origins (N, 3) [m] and unit directions (N, 3) in the dome frame of a camera's rays (N, 3)."""
     assert camera.camera_from_dome is not None
     return rays_sent(device_of(camera.camera_from_dome, camera.lens, camera.pupil), ray)
 
 
 def points_seen(rig: RigGeometry, camera: str, camera_px: Array) -> Array:
-    """Points (N, 3) [m] of the screen that a camera's pixels (N, 2) see; NaN where they miss it."""
+    """Points (N, 3) [m] of the screen that a camera's pixels (N, 2) see; NaN where they miss."""
     model = rig.cameras[camera]
-    return rig.shape.meet(*camera_rays(model, unproject(camera_px, model.lens)))
+    return rig.shape.intersect(*camera_rays(model, unproject(camera_px, model.lens)))
 
 
-def shape_derivatives(rig: RigGeometry, camera: str, ray: Array) -> Relief | None:
+def screen_derivatives(rig: RigGeometry, camera: str, ray: Array) -> ShapeDerivatives | None:
     """The screen's harmonics where a camera's rays (N, 3) meet it; None for an exact sphere.
 
-    What the functions below take from here need not be of quite the same rig: see `RoundShape.relief`.
+    They also serve for slightly different rigs, see `RoundShape.shape_derivatives`.
     """
-    if rig.shape.exact:
+    if rig.shape.is_sphere:
         return None
-    return rig.shape.relief(*camera_rays(rig.cameras[camera], ray))
+    return rig.shape.shape_derivatives(*camera_rays(rig.cameras[camera], ray))
 
 
 def residuals(
@@ -164,15 +171,15 @@ def residuals(
     pair: Pair,
     seen: Observations,
     ray: Array | None = None,
-    relief: Relief | None = None,
+    shape_derivatives: ShapeDerivatives | None = None,
 ) -> Array:
-    """Projector pixels (N, 2) that the rig predicts minus those that were seen.
+    """Projector pixels (N, 2) that the rig predicts minus those that were observed.
 
-    `ray` (N, 3): what the camera's lens makes of the pixels, if that is known already; `relief`:
-    that of the screen where they meet it, as well.
+    `ray` (N, 3) of the camera's pixels and `shape_derivatives` of the screen where they meet it are
+    computed unless given.
     """
-    ray, relief = _known(rig, pair, seen, ray, relief)
-    return bundle_misses(_sight(rig, pair), ray, seen.projector_px, relief)
+    ray, shape_derivatives = _with_defaults(rig, pair, seen, ray, shape_derivatives)
+    return bundle_residuals(_kernel_pair(rig, pair), ray, seen.projector_px, shape_derivatives)
 
 
 def residual_slopes(
@@ -180,15 +187,17 @@ def residual_slopes(
     pair: Pair,
     seen: Observations,
     ray: Array | None = None,
-    relief: Relief | None = None,
+    shape_derivatives: ShapeDerivatives | None = None,
 ) -> tuple[Array, Array]:
-    """Residuals (N, 2) and their slopes (N, 2, K) by the parameters `ParameterLayout.columns(pair)`.
+    """Residuals (N, 2) and their derivatives (N, 2, K) by the parameters `layout.columns(pair)`.
 
-    With `ray` given the camera's lens and pupil count as fixed: their slopes are left 0.
+    With `ray` given, the camera's lens and pupil are fixed and their derivatives are 0.
     """
     lens_free = ray is None
-    ray, relief = _known(rig, pair, seen, ray, relief)
-    return bundle_rows(_sight(rig, pair), ray, seen.projector_px, relief, lens_free)
+    ray, shape_derivatives = _with_defaults(rig, pair, seen, ray, shape_derivatives)
+    return bundle_rows(
+        _kernel_pair(rig, pair), ray, seen.projector_px, shape_derivatives, lens_free
+    )
 
 
 def normal_equations(
@@ -197,20 +206,26 @@ def normal_equations(
     weight: Mapping[Pair, Array],
     free: NDArray[np.bool_],
     rays: Mapping[Pair, Array],
-    reliefs: Mapping[Pair, Relief | None] | None = None,
+    shape_derivatives: Mapping[Pair, ShapeDerivatives | None] | None = None,
 ) -> tuple[Array, Array]:
     """Normal matrix (P, P) and gradient (P,) of the weighted squares of all residuals.
 
-    `weight` (N,) per pair; `free` (P,) the parameters that are solved for, the others' rows stay 0;
-    `rays` of the pairs whose camera's lens and pupil are fixed; `reliefs` as far as they are known.
+    Parameters
+    ----------
+    rig, seen : the linearisation point, and observations by (camera, projector).
+    weight : (N,) per pair [1/px^2].
+    free : (P,) the parameters that are solved for; rows and columns of the others stay 0.
+    rays : (N, 3) of the pairs whose camera's lens and pupil are fixed.
+    shape_derivatives : per pair; computed where missing.
     """
     layout = ParameterLayout.of(rig)
     matrix, gradient = np.zeros((layout.count, layout.count)), np.zeros(layout.count)
+    derivatives = shape_derivatives or {}
     for pair, some in seen.items():
         lens_free = pair not in rays
-        ray, relief = _known(rig, pair, some, rays.get(pair), (reliefs or {}).get(pair))
+        ray, known = _with_defaults(rig, pair, some, rays.get(pair), derivatives.get(pair))
         found = bundle_equations(
-            _sight(rig, pair), ray, some.projector_px, weight[pair], relief, lens_free
+            _kernel_pair(rig, pair), ray, some.projector_px, weight[pair], known, lens_free
         )
         columns = layout.columns(pair)
         used = free[columns]
@@ -219,26 +234,32 @@ def normal_equations(
     return matrix, gradient
 
 
-def _known(
-    rig: RigGeometry, pair: Pair, seen: Observations, ray: Array | None, relief: Relief | None
-) -> tuple[Array, Relief | None]:
-    """Rays and relief of a camera's pixels, made where they are not given."""
+def _with_defaults(
+    rig: RigGeometry,
+    pair: Pair,
+    seen: Observations,
+    ray: Array | None,
+    shape_derivatives: ShapeDerivatives | None,
+) -> tuple[Array, ShapeDerivatives | None]:
+    """Rays and shape derivatives of a camera's pixels, computed where not given."""
     ray = unproject(seen.camera_px, rig.cameras[pair[0]].lens) if ray is None else ray
-    return ray, shape_derivatives(rig, pair[0], ray) if relief is None else relief
+    return ray, screen_derivatives(
+        rig, pair[0], ray
+    ) if shape_derivatives is None else shape_derivatives
 
 
-def _sight(rig: RigGeometry, pair: Pair) -> Sight:
-    """A camera and a projector as the kernels take them."""
+def _kernel_pair(rig: RigGeometry, pair: Pair) -> ObservationBlock:
+    """A camera, a projector and the screen in the form that the kernels take."""
     camera, projector = rig.cameras[pair[0]], rig.projectors[pair[1]]
     assert camera.camera_from_dome is not None
-    return Sight(
+    return ObservationBlock(
         device_of(camera.camera_from_dome, camera.lens, camera.pupil),
         device_of(projector.projector_from_dome, projector.lens, np.zeros(PUPIL)),
         rig.shape.radius_m,
-        rig.shape.bumps,
+        rig.shape.harmonic_coefficients,
     )
 
 
-def device_of(pose: Pose, lens: Lens, pupil: Array) -> Device:
-    """A camera or projector as the kernels take it."""
-    return Device(pose.rotation, pose.translation, lens.kind, lens_parameters(lens), pupil)
+def device_of(pose: Pose, lens: Lens, pupil: Array) -> PlacedDevice:
+    """A camera or projector in the form that the kernels take."""
+    return PlacedDevice(pose.rotation, pose.translation, lens.kind, lens_parameters(lens), pupil)

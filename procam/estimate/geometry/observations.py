@@ -1,4 +1,4 @@
-"""Correspondence maps boiled down to what a bundle adjustment needs."""
+"""Correspondence maps reduced to the observations of a bundle adjustment."""
 
 import numpy as np
 
@@ -9,9 +9,10 @@ from procam.model.correspondence import CorrespondenceMap
 
 
 def gather_observations(found: CorrespondenceMap, size: tuple[int, int]) -> Observations:
-    """Where a camera sees the centres of a panel's patches; `size` (width, height) of the panel [px].
+    """Camera pixels that see the centres of a panel's patches.
 
-    What is not finite counts as not seen, whatever the map says of it.
+    `size` is (width, height) of the panel [px]. Values that are not finite are ignored, also where
+    the map marks them as valid.
     """
     there = np.isfinite(found.projector_xy)
     found = keep_only(found, there[..., 0] & there[..., 1])

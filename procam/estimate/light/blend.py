@@ -1,4 +1,4 @@
-"""Which projector lights what: footprints, soft edges, common white."""
+"""Blend weights of overlapping projectors, and the common white."""
 
 from collections.abc import Mapping
 
@@ -13,13 +13,13 @@ from procam.model.optics import ProjectorModel
 from procam.model.screen import Dome
 
 Image = NDArray[np.float32]
-WHITE_QUANTILE = 0.001  # the smallest hi, short of a few pixels of noise
+WHITE_QUANTILE = 0.001  # instead of the minimum, to leave out a few noisy pixels
 
 
 class Blender:
-    """Soft edges: each projector weighs in by its distance to the border of its own footprint.
+    """Blend weights in proportion to the distance from the border of each projector's footprint.
 
-    Weights add up to 1 in linear light wherever anything is lit.
+    They sum to 1 in linear light wherever any projector reaches.
     """
 
     def __init__(
@@ -35,12 +35,13 @@ class Blender:
         }
 
     def weights(self, direction: Image) -> dict[str, Image]:
-        """Blend weight (...) of every projector in directions (H, W, 3); 0 where it does not reach."""
-        pull = {name: self._pull(name, direction) for name in self.models}
-        total = np.maximum(sum(pull.values()), 1e-9)
-        return {name: np.asarray(p / total, np.float32) for name, p in pull.items()}
+        """Weight (H, W) of every projector in directions (H, W, 3); 0 where it does not reach."""
+        distance = {name: self._distance(name, direction) for name in self.models}
+        total = np.maximum(sum(distance.values()), 1e-9)
+        return {name: np.asarray(d / total, np.float32) for name, d in distance.items()}
 
-    def _pull(self, name: str, direction: Image) -> Image:
+    def _distance(self, name: str, direction: Image) -> Image:
+        """Distance to the border of the footprint, over the panel's larger side; 0 outside."""
         model = self.models[name]
         points = screen_points(round_shape(self.dome), direction)
         xy = project(model.projector_from_dome.apply(points), model.lens)
@@ -48,5 +49,5 @@ class Blender:
 
 
 def common_white(hi: NDArray[np.floating], lit: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """W (3,): the white that every lit direction can show, one number per channel."""
+    """White (3,) that every lit direction can show, from full white `hi` (N, N, 3)."""
     return np.asarray(np.quantile(hi[lit], WHITE_QUANTILE, axis=0), float)

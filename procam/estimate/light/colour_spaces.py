@@ -1,7 +1,4 @@
-"""Named colour spaces, chromatic adaptation and colour differences, by colour-science.
-
-The package takes a second to import, so the functions do it themselves.
-"""
+"""Named colour spaces, chromatic adaptation and colour differences, by colour-science."""
 
 from typing import Literal
 
@@ -13,27 +10,25 @@ from procam.maths.colour_science import colour_science
 
 Array = NDArray[np.float64]
 White = Literal["native", "D65"]
-# what colour-science calls them; all have the white D65
+# their names in colour-science; all have the white D65
 SPACES = {
     "sRGB": "ITU-R BT.709",
     "Rec.709": "ITU-R BT.709",
     "P3-D65": "P3-D65",
     "Rec.2020": "ITU-R BT.2020",
 }
-WIDEST_DUV = 0.05  # beyond it no colour temperature is meant (CIE 15)
+MAX_DUV = 0.05  # beyond it a colour temperature is not defined (CIE 15)
 
 
 def xyy_from_xyz(xyz: Array) -> Array:
     """Chromaticity and luminance x, y, Y (..., 3) of tristimulus values (..., 3)."""
     colour = colour_science()
-
     return np.asarray(colour.XYZ_to_xyY(xyz), float)
 
 
 def colour_difference(first: Array, second: Array, white: Array) -> Array:
     """CIEDE2000 (...) between tristimulus values (..., 3), seen against a white (3,) in the same unit."""
     colour = colour_science()
-
     illuminant = xyy_from_xyz(white)[:2]
     one, other = (colour.XYZ_to_Lab(xyz / white[1], illuminant) for xyz in (first, second))
     return np.asarray(colour.delta_E(one, other, method="CIE 2000"), float)
@@ -42,10 +37,9 @@ def colour_difference(first: Array, second: Array, white: Array) -> Array:
 def colour_temperature(xyz: Array) -> tuple[float, float]:
     """Correlated colour temperature [K] and Duv of a white (3,) by Ohno 2013; NaN K if Duv is large."""
     colour = colour_science()
-
     uv = colour.UCS_to_uv(colour.XYZ_to_UCS(xyz))
     kelvin, duv = (float(v) for v in colour.temperature.uv_to_CCT_Ohno2013(uv))
-    return (kelvin if abs(duv) <= WIDEST_DUV else np.nan), duv
+    return (kelvin if abs(duv) <= MAX_DUV else np.nan), duv
 
 
 def content_from_rgb(space: str, xyz_from_content: Array, white: White = "native") -> Array:
@@ -54,28 +48,27 @@ def content_from_rgb(space: str, xyz_from_content: Array, white: White = "native
     Parameters
     ----------
     space : one of SPACES.
-    xyz_from_content : (3, 3) [cd/m2] of `estimate.absolute.Absolute`.
-    white : "native" shows the space's white as the dome's own, the other colours adapted to it
-        (Bradford); "D65" shows it as D65, as bright as the dome can, and no colour changes.
+    xyz_from_content : (3, 3) [cd/m2], as in `AbsoluteLight`.
+    white : "native" maps the space's white to that of the dome and adapts the other colours to it
+        (Bradford); "D65" keeps all colours, as bright as the dome can show them.
 
     Returns
     -------
-    Columns are the space's primaries. Negative entries are what the dome cannot show of them; see
+    Columns are the space's primaries. Negative entries are out of the dome's gamut; see
     `unshown_saturation`.
 
     Raises
     ------
     InputError
-        For a name that is none of SPACES or a white that is neither.
+        For an unknown space or white.
     OutOfModelRange
         If the dome cannot show D65 at all.
     """
     colour = colour_science()
-
     if space not in SPACES or white not in ("native", "D65"):
         raise InputError(
-            f"colour space: got {space!r} with white {white!r}, expected one of {', '.join(SPACES)} "
-            "with native or D65"
+            f"colour space {space!r} with white {white!r} is unknown; choose one of {', '.join(SPACES)} "
+            "with white native or D65"
         )
     named = colour.RGB_COLOURSPACES[SPACES[space]]
     xyz_from_rgb = colour.normalised_primary_matrix(named.primaries, named.whitepoint)
@@ -88,18 +81,15 @@ def content_from_rgb(space: str, xyz_from_content: Array, white: White = "native
     matrix = np.linalg.solve(xyz_from_content, xyz_from_rgb)
     shown = matrix.sum(axis=1)
     if shown.min() < 0:
-        raise OutOfModelRange(
-            f"{space}: got a dome whose primaries cannot mix D65, expected them round it; use its "
-            "native white"
-        )
+        raise OutOfModelRange(f"{space}: the dome's primaries cannot mix D65; use its native white")
     return np.asarray(matrix / shown.max())
 
 
 def unshown_saturation(content_from_space: Array, xyz_from_content: Array) -> Array:
-    """Share (3,) of the saturation of a space's R, G, B that the dome cannot show; 0 for all shown.
+    """Share (3,) of the saturation of a space's R, G, B that the dome cannot show; 0 if it shows all.
 
-    On the way from grey of the same luminance to the primary, how much is left when the first content
-    channel has come down to 0.
+    On the line from grey of the same luminance to the primary, the part beyond the point where the
+    first content channel reaches 0.
     """
     luminance = xyz_from_content[1] @ content_from_space
     grey = np.outer(content_from_space.sum(axis=1), luminance / luminance.sum())

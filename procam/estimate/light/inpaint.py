@@ -1,4 +1,7 @@
-"""Panel pixels that showed something else than the patterns: left out, and filled from around them."""
+"""Camera pixels that do not show the pattern: excluded from fits, and inpainted afterwards.
+
+Shot marks cover a part of the panel, and in lens glints no screen is seen.
+"""
 
 from dataclasses import replace
 
@@ -16,74 +19,77 @@ Pixels = NDArray[np.bool_]
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 LIT_HALF = 0.5
-BORDER_CAMERA_PX = 3  # how far lens and scattering carry light out of a hidden place
+BORDER_CAMERA_PX = 3  # radius of the lens blur around such a place
 NEIGHBOURS = ((0, 1), (0, -1), (1, 0), (-1, 0))
 
 
 def pixels_without_pattern(panel: Mask, projector_xy: Image) -> Pixels:
-    """Camera pixels (H, W) that see marked pixels of a panel, or the light beside them."""
+    """Camera pixels (H, W) that see masked pixels of a panel, or their blur."""
     return grow(panel.at(projector_xy), BORDER_CAMERA_PX)
 
 
 def fill_light(
-    light: SeparatedLight, white: Image, hidden: Pixels, solid_angle_sr: NDArray[np.float64]
+    light: SeparatedLight, white: Image, missing: Pixels, solid_angle_sr: NDArray[np.float64]
 ) -> SeparatedLight:
-    """Direct light continued over `hidden` camera pixels (H, W), as if white had shone there too.
+    """Inpaint the light at camera pixels without the pattern, as if white had been shown there.
 
-    The border of the lit area is drawn straight through them. `white` (H, W, 3) is the photograph of
-    white, black taken off: scattered light belongs to the flux it really had, and grows with it.
+    Parameters
+    ----------
+    light : separated light. white : (H, W, 3) photograph of white, black subtracted: its flux
+        caused the scattered light, which is scaled to the flux after inpainting.
+    missing : (H, W) pixels to inpaint. solid_angle_sr : (H, W), 0 off the screen.
     """
     on_screen = solid_angle_sr > 0
-    lit_share = fill_picture(light.lit[..., None].astype(np.float32), hidden, on_screen)[..., 0]
+    lit_share = fill_picture(light.lit[..., None].astype(np.float32), missing, on_screen)[..., 0]
     lit = light.lit.copy()
-    lit[hidden] = on_screen[hidden] & (lit_share[hidden] > LIT_HALF)
-    direct = fill_picture(light.direct, hidden & on_screen, light.lit)
-    direct[hidden & ~lit] = 0
+    lit[missing] = on_screen[missing] & (lit_share[missing] > LIT_HALF)
+    direct = fill_picture(light.direct, missing & on_screen, light.lit)
+    direct[missing & ~lit] = 0
 
     def flux_of(picture: Image) -> Array:
-        return light.flux + solid_angle_sr[hidden] @ np.nan_to_num(picture - light.direct[hidden])
+        return light.flux + solid_angle_sr[missing] @ np.nan_to_num(picture - light.direct[missing])
 
-    shown = flux_of(white[hidden] - light.scattered[hidden])
-    flux = flux_of(direct[hidden])
+    shown = flux_of(white[missing] - light.scattered[missing])
+    flux = flux_of(direct[missing])
     return replace(
         light,
         direct=direct,
-        extended=fill_picture(light.extended, hidden & on_screen, light.lit),
+        extended=fill_picture(light.extended, missing & on_screen, light.lit),
         scattered=light.scattered * (flux / shown).astype(np.float32),
         flux=flux,
         lit=lit,
     )
 
 
-def fill_picture(picture: Image, hidden: Pixels, known: Pixels) -> Image:
-    """`picture` (H, W, C) with its hidden pixels replaced by what is `known` (H, W) around them.
+def fill_picture(picture: Image, missing: Pixels, known: Pixels) -> Image:
+    """`picture` (H, W, C) with `missing` pixels (H, W) interpolated from `known` ones (H, W).
 
-    A membrane spanned by the known pixels (Laplace's equation), so that slopes go on. Hidden places
-    that touch none become 0.
+    Solves Laplace's equation with the known pixels as boundary values. Regions without a known
+    neighbour become 0.
     """
-    edge = known & ~hidden
-    number = np.full(hidden.shape, -1)
-    rows, columns = np.nonzero(hidden)
-    number[hidden] = np.arange(len(rows))
+    edge = known & ~missing
+    number = np.full(missing.shape, -1)
+    rows, columns = np.nonzero(missing)
+    number[missing] = np.arange(len(rows))
     right = np.zeros((len(rows), picture.shape[2]))
-    count = np.full(len(rows), 1e-9)  # without it a place that touches nothing has no solution
+    count = np.full(len(rows), 1e-9)  # keeps the matrix regular where a region has no boundary
     at: list[tuple[Index, Index]] = []
     for down, across in NEIGHBOURS:
         r, c = rows + down, columns + across
-        inside = (r >= 0) & (r < hidden.shape[0]) & (c >= 0) & (c < hidden.shape[1])
+        inside = (r >= 0) & (r < missing.shape[0]) & (c >= 0) & (c < missing.shape[1])
         r, c = np.where(inside, r, rows), np.where(inside, c, columns)
-        beside, within = inside & edge[r, c], inside & hidden[r, c]
+        beside, within = inside & edge[r, c], inside & missing[r, c]
         count += beside | within
         right[beside] += np.nan_to_num(picture[r[beside], c[beside]])
         at.append((np.flatnonzero(within), number[r[within], c[within]]))
     filled = picture.copy()
     if len(rows):
-        filled[hidden] = _solved(count, at, right)
+        filled[missing] = _solved(count, at, right)
     return filled
 
 
 def _solved(count: Array, links: list[tuple[Index, Index]], right: Array) -> Array:
-    """Values (N, C) of which each is the mean of its `count` neighbours: those linked, and `right`."""
+    """Values (N, C), each the mean of its `count` neighbours: linked unknowns, and the sum `right`."""
     each = np.arange(len(count))
     first = np.concatenate([each, *(i for i, _ in links)])
     second = np.concatenate([each, *(j for _, j in links)])

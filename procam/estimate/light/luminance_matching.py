@@ -1,8 +1,8 @@
-"""Luminance matching: the brightest white whose falloff nobody sees (Majumder & Stevens 2005).
+"""Luminance matching: the brightest white whose falloff is not visible.
 
-Flattening to the dimmest pixel throws away what the rest of the dome could show. A white that falls off
-slowly enough looks even: so the white is the largest that no place exceeds and that nowhere changes
-faster than a limit.
+A uniform white is as dim as the dimmest pixel. A white that falls off slowly enough is seen as uniform,
+so the result is the largest white that stays below the available light and nowhere changes faster than a
+limit (Majumder and Stevens 2005, doi:10.1145/1037957.1037964).
 """
 
 import numpy as np
@@ -14,8 +14,8 @@ from procam.maths.warp import sample
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
-CELLS = 128  # edge of the dome master that the limit is worked out on: 1.4 degrees
-# to neighbours, both ways; along these any path is at most 3 % longer than the straight one
+CELLS = 128  # edge of the dome master on which the limit is applied: 1.4 degrees a cell
+# to neighbours, and back; the shortest path along these is at most 3 % longer than a straight one
 STEPS = ((0, 1), (1, 0), (1, 1), (1, -1), (1, 2), (2, 1), (1, -2), (2, -1))
 MOST_ROUNDS = 4 * CELLS
 
@@ -25,14 +25,14 @@ def matched_white(hi: Array, lit: Mask, falloff_per_rad: float) -> Image:
 
     Parameters
     ----------
-    hi : (N, N, C) direct light at full white. lit : (N, N) where it counts.
-    falloff_per_rad : most relative change of the white per radian seen from the dome's centre; 0 for
-        an even white.
+    hi : (N, N, C) direct light at full white. lit : (N, N) pixels that limit the white.
+    falloff_per_rad : largest relative change of the white per radian, seen from the dome's centre; 0
+        for a uniform white.
 
     Notes
     -----
-    log w(x) = min over y of log hi(y) + g d(x, y). One shape for all colours: a change of colour would
-    be seen. Where nothing is lit the shape goes on.
+    log w(x) = min over y of log hi(y) + g d(x, y), with g the limit and d the angle. One shape for all
+    channels, for a change of hue would be visible. It is defined in unlit places too.
     """
     size = len(hi)
     if falloff_per_rad == 0 or not lit.any():
@@ -40,14 +40,14 @@ def matched_white(hi: Array, lit: Mask, falloff_per_rad: float) -> Image:
     dimmest = np.where(lit, (hi / hi[lit].mean(axis=0)).min(axis=-1), np.inf)
     block = size // CELLS
     lowest = dimmest.reshape(CELLS, block, CELLS, block).min(axis=(1, 3))
-    height = _relaxed(np.log(np.maximum(lowest, 1e-9)), falloff_per_rad)
+    height = _limited_slope(np.log(np.maximum(lowest, 1e-9)), falloff_per_rad)
     shape = np.exp(height - height[np.isfinite(lowest)].max()).astype(np.float32)
     direction, _ = master_directions(size)
     return np.minimum(sample(shape, master_pixels(direction, CELLS), outside=1.0), 1.0)
 
 
-def _relaxed(height: Array, slope: float) -> Array:
-    """The largest function (N, N) below `height` that is nowhere steeper than `slope` [1/rad]."""
+def _limited_slope(height: Array, slope: float) -> Array:
+    """The largest function (N, N) that is at most `height` and nowhere steeper than `slope` [1/rad]."""
     direction, _ = master_directions(len(height))
     steps = [(_shifted(dy, dx), _shifted(-dy, -dx)) for dy, dx in STEPS]
     rises = [
@@ -66,7 +66,7 @@ def _relaxed(height: Array, slope: float) -> Array:
 
 
 def _shifted(down: int, right: int) -> tuple[slice, slice]:
-    """The part of a picture that has a neighbour so far down and right, seen from the neighbour."""
+    """Slices of the pixels that are `down` and `right` of another pixel of the picture."""
 
     def part(step: int) -> slice:
         return slice(step, None) if step >= 0 else slice(None, step)

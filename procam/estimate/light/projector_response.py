@@ -1,4 +1,8 @@
-"""Projector response and colour from pictures corrected for the light they send round the dome."""
+"""Projector response and colour mix, from photographs corrected for scattered light.
+
+Primaries give the colour mix; tiles of several drive levels in one picture give the response. Both fit
+docs/theory/photometry.md (R2). Left in, scattered light would bend the curve.
+"""
 
 from dataclasses import dataclass
 
@@ -13,16 +17,17 @@ from procam.model.photometry import ResponseCurve
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
 TILE_MARGIN_PX = 5
-GAMMA = 2.2  # the interpolation runs in a domain where displays are nearly straight
-TABLE = 257
-MIN_SAMPLES = 50
+GAMMA = 2.2  # of the domain of the interpolation, where displays are nearly linear
+TABLE = 257  # entries of the curve
+MIN_SAMPLES = 50  # camera pixels per level
+MIN_LEVEL, FALL_SIGMAS = 0.3, 5.0  # of white, for colour; a fall of the curve that is no noise
 
 
 @dataclass(frozen=True, slots=True)
 class ColourFit:
-    """(3, 3) camera channel per primary, relative to white; rows sum to 1 when light adds up.
+    """`mix` (3, 3): camera channel per primary, relative to white; rows sum to 1.
 
-    `additivity_error` is the worst |sum of primaries / white - 1|.
+    `additivity_error`: largest |sum of primaries / white - 1|, 0 if light is additive.
     """
 
     mix: Array
@@ -30,8 +35,8 @@ class ColourFit:
 
 
 def fit_colour(primaries: list[Image], direct: Image) -> ColourFit:
-    """Colour mixing from the direct light (H, W, 3) of R, G, B alone and of white."""
-    use = direct[..., 1] > 0.3 * np.percentile(direct[..., 1], 99)
+    """Colour mix from the direct light (H, W, 3) of R, G, B alone and of white."""
+    use = direct[..., 1] > MIN_LEVEL * np.percentile(direct[..., 1], 99)
     use &= np.all([np.isfinite(p).all(axis=-1) for p in primaries], axis=0)
     white = direct[use].sum(axis=0, dtype=float)
     mix = np.stack([p[use].sum(axis=0, dtype=float) / white for p in primaries], axis=1)
@@ -42,7 +47,7 @@ def fit_colour(primaries: list[Image], direct: Image) -> ColourFit:
 def tile_levels(
     picture: NDArray[np.floating], projector_xy: Image, lit: NDArray[np.bool_]
 ) -> NDArray[np.intp]:
-    """Index into LEVELS (H, W) that each camera pixel sees of a level picture; -1 near tile edges."""
+    """Index (H, W) into LEVELS of each camera pixel of a level picture; -1 near the tiles' edges."""
     height, width = picture.shape[:2]
     tile = level_tile((width, height))
     inside = lit & np.isfinite(projector_xy[..., 0])
@@ -54,7 +59,7 @@ def tile_levels(
 
 
 class ProjectorResponseFit:
-    """Collects (level, direct light) samples of a projector; white's direct light is the unit."""
+    """Running fit of the response to direct light of level pictures, relative to that of white."""
 
     def __init__(self, direct: Image, mix: Array) -> None:
         self._direct = direct
@@ -62,7 +67,7 @@ class ProjectorResponseFit:
         self._sums = np.zeros((len(LEVELS), 3, 3))  # per level: sum x, x^2 and count, per channel
 
     def add(self, light: Image, level: NDArray[np.intp]) -> None:
-        """Fold in the direct light (H, W, 3) of a level picture."""
+        """Add the direct light (H, W, 3) of a level picture with levels (H, W) of `tile_levels`."""
         with np.errstate(divide="ignore", invalid="ignore"):
             relative = light / self._direct
         use = (level >= 0) & np.isfinite(relative).all(axis=-1) & (self._direct.min(axis=-1) > 0)
@@ -74,21 +79,29 @@ class ProjectorResponseFit:
                 self._sums[:, power, c] += sums
 
     def curve(self) -> ResponseCurve:
-        """The monotone curve through the levels; refuses one that falls."""
+        """The monotone curve through the levels.
+
+        Raises
+        ------
+        NotEnoughData
+            If a level has too few samples.
+        OutOfModelRange
+            If the light falls with the drive.
+        """
         count, total, square = (self._sums[:, i] for i in range(3))
         if count.min() < MIN_SAMPLES:
             raise NotEnoughData(
-                f"response: got {int(count.min())} samples at the rarest of {len(LEVELS)} levels, "
-                f"expected {MIN_SAMPLES}; the camera sees too little of this projector"
+                f"response: the rarest of {len(LEVELS)} levels has {int(count.min())} samples, but "
+                f"{MIN_SAMPLES} are needed; the camera sees too little of this projector"
             )
         mean = total / count
         sigma = np.sqrt(np.maximum(square / count - mean**2, 0) / count)
-        drop = mean[:-1] - mean[1:] - 5 * np.hypot(sigma[:-1], sigma[1:])
+        drop = mean[:-1] - mean[1:] - FALL_SIGMAS * np.hypot(sigma[:-1], sigma[1:])
         if drop.max() > 0:
             level = LEVELS[int(np.argmax(drop.max(axis=1)))]
             raise OutOfModelRange(
-                f"response: light falls by {drop.max():.1%} of white above drive {level}/255, "
-                "expected a rising curve; switch off the projector's contrast enhancement"
+                f"response: light falls by {drop.max():.1%} of white above drive {level}/255; switch off "
+                "the projector's contrast enhancement"
             )
         values = np.maximum.accumulate(np.clip(mean, 0, None), axis=0)
         values = (values - values[0]) / (values[-1] - values[0])
@@ -96,7 +109,8 @@ class ProjectorResponseFit:
 
 
 def _dense(levels: Array, values: Array, sigma: Array) -> ResponseCurve:
+    """The curve on `TABLE` drives, by monotone interpolation."""
     fine = np.linspace(0, 1, TABLE)
-    straight = PchipInterpolator(levels, values ** (1 / GAMMA), axis=0)(fine) ** GAMMA
-    spread = np.stack([np.interp(fine, levels, sigma[:, c]) for c in range(3)], axis=1)
-    return ResponseCurve(fine, np.asarray(straight), spread)
+    light = PchipInterpolator(levels, values ** (1 / GAMMA), axis=0)(fine) ** GAMMA
+    fine_sigma = np.stack([np.interp(fine, levels, sigma[:, c]) for c in range(3)], axis=1)
+    return ResponseCurve(fine, np.asarray(light), fine_sigma)

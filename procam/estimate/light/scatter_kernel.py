@@ -1,4 +1,11 @@
-"""How bounced light depends on where the direct light falls, as far as pictures show it."""
+"""Fit of the scatter kernel: how scattered light depends on where the direct light falls.
+
+The data are `ScatterSample`s: scattered light of one picture and the flux of its direct light, both
+averaged over cells of a small dome master. `solve_scatter` alternates between u, the scattered light
+per flux of full white at camera pixels, and the kernel B of docs/theory/interreflection.md (I16), for
+u needs the kernel (each projector lights a part of the dome only) and the kernel needs u (I17). The
+degree of B is chosen by cross-validation: each picture in turn is predicted from the others.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,7 +16,7 @@ from numpy.typing import NDArray
 
 from procam.errors import OutOfModelRange
 from procam.estimate.geometry.camera_view import DomeView
-from procam.estimate.light.separation import SeparatedLight, scatter_per_flux
+from procam.estimate.light.separation import SeparatedLight, estimate_scatter_per_flux
 from procam.maths.geometry.sphere import master_directions, master_pixels
 from procam.maths.light.scatter_kernel import ZoneMeasurements, basis, predicted_ratio
 from procam.maths.warp import sample
@@ -18,25 +25,25 @@ from procam.model.transport import ScatterKernel
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
-CELLS = 32  # edge of the dome master whose pixels gather camera pixels: 6 degrees
-HIGHEST = 2  # degree; above it nothing is earned in furnished rooms (studies/forward.md)
+CELLS = 32  # edge of the dome master of cells, 6 degrees each
+HIGHEST = 2  # degree; a higher one gains nothing in furnished rooms (studies/forward.md)
 SIZE = (HIGHEST + 1) ** 2
-ROUNDS = 2
-BLACK_BLUR_PX = 4.0  # Gaussian sigma in camera pixels: black light is smooth, its noise is not
-FEWEST = 4  # pictures per degree
-DIM = 0.05  # of the pictures' median flux
-WHOLE = 0.9  # of a cell's pixels must show nothing but bounced light
-CLEARLY = 0.9  # a higher degree must err by less than this share of the lower one's error
+ROUNDS = 2  # of the alternation between u and the kernel
+BLACK_BLUR_PX = 4.0  # Gaussian sigma in camera pixels; black light is smooth, its noise is not
+MIN_PICTURES = 4  # per degree
+MIN_FLUX = 0.05  # of the pictures' median flux
+MIN_CELL_SHARE = 0.9  # of a cell's pixels must see scattered light alone
+MAX_ERROR_RATIO = 0.9  # of a higher degree's cross-validation error to a lower one's
 
 
 @dataclass(frozen=True, slots=True)
 class ScatterSample:
-    """Bounced light of one picture in cells of the dome.
+    """Scattered light of one picture in cells of the dome.
 
     Attributes
     ----------
-    scattered : (N, C) mean per cell; NaN where direct light mixes in.
-    pixels : (N,) camera pixels behind it.
+    scattered : (N, C) mean per cell; NaN where direct light falls.
+    pixels : (N,) number of camera pixels in that mean.
     direct : (N, C) flux of the direct light in each cell [rel sr].
     """
 
@@ -50,37 +57,39 @@ class ScatterSample:
         return np.asarray(cell_basis().T @ self.direct)
 
     def converted(self, matrix: Array) -> "ScatterSample":
-        """The same in other channels, `matrix` (C, C) times the old ones."""
+        """The sample in other channels, `matrix` (C, C) times the old ones."""
         return ScatterSample(self.scattered @ matrix.T, self.pixels, self.direct @ matrix.T)
 
 
 @dataclass(frozen=True, slots=True)
 class ScatterFit:
-    """The kernel that the evidence chose.
+    """A kernel, and the evidence for its degree.
 
-    `held_out` by degree: rms error of the bounced light of pictures that took no part in the fit,
-    relative to it. Empty where there were too few pictures to hold any out.
+    `held_out`: by degree, relative rms error of the scattered light of pictures held out of the fit;
+    empty if there are too few pictures.
     """
 
     kernel: ScatterKernel
     held_out: dict[int, float]
 
-    def explained(self) -> str:
-        """One sentence for people: what was chosen, and on which evidence."""
+    def summary(self) -> str:
+        """One sentence for the report: the degree, and why."""
         degree = self.kernel.degree
         if not self.held_out:
-            return "bounced light by one scalar: there are too few pictures to test anything finer"
+            return (
+                "scattered light by one scalar: there are too few pictures to test a higher degree"
+            )
         errors = ", ".join(f"{e:.2%} at degree {d}" for d, e in self.held_out.items())
         chosen = "one scalar per colour" if degree == 0 else f"degree {degree}"
-        return f"bounced light of pictures held out of the fit errs by {errors}: {chosen} taken"
+        return f"error of scattered light in pictures held out of the fit: {errors}; {chosen} used"
 
 
 class ScatterCells:
-    """Camera pixels gathered into cells of the dome.
+    """Assignment of camera pixels to cells of the dome.
 
     Parameters
     ----------
-    direction : (H, W, 3) what the camera's pixels see. solid_angle_sr : (H, W), 0 off the screen.
+    direction : (H, W, 3) of the camera's pixels. solid_angle_sr : (H, W), 0 off the screen.
     """
 
     def __init__(self, direction: Image, solid_angle_sr: Array) -> None:
@@ -90,19 +99,19 @@ class ScatterCells:
         self._all = np.bincount(self._index, minlength=CELLS**2)
         self._solid = solid_angle_sr[self._use]
 
-    def lighting(self, scattered: Image, known: Mask, direct: Image) -> ScatterSample:
-        """Bounced light (H, W, C) where it is `known` (H, W), and the direct light behind it."""
+    def scatter_sample(self, scattered: Image, known: Mask, direct: Image) -> ScatterSample:
+        """Sample of scattered light (H, W, C), `known` (H, W), and its direct light (H, W, C)."""
         light = np.nan_to_num(direct[self._use])
         sums = self._sums(light * self._solid[:, None], self._index)
         mean, pixels = self.mean(scattered, known)
         return ScatterSample(mean, pixels, sums)
 
     def mean(self, picture: Image, known: Mask) -> tuple[Array, Array]:
-        """Cell means (N, C), NaN where less than `WHOLE` of a cell is known, and pixels (N,)."""
+        """Cell means (N, C), NaN where under `MIN_CELL_SHARE` is known, and pixel counts (N,)."""
         known = (known & np.isfinite(picture).all(axis=-1))[self._use]
         index = self._index[known]
         pixels = np.bincount(index, minlength=CELLS**2)
-        whole = (pixels > WHOLE * self._all) & (pixels > 0)
+        whole = (pixels > MIN_CELL_SHARE * self._all) & (pixels > 0)
         mean = self._sums(picture[self._use][known], index) / np.maximum(pixels, 1)[:, None]
         return np.where(whole[:, None], mean, np.nan), np.where(whole, pixels, 0).astype(float)
 
@@ -113,52 +122,57 @@ class ScatterCells:
 
 @cache
 def cell_basis() -> Array:
-    """Harmonics (CELLS^2, SIZE) at the cells' middles."""
+    """Harmonics (CELLS^2, SIZE) at the centres of the cells."""
     direction, _ = master_directions(CELLS)
     return basis(direction.reshape(-1, 3), HIGHEST)
 
 
 @dataclass(frozen=True, slots=True)
 class ScatterSolution:
-    """Where bounced light goes.
+    """Scattered light of full white, and its dependence on the picture.
 
-    `per_flux` (H, W, C) u of full white at camera pixels [1/sr]; `strengths`, one (H, W, C) per
-    projector, by how much more a unit of its white's flux brings; `fit` the kernel; `in_cells` (N, C)
-    means of u.
+    Attributes
+    ----------
+    per_flux : (H, W, C) u of full white at camera pixels [1/sr]. in_cells : (N, C) its cell means.
+    relative_gains : for each projector (H, W, C), scattered light per unit of its white's flux over u.
+    fit : the kernel.
     """
 
     per_flux: Image
-    strengths: list[Image]
+    relative_gains: list[Image]
     fit: ScatterFit
     in_cells: Array
 
 
 def solve_scatter(
     lights: Sequence[SeparatedLight],
-    lightings: Sequence[Sequence[ScatterSample]],
+    samples: Sequence[Sequence[ScatterSample]],
     view: DomeView,
     white: Array,
 ) -> ScatterSolution:
-    """Fit u and the kernel in turn: what white brings is told by projectors that are not all of it.
+    """Fit u and the kernel alternately.
 
-    `lightings` of each projector, its white first; `white` (N, C) flux of the whole dome's white.
+    Parameters
+    ----------
+    lights : white of each projector. samples : of each projector, its white first.
+    white : (N, C) flux of full white on the whole dome, per cell [rel sr].
     """
     moment = cell_basis().T @ white
     cells = ScatterCells(view.direction, view.solid_angle_sr)
     places = master_pixels(np.nan_to_num(view.direction), CELLS)
-    strengths: list[Image] | None = None
+    gains: list[Image] | None = None
     for _ in range(ROUNDS):
-        per_flux = scatter_per_flux(lights, strengths)
+        per_flux = estimate_scatter_per_flux(lights, gains)
         mean, _ = cells.mean(per_flux, view.on_screen)
-        fit = fit_scatter([x for each in lightings for x in each], mean, moment)
-        whites = [each[0].moment for each in lightings]
-        strengths = [sample(_relative_gain(fit.kernel, m), places, 1.0) for m in whites]
-    per_flux = scatter_per_flux(lights, strengths)
-    return ScatterSolution(per_flux, strengths or [], fit, cells.mean(per_flux, view.on_screen)[0])
+        fit = fit_scatter([x for each in samples for x in each], mean, moment)
+        whites = [each[0].moment for each in samples]
+        gains = [sample(_relative_gain(fit.kernel, m), places, 1.0) for m in whites]
+    per_flux = estimate_scatter_per_flux(lights, gains)
+    return ScatterSolution(per_flux, gains or [], fit, cells.mean(per_flux, view.on_screen)[0])
 
 
 def _relative_gain(kernel: ScatterKernel, moment: Array) -> Image:
-    """By how much more than full white's a unit of flux of these moments brings to each cell."""
+    """Scattered light per flux of light of these moments, over that of full white, per cell."""
     size = (kernel.degree + 1) ** 2
     phi = cell_basis()[:, :size]
     each = [
@@ -168,73 +182,79 @@ def _relative_gain(kernel: ScatterKernel, moment: Array) -> Image:
     return np.stack(each, axis=-1).reshape(CELLS, CELLS, -1).astype(np.float32)
 
 
-def fit_scatter(lightings: Sequence[ScatterSample], per_flux: Array, white: Array) -> ScatterFit:
-    """Choose the kernel's degree by pictures held out, then fit it to all.
+def fit_scatter(samples: Sequence[ScatterSample], per_flux: Array, white: Array) -> ScatterFit:
+    """Choose the kernel's degree by cross-validation, then fit it to all pictures.
 
     Parameters
     ----------
-    lightings : pictures. per_flux : (N, C) bounced light that a unit of white's flux brings [1/sr],
-        NaN where unknown. white : (K, C) moments of full white on all the dome.
+    samples : one per picture. per_flux : (N, C) scattered light of full white per unit of its flux
+        [1/sr], NaN where unknown. white : (K, C) moments of full white on the whole dome.
+
+    Raises
+    ------
+    OutOfModelRange
+        If the light of full white is not known everywhere, or there is no scattered light.
     """
-    channels, lightings = white.shape[1], _bright(lightings)
+    channels, samples = white.shape[1], _bright(samples)
     if not np.isfinite(white).all():
         raise OutOfModelRange(
-            "full white: got light that is not known in places, expected all of it; where white is "
-            "saturated, photograph with a shorter exposure_s"
+            "full white is unknown in some places; where its photographs are saturated, photograph "
+            "with a shorter exposure_s"
         )
     if not (per_flux > 0).any():
         raise OutOfModelRange(
-            "bounced light: got none above zero anywhere; is glare or black_level in venue.toml too large?"
+            "there is no scattered light above zero anywhere; check whether glare or black_level in "
+            "venue.toml is too large"
         )
-    each = [_Channel(lightings, per_flux[:, c], white[:, c], c) for c in range(channels)]
-    degrees = [d for d in range(HIGHEST + 1) if len(lightings) >= max(2, FEWEST * d)]
+    each = [_Channel(samples, per_flux[:, c], white[:, c], c) for c in range(channels)]
+    degrees = [d for d in range(HIGHEST + 1) if len(samples) >= max(2, MIN_PICTURES * d)]
     held_out = {d: float(np.mean([x.held_out_error(d) for x in each])) for d in degrees}
     degree = _simplest(held_out)
-    fits = [x.fit(degree, np.ones(len(lightings), bool)) for x in each]
+    fits = [x.fit(degree, np.ones(len(samples), bool)) for x in each]
     matrix, profile = (np.stack(part) for part in zip(*fits, strict=True))
     return ScatterFit(ScatterKernel(degree, matrix, profile), held_out)
 
 
-def _bright(lightings: Sequence[ScatterSample]) -> list[ScatterSample]:
-    """Without pictures that hardly light the dome: parts of a panel that miss it."""
-    flux = np.array([x.moment[0].mean() for x in lightings])
-    return [x for x, f in zip(lightings, flux, strict=True) if f > DIM * np.median(flux)]
+def _bright(samples: Sequence[ScatterSample]) -> list[ScatterSample]:
+    """The samples without pictures that hardly light the dome, such as parts of a panel that miss it."""
+    flux = np.array([x.moment[0].mean() for x in samples])
+    return [x for x, f in zip(samples, flux, strict=True) if f > MIN_FLUX * np.median(flux)]
 
 
 def _simplest(held_out: dict[int, float]) -> int:
-    """The lowest degree that no higher one beats clearly."""
+    """The lowest degree whose error no higher degree reduces clearly."""
     chosen = 0
     for degree, error in held_out.items():
-        if error < CLEARLY * held_out[chosen]:
+        if error < MAX_ERROR_RATIO * held_out[chosen]:
             chosen = degree
     return chosen
 
 
 class _Channel:
-    """One colour of all pictures."""
+    """All pictures in one channel."""
 
     def __init__(
-        self, lightings: Sequence[ScatterSample], per_flux: Array, white: Array, channel: int
+        self, samples: Sequence[ScatterSample], per_flux: Array, white: Array, channel: int
     ) -> None:
         on_dome = np.isfinite(per_flux) & (per_flux > 0)
         self._phi, self._white = cell_basis()[on_dome], white
         base = per_flux[on_dome]
-        self._ratio = np.stack([x.scattered[on_dome, channel] / base for x in lightings])
-        # noise of a cell falls with its pixels; the ratio's grows where little bounces
-        self._weight = np.stack([x.pixels[on_dome] * base**2 for x in lightings])
-        self._moment = np.stack([x.moment[:, channel] for x in lightings])
+        self._ratio = np.stack([x.scattered[on_dome, channel] / base for x in samples])
+        # the variance of a cell's mean falls with its pixels; that of the ratio grows where u is small
+        self._weight = np.stack([x.pixels[on_dome] * base**2 for x in samples])
+        self._moment = np.stack([x.moment[:, channel] for x in samples])
 
     def fit(self, degree: int, pictures: Mask) -> tuple[Array, Array]:
-        """Kernel and profile from some pictures."""
-        return self._evidence(degree).fit(pictures)
+        """Kernel and profile from a subset of pictures (P,)."""
+        return self._measurements(degree).fit(pictures)
 
     def held_out_error(self, degree: int) -> float:
-        """Rms relative error of each picture's bounced light, predicted from the others."""
+        """Relative rms error of each picture's scattered light, predicted from the others."""
         size = (degree + 1) ** 2
-        evidence, count = self._evidence(degree), len(self._ratio)
+        measurements, count = self._measurements(degree), len(self._ratio)
         errors = []
         for p in range(count):
-            matrix, profile = evidence.fit(np.arange(count) != p)
+            matrix, profile = measurements.fit(np.arange(count) != p)
             expected = predicted_ratio(
                 self._phi[:, :size], matrix, profile, self._moment[p : p + 1, :size]
             )[0]
@@ -246,7 +266,7 @@ class _Channel:
                 errors.append(np.average(miss**2, weights=weight) / scale**2)
         return float(np.sqrt(np.mean(errors)))
 
-    def _evidence(self, degree: int) -> ZoneMeasurements:
+    def _measurements(self, degree: int) -> ZoneMeasurements:
         size = (degree + 1) ** 2
         pictures = self._ratio, self._weight, self._moment[:, :size]
         return ZoneMeasurements.of(self._phi[:, :size], pictures, self._white[:size])

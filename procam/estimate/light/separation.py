@@ -1,7 +1,11 @@
-"""Direct and scattered light from code pictures, and what the dome does to light (science.md s.1-2).
+"""Direct/global separation from stripe pictures, and feedback and albedo from it.
 
-A pixel inside a dark stripe, well clear of its edges, sees nothing but light that has bounced; so
-does every pixel outside a projector's picture. Both are measured in every picture.
+Follows Nayar et al. 2006, doi:10.1145/1141911.1141977. A camera pixel inside a dark stripe, well clear
+of its edges, and every pixel outside a projector's picture see scattered light alone. `Separation`
+averages those samples over all pictures of a projector, each divided by the picture's flux relative to
+full white, and subtracts the result from white: direct light remains. From the scattered light per
+flux of all projectors follow u, the feedback m = a.u (docs/theory/interreflection.md I10) and, under
+assumptions about the rest of the room, the mean albedo (I15).
 """
 
 from collections.abc import Sequence
@@ -10,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.maths.codes.gray import edge_distance, is_bright
+from procam.maths.codes.gray import is_bright, stripe_edge_distance
 from procam.maths.light.radiosity import albedo_from_feedback, floor_return
 from procam.maths.warp import blur_within, grow
 from procam.model.screen import Dome
@@ -19,27 +23,28 @@ from procam.model.transport import Measured
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
-CLEAR_PX = 3.0  # distance from a stripe's edge beyond which neither lens nor pixel mixes it in
-HOLE_PX = 3  # widest gap between decoded pixels that is closed
-CLEAR_CAMERA_PX = 6  # likewise from the border of a projector's picture
-GLOBAL_BLUR_PX = 1.0
-EXTEND_PX = 3.0
-# of m: the border of the lit area errs alike for all projectors, so their spread does not show it;
-# three times the bias that studies/photometry.md finds
+CLEAR_PX = 3.0  # distance from a stripe's edge beyond which neither lens nor pixel blurs it in
+HOLE_PX = 3  # widest gap between decoded pixels that counts as lit
+CLEAR_CAMERA_PX = 6  # the same, from the border of a projector's picture
+GLOBAL_BLUR_PX = 1.0  # Gaussian sigma of the smoothing of scattered light
+EXTEND_PX = 3.0  # Gaussian sigma of the continuation of direct light beyond the border
+# relative, of m: the border of the lit area has the same error for all projectors, so their spread
+# does not show it; three times the bias in studies/photometry.md
 BORDER_SIGMA = 1e-3
+SINGLE_SIGMA = 0.01  # relative, of m from one projector alone
 
 
 @dataclass(frozen=True, slots=True)
 class SeparatedLight:
-    """One projector's full white, split, in camera radiance [full scale/s].
+    """Direct and scattered light of one projector's full white, in camera radiance [full scale/s].
 
     Attributes
     ----------
-    direct, scattered : (H, W, 3); `direct` fades over the border of the picture.
-    extended : (H, W, 3) direct light continued a little beyond the border.
+    direct, scattered : (H, W, 3); `direct` fades to 0 over the border of the picture.
+    extended : (H, W, 3) direct light, continued a few pixels beyond the border.
     flux : (3,) direct flux, sum of solid angle times direct [radiance sr].
-    weight : (H, W) statistical weight of `scattered`; 0 where it was filled in.
-    lit : (H, W) the pixel sees this projector's picture.
+    weight : (H, W) statistical weight of `scattered`; 0 where it is interpolated.
+    lit : (H, W) whether the pixel sees this projector's picture.
     """
 
     direct: Image
@@ -51,17 +56,17 @@ class SeparatedLight:
 
 
 class Separation:
-    """Folds one projector's pictures in as they come; memory does not grow with their number.
+    """Running direct/global separation of one projector; memory does not grow with its pictures.
 
     Parameters
     ----------
-    white : (H, W, 3) white minus black. projector_xy : (H, W, 2), NaN outside the panel.
+    white : (H, W, 3) white less black. projector_xy : (H, W, 2), NaN outside the panel.
     lit : (H, W) decoded pixels. solid_angle_sr : (H, W) of the camera pixels; 0 off the screen.
     """
 
     def __init__(self, white: Image, projector_xy: Image, lit: Mask, solid_angle_sr: Array) -> None:
         usable = np.isfinite(white).all(axis=-1)
-        # pixels on an edge of the finest stripes do not decode; they are lit all the same
+        # pixels on an edge of the finest stripes do not decode, but they are lit
         lit = grow(grow(lit, HOLE_PX), -HOLE_PX)
         self._solid = np.where(usable, solid_angle_sr, 0).astype(np.float32)
         self._white_flux = self.total(white)
@@ -70,27 +75,27 @@ class Separation:
         self._inside = grow(lit & usable, -2)
         self._outside = (self._solid > 0) & ~grow(lit, CLEAR_CAMERA_PX)
         self._sum, self._count = np.nan_to_num(white), np.ones(lit.shape, np.float32)
-        self._shares = np.ones(lit.shape, np.float32)  # of white's scattered light in the sum
+        self._shares = np.ones(lit.shape, np.float32)  # scattered light in the sum over white's
         self._dark_sum = np.where(self._outside[..., None], self._sum, 0)
         self._dark_weight = self._outside.astype(np.float32)
 
     def total(self, light: Image) -> Array:
-        """Total light (C,) on the screen [radiance sr]; saturated pixels count as dark."""
+        """Flux (C,) on the screen [radiance sr]; saturated pixels count as 0."""
         total = np.tensordot(self._solid, light, 2).astype(float)
         if not np.isfinite(total).all():
             total = np.tensordot(self._solid, np.nan_to_num(light), 2).astype(float)
         return total
 
     def flux_share(self, light: Image) -> Array:
-        """Flux (3,) of a picture relative to white's: totals scale as direct fluxes do."""
+        """Flux (3,) of a picture over that of white; the same ratio holds for the direct flux."""
         return self.total(light) / self._white_flux
 
     def add_pair(self, axis: str, bit: int, pattern: Image, inverse: Image) -> None:
-        """Fold in a stripe picture and its inverse, (H, W, 3), black taken off."""
+        """Add a stripe picture and its inverse, (H, W, 3), black subtracted."""
         which = 0 if axis == "x" else 1
         with np.errstate(invalid="ignore"):
-            near_edge = edge_distance(self._xy[..., which], bit) <= CLEAR_PX
-        # a media server draws edges as greys, and these do not add up to white
+            near_edge = stripe_edge_distance(self._xy[..., which], bit) <= CLEAR_PX
+        # a media server draws edges as greys, which do not add up to white
         sound = ~near_edge
         self._sum += np.where(sound[..., None], pattern + inverse, 0)
         self._count += sound
@@ -102,12 +107,12 @@ class Separation:
 
     def _add_dark(self, light: Image, dark: Mask) -> None:
         share = self.flux_share(light)
-        weight = share[1] ** 2  # one weight for all channels: their shares differ by little
+        weight = share[1] ** 2  # one weight for all channels, whose shares differ little
         self._dark_sum += light * dark[..., None] * (weight / share).astype(np.float32)
         self._dark_weight += dark * np.float32(weight)
 
     def result(self) -> SeparatedLight:
-        """The split, after all pairs."""
+        """Direct and scattered light from all pairs so far."""
         on_screen = self._solid > 0
         known = (self._dark_weight > 0) & on_screen & np.isfinite(self._dark_sum).all(axis=-1)
         ratio = self._dark_sum / np.maximum(self._dark_weight, 1e-12)[..., None]
@@ -130,46 +135,57 @@ class Separation:
         )
 
 
-def scatter_per_flux(
-    lights: Sequence[SeparatedLight], strengths: Sequence[Image] | None = None
+def estimate_scatter_per_flux(
+    lights: Sequence[SeparatedLight], relative_gains: Sequence[Image] | None = None
 ) -> Image:
-    """U (H, W, C) [1/sr]: scattered radiance per direct flux, all projectors weighed together.
+    """Scatter per flux u (H, W, C) [1/sr] of full white, by weighted least squares over projectors.
 
-    `strengths` (H, W, C): by how much more than full white's a unit of flux of each projector brings
-    to a pixel; None where all bring the same.
+    `relative_gains` (H, W, C): scattered light per unit of flux of each projector, over that of full
+    white; None for 1.
     """
     top = np.zeros_like(lights[0].scattered)
     bottom = np.zeros_like(top)
     for i, light in enumerate(lights):
-        flux = light.flux.astype(np.float32) * (1 if strengths is None else strengths[i])
+        flux = light.flux.astype(np.float32) * (1 if relative_gains is None else relative_gains[i])
         weight = np.maximum(light.weight, 1e-3)[..., None]
         top += weight * flux * light.scattered
         bottom += weight * flux**2
     return np.asarray(top / bottom)
 
 
-def feedback(
-    lights: list[SeparatedLight],
+def estimate_feedback(
+    lights: Sequence[SeparatedLight],
+    relative_gains: Sequence[Image],
     lit_sr: Array,
     on_screen_sr: Array,
-    strengths: Sequence[Image],
-    doubts: tuple[float, float],
+    *,
+    glare_sigma: float,
+    flux_sigma: float,
 ) -> Measured:
-    """M (C,) over lit solid angles (H, W) [sr], with sigma.
+    """Feedback m (C,) with its standard error, from all projectors.
 
-    Each projector measures m by itself. Their scatter tells what depends on where the light falls;
-    an unknown veil of glare adds to every scattered sample alike (science.md s.2). `doubts`:
-    sigma of that veil, and of the direct light of all projectors, relative.
+    Parameters
+    ----------
+    lights, relative_gains : as for `estimate_scatter_per_flux`.
+    lit_sr, on_screen_sr : (H, W) solid angle of the camera pixels on the lit part and on the screen.
+    glare_sigma : standard error of the camera's veiling glare, which adds to every scattered sample.
+    flux_sigma : relative standard error of the direct flux of all projectors.
+
+    Notes
+    -----
+    Each projector alone gives an estimate of m; their spread includes the dependence on where the
+    light falls.
     """
-    glare_sigma, flux_sigma = doubts
     each = np.stack(
         [
             np.tensordot(lit_sr, x.scattered / s, 2) / x.flux
-            for x, s in zip(lights, strengths, strict=True)
+            for x, s in zip(lights, relative_gains, strict=True)
         ]
     )
-    value = np.tensordot(lit_sr, scatter_per_flux(lights, strengths), 2)
-    spread = each.std(axis=0, ddof=1) / np.sqrt(len(each)) if len(each) > 1 else 0.01 * value
+    value = np.tensordot(lit_sr, estimate_scatter_per_flux(lights, relative_gains), 2)
+    spread = (
+        each.std(axis=0, ddof=1) / np.sqrt(len(each)) if len(each) > 1 else SINGLE_SIGMA * value
+    )
     spread = np.hypot(spread, BORDER_SIGMA * value)
     mean_light = np.mean(
         [
@@ -182,20 +198,23 @@ def feedback(
     return Measured(value, np.sqrt(spread**2 + veil**2 + (flux_sigma * value) ** 2))
 
 
-def albedo(
-    measured: Measured, lit_sr: float, screen_sr: float, dome: Dome, flux_doubt: float
+def estimate_albedo(
+    feedback: Measured, lit_sr: float, screen_sr: float, dome: Dome, flux_inconsistency: float
 ) -> Measured:
-    """Mean albedo (C,) from the feedback, with what is unknown of feedback and floor in its sigma.
+    """Mean albedo (C,) from the feedback.
 
-    Assumes that the unlit part of the cap has the same paint (science.md s.1). `flux_doubt`: how much
-    direct light the camera may have missed, relative; by gloss it misses some of all pictures.
+    Assumes that the unlit part of the cap has the same albedo. The standard error includes those of
+    the feedback and of the floor, and `flux_inconsistency`, the relative amount of direct light that
+    gloss may hide from the camera in all pictures (docs/theory/photometry.md).
     """
 
     def at(m: Array, floor: float) -> Array:
         returned = floor_return(dome.half_angle, dome.tilt, floor)
         return albedo_from_feedback(m, lit_sr, screen_sr, returned)
 
-    value = at(measured.value, dome.floor_albedo)
-    by_feedback = at(measured.value + measured.sigma, dome.floor_albedo) - value
-    by_floor = at(measured.value, dome.floor_albedo + dome.floor_albedo_sigma) - value
-    return Measured(value, np.sqrt(by_feedback**2 + by_floor**2 + (flux_doubt * value) ** 2))
+    value = at(feedback.value, dome.floor_albedo)
+    by_feedback = at(feedback.value + feedback.sigma, dome.floor_albedo) - value
+    by_floor = at(feedback.value, dome.floor_albedo + dome.floor_albedo_sigma) - value
+    return Measured(
+        value, np.sqrt(by_feedback**2 + by_floor**2 + (flux_inconsistency * value) ** 2)
+    )

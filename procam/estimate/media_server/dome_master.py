@@ -1,7 +1,7 @@
-"""A media server fed with dome masters, as a projector: at the dome's centre, with an ideal fisheye.
+"""A media server that is fed with dome masters, as one projector with an ideal fisheye lens.
 
-Where a master's pixels belong is a definition (design of the format: equidistant, square), so that
-nothing of the projector is solved for; what the server does to the picture is in its alignment.
+The format defines the direction of every pixel of a master (equidistant, square), so nothing of this
+projector is solved for; the server's own calibration aligns the picture with the dome.
 """
 
 from collections.abc import Iterable, Iterator
@@ -21,20 +21,20 @@ from procam.model.plan import Plan, Shot
 
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
-COARSE_PX = 1024  # about as fine as pictures that tell of light are drawn
-STRIPES = 64  # finest ones across the master, 3 degrees wide: a server may be off by a tenth of one
-SECTORS, DISC_SHARE = 3, 0.55  # of zones: round the disc, and its size
-LIT_SHARE = 0.35  # of the stripes' usual contrast, from which on a pixel is lit
-USUAL_PERCENT = 90.0  # most of a dome may be unlit
-LEAST_BLUR_PX = 0.7  # one camera pixel's noise draws no border
+COARSE_PX = 1024  # raster of the pictures that measure light
+STRIPES = 64  # finest, across the master: 3 degrees, ten times the error of a usual server
+SECTORS, DISC_SHARE = 3, 0.55  # of the zones: number around the disc, and the disc's radius
+LIT_SHARE = 0.35  # of the stripes' usual contrast, from which a pixel is lit
+USUAL_PERCENT = 90.0  # percentile that is the usual value, as most of a dome may be unlit
+LEAST_BLUR_PX = 0.7  # suppresses the noise of single camera pixels
 MASTER_FROM_POLE = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 
 
 @dataclass(frozen=True, slots=True)
 class DomeMaster:
-    """A square master of `size` [px]: `fov`, its full angle, and `rotation` [rad].
+    """A square dome master of `size` [px], full field of view `fov` and `rotation` [rad].
 
-    What stands at its bottom edge is shown at azimuth `rotation` of the dome.
+    Its bottom edge is shown at azimuth `rotation` of the dome.
     """
 
     name: str
@@ -44,7 +44,7 @@ class DomeMaster:
 
     @property
     def model(self) -> ProjectorModel:
-        """The projector that it is: theta = r fov / N is an equidistant fisheye of focal N / fov."""
+        """The projector model: theta = r fov / N is an equidistant fisheye of focal length N / fov."""
         middle = (self.size - 1) / 2
         lens = Lens(
             "kannala-brandt", np.full(2, self.size / self.fov), np.full(2, middle), np.zeros(4)
@@ -54,22 +54,22 @@ class DomeMaster:
 
     @property
     def coarse(self) -> int:
-        """How many pixels are drawn alike, along each side, where pictures tell of light alone."""
+        """Side of the blocks of equal pixels in pictures that measure light [px]."""
         return max(1, round(self.size / COARSE_PX))
 
     def coarse_pixels(self, xy: Image) -> Image:
-        """Places (..., 2) of the master on that raster."""
+        """Positions (..., 2) of the master [px] on the raster of these blocks."""
         return np.asarray((xy + 0.5) / self.coarse - 0.5, np.float32)
 
     def inside(self, xy: Image) -> Mask:
-        """Whether places (..., 2) [px] lie in the master's circle; NaN is outside."""
+        """Whether positions (..., 2) [px] lie in the master's circle; NaN is outside."""
         middle = (self.size - 1) / 2
         with np.errstate(invalid="ignore"):
             return np.asarray(np.hypot(*np.moveaxis(xy - middle, -1, 0)) <= self.size / 2)
 
     @property
     def stripe_bits(self) -> tuple[int, int]:
-        """Planes of the Gray code, on the coarse raster, whose stripes are wide enough."""
+        """The two finest planes of the Gray code, on the coarse raster, whose stripes are wide enough."""
         across = -(-self.size // self.coarse)
         finest = max(1, int(np.ceil(np.log2(across / STRIPES))) - 1)
         return finest, finest + 1
@@ -80,18 +80,18 @@ def plan_server(
 ) -> tuple[Plan, dict[str, Picture]]:
     """The plan for a server, 22 shots, and its pictures (N, N, 1 or 3) by path.
 
-    White, black, tags at known directions, and what tells of light; no code, for nothing is
-    aligned anew.
+    White, black, tags at known directions, and patterns that measure light. There is no code, as the
+    directions are known.
     """
     shown = _pictures(master, exposure_s, black_exposure_s)
     return plan_of({master.name: shown}, exposure_s, black_exposure_s)
 
 
-def lit_pixels(white: Image, pairs: Iterable[tuple[Image, Image]]) -> Mask:
-    """Camera pixels (H, W) that stripes and their inverses, (H, W, C) each, tell apart.
+def lit_by_stripes(white: Image, pairs: Iterable[tuple[Image, Image]]) -> Mask:
+    """Camera pixels (H, W) with direct light, from stripes and their inverses, (H, W, C) each.
 
-    `white` (H, W, C) is white minus black. It marks the whole dome, since bounced light is
-    everywhere; the difference of a stripe picture and its inverse is direct light alone.
+    `white` (H, W, C) is white minus black. Scattered light makes it bright on the whole dome; the
+    difference of a stripe pattern and its inverse is direct light alone.
     """
     contrast = np.zeros(white.shape[:2], np.float32)
     for pattern, inverse in pairs:
@@ -105,10 +105,10 @@ def lit_pixels(white: Image, pairs: Iterable[tuple[Image, Image]]) -> Mask:
 
 
 def zone_picture(size: int, zone: int) -> Picture:
-    """A white part (N, N, 1) of a master: the disc round its pole, or a third of what is round that.
+    """A white zone (N, N, 1) of a master: the disc around its pole, or a third of the ring around it.
 
-    Quarters of a projector's panel lie at different heights; those of a master would not, and then
-    nothing would tell where light from high up goes.
+    The zones differ in height on the dome, which determines how light from high up is scattered;
+    quarters of a master would not.
     """
     place = (np.arange(size) - (size - 1) / 2) / (size / 2)
     x, y = np.meshgrid(place, place)

@@ -1,4 +1,4 @@
-"""How the response of a media server differs by place: its projectors are not all alike."""
+"""Local variation of a media server's response, as its projectors differ."""
 
 from collections.abc import Iterable, Iterator
 
@@ -14,23 +14,23 @@ Array = NDArray[np.float64]
 Image = NDArray[np.float32]
 Levels = tuple[Image, NDArray[np.intp]]
 Sample = tuple[Array, Array, Array]
-CELLS = 40  # along each side of a master, about as many as level tiles
-SMOOTH = 1.5  # cells over which places are alike: a few dozen tiles, so that all levels are there
+CELLS = 40  # along each side of a master, about one per tile of the level pictures
+SMOOTH = 1.5  # cells over which evidence is averaged: a few dozen tiles, so that all levels occur
 ROUNDS = 2
-DOUBT = 0.02  # of the most evidence that a place has: those that nobody saw get exponent 1
-DARKEST = 1e-4
+PRIOR_WEIGHT = 0.02  # of exponent 1, relative to the cell with the most evidence
+DARKEST = 1e-4  # of a response, whose logarithm is taken
 
 
 def level_samples(
     pictures: Iterable[Levels], white: Image, mix: Array, places: Image, size: int
 ) -> Iterator[Sample]:
-    """What level pictures tell: light (K, 3) of the primaries, drive (K, 3), place (K, 2) in 0..1.
+    """Samples of level pictures: light (K, 3) of the primaries, drive (K, 3), position (K, 2) in 0..1.
 
     Parameters
     ----------
     pictures : direct light (H, W, 3) and index into LEVELS (H, W), -1 for none, of each.
     white : (H, W, 3) direct light of white. mix : (3, 3) of `ColourFit`.
-    places : (H, W, 2) where each camera pixel looks in a master of `size` pixels.
+    places : (H, W, 2) position that each camera pixel sees in a master of `size` pixels [px].
     """
     unmix = np.linalg.inv(mix).T
     for light, level in pictures:
@@ -41,10 +41,10 @@ def level_samples(
 
 
 def fit_exponent(samples: Iterable[Sample], response: ResponseCurve, size: int) -> Image:
-    """Exponents p (N, N, 3) that make light = response(drive) ** p, by place of a master of `size`.
+    """Exponents p (N, N, 3) with light = response(drive) ** p, over a master of `size` pixels.
 
-    Gauss-Newton on cells whose neighbours count too. One number per place and primary does: other
-    gammas and S-shaped curves both bend a response most where its light is a third of white.
+    Gauss-Newton per cell with evidence smoothed over neighbours. One exponent per position and
+    primary suffices: other gammas and S-shaped curves both differ most at a third of white.
     """
     known = [
         (light, np.clip(apply_curve(drive, response.levels, response.values), DARKEST, 1), at)
@@ -62,7 +62,7 @@ def fit_exponent(samples: Iterable[Sample], response: ResponseCurve, size: int) 
                 top[:, c] += np.bincount(row * CELLS + column, evidence, CELLS**2)
                 bottom[:, c] += np.bincount(row * CELLS + column, slope[:, c] ** 2, CELLS**2)
         step, weight = (blur(a.reshape(CELLS, CELLS, 3), SMOOTH) for a in (top, bottom))
-        grid = grid + step / (weight + DOUBT * weight.max(axis=(0, 1)))
+        grid = grid + step / (weight + PRIOR_WEIGHT * weight.max(axis=(0, 1)))
     line = (np.arange(size) + 0.5) / size * CELLS - 0.5
     where = np.clip(np.stack(np.meshgrid(line, line), axis=-1), 0, CELLS - 1)
     return sample(grid, where)

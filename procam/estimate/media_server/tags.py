@@ -1,4 +1,4 @@
-"""AprilTags drawn into dome masters, at directions that are known because they are drawn there."""
+"""AprilTags drawn into dome masters at chosen directions."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from procam.estimate.boards.targets import tag_cells
 from procam.estimate.structured_light.codes import NOMINAL_GAMMA, Picture
-from procam.maths.codes.shot_id import CELLS_PER_MASTER, tag_blocks
+from procam.maths.codes.shot_id import CELLS_PER_MASTER, shot_id_blocks
 from procam.maths.geometry.lenses import project, unproject
 from procam.maths.geometry.pose import rotation_matrix
 from procam.maths.geometry.sphere import normalise
@@ -17,32 +17,32 @@ from procam.model.optics import AprilTag, ProjectorModel, TagFamily
 
 Array = NDArray[np.float64]
 TAG_PICTURES = 2
-FAMILY: TagFamily = "25h9"  # not the one that numbers the pictures of a visit
-EDGES = 26  # of a tag in the master's angle: 7 degrees of a hemisphere, 50 px at 8 px per degree
-# rings of both pictures: shares of the half angle, and tags on each
+FAMILY: TagFamily = "25h9"  # another one than that of the shot marks
+EDGES = 26  # tags across the field of view: 7 degrees each, 50 px at 8 px per degree
+# rings of both pictures: share of the half angle, and number of tags
 RINGS = (((0.23, 5), (0.44, 9), (0.65, 12), (0.85, 12)), ((0.33, 7), (0.54, 11), (0.75, 14)))
-CELLS, QUIET_CELLS = 7, 2  # across a tag, and white around it
-FINE_PX = 4096  # samples across a master; small ones have several in each pixel
+CELLS, QUIET_CELLS = 7, 2  # across a tag, and of white border
+FINE_PX = 4096  # samples across a master: several per pixel of small ones
 
 
 @dataclass(frozen=True, slots=True)
 class MasterTag:
-    """A tag of some `number`, and the direction (3,) of its middle in the axes of the master's model."""
+    """A tag's `number`, and the ray (3,) of its centre in the frame of the master's model."""
 
     number: int
     ray: Array
 
     def on_dome(self, model: ProjectorModel, sigma: float) -> AprilTag:
-        """The tag as a mark on the dome, its place good to `sigma` [rad]."""
+        """The tag as a fiducial on the dome with standard error `sigma` [rad]."""
         x, y, z = model.projector_from_dome.inverse().rotate(self.ray)
         azimuth, elevation = float(np.arctan2(y, x)), float(np.arcsin(np.clip(z, -1, 1)))
         return AprilTag(FAMILY, self.number, azimuth, elevation, sigma)
 
 
 def master_tags(size: int, fov: float, picture: int) -> list[MasterTag]:
-    """Tags of one of the pictures, spread over the master, clear of the numbers that pictures carry.
+    """Tags of one picture, spread over the master, clear of its shot mark.
 
-    Both pictures have the same tags, each at other places.
+    Both pictures have the same tags at different positions.
     """
     found: list[MasterTag] = []
     for ring, (share, count) in enumerate(RINGS[picture]):
@@ -58,9 +58,9 @@ def master_tags(size: int, fov: float, picture: int) -> list[MasterTag]:
 
 
 def draw_tags(model: ProjectorModel, tags: Sequence[MasterTag], fov: float) -> Picture:
-    """A picture (N, N, 1) of tags on black, each a square on the plane that touches its middle.
+    """A picture (N, N, 1) of tags on black, each a square in the plane tangent at its centre.
 
-    Grey edges are encoded for a projector of the usual response, so that none is moved by it.
+    Grey levels at edges are encoded with a projector's usual response, which keeps edges in place.
     """
     light = np.zeros((model.size[1], model.size[0]), np.float32)
     fine = max(1, FINE_PX // model.size[0])
@@ -77,7 +77,7 @@ def draw_tags(model: ProjectorModel, tags: Sequence[MasterTag], fov: float) -> P
 
 
 def _whiteness(rays: Array, tag: MasterTag, fov: float) -> NDArray[np.float32]:
-    """Light (H, W) 0..1 of a tag along rays (H, W, 3), its white border included."""
+    """Light (H, W) 0..1 of a tag with its white border along rays (H, W, 3)."""
     cells = tag_cells(FAMILY, tag.number)
     printed = np.pad(cells, QUIET_CELLS, constant_values=True)
     across, down, ahead = np.moveaxis(rays @ _turn_to(tag.ray), -1, 0)
@@ -91,14 +91,14 @@ def _whiteness(rays: Array, tag: MasterTag, fov: float) -> NDArray[np.float32]:
 
 
 def _turn_to(ray: Array) -> Array:
-    """Axes (3, 3), columns right, down and ahead, carried from the master's middle to a ray."""
+    """Axes (3, 3), columns right, down and ahead, rotated from the master's centre to a ray."""
     horizontal = float(np.hypot(ray[0], ray[1]))
     axis = np.array([-ray[1], ray[0], 0.0]) / max(horizontal, 1e-12)
     return rotation_matrix(axis * np.arctan2(horizontal, ray[2]))
 
 
 def _box(model: ProjectorModel, tag: MasterTag, fov: float) -> tuple[int, int, int, int]:
-    """Pixels (x0, y0, x1, y1) that hold a tag with its border."""
+    """Bounding box (x0, y0, x1, y1) of a tag with its border [px]."""
     half = np.tan(fov / EDGES / 2) * (1 + 2 * QUIET_CELLS / CELLS)
     line = np.linspace(-half, half, 9)
     places = np.stack([*np.meshgrid(line, line), np.ones((9, 9))], axis=-1)
@@ -110,9 +110,9 @@ def _box(model: ProjectorModel, tag: MasterTag, fov: float) -> tuple[int, int, i
 
 
 def _is_clear(at: Array, size: int) -> bool:
-    """Whether a tag around a place (2,) [px] touches no number."""
+    """Whether a tag at a position (2,) [px] does not touch the shot mark."""
     reach = size / EDGES * (0.5 + QUIET_CELLS / CELLS) * np.sqrt(2) * 1.2
-    for x, y, width, height in tag_blocks((size, size), CELLS_PER_MASTER):
+    for x, y, width, height in shot_id_blocks((size, size), CELLS_PER_MASTER):
         off = np.maximum(np.abs(at - [x + width / 2, y + height / 2]) - [width / 2, height / 2], 0)
         if np.hypot(*off) < reach:
             return False

@@ -1,8 +1,8 @@
-"""Pictures that show what a projector's menu does to them.
+"""Test patterns that reveal the effects of a projector's settings.
 
-Eight square patches in black rings, four columns in two rows. Of two complementary pictures, one has
-half of the patches white and the other the other half: both carry the same flux, so their difference
-holds no scattered light, only what comes straight.
+Eight square patches in black rings, in two rows of four. One of two complementary patterns has half of the
+patches white, the other the other half. Both have the same flux, hence the same scattered light, so their
+difference contains direct light only.
 """
 
 from dataclasses import dataclass
@@ -14,32 +14,30 @@ Drive = NDArray[np.float32]
 COLUMNS, ROWS = 4, 2
 COUNT = COLUMNS * ROWS
 PATCH_SHARE = 0.05 / (COUNT / 2)  # of the panel: half of the patches make 5 %
-LEAST_SIDE_PX, LEAST_RING_PX = 10, 4  # blur and sharpness reach 3 px from an edge
+MIN_SIDE_PX, MIN_RING_PX = 10, 4  # blur and sharpening reach 3 px from an edge
 RING_SHARE = 0.125  # of a patch's side
 STRIPE_PX = 6  # period along rows and columns of diagonal stripes
 HALF_LIGHT = 186 / 255  # drive of about half of white's light
-DARK_STEPS = (0, 8, 16, 24)
-BRIGHT_STEPS = (255, 247, 239, 231)
-GREYS = (157, 210)  # a third and two thirds of white's light, by and large
-DARK_LEVELS = (0, 24, 16, 8, 16, 8, 0, 24)  # by patch, out of 255: each level in two columns
+GREYS = (157, 210)  # about a third and two thirds of white's light
+DARK_LEVELS = (0, 24, 16, 8, 16, 8, 0, 24)  # drive 0..255 by patch: each level in two columns
 BRIGHT_LEVELS = (255, 157, 247, 239, 210, 247, 231, 255)
 COLOUR_PAIRS = (((1, 0, 0), (0, 1, 1)), ((0, 1, 0), (1, 0, 1)), ((0, 0, 1), (1, 1, 0)))
 
 
 def patch_bits(bit: int) -> NDArray[np.bool_]:
-    """Which patches (8,) have a bit of their number set: chequered, every other column, the right half."""
+    """Patches (8,) whose number has this bit set: chequered, every other column, the right half."""
     row, column = np.divmod(np.arange(COUNT), COLUMNS)
     return np.asarray(((row + column) % 2, column % 2, column // 2)[bit] == 1)
 
 
 def patch_codes() -> NDArray[np.intp]:
-    """The number (8,) that each patch's three bits spell."""
+    """The number (8,) of each patch, made of its three bits."""
     return np.asarray(sum(patch_bits(bit).astype(np.intp) << bit for bit in range(3)))
 
 
 @dataclass(frozen=True, slots=True)
 class PatchLayout:
-    """Where the patches of a panel `size` (width, height) are, and how large [px]."""
+    """Positions and sizes [px] of the patches on a panel of `size` (width, height)."""
 
     size: tuple[int, int]
 
@@ -47,15 +45,15 @@ class PatchLayout:
     def side_px(self) -> int:
         """Side of a patch [px]."""
         width, height = self.size
-        return max(LEAST_SIDE_PX, round((PATCH_SHARE * width * height) ** 0.5))
+        return max(MIN_SIDE_PX, round((PATCH_SHARE * width * height) ** 0.5))
 
     @property
     def ring_px(self) -> int:
         """Width of the black ring round a patch [px]."""
-        return max(LEAST_RING_PX, round(RING_SHARE * self.side_px))
+        return max(MIN_RING_PX, round(RING_SHARE * self.side_px))
 
     def picture(self, levels: NDArray[np.floating], elsewhere: float = 0.0) -> Drive:
-        """Drive (H, W, 3) with patches of drives (8,) or (8, 3), and another beyond their rings."""
+        """Drive (H, W, 3) with patches of drives (8,) or (8, 3), and `elsewhere` beyond their rings."""
         width, height = self.size
         picture = np.full((height, width, 3), elsewhere, np.float32)
         for place, level in enumerate(levels):
@@ -64,29 +62,29 @@ class PatchLayout:
         return picture
 
     def bit(self, bit: int) -> Drive:
-        """The picture (H, W, 3) of one bit of the patches' numbers: white where it is set."""
+        """The pattern (H, W, 3) of one bit of the patches' numbers: white where it is set."""
         return self.picture(patch_bits(bit).astype(float))
 
     def pair(self, elsewhere: float = 0.0) -> tuple[Drive, Drive]:
-        """Bit 0 and its complement (H, W, 3), with another drive beyond the rings."""
+        """Bit 0 and its complement (H, W, 3), with the drive `elsewhere` beyond the rings."""
         first = patch_bits(0).astype(float)
         return self.picture(first, elsewhere), self.picture(1 - first, elsewhere)
 
     def colours(self) -> list[Drive]:
-        """Three pictures (H, W, 3): red, green and blue on one half, cyan, magenta, yellow on the other.
+        """Three patterns (H, W, 3): primaries on one half of the patches, their complements on the other.
 
-        Their light adds up to that of the first of `pair` and twice the second, and each of them
-        has the flux of either.
+        Their light adds up to that of the first of `pair` and twice the second. Each has the flux of
+        one of the pair.
         """
         first = patch_bits(0)[:, None]
         return [self.picture(np.where(first, pure, mixed)) for pure, mixed in COLOUR_PAIRS]
 
     def steps(self, levels: tuple[int, ...]) -> Drive:
-        """Patches of drives (8,), out of 255, on black (H, W, 3)."""
+        """Patches of drives (8,), 0..255, on black (H, W, 3)."""
         return self.picture(np.array(levels) / 255)
 
     def stripes(self, slant: int, low: float, high: float) -> Drive:
-        """Diagonal stripes (H, W, 3) of two drives all over; `slant` 1 falls to the left, -1 to the right."""
+        """Diagonal stripes (H, W, 3) of two drives; `slant` 1 falls to the left, -1 to the right."""
         width, height = self.size
         phase = (np.arange(width) + slant * np.arange(height)[:, None]) % STRIPE_PX
         grey = np.where(phase < STRIPE_PX // 2, high, low).astype(np.float32)
@@ -95,7 +93,7 @@ class PatchLayout:
     def _fill(
         self, picture: Drive, place: int, side: int, level: NDArray[np.floating] | float
     ) -> None:
-        """Fill a square round the middle of a place."""
+        """Fill a square around the centre of a patch."""
         width, height = self.size
         row, column = divmod(place, COLUMNS)
         x = round((column + 0.5) * width / COLUMNS - side / 2)

@@ -1,6 +1,8 @@
-"""How well a set of photographs agrees with a code, judged on a sample of neighbouring pixels.
+"""How well a set of photographs agrees with a code, measured on a sample of pixel triples.
 
-A set in the right order decodes to straight rows of neighbours, and nothing else does.
+Three camera pixels in a row see projector pixels on a nearly straight line. So if the photographs are
+of this code and in the right order, most triples decode to a straight line; otherwise few do. The
+share of straight triples scores any order of the photographs without decoding whole pictures.
 """
 
 from collections.abc import Sequence
@@ -10,26 +12,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procam.estimate.structured_light.codes import AXES, Axis, Code
-from procam.estimate.structured_light.limits import default_limits
-from procam.estimate.structured_light.self_calibration import search
-from procam.estimate.structured_light.sinusoids import FEWEST, complete_base
-from procam.estimate.structured_light.stripes import StripeFolder
+from procam.estimate.structured_light.limits import DecodeLimits, default_limits
+from procam.estimate.structured_light.self_calibration import find_columns
+from procam.estimate.structured_light.sinusoids import MIN_SAMPLES, complete_base_set
+from procam.estimate.structured_light.stripes import StripeDecoder
 from procam.maths.codes.phase import WaveDistortion
 
 Samples = NDArray[Any]
-Order = list[int | None]  # per plane of the code, the photograph that shows it
+Order = list[int | None]  # per plane of the code, the index of its photograph
 Places = tuple[NDArray[np.intp], NDArray[np.intp]]
 TRIPLES = 3000
-APART_PX = 5  # pixels of a triple: far enough to leave a few stripes
-STRAIGHT_PX = 1.6  # second difference of a triple on a sound map: rounding, noise, curvature
-MISFIT = 0.05  # of the squared amplitude, per picture: what a misread wave leaves
-UNREAD = 0.7  # trust in a set, for each plane that nothing can be read from
+APART_PX = 5  # between the pixels of a triple: far enough to leave a few stripes
+STRAIGHT_PX = 1.6  # second difference of a triple that rounding, noise and curvature can make
+MISFIT = 0.05  # of the squared amplitude, per photograph: the residual of a misread wave
+UNREAD = 0.7  # factor on the trust in a set for each plane that is not resolved
 
 
 def probe_places(shape: tuple[int, int]) -> Places:
-    """Rows and columns (n, 3) of three pixels in a row each, spread over a picture of `shape`."""
+    """Rows and columns (n, 3) of triples of pixels, spread over a photograph of `shape`."""
     height, width = shape
-    step = max(1, int(np.sqrt(height * width / TRIPLES / 4)))  # a quarter of it may be lit
+    step = max(
+        1, int(np.sqrt(height * width / TRIPLES / 4))
+    )  # only a quarter of the photograph may be lit
     rows, columns = np.mgrid[
         step // 2 : height : step, step // 2 : max(width - 2 * APART_PX, 1) : step
     ]
@@ -40,6 +44,8 @@ def probe_places(shape: tuple[int, int]) -> Places:
 class OrderConsistency:
     """Share of lit triples that decode to a straight line, for any order of the photographs.
 
+    Orders that were scored before are not decoded again.
+
     Parameters
     ----------
     probes : samples (n, 3) of each photograph at `probe_places`, float32.
@@ -47,19 +53,19 @@ class OrderConsistency:
 
     def __init__(self, code: Code, probes: Sequence[Samples]) -> None:
         self._code, self._probes = code, probes
-        self._known: dict[tuple[int | None, ...], float] = {}
+        self._scored: dict[tuple[int | None, ...], float] = {}
         self._lit_of: dict[tuple[int, int], tuple[list[Samples], float]] = {}
 
     def along(self, order: Order, axis: Axis) -> float:
-        """Share of the triples that are straight along one axis."""
+        """Share of the triples, 0..1, that are straight along one axis."""
         planes = [0, 1, *self._code.planes_of(axis)]
         key = tuple(order[i] for i in planes)
-        if key not in self._known:
-            self._known[key] = self._straight_share(order, axis)
-        return self._known[key]
+        if key not in self._scored:
+            self._scored[key] = self._straight_share(order, axis)
+        return self._scored[key]
 
     def of(self, order: Order) -> float:
-        """Soundness of both axes; 0 without white or black."""
+        """Sum of the shares of both axes, 0..2; 0 without white or black."""
         if order[0] is None or order[1] is None:
             return 0.0
         return sum(self.along(order, axis) for axis in AXES)
@@ -76,11 +82,11 @@ class OrderConsistency:
         shown = {i: probes[p] for i in planes if (p := order[i]) is not None}
         white, black = (probes[i] for i in levels)
         x, trust = _columns(self._code, axis, shown, white, black, contrast)
-        straight = np.abs(x[:, 0] - 2 * x[:, 1] + x[:, 2]) <= STRAIGHT_PX  # NaN is not
+        straight = np.abs(x[:, 0] - 2 * x[:, 1] + x[:, 2]) <= STRAIGHT_PX  # false for NaN
         return float(np.mean(straight * trust.min(axis=1)))
 
     def _lit_probes(self, white: int, black: int) -> tuple[list[Samples], float]:
-        """Samples (n, 3) of every photograph where all three are lit, and the contrast that counts."""
+        """Samples (n, 3) of every photograph in the lit triples, and the least contrast of a bit."""
         span = self._probes[white] - self._probes[black]
         limits = default_limits(self._probes[white], self._probes[black])
         enough = max(limits.white_black, 0.1 * float(np.ptp(self._probes[white])))
@@ -96,39 +102,32 @@ def _columns(
     black: Samples,
     contrast: float,
 ) -> tuple[Samples, Samples]:
-    """Columns (n, 3) by a quick look, NaN where it sees none, and how far to trust them, 0..1."""
-    coding = code.axis(axis)
-    x, trust = _by_waves(code, axis, shown, white, black)
-    if coding.codewords is None:
-        return x, trust
-    folder = StripeFolder(white, black, contrast)
-    for i, picture in shown.items():
-        plane = code.planes[i]
-        if plane.kind != "binary" or (plane.inverse and i - 1 in shown):
-            continue
-        other = shown.get(i + 1) if coding.inverses and not plane.inverse else None
-        other = white + black - picture if other is None else other
-        pair = (other, picture) if plane.inverse else (picture, other)
-        if not folder.add(*pair, plane.bit):
-            trust = trust * UNREAD  # or pictures of no light would seem to agree
-    column, _ = folder.columns(coding)
-    if coding.waves is None:
-        return np.where(folder.certain(), column, np.nan), trust
-    return coding.numbered(x, column)[0], trust
+    """Columns (n, 3) by a fast decoding, NaN where unknown, and how far to trust them, 0..1."""
+    codewords = code.axis(axis).codewords
+    if codewords is None:
+        return _by_waves(code, axis, shown, white, black)
+    trust = np.ones(white.shape, np.float32)
+    decoder = StripeDecoder(codewords, white, black, DecodeLimits(0.0, contrast))
+    for i, photograph in shown.items():
+        decoder.add(code.planes[i], photograph)
+    found = decoder.result()
+    for _ in found.lost:
+        trust = trust * UNREAD  # or photographs without light would seem to agree
+    return found.x, trust
 
 
 def _by_waves(
     code: Code, axis: Axis, shown: dict[int, Samples], white: Samples, black: Samples
 ) -> tuple[Samples, Samples]:
-    """Columns and trust as told by an axis' sinusoidal pictures; NaN and 1 where there are too few."""
+    """Columns and trust from sinusoidal patterns; NaN and 1 where there are too few."""
     coding = code.axis(axis)
-    sines = [i for i in code.planes_of(axis) if code.planes[i].kind == "sine"]
+    sines = code.planes_of(axis)
     there = {number: shown[i] for number, i in enumerate(sines) if i in shown}
-    if coding.waves is None or len(there) < FEWEST:
+    if coding.waves is None or len(there) < MIN_SAMPLES:
         return np.full(white.shape, np.nan, np.float32), np.ones(white.shape, np.float32)
-    frames = complete_base(there, coding.waves.base, white, black)
+    frames = complete_base_set(there, coding.waves.base, white, black)
     keep = np.isin(np.arange(len(sines)), list(frames))
     ordered = [frames[number] for number in sorted(frames)]
-    found = search(ordered, coding.waves.kept(keep), WaveDistortion(), coding.length)
+    found = find_columns(ordered, coding.waves.kept(keep), WaveDistortion(), coding.length)
     scale = MISFIT * len(there) * np.maximum(found.amplitude, 1e-9) ** 2
     return found.position, np.nan_to_num(np.exp(-found.residual / scale))

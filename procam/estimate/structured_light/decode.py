@@ -1,7 +1,8 @@
-"""Photographs of a structured-light code to projector coordinates, folded in as they arrive.
+"""Photographs of a structured-light code to projector coordinates, decoded as they arrive.
 
-White and black come first; then each axis is decoded as soon as its last picture is in, so that
-memory does not grow with the number of pictures.
+White and black come first: they give the limits and the lit pixels. Each axis is decoded as soon as
+its last photograph is in, so memory does not grow with the number of axes. Both coordinates are then
+joined, outliers dropped, and for sinusoids the bias that defocus causes at borders is corrected.
 """
 
 from collections.abc import Iterable
@@ -12,63 +13,69 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procam.errors import InputError, NotEnoughData, ShapeError
-from procam.estimate.structured_light.axis import AxisDecoder, AxisResult
+from procam.estimate.structured_light.axis import AxisResult, SinusoidDecoder
 from procam.estimate.structured_light.codes import AXES, Code, Plane
-from procam.estimate.structured_light.defocus_bias import undo_blur
+from procam.estimate.structured_light.defocus_bias import correct_defocus_bias
 from procam.estimate.structured_light.limits import DecodeLimits, default_limits, dropped_samples
-from procam.estimate.structured_light.outliers import drop_lonely
-from procam.estimate.structured_light.sinusoids import WaveResult
+from procam.estimate.structured_light.outliers import drop_outliers
+from procam.estimate.structured_light.sinusoids import SinusoidResult
+from procam.estimate.structured_light.stripes import StripeDecoder
 from procam.model.correspondence import CorrespondenceMap
 
 Samples = NDArray[Any]
 Map = NDArray[np.float32]
-CLIPPED_SHARE = 0.01
+CLIPPED_SHARE = 0.01  # of the lit pixels: more saturated ones in white are reported
 
 
 @dataclass(frozen=True)
 class Decoded:
-    """What a code told.
+    """Result of decoding a code.
 
     Attributes
     ----------
     map : projector coordinates per camera pixel.
-    direct : (H, W) the part of white - black that came straight; `scattered` the rest, after bounces.
-    waves : what lens, response and noise were found to do, per axis with sinusoidal pictures.
-    lost : pictures that nothing could be read from, and so were left out.
-    notes : what was odd, one line each.
+    direct, scattered : (H, W) the direct and the scattered part of white - black [image unit].
+    waves : the fits of the sinusoids, with blur, response and noise, per axis that has them.
+    lost : patterns whose photographs could not be used.
+    notes : what was out of the ordinary, one line each.
     """
 
     map: CorrespondenceMap
     direct: Map
     scattered: Map
-    waves: dict[str, WaveResult] = field(default_factory=dict)
+    waves: dict[str, SinusoidResult] = field(default_factory=dict)
     lost: tuple[Plane, ...] = ()
     notes: tuple[str, ...] = ()
 
 
 class Decoder:
-    """Decodes one code; `add` its pictures by number (white 0, black 1, ...), then ask `result`."""
+    """Decodes one code: `add` its photographs by index (white 0, black 1, ...), then take `result`."""
 
     def __init__(self, code: Code, limits: DecodeLimits | None = None) -> None:
         self.code = code
-        self._limits = limits
+        self._asked = limits
         self._levels: list[Samples] = []
-        self._axes: dict[str, AxisDecoder] = {}
+        self._axes: dict[str, StripeDecoder | SinusoidDecoder] = {}
         self._notes: list[str] = []
 
     def add(self, number: int, image: Samples, variance: Map | None = None) -> None:
-        """Fold in picture `number` of `code.planes`, (H, W) uint8, uint16 or float32.
+        """Add the photograph (H, W) of `code.planes[number]`, uint8, uint16 or float32.
 
-        `variance` (H, W) comes with pictures merged from several exposures; NaN in them is a sample
-        that is lost. Without it, a noise law is read off the pictures.
+        `variance` (H, W) comes with photographs merged from several exposures, in which NaN marks an
+        unusable sample. Without it, the noise law is estimated from the photographs themselves.
+
+        Raises
+        ------
+        InputError : white, black and the code do not come in this order.
+        ShapeError : the photograph has another shape than white.
         """
         if min(number, 2) != len(self._levels):
             raise InputError(
-                f"picture {number}: got it too early or twice, expected white, black, code"
+                f"photograph {number} came too early or twice; add white, then black, then the code"
             )
         if self._levels and image.shape != self._levels[0].shape:
             raise ShapeError(
-                f"picture {number}", image.shape, f"{self._levels[0].shape} like white"
+                f"photograph {number}", image.shape, f"{self._levels[0].shape} like white"
             )
         if number >= 2:
             plane = self.code.planes[number]
@@ -79,44 +86,59 @@ class Decoder:
             self._start(*self._levels)
 
     def result(self) -> Decoded:
-        """The map, from all that was added; pictures that never came are done without."""
+        """The map, from the photographs so far; those that are missing are done without.
+
+        Raises
+        ------
+        NotEnoughData : white or black is missing.
+        """
         if not self._axes:
-            raise NotEnoughData("decode: got no code pictures, expected some after white and black")
+            raise NotEnoughData("decode: white and black are missing; add them, then the code")
         x, y = (self._axes[name].result() for name in AXES)
         white, black = self._levels
         span = np.subtract(white, black, dtype=np.float32)
         if self._clipped > CLIPPED_SHARE:
-            # a saturated white says too little; what the code itself saw as brightest says more
+            # a saturated white is too low; the brightest light of the code itself is a better bound
             span = np.maximum(span, np.fmax(x.direct, y.direct))
-        found = _joined(self.code, span, x, y, self._known)
-        if self._known.neighbours:
-            found = drop_lonely(found)
+        found = _joined(self.code, span, x, y, self._limits)
+        if self._limits.neighbours:
+            found = drop_outliers(found)
         direct = np.where(found.valid, np.clip((x.direct + y.direct) / 2, 0, span), 0)
-        both: dict[str, AxisResult] = {"x": x, "y": y}
-        waves = {n: r.waves for n, r in both.items() if r.waves is not None}
-        if len(waves) == len(AXES):
-            blur_px2 = np.array([waves[axis].look.blur_px2 for axis in AXES])
-            period_px = np.array([waves[axis].period_px for axis in AXES])
-            seen = np.clip((x.direct + y.direct) / 2, 0, span).astype(np.float32)
-            found = undo_blur(found, seen, blur_px2, period_px, self.code.size)
+        lost = x.lost + y.lost
         return Decoded(
-            found,
+            self._without_defocus_bias(found, x, y, span),
             direct.astype(np.float32),
             span - direct,
-            waves,
-            x.lost + y.lost,
-            (*self._notes, *(f"nothing could be read from {p}" for p in x.lost + y.lost)),
+            {n: r.waves for n, r in zip(AXES, (x, y), strict=True) if r.waves is not None},
+            lost,
+            (*self._notes, *(f"nothing could be read from {plane}" for plane in lost)),
         )
 
     def _start(self, white: Samples, black: Samples) -> None:
-        self._known = self._limits or default_limits(white, black)
-        lit = np.subtract(white, black, dtype=np.float32) > self._known.white_black
-        clipped = dropped_samples(white, self._known)[lit]
+        self._limits = self._asked or default_limits(white, black)
+        lit = np.subtract(white, black, dtype=np.float32) > self._limits.white_black
+        clipped = dropped_samples(white, self._limits)[lit]
         self._clipped = float(clipped.mean()) if clipped.size else 0.0
         if self._clipped > CLIPPED_SHARE:
             self._notes.append(f"white is saturated in {self._clipped:.0%} of the lit pixels")
         for axis in AXES:
-            self._axes[axis] = AxisDecoder(self.code.axis(axis), axis, white, black, self._known)
+            coding = self.code.axis(axis)
+            if coding.codewords is None:
+                self._axes[axis] = SinusoidDecoder(coding, axis, white, black, self._limits)
+            else:
+                self._axes[axis] = StripeDecoder(coding.codewords, white, black, self._limits)
+
+    def _without_defocus_bias(
+        self, found: CorrespondenceMap, x: AxisResult, y: AxisResult, span: Map
+    ) -> CorrespondenceMap:
+        """The map with the bias corrected, where sinusoids measured the blur of both axes."""
+        if x.waves is None or y.waves is None:
+            return found
+        both = (x.waves, y.waves)
+        blur_px2 = np.array([waves.distortion.blur_px2 for waves in both])
+        period_px = np.array([waves.period_px for waves in both])
+        seen = np.clip((x.direct + y.direct) / 2, 0, span).astype(np.float32)
+        return correct_defocus_bias(found, seen, blur_px2, period_px, self.code.size)
 
 
 def decode(
@@ -132,7 +154,7 @@ def decode(
 def _joined(
     code: Code, span: Map, x: AxisResult, y: AxisResult, limits: DecodeLimits
 ) -> CorrespondenceMap:
-    """Both coordinates where both are known, the pixel is lit directly, and the panel has them."""
+    """Both coordinates where both are known, the pixel has direct light, and they are on the panel."""
     xy = np.stack([x.x, y.x], axis=-1)
     with np.errstate(invalid="ignore"):
         valid = np.isfinite(xy).all(axis=-1) & (span > limits.white_black)

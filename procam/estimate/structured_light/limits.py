@@ -1,4 +1,4 @@
-"""What counts as light, as a bit, and as a sample."""
+"""Limits of a decoder: which light, which bits and which samples count."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -13,15 +13,16 @@ LIT_SHARE = 0.1
 
 @dataclass(frozen=True, slots=True)
 class DecodeLimits:
-    """What counts as decoded, in the unit of the pictures.
+    """Which pixels and samples a decoder accepts, in the unit of the photographs.
 
     Attributes
     ----------
     white_black : white - black must exceed this.
-    contrast : |pattern - inverse| must reach this in every stripe picture.
-    lit_share : direct light must be this share of white - black. White - black alone marks the whole
-        dome as lit, because scattered light reaches everywhere (science.md s.2); 0 reckons with none.
-    saturated, dark : samples at or above, at or below, are not used; None for none.
+    contrast : |pattern - inverse| must reach this in every pair of stripes.
+    lit_share : direct light must be this share of white - black. Scattered light reaches the whole
+        dome, so white - black alone would accept all of it (docs/theory/interreflection.md). 0 means
+        that there is no scattered light.
+    saturated, dark : samples at or above, at or below, are not used; None for no limit.
     neighbours : a pixel must agree with its neighbourhood, or it is dropped.
     """
 
@@ -34,15 +35,16 @@ class DecodeLimits:
 
 
 def default_limits(white: Samples, black: Samples) -> DecodeLimits:
-    """Limits for pictures of unknown origin, from their own noise.
+    """Limits for photographs (H, W) of an unknown camera, from their own noise.
 
-    The noise is read off neighbouring pixels of the black picture; a bit must stand 4 of its
-    standard errors clear, white - black 8. Whole numbers end at 0 and at their full scale.
+    The noise is estimated from the differences of neighbouring pixels in black. The contrast of a bit
+    must reach 4 standard deviations of it, white - black 8. Samples of whole numbers are saturated
+    at full scale and dark at 0.
     """
     step = np.diff(black.astype(float), axis=1)
     noise = 1.4826 * float(np.median(np.abs(step - np.median(step)))) / np.sqrt(2)
     steps = np.diff(np.unique([white, black]))
-    # what can be decoded spans 16 camera steps or more; a clean drawing shows two values only
+    # a photograph that can be decoded spans 16 camera steps or more; a drawing has two values only
     rounding = 0.5 * min(float(steps.min()), float(steps.sum()) / 16) if steps.size else 0.5
     noise = max(noise, rounding)
     whole = white.dtype.kind == "u"
@@ -55,13 +57,13 @@ def default_limits(white: Samples, black: Samples) -> DecodeLimits:
 
 
 def full_scale(white: Samples) -> float:
-    """Where whole numbers end: at the fewest bits, of 8, 10, 12, 14 or 16, that `white` fits in."""
+    """Full scale of whole numbers: of the fewest bits, of 8, 10, 12, 14 or 16, that hold `white`."""
     top = int(white.max())
     return float(next(2**bits - 1 for bits in (8, 10, 12, 14, 16) if top < 2**bits))
 
 
 def dropped_samples(image: Samples, limits: DecodeLimits) -> Mask:
-    """Samples (H, W) that say nothing: saturated, dark, or not a number."""
+    """Samples (H, W) that cannot be used: saturated, dark, or not a number."""
     bad = ~np.isfinite(image) if image.dtype.kind == "f" else np.zeros(image.shape, bool)
     if limits.saturated is not None:
         bad |= image >= limits.saturated

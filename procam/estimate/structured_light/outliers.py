@@ -1,4 +1,4 @@
-"""Dropping what cannot be true; nothing is ever filled in."""
+"""Outliers of a correspondence map: they are dropped, and nothing is filled in."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,7 +8,7 @@ from procam.model.correspondence import CorrespondenceMap
 
 Mask = NDArray[np.bool_]
 SIGMAS = 6.0
-STEP_PX = 1.5  # what neighbours may differ by beyond noise: the map's own slope
+STEP_PX = 1.5  # by which neighbours may differ beyond noise: the slope of the map
 
 
 def keep_only(found: CorrespondenceMap, keep: Mask) -> CorrespondenceMap:
@@ -22,10 +22,10 @@ def keep_only(found: CorrespondenceMap, keep: Mask) -> CorrespondenceMap:
     )
 
 
-def drop_lonely(found: CorrespondenceMap) -> CorrespondenceMap:
+def drop_outliers(found: CorrespondenceMap) -> CorrespondenceMap:
     """Drop pixels that disagree with the median of their 5 x 5 neighbourhood.
 
-    A screen is smooth at that scale: a misread code is off by whole fringes or bits.
+    The map is smooth at that scale, and a misread code is off by whole fringes or bits.
     """
     keep = found.valid.copy()
     for i in range(2):

@@ -1,4 +1,11 @@
-"""Where each patch of a projector's panel is seen, fitted over the camera pixels that see it."""
+"""Camera pixel at which each patch of a projector's panel is seen, from a correspondence map.
+
+The panel is divided into square patches with some 72 camera pixels each. In each patch a straight line
+of projector coordinates on camera pixels is fitted, with the curvature of a block of patches; the
+camera pixel of the patch's centre follows by inverting the fit. The camera pixels have exact positions
+and the projector coordinates have noise, so the fit is in this direction. `drop_inconsistent` uses the
+fits to find misread pixels.
+"""
 
 from dataclasses import dataclass
 
@@ -11,90 +18,114 @@ from procam.model.correspondence import CorrespondenceMap, ProjectorMap
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 Mask = NDArray[np.bool_]
-PIXELS_PER_PATCH = 72  # enough to bring .3 px down to .04
+PIXELS_PER_PATCH = 72  # reduce a noise of .3 px to .04
 SMALLEST_PATCH_PX = 4
-FEWEST_PIXELS = 12
-BLOCK = 4  # patches along the edge of a block, over which curvature is alike
+MIN_PIXELS = 12
+BLOCK = 4  # patches along the edge of a block, over which the curvature is constant
 FULL_BLOCK = BLOCK**2 / 2  # patches of it that must be seen
-INSIDE = 0.2  # the patch's centre may miss the mean place by this share of the patch
-FAR = 3.0  # spreads of a patch from its middle; a parallelogram reaches to 2.45 at most
+INSIDE = 0.2  # of the patch: largest distance of its centre from the mean of its pixels
+FAR = 3.0  # standard deviations of a patch from its mean; a parallelogram reaches 2.45 at most
 SIGMAS = 6.0
-SHARED_PX = 0.0025  # what neighbouring pixels share of their error at least (studies/codes.md)
-MISFIT_PX = 0.5  # what the fit may leave beyond noise
+SHARED_PX = 0.0025  # least error that neighbouring pixels have in common (studies/codes.md)
+MISFIT_PX = 0.5  # residual that the fit may have beyond noise
 ROUNDS = 2
 
 
 @dataclass(frozen=True, slots=True)
-class _Fits:
-    """Projector = bend(camera) + line (1, camera - middle) in each of P patches.
+class _Pixels:
+    """The decoded camera pixels: camera_px, xy, their standard errors sigma and shared, (N, 2) [px] each."""
 
-    The bend, of blocks of patches, takes the curvature that straight lines cannot follow.
-    `middle` (P, 2), `line` (P, 3, 2) with the inverse of its normal matrix (P, 3, 3); `block` (P,)
-    of each patch, their `block_middle` (B, 2) and `bend` (B, 3, 2); `count` (P,); `shared_px2` (P,)
-    variance that the pixels of a patch have in common.
+    camera_px: Array
+    xy: Array
+    sigma: Array
+    shared: Array
+
+    def where(self, use: Mask) -> "_Pixels":
+        """The pixels that `use` (N,) selects."""
+        return _Pixels(self.camera_px[use], self.xy[use], self.sigma[use], self.shared[use])
+
+
+@dataclass(frozen=True, slots=True)
+class _Bends:
+    """Curvature of the map in each of B blocks of patches.
+
+    Attributes
+    ----------
+    block : (P,) of each patch. middle : (B, 2) mean camera pixel.
+    terms : (B, 3, 2) factors of u^2, u v and v^2, where (u, v) = camera pixel - middle.
+    """
+
+    block: Index
+    middle: Array
+    terms: Array
+
+    def at(self, patch: Index, camera_px: Array) -> Array:
+        """The quadratic part (N, 2) [projector px] of the map."""
+        u, v, terms = self.local(patch, camera_px)
+        return u * u * terms[:, 0] + u * v * terms[:, 1] + v * v * terms[:, 2]
+
+    def local(self, patch: Index, camera_px: Array) -> tuple[Array, Array, Array]:
+        """Offsets u and v (N, 1) of camera pixels (N, 2), and the terms (N, 3, 2) of their blocks."""
+        block = self.block[patch]
+        u, v = (camera_px - self.middle[block]).T[..., None]
+        return u, v, self.terms[block]
+
+
+@dataclass(frozen=True, slots=True)
+class _Fits:
+    """Projector = bends(camera) + line (1, camera - middle) in each of P patches.
+
+    Attributes
+    ----------
+    middle : (P, 2) mean camera pixel. line : (P, 3, 2). inverse : (P, 3, 3) of its normal matrix.
+    count : (P,) camera pixels. shared_px2 : (P,) variance that the pixels of a patch have in common.
     """
 
     middle: Array
     line: Array
     inverse: Array
-    block: Index
-    block_middle: Array
-    bend: Array
+    bends: _Bends
     count: Array
     shared_px2: Array
 
     def predict(self, patch: Index, camera_px: Array) -> Array:
-        """Projector pixel (N, 2) by each pixel's own patch."""
+        """Projector pixel (N, 2) of camera pixels (N, 2), by their `patch` (N,)."""
         near = camera_px - self.middle[patch]
         lines = self.line[patch]
         straight = lines[:, 0] + near[:, :1] * lines[:, 1] + near[:, 1:] * lines[:, 2]
-        return straight + self.bent(patch, camera_px)
-
-    def bent(self, patch: Index, camera_px: Array) -> Array:
-        """The curved part (N, 2)."""
-        block = self.block[patch]
-        u, v = (camera_px - self.block_middle[block]).T[..., None]
-        bend = self.bend[block]
-        return u * u * bend[:, 0] + u * v * bend[:, 1] + v * v * bend[:, 2]
+        return straight + self.bends.at(patch, camera_px)
 
     def slope(self, patch: Index, camera_px: Array) -> Array:
         """Projector pixels per camera pixel (N, 2, 2) at camera pixels (N, 2)."""
-        block = self.block[patch]
-        u, v = (camera_px - self.block_middle[block]).T[..., None]
-        bend, line = self.bend[block], self.line[patch]
-        across = line[:, 1] + 2 * u * bend[:, 0] + v * bend[:, 1]
-        down = line[:, 2] + u * bend[:, 1] + 2 * v * bend[:, 2]
+        u, v, terms = self.bends.local(patch, camera_px)
+        line = self.line[patch]
+        across = line[:, 1] + 2 * u * terms[:, 0] + v * terms[:, 1]
+        down = line[:, 2] + u * terms[:, 1] + 2 * v * terms[:, 2]
         return np.stack([across, down], axis=-1)
 
 
 def fit_projector_map(found: CorrespondenceMap, size: tuple[int, int]) -> ProjectorMap:
-    """The panel's side of a map: per patch the camera pixel where its centre is seen.
+    """The camera pixel at which the centre of each patch of a panel of `size` (width, height) is seen.
 
-    Least squares of the projector coordinates on the camera pixels, whose places are exact; twice,
-    since noise moves pixels over the borders between patches.
+    The fit is made twice, because noise moves pixels over the borders between patches.
     """
-    rows, columns = np.nonzero(found.valid)
-    camera_px = np.stack([columns, rows], axis=1).astype(float)
-    xy = found.projector_xy[found.valid].astype(float)
-    sigma = np.maximum(found.sigma_px[found.valid].astype(float), 1e-6)
-    shared = (
-        np.zeros_like(xy) if found.shared_px is None else found.shared_px[found.valid].astype(float)
-    )
-    patch_px = patch_size(xy)
+    pixels = _pixels(found)
+    patch_px = patch_size(pixels.xy)
     shape = (-(-size[1] // patch_px), -(-size[0] // patch_px))
-    place, use = xy, _together(_patch_index(xy, patch_px, shape), camera_px, shape)
+    position = pixels.xy
+    use = _near_their_patch(_patch_index(position, patch_px, shape), pixels.camera_px, shape)
     for _ in range(ROUNDS):
-        index = _patch_index(place, patch_px, shape)
-        fits = _fit(index[use], camera_px[use], xy[use], sigma[use], shared[use], shape)
-        place = fits.predict(index, camera_px)
-        use = (np.abs(xy - place) <= MISFIT_PX + SIGMAS * sigma).all(axis=1)
-        use &= fits.count[index] >= FEWEST_PIXELS
-        place = np.where(use[:, None], place, xy)
+        index = _patch_index(position, patch_px, shape)
+        fits = _fit(index[use], pixels.where(use), shape)
+        position = fits.predict(index, pixels.camera_px)
+        near = np.abs(pixels.xy - position) <= MISFIT_PX + SIGMAS * pixels.sigma
+        use = np.asarray(near.all(axis=1) & (fits.count[index] >= MIN_PIXELS))
+        position = np.where(use[:, None], position, pixels.xy)
     return _at_centres(fits, patch_px, shape)
 
 
 def patch_size(xy: Array) -> int:
-    """Edge [px] of patches that some 72 of the camera pixels that see xy (N, 2) fall into."""
+    """Edge [px] of patches that contain some 72 of the projector coordinates xy (N, 2)."""
     if not len(xy):
         return SMALLEST_PATCH_PX
     cells = np.unique(
@@ -105,72 +136,72 @@ def patch_size(xy: Array) -> int:
 
 
 def drop_inconsistent(found: CorrespondenceMap, seen: ProjectorMap) -> CorrespondenceMap:
-    """Drop camera pixels that their patch, looked up through the panel, expects elsewhere.
+    """Drop camera pixels that contradict the fit of the patch they are decoded to: they are misread.
 
-    Forward from camera to panel, back by the patch's fit: what does not come home is misread.
-    Pixels of patches without a fit are kept; nothing contradicts them.
+    Pixels of patches without a fit are kept.
     """
     rows, columns = np.nonzero(found.valid)
     xy, sigma = found.projector_xy[found.valid], found.sigma_px[found.valid]
     height, width = seen.valid.shape
     patch = np.clip((xy + 0.5) / seen.patch_px, 0, [width - 1e-3, height - 1e-3]).astype(int)
     at = (patch[:, 1], patch[:, 0])
-    home = np.stack([columns, rows], axis=1) - seen.camera_px[at]
+    offset = np.stack([columns, rows], axis=1) - seen.camera_px[at]
     centre = (patch + 0.5) * seen.patch_px - 0.5
-    miss = np.abs(xy - centre - np.einsum("nij,nj->ni", seen.slope[at], home))
+    miss = np.abs(xy - centre - np.einsum("nij,nj->ni", seen.slope[at], offset))
     ok = (miss <= MISFIT_PX + SIGMAS * sigma).all(axis=1) | ~seen.valid[at]
     keep = np.zeros_like(found.valid)
     keep[rows[ok], columns[ok]] = True
     return keep_only(found, keep)
 
 
-def _patch_index(place: Array, patch_px: int, shape: tuple[int, int]) -> Index:
-    cell = np.floor((place + 0.5) / patch_px).astype(int)
+def _patch_index(position: Array, patch_px: int, shape: tuple[int, int]) -> Index:
+    cell = np.floor((position + 0.5) / patch_px).astype(int)
     column, row = np.clip(cell, 0, [shape[1] - 1, shape[0] - 1]).T
     return np.asarray(row * shape[1] + column, np.intp)
 
 
-def _fit(
-    index: Index,
-    camera_px: Array,
-    xy: Array,
-    sigma: Array,
-    shared: Array,
-    shape: tuple[int, int],
-) -> _Fits:
+def _pixels(found: CorrespondenceMap) -> _Pixels:
+    rows, columns = np.nonzero(found.valid)
+    camera_px = np.stack([columns, rows], axis=1).astype(float)
+    xy = found.projector_xy[found.valid].astype(float)
+    sigma = np.maximum(found.sigma_px[found.valid].astype(float), 1e-6)
+    shared = found.shared_px
+    errors = np.zeros_like(xy) if shared is None else shared[found.valid].astype(float)
+    return _Pixels(camera_px, xy, sigma, errors)
+
+
+def _fit(index: Index, pixels: _Pixels, shape: tuple[int, int]) -> _Fits:
     patches = shape[0] * shape[1]
-    blocks = (-(-shape[0] // BLOCK), -(-shape[1] // BLOCK))
-    rows, columns = np.divmod(np.arange(patches), shape[1])
-    block = rows // BLOCK * blocks[1] + columns // BLOCK
-    weight = 1 / np.mean(sigma**2, axis=1)
-
-    of_block = block[index]
-    block_middle = _means(of_block, camera_px, blocks[0] * blocks[1])
-    u, v = (camera_px - block_middle[of_block]).T
-    terms = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=1)
-    bend, _ = _grouped_fit(of_block, terms, xy, weight, len(block_middle))
+    weight = 1 / np.mean(pixels.sigma**2, axis=1)
     count = np.bincount(index, minlength=patches).astype(float)
-    filled = np.bincount(block, count >= FEWEST_PIXELS, len(block_middle))
-    bend[filled < FULL_BLOCK] = 0.0  # a corner of a block does not tell how it bends
-    fits = _Fits(
-        _means(index, camera_px, patches),
-        np.zeros((patches, 3, 2)),
-        np.zeros((patches, 3, 3)),
-        block,
-        block_middle,
-        bend[:, 3:],
-        count,
-        _means(index, shared**2, patches).mean(axis=1),
-    )
-    near = camera_px - fits.middle[index]
+    bends = _fit_bends(index, pixels, weight, count >= MIN_PIXELS, shape)
+    middle = _means(index, pixels.camera_px, patches)
+    near = pixels.camera_px - middle[index]
     terms = np.concatenate([np.ones((len(near), 1)), near], axis=1)
-    straight = xy - fits.bent(index, camera_px)
-    fits.line[:], fits.inverse[:] = _grouped_fit(index, terms, straight, weight, patches)
-    return fits
+    straight = pixels.xy - bends.at(index, pixels.camera_px)
+    line, inverse = _grouped_fit(index, terms, straight, weight, patches)
+    shared_px2 = _means(index, pixels.shared**2, patches).mean(axis=1)
+    return _Fits(middle, line, inverse, bends, count, shared_px2)
 
 
-def _together(index: Index, camera_px: Array, shape: tuple[int, int]) -> Mask:
-    """Which pixels (N,) lie where most of their patch does: misread ones would pull it far."""
+def _fit_bends(
+    index: Index, pixels: _Pixels, weight: Array, seen: Mask, shape: tuple[int, int]
+) -> _Bends:
+    """Curvature of the blocks of which at least half the patches are `seen` (P,), 0 for the others."""
+    blocks = (-(-shape[0] // BLOCK), -(-shape[1] // BLOCK))
+    rows, columns = np.divmod(np.arange(len(seen)), shape[1])
+    block = rows // BLOCK * blocks[1] + columns // BLOCK
+    of_pixel = block[index]
+    middle = _means(of_pixel, pixels.camera_px, blocks[0] * blocks[1])
+    u, v = (pixels.camera_px - middle[of_pixel]).T
+    terms = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=1)
+    bend, _ = _grouped_fit(of_pixel, terms, pixels.xy, weight, len(middle))
+    bend[np.bincount(block, seen, len(middle)) < FULL_BLOCK] = 0.0
+    return _Bends(block, middle, bend[:, 3:])
+
+
+def _near_their_patch(index: Index, camera_px: Array, shape: tuple[int, int]) -> Mask:
+    """Pixels (N,) that lie near the mean camera pixel of their patch; misread ones do not."""
     patches = shape[0] * shape[1]
     use = np.ones(len(index), bool)
     for _ in range(ROUNDS):
@@ -209,25 +240,25 @@ def _at_centres(fits: _Fits, patch_px: int, shape: tuple[int, int]) -> Projector
     every = np.arange(len(centre))
     slope = fits.slope(every, fits.middle)
     size = np.abs(np.linalg.det(slope))  # projector px^2 that one camera pixel covers
-    valid = (fits.count >= FEWEST_PIXELS) & (size > 1e-6)
+    valid = (fits.count >= MIN_PIXELS) & (size > 1e-6)
     slope = np.where(valid[:, None, None], slope, np.eye(2))
-    place = fits.middle
-    for _ in range(2):  # Newton's method; the second step takes the little curvature there is
-        ahead = centre - fits.predict(every, place)
-        place = place + np.linalg.solve(slope, ahead[..., None])[..., 0]
-    step = place - fits.middle
+    position = fits.middle
+    for _ in range(2):  # Newton's method; the second step accounts for the curvature
+        ahead = centre - fits.predict(every, position)
+        position = position + np.linalg.solve(slope, ahead[..., None])[..., 0]
+    step = position - fits.middle
     reach = np.abs(np.einsum("nij,nj->ni", slope, step))
     valid &= (reach <= INSIDE * patch_px).all(axis=1)
     terms = np.concatenate([np.ones((len(step), 1)), step], axis=1)
     variance = np.einsum("ni,nij,nj->n", terms, fits.inverse, terms)
-    return _masked(fits, patch_px, shape, place, slope, variance, valid)
+    return _masked(fits, patch_px, shape, position, slope, variance, valid)
 
 
 def _masked(
     fits: _Fits,
     patch_px: int,
     shape: tuple[int, int],
-    place: Array,
+    position: Array,
     slope: Array,
     variance: Array,
     valid: NDArray[np.bool_],
@@ -239,7 +270,7 @@ def _masked(
     coverage = np.where(valid, fits.count * np.abs(np.linalg.det(slope)), 0) / patch_px**2
     return ProjectorMap(
         patch_px,
-        grid(place),
+        grid(position),
         grid(np.sqrt(variance + SHARED_PX**2 + fits.shared_px2)),
         grid(slope),
         coverage.reshape(shape).astype(np.float32),

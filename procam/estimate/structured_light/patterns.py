@@ -1,4 +1,8 @@
-"""The pictures to show one projector, and the plan of a whole visit."""
+"""The patterns that each projector shows, and the plan of a whole capture session.
+
+Each projector shows, alone: white and black, the structured-light code, and the patterns that measure
+light (`light_pictures`). `plan_of` numbers them as shots of a plan.
+"""
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
@@ -9,7 +13,7 @@ from procam.estimate.structured_light.codes import AXES, DEFAULT_CODE, Picture, 
 from procam.maths.codes.gray import stripe
 from procam.model.plan import Plan, Shot
 
-SEPARATION_BITS = (5, 6)  # stripes wide enough to hold pixels clear of any edge
+SEPARATION_BITS = (5, 6)  # of stripes so wide that many pixels see no edge
 ZONE_ROWS = 2
 LEVELS = (0, 16, 32, 48, 64, 80, 96, 112, 128, 144, 160, 176, 192, 208, 224, 240, 255)
 LEVEL_PICTURES = 2
@@ -18,11 +22,9 @@ LEVEL_PICTURES = 2
 def plan_session(
     projectors: dict[str, tuple[int, int]], exposure_s: float, black_exposure_s: float
 ) -> tuple[Plan, dict[str, Picture]]:
-    """The plan for projectors of given sizes, and its pictures (H, W, 1 or 3) by path.
+    """The plan for projectors of given sizes (width, height), and its patterns (H, W, 1 or 3) by path.
 
-    First everything dark; then each projector alone: white and black, the structured-light code,
-    Gray stripes of middle bits with inverses in colour (for the direct/global separation), zones
-    (for where bounced light goes), primaries, level pictures.
+    First everything is dark; then each projector shows its patterns alone.
     """
     zones = zone_count(len(projectors))
     each = {
@@ -37,9 +39,9 @@ def plan_of(
     exposure_s: float,
     black_exposure_s: float,
 ) -> tuple[Plan, dict[str, Picture]]:
-    """The plan that shows each projector's pictures in turn, and the pictures by path.
+    """The plan that shows the pictures of each projector in turn, and the pictures by path.
 
-    The shots come without id, projector and path; first of all everything is dark.
+    The shots come without id, projector and path. The plan starts with a dark shot.
     """
     shots = [Shot("dark", "", "", "dark", (exposure_s, black_exposure_s))]
     patterns: dict[str, Picture] = {}
@@ -70,7 +72,11 @@ def _pictures(
 def light_pictures(
     size: tuple[int, int], bits: tuple[int, int], zones: Iterable[Picture], exposure_s: float
 ) -> Iterator[tuple[Shot, Picture]]:
-    """What tells of light alone: stripes of some bits with inverses, zones, primaries, levels."""
+    """Patterns that measure light: stripes, zones, primaries, levels, as shots without id.
+
+    Gray stripes of `bits` with inverses separate direct from scattered light, zones show where
+    scattered light goes, primaries give the colours, levels the projector's response.
+    """
     width, height = size
     once = (exposure_s,)
     for axis in AXES:
@@ -98,15 +104,16 @@ def stripe_picture(size: tuple[int, int], axis: str, bit: int, inverse: bool) ->
 
 
 def zone_count(projectors: int) -> int:
-    """Zones that each projector shows: twelve in all tell a kernel of degree 2 whatever their places.
+    """Number of zones that each projector shows.
 
-    One projector alone shows eight: more would be more photographs than a night has.
+    Twelve in all determine a scatter kernel of degree 2, wherever they are. A single projector shows
+    eight, to limit the number of photographs.
     """
     return {1: 8, 2: 6}.get(projectors, 4)
 
 
 def zone_picture(size: tuple[int, int], zone: int, count: int) -> Picture:
-    """One white zone (H, W, 1) of the `count` that the panel is cut into, in two rows from the top left."""
+    """One white zone (H, W, 1) of the `count` that divide the panel, in two rows from the top left."""
     width, height = size
     columns = count // ZONE_ROWS
     down, across = divmod(zone, columns)
@@ -117,12 +124,12 @@ def zone_picture(size: tuple[int, int], zone: int, count: int) -> Picture:
 
 
 def level_tile(size: tuple[int, int]) -> int:
-    """Edge of a level tile [px]: enough tiles for every level, each wider than any blur."""
+    """Edge of a level tile [px]: small enough for many tiles of every level, wider than the blur."""
     return max(16, min(64, size[0] // 40))
 
 
 def level_pictures(size: tuple[int, int]) -> list[Picture]:
-    """Tiles of all drive levels side by side: their flux is balanced, so no picture is special."""
+    """Pictures (H, W, 1) of tiles of all drive levels, shuffled; each level covers the same area."""
     width, height = size
     tile = level_tile(size)
     rng = np.random.default_rng(0)

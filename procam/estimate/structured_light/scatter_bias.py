@@ -1,8 +1,10 @@
-"""The bias that scattered light gives to few wide fringes, measured where no light falls directly.
+"""The bias of few wide fringes caused by scattered light, measured where no light falls directly.
 
-Each picture of a wave lights the whole dome through its total flux, so scattered light carries a wave
-of its own, and pixels are read off the sum of both (science.md s.2; docs/theory/phasor.md). Pixels
-that the projector does not light directly show nothing but that wave.
+The total flux of each pattern changes with its shift, and so does the scattered light. A camera pixel
+therefore sees the sum of two waves, that of the direct and that of the scattered light, and its phase is
+biased (docs/theory/phasor.md). Pixels without direct light see the wave of the scattered light alone.
+There the flux of each pattern relative to white is measured (`flux_shares`); from it and the wave follows
+the scattered light of each pixel (`scattered_light`), and `remove_phasor` takes the wave out.
 """
 
 from typing import Any
@@ -18,21 +20,26 @@ Array = NDArray[np.float64]
 Map = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 Samples = NDArray[Any]
-DIM = 0.1  # of the median lit pixel's white - black: darker pixels are off the screen
-FEWEST_PIXELS = 1000
+DIM = 0.1  # of the white - black of the median lit pixel: darker pixels are off the screen
+MIN_PIXELS = 1000
 BLOCK_PX = 8
-LIT_AMPLITUDE = 0.2  # of white - black: the flux's own wave is weaker, direct light's stronger
-AWAY_PX = 12  # from what is lit: farther than the blur reaches
+LIT_AMPLITUDE = (
+    0.2  # of white - black: the wave of direct light is stronger, that of the flux weaker
+)
+AWAY_PX = 12  # from lit pixels: farther than the blur reaches
 HALF_FULL = 0.5  # of a block
-LEAST_Q = 0.01  # a wave of the flux nearly as deep as the light's own is no measurement
-ODD_STEPS = 7  # from as many steps on the third harmonic is not mistaken for the wave itself
+LEAST_Q = (
+    0.01  # where the wave of the flux is nearly as deep as that of direct light, q is not smaller
+)
+ODD_STEPS = 7  # with as many steps the third harmonic can be distinguished from the wave
 
 
-def balanced(frames: Samples, white: Samples, black: Samples, amplitude: Map, shifts: Array) -> Map:
-    """Photographs (K, H, W) of one period's equal `shifts` as if all had half of white's flux.
+def remove_scatter_bias(
+    frames: Samples, white: Samples, black: Samples, amplitude: Map, shifts: Array
+) -> Map:
+    """Photographs (K, H, W) of equal `shifts` of one period, as if all had half of white's flux.
 
-    `amplitude` (H, W) of the wave tells pixels that the projector lights from those that it does not,
-    which see no wave but that of the flux. Errors as of `flux_shares`.
+    `amplitude` (H, W) of the wave shows which pixels have direct light. Errors as of `flux_shares`.
     """
     span = np.subtract(white, black, dtype=np.float32)
     near = grow(amplitude > LIT_AMPLITUDE * span, AWAY_PX)
@@ -42,12 +49,16 @@ def balanced(frames: Samples, white: Samples, black: Samples, amplitude: Map, sh
 
 
 def flux_shares(frames: Samples, white: Samples, black: Samples, lit: Mask) -> Array:
-    """Flux (K,) of pictures K, (H, W) each, between 0 for black and 1 for white.
+    """Flux (K,) of K patterns, 0 for black and 1 for white.
 
     Parameters
     ----------
     frames, white, black : photographs (K, H, W), (H, W), (H, W), linear, in one unit.
-    lit : (H, W) pixels on which the projector's light may fall directly, borders and blur included.
+    lit : (H, W) pixels that may have direct light, borders and blur included.
+
+    Raises
+    ------
+    NotEnoughData : too little of the screen is without direct light.
     """
     span, unlit = _unlit(frames, white, black, lit)
     dark, total = black[unlit].astype(float), float(span[unlit].sum())
@@ -57,9 +68,9 @@ def flux_shares(frames: Samples, white: Samples, black: Samples, lit: Mask) -> A
 def flux_share_maps(
     frames: Samples, white: Samples, black: Samples, lit: Mask, *, degree: int = 2
 ) -> Map:
-    """`flux_shares` (K, H, W) that vary smoothly over the photograph, as in a room that is no sphere.
+    """`flux_shares` (K, H, W) that vary smoothly over the photograph, for screens that are no sphere.
 
-    A polynomial in the camera's pixels, fitted where no light falls directly and carried on over
+    A polynomial over the camera's pixels, fitted where no light falls directly and extrapolated over
     the lit part.
     """
     span, unlit = _unlit(frames, white, black, lit)
@@ -75,7 +86,7 @@ def flux_share_maps(
     surface = fit_surface(middle, ratios, degree)
     fitted = surface(middle)
     low, high = fitted.min(axis=0), fitted.max(axis=0)
-    slack = high - low  # a polynomial carried on too far is worth nothing
+    slack = high - low  # limits the extrapolation
     height, width = lit.shape
     pixels = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1)
     maps = surface(pixels.reshape(-1, 2).astype(float)).clip(low - slack, high + slack)
@@ -88,8 +99,8 @@ def scattered_light(
 ) -> Map:
     """The scattered part (H, W) of white - black, from equal `shifts` (K,) [rad] of ONE period.
 
-    `shares` as of `flux_shares` or `flux_share_maps`. Of white - black = D + G, the pictures' wave is
-    d D e^(i phase) + f G with d and f known: a quadratic equation for D.
+    `shares` as of `flux_shares` or `flux_share_maps`. With white - black = D + G, the photographs' wave
+    is d D e^(i phase) + f G, where d and f are known: a quadratic equation for D.
     """
     span = np.subtract(white, black, dtype=float)
     wave = _phasor(frames, shifts)
@@ -104,7 +115,7 @@ def scattered_light(
 
 
 def remove_phasor(frames: Samples, shares: NDArray[np.floating], scattered: Map) -> Map:
-    """Photographs (K, H, W) as if all pictures had half of white's flux.
+    """Photographs (K, H, W) as if all patterns had half of white's flux.
 
     `shares` (K,) or (K, H, W); `scattered` (H, W) is the scattered part of white - black.
     """
@@ -122,10 +133,10 @@ def _unlit(frames: Samples, white: Samples, black: Samples, lit: Mask) -> tuple[
     span = np.subtract(white, black, dtype=np.float32)
     level = float(np.median(span[lit])) if lit.any() else np.inf
     unlit = ~lit & (span > DIM * level)
-    if unlit.sum() < FEWEST_PIXELS:
+    if unlit.sum() < MIN_PIXELS:
         raise NotEnoughData(
-            f"flux shares: got {unlit.sum()} pixels of the screen without direct light, expected "
-            f"at least {FEWEST_PIXELS}; is some of the screen outside this projector's picture?"
+            f"flux shares: only {unlit.sum()} pixels of the screen have no direct light, and at least "
+            f"{MIN_PIXELS} are needed; some of the screen must lie outside this projector's picture"
         )
     return span, np.asarray(unlit)
 
@@ -145,7 +156,7 @@ def _direct(free: NDArray[np.complex128], of_flux: NDArray[np.complex128], depth
 def _third_harmonic(
     frames: Samples, shifts: Array, wave: NDArray[np.complex128], direct: Array
 ) -> float:
-    """What a response that keeps black and white takes from the wave: black 0, white 1 leave 1/2."""
+    """Depth that the wave loses by a response that keeps black and white; without loss it is 1/2."""
     third = _phasor(frames, 3 * shifts) * np.exp(-3j * np.angle(wave))
     bright = direct > 0.5 * np.quantile(direct, 0.9)
     return float(np.real(third[bright]).sum() / direct[bright].sum())

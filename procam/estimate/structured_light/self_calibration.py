@@ -1,12 +1,15 @@
-"""What a set of sinusoidal pictures tells of lens, response, scattered light and noise (science.md s.2).
+"""Self-calibration of sinusoidal pictures: blur, harmonic, flux surplus and noise.
 
-Four things bias or blur columns alike over the whole picture, and are read off what the fits of some
-forty thousand pixels leave: how much blur takes from each period, what a wrong gamma adds, by how
-much each picture's flux differs from half of white's, and how noise grows with light.
+Every pixel of an axis shares four properties: the blur that lowers the amplitude of short periods, the
+second harmonic that a wrong gamma adds, each picture's flux beyond half of white's, and the noise law.
+They are estimated from the residuals of some forty thousand per-pixel fits. A Gauss-Newton iteration
+with priors solves for the first three, with every pixel's offset, amplitude and column eliminated
+(variable projection, Golub and Pereyra 1973, doi:10.1137/0710036). Each step also updates the pixels'
+scattered light and so the data, so a fixed number of steps replaces a descent on one cost.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,7 +17,7 @@ from numpy.typing import NDArray
 
 from procam import kernels
 from procam.errors import NotEnoughData
-from procam.estimate.camera.noise import NO_NOISE, NoiseLaw
+from procam.estimate.camera.noise import NO_NOISE, NoiseLaw, fit_noise_law
 from procam.maths.codes.phase import (
     FIT_PARTS,
     WaveDistortion,
@@ -28,160 +31,172 @@ Array = NDArray[np.float64]
 Map = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 Samples = NDArray[Any]
-SAMPLE_PIXELS = 40_000
-FEWEST_PIXELS = 50
-UNKNOWNS = 3  # offset, amplitude, column
+MAX_PIXELS = 40_000  # evenly picked; more change nothing
+MIN_PIXELS = 50
+UNKNOWNS = 3  # of a pixel: offset, amplitude, column
 ROUNDS = 4
-PRIOR_BLUR_PX2, PRIOR_HARMONIC, PRIOR_SURPLUS = 20.0, 0.1, 0.02  # of this size, if any
-LARGEST_BLUR_PX2, LARGEST_HARMONIC = 100.0, 0.3
-FAINT_SHARE = 0.1  # of a bright pixel's amplitude: below, nothing shines there directly
-LEVELS = 12
+PRIOR_BLUR_PX2, PRIOR_HARMONIC, PRIOR_SURPLUS = 20.0, 0.1, 0.02  # sigmas about zero
+MAX_BLUR_PX2, MAX_HARMONIC = 100.0, 0.3
+MIN_AMPLITUDE = 0.1  # of a bright pixel's: below, there is no direct light
+BRIGHT_QUANTILE = 0.9
+MAX_RESIDUAL = 6.0  # over the median of bright pixels: above, edges and mixtures
 
 
 @dataclass(frozen=True, slots=True)
-class WaveCalibration:
-    """What all pixels of one axis share; `surplus` (K,) is each picture's flux beyond half of white's."""
+class SinusoidImages:
+    """The photographs of one axis.
 
-    look: WaveDistortion
-    surplus: Array
-    noise: NoiseLaw
-
-
-def calibrate_waves(
-    frames: Sequence[Samples],
-    waves: Waves,
-    length: int,
-    span: Map,
-    usable: Mask,
-    variance: Map | None = None,
-    surplus_sigma: float = PRIOR_SURPLUS,
-) -> WaveCalibration:
-    """Read lens, response, surplus and noise off K pictures (H, W).
-
-    `span` (H, W) is white - black; `usable` (H, W) marks pixels to look at; `variance` (H, W) of a
-    sample is for pictures whose noise follows no law of their level, and makes theirs the unit of
-    the law that is found; `surplus_sigma` is how large a surplus may be. Gauss-Newton with each
-    pixel's offset, amplitude and column eliminated. The surplus is the phasor by which scattered
-    light biases columns: it adds that share of a pixel's scattered light to the picture.
+    Attributes
+    ----------
+    frames : K photographs (H, W).
+    waves, length : their waves; columns of the panel.
+    span : (H, W) white - black.
+    usable : (H, W) pixels for the self-calibration.
+    dropped : K masks (H, W) of saturated or dark samples.
+    variance : (H, W) of a sample, for merged exposures; None to estimate a noise law.
+    surplus_sigma : prior of the pictures' flux beyond half of white's, as a share of it.
     """
-    where = np.flatnonzero(usable)
-    if where.size < FEWEST_PIXELS:
+
+    frames: Sequence[Samples]
+    waves: Waves
+    length: int
+    span: Map
+    usable: Mask
+    dropped: Sequence[Mask]
+    variance: Map | None = None
+    surplus_sigma: float = PRIOR_SURPLUS
+
+
+@dataclass(frozen=True, slots=True)
+class SelfCalibration:
+    """Shared properties of one axis; `surplus` (K,) is each picture's flux beyond half of white's."""
+
+    distortion: WaveDistortion
+    surplus: Array
+    noise: NoiseLaw = NO_NOISE
+
+
+def self_calibrate(pictures: SinusoidImages) -> SelfCalibration:
+    """Estimate blur, harmonic, flux surplus and noise of one axis from pixels without dropped samples.
+
+    Raises
+    ------
+    NotEnoughData
+        Too few pixels, or too few in which the wave moves.
+
+    Notes
+    -----
+    Scattered light adds to each picture in proportion to its flux. The surplus is that proportion beyond
+    one half, and so the phasor by which scattered light biases columns. Given variances become the unit
+    of the noise law.
+    """
+    where = np.flatnonzero(pictures.usable & ~np.logical_or.reduce(pictures.dropped))
+    if where.size < MIN_PIXELS:
         raise NotEnoughData(
-            f"waves: got {where.size} pixels with light and no saturated sample, expected at least "
-            f"{FEWEST_PIXELS}; is the projector on, and the exposure right?"
+            f"waves: only {where.size} pixels have light and no saturated sample; at least {MIN_PIXELS} are "
+            "needed. Check that the projector is on and the exposure right"
         )
-    where = where[:: max(1, where.size // SAMPLE_PIXELS)]
-    raw = np.stack([np.ravel(f)[where] for f in frames], axis=1).astype(float)
-    full = np.ravel(span)[where].astype(float)
-    if variance is not None:
-        scale = 1 / np.sqrt(np.ravel(variance)[where].astype(float))
+    where = where[:: max(1, where.size // MAX_PIXELS)]
+    raw = np.stack([np.ravel(f)[where] for f in pictures.frames], axis=1).astype(float)
+    full = np.ravel(pictures.span)[where].astype(float)
+    if pictures.variance is not None:
+        scale = 1 / np.sqrt(np.ravel(pictures.variance)[where].astype(float))
         raw, full = raw * scale[:, None], full * scale
-    look, surplus, scattered = WaveDistortion(), np.zeros(len(frames)), np.zeros(len(where))
+    now = SelfCalibration(WaveDistortion(), np.zeros(raw.shape[1]))
+    scattered = np.zeros(len(where))
     for _ in range(ROUNDS):
-        samples = raw - scattered[:, None] * surplus
-        fit, seen = _fitted(samples, waves, look, length)
-        scattered[seen] = np.maximum(full[seen] - 2 / look.depth(waves) * fit.amplitude, 0)
-        now = WaveCalibration(look, surplus, NO_NOISE)
-        look, surplus = _step(samples[seen], waves, now, fit, (scattered[seen], surplus_sigma))
-    fit, _ = _fitted(raw - scattered[:, None] * surplus, waves, look, length)
-    return WaveCalibration(look, surplus, _noise_law(fit, len(frames) - UNKNOWNS))
+        samples = raw - scattered[:, None] * now.surplus
+        fit, seen = _fitted(samples, pictures, now.distortion)
+        direct = 2 / now.distortion.depth(pictures.waves) * fit.amplitude
+        scattered[seen] = np.maximum(full[seen] - direct, 0)
+        now = _step(samples[seen], pictures, now, fit, scattered[seen])
+    fit, _ = _fitted(raw - scattered[:, None] * now.surplus, pictures, now.distortion)
+    return replace(now, noise=_residual_noise(fit, raw.shape[1]))
 
 
 def _fitted(
-    samples: Array, waves: Waves, look: WaveDistortion, length: int
+    samples: Array, pictures: SinusoidImages, distortion: WaveDistortion
 ) -> tuple[WaveFit, Mask]:
-    """Fit of the samples (n, K) in which a wave is seen, and which (n,) these are."""
-    found = search(list(np.ascontiguousarray(samples.T, np.float32)), waves, look, length)
+    """Fit of the pixels with a visible wave among samples (n, K), and which (n,) these are."""
+    columns = list(np.ascontiguousarray(samples.T, np.float32))
+    found = find_columns(columns, pictures.waves, distortion, pictures.length)
     seen = np.isfinite(found.position)
-    if seen.sum() < FEWEST_PIXELS:
+    if seen.sum() < MIN_PIXELS:
         raise NotEnoughData(
-            f"waves: got {seen.sum()} pixels in which they move, expected at least {FEWEST_PIXELS}; "
-            "did the projector freeze on one picture?"
+            f"waves: they move in only {seen.sum()} pixels; at least {MIN_PIXELS} are needed. Check that the "
+            "projector did not freeze on one picture"
         )
     parts = (found.position, found.variance, found.offset, found.amplitude, found.residual)
     return WaveFit(*(part[seen].astype(float) for part in parts)), seen
 
 
-def search(
-    frames: Sequence[Samples], waves: Waves, look: WaveDistortion, length: int
+def find_columns(
+    frames: Sequence[Samples], waves: Waves, distortion: WaveDistortion, length: int
 ) -> kernels.PhaseFit:
-    """Best column of every pixel; waves of a single period tell it only within that period.
+    """Best column of every pixel; waves of a single period give it only within that period.
 
-    Without a base set of three pictures, all columns are tried for each pixel.
+    Without a base set of three pictures, every pixel searches all columns.
     """
     if waves.single:
         length = 1
     if waves.base >= UNKNOWNS:
-        modulation, harmonics = look.modulation(waves), look.harmonics(waves)
+        modulation, harmonics = distortion.modulation(waves), distortion.harmonics(waves)
         return kernels.search_phase(
             frames, waves.periods, waves.shifts, modulation, harmonics, waves.base, length
         )
     samples = np.stack([np.ravel(f) for f in frames], axis=1).astype(float)
-    fit, margin = search_columns(samples, np.ones(samples.shape, bool), waves, look, length)
+    fit, margin = search_columns(samples, np.ones(samples.shape, bool), waves, distortion, length)
     parts = (fit.x, fit.variance, fit.amplitude, fit.offset, fit.residual, margin)
     return kernels.PhaseFit(*(p.reshape(frames[0].shape).astype(np.float32) for p in parts))
 
 
 def _step(
-    samples: Array,
-    waves: Waves,
-    now: WaveCalibration,
-    fit: WaveFit,
-    flux: tuple[Array, float],
-) -> tuple[WaveDistortion, Array]:
-    """One Gauss-Newton step of look and surplus; `flux`: scattered light (n,), size of surplus."""
-    honest, surplus_sigma = _honest(fit), flux[1]
-    fit = WaveFit(*(getattr(fit, name)[honest] for name in FIT_PARTS))
-    left, by_look, basis = shared_sensitivity(samples[honest], waves, now.look, fit)
-    matrix, gradient = _shared_equations(left, by_look, basis, flux[0][honest])
-    noise = max(float(np.mean(left**2)), 1e-20)
-    values = np.r_[now.look.blur_px2, now.look.harmonic, now.surplus]
-    size = np.r_[PRIOR_BLUR_PX2, PRIOR_HARMONIC, np.full(len(now.surplus), surplus_sigma)]
+    samples: Array, pictures: SinusoidImages, now: SelfCalibration, fit: WaveFit, scattered: Array
+) -> SelfCalibration:
+    """One Gauss-Newton step from the samples (n, K), their fit and scattered light (n,)."""
+    use = _representative(fit)
+    fit = WaveFit(*(getattr(fit, name)[use] for name in FIT_PARTS))
+    residual, by_shared, basis = shared_sensitivity(
+        samples[use], pictures.waves, now.distortion, fit
+    )
+    matrix, gradient = _shared_equations(residual, by_shared, basis, scattered[use])
+    noise = max(float(np.mean(residual**2)), 1e-20)
+    values = np.r_[now.distortion.blur_px2, now.distortion.harmonic, now.surplus]
+    size = np.r_[PRIOR_BLUR_PX2, PRIOR_HARMONIC, np.full(len(now.surplus), pictures.surplus_sigma)]
     gradient = gradient / noise - values / size**2
     values = values + np.linalg.solve(matrix / noise + np.diag(size**-2), gradient)
-    blur_px2 = float(np.clip(values[0], 0.0, LARGEST_BLUR_PX2))
-    return WaveDistortion(
-        blur_px2, float(np.clip(values[1], -LARGEST_HARMONIC, LARGEST_HARMONIC))
-    ), values[2:]
+    blur_px2 = float(np.clip(values[0], 0.0, MAX_BLUR_PX2))
+    harmonic = float(np.clip(values[1], -MAX_HARMONIC, MAX_HARMONIC))
+    return SelfCalibration(WaveDistortion(blur_px2, harmonic), values[2:])
 
 
 def _shared_equations(
-    left: Array, by_look: Array, basis: Array, scattered: Array
+    residual: Array, by_shared: Array, basis: Array, scattered: Array
 ) -> tuple[Array, Array]:
-    """Normal matrix (2 + K, 2 + K) and gradient by blur, harmonic and each picture's surplus.
+    """Normal matrix (2 + K, 2 + K) and gradient of blur, harmonic and each picture's surplus.
 
-    A surplus adds that share of the scattered light (n,) to one picture: of which the pixel's own
-    fit takes up what lies along its basis.
+    A surplus adds that share of the scattered light (n,) to one picture. The pixel's own fit absorbs
+    the component along its basis.
     """
-    count = left.shape[1]
-    taken = (basis * scattered[:, None]).transpose(2, 0, 1).reshape(count, -1)
-    by_flux = np.sum(scattered**2) * np.eye(count) - taken @ taken.T
-    both = np.einsum("ink,n->ik", by_look, scattered)
-    own = np.einsum("ink,jnk->ij", by_look, by_look)
+    count = residual.shape[1]
+    absorbed = (basis * scattered[:, None]).transpose(2, 0, 1).reshape(count, -1)
+    by_flux = np.sum(scattered**2) * np.eye(count) - absorbed @ absorbed.T
+    both = np.einsum("ink,n->ik", by_shared, scattered)
+    own = np.einsum("ink,jnk->ij", by_shared, by_shared)
     matrix = np.block([[own, both], [both.T, by_flux]])
-    return matrix, np.r_[np.einsum("ink,nk->i", by_look, left), scattered @ left]
+    return matrix, np.r_[np.einsum("ink,nk->i", by_shared, residual), scattered @ residual]
 
 
-def _honest(fit: WaveFit) -> Mask:
-    """Pixels with a clear wave that the model explains: no edges, no mixtures, no unlit ones."""
-    bright = fit.amplitude > FAINT_SHARE * np.quantile(fit.amplitude, 0.9)
+def _representative(fit: WaveFit) -> Mask:
+    """Pixels with a clear wave that the model explains: no edges, no mixtures, no unlit pixels."""
+    bright = fit.amplitude > MIN_AMPLITUDE * np.quantile(fit.amplitude, BRIGHT_QUANTILE)
     if not bright.any():
         return np.isfinite(fit.residual)
-    return np.asarray(bright & (fit.residual <= 6 * np.median(fit.residual[bright]) + 1e-12))
+    limit = MAX_RESIDUAL * np.median(fit.residual[bright]) + 1e-12
+    return np.asarray(bright & (fit.residual <= limit))
 
 
-def _noise_law(fit: WaveFit, freedom: int) -> NoiseLaw:
-    """Line through the mean residual variance of pixels sorted by level; no part negative."""
-    honest = _honest(fit)
-    level, variance = fit.offset[honest], fit.residual[honest] / freedom
-    parts = [p for p in np.array_split(np.argsort(level), LEVELS) if p.size]
-    levels = np.array([level[p].mean() for p in parts])
-    means = np.maximum([variance[p].mean() for p in parts], 1e-12)
-    if np.ptp(levels) == 0:
-        return NoiseLaw(float(variance.mean()), 0.0)
-    slope, start = np.polyfit(levels, means, 1, w=1 / means)
-    if slope <= 0:
-        return NoiseLaw(float(variance.mean()), 0.0)
-    if start < 0:
-        return NoiseLaw(0.0, float(np.mean(variance) / np.mean(level)))
-    return NoiseLaw(float(start), float(slope))
+def _residual_noise(fit: WaveFit, pictures: int) -> NoiseLaw:
+    """Noise law from the residual variance of the representative pixels."""
+    use = _representative(fit)
+    return fit_noise_law(fit.offset[use], fit.residual[use] / (pictures - UNKNOWNS))

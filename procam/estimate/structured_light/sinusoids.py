@@ -1,4 +1,4 @@
-"""Sinusoidal pictures of one axis to columns, with a standard error that holds (science.md s.2)."""
+"""Sinusoidal pictures of one axis to columns with standard errors (docs/theory/structured-light.md (S3))."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,129 +9,103 @@ from numpy.typing import NDArray
 
 from procam.estimate.camera.noise import NoiseLaw
 from procam.estimate.structured_light.self_calibration import (
-    PRIOR_SURPLUS,
     UNKNOWNS,
-    WaveCalibration,
-    calibrate_waves,
-    search,
+    SelfCalibration,
+    SinusoidImages,
+    find_columns,
+    self_calibrate,
 )
 from procam.kernels import PhaseFit
-from procam.maths.codes.phase import WaveDistortion, Waves
+from procam.maths.codes.phase import WaveDistortion
 
 Map = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 Samples = NDArray[Any]
-FEWEST = 5  # samples left: two more than unknowns, or nothing could check them
-NEGLIGIBLE_SURPLUS = 1e-4  # of the flux: less moves no column by .01 px
-MOST_SLOW = 60_000  # pixels with no base set left, each of which takes a search over all columns
+MIN_SAMPLES = 5  # of a pixel: two more than its unknowns, as a check
+NEGLIGIBLE_SURPLUS = 1e-4  # of the flux; moves columns by less than .01 px
+MAX_FULL_SEARCHES = 60_000  # pixels without a base set, each of which searches all columns
 AMPLITUDE_SIGMAS = 5.0
-MARGIN_SIGMAS2 = 12.0  # a wrong fringe fits worse by this much, or the pixel is dropped
-MISFIT_SIGMAS2 = 35.0  # beyond the expected sum of squares: never, for a pixel that obeys the model
+MARGIN_SIGMAS2 = 12.0  # least chi squared by which the next best fringe must fit worse
+MISFIT_SIGMAS2 = 35.0  # most chi squared beyond its expectation
 
 
-def complete_base(
+def complete_base_set(
     frames: dict[int, Samples], base: int, white: Samples, black: Samples
 ) -> dict[int, Samples]:
-    """Pictures by number, with one lost of the three that begin made up.
+    """Reconstruct a single lost picture of a base set of three from white and black.
 
-    Equal steps add up to white and black. With no picture lost, or more, or another base: as it is.
+    Equal steps of a sinusoid add up to a multiple of white + black. Returns the pictures (by number)
+    unchanged for another number of lost pictures or another base.
     """
-    there = [frames[i] for i in range(base) if i in frames]
-    if base != UNKNOWNS or len(there) != base - 1:
+    present = [frames[i] for i in range(base) if i in frames]
+    if base != UNKNOWNS or len(present) != base - 1:
         return frames
     (lost,) = set(range(base)) - set(frames)
     total = base / 2 * (white.astype(np.float32) + black)
-    made_up = np.asarray(total - np.sum(there, axis=0, dtype=np.float32), np.float32)
-    return {i: f.astype(np.float32) for i, f in frames.items()} | {lost: made_up}
+    restored = np.asarray(total - np.sum(present, axis=0, dtype=np.float32), np.float32)
+    return {i: f.astype(np.float32) for i, f in frames.items()} | {lost: restored}
 
 
 @dataclass(frozen=True, slots=True)
-class WavePictures:
-    """The pictures of one axis as photographed.
+class SinusoidResult:
+    """One decoded axis.
 
     Attributes
     ----------
-    frames : K photographs (H, W). waves : their waves. length : columns on the panel.
-    span : (H, W) white - black. usable : (H, W) pixels to calibrate on.
-    dropped : K masks (H, W) of saturated or dark samples.
-    variance : (H, W) of a sample, for merged exposures; None to read a noise law off the pictures.
-    surplus_sigma : how far the pictures' fluxes may be from half of white's, as a share of it.
-    """
-
-    frames: Sequence[Samples]
-    waves: Waves
-    length: int
-    span: Map
-    usable: Mask
-    dropped: Sequence[Mask]
-    variance: Map | None = None
-    surplus_sigma: float = PRIOR_SURPLUS
-
-
-@dataclass(frozen=True, slots=True)
-class WaveResult:
-    """One axis.
-
-    Attributes
-    ----------
-    x, sigma : (H, W) column [px] and its standard error; NaN where not known.
-    amplitude : (H, W) B, what half the direct light is without blur [image unit].
-    look, noise : what lens, response and camera were found to do. period_px : mean of the waves.
+    x, sigma : (H, W) column and its standard error [px]; NaN where unknown.
+    amplitude : (H, W) half of the direct light, corrected for blur [image unit].
+    distortion, noise : as the self-calibration found them.
+    period_px : mean of the waves' periods.
     """
 
     x: Map
     sigma: Map
     amplitude: Map
-    look: WaveDistortion
+    distortion: WaveDistortion
     noise: NoiseLaw
     period_px: float
 
 
-def decode_waves(pictures: WavePictures) -> WaveResult:
-    """Columns of one axis; pixels with dropped samples are decoded from five others or more."""
+def decode_sinusoids(pictures: SinusoidImages) -> SinusoidResult:
+    """Decode one axis; pixels with dropped samples are decoded from the others, five or more."""
     waves, frames = pictures.waves, pictures.frames
     short = np.logical_or.reduce(pictures.dropped)
-    usable = pictures.usable & ~short
-    known = calibrate_waves(
-        frames,
-        waves,
-        pictures.length,
-        pictures.span,
-        usable,
-        pictures.variance,
-        pictures.surplus_sigma,
-    )
-    found = search(frames, waves, known.look, pictures.length)
+    known = self_calibrate(pictures)
+    found = find_columns(frames, waves, known.distortion, pictures.length)
     if np.abs(known.surplus).max() > NEGLIGIBLE_SURPLUS:
         frames = _balanced(pictures, known, found)
-        found = search(frames, waves, known.look, pictures.length)
-    count = np.full(usable.shape, len(frames))
+        found = find_columns(frames, waves, known.distortion, pictures.length)
+    count = np.full(short.shape, len(frames))
     if short.any():
         count -= np.sum(pictures.dropped, axis=0)
         _search_rest(
-            pictures, frames, known.look, short & pictures.usable & (count >= FEWEST), found
+            pictures,
+            frames,
+            known.distortion,
+            short & pictures.usable & (count >= MIN_SAMPLES),
+            found,
         )
     noise = pictures.variance
     if noise is None:
         noise = known.noise.variance(found.offset)
     ok = _trusted(found, count, noise)
     sigma = np.sqrt(np.where(ok, found.variance * noise, np.nan))
-    amplitude = np.where(short & ~ok, 0.0, found.amplitude) / known.look.depth(waves)
-    return WaveResult(
+    amplitude = np.where(short & ~ok, 0.0, found.amplitude) / known.distortion.depth(waves)
+    return SinusoidResult(
         np.where(ok, found.position, np.nan).astype(np.float32),
         sigma.astype(np.float32),
         np.nan_to_num(amplitude).astype(np.float32),
-        known.look,
+        known.distortion,
         known.noise,
         float(waves.periods.mean()),
     )
 
 
 def _balanced(
-    pictures: WavePictures, known: WaveCalibration, found: PhaseFit
+    pictures: SinusoidImages, known: SelfCalibration, found: PhaseFit
 ) -> list[NDArray[np.float32]]:
-    """The photographs without what their surplus flux adds to the scattered light."""
-    direct = 2 / known.look.depth(pictures.waves) * np.nan_to_num(found.amplitude)
+    """The photographs less the scattered light of their surplus flux."""
+    direct = 2 / known.distortion.depth(pictures.waves) * np.nan_to_num(found.amplitude)
     scattered = np.maximum(pictures.span - direct, 0)
     return [
         frame - np.float32(surplus) * scattered
@@ -140,13 +114,13 @@ def _balanced(
 
 
 def _search_rest(
-    pictures: WavePictures,
+    pictures: SinusoidImages,
     frames: Sequence[Samples],
-    look: WaveDistortion,
+    distortion: WaveDistortion,
     rows: Mask,
     found: PhaseFit,
 ) -> None:
-    """Put the answer for pixels `rows` (H, W) with missing samples into `found`, in place."""
+    """Decode the pixels `rows` (H, W) with missing samples into `found`, in place."""
     samples = np.stack([f[rows] for f in frames], axis=1).astype(np.float32)
     keep = ~np.stack([d[rows] for d in pictures.dropped], axis=1)
     answers = np.full((len(found), len(samples)), np.nan, np.float32)
@@ -154,20 +128,20 @@ def _search_rest(
         some = np.flatnonzero((keep == pattern).all(axis=1))
         waves = pictures.waves.kept(pattern)
         if waves.base < UNKNOWNS and not waves.single:
-            some = some[: max(0, MOST_SLOW - int(np.isfinite(answers[0]).sum()))]
+            some = some[: max(0, MAX_FULL_SEARCHES - int(np.isfinite(answers[0]).sum()))]
         if not some.size:
             continue
         columns = list(np.ascontiguousarray(samples[np.ix_(some, pattern)].T))
-        answers[:, some] = np.stack(search(columns, waves, look, pictures.length))
-    for whole, answer in zip(found, answers, strict=True):
-        whole[rows] = answer
+        answers[:, some] = np.stack(find_columns(columns, waves, distortion, pictures.length))
+    for part, answer in zip(found, answers, strict=True):
+        part[rows] = answer
 
 
 def _trusted(found: PhaseFit, count: NDArray[Any], variance: Map) -> Mask:
-    """Pixels (H, W) whose wave is clear, alone and well fitted, given a sample's variance."""
+    """Pixels (H, W) with a clear, unambiguous and well fitting wave, given a sample's variance."""
     with np.errstate(invalid="ignore"):
         ok = found.amplitude > AMPLITUDE_SIGMAS * np.sqrt(2 * variance / np.maximum(count, 1))
         ok &= found.margin >= MARGIN_SIGMAS2 * variance
         ok &= found.residual <= (count - UNKNOWNS + MISFIT_SIGMAS2) * variance
-        ok &= np.isfinite(found.position) & (count >= FEWEST)
+        ok &= np.isfinite(found.position) & (count >= MIN_SAMPLES)
     return np.asarray(ok)

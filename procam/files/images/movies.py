@@ -1,7 +1,9 @@
 """Movies read and written frame by frame as RGB, with timestamps, alpha, tags and sound kept.
 
-swscale gives 8 bits right to half a step, but the white of its 16 bits is 255/256 of full for limited
-range, and a little less than full for full range: `_from_swscale` and `_to_swscale` put that right.
+PyAV decodes and encodes; swscale converts between the codec's pixel layout and RGB. swscale is accurate
+to half a step in 8 bits, but its 16-bit white is 255/256 of full scale for limited range, and slightly
+below full scale for full range; `_from_swscale` and `_to_swscale` correct this. The writer takes the
+rate, time base, colour tags and sound of the source movie, and interleaves the sound with the pictures.
 """
 
 import re
@@ -39,9 +41,9 @@ LOSSLESS = {"level": "3", "slicecrc": "1", "g": "1"}
 NOT_KEPT = ("encoder", "handler_name", "vendor_id", "DURATION")
 # exact to half a step of 8 bits; the defaults are off by up to 3
 SCALING = "BICUBIC", "ACCURATE_RND", "FULL_CHR_H_INT", "FULL_CHR_H_INP"
-LIMITED, FULL = 1, 2  # as FFmpeg counts colour ranges
-RGB_MATRIX, BT709, BT601, UNKNOWN = 0, 1, 5, 2  # and matrices
-HD_LINES = 576  # above it, a movie that names no matrix is BT.709
+LIMITED, FULL = 1, 2  # FFmpeg's colour ranges
+RGB_MATRIX, BT709, BT601, UNKNOWN = 0, 1, 5, 2  # FFmpeg's colour matrices
+HD_LINES = 576  # a movie with more lines that names no matrix is BT.709
 TRANSFER = {
     1: "bt1886",
     6: "bt1886",
@@ -70,21 +72,21 @@ class MovieReader:
     ----------
     size : (width, height). dtype : uint8, or uint16 where the movie has more than 8 bits.
     transfer : name of the transfer function that the movie is tagged with, or None.
-    frames : how many the file says it has; 0 if it does not say.
-    layout : FFmpeg's name of its frames as they are given.
+    frames : their number in the file's header; 0 if it has none.
+    layout : FFmpeg's name of the pixel layout of the frames that are returned.
     """
 
     def __init__(self, path: Path) -> None:
         self.path, self._av = path, video_library()
         if not path.is_file():
-            raise FileFormatError(f"{path}: got no such file, expected a movie; check the name")
+            raise FileFormatError(f"{path}: no such file; a movie is needed. Check the name")
         try:
             self._movie = self._av.open(str(path))
         except self._av.error.FFmpegError as error:
             raise self._damaged(error) from error
         if not self._movie.streams.video:
             self._movie.close()
-            raise FileFormatError(f"{path}: got no pictures in it, expected a movie")
+            raise FileFormatError(f"{path} holds no pictures; a movie is needed")
         self.stream = self._movie.streams.video[0]
         self.stream.thread_type = "AUTO"
         context = self.stream.codec_context
@@ -95,7 +97,7 @@ class MovieReader:
         if len(components) < 3:
             self._movie.close()
             raise FileFormatError(
-                f"{path}: got pictures of layout {context.pix_fmt}, expected colour; encode it again"
+                f"{path} has pictures of layout {context.pix_fmt}; encode it again in colour"
             )
         deep = max(component.bits for component in components) > 8
         self.dtype = np.dtype(np.uint16 if deep else np.uint8)
@@ -112,7 +114,7 @@ class MovieReader:
 
     @property
     def metadata(self) -> tuple[dict[str, str], dict[str, str]]:
-        """What the movie and its pictures' stream say of themselves."""
+        """Metadata of the movie and of its video stream."""
         return dict(self._movie.metadata), dict(self.stream.metadata)
 
     def __iter__(self) -> Iterator[MovieFrame]:
@@ -125,28 +127,28 @@ class MovieReader:
                 end_s = (frame.pts + (frame.duration or 0)) * Fraction(self.stream.time_base)
         except self._av.error.FFmpegError as error:
             raise self._damaged(error) from error
-        promised_s = self._promised_s()
+        promised_s = self._duration_s()
         if end_s < promised_s - 2 / Fraction(self.stream.average_rate or 1):
             raise FileFormatError(
-                f"{self.path}: got pictures up to {float(end_s):.3f} s, expected {promised_s:.3f} s as "
-                "the file says; it is truncated, copy it again"
+                f"{self.path} is truncated: its pictures end at {float(end_s):.3f} s, its header says "
+                f"{promised_s:.3f} s. Copy it again"
             )
 
-    def _promised_s(self) -> float:
-        """When the last picture ends, as the file says; 0 if it does not say."""
+    def _duration_s(self) -> float:
+        """End of the last picture in the file's header [s]; 0 if it has none."""
         if self.stream.duration is not None:
             ticks = (self.stream.start_time or 0) + self.stream.duration
             return float(ticks * self.stream.time_base)
-        told = re.fullmatch(r"(\d+):(\d+):([\d.]+)", self.stream.metadata.get("DURATION", ""))
-        return 3600 * int(told[1]) + 60 * int(told[2]) + float(told[3]) if told else 0.0
+        tag = re.fullmatch(r"(\d+):(\d+):([\d.]+)", self.stream.metadata.get("DURATION", ""))
+        return 3600 * int(tag[1]) + 60 * int(tag[2]) + float(tag[3]) if tag else 0.0
 
     def _frame(self, frame: Any, count: int) -> MovieFrame:
         if frame.is_corrupt or frame.interlaced_frame or frame.pts is None:
             what = "damaged" if frame.is_corrupt else "interlaced"
             what = "without a timestamp" if frame.pts is None else what
             raise FileFormatError(
-                f"{self.path}: got frame {count} {what}, expected whole progressive pictures; "
-                "encode or copy it again"
+                f"{self.path}: frame {count} is {what}; complete progressive pictures are needed. "
+                "Encode or copy it again"
             )
         limited = _is_yuv(frame.format) and int(frame.color_range) != FULL
         limited &= not frame.format.name.startswith("yuvj")
@@ -163,10 +165,10 @@ class MovieReader:
         return MovieFrame(rgb, alpha, int(frame.pts))
 
     def _damaged(self, error: Exception) -> FileFormatError:
-        said = " ".join(str(error).split())
+        reason = " ".join(str(error).split())
         return FileFormatError(
-            f"{self.path}: got no whole movie ({said}), expected one of {', '.join(SUFFIXES)}; "
-            "copy or encode it again"
+            f"{self.path} is not a complete movie ({reason}); copy it again, or encode it as one of "
+            f"{', '.join(SUFFIXES)}"
         )
 
 
@@ -179,12 +181,12 @@ def new_movie(
     size: tuple[int, int] | None = None,
     layout: str = "",
 ) -> Iterator["MovieWriter"]:
-    """A movie in the shape of another; it appears whole when the block ends well.
+    """A writer of a movie with the properties of another; the file appears when the block has ended.
 
     .mov is ProRes 4444 (10 bits, visually lossless), .mkv is FFV1 in RGB (lossless). Frame rate,
     timestamps, pixel aspect, primaries, tags and sound are the source's; so are `size` (width, height)
-    and `layout` (one of `LAYOUTS`) of its frames unless they are given. `transfer` names how they are
-    encoded.
+    and `layout` (one of `LAYOUTS`) of its frames unless they are given. `transfer` is the name of their
+    transfer function.
     """
     require_written(path)
     av = video_library()
@@ -195,7 +197,7 @@ def new_movie(
         av.open(str(like.path)) as source,
     ):
         writer = MovieWriter(movie, like, layout or like.layout)
-        writer.begin(source, transfer, size or like.size)
+        writer.add_streams(source, transfer, size or like.size)
         yield writer
         writer.finish()
 
@@ -210,7 +212,7 @@ class MovieWriter:
         self._prores = movie.format.name == "mov"
         self._pixels = (PRORES if self._prores else FFV1)[layout]
 
-    def begin(self, source: Any, transfer: str, size: tuple[int, int]) -> None:
+    def add_streams(self, source: Any, transfer: str, size: tuple[int, int]) -> None:
         """Add the streams; `source` is the source opened once more, for its sound."""
         self._stream = self._new_stream(transfer, size)
         self._sound = _Sound(source, self._movie)
@@ -221,16 +223,16 @@ class MovieWriter:
         if frame.alpha is not None:
             pixels = np.concatenate([pixels, frame.alpha[..., None]], axis=-1)
         whole = np.ascontiguousarray(pixels)
-        made = self._av.VideoFrame.from_ndarray(whole, format=self._layout)
-        made = self._convert.frame(made, self._pixels, BT709, (False, self._prores))
+        encoded = self._av.VideoFrame.from_ndarray(whole, format=self._layout)
+        encoded = self._convert.frame(encoded, self._pixels, BT709, (False, self._prores))
         context = self._stream.codec_context
         for tag in ("color_primaries", "color_trc", "color_range", "colorspace"):
-            setattr(made, tag, getattr(context, tag))  # what ProRes writes is the frame's
-        made.pts, made.time_base = self._clock.ticks(frame.pts), self._clock.out
-        self._mux(self._stream.encode(made))
+            setattr(encoded, tag, getattr(context, tag))  # ProRes takes the tags of the frame
+        encoded.pts, encoded.time_base = self._clock.ticks(frame.pts), self._clock.out
+        self._mux(self._stream.encode(encoded))
 
     def finish(self) -> None:
-        """Encode what is held back, and the rest of the sound."""
+        """Encode the frames that the encoder still holds, and the rest of the sound."""
         self._mux(self._stream.encode())
         self._sound.mux_rest()
 
@@ -241,14 +243,14 @@ class MovieWriter:
         stream = self._movie.add_stream(codec, rate=self._clock.rate, options=options)
         stream.width, stream.height = size
         stream.pix_fmt = self._pixels
-        context, told = stream.codec_context, source.codec_context
+        context, original = stream.codec_context, source.codec_context
         context.time_base = stream.time_base = self._clock.out
-        context.color_primaries = told.color_primaries
+        context.color_primaries = original.color_primaries
         context.color_trc = TAG.get(transfer, UNKNOWN)
         context.color_range = LIMITED if self._prores else FULL
         context.colorspace = BT709 if self._prores else RGB_MATRIX
-        if told.sample_aspect_ratio:
-            context.sample_aspect_ratio = told.sample_aspect_ratio
+        if original.sample_aspect_ratio:
+            context.sample_aspect_ratio = original.sample_aspect_ratio
         of_movie, of_stream = self._like.metadata
         self._movie.metadata.update(of_movie)
         stream.metadata.update({k: v for k, v in of_stream.items() if k not in NOT_KEPT})
@@ -265,8 +267,8 @@ class MovieWriter:
 class _Clock:
     """Timestamps of a movie in a unit [s] that also holds its frame rate exactly.
 
-    Matroska rounds times to milliseconds: a frame within half of one of its place in a steady rate
-    is put back there.
+    Matroska rounds times to milliseconds. A frame within half a millisecond of its time at a constant
+    rate gets that time.
     """
 
     rate: Fraction
@@ -287,7 +289,7 @@ class _Clock:
 
 
 class _Sound:
-    """Copies the sound of a movie into another, as far as its pictures have come."""
+    """Copies the sound of a movie into another, in step with the pictures."""
 
     def __init__(self, source: Any, movie: Any) -> None:
         self._movie = movie
@@ -297,14 +299,14 @@ class _Sound:
         self._next: Any = next(self._packets, None)
 
     def mux_until(self, time_s: Fraction) -> None:
-        """Copy what is heard up to a time."""
+        """Copy the sound up to a time."""
         while self._next is not None and (
             self._next.dts is None or self._next.dts * self._next.time_base <= time_s
         ):
             self._copy()
 
     def mux_rest(self) -> None:
-        """Copy what is left."""
+        """Copy the remaining sound."""
         while self._next is not None:
             self._copy()
 
@@ -327,7 +329,7 @@ class _Converter:
         self._reformatter = av.video.reformatter.VideoReformatter()
 
     def frame(self, frame: Any, layout: str, matrix: int, limited: tuple[bool, bool]) -> Any:
-        """The frame in another layout; `limited` tells the range of the source and of the result."""
+        """The frame in another layout; `limited`: whether source and result have limited range."""
         return self._reformatter.reformat(
             frame,
             format=layout,
@@ -340,16 +342,16 @@ class _Converter:
 
 
 def is_movie(path: Path) -> bool:
-    """Whether a name is that of a movie."""
+    """Whether a name has the suffix of a movie."""
     return path.suffix.lower() in SUFFIXES
 
 
 def require_written(path: Path) -> None:
-    """Refuse a movie that is not written."""
+    """Refuse a name whose format `new_movie` does not write."""
     if path.suffix not in WRITTEN:
         raise InputError(
-            f"{path}: got the suffix {path.suffix!r}, expected .mov (ProRes 4444) or .mkv (FFV1, "
-            "lossless); encode that for playback afterwards"
+            f"{path}: movies are written as .mov (ProRes 4444) or .mkv (FFV1, lossless), not "
+            f"{path.suffix!r}; encode one of those for playback afterwards"
         )
 
 
@@ -365,6 +367,6 @@ def _from_swscale(pixels: Pixels, bits: int) -> Pixels:
 
 
 def _to_swscale(pixels: Pixels) -> Pixels:
-    """16-bit RGB with white at 65280, as swscale wants it for limited range."""
+    """16-bit RGB with white at 65280, which swscale takes for white in limited range."""
     whole = np.asarray(pixels, np.uint16)
     return np.asarray(whole - (whole >> np.uint16(8)))

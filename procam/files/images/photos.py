@@ -1,4 +1,4 @@
-"""Photographs that others took: pixels, what their header tells, and raw counts from them."""
+"""Photographs taken without procam: pixels, header, and linear counts from them."""
 
 import csv
 import re
@@ -9,12 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import OpenImageIO as oiio
 from numpy.typing import NDArray
 
 from procam.errors import FileFormatError
 from procam.files.atomic import write_text
-from procam.files.images.images import read_image
+from procam.files.images.pixels import read_header, read_image
 from procam.maths.light.curves import srgb_decode
 from procam.model.optics import Sensor
 
@@ -23,12 +22,12 @@ SUFFIXES = (".png", ".tif", ".tiff", ".jpg", ".jpeg")
 Response = tuple[NDArray[np.float64], NDArray[np.float64]]
 Pixels = NDArray[Any]
 END_OF_JPEG = b"\xff\xd9"
-TAIL = 65536  # cameras append previews; they end alike
+TAIL = 65536  # bytes; cameras append previews after the end
 
 
 @dataclass(frozen=True, slots=True)
 class Photo:
-    """A photograph and its header; None for what the header does not tell.
+    """A photograph and its header; None for what is not in the header.
 
     Attributes
     ----------
@@ -59,15 +58,15 @@ class Bracket:
 
 
 def list_photos(folder: Path) -> tuple[list[Path], list[str]]:
-    """Photographs of a folder, img_2 before img_10, and the names of the files that are none."""
+    """Photographs of a folder, img_2 before img_10, and the names of its other files."""
     if not folder.is_dir():
-        raise FileFormatError(f"{folder}: got no such folder, expected one with photographs")
+        raise FileFormatError(f"{folder}: no such folder; photographs are needed in it")
     files = sorted((p for p in folder.iterdir() if p.is_file()), key=_in_order)
     photos = [p for p in files if p.suffix.lower() in SUFFIXES]
     if not photos:
         raise FileFormatError(
-            f"{folder}: got no photographs, expected some of {', '.join(SUFFIXES)}; develop raw "
-            "files to linear 16-bit TIFF first"
+            f"{folder} holds no photographs ({', '.join(SUFFIXES)}); develop raw files to linear 16-bit "
+            "TIFF first"
         )
     return photos, [p.name for p in files if p not in photos]
 
@@ -75,16 +74,12 @@ def list_photos(folder: Path) -> tuple[list[Path], list[str]]:
 def read_photo(path: Path) -> Photo:
     """A photograph with its header; one that is cut short is refused."""
     if path.suffix.lower() in (".jpg", ".jpeg") and not _is_whole(path):
-        raise FileFormatError(
-            f"{path}: got a truncated photograph, expected a whole; copy it again"
-        )
+        raise FileFormatError(f"{path} is truncated; copy it again")
     pixels = read_image(path)
     if pixels.dtype not in (np.uint8, np.uint16):
-        raise FileFormatError(
-            f"{path}: got {pixels.dtype} pixels, expected 8 or 16 bits; export it as 16-bit TIFF"
-        )
+        raise FileFormatError(f"{path} has {pixels.dtype} pixels; export it as 16-bit TIFF")
     pixels = pixels[..., : 1 if pixels.shape[2] < 3 else 3]
-    header = _header(path)
+    header = read_header(path)
     return Photo(
         path,
         pixels,
@@ -96,17 +91,18 @@ def read_photo(path: Path) -> Photo:
 
 
 def find_bracket(folder: Path, exposures_s: Sequence[float] = ()) -> Bracket:
-    """The photographs of a folder, sorted by name, with the exposures told here or by their headers.
+    """The photographs of a folder, sorted by name, with `exposures_s` or those of their headers.
 
-    Refused are photographs of several depths, sensitivities or apertures: one curve needs one setting.
+    Photographs of several depths, sensitivities or apertures are refused: a response curve holds for
+    one setting.
     """
     paths, _ = list_photos(folder)
     if exposures_s and len(exposures_s) != len(paths):
         raise FileFormatError(
-            f"{folder}: got {len(paths)} photographs and {len(exposures_s)} exposures, expected one for "
-            f"each, in the order of their names: {', '.join(p.name for p in paths)}"
+            f"{folder}: {len(exposures_s)} exposures were given for {len(paths)} photographs; give one for "
+            f"each, in this order: {', '.join(p.name for p in paths)}"
         )
-    headers = [_header(path) for path in paths]
+    headers = [read_header(path) for path in paths]
     for what, of in (
         ("bits", lambda h: 8 * int(h.format.basesize())),
         ("ISO", lambda h: _number(h, *SENSITIVITY)),
@@ -115,18 +111,18 @@ def find_bracket(folder: Path, exposures_s: Sequence[float] = ()) -> Bracket:
         found = {path: of(header) for path, header in zip(paths, headers, strict=True)}
         if len({value for value in found.values() if value is not None}) > 1:
             raise FileFormatError(
-                f"{folder}: got several {what} ({', '.join(f'{p.name} {v}' for p, v in found.items())}), "
-                "expected one for all: only the shutter time may change"
+                f"{folder}: the photographs differ in {what} "
+                f"({', '.join(f'{p.name} {v}' for p, v in found.items())}); only the shutter time may change"
             )
-    told = exposures_s or [_exposure(p, h) for p, h in zip(paths, headers, strict=True)]
-    return Bracket(tuple(paths), tuple(told), 8 * int(headers[0].format.basesize()))
+    exposures = exposures_s or [_exposure(p, h) for p, h in zip(paths, headers, strict=True)]
+    return Bracket(tuple(paths), tuple(exposures), 8 * int(headers[0].format.basesize()))
 
 
 def photo_counts(photo: Photo, response: Response | None, sensor: Sensor) -> NDArray[np.uint16]:
-    """Linear counts (H, W, C) [DN] as the sensor would have given them.
+    """Linear counts (H, W, C) [DN] of the camera's sensor.
 
-    Without a `response` the photograph is linear and stays as it is, so 8 bits are refused: nobody
-    stores linear light in them. With one, the end of its scale becomes the sensor's.
+    Without a `response` the photograph is linear and stays as it is; 8 bits are then refused, because
+    they hold encoded light in practice. With a response, full scale becomes the sensor's saturation.
     """
     pixels = photo.pixels
     if response is not None:
@@ -137,15 +133,15 @@ def photo_counts(photo: Photo, response: Response | None, sensor: Sensor) -> NDA
         return np.asarray(table[pixels])
     if pixels.dtype == np.uint8:
         raise FileFormatError(
-            f"{photo.path}: got 8 bits of unknown response, expected linear 16 bits; develop the raw "
-            'files to linear 16-bit TIFF, or set response = "srgb" (or a table FILE.csv, or "solve" '
-            "with brackets) for the camera in venue.toml"
+            f"{photo.path} has 8 bits, and its response is not known; develop the raw files to linear "
+            '16-bit TIFF, or set response = "srgb" (or a table FILE.csv, or "solve" with brackets) for '
+            "the camera in venue.toml"
         )
     if int(pixels.max()) >= 2**sensor.bits:
         raise FileFormatError(
-            f"{photo.path}: got values up to {int(pixels.max())}, expected less than "
-            f"{2**sensor.bits} as bits = {sensor.bits} says; was it scaled to 16 bits? set bits and "
-            "black_level in venue.toml to what the files hold"
+            f"{photo.path} has values up to {int(pixels.max())}, but bits = {sensor.bits} allows less than "
+            f"{2**sensor.bits}; was it scaled to 16 bits? Set bits and black_level in venue.toml to "
+            "those of the files"
         )
     return np.asarray(pixels, np.uint16)
 
@@ -159,24 +155,20 @@ def load_response(name: str, folder: Path) -> Response | None:
         return levels, np.asarray(srgb_decode(levels), float)
     path = folder / name
     if not path.is_file():
-        raise FileFormatError(
-            f"{path}: got no such file, expected a response with level,light lines"
-        )
+        raise FileFormatError(f"{path}: no such file; it must hold level,light lines")
     rows = list(csv.reader(path.read_text("utf-8").splitlines()))
     try:
         table = np.array([[float(cell) for cell in row] for row in rows[_has_title(rows) :]])
     except ValueError as error:
-        raise FileFormatError(f"{path}: got {error}, expected two numbers per line") from error
+        raise FileFormatError(f"{path}: each line needs two numbers ({error})") from error
     rises = table.ndim == 2 and table.shape[1] == 2 and (np.diff(table, axis=0) > 0).all()
     if not rises or not np.array_equal(table[[0, -1]], [[0, 0], [1, 1]]):
-        raise FileFormatError(
-            f"{path}: got another table, expected lines level,light that rise from 0,0 to 1,1"
-        )
+        raise FileFormatError(f"{path}: the lines level,light must rise from 0,0 to 1,1")
     return table[:, 0], table[:, 1]
 
 
 def write_response(path: Path, levels: NDArray[np.float64], light: NDArray[np.float64]) -> None:
-    """Write a response (K,), as `load_response` reads it; no digit is lost."""
+    """Write a response (K,), as `load_response` reads it, with all digits."""
     lines = (
         f"{level!r},{value!r}" for level, value in zip(levels.tolist(), light.tolist(), strict=True)
     )
@@ -188,28 +180,16 @@ def _has_title(rows: list[list[str]]) -> bool:
 
 
 def _is_whole(path: Path) -> bool:
-    # the JPEG reader fills what is missing with grey and says nothing
+    # the JPEG reader fills a missing part with grey, without an error
     return END_OF_JPEG in path.read_bytes()[-TAIL:]
-
-
-def _header(path: Path) -> Any:
-    source = oiio.ImageInput.open(str(path))
-    if source is None:
-        raise FileFormatError(
-            f"{path}: got no readable photograph ({' '.join(oiio.geterror().split())}), expected one; "
-            "copy it again"
-        )
-    header = source.spec()
-    source.close()
-    return header
 
 
 def _exposure(path: Path, header: Any) -> float:
     found = _number(header, "ExposureTime")
     if found is None:
         raise FileFormatError(
-            f"{path}: got no exposure in its header, expected one; give them to `procam response "
-            '--exposures`, and set response = "FILE.csv" in venue.toml to what it writes'
+            f"{path} has no exposure in its header; give the exposures to `procam response --exposures`, "
+            'and set response = "FILE.csv" in venue.toml to the file that it writes'
         )
     return found
 
@@ -232,5 +212,5 @@ def _taken(header: Any) -> float | None:
 
 
 def _in_order(path: Path) -> list[str | int]:
-    """Sorts img_2 before img_10; even places are text, odd ones numbers."""
+    """Sort key that puts img_2 before img_10: text and numbers alternate."""
     return [int(part) if i % 2 else part for i, part in enumerate(re.split(r"(\d+)", path.name))]

@@ -1,28 +1,23 @@
-"""Numbered pictures: sky.%04d.exr, sky.####.exr, or a folder of them; and the log of what is made."""
+"""Numbered pictures: sky.%04d.exr, sky.####.exr, or a folder of them."""
 
-import json
 import math
-import os
 import re
-import threading
 from dataclasses import dataclass
 from itertools import islice, pairwise
 from pathlib import Path
-from typing import Any, BinaryIO
 
 from procam.errors import FileFormatError, InputError
-from procam.files.atomic import read_lines
-from procam.files.images.images import SUFFIXES
+from procam.files.images.pixels import SUFFIXES
 
 PRINTF = re.compile(r"%(?:0?(\d+))?d")
 HASHES = re.compile(r"#+")
 LAST_NUMBER = re.compile(r"(.*?)(\d+)(\D*)")
-TOLD = 8  # missing numbers that a message lists
+MAX_LISTED = 8  # missing numbers that a message lists
 
 
 @dataclass(frozen=True, slots=True)
 class Numbered:
-    """How the pictures of a sequence are named: FOLDER/BEFORE0001AFTER.
+    """The naming scheme of a sequence: FOLDER/BEFORE0001AFTER.
 
     >>> Numbered(Path("in"), "sky.", 4, ".exr").path(12).name
     'sky.0012.exr'
@@ -39,7 +34,7 @@ class Numbered:
 
     @property
     def suffix(self) -> str:
-        """Of every picture."""
+        """Suffix of every picture."""
         return Path(f"x{self.after}").suffix
 
     def __str__(self) -> str:
@@ -57,14 +52,14 @@ class Numbered:
 
 @dataclass(frozen=True, slots=True)
 class PictureSequence:
-    """Pictures that are there, by rising number with one step between all."""
+    """The pictures of a sequence; their numbers rise by a constant step."""
 
     names: Numbered
     numbers: tuple[int, ...]
 
 
 def parse_pattern(path: Path) -> Numbered | None:
-    """What sky.%04d.exr or sky.####.exr means; None for a name without such a place.
+    """The naming scheme that sky.%04d.exr or sky.####.exr describes; None for a name without a number.
 
     >>> parse_pattern(Path("sky.%04d.exr")) == parse_pattern(Path("sky.####.exr"))
     True
@@ -73,7 +68,7 @@ def parse_pattern(path: Path) -> Numbered | None:
     if not found:
         return None
     if len(found) > 1:
-        raise InputError(f"{path}: got {len(found)} places for a number, expected one")
+        raise InputError(f"{path} has {len(found)} places for a number; it needs one")
     place = found[0]
     digits = len(place[0]) if place[0].startswith("#") else int(place[1] or 1)
     return Numbered(path.parent, path.name[: place.start()], digits, path.name[place.end() :])
@@ -97,19 +92,19 @@ def find_sequence(path: Path) -> PictureSequence | None:
     present = (names.number_of(file.name) for file in _files(names.folder))
     numbers = sorted(number for number in present if number is not None)
     if not numbers:
-        raise FileFormatError(f"{path}: got no picture of that name, expected numbered pictures")
+        raise FileFormatError(f"{path}: no picture has such a name; check the pattern")
     _refuse_gaps(names, numbers)
     return PictureSequence(names, tuple(numbers))
 
 
 def _files(folder: Path) -> list[Path]:
     if not folder.is_dir():
-        raise FileFormatError(f"{folder}: got no such folder, expected numbered pictures in it")
+        raise FileFormatError(f"{folder}: no such folder; numbered pictures are needed in it")
     return [file for file in folder.iterdir() if file.is_file() and not file.name.startswith(".")]
 
 
 def _names_in(folder: Path) -> Numbered:
-    """How the numbered pictures of a folder are named."""
+    """The naming scheme of the numbered pictures in a folder."""
     found: dict[tuple[str, str], list[str]] = {}
     for file in _files(folder):
         match = LAST_NUMBER.fullmatch(file.stem)
@@ -118,8 +113,8 @@ def _names_in(folder: Path) -> Numbered:
     if len(found) != 1:
         named = ", ".join(sorted(f"{before}#{after}" for before, after in found)) or "none"
         raise FileFormatError(
-            f"{folder}: got {named}, expected the numbered pictures of one sequence; name one by a "
-            "pattern such as sky.%04d.exr"
+            f"{folder} holds these sequences of pictures: {named}. Name one by a pattern such as "
+            "sky.%04d.exr"
         )
     ((before, after), numbers) = found.popitem()
     names = Numbered(folder, before, min(len(number) for number in numbers), after)
@@ -129,8 +124,8 @@ def _names_in(folder: Path) -> Numbered:
     if padded:
         shortest = f"{before}{min(numbers, key=len)}{after}"
         raise FileFormatError(
-            f"{folder}: got {shortest} and {padded[0]}, expected one padding for all numbers; rename "
-            "some, or name some by a pattern such as sky.%04d.exr"
+            f"{folder}: the numbers of {shortest} and {padded[0]} are padded differently; rename some, "
+            "or choose some by a pattern such as sky.%04d.exr"
         )
     return names
 
@@ -141,74 +136,9 @@ def _refuse_gaps(names: Numbered, numbers: list[int]) -> None:
     if not missing:
         return
     each = (n for a, b in pairwise(numbers) for n in range(a + step, b, step))
-    listed = ", ".join(names.path(n).name for n in islice(each, TOLD))
-    more = f" and {missing - TOLD} more" if missing > TOLD else ""
+    listed = ", ".join(names.path(n).name for n in islice(each, MAX_LISTED))
+    more = f" and {missing - MAX_LISTED} more" if missing > MAX_LISTED else ""
     raise FileFormatError(
-        f"{names}: got a gap in the numbering, {listed}{more} missing, expected every picture from "
-        f"{names.path(numbers[0]).name} to {names.path(numbers[-1]).name}; render them again"
+        f"{names}: {listed}{more} missing between {names.path(numbers[0]).name} and "
+        f"{names.path(numbers[-1]).name}; render them again"
     )
-
-
-class MadeLog:
-    """What a run has made, a line of JSON per file beside the files, so that a killed run resumes.
-
-    A line holds the output's name and size, the source's size and time, a key of all that went into
-    it, and whatever else a run wants back.
-
-    Parameters
-    ----------
-    path : of the log. key : of the calibration, the settings and the program.
-    """
-
-    def __init__(self, path: Path, key: str) -> None:
-        self.path, self._key = path, key
-        self._lock = threading.Lock()
-        self._lines: dict[str, dict[str, Any]] = {}
-        for line in read_lines(path):
-            entry = _entry(line)
-            self._lines[str(entry.get("out"))] = entry
-
-    def made(self, out: Path, source: list[int]) -> dict[str, Any] | None:
-        """What was logged of an output that is still there, whole and of today's source."""
-        entry = self._lines.get(out.name)
-        if entry is None or entry.get("key") != self._key or not out.is_file():
-            return None
-        same = entry.get("size") == out.stat().st_size and entry.get("source") == source
-        return entry["kept"] if same else None
-
-    def add(self, out: Path, source: list[int], kept: dict[str, Any]) -> None:
-        """Log an output that is written, durably; `source` is what `state_of` told before it was read."""
-        entry = {
-            "out": out.name,
-            "size": out.stat().st_size,
-            "source": source,
-            "key": self._key,
-            "kept": kept,
-        }
-        line = json.dumps(entry).encode() + b"\n"
-        with self._lock, self.path.open("ab+") as file:
-            if file.tell() and not _ends_whole(file):
-                file.write(b"\n")  # after a line that a kill tore
-            file.write(line)
-            file.flush()
-            os.fsync(file.fileno())
-
-
-def _ends_whole(file: BinaryIO) -> bool:
-    file.seek(-1, os.SEEK_END)
-    return file.read() == b"\n"
-
-
-def _entry(line: str) -> dict[str, Any]:
-    """A line of the log; one that was torn tells nothing, so that its file is made again."""
-    try:
-        found = json.loads(line)
-    except json.JSONDecodeError:
-        return {}
-    return found if isinstance(found, dict) else {}
-
-
-def state_of(source: Path) -> list[int]:
-    """Size [byte] and time [ns] of a file: another state is another content."""
-    stat = source.stat()
-    return [stat.st_size, stat.st_mtime_ns]

@@ -13,7 +13,7 @@ from procam.errors import InputError
 from procam.files.atomic import replacing
 
 Picture = NDArray[np.uint8]
-RATE = 25  # pictures per second: what every server plays
+RATE = 25  # pictures per second, a rate that every server plays
 CODEC, PIXELS = "prores_ks", "yuv444p10le"
 OPTIONS = {"profile": "4444", "qscale": "2", "vendor": "apl0"}
 
@@ -21,31 +21,31 @@ OPTIONS = {"profile": "4444", "qscale": "2", "vendor": "apl0"}
 def write_movie(path: Path, stills: Iterable[tuple[Picture, int]]) -> None:
     """Write pictures (H, W, 1 or 3), all of one size, each held for whole seconds: ProRes 4444.
 
-    Every picture of the movie stands for itself (all intra), good to 2 of 255. A still is encoded
-    once, and its packet repeated.
+    Every picture is coded on its own (all intra), accurate to 2 of 255. A still is encoded once, and
+    its packet repeated.
     """
     av = video_library()
     with replacing(path) as temporary, av.open(str(temporary), "w", format="mov") as movie:
         stream = movie.add_stream(CODEC, rate=RATE, options=OPTIONS)
-        stream.pix_fmt, shown = PIXELS, 0
-        stream.codec_context.thread_count = 1  # more would hold pictures back
+        stream.pix_fmt, count = PIXELS, 0
+        stream.codec_context.thread_count = 1  # more threads would delay the packets
         for picture, seconds in stills:
-            if not shown:
+            if not count:
                 stream.height, stream.width = picture.shape[:2]
             for packet in _still(av, movie, stream, picture):
                 for _ in range(seconds * RATE):
-                    movie.mux(_at(av, packet, stream, shown))
-                    shown += 1
+                    movie.mux(_packet_at(av, packet, stream, count))
+                    count += 1
 
 
 def video_library() -> ModuleType:
-    """PyAV; an error that names the extra if it is not there."""
+    """PyAV; the error names the extra if it is not installed."""
     try:
         import av  # noqa: PLC0415 - an extra: only movies need it
     except ImportError as error:
         raise InputError(
-            "--movie: got no PyAV, expected the extra `video`; "
-            "run: python -m pip install 'procam[video]', or show the pictures one by one"
+            "--movie needs PyAV, which is not installed; run: python -m pip install 'procam[video]', "
+            "or show the pictures one by one"
         ) from error
     return av
 
@@ -56,7 +56,7 @@ def _still(av: Any, movie: Any, stream: Any, picture: Picture) -> list[Any]:
     return list(stream.encode(frame.reformat(format=PIXELS, dst_colorspace="itu709")))
 
 
-def _at(av: Any, packet: Any, stream: Any, index: int) -> Any:
+def _packet_at(av: Any, packet: Any, stream: Any, index: int) -> Any:
     copy = av.Packet(bytes(packet))
     copy.stream, copy.is_keyframe = stream, True
     copy.time_base = Fraction(1, RATE)

@@ -1,4 +1,8 @@
-"""Pictures that keep what their file says: other channels, attributes, bit depth, straight alpha."""
+"""Content pictures: read as linear light, or changed with everything else in their file kept.
+
+`read_picture` and `write_picture` are for light alone. `read_still` and `write_still` keep the other
+channels, attributes, bit depth and straight alpha of a file whose colours are replaced.
+"""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,31 +13,68 @@ import OpenImageIO as oiio
 from numpy.typing import NDArray
 
 from procam.errors import FileFormatError
-from procam.files.images.images import (
-    STORED_AS,
-    colour_places,
-    read_spec,
-    require_suffix,
-    write_spec,
-)
+from procam.files.images.layers import RGB
+from procam.files.images.pixels import STORED_AS, read_spec, require_suffix, write_image, write_spec
+from procam.maths.light.curves import srgb_decode, srgb_encode
 
 Pixels = NDArray[Any]
-FOREIGN = (
+Image = NDArray[np.float32]
+FORMAT_ATTRIBUTES = (
     "compression",
     "planarconfig",
     "oiio:BitsPerSample",
     "oiio:RowsPerChunk",
     "oiio:subimages",
 )
-OF_A_FORMAT = ("tiff:", "png:", "openexr:")
-NAMED = {
+FORMAT_PREFIXES = ("tiff:", "png:", "openexr:")
+COLOUR_SPACES = {
     "srgb": "srgb",
     "lin": "linear",
     "linear": "linear",
     "g22": "gamma2.2",
     "g24": "gamma2.4",
     "g26": "gamma2.6",
-}  # how OpenImageIO's colour spaces begin, and the transfer function they have
+}  # transfer function by the first part of OpenImageIO's name of a colour space
+
+
+def read_picture(path: Path) -> Image:
+    """Content (H, W, 3) in linear light, 0 or more: EXR as stored, PNG and TIFF decoded from sRGB."""
+    pixels, spec = read_spec(path)
+    picture = np.asarray(pixels[..., colour_places(path, spec)])
+    if np.issubdtype(picture.dtype, np.integer):
+        encoded = picture / np.float32(np.iinfo(picture.dtype).max)
+        return srgb_decode(encoded).astype(np.float32)
+    require_finite(path, picture)
+    return picture.astype(np.float32)
+
+
+def write_picture(path: Path, linear: Image) -> None:
+    """Write linear light (H, W, 3): EXR as is, PNG and TIFF as 16-bit sRGB."""
+    if path.suffix == ".exr":
+        write_image(path, linear.astype(np.float32), RGB)
+        return
+    encoded = np.rint(srgb_encode(np.clip(linear, 0, 1)) * 65535)
+    write_image(path, encoded.astype(np.uint16))
+
+
+def colour_places(path: Path, spec: oiio.ImageSpec) -> list[int]:
+    """Positions of R, G and B among a picture's channels; refuses a picture that lacks one."""
+    lookup = {name.upper(): i for i, name in enumerate(spec.channelnames)}
+    if not set(RGB) <= set(lookup):
+        raise FileFormatError(
+            f"{path} has the channels {', '.join(spec.channelnames)}; R, G and B are needed. Convert "
+            "it to RGB"
+        )
+    return [lookup[c] for c in RGB]
+
+
+def require_finite(name: object, picture: NDArray[np.floating]) -> None:
+    """Refuse light that is NaN or infinite; `name` is the file's, for the message."""
+    bad = int((~np.isfinite(picture)).sum())
+    if bad:
+        raise FileFormatError(
+            f"{name}: {bad} values are NaN or infinite; render the frame again or paint over the holes"
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +84,7 @@ class Still:
     Attributes
     ----------
     pixels : (H, W, C) all channels in the file's own type. rgb : (H, W, 3) the colours.
-    places : which channels R, G and B are. spec : what the file says of them. suffix : of its name.
+    places : which channels R, G and B are. spec : the file's header. suffix : of its name.
     """
 
     pixels: Pixels
@@ -54,27 +95,25 @@ class Still:
 
     @property
     def transfer(self) -> str | None:
-        """Name of the transfer function its file tells; None where it tells one without a name."""
+        """Name of the transfer function in the file's header; None where it has one without a name."""
         space = self.spec.get_string_attribute("oiio:ColorSpace")
         if not space:
             return "linear" if self.rgb.dtype.kind == "f" else "srgb"
-        return NAMED.get(space.lower().split("_")[0])
+        return COLOUR_SPACES.get(space.lower().split("_")[0])
 
 
 def read_still(path: Path) -> Still:
-    """Read a picture with everything that can be kept of it.
+    """Read a picture with all its channels and attributes.
 
     Raises
     ------
     FileFormatError
-        No whole RGB picture; more than one; premultiplied alpha that is not full everywhere.
+        No complete RGB picture; more than one; premultiplied alpha that is not full everywhere.
     """
     pixels, spec = read_spec(path)
     parts = spec.get_int_attribute("oiio:subimages", 1)
     if parts > 1:
-        raise FileFormatError(
-            f"{path}: got {parts} pictures in one file, expected one; split its parts"
-        )
+        raise FileFormatError(f"{path} holds {parts} pictures; one is needed. Split the file")
     places = colour_places(path, spec)
     _refuse_premultiplied(path, pixels, spec)
     whole = _display_window(pixels, spec)
@@ -86,9 +125,9 @@ def read_still(path: Path) -> Still:
 def write_still(path: Path, rgb: Pixels, like: Still, transfer: str) -> None:
     """Write colours (H, W, 3) durably with the other channels and the attributes of `like`.
 
-    The type is that of `rgb`; another type than the source's, or another suffix, changes the other
-    channels' type and drops what only the source's format knows. `transfer` names how `rgb` is
-    encoded.
+    The type is that of `rgb`. A type or a suffix other than the source's changes the other channels'
+    type and drops attributes that only the source's format has. `transfer` is the name of the transfer
+    function of `rgb`.
     """
     require_suffix(path)
     spec = oiio.ImageSpec(like.spec)
@@ -116,16 +155,16 @@ def _with_colours(stored: Pixels, rgb: Pixels, places: tuple[int, ...]) -> Pixel
 
 
 def _forget_format(path: Path, spec: oiio.ImageSpec) -> None:
-    """Drop what only the source's format knows, and choose the new one's compression."""
+    """Drop attributes that only the source's format has, and choose the new one's compression."""
     for attribute in list(spec.extra_attribs):
-        if attribute.name in FOREIGN or attribute.name.startswith(OF_A_FORMAT):
+        if attribute.name in FORMAT_ATTRIBUTES or attribute.name.startswith(FORMAT_PREFIXES):
             spec.erase_attribute(attribute.name)
     spec.attribute("compression", "" if path.suffix == ".png" else "zip")
     spec.tile_width = spec.tile_height = 0
 
 
 def _space(transfer: str) -> str:
-    for start, name in NAMED.items():
+    for start, name in COLOUR_SPACES.items():
         if name == transfer:
             return f"{start}_rec709_scene"
     return ""
@@ -150,13 +189,12 @@ def _refuse_premultiplied(path: Path, pixels: Pixels, spec: oiio.ImageSpec) -> N
     thin = int((alpha < full).sum())
     if thin:
         raise FileFormatError(
-            f"{path}: got premultiplied alpha below 1 in {thin} pixels, expected straight or full "
-            "alpha; unpremultiply or flatten it"
+            f"{path} has premultiplied alpha below 1 in {thin} pixels; unpremultiply or flatten it"
         )
 
 
 def _display_window(pixels: Pixels, spec: oiio.ImageSpec) -> Pixels:
-    """The whole picture where a renderer has stored a part of it (EXR's data window), black around."""
+    """The whole picture where a renderer has stored a part of it (EXR's data window), the rest black."""
     shape = (spec.full_height, spec.full_width)
     top, left = spec.y - spec.full_y, spec.x - spec.full_x
     if pixels.shape[:2] == shape and not (top or left):

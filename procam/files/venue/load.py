@@ -1,4 +1,4 @@
-"""venue.toml: what a person knows of the rig. Every mistake is one line with its dotted path."""
+"""venue.toml, the description of a rig by its owner. Every mistake is one line with its dotted path."""
 
 import tomllib
 from collections import Counter
@@ -12,8 +12,8 @@ import numpy as np
 from pydantic import ValidationError
 
 from procam.errors import InputError
-from procam.files.venue.checks import complaints
-from procam.files.venue.messages import complaint
+from procam.files.venue.checks import find_mistakes
+from procam.files.venue.messages import explain
 from procam.files.venue.tables import BY_HAND, CameraTable, CaptureTable, VenueTable
 from procam.maths.geometry.lenses import Lens
 from procam.model.optics import AprilTag, CameraModel, Distance, Fiducial, Sensor
@@ -28,7 +28,7 @@ __all__ = [
     "template_names",
     "template_text",
 ]
-USUAL_RADIUS_M = 5.0  # where none was measured: a start
+USUAL_RADIUS_M = 5.0  # initial value where none was measured
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +41,7 @@ class Venue:
 
     @property
     def screen(self) -> Dome:
-        """The screen as the solver wants it; of unknown radius, of a usual one."""
+        """The screen, with `USUAL_RADIUS_M` where the radius is not known."""
         t = self.table.screen
         return Dome(
             t.radius_m or USUAL_RADIUS_M,
@@ -53,14 +53,15 @@ class Venue:
 
     @property
     def cameras(self) -> dict[str, CameraModel]:
-        """The cameras, not yet placed."""
+        """The cameras, without poses."""
         return {name: _camera(name, t) for name, t in self.table.cameras.items()}
 
     @property
     def fiducials(self) -> list[Fiducial]:
-        """The marks on the dome.
+        """The fiducials on the dome.
 
-        Cameras that see one mark share its survey's error: together they weigh no more than one.
+        Cameras that see the same fiducial share the error of its survey, so each gets that sigma times
+        the root of their number.
         """
         seen = Counter(t.name for t in self.table.fiducials)
         marks = []
@@ -74,12 +75,12 @@ class Venue:
 
     @property
     def tags(self) -> list[AprilTag]:
-        """Tags on the dome that cameras find."""
+        """AprilTags on the dome."""
         return [t.tag for t in self.table.apriltags]
 
     @property
     def distances(self) -> list[Distance]:
-        """Distances that somebody measured."""
+        """Measured distances."""
         return [Distance(t.a, t.b, t.metres, t.sigma_m) for t in self.table.distances]
 
 
@@ -88,20 +89,19 @@ def load_venue(directory: Path) -> Venue:
     path = directory / "venue.toml"
     if not path.is_file():
         raise InputError(
-            f"{path}: got no such file, expected a venue folder; make one with "
-            f"`procam init {directory} --template NAME`"
+            f"{path}: no such file; make a venue folder with `procam init {directory} --template NAME`"
         )
     try:
         raw = tomllib.loads(path.read_text(encoding="utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: got invalid TOML ({error}), expected name = value") from error
+        raise InputError(f"{path} is not valid TOML: {error}") from error
     names = _backend_names(raw)
     backends = {name: raw.pop(name, {}) for name in names}
     try:
         table = VenueTable.model_validate(raw)
     except ValidationError as error:
-        raise _refusal(path, [complaint(e, sorted(names)) for e in error.errors()]) from error
-    if found := complaints(table, directory):
+        raise _refusal(path, [explain(e, sorted(names)) for e in error.errors()]) from error
+    if found := find_mistakes(table, directory):
         raise _refusal(path, found)
     return Venue(directory, table, backends)
 
@@ -115,7 +115,9 @@ def template_names() -> list[str]:
 def template_text(name: str) -> str:
     """The commented venue.toml of a template."""
     if name not in template_names():
-        raise InputError(f"template: got {name!r}, expected one of {', '.join(template_names())}")
+        raise InputError(
+            f"template {name!r} does not exist; choose one of {', '.join(template_names())}"
+        )
     return (resources.files("calib_data") / "venues" / name / "venue.toml").read_text("utf-8")
 
 
@@ -124,7 +126,7 @@ def _refusal(path: Path, found: list[str]) -> InputError:
 
 
 def _backend_names(raw: Mapping[str, Any]) -> set[str]:
-    """Backends that may have a table of their own; what is done by hand needs none."""
+    """Backends that may have a table of their own; "by-hand" needs none."""
     devices = [*_tables(raw.get("cameras")), *_tables(raw.get("projectors"))]
     names = {d["backend"] for d in devices if isinstance(d.get("backend"), str)}
     return names - {BY_HAND, *VenueTable.model_fields}

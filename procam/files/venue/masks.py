@@ -1,7 +1,7 @@
-"""Masks by hand: polygons of venue.toml and PNG pictures, as pixels.
+"""Manual masks: polygons of venue.toml and PNG pictures, as pixels.
 
-`masks` name what is not used (a pillar before a camera, a door in the dome), `protected` what is
-measured but never compensated. They live in venue.toml, so every solve finds them again.
+`masks` are parts that are not used (a pillar before a camera, a door in the dome); `protected` parts are
+measured but never compensated. They are part of venue.toml, so every solve applies them.
 """
 
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procam.errors import FileFormatError
-from procam.files.images.images import read_image
+from procam.files.images.pixels import read_image
 from procam.files.venue.load import Venue
 from procam.files.venue.outlines import Covered, Outline, polygon_pixels
 from procam.maths.geometry.sphere import (
@@ -28,7 +28,7 @@ MASTER_SIZE = 1024  # edge of the dome master that PNGs of the dome are drawn on
 
 
 def camera_masks(venue: Venue) -> dict[str, Mask]:
-    """Camera pixels (H, W) that see something else than the screen, by camera."""
+    """Camera pixels (H, W) that do not show the screen, by camera."""
     return {
         name: Mask(name, _covered(venue.directory, table.masks, table.size))
         for name, table in venue.table.cameras.items()
@@ -44,7 +44,7 @@ def projector_masks(venue: Venue) -> dict[str, Mask]:
 
 
 def screen_mask(venue: Venue, size: int) -> Mask:
-    """Parts of the dome that are no screen, as a dome master (N, N) of `size` pixels."""
+    """Parts of the dome that are not screen, as a dome master (N, N) of `size` pixels."""
     return _of_dome(venue, venue.table.screen.masks, size)
 
 
@@ -54,7 +54,7 @@ def protected_mask(venue: Venue, size: int) -> Mask:
 
 
 def nudges(venue: Venue) -> list[Nudge]:
-    """Places that a person moves, of all projectors."""
+    """Manual shifts of all projectors."""
     return [
         Nudge(name, nudge.pixel, nudge.shift_px)
         for name, table in venue.table.projectors.items()
@@ -62,8 +62,8 @@ def nudges(venue: Venue) -> list[Nudge]:
     ]
 
 
-def done_by_hand(venue: Venue) -> dict[str, Any]:
-    """What venue.toml masks, protects and nudges, as JSON for a calibration; {} for nothing.
+def manual_edits(venue: Venue) -> dict[str, Any]:
+    """The masks, protected parts and nudges of venue.toml, as JSON for a calibration; {} for none.
 
     "masks" and "protected" list {"of": "camera NAME", "projector NAME" or "dome", "corners" of a
     polygon or "file", "share" of the picture's or panel's pixels or of the dome's solid angle, 0..1},
@@ -71,11 +71,11 @@ def done_by_hand(venue: Venue) -> dict[str, Any]:
     """
     table, folder = venue.table, venue.directory
     screen, protected = (
-        [_told("dome", outline, _share_of_dome(venue, outline)) for outline in outlines]
+        [_entry("dome", outline, _share_of_dome(venue, outline)) for outline in outlines]
         for outlines in (table.screen.masks, table.screen.protected)
     )
     masks = [
-        _told(f"{kind} {name}", outline, float(_covered(folder, [outline], device.size).mean()))
+        _entry(f"{kind} {name}", outline, float(_covered(folder, [outline], device.size).mean()))
         for kind, devices in (("camera", table.cameras), ("projector", table.projectors))
         for name, device in devices.items()
         for outline in device.masks
@@ -89,14 +89,14 @@ def done_by_hand(venue: Venue) -> dict[str, Any]:
 
 
 def _of_dome(venue: Venue, outlines: Sequence[Outline], size: int) -> Mask:
-    def placed(outline: Outline) -> str | Array:
+    def to_pixels(outline: Outline) -> str | Array:
         if isinstance(outline, str):
             return outline
         azimuth, elevation = np.radians(outline).T
-        # edges are straight in the dome master, so a polygon may go round the pole
+        # edges are straight in the dome master, so a polygon may enclose the pole
         return np.asarray(master_pixels(direction_from_angles(azimuth, elevation), size))
 
-    return Mask("screen", _covered(venue.directory, [placed(o) for o in outlines], (size, size)))
+    return Mask("screen", _covered(venue.directory, [to_pixels(o) for o in outlines], (size, size)))
 
 
 def _share_of_dome(venue: Venue, outline: Outline) -> float:
@@ -107,7 +107,7 @@ def _share_of_dome(venue: Venue, outline: Outline) -> float:
     return float(solid[marked].sum() / solid.sum())
 
 
-def _told(of: str, outline: Outline, share: float) -> dict[str, Any]:
+def _entry(of: str, outline: Outline, share: float) -> dict[str, Any]:
     drawn = {"file": outline} if isinstance(outline, str) else {"corners": len(outline)}
     return {"of": of, **drawn, "share": share}
 
@@ -123,12 +123,12 @@ def _covered(folder: Path, outlines: Sequence[Outline | Array], size: tuple[int,
 
 
 def _read_mask(path: Path, size: tuple[int, int]) -> Covered:
-    """Pixels of a PNG that are not black."""
+    """The pixels of a PNG that are not black."""
     pixels = read_image(path)
     height, width = pixels.shape[:2]
     if (width, height) != tuple(size):
         raise FileFormatError(
-            f"{path}: got a mask of {width}x{height} px, expected {size[0]}x{size[1]}; draw it over a "
+            f"{path} is a mask of {width}x{height} px, and {size[0]}x{size[1]} are needed; draw it over a "
             "picture of that size"
         )
     colours = pixels[..., :3] if pixels.shape[2] > 2 else pixels[..., :1]

@@ -1,4 +1,4 @@
-"""What pydantic finds wrong with venue.toml, in the house's words: what, got, expected, what to try."""
+"""pydantic's findings about a venue.toml as plain sentences: where, what is wrong, what is needed."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from difflib import get_close_matches
@@ -11,8 +11,8 @@ from procam.files.venue.tables import BY_HAND, NAME_PATTERN, RESPONSE_PATTERN, V
 OUTLINES = ("masks", "protected")  # lists whose entries are polygons or files
 NUMBER, WHOLE = "a number", "a whole number"
 LIST, TABLE = "a list in brackets", "a table of name = value"
-# what is expected, by pydantic's name of the mistake; filled from its context
-EXPECTED = {
+# what an entry must be, by pydantic's name of the mistake; filled from its context
+NEEDED = {
     "literal_error": "{expected}",
     "greater_than": "more than {gt:g}",
     "greater_than_equal": "{ge:g} or more",
@@ -38,20 +38,18 @@ PATTERNS = {
 }
 
 
-def complaint(error: Mapping[str, Any], backends: Sequence[str]) -> str:
+def explain(error: Mapping[str, Any], backends: Sequence[str]) -> str:
     """One line on an entry of `ValidationError.errors()`; `backends` may have tables of their own."""
-    got = error["input"]
-    shown = "a table" if isinstance(got, dict) else repr(got)
+    where, value = _place(error["loc"]), error["input"]
     if error["type"] == "missing":
-        shown, expected = "nothing", "an entry; add it, `procam init` writes a complete example"
-    elif error["type"] == "extra_forbidden":
-        expected = _known_keys(error["loc"], backends)
-    else:
-        expected = f"{_expected(error)}; correct it"
-    return f"{_place(error['loc'])}: got {shown}, expected {expected}"
+        return f"{where} is missing; add it (`procam init` writes a complete example)"
+    if error["type"] == "extra_forbidden":
+        return f"{where} is not a known key; {_known_keys(error['loc'], backends)}"
+    shown = "a table" if isinstance(value, dict) else repr(value)
+    return f"{where} is {shown}; it must be {_needed(error)}"
 
 
-def _expected(error: Mapping[str, Any]) -> str:
+def _needed(error: Mapping[str, Any]) -> str:
     kind, where, context = error["type"], error["loc"], error.get("ctx", {})
     if kind == "string_pattern_mismatch":
         return PATTERNS[context["pattern"]]
@@ -59,14 +57,14 @@ def _expected(error: Mapping[str, Any]) -> str:
         return "a polygon [[x, y], ...] or the name of a PNG"
     if kind == "list_type" and isinstance(error["input"], dict):
         return f"a list of tables, each under [[{'.'.join(map(str, where))}]]"
-    if kind not in EXPECTED:
+    if kind not in NEEDED:
         return str(error["msg"]).removeprefix("Input should be ")
-    expected = EXPECTED[kind].format(**context)
-    return f"one of {expected}" if " or '" in expected else expected
+    needed = NEEDED[kind].format(**context)
+    return f"one of {needed}" if " or '" in needed else needed
 
 
 def _place(where: Sequence[str | int]) -> str:
-    """The dotted path, without what pydantic adds to it for itself."""
+    """The dotted path, without the parts that pydantic adds."""
     kept = (
         str(part) for i, part in enumerate(where) if part != "[key]" and not _is_outline(where, i)
     )
@@ -74,22 +72,22 @@ def _place(where: Sequence[str | int]) -> str:
 
 
 def _is_outline(where: Sequence[str | int], i: int) -> bool:
-    """Whether part `i` tells only which kind of outline, polygon or file, was taken for meant."""
+    """Whether part `i` is only the kind of outline, polygon or file, that pydantic chose."""
     return i > 1 and isinstance(where[i - 1], int) and where[i - 2] in OUTLINES
 
 
 def _known_keys(where: Sequence[str | int], backends: Sequence[str]) -> str:
-    """The keys of the table that got an unknown one, and the likeliest."""
+    """The keys of the table with an unknown one, and the nearest."""
     known = list(_table_at(where[:-1]).model_fields)
     at_top = len(where) == 1
-    own = f", or the table of a backend that a device names ({', '.join(backends) or BY_HAND} now)"
+    own = f", and the table of a backend that a device names ({', '.join(backends) or BY_HAND} now)"
     near = get_close_matches(str(where[-1]), [*known, *backends] if at_top else known, 1)
-    advice = f"did you mean {near[0]}?" if near else "remove it or check its spelling"
-    return f"one of the keys {', '.join(known)}{own if at_top else ''}; {advice}"
+    advice = f"did you mean {near[0]}?" if near else "remove it or check its spelling."
+    return f"{advice} The keys are {', '.join(known)}{own if at_top else ''}"
 
 
 def _table_at(where: Sequence[str | int]) -> type[BaseModel]:
-    """The table of the file that a path leads to."""
+    """The table at a path of the file."""
     table: type[BaseModel] = VenueTable
     parts = iter(where)
     for part in parts:

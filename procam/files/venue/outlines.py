@@ -10,12 +10,12 @@ from pydantic import Discriminator, FiniteFloat, Tag
 
 Covered = NDArray[np.bool_]
 Polygon = list[tuple[FiniteFloat, FiniteFloat]]
-# a polygon, or the name of a PNG beside venue.toml; the tags make one complaint of a mistake, not two
+# a polygon, or the name of a PNG beside venue.toml; the tags give one message for a mistake, not two
 Outline = Annotated[
     Annotated[str, Tag("file")] | Annotated[Polygon, Tag("polygon")],
     Discriminator(lambda entry: "file" if isinstance(entry, str) else "polygon"),
 ]
-FEWEST_CORNERS = 3
+MIN_CORNERS = 3
 
 
 def polygon_pixels(corners: NDArray[np.floating], size: tuple[int, int]) -> Covered:
@@ -43,39 +43,38 @@ def is_within(pixel: tuple[float, float], size: tuple[int, int]) -> bool:
     return all(-0.5 <= at <= count - 0.5 for at, count in zip(pixel, size, strict=True))
 
 
-def file_complaints(where: str, outlines: Sequence[Outline], folder: Path) -> list[str]:
-    """Which pictures of masks are not there, a line each."""
+def file_mistakes(where: str, outlines: Sequence[Outline], folder: Path) -> list[str]:
+    """One line for each picture of a mask that does not exist."""
     return [
-        f"{where}.{number}: {folder / outline}: got no such file, expected a PNG; put it there or "
-        "correct the name"
+        f"{where}.{number}: {folder / outline}: no such file; a PNG is needed there"
         for number, outline in enumerate(outlines)
         if isinstance(outline, str) and not (folder / outline).is_file()
     ]
 
 
-def pixel_complaints(where: str, outlines: Sequence[Outline], size: tuple[int, int]) -> list[str]:
-    """What is wrong with polygons in pixels of a device of `size`, a line each."""
+def pixel_mistakes(where: str, outlines: Sequence[Outline], size: tuple[int, int]) -> list[str]:
+    """One line for each mistake in polygons in pixels of a device of `size`."""
     width, height = size
     found = _too_few(where, outlines)
     for number, outline in _polygons(outlines):
         off = next((corner for corner in outline if not is_within(corner, size)), None)
         if off is not None:
             found.append(
-                f"{where}.{number}: got the corner {list(off)}, expected one within -0.5..{width - 0.5} "
-                f"and -0.5..{height - 0.5} px; clip the polygon to the picture"
+                f"{where}.{number}: the corner {list(off)} lies outside -0.5..{width - 0.5} and "
+                f"-0.5..{height - 0.5} px; clip the polygon to the picture"
             )
     return found
 
 
-def dome_complaints(where: str, outlines: Sequence[Outline]) -> list[str]:
-    """What is wrong with polygons of [azimuth_deg, elevation_deg], a line each."""
+def dome_mistakes(where: str, outlines: Sequence[Outline]) -> list[str]:
+    """One line for each mistake in polygons of [azimuth_deg, elevation_deg]."""
     found = _too_few(where, outlines)
     for number, outline in _polygons(outlines):
         off = next((c for c in outline if not (abs(c[0]) <= 360 and 0 <= c[1] <= 90)), None)
         if off is not None:
             found.append(
-                f"{where}.{number}: got the corner {list(off)}, expected an azimuth within -360..360 "
-                "and an elevation within 0..90 degrees; clip the polygon to the dome master"
+                f"{where}.{number}: the corner {list(off)} lies outside azimuth -360..360 and elevation "
+                "0..90 degrees; clip the polygon to the dome master"
             )
     return found
 
@@ -86,8 +85,7 @@ def _polygons(outlines: Sequence[Outline]) -> list[tuple[int, Polygon]]:
 
 def _too_few(where: str, outlines: Sequence[Outline]) -> list[str]:
     return [
-        f"{where}.{number}: got a polygon of {len(outline)} corners, expected at least "
-        f"{FEWEST_CORNERS}; add corners or remove it"
+        f"{where}.{number} is a polygon of {len(outline)} corners; it needs at least {MIN_CORNERS}"
         for number, outline in _polygons(outlines)
-        if len(outline) < FEWEST_CORNERS
+        if len(outline) < MIN_CORNERS
     ]

@@ -1,4 +1,4 @@
-"""The tables of venue.toml: what may stand in each, and between which bounds."""
+"""The tables of venue.toml: keys, types and bounds."""
 
 from typing import Annotated, Literal
 
@@ -11,10 +11,10 @@ from procam.model.optics import USUAL_FAMILY, AprilTag, TagFamily
 Positive = Annotated[FiniteFloat, Field(gt=0)]
 Share = Annotated[FiniteFloat, Field(ge=0, le=1)]
 Pair = tuple[FiniteFloat, FiniteFloat]
-# names become folders and file names
+# names are used in file names
 NAME_PATTERN = r"^[A-Za-z0-9][A-Za-z0-9_-]*$"
 Name = Annotated[str, StringConstraints(pattern=NAME_PATTERN)]
-# of photographs that are ingested: their light is linear, sRGB, told by a table or by brackets
+# of photographs that are ingested: linear, sRGB, measured by a table or from brackets
 RESPONSE_PATTERN = r"^(linear|srgb|solve|.+\.csv)$"
 Response = Annotated[str, StringConstraints(pattern=RESPONSE_PATTERN)]
 BY_HAND = "by-hand"  # the backend of devices that procam does not drive
@@ -66,9 +66,9 @@ class ControlTable(_Table):
 
 
 class NudgeTable(_Table):
-    """[[projectors.NAME.nudges]]: the picture moves there by this many pixels, right and down.
+    """[[projectors.NAME.nudges]]: shifts the picture at a pixel, to the right and down.
 
-    Counted from what cameras measure, in every solve anew: who looks again changes the entry.
+    The shift is relative to the measured geometry, in every solve anew.
     """
 
     pixel: Pair
@@ -76,7 +76,7 @@ class NudgeTable(_Table):
 
 
 class ProjectorTable(_Table):
-    """[projectors.NAME]; one of kind "dome-master" is an aligned dome behind a media server."""
+    """[projectors.NAME]; kind "dome-master" is a media server with an aligned dome."""
 
     backend: str = BY_HAND
     size: Size
@@ -90,7 +90,7 @@ class ProjectorTable(_Table):
 
 
 class _PlaceTable(_Table):
-    """A place on the dome. One angle is enough: the springline has an elevation, the front an azimuth."""
+    """A position on the dome. One angle is enough: the springline has an elevation, the front an azimuth."""
 
     azimuth_deg: FiniteFloat | None = None
     elevation_deg: Annotated[FiniteFloat, Field(ge=-90, le=90)] | None = None
@@ -107,9 +107,9 @@ class _PlaceTable(_Table):
 
 
 class FiducialTable(_PlaceTable):
-    """[[fiducials]]: a mark that a camera sees, or a projector shines, at a pixel.
+    """[[fiducials]]: a mark that a camera sees, or a projector shows, at a pixel.
 
-    `sigma_px`: how well somebody clicked it in the camera's picture [px].
+    `sigma_px`: standard error of the pixel as somebody clicked it [px].
     """
 
     name: str
@@ -120,14 +120,14 @@ class FiducialTable(_PlaceTable):
 
 
 class TagTable(_PlaceTable):
-    """[[apriltags]]: a printed tag whose middle is there; cameras find it."""
+    """[[apriltags]]: the centre of a printed tag, which is detected in photographs."""
 
     family: TagFamily = USUAL_FAMILY
     id: Annotated[int, Field(ge=0)]
 
     @property
     def tag(self) -> AprilTag:
-        """The tag as the solver wants it."""
+        """The tag for the solver."""
         return AprilTag(self.family, self.id, *self.place)
 
 
@@ -141,9 +141,9 @@ class DistanceTable(_Table):
 
 
 class CaptureTable(_Table):
-    """[capture]: shutter times [s]; black is dim, so it wants a long one.
+    """[capture]: shutter times [s]; black is dim and needs a long one.
 
-    `shot_s`: from one photograph to the next, for telling how long a visit takes.
+    `shot_s`: time from one photograph to the next, from which the duration of a capture is estimated.
     """
 
     exposure_s: Positive
@@ -152,22 +152,22 @@ class CaptureTable(_Table):
 
 
 class BlendTable(_Table):
-    """[blend]: how the white is matched.
+    """[blend]: luminance matching.
 
-    `falloff_percent_per_deg`: by how much it may change per degree seen from the dome's centre; 0 is
-    an even white, as bright as the dimmest place.
+    `falloff_percent_per_deg`: largest change of white per degree seen from the dome's centre; 0 gives a
+    uniform white, as bright as the dimmest place.
     """
 
     falloff_percent_per_deg: Annotated[FiniteFloat, Field(ge=0, le=10)] = 0.0
 
     @property
     def falloff_per_rad(self) -> float:
-        """Most relative change of the white per radian."""
+        """Largest relative change of white per radian."""
         return float(self.falloff_percent_per_deg / 100 / np.radians(1))
 
 
 class VenueTable(_Table):
-    """The whole file; tables that belong to backends are cut out before it is validated."""
+    """The whole file without the tables of backends, which are removed before it is validated."""
 
     screen: ScreenTable
     cameras: Annotated[dict[Name, CameraTable], Field(min_length=1)]

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procam.errors import FileFormatError, InputError
-from procam.files.images.images import read_image
 from procam.files.images.photos import SUFFIXES, photo_counts, read_photo
+from procam.files.images.pixels import read_image
 from procam.files.venue.load import load_venue
 from procam.interfaces.cli._paths import photographs
 from procam.model.optics import CameraModel

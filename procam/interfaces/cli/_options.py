@@ -13,13 +13,7 @@ CalibrationArgument = Annotated[
 
 # structured light and boards
 SizeOption = Annotated[str, typer.Option(help="Projector size, such as 1280x800.")]
-CodeOption = Annotated[
-    str,
-    typer.Option(
-        help="micro-phase, micro-phase-checked, gray, gray-wide, xor-02, xor-04, phase-gray or "
-        "phase-heterodyne."
-    ),
-]
+CodeOption = Annotated[str, typer.Option(help="micro-phase, gray or phase-heterodyne.")]
 SquaresOption = Annotated[str, typer.Option(help="Squares of the board, all counted: 10x7.")]
 SquareOption = Annotated[float, typer.Option(help="Edge of a square, in mm.")]
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procam.errors import FileFormatError, InputError
-from procam.files.images.images import read_image
+from procam.files.images.pixels import read_image
 
 SUFFIXES = (".png", ".tif", ".tiff", ".jpg", ".jpeg", ".exr", ".bmp", ".pgm")
 NAMED = 4  # photographs that a message names

@@ -50,13 +50,14 @@ def compensate_pipe(
 
     Prints the latency on stderr at the end.
     """
-    from procam.files.images.raw_frames import pixel_type, require_open, widen
+    from procam.files.images.raw_frames import pixel_type, require_open
+    from procam.files.system import widen_pipe
 
     keep_large_buffers()
     dtype, rows = pixel_type(frames.pixels), dict[int, dict[str, Any]]()
     for descriptor, name in enumerate(("IN", "OUT")):
         require_open(descriptor, name)
-        widen(descriptor, frames.size**2 * 3 * dtype.itemsize)
+        widen_pipe(descriptor, frames.size**2 * 3 * dtype.itemsize)
     with (  # no buffers in between: a frame is sent when it is made
         os.fdopen(0, "rb", buffering=0, closefd=False) as stdin,
         os.fdopen(1, "wb", buffering=0, closefd=False) as stdout,

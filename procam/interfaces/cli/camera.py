@@ -9,9 +9,9 @@ import numpy as np
 import typer
 
 from procam.errors import InputError, NotEnoughData
-from procam.estimate.boards.camera import FEWEST_VIEWS, BoardView, CameraFit, fit_camera, rms
-from procam.estimate.boards.robust_fit import determines_pose
-from procam.estimate.boards.targets import Board, find_board, other_count
+from procam.estimate.boards.camera import BoardView, CameraFit, fit_camera, rms
+from procam.estimate.boards.robust_fit import MIN_VIEWS, determines_pose
+from procam.estimate.boards.targets import Board, find_board, suggest_squares
 from procam.files.atomic import write_text
 from procam.interfaces.cli._boards import (
     WORST_RMS,
@@ -120,7 +120,7 @@ def _find_boards(
         else:
             views.append(BoardView(str(path), *found))
     size = one_size(sizes)
-    if len(views) < FEWEST_VIEWS:
+    if len(views) < MIN_VIEWS:
         raise NotEnoughData(_too_few(files, skipped, board))
     return views, size, skipped
 
@@ -130,14 +130,14 @@ def _too_few(files: Sequence[Path], skipped: Sequence[Path], board: Board) -> st
     if board.kind == "charuco":
         hint += "; are --squares and --dictionary right?"
     for path in skipped[:SEARCHED] if board.kind == "checkerboard" else ():
-        other = other_count(read_grey(path), board.squares)
+        other = suggest_squares(read_grey(path), board.squares)
         if other:
             hint = f"{path} shows one of {count_text(other)}, so try --squares {count_text(other)}"
             break
     return (
         f"photographs: a board of {count_text(board.squares)} squares is found in "
         f"{len(files) - len(skipped)} of {len(files)} (none in {some(skipped)}), and at least "
-        f"{FEWEST_VIEWS} are needed; {hint}"
+        f"{MIN_VIEWS} are needed; {hint}"
     )
 
 

@@ -9,8 +9,7 @@ from typing import Annotated
 import typer
 
 from procam.errors import InputError
-from procam.estimate.comparison import compare as comparing
-from procam.estimate.comparison.compare import Angles, Comparison, Difference
+from procam.estimate.comparison.compare import Angles, Comparison, Difference, compare_calibrations
 from procam.files.calibration import load_calibration
 from procam.interfaces.cli._options import Json
 from procam.interfaces.cli._output import Output
@@ -37,7 +36,7 @@ def compare(
     """
     a, b = load_calibration(first), load_calibration(second)
     _check(first, a, second, b)
-    output, found = Output(json), comparing.compare(a, b)
+    output, found = Output(json), compare_calibrations(a, b)
     output.say(f"A {first}\nB {second}")
     for line in _lines(found):
         output.say(line)

@@ -17,7 +17,8 @@ from procam.estimate.structured_light.limits import DecodeLimits, default_limits
 from procam.estimate.structured_light.panel_checks import panel_notes
 from procam.estimate.structured_light.panel_map import drop_inconsistent, fit_projector_map
 from procam.estimate.structured_light.set_checks import SetReport, examine
-from procam.files.images.images import write_channels, write_image
+from procam.files.images.layers import write_channels
+from procam.files.images.pixels import write_image
 from procam.interfaces.cli._options import CodeOption, Json, SizeOption
 from procam.interfaces.cli._output import Output
 from procam.interfaces.cli._paths import SUFFIXES, Picture, check_out, panel_size, read_grey

@@ -5,7 +5,6 @@ photograph is stored does the simulator write the truth, and `interfaces.judge` 
 calibration and its pictures with it. What is printed is for people; summary.json has every figure.
 """
 
-import resource
 import shutil
 import time
 from dataclasses import replace
@@ -20,6 +19,7 @@ import typer
 from procam.errors import InputError
 from procam.files import atomic
 from procam.files.calibration import load_calibration
+from procam.files.system import peak_memory_mib
 from procam.files.venue.load import Venue, load_venue, template_names, template_text
 from procam.interfaces.cli._demo_text import labelled, result_lines
 from procam.interfaces.cli._options import Json
@@ -78,7 +78,7 @@ def run_demo(out: Path, preset: str, judged_by: str, output: Output, table: bool
     shots, first, refined = _run(venue, output)
     figures = {
         "simulated_run_s": Figure(time.monotonic() - started, "s"),
-        "peak_memory_mib": Figure(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, "MiB"),
+        "peak_memory_mib": Figure(peak_memory_mib(), "MiB"),
         "shots": Figure(shots, "-", Goal("<=", 120.0)),
         "session_gb": Figure(_gigabytes(out / "sessions"), "GB", Goal("<=", 1.5)),
     }

@@ -8,7 +8,7 @@ import numpy as np
 import typer
 
 from procam.errors import InputError
-from procam.estimate.camera.glare_and_vignetting import black_level, desk_glare, flat_light
+from procam.estimate.camera.glare_and_vignetting import black_level, fit_glare, linear_light
 from procam.estimate.camera.radiance import Radiometer
 from procam.files.atomic import write_text
 from procam.interfaces.cli._flat_light import linear_counts, linear_photographs, named_camera
@@ -61,8 +61,8 @@ def glare(
     files = linear_photographs(photos)
     places = _places(trap, len(files))
     radiometer = Radiometer(model)
-    lights = [flat_light(linear_counts(path, model), radiometer) for path in files]
-    veil = desk_glare(lights, places, radiometer.seen, trap_sigma=trap_sigma)
+    lights = [linear_light(linear_counts(path, model), radiometer) for path in files]
+    veil = fit_glare(lights, places, radiometer.seen, trap_sigma=trap_sigma)
     each = ", ".join(f"{path.name} {g:.5f}" for path, g in zip(files, veil.each, strict=True))
     lines += [f"glare = {veil.glare:.5f}  # {each}", f"glare_sigma = {veil.sigma:.5f}", ""]
     write_text(out, "\n".join(lines))

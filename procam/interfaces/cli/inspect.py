@@ -8,7 +8,7 @@ import typer
 
 from procam.errors import FileFormatError
 from procam.files.calibration import load_calibration
-from procam.files.images.images import read_channels
+from procam.files.images.layers import read_channels
 from procam.files.session import Session
 from procam.interfaces.cli._options import Json
 from procam.interfaces.cli._output import Output

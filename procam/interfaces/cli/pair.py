@@ -11,13 +11,12 @@ from procam.errors import FileFormatError, InputError, NotEnoughData
 from procam.estimate.boards.camera import rms
 from procam.estimate.boards.planar_pair import (
     DEVICES,
-    FEWEST_VIEWS,
     PairView,
     PlanarPair,
     fit_planar_pair,
     pair_view,
 )
-from procam.estimate.boards.robust_fit import determines_pose
+from procam.estimate.boards.robust_fit import MIN_VIEWS, determines_pose
 from procam.estimate.boards.targets import Board, find_board
 from procam.estimate.structured_light.codes import Code, make_code
 from procam.files.atomic import write_text
@@ -120,7 +119,7 @@ def _views(
             skipped.append(place)
         else:
             views.append(view)
-    if len(views) < FEWEST_VIEWS:
+    if len(views) < MIN_VIEWS:
         raise NotEnoughData(_too_few(board, len(poses), skipped))
     return views, one_size(sizes), skipped
 
@@ -138,7 +137,7 @@ def _view(place: Path, board: Board, found: CorrespondenceMap) -> PairView | Non
 def _too_few(board: Board, poses: int, skipped: Sequence[Path]) -> str:
     return (
         f"poses: a board of {count_text(board.squares)} squares is found in {poses - len(skipped)} of "
-        f"{poses} (none in {some(skipped) or '-'}), and at least {FEWEST_VIEWS} are needed; light all of "
+        f"{poses} (none in {some(skipped) or '-'}), and at least {MIN_VIEWS} are needed; light all of "
         "it with the projector, and tilt it to all sides; is --squares right?"
     )
 

@@ -7,7 +7,7 @@ import typer
 
 from procam.errors import InputError
 from procam.estimate.structured_light.codes import make_code, picture
-from procam.files.images.images import write_image
+from procam.files.images.pixels import write_image
 from procam.files.images.slideshow import video_library
 from procam.files.venue.load import load_venue
 from procam.interfaces.cli._options import CodeOption, Json

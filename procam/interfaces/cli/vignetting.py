@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from procam.estimate.camera.glare_and_vignetting import Vignetting, fit_vignetting, flat_light
+from procam.estimate.camera.glare_and_vignetting import Vignetting, fit_vignetting, linear_light
 from procam.estimate.camera.radiance import Radiometer
 from procam.interfaces.cli._flat_light import linear_counts, linear_photographs, named_camera
 from procam.interfaces.cli._options import CameraOption, CameraVenueOption, Json, PhotosArgument
@@ -24,7 +24,7 @@ def vignetting(
     output, model = Output(json), named_camera(venue, camera)
     plain = replace(model, sensor=replace(model.sensor, vignetting=()))
     radiometer, files = Radiometer(plain), linear_photographs(photos)
-    lights = [flat_light(linear_counts(path, plain), radiometer) for path in files]
+    lights = [linear_light(linear_counts(path, plain), radiometer) for path in files]
     found = fit_vignetting(lights, radiometer.rays, radiometer.seen)
     output.say(_line(found))
     output.say(

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.files.images.images import read_layers
+from procam.files.images.layers import read_layers
 from procam.interfaces.report.data import Material, read_document
 from procam.maths.geometry.sphere import angle_between
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from procam.errors import FileFormatError, InputError
 from procam.files.calibration import list_calibrations, load_calibration
-from procam.files.images.images import RGB, read_channels
+from procam.files.images.layers import RGB, read_channels
 from procam.interfaces.plots.charts import on_dome
 from procam.maths.geometry.sphere import (
     master_directions,

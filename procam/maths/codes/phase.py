@@ -1,7 +1,12 @@
-"""Sinusoidal codes of projector columns and rows: periods, phases and what noise allows.
+"""Sinusoidal codes of projector columns and rows: their periods, their fit and its error bound.
 
-A picture of period P and shift s has the value 1/2 + 1/2 cos(2 pi x / P - s) in column x; a camera
-pixel photographs it as A + B cos(2 pi x / P - s), A holding half of all scattered light.
+A pattern of period P and shift s has the value 1/2 + 1/2 cos(2 pi x / P - s) in column x. A camera
+pixel sees it as A + B cos(2 pi x / P - s), where A contains half of the scattered light. The first
+patterns of a code (its base) share one period, so their phase gives the column up to a whole number of
+periods; the others identify which. `fit_waves` fits A, B and x by Gauss-Newton from a start;
+`search_columns` finds the start among all columns. Defocus and a wrong gamma change all waves of an axis
+alike (`WaveDistortion`); `shared_sensitivity` has the derivatives by which they are estimated from the
+residuals of many pixels. The C kernel `kernels.search_phase` does the same for whole photographs.
 """
 
 from dataclasses import dataclass
@@ -10,25 +15,26 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
-WIDTH = 1920  # the panel for which the periods below were chosen; others scale
-SMALLEST_SCALE = 1 / 3  # periods under 16 px do not survive lenses
-# Found by random search: over all columns and wrong candidates, the five last pictures differ by
-# .85 of the amplitude at least, and the periods are about as short as 48 px allows.
+WIDTH = 1920  # of the panel for which the periods below were chosen; they scale with the width
+SMALLEST_SCALE = 1 / 3  # lenses blur away periods under 16 px
+# By random search among periods of 48 px or more: for any two columns a whole period apart, the five
+# last patterns differ by .85 of the amplitude or more.
 MICRO_PERIODS = (54.83, 49.23, 49.31, 50.09, 50.12, 48.86)
 MICRO_SHIFTS = (2.005, 3.482, 3.077, 4.532, 0.889)
-HETERODYNE_PERIODS = (59.74, 58.05, 50.64)  # likewise; 1.08 apart
-CANDIDATES = 6  # columns of a pixel that may get a closer look
-CLOSE = 0.9  # they explain this share of what the best one does on a grid of half pixels
+HETERODYNE_PERIODS = (59.74, 58.05, 50.64)  # found likewise; they differ by 1.08
+CANDIDATES = 6  # columns of a pixel from which a fit may be started
+CLOSE = 0.9  # of the squares explained by the best column of the grid: others are fitted too
+GRID_CELLS = 20_000_000  # pixels times columns searched at a time: 160 MB
 FIT_PARTS = ("x", "variance", "offset", "amplitude", "residual")
 
 
 @dataclass(frozen=True, slots=True)
 class Waves:
-    """A set of K sinusoidal pictures along one axis; the first `base` share one period.
+    """A set of K sinusoidal patterns along one axis; the first `base` share one period.
 
     Attributes
     ----------
-    periods : (K,) [px]. shifts : (K,) [rad]. base : how many lead with the same period, at least 3.
+    periods : (K,) [px]. shifts : (K,) [rad]. base : number of leading patterns of the same period.
     """
 
     periods: Array
@@ -37,15 +43,15 @@ class Waves:
 
     @property
     def single(self) -> bool:
-        """Whether all share one period, so that they cannot number their own fringes."""
+        """Whether all share one period, so that columns are known only within it."""
         return bool(np.ptp(self.periods) == 0)
 
     def angles(self, x: ArrayLike) -> Array:
-        """Phase (..., K) [rad] of each picture at columns x (...)."""
+        """Phase (..., K) [rad] of each pattern at columns x (...)."""
         return np.asarray(x, float)[..., None] * (2 * np.pi / self.periods) - self.shifts
 
     def kept(self, keep: NDArray[np.bool_]) -> "Waves":
-        """The pictures (K,) that are left; the base must survive."""
+        """The patterns that `keep` (K,) selects."""
         return Waves(self.periods[keep], self.shifts[keep], int(keep[: self.base].sum()))
 
 
@@ -55,12 +61,12 @@ def equal_steps(count: int) -> Array:
 
 
 def period_scale(size: tuple[int, int]) -> float:
-    """Factor on the periods for a panel of `size`: more pixels, wider stripes."""
+    """Factor on the periods for a panel of `size` (width, height) [px]."""
     return max(SMALLEST_SCALE, max(size) / WIDTH)
 
 
 def micro_waves(size: tuple[int, int]) -> Waves:
-    """Micro phase shifting: 3 shifts of one period, then one picture for each of five more.
+    """Micro phase shifting: 3 shifts of one period, then one pattern for each of five more periods.
 
     Gupta & Nayar 2012, doi:10.1109/CVPR.2012.6247753.
     """
@@ -76,17 +82,20 @@ def heterodyne_waves(size: tuple[int, int], steps: int = 4) -> Waves:
 
 
 def sine_line(length: int, period: float, shift: float) -> Array:
-    """Values (length,) in 0..1 of one picture along its axis."""
+    """Values (length,) in 0..1 of one pattern along its axis, in linear light."""
     return 0.5 + 0.5 * np.cos(2 * np.pi * np.arange(length) / period - shift)
 
 
 def cramer_rao_variance(
     waves: Waves, x: ArrayLike, amplitude: ArrayLike, noise: ArrayLike
 ) -> Array:
-    """Smallest variance [px^2] of x (...) that any unbiased decoder can reach.
+    """Smallest variance [px^2] of x (...) that any unbiased decoder can reach (Cramer-Rao).
 
-    Offset, amplitude and column unknown. `amplitude` is B as photographed, (...) or (..., K) where
-    blur takes more from short periods; `noise` (..., K) is the variance of each sample.
+    Parameters
+    ----------
+    x : columns (...) [px]; offset, amplitude and column are unknown to the decoder.
+    amplitude : B as photographed, (...) or, where blur attenuates short periods more, (..., K).
+    noise : (..., K) variance of each sample.
     """
     angles = waves.angles(x)
     shape = angles.shape
@@ -101,28 +110,28 @@ def cramer_rao_variance(
 
 @dataclass(frozen=True, slots=True)
 class WaveDistortion:
-    """What lens and response make of the waves, alike all over one axis.
+    """Effect of defocus and of a wrong gamma on the waves, the same for all pixels of an axis.
 
     Attributes
     ----------
-    blur_px2 : variance of the blur [px^2]; it takes exp(-2 pi^2 v / P^2) of a wave of period P.
-    harmonic : second harmonic before the blur, relative to the wave: what a wrong gamma leaves.
+    blur_px2 : variance v of the blur [px^2]; it leaves exp(-2 pi^2 v / P^2) of a wave of period P.
+    harmonic : second harmonic before the blur, relative to the wave, caused by a wrong gamma.
     """
 
     blur_px2: float = 0.0
     harmonic: float = 0.0
 
     def modulation(self, waves: Waves) -> Array:
-        """Amplitude (K,) of each picture relative to the first."""
+        """Amplitude (K,) of each pattern relative to the first."""
         return np.exp(-2 * np.pi**2 * self.blur_px2 * (waves.periods**-2 - waves.periods[0] ** -2))
 
     def harmonics(self, waves: Waves) -> Array:
-        """Second harmonic (K,) of each picture relative to the first one's amplitude."""
+        """Second harmonic (K,) of each pattern relative to the amplitude of the first."""
         spread = 4 * waves.periods**-2 - waves.periods[0] ** -2
         return self.harmonic * np.exp(-2 * np.pi**2 * self.blur_px2 * spread)
 
     def depth(self, waves: Waves) -> float:
-        """Share of the first picture's amplitude that the blur leaves."""
+        """Share of the amplitude of the first pattern that the blur leaves."""
         return float(np.exp(-2 * np.pi**2 * self.blur_px2 * waves.periods[0] ** -2))
 
 
@@ -133,7 +142,7 @@ class WaveFit:
     Attributes
     ----------
     x : (n,) column [px]. variance : (n,) of x per unit of noise variance [px^2].
-    offset, amplitude : (n,) A and B. residual : (n,) sum of squares that is left.
+    offset, amplitude : (n,) A and B. residual : (n,) sum of squared residuals.
     """
 
     x: Array
@@ -144,54 +153,48 @@ class WaveFit:
 
 
 def fit_waves(
-    samples: Array, keep: NDArray[np.bool_], waves: Waves, look: WaveDistortion, x: Array
+    samples: Array, keep: NDArray[np.bool_], waves: Waves, distortion: WaveDistortion, x: Array
 ) -> WaveFit:
-    """Fit A + B (m cos t + h cos 2t) to samples (n, K), of which `keep` (n, K) count, from x (n,)."""
+    """Fit A + B (m cos t + h cos 2t) to the samples (n, K) that `keep` (n, K) selects, from x (n,).
+
+    m and h are the modulation and the harmonics of the distortion.
+    """
     weight = keep.astype(float)
     samples = np.where(keep, samples, 0.0)
-    curve, _ = _curve(waves, look, x)
+    curve, _ = _curve(waves, distortion, x)
     offset, amplitude = _line_fit(curve, samples, weight)
     for _ in range(3):
-        jacobian, error = _local_model(waves, look, x, offset, amplitude, samples)
+        jacobian, error = _local_model(waves, distortion, x, offset, amplitude, samples)
         normal = np.einsum("nki,nk,nkj->nij", jacobian, weight, jacobian)
         step = _solve(normal, np.einsum("nki,nk,nk->ni", jacobian, weight, error))
         offset, amplitude, x = offset + step[:, 0], amplitude + step[:, 1], x + step[:, 2]
-    jacobian, error = _local_model(waves, look, x, offset, amplitude, samples)
+    jacobian, error = _local_model(waves, distortion, x, offset, amplitude, samples)
     normal = np.einsum("nki,nk,nkj->nij", jacobian, weight, jacobian)
     variance = _solve(normal, np.broadcast_to([0.0, 0.0, 1.0], (len(x), 3)))[:, 2]
     return WaveFit(x, variance, offset, amplitude, np.sum(weight * error**2, axis=1))
 
 
 def search_columns(
-    samples: Array, keep: NDArray[np.bool_], waves: Waves, look: WaveDistortion, length: int
+    samples: Array, keep: NDArray[np.bool_], waves: Waves, distortion: WaveDistortion, length: int
 ) -> tuple[WaveFit, Array]:
-    """Best column of all for samples (n, K) of which only `keep` (n, K) count.
+    """Fits of the samples (n, K) that `keep` (n, K) selects, started from the best of all columns.
 
-    Tries every half pixel, so it needs no base set, and refines the best few, which lie more than half
-    a period apart. Also gives by how much the runner-up fits worse (n,) [sum of squares], infinite
-    without one; waves of a single period tell the column only within it, and have none.
+    The start is searched on a grid of half pixels, so no base is needed. The best few columns, more
+    than half a period apart, are fitted. Waves of a single period are searched within that period.
+
+    Returns
+    -------
+    fit : of the best column. margin : (n,) by which the second best fits worse [sum of squares];
+        infinite without a second.
     """
-    count, end = (1, waves.periods[0]) if waves.single else (CANDIDATES, length)
-    grid, half = np.arange(-0.5, end, 0.5), int(waves.periods[0])
-    near = np.arange(-half, half + 1)  # half a period to either side
-    curve, _ = _curve(waves, look, grid)
-    start, gained = np.zeros((2, count, len(samples)))
-    for pattern in np.unique(keep, axis=0):
-        rows = np.flatnonzero((keep == pattern).all(axis=1))
-        for part in np.array_split(rows, max(1, rows.size * grid.size // 20_000_000)):
-            gain = _explained(samples[np.ix_(part, pattern)], curve[:, pattern])
-            every = np.arange(len(part))
-            for x, top in zip(start, gained, strict=True):
-                best = gain.argmax(axis=1)
-                x[part], top[part] = grid[best], gain[every, best]
-                gain[every[:, None], np.clip(best[:, None] + near, 0, grid.size - 1)] = 0.0
-    fit = fit_waves(samples, keep, waves, look, start[0])
+    start, gained = _best_columns(samples, keep, waves, distortion, length)
+    fit = fit_waves(samples, keep, waves, distortion, start[0])
     best = np.stack([getattr(fit, name) for name in FIT_PARTS])
     runner_up = np.full(len(samples), np.inf)
     for x, top in zip(start[1:], gained[1:], strict=True):
         other = np.where(top > 0, fit.residual + gained[0] - top, np.inf)
         close = np.flatnonzero(top > CLOSE * gained[0])
-        again = fit_waves(samples[close], keep[close], waves, look, x[close])
+        again = fit_waves(samples[close], keep[close], waves, distortion, x[close])
         other[close] = again.residual
         won = again.residual < best[-1, close]
         other[close[won]] = best[-1, close[won]]
@@ -201,15 +204,15 @@ def search_columns(
 
 
 def shared_sensitivity(
-    samples: Array, waves: Waves, look: WaveDistortion, fit: WaveFit
+    samples: Array, waves: Waves, distortion: WaveDistortion, fit: WaveFit
 ) -> tuple[Array, Array, Array]:
-    """What fits leave of samples (n, K), and what all pixels share would change of it.
+    """Residuals of fits to samples (n, K), and their derivatives by the shared distortion.
 
-    Returns residuals (n, K), their derivatives (2, n, K) by blur and by harmonic, and an orthonormal
-    basis (3, n, K) of what the pixel's own offset, amplitude and column take up. Of that both are
-    free already (variable projection).
+    Returns the residuals (n, K), their derivatives (2, n, K) by blur and by harmonic, and an orthonormal
+    basis (3, n, K) of the changes that the pixel's own offset, amplitude and column can make. Those
+    changes are removed from the first two (variable projection).
     """
-    value, slope = _curve(waves, look, fit.x)
+    value, slope = _curve(waves, distortion, fit.x)
     basis = _orthonormal(value, slope)
     angles = waves.angles(fit.x)
     bend, bend_2 = (
@@ -217,15 +220,16 @@ def shared_sensitivity(
     )
     twice = np.cos(2 * angles)
     by_blur = (
-        bend * look.modulation(waves) * np.cos(angles) + bend_2 * look.harmonics(waves) * twice
+        bend * distortion.modulation(waves) * np.cos(angles)
+        + bend_2 * distortion.harmonics(waves) * twice
     )
-    by_harmonic = WaveDistortion(look.blur_px2, 1.0).harmonics(waves) * twice
+    by_harmonic = WaveDistortion(distortion.blur_px2, 1.0).harmonics(waves) * twice
     amplitude = fit.amplitude[:, None]
     error = samples - fit.offset[:, None] - amplitude * value
-    left, *shared = (
+    residual, *shared = (
         _without(basis, v) for v in (error, amplitude * by_blur, amplitude * by_harmonic)
     )
-    return left, np.stack(shared), basis
+    return residual, np.stack(shared), basis
 
 
 def _orthonormal(value: Array, slope: Array) -> Array:
@@ -239,26 +243,52 @@ def _orthonormal(value: Array, slope: Array) -> Array:
 
 
 def _without(basis: Array, vector: Array) -> Array:
-    """Vectors (n, K) without their parts along a basis (b, n, K)."""
+    """Vectors (n, K) less their projections on an orthonormal basis (b, n, K)."""
     for one in basis:
         vector = vector - np.einsum("nk,nk->n", one, vector)[:, None] * one
     return vector
 
 
-def _curve(waves: Waves, look: WaveDistortion, x: Array) -> tuple[Array, Array]:
+def _best_columns(
+    samples: Array, keep: NDArray[np.bool_], waves: Waves, distortion: WaveDistortion, length: int
+) -> tuple[Array, Array]:
+    """Columns (C, n) of a grid that explain most of the samples, and how much (C, n) [sum of squares]."""
+    count, end = (1, waves.periods[0]) if waves.single else (CANDIDATES, length)
+    grid, half = np.arange(-0.5, end, 0.5), int(waves.periods[0])
+    near = np.arange(-half, half + 1)  # half a period to either side
+    curve, _ = _curve(waves, distortion, grid)
+    start, gained = np.zeros((2, count, len(samples)))
+    for pattern in np.unique(keep, axis=0):
+        rows = np.flatnonzero((keep == pattern).all(axis=1))
+        for part in np.array_split(rows, max(1, rows.size * grid.size // GRID_CELLS)):
+            gain = _explained(samples[np.ix_(part, pattern)], curve[:, pattern])
+            every = np.arange(len(part))
+            for x, top in zip(start, gained, strict=True):
+                best = gain.argmax(axis=1)
+                x[part], top[part] = grid[best], gain[every, best]
+                gain[every[:, None], np.clip(best[:, None] + near, 0, grid.size - 1)] = 0.0
+    return start, gained
+
+
+def _curve(waves: Waves, distortion: WaveDistortion, x: Array) -> tuple[Array, Array]:
     """Normalised wave (n, K) at columns x (n,), and its slope per px."""
     angles = waves.angles(x)
-    m, h = look.modulation(waves), look.harmonics(waves)
+    m, h = distortion.modulation(waves), distortion.harmonics(waves)
     value = m * np.cos(angles) + h * np.cos(2 * angles)
     slope = -(m * np.sin(angles) + 2 * h * np.sin(2 * angles)) * 2 * np.pi / waves.periods
     return value, slope
 
 
 def _local_model(
-    waves: Waves, look: WaveDistortion, x: Array, offset: Array, amplitude: Array, samples: Array
+    waves: Waves,
+    distortion: WaveDistortion,
+    x: Array,
+    offset: Array,
+    amplitude: Array,
+    samples: Array,
 ) -> tuple[Array, Array]:
-    """Jacobian (n, K, 3) by offset, amplitude and column, and what is left of the samples."""
-    value, slope = _curve(waves, look, x)
+    """Jacobian (n, K, 3) by offset, amplitude and column, and the residuals (n, K)."""
+    value, slope = _curve(waves, distortion, x)
     jacobian = np.stack([np.ones_like(value), value, amplitude[:, None] * slope], axis=-1)
     return jacobian, samples - offset[:, None] - amplitude[:, None] * value
 
@@ -274,17 +304,13 @@ def _line_fit(curve: Array, samples: Array, weight: Array) -> tuple[Array, Array
 
 
 def _explained(samples: Array, curve: Array) -> Array:
-    """Squares (n, X) that the best offset and positive amplitude explain at each column."""
+    """Sum of squares (n, X) that the best offset and positive amplitude explain at each column."""
     centred = curve - curve.mean(axis=1, keepdims=True)
     unit = centred / np.maximum(np.linalg.norm(centred, axis=1, keepdims=True), 1e-9)
     return np.maximum((samples - samples.mean(axis=1, keepdims=True)) @ unit.T, 0.0) ** 2
 
 
 def _solve(matrix: Array, vector: Array) -> Array:
-    return np.asarray(_solve_many(matrix, vector[..., None])[..., 0])
-
-
-def _solve_many(matrix: Array, columns: Array) -> Array:
-    """Solutions (n, 3, M), with a whiff of damping: a singular pixel gets a huge variance."""
+    """Solutions (n, 3), slightly damped, so that a singular pixel gets a huge variance."""
     damping = 1e-9 * np.trace(matrix, axis1=1, axis2=2)[:, None, None] + 1e-30
-    return np.linalg.solve(matrix + damping * np.eye(3), columns)
+    return np.asarray(np.linalg.solve(matrix + damping * np.eye(3), vector[..., None])[..., 0])

@@ -1,4 +1,4 @@
-"""How large the pixels of a panel are where they land: solid angles, and areas on any screen."""
+"""Solid angles and areas of a panel's pixels on the screen."""
 
 from collections.abc import Callable, Iterator
 
@@ -9,24 +9,24 @@ from procam.kernels import solid_angles
 
 Array = NDArray[np.float64]
 PanelField = Callable[[Array, Array], Array]
-BLOCK = 1 << 16  # corners held at a time
+BLOCK = 1 << 16  # corners evaluated at a time
 
 
 def panel_solid_angles(size: tuple[int, int], directions: PanelField) -> Array:
-    """Solid angles (H, W) [sr] of the pixels of a panel of `size` (W, H), as seen from one place.
+    """Solid angles (H, W) [sr] of a panel's pixels, as seen from one point.
 
     Parameters
     ----------
     size : (W, H) of the panel.
-    directions : gives unit directions (len(y), len(x), 3) float64 from that place to where the
-        panel's points (x, y) [px] land; NaN where they miss. It is asked for a few rows at a time,
-        so that the corners of a whole panel are never held.
+    directions : function of x and y [px] that returns unit directions (len(y), len(x), 3), float64,
+        from that point to where the panel's points (x, y) meet the screen; NaN where they miss. It
+        is called for a few rows at a time, so that the corners of a whole panel are never in memory.
 
     Returns
     -------
-    (H, W) [sr]; NaN where a corner misses. The edges are taken as great circles: from off-centre
-    they are small circles, a relative error of 1.6e-4 per pixel at 64 pixels across, of 6e-7 at
-    1024 (science.md s.3).
+    (H, W) [sr]; NaN where a corner misses. The edges are taken as great circles. Seen from an
+    off-centre projector they are small circles: a relative error of 1.6e-4 per pixel for a panel 64
+    pixels wide, 6e-7 for 1024 (docs/theory/geometry.md (G3)).
     """
     width, height = size
     return solid_angles(_corner_blocks(size, directions), (height, width))
@@ -35,8 +35,8 @@ def panel_solid_angles(size: tuple[int, int], directions: PanelField) -> Array:
 def panel_areas(size: tuple[int, int], points: PanelField) -> Array:
     """Areas (H, W) [m^2] of the pixels of a panel of `size` (W, H) on a screen of any shape.
 
-    `points` gives the points (len(y), len(x), 3) [m] where the panel's points (x, y) [px] land, as
-    `directions` of `panel_solid_angles` does.
+    `points` returns the points (len(y), len(x), 3) [m] where the panel's points (x, y) [px] meet the
+    screen, as `directions` of `panel_solid_angles` does.
     """
     width, height = size
     areas = np.empty((height, width))
@@ -51,8 +51,8 @@ def panel_areas(size: tuple[int, int], points: PanelField) -> Array:
 def quad_areas(corners: Array) -> Array:
     """Areas (H, W) [m^2] of the cells of a grid of points (H + 1, W + 1, 3) [m] on a surface.
 
-    Two flat triangles per cell: exact on a flat face; of a surface of radius of curvature r a cell
-    with diagonal d lacks some (d / r)^2 / 12 of its area. NaN corners give NaN.
+    Two flat triangles per cell: exact on a plane; on a surface with radius of curvature r, the area
+    of a cell with diagonal d is low by about (d / r)^2 / 12. NaN corners give NaN.
 
     >>> corners = np.array([[[0.0, 0, 5], [2, 0, 5]], [[0, 3, 5], [2, 3, 5]]])
     >>> print(quad_areas(corners))
@@ -68,10 +68,10 @@ def _triangle_areas(first: Array, second: Array) -> Array:
     return np.asarray(np.linalg.norm(np.cross(first, second), axis=-1)) / 2
 
 
-def _corner_blocks(size: tuple[int, int], landing: PanelField) -> Iterator[Array]:
-    """Where the corners of a panel's pixels land, some rows (n, W + 1, 3) at a time."""
+def _corner_blocks(size: tuple[int, int], field: PanelField) -> Iterator[Array]:
+    """A field at the corners of a panel's pixels, some rows (n, W + 1, 3) at a time."""
     width, height = size
     x, y = (np.arange(-0.5, n + 0.5, dtype=np.float64) for n in size)
     rows = max(1, BLOCK // (width + 1))
     for first in range(0, height + 1, rows):
-        yield landing(x, y[first : first + rows])
+        yield field(x, y[first : first + rows])

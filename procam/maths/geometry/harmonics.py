@@ -1,4 +1,4 @@
-"""Real spherical harmonics and their slopes, for domes that are not quite spheres."""
+"""Real spherical harmonics and their gradients, for domes that are nearly spheres."""
 
 from math import factorial
 
@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-BLOCK = 512  # directions at a time: what they need stays in the cache
+BLOCK = 512  # directions at a time, so that the intermediate arrays stay in the cache
 
 
 def harmonic_count(lowest: int, highest: int) -> int:
@@ -22,8 +22,8 @@ def harmonic_count(lowest: int, highest: int) -> int:
 def harmonics(direction: Array, lowest: int, highest: int) -> tuple[Array, Array]:
     """Harmonics (N, K) at unit directions (N, 3) and their gradients (N, K, 3) along the sphere.
 
-    Of degrees lowest..highest, each of mean square 1 over the sphere; per degree the orders
-    0, 1 cos, 1 sin, 2 cos, ... (Legendre functions by the usual three-term recurrence).
+    Degrees lowest to highest, each with mean square 1 over the sphere. The orders of a degree are
+    0, 1 cos, 1 sin, 2 cos, ... Legendre functions come from the three-term recurrence.
     """
     count = harmonic_count(lowest, highest)
     values, slopes = np.empty((len(direction), count)), np.empty((len(direction), count, 3))
@@ -85,5 +85,6 @@ def _legendre(z: Array, highest: int) -> dict[tuple[int, int], Array]:
 
 
 def _norm(degree: int, order: int) -> float:
+    """The factor that makes a harmonic's mean square 1."""
     ratio = factorial(degree - order) / factorial(degree + order)
     return float(np.sqrt((2 * degree + 1) * ratio * (2 if order else 1)))

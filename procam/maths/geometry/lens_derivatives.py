@@ -1,16 +1,16 @@
-"""How a lens's pixels move with the point they see and with the lens's own parameters."""
+"""Derivatives of a lens's projection by the point and by the lens's parameters."""
 
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.kernels.reference_lenses import project_slopes, ray_slopes
-from procam.maths.geometry.lenses import Lens, project, unproject
+from procam.kernels.bundle.lenses import project_slopes
+from procam.maths.geometry.lenses import Lens, project
 
 Array = NDArray[np.float64]
 
 
 def lens_parameters(lens: Lens) -> Array:
-    """Focal x, y, centre x, y [px], then the distortion terms [-]: (9,) Brown, (8,) fisheye."""
+    """Focal lengths x, y and centre x, y [px], then distortion [-]: (9,) Brown, (8,) fisheye."""
     return np.concatenate([lens.focal, lens.centre, lens.distortion])
 
 
@@ -24,15 +24,9 @@ def project_with_derivatives(points: Array, lens: Lens) -> tuple[Array, Array, A
 
     Returns
     -------
-    pixels : (N, 2) as `procam.maths.geometry.lenses.project` gives them [px].
+    pixels : (N, 2) as `procam.maths.geometry.lenses.project` returns them [px].
     by_point : (N, 2, 3) by the point's coordinates [px/m].
     by_parameter : (N, 2, P) by `lens_parameters`.
     """
     _, by_point, by_parameter = project_slopes(points, lens.kind, lens_parameters(lens))
     return project(points, lens), by_point, by_parameter
-
-
-def unproject_with_derivatives(pixels: Array, lens: Lens) -> tuple[Array, Array]:
-    """Unit rays (N, 3) of pixels (N, 2), and their derivatives (N, 3, P) by `lens_parameters`."""
-    ray = unproject(pixels, lens)
-    return ray, ray_slopes(ray, lens.kind, lens_parameters(lens))

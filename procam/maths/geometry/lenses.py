@@ -1,7 +1,7 @@
 """Camera and projector lenses: pinhole with Brown distortion, and Kannala-Brandt fisheye.
 
-Pixel (0, 0) is the centre of the top-left pixel; x to the right, y down, z along the view.
-Held against `cv2.projectPoints` and `cv2.fisheye.projectPoints` in the tests.
+Pixel (0, 0) is the centre of the top-left pixel; x points right, y down, z along the optical axis.
+The tests compare both models with `cv2.projectPoints` and `cv2.fisheye.projectPoints`.
 """
 
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procam.kernels import fisheye_rays
-from procam.kernels.reference_lenses import fisheye_radius
+from procam.kernels.bundle.lenses import fisheye_radius
 
 Array = NDArray[np.float64]
 LensKind = Literal["brown", "kannala-brandt"]
@@ -27,7 +27,7 @@ class Lens:
     kind : "brown" (k = k1, k2, p1, p2, k3 as OpenCV orders them) or
         "kannala-brandt" (k = k1..k4 of theta + k1 theta^3 + k2 theta^5 + ...).
     focal : (2,) focal lengths in x and y [px].
-    centre : (2,) principal point (x, y) [px]; lens shift puts it off the middle or outside.
+    centre : (2,) principal point (x, y) [px]; lens shift moves it off the middle, or outside.
     distortion : (5,) or (4,) coefficients [-].
     """
 
@@ -38,7 +38,7 @@ class Lens:
 
 
 def project(points: Array, lens: Lens) -> Array:
-    """Pixel coordinates (..., 2) of points (..., 3) in the device frame; NaN where it cannot see."""
+    """Pixels (..., 2) of points (..., 3) in the device's frame; NaN behind a pinhole."""
     if lens.kind == "brown":
         return _project_brown(points, lens)
     x, y, z = np.moveaxis(points, -1, 0)
@@ -50,7 +50,7 @@ def project(points: Array, lens: Lens) -> Array:
 
 
 def unproject(pixels: Array, lens: Lens) -> Array:
-    """Unit rays (..., 3) in the device frame of pixel coordinates (..., 2)."""
+    """Unit rays (..., 3) of pixels (..., 2), in the device's frame."""
     if lens.kind == "kannala-brandt":
         return fisheye_rays(pixels, np.concatenate([lens.focal, lens.centre, lens.distortion]))
     undistorted = _undistort_brown((pixels - lens.centre) / lens.focal, lens.distortion)
@@ -65,7 +65,7 @@ def _project_brown(points: Array, lens: Lens) -> Array:
 
 
 def _distort_brown(plane: Array, k: Array) -> Array:
-    """Brown 1966 with two tangential terms, in OpenCV's order."""
+    """Brown (1966) with two tangential terms, coefficients in OpenCV's order."""
     x, y = plane[..., 0], plane[..., 1]
     k1, k2, p1, p2, k3 = k
     r2 = x * x + y * y
@@ -80,7 +80,7 @@ def _distort_brown(plane: Array, k: Array) -> Array:
 
 
 def _undistort_brown(distorted: Array, k: Array) -> Array:
-    """Newton's method with the exact 2x2 Jacobian; plain fixed-point fails for wide lenses."""
+    """Newton's method with the exact 2x2 Jacobian; fixed-point iteration fails for wide lenses."""
     k1, k2, p1, p2, k3 = k
     if not np.any(k):
         return distorted
@@ -109,7 +109,7 @@ def _undistort_brown(distorted: Array, k: Array) -> Array:
 
 
 def _radial_start(distorted: Array, k: Array) -> Array:
-    """Undistorted over distorted radius (..., 1), from a table of the radial terms alone."""
+    """Undistorted over distorted radius (..., 1), interpolated from a table of the radial terms."""
     reach = np.sqrt(np.nanmax(np.sum(distorted**2, axis=-1), initial=0.0))
     radius = np.linspace(0, 1.5 * reach + 1e-9, 4096)
     r2 = radius * radius

@@ -1,4 +1,4 @@
-"""A picture that a person moved at some points: a smooth shift, exact there and local."""
+"""A smooth, local shift of a picture that is exact at some points, where a person moved it."""
 
 from dataclasses import dataclass
 
@@ -6,25 +6,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-REACH = 1 / 6  # of a panel's longer side: how far from its point a shift is felt at all
-NEAREST = 1e-24  # squared distance, in reaches, below which two places are one
-STEPS = 32  # between a point and the rim of what is looked at round it for folds
+REACH = 1 / 6  # of a panel's longer side: radius around a point within which its shift acts
+NEAREST = 1e-24  # squared distance over `reach_px` squared, below which two positions coincide
+STEPS = 32  # of the grid that is searched for folds, from its middle to its edge
 
 
 @dataclass(frozen=True, slots=True)
 class LocalShift:
-    """How far a picture was moved, at any place where it is now.
+    """The shift of a moved picture as a function of position.
 
-    The shift is the mean of the points' shifts, each weighed by its nearness over the square of its
-    distance (Shepard's interpolation, doi:10.1145/800186.810616), times a factor that fades from 1
-    at the points to 0 at `reach_px` from all of them. A mean of shifts within reach, and of none at
-    all, never exceeds them, however near to each other the points are.
+    The shift is a weighted mean of the points' shifts, with weights that fall with the square of the
+    distance (Shepard's interpolation, doi:10.1145/800186.810616), times a factor that falls from 1
+    at the points to 0 at `reach_px` from all of them. A weighted mean never exceeds the largest
+    shift, however close the points are.
 
     Attributes
     ----------
-    there : (N, 2) places where the moved points are now, (x, y) [px].
-    by : (N, 2) how far they were moved [px].
-    reach_px : beyond it from every point nothing moves [px].
+    there : (N, 2) positions (x, y) of the points after the move [px].
+    by : (N, 2) their shifts [px].
+    reach_px : distance from every point beyond which the shift is 0 [px].
     """
 
     there: Array
@@ -33,11 +33,11 @@ class LocalShift:
 
     @classmethod
     def on_panel(cls, size: tuple[int, int], pixels: Array, by: Array) -> "LocalShift":
-        """Points (N, 2) of a panel of `size` (width, height) that move by (N, 2) [px]."""
+        """The shift of a panel of `size` (width, height) whose points (N, 2) move by (N, 2) [px]."""
         return cls(pixels + by, by, REACH * max(size))
 
     def at(self, places: Array) -> Array:
-        """Shift (..., 2) [px] of what is now at `places` (..., 2); it was at `places` less that.
+        """Shift (..., 2) [px] of what is now at `places` (..., 2); before the move it was at places - shift.
 
         >>> moved = LocalShift(np.array([[50.0, 40]]), np.array([[3.0, -1]]), 20)
         >>> moved.at(np.array([[50.0, 40], [60, 40], [70, 40]])).round(9).tolist()
@@ -47,19 +47,20 @@ class LocalShift:
         still, weight, total = np.ones(x.shape), np.zeros(x.shape), np.zeros(places.shape)
         for point, by in zip(self.there, self.by, strict=True):
             apart = ((x - point[0]) ** 2 + (y - point[1]) ** 2) / self.reach_px**2
-            felt = apart < 1
-            apart = apart[felt]
-            near = 1 - apart * (3 - 2 * np.sqrt(apart))  # flat at the point and at its reach
+            within = apart < 1
+            apart = apart[within]
+            near = 1 - apart * (3 - 2 * np.sqrt(apart))  # slope 0 at the point and at `reach_px`
             own = near / np.maximum(apart, NEAREST)
-            still[felt] *= 1 - near
-            weight[felt] += own
-            total[felt] += own[:, None] * by
+            still[within] *= 1 - near
+            weight[within] += own
+            total[within] += own[:, None] * by
         return np.asarray(total * ((1 - still) / np.where(weight > 0, weight, 1))[..., None])
 
-    def torn_at(self) -> int | None:
-        """Index of the first point round which the moved picture would lie over itself; else None.
+    def first_fold(self) -> int | None:
+        """Index of the first point around which the moved picture folds over itself; None if none does.
 
-        Looked for on two grids round each point, as wide as the reach and as the next point is far.
+        Two grids around each point are tested: one as wide as `reach_px`, one as wide as the
+        distance to the next point.
         """
         steps = np.linspace(-1, 1, 2 * STEPS + 1)
         square = np.stack(np.meshgrid(steps, steps), axis=-1)
@@ -71,7 +72,7 @@ class LocalShift:
         return None
 
     def _overlaps(self, places: Array) -> bool:
-        """Whether any cell of a grid of places (H, W, 2) comes from one that is turned over."""
+        """Whether the shift inverts any cell of a grid of positions (H, W, 2)."""
         before = places - self.at(places)
         start, end = before[:-1, :-1], before[1:, 1:]
         halves = (

@@ -32,16 +32,16 @@ class Pose:
         return points @ self.rotation.T + self.translation
 
     def rotate(self, directions: Array) -> Array:
-        """Turn directions (..., 3) without moving them [-]."""
+        """Rotate directions (..., 3) [-]; the translation does not act on them."""
         return directions @ self.rotation.T
 
     def inverse(self) -> "Pose":
-        """The motion back: `p.inverse().apply(p.apply(x)) == x`."""
+        """The inverse motion: `p.inverse().apply(p.apply(x)) == x`."""
         return Pose(self.rotation.T, -self.rotation.T @ self.translation)
 
     @property
     def origin(self) -> Array:
-        """Where the device stands in the frame it maps from (3,) [m]."""
+        """Position (3,) [m] of the device in the frame that the pose maps from."""
         return -self.rotation.T @ self.translation
 
 
@@ -55,7 +55,7 @@ def rotation_matrix(rotation_vector: ArrayLike) -> Array:
     angle = float(np.linalg.norm(vector))
     x, y, z = vector
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    # sinc forms stay exact through zero angle
+    # the sinc forms are exact at angle zero
     first = np.sinc(angle / np.pi)
     second = 0.5 * np.sinc(angle / (2 * np.pi)) ** 2
     return np.asarray(np.eye(3) + first * cross + second * cross @ cross)
@@ -77,14 +77,14 @@ def rotation_vector(rotation: Array) -> Array:
         return sine_axis * (angle / sine)
     if cosine > 0:
         return sine_axis
-    # half a turn: the axis is the column of R + 1 that is longest
+    # a rotation by pi: the longest column of R + I is along the axis
     column = rotation + np.eye(3)
     axis = column[:, int(np.argmax(np.linalg.norm(column, axis=0)))]
     return np.asarray(np.pi * axis / np.linalg.norm(axis))
 
 
 def align_rotation(source: Array, target: Array) -> Array:
-    """Rotation (3, 3) that best turns directions `source` (N, 3) into `target` (Kabsch 1976)."""
+    """Least-squares rotation (3, 3) from directions `source` (N, 3) to `target` (N, 3) (Kabsch 1976)."""
     left, _, right = np.linalg.svd(target.T @ source)
     sign = np.sign(np.linalg.det(left @ right))
     return np.asarray(left @ np.diag([1.0, 1.0, sign]) @ right)

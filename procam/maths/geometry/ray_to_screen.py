@@ -1,17 +1,17 @@
-"""Where rays meet a dome that is a sphere, or nearly one, and how that place moves."""
+"""Where rays meet a dome that is a sphere, or nearly one (docs/theory/geometry.md (G1))."""
 
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.kernels import Relief
-from procam.kernels.reference_bundle import Hit, on_screen
+from procam.kernels import ShapeDerivatives
+from procam.kernels.bundle.reference import Hit, on_screen
 from procam.maths.geometry.harmonics import harmonic_count, harmonics
 from procam.maths.geometry.sphere import intersect_sphere
 
 Array = NDArray[np.float64]
-LOWEST = 2  # degree 0 is the radius, degree 1 another centre
+LOWEST_DEGREE = 2  # degree 0 is the radius, degree 1 a shift of the centre
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,51 +20,53 @@ class RoundShape:
 
     Attributes
     ----------
-    radius_m : of the sphere [m]. bumps : (K,) coefficients of the harmonics from degree 2 on,
-        relative to the radius; none for an exact sphere. degree : the highest.
+    radius_m : of the sphere [m].
+    harmonic_coefficients : (K,) of the spherical harmonics from degree 2 to `degree`, relative to
+        the radius [-]; none for a sphere.
+    degree : highest degree; 0 for a sphere.
     """
 
     radius_m: float
-    bumps: Array = field(default_factory=lambda: np.zeros(0))
+    harmonic_coefficients: Array = field(default_factory=lambda: np.zeros(0))
     degree: int = 0
 
     @property
-    def exact(self) -> bool:
-        """Whether it is a sphere."""
+    def is_sphere(self) -> bool:
+        """Whether the surface is an exact sphere."""
         return not self.degree
 
-    def waves(self, direction: Array) -> tuple[Array, Array]:
-        """Harmonics (N, K) and slopes (N, K, 3) in unit directions (N, 3)."""
-        if self.exact:
+    def harmonics_at(self, direction: Array) -> tuple[Array, Array]:
+        """Harmonics (N, K) and their gradients (N, K, 3) in unit directions (N, 3)."""
+        if self.is_sphere:
             return np.zeros((len(direction), 0)), np.zeros((len(direction), 0, 3))
-        return harmonics(direction, LOWEST, self.degree)
+        return harmonics(direction, LOWEST_DEGREE, self.degree)
 
-    def reach(self, direction: Array) -> Array:
-        """Distance (N,) [m] from the centre in unit directions (N, 3)."""
-        return self.radius_m * (1 + self.waves(direction)[0] @ self.bumps)
+    def radius_at(self, direction: Array) -> Array:
+        """Distance (N,) [m] of the surface from the centre in unit directions (N, 3)."""
+        return self.radius_m * (1 + self.harmonics_at(direction)[0] @ self.harmonic_coefficients)
 
-    def relief(self, origin: Array, direction: Array) -> Relief | None:
-        """Harmonics where rays (N, 3) from inside meet the sphere; None if it is exact.
+    def shape_derivatives(self, origin: Array, direction: Array) -> ShapeDerivatives | None:
+        """Harmonics and their gradients where rays (N, 3) from inside meet the sphere.
 
-        They go on as their tangents do: `meet` and `hit` may be given those of rays 1e-3 rad off,
-        of other coefficients and another radius, at an error below 1e-7 of it for every 1e-4 of the
-        coefficients.
+        None for an exact sphere. `on_screen` and the kernels extrapolate them linearly, so one
+        evaluation serves for rays up to 1e-3 rad away, other coefficients and another radius; the
+        error is below 1e-7 of the radius for coefficients of 1e-4.
         """
-        if self.exact:
+        if self.is_sphere:
             return None
         start = intersect_sphere(origin, direction, self.radius_m) / self.radius_m
-        return Relief(start, *self.waves(start))
+        return ShapeDerivatives(start, *self.harmonics_at(start))
 
-    def meet(self, origin: Array, direction: Array, relief: Relief | None = None) -> Array:
-        """Points (N, 3) [m] where rays from inside meet the surface; NaN if they miss."""
-        return self.hit(origin, direction, relief)[0]
+    def intersect(self, origin: Array, direction: Array) -> Array:
+        """Points (N, 3) [m] where rays from inside meet the surface; NaN where they miss."""
+        return self.hit(origin, direction).point
 
-    def hit(self, origin: Array, direction: Array, relief: Relief | None = None) -> Hit:
-        """Where rays meet the surface; its relief is taken where they meet the sphere unless given."""
-        relief = self.relief(origin, direction) if relief is None else relief
-        return on_screen(origin, direction, self.radius_m, self.bumps, relief)
+    def hit(self, origin: Array, direction: Array) -> Hit:
+        """Points and outward gradients where rays (N, 3) meet the surface."""
+        derivatives = self.shape_derivatives(origin, direction)
+        return on_screen(origin, direction, self.radius_m, self.harmonic_coefficients, derivatives)
 
 
 def shape_coefficient_count(degree: int) -> int:
     """Number of coefficients up to a degree; 0 for an exact sphere."""
-    return harmonic_count(LOWEST, degree) if degree else 0
+    return harmonic_count(LOWEST_DEGREE, degree) if degree else 0

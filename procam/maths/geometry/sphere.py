@@ -1,7 +1,8 @@
-"""Directions, dome masters, spheres and solid angles (design.md s.2, science.md s.3).
+"""Directions, dome masters, spheres and solid angles (docs/theory/geometry.md).
 
-Dome frame: right-handed, origin at the sphere's centre, z the pole of the cap, x to the front,
-y to the audience's left. Azimuth 0 is the front, + to the left; elevation counts from the springline.
+Dome frame: right-handed, origin at the sphere's centre, z towards the pole of the cap, x to the
+front, y to the audience's left. Azimuth is 0 at the front and positive to the left; elevation is
+measured from the springline plane.
 """
 
 from typing import Any
@@ -11,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+ARCMIN = np.degrees(1) * 60  # arcminutes in a radian
 
 
 def direction_from_angles(azimuth: ArrayLike, elevation: ArrayLike) -> Array:
@@ -34,21 +36,21 @@ def normalise(vectors: Array) -> Array:
 
 
 def angle_between(first: Array, second: Array) -> Array:
-    """Angles [rad] between unit directions (..., 3); exact for tiny angles, unlike arccos."""
+    """Angles [rad] between unit directions (..., 3); accurate for small angles, unlike arccos."""
     return 2 * np.arcsin(np.clip(np.linalg.norm(first - second, axis=-1) / 2, 0, 1))
 
 
 def master_directions(size: int, fov: float = np.pi) -> tuple[Array, Mask]:
-    """Directions (N, N, 3) of the pixels of an equidistant dome master, and which lie inside.
+    """Directions (N, N, 3) of an equidistant dome master's pixels, and which lie inside the circle.
 
-    Front is at the bottom edge, left at the left (design.md s.2). `fov` [rad] is the full angle.
+    Front is at the bottom edge, left at the left. `fov` is the full field of view [rad].
     """
     xyz, _, inside = _master(size, fov, np.float64)
     return np.stack(xyz, axis=-1), inside
 
 
 def master_planes(size: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Directions (3, N, N) and solid angles (N, N) [sr] of a half sphere's master, in single precision.
+    """Directions (3, N, N) and solid angles (N, N) [sr] of a 180 degree master in single precision.
 
     Four times as fast as `master_directions` and `master_solid_angles`.
     """
@@ -60,7 +62,7 @@ def master_planes(size: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
 def _master(
     size: int, fov: float, dtype: type[np.floating]
 ) -> tuple[list[NDArray[Any]], NDArray[Any], Mask]:
-    """x, y, z of a master's pixels, sin(theta) / theta of their angle off the pole, which lie inside."""
+    """x, y, z of a master's pixels, sin(theta) / theta of their polar angle, and which lie inside."""
     offset = ((np.arange(size) - (size - 1) / 2) / (size / 2)).astype(dtype)
     q = np.hypot(offset[:, None], offset)
     theta = q * dtype(fov / 2)
@@ -74,7 +76,7 @@ def master_pixels(
 ) -> NDArray[np.floating]:
     """Pixel coordinates (..., 2) as (column, row) of unit directions in a dome master.
 
-    Keeps float32 directions in float32: good to 1e-3 px of an 8192 px master.
+    float32 directions give float32 pixels, accurate to 1e-3 px in an 8192 px master.
     """
     x, y, z = np.moveaxis(direction, -1, 0)
     horizontal = np.sqrt(x * x + y * y)
@@ -88,14 +90,14 @@ def master_pixels(
 
 
 def master_solid_angles(size: int, fov: float = np.pi) -> Array:
-    """Solid angle (N, N) [sr] of each dome-master pixel; 0 outside the circle (science.md s.3)."""
+    """Solid angles (N, N) [sr] of dome-master pixels, 0 outside (docs/theory/geometry.md (G4))."""
     offset = (np.arange(size) - (size - 1) / 2) / (size / 2)
     theta = np.hypot(*np.meshgrid(offset, offset)) * fov / 2
     return np.where(theta <= fov / 2, np.sinc(theta / np.pi) * (fov / size) ** 2, 0.0)
 
 
 def cap_solid_angle(half_angle: float) -> float:
-    """Solid angle [sr] of a cap of the given half angle [rad].
+    """Solid angle [sr] of a cap with half angle [rad].
 
     >>> round(cap_solid_angle(np.pi / 2) / np.pi, 9)
     2.0
@@ -104,10 +106,10 @@ def cap_solid_angle(half_angle: float) -> float:
 
 
 def intersect_sphere(origin: Array, direction: Array, radius: float | Array) -> Array:
-    """Points (..., 3) where rays from inside a sphere round the origin meet it; NaN if they miss.
+    """Points (..., 3) [m] where rays from inside meet a sphere around the origin; NaN if they miss.
 
-    `origin` (..., 3) [m], unit `direction` (..., 3). The far root, so that a device may stand on
-    the sphere itself.
+    `origin` (..., 3) [m], unit `direction` (..., 3). The farther root (docs/theory/geometry.md (G1)),
+    so that a device may stand on the sphere itself.
     """
     along = np.sum(origin * direction, axis=-1)
     outside = np.sum(origin * origin, axis=-1) - radius**2
@@ -119,8 +121,8 @@ def intersect_sphere(origin: Array, direction: Array, radius: float | Array) -> 
 def triangle_solid_angles(a: Array, b: Array, c: Array) -> Array:
     """Signed solid angles [sr] of triangles with unit corners (..., 3).
 
-    Van Oosterom & Strackee 1983, doi:10.1109/TBME.1983.325207. The triple product is taken from
-    edge differences: for small triangles it loses no digits.
+    docs/theory/geometry.md (G3): Van Oosterom & Strackee 1983, doi:10.1109/TBME.1983.325207. The
+    triple product uses edge differences, which avoids cancellation for small triangles.
     """
     triple = np.sum(a * np.cross(b - a, c - a), axis=-1)
     denominator = 1 + np.sum(a * b, -1) + np.sum(b * c, -1) + np.sum(c * a, -1)
@@ -130,8 +132,9 @@ def triangle_solid_angles(a: Array, b: Array, c: Array) -> Array:
 def grid_solid_angles(corners: Array) -> Array:
     """Solid angles (H, W) [sr] of the cells of a grid of unit corner directions (H+1, W+1, 3).
 
-    Unsigned, two great-circle triangles per cell: pixel edges from an off-centre projector are
-    small circles, a relative error of 1e-6 and less per pixel (science.md s.3). NaN corners give NaN.
+    Unsigned; two great-circle triangles per cell. The pixel edges of an off-centre projector are
+    small circles: a relative error below 1e-6 per pixel (docs/theory/geometry.md (G3)). NaN corners
+    give NaN.
     """
     top_left, top_right = corners[:-1, :-1], corners[:-1, 1:]
     bottom_left, bottom_right = corners[1:, :-1], corners[1:, 1:]

@@ -1,4 +1,9 @@
-"""Problem (P): direct light within limits whose total is the target wherever that can be."""
+"""Exact compensation: direct light within limits whose total is the target wherever no limit holds.
+
+With N = I + U V^T the scattered light depends on the picture through the moments V^T b0 alone, so the
+problem over all patches reduces to K unknowns (docs/theory/compensation.md C2), solved by Newton's
+method on a piecewise linear function.
+"""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,64 +19,73 @@ TINY = 1e-12
 def solve_flux(
     target: Array, scatter_per_flux: Array, solid_angle_sr: Array, lo: Array, hi: Array
 ) -> float:
-    """Direct flux [rel sr] at which clip(t - u flux, lo, hi) has that very flux (science.md s.5 P).
+    """Direct flux F [rel sr] that solves sum a clip(t - u F, lo, hi) = F, for one channel.
 
-    One channel: all arrays (N,). h(F) = sum a clip(t - u F, lo, hi) - F falls strictly and is
-    piecewise linear, so Newton's step from any point lands on the root of the current piece; a
-    bracket guards it. The root is unique and every patch that is not clipped is exact.
+    All arrays (N,). This is (C2) for K = 1. The left side less F is piecewise linear and strictly
+    decreasing, so the root is unique and a Newton step lands on the root of the current linear
+    segment; bisection is the fallback. Every patch that is not clipped is exact.
+
+    Raises
+    ------
+    DidNotConverge
+        If the flux still changes after `MAX_STEPS` steps.
     """
     low, high = float(solid_angle_sr @ lo), float(solid_angle_sr @ hi)
     value = float(np.clip(solid_angle_sr @ target, low, high))
     for _ in range(MAX_STEPS):
         wanted = target - scatter_per_flux * value
-        excess = float(solid_angle_sr @ np.clip(wanted, lo, hi)) - value
-        if excess > 0:
+        residual = float(solid_angle_sr @ np.clip(wanted, lo, hi)) - value
+        if residual > 0:
             low = value
         else:
             high = value
         free = (wanted > lo) & (wanted < hi)
         slope = 1.0 + float(solid_angle_sr[free] @ scatter_per_flux[free])
-        following = value + excess / slope
+        following = value + residual / slope
         if not low <= following <= high:
             following = (low + high) / 2
         if abs(following - value) <= 1e-12 * max(high, 1e-300) or low == high:
             return following
         value = following
     raise DidNotConverge(
-        f"exact compensation: the flux still moves after {MAX_STEPS} steps (between {low:.6g} and "
+        f"exact compensation: the flux still changes after {MAX_STEPS} steps (between {low:.6g} and "
         f"{high:.6g}); check scatter_per_flux for negative or non-finite values"
     )
 
 
 def solve_moments(target: Array, spread: Array, collect: Array, lo: Array, hi: Array) -> Array:
-    """Moments M (K,) at which clip(t - U M, lo, hi) has those very moments V^T b0.
+    """Moments M (K,) that solve V^T clip(t - U M, lo, hi) = M, for one channel.
 
-    The same problem where bounced light is U V^T b0, `spread` U (N, K), `collect` V (N, K); K = 1 is
-    `solve_flux`. Newton's step solves the piece at hand, I + V_F^T U_F over the free patches; it is halved
-    while it does not help.
+    This is (C2) with `spread` U (N, K) and `collect` V (N, K); `solve_flux` is K = 1. The Jacobian is
+    I + V_F^T U_F over the patches F that are not clipped; a step is halved until it reduces the residual.
+
+    Raises
+    ------
+    DidNotConverge
+        If the moments still change after `MAX_STEPS` steps.
     """
 
-    def excess(at: Array) -> tuple[Array, NDArray[np.bool_]]:
+    def residual(at: Array) -> tuple[Array, NDArray[np.bool_]]:
         wanted = target - spread @ at
         return collect.T @ np.clip(wanted, lo, hi) - at, (wanted > lo) & (wanted < hi)
 
     value = collect.T @ np.clip(target, lo, hi)
-    left, free = excess(value)
+    left, free = residual(value)
     scale = max(float(np.abs(value).max()), 1e-300)
     for _ in range(MAX_STEPS):
         slope = np.eye(len(value)) + collect[free].T @ spread[free]
         step = np.linalg.solve(slope, left)
         for _ in range(HALVINGS):
-            after, free = excess(value + step)
+            after, free = residual(value + step)
             if np.linalg.norm(after) < np.linalg.norm(left):
                 break
             step /= 2
         else:
-            after, free = excess(value + step)
+            after, free = residual(value + step)
         value, left = value + step, after
         if np.abs(step).max() <= TINY * scale:
             return np.asarray(value)
     raise DidNotConverge(
-        f"exact compensation: the light still moves after {MAX_STEPS} steps (by "
+        f"exact compensation: the moments still change after {MAX_STEPS} steps (by "
         f"{np.abs(step).max():.3g}); check scatter_per_flux for negative or non-finite values"
     )

@@ -1,4 +1,4 @@
-"""Monotone response curves as tables: drive in, relative linear light out, and back."""
+"""Monotone response curves as tables from drive to relative linear light, and sRGB."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,14 +7,14 @@ Array = NDArray[np.float64]
 
 
 def apply_curve(drive: NDArray[np.floating], levels: Array, values: Array) -> Array:
-    """Linear light per channel of `drive` (..., 3), from tables `levels` (K,) and `values` (K, 3)."""
+    """Linear light (..., 3) of `drive` (..., 3), from tables `levels` (K,) and `values` (K, 3)."""
     return np.stack(
         [np.interp(drive[..., c], levels, values[:, c]) for c in range(values.shape[1])], axis=-1
     )
 
 
 def invert_curve(linear: NDArray[np.floating], levels: Array, values: Array) -> Array:
-    """Drive per channel that gives `linear` (..., 3); clipped to the table's ends."""
+    """Drive (..., 3) that gives `linear` (..., 3), clipped to the table; inverse of `apply_curve`."""
     return np.stack(
         [np.interp(linear[..., c], values[:, c], levels) for c in range(values.shape[1])], axis=-1
     )

@@ -1,7 +1,9 @@
-"""Add and remove the light that bounces round a concave screen (science.md s.1).
+"""Add and remove the inter-reflection of a concave screen (docs/theory/interreflection.md).
 
-Measured form: u (`scatter_per_flux`) is the scattered radiosity per unit of direct flux, so all
-bounces of all patches are one scalar per colour and m = a.u (`feedback`) is how much light they add.
+On a sphere every patch lights every other alike, so all bounces of all patches depend on the picture
+through one scalar per channel, its direct flux a.b0. In the measured form u (`scatter_per_flux`) is the
+scattered radiosity per unit of that flux, and the feedback m = a.u is total over direct flux, less 1.
+`sphere_scatter` computes u from albedo and area.
 """
 
 import numpy as np
@@ -14,16 +16,16 @@ ROUNDING = 1e-9
 
 
 def flux(radiosity: Array, solid_angle_sr: Array) -> Array:
-    """Total a.b (C,) [rel sr] of radiosities (N, C) over patches of `solid_angle_sr` (N,)."""
+    """Flux a.b (C,) [rel sr] of radiosity (N, C) over patches of `solid_angle_sr` (N,)."""
     if radiosity.shape[:1] != solid_angle_sr.shape:
         raise ShapeError("solid_angle_sr", solid_angle_sr.shape, f"({radiosity.shape[0]},)")
     return np.asarray(solid_angle_sr @ radiosity)
 
 
 def add_interreflection(direct: Array, scatter_per_flux: Array, solid_angle_sr: Array) -> Array:
-    """Total radiosity (N, C) that direct radiosity (N, C) [rel] becomes after all bounces.
+    """Total radiosity (N, C) [rel] of direct radiosity (N, C), all bounces included.
 
-    b_i = b0_i + u_i (a.b0), the measured form of science.md s.1; exact on a sphere.
+    b_i = b0_i + u_i (a.b0), docs/theory/interreflection.md (I11); exact on a sphere.
 
     >>> u, a = np.full((4, 1), 0.1), np.ones(4)
     >>> add_interreflection(np.ones((4, 1)), u, a).ravel().tolist()
@@ -33,113 +35,49 @@ def add_interreflection(direct: Array, scatter_per_flux: Array, solid_angle_sr: 
 
 
 def remove_interreflection(total: Array, scatter_per_flux: Array, solid_angle_sr: Array) -> Array:
-    """Direct radiosity (N, C) behind a total one (N, C) [rel]; the inverse of the above.
+    """Direct radiosity (N, C) [rel] of a total one (N, C); the inverse of `add_interreflection`.
 
-    b0_i = b_i - u_i (a.b) / (1 + m), m = a.u: paper eq. 12 with its correction (science.md s.1).
+    b0_i = b_i - u_i (a.b) / (1 + m), m = a.u (I12).
     """
-    feedback = flux(scatter_per_flux, solid_angle_sr)
-    return np.asarray(total - scatter_per_flux * flux(total, solid_angle_sr) / (1 + feedback))
-
-
-def add_zoned_interreflection(direct: Array, scatter: Array, collect: Array) -> Array:
-    """Total radiosity (N, C) where scattered light depends on where the direct light fell.
-
-    b = b0 + sum over zones z of u_z (w_z . b0): `scatter` (Z, N, C) is u of each zone, `collect`
-    (Z, N) the solid angle [sr] of each patch that counts to it. One zone of all is the form above;
-    zones may be projectors, quarters of the dome, or coarse patches of a furnished room.
-    """
-    caught = np.einsum("zn,nc->zc", collect, direct)
-    return np.asarray(direct + np.einsum("znc,zc->nc", scatter, caught))
-
-
-def remove_zoned_interreflection(total: Array, scatter: Array, collect: Array) -> Array:
-    """Direct radiosity (N, C) behind a total one; the inverse of the above by Woodbury's identity.
-
-    w.b = (1 + W U) w.b0 is a system of the size of the zones, per channel.
-    """
-    feedback = np.einsum("yn,znc->cyz", collect, scatter)
-    caught = np.einsum("zn,nc->cz", collect, total)
-    system = np.eye(len(collect)) + feedback
-    direct = np.linalg.solve(system, caught[..., None])[..., 0]
-    return np.asarray(total - np.einsum("znc,cz->nc", scatter, direct))
+    m = flux(scatter_per_flux, solid_angle_sr)
+    return np.asarray(total - scatter_per_flux * flux(total, solid_angle_sr) / (1 + m))
 
 
 def sphere_scatter(albedo: Array, solid_angle_sr: Array, returned: float = 0.0) -> Array:
     """Scattered radiosity per flux u (N, C) [1/sr] of all that reflects on a sphere or cap, lit or not.
 
     u_i = rho_i K / (1 - K sum_j a_j rho_j) with K = (1 + returned / f) / (4 pi) and f the cap's share
-    of the sphere; `returned` is what a floor sends back, 0 for none (paper eq. 10 with its
-    correction, science.md s.1). Projectors that overlap must not count a patch twice.
+    of the sphere: (I6) and (I15). `returned` is from `floor_return`, 0 without a floor. A patch that
+    several projectors light counts once.
 
     Raises
     ------
     InputError
-        If the room would win light.
+        If the room would reflect as much light as it receives, or more.
     """
     fraction = float(np.sum(solid_angle_sr)) / (4 * np.pi)
     kernel = (1 + returned / fraction) / (4 * np.pi)
     kappa = kernel * flux(albedo, solid_angle_sr)
     if (kappa > 1 - ROUNDING).any():
         raise InputError(
-            f"albedo: got a room that gives back {kappa.max():.3g} of its light at every bounce, "
-            "expected less than 1; an albedo of 1 in a closed room never darkens"
+            f"albedo: the room reflects {kappa.max():.3g} of its light at every bounce; it needs to "
+            "reflect less than 1, so lower the albedo"
         )
     return np.asarray(albedo * kernel / (1 - kappa))
 
 
-def bounce(direct: Array, albedo: Array, solid_angle_sr: Array, order: int) -> Array:
-    """Radiosity (N, C) that the `order`-th bounce (1, 2, ...) adds on a sphere.
-
-    b^m_i = rho_i / (4 pi) kappa^(m-1) (a.b0), kappa = a.rho / (4 pi): paper eq. 9 with its
-    correction. The patches are all that reflects.
-    """
-    kappa = flux(albedo, solid_angle_sr) / (4 * np.pi)
-    return np.asarray(albedo / (4 * np.pi) * kappa ** (order - 1) * flux(direct, solid_angle_sr))
-
-
-def bounce_paper(direct: Array, albedo: float, solid_angle_sr: Array, order: int) -> Array:
-    """Paper eq. 9 to the letter, (rho/A_s)^m a^(m-1) (a.b0), of one albedo; see `bounce`.
-
-    Exact only if the patches given are ALL that reflects and of that albedo.
-    """
-    share = albedo / (4 * np.pi)
-    area = float(np.sum(solid_angle_sr))
-    light = share**order * area ** (order - 1) * flux(direct, solid_angle_sr)
-    return np.asarray(np.broadcast_to(light, direct.shape))
-
-
-def add_interreflection_paper(direct: Array, albedo: float, solid_angle_sr: Array) -> Array:
-    """Paper eq. 10 to the letter, b = b0 + rho / (A_s - a rho) (a.b0), kept for comparison.
-
-    With the lit area alone it understates the pollution by (1 - rho f_R) / (1 - rho f_L), f_R and
-    f_L the shares of the sphere that reflect and that are lit (science.md s.1).
-    """
-    area = float(np.sum(solid_angle_sr))
-    return np.asarray(direct + albedo / (4 * np.pi - area * albedo) * flux(direct, solid_angle_sr))
-
-
-def remove_interreflection_paper(total: Array, albedo: Array, solid_angle_sr: Array) -> Array:
-    """Paper eq. 12 to the letter, b0 = b - rho/A_s (a.b), kept for comparison.
-
-    Exact only if the patches given are ALL that reflects: with the lit area alone it understates
-    the pollution wherever anything else in the room reflects (science.md s.1).
-    """
-    sphere_sr = 4 * np.pi
-    return np.asarray(total - albedo / sphere_sr * flux(total, solid_angle_sr))
-
-
 def floor_return(half_angle: float, tilt: float, floor_albedo: float) -> float:
-    """Share of a cap's light [-] that a level Lambertian floor sends back to it.
+    """Share of a cap's light [-] that a level Lambertian floor returns to it.
 
-    The floor is the disc that the level plane through the rim's lowest point cuts out of the
-    sphere; between it and the rim the room is black. Light of a sphere's patch spreads evenly
-    over the whole sphere (paper eq. 7), so what reaches the floor is the share of the sphere
-    below its plane, and reciprocity gives the way back.
+    The floor is the disc that the level plane through the rim's lowest point cuts out of the sphere;
+    between it and the rim the room is black. Light from a patch of a sphere is uniform over the whole
+    sphere (I5), so the floor receives the share of the sphere below its plane; reciprocity gives the
+    share that it returns (I14).
 
     >>> round(floor_return(np.pi / 2, 0.0, 0.2), 9)  # a floor that closes a hemisphere
     0.1
     """
-    depth = -np.cos(min(half_angle + abs(tilt), np.pi))  # of the plane below the centre, in radii
+    depth = -np.cos(min(half_angle + abs(tilt), np.pi))  # floor below the centre, in radii
     to_floor = (1 - depth) / 2
     cap = 4 * np.pi * np.sin(half_angle / 2) ** 2
     back = cap * to_floor / (np.pi * (1 - depth**2))
@@ -149,16 +87,21 @@ def floor_return(half_angle: float, tilt: float, floor_albedo: float) -> float:
 def albedo_from_feedback(
     feedback: Array, lit_sr: float, screen_sr: float, returned: float = 0.0
 ) -> Array:
-    """Mean albedo (C,) of a cap whose lit part feeds back `feedback` (C,) [-].
+    """Mean albedo (C,) of a cap from its feedback (C,) [-].
 
-    The cap of `screen_sr` is taken to have one albedo, lit (`lit_sr`) or not; `returned` is what
-    its floor sends back. m = rho K a_L / (1 - rho K a_R) with K = (1 + returned / f) / (4 pi) and
-    f = a_R / 4 pi, the form of science.md s.1 for a cap closed by a floor.
+    Assumes one albedo for the whole cap of `screen_sr`, of which `lit_sr` is lit; `returned` is from
+    `floor_return`. Solves m = rho K a_L / (1 - rho K a_R) for rho, with K = (1 + returned / f) / (4 pi)
+    and f = a_R / 4 pi: (I15) over the lit part.
+
+    Raises
+    ------
+    InputError
+        If the lit part is empty or larger than the cap.
     """
     if not 0 < lit_sr <= screen_sr * (1 + 1e-9):
         raise InputError(
-            f"lit solid angle: got {lit_sr:.4g} sr, expected between 0 and the screen's "
-            f"{screen_sr:.4g} sr; check half_angle_deg in venue.toml"
+            f"the lit solid angle is {lit_sr:.4g} sr; it needs to be between 0 and the screen's "
+            f"{screen_sr:.4g} sr, so check half_angle_deg in venue.toml"
         )
     fraction = screen_sr / (4 * np.pi)
     kernel = (1 + returned / fraction) / (4 * np.pi)

@@ -1,13 +1,14 @@
-"""Scattered light that depends, smoothly, on where the direct light fell (science.md s.1).
+"""Scattered light that depends smoothly on where the direct light falls.
 
-On a bare sphere every patch lights all others alike, and one scalar says it all. A floor, seats or a
-pod bend that a little. What they return is smooth on both sides and reciprocal: with phi the
-spherical harmonics up to a degree, made orthonormal over the upper half sphere one after the other, a
-patch of albedo rho_i gets
+On a bare sphere one scalar per channel, the direct flux, determines the scattered light. A floor, seats
+or a pod add light that depends on position. That light is smooth and the transport is reciprocal, so
+with phi the spherical harmonics up to a degree, made orthonormal over the upper half sphere,
 
-    b+_i = rho_i phi_i^T B M,    M = sum_j a_j phi_j b0_j,    B = B^T.
+    b+_i = rho_i phi_i^T B M,    M = sum_j a_j phi_j b0_j,    B = B^T
 
-Degree 0 is the one scalar. N = I + U V^T, so that both directions cost O(n K).
+(docs/theory/interreflection.md I16). Degree 0 is the one scalar. N = I + U V^T has rank K, so both
+directions cost O(n K). B follows by linear least squares from pictures of known direct light; the
+ratio of their scattered light to that of full white does not depend on the albedo (I17).
 """
 
 from dataclasses import dataclass
@@ -19,16 +20,16 @@ from numpy.typing import NDArray
 from procam.maths.geometry.harmonics import harmonics
 
 Array = NDArray[np.float64]
-# of the numbers in B towards a bare sphere's, times the square of the number of pictures: their errors
-# go together, so that many pictures do not tell more than one. A third or three times of it serve as well.
-PULL = 1.0
+# weight of the prior towards a bare sphere's B, times the number of pictures squared: the errors of
+# the pictures are correlated, so their number must not weaken it. A third or three times it does as well
+PRIOR_WEIGHT = 1.0
 
 
 def basis(direction: Array, degree: int) -> Array:
     """Functions phi (N, K) at unit directions (N, 3), K = (degree + 1)^2; the first is 1.
 
-    Of mean square 1 over the upper half sphere: harmonics alone are nearly dependent there, and then
-    numbers in B that mean nothing grow large.
+    They are orthonormal over the upper half sphere. The harmonics themselves are nearly dependent
+    there, and a fit to them gives large coefficients that cancel.
     """
     if degree == 0:
         return np.ones((len(direction), 1))
@@ -37,10 +38,10 @@ def basis(direction: Array, degree: int) -> Array:
 
 @cache
 def _half_sphere(degree: int) -> Array:
-    """(K, K) upper triangular, from harmonics to functions orthonormal on the half sphere.
+    """(K, K) upper triangular matrix from harmonics to functions orthonormal on the half sphere.
 
-    Products of harmonics are polynomials of degree 2 `degree`: Gauss-Legendre points in z and evenly
-    spaced ones in azimuth integrate them exactly.
+    Products of harmonics are polynomials of degree 2 `degree`, which Gauss-Legendre points in z and
+    equally spaced ones in azimuth integrate exactly.
     """
     points, weights = np.polynomial.legendre.leggauss(degree + 1)
     count = 2 * degree + 1
@@ -54,16 +55,19 @@ def _half_sphere(degree: int) -> Array:
 
 
 def moments(direct: Array, solid_angle_sr: Array, phi: Array) -> Array:
-    """M (K, C) [rel sr] of direct light (N, C) over patches (N,); its first row is the flux."""
+    """Moments M (K, C) [rel sr] of direct light (N, C) over patches (N,); the first row is the flux."""
     return np.asarray(phi.T @ (solid_angle_sr[:, None] * direct))
 
 
 @dataclass(frozen=True, slots=True)
 class ZoneMeasurements:
-    """What pictures of known direct light tell of B, of one colour; any subset of them can be fitted.
+    """Normal equations for B of one channel, per picture, so that any subset can be fitted.
 
-    `normal` (P, T, T): normal equations of each picture for the T numbers in B. `mean` (T,): their
-    shares in the mean of what white brings. `white` (K,): moments of a unit of white's flux.
+    Attributes
+    ----------
+    normal : (P, T, T) normal equations of each picture for the T free entries of B.
+    mean : (T,) derivatives of the mean scattered light of full white by these entries.
+    white : (K,) moments of full white per unit of its flux.
     """
 
     normal: Array
@@ -74,19 +78,20 @@ class ZoneMeasurements:
     def of(
         cls, phi: Array, pictures: tuple[Array, Array, Array], white: Array
     ) -> "ZoneMeasurements":
-        """Gather it.
+        """Normal equations from pictures.
 
         Parameters
         ----------
         phi : (N, K) at the patches.
-        pictures : ratio (P, N), bounced light over that which a unit of white's flux brings to the
-            patch, NaN where unknown; weight (P, N); moment (P, K) of the pictures' direct light.
-        white : (K,) moments of white.
+        pictures : ratio (P, N) of the scattered light to that of full white per unit of flux, NaN
+            where unknown; weight (P, N); moment (P, K) of the direct light.
+        white : (K,) moments of full white.
 
         Notes
         -----
-        White brings E_i = phi_i^T B M_w / flux_w to a patch, over its paint; a picture ratio_pi E_i, which
-        is phi_i^T B M_p: so phi_i^T B (M_p - ratio_pi M_w / flux_w) = 0 whatever the paint.
+        Per unit of flux and of albedo, full white scatters E_i = phi_i^T B M_w / flux_w to a patch.
+        Picture p scatters ratio_pi E_i = phi_i^T B M_p. Hence phi_i^T B (M_p - ratio_pi M_w / flux_w) = 0
+        for any albedo (I17).
         """
         upper, white = np.triu_indices(phi.shape[1]), white / white[0]
         ratio, weight, moment = pictures
@@ -100,31 +105,31 @@ class ZoneMeasurements:
         return cls(np.array(normal), mean, white)
 
     def fit(self, pictures: NDArray[np.bool_]) -> tuple[Array, Array]:
-        """B (K, K) and white's profile g (K,), E_i = phi_i.g, from some of the pictures (P,).
+        """B (K, K) and the profile g (K,) of full white, E_i = phi_i.g, from a subset of pictures (P,).
 
-        Least squares with E on average 1; what no picture shows stays near 0, where B is for a bare
-        sphere but for its first number.
+        Least squares under the constraint that E is 1 on average. Entries that no picture determines
+        stay near 0, their value for a bare sphere (all but the first).
         """
         normal = self.normal[pictures].sum(axis=0)
-        pull = PULL * np.count_nonzero(pictures) ** 2
-        normal[np.diag_indices(len(normal))] += np.where(np.arange(len(normal)) > 0, pull, 0)
-        numbers = np.linalg.solve(normal, self.mean)
+        prior = PRIOR_WEIGHT * np.count_nonzero(pictures) ** 2
+        normal[np.diag_indices(len(normal))] += np.where(np.arange(len(normal)) > 0, prior, 0)
+        entries = np.linalg.solve(normal, self.mean)
         size = len(self.white)
         matrix = np.zeros((size, size))
-        matrix[np.triu_indices(size)] = numbers / (self.mean @ numbers)
+        matrix[np.triu_indices(size)] = entries / (self.mean @ entries)
         matrix = np.triu(matrix) + np.triu(matrix, 1).T
         return matrix, matrix @ self.white
 
 
 def predicted_ratio(phi: Array, matrix: Array, profile: Array, moment: Array) -> Array:
-    """Ratio (P, N), as `ZoneMeasurements` takes it, that pictures of moments (P, K) should show."""
+    """Ratio (P, N), as in `ZoneMeasurements.of`, predicted for pictures of moments (P, K)."""
     return np.asarray((moment @ matrix) @ phi.T / (phi @ profile))
 
 
 def _symmetric_rows(
     phi: Array, moment: Array, upper: tuple[NDArray[np.intp], NDArray[np.intp]]
 ) -> Array:
-    """Derivatives (S, K (K + 1) / 2) of phi^T B M, rows (S, K) each, by the upper triangle of B."""
+    """Derivatives (S, K (K + 1) / 2) of phi^T B M, for rows (S, K) of both, by the upper triangle of B."""
     first, second = upper
     rows = phi[:, first] * moment[:, second]
     return np.asarray(rows + np.where(first == second, 0, phi[:, second] * moment[:, first]))

@@ -1,4 +1,4 @@
-"""Transfer functions by name: how encoded values stand for linear light."""
+"""Transfer functions by name: encoded values to linear light and back."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -25,15 +25,15 @@ class Transfer:
 def transfer(name: str) -> Transfer:
     """The transfer function of that name.
 
-    srgb is IEC 61966-2-1; bt1886 is gamma 2.4, what Rec. ITU-R BT.1886 displays do to BT.709 video.
+    srgb is IEC 61966-2-1; bt1886 is gamma 2.4, the display of BT.709 video by Rec. ITU-R BT.1886.
 
     >>> float(transfer("gamma2.2").encode(np.array(0.5)).round(4))
     0.7297
     """
     if name not in _TRANSFERS:
         raise InputError(
-            f"transfer function: got {name!r}, expected one of {', '.join(_TRANSFERS)}; "
-            "which one is it that the content was made for?"
+            f"transfer function {name!r} is unknown; choose the one that the content was made for: "
+            f"{', '.join(_TRANSFERS)}"
         )
     return _TRANSFERS[name]
 
@@ -56,4 +56,4 @@ _TRANSFERS: Mapping[str, Transfer] = MappingProxyType(
         "bt1886": _power("bt1886", 2.4),
     }
 )
-NAMES = tuple(_TRANSFERS)
+TRANSFER_NAMES = tuple(_TRANSFERS)

@@ -1,11 +1,13 @@
-"""Direct light within limits on a screen of any shape, one colour (science.md s.1, s.5).
+"""Direct light within limits on a screen of any shape, one colour (docs/theory/compensation.md (C5)).
 
-With Q = I - rho F (paper eq. 1) and N its inverse, total light is b = N b0. Both problems are fixed points of
-maps that bring all points closer. Newton's step from the piece at hand is taken where it helps, else the
-sure step: so the limits that hold, the active set, are found in a few steps from anywhere.
+With N = (I - rho F)^-1 (docs/theory/interreflection.md (I3)) the total light is b = N b0. Problem (P)
+asks for the target wherever no limit holds, problem (W) for the least weighted squared error. Both
+are fixed points of contractions. Each iteration tries a Newton step for the active set of the
+contraction's result and keeps it if it reduces the residual; otherwise it takes the contraction's
+own step, which converges from any start.
 
-Steps are solved with the factors in single precision and judged in double, which makes each step also the
-refinement of the one before.
+The systems within a step are solved in single precision and their residuals evaluated in double, so
+each step also refines the previous one.
 """
 
 from collections.abc import Callable
@@ -18,14 +20,14 @@ from scipy.sparse.linalg import LinearOperator, cg, gmres
 from procam.errors import DidNotConverge
 
 Array = NDArray[np.float64]
-Light = Callable[[Array], Array]
-ROWS = 256  # of the factors, made double at a time
+Operator = Callable[[Array], Array]
+ROWS = 256  # of the form factors, converted to double at a time
 STEPS = 200
-EXACT = 1e-13  # of the light, that a balance may leave unaccounted for
-SETTLED = 1e-12  # of the light, that a solution may still move
-HELPS = 0.9  # of what was left, that a Newton step must get below
-STEP = 1e-5  # relative accuracy of a step
-INNER = 1e-6  # of the balances within one
+BALANCED = 1e-13  # of the largest light: residual of an interreflection solve
+CONVERGED = 1e-12  # of the light: change at which an iteration ends
+REDUCTION = 0.9  # of the residual, below which a Newton step is kept
+NEWTON_ACCURACY = 1e-5  # relative
+INNER_ACCURACY = 1e-6  # relative, of the interreflection solves within a Newton step
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,42 +37,42 @@ class MeshRoom:
     albedo: Array
     factors: NDArray[np.floating]
 
-    def once(self, light: Array) -> Array:
-        """Light (N,) that the next bounce of light (N,) brings, rho F b."""
+    def bounce(self, light: Array) -> Array:
+        """The next bounce rho F b (N,) of light (N,)."""
         gathered = [self.factors[at].astype(float) @ light for at in self._blocks()]
         return np.asarray(self.albedo * np.concatenate(gathered))
 
-    def once_back(self, light: Array) -> Array:
-        """The transpose of `once`."""
-        given, back = self.albedo * light, np.zeros_like(light)
+    def bounce_transposed(self, light: Array) -> Array:
+        """The transpose of `bounce`."""
+        weighted, back = self.albedo * light, np.zeros_like(light)
         for at in self._blocks():
-            back += given[at] @ self.factors[at].astype(float)
+            back += weighted[at] @ self.factors[at].astype(float)
         return back
 
-    def all(self, direct: Array) -> Array:
-        """Total light N b0 of direct light (N,)."""
-        return _balance(direct, self.once, self._roughly)
+    def total(self, direct: Array) -> Array:
+        """Total light N b0 (N,) of direct light (N,)."""
+        return _solve(direct, self.bounce, self._total_single)
 
-    def all_back(self, light: Array) -> Array:
-        """The transpose of `all`."""
-        return _balance(light, self.once_back, self._roughly_back)
+    def total_transposed(self, light: Array) -> Array:
+        """The transpose of `total`."""
+        return _solve(light, self.bounce_transposed, self._total_transposed_single)
 
-    def rough_once(self, light: Array) -> Array:
-        """`once` in single precision."""
+    def bounce_single(self, light: Array) -> Array:
+        """`bounce` in single precision."""
         return np.asarray(self.albedo * (self.factors @ light.astype(self.factors.dtype)))
 
-    def rough_hessian(self, weight: Array) -> Light:
+    def hessian_single(self, weight: Array) -> Operator:
         """N^T W N in single precision."""
-        return lambda light: self._roughly_back(weight * self._roughly(light))
+        return lambda light: self._total_transposed_single(weight * self._total_single(light))
 
-    def _roughly(self, light: Array) -> Array:
-        return _step(light, self.rough_once, INNER)
+    def _total_single(self, light: Array) -> Array:
+        return _step(light, self.bounce_single, INNER_ACCURACY)
 
-    def _roughly_back(self, light: Array) -> Array:
-        def once(x: Array) -> Array:
+    def _total_transposed_single(self, light: Array) -> Array:
+        def bounce(x: Array) -> Array:
             return np.asarray((self.albedo * x).astype(self.factors.dtype) @ self.factors)
 
-        return _step(light, once, INNER)
+        return _step(light, bounce, INNER_ACCURACY)
 
     def _blocks(self) -> list[slice]:
         return [slice(at, at + ROWS) for at in range(0, len(self.factors), ROWS)]
@@ -81,34 +83,35 @@ def exact_light(room: MeshRoom, target: Array, lo: Array, hi: Array) -> Array:
 
     Notes
     -----
-    Of the total light that is b = clip(t, lo + rho F b, hi + rho F b), whose right side moves by less than
-    rho F |change|. Where neither limit holds b is the target; the others follow from (I - rho F) b = limit.
+    In total light this is b = clip(t, lo + rho F b, hi + rho F b) (docs/theory/compensation.md (C5)).
+    The right side changes by less than rho F |change of b|, so it is a contraction. Where no limit
+    holds b is the target; the other faces follow from (I - rho F) b = limit.
 
     Raises
     ------
     DidNotConverge
-        If light still moves after many steps.
+        If the light still changes after `STEPS` steps.
     """
 
-    def sure(total: Array) -> Array:
-        bounced = room.once(total)
-        return np.asarray(np.clip(target, lo + bounced, hi + bounced))
+    def contraction(total: Array) -> Array:
+        scattered = room.bounce(total)
+        return np.asarray(np.clip(target, lo + scattered, hi + scattered))
 
     def newton(total: Array, after: Array) -> Array:
         held = after != target
-        return total + _step(after - total, lambda x: held * room.rough_once(x), STEP)
+        return total + _step(after - total, lambda x: held * room.bounce_single(x), NEWTON_ACCURACY)
 
-    total = _settled(target, sure, newton, np.ones_like(target))
-    return np.clip(target - room.once(total), lo, hi)
+    total = _fixed_point(target, contraction, newton, np.ones_like(target))
+    return np.clip(target - room.bounce(total), lo, hi)
 
 
 @dataclass(frozen=True, slots=True)
 class LeastSquares:
-    """(W): the least sum w (N b0 - t)^2 within the limits; all arrays (N,).
+    """Problem (W): the least sum of w (N b0 - t)^2 within the limits; all arrays (N,).
 
-    `curvature` are the sums of the rows of its Hessian N^T W N. Nothing in that is negative, so that it is
-    no more than their diagonal (Gershgorin): a gradient step over them never goes too far, and brings all
-    points closer.
+    `curvature` is the row sums of the Hessian N^T W N, whose entries are not negative. By
+    Gershgorin's theorem they bound its eigenvalues, so a gradient step divided by `curvature` is a
+    contraction (docs/theory/compensation.md (C6)).
     """
 
     room: MeshRoom
@@ -122,77 +125,77 @@ class LeastSquares:
     def of(
         cls, room: MeshRoom, target: Array, weight: Array, lo: Array, hi: Array
     ) -> "LeastSquares":
-        """The problem. Faces without weight are for those whose limits leave no choice."""
-        rows = room.all_back(weight * room.all(np.ones_like(weight)))
+        """The problem; a weight of 0 is only allowed on faces where lo = hi."""
+        rows = room.total_transposed(weight * room.total(np.ones_like(weight)))
         return cls(room, target, weight, lo, hi, np.where(rows > 0, rows, 1))
 
     def step(self, direct: Array) -> Array:
-        """A step downhill from direct light (N,); only the solution stays where it is."""
-        slope = self.room.all_back(self.weight * (self.room.all(direct) - self.target))
+        """A projected gradient step from direct light (N,); its fixed point is the solution."""
+        slope = self.room.total_transposed(self.weight * (self.room.total(direct) - self.target))
         return np.asarray(np.clip(direct - slope / self.curvature, self.lo, self.hi))
 
     def solve(self, start: Array) -> Array:
-        """Direct light (N,) that solves it, from any.
+        """Direct light (N,) that solves the problem, from any start.
 
         Raises
         ------
         DidNotConverge
-            If light still moves after many steps.
+            If the light still changes after `STEPS` steps.
         """
-        return _settled(start, self.step, self._newton, self.curvature)
+        return _fixed_point(start, self.step, self._newton, self.curvature)
 
     def _newton(self, direct: Array, after: Array) -> Array:
-        """From the limits that a step meets: what is free lies where the slope there is 0."""
+        """Faces that the gradient step puts on a limit stay there; the others get gradient 0."""
         held = (after == self.lo) | (after == self.hi)
-        moved, hessian = np.where(held, after - direct, 0), self.room.rough_hessian(self.weight)
+        moved, hessian = np.where(held, after - direct, 0), self.room.hessian_single(self.weight)
         right = np.where(held, 0, self.curvature * (after - direct) - hessian(moved))
         size = 2 * (len(direct),)
         free = LinearOperator(size, lambda x: np.where(held, x, hessian(np.where(held, 0, x))))
         scale = LinearOperator(size, lambda x: np.where(held, x, x / self.curvature))
-        return np.asarray(direct + moved + cg(free, right, rtol=STEP, M=scale)[0])
+        return np.asarray(direct + moved + cg(free, right, rtol=NEWTON_ACCURACY, M=scale)[0])
 
 
-def _settled(
-    start: Array, sure: Light, newton: Callable[[Array, Array], Array], weight: Array
+def _fixed_point(
+    start: Array, contraction: Operator, newton: Callable[[Array, Array], Array], weight: Array
 ) -> Array:
-    """The point that `sure` leaves where it is."""
+    """The fixed point of `contraction`; residuals are weighted norms of its steps."""
 
-    def left(value: Array, after: Array) -> float:
+    def residual(value: Array, after: Array) -> float:
         return float(np.sqrt(np.sum(weight * (after - value) ** 2)))
 
-    value, after = start, sure(start)
-    enough = SETTLED * float(np.sqrt(np.sum(weight * np.maximum(after**2, start**2))))
+    value, after = start, contraction(start)
+    enough = CONVERGED * float(np.sqrt(np.sum(weight * np.maximum(after**2, start**2))))
     for _ in range(STEPS):
-        was = left(value, after)
-        if was <= enough:
+        before = residual(value, after)
+        if before <= enough:
             return after
         trial = newton(value, after)
-        following = sure(trial)
-        if left(trial, following) > HELPS * was:
-            trial, following = after, sure(after)
+        following = contraction(trial)
+        if residual(trial, following) > REDUCTION * before:
+            trial, following = after, contraction(after)
         value, after = trial, following
     raise DidNotConverge(
-        f"compensation of a mesh: light still moves by {was:.3g} after {STEPS} steps, expected less "
-        f"than {enough:.3g}; is an albedo next to 1?"
+        f"compensation of a mesh: the light still changes by {before:.3g} after {STEPS} steps, where "
+        f"{enough:.3g} would do. Check that no albedo is close to 1."
     )
 
 
-def _balance(right: Array, once: Light, roughly: Light) -> Array:
-    """Light x = right + once(x)."""
-    light, enough = right, EXACT * float(np.abs(right).max())
+def _solve(right: Array, bounce: Operator, solve_single: Operator) -> Array:
+    """Solve x = right + bounce(x) by iterative refinement of single-precision solutions."""
+    light, enough = right, BALANCED * float(np.abs(right).max())
     for _ in range(STEPS):
-        left = right + once(light) - light
-        if np.abs(left).max() <= enough:
+        residual = right + bounce(light) - light
+        if np.abs(residual).max() <= enough:
             return light
-        light = light + roughly(left)
+        light = light + solve_single(residual)
     raise DidNotConverge(
-        f"light between faces: got no balance after {STEPS} corrections, expected one after 3; is an "
-        "albedo next to 1?"
+        f"light between faces: no solution after {STEPS} corrections, where 3 are usual. Check that no "
+        "albedo is close to 1."
     )
 
 
-def _step(right: Array, once: Light, accuracy: float) -> Array:
-    """Light x = right + once(x), about."""
+def _step(right: Array, bounce: Operator, accuracy: float) -> Array:
+    """Solve x = right + bounce(x) to a relative accuracy."""
     size = 2 * (len(right),)
-    system = LinearOperator(size, matvec=lambda x: x - once(x), dtype=float)
+    system = LinearOperator(size, matvec=lambda x: x - bounce(x), dtype=float)
     return np.asarray(gmres(system, right, rtol=accuracy, restart=30, maxiter=10)[0])

@@ -1,23 +1,23 @@
-"""Form factors between flat polygons by the integral over both of their rims.
+"""Form factors between flat polygons by contour integrals (Sparrow 1963, doi:10.1115/1.3686058).
 
-A_a F_ab = 1/(2 pi) times the double integral of ln(r) over both rims (Sparrow 1963). The inner one
-has a closed form along a straight edge, so that only the outer one is summed.
+A_a F_ab = 1/(2 pi) times the double integral of ln(r) over both contours. The inner integral along a
+straight edge has a closed form; the outer one is a quadrature.
 """
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-NODES = 4  # along an edge, for pairs apart
-FINE_NODES = 24  # for pairs that touch: there the integrand has a cusp at the edge's ends
-TOUCHING = 1e-9  # of the larger extent
+NODES = 4  # along an edge, for pairs that do not touch
+FINE_NODES = 24  # for pairs that touch, where the integrand has a cusp at the ends of the edge
+TOUCHING = 1e-9  # of the extent: distance of corners that count as one
 BLOCK = 4096  # pairs at a time
 
 
 def exchange_areas(first: Array, second: Array) -> Array:
     """Area times form factor (P,) [m^2] between polygons (P, K, 3) and (P, L, 3) [m].
 
-    Both are counter-clockwise as seen by the other, and each lies wholly before the other's plane.
+    Each is counter-clockwise as seen from the other and lies wholly in front of the other's plane.
 
     >>> square = np.array([[[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]])
     >>> facing = np.array([[[0.0, 0, 1], [0, 1, 1], [1, 1, 1], [1, 0, 1]]])
@@ -30,18 +30,18 @@ def exchange_areas(first: Array, second: Array) -> Array:
         (pairs,) = np.nonzero(which)
         for at in range(0, len(pairs), BLOCK):
             some = pairs[at : at + BLOCK]
-            result[some] = _rims(first[some], second[some], *rule)
+            result[some] = _contour_integral(first[some], second[some], *rule)
     return np.maximum(result, 0.0)
 
 
 def _gauss(count: int) -> tuple[Array, Array]:
-    """Nodes and weights on [0, 1]."""
+    """Nodes and weights of Gauss-Legendre quadrature on [0, 1]."""
     node, weight = np.polynomial.legendre.leggauss(count)
     return (node + 1) / 2, weight / 2
 
 
 def _clustered(count: int) -> tuple[Array, Array]:
-    """The same with nodes crowded to both ends, where s ln(s) has no slope to speak of."""
+    """Gauss-Legendre nodes moved towards both ends by a polynomial, for integrands like s ln(s)."""
     node, weight = _gauss(count)
     return node**3 * (10 - 15 * node + 6 * node**2), weight * 30 * (node * (1 - node)) ** 2
 
@@ -53,8 +53,8 @@ def _touch(first: Array, second: Array) -> NDArray[np.bool_]:
     return np.asarray(apart < TOUCHING * extent)
 
 
-def _rims(first: Array, second: Array, node: Array, weight: Array) -> Array:
-    """The double integral over the rims of pairs (P, K, 3), (P, L, 3)."""
+def _contour_integral(first: Array, second: Array, node: Array, weight: Array) -> Array:
+    """The double integral over the contours of pairs (P, K, 3), (P, L, 3)."""
     start, edge = second[:, None, None], (np.roll(second, -1, axis=1) - second)[:, None, None]
     side = np.roll(first, -1, axis=1) - first
     along = np.einsum("pki,pli->pkl", side, edge[:, 0, 0])
@@ -65,7 +65,7 @@ def _rims(first: Array, second: Array, node: Array, weight: Array) -> Array:
 
 
 def _log_along(offset: Array, unit: Array, length: Array) -> Array:
-    """Integral of ln(distance) over a straight edge, from points at `offset` of its start."""
+    """Integral of ln(distance) along a straight edge, from points at `offset` from its start."""
     ahead = np.sum(offset * unit, axis=-1)
     aside2 = np.maximum(np.sum(offset * offset, axis=-1) - ahead * ahead, 0.0)
     aside = np.sqrt(aside2)

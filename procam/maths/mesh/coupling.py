@@ -1,4 +1,4 @@
-"""Which faces of a screen of any shape a projector's pixels light (van Baar et al. 2011, s. 3)."""
+"""Irradiance of a mesh screen's faces per flux of projector pixels (van Baar et al. 2011, s. 3)."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,19 +18,19 @@ def projector_coupling(
     projector: tuple[Lens, Pose, tuple[int, int]],
     samples: int = 4,
 ) -> csr_array:
-    """Irradiance of faces per flux of pixels, (F, H W) [1/m2]: E = coupling @ flux.
+    """Irradiance of faces per flux of pixels, (F, H W) [1/m^2]: E = coupling @ flux.
 
     Parameters
     ----------
     vertices : (V, 3) [m]. faces : (F, 3), counter-clockwise seen from inside.
     projector : its lens, `projector_from_mesh` and size (width, height) [px].
-    samples : rays along either edge of a pixel; faces much smaller than a pixel want more.
+    samples : rays along each edge of a pixel; faces much smaller than a pixel need more.
 
     Notes
     -----
-    A pixel's light is spread evenly over its area on the panel; what passes the screen lights nothing.
-    Scattered light follows by `mesh_radiosity.add_bounces` of albedo times E. Its transpose tells what a
-    pixel's light does to a sum over faces.
+    Flux is uniform over a pixel's area on the panel; rays that miss the screen light nothing. Total
+    light is `add_mesh_interreflection` of albedo times E. The transpose is the derivative of a
+    weighted sum over faces by the flux of each pixel.
 
     Raises
     ------

@@ -1,7 +1,7 @@
-"""Triangle meshes: which edges faces share, normals, and the smooth surface that a mesh samples.
+"""Triangle meshes: shared edges, normals, and the smooth surface that a mesh samples.
 
 A half-edge is an edge of one face: number 3 f + k runs from corner k of face f to the next corner.
-Faces are counter-clockwise seen from where their normals point to.
+Faces are counter-clockwise seen from the side that their normals point to.
 """
 
 import numpy as np
@@ -13,14 +13,12 @@ Array = NDArray[np.float64]
 Faces = NDArray[np.integer]
 Index = NDArray[np.intp]
 Mask = NDArray[np.bool_]
-CREASE = np.radians(
-    30.0
-)  # a surface sampled well enough to be smoothed turns less from face to face
-SWEEPS = 60  # each halves an error or more
+CREASE = np.radians(30.0)  # between faces of a smooth surface; a sharper edge is a crease
+SWEEPS = 60  # each at least halves the error
 
 
 def shared_edges(faces: Faces) -> Index:
-    """Pairs (P, 2) of half-edges that are the same edge, of edges with exactly two faces."""
+    """Pairs (P, 2) of half-edges that coincide, for edges with exactly two faces."""
     edges = np.sort(half_edges(faces), axis=1)
     order = np.lexsort(edges.T)
     same = (edges[order[1:]] == edges[order[:-1]]).all(axis=1)
@@ -34,7 +32,7 @@ def half_edges(faces: Faces) -> Faces:
 
 
 def following(half_edge: Index) -> Index:
-    """The next half-edges round their faces."""
+    """The next half-edges of the same faces."""
     return half_edge + np.where(half_edge % 3 == 2, -2, 1)
 
 
@@ -51,11 +49,11 @@ def face_areas(vertices: Array, faces: Faces) -> Array:
 
 
 def corner_normals(vertices: Array, faces: Faces) -> Array:
-    """Unit normals (F, 3, 3) at each corner of each face of the surface that the mesh samples.
+    """Unit normals (F, 3, 3) of the smooth surface at each corner of each face.
 
-    Faces that meet at less than CREASE share them. Weights of Max 1999,
-    doi:10.1080/10867651.1999.10487501: exact on a sphere where faces go all the way round; at rims
-    and creases `_bent_to_edges` makes up for those that are not there.
+    Faces that meet at less than CREASE share normals. The weights of Max 1999,
+    doi:10.1080/10867651.1999.10487501, are exact on a sphere at corners that faces surround. At
+    rims and creases, where faces are missing, `_fitted_to_edges` corrects the normals.
     """
     pairs = _smooth_pairs(vertices, faces)
     fans = _fans(pairs, 3 * len(faces))
@@ -65,17 +63,19 @@ def corner_normals(vertices: Array, faces: Faces) -> Array:
     normals = _unit(_sums(np.cross(ahead, behind) / weights[:, None], fans))
     alone = np.ones((len(faces), 3), bool)
     alone.reshape(-1)[pairs] = False
-    beside = (alone | np.roll(alone, 1, axis=1)).reshape(-1)  # corners at an end of such an edge
+    beside = (alone | np.roll(alone, 1, axis=1)).reshape(
+        -1
+    )  # corners at an end of an edge without a neighbour
     rim = np.bincount(fans, beside) > 0
     ends = fans, fans[following(np.arange(3 * len(faces)))]
-    return _bent_to_edges(normals, rim, ends, _unit(ahead))[fans].reshape(-1, 3, 3)
+    return _fitted_to_edges(normals, rim, ends, _unit(ahead))[fans].reshape(-1, 3, 3)
 
 
-def _bent_to_edges(normals: Array, rim: Mask, ends: tuple[Index, Index], edge: Array) -> Array:
-    """Normals (K, 3), those of the `rim` bent until edges lean on both ends alike.
+def _fitted_to_edges(normals: Array, rim: Mask, ends: tuple[Index, Index], edge: Array) -> Array:
+    """Normals (K, 3), those at the `rim` rotated until (n_i + n_j).e_ij = 0 for every edge.
 
-    (n_i + n_j).e_ij = 0 holds for every edge of a sphere or a cylinder, and to the third order of
-    its length on others. `ends` are the normals at the ends of unit edges (E, 3).
+    That holds on spheres and cylinders, and to the third order of the edge length on other surfaces.
+    `ends` are the indices of the normals at both ends of unit edges (E, 3).
     """
     used = rim[ends[0]] | rim[ends[1]]
     one, other, edge = ends[0][used], ends[1][used], edge[used]
@@ -91,10 +91,10 @@ def _bent_to_edges(normals: Array, rim: Mask, ends: tuple[Index, Index], edge: A
 def patches(vertices: Array, faces: Faces, normals: Array) -> Array:
     """Coefficients (F, 6, 3) [m] of smooth patches through the corners: see `patch_points`.
 
-    Phong tessellation (Boubekeur & Alexa 2008, doi:10.1145/1409060.1409094) with weight 1/2,
-    S = sum of b_i p_i + b_0 b_1 c_01 + b_1 b_2 c_12 + b_2 b_0 c_20 in barycentric (b_0, b_1, b_2),
-    for which a surface of the second degree is met to the third order of the edges' length.
-    `normals` (F, 3, 3) are those at the corners.
+    Phong tessellation (Boubekeur & Alexa 2008, doi:10.1145/1409060.1409094) with weight 1/2:
+    S = sum of b_i p_i + b_0 b_1 c_01 + b_1 b_2 c_12 + b_2 b_0 c_20 in barycentric coordinates
+    (b_0, b_1, b_2). Its error on a quadric is of third order in the edge length. `normals`
+    (F, 3, 3) are those at the corners.
     """
     corners = vertices[faces]
     edge = np.roll(corners, -1, axis=1) - corners
@@ -107,7 +107,7 @@ def patches(vertices: Array, faces: Faces, normals: Array) -> Array:
 
 
 def patch_points(coefficients: Array, u: Array, v: Array) -> tuple[Array, Array, Array]:
-    """Points (N, 3) of patches at barycentric (1 - u - v, u, v), and their slopes along u and v.
+    """Points (N, 3) of patches at barycentric (1 - u - v, u, v), and derivatives by u and v.
 
     S = p + u a + v b - u^2 c - v^2 e + u v g with the coefficients (N, 6, 3) p, a, b, c, e, g.
     """
@@ -119,14 +119,14 @@ def patch_points(coefficients: Array, u: Array, v: Array) -> tuple[Array, Array,
 
 
 def _smooth_pairs(vertices: Array, faces: Faces) -> Index:
-    """Shared edges that are no crease."""
+    """Shared edges that are not creases."""
     pairs = shared_edges(faces)
     first, second = np.moveaxis(face_normals(vertices, faces)[pairs // 3], 1, 0)
     return pairs[np.sum(first * second, axis=1) > np.cos(CREASE)]
 
 
 def _fans(pairs: Index, count: int) -> Index:
-    """Number of the fan that each corner belongs to: corners joined over edges at one vertex."""
+    """Index of each corner's fan: the corners at one vertex that smooth edges connect."""
     one, other = pairs.T
     start = np.concatenate([one, following(one)])
     end = np.concatenate([following(other), other])
@@ -135,7 +135,7 @@ def _fans(pairs: Index, count: int) -> Index:
 
 
 def _sums(vectors: Array, group: Index, count: int = 0) -> Array:
-    """Sums (K, 3) of the vectors of each group, of `count` groups at least."""
+    """Sums (K, 3) of the vectors of each group; K is at least `count`."""
     return np.stack([np.bincount(group, v, minlength=count) for v in vectors.T], axis=1)
 
 

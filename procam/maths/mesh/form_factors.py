@@ -1,9 +1,9 @@
-"""Form factors between the faces of a mesh: how light spreads on a screen of any shape (paper eqs. 1-3).
+"""Form factors between the faces of a mesh (docs/theory/interreflection.md (I2)).
 
-F_ij is the share of what face i sends out that meets face j, all of it diffuse. Pairs far apart by
-the kernel between their middles; near ones by the exact contour integral; what stands between them
-by rays, which convex rooms do without. Reciprocity holds to the last bit, and a closed room keeps
-all of its light.
+F_ij is the share of the diffuse light that leaves face i and arrives at face j. Distant pairs use
+the kernel between their centroids, near ones the exact contour integral. Rays between the centroids
+decide visibility; a convex room needs none. Reciprocity is exact, and the rows of a closed room are
+scaled to sum to 1.
 """
 
 import numpy as np
@@ -16,24 +16,24 @@ from procam.maths.mesh.raycast import MeshTracer
 Array = NDArray[np.float64]
 Matrix = NDArray[np.float32]
 Index = NDArray[np.intp]
-NEAR = 3.0  # diameters between middles, below which the kernel between them errs by a percent
-BLOCK = 256  # faces whose light is spread at a time
+NEAR = 3.0  # diameters between centroids, below which the kernel between them is off by a percent
+BLOCK = 256  # rows at a time
 RAYS = 1 << 20  # at a time
-CONVEX = 1e-6  # of the extent that a corner may stand before a face of a convex room
-CLOSED = 1e-6  # of a row's sum, that light may be lost or won in a closed room
+CONVEX = 1e-6  # of the extent: how far a corner may lie behind a face of a convex room
+CLOSED = 1e-6  # relative error of a row's sum in a closed room
 BALANCES = 100
 
 
 def form_factors(vertices: Array, faces: Faces) -> Matrix:
     """Form factors (N, N) between the faces (N, 3) of a mesh, counter-clockwise seen from inside.
 
-    F_ij >= 0 and area_i F_ij = area_j F_ji; rows of a closed mesh sum to 1. Walls of a cube of 1,700
-    faces exchange light to 1e-3 of it; the error falls as the faces' area does.
+    F_ij >= 0 and area_i F_ij = area_j F_ji; rows of a closed mesh sum to 1. Between the walls of a
+    cube with 1,700 faces the error is 1e-3; it is proportional to the faces' area.
 
     Raises
     ------
     InputError
-        If a mesh that is not convex is traced without embreex.
+        If the mesh is not convex and embreex is not installed.
     """
     middle, normal = vertices[faces].mean(axis=1), face_normals(vertices, faces)
     area, convex = face_areas(vertices, faces), is_convex(vertices, faces)
@@ -42,12 +42,12 @@ def form_factors(vertices: Array, faces: Faces) -> Matrix:
     tracer = None if convex else MeshTracer(vertices, faces)
     for at in range(0, len(faces), BLOCK):
         rows = slice(at, at + BLOCK)
-        block, near = _spread(middle, normal, area, size, rows)
+        block, near = _centroid_kernel(middle, normal, area, size, rows)
         i, j = np.nonzero(near)
         corners = vertices[faces]
         block[i, j] = exchange_areas(corners[at + i], corners[at + j])
         if tracer is not None:
-            _hide(block, tracer, middle, at)
+            _remove_occluded(block, tracer, middle, at)
         square = block[:, : len(block)]
         square[:] = np.triu(square) + np.triu(square, 1).T
         exchange[rows, at:] = block
@@ -59,7 +59,7 @@ def form_factors(vertices: Array, faces: Faces) -> Matrix:
 
 
 def is_convex(vertices: Array, faces: Faces) -> bool:
-    """Whether no corner of the mesh stands before any face's back: then nothing hides anything."""
+    """Whether no corner of the mesh lies behind a face, so that all faces see each other."""
     inward = face_normals(vertices, faces)
     depth = np.einsum("fi,fi->f", inward, vertices[faces[:, 0]])
     extent = float(np.ptp(vertices, axis=0).max())
@@ -69,12 +69,12 @@ def is_convex(vertices: Array, faces: Faces) -> bool:
     )
 
 
-def _spread(
+def _centroid_kernel(
     middle: Array, normal: Array, area: Array, size: Array, rows: slice
 ) -> tuple[Matrix, NDArray[np.bool_]]:
-    """Area times form factor (R, N - first) [m^2] of a block of faces with all from it on.
+    """Area times form factor (R, N - first) [m^2] of a block of rows with the faces from it on.
 
-    By the kernel between their middles; and which pairs are too near for it.
+    By the kernel between their centroids; also the pairs that are too near for it.
     """
     here, there = slice(rows.start, min(rows.stop, len(area))), slice(rows.start, None)
     a, b = (middle[s].astype(np.float32) for s in (here, there))
@@ -86,13 +86,13 @@ def _spread(
     reach = (NEAR * 2 * np.maximum(size[here, None], size[there])).astype(np.float32)
     near = facing & (apart2 < reach * reach)
     weight = np.outer(area[here], area[there] / np.pi).astype(np.float32)
-    spread = sent * met * weight / np.maximum(apart2 * apart2, np.float32(1e-30))
-    spread[~facing] = 0
-    return spread, near
+    kernel = sent * met * weight / np.maximum(apart2 * apart2, np.float32(1e-30))
+    kernel[~facing] = 0
+    return kernel, near
 
 
-def _hide(block: Matrix, tracer: MeshTracer, middle: Array, first: int) -> None:
-    """Set what does not see each other to 0."""
+def _remove_occluded(block: Matrix, tracer: MeshTracer, middle: Array, first: int) -> None:
+    """Set pairs that do not see each other to 0."""
     i, j = np.nonzero(block)
     for at in range(0, len(i), RAYS):
         here, there = i[at : at + RAYS], j[at : at + RAYS]
@@ -105,11 +105,11 @@ def _is_closed(faces: Faces) -> bool:
 
 
 def _balanced(exchange: Matrix, area: Array) -> Matrix:
-    """Rows that sum to the areas: each pair scaled by a factor for either face."""
+    """Rows that sum to the areas: each pair scaled by a factor of both faces."""
     scale = np.ones(len(area))
     for _ in range(BALANCES):
         sums = scale * (exchange @ scale.astype(np.float32)).astype(float)
-        sums = np.where(sums > 0, sums, area)  # a face that lies on another sees nothing
+        sums = np.where(sums > 0, sums, area)  # a face that coincides with another sees nothing
         if np.abs(sums / area - 1).max() < CLOSED:
             break
         scale *= np.sqrt(area / sums)

@@ -1,4 +1,4 @@
-"""Add and remove the light that bounces between the faces of a mesh (paper eqs. 3, 11)."""
+"""Add and remove inter-reflected light between the faces of a mesh (docs/theory/interreflection.md)."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,37 +8,39 @@ from procam.errors import CalibrationError, InputError
 
 Array = NDArray[np.float64]
 Matrix = NDArray[np.float32]
-LEFT = 1e-7  # of the light, that a solution may leave unaccounted for
+ACCURACY = 1e-7  # relative residual of a solution
 ROUNDS = 200
-POWERS = 60  # products until the largest gain per bounce is known
+POWERS = 60  # iterations of the power method
+SINGLE = 1e-6  # error of a gain that is computed in single precision
 
 
-def add_bounces(direct: Array, albedo: Array, factors: Matrix) -> Array:
-    """Total radiosity (N, C) of faces whose direct one is (N, C) [rel], after all bounces.
+def add_mesh_interreflection(direct: Array, albedo: Array, factors: Matrix) -> Array:
+    """Total radiosity (N, C) of faces with direct radiosity (N, C) [rel].
 
-    b = (I - rho F)^-1 b0, paper eq. 3. `albedo` (N, C) [-], `factors` (N, N) of `form_factors`.
+    b = (I - rho F)^-1 b0, docs/theory/interreflection.md (I3). `albedo` (N, C) [-], `factors` (N, N)
+    of `form_factors`.
 
     Raises
     ------
     InputError
-        If the room would win light with every bounce.
+        If the room would gain light with every bounce.
     CalibrationError
-        If no solution is found.
+        If the solver does not converge.
     """
-    check_darkens(albedo, factors)
+    check_gain(albedo, factors)
     columns = [_solved(direct[:, c], albedo[:, c], factors) for c in range(direct.shape[1])]
     return np.stack(columns, axis=1)
 
 
-def remove_bounces(total: Array, albedo: Array, factors: Matrix) -> Array:
-    """Direct radiosity (N, C) behind a total one (N, C): b0 = b - rho F b, paper eq. 11."""
+def remove_mesh_interreflection(total: Array, albedo: Array, factors: Matrix) -> Array:
+    """Direct radiosity (N, C) of a total one (N, C): docs/theory/interreflection.md (I4)."""
     return np.asarray(total - albedo * (factors @ total.astype(np.float32)))
 
 
-def check_darkens(albedo: Array, factors: Matrix) -> None:
-    """Refuse a room that keeps all of its light: its largest gain per bounce must be below 1."""
+def check_gain(albedo: Array, factors: Matrix) -> None:
+    """Refuse a room whose gain per bounce, the spectral radius of rho F, is not below 1."""
     if not (albedo >= 0).all():
-        raise InputError(f"albedo: got {albedo.min():.3g} at least, expected 0 or more")
+        raise InputError(f"albedo: the lowest is {albedo.min():.3g}; an albedo is 0 or more")
     kept = factors.sum(axis=1, dtype=float)
     for channel in albedo.T:
         if (channel * kept).max() < 1:  # a bound on the gain
@@ -46,13 +48,13 @@ def check_darkens(albedo: Array, factors: Matrix) -> None:
         gain = _largest_gain(channel, factors)
         if gain >= 1:
             raise InputError(
-                f"albedo: got a room that gives back {gain:.4g} of its light at every bounce, "
-                "expected less than 1; an albedo of 1 in a closed room never darkens"
+                f"albedo: the room returns {gain:.4g} of its light at every bounce and would never get "
+                "dark. Lower the albedos, or open the mesh."
             )
 
 
 def _largest_gain(albedo: Array, factors: Matrix) -> float:
-    """Spectral radius of rho F: all entries are positive, so that powers find it."""
+    """Spectral radius of rho F, whose entries are not negative, by the power method."""
     light, gain = np.ones(len(albedo)), 0.0
     for _ in range(POWERS):
         light = albedo * (factors @ light.astype(np.float32))
@@ -60,19 +62,19 @@ def _largest_gain(albedo: Array, factors: Matrix) -> float:
         if gain == 0:
             return 0.0
         light /= gain
-    return gain + 1e-6  # what single precision leaves open
+    return gain + SINGLE
 
 
 def _solved(direct: Array, albedo: Array, factors: Matrix) -> Array:
-    def left(total: Array) -> Array:
+    def product(total: Array) -> Array:
         return np.asarray(total - albedo * (factors @ total.astype(np.float32)))
 
     size = len(direct)
-    system = LinearOperator((size, size), matvec=left, dtype=float)
-    total, failed = gmres(system, direct, rtol=LEFT, atol=0.0, restart=30, maxiter=ROUNDS)
+    system = LinearOperator((size, size), matvec=product, dtype=float)
+    total, failed = gmres(system, direct, rtol=ACCURACY, atol=0.0, restart=30, maxiter=ROUNDS)
     if failed:
         raise CalibrationError(
-            f"light between faces: got no balance in {ROUNDS} rounds, expected one in about 10; is an "
-            "albedo next to 1?"
+            f"light between faces: no solution after {ROUNDS} rounds, where 10 are usual. Check that no "
+            "albedo is close to 1."
         )
     return np.asarray(total)

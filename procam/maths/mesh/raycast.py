@@ -1,6 +1,8 @@
 """Where rays meet a screen that is a triangle mesh.
 
-Embree, in float32, only finds the face; the point is then taken in float64.
+Embree finds the face in float32. The point on it is computed in float64: if it lies outside the
+face, neighbours across the nearest edge are tried; on a smooth mesh Newton's method then moves it
+from the flat face to the quadratic patch through its corners.
 """
 
 from typing import Any, NamedTuple
@@ -21,18 +23,18 @@ from procam.maths.mesh.facets import (
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 EXTRA = 'pip install "procam[geom]"'
-BLOCK = 1 << 14  # rays at a time; they stay in the caches
-BEHIND = 0.05  # of the mesh's extent: how far a ray may run behind the screen before it enters
-WALK = 5  # steps from the face that Embree names; the corner of a room needs up to four
-SINGLE = 1e-5  # of the extent: what float32 leaves uncertain, with a margin
-STEPS = 5  # of Newton's method at most; each squares an error of some 1e-3 of an edge
-SETTLED = 1e-9  # of an edge
+BLOCK = 1 << 14  # rays at a time, so that the arrays stay in the cache
+BEHIND = 0.05  # of the mesh's extent: length of a ray behind the screen before it enters
+WALK = 5  # steps to neighbours of Embree's face; the corner of a room needs up to four
+SINGLE = 1e-5  # of the extent: rounding of float32, with a margin
+STEPS = 5  # of Newton's method at most; the first error is about 1e-3 of an edge
+CONVERGED = 1e-9  # of an edge
 
 
 class Hits(NamedTuple):
-    """Where rays of shape (...) land: `points` (..., 3) [m], `faces` (...) and unit `normals` (..., 3).
+    """Where rays of shape (...) meet a mesh; NaN, -1 and NaN for rays that miss.
 
-    NaN, -1 and NaN for rays that miss.
+    `points` (..., 3) [m], indices `faces` (...) and unit `normals` (..., 3).
     """
 
     points: Array
@@ -41,15 +43,15 @@ class Hits(NamedTuple):
 
 
 class MeshTracer:
-    """Traces rays against a mesh whose normals look to where devices stand.
+    """Traces rays against a mesh whose normals point to the side where the devices are.
 
     Parameters
     ----------
     vertices : (V, 3) float64 [m].
     faces : (F, 3) indices of vertices, counter-clockwise seen from the inside.
-    smooth : take the mesh as samples of a smooth surface (with creases where faces meet at more
-        than 30 degrees): points on quadratic patches through the vertices, so that no facets show,
-        and normals interpolated between vertices. Else the faces are flat, as of a panelled dome.
+    smooth : the mesh samples a smooth surface, with creases where faces meet at more than 30
+        degrees: points lie on quadratic patches through the vertices and normals are interpolated.
+        Otherwise the faces are flat, as in a panelled dome.
 
     Raises
     ------
@@ -67,16 +69,16 @@ class MeshTracer:
         if self._normals is not None:
             self._patches = patches(vertices, faces, self._normals)
 
-    def meet(self, origin: Array, direction: Array) -> Array:
-        """Points (..., 3) [m] where rays meet the screen, NaN if they miss: as `intersect_sphere`."""
+    def intersect(self, origin: Array, direction: Array) -> Array:
+        """Points (..., 3) [m] where rays meet the screen; NaN where they miss."""
         return self.first_hits(origin, direction).points
 
     def first_hits(self, origin: Array, direction: Array) -> Hits:
         """Where rays first meet the inside of the screen.
 
-        `origin` (..., 3) [m] and `direction` (..., 3) of any length broadcast. A ray that meets the
-        outside first misses, unless that is so near its origin (5 % of the screen's extent) that
-        its device stands on the screen or looks through a hole in it.
+        `origin` (..., 3) [m] and `direction` (..., 3) of any length broadcast. A ray that first meets
+        the outside misses, unless that point is within 5 % of the screen's extent of its origin, as
+        for a device on the screen or behind a hole in it.
         """
         origins, directions = np.broadcast_arrays(origin, direction)
         shape = origins.shape[:-1]
@@ -97,7 +99,7 @@ class MeshTracer:
         )
 
     def is_clear(self, start: Array, end: Array) -> NDArray[np.bool_]:
-        """Whether nothing stands between points (N, 3) of the mesh and others (N, 3) of it."""
+        """Whether nothing lies between points (N, 3) of the mesh and other points (N, 3) of it."""
         line = end - start
         reach = np.linalg.norm(line, axis=1)
         step = SINGLE * self._extent / reach[:, None] * line
@@ -119,7 +121,7 @@ class MeshTracer:
         out.points[met], out.faces[met], out.normals[met] = point, face, normal
 
     def _faces_met(self, origin: Array, direction: Array) -> Index:
-        """Faces (N,) whose inside rays meet first; -1 for none."""
+        """Faces (N,) whose inside the rays meet first; -1 for none."""
         face = self._query(origin, direction)
         back = np.flatnonzero(self._from_behind(face, direction))
         point = self._in_face(face[back], origin[back], direction[back])[0]
@@ -147,10 +149,10 @@ class MeshTracer:
     ) -> tuple[Index, Array, Array, Array]:
         """Faces, points and barycentric u, v in float64.
 
-        Near an edge float32 may have named the neighbour, whose plane is met outside of it.
+        Near an edge Embree may return the neighbour; the ray then meets its plane outside the face.
         """
         point, u, v = self._in_face(face, origin, direction)
-        (astray,) = np.nonzero(_inside(u, v) < -SETTLED)
+        (astray,) = np.nonzero(_inside(u, v) < -CONVERGED)
         if not len(astray):
             return face, point, u, v
         there = face[astray]
@@ -158,7 +160,7 @@ class MeshTracer:
             _, s, t = self._in_face(there, origin[astray], direction[astray])
             apart = np.stack([t, 1 - s - t, s], axis=1)  # of the edges 01, 12, 20
             beyond = self._beyond[there, apart.argmin(axis=1)]
-            there = np.where((apart.min(axis=1) < -SETTLED) & (beyond >= 0), beyond, there)
+            there = np.where((apart.min(axis=1) < -CONVERGED) & (beyond >= 0), beyond, there)
         found, s, t = self._in_face(there, origin[astray], direction[astray])
         better = _inside(s, t) > _inside(u[astray], v[astray])
         astray = astray[better]
@@ -167,7 +169,7 @@ class MeshTracer:
         return face, point, u, v
 
     def _in_face(self, face: Index, origin: Array, direction: Array) -> tuple[Array, Array, Array]:
-        """Where rays meet the planes of faces: points, and their barycentric u, v."""
+        """Points where rays meet the planes of faces, and their barycentric u, v."""
         a, b, c = np.moveaxis(self._corners[face], 1, 0)
         point = _on_plane(origin, direction, a, self._flat[face])
         return point, *_components(point - a, b - a, c - a)
@@ -177,7 +179,7 @@ class MeshTracer:
     ) -> tuple[Array, Array, Array]:
         """Points and u, v on the smooth patches, by Newton's method from the flat faces.
 
-        A ray that grazes and does not meet the patch keeps its flat point.
+        A grazing ray that does not meet the patch keeps its point on the flat face.
         """
         point, u, v = start
         coefficients = self._patches[face]
@@ -186,7 +188,7 @@ class MeshTracer:
             point = _on_plane(origin, direction, near, np.cross(along_u, along_v))
             du, dv = _components(point - near, along_u, along_v)
             u, v = u + du, v + dv
-            settled = np.abs(du) + np.abs(dv) < SETTLED
+            settled = np.abs(du) + np.abs(dv) < CONVERGED
             if settled.all():
                 break
         return (
@@ -197,7 +199,7 @@ class MeshTracer:
 
 
 def _inside(u: Array, v: Array) -> Array:
-    """How far barycentric u, v are inside of the nearest edge; negative outside."""
+    """Smallest barycentric coordinate; negative outside the face."""
     return np.minimum(np.minimum(u, v), 1 - u - v)
 
 
@@ -226,13 +228,13 @@ def _faces_beyond(faces: Faces) -> Index:
 
 
 def _embree_scene(vertices: Array, faces: Faces) -> Any:
-    """An Embree scene; robust, so that no ray slips between two faces."""
+    """An Embree scene in robust mode, so that no ray passes between two faces."""
     try:
         from embreex.mesh_construction import TriangleMesh  # noqa: PLC0415
         from embreex.rtcore_scene import EmbreeScene  # noqa: PLC0415
     except ImportError as error:
         raise InputError(
-            f"mesh screen: got no embreex, expected the extra that traces rays; run: {EXTRA}"
+            f"mesh screen: tracing rays needs embreex, which is not installed. Run: {EXTRA}"
         ) from error
     scene = EmbreeScene(robust=True)
     TriangleMesh(scene, vertices.astype(np.float32), faces.astype(np.int32))

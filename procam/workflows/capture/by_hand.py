@@ -12,11 +12,11 @@ from procam.errors import InputError
 from procam.estimate.structured_light.codes import NOMINAL_GAMMA, Picture
 from procam.estimate.structured_light.photo_match import NUMBER
 from procam.files import atomic
-from procam.files.images.images import read_image
+from procam.files.images.pixels import read_image
 from procam.files.images.slideshow import write_movie
 from procam.files.session import Session
 from procam.files.venue.load import Venue
-from procam.maths.codes.shot_id import CELLS_PER_MASTER, CELLS_PER_PANEL, draw_number
+from procam.maths.codes.shot_id import CELLS_PER_MASTER, CELLS_PER_PANEL, draw_shot_id
 from procam.model.plan import Plan, Shot
 from procam.workflows.capture.session_plan import plan_of_session, server_of
 
@@ -39,7 +39,7 @@ def prepare_by_hand(venue: Venue) -> Session:
             shots.append(shot)  # nothing shines, so nothing can be read
             continue
         drive = round(255 * light ** (1 / NOMINAL_GAMMA)) if shot.purpose == "black" else None
-        numbered[shot.pattern] = draw_number(patterns.pop(shot.pattern), number, drive, cells)
+        numbered[shot.pattern] = draw_shot_id(patterns.pop(shot.pattern), number, drive, cells)
         shots.append(replace(shot, detail={**shot.detail, NUMBER: number}))
     session = Session(_next_folder(venue))
     text = (venue.directory / "venue.toml").read_text("utf-8")

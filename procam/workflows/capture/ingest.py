@@ -24,7 +24,7 @@ from procam.files.images.photos import (
 )
 from procam.files.session import Session
 from procam.files.venue.load import Venue
-from procam.maths.codes.shot_id import read_number
+from procam.maths.codes.shot_id import read_shot_id
 from procam.model.frame import CameraSettings, Frame
 from procam.model.optics import CameraModel
 from procam.model.plan import Plan, Shot
@@ -159,10 +159,10 @@ def _survey(
     fits = (width, height) == tuple(model.size)
     if not fits and claimed is None:
         # a stranger among the photographs, unless it shows a number after all
-        number, clipped, sharpness = read_number(photo.pixels), 0.0, 0.0
+        number, clipped, sharpness = read_shot_id(photo.pixels), 0.0, 0.0
     else:
         counts = photo_counts(photo, response, model.sensor)
-        number = read_number(counts) if claimed is None else None
+        number = read_shot_id(counts) if claimed is None else None
         clipped = float((counts >= 2**model.sensor.bits - 1).any(axis=2).mean())
         sharpness = _sharpness(counts, model.sensor.black_level)
     if not fits and (number is not None or claimed is not None):

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from procam.estimate import projector_tests as estimate
 from procam.estimate.camera.checks import response_exponent
-from procam.estimate.camera.exposure import green, meter, noise_of_repeat
-from procam.estimate.camera.noise import NoiseLaw
-from procam.estimate.projector_tests import analysis as estimate
-from procam.estimate.projector_tests.analysis import Effect, Patches, PatchLight
+from procam.estimate.camera.exposure import green, meter
+from procam.estimate.camera.noise import NoiseLaw, noise_from_repeat
+from procam.estimate.projector_tests import Effect, Patches, PatchLight
 from procam.estimate.projector_tests.patterns import (
     BRIGHT_LEVELS,
     DARK_LEVELS,
@@ -105,7 +105,7 @@ class BehaviourTest:
         self._show(self._black, BLACK_S)
         after_black = self._photograph(np.ones_like(self._black))
         both = green(white.counts), green(after_black.counts)
-        noise = noise_of_repeat(*both, self._examined.measured)
+        noise = noise_from_repeat(*both, self._examined.measured)
         return _Whites(black, white, after_black, noise)
 
     def _metered_white(self) -> Frame:
@@ -160,7 +160,7 @@ class BehaviourTest:
             self._examined.rig.clock.sleep(shown_s + after_s - self._examined.rig.clock.now_s())
             early = self._light(patches, self._take(), noise)
             name = f"after-{after_s:g}-s"
-            yield estimate.remnant(early, pair[1], direct, REMNANT_LIMIT + moved, name)
+            yield estimate.persistence_effect(early, pair[1], direct, REMNANT_LIMIT + moved, name)
 
     def _coloured(
         self, patches: Patches, pair: Pair, noise: NoiseLaw, moved: float

@@ -11,21 +11,19 @@ from procam.devices.rig import Rig
 from procam.errors import DeviceError, StaleFrame
 from procam.estimate.camera.checks import (
     additivity,
-    dark_line,
+    brightness_ratio,
+    fit_dark_frames,
     grey_gamma,
-    grown_brightness,
     response_exponent,
 )
 from procam.estimate.camera.exposure import (
-    DARKEST,
+    DARK_QUANTILE,
     direct_light,
     green,
     meter,
-    noise_of_pictures,
-    noise_of_repeat,
     plan_exposures,
 )
-from procam.estimate.camera.noise import NoiseLaw
+from procam.estimate.camera.noise import NoiseLaw, noise_from_neighbours, noise_from_repeat
 from procam.files.venue.load import CaptureTable
 from procam.model.frame import CameraSettings, Frame
 from procam.model.optics import Sensor
@@ -115,7 +113,7 @@ class ExaminedCamera:
         seconds = (short.settings.exposure_s, long.settings.exposure_s)
         level, self.ambient = self.sensor.black_level, np.zeros(long.counts.shape[:2])
         if seconds[0] < seconds[1]:  # else the camera took no notice, and has a finding for it
-            level, self.ambient = dark_line(green(short.counts), green(long.counts), seconds)
+            level, self.ambient = fit_dark_frames(green(short.counts), green(long.counts), seconds)
         ambient = float(np.median(self.ambient)) / self.sensor.full_scale
         self.diagnosis.cameras[self.camera.name] = CameraView(level, ambient)
         judge_dark(
@@ -151,7 +149,7 @@ class ExaminedCamera:
             for name in ("grey", "left", "right")
         )
         both = (green(white.counts), green(black.counts))
-        noise = self.noise or noise_of_pictures(both, self.measured)
+        noise = self.noise or noise_from_neighbours(both, self.measured)
         direct = direct_light(left, right, level - dark, np.sqrt(noise.variance(level)))
         return _Shots(white, black, level, dark, grey, (left, right), direct)
 
@@ -170,7 +168,7 @@ class ExaminedCamera:
         )
         lit, ambient = shots.lit, self.ambient[shots.lit]
         black = float((shots.dark[lit] / seconds[0] - ambient).mean()) * capture.black_exposure_s
-        darkest = float(np.quantile((shots.level - shots.dark)[lit], DARKEST)) / seconds[0]
+        darkest = float(np.quantile((shots.level - shots.dark)[lit], DARK_QUANTILE)) / seconds[0]
         return View(
             plan,
             plan.peak * capture.exposure_s / seconds[0],
@@ -185,7 +183,7 @@ class ExaminedCamera:
         asked_s = white.settings.exposure_s
         frames = [self._show(projector, "white", asked_s * part) for part in (1.0, *FRACTIONS)]
         signals = [self._signal(frame) for frame in frames]
-        self.noise = noise_of_repeat(green(white.counts), green(frames[0].counts), self.measured)
+        self.noise = noise_from_repeat(green(white.counts), green(frames[0].counts), self.measured)
         if self.diagnosis.has(f"projector {projector}", "dynamic-black"):
             return  # its light moves, whatever the camera does
         exponents = []
@@ -196,7 +194,7 @@ class ExaminedCamera:
                 exponents.append(response_exponent(a, b, ratio, usable))
         known = replace(
             self.diagnosis.cameras[self.camera.name],
-            repeat=grown_brightness(self._signal(white), signals[0], lit),
+            repeat=brightness_ratio(self._signal(white), signals[0], lit),
             exponents=tuple(exponents),
         )
         self.diagnosis.cameras[self.camera.name] = known

@@ -3,7 +3,7 @@
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from procam.estimate.camera.exposure import MOST_STEPS, WANTED_SNR, ExposurePlan
+from procam.estimate.camera.exposure import MAX_EXPOSURES, TARGET_SNR, ExposurePlan
 from procam.estimate.projector_tests.analysis import Effect
 from procam.model.optics import Sensor
 
@@ -282,8 +282,8 @@ def _judge_noise(diagnosis: Diagnosis, device: str, view: View) -> None:
             device,
             "noisy",
             f"signal to noise {view.plan.snr_bracket:.1f} of the darkest lit pixel after "
-            f"{MOST_STEPS} exposures",
-            f"{LEAST_SNR:g} or more, better {WANTED_SNR:g}",
+            f"{MAX_EXPOSURES} exposures",
+            f"{LEAST_SNR:g} or more, better {TARGET_SNR:g}",
             "open the aperture, lower ISO, or use the projector's brightest mode",
         )
 

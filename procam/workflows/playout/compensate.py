@@ -15,7 +15,8 @@ from procam.errors import FileFormatError
 from procam.files import atomic
 from procam.files.calibration import load_dome
 from procam.files.images.movies import is_movie
-from procam.files.images.sequences import MadeLog, Numbered
+from procam.files.images.sequences import Numbered
+from procam.files.output_log import OutputLog
 from procam.model.calibration import Calibration
 from procam.workflows.events import Event
 from procam.workflows.playout.frame import ClipEngine, FrameSettings
@@ -66,10 +67,10 @@ def open_clip(source: Path, out: Path, calibration_dir: Path, how: FrameSettings
     sequence = source_sequence(source)
     if sequence:
         names = output_names(sequence, out)
-        log = MadeLog(sequence_log(names.folder, names), run_key(calibration_dir, how))
+        log = OutputLog(sequence_log(names.folder, names), run_key(calibration_dir, how))
         return SequenceClip(sequence, names, log)
     if is_movie(source):
-        log = MadeLog(out.with_name(f"{out.name}.{LOG}"), run_key(calibration_dir, how))
+        log = OutputLog(out.with_name(f"{out.name}.{LOG}"), run_key(calibration_dir, how))
         return MovieClip(source, out, log)
     return StillClip(source, out)
 

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.compensate.exact import Compensator
+from procam.compensate.compensator import Compensator
 from procam.errors import FileFormatError
-from procam.files.images.images import RGB, write_channels
+from procam.files.images.layers import RGB, write_channels
 from procam.files.images.movies import MovieReader, is_movie
 from procam.model.calibration import Calibration
 from procam.workflows.playout.frame import FrameSettings, decoded, named_transfer, square_edge

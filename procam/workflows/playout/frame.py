@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.compensate.exact import Compensator
+from procam.compensate.compensator import Compensator
 from procam.errors import FileFormatError, InputError
-from procam.kernels.arrays import least_colour
-from procam.maths.light.transfer import NAMES, transfer
+from procam.kernels.native.arrays import least_colour
+from procam.maths.light.transfer import TRANSFER_NAMES, transfer
 from procam.model.calibration import Calibration
 from procam.model.transport import DomeMaps
 from procam.workflows.playout.sources import ClipFrame
@@ -138,7 +138,7 @@ def named_transfer(piece: ClipFrame, how: FrameSettings) -> str:
         said = f" (its file says {piece.said})" if piece.said else ""
         raise InputError(
             f"{piece.name}: got no transfer function that procam knows{said}, expected one of "
-            f"{', '.join(NAMES)}; name it with --transfer"
+            f"{', '.join(TRANSFER_NAMES)}; name it with --transfer"
         )
     transfer(named)
     return named
@@ -198,7 +198,7 @@ def _worth(compensator: Compensator) -> dict[str, float]:
         "share_hi": found.share_hi,
         "flux_in": found.flux_in,
         "flux_out": found.flux_out,
-        "s": compensator.numbers[:, 0],
+        "s": compensator.coefficients[:, 0],
     }
     for name, values in columns.items():
         row |= {f"{name}_{c}": float(v) for c, v in zip(COLOURS, values, strict=True)}

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procam.errors import FileFormatError, InputError
-from procam.files.images.images import SUFFIXES, require_finite, require_suffix
 from procam.files.images.movies import (
     MovieFrame,
     MovieReader,
@@ -23,16 +22,11 @@ from procam.files.images.movies import (
     new_movie,
     require_written,
 )
+from procam.files.images.pixels import SUFFIXES, require_suffix
 from procam.files.images.raw_frames import read_frame, write_frame
-from procam.files.images.sequences import (
-    MadeLog,
-    Numbered,
-    PictureSequence,
-    find_sequence,
-    parse_pattern,
-    state_of,
-)
-from procam.files.images.stills import read_still, write_still
+from procam.files.images.sequences import Numbered, PictureSequence, find_sequence, parse_pattern
+from procam.files.images.stills import read_still, require_finite, write_still
+from procam.files.output_log import OutputLog, file_state
 from procam.workflows.playout.pipeline import ThreadPlan, prefetched
 
 Pixels = NDArray[Any]
@@ -126,13 +120,13 @@ class StillClip:
 class SequenceClip:
     """Numbered pictures; those that an earlier run has made of the same are left out."""
 
-    def __init__(self, sequence: PictureSequence, names: Numbered, log: MadeLog) -> None:
+    def __init__(self, sequence: PictureSequence, names: Numbered, log: OutputLog) -> None:
         self._sequence, self._names, self.log = sequence, names, log
         self.suffix = names.suffix
         sources = {number: sequence.names.path(number) for number in sequence.numbers}
         self.read = list(sources.values())
         self.written = [*map(names.path, sources), log.path]
-        logged = {n: log.made(names.path(n), state_of(path)) for n, path in sources.items()}
+        logged = {n: log.kept(names.path(n), file_state(path)) for n, path in sources.items()}
         self.made: Mapping[int, Row] = {
             n: row for n, row in logged.items() if row is not None and self.is_whole(n, row)
         }
@@ -167,7 +161,7 @@ class SequenceClip:
 
     def _read(self, number: int) -> ClipFrame:
         path = self._sequence.names.path(number)
-        state = state_of(path)
+        state = file_state(path)
         piece = read_clip_frame(path, number)
         return replace(piece, carried=(state, piece.carried))
 
@@ -175,7 +169,7 @@ class SequenceClip:
 class MovieClip:
     """A movie to a movie; it is made anew from its first frame unless it is there whole."""
 
-    def __init__(self, source: Path, out: Path, log: MadeLog) -> None:
+    def __init__(self, source: Path, out: Path, log: OutputLog) -> None:
         require_written(out)
         self.source, self.out, self.suffix = source, out, out.suffix
         self.read, self.written = [source], [out, log.path]
@@ -188,11 +182,11 @@ class MovieClip:
     def is_made(self) -> bool:
         """Whether an earlier run has finished it."""
         there = self.source.is_file()
-        return there and self._log.made(self.out, state_of(self.source)) is not None
+        return there and self._log.kept(self.out, file_state(self.source)) is not None
 
     def __enter__(self) -> Self:
         self.reader = self.stack.enter_context(MovieReader(self.source))
-        self._state = state_of(self.source)
+        self._state = file_state(self.source)
         self.total, self._frames, self._count = self.reader.frames, iter(self.reader), 0
         return self
 

@@ -15,13 +15,14 @@ from typing import Any, TextIO
 
 import numpy as np
 
-from procam.compensate.exact import Compensator
+from procam.compensate.compensator import Compensator
 from procam.compensate.track import METHODS, columns, moves, row, textures, uniforms
 from procam.errors import FileFormatError, InputError
 from procam.files.atomic import replacing_directory
 from procam.files.calibration import load_dome
-from procam.files.images.images import RGB, write_image
+from procam.files.images.layers import RGB
 from procam.files.images.movies import MovieReader, is_movie
+from procam.files.images.pixels import write_image
 from procam.model.calibration import Calibration
 from procam.workflows.events import Event
 from procam.workflows.playout.frame import (
@@ -153,7 +154,7 @@ class _Rows:
                 "has; render all frames alike"
             )
         self.compensator.frame(piece.rgb, self._out)
-        numbers = row(self.compensator.numbers, self.used)
+        numbers = row(self.compensator.coefficients, self.used)
         self._table.writerow([piece.number, *(f"{value:.9g}" for value in numbers)])
         self.numbers.append(piece.number)
         return lambda: name

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from procam.compensate.projector_frames import Warper
 from procam.errors import FileFormatError
 from procam.files.calibration import load_calibration
-from procam.files.images.images import write_image
 from procam.files.images.movies import MovieFrame, MovieWriter, is_movie, new_movie
-from procam.files.images.sequences import MadeLog, Numbered, PictureSequence
+from procam.files.images.pixels import write_image
+from procam.files.images.sequences import Numbered, PictureSequence
+from procam.files.output_log import OutputLog
 from procam.maths.light.transfer import transfer as transfer_function
 from procam.model.calibration import Calibration
 from procam.workflows.events import Event
@@ -103,7 +104,7 @@ def _open(
     sequence = source_sequence(source)
     if sequence:
         key = run_key(calibration_dir, FrameSettings(method="warp", transfer=transfer), MAPS)
-        log = MadeLog(sequence_log(out, sequence.names), key)
+        log = OutputLog(sequence_log(out, sequence.names), key)
         return _WarpedSequence(sequence, out, names, log)
     if is_movie(source):
         return _WarpedMovie(source, out, calibration)
@@ -124,7 +125,7 @@ class _WarpedStill(StillClip):
 
 class _WarpedSequence(SequenceClip):
     def __init__(
-        self, sequence: PictureSequence, out: Path, names: list[str], log: MadeLog
+        self, sequence: PictureSequence, out: Path, names: list[str], log: OutputLog
     ) -> None:
         source = sequence.names
         after = f"{source.after.removesuffix(source.suffix)}.png"
@@ -157,7 +158,7 @@ class _WarpedMovie(MovieClip):
         self._paths = {name: out / f"{name}{suffix}" for name in self._sizes}
         self.paths = [str(path) for path in self._paths.values()]
         self._writers: dict[str, MovieWriter] = {}
-        super().__init__(source, out / f"projector{suffix}", MadeLog(out / LOG, ""))
+        super().__init__(source, out / f"projector{suffix}", OutputLog(out / LOG, ""))
         self.written = list(self._paths.values())
 
     def write_frames(self, piece: ClipFrame, frames: Frames) -> None:

@@ -7,11 +7,11 @@ from numpy.typing import NDArray
 
 from procam.devices.rig import Rig
 from procam.errors import OutOfModelRange
-from procam.estimate.camera.exposure import green, noise_of_repeat
-from procam.estimate.camera.noise import NO_NOISE
+from procam.estimate.camera.exposure import green
+from procam.estimate.camera.noise import NO_NOISE, noise_from_repeat
 from procam.estimate.camera.radiance import Radiometer
+from procam.estimate.closed_loop import LoopCells
 from procam.estimate.closed_loop.brackets import bracket_for, merged_frame
-from procam.estimate.closed_loop.dome import LoopCells
 from procam.estimate.geometry.camera_view import DomeView
 from procam.model.calibration import Calibration
 from procam.model.frame import CameraSettings, Frame
@@ -50,7 +50,7 @@ class LoopCamera:
         if len(self._exposures_s) == 1:
             return False
         pair = [green(self._capture(self._exposures_s[0]).counts) for _ in range(2)]
-        self._noise = noise_of_repeat(pair[0], pair[1], self._radiometer.camera.sensor)
+        self._noise = noise_from_repeat(pair[0], pair[1], self._radiometer.camera.sensor)
         return True
 
     def show(self, frames: Mapping[str, Image]) -> None:

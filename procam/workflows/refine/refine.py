@@ -6,19 +6,19 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.compensate.exact import Compensated, Compensator
+from procam.compensate.compensator import Compensated, Compensator
 from procam.compensate.projector_frames import projector_frames
 from procam.devices.rig import Rig
-from procam.estimate.closed_loop.dome import DomeLoop, noise_by_level, refined_calibration
+from procam.estimate.closed_loop import DomeLoop, noise_by_level, refined_calibration
 from procam.estimate.closed_loop.patches import (
-    FEWEST,
-    MOST_STEPS,
-    SEEN_JND,
-    good_enough,
+    MAX_CORRECTIONS,
+    MIN_PHOTOGRAPHS,
+    VISIBLE_JND,
+    converged,
     just_noticeable,
     largest_regression,
     photographs_needed,
-    visible,
+    residual_jnd,
 )
 from procam.maths.geometry.sphere import angles_from_direction
 from procam.model.calibration import Calibration
@@ -29,7 +29,7 @@ from procam.workflows.refine.camera import LoopCamera
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
-MAX_ITERATIONS = MOST_STEPS
+MAX_ITERATIONS = MAX_CORRECTIONS
 CLOSE_ENOUGH = 1.1  # times the noise floor: the goal
 CHANNEL_NAMES = ("red", "green", "blue")
 
@@ -88,8 +88,8 @@ class Refined:
         }
         if self.noise_floor > 0:  # a simulated camera may be free of noise
             over = self.residual[-1] / self.noise_floor
-            goal = Goal("<=", CLOSE_ENOUGH) if self.left_jnd[-1] > SEEN_JND else None
-            note = f"no goal where almost all cells are within {SEEN_JND:g} JND"
+            goal = Goal("<=", CLOSE_ENOUGH) if self.left_jnd[-1] > VISIBLE_JND else None
+            note = f"no goal where almost all cells are within {VISIBLE_JND:g} JND"
             figures["loop_residual_over_floor"] = Figure(over, "-", goal, cells, note)
         return figures
 
@@ -114,13 +114,13 @@ class _Run:
     @classmethod
     def begin(cls, camera: LoopCamera, loop: DomeLoop) -> "_Run":
         """Photograph the picture shown now as often, and as long, as it takes to tell it from its goal."""
-        seen = camera.photographs(FEWEST)
+        seen = camera.photographs(MIN_PHOTOGRAPHS)
         sigma = noise_by_level(seen, camera.cells.count)
         if camera.hold(loop.goal[loop.free], sigma[loop.free]):
-            seen = camera.photographs(FEWEST)
+            seen = camera.photographs(MIN_PHOTOGRAPHS)
             sigma = noise_by_level(seen, camera.cells.count)
         wanted = photographs_needed(sigma[loop.free], loop.goal[loop.free])
-        run = cls(camera, loop, sigma, seen + camera.photographs(wanted - FEWEST), seen[0])
+        run = cls(camera, loop, sigma, seen + camera.photographs(wanted - MIN_PHOTOGRAPHS), seen[0])
         run.first = run.mean()
         run.note()
         return run
@@ -128,11 +128,11 @@ class _Run:
     def note(self) -> None:
         """Note how far off the picture shown now is."""
         self.residual.append(self.single())
-        self.left.append(self.visible(self.loop.free))
+        self.left.append(self.residual_jnd(self.loop.free))
 
-    def visible(self, free: Mask) -> float:
+    def residual_jnd(self, free: Mask) -> float:
         """What almost all `free` cells (N, N, 3) are off by at most [JND]."""
-        return visible(self.loop.residual(self.mean())[free], self.loop.goal[free])
+        return residual_jnd(self.loop.residual(self.mean())[free], self.loop.goal[free])
 
     def mean(self) -> Array:
         """Mean (N, N, 3) of the photographs of the picture shown now."""
@@ -146,7 +146,7 @@ class _Run:
         """Whether another correction would be of no use."""
         free = self.loop.free
         left = self.loop.residual(self.mean())[free]
-        return good_enough(left, self.sigma[free], self.loop.goal[free], len(self.seen))
+        return converged(left, self.sigma[free], self.loop.goal[free], len(self.seen))
 
     def show(self, frames: Mapping[str, Image]) -> None:
         """Show a picture and photograph it as often as the one before."""
@@ -200,12 +200,12 @@ def _finish(
     """Judge what was learnt by a picture made from nothing else: that of the new calibration."""
     loop, better, own = run.loop, calibration, wanted
     floor = loop.residual_rms(run.sigma)
-    if loop.belief.steps:
+    if loop.state.steps:
         loop.learn(run.mean(), run.sigma, len(run.seen))
         better = refined_calibration(calibration, loop)
         own = Compensator(better, content.shape[0]).solve(content)
         run.show(projector_frames(own.direct, better))
-    free = loop.free & loop.where_whole(own.free)
+    free = loop.free & loop.cells_where(own.free)
     refined = Refined(
         calibration=better,
         frames=projector_frames(own.direct, better),
@@ -213,11 +213,11 @@ def _finish(
         own_residual=run.single(),
         noise_floor=floor,
         left_jnd=run.left,
-        own_jnd=run.visible(free),
+        own_jnd=run.residual_jnd(free),
         photographs={"before": before, "after": run.mean()},
         target=run.camera.cells.average_master(wanted.observed),
         free=free,
-        scatter_factor=loop.belief.scatter_factor,
+        scatter_factor=loop.state.scatter_factor,
         shots=run.camera.shots,
         per_picture=len(run.seen),
         worse=_worse(run, free),

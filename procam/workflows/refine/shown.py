@@ -7,17 +7,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.compensate.exact import Compensated, Compensator
+from procam.compensate.compensator import Compensated, Compensator
 from procam.compensate.projector_frames import Warper, quantised
 from procam.errors import FileFormatError
 from procam.files import atomic
-from procam.files.images.images import (
-    RGB,
-    read_image,
-    read_picture,
-    write_channels,
-    write_image,
-)
+from procam.files.images.layers import RGB, write_channels
+from procam.files.images.pixels import read_image, write_image
+from procam.files.images.stills import read_picture
 from procam.model.calibration import Calibration
 from procam.workflows.refine.refine import Refined
 

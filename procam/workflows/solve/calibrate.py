@@ -199,7 +199,7 @@ def _decode(
 
 def _solved_screen(venue: Venue, geometry: GeometrySolution) -> Dome:
     shape = geometry.rig.shape
-    bumps = tuple(float(b) for b in shape.bumps)
+    bumps = tuple(float(b) for b in shape.harmonic_coefficients)
     return replace(venue.screen, radius_m=shape.radius_m, bumps=bumps, degree=shape.degree)
 
 

@@ -4,11 +4,11 @@ from collections.abc import Mapping, Sequence
 
 from procam.errors import CalibrationError
 from procam.estimate.geometry.adjustment import RigProblem
-from procam.estimate.geometry.diagnosis import causes
-from procam.estimate.geometry.fiducial_checks import missing_marks
+from procam.estimate.geometry.diagnosis import find_causes
+from procam.estimate.geometry.fiducial_checks import missing_fiducials
 from procam.estimate.geometry.model import Observations, Pair
-from procam.estimate.geometry.solve import ROUND_ENOUGH, GeometrySolution, solve_geometry
-from procam.estimate.geometry.start import FEWEST, ProjectorPrior
+from procam.estimate.geometry.solve import MAX_SPHERE_RATIO, GeometrySolution, solve_geometry
+from procam.estimate.geometry.start import MIN_OBSERVATIONS, ProjectorPrior
 from procam.files.venue.load import Venue
 from procam.maths.geometry.ray_to_screen import RoundShape
 from procam.model.optics import Fiducial
@@ -27,7 +27,7 @@ def rig_problem(
             name: ProjectorPrior(name, entry.size, entry.lens)
             for name, entry in table.projectors.items()
         },
-        {pair: some for pair, some in seen.items() if len(some.sigma_px) >= FEWEST},
+        {pair: some for pair, some in seen.items() if len(some.sigma_px) >= MIN_OBSERVATIONS},
         {name: entry.intrinsics for name, entry in table.cameras.items()},
         marks,
         known_distances(venue, marks),
@@ -41,23 +41,23 @@ def solve_rig(problem: RigProblem) -> tuple[GeometrySolution, str, list[str]]:
     Raises
     ------
     CalibrationError
-        If there is no solution; with the probable cause, if one of `causes` is it.
+        If there is no solution; with the probable cause, if one of `find_causes` is it.
     """
     try:
         found = solve_geometry(problem)
     except CalibrationError as error:
-        told = [str(error), *causes(problem, None)]
+        told = [str(error), *find_causes(problem, None)]
         raise type(error)("\n".join(told)) from error
-    notes = missing_marks(problem.radius_known, problem.fiducials, len(found.freedoms))
-    verdict, guilty = _verdict(found), causes(problem, found)
-    if found.sphere_excess >= ROUND_ENOUGH and not guilty:
+    notes = missing_fiducials(problem.radius_known, problem.fiducials, len(found.freedoms))
+    verdict, guilty = _verdict(found), find_causes(problem, found)
+    if found.sphere_systematic_ratio >= MAX_SPHERE_RATIO and not guilty:
         notes.append(verdict)
     return found, verdict, [*notes, *guilty]
 
 
 def _verdict(found: GeometrySolution) -> str:
-    ratio = f"(ratio {found.sphere_excess**2:.1f})"
-    if found.sphere_excess < ROUND_ENOUGH:
+    ratio = f"(ratio {found.sphere_systematic_ratio**2:.1f})"
+    if found.sphere_systematic_ratio < MAX_SPHERE_RATIO:
         return f"the dome is a sphere {ratio}"
     degree = found.rig.shape.degree
     cure = "no bumps explain it; did a camera or a projector move between the pictures?"

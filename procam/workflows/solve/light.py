@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from procam.errors import OutOfModelRange
 from procam.estimate.calibration import ProjectorMeasurement
-from procam.estimate.camera.response import Linearity, linearity_error
+from procam.estimate.camera.linearity import Linearity, linearity_error
 from procam.estimate.geometry.camera_view import DomeView
 from procam.estimate.geometry.lens_glints import lens_glints
 from procam.estimate.geometry.model import Pair
@@ -17,10 +17,10 @@ from procam.estimate.light.inpaint import fill_light, fill_picture, pixels_witho
 from procam.estimate.light.projector_response import ProjectorResponseFit, fit_colour, tile_levels
 from procam.estimate.light.scatter_kernel import ScatterCells, ScatterSample
 from procam.estimate.light.separation import CLEAR_CAMERA_PX, SeparatedLight, Separation
-from procam.estimate.light.stability import LightChecks
-from procam.estimate.media_server.dome_master import DomeMaster, lit_pixels
+from procam.estimate.light.stability import StabilityChecks
+from procam.estimate.media_server.dome_master import DomeMaster, lit_by_stripes
 from procam.estimate.media_server.local_response import Levels, fit_exponent, level_samples
-from procam.maths.codes.shot_id import CELLS_PER_MASTER, CELLS_PER_PANEL, taken_pixels
+from procam.maths.codes.shot_id import CELLS_PER_MASTER, CELLS_PER_PANEL, shot_id_pixels
 from procam.maths.warp import grow, sample
 from procam.model.correspondence import CorrespondenceMap
 from procam.model.mask import Mask
@@ -112,7 +112,7 @@ def measure_server_light(
     _check_saturation(white, view.on_screen, name)
     xy = view.projector_pixels(geometry.projectors[name], dome)
     pairs = ((pattern, inverse) for *_, pattern, inverse in readings.stripe_pairs(name))
-    lit = lit_pixels(white, pairs) & master.inside(xy)
+    lit = lit_by_stripes(white, pairs) & master.inside(xy)
     numbers = _numbers(readings, geometry, name, CELLS_PER_MASTER)
     hidden = pixels_without_pattern(numbers, xy)
     panel = np.where(hidden[..., None], np.float32(np.nan), master.coarse_pixels(xy))
@@ -160,7 +160,7 @@ def _measured(
     """The light of white, split and fitted, and that of level pictures; `master` of a server."""
     coarse = master.coarse if master else 1
     separation = Separation(sight.white, sight.panel, sight.lit, view.solid_angle_sr)
-    checks = LightChecks(sight.white, view.on_screen & ~sight.hidden)
+    checks = StabilityChecks(sight.white, view.on_screen & ~sight.hidden)
     for axis, bit, pattern, inverse in readings.stripe_pairs(name):
         pattern, inverse = pattern - sight.base, inverse - sight.base  # noqa: PLW2901
         separation.add_pair(axis, bit, pattern, inverse)
@@ -185,10 +185,10 @@ def _measured(
         on_screen = view.solid_angle_sr > 0
         light = fill_light(light, sight.white, sight.hidden, view.solid_angle_sr)
         black = fill_picture(black, sight.hidden & on_screen, on_screen)
-    lightings, zones = _lightings(readings, view, name, light, sight)
+    scatter_samples, zones = _lightings(readings, view, name, light, sight)
     checks.add("of parts of the panel", zones, 3 * sight.numbers)
     found = ProjectorMeasurement(
-        light, black, colour, fit.curve(), lightings, notes=checks.notes(name)
+        light, black, colour, fit.curve(), scatter_samples, notes=checks.notes(name)
     )
     return found, steps
 
@@ -223,13 +223,13 @@ def _lightings(
     """
     total = np.zeros_like(sight.white)
     cells = ScatterCells(view.direction, view.solid_angle_sr)
-    found = [cells.lighting(light.scattered, view.on_screen, light.direct)]
+    found = [cells.scatter_sample(light.scattered, view.on_screen, light.direct)]
     for shot in readings.plan.of(name, "zone"):
         shown = sample(readings.session.pattern(shot)[..., 0], sight.xy)
         met = light.lit & ((shown > 0) | sight.hidden)
         dark = view.on_screen & ~grow(met, CLEAR_CAMERA_PX)
         picture = readings.light(shot) - sight.base
-        found.append(cells.lighting(picture, dark, light.direct * shown[..., None]))
+        found.append(cells.scatter_sample(picture, dark, light.direct * shown[..., None]))
         total += picture
     return found, [total][: len(found) - 1]
 
@@ -239,4 +239,4 @@ def _numbers(readings: SessionImages, geometry: GeometrySolution, name: str, cel
     width, height = geometry.projectors[name].size
     if "number" not in readings.only(name, "white").detail:
         return Mask(name, np.zeros((height, width), bool))
-    return Mask(name, taken_pixels((width, height), cells))
+    return Mask(name, shot_id_pixels((width, height), cells))

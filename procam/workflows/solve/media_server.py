@@ -10,7 +10,7 @@ from procam.estimate.geometry.solve import GeometrySolution
 from procam.estimate.media_server.camera_pose import (
     ALIGNED_ARCMIN,
     PlacedCamera,
-    check_turn,
+    check_rotation,
     find_master_tags,
     place_camera,
     server_geometry,
@@ -47,7 +47,7 @@ def server_rig(
 ) -> GeometrySolution:
     """The solved rig, its turn about the pole checked against the marks on the dome."""
     geometry = server_geometry(master, venue.screen.radius_m, placed)
-    check_turn(geometry, master, marks)
+    check_rotation(geometry, master, marks)
     return geometry
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from procam.files.session import Session
 from procam.files.venue.load import Venue
-from procam.files.venue.masks import done_by_hand
+from procam.files.venue.masks import manual_edits
 
 PACKAGES = ("procam", "numpy", "scipy", "opencv-contrib-python-headless", "OpenImageIO")
 
@@ -26,5 +26,5 @@ def provenance(venue: Venue, session: Session) -> dict[str, Any]:
         "python": platform.python_version(),
         "versions": {name: version(name) for name in PACKAGES},
     }
-    by_hand = done_by_hand(venue)
+    by_hand = manual_edits(venue)
     return found | ({"by_hand": by_hand} if by_hand else {})

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from tolerances import FLOAT32
 
-from procam.compensate import fields
-from procam.compensate.exact import Compensator
+from procam.compensate import _continuation
+from procam.compensate.compensator import Compensator
 from procam.compensate.fields import Fields
 from procam.maths.geometry.sphere import master_directions, master_solid_angles
 from procam.maths.light.scatter_kernel import basis
@@ -93,7 +93,7 @@ class TestBesideTheLitPart:
     def test_sums_at_edges_of_bands_see_no_end(
         self, bare: Calibration, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        """1024 node rows make bands of four, at whose edges paint is read up to three nodes outside."""
+        """1024 node rows make bands of four, at whose edges spread is read up to three nodes outside."""
         factor = -(-1024 // SIZE)
         big = {
             name: np.kron(field, np.ones((factor, factor, *[1] * (field.ndim - 2)), np.float32))
@@ -104,11 +104,11 @@ class TestBesideTheLitPart:
         size = large.maps.size
         picture = np.random.default_rng(3).uniform(0, 1.2, (size, size, 3)).astype(np.float32)
         found = []
-        for reach in (fields.REACH, 40):
-            monkeypatch.setattr(fields, "REACH", reach)
+        for reach in (_continuation.REACH, 40):
+            monkeypatch.setattr(_continuation, "REACH", reach)
             compensator = Compensator(large, size, "least-squares")
             compensator.frame(picture)
-            found.append(compensator.numbers)
+            found.append(compensator.coefficients)
         np.testing.assert_allclose(found[0], found[1], atol=1e-8 * np.abs(found[1]).max())
 
     @pytest.mark.filterwarnings("error")

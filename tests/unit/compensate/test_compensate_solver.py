@@ -1,4 +1,4 @@
-"""Roots by few looks, on equations whose roots are known."""
+"""Roots in few evaluations, of equations whose roots are known."""
 
 from collections.abc import Callable
 
@@ -26,7 +26,7 @@ def start() -> Root:
 
 @pytest.mark.parametrize("slope", [-1.3, -0.8])
 def test_the_last_pictures_slope_is_not_trusted_across_a_cut(slope: float) -> None:
-    """Nearly the same root, other limits: the step must be looked at before it counts."""
+    """Nearly the same root, other limits: the step must be evaluated before it is taken."""
     root = start()
     for place in (1.0, 1.001, 1.0, 1.001):
         root.follow(falling(place, -1.002), known(-1.002), 1e-5)
@@ -58,5 +58,5 @@ def test_a_residual_that_stands_still_is_told() -> None:
 
 
 def test_what_has_no_root_is_told() -> None:
-    with pytest.raises(DidNotConverge, match="the light still moves after 40 steps"):
+    with pytest.raises(DidNotConverge, match="not solved after 40 steps"):
         start().follow(lambda v, _: 1 + v * v, known(-1.0), 1e-9)

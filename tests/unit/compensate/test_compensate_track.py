@@ -7,7 +7,7 @@ import pytest
 
 from procam.compensate.fields import Fields
 from procam.compensate.track import TERMS, columns, moves, row, textures, uniforms
-from procam.kernels.reference_frame import monomials
+from procam.kernels.frame.reference import monomials
 from procam.maths.geometry.sphere import master_directions, master_solid_angles
 from procam.model.calibration import Calibration
 from procam.model.mask import Mask
@@ -36,10 +36,10 @@ def test_terms_have_the_order_of_the_kernels() -> None:
 
 def test_a_row_is_term_by_term_and_rgb_in_each() -> None:
     numbers = np.arange(27.0).reshape(3, 9)
-    told = dict(zip(columns(9), row(numbers, 9), strict=True))
-    assert told["1.R"] == 0 and told["1.G"] == 9 and told["1.B"] == 18
-    assert told["z^2.R"] == 8 and told["xy.B"] == 22
-    assert list(told)[:4] == ["1.R", "1.G", "1.B", "x.R"]
+    named = dict(zip(columns(9), row(numbers, 9), strict=True))
+    assert named["1.R"] == 0 and named["1.G"] == 9 and named["1.B"] == 18
+    assert named["z^2.R"] == 8 and named["xy.B"] == 22
+    assert list(named)[:4] == ["1.R", "1.G", "1.B", "x.R"]
     assert list(row(numbers, 1)) == [0, 9, 18]
 
 
@@ -140,7 +140,7 @@ class TestMoves:
         dome = Dome(furnished, np.clip(0.2 + 0.6 * master_directions(SIZE)[0], 0, None))
         exact = np.zeros((3, 9))
         for _ in range(40):
-            exact = dome.fields.numbers_of(dome.moments(exact))
+            exact = dome.fields.coefficients_of(dome.moments(exact))
         numbers, errors = np.zeros((3, 9)), []
         for _ in range(8):
             numbers = dome.step(numbers)

@@ -25,7 +25,7 @@ class Projector:
 
 
 class Control:
-    """Remembers what it was told."""
+    """Records the calls."""
 
     def __init__(self, log: list[str], name: str, power: Power = Power.ON) -> None:
         self.log, self.name, self.power = log, name, power
@@ -128,10 +128,12 @@ class TestLight:
 
 class TestOpening:
     def test_an_unknown_backend_is_refused_with_the_known(self) -> None:
-        with pytest.raises(InputError, match=r"backend: got 'nope', expected one of .*simulated"):
+        with pytest.raises(
+            InputError, match=r"backend 'nope' is not installed; choose one of .*simulated"
+        ):
             open_backend("nope", {}, None)  # type: ignore[arg-type]
 
     def test_a_backend_without_a_wire(self) -> None:
         backend = BackendRig({}, {}, Clock())
-        with pytest.raises(DeviceError, match=r"projector a: got control port 'backend'"):
+        with pytest.raises(DeviceError, match=r"projector a: its backend provides no control port"):
             open_control("a", "escvp21", "backend", backend)

@@ -8,7 +8,7 @@ from procam.files import atomic
 
 
 class Killed(Exception):
-    """Stands in for whatever interrupts a write."""
+    """An interruption of a write."""
 
 
 def _listing(folder: Path) -> list[str]:
@@ -25,7 +25,7 @@ class TestReplacing:
         assert path.read_text() == "new"
         assert _listing(path.parent) == ["file.json"]
 
-    def test_an_exception_leaves_the_old_file_and_no_litter(self, tmp_path: Path) -> None:
+    def test_an_exception_leaves_the_old_file_and_nothing_else(self, tmp_path: Path) -> None:
         path = tmp_path / "file.json"
         path.write_text("old")
         with pytest.raises(Killed), atomic.replacing(path) as temporary:
@@ -34,7 +34,7 @@ class TestReplacing:
         assert path.read_text() == "old"
         assert _listing(tmp_path) == ["file.json"]
 
-    def test_litter_of_a_killed_run_is_in_nobodys_way(self, tmp_path: Path) -> None:
+    def test_files_left_by_a_killed_run_do_no_harm(self, tmp_path: Path) -> None:
         path = tmp_path / "file.json"
         with pytest.raises(Killed), atomic.replacing(path) as temporary:
             name = temporary.name
@@ -46,7 +46,7 @@ class TestReplacing:
 
 
 class TestReplacingDirectory:
-    def test_appears_whole(self, tmp_path: Path) -> None:
+    def test_appears_when_it_is_complete(self, tmp_path: Path) -> None:
         path = tmp_path / "calibrations" / "0001"
         with atomic.replacing_directory(path) as temporary:
             (temporary / "maps").mkdir()
@@ -55,7 +55,7 @@ class TestReplacingDirectory:
         assert (path / "maps" / "dome.exr").read_bytes() == b"x"
         assert _listing(path.parent) == ["0001"]
 
-    def test_refuses_to_appear_half(self, tmp_path: Path) -> None:
+    def test_does_not_appear_after_an_exception(self, tmp_path: Path) -> None:
         path = tmp_path / "0001"
         with pytest.raises(Killed), atomic.replacing_directory(path) as temporary:
             (temporary / "one").write_text("1")
@@ -86,7 +86,7 @@ class TestLog:
             atomic.append_line(log, line)
         assert atomic.read_lines(log) == ["one", "zwei ä", "three"]
 
-    @pytest.mark.parametrize("torn", [b"t", b"two", '{"x": "ä'.encode()[:-1]])
+    @pytest.mark.parametrize("torn", [b"two", '{"x": "ä'.encode()[:-1]])
     def test_a_torn_last_line_is_dropped_by_the_reader(self, tmp_path: Path, torn: bytes) -> None:
         log = tmp_path / "index.jsonl"
         log.write_bytes(b"one\n" + torn)

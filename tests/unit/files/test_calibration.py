@@ -18,7 +18,7 @@ from procam.files.calibration import (
     next_directory,
     save_calibration,
 )
-from procam.files.images.images import read_channels, write_channels
+from procam.files.images.layers import read_channels, write_channels
 from procam.model.calibration import Calibration
 from procam.model.mask import Mask
 from procam.model.transport import Measured, ScatterKernel
@@ -76,9 +76,7 @@ class TestRoundTrip:
         save_calibration(furnished, tmp_path / "0001")
         _assert_same(load_calibration(tmp_path / "0001"), furnished)
 
-    def test_states_of_the_house_come_back_too(
-        self, tmp_path: Path, calibration: Calibration
-    ) -> None:
+    def test_venue_states_are_read_back(self, tmp_path: Path, calibration: Calibration) -> None:
         rng = np.random.default_rng(4)
         ambient = rng.uniform(0, 0.02, (96, 96, 3)).astype(np.float32)
         m = Measured(rng.uniform(0.3, 0.4, 3), rng.uniform(0, 0.01, 3))
@@ -86,9 +84,9 @@ class TestRoundTrip:
             "full": VenueState("full", m, rng.uniform(1.1, 1.2, 3), ambient),
             "school": VenueState("school", m, rng.uniform(1.1, 1.2, 3)),
         }
-        housed = dataclasses.replace(calibration, states=states)
-        save_calibration(housed, tmp_path / "0001")
-        _assert_same(load_calibration(tmp_path / "0001"), housed)
+        with_states = dataclasses.replace(calibration, states=states)
+        save_calibration(with_states, tmp_path / "0001")
+        _assert_same(load_calibration(tmp_path / "0001"), with_states)
         assert sorted(p.name for p in (tmp_path / "0001" / "maps").glob("state-*")) == [
             "state-full.exr"
         ]
@@ -109,7 +107,7 @@ class TestRoundTrip:
         path.write_text(json.dumps(document))
         _assert_same(load_calibration(saved).maps.kernel, ScatterKernel.scalar())
 
-    def test_one_without_protection_says_nothing_of_it(self, saved: Path) -> None:
+    def test_without_protection_there_is_no_layer_of_it(self, saved: Path) -> None:
         """And so does every calibration that was made before there was any."""
         assert "protected" not in read_channels(saved / "maps" / "dome.exr")
         assert load_calibration(saved).maps.protected is None
@@ -163,35 +161,35 @@ class TestNumbering:
         assert next_directory(tmp_path).name == "0003"
 
     def test_none_yet(self, tmp_path: Path) -> None:
-        with pytest.raises(FileFormatError, match=r"got no calibration.*procam calibrate"):
+        with pytest.raises(FileFormatError, match=r"has no calibration; .*procam calibrate"):
             latest_calibration(tmp_path)
 
 
 class TestDamage:
-    def _complaint(self, directory: Path) -> str:
+    def _message(self, directory: Path) -> str:
         with pytest.raises(FileFormatError) as caught:
             load_calibration(directory)
         assert "\n" not in str(caught.value)
         return str(caught.value)
 
     def test_no_calibration_here(self, tmp_path: Path) -> None:
-        message = self._complaint(tmp_path)
-        assert message.startswith(f"{tmp_path}: got no calibration.json")
+        message = self._message(tmp_path)
+        assert message.startswith(f"{tmp_path} has no calibration.json")
         assert "VENUE/calibrations/0001" in message
 
     @pytest.mark.parametrize("version", [0, 2, "1", None])
     def test_of_another_version(self, saved: Path, version: object) -> None:
         path = saved / "calibration.json"
         path.write_text(json.dumps(json.loads(path.read_text()) | {"schema_version": version}))
-        message = self._complaint(saved)
-        assert f"got schema_version {version}, expected 1" in message
+        message = self._message(saved)
+        assert f"has schema_version {version}" in message
         assert "calibrate again" in message
 
     @pytest.mark.parametrize("text", ["", "{", "[]", "3", '{"schema_version": 1}', "\x00"])
     def test_damaged_json(self, saved: Path, text: str) -> None:
         (saved / "calibration.json").write_text(text)
-        message = self._complaint(saved)
-        assert message.startswith(f"{saved / 'calibration.json'}: got a damaged calibration")
+        message = self._message(saved)
+        assert message.startswith(f"{saved / 'calibration.json'} is a damaged calibration")
         assert "procam solve" in message
 
     @pytest.mark.parametrize("key", ["screen", "cameras", "projectors", "feedback", "quality"])
@@ -200,19 +198,19 @@ class TestDamage:
         document = json.loads(path.read_text())
         del document[key]
         path.write_text(json.dumps(document))
-        message = self._complaint(saved)
+        message = self._message(saved)
         assert "damaged calibration" in message and key in message
 
     @pytest.mark.parametrize("name", ["dome", "south"])
     def test_a_map_is_gone(self, saved: Path, name: str) -> None:
         (saved / "maps" / f"{name}.exr").unlink()
-        assert self._complaint(saved).startswith(f"{saved / 'maps' / name}.exr: got no such file")
+        assert self._message(saved).startswith(f"{saved / 'maps' / name}.exr: no such file")
 
     @pytest.mark.parametrize("name", ["dome", "south"])
     def test_a_map_is_truncated(self, saved: Path, name: str) -> None:
         path = saved / "maps" / f"{name}.exr"
         path.write_bytes(path.read_bytes()[:-200])
-        assert self._complaint(saved).startswith(f"{path}: got a truncated or damaged image")
+        assert self._message(saved).startswith(f"{path} is truncated or damaged")
 
     def test_a_states_map_is_gone(self, tmp_path: Path, calibration: Calibration) -> None:
         lamps = np.zeros_like(calibration.maps.hi)
@@ -221,13 +219,13 @@ class TestDamage:
         save_calibration(dataclasses.replace(calibration, states={"full": state}), directory)
         path = directory / "maps" / "state-full.exr"
         write_channels(path, dict.fromkeys("RGB", lamps[::2, ::2, 0]))
-        assert "ambient of house state full: got shape" in self._complaint(directory)
+        assert "ambient of venue state full has shape" in self._message(directory)
         path.unlink()
-        assert self._complaint(directory).startswith(f"{path}: got no such file")
+        assert self._message(directory).startswith(f"{path}: no such file")
 
     def test_a_map_of_another_kind(self, saved: Path) -> None:
         (saved / "maps" / "south.exr").write_bytes((saved / "maps" / "dome.exr").read_bytes())
-        assert "direction" in self._complaint(saved)
+        assert "direction" in self._message(saved)
 
     @pytest.mark.parametrize("name", ["direction.y", "gain.R", "blend", "hi.G", "coverage"])
     def test_a_map_lacks_a_channel(self, saved: Path, name: str) -> None:
@@ -235,6 +233,6 @@ class TestDamage:
         path = saved / "maps" / f"{file}.exr"
         channels = {n: plane.copy() for n, plane in read_channels(path).items() if n != name}
         write_channels(path, channels)
-        complaint = self._complaint(saved)
-        assert "got a damaged calibration" in complaint or "for its layer" in complaint
-        assert name.partition(".")[0] in complaint
+        message = self._message(saved)
+        assert "is a damaged calibration" in message or "; it needs a single one" in message
+        assert name.partition(".")[0] in message

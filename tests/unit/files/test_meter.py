@@ -90,55 +90,55 @@ class TestReading:
 
 class TestMistakes:
     @pytest.mark.parametrize(
-        ("line", "told"),
+        ("line", "message"),
         [
-            ("west,red,0,40,1,.6,.3", "got projector 'west', expected one of south, north"),
+            ("west,red,0,40,1,.6,.3", "projector 'west' is not one of south, north"),
             (
                 "south,pink,0,40,1,.6,.3",
-                "got patch 'pink', expected one of red, green, blue, white, black",
+                "patch 'pink' is not one of red, green, blue, white, black",
             ),
-            ("south,red,0,40,1,.6", "got 6 cells, expected 7 as in the first line; write decimal "),
+            ("south,red,0,40,1,.6", "the line has 6 cells, and the first line 7; write decimal "),
             (
                 "south,red,0,40,1,6,.6,3",
-                "got 8 cells, expected 7 as in the first line; write decim",
+                "the line has 8 cells, and the first line 7; write decim",
             ),
-            ("south,red,0,forty,1,.6,.3", "got elevation_deg 'forty', expected a number"),
-            ("south,red,0,40,nan,.6,.3", "got Y 'nan', expected a number"),
-            ("south,red,0,40,,.6,.3", "got Y '', expected a number"),
-            ("south,red,0,91,1,.6,.3", "got elevation_deg 91, expected -90 to 90 degrees"),
-            ("south,red,-361,9,1,.6,.3", "got azimuth_deg -361, expected -360 to 360 degrees"),
+            ("south,red,0,forty,1,.6,.3", "elevation_deg is 'forty'; it must be a number"),
+            ("south,red,0,40,nan,.6,.3", "Y is 'nan'; it must be a number"),
+            ("south,red,0,40,,.6,.3", "Y is ''; it must be a number"),
+            ("south,red,0,91,1,.6,.3", "elevation_deg is 91; it must be -90 to 90 degrees"),
+            ("south,red,-361,9,1,.6,.3", "azimuth_deg is -361; it must be -360 to 360 degrees"),
             (
                 "south,red,0,40,-1,.6,.3",
-                "got Y -1, expected 0 or more; write 0 for what is below the meter's range",
+                "Y is -1; write 0 for a value below the meter's range",
             ),
-            ("south,red,0,40,0,.6,.3", "got Y 0 for red, expected light; was the shutter closed?"),
-            ("south,red,0,40,1,1.2,.3", "got x 1.2, expected 0 to 1"),
-            ("south,red,0,40,1,.6,-.3", "got y -0.3, expected 0 to 1"),
+            ("south,red,0,40,0,.6,.3", "Y is 0 for red; was the shutter closed?"),
+            ("south,red,0,40,1,1.2,.3", "x is 1.2; it must be 0 to 1"),
+            ("south,red,0,40,1,.6,-.3", "y is -0.3; it must be 0 to 1"),
             (
                 "south,red,0,40,1,.6,.6",
-                "got x 0.6 and y 0.6, expected y above 0 and x + y up to 1; are the columns what the "
-                "header says?",
+                "x is 0.6 and y 0.6, but y must be above 0 and x + y at most 1; are the columns those of "
+                "the header?",
             ),
             (
                 "south,black,0,40,1,.6,0",
-                "got x 0.6 and y 0, expected y above 0 and x + y up to 1; ar",
+                "x is 0.6 and y 0, but y must be above 0 and x + y at most 1; ar",
             ),
         ],
     )
-    def test_a_line(self, tmp_path: Path, line: str, told: str) -> None:
+    def test_a_line(self, tmp_path: Path, line: str, message: str) -> None:
         path = write(tmp_path, "# a remark", HEADER, "south,red,0,40,1,.7,.3", "", line)
-        assert refused(path).startswith(f":5: {told}")
+        assert refused(path).startswith(f":5: {message}")
 
     @pytest.mark.parametrize("channel", ["X", "Z"])
     def test_negative_tristimulus(self, tmp_path: Path, channel: str) -> None:
         values = {"X": "-1,1,1", "Z": "1,1,-1"}[channel]
         path = write(tmp_path, TRISTIMULUS, f"south,red,0,40,{values}")
         assert refused(path) == (
-            f":2: got {channel} -1, expected 0 or more; write 0 for what is below the meter's range"
+            f":2: {channel} is -1; write 0 for a value below the meter's range"
         )
 
     @pytest.mark.parametrize(
-        ("header", "told"),
+        ("header", "message"),
         [
             ("patch,azimuth_deg,elevation_deg,Y,x,y", "projector"),
             ("projector,patch,azimuth_deg,elevation_deg,Y,x", "y"),
@@ -150,30 +150,30 @@ class TestMistakes:
             ),
         ],
     )
-    def test_a_missing_column(self, tmp_path: Path, header: str, told: str) -> None:
+    def test_a_missing_column(self, tmp_path: Path, header: str, message: str) -> None:
         path = write(tmp_path, "# a remark", header, "south,red,0,40,1,.7,.3")
         assert refused(path) == (
-            f":2: got no column {told}, expected {EXPECTED}, with commas between"
+            f":2: the column {message} is missing; the first line must be {EXPECTED}, with commas between"
         )
 
     def test_a_column_twice(self, tmp_path: Path) -> None:
         path = write(tmp_path, f"{HEADER},Y", "south,red,0,40,1,.7,.3,1")
-        assert refused(path) == ":1: got column Y twice, expected each once"
+        assert refused(path) == ":1: there are two columns Y; remove one"
 
     def test_no_readings(self, tmp_path: Path) -> None:
         path = write(tmp_path, HEADER, "# nothing yet")
-        assert refused(path) == f": got no readings, expected lines below {EXPECTED}"
+        assert refused(path) == f" holds no readings; it needs lines below {EXPECTED}"
 
     def test_an_empty_file(self, tmp_path: Path) -> None:
-        assert refused(write(tmp_path, "")).startswith(":1: got no column projector, patch,")
+        assert refused(write(tmp_path, "")).startswith(":1: the column projector, patch,")
 
     def test_no_file(self, tmp_path: Path) -> None:
         path = tmp_path / "none.csv"
-        assert refused(path) == f": got no such file, expected readings: {EXPECTED}"
+        assert refused(path) == f": no such file; it must hold {EXPECTED}"
 
     def test_no_text(self, tmp_path: Path) -> None:
         path = tmp_path / "book.xlsx"
         path.write_bytes(b"PK\x03\x04\xff\xfe\x00")
         text = refused(path)
-        assert text.startswith(": got bytes that are no text (invalid start byte), expected proj")
+        assert text.startswith(" is not a text file (invalid start byte); save it as CSV")
         assert text.endswith("save it as CSV in UTF-8")

@@ -1,4 +1,4 @@
-"""What a session stores comes back, and nothing else passes for it."""
+"""A session returns the frames it stored, and refuses all others."""
 
 import json
 import shutil
@@ -61,33 +61,31 @@ class TestPlan:
         np.testing.assert_array_equal(np.rint(drive * 255), patterns[CODE.pattern])
 
     def test_none(self, session: Session) -> None:
-        with pytest.raises(FileFormatError, match=r"plan\.json: got no such file.*procam capture"):
+        with pytest.raises(FileFormatError, match=r"plan\.json: no such file.*procam capture"):
             session.read_plan()
 
     @pytest.mark.parametrize(
-        ("text", "says"),
+        ("text", "message"),
         [
             ('{"schema": 1, "shots": [', "damaged JSON"),
-            ("[]", "got a list, expected an object"),
-            ('{"schema": 7, "shots": []}', "got schema 7, expected 1"),
-            ('{"shots": []}', "got schema None, expected 1"),
+            ("[]", "holds a JSON list; it must be an object"),
+            ('{"schema": 7, "shots": []}', "has schema 7"),
             ('{"schema": 1}', "shots"),
-            ('{"schema": 1, "shots": [{"id": "a"}]}', "a shot that does not fit"),
+            ('{"schema": 1, "shots": [{"id": "a"}]}', "a shot is damaged"),
             (
                 '{"schema": 1, "shots": [{"exposures_s": [1], "bogus": 2}]}',
-                "a shot that does not fit",
+                "a shot is damaged",
             ),
-            ('{"schema": 1, "shots": ["a"]}', "a shot that does not fit"),
+            ('{"schema": 1, "shots": ["a"]}', "a shot is damaged"),
         ],
     )
-    def test_damaged(self, session: Session, text: str, says: str) -> None:
+    def test_damaged(self, session: Session, text: str, message: str) -> None:
         session.directory.mkdir()
         (session.directory / "plan.json").write_text(text)
         with pytest.raises(FileFormatError) as caught:
             session.read_plan()
-        message = str(caught.value)
-        assert message.startswith(f"{session.directory / 'plan.json'}: got ")
-        assert says in message and "\n" not in message
+        assert str(caught.value).startswith(str(session.directory / "plan.json"))
+        assert message in str(caught.value) and "\n" not in str(caught.value)
 
 
 class TestRoundTrip:
@@ -102,57 +100,93 @@ class TestRoundTrip:
         assert frame.settings == CameraSettings(exposure_s, expected.settings.pixel_format)
         assert (frame.started_s, frame.ended_s) == (expected.started_s, expected.ended_s)
 
-    def test_stored_names_what_is_there(self, stored: Session) -> None:
+    def test_stored_lists_the_frames_on_disk(self, stored: Session) -> None:
         assert set(stored.stored("zenith")) == {("south-0000", 0.1), ("south-0001", 0.25)}
         assert stored.stored("other") == {}
 
-    def test_a_torn_index_line_forgets_that_frame_alone(self, stored: Session) -> None:
+    def test_an_incomplete_index_line_affects_its_own_frame_only(self, stored: Session) -> None:
         index = _file(stored, "index.jsonl")
         index.write_bytes(index.read_bytes()[:-3])
         assert set(stored.stored("zenith")) == {("south-0000", 0.1)}
         stored.store("zenith", CODE, 0.25, _frame(2, "mono"))
         assert set(stored.stored("zenith")) == {("south-0000", 0.1), ("south-0001", 0.25)}
 
-    def test_a_shot_taken_again_wins(self, stored: Session) -> None:
+    def test_a_shot_taken_again_replaces_the_first(self, stored: Session) -> None:
         stored.store("zenith", WHITE, 0.1, _frame(9))
         found = stored.load("zenith", WHITE, 0.1, SIZE)
         np.testing.assert_array_equal(found.counts, _frame(9).counts)
 
-    def test_the_gain_comes_back(self, session: Session) -> None:
+    def test_the_gain_is_stored(self, session: Session) -> None:
         settings = CameraSettings(0.1, "rgb", gain=2.5)
         frame = _frame(1)
         session.store("zenith", WHITE, 0.1, Frame(frame.counts, settings, 1.0, 2.0))
         assert session.load("zenith", WHITE, 0.1, SIZE).settings == settings
 
 
-class TestDamage:
-    """Each damage has its own words and its own cure."""
+class TestIndexInMemory:
+    def test_the_file_is_read_once(self, stored: Session, monkeypatch: pytest.MonkeyPatch) -> None:
+        opened = Session(stored.directory)
+        opened.stored("zenith")
+        monkeypatch.setattr("procam.files.atomic.read_lines", None)
+        opened.store("zenith", CODE, 0.1, _frame(3))
+        assert len(opened.stored("zenith")) == 3
+        np.testing.assert_array_equal(
+            opened.load("zenith", CODE, 0.1, SIZE).counts, _frame(3).counts
+        )
 
-    def _complaint(self, session: Session, shot: Shot = WHITE, exposure_s: float = 0.1) -> str:
+    def test_lines_appended_by_another_process_are_seen(self, stored: Session) -> None:
+        other = Session(stored.directory)
+        assert len(other.stored("zenith")) == 2
+        stored.store("zenith", CODE, 0.1, _frame(3))
+        assert len(other.stored("zenith")) == 3
+        other.store("zenith", WHITE, 0.5, _frame(4))
+        assert len(stored.stored("zenith")) == 4
+
+    def test_a_session_in_memory_equals_a_new_one(self, stored: Session) -> None:
+        assert stored == Session(stored.directory)
+        assert hash(stored) == hash(Session(stored.directory))
+        assert stored.stored("zenith") == Session(stored.directory).stored("zenith")
+
+    def test_appends_after_a_kill_follow_the_last_complete_line(self, stored: Session) -> None:
+        index = _file(stored, "index.jsonl")
+        with index.open("ab") as file:
+            file.write(b'{"shot": "south-0001", "expo')
+        stored.store("zenith", CODE, 0.1, _frame(3))
+        lines = index.read_text().splitlines()
+        assert [json.loads(line)["exposure_s"] for line in lines] == [0.1, 0.25, 0.1]
+        assert len(Session(stored.directory).stored("zenith")) == 3
+
+
+class TestDamage:
+    """Each damage has its own message."""
+
+    def _message(self, session: Session, shot: Shot = WHITE, exposure_s: float = 0.1) -> str:
         with pytest.raises(FileFormatError) as caught:
             session.load("zenith", shot, exposure_s, SIZE)
         assert "\n" not in str(caught.value)
         return str(caught.value)
 
     def test_never_captured(self, stored: Session) -> None:
-        message = self._complaint(stored, CODE, 0.1)
+        message = self._message(stored, CODE, 0.1)
         assert message.startswith(str(_file(stored, "x").parent))
-        assert "no capture of shot south-0001 at 0.1 s" in message and "procam capture" in message
+        assert (
+            "shot south-0001 at 0.1 s was not captured" in message and "procam capture" in message
+        )
 
     def test_file_gone(self, stored: Session) -> None:
         _file(stored, "south-0000@0.1.tif").unlink()
-        message = self._complaint(stored)
-        assert "got no capture of shot south-0000 at 0.1 s" in message
-        assert "it takes only what is missing" in message
+        message = self._message(stored)
+        assert "shot south-0000 at 0.1 s was not captured" in message
+        assert "takes only what is missing" in message
 
-    @pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.9])
+    @pytest.mark.parametrize("share", [0.0, 0.5, 0.9])
     def test_truncated(self, stored: Session, share: float) -> None:
         path = _file(stored, "south-0000@0.1.tif")
         content = path.read_bytes()
         path.write_bytes(content[: int(share * len(content))])
-        message = self._complaint(stored)
-        assert message.startswith(f"{path}: got ")
-        assert "truncated" in message or "no readable image" in message
+        message = self._message(stored)
+        assert message.startswith(f"{path} is ")
+        assert "truncated" in message or "not a readable image" in message
 
     def test_swapped_with_another_shot(self, stored: Session) -> None:
         stored.store("zenith", CODE, 0.1, _frame(3))
@@ -161,24 +195,22 @@ class TestDamage:
         shutil.move(code, white)
         shutil.move(white.with_suffix(".x"), code)
         for path, shot in ((white, WHITE), (code, CODE)):
-            message = self._complaint(stored, shot)
-            assert message.startswith(
-                f"{path}: got other pixels than were captured for shot {shot.id}"
-            )
+            message = self._message(stored, shot)
+            assert message.startswith(f"{path} differs from the frame captured for shot {shot.id}")
             assert "swapped" in message and "capture again" in message
 
     def test_of_another_size(self, stored: Session) -> None:
         stored.store("zenith", WHITE, 0.1, _frame(1, size=(30, 40)))
-        message = self._complaint(stored)
-        assert message.startswith(f"{_file(stored, 'south-0000@0.1.tif')}: got 30x40 px, ")
-        assert "expected 40x30" in message and "camera's size" in message
+        message = self._message(stored)
+        assert message.startswith(f"{_file(stored, 'south-0000@0.1.tif')} has 30x40 px, ")
+        assert "40x30" in message and "camera's size" in message
 
     def test_index_line_damaged(self, stored: Session) -> None:
         index = _file(stored, "index.jsonl")
         lines = index.read_text().splitlines()
         index.write_text("\n".join(["{broken", lines[1], ""]))
-        message = self._complaint(stored)
-        assert message.startswith(f"{index}: got damaged JSON")
+        message = self._message(stored)
+        assert message.startswith(f"{index} is damaged JSON")
 
     def test_index_names_a_digest_per_frame(self, stored: Session) -> None:
         for line in _file(stored, "index.jsonl").read_text().splitlines():

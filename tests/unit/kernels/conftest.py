@@ -1,4 +1,4 @@
-"""Levels and layouts every kernel is tried at."""
+"""Levels, types and memory layouts that the kernels are tested with."""
 
 from collections.abc import Callable, Iterator
 
@@ -7,7 +7,6 @@ import pytest
 
 from procam import kernels
 
-SHAPES = [(0,), (1,), (7,), (16,), (17,), (129,), (3, 5), (33, 31), (2, 0), (2, 3, 4)]
 KINDS = [np.uint8, np.uint16, np.float32]
 
 
@@ -15,11 +14,6 @@ KINDS = [np.uint8, np.uint16, np.float32]
 def level(request: pytest.FixtureRequest) -> Iterator[str]:
     with kernels.forced(request.param) as active:
         yield active
-
-
-@pytest.fixture(params=SHAPES, ids=str)
-def shape(request: pytest.FixtureRequest) -> tuple[int, ...]:
-    return request.param
 
 
 @pytest.fixture(params=KINDS, ids=lambda kind: kind.__name__)

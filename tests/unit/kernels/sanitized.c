@@ -7,22 +7,17 @@
 #include "kernels.h"
 
 int procam_levels(void);
-void procam_fold(int, int, int, size_t, int, const int *, const void *const *, uint16_t *, void *,
-                 void *);
-void procam_phase(int, int, int, size_t, int, const void *const *, const float *, float *, float *,
-                  float *);
 void procam_search(int, int, int, size_t, const void *const *, const struct procam_search *,
                    float *const *);
 void procam_areas(int, int, size_t, size_t, const double *const *, double *);
 void procam_bundle(int, int, size_t, const struct procam_bundle *, int, size_t, double *, double *);
-void procam_misses(int, int, size_t, const struct procam_bundle *, double *);
+void procam_residuals(int, int, size_t, const struct procam_bundle *, double *);
 void procam_rays(int, int, size_t, const double *, const double *, int, const double *, double,
                  double *);
 void procam_warp(int, int, size_t, const struct procam_warp *);
 void procam_frame(int, int, int, size_t, size_t, const struct procam_frame *, double *);
-void procam_bounce(int, int, int, int, const float *, const float *, const float *, const double *,
+void procam_scattered(int, int, int, int, const float *, const float *, const float *, const double *,
                    const double *, float *);
-void procam_even(int, int, size_t, const struct procam_even *, double *);
 
 enum { FRAMES = 12 };
 
@@ -33,48 +28,22 @@ static void *room(size_t bytes) {
     return found;
 }
 
-static void fold(int level, int threads, int kind, size_t n, size_t width) {
-    void *bright = room(n * width), *dark = room(n * width);
-    void *least = room(n * width), *most = room(n * width), *code = room(n * 2);
-    const void *const pictures[] = {bright, dark, dark, bright, dark, dark};
-    const int bits[] = {15, 0, 1};
-    procam_fold(level, threads, kind, n, 1, bits, pictures, code, least, most);
-    procam_fold(level, threads, kind, n, 1, bits, pictures, code, NULL, most);
-    procam_fold(level, threads, kind, n, 2, bits, pictures, code, least, NULL);
-    procam_fold(level, threads, kind, n, 3, bits, pictures, code, NULL, NULL);
-    free(bright), free(dark), free(least), free(most), free(code);
-}
-
-static void phase(int level, int threads, int kind, size_t n, void *const *frames) {
-    for (int count = 3; count <= FRAMES; count += 3) {
-        float *weights = room(sizeof(float) * 3 * (size_t)count), *out[3];
-        for (int i = 0; i < 3 * count; i++) weights[i] = (float)(i % 7) - 3;
-        for (int i = 0; i < 3; i++) out[i] = room(n * sizeof(float));
-        procam_phase(level, threads, kind, n, count, (const void *const *)frames, weights, out[0],
-                     out[1], out[2]);
-        procam_phase(level, threads, kind, n, count, (const void *const *)frames, weights, out[0],
-                     out[1], NULL);
-        for (int i = 0; i < 3; i++) free(out[i]);
-        free(weights);
-    }
-}
-
 static void search(int level, int threads, int kind, size_t n, void *const *frames) {
     for (int count = 3; count <= FRAMES; count++) {
         const int candidates = 1 + count, later = count - 3;
         float *weights = room(9 * sizeof(float)), *out[RESULTS];
         float *terms = room(sizeof(float) * TERMS * (size_t)count);
-        float *turns = room(sizeof(float) * 2 * (size_t)(candidates * later));
+        float *rotations = room(sizeof(float) * 2 * (size_t)(candidates * later));
         for (int i = 0; i < 9; i++) weights[i] = (float)(i % 5) - 2;
         for (int i = 0; i < count * TERMS; i++) terms[i] = 0.01f * (float)(1 + i % 11);
         for (int i = 0; i < count; i++) terms[i * TERMS + SAME] = (float)(i % 2);
-        for (int i = 0; i < 2 * candidates * later; i++) turns[i] = 0.1f * (float)(i % 9);
+        for (int i = 0; i < 2 * candidates * later; i++) rotations[i] = 0.1f * (float)(i % 9);
         for (int i = 0; i < RESULTS; i++) out[i] = room(n * sizeof(float));
-        const struct procam_search how = {count, 3,  candidates, count % 3, count % 2, 64.0f,
-                                          16.0f, weights, terms, turns};
-        procam_search(level, threads, kind, n, (const void *const *)frames, &how, out);
+        const struct procam_search setup = {count, 3,  candidates, count % 3, count % 2, 64.0f,
+                                          16.0f, weights, terms, rotations};
+        procam_search(level, threads, kind, n, (const void *const *)frames, &setup, out);
         for (int i = 0; i < RESULTS; i++) free(out[i]);
-        free(weights), free(terms), free(turns);
+        free(weights), free(terms), free(rotations);
     }
 }
 
@@ -108,21 +77,21 @@ static void rays(int level, int threads, size_t n) {
     free(pixels), free(table), free(found);
 }
 
-static void bundle(int level, int threads, size_t n, int waves, int kinds) {
-    double placed[PLACED] = {1, 0, 0, 0, 1, 0, 0, 0, 1, 0.1, 0.2, 0.3, 90, 90, 5, 5, 0.01};
-    const int used = 1 + waves + 6 + (kinds & 4 ? (kinds & 1 ? 10 : 11) : 0) + 6 +
+static void bundle(int level, int threads, size_t n, int harmonics, int kinds) {
+    double placed[DEVICE_NUMBERS] = {1, 0, 0, 0, 1, 0, 0, 0, 1, 0.1, 0.2, 0.3, 90, 90, 5, 5, 0.01};
+    const int used = 1 + harmonics + 6 + (kinds & 4 ? (kinds & 1 ? 10 : 11) : 0) + 6 +
                      (kinds & 2 ? 8 : 9) + 1;
-    const size_t columns = (size_t)(used + 3) / 4 * 4, tile = 128, k = (size_t)waves;
+    const size_t columns = (size_t)(used + 3) / 4 * 4, tile = 128, k = (size_t)harmonics;
     double *parts[] = {some(3 * n), some(2 * n), some(n), some(3 * n), some(n * k), some(3 * n * k)};
-    double *bumps = some(k), *found = room((size_t)(used * used) * 8), *misses = room(16 * n);
+    double *coefficients = some(k), *found = room((size_t)(used * used) * 8), *residuals = room(16 * n);
     double *sums = room((n + tile - 1) / tile * columns * columns * PARTIAL * 8);
-    const struct procam_bundle how = {
-        waves,    kinds & 1, kinds >> 1 & 1, kinds >> 2, 5.0,      placed,   placed,
-        bumps,    parts[0],  parts[1],       parts[2],   parts[3], parts[4], parts[5]};
-    procam_bundle(level, threads, n, &how, used, tile, sums, found);
-    procam_misses(level, threads, n, &how, misses);
+    const struct procam_bundle setup = {
+        harmonics,    kinds & 1, kinds >> 1 & 1, kinds >> 2, 5.0,      placed,   placed,
+        coefficients,    parts[0],  parts[1],       parts[2],   parts[3], parts[4], parts[5]};
+    procam_bundle(level, threads, n, &setup, used, tile, sums, found);
+    procam_residuals(level, threads, n, &setup, residuals);
     for (int i = 0; i < 6; i++) free(parts[i]);
-    free(bumps), free(found), free(misses), free(sums);
+    free(coefficients), free(found), free(residuals), free(sums);
 }
 
 /* Places all round the master and far from it. */
@@ -159,10 +128,10 @@ static void frame(int level, int kind, int mode, size_t edge, int nodes, int ter
     const size_t width[] = {1, 2, 4, 2}, values = (3 * edge + 63) / 64 * 64, n = (size_t)nodes;
     const size_t strips = (3 * edge + 1535) / 1536, chunks = (n + 64) / 64, spare = 64;
     const size_t fields = 3 * n * n + spare, edges = n / 2 + 2, counts[] = {values, values, 512 * strips};
-    struct procam_frame how = {.size = edge, .kind = kind, .nodes = nodes, .terms = terms, .band = 2};
-    how.strength = mode % 2 ? 0.5f : 1.0f, how.top = 1;
-    how.image = room(3 * edge * edge * width[kind]), how.out = room(3 * edge * edge * width[kind]);
-    struct places *places[] = {&how.values, &how.shared, &how.pixels};
+    struct procam_frame setup = {.size = edge, .kind = kind, .nodes = nodes, .terms = terms, .band = 2};
+    setup.strength = mode % 2 ? 0.5f : 1.0f, setup.top = 1;
+    setup.image = room(3 * edge * edge * width[kind]), setup.out = room(3 * edge * edge * width[kind]);
+    struct positions *positions[] = {&setup.values, &setup.shared, &setup.pixels};
     int32_t *start[3], *pair[3], *rows = room((n + 2) * sizeof(int32_t));
     float *across[3], *down = room(edge * sizeof(float));
     for (int k = 0; k < 3; k++) {
@@ -184,7 +153,7 @@ static void frame(int level, int kind, int mode, size_t edge, int nodes, int ter
             const int from = start[k][i / 16];
             pair[k][i] = ((pair[k][i] & 65535) - from) | ((pair[k][i] >> 16) - from) << 8;
         }
-        *places[k] = (struct places){start[k], pair[k], across[k]};
+        *positions[k] = (struct positions){start[k], pair[k], across[k]};
     }
     for (size_t y = edge, interval = n + 1;; y--) {
         const int first = y ? (int)floor(((double)y - 0.5) * nodes / (double)edge - 0.5) + 1 : -1;
@@ -198,44 +167,19 @@ static void frame(int level, int kind, int mode, size_t edge, int nodes, int ter
     float *weight = numbers(edges * n + spare, 1), *paint = numbers(3 * edges * n + spare, 1);
     float *direction = numbers(3 * edges * n + spare, 0.5f), *tables = numbers(256 + 96, 0.1f);
     float *threshold = numbers(64 * 192, 0.5f);
-    how.light = light, how.least = lo, how.most = mode == 4 ? NULL : hi, how.gain = mode == 2 || mode == 4 ? gain : NULL;
-    how.brief = kind != 2 && edge % 2;
-    how.area = area, how.weight = weight, how.paint = paint, how.direction = direction;
-    how.lit = lit, how.down = down, how.rows = rows;
-    how.decode = tables, how.encode = tables + 256, how.threshold = threshold, how.decode_bytes = codes;
+    setup.light = light, setup.least = lo, setup.most = mode == 4 ? NULL : hi, setup.gain = mode == 2 || mode == 4 ? gain : NULL;
+    setup.fold_limits = kind != 2 && edge % 2;
+    setup.area = area, setup.weight = weight, setup.edge_spread = paint, setup.direction = direction;
+    setup.lit = lit, setup.down = down, setup.rows = rows;
+    setup.decode = tables, setup.encode = tables + 256, setup.threshold = threshold, setup.decode_bytes = codes;
     double *sums = room(strips * chunks * 27 * sizeof(double));
-    procam_frame(level, 2, mode, strips, chunks, &how, sums);
+    procam_frame(level, 2, mode, strips, chunks, &setup, sums);
     double *poly = room(27 * sizeof(double));
-    procam_bounce(level, 2, nodes, terms, lo, NULL, hi, poly, mode % 2 ? poly : NULL, light);
+    procam_scattered(level, 2, nodes, terms, lo, NULL, hi, poly, mode % 2 ? poly : NULL, light);
     for (int k = 0; k < 3; k++) free(start[k]), free(pair[k]), free(across[k]);
-    void *all[] = {(void *)how.image, how.out, rows, down, lit, codes, light, lo, hi, gain, area, weight, paint, direction, tables,
+    void *all[] = {(void *)setup.image, setup.out, rows, down, lit, codes, light, lo, hi, gain, area, weight, paint, direction, tables,
                    threshold, sums, poly};
     for (size_t k = 0; k < sizeof all / sizeof *all; k++) free(all[k]);
-}
-
-static void even(int level, size_t edge, size_t height) { /* the first rows of a picture */
-    const size_t padded = (edge + 63) / 64 * 64;
-    struct procam_even how = {.size = edge, .padded = padded};
-    int32_t *lit = room(2 * height * sizeof(int32_t)), *rows = room(4 * sizeof(int32_t));
-    for (size_t y = 0; y < height; y++) lit[2 * y] = (int32_t)(y % 70 % edge), lit[2 * y + 1] = (int32_t)(edge - y % 3 % edge);
-    rows[1] = (int32_t)height / 2, rows[2] = rows[3] = (int32_t)height;
-    int8_t *coarse = room(3 * padded), *fine = room(3 * padded);
-    uint8_t *out = room(3 * edge * height), *bytes = room(768);
-    how.image = room(3 * edge * height), how.table = room(3072), how.whole = how.rest = how.change = bytes;
-    how.threshold = room(4096), how.lit = lit, how.rows = rows;
-    how.coarse = coarse, how.fine = fine, how.steps = 1, how.tall = height;
-    const size_t blocks = padded / 64;
-    int32_t *own = room(3 * blocks * sizeof(int32_t));
-    int8_t *slope = room(3 * blocks), *mine = room(2 * 64 * height);
-    for (size_t i = 0; i < 3 * blocks; i++) own[i] = (int32_t)(i % 3) - 1;
-    how.own = own, how.slope = slope, how.own_coarse = how.own_fine = mine;
-    double *sums = room(9 * sizeof(double));
-    procam_even(level, 2, 3, &how, sums);
-    how.out = out;
-    procam_even(level, 2, 3, &how, NULL);
-    procam_even(level, 2, 3, &how, sums);
-    free((void *)how.image), free(out), free((void *)how.table), free(bytes), free((void *)how.threshold);
-    free(lit), free(rows), free(coarse), free(fine), free(sums), free(own), free(slope), free(mine);
 }
 
 int main(void) {
@@ -248,8 +192,6 @@ int main(void) {
                 const int threads = 1 + (int)(i % 2);
                 void *frames[FRAMES];
                 for (int k = 0; k < FRAMES; k++) frames[k] = room(sizes[i] * width[kind]);
-                fold(level, threads, kind, sizes[i], width[kind]);
-                phase(level, threads, kind, sizes[i], frames);
                 search(level, threads, kind, sizes[i] < 3000 ? sizes[i] : 2047, frames);
                 for (int k = 0; k < FRAMES; k++) free(frames[k]);
             }
@@ -271,8 +213,6 @@ int main(void) {
                      edges[i / 4]);
         const size_t pictures[] = {5, 64, 97, 130, 300};
         for (int i = 0; i < 5; i++) {
-            even(level, pictures[i], pictures[i]);
-            even(level, 4095 + pictures[i], 3);
             for (int kinds = 0; kinds < 24; kinds++)
                 frame(level, kinds % 4, kinds / 4, pictures[i], 5 + i * (1 + i) * 3, (int[]){1, 4, 9}[i % 3]);
         }

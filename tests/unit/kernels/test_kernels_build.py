@@ -13,7 +13,7 @@ from procam import kernels
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[2]
-SOURCES = ROOT / "procam/kernels/c"
+SOURCES = ROOT / "procam/kernels/native"
 COMPILER = shutil.which("gcc") or shutil.which("cc")
 needs_compiler = pytest.mark.skipif(
     COMPILER is None, reason="no C compiler (Debian: gcc libc6-dev)"
@@ -51,7 +51,7 @@ def test_sanitizers_find_nothing(tmp_path: Path) -> None:
     flags += ["-fno-math-errno", "-fno-trapping-math", "-ffp-contract=fast", "-Wno-unknown-pragmas"]
     built = _run([COMPILER, *SANITIZE, *flags, *map(str, files), "-o", str(program), "-lm"])
     assert built.returncode == 0, built.stderr
-    # OpenMP keeps its threads to the end: leaks are not looked for
+    # OpenMP keeps its threads to the end, so leaks are not checked
     ran = _run([str(program)], ASAN_OPTIONS="detect_leaks=0", UBSAN_OPTIONS="print_stacktrace=1")
     assert ran.returncode == 0, ran.stderr
     assert "level 2 clean" in ran.stdout
@@ -75,5 +75,5 @@ def test_without_a_compiler_the_package_still_builds(tmp_path: Path) -> None:
     assert built.returncode == 0, built.stderr
     (wheel,) = (tmp_path / "out").glob("*.whl")
     names = zipfile.ZipFile(wheel).namelist()
-    assert "procam/kernels/reference.py" in names
+    assert "procam/kernels/frame/reference.py" in names
     assert not any("_native" in name for name in names)

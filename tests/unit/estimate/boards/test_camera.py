@@ -1,4 +1,4 @@
-"""A camera from views of a board: held against made-up truth, and against somebody's real fisheye."""
+"""A camera from views of a board: simulated views with known truth, and a published real fisheye."""
 
 import itertools
 from dataclasses import replace
@@ -6,103 +6,29 @@ from importlib import resources
 
 import numpy as np
 import pytest
+from simulated_boards import (
+    BEND,
+    BOARD,
+    FISHEYE,
+    MIDDLE,
+    NOISE_PX,
+    PINHOLE,
+    SIZE,
+    add_outliers,
+    fisheye_views,
+    looking_at,
+    pinhole_views,
+    seen,
+)
 from tolerances import SIGMAS
 
 from procam.errors import InputError, NotEnoughData, ShapeError
-from procam.estimate.boards.adjustment import (
-    BoardAdjustment,
-    BoardRig,
-    gather_corners,
-    moved,
-    residuals,
-)
 from procam.estimate.boards.camera import BoardView, fit_camera, rms, view_residuals
-from procam.estimate.boards.start import pose_of_board
-from procam.maths.geometry.lens_derivatives import lens_of_parameters, lens_parameters
+from procam.maths.geometry.lens_derivatives import lens_parameters
 from procam.maths.geometry.lenses import Lens, project, unproject
 from procam.maths.geometry.pose import Pose, align_rotation, rotation_matrix
 
-COLUMNS, ROWS, SQUARE_M = 13, 9, 0.0135
-BOARD = np.stack([*np.meshgrid(np.arange(COLUMNS), np.arange(ROWS)), np.zeros((ROWS, COLUMNS))], -1)
-BOARD = BOARD.reshape(-1, 3) * SQUARE_M
-MIDDLE = np.array([*(BOARD[:, :2].max(axis=0) / 2), 0.0])
-HALF = float(np.linalg.norm(MIDDLE))
-BEND = np.array([0.003, -0.001, 0.0015])
-NOISE_PX = 0.05  # what OpenCV's corner finder leaves on a sharp photograph
-EDGE_PX = 0.1  # of a lens at the rim of what its photographs show
-
-FISHEYE = Lens(
-    "kannala-brandt",
-    np.array([311.0, 310.2]),
-    np.array([652.3, 507.4]),
-    np.array([0.03, -0.012, 0.004, -0.0007]),
-)
-PINHOLE = Lens(
-    "brown",
-    np.array([905.0, 903.1]),
-    np.array([652.3, 507.4]),
-    np.array([-0.28, 0.11, 0.0006, -0.0004, -0.02]),
-)
-SIZE = (1300, 1020)
-
-
-def bent(points: np.ndarray, bend: np.ndarray) -> np.ndarray:
-    u, v = ((points - MIDDLE)[:, :2] / HALF).T
-    return points + np.stack([0 * u, 0 * u, np.stack([u * u, v * v, u * v], 1) @ bend], axis=1)
-
-
-def looking_at(angle: float, azimuth: float, tilt: np.ndarray, distance: float) -> Pose:
-    """A board whose middle is `angle` off the axis, facing the camera but for its `tilt`."""
-    axis = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
-    facing = rotation_matrix(axis * angle)
-    rotation = facing @ rotation_matrix(tilt)
-    return Pose(rotation, facing[:, 2] * distance - rotation @ MIDDLE)
-
-
-def fisheye_views(rng: np.random.Generator, lens: Lens, number: int = 30) -> list[BoardView]:
-    """Boards all over the half space and beyond; the first has a corner on the principal point."""
-    angles = np.radians(np.linspace(0, 88, number))
-    views = []
-    for i, angle in enumerate(angles):
-        pose = looking_at(angle, 2.4 * i, rng.normal(0, 0.35, 3), rng.uniform(0.13, 0.2))
-        if i == 0:
-            corner = pose.apply(bent(BOARD, BEND))[22]
-            pose = Pose(pose.rotation, pose.translation - [corner[0], corner[1], 0.0])
-        views.append(seen(rng, f"{i:02d}.png", pose, lens))
-    corner = views[0].pixels[22]
-    corner[:] = lens.centre
-    return views
-
-
-def pinhole_views(rng: np.random.Generator, lens: Lens, number: int = 30) -> list[BoardView]:
-    views = []
-    while len(views) < number:
-        tilt = rng.normal(0, 0.45, 3) * [1, 1, 0.3]
-        pose = looking_at(rng.uniform(0, 0.65), rng.uniform(0, 7), tilt, rng.uniform(0.2, 0.45))
-        views.append(seen(rng, f"{len(views):02d}.png", pose, lens))
-        if len(views[-1].pixels) < len(BOARD) / 2:
-            views.pop()
-    return views
-
-
-def seen(rng: np.random.Generator, name: str, pose: Pose, lens: Lens) -> BoardView:
-    """What the camera sees, noise and all; corners beside the picture are not seen."""
-    pixels = project(pose.apply(bent(BOARD, BEND)), lens)
-    inside = ((pixels > 0) & (pixels < np.array(SIZE) - 1)).all(axis=1)
-    noisy = pixels + rng.normal(0, NOISE_PX, pixels.shape)
-    return BoardView(name, BOARD[inside], noisy[inside])
-
-
-def spoil(rng: np.random.Generator, views: list[BoardView], share: float) -> set[tuple[str, int]]:
-    """Move some corners by 5 to 60 px; which ones."""
-    moved_ones = set()
-    for view, pixels in [(v.name, v.pixels) for v in views]:
-        for index in np.flatnonzero(rng.random(len(pixels)) < share):
-            angle, far = rng.uniform(0, 2 * np.pi), rng.uniform(5, 60)
-            shifted = pixels[index] + far * np.array([np.cos(angle), np.sin(angle)])
-            pixels[index] = np.clip(shifted, 0, np.array(SIZE) - 1)
-            moved_ones.add((view, int(index)))
-    return moved_ones
+EDGE_PX = 0.1  # error of a lens at the largest angle that its photographs show
 
 
 def z_scores(found: Lens, truth: Lens, covariance: np.ndarray) -> np.ndarray:
@@ -118,31 +44,31 @@ class TestTruth:
     )
     def test_parameters_lie_within_their_sigmas(self, rng, lens, make) -> None:
         views = make(rng, lens)
-        gross = spoil(rng, views[1:], 0.05)
-        assert len(gross) > 20
+        outliers = add_outliers(rng, views[1:], 0.05)
+        assert len(outliers) > 20
         fit = fit_camera(views, SIZE, lens.kind)
-        assert {(d.view, d.index) for d in fit.dropped} == gross
+        assert {(d.view, d.index) for d in fit.dropped} == outliers
         assert not fit.dropped_views
         z = z_scores(fit.lens, lens, fit.covariance)
         assert np.abs(z).max() < SIGMAS, dict(zip(fit.sigma, z, strict=True))
         bend_z = (fit.bend - BEND) / np.sqrt(np.diag(fit.bend_covariance))
         assert np.abs(bend_z).max() < SIGMAS
-        # two coordinates of noise; corners' own poses take a little of it
+        # noise along two axes; the fitted poses absorb a little of it
         assert rms(fit.residual_px) == pytest.approx(NOISE_PX * np.sqrt(2), rel=0.06)
         assert rms(fit.held_out_px) == pytest.approx(NOISE_PX * np.sqrt(2), rel=0.08)
         assert set(fit.held_out_px) == {v.name for v in views}
-        self.judge_edge(fit.lens, lens, views)
+        self.check_edge(fit.lens, lens, views)
 
     @staticmethod
-    def judge_edge(found: Lens, truth: Lens, views: list[BoardView]) -> None:
-        """The rim of what was seen, all round."""
+    def check_edge(found: Lens, truth: Lens, views: list[BoardView]) -> None:
+        """The projection agrees all round the largest observed angle."""
         reach = unproject(np.concatenate([v.pixels for v in views]), truth)[:, 2].min()
         turn = np.linspace(0, 2 * np.pi, 60)
         side = np.sqrt(1 - reach**2)
         rim = np.stack([side * np.cos(turn), side * np.sin(turn), np.full(60, reach)], axis=1)
         inside = ((project(rim, truth) > 0) & (project(rim, truth) < SIZE)).all(axis=1)
         assert inside.sum() > 3
-        # a camera's pose takes up any turn that its lens is thought to have
+        # a rotation of the lens is equivalent to one of the camera
         every = np.concatenate([v.pixels for v in views])
         turned = align_rotation(unproject(every, truth), unproject(every, found))
         miss = np.linalg.norm(project(rim @ turned.T, found) - project(rim, truth), axis=1)
@@ -155,7 +81,7 @@ class TestTruth:
         np.testing.assert_array_equal(views[0].pixels[22], FISHEYE.centre)
         assert fit.coverage > 0.5
 
-    def test_sigmas_are_what_repeated_noise_shows(self) -> None:
+    def test_covariance_covers_repeated_noise(self) -> None:
         """Mean squared z of many parameters over many seeds is 1 when the covariance is right."""
         scores = []
         for seed in range(8):
@@ -166,9 +92,8 @@ class TestTruth:
         # chi-square of 72 degrees of freedom, +-4 sigma
         assert np.sum(scores) == pytest.approx(72, abs=SIGMAS * np.sqrt(2 * 72))
 
-    def test_exact_corners_give_the_exact_lens(self, rng, monkeypatch) -> None:
-        monkeypatch.setitem(globals(), "NOISE_PX", 0.0)
-        fit = fit_camera(fisheye_views(rng, FISHEYE, 8), SIZE, "kannala-brandt")
+    def test_exact_corners_give_the_exact_lens(self, rng) -> None:
+        fit = fit_camera(fisheye_views(rng, FISHEYE, 8, noise_px=0.0), SIZE, "kannala-brandt")
         np.testing.assert_allclose(fit.lens.focal, FISHEYE.focal, rtol=1e-7)
         np.testing.assert_allclose(fit.bend, BEND, atol=1e-8)
 
@@ -182,7 +107,7 @@ class TestTruth:
         assert other.name not in fit.residual_px
         assert np.abs(z_scores(fit.lens, PINHOLE, fit.covariance)).max() < SIGMAS
 
-    def test_views_not_fitted_are_predicted(self, rng) -> None:
+    def test_new_views_are_predicted(self, rng) -> None:
         fit = fit_camera(fisheye_views(rng, FISHEYE), SIZE, "kannala-brandt")
         fresh = view_residuals(fit, fisheye_views(np.random.default_rng(5), FISHEYE, 10))
         assert rms(fresh) == pytest.approx(NOISE_PX * np.sqrt(2), rel=0.08)
@@ -203,7 +128,7 @@ class TestRealFisheye:
             for part in [rows[rows["view"] == view]]
         ]
 
-    def test_predicts_pictures_it_never_saw(self) -> None:
+    def test_unseen_pictures_are_predicted(self) -> None:
         fit = fit_camera(self.views("train"), (1280, 800), "kannala-brandt")
         test = view_residuals(fit, self.views("test"))
         lengths = np.linalg.norm(np.concatenate([*test.values()]), axis=1)
@@ -216,56 +141,8 @@ class TestRealFisheye:
         assert len(fit.dropped) < 0.01 * sum(map(len, fit.residual_px.values()))
 
 
-class TestDerivatives:
-    def test_bundle_walks_along_its_own_slope(self, rng) -> None:
-        """Normal equations against central differences of the residuals, all parameters at once."""
-        views = fisheye_views(rng, FISHEYE, 3)
-        corners = gather_corners(
-            [v.points for v in views], [np.stack([v.pixels, v.pixels + 3]) for v in views]
-        )
-        devices = (
-            Pose(np.eye(3), np.zeros(3)),
-            Pose.from_vectors((0.1, -0.2, 0.05), (0.02, 0, 0.01)),
-        )
-        boards = tuple(pose_of_board(v.points, unproject(v.pixels, FISHEYE)) for v in views)
-        rig = BoardRig((FISHEYE, FISHEYE), devices, boards, BEND)
-        bundle = BoardAdjustment(
-            corners, (tuple(range(8)), (0, 3, 5)), np.array([1.0, 2.0]), bend=True
-        )
-        gradient = []
-        for i in range(bundle.shared + 18):
-            step = np.zeros(bundle.shared + 18)
-            step[i] = 1e-6
-            ahead, back = (bundle.cost(stepped(rig, bundle, sign * step)) for sign in (1, -1))
-            gradient.append((ahead - back) / 4e-6)
-        equations = bundle._equations(rig)
-        ours = np.r_[equations.gradient, equations.own_gradient.ravel()]
-        np.testing.assert_allclose(ours, gradient, rtol=1e-4, atol=1e-4 * np.abs(ours).max())
-
-
-def stepped(rig: BoardRig, bundle: BoardAdjustment, x: np.ndarray) -> BoardRig:
-    """The same step, written out by hand for the one rig of the test above."""
-    first = lens_of_parameters(FISHEYE, lens_parameters(rig.lenses[0]) + x[:8])
-    change = np.zeros(8)
-    change[[0, 3, 5]] = x[8:11]
-    second = lens_of_parameters(FISHEYE, lens_parameters(rig.lenses[1]) + change)
-    own = x[bundle.shared :].reshape(-1, 6)
-    return BoardRig(
-        (first, second),
-        (rig.devices[0], moved(rig.devices[1], x[11:17])),
-        tuple(moved(b, s) for b, s in zip(rig.boards, own, strict=True)),
-        rig.bend + x[17:20],
-    )
-
-
-class TestStart:
-    def test_pose_from_rays_beyond_ninety_degrees(self) -> None:
-        pose = looking_at(np.radians(97), 1.0, np.array([0.2, -0.3, 0.5]), 0.15)
-        found = pose_of_board(BOARD, unproject(project(pose.apply(BOARD), FISHEYE), FISHEYE))
-        np.testing.assert_allclose(found.rotation, pose.rotation, atol=1e-6)
-        np.testing.assert_allclose(found.translation, pose.translation, atol=1e-7)
-
-    @pytest.mark.parametrize("focal", [200.0, 420.0, 1500.0])
+class TestFocals:
+    @pytest.mark.parametrize("focal", [200.0, 1500.0])
     def test_any_fisheye_focal_is_found(self, rng, focal: float) -> None:
         lens = replace(FISHEYE, focal=np.full(2, focal), distortion=np.zeros(4))
         views = [v for v in fisheye_views(rng, lens, 40) if len(v.points) > 20]
@@ -273,7 +150,7 @@ class TestStart:
         fit = fit_camera(views[1:], SIZE, "kannala-brandt")
         assert abs(fit.lens.focal[0] - focal) < SIGMAS * fit.sigma["fx"]
 
-    @pytest.mark.parametrize("focal", [600.0, 2500.0, 6000.0])
+    @pytest.mark.parametrize("focal", [600.0, 6000.0])
     def test_any_pinhole_focal_is_found(self, rng, focal: float) -> None:
         lens = replace(PINHOLE, focal=np.full(2, focal), distortion=np.zeros(5))
         views = [
@@ -291,7 +168,7 @@ class TestStart:
 
 class TestRefusals:
     def test_too_few_views(self, rng) -> None:
-        with pytest.raises(NotEnoughData, match=r"got 2 of the board, expected at least 3.*tilted"):
+        with pytest.raises(NotEnoughData, match=r"only 2 of the board; at least 3 .* tilted"):
             fit_camera(pinhole_views(rng, PINHOLE, 2), SIZE, "brown")
 
     @pytest.mark.parametrize("lens", [FISHEYE, PINHOLE], ids=["fisheye", "brown"])
@@ -302,12 +179,10 @@ class TestRefusals:
             seen(rng, str(i), Pose(tilt, np.array(place) - tilt @ MIDDLE), lens)
             for i, place in enumerate(places)
         ]
-        with pytest.raises(
-            NotEnoughData, match=r"all parallel within .* leave the focal length open"
-        ):
+        with pytest.raises(NotEnoughData, match=r"parallel within .* leaves the focal length open"):
             fit_camera(views, SIZE, lens.kind)
 
-    def test_hardly_tilted_boards(self, rng) -> None:
+    def test_slightly_tilted_boards(self, rng) -> None:
         far = [looking_at(0.05, i, 0.06 * rng.normal(size=3), 3.0) for i in range(5)]
         views = [seen(rng, str(i), pose, PINHOLE) for i, pose in enumerate(far)]
         with pytest.raises(NotEnoughData, match="focal length"):
@@ -316,26 +191,18 @@ class TestRefusals:
     def test_corners_along_a_line(self, rng) -> None:
         views = pinhole_views(rng, PINHOLE, 4)
         views[2] = BoardView("thin.png", BOARD[:13], views[2].pixels[:13])
-        with pytest.raises(NotEnoughData, match=r"thin\.png: got 13 corners or all along a line"):
+        with pytest.raises(NotEnoughData, match=r"thin\.png: 13 corners do not determine"):
             fit_camera(views, SIZE, "brown")
 
     def test_names_shapes_and_places(self, rng) -> None:
         views = pinhole_views(rng, PINHOLE, 4)
-        with pytest.raises(InputError, match="same name twice"):
+        with pytest.raises(InputError, match="have the same name"):
             fit_camera([*views, views[0]], SIZE, "brown")
-        with pytest.raises(InputError, match=r"00\.png: got corners outside .* within 640x480"):
+        with pytest.raises(
+            InputError, match=r"00\.png: some corners .* outside the picture of 640x480"
+        ):
             fit_camera(views, (640, 480), "brown")
-        with pytest.raises(ShapeError, match=r"points: got shape \(117, 2\)"):
+        with pytest.raises(ShapeError, match=r"points.*\(117, 2\)"):
             fit_camera([*views, BoardView("x", BOARD[:, :2], BOARD[:, :2])], SIZE, "brown")
-        with pytest.raises(ShapeError, match=r"pixels: got shape \(116, 2\)"):
+        with pytest.raises(ShapeError, match=r"pixels.*\(116, 2\)"):
             fit_camera([*views, BoardView("x", BOARD, BOARD[1:, :2])], SIZE, "brown")
-
-
-def test_residuals_are_predicted_minus_seen() -> None:
-    pose = looking_at(0.1, 0.0, np.zeros(3), 0.3)
-    pixels = project(pose.apply(BOARD), PINHOLE) + np.array([1.0, -2.0])
-    corners = gather_corners([BOARD], [pixels[None]])
-    rig = BoardRig((PINHOLE,), (Pose(np.eye(3), np.zeros(3)),), (pose,), np.zeros(3))
-    np.testing.assert_allclose(
-        residuals(corners, rig)[0], np.tile([-1.0, 2.0], (len(BOARD), 1)), atol=1e-9
-    )

@@ -1,4 +1,4 @@
-"""Veil, vignetting and black level from photographs of a camera that is built here."""
+"""Glare, vignetting and black level from photographs of a simulated camera."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -10,11 +10,11 @@ from tolerances import SIGMAS
 
 from procam.errors import InputError, NotEnoughData, OutOfModelRange, ProcamError, ShapeError
 from procam.estimate.camera.glare_and_vignetting import (
-    UNEVEN_VEIL,
+    GLARE_VARIATION,
     black_level,
-    desk_glare,
+    fit_glare,
     fit_vignetting,
-    flat_light,
+    linear_light,
 )
 from procam.estimate.camera.radiance import Radiometer
 from procam.maths.geometry.lenses import Lens, project, unproject
@@ -52,11 +52,11 @@ def surround(place: tuple[float, float], residual: float = 0.0) -> Array:
     return np.where(hole, residual, paper) * CIRCLE
 
 
-def even_veil(light: Array, glare: float) -> Array:
+def uniform_glare(light: Array, glare: float) -> Array:
     return (1 - glare) * light + glare * light[CIRCLE].mean()
 
 
-def wide_veil(light: Array, glare: float) -> Array:
+def wide_glare(light: Array, glare: float) -> Array:
     """Light spread by a Gaussian as wide as a third of the picture, and so uneven."""
     return (1 - glare) * light + glare * gaussian_filter(light, 50, mode="constant", truncate=6)
 
@@ -75,10 +75,13 @@ def traps(number: int) -> list[tuple[float, float, float]]:
 
 
 def lights(
-    glare: float, number: int = 1, veil: Callable[[Array, float], Array] = even_veil, **more: float
+    glare: float,
+    number: int = 1,
+    add: Callable[[Array, float], Array] = uniform_glare,
+    **more: float,
 ) -> list[Array]:
     return [
-        flat_light(photograph(veil(surround(place, **more), glare), seed=i), RADIOMETER)
+        linear_light(photograph(add(surround(place, **more), glare), seed=i), RADIOMETER)
         for i, place in enumerate(PLACES[:number])
     ]
 
@@ -86,59 +89,57 @@ def lights(
 class TestFlatLight:
     def test_counts_become_light(self) -> None:
         truth = surround(PLACES[0])
-        light = flat_light(photograph(truth, noise=0), RADIOMETER)
+        light = linear_light(photograph(truth, noise=0), RADIOMETER)
         assert light.shape == (SIZE, SIZE, 1)
         np.testing.assert_allclose(light[CIRCLE, 0] / SCALE, truth[CIRCLE], atol=1.5 / SCALE)
 
     def test_saturated_is_unknown_but_not_in_merged_exposures(self) -> None:
         counts = photograph(surround(PLACES[0]))
         counts[80, 20] = 65535
-        assert np.isnan(flat_light(counts, RADIOMETER)).sum() == 1
+        assert np.isnan(linear_light(counts, RADIOMETER)).sum() == 1
         merged = np.full((SIZE, SIZE, 3), 1e5)
-        np.testing.assert_allclose(flat_light(merged, RADIOMETER)[80, 80], 1e5, rtol=1e-9)
+        np.testing.assert_allclose(linear_light(merged, RADIOMETER)[80, 80], 1e5, rtol=1e-9)
 
     def test_another_size(self) -> None:
-        with pytest.raises(ShapeError, match=r"got shape \(9, 9, 1\), expected \(161, 161\)"):
-            flat_light(np.zeros((9, 9), np.uint16), RADIOMETER)
+        with pytest.raises(ShapeError, match=r"\(9, 9, 1\).*\(161, 161\)"):
+            linear_light(np.zeros((9, 9), np.uint16), RADIOMETER)
 
 
 class TestGlare:
     @pytest.mark.parametrize("glare", [0.002, 0.01, 0.04])
-    def test_an_even_veil(self, glare: float) -> None:
-        found = desk_glare(lights(glare, 3), traps(3), RADIOMETER.seen)
+    def test_an_uniform_glare(self, glare: float) -> None:
+        found = fit_glare(lights(glare, 3), traps(3), RADIOMETER.seen)
         assert abs(found.glare - glare) < SIGMAS * 2e-5  # counts of noise and rounding, averaged
         assert found.sigma == pytest.approx(5e-4, rel=0.05)  # the trap's own, alone
         assert len(found.each) == 3
 
-    def test_an_uneven_veil_is_in_the_sigma(self) -> None:
-        """Truth: what veils the picture on average, as a share of the mean; no single place shows it."""
-        found = desk_glare(lights(0.01, 4, wide_veil), traps(4), RADIOMETER.seen)
+    def test_an_ununiform_glare_is_in_the_sigma(self) -> None:
+        """The truth is the average glare, as a share of the mean; no single place shows it."""
+        found = fit_glare(lights(0.01, 4, wide_glare), traps(4), RADIOMETER.seen)
         shares = []
         for place in PLACES:
             light = surround(place)
-            veil = wide_veil(light, 0.01) - 0.99 * light
-            shares.append(veil[CIRCLE].mean() / wide_veil(light, 0.01)[CIRCLE].mean())
+            veil = wide_glare(light, 0.01) - 0.99 * light
+            shares.append(veil[CIRCLE].mean() / wide_glare(light, 0.01)[CIRCLE].mean())
         assert abs(found.glare - np.mean(shares)) < 2 * found.sigma < 0.3 * found.glare
         assert np.ptp(found.each) > 1e-3
 
-    def test_one_photograph_allows_for_an_uneven_veil(self) -> None:
-        found = desk_glare(lights(0.01), traps(1), RADIOMETER.seen)
-        assert found.sigma == pytest.approx(np.hypot(UNEVEN_VEIL * 0.01, 5e-4), rel=0.02)
+    def test_one_photograph_allows_for_an_ununiform_glare(self) -> None:
+        found = fit_glare(lights(0.01), traps(1), RADIOMETER.seen)
+        assert found.sigma == pytest.approx(np.hypot(GLARE_VARIATION * 0.01, 5e-4), rel=0.02)
 
     def test_colour(self) -> None:
         shares = (0.008, 0.01, 0.012)
-        truth = np.stack([even_veil(surround(PLACES[0]), g) for g in shares], axis=-1)
+        truth = np.stack([uniform_glare(surround(PLACES[0]), g) for g in shares], axis=-1)
         counts = np.rint(BLACK + SCALE * truth * fall()[..., None]).astype(np.uint16)
-        found = desk_glare([flat_light(counts, RADIOMETER)], traps(1), RADIOMETER.seen)
+        found = fit_glare([linear_light(counts, RADIOMETER)], traps(1), RADIOMETER.seen)
         assert found.glare == pytest.approx(0.01, abs=1e-5)
         assert found.sigma > 0.002  # of the channels
 
-    def test_a_grey_trap_within_what_is_told(self) -> None:
-        """A residual of a thousandth, told as such: one sigma off, and said so."""
+    def test_a_grey_trap_within_its_stated_light(self) -> None:
+        """A trap that reflects a thousandth, stated as such: one sigma off."""
         own = 1e-3 * surround(PLACES[0])[CIRCLE].mean()
-        found = desk_glare(
-            lights(0.01, 3, residual=own), traps(3), RADIOMETER.seen, trap_sigma=1e-3
-        )
+        found = fit_glare(lights(0.01, 3, residual=own), traps(3), RADIOMETER.seen, trap_sigma=1e-3)
         assert 0.8e-3 < found.glare - 0.01 < 1.2e-3
         assert found.sigma >= 1e-3
 
@@ -146,17 +147,17 @@ class TestGlare:
         x, y, radius = traps(1)[0]
         mask = np.hypot(COLUMNS - x, ROWS - y) <= radius
         (light,) = lights(0.01)
-        assert desk_glare([light], [mask], RADIOMETER.seen) == desk_glare(
+        assert fit_glare([light], [mask], RADIOMETER.seen) == fit_glare(
             [light], traps(1), RADIOMETER.seen
         )
 
-    def test_undoes_what_the_radiometer_undoes(self) -> None:
-        """The figure that is found, put into the sensor, blackens the hole."""
+    def test_agrees_with_the_radiometer(self) -> None:
+        """With the estimated glare the radiometer gives a black hole."""
         from procam.model.frame import CameraSettings, Frame
 
-        counts = photograph(even_veil(surround(PLACES[1]), 0.03), noise=0)
-        light = flat_light(counts, RADIOMETER)
-        glare = desk_glare([light], [traps(2)[1]], RADIOMETER.seen).glare
+        counts = photograph(uniform_glare(surround(PLACES[1]), 0.03), noise=0)
+        light = linear_light(counts, RADIOMETER)
+        glare = fit_glare([light], [traps(2)[1]], RADIOMETER.seen).glare
         camera = replace(CAMERA, sensor=replace(CAMERA.sensor, glare=glare))
         radiance = Radiometer(camera).radiance(Frame(counts, CameraSettings(1.0), 0.0, 1.0))
         hole = np.hypot(COLUMNS - PLACES[1][0], ROWS - PLACES[1][1]) <= INSIDE_PX
@@ -192,54 +193,58 @@ def _unlit() -> tuple[list[Array], Sequence[object]]:
 
 class TestGlareRefuses:
     @pytest.mark.parametrize(
-        ("given", "error", "told"),
+        ("given", "error", "message"),
         [
-            (_grey, OutOfModelRange, r"got a trap with \d\.\d% of the mean light, expected 5% at"),
-            (_lit, OutOfModelRange, r"in a part of it, expected them within 25%; it is lit"),
-            (_rim, OutOfModelRange, r"(of the mean light, expected 5%|the circle touches its rim)"),
+            (_grey, OutOfModelRange, r"the trap has \d\.\d% of the mean light, more than 5%"),
+            (_lit, OutOfModelRange, r"in a part of it, more than 25% apart"),
+            (
+                _rim,
+                OutOfModelRange,
+                r"(of the mean light, more than 5%|the circle touches its rim)",
+            ),
             (_below_black, OutOfModelRange, r"darker than black by 0\.\d+% of .* --dark"),
             (
                 _burnt,
                 NotEnoughData,
-                r"got \d\.\d% of the picture saturated, expected 0\.1% at most",
+                r"\d\.\d% of the picture is saturated, more than 0\.1%",
             ),
-            (_unlit, NotEnoughData, "got a mean of 0 above black, expected light around the trap"),
+            (_unlit, NotEnoughData, "the mean is 0 above black"),
             (
                 lambda: (lights(0.01), [(80, 80, 3)]),
                 NotEnoughData,
-                r"got 29 pixels of the trap, 0 of them saturated, expected 100 or more",
+                r"the trap has 29 pixels, 0 of them saturated; it needs 100",
             ),
             (
                 lambda: (lights(0.01), [(3, 3, 9)]),
                 InputError,
-                "got a trap that is not within the picture's circle",
+                "the trap is not within the image circle",
             ),
             (
                 lambda: (lights(0.01), [(500, 80, 9)]),
                 InputError,
-                "got a trap that is not within the picture's circle",
+                "the trap is not within the image circle",
             ),
             (
                 lambda: (lights(0.01), traps(2)),
                 InputError,
-                "got 1 photographs and 2 traps, expected one trap for each",
+                "1 photographs and 2 traps do not match",
             ),
             (
                 lambda: ([light[1:] for light in lights(0.01)], traps(1)),
                 ShapeError,
-                r"photograph 1: got shape \(160, 161\), expected \(161, 161\)",
+                r"photograph 1.*\(160, 161\).*\(161, 161\)",
             ),
         ],
     )
-    def test_what_is_no_trap(
+    def test_refusals(
         self,
         given: Callable[[], tuple[list[Array], list[tuple[float, float, float]]]],
         error: type[ProcamError],
-        told: str,
+        message: str,
     ) -> None:
         photos, places = given()
-        with pytest.raises(error, match=told):
-            desk_glare(photos, places, RADIOMETER.seen)
+        with pytest.raises(error, match=message):
+            fit_glare(photos, places, RADIOMETER.seen)
 
 
 def flat(turns: int, *, gradient: float = 0.0, v1: float = V1, v2: float = V2) -> list[Array]:
@@ -247,7 +252,7 @@ def flat(turns: int, *, gradient: float = 0.0, v1: float = V1, v2: float = V2) -
     plain = Radiometer(replace(CAMERA, sensor=replace(CAMERA.sensor, vignetting=())))
     paper = 0.8 * (1 + gradient * (COLUMNS - MIDDLE) / MIDDLE)
     return [
-        flat_light(photograph(np.rot90(paper, k), seed=k, darkening=fall(v1, v2)), plain)
+        linear_light(photograph(np.rot90(paper, k), seed=k, darkening=fall(v1, v2)), plain)
         for k in range(turns)
     ]
 
@@ -271,50 +276,52 @@ class TestVignetting:
         theta = np.arctan(np.hypot(x, y))
         radiometer = Radiometer(camera)
         counts = photograph(np.full((SIZE, SIZE), 0.8), darkening=1 - 0.6 * theta**2)
-        found = fit_vignetting([flat_light(counts, radiometer)], radiometer.rays, radiometer.seen)
+        found = fit_vignetting([linear_light(counts, radiometer)], radiometer.rays, radiometer.seen)
         assert (np.abs(found.coefficients - [-0.6, 0.0]) < SIGMAS * found.sigma).all()
 
     @pytest.mark.parametrize(
-        ("photos", "error", "told"),
+        ("photos", "error", "message"),
         [
             (
                 lambda: flat(1, gradient=0.15),
                 OutOfModelRange,
-                r"differs by \d\.\d% round the axis.*90",
+                r"varies by \d\.\d% round the axis.*90",
             ),
             (
                 lambda: [light * (fall(0.1, 0) > 1.07)[..., None] + light for light in flat(1)],
                 OutOfModelRange,
-                r"got light \d+\.\d% off 1 \+ v1 theta\^2 \+ v2 theta\^4, expected 2% at most",
+                r"the light is \d+\.\d% off 1 \+ v1 theta\^2 \+ v2 theta\^4, more than 2%",
             ),
             (
                 lambda: flat(1, v1=0.1, v2=0),
                 OutOfModelRange,
-                r"got a rim at 11\d\.\d% of the middle",
+                r"the rim is at 11\d\.\d% of the centre",
             ),
             (
                 lambda: [light * np.nan for light in flat(1)],
                 NotEnoughData,
-                r"got 100\.0% of it satur",
+                r"100\.0% of it is saturated",
             ),
             (
                 lambda: [-light for light in flat(1)],
                 NotEnoughData,
-                "above black near the lens's axis",
+                "the light near the lens's axis is",
             ),
-            (list, NotEnoughData, "got no photographs, expected one or more, best four"),
-            (lambda: [flat(1)[0][1:]], ShapeError, r"photograph 1: got shape \(160, 161\)"),
+            (list, NotEnoughData, "there are no photographs"),
+            (lambda: [flat(1)[0][1:]], ShapeError, r"photograph 1.*\(160, 161\)"),
         ],
     )
     def test_refusals(
-        self, photos: Callable[[], list[Array]], error: type[ProcamError], told: str
+        self, photos: Callable[[], list[Array]], error: type[ProcamError], message: str
     ) -> None:
-        with pytest.raises(error, match=told):
+        with pytest.raises(error, match=message):
             fit_vignetting(photos(), RADIOMETER.rays, RADIOMETER.seen)
 
     def test_too_little_of_the_picture(self) -> None:
         seen = np.hypot(ROWS - MIDDLE, COLUMNS - MIDDLE) < 3
-        with pytest.raises(NotEnoughData, match=r"got \d places in the picture with enough pixels"):
+        with pytest.raises(
+            NotEnoughData, match=r"only \d places in the picture have enough pixels"
+        ):
             fit_vignetting(flat(1), RADIOMETER.rays, seen)
 
 
@@ -337,22 +344,26 @@ class TestBlackLevel:
         assert abs(level - 101) < 0.1 and 0.7 < sigma < 1.1
 
     @pytest.mark.parametrize(
-        ("dark", "error", "told"),
+        ("dark", "error", "message"),
         [
-            (np.full((100, 100), 2000), OutOfModelRange, "dark: got up to 2000 counts"),
+            (
+                np.full((100, 100), 2000),
+                OutOfModelRange,
+                "dark: the photograph has up to 2000 counts",
+            ),
             (
                 np.where(np.arange(10000).reshape(100, 100) % 50 < 3, 900, 64),
                 OutOfModelRange,
-                r"6\.0% of the pixels far from the rest",
+                r"6\.0% of its pixels differ",
             ),
-            (np.full((10, 10), 64), NotEnoughData, "dark: got 100 pixels, expected 1000 or more"),
+            (np.full((10, 10), 64), NotEnoughData, "dark: 100 pixels are too few"),
         ],
     )
-    def test_refusals(self, dark: Array, error: type[ProcamError], told: str) -> None:
-        with pytest.raises(error, match=told):
+    def test_refusals(self, dark: Array, error: type[ProcamError], message: str) -> None:
+        with pytest.raises(error, match=message):
             black_level(dark, 12)
 
 
-def test_the_lens_of_these_tests_is_what_it_says() -> None:
+def test_the_lens_of_these_tests() -> None:
     ray = unproject(np.array([120.0, 95.0]), LENS)
     np.testing.assert_allclose(project(ray, LENS), [120, 95], atol=1e-9)

@@ -1,4 +1,4 @@
-"""The radiometer against a sensor built the other way round."""
+"""The radiometer against a simulated sensor."""
 
 import numpy as np
 import pytest
@@ -43,7 +43,7 @@ def _photograph(
 
 
 @pytest.mark.parametrize("kind", ["kannala-brandt", "brown"])
-@pytest.mark.parametrize("glare", [0.0, 0.003, 0.2])
+@pytest.mark.parametrize("glare", [0.0, 0.2])
 @pytest.mark.parametrize("channels", [(), (3,)])
 def test_undoes_the_sensor(
     rng: np.random.Generator, kind: str, glare: float, channels: tuple[int, ...]

@@ -1,4 +1,4 @@
-"""Responses of cameras that are built here, and photographs with every common mistake."""
+"""Responses of simulated cameras, and photographs with every common mistake."""
 
 from collections.abc import Callable, Sequence
 
@@ -16,7 +16,7 @@ from procam.errors import (
     ShapeError,
 )
 from procam.estimate.camera import response_fit
-from procam.estimate.camera.response import linearity_error, solve_response
+from procam.estimate.camera.response import solve_response
 
 Array = np.ndarray
 Curve = Callable[[Array], Array]
@@ -84,9 +84,9 @@ class TestFinds:
         np.testing.assert_array_equal([found.light[0], found.light[-1]], [0, 1])
         error = found.light - truth(curve, found.levels)
         assert np.sqrt(np.mean(error**2)) < GOAL
-        told = (found.levels > 0.2) & (found.levels < 1)  # darker ones err by a ten-thousandth
-        assert (np.abs(error) < SIGMAS * found.sigma)[told].all()
-        assert np.abs(error[~told]).max() < 1e-3
+        bright = (found.levels > 0.2) & (found.levels < 1)  # the error of others is below 1e-3
+        assert (np.abs(error) < SIGMAS * found.sigma)[bright].all()
+        assert np.abs(error[~bright]).max() < 1e-3
 
     def test_colour_and_order_make_no_difference(self) -> None:
         tints = np.array([1.0, 0.7, 0.4])
@@ -98,14 +98,14 @@ class TestFinds:
         assert np.sqrt(np.mean((there.light - truth(film, there.levels)) ** 2)) < GOAL
 
     def test_rounded_shutter_times_are_in_the_sigma(self) -> None:
-        """A camera that calls 1/8 ... 1/64 s by their usual names."""
+        """A camera whose headers have the usual names of 1/8 ... 1/64 s."""
         true = 8 / np.array([64.0, 32, 16, 8, 4])
-        told = 8 / np.array([60.0, 30, 15, 8, 4])
-        found = solve_response(bracket(seconds=true), told, 8)
+        nominal = 8 / np.array([60.0, 30, 15, 8, 4])
+        found = solve_response(bracket(seconds=true), nominal, 8)
         error = found.light - truth(srgb, found.levels)
         assert (np.abs(error) < SIGMAS * found.sigma)[50:].all()
 
-    def test_somebody_in_a_corner_does_little(self) -> None:
+    def test_a_moving_object_in_a_corner_does_little(self) -> None:
         photos = bracket(LIGHT, STOPS)
         photos[4][20:50, 30:60] = shoot(LIGHT[100:130, 200:230], STOPS[4])
         found = solve_response(photos, STOPS, 8)
@@ -139,7 +139,7 @@ def _profile() -> list[Array]:
     return [*photos[:4], *(shoot(LIGHT, e, film) for e in STOPS[4:])]
 
 
-def _crossed_by_somebody() -> list[Array]:
+def _moving_object() -> list[Array]:
     light = LIGHT.copy()
     light[40:140, 60:160] = LIGHT[100:200, 200:300]
     photos = bracket(LIGHT, STOPS)
@@ -148,155 +148,85 @@ def _crossed_by_somebody() -> list[Array]:
 
 class TestRefuses:
     @pytest.mark.parametrize(
-        ("photos", "seconds", "error", "told"),
+        ("photos", "seconds", "error", "message"),
         [
-            (bracket, TWO_STOPS[:2], NotEnoughData, "got 2 exposures, expected 3 or more"),
-            (bracket, [1, 2, -4, 8], InputError, "expected finite ones above zero"),
+            (bracket, TWO_STOPS[:2], NotEnoughData, "2 exposures are too few"),
+            (bracket, [1, 2, -4, 8], InputError, "must be finite and above zero"),
             (
                 bracket,
                 [1, 1.05, 2, 4],
                 NotEnoughData,
-                r"got exposures of 1 and 1.05 s, a ratio of 1.050, expected 1.2 or more",
+                r"1 and 1\.05 s are too similar; neighbours need a ratio of 1\.2",
             ),
-            (bracket, [1, 2, 4], InputError, "got 4 photographs and 3 exposures; give one each"),
+            (bracket, [1, 2, 4], InputError, "4 photographs and 3 exposures do not match"),
             (
                 _exchanged,
                 TWO_STOPS,
                 OutOfModelRange,
-                r"photographs 2 and 3 \(0.25 and 1 s\): got levels that change by a factor of 0\..*"
-                "are they exchanged, or was exposure or ISO automatic",
+                r"photographs 2 and 3 \(0\.25 and 1 s\): the levels change by a factor of 0\..*"
+                "not exchanged, and that neither exposure nor ISO was automatic",
             ),
-            (_automatic, TWO_STOPS, OutOfModelRange, r"change by a factor of 1\.000, expected"),
-            (_walk, TWO_STOPS, OutOfModelRange, "nothing that moves"),
+            (_automatic, TWO_STOPS, OutOfModelRange, r"change by a factor of 1\.000;"),
+            (_walk, TWO_STOPS, OutOfModelRange, "in which nothing moves"),
             (
                 _brighter,
                 TWO_STOPS,
                 OutOfModelRange,
-                r"photograph 3 \(1 s\): got the light of 1\.\d+ s, expected its own within 10%",
+                r"photograph 3 \(1 s\): its light is that of 1\.\d+ s, more than 10% off",
             ),
             (
-                _crossed_by_somebody,
+                _moving_object,
                 STOPS,
                 OutOfModelRange,
-                r"got 1\d% of the places that no curve fits, expected 10% at most; use a tripod",
+                r"no curve fits 1\d% of the places, more than 10%; use a tripod",
             ),
             (_profile, STOPS, OutOfModelRange, "one picture profile"),
             (
                 lambda: bracket(seconds=TWO_STOPS[:3] / 4),
                 TWO_STOPS[:3] / 4,
                 NotEnoughData,
-                r"got \d places at levels \d+% to \d+% of the range",
+                r"only \d places have levels of \d+% to \d+% of the range",
             ),
             (
                 lambda: bracket(np.full((60, 60), 0.5), [0.01, 1, 100]),
                 [0.01, 1, 100],
                 NotEnoughData,
-                r"photographs 2 and 3 \(1 and 100 s\): got 0 places that are neither black nor white",
+                r"photographs 2 and 3 \(1 and 100 s\): only 0 places are neither black nor white",
             ),
             (
                 lambda: [*bracket()[:3], bracket(LIGHT)[3]],
                 TWO_STOPS,
                 ShapeError,
-                r"photograph 4: got shape \(200, 300\), expected \(120, 180\) like the first",
+                r"photograph 4.*\(200, 300\).*\(120, 180\) like the first",
             ),
         ],
     )
-    def test_what_tells_no_curve(
+    def test_photographs_without_a_common_curve(
         self,
         photos: Callable[[], list[Array]],
         seconds: Sequence[float],
         error: type[ProcamError],
-        told: str,
+        message: str,
     ) -> None:
-        with pytest.raises(error, match=told):
+        with pytest.raises(error, match=message):
             solve_response(photos(), seconds, 8)
 
     def test_pictures_of_no_shape(self) -> None:
-        with pytest.raises(
-            ShapeError, match=r"photograph 1: got shape \(9,\), expected \(H, W\) or"
-        ):
+        with pytest.raises(ShapeError, match=r"photograph 1.*\(9,\).*\(H, W\) or"):
             solve_response([np.zeros(9)] * 4, TWO_STOPS, 8)
 
     def test_pictures_of_one_shade(self) -> None:
         photos = [np.full((60, 60), 20 * step, np.uint8) for step in (1, 2, 4, 8)]
-        with pytest.raises(NotEnoughData, match=r"got 0 places at levels 10% to 15% of the range"):
+        with pytest.raises(NotEnoughData, match="only 0 places have levels of 10% to 15%"):
             solve_response(photos, [1, 2, 4, 8], 8)
 
     @pytest.mark.parametrize("bits", [7, 32])
     def test_depths_of_no_camera(self, bits: int) -> None:
-        with pytest.raises(InputError, match=f"bits: got {bits}, expected 8 to 16"):
+        with pytest.raises(InputError, match=f"bits: {bits} is no depth"):
             solve_response(bracket(), TWO_STOPS, bits)
 
-    def test_a_fit_without_end(self, monkeypatch: pytest.MonkeyPatch) -> None:
+    def test_a_fit_that_does_not_settle(self, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(response_fit, "ROUNDS", 15)
-        monkeypatch.setattr(response_fit, "SMALL_STEP", 0.0)
-        with pytest.raises(DidNotConverge, match="no end of the fit within 15 steps"):
+        monkeypatch.setattr(response_fit, "NEGLIGIBLE_STEP", 0.0)
+        with pytest.raises(DidNotConverge, match="the fit did not settle"):
             solve_response(bracket(), TWO_STOPS, 8)
-
-
-def stripes(curve: Curve = np.copy, drift: float = 1.0) -> list[Array]:
-    """White, black, stripes and their inverse on a screen that scatters a third of its light."""
-    rng = np.random.default_rng(5)
-    shape = (150, 200)
-    rows, columns = np.indices(shape)
-    screen = (0.7 + 0.1 * np.sin(rows / 30)) * (1 - 0.3 * ((columns - 100) / 100) ** 2)
-    pattern = gaussian_filter((columns // 8 % 2).astype(float), 1.2)
-    photos = []
-    for drive, factor in ((1.0, drift), (0.0, 1.0), (pattern, 1.0), (1 - pattern, 1.0)):
-        light = screen * (drive + 0.3 * np.mean(drive) + 0.02) * factor / 1.2
-        noisy = light + 0.004 * np.sqrt(light) * rng.normal(size=shape)
-        photos.append(curve(np.maximum(noisy, 0)) * 4000)
-    return photos
-
-
-class TestLinearity:
-    def test_linear_light_passes(self) -> None:
-        found = linearity_error(*stripes())
-        assert abs(found.error) < SIGMAS * found.error_sigma < 1e-3
-        assert abs(found.exponent - 1) < SIGMAS * found.exponent_sigma < 1e-3
-
-    @pytest.mark.parametrize(
-        ("curve", "exponent"),
-        [(srgb, 2.2), (lambda x: x ** (1 / 2.2), 2.2), (gamma18, 1.8), (np.square, 0.5)],
-    )
-    def test_a_gamma_is_told(self, curve: Curve, exponent: float) -> None:
-        found = linearity_error(*stripes(curve))
-        assert abs(found.error) > 0.2 > 100 * found.error_sigma
-        assert found.exponent == pytest.approx(exponent, rel=0.05)
-
-    def test_a_pure_gamma_within_its_error(self) -> None:
-        found = linearity_error(*stripes(gamma18))
-        assert abs(found.exponent - 1.8) < SIGMAS * found.exponent_sigma < 2e-3
-
-    def test_saturated_pixels_are_left_out(self) -> None:
-        photos = stripes()
-        photos[0][:, :50] = np.nan
-        assert abs(linearity_error(*photos).error) < 1e-3
-
-    def test_a_flickering_lamp_is_small_beside_a_gamma(self) -> None:
-        assert abs(linearity_error(*stripes(drift=1.01)).exponent - 1) < 0.03
-
-    def test_refusals(self) -> None:
-        white, black, pattern, inverse = stripes()
-        with pytest.raises(
-            ShapeError, match=r"pattern: got shape \(149, 200\), expected \(150, 20"
-        ):
-            linearity_error(white, black, pattern[1:], inverse)
-        with pytest.raises(
-            NotEnoughData, match="got 0 pixels where both pattern and inverse shine"
-        ):
-            linearity_error(white, black, white, black)
-        with pytest.raises(OutOfModelRange, match=r"which no exponent from 0\.2 to 6 mends"):
-            linearity_error(white, black, 1.3 * white, 1.2 * white)
-
-
-def test_stripes_that_never_overlap_tell_no_exponent() -> None:
-    """Light that adds up, and nowhere two pictures at once: no curve can be told, and none is blamed."""
-    rng = np.random.default_rng(2)
-    stripe = np.repeat(np.arange(60) % 2, 12)[None, :] * np.ones((80, 1))
-    black = np.zeros_like(stripe)
-    noise = [rng.normal(0, 1e-4, stripe.shape) for _ in range(2)]
-    found = linearity_error(
-        np.ones_like(stripe), black, stripe + noise[0] - 0.001, 1 - stripe + noise[1]
-    )
-    assert (found.exponent, found.exponent_sigma > 1) == (1, True)

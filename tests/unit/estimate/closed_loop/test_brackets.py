@@ -1,9 +1,9 @@
-"""Brackets of the closed loop: when one exposure is not enough, and what several make."""
+"""Exposure brackets of the closed loop: when they are needed, and their merge."""
 
 import numpy as np
 import pytest
 
-from procam.estimate.camera.exposure import LONGEST_S
+from procam.estimate.camera.exposure import MAX_EXPOSURE_S
 from procam.estimate.camera.noise import NoiseLaw
 from procam.estimate.closed_loop.brackets import bracket_for, merged_frame
 from procam.model.frame import CameraSettings, Frame
@@ -26,7 +26,7 @@ class TestBracketFor:
         light = np.linspace(0.02, 1.0, 500)
         assert bracket_for(light, np.full(500, 1e-5), 0.1) == (0.1,)
 
-    def test_an_even_picture_gains_nothing_by_a_longer_one(self) -> None:
+    def test_a_uniform_picture_needs_no_longer_one(self) -> None:
         assert bracket_for(np.linspace(0.5, 1.0, 500), np.full(500, 0.05), 0.1) == (0.1,)
 
     @pytest.mark.parametrize(("darkest", "exposures"), [(0.1, 2), (0.01, 3)])
@@ -39,7 +39,7 @@ class TestBracketFor:
     def test_no_exposure_is_longer_than_a_minute(self) -> None:
         light = np.linspace(0.01, 1.0, 500)
         light[:100] = 0.01
-        assert max(bracket_for(light, np.full(500, 0.05), 10.0)) <= LONGEST_S
+        assert max(bracket_for(light, np.full(500, 0.05), 10.0)) <= MAX_EXPOSURE_S
 
 
 class TestMergedFrame:
@@ -56,7 +56,7 @@ class TestMergedFrame:
         for part, level in ((dark, 200.0), (bright, 30000.0)):
             assert abs(part.mean() - level) < 4 * part.std() / np.sqrt(part.size)
 
-    def test_what_all_clip_reads_as_saturated(self, rng: np.random.Generator) -> None:
+    def test_pixels_that_all_exposures_clip_are_saturated(self, rng: np.random.Generator) -> None:
         rate = np.full((20, 20, 3), 1e6)
         merged = merged_frame([_frame(rate, e, rng) for e in (0.1, 0.4)], SENSOR, NOISE)
         assert (merged.counts >= 4095).all()

@@ -1,4 +1,4 @@
-"""The closed loop's arithmetic against dense solves and closed forms."""
+"""The closed loop on patches against dense solves and closed forms."""
 
 import numpy as np
 import pytest
@@ -6,20 +6,20 @@ from tolerances import SOLVER
 
 from procam.errors import OutOfModelRange
 from procam.estimate.closed_loop.patches import (
-    FEWEST,
-    MOST,
+    MAX_PHOTOGRAPHS,
+    MIN_PHOTOGRAPHS,
     LoopObservation,
     LoopState,
     PatchScatter,
     common_errors,
-    good_enough,
+    converged,
     just_noticeable,
     largest_regression,
     photographs_needed,
     posterior,
     remove_scatter,
+    residual_jnd,
     residual_without_noise,
-    visible,
 )
 from studies import loop as study
 
@@ -29,7 +29,7 @@ PATCHES = 240
 
 @pytest.fixture
 def sphere(rng: np.random.Generator) -> tuple[Array, Array]:
-    """Albedo and area of the patches of a unit sphere that reflects here and there."""
+    """Albedo and area of the patches of a unit sphere."""
     area = rng.uniform(0.5, 1.5, PATCHES)
     return rng.uniform(0.2, 0.7, PATCHES), area * 4 * np.pi / area.sum()
 
@@ -44,17 +44,17 @@ def _scatter(albedo: Array, area: Array) -> Array:
 
 
 class TestJustNoticeable:
-    def test_is_weber_s_share_of_the_light(self) -> None:
+    def test_weber_fractions(self) -> None:
         light = np.array([14.0, 10.0, 1.0, 0.1]) / 14.0
         shares = just_noticeable(light) / light
         np.testing.assert_allclose(shares, [0.007, 0.007, np.sqrt(0.007 * 0.04), 0.04])
 
-    def test_below_a_tenth_of_a_nit_it_stays(self) -> None:
+    def test_constant_below_a_tenth_of_a_nit(self) -> None:
         np.testing.assert_allclose(just_noticeable(np.array([0.0, 0.1 / 14])), 0.004 / 14)
 
 
-class TestUndoBounces:
-    def test_changes_what_is_seen_of_the_free_patches_by_what_was_asked(
+class TestRemoveScatter:
+    def test_changes_the_total_of_the_free_patches_as_asked(
         self, sphere: tuple[Array, Array], rng: np.random.Generator
     ) -> None:
         free, change = rng.random(PATCHES) < 0.6, rng.normal(size=PATCHES)
@@ -63,7 +63,7 @@ class TestUndoBounces:
         assert not step[~free].any()
         np.testing.assert_allclose((_dense(*sphere) @ step)[free], change[free], atol=SOLVER)
 
-    def test_is_the_formula_with_the_rest_as_unlit(
+    def test_closed_form_on_a_sphere(
         self, sphere: tuple[Array, Array], rng: np.random.Generator
     ) -> None:
         """dx_F = r_F - rho_F (a_F.r_F) / (A_s - sum of a rho over what is not free)."""
@@ -86,95 +86,94 @@ class TestStep:
     def test_reaches_the_best_within_the_limits(
         self, sphere: tuple[Array, Array], rng: np.random.Generator
     ) -> None:
-        """The conditions of problem (P): right where free, pulled outwards where held."""
-        belief = _belief(sphere)
+        """Conditions of optimality: exact where free, pulled outwards where held."""
+        state = _state(sphere)
         goal, asked = rng.uniform(0, 0.8, (PATCHES, 1)), np.full((PATCHES, 1), 0.2)
         down, up = asked - 0.01, 0.35 - asked
-        asked = asked + belief.step(asked, goal, down, up)
+        asked = asked + state.step(asked, goal, down, up)
         wrong = goal[:, 0] - _dense(*sphere) @ asked[:, 0]
         low, high = asked[:, 0] < 0.01 + 1e-9, asked[:, 0] > 0.35 - 1e-9
         assert low.any() and high.any() and (~low & ~high).any()
         assert np.abs(wrong[~low & ~high]).max() < SOLVER
         assert (wrong[low] < SOLVER).all() and (wrong[high] > -SOLVER).all()
 
-    def test_a_held_patch_is_let_go_when_its_light_is_wanted(
+    def test_a_held_patch_is_released_when_it_needs_light(
         self, sphere: tuple[Array, Array]
     ) -> None:
-        belief = _belief(sphere)
+        state = _state(sphere)
         asked = np.full((PATCHES, 1), 0.01)
-        held = belief.step(asked, np.full_like(asked, 0.0), asked - 0.01, 1 - asked)
-        free = belief.step(asked, np.full_like(asked, 0.5), asked - 0.01, 1 - asked)
+        held = state.step(asked, np.full_like(asked, 0.0), asked - 0.01, 1 - asked)
+        free = state.step(asked, np.full_like(asked, 0.5), asked - 0.01, 1 - asked)
         assert not held.any() and (free > 0.05).all()
 
 
 class TestLearn:
-    def test_two_steps_are_whole_then_every_photograph_weighs_the_same(
+    def test_two_full_steps_then_equal_weight_of_every_photograph(
         self, sphere: tuple[Array, Array]
     ) -> None:
-        belief = _belief(sphere)
+        state = _state(sphere)
         asked = np.full((PATCHES, 1), 0.5)
         ripple = np.resize([0.01, -0.01], (PATCHES, 1))  # nothing of it is common
         shares = []
         for _ in range(5):
-            before = belief.surplus.copy()
-            news = belief.expected(asked) + ripple
-            belief.learn(_look(asked, news, 4))
-            shares.append(np.abs(belief.surplus - before).mean() / 0.01)
+            before = state.surplus.copy()
+            state.learn(_observation(asked, state.expected(asked) + ripple, 4))
+            shares.append(np.abs(state.surplus - before).mean() / 0.01)
         np.testing.assert_allclose(shares, [1, 1, 1 / 2, 1 / 3, 1 / 4], rtol=0.02)
 
-    def test_unknown_patches_teach_nothing(self, sphere: tuple[Array, Array]) -> None:
-        belief = _belief(sphere)
+    def test_unknown_patches_have_no_effect(self, sphere: tuple[Array, Array]) -> None:
+        state = _state(sphere)
         asked = np.full((PATCHES, 1), 0.5)
-        seen = belief.expected(asked)
+        seen = state.expected(asked)
         seen[:10] = 99.0
         known = np.arange(PATCHES)[:, None] >= 10
-        belief.learn(LoopObservation(asked, seen, np.full_like(asked, 0.001), known, 1))
-        assert np.abs(belief.surplus).max() < SOLVER and belief.scatter_factor[0] == 1
+        state.learn(LoopObservation(asked, seen, np.full_like(asked, 0.001), known, 1))
+        assert np.abs(state.surplus).max() < SOLVER and state.scatter_factor[0] == 1
 
     @pytest.mark.parametrize("factor", [0.9, 1.1])
-    def test_bounced_light_is_told_from_gains_by_one_look(
+    def test_one_observation_separates_scatter_from_gains(
         self, sphere: tuple[Array, Array], rng: np.random.Generator, factor: float
     ) -> None:
-        belief = _belief(sphere, factor)
+        state = _state(sphere, factor)
         asked = np.resize([0.01, 0.3, 0.6], (PATCHES, 1))
         gain = 1 + 0.02 * rng.normal(size=(PATCHES, 1))
-        belief.learn(_look(asked, _dense(*sphere) @ (gain * asked), 1))
-        assert belief.scatter_factor[0] * factor == pytest.approx(1, abs=0.02)
-        got = (asked + belief.surplus) / asked
+        state.learn(_observation(asked, _dense(*sphere) @ (gain * asked), 1))
+        assert state.scatter_factor[0] * factor == pytest.approx(1, abs=0.02)
+        got = (asked + state.surplus) / asked
         np.testing.assert_allclose(got[1::3], gain[1::3], atol=0.01)
 
 
 class TestCommonErrors:
-    def test_are_found_and_known_well(self, rng: np.random.Generator) -> None:
-        light, bounced = rng.uniform(0.2, 1, (2, 5000))
-        news = 0.03 * light - 0.05 * bounced + 0.01 * rng.normal(size=5000)
+    def test_estimates_and_their_errors(self, rng: np.random.Generator) -> None:
+        light, scattered = rng.uniform(0.2, 1, (2, 5000))
+        residual = 0.03 * light - 0.05 * scattered + 0.01 * rng.normal(size=5000)
         found, covariance = common_errors(
-            news, light, bounced, np.full(5000, 1e4), np.arange(5000) // 100
+            residual, light, scattered, np.full(5000, 1e4), np.arange(5000) // 100
         )
         sigma = np.sqrt(np.diag(covariance))
         assert (sigma < 0.001).all()
         assert (np.abs(found - [0.03, -0.05]) < 4 * sigma).all()
 
-    def test_gains_that_go_together_make_them_doubtful(self, rng: np.random.Generator) -> None:
-        """One gain per block looks certain to patches that count one by one."""
-        light, bounced = rng.uniform(0.2, 1, (2, 5000))
+    def test_correlated_gains_widen_the_error(self, rng: np.random.Generator) -> None:
+        """One gain per block; patches taken as independent would give far too small an error."""
+        light, scattered = rng.uniform(0.2, 1, (2, 5000))
         block = np.arange(5000) // 250
         alike = common_errors(
-            0.05 * rng.normal(size=20)[block] * light, light, bounced, np.full(5000, 1e4), block
+            0.05 * rng.normal(size=20)[block] * light, light, scattered, np.full(5000, 1e4), block
         )[1]
         apart = common_errors(
-            0.05 * rng.normal(size=5000) * light, light, bounced, np.full(5000, 1e4), block
+            0.05 * rng.normal(size=5000) * light, light, scattered, np.full(5000, 1e4), block
         )[1]
         assert alike[0, 0] > 30 * apart[0, 0]
 
-    def test_little_change_of_bounced_light_is_left_to_the_calibration(self) -> None:
+    def test_only_a_significant_change_of_scatter_is_applied(self) -> None:
         small, clear = np.array([0.02, 0.01]), np.array([0.02, 0.1])
         covariance = np.diag([1e-8, 1e-8])
         assert posterior(small, covariance, 0.002) == pytest.approx((0.02, 0), rel=1e-3)
         assert posterior(clear, covariance, 0.002) == pytest.approx((0.02, 0.1), rel=1e-3)
         assert posterior(clear, covariance, 0.05)[1] == 0
 
-    def test_without_a_picture_nothing_is_found(self) -> None:
+    def test_without_light_the_prior_remains(self) -> None:
         dark = np.zeros(50)
         found, covariance = common_errors(dark, dark, dark, dark, np.zeros(50, int))
         assert posterior(found, covariance, 0.01) == (0, 0)
@@ -183,18 +182,18 @@ class TestCommonErrors:
 class TestRules:
     def test_photographs_are_as_many_as_a_jnd_needs(self) -> None:
         light = np.full(100, 1.0)  # its JND is .7 % of white
-        for sigma, wanted in ((0.0, FEWEST), (0.009, 7), (0.02, MOST)):
+        for sigma, wanted in ((0.0, MIN_PHOTOGRAPHS), (0.009, 7), (0.02, MAX_PHOTOGRAPHS)):
             assert photographs_needed(np.full(100, sigma), light) == wanted
 
     def test_a_camera_that_cannot_resolve_is_refused(self) -> None:
         with pytest.raises(
             OutOfModelRange,
-            match=r"closed loop: got a camera whose single photograph is uncertain by 14 JND in half of "
-            r"the dome, expected at most 8; open the aperture",
+            match=r"closed loop: one photograph is uncertain by 14 JND in half of the dome; it needs at "
+            r"most 8, so open the aperture",
         ):
             photographs_needed(np.full(100, 0.05), np.full(100, 1.0))
 
-    def test_left_over_is_without_noise(self) -> None:
+    def test_residual_without_noise(self) -> None:
         residual, sigma = np.array([0.05, -0.05]), np.full(2, 0.06)
         assert residual_without_noise(residual, sigma, 4) == pytest.approx(0.04)
         assert residual_without_noise(residual, sigma, 1) == 0
@@ -202,20 +201,20 @@ class TestRules:
     def test_stops_at_half_a_jnd_in_almost_all_patches(self) -> None:
         light, sigma = np.ones(1000), np.zeros(1000)
         residual = np.where(np.arange(1000) < 40, 0.1, 0.0034)
-        assert visible(residual, light) == pytest.approx(0.0034 / 0.007)
-        assert good_enough(residual, sigma, light, 1)
-        assert not good_enough(1.1 * residual, sigma, light, 1)
+        assert residual_jnd(residual, light) == pytest.approx(0.0034 / 0.007)
+        assert converged(residual, sigma, light, 1)
+        assert not converged(1.1 * residual, sigma, light, 1)
 
     def test_stops_at_the_noise_of_eight_photographs(self) -> None:
         light, sigma = np.ones(1000), np.full(1000, 0.02)
         noise = 0.01  # of the mean of four
         for left, stops in ((0.9, True), (1.1, False)):
             residual = np.full(1000, np.hypot(noise, left * 0.02 / np.sqrt(8)))
-            assert good_enough(residual, sigma, light, 4) is stops
+            assert converged(residual, sigma, light, 4) is stops
 
 
-class TestWorsening:
-    def test_the_worst_neighbourhood_is_named(self) -> None:
+class TestRegression:
+    def test_the_worst_neighbourhood_is_found(self) -> None:
         block = np.repeat([0, 1, 2], 100)
         first, judged = np.full((300, 2), 0.3), np.ones((300, 2), bool)
         last = first.copy()
@@ -227,7 +226,7 @@ class TestWorsening:
         assert (found.channel, found.before) == (1, pytest.approx(np.sqrt(0.08)))
         assert found.after == pytest.approx(np.sqrt(0.8))
 
-    def test_noise_what_is_not_seen_and_what_is_not_judged_do_not_count(
+    def test_noise_invisible_changes_and_unjudged_patches_are_no_regression(
         self, rng: np.random.Generator
     ) -> None:
         block, judged = np.repeat([0, 1], 100), np.ones((200, 1), bool)
@@ -241,7 +240,7 @@ class TestWorsening:
 
 
 class TestLoops:
-    """A small cousin of studies/loop.md: dense bounces, gains 5 % and bounced light 10 % wrong."""
+    """A small version of studies/loop.md: dense transport, gains 5 % and scatter 10 % wrong."""
 
     @pytest.mark.parametrize(("kappa", "seed"), [(0.25, 0), (0.55, 0), (0.55, 1)])
     def test_three_corrections_and_the_noise_of_six(self, kappa: float, seed: int) -> None:
@@ -256,11 +255,11 @@ class TestLoops:
             assert study.iterations_to(row["jnd"]["preconditioned, clipped"]) is None
 
     def test_the_study_s_exchange_is_that_of_a_sphere(self) -> None:
-        """Distances and cosines give paper eq. 7, and so N white the closed form."""
+        """Distances and cosines of points give paper eq. 7, and N its closed form."""
         plant = study.Plant(0.25, 0, 8, 16)
         albedo = 1 + 0.08 * plant.point[:, 0] - 0.06 * plant.point[:, 1]
         albedo *= 4 * np.pi * 0.25 / (plant.area @ albedo)
-        np.testing.assert_allclose(plant.bounces, _dense(albedo, plant.area), atol=SOLVER)
+        np.testing.assert_allclose(plant.transport, _dense(albedo, plant.area), atol=SOLVER)
 
     def test_iterations_to_counts_until_it_stays(self) -> None:
         assert study.iterations_to([0.5, 0.4]) == 0
@@ -268,11 +267,11 @@ class TestLoops:
         assert study.iterations_to([3, 0.5, 1.2]) is None
 
 
-def _belief(sphere: tuple[Array, Array], factor: float = 1.0) -> LoopState:
-    bounces = PatchScatter(factor * _scatter(*sphere)[None, :, None], sphere[1][:, None])
-    return LoopState(bounces, np.arange(PATCHES) // 20, np.array([0.005]))
+def _state(sphere: tuple[Array, Array], factor: float = 1.0) -> LoopState:
+    scatter = PatchScatter(factor * _scatter(*sphere)[None, :, None], sphere[1][:, None])
+    return LoopState(scatter, np.arange(PATCHES) // 20, np.array([0.005]))
 
 
-def _look(asked: Array, seen: Array, photographs: int) -> LoopObservation:
-    doubt = np.full_like(asked, 0.001)
-    return LoopObservation(asked, seen, doubt, np.ones_like(asked, bool), photographs)
+def _observation(asked: Array, seen: Array, photographs: int) -> LoopObservation:
+    sigma = np.full_like(asked, 0.001)
+    return LoopObservation(asked, seen, sigma, np.ones_like(asked, bool), photographs)

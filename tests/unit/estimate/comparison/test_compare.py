@@ -1,4 +1,4 @@
-"""Two calibrations of one rig: what their difference is, told right for made-up ones."""
+"""The verdict on two calibrations of one rig, for constructed differences."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -10,7 +10,7 @@ from tolerances import SIGMAS
 
 from procam.errors import NotEnoughData
 from procam.estimate.comparison.common_pixels import CommonPixels
-from procam.estimate.comparison.compare import compare
+from procam.estimate.comparison.compare import compare_calibrations
 from procam.estimate.comparison.verdict import judge_difference
 from procam.estimate.geometry.pixel_directions import fit_pixel_directions
 from procam.estimate.geometry.solve import GeometrySolution, solve_geometry
@@ -22,17 +22,17 @@ from procam.model.transport import Measured
 
 Steps = Callable[[str, np.ndarray], np.ndarray]
 ARCMIN = np.radians(1 / 60)
-FOUR = {"south": 0.0, "west": 1.5, "north": 3.1, "east": 4.8}  # azimuths [rad], as people hang them
+FOUR = {"south": 0.0, "west": 1.5, "north": 3.1, "east": 4.8}  # azimuths [rad]
 SIGMA = 0.2 * np.sqrt(2)  # of the fixture's differences [arcmin]
 
 
 @pytest.fixture(scope="module")
 def rig(make_calibration: Callable[..., Calibration]) -> Calibration:
-    """Four projectors, the fixture's first hung four times."""
+    """Four projectors: the fixture's first one at four azimuths."""
     calibration = make_calibration()
     south = calibration.projectors["south"]
-    hung = {n: _turned(south, rotation_matrix([0, 0, a])) for n, a in FOUR.items()}
-    return replace(calibration, projectors=hung)
+    projectors = {n: _turned(south, rotation_matrix([0, 0, a])) for n, a in FOUR.items()}
+    return replace(calibration, projectors=projectors)
 
 
 def _turned(projector: ProjectorCalibration, turn: np.ndarray) -> ProjectorCalibration:
@@ -62,7 +62,7 @@ def _turned_rig(calibration: Calibration, vector: np.ndarray) -> Calibration:
 
 
 def _moved(calibration: Calibration, name: str, turn: np.ndarray, shift_m: float) -> Calibration:
-    """A projector that was really turned and shifted, its pixels landing where they then do."""
+    """A projector rotated and shifted, with the directions that follow."""
     projector = calibration.projectors[name]
     pose = projector.model.projector_from_dome
     rotation = rotation_matrix(turn) @ pose.rotation
@@ -80,7 +80,7 @@ def _with(calibration: Calibration, projectors: Mapping[str, ProjectorCalibratio
 
 
 def _lens_error(arcmin: float, azimuth: float) -> Steps:
-    """What a lens bends outwards by the cube of the angle off an axis that leans to `azimuth`."""
+    """An outward error with the cube of the angle off an axis inclined towards `azimuth`."""
     axis = np.array([0.4 * np.cos(azimuth), 0.4 * np.sin(azimuth), np.sqrt(1 - 0.16)])
 
     def steps(_: str, direction: np.ndarray) -> np.ndarray:
@@ -93,7 +93,7 @@ def _lens_error(arcmin: float, azimuth: float) -> Steps:
 
 
 def _waves(direction: np.ndarray, phase: float) -> np.ndarray:
-    """A field too fine for a lens and no motion, about 3 arcmin."""
+    """A field that neither a lens nor a motion causes, about 3 arcmin."""
     across = normalise(np.cross(direction, [0.3, 0.2, 1.0]))
     wave = np.sin(25 * direction @ np.array([0.6, -0.5, 0.4]) + phase)
     return 4 * ARCMIN * wave[..., None] * across
@@ -101,7 +101,7 @@ def _waves(direction: np.ndarray, phase: float) -> np.ndarray:
 
 class TestVerdict:
     def test_the_same_twice(self, rig: Calibration) -> None:
-        found = compare(rig, rig)
+        found = compare_calibrations(rig, rig)
         assert found.verdict.kind == "agree" and found.verdict.sound
         assert "the same to the last bit" in found.verdict.text
         together = found.together
@@ -111,7 +111,7 @@ class TestVerdict:
 
     def test_a_turn_of_the_rig_is_gauge(self, rig: Calibration) -> None:
         turn = np.array([1.0, -2.0, 12.0]) * ARCMIN
-        found = compare(_turned_rig(rig, turn), rig)
+        found = compare_calibrations(_turned_rig(rig, turn), rig)
         assert found.verdict.kind == "turned" and found.verdict.sound
         np.testing.assert_allclose(found.turn_arcmin, turn / ARCMIN, atol=1e-3)
         assert found.together.as_is.rms > 5
@@ -119,24 +119,29 @@ class TestVerdict:
         assert "by 12.2 arcmin" in found.verdict.text
         assert found.verdict.text.endswith("set anew, or nothing fixes the rig in space")
 
-    def test_a_camera_that_lay_on_its_side_without_marks(self, rig: Calibration) -> None:
-        assert compare(_turned_rig(rig, np.array([0.1, 0.2, 1.57])), rig).verdict.kind == "turned"
+    def test_a_camera_rotated_by_90_degrees_without_fiducials(self, rig: Calibration) -> None:
+        assert (
+            compare_calibrations(_turned_rig(rig, np.array([0.1, 0.2, 1.57])), rig).verdict.kind
+            == "turned"
+        )
 
-    def test_one_projector_moved_while_the_rig_turned(self, rig: Calibration) -> None:
+    def test_one_projector_moved_and_the_rig_rotated(self, rig: Calibration) -> None:
         other = _moved(rig, "west", np.array([2e-3, -1e-3, 1e-3]), 0.01)
-        found = compare(rig, _turned_rig(other, np.array([0.0, 0.0, 0.01])))
+        found = compare_calibrations(rig, _turned_rig(other, np.array([0.0, 0.0, 0.01])))
         assert (found.verdict.kind, found.verdict.projectors) == ("moved", ("west",))
         assert found.projectors["west"].turned.rms > 5
         assert max(found.projectors[n].turned.max for n in FOUR if n != "west") < 0.01
         assert "projector west moved: west by" in found.verdict.text
 
-    def test_one_of_two_moved_where_marks_fix_the_rig(self, calibration: Calibration) -> None:
-        found = compare(calibration, _moved(calibration, "north", np.full(3, 1e-3), 0.005))
+    def test_one_of_two_moved_where_fiducials_fix_the_rig(self, calibration: Calibration) -> None:
+        found = compare_calibrations(
+            calibration, _moved(calibration, "north", np.full(3, 1e-3), 0.005)
+        )
         assert (found.verdict.kind, found.verdict.projectors) == ("moved", ("north",))
 
     def test_two_moved_against_each_other(self, calibration: Calibration) -> None:
         other = _moved(calibration, "north", np.full(3, 1e-3), 0.005)
-        found = compare(calibration, _turned_rig(other, np.array([0.0, 0.0, 0.01])))
+        found = compare_calibrations(calibration, _turned_rig(other, np.array([0.0, 0.0, 0.01])))
         assert found.verdict.projectors == ("south", "north")
         assert "each on its own" in found.verdict.text
 
@@ -144,18 +149,20 @@ class TestVerdict:
         other = rig
         for name in FOUR:
             other = _moved(other, name, rng.normal(0, 1e-3, 3), 0.005)
-        assert compare(rig, other).verdict.kind == "moved"
+        assert compare_calibrations(rig, other).verdict.kind == "moved"
 
-    def test_a_change_that_is_no_motion(self, rig: Calibration) -> None:
+    def test_a_change_that_is_not_a_motion(self, rig: Calibration) -> None:
         def steps(name: str, direction: np.ndarray) -> np.ndarray:
             return _waves(direction, 0.0) * (name == "east")
 
-        found = compare(rig, _bent(rig, steps))
+        found = compare_calibrations(rig, _bent(rig, steps))
         assert (found.verdict.kind, found.verdict.projectors) == ("changed", ("east",))
         assert "zoom" in found.verdict.text
 
-    def test_what_nothing_explains(self, rig: Calibration) -> None:
-        found = compare(rig, _bent(rig, lambda n, direction: _waves(direction, FOUR[n])))
+    def test_an_unexplained_difference(self, rig: Calibration) -> None:
+        found = compare_calibrations(
+            rig, _bent(rig, lambda n, direction: _waves(direction, FOUR[n]))
+        )
         assert found.verdict.kind == "differ"
 
     @pytest.mark.parametrize("names", [tuple(FOUR), ("south", "north")])
@@ -164,20 +171,20 @@ class TestVerdict:
     ) -> None:
         true = replace(rig, projectors={n: rig.projectors[n] for n in names})
         a, b = (_bent(true, _lens_error(5.0, azimuth)) for azimuth in (0.0, np.pi / 2))
-        found = compare(a, _noisy(b, rng, np.sqrt(2)))
+        found = compare_calibrations(a, _noisy(b, rng, np.sqrt(2)))
         assert found.verdict.kind == "lens"
         assert "camera zenith" in found.verdict.text
         assert found.together.smooth_arcmin > 2
         assert found.together.rest_arcmin == pytest.approx(SIGMA, rel=0.1)
 
-    def test_with_several_cameras_none_is_accused(self, rig: Calibration) -> None:
+    def test_with_several_cameras_all_are_named(self, rig: Calibration) -> None:
         zenith = rig.cameras["zenith"]
         other = replace(_bent(rig, _lens_error(5.0, 1.0)), cameras={"phone": zenith})
-        assert "a camera (zenith, phone)" in compare(rig, other).verdict.text
+        assert "a camera (zenith, phone)" in compare_calibrations(rig, other).verdict.text
 
-    def test_one_projector_cannot_tell_a_lens_from_its_own(self, rig: Calibration) -> None:
+    def test_with_one_projector_its_own_lens_is_named_too(self, rig: Calibration) -> None:
         alone = replace(rig, projectors={"south": rig.projectors["south"]})
-        found = compare(alone, _bent(alone, _lens_error(20.0, 1.0)))
+        found = compare_calibrations(alone, _bent(alone, _lens_error(20.0, 1.0)))
         assert found.verdict.kind == "lens"
         assert "or the projector's zoom" in found.verdict.text
 
@@ -185,40 +192,40 @@ class TestVerdict:
 class TestExchanged:
     def test_two(self, rig: Calibration) -> None:
         swapped = {"north": rig.projectors["east"], "east": rig.projectors["north"]}
-        found = compare(rig, _with(rig, swapped))
+        found = compare_calibrations(rig, _with(rig, swapped))
         assert found.verdict.kind == "exchanged"
         assert set(found.verdict.projectors) == {"north", "east"}
         assert "A's north is B's east" in found.verdict.text
         assert "wrong projector on the wire" in found.verdict.text
 
-    def test_all_in_a_ring_and_the_rig_turned(self, rig: Calibration) -> None:
-        """Nearly what a turn by a quarter would do; the smaller turn is believed."""
+    def test_all_in_a_ring_and_the_rig_rotated(self, rig: Calibration) -> None:
+        """Nearly a rotation by 90 degrees; the smaller rotation is taken."""
         ring = dict(zip(FOUR, [rig.projectors[n] for n in (*list(FOUR)[1:], "south")], strict=True))
-        found = compare(rig, _turned_rig(_with(rig, ring), np.array([0.0, 0.0, 0.3])))
+        found = compare_calibrations(rig, _turned_rig(_with(rig, ring), np.array([0.0, 0.0, 0.3])))
         assert "A's west is B's south" in found.verdict.text
 
-    def test_two_that_are_hung_alike_but_face_each_other(self, calibration: Calibration) -> None:
+    def test_two_that_face_each_other(self, calibration: Calibration) -> None:
         names = ("south", "north")
         swapped = dict(zip(names, [calibration.projectors[n] for n in names[::-1]], strict=True))
-        verdict = compare(calibration, _with(calibration, swapped)).verdict
+        verdict = compare_calibrations(calibration, _with(calibration, swapped)).verdict
         assert verdict.text == (
             "A's south is B's north, A's north is B's south: wrong projector on the wire"
         )
 
     def test_a_projector_knocked_far_off_is_not_exchanged(self, rig: Calibration) -> None:
-        found = compare(rig, _moved(rig, "west", np.array([0.05, 0.08, 0.0]), 0.0))
+        found = compare_calibrations(rig, _moved(rig, "west", np.array([0.05, 0.08, 0.0]), 0.0))
         assert found.verdict.kind in ("moved", "changed")
         assert found.verdict.projectors == ("west",)
 
 
 class TestNumbers:
-    def test_noise_as_told_gives_a_ratio_of_1(
+    def test_noise_of_the_stated_sigma_gives_a_ratio_of_1(
         self, rig: Calibration, rng: np.random.Generator
     ) -> None:
-        found = compare(_noisy(rig, rng), _noisy(rig, rng))
+        found = compare_calibrations(_noisy(rig, rng), _noisy(rig, rng))
         assert found.verdict.text == "the calibrations agree within their error bars"
         for row in (found.together, *found.projectors.values()):
-            # two ways across per pixel: the mean square is known to 1 / sqrt(pixels)
+            # two components per pixel: the mean square is known to 1 / sqrt(pixels)
             for angles in (row.as_is, row.turned):
                 assert abs(angles.error_over_sigma**2 - 1) < SIGMAS / np.sqrt(row.pixels)
             assert row.as_is.rms == pytest.approx(SIGMA * row.as_is.error_over_sigma, rel=1e-3)
@@ -232,7 +239,7 @@ class TestNumbers:
         grown[::2] *= np.float32(1.02)
         valid = surface.valid & (np.cumsum(surface.valid).reshape(surface.valid.shape) > 10)
         other = replace(north, surface=replace(surface, solid_angle_sr=grown, valid=valid))
-        found = compare(calibration, _with(calibration, {"north": other}))
+        found = compare_calibrations(calibration, _with(calibration, {"north": other}))
         row, still = found.projectors["north"].areas, found.projectors["south"].areas
         assert (still.median, still.rms, still.sum, still.alone) == (0, 0, 0, 0)
         assert row.alone == pytest.approx(10 / surface.valid.sum())
@@ -248,7 +255,9 @@ class TestNumbers:
         row, column = np.argwhere(north.surface.valid)[0]
         solid[row, column], sigma[row, column + 1] = np.nan, np.nan
         torn = replace(north.surface, solid_angle_sr=solid, sigma_arcmin=sigma)
-        found = compare(calibration, _with(calibration, {"north": replace(north, surface=torn)}))
+        found = compare_calibrations(
+            calibration, _with(calibration, {"north": replace(north, surface=torn)})
+        )
         assert found.projectors["north"].pixels == north.surface.valid.sum() - 2
         assert found.verdict.kind == "agree" and found.together.areas.rms == 0
 
@@ -256,7 +265,7 @@ class TestNumbers:
         m = calibration.feedback
         step = np.array([0, 0, 4 * np.hypot(0.004, 0.003)])
         brighter = Measured(m.value + step, np.full(3, 0.003))
-        found = compare(calibration, replace(calibration, feedback=brighter))
+        found = compare_calibrations(calibration, replace(calibration, feedback=brighter))
         np.testing.assert_allclose(found.light["feedback"].sigmas, [0, 0, 4], atol=1e-9)
         assert found.light["albedo"].sigmas == [0, 0, 0]
         assert found.verdict.sound
@@ -268,37 +277,41 @@ class TestNumbers:
     ) -> None:
         m = calibration.feedback
         other = replace(calibration, feedback=Measured(m.value * times, m.sigma))
-        verdict = compare(calibration, other).verdict
+        verdict = compare_calibrations(calibration, other).verdict
         assert (verdict.kind, verdict.sound) == ("light", False)
         most = np.abs(m.value * (times - 1) / m.sigma).max() / np.sqrt(2)
         assert f"feedback by {most:.3g} standard errors" in verdict.text
         assert "albedo" not in verdict.text and "the same to the last bit" in verdict.text
 
-    def test_directions_are_worse_than_light(self, calibration: Calibration) -> None:
+    def test_directions_take_precedence_over_light(self, calibration: Calibration) -> None:
         m = calibration.feedback
         brighter = replace(calibration, feedback=Measured(m.value * 2, m.sigma))
         other = _moved(brighter, "north", np.full(3, 1e-3), 0.005)
-        assert compare(calibration, other).verdict.kind == "moved"
+        assert compare_calibrations(calibration, other).verdict.kind == "moved"
 
-    def test_light_that_one_has_not(self, calibration: Calibration) -> None:
+    def test_light_that_one_calibration_lacks(self, calibration: Calibration) -> None:
         dark = replace(calibration, albedo=Measured(np.full(3, np.nan), np.full(3, np.nan)))
-        assert list(compare(calibration, dark).light) == ["feedback"]
+        assert list(compare_calibrations(calibration, dark).light) == ["feedback"]
 
-    def test_light_without_errors_of_its_own(self, calibration: Calibration) -> None:
+    def test_light_without_sigma(self, calibration: Calibration) -> None:
         exact = [
             replace(calibration, feedback=Measured(np.full(3, m), np.zeros(3))) for m in (1, 2)
         ]
-        assert compare(exact[0], exact[0]).light["feedback"].sigmas == [0, 0, 0]
-        assert compare(*exact).light["feedback"].sigmas == [np.inf] * 3
+        assert compare_calibrations(exact[0], exact[0]).light["feedback"].sigmas == [0, 0, 0]
+        assert compare_calibrations(*exact).light["feedback"].sigmas == [np.inf] * 3
 
-    def test_a_projector_that_nobody_saw_twice(self, calibration: Calibration) -> None:
+    def test_a_projector_that_is_not_seen_in_both(self, calibration: Calibration) -> None:
         north = calibration.projectors["north"]
         dark = replace(north.surface, valid=np.zeros_like(north.surface.valid))
-        with pytest.raises(NotEnoughData, match="projector north: got 0 pixels"):
-            compare(calibration, _with(calibration, {"north": replace(north, surface=dark)}))
+        with pytest.raises(
+            NotEnoughData, match="projector north: the calibrations share 0 of its pixels"
+        ):
+            compare_calibrations(
+                calibration, _with(calibration, {"north": replace(north, surface=dark)})
+            )
 
-    def test_sizes_differ_only_where_names_are_exchanged(self, rig: Calibration) -> None:
-        """A projector of another size is no candidate for an exchange."""
+    def test_projectors_of_other_sizes_are_not_exchanged(self, rig: Calibration) -> None:
+        """Exchanges are sought only between projectors of one size."""
         wide = rig.projectors["west"]
         model = replace(wide.model, size=(50, 30))
         grown = {
@@ -310,18 +323,21 @@ class TestNumbers:
         other = replace(wide, model=model, surface=replace(wide.surface, **grown))
         odd = _with(rig, {"west": other})
         swapped = {"north": odd.projectors["east"], "east": odd.projectors["north"]}
-        assert set(compare(odd, _with(odd, swapped)).verdict.projectors) == {"north", "east"}
+        assert set(compare_calibrations(odd, _with(odd, swapped)).verdict.projectors) == {
+            "north",
+            "east",
+        }
 
 
 class TestSolvedRigs:
-    """A dome solved twice, its camera on its side the second time, with the same wrong lens."""
+    """A dome solved twice with the same wrong lens, the camera rotated by 90 degrees in between."""
 
     @pytest.mark.parametrize(
         ("focal", "k1", "kind"),
         [
             (1.0, 0.0, "agree"),
-            (1.0005, 0.0, "lens"),  # pixels that are not quite square
-            (1.0, 0.002, "agree"),  # alike all round the axis: only a tilt would show it
+            (1.0005, 0.0, "lens"),  # focal lengths that differ by .05 %
+            (1.0, 0.002, "agree"),  # symmetric about the axis: only a tilt would show it
         ],
     )
     def test_a_turned_camera_shows_its_lens(self, focal: float, k1: float, kind: str) -> None:
@@ -330,38 +346,38 @@ class TestSolvedRigs:
             return replace(lens, focal=lens.focal * [focal, 1.0], distortion=bend)
 
         dome = SimulatedDome.build(2, projectors=2, cameras=1)
-        a, b = (_visit(dome, turn, wrong) for turn in (0.0, np.pi / 2))
-        pairs = {name: _shared_landings(a, b, name) for name in a.projectors}
+        a, b = (_solved(dome, turn, wrong) for turn in (0.0, np.pi / 2))
+        pairs = {name: _common_pixels(a, b, name) for name in a.projectors}
         assert judge_difference(pairs, ["zenith"])[0].kind == kind
 
 
-def _visit(dome: SimulatedDome, turn: float, wrong: Callable[[Lens], Lens]) -> GeometrySolution:
+def _solved(dome: SimulatedDome, turn: float, wrong: Callable[[Lens], Lens]) -> GeometrySolution:
     camera = dome.cameras[0]
     pose = camera.camera_from_dome
     rotation = rotation_matrix([0, 0, turn]) @ pose.rotation
     turned = replace(camera, camera_from_dome=Pose(rotation, -rotation @ pose.origin))
     there = replace(dome, cameras=[turned])
     problem = there.problem(there.observations(48, 0.05), fiducials=there.fiducials(1e-4))
-    told = {n: replace(c, lens=wrong(c.lens)) for n, c in problem.cameras.items()}
-    return solve_geometry(replace(problem, cameras=told))
+    cameras = {n: replace(c, lens=wrong(c.lens)) for n, c in problem.cameras.items()}
+    return solve_geometry(replace(problem, cameras=cameras))
 
 
-def _shared_landings(a: GeometrySolution, b: GeometrySolution, name: str) -> CommonPixels:
-    """What two solved rigs tell of the panel's upper half, which lands on the dome."""
+def _common_pixels(a: GeometrySolution, b: GeometrySolution, name: str) -> CommonPixels:
+    """The upper half of a panel, which lights the dome, in two solved rigs."""
     x, y = np.arange(20.0, 1920, 40), np.arange(20.0, 800, 40)
-    landings = [fit_pixel_directions(solution, name) for solution in (a, b)]
-    first, second = (each.directions(x, y).reshape(-1, 3) for each in landings)
-    sigma = [each.sigma_arcmin(x, y).ravel() * ARCMIN for each in landings]
+    fitted = [fit_pixel_directions(solution, name) for solution in (a, b)]
+    first, second = (each.directions(x, y).reshape(-1, 3) for each in fitted)
+    sigma = [each.sigma_arcmin(x, y).ravel() * ARCMIN for each in fitted]
     place = a.projectors[name].projector_from_dome.origin / a.rig.shape.radius_m
-    even = np.ones(len(first), np.float32)
+    ones = np.ones(len(first), np.float32)
     variance = (sigma[0] ** 2 + sigma[1] ** 2).astype(np.float32)
     return CommonPixels(
-        first.astype(np.float32), second.astype(np.float32), variance, even, even, 0.0, place
+        first.astype(np.float32), second.astype(np.float32), variance, ones, ones, 0.0, place
     )
 
 
 def _noisy(calibration: Calibration, rng: np.random.Generator, times: float = 1.0) -> Calibration:
-    """Every pixel off by its own standard error, both ways together."""
+    """Directions with noise of their own standard error."""
 
     def steps(name: str, direction: np.ndarray) -> np.ndarray:
         sigma = calibration.projectors[name].surface.sigma_arcmin * ARCMIN * times

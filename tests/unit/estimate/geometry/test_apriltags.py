@@ -1,4 +1,4 @@
-"""AprilTags on a dome: which they are, where their centres are, and a rig turned by them."""
+"""AprilTags on a dome: their detection, their centres, and a rig rotated to them."""
 
 from dataclasses import replace
 
@@ -15,7 +15,7 @@ from procam.estimate.geometry.apriltags import (
     tag_centre,
     tag_fiducials,
     tag_notes,
-    toned,
+    to_8_bit,
 )
 from procam.estimate.geometry.model import RigGeometry
 from procam.estimate.geometry.solve import solve_geometry
@@ -38,8 +38,8 @@ CENTRE_RMS_PX = 0.05
 ELEVATIONS_DEG = {20: 6, 45: 5, 70: 3}  # and how many go round at each
 
 
-def stuck(edge_px: float, family: str = "36h11") -> list[Printed]:
-    """Tags all over the dome, as large as `edge_px` in the middle of the picture."""
+def tags_on_dome(edge_px: float, family: str = "36h11") -> list[Printed]:
+    """Tags all over the dome, with edges of `edge_px` in the middle of the picture."""
     rng = np.random.default_rng(7)
     tags = []
     for elevation, count in ELEVATIONS_DEG.items():
@@ -60,7 +60,7 @@ def picture_of(tags: list[Printed], rng: np.random.Generator, **how: float) -> n
     return photograph(whiteness(tags, LENS, SIZE, POSE, RADIUS_M), rng, **how)
 
 
-def look(
+def detect(
     tags: list[Printed], *pictures: np.ndarray, shown: frozenset[str] = frozenset()
 ) -> TagObservations:
     return detect_tags(pictures, LENS, [t.listed() for t in tags], shown)
@@ -68,65 +68,63 @@ def look(
 
 @pytest.fixture(scope="module")
 def forty() -> tuple[list[Printed], np.ndarray]:
-    tags = stuck(40)
+    tags = tags_on_dome(40)
     return tags, picture_of(tags, np.random.default_rng(1))
 
 
 class TestCentres:
-    @pytest.mark.parametrize(
-        ("family", "edge_px"), [("36h11", 40), ("25h9", 40), ("16h5", 40), ("36h11", 60)]
-    )
-    def test_all_are_found_and_well(self, rng, family: str, edge_px: float) -> None:
-        tags = stuck(edge_px, family)
-        found = look(tags, picture_of(tags, rng))
+    @pytest.mark.parametrize(("family", "edge_px"), [("36h11", 40), ("25h9", 40), ("16h5", 60)])
+    def test_all_are_found_with_accurate_centres(self, rng, family: str, edge_px: float) -> None:
+        tags = tags_on_dome(edge_px, family)
+        found = detect(tags, picture_of(tags, rng))
         assert found.centres.keys() == {t.listed().name for t in tags}
         assert not found.doubled and not found.others
         error = np.array([found.centres[t.listed().name] for t in tags]) - pixels(tags)
         assert np.sqrt(np.mean(np.sum(error**2, axis=1))) < CENTRE_RMS_PX
 
     def test_small_ones_are_found_in_a_larger_copy(self, rng) -> None:
-        tags = stuck(14)
+        tags = tags_on_dome(14)
         picture = picture_of(tags, rng)
-        once = {number for number, _ in find_tags(toned(picture), "36h11")}
-        found = look(tags, picture)
+        once = {number for number, _ in find_tags(to_8_bit(picture), "36h11")}
+        found = detect(tags, picture)
         assert len(once) < len(tags) == len(found.centres)
         error = np.array([found.centres[t.listed().name] for t in tags]) - pixels(tags)
         assert np.sqrt(np.mean(np.sum(error**2, axis=1))) < CENTRE_RMS_PX
 
     def test_a_large_one_in_dim_light_and_noise(self, rng) -> None:
         tag = Printed(586, 0.3, 1.0, 100 / FOCAL * RADIUS_M, 1.0)
-        found = look([tag], picture_of([tag], rng, level=0.02, noise=3.0))
+        found = detect([tag], picture_of([tag], rng, level=0.02, noise=3.0))
         assert found.centres["tag 586"] == pytest.approx(pixels([tag])[0], abs=0.1)
 
     def test_paper_that_saturates(self, rng) -> None:
-        tags = stuck(40)[:8]
-        found = look(tags, picture_of(tags, rng, level=0.9))
+        tags = tags_on_dome(40)[:8]
+        found = detect(tags, picture_of(tags, rng, level=0.9))
         error = np.array([found.centres[t.listed().name] for t in tags]) - pixels(tags)
         assert np.sqrt(np.mean(np.sum(error**2, axis=1))) < CENTRE_RMS_PX
 
-    def test_what_is_no_tag_has_no_centre(self, forty) -> None:
+    def test_other_patterns_have_no_centre(self, forty) -> None:
         picture = forty[1]
-        corners = dict(find_tags(toned(picture), "36h11"))[3]
+        corners = dict(find_tags(to_8_bit(picture), "36h11"))[3]
         assert tag_centre(picture, corners, tag_cells("36h11", 3), LENS) is not None
         assert tag_centre(picture, corners, tag_cells("36h11", 4), LENS) is None
         assert tag_centre(picture, corners + 40.0, tag_cells("36h11", 3), LENS) is None
         assert tag_centre(np.zeros_like(picture), corners, tag_cells("36h11", 3), LENS) is None
 
 
-class TestLook:
-    def test_mirrored_ones_are_none(self, rng) -> None:
-        tags = stuck(40)
-        found = look(tags, picture_of([replace(t, mirrored=True) for t in tags], rng))
+class TestDetection:
+    def test_mirrored_tags_are_ignored(self, rng) -> None:
+        tags = tags_on_dome(40)
+        found = detect(tags, picture_of([replace(t, mirrored=True) for t in tags], rng))
         assert found == TagObservations()
 
-    def test_pictures_without_light_are_passed_over(self, forty, rng) -> None:
+    def test_dark_pictures_are_skipped(self, forty, rng) -> None:
         tags, picture = forty
         night = photograph(np.zeros(picture.shape), rng)
-        assert not toned(night).any()
-        assert look(tags[:1], night, picture).centres.keys() == {"tag 0"}
-        assert look(tags[:1], night) == TagObservations()
+        assert not to_8_bit(night).any()
+        assert detect(tags[:1], night, picture).centres.keys() == {"tag 0"}
+        assert detect(tags[:1], night) == TagObservations()
 
-    def test_no_further_picture_is_made_than_is_needed(self, forty) -> None:
+    def test_no_more_pictures_are_read_than_needed(self, forty) -> None:
         tags, picture = forty
 
         def pictures():
@@ -136,19 +134,19 @@ class TestLook:
         assert detect_tags(pictures(), LENS, [tags[2].listed()]).centres.keys() == {"tag 2"}
         assert detect_tags(map(pytest.fail, ["not even one"]), LENS, []) == TagObservations()
 
-    def test_others_and_those_of_projectors_are_no_marks(self, forty) -> None:
+    def test_unlisted_and_projected_tags_are_not_fiducials(self, forty) -> None:
         tags, picture = forty
-        found = look([replace(tags[0], number=99), tags[1]], picture, shown=frozenset({"tag 1"}))
+        found = detect([replace(tags[0], number=99), tags[1]], picture, shown=frozenset({"tag 1"}))
         assert not found.centres
         assert found.others == {f"tag {i}" for i in range(len(tags)) if i != 1}
 
-    def test_one_that_is_there_twice_is_not_used(self, rng) -> None:
-        tags = stuck(40)[:3]
-        found = look(tags, picture_of([tags[0], tags[1], replace(tags[2], number=0)], rng))
+    def test_a_doubled_tag_is_not_used(self, rng) -> None:
+        tags = tags_on_dome(40)[:3]
+        found = detect(tags, picture_of([tags[0], tags[1], replace(tags[2], number=0)], rng))
         assert found == TagObservations(found.centres, {"tag 0"}, set())
         assert found.centres.keys() == {"tag 1"}
 
-    def test_families_are_as_large_as_opencvs(self) -> None:
+    def test_families_have_as_many_tags_as_in_opencv(self) -> None:
         for family, count in TAG_COUNTS.items():
             assert tag_cells(family, count - 1).any()
             with pytest.raises(Exception, match="bytesList"):
@@ -159,27 +157,27 @@ class TestLook:
 class TestNotes:
     LISTED = (AprilTag("36h11", 7, 0.1, 0.2, 1e-4), AprilTag("25h9", 8, None, 0.3, 1e-4))
 
-    def test_nothing_to_tell(self) -> None:
-        looks = {
+    def test_no_notes_when_all_are_seen(self) -> None:
+        observed = {
             "a": TagObservations({"tag 7": np.zeros(2)}, set(), {"tag 3"}),
             "b": TagObservations({"tag 8 of 25h9": np.zeros(2)}),
         }
-        assert tag_notes(self.LISTED, looks) == []
+        assert tag_notes(self.LISTED, observed) == []
 
-    def test_missing_ones_are_told_in_one_line(self) -> None:
+    def test_missing_tags_share_one_line(self) -> None:
         (line,) = tag_notes(self.LISTED, {"a": TagObservations()})
-        assert line.startswith("tag 7, tag 8 of 25h9: got no camera that sees it, expected one; ")
+        assert line.startswith("tag 7, tag 8 of 25h9: no camera sees it; ")
         (line,) = tag_notes(
             self.LISTED, {"a": TagObservations({"tag 7": np.zeros(2)}, set(), {"tag 3"})}
         )
-        assert line.startswith("tag 8 of 25h9: got no camera")
+        assert line.startswith("tag 8 of 25h9: no camera")
 
-    def test_others_are_told_if_no_listed_one_is_found(self) -> None:
+    def test_unlisted_tags_are_named_if_no_listed_one_is_found(self) -> None:
         (line,) = tag_notes(
             self.LISTED,
             {"a": TagObservations({}, set(), {"tag 4", "tag 3"}), "b": TagObservations()},
         )
-        assert "got tag 3, tag 4 instead" in line and "correct family and id" in line
+        assert "but tag 3, tag 4; " in line and "correct family and id" in line
 
     def test_doubled_ones(self) -> None:
         (line,) = tag_notes(self.LISTED[:1], {"a": TagObservations({}, {"tag 7"})})
@@ -188,8 +186,8 @@ class TestNotes:
         )
 
 
-class TestMarks:
-    def test_cameras_that_see_one_tag_share_its_error(self) -> None:
+class TestFiducials:
+    def test_cameras_that_see_one_tag_share_its_survey_error(self) -> None:
         camera = CameraModel("a", SIZE, LENS, Sensor(12, 64.0))
         cameras = {"a": camera, "b": replace(camera, name="b")}
         tag = AprilTag("36h11", 7, 0.1, None, 1e-3)
@@ -207,14 +205,14 @@ class TestMarks:
 
 
 def tags_seen(dome: SimulatedDome, tags: list[Printed], listed: list[AprilTag]) -> list:
-    """The marks that all cameras of a dome find."""
-    looks = {}
+    """The fiducials that all cameras of a dome find."""
+    observed = {}
     for camera in dome.cameras:
         pose, radius_m = camera.camera_from_dome, dome.surface.preset.radius_m
         light = whiteness(tags, camera.lens, camera.size, pose, radius_m)
-        looks[camera.name] = detect_tags([photograph(light, dome.rng)], camera.lens, listed)
+        observed[camera.name] = detect_tags([photograph(light, dome.rng)], camera.lens, listed)
     cameras = {c.name: CameraModel(c.name, c.size, c.lens, Sensor(12, 64.0)) for c in dome.cameras}
-    return tag_fiducials(listed, looks, cameras)
+    return tag_fiducials(listed, observed, cameras)
 
 
 @pytest.fixture(scope="module")
@@ -229,14 +227,14 @@ def printed() -> list[Printed]:
 
 
 class TestGeometry:
-    def test_tags_turn_a_rig_as_marks_by_hand_do(self, dome, printed) -> None:
+    def test_tags_rotate_a_rig_as_clicked_fiducials_do(self, dome, printed) -> None:
         marks = tags_seen(dome, printed, [t.listed() for t in printed])
         assert len(marks) == len(printed) * len(dome.cameras)
         found = solve_geometry(dome.problem(dome.observations(48), fiducials=marks))
         assert not len(found.freedoms)
         assert worst_direction(found.rig, dome.rig()) < 5e-5  # a sixth of an arcminute
 
-    def test_a_tag_that_hangs_elsewhere_is_named_once(self, dome, printed) -> None:
+    def test_a_tag_at_another_place_is_named_once(self, dome, printed) -> None:
         listed = [t.listed(1e-3) for t in printed[:3]]
         marks = tags_seen(dome, printed, [replace(listed[0], azimuth=0.9), *listed[1:]])
         with pytest.raises(CalibrationError, match=r"fiducials: tag 7 does not fit the others"):
@@ -244,17 +242,17 @@ class TestGeometry:
 
 
 def worst_direction(found: RigGeometry, truth: RigGeometry) -> float:
-    """Largest angle [rad] between where pixels land and where they should."""
+    """Largest angle [rad] between estimated and true directions of pixels."""
     x, y = np.meshgrid(np.linspace(100, 1800, 9), np.linspace(100, 1100, 7))
     panel = np.stack([x, y], axis=-1).reshape(-1, 2)
 
-    def landing(rig: RigGeometry, name: str) -> np.ndarray:
+    def directions(rig: RigGeometry, name: str) -> np.ndarray:
         projector = rig.projectors[name]
         back = projector.projector_from_dome.inverse()
         ray = back.rotate(unproject(panel, projector.lens))
-        return normalise(rig.shape.meet(np.broadcast_to(back.translation, ray.shape), ray))
+        return normalise(rig.shape.intersect(np.broadcast_to(back.translation, ray.shape), ray))
 
     return max(
-        float(angle_between(landing(found, name), landing(truth, name)).max())
+        float(angle_between(directions(found, name), directions(truth, name)).max())
         for name in truth.projectors
     )

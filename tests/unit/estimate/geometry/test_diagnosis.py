@@ -1,4 +1,4 @@
-"""Blunders of crews, each made on a simulated rig and called by its name; none where nothing is wrong."""
+"""Usual mistakes, each made on a simulated rig and named; none where nothing is wrong."""
 
 from dataclasses import dataclass, replace
 
@@ -8,7 +8,7 @@ from domes import SimulatedDome
 
 from procam.errors import CalibrationError
 from procam.estimate.geometry.adjustment import RigProblem
-from procam.estimate.geometry.diagnosis import causes
+from procam.estimate.geometry.diagnosis import find_causes
 from procam.estimate.geometry.model import Observations, Pair
 from procam.estimate.geometry.solve import GeometrySolution, solve_geometry
 from procam.maths.geometry.pose import Pose, rotation_matrix
@@ -24,8 +24,8 @@ def _solved(problem: RigProblem) -> GeometrySolution | None:
         return None
 
 
-def _told(problem: RigProblem) -> list[str]:
-    return causes(problem, _solved(problem))
+def _causes_of(problem: RigProblem) -> list[str]:
+    return find_causes(problem, _solved(problem))
 
 
 def _warped(seen: Seen, name: str, matrix: np.ndarray) -> Seen:
@@ -43,10 +43,10 @@ def _merged(before: Seen, after: Seen, camera: str, later: set[str]) -> Seen:
     return {p: after[p] if p[0] == camera and p[1] in later else o for p, o in before.items()}
 
 
-@pytest.mark.parametrize(("preset", "cameras"), [(STANDARD, 2), (REALISTIC, 2)])
-def test_nothing_is_said_of_a_sound_rig(preset: object, cameras: int) -> None:
-    dome = SimulatedDome.build(7, preset, projectors=3, cameras=cameras)
-    assert _told(dome.problem(dome.observations(64))) == []
+@pytest.mark.parametrize("preset", [STANDARD, REALISTIC])
+def test_a_correct_rig_has_no_causes(preset: object) -> None:
+    dome = SimulatedDome.build(7, preset, projectors=3, cameras=2)
+    assert _causes_of(dome.problem(dome.observations(64))) == []
 
 
 @pytest.mark.parametrize(
@@ -57,27 +57,27 @@ def test_nothing_is_said_of_a_sound_rig(preset: object, cameras: int) -> None:
         (1, "zenith", {"east"}, "north and east"),
     ],
 )
-def test_a_camera_that_was_bumped(cameras: int, camera: str, later: set[str], moment: str) -> None:
+def test_a_camera_that_moved(cameras: int, camera: str, later: set[str], moment: str) -> None:
     dome = SimulatedDome.build(7, cameras=cameras)
-    size = 1.0 if cameras > 1 else 8.0  # alone, it tells its place by the dome's curve
+    size = 1.0 if cameras > 1 else 8.0  # alone, its position follows from the dome's curvature only
     moved = [
         replace(c, camera_from_dome=_pushed(c.camera_from_dome, size)) if c.name == camera else c
         for c in dome.cameras
     ]
     seen = _merged(dome.observations(), replace(dome, cameras=moved).observations(), camera, later)
-    (told,) = _told(dome.problem(seen))
-    assert camera in told
-    assert told.endswith(f" moved between the pictures of {moment}; fix it and capture again")
+    (line,) = _causes_of(dome.problem(seen))
+    assert camera in line
+    assert line.endswith(f" moved between the pictures of {moment}; fix it and capture again")
 
 
 def _pushed(pose: Pose, size: float) -> Pose:
-    """A camera on a tripod that somebody walked into: half a degree, a centimetre, times `size`."""
+    """A camera that was knocked: half a degree, a centimetre, times `size`."""
     turn = rotation_matrix(size * np.radians([0.3, -0.2, 0.4]))
     shift = size * np.array([0.01, -0.005, 0.003])
     return Pose(turn @ pose.rotation, turn @ pose.translation + shift)
 
 
-@pytest.mark.parametrize("alike", [False, True], ids=["lenses differ", "marks of both"])
+@pytest.mark.parametrize("alike", [False, True], ids=["lenses differ", "fiducials of both"])
 def test_exchanged_cameras(alike: bool) -> None:
     dome = SimulatedDome.build(7)
     marks = dome.fiducials()
@@ -87,25 +87,25 @@ def test_exchanged_cameras(alike: bool) -> None:
         marks += replace(dome, cameras=dome.cameras[::-1]).fiducials()
     name = {"zenith": "second", "second": "zenith"}
     seen = {(name[c], p): o for (c, p), o in dome.observations().items()}
-    (told,) = _told(dome.problem(seen, fiducials=marks))
-    assert told.startswith("cameras zenith and second seem exchanged")
+    (line,) = _causes_of(dome.problem(seen, fiducials=marks))
+    assert line.startswith("cameras zenith and second seem exchanged")
 
 
 def test_keystone() -> None:
     dome = SimulatedDome.build(7)
     keystone = np.array([[1.0, 0, 0], [0, 1, 0], [0, 1.2e-4, 1]])
-    (told,) = _told(dome.problem(_warped(dome.observations(), "north", keystone)))
-    assert told.startswith("projector north stretches its picture by 1.")
-    assert "keystone" in told
+    (line,) = _causes_of(dome.problem(_warped(dome.observations(), "north", keystone)))
+    assert line.startswith("projector north stretches its picture by 1.")
+    assert "keystone" in line
 
 
 def test_another_format() -> None:
     dome = SimulatedDome.build(7)
     scaled = np.diag([1.0, 1200 / 1080, 1.0])  # 16:9 on a panel of 16:10
-    (told,) = _told(dome.problem(_warped(dome.observations(), "east", scaled)))
-    assert told == (
-        "projector east stretches its picture by 1.111, expected square pixels: it is fed another "
-        "format than its panel has; feed it its native resolution, unscaled"
+    (line,) = _causes_of(dome.problem(_warped(dome.observations(), "east", scaled)))
+    assert line == (
+        "projector east stretches its picture by 1.111, so its pixels are not square: its input has "
+        "another format than its panel; feed it its native resolution, unscaled"
     )
 
 
@@ -125,16 +125,18 @@ class Wall:
         return 6.0 / np.atleast_2d(direction)[:, 2]
 
 
-def test_a_small_part_of_a_dome_is_no_flat_screen() -> None:
+def test_a_small_part_of_a_dome_is_not_a_flat_screen() -> None:
     dome = SimulatedDome.build(1)
     seen = dome.observations(16)
     some = seen["second", "south"]
     middle = np.abs(some.projector_px - [960, 600]).max(axis=1) < 200
     seen["second", "south"] = some.some(middle)
-    assert _told(dome.problem(seen)) == []
+    assert _causes_of(dome.problem(seen)) == []
 
 
 def test_a_flat_screen() -> None:
     dome = replace(SimulatedDome.build(7, cameras=1), surface=Wall())
-    (told,) = _told(dome.problem(dome.observations()))
-    assert told.startswith("camera zenith sees south, north, east on a flat screen (bent by 0.")
+    (line,) = _causes_of(dome.problem(dome.observations()))
+    assert line.startswith(
+        "camera zenith sees south, north, east on a flat screen (it deviates by 0."
+    )

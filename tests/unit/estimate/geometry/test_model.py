@@ -1,4 +1,4 @@
-"""The rig's parameters: residuals, their slopes and the normal equations agree with each other."""
+"""Residuals, their derivatives and the normal equations agree with each other."""
 
 from dataclasses import replace
 
@@ -14,7 +14,7 @@ from procam.estimate.geometry.model import (
     normal_equations,
     residual_slopes,
     residuals,
-    shape_derivatives,
+    screen_derivatives,
 )
 from procam.maths.geometry.lenses import Lens, project, unproject
 from procam.maths.geometry.pose import Pose
@@ -32,7 +32,7 @@ STEP = 1e-6
 
 
 def _rig(degree: int) -> RigGeometry:
-    bumps = np.random.default_rng(2).normal(0, 3e-4, shape_coefficient_count(degree))
+    coefficients = np.random.default_rng(2).normal(0, 3e-4, shape_coefficient_count(degree))
     cameras = {
         name: CameraModel(
             name, (800, 800), FISHEYE, Sensor(12, 64.0), Pose.from_vectors(turn, (0.3, 0.2, -0.5))
@@ -48,7 +48,7 @@ def _rig(degree: int) -> RigGeometry:
             "north", (1280, 800), FISHEYE, Pose.from_vectors((0, -0.3, 1), (0.5, 0, 1))
         ),
     }
-    return RigGeometry(RoundShape(RADIUS_M, bumps, degree), cameras, projectors)
+    return RigGeometry(RoundShape(RADIUS_M, coefficients, degree), cameras, projectors)
 
 
 def _seen(rig: RigGeometry, count: int = 60) -> dict[Pair, Observations]:
@@ -57,7 +57,7 @@ def _seen(rig: RigGeometry, count: int = 60) -> dict[Pair, Observations]:
     for pair in (("zenith", "south"), ("second", "south"), ("second", "north")):
         camera, projector = rig.cameras[pair[0]], rig.projectors[pair[1]]
         pixel = rng.uniform(250, 550, (count, 2))
-        point = rig.shape.meet(*camera_rays(camera, unproject(pixel, camera.lens)))
+        point = rig.shape.intersect(*camera_rays(camera, unproject(pixel, camera.lens)))
         shown = project(projector.projector_from_dome.apply(point), projector.lens)
         sigma = np.full(count, 0.1)
         found[pair] = Observations(pixel, shown + rng.normal(0, 0.1, shown.shape), sigma)
@@ -69,8 +69,8 @@ def _errors(rig: RigGeometry, seen: dict[Pair, Observations]) -> np.ndarray:
 
 
 @pytest.mark.parametrize("degree", [0, 3])
-def test_slopes_of_every_parameter(degree: int) -> None:
-    """Lenses, and with them the rays, move as well; tangents of the relief are taken anew."""
+def test_derivatives_by_every_parameter(degree: int) -> None:
+    """Rays follow the lenses; the screen derivatives are evaluated for each rig."""
     rig = _rig(degree)
     seen, layout = _seen(rig), ParameterLayout.of(rig)
     slopes = np.zeros((sum(2 * len(o.sigma_px) for o in seen.values()), layout.count))
@@ -90,15 +90,15 @@ def test_slopes_of_every_parameter(degree: int) -> None:
 
 @pytest.mark.parametrize("fixed", [False, True], ids=["lenses-free", "lenses-fixed"])
 @pytest.mark.parametrize("degree", [0, 3])
-def test_normal_equations_are_the_slopes_squared(degree: int, fixed: bool) -> None:
+def test_normal_equations_are_products_of_the_derivatives(degree: int, fixed: bool) -> None:
     rig = _rig(degree)
     seen, layout = _seen(rig), ParameterLayout.of(rig)
     free = np.ones(layout.count, bool)
     free[[2, 9, 30, 41]] = False
     rays = {p: unproject(o.camera_px, rig.cameras[p[0]].lens) for p, o in seen.items()}
     weight = {p: np.linspace(1, 2, len(o.sigma_px)) for p, o in seen.items()}
-    reliefs = {p: shape_derivatives(rig, p[0], ray) for p, ray in rays.items()}
-    found = normal_equations(rig, seen, weight, free, rays if fixed else {}, reliefs)
+    derivatives = {p: screen_derivatives(rig, p[0], ray) for p, ray in rays.items()}
+    found = normal_equations(rig, seen, weight, free, rays if fixed else {}, derivatives)
     matrix, gradient = np.zeros((layout.count,) * 2), np.zeros(layout.count)
     for pair, some in seen.items():
         error, slopes = residual_slopes(rig, pair, some, rays[pair] if fixed else None)
@@ -112,15 +112,15 @@ def test_normal_equations_are_the_slopes_squared(degree: int, fixed: bool) -> No
     np.testing.assert_allclose(found[1], gradient, rtol=1e-9, atol=1e-9 * np.abs(gradient).max())
 
 
-def test_a_known_relief_is_the_one_made_on_the_spot() -> None:
+def test_given_shape_derivatives_give_the_same_residuals() -> None:
     rig = _rig(3)
     for pair, some in _seen(rig).items():
         ray = unproject(some.camera_px, rig.cameras[pair[0]].lens)
-        known = residuals(rig, pair, some, ray, shape_derivatives(rig, pair[0], ray))
+        known = residuals(rig, pair, some, ray, screen_derivatives(rig, pair[0], ray))
         np.testing.assert_array_equal(known, residuals(rig, pair, some))
 
 
-def test_a_step_of_nothing_moves_nothing() -> None:
+def test_a_zero_step_changes_nothing() -> None:
     rig = _rig(3)
     layout = ParameterLayout.of(rig)
     still = rig.moved(np.zeros(layout.count))

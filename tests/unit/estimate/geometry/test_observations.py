@@ -1,4 +1,4 @@
-"""Maps boiled down to observations: nothing that is not a number gets through."""
+"""Maps reduced to observations: values that are not finite are ignored."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ def _map() -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize("part", ["places", "errors"])
-def test_nan_counts_as_not_seen_even_where_the_map_calls_it_valid(part: str) -> None:
+def test_nan_is_ignored_also_where_the_map_marks_it_valid(part: str) -> None:
     xy, sigma = _map()
     whole = gather_observations(
         CorrespondenceMap(xy.copy(), sigma.copy(), np.ones((200, 300), bool)), SIZE
@@ -30,7 +30,7 @@ def test_nan_counts_as_not_seen_even_where_the_map_calls_it_valid(part: str) -> 
         assert np.isfinite(values).all()
 
 
-def test_nothing_seen_gives_nothing() -> None:
+def test_an_empty_map_gives_no_observations() -> None:
     xy, sigma = _map()
     empty = gather_observations(
         CorrespondenceMap(xy * np.nan, sigma, np.ones((200, 300), bool)), SIZE
@@ -38,11 +38,9 @@ def test_nothing_seen_gives_nothing() -> None:
     assert len(empty.sigma_px) == 0
 
 
-def test_the_solver_names_who_saw_nan() -> None:
+def test_the_solver_names_the_camera_of_a_nan() -> None:
     dome = SimulatedDome.build(1, projectors=2, cameras=1)
     seen = dome.observations(64)
     seen["zenith", "north"].projector_px[[3, 5]] = np.nan
-    with pytest.raises(
-        InputError, match=r"got NaN or infinity in 2 of \d+ that zenith has of north"
-    ):
+    with pytest.raises(InputError, match=r"2 of \d+ that zenith has of north are NaN or infinite"):
         solve_geometry(dome.problem(seen))

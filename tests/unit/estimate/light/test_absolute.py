@@ -70,7 +70,7 @@ class TestExact:
         assert error(found.xyz_from_content) < EXACT
         assert found.additivity is None
         assert found.notes == (
-            "no place has red, green, blue and white: whether light adds up stays untested",
+            "no place has red, green, blue and white, so additivity is not tested",
         )
 
     def test_patches_of_several_places_and_projectors(
@@ -83,13 +83,13 @@ class TestExact:
         ]
         assert error(fit_absolute(mixed, dome).xyz_from_content) < EXACT
 
-    def test_black_that_was_read_takes_the_room_light_off(self, dome: Calibration) -> None:
+    def test_a_reading_of_black_subtracts_the_light_of_the_room(self, dome: Calibration) -> None:
         lit_room = Meter(dome, room=(0.2, 0.25, 0.1))
         found = fit_absolute(lit_room.read_all(*SPOTS[:2], patches=EVERY), dome)
         assert error(found.xyz_from_content) < EXACT
         assert found.additivity.error == pytest.approx(0, abs=EXACT)
         assert len(found.notes) == 2
-        assert "the meter reads a black of 0.3" in found.notes[0]
+        assert "black is 0.3" in found.notes[0]
         left_in = fit_absolute(lit_room.read_all(*SPOTS[:2]), dome)
         assert error(left_in.xyz_from_content) > 0.005
 
@@ -159,7 +159,7 @@ def test_more_readings_are_surer(dome: Calibration, readings: list[MeterReading]
     assert often == pytest.approx(once / 2)
 
 
-def test_additivity_is_as_sure_as_told(dome: Calibration, meter: Meter) -> None:
+def test_sigma_of_additivity(dome: Calibration, meter: Meter) -> None:
     rng, readings = np.random.default_rng(8), meter.read_all(*SPOTS[:2])
     found = [fit_absolute(with_noise(readings, rng), dome).additivity for _ in range(60)]
     z = np.array([a.error / a.sigma for a in found])
@@ -167,16 +167,16 @@ def test_additivity_is_as_sure_as_told(dome: Calibration, meter: Meter) -> None:
     assert abs(z.var() - 1) < SIGMAS * np.sqrt(2 / 60)
 
 
-class TestWhatItSays:
+class TestNotes:
     def test_white_boost(self, dome: Calibration, readings: list[MeterReading]) -> None:
         boosted = [scaled(r, 1.25) if r.patch == "white" else r for r in readings]
         found = fit_absolute(boosted, dome)
         assert found.additivity.error == pytest.approx(1 / 1.25 - 1, abs=0.002)
         assert found.notes[0] == (
-            "south: red + green + blue are -20.1% from white (the meter's own error: 1.6%), so its light "
-            "does not add up; switch off white boost or brilliant colour, calibrate and read again"
+            "south: red + green + blue differ by -20.1% from white (meter's error 1.6%), so its light does "
+            "not add up; switch off white boost or brilliant colour, calibrate and read again"
         )
-        assert "times the meter's own error" in found.notes[1]
+        assert "times the meter's error" in found.notes[1]
         assert not any("contradict" in note for note in found.notes)
         assert found.worst[1] > 3
         assert (found.sigma > fit_absolute(readings, dome).sigma).all()
@@ -186,21 +186,20 @@ class TestWhatItSays:
     ) -> None:
         dimmed = [scaled(r, 0.85) if r.projector == "north" else r for r in readings]
         (note,) = (n for n in fit_absolute(dimmed, dome).notes if "contradict" in n)
-        assert "south is +17.6%" in note or "north is -15.0%" in note
+        assert "those of north: +17.6%" in note or "those of south: -15.0%" in note
         assert "dE2000" in note
 
     def test_the_one_of_three_that_contradicts(self, dome: Calibration, meter: Meter) -> None:
         south = dome.projectors["south"]
         three = replace(dome, projectors={**dome.projectors, "third": south})
         third = [replace(r, projector="third") for r in meter.read_all(HERE)]
-        # black is shared out among all that reach a place: read it, and nothing is shared
+        # without a reading, black would be divided among all that reach a place
         blacks = meter.read_all(HERE, ("north", RIGHT), patches=("black",))
         blacks.append(replace(blacks[0], projector="third"))
         rest = [*meter.read_all(HERE, ("north", RIGHT)), *blacks]
         dimmed = [replace(r, xyz=r.xyz * np.array([0.9, 0.8, 0.9])) for r in third]
         (note,) = (n for n in fit_absolute([*rest, *dimmed], three).notes if "contradict" in n)
-        assert "third is -20.0% in luminance" in note
-        assert "from what north, south told" in note
+        assert "third contradict those of north, south: -20.0% in luminance" in note
 
     def test_a_projector_with_white_alone_can_contradict(
         self, dome: Calibration, meter: Meter
@@ -209,8 +208,7 @@ class TestWhatItSays:
         white = meter.read("north", "white")
         assert fit_absolute([*readings, white], dome).notes == ()
         (note,) = fit_absolute([*readings, scaled(white, 0.85)], dome).notes[-1:]
-        assert note.startswith("projectors contradict: north is -15.0% in luminance")
-        assert "from what south told" in note
+        assert note.startswith("readings of north contradict those of south: -15.0% in luminance")
 
     def test_which_reading_fits_worst(
         self, dome: Calibration, readings: list[MeterReading]
@@ -225,12 +223,11 @@ class TestRefusals:
     def test_too_few_patches(
         self, dome: Calibration, meter: Meter, patches: tuple[str, ...]
     ) -> None:
-        told = ", ".join(p for p in ("green", "red", "white") if p in patches) or "no colour"
+        read = ", ".join(p for p in ("green", "red", "white") if p in patches) or "no colour"
         with pytest.raises(NotEnoughData) as caught:
             fit_absolute(meter.read_all(HERE, HERE, patches=patches), dome)
         assert str(caught.value) == (
-            f"meter: got readings of {told}, expected three or more of red, green, blue and white; read "
-            "the others too"
+            f"the meter's readings are of {read}; read three or more of red, green, blue and white"
         )
 
     def _refused(self, dome: Calibration, readings: list[MeterReading]) -> str:
@@ -241,8 +238,8 @@ class TestRefusals:
     def test_where_no_camera_sees(self, dome: Calibration, readings: list[MeterReading]) -> None:
         low = MeterReading("south", "red", 82.0, 0.0, np.ones(3))
         assert self._refused(dome, [*readings, low]) == (
-            "red of south at azimuth 82, elevation 0 deg: got a place that no camera sees, expected one "
-            "that the calibration knows; read it elsewhere, or remove the line"
+            "red of south at azimuth 82, elevation 0 deg: no camera sees this place, so the calibration "
+            "has no light for it; read it elsewhere, or remove the line"
         )
 
     # beside its picture, at its cut-off lower edge, behind it
@@ -257,8 +254,8 @@ class TestRefusals:
     ) -> None:
         dark = MeterReading("south", patch, *place, np.ones(3))
         assert self._refused(dome, [*readings, dark]) == (
-            f"{dark}: got a place that south does not light, or only in part, expected one well inside "
-            "its picture; read it elsewhere, or remove the line"
+            f"{dark}: south does not light this place, or only in part; read it well inside its picture, "
+            "or remove the line"
         )
 
     def test_a_calibration_without_a_ray_there(

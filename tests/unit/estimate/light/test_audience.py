@@ -1,4 +1,4 @@
-"""How a house in another state is read off pictures, on a sphere where all of it is known."""
+"""Scattered and ambient light of a venue state, on a sphere where both are known."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -10,8 +10,8 @@ from tolerances import SOLVER
 from procam.estimate.camera.radiance import Radiometer
 from procam.estimate.geometry.camera_view import DomeView
 from procam.estimate.light.audience import (
-    KERNEL,
-    UNSEEN,
+    KERNEL_SIGMA,
+    UNSEEN_SIGMA,
     AudienceView,
     audience_feedback,
     centre_shift,
@@ -29,9 +29,7 @@ RIM = 5e-5  # the maps end within the outermost camera pixels
 RATIO = np.array([1.12, 1.07, 0.93])
 ZONES = 4
 NAMES = ("south", "north")
-Picture = tuple[
-    np.ndarray, np.ndarray
-]  # what is seen (H, W, 3), and where light is expected (H, W)
+Picture = tuple[np.ndarray, np.ndarray]  # photograph (H, W, 3), and where it is lit (H, W)
 
 
 @pytest.fixture(scope="module")
@@ -54,15 +52,15 @@ def view(known: Calibration) -> DomeView:
 def _quarters(
     known: Calibration, view: DomeView, ratio: np.ndarray, lamp: float = 1.0
 ) -> list[Picture]:
-    """Pictures of quarters where `ratio` times what the kernel says bounces, from lamps of some strength."""
-    house, found = AudienceView(known, view), []
+    """Pictures of quarters with `ratio` times the calibrated scatter, from lamps of some strength."""
+    audience, found = AudienceView(known, view), []
     for name in NAMES:
         size = known.projectors[name].model.size
         for zone in range(ZONES):
-            lit = house.expected(name, zone_picture(size, zone, ZONES) / np.float32(255)) > 0
+            lit = audience.expected(name, zone_picture(size, zone, ZONES) / np.float32(255)) > 0
             slope = lamp * (1 + 0.3 * view.direction[..., :1]) * [1.0, 0.9, 1.1]
             direct = np.where(lit[..., None], slope, 0)
-            light = direct + ratio * _bounced(known, view, direct)
+            light = direct + ratio * _scattered(known, view, direct)
             seen = (light * view.on_screen[..., None]).astype(np.float32)
             found.append((seen, lit))
     return found
@@ -71,20 +69,20 @@ def _quarters(
 def _ratio(
     known: Calibration, view: DomeView, pictures: list[Picture], before: Sequence[Picture] = ()
 ) -> Measured:
-    house = AudienceView(known, view)
-    looks, then = ([house.look(*picture) for picture in each] for each in (pictures, before))
-    return house.scatter_ratio(looks, then)
+    audience = AudienceView(known, view)
+    now, then = ([audience.observe(*picture) for picture in each] for each in (pictures, before))
+    return audience.scatter_ratio(now, then)
 
 
-def _leaning(known: Calibration) -> Calibration:
-    """A dome where bounced light leans to the side that is lit."""
+def _one_sided(known: Calibration) -> Calibration:
+    """A dome whose scattered light is stronger on the side that is lit."""
     bend = np.diag([1.0, 0.2, 0.2, 0.2])
     kernel = ScatterKernel(1, np.stack([bend] * 3), np.tile([1.0, 0.0, 0.0, 0.0], (3, 1)))
     return replace(known, maps=replace(known.maps, kernel=kernel))
 
 
-def _bounced(known: Calibration, view: DomeView, direct: np.ndarray) -> np.ndarray:
-    """Bounced light (H, W, 3) pixel by pixel, where full white brings the same everywhere."""
+def _scattered(known: Calibration, view: DomeView, direct: np.ndarray) -> np.ndarray:
+    """Scattered light (H, W, 3) pixel by pixel; that of full white is uniform."""
     kernel = known.maps.kernel
     phi = basis(view.direction.reshape(-1, 3).astype(float), kernel.degree)
     moments = phi.T @ (view.solid_angle_sr[..., None] * direct).reshape(-1, 3)
@@ -94,36 +92,40 @@ def _bounced(known: Calibration, view: DomeView, direct: np.ndarray) -> np.ndarr
 
 class TestRatio:
     @pytest.mark.parametrize("lamp", [1.0, 0.6])
-    def test_is_that_of_the_bounced_light_whatever_the_lamps_give(
+    def test_does_not_depend_on_the_brightness_of_the_lamps(
         self, known: Calibration, view: DomeView, lamp: float
     ) -> None:
         found = _ratio(known, view, _quarters(known, view, RATIO, lamp))
         np.testing.assert_allclose(found.value, RATIO, rtol=RIM)
-        # the pictures agree: only what no picture shows is in doubt, and what kernels leave
-        doubt = np.hypot(UNSEEN * (RATIO - 1), KERNEL * RATIO)
-        np.testing.assert_allclose(found.sigma, doubt, rtol=0.01)
+        # the pictures agree, so only the errors of unseen light and of the kernel remain
+        sigma = np.hypot(UNSEEN_SIGMA * (RATIO - 1), KERNEL_SIGMA * RATIO)
+        np.testing.assert_allclose(found.sigma, sigma, rtol=0.01)
 
-    def test_light_that_keeps_to_one_side_is_followed(
+    def test_one_sided_scatter_that_the_kernel_describes(
         self, known: Calibration, view: DomeView
     ) -> None:
-        leaning = _leaning(known)
-        found = _ratio(leaning, view, _quarters(leaning, view, RATIO))
-        np.testing.assert_allclose(found.value, RATIO, rtol=2e-3)  # phi is taken at cells' middles
+        one_sided = _one_sided(known)
+        found = _ratio(one_sided, view, _quarters(one_sided, view, RATIO))
+        np.testing.assert_allclose(
+            found.value, RATIO, rtol=2e-3
+        )  # phi is taken at the cells' centres
 
-    def test_what_a_kernel_leaves_cancels_with_the_calibrations_own_pictures(
+    def test_errors_of_the_kernel_cancel_with_the_calibrations_own_pictures(
         self, known: Calibration, view: DomeView
     ) -> None:
-        """The room leans, and the calibration knows nothing of it."""
-        leaning = _leaning(known)
-        now, then = (_quarters(leaning, view, r) for r in (RATIO, np.ones(3)))
+        """The scatter is one-sided, and the calibrated kernel is not."""
+        one_sided = _one_sided(known)
+        now, then = (_quarters(one_sided, view, r) for r in (RATIO, np.ones(3)))
         off = _ratio(known, view, now).value / RATIO - 1
         found = _ratio(known, view, now, then)
         assert (np.abs(off) > 0.02).all()
-        # with the ratio the light grows that is taken off where light falls: of second order
+        # the scattered light subtracted where light falls grows with the ratio: a second-order error
         assert (np.abs(found.value / RATIO - 1) < 0.1 * np.abs(off)).all()
-        np.testing.assert_allclose(found.sigma, UNSEEN * np.abs(found.value - 1), atol=2e-3)
+        np.testing.assert_allclose(found.sigma, UNSEEN_SIGMA * np.abs(found.value - 1), atol=2e-3)
 
-    def test_pictures_that_disagree_tell_so(self, known: Calibration, view: DomeView) -> None:
+    def test_pictures_that_disagree_widen_the_error(
+        self, known: Calibration, view: DomeView
+    ) -> None:
         same, more = (_quarters(known, view, np.full(3, r)) for r in (1.0, 1.2))
         found = _ratio(known, view, [*same[:4], *more[4:]], same)
         assert (np.abs(found.value - 1.1) < 0.02).all()
@@ -138,7 +140,7 @@ class TestRatio:
 
 
 class TestAmbient:
-    def test_lands_on_the_dome_master_where_it_is_seen(
+    def test_is_mapped_to_the_dome_master_where_it_is_seen(
         self, known: Calibration, view: DomeView
     ) -> None:
         slope = 0.02 * (1 + 0.5 * view.direction[..., 1:2]) * [1.0, 0.5, 0.2]
@@ -148,12 +150,12 @@ class TestAmbient:
         direction, inside = master_directions(96)
         high = inside & (direction[..., 2] > np.sin(np.radians(12.0)))
         expected = 0.02 * (1 + 0.5 * direction[..., 1:2]) * [1.0, 0.5, 0.2]
-        # smoothing over a few pixels bends a slope at the border of what is seen
+        # smoothing over a few pixels changes a slope at the border of the view
         np.testing.assert_allclose(level[high], expected[high], rtol=0.02)
         np.testing.assert_allclose(mean, [0.02, 0.01, 0.004], rtol=0.01)
         assert not level[~inside].any()
 
-    def test_noise_about_nothing_is_nothing(
+    def test_noise_is_not_ambient_light(
         self, known: Calibration, view: DomeView, rng: np.random.Generator
     ) -> None:
         light = rng.normal(0, 1e-3, (*view.on_screen.shape, 3)).astype(np.float32)
@@ -165,8 +167,8 @@ class TestAmbient:
 class TestCentre:
     def shifted(self, known: Calibration, view: DomeView, by: int) -> float:
         seen, _ = _quarters(known, view, np.ones(3))[0]
-        house = AudienceView(known, view)
-        expected = house.expected("south", zone_picture((48, 30), 0, ZONES) / np.float32(255))
+        audience = AudienceView(known, view)
+        expected = audience.expected("south", zone_picture((48, 30), 0, ZONES) / np.float32(255))
         light = np.roll(seen[..., 1], by, axis=1)
         return centre_shift(light, expected, view.on_screen)
 
@@ -178,6 +180,6 @@ class TestCentre:
         assert self.shifted(known, view, by) == pytest.approx(abs(by), abs=1.0)
 
     def test_no_light(self, known: Calibration, view: DomeView) -> None:
-        house = AudienceView(known, view)
-        expected = house.expected("south", zone_picture((48, 30), 0, ZONES) / np.float32(255))
+        audience = AudienceView(known, view)
+        expected = audience.expected("south", zone_picture((48, 30), 0, ZONES) / np.float32(255))
         assert np.isnan(centre_shift(0 * expected, expected, view.on_screen))

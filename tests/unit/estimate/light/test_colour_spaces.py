@@ -134,8 +134,8 @@ class TestSpaces:
             with pytest.raises(InputError) as caught:
                 content_from_rgb(space, P3, white)  # type: ignore[arg-type]
             assert str(caught.value) == (
-                f"colour space: got {space!r} with white {white!r}, expected one of sRGB, Rec.709, "
-                "P3-D65, Rec.2020 with native or D65"
+                f"colour space {space!r} with white {white!r} is unknown; choose one of sRGB, Rec.709, "
+                "P3-D65, Rec.2020 with white native or D65"
             )
 
     def test_a_dome_that_cannot_mix_d65(self) -> None:
@@ -143,8 +143,7 @@ class TestSpaces:
         with pytest.raises(OutOfModelRange) as caught:
             content_from_rgb("sRGB", reddish, "D65")
         assert str(caught.value) == (
-            "sRGB: got a dome whose primaries cannot mix D65, expected them round it; use its native "
-            "white"
+            "sRGB: the dome's primaries cannot mix D65; use its native white"
         )
 
 

@@ -1,4 +1,4 @@
-"""Where projector pixels land and what a camera sees: there and back."""
+"""Pixel directions, solid angles and footprint of a projector, and the camera's view of them."""
 
 from dataclasses import replace
 
@@ -47,7 +47,7 @@ def _view(calibration: Calibration, camera: CameraModel) -> DomeView:
 def _solution(
     calibration: Calibration, camera: CameraModel, sigma_px: float = 0.02
 ) -> GeometrySolution:
-    """A rig known exactly, and what its camera sees of the projector south, with noise."""
+    """A rig known exactly, and noisy observations of the projector south."""
     model = calibration.projectors["south"].model
     rig = RigGeometry(RoundShape(calibration.screen.radius_m), {"c": camera}, {"south": model})
     width, height = model.size
@@ -95,7 +95,7 @@ class TestView:
         assert view.solid_angle_sr.sum() == pytest.approx(cap_solid_angle(np.pi / 2), rel=2e-3)
         assert not view.solid_angle_sr[~view.on_screen].any()
 
-    def test_projector_pixels_land_where_the_camera_looks(self, calibration: Calibration) -> None:
+    def test_projector_pixels_are_seen_in_their_directions(self, calibration: Calibration) -> None:
         view = _view(calibration, _camera())
         model = calibration.projectors["north"].model
         xy = view.projector_pixels(model, calibration.screen)
@@ -135,7 +135,7 @@ class TestProjectSurface:
 
     @staticmethod
     def _light(camera: CameraModel, calibration: Calibration) -> SeparatedLight:
-        """White all over, but behind blackout plates below 10 degrees."""
+        """White everywhere but below 10 degrees, where blackout plates are."""
         view = _view(calibration, camera)
         lit = view.on_screen & (view.direction[..., 2] > np.sin(np.radians(10.0)))
         extended = np.ones((*lit.shape, 3), np.float32)
@@ -162,7 +162,7 @@ class TestProjectSurface:
         solution = _solution(calibration, _camera())
         pair, some = next(iter(solution.observations.items()))
         far = replace(solution, observations={pair: some.some(some.projector_px[:, 0] > 40)})
-        landing, draws = fit_pixel_directions(far, "south"), 400
+        fitted, draws = fit_pixel_directions(far, "south"), 400
         layout, corner = ParameterLayout.of(solution.rig), np.zeros((1, 2))
         middle = model_directions(solution.rig, solution.projectors["south"], corner)
         moved = []
@@ -175,21 +175,21 @@ class TestProjectSurface:
             rig = solution.rig.moved(step)
             moved.append(model_directions(rig, rig.projectors["south"], corner) - middle)
         sigma = np.degrees(np.sqrt(np.sum(np.square(moved)) / draws)) * 60
-        predicted = float(landing.sigma_arcmin(np.zeros(1), np.zeros(1))[0, 0])
+        predicted = float(fitted.sigma_arcmin(np.zeros(1), np.zeros(1))[0, 0])
         # two axes at the least: the mean square is known to 1 / sqrt(draws)
         assert abs((sigma / predicted) ** 2 - 1) < SIGMAS * np.sqrt(2 / draws) + 0.02
 
-    def test_a_bump_that_no_model_knows_is_followed(self, calibration: Calibration) -> None:
+    def test_a_deformation_that_the_model_lacks_is_followed(self, calibration: Calibration) -> None:
         solution = _solution(calibration, _camera(), 0.001)
         pair, some = next(iter(solution.observations.items()))
         swell = 0.5 * np.sin(some.projector_px / 20)  # half a pixel, smooth
         wavy = Observations(some.camera_px, some.projector_px - swell, some.sigma_px)
-        landing = fit_pixel_directions(replace(solution, observations={pair: wavy}), "south")
-        assert np.abs(landing.field).max() > 1e-3
+        fitted = fit_pixel_directions(replace(solution, observations={pair: wavy}), "south")
+        assert np.abs(fitted.field).max() > 1e-3
 
 
 class TestNudges:
-    """The picture of the projector south, moved by a person 2 px to the right and 1 px up."""
+    """The picture of the projector south, manually moved 2 px to the right and 1 px up."""
 
     PIXEL, SHIFT = (22, 14), (2, -1)
     NUDGE = Nudge("south", PIXEL, SHIFT)
@@ -207,7 +207,7 @@ class TestNudges:
         )
         return plain, nudged
 
-    def test_the_pixel_it_was_sent_to_shows_what_the_pixel_showed(
+    def test_the_shifted_pixel_has_the_direction_of_the_original_one(
         self, surfaces: tuple[ProjectorSurface, ProjectorSurface]
     ) -> None:
         plain, nudged = surfaces
@@ -232,7 +232,7 @@ class TestNudges:
         plain, nudged = surfaces
         total = plain.solid_angle_sr.sum()
         assert nudged.solid_angle_sr.sum() == pytest.approx(total, rel=1e-5)
-        # of cells between the pixels' centres: means of four pixels, but for what they bend
+        # of cells between the pixels' centres: means of four pixels, up to their curvature
         between = grid_solid_angles(nudged.direction.astype(float))
         own = nudged.solid_angle_sr
         mean = (own[1:, 1:] + own[1:, :-1] + own[:-1, 1:] + own[:-1, :-1]) / 4
@@ -240,14 +240,14 @@ class TestNudges:
         changed = nudged.solid_angle_sr / plain.solid_angle_sr
         assert changed.max() > 1.3 and changed.min() < 0.7
 
-    def test_what_is_lit_and_how_sure_it_is_stay_as_measured(
+    def test_footprint_and_standard_error_do_not_change(
         self, surfaces: tuple[ProjectorSurface, ProjectorSurface]
     ) -> None:
         plain, nudged = surfaces
         for name in ("sigma_arcmin", "valid", "measured"):
             np.testing.assert_array_equal(getattr(nudged, name), getattr(plain, name))
 
-    def test_a_spot_moves_on_the_panel_as_it_was_asked_to(
+    def test_a_spot_moves_on_the_panel_by_the_nudge(
         self, calibration: Calibration, surfaces: tuple[ProjectorSurface, ProjectorSurface]
     ) -> None:
         plain, nudged = surfaces

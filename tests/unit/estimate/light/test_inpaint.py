@@ -1,4 +1,4 @@
-"""Places of the panel that showed something else: found in the camera, and filled from around."""
+"""Camera pixels that do not show the pattern: found, and inpainted."""
 
 import numpy as np
 from tolerances import FLOAT32
@@ -33,12 +33,12 @@ def split(lit: np.ndarray) -> SeparatedLight:
 
 
 class TestFill:
-    def test_slopes_go_on(self) -> None:
+    def test_slopes_continue(self) -> None:
         spoilt = np.where(HOLE[..., None], np.float32(99), SLOPE)
         filled = fill_picture(spoilt, HOLE, np.ones(SHAPE, bool))
         np.testing.assert_allclose(filled, SLOPE, rtol=10 * FLOAT32)
 
-    def test_only_what_is_known_counts(self) -> None:
+    def test_only_known_pixels_are_used(self) -> None:
         known = X < 26
         spoilt = np.where(known[..., None] & ~HOLE[..., None], np.float32(4), np.float32(1e6))
         filled = fill_picture(spoilt, HOLE, known)
@@ -58,7 +58,7 @@ def filled(lit: np.ndarray, shown: np.ndarray = SLOPE, solid: np.ndarray = SOLID
 
 
 class TestLight:
-    def test_is_as_if_white_had_shone_there(self) -> None:
+    def test_equals_white_without_the_hole(self) -> None:
         light = filled(np.ones(SHAPE, bool))
         np.testing.assert_allclose(light.direct, SLOPE, rtol=10 * FLOAT32)
         np.testing.assert_allclose(light.extended, SLOPE, rtol=10 * FLOAT32)
@@ -66,14 +66,14 @@ class TestLight:
         np.testing.assert_allclose(light.scattered, SCATTERED, rtol=10 * FLOAT32)
         assert light.lit.all()
 
-    def test_scattered_light_belongs_to_the_flux_that_shone(self) -> None:
+    def test_scattered_light_is_scaled_to_the_inpainted_flux(self) -> None:
         shown = np.where(HOLE[..., None], 0.4 * SLOPE, SLOPE)
         light = filled(np.ones(SHAPE, bool), shown)
         flux_shown = shown.sum(axis=(0, 1)) * 1e-3
         expected = np.broadcast_to(SCATTERED / flux_shown, SLOPE.shape)
         np.testing.assert_allclose(light.scattered / light.flux, expected, rtol=10 * FLOAT32)
 
-    def test_the_lit_areas_border_goes_straight_through(self) -> None:
+    def test_the_border_of_the_lit_area_is_straight(self) -> None:
         lit = X < 26
         light = filled(lit)
         wrong = (light.lit != lit) & HOLE
@@ -91,6 +91,7 @@ def test_pixels_that_see_a_mark() -> None:
     panel.covered[5:10, 10:15] = True
     xy = np.stack([X / 2, Y / 2], axis=-1).astype(np.float32)
     xy[0, 0] = np.nan
-    hidden = pixels_without_pattern(panel, xy)
-    assert hidden[10:19, 20:29].all()
-    assert not hidden[: 9 - BORDER_CAMERA_PX].any() and not hidden[:, 30 + BORDER_CAMERA_PX :].any()
+    missing = pixels_without_pattern(panel, xy)
+    assert missing[10:19, 20:29].all()
+    assert not missing[: 9 - BORDER_CAMERA_PX].any()
+    assert not missing[:, 30 + BORDER_CAMERA_PX :].any()

@@ -130,7 +130,7 @@ class TestResponse:
         fit = ProjectorResponseFit(direct, MIX)
         level[level == 5] = -1
         fit.add(_light(direct, self.curve, level), level)
-        with pytest.raises(NotEnoughData, match="got 0 samples at the rarest of 17 levels"):
+        with pytest.raises(NotEnoughData, match="the rarest of 17 levels has 0 samples"):
             fit.curve()
 
     def test_a_curve_that_falls_is_refused(self, direct: np.ndarray, level: np.ndarray) -> None:

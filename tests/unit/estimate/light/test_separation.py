@@ -1,4 +1,4 @@
-"""Splitting light into direct and scattered on scenes where both are known."""
+"""Direct/global separation on scenes where both parts are known."""
 
 import numpy as np
 import pytest
@@ -9,9 +9,9 @@ from procam.estimate.light.separation import (
     CLEAR_CAMERA_PX,
     SeparatedLight,
     Separation,
-    albedo,
-    feedback,
-    scatter_per_flux,
+    estimate_albedo,
+    estimate_feedback,
+    estimate_scatter_per_flux,
 )
 from procam.estimate.structured_light.patterns import SEPARATION_BITS
 from procam.maths.codes.gray import stripe
@@ -22,8 +22,8 @@ from procam.model.transport import Measured
 
 SIZE = 320
 PANEL = 512
-ALIKE = [np.ones((1, 1, 1), np.float32)] * 2  # projectors whose light spreads alike
-LENS_BLUR_PX = 0.5  # what smears the edges of stripes
+EQUAL_GAINS = [np.ones((1, 1, 1), np.float32)] * 2
+LENS_BLUR_PX = 0.5  # blurs the edges of stripes
 
 
 class Scene:
@@ -86,7 +86,7 @@ class TestSeparation:
     def test_scattered_light_is_u_times_flux(self, scene: Scene, light: SeparatedLight) -> None:
         expected = scene.u * scene.flux
         inner = scene.inner
-        # smoothing over a pixel or two bends a gentle wave by less than this
+        # smoothing over a pixel or two changes a gentle wave by less than this
         np.testing.assert_allclose(light.scattered[inner], expected[inner], rtol=1e-3)
 
     def test_scattered_light_outside_the_picture_too(
@@ -97,7 +97,9 @@ class TestSeparation:
         expected = scene.u * scene.flux
         np.testing.assert_allclose(light.scattered[away], expected[away], rtol=1e-3)
 
-    def test_direct_light_is_the_rest(self, scene: Scene, light: SeparatedLight) -> None:
+    def test_direct_light_is_white_less_scattered(
+        self, scene: Scene, light: SeparatedLight
+    ) -> None:
         inner = scene.inner
         np.testing.assert_allclose(light.direct[inner], scene.direct[inner], rtol=1e-3)
 
@@ -122,10 +124,8 @@ class TestSeparation:
         # two float32 sums over some 100 000 pixels
         np.testing.assert_allclose(share, 0.37, rtol=10 * FLOAT32)
 
-    def test_a_glint_in_one_picture_stays_where_it_is(
-        self, scene: Scene, light: SeparatedLight
-    ) -> None:
-        """A pixel that saturates in a single picture must not spoil the map around it."""
+    def test_a_glint_in_one_picture_stays_local(self, scene: Scene, light: SeparatedLight) -> None:
+        """A pixel that saturates in one picture must not affect the map around it."""
         separation = Separation(scene.white(), scene.xy, scene.lit, scene.solid)
         for axis in ("x", "y"):
             for bit in SEPARATION_BITS:
@@ -145,47 +145,57 @@ class TestSeparation:
         assert np.isfinite(found.flux).all()
 
 
+def measured_feedback(
+    scene: Scene, lights: list[SeparatedLight], lit_sr: np.ndarray, glare: float, flux: float
+) -> Measured:
+    return estimate_feedback(
+        lights, EQUAL_GAINS, lit_sr, scene.solid, glare_sigma=glare, flux_sigma=flux
+    )
+
+
 class TestTogether:
     def test_scatter_per_flux_of_two_projectors(self) -> None:
         scenes = [Scene(60, 180), Scene(150, 260)]
         lights = [s.separate() for s in scenes]
-        u = scatter_per_flux(lights)
+        u = estimate_scatter_per_flux(lights)
         clear = scenes[0].inner & (np.abs(np.arange(SIZE) - 165) > 30)
         np.testing.assert_allclose(u[clear], scenes[0].u[clear], rtol=2e-3)
 
     def test_feedback_is_u_over_the_lit_part(self, scene: Scene, light: SeparatedLight) -> None:
         lit_sr = np.where(scene.inner, scene.solid, 0)
-        found = feedback([light, light], lit_sr, scene.solid, ALIKE, (0.0, 0.0))
+        found = measured_feedback(scene, [light, light], lit_sr, 0.0, 0.0)
         expected = np.tensordot(lit_sr, scene.u, 2)
         np.testing.assert_allclose(found.value, expected, rtol=2e-3)
-        # two projectors that agree leave no doubt but the border's
+        # if two projectors agree, only the error of the border remains
         np.testing.assert_allclose(found.sigma, BORDER_SIGMA * found.value, rtol=1e-6)
 
-    def test_feedback_doubts_what_projectors_disagree_on(
+    def test_disagreement_of_projectors_widens_the_error(
         self, scene: Scene, light: SeparatedLight
     ) -> None:
         other = SeparatedLight(
             light.direct, 1.1 * light.scattered, light.extended, light.flux, light.weight, light.lit
         )
         lit_sr = np.where(scene.inner, scene.solid, 0)
-        found = feedback([light, other], lit_sr, scene.solid, ALIKE, (0.0, 0.0))
-        single = feedback([light, light], lit_sr, scene.solid, ALIKE, (0.0, 0.0)).value
+        found = measured_feedback(scene, [light, other], lit_sr, 0.0, 0.0)
+        single = measured_feedback(scene, [light, light], lit_sr, 0.0, 0.0).value
         np.testing.assert_allclose(found.value, 1.05 * single, rtol=1e-4)
         expected = np.hypot(0.05 * single, BORDER_SIGMA * found.value)
         np.testing.assert_allclose(found.sigma, expected, rtol=1e-4)
 
-    def test_an_unknown_veil_of_glare_is_doubt(self, scene: Scene, light: SeparatedLight) -> None:
+    def test_unknown_glare_widens_the_error(self, scene: Scene, light: SeparatedLight) -> None:
         lit_sr = np.where(scene.inner, scene.solid, 0)
-        found = feedback([light, light], lit_sr, scene.solid, ALIKE, (0.01, 0.0))
+        found = measured_feedback(scene, [light, light], lit_sr, 0.01, 0.0)
         total = np.tensordot(scene.solid, light.direct + light.scattered, 2) / light.flux
         expected = 0.01 * total * lit_sr.sum() / scene.solid.sum()
         np.testing.assert_allclose(
             found.sigma, np.hypot(expected, BORDER_SIGMA * found.value), rtol=1e-5
         )
 
-    def test_doubt_of_direct_light_is_doubt(self, scene: Scene, light: SeparatedLight) -> None:
+    def test_error_of_direct_light_widens_the_error(
+        self, scene: Scene, light: SeparatedLight
+    ) -> None:
         lit_sr = np.where(scene.inner, scene.solid, 0)
-        found = feedback([light, light], lit_sr, scene.solid, ALIKE, (0.0, 0.005))
+        found = measured_feedback(scene, [light, light], lit_sr, 0.0, 0.005)
         np.testing.assert_allclose(
             found.sigma, np.hypot(0.005, BORDER_SIGMA) * found.value, rtol=1e-6
         )
@@ -198,15 +208,15 @@ class TestAlbedo:
         """m = kappa / (1 - kappa) with kappa = rho / 2."""
         rho = np.array([0.3, 0.5, 0.8])
         m = Measured(rho / 2 / (1 - rho / 2), np.zeros(3))
-        found = albedo(m, self.screen_sr, self.screen_sr, Dome(6.0, np.pi / 2), 0.01)
+        found = estimate_albedo(m, self.screen_sr, self.screen_sr, Dome(6.0, np.pi / 2), 0.01)
         np.testing.assert_allclose(found.value, rho, rtol=1e-12)
         np.testing.assert_allclose(found.sigma, 0.01 * rho, rtol=1e-12)
 
-    def test_doubt_in_feedback_and_floor_shows(self) -> None:
+    def test_errors_of_feedback_and_floor_propagate(self) -> None:
         m = Measured(np.full(3, 0.33), np.full(3, 0.003))
         sharp, vague = Dome(6.0, np.pi / 2), Dome(6.0, np.pi / 2, 0.0, 0.1, 0.03)
-        first = albedo(m, self.screen_sr, self.screen_sr, sharp, 0.001)
-        second = albedo(m, self.screen_sr, self.screen_sr, vague, 0.001)
+        first = estimate_albedo(m, self.screen_sr, self.screen_sr, sharp, 0.001)
+        second = estimate_albedo(m, self.screen_sr, self.screen_sr, vague, 0.001)
         assert (first.sigma > 2 * 0.001 * first.value).all()
         assert (second.sigma > 2 * first.sigma).all()
         assert (second.value < first.value).all()  # the floor explains part of the feedback

@@ -1,4 +1,4 @@
-"""Cameras placed by a server's tags, photographed without a simulator: rays, sphere, dome master."""
+"""Poses of cameras from a server's tags, in photographs made from rays, a sphere and a dome master."""
 
 from dataclasses import replace
 
@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from procam.errors import CalibrationError, NotEnoughData
-from procam.estimate.geometry.pixel_directions import fit_pixel_directions, sample_directions
+from procam.estimate.geometry.direction_samples import sample_directions
+from procam.estimate.geometry.pixel_directions import fit_pixel_directions
 from procam.estimate.media_server.camera_pose import (
-    FEWEST,
-    check_turn,
+    MIN_TAGS,
+    check_rotation,
     find_master_tags,
     place_camera,
     server_geometry,
@@ -70,7 +71,7 @@ def with_focal(factor: float) -> CameraModel:
 
 
 def moved(tags: list[Fiducial], by_px: float, count: int) -> list[Fiducial]:
-    """Tags of which some are seen where they are not."""
+    """Tags of which some have wrong pixels."""
     return [replace(t, pixel=t.pixel + by_px * (i < count)) for i, t in enumerate(tags)]
 
 
@@ -92,7 +93,7 @@ class TestPlaced:
         assert np.linalg.norm(sigma[3:]) < 1e-3
         assert found.rms_arcmin < 1 and not found.dropped
 
-    def test_a_lens_that_was_a_guess(self, tags: list[Fiducial]) -> None:
+    def test_a_guessed_lens_is_solved(self, tags: list[Fiducial]) -> None:
         found = place_camera(with_focal(1.06), "solve", RADIUS_M, tags)
         np.testing.assert_allclose(found.camera.lens.focal, LENS.focal, rtol=0.005)
         assert found.rms_arcmin < 1
@@ -106,7 +107,7 @@ class TestPlaced:
 class TestRefused:
     def test_a_dark_room(self, photos: list[np.ndarray]) -> None:
         dark = [np.full_like(p, 64.0) for p in photos]
-        with pytest.raises(NotEnoughData, match=f"finds 0 of .* tags, expected {FEWEST} or more"):
+        with pytest.raises(NotEnoughData, match=f"finds 0 of .* tags, and {MIN_TAGS} or more"):
             find_master_tags(CAMERA, MASTER, dark)
 
     def test_a_mirrored_dome(self, photos: list[np.ndarray]) -> None:
@@ -120,14 +121,14 @@ class TestRefused:
     ) -> None:
         other = DomeMaster("server", SIZE, float(np.radians(fov_deg)))
         tags = find_master_tags(CAMERA, other, photos)
-        told = f"if the master spanned {stretch} times the angle: correct the projector's fov_deg"
-        with pytest.raises(CalibrationError, match=told):
+        cause = f"if the master spanned {stretch} times the angle: correct the projector's fov_deg"
+        with pytest.raises(CalibrationError, match=cause):
             place_camera(CAMERA, "fixed", RADIUS_M, tags)
 
     def test_pictures_in_another_order(self, photos: list[np.ndarray]) -> None:
         tags = find_master_tags(CAMERA, MASTER, photos[::-1])
         with pytest.raises(
-            CalibrationError, match=r"zenith: got tags .* the pictures' order right"
+            CalibrationError, match=r"zenith: tags are .* the pictures' order are right"
         ):
             place_camera(CAMERA, "fixed", RADIUS_M, tags)
 
@@ -136,13 +137,13 @@ class TestGeometry:
     def test_directions_are_those_of_the_master(self, tags: list[Fiducial]) -> None:
         placed = place_camera(CAMERA, "fixed", RADIUS_M, tags)
         geometry = server_geometry(MASTER, RADIUS_M, {"zenith": placed})
-        landing = fit_pixel_directions(geometry, "server")
+        fitted = fit_pixel_directions(geometry, "server")
         line = np.arange(0.0, SIZE, 37)
         direction, inside = master_directions(SIZE)
-        wanted, found = direction[::37, ::37], landing.directions(line, line)
+        wanted, found = direction[::37, ::37], fitted.directions(line, line)
         np.testing.assert_allclose(found[inside[::37, ::37]], wanted[inside[::37, ::37]], atol=1e-9)
-        told = landing.sigma_arcmin(line, line)
-        np.testing.assert_allclose(told, placed.rms_arcmin, rtol=1e-5)
+        sigma = fitted.sigma_arcmin(line, line)
+        np.testing.assert_allclose(sigma, placed.rms_arcmin, rtol=1e-5)
         assert geometry.main == "zenith"
         (residual,) = geometry.residual_px.values()
         arcmin = np.linalg.norm(residual, axis=1) * 180 * 60 / SIZE
@@ -153,8 +154,8 @@ class TestGeometry:
         assert np.isfinite(draws).all()
 
     @pytest.mark.parametrize("turn_deg", [-30.0, 90.0])
-    def test_a_turned_server_is_told_by_marks(self, tags: list[Fiducial], turn_deg: float) -> None:
-        """The server shows what belongs at azimuth 0 at `turn_deg`."""
+    def test_fiducials_reveal_a_rotated_server(self, tags: list[Fiducial], turn_deg: float) -> None:
+        """The server shows azimuth 0 at `turn_deg`."""
         placed = place_camera(CAMERA, "fixed", RADIUS_M, tags)
         geometry = server_geometry(MASTER, RADIUS_M, {"zenith": placed})
 
@@ -167,7 +168,7 @@ class TestGeometry:
                 found.append(Fiducial(name, *place, 0.001, "zenith", pixel))
             return found
 
-        check_turn(geometry, MASTER, [])
-        check_turn(geometry, MASTER, marks(0.5))
-        with pytest.raises(CalibrationError, match=f"set rotation_deg = {turn_deg:.0f}, or turn"):
-            check_turn(geometry, MASTER, marks(turn_deg))
+        check_rotation(geometry, MASTER, [])
+        check_rotation(geometry, MASTER, marks(0.5))
+        with pytest.raises(CalibrationError, match=f"Set rotation_deg = {turn_deg:.0f}, or turn"):
+            check_rotation(geometry, MASTER, marks(turn_deg))

@@ -1,4 +1,4 @@
-"""Responses that differ by place, against light that was made of other curves."""
+"""Local exponents of a response, from light made with other curves."""
 
 import numpy as np
 
@@ -28,7 +28,7 @@ def photographed(gamma: np.ndarray, seen: np.ndarray) -> tuple[list, np.ndarray,
     return pictures, white.astype(np.float32), places
 
 
-def test_each_primary_and_place_has_its_own() -> None:
+def test_exponents_per_primary_and_position() -> None:
     across = np.linspace(-1, 1, PHOTO)[None, :, None]
     gamma = 2.2 * (1 + across * np.array([0.05, -0.03, 0.0])) * np.ones((PHOTO, 1, 1))
     pictures, white, places = photographed(gamma, np.ones((PHOTO, PHOTO), bool))
@@ -41,7 +41,7 @@ def test_each_primary_and_place_has_its_own() -> None:
     assert np.sqrt(np.mean(off**2)) < 0.003
 
 
-def test_places_that_nobody_saw_have_none() -> None:
+def test_unseen_positions_get_exponent_1() -> None:
     seen = np.zeros((PHOTO, PHOTO), bool)
     seen[:, : PHOTO // 4] = True
     pictures, white, places = photographed(np.full((PHOTO, PHOTO, 3), 2.31), seen)

@@ -1,4 +1,4 @@
-"""Photographs of a code back to projector pixels: real photographs first, then what each limit is for."""
+"""Photographs of a code to projector pixels: real photographs, then the effect of each limit."""
 
 from importlib import resources
 
@@ -8,14 +8,14 @@ import pytest
 from procam.errors import InputError, NotEnoughData, ShapeError
 from procam.estimate.structured_light.codes import Code, generate, make_code
 from procam.estimate.structured_light.decode import Decoded, Decoder, decode
-from procam.estimate.structured_light.limits import DecodeLimits, default_limits
+from procam.estimate.structured_light.limits import DecodeLimits
 
 REAL_PIXELS = 43_473
 PUBLISHED = DecodeLimits(40, 5, lit_share=0, neighbours=False)
 
 
 class Real:
-    """The crop of kamino410's captures; its order is told in calib_data/captures/README.md."""
+    """The crop of kamino410's captures; its order is in calib_data/captures/README.md."""
 
     code = make_code("gray", (1024, 768))
 
@@ -63,11 +63,11 @@ class TestRealCaptures:
             found = real.decoded(limits).map
             assert np.isnan(found.projector_xy[~found.valid]).all()
             assert np.isnan(found.sigma_px[~found.valid]).all()
-            # where in the pixel it is, a code cannot tell: a uniform distribution's sigma
+            # stripes do not resolve the position within a pixel: sigma of a uniform distribution
             np.testing.assert_allclose(found.sigma_px[found.valid], 12**-0.5, rtol=1e-6)
 
     @pytest.mark.parametrize("number", [2, 21, 23, 40])
-    def test_a_lost_picture_is_made_up_from_white_black_and_its_partner(
+    def test_a_missing_photograph_is_computed_from_white_black_and_its_partner(
         self, real: Real, number: int
     ) -> None:
         found = real.decoded(PUBLISHED, without=number).map
@@ -119,7 +119,7 @@ class TestSynthetic:
             assert found.valid.all()
             np.testing.assert_array_equal(found.projector_xy, TRUTH)
 
-    @pytest.mark.parametrize("number", range(2, len(GRAY.planes)))
+    @pytest.mark.parametrize("number", [2, 5, len(GRAY.planes) - 1])
     def test_any_one_picture_may_be_missing(self, number: int) -> None:
         order = [i for i in range(2, len(GRAY.planes)) if i != number]
         for scale, dtype in ((1.0, np.float32), (200, np.uint8)):
@@ -137,7 +137,7 @@ class TestSynthetic:
         np.testing.assert_allclose(found.sigma_px[..., 0], 2 / 12**0.5, rtol=1e-6)
         np.testing.assert_allclose(found.sigma_px[..., 1], 1 / 12**0.5, rtol=1e-6)
 
-    def test_a_pair_without_contrast_is_told_and_done_without(self) -> None:
+    def test_a_pair_without_contrast_is_reported_and_left_out(self) -> None:
         frames = _photographs(_ones())
         i = GRAY.planes.index(next(p for p in GRAY.planes if p.axis == "y" and p.bit == 0))
         frames[i] = frames[i + 1] = 0.5 * frames[0]
@@ -162,7 +162,7 @@ class TestSynthetic:
         assert not found.valid.any()
         assert np.isnan(found.projector_xy).all()
 
-    def test_one_weak_bit_is_enough_to_doubt(self) -> None:
+    def test_one_weak_bit_makes_a_pixel_unknown(self) -> None:
         frames = _photographs(_ones())
         frames[8][2, 2] = frames[9][2, 2] + 0.01
         found = _decode(frames, PLAIN).map
@@ -193,12 +193,10 @@ class TestSynthetic:
         frames = _photographs(_ones())
         decoder = Decoder(GRAY, PLAIN)
         decoder.add(0, frames[0])
-        with pytest.raises(
-            ShapeError, match=r"picture 1: got shape \(13, 19\), expected \(13, 20\)"
-        ):
+        with pytest.raises(ShapeError, match=r"photograph 1: .*\(13, 19\)"):
             decoder.add(1, frames[1][:, :-1])
         decoder.add(1, frames[1])
-        with pytest.raises(ShapeError, match=r"picture 7: got shape \(12, 20\)"):
+        with pytest.raises(ShapeError, match=r"photograph 7: .*\(12, 20\)"):
             decoder.add(7, frames[7][1:])
 
     def test_white_and_black_come_first_and_once(self) -> None:
@@ -207,16 +205,16 @@ class TestSynthetic:
             decoder = Decoder(GRAY, PLAIN)
             for number in numbers[:-1]:
                 decoder.add(number, frames[number])
-            with pytest.raises(InputError, match=f"picture {numbers[-1]}: got it too early or"):
+            with pytest.raises(InputError, match=f"photograph {numbers[-1]} came too early or"):
                 decoder.add(numbers[-1], frames[numbers[-1]])
 
     def test_nothing_to_decode(self) -> None:
         decoder = Decoder(GRAY, PLAIN)
         decoder.add(0, _photographs(_ones())[0])
-        with pytest.raises(NotEnoughData, match="got no code pictures"):
+        with pytest.raises(NotEnoughData, match="white and black are missing"):
             decoder.result()
 
-    def test_codes_beyond_the_panel_are_misread(self) -> None:
+    def test_codewords_beyond_the_panel_are_unknown(self) -> None:
         narrow = make_code("gray", (18, 13))
         assert len(narrow.planes) == len(GRAY.planes)
         found = decode(narrow, _photographs(_ones()), PLAIN)
@@ -224,7 +222,7 @@ class TestSynthetic:
         assert np.isnan(found.projector_xy[~found.valid]).all()
         assert np.isnan(found.sigma_px[~found.valid]).all()
 
-    def test_a_misread_pixel_is_dropped_where_neighbours_count(self) -> None:
+    def test_a_misread_pixel_is_dropped_where_neighbours_must_agree(self) -> None:
         frames = _photographs(_ones())
         coarse = GRAY.planes.index(next(p for p in GRAY.planes if p.axis == "x" and p.bit == 3))
         for number in (coarse, coarse + 1):
@@ -235,7 +233,7 @@ class TestSynthetic:
 
 
 class TestSaturation:
-    """Waves bend where they clip; the decoder leaves clipped samples out and says so."""
+    """Clipped samples are no longer sinusoidal: the decoder leaves them out and reports it."""
 
     code = make_code("micro-phase", (240, 150))
 
@@ -248,7 +246,7 @@ class TestSaturation:
             frames.append(np.clip(np.rint(signal), 0, 255).astype(np.uint8))
         return frames
 
-    def test_clipped_whites_are_told_and_waves_do_without_clipped_samples(self) -> None:
+    def test_clipped_whites_are_reported_and_clipped_samples_left_out(self) -> None:
         rows, columns = np.mgrid[:150, :240]
         decoder = Decoder(self.code)
         for number, frame in enumerate(self._frames(self.code, 1.2)):
@@ -261,7 +259,7 @@ class TestSaturation:
         assert np.abs(miss[found.valid]).max() < 1
         z = (miss / found.sigma_px)[found.valid]
         assert np.mean(z**2) < 1.5
-        # white says 215 at most; what the waves saw as brightest says more
+        # white reaches 215 at most; the amplitude of the waves shows more light
         assert np.median((decoded.direct + decoded.scattered)[found.valid]) > 225
 
     def test_a_fine_exposure_needs_no_note(self) -> None:
@@ -269,26 +267,3 @@ class TestSaturation:
         for number, frame in enumerate(self._frames(self.code, 1.0)):
             decoder.add(number, frame)
         assert decoder.result().notes == ()
-
-
-class TestDefaultLimits:
-    @pytest.mark.parametrize("sigma", [2.0, 20.0])
-    def test_follow_the_noise(self, rng: np.random.Generator, sigma: float) -> None:
-        black = rng.normal(100, sigma, (300, 300)).round()
-        limits = default_limits(black + 1000, black)
-        # quantised to whole counts, the median of differences is one of them
-        assert limits.contrast == pytest.approx(4 * sigma, abs=4 * 1.4826 / 2**0.5)
-        assert limits.white_black == pytest.approx(2 * limits.contrast)
-        assert (limits.saturated, limits.dark) == (None, None)
-
-    def test_a_noise_free_picture_is_limited_by_its_steps(self) -> None:
-        black = np.tile([10.0, 10.0, 10.0, 11.0], (8, 8)) / 255
-        assert default_limits(black + 0.5, black).contrast == pytest.approx(2 / 255)
-
-    @pytest.mark.parametrize(
-        ("top", "full"), [(200, 255), (255, 255), (256, 1023), (4000, 4095), (20_000, 65_535)]
-    )
-    def test_whole_numbers_end_at_their_full_scale(self, top: int, full: int) -> None:
-        white = np.full((8, 8), top, np.uint16)
-        limits = default_limits(white, np.zeros_like(white))
-        assert (limits.saturated, limits.dark) == (full, 0)

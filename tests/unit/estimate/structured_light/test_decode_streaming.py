@@ -9,7 +9,7 @@ import pytest
 from procam.estimate.structured_light.codes import AxisCode, Code, make_code, picture, wave_code
 from procam.estimate.structured_light.decode import Decoder
 from procam.estimate.structured_light.limits import DecodeLimits
-from procam.maths.codes.gray import plain_codewords
+from procam.maths.codes.gray import encode_gray
 
 SHAPE = (300, 400)
 LIMITS = DecodeLimits(20, 10, saturated=None)
@@ -39,7 +39,7 @@ def held_bytes(code: Code) -> float:
 
 def gray(bits: int) -> Code:
     length = 2**bits
-    axis = AxisCode(length, codewords=plain_codewords(length))
+    axis = AxisCode(length, codewords=encode_gray(np.arange(length)))
     return Code("gray", (length, length), axis, axis)
 
 

@@ -1,4 +1,4 @@
-"""The panel's side of a map: places, standard errors and coverage of its patches."""
+"""Camera pixels of the patches of a panel, with standard errors and coverage."""
 
 from dataclasses import dataclass
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from procam.estimate.structured_light.panel_map import (
-    FEWEST_PIXELS,
+    MIN_PIXELS,
     MISFIT_PX,
     SMALLEST_PATCH_PX,
     drop_inconsistent,
@@ -47,7 +47,7 @@ def camera_from_panel(xy: np.ndarray) -> np.ndarray:
 
 
 def seen(noise: float | np.ndarray = NOISE, seed: int = 1) -> CorrespondenceMap:
-    """What the camera decodes, with noise [px]."""
+    """A decoded map with noise [px]."""
     y, x = np.mgrid[: SHAPE[0], : SHAPE[1]]
     truth = panel_from_camera(np.stack([x, y], -1).astype(float))
     valid = ((truth > -0.5) & (truth < np.array(SIZE) - 0.5)).all(axis=-1)
@@ -105,7 +105,7 @@ def fitted() -> ProjectorMap:
     return fit_projector_map(seen(), SIZE)
 
 
-def test_the_scene_is_what_it_says() -> None:
+def test_the_inverse_of_the_scene() -> None:
     xy = np.random.default_rng(0).uniform([0, 0], [319, 239], (500, 2))
     np.testing.assert_allclose(panel_from_camera(camera_from_panel(xy)), xy, atol=1e-9)
     spread = np.abs(np.linalg.det(slopes(camera_from_panel(xy))))
@@ -113,14 +113,11 @@ def test_the_scene_is_what_it_says() -> None:
 
 
 class TestFit:
-    @pytest.mark.parametrize("noise", [0.05, 0.2, 0.3])
-    @pytest.mark.parametrize("seed", [1, 2])
-    def test_standard_errors_hold(
-        self, noise: float, seed: int, monkeypatch: pytest.MonkeyPatch
-    ) -> None:
+    @pytest.mark.parametrize("noise", [0.05, 0.3])
+    def test_standard_errors_hold(self, noise: float, monkeypatch: pytest.MonkeyPatch) -> None:
         # these pixels share no error with their neighbours
         monkeypatch.setattr("procam.estimate.structured_light.panel_map.SHARED_PX", 0.0)
-        found = fit_projector_map(seen(noise, seed), SIZE)
+        found = fit_projector_map(seen(noise), SIZE)
         result = judged(found)
         assert len(result.error) >= 2000
         assert 0.9 < result.chi2 < 1.1
@@ -136,7 +133,7 @@ class TestFit:
             result = judged(fit_projector_map(seen(0.4, seed), SIZE))
             assert np.abs(result.error / result.sigma).max() < 6
 
-    def test_uneven_noise_is_weighed(self) -> None:
+    def test_unequal_noise_is_weighted(self) -> None:
         y, x = np.mgrid[: SHAPE[0], : SHAPE[1]]
         noise = np.where((x // 2 + y // 3) % 2, 0.6, 0.05)[..., None]
         result = judged(fit_projector_map(seen(noise), SIZE))
@@ -144,7 +141,7 @@ class TestFit:
         # as if only the better half were there
         assert np.sqrt(np.mean(result.error**2)) < 0.05 * np.sqrt(2 / 60)
 
-    def test_without_noise_only_curvature_is_left(self) -> None:
+    def test_without_noise_only_curvature_remains(self) -> None:
         result = judged(fit_projector_map(seen(0.0), SIZE))
         assert np.abs(result.error).max() < 0.01
 
@@ -153,9 +150,7 @@ class TestFit:
         assert np.abs(fitted.slope[fitted.valid] - truth).max() < 0.06
         assert np.sqrt(np.mean((fitted.slope[fitted.valid] - truth) ** 2)) < 0.012
 
-    @pytest.mark.parametrize(
-        ("noise", "short"), [(0.0, 1e-3), (0.05, 2e-3), (0.2, 0.01), (0.3, 0.03)]
-    )
+    @pytest.mark.parametrize(("noise", "short"), [(0.0, 1e-3), (0.3, 0.03)])
     def test_coverage_is_one_inside(self, noise: float, short: float) -> None:
         """Noise moves pixels over the edges of patches, and so flattens their slopes a little."""
         found = fit_projector_map(seen(noise), SIZE)
@@ -217,12 +212,12 @@ class TestHoles:
     def test_few_pixels_make_no_patch(self) -> None:
         keep = np.zeros(SHAPE, bool)
         keep[200:203, 260:263] = True
-        assert FEWEST_PIXELS > 9
+        assert MIN_PIXELS > 9
         assert not fit_projector_map(without(seen(), ~keep), SIZE).valid.any()
 
 
 class TestPatchSize:
-    @pytest.mark.parametrize("density", [0.5, 2.0, 7.0])
+    @pytest.mark.parametrize("density", [0.5, 7.0])
     def test_follows_the_density(self, density: float) -> None:
         step = 1 / np.sqrt(density)
         grid = np.stack(np.meshgrid(np.arange(0, 320, step), np.arange(0, 240, step)), -1)
@@ -232,7 +227,7 @@ class TestPatchSize:
 
 class TestOutliers:
     @pytest.mark.parametrize("rate", [1e-3, 0.02])
-    def test_misread_pixels_are_dropped_and_hurt_nobody(self, rate: float) -> None:
+    def test_misread_pixels_are_dropped_and_change_little_else(self, rate: float) -> None:
         clean = seen()
         rng = np.random.default_rng(7)
         bad = clean.valid & (rng.random(SHAPE) < rate)
@@ -266,7 +261,7 @@ class TestOutliers:
             dirty = CorrespondenceMap(xy, sigma.astype(np.float32), clean.valid)
             assert drop_inconsistent(dirty, fitted).valid[row, column] == kept
 
-    def test_patches_without_a_fit_judge_nobody(self, fitted: ProjectorMap) -> None:
+    def test_pixels_of_patches_without_a_fit_are_kept(self, fitted: ProjectorMap) -> None:
         invalid = ProjectorMap(
             fitted.patch_px,
             np.full_like(fitted.camera_px, np.nan),

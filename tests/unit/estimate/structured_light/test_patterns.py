@@ -1,11 +1,9 @@
-"""The plan of a visit and its pictures."""
+"""The plan of a capture session and its patterns."""
 
 from collections import Counter
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from procam.estimate.structured_light.codes import generate, make_code
 from procam.estimate.structured_light.patterns import (
@@ -19,7 +17,7 @@ from procam.estimate.structured_light.patterns import (
     zone_count,
     zone_picture,
 )
-from procam.maths.codes.gray import bit_count, decode_gray
+from procam.maths.codes.gray import encode_gray
 from procam.model.plan import Plan
 
 SIZES = {"south": (320, 200), "north": (100, 75)}
@@ -27,15 +25,15 @@ Pictures = dict[str, np.ndarray]
 
 
 @pytest.fixture(scope="module")
-def visit() -> tuple[Plan, Pictures]:
+def session() -> tuple[Plan, Pictures]:
     return plan_session(SIZES, 0.13, 6.5)
 
 
 class TestPlan:
     def test_dark_first_then_projector_by_projector_white_and_black_first(
-        self, visit: tuple[Plan, Pictures]
+        self, session: tuple[Plan, Pictures]
     ) -> None:
-        shots = visit[0].shots
+        shots = session[0].shots
         assert (shots[0].purpose, shots[0].projector, shots[0].pattern) == ("dark", "", "")
         assert shots[0].exposures_s == (0.13, 6.5)
         order = [s.projector for s in shots[1:]]
@@ -45,8 +43,8 @@ class TestPlan:
             assert mine[:2] == ["white", "black"]
 
     @pytest.mark.parametrize("name", SIZES)
-    def test_counts(self, visit: tuple[Plan, Pictures], name: str) -> None:
-        count = Counter(s.purpose for s in visit[0].shots if s.projector == name)
+    def test_counts(self, session: tuple[Plan, Pictures], name: str) -> None:
+        count = Counter(s.purpose for s in session[0].shots if s.projector == name)
         assert count == {
             "white": 1,
             "black": 1,
@@ -57,8 +55,10 @@ class TestPlan:
             "levels": LEVEL_PICTURES,
         }
 
-    def test_ids_are_unique_and_every_pattern_is_there(self, visit: tuple[Plan, Pictures]) -> None:
-        plan, pictures = visit
+    def test_ids_are_unique_and_every_pattern_is_there(
+        self, session: tuple[Plan, Pictures]
+    ) -> None:
+        plan, pictures = session
         assert len({s.id for s in plan.shots}) == len(plan.shots)
         assert {s.pattern for s in plan.shots if s.pattern} == set(pictures)
         for shot in plan.shots[1:]:
@@ -67,21 +67,21 @@ class TestPlan:
             assert picture.shape[:2] == (height, width) and picture.shape[2] in (1, 3)
             assert picture.dtype == np.uint8
 
-    def test_black_alone_wants_the_long_exposure(self, visit: tuple[Plan, Pictures]) -> None:
-        for shot in visit[0].shots[1:]:
+    def test_only_black_has_the_long_exposure(self, session: tuple[Plan, Pictures]) -> None:
+        for shot in session[0].shots[1:]:
             assert shot.exposures_s == ((6.5,) if shot.purpose == "black" else (0.13,))
 
-    def test_colour_where_light_is_split(self, visit: tuple[Plan, Pictures]) -> None:
-        for shot in visit[0].shots:
+    def test_all_but_the_code_is_captured_in_colour(self, session: tuple[Plan, Pictures]) -> None:
+        for shot in session[0].shots:
             assert shot.pixel_format == ("mono" if shot.purpose == "code" else "rgb")
 
 
 class TestCode:
     @pytest.mark.parametrize("name", SIZES)
     def test_its_planes_are_those_of_micro_phase_shifting_in_order(
-        self, visit: tuple[Plan, Pictures], name: str
+        self, session: tuple[Plan, Pictures], name: str
     ) -> None:
-        plan, pictures = visit
+        plan, pictures = session
         code = make_code("micro-phase", SIZES[name])
         shots = plan.of(name, "code")
         assert [dict(s.detail) for s in shots] == [
@@ -93,8 +93,8 @@ class TestCode:
 
 class TestStripes:
     @pytest.mark.parametrize("name", SIZES)
-    def test_middle_bits_of_both_axes(self, visit: tuple[Plan, Pictures], name: str) -> None:
-        plan, pictures = visit
+    def test_middle_bits_of_both_axes(self, session: tuple[Plan, Pictures], name: str) -> None:
+        plan, pictures = session
         shots = plan.of(name, "stripes")
         assert [(s.detail["axis"], s.detail["bit"], s.detail["inverse"]) for s in shots] == [
             (axis, bit, inverse) for axis in "xy" for bit in (6, 5) for inverse in (0, 1)
@@ -108,10 +108,10 @@ class TestStripes:
 
     @pytest.mark.parametrize("name", SIZES)
     def test_every_pair_is_flux_balanced_to_the_panel(
-        self, visit: tuple[Plan, Pictures], name: str
+        self, session: tuple[Plan, Pictures], name: str
     ) -> None:
         """Pattern and inverse together are white at every pixel, so their global parts add up."""
-        plan, pictures = visit
+        plan, pictures = session
         shots = plan.of(name, "stripes")
         for pattern, inverse in zip(shots[::2], shots[1::2], strict=True):
             assert (pattern.detail["inverse"], inverse.detail["inverse"]) == (0, 1)
@@ -121,22 +121,20 @@ class TestStripes:
             total = pictures[pattern.pattern].astype(int) + pictures[inverse.pattern]
             np.testing.assert_array_equal(total, 255)
 
-    @given(width=st.integers(8, 300), height=st.integers(8, 300))
-    def test_the_pictures_spell_every_pixel(self, width: int, height: int) -> None:
+    def test_they_show_the_gray_code_of_columns_and_rows(self) -> None:
+        width, height = 97, 61
         for axis, length in (("x", width), ("y", height)):
-            bits = bit_count(length)
-            planes = [
-                stripe_picture((width, height), axis, b, False)[..., 0] > 0 for b in range(bits)
-            ]
-            code = sum(plane.astype(int) << b for b, plane in enumerate(planes))
-            index = decode_gray(code, bits)
-            expected = np.arange(length)[None, :] if axis == "x" else np.arange(length)[:, None]
-            np.testing.assert_array_equal(index, np.broadcast_to(expected, (height, width)))
+            words = encode_gray(np.arange(length))
+            words = words[None, :] if axis == "x" else words[:, None]
+            for bit in range(6):
+                shown = stripe_picture((width, height), axis, bit, False)[..., 0]
+                expected = np.broadcast_to(255 * (words >> bit & 1), (height, width))
+                np.testing.assert_array_equal(shown, expected)
 
 
 class TestOthers:
-    def test_white_black_and_primaries(self, visit: tuple[Plan, Pictures]) -> None:
-        plan, pictures = visit
+    def test_white_black_and_primaries(self, session: tuple[Plan, Pictures]) -> None:
+        plan, pictures = session
         assert (pictures[plan.of("south", "white")[0].pattern] == 255).all()
         assert (pictures[plan.of("south", "black")[0].pattern] == 0).all()
         for channel, shot in enumerate(plan.of("south", "primary")):
@@ -161,8 +159,8 @@ class TestOthers:
         np.testing.assert_array_equal(level_pictures((640, 400))[1], second)
 
 
-@pytest.mark.parametrize("projectors", range(1, 7))
-def test_zones_share_out_the_panel(projectors: int) -> None:
+@pytest.mark.parametrize("projectors", [1, 2, 3, 6])
+def test_zones_divide_the_panel(projectors: int) -> None:
     count = zone_count(projectors)
     zones = [zone_picture((321, 201), zone, count) for zone in range(count)]
     np.testing.assert_array_equal(np.sum(zones, axis=0), 255)

@@ -1,4 +1,4 @@
-"""Faults in a set of photographs: each is named, and the rest is put in order."""
+"""Faults in a set of photographs: each is reported, and the rest is put in order."""
 
 import re
 from dataclasses import dataclass, replace
@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from procam.errors import InputError
-from procam.estimate.structured_light.codes import Code, generate, make_code
+from procam.estimate.structured_light.codes import AxisCode, Code, generate, make_code, wave_code
 from procam.estimate.structured_light.consistency import probe_places
 from procam.estimate.structured_light.decode import Decoder
 from procam.estimate.structured_light.set_checks import SetReport, examine
+from simulators.photograph_bench import PhotographBench
 from simulators.presets import STANDARD
 from simulators.scene import DomeScene, SceneSize
-from simulators.study import PhotographBench
 
 SIZE = (320, 200)
 CODES = ("micro-phase", "gray", "phase-heterodyne")
@@ -123,13 +123,13 @@ def sound(request: pytest.FixtureRequest, every: dict[str, Shots]) -> Shots:
     return every[request.param]
 
 
-def test_a_sound_set_needs_no_words(sound: Shots) -> None:
+def test_a_sound_set_has_no_notes(sound: Shots) -> None:
     verdict = sound.examine()
     assert (verdict.order, verdict.notes) == (sound.order, [])
 
 
 class TestOrder:
-    @pytest.mark.parametrize("seed", range(4))
+    @pytest.mark.parametrize("seed", range(2))
     def test_two_exchanged_along_an_axis(self, sound: Shots, seed: int) -> None:
         rng = np.random.default_rng(seed)
         axis = "xy"[seed % 2]
@@ -138,14 +138,14 @@ class TestOrder:
         self._check(sound, *sorted(places))
 
     @pytest.mark.parametrize(
-        ("axis", "bit"), [*(("column", b) for b in range(9)), *(("row", b) for b in range(7))]
+        ("axis", "bit"), [("column", 0), ("column", 8), ("row", 0), ("row", 6)]
     )
     def test_a_pattern_exchanged_with_its_inverse(
         self, every: dict[str, Shots], axis: str, bit: int
     ) -> None:
-        """The likeliest exchange, and the hardest to see: coarse planes only mirror the map in parts.
+        """The likeliest exchange, and the hardest to detect: coarse planes only mirror parts of the map.
 
-        Row bit 7 is not here: no stripe beyond the panel tells its two orders apart.
+        Row bit 7 is not here: on this panel its two orders cannot be distinguished.
         """
         gray = every["gray"]
         first, second = gray.place(f"{axis} bit {bit}"), gray.place(f"{axis} bit {bit} inverse")
@@ -205,11 +205,11 @@ class TestNumber:
 
     def test_the_ends_of_one_set_of_equal_steps(self, every: dict[str, Shots]) -> None:
         """Without the first of them the rest is a set whose columns are shifted, so numbers decide."""
-        code = make_code("phase-gray", SIZE)
+        code = wave_code(SIZE, (64.0, 64.0))
         rng = np.random.default_rng(2)
         taken = [bench().digitise(s, rng) for s in bench().photograph(generate(code))]
         sound = Shots(code, list(range(len(taken))), taken, _names(len(taken)))
-        first = sound.place("row wave 21.33 px at 0 deg")
+        first = sound.place("row wave 64 px at 0 deg")
         with pytest.raises(
             InputError, match=r"one is missing, .*the others fit either way; number"
         ):
@@ -218,7 +218,7 @@ class TestNumber:
         assert verdict.order.index(None) == sound.sequence[first]
 
     @pytest.mark.parametrize("words", ["white", "black"])
-    def test_without_white_or_black_there_is_no_way(self, sound: Shots, words: str) -> None:
+    def test_without_white_or_black_nothing_is_decoded(self, sound: Shots, words: str) -> None:
         for numbered in (True, False):
             with pytest.raises(InputError, match=r"^pictures: "):
                 sound.without(sound.place(words), numbered).examine()
@@ -242,15 +242,15 @@ class TestNumber:
     def test_one_too_many_that_doubles_none(self, every: dict[str, Shots]) -> None:
         gray = every["gray"]
         with pytest.raises(
-            InputError, match="got 37, expected 36, and none doubles the one before"
+            InputError, match="there are 37, one more than the code has, and none repeats"
         ):
             gray.shown([*gray.photographs, gray.photographs[3]]).examine()
 
-    @pytest.mark.parametrize("count", [2, 10, 40])
+    @pytest.mark.parametrize("count", [2, 40])
     def test_far_too_few_or_many(self, sound: Shots, count: int) -> None:
         shots = sound.shown((3 * sound.photographs)[:count])
         expected = (
-            f"got {count}, expected {len(sound.sequence)} for the code {sound.code.name} on 320x200"
+            f"{sound.code.name} on 320x200 px has {len(sound.sequence)}, and {count} were given"
         )
         with pytest.raises(InputError, match=expected):
             shots.examine()
@@ -304,7 +304,6 @@ class TestContent:
 
     @pytest.mark.parametrize("words", ["white", "black"])
     def test_a_stale_white_or_black(self, sound: Shots, words: str) -> None:
-        """Nothing can take their place."""
         at = sound.place(words)
         other = next(i for i in range(2, len(sound.sequence)) if abs(i - at) > 2)
         with pytest.raises(InputError, match=rf"{sound.names[at]} should show {words}, but"):
@@ -316,21 +315,13 @@ class TestContent:
 
     def test_photographs_of_another_code(self, every: dict[str, Shots]) -> None:
         gray = every["gray"]
-        other = make_code("gray-wide", SIZE)
+        words = np.random.default_rng(5).permutation(SIZE[0])
+        other = Code("shuffled", SIZE, AxisCode(SIZE[0], codewords=words), gray.code.y)
         verdict = replace(gray, code=other).examine()
-        assert "agree with the code gray-wide of a 320x200 projector" in verdict.notes[-1]
+        assert "agree with the code shuffled of a 320x200 projector" in verdict.notes[-1]
 
     def test_half_a_panel_is_no_fault(self, every: dict[str, Shots]) -> None:
         """Planes that are all bright or dark where the camera looks are not black or stale."""
         gray = every["gray"]
         verdict = gray.shown([p[170:330, 190:270] for p in gray.photographs]).examine()
         assert (verdict.order, verdict.notes) == (gray.order, [])
-
-
-def test_probes_are_spread_over_the_picture() -> None:
-    for shape in ((500, 500), (60, 80), (3000, 4000), (12, 30)):
-        rows, columns = probe_places(shape)
-        assert rows.shape == columns.shape and rows.shape[1] == 3
-        assert rows.min() >= 0 and rows.max() < shape[0]
-        assert columns.min() >= 0 and columns.max() < shape[1]
-        assert len(rows) <= 40_000 and np.ptp(rows) > 0.7 * shape[0]

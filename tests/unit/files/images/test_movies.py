@@ -253,7 +253,7 @@ class TestWriting:
         with (
             MovieReader(tmp_path / "m.mkv") as reader,
             pytest.raises(
-                InputError, match=r"got the suffix '\.mp4', expected \.mov \(ProRes 4444\)"
+                InputError, match=r"written as \.mov \(ProRes 4444\) or \.mkv .* not '\.mp4'"
             ),
             new_movie(tmp_path / "o.mp4", reader, transfer="srgb"),
         ):
@@ -268,7 +268,9 @@ class TestDamage:
         content = (tmp_path / "m.mov").read_bytes()
         for share in (0.3, 0.9):
             (tmp_path / "cut.mov").write_bytes(content[: int(share * len(content))])
-            with pytest.raises(FileFormatError, match=r"cut\.mov: got no whole movie") as caught:
+            with pytest.raises(
+                FileFormatError, match=r"cut\.mov is not a complete movie"
+            ) as caught:
                 MovieReader(tmp_path / "cut.mov")
             assert "\n" not in str(caught.value)
 
@@ -284,7 +286,7 @@ class TestDamage:
         self.cut(tmp_path / "m.mov")
 
     def test_a_truncated_matroska(self, tmp_path: Path) -> None:
-        """It has no index to miss; only what it says of its length tells."""
+        """It has no index, so the duration in its header has to show the damage."""
         lossless(tmp_path / "m.mkv")
         self.cut(tmp_path / "m.mkv")
 
@@ -293,17 +295,17 @@ class TestDamage:
         path.write_bytes(content[: int(0.5 * len(content))])
         with MovieReader(path) as reader, pytest.raises(FileFormatError) as caught:
             list(reader)
-        assert str(caught.value).startswith(f"{path}: got ")
-        assert "copy" in str(caught.value)
+        assert str(caught.value).startswith(str(path))
+        assert "opy it again" in str(caught.value)
 
     @pytest.mark.parametrize("content", [b"", b"no movie\n" * 20])
     def test_foreign_files(self, tmp_path: Path, content: bytes) -> None:
         (tmp_path / "m.mov").write_bytes(content)
-        with pytest.raises(FileFormatError, match=r"m\.mov: got no whole movie"):
+        with pytest.raises(FileFormatError, match=r"m\.mov is not a complete movie"):
             MovieReader(tmp_path / "m.mov")
 
     def test_an_absent_file(self, tmp_path: Path) -> None:
-        with pytest.raises(FileFormatError, match="got no such file, expected a movie"):
+        with pytest.raises(FileFormatError, match="no such file; a movie is needed"):
             MovieReader(tmp_path / "m.mov")
 
     def test_sound_alone(self, tmp_path: Path) -> None:
@@ -315,10 +317,12 @@ class TestDamage:
             tone.rate, tone.pts = 48000, 0
             movie.mux(stream.encode(tone))
             movie.mux(stream.encode())
-        with pytest.raises(FileFormatError, match="got no pictures in it"):
+        with pytest.raises(FileFormatError, match="holds no pictures"):
             MovieReader(tmp_path / "m.mkv")
 
     def test_grey(self, tmp_path: Path) -> None:
         shoot(tmp_path / "m.mkv", "gray", [flat("gray", [9.0])])
-        with pytest.raises(FileFormatError, match="got pictures of layout gray, expected colour"):
+        with pytest.raises(
+            FileFormatError, match="has pictures of layout gray; encode it again in colour"
+        ):
             MovieReader(tmp_path / "m.mkv")

@@ -1,4 +1,4 @@
-"""Photographs of others: order, headers, damage, and counts from what they hold."""
+"""Photographs taken without procam: order, headers, damage and counts."""
 
 from pathlib import Path
 
@@ -7,8 +7,9 @@ import OpenImageIO as oiio
 import pytest
 
 from procam.errors import FileFormatError
-from procam.files.images.images import write_channels, write_image
+from procam.files.images.layers import write_channels
 from procam.files.images.photos import list_photos, load_response, photo_counts, read_photo
+from procam.files.images.pixels import write_image
 from procam.maths.light.curves import srgb_decode
 from procam.model.optics import Sensor
 
@@ -69,12 +70,12 @@ class TestReading:
         path = write(tmp_path / "a.jpg", noise)
         read_photo(path)
         path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
-        with pytest.raises(FileFormatError, match=r"a\.jpg: got a truncated photograph"):
+        with pytest.raises(FileFormatError, match=r"a\.jpg is truncated"):
             read_photo(path)
 
-    def test_light_of_floats_is_no_photograph(self, tmp_path: Path) -> None:
+    def test_floats_are_refused(self, tmp_path: Path) -> None:
         write_channels(tmp_path / "a.exr", dict.fromkeys("RGB", np.zeros((4, 4))))
-        with pytest.raises(FileFormatError, match="got float32 pixels, expected 8 or 16 bits"):
+        with pytest.raises(FileFormatError, match="has float32 pixels; export it as 16-bit TIFF"):
             read_photo(tmp_path / "a.exr")
 
 
@@ -97,23 +98,25 @@ class TestCounts:
 
     def test_refusals(self, tmp_path: Path) -> None:
         write_image(tmp_path / "a.png", ramp(np.uint8, 255))
-        with pytest.raises(FileFormatError, match=r'8 bits of unknown .* set response = "srgb"'):
+        with pytest.raises(FileFormatError, match=r'has 8 bits, .* set response = "srgb"'):
             photo_counts(read_photo(tmp_path / "a.png"), None, SENSOR)
         write_image(tmp_path / "b.png", ramp(np.uint16, 65535))
-        with pytest.raises(FileFormatError, match="up to 65535, expected less than 4096"):
+        with pytest.raises(
+            FileFormatError, match="up to 65535, but bits = 12 allows less than 4096"
+        ):
             photo_counts(read_photo(tmp_path / "b.png"), None, SENSOR)
 
     @pytest.mark.parametrize(
-        ("text", "told"),
+        ("text", "message"),
         [
-            ("level,light\n0,0\n1,x\n", "expected two numbers per line"),
-            ("0,0\n0.4,0.6,3\n1,1\n", "expected two numbers per line"),
-            ("0,0\n0.5,0.6\n0.9,1\n", r"that rise from 0,0 to 1,1"),
-            ("0,0\n0.5,0.6\n0.5,0.7\n1,1\n", r"that rise from 0,0 to 1,1"),
-            ("", r"that rise from 0,0 to 1,1"),
+            ("level,light\n0,0\n1,x\n", "each line needs two numbers"),
+            ("0,0\n0.4,0.6,3\n1,1\n", "each line needs two numbers"),
+            ("0,0\n0.5,0.6\n0.9,1\n", "must rise from 0,0 to 1,1"),
+            ("0,0\n0.5,0.6\n0.5,0.7\n1,1\n", "must rise from 0,0 to 1,1"),
+            ("", "must rise from 0,0 to 1,1"),
         ],
     )
-    def test_bad_tables(self, tmp_path: Path, text: str, told: str) -> None:
+    def test_bad_tables(self, tmp_path: Path, text: str, message: str) -> None:
         (tmp_path / "r.csv").write_text(text)
-        with pytest.raises(FileFormatError, match=told):
+        with pytest.raises(FileFormatError, match=message):
             load_response("r.csv", tmp_path)

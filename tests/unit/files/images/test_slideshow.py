@@ -1,4 +1,4 @@
-"""Movies of held stills: every picture comes back, for as long as it was held."""
+"""Movies of still pictures: every picture is shown for its time."""
 
 import sys
 from pathlib import Path
@@ -24,12 +24,12 @@ def test_pictures_come_back(tmp_path: Path) -> None:
         assert stream.average_rate == RATE
         shown = [frame.to_ndarray(format="rgb24") for frame in movie.decode(stream)]
     assert len(shown) == len(expected)
-    for got, wanted in zip(shown, expected, strict=True):
-        assert np.abs(got.astype(int) - wanted).max() <= 2
+    for found, wanted in zip(shown, expected, strict=True):
+        assert np.abs(found.astype(int) - wanted).max() <= 2
 
 
 def test_without_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "av", None)
-    with pytest.raises(InputError, match=r"got no PyAV, .* pip install 'procam\[video\]'"):
+    with pytest.raises(InputError, match=r"needs PyAV, .* pip install 'procam\[video\]'"):
         write_movie(tmp_path / "m.mov", [])
     assert list(tmp_path.iterdir()) == []

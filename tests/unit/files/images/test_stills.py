@@ -1,4 +1,4 @@
-"""What a picture keeps on its way: type, other channels, straight alpha, attributes."""
+"""Pictures keep their type, other channels, straight alpha and attributes."""
 
 import struct
 import zlib
@@ -9,7 +9,7 @@ import OpenImageIO as oiio
 import pytest
 
 from procam.errors import FileFormatError
-from procam.files.images.images import write_image
+from procam.files.images.pixels import write_image
 from procam.files.images.stills import read_still, write_still
 
 DTYPES = {"uint8": "uint8", "uint16": "uint16", "float16": "half", "float32": "float"}
@@ -144,7 +144,7 @@ class TestKept:
         }
         assert before["ImageDescription"] == "sky"
 
-    def test_another_suffix_and_type_take_what_both_know(self, tmp_path: Path) -> None:
+    def test_another_suffix_and_type_keep_the_common_attributes(self, tmp_path: Path) -> None:
         pixels = _pixels("uint8", 4)
         spec = _spec(pixels, ImageDescription="sky", oiio__UnassociatedAlpha=1)
         still = read_still(_write(tmp_path / "a.tif", pixels, spec))
@@ -182,9 +182,7 @@ class TestTransfer:
             ((b"gAMA", struct.pack(">I", 55556)), None),
         ],
     )
-    def test_png_says_it(
-        self, tmp_path: Path, chunk: tuple[bytes, bytes], name: str | None
-    ) -> None:
+    def test_of_png(self, tmp_path: Path, chunk: tuple[bytes, bytes], name: str | None) -> None:
         assert read_still(_png(tmp_path / "a.png", chunk)).transfer == name
 
     def test_floats_are_linear_and_integers_srgb(self, tmp_path: Path) -> None:
@@ -193,7 +191,7 @@ class TestTransfer:
             expected = "linear" if dtype.startswith("float") else "srgb"
             assert read_still(tmp_path / f"a{suffix}").transfer == expected
 
-    def test_a_new_one_is_told(self, tmp_path: Path) -> None:
+    def test_a_new_one_is_written(self, tmp_path: Path) -> None:
         write_image(tmp_path / "a.png", _pixels("uint8"))
         still = read_still(tmp_path / "a.png")
         write_still(tmp_path / "b.png", still.rgb, still, "gamma2.2")
@@ -221,16 +219,16 @@ class TestRefused:
         assert output.open(str(tmp_path / "a.exr"), specs[1], "AppendSubimage")
         output.write_image(_pixels("float32"))
         output.close()
-        with pytest.raises(FileFormatError, match="got 2 pictures in one file, expected one"):
+        with pytest.raises(FileFormatError, match="holds 2 pictures; one is needed"):
             read_still(tmp_path / "a.exr")
 
     def test_grey(self, tmp_path: Path) -> None:
         write_image(tmp_path / "a.png", np.ones((4, 4), np.uint8))
-        with pytest.raises(FileFormatError, match="got channels Y, expected R, G and B"):
+        with pytest.raises(FileFormatError, match="has the channels Y; R, G and B are needed"):
             read_still(tmp_path / "a.png")
 
-    def test_a_suffix_nobody_writes(self, tmp_path: Path) -> None:
+    def test_other_suffixes_are_refused(self, tmp_path: Path) -> None:
         write_image(tmp_path / "a.png", _pixels("uint8"))
         still = read_still(tmp_path / "a.png")
-        with pytest.raises(FileFormatError, match=r"got the suffix '\.jpg'"):
+        with pytest.raises(FileFormatError, match=r"not '\.jpg'; rename it"):
             write_still(tmp_path / "b.jpg", still.rgb, still, "srgb")

@@ -1,4 +1,4 @@
-"""venue.toml: every mistake is one line that says where, what was got and what to do."""
+"""venue.toml: the message about each mistake is one line with the place and what to do."""
 
 import re
 from pathlib import Path
@@ -9,7 +9,7 @@ from tolerances import CLOSED_FORM
 from venue_texts import DISTANCE, MARK_PIXEL, PLAIN, TAGS, edit, load_venue_of, mistakes
 
 from procam.errors import InputError
-from procam.files.images.images import write_image
+from procam.files.images.pixels import write_image
 from procam.files.venue.load import load_venue, template_names, template_text
 
 
@@ -41,7 +41,9 @@ class TestTemplates:
         assert (len(venue.fiducials), len(venue.tags), len(venue.distances)) == (2, 1, 1)
 
     def test_an_unknown_one_is_refused_with_the_known(self) -> None:
-        with pytest.raises(InputError, match=r"template: got 'nope', expected one of .*simulated-"):
+        with pytest.raises(
+            InputError, match=r"template 'nope' does not exist; choose one of .*simulated-"
+        ):
             template_text("nope")
 
 
@@ -84,22 +86,26 @@ class TestContent:
         assert backends["simulated"]["whatever"] == [1, "two"]
 
 
-# what is edited, the dotted path complained of, and what the line says besides
+# the edit, the dotted path in the message, and other words in it
 MISTAKES = {
     "unknown key": (
         ("radius_m = 6.0", "radius_m = 6.0\nradios_m = 5.0"),
         "screen.radios_m",
-        ["got 5.0", "one of the keys kind, radius_m, ", "; did you mean radius_m?"],
+        ["not a known key; did you mean radius_m?", "The keys are kind, radius_m, "],
     ),
     "unknown key like no other": (
         ("radius_m = 6.0", "radius_m = 6.0\ncolour = 5.0"),
         "screen.colour",
-        ["one of the keys kind, radius_m, ", "; remove it or check its spelling"],
+        ["The keys are kind, radius_m, ", "; remove it or check its spelling."],
     ),
     "unknown key of a fiducial": (
         (MARK_PIXEL, MARK_PIXEL + "\nsigma_degrees = 1"),
         "fiducials.1.sigma_degrees",
-        ["got 1", "azimuth_deg, elevation_deg, sigma_deg, name", "did you mean sigma_deg?"],
+        [
+            "not a known key",
+            "azimuth_deg, elevation_deg, sigma_deg, name",
+            "did you mean sigma_deg?",
+        ],
     ),
     "unknown key of a control": (
         (
@@ -107,84 +113,88 @@ MISTAKES = {
             'prt = "backend" }\n\n[projectors.north]',
         ),
         "projectors.south.control.prt",
-        ["one of the keys protocol, port; did you mean port?"],
+        ["did you mean port? The keys are protocol, port"],
     ),
     "table of a backend that nobody names": (
         ("[simulated]", "[dreamt]"),
         "dreamt",
-        ["got a table", "or the table of a backend that a device names (simulated now)"],
+        ["not a known key", "and the table of a backend that a device names (simulated now)"],
     ),
     "table of what is done by hand": (
         ("[simulated]", "[by-hand]"),
         "by-hand",
-        ["got a table", "(simulated now)"],
+        ["not a known key", "(simulated now)"],
     ),
-    "unknown table": (("[capture]", "[captures]"), "captures", ["got a table", "mean capture?"]),
+    "unknown table": (
+        ("[capture]", "[captures]"),
+        "captures",
+        ["not a known key", "mean capture?"],
+    ),
     "missing key": (
         ('model = "kannala-brandt"\n', ""),
         "cameras.zenith.model",
-        ["got nothing, expected an entry", "procam init"],
+        ["is missing; add it", "procam init"],
     ),
     "tag of no family": (
         ("[capture]", TAGS.replace("25h9", "25h8") + "[capture]"),
         "apriltags.1.family",
-        ["got '25h8'", "'36h11', '25h9' or '16h5'"],
+        ["is '25h8'", "'36h11', '25h9' or '16h5'"],
     ),
     "distance of no metres": (
         ("[capture]", DISTANCE.replace("3.0", "0.0001")),
         "distances.0.metres",
-        ["got 0.0001, expected 0.001 or more"],
+        ["is 0.0001; it must be 0.001 or more"],
     ),
     "distance to the moon": (
         ("[capture]", DISTANCE.replace("3.0", "4e8")),
         "distances.0.metres",
-        ["expected 1000 or less"],
+        ["must be 1000 or less"],
     ),
     "radius in centimetres": (
         ("radius_m = 6.0", "radius_m = 1200"),
         "screen.radius_m",
-        ["got 1200, expected 1000 or less"],
+        ["is 1200; it must be 1000 or less"],
     ),
     "name with a space": (
         ("[projectors.south]", '[projectors."so uth"]'),
         "projectors.so uth",
-        ["got 'so uth'", "expected a name of letters, digits, - and _"],
+        ["is 'so uth'", "must be a name of letters, digits, - and _"],
     ),
     "response of no kind": (
         ('response = "linear"', 'response = "rec709"'),
         "cameras.zenith.response",
-        ["got 'rec709'", 'expected "linear", "srgb", "solve" or a table\'s name that ends in .csv'],
+        ["is 'rec709'", 'must be "linear", "srgb", "solve" or a table\'s name that ends in .csv'],
     ),
     "size in halves": (
         ("size = [1600, 1600]", "size = [1600, 1600.5]"),
         "cameras.zenith.size.1",
-        ["got 1600.5, expected a whole number"],
+        ["is 1600.5; it must be a whole number"],
     ),
     "a camera that is no table": (
         ("[capture]", "[cameras]\nsecond = 3\n\n[capture]"),
         "cameras.second",
-        ["got 3, expected a table of name = value"],
+        ["is 3; it must be a table of name = value"],
     ),
     "backend that is no text": (
         ('backend = "simulated"\nsize = [1600', "backend = 3\nsize = [1600"),
         "cameras.zenith.backend",
-        ["got 3, expected text in quotes"],
+        ["is 3; it must be text in quotes"],
     ),
     "one distance as a plain table": (
         ("[capture]", DISTANCE.replace("[[distances]]", "[distances]")),
         "distances",
-        ["got a table, expected a list of tables, each under [[distances]]"],
+        ["is a table; it must be a list of tables, each under [[distances]]"],
     ),
     "radius 0": (
         ("radius_m = 6.0", "radius_m = 0"),
         "screen.radius_m",
-        ["got 0, expected 0.1 or more"],
+        ["is 0; it must be 0.1 or more"],
     ),
-    "radius NaN": (("radius_m = 6.0", "radius_m = nan"), "screen.radius_m", ["got nan", "finite"]),
+    "radius NaN": (("radius_m = 6.0", "radius_m = nan"), "screen.radius_m", ["is nan", "finite"]),
     "radius in words": (
         ("radius_m = 6.0", 'radius_m = "six"'),
         "screen.radius_m",
-        ["got 'six'", "number"],
+        ["is 'six'", "number"],
     ),
     "screen of another kind": (
         ('kind = "dome"', 'kind = "cave"'),
@@ -194,12 +204,12 @@ MISTAKES = {
     "more than a hemisphere": (
         ("half_angle_deg = 90.0", "half_angle_deg = 100"),
         "screen.half_angle_deg",
-        ["got 100, expected 90 or less"],
+        ["is 100; it must be 90 or less"],
     ),
     "albedo above 1": (
         ("floor_albedo = 0.0 ", "floor_albedo = 10 "),
         "screen.floor_albedo",
-        ["got 10, expected 1 or less"],
+        ["is 10; it must be 1 or less"],
     ),
     "model of a lens": (
         ('model = "kannala-brandt"', 'model = "fish"'),
@@ -214,7 +224,7 @@ MISTAKES = {
     "projector size 0": (
         ("size = [1280, 800]\ncontrol", "size = [0, 800]\ncontrol"),
         "projectors.south.size.0",
-        ["got 0, expected 8 or more"],
+        ["is 0; it must be 8 or more"],
     ),
     "control protocol": (
         ('"escvp21"', '"morse"'),
@@ -229,7 +239,7 @@ MISTAKES = {
     "exposure below 0": (
         ("exposure_s = 0.13", "exposure_s = -1"),
         "capture.exposure_s",
-        ["got -1, expected more than 0"],
+        ["is -1; it must be more than 0"],
     ),
     "no capture": (
         (
@@ -245,14 +255,14 @@ MISTAKES = {
 class TestMistakes:
     @pytest.mark.parametrize("case", MISTAKES)
     def test_one_line_each(self, tmp_path: Path, case: str) -> None:
-        change, where, says = MISTAKES[case]
+        change, where, words = MISTAKES[case]
         lines = mistakes(tmp_path, edit(*change))
         mine = [
-            line for line in lines if line.startswith(f"{tmp_path / 'venue.toml'}: {where}: got ")
+            line for line in lines if line.startswith(f"{tmp_path / 'venue.toml'}: {where} is ")
         ]
         assert len(mine) == 1, lines
-        for words in says:
-            assert words in mine[0]
+        for word in words:
+            assert word in mine[0]
         assert not any(pydantic in mine[0] for pydantic in ("Input", "should", "permitted"))
         for line in lines:
             assert line.startswith(f"{tmp_path / 'venue.toml'}: ")
@@ -269,7 +279,7 @@ class TestMistakes:
         text = edit("bits = 16", "bits = 99", text)
         text = edit('name = "left"', 'title = "left"', text)
         lines = mistakes(tmp_path, text)
-        paths = {line.split(": ")[1] for line in lines}
+        paths = {line.split(": ")[1].split(" is ")[0] for line in lines}
         assert paths == {
             "screen.radius_m",
             "cameras.zenith.bits",
@@ -288,12 +298,11 @@ class TestMistakes:
     )
     def test_bad_toml(self, tmp_path: Path, text: str) -> None:
         (line,) = mistakes(tmp_path, text)
-        assert line.startswith(f"{tmp_path / 'venue.toml'}: got invalid TOML (")
-        assert "expected name = value" in line
+        assert line.startswith(f"{tmp_path / 'venue.toml'} is not valid TOML: ")
 
     def test_not_even_text(self, tmp_path: Path) -> None:
         (tmp_path / "venue.toml").write_bytes(b"\xff\xfe\x00")
-        with pytest.raises(InputError, match=r"venue\.toml: got invalid TOML"):
+        with pytest.raises(InputError, match=r"venue\.toml is not valid TOML"):
             load_venue(tmp_path)
 
     @pytest.mark.parametrize("text", ["", "cameras = 3\nprojectors = [1]", "screen = 1"])
@@ -301,9 +310,7 @@ class TestMistakes:
         assert len(mistakes(tmp_path, text)) >= 4
 
     def test_no_file(self, tmp_path: Path) -> None:
-        with pytest.raises(
-            InputError, match=r"venue\.toml: got no such file.*procam init"
-        ) as caught:
+        with pytest.raises(InputError, match=r"venue\.toml: no such file.*procam init") as caught:
             load_venue(tmp_path)
         assert "\n" not in str(caught.value)
 

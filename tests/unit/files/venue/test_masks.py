@@ -9,11 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from procam.errors import FileFormatError, InputError, ShapeError
-from procam.files.images.images import write_image
+from procam.files.images.pixels import write_image
 from procam.files.venue.load import Venue, load_venue, template_text
 from procam.files.venue.masks import (
     camera_masks,
-    done_by_hand,
+    manual_edits,
     nudges,
     projector_masks,
     protected_mask,
@@ -39,7 +39,7 @@ def load(folder: Path, *, screen: str = "", camera: str = "", projector: str = "
     return load_venue(folder)
 
 
-def complaint(folder: Path, **tables: str) -> str:
+def mistake(folder: Path, **tables: str) -> str:
     with pytest.raises(InputError) as caught:
         load(folder, **tables)
     (line,) = str(caught.value).splitlines()
@@ -120,9 +120,9 @@ class TestVenue:
         venue = load(tmp_path)
         assert not any(m.covered.any() for m in (*camera_masks(venue).values(),))
         assert not screen_mask(venue, 64).covered.any() and nudges(venue) == []
-        assert done_by_hand(venue) == {}
+        assert manual_edits(venue) == {}
 
-    def test_what_is_told_of_them(self, tmp_path: Path) -> None:
+    def test_the_entries_of_a_calibration(self, tmp_path: Path) -> None:
         half = np.zeros((1600, 1600), np.uint8)
         half[:800] = 9
         write_image(tmp_path / "half.png", half)
@@ -134,14 +134,14 @@ class TestVenue:
             projector="masks = [[[-0.5, -0.5], [127.5, -0.5], [127.5, 799.5], [-0.5, 799.5]]]\n"
             "nudges = [{ pixel = [640, 400], shift_px = [-1.5, 0.25] }]",
         )
-        told = done_by_hand(venue)
-        assert json.loads(json.dumps(told)) == told
-        camera, panel, dome = told["masks"]
+        entries = manual_edits(venue)
+        assert json.loads(json.dumps(entries)) == entries
+        camera, panel, dome = entries["masks"]
         assert camera == {"of": "camera zenith", "file": "half.png", "share": 0.5}
         assert panel == {"of": "projector south", "corners": 4, "share": pytest.approx(0.1)}
         # squares in the master: of a half angle of pi / 2 and of pi / 3, shares of 2 pi sr
         assert (dome["of"], dome["corners"]) == ("dome", 4)
-        (pole,) = told["protected"]
+        (pole,) = entries["protected"]
         for entry, half_angle in ((dome, np.pi / 2), (pole, np.pi / 3)):
             side = np.linspace(-1, 1, 2001) * half_angle
             x, y = np.meshgrid(side, side)
@@ -149,33 +149,33 @@ class TestVenue:
             solid = np.nansum(np.sinc(theta / np.pi)) * (side[1] - side[0]) ** 2
             assert entry["share"] == pytest.approx(solid / (2 * np.pi), rel=2e-3)
         moved = {"projector": "south", "pixel": [640, 400], "shift_px": [-1.5, 0.25]}
-        assert told["nudges"] == [moved]
+        assert entries["nudges"] == [moved]
 
     @pytest.mark.parametrize(
-        ("tables", "told"),
+        ("tables", "message"),
         [
             (
                 {"camera": "masks = [[[0, 0], [1, 1]]]"},
-                "cameras.zenith.masks.0: got a polygon of 2 corners, expected at least 3; add",
+                "cameras.zenith.masks.0 is a polygon of 2 corners; it needs at least 3",
             ),
             (
                 {"camera": "masks = [[[0, 0], [1600, 0], [5, 5]]]"},
-                "cameras.zenith.masks.0: got the corner [1600.0, 0.0], expected one within "
+                "cameras.zenith.masks.0: the corner [1600.0, 0.0] lies outside "
                 "-0.5..1599.5 and -0.5..1599.5 px; clip",
             ),
             (
                 {"projector": "masks = [[[0, 0], [3, 900], [5, 5]]]"},
-                "projectors.south.masks.0: got the corner [3.0, 900.0], expected",
+                "projectors.south.masks.0: the corner [3.0, 900.0] lies outside",
             ),
             (
                 {"screen": "masks = [[[0, 10], [10, 10], [5, 95]]]"},
-                "screen.masks.0: got the corner [5.0, 95.0], expected an azimuth",
+                "screen.masks.0: the corner [5.0, 95.0] lies outside azimuth",
             ),
-            ({"screen": "protected = [[[0, 10]]]"}, "screen.protected.0: got a polygon of 1"),
-            ({"screen": "masks = [7]"}, "screen.masks.0: got 7, expected a polygon"),
+            ({"screen": "protected = [[[0, 10]]]"}, "screen.protected.0 is a polygon of 1"),
+            ({"screen": "masks = [7]"}, "screen.masks.0 is 7; it must be a polygon"),
             (
                 {"projector": "nudges = [{ pixel = [1280, 0], shift_px = [0, 1] }]"},
-                "projectors.south.nudges.0.pixel: got [1280.0, 0.0], expected a place on the panel",
+                "projectors.south.nudges.0.pixel is [1280.0, 0.0]; it must lie on the panel",
             ),
             (
                 {
@@ -183,22 +183,22 @@ class TestVenue:
                     "{ pixel = [640, 400], shift_px = [3, 0] }, "
                     "{ pixel = [642, 400], shift_px = [-2, 1] }]"
                 },
-                "projectors.south.nudges.1: got shift_px [3.0, 0.0] at pixel [640.0, 400.0], where "
-                "the picture would lie over itself; expected less than 142 px, and neighbours whose "
-                "shifts differ by less than they are apart; correct or remove it",
+                "projectors.south.nudges.1: shift_px [3.0, 0.0] at pixel [640.0, 400.0] folds "
+                "the picture over itself; it must be less than 142 px, and neighbours' shifts "
+                "must differ by less than their distance",
             ),
         ],
     )
-    def test_mistakes(self, tmp_path: Path, tables: dict[str, str], told: str) -> None:
-        assert told in complaint(tmp_path, **tables)
+    def test_mistakes(self, tmp_path: Path, tables: dict[str, str], message: str) -> None:
+        assert message in mistake(tmp_path, **tables)
 
     def test_a_picture_of_another_size_or_none(self, tmp_path: Path) -> None:
-        told = complaint(tmp_path, camera='masks = ["m.png"]')
-        assert f"cameras.zenith.masks.0: {tmp_path}/m.png: got no such file, expected a PNG" in told
+        message = mistake(tmp_path, camera='masks = ["m.png"]')
+        assert f"cameras.zenith.masks.0: {tmp_path}/m.png: no such file; a PNG" in message
         write_image(tmp_path / "m.png", np.zeros((20, 30), np.uint8))
         venue = load(tmp_path, camera='masks = ["m.png"]')
         with pytest.raises(
-            FileFormatError, match="got a mask of 30x20 px, expected 1600x1600; draw"
+            FileFormatError, match="is a mask of 30x20 px, and 1600x1600 are needed; draw"
         ):
             camera_masks(venue)
 
@@ -210,5 +210,5 @@ class TestMask:
         assert mask.at(xy).tolist() == [[True, False], [True, False]]
 
     def test_only_flat_truths(self) -> None:
-        with pytest.raises(ShapeError, match=r"mask m: got shape \(2, 2, 1\)"):
+        with pytest.raises(ShapeError, match=r"mask m has shape \(2, 2, 1\)"):
             Mask("m", np.zeros((2, 2, 1), bool))

@@ -26,46 +26,46 @@ def test_the_template_and_all_its_examples_load(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "told"),
+    ("old", "new", "message"),
     [
         (
             "size = [4096, 4096]",
             "size = [4096, 2160]",
-            "projectors.server.size: got 4096x2160, expected a square of 512 to 16384 px",
+            "projectors.server.size is 4096x2160; it must be a square of 512 to 16384 px",
         ),
         (
             "size = [4096, 4096]",
             "size = [256, 256]",
-            "projectors.server.size: got 256x256, expected a square of 512",
+            "projectors.server.size is 256x256; it must be a square of 512",
         ),
         (
             "[capture]",
             OTHER,
-            "projectors.server.kind: got 'dome-master' beside 1 other projectors, expected it alone",
+            "projectors.server.kind is 'dome-master', which must be the only projector; remove",
         ),
         (
             "radius_m = 6.0 ",
             "# radius_m = 6.0 ",
-            "screen.radius_m: got nothing, expected the dome's radius in metres",
+            "screen.radius_m is missing: with a projector of kind",
         ),
         (
             "[capture]",
             '[[distances]]\na = "zenith"\nb = "server"\nmetres = 3.0\n\n[capture]',
-            "distances: got 1 with a projector of kind 'dome-master', expected none",
+            "distances are not used with a projector of kind 'dome-master'",
         ),
         (
             "fov_deg = 180.0",
             'lens = "brown"\nfov_deg = 180.0',
-            "projectors.server.lens: got an entry with kind = 'dome-master', expected none",
+            "projectors.server.lens belongs to kind = 'projector', and this kind is 'dome-master'",
         ),
         (
             'kind = "dome-master"',
             "masks = []",
-            "projectors.server.fov_deg: got an entry with kind = 'projector', expected none",
+            "projectors.server.fov_deg belongs to kind = 'dome-master', and this kind is 'projector'",
         ),
-        ("fov_deg = 180.0", "fov_deg = 300.0", "fov_deg: got 300.0, expected 250 or less"),
+        ("fov_deg = 180.0", "fov_deg = 300.0", "fov_deg is 300.0; it must be 250 or less"),
     ],
 )
-def test_a_mistake_is_told(tmp_path: Path, old: str, new: str, told: str) -> None:
+def test_a_mistake(tmp_path: Path, old: str, new: str, message: str) -> None:
     found = mistakes(tmp_path, edit(old, new, PLAIN))
-    assert any(told in line for line in found), found
+    assert any(message in line for line in found), found

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from procam.errors import FileFormatError, InputError
-from procam.files.images.images import write_channels, write_image
+from procam.files.images.layers import write_channels
+from procam.files.images.pixels import write_image
 from procam.interfaces.cli._paths import check_out, one_size, photographs, read_grey, two_counts
 
 

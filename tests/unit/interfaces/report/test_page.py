@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from procam.compensate.exact import Compensator
+from procam.compensate.compensator import Compensator
 from procam.errors import FileFormatError, InputError
 from procam.files.calibration import save_calibration
-from procam.files.images.images import RGB, write_channels
+from procam.files.images.layers import RGB, write_channels
 from procam.interfaces.report import write_report
 from procam.maths.warp import block_mean
 from procam.model.mask import Mask

@@ -1,9 +1,7 @@
-"""Sinusoidal codes: what they can tell, and fits that reach it."""
+"""Sinusoidal codes: their error bound, and fits that reach it."""
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from scipy.stats import chi2
 from tolerances import CLOSED_FORM, SIGMAS, SOLVER
 
@@ -25,17 +23,23 @@ from procam.maths.codes.phase import (
 
 SIZE = (960, 600)
 MICRO = micro_waves(SIZE)
-LOOK = WaveDistortion(blur_px2=1.5, harmonic=0.04)
+DISTORTION = WaveDistortion(blur_px2=1.5, harmonic=0.04)
 
 
 def photograph(
-    waves: Waves, look: WaveDistortion, x: np.ndarray, offset: float | np.ndarray, amplitude: float
+    waves: Waves,
+    distortion: WaveDistortion,
+    x: np.ndarray,
+    offset: float | np.ndarray,
+    amplitude: float,
 ) -> np.ndarray:
     """Samples (n, K) by the definition, without noise; `amplitude` is that of the first period."""
     angles = 2 * np.pi * x[:, None] / waves.periods - waves.shifts
-    spread = 2 * np.pi**2 * look.blur_px2
+    spread = 2 * np.pi**2 * distortion.blur_px2
     depth = np.exp(-spread * (waves.periods**-2 - waves.periods[0] ** -2))
-    second = look.harmonic * np.exp(-spread * (4 * waves.periods**-2 - waves.periods[0] ** -2))
+    second = distortion.harmonic * np.exp(
+        -spread * (4 * waves.periods**-2 - waves.periods[0] ** -2)
+    )
     wave = depth * np.cos(angles) + second * np.cos(2 * angles)
     return np.reshape(offset, (-1, 1)) + amplitude * wave
 
@@ -64,12 +68,12 @@ class TestCodes:
         np.testing.assert_allclose(waves.shifts, np.tile(equal_steps(4), 3))
         np.testing.assert_allclose(waves.periods[::4], np.array(HETERODYNE_PERIODS) / 2)
 
-    @pytest.mark.parametrize("size", [(320, 200), (1280, 800), (1920, 1200), (3840, 2160)])
+    @pytest.mark.parametrize("size", [(320, 200), (1920, 1200), (3840, 2160)])
     @pytest.mark.parametrize("make", [micro_waves, heterodyne_waves])
-    def test_no_two_columns_look_alike(self, make: object, size: tuple[int, int]) -> None:
-        """The pictures of columns a fringe or more apart differ by .7 of the amplitude at least."""
+    def test_no_two_columns_have_similar_samples(self, make: object, size: tuple[int, int]) -> None:
+        """Samples of columns a period or more apart differ by .7 of the amplitude at least."""
         waves = make(size)
-        # all that is equal in the first period is off by whole ones of it
+        # columns that agree in the first period are whole periods apart
         period = waves.periods[0]
         x = np.arange(0.0, max(size), 0.25)
         seen = np.cos(waves.angles(x))
@@ -95,74 +99,77 @@ class TestCodes:
         np.testing.assert_array_equal(left.shifts, MICRO.shifts[keep])
 
 
-class TestLook:
+class TestDistortion:
     def test_blur_is_the_transfer_of_a_gaussian(self) -> None:
         """Against a wave smeared numerically."""
-        look, offsets = WaveDistortion(2.5, 0.06), np.linspace(-30, 30, 6001)
-        weight = np.exp(-(offsets**2) / (2 * look.blur_px2))
+        distortion, offsets = WaveDistortion(2.5, 0.06), np.linspace(-30, 30, 6001)
+        weight = np.exp(-(offsets**2) / (2 * distortion.blur_px2))
         weight /= weight.sum()
         angle = 2 * np.pi * offsets[:, None] / MICRO.periods
         first = weight @ np.cos(angle)
-        np.testing.assert_allclose(look.depth(MICRO), first[0], rtol=1e-9)
-        np.testing.assert_allclose(look.modulation(MICRO), first / first[0], rtol=1e-9)
+        np.testing.assert_allclose(distortion.depth(MICRO), first[0], rtol=1e-9)
+        np.testing.assert_allclose(distortion.modulation(MICRO), first / first[0], rtol=1e-9)
         second = weight @ np.cos(2 * angle)
-        np.testing.assert_allclose(look.harmonics(MICRO), 0.06 * second / first[0], rtol=1e-9)
+        np.testing.assert_allclose(distortion.harmonics(MICRO), 0.06 * second / first[0], rtol=1e-9)
 
-    def test_without_blur_nothing_is_taken(self) -> None:
+    def test_without_blur_the_waves_are_unchanged(self) -> None:
         assert WaveDistortion().depth(MICRO) == 1
         assert (WaveDistortion().modulation(MICRO) == 1).all()
         assert (WaveDistortion().harmonics(MICRO) == 0).all()
 
 
 class TestFit:
-    @pytest.mark.parametrize("look", [WaveDistortion(), LOOK], ids=["sharp", "blurred"])
+    @pytest.mark.parametrize("distortion", [WaveDistortion(), DISTORTION], ids=["sharp", "blurred"])
     def test_perfect_samples_are_recovered(
-        self, rng: np.random.Generator, look: WaveDistortion
+        self, rng: np.random.Generator, distortion: WaveDistortion
     ) -> None:
         x = columns(rng, 300)
         offset = rng.uniform(90, 200, 300)
-        samples = photograph(MICRO, look, x, offset, 70.0)
+        samples = photograph(MICRO, distortion, x, offset, 70.0)
         keep = np.ones(samples.shape, bool)
-        fit = fit_waves(samples, keep, MICRO, look, x + rng.uniform(-1, 1, 300))
+        fit = fit_waves(samples, keep, MICRO, distortion, x + rng.uniform(-1, 1, 300))
         np.testing.assert_allclose(fit.x, x, atol=SOLVER)
-        # three steps from a pixel away leave a little of the rest
+        # three steps from a pixel away leave a small error
         np.testing.assert_allclose(fit.offset, offset, rtol=1e-6)
         np.testing.assert_allclose(fit.amplitude, 70, rtol=1e-6)
         np.testing.assert_allclose(fit.residual, 0, atol=SOLVER)
 
-    @pytest.mark.parametrize("lost", [(0,), (1, 4), (0, 1, 2), (5, 6, 7)])
+    @pytest.mark.parametrize("lost", [(1, 4), (0, 1, 2)])
     @pytest.mark.parametrize("waves", [MICRO, heterodyne_waves(SIZE)], ids=["micro", "heterodyne"])
     def test_missing_samples_do_not_count(
         self, rng: np.random.Generator, lost: tuple[int, ...], waves: Waves
     ) -> None:
         x = columns(rng, 200)
-        samples = photograph(waves, LOOK, x, 120.0, 60.0)
+        samples = photograph(waves, DISTORTION, x, 120.0, 60.0)
         keep = np.ones(samples.shape, bool)
         keep[:100, lost] = False
         samples[~keep] = 9e9
-        fit, margin = search_columns(samples, keep, waves, LOOK, SIZE[0])
+        fit, margin = search_columns(samples, keep, waves, DISTORTION, SIZE[0])
         np.testing.assert_allclose(fit.x, x, atol=1e-5)
         np.testing.assert_allclose(fit.amplitude, 60, rtol=1e-6)
         assert (margin > 0).all()
-        # what is left over is less certain
+        # fewer samples are less certain
         assert fit.variance[:100].mean() > fit.variance[100:].mean()
 
-    @given(place=st.floats(0, 959), blur=st.floats(0, 4), harmonic=st.floats(-0.05, 0.05))
-    def test_search_finds_any_column(self, place: float, blur: float, harmonic: float) -> None:
-        look = WaveDistortion(blur, harmonic)
-        samples = photograph(MICRO, look, np.array([place]), 100.0, 50.0)
-        fit, margin = search_columns(samples, np.ones((1, 8), bool), MICRO, look, SIZE[0])
-        assert fit.x[0] == pytest.approx(place, abs=1e-4)
-        assert margin[0] > 0.1 * 50.0**2
+    @pytest.mark.parametrize("distortion", [WaveDistortion(), WaveDistortion(4.0, -0.05)])
+    def test_search_finds_any_column(
+        self, rng: np.random.Generator, distortion: WaveDistortion
+    ) -> None:
+        x = np.r_[0.0, SIZE[0] - 1, columns(rng, 200)]
+        samples = photograph(MICRO, distortion, x, 100.0, 50.0)
+        keep = np.ones(samples.shape, bool)
+        fit, margin = search_columns(samples, keep, MICRO, distortion, SIZE[0])
+        np.testing.assert_allclose(fit.x, x, atol=1e-4)
+        assert (margin > 0.1 * 50.0**2).all()
 
     def test_margin_is_how_much_worse_the_runner_up_fits(self, rng: np.random.Generator) -> None:
         """Against all columns in steps of .02 px."""
-        samples = photograph(MICRO, LOOK, columns(rng, 40), 100.0, 50.0)
+        samples = photograph(MICRO, DISTORTION, columns(rng, 40), 100.0, 50.0)
         samples += rng.normal(0, 2, samples.shape)
         keep = rng.random(samples.shape) < 0.9
-        fit, margin = search_columns(samples, keep, MICRO, LOOK, SIZE[0])
+        fit, margin = search_columns(samples, keep, MICRO, DISTORTION, SIZE[0])
         grid = np.arange(-0.5, SIZE[0], 0.02)
-        curve = photograph(MICRO, LOOK, grid, 0.0, 1.0)
+        curve = photograph(MICRO, DISTORTION, grid, 0.0, 1.0)
         for i in range(40):
             wave = curve[:, keep[i]] - curve[:, keep[i]].mean(axis=1, keepdims=True)
             seen = samples[i, keep[i]] - samples[i, keep[i]].mean()
@@ -176,26 +183,26 @@ class TestFit:
             assert margin[i] <= 1.05 * (left[far].min() - left[best]) + 0.1
             assert margin[i] >= 0.5 * (left[far].min() - left[best])  # less only drops a pixel
 
-    @pytest.mark.parametrize("lost", [(0, 1, 2), (5, 6, 7), (1, 4, 6)])
-    @pytest.mark.parametrize("noise", [0.01, 0.3, 1.0])
-    def test_few_samples_are_right_or_doubted(
+    @pytest.mark.parametrize("lost", [(0, 1, 2), (1, 4, 6)])
+    @pytest.mark.parametrize("noise", [0.01, 1.0])
+    def test_few_samples_are_right_or_have_a_small_margin(
         self, rng: np.random.Generator, lost: tuple[int, ...], noise: float
     ) -> None:
-        """Of five samples many columns look alike; half a pixel off, the right one looks wrong."""
+        """With five samples many columns fit; half a pixel off, the right one fits badly."""
         x = columns(rng, 2000)
-        samples = photograph(MICRO, LOOK, x, 120.0, 60.0) + rng.normal(0, noise, (2000, 8))
+        samples = photograph(MICRO, DISTORTION, x, 120.0, 60.0) + rng.normal(0, noise, (2000, 8))
         keep = np.ones(samples.shape, bool)
         keep[:, lost] = False
-        fit, margin = search_columns(samples, keep, MICRO, LOOK, SIZE[0])
+        fit, margin = search_columns(samples, keep, MICRO, DISTORTION, SIZE[0])
         trusted = margin > 12 * noise**2
         assert trusted.mean() > 0.5
         assert np.mean(np.abs(fit.x - x)[trusted] > 1) <= 1e-3
 
-    @pytest.mark.parametrize("length", [2, 7, 20, 33])
-    def test_a_panel_with_hardly_a_fringe(self, rng: np.random.Generator, length: int) -> None:
+    @pytest.mark.parametrize("length", [2, 20])
+    def test_a_panel_of_less_than_a_period(self, rng: np.random.Generator, length: int) -> None:
         x = rng.uniform(0, length - 1, 100)
-        samples = photograph(MICRO, LOOK, x, 100.0, 50.0)
-        fit, margin = search_columns(samples, np.ones((100, 8), bool), MICRO, LOOK, length)
+        samples = photograph(MICRO, DISTORTION, x, 100.0, 50.0)
+        fit, margin = search_columns(samples, np.ones((100, 8), bool), MICRO, DISTORTION, length)
         np.testing.assert_allclose(fit.x, x, atol=1e-4)
         assert (margin > 0).all()
 
@@ -212,31 +219,33 @@ class TestFit:
 
 
 class TestNoise:
-    """The bound, the errors and the standard errors that fits claim are one and the same."""
+    """The bound, the errors and the standard errors of the fits agree."""
 
     noise, amplitude = 1.5, 60.0
     places, times = 12, 1000
 
     def _fits(
-        self, waves: Waves, look: WaveDistortion, lost: tuple[int, ...] = ()
+        self, waves: Waves, distortion: WaveDistortion, lost: tuple[int, ...] = ()
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Columns (12,), errors and claimed variances (12, 1000)."""
         rng = np.random.default_rng(5)
         places = columns(rng, self.places)
         x = np.repeat(places, self.times)
-        samples = photograph(waves, look, x, 120.0, self.amplitude)
+        samples = photograph(waves, distortion, x, 120.0, self.amplitude)
         samples += rng.normal(0, self.noise, samples.shape)
         keep = np.ones(samples.shape, bool)
         keep[:, lost] = False
-        fit = fit_waves(samples, keep, waves, look, x)
+        fit = fit_waves(samples, keep, waves, distortion, x)
         shape = self.places, self.times
         return places, (fit.x - x).reshape(shape), (self.noise**2 * fit.variance).reshape(shape)
 
     @pytest.mark.parametrize("waves", [MICRO, heterodyne_waves(SIZE)], ids=["micro", "heterodyne"])
     def test_errors_reach_the_cramer_rao_bound(self, waves: Waves) -> None:
-        look = WaveDistortion(1.5, 0.0)  # the bound is that of pure waves
-        x, miss, _ = self._fits(waves, look)
-        depth = np.broadcast_to(self.amplitude * look.modulation(waves), (12, len(waves.periods)))
+        distortion = WaveDistortion(1.5, 0.0)  # the bound is that of pure waves
+        x, miss, _ = self._fits(waves, distortion)
+        depth = np.broadcast_to(
+            self.amplitude * distortion.modulation(waves), (12, len(waves.periods))
+        )
         noise = np.full(len(waves.periods), self.noise**2)
         bound = cramer_rao_variance(waves, x, depth, noise)
         z = (np.mean(miss**2, axis=1) / bound - 1) / np.sqrt(2 / self.times)
@@ -246,7 +255,7 @@ class TestNoise:
         assert np.abs(miss.mean(axis=1) / np.sqrt(bound / self.times)).max() < SIGMAS
 
     def test_the_bound_weighs_samples_by_their_noise(self, rng: np.random.Generator) -> None:
-        """A sample without end of noise is one that is missing."""
+        """A sample of infinite noise is a missing one."""
         x, noise = columns(rng, 20), np.full(8, 2.0)
         noise[5] = 1e12
         keep = np.arange(8) != 5
@@ -256,9 +265,9 @@ class TestNoise:
             rtol=1e-6,
         )
 
-    @pytest.mark.parametrize("lost", [(), (0,), (2, 6)])
+    @pytest.mark.parametrize("lost", [(), (2, 6)])
     def test_claimed_standard_errors_hold(self, lost: tuple[int, ...]) -> None:
-        _, miss, variance = self._fits(MICRO, LOOK, lost)
+        _, miss, variance = self._fits(MICRO, DISTORTION, lost)
         squares = miss**2 / variance
         low, high = chi2.interval(0.9999, squares.size) / np.float64(squares.size)
         assert 0.9 < low < squares.mean() < high < 1.1
@@ -274,34 +283,38 @@ class TestNoise:
 
 
 class TestSharedSensitivity:
-    def test_is_what_a_change_leaves_after_the_pixel_has_adapted(
-        self, rng: np.random.Generator
-    ) -> None:
-        """Central differences of the residual of refitted pixels."""
+    def test_is_the_change_of_residuals_of_refitted_pixels(self, rng: np.random.Generator) -> None:
+        """Against central differences."""
         x = columns(rng, 30)
         scattered = rng.uniform(0, 80, 30)
-        samples = photograph(MICRO, LOOK, x, 120.0, 60.0) + rng.normal(0, 0.01, (30, 8))
+        samples = photograph(MICRO, DISTORTION, x, 120.0, 60.0) + rng.normal(0, 0.01, (30, 8))
         keep = np.ones(samples.shape, bool)
-        fit = fit_waves(samples, keep, MICRO, LOOK, x)
-        left, by_look, basis = shared_sensitivity(samples, MICRO, LOOK, fit)
+        fit = fit_waves(samples, keep, MICRO, DISTORTION, x)
+        left, by_distortion, basis = shared_sensitivity(samples, MICRO, DISTORTION, fit)
         own = np.einsum("bnk,bnl->nkl", basis, basis)
         by_flux = scattered[:, None, None] * (np.eye(8) - own)
-        shared = np.concatenate([np.moveaxis(by_look, 0, -1), by_flux], axis=-1)
+        shared = np.concatenate([np.moveaxis(by_distortion, 0, -1), by_flux], axis=-1)
         np.testing.assert_allclose(np.einsum("bnk,nk->bn", basis, left), 0, atol=1e-12)
         step = 1e-4
         for i in range(10):
             sides = []
             for sign in (1, -1):
-                look, seen = LOOK, samples
+                distortion, seen = DISTORTION, samples
                 if i == 0:
-                    look = WaveDistortion(LOOK.blur_px2 + sign * step, LOOK.harmonic)
+                    distortion = WaveDistortion(
+                        DISTORTION.blur_px2 + sign * step, DISTORTION.harmonic
+                    )
                 elif i == 1:
-                    look = WaveDistortion(LOOK.blur_px2, LOOK.harmonic + sign * step)
+                    distortion = WaveDistortion(
+                        DISTORTION.blur_px2, DISTORTION.harmonic + sign * step
+                    )
                 else:
                     seen = samples - sign * step * scattered[:, None] * np.eye(8)[i - 2]
-                again = fit_waves(seen, keep, MICRO, look, fit.x)
-                model = photograph(MICRO, look, again.x, again.offset, 1.0)
-                model += (again.amplitude - 1)[:, None] * photograph(MICRO, look, again.x, 0.0, 1.0)
+                again = fit_waves(seen, keep, MICRO, distortion, fit.x)
+                model = photograph(MICRO, distortion, again.x, again.offset, 1.0)
+                model += (again.amplitude - 1)[:, None] * photograph(
+                    MICRO, distortion, again.x, 0.0, 1.0
+                )
                 sides.append(seen - model)
             found = -(sides[0] - sides[1]) / (2 * step)
             # residuals bend with the noise that is left

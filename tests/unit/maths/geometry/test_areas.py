@@ -31,7 +31,7 @@ def lens(size: tuple[int, int]) -> Lens:
     return Lens("brown", np.array([focal, focal]), (np.array(size) - 1) / 2, np.zeros(5))
 
 
-def landing(size: tuple[int, int], x: np.ndarray, y: np.ndarray) -> np.ndarray:
+def points_at(size: tuple[int, int], x: np.ndarray, y: np.ndarray) -> np.ndarray:
     pixels = np.stack(np.meshgrid(x, y), axis=-1)
     return intersect_sphere(PLACE, unproject(pixels, lens(size)) @ rotation().T, RADIUS_M)
 
@@ -50,7 +50,7 @@ def quadrature(size: tuple[int, int], nodes: int = 4) -> np.ndarray:
         for dy, wy in zip(at / 2, weight / 2, strict=True):
             x, y = np.arange(width) + dx, np.arange(height) + dy
             rays = unproject(np.stack(np.meshgrid(x, y), axis=-1), lens(size))
-            point = landing(size, x, y)
+            point = points_at(size, x, y)
             away = np.linalg.norm(point - PLACE, axis=-1)
             incidence = np.sum((point - PLACE) * point, axis=-1) / (away * RADIUS_M)
             total += wx * wy * rays[..., 2] ** 3 / focal**2 * away**2 / (RADIUS_M**2 * incidence)
@@ -59,7 +59,7 @@ def quadrature(size: tuple[int, int], nodes: int = 4) -> np.ndarray:
 
 class TestSolidAngles:
     def test_of_every_pixel_are_those_of_the_quadrature(self) -> None:
-        found = panel_solid_angles(SIZE, lambda x, y: normalise(landing(SIZE, x, y)))
+        found = panel_solid_angles(SIZE, lambda x, y: normalise(points_at(SIZE, x, y)))
         truth = quadrature(SIZE)
         np.testing.assert_allclose(truth, quadrature(SIZE, 6), rtol=1e-10)
         assert np.abs(found / truth - 1).max() < 1e-5
@@ -84,13 +84,13 @@ class TestSolidAngles:
 
         def directions(x: np.ndarray, y: np.ndarray) -> np.ndarray:
             asked.append((len(x), len(y)))
-            return normalise(landing((1000, 300), x, y))
+            return normalise(points_at((1000, 300), x, y))
 
         found = panel_solid_angles((1000, 300), directions)
         assert all(nx == 1001 and nx * ny <= BLOCK for nx, ny in asked)
         assert sum(ny for _, ny in asked) == 301
         x, y = np.arange(1001) - 0.5, np.arange(301) - 0.5
-        whole = grid_solid_angles(normalise(landing((1000, 300), x, y)))
+        whole = grid_solid_angles(normalise(points_at((1000, 300), x, y)))
         np.testing.assert_allclose(found, whole, rtol=1e-12)
 
     def test_a_panel_wider_than_a_block(self) -> None:
@@ -111,15 +111,15 @@ class TestAreas:
         np.testing.assert_allclose(panel_areas((40, 30), wall), (3 / focal) ** 2, rtol=1e-12)
 
     def test_of_a_sphere_lack_the_bulge_only(self) -> None:
-        found = panel_areas(SIZE, lambda x, y: landing(SIZE, x, y))
+        found = panel_areas(SIZE, lambda x, y: points_at(SIZE, x, y))
         truth = quadrature(SIZE) * RADIUS_M**2
         assert np.abs(found / truth - 1).max() < 1e-5
 
     def test_blocks_are_one_grid(self) -> None:
         size = (2000, 70)
         x, y = np.arange(2001) - 0.5, np.arange(71) - 0.5
-        found = panel_areas(size, lambda x, y: landing(size, x, y))
-        np.testing.assert_allclose(found, quad_areas(landing(size, x, y)), rtol=1e-12)
+        found = panel_areas(size, lambda x, y: points_at(size, x, y))
+        np.testing.assert_allclose(found, quad_areas(points_at(size, x, y)), rtol=1e-12)
 
     def test_nan_corners_give_nan(self) -> None:
         corners = np.stack([*np.meshgrid(np.arange(4.0), np.arange(3.0)), np.zeros((3, 4))], -1)

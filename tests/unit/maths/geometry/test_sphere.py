@@ -124,16 +124,16 @@ class TestSolidAngles:
         assert triangle_solid_angles(FRONT, LEFT, POLE) == pytest.approx(np.pi / 2)
         assert triangle_solid_angles(LEFT, FRONT, POLE) == pytest.approx(-np.pi / 2)
 
-    def test_triangles_against_the_angle_excess(self, rng: np.random.Generator) -> None:
+    def test_triangles_against_girards_theorem(self, rng: np.random.Generator) -> None:
         a, b, c = np.moveaxis(normalise(rng.normal(size=(200, 3, 3))), 1, 0)
 
         def corner(p: np.ndarray, q: np.ndarray, r: np.ndarray) -> np.ndarray:
             u, v = np.cross(p, q), np.cross(p, r)
             return np.arctan2(np.linalg.norm(np.cross(u, v), axis=-1), np.sum(u * v, axis=-1))
 
-        excess = corner(a, b, c) + corner(b, c, a) + corner(c, a, b) - np.pi
+        expected = corner(a, b, c) + corner(b, c, a) + corner(c, a, b) - np.pi
         found = np.abs(triangle_solid_angles(a, b, c))
-        np.testing.assert_allclose(found, excess, atol=1e-11)
+        np.testing.assert_allclose(found, expected, atol=1e-11)
 
     def test_a_tiny_triangle_keeps_its_digits(self) -> None:
         edge = 1e-6

@@ -12,7 +12,7 @@ steps = st.lists(st.floats(0.01, 1.0), min_size=2, max_size=20)
 
 
 def _table(step: list[float]) -> tuple[np.ndarray, np.ndarray]:
-    """A rising curve with the given increments, another per channel."""
+    """A rising curve with the given increments, different per channel."""
     curve = np.cumsum([0.0, *step]) / sum(step)
     values = np.stack([curve, curve**1.5, np.sqrt(curve)], axis=1)
     return np.linspace(0, 1, len(curve)), values
@@ -27,7 +27,7 @@ def test_any_rising_curve_round_trips(step: list[float], drive: float) -> None:
 
 
 @given(step=steps, linear=st.floats(0, 1))
-def test_any_light_within_reach_is_reached(step: list[float], linear: float) -> None:
+def test_any_light_of_the_table_is_reached(step: list[float], linear: float) -> None:
     levels, values = _table(step)
     light = np.full((1, 3), linear)
     again = apply_curve(invert_curve(light, levels, values), levels, values)
@@ -40,7 +40,7 @@ def test_channels_have_their_own_curves() -> None:
     np.testing.assert_array_equal(found, np.broadcast_to([0.5, 0.25, 0.125], (2, 1, 3)))
 
 
-def test_out_of_reach_is_clipped_to_the_ends() -> None:
+def test_light_outside_the_table_is_clipped() -> None:
     levels, values = _table([0.2, 0.3])
     assert invert_curve(np.array([[-1.0, 2.0, 0.0]]), levels, values).tolist() == [[0.0, 1.0, 0.0]]
 
@@ -56,11 +56,11 @@ class TestSrgb:
     @given(linear=st.floats(0, 1))
     def test_round_trip(self, linear: float) -> None:
         back = srgb_decode(srgb_encode(np.array(linear)))
-        # the standard's two pieces meet only to 3e-8
+        # the two segments of the standard agree only to 3e-8
         assert float(back) == pytest.approx(linear, abs=1e-7)
 
     def test_negative_light_is_black(self) -> None:
         assert float(srgb_encode(np.array(-0.5))) == 0.0
 
-    def test_never_falls(self) -> None:
+    def test_is_monotone(self) -> None:
         assert (np.diff(srgb_encode(np.linspace(0, 1, 100001))) > 0).all()

@@ -14,8 +14,8 @@ from procam.maths.light.radiosity import (
     floor_return,
     flux,
     remove_interreflection,
-    remove_interreflection_paper,
 )
+from studies.closed_forms import remove_interreflection_paper
 
 counts = st.integers(1, 40)
 seeds = st.integers(0, 2**31)
@@ -59,7 +59,7 @@ def test_channels_do_not_mix() -> None:
 
 
 def test_flux_refuses_patches_that_do_not_match() -> None:
-    with pytest.raises(ShapeError, match=r"solid_angle_sr: got shape \(3,\), expected \(4,\)"):
+    with pytest.raises(ShapeError, match=r"solid_angle_sr has shape \(3,\); it needs \(4,\)"):
         flux(np.ones((4, 3)), np.ones(3))
 
 
@@ -74,7 +74,7 @@ def test_paper_equation_12_to_the_letter() -> None:
 class TestFloorReturn:
     @pytest.mark.parametrize("half_angle_deg", [30.0, 60.0, 90.0])
     def test_a_level_floor_that_closes_the_cap(self, half_angle_deg: float) -> None:
-        """Returned share is rho_f (1 - f): K = [1 + rho_f (1 - f)/f] / A_s (science.md s.1)."""
+        """Returned share is rho_f (1 - f): K = [1 + rho_f (1 - f)/f] / A_s (I14)."""
         half_angle = np.radians(half_angle_deg)
         fraction = cap_solid_angle(half_angle) / (4 * np.pi)
         found = floor_return(half_angle, 0.0, 0.2)
@@ -108,5 +108,5 @@ class TestAlbedo:
 
     @pytest.mark.parametrize("lit", [0.0, -1.0, 6.4])
     def test_refuses_a_lit_part_larger_than_the_screen(self, lit: float) -> None:
-        with pytest.raises(InputError, match=r"lit solid angle: got .* half_angle_deg"):
+        with pytest.raises(InputError, match=r"lit solid angle is .* half_angle_deg"):
             albedo_from_feedback(np.array([0.3]), lit, 2 * np.pi)

@@ -39,7 +39,7 @@ def test_discs() -> None:
     assert found == pytest.approx(0.381966011, abs=1e-6)
 
 
-@pytest.mark.parametrize("height", [0.3, 1.0, 4.0])
+@pytest.mark.parametrize("height", [0.3, 4.0])
 def test_parts_add_up(height: float) -> None:
     """A square in two triangles; they share a corner with nothing of the other."""
     above = _facing(height)
@@ -64,8 +64,8 @@ def test_far_apart_it_is_the_kernel() -> None:
     assert _between(SQUARE, _facing(50.0)) == pytest.approx(1 / (np.pi * 50.0**2), rel=1e-3)
 
 
-def test_both_ways_alike(rng: np.random.Generator) -> None:
-    """Reciprocity, over triangles that face each other at random."""
+def test_reciprocity(rng: np.random.Generator) -> None:
+    """Over random triangles that face each other."""
     low = rng.uniform(0, 1, (50, 3, 3)) * [1, 1, 0.05]
     high = rng.uniform(0, 1, (50, 3, 3)) * [1, 1, 0.05] + [0, 0, 1]
     for some, up in ((low, 1), (high, -1)):

@@ -1,4 +1,4 @@
-"""Light of projectors on the faces of any screen."""
+"""Irradiance by projectors on the faces of a mesh."""
 
 import numpy as np
 from mesh_shapes import box, fine_box, hemisphere
@@ -9,7 +9,7 @@ from procam.maths.geometry.sphere import triangle_solid_angles
 from procam.maths.mesh.coupling import projector_coupling
 from procam.maths.mesh.facets import face_areas
 from procam.maths.mesh.form_factors import form_factors
-from procam.maths.mesh.radiosity import add_bounces
+from procam.maths.mesh.radiosity import add_mesh_interreflection
 
 SIZE = (64, 48)
 FORWARD = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])  # +x ahead, z up
@@ -22,7 +22,7 @@ def projector(focal: float, turn: np.ndarray = FORWARD) -> tuple[Lens, Pose, tup
     return lens, Pose(turn, np.zeros(3)), SIZE
 
 
-def test_all_light_lands_in_a_closed_room() -> None:
+def test_all_light_arrives_in_a_closed_room() -> None:
     vertices, faces = box((-1, -2, -1), (3, 2, 1))
     coupling = projector_coupling(vertices, faces, projector(20.0))
     flux = np.random.default_rng(0).uniform(size=SIZE[0] * SIZE[1])
@@ -34,7 +34,7 @@ def test_light_beyond_an_open_screen_is_lost() -> None:
     vertices, faces = hemisphere(3.0, 12)
     coupling = projector_coupling(
         vertices, faces, projector(20.0)
-    )  # half of it looks below the rim
+    )  # half of it points below the rim
     landed = face_areas(vertices, faces) @ coupling.toarray()
     rows = landed.reshape(SIZE[1], SIZE[0])
     np.testing.assert_allclose(rows[: SIZE[1] // 2 - 1], 1, rtol=1e-9)
@@ -79,6 +79,6 @@ def test_scattered_light_of_a_projector_in_a_box() -> None:
     coupling = projector_coupling(vertices, faces, projector(20.0))
     flux = np.full(SIZE[0] * SIZE[1], 0.5)
     direct = albedo * (coupling @ flux)[:, None]
-    total = add_bounces(direct, albedo, form_factors(vertices, faces))
+    total = add_mesh_interreflection(direct, albedo, form_factors(vertices, faces))
     absorbed = (1 - albedo) / albedo * total
     np.testing.assert_allclose(areas @ absorbed, flux.sum(), rtol=1e-5)

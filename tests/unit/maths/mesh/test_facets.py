@@ -41,7 +41,7 @@ class TestNormals:
         found = corner_normals(vertices, faces)
         assert np.abs(found + vertices[faces] / 3.0).max() < 100 * CLOSED_FORM
 
-    @pytest.mark.parametrize("steps", [1, 2, 7, 40])
+    @pytest.mark.parametrize("steps", [1, 7, 40])
     def test_at_the_rim_of_a_hemisphere_too(self, steps: int) -> None:
         vertices, faces = hemisphere(3.0, steps)
         if steps == 1:  # faces meet at more than 30 degrees: an octahedron, not a sphere
@@ -109,7 +109,7 @@ class TestPatches:
             sides.append(patch_points(found[half_edge // 3], u, v)[0])
         np.testing.assert_allclose(*sides, atol=CLOSED_FORM)
 
-    @pytest.mark.parametrize("steps", [10, 20, 40])
+    @pytest.mark.parametrize("steps", [10, 40])
     def test_meet_a_sphere_to_the_fourth_order(self, steps: int) -> None:
         """At the middle of an edge of angle t the radius is 1 - 9/384 t^4 (series by hand)."""
         vertices, faces = hemisphere(1.0, steps)

@@ -58,7 +58,7 @@ def test_a_sphere_gives_every_face_its_share() -> None:
 
 
 def test_an_open_dome_loses_what_leaves_it() -> None:
-    """A hemisphere sees itself with the half that is left of a sphere."""
+    """Half of the light of a hemisphere meets the hemisphere."""
     vertices, faces = mesh_shapes.hemisphere(3.0, 14)
     area = face_areas(vertices, faces)
     kept = area @ form_factors(vertices, faces).sum(axis=1) / area.sum()
@@ -89,7 +89,7 @@ def _walls_met(origin: np.ndarray, direction: np.ndarray) -> np.ndarray:
     return np.where((enter > 1e-9) & (enter < far.min(axis=1)), column, room)
 
 
-def test_what_stands_in_between_hides() -> None:
+def test_occluded_faces_exchange_no_light() -> None:
     vertices, faces = _room_with_column()
     factors = form_factors(vertices, faces)
     rng, count, first = np.random.default_rng(1), 400_000, 10 * 10 * 12

@@ -1,0 +1,62 @@
+"""Continuation of fields beyond the lit part of a dome, where interpolation at its border reads."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procam.kernels.frame import FrameModel
+
+Map = NDArray[np.float32]
+WELL_LIT = 0.5  # least coverage of a node whose measured light is used
+REACH = 6  # nodes to continue beyond that: the width of a fading border and of a band of node rows
+CONTINUED = ("spread", "lo", "hi", "gain")
+AROUND = np.array([(y, x) for y in (-1, 0, 1) for x in (-1, 0, 1)]).T
+
+
+def continued(model: FrameModel) -> FrameModel:
+    """A model whose fields are continued for some nodes beyond the well lit part, for interpolation.
+
+    Faintly lit nodes further out keep their values and are continued in turn; unlit nodes beyond are 0.
+    """
+    lit, given = model.coverage > 0, {n: getattr(model, n) for n in CONTINUED}
+    shapes = {n: field.shape for n, field in given.items() if field is not None}
+    flat = {n: np.array(given[n], np.float32).reshape(lit.size, -1) for n in shapes}
+    dark = np.flatnonzero(~lit)
+    for field in flat.values():
+        field[dark] = 0
+    known = _spread_out(flat, model.coverage >= WELL_LIT)
+    if (lit & ~known).any():
+        _spread_out(flat, known | lit)
+    continued: dict[str, Any] = {n: field.reshape(shapes[n]) for n, field in flat.items()}
+    return replace(model, **continued)
+
+
+def _spread_out(fields: dict[str, Map], known: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Continue fields (M * M, C) ring by ring beyond known nodes (M, M); returns all that are known then."""
+    known = known.copy()
+    for _ in range(REACH):
+        at, near, share = _ring(known)
+        for field in fields.values():
+            field[at] = np.matmul(share[:, None], field[near])[:, 0]
+        known.flat[at] = True
+    return known
+
+
+def _ring(known: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp], Map]:
+    """Unknown nodes (P,) next to known ones, the nine nodes (P, 9) around each, and their weights (P, 9)."""
+    edge = len(known)
+    at = np.flatnonzero(_grown(known) & ~known)
+    y, x = (n[:, None] + step for n, step in zip(np.divmod(at, edge), AROUND, strict=True))
+    near = np.clip(y, 0, edge - 1) * edge + np.clip(x, 0, edge - 1)
+    inside = (np.minimum(x, y) >= 0) & (np.maximum(x, y) < edge)
+    share = (known.ravel()[near] & inside).astype(np.float32)
+    return at, near, share / share.sum(axis=1, keepdims=True)
+
+
+def _grown(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """A mask grown by one node, at corners too."""
+    wide = np.pad(mask, 1)
+    tall = wide[:-2] | wide[1:-1] | wide[2:]
+    return np.asarray(tall[:, :-2] | tall[:, 1:-1] | tall[:, 2:])

@@ -1,0 +1,279 @@
+"""Compensation of dome masters: exact (P), least squares (W), and simpler methods for comparison.
+
+`Fields` turns a calibration into the frame model, `FrameEquations` solves it for a picture, and the
+kernels write the light to send. A `Compensator` joins them for content of any type: 8-bit content stays
+as it is and goes through tables, other encoded content is decoded before and encoded after.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procam.compensate.content import ContentCodec
+from procam.compensate.equations import FrameEquations, Solution
+from procam.compensate.fields import Fields
+from procam.errors import InputError
+from procam.kernels.frame import (
+    Coding,
+    check_pictures,
+    frame_apply,
+    frame_sums,
+    scattered_light,
+)
+from procam.kernels.frame.reference import interpolated
+from procam.maths.light.transfer import transfer
+from procam.model.calibration import Calibration
+
+Array = NDArray[np.float64]
+Image = NDArray[np.float32]
+METHODS = ("exact", "subtract", "least-squares", "paper-eq12", "none")
+CHANNELS = 3
+DARKEST = 1e-5  # moments [rel sr] of a black frame: certificates are relative to no less
+
+
+@dataclass(frozen=True, slots=True)
+class Compensated:
+    """A compensated picture, all on the content's own dome master.
+
+    Attributes
+    ----------
+    direct : (N, N, 3) direct light of the projectors [rel]; 0 where nothing is lit, and the content
+        itself, even beyond the limits, where it is protected.
+    observed : (N, N, 3) total light as the audience sees it [rel].
+    free : (N, N, 3) neither a limit nor protection holds: observed equals the target there.
+    flux : (3,) direct flux [rel sr].
+    """
+
+    direct: Image
+    observed: Image
+    free: NDArray[np.bool_]
+    flux: Array
+
+
+@dataclass(frozen=True, slots=True)
+class Certificate:
+    """How well a compensated frame solves its equations, at full strength.
+
+    Attributes
+    ----------
+    kkt : residual of the optimality conditions, relative to the moments of the light; NaN for methods
+        without an optimum.
+    self_consistency : moments of the light sent less those assumed for the scattered light; relative.
+    share_lo, share_hi : (3,) share of the lit solid angle where a limit holds.
+    flux_in, flux_out : (3,) of the content under its white, and of the light sent [rel sr].
+    """
+
+    kkt: float
+    self_consistency: float
+    share_lo: Array
+    share_hi: Array
+    flux_in: Array
+    flux_out: Array
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Solved:
+    """A solved frame: its content as the kernels take it, which nobody has overwritten, and its solution."""
+
+    content: NDArray[Any]
+    coding: Coding
+    solution: Solution
+
+
+class Compensator:
+    """Compensates dome masters of one size for one calibration.
+
+    Protected places are left as they are; their light counts for the rest of the dome. Frames are
+    solved in turn, each from the solution of the last.
+
+    Parameters
+    ----------
+    calibration : with maps of the dome.
+    size : edge of the square content [px].
+    method : "exact" solves (P) of science.md s.5: what no limit holds is reproduced exactly.
+        "least-squares" (W) has the least squared error over the dome. "subtract" takes off the light
+        that would be scattered without limits, then clamps (van Baar et al. 2011, eq. 12, with all
+        that reflects). "paper-eq12" is that equation to the letter, with the lit area alone. "none"
+        clamps.
+    state : name of the venue state to compensate for; None for the venue as it was calibrated.
+    strength : 0 gives the content itself, 1 the full result, mixed as encoded.
+    white : what content 1.0 is, see `Fields.of`.
+    transfer_name : the content's transfer function, see `maths.transfer`; None: srgb for integers,
+        linear for floats.
+
+    Raises
+    ------
+    InputError
+        An unknown method, white or transfer function, a strength outside 0..1, or a state that the
+        calibration does not have.
+
+    Notes
+    -----
+    In a state of ratio r and ambient light A, u becomes r u, and the light of the room's own lamps is
+    added. Light adds up: with e the lamps' irradiance before any bounce, the total is N (b0 + e) =
+    N b0 + N e. A camera that photographs the screen while the projectors are dark measures A = N e,
+    with all bounces. So A is added to the total, never to the direct light `lo`, where it would be
+    scattered once more. The wanted light is N b0 = t - A: (P) of science.md s.5 with t - A for t.
+    Where A exceeds the target that is negative, and the clip at lo holds as for any black. Methods
+    "paper-eq12" and "none" ignore the lamps.
+    """
+
+    def __init__(
+        self,
+        calibration: Calibration,
+        size: int,
+        method: str = "exact",
+        state: str | None = None,
+        *,
+        strength: float = 1.0,
+        white: str = "summed",
+        transfer_name: str | None = None,
+    ) -> None:
+        if method not in METHODS:
+            raise InputError(f"method: {method!r} is unknown; choose one of {', '.join(METHODS)}")
+        if not 0 <= strength <= 1:
+            raise InputError(
+                f"strength: {strength} is outside 0 (the content itself) to 1 (the full result)"
+            )
+        self.method, self.size, self.strength = method, size, strength
+        known = transfer(transfer_name) if transfer_name else None
+        self.fields = Fields.of(calibration, size, state, white)
+        self._equations = FrameEquations(self.fields, method, calibration.albedo.value)
+        self._codec = ContentCodec(known, strength, self.fields.protected)
+        self._solved: _Solved | None = None
+        #: (3, 9) polynomial of the last frame's scattered light (`Fields.coefficients_of`)
+        self.coefficients: Array = self._equations.nothing.coefficients
+
+    @property
+    def protected(self) -> NDArray[np.bool_]:
+        """(N, N) where the content is sent unchanged."""
+        none = np.zeros((self.size, self.size), bool)
+        return none if self.fields.protected is None else self.fields.protected
+
+    @cached_property
+    def lit(self) -> NDArray[np.bool_]:
+        """(N, N) where projectors reach."""
+        return interpolated(self.fields.shown, self.fields.shown.coverage, slice(None)) > 0
+
+    def frame(self, image: NDArray[Any], out: NDArray[Any] | None = None) -> NDArray[Any]:
+        """The light to send, encoded as the content is.
+
+        Parameters
+        ----------
+        image : (N, N, 3) uint8, uint16, float16 or float32; 1.0 (255, 65535) is the white; values
+            that are not finite count as black.
+        out : array like it to write to, which may be `image` itself.
+
+        Raises
+        ------
+        ShapeError, InputError
+            Another shape or element type.
+        """
+        check_pictures(self.size, image, out)
+        content, coding = self._codec.decoded(image)
+        held, self._solved = self._codec.protected_pixels(image), None
+        to = out if content is image else None
+        sent, solution = self._equations.frame(content, coding, to)
+        self.coefficients = solution.coefficients
+        if out is None or not np.may_share_memory(image, out):
+            self._solved = _Solved(content, coding, solution)
+        return self._codec.finished(image, sent, None if content is image else coding, out, held)
+
+    def apply(
+        self, image: NDArray[Any], coefficients: Array, out: NDArray[Any] | None = None
+    ) -> NDArray[Any]:
+        """`frame` with known coefficients (3, 9), such as a track's; nothing is solved."""
+        check_pictures(self.size, image, out)
+        content, coding = self._codec.decoded(image)
+        held, self._solved, self.coefficients = (
+            self._codec.protected_pixels(image),
+            None,
+            coefficients,
+        )
+        solution = replace(self._equations.nothing, coefficients=coefficients)
+        to = out if content is image else None
+        sent = self._equations.apply(content, coding, solution, to)
+        return self._codec.finished(image, sent, None if content is image else coding, out, held)
+
+    @property
+    def certificate(self) -> Certificate:
+        """Of the last frame; costs a few evaluations of it."""
+        if self._solved is None:
+            raise InputError(
+                "certificate: there is no frame to certify; call frame() first, and do not write over "
+                "its content"
+            )
+        content, coding, solution = (
+            self._solved.content,
+            self._solved.coding,
+            self._solved.solution,
+        )
+        equations = self._equations
+
+        def sums(what: str) -> Array:
+            return equations.sums(content, solution, what, coding)
+
+        lit = float(self.fields.gram[0, 0])
+        sent = sums("light")
+        missed = residual = sent - solution.moments
+        if solution.pull is not None:
+            residual = equations.residual(content, coding, solution)
+        moments = max(np.abs(sent).max(), DARKEST)
+        optimal = self.method in ("exact", "least-squares")
+        dark = np.zeros_like(equations.light(solution))
+        return Certificate(
+            float(np.abs(residual).max() / moments) if optimal else float("nan"),
+            float(np.abs(missed).max() / moments),
+            sums("at least")[:, 0] / lit,
+            sums("at most")[:, 0] / lit,
+            frame_sums(equations.model, content, dark, "content", coding)[:, 0],
+            sent[:, 0],
+        )
+
+    def solve(self, image: Image) -> Compensated:
+        """The compensated picture in linear light, its total as the audience sees it, where it clips."""
+        check_pictures(self.size, image)
+        content, self._solved = np.ascontiguousarray(image, np.float32), None
+        equations, coding = self._equations, self._codec.coding("linear", np.inf, 1.0)
+        solution, _ = equations.solve(content, coding)
+        self._solved = _Solved(content, coding, solution)
+        self.coefficients = solution.coefficients
+        shown, every, lit = equations.shown, slice(None), self.lit[..., None]
+        light = equations.shown_light(solution)
+        direct = frame_apply(shown, content, light, coding)
+        wanted = self._under_white(content) - interpolated(shown, light, every)
+        assert shown.hi is not None
+        lo, hi = (interpolated(shown, field, every) for field in (shown.lo, shown.hi))
+        free, kept = (wanted > lo) & (wanted < hi) & lit, self.protected
+        counted = np.where(kept[..., None] & lit, np.clip(content, lo, hi), direct)
+        scattered = self._scattered(content, coding, solution)
+        observed = np.where(lit, counted + scattered, 0)
+        sums = equations.sums(content, solution, "light", coding)
+        direct[kept], free[kept] = image[kept], False
+        return Compensated(direct, observed.astype(np.float32), free, sums[:, 0])
+
+    def target(self, image: Image) -> Image:
+        """The total light to aim for (N, N, 3): the content under its white, or itself where protected."""
+        wanted = np.where(self.lit[..., None], self._under_white(image), 0).astype(np.float32)
+        kept = self.protected & self.lit
+        wanted[kept] = image[kept]
+        return wanted
+
+    def _under_white(self, image: Image) -> Image:
+        gain = self.fields.shown.gain
+        if gain is None:
+            return image
+        return image * interpolated(self.fields.shown, gain, slice(None))[..., None].astype(
+            np.float32
+        )
+
+    def _scattered(self, content: Image, coding: Coding, solution: Solution) -> Array:
+        """Scattered light (N, N, 3) of the light sent, whatever the method, and the lamps'."""
+        equations, shown = self._equations, self.fields.shown
+        model = replace(equations.model, terms=shown.terms)
+        sums = frame_sums(model, content, equations.light(solution), "light", coding)
+        coefficients = self.fields.coefficients_of(sums)
+        return interpolated(shown, scattered_light(shown, coefficients), slice(None))

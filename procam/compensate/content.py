@@ -1,0 +1,77 @@
+"""Content of any type for the frame kernels, and their results as content of that type."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procam.kernels.frame import Coding
+from procam.kernels.frame.coding import WHOLE
+from procam.maths.codes.dither import threshold_tile
+from procam.maths.light.transfer import Transfer, transfer
+
+
+@dataclass(frozen=True)
+class ContentCodec:
+    """How content is decoded and results are encoded.
+
+    8-bit content and linear content go to the kernels as they are, with a `Coding`. Other content is
+    decoded here first, and results are encoded here afterwards.
+
+    Attributes
+    ----------
+    transfer : of the content; None: srgb for integers, linear for floats.
+    strength : of the compensation, 0 to 1.
+    protected : (N, N) where content is sent unchanged, or None.
+    """
+
+    transfer: Transfer | None
+    strength: float
+    protected: NDArray[np.bool_] | None
+    _codings: dict[tuple[str, float, float], Coding] = field(default_factory=dict)
+
+    def decoded(self, image: NDArray[Any]) -> tuple[NDArray[Any], Coding]:
+        """The content for the kernels: 8 bits as they are, other types in linear light."""
+        integer = image.dtype in WHOLE
+        name = self.transfer.name if self.transfer else "srgb" if integer else "linear"
+        top = 1.0 if integer else np.inf
+        if image.dtype == np.uint8 or name == "linear":
+            return image, self.coding(name, top, self.strength)
+        value = image.astype(np.float32) / np.float32(WHOLE.get(image.dtype, 1))
+        linear = transfer(name).decode(value).astype(np.float32)
+        return linear, self.coding(name, top, 1.0)
+
+    def coding(self, name: str, top: float, strength: float) -> Coding:
+        """The coding for a transfer function, the most light to send [rel] and a strength."""
+        key = name, top, strength
+        if key not in self._codings:
+            known = transfer(name)
+            made = Coding(known.decode, known.encode, threshold_tile(), strength, top)
+            self._codings[key] = made
+        return self._codings[key]
+
+    def protected_pixels(self, image: NDArray[Any]) -> NDArray[Any] | None:
+        """Values of an image where content is sent unchanged, or None."""
+        return None if self.protected is None else image[self.protected]
+
+    def finished(
+        self,
+        image: NDArray[Any],
+        sent: NDArray[Any],
+        coding: Coding | None,
+        out: NDArray[Any] | None,
+        held: NDArray[Any] | None,
+    ) -> NDArray[Any]:
+        """Light encoded as the image is, by `coding` unless it is so already; protected pixels put back."""
+        if coding is not None:
+            whole = WHOLE.get(image.dtype)
+            value = np.asarray(coding.encode(sent)) * (whole or 1.0)
+            mixed = image + self.strength * (value - image)
+            sent = (np.rint(mixed) if whole else mixed).astype(image.dtype)
+            if out is not None:
+                out[...] = sent
+                sent = out
+        if held is not None:
+            sent[self.protected] = held
+        return sent

@@ -1,0 +1,67 @@
+"""Scatter, feedback and albedo of the dome, from the light of all projectors in content channels."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procam.estimate.geometry.camera_view import DomeView
+from procam.estimate.light.floor_albedo import FloorLight, combined_floor_albedo, measure_floor
+from procam.estimate.light.scatter_kernel import ScatterSample, ScatterSolution, solve_scatter
+from procam.estimate.light.separation import SeparatedLight, estimate_albedo, estimate_feedback
+from procam.maths.geometry.sphere import cap_solid_angle, master_pixels, master_solid_angles
+from procam.maths.warp import sample
+from procam.model.screen import Dome
+from procam.model.transport import Measured
+
+Array = NDArray[np.float64]
+Image = NDArray[np.float32]
+ROUGH_ALBEDO = 0.5  # of the screen; the distribution of scattered light hardly depends on it
+
+
+@dataclass(frozen=True, slots=True)
+class DomeScatter:
+    """Scatter, feedback and albedo of the dome; `dome` has the combined floor albedo."""
+
+    dome: Dome
+    solution: ScatterSolution
+    floor: FloorLight
+    feedback: Measured
+    albedo: Measured
+
+
+def measure_scatter(
+    dome: Dome,
+    view: DomeView,
+    lights: Sequence[SeparatedLight],
+    samples: Sequence[Sequence[ScatterSample]],
+    white: Array,
+    coverage: Image,
+) -> DomeScatter:
+    """Estimate scatter, feedback, albedo and the floor's albedo.
+
+    Parameters
+    ----------
+    dome, view : the screen, and the main camera's view of it.
+    lights : white of each projector. samples : of each projector, its white first.
+    white : (N, C) flux of full white per cell [rel sr]. coverage : (M, M) on a dome master.
+    """
+    together = [x for each in samples for x in each]
+    solution = solve_scatter(lights, samples, view, white)
+    floor = measure_floor(together, solution.in_cells, white, dome, ROUGH_ALBEDO)
+    value, sigma = combined_floor_albedo(dome, floor)
+    dome = replace(dome, floor_albedo=value, floor_albedo_sigma=sigma)
+    at = master_pixels(np.nan_to_num(view.direction), len(coverage))
+    m = estimate_feedback(
+        lights,
+        solution.relative_gains,
+        sample(coverage, at) * view.solid_angle_sr,
+        view.solid_angle_sr,
+        glare_sigma=view.camera.sensor.glare_sigma,
+        flux_sigma=floor.flux_inconsistency / np.sqrt(len(together)),
+    )
+    lit_sr = float((master_solid_angles(len(coverage)) * coverage).sum())
+    screen_sr = cap_solid_angle(dome.half_angle)
+    rho = estimate_albedo(m, lit_sr, screen_sr, dome, floor.flux_inconsistency)
+    return DomeScatter(dome, solution, floor, m, rho)

@@ -1,0 +1,195 @@
+"""Compensation of dome masters: sums of their direct light over the dome, and the light to send.
+
+Both read the picture once and take the same steps for each value: decode, subtract scattered light,
+clip. The model's fields are read at their own, coarser, resolution and interpolated on the fly, so the
+time is near that of moving the picture through memory.
+"""
+
+import ctypes
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procam.errors import InputError, ShapeError
+from procam.kernels.frame import reference
+from procam.kernels.frame.coding import Coding
+from procam.kernels.frame.grid import CHANNELS, POSITIONS, STRIP, Plane
+from procam.kernels.frame.model import SPARE, TERMS, FrameModel, padded
+from procam.kernels.native.arrays import aligned_like, pointer
+from procam.kernels.native.loader import chosen
+
+Double = NDArray[np.float64]
+KINDS = {np.dtype(t): n for n, t in enumerate((np.uint8, np.uint16, np.float32, np.float16))}
+MODES = {"light": 0, "content": 1, "excess": 2, "at least": 3, "at most": 4}
+APPLY = 5
+CHUNK = 64  # as in frame.h
+
+
+class _Frame(ctypes.Structure):
+    """struct procam_frame of native/kernels.h."""
+
+    _fields_ = [
+        ("size", ctypes.c_size_t),
+        *((name, ctypes.c_int) for name in ("kind", "nodes", "terms", "band", "fold_limits")),
+        *((name, ctypes.c_float) for name in ("strength", "top")),
+        *(
+            (name, ctypes.c_void_p)
+            for name in (
+                *("image", "out", "light", "least", "most", "gain", "area"),
+                *("weight", "edge_spread", "direction", "lit"),
+                *(f"{n}_{p}" for n in POSITIONS for p in ("start", "pair", "across")),
+                *("down", "rows", "decode", "encode", "threshold", "decode_bytes"),
+            )
+        ),
+    ]
+
+
+def _buffer_of(plane: Plane | None) -> Plane | None:
+    """The padded array that `plane` starts, if `scattered_light` made it; None for any other plane."""
+    buffer = None if plane is None else plane.base
+    if plane is None or buffer is None:
+        return None
+    begins = (buffer.dtype, buffer.ctypes.data) == (plane.dtype, plane.ctypes.data)
+    whole = buffer.flags.c_contiguous and plane.flags.c_contiguous
+    return buffer if begins and whole and buffer.size >= plane.size + SPARE else None
+
+
+def scattered_light(
+    model: FrameModel, coefficients: Double, offset: Double | None = None, out: Plane | None = None
+) -> Plane:
+    """Scattered light at each node (M, M, 3) [rel]: spread times the polynomial, plus the lamps' light.
+
+    Parameters
+    ----------
+    coefficients : (3, 9) of the polynomial, per colour. offset : (3, 9) of a second polynomial, which
+        is subtracted, or None.
+    out : an earlier result of this function for as many nodes, to be overwritten.
+    """
+    native = chosen()
+    if native is None:
+        return reference.scattered_light(model, coefficients, offset)
+    library, level, threads = native
+    size = model.spread.size
+    buffer = _buffer_of(out)
+    if buffer is None or buffer.size != size + SPARE:
+        buffer = np.empty(size + SPARE, np.float32)
+    arrays = [np.ascontiguousarray(a, np.float32) for a in (model.spread, model.direction)]
+    ambient = None if model.ambient is None else np.ascontiguousarray(model.ambient, np.float32)
+    given = [None if n is None else np.ascontiguousarray(n, float) for n in (coefficients, offset)]
+    library.procam_scattered(
+        *(level, threads, model.nodes, model.terms, pointer(arrays[0]), pointer(ambient)),
+        *(pointer(arrays[1]), pointer(given[0]), pointer(given[1]), pointer(buffer)),
+    )
+    return buffer[:size].reshape(model.spread.shape)
+
+
+def frame_sums(
+    model: FrameModel, image: NDArray[Any], light: Plane, what: str, coding: Coding
+) -> Double:
+    """Sums over the dome of the light to send, times the monomials of the direction.
+
+    Parameters
+    ----------
+    image : (N, N, 3) uint8, uint16, float16 or float32.
+    light : (M, M, 3), of `scattered_light`.
+    what : "light" [rel sr]; "content", without limits; "excess", the light that limits add, times
+        `spread`; "at least", "at most": the solid angle where a limit holds [sr].
+
+    Returns
+    -------
+    sums : (3, terms) float64, of the first 1, 4 or 9 of 1, x, y, z, xy, yz, xz, x^2 - y^2, z^2.
+    """
+    check_pictures(model.size, image)
+    _check_light(model, light)
+    picture = np.ascontiguousarray(image)
+    native = chosen()
+    if native is None:
+        return reference.frame_sums(model, picture, light, what, coding)
+    return _run(native, model, (picture, light, None), MODES[what], coding)
+
+
+def frame_apply(
+    model: FrameModel,
+    image: NDArray[Any],
+    light: Plane,
+    coding: Coding,
+    out: NDArray[Any] | None = None,
+    sums: Double | None = None,
+) -> NDArray[Any]:
+    """The light to send (N, N, 3), encoded as the picture is.
+
+    `out` to write to may be the picture itself; `sums` (3, terms) is filled with those of `frame_sums`.
+    """
+    check_pictures(model.size, image, out)
+    _check_light(model, light)
+    picture = np.ascontiguousarray(image)
+    target = aligned_like(picture) if out is None else out
+    native = chosen()
+    if native is None:
+        found = reference.frame_sums(model, picture, light, "light", coding)
+        reference.frame_apply(model, picture, light, coding, target)
+    else:
+        found = _run(native, model, (picture, light, target), APPLY, coding)
+    if sums is not None:
+        sums[...] = found
+    return target
+
+
+def _check_light(model: FrameModel, light: Plane) -> None:
+    if light.shape != model.spread.shape:
+        raise ShapeError("light", light.shape, f"{model.spread.shape}")
+
+
+def check_pictures(size: int, image: NDArray[Any], out: NDArray[Any] | None = None) -> None:
+    """Refuse pictures that the kernels cannot read or write.
+
+    Raises
+    ------
+    ShapeError, InputError
+        Another shape or element type; an `out` that cannot be written, or overlaps the content.
+    """
+    expected = (size, size, CHANNELS)
+    if image.shape != expected:
+        raise ShapeError("content", image.shape, f"{expected}")
+    if image.dtype not in KINDS:
+        raise InputError(
+            f"content: {image.dtype} is not supported; convert it to uint8, uint16, float16 or float32"
+        )
+    if out is None:
+        return
+    if out.shape != expected:
+        raise ShapeError("out", out.shape, f"{expected}")
+    if out.dtype != image.dtype or not out.flags.c_contiguous or not out.flags.writeable:
+        raise InputError(
+            f"out: it must be a writable, contiguous array of the content's type, {image.dtype}"
+        )
+    same = image.ctypes.data == out.ctypes.data and image.strides == out.strides
+    if np.may_share_memory(image, out) and not same:
+        raise InputError("out: it overlaps the content; pass the content itself or an array apart")
+
+
+def _run(
+    native: tuple[ctypes.CDLL, int, int],
+    model: FrameModel,
+    pictures: tuple[NDArray[Any], Plane, NDArray[Any] | None],
+    mode: int,
+    coding: Coding,
+) -> Double:
+    library, level, threads = native
+    setup, tables = _Frame(), coding.tables
+    setup.size, setup.kind = model.size, KINDS[pictures[0].dtype]
+    setup.nodes, setup.terms, setup.band = model.nodes, model.terms, model.grid.shared
+    setup.strength, setup.top = coding.strength, coding.most(pictures[0].dtype)
+    image, light, out = pictures
+    if light.dtype != np.float32 or _buffer_of(light) is None:
+        light = np.asarray(padded(light))
+    arrays = model.in_c | tables | {"image": image, "light": light, "out": out}
+    arrays["lit"] = model.variants(setup.top)
+    setup.fold_limits = model.fold_limits(pictures[0].dtype, setup.top)
+    for name, array in arrays.items():
+        setattr(setup, name, pointer(array))
+    strips, chunks = -(-CHANNELS * model.size // STRIP), -(-(model.nodes + 1) // CHUNK)
+    sums = np.zeros((strips * chunks, CHANNELS, TERMS))
+    library.procam_frame(level, threads, mode, strips, chunks, ctypes.byref(setup), pointer(sums))
+    return sums.sum(axis=0)[:, : model.terms]

@@ -1,0 +1,128 @@
+"""Positions of the pixels of a dome master among the nodes of coarser fields.
+
+Fields of a dome are smooth, so they are kept at M x M nodes and interpolated bilinearly to the N x N
+pixels of a picture, M <= N. Everything about that which depends on M and N alone is computed here once:
+the nodes around each pixel and their weights, and which blocks of the picture are lit.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Plane = NDArray[np.float32]
+Index = NDArray[np.int32]
+CHANNELS = 3
+POSITIONS = ("values", "shared", "pixels")  # as in struct procam_frame
+STRIP, BLOCK, STEP = 1536, 64, 16  # as in frame/cell.h
+FINE = 256  # nodes from which on a band may have more than one interval
+STRAIGHT = (
+    2e-5  # of the greatest area: how far one may lie off the line between the edges of a band
+)
+STEEP = 8e-3  # of the greatest area: how much it may change over a band; directions change too
+SMOOTH = 3e-4  # of the greatest value: largest second difference that a parabola describes
+
+
+class Grid:
+    """Positions of the pixels of a picture of `size` among `nodes`: half-pixel centres, edges clamped.
+
+    Row y lies between node rows above[y] and below[y], at the fraction down[y]; columns
+    alike: left, right, across. Pairs of node rows are intervals; `rows` holds the first row of each.
+    `shared` intervals make a band, from the node row of one edge to that of the next (`edges`; the
+    first and the last lie outside the nodes). `band` is that of each row of the picture, `along` its
+    position in the band, 0..1.
+    """
+
+    def __init__(self, size: int, nodes: int) -> None:
+        self.size = size
+        place = (np.arange(size) + 0.5) * nodes / size - 0.5
+        first = np.floor(place).astype(np.int32)
+        self.above = self.left = np.maximum(first, 0)
+        self.below = self.right = np.minimum(first + 1, nodes - 1)
+        self.down = self.across = (place - first).astype(np.float32)
+        self.shared = min(4, 2 ** max(0, (nodes // FINE).bit_length() - 1))
+        self.band, order = np.divmod(first + 1, self.shared)
+        self.along = (order + self.down) / self.shared
+        self.edges = np.arange(0, nodes + 1 + self.shared, self.shared) - 1
+        self.rows = np.searchsorted(first + 1, np.arange(nodes + 2)).astype(np.int32)
+        padded = -(-CHANNELS * size // BLOCK) * BLOCK
+        value = np.minimum(np.arange(padded), CHANNELS * size - 1)
+        pixel, channel = value // CHANNELS, value % CHANNELS
+        left, right, across = self.left[pixel], self.right[pixel], self.across[pixel]
+        rest = [_padded(numbers) for numbers in (self.left, self.right, self.across)]
+        self.positions = {
+            "values": _positions(CHANNELS * left + channel, CHANNELS * right + channel, across),
+            "shared": _positions(left, right, across),
+            "pixels": _positions(rest[0], rest[1], rest[2]),
+        }
+
+    def at_edges(self, field: NDArray[Any]) -> NDArray[np.float64]:
+        """A field (M, ...) at edges (E, ...); lines between them have the means of a smooth field."""
+        last = len(field) - 1
+        found = field[np.clip(self.edges, 0, last)].astype(float)
+        for k in np.flatnonzero((self.edges < 0) | (self.edges > last)) if last else ():
+            end, before = (0, 1) if self.edges[k] < 0 else (last, last - 1)
+            slope = (field[end].astype(float) - field[before]) / (end - before)
+            found[k] += (self.edges[k] - end) * slope
+        bend = found[2:] - 2 * found[1:-1] + found[:-2]
+        bend[np.abs(bend) > SMOOTH * np.abs(found).max()] = 0
+        bend *= (1 - self.shared**-2) / 12
+        found[1:-1] -= bend
+        return np.asarray(found)
+
+    def lit(self, area: Plane) -> NDArray[np.uint8]:
+        """How blocks of values in intervals (M + 1, blocks) are summed: 0, 1, 2.
+
+        0: unlit. 1: partly lit, with the solid angle of each pixel. 2: lit all over their band, with
+        solid angles linear between its edges.
+        """
+        some = -self.least(-area) > 0
+        every = self.least(np.where(self._bent(area), 0, area)) > 0
+        pair = np.arange(len(area) + 1)
+        whole = np.logical_and.reduceat(every, pair[:: self.shared])[pair // self.shared]
+        return np.ascontiguousarray(some.astype(np.uint8) + whole)
+
+    def least(self, field: Plane) -> Plane:
+        """The least of a field (M, M) at the nodes that blocks of values in intervals lie between."""
+        last = len(field) - 1
+        pair = np.arange(len(field) + 1)
+        low = np.minimum(field[np.maximum(pair - 1, 0)], field[np.minimum(pair, last)])
+        padded = -(-CHANNELS * self.size // BLOCK) * BLOCK
+        pixel = np.minimum(np.arange(padded), CHANNELS * self.size - 1) // CHANNELS
+        left, right = self.left[pixel][::BLOCK], self.right[pixel][BLOCK - 1 :: BLOCK]
+        spans = np.stack([left, right + 1], axis=1).ravel()
+        wide = np.pad(low, ((0, 0), (0, 1)), "edge")
+        return np.asarray(np.minimum.reduceat(wide, spans, axis=1)[:, ::2], np.float32)
+
+    def _bent(self, area: Plane) -> NDArray[np.bool_]:
+        """Nodes (M, M) whose area does not lie near a flat line between the edges of their band."""
+        band, order = np.divmod(np.arange(len(area)) + 1, self.shared)
+        edges, most = self.at_edges(area).astype(np.float32), area.max()
+        rise = np.diff(edges, axis=0)[band]
+        off = area - edges[band] - (order / self.shared).astype(np.float32)[:, None] * rise
+        return np.asarray((np.abs(off) > STRAIGHT * most) | (np.abs(rise) > STEEP * most))
+
+
+def _positions(left: Index, right: Index, across: Plane) -> dict[str, NDArray[Any]]:
+    """Nodes around values: `start`, the first one for each STEP values, and `pair`, counted from there.
+
+    `pair` holds the left node, and the right one << 8; `across` is the weight of the right one. All
+    starts of a BLOCK are equal if two vectors of nodes from there hold all of it.
+    """
+    starts = [_least_of(left, many) for many in (BLOCK, STEP)]
+    start = next(s for s in starts if (right - s < 2 * STEP).all())  # one is, with M <= N
+    found = {"start": start[::STEP], "pair": left - start | (right - start) << 8}
+    positions: dict[str, NDArray[Any]] = {
+        n: np.ascontiguousarray(f, np.int32) for n, f in found.items()
+    }
+    return positions | {"across": np.ascontiguousarray(across, np.float32)}
+
+
+def _least_of(numbers: Index, many: int) -> Index:
+    """The least of each group of `many` numbers, repeated for each of them."""
+    return np.repeat(numbers.reshape(-1, many).min(axis=1), many)
+
+
+def _padded(numbers: NDArray[Any]) -> NDArray[Any]:
+    """Numbers padded with the last one to whole strips of pixels."""
+    return np.pad(numbers, (0, -len(numbers) % (STRIP // CHANNELS)), "edge")

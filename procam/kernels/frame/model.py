@@ -1,0 +1,150 @@
+"""The model of a dome for the frame kernels: fields at nodes, derived arrays, how blocks are summed."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procam.errors import InputError, ShapeError
+from procam.kernels.frame.grid import CHANNELS, Grid, Plane
+from procam.kernels.native.arrays import least_colour
+
+TERMS = 9
+SPARE = 64  # floats that vectors may read past the end of a field
+EVERYWHERE = 2  # as in native/kernels.h
+
+
+@dataclass(frozen=True, eq=False)
+class FrameModel:
+    """The fields that compensate pictures of `size`, on a dome master of M x M nodes, M <= size.
+
+    Light to send is clip(gain t - b, lo, hi), t the content in linear light and b the scattered light,
+    a field like the others (`scattered_light`). Fields are bilinear between nodes. In sums, directions
+    are interpolated between every few node rows only (`Grid.edges`), and solid angles too where they
+    are linear there.
+
+    Attributes
+    ----------
+    spread : (M, M, 3) scattered light per flux [1/sr]. lo : (M, M, 3) [rel]. hi, ambient : (M, M, 3)
+        [rel], or None. gain : (M, M) or None. coverage : (M, M), 0 where no light is sent.
+    solid_angle_sr : (M, M) of a pixel of the picture, above 0 exactly where coverage is.
+    direction : (3, M, M) unit vectors. terms : 1, 4 or 9, of the polynomial.
+    """
+
+    size: int
+    spread: Plane
+    lo: Plane
+    hi: Plane | None
+    ambient: Plane | None
+    gain: Plane | None
+    coverage: Plane
+    solid_angle_sr: Plane
+    direction: Plane
+    terms: int = 1
+
+    def __post_init__(self) -> None:
+        nodes = self.coverage.shape[0]
+        plane: tuple[int, ...] = (nodes, nodes)
+        colours: tuple[int, ...] = (nodes, nodes, CHANNELS)
+        shapes = dict.fromkeys(("coverage", "gain", "solid_angle_sr"), plane)
+        shapes.update(dict.fromkeys(("spread", "lo", "hi", "ambient"), colours))
+        shapes["direction"] = (CHANNELS, nodes, nodes)
+        for name, shape in shapes.items():
+            field = getattr(self, name)
+            if field is not None and field.shape != shape:
+                raise ShapeError(f"field {name}", field.shape, f"{shape}")
+        if nodes > self.size:
+            raise InputError(
+                f"fields: {nodes} nodes are more than the picture's {self.size} px; sample them coarser"
+            )
+        if self.terms not in (1, 4, TERMS):
+            raise InputError(f"terms: {self.terms} are not supported, only 1, 4 and {TERMS}")
+        odd = int(((self.coverage > 0) != (self.solid_angle_sr > 0)).sum())
+        if odd:
+            raise InputError(
+                f"solid_angle_sr: at {odd} nodes it or the coverage is 0, but not both; multiply the solid "
+                "angles by the coverage"
+            )
+
+    @property
+    def nodes(self) -> int:
+        """Edge of the fields."""
+        return int(self.coverage.shape[0])
+
+    @cached_property
+    def grid(self) -> Grid:
+        """Positions of the picture's pixels among the nodes."""
+        return Grid(self.size, self.nodes)
+
+    @cached_property
+    def at_edges(self) -> dict[str, Plane]:
+        """Fields at the edges of bands.
+
+        `weight` (E, M), solid angle of a pixel [sr]; `edge_spread`, `direction` (E, 3, M).
+        """
+        at_edges = self.grid.at_edges
+        found = {
+            "weight": at_edges(self.solid_angle_sr),
+            "edge_spread": at_edges(np.moveaxis(self.spread, -1, 1)),
+            "direction": at_edges(np.moveaxis(self.direction, 0, 1)),
+        }
+        return {name: np.ascontiguousarray(plane, np.float32) for name, plane in found.items()}
+
+    @cached_property
+    def lit(self) -> NDArray[np.uint8]:
+        """How blocks of the picture are lit, for each interval: see `Grid.lit`."""
+        return self.grid.lit(self.solid_angle_sr)
+
+    def variants(self, top: float) -> NDArray[np.uint8]:
+        """`lit`, and where upper limits lie below `top`, the most light to send (enum lit)."""
+        if top not in self._variants:
+            limited = (self.lit == EVERYWHERE) & (self._least_hi < top)
+            self._variants[top] = np.ascontiguousarray(self.lit + limited, np.uint8)
+        return self._variants[top]
+
+    @cached_property
+    def _variants(self) -> dict[float, NDArray[np.uint8]]:
+        return {}
+
+    @cached_property
+    def _least_hi(self) -> Plane:
+        """Least upper limit of each block (M + 1, blocks), infinite without limits."""
+        if self.hi is None:
+            return np.full(self.lit.shape, np.inf, np.float32)
+        return self.grid.least(least_colour(self.hi))
+
+    def fold_limits(self, dtype: np.dtype[Any], top: float) -> bool:
+        """Whether sums may fold the limits into the content (frame/cell.h), which is faster.
+
+        The sum of the scattered light is then added and subtracted again. Not under lamps, which may
+        exceed the picture and leave a small difference; not for float32, whose sums must agree with
+        what is written to 2e-9; and not where `top` may bind.
+        """
+        needed = max(self._greatest_lo, np.inf if dtype == np.float16 else 1.0)
+        return dtype != np.float32 and self.ambient is None and top >= needed
+
+    @cached_property
+    def _greatest_lo(self) -> float:
+        return float(self.lo.max())
+
+    @cached_property
+    def in_c(self) -> dict[str, NDArray[Any] | None]:
+        """Arrays of the C struct that do not change from call to call, padded for vectors."""
+        grid = self.grid
+        fields = {
+            **{"least": self.lo, "most": self.hi, "gain": self.gain},
+            **{"area": self.solid_angle_sr, **self.at_edges},
+        }
+        found: dict[str, NDArray[Any] | None] = {n: padded(f) for n, f in fields.items()}
+        for name, positions in grid.positions.items():
+            found |= {f"{name}_{part}": numbers for part, numbers in positions.items()}
+        return found | {"down": grid.down, "rows": grid.rows}
+
+
+def padded(plane: Plane | None) -> Plane | None:
+    """A flat copy with space for vectors to read past its end, or None."""
+    if plane is None:
+        return None
+    return np.concatenate([plane.astype(np.float32).ravel(), np.zeros(SPARE, np.float32)])

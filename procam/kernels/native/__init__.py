@@ -1,0 +1,1 @@
+"""The compiled library: its sources, how it is found, and the instruction set it runs."""

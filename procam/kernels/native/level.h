@@ -1,0 +1,14 @@
+/* All kernels for one instruction set. The including file defines LEVEL and enables the set; every
+   kernel is compiled once per level from the same source. */
+#include "vector.h"
+#include "integers.h"
+
+#include "../areas/areas.h"
+#include "../frame/scattered.h"
+#include "../bundle/bundle.h"
+#include "../frame/values.h"
+#include "../frame/cell.h"
+#include "../frame/frame.h"
+#include "../bundle/rays.h"
+#include "../search/search.h"
+#include "../warp/warp.h"

@@ -1,0 +1,136 @@
+"""Lines of sight of a camera or an eye into the scene: where they end, and the radiance along them."""
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from procam.maths.geometry.lenses import project
+from procam.maths.geometry.sphere import normalise
+from simulators.projector_light import ProjectorLight
+from simulators.transport import Deck, Room
+
+Array = NDArray[np.float64]
+Image = NDArray[np.float32]
+GLOSS_EXPONENT = 20
+
+
+@dataclass(frozen=True)
+class SightLines:
+    """A grid of lines of sight into the room, prepared for many pictures.
+
+    Attributes
+    ----------
+    on_dome : (H, W) the line ends on the cap. albedo : (H, W) of what it ends on.
+    scatter_at : (H, W, 2) where to read the dome's scattered irradiance.
+    floor : flat places of the lines that end on the deck, and the room patches there.
+    sources : per projector, (H, W, 2) projector pixel and (H, W) direct radiance per irradiance.
+    """
+
+    on_dome: NDArray[np.bool_]
+    albedo: Image
+    scatter_at: Image
+    floor: tuple[NDArray[np.intp], NDArray[np.intp]]
+    sources: dict[str, tuple[Image, Image]]
+
+    @classmethod
+    def along(
+        cls, room: Room, lights: dict[str, ProjectorLight], origin: Array, rays: Array
+    ) -> "SightLines":
+        """Lines of sight from `origin` (3,) [m] along unit `rays` (H, W, 3); NaN rays end nowhere."""
+        surface = room.surface
+        defined = np.isfinite(rays[..., 0])
+        rays = np.where(defined[..., None], rays, [0.0, 0.0, 1.0])
+        point = surface.intersect(origin, rays)
+        direction = normalise(point)
+        on_dome = defined & (direction[..., 2] >= np.cos(surface.half_angle))
+        direction = np.where(on_dome[..., None], direction, [0.0, 0.0, 1.0])
+        point = np.where(on_dome[..., None], point, surface.preset.radius_m * direction)
+        albedo = np.where(on_dome, surface.albedo(direction), 0.0)
+        sources = {
+            name: _source(light, surface.preset.gloss, point, direction, origin, on_dome)
+            for name, light in lights.items()
+        }
+        return cls(
+            on_dome,
+            albedo.astype(np.float32),
+            room.dome_image_coordinates(direction),
+            _deck_patches(room, origin, rays, defined & ~on_dome),
+            {n: (xy, (gain * albedo).astype(np.float32)) for n, (xy, gain) in sources.items()},
+        )
+
+    def repainted(self, ratio: float) -> "SightLines":
+        """The same lines of sight on a dome whose albedo is `ratio` times as high."""
+        if ratio == 1:
+            return self
+        factor = np.float32(ratio)
+        sources = {name: (where, gain * factor) for name, (where, gain) in self.sources.items()}
+        return replace(self, albedo=self.albedo * factor, sources=sources)
+
+    def projector_pixels(self, name: str, lit: NDArray[np.bool_]) -> Image:
+        """Projector pixel (H, W, 2) at the end of each line of sight, NaN outside its picture.
+
+        `lit` (H, W) are the projector's pixels that pass the blackout plates.
+        """
+        where = self.sources[name][0]
+        height, width = lit.shape
+        inside = np.all((where >= -0.5) & (where < (width - 0.5, height - 0.5)), axis=-1)
+        column, row = np.rint(np.where(inside[..., None], where, 0)).astype(np.intp).T
+        reached = inside & lit[row.T.clip(0, height - 1), column.T.clip(0, width - 1)]
+        return np.where(reached[..., None], where, np.float32(np.nan))
+
+    def direct(self, name: str, irradiance: Image) -> Image:
+        """Directly reflected radiance (H, W, C) of projector `name`'s irradiance image."""
+        where, gain = self.sources[name]
+        seen = cv2.remap(  # type: ignore[call-overload]
+            irradiance, where, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT
+        ).reshape(*gain.shape, -1)
+        return np.asarray(np.multiply(seen, gain[..., None], out=seen), np.float32)
+
+    def scattered(self, room: Room, patch_irradiance: Array) -> Image:
+        """Radiance (H, W, C) of scattered light."""
+        image = room.dome_image(patch_irradiance)
+        seen = cv2.remap(image, self.scatter_at, None, cv2.INTER_LINEAR)  # type: ignore[call-overload]
+        seen = seen.reshape(*self.albedo.shape, -1)
+        np.multiply(seen, self.albedo[..., None], out=seen)
+        place, patch = self.floor
+        seen.reshape(-1, seen.shape[-1])[place] = (
+            patch_irradiance[patch] * room.albedo[patch][:, None]
+        )
+        return np.asarray(seen, dtype=np.float32)
+
+
+def _source(
+    light: ProjectorLight,
+    gloss: float,
+    point: Array,
+    direction: Array,
+    eye: Array,
+    on_dome: NDArray[np.bool_],
+) -> tuple[Image, Array]:
+    """Projector pixel under each point, and radiance per irradiance and albedo (1 if matte)."""
+    build = light.build
+    pixel = project(build.projector_from_dome.apply(point), build.lens)
+    visible = on_dome & np.isfinite(pixel[..., 0])
+    where = np.where(visible[..., None], pixel, -10.0).astype(np.float32)
+    if not gloss:
+        return where, visible.astype(float)
+    incoming = normalise(point - build.projector_from_dome.origin)
+    mirror = incoming - 2 * np.sum(incoming * direction, axis=-1, keepdims=True) * direction
+    towards_eye = normalise(eye - point)
+    cosine = np.maximum(np.sum(mirror * towards_eye, axis=-1), 0)
+    lobe = (GLOSS_EXPONENT + 2) / 2 * cosine**GLOSS_EXPONENT
+    return where, visible * (1 - gloss + gloss * lobe)
+
+
+def _deck_patches(
+    room: Room, origin: Array, rays: Array, beyond: NDArray[np.bool_]
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    deck = Deck.under(room.surface.preset)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        reach = -(origin @ deck.up + deck.depth_m) / (rays @ deck.up)
+        point = origin + reach[..., None] * rays
+        radius = np.linalg.norm(point + deck.depth_m * deck.up, axis=-1)
+        hit = beyond & (reach > 0) & (radius <= deck.radius_m)
+    return np.flatnonzero(hit), room.floor_patch(point[hit])

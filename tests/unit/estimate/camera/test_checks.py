@@ -1,0 +1,57 @@
+"""Checks of a camera and a projector on simulated photographs."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from noisy_photographs import BLACK_SHARE, SENSOR, SHAPE, photograph, scene
+
+from procam.estimate.camera.checks import (
+    additivity,
+    brightness_ratio,
+    fit_dark_frames,
+    grey_gamma,
+    response_exponent,
+)
+
+
+def test_dark_frames_give_the_black_level(rng: np.random.Generator) -> None:
+    room = np.full((60, 80), 12.0)
+    room[:3, :3] = 900.0  # an exit sign
+    shots = [photograph(room, e, rng) for e in (0.1, 2.0)]
+    level, ambient = fit_dark_frames(shots[0], shots[1], (0.1, 2.0))
+    assert level == pytest.approx(SENSOR.black_level, abs=0.15)
+    assert np.median(ambient) == pytest.approx(12.0, rel=0.1)
+
+
+@given(st.floats(0.2, 1.5), st.floats(1.5, 8))
+def test_exponent(exponent: float, ratio: float) -> None:
+    light = np.linspace(10, 100, 50)
+    found = response_exponent(
+        (ratio * light) ** exponent, light**exponent, ratio, np.ones(50, bool)
+    )
+    assert found == pytest.approx(exponent)
+
+
+def test_halves_add_up_with_black_in_each() -> None:
+    white, direct = scene()
+    black = BLACK_SHARE * white
+    side = np.arange(SHAPE[1]) < 100
+    haze = (white - direct) / 2
+    halves = (direct * side + haze + black, direct * ~side + haze + black)
+    assert additivity(halves, white + black, black, direct > 0) == pytest.approx(1)
+    dimmed = (0.8 * halves[0], 0.8 * halves[1])
+    assert additivity(dimmed, white + black, black, direct > 0) == pytest.approx(0.8, abs=0.01)
+
+
+@given(st.floats(0.9, 3))
+def test_gamma_from_one_grey(gamma: float) -> None:
+    white, direct = scene()
+    black = BLACK_SHARE * white
+    grey = black + (white - black) * 0.5**gamma
+    assert grey_gamma(grey, white, black, direct > 0, 0.5) == pytest.approx(gamma)
+
+
+def test_brightness() -> None:
+    white, direct = scene()
+    assert brightness_ratio(white, 1.3 * white, direct > 0) == pytest.approx(1.3)

@@ -1,0 +1,45 @@
+"""The noise law of photographs with known noise."""
+
+import numpy as np
+import pytest
+from noisy_photographs import LAW, SENSOR, photograph
+
+from procam.estimate.camera.noise import (
+    NoiseLaw,
+    fit_noise_law,
+    noise_from_neighbours,
+    noise_from_repeat,
+)
+
+
+@pytest.mark.parametrize("law", [LAW, NoiseLaw(9.0, 0.02), NoiseLaw(1.0, 1.0)])
+def test_noise_of_counts(law: NoiseLaw, rng: np.random.Generator) -> None:
+    rate = 3000 * np.linspace(0, 1, 300)[:, None] ** 3 * np.ones(400)
+    first, second = (photograph(rate, 1.0, rng, law) for _ in range(2))
+    for found in (
+        noise_from_neighbours([first], SENSOR),
+        noise_from_repeat(first, second, SENSOR),
+    ):
+        for level in (0.0, 300.0, 3000.0):
+            assert found.variance(level) == pytest.approx(law.variance(level) + 1 / 12, rel=0.15)
+
+
+def test_a_change_of_brightness_is_no_noise(rng: np.random.Generator) -> None:
+    rate = np.linspace(100, 3000, 300 * 400).reshape(300, 400)
+    pair = photograph(rate, 1.0, rng), photograph(rate, 1.1, rng)
+    found = noise_from_repeat(*pair, SENSOR)
+    assert found.variance(2000.0) == pytest.approx(LAW.variance(2000.0), rel=0.15)
+
+
+@pytest.mark.parametrize("law", [NoiseLaw(4.0, 0.0), NoiseLaw(0.0, 0.05), LAW], ids=str)
+def test_law_from_variances(law: NoiseLaw, rng: np.random.Generator) -> None:
+    level = rng.uniform(50, 400, 20_000)
+    found = fit_noise_law(level, law.variance(level) * rng.chisquare(5, level.size) / 5)
+    for at in (100.0, 350.0):
+        assert found.variance(at) == pytest.approx(law.variance(at), rel=0.05)
+    assert found.floor >= 0 and found.per_level >= 0
+
+
+def test_variance_is_never_negative() -> None:
+    assert NoiseLaw(0.0, 0.1).variance(-5.0) > 0
+    np.testing.assert_allclose(NoiseLaw(2.0, 0.5).variance(np.array([0.0, 4.0])), [2, 4])

@@ -1,0 +1,38 @@
+"""The response fit on exact levels of a curve that its spline can represent."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from procam.estimate.camera.response_fit import Blocks, CameraResponseFit, _Curve, _initial_curve
+
+SECONDS = np.array([0.1, 0.3, 0.9, 2.7])
+INITIAL = _initial_curve()
+
+
+def curve_and_fit() -> tuple[_Curve, CameraResponseFit]:
+    wave = 0.3 * np.sin(np.arange(len(INITIAL.bends)))
+    curve = replace(INITIAL, bends=INITIAL.bends + wave)
+    light = curve.light()
+    exposed = np.geomspace(1e-3, 10.0, 400) * light[-1] * SECONDS[:, None]
+    level = np.interp(exposed, light, curve.levels)
+    sound = (level > 0.001) & (level < 0.999)
+    return curve, CameraResponseFit(Blocks(2, level, 0 * level, sound), SECONDS)
+
+
+def test_derivatives_of_the_curve() -> None:
+    curve = curve_and_fit()[0]
+    for i in (0, 7, len(curve.bends) - 1):
+        step = 1e-5 * np.eye(len(curve.bends))[i]
+        ahead, back = (replace(curve, bends=curve.bends + s * step).light() for s in (1, -1))
+        np.testing.assert_allclose(curve.by_bends()[:, i], (ahead - back) / 2e-5, atol=1e-9)
+
+
+def test_an_exact_curve_comes_back() -> None:
+    curve, fit = curve_and_fit()
+    fit.solve()
+    np.testing.assert_allclose(fit.exposures_s, SECONDS, rtol=1e-3)
+    assert fit.residual_rms() < 1e-4
+    light, sigma = fit.table(curve.levels)
+    np.testing.assert_allclose(light, curve.light() / curve.light()[-1], atol=1e-3)
+    assert (light[0], light[-1], sigma[-1]) == (0, 1, 0)

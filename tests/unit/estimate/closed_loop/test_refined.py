@@ -1,0 +1,61 @@
+"""The calibration that the closed loop's estimates give."""
+
+import numpy as np
+import pytest
+from small_loop import LOOP_SIZE, observed
+from tolerances import FLOAT32
+
+from procam.estimate.closed_loop.dome import DomeLoop, LoopCells
+from procam.estimate.closed_loop.refined import refined_calibration
+from procam.maths.geometry.sphere import master_directions
+from procam.model.calibration import Calibration
+
+Image = np.ndarray
+
+
+@pytest.fixture
+def refined(loop: DomeLoop, calibration: Calibration) -> Calibration:
+    """By a loop that found 5 % too little light everywhere and 10 % more scatter."""
+    loop.state.surplus = -0.05 * loop._asked[loop._inside]
+    loop.state.scatter_factor[:] = 1.1
+    return refined_calibration(calibration, loop)
+
+
+def test_gains_are_light_got_per_light_asked(
+    loop: DomeLoop, calibration: Calibration, refined: Calibration
+) -> None:
+    factor = loop.gain_factor()
+    np.testing.assert_allclose(factor[loop.free], 0.95, rtol=1e-5)
+    rim = loop.direction[..., 2] < np.sin(np.radians(-5))  # far from all cells that the camera sees
+    assert (factor[rim] == 1.0).all()
+    for name, old in calibration.projectors.items():
+        high = old.surface.direction[..., 2] > np.sin(np.radians(30))
+        gain = refined.projectors[name].photometry.gain
+        np.testing.assert_allclose(gain[high], 0.95 * old.photometry.gain[high], rtol=1e-4)
+
+
+def test_cells_that_no_pixel_sees_follow_their_neighbours(
+    calibration: Calibration, direct: Image
+) -> None:
+    direction, inside = master_directions(2 * LOOP_SIZE)
+    inside = inside & (direction[..., 2] > 0.02)
+    inside[LOOP_SIZE : LOOP_SIZE + 2] = False  # a row of cells at the zenith
+    few = LoopCells.of(direction.astype(np.float32), inside)
+    loop = DomeLoop(calibration, few, direct, observed(calibration, direct))
+    loop.state.surplus = -0.05 * loop._asked[loop._inside]
+    hole = (LOOP_SIZE // 2, slice(LOOP_SIZE // 2 - 5, LOOP_SIZE // 2 + 5))
+    assert (few.count[hole] == 0).all()
+    np.testing.assert_allclose(loop.gain_factor()[hole], 0.95, rtol=1e-5)
+
+
+def test_feedback_maps_and_albedo_follow(calibration: Calibration, refined: Calibration) -> None:
+    np.testing.assert_allclose(refined.feedback.value, 1.1 * calibration.feedback.value)
+    np.testing.assert_allclose(
+        refined.maps.scatter_per_flux, 1.1 * calibration.maps.scatter_per_flux, rtol=FLOAT32
+    )
+    centre = calibration.maps.size // 2
+    hi, was = (c.maps.hi[centre, centre] for c in (refined, calibration))
+    lo = calibration.maps.lo[centre, centre]
+    np.testing.assert_allclose(hi - lo, 0.95 * (was - lo), rtol=1e-4)
+    brighter = refined.albedo.value / calibration.albedo.value
+    assert ((brighter > 1.03) & (brighter < 1.1)).all()

@@ -1,0 +1,77 @@
+"""Statistics of residuals, priors, and the robust phase of the bundle adjustment."""
+
+import numpy as np
+import pytest
+from domes import SimulatedDome, step_between
+
+from procam.estimate.geometry.adjustment import (
+    CELLS,
+    Adjustment,
+    normalised_residuals,
+    prior_sigmas,
+    robust_sigma,
+    systematic_ratio,
+)
+from procam.estimate.geometry.model import Observations, ParameterLayout
+
+SIZE = (800, 600)
+
+
+def _observations(rng: np.random.Generator, count: int = 20_000) -> Observations:
+    return Observations(
+        np.zeros((count, 2)), rng.uniform(0, 1, (count, 2)) * SIZE, np.full(count, 0.1)
+    )
+
+
+def test_independent_errors_have_the_ratio_1(rng: np.random.Generator) -> None:
+    seen = _observations(rng)
+    error = rng.normal(0, 0.1, (len(seen.sigma_px), 2))
+    # the mean square over 2 x 100 cells is known to sqrt(2 / 200)
+    assert systematic_ratio(error, seen, SIZE) < np.sqrt(1 + 4 * np.sqrt(2 / (2 * CELLS**2)))
+
+
+def test_a_common_error_counts_as_often_as_a_cell_has_observations(
+    rng: np.random.Generator,
+) -> None:
+    seen = _observations(rng)
+    error = np.full((len(seen.sigma_px), 2), 0.1)  # one sigma everywhere
+    expected = np.sqrt(len(seen.sigma_px) / CELLS**2)
+    assert systematic_ratio(error, seen, SIZE) == pytest.approx(expected, rel=0.01)
+
+
+def test_the_robust_sigma_is_that_of_the_majority(rng: np.random.Generator) -> None:
+    seen = _observations(rng)
+    error = rng.normal(0, 0.2, (len(seen.sigma_px), 2))
+    error[::10] += 50.0
+    error[0] = np.nan
+    normalised = normalised_residuals(error, seen)
+    assert np.isinf(normalised[0])
+    assert robust_sigma(normalised) == pytest.approx(2.0, rel=0.15)
+
+
+def test_priors_follow_what_is_known() -> None:
+    dome = SimulatedDome.build(1, projectors=1, cameras=2)
+    modes = {"zenith": "fixed", "second": "prior"}
+    problem = dome.problem({}, intrinsics=modes, radius_known=False)
+    rig = dome.rig()
+    layout, sigma = ParameterLayout.of(rig), prior_sigmas(problem, rig)
+    assert np.isinf(sigma[layout.screen]).all()
+    fixed, free = sigma[layout.cameras["zenith"]], sigma[layout.cameras["second"]]
+    assert np.isinf(fixed[:6]).all() and not fixed[6:].any()
+    assert np.isfinite(free[6:]).all() and free[6] == pytest.approx(
+        0.005 * rig.cameras["second"].lens.focal[0]
+    )
+
+
+def test_outliers_do_not_move_the_robust_solution() -> None:
+    dome = SimulatedDome.build(3, projectors=2)
+    seen = dome.observations(64)
+    for some in seen.values():
+        some.projector_px[::10] += dome.rng.uniform(-200, 200, some.projector_px[::10].shape)
+    problem = dome.problem(seen)
+    prior = prior_sigmas(problem, dome.rig())
+    start = dome.rig().moved(np.where(prior > 0, 1e-4, 0))
+    found = Adjustment(problem, seen, prior).solve(start, robust=True)
+    step, layout = step_between(found, dome.rig()), ParameterLayout.of(found)
+    for block in (*layout.cameras.values(), *layout.projectors.values()):
+        assert np.abs(step[block][:6]).max() < 1e-3  # rad, m

@@ -1,0 +1,57 @@
+"""A venue stored by version 0.1.0, before modules and classes were renamed, still loads and solves."""
+
+import json
+import tarfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tolerances import FLOAT32
+
+from procam.compensate.compensator import Compensator
+from procam.estimate import calibration as assemble
+from procam.files.calibration import load_calibration
+from procam.files.session import Session
+from procam.files.venue.load import load_venue
+from procam.workflows.solve.calibrate import solve
+
+STORED = Path(__file__).parents[1] / "data" / "venue-format-1.tar.xz"
+MAP_SIZE = 64  # as it was stored
+
+
+@pytest.fixture(scope="module")
+def venue(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("stored")
+    with tarfile.open(STORED) as archive:
+        archive.extractall(folder, filter="data")
+    return folder
+
+
+def test_a_calibration_loads_with_its_venue_state(venue: Path) -> None:
+    folder = venue / "calibrations" / "0002"
+    stored = json.loads((folder / "calibration.json").read_text("utf-8"))
+    calibration = load_calibration(folder)
+    np.testing.assert_array_equal(calibration.feedback.value, stored["feedback"]["value"])
+    state = calibration.states["full"]
+    np.testing.assert_array_equal(
+        state.feedback.value, stored["states"]["full"]["feedback"]["value"]
+    )
+    grey = np.full((64, 64, 3), 0.3, np.float32)
+    empty, full = (Compensator(calibration, 64, state=name).frame(grey) for name in (None, "full"))
+    assert 0 < empty.max() <= 1
+    assert not np.array_equal(empty, full)
+
+
+def test_a_session_solves_to_the_calibration_stored_then(
+    venue: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(assemble, "MAP_SIZE", MAP_SIZE)
+    *_, last = solve(load_venue(venue), Session(venue / "sessions" / "0001"))
+    stored, again = (load_calibration(venue / "calibrations" / n) for n in ("0002", "0003"))
+    assert Path(last.data["calibration"]).name == "0003"
+    np.testing.assert_allclose(again.feedback.value, stored.feedback.value, rtol=FLOAT32)
+    np.testing.assert_allclose(again.albedo.value, stored.albedo.value, rtol=FLOAT32)
+    surface, before = again.projectors["south"].surface, stored.projectors["south"].surface
+    np.testing.assert_array_equal(surface.valid, before.valid)
+    off = surface.direction[surface.valid] - before.direction[surface.valid]
+    np.testing.assert_allclose(off, 0, atol=FLOAT32)
