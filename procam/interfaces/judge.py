@@ -1,4 +1,9 @@
-"""Compares a calibration and its pictures with the truth; the figures are defined in docs/figures.md."""
+"""Compares a calibration and its pictures with the truth.
+
+The truth is a calibration directory that the simulator writes when a run has ended. `judge` compares
+directions, areas, feedback and albedo; `judge_pictures` compares what the simulated dome shows with the
+target, where no limit holds. The figures are defined in docs/figures.md.
+"""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -22,10 +27,10 @@ from procam.model.quality import Figure, Goal
 
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
-ALBEDO_WIDTH = 0.06
-PATCHES = 256  # pictures are judged on patches of a 256 px dome master, 0.7 degrees wide
+ALBEDO_WIDTH = 0.06  # largest relative half width of an interval that is worth its name
+PATCHES = 256  # edge of the dome master whose pixels are the patches, 0.7 degrees wide
 LSB = 1 / 255
-WHOLE = 0.999
+WHOLE = 0.999  # share from which a patch counts as lit, or as free of limits
 
 
 def judge(calibration_dir: Path, truth_dir: Path) -> dict[str, Figure]:
@@ -34,22 +39,22 @@ def judge(calibration_dir: Path, truth_dir: Path) -> dict[str, Figure]:
     missing = set(truth.projectors) - set(found.projectors)
     if missing:
         raise FileFormatError(
-            f"{calibration_dir}: got no projector {', '.join(sorted(missing))}, expected those of "
-            f"{truth_dir}; is it the truth of another venue?"
+            f"{calibration_dir} has no projector {', '.join(sorted(missing))}, which {truth_dir} has; is it "
+            "the truth of another venue?"
         )
     return {**_geometry(found, truth), **_transport(found, truth)}
 
 
 def judge_pictures(venue_dir: Path, calibration_dir: Path, truth_dir: Path) -> dict[str, Figure]:
-    """How much scattered light each method leaves, as the simulator really shows its frames.
+    """How much scattered light each method leaves in the pictures that the simulator shows.
 
     scatter_left = sqrt(sum_F a (y - t)^2 / sum_F a (z - t)^2) for y compensated, z uncompensated,
-    t target, over F: lit patches and channels that no limit holds. Worst channel; signed mean beside.
+    t target, over F: lit patches and channels where no limit holds. Worst channel; the signed mean apart.
     """
     calibration, truth = load_calibration(calibration_dir), load_calibration(truth_dir)
     target = _rgb(venue_dir / "pictures" / "target.exr")
     direct = _rgb(venue_dir / "pictures" / "direct.exr")
-    seen = {
+    shown = {
         path.stem: _rgb(path) @ calibration.content_from_camera.T.astype(np.float32)
         for path in sorted((truth_dir / "pictures").glob("*.exr"))
     }
@@ -60,24 +65,24 @@ def judge_pictures(venue_dir: Path, calibration_dir: Path, truth_dir: Path) -> d
         ("paper-eq12", "scatter_left_paper_eq12", None),
         ("refined", "scatter_left_refined", Goal("<=", 0.02)),
     ):
-        if method in seen:
-            error, scattered = seen[method] - target, seen["none"] - target
+        if method in shown:
+            error, scattered = shown[method] - target, shown["none"] - target
             coarse = _patches(error, PATCHES), _patches(scattered, PATCHES)
             figures |= _scatter(name, goal, *coarse, free)
             fine = _scatter(name, None, error, scattered, free)[name]
             figures[f"{name}_fine"] = replace(fine, note="the same on patches of 0.18 degrees")
-    figures["scatter_before"] = _pollution(_patches(seen["none"] - target, PATCHES), free)
+    figures["scatter_before"] = _scatter_before(_patches(shown["none"] - target, PATCHES), free)
     return figures
 
 
 def _free(calibration: Calibration, truth: Calibration, direct: Image) -> Image:
-    """F (N, N, 3): truly lit, asked for light clear of the true black and the white used, compensated."""
+    """F (N, N, 3): lit in truth, compensated, and with direct light clear of black and white."""
     black = truth.maps.lo @ calibration.content_from_camera.T.astype(np.float32)
     free = (direct > black + LSB) & (direct < calibration.maps.hi - LSB)
     direction, _ = master_directions(len(direct))
     protected = calibration.maps.is_protected(master_pixels(direction, calibration.maps.size))
-    judged = (truth.maps.coverage > WHOLE) & ~protected
-    return (free & judged[..., None]).astype(np.float32)
+    compared = (truth.maps.coverage > WHOLE) & ~protected
+    return (free & compared[..., None]).astype(np.float32)
 
 
 def _weight(free: Image, size: int) -> Array:
@@ -98,7 +103,7 @@ def _scatter(
     }
 
 
-def _pollution(scattered: Image, free: Image) -> Figure:
+def _scatter_before(scattered: Image, free: Image) -> Figure:
     weight = _weight(free, scattered.shape[0])
     mean = _sum(weight * scattered) / _sum(weight)
     return Figure(float(mean.max()), "rel", None, int((weight > 0).sum()), "mean, worst channel")
@@ -122,14 +127,16 @@ def _geometry(found: Calibration, truth: Calibration) -> dict[str, Figure]:
     errors, sums = [], []
     for name, projector in truth.projectors.items():
         addressable = projector.surface.valid
-        ours = found.projectors[name].surface
+        estimated = found.projectors[name].surface
         error = angle_between(
-            ours.direction[addressable].astype(float),
+            estimated.direction[addressable].astype(float),
             projector.surface.direction[addressable].astype(float),
         )
         errors.append(np.degrees(error) * 60)
         footprint = float(projector.surface.solid_angle_sr[addressable].sum(dtype=float))
-        sums.append(float(ours.solid_angle_sr[ours.valid].sum(dtype=float)) / footprint - 1)
+        sums.append(
+            float(estimated.solid_angle_sr[estimated.valid].sum(dtype=float)) / footprint - 1
+        )
     error = np.concatenate(errors)
     return {
         "direction_error_rms_arcmin": Figure(
@@ -145,7 +152,7 @@ def _geometry(found: Calibration, truth: Calibration) -> dict[str, Figure]:
 
 
 def _found_area(found: Calibration, truth: Calibration) -> Figure:
-    """Share of the truly lit dome that the calibration covers: what it loses is not judged below."""
+    """Share of the truly lit dome that the calibration covers; other figures leave the rest out."""
     lit = master_solid_angles(truth.maps.size) * truth.maps.coverage
     share = float((lit * np.minimum(found.maps.coverage, 1)).sum() / lit.sum())
     return Figure(share, "-", Goal(">=", 0.995), 1, "share of the truly lit dome")
@@ -155,7 +162,7 @@ def _sphere(found: Calibration) -> dict[str, Figure]:
     test = found.quality.get("sphere_variance_ratio")
     if test is None:
         return {}
-    note = f"variance ratio {test.value:.2f}, above 2.25 it is not"
+    note = f"variance ratio {test.value:.2f}, above 2.25 it is no sphere"
     return {"dome_is_sphere": Figure(bool(test.passed), "-", None, test.samples, note)}
 
 

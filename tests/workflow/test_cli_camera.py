@@ -212,8 +212,14 @@ class TestRefuses:
                 for edge in ("nan", "inf", "-20")
             ),
             (("--squares", "3x7", "--square-mm", "20"), "3x7 squares of 20 mm are no board"),
-            ((*BOARD, "--model", "equidistant"), "--model: got 'equidistant', expected brown or"),
-            ((*BOARD, "--board", "circles"), "--board: got 'circles', expected checkerboard or"),
+            (
+                (*BOARD, "--model", "equidistant"),
+                "--model 'equidistant' is unknown; choose brown or",
+            ),
+            (
+                (*BOARD, "--board", "circles"),
+                "--board 'circles' is unknown; choose checkerboard or",
+            ),
             ((*BOARD, "--board", "charuco"), "markers of 0 mm do not fit into squares of 20 mm"),
             (
                 (*BOARD, "--board", "charuco", "--marker-mm", "14", "--dictionary", "DICT_9X9"),
@@ -240,9 +246,8 @@ class TestRefuses:
         (tmp_path / "notes.txt").write_text("x")
         (tmp_path / "folder.toml").mkdir()
         for out, message in (
-            ("notes.txt/c.toml", "notes.txt on its way, expected a folder"),
-            ("notes.txt/sub/c.toml", "notes.txt on its way, expected a folder"),
-            ("folder.toml", "folder.toml: got a folder, expected a file"),
+            ("notes.txt/sub/c.toml", "notes.txt is a file, not a folder"),
+            ("folder.toml", "folder.toml: this is a folder"),
         ):
             ran = procam("camera", photos, *BOARD, "--out", tmp_path / out)
             assert (ran.code, message in ran.complaint) == (2, True), ran

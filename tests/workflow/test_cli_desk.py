@@ -104,21 +104,17 @@ class TestResponse:
     def test_refusals(self, brackets: Path, shots: list[Array], tmp_path: Path) -> None:
         out = tmp_path / "a.csv"
         command = ("response", brackets, "--out", out, "--exposures")
-        assert "--exposures: got 'fast', expected seconds" in refused(*command, "1,fast,3,4")
-        assert "--exposures: got '1/0', expected" in refused(*command, "1/0,1,2,3")
+        assert "--exposures: 'fast' is no exposure" in refused(*command, "1,fast,3,4")
+        assert "--exposures: '1/0' is no exposure" in refused(*command, "1/0,1,2,3")
         assert "3 exposures were given for 4 photographs; give one for each" in refused(
             *command, "1,2,3"
         )
         assert "0.png has no exposure in its header" in refused(*command[:-1])
         told = refused(*command, "1,1/4,1/16,1/64")
         assert f"{brackets} (0.png, 1.png, 2.png, 3.png): brackets: photographs 4 and 3" in told
-        assert "got the suffix '.toml', expected .csv" in refused(
-            "response", brackets, "--out", tmp_path / "a.toml"
-        )
+        assert "must end in .csv" in refused("response", brackets, "--out", tmp_path / "a.toml")
         (tmp_path / "b.csv").mkdir()
-        assert "got a folder, expected a file" in refused(
-            "response", brackets, "--out", tmp_path / "b.csv"
-        )
+        assert "this is a folder" in refused("response", brackets, "--out", tmp_path / "b.csv")
         assert "no such folder" in refused("response", tmp_path / "gone", "--out", out)
         put_headers(brackets, shots)
         with_header(brackets / "1.png", shots[1], ExposureTime=0.06, FNumber=11.0)
@@ -271,11 +267,11 @@ class TestGlare:
             rest = [x for key, value in more.items() for x in (f"--{key}", value)]
             return refused("glare", venue / photo, "--trap", trap, *where, *rest)
 
-        assert "eight.png: got 8 bits, expected linear 16" in of("eight.png")
-        assert "small.tif: got 50x40 px, expected 160x160 as venue.toml says" in of("small.tif")
+        assert "eight.png: 8 bits are too coarse" in of("eight.png")
+        assert "small.tif: the photograph has 50x40 px" in of("small.tif")
         assert "gone.tif: no such file" in of("gone.tif")
-        assert "empty holds no photographs" in of("empty")
-        assert "--camera: got 'b', expected one of zenith, side" in of(camera="b")
+        assert "empty: there are no photographs here" in of("empty")
+        assert "--camera 'b' is not in venue.toml; choose one of zenith, side" in of(camera="b")
         for trap in ("80,70", "80,x,8", "80,70,-8", "nan,70,8"):
             assert f"--trap {trap!r} is not X,Y,RADIUS" in of(trap=trap)
         assert "--trap is given 3 times for 2 photographs; give it once for all" in refused(
@@ -283,8 +279,8 @@ class TestGlare:
             *("--trap", "80,70,8") * 3,
             *("--out", out),
         )
-        assert "--trap-sigma: got 2, expected a share" in of(**{"trap-sigma": "2"})
-        assert "glare.csv: got the suffix '.csv', expected .toml" in of(out=venue / "glare.csv")
+        assert "--trap-sigma is 2; it must be a share" in of(**{"trap-sigma": "2"})
+        assert "glare.csv: its name must end in .toml" in of(out=venue / "glare.csv")
         assert "the trap has 11" in of(trap="40,40,8")
         assert "dark: the photograph has up to" in of(dark=venue / "a.tif")
         assert not out.exists()

@@ -190,8 +190,11 @@ class TestRefusals:
             ((*PLAN, "--contrast", 0), "contrast: got 0, expected more than 1"),
             ((*PLAN, "--floor-albedo", 2), "floor albedo: got 2, expected between 0 and 1"),
             ((*PLAN, "--radius-m", -1), "radius_m is -1.0; it needs a length above 0 metres"),
-            ((*PLAN, "--lumens", 9), "--lumens: got no --radius-m beside it, expected the dome's"),
-            ((*PLAN, "--lumens", 0, "--radius-m", 5), "--lumens: got 0 in all, expected more than"),
+            ((*PLAN, "--lumens", 9), "--lumens needs --radius-m"),
+            (
+                (*PLAN, "--lumens", 0, "--radius-m", 5),
+                "--lumens is 0; the sum of all projectors is above 0",
+            ),
             ((*PLAN, "nonesuch.png"), "nonesuch.png: no such file; an image is needed"),
         ],
     )

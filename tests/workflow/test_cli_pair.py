@@ -86,10 +86,10 @@ class TestRefuses:
 
     def test_folders_and_options(self, tmp_path: Path) -> None:
         out = tmp_path / "p.toml"
-        assert "got no folders in it" in self.refused(tmp_path, out)
+        assert "there are no folders in it" in self.refused(tmp_path, out)
         assert "no such folder" in self.refused(tmp_path / "gone", out)
-        assert "--size: got 'big'" in self.refused(tmp_path, out, *BOARD[:4], "--size", "big")
-        assert "--square-mm: got nan" in self.refused(
+        assert "--size: 'big' is not" in self.refused(tmp_path, out, *BOARD[:4], "--size", "big")
+        assert "--square-mm is nan" in self.refused(
             tmp_path, out, *BOARD[:2], "--square-mm", "nan", *BOARD[4:]
         )
         assert "must end in .toml" in self.refused(tmp_path, tmp_path / "p.json")

@@ -108,6 +108,11 @@ def check_the_summary_holds_every_figure_and_all_are_finite(run: SmallRun) -> No
         assert all(math.isfinite(value) for value in values), name
 
 
+def check_the_computer_has_no_goals(run: SmallRun) -> None:
+    for name in ("simulated_run_s", "peak_memory_mib"):
+        assert (run.figures[name]["goal"], run.figures[name]["pass"]) == (None, None)
+
+
 def check_the_figures_make_sense(run: SmallRun) -> None:
     value = {name: figure["value"] for name, figure in run.figures.items()}
     assert abs(value["feedback_error"]) < 0.05
@@ -164,12 +169,31 @@ def test_a_loop_that_made_something_worse_fails_the_easy_presets(
     assert not (tmp_path / "run" / "calibrations").exists()
 
 
+@pytest.mark.parametrize("asked", [False, True])
+def test_the_table_of_figures_is_printed_when_asked(
+    asked: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    refined = SimpleNamespace(worse="", corrections=0, figures=dict)
+    monkeypatch.setattr(demo, "_run", lambda *_: (130, tmp_path / "0001", refined))
+    for step in ("load_calibration", "keep_pictures", "keep_loop", "_write_truth", "read_material"):
+        monkeypatch.setattr(demo, step, lambda *_: None)
+    for step in ("judge", "judge_pictures"):
+        monkeypatch.setattr(demo, step, lambda *_: {})
+    monkeypatch.setattr(demo, "write_report", lambda out: out / "report.html")
+    monkeypatch.setattr(demo, "result_lines", lambda _: ["Screen: a sphere."])
+    ran = procam("demo", "--out", tmp_path / "run", *(["--figures"] if asked else []))
+    assert ran.code == 1  # 130 photographs are more than the goal
+    assert "Screen: a sphere." in ran.out and "report.html" in ran.out
+    assert ("simulated_run_s" in ran.out, "FAIL" in ran.out) == (asked, asked)
+
+
 def test_small_demo(tmp_path: Path, subtests: pytest.Subtests) -> None:
     run = watched_demo(tmp_path)
     for check in (
         check_no_truth_exists_before_the_run_has_ended,
         check_json_is_all_there_is_on_stdout_and_it_is_the_summary,
         check_the_summary_holds_every_figure_and_all_are_finite,
+        check_the_computer_has_no_goals,
         check_the_figures_make_sense,
         check_the_loop_falls_towards_the_noise,
         check_what_a_demo_leaves_behind,

@@ -5,11 +5,20 @@ from textwrap import wrap
 from typing import Any
 
 from procam.interfaces.report.data import Material
-from procam.interfaces.report.words import miss_text, number, percent
+from procam.interfaces.report.words import limits_text, miss_text, number, percent
 
 COLUMNS, LABEL = 100, 16
 MASTER_PX = 4096  # edge of the dome master that errors are compared with
 MASTER_PIXEL_ARCMIN = 180 * 60 / MASTER_PX
+# a terminal may lack what the report's texts use
+ASCII = str.maketrans(
+    {
+        "\N{NARROW NO-BREAK SPACE}": " ",
+        "\N{NO-BREAK SPACE}": " ",
+        "\N{MINUS SIGN}": "-",
+        "\N{PLUS-MINUS SIGN}": "+-",
+    }
+)
 Entries = Mapping[str, Mapping[str, Any]]
 
 
@@ -27,19 +36,24 @@ def result_lines(material: Material) -> Iterator[str]:
     }
     for label, text in parts.items():
         if text:
-            indent = " " * LABEL
-            yield from wrap(f"{label + ':':{LABEL}}{text}", COLUMNS, subsequent_indent=indent)
+            lines = wrap(labelled(label, text), COLUMNS, subsequent_indent=" " * LABEL)
+            yield from (line.translate(ASCII) for line in lines)
+
+
+def labelled(label: str, text: object) -> str:
+    """A line with its label in front."""
+    return f"{label + ':':{LABEL}}{text}"
 
 
 def _geometry(figures: Entries, through_server: bool) -> str:
     if "direction_error_rms_arcmin" not in figures:
         return ""
     error = figures["direction_error_rms_arcmin"]["value"]
-    who = "the media server puts its pixels" if through_server else "procam finds projector pixels"
+    who = "the media server's pixels" if through_server else "projector pixels"
     return (
-        f"{who} to {number(error, 2)} arcmin (root mean square). One arcmin is what a sharp eye "
-        f"resolves; here it is {number(error / MASTER_PIXEL_ARCMIN, 2)} pixels of a dome master of "
-        f"{MASTER_PX} px."
+        f"{who} are {number(error, 2)} arcmin off (root mean square), or "
+        f"{number(error / MASTER_PIXEL_ARCMIN, 2)} pixels of a dome master of {MASTER_PX} px. A sharp eye "
+        "resolves 1 arcmin."
     )
 
 
@@ -61,8 +75,8 @@ def _bounced_light(figures: Entries) -> str:
         return ""
     before, after = figures["scatter_before"]["value"], left["value"]
     return (
-        f"it adds {percent(before, 2)} of white to the picture before compensation, and "
-        f"{percent(before * after, 2)} after it: {percent(after, 2)} of it is left."
+        f"it adds {percent(before, 2)} of white to the picture before compensation; "
+        f"{percent(after, 2)} of it remains after compensation."
     )
 
 
@@ -70,16 +84,11 @@ def _not_removed(material: Material) -> str:
     limits = material.limits()
     if limits is None:
         return ""
-    low, high = (float(share.mean()) for share in (limits.too_bright, limits.too_dark))
-    return (
-        f"{percent(low, 2)} of the lit picture asks for less light than already bounces there. That "
-        "would need negative light, which no projector has: black stays a little grey. "
-        f"{percent(high, 2)} asks for more light than the projectors have."
-    )
+    return limits_text(float(limits.too_bright.mean()), float(limits.too_dark.mean()))
 
 
 def _time(figures: Entries) -> str:
     seconds, shots = (figures.get(name) for name in ("simulated_run_s", "shots"))
     if seconds is None or shots is None:
         return ""
-    return f"{number(seconds['value'], 2)} s on this computer, with {shots['value']} photographs."
+    return f"{seconds['value']:.0f} s on this computer, with {shots['value']} photographs."

@@ -63,6 +63,18 @@ class Output:
                 data = event.data
         return data
 
+    def follow_frames(self, events: Iterator["Event"], *, quiet: bool) -> dict[str, Any]:
+        """The same for frames, whose first should not wait for the bar's import: only on a terminal."""
+        if sys.stderr.isatty() and not quiet:
+            return self.follow(events)
+        from procam.interfaces.cli._memory import keep_large_buffers
+
+        keep_large_buffers()
+        data: dict[str, Any] = {}
+        for event in events:
+            data = event.data
+        return data
+
     def table(self, figures: Mapping[str, "Figure"]) -> None:
         """Print figures with goal and verdict."""
         for name, figure in figures.items():

@@ -21,7 +21,6 @@ from procam.interfaces.cli._options import (
 )
 from procam.interfaces.cli._output import Output
 from procam.interfaces.cli._pipe import PIPE, RawFrames, compensate_pipe
-from procam.interfaces.cli._progress import follow_frames
 from procam.workflows.playout.compensate import compensate_file, write_report
 from procam.workflows.playout.frame import FrameSettings
 
@@ -101,7 +100,7 @@ def compensate(
     beside, rows = _beside(explain, report), {}
     again = report is not None
     events = compensate_file(calibration, source, out, settings, again, beside)
-    follow_frames(_collected(events, rows), output, quiet=source.is_file())
+    output.follow_frames(_collected(events, rows), quiet=source.is_file())
     if report:
         _write_report(report, rows)
     if explain:
@@ -150,7 +149,7 @@ def _check_plots(explain: Path | None, report: Path | None) -> None:
     if report and report.suffix != ".csv":
         raise InputError(f"--report {report}: the name must end in .csv")
     if report or explain:
-        from procam.interfaces.plots.charts import require_matplotlib
+        from procam.interfaces.plots.figure import require_matplotlib
 
         require_matplotlib()
 

@@ -21,7 +21,7 @@ from procam.files import atomic
 from procam.files.calibration import load_calibration
 from procam.files.system import peak_memory_mib
 from procam.files.venue.load import Venue, load_venue, template_names, template_text
-from procam.interfaces.cli._demo_text import result_lines
+from procam.interfaces.cli._demo_text import labelled, result_lines
 from procam.interfaces.cli._options import Json
 from procam.interfaces.cli._output import Output, exit_if_missed
 from procam.interfaces.cli._sessions import CONTENT_SIZE, keep_refined
@@ -170,8 +170,8 @@ def _print(out: Path, table: dict[str, Figure], output: Output) -> None:
     if not output.as_json:
         for line in result_lines(read_material(out)):
             output.say(line)
-    output.say(f"Report: {report} (open it in a browser)")
-    output.say(f"All figures: {out / 'summary.json'}, or as a table: procam demo --figures")
+    output.say(labelled("Report", f"{report} (open it in a browser)"))
+    output.say(labelled("All figures", f"{out / 'summary.json'}; --figures prints them as a table"))
 
 
 def _gigabytes(folder: Path) -> float:

@@ -7,7 +7,6 @@ import typer
 
 from procam.interfaces.cli._options import CalibrationArgument, Json, TransferOption
 from procam.interfaces.cli._output import Output
-from procam.interfaces.cli._progress import follow_frames
 from procam.workflows.playout.warp import warp_file
 
 EXAMPLE = "procam warp my-dome/calibrations/0001 direct.exr frames"
@@ -34,7 +33,7 @@ def warp(
     """
     output = Output(json)
     events = warp_file(calibration, source, out, transfer)
-    paths = follow_frames(events, output, quiet=source.is_file())["frames"]
+    paths = output.follow_frames(events, quiet=source.is_file())["frames"]
     for path in paths:
         output.say(f"{path} written")
     output.finish({"frames": paths})

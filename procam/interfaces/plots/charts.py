@@ -1,51 +1,50 @@
-"""Dome pictures, colour scales and charts as PNG data addresses; matplotlib's Agg only, lazily."""
+"""Dome pictures, colour scales and charts of a report, as PNG data addresses."""
 
 import base64
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.errors import InputError
+from procam.interfaces.plots.figure import (
+    CHANNELS,
+    INK,
+    UNKNOWN,
+    css_colour,
+    finish,
+    new_figure,
+    png_of,
+    require_matplotlib,
+    title_axes,
+)
 from procam.maths.geometry.sphere import master_pixels
 from procam.maths.light.curves import srgb_encode
 from procam.model.photometry import ResponseCurve
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.floating]
 Pixels = NDArray[np.uint8]
 Colours = Sequence[tuple[int, int, int]]
 Palette = Literal["light", "amount", "alternative", "signed"]
-# all of them safe for colour-blind readers and readable in grey print
+# all are safe for colour-blind readers and readable in grey print
 MAPS = {"amount": "viridis", "alternative": "cividis", "signed": "RdBu_r"}
-CHANNELS = (("red", "#c44e00", "-"), ("green", "#00805d", "--"), ("blue", "#0063a6", ":"))
-UNKNOWN = (176, 180, 184)
 # how many projectors: none, one, two, three, four or more
 COUNTS = ((236, 238, 239), (158, 202, 225), (66, 146, 198), (8, 81, 156), (8, 29, 88))
-# reproduced exactly, stays too bright, stays too dark, unlit; the hues of the signed scale
-LIMITS = ((247, 247, 247), (202, 64, 60), (50, 119, 180), UNKNOWN)
-INK, GRID = "#22303c", "#d5dade"
 STOPS = 24
-DPI = 190
-EXTRA = 'pip install "procam[report]"'
 
 
 @dataclass(frozen=True, slots=True)
 class Scale:
-    """How numbers become colours.
+    """A mapping from numbers to colours.
 
     Attributes
     ----------
     label : what is shown, with its unit. low, high : values at the ends.
     palette : "light" encodes light for a screen (sRGB), "signed" is centred on 0.
-    factor : what ticks are multiplied with, such as 100 for per cent.
+    factor : factor of the ticks' numbers, such as 100 for per cent.
     """
 
     label: str
@@ -55,7 +54,7 @@ class Scale:
     factor: float = 1.0
 
     def position(self, values: Floats) -> Floats:
-        """Where values lie on the scale, 0..1."""
+        """Position of values on the scale, 0..1."""
         share = np.clip((values - self.low) / (self.high - self.low), 0, 1)
         return srgb_encode(share) if self.palette == "light" else share
 
@@ -88,29 +87,9 @@ class Scale:
         return dome_png(np.where(shown, colours, np.array(UNKNOWN, np.uint8)))
 
 
-def require_matplotlib() -> Any:
-    """Matplotlib, or an error that says how to get it."""
-    try:
-        import matplotlib as mpl  # noqa: PLC0415
-    except ImportError as error:
-        raise InputError(
-            f"report: got no matplotlib, expected the extra that draws reports; run: {EXTRA}"
-        ) from error
-    return mpl
-
-
 def paint_categories(codes: NDArray[np.integer], colours: Colours) -> str:
     """A dome master (N, N) of indices into `colours` as a PNG data address."""
     return dome_png(np.array(colours, np.uint8)[np.clip(codes, 0, len(colours) - 1)])
-
-
-def css_colour(colour: tuple[int, int, int]) -> str:
-    """A colour as a page writes it.
-
-    >>> css_colour((255, 0, 16))
-    '#ff0010'
-    """
-    return "#{:02x}{:02x}{:02x}".format(*colour)
 
 
 def dome_png(rgb: Pixels) -> str:
@@ -139,8 +118,8 @@ def on_dome(direction: Floats, values: Floats, size: int) -> Array:
 
 
 def response_chart(name: str, curve: ResponseCurve) -> str:
-    """Response of a projector, and what sets it apart from the power law 2.2."""
-    figure = _figure(3.7, 3.9)
+    """Response of a projector, and its difference from the power law 2.2."""
+    figure = new_figure(3.7, 3.9)
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(2.2, 1))
     power = curve.levels**2.2
     upper.plot(curve.levels, power, color="#9aa4ad", lw=4, alpha=0.6, label="power law 2.2")
@@ -149,18 +128,18 @@ def response_chart(name: str, curve: ResponseCurve) -> str:
         upper.plot(curve.levels, curve.values[:, c], color=colour, ls=style, lw=1.6, label=label)
         lower.plot(curve.levels, apart, color=colour, ls=style, lw=1.4)
         lower.fill_between(curve.levels, apart - sigma, apart + sigma, color=colour, alpha=0.18)
-    upper.set_title(name, loc="left", fontweight="bold", fontsize=10, color=INK)
+    title_axes(upper, name)
     upper.set_ylabel("light given (1 = full)")
     lower.set_ylabel("difference [%]")
     lower.set_xlabel("drive sent (0 = black, 1 = full)")
     finish([upper, lower])
     upper.legend(frameon=False, fontsize=8.5)
-    return _saved(figure)
+    return _address(png_of(figure))
 
 
 def profile_chart(elevation_deg: Array, before: Array, after: Array, after_free: Array) -> str:
     """Error against elevation, (K,) and (K, 3) as share of white; the right panel is enlarged."""
-    figure = _figure(9.6, 3.5)
+    figure = new_figure(9.6, 3.5)
     left, right = figure.subplots(1, 2)
     for c, (label, colour, style) in enumerate(CHANNELS):
         left.plot(
@@ -171,18 +150,18 @@ def profile_chart(elevation_deg: Array, before: Array, after: Array, after_free:
         right.plot(elevation_deg, 100 * after[:, c], color=colour, ls=style, lw=1, alpha=0.35)
     titles = ("Before; thin, near zero: after", "After, enlarged; pale: limits included")
     for axes, title in zip((left, right), titles, strict=True):
-        axes.set_title(title, loc="left", fontweight="bold", fontsize=10, color=INK)
+        title_axes(axes, title)
         axes.axhline(0, color=INK, lw=0.8)
         axes.set_xlabel("elevation above the dome's rim [degrees]")
         axes.set_ylabel("too bright by [% of white]")
         axes.legend(frameon=False, fontsize=8.5)
     finish([left, right])
-    return _saved(figure)
+    return _address(png_of(figure))
 
 
 def loop_chart(residual: Sequence[float], noise_floor: float) -> str:
     """Residual after each iteration against the camera's noise, as shares of white."""
-    figure = _figure(6.4, 3.3)
+    figure = new_figure(6.4, 3.3)
     axes = figure.subplots()
     values = 100 * np.array(residual, float)
     positive = values[values > 0]
@@ -194,47 +173,18 @@ def loop_chart(residual: Sequence[float], noise_floor: float) -> str:
     axes.axhline(
         100 * noise_floor, color="#6b7680", ls="--", lw=1.3, label="camera noise, one photograph"
     )
-    axes.plot(range(len(values)), values, color="#0063a6", marker="o", label="what is left")
+    axes.plot(range(len(values)), values, color="#0063a6", marker="o", label="difference")
     for i, value in enumerate(values):
         axes.annotate(
             f"{value:.2g} %", (i, value), xytext=(7, 6), textcoords="offset points", color=INK
         )
     axes.set_xticks(range(len(values)))
     axes.set_xlim(-0.2, len(values) - 0.45)
-    axes.set_xlabel("corrections made (0 = straight from the calibration)")
+    axes.set_xlabel("corrections (0 = the calibration alone)")
     axes.set_ylabel("difference [% of white]")
     axes.legend(frameon=False, fontsize=8.5)
     finish([axes])
-    return _saved(figure)
-
-
-def _figure(width_in: float, height_in: float) -> "Figure":
-    require_matplotlib()
-    from matplotlib.figure import Figure  # noqa: PLC0415
-
-    return Figure(figsize=(width_in, height_in), layout="constrained")
-
-
-def finish(panels: "Sequence[Axes]") -> None:
-    """The look that all plots share: a quiet grid behind, two spines."""
-    for axes in panels:
-        axes.grid(color=GRID, lw=0.7)
-        axes.set_axisbelow(True)
-        axes.tick_params(colors=INK, labelsize=8.5, length=3)
-        axes.xaxis.label.set(color=INK, size=9)
-        axes.yaxis.label.set(color=INK, size=9)
-        for side, spine in axes.spines.items():
-            spine.set_visible(side in ("left", "bottom"))
-            spine.set_color("#9aa4ad")
-
-
-def _saved(figure: "Figure") -> str:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415
-
-    buffer = io.BytesIO()
-    FigureCanvasAgg(figure)
-    figure.savefig(buffer, format="png", dpi=DPI)
-    return _address(buffer.getvalue())
+    return _address(png_of(figure))
 
 
 def _address(png: bytes) -> str:

@@ -1,25 +1,25 @@
-"""The picture of a forecast: white, contrast, and how each picture will be seen."""
+"""The plot of a forecast: white, contrast, and how each picture will be seen."""
 
-import io
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.files import atomic
-from procam.interfaces.plots.charts import (
-    DPI,
+from procam.interfaces.plots.figure import (
     INK,
     LIMITS,
-    UNKNOWN,
-    css_colour,
+    add_legend_squares,
+    brightest,
     finish,
-    require_matplotlib,
+    light_colours,
+    new_figure,
+    save_figure,
+    show_dome,
+    title_axes,
 )
 from procam.maths.geometry.sphere import master_solid_angles
-from procam.maths.light.curves import srgb_encode
 from procam.workflows.forecast import Levels, Seen, checkerboard_contrast
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ DIRECT, SCATTERED, WITHOUT, WITH = "#4393c3", "#f4a582", "#ca403c", "#053061"
 WIDTH, TOP, ROW = 10.5, 3.9, 3.4  # inches
 ROUND = [digit * 10.0**power for power in range(7) for digit in (1, 2, 5)]
 WHITE_SHARES = np.geomspace(0.005, 0.95, 60)
-TITLES = ("asked for", "seen without compensation", "seen with compensation", "what cannot be met")
+TITLES = ("target", "without compensation", "with compensation", "limits")
 LIMIT_NAMES = ("exact", "too bright", "too dark", "not lit")
 
 
@@ -43,11 +43,7 @@ def write_plot(
 
     `levels` at the low end, the middle and the high end, with light in `unit`; `pictures` with names.
     """
-    require_matplotlib()
-    from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415
-    from matplotlib.figure import Figure  # noqa: PLC0415
-
-    figure = Figure(figsize=(WIDTH, TOP + ROW * len(pictures)))
+    figure = new_figure(WIDTH, TOP + ROW * len(pictures))
     figure.set_layout_engine("constrained", w_pad=0.1, h_pad=0.1)
     heights = [TOP, *[ROW] * len(pictures)]
     parts = figure.subfigures(len(heights), 1, squeeze=False, height_ratios=heights)[:, 0]
@@ -56,23 +52,17 @@ def write_plot(
     _draw_contrast(right, levels)
     for part, (name, seen) in zip(parts[1:], pictures, strict=True):
         _draw_picture(part, name, seen)
-    buffer = io.BytesIO()
-    FigureCanvasAgg(figure)
-    figure.savefig(buffer, format="png", dpi=DPI)
-    with atomic.replacing(path) as temporary:
-        temporary.write_bytes(buffer.getvalue())
+    save_figure(figure, path)
 
 
 def _draw_white(axes: "Axes", levels: Sequence[Levels], unit: str) -> None:
-    """Full white, split into what projectors send and what bounces."""
+    """Full white, split into direct and scattered light."""
     low, middle, high = levels
     direct = np.array([middle.white_after, middle.white_after])
     scattered = np.array([middle.white_before - middle.white_after, 0.0])
     places = [0, 1]
-    axes.bar(places, direct, 0.55, color=DIRECT, label="as asked for")
-    axes.bar(
-        places, scattered, 0.55, bottom=direct, color=SCATTERED, label="scattered on top of it"
-    )
+    axes.bar(places, direct, 0.55, color=DIRECT, label="direct")
+    axes.bar(places, scattered, 0.55, bottom=direct, color=SCATTERED, label="scattered")
     for place, name in zip(places, ("white_before", "white_after"), strict=True):
         value, ends = getattr(middle, name), [getattr(end, name) for end in (low, high)]
         if max(ends) > min(ends):
@@ -90,13 +80,13 @@ def _draw_white(axes: "Axes", levels: Sequence[Levels], unit: str) -> None:
     axes.set_xlim(-0.6, 1.6)
     axes.set_ylim(0, 1.42 * max(level.white_before for level in levels))
     axes.set_ylabel(f"light [{unit}]")
-    axes.set_title("Full white", loc="left", fontweight="bold", fontsize=11, color=INK)
+    title_axes(axes, "Full white", size=11)
     axes.legend(frameon=False, fontsize=8.5, loc="upper right")
     finish([axes])
 
 
 def _draw_contrast(axes: "Axes", levels: Sequence[Levels]) -> None:
-    """White to black in a picture of both, against the share of white."""
+    """White over black in a picture of both, against the share of white."""
 
     def curve(level: Levels, compensated: bool) -> NDArray[np.float64]:
         black = 1 / level.on_off_before
@@ -107,15 +97,8 @@ def _draw_contrast(axes: "Axes", levels: Sequence[Levels]) -> None:
 
     share = 100 * WHITE_SHARES
     low, middle, high = levels
-    axes.fill_between(
-        share,
-        curve(low, False),
-        curve(high, False),
-        color=WITHOUT,
-        alpha=0.18,
-        lw=0,
-        label="95 % interval",
-    )
+    band: dict[str, Any] = {"color": WITHOUT, "alpha": 0.18, "lw": 0, "label": "95 % interval"}
+    axes.fill_between(share, curve(low, False), curve(high, False), **band)
     axes.plot(
         share, curve(middle, False), color=WITHOUT, lw=4, alpha=0.6, label="without compensation"
     )
@@ -132,6 +115,16 @@ def _draw_contrast(axes: "Axes", levels: Sequence[Levels]) -> None:
         fontsize=9.5,
         arrowprops={"arrowstyle": "-", "color": INK, "lw": 0.8},
     )
+    _log_scales(axes)
+    axes.set_xlabel("white share of a picture of black and white [%]")
+    axes.set_ylabel("white : black")
+    title_axes(axes, "Black beside white", size=11)
+    axes.legend(frameon=False, fontsize=8.5, loc="upper right")
+    finish([axes])
+
+
+def _log_scales(axes: "Axes") -> None:
+    """Logarithmic axes with round numbers, and no powers of ten."""
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.set_xticks([0.5, 1, 2, 5, 10, 20, 50, 100])
@@ -140,11 +133,6 @@ def _draw_contrast(axes: "Axes", levels: Sequence[Levels]) -> None:
     axes.minorticks_off()
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_formatter(lambda value, _: f"{value:g}")
-    axes.set_xlabel("white share of a picture of black and white [%]")
-    axes.set_ylabel("white : black")
-    axes.set_title("Black beside white", loc="left", fontweight="bold", fontsize=11, color=INK)
-    axes.legend(frameon=False, fontsize=8.5, loc="upper right")
-    finish([axes])
 
 
 def _draw_picture(part: "SubFigure", name: str, seen: Seen) -> None:
@@ -152,16 +140,12 @@ def _draw_picture(part: "SubFigure", name: str, seen: Seen) -> None:
     part.suptitle(name, x=0.01, ha="left", fontweight="bold", fontsize=11, color=INK)
     shown = (seen.target, seen.before, seen.after)
     unlit = seen.limits == 3
-    brightest = max(1.0, *(float(np.percentile(p[~unlit], 99.5)) for p in shown))
+    white = brightest(shown, unlit)
     inside = master_solid_angles(seen.limits.shape[0]) > 0
     for axes, title, picture in zip(panels, TITLES, shown, strict=False):
-        colours = srgb_encode(np.clip(picture / brightest, 0, 1))
-        _show(axes, title, np.where(unlit[..., None], np.array(UNKNOWN) / 255, colours), inside)
-    _show(panels[3], TITLES[3], np.array(LIMITS)[seen.limits] / 255, inside)
-    for colour, label in zip(LIMITS, LIMIT_NAMES, strict=True):
-        panels[3].scatter(
-            [], [], s=60, marker="s", color=css_colour(colour), edgecolors="#9aa4ad", label=label
-        )
+        show_dome(axes, title, light_colours(picture, white, unlit), inside)
+    show_dome(panels[3], TITLES[3], np.array(LIMITS)[seen.limits] / 255, inside)
+    add_legend_squares(panels[3], LIMIT_NAMES)
     panels[3].legend(
         loc="upper center",
         bbox_to_anchor=(0.5, 0.02),
@@ -171,10 +155,3 @@ def _draw_picture(part: "SubFigure", name: str, seen: Seen) -> None:
         handletextpad=0.2,
         columnspacing=1.0,
     )
-
-
-def _show(axes: "Axes", title: str, colours: NDArray[np.floating], inside: Mask) -> None:
-    """A dome master (N, N, 3) of screen values 0..1, transparent outside the circle."""
-    axes.imshow(np.dstack([colours, inside]), interpolation="antialiased")
-    axes.set_title(title, fontsize=9.5, color=INK)
-    axes.set_axis_off()

@@ -1,4 +1,4 @@
-"""What a report is made of: rows of dome pictures, charts, tables, sentences."""
+"""The parts of a report: rows of dome pictures, charts, tables, sentences."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -62,7 +62,7 @@ class Table:
 
 @dataclass(frozen=True, slots=True)
 class Text:
-    """A sentence; `missing` ones say which command adds what is not there."""
+    """A sentence; a `missing` one names the command that adds what is not there."""
 
     kind: ClassVar[str] = "text"
     text: str
@@ -82,12 +82,12 @@ class Section:
 
 
 def not_there(what: str, command: str) -> Text:
-    """A sentence that says what is missing and which command adds it."""
+    """A sentence with what is missing and the command that adds it."""
     return Text(f"{what}: not there yet. Run {command} to add it.", missing=True)
 
 
 def calibrating(material: Material) -> str:
-    """The command that makes a calibration and its pictures."""
+    """The command that writes a calibration and its pictures."""
     return f"`procam calibrate {material.directory}`"
 
 
@@ -97,20 +97,20 @@ def signed(label: str, end: float) -> Scale:
 
 
 def signed_light(end: float) -> Scale:
-    """A scale of how far light is off."""
+    """A scale of errors of light."""
     arrows = "too dark \N{LEFTWARDS ARROW} [% of white] \N{RIGHTWARDS ARROW} too bright"
     return signed(arrows, end)
 
 
 def extent(values: NDArray[np.floating], least: float, step: float = 0.0) -> float:
-    """Nearly the largest size of the finite values, not below `least`, up to a multiple of `step`."""
+    """99.5 % of the sizes of finite values, not below `least`, rounded up to a multiple of `step`."""
     known = np.abs(values[np.isfinite(values)])
     end = max(float(np.percentile(known, 99.5)), least) if known.size else least
     return float(np.ceil(end / step - 1e-9) * step) if step else end
 
 
 def brightness(top: float) -> Scale:
-    """A scale of light, shown as a screen shows it."""
+    """A scale of light, encoded for a screen."""
     return Scale("light, 1 = white", 0.0, top, "light")
 
 

@@ -1,4 +1,4 @@
-"""What a venue's folder holds for its report, read and brought to a size to show."""
+"""The contents of a venue's folder for its report, reduced to a size to show."""
 
 import json
 from collections.abc import Mapping
@@ -12,10 +12,9 @@ from numpy.typing import NDArray
 
 from procam.errors import FileFormatError, InputError
 from procam.files.calibration import list_calibrations, load_calibration
-from procam.files.images.layers import RGB, read_channels, read_layers
+from procam.files.images.layers import RGB, read_channels
 from procam.interfaces.plots.charts import on_dome
 from procam.maths.geometry.sphere import (
-    angle_between,
     master_directions,
     master_pixels,
     master_solid_angles,
@@ -27,14 +26,14 @@ from procam.model.correspondence import ProjectorSurface
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
 SHOWN = 450  # edge of a picture in the report, about [px]
-JUDGED = 256  # patches that errors are taken over
-POINTS = 1_200_000  # projector pixels drawn on a dome map, at most
-WHOLE = 0.999
+JUDGED = 256  # edge of the patches that errors are averaged over, in patches
+POINTS = 1_200_000  # most projector pixels that are drawn on a dome map
+WHOLE = 0.999  # share from which a patch counts as lit, or as free of limits
 
 
 @dataclass(frozen=True, slots=True)
 class Loop:
-    """The closed loop: residual per iteration, noise floor [rel], photographs by name, what got worse."""
+    """The closed loop: residual per iteration and noise floor [rel], photographs by name, regression."""
 
     residual: list[float]
     noise_floor: float
@@ -44,7 +43,7 @@ class Loop:
 
 @dataclass(frozen=True, slots=True)
 class Truth:
-    """What the simulator tells: pictures by method [rel]; feedback, albedo (3,); directory."""
+    """The simulator's truth: pictures by method [rel]; feedback, albedo (3,); directory."""
 
     directory: Path
     pictures: Mapping[str, Image]
@@ -53,10 +52,11 @@ class Truth:
 
 
 @dataclass(frozen=True, slots=True)
-class Seen:
-    """A picture before and after compensation with what it should be, all (N, N, 3) [rel].
+class BeforeAfter:
+    """A picture before and after compensation and its target, all (N, N, 3) [rel].
 
-    `free` (N, N, 3) is the share that no limit holds; `source` names where the light comes from.
+    `free` (N, N, 3) is the share of each patch where no limit holds. `source` of `before` and `after`:
+    simulator, camera or prediction.
     """
 
     before: Image
@@ -92,7 +92,7 @@ class Limits:
 
 @dataclass(frozen=True, slots=True)
 class Material:
-    """All a report is made of; what a venue does not have is None or empty.
+    """Everything a report shows; what a venue does not have is None or empty.
 
     Attributes
     ----------
@@ -115,7 +115,7 @@ class Material:
         return self.directory.resolve().name
 
     @property
-    def made(self) -> datetime | None:
+    def calibrated_at(self) -> datetime | None:
         """When the newest calibration was written, in local time."""
         if not self.calibrations:
             return None
@@ -133,8 +133,8 @@ class Material:
         maps, (direction, inside) = self.calibration.maps, master_directions(size)
         return maps.is_protected(master_pixels(direction, maps.size)) & inside
 
-    def seen(self) -> Seen | None:
-        """Before and after from the best witness there is: simulator, camera, prediction."""
+    def before_after(self) -> BeforeAfter | None:
+        """Before and after, from the best source: simulator, then camera, then prediction."""
         if self.calibration is None or not self.pictures:
             return None
         target, free = self.pictures["target"], self.pictures["free"]
@@ -142,15 +142,15 @@ class Material:
         if self.truth and {"none", "exact"} <= set(self.truth.pictures):
             shown = self.truth.pictures
             after = shown.get("refined", shown["exact"])
-            return Seen(shown["none"], after, target, free, coverage, "simulator")
+            return BeforeAfter(shown["none"], after, target, free, coverage, "simulator")
         if self.loop:
             photographs = self.loop.photographs
             size = len(photographs["before"])
             target, free, coverage = (resized(p, size) for p in (target, free, coverage))
             before, after = photographs["before"], photographs["after"]
-            return Seen(before, after, target, free, coverage, "camera")
+            return BeforeAfter(before, after, target, free, coverage, "camera")
         before, after = self.pictures["uncompensated"], self.pictures["compensated"]
-        return Seen(before, after, target, free, coverage, "prediction")
+        return BeforeAfter(before, after, target, free, coverage, "prediction")
 
     def limits(self) -> Limits | None:
         """Where a limit holds; None without a compensated picture."""
@@ -168,13 +168,13 @@ class Material:
 
 
 def read_material(venue_dir: Path) -> Material:
-    """Read what a venue's folder holds."""
+    """Read a venue's folder."""
     calibrations = list_calibrations(venue_dir)
-    summary = _document(venue_dir / "summary.json")
+    summary = read_document(venue_dir / "summary.json")
     if not (calibrations or summary or (venue_dir / "venue.toml").is_file()):
         raise InputError(
-            f"{venue_dir}: got no venue.toml and no calibration, expected a venue's folder; "
-            "`procam demo` makes one to look at"
+            f"{venue_dir}: this is no venue's folder, as it has neither venue.toml nor a calibration; "
+            "`procam demo` makes one to try"
         )
     calibration = load_calibration(calibrations[-1]) if calibrations else None
     pictures = _pictures(venue_dir / "pictures")
@@ -192,7 +192,7 @@ def read_material(venue_dir: Path) -> Material:
 
 
 def resized(picture: Image, size: int) -> Image:
-    """A dome master brought to another size: averaged down, then sampled."""
+    """A dome master at another size: averaged down, then sampled."""
     if len(picture) == size:
         return picture
     smaller = block_mean(picture, max(1, len(picture) // size))
@@ -200,55 +200,13 @@ def resized(picture: Image, size: int) -> Image:
     return sample(smaller, master_pixels(direction, len(smaller)))
 
 
-def drawn(surface: ProjectorSurface, values: NDArray[np.floating]) -> Array:
-    """Values (H, W) of a projector's pixels as a dome master; NaN where none of them lands."""
+def on_master(surface: ProjectorSurface, values: NDArray[np.floating]) -> Array:
+    """Values (H, W) of a projector's pixels as a dome master; NaN where no pixel falls."""
     step = max(1, int(np.sqrt(surface.valid.size / POINTS)))
     valid = surface.valid[::step, ::step]
     pixels = int(valid.sum())
     size = int(np.clip(np.sqrt(pixels) / 1.6, 24, SHOWN))
     return on_dome(surface.direction[::step, ::step][valid], values[::step, ::step][valid], size)
-
-
-def true_errors(material: Material, name: str) -> Array | None:
-    """Angles (H, W) [arcmin] between a projector's found and true directions; NaN where unknown."""
-    if material.truth is None or material.calibration is None:
-        return None
-    path = material.truth.directory / "maps" / f"{name}.exr"
-    if not path.is_file():
-        return None
-    maps = read_layers(path)
-    truth = maps["direction"]
-    found = material.calibration.projectors[name].surface.direction
-    error = np.degrees(angle_between(found.astype(float), truth.astype(float))) * 60
-    return np.where(maps["valid"] > 0.5, error, np.nan)
-
-
-def gain_change(material: Material, name: str) -> Array | None:
-    """Factor (H, W) by which the loop changed a projector's gain; None without two calibrations.
-
-    Those that only added a state of the house are passed over: they have the same gains.
-    """
-    change = None
-    for earlier in reversed(material.calibrations[:-1]):
-        found = _gain_since(earlier, material, name)
-        if found is None:
-            break
-        change = found
-        if (np.nan_to_num(change, nan=1.0) != 1).any():
-            break
-    return change
-
-
-def _gain_since(earlier: Path, material: Material, name: str) -> Array | None:
-    """Gain (H, W) over that of an earlier calibration of the same session; None if there is none."""
-    newest = material.calibration
-    session = _document(earlier / "calibration.json")["provenance"].get("session")
-    path = earlier / "maps" / f"{name}.exr"
-    if newest is None or session != newest.provenance.get("session") or not path.is_file():
-        return None
-    old = read_layers(path)["gain"].sum(axis=-1, dtype=float)
-    new = newest.projectors[name].photometry.gain.sum(axis=-1, dtype=float)
-    return np.where(old > 0, new / np.where(old > 0, old, 1.0), np.nan)
 
 
 def _pictures(folder: Path) -> dict[str, Image]:
@@ -260,16 +218,16 @@ def _pictures(folder: Path) -> dict[str, Image]:
 
 def _loop(folder: Path) -> Loop | None:
     names = ("before", "after", "predicted", "free")
-    document = _document(folder / "loop.json")
+    document = read_document(folder / "loop.json")
     if not document or not all((folder / f"{n}.exr").is_file() for n in names):
         return None
     photographs = {n: _picture(folder / f"{n}.exr") for n in names}
-    worse = document.get("worse", "")  # loops of earlier versions do not say
+    worse = document.get("worse", "")  # earlier versions did not store it
     return Loop(document["residual"], document["noise_floor"], photographs, worse)
 
 
 def _truth(folder: Path, calibration: Calibration | None, size: int) -> Truth | None:
-    document = _document(folder / "calibration.json")
+    document = read_document(folder / "calibration.json")
     if not document or calibration is None:
         return None
     matrix = calibration.content_from_camera.T.astype(np.float32)
@@ -280,17 +238,17 @@ def _truth(folder: Path, calibration: Calibration | None, size: int) -> Truth | 
 
 
 def _picture(path: Path) -> Image:
-    """An RGB file averaged down to the size of the report; holes are black."""
+    """An RGB file averaged down to the size of the report; NaN becomes black."""
     channels = read_channels(path)
     if not set(RGB) <= set(channels):
         raise FileFormatError(
-            f"{path}: got channels {', '.join(channels)}, expected R, G and B; make it again"
+            f"{path}: channels R, G and B are missing (it has {', '.join(channels)}); make it again"
         )
     picture = np.nan_to_num(np.stack([channels[c] for c in RGB], axis=-1))
     return block_mean(picture, max(1, round(len(picture) / SHOWN)))
 
 
-def _document(path: Path) -> dict[str, Any]:
+def read_document(path: Path) -> dict[str, Any]:
     """A JSON file's object; empty if there is none."""
     if not path.is_file():
         return {}
@@ -298,8 +256,8 @@ def _document(path: Path) -> dict[str, Any]:
         document = json.loads(path.read_text("utf-8"))
     except ValueError as error:
         raise FileFormatError(
-            f"{path}: got no JSON ({error}); delete it or make it again"
+            f"{path}: this is not valid JSON ({error}); delete it or make it again"
         ) from error
     if not isinstance(document, dict):
-        raise FileFormatError(f"{path}: got {type(document).__name__}, expected a JSON object")
+        raise FileFormatError(f"{path}: a JSON object is needed; delete it or make it again")
     return document

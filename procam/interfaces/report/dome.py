@@ -1,4 +1,4 @@
-"""Sections on the rig: who lights what, where pixels land, how projectors and dome behave."""
+"""Sections on the rig: coverage, directions, responses, levels, feedback and albedo."""
 
 from collections.abc import Iterator
 
@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from procam.interfaces.plots import charts as plots
 from procam.interfaces.plots.charts import Scale
+from procam.interfaces.plots.figure import css_colour
 from procam.interfaces.report.blocks import (
     COLOURS,
     Block,
@@ -22,7 +23,8 @@ from procam.interfaces.report.blocks import (
     painted,
     signed,
 )
-from procam.interfaces.report.data import SHOWN, WHOLE, Material, drawn, resized, true_errors
+from procam.interfaces.report.changes import true_errors
+from procam.interfaces.report.data import SHOWN, WHOLE, Material, on_master, resized
 from procam.interfaces.report.words import number, percent
 from procam.maths.geometry.sphere import master_solid_angles
 from procam.model.calibration import Calibration
@@ -40,7 +42,7 @@ def coverage(material: Material) -> Iterator[Block]:
         yield not_there("The map of which projector lights what", calibrating(material))
         return
     projectors = material.calibration.projectors
-    blends = {f"Share of {n}": drawn(p.surface, p.blend) for n, p in projectors.items()}
+    blends = {f"Share of {n}": on_master(p.surface, p.blend) for n, p in projectors.items()}
     size = min(len(b) for b in blends.values())
     lit = material.coverage(size) > 0.5
     count = np.sum([np.isfinite(_nearest(b, size)) for b in blends.values()], axis=0) * lit
@@ -58,7 +60,7 @@ def coverage(material: Material) -> Iterator[Block]:
 
 def _counted(count: NDArray[np.integer]) -> Group:
     image = plots.paint_categories(count, plots.COUNTS)
-    pairs = [(plots.css_colour(c), t) for c, t in zip(plots.COUNTS, COUNT_WORDS, strict=True)]
+    pairs = [(css_colour(c), t) for c, t in zip(plots.COUNTS, COUNT_WORDS, strict=True)]
     return Group([DomePicture("Projectors per direction", image)], None, pairs[: count.max() + 1])
 
 
@@ -69,24 +71,24 @@ def _nearest(picture: Floats, size: int) -> Floats:
 
 
 def mapping(material: Material) -> Iterator[Block]:
-    """Expected and true direction errors, and the verdict on the shape."""
+    """Expected and true direction errors, and whether the dome is a sphere."""
     if material.calibration is None:
-        yield not_there("The map of mapping errors", calibrating(material))
+        yield not_there("The map of direction errors", calibrating(material))
         return
     shown: dict[str, Array] = {}
     for name, projector in material.calibration.projectors.items():
         surface = projector.surface
-        shown[f"{name}: expected error"] = drawn(surface, surface.sigma_arcmin)
+        shown[f"{name}: expected error"] = on_master(surface, surface.sigma_arcmin)
         error = true_errors(material, name)
         if error is not None:
-            shown[f"{name}: true error"] = drawn(surface, error)
+            shown[f"{name}: true error"] = on_master(surface, error)
     end = extent(np.concatenate([values.ravel() for values in shown.values()]), 0.01)
     true = "; true: compared with the simulator" if material.truth else ""
     yield Domes(
         [painted(shown, Scale("angle on the dome [arcmin]", 0.0, end))],
-        "For every projector pixel, how far off its place on the dome may be (expected: one "
-        "standard error, from the scatter of the camera's sightings and of the surveyed marks"
-        f"{true}). One minute of arc is a sixtieth of a degree: about the finest detail an eye "
+        "How far each projector pixel may be from its calculated place on the dome (expected: one "
+        "standard error, from the scatter of the camera's observations and of the surveyed marks"
+        f"{true}). One minute of arc is a sixtieth of a degree, about the finest detail an eye "
         "resolves. A 4K dome picture has pixels of 2.6 arcmin.",
     )
     yield from _geometry(material.calibration)
@@ -98,12 +100,12 @@ def _geometry(calibration: Calibration) -> Iterator[Block]:
     residual = calibration.quality.get("geometry_residual_rms_px")
     if residual is not None:
         yield Text(
-            f"The model of camera, projectors and dome explains {number(residual.samples)} "
-            f"sightings to {number(_mean(residual))} projector pixels (root mean square)."
+            f"The model of cameras, projectors and dome fits {number(residual.samples)} observations "
+            f"to {number(_mean(residual))} projector pixels (root mean square)."
         )
     sphere = calibration.quality.get("sphere_variance_ratio")
     if sphere is not None:
-        verdict = "The dome is a sphere as far as the cameras can tell"
+        verdict = "The dome is a sphere, as far as the cameras can measure"
         if not sphere.passed:
             solved = calibration.screen.degree
             verdict = "The dome is NOT a sphere; " + (
@@ -112,8 +114,8 @@ def _geometry(calibration: Calibration) -> Iterator[Block]:
                 else "its shape could not be solved, so directions carry a systematic error"
             )
         yield Text(
-            f"{verdict}. What an exact sphere leaves over scatters {number(_mean(sphere))} times as much "
-            "as the cameras' noise explains (1 is perfect, above 2.25 the shape is to blame)."
+            f"{verdict}. The residuals of an exact sphere vary {_mean(sphere):.2f} times as much as "
+            "the cameras' noise explains (1 is perfect; above 2.25 the dome is not a sphere)."
         )
 
 
@@ -133,8 +135,8 @@ def response(material: Material) -> Iterator[Block]:
     yield Charts(
         images,
         "How much light each projector gives for what it is sent, per primary colour. The lower "
-        "panel enlarges the difference from a plain power law of 2.2, with its 95 % band. A "
-        "smooth curve is a projector without surprises; a kink is a picture mode to switch off.",
+        "panel enlarges the difference from a power law of 2.2, with its 95 % band. A smooth curve "
+        "is good; a kink means that the projector processes the picture, in a mode to switch off.",
         width_px=345,
     )
 
@@ -153,7 +155,7 @@ def levels(material: Material) -> Iterator[Block]:
     yield Domes(
         [painted({"Brightest white": white}, bright), painted({"Darkest black": black}, dark)],
         "The most and the least light that all projectors together put on each direction, before "
-        "any bounce; compensation works between these two limits. White = 1 is the level that "
+        "light bounces; compensation works between these two limits. White = 1 is the level that "
         "practically every lit direction can reach (all but one in a thousand).",
     )
     rows = [
@@ -173,7 +175,7 @@ def _spread(values: Floats, as_percent: bool) -> list[str]:
 
 
 def _map_size(calibration: Calibration) -> int:
-    """The size dome maps are shown at."""
+    """The size at which dome maps are shown."""
     return calibration.maps.size // max(1, round(calibration.maps.size / SHOWN))
 
 
@@ -186,8 +188,8 @@ def feedback(material: Material) -> Iterator[Block]:
     yield Text(
         "Feedback m is the bounced light per unit of light projected when the whole dome is "
         f"white: here 100 units sent by the projectors arrive as {arriving:.0f}. Albedo is the "
-        "share of light the screen throws back; it is worked out from m and what is known of the "
-        "floor, and compensation does not depend on it."
+        "share of light that the screen reflects; it is computed from m and the floor's albedo, and "
+        "compensation does not depend on it."
     )
     yield _measured(material, material.calibration)
     if material.calibration.states:
@@ -211,10 +213,10 @@ def _measured(material: Material, calibration: Calibration) -> Table:
 
 
 def _states(calibration: Calibration) -> Table:
-    """States of the house, beside the calibrated one."""
+    """Venue states, beside the calibrated one."""
     maps = calibration.maps
     solid = master_solid_angles(maps.size) * maps.coverage
-    rows = [["as calibrated", *_intervals(calibration.feedback), "not counted"]]
+    rows = [["as calibrated", *_intervals(calibration.feedback), "not measured"]]
     for name, state in calibration.states.items():
         ambient = "none"
         if state.ambient is not None:
@@ -222,7 +224,7 @@ def _states(calibration: Calibration) -> Table:
             ambient = " / ".join(percent(v, 2) for v in mean)
         rows.append([name, *_intervals(state.feedback), ambient])
     return Table(
-        ["House state", *(f"Feedback m, {c}" for c in COLOURS), "The room's own light"],
+        ["Venue state", *(f"Feedback m, {c}" for c in COLOURS), "The room's own light"],
         rows,
         "An audience changes how much light bounces: in brackets the 95 % interval. The room's own "
         "light, exit signs and the like, is the mean over the lit dome, of white, red / green / blue.",
@@ -251,9 +253,9 @@ def _bounce_maps(material: Material, calibration: Calibration) -> Domes:
     return Domes(
         [
             painted({"Albedo": np.where(inside, albedo, np.nan)}, reflect),
-            painted({"Where bounced light shows": relative}, spread),
+            painted({"Bounced light against its mean": relative}, spread),
         ],
-        "First: how much light each part of the screen throws back; seams and stains show darker. "
-        "Second: where bounced light shows more (red) or less (blue) than on average. On a "
+        "First: how much light each part of the screen reflects; seams and stains are darker. "
+        "Second: where there is more (red) or less (blue) bounced light than on average. On a "
         "perfect dome both would be flat.",
     )

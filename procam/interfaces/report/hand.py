@@ -1,4 +1,4 @@
-"""The section on what a person set: masks, protected parts of the dome, nudges."""
+"""The section on manual settings: masks, protected parts of the dome, nudges."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
@@ -6,33 +6,34 @@ from typing import Any
 import numpy as np
 
 from procam.interfaces.plots import charts as plots
+from procam.interfaces.plots.figure import LIMITS, UNKNOWN, css_colour
 from procam.interfaces.report.blocks import Block, DomePicture, Domes, Group, Table, Text
 from procam.interfaces.report.data import SHOWN, Material
 from procam.interfaces.report.words import number, percent
 
 Entry = Mapping[str, Any]
 WHOLES = {"camera": "picture", "projector": "panel", "dome": "dome"}
-PROTECTED = (plots.LIMITS[0], plots.COUNTS[2], plots.UNKNOWN)
+PROTECTED = (LIMITS[0], plots.COUNTS[2], UNKNOWN)
 PROTECTED_WORDS = ("compensated", "protected", "no projector reaches")
 
 
 def by_hand(material: Material) -> Iterator[Block]:
-    """Masks, protected parts and nudges of the newest calibration; nothing if there are none."""
-    told = material.calibration.provenance.get("by_hand", {}) if material.calibration else {}
-    if not told:
+    """Masks, protected parts and nudges of the newest calibration; empty without them."""
+    manual = material.calibration.provenance.get("by_hand", {}) if material.calibration else {}
+    if not manual:
         return
     yield Text(
-        "A person set this in venue.toml. It was not measured, and every solve uses it again "
-        "until it is removed from there."
+        "These settings in venue.toml were made by hand, not measured. Every solve uses them again "
+        "until they are removed."
     )
-    rows = [_outline(e, "is not used") for e in told.get("masks", ())]
-    rows += [_outline(e, "is left as it is") for e in told.get("protected", ())]
+    rows = [_outline(e, "is not used") for e in manual.get("masks", ())]
+    rows += [_outline(e, "is left as it is") for e in manual.get("protected", ())]
     if rows:
-        yield Table(["Marked in", "Drawn as", "Covers", "What is there"], rows)
-    if "protected" in told:
+        yield Table(["Marked in", "Drawn as", "Covers", "Effect"], rows)
+    if "protected" in manual:
         yield _protected(material)
-    if "nudges" in told:
-        yield _nudges(told["nudges"])
+    if "nudges" in manual:
+        yield _nudges(manual["nudges"])
 
 
 def _outline(entry: Entry, meaning: str) -> list[str]:
@@ -45,12 +46,12 @@ def _outline(entry: Entry, meaning: str) -> list[str]:
 def _protected(material: Material) -> Domes:
     codes = np.where(material.coverage(SHOWN) > 0.5, 0, 2)
     codes[material.protected(SHOWN)] = 1
-    legend = list(zip(map(plots.css_colour, PROTECTED), PROTECTED_WORDS, strict=True))
+    legend = list(zip(map(css_colour, PROTECTED), PROTECTED_WORDS, strict=True))
     picture = DomePicture("Protected parts", plots.paint_categories(codes, PROTECTED))
     return Domes(
         [Group([picture], None, legend)],
-        "The picture is sent there as it came, and the loop leaves it alone; the light that it throws "
-        "on the rest of the dome is taken out there as any other.",
+        "There the picture is sent unchanged, and the loop does not correct it. The light that it casts "
+        "on the rest of the dome is removed there as any other.",
     )
 
 

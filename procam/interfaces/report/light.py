@@ -1,4 +1,4 @@
-"""Sections on the light: before and after, what bounces, the closed loop, what clipped."""
+"""Sections on the light: before and after, bounced light, the closed loop, limits."""
 
 from collections.abc import Iterator
 
@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procam.interfaces.plots import charts as plots
+from procam.interfaces.plots.figure import LIMITS, css_colour
 from procam.interfaces.report.blocks import (
     COLOURS,
     Block,
@@ -23,8 +24,16 @@ from procam.interfaces.report.blocks import (
     signed,
     signed_light,
 )
-from procam.interfaces.report.data import WHOLE, Loop, Material, Seen, drawn, gain_change, resized
-from procam.interfaces.report.words import percent
+from procam.interfaces.report.changes import gain_change
+from procam.interfaces.report.data import (
+    WHOLE,
+    BeforeAfter,
+    Loop,
+    Material,
+    on_master,
+    resized,
+)
+from procam.interfaces.report.words import limits_text, percent
 from procam.maths.geometry.sphere import (
     angles_from_direction,
     master_directions,
@@ -34,8 +43,8 @@ from procam.maths.geometry.sphere import (
 Array = NDArray[np.float64]
 Floats = NDArray[np.floating]
 BAND_DEG = 3.0
-WITNESS = {
-    "simulator": "as the simulated dome really shows them, without camera or noise",
+SOURCES = {
+    "simulator": "as the simulated dome shows them, without camera or noise",
     "camera": "as the camera photographed them",
     "prediction": "as the calibration predicts them; nothing has been photographed yet",
 }
@@ -48,8 +57,8 @@ LIMIT_WORDS = (
 
 
 def pictures(material: Material) -> Iterator[Block]:
-    """The pictures before and after, as intended, and what is left."""
-    seen = material.seen()
+    """The pictures before and after, as intended, and the remaining error."""
+    seen = material.before_after()
     if seen is None:
         yield not_there("The pictures before and after compensation", calibrating(material))
         return
@@ -60,8 +69,8 @@ def pictures(material: Material) -> Iterator[Block]:
     shown = {"Before": seen.before, "After": seen.after, "Intended": target}
     difference = signed_light(0.2)
     yield Domes(
-        [painted(shown, light), painted({"Difference left": residual}, difference)],
-        f"Pictures are shown {WITNESS[seen.source]}. Each circle is the whole dome seen from "
+        [painted(shown, light), painted({"Remaining error": residual}, difference)],
+        f"Pictures are shown {SOURCES[seen.source]}. Each circle is the whole dome seen from "
         "below: the audience's front at the bottom edge, the zenith in the middle, rings at 30 "
         "and 60 degrees above the rim. The first three share one brightness scale. In the last, "
         "red is too bright, blue too dark and white is right; grey is screen that no projector "
@@ -72,13 +81,13 @@ def pictures(material: Material) -> Iterator[Block]:
 
 def pollution(material: Material) -> Iterator[Block]:
     """Scattered light and error, before and after, as maps and against elevation."""
-    seen = material.seen()
+    seen = material.before_after()
     if seen is None or material.calibration is None:
         yield not_there("The bounced light before and after", calibrating(material))
         return
     before, after = (percent(error, 2) for error in seen.error_rms())
     if seen.source == "prediction":
-        after = "nothing, by construction: only a photograph (`procam refine`) shows what is left"
+        after = "nothing, by construction: only a photograph (`procam refine`) shows the remaining error"
     yield Text(
         "Where no limit holds, the picture differs from the intended one by "
         f"{before} of white before (root mean square, a typical size), and after by {after}."
@@ -87,7 +96,7 @@ def pollution(material: Material) -> Iterator[Block]:
     yield _profile(seen)
 
 
-def _pollution_maps(seen: Seen, scattered: Floats) -> Domes:
+def _pollution_maps(seen: BeforeAfter, scattered: Floats) -> Domes:
     unlit = seen.coverage < 0.5
     parts = {
         "Bounced light, before": scattered,
@@ -101,10 +110,10 @@ def _pollution_maps(seen: Seen, scattered: Floats) -> Domes:
     enlarged = signed_light(extent(left, 0.002, 0.002))
     return Domes(
         [painted(maps, scale), painted({"Error after, enlarged": left}, enlarged)],
-        "First: light that came not from a projector directly but from the rest of the dome. "
-        "Second: how far that puts the uncompensated picture off the intended one. Third: the "
-        "same with compensation; what stays red there asks for less light than bounces. Last: "
-        "what is left where no limit holds, on a much finer scale. Mean of the three colours.",
+        "First: light that comes from the rest of the dome, not directly from a projector. Second: "
+        "the error that it causes in the uncompensated picture. Third: the error with "
+        "compensation; what stays red asks for less light than bounces there. Last: the error "
+        "where no limit holds, on a much finer scale. All are means of the three colours.",
     )
 
 
@@ -116,7 +125,7 @@ def _direct_without(material: Material, size: int) -> Floats:
     return np.clip(resized(material.pictures["target"], size), lo, np.maximum(lo, hi))
 
 
-def _profile(seen: Seen) -> Charts:
+def _profile(seen: BeforeAfter) -> Charts:
     everywhere = np.ones_like(seen.free)
     free = (seen.free > WHOLE).astype(np.float32)
     before, after = seen.before - seen.target, seen.after - seen.target
@@ -128,7 +137,7 @@ def _profile(seen: Seen) -> Charts:
     )
     return Charts(
         [(image, "Error against elevation, before and after")],
-        "The same errors averaged all the way round the dome, from its rim (0 degrees) to the "
+        "The same errors averaged round the dome, by elevation from its rim (0 degrees) to the "
         "zenith (90); zero is the intended picture. The full lines on the right leave out "
         "directions where a limit holds. Rings that are mostly unlit are left out.",
         width_px=980,
@@ -164,15 +173,15 @@ def loop(material: Material) -> Iterator[Block]:
         f"corrected {times} time{'s' if times > 1 else ''}" if times else "found good enough"
     )
     yield Text(
-        "The compensated picture was shown, photographed, compared with what the calibration had "
-        f"predicted, and {corrected}. The difference went from {percent(seen.residual[0], 2)} to "
+        "The compensated picture was shown, photographed, compared with the prediction of the "
+        f"calibration, and {corrected}. The difference went from {percent(seen.residual[0], 2)} to "
         f"{percent(seen.residual[-1], 2)} of white; the noise of one photograph is "
-        f"{percent(seen.noise_floor, 2)}, and nothing below it can be seen."
+        f"{percent(seen.noise_floor, 2)}, and no smaller difference can be measured."
     )
     if seen.worse:
-        yield Text(f"The calibration that came of it was not kept: {seen.worse}.")
+        yield Text(f"The resulting calibration was not kept: {seen.worse}.")
     chart = plots.loop_chart(seen.residual, seen.noise_floor)
-    yield Charts([(chart, "What is left after each correction")], "", width_px=640)
+    yield Charts([(chart, "Difference after each correction")], "", width_px=640)
     yield _loop_pictures(seen)
     yield from _gain_change(material)
 
@@ -191,29 +200,29 @@ def _loop_pictures(seen: Loop) -> Domes:
     minus = "Refined \N{MINUS SIGN} predicted, enlarged"
     return Domes(
         [painted(shown, light), painted({minus: error}, difference)],
-        "What the camera saw, turned into a dome picture. In the last, grain is the camera's "
-        "noise and structure would be a fault. Grey: directions where a limit holds, which the "
-        "loop leaves alone.",
+        "The camera's photographs as dome pictures. In the last, grain is the camera's noise, and "
+        "structure would be a fault. Grey: directions where a limit holds, which the loop does "
+        "not correct.",
         dark=True,
     )
 
 
 def _gain_change(material: Material) -> Iterator[Block]:
-    """What the loop changed, if the calibration before it is there."""
+    """The loop's changes, if the calibration before it is there."""
     projectors = material.calibration.projectors if material.calibration else {}
     changes = {}
     for name, projector in projectors.items():
         factor = gain_change(material, name)
         if factor is not None:
-            changes[f"Correction of {name}"] = drawn(projector.surface, factor - 1)
+            changes[f"Correction of {name}"] = on_master(projector.surface, factor - 1)
     if not changes:
         return
     everything = np.concatenate([change.ravel() for change in changes.values()])
     scale = signed("brightness, change [%]", extent(everything, 0.002, 0.002))
     yield Domes(
         [painted(changes, scale)],
-        "What the loop changed in the calibration: how much brighter (red) or darker (blue) each "
-        "projector turned out to be than first measured.",
+        "How the loop changed the calibration: how much brighter (red) or darker (blue) each "
+        "projector is than first measured.",
     )
 
 
@@ -221,15 +230,13 @@ def clipped(material: Material) -> Iterator[Block]:
     """Where a limit of the projectors holds, and which."""
     limits = material.limits()
     if limits is None:
-        yield not_there("The map of what clipped", calibrating(material))
+        yield not_there("The map of limits", calibrating(material))
         return
     low, high = limits.too_bright, limits.too_dark
-    yield Text(
-        f"{percent(float(1 - (low + high).mean()), 2)} of the lit picture is reproduced exactly. "
-        f"{percent(float(low.mean()), 2)} asks for less light than already bounces there: no "
-        "projector can take light away, so black stays a little grey. "
-        f"{percent(float(high.mean()), 2)} asks for more light than the projectors have."
+    exact = (
+        f"{percent(float(1 - (low + high).mean()), 2)} of the lit picture is reproduced exactly."
     )
+    yield Text(f"{exact} {limits_text(float(low.mean()), float(high.mean()))}")
     masked = material.protected(len(limits.codes)).any()
     yield _limits(limits.codes, " or protected by hand" if masked else "")
     rows = [
@@ -242,11 +249,11 @@ def clipped(material: Material) -> Iterator[Block]:
 
 
 def _limits(codes: NDArray[np.integer], also: str) -> Domes:
-    """The maps by channel; `also` says what else is left out than directions without light."""
-    colours = [plots.css_colour(c) for c in plots.LIMITS]
+    """The maps by channel; `also` is what else is left out than directions without light."""
+    colours = [css_colour(c) for c in LIMITS]
     left_out = LIMIT_WORDS[-1] + also
     domes = [
-        DomePicture(c.capitalize(), plots.paint_categories(codes[..., i], plots.LIMITS))
+        DomePicture(c.capitalize(), plots.paint_categories(codes[..., i], LIMITS))
         for i, c in enumerate(COLOURS)
     ]
     return Domes(

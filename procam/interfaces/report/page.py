@@ -1,4 +1,8 @@
-"""Puts a report together and writes it."""
+"""The report of a venue as one HTML file.
+
+What a venue's folder holds is read into a `Material`; each section makes its blocks from that, and
+the template `report_template.html` lays them out.
+"""
 
 from collections.abc import Iterator, Mapping
 from datetime import datetime
@@ -10,7 +14,7 @@ import numpy as np
 
 from procam.errors import InputError
 from procam.files import atomic
-from procam.interfaces.plots import charts as plots
+from procam.interfaces.plots.figure import EXTRA, require_matplotlib
 from procam.interfaces.report import dome, hand, light
 from procam.interfaces.report.blocks import COLOURS, Section
 from procam.interfaces.report.data import Material, read_material
@@ -33,7 +37,7 @@ Entries = Mapping[str, Mapping[str, Any]]
 def write_report(venue_dir: Path, out: Path | None = None) -> Path:
     """Write a venue's report, one self-contained HTML file; returns its path.
 
-    What the venue does not have yet is left out, with the command that would add it.
+    What the venue does not have yet is named, with the command that adds it.
 
     Parameters
     ----------
@@ -48,7 +52,7 @@ def write_report(venue_dir: Path, out: Path | None = None) -> Path:
     FileFormatError
         a file is there but damaged.
     """
-    plots.require_matplotlib()
+    require_matplotlib()
     template = _template()
     path = out or venue_dir / "report.html"
     atomic.write_text(path, template.render(**_context(read_material(venue_dir))))
@@ -60,7 +64,7 @@ def _template() -> Any:
         from jinja2 import Environment, StrictUndefined  # noqa: PLC0415
     except ImportError as error:
         raise InputError(
-            f"report: got no jinja2, expected the extra that writes reports; run: {plots.EXTRA}"
+            f"report: jinja2 is not installed, which writes reports; run: {EXTRA}"
         ) from error
     text = resources.files(__package__).joinpath("report_template.html").read_text("utf-8")
     environment = Environment(
@@ -74,7 +78,7 @@ def _context(material: Material) -> dict[str, Any]:
     return {
         "venue": material.name,
         "written": _date(datetime.now().astimezone()),
-        "calibrated": _date(material.made) if material.made else "",
+        "calibrated": _date(material.calibrated_at) if material.calibrated_at else "",
         "number_of": material.calibrations[-1].name if material.calibrations else "",
         "simulated": material.truth is not None,
         "verdict": _verdict(entries),
@@ -95,7 +99,7 @@ def _date(moment: datetime) -> str:
 
 
 def _entries(material: Material) -> dict[str, Mapping[str, Any]]:
-    """All figures: those of the run, then those of the calibration itself."""
+    """All figures: those of the run, then those of the calibration."""
     solved = material.calibration.quality if material.calibration else {}
     return {**material.figures, **{n: f.as_dict() for n, f in solved.items()}}
 
@@ -104,7 +108,7 @@ def _verdict(entries: Entries) -> str:
     judged = [e for e in entries.values() if e["pass"] is not None]
     missed = [e for e in judged if e["pass"] is False]
     if not judged:
-        return "No figure of this venue has been held against a goal yet."
+        return "No figure of this venue has a goal yet."
     if not missed:
         many = f"All {len(judged)} figures that have a goal meet it."
         return many if len(judged) > 1 else "The one figure that has a goal meets it."
@@ -113,16 +117,16 @@ def _verdict(entries: Entries) -> str:
 
 
 def _cards(material: Material) -> Iterator[dict[str, str]]:
-    """The headline numbers: title, value, explanation, goal."""
+    """The main figures: title, value, explanation, goal."""
     figures = material.figures
     left = next((n for n in ("scatter_left_refined", "scatter_left_exact") if n in figures), None)
     if left:
-        note = "of the bounced light is still there, worst colour"
-        yield _figure_card(figures, left, "Bounced light left", note)
+        note = "of the bounced light remains, worst colour"
+        yield _figure_card(figures, left, "Bounced light that remains", note)
     if material.loop:
         floor = percent(material.loop.noise_floor, 2)
         note = f"of white between camera and prediction; camera noise {floor}"
-        yield _card("Left after the loop", percent(material.loop.residual[-1], 2), note)
+        yield _card("Difference after the loop", percent(material.loop.residual[-1], 2), note)
     yield from _direction_card(material)
     yield from _picture_card(material)
 
@@ -130,7 +134,7 @@ def _cards(material: Material) -> Iterator[dict[str, str]]:
 def _direction_card(material: Material) -> Iterator[dict[str, str]]:
     name = "direction_error_rms_arcmin"
     if name in material.figures:
-        note = "where pixels land, against the truth"
+        note = "of projector pixels, against the truth"
         yield _figure_card(material.figures, name, "Direction error", note)
     elif material.calibration:
         surfaces = [p.surface for p in material.calibration.projectors.values()]
@@ -140,7 +144,7 @@ def _direction_card(material: Material) -> Iterator[dict[str, str]]:
 
 
 def _picture_card(material: Material) -> Iterator[dict[str, str]]:
-    seen = material.seen()
+    seen = material.before_after()
     if seen is None:
         return
     before, after = (percent(error, 2) for error in seen.error_rms())
@@ -165,9 +169,9 @@ def _sections(material: Material) -> Iterator[Section]:
         ("pictures", "Before and after", light.pictures),
         ("coverage", "Who lights what", dome.coverage),
         ("mapping", "Where the pixels land", dome.mapping),
-        ("response", "How the projectors answer", dome.response),
+        ("response", "How the projectors respond", dome.response),
         ("bounces", "Light that bounces round the dome", light.pollution),
-        ("loop", "Looking again: the closed loop", light.loop),
+        ("loop", "Photographed and corrected: the closed loop", light.loop),
         ("clipped", "What could not be reproduced, and why", light.clipped),
         ("levels", "Brightest white and darkest black", dome.levels),
         ("feedback", "How strongly the dome bounces light", dome.feedback),
@@ -201,7 +205,7 @@ def _command(entry: Mapping[str, Any]) -> tuple[str, str]:
 
 
 def _provenance(material: Material) -> Iterator[tuple[str, str]]:
-    """What went in, as (name, text)."""
+    """The origin of the report, as (name, text)."""
     calibration = material.calibration
     yield "Venue folder", str(material.directory)
     if calibration is None:
@@ -217,7 +221,7 @@ def _provenance(material: Material) -> Iterator[tuple[str, str]]:
     for name, projector in calibration.projectors.items():
         yield f"Projector {name}", f"{projector.model.size[0]} x {projector.model.size[1]} px"
     for key, value in calibration.provenance.items():
-        if key == "by_hand":  # has a section of its own
+        if key == "by_hand":  # in a section of its own
             continue
         title = ORIGINS.get(key, key.replace("_", " ").capitalize())
         if isinstance(value, Mapping):
@@ -227,7 +231,7 @@ def _provenance(material: Material) -> Iterator[tuple[str, str]]:
 
 
 def _contrast(calibration: Calibration | None) -> dict[str, Any] | None:
-    """The formula of the limits section, in numbers for this dome."""
+    """The values of the formula in the section on limits, for this dome."""
     if calibration is None:
         return None
     albedo = float(calibration.albedo.value.mean())

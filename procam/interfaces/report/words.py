@@ -1,4 +1,4 @@
-"""Figures in plain words: names, explanations, values with their units."""
+"""Figures in words: titles, explanations, values with their units."""
 
 import math
 from collections.abc import Mapping
@@ -16,8 +16,9 @@ class Words:
 
 
 THIN = "\N{NARROW NO-BREAK SPACE}"
-LEFT = "share of the bounced light still there where no limit holds"
-LEFT_JND = "95 % of the free cells are off by at most this; 1 can just be noticed"
+LEAST_SHARE = 5e-4  # of the lit picture; less is not worth a sentence
+LEFT = "share of the bounced light that remains where no limit holds"
+LEFT_JND = "95 % of the dome where no limit holds is off by at most this; 1 can just be noticed"
 NAMES = {
     "simulated_run_s": Words("Time for the whole run", "capture, solve, compensate and refine"),
     "peak_memory_mib": Words("Memory needed at most"),
@@ -25,79 +26,90 @@ NAMES = {
     "session_gb": Words("Disk space of the photographs"),
     "direction_error_rms_arcmin": Words(
         "Direction error, root mean square",
-        "angle between where a projector pixel was said to land and where it does",
+        "angle between the calculated and the true direction of a projector pixel",
     ),
     "direction_error_max_arcmin": Words("Direction error, worst pixel"),
     "solid_angle_sum_error": Words("Error of the projected area", percent=True),
-    "dome_is_sphere": Words("The dome is a sphere", "as far as the camera can tell"),
+    "dome_is_sphere": Words("The dome is a sphere", "as far as the cameras can measure"),
     "feedback": Words("Feedback m, red / green / blue", "bounced light per light projected"),
-    "feedback_error": Words("Error of the feedback", "found against true", percent=True),
+    "feedback_error": Words("Error of the feedback", "measured against true", percent=True),
     "feedback_interval_covers": Words("The feedback's 95 % interval holds the true value"),
-    "albedo": Words("Albedo, red / green / blue", "share of light the screen throws back"),
-    "albedo_error": Words("Error of the albedo", "found against true", percent=True),
+    "albedo": Words("Albedo, red / green / blue", "share of light that the screen reflects"),
+    "albedo_error": Words("Error of the albedo", "measured against true", percent=True),
     "albedo_interval_covers": Words(
         "The albedo's 95 % interval holds the true value",
         "and is narrower than \N{PLUS-MINUS SIGN}6 %",
     ),
-    "scatter_left_exact": Words("Bounced light left by the calibration alone", LEFT, percent=True),
+    "scatter_left_exact": Words(
+        "Bounced light that remains with the calibration alone", LEFT, percent=True
+    ),
     "scatter_left_exact_mean": Words("\u2014 its signed mean", percent=True),
-    "scatter_left_exact_fine": Words("\u2014 on finer patches", "0.18 degrees", percent=True),
+    "scatter_left_exact_fine": Words("\u2014 on finer patches", percent=True),
     "scatter_left_paper_eq12": Words(
-        "Bounced light left by the published formula",
-        "subtraction by paper eq. 12 to the letter, for comparison",
+        "Bounced light that remains with the published formula",
+        "subtraction by equation 12 of the paper, for comparison",
         percent=True,
     ),
     "scatter_left_paper_eq12_mean": Words("\u2014 its signed mean", percent=True),
-    "scatter_left_paper_eq12_fine": Words("\u2014 on finer patches", "0.18 degrees", percent=True),
-    "scatter_left_refined": Words("Bounced light left after the loop", LEFT, percent=True),
+    "scatter_left_paper_eq12_fine": Words("\u2014 on finer patches", percent=True),
+    "scatter_left_refined": Words("Bounced light that remains after the loop", LEFT, percent=True),
     "scatter_left_refined_mean": Words("\u2014 its signed mean", percent=True),
-    "scatter_left_refined_fine": Words("\u2014 on finer patches", "0.18 degrees", percent=True),
+    "scatter_left_refined_fine": Words("\u2014 on finer patches", percent=True),
     "lit_area_found": Words("Lit dome that the calibration covers", percent=True),
     "scatter_before": Words("Bounced light before compensation", "in % of white", percent=True),
     "loop_residual_by_iteration": Words(
-        "Loop: what is left after each correction", "root mean square, in % of white", percent=True
+        "Loop: difference after each correction", "root mean square, in % of white", percent=True
     ),
     "loop_noise_floor": Words(
         "Loop: noise of one photograph",
-        "nothing below this can be seen, in % of white",
+        "no smaller difference can be measured, in % of white",
         percent=True,
     ),
-    "loop_residual_over_floor": Words("Loop: what is left, in units of that noise"),
+    "loop_residual_over_floor": Words("Loop: last difference, in units of that noise"),
     "loop_residual_own": Words(
-        "Loop: what the new calibration alone leaves",
-        "root mean square, in % of white; its picture compensated anew and photographed",
+        "Loop: difference with the new calibration alone",
+        "root mean square, in % of white; the picture is compensated anew and photographed",
         percent=True,
     ),
-    "loop_left_jnd_by_iteration": Words(
-        "Loop: what is left to the eye after each correction", LEFT_JND
-    ),
-    "loop_own_jnd": Words("Loop: what the new calibration alone leaves to the eye", LEFT_JND),
+    "loop_left_jnd_by_iteration": Words("Loop: visible difference after each correction", LEFT_JND),
+    "loop_own_jnd": Words("Loop: visible difference with the new calibration alone", LEFT_JND),
     "loop_scatter_factor": Words(
-        "Loop: bounced light, red / green / blue", "found over what the calibration had said"
+        "Loop: bounced light, red / green / blue", "measured over predicted"
     ),
     "loop_iterations": Words("Loop: corrections made"),
     "geometry_residual_rms_px": Words(
-        "Misfit of the geometry",
-        "between the camera's sightings and the model, in projector pixels",
+        "Residual of the geometry",
+        "between the cameras' observations and the model, in projector pixels",
     ),
     "sphere_variance_ratio": Words(
-        "Test for a true sphere", "observed scatter against the scatter that noise explains"
+        "Test for a sphere", "variance of the residuals over the variance that noise explains"
     ),
     "shape_degree": Words(
-        "Detail of the dome's shape that was solved",
-        "degree of its harmonics; 0 is an exact sphere",
+        "Degree of the dome's shape",
+        "of the harmonics that were solved; 0 is an exact sphere",
     ),
     "additivity_error": Words(
         "Colours add up",
-        "red, green and blue alone against white; above 1 % they do not",
+        "red, green and blue alone against white; above 1 % the projector processes them",
         percent=True,
     ),
     "coverage": Words("Share of the dome that is lit", percent=True),
+    "scatter_degree": Words(
+        "Degree of the scatter kernel", "how bounced light depends on where the direct light falls"
+    ),
+    "floor_albedo_by_light": Words(
+        "Albedo of the floor", "from the spatial distribution of the light that it reflects"
+    ),
+    "flux_doubt": Words("Inconsistency of the flux between pictures", percent=True),
+    "server_misalignment_rms_arcmin": Words(
+        "Misalignment of the media server, root mean square",
+        "between the shown and the intended directions of its tags",
+    ),
 }
 
 
 def words_for(name: str) -> Words:
-    """Words of a figure; an unknown one reads as its name."""
+    """Words of a figure; those of an unknown one are its name."""
     return NAMES.get(name, Words(name.replace("_", " ").capitalize()))
 
 
@@ -115,6 +127,16 @@ def number(value: float, digits: int = 3) -> str:
 def percent(value: float, digits: int = 3) -> str:
     """A share in per cent."""
     return f"{number(float(f'{100 * value:.{digits}g}'), digits)}{THIN}%"
+
+
+def limits_text(too_bright: float, too_dark: float) -> str:
+    """Sentences on the shares of the lit picture where a limit of the projectors holds."""
+    black = (
+        f"{percent(too_bright, 2)} of the lit picture asks for less light than already bounces there. That "
+        "would need negative light, which no projector has: black stays a little grey."
+    )
+    white = f" {percent(too_dark, 2)} asks for more light than the projectors have."
+    return black + (white if too_dark >= LEAST_SHARE else "")
 
 
 def value_text(name: str, entry: Mapping[str, Any]) -> str:
@@ -140,7 +162,7 @@ def goal_text(name: str, entry: Mapping[str, Any]) -> str:
 
 
 def miss_text(name: str, entry: Mapping[str, Any]) -> str:
-    """What a failing figure is and should have been, in one sentence."""
+    """Value and goal of a figure that misses it, in one sentence."""
     note = f" ({entry['note']})" if entry.get("note") else ""
     title = words_for(name).title.rstrip(".")
     return f"{title}: {value_text(name, entry)}, should be {goal_text(name, entry)}{note}."

@@ -1,22 +1,21 @@
-"""States of the house in the report, and calibrations that only added one."""
+"""Venue states in the report."""
 
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from procam.files.calibration import next_directory, save_calibration
 from procam.interfaces.report import dome, write_report
 from procam.interfaces.report.blocks import Table
-from procam.interfaces.report.data import gain_change, read_material
+from procam.interfaces.report.data import read_material
 from procam.model.calibration import Calibration
 from procam.model.transport import Measured
 from procam.model.venue_state import VenueState
 
 
-def _housed(calibration: Calibration) -> Calibration:
+def _with_states(calibration: Calibration) -> Calibration:
     lamps = np.broadcast_to(np.float32([0.004, 0.003, 0.002]), (96, 96, 3)).copy()
     m = Measured(np.array([0.34, 0.37, 0.45]), np.full(3, 0.005))
     states = {
@@ -37,9 +36,9 @@ def _tables(folder: Path) -> list[Table]:
 
 
 def test_each_state_has_its_row(tmp_path: Path, calibration: Calibration) -> None:
-    table = _tables(_saved(tmp_path, [_housed(calibration)]))[-1]
+    table = _tables(_saved(tmp_path, [_with_states(calibration)]))[-1]
     assert table.head == [
-        "House state",
+        "Venue state",
         "Feedback m, red",
         "Feedback m, green",
         "Feedback m, blue",
@@ -55,40 +54,10 @@ def test_each_state_has_its_row(tmp_path: Path, calibration: Calibration) -> Non
 
 def test_without_states_there_is_no_such_table(tmp_path: Path, calibration: Calibration) -> None:
     tables = _tables(_saved(tmp_path, [calibration]))
-    assert not any("House state" in table.head for table in tables)
+    assert not any("Venue state" in table.head for table in tables)
 
 
 def test_the_page_shows_it(tmp_path: Path, calibration: Calibration) -> None:
-    page = write_report(_saved(tmp_path, [_housed(calibration)])).read_text("utf-8")
+    page = write_report(_saved(tmp_path, [_with_states(calibration)])).read_text("utf-8")
     assert "The room&#39;s own light" in page or "The room's own light" in page
     assert "0.3400 (0.3302 to 0.3498)" in page
-
-
-class TestGainChange:
-    def brighter(self, calibration: Calibration) -> Calibration:
-        """As a closed loop leaves it."""
-        south = calibration.projectors["south"]
-        light = replace(south.photometry, gain=south.photometry.gain * np.float32(1.02))
-        projectors = {**calibration.projectors, "south": replace(south, photometry=light)}
-        return replace(calibration, projectors=projectors)
-
-    def test_calibrations_that_only_added_a_state_are_passed_over(
-        self, tmp_path: Path, calibration: Calibration
-    ) -> None:
-        looped = self.brighter(calibration)
-        material = read_material(_saved(tmp_path, [calibration, looped, _housed(looped)]))
-        change = gain_change(material, "south")
-        assert change is not None
-        valid = calibration.projectors["south"].surface.valid
-        assert change[valid] == pytest.approx(1.02, rel=1e-6)
-
-    def test_without_any_change_it_is_one(self, tmp_path: Path, calibration: Calibration) -> None:
-        material = read_material(_saved(tmp_path, [calibration, _housed(calibration)]))
-        change = gain_change(material, "south")
-        assert change is not None and np.nanmin(change) == np.nanmax(change) == 1
-
-    def test_another_session_is_another_matter(
-        self, tmp_path: Path, calibration: Calibration
-    ) -> None:
-        other = replace(calibration, provenance={"session": "0007"})
-        assert gain_change(read_material(_saved(tmp_path, [other, calibration])), "south") is None

@@ -1,0 +1,54 @@
+"""The list of commands, and how errors end the process."""
+
+import errno
+import inspect
+from collections.abc import Callable
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+from tiny_venue import procam
+
+from procam.errors import DeviceError, InputError
+from procam.interfaces.cli import main
+from procam.interfaces.cli.main import COMMANDS
+
+
+def _function(name: str) -> Callable[..., None]:
+    function: Callable[..., None] = getattr(import_module(f"procam.interfaces.cli.{name}"), name)
+    return function
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_the_line_of_the_list_is_the_first_line_of_the_commands_help(name: str) -> None:
+    assert str(inspect.getdoc(_function(name))).splitlines()[0] == COMMANDS[name]
+
+
+def test_every_module_without_an_underscore_is_a_command() -> None:
+    modules = {path.stem for path in Path(main.__file__).parent.glob("[a-z]*.py")}
+    assert modules == {*COMMANDS, "main"}
+
+
+def test_a_misspelt_command_gets_a_suggestion() -> None:
+    ran = procam("calibrat")
+    assert (ran.code, "'calibrate'" in ran.err) == (2, True)
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "words"),
+    [
+        (InputError("size: 0 px"), 2, "procam: size: 0 px"),
+        (DeviceError("camera zenith: no answer"), 1, "procam: camera zenith: no answer"),
+        (OSError(errno.ENOSPC, "full"), 2, "procam: disk: the disk is full"),
+    ],
+)
+def test_an_error_is_one_line(
+    error: Exception, code: int, words: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail() -> None:
+        raise error
+
+    monkeypatch.setattr(main, "app", fail)
+    ran = procam("demo")
+    assert ran.code == code
+    assert ran.complaint.startswith(words)
