@@ -239,7 +239,7 @@ class TestInspect:
             ("garbage.png", b"not a picture", "readable image"),
             ("notes.txt", b"hello", "got nothing that procam knows"),
             ("plan.json", b"{]", "damaged JSON"),
-            ("plan.json", b"[]", "expected an object"),
+            ("plan.json", b"[]", "must be an object"),
             ("plan.json", b'{"schema": 9}', "has schema 9"),
             ("plan.json", b'{"schema": 1}', "has no list of shots"),
             ("calibration.json", b"{]", "damaged calibration"),
@@ -351,7 +351,7 @@ class TestCompensateAndWarp:
             (holed, "1 values are NaN or infinite"),
             (truncated, "truncated or damaged"),
             (truncated_png, "truncated or damaged"),
-            (grey, "expected R, G and B"),
+            (grey, "R, G and B are needed"),
             (absent, "no such file"),
             (garbage, "readable image"),
         ],
@@ -535,7 +535,7 @@ class TestProjector:
         path.write_text(path.read_text().replace('port = "backend"', 'port = "/dev/procam-none"'))
         ran = procam("projector", venue, "north", "state")
         assert ran.code == 1
-        assert "projector south: port /dev/procam-none: " in ran.complaint
+        assert "projector south: port /dev/procam-none " in ran.complaint
         assert not list(venue.glob("procam-serial-*"))
 
 
@@ -559,10 +559,13 @@ class TestVenueErrors:
             (edited("radius_m = 6.0", "radius_m = 0"), ["screen.radius_m is 0;"]),
             (edited("radius_m = 6.0", "radius_m = nan"), ["screen.radius_m is nan;"]),
             (edited('kind = "dome"', 'kind = "cube"'), ["screen.kind is 'cube'"]),
-            (edited("[projectors.south]", "[projects.south]"), ["projectors: ", "projects: "]),
+            (
+                edited("[projectors.south]", "[projects.south]"),
+                ["projectors is missing", "projects is not"],
+            ),
             (
                 edited("radius_m = 6.0", "radius_m = 0\nsize = 1\nhalf_angle = 2"),
-                ["screen.radius_m: ", "screen.size: ", "screen.half_angle: "],
+                ["screen.radius_m is 0", "screen.size is not", "screen.half_angle is not"],
             ),
             (
                 edited('camera = "zenith"', 'camera = "attic"'),

@@ -274,7 +274,7 @@ class TestGlare:
         assert "eight.png: got 8 bits, expected linear 16" in of("eight.png")
         assert "small.tif: got 50x40 px, expected 160x160 as venue.toml says" in of("small.tif")
         assert "gone.tif: no such file" in of("gone.tif")
-        assert "empty holds no photographs" in of("empty")
+        assert "empty: got no photographs, expected some of" in of("empty")
         assert "--camera: got 'b', expected one of zenith, side" in of(camera="b")
         for trap in ("80,70", "80,x,8", "80,70,-8", "nan,70,8"):
             assert f"--trap: got {trap!r}, expected X,Y,RADIUS" in of(trap=trap)

@@ -282,7 +282,7 @@ class TestFirstPixel:
     def test_its_errors_come_where_it_is_asked_for(self, calibration: Calibration) -> None:
         clip = PipeClip((Feed(bytes(50)), Drip()), SIZE, np.dtype(np.uint8))  # type: ignore[arg-type]
         with pytest.raises(
-            FileFormatError, match="stdin ended after 50 of the 192 bytes of frame 0"
+            FileFormatError, match="stdin ended after 50 of the 1728 bytes of frame 0"
         ):
             list(compensate_clip(calibration, clip, FrameSettings()))
 

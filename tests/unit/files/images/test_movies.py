@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from procam.errors import FileFormatError, InputError
-from procam.files.images.movies import MovieFrame, MovieReader, is_movie, new_movie
+from procam.files.images.movie_writer import new_movie
+from procam.files.images.movies import MovieFrame, MovieReader, is_movie
 
 av = pytest.importorskip("av", reason="needs the extra `video`")
 SIZE, FRAMES = 32, 5
