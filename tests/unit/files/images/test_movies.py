@@ -237,7 +237,7 @@ class TestWriting:
             times = [1000 * float(f.pts * f.time_base) for f in movie.decode(video=0)]
         np.testing.assert_allclose(times, at, atol=1e-6)
 
-    def test_nothing_is_left_of_a_movie_that_failed(self, tmp_path: Path) -> None:
+    def test_a_movie_that_failed_leaves_no_file(self, tmp_path: Path) -> None:
         lossless(tmp_path / "m.mkv")
         with (
             pytest.raises(RuntimeError),

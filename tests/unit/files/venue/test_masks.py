@@ -209,6 +209,6 @@ class TestMask:
         xy = np.array([[[0.4, -0.4], [0.6, 0.0]], [[1.49, 1.49], [1.5, 1.0]]])
         assert mask.at(xy).tolist() == [[True, False], [True, False]]
 
-    def test_only_flat_truths(self) -> None:
+    def test_masks_are_two_dimensional_booleans(self) -> None:
         with pytest.raises(ShapeError, match=r"mask m: got shape \(2, 2, 1\)"):
             Mask("m", np.zeros((2, 2, 1), bool))
