@@ -52,6 +52,19 @@ def write_truth(
     server = build_server(scene, settings, venue_dir)
     (out / "maps").mkdir(parents=True)
     (out / "pictures").mkdir()
+    document = _write_maps(scene, server, out / "maps")
+    (out / "calibration.json").write_text(json.dumps(document, indent=1))
+    lines = _master_lines(scene, FINE * MASTER)
+    for name, drives in pictures.items():
+        sent = projector_drives(server, drives)
+        full = dict.fromkeys(sent, 1.0)
+        picture = _averaged(scene.radiance_of_drives(lines, sent, full, ALL_BANDS, 0))
+        channels = {c: picture[..., i] for i, c in enumerate(RGB)}
+        _write_exr(out / "pictures" / f"{name}.exr", channels)
+
+
+def _write_maps(scene: DomeScene, server: MediaServer | None, folder: Path) -> dict[str, Any]:
+    """Write the maps of dome and projectors; returns calibration.json."""
     white, black = (_uniform_drives(scene, server, level) for level in (1.0, 0.0))
     view = _master_lines(scene, MASTER)
     direct_white, scattered = _split(scene, view, white)
@@ -60,32 +73,21 @@ def write_truth(
     solid = master_solid_angles(MASTER) * coverage
     flux = np.tensordot(solid, direct_white, 2)
     feedback = np.tensordot(solid, scattered, 2) / flux
-    albedo_seen = view.albedo * np.float32(
-        scene.preset.bounces
-    )  # without inter-reflection the albedo is 0
+    # without inter-reflection the albedo is 0
+    albedo_seen = view.albedo * np.float32(scene.preset.bounces)
     albedo = np.tensordot(solid, albedo_seen, 2) / solid.sum()
     dome = {"coverage": coverage}
     for i, c in enumerate(RGB):
         dome[f"scatter_per_flux.{c}"] = scattered[..., i] / flux[i]
         dome[f"albedo.{c}"] = albedo_seen
         dome[f"lo.{c}"], dome[f"hi.{c}"] = direct_black[..., i], direct_white[..., i]
-    _write_exr(out / "maps" / "dome.exr", dome)
+    _write_exr(folder / "dome.exr", dome)
     if server:
-        _write_exr(out / "maps" / f"{SERVER}.exr", _server_maps(server, direct_white))
+        _write_exr(folder / f"{SERVER}.exr", _server_maps(server, direct_white))
     else:
         for name, light in scene.lights.items():
-            _write_exr(out / "maps" / f"{name}.exr", _projector_maps(light, view))
-    document = _document(scene, server, feedback, np.full(3, albedo))
-    (out / "calibration.json").write_text(json.dumps(document, indent=1))
-    fine = _master_lines(scene, FINE * MASTER)
-    for name, drives in pictures.items():
-        sent = projector_drives(server, drives)
-        picture = _averaged(
-            scene.radiance_of_drives(fine, sent, dict.fromkeys(sent, 1.0), ALL_BANDS, 0)
-        )
-        _write_exr(
-            out / "pictures" / f"{name}.exr", {c: picture[..., i] for i, c in enumerate(RGB)}
-        )
+            _write_exr(folder / f"{name}.exr", _projector_maps(light, view))
+    return _document(scene, server, feedback, np.full(3, albedo))
 
 
 def _uniform_drives(

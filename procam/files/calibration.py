@@ -61,7 +61,7 @@ def save_calibration(calibration: Calibration, directory: Path) -> None:
             if state.ambient is not None:
                 path = temporary / "maps" / ambient_file(name)
                 write_channels(path, {c: state.ambient[..., i] for i, c in enumerate(RGB)})
-        text = json.dumps(_document(calibration), indent=1)
+        text = json.dumps(_document(calibration), indent=1, default=np.ndarray.tolist)
         (temporary / "calibration.json").write_text(text, encoding="utf-8")
 
 
@@ -137,10 +137,10 @@ def _document(calibration: Calibration) -> dict[str, Any]:
         "screen": asdict(calibration.screen),
         "cameras": {n: _camera_entry(c) for n, c in calibration.cameras.items()},
         "projectors": {n: _projector_entry(p) for n, p in calibration.projectors.items()},
-        "feedback": _plain(asdict(calibration.feedback)),
-        "albedo": _plain(asdict(calibration.albedo)),
-        "scatter_kernel": _plain(asdict(calibration.maps.kernel)),
-        "content_from_camera": calibration.content_from_camera.tolist(),
+        "feedback": asdict(calibration.feedback),
+        "albedo": asdict(calibration.albedo),
+        "scatter_kernel": asdict(calibration.maps.kernel),
+        "content_from_camera": calibration.content_from_camera,
         "quality": {n: f.as_dict() for n, f in calibration.quality.items()},
         "provenance": dict(calibration.provenance),
         "states": {n: _state_entry(s) for n, s in calibration.states.items()},
@@ -149,8 +149,8 @@ def _document(calibration: Calibration) -> dict[str, Any]:
 
 def _state_entry(state: VenueState) -> dict[str, Any]:
     return {
-        "feedback": _plain(asdict(state.feedback)),
-        "scatter_ratio": state.scatter_ratio.tolist(),
+        "feedback": asdict(state.feedback),
+        "scatter_ratio": state.scatter_ratio,
         "ambient": state.ambient is not None,
     }
 
@@ -159,28 +159,23 @@ def _camera_entry(camera: CameraModel) -> dict[str, Any]:
     assert camera.camera_from_dome is not None
     return {
         "size": list(camera.size),
-        "lens": _plain(asdict(camera.lens)),
+        "lens": asdict(camera.lens),
         "sensor": asdict(camera.sensor),
-        "camera_from_dome": _plain(asdict(camera.camera_from_dome)),
-        "pupil": camera.pupil.tolist(),
+        "camera_from_dome": asdict(camera.camera_from_dome),
+        "pupil": camera.pupil,
     }
 
 
 def _projector_entry(projector: ProjectorCalibration) -> dict[str, Any]:
     model, light = projector.model, projector.photometry
-    covariance = None if model.covariance is None else model.covariance.tolist()
     return {
         "size": list(model.size),
-        "lens": _plain(asdict(model.lens)),
-        "projector_from_dome": _plain(asdict(model.projector_from_dome)),
-        "covariance": covariance,
-        "response": _plain(asdict(light.response)),
-        "colour_mix": light.colour_mix.tolist(),
+        "lens": asdict(model.lens),
+        "projector_from_dome": asdict(model.projector_from_dome),
+        "covariance": model.covariance,
+        "response": asdict(light.response),
+        "colour_mix": light.colour_mix,
     }
-
-
-def _plain(fields: dict[str, Any]) -> dict[str, Any]:
-    return {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in fields.items()}
 
 
 def _calibration(directory: Path, document: dict[str, Any], with_projectors: bool) -> Calibration:

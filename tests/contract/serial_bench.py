@@ -27,7 +27,7 @@ class Bench:
     """One make's control, wired to an emulated projector whose inside the tests can see.
 
     `sources` are codes of inputs that the projector has, `no_source` is one it lacks; `fault` is
-    an error code and its text; `shutter_open` is a whole answer; `longest_reply` counts bytes.
+    an error code and its text; `shutter_open` is a complete reply; `longest_reply` counts bytes.
     """
 
     protocol: str

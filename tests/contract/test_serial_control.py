@@ -37,7 +37,7 @@ class TestCommands:
         assert bench.control.state().power is Power.ON
         assert bench.clock.now_s() == COOL_DOWN_S + WARM_UP_S
 
-    def test_power_that_is_right_already_is_left_alone(self, bench: Bench) -> None:
+    def test_no_command_is_sent_for_the_present_power_state(self, bench: Bench) -> None:
         bench.control.set_power(True)
         assert bench.clock.now_s() == 0.0
 
@@ -49,14 +49,14 @@ class TestCommands:
         assert bench.state.power is Power.COOLING
         assert bench.clock.now_s() > COOL_DOWN_S + WARM_UP_S
 
-    def test_what_cannot_be_asked_now_is_none(self, bench: Bench) -> None:
+    def test_values_that_cannot_be_read_now_are_none(self, bench: Bench) -> None:
         bench.state.switch_off()
         for power in (Power.COOLING, Power.STANDBY):
             seen = bench.control.state()
             assert (seen.power, seen.shuttered, seen.source) == (power, None, None)
             bench.clock.sleep(COOL_DOWN_S)
 
-    def test_a_refused_question_is_none_in_the_state(self, bench: Bench) -> None:
+    def test_a_refused_query_is_none_in_the_state(self, bench: Bench) -> None:
         bench.arm(bench.table.hours.command, refused_commands=1)
         seen = bench.control.state()
         assert (seen.power, seen.lamp_hours) == (Power.ON, None)
@@ -67,16 +67,18 @@ class TestCommands:
         bench.state.report_error("7E")
         assert bench.control.state().errors == (text, "error code 7E")
 
-    def test_a_broken_projector_says_so(self, bench: Bench) -> None:
+    def test_a_fault_is_reported(self, bench: Bench) -> None:
         bench.state.break_down(bench.fault[0])
         seen = bench.control.state()
         assert (seen.power, seen.errors) == (Power.ERROR, (bench.fault[1],))
 
-    def test_a_broken_projector_without_a_reason_is_not_well(self, bench: Bench) -> None:
+    def test_a_fault_without_a_reason_is_reported(self, bench: Bench) -> None:
         bench.state.break_down("00")
         assert bench.control.state().errors == ("fault without a stated reason",)
 
-    def test_a_broken_projector_is_not_switched_on_and_counts_as_off(self, bench: Bench) -> None:
+    def test_a_projector_with_a_fault_is_not_switched_on_and_counts_as_off(
+        self, bench: Bench
+    ) -> None:
         bench.state.break_down(bench.fault[0])
         text = message(WrongState, bench, lambda: bench.control.set_power(True))
         assert f"reports a fault ({bench.fault[1]})" in text
@@ -136,14 +138,14 @@ class TestShutterIsConfirmedOrAnError:
         assert "is in power state standby; switch it on first" in text
 
     @pytest.mark.parametrize("closed", [True, False])
-    def test_a_late_old_answer_confirms_nothing(self, bench: Bench, *, closed: bool) -> None:
+    def test_a_late_reply_does_not_confirm(self, bench: Bench, *, closed: bool) -> None:
         bench.control.set_shutter(closed)
         bench.arm(bench.table.shutter.command, late_replies=1)
         assert bench.control.state().shuttered is closed
         bench.control.set_shutter(not closed)
         assert bench.state.muted is not closed
 
-    def test_answers_late_to_the_end_confirm_nothing(self, bench: Bench) -> None:
+    def test_replies_that_stay_late_do_not_confirm(self, bench: Bench) -> None:
         bench.control.set_shutter(True)
         bench.arm(bench.table.shutter.command, late_replies=3)
         message(DeviceTimeout, bench, bench.control.state)
@@ -161,7 +163,7 @@ class ChoosesForItself(ProjectorState):
 
 
 class TestInput:
-    def test_an_unknown_word_is_refused_with_examples(self, bench: Bench) -> None:
+    def test_an_invalid_source_code_is_refused_with_examples(self, bench: Bench) -> None:
         text = message(InputError, bench, lambda: bench.control.set_input("hdmi"))
         assert "input 'hdmi' is not a source code" in text
         assert f"{bench.sources[0]} ({bench.table.source_names[bench.sources[0]]})" in text
@@ -246,7 +248,7 @@ class TestTables:
     def test_every_power_state_has_a_code(self, table: SerialTable) -> None:
         assert set(table.power_codes.values()) == set(Power)
 
-    def test_every_source_code_and_group_can_be_asked_for(self, table: SerialTable) -> None:
+    def test_every_source_code_and_group_can_be_selected(self, table: SerialTable) -> None:
         for code in {*table.source_names, *table.source_groups}:
             assert table.source_code.fullmatch(code)
 

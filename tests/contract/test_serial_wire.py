@@ -37,27 +37,27 @@ class TestWire:
                 assert bench.control.state().shuttered is True
                 bench.control.set_shutter(False)
 
-    def test_a_lost_reply_is_asked_for_again(self, bench: Bench) -> None:
+    def test_a_query_with_a_lost_reply_is_sent_again(self, bench: Bench) -> None:
         bench.arm(lost_replies=1)
         do_everything(bench)
 
-    def test_a_late_reply_is_not_the_answer_to_the_next_question(self, bench: Bench) -> None:
+    def test_a_late_reply_is_not_taken_for_the_next_query(self, bench: Bench) -> None:
         bench.arm(late_replies=1)
         do_everything(bench)
 
-    def test_getting_back_into_step_takes_one_attempt(self, bench: Bench) -> None:
+    def test_synchronisation_takes_one_attempt(self, bench: Bench) -> None:
         bench.arm(bench.table.shutter.command, late_replies=1)
         control = bench.another_control(table=replace(bench.table, attempts=2))
         assert control.state().shuttered is False
 
-    def test_a_call_that_failed_leaves_no_answer_to_the_next(self, bench: Bench) -> None:
+    def test_a_failed_call_leaves_no_reply_for_the_next(self, bench: Bench) -> None:
         control = bench.another_control(table=replace(bench.table, attempts=1))
         bench.arm(bench.table.shutter.command, late_replies=1)
         message(DeviceTimeout, bench, control.state)
         bench.state.set_muted(True)
         assert control.state().shuttered is True
 
-    def test_an_answer_nobody_asked_for_is_dropped(self, bench: Bench) -> None:
+    def test_an_unrequested_reply_is_discarded(self, bench: Bench) -> None:
         bench.state.set_muted(True)
         bench.arm(bench.table.power.command, garbled_replies=1)
         bench.emulator.faults.garbage = bench.shutter_open
@@ -65,7 +65,7 @@ class TestWire:
         control = bench.another_control(table=replace(bench.table, attempts=1))
         assert control.state().shuttered is True
 
-    def test_garbage_before_the_first_question_does_no_harm(self, bench: Bench) -> None:
+    def test_garbage_before_the_first_query_does_no_harm(self, bench: Bench) -> None:
         bench.emulator.faults.garbage = b"\x80\xff\x03:"
         bench.emulator.faults.garbled_replies = 1
         do_everything(bench)
@@ -90,7 +90,7 @@ class TestWire:
         assert "9600 baud" in text
 
     @pytest.mark.parametrize("garbage", [b"U" * 100, b":" * 100])
-    def test_endless_talk_is_an_error(self, bench: Bench, garbage: bytes) -> None:
+    def test_endless_bytes_are_an_error(self, bench: Bench, garbage: bytes) -> None:
         bench.arm(garbage=garbage, garbled_replies=100)
         text = message(GarbledReply, bench, bench.control.state)
         assert "received 64 bytes" in text
@@ -101,7 +101,7 @@ class TestWire:
         text = message(DeviceError, bench, control.state)
         assert "power code 01 is not one of 77" in text
 
-    def test_a_refused_power_question_is_an_error(self, bench: Bench) -> None:
+    def test_a_refused_power_query_is_an_error(self, bench: Bench) -> None:
         bench.arm(bench.table.power.command, refused_commands=1)
         text = message(WrongState, bench, bench.control.state)
         assert f"refused {shown(bench.table.power.command)} with" in text
@@ -129,31 +129,31 @@ class TestCable:
         )
         assert "no other program holds it" in text
 
-    def test_pulled_between_two_commands(self, bench: Bench) -> None:
+    def test_unplugged_between_two_commands(self, bench: Bench) -> None:
         bench.control.state()
         bench.emulator.unplug()
         text = message(NotConnected, bench, lambda: bench.control.set_shutter(True))
         assert text.startswith("shutter closed is not confirmed: ")
 
     @pytest.mark.parametrize("unplug_at", range(0, 9, 2))
-    def test_pulled_in_the_middle_of_a_reply(self, bench: Bench, unplug_at: int) -> None:
+    def test_unplugged_during_a_reply(self, bench: Bench, unplug_at: int) -> None:
         bench.arm(bench.table.shutter.command, unplug_at=unplug_at)
         message(NotConnected, bench, lambda: bench.control.set_shutter(True))
         bench.emulator.replug()
         do_everything(bench)
 
-    def test_pulled_while_switching_on(self, bench: Bench) -> None:
+    def test_unplugged_while_switching_on(self, bench: Bench) -> None:
         bench.control.set_power(False)
         bench.clock.sleep(COOL_DOWN_S)
         bench.arm(bench.table.power_on, unplug_at=0)
         message(NotConnected, bench, lambda: bench.control.set_power(True))
 
-    def test_back_in_before_anybody_noticed(self, bench: Bench) -> None:
+    def test_plugged_in_again_before_the_next_command(self, bench: Bench) -> None:
         bench.control.state()
         bench.emulator.replug()
         do_everything(bench)
 
-    def test_a_closed_control_has_let_go_of_the_port(self, bench: Bench) -> None:
+    def test_a_closed_control_releases_the_port(self, bench: Bench) -> None:
         bench.control.close()
         control = open_serial_control(
             bench.emulator.port, bench.protocol, clock=bench.clock, name="north"

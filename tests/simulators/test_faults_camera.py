@@ -69,7 +69,7 @@ def rig() -> Iterator[BackendRig]:
 
 
 def signal(rig: BackendRig, exposure_s: float) -> np.ndarray:
-    """What the camera says at an exposure [full scale]."""
+    """The camera's signal at an exposure [full scale]."""
     camera = rig.cameras["camera"]
     camera.configure(CameraSettings(exposure_s))
     return (camera.capture().counts - float(BLACK_DN)) / FULL_DN
@@ -128,7 +128,7 @@ def test_ambient_light_grows_with_exposure(rig: BackendRig) -> None:
         assert extra == pytest.approx(AMBIENT_PER_S * exposure_s, abs=0.01)
 
 
-def test_stuck_exposure_is_admitted(rig: BackendRig) -> None:
+def test_stuck_exposure_is_reported(rig: BackendRig) -> None:
     camera = apply_faults(rig, {}, ("stuck-exposure",)).cameras["camera"]
     assert camera.configure(CameraSettings(2.0)).exposure_s == STUCK_S
     assert camera.capture().settings.exposure_s == STUCK_S

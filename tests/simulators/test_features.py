@@ -86,7 +86,7 @@ class TestNames:
 
 
 class TestPicture:
-    def test_white_boost_is_what_colours_lack(self) -> None:
+    def test_white_boost_makes_pure_colours_darker(self) -> None:
         plain, boosted = BUILD, build(white_boost=0.25)
         colours = np.eye(3, dtype=np.float32)
         for drive in (colours, 1 - colours):

@@ -218,7 +218,7 @@ class TestRoom:
         assert (painted.samples, painted.seed) == (64, 5)
         np.testing.assert_allclose(painted.albedo[0], 0.25)
 
-    def test_no_bounces_no_light(self, bare: Room) -> None:
+    def test_without_bounces_there_is_no_scattered_light(self, bare: Room) -> None:
         dark = bare.repainted(Surface.build(IDEAL.altered(albedo=0.0)))
         assert not PathTracedRoom.of(dark).irradiance(_flux(dark)).any()
 
@@ -261,7 +261,7 @@ class TestErrors:
 
 
 class TestVariant:
-    def test_a_library_that_is_none(self) -> None:
+    def test_a_library_that_cannot_be_loaded(self) -> None:
         assert not mitsuba_scene._llvm_works("/none/libLLVM.so")
 
     def test_a_library_that_hangs(self, monkeypatch: pytest.MonkeyPatch) -> None:

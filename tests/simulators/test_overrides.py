@@ -131,7 +131,7 @@ class TestSharing:
         "overrides",
         [{"albedo": 0.8}, {"albedo": 0.0}, {"defocus_px": 2.0, "gamma_left": 0.9}, {"snr": 12.0}],
     )
-    def test_altered_is_as_good_as_new(
+    def test_an_altered_scene_equals_a_new_one(
         self, standard: DomeScene, overrides: dict[str, float]
     ) -> None:
         new = DomeScene(STANDARD.altered(**overrides), SIZE, 1)  # type: ignore[arg-type]
@@ -144,7 +144,7 @@ class TestSharing:
             new.preset.white_snr is None
         )
 
-    def test_a_room_repainted_is_a_room_traced_anew(self) -> None:
+    def test_a_repainted_room_equals_a_newly_traced_one(self) -> None:
         with coarse_rooms():
             old = Surface.build(PRESETS["realistic"])
             new = Surface.build(PRESETS["realistic"].altered(albedo=0.8))
@@ -196,7 +196,7 @@ class TestSnr:
             ("standard", {"snr": 200.0, "albedo": 0.8, "defocus_px": 1.5}),
         ],
     )
-    def test_frames_have_the_ratio_asked(
+    def test_frames_have_the_requested_snr(
         self, request: pytest.FixtureRequest, scene_name: str, overrides: dict[str, float]
     ) -> None:
         scene: DomeScene = request.getfixturevalue(scene_name).altered(**overrides)
@@ -239,7 +239,7 @@ class TestSnr:
         assert law is not None
         assert scaled.per_dn / law.per_dn == pytest.approx((scaled.read_dn / law.read_dn) ** 2)
 
-    def test_more_than_the_bits_carry_is_refused(
+    def test_an_snr_beyond_the_bits_is_refused(
         self, ideal: DomeScene, rng: np.random.Generator
     ) -> None:
         bench = PhotographBench(ideal, "south", exposure_s=0.01)
@@ -261,7 +261,7 @@ class TestDefocus:
     @pytest.mark.parametrize(
         ("defocus_px", "tolerance"), [(0.0, 0.05), (1.0, 0.02), (2.0, 0.02), (4.0, 0.02)]
     )
-    def test_an_edge_is_as_soft_as_asked(
+    def test_an_edge_has_the_requested_blur(
         self, ideal: DomeScene, defocus_px: float, tolerance: float
     ) -> None:
         """Its profile over projector columns is a normal integral: the slope of its probit."""
@@ -309,7 +309,7 @@ class TestVenueFile:
     OVERRIDES = {"albedo": 0.8, "snr": 10.0, "defocus_px": 0.0, "gamma_left": 1.05}  # noqa: RUF012
 
     @pytest.mark.parametrize("preset", ["ideal", "standard"])
-    def test_writes_what_is_set_and_the_scene_has_it(
+    def test_overrides_are_written_and_reach_the_scene(
         self, tmp_path: Path, preset: PresetName
     ) -> None:
         text = venue_text(preset, SIZE, 3, **self.OVERRIDES)  # type: ignore[arg-type]
@@ -323,7 +323,7 @@ class TestVenueFile:
         assert {light.build.defocus_px for light in scene.lights.values()} == {0.0}
         assert tomllib.loads(text)["capture"]["exposure_s"] == white_exposure_s(scene.preset)
 
-    def test_leaves_out_what_is_not(self) -> None:
+    def test_absent_overrides_are_not_written(self) -> None:
         assert venue_text("standard", albedo=None, snr=None) == venue_text("standard")
         assert "snr" not in venue_text("standard", albedo=0.0)
 

@@ -36,7 +36,7 @@ def _picture(rng: np.random.Generator) -> np.ndarray:
 
 class TestPhotograph:
     @pytest.mark.parametrize("preset", ["ideal", "realistic"])
-    def test_is_what_the_camera_of_the_rig_takes(
+    def test_equals_the_photograph_of_the_rigs_camera(
         self, preset: PresetName, rng: np.random.Generator
     ) -> None:
         scene = DomeScene(PRESETS[preset], SIZE, 1)
@@ -65,7 +65,9 @@ class TestPhotograph:
         for picture, frame in zip(pictures, frames, strict=True):
             np.testing.assert_array_equal(next(bench.photograph([picture])), frame)
 
-    def test_a_signal_outlives_its_noise(self, scene: DomeScene, rng: np.random.Generator) -> None:
+    def test_digitising_does_not_change_the_signal(
+        self, scene: DomeScene, rng: np.random.Generator
+    ) -> None:
         bench = PhotographBench(scene, "south")
         (signal,) = bench.photograph([WHITE])
         before = signal.copy()
@@ -93,7 +95,7 @@ class TestPhotograph:
 class TestProjectorPixels:
     @pytest.mark.parametrize("preset", ["ideal", "realistic"])
     @pytest.mark.parametrize("name", ["south", "north"])
-    def test_follow_the_light_the_other_way(self, preset: PresetName, name: str) -> None:
+    def test_agree_with_tracing_from_the_projector(self, preset: PresetName, name: str) -> None:
         """From the projector's pixel to the dome and on into the camera, and back by the map."""
         scene = DomeScene(PRESETS[preset], SIZE, 1)
         light, build = scene.lights[name], scene.cameras["zenith"]
@@ -113,17 +115,17 @@ class TestProjectorPixels:
         # the map bends between camera pixels, and a step between panels breaks it
         assert np.median(error) < 0.02 and np.quantile(error, 0.99) < 0.2
 
-    def test_white_lands_there_and_nowhere_else(self, scene: DomeScene) -> None:
+    def test_white_lights_those_pixels_only(self, scene: DomeScene) -> None:
         bench = PhotographBench(scene.altered(albedo=0.0, defocus_px=0.0), "south")
-        lands = np.isfinite(bench.projector_pixels()).all(axis=-1)
+        covered = np.isfinite(bench.projector_pixels()).all(axis=-1)
         (white,) = bench.photograph([WHITE])
-        inside = distance_transform_edt(lands) > 3
-        outside = distance_transform_edt(~lands) > 4
+        inside = distance_transform_edt(covered) > 3
+        outside = distance_transform_edt(~covered) > 4
         assert inside.sum() > 5000 and outside.sum() > 5000
         assert white[inside].min() > 0.05
         assert white[outside].max() < 1e-4
 
-    def test_what_the_plates_block_is_no_landing(self, scene: DomeScene) -> None:
+    def test_pixels_behind_the_plates_are_nan(self, scene: DomeScene) -> None:
         bench = PhotographBench(scene, "south")
         where, blocked = scene.sight_lines("zenith").sources["south"][0], ~bench._light.lit
         assert blocked.any()

@@ -99,7 +99,7 @@ class TestRig:
             assert 0.05 * 6 < np.linalg.norm(build.camera_from_dome.origin) < 0.5 * 6
 
     def test_the_front_is_to_the_right_of_the_first_camera(self) -> None:
-        """Turned by 0.4 rad: what is to the front lands right of the middle."""
+        """Rotated by 0.4 rad, so the front is to the right of the middle."""
         (build,) = place_cameras(1, (400, 400), "fisheye", 6.0)
         front = 6.0 * direction_from_angles(0.0, np.radians(30.0))
         assert project(build.camera_from_dome.apply(front), build.lens)[0] > 300

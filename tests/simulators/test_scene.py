@@ -85,7 +85,7 @@ class TestProjectorInput:
             SimulatedProjector(scene, "south").show(np.zeros((4, 4, 3), np.float32))
 
     @pytest.mark.parametrize("bad", [-0.1, 1.5, np.nan])
-    def test_refuses_what_is_no_drive(self, scene: DomeScene, bad: float) -> None:
+    def test_refuses_values_outside_0_to_1(self, scene: DomeScene, bad: float) -> None:
         drive = np.zeros((PANEL[1], PANEL[0], 3), np.float32)
         drive[3, 3, 1] = bad
         with pytest.raises(UnitError, match=r"drive of projector south is .* must be 0\.\.1"):
@@ -94,7 +94,7 @@ class TestProjectorInput:
 
 class TestProjectorLight:
     def test_solid_angles_add_up_to_the_footprint(self, scene: DomeScene) -> None:
-        """Random directions that `project` says are inside the panel: another way round."""
+        """Random directions inside the panel by `project`, an independent computation."""
         rng = np.random.default_rng(4)
         z, azimuth = rng.random(1_000_000), rng.random(1_000_000) * 2 * np.pi
         floor = np.cos(scene.surface.lit_half_angle)
@@ -112,7 +112,7 @@ class TestProjectorLight:
             total = light.solid_angle_sr[light.lit].sum()
             assert abs(total - hit * lit_cap) < SIGMAS * sigma + edge
 
-    def test_equal_pixels_send_equal_flux_but_for_the_falloff(self, scene: DomeScene) -> None:
+    def test_equal_pixels_send_equal_flux_except_for_the_falloff(self, scene: DomeScene) -> None:
         light = scene.lights["south"]
         flux = light.irradiance * light.solid_angle_sr
         y, x = np.mgrid[-1 : 1 : 1j * PANEL[1], -1 : 1 : 1j * PANEL[0]]
@@ -129,7 +129,7 @@ class TestProjectorLight:
         expected = np.tensordot(IDEAL.albedo * area, white.astype(float), 2)
         np.testing.assert_allclose(patches.sum(axis=0), expected, rtol=FLOAT32)
 
-    def test_black_is_dim_but_not_nothing(self, scene: DomeScene) -> None:
+    def test_black_is_dim_but_not_zero(self, scene: DomeScene) -> None:
         light = scene.lights["south"]
         shape = (PANEL[1], PANEL[0], 3)
         black = light.emit(np.zeros(shape, np.float32), ALL_BANDS)[light.lit]
@@ -312,7 +312,7 @@ class TestNoise:
         assert abs(np.corrcoef(left, right)[0, 1]) < SIGMAS / np.sqrt(len(left))
 
     @pytest.mark.parametrize("other", ["seed", "exposure", "picture"])
-    def test_anything_else_has_other_noise(self, other: str) -> None:
+    def test_other_pictures_have_other_noise(self, other: str) -> None:
         scene = _scene(STANDARD)
         changed = _scene(STANDARD, seed=2 if other == "seed" else 1)
         _show(scene, "south", 0.0)
@@ -330,9 +330,7 @@ class TestSurface:
         np.testing.assert_array_equal(surface.albedo(direction), 0.5)
 
     @pytest.mark.parametrize("field", ["ovality", "panel_step_m", "albedo_smooth", "seam"])
-    def test_amplitudes_are_what_the_preset_says(
-        self, rng: np.random.Generator, field: str
-    ) -> None:
+    def test_amplitudes_are_those_of_the_preset(self, rng: np.random.Generator, field: str) -> None:
         amount = {"ovality": 0.001, "panel_step_m": 0.002, "albedo_smooth": 0.05, "seam": 0.07}[
             field
         ]
@@ -374,7 +372,7 @@ def _upper(rng: np.random.Generator, count: int) -> np.ndarray:
 
 
 class TestFaults:
-    def test_a_slipped_trigger_gives_the_last_picture_once(self, scene: DomeScene) -> None:
+    def test_a_failed_trigger_repeats_one_picture(self, scene: DomeScene) -> None:
         camera = StaleCamera(SimulatedCamera(scene, "zenith"))
         camera.configure(CameraSettings(EXPOSURE_S))
         means = []

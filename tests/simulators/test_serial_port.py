@@ -73,7 +73,7 @@ class TestProjectorState:
         clock.sleep(3600.0)
         assert state.lamp_hours == pytest.approx(100.5, abs=1e-12)
 
-    def test_break_down_puts_the_light_out_for_good(self) -> None:
+    def test_a_break_down_switches_the_lamp_off_permanently(self) -> None:
         state = ProjectorState(SceneClock(), on=True)
         state.report_error("01")
         assert state.light_factor() == 1.0
@@ -112,7 +112,7 @@ def wire(emulator: EmulatedEscVp21) -> Iterator[serial.Serial]:
         yield wire
 
 
-def say(wire: serial.Serial, command: bytes) -> bytes:
+def ask(wire: serial.Serial, command: bytes) -> bytes:
     """Send a command and read its reply up to the prompt."""
     wire.write(command)
     return wire.read_until(b":")
@@ -138,16 +138,16 @@ class TestEmulatedEscVp21:
         ],
     )
     def test_replies_when_on(self, wire: serial.Serial, command: bytes, reply: bytes) -> None:
-        assert say(wire, command) == reply
+        assert ask(wire, command) == reply
 
     def test_power_cycle(self, wire: serial.Serial, clock: SceneClock) -> None:
-        heard = [say(wire, b"PWR OFF\r"), say(wire, b"PWR?\r"), say(wire, b"PWR ON\r")]
+        received = [ask(wire, b"PWR OFF\r"), ask(wire, b"PWR?\r"), ask(wire, b"PWR ON\r")]
         clock.sleep(20.0)
-        heard += [say(wire, b"PWR?\r"), say(wire, b"MUTE?\r"), say(wire, b"PWR ON\r")]
-        heard += [say(wire, b"PWR?\r"), say(wire, b"MUTE ON\r")]
+        received += [ask(wire, b"PWR?\r"), ask(wire, b"MUTE?\r"), ask(wire, b"PWR ON\r")]
+        received += [ask(wire, b"PWR?\r"), ask(wire, b"MUTE ON\r")]
         clock.sleep(30.0)
-        heard += [say(wire, b"PWR?\r")]
-        assert heard == [
+        received += [ask(wire, b"PWR?\r")]
+        assert received == [
             *(b":", b"PWR=03\r:", b"ERR\r:"),
             *(b"PWR=00\r:", b"ERR\r:", b":"),
             *(b"PWR=02\r:", b"ERR\r:"),
@@ -157,15 +157,15 @@ class TestEmulatedEscVp21:
     def test_commands_reach_the_projector(
         self, wire: serial.Serial, emulator: EmulatedEscVp21
     ) -> None:
-        say(wire, b"MUTE ON\r")
-        say(wire, b"SOURCE A0\r")
+        ask(wire, b"MUTE ON\r")
+        ask(wire, b"SOURCE A0\r")
         assert (emulator.state.muted, emulator.state.source) == (True, "A0")
 
     def test_errors_are_listed(self, wire: serial.Serial, emulator: EmulatedEscVp21) -> None:
         emulator.state.report_error("01")
         emulator.state.break_down("06")
-        assert say(wire, b"ERR?\r") == b"ERR=01 06\r:"
-        assert say(wire, b"PWR?\r") == b"PWR=05\r:"
+        assert ask(wire, b"ERR?\r") == b"ERR=01 06\r:"
+        assert ask(wire, b"PWR?\r") == b"PWR=05\r:"
 
     def test_commands_in_pieces_and_in_bunches(self, wire: serial.Serial) -> None:
         wire.write(b"PW")
@@ -177,44 +177,44 @@ class TestEmulatedEscVp21:
     ) -> None:
         emulator.faults.commands = b"MUTE?"
         emulator.faults.refused_commands = 1
-        heard = [say(wire, b"PWR?\r"), say(wire, b"MUTE?\r"), say(wire, b"MUTE?\r")]
-        assert heard == [b"PWR=01\r:", b"ERR\r:", b"MUTE=OFF\r:"]
+        received = [ask(wire, b"PWR?\r"), ask(wire, b"MUTE?\r"), ask(wire, b"MUTE?\r")]
+        assert received == [b"PWR=01\r:", b"ERR\r:", b"MUTE=OFF\r:"]
 
     def test_lost_command_is_not_carried_out_and_lost_reply_is(
         self, wire: serial.Serial, emulator: EmulatedEscVp21
     ) -> None:
         emulator.faults.lost_commands = 1
         wire.write(b"MUTE ON\r")
-        assert say(wire, b"MUTE?\r") == b"MUTE=OFF\r:"
+        assert ask(wire, b"MUTE?\r") == b"MUTE=OFF\r:"
         emulator.faults.lost_replies = 1
         wire.write(b"MUTE ON\r")
-        assert say(wire, b"MUTE?\r") == b"MUTE=ON\r:"
+        assert ask(wire, b"MUTE?\r") == b"MUTE=ON\r:"
 
     def test_late_reply_comes_before_the_next(
         self, wire: serial.Serial, emulator: EmulatedEscVp21
     ) -> None:
         emulator.faults.late_replies = 1
         wire.write(b"PWR?\r")
-        assert say(wire, b"MUTE?\r") == b"PWR=01\r:"
+        assert ask(wire, b"MUTE?\r") == b"PWR=01\r:"
         assert wire.read_until(b":") == b"MUTE=OFF\r:"
 
-    def test_garbage_goes_where_it_is_told(
+    def test_garbage_is_put_at_its_position(
         self, wire: serial.Serial, emulator: EmulatedEscVp21
     ) -> None:
         emulator.faults.garbage, emulator.faults.garbage_at = b"\xff", 4
         emulator.faults.garbled_replies = 1
-        assert say(wire, b"PWR?\r") == b"PWR=\xff01\r:"
+        assert ask(wire, b"PWR?\r") == b"PWR=\xff01\r:"
 
-    def test_pulled_cable_kills_the_port_and_its_path(
+    def test_an_unplugged_cable_closes_the_port_and_removes_its_path(
         self, wire: serial.Serial, emulator: EmulatedEscVp21
     ) -> None:
         emulator.unplug()
         assert not Path(emulator.port).is_symlink()
         with pytest.raises(OSError):
-            say(wire, b"PWR?\r")
+            ask(wire, b"PWR?\r")
         emulator.replug()
         with serial.Serial(emulator.port, timeout=5.0) as again:
-            assert say(again, b"PWR?\r") == b"PWR=01\r:"
+            assert ask(again, b"PWR?\r") == b"PWR=01\r:"
 
     def test_close_leaves_nothing_behind(self, clock: SceneClock) -> None:
         emulator = EmulatedEscVp21(ProjectorState(clock))

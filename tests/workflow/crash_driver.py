@@ -321,11 +321,11 @@ def interrupt_at_random(bench: Bench) -> Iterator[str]:
 
 
 def _interrupted(venue: Path, seconds: float) -> int:
-    told, ready = os.pipe()
+    reader, ready = os.pipe()
     pid = child(_commanded(venue, ready))
     os.close(ready)  # the child has its own: if it dies early, the read ends
-    os.read(told, 1)
-    os.close(told)
+    os.read(reader, 1)
+    os.close(reader)
     return kill_later(pid, seconds, signal.SIGINT)
 
 

@@ -188,7 +188,7 @@ class TestCameraFaults:
 
         ran, _ = examined(tmp_path, monkeypatch, lambda s: replace_camera(s.backend, Small))
         assert findings(ran) == [(f"camera {CAMERA}", "DeviceError")]
-        assert "200x100 px, but venue.toml gives the camera 200x200" in ran.out
+        assert "200x100 px, expected 200x200" in ran.out
 
 
 class TestProjectorFaults:

@@ -2,7 +2,8 @@
 
 The engine sends a command, matches the reply with the patterns of the table, and tries again after a lost
 or garbled reply. Before each retry it synchronises: it sends a command without effect and waits for
-silence, so that a late reply is not taken for the next one. A value that was set is read back.
+silence, so that a late reply is not taken for the next one. A value that was set is read back. The file
+is longer than 300 lines because these steps share the state of one connection.
 """
 
 import re

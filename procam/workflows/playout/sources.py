@@ -15,13 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procam.errors import FileFormatError, InputError
-from procam.files.images.movies import (
-    MovieFrame,
-    MovieReader,
-    MovieWriter,
-    new_movie,
-    require_written,
-)
+from procam.files.images.movie_writer import MovieWriter, new_movie, require_written
+from procam.files.images.movies import MovieFrame, MovieReader
 from procam.files.images.pixels import SUFFIXES, require_suffix
 from procam.files.images.raw_frames import read_frame, write_frame
 from procam.files.images.sequences import Numbered, PictureSequence, find_sequence, parse_pattern

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from procam.compensate.projector_frames import Warper
 from procam.errors import FileFormatError
 from procam.files.calibration import load_calibration
-from procam.files.images.movies import MovieFrame, MovieWriter, is_movie, new_movie
+from procam.files.images.movie_writer import MovieWriter, new_movie
+from procam.files.images.movies import MovieFrame, is_movie
 from procam.files.images.pixels import write_image
 from procam.files.images.sequences import Numbered, PictureSequence
 from procam.files.output_log import OutputLog

@@ -72,7 +72,7 @@ def _dark(rig: Rig) -> bool:
 
 
 class TestWayOut:
-    def test_dark_then_wires_then_backend(self) -> None:
+    def test_projectors_darken_then_ports_close_then_the_backend(self) -> None:
         log: list[str] = []
         with _rig(log) as rig:
             assert not _dark(rig)
@@ -87,7 +87,7 @@ class TestWayOut:
             raise KeyboardInterrupt
         assert _dark(rig) and log[-1] == "closer"
 
-    def test_one_that_does_not_answer_stops_none_of_the_others(self) -> None:
+    def test_one_failing_projector_does_not_keep_the_others_lit(self) -> None:
         log: list[str] = []
         broken = Control(log, "b")
         broken.broken = True
@@ -99,7 +99,7 @@ class TestWayOut:
         assert _dark(rig)
         assert log == ["a shutter True", "b close", "a close", "closer"]
 
-    def test_without_remote_control_black_has_to_do(self) -> None:
+    def test_without_remote_control_black_is_shown(self) -> None:
         with _rig([], {}) as rig:
             pass
         assert _dark(rig)
@@ -133,7 +133,7 @@ class TestOpening:
         ):
             open_backend("nope", {}, None)  # type: ignore[arg-type]
 
-    def test_a_backend_without_a_wire(self) -> None:
+    def test_a_backend_without_a_control_port(self) -> None:
         backend = BackendRig({}, {}, Clock())
         with pytest.raises(DeviceError, match=r"projector a: its backend provides no control port"):
             open_control("a", "escvp21", "backend", backend)

@@ -1,4 +1,4 @@
-"""Calibration directories there and back, and what is said of damaged ones."""
+"""Calibration directories written and read back, and the errors of damaged ones."""
 
 import dataclasses
 import json
@@ -50,14 +50,10 @@ def saved(tmp_path: Path, calibration: Calibration) -> Path:
 
 
 class TestRoundTrip:
-    def test_everything_comes_back_to_the_last_bit(
-        self, saved: Path, calibration: Calibration
-    ) -> None:
+    def test_all_values_are_read_back_exactly(self, saved: Path, calibration: Calibration) -> None:
         _assert_same(load_calibration(saved), calibration)
 
-    def test_what_is_protected_comes_back_too(
-        self, tmp_path: Path, calibration: Calibration
-    ) -> None:
+    def test_protected_parts_are_read_back(self, tmp_path: Path, calibration: Calibration) -> None:
         covered = np.zeros((96, 96), bool)
         covered[10:30, 20:50] = True
         maps = dataclasses.replace(calibration.maps, protected=Mask("screen", covered))
@@ -65,7 +61,7 @@ class TestRoundTrip:
         save_calibration(protecting, tmp_path / "0001")
         _assert_same(load_calibration(tmp_path / "0001"), protecting)
 
-    def test_kernel_and_falloff_come_back_too(
+    def test_kernel_and_falloff_are_read_back(
         self, tmp_path: Path, calibration: Calibration
     ) -> None:
         rng = np.random.default_rng(3)
@@ -91,7 +87,7 @@ class TestRoundTrip:
             "state-full.exr"
         ]
 
-    def test_one_from_before_there_were_states_has_none(
+    def test_an_older_calibration_without_states(
         self, saved: Path, calibration: Calibration
     ) -> None:
         path = saved / "calibration.json"
@@ -100,7 +96,7 @@ class TestRoundTrip:
         path.write_text(json.dumps(document))
         _assert_same(load_calibration(saved), calibration)
 
-    def test_one_from_before_there_were_kernels_has_one_scalar(self, saved: Path) -> None:
+    def test_an_older_calibration_without_a_kernel(self, saved: Path) -> None:
         path = saved / "calibration.json"
         document = json.loads(path.read_text())
         del document["scatter_kernel"]
@@ -112,13 +108,13 @@ class TestRoundTrip:
         assert "protected" not in read_channels(saved / "maps" / "dome.exr")
         assert load_calibration(saved).maps.protected is None
 
-    def test_a_dome_is_all_but_the_projectors(self, saved: Path, calibration: Calibration) -> None:
-        """Whose maps need not even be there."""
+    def test_a_dome_has_no_projectors(self, saved: Path, calibration: Calibration) -> None:
+        """Their maps may be absent."""
         for name in calibration.projectors:
             (saved / "maps" / f"{name}.exr").unlink()
         _assert_same(load_dome(saved), dataclasses.replace(calibration, projectors={}))
 
-    def test_files_are_where_other_tools_look(self, saved: Path) -> None:
+    def test_file_names(self, saved: Path) -> None:
         files = sorted(str(p.relative_to(saved)) for p in saved.rglob("*") if p.is_file())
         assert files == [
             "calibration.json",
@@ -160,7 +156,7 @@ class TestNumbering:
         (tmp_path / "calibrations" / "0001").rmdir()
         assert next_directory(tmp_path).name == "0003"
 
-    def test_none_yet(self, tmp_path: Path) -> None:
+    def test_no_calibration_yet(self, tmp_path: Path) -> None:
         with pytest.raises(FileFormatError, match=r"has no calibration; .*procam calibrate"):
             latest_calibration(tmp_path)
 

@@ -1,4 +1,4 @@
-"""load_mesh: good screens come through unchanged, spoilt ones are put right or refused in a line."""
+"""load_mesh: valid screens are unchanged, faults are corrected or refused in one line."""
 
 import re
 import sys
@@ -68,7 +68,7 @@ SHAPES = {
 class TestGoodMeshes:
     @pytest.mark.parametrize("name", SHAPES)
     @pytest.mark.parametrize("write", [write_obj, write_ply])
-    def test_come_through(self, name: str, write: object, tmp_path: Path) -> None:
+    def test_valid_meshes_are_unchanged(self, name: str, write: object, tmp_path: Path) -> None:
         vertices, faces = SHAPES[name]
         vertices = vertices - [0, 0, 2] if name in ("tube", "drum") else vertices
         screen = load_mesh(write(tmp_path / f"a.{write.__name__[-3:]}", vertices, faces))
@@ -114,7 +114,7 @@ class TestGoodMeshes:
 
 class TestRepairs:
     @pytest.mark.parametrize("name", SHAPES)
-    def test_a_mesh_inside_out_is_turned(self, name: str, tmp_path: Path) -> None:
+    def test_a_mesh_inside_out_is_reversed(self, name: str, tmp_path: Path) -> None:
         vertices, faces = SHAPES[name]
         vertices = vertices - [0, 0, 2] if name in ("tube", "drum") else vertices
         path = write_obj(tmp_path / "a.obj", vertices, faces[:, ::-1])
@@ -124,7 +124,7 @@ class TestRepairs:
         same(screen, (vertices, faces))
 
     @pytest.mark.parametrize("name", ["dome", "room", "scan"])
-    def test_some_faces_turned_are_turned_back(
+    def test_some_reversed_faces_are_corrected(
         self, name: str, tmp_path: Path, rng: np.random.Generator
     ) -> None:
         vertices, faces = SHAPES[name]
@@ -135,7 +135,7 @@ class TestRepairs:
             screen = load_mesh(write_obj(tmp_path / "a.obj", vertices, mixed))
         same(screen, (vertices, faces))
 
-    def test_faces_without_area_and_twins_are_dropped(self, tmp_path: Path) -> None:
+    def test_faces_without_area_and_duplicates_are_dropped(self, tmp_path: Path) -> None:
         vertices, faces = SHAPES["dome"]
         spoilt = np.concatenate([faces, [[3, 3, 5], [7, 8, 8]], faces[:4], faces[:1, ::-1]])
         with pytest.warns(
@@ -213,7 +213,7 @@ class TestRefusals:
         self._refused(tmp_path / "a.ply", "1 of the 9 faces in its header; copy")
 
     @pytest.mark.parametrize("value", [np.nan, np.inf])
-    def test_vertices_that_are_no_numbers(self, value: float, tmp_path: Path) -> None:
+    def test_vertices_that_are_nan(self, value: float, tmp_path: Path) -> None:
         vertices, faces = SHAPES["dome"]
         vertices = vertices.copy()
         vertices[[3, 5], 1] = value
@@ -247,7 +247,7 @@ class TestRefusals:
         path = write_obj(tmp_path / "a.obj", *mesh)
         self._refused(path, r"6 holes besides the rim: (.* across at .*; ){3}\.\.\.\. Close")
 
-    def test_a_hole_at_the_pole_is_no_other_end(self, tmp_path: Path) -> None:
+    def test_a_hole_at_the_pole_is_not_a_rim(self, tmp_path: Path) -> None:
         path = write_obj(tmp_path / "a.obj", *without(hemisphere(8.0, 40), 0, 90, 8))
         self._refused(path, r"1 hole .* elevation 90\.0 degrees")
 

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from procam.errors import FileFormatError, InputError
-from procam.files.images.movies import MovieFrame, MovieReader, is_movie, new_movie
+from procam.files.images.movie_writer import new_movie
+from procam.files.images.movies import MovieFrame, MovieReader, is_movie
 
 av = pytest.importorskip("av", reason="needs the extra `video`")
 SIZE, FRAMES = 32, 5
@@ -236,7 +237,7 @@ class TestWriting:
             times = [1000 * float(f.pts * f.time_base) for f in movie.decode(video=0)]
         np.testing.assert_allclose(times, at, atol=1e-6)
 
-    def test_nothing_is_left_of_a_movie_that_failed(self, tmp_path: Path) -> None:
+    def test_a_movie_that_failed_leaves_no_file(self, tmp_path: Path) -> None:
         lossless(tmp_path / "m.mkv")
         with (
             pytest.raises(RuntimeError),

@@ -37,7 +37,7 @@ def ramp(dtype: type, top: int) -> np.ndarray:
 
 
 class TestReading:
-    def test_names_in_the_order_people_mean(self, tmp_path: Path) -> None:
+    def test_names_are_in_natural_order(self, tmp_path: Path) -> None:
         for name in ("img_10.tif", "img_9.TIF", "2.jpg", "img_9b.png", "notes.txt", "a.CR2"):
             (tmp_path / name).touch()
         photos, others = list_photos(tmp_path)

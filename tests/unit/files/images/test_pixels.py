@@ -163,7 +163,7 @@ class TestLayers:
                     reader(path)
 
     def test_a_picture_made_of_some_layers_is_not_checked(self, tmp_path: Path) -> None:
-        """Programs that cut and paste keep attributes that they do not know."""
+        """Programs that copy layers keep attributes unknown to them."""
         layers = {"hi": _noise(np.float32, (20, 9, 3)), "lo": _noise(np.float32, (20, 9))}
         write_layers(tmp_path / "maps.exr", layers)
         spec = read_spec(tmp_path / "maps.exr")[1]

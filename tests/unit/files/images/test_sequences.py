@@ -50,7 +50,7 @@ class TestPatterns:
 
 
 class TestFind:
-    def test_a_folder_tells_its_names(self, tmp_path: Path) -> None:
+    def test_the_names_of_a_folder_are_recognised(self, tmp_path: Path) -> None:
         _touch(tmp_path, "sky.0099.exr", "sky.0100.exr", "notes.txt", "still.png", ".sky.0098.exr")
         found = find_sequence(tmp_path)
         assert found is not None
@@ -63,7 +63,7 @@ class TestFind:
         assert found is not None
         assert found.numbers == (8, 9, 10, 11)
 
-    def test_a_step_is_no_gap(self, tmp_path: Path) -> None:
+    def test_a_step_is_not_a_gap(self, tmp_path: Path) -> None:
         _touch(tmp_path, *(f"s{n:02d}.png" for n in (10, 15, 20, 30, 25)))
         found = find_sequence(tmp_path / "s##.png")
         assert found is not None
@@ -79,7 +79,7 @@ class TestFind:
         with pytest.raises(FileFormatError, match=r"s\.010\.png and 29 more missing"):
             find_sequence(tmp_path)
 
-    def test_a_gap_however_wide_costs_no_time(self, tmp_path: Path) -> None:
+    def test_a_wide_gap_is_found_quickly(self, tmp_path: Path) -> None:
         last = 10**30 + 1
         _touch(tmp_path, "s.0.png", "s.1.png", f"s.{last}.png")
         with pytest.raises(FileFormatError) as refused:

@@ -23,7 +23,7 @@ class TestTemplates:
         venue = load_venue(tmp_path)
         assert venue.cameras and venue.table.projectors and venue.screen.radius_m > 0
 
-    def test_every_example_of_the_one_by_hand_loads_too(self, tmp_path: Path) -> None:
+    def test_the_by_hand_template_loads_with_all_its_examples(self, tmp_path: Path) -> None:
         text = template_text("by-hand")
         plain = load_venue_of(tmp_path / "plain", text)
         shape = (len(plain.cameras), len(plain.table.projectors), len(plain.fiducials))
@@ -79,7 +79,7 @@ class TestContent:
         load_venue_of(tmp_path, edit("[capture]", TAGS + distance + "[capture]"))
         assert load_venue(tmp_path).distances[0].b == "tag 8 of 25h9"
 
-    def test_a_backends_table_goes_through_unread(self, tmp_path: Path) -> None:
+    def test_a_backends_table_is_not_validated(self, tmp_path: Path) -> None:
         load_venue_of(tmp_path, edit("seed = 1\n", "seed = 1\nwhatever = [1, 'two']\n"))
         backends = load_venue(tmp_path).backends
         assert set(backends) == {"simulated"}
@@ -300,13 +300,13 @@ class TestMistakes:
         (line,) = mistakes(tmp_path, text)
         assert line.startswith(f"{tmp_path / 'venue.toml'} is not valid TOML: ")
 
-    def test_not_even_text(self, tmp_path: Path) -> None:
+    def test_a_file_that_is_not_text(self, tmp_path: Path) -> None:
         (tmp_path / "venue.toml").write_bytes(b"\xff\xfe\x00")
         with pytest.raises(InputError, match=r"venue\.toml is not valid TOML"):
             load_venue(tmp_path)
 
     @pytest.mark.parametrize("text", ["", "cameras = 3\nprojectors = [1]", "screen = 1"])
-    def test_hardly_anything(self, tmp_path: Path, text: str) -> None:
+    def test_an_almost_empty_file(self, tmp_path: Path, text: str) -> None:
         assert len(mistakes(tmp_path, text)) >= 4
 
     def test_no_file(self, tmp_path: Path) -> None:
