@@ -86,11 +86,13 @@ def rig_and_sightings(
 ) -> tuple[RigGeometry, dict[Pair, Observations]]:
     """A rig and what its cameras see, the same each time; every camera sees every projector."""
     rng = np.random.default_rng(SEED)
-    hung = {f"p{i}": projector(f"p{i}", 2 * np.pi * i / projectors, rng) for i in range(projectors)}
+    lit_by = {
+        f"p{i}": projector(f"p{i}", 2 * np.pi * i / projectors, rng) for i in range(projectors)
+    }
     placed = {f"c{i}": camera(f"c{i}", rng) for i in range(cameras)}
-    rig = RigGeometry(RoundShape(RADIUS_M), placed, hung)
+    rig = RigGeometry(RoundShape(RADIUS_M), placed, lit_by)
     each = observations // (projectors * cameras)
-    seen = {(c, p): sightings(rig, (c, p), each, rng) for c in placed for p in hung}
+    seen = {(c, p): sightings(rig, (c, p), each, rng) for c in placed for p in lit_by}
     return rig, seen
 
 

@@ -1,6 +1,6 @@
 """Bias of one fringe over the whole panel by scattered light, with several corrections.
 
-Writes studies/one_fringe.json and studies/one_fringe.md; the theory is in docs/theory/phasor.md.
+Writes studies/one_fringe.json and studies/one_fringe.md; the theory is in docs/theory/scatter-bias.md.
 """
 
 from collections.abc import Iterator

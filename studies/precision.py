@@ -160,10 +160,11 @@ def _report(rows: list[dict[str, Any]]) -> str:
         "# Compensated frames, against double precision",
         "",
         "A frame of a pan, solved by the kernels. Residual: light assumed to be sent less light sent, "
-        "relative to the largest moment, by the twin of the kernels' sums in double "
+        "relative to the largest moment, by the reference implementation of the kernels' sums in double "
         "(`kernels/reference_frame.py`); the error of s is 1.2 times smaller here, the slope of the "
         "equations. Flux, moments: the same by sums over pixels with their own areas and directions, "
-        "bilinear between nodes: what the twin shares with the kernels counts here too. Picture: float, "
+        "bilinear between nodes: what the reference implementation shares with the "
+        "kernels counts here too. Picture: float, "
         "largest error where no limit holds [of white]; 8 bits, largest distance from the value under "
         "its dither [codes], .5 for exact rounding.",
         "",
@@ -171,9 +172,9 @@ def _report(rows: list[dict[str, Any]]) -> str:
         "|---|---|---|---|---|---|---|---|",
     ]
     for row in rows:
-        told = " | ".join(f"{row[name]:.1e}" for name in ("kkt", "flux", "moments"))
-        told += f" | {row['picture']:.3g} | {GOALS[row['kind']]}"
-        lines.append(f"| {row['kind']} | {row['size']} | {row['dome']} | {told} |")
+        cells = " | ".join(f"{row[name]:.1e}" for name in ("kkt", "flux", "moments"))
+        cells += f" | {row['picture']:.3g} | {GOALS[row['kind']]}"
+        lines.append(f"| {row['kind']} | {row['size']} | {row['dome']} | {cells} |")
     return "\n".join([*lines, ""])
 
 
@@ -190,8 +191,8 @@ def _sums_report(rows: list[dict[str, Any]]) -> str:
         "|" + "---|" * 5,
     ]
     for name in dict.fromkeys(row["structure"] for row in rows):
-        told = [f"{row['off']:.1e}" for row in rows if row["structure"] == name]
-        lines.append(f"| {name} | {' | '.join(told)} |")
+        cells = [f"{row['off']:.1e}" for row in rows if row["structure"] == name]
+        lines.append(f"| {name} | {' | '.join(cells)} |")
     return "\n".join([*lines, "", "`python -m studies precision`", ""])
 
 

@@ -93,7 +93,7 @@ class Compensator:
     ----------
     calibration : with maps of the dome.
     size : edge of the square content [px].
-    method : "exact" solves (P) of science.md s.5: what no limit holds is reproduced exactly.
+    method : "exact" solves (P), docs/theory/compensation.md (C2): unlimited pixels are reproduced exactly.
         "least-squares" (W) has the least squared error over the dome. "subtract" takes off the light
         that would be scattered without limits, then clamps (van Baar et al. 2011, eq. 12, with all
         that reflects). "paper-eq12" is that equation to the letter, with the lit area alone. "none"
@@ -116,7 +116,7 @@ class Compensator:
     added. Light adds up: with e the lamps' irradiance before any bounce, the total is N (b0 + e) =
     N b0 + N e. A camera that photographs the screen while the projectors are dark measures A = N e,
     with all bounces. So A is added to the total, never to the direct light `lo`, where it would be
-    scattered once more. The wanted light is N b0 = t - A: (P) of science.md s.5 with t - A for t.
+    scattered once more. The wanted light is N b0 = t - A: (P) with t - A for t.
     Where A exceeds the target that is negative, and the clip at lo holds as for any black. Methods
     "paper-eq12" and "none" ignore the lamps.
     """

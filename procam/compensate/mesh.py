@@ -1,4 +1,7 @@
-"""Compensation on a screen of any shape, face by face: (P) and (W) of science.md s.5 with dense transport."""
+"""Compensation on a screen of any shape, face by face: (P) and (W) with dense transport.
+
+Equations: docs/theory/compensation.md (C5), (C6).
+"""
 
 from dataclasses import dataclass
 

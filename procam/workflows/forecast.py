@@ -1,4 +1,4 @@
-"""What contrast and white to expect of a dome: planned, or measured by a calibration (science.md s.1).
+"""Contrast and white to expect of a dome, planned or calibrated (docs/theory/interreflection.md).
 
 A dome that is not built yet gets the calibration that it would have, so that its pictures are
 compensated by the very code that compensates real ones.
@@ -299,7 +299,7 @@ def checkerboard_contrast(
     """White to black [-] of a picture that holds nothing else, with a share p of white.
 
     Without black C = (1 + m p) / (m p), which is (1 - rho f_R (1-p)) / (rho f_R p) where all that
-    reflects is lit (science.md s.1, "Limits"). Compensation dims the white and the light that it
+    reflects is lit (docs/theory/interreflection.md (I18)). Compensation dims the white and the light that it
     scatters on the black by one factor: C stays. A `black` [rel to direct white] is not dimmed with
     them, nor is `ambient`, light of the room's own, so that C then falls a little.
     """

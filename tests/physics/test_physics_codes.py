@@ -85,7 +85,7 @@ class TestEveryCode:
         assert code_table.usable(waves), waves
         assert not code_table.usable(stripes), stripes
 
-    def test_what_decode_refuses_is_told(
+    def test_what_decode_refuses_is_reported(
         self, cell: Callable[..., code_table.Row], monkeypatch: pytest.MonkeyPatch
     ) -> None:
         monkeypatch.setattr(

@@ -11,7 +11,7 @@ from simulators.presets import PRESETS
 from simulators.surface import Surface
 from simulators.template import venue_text
 
-# design.md s.1: amplitudes, not peak to peak
+# amplitudes, not peak to peak
 TABLE = {
     "ovality": (0.0, 0.0, 0.001, 0.001),
     "panel_step_m": (0.0, 0.0, 0.002, 0.002),

@@ -203,13 +203,13 @@ class TestCommand:
         assert re.search(r"\nWRONG  projector south: .+ switch .+white boost. off\n", ran.out)
         assert ran.out.splitlines()[-1] == "34 photographs, 1 finding"
 
-    def test_help_tells_the_photographs(self) -> None:
+    def test_help_gives_the_photographs(self) -> None:
         ran = procam("doctor", "--help")
         assert "24 more photographs" in " ".join(re.sub(r"[│\n]", " ", ran.out).split())
 
 
 class TestFindings:
-    def test_the_strongest_sign_of_a_setting_tells(self) -> None:
+    def test_the_strongest_sign_of_a_setting_counts(self) -> None:
         diagnosis = Diagnosis()
         effects = (
             Effect("load-half", -0.02, 1e-4, 0.005),

@@ -66,7 +66,7 @@ def both(tmp_path_factory: pytest.TempPathFactory) -> Solved:
     return Solved(folder, plain, by_hand)
 
 
-def test_a_solve_applies_and_tells_them(both: Solved) -> None:
+def test_a_solve_applies_and_gives_them(both: Solved) -> None:
     before, after = (c.projectors["south"].surface for c in (both.plain, both.by_hand))
     (x, y), (right, down) = PIXEL, SHIFT
     # the camera's mask takes a few sightings away, so that not all is alike to the last bit
@@ -78,10 +78,12 @@ def test_a_solve_applies_and_tells_them(both: Solved) -> None:
     assert both.plain.maps.protected is None and "by_hand" not in both.plain.provenance
     protected = both.by_hand.maps.protected
     assert protected is not None and 0.01 < protected.covered.mean() < 0.1
-    told = both.by_hand.provenance["by_hand"]
-    assert told["masks"] == [{"of": "camera zenith", "corners": 4, "share": 0.05}]
-    assert told["nudges"] == [{"projector": "south", "pixel": list(PIXEL), "shift_px": list(SHIFT)}]
-    assert [entry["of"] for entry in told["protected"]] == ["dome"]
+    message = both.by_hand.provenance["by_hand"]
+    assert message["masks"] == [{"of": "camera zenith", "corners": 4, "share": 0.05}]
+    assert message["nudges"] == [
+        {"projector": "south", "pixel": list(PIXEL), "shift_px": list(SHIFT)}
+    ]
+    assert [entry["of"] for entry in message["protected"]] == ["dome"]
 
 
 def test_compensate_leaves_what_is_protected_as_it_is(both: Solved, tmp_path: Path) -> None:
@@ -121,7 +123,7 @@ def test_the_report_lists_them(both: Solved) -> None:
         assert words in page
 
 
-def test_a_bad_mask_is_told_before_anything_is_solved(both: Solved) -> None:
+def test_a_bad_mask_is_reported_before_anything_is_solved(both: Solved) -> None:
     venue = load_venue(both.folder)
     table = venue.table.screen.model_copy(update={"protected": ["gone.png"]})
     broken = replace(venue, table=venue.table.model_copy(update={"screen": table}))

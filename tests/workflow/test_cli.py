@@ -102,7 +102,7 @@ class TestInit:
         assert "venue.toml exists already" in ran.complaint
         assert (tmp_path / "venue.toml").read_text() == "mine"
 
-    def test_without_a_template_the_known_ones_are_told(self, tmp_path: Path) -> None:
+    def test_without_a_template_the_known_ones_are_listed(self, tmp_path: Path) -> None:
         ran = procam("init", tmp_path / "new")
         assert ran.code == 2
         assert "--template is missing: choose one of by-hand, simulated-" in ran.complaint
@@ -111,7 +111,7 @@ class TestInit:
         shown = procam("init", "--help").out
         assert all(name in shown for name in template_names())
 
-    def test_an_unknown_template_is_told_the_known_ones(self, tmp_path: Path) -> None:
+    def test_an_unknown_template_is_reported_the_known_ones(self, tmp_path: Path) -> None:
         ran = procam("init", tmp_path / "new", "--template", "nonesuch")
         assert ran.code == 2
         assert "template 'nonesuch' does not exist; choose one of " in ran.complaint
@@ -145,7 +145,7 @@ class TestVenueCommands:
     def test_capture_solve_refine_calibrate_and_report_speak_json(self, tmp_path: Path) -> None:
         make_venue(tmp_path)
 
-        def told(*arguments: object) -> dict[str, Any]:
+        def message(*arguments: object) -> dict[str, Any]:
             ran = procam(*arguments, "--json")
             document = json.loads(ran.out)
             assert isinstance(document, dict)
@@ -154,18 +154,18 @@ class TestVenueCommands:
             return document
 
         session = tmp_path / "sessions" / "0001"
-        assert told("capture", tmp_path) == {"session": str(session)}
-        first = told("solve", session)["calibration"]
+        assert message("capture", tmp_path) == {"session": str(session)}
+        first = message("solve", session)["calibration"]
         assert first == str(tmp_path / "calibrations" / "0001")
-        refined = told("refine", tmp_path)
+        refined = message("refine", tmp_path)
         assert refined["calibration"] == str(tmp_path / "calibrations" / "0002")
         assert "loop_noise_floor" in refined["figures"]
-        report = told("report", session)["report"]
+        report = message("report", session)["report"]
         assert Path(report).is_file()
-        both = told("calibrate", tmp_path)
+        both = message("calibrate", tmp_path)
         assert both["calibration"] == str(tmp_path / "calibrations" / "0003")
         assert Path(both["report"]).is_file()
-        assert told("inspect", session)["complete"] is True
+        assert message("inspect", session)["complete"] is True
         judged = procam("judge", first, first, "--json")  # its own truth, but not all is certain
         assert json.loads(judged.out)["feedback_error"]["value"] == 0
         again = contents(tmp_path / "sessions" / "0002")
@@ -617,17 +617,20 @@ class TestVenueErrors:
         monkeypatch.setattr(venue_rig, "known_backends", lambda: ["dream", "simulated"])
         path = make_venue(tmp_path).directory / "venue.toml"
         path.write_text(path.read_text().replace('"simulated"', '"dream"', 1))
-        told = procam("capture", tmp_path).complaint
-        assert "got backends dream, simulated, expected one for all devices" in told
+        message = procam("capture", tmp_path).complaint
+        assert "got backends dream, simulated, expected one for all devices" in message
 
     @pytest.mark.parametrize("command", ["capture", "doctor", "calibrate"])
-    def test_what_is_done_by_hand_is_told_how(self, command: str, tmp_path: Path) -> None:
-        told = f"use `procam patterns {tmp_path}` and `procam ingest`"
+    def test_what_is_done_by_hand_is_reported_how(self, command: str, tmp_path: Path) -> None:
+        message = f"use `procam patterns {tmp_path}` and `procam ingest`"
         path = make_venue(tmp_path).directory / "venue.toml"
         text = path.read_text()
         path.write_text(text.replace('backend = "simulated"', "", 1))
         ran = procam(command, tmp_path)
-        assert (ran.code, f"{path}: camera zenith is driven by hand; {told}" in ran.complaint) == (
+        assert (
+            ran.code,
+            f"{path}: camera zenith is driven by hand; {message}" in ran.complaint,
+        ) == (
             2,
             True,
         )
@@ -635,12 +638,14 @@ class TestVenueErrors:
             text.replace('[projectors.south]\nbackend = "simulated"', "[projectors.south]")
         )
         assert (
-            f"{path}: projector south is driven by hand; {told}"
+            f"{path}: projector south is driven by hand; {message}"
             in procam(command, tmp_path).complaint
         )
 
     @pytest.mark.parametrize("command", ["capture", "calibrate", "refine"])
-    def test_a_missing_venue_is_told_how_to_make_one(self, command: str, tmp_path: Path) -> None:
+    def test_a_missing_venue_is_reported_how_to_make_one(
+        self, command: str, tmp_path: Path
+    ) -> None:
         ran = procam(command, tmp_path / "nowhere")
         assert ran.code == 2
         assert "nowhere/venue.toml: no such file" in ran.complaint

@@ -110,8 +110,8 @@ class TestResponse:
             *command, "1,2,3"
         )
         assert "0.png has no exposure in its header" in refused(*command[:-1])
-        told = refused(*command, "1,1/4,1/16,1/64")
-        assert f"{brackets} (0.png, 1.png, 2.png, 3.png): brackets: photographs 4 and 3" in told
+        message = refused(*command, "1,1/4,1/16,1/64")
+        assert f"{brackets} (0.png, 1.png, 2.png, 3.png): brackets: photographs 4 and 3" in message
         assert "must end in .csv" in refused("response", brackets, "--out", tmp_path / "a.toml")
         (tmp_path / "b.csv").mkdir()
         assert "this is a folder" in refused("response", brackets, "--out", tmp_path / "b.csv")

@@ -1,4 +1,4 @@
-"""`procam capture VENUE --dry-run`: what a visit costs, and the order in which it is taken."""
+"""`procam capture VENUE --dry-run`: what a session costs, and the order in which it is taken."""
 
 import json
 from pathlib import Path
@@ -28,7 +28,7 @@ def _by_hand(folder: Path, projectors: tuple[str, ...] = ("north",), more: str =
     )
 
 
-def _told(venue: Venue, capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
+def _document(venue: Venue, capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
     run_dry(venue, Output(as_json=True))
     document = json.loads(capsys.readouterr().out)
     assert isinstance(document, dict)
@@ -76,12 +76,12 @@ class TestWork:
 
 
 class TestDryRun:
-    def test_tells_all_and_touches_nothing(self, tmp_path: Path) -> None:
+    def test_lists_all_and_touches_nothing(self, tmp_path: Path) -> None:
         make_venue(tmp_path, size=TINY_PAIR)
         said = procam("capture", tmp_path, "--dry-run")
-        told = procam("capture", tmp_path, "--dry-run", "--json")
-        document = json.loads(told.out)
-        assert (said.code, told.code, said.err, told.err) == (0, 0, "", "")
+        message = procam("capture", tmp_path, "--dry-run", "--json")
+        document = json.loads(message.out)
+        assert (said.code, message.code, said.err, message.err) == (0, 0, "", "")
         total = "{shots} shots, {exposures} exposures, {minutes} min, {gigabytes} GB"
         assert said.out.splitlines()[-1] == total.format(**document)
         assert [line.split()[0] for line in said.out.splitlines()[1:4]] == [
@@ -95,7 +95,7 @@ class TestDryRun:
     def test_parts_sum_to_the_whole(
         self, tmp_path: Path, capsys: pytest.CaptureFixture[str]
     ) -> None:
-        document = _told(_by_hand(tmp_path, SIX[:3]), capsys)
+        document = _document(_by_hand(tmp_path, SIX[:3]), capsys)
         parts = [document["dark"], *document["projectors"].values()]
         assert list(document["projectors"]) == list(SIX[:3])
         for key in ("shots", "exposures"):
@@ -107,7 +107,7 @@ class TestDryRun:
     def test_six_projectors_at_five_seconds_take_three_quarters_of_an_hour_at_most(
         self, tmp_path: Path, capsys: pytest.CaptureFixture[str]
     ) -> None:
-        document = _told(_by_hand(tmp_path, SIX), capsys)
+        document = _document(_by_hand(tmp_path, SIX), capsys)
         assert len(document["projectors"]) == 6
         long = 7 * 4 / 60  # the dark and six blacks are exposed for 8 s
         assert document["minutes"] == pytest.approx(document["exposures"] * 5 / 60 + long, abs=0.05)
@@ -117,7 +117,7 @@ class TestDryRun:
         self, tmp_path: Path, capsys: pytest.CaptureFixture[str]
     ) -> None:
         venue = _by_hand(tmp_path, SIX[:2])
-        document = _told(venue, capsys)
+        document = _document(venue, capsys)
         order = document["order"]
         assert (order[0]["projector"], order[0]["purpose"]) == ("", "dark")
         for name in SIX[:2]:

@@ -41,7 +41,7 @@ GAMMA, BLUR_PX, NOISE_DN = 2.2, 0.6, 4.0
 
 
 @dataclass(frozen=True)
-class Visit:
+class HandSession:
     """What lies on the disk after `procam patterns`: the session, and the folder for the rig."""
 
     session: Path
@@ -61,28 +61,28 @@ class Visit:
         return sorted(f"{shot}@{exposure:g}" for shot, exposure in frames)
 
 
-def start(folder: Path) -> Visit:
+def start(folder: Path) -> HandSession:
     make_venue(folder, size=SIZE)
     ran = procam("patterns", folder, "--out", folder / "out", "--json")
     assert (ran.code, ran.err) == (0, "")
-    return Visit(Path(json.loads(ran.out)["session"]), folder / "out")
+    return HandSession(Path(json.loads(ran.out)["session"]), folder / "out")
 
 
 @pytest.fixture
-def visit(tmp_path: Path) -> Visit:
+def hand_session(tmp_path: Path) -> HandSession:
     return start(tmp_path / "dome")
 
 
 @pytest.fixture(scope="module")
 def roll(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """All photographs of the visit, in order, named img_0.tif ..."""
+    """All photographs of the hand_session, in order, named img_0.tif ..."""
     folder = tmp_path_factory.mktemp("roll")
-    visit = start(folder / "dome")
+    hand_session = start(folder / "dome")
     photos, number = folder / "photos", 0
     photos.mkdir()
-    for entry in visit.order():
+    for entry in hand_session.order():
         for exposure in map(float, entry["exposures_s"].split()):
-            write_image(photos / f"img_{number}.tif", photograph(visit.out, entry, exposure))
+            write_image(photos / f"img_{number}.tif", photograph(hand_session.out, entry, exposure))
             number += 1
     return photos
 
@@ -126,22 +126,24 @@ def with_header(path: Path, pixels: np.ndarray, **header: object) -> None:
 
 
 class TestPatterns:
-    def test_a_session_and_a_folder_for_the_rig(self, visit: Visit) -> None:
-        assert visit.session.name == "hand-0001"
-        plan = Session(visit.session).read_plan()
+    def test_a_session_and_a_folder_for_the_rig(self, hand_session: HandSession) -> None:
+        assert hand_session.session.name == "hand-0001"
+        plan = Session(hand_session.session).read_plan()
         assert len(plan.shots) == SHOTS
         for shot in plan.shots[1:]:
-            same = (visit.out / shot.pattern, visit.session / shot.pattern)
+            same = (hand_session.out / shot.pattern, hand_session.session / shot.pattern)
             assert same[0].read_bytes() == same[1].read_bytes()
-        assert (visit.out / "plan.json").read_text() == (visit.session / "plan.json").read_text()
-        lists = [p.name for p in visit.out.glob("*.m3u")]
+        assert (hand_session.out / "plan.json").read_text() == (
+            hand_session.session / "plan.json"
+        ).read_text()
+        lists = [p.name for p in hand_session.out.glob("*.m3u")]
         assert sorted(lists) == ["north.m3u", "south.m3u"]
         assert "#EXTINF:5,south-0000\npatterns/south/0000.png\n" in (
-            visit.out / "south.m3u"
+            hand_session.out / "south.m3u"
         ).read_text("utf-8")
 
-    def test_the_order_tells_numbers_exposures_and_times(self, visit: Visit) -> None:
-        order = visit.order()
+    def test_the_order_gives_numbers_exposures_and_times(self, hand_session: HandSession) -> None:
+        order = hand_session.order()
         assert [entry["number"] for entry in order] == ["", *map(str, range(1, SHOTS))]
         assert order[0] | {"exposures_s": "", "hold_s": ""} == {
             **{"number": "", "shot": "dark", "projector": "", "purpose": "dark", "picture": ""},
@@ -153,37 +155,39 @@ class TestPatterns:
             assert [int(e["start_s"]) for e in mine] == [0, *ends[:-1]]
             assert all(int(e["hold_s"]) > 2 * float(e["exposures_s"]) for e in mine)
 
-    def test_each_visit_is_a_new_session_that_capture_leaves_alone(self, visit: Visit) -> None:
-        venue = visit.session.parents[1]
+    def test_each_capture_is_a_new_session_that_capture_leaves_alone(
+        self, hand_session: HandSession
+    ) -> None:
+        venue = hand_session.session.parents[1]
         ran = procam("patterns", venue, "--out", venue / "again", "--json")
         assert Path(json.loads(ran.out)["session"]).name == "hand-0002"
         with quick_simulator():
             ran = procam("capture", venue, "--json")
         assert Path(json.loads(ran.out)["session"]).name == "0001"
 
-    def test_refusals(self, visit: Visit, tmp_path: Path) -> None:
-        venue, new = visit.session.parents[1], tmp_path / "new"
-        for arguments, told in (
-            ((venue, "--out", visit.out), "give a new or empty folder"),
+    def test_refusals(self, hand_session: HandSession, tmp_path: Path) -> None:
+        venue, new = hand_session.session.parents[1], tmp_path / "new"
+        for arguments, message in (
+            ((venue, "--out", hand_session.out), "give a new or empty folder"),
             ((venue, "--out", new, "--size", "64x40"), "sizes come from its venue.toml"),
             ((venue, "--out", new, "--code", "gray"), "sizes come from its venue.toml"),
             (("--out", new), "a VENUE or --size is needed"),
             (("--out", new, "--size", "64x40", "--movie"), "--movie needs a VENUE"),
         ):
             ran = procam("patterns", *arguments)
-            assert (ran.code, told in ran.complaint) == (2, True), ran
+            assert (ran.code, message in ran.complaint) == (2, True), ran
         assert not new.exists()
-        assert [p.name for p in visit.session.parent.iterdir()] == ["hand-0001"]
+        assert [p.name for p in hand_session.session.parent.iterdir()] == ["hand-0001"]
 
     def test_movies_without_their_extra(
-        self, visit: Visit, monkeypatch: pytest.MonkeyPatch
+        self, hand_session: HandSession, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         monkeypatch.setitem(sys.modules, "av", None)
-        venue = visit.session.parents[1]
+        venue = hand_session.session.parents[1]
         ran = procam("patterns", venue, "--out", venue / "new", "--movie")
         assert (ran.code, "pip install 'procam[video]'" in ran.complaint) == (2, True)
         assert not (venue / "new").exists()
-        assert [p.name for p in visit.session.parent.iterdir()] == ["hand-0001"]
+        assert [p.name for p in hand_session.session.parent.iterdir()] == ["hand-0001"]
 
     def test_movies(self, tmp_path: Path) -> None:
         pytest.importorskip("av", reason="needs the extra `video`")
@@ -194,15 +198,15 @@ class TestPatterns:
 
 
 class TestIngest:
-    def test_a_whole_roll(self, visit: Visit, roll: Path) -> None:
-        ran = visit.ingest(roll)
+    def test_a_whole_roll(self, hand_session: HandSession, roll: Path) -> None:
+        ran = hand_session.ingest(roll)
         assert (ran.code, ran.err) == (0, "")
         first, *_, last = ran.out.splitlines()
         assert first == "img_0.tif, img_1.tif: no number is readable; taken as dark by the order"
-        assert last == f"nothing is missing; now run: procam solve {visit.session}"
-        session = Session(visit.session)
+        assert last == f"nothing is missing; now run: procam solve {hand_session.session}"
+        session = Session(hand_session.session)
         plan = session.read_plan()
-        assert len(visit.stored()) == plan.exposures == SHOTS + 1
+        assert len(hand_session.stored()) == plan.exposures == SHOTS + 1
         shot = plan.of("north", "primary")[1]
         frame = session.load(CAMERA, shot, shot.exposures_s[0], PHOTO)
         number = 1 + [s.id for s in plan.shots].index(shot.id)
@@ -210,10 +214,12 @@ class TestIngest:
         code = plan.of("south", "code")[0]
         assert session.load(CAMERA, code, code.exposures_s[0], PHOTO).counts.ndim == 2
 
-    def test_any_order_with_missing_and_doubled_ones(self, visit: Visit, photos: Path) -> None:
+    def test_any_order_with_missing_and_doubled_ones(
+        self, hand_session: HandSession, photos: Path
+    ) -> None:
         rng = np.random.default_rng(3)
-        order = visit.order()
-        soft = photograph(visit.out, order[9], 0.13, blur_px=1.2)
+        order = hand_session.order()
+        soft = photograph(hand_session.out, order[9], 0.13, blur_px=1.2)
         write_image(photos / "soft.tif", soft)
         write_image(photos / "stranger.tif", rng.integers(60, 90, (33, 44, 3)).astype(np.uint16))
         (photos / "notes.txt").write_text("lens cap!")
@@ -224,60 +230,64 @@ class TestIngest:
         names = {p.name: new for p, new in renamed.items()}
         for path, new in renamed.items():
             path.rename(photos / new)
-        ran = visit.ingest(photos, "--json")
+        ran = hand_session.ingest(photos, "--json")
         document = json.loads(ran.out)
-        shots = visit.shots()
+        shots = hand_session.shots()
         assert document["missing"] == ["dark", shots[19], shots[39]]
         assert document["stored"] == SHOTS - 3
         notes = "\n".join(document["notes"])
         assert f"soft.tif: shows {shots[9]} too; {names['img_10.tif']} is kept" in notes
         assert "stranger.tif: is of another size and shows no number; left out" in notes
         assert "notes.txt: is no photograph; left out" in notes
-        kept = Session(visit.session).stored(CAMERA)
+        kept = Session(hand_session.session).stored(CAMERA)
         assert (shots[9], 0.13) in kept
         # the dark ones have no number: a person names them; what was missing comes later
         more = photos.parent / "more"
         more.mkdir()
         for number in (20, 40):
-            write_image(more / f"{number}.tif", photograph(visit.out, order[number - 1], 0.13))
+            write_image(
+                more / f"{number}.tif", photograph(hand_session.out, order[number - 1], 0.13)
+            )
         for name, exposure in (("a.tif", 0.13), ("b.tif", 6.5)):
-            write_image(more / name, photograph(visit.out, order[0], exposure))
+            write_image(more / name, photograph(hand_session.out, order[0], exposure))
         index = photos.parent / "index.csv"
         index.write_text("file,shot\na.tif,dark\nb.tif,dark\n")
-        ran = visit.ingest(more, "--index", index)
+        ran = hand_session.ingest(more, "--index", index)
         assert "4 photographs stored" in ran.out and "nothing is missing" in ran.out
-        assert len(visit.stored()) == SHOTS + 1
+        assert len(hand_session.stored()) == SHOTS + 1
 
-    def test_a_second_time_nothing_changes(self, visit: Visit, roll: Path) -> None:
-        visit.ingest(roll)
-        before = contents(visit.session)
-        ran = visit.ingest(roll)
+    def test_a_second_time_nothing_changes(self, hand_session: HandSession, roll: Path) -> None:
+        hand_session.ingest(roll)
+        before = contents(hand_session.session)
+        ran = hand_session.ingest(roll)
         assert (ran.code, "0 photographs stored" in ran.out) == (0, True)
-        assert contents(visit.session) == before
+        assert contents(hand_session.session) == before
 
-    def test_headers_tell_exposure_and_time(self, visit: Visit, tmp_path: Path) -> None:
+    def test_headers_tell_exposure_and_time(
+        self, hand_session: HandSession, tmp_path: Path
+    ) -> None:
         photos = tmp_path / "dcim"
         photos.mkdir()
         exposures = {"0.13": 0.125, "6.5": 6.0}
         second, names = 0, iter(np.random.default_rng(1).permutation(500))
-        for entry in visit.order()[:12]:
+        for entry in hand_session.order()[:12]:
             for planned in entry["exposures_s"].split():
                 second += 3
-                pixels = photograph(visit.out, entry, exposures[planned])
+                pixels = photograph(hand_session.out, entry, exposures[planned])
                 header = {
                     "ExposureTime": exposures[planned],
                     "Exif__DateTimeOriginal": f"2026:01:02 03:{second // 60:02d}:{second % 60:02d}",
                 }
                 with_header(photos / f"P{next(names):03d}.tif", pixels, **header)
-        ran = visit.ingest(photos)
+        ran = hand_session.ingest(photos)
         assert (ran.code, "13 photographs stored" in ran.out) == (0, True), ran
-        plan = Session(visit.session).read_plan()
+        plan = Session(hand_session.session).read_plan()
         assert plan.shots[0].exposures_s == (0.125, 6.0)
         assert plan.shots[1].exposures_s == (0.125,)
         assert plan.shots[-1].exposures_s == (0.13,)  # not photographed yet
-        stored = Session(visit.session).stored(CAMERA)
+        stored = Session(hand_session.session).stored(CAMERA)
         assert stored["dark", 6.0]["started_s"] == stored["dark", 0.125]["started_s"] + 3
-        again = visit.ingest(photos)
+        again = hand_session.ingest(photos)
         assert "0 photographs stored" in again.out
 
 
@@ -314,7 +324,7 @@ def _spoil_iso(photos: Path) -> None:
 
 class TestRefused:
     @pytest.mark.parametrize(
-        ("spoil", "told"),
+        ("spoil", "message"),
         [
             (_spoil_bits, "img_5.tif has 8 bits, and its response is not known"),
             (_spoil_scale, "bits = 12 allows less than 4096"),
@@ -324,51 +334,53 @@ class TestRefused:
             (_spoil_iso, "img_5.tif: got aperture f/5.6, but others have 4; expected one for all"),
         ],
     )
-    def test_and_nothing_is_written(self, spoil, told: str, visit: Visit, photos: Path) -> None:
+    def test_and_nothing_is_written(
+        self, spoil, message: str, hand_session: HandSession, photos: Path
+    ) -> None:
         spoil(photos)
-        before = contents(visit.session)
-        ran = visit.ingest(photos)
-        assert (ran.code, told in ran.complaint) == (2, True), ran
-        after = contents(visit.session)
+        before = contents(hand_session.session)
+        ran = hand_session.ingest(photos)
+        assert (ran.code, message in ran.complaint) == (2, True), ran
+        after = contents(hand_session.session)
         after.pop(".lock")
         assert after == before
 
     def test_a_wrong_session_camera_folder_or_index(
-        self, visit: Visit, photos: Path, tmp_path: Path
+        self, hand_session: HandSession, photos: Path, tmp_path: Path
     ) -> None:
         index = tmp_path / "i.csv"
-        for lines, told in (
+        for lines, message in (
             ("img_3.tif,nope\n", "entry 1: got the shot 'nope'"),
             ("nope.tif,dark\n", "entry 1: got the file 'nope.tif'"),
             ("img_3.tif\n", "entry 1: got ['img_3.tif'], expected file,shot"),
             ("img_3.tif,dark\nimg_3.tif,dark\n", "entry 2: got the file 'img_3.tif' twice"),
         ):
             index.write_text(lines)
-            assert told in visit.ingest(photos, "--index", index).complaint
-        assert "no such file" in visit.ingest(photos, "--index", tmp_path / "x").complaint
+            assert message in hand_session.ingest(photos, "--index", index).complaint
+        assert "no such file" in hand_session.ingest(photos, "--index", tmp_path / "x").complaint
         empty = tmp_path / "empty"
         empty.mkdir()
-        assert "holds no photographs" in visit.ingest(empty).complaint
-        assert "no such folder" in visit.ingest(tmp_path / "gone").complaint
-        ran = procam("ingest", visit.session, "--camera", "b", "--photos", photos)
+        assert "holds no photographs" in hand_session.ingest(empty).complaint
+        assert "no such folder" in hand_session.ingest(tmp_path / "gone").complaint
+        ran = procam("ingest", hand_session.session, "--camera", "b", "--photos", photos)
         assert "--camera: got 'b', expected one of zenith" in ran.complaint
         ran = procam("ingest", tmp_path, "--camera", CAMERA, "--photos", photos)
         assert ran.code == 2
-        assert visit.stored() == []
+        assert hand_session.stored() == []
 
-    def test_photographs_of_something_else(self, visit: Visit, tmp_path: Path) -> None:
+    def test_photographs_of_something_else(self, hand_session: HandSession, tmp_path: Path) -> None:
         folder = tmp_path / "cats"
         folder.mkdir()
         for number in range(3):
             noise = np.random.default_rng(number).integers(60, 900, (PHOTO[1], PHOTO[0], 3))
             write_image(folder / f"{number}.tif", noise.astype(np.uint16))
-        ran = visit.ingest(folder)
+        ran = hand_session.ingest(folder)
         assert (ran.code, "got 3 photographs, none of a shot" in ran.complaint) == (2, True)
 
 
 class TestResponse:
-    def test_srgb_photographs_become_linear(self, visit: Visit, photos: Path) -> None:
-        toml = visit.session.parents[1] / "venue.toml"
+    def test_srgb_photographs_become_linear(self, hand_session: HandSession, photos: Path) -> None:
+        toml = hand_session.session.parents[1] / "venue.toml"
         text = toml.read_text().replace('response = "linear"', 'response = "srgb"')
         toml.write_text(text)
         truth = {}
@@ -379,38 +391,43 @@ class TestResponse:
             write_image(photos / f"img_{number}.png", encoded)
         for path in photos.glob("*.tif"):
             path.unlink()
-        ran = visit.ingest(photos)
+        ran = hand_session.ingest(photos)
         assert (ran.code, "6 photographs stored" in ran.out) == (0, True), ran
-        session = Session(visit.session)
+        session = Session(hand_session.session)
         shot = session.read_plan().shots[1]
         frame = session.load(CAMERA, shot, shot.exposures_s[0], PHOTO)
         light = (frame.counts - BLACK) / (4095 - BLACK)
         # half a step of 8 bits is 1.1 % of the light of white, a little more where it is dark
         np.testing.assert_allclose(light, truth[2], atol=0.0055)
 
-    def test_a_table(self, visit: Visit, photos: Path) -> None:
-        venue = visit.session.parents[1]
+    def test_a_table(self, hand_session: HandSession, photos: Path) -> None:
+        venue = hand_session.session.parents[1]
         toml = venue / "venue.toml"
         toml.write_text(toml.read_text().replace('"linear"', '"curve.csv"'))
-        assert "curve.csv: no such file" in visit.ingest(photos).complaint
+        assert "curve.csv: no such file" in hand_session.ingest(photos).complaint
         (venue / "curve.csv").write_text("level,light\n0,0\n0.5,0.4\n0.5,0.5\n1,1\n")
-        assert "the lines level,light must rise from 0,0 to 1,1" in visit.ingest(photos).complaint
+        assert (
+            "the lines level,light must rise from 0,0 to 1,1"
+            in hand_session.ingest(photos).complaint
+        )
         (venue / "curve.csv").write_text("level,light\n0,0\n0.5,0.2\n1,1\n")
         pixels = (np.asarray(read_image(photos / "img_2.tif")) / 16).astype(np.uint8)
         only = photos.parent / "only"
         only.mkdir()
         write_image(only / "a.png", pixels)
-        assert "1 photographs stored" in visit.ingest(only).out
-        session = Session(visit.session)
+        assert "1 photographs stored" in hand_session.ingest(only).out
+        session = Session(hand_session.session)
         shot = session.read_plan().shots[1]
         counts = session.load(CAMERA, shot, shot.exposures_s[0], PHOTO).counts
         expected = BLACK + np.interp(pixels / 255, [0, 0.5, 1], [0, 0.2, 1]) * (4095 - BLACK)
         np.testing.assert_allclose(counts, expected, atol=0.5)
 
-    def test_an_unknown_one(self, visit: Visit) -> None:
-        toml = visit.session.parents[1] / "venue.toml"
+    def test_an_unknown_one(self, hand_session: HandSession) -> None:
+        toml = hand_session.session.parents[1] / "venue.toml"
         toml.write_text(toml.read_text().replace('"linear"', '"rec709"'))
-        ran = procam("ingest", visit.session, "--camera", CAMERA, "--photos", visit.out)
+        ran = procam(
+            "ingest", hand_session.session, "--camera", CAMERA, "--photos", hand_session.out
+        )
         assert (ran.code, "cameras.zenith.response is 'rec709'" in ran.complaint) == (2, True)
 
 
@@ -422,7 +439,7 @@ def small_maps() -> Iterator[None]:
 
 
 @pytest.mark.usefixtures("small_maps")
-def test_solves_like_a_driven_visit(tmp_path: Path) -> None:
+def test_solves_like_a_driven_session(tmp_path: Path) -> None:
     """Photographed by a process that knows only the PNGs; then the same dome, driven."""
     size = SceneSize(projectors=1, projector_size=(320, 200), camera_size=(400, 400), rays=64)
     venue = make_venue(tmp_path / "venue", size=size)

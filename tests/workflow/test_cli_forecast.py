@@ -44,7 +44,7 @@ def venue(calibration: Calibration, tmp_path: Path) -> Path:
     return tmp_path / "venue"
 
 
-def _told(*arguments: object) -> dict[str, Any]:
+def _document(*arguments: object) -> dict[str, Any]:
     ran = procam("forecast", *arguments, "--json")
     assert (ran.code, ran.err) == (0, ""), ran
     document = json.loads(ran.out, parse_constant=pytest.fail)  # no NaN, no Infinity
@@ -62,27 +62,29 @@ def _said(*arguments: object) -> str:
 
 class TestPlanned:
     def test_black_floor_and_all_lit_is_the_textbook_hemisphere(self) -> None:
-        told = _told("--albedo", 0.5, "--coverage", 1, "--floor-albedo", 0, "--albedo-sigma", 0)
-        light = told["light"]
+        message = _document(
+            "--albedo", 0.5, "--coverage", 1, "--floor-albedo", 0, "--albedo-sigma", 0
+        )
+        light = message["light"]
         assert light["feedback"]["value"] == pytest.approx(1 / 3)
         assert light["scattered_share"]["value"] == pytest.approx(0.25)
         assert light["checkerboard_scatter"]["value"] == pytest.approx(7.0)
         assert all(figure["low"] == figure["high"] for figure in light.values())
-        assert told["unit"] == "x direct white"
-        assert told["pictures"] == {}
+        assert message["unit"] == "x direct white"
+        assert message["pictures"] == {}
 
     def test_lumens_and_radius_make_it_luminance(self) -> None:
-        told = _told(*PLAN, "--lumens", 60000, "--radius-m", 8)
+        message = _document(*PLAN, "--lumens", 60000, "--radius-m", 8)
         area = 0.9 * 2 * np.pi * 64
-        assert told["unit"] == "cd/m2"
-        white = told["light"]["white_after"]
+        assert message["unit"] == "cd/m2"
+        white = message["light"]["white_after"]
         assert white["value"] == pytest.approx(0.5 * 60000 / (np.pi * area))
         assert white["low"] == pytest.approx(white["value"] * (1 - 2 * 1.96 * 0.03))
-        assert any("60000 lm, all on the 361.9 m2" in text for text in told["assumptions"])
+        assert any("60000 lm, all on the 361.9 m2" in text for text in message["assumptions"])
 
     def test_the_table_says_what_the_document_says(self, sky: Path) -> None:
-        said, told = _said(*PLAN, sky), _told(*PLAN, sky)
-        light, picture = told["light"], told["pictures"][str(sky)]
+        said, message = _said(*PLAN, sky), _document(*PLAN, sky)
+        light, picture = message["light"], message["pictures"][str(sky)]
         board = light["checkerboard_before"]
         row = "{value:.3g}:1 ({low:.3g} .. {high:.3g})".format(**board)
         assert re.search(rf"black beside white, half each +{re.escape(row)} ", said)
@@ -90,10 +92,10 @@ class TestPlanned:
         clipped = {k: 100 * v for k, v in picture["clipped_black"].items()}
         assert "{value:.1f} % ({low:.1f} .. {high:.1f})".format(**clipped) in said
         assert re.search(r"can be shown without clipping +no\n", said)
-        for text in told["assumptions"]:
+        for text in message["assumptions"]:
             assert text.split()[0] in said.partition("assumed:")[2]
 
-    def test_half_black_and_white_tells_the_same_with_and_without(self) -> None:
+    def test_half_black_and_white_gives_the_same_with_and_without(self) -> None:
         row = re.search(r"if projectors' black were none +(.+)", _said(*PLAN))
         assert row is not None
         before, after = re.split(r"\s{3,}", row[1])
@@ -102,7 +104,7 @@ class TestPlanned:
     def test_what_does_not_exist_is_null_and_a_dash(self, tmp_path: Path) -> None:
         grey = tmp_path / "grey.exr"
         write_image(grey, np.full((32, 32, 3), 0.5, np.float32), ("R", "G", "B"))
-        restored = _told(*PLAN, grey)["pictures"][str(grey)]["contrast_restored"]
+        restored = _document(*PLAN, grey)["pictures"][str(grey)]["contrast_restored"]
         assert restored == {"value": None, "low": None, "high": None}
         said = _said(*PLAN, grey)
         assert re.search(r"lost contrast restored +-\n", said)
@@ -117,30 +119,30 @@ class TestPlanned:
         halves[:, :32] = 0.132
         write_image(tmp_path / "halves.exr", halves, ("R", "G", "B"))
         wide = (*PLAN, "--floor-albedo", 0, "--albedo-sigma", 0.05, tmp_path / "halves.exr")
-        picture = next(iter(_told(*wide)["pictures"].values()))
+        picture = next(iter(_document(*wide)["pictures"].values()))
         assert (picture["unclipped"]["low"], picture["unclipped"]["high"]) == (False, True)
         assert "but not at both ends" in _said(*wide)
 
 
 class TestMeasured:
-    def test_a_calibration_tells_all(self, venue: Path, sky: Path) -> None:
-        told = _told(venue, sky)
-        feedback = told["light"]["feedback"]
+    def test_a_calibration_gives_all(self, venue: Path, sky: Path) -> None:
+        message = _document(venue, sky)
+        feedback = message["light"]["feedback"]
         weights = np.array([0.2126, 0.7152, 0.0722])
         assert feedback["value"] == pytest.approx(weights @ [0.3, 0.33, 0.4])
         half = 1.96 * weights @ [0.002, 0.003, 0.004]
         assert feedback["high"] - feedback["low"] == pytest.approx(2 * half)
-        assert set(told["pictures"]) == {str(sky)}
-        assert any("calibrations/0001" in text for text in told["assumptions"])
+        assert set(message["pictures"]) == {str(sky)}
+        assert any("calibrations/0001" in text for text in message["assumptions"])
 
     def test_with_lumens_the_radius_is_its_own(self, venue: Path, calibration: Calibration) -> None:
-        told = _told(venue, "--lumens", 20000)
-        assert any("radius 6 m" in text for text in told["assumptions"])
+        message = _document(venue, "--lumens", 20000)
+        assert any("radius 6 m" in text for text in message["assumptions"])
         maps = calibration.maps
         area = 36 * float((master_solid_angles(maps.size) * maps.coverage).sum())
         albedo = 0.2126 * 0.46 + 0.7152 * 0.5 + 0.0722 * 0.57
         expected = albedo * 20000 / (np.pi * area)
-        assert told["light"]["white_after"]["value"] == pytest.approx(expected)
+        assert message["light"]["white_after"]["value"] == pytest.approx(expected)
 
     def test_its_own_options_are_refused(self, venue: Path) -> None:
         ran = procam("forecast", venue, *PLAN, "--radius-m", 5)
@@ -160,7 +162,7 @@ class TestFiles:
             said = _said(*PLAN, sky, "--out", out)
         assert "forecast.png and " in said
         assert sorted(p.name for p in out.iterdir()) == ["forecast.json", "forecast.png"]
-        assert json.loads((out / "forecast.json").read_text()) == _told(*PLAN, sky)
+        assert json.loads((out / "forecast.json").read_text()) == _document(*PLAN, sky)
         picture = np.asarray(read_image(out / "forecast.png"))
         alone = tmp_path / "alone"
         _said(*PLAN, "--out", alone)

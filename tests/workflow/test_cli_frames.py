@@ -291,7 +291,7 @@ class TestRefused:
         assert (ran.code, words in ran.complaint) == (2, True), ran
         assert (names(tmp_path), names(tmp_path / "in")) == (["in"], before)
 
-    def test_light_above_one_is_told_and_clipped(self, kept: Path, tmp_path: Path) -> None:
+    def test_light_above_one_is_reported_and_clipped(self, kept: Path, tmp_path: Path) -> None:
         bright = np.full((SIZE, SIZE, 3), 1.2, np.float32)
         bright[:4] = 0.5
         write_image(tmp_path / "a.exr", bright, RGB)
@@ -352,8 +352,8 @@ class TestWarp:
         source, out = shoot(tmp_path / "in"), tmp_path / "frames"
         ran = procam("warp", kept, source, out, "--json")
         assert (ran.code, ran.err) == (0, "")
-        told = json.loads(ran.out)["frames"]
-        assert told == [str(out / p / "sky.####.png") for p in ("south", "north")]
+        message = json.loads(ran.out)["frames"]
+        assert message == [str(out / p / "sky.####.png") for p in ("south", "north")]
         warper = Warper(calibration, SIZE, np.uint16)
         for number in NUMBERS:
             light = np.asarray(sky(number - FIRST), np.float32)

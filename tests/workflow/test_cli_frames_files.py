@@ -169,16 +169,16 @@ class TestExplained:
         )
         found = explain(kept, self.piece(), FrameSettings())
         compensator = Compensator(kept, SIZE)
-        untold = ~compensator.lit | compensator.protected
-        np.testing.assert_array_equal(np.isnan(found.limits).all(axis=-1), untold)
-        np.testing.assert_array_equal(np.isnan(found.limits).any(axis=-1), untold)
+        unlimited = ~compensator.lit | compensator.protected
+        np.testing.assert_array_equal(np.isnan(found.limits).all(axis=-1), unlimited)
+        np.testing.assert_array_equal(np.isnan(found.limits).any(axis=-1), unlimited)
         assert compensator.protected.any()
 
-    @pytest.mark.parametrize(("strength", "told"), [(1.0, False), (0.5, True)])
+    @pytest.mark.parametrize(("strength", "message"), [(1.0, False), (0.5, True)])
     def test_the_sheet_says_that_it_shows_the_full_result(
         self,
         strength: float,
-        told: bool,
+        message: bool,
         calibration: Calibration,
         tmp_path: Path,
         monkeypatch: pytest.MonkeyPatch,
@@ -191,4 +191,4 @@ class TestExplained:
         found = explain(calibration, self.piece(), FrameSettings(strength=strength))
         clip_plot.write_explained(tmp_path / "e.png", found, strength)
         titles = [axes.get_title() for axes in sheets[0].axes]
-        assert sum("at strength 1" in title for title in titles) == (2 if told else 0)
+        assert sum("at strength 1" in title for title in titles) == (2 if message else 0)

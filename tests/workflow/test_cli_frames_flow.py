@@ -40,9 +40,9 @@ def same(frame: int) -> Callable[[], int]:
 
 
 class TestFlow:
-    @pytest.mark.parametrize("crew", [ThreadPlan(1, 1), ThreadPlan(1, 3), ThreadPlan(4, 8)])
-    def test_everything_comes_in_order(self, crew: ThreadPlan) -> None:
-        made = flow((same(n) for n in range(50)), lambda n: lambda: 10 * n, crew)
+    @pytest.mark.parametrize("plan", [ThreadPlan(1, 1), ThreadPlan(1, 3), ThreadPlan(4, 8)])
+    def test_everything_comes_in_order(self, plan: ThreadPlan) -> None:
+        made = flow((same(n) for n in range(50)), lambda n: lambda: 10 * n, plan)
         assert list(made) == [10 * n for n in range(50)]
 
     def test_a_read_of_none_ends_it(self) -> None:
@@ -50,7 +50,7 @@ class TestFlow:
         reads = (lambda: next(numbers) for _ in count())
         assert list(flow(reads, lambda n: lambda: n, ThreadPlan(1, 1))) == [1, 2]
 
-    def test_no_more_frames_live_than_the_crew_may_hold(self) -> None:
+    def test_no_more_frames_live_than_the_plan_allows(self) -> None:
         """1,000 frames; what is read and not yet written is counted."""
         lock, live, most = threading.Lock(), 0, 0
 
@@ -67,10 +67,10 @@ class TestFlow:
         def work(frame: int) -> Callable[[], None]:
             return lambda: change(-1)
 
-        crew = ThreadPlan(3, 4)
-        assert sum(1 for _ in flow((read for _ in range(1000)), work, crew)) == 1000
+        plan = ThreadPlan(3, 4)
+        assert sum(1 for _ in flow((read for _ in range(1000)), work, plan)) == 1000
         # read ahead, at work, waiting to be written or being written
-        assert most <= (crew.depth + 1) + 1 + (crew.depth + 1)
+        assert most <= (plan.depth + 1) + 1 + (plan.depth + 1)
 
     def test_what_came_before_a_bad_frame_is_written(self) -> None:
         written: list[int] = []
@@ -174,9 +174,9 @@ class TestPipe:
         assert [e.done for e in events] == [0, 1, 2, 3]
         found = np.frombuffer(out.content, np.uint16).reshape(frames.shape)
         assert np.abs(found.astype(int) - frames).max() <= 1
-        told = _latency(clip)
-        assert told.startswith("3 frames; latency median ")
-        assert all(f" {word} " in told for word in ("95 % within", "longest"))
+        message = _latency(clip)
+        assert message.startswith("3 frames; latency median ")
+        assert all(f" {word} " in message for word in ("95 % within", "longest"))
 
     @pytest.mark.parametrize(
         ("arguments", "words"),
@@ -248,16 +248,16 @@ class TestFirstPixel:
         assert not self.SLOW & loaded
 
     def test_the_first_frame_is_read_while_a_calibration_is(self) -> None:
-        begun = threading.Event()
+        started = threading.Event()
 
-        class Told(Feed):
+        class Signalling(Feed):
             def readinto(self, view: memoryview, /) -> int:
-                begun.set()
+                started.set()
                 return super().readinto(view)
 
         frames = np.random.default_rng(4).integers(0, 256, (2, SIZE, SIZE, 3), np.uint8)
-        clip = PipeClip((Told(frames.tobytes()), Drip()), SIZE, np.dtype(np.uint8))  # type: ignore[arg-type]
-        assert begun.wait(PATIENCE_S)
+        clip = PipeClip((Signalling(frames.tobytes()), Drip()), SIZE, np.dtype(np.uint8))  # type: ignore[arg-type]
+        assert started.wait(PATIENCE_S)
         pieces = [job() for job in islice(clip.reads(), 3)]
         assert pieces[2] is None
         for number, frame in enumerate(frames):
@@ -310,7 +310,7 @@ class TestFirstPixel:
             (tmp_path / "later").rename(tmp_path / "kept")
             assert len(child.stdout.read()) == len(sent)
 
-    def test_a_calibration_that_is_not_there_is_told_though_no_frame_comes(
+    def test_a_calibration_that_is_not_there_is_reported_though_no_frame_comes(
         self, tmp_path: Path
     ) -> None:
         with _compensating(MAIN, tmp_path / "none", 64) as child:

@@ -121,7 +121,7 @@ class TestCompensate:
             (5, "characteristics 5"),
         ],
     )
-    def test_a_transfer_function_without_a_name_is_told(
+    def test_a_transfer_function_without_a_name_is_reported(
         self, trc: int, said: str, kept: Path, tmp_path: Path
     ) -> None:
         source = shoot(tmp_path / "m.mkv", trc)

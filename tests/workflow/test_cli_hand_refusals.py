@@ -75,9 +75,9 @@ class TestIndex:
     def test_what_a_spreadsheet_calls_unicode_text(self, tmp_path: Path) -> None:
         index = tmp_path / "index.csv"
         index.write_bytes("file,shot\nimg_1.tif,dark\n".encode("utf-16"))
-        with pytest.raises(FileFormatError, match="got no UTF-8 text") as told:
+        with pytest.raises(FileFormatError, match="got no UTF-8 text") as message:
             _index_lines(index)
-        assert "\n" not in str(told.value)
+        assert "\n" not in str(message.value)
 
     def test_a_byte_order_mark_does_no_harm(self, tmp_path: Path) -> None:
         index = tmp_path / "index.csv"
@@ -96,10 +96,10 @@ def test_a_solve_names_the_photographs_that_are_missing(venue: Venue) -> None:
             pixels = counts if shot.pixel_format == "mono" else np.stack(3 * [counts], axis=-1)
             frame = Frame(pixels, CameraSettings(exposure, shot.pixel_format), 0.0, exposure)
             session.store(CAMERA, shot, exposure, frame)
-    with pytest.raises(FileFormatError) as told:
+    with pytest.raises(FileFormatError) as message:
         solved(venue, session)
     named = ", ".join(shot.id for shot in left_out[:5])
     assert f"hand-0001: got no photographs by camera {CAMERA} of {named} and 2 more" in str(
-        told.value
+        message.value
     )
-    assert "photograph them and `procam ingest` again" in str(told.value)
+    assert "photograph them and `procam ingest` again" in str(message.value)

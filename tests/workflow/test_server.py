@@ -37,7 +37,7 @@ SIZE = SceneSize(projectors=2, projector_size=(480, 300), camera_size=(480, 480)
 
 
 @dataclass(frozen=True)
-class Visit:
+class HandSession:
     """A venue, photographed and solved by hand."""
 
     folder: Path
@@ -63,43 +63,54 @@ def small_and_quick() -> Iterator[None]:
 
 
 @pytest.fixture(scope="module")
-def visit(tmp_path_factory: pytest.TempPathFactory) -> Visit:
+def hand_session(tmp_path_factory: pytest.TempPathFactory) -> HandSession:
     folder = tmp_path_factory.mktemp("dome")
     (folder / "venue.toml").write_text(server_text(SIZE, MASTER), "utf-8")
     shown = procam("patterns", folder, "--out", folder / "out")
     photographer.main(folder, folder / "out", folder / "photos")
     session = folder / "sessions" / "hand-0001"
     taken = procam("ingest", session, "--camera", CAMERA, "--photos", folder / "photos")
-    return Visit(folder, shown, taken, procam("solve", session, "--json"))
+    return HandSession(folder, shown, taken, procam("solve", session, "--json"))
 
 
 @pytest.fixture(scope="module")
-def found(visit: Visit) -> Calibration:
-    return load_calibration(visit.calibration)
+def found(hand_session: HandSession) -> Calibration:
+    return load_calibration(hand_session.calibration)
 
 
 @pytest.fixture(scope="module")
-def figures(visit: Visit, found: Calibration) -> dict[str, Figure]:
-    """The judge's, once the truth is told."""
-    keep_pictures(visit.folder, found, half_sky(MAPS))
-    pictures = {p.name: read_frames(p) for p in sorted((visit.folder / "frames").iterdir())}
-    settings, told = load_venue(visit.folder).backends["simulated"], visit.folder / "truth"
-    truth.write_truth(settings, visit.folder, told, pictures)
-    return judge(visit.calibration, told) | judge_pictures(visit.folder, visit.calibration, told)
+def figures(hand_session: HandSession, found: Calibration) -> dict[str, Figure]:
+    """The judge's, once the truth is message."""
+    keep_pictures(hand_session.folder, found, half_sky(MAPS))
+    pictures = {p.name: read_frames(p) for p in sorted((hand_session.folder / "frames").iterdir())}
+    settings, message = (
+        load_venue(hand_session.folder).backends["simulated"],
+        hand_session.folder / "truth",
+    )
+    truth.write_truth(settings, hand_session.folder, message, pictures)
+    return judge(hand_session.calibration, message) | judge_pictures(
+        hand_session.folder, hand_session.calibration, message
+    )
 
 
-def test_the_stills_and_their_photographs(visit: Visit) -> None:
-    assert (visit.patterns.code, "22 shots written" in visit.patterns.out) == (0, True)
-    assert "then open them and feed server with its pictures" in visit.patterns.out
-    pictures = sorted((visit.folder / "out" / "patterns" / "server").iterdir())
+def test_the_stills_and_their_photographs(hand_session: HandSession) -> None:
+    assert (hand_session.patterns.code, "22 shots written" in hand_session.patterns.out) == (
+        0,
+        True,
+    )
+    assert "then open them and feed server with its pictures" in hand_session.patterns.out
+    pictures = sorted((hand_session.folder / "out" / "patterns" / "server").iterdir())
     assert len(pictures) == 21
     assert read_image(pictures[0]).shape[:2] == (MASTER, MASTER)
-    assert (visit.ingested.code, "nothing is missing" in visit.ingested.out) == (0, True)
+    assert (hand_session.ingested.code, "nothing is missing" in hand_session.ingested.out) == (
+        0,
+        True,
+    )
 
 
-def test_it_solves_without_notes(visit: Visit) -> None:
-    assert visit.solved.code == 0, visit.solved
-    assert json.loads(visit.solved.out)["notes"] == []
+def test_it_solves_without_notes(hand_session: HandSession) -> None:
+    assert hand_session.solved.code == 0, hand_session.solved
+    assert json.loads(hand_session.solved.out)["notes"] == []
 
 
 def test_what_is_known_of_a_master_is_not_measured(found: Calibration) -> None:
@@ -131,52 +142,54 @@ def test_the_compensated_master_is_cleaner(figures: dict[str, Figure]) -> None:
 
 
 def test_two_commands_make_what_the_server_is_fed_with(
-    visit: Visit, figures: dict[str, Figure]
+    hand_session: HandSession, figures: dict[str, Figure]
 ) -> None:
     """The frames that the judge saw on the dome."""
-    direct, frames = visit.folder / "direct.exr", visit.folder / "fed"
-    target = visit.folder / "pictures" / "target.exr"
-    assert procam("compensate", visit.calibration, target, direct).code == 0
-    assert procam("warp", visit.calibration, direct, frames).code == 0
+    direct, frames = hand_session.folder / "direct.exr", hand_session.folder / "fed"
+    target = hand_session.folder / "pictures" / "target.exr"
+    assert procam("compensate", hand_session.calibration, target, direct).code == 0
+    assert procam("warp", hand_session.calibration, direct, frames).code == 0
     fed = read_image(frames / "server.png")
-    judged = read_image(visit.folder / "frames" / "exact" / "server.png")
+    judged = read_image(hand_session.folder / "frames" / "exact" / "server.png")
     np.testing.assert_array_equal(fed, judged)
     assert fed.shape == (MASTER, MASTER, 3) and fed.dtype == np.uint16
 
 
-def test_responses_that_differ_by_place_are_undone(visit: Visit, found: Calibration) -> None:
+def test_responses_that_differ_by_place_are_undone(
+    hand_session: HandSession, found: Calibration
+) -> None:
     light = found.projectors["server"].photometry
     assert light.exponent is not None
     assert 0.005 < np.ptp(light.exponent[light.gain[..., 0] > 0]) < 0.3
 
 
-def test_forecast(visit: Visit, found: Calibration) -> None:
-    ran = procam("forecast", visit.folder)
+def test_forecast(hand_session: HandSession, found: Calibration) -> None:
+    ran = procam("forecast", hand_session.folder)
     assert (ran.code, "full white" in ran.out) == (0, True), ran
 
 
 class TestRefused:
-    def _readings(self, visit: Visit, plan: Plan) -> SessionImages:
-        camera = load_venue(visit.folder).cameras[CAMERA]
-        return SessionImages(Session(visit.session), plan, Radiometer(camera))
+    def _readings(self, hand_session: HandSession, plan: Plan) -> SessionImages:
+        camera = load_venue(hand_session.folder).cameras[CAMERA]
+        return SessionImages(Session(hand_session.session), plan, Radiometer(camera))
 
-    def test_a_plan_without_tags(self, visit: Visit) -> None:
-        venue, plan = load_venue(visit.folder), Session(visit.session).read_plan()
+    def test_a_plan_without_tags(self, hand_session: HandSession) -> None:
+        venue, plan = load_venue(hand_session.folder), Session(hand_session.session).read_plan()
         less = Plan(tuple(s for s in plan.shots if s.detail.get("picture") != 1))
         server = server_of(venue)
         assert server is not None
         with pytest.raises(
             FileFormatError, match="got 1 shots 'tags' of projector server, expected"
         ):
-            placed_by_server(venue, server, CAMERA, self._readings(visit, less))
+            placed_by_server(venue, server, CAMERA, self._readings(hand_session, less))
 
-    def test_a_master_of_another_angle(self, visit: Visit) -> None:
-        path = visit.folder / "venue.toml"
+    def test_a_master_of_another_angle(self, hand_session: HandSession) -> None:
+        path = hand_session.folder / "venue.toml"
         text = path.read_text("utf-8")
         path.write_text(text.replace("fov_deg = 180.0", "fov_deg = 215.0"), "utf-8")
         try:
             with pytest.raises(CalibrationError, match="correct the projector's fov_deg"):
-                list(solve(load_venue(visit.folder), Session(visit.session)))
+                list(solve(load_venue(hand_session.folder), Session(hand_session.session)))
         finally:
             path.write_text(text, "utf-8")
 

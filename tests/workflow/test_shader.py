@@ -34,7 +34,7 @@ MAP = 96
 
 
 def furnish(calibration: Calibration) -> Calibration:
-    """A floor and seats, a matched white, a band that is left as it is, and a house with lamps on."""
+    """A floor and seats, a matched white, a band that is left as it is, and a venue with lamps on."""
     rng = np.random.default_rng(7)
     bend = np.diag([1.0, 0.03, 0.06, 0.05, 0.02, 0.01, 0.03, 0.02, 0.01])
     bend += np.triu(rng.normal(0, 0.005, bend.shape), 1) * 2
@@ -340,8 +340,8 @@ class TestFolder:
         ran = procam("track", track.calibration, movie, tmp_path / "of-movie")
         assert (ran.code, ran.err) == (0, "")
         assert "3 frames of 96 px, 27 numbers each" in ran.out
-        told = (tmp_path / "of-movie" / "track.csv").read_text()
-        assert told == (track.out / "track.csv").read_text()
+        message = (tmp_path / "of-movie" / "track.csv").read_text()
+        assert message == (track.out / "track.csv").read_text()
 
     def test_one_picture(self, calibration: Calibration, tmp_path: Path) -> None:
         track = short_track(tmp_path, calibration, [scene_picture(1, MAP)])
@@ -366,35 +366,35 @@ class TestRefusals:
         return ran.complaint
 
     def test_an_existing_folder(self, track: Track) -> None:
-        told = self.refused(track, track.out)
-        assert "OUT: got " in told and "which exists, expected a new folder" in told
+        message = self.refused(track, track.out)
+        assert "OUT: got " in message and "which exists, expected a new folder" in message
 
     @pytest.mark.parametrize("method", ["least-squares", "magic"])
     def test_a_method_that_needs_more(self, track: Track, tmp_path: Path, method: str) -> None:
-        told = self.refused(track, tmp_path / "out", "--method", method)
-        assert f"--method: got '{method}', expected exact or subtract" in told
+        message = self.refused(track, tmp_path / "out", "--method", method)
+        assert f"--method: got '{method}', expected exact or subtract" in message
 
     def test_an_unknown_transfer_function(self, track: Track, tmp_path: Path) -> None:
-        told = self.refused(track, tmp_path / "out", "--transfer", "vivid")
-        assert "'vivid'" in told and "srgb" in told
+        message = self.refused(track, tmp_path / "out", "--transfer", "vivid")
+        assert "'vivid'" in message and "srgb" in message
 
     def test_frames_that_are_not_alike(
         self, calibration: Calibration, track: Track, tmp_path: Path
     ) -> None:
         frames = [scene_picture(1, MAP), scene_picture(1, 75)]
         other = Track(tmp_path, calibration, {f"{i}.tif": f for i, f in enumerate(frames)})
-        told = self.refused(other, tmp_path / "out")
-        assert "1.tif: got 75 px of uint8 in srgb, expected 96 px of uint8 in srgb" in told
+        message = self.refused(other, tmp_path / "out")
+        assert "1.tif: got 75 px of uint8 in srgb, expected 96 px of uint8 in srgb" in message
         write_image(other.show / "1.tif", frames[0].astype(np.uint16))
-        told = self.refused(other, tmp_path / "out")
-        assert "1.tif: got 96 px of uint16 in srgb, expected 96 px of uint8 in srgb" in told
+        message = self.refused(other, tmp_path / "out")
+        assert "1.tif: got 96 px of uint16 in srgb, expected 96 px of uint8 in srgb" in message
 
     def test_a_picture_that_is_no_dome_master(
         self, calibration: Calibration, tmp_path: Path
     ) -> None:
         wide = Track(tmp_path, calibration, {"0.tif": np.zeros((64, 96, 3), np.uint8)})
-        told = self.refused(wide, tmp_path / "out")
-        assert "0.tif: got 96x64 px, expected a square dome master" in told
+        message = self.refused(wide, tmp_path / "out")
+        assert "0.tif: got 96x64 px, expected a square dome master" in message
 
     def test_a_calibration_without_photometry(
         self, calibration: Calibration, tmp_path: Path

@@ -152,7 +152,7 @@ class LoopState:
             )
 
     def step(self, asked: Array, goal: Array, down: Array, up: Array) -> Array:
-        """Change (n, C) of the direct light asked for that brings the total nearest to `goal` (n, C).
+        """Change (n, C) of the direct light asked for that moves the total nearest to `goal` (n, C).
 
         `down` and `up` (n, C), 0 or more, limit the change. Patches at a limit are held, and the others
         cancel the scatter of their own change (`remove_scatter`). Which patches are held follows from

@@ -2,7 +2,7 @@
 
 The total flux of each pattern changes with its shift, and so does the scattered light. A camera pixel
 therefore sees the sum of two waves, that of the direct and that of the scattered light, and its phase is
-biased (docs/theory/phasor.md). Pixels without direct light see the wave of the scattered light alone.
+biased (docs/theory/scatter-bias.md). Pixels without direct light see the wave of the scattered light alone.
 There the flux of each pattern relative to white is measured (`flux_shares`); from it and the wave follows
 the scattered light of each pixel (`scattered_light`), and `remove_phasor` takes the wave out.
 """

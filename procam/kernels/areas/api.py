@@ -20,7 +20,7 @@ def solid_angles(
 
     Each cell is two great-circle triangles (Van Oosterom & Strackee 1983,
     doi:10.1109/TBME.1983.325207), their triple products taken from edge differences; the true edges
-    of a projector's pixels seen from elsewhere are small circles (science.md s.3). Only one block
+    of a projector's pixels seen from elsewhere are small circles (docs/theory/geometry.md). Only one block
     and the last row of the one before are held at a time.
 
     Parameters

@@ -115,8 +115,8 @@ def solve(venue: Venue, session: Session) -> Iterator[Event]:
 
 def _quality(calibration: Calibration, rig: _SolvedRig) -> dict[str, Figure]:
     """Figures of a solve; tags cannot separate a dome's shape from a server's alignment."""
-    untold = SHAPE_FIGURES if rig.geometry.given else ()
-    kept = {n: figure for n, figure in calibration.quality.items() if n not in untold}
+    undetermined = SHAPE_FIGURES if rig.geometry.given else ()
+    kept = {n: figure for n, figure in calibration.quality.items() if n not in undetermined}
     return {**kept, **rig.figures}
 
 
@@ -201,8 +201,8 @@ def _decode(
 
 def _solved_screen(venue: Venue, geometry: GeometrySolution) -> Dome:
     shape = geometry.rig.shape
-    bumps = tuple(float(b) for b in shape.harmonic_coefficients)
-    return replace(venue.screen, radius_m=shape.radius_m, bumps=bumps, degree=shape.degree)
+    coefficients = tuple(float(b) for b in shape.harmonic_coefficients)
+    return replace(venue.screen, radius_m=shape.radius_m, bumps=coefficients, degree=shape.degree)
 
 
 def _view(venue: Venue, dome: Dome, images: SessionImages, geometry: GeometrySolution) -> DomeView:

@@ -16,7 +16,7 @@ from procam.model.mask import Mask
 from procam.model.transport import ScatterKernel
 
 SIZE = 96
-EXACT = 1e-6  # what science.md s.8 asks of unclipped pixels
+EXACT = 1e-6  # the goal for unclipped pixels
 
 
 @pytest.fixture

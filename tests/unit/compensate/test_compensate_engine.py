@@ -350,8 +350,10 @@ class TestProtectedInStates:
         falloff = fall if case in ("falloff", "all") else None
         maps = replace(maps, protected=Mask("screen", covered), falloff=falloff)
         lamps = np.full((SIZE, SIZE, 3), 0.05, np.float32)
-        house = VenueState("full", Measured(np.full(3, 0.3), np.full(3, 0.01)), np.ones(3), lamps)
-        known = replace(calibration, maps=maps, states={"full": house})
+        with_audience = VenueState(
+            "full", Measured(np.full(3, 0.3), np.full(3, 0.01)), np.ones(3), lamps
+        )
+        known = replace(calibration, maps=maps, states={"full": with_audience})
         state = "full" if case in ("state", "all") else None
         white = "keep" if case in ("keep", "all") else "summed"
         compensator = Compensator(known, SIZE, state=state, white=white)

@@ -259,7 +259,7 @@ def test_each_colour_is_a_problem_of_its_own() -> None:
     np.testing.assert_array_equal(both.direct, np.hstack([p.exact().direct for p in (red, blue)]))
 
 
-def test_the_certificate_tells_fluxes_and_shares() -> None:
+def test_the_certificate_gives_fluxes_and_shares() -> None:
     problem = _problem(30, 4, 1.0)
     shown = problem.exact()
     certificate, choice = shown.certificate, (problem.lo < problem.hi)[:, 0]

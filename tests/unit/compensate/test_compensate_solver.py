@@ -52,11 +52,11 @@ def test_colours_rest_one_by_one() -> None:
     np.testing.assert_allclose(root.value, target, rtol=1e-9)
 
 
-def test_a_residual_that_stands_still_is_told() -> None:
+def test_a_residual_that_stands_still_is_reported() -> None:
     with pytest.raises(DidNotConverge, match="check scatter_per_flux"):
         start().follow(lambda v, _: np.ones((1, 1)), known(-1.0), 1e-9)
 
 
-def test_what_has_no_root_is_told() -> None:
+def test_what_has_no_root_is_reported() -> None:
     with pytest.raises(DidNotConverge, match="not solved after 40 steps"):
         start().follow(lambda v, _: 1 + v * v, known(-1.0), 1e-9)

@@ -22,7 +22,7 @@ from procam.model.venue_state import VenueState
 
 SIZE = 32
 ALBEDO, EMPTY, FULL = 0.5, 0.1, 0.6  # of the dome; of the rim, empty and full
-EXACT = 1e-6  # what science.md s.8 asks of unclipped pixels
+EXACT = 1e-6  # the goal for unclipped pixels
 
 
 @dataclass(frozen=True)

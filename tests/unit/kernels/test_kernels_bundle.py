@@ -251,7 +251,7 @@ def test_what_does_not_fit_is_refused(
         kernels.bundle_equations(**dict(zip(names, case(5, degree=2), strict=True)) | change)
 
 
-def test_a_relief_of_other_harmonics_is_refused(level: str) -> None:
+def test_derivatives_of_other_harmonics_is_refused(level: str) -> None:
     block, ray, seen, weight, derivatives = case(5, degree=2)
     with pytest.raises(ShapeError, match=r"values has shape \(5, 5\); it needs \(5, 4\)"):
         kernels.bundle_equations(
@@ -268,7 +268,7 @@ def test_unknown_lenses_are_refused(level: str) -> None:
             )
 
 
-def test_too_many_bumps_are_refused(level: str) -> None:
+def test_too_many_harmonics_are_refused(level: str) -> None:
     block, ray, seen, weight, derivatives = case(5, degree=8)
     assert np.isfinite(kernels.bundle_equations(block, ray, seen, weight, derivatives, True).cost)
     block, ray, seen, weight, derivatives = case(5, degree=10)

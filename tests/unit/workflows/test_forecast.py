@@ -1,4 +1,4 @@
-"""Forecasts against closed forms, a dense solve of all bounces, and science.md's limits."""
+"""Forecasts against closed forms, a dense solve, and docs/theory/interreflection.md (I18)."""
 
 from dataclasses import fields, replace
 from typing import Any

@@ -135,7 +135,7 @@ class TestWhatIsTakenOut:
         assert error(found.xyz_from_content) > 0.02
 
 
-def test_the_errors_of_a_meter_are_as_large_as_told(
+def test_the_errors_of_a_meter_are_as_large_as_stated(
     dome: Calibration, readings: list[MeterReading]
 ) -> None:
     rng, runs = np.random.default_rng(7), 90

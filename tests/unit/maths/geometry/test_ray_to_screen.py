@@ -27,7 +27,7 @@ def _height(shape: RoundShape, point: np.ndarray) -> np.ndarray:
     return distance - shape.radius_at(point / distance[:, None])
 
 
-def test_an_exact_sphere_has_no_relief() -> None:
+def test_an_exact_sphere_has_no_derivatives() -> None:
     origin, direction = _rays()
     shape = RoundShape(RADIUS_M)
     assert shape.shape_derivatives(origin, direction) is None
