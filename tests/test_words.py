@@ -46,9 +46,8 @@ WORDS = re.compile(
     re.IGNORECASE,
 )
 STORED = {"bumps", "flux_doubt"}  # keys of files that venues hold
-FEWEST = (
-    20  # hits of one word that plain English may still need: "visit", "house" as words for visitors
-)
+FEWEST = 20  # hits of one word that plain English may still need
+FOR_VISITORS = ("procam/interfaces", "docs")  # "bounced light" is for people who see a dome
 
 
 def parts(name: str) -> set[str]:
