@@ -52,7 +52,28 @@ def latest_calibration(venue_dir: Path) -> Path:
 
 
 def save_calibration(calibration: Calibration, directory: Path) -> None:
-    """Write a calibration; the directory appears when it is complete."""
+    """Write a calibration; the directory appears when it is complete.
+
+    Parameters
+    ----------
+    calibration : what `load_calibration` gives back.
+    directory : such as VENUE/calibrations/0001; one of that name is replaced.
+
+    Returns
+    -------
+    Nothing.
+
+    Raises
+    ------
+    OSError
+        If the disk is full or the folder cannot be written; what was there stays.
+
+    Examples
+    --------
+    >>> save_calibration(load_calibration(Path("no-such-folder")), Path("copy"))
+    Traceback (most recent call last):
+    procam.errors.FileFormatError: ...
+    """
     with replacing_directory(directory) as temporary:
         for name, projector in calibration.projectors.items():
             write_channels(temporary / "maps" / f"{name}.exr", _projector_channels(projector))
@@ -71,7 +92,27 @@ def ambient_file(state: str) -> str:
 
 
 def load_calibration(directory: Path) -> Calibration:
-    """Read a calibration directory."""
+    """Read a calibration directory.
+
+    Parameters
+    ----------
+    directory : such as VENUE/calibrations/0001, with calibration.json and maps.
+
+    Returns
+    -------
+    calibration : the model, with all maps.
+
+    Raises
+    ------
+    FileFormatError
+        If a file is missing, damaged, or of another schema version.
+
+    Examples
+    --------
+    >>> load_calibration(Path("no-such-folder"))
+    Traceback (most recent call last):
+    procam.errors.FileFormatError: ...
+    """
     return _load(directory, with_projectors=True)
 
 

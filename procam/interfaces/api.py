@@ -152,6 +152,10 @@ def create_venue(directory: str | Path, template: str) -> Path:
     directory : folder to make.
     template : such as "simulated-standard", "by-hand" or "through-server".
 
+    Returns
+    -------
+    venue : the folder.
+
     Raises
     ------
     InputError

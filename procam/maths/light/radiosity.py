@@ -27,6 +27,23 @@ def add_interreflection(direct: Array, scatter_per_flux: Array, solid_angle_sr: 
 
     b_i = b0_i + u_i (a.b0), docs/theory/interreflection.md (I11); exact on a sphere.
 
+    Parameters
+    ----------
+    direct : (N, C) radiosity of N patches and C channels [rel].
+    scatter_per_flux : (N, C) u of (I10) [1/sr], as from `sphere_scatter`.
+    solid_angle_sr : (N,) of the patches, seen from the sphere's centre [sr].
+
+    Returns
+    -------
+    total : (N, C) [rel].
+
+    Raises
+    ------
+    ShapeError
+        If the numbers of patches differ.
+
+    Examples
+    --------
     >>> u, a = np.full((4, 1), 0.1), np.ones(4)
     >>> add_interreflection(np.ones((4, 1)), u, a).ravel().tolist()
     [1.4, 1.4, 1.4, 1.4]
@@ -37,7 +54,28 @@ def add_interreflection(direct: Array, scatter_per_flux: Array, solid_angle_sr: 
 def remove_interreflection(total: Array, scatter_per_flux: Array, solid_angle_sr: Array) -> Array:
     """Direct radiosity (N, C) [rel] of a total one (N, C); the inverse of `add_interreflection`.
 
-    b0_i = b_i - u_i (a.b) / (1 + m), m = a.u (I12).
+    b0_i = b_i - u_i (a.b) / (1 + m), m = a.u: docs/theory/interreflection.md (I12).
+
+    Parameters
+    ----------
+    total : (N, C) radiosity of N patches and C channels [rel].
+    scatter_per_flux : (N, C) u of (I10) [1/sr], as from `sphere_scatter`.
+    solid_angle_sr : (N,) of the patches, seen from the sphere's centre [sr].
+
+    Returns
+    -------
+    direct : (N, C) [rel].
+
+    Raises
+    ------
+    ShapeError
+        If the numbers of patches differ.
+
+    Examples
+    --------
+    >>> u, a = np.full((4, 1), 0.1), np.ones(4)
+    >>> remove_interreflection(np.full((4, 1), 1.4), u, a).ravel().round(9).tolist()
+    [1.0, 1.0, 1.0, 1.0]
     """
     m = flux(scatter_per_flux, solid_angle_sr)
     return np.asarray(total - scatter_per_flux * flux(total, solid_angle_sr) / (1 + m))
@@ -47,13 +85,28 @@ def sphere_scatter(albedo: Array, solid_angle_sr: Array, returned: float = 0.0) 
     """Scattered radiosity per flux u (N, C) [1/sr] of all that reflects on a sphere or cap, lit or not.
 
     u_i = rho_i K / (1 - K sum_j a_j rho_j) with K = (1 + returned / f) / (4 pi) and f the cap's share
-    of the sphere: (I6) and (I15). `returned` is from `floor_return`, 0 without a floor. A patch that
-    several projectors light counts once.
+    of the sphere: docs/theory/interreflection.md (I6), (I15). A patch that several projectors light
+    counts once.
+
+    Parameters
+    ----------
+    albedo : (N, C) of N patches and C channels [-]. solid_angle_sr : (N,) of the patches [sr].
+    returned : share of its light that a floor returns to the cap, from `floor_return` [-].
+
+    Returns
+    -------
+    scatter_per_flux : (N, C) [1/sr].
 
     Raises
     ------
     InputError
         If the room would reflect as much light as it receives, or more.
+
+    Examples
+    --------
+    >>> u = sphere_scatter(np.full((1, 1), 0.5), np.array([2 * np.pi]))  # a hemisphere
+    >>> round(float(u[0, 0] * 2 * np.pi), 9)  # m = kappa / (1 - kappa), kappa = .25
+    0.333333333
     """
     fraction = float(np.sum(solid_angle_sr)) / (4 * np.pi)
     kernel = (1 + returned / fraction) / (4 * np.pi)
