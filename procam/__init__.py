@@ -19,10 +19,10 @@ _MODULES = {
     "compensate.projector_frames": ("Warper",),
     "errors": ("CalibrationError", "DeviceError", "InputError", "ProcamError"),
     "files.calibration": ("load_calibration", "save_calibration"),
+    "files.venue.load": ("create_venue",),
     "interfaces.api": (
         "calibrate_camera",
         "capture",
-        "create_venue",
         "decode",
         "generate_patterns",
         "solve",

@@ -3,10 +3,10 @@ from procam.compensate.compensator import Compensator
 from procam.compensate.projector_frames import Warper
 from procam.errors import CalibrationError, DeviceError, InputError, ProcamError
 from procam.files.calibration import load_calibration, save_calibration
+from procam.files.venue.load import create_venue
 from procam.interfaces.api import (
     calibrate_camera,
     capture,
-    create_venue,
     decode,
     generate_patterns,
     solve,

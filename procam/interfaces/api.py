@@ -16,17 +16,15 @@ from procam.estimate.boards.camera import BoardView, CameraFit, fit_camera
 from procam.estimate.boards.targets import Board, find_board
 from procam.estimate.structured_light import codes
 from procam.estimate.structured_light.decode import Decoder
-from procam.files.atomic import locked, write_text
 from procam.files.calibration import load_calibration
 from procam.files.session import Session
-from procam.files.venue.load import load_venue, template_text
-from procam.interfaces.cli._sessions import open_session, venue_of
+from procam.files.venue.load import load_venue
+from procam.interfaces.cli._output import Output
+from procam.interfaces.cli._sessions import take, venue_of
 from procam.maths.geometry.lenses import LensKind
 from procam.model.calibration import Calibration
 from procam.model.correspondence import CorrespondenceMap
-from procam.workflows.capture import capture as capturing
 from procam.workflows.solve import calibrate
-from procam.workflows.venue_rig import open_rig
 
 Picture = NDArray[Any]
 
@@ -144,36 +142,6 @@ def calibrate_camera(
     return fit_camera(views, sizes.pop(), model)
 
 
-def create_venue(directory: str | Path, template: str) -> Path:
-    """Write `directory`/venue.toml from a template, as `procam init` does; returns the folder.
-
-    Parameters
-    ----------
-    directory : folder to make.
-    template : such as "simulated-standard", "by-hand" or "through-server".
-
-    Returns
-    -------
-    venue : the folder.
-
-    Raises
-    ------
-    InputError
-        An unknown template, or a venue.toml that exists.
-
-    Examples
-    --------
-    >>> create_venue("/nowhere", "no-such-dome")
-    Traceback (most recent call last):
-    procam.errors.InputError: ...
-    """
-    path, text = Path(directory) / "venue.toml", template_text(template)
-    if path.exists():
-        raise InputError(f"{path} exists already; choose another folder.")
-    write_text(path, text)
-    return path.parent
-
-
 def capture(venue: str | Path) -> Path:
     """Show and photograph all patterns of a venue; resumes an unfinished session.
 
@@ -196,12 +164,7 @@ def capture(venue: str | Path) -> Path:
     Traceback (most recent call last):
     procam.errors.InputError: ...
     """
-    loaded = load_venue(Path(venue))
-    with locked(loaded.directory / "sessions"), open_rig(loaded) as rig:
-        session = capturing.prepare_session(loaded, open_session(loaded))
-        for _ in capturing.capture(rig, loaded, session):
-            pass
-    return session.directory
+    return take(load_venue(Path(venue)), Output(as_json=True)).directory
 
 
 def solve(session: str | Path) -> Calibration:

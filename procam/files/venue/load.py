@@ -12,6 +12,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from procam.errors import InputError
+from procam.files.atomic import write_text
 from procam.files.venue.checks import find_mistakes
 from procam.files.venue.messages import explain
 from procam.files.venue.tables import BY_HAND, CameraTable, CaptureTable, VenueTable
@@ -24,6 +25,7 @@ __all__ = [
     "CaptureTable",
     "Venue",
     "VenueTable",
+    "create_venue",
     "load_venue",
     "template_names",
     "template_text",
@@ -119,6 +121,36 @@ def template_text(name: str) -> str:
             f"template {name!r} does not exist; choose one of {', '.join(template_names())}"
         )
     return (resources.files("calib_data") / "venues" / name / "venue.toml").read_text("utf-8")
+
+
+def create_venue(directory: str | Path, template: str) -> Path:
+    """Write `directory`/venue.toml from a template, as `procam init` does; returns the folder.
+
+    Parameters
+    ----------
+    directory : folder to make.
+    template : such as "simulated-standard", "by-hand" or "through-server".
+
+    Returns
+    -------
+    venue : the folder.
+
+    Raises
+    ------
+    InputError
+        An unknown template, or a venue.toml that exists.
+
+    Examples
+    --------
+    >>> create_venue("/nowhere", "no-such-dome")
+    Traceback (most recent call last):
+    procam.errors.InputError: ...
+    """
+    path, text = Path(directory) / "venue.toml", template_text(template)
+    if path.exists():
+        raise InputError(f"{path} exists already and is left as it is; choose another folder")
+    write_text(path, text)
+    return path.parent
 
 
 def _refusal(path: Path, found: list[str]) -> InputError:

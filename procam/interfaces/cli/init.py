@@ -6,8 +6,7 @@ from typing import Annotated
 import typer
 
 from procam.errors import InputError
-from procam.files import atomic
-from procam.files.venue.load import BY_HAND, load_venue, template_names, template_text
+from procam.files.venue.load import BY_HAND, create_venue, load_venue, template_names
 from procam.interfaces.cli._options import Json
 from procam.interfaces.cli._output import Output
 
@@ -35,11 +34,7 @@ def init(
             f"--template is missing: choose one of {', '.join(template_names())}; by-hand is for rigs "
             "of your own"
         )
-    text = template_text(template)
-    path = venue / "venue.toml"
-    if path.exists():
-        raise InputError(f"{path} exists already and is left as it is; choose another folder")
-    atomic.write_text(path, text)
+    path = create_venue(venue, template) / "venue.toml"
     by_hand = any(c.backend == BY_HAND for c in load_venue(venue).table.cameras.values())
     first = f"patterns {venue} --out PICTURES" if by_hand else f"capture {venue} --dry-run"
     output = Output(json)
