@@ -88,9 +88,7 @@ class TestEveryCode:
     def test_what_decode_refuses_is_reported(
         self, cell: Callable[..., code_table.Row], monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        monkeypatch.setattr(
-            "procam.estimate.structured_light.self_calibration.FEWEST_PIXELS", 10**9
-        )
+        monkeypatch.setattr("procam.estimate.structured_light.self_calibration.MIN_PIXELS", 10**9)
         assert "NotEnoughData" in str(cell("micro-phase", 50.0)["error"])
 
 

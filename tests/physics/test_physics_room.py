@@ -44,7 +44,9 @@ def trace() -> Tracer:
                     patch.setattr(simulators.transport, f"{part}_SECTORS", sectors)
                 if not smooth:
                     patch.setattr(
-                        simulators.transport._Tracer, "_gather_neighbours", lambda _, matrix: matrix
+                        simulators.transport._Tracer,
+                        "_smooth_over_neighbours",
+                        lambda _, matrix: matrix,
                     )
                 surface = Surface.build(preset)
                 cache[key] = []

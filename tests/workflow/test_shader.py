@@ -339,7 +339,7 @@ class TestFolder:
         movie = make_movie(tmp_path / "show.mkv", frames, transfer=13)
         ran = procam("track", track.calibration, movie, tmp_path / "of-movie")
         assert (ran.code, ran.err) == (0, "")
-        assert "3 frames of 96 px, 27 numbers each" in ran.out
+        assert "3 frames of 96 px, 27 coefficients each" in ran.out
         message = (tmp_path / "of-movie" / "track.csv").read_text()
         assert message == (track.out / "track.csv").read_text()
 

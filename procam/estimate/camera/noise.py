@@ -19,10 +19,9 @@ from procam.model.optics import Sensor
 Array = NDArray[np.float64]
 Counts = NDArray[Any]
 GROUPS, ROUNDS = 16, 4
-CUT_SIGMAS, CUT_MEAN = (
-    3.0,
-    0.97334,
-)  # cut of outliers; mean square of a normal distribution within it
+MIN_GROUP = 100  # samples: with fewer, groups that are small by chance would pull the line down
+CUT_SIGMAS = 3.0  # cut of outliers
+CUT_MEAN = 0.97334  # mean square of a normal distribution within that cut
 ROUNDING = 1 / 12  # variance of rounding to whole counts [DN^2]
 MIN_VARIANCE = 1e-12
 
@@ -99,7 +98,8 @@ def _fit_robustly(level: Array, square: Array) -> NoiseLaw:
 
 def _groups(level: Array) -> list[NDArray[np.intp]]:
     """Indices of the samples in groups of equal size and rising level."""
-    return [g for g in np.array_split(np.argsort(level), GROUPS) if g.size]
+    count = int(np.clip(level.size // MIN_GROUP, 1, GROUPS))
+    return np.array_split(np.argsort(level), count)
 
 
 def _mean_square(share: Array, coarse: bool) -> float:
@@ -111,7 +111,9 @@ def _mean_square(share: Array, coarse: bool) -> float:
 
 
 def _line(levels: Array, variances: Array) -> NoiseLaw:
-    """The law with the least relative errors of the variances at these levels."""
+    """The law with the least relative errors of the variances at these levels; one is a constant."""
+    if len(levels) == 1:
+        return NoiseLaw(float(variances[0]), 0.0)
     design = np.stack([np.ones(len(levels)), np.maximum(levels, 0)], axis=1)
     (floor, slope), _ = nnls(design / variances[:, None], np.ones(len(levels)))
     return NoiseLaw(float(floor), float(slope))

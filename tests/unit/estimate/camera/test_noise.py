@@ -43,3 +43,15 @@ def test_law_from_variances(law: NoiseLaw, rng: np.random.Generator) -> None:
 def test_variance_is_never_negative() -> None:
     assert NoiseLaw(0.0, 0.1).variance(-5.0) > 0
     np.testing.assert_allclose(NoiseLaw(2.0, 0.5).variance(np.array([0.0, 4.0])), [2, 4])
+
+
+@pytest.mark.parametrize("pixels", [60, 144, 1000, 40_000])
+def test_a_law_of_few_pixels_is_not_too_small(pixels: int, rng: np.random.Generator) -> None:
+    """Groups of few samples have small variances by chance; they must not decide."""
+    level = rng.uniform(10, 200, pixels)
+    ratios = []
+    for _ in range(40):
+        variance = (2 + 0.05 * level) * rng.chisquare(5, pixels) / 5
+        law = fit_noise_law(level, variance)
+        ratios.append(float(np.mean(law.variance(level)) / np.mean(2 + 0.05 * level)))
+    assert 0.95 < np.mean(ratios) < 1.05
