@@ -1,5 +1,6 @@
 """The layers, the wall round the simulators, and how light `procam --help` is."""
 
+import ast
 import os
 import shutil
 import subprocess
@@ -131,6 +132,22 @@ except SystemExit as end:
     assert not end.code, end.code
 """
 HELP = RUN.format(["procam", "--help"])
+
+
+class TestSize:
+    """Modules that a person can read in one sitting."""
+
+    def test_no_module_is_over_400_lines_nor_over_300_without_a_reason(self) -> None:
+        long, unexplained = [], []
+        for path in [*(ROOT / "procam").rglob("*.py"), *(ROOT / "simulators").rglob("*.py")]:
+            text = path.read_text("utf-8")
+            lines = text.count("\n")
+            if lines > 400:
+                long.append(str(path))
+            opening = " ".join((ast.get_docstring(ast.parse(text)) or "").split())
+            if lines > 300 and "kernels" not in path.parts and "longer than 300" not in opening:
+                unexplained.append(str(path))
+        assert (long, unexplained) == ([], [])
 
 
 class TestStart:

@@ -1,4 +1,8 @@
-"""Calibration directories: calibration.json, maps/PROJECTOR.exr, dome.exr, state-NAME.exr."""
+"""Calibration directories: calibration.json, maps/PROJECTOR.exr, dome.exr, state-NAME.exr.
+
+Numbers go to JSON with their sigmas, maps to EXR channels. The file is longer than 300 lines because
+each part is written and read in one place, so that the two cannot drift apart.
+"""
 
 import json
 from dataclasses import asdict

@@ -1,6 +1,6 @@
 """Black level, veiling glare and vignetting of a camera, from photographs taken at a desk.
 
-All three fit the model of `procam.estimate.camera.radiance`, and so share this file: observed =
+All three fit the model of `procam.estimate.camera.radiance`, so the file is longer than 300 lines: observed =
 (1 - g) true + g mean(true) over the image circle, then vignetting, exposure and black level. As in
 ISO 9358, the light observed in a black hole within a bright surround is the glare. Vignetting is a
 polynomial of the angle off the axis, fitted to means over rings and sectors of a uniform surface.

@@ -7,6 +7,7 @@ periods; the others identify which. `fit_waves` fits A, B and x by Gauss-Newton 
 `search_columns` finds the start among all columns. Defocus and a wrong gamma change all waves of an axis
 alike (`WaveDistortion`); `shared_sensitivity` has the derivatives by which they are estimated from the
 residuals of many pixels. The C kernel `kernels.search_phase` does the same for whole photographs.
+The file is longer than 300 lines because the fit and its derivatives share one model of a wave.
 """
 
 from dataclasses import dataclass

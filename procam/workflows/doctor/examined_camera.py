@@ -1,4 +1,8 @@
-"""One camera under examination: its own measurements, and those of each projector."""
+"""One camera under examination: its own measurements, and those of each projector.
+
+It shows white, black, grey and halves of each projector, and keeps what `findings` judges. The file is
+longer than 300 lines because all measurements share the state of one camera.
+"""
 
 from dataclasses import dataclass, replace
 from itertools import pairwise

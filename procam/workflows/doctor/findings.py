@@ -1,4 +1,8 @@
-"""What is wrong with a venue's devices, a line each, and what was measured on the way."""
+"""The faults of a venue's devices, a line each, and the measurements behind them.
+
+`Diagnosis` collects both; the `judge_` functions compare measurements with thresholds. The file is
+longer than 300 lines because one place holds every threshold of `procam doctor` beside its message.
+"""
 
 from dataclasses import asdict, dataclass, field
 from typing import Any

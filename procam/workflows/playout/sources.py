@@ -1,4 +1,8 @@
-"""Where frames come from and where they go: one picture, numbered pictures, a movie, a pipe."""
+"""Sources and destinations of frames: one picture, numbered pictures, a movie, a pipe.
+
+A `Clip` reads frames as `ClipFrame`s and stores the compensated ones as the source's kind. The file is
+longer than 300 lines because the four kinds follow one protocol and read best side by side.
+"""
 
 import time
 from array import array
