@@ -1,4 +1,4 @@
-"""`procam demo` from end to end: its time and memory are the machine's, so they are judged here."""
+"""`procam demo` from end to end: its time is the machine's, so it is judged here."""
 
 import json
 import subprocess
@@ -25,13 +25,10 @@ def bench() -> Report:
         )
         wall = time.perf_counter() - start
         figures = json.loads((out / "summary.json").read_text("utf-8"))["figures"]
-    run_s, memory_mib = (figures[name]["value"] for name in ("simulated_run_s", "peak_memory_mib"))
+    run_s = figures["simulated_run_s"]["value"]
     return Report(
         "Demo, standard preset",
         {"procam demo": Times(0.0, wall, wall, 1)},
-        (
-            Goal("from the first pattern to the refined picture", run_s, "<=", 60, "s"),
-            Goal("peak memory", memory_mib, "<=", 4096, "MiB"),
-        ),
+        (Goal("from the first pattern to the refined picture", run_s, "<=", 60, "s"),),
         ("wall time of the whole command, truth, judge and report included",),
     )
