@@ -4,20 +4,10 @@ from procam.compensate.projector_frames import Warper
 from procam.errors import CalibrationError, DeviceError, InputError, ProcamError
 from procam.files.calibration import load_calibration, save_calibration
 from procam.files.venue.load import create_venue
-from procam.interfaces.api import (
-    calibrate_camera,
-    capture,
-    decode,
-    generate_patterns,
-    solve,
-)
+from procam.interfaces.api import calibrate_camera, capture, decode, generate_patterns, solve
 from procam.maths.geometry.lenses import Lens
 from procam.maths.geometry.pose import Pose
-from procam.maths.light.radiosity import (
-    add_interreflection,
-    remove_interreflection,
-    sphere_scatter,
-)
+from procam.maths.light.radiosity import add_interreflection, remove_interreflection, sphere_scatter
 from procam.model.calibration import Calibration
 from procam.model.correspondence import CorrespondenceMap
 from procam.model.optics import CameraModel, ProjectorModel

@@ -6,13 +6,12 @@ from typing import Self
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array, Array32
 from procam.errors import InputError
 from procam.maths.geometry.lenses import Lens
 from procam.maths.geometry.pose import Pose
 
-Array = NDArray[np.float64]
 UNSHARP_PX = 1.0  # Gaussian sigma of an unsharp mask [px]
 LARGEST = {"white_boost": 5.0, "edge_enhancement": 5.0, "pixel_shift": 4.0}  # of features
 LARGEST |= {"iris_s": 600.0, "picture_delay_s": 600.0}  # [s]
@@ -57,7 +56,7 @@ class Features:
                 raise InputError(f"feature {name} is {size:g}; it must be 0 to {most:g}")
         return cls(**{known[name]: size for name, size in sizes.items()})
 
-    def processed(self, drive: NDArray[np.float32]) -> NDArray[np.float32]:
+    def processed(self, drive: Array32) -> Array32:
         """The drive (H, W, 3) of the panel for a drive at the input."""
         if not (self.limited_range or self.edge_enhancement):
             return drive
@@ -69,7 +68,7 @@ class Features:
             drive = drive + np.float32(self.edge_enhancement) * (drive - smooth)
         return np.clip(drive, 0, 1)
 
-    def boosted(self, light: NDArray[np.float32]) -> NDArray[np.float32]:
+    def boosted(self, light: Array32) -> Array32:
         """Light (..., 3) of the primaries with that of the white segment."""
         if not self.white_boost:
             return light
@@ -104,7 +103,7 @@ class ProjectorBuild:
     bits: int = 10
     features: Features = field(default_factory=Features)
 
-    def linear(self, drive: NDArray[np.float32]) -> NDArray[np.float32]:
+    def linear(self, drive: Array32) -> Array32:
         """Relative light (..., 3) of the primaries for a drive (..., 3) in 0..1, as quantised."""
         steps = 2**self.bits - 1
         code = np.rint(self.features.processed(drive) * np.float32(steps)).astype(np.intp)

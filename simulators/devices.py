@@ -1,8 +1,8 @@
 """Simulated projector inputs and cameras of one `DomeScene`."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array32
 from procam.devices.protocols import Shown
 from procam.errors import ShapeError, UnitError
 from procam.model.frame import CameraSettings, Frame
@@ -13,7 +13,7 @@ SETTLE_S = 0.1
 READOUT_S = 0.2
 
 
-def require_drive(what: str, drive: NDArray[np.float32], size: tuple[int, int]) -> None:
+def require_drive(what: str, drive: Array32, size: tuple[int, int]) -> None:
     """Refuse a drive that is not (H, W, 3) of `size` (width, height) in 0..1."""
     shape = (size[1], size[0], 3)
     if drive.shape != shape:
@@ -32,7 +32,7 @@ class SimulatedProjector:
         self.size = scene.size.projector_size
         self._steps = np.float32(2 ** scene.lights[name].build.bits - 1)
 
-    def show(self, drive: NDArray[np.float32]) -> Shown:
+    def show(self, drive: Array32) -> Shown:
         """Show `drive` (H, W, 3) in 0..1, quantised to the input's depth."""
         require_drive(f"drive of projector {self.name}", drive, self.size)
         quantised = np.rint(drive * self._steps) / self._steps

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from procam.arrays import Array, Array32
 from procam.devices.protocols import BackendRig, Camera, Projector, Shown
 from procam.errors import InputError
 from procam.model.frame import CameraSettings, Frame
@@ -119,25 +120,21 @@ class StuckExposureCamera(FaultyCamera):
 class FaultyProjector:
     """A projector that shows another picture than the one it is sent."""
 
-    def __init__(
-        self,
-        projector: Projector,
-        alter: Callable[[NDArray[np.float32]], NDArray[np.float32]],
-    ) -> None:
+    def __init__(self, projector: Projector, alter: Callable[[Array32], Array32]) -> None:
         self._projector, self._alter = projector, alter
         self.name, self.size = projector.name, projector.size
 
-    def show(self, drive: NDArray[np.float32]) -> Shown:
+    def show(self, drive: Array32) -> Shown:
         """Show the picture as the fault makes it."""
         return replace(self._projector.show(self._alter(drive)), drive=drive)
 
 
-def dimmed(drive: NDArray[np.float32]) -> NDArray[np.float32]:
+def dimmed(drive: Array32) -> Array32:
     """A picture (H, W, 3) of a lamp at its end."""
     return drive * np.float32(DIM_SHARE ** (1 / GAMMA))
 
 
-def iris_follows(drive: NDArray[np.float32]) -> NDArray[np.float32]:
+def iris_follows(drive: Array32) -> Array32:
     """A picture (H, W, 3) of a projector whose iris closes for dark pictures (dynamic black)."""
     share = IRIS_SHARE + (1 - IRIS_SHARE) * float(drive.mean())
     return drive * np.float32(share ** (1 / GAMMA))
@@ -150,7 +147,7 @@ CAMERA_FAULTS: Mapping[str, Callable[[Camera], Camera]] = {
     "ambient-light": AmbientLightCamera,
     "stuck-exposure": StuckExposureCamera,
 }
-PROJECTOR_FAULTS: Mapping[str, Callable[[NDArray[np.float32]], NDArray[np.float32]]] = {
+PROJECTOR_FAULTS: Mapping[str, Callable[[Array32], Array32]] = {
     "dim-projector": dimmed,
     "dynamic-black": iris_follows,
 }
@@ -183,6 +180,6 @@ def apply_faults(
     return rig
 
 
-def _counts(values: NDArray[np.float64]) -> NDArray[np.uint16]:
+def _counts(values: Array) -> NDArray[np.uint16]:
     """Values [DN] as counts of the camera."""
     return np.rint(np.clip(values, 0, TOP_DN)).astype(np.uint16)

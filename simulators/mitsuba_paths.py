@@ -14,13 +14,11 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.stats import qmc
 
+from procam.arrays import Array, Array32, IndexArray
 from procam.errors import ShapeError, UnitError
 from procam.maths.geometry.sphere import normalise
 from simulators.mitsuba_scene import CHANNELS, GlowingMesh
 
-Array = NDArray[np.float64]
-Floats = NDArray[np.float32]
-Index = NDArray[np.intp]
 BATCHES = 8  # independent repetitions, whose scatter gives the standard error
 PATHS = 1 << 17  # of the first step, for all patches together, per batch
 BLOCK = 1 << 20  # rays at a time
@@ -41,7 +39,7 @@ class PatchedMesh:
 
     vertices: Array
     faces: NDArray[np.integer[Any]]
-    patch: Index
+    patch: IndexArray
     albedo: Array
     gloss: Array
 
@@ -58,7 +56,7 @@ class PatchedMesh:
         """(F,) area of the faces."""
         return np.asarray(np.linalg.norm(self._crossed(), axis=1) / 2)
 
-    def frames(self) -> Floats:
+    def frames(self) -> Array32:
         """(F, 3, 3) two tangents and the normal of each face: unit vectors, as rows."""
         normal = normalise(self._crossed())
         # neighbouring faces get similar tangents, which keeps rays stratified across them
@@ -113,7 +111,7 @@ class _Starts:
         self._frames = mesh.frames()[order]
         self._offset = np.float32(OFFSET * np.ptp(mesh.vertices, axis=0).max())
 
-    def rays(self, samples: int, rng: np.random.Generator) -> Iterator[tuple[Floats, Floats]]:
+    def rays(self, samples: int, rng: np.random.Generator) -> Iterator[tuple[Array32, Array32]]:
         """Origins and directions (K samples, 3), `samples` of one patch after the other.
 
         Origins are stratified, directions are distributed as the cosine to the normal.
@@ -125,7 +123,7 @@ class _Starts:
             shift = rng.random((patches.stop - first, 1, 4))
             yield self._started(patches, (base + shift) % 1.0)
 
-    def _started(self, patches: slice, sample: Array) -> tuple[Floats, Floats]:
+    def _started(self, patches: slice, sample: Array) -> tuple[Array32, Array32]:
         share = self._patch_area[patches, None] * (1 - sample[..., 3])
         place = (self._patch_end[patches, None] - share).ravel()
         face = np.minimum(np.searchsorted(self._upto, place, side="right"), len(self._upto) - 1)
@@ -192,7 +190,7 @@ class _Tracer:
         return np.concatenate(light)
 
 
-def _means(seen: Array | Floats, samples: int) -> Array:
+def _means(seen: Array | Array32, samples: int) -> Array:
     """Means (K, C) over the samples of each patch, of values (K samples, C)."""
     return np.asarray(seen.reshape(-1, samples, seen.shape[1]).mean(axis=1, dtype=float))
 

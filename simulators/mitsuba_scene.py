@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from procam.arrays import Array, Array32, IndexArray
 from procam.errors import InputError
 
-Array = NDArray[np.float64]
-Floats = NDArray[np.float32]
 Faces = NDArray[np.integer[Any]]
 EXTRA = 'pip install "procam[sim]"'
 LIBRARY = "DRJIT_LIBLLVM_PATH"  # the environment variable by which Mitsuba finds LLVM
@@ -112,7 +111,7 @@ class GlowingMesh:
         self._integrator = mi.load_dict(path)
         self._sampler = mi.load_dict({"type": "independent"})
 
-    def radiance(self, origin: Floats, direction: Floats, seed: int) -> Array:
+    def radiance(self, origin: Array32, direction: Array32, seed: int) -> Array:
         """Radiance (n, 3) along rays of (n, 3) `origin` and `direction`."""
         mi, scene, sampler = self._mi, self._scene, self._sampler
         if _is_scalar(mi):
@@ -127,7 +126,7 @@ class GlowingMesh:
         rays = mi.RayDifferential3f(self._rays(origin, direction))
         return np.array(self._integrator.sample(scene, sampler, rays)[0], dtype=float).T
 
-    def first_faces(self, origin: Floats, direction: Floats) -> NDArray[np.intp]:
+    def first_faces(self, origin: Array32, direction: Array32) -> IndexArray:
         """Face (n,) that each ray hits first, from either side; -1 where it leaves the room."""
         mi, scene = self._mi, self._scene
         if _is_scalar(mi):
@@ -138,7 +137,7 @@ class GlowingMesh:
         face = np.array(hit.prim_index, dtype=np.intp)
         return np.where(np.array(hit.is_valid()), face, -1)
 
-    def _rays(self, origin: Floats, direction: Floats) -> Any:
+    def _rays(self, origin: Array32, direction: Array32) -> Any:
         mi = self._mi
         across = (np.ascontiguousarray(v.T) for v in (origin, direction))
         return mi.Ray3f(

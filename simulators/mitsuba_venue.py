@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from procam.arrays import Array, IndexArray
 from procam.maths.geometry.sphere import normalise
 from simulators import transport
 from simulators.mitsuba_paths import PatchedMesh, scattered_irradiance
 from simulators.surface import GORES, Surface
 from simulators.transport import Deck, Room
 
-Array = NDArray[np.float64]
 Faces = NDArray[np.integer[Any]]
 SAMPLES = 1 << 15  # rays from each patch, for .1 % of the light
 COLUMNS = 15 * GORES  # of faces round the room, so that edges of panels are edges of faces
@@ -115,11 +115,11 @@ class _Part:
     """Triangles: `corners` (F, 3, 3) [m], and which of the part's patches each belongs to."""
 
     corners: Array
-    patch: NDArray[np.intp]
+    patch: IndexArray
     patches: int
 
 
-def _part(points: Array, ring: NDArray[np.intp], sectors: int, inward: Array) -> _Part:
+def _part(points: Array, ring: IndexArray, sectors: int, inward: Array) -> _Part:
     """Triangles over a grid of points (R + 1, COLUMNS + 1, 3) whose rows belong to rings (R,).
 
     `inward` (R, COLUMNS, 3) is roughly their normal.
@@ -162,7 +162,7 @@ def _deck(deck: Deck) -> _Part:
     return _part(points, ring, transport.FLOOR_SECTORS, up)
 
 
-def _round(edges: Array, step: float) -> tuple[Array, NDArray[np.intp]]:
+def _round(edges: Array, step: float) -> tuple[Array, IndexArray]:
     """Directions (R + 1, COLUMNS + 1, 3) of rows no higher than `step`, and the ring of each row.
 
     `edges` are the rings' polar angles [rad].

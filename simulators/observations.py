@@ -6,14 +6,13 @@ A projector pixel is traced to the dome and into a camera, and its position gets
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array
 from procam.maths.geometry.lenses import project, unproject
 from procam.maths.geometry.pose import Pose, rotation_matrix
 from simulators.builds import CameraBuild, ProjectorBuild
 from simulators.surface import Surface
 
-Array = NDArray[np.float64]
 PUPIL_STEPS = 6
 
 

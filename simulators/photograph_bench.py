@@ -9,12 +9,11 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from procam.arrays import Image
 from procam.errors import ShapeError, UnitError
 from simulators.presets import white_exposure_s
 from simulators.scene import GREEN, DomeScene
 from simulators.sensor import Sensor
-
-Image = NDArray[np.float32]
 
 
 class PhotographBench:

@@ -1,14 +1,13 @@
 """Where the simulated projectors and cameras stand."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array
 from procam.maths.geometry.lenses import Lens
 from procam.maths.geometry.pose import Pose
 from procam.maths.geometry.sphere import direction_from_angles
 from simulators.builds import CameraBuild, ProjectorBuild
 
-Array = NDArray[np.float64]
 PROJECTOR_NAMES = ("south", "north", "east", "west", "aft", "fore")
 CAMERA_NAMES = ("zenith", "second", "third", "fourth")
 RIM_DISTANCE = 0.95  # of the radius: lenses just inside the rim

@@ -126,12 +126,7 @@ def white_exposure_s(preset: Preset) -> float:
 
 STANDARD = Preset()
 IDEAL = Preset(
-    strip_share=0.05,
-    floor_albedo=0.0,
-    albedo_smooth=0.0,
-    seam=0.0,
-    glare=0.0,
-    white_snr=None,
+    strip_share=0.05, floor_albedo=0.0, albedo_smooth=0.0, seam=0.0, glare=0.0, white_snr=None
 )
 REALISTIC = Preset(
     ovality=0.001,

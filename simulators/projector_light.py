@@ -1,12 +1,12 @@
 """Light of one projector on the dome: direct, per projector pixel and per room patch."""
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from procam.arrays import AnyArray, Array, BoolArray, Image, IndexArray
 from procam.maths.geometry.lenses import unproject
 from procam.maths.geometry.sphere import grid_solid_angles, normalise
 from simulators.builds import ProjectorBuild
@@ -14,8 +14,6 @@ from simulators.presets import Preset
 from simulators.surface import Surface
 from simulators.transport import dome_patch
 
-Array = NDArray[np.float64]
-Image = NDArray[np.float32]
 MIN_SMEAR_PX = 0.4  # sigma that draws a shift between two pixels on their grid
 
 
@@ -37,10 +35,10 @@ class ProjectorLight:
     build: ProjectorBuild
     direction: Array
     solid_angle_sr: Array
-    lit: NDArray[np.bool_]
+    lit: BoolArray
     irradiance: Image
     black_irradiance: Image
-    patch: NDArray[np.intp]
+    patch: IndexArray
     area_m2: Image
     reflected_m2: Array
 
@@ -151,7 +149,7 @@ def _blurred_flux(flux: Image, sigma: float, shift: float) -> Image:
     return seen
 
 
-def _directions(surface: Surface, build: ProjectorBuild, x: NDArray[Any], y: NDArray[Any]) -> Array:
+def _directions(surface: Surface, build: ProjectorBuild, x: AnyArray, y: AnyArray) -> Array:
     pixels = np.stack(np.meshgrid(x, y), axis=-1).astype(float)
     back = build.projector_from_dome.inverse()
     rays = back.rotate(unproject(pixels, build.lens))

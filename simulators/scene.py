@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from typing import Unpack
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import BoolArray, Image
 from procam.errors import InputError
 from procam.maths.geometry.lenses import unproject
 from procam.model.frame import CameraSettings
@@ -22,8 +22,6 @@ from simulators.sight_lines import SightLines
 from simulators.surface import Surface
 from simulators.transport import Room
 
-Array = NDArray[np.float64]
-Image = NDArray[np.float32]
 GREEN = slice(1, 2)
 ALL_BANDS = slice(0, 3)
 
@@ -183,7 +181,7 @@ def _with_overrides(build: ProjectorBuild, preset: Preset) -> ProjectorBuild:
     return replace(build, defocus_px=defocus_px, gamma=gamma, features=features)
 
 
-def camera_circle(camera: CameraBuild) -> NDArray[np.bool_]:
+def camera_circle(camera: CameraBuild) -> BoolArray:
     """Pixels (H, W) inside the lens's image circle; all of them for a pinhole."""
     width, height = camera.size
     if camera.lens.kind == "brown":

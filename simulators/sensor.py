@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
+from procam.arrays import BoolArray, Image
 from procam.errors import UnitError
 from procam.maths.geometry.lenses import unproject
 from simulators.builds import CameraBuild
 from simulators.presets import white_exposure_s
 from simulators.scene import GREEN, DomeScene, camera_circle
 
-Image = NDArray[np.float32]
 NORMAL_TABLE = ndtri((np.arange(2**16) + 0.5) / 2**16).astype(np.float32)
 NOISELESS_BITS = 16  # a file holds integers
 DARKEST = 0.005  # quantile of the lit pixels; a few may lie under a seam or a mark
@@ -141,7 +141,7 @@ class Sensor:
         return float(white[place]), float(difference[place])
 
 
-def _clear_of_border(lit: NDArray[np.bool_], margin_px: float) -> NDArray[np.bool_]:
+def _clear_of_border(lit: BoolArray, margin_px: float) -> BoolArray:
     """Pixels (H, W) at least `margin_px` inside the lit part, or its middle half if that is narrow."""
     framed = np.pad(lit.astype(np.uint8), 1)
     distance = cv2.distanceTransform(framed, cv2.DIST_L2, 5)[1:-1, 1:-1]

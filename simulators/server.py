@@ -8,22 +8,16 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array, BoolArray, Image
 from procam.devices.protocols import Shown
 from procam.maths.geometry.lenses import project
-from procam.maths.geometry.sphere import (
-    master_directions,
-    master_pixels,
-    normalise,
-)
+from procam.maths.geometry.sphere import master_directions, master_pixels, normalise
 from simulators.devices import require_drive
 from simulators.projector_light import ProjectorLight
 from simulators.projector_state import ProjectorState
 from simulators.scene import DomeScene
 
-Array = NDArray[np.float64]
-Image = NDArray[np.float32]
 NAME = "server"
 BITS = 10  # of the masters it plays
 ASSUMED_GAMMA = 2.2  # that the server assumes of its projectors
@@ -63,7 +57,7 @@ class MediaServer:
         played = np.rint(master * steps) / steps
         return {name: _rendered(played, output) for name, output in self._outputs.items()}
 
-    def pixel_directions(self) -> tuple[Array, NDArray[np.bool_]]:
+    def pixel_directions(self) -> tuple[Array, BoolArray]:
         """True directions (N, N, 3) of the master's pixels, and which of them reach the dome (N, N).
 
         Where soft edges overlap it is the mean over the projectors.
@@ -111,7 +105,7 @@ class SimulatedServer:
         self.name = NAME
         self.size = (server.size, server.size)
 
-    def show(self, drive: NDArray[np.float32]) -> Shown:
+    def show(self, drive: Image) -> Shown:
         """Show a dome master `drive` (N, N, 3) in 0..1."""
         require_drive("master of the server", drive, self.size)
         for name, frame in self._server.frames(drive).items():

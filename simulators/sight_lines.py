@@ -4,15 +4,13 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array, BoolArray, Image, IndexArray
 from procam.maths.geometry.lenses import project
 from procam.maths.geometry.sphere import normalise
 from simulators.projector_light import ProjectorLight
 from simulators.transport import Deck, Room
 
-Array = NDArray[np.float64]
-Image = NDArray[np.float32]
 GLOSS_EXPONENT = 20
 
 
@@ -28,10 +26,10 @@ class SightLines:
     sources : per projector, (H, W, 2) projector pixel and (H, W) direct radiance per irradiance.
     """
 
-    on_dome: NDArray[np.bool_]
+    on_dome: BoolArray
     albedo: Image
     scatter_at: Image
-    floor: tuple[NDArray[np.intp], NDArray[np.intp]]
+    floor: tuple[IndexArray, IndexArray]
     sources: dict[str, tuple[Image, Image]]
 
     @classmethod
@@ -68,7 +66,7 @@ class SightLines:
         sources = {name: (where, gain * factor) for name, (where, gain) in self.sources.items()}
         return replace(self, albedo=self.albedo * factor, sources=sources)
 
-    def projector_pixels(self, name: str, lit: NDArray[np.bool_]) -> Image:
+    def projector_pixels(self, name: str, lit: BoolArray) -> Image:
         """Projector pixel (H, W, 2) at the end of each line of sight, NaN outside its picture.
 
         `lit` (H, W) are the projector's pixels that pass the blackout plates.
@@ -107,7 +105,7 @@ def _source(
     point: Array,
     direction: Array,
     eye: Array,
-    on_dome: NDArray[np.bool_],
+    on_dome: BoolArray,
 ) -> tuple[Image, Array]:
     """Projector pixel under each point, and radiance per irradiance and albedo (1 if matte)."""
     build = light.build
@@ -125,8 +123,8 @@ def _source(
 
 
 def _deck_patches(
-    room: Room, origin: Array, rays: Array, beyond: NDArray[np.bool_]
-) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    room: Room, origin: Array, rays: Array, beyond: BoolArray
+) -> tuple[IndexArray, IndexArray]:
     deck = Deck.under(room.surface.preset)
     with np.errstate(divide="ignore", invalid="ignore"):
         reach = -(origin @ deck.up + deck.depth_m) / (rays @ deck.up)

@@ -7,13 +7,12 @@ seams. Harmonics are evaluated as polynomials in x, y, z, which on the sphere ar
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import sph_harm_y
 
+from procam.arrays import Array, IndexArray
 from procam.maths.geometry.sphere import angles_from_direction, intersect_sphere
 from simulators.presets import Preset
 
-Array = NDArray[np.float64]
 GORES, RINGS = 16, 5
 SEAM_SIGMA_M = 0.025  # Gaussian profile of a joint
 SURFACE_STEPS = 3
@@ -84,7 +83,7 @@ class Surface:
             value *= 1 - preset.seam * np.exp(-0.5 * distance**2)
         return value
 
-    def _panel(self, direction: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    def _panel(self, direction: Array) -> tuple[IndexArray, IndexArray]:
         azimuth, elevation = angles_from_direction(direction)
         ring = np.clip((np.pi / 2 - elevation) / self.half_angle * RINGS, 0, RINGS - 1)
         gore = (azimuth / (2 * np.pi) % 1.0) * GORES

@@ -8,15 +8,13 @@ the linear system E = F (b0 + rho E), solved once per room.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import qmc
 
+from procam.arrays import Array, Array32, IndexArray
 from procam.maths.geometry.sphere import angles_from_direction
 from simulators.presets import Preset
 from simulators.surface import Surface
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 DOME_RINGS, DOME_SECTORS = 30, 60
 FLOOR_RINGS, FLOOR_SECTORS = 8, 24
 POD_RINGS, POD_SECTORS = 6, 12
@@ -58,10 +56,10 @@ class Room:
     """
 
     surface: Surface
-    exchange: NDArray[np.float32]
+    exchange: Array32
     area_m2: Array
     albedo: Array
-    scatter: NDArray[np.float32]  # (P, P) irradiance after all bounces per direct radiosity
+    scatter: Array32  # (P, P) irradiance after all bounces per direct radiosity
 
     @classmethod
     def trace(cls, surface: Surface, rays: int = 2048) -> "Room":
@@ -96,13 +94,13 @@ class Room:
         direct = (direct_flux / self.area_m2[:, None]).astype(np.float32)
         return np.asarray(self.scatter @ direct, dtype=float)
 
-    def dome_image(self, patch_values: Array) -> NDArray[np.float32]:
+    def dome_image(self, patch_values: Array) -> Array32:
         """Values of the dome patches as an image (rings, sectors + 2, C), wrapped in azimuth."""
         count = DOME_RINGS * DOME_SECTORS
         image = patch_values[:count].reshape(DOME_RINGS, DOME_SECTORS, -1).astype(np.float32)
         return np.concatenate([image[:, -1:], image, image[:, :1]], axis=1)
 
-    def dome_image_coordinates(self, direction: Array) -> NDArray[np.float32]:
+    def dome_image_coordinates(self, direction: Array) -> Array32:
         """(column, row) in `dome_image` of unit directions (..., 3)."""
         azimuth, _ = angles_from_direction(direction)
         column = (azimuth / (2 * np.pi) % 1.0) * DOME_SECTORS + 0.5
@@ -111,7 +109,7 @@ class Room:
         row = np.clip(row, 0, DOME_RINGS - 1)
         return np.stack([column, row], axis=-1).astype(np.float32)
 
-    def floor_patch(self, point: Array) -> Index:
+    def floor_patch(self, point: Array) -> IndexArray:
         """Patch index (...) of points [m] on the deck."""
         return _floor_patch(point, Deck.under(self.surface.preset))
 
@@ -167,10 +165,7 @@ class _Tracer:
         rho = np.linspace(0, self.deck.radius_m, FLOOR_RINGS + 1)
         floor = np.pi * np.diff(rho**2)
         pod_ring = np.full(POD_RINGS, 4 * np.pi * POD_RADIUS_M**2 / POD_RINGS)
-        parts = [
-            np.full(self.dome_count, dome),
-            np.repeat(floor / FLOOR_SECTORS, FLOOR_SECTORS),
-        ]
+        parts = [np.full(self.dome_count, dome), np.repeat(floor / FLOOR_SECTORS, FLOOR_SECTORS)]
         if self.pod_count:
             parts.append(np.repeat(pod_ring / POD_SECTORS, POD_SECTORS))
         return np.concatenate(parts)
@@ -206,7 +201,7 @@ class _Tracer:
         plane = (rho * np.cos(angle))[:, None] * first + (rho * np.sin(angle))[:, None] * second
         return np.asarray(plane - self.deck.depth_m * self.deck.up)
 
-    def _cast(self, origin: Array, direction: Array) -> Index:
+    def _cast(self, origin: Array, direction: Array) -> IndexArray:
         """Patch that each ray hits first; -1 where it leaves the room."""
         point = self.surface.intersect(origin, direction)
         unit = point / np.linalg.norm(point, axis=-1, keepdims=True)
@@ -220,7 +215,7 @@ class _Tracer:
             hit, distance = np.where(nearer, other, hit), np.where(nearer, reach, distance)
         return hit
 
-    def _cast_floor(self, origin: Array, direction: Array) -> tuple[Index, Array]:
+    def _cast_floor(self, origin: Array, direction: Array) -> tuple[IndexArray, Array]:
         speed = direction @ self.deck.up
         height = origin @ self.deck.up + self.deck.depth_m
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -231,7 +226,7 @@ class _Tracer:
         reach = np.where(inside <= self.deck.radius_m, reach, np.inf)
         return _floor_patch(point, self.deck), reach
 
-    def _cast_pod(self, origin: Array, direction: Array) -> tuple[Index, Array]:
+    def _cast_pod(self, origin: Array, direction: Array) -> tuple[IndexArray, Array]:
         offset = origin - POD_CENTRE_M
         along = np.sum(offset * direction, axis=-1)
         discriminant = along**2 - np.sum(offset**2, axis=-1) + POD_RADIUS_M**2
@@ -253,7 +248,7 @@ def _cosine_directions(normal: Array, aim: Array) -> Array:
     return np.asarray(radius * (np.cos(angle) * first + np.sin(angle) * second) + up * normal)
 
 
-def dome_patch(direction: Array, half_angle: float) -> Index:
+def dome_patch(direction: Array, half_angle: float) -> IndexArray:
     """Patch index (...) of unit directions that lie on the dome."""
     azimuth, _ = angles_from_direction(direction)
     depth = (1 - direction[..., 2]) / (1 - np.cos(half_angle))
@@ -262,7 +257,7 @@ def dome_patch(direction: Array, half_angle: float) -> Index:
     return ring.astype(np.intp) * DOME_SECTORS + sector.astype(np.intp)
 
 
-def _floor_patch(point: Array, deck: Deck) -> Index:
+def _floor_patch(point: Array, deck: Deck) -> IndexArray:
     first, second = deck.axes()
     u, v = point @ first, point @ second
     ring = np.clip(np.hypot(u, v) / deck.radius_m * FLOOR_RINGS, 0, FLOOR_RINGS - 1)
@@ -279,7 +274,7 @@ def _pod_normal(patch: int, uv: Array) -> Array:
     return np.stack([horizontal * np.cos(azimuth), horizontal * np.sin(azimuth), z], axis=-1)
 
 
-def _pod_patch(normal: Array) -> Index:
+def _pod_patch(normal: Array) -> IndexArray:
     ring = np.clip((1 - normal[..., 2]) / 2 * POD_RINGS, 0, POD_RINGS - 1).astype(np.intp)
     azimuth = np.arctan2(normal[..., 1], normal[..., 0]) / (2 * np.pi) % 1.0
     return ring * POD_SECTORS + np.minimum(azimuth * POD_SECTORS, POD_SECTORS - 1).astype(np.intp)

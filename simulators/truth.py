@@ -13,8 +13,8 @@ from typing import Any, Literal
 import cv2
 import numpy as np
 import OpenImageIO as oiio
-from numpy.typing import NDArray
 
+from procam.arrays import AnyArray, Array, Image
 from procam.maths.geometry.sphere import master_directions, master_pixels, master_solid_angles
 from simulators.backend import build_scene, build_server
 from simulators.builds import CameraBuild, ProjectorBuild
@@ -25,8 +25,6 @@ from simulators.server import NAME as SERVER
 from simulators.server import MediaServer, projector_drives
 from simulators.sight_lines import SightLines
 
-Array = NDArray[np.float64]
-Image = NDArray[np.float32]
 MASTER = 1024
 PATHS = 8192  # from each patch: .2 % of the scattered light, half a minute a picture
 FINE = 2  # pictures are rendered this much finer and averaged over pixels
@@ -135,7 +133,7 @@ def _averaged(fine: Image) -> Image:
     return np.asarray(blocks.mean(axis=(1, 3)), np.float32)
 
 
-def _projector_maps(light: ProjectorLight, view: SightLines) -> dict[str, NDArray[Any]]:
+def _projector_maps(light: ProjectorLight, view: SightLines) -> dict[str, AnyArray]:
     white = light.build.colour_mix.sum(axis=1)
     valid = light.lit.astype(np.float32)
     albedo = light.reflected_m2 / np.maximum(light.solid_angle_sr, 1e-30)
@@ -144,7 +142,7 @@ def _projector_maps(light: ProjectorLight, view: SightLines) -> dict[str, NDArra
     return _maps(light.direction, light.solid_angle_sr, valid, gain)
 
 
-def _server_maps(server: MediaServer, white: Image) -> dict[str, NDArray[Any]]:
+def _server_maps(server: MediaServer, white: Image) -> dict[str, AnyArray]:
     """Channels of the server's map; `white` (M, M, 3) is the direct radiance of full white."""
     direction, reached = server.pixel_directions()
     valid = reached.astype(np.float32)
@@ -258,7 +256,7 @@ def _pose(pose: Any) -> dict[str, Any]:
     return {"rotation": pose.rotation.tolist(), "translation": pose.translation.tolist()}
 
 
-def _write_exr(path: Path, channels: Mapping[str, NDArray[Any]]) -> None:
+def _write_exr(path: Path, channels: Mapping[str, AnyArray]) -> None:
     stack = np.stack([np.asarray(c, np.float32) for c in channels.values()], axis=-1)
     height, width, count = stack.shape
     spec = oiio.ImageSpec(width, height, count, "float")

@@ -4,11 +4,10 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import BoolArray, IndexArray, Map
 from procam.kernels.frame import FrameModel
 
-Map = NDArray[np.float32]
 WELL_LIT = 0.5  # least coverage of a node whose measured light is used
 REACH = 6  # nodes to continue beyond that: the width of a fading border and of a band of node rows
 CONTINUED = ("spread", "lo", "hi", "gain")
@@ -33,7 +32,7 @@ def continued(model: FrameModel) -> FrameModel:
     return replace(model, **continued)
 
 
-def _spread_out(fields: dict[str, Map], known: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _spread_out(fields: dict[str, Map], known: BoolArray) -> BoolArray:
     """Continue fields (M * M, C) ring by ring beyond known nodes (M, M); returns all that are known then."""
     known = known.copy()
     for _ in range(REACH):
@@ -44,7 +43,7 @@ def _spread_out(fields: dict[str, Map], known: NDArray[np.bool_]) -> NDArray[np.
     return known
 
 
-def _ring(known: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp], Map]:
+def _ring(known: BoolArray) -> tuple[IndexArray, IndexArray, Map]:
     """Unknown nodes (P,) next to known ones, the nine nodes (P, 9) around each, and their weights (P, 9)."""
     edge = len(known)
     at = np.flatnonzero(_grown(known) & ~known)
@@ -55,7 +54,7 @@ def _ring(known: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp],
     return at, near, share / share.sum(axis=1, keepdims=True)
 
 
-def _grown(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _grown(mask: BoolArray) -> BoolArray:
     """A mask grown by one node, at corners too."""
     wide = np.pad(mask, 1)
     tall = wide[:-2] | wide[1:-1] | wide[2:]

@@ -7,28 +7,19 @@ as it is and goes through tables, other encoded content is decoded before and en
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import AnyArray, Array, BoolArray, Image
 from procam.compensate.content import ContentCodec
 from procam.compensate.equations import FrameEquations, Solution
 from procam.compensate.fields import Fields
 from procam.errors import InputError
-from procam.kernels.frame import (
-    Coding,
-    check_pictures,
-    frame_apply,
-    frame_sums,
-    scattered_light,
-)
+from procam.kernels.frame import Coding, check_pictures, frame_apply, frame_sums, scattered_light
 from procam.kernels.frame.reference import interpolated
 from procam.maths.light.transfer import transfer
 from procam.model.calibration import Calibration
 
-Array = NDArray[np.float64]
-Image = NDArray[np.float32]
 METHODS = ("exact", "subtract", "least-squares", "paper-eq12", "none")
 CHANNELS = 3
 DARKEST = 1e-5  # moments [rel sr] of a black frame: certificates are relative to no less
@@ -49,7 +40,7 @@ class Compensated:
 
     direct: Image
     observed: Image
-    free: NDArray[np.bool_]
+    free: BoolArray
     flux: Array
 
 
@@ -78,7 +69,7 @@ class Certificate:
 class _Solved:
     """A solved frame: its content as the kernels take it, which nobody has overwritten, and its solution."""
 
-    content: NDArray[Any]
+    content: AnyArray
     coding: Coding
     solution: Solution
 
@@ -148,17 +139,17 @@ class Compensator:
         self.coefficients: Array = self._equations.nothing.coefficients
 
     @property
-    def protected(self) -> NDArray[np.bool_]:
+    def protected(self) -> BoolArray:
         """(N, N) where the content is sent unchanged."""
         none = np.zeros((self.size, self.size), bool)
         return none if self.fields.protected is None else self.fields.protected
 
     @cached_property
-    def lit(self) -> NDArray[np.bool_]:
+    def lit(self) -> BoolArray:
         """(N, N) where projectors reach."""
         return interpolated(self.fields.shown, self.fields.shown.coverage, slice(None)) > 0
 
-    def frame(self, image: NDArray[Any], out: NDArray[Any] | None = None) -> NDArray[Any]:
+    def frame(self, image: AnyArray, out: AnyArray | None = None) -> AnyArray:
         """The light to send, encoded as the content is.
 
         Parameters
@@ -182,9 +173,7 @@ class Compensator:
             self._solved = _Solved(content, coding, solution)
         return self._codec.finished(image, sent, None if content is image else coding, out, held)
 
-    def apply(
-        self, image: NDArray[Any], coefficients: Array, out: NDArray[Any] | None = None
-    ) -> NDArray[Any]:
+    def apply(self, image: AnyArray, coefficients: Array, out: AnyArray | None = None) -> AnyArray:
         """`frame` with known coefficients (3, 9), such as a track's; nothing is solved."""
         check_pictures(self.size, image, out)
         content, coding = self._codec.decoded(image)

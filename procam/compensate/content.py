@@ -1,11 +1,10 @@
 """Content of any type for the frame kernels, and their results as content of that type."""
 
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import AnyArray, BoolArray
 from procam.kernels.frame import Coding
 from procam.kernels.frame.coding import WHOLE
 from procam.maths.codes.dither import threshold_tile
@@ -28,10 +27,10 @@ class ContentCodec:
 
     transfer: Transfer | None
     strength: float
-    protected: NDArray[np.bool_] | None
+    protected: BoolArray | None
     _codings: dict[tuple[str, float, float], Coding] = field(default_factory=dict)
 
-    def decoded(self, image: NDArray[Any]) -> tuple[NDArray[Any], Coding]:
+    def decoded(self, image: AnyArray) -> tuple[AnyArray, Coding]:
         """The content for the kernels: 8 bits as they are, other types in linear light."""
         integer = image.dtype in WHOLE
         name = self.transfer.name if self.transfer else "srgb" if integer else "linear"
@@ -51,18 +50,18 @@ class ContentCodec:
             self._codings[key] = made
         return self._codings[key]
 
-    def protected_pixels(self, image: NDArray[Any]) -> NDArray[Any] | None:
+    def protected_pixels(self, image: AnyArray) -> AnyArray | None:
         """Values of an image where content is sent unchanged, or None."""
         return None if self.protected is None else image[self.protected]
 
     def finished(
         self,
-        image: NDArray[Any],
-        sent: NDArray[Any],
+        image: AnyArray,
+        sent: AnyArray,
         coding: Coding | None,
-        out: NDArray[Any] | None,
-        held: NDArray[Any] | None,
-    ) -> NDArray[Any]:
+        out: AnyArray | None,
+        held: AnyArray | None,
+    ) -> AnyArray:
         """Light encoded as the image is, by `coding` unless it is so already; protected pixels put back."""
         if coding is not None:
             whole = WHOLE.get(image.dtype)

@@ -10,26 +10,16 @@ slope, so that a slow pan takes two evaluations, and the second one already writ
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import AnyArray, Array, BoolArray, Image
 from procam.compensate.fields import Fields
 from procam.compensate.node_sample import NodeSample
 from procam.compensate.solver import Root
-from procam.kernels.frame import (
-    TERMS,
-    Coding,
-    FrameModel,
-    frame_apply,
-    frame_sums,
-    scattered_light,
-)
+from procam.kernels.frame import TERMS, Coding, FrameModel, frame_apply, frame_sums, scattered_light
 from procam.kernels.native.arrays import aligned_like
 
-Array = NDArray[np.float64]
-Image = NDArray[np.float32]
 CHANNELS = 3
 TOLERANCE = 2e-9  # of the moments, relative: the resolution of double sums of single light
 TOLERANCES = {1: 1.5e-5, 2: 1e-6}  # for types of so many bytes: below their own quantisation
@@ -106,13 +96,13 @@ class FrameEquations:
         """The same for `shown`."""
         return self._shown_light.of(solution)
 
-    def sums(self, content: NDArray[Any], solution: Solution, what: str, coding: Coding) -> Array:
+    def sums(self, content: AnyArray, solution: Solution, what: str, coding: Coding) -> Array:
         """Moments (3, T), see `kernels.frame.frame_sums`."""
         return frame_sums(self.model, content, self.light(solution), what, coding)
 
     def frame(
-        self, content: NDArray[Any], coding: Coding, out: NDArray[Any] | None
-    ) -> tuple[NDArray[Any], Solution]:
+        self, content: AnyArray, coding: Coding, out: AnyArray | None
+    ) -> tuple[AnyArray, Solution]:
         """Solve; the light to send, encoded as the content is, with its solution."""
         target = aligned_like(content) if out is None else out
         early = self.shown is self.model and not np.may_share_memory(content, target)
@@ -122,17 +112,13 @@ class FrameEquations:
         return target, solution
 
     def apply(
-        self,
-        content: NDArray[Any],
-        coding: Coding,
-        solution: Solution,
-        out: NDArray[Any] | None,
-    ) -> NDArray[Any]:
+        self, content: AnyArray, coding: Coding, solution: Solution, out: AnyArray | None
+    ) -> AnyArray:
         """The light to send for a known solution, encoded as the content is."""
         return frame_apply(self.shown, content, self.shown_light(solution), coding, out)
 
     def solve(
-        self, content: NDArray[Any], coding: Coding, target: NDArray[Any] | None = None
+        self, content: AnyArray, coding: Coding, target: AnyArray | None = None
     ) -> tuple[Solution, bool]:
         """The solution of a frame, and whether its picture was written to `target` on the way.
 
@@ -163,11 +149,7 @@ class FrameEquations:
         return self._solution(root.value), up_to_date
 
     def residual(
-        self,
-        content: NDArray[Any],
-        coding: Coding,
-        solution: Solution,
-        target: NDArray[Any] | None = None,
+        self, content: AnyArray, coding: Coding, solution: Solution, target: AnyArray | None = None
     ) -> Array:
         """Moments of the light sent less those assumed; in (W) also the optimal pull less the pull.
 
@@ -199,7 +181,7 @@ class FrameEquations:
             pull[:, :terms] = value[:, terms:]
         return Solution(moments, self.fields.coefficients_of(moments), pull)
 
-    def _start(self, content: NDArray[Any], coding: Coding) -> Root:
+    def _start(self, content: AnyArray, coding: Coding) -> Root:
         """No light, and the slope there."""
         terms = self.model.terms * (2 if self.method == "least-squares" else 1)
         value = np.zeros((CHANNELS, terms))
@@ -209,7 +191,7 @@ class FrameEquations:
     def _sample(self) -> NodeSample:
         return NodeSample.of(self.model)
 
-    def _slope(self, solution: Solution, content: NDArray[Any], coding: Coding) -> Array:
+    def _slope(self, solution: Solution, content: AnyArray, coding: Coding) -> Array:
         """Slope of the residual, from the nodes of a sample where no limit holds."""
         sample = self._sample
         free = np.ones(sample.shape, bool)
@@ -222,7 +204,7 @@ class FrameEquations:
             )
         return self._slope_of(free)
 
-    def _slope_of(self, free: NDArray[np.bool_]) -> Array:
+    def _slope_of(self, free: BoolArray) -> Array:
         sample, operator, terms = self._sample, self.fields.operator, self.model.terms
         eye = np.eye(terms)
         weighted = sample.products(free, 1)

@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array, BoolArray, FloatArray, Map
 from procam.compensate._continuation import WELL_LIT, continued
 from procam.errors import InputError
 from procam.kernels.frame import TERMS, FrameModel, scattered_light
@@ -26,8 +26,6 @@ from procam.maths.light.scatter_kernel import basis
 from procam.model.calibration import Calibration
 from procam.model.transport import DomeMaps, ScatterKernel
 
-Array = NDArray[np.float64]
-Map = NDArray[np.float32]
 WHITES = ("summed", "keep")
 CHANNELS = 3
 
@@ -48,7 +46,7 @@ class Fields:
     shown: FrameModel
     model: FrameModel
     operator: Array
-    protected: NDArray[np.bool_] | None
+    protected: BoolArray | None
 
     @classmethod
     def of(
@@ -145,7 +143,7 @@ def _model(calibration: Calibration, size: int, state: str | None) -> FrameModel
     return continued(_divided_by_profile(raw, maps.kernel))
 
 
-def _sampled(field: Map, where: NDArray[np.floating] | None) -> Map:
+def _sampled(field: Map, where: FloatArray | None) -> Map:
     """A map sampled at `where`, or the map itself."""
     if where is None:
         return field
@@ -165,7 +163,7 @@ def _untouched(shown: FrameModel, maps: DomeMaps) -> FrameModel:
     return replace(shown, spread=spread, ambient=ambient, gain=gain)
 
 
-def _protected(maps: DomeMaps, size: int) -> NDArray[np.bool_] | None:
+def _protected(maps: DomeMaps, size: int) -> BoolArray | None:
     """Where (N, N) content is sent unchanged; None if nowhere."""
     if maps.protected is None:  # a large master's directions take seconds
         return None
@@ -175,7 +173,7 @@ def _protected(maps: DomeMaps, size: int) -> NDArray[np.bool_] | None:
 
 
 def _scatter(
-    calibration: Calibration, where: NDArray[np.floating] | None, state: str | None
+    calibration: Calibration, where: FloatArray | None, state: str | None
 ) -> tuple[Map, Map | None]:
     """Scatter per flux (M, M, 3) [1/sr] and the lamps' light, or None, in a venue state."""
     scatter = _sampled(calibration.maps.scatter_per_flux, where)

@@ -6,14 +6,11 @@ Equations: docs/theory/compensation.md (C5), (C6).
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array, BoolArray, FloatArray
 from procam.errors import InputError, ShapeError, UnitError
 from procam.maths.mesh.active_set import LeastSquares, MeshRoom, exact_light
 from procam.maths.mesh.radiosity import check_gain
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +46,7 @@ class CompensatedMesh:
 
     direct: Array
     total: Array
-    free: Mask
+    free: BoolArray
     certificate: MeshCertificate
 
 
@@ -83,13 +80,7 @@ class MeshCompensator:
     """
 
     def __init__(
-        self,
-        factors: NDArray[np.floating],
-        albedo: Array,
-        area_m2: Array,
-        *,
-        lo: Array,
-        hi: Array,
+        self, factors: FloatArray, albedo: Array, area_m2: Array, *, lo: Array, hi: Array
     ) -> None:
         _check_room(factors, albedo, area_m2)
         for name, limit in (("lo", lo), ("hi", hi)):
@@ -171,7 +162,7 @@ class MeshCompensator:
             )
 
 
-def _check_room(factors: NDArray[np.floating], albedo: Array, area_m2: Array) -> None:
+def _check_room(factors: FloatArray, albedo: Array, area_m2: Array) -> None:
     if factors.ndim != 2 or factors.shape[0] != factors.shape[1] or not len(factors):
         raise ShapeError("form factors", factors.shape, "(N, N), a row and a column for each face")
     faces = len(factors)
@@ -202,7 +193,7 @@ def _check_array(name: str, values: Array, shape: tuple[int, ...]) -> None:
         )
 
 
-def _count(where: Mask) -> str:
+def _count(where: BoolArray) -> str:
     return f"{np.count_nonzero(where)} of {where.size} values"
 
 

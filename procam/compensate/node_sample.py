@@ -1,16 +1,13 @@
 """A sample of the nodes of a frame model, for slopes and for the share of places at a limit."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import AnyArray, Array, BoolArray, FloatArray, IndexArray, Map
 from procam.kernels.frame import FrameModel
 from procam.kernels.frame.reference import monomials
 
-Array = NDArray[np.float64]
-Map = NDArray[np.float32]
 CHANNELS = 3
 SAMPLE = 96  # nodes along an edge, at most
 
@@ -23,8 +20,8 @@ class NodeSample:
     (S, S, 3), `terms` (T, S, S).
     """
 
-    node: NDArray[np.intp]
-    pixel: NDArray[np.intp]
+    node: IndexArray
+    pixel: IndexArray
     weight: Array
     spread: Array
     terms: Array
@@ -47,13 +44,11 @@ class NodeSample:
         """Of a boolean mask over the sample, per colour."""
         return (*self.weight.shape, CHANNELS)
 
-    def of_picture(self, picture: NDArray[Any]) -> NDArray[Any]:
+    def of_picture(self, picture: AnyArray) -> AnyArray:
         """The sample's pixels (S, S, 3) of a picture (N, N, 3)."""
         return picture[np.ix_(self.pixel, self.pixel)]
 
-    def free(
-        self, model: FrameModel, content: NDArray[np.floating], light: Map, top: float
-    ) -> NDArray[np.bool_]:
+    def free(self, model: FrameModel, content: FloatArray, light: Map, top: float) -> BoolArray:
         """Where (S, S, 3) no limit holds, for linear content (S, S, 3) less scattered light.
 
         White that is just reached is free: the solution subtracts more light.
@@ -64,7 +59,7 @@ class NodeSample:
         hi = top if model.hi is None else np.minimum(model.hi[grid], top)
         return np.asarray((wanted > model.lo[grid]) & (wanted <= hi))
 
-    def products(self, where: NDArray[np.bool_], power: int) -> Array:
+    def products(self, where: BoolArray, power: int) -> Array:
         """(3, T, T): moments over `where` (S, S, 3) of the monomials, weighted with spread^power."""
         flat = self.terms.reshape(len(self.terms), -1)
         found = []

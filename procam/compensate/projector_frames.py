@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from procam.arrays import AnyArray, Array, FloatArray, Image
 from procam.errors import InputError, ShapeError
 from procam.kernels import WarpPlan, plan_warp, warp_frame
 from procam.kernels.warp.reference import KNOTS, TILE
@@ -17,9 +18,7 @@ from procam.model.calibration import Calibration, ProjectorCalibration
 from procam.model.photometry import Photometry
 from procam.model.transport import DomeMaps
 
-Image = NDArray[np.float32]
-Frame = NDArray[Any]
-Decode = Callable[[NDArray[np.floating]], NDArray[np.floating]]
+Decode = Callable[[FloatArray], FloatArray]
 CODES = 256
 MOST_SHARE = (
     100.0  # larger shares add under 1 % of white, and cost precision of neighbouring pixels
@@ -67,7 +66,7 @@ class Warper:
         dtype: Any = np.uint8,
         *,
         decode: Decode = srgb_decode,
-        thresholds: NDArray[np.floating] | None = None,
+        thresholds: FloatArray | None = None,
     ) -> None:
         self.size, self.dtype = size, np.dtype(dtype)
         if self.dtype not in (np.uint8, np.uint16, np.float32):
@@ -84,7 +83,9 @@ class Warper:
             for name, projector in calibration.projectors.items()
         }
 
-    def frame(self, master: Frame, out: Mapping[str, Frame] | None = None) -> dict[str, Frame]:
+    def frame(
+        self, master: AnyArray, out: Mapping[str, AnyArray] | None = None
+    ) -> dict[str, AnyArray]:
         """Frames (H, W, 3) by projector for a master (N, N, 3) of direct light.
 
         Parameters
@@ -99,7 +100,7 @@ class Warper:
             for name, projector in self._projectors.items()
         }
 
-    def _frame(self, master: Frame, projector: _Prepared, out: Frame | None) -> Frame:
+    def _frame(self, master: AnyArray, projector: _Prepared, out: AnyArray | None) -> AnyArray:
         photometry = projector.photometry
         if self.dtype != np.float32 and photometry.exponent is None:
             return warp_frame(master, projector.plan, out, self.dtype)
@@ -124,8 +125,8 @@ def _plan(
     projector: ProjectorCalibration,
     maps: DomeMaps,
     size: int,
-    codes: NDArray[np.floating],
-    thresholds: NDArray[np.floating] | None,
+    codes: FloatArray,
+    thresholds: FloatArray | None,
 ) -> WarpPlan:
     """The plan of a projector for the kernel."""
     surface, photometry = projector.surface, projector.photometry
@@ -146,7 +147,7 @@ def _plan(
     )
 
 
-def _drives(photometry: Photometry) -> NDArray[np.float64]:
+def _drives(photometry: Photometry) -> Array:
     """Drives (513, 3) for the kernel's light."""
     response = photometry.response
     light = np.repeat(KNOTS[:, None], 3, axis=1)
@@ -155,7 +156,7 @@ def _drives(photometry: Photometry) -> NDArray[np.float64]:
     return np.maximum.accumulate(drives, axis=0)
 
 
-def _exact_drive(master: Frame, projector: _Prepared) -> Image:
+def _exact_drive(master: AnyArray, projector: _Prepared) -> Image:
     """Drives by the response's own table, after its exponent where it depends on position."""
     photometry = projector.photometry
     light = warp_frame(master, projector.plan, dtype=np.float32)
@@ -165,7 +166,7 @@ def _exact_drive(master: Frame, projector: _Prepared) -> Image:
     return np.where(light > 0, drive, 0).astype(np.float32)
 
 
-def _quantised(drive: Image, dtype: np.dtype[Any], thresholds: Image) -> Frame:
+def _quantised(drive: Image, dtype: np.dtype[Any], thresholds: Image) -> AnyArray:
     """Drives as values of a type: rounded to 16 bits, dithered to 8."""
     if dtype == np.float32:
         return drive

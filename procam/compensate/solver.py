@@ -8,11 +8,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array, BoolArray
 from procam.errors import DidNotConverge
 
-Array = NDArray[np.float64]
 MAX_STEPS = 40
 HALVINGS = 8
 QUICK = 0.05  # largest ratio of residuals after and before a step for which the slope is kept
@@ -71,11 +70,11 @@ class Root:
             "check scatter_per_flux for negative or non-finite values"
         )
 
-    def _step(self, found: Array, done: NDArray[np.bool_]) -> Array:
+    def _step(self, found: Array, done: BoolArray) -> Array:
         step = np.linalg.solve(-self.slope, found[..., None])[..., 0]
         return np.where(done[:, None], 0, step)
 
-    def _update(self, step: Array, change: Array, where: NDArray[np.bool_]) -> None:
+    def _update(self, step: Array, change: Array, where: BoolArray) -> None:
         """Correct the slope by what a step changed (Broyden 1965, eq. 4.5), unless it becomes singular."""
         missed = change - (self.slope @ step[..., None])[..., 0]
         along = step / np.maximum((step**2).sum(axis=1), 1e-300)[:, None]

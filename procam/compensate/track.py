@@ -7,13 +7,11 @@ Per colour, scattered light is `spread` times a polynomial of nine terms in the 
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array, Image
 from procam.compensate.fields import Fields
 from procam.maths.codes.dither import threshold_tile
 
-Array = NDArray[np.float64]
-Texture = NDArray[np.float32]
 TERMS = ("1", "x", "y", "z", "xy", "yz", "xz", "x^2-y^2", "z^2")
 CHANNELS = "RGB"
 METHODS = ("exact", "subtract")  # those whose frames differ in the coefficients alone
@@ -21,7 +19,7 @@ EXPONENTS = {"gamma2.2": 2.2, "gamma2.4": 2.4, "gamma2.6": 2.6, "bt1886": 2.4}
 NO_LIMIT = 1e30  # a number that JSON and a shader can both hold
 
 
-def textures(fields: Fields) -> dict[str, Texture]:
+def textures(fields: Fields) -> dict[str, Image]:
     """Textures (H, W, 1 or 3) by name; a uniform field is one texel.
 
     Floats of 32 bits: near black a step of 8-bit sRGB is 3e-4 of white, and half floats would round the
@@ -41,7 +39,7 @@ def textures(fields: Fields) -> dict[str, Texture]:
     return {name: np.asarray(np.atleast_3d(field), np.float32) for name, field in found.items()}
 
 
-def _texel(value: float, channels: int = 1) -> Texture:
+def _texel(value: float, channels: int = 1) -> Image:
     return np.full((1, 1, channels), value, np.float32)
 
 
@@ -76,7 +74,7 @@ def uniforms(transfer: str, dtype: np.dtype[np.generic]) -> dict[str, float]:
     }
 
 
-def moves(fields: Fields) -> Texture:
+def moves(fields: Fields) -> Image:
     """(18, 9, 3) for the live variant: coefficients q become A M + B q, M the moments that q gives.
 
     Without limits M = M_t - S q, S the moments of the terms weighted with `spread`, and q = G M

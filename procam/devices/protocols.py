@@ -8,9 +8,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
+from procam.arrays import Array32
 from procam.model.frame import CameraSettings, Frame
 
 
@@ -28,7 +26,7 @@ class Power(StrEnum):
 class Shown:
     """The drive that a projector shows, after its quantisation, and the time since when [s]."""
 
-    drive: NDArray[np.float32]
+    drive: Array32
     at_s: float
 
 
@@ -85,7 +83,7 @@ class Projector(Protocol):
     name: str
     size: tuple[int, int]
 
-    def show(self, drive: NDArray[np.float32]) -> Shown:
+    def show(self, drive: Array32) -> Shown:
         """Show `drive`, (H, W, 3) in 0..1; returns once it is on the screen."""
         ...
 

@@ -10,14 +10,7 @@ from typing import Any, Self
 import numpy as np
 
 from procam.devices.control.projector_control import open_serial_control
-from procam.devices.protocols import (
-    BackendRig,
-    Camera,
-    Clock,
-    Power,
-    Projector,
-    ProjectorControl,
-)
+from procam.devices.protocols import BackendRig, Camera, Clock, Power, Projector, ProjectorControl
 from procam.errors import DeviceError, InputError
 
 FROM_BACKEND = "backend"  # a control port that the backend provides

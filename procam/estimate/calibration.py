@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array, FloatArray, Image
 from procam.estimate.geometry.camera_view import DomeView
 from procam.estimate.geometry.solve import MAX_SPHERE_RATIO, GeometrySolution
 from procam.estimate.light.blend import Blender, common_white
@@ -21,16 +21,9 @@ from procam.estimate.light.floor_albedo import floor_notes
 from procam.estimate.light.footprint import camera_pixels, lit_share, project_surface
 from procam.estimate.light.luminance_matching import matched_white
 from procam.estimate.light.projector_response import ColourFit
-from procam.estimate.light.scatter_kernel import (
-    BLACK_BLUR_PX,
-    CELLS,
-    ScatterSample,
-)
+from procam.estimate.light.scatter_kernel import BLACK_BLUR_PX, CELLS, ScatterSample
 from procam.estimate.light.separation import SeparatedLight
-from procam.maths.geometry.sphere import (
-    master_directions,
-    master_solid_angles,
-)
+from procam.maths.geometry.sphere import master_directions, master_solid_angles
 from procam.maths.warp import blur, sample
 from procam.model.calibration import Calibration, ProjectorCalibration
 from procam.model.correspondence import ProjectorSurface
@@ -40,8 +33,6 @@ from procam.model.quality import Figure, Goal
 from procam.model.screen import Dome
 from procam.model.transport import DomeMaps
 
-Array = NDArray[np.float64]
-Image = NDArray[np.float32]
 MAP_SIZE = 1024
 COVERED = 0.999  # coverage of a pixel that limits the common white
 MAX_ADDITIVITY_ERROR = 0.01
@@ -224,7 +215,7 @@ def _projector(
     name: str,
     surface: ProjectorSurface,
     measured: Mapping[str, ProjectorMeasurement],
-    white_light: NDArray[np.floating],
+    white_light: FloatArray,
     blender: Blender,
 ) -> ProjectorCalibration:
     """One projector: its gain from the camera at each pixel's direction, its mix in content channels."""

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array32
 from procam.errors import FileFormatError, ShapeError
 from procam.files.atomic import replacing_directory
 from procam.files.images.layers import read_channels, read_layers, write_channels, write_layers
@@ -27,7 +27,7 @@ from procam.model.screen import Dome
 from procam.model.transport import DomeMaps, Measured, ScatterKernel
 from procam.model.venue_state import VenueState
 
-Channels = dict[str, NDArray[np.float32]]
+Channels = dict[str, Array32]
 RGB = ("R", "G", "B")
 DOME_MAPS = ("scatter_per_flux", "albedo", "lo", "hi")
 
@@ -303,7 +303,7 @@ def _projector(directory: Path, name: str, entry: dict[str, Any]) -> ProjectorCa
     return ProjectorCalibration(model, surface, photometry, maps["blend"])
 
 
-def _three_channels(maps: Channels, name: str) -> NDArray[np.float32]:
+def _three_channels(maps: Channels, name: str) -> Array32:
     layer = maps[name]
     if layer.shape[2:] != (3,):
         raise ShapeError(f"map {name}", layer.shape, "(H, W, 3)")

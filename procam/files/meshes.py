@@ -12,18 +12,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from procam.arrays import Array, BoolArray, IndexArray
 from procam.errors import FileFormatError
 from procam.maths.geometry.sphere import angles_from_direction, normalise
 from procam.maths.mesh.facets import half_edges, shared_edges
 from procam.model.screen import MeshScreen
 
-Vertices = NDArray[np.float64]
-Faces = NDArray[np.intp]
 SUFFIXES = (".obj", ".ply")
 EXTRA = 'pip install "procam[geom]"'
 LARGEST_M = 500.0
@@ -37,8 +35,8 @@ class _Mesh:
     """A mesh that is being checked, and its file."""
 
     path: Path
-    vertices: Vertices
-    faces: Faces
+    vertices: Array
+    faces: IndexArray
 
     @property
     def extent(self) -> float:
@@ -187,7 +185,7 @@ def _refuse_branches(mesh: _Mesh) -> None:
         )
 
 
-def _sides(mesh: _Mesh) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
+def _sides(mesh: _Mesh) -> tuple[IndexArray, BoolArray]:
     """Connected part of each face, and whether it has to be reversed to agree with its part.
 
     Each face is two nodes, as it is and reversed, and neighbours are joined so that they agree. A part
@@ -233,7 +231,7 @@ def _refuse_openings(mesh: _Mesh) -> None:
         )
 
 
-def _open_edges(mesh: _Mesh) -> Faces:
+def _open_edges(mesh: _Mesh) -> IndexArray:
     """Vertices (E, 2) of the edges with one face, in that face's order."""
     edges = half_edges(mesh.faces)
     alone = np.ones(len(edges), bool)
@@ -241,7 +239,7 @@ def _open_edges(mesh: _Mesh) -> Faces:
     return np.asarray(edges[alone])
 
 
-def _loops(edges: Faces) -> NDArray[np.intp]:
+def _loops(edges: IndexArray) -> IndexArray:
     """Number of the loop that each edge belongs to."""
     count = int(edges.max()) + 1
     graph = coo_array((np.ones(len(edges), bool), tuple(edges.T)), shape=(count, count))
@@ -249,20 +247,20 @@ def _loops(edges: Faces) -> NDArray[np.intp]:
     return np.asarray(np.unique(member, return_inverse=True)[1])
 
 
-def _turns(loop: NDArray[np.intp], a: Vertices, b: Vertices) -> NDArray[np.intp]:
+def _turns(loop: IndexArray, a: Array, b: Array) -> IndexArray:
     """Number of times that each loop of edges from a to b goes round the pole."""
     step = np.arctan2(b[:, 1], b[:, 0]) - np.arctan2(a[:, 1], a[:, 0])
     step -= 2 * np.pi * np.rint(step / (2 * np.pi))
     return np.rint(np.bincount(loop, step) / (2 * np.pi)).astype(np.intp)
 
 
-def _opening(mesh: _Mesh, edges: Faces) -> str:
+def _opening(mesh: _Mesh, edges: IndexArray) -> str:
     points = mesh.vertices[np.unique(edges)]
     across = 2 * np.linalg.norm(points - points.mean(axis=0), axis=1).max()
     return f"{across:.3g} m across {_place(mesh, edges)}"
 
 
-def _place(mesh: _Mesh, vertices: Faces) -> str:
+def _place(mesh: _Mesh, vertices: IndexArray) -> str:
     """Direction of some vertices from the origin, for messages."""
     centre = mesh.vertices[np.unique(vertices)].mean(axis=0)
     azimuth, elevation = np.degrees(angles_from_direction(normalise(centre)))

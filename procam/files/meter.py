@@ -5,8 +5,8 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array
 from procam.errors import FileFormatError
 from procam.maths.colour_science import colour_science
 from procam.model.reading import BLACK, PATCHES, MeterReading
@@ -109,7 +109,7 @@ def _reading(
     return MeterReading(row["projector"], patch, azimuth, elevation, xyz)
 
 
-def _from_chromaticity(where: str, luminance: float, x: float, y: float) -> NDArray[np.float64]:
+def _from_chromaticity(where: str, luminance: float, x: float, y: float) -> Array:
     colour = colour_science()
 
     for name, value in (("x", x), ("y", y)):

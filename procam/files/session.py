@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from procam.arrays import Array32
 from procam.errors import FileFormatError
 from procam.files import atomic
 from procam.files.images.pixels import read_image, write_image
@@ -74,7 +75,7 @@ class Session:
             raise FileFormatError(f"{path} has no list of shots; restore the file")
         return Plan(tuple(_shot(path, entry) for entry in shots))
 
-    def pattern(self, shot: Shot) -> NDArray[np.float32]:
+    def pattern(self, shot: Shot) -> Array32:
         """The drive (H, W, 3) 0..1 that a shot shows."""
         pixels = np.asarray(read_image(self.directory / shot.pattern), np.float32) / 255
         return np.broadcast_to(pixels, (*pixels.shape[:2], 3))

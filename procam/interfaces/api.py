@@ -6,11 +6,11 @@ while they run; here they run to their end, and the result is returned.
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from procam.arrays import AnyArray
 from procam.errors import InputError, NotEnoughData
 from procam.estimate.boards.camera import BoardView, CameraFit, fit_camera
 from procam.estimate.boards.targets import Board, find_board
@@ -25,8 +25,6 @@ from procam.maths.geometry.lenses import LensKind
 from procam.model.calibration import Calibration
 from procam.model.correspondence import CorrespondenceMap
 from procam.workflows.solve import calibrate
-
-Picture = NDArray[Any]
 
 
 def generate_patterns(
@@ -58,7 +56,7 @@ def generate_patterns(
 
 
 def decode(
-    photographs: Iterable[Picture], size: tuple[int, int], code: str = codes.DEFAULT_CODE
+    photographs: Iterable[AnyArray], size: tuple[int, int], code: str = codes.DEFAULT_CODE
 ) -> CorrespondenceMap:
     """Projector coordinates of every camera pixel, from photographs of `generate_patterns`.
 
@@ -96,7 +94,7 @@ def decode(
 
 
 def calibrate_camera(
-    photographs: Sequence[Picture],
+    photographs: Sequence[AnyArray],
     squares: tuple[int, int],
     square_m: float,
     model: LensKind = "brown",
@@ -194,7 +192,7 @@ def solve(session: str | Path) -> Calibration:
     return load_calibration(Path(last.data["calibration"]))
 
 
-def _grey(photograph: Picture) -> Picture:
+def _grey(photograph: AnyArray) -> AnyArray:
     """A photograph (H, W), in its own type if it is grey."""
     if photograph.ndim == 2:
         return photograph

@@ -10,8 +10,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array, Image
 from procam.errors import FileFormatError
 from procam.files.calibration import load_calibration
 from procam.files.images.layers import RGB, read_channels
@@ -25,8 +25,6 @@ from procam.maths.warp import block_mean
 from procam.model.calibration import Calibration
 from procam.model.quality import Figure, Goal
 
-Array = NDArray[np.float64]
-Image = NDArray[np.float32]
 ALBEDO_WIDTH = 0.06  # largest relative half width of an interval that is worth its name
 PATCHES = 256  # edge of the dome master whose pixels are the patches, 0.7 degrees wide
 LSB = 1 / 255

@@ -4,11 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial import legendre
-from numpy.typing import NDArray
 
+from procam.arrays import Array
 from procam.maths.statistics import robust_sigma
 
-Array = NDArray[np.float64]
 ROUNDS = 3  # of rejecting outliers
 MAX_POINTS = 20_000
 OUTLIER_SIGMAS = 3.0

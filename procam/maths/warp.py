@@ -2,13 +2,13 @@
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-Image = NDArray[np.float32]
+from procam.arrays import BoolArray, FloatArray, Image
+
 EXACT_CHANNELS = (1, 3, 4)
 
 
-def sample(image: NDArray[np.floating], xy: NDArray[np.floating], outside: float = 0.0) -> Image:
+def sample(image: FloatArray, xy: FloatArray, outside: float = 0.0) -> Image:
     """Bilinear samples (..., C) of `image` (H, W[, C]) at pixel coordinates `xy` (..., 2).
 
     Positions outside the image, and NaN, give `outside`. OpenCV 5 is exact to 3e-5 px with float maps
@@ -33,13 +33,13 @@ def sample(image: NDArray[np.floating], xy: NDArray[np.floating], outside: float
     return np.asarray(sampled, np.float32).reshape(*xy.shape[:-1], *tail)
 
 
-def blur(image: NDArray[np.floating], sigma_px: float) -> Image:
+def blur(image: FloatArray, sigma_px: float) -> Image:
     """Gaussian blur of (H, W[, C]); the border is mirrored."""
     source = np.ascontiguousarray(image, np.float32)
     return np.asarray(cv2.GaussianBlur(source, (0, 0), sigma_px), np.float32).reshape(image.shape)
 
 
-def blur_within(image: NDArray[np.floating], mask: NDArray[np.bool_], sigma_px: float) -> Image:
+def blur_within(image: FloatArray, mask: BoolArray, sigma_px: float) -> Image:
     """Gaussian blur of (H, W[, C]) over the pixels of `mask` (H, W) alone, which also fills just outside.
 
     Pixels out of reach of the mask become 0.
@@ -52,7 +52,7 @@ def blur_within(image: NDArray[np.floating], mask: NDArray[np.bool_], sigma_px: 
     )
 
 
-def grow(mask: NDArray[np.bool_], pixels: int) -> NDArray[np.bool_]:
+def grow(mask: BoolArray, pixels: int) -> BoolArray:
     """`mask` (H, W) dilated by a disc of radius `pixels`; a negative radius erodes it."""
     size = 2 * abs(pixels) + 1
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
@@ -61,14 +61,14 @@ def grow(mask: NDArray[np.bool_], pixels: int) -> NDArray[np.bool_]:
     return np.asarray(changed, bool)
 
 
-def edge_distance(mask: NDArray[np.bool_]) -> Image:
+def edge_distance(mask: BoolArray) -> Image:
     """Distance (H, W) [px] of each pixel of `mask` to the nearest one outside; the border is outside."""
     padded = np.pad(mask.astype(np.uint8), 1)
     distance = cv2.distanceTransform(padded, cv2.DIST_L2, cv2.DIST_MASK_5)
     return np.asarray(distance[1:-1, 1:-1], np.float32)
 
 
-def block_mean(image: NDArray[np.floating], size: int) -> Image:
+def block_mean(image: FloatArray, size: int) -> Image:
     """Means over `size` x `size` blocks of (H, W[, C]); an incomplete block at the edge is left out."""
     height, width = (n // size * size for n in image.shape[:2])
     trimmed = np.ascontiguousarray(image[:height, :width], np.float32)
@@ -77,7 +77,7 @@ def block_mean(image: NDArray[np.floating], size: int) -> Image:
     return np.asarray(shrunk, np.float32).reshape(target[1], target[0], *image.shape[2:])
 
 
-def local_median(image: NDArray[np.floating], mask: NDArray[np.bool_]) -> Image:
+def local_median(image: FloatArray, mask: BoolArray) -> Image:
     """Median over the pixels of `mask` in 5 x 5 neighbourhoods of (H, W).
 
     Other pixels count as very large or very small in turn, which shifts it by one rank at most.

@@ -4,9 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from procam.arrays import Array, Array32
 from procam.errors import InputError, ShapeError
 from procam.model.correspondence import ProjectorSurface
 from procam.model.optics import CameraModel, ProjectorModel
@@ -26,7 +24,7 @@ class ProjectorCalibration:
     model: ProjectorModel
     surface: ProjectorSurface
     photometry: Photometry
-    blend: NDArray[np.float32]
+    blend: Array32
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +48,7 @@ class Calibration:
     maps: DomeMaps
     feedback: Measured
     albedo: Measured
-    content_from_camera: NDArray[np.float64]
+    content_from_camera: Array
     quality: Mapping[str, Figure] = field(default_factory=dict)
     provenance: Mapping[str, Any] = field(default_factory=dict)
     schema_version: int = SCHEMA_VERSION

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Map = NDArray[np.float32]
-Mask = NDArray[np.bool_]
+from procam.arrays import BoolArray, Map
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,7 +18,7 @@ class CorrespondenceMap:
 
     projector_xy: Map
     sigma_px: Map
-    valid: Mask
+    valid: BoolArray
     shared_px: Map | None = None
 
 
@@ -43,7 +42,7 @@ class ProjectorMap:
     slope: Map
     coverage: Map
     count: NDArray[np.int32]
-    valid: Mask
+    valid: BoolArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +60,6 @@ class ProjectorSurface:
 
     direction: Map
     solid_angle_sr: Map
-    valid: Mask
+    valid: BoolArray
     measured: Map
     sigma_arcmin: Map

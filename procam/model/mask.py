@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import BoolArray, FloatArray
 from procam.errors import ShapeError
 
 
@@ -19,13 +19,13 @@ class Mask:
     """
 
     name: str
-    covered: NDArray[np.bool_]
+    covered: BoolArray
 
     def __post_init__(self) -> None:
         if self.covered.ndim != 2 or self.covered.dtype != np.bool_:
             raise ShapeError(f"mask {self.name}", self.covered.shape, "(H, W) of bool")
 
-    def at(self, xy: NDArray[np.floating]) -> NDArray[np.bool_]:
+    def at(self, xy: FloatArray) -> BoolArray:
         """Whether positions (..., 2) as (x, y) [px] are on a marked pixel; False for NaN and outside.
 
         >>> mask = Mask("south", np.array([[False, True]]))

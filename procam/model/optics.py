@@ -4,8 +4,8 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array
 from procam.maths.geometry.lenses import Lens
 from procam.maths.geometry.pose import Pose
 
@@ -64,7 +64,7 @@ class CameraModel:
     lens: Lens
     sensor: Sensor
     camera_from_dome: Pose | None = None
-    pupil: NDArray[np.float64] = field(default_factory=lambda: np.zeros(2))
+    pupil: Array = field(default_factory=lambda: np.zeros(2))
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +79,7 @@ class ProjectorModel:
     size: tuple[int, int]
     lens: Lens
     projector_from_dome: Pose
-    covariance: NDArray[np.float64] | None = None
+    covariance: Array | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +96,7 @@ class Fiducial:
     elevation: float | None
     sigma: float
     device: str
-    pixel: NDArray[np.float64]
+    pixel: Array
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,8 +2,7 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
+from procam.arrays import Array, Array32
 
 
 @dataclass(frozen=True, slots=True)
@@ -14,9 +13,9 @@ class ResponseCurve:
     (black subtracted); `sigma` (K, 3) their standard errors.
     """
 
-    levels: NDArray[np.float64]
-    values: NDArray[np.float64]
-    sigma: NDArray[np.float64]
+    levels: Array
+    values: Array
+    sigma: Array
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +35,6 @@ class Photometry:
     """
 
     response: ResponseCurve
-    colour_mix: NDArray[np.float64]
-    gain: NDArray[np.float32]
-    exponent: NDArray[np.float32] | None = None
+    colour_mix: Array
+    gain: Array32
+    exponent: Array32 | None = None

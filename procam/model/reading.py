@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array
 from procam.maths.geometry.sphere import direction_from_angles
 
 # drive of red, green and blue that fills the panel
@@ -35,7 +35,7 @@ class MeterReading:
     patch: str
     azimuth_deg: float
     elevation_deg: float
-    xyz: NDArray[np.float64]
+    xyz: Array
     count: int = 1
 
     @property
@@ -44,7 +44,7 @@ class MeterReading:
         return self.projector, self.azimuth_deg, self.elevation_deg
 
     @property
-    def direction(self) -> NDArray[np.float64]:
+    def direction(self) -> Array:
         """Unit direction (3,)."""
         return direction_from_angles(np.radians(self.azimuth_deg), np.radians(self.elevation_deg))
 

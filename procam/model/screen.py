@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from procam.arrays import Array
 from procam.errors import InputError, ShapeError, UnitError
 
 
@@ -54,7 +55,7 @@ class MeshScreen:
     smooth : the mesh samples a smooth surface, such as a scanned dome; else its faces are flat.
     """
 
-    vertices: NDArray[np.float64]
+    vertices: Array
     faces: NDArray[np.int32]
     smooth: bool = False
 

@@ -3,22 +3,20 @@
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array, BoolArray, FloatArray, Map
 from procam.errors import InputError, ShapeError
 from procam.model.mask import Mask
-
-Map = NDArray[np.float32]
 
 
 @dataclass(frozen=True, slots=True)
 class Measured:
     """One value per channel with its standard error: `value` (3,), `sigma` (3,)."""
 
-    value: NDArray[np.float64]
-    sigma: NDArray[np.float64]
+    value: Array
+    sigma: Array
 
-    def interval(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def interval(self) -> tuple[Array, Array]:
         """The 95 % interval, (low, high)."""
         return self.value - 1.96 * self.sigma, self.value + 1.96 * self.sigma
 
@@ -37,8 +35,8 @@ class ScatterKernel:
     """
 
     degree: int
-    matrix: NDArray[np.float64]
-    profile: NDArray[np.float64]
+    matrix: Array
+    profile: Array
 
     def __post_init__(self) -> None:
         if self.degree not in (0, 1, 2):
@@ -94,7 +92,7 @@ class DomeMaps:
         """Edge of the maps [px]."""
         return int(self.coverage.shape[0])
 
-    def is_protected(self, where: NDArray[np.floating]) -> NDArray[np.bool_]:
+    def is_protected(self, where: FloatArray) -> BoolArray:
         """Whether positions (..., 2) of the maps [px] are in the part that is never compensated."""
         if self.protected is None:
             return np.zeros(where.shape[:-1], bool)

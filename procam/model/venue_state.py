@@ -4,10 +4,10 @@ import re
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array, Map
 from procam.errors import InputError, ShapeError
-from procam.model.transport import Map, Measured
+from procam.model.transport import Measured
 
 STATE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")  # part of a file name
 
@@ -26,7 +26,7 @@ class VenueState:
 
     name: str
     feedback: Measured
-    scatter_ratio: NDArray[np.float64]
+    scatter_ratio: Array
     ambient: Map | None = None
 
     def __post_init__(self) -> None:

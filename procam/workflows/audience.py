@@ -7,8 +7,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array, Image, Map
 from procam.devices.rig import Rig
 from procam.errors import InputError, NotEnoughData, OutOfModelRange
 from procam.estimate.camera.radiance import Radiometer
@@ -26,15 +26,13 @@ from procam.files.venue.masks import MASTER_SIZE, camera_masks, screen_mask
 from procam.maths.geometry.sphere import master_pixels
 from procam.model.calibration import Calibration
 from procam.model.frame import CameraSettings
-from procam.model.transport import Map, Measured
+from procam.model.transport import Measured
 from procam.model.venue_state import VenueState
 from procam.workflows.capture.capture import missing_shots
 from procam.workflows.capture.session_images import SessionImages
 from procam.workflows.capture.session_plan import plan_of_session
 from procam.workflows.events import Event
 
-Array = NDArray[np.float64]
-Image = NDArray[np.float32]
 Size = tuple[int, int]
 MOST_SHIFT_PX = 3.0  # of the middle of a lit part; the calibration's own pixel is a fraction of one
 RATIOS = (0.5, 2.0)  # an audience changes the scattered light by a tenth
@@ -117,8 +115,8 @@ class _Camera:
                 if mean.max() < 1:
                     return level, mean
         raise OutOfModelRange(
-            "the room's own light: got more than the projectors' white, expected a show's exit signs "
-            "and aisle lights; dim the room lights"
+            "the room's own light is brighter than the projectors' white; dim the room lights to a "
+            "show's exit signs and aisle lights"
         )
 
     def zones(self, projector: str, pictures: Sequence[Picture]) -> list[ZoneObservation]:
@@ -151,7 +149,7 @@ class _Camera:
         lost = self._lost(light)
         if lost > SATURATED_SHARE:
             raise OutOfModelRange(
-                f"a lit part of projector {projector}: got {lost:.1%} saturated pixels, expected less "
+                f"a lit part of projector {projector}: {lost:.1%} of its pixels are saturated, more "
                 f"than {SATURATED_SHARE:.1%}; dim the room lights, or lower [capture] exposure_s"
             )
         return self.audience.observe(light, expected > 0)
@@ -219,7 +217,7 @@ def _check_names(venue: Venue, calibration: Calibration, name: str) -> None:
     VenueState(name, calibration.feedback, np.ones(3))  # refuses a name before a lamp is lit
     if f"state-{name}" in calibration.projectors:
         raise InputError(
-            f"venue state: got {name!r}, but projector state-{name} has a map of that name; choose "
+            f"venue state: the name {name!r} is taken by the map of projector state-{name}; choose "
             "another"
         )
     table = venue.table
@@ -235,13 +233,13 @@ def _check_devices(
     """Refuse a calibration of other devices than the venue's."""
     for name, size in known.items():
         if there.get(name) != size:
-            got = (
+            found = (
                 f"{kind} {name} of size {list(there[name])}"
                 if name in there
                 else f"no {kind} {name}"
             )
             raise InputError(
-                f"{venue.directory / 'venue.toml'}: got {got}, expected the newest calibration's of "
+                f"{venue.directory / 'venue.toml'}: {found}, but the newest calibration has {kind} {name} of "
                 f"{list(size)}; run `procam calibrate {venue.directory}` again"
             )
 
@@ -249,8 +247,8 @@ def _check_devices(
 def _check_enough(observations: Sequence[ZoneObservation]) -> None:
     if len(observations) < FEWEST:
         raise NotEnoughData(
-            f"pictures of a part of a projector's panel: got light of {len(observations)}, expected "
-            f"{FEWEST} or more; are masks in venue.toml too wide?"
+            f"only {len(observations)} pictures of a part of a projector's panel show light, and "
+            f"{FEWEST} are needed; are masks in venue.toml too wide?"
         )
 
 
@@ -258,16 +256,20 @@ def _check_ratio(ratio: Measured) -> None:
     low, high = RATIOS
     if not ((ratio.value >= low) & (ratio.value <= high)).all():
         raise OutOfModelRange(
-            f"scattered light: got {_percent(ratio.value)} of the calibration's, expected "
+            f"scattered light: {_percent(ratio.value)} of the calibration's, beyond the credible "
             f"{low:.0%} to {high:.0%}; is a projector lit that should be dark, or was the dome "
             "painted? then calibrate again"
         )
 
 
 def _moved(camera: str, projector: str, shift: float) -> str:
-    seen = "nowhere" if np.isnan(shift) else f"{shift:.1f} px from where the calibration has it"
+    seen = (
+        "not seen at all"
+        if np.isnan(shift)
+        else f"seen {shift:.1f} px from its place in the calibration ({MOST_SHIFT_PX:g} px at most)"
+    )
     return (
-        f"a lit part of projector {projector}: got it {seen}, expected at most {MOST_SHIFT_PX:g} px; "
+        f"a lit part of projector {projector}: {seen}; "
         f"camera {camera} or the projector has moved, or is covered: calibrate again"
     )
 

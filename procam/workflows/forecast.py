@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from procam.arrays import Array, BoolArray, Image
 from procam.compensate.compensator import Compensated, Compensator
 from procam.errors import InputError
 from procam.maths.geometry.sphere import (
@@ -26,9 +27,6 @@ from procam.model.calibration import Calibration
 from procam.model.screen import Dome
 from procam.model.transport import DomeMaps, Measured
 
-Array = NDArray[np.float64]
-Image = NDArray[np.float32]
-Mask = NDArray[np.bool_]
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # of R, G, B in their white: ITU-R BT.709
 SAMPLES = 512  # edge of the pictures that are judged [px]: 0.35 degrees
 DARK_SHARE = 0.25  # of the lit dome: what counts as a picture's darks
@@ -58,37 +56,34 @@ class PlannedDome:
     def __post_init__(self) -> None:
         if not 0 < self.albedo < 1:
             raise InputError(
-                f"albedo: got {self.albedo:g}, expected more than 0 and less than 1; dome paints "
-                "have 0.3 to 0.8"
+                f"albedo: {self.albedo:g} is not between 0 and 1; dome paints have 0.3 to 0.8"
             )
         if not 0 <= self.albedo_sigma < min(self.albedo, 1 - self.albedo) / 1.96:
             raise InputError(
-                f"albedo sigma: got {self.albedo_sigma:g}, expected 0 or more, and an interval "
-                f"{self.albedo:g} +- 1.96 sigma between 0 and 1"
+                f"albedo sigma: {self.albedo_sigma:g} must be 0 or more, and small enough that "
+                f"{self.albedo:g} +- 1.96 sigma stays between 0 and 1"
             )
         if not 0 < self.reflecting <= 1:
             raise InputError(
-                f"reflecting: got {self.reflecting:g}, expected more than 0 and at most 1, a share "
-                "of the cap"
+                f"reflecting: {self.reflecting:g} is no share of the cap; it must be above 0 and at "
+                "most 1"
             )
         if not 0 < self.coverage <= self.reflecting:
             raise InputError(
-                f"coverage: got {self.coverage:g}, expected more than 0 and at most "
-                f"{self.reflecting:g}, the share of the cap that reflects"
+                f"coverage: {self.coverage:g} must be above 0 and at most {self.reflecting:g}, "
+                "the share of the cap that reflects"
             )
         if not 1 < self.contrast:
             raise InputError(
-                f"contrast: got {self.contrast:g}, expected more than 1, such as 2000 for 2000:1"
+                f"contrast: {self.contrast:g} must be above 1, such as 2000 for 2000:1"
             )
         if not 0 < self.screen.half_angle <= np.pi / 2 + 1e-9:
             raise InputError(
-                f"half angle: got {np.degrees(self.screen.half_angle):g} degrees, expected more "
-                "than 0 and at most 90"
+                f"half angle: {np.degrees(self.screen.half_angle):g} degrees must be above 0 and at "
+                "most 90"
             )
         if not 0 <= self.screen.floor_albedo <= 1:
-            raise InputError(
-                f"floor albedo: got {self.screen.floor_albedo:g}, expected between 0 and 1"
-            )
+            raise InputError(f"floor albedo: {self.screen.floor_albedo:g} must be between 0 and 1")
 
     @property
     def lit_sr(self) -> float:
@@ -361,13 +356,15 @@ def band(values: Sequence[float], counts: int = 1) -> Band:
     return Band(values[counts], min(values), max(values))
 
 
-def _covered(maps: DomeMaps, size: int) -> Mask:
+def _covered(maps: DomeMaps, size: int) -> BoolArray:
     """Pixels (N, N) of a picture that are lit for the most part: limits at the rim are guesses."""
     direction, inside = master_directions(size)
     return np.asarray(inside & (sample(maps.coverage, master_pixels(direction, maps.size)) > 0.5))
 
 
-def _limits(content: Image, exact: Compensated, free_to_clip: Mask) -> tuple[Mask, Mask]:
+def _limits(
+    content: Image, exact: Compensated, free_to_clip: BoolArray
+) -> tuple[BoolArray, BoolArray]:
     """Where some colour stays too bright, and where too dark, (N, N) each."""
     bound = ~exact.free & free_to_clip[..., None]
     bright = (bound & (exact.observed > content)).any(axis=-1)
@@ -375,7 +372,7 @@ def _limits(content: Image, exact: Compensated, free_to_clip: Mask) -> tuple[Mas
     return np.asarray(bright), np.asarray(dark)
 
 
-def _mean(values: Array | Mask, solid: Array) -> float:
+def _mean(values: Array | BoolArray, solid: Array) -> float:
     return float(solid @ values / solid.sum())
 
 

@@ -3,13 +3,11 @@
 from collections.abc import Callable, Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from procam.arrays import Array, BoolArray, Image
 from procam.maths.geometry.sphere import angles_from_direction, master_directions, normalise
 
-Array = NDArray[np.float64]
-Image = NDArray[np.float32]
 HORIZON = np.radians(30.0)
 TREE_SPACING = np.radians(45.0)
 STARS = 500
@@ -103,7 +101,7 @@ def _over(under: Array, over: Array, share: Array) -> Array:
     return np.asarray(under + share[..., None] * (over - under))
 
 
-def _drawn(picture: Array, inside: NDArray[np.bool_]) -> Image:
+def _drawn(picture: Array, inside: BoolArray) -> Image:
     return (picture * inside[..., None]).astype(np.float32)
 
 

@@ -48,12 +48,12 @@ def _backend_of(venue: Venue) -> str:
     for backend, where in names.items():
         if backend not in known_backends():
             raise InputError(
-                f"{path}: {where}: got {backend!r}, expected one of "
+                f"{path}: {where}: no backend {backend!r} is installed, only "
                 f"{', '.join([BY_HAND, *known_backends()])}; correct it, or install its package"
             )
     if len(names) != 1:
         raise InputError(
-            f"{path}: got backends {', '.join(sorted(names))}, expected one for all devices"
+            f"{path}: devices of the backends {', '.join(sorted(names))} cannot be mixed; use one for all"
         )
     return next(iter(names))
 
@@ -68,11 +68,11 @@ def _check_devices(venue: Venue, backend_name: str, backend: BackendRig) -> None
         for name, entry in wanted.items():
             if name not in there:
                 raise InputError(
-                    f"{venue.directory / 'venue.toml'}: {kind}.{name}: got a name that backend "
-                    f"{backend_name!r} does not have, expected one of {', '.join(there)}"
+                    f"{venue.directory / 'venue.toml'}: {kind}.{name}: backend {backend_name!r} has no "
+                    f"device of this name, only {', '.join(there)}; correct the name"
                 )
             if tuple(there[name].size) != tuple(entry.size):
                 raise InputError(
-                    f"{venue.directory / 'venue.toml'}: {kind}.{name}.size: got "
-                    f"{list(entry.size)}, but the device has {list(there[name].size)}"
+                    f"{venue.directory / 'venue.toml'}: {kind}.{name}.size: "
+                    f"{list(entry.size)}, but the device has {list(there[name].size)}; correct it"
                 )

@@ -140,7 +140,7 @@ class TestFeatures:
         diagnosis = standard.examined(**{feature: size})
         assert kinds(diagnosis) == [("projector south", kind)]
         (finding,) = diagnosis.findings
-        assert re.fullmatch(r"projector south: got .+, expected .+ at most; .+", str(finding))
+        assert re.fullmatch(r"projector south: .+ \(needed: .+ at most\); .+", str(finding))
         assert finding.text.endswith(SWITCH[kind])
 
     def test_a_slow_iris_is_no_fault_of_the_camera(self, standard: Stage) -> None:

@@ -72,7 +72,7 @@ def findings(ran: Ran) -> list[tuple[str, str]]:
     document = json.loads(ran.out)
     assert ran.code == (1 if document["findings"] else 0)
     for finding in document["findings"]:
-        assert re.fullmatch(r"(camera|projector) \S+: got .+, expected .+; .+", finding["line"])
+        assert re.fullmatch(r"(camera|projector) \S+: .+ \(needed: .+\); .+", finding["line"])
     return [(f["device"], f["kind"]) for f in document["findings"]]
 
 

@@ -179,7 +179,7 @@ class TestRefused:
         server = server_of(venue)
         assert server is not None
         with pytest.raises(
-            FileFormatError, match="got 1 shots 'tags' of projector server, expected"
+            FileFormatError, match=r"1 shots .tags. of projector server instead of"
         ):
             placed_by_server(venue, server, CAMERA, self._readings(hand_session, less))
 

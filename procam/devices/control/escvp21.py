@@ -58,13 +58,7 @@ ESC_VP21 = SerialTable(
         "B4": "BNC component",
         "BF": "BNC",
     },
-    source_groups={
-        "10": _COMPUTER,
-        "1F": _COMPUTER,
-        "40": _VIDEO,
-        "B0": _BNC,
-        "BF": _BNC,
-    },
+    source_groups={"10": _COMPUTER, "1F": _COMPUTER, "40": _VIDEO, "B0": _BNC, "BF": _BNC},
     hours=Query(
         b"LAMP?\r",
         re.compile(rb"LAMP=(?P<value>\d+(?: \d+)*)\r:"),  # one number per lamp

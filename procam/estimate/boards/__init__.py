@@ -8,13 +8,7 @@ from procam.estimate.boards.camera import BoardView, CameraFit, fit_camera, rms,
 from procam.estimate.boards.planar_pair import PairView, PlanarPair, fit_planar_pair, pair_view
 from procam.estimate.boards.robust_fit import MIN_VIEWS, determines_pose
 from procam.estimate.boards.start import homography_from_rays
-from procam.estimate.boards.targets import (
-    Board,
-    find_board,
-    find_tags,
-    suggest_squares,
-    tag_cells,
-)
+from procam.estimate.boards.targets import Board, find_board, find_tags, suggest_squares, tag_cells
 
 __all__ = [
     "MIN_VIEWS",

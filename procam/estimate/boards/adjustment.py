@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array, IndexArray
 from procam.estimate.boards.corners import BoardRig, Corners, corner_points, residuals
 from procam.maths.geometry.lens_derivatives import (
     lens_of_parameters,
@@ -24,7 +24,6 @@ from procam.maths.geometry.lens_derivatives import (
 from procam.maths.geometry.pose import Pose, rotation_matrix
 from procam.maths.levenberg import minimise
 
-Array = NDArray[np.float64]
 ITERATIONS = 200
 SINGULAR = 1e-13  # eigenvalue of the scaled normal matrix below which a direction is not determined
 CAUCHY_SIGMAS = 3.0  # residual from which the robust loss falls behind the square
@@ -98,9 +97,7 @@ class BoardAdjustment:
                 sums.add(view, rows[part], own[part], error[part])
         return sums
 
-    def _rows(
-        self, rig: BoardRig, device: int, index: NDArray[np.intp]
-    ) -> tuple[Array, Array, Array]:
+    def _rows(self, rig: BoardRig, device: int, index: IndexArray) -> tuple[Array, Array, Array]:
         """Weighted derivatives (2n, S), (2n, 6) and residuals (2n,) of n observations of a device."""
         pose, (lens, own_pose) = rig.devices[device], self._blocks[device]
         point = corner_points(self.corners, rig)[index]

@@ -9,8 +9,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array
 from procam.errors import InputError, NotEnoughData, ShapeError
 from procam.estimate.boards.corners import BoardRig, Corners, residuals, stack_corners
 from procam.estimate.boards.robust_fit import (
@@ -30,7 +30,6 @@ from procam.estimate.boards.start import pose_from_rays, start_camera
 from procam.maths.geometry.lenses import Lens, LensKind, unproject
 from procam.maths.geometry.pose import Pose
 
-Array = NDArray[np.float64]
 FOLDS, MIN_VIEWS_TO_HOLD_OUT = 5, 6  # of the cross-validation
 GRID = 8  # cells per side of the coverage figure
 NAMES = {

@@ -6,14 +6,12 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array, BoolArray, IndexArray
 from procam.maths.geometry.lenses import Lens, project
 from procam.maths.geometry.pose import Pose
 from procam.maths.statistics import robust_sigma_2d
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 MIN_SIGMA_PX = 1e-9  # keeps exact corners from dividing by zero
 
 
@@ -51,8 +49,8 @@ class Corners:
 
     points: Array
     pixels: Array
-    use: Mask
-    starts: NDArray[np.intp]
+    use: BoolArray
+    starts: IndexArray
     area: Array
 
     @property
@@ -61,7 +59,7 @@ class Corners:
         return [slice(a, b) for a, b in itertools.pairwise(self.starts)]
 
     @cached_property
-    def view_of(self) -> NDArray[np.intp]:
+    def view_of(self) -> IndexArray:
         """Index of the view of each corner (T,)."""
         return np.repeat(np.arange(len(self.starts) - 1), np.diff(self.starts))
 

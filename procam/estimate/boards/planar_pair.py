@@ -11,10 +11,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import rq
 from scipy.spatial import KDTree
 
+from procam.arrays import Array
 from procam.errors import CalibrationError, NotEnoughData, ShapeError
 from procam.estimate.boards.corners import BoardRig, Corners, residuals, stack_corners
 from procam.estimate.boards.robust_fit import (
@@ -33,7 +33,6 @@ from procam.maths.geometry.lenses import Lens
 from procam.maths.geometry.pose import Pose
 from procam.model.correspondence import CorrespondenceMap
 
-Array = NDArray[np.float64]
 PINHOLE, BROWN = tuple(range(4)), tuple(range(9))
 WINDOW = 1.0  # radius, over the distance to the nearest corner: the window stays on the board
 MIN_PIXELS = 40  # of a window

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array
 from procam.errors import DidNotConverge, NotEnoughData
 from procam.estimate.boards.adjustment import BoardAdjustment
 from procam.estimate.boards.corners import BoardRig, Corners, residual_sigmas, residuals
@@ -13,7 +13,6 @@ from procam.estimate.boards.start import plausible_corners, reestimate_poses
 from procam.maths.geometry.lenses import Lens
 from procam.maths.geometry.pose import Pose
 
-Array = NDArray[np.float64]
 IDENTITY = Pose(np.eye(3), np.zeros(3))
 MIN_VIEWS, MIN_CORNERS = 3, 8  # of a board; of a view
 MIN_WIDTH = 0.05  # of the corners of a view, over their length

@@ -7,14 +7,13 @@ need no special case.
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array
 from procam.estimate.boards.adjustment import BoardAdjustment
 from procam.estimate.boards.corners import BoardRig, Corners, residual_sigmas, residuals
 from procam.maths.geometry.lenses import Lens, LensKind, unproject
 from procam.maths.geometry.pose import Pose
 
-Array = NDArray[np.float64]
 FOCALS, SCANNED_VIEWS = 28, 12  # of the scan
 CANDIDATES, REFINEMENT_STEPS = 4, 30  # of the best focal lengths
 REWEIGHTINGS = 8

@@ -8,11 +8,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from procam.arrays import Array, Array32, BoolArray
 from procam.errors import InputError
 from procam.model.optics import TagFamily
 
-Array = NDArray[np.float64]
-Picture = NDArray[np.uint8] | NDArray[np.uint16] | NDArray[np.float32]
+Picture = NDArray[np.uint8] | NDArray[np.uint16] | Array32
 BoardKind = Literal["checkerboard", "charuco"]
 CORNER_STOP = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 60, 1e-4)
 MIN_WINDOW_PX, MAX_WINDOW_PX = 2, 11  # half width of the sub-pixel window
@@ -128,7 +128,7 @@ def find_tags(
     return [(int(n), place) for n, place in zip(np.ravel(ids), places, strict=True)]
 
 
-def tag_cells(family: TagFamily, number: int) -> NDArray[np.bool_]:
+def tag_cells(family: TagFamily, number: int) -> BoolArray:
     """Which cells (N, N) of an AprilTag are white, its black border included.
 
     >>> tag_cells("16h5", 3).shape

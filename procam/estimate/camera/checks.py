@@ -1,17 +1,12 @@
 """Checks, from a few photographs, of what the solvers assume about a camera and a projector."""
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Samples = NDArray[Any]
+from procam.arrays import AnyArray, Array, BoolArray
 
 
 def fit_dark_frames(
-    short: Samples, long: Samples, exposures_s: tuple[float, float]
+    short: AnyArray, long: AnyArray, exposures_s: tuple[float, float]
 ) -> tuple[float, Array]:
     """Black level [DN], and ambient light with dark current (H, W) [DN/s], from two dark photographs.
 
@@ -26,14 +21,18 @@ def fit_dark_frames(
     return float(intercept[(intercept >= low) & (intercept <= high)].mean()), slope
 
 
-def response_exponent(longer: Samples, shorter: Samples, ratio: float, usable: Mask) -> float:
+def response_exponent(
+    longer: AnyArray, shorter: AnyArray, ratio: float, usable: BoolArray
+) -> float:
     """Exponent of the camera's response: signals (H, W) [DN] grow by `ratio` to this power; 1 is linear."""
     sound = usable & (shorter > 0) & (longer > 0)
     grown = float(np.median(np.asarray(longer[sound], float) / shorter[sound]))
     return float(np.log(grown) / np.log(ratio))
 
 
-def additivity(parts: tuple[Samples, Samples], white: Samples, black: Samples, lit: Mask) -> float:
+def additivity(
+    parts: tuple[AnyArray, AnyArray], white: AnyArray, black: AnyArray, lit: BoolArray
+) -> float:
     """Sum of the light of the panel's two halves over that of white; 1 if light adds up.
 
     All (H, W), at one exposure [DN]. Both halves contain black, so it is subtracted twice.
@@ -42,12 +41,14 @@ def additivity(parts: tuple[Samples, Samples], white: Samples, black: Samples, l
     return float(np.median(summed[lit] / (np.asarray(white, float) - black)[lit]))
 
 
-def grey_gamma(grey: Samples, white: Samples, black: Samples, lit: Mask, drive: float) -> float:
+def grey_gamma(
+    grey: AnyArray, white: AnyArray, black: AnyArray, lit: BoolArray, drive: float
+) -> float:
     """Exponent of the projector's response, from a grey of `drive` 0..1 and white (H, W) [DN]."""
     share = (np.asarray(grey, float) - black)[lit] / (np.asarray(white, float) - black)[lit]
     return float(np.log(max(float(np.median(share)), 1e-6)) / np.log(drive))
 
 
-def brightness_ratio(first: Samples, second: Samples, lit: Mask) -> float:
+def brightness_ratio(first: AnyArray, second: AnyArray, lit: BoolArray) -> float:
     """Brightness of the second photograph of a picture over the first, as signals (H, W) [DN]."""
     return float(np.median(second[lit]) / max(float(np.median(first[lit])), 1.0))

@@ -8,21 +8,18 @@ column error is the Cramer-Rao bound of the default code.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.ndimage import binary_erosion, uniform_filter
 
+from procam.arrays import AnyArray, Array, BoolArray
 from procam.errors import NotEnoughData, OutOfModelRange
 from procam.estimate.camera.noise import NoiseLaw, noise_from_neighbours
 from procam.maths.codes.phase import cramer_rao_variance, micro_waves
 from procam.maths.statistics import robust_sigma
 from procam.model.optics import Sensor
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Counts = NDArray[Any]
 TARGET_LEVEL = 0.92  # of full scale for the brightest lit pixels; leaves room for noise and drift
 BRIGHT_QUANTILE, DARK_QUANTILE = 0.999, 0.005  # of the lit pixels; excludes glints and seams
 TARGET_SNR = 50.0  # of the darkest lit pixel
@@ -72,9 +69,9 @@ class _WhiteAndBlack:
     white: Array
     black: Array
     direct: Array
-    lit: Mask
+    lit: BoolArray
 
-    def inner(self) -> Mask:
+    def inner(self) -> BoolArray:
         """Lit pixels (H, W) clear of any border."""
         inner = np.asarray(binary_erosion(self.lit, iterations=2))
         return inner if inner.any() else self.lit
@@ -93,13 +90,13 @@ class _WhiteAndBlack:
 
 
 def plan_exposures(
-    white: Counts,
-    black: Counts,
+    white: AnyArray,
+    black: AnyArray,
     *,
     exposures_s: tuple[float, float],
     sensor: Sensor,
     panel: tuple[int, int],
-    direct: Counts | None = None,
+    direct: AnyArray | None = None,
     noise: NoiseLaw | None = None,
 ) -> ExposurePlan:
     """Plan the exposures of one camera for one projector.
@@ -144,7 +141,7 @@ def plan_exposures(
     )
 
 
-def meter(white: Counts, exposure_s: float, sensor: Sensor) -> float:
+def meter(white: AnyArray, exposure_s: float, sensor: Sensor) -> float:
     """The exposure [s] at which the 99.9 percentile of a photograph reaches `TARGET_LEVEL`.
 
     All pixels and channels count. A clipped photograph gives a quarter of its exposure; one without
@@ -156,12 +153,12 @@ def meter(white: Counts, exposure_s: float, sensor: Sensor) -> float:
     return exposure_s * min(16.0, TARGET_LEVEL * sensor.full_scale / max(peak, 1.0))
 
 
-def green(counts: Counts) -> Counts:
+def green(counts: AnyArray) -> AnyArray:
     """The green channel (H, W) of counts (H, W) or (H, W, 3)."""
     return counts if counts.ndim == 2 else counts[..., 1]
 
 
-def direct_light(first: Counts, second: Counts, span: Counts, noise_dn: ArrayLike) -> Array:
+def direct_light(first: AnyArray, second: AnyArray, span: AnyArray, noise_dn: ArrayLike) -> Array:
     """Direct light (H, W) [DN] from photographs of the panel's two halves; 0 where not lit.
 
     `first` and `second` (H, W) show one half of the panel white each, `span` (H, W) is white - black,
@@ -173,7 +170,7 @@ def direct_light(first: Counts, second: Counts, span: Counts, noise_dn: ArrayLik
     return np.where(lit, np.minimum(direct, span), 0.0)
 
 
-def lit_by_brightness(span: Counts, noise_dn: float) -> Mask:
+def lit_by_brightness(span: AnyArray, noise_dn: float) -> BoolArray:
     """Directly lit pixels (H, W) from white - black (H, W) alone: the brighter of two groups.
 
     Scattered light reaches every pixel, so the threshold is where the logarithms of the two groups
@@ -211,11 +208,11 @@ def round_down_exposure(seconds: float) -> float:
 
 
 def _light(
-    white: Counts,
-    black: Counts,
+    white: AnyArray,
+    black: AnyArray,
     exposures_s: tuple[float, float],
     level: float,
-    direct: Counts | None,
+    direct: AnyArray | None,
 ) -> _WhiteAndBlack:
     rate = (np.asarray(white, float) - level) / exposures_s[0]
     dark = (np.asarray(black, float) - level) / exposures_s[1]

@@ -8,19 +8,14 @@ polynomial of the angle off the axis, fitted to means over rings and sectors of 
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import stdtrit
 
+from procam.arrays import AnyArray, Array, BoolArray, IndexArray
 from procam.errors import InputError, NotEnoughData, OutOfModelRange, ShapeError
 from procam.estimate.camera.radiance import Radiometer
 from procam.maths.statistics import robust_sigma
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Pixels = NDArray[Any]
 
 TRAP_SIGMA = 5e-4  # light that a trap reflects itself, as a share of the mean around it
 MIN_TRAP_PIXELS = 100
@@ -61,7 +56,7 @@ class Vignetting:
     uneven: float
 
 
-def linear_light(counts: Pixels, radiometer: Radiometer) -> Array:
+def linear_light(counts: AnyArray, radiometer: Radiometer) -> Array:
     """Light (H, W, C) of raw counts, corrected for vignetting but not for glare; NaN where saturated.
 
     Counts in floating point, such as merged exposures, are light already: no black level is subtracted,
@@ -78,7 +73,7 @@ def linear_light(counts: Pixels, radiometer: Radiometer) -> Array:
     return np.asarray(light / np.where(radiometer.seen, fall, 1.0)[..., None])
 
 
-def black_level(dark: Pixels, bits: int) -> tuple[float, float]:
+def black_level(dark: AnyArray, bits: int) -> tuple[float, float]:
     """Black level and its standard error [DN], from a photograph with the cap on.
 
     Raises
@@ -120,7 +115,7 @@ def black_level(dark: Pixels, bits: int) -> tuple[float, float]:
     return float(np.nanmean(kept)), float(fields.std(ddof=1))
 
 
-def circle_mask(shape: tuple[int, int], x: float, y: float, radius: float) -> Mask:
+def circle_mask(shape: tuple[int, int], x: float, y: float, radius: float) -> BoolArray:
     """Pixels (H, W) within a circle [px]."""
     rows, columns = np.indices(shape)
     return np.asarray(np.hypot(columns - x, rows - y) <= radius)
@@ -128,8 +123,8 @@ def circle_mask(shape: tuple[int, int], x: float, y: float, radius: float) -> Ma
 
 def fit_glare(
     lights: Sequence[Array],
-    traps: Sequence[Mask | tuple[float, float, float]],
-    seen: Mask,
+    traps: Sequence[BoolArray | tuple[float, float, float]],
+    seen: BoolArray,
     *,
     trap_sigma: float = TRAP_SIGMA,
 ) -> VeilingGlare:
@@ -177,7 +172,7 @@ def fit_glare(
 
 
 def _glare(
-    name: str, light: Array, masks: tuple[Mask, Mask], trap_sigma: float
+    name: str, light: Array, masks: tuple[BoolArray, BoolArray], trap_sigma: float
 ) -> tuple[float, float]:
     """Glare of one photograph, and its standard error from noise and channels."""
     inside, seen = masks
@@ -201,7 +196,7 @@ def _glare(
     return float(glare.mean()), float(np.hypot(scatter, np.sqrt(np.mean(error**2))))
 
 
-def _surround(name: str, light: Array, seen: Mask) -> Array:
+def _surround(name: str, light: Array, seen: BoolArray) -> Array:
     """Mean light (C,) over the image circle."""
     values = light[seen]
     lost = float(np.isnan(values).any(axis=1).mean())
@@ -219,7 +214,7 @@ def _surround(name: str, light: Array, seen: Mask) -> Array:
     return np.asarray(mean)
 
 
-def _check_trap(name: str, values: Array, inside: Mask, trap_sigma: float) -> None:
+def _check_trap(name: str, values: Array, inside: BoolArray, trap_sigma: float) -> None:
     """Refuse a trap that is bright, darker than black, or lit in a part of it."""
     mean, noise = float(values.mean()), float(values.std())
     if mean > MAX_TRAP_LIGHT:
@@ -246,7 +241,7 @@ def _check_trap(name: str, values: Array, inside: Mask, trap_sigma: float) -> No
             )
 
 
-def fit_vignetting(lights: Sequence[Array], rays: Array, seen: Mask) -> Vignetting:
+def fit_vignetting(lights: Sequence[Array], rays: Array, seen: BoolArray) -> Vignetting:
     """Vignetting from photographs of a uniformly lit surface that fills the picture.
 
     Parameters
@@ -285,7 +280,7 @@ def fit_vignetting(lights: Sequence[Array], rays: Array, seen: Mask) -> Vignetti
     return Vignetting(fitted[1:], sigma[1:], reach, uneven)
 
 
-def _averaged(lights: Sequence[Array], theta: Array, seen: Mask) -> Array:
+def _averaged(lights: Sequence[Array], theta: Array, seen: BoolArray) -> Array:
     """Mean of the photographs (H, W), each scaled to 1 near the axis."""
     total = np.zeros(seen.shape)
     near = seen & (theta <= theta[seen].max() / 4) if seen.any() else seen
@@ -322,7 +317,7 @@ class _RingSectors:
     pixels: Array
 
 
-def _cells(index: NDArray[np.intp], theta: Array, light: Array) -> _RingSectors:
+def _cells(index: IndexArray, theta: Array, light: Array) -> _RingSectors:
     count = RINGS * SECTORS
     pixels = np.bincount(index, minlength=count).astype(float)
     powers = [theta ** (2 * power) for power in range(TERMS + 1)]
@@ -331,7 +326,7 @@ def _cells(index: NDArray[np.intp], theta: Array, light: Array) -> _RingSectors:
     return _RingSectors(means[:, :-1], means[:, -1], np.where(pixels >= MIN_CELL_PIXELS, pixels, 0))
 
 
-def _polynomial(cells: _RingSectors, use: Mask) -> Array:
+def _polynomial(cells: _RingSectors, use: BoolArray) -> Array:
     """Scale, v1 and v2; all ring sectors have equal weight."""
     use = use & (cells.pixels > 0)
     if use.sum() < RINGS:

@@ -4,29 +4,21 @@ White, black and all patterns must be merged alike; the decoder takes merged pic
 """
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
+from procam.arrays import AnyArray, Array, BoolArray, Image
 from procam.errors import InputError, ShapeError
 from procam.estimate.camera.noise import NoiseLaw
 from procam.model.optics import Sensor
 
-Image = NDArray[np.float32]
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 WINDOW_PX = 5  # of the mean that selects exposures: a pixel's own noise must not select its own
 CLEAR_SIGMAS = 4.0  # of noise between the expected level and saturation, for a sample to count
 
 
 def merge_exposures(
-    counts: Sequence[NDArray[Any]],
-    exposures_s: Sequence[float],
-    *,
-    sensor: Sensor,
-    noise: NoiseLaw,
+    counts: Sequence[AnyArray], exposures_s: Sequence[float], *, sensor: Sensor, noise: NoiseLaw
 ) -> tuple[Image, Image]:
     """Merge exposures of one picture.
 
@@ -71,7 +63,7 @@ def merge_exposures(
     return (rate / scale).astype(np.float32), (variance / scale**2).astype(np.float32)
 
 
-def _check(counts: Sequence[NDArray[Any]], exposures_s: Sequence[float]) -> None:
+def _check(counts: Sequence[AnyArray], exposures_s: Sequence[float]) -> None:
     if not counts or len(counts) != len(exposures_s) or min(exposures_s) <= 0:
         raise InputError(
             f"exposures: {len(counts)} pictures and the exposures {list(exposures_s)} s do not match; give "
@@ -84,7 +76,7 @@ def _check(counts: Sequence[NDArray[Any]], exposures_s: Sequence[float]) -> None
 
 def _usable(
     signal: list[Array], seconds: Array, full_scale: float, noise: NoiseLaw
-) -> list[NDArray[np.bool_]]:
+) -> list[BoolArray]:
     """Masks (K of (H, W)) of the samples to use, judged by themselves and by shorter exposures."""
     use = [signal[0] < full_scale]
     for k in range(1, len(signal)):

@@ -6,17 +6,13 @@ raises the left side at all pixels where both pictures are bright, at edges and 
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 from scipy.optimize import brentq
 
+from procam.arrays import AnyArray, Array
 from procam.errors import NotEnoughData, OutOfModelRange, ShapeError
-
-Array = NDArray[np.float64]
-Pixels = NDArray[Any]
 
 MIN_PIXELS = 50
 MIN_LEVEL = 0.1  # of the brightest white, for a pixel to count
@@ -38,7 +34,9 @@ class Linearity:
     exponent_sigma: float
 
 
-def linearity_error(white: Pixels, black: Pixels, pattern: Pixels, inverse: Pixels) -> Linearity:
+def linearity_error(
+    white: AnyArray, black: AnyArray, pattern: AnyArray, inverse: AnyArray
+) -> Linearity:
     """Test the linearity of counts (H, W).
 
     Parameters

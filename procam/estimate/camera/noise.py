@@ -10,14 +10,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import nnls
 
+from procam.arrays import AnyArray, Array, IndexArray
 from procam.maths.statistics import NORMAL_MAD
 from procam.model.optics import Sensor
 
-Array = NDArray[np.float64]
-Counts = NDArray[Any]
 GROUPS, ROUNDS = 16, 4
 MIN_GROUP = 100  # samples: with fewer, groups that are small by chance would pull the line down
 CUT_SIGMAS = 3.0  # cut of outliers
@@ -41,7 +39,7 @@ class NoiseLaw:
 NO_NOISE = NoiseLaw(0.0, 0.0)
 
 
-def noise_from_neighbours(pictures: Sequence[Counts], sensor: Sensor) -> NoiseLaw:
+def noise_from_neighbours(pictures: Sequence[AnyArray], sensor: Sensor) -> NoiseLaw:
     """Noise law of the signal above black [DN] from single photographs (H, W).
 
     Second differences along rows cancel slopes. The screen's texture counts as noise, so the law is an
@@ -57,7 +55,7 @@ def noise_from_neighbours(pictures: Sequence[Counts], sensor: Sensor) -> NoiseLa
     return _fit_robustly(np.concatenate(levels), np.concatenate(squares))
 
 
-def noise_from_repeat(first: Counts, second: Counts, sensor: Sensor) -> NoiseLaw:
+def noise_from_repeat(first: AnyArray, second: AnyArray, sensor: Sensor) -> NoiseLaw:
     """Noise law of the signal above black [DN] from two photographs (H, W) of one picture.
 
     A change of brightness between them does not count as noise.
@@ -96,7 +94,7 @@ def _fit_robustly(level: Array, square: Array) -> NoiseLaw:
     return law
 
 
-def _groups(level: Array) -> list[NDArray[np.intp]]:
+def _groups(level: Array) -> list[IndexArray]:
     """Indices of the samples in groups of equal size and rising level."""
     count = int(np.clip(level.size // MIN_GROUP, 1, GROUPS))
     return np.array_split(np.argsort(level), count)

@@ -1,13 +1,11 @@
 """Raw counts to relative radiance: black level, exposure, vignetting, veiling glare."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Image
 from procam.maths.geometry.lenses import unproject
 from procam.model.frame import Frame
 from procam.model.optics import CameraModel
-
-Image = NDArray[np.float32]
 
 
 class Radiometer:

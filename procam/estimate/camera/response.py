@@ -7,18 +7,13 @@ Photographs are averaged over small squares, flat squares of all brightnesses ar
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import AnyArray, Array, BoolArray
 from procam.errors import InputError, NotEnoughData, OutOfModelRange, ShapeError
 from procam.estimate.camera.response_checks import check_response
 from procam.estimate.camera.response_fit import Blocks, CameraResponseFit
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Pixels = NDArray[Any]
 
 MIN_EXPOSURES = 3
 MIN_RATIO = 1.2  # of neighbouring exposures; a third of a stop is 1.26
@@ -48,7 +43,7 @@ class CameraResponse:
 
 
 def solve_response(
-    photos: Iterable[Pixels], exposures_s: Sequence[float], bits: int
+    photos: Iterable[AnyArray], exposures_s: Sequence[float], bits: int
 ) -> CameraResponse:
     """Inverse response from photographs (H, W) or (H, W, C) of one still scene, in counts.
 
@@ -102,9 +97,9 @@ def _checked_exposures(exposures_s: Sequence[float]) -> Array:
     return seconds
 
 
-def _average(photos: Iterable[Pixels], count: int, top: float) -> Blocks:
+def _average(photos: Iterable[AnyArray], count: int, top: float) -> Blocks:
     """Means over small squares of every photograph, with all channels in one row."""
-    parts, shape, edge = list[tuple[Array, Array, Mask]](), None, 1
+    parts, shape, edge = list[tuple[Array, Array, BoolArray]](), None, 1
     for number, photo in enumerate(photos, start=1):
         if shape is None:
             shape = photo.shape
@@ -123,7 +118,7 @@ def _average(photos: Iterable[Pixels], count: int, top: float) -> Blocks:
     return Blocks(edge, level, deviation, sound)
 
 
-def _squares(photo: Pixels, top: float, edge: int) -> tuple[Array, Array, Mask]:
+def _squares(photo: AnyArray, top: float, edge: int) -> tuple[Array, Array, BoolArray]:
     height, width, channels = photo.shape
     rows, columns = height // edge, width // edge
     cut = photo[: rows * edge, : columns * edge].reshape(rows, edge, columns, edge, channels)

@@ -1,12 +1,11 @@
 """Checks that one curve, one scene and the given exposures explain a set of bracketed photographs."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array
 from procam.errors import DidNotConverge, NotEnoughData, OutOfModelRange
 from procam.estimate.camera.response_fit import SHUTTER_SIGMA, CameraResponseFit
 
-Array = NDArray[np.float64]
 MAX_SHUTTER_SIGMAS = 5.0
 BINS, MIN_IN_BIN = 20, 8  # of the range of levels; samples that each needs
 MAX_MISFIT, MISFIT_SIGMAS = (

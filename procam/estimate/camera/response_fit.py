@@ -13,13 +13,10 @@ step to step, so there is no damping by it as in `maths.levenberg`; long steps a
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
+from procam.arrays import Array, BoolArray, IndexArray
 from procam.maths.statistics import robust_sigma
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 SHUTTER_SIGMA = 0.02  # relative: headers say 1/60 and 1/125, shutters do 1/64 and 1/128
 SPLINE_INTERVALS = 12
@@ -52,9 +49,9 @@ class Blocks:
     edge: int
     level: Array
     deviation: Array
-    sound: Mask
+    sound: BoolArray
 
-    def take(self, chosen: NDArray[np.intp]) -> "Blocks":
+    def take(self, chosen: IndexArray) -> "Blocks":
         """Some of the blocks."""
         parts = (self.level, self.deviation, self.sound)
         return Blocks(self.edge, *(part[:, chosen] for part in parts))  # type: ignore[arg-type]

@@ -2,11 +2,10 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import AnyArray, Array
 from procam.estimate.camera.exposure import MAX_EXPOSURE_S, MAX_EXPOSURES, RATIO
 from procam.estimate.camera.hdr import merge_exposures
 from procam.estimate.camera.noise import NoiseLaw
@@ -18,8 +17,6 @@ from procam.estimate.closed_loop.patches import (
 )
 from procam.model.frame import Frame
 from procam.model.optics import Sensor
-
-Array = NDArray[np.float64]
 
 
 def bracket_for(light: Array, sigma: Array, exposure_s: float) -> tuple[float, ...]:
@@ -55,5 +52,5 @@ def merged_frame(frames: Sequence[Frame], sensor: Sensor, noise: NoiseLaw) -> Fr
         counts = [frame.counts[..., c] for frame in frames]
         radiance, _ = merge_exposures(counts, exposures_s, sensor=sensor, noise=noise)
         planes.append(np.nan_to_num(radiance * scale, nan=sensor.full_scale) + sensor.black_level)
-    merged: NDArray[Any] = np.stack(planes, axis=-1)
+    merged: AnyArray = np.stack(planes, axis=-1)
     return replace(shortest, counts=merged, ended_s=frames[-1].ended_s)

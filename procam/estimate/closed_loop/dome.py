@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, minimum_filter
 
+from procam.arrays import Array, BoolArray, Image, IndexArray
 from procam.errors import NotEnoughData
 from procam.estimate.closed_loop.patches import (
     CELL_QUANTILE,
@@ -19,18 +20,11 @@ from procam.estimate.closed_loop.patches import (
     LoopState,
     PatchScatter,
 )
-from procam.maths.geometry.sphere import (
-    master_directions,
-    master_pixels,
-    master_solid_angles,
-)
+from procam.maths.geometry.sphere import master_directions, master_pixels, master_solid_angles
 from procam.maths.light.scatter_kernel import basis
 from procam.maths.warp import block_mean, blur_within, sample
 from procam.model.calibration import Calibration
 
-Array = NDArray[np.float64]
-Image = NDArray[np.float32]
-Mask = NDArray[np.bool_]
 LOOP_SIZE = 256
 CELL_ARCMIN = 180 * 60 / LOOP_SIZE
 BLOCK = 32  # cells, 22 degrees: errors of gains further apart are taken as independent
@@ -51,13 +45,13 @@ class LoopCells:
     pixels per cell, `direction` (H, W, 3) that of each camera pixel.
     """
 
-    use: Mask
-    index: NDArray[np.intp]
+    use: BoolArray
+    index: IndexArray
     count: Array
     direction: Image
 
     @classmethod
-    def of(cls, direction: Image, on_screen: Mask) -> "LoopCells":
+    def of(cls, direction: Image, on_screen: BoolArray) -> "LoopCells":
         """Cells for a camera with pixel directions (H, W, 3) where `on_screen` (H, W)."""
         seen = direction[on_screen]
         place = np.rint(master_pixels(seen, LOOP_SIZE)).astype(np.intp)
@@ -192,7 +186,7 @@ class DomeLoop:
         self._can_rise = self.cells_where(self.picture < self._hi - TINY) & self.known
         self.free = self._can_fall & self._can_rise
 
-    def cells_where(self, pixels: Mask) -> Mask:
+    def cells_where(self, pixels: BoolArray) -> BoolArray:
         """Cells (N, N, 3) in which almost all pixels of a dome master (M, M, 3) are true."""
         return self._cells.average_master(pixels.astype(np.float32)) > FREE_SHARE
 
@@ -214,7 +208,7 @@ class DomeLoop:
         solid = master_solid_angles(LOOP_SIZE)[inside]
         return PatchScatter(np.stack(spread), solid[:, None] * phi)
 
-    def _low_pass(self, light: Array, known: Mask) -> Array:
+    def _low_pass(self, light: Array, known: BoolArray) -> Array:
         if self._low_pass_cells == 0:
             return light
         whole, mask = self._whole(light), self._whole(known) > 0
@@ -269,7 +263,7 @@ def _cell_means(master: Image) -> Array:
     return block_mean(fine, 2).astype(float)
 
 
-def _filled(values: Array, known: Mask) -> Array:
+def _filled(values: Array, known: BoolArray) -> Array:
     """Values (N, N, C), interpolated from neighbours where not `known` (N, N, C or 1)."""
     known = np.broadcast_to(known, values.shape)
     planes = [blur_within(values[..., c], known[..., c], 1.0) for c in range(values.shape[-1])]

@@ -13,13 +13,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array, BoolArray, IndexArray
 from procam.errors import OutOfModelRange
 from procam.maths.light.box_solver import solve_moments
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 WHITE_NITS = 14.0  # luminance of white of a bright dome; the brighter, the smaller the JND
 WEBER, BRIGHT_NITS = 0.007, 10.0  # Weber fraction from this luminance on
 WEBER_DARK, DARK_NITS = 0.04, 0.1  # Weber fraction at the lowest luminance
@@ -50,7 +48,7 @@ def just_noticeable(light: Array) -> Array:
     return np.asarray(WEBER * (WEBER_DARK / WEBER) ** dark * nits / WHITE_NITS)
 
 
-def remove_scatter(change: Array, free: Mask, spread: Array, collect: Array) -> Array:
+def remove_scatter(change: Array, free: BoolArray, spread: Array, collect: Array) -> Array:
     """Change of direct light (n,) on the `free` patches (n,) that changes their total by `change` (n,).
 
     dx_F = r_F - U_F (I + V_F^T U_F)^-1 V_F^T r_F (docs/theory/closed-loop.md L2) for scatter U V^T, `spread`
@@ -86,7 +84,7 @@ class LoopObservation:
     asked: Array
     seen: Array
     sigma: Array
-    known: Mask
+    known: BoolArray
     photographs: int
 
 
@@ -111,9 +109,9 @@ class LoopState:
     def __init__(
         self,
         scatter: PatchScatter,
-        block: NDArray[np.intp],
+        block: IndexArray,
         scatter_sigma: Array,
-        low_pass: Callable[[Array, Mask], Array] = lambda light, _: light,
+        low_pass: Callable[[Array, BoolArray], Array] = lambda light, _: light,
     ) -> None:
         channels, patches, _ = scatter.spread.shape
         self.surplus = np.zeros((patches, channels))
@@ -181,7 +179,7 @@ class LoopState:
 
 
 def common_errors(
-    residual: Array, light: Array, scattered: Array, weight: Array, block: NDArray[np.intp]
+    residual: Array, light: Array, scattered: Array, weight: Array, block: IndexArray
 ) -> tuple[Array, Array]:
     """Common relative errors (brightness, scatter) (2,) of a residual (n,), and their covariance (2, 2).
 
@@ -267,14 +265,14 @@ def converged(residual: Array, sigma: Array, light: Array, photographs: int) -> 
 class Regression:
     """A neighbourhood `place` (n,) whose rms residual grew from `before` to `after` [JND]."""
 
-    place: Mask
+    place: BoolArray
     channel: int
     before: float
     after: float
 
 
 def largest_regression(
-    first: Array, last: Array, noise: Array, judged: Mask, block: NDArray[np.intp]
+    first: Array, last: Array, noise: Array, judged: BoolArray, block: IndexArray
 ) -> Regression | None:
     """The neighbourhood and channel with the largest regression, None without a visible one.
 

@@ -3,8 +3,8 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array, FloatArray, Image
 from procam.estimate.closed_loop.dome import DomeLoop, nodes_for_means
 from procam.maths.geometry.sphere import (
     cap_solid_angle,
@@ -16,9 +16,6 @@ from procam.maths.light.radiosity import albedo_from_feedback, floor_return
 from procam.maths.warp import sample
 from procam.model.calibration import Calibration, ProjectorCalibration
 from procam.model.transport import DomeMaps, Measured
-
-Array = NDArray[np.float64]
-Image = NDArray[np.float32]
 
 
 def refined_calibration(calibration: Calibration, loop: DomeLoop) -> Calibration:
@@ -55,7 +52,7 @@ def _regained(
     return replace(projector, photometry=photometry)
 
 
-def _factor_at(factor: Array, where: NDArray[np.floating], maps: DomeMaps) -> Image:
+def _factor_at(factor: Array, where: FloatArray, maps: DomeMaps) -> Image:
     """The factor at positions (..., 2) of the maps [px]; 1 where the picture is protected."""
     cell = (where + 0.5) * (len(factor) / maps.size) - 0.5
     at = sample(factor, cell, outside=1.0)

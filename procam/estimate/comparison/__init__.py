@@ -4,11 +4,6 @@
 `compare` puts both together with areas and light.
 """
 
-from procam.estimate.comparison.compare import (
-    Angles,
-    Comparison,
-    Difference,
-    compare_calibrations,
-)
+from procam.estimate.comparison.compare import Angles, Comparison, Difference, compare_calibrations
 
 __all__ = ["Angles", "Comparison", "Difference", "compare_calibrations"]

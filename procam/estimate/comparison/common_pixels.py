@@ -7,8 +7,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array, BoolArray, FloatArray, Map
 from procam.errors import NotEnoughData
 from procam.maths.geometry.harmonics import harmonics
 from procam.maths.geometry.pose import align_rotation
@@ -16,8 +16,6 @@ from procam.maths.geometry.sphere import ARCMIN
 from procam.model.calibration import ProjectorCalibration
 from procam.model.correspondence import ProjectorSurface
 
-Array = NDArray[np.float64]
-Map = NDArray[np.float32]
 FEWEST = 20  # shared pixels of a projector: a rigid motion has six parameters
 FIT_PIXELS = 4000  # that fits use; their fields have a few dozen coefficients
 GOLDEN = (5**0.5 - 1) / 2  # multiples modulo 1 are uniform and repeat no column of a panel
@@ -92,7 +90,7 @@ def common_pixels(
     )
 
 
-def _complete(surface: ProjectorSurface) -> NDArray[np.bool_]:
+def _complete(surface: ProjectorSurface) -> BoolArray:
     """Pixels (H, W) with direction, sigma and solid angle; one at the rim may have no solid angle."""
     known = np.isfinite(surface.direction).all(axis=-1) & np.isfinite(surface.sigma_arcmin)
     return surface.valid & known & (surface.solid_angle_sr > 0)
@@ -105,7 +103,7 @@ def turn_between(pairs: Iterable[CommonPixels]) -> Array:
     return align_rotation(second.astype(float), first.astype(float))
 
 
-def error_over_sigma(step: Array, variance: NDArray[np.floating]) -> float:
+def error_over_sigma(step: Array, variance: FloatArray) -> float:
     """Rms of differences (N, 3) [rad] over their standard errors; 1 if the variances (N,) are right."""
     return float(np.sqrt(np.mean(np.sum(step**2, axis=1) / variance)))
 
@@ -115,7 +113,7 @@ def rms_arcmin(*steps: Array) -> float:
     return float(ARCMIN * np.sqrt(np.mean(np.sum(np.concatenate(steps) ** 2, axis=1))))
 
 
-def smooth_field(direction: NDArray[np.floating], step: Array, variance: Map) -> Array:
+def smooth_field(direction: FloatArray, step: Array, variance: Map) -> Array:
     """The smooth part (N, 3) of differences (N, 3) at unit directions (N, 3), by least squares.
 
     The basis is the gradients of harmonics up to degree `SMOOTH_DEGREE` and the same rotated by 90

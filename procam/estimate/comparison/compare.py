@@ -10,8 +10,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array
 from procam.estimate.comparison.common_pixels import (
     CommonPixels,
     common_pixels,
@@ -32,7 +32,6 @@ from procam.maths.geometry.sphere import ARCMIN
 from procam.model.calibration import Calibration
 from procam.model.transport import Measured
 
-Array = NDArray[np.float64]
 SCREEN = ("radius_m", "degree")
 
 

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from procam.arrays import Array, Array32
 from procam.errors import NotEnoughData
 from procam.estimate.comparison.common_pixels import (
     CommonPixels,
@@ -27,7 +27,6 @@ from procam.maths.geometry.pose import rotation_vector
 from procam.maths.geometry.sphere import ARCMIN
 from procam.model.calibration import Calibration
 
-Array = NDArray[np.float64]
 Kind = Literal["agree", "turned", "light", "moved", "changed", "lens", "exchanged", "differ"]
 AGREE = 2.0  # error over sigma: a pose has six freedoms, so that one in 1000 exceeds it by chance
 LIGHT_SIGMAS = 5.0  # of feedback or albedo: six figures with sigmas that are estimates themselves
@@ -236,9 +235,7 @@ def _ratio(pair: CommonPixels, step: Array) -> float:
     return error_over_sigma(step, pair.variance)
 
 
-def _joined(
-    pairs: Mapping[str, CommonPixels], steps: Mapping[str, Array]
-) -> tuple[Array, NDArray[np.float32]]:
+def _joined(pairs: Mapping[str, CommonPixels], steps: Mapping[str, Array]) -> tuple[Array, Array32]:
     """Differences (N, 3) and variances (N,) of all projectors."""
     variance = np.concatenate([pair.variance for pair in pairs.values()])
     return np.concatenate([steps[name] for name in pairs]), variance

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
+from procam.arrays import Array
 from procam.errors import DidNotConverge
 from procam.estimate.geometry.fiducials import fiducial_residuals, fiducial_rows
 from procam.estimate.geometry.model import (
@@ -34,7 +34,6 @@ from procam.maths.geometry.lenses import unproject
 from procam.maths.geometry.ray_to_screen import RoundShape
 from procam.model.optics import CameraModel, Distance, Fiducial
 
-Array = NDArray[np.float64]
 Intrinsics = Literal["fixed", "prior", "solve"]
 ROUNDS, ROBUST_ROUNDS = 100, 8  # lenses solved from one camera converge slowly
 CELLS = 10  # along each edge of a panel, for the systematic ratio

@@ -13,14 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
+from procam.arrays import Array, BoolArray, Image
 from procam.estimate.boards.start import homography_from_rays
 from procam.estimate.boards.targets import find_tags, tag_cells
 from procam.maths.geometry.lenses import Lens, project, unproject
 from procam.maths.warp import blur, sample
 from procam.model.optics import AprilTag, CameraModel, Fiducial, TagFamily, tag_name
 
-Array = NDArray[np.float64]
-Image = NDArray[np.float32]
 SCALES = (1, 2)  # of the picture in which tags are searched
 DARK_BRIGHT_PERCENT = (1.0, 99.8)  # percentiles that become black and white
 GAMMA = 2.0  # makes photon noise equal at all levels, so that dim tags are found
@@ -53,10 +52,7 @@ class TagObservations:
 
 
 def detect_tags(
-    pictures: Iterable[Image],
-    lens: Lens,
-    listed: Sequence[AprilTag],
-    shown: Set[str] = frozenset(),
+    pictures: Iterable[Image], lens: Lens, listed: Sequence[AprilTag], shown: Set[str] = frozenset()
 ) -> TagObservations:
     """Search for tags in pictures (H, W) [DN] of one camera, the best picture first.
 
@@ -120,7 +116,7 @@ def tag_notes(listed: Sequence[AprilTag], observed: Mapping[str, TagObservations
     return lines
 
 
-def tag_centre(light: Image, corners: Array, cells: NDArray[np.bool_], lens: Lens) -> Array | None:
+def tag_centre(light: Image, corners: Array, cells: BoolArray, lens: Lens) -> Array | None:
     """Pixel (2,) of a tag's centre; None if the picture does not show the tag.
 
     Parameters
@@ -168,7 +164,7 @@ class _Sheet:
     slopes: Array
 
     @classmethod
-    def of(cls, cells: NDArray[np.bool_], edge_px: float) -> "_Sheet":
+    def of(cls, cells: BoolArray, edge_px: float) -> "_Sheet":
         """The samples of a tag that the picture shows with edges of some length [px]."""
         fine = int(np.clip(np.ceil(edge_px / len(cells)), *FINENESS))
         bordered = np.pad(cells, 1, constant_values=True)

@@ -3,17 +3,14 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array, BoolArray, Image
 from procam.estimate.geometry.model import camera_rays
 from procam.estimate.geometry.screen_points import intersect_screen, round_shape, screen_points
 from procam.maths.geometry.lenses import project
 from procam.maths.geometry.sphere import normalise
 from procam.model.optics import CameraModel, ProjectorModel
 from procam.model.screen import Dome
-
-Image = NDArray[np.float32]
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,13 +26,11 @@ class DomeView:
 
     camera: CameraModel
     direction: Image
-    on_screen: Mask
-    solid_angle_sr: NDArray[np.float64]
+    on_screen: BoolArray
+    solid_angle_sr: Array
 
     @classmethod
-    def of(
-        cls, camera: CameraModel, dome: Dome, rays: NDArray[np.float64], seen: Mask
-    ) -> "DomeView":
+    def of(cls, camera: CameraModel, dome: Dome, rays: Array, seen: BoolArray) -> "DomeView":
         """The view of a camera with a pose, whose pixels have the `rays` (H, W, 3) and are `seen`."""
         origin, lines = camera_rays(camera, rays.reshape(-1, 3))
         direction = normalise(intersect_screen(round_shape(dome), origin, lines)).reshape(
@@ -47,7 +42,7 @@ class DomeView:
         size = np.linalg.norm(np.cross(across, down), axis=-1)
         return cls(camera, direction.astype(np.float32), on_screen, np.where(on_screen, size, 0.0))
 
-    def without(self, covered: Mask) -> "DomeView":
+    def without(self, covered: BoolArray) -> "DomeView":
         """The view without the pixels of a mask (H, W)."""
         solid = np.where(covered, 0.0, self.solid_angle_sr)
         return replace(self, on_screen=self.on_screen & ~covered, solid_angle_sr=solid)

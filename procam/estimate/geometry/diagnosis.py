@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array
 from procam.errors import CalibrationError
 from procam.estimate.geometry.adjustment import RigProblem
 from procam.estimate.geometry.model import (
@@ -25,7 +25,6 @@ from procam.estimate.geometry.model import (
 from procam.estimate.geometry.solve import GeometrySolution, solve_geometry
 from procam.maths.geometry.lenses import unproject
 
-Array = NDArray[np.float64]
 FLAT_SHARE = 0.004  # of the panel's width: distortion by lenses of a picture on a flat screen
 MIN_EXTENT = 0.5  # of a panel's width and height, for a test whether the screen is flat
 SQUARE = 0.01  # relative difference of a projector's two focal lengths, as its pixels are square

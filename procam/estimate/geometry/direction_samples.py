@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array
 from procam.estimate.geometry.model import RigGeometry
 from procam.estimate.geometry.pixel_directions import (
     CELL_PX,
@@ -20,7 +20,6 @@ from procam.estimate.geometry.solve import GeometrySolution
 from procam.maths.geometry.sphere import normalise
 from procam.maths.warp import blur, sample
 
-Array = NDArray[np.float64]
 FINE = 3  # samples per cell of random fields; interpolation between them keeps their variance
 
 

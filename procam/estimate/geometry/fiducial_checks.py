@@ -4,15 +4,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array
 from procam.errors import CalibrationError
 from procam.estimate.geometry.fiducials import best_rotation, distance_in_rig, fiducial_point
 from procam.estimate.geometry.model import RigGeometry
 from procam.maths.geometry.sphere import normalise
 from procam.model.optics import Distance, Fiducial
 
-Array = NDArray[np.float64]
 CONTRADICTION = 8.0  # sigmas of a residual that is an error, not noise
 ROUGH = 1e-3  # error of a fiducial on a dome that is solved as an exact sphere [rad]
 ROUGH_SHARE = 0.02  # relative error of a distance in such a rig

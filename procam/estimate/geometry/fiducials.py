@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from procam.arrays import Array
 from procam.errors import InputError
 from procam.estimate.geometry.model import POSE, PUPIL, ParameterLayout, RigGeometry, device_of
 from procam.kernels import PlacedDevice
@@ -16,7 +16,6 @@ from procam.maths.geometry.pose import Pose, align_rotation, rotation_matrix, ro
 from procam.maths.geometry.sphere import angles_from_direction, direction_from_angles, normalise
 from procam.model.optics import Distance, Fiducial
 
-Array = NDArray[np.float64]
 STEP = 1e-5  # [m] of a point, for numerical derivatives of its residual
 
 

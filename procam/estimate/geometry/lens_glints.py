@@ -1,19 +1,18 @@
 """Camera pixels that see a projector's lens instead of the screen."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array, BoolArray
 from procam.estimate.geometry.model import RigGeometry, camera_rays
 from procam.maths.geometry.sphere import normalise
 
-Array = NDArray[np.float64]
 HOUSING_RADIUS_M = (
     0.15  # of a lens; also how far behind the screen a lens still shines through its hole
 )
 GLARE_PX = 3.0  # of glare around a lens's rim
 
 
-def lens_glints(rig: RigGeometry, camera: str, rays: Array) -> NDArray[np.bool_]:
+def lens_glints(rig: RigGeometry, camera: str, rays: Array) -> BoolArray:
     """Pixels (H, W) at which a camera sees a projector's lens, given their rays (H, W, 3).
 
     A disc around every lens in front of the screen. A lens behind it, as for rear projection, is

@@ -10,8 +10,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array, BoolArray, IndexArray
 from procam.kernels import (
     ObservationBlock,
     PlacedDevice,
@@ -26,8 +26,6 @@ from procam.maths.geometry.pose import Pose, rotation_matrix
 from procam.maths.geometry.ray_to_screen import RoundShape
 from procam.model.optics import CameraModel, ProjectorModel
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 Pair = tuple[str, str]  # camera, projector
 POSE, PUPIL = 6, 2
 
@@ -40,7 +38,7 @@ class Observations:
     projector_px: Array
     sigma_px: Array
 
-    def some(self, which: Index | NDArray[np.bool_] | slice) -> "Observations":
+    def some(self, which: IndexArray | BoolArray | slice) -> "Observations":
         """A subset."""
         return Observations(self.camera_px[which], self.projector_px[which], self.sigma_px[which])
 
@@ -102,7 +100,7 @@ class ParameterLayout:
             end = projectors[name].stop
         return cls(screen, cameras, projectors, end)
 
-    def columns(self, pair: Pair) -> Index:
+    def columns(self, pair: Pair) -> IndexArray:
         """Indices of the parameters that a camera's observations of a projector depend on."""
         camera, projector = self.cameras[pair[0]], self.projectors[pair[1]]
         return np.r_[self.screen, camera, projector]
@@ -204,7 +202,7 @@ def normal_equations(
     rig: RigGeometry,
     seen: Mapping[Pair, Observations],
     weight: Mapping[Pair, Array],
-    free: NDArray[np.bool_],
+    free: BoolArray,
     rays: Mapping[Pair, Array],
     shape_derivatives: Mapping[Pair, ShapeDerivatives | None] | None = None,
 ) -> tuple[Array, Array]:

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from procam.arrays import Array, BoolArray, IndexArray, Map
 from procam.estimate.geometry.model import (
     Observations,
     Pair,
@@ -28,8 +29,6 @@ from procam.maths.geometry.sphere import ARCMIN, normalise
 from procam.maths.warp import blur, blur_within, sample
 from procam.model.optics import ProjectorModel
 
-Array = NDArray[np.float64]
-Map = NDArray[np.float32]
 DirectionsOf = Callable[[RigGeometry], Array]
 CELL_PX = 16  # of the panel, over which measurements are averaged
 SMOOTH = 1.0  # cells
@@ -203,7 +202,7 @@ def _smooth_field(
     return field, np.where(known, variance, np.nan), weight
 
 
-def _filled(field: Map, known: NDArray[np.bool_]) -> Map:
+def _filled(field: Map, known: BoolArray) -> Map:
     """A field (h, w, 3) with its holes filled from their surroundings; 0 far from any value."""
     filled, there = np.where(known[..., None], field, np.float32(0)), known.copy()
     for width in FILL:
@@ -262,9 +261,7 @@ def _propagated_variances(
     return modelled, np.nan_to_num(rays, nan=np.inf)
 
 
-def ray_directions(
-    rig: RigGeometry, camera: str, points: Array
-) -> tuple[NDArray[np.intp], DirectionsOf]:
+def ray_directions(rig: RigGeometry, camera: str, points: Array) -> tuple[IndexArray, DirectionsOf]:
     """Directions (N, 3) of what a camera sees in the pixels of points (N, 3) [m], as the rig changes.
 
     Returns the parameters that they depend on, and a function of the rig.
@@ -277,9 +274,7 @@ def ray_directions(
     )
 
 
-def _propagated(
-    solution: GeometrySolution, columns: NDArray[np.intp], directions: DirectionsOf
-) -> Array:
+def _propagated(solution: GeometrySolution, columns: IndexArray, directions: DirectionsOf) -> Array:
     """Variance (N,) [rad^2], sum of both components, of directions that depend on some parameters."""
     sigma = np.sqrt(np.diag(solution.covariance))
     used = columns[sigma[columns] > 0]

@@ -3,12 +3,11 @@
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array, FloatArray
 from procam.maths.geometry.ray_to_screen import RoundShape
 from procam.model.screen import Dome
 
-Array = NDArray[np.float64]
 BLOCK = 1 << 16  # rays at a time: harmonics of a whole image would not fit in memory
 
 
@@ -24,7 +23,7 @@ def intersect_screen(shape: RoundShape, origin: Array, rays: Array) -> Array:
     return _in_blocks(lambda block: shape.intersect(starts[block], flat[block]), rays.shape)
 
 
-def screen_points(shape: RoundShape, direction: NDArray[np.floating]) -> Array:
+def screen_points(shape: RoundShape, direction: FloatArray) -> Array:
     """Points (..., 3) [m] of the screen in unit directions (..., 3) from its centre."""
     flat = direction.reshape(-1, 3).astype(float)
     return _in_blocks(

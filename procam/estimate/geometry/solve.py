@@ -11,8 +11,8 @@ from dataclasses import dataclass, field, replace
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array
 from procam.errors import InputError
 from procam.estimate.geometry.adjustment import (
     Adjustment,
@@ -41,7 +41,6 @@ from procam.estimate.geometry.start import (
 from procam.maths.geometry.ray_to_screen import shape_coefficient_count
 from procam.model.optics import CameraModel, ProjectorModel
 
-Array = NDArray[np.float64]
 FEW = 1500  # observations of each pair in the first fits
 ROUGH = 300  # observations of each pair for a start
 TRIES = (8, 4, 2, 1)  # start positions of the first camera that each round keeps

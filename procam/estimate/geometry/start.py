@@ -9,10 +9,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import rq
 from scipy.optimize import least_squares
 
+from procam.arrays import Array
 from procam.errors import CalibrationError, NotEnoughData
 from procam.estimate.geometry.model import Observations, Pair, RigGeometry, points_seen, residuals
 from procam.maths.geometry.lenses import Lens, LensKind, project, unproject
@@ -21,7 +21,6 @@ from procam.maths.geometry.ray_to_screen import RoundShape
 from procam.maths.geometry.sphere import direction_from_angles, normalise
 from procam.model.optics import CameraModel, Fiducial, ProjectorModel
 
-Array = NDArray[np.float64]
 THINNED = 400  # observations of each pair that are used here
 MIN_OBSERVATIONS = 40  # of a projector
 MIN_FIDUCIALS = 4  # three leave up to four solutions for a position

@@ -12,21 +12,15 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array
 from procam.errors import NotEnoughData
 from procam.estimate.light.colour_spaces import colour_difference
-from procam.estimate.light.meter_samples import (
-    METER_SIGMA,
-    MeterSamples,
-    probability,
-    reduced_chi2,
-)
+from procam.estimate.light.meter_samples import METER_SIGMA, MeterSamples, probability, reduced_chi2
 from procam.estimate.light.panel_light import PanelLight
 from procam.model.calibration import Calibration
 from procam.model.reading import BLACK, MeterReading, Spot, spot_name
 
-Array = NDArray[np.float64]
 MIN_PATCHES = 3
 CONTRADICTION = 1e-3  # probability of one projector's readings given the others'
 LARGEST_ADDITIVITY = 0.02
@@ -164,9 +158,7 @@ def _contradiction_note(samples: MeterSamples, white: Array) -> Iterator[str]:
 
 
 def _black_notes(
-    blacks: dict[Spot, Array],
-    dark: dict[Spot, Array],
-    matrix: Array,
+    blacks: dict[Spot, Array], dark: dict[Spot, Array], matrix: Array
 ) -> Iterator[str]:
     for spot, xyz in blacks.items():
         read, known = float(xyz[1]), float(matrix[1] @ dark[spot])

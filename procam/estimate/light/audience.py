@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array, BoolArray, Image, Map
 from procam.estimate.geometry.camera_view import DomeView
 from procam.estimate.geometry.screen_points import round_shape
 from procam.estimate.light.footprint import pixels_of
@@ -21,11 +21,8 @@ from procam.estimate.light.separation import CLEAR_CAMERA_PX
 from procam.maths.geometry.sphere import master_directions, master_pixels
 from procam.maths.warp import blur_within, grow, sample
 from procam.model.calibration import Calibration
-from procam.model.transport import Map, Measured
+from procam.model.transport import Measured
 
-Array = NDArray[np.float64]
-Image = NDArray[np.float32]
-Mask = NDArray[np.bool_]
 ROUNDS = 20  # of the fixed-point iteration for the ratio
 TINY = 1e-9
 # relative, of a change of the ratio: light scattered back right beside where it falls changes most, and
@@ -98,7 +95,7 @@ class AudienceView:
         mean = np.tensordot(lit_sr, np.nan_to_num(light), 2) / lit_sr.sum()
         return level.astype(np.float32), np.maximum(mean, 0)
 
-    def observe(self, light: Image, lit: Mask) -> ZoneObservation:
+    def observe(self, light: Image, lit: BoolArray) -> ZoneObservation:
         """Observation from a photograph (H, W, 3), black subtracted [rel], NaN where saturated.
 
         `lit` (H, W) is where the direct light falls, from `expected`.
@@ -171,7 +168,7 @@ class AudienceView:
         return self._cells.scatter_sample(share[..., None], nothing, share[..., None]).direct[:, 0]
 
 
-def centre_shift(light: Image, expected: Image, usable: Mask) -> float:
+def centre_shift(light: Image, expected: Image, usable: BoolArray) -> float:
     """Distance [px] between the centroids of the lit pixels and of the expected ones; NaN without light.
 
     `light`, `expected` (H, W) are of one channel. Both are thresholded below nearly all lit pixels: a
@@ -195,5 +192,5 @@ def audience_feedback(calibration: Calibration, ratio: Measured) -> Measured:
     return Measured(ratio.value * m.value, sigma)
 
 
-def _centroid(mask: Mask) -> Array:
+def _centroid(mask: BoolArray) -> Array:
     return np.array([np.mean(index) for index in np.nonzero(mask)])

@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array, BoolArray, FloatArray, Image
 from procam.estimate.geometry.screen_points import round_shape, screen_points
 from procam.maths.geometry.lenses import project
 from procam.maths.warp import edge_distance, sample
@@ -12,7 +12,6 @@ from procam.model.correspondence import ProjectorSurface
 from procam.model.optics import ProjectorModel
 from procam.model.screen import Dome
 
-Image = NDArray[np.float32]
 WHITE_QUANTILE = 0.001  # instead of the minimum, to leave out a few noisy pixels
 
 
@@ -48,6 +47,6 @@ class Blender:
         return sample(self.distance[name], xy)
 
 
-def common_white(hi: NDArray[np.floating], lit: NDArray[np.bool_]) -> NDArray[np.float64]:
+def common_white(hi: FloatArray, lit: BoolArray) -> Array:
     """White (3,) that every lit direction can show, from full white `hi` (N, N, 3)."""
     return np.asarray(np.quantile(hi[lit], WHITE_QUANTILE, axis=0), float)

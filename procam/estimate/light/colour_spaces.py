@@ -3,12 +3,11 @@
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array
 from procam.errors import InputError, OutOfModelRange
 from procam.maths.colour_science import colour_science
 
-Array = NDArray[np.float64]
 White = Literal["native", "D65"]
 # their names in colour-science; all have the white D65
 SPACES = {

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array, Image
 from procam.estimate.geometry.camera_view import DomeView
 from procam.estimate.light.floor_albedo import FloorLight, combined_floor_albedo, measure_floor
 from procam.estimate.light.scatter_kernel import ScatterSample, ScatterSolution, solve_scatter
@@ -15,8 +15,6 @@ from procam.maths.warp import sample
 from procam.model.screen import Dome
 from procam.model.transport import Measured
 
-Array = NDArray[np.float64]
-Image = NDArray[np.float32]
 ROUGH_ALBEDO = 0.5  # of the screen; the distribution of scattered light hardly depends on it
 
 

@@ -12,14 +12,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
+from procam.arrays import Array, BoolArray
 from procam.estimate.light.scatter_kernel import CELLS, ScatterSample
 from procam.maths.geometry.sphere import master_directions, master_solid_angles
 from procam.model.screen import Dome
 
-Array = NDArray[np.float64]
 RINGS, SECTORS = 16, 48  # of the floor's patches; half as many give .28 for a floor of .3
 STEP = 0.1  # of floor albedo, for finite differences
 ROUNDS = 2
@@ -75,7 +74,7 @@ def measure_floor(
     return FloorLight(floor, float(np.hypot(sigma, MODEL_SIGMA * floor)), inconsistency)
 
 
-def _known_cells(room: "_Room", sample: ScatterSample, per_flux: Array) -> NDArray[np.bool_]:
+def _known_cells(room: "_Room", sample: ScatterSample, per_flux: Array) -> BoolArray:
     """Cells (N,) of the cap where scattered light of the picture and of white is known."""
     known = (sample.pixels > 0) & np.isfinite(sample.scattered + per_flux).all(axis=1)
     return np.asarray(known & room.on_cap)

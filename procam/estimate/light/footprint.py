@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array, Array32, FloatArray
 from procam.estimate.geometry.pixel_directions import PixelDirections, fit_pixel_directions
 from procam.estimate.geometry.screen_points import screen_points
 from procam.estimate.geometry.solve import GeometrySolution
@@ -19,7 +19,6 @@ from procam.model.mask import Nudge
 from procam.model.optics import CameraModel
 from procam.model.screen import Dome
 
-Array = NDArray[np.float64]
 MIN_LIT_SHARE = 0.5  # of a pixel's light, for it to be part of the footprint
 DARK_SHARE = 0.02  # of the brightest light, below which a share of it is not known
 
@@ -68,20 +67,18 @@ def _nudged(fitted: PixelDirections, nudges: Sequence[Nudge]) -> PanelField:
     return directions
 
 
-def camera_pixels(solution: GeometrySolution, direction: NDArray[np.floating]) -> Array:
+def camera_pixels(solution: GeometrySolution, direction: FloatArray) -> Array:
     """Pixel (..., 2) of the main camera that sees the screen in directions (..., 3)."""
     return pixels_of(solution.camera, solution.rig.shape, direction)
 
 
-def pixels_of(camera: CameraModel, shape: RoundShape, direction: NDArray[np.floating]) -> Array:
+def pixels_of(camera: CameraModel, shape: RoundShape, direction: FloatArray) -> Array:
     """Pixel (..., 2) of a camera that sees a screen of `shape` in directions (..., 3)."""
     assert camera.camera_from_dome is not None
     return project(camera.camera_from_dome.apply(screen_points(shape, direction)), camera.lens)
 
 
-def lit_share(
-    solution: GeometrySolution, direction: NDArray[np.floating], light: SeparatedLight
-) -> NDArray[np.float32]:
+def lit_share(solution: GeometrySolution, direction: FloatArray, light: SeparatedLight) -> Array32:
     """Share 0..1 (...) of the expected light that the camera saw in directions (..., 3)."""
     xy = camera_pixels(solution, direction)
     seen, expected = sample(light.direct[..., 1], xy), sample(light.extended[..., 1], xy)

@@ -6,30 +6,26 @@ Shot marks cover a part of the panel, and in lens glints no screen is seen.
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.linalg import spsolve
 
+from procam.arrays import Array, BoolArray, Image, IndexArray
 from procam.estimate.light.separation import SeparatedLight
 from procam.maths.warp import grow
 from procam.model.mask import Mask
 
-Image = NDArray[np.float32]
-Pixels = NDArray[np.bool_]
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 LIT_HALF = 0.5
 BORDER_CAMERA_PX = 3  # radius of the lens blur around such a place
 NEIGHBOURS = ((0, 1), (0, -1), (1, 0), (-1, 0))
 
 
-def pixels_without_pattern(panel: Mask, projector_xy: Image) -> Pixels:
+def pixels_without_pattern(panel: Mask, projector_xy: Image) -> BoolArray:
     """Camera pixels (H, W) that see masked pixels of a panel, or their blur."""
     return grow(panel.at(projector_xy), BORDER_CAMERA_PX)
 
 
 def fill_light(
-    light: SeparatedLight, white: Image, missing: Pixels, solid_angle_sr: NDArray[np.float64]
+    light: SeparatedLight, white: Image, missing: BoolArray, solid_angle_sr: Array
 ) -> SeparatedLight:
     """Inpaint the light at camera pixels without the pattern, as if white had been shown there.
 
@@ -61,7 +57,7 @@ def fill_light(
     )
 
 
-def fill_picture(picture: Image, missing: Pixels, known: Pixels) -> Image:
+def fill_picture(picture: Image, missing: BoolArray, known: BoolArray) -> Image:
     """`picture` (H, W, C) with `missing` pixels (H, W) interpolated from `known` ones (H, W).
 
     Solves Laplace's equation with the known pixels as boundary values. Regions without a known
@@ -73,7 +69,7 @@ def fill_picture(picture: Image, missing: Pixels, known: Pixels) -> Image:
     number[missing] = np.arange(len(rows))
     right = np.zeros((len(rows), picture.shape[2]))
     count = np.full(len(rows), 1e-9)  # keeps the matrix regular where a region has no boundary
-    at: list[tuple[Index, Index]] = []
+    at: list[tuple[IndexArray, IndexArray]] = []
     for down, across in NEIGHBOURS:
         r, c = rows + down, columns + across
         inside = (r >= 0) & (r < missing.shape[0]) & (c >= 0) & (c < missing.shape[1])
@@ -88,7 +84,7 @@ def fill_picture(picture: Image, missing: Pixels, known: Pixels) -> Image:
     return filled
 
 
-def _solved(count: Array, links: list[tuple[Index, Index]], right: Array) -> Array:
+def _solved(count: Array, links: list[tuple[IndexArray, IndexArray]], right: Array) -> Array:
     """Values (N, C), each the mean of its `count` neighbours: linked unknowns, and the sum `right`."""
     each = np.arange(len(count))
     first = np.concatenate([each, *(i for i, _ in links)])

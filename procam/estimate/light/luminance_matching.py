@@ -6,21 +6,18 @@ limit (Majumder and Stevens 2005, doi:10.1145/1037957.1037964).
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array, BoolArray, Image
 from procam.maths.geometry.sphere import master_directions, master_pixels
 from procam.maths.warp import sample
 
-Array = NDArray[np.float64]
-Image = NDArray[np.float32]
-Mask = NDArray[np.bool_]
 CELLS = 128  # edge of the dome master on which the limit is applied: 1.4 degrees a cell
 # to neighbours, and back; the shortest path along these is at most 3 % longer than a straight one
 STEPS = ((0, 1), (1, 0), (1, 1), (1, -1), (1, 2), (2, 1), (1, -2), (2, -1))
 MOST_ROUNDS = 4 * CELLS
 
 
-def matched_white(hi: Array, lit: Mask, falloff_per_rad: float) -> Image:
+def matched_white(hi: Array, lit: BoolArray, falloff_per_rad: float) -> Image:
     """Shape (N, N) of the white, its largest value 1; N a multiple of `CELLS`.
 
     Parameters

@@ -12,12 +12,11 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.special import chdtrc
 
+from procam.arrays import Array, BoolArray
 from procam.estimate.light.colour_spaces import xyy_from_xyz
 from procam.estimate.light.panel_light import PanelLight
 from procam.model.reading import MeterReading, Spot
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 METER_SIGMA = np.array([0.002, 0.002, 0.02])  # of x, y and, relative, Y: data sheets of hand meters
 TIGHT = 1e-12  # relative tolerance of the solver
 IMPROBABLE = 0.01  # probability of the residuals below which the sigmas are scaled up
@@ -60,7 +59,7 @@ class MeterSamples:
             np.array([r.xyz[1] for r in lit]),
         )
 
-    def only(self, use: Mask) -> "MeterSamples":
+    def only(self, use: BoolArray) -> "MeterSamples":
         """A subset of the readings."""
         return MeterSamples(*(getattr(self, field.name)[use] for field in fields(self)))
 

@@ -5,8 +5,8 @@ Direct light is the calibrated gain; scattered light follows from the scatter ke
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array
 from procam.errors import InputError
 from procam.estimate.geometry.screen_points import round_shape
 from procam.estimate.light.footprint import pixels_of
@@ -17,7 +17,6 @@ from procam.model.calibration import Calibration, ProjectorCalibration
 from procam.model.correspondence import ProjectorSurface
 from procam.model.reading import PATCHES, MeterReading, Spot
 
-Array = NDArray[np.float64]
 ROWS = 64  # of a panel at a time, to bound the memory of the harmonics
 NEAR_PX = 2.0  # largest extrapolation beyond a panel pixel
 FULLY_LIT = 0.999

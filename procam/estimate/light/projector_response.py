@@ -7,15 +7,13 @@ docs/theory/photometry.md (R2). Left in, scattered light would bend the curve.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
+from procam.arrays import Array, BoolArray, FloatArray, Image, IndexArray
 from procam.errors import NotEnoughData, OutOfModelRange
 from procam.estimate.structured_light.patterns import LEVELS, level_tile
 from procam.model.photometry import ResponseCurve
 
-Array = NDArray[np.float64]
-Image = NDArray[np.float32]
 TILE_MARGIN_PX = 5
 GAMMA = 2.2  # of the domain of the interpolation, where displays are nearly linear
 TABLE = 257  # entries of the curve
@@ -44,9 +42,7 @@ def fit_colour(primaries: list[Image], direct: Image) -> ColourFit:
     return ColourFit(mix / mix.sum(axis=1, keepdims=True), error)
 
 
-def tile_levels(
-    picture: NDArray[np.floating], projector_xy: Image, lit: NDArray[np.bool_]
-) -> NDArray[np.intp]:
+def tile_levels(picture: FloatArray, projector_xy: Image, lit: BoolArray) -> IndexArray:
     """Index (H, W) into LEVELS of each camera pixel of a level picture; -1 near the tiles' edges."""
     height, width = picture.shape[:2]
     tile = level_tile((width, height))
@@ -66,7 +62,7 @@ class ProjectorResponseFit:
         self._unmix = np.linalg.inv(mix)
         self._sums = np.zeros((len(LEVELS), 3, 3))  # per level: sum x, x^2 and count, per channel
 
-    def add(self, light: Image, level: NDArray[np.intp]) -> None:
+    def add(self, light: Image, level: IndexArray) -> None:
         """Add the direct light (H, W, 3) of a level picture with levels (H, W) of `tile_levels`."""
         with np.errstate(divide="ignore", invalid="ignore"):
             relative = light / self._direct

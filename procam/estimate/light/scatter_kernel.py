@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array, BoolArray, FloatArray, Image, IndexArray
 from procam.errors import OutOfModelRange
 from procam.estimate.geometry.camera_view import DomeView
 from procam.estimate.light.separation import SeparatedLight, estimate_scatter_per_flux
@@ -22,9 +22,6 @@ from procam.maths.light.scatter_kernel import ZoneMeasurements, basis, predicted
 from procam.maths.warp import sample
 from procam.model.transport import ScatterKernel
 
-Array = NDArray[np.float64]
-Image = NDArray[np.float32]
-Mask = NDArray[np.bool_]
 CELLS = 32  # edge of the dome master of cells, 6 degrees each
 HIGHEST = 2  # degree; a higher one gains nothing in furnished rooms (studies/forward.md)
 SIZE = (HIGHEST + 1) ** 2
@@ -99,14 +96,14 @@ class ScatterCells:
         self._all = np.bincount(self._index, minlength=CELLS**2)
         self._solid = solid_angle_sr[self._use]
 
-    def scatter_sample(self, scattered: Image, known: Mask, direct: Image) -> ScatterSample:
+    def scatter_sample(self, scattered: Image, known: BoolArray, direct: Image) -> ScatterSample:
         """Sample of scattered light (H, W, C), `known` (H, W), and its direct light (H, W, C)."""
         light = np.nan_to_num(direct[self._use])
         sums = self._sums(light * self._solid[:, None], self._index)
         mean, pixels = self.mean(scattered, known)
         return ScatterSample(mean, pixels, sums)
 
-    def mean(self, picture: Image, known: Mask) -> tuple[Array, Array]:
+    def mean(self, picture: Image, known: BoolArray) -> tuple[Array, Array]:
         """Cell means (N, C), NaN where under `MIN_CELL_SHARE` is known, and pixel counts (N,)."""
         known = (known & np.isfinite(picture).all(axis=-1))[self._use]
         index = self._index[known]
@@ -116,7 +113,7 @@ class ScatterCells:
         return np.where(whole[:, None], mean, np.nan), np.where(whole, pixels, 0).astype(float)
 
     @staticmethod
-    def _sums(values: NDArray[np.floating], index: NDArray[np.intp]) -> Array:
+    def _sums(values: FloatArray, index: IndexArray) -> Array:
         return np.stack([np.bincount(index, v, CELLS**2) for v in values.T], axis=1)
 
 
@@ -244,7 +241,7 @@ class _Channel:
         self._weight = np.stack([x.pixels[on_dome] * base**2 for x in samples])
         self._moment = np.stack([x.moment[:, channel] for x in samples])
 
-    def fit(self, degree: int, pictures: Mask) -> tuple[Array, Array]:
+    def fit(self, degree: int, pictures: BoolArray) -> tuple[Array, Array]:
         """Kernel and profile from a subset of pictures (P,)."""
         return self._measurements(degree).fit(pictures)
 

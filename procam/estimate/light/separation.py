@@ -12,17 +12,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array, BoolArray, Image
 from procam.maths.codes.gray import is_bright, stripe_edge_distance
 from procam.maths.light.radiosity import albedo_from_feedback, floor_return
 from procam.maths.warp import blur_within, grow
 from procam.model.screen import Dome
 from procam.model.transport import Measured
 
-Array = NDArray[np.float64]
-Image = NDArray[np.float32]
-Mask = NDArray[np.bool_]
 CLEAR_PX = 3.0  # distance from a stripe's edge beyond which neither lens nor pixel blurs it in
 HOLE_PX = 3  # widest gap between decoded pixels that counts as lit
 CLEAR_CAMERA_PX = 6  # the same, from the border of a projector's picture
@@ -52,7 +49,7 @@ class SeparatedLight:
     extended: Image
     flux: Array
     weight: Image
-    lit: Mask
+    lit: BoolArray
 
 
 class Separation:
@@ -64,7 +61,9 @@ class Separation:
     lit : (H, W) decoded pixels. solid_angle_sr : (H, W) of the camera pixels; 0 off the screen.
     """
 
-    def __init__(self, white: Image, projector_xy: Image, lit: Mask, solid_angle_sr: Array) -> None:
+    def __init__(
+        self, white: Image, projector_xy: Image, lit: BoolArray, solid_angle_sr: Array
+    ) -> None:
         usable = np.isfinite(white).all(axis=-1)
         # pixels on an edge of the finest stripes do not decode, but they are lit
         lit = grow(grow(lit, HOLE_PX), -HOLE_PX)
@@ -105,7 +104,7 @@ class Separation:
         self._add_dark(pattern, (clear & ~bright) | self._outside)
         self._add_dark(inverse, (clear & bright) | self._outside)
 
-    def _add_dark(self, light: Image, dark: Mask) -> None:
+    def _add_dark(self, light: Image, dark: BoolArray) -> None:
         share = self.flux_share(light)
         weight = share[1] ** 2  # one weight for all channels, whose shares differ little
         self._dark_sum += light * dark[..., None] * (weight / share).astype(np.float32)

@@ -9,13 +9,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array, BoolArray, Image
 from procam.errors import OutOfModelRange
 
-Image = NDArray[np.float32]
-Mask = NDArray[np.bool_]
-Array = NDArray[np.float64]
 MAX_PIXELS = 20_000
 ROUNDS = 4  # of the regression; each leaves outliers out
 OUTLIER_SIGMAS = 3.0  # glints, moving people
@@ -47,7 +44,7 @@ class StabilityChecks:
     white : (H, W, 3) radiance of its white, black subtracted. on_screen : (H, W).
     """
 
-    def __init__(self, white: Image, on_screen: Mask) -> None:
+    def __init__(self, white: Image, on_screen: BoolArray) -> None:
         pixels = np.flatnonzero(on_screen & np.isfinite(white).all(axis=-1))
         self._pixels = pixels[:: max(1, len(pixels) // MAX_PIXELS)]
         self._white = self._picked(white)

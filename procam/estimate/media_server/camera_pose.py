@@ -9,8 +9,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array, Image
 from procam.errors import CalibrationError, NotEnoughData
 from procam.estimate.boards.targets import find_tags
 from procam.estimate.geometry.adjustment import (
@@ -32,8 +32,6 @@ from procam.maths.geometry.ray_to_screen import RoundShape
 from procam.maths.geometry.sphere import ARCMIN, angle_between, direction_from_angles, normalise
 from procam.model.optics import CameraModel, Fiducial
 
-Array = NDArray[np.float64]
-Image = NDArray[np.float32]
 MIN_TAGS = 6  # three determine a pose, but do not reveal errors of the server
 MOST_ARCMIN = 15.0  # rms error of tags; an aligned server is better
 HOPELESS_ARCMIN = 300.0  # median error of tags, larger than a guessed lens causes

@@ -8,8 +8,8 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import BoolArray, Image
 from procam.estimate.media_server.tags import TAG_PICTURES, draw_tags, master_tags
 from procam.estimate.structured_light.codes import Picture
 from procam.estimate.structured_light.patterns import light_pictures, plan_of
@@ -19,8 +19,6 @@ from procam.maths.warp import blur
 from procam.model.optics import ProjectorModel
 from procam.model.plan import Plan, Shot
 
-Image = NDArray[np.float32]
-Mask = NDArray[np.bool_]
 COARSE_PX = 1024  # raster of the pictures that measure light
 STRIPES = 64  # finest, across the master: 3 degrees, ten times the error of a usual server
 SECTORS, DISC_SHARE = 3, 0.55  # of the zones: number around the disc, and the disc's radius
@@ -61,7 +59,7 @@ class DomeMaster:
         """Positions (..., 2) of the master [px] on the raster of these blocks."""
         return np.asarray((xy + 0.5) / self.coarse - 0.5, np.float32)
 
-    def inside(self, xy: Image) -> Mask:
+    def inside(self, xy: Image) -> BoolArray:
         """Whether positions (..., 2) [px] lie in the master's circle; NaN is outside."""
         middle = (self.size - 1) / 2
         with np.errstate(invalid="ignore"):
@@ -87,7 +85,7 @@ def plan_server(
     return plan_of({master.name: shown}, exposure_s, black_exposure_s)
 
 
-def lit_by_stripes(white: Image, pairs: Iterable[tuple[Image, Image]]) -> Mask:
+def lit_by_stripes(white: Image, pairs: Iterable[tuple[Image, Image]]) -> BoolArray:
     """Camera pixels (H, W) with direct light, from stripes and their inverses, (H, W, C) each.
 
     `white` (H, W, C) is white minus black. Scattered light makes it bright on the whole dome; the

@@ -3,16 +3,14 @@
 from collections.abc import Iterable, Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array, Image, IndexArray
 from procam.estimate.structured_light.patterns import LEVELS
 from procam.maths.light.curves import apply_curve
 from procam.maths.warp import blur, sample
 from procam.model.photometry import ResponseCurve
 
-Array = NDArray[np.float64]
-Image = NDArray[np.float32]
-Levels = tuple[Image, NDArray[np.intp]]
+Levels = tuple[Image, IndexArray]
 Sample = tuple[Array, Array, Array]
 CELLS = 40  # along each side of a master, about one per tile of the level pictures
 SMOOTH = 1.5  # cells over which evidence is averaged: a few dozen tiles, so that all levels occur

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array, Array32
 from procam.estimate.boards.targets import tag_cells
 from procam.estimate.structured_light.codes import NOMINAL_GAMMA, Picture
 from procam.maths.codes.shot_id import CELLS_PER_MASTER, shot_id_blocks
@@ -15,7 +15,6 @@ from procam.maths.geometry.sphere import normalise
 from procam.maths.warp import block_mean
 from procam.model.optics import AprilTag, ProjectorModel, TagFamily
 
-Array = NDArray[np.float64]
 TAG_PICTURES = 2
 FAMILY: TagFamily = "25h9"  # another one than that of the shot marks
 EDGES = 26  # tags across the field of view: 7 degrees each, 50 px at 8 px per degree
@@ -76,7 +75,7 @@ def draw_tags(model: ProjectorModel, tags: Sequence[MasterTag], fov: float) -> P
     return drive.astype(np.uint8)[..., None]
 
 
-def _whiteness(rays: Array, tag: MasterTag, fov: float) -> NDArray[np.float32]:
+def _whiteness(rays: Array, tag: MasterTag, fov: float) -> Array32:
     """Light (H, W) 0..1 of a tag with its white border along rays (H, W, 3)."""
     cells = tag_cells(FAMILY, tag.number)
     printed = np.pad(cells, QUIET_CELLS, constant_values=True)

@@ -17,12 +17,7 @@ from procam.estimate.projector_tests.analysis import (
     slant_effect,
     step_light,
 )
-from procam.estimate.projector_tests.patches import (
-    Patches,
-    PatchLight,
-    direct_light,
-    find_patches,
-)
+from procam.estimate.projector_tests.patches import Patches, PatchLight, direct_light, find_patches
 
 __all__ = [
     "Effect",

@@ -11,15 +11,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import binary_erosion, gaussian_filter
 
+from procam.arrays import Array, BoolArray
 from procam.estimate.camera.noise import NoiseLaw
 from procam.estimate.projector_tests.patches import CLEAR_SIGMAS, PatchLight, direct_light
 from procam.estimate.projector_tests.patterns import GREYS, STRIPE_PX, patch_bits
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Steps = dict[int, tuple[float, float]]  # light by drive 0..255, and its variance; NaN if unseen
 SIGNIFICANT = 5.0  # sigmas
 GAMMA = 2.2  # nominal, of a projector
@@ -79,10 +77,7 @@ def colour_effects(
 
 
 def step_light(
-    levels: Sequence[int],
-    steps: PatchLight,
-    pair: tuple[PatchLight, PatchLight],
-    black: PatchLight,
+    levels: Sequence[int], steps: PatchLight, pair: tuple[PatchLight, PatchLight], black: PatchLight
 ) -> Steps:
     """Light of patches of drives `levels` (8,), 0..255, as a share of white's.
 
@@ -201,7 +196,7 @@ def sharpness_effect(grey: Array, full: Array, bright: Steps, limit: float) -> E
     return Effect(effect.name, effect.value, float(np.hypot(effect.sigma, by_light**0.5)), limit)
 
 
-def _striped(power: Array) -> Mask:
+def _striped(power: Array) -> BoolArray:
     """Tiles (n,) with strong stripes, which have sharp direct light; none if they are too few."""
     strongest = float(np.nanmax(power)) if np.isfinite(power).any() else 0.0
     chosen = power > max(STRIPED * strongest, 0.0)

@@ -2,18 +2,15 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt, label, median_filter
 
+from procam.arrays import AnyArray, Array, BoolArray, IndexArray
 from procam.errors import NotEnoughData
 from procam.estimate.camera.noise import NoiseLaw
 from procam.estimate.projector_tests.patterns import COUNT, PatchLayout, patch_bits, patch_codes
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 CLEAR_SIGMAS = 6.0  # by which light must exceed the noise
 FAINT_SHARE = 0.02  # of the brightest light: pixels with less are not used as divisors
 INSIDE = 0.5  # of a patch's plateau: its geometrical border
@@ -39,7 +36,7 @@ class PatchLight:
     def __sub__(self, other: "PatchLight") -> "PatchLight":
         return self + other.scaled(-1)
 
-    def where(self, chosen: Mask, other: "PatchLight") -> "PatchLight":
+    def where(self, chosen: BoolArray, other: "PatchLight") -> "PatchLight":
         """These values for the patches `chosen` (8,), those of the other light for the rest."""
         pick = chosen[:, None]
         return PatchLight(
@@ -68,7 +65,7 @@ class Patches:
     camera_px : (8,) side of a projector pixel [camera px]; NaN for patches that are not seen.
     """
 
-    place: NDArray[np.intp]
+    place: IndexArray
     camera_px: Array
 
     @property
@@ -81,7 +78,7 @@ class Patches:
         """Median side of a projector pixel [camera px]."""
         return float(np.nanmedian(self.camera_px))
 
-    def read(self, signal: NDArray[Any], noise: NoiseLaw) -> PatchLight:
+    def read(self, signal: AnyArray, noise: NoiseLaw) -> PatchLight:
         """Mean light of each patch in a photograph of signals (H, W, C) above black [DN]."""
         inside = self.place >= 0
         index = self.place[inside]
@@ -142,7 +139,7 @@ def direct_light(pair: tuple[PatchLight, PatchLight]) -> PatchLight:
     return (pair[0] - pair[1]).where(patch_bits(0), pair[1] - pair[0])
 
 
-def _largest(mask: Mask) -> Mask:
+def _largest(mask: BoolArray) -> BoolArray:
     """The largest connected part of a mask (H, W)."""
     labels, count = label(mask)
     if count == 0:

@@ -8,9 +8,9 @@ difference contains direct light only.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Drive = NDArray[np.float32]
+from procam.arrays import BoolArray, FloatArray, Image, IndexArray
+
 COLUMNS, ROWS = 4, 2
 COUNT = COLUMNS * ROWS
 PATCH_SHARE = 0.05 / (COUNT / 2)  # of the panel: half of the patches make 5 %
@@ -24,13 +24,13 @@ BRIGHT_LEVELS = (255, 157, 247, 239, 210, 247, 231, 255)
 COLOUR_PAIRS = (((1, 0, 0), (0, 1, 1)), ((0, 1, 0), (1, 0, 1)), ((0, 0, 1), (1, 1, 0)))
 
 
-def patch_bits(bit: int) -> NDArray[np.bool_]:
+def patch_bits(bit: int) -> BoolArray:
     """Patches (8,) whose number has this bit set: chequered, every other column, the right half."""
     row, column = np.divmod(np.arange(COUNT), COLUMNS)
     return np.asarray(((row + column) % 2, column % 2, column // 2)[bit] == 1)
 
 
-def patch_codes() -> NDArray[np.intp]:
+def patch_codes() -> IndexArray:
     """The number (8,) of each patch, made of its three bits."""
     return np.asarray(sum(patch_bits(bit).astype(np.intp) << bit for bit in range(3)))
 
@@ -52,7 +52,7 @@ class PatchLayout:
         """Width of the black ring round a patch [px]."""
         return max(MIN_RING_PX, round(RING_SHARE * self.side_px))
 
-    def picture(self, levels: NDArray[np.floating], elsewhere: float = 0.0) -> Drive:
+    def picture(self, levels: FloatArray, elsewhere: float = 0.0) -> Image:
         """Drive (H, W, 3) with patches of drives (8,) or (8, 3), and `elsewhere` beyond their rings."""
         width, height = self.size
         picture = np.full((height, width, 3), elsewhere, np.float32)
@@ -61,16 +61,16 @@ class PatchLayout:
             self._fill(picture, place, self.side_px, level)
         return picture
 
-    def bit(self, bit: int) -> Drive:
+    def bit(self, bit: int) -> Image:
         """The pattern (H, W, 3) of one bit of the patches' numbers: white where it is set."""
         return self.picture(patch_bits(bit).astype(float))
 
-    def pair(self, elsewhere: float = 0.0) -> tuple[Drive, Drive]:
+    def pair(self, elsewhere: float = 0.0) -> tuple[Image, Image]:
         """Bit 0 and its complement (H, W, 3), with the drive `elsewhere` beyond the rings."""
         first = patch_bits(0).astype(float)
         return self.picture(first, elsewhere), self.picture(1 - first, elsewhere)
 
-    def colours(self) -> list[Drive]:
+    def colours(self) -> list[Image]:
         """Three patterns (H, W, 3): primaries on one half of the patches, their complements on the other.
 
         Their light adds up to that of the first of `pair` and twice the second. Each has the flux of
@@ -79,20 +79,18 @@ class PatchLayout:
         first = patch_bits(0)[:, None]
         return [self.picture(np.where(first, pure, mixed)) for pure, mixed in COLOUR_PAIRS]
 
-    def steps(self, levels: tuple[int, ...]) -> Drive:
+    def steps(self, levels: tuple[int, ...]) -> Image:
         """Patches of drives (8,), 0..255, on black (H, W, 3)."""
         return self.picture(np.array(levels) / 255)
 
-    def stripes(self, slant: int, low: float, high: float) -> Drive:
+    def stripes(self, slant: int, low: float, high: float) -> Image:
         """Diagonal stripes (H, W, 3) of two drives; `slant` 1 falls to the left, -1 to the right."""
         width, height = self.size
         phase = (np.arange(width) + slant * np.arange(height)[:, None]) % STRIPE_PX
         grey = np.where(phase < STRIPE_PX // 2, high, low).astype(np.float32)
         return np.repeat(grey[..., None], 3, axis=2)
 
-    def _fill(
-        self, picture: Drive, place: int, side: int, level: NDArray[np.floating] | float
-    ) -> None:
+    def _fill(self, picture: Image, place: int, side: int, level: FloatArray | float) -> None:
         """Fill a square around the centre of a patch."""
         width, height = self.size
         row, column = divmod(place, COLUMNS)

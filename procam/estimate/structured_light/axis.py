@@ -1,11 +1,10 @@
 """One axis of a code: the result that every decoder gives, and the decoder of sinusoids."""
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import AnyArray, Map
 from procam.errors import NotEnoughData
 from procam.estimate.structured_light.codes import Axis, AxisCode, Plane
 from procam.estimate.structured_light.limits import DecodeLimits, dropped_samples
@@ -18,8 +17,6 @@ from procam.estimate.structured_light.sinusoids import (
     decode_sinusoids,
 )
 
-Samples = NDArray[Any]
-Map = NDArray[np.float32]
 NO_SURPLUS = 1e-9  # standard error of the flux surplus once it has been measured and removed
 FEW_FRINGES = (
     16  # with more of them, each pattern has half of white's flux (docs/theory/scatter-bias.md)
@@ -49,18 +46,18 @@ class SinusoidDecoder:
     """Collects the sinusoidal photographs of one axis and decodes them; some may be missing."""
 
     def __init__(
-        self, coding: AxisCode, axis: Axis, white: Samples, black: Samples, limits: DecodeLimits
+        self, coding: AxisCode, axis: Axis, white: AnyArray, black: AnyArray, limits: DecodeLimits
     ) -> None:
         assert coding.waves is not None
         self._set, self._length, self._limits = coding.waves, coding.length, limits
         self._white, self._black = white, black
         self._order = coding.planes(axis)
-        self._frames: dict[int, Samples] = {}
+        self._frames: dict[int, AnyArray] = {}
         self._variances: Map | None = None  # sum over the frames
         self._waves: SinusoidResult | None = None
         self._lost: list[Plane] = []
 
-    def add(self, plane: Plane, image: Samples, variance: Map | None = None) -> None:
+    def add(self, plane: Plane, image: AnyArray, variance: Map | None = None) -> None:
         """Add one photograph; the last one starts the decoding and frees the photographs."""
         if variance is not None:
             before = np.float32(0) if self._variances is None else self._variances

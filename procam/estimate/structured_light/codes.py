@@ -13,15 +13,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from procam.arrays import Array
 from procam.errors import InputError
 from procam.maths.codes.gray import bit_count, encode_gray
-from procam.maths.codes.phase import (
-    Waves,
-    equal_steps,
-    heterodyne_waves,
-    micro_waves,
-    sine_line,
-)
+from procam.maths.codes.phase import Waves, equal_steps, heterodyne_waves, micro_waves, sine_line
 
 Picture = NDArray[np.uint8]
 Axis = Literal["x", "y"]
@@ -82,7 +77,7 @@ class AxisCode:
         bits = reversed(range(bit_count(self.length)))
         return [Plane("binary", axis, bit, inverse) for bit in bits for inverse in (False, True)]
 
-    def line(self, plane: Plane) -> NDArray[np.float64]:
+    def line(self, plane: Plane) -> Array:
         """Values (length,) in 0..1, in linear light."""
         if plane.kind == "sine":
             return sine_line(self.length, plane.period, plane.shift)

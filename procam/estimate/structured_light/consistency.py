@@ -6,11 +6,10 @@ share of straight triples scores any order of the photographs without decoding w
 """
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import AnyArray, IndexArray
 from procam.estimate.structured_light.codes import AXES, Axis, Code
 from procam.estimate.structured_light.limits import DecodeLimits, default_limits
 from procam.estimate.structured_light.self_calibration import find_columns
@@ -18,9 +17,8 @@ from procam.estimate.structured_light.sinusoids import MIN_SAMPLES, complete_bas
 from procam.estimate.structured_light.stripes import StripeDecoder
 from procam.maths.codes.phase import WaveDistortion
 
-Samples = NDArray[Any]
 Order = list[int | None]  # per plane of the code, the index of its photograph
-Places = tuple[NDArray[np.intp], NDArray[np.intp]]
+Places = tuple[IndexArray, IndexArray]
 TRIPLES = 3000
 APART_PX = 5  # between the pixels of a triple: far enough to leave a few stripes
 STRAIGHT_PX = 1.6  # second difference of a triple that rounding, noise and curvature can make
@@ -51,10 +49,10 @@ class OrderConsistency:
     probes : samples (n, 3) of each photograph at `probe_places`, float32.
     """
 
-    def __init__(self, code: Code, probes: Sequence[Samples]) -> None:
+    def __init__(self, code: Code, probes: Sequence[AnyArray]) -> None:
         self._code, self._probes = code, probes
         self._scored: dict[tuple[int | None, ...], float] = {}
-        self._lit_of: dict[tuple[int, int], tuple[list[Samples], float]] = {}
+        self._lit_of: dict[tuple[int, int], tuple[list[AnyArray], float]] = {}
 
     def along(self, order: Order, axis: Axis) -> float:
         """Share of the triples, 0..1, that are straight along one axis."""
@@ -85,7 +83,7 @@ class OrderConsistency:
         straight = np.abs(x[:, 0] - 2 * x[:, 1] + x[:, 2]) <= STRAIGHT_PX  # false for NaN
         return float(np.mean(straight * trust.min(axis=1)))
 
-    def _lit_probes(self, white: int, black: int) -> tuple[list[Samples], float]:
+    def _lit_probes(self, white: int, black: int) -> tuple[list[AnyArray], float]:
         """Samples (n, 3) of every photograph in the lit triples, and the least contrast of a bit."""
         span = self._probes[white] - self._probes[black]
         limits = default_limits(self._probes[white], self._probes[black])
@@ -97,11 +95,11 @@ class OrderConsistency:
 def _columns(
     code: Code,
     axis: Axis,
-    shown: dict[int, Samples],
-    white: Samples,
-    black: Samples,
+    shown: dict[int, AnyArray],
+    white: AnyArray,
+    black: AnyArray,
     contrast: float,
-) -> tuple[Samples, Samples]:
+) -> tuple[AnyArray, AnyArray]:
     """Columns (n, 3) by a fast decoding, NaN where unknown, and how far to trust them, 0..1."""
     codewords = code.axis(axis).codewords
     if codewords is None:
@@ -117,8 +115,8 @@ def _columns(
 
 
 def _by_waves(
-    code: Code, axis: Axis, shown: dict[int, Samples], white: Samples, black: Samples
-) -> tuple[Samples, Samples]:
+    code: Code, axis: Axis, shown: dict[int, AnyArray], white: AnyArray, black: AnyArray
+) -> tuple[AnyArray, AnyArray]:
     """Columns and trust from sinusoidal patterns; NaN and 1 where there are too few."""
     coding = code.axis(axis)
     sines = code.planes_of(axis)

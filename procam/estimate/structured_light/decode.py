@@ -7,11 +7,10 @@ joined, outliers dropped, and for sinusoids the bias that defocus causes at bord
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import AnyArray, Map
 from procam.errors import InputError, NotEnoughData, ShapeError
 from procam.estimate.structured_light.axis import AxisResult, SinusoidDecoder
 from procam.estimate.structured_light.codes import AXES, Code, Plane
@@ -22,8 +21,6 @@ from procam.estimate.structured_light.sinusoids import SinusoidResult
 from procam.estimate.structured_light.stripes import StripeDecoder
 from procam.model.correspondence import CorrespondenceMap
 
-Samples = NDArray[Any]
-Map = NDArray[np.float32]
 CLIPPED_SHARE = 0.01  # of the lit pixels: more saturated ones in white are reported
 
 
@@ -54,11 +51,11 @@ class Decoder:
     def __init__(self, code: Code, limits: DecodeLimits | None = None) -> None:
         self.code = code
         self._asked = limits
-        self._levels: list[Samples] = []
+        self._levels: list[AnyArray] = []
         self._axes: dict[str, StripeDecoder | SinusoidDecoder] = {}
         self._notes: list[str] = []
 
-    def add(self, number: int, image: Samples, variance: Map | None = None) -> None:
+    def add(self, number: int, image: AnyArray, variance: Map | None = None) -> None:
         """Add the photograph (H, W) of `code.planes[number]`, uint8, uint16 or float32.
 
         `variance` (H, W) comes with photographs merged from several exposures, in which NaN marks an
@@ -114,7 +111,7 @@ class Decoder:
             (*self._notes, *(f"nothing could be read from {plane}" for plane in lost)),
         )
 
-    def _start(self, white: Samples, black: Samples) -> None:
+    def _start(self, white: AnyArray, black: AnyArray) -> None:
         self._limits = self._asked or default_limits(white, black)
         lit = np.subtract(white, black, dtype=np.float32) > self._limits.white_black
         clipped = dropped_samples(white, self._limits)[lit]
@@ -142,7 +139,7 @@ class Decoder:
 
 
 def decode(
-    code: Code, frames: Iterable[Samples], limits: DecodeLimits | None = None
+    code: Code, frames: Iterable[AnyArray], limits: DecodeLimits | None = None
 ) -> CorrespondenceMap:
     """Projector coordinates from the photographs of `generate(code)`, in its order."""
     decoder = Decoder(code, limits)

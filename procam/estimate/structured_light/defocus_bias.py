@@ -9,17 +9,14 @@ is corrected, and half of it goes into the standard error.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import erfc
 
+from procam.arrays import Array, BoolArray, Map
 from procam.estimate.structured_light.outliers import keep_only
 from procam.maths.polynomials import Surface2D, fit_surface
 from procam.maths.warp import blur, blur_within, edge_distance, grow, sample
 from procam.model.correspondence import CorrespondenceMap
 
-Array = NDArray[np.float64]
-Map = NDArray[np.float32]
-Mask = NDArray[np.bool_]
 LIGHT_DEGREE, POSITION_DEGREE = 5, 5  # of the polynomials for log light and for the map
 MIN_PIXELS = 200
 MIN_PANEL_SIGMAS = 10.0  # of the blur, that the decoded part of the panel spans
@@ -37,11 +34,7 @@ BEYOND_PX = 100  # by which the lit area is extended past the photograph: farthe
 
 
 def correct_defocus_bias(
-    found: CorrespondenceMap,
-    direct: Map,
-    blur_px2: Array,
-    period_px: Array,
-    size: tuple[int, int],
+    found: CorrespondenceMap, direct: Map, blur_px2: Array, period_px: Array, size: tuple[int, int]
 ) -> CorrespondenceMap:
     """The map less the bias of the blur at borders, with the remaining one in its standard error.
 
@@ -72,7 +65,7 @@ def correct_defocus_bias(
     return keep_only(corrected, lit & inside & ~border.too_near)
 
 
-def _slope_sigma(found: CorrespondenceMap, light: Map, inner: Mask, blur_px2: Array) -> Map:
+def _slope_sigma(found: CorrespondenceMap, light: Map, inner: BoolArray, blur_px2: Array) -> Map:
     """Standard error (H, W, 2) that neighbouring pixels share because light has a slope."""
     slope = _smooth_light(found, light, inner)[found.valid, 1:]  # without the fall at the border
     usual = SLOPE_UNCERTAINTY * blur_px2 * np.sqrt(np.mean(slope**2, axis=0))
@@ -91,13 +84,13 @@ def _border_correction(
     return np.where(known, 1.0, 0.5) * bias, uncertainty
 
 
-def _pairs(found: CorrespondenceMap, where: Mask) -> tuple[Array, Array]:
+def _pairs(found: CorrespondenceMap, where: BoolArray) -> tuple[Array, Array]:
     """Camera pixels (N, 2) and the projector pixels (N, 2) they see."""
     rows, columns = np.nonzero(where)
     return np.stack([columns, rows], axis=1).astype(float), found.projector_xy[where].astype(float)
 
 
-def _lit(found: CorrespondenceMap, direct: Map, level: Map) -> Mask:
+def _lit(found: CorrespondenceMap, direct: Map, level: Map) -> BoolArray:
     """Pixels (H, W) with at least half the light that the smooth `level` predicts there.
 
     Includes pixels just outside the decoded ones, so that gaps between these are no borders.
@@ -107,7 +100,7 @@ def _lit(found: CorrespondenceMap, direct: Map, level: Map) -> Mask:
     return np.asarray((around > 0) & (direct > HALF_LIT * around))
 
 
-def _smooth_light(found: CorrespondenceMap, light: Map, where: Mask) -> Map:
+def _smooth_light(found: CorrespondenceMap, light: Map, where: BoolArray) -> Map:
     """Polynomial of the log light over the panel, and its gradient by x and y [1/px]: (H, W, 3)."""
     used = where if where.sum() >= MIN_PIXELS else found.valid
     _, xy = _pairs(found, used)
@@ -129,7 +122,7 @@ class _Border:
     The lit area is taken to continue beyond the edge of the photograph.
     """
 
-    def __init__(self, found: CorrespondenceMap, lit: Mask, sigma: Array) -> None:
+    def __init__(self, found: CorrespondenceMap, lit: BoolArray, sigma: Array) -> None:
         self.sigma = sigma
         seen, xy = _pairs(found, found.valid)
         position = fit_surface(seen, xy, POSITION_DEGREE)

@@ -4,9 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from procam.arrays import AnyArray
 from procam.errors import InputError
 from procam.estimate.structured_light.codes import Code
-from procam.estimate.structured_light.consistency import Order, Samples
+from procam.estimate.structured_light.consistency import Order
 from procam.estimate.structured_light.limits import full_scale
 
 LIT_SHARE = 0.25  # of the largest range of a pixel over the set: pixels with more are lit
@@ -27,7 +28,7 @@ class ProbedSet:
     `lit` (n, 3) marks samples that change over the set, `range` is their mean range.
     """
 
-    def __init__(self, probes: Sequence[Samples], names: Sequence[str]) -> None:
+    def __init__(self, probes: Sequence[AnyArray], names: Sequence[str]) -> None:
         self.names = names
         self.probes = [np.asarray(p, np.float32) for p in probes]
         whole = probes[0].dtype.kind == "u"

@@ -1,13 +1,11 @@
 """Limits of a decoder: which light, which bits and which samples count."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Samples = NDArray[Any]
-Mask = NDArray[np.bool_]
+from procam.arrays import AnyArray, BoolArray
+
 LIT_SHARE = 0.1
 
 
@@ -34,7 +32,7 @@ class DecodeLimits:
     neighbours: bool = True
 
 
-def default_limits(white: Samples, black: Samples) -> DecodeLimits:
+def default_limits(white: AnyArray, black: AnyArray) -> DecodeLimits:
     """Limits for photographs (H, W) of an unknown camera, from their own noise.
 
     The noise is estimated from the differences of neighbouring pixels in black. The contrast of a bit
@@ -56,13 +54,13 @@ def default_limits(white: Samples, black: Samples) -> DecodeLimits:
     )
 
 
-def full_scale(white: Samples) -> float:
+def full_scale(white: AnyArray) -> float:
     """Full scale of whole numbers: of the fewest bits, of 8, 10, 12, 14 or 16, that hold `white`."""
     top = int(white.max())
     return float(next(2**bits - 1 for bits in (8, 10, 12, 14, 16) if top < 2**bits))
 
 
-def dropped_samples(image: Samples, limits: DecodeLimits) -> Mask:
+def dropped_samples(image: AnyArray, limits: DecodeLimits) -> BoolArray:
     """Samples (H, W) that cannot be used: saturated, dark, or not a number."""
     bad = ~np.isfinite(image) if image.dtype.kind == "f" else np.zeros(image.shape, bool)
     if limits.saturated is not None:

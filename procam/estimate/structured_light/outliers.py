@@ -1,17 +1,16 @@
 """Outliers of a correspondence map: they are dropped, and nothing is filled in."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import BoolArray
 from procam.maths.warp import local_median
 from procam.model.correspondence import CorrespondenceMap
 
-Mask = NDArray[np.bool_]
 SIGMAS = 6.0
 STEP_PX = 1.5  # by which neighbours may differ beyond noise: the slope of the map
 
 
-def keep_only(found: CorrespondenceMap, keep: Mask) -> CorrespondenceMap:
+def keep_only(found: CorrespondenceMap, keep: BoolArray) -> CorrespondenceMap:
     """The map with everything outside `keep` (H, W) unknown."""
     keep = keep & found.valid
     return CorrespondenceMap(

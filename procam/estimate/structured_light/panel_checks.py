@@ -1,8 +1,8 @@
 """Whether a projector shows every pixel it is sent, judged from a decoded map."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import FloatArray
 from procam.estimate.structured_light.codes import AXES, Code
 from procam.model.correspondence import CorrespondenceMap
 
@@ -39,14 +39,14 @@ def panel_notes(code: Code, found: CorrespondenceMap) -> list[str]:
     ]
 
 
-def _step_px(positions: NDArray[np.floating]) -> float:
+def _step_px(positions: FloatArray) -> float:
     """Mean distance [projector px] of neighbouring camera pixels, along the axis where it is larger."""
     steps = [np.abs(np.diff(positions, axis=axis)) for axis in (0, 1)]
     each = [float(np.nanmean(step)) if np.isfinite(step).any() else np.inf for step in steps]
     return max(each)
 
 
-def unseen_share(positions: NDArray[np.floating]) -> float:
+def unseen_share(positions: FloatArray) -> float:
     """Share of the columns between the first and last one seen into which no position (N,) falls."""
     if not len(positions):
         return 0.0

@@ -10,14 +10,11 @@ fits to find misread pixels.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array, Array32, BoolArray, IndexArray
 from procam.estimate.structured_light.outliers import keep_only
 from procam.model.correspondence import CorrespondenceMap, ProjectorMap
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
-Mask = NDArray[np.bool_]
 PIXELS_PER_PATCH = 72  # reduce a noise of .3 px to .04
 SMALLEST_PATCH_PX = 4
 MIN_PIXELS = 12
@@ -40,7 +37,7 @@ class _Pixels:
     sigma: Array
     shared: Array
 
-    def where(self, use: Mask) -> "_Pixels":
+    def where(self, use: BoolArray) -> "_Pixels":
         """The pixels that `use` (N,) selects."""
         return _Pixels(self.camera_px[use], self.xy[use], self.sigma[use], self.shared[use])
 
@@ -55,16 +52,16 @@ class _Bends:
     terms : (B, 3, 2) factors of u^2, u v and v^2, where (u, v) = camera pixel - middle.
     """
 
-    block: Index
+    block: IndexArray
     middle: Array
     terms: Array
 
-    def at(self, patch: Index, camera_px: Array) -> Array:
+    def at(self, patch: IndexArray, camera_px: Array) -> Array:
         """The quadratic part (N, 2) [projector px] of the map."""
         u, v, terms = self.local(patch, camera_px)
         return u * u * terms[:, 0] + u * v * terms[:, 1] + v * v * terms[:, 2]
 
-    def local(self, patch: Index, camera_px: Array) -> tuple[Array, Array, Array]:
+    def local(self, patch: IndexArray, camera_px: Array) -> tuple[Array, Array, Array]:
         """Offsets u and v (N, 1) of camera pixels (N, 2), and the terms (N, 3, 2) of their blocks."""
         block = self.block[patch]
         u, v = (camera_px - self.middle[block]).T[..., None]
@@ -88,14 +85,14 @@ class _Fits:
     count: Array
     shared_px2: Array
 
-    def predict(self, patch: Index, camera_px: Array) -> Array:
+    def predict(self, patch: IndexArray, camera_px: Array) -> Array:
         """Projector pixel (N, 2) of camera pixels (N, 2), by their `patch` (N,)."""
         near = camera_px - self.middle[patch]
         lines = self.line[patch]
         straight = lines[:, 0] + near[:, :1] * lines[:, 1] + near[:, 1:] * lines[:, 2]
         return straight + self.bends.at(patch, camera_px)
 
-    def slope(self, patch: Index, camera_px: Array) -> Array:
+    def slope(self, patch: IndexArray, camera_px: Array) -> Array:
         """Projector pixels per camera pixel (N, 2, 2) at camera pixels (N, 2)."""
         u, v, terms = self.bends.local(patch, camera_px)
         line = self.line[patch]
@@ -154,7 +151,7 @@ def drop_inconsistent(found: CorrespondenceMap, seen: ProjectorMap) -> Correspon
     return keep_only(found, keep)
 
 
-def _patch_index(position: Array, patch_px: int, shape: tuple[int, int]) -> Index:
+def _patch_index(position: Array, patch_px: int, shape: tuple[int, int]) -> IndexArray:
     cell = np.floor((position + 0.5) / patch_px).astype(int)
     column, row = np.clip(cell, 0, [shape[1] - 1, shape[0] - 1]).T
     return np.asarray(row * shape[1] + column, np.intp)
@@ -170,7 +167,7 @@ def _pixels(found: CorrespondenceMap) -> _Pixels:
     return _Pixels(camera_px, xy, sigma, errors)
 
 
-def _fit(index: Index, pixels: _Pixels, shape: tuple[int, int]) -> _Fits:
+def _fit(index: IndexArray, pixels: _Pixels, shape: tuple[int, int]) -> _Fits:
     patches = shape[0] * shape[1]
     weight = 1 / np.mean(pixels.sigma**2, axis=1)
     count = np.bincount(index, minlength=patches).astype(float)
@@ -185,7 +182,7 @@ def _fit(index: Index, pixels: _Pixels, shape: tuple[int, int]) -> _Fits:
 
 
 def _fit_bends(
-    index: Index, pixels: _Pixels, weight: Array, seen: Mask, shape: tuple[int, int]
+    index: IndexArray, pixels: _Pixels, weight: Array, seen: BoolArray, shape: tuple[int, int]
 ) -> _Bends:
     """Curvature of the blocks of which at least half the patches are `seen` (P,), 0 for the others."""
     blocks = (-(-shape[0] // BLOCK), -(-shape[1] // BLOCK))
@@ -200,7 +197,7 @@ def _fit_bends(
     return _Bends(block, middle, bend[:, 3:])
 
 
-def _near_their_patch(index: Index, camera_px: Array, shape: tuple[int, int]) -> Mask:
+def _near_their_patch(index: IndexArray, camera_px: Array, shape: tuple[int, int]) -> BoolArray:
     """Pixels (N,) that lie near the mean camera pixel of their patch; misread ones do not."""
     patches = shape[0] * shape[1]
     use = np.ones(len(index), bool)
@@ -211,13 +208,13 @@ def _near_their_patch(index: Index, camera_px: Array, shape: tuple[int, int]) ->
     return use
 
 
-def _means(index: Index, values: Array, groups: int) -> Array:
+def _means(index: IndexArray, values: Array, groups: int) -> Array:
     count = np.maximum(np.bincount(index, minlength=groups), 1)
     return np.stack([np.bincount(index, column, groups) / count for column in values.T], axis=1)
 
 
 def _grouped_fit(
-    index: Index, terms: Array, values: Array, weight: Array, groups: int
+    index: IndexArray, terms: Array, values: Array, weight: Array, groups: int
 ) -> tuple[Array, Array]:
     """Weighted least squares of values (N, 2) on terms (N, T) in each group: (G, T, 2), (G, T, T)."""
     count = terms.shape[1]
@@ -261,9 +258,9 @@ def _masked(
     position: Array,
     slope: Array,
     variance: Array,
-    valid: NDArray[np.bool_],
+    valid: BoolArray,
 ) -> ProjectorMap:
-    def grid(values: Array) -> NDArray[np.float32]:
+    def grid(values: Array) -> Array32:
         masked = np.where(valid.reshape(-1, *[1] * (values.ndim - 1)), values, np.nan)
         return masked.reshape(*shape, *values.shape[1:]).astype(np.float32)
 

@@ -7,19 +7,14 @@ There the flux of each pattern relative to white is measured (`flux_shares`); fr
 the scattered light of each pixel (`scattered_light`), and `remove_phasor` takes the wave out.
 """
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
+from procam.arrays import AnyArray, Array, BoolArray, FloatArray, Map
 from procam.errors import NotEnoughData, ShapeError
 from procam.maths.polynomials import fit_surface
 from procam.maths.warp import block_mean, grow
 
-Array = NDArray[np.float64]
-Map = NDArray[np.float32]
-Mask = NDArray[np.bool_]
-Samples = NDArray[Any]
 DIM = 0.1  # of the white - black of the median lit pixel: darker pixels are off the screen
 MIN_PIXELS = 1000
 BLOCK_PX = 8
@@ -35,7 +30,7 @@ ODD_STEPS = 7  # with as many steps the third harmonic can be distinguished from
 
 
 def remove_scatter_bias(
-    frames: Samples, white: Samples, black: Samples, amplitude: Map, shifts: Array
+    frames: AnyArray, white: AnyArray, black: AnyArray, amplitude: Map, shifts: Array
 ) -> Map:
     """Photographs (K, H, W) of equal `shifts` of one period, as if all had half of white's flux.
 
@@ -48,7 +43,7 @@ def remove_scatter_bias(
     return remove_phasor(frames, shares, scattered)
 
 
-def flux_shares(frames: Samples, white: Samples, black: Samples, lit: Mask) -> Array:
+def flux_shares(frames: AnyArray, white: AnyArray, black: AnyArray, lit: BoolArray) -> Array:
     """Flux (K,) of K patterns, 0 for black and 1 for white.
 
     Parameters
@@ -66,7 +61,7 @@ def flux_shares(frames: Samples, white: Samples, black: Samples, lit: Mask) -> A
 
 
 def flux_share_maps(
-    frames: Samples, white: Samples, black: Samples, lit: Mask, *, degree: int = 2
+    frames: AnyArray, white: AnyArray, black: AnyArray, lit: BoolArray, *, degree: int = 2
 ) -> Map:
     """`flux_shares` (K, H, W) that vary smoothly over the photograph, for screens that are no sphere.
 
@@ -95,7 +90,7 @@ def flux_share_maps(
 
 
 def scattered_light(
-    frames: Samples, white: Samples, black: Samples, shares: NDArray[np.floating], shifts: Array
+    frames: AnyArray, white: AnyArray, black: AnyArray, shares: FloatArray, shifts: Array
 ) -> Map:
     """The scattered part (H, W) of white - black, from equal `shifts` (K,) [rad] of ONE period.
 
@@ -114,7 +109,7 @@ def scattered_light(
     return np.clip(span - direct, 0, np.maximum(span, 0)).astype(np.float32)
 
 
-def remove_phasor(frames: Samples, shares: NDArray[np.floating], scattered: Map) -> Map:
+def remove_phasor(frames: AnyArray, shares: FloatArray, scattered: Map) -> Map:
     """Photographs (K, H, W) as if all patterns had half of white's flux.
 
     `shares` (K,) or (K, H, W); `scattered` (H, W) is the scattered part of white - black.
@@ -126,7 +121,9 @@ def remove_phasor(frames: Samples, shares: NDArray[np.floating], scattered: Map)
     return np.asarray(frames - surplus * scattered, np.float32)
 
 
-def _unlit(frames: Samples, white: Samples, black: Samples, lit: Mask) -> tuple[Map, Mask]:
+def _unlit(
+    frames: AnyArray, white: AnyArray, black: AnyArray, lit: BoolArray
+) -> tuple[Map, BoolArray]:
     """White - black (H, W), and the screen's pixels (H, W) without direct light."""
     if frames.shape[1:] != lit.shape or white.shape != lit.shape or black.shape != lit.shape:
         raise ShapeError("photographs", frames.shape[1:], f"{lit.shape} like lit, white, black")
@@ -141,7 +138,7 @@ def _unlit(frames: Samples, white: Samples, black: Samples, lit: Mask) -> tuple[
     return span, np.asarray(unlit)
 
 
-def _phasor(values: Samples, shifts: Array) -> NDArray[np.complex128]:
+def _phasor(values: AnyArray, shifts: Array) -> NDArray[np.complex128]:
     """Complex amplitude (...) of values (K, ...) on the wave cos(phase - shift)."""
     return np.asarray(2 / len(shifts) * np.tensordot(np.exp(1j * shifts), values, axes=1))
 
@@ -154,7 +151,7 @@ def _direct(free: NDArray[np.complex128], of_flux: NDArray[np.complex128], depth
 
 
 def _third_harmonic(
-    frames: Samples, shifts: Array, wave: NDArray[np.complex128], direct: Array
+    frames: AnyArray, shifts: Array, wave: NDArray[np.complex128], direct: Array
 ) -> float:
     """Depth that the wave loses by a response that keeps black and white; without loss it is 1/2."""
     third = _phasor(frames, 3 * shifts) * np.exp(-3j * np.angle(wave))

@@ -10,12 +10,11 @@ scattered light and so the data, so a fixed number of steps replaces a descent o
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from procam import kernels
+from procam.arrays import AnyArray, Array, BoolArray, Map
 from procam.errors import NotEnoughData
 from procam.estimate.camera.noise import NO_NOISE, NoiseLaw, fit_noise_law
 from procam.maths.codes.phase import (
@@ -27,10 +26,6 @@ from procam.maths.codes.phase import (
     shared_sensitivity,
 )
 
-Array = NDArray[np.float64]
-Map = NDArray[np.float32]
-Mask = NDArray[np.bool_]
-Samples = NDArray[Any]
 MAX_PIXELS = 40_000  # evenly picked; more change nothing
 MIN_PIXELS = 50
 UNKNOWNS = 3  # of a pixel: offset, amplitude, column
@@ -57,12 +52,12 @@ class SinusoidImages:
     surplus_sigma : prior of the pictures' flux beyond half of white's, as a share of it.
     """
 
-    frames: Sequence[Samples]
+    frames: Sequence[AnyArray]
     waves: Waves
     length: int
     span: Map
-    usable: Mask
-    dropped: Sequence[Mask]
+    usable: BoolArray
+    dropped: Sequence[BoolArray]
     variance: Map | None = None
     surplus_sigma: float = PRIOR_SURPLUS
 
@@ -116,7 +111,7 @@ def self_calibrate(pictures: SinusoidImages) -> SelfCalibration:
 
 def _fitted(
     samples: Array, pictures: SinusoidImages, distortion: WaveDistortion
-) -> tuple[WaveFit, Mask]:
+) -> tuple[WaveFit, BoolArray]:
     """Fit of the pixels with a visible wave among samples (n, K), and which (n,) these are."""
     columns = list(np.ascontiguousarray(samples.T, np.float32))
     found = find_columns(columns, pictures.waves, distortion, pictures.length)
@@ -131,7 +126,7 @@ def _fitted(
 
 
 def find_columns(
-    frames: Sequence[Samples], waves: Waves, distortion: WaveDistortion, length: int
+    frames: Sequence[AnyArray], waves: Waves, distortion: WaveDistortion, length: int
 ) -> kernels.PhaseFit:
     """Best column of every pixel; waves of a single period give it only within that period.
 
@@ -187,7 +182,7 @@ def _shared_equations(
     return matrix, np.r_[np.einsum("ink,nk->i", by_shared, residual), scattered @ residual]
 
 
-def _representative(fit: WaveFit) -> Mask:
+def _representative(fit: WaveFit) -> BoolArray:
     """Pixels with a clear wave that the model explains: no edges, no mixtures, no unlit pixels."""
     bright = fit.amplitude > MIN_AMPLITUDE * np.quantile(fit.amplitude, BRIGHT_QUANTILE)
     if not bright.any():

@@ -14,9 +14,10 @@ from math import prod
 
 import numpy as np
 
+from procam.arrays import AnyArray
 from procam.errors import InputError
 from procam.estimate.structured_light.codes import AXES, Axis, Code
-from procam.estimate.structured_light.consistency import Order, OrderConsistency, Samples
+from procam.estimate.structured_light.consistency import Order, OrderConsistency
 from procam.estimate.structured_light.level_checks import ProbedSet, check_levels, drop_dark
 
 POOR = 0.5  # share of straight triples below which exchanges between the axes are tried too
@@ -44,7 +45,7 @@ class SetReport:
 
 
 def examine(
-    code: Code, sequence: Sequence[int], probes: Sequence[Samples], names: Sequence[str]
+    code: Code, sequence: Sequence[int], probes: Sequence[AnyArray], names: Sequence[str]
 ) -> SetReport:
     """Match photographs with the planes of `code`.
 

@@ -2,11 +2,10 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import AnyArray, Array32, BoolArray, Map
 from procam.estimate.camera.noise import NoiseLaw
 from procam.estimate.structured_light.self_calibration import (
     UNKNOWNS,
@@ -18,9 +17,6 @@ from procam.estimate.structured_light.self_calibration import (
 from procam.kernels import PhaseFit
 from procam.maths.codes.phase import WaveDistortion
 
-Map = NDArray[np.float32]
-Mask = NDArray[np.bool_]
-Samples = NDArray[Any]
 MIN_SAMPLES = 5  # of a pixel: two more than its unknowns, as a check
 NEGLIGIBLE_SURPLUS = 1e-4  # of the flux; moves columns by less than .01 px
 MAX_FULL_SEARCHES = 60_000  # pixels without a base set, each of which searches all columns
@@ -30,8 +26,8 @@ MISFIT_SIGMAS2 = 35.0  # most chi squared beyond its expectation
 
 
 def complete_base_set(
-    frames: dict[int, Samples], base: int, white: Samples, black: Samples
-) -> dict[int, Samples]:
+    frames: dict[int, AnyArray], base: int, white: AnyArray, black: AnyArray
+) -> dict[int, AnyArray]:
     """Reconstruct a single lost picture of a base set of three from white and black.
 
     Equal steps of a sinusoid add up to a multiple of white + black. Returns the pictures (by number)
@@ -101,9 +97,7 @@ def decode_sinusoids(pictures: SinusoidImages) -> SinusoidResult:
     )
 
 
-def _balanced(
-    pictures: SinusoidImages, known: SelfCalibration, found: PhaseFit
-) -> list[NDArray[np.float32]]:
+def _balanced(pictures: SinusoidImages, known: SelfCalibration, found: PhaseFit) -> list[Array32]:
     """The photographs less the scattered light of their surplus flux."""
     direct = 2 / known.distortion.depth(pictures.waves) * np.nan_to_num(found.amplitude)
     scattered = np.maximum(pictures.span - direct, 0)
@@ -115,9 +109,9 @@ def _balanced(
 
 def _search_rest(
     pictures: SinusoidImages,
-    frames: Sequence[Samples],
+    frames: Sequence[AnyArray],
     distortion: WaveDistortion,
-    rows: Mask,
+    rows: BoolArray,
     found: PhaseFit,
 ) -> None:
     """Decode the pixels `rows` (H, W) with missing samples into `found`, in place."""
@@ -137,7 +131,7 @@ def _search_rest(
         part[rows] = answer
 
 
-def _trusted(found: PhaseFit, count: NDArray[Any], variance: Map) -> Mask:
+def _trusted(found: PhaseFit, count: AnyArray, variance: Map) -> BoolArray:
     """Pixels (H, W) with a clear, unambiguous and well fitting wave, given a sample's variance."""
     with np.errstate(invalid="ignore"):
         ok = found.amplitude > AMPLITUDE_SIGMAS * np.sqrt(2 * variance / np.maximum(count, 1))

@@ -7,20 +7,16 @@ can contribute. Patterns that the camera does not resolve are left out; the code
 by neighbouring columns, and the standard error grows.
 """
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
+from procam.arrays import AnyArray, BoolArray, Map
 from procam.estimate.structured_light.axis import AxisResult
 from procam.estimate.structured_light.codes import Plane
 from procam.estimate.structured_light.limits import DecodeLimits
 from procam.maths.codes.gray import bit_count, fold_pair
 
-Map = NDArray[np.float32]
-Mask = NDArray[np.bool_]
-Samples = NDArray[Any]
-Pair = tuple[Samples, Samples, int]
+Pair = tuple[AnyArray, AnyArray, int]
 WIDEST_LOSS = 8  # columns that may share the remaining bits of a codeword when planes are lost
 CLEAR_SIGMAS = 3.0
 RESOLVED_SHARE = 0.25  # of the lit pixels must resolve a plane, or it is lost
@@ -42,11 +38,7 @@ class StripeDecoder:
     """
 
     def __init__(
-        self,
-        codewords: NDArray[np.integer],
-        white: Samples,
-        black: Samples,
-        limits: DecodeLimits,
+        self, codewords: NDArray[np.integer], white: AnyArray, black: AnyArray, limits: DecodeLimits
     ) -> None:
         self._codewords, self._contrast = codewords, limits.contrast
         self._white, self._black = white, black
@@ -57,7 +49,7 @@ class StripeDecoder:
         self._most = np.zeros(white.shape, white.dtype)
         self._folded: set[int] = set()
         self._held: list[Pair] = []
-        self._waiting: tuple[Plane, Samples] | None = None
+        self._waiting: tuple[Plane, AnyArray] | None = None
         self._lost: list[Plane] = []
         some = slice(None, None, max(1, white.size // PROBES))
         span = _difference(np.ravel(white)[some], np.ravel(black)[some])
@@ -65,7 +57,7 @@ class StripeDecoder:
         self._levels = [np.ravel(level)[self._probe] for level in (white, black)]
         self._total = float(white.sum(dtype=float) - black.sum(dtype=float))
 
-    def add(self, plane: Plane, image: Samples, variance: Map | None = None) -> None:
+    def add(self, plane: Plane, image: AnyArray, variance: Map | None = None) -> None:
         """Add one photograph; a pattern and its inverse follow each other. `variance` is not used."""
         if self._waiting is not None and self._waiting[0].bit == plane.bit:
             (first, other), self._waiting = self._waiting, None
@@ -91,12 +83,12 @@ class StripeDecoder:
             tuple(self._lost),
         )
 
-    def certain(self) -> Mask:
+    def certain(self) -> BoolArray:
         """Pixels all of whose bits are certain."""
         self._fold()
         return np.asarray(self._least >= self._contrast) & (self._most > 0)
 
-    def add_pair(self, pattern: Samples, inverse: Samples, bit: int) -> bool:
+    def add_pair(self, pattern: AnyArray, inverse: AnyArray, bit: int) -> bool:
         """Add a pair; False, without effect, if hardly any bright pixel resolves the two."""
         probed = (np.ravel(picture)[self._probe] for picture in (pattern, inverse))
         if self._resolved_share(*probed) < RESOLVED_SHARE:
@@ -117,11 +109,11 @@ class StripeDecoder:
             other = np.clip(other, 0, np.iinfo(image.dtype).max).astype(image.dtype)
         self._add_ordered(plane, *((other, image) if plane.inverse else (image, other)))
 
-    def _add_ordered(self, plane: Plane, pattern: Samples, inverse: Samples) -> None:
+    def _add_ordered(self, plane: Plane, pattern: AnyArray, inverse: AnyArray) -> None:
         if not self.add_pair(pattern, inverse, plane.bit):
             self._lost.append(plane)
 
-    def _resolved_share(self, pattern: Samples, inverse: Samples) -> float:
+    def _resolved_share(self, pattern: AnyArray, inverse: AnyArray) -> float:
         """Share of the probed pixels whose difference exceeds the noise of their sum.
 
         Pattern and inverse add up to white and black, so the mismatch is the noise of four samples.
@@ -141,7 +133,7 @@ class StripeDecoder:
         for pattern, inverse, _ in pairs if self._scattering else ():
             self._drop_uncertain(pattern, inverse)
 
-    def _drop_uncertain(self, pattern: Samples, inverse: Samples) -> None:
+    def _drop_uncertain(self, pattern: AnyArray, inverse: AnyArray) -> None:
         """Clear the least contrast where the pair's surplus of scattered light may flip the bit."""
         surplus = abs(float(pattern.sum(dtype=float) - inverse.sum(dtype=float)))
         if surplus > FLUX_SLACK * self._total:
@@ -167,5 +159,5 @@ def column_table(codewords: NDArray[np.integer], folded: set[int]) -> tuple[Map,
     return mean, sigma
 
 
-def _difference(a: Samples, b: Samples) -> Map:
+def _difference(a: AnyArray, b: AnyArray) -> Map:
     return np.subtract(a, b, dtype=np.float32)

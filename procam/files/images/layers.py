@@ -12,16 +12,16 @@ import numpy as np
 import OpenImageIO as oiio
 from numpy.typing import NDArray
 
+from procam.arrays import Image
 from procam.errors import FileFormatError
 from procam.files.images.pixels import opened, read_rows, read_spec, write_image, write_spec
 
 RGB = ("R", "G", "B")
 LAYER_CHANNELS = (("",), RGB, ("x", "y", "z"))
 CHECKSUM = "procam:crc32"
-Layer = NDArray[np.float32]
 
 
-def read_channels(path: Path) -> dict[str, Layer]:
+def read_channels(path: Path) -> dict[str, Image]:
     """Channels by name, each (H, W) float32; EXR does not keep their order."""
     pixels, spec = read_spec(path)
     if spec.get_string_attribute(CHECKSUM):
@@ -50,7 +50,7 @@ def write_layers(path: Path, layers: Mapping[str, NDArray[np.generic]]) -> None:
     write_spec(path, stack, spec)
 
 
-def read_layers(path: Path) -> dict[str, Layer]:
+def read_layers(path: Path) -> dict[str, Image]:
     """Layers by name, float32: (H, W, 3) of channels such as hi.R, hi.G, hi.B, (H, W) of a single one.
 
     Read a few rows at a time, in half the memory and time of `read_channels`.

@@ -13,6 +13,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from procam.arrays import AnyArray
 from procam.errors import InputError
 from procam.files.atomic import replacing
 from procam.files.images.movies import MovieFrame, MovieReader
@@ -23,7 +24,6 @@ from procam.files.images.pixel_layouts import (
     RGB_MATRIX,
     UNKNOWN,
     Converter,
-    Pixels,
     to_swscale,
 )
 from procam.files.images.slideshow import CODEC, OPTIONS, video_library
@@ -86,7 +86,7 @@ class MovieWriter:
         self._stream = self._new_stream(transfer, size)
         self._sound = _Sound(source, self._movie)
 
-    def write(self, rgb: Pixels, frame: MovieFrame) -> None:
+    def write(self, rgb: AnyArray, frame: MovieFrame) -> None:
         """Encode colours (H, W, 3) with the alpha and the timestamp of a frame of the source."""
         pixels = to_swscale(rgb) if self._prores and rgb.dtype == np.uint16 else rgb
         if frame.alpha is not None:

@@ -13,6 +13,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from procam.arrays import AnyArray
 from procam.errors import FileFormatError
 from procam.files.images.pixel_layouts import (
     BT601,
@@ -21,7 +22,6 @@ from procam.files.images.pixel_layouts import (
     LAYOUTS,
     UNKNOWN,
     Converter,
-    Pixels,
     from_swscale,
 )
 from procam.files.images.slideshow import video_library
@@ -43,8 +43,8 @@ TRANSFER = {
 class MovieFrame:
     """A frame: `rgb` (H, W, 3) uint8 or uint16, straight `alpha` (H, W) or None, timestamp `pts`."""
 
-    rgb: Pixels
-    alpha: Pixels | None
+    rgb: AnyArray
+    alpha: AnyArray | None
     pts: int
 
 
@@ -139,7 +139,7 @@ class MovieReader:
         if matrix == UNKNOWN:
             matrix = BT709 if frame.height > HD_LINES else BT601
         plain = self._convert.frame(frame, self.layout, matrix, (limited, False))
-        pixels: Pixels = plain.to_ndarray()
+        pixels: AnyArray = plain.to_ndarray()
         rgb = np.ascontiguousarray(pixels[..., :3])
         alpha = np.ascontiguousarray(pixels[..., 3]) if self.has_alpha else None
         if self.dtype == np.uint16 and not frame.format.is_rgb:

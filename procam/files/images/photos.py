@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from procam.arrays import AnyArray, Array
 from procam.errors import FileFormatError
 from procam.files.atomic import write_text
 from procam.files.images.pixels import read_header, read_image
@@ -19,8 +20,7 @@ from procam.model.optics import Sensor
 
 SENSITIVITY = ("Exif:PhotographicSensitivity", "Exif:ISOSpeedRatings")
 SUFFIXES = (".png", ".tif", ".tiff", ".jpg", ".jpeg")
-Response = tuple[NDArray[np.float64], NDArray[np.float64]]
-Pixels = NDArray[Any]
+Response = tuple[Array, Array]
 END_OF_JPEG = b"\xff\xd9"
 TAIL = 65536  # bytes; cameras append previews after the end
 
@@ -37,7 +37,7 @@ class Photo:
     """
 
     path: Path
-    pixels: Pixels
+    pixels: AnyArray
     exposure_s: float | None
     taken_s: float | None
     sensitivity: float | None
@@ -52,7 +52,7 @@ class Bracket:
     exposures_s: tuple[float, ...]
     bits: int
 
-    def pixels(self) -> Iterator[Pixels]:
+    def pixels(self) -> Iterator[AnyArray]:
         """One photograph after the other, (H, W, 1) or (H, W, 3)."""
         return (read_photo(path).pixels for path in self.paths)
 
@@ -167,7 +167,7 @@ def load_response(name: str, folder: Path) -> Response | None:
     return table[:, 0], table[:, 1]
 
 
-def write_response(path: Path, levels: NDArray[np.float64], light: NDArray[np.float64]) -> None:
+def write_response(path: Path, levels: Array, light: Array) -> None:
     """Write a response (K,), as `load_response` reads it, with all digits."""
     lines = (
         f"{level!r},{value!r}" for level, value in zip(levels.tolist(), light.tolist(), strict=True)

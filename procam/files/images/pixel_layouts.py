@@ -7,9 +7,9 @@ range, and slightly below full scale for full range; `from_swscale` and `to_swsc
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Pixels = NDArray[Any]
+from procam.arrays import AnyArray
+
 LAYOUTS = {
     (False, False): "rgb24",
     (True, False): "rgb48le",
@@ -45,14 +45,14 @@ class Converter:
         )
 
 
-def from_swscale(pixels: Pixels, bits: int) -> Pixels:
+def from_swscale(pixels: AnyArray, bits: int) -> AnyArray:
     """16-bit RGB whose white is (2^bits - 1) << (16 - bits), with white at 65535."""
     top = np.uint16(((1 << bits) - 1) << (16 - bits))
     clipped = np.minimum(pixels, top)
     return np.asarray(clipped + (clipped >> np.uint16(bits)))
 
 
-def to_swscale(pixels: Pixels) -> Pixels:
+def to_swscale(pixels: AnyArray) -> AnyArray:
     """16-bit RGB with white at 65280, which swscale takes for white in limited range."""
     whole = np.asarray(pixels, np.uint16)
     return np.asarray(whole - (whole >> np.uint16(8)))

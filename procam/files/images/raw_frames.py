@@ -4,11 +4,10 @@ import os
 from typing import Any, BinaryIO
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import AnyArray
 from procam.errors import FileFormatError, InputError
 
-Pixels = NDArray[Any]
 PIXELS = {"rgb24": "|u1", "rgb48le": "<u2", "rgbf16le": "<f2", "rgbf32le": "<f4"}
 
 
@@ -33,7 +32,7 @@ def pixel_type(name: str) -> np.dtype[Any]:
     return np.dtype(PIXELS[name])
 
 
-def read_frame(stream: BinaryIO, frame: Pixels, number: int) -> bool:
+def read_frame(stream: BinaryIO, frame: AnyArray, number: int) -> bool:
     """Fill `frame` (H, W, 3) from a pipe; False at the end. An incomplete frame is refused."""
     view = frame.reshape(-1).view(np.uint8).data
     filled = 0
@@ -50,7 +49,7 @@ def read_frame(stream: BinaryIO, frame: Pixels, number: int) -> bool:
     return filled > 0
 
 
-def write_frame(stream: BinaryIO, frame: Pixels) -> None:
+def write_frame(stream: BinaryIO, frame: AnyArray) -> None:
     """Write a frame (H, W, 3) to a pipe, all of it at once."""
     view = np.ascontiguousarray(frame).reshape(-1).view(np.uint8).data
     while view:

@@ -10,15 +10,13 @@ from typing import Any
 
 import numpy as np
 import OpenImageIO as oiio
-from numpy.typing import NDArray
 
+from procam.arrays import AnyArray, FloatArray, Image
 from procam.errors import FileFormatError
 from procam.files.images.layers import RGB
 from procam.files.images.pixels import STORED_AS, read_spec, require_suffix, write_image, write_spec
 from procam.maths.light.curves import srgb_decode, srgb_encode
 
-Pixels = NDArray[Any]
-Image = NDArray[np.float32]
 FORMAT_ATTRIBUTES = (
     "compression",
     "planarconfig",
@@ -68,7 +66,7 @@ def colour_places(path: Path, spec: oiio.ImageSpec) -> list[int]:
     return [lookup[c] for c in RGB]
 
 
-def require_finite(name: object, picture: NDArray[np.floating]) -> None:
+def require_finite(name: object, picture: FloatArray) -> None:
     """Refuse light that is NaN or infinite; `name` is the file's, for the message."""
     bad = int((~np.isfinite(picture)).sum())
     if bad:
@@ -87,8 +85,8 @@ class Still:
     places : which channels R, G and B are. spec : the file's header. suffix : of its name.
     """
 
-    pixels: Pixels
-    rgb: Pixels
+    pixels: AnyArray
+    rgb: AnyArray
     places: tuple[int, ...]
     spec: oiio.ImageSpec
     suffix: str
@@ -122,7 +120,7 @@ def read_still(path: Path) -> Still:
     return Still(whole, rgb, tuple(places), spec, path.suffix)
 
 
-def write_still(path: Path, rgb: Pixels, like: Still, transfer: str) -> None:
+def write_still(path: Path, rgb: AnyArray, like: Still, transfer: str) -> None:
     """Write colours (H, W, 3) durably with the other channels and the attributes of `like`.
 
     The type is that of `rgb`. A type or a suffix other than the source's changes the other channels'
@@ -146,7 +144,7 @@ def write_still(path: Path, rgb: Pixels, like: Still, transfer: str) -> None:
     write_spec(path, _with_colours(stored, rgb, like.places), spec)
 
 
-def _with_colours(stored: Pixels, rgb: Pixels, places: tuple[int, ...]) -> Pixels:
+def _with_colours(stored: AnyArray, rgb: AnyArray, places: tuple[int, ...]) -> AnyArray:
     if places == tuple(range(stored.shape[2])):
         return np.ascontiguousarray(rgb)
     whole = np.array(stored)
@@ -170,7 +168,7 @@ def _space(transfer: str) -> str:
     return ""
 
 
-def _as_type(values: Pixels, dtype: np.dtype[Any]) -> Pixels:
+def _as_type(values: AnyArray, dtype: np.dtype[Any]) -> AnyArray:
     """Channels as another type; full of an integer is 1.0."""
     peak = 1.0 if values.dtype.kind == "f" else float(np.iinfo(values.dtype).max)
     share = np.asarray(values, np.float32) / np.float32(peak)
@@ -180,7 +178,7 @@ def _as_type(values: Pixels, dtype: np.dtype[Any]) -> Pixels:
     return np.rint(np.clip(np.nan_to_num(share), 0, 1) * top).astype(dtype)
 
 
-def _refuse_premultiplied(path: Path, pixels: Pixels, spec: oiio.ImageSpec) -> None:
+def _refuse_premultiplied(path: Path, pixels: AnyArray, spec: oiio.ImageSpec) -> None:
     place = spec.alpha_channel
     if place < 0 or spec.get_int_attribute("oiio:UnassociatedAlpha"):
         return
@@ -193,7 +191,7 @@ def _refuse_premultiplied(path: Path, pixels: Pixels, spec: oiio.ImageSpec) -> N
         )
 
 
-def _display_window(pixels: Pixels, spec: oiio.ImageSpec) -> Pixels:
+def _display_window(pixels: AnyArray, spec: oiio.ImageSpec) -> AnyArray:
     """The whole picture where a renderer has stored a part of it (EXR's data window), the rest black."""
     shape = (spec.full_height, spec.full_width)
     top, left = spec.y - spec.full_y, spec.x - spec.full_x

@@ -9,12 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from procam.files.venue.outlines import (
-    dome_mistakes,
-    file_mistakes,
-    is_within,
-    pixel_mistakes,
-)
+from procam.files.venue.outlines import dome_mistakes, file_mistakes, is_within, pixel_mistakes
 from procam.files.venue.server_checks import server_mistakes
 from procam.files.venue.tables import (
     CameraTable,

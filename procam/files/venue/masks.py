@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array, BoolArray
 from procam.errors import FileFormatError
 from procam.files.images.pixels import read_image
 from procam.files.venue.load import Venue
-from procam.files.venue.outlines import Covered, Outline, polygon_pixels
+from procam.files.venue.outlines import Outline, polygon_pixels
 from procam.maths.geometry.sphere import (
     direction_from_angles,
     master_directions,
@@ -23,7 +23,6 @@ from procam.maths.geometry.sphere import (
 )
 from procam.model.mask import Mask, Nudge
 
-Array = NDArray[np.float64]
 MASTER_SIZE = 1024  # edge of the dome master that PNGs of the dome are drawn on [px]
 
 
@@ -112,7 +111,7 @@ def _entry(of: str, outline: Outline, share: float) -> dict[str, Any]:
     return {"of": of, **drawn, "share": share}
 
 
-def _covered(folder: Path, outlines: Sequence[Outline | Array], size: tuple[int, int]) -> Covered:
+def _covered(folder: Path, outlines: Sequence[Outline | Array], size: tuple[int, int]) -> BoolArray:
     covered = np.zeros((size[1], size[0]), bool)
     for outline in outlines:
         if isinstance(outline, str):
@@ -122,7 +121,7 @@ def _covered(folder: Path, outlines: Sequence[Outline | Array], size: tuple[int,
     return covered
 
 
-def _read_mask(path: Path, size: tuple[int, int]) -> Covered:
+def _read_mask(path: Path, size: tuple[int, int]) -> BoolArray:
     """The pixels of a PNG that are not black."""
     pixels = read_image(path)
     height, width = pixels.shape[:2]

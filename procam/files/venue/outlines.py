@@ -5,10 +5,10 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Discriminator, FiniteFloat, Tag
 
-Covered = NDArray[np.bool_]
+from procam.arrays import BoolArray, FloatArray
+
 Polygon = list[tuple[FiniteFloat, FiniteFloat]]
 # a polygon, or the name of a PNG beside venue.toml; the tags give one message for a mistake, not two
 Outline = Annotated[
@@ -18,7 +18,7 @@ Outline = Annotated[
 MIN_CORNERS = 3
 
 
-def polygon_pixels(corners: NDArray[np.floating], size: tuple[int, int]) -> Covered:
+def polygon_pixels(corners: FloatArray, size: tuple[int, int]) -> BoolArray:
     """Pixels (H, W) whose centres lie inside a polygon (N, 2) [px], by the even-odd rule.
 
     Where edges cross, what is enclosed twice is outside. A centre on an edge belongs to the polygon

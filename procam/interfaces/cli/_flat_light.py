@@ -2,11 +2,10 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import AnyArray
 from procam.errors import FileFormatError, InputError
 from procam.files.images.photos import SUFFIXES, photo_counts, read_photo
 from procam.files.images.pixels import read_image
@@ -30,11 +29,11 @@ def linear_photographs(photos: Sequence[Path]) -> list[Path]:
     return photographs(photos, (*SUFFIXES, ".exr"))
 
 
-def linear_counts(path: Path, camera: CameraModel) -> NDArray[Any]:
+def linear_counts(path: Path, camera: CameraModel) -> AnyArray:
     """Linear counts (H, W, C), or light in floating point of an EXR, of the camera's size."""
     if path.suffix.lower() == ".exr":
         pixels = np.asarray(read_image(path), float)
-        counts: NDArray[Any] = pixels[..., : 1 if pixels.shape[2] < 3 else 3]
+        counts: AnyArray = pixels[..., : 1 if pixels.shape[2] < 3 else 3]
     else:
         photo = read_photo(path)
         if photo.pixels.dtype == np.uint8:

@@ -8,12 +8,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from procam.arrays import Array32
 from procam.errors import FileFormatError, InputError
 from procam.files.images.pixels import read_image
 
 SUFFIXES = (".png", ".tif", ".tiff", ".jpg", ".jpeg", ".exr", ".bmp", ".pgm")
 NAMED = 4  # photographs that a message names
-Picture = NDArray[np.uint8] | NDArray[np.uint16] | NDArray[np.float32]
+Picture = NDArray[np.uint8] | NDArray[np.uint16] | Array32
 Size = tuple[int, int]
 
 

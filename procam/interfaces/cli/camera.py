@@ -13,13 +13,7 @@ from procam.estimate.boards.camera import BoardView, CameraFit, fit_camera, rms
 from procam.estimate.boards.robust_fit import MIN_VIEWS, determines_pose
 from procam.estimate.boards.targets import Board, find_board, suggest_squares
 from procam.files.atomic import write_text
-from procam.interfaces.cli._boards import (
-    WORST_RMS,
-    coefficients,
-    count_text,
-    lens_rows,
-    make_board,
-)
+from procam.interfaces.cli._boards import WORST_RMS, coefficients, count_text, lens_rows, make_board
 from procam.interfaces.cli._options import Json, SquareOption, SquaresOption
 from procam.interfaces.cli._output import Output, as_dicts, exit_if_missed
 from procam.interfaces.cli._paths import check_out, one_size, photographs, read_grey, some

@@ -13,12 +13,7 @@ import typer
 
 from procam.errors import InputError
 from procam.files.calibration import load_dome
-from procam.interfaces.cli._options import (
-    CalibrationArgument,
-    Json,
-    StateOption,
-    TransferOption,
-)
+from procam.interfaces.cli._options import CalibrationArgument, Json, StateOption, TransferOption
 from procam.interfaces.cli._output import Output
 from procam.interfaces.cli._pipe import PIPE, RawFrames, compensate_pipe
 from procam.workflows.playout.compensate import compensate_file, write_report

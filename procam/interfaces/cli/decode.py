@@ -7,8 +7,8 @@ from typing import Annotated
 
 import numpy as np
 import typer
-from numpy.typing import NDArray
 
+from procam.arrays import Array32
 from procam.errors import CalibrationError, FileFormatError, InputError
 from procam.estimate.structured_light.codes import CODES, Code, make_code
 from procam.estimate.structured_light.consistency import probe_places
@@ -138,7 +138,7 @@ def _check_outputs(folder: Path, out: Path, *others: Path) -> None:
             )
 
 
-def _panel_channels(panel: ProjectorMap) -> dict[str, NDArray[np.float32]]:
+def _panel_channels(panel: ProjectorMap) -> dict[str, Array32]:
     return {
         "camera.x": panel.camera_px[..., 0],
         "camera.y": panel.camera_px[..., 1],

@@ -29,13 +29,7 @@ from procam.interfaces.cli._boards import (
     make_board,
     sigmas,
 )
-from procam.interfaces.cli._options import (
-    CodeOption,
-    Json,
-    SizeOption,
-    SquareOption,
-    SquaresOption,
-)
+from procam.interfaces.cli._options import CodeOption, Json, SizeOption, SquareOption, SquaresOption
 from procam.interfaces.cli._output import Output, as_dicts, exit_if_missed
 from procam.interfaces.cli._paths import (
     SUFFIXES,

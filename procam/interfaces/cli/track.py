@@ -5,12 +5,7 @@ from typing import Annotated
 
 import typer
 
-from procam.interfaces.cli._options import (
-    CalibrationArgument,
-    Json,
-    StateOption,
-    TransferOption,
-)
+from procam.interfaces.cli._options import CalibrationArgument, Json, StateOption, TransferOption
 from procam.interfaces.cli._output import Output
 from procam.workflows.playout.frame import FrameSettings
 from procam.workflows.playout.track import track_show

@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from procam.arrays import Array, FloatArray
 from procam.interfaces.plots.figure import (
     CHANNELS,
     INK,
@@ -24,8 +25,6 @@ from procam.maths.geometry.sphere import master_pixels
 from procam.maths.light.curves import srgb_encode
 from procam.model.photometry import ResponseCurve
 
-Array = NDArray[np.float64]
-Floats = NDArray[np.floating]
 Pixels = NDArray[np.uint8]
 Colours = Sequence[tuple[int, int, int]]
 Palette = Literal["light", "amount", "alternative", "signed"]
@@ -53,7 +52,7 @@ class Scale:
     palette: Palette = "amount"
     factor: float = 1.0
 
-    def position(self, values: Floats) -> Floats:
+    def position(self, values: FloatArray) -> FloatArray:
         """Position of values on the scale, 0..1."""
         share = np.clip((values - self.low) / (self.high - self.low), 0, 1)
         return srgb_encode(share) if self.palette == "light" else share
@@ -78,7 +77,7 @@ class Scale:
         colours = require_matplotlib().colormaps[name](np.linspace(0, 1, 256))
         return np.asarray(np.rint(np.asarray(colours)[:, :3] * 255), np.uint8)
 
-    def paint(self, values: Floats) -> str:
+    def paint(self, values: FloatArray) -> str:
         """A dome master (N, N), or (N, N, 3) light, as a PNG data address; NaN is grey."""
         known = np.isfinite(values)
         codes = np.rint(self.position(np.where(known, values, self.low)) * 255).astype(np.uint8)
@@ -104,7 +103,7 @@ def dome_png(rgb: Pixels) -> str:
     return _address(buffer.getvalue())
 
 
-def on_dome(direction: Floats, values: Floats, size: int) -> Array:
+def on_dome(direction: FloatArray, values: FloatArray, size: int) -> Array:
     """Mean of `values` (K,) per pixel of a dome master of `size`; NaN where none falls.
 
     `direction` (K, 3) are unit vectors from the dome's centre.

@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import BoolArray, FloatArray
 from procam.interfaces.plots.figure import (
     CHANNELS,
     INK,
@@ -26,13 +26,7 @@ from procam.workflows.playout.explain import Explained
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Colours = NDArray[np.floating]
-LIMIT_NAMES = (
-    "exact",
-    "too bright: black is not dark enough",
-    "too dark",
-    "not lit, or protected",
-)
+LIMIT_NAMES = ("exact", "too bright: black is not dark enough", "too dark", "not lit, or protected")
 PANELS = (  # title, unit, and columns of the report with a factor and whether they are thin
     ("Scattered light removed", "scatter level s, per colour", [("s", 1, False)]),
     (
@@ -115,7 +109,7 @@ def _scaled(title: str, white: float, scattered: float) -> str:
     return f"{title}, shown {white / scattered:.2g} times brighter" if scattered > 0 else title
 
 
-def _draw_limits(axes: "Axes", limits: Colours, inside: NDArray[np.bool_]) -> None:
+def _draw_limits(axes: "Axes", limits: FloatArray, inside: BoolArray) -> None:
     """Where a colour misses its target; too bright takes precedence over too dark."""
     codes = np.zeros(limits.shape[:2], int)
     codes[(limits < 0).any(axis=-1)] = 2

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import BoolArray, FloatArray
 from procam.errors import InputError
 from procam.files import atomic
 from procam.maths.light.curves import srgb_encode
@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Colour = tuple[int, int, int]
-Floats = NDArray[np.floating]
 CHANNELS = (("red", "#c44e00", "-"), ("green", "#00805d", "--"), ("blue", "#0063a6", ":"))
 UNKNOWN = (176, 180, 184)
 # exact, too bright, too dark, not lit; the hues of the signed scale
@@ -79,18 +78,18 @@ def title_axes(axes: "Axes", title: str, *, size: float = 10) -> None:
     axes.set_title(title, loc="left", fontweight="bold", fontsize=size, color=INK)
 
 
-def light_colours(picture: Floats, white: float, unlit: NDArray[np.bool_]) -> Floats:
+def light_colours(picture: FloatArray, white: float, unlit: BoolArray) -> FloatArray:
     """Light (N, N, 3) as screen values 0..1, `white` at 1; grey where no projector reaches."""
     colours = srgb_encode(np.clip(picture / max(white, 1e-9), 0, 1))
     return np.where(unlit[..., None], np.array(UNKNOWN) / 255, colours)
 
 
-def brightest(pictures: Sequence[Floats], unlit: NDArray[np.bool_]) -> float:
+def brightest(pictures: Sequence[FloatArray], unlit: BoolArray) -> float:
     """The light that pictures share as white: nearly their largest, but at least 1."""
     return max(1.0, *(float(np.percentile(p[~unlit], 99.5)) for p in pictures))
 
 
-def show_dome(axes: "Axes", title: str, colours: Floats, inside: NDArray[np.bool_]) -> None:
+def show_dome(axes: "Axes", title: str, colours: FloatArray, inside: BoolArray) -> None:
     """A dome master (N, N, 3) of screen values 0..1, transparent outside the circle."""
     axes.imshow(np.dstack([colours, inside]), interpolation="antialiased")
     axes.set_title(title, fontsize=9.75, color=INK)

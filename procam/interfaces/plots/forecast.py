@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array
 from procam.interfaces.plots.figure import (
     INK,
     LIMITS,
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import SubFigure
 
-Mask = NDArray[np.bool_]
 RELATIVE = "x direct white"
 DIRECT, SCATTERED, WITHOUT, WITH = "#4393c3", "#f4a582", "#ca403c", "#053061"
 WIDTH, TOP, ROW = 10.5, 3.9, 3.4  # inches
@@ -88,7 +87,7 @@ def _draw_white(axes: "Axes", levels: Sequence[Levels], unit: str) -> None:
 def _draw_contrast(axes: "Axes", levels: Sequence[Levels]) -> None:
     """White over black in a picture of both, against the share of white."""
 
-    def curve(level: Levels, compensated: bool) -> NDArray[np.float64]:
+    def curve(level: Levels, compensated: bool) -> Array:
         black = 1 / level.on_off_before
         shares = (float(p) for p in WHITE_SHARES)
         return np.array(

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import FloatArray
 from procam.interfaces.plots.charts import Scale
 from procam.interfaces.report.data import Material
 
@@ -102,7 +102,7 @@ def signed_light(end: float) -> Scale:
     return signed(arrows, end)
 
 
-def extent(values: NDArray[np.floating], least: float, step: float = 0.0) -> float:
+def extent(values: FloatArray, least: float, step: float = 0.0) -> float:
     """99.5 % of the sizes of finite values, not below `least`, rounded up to a multiple of `step`."""
     known = np.abs(values[np.isfinite(values)])
     end = max(float(np.percentile(known, 99.5)), least) if known.size else least
@@ -114,6 +114,6 @@ def brightness(top: float) -> Scale:
     return Scale("light, 1 = white", 0.0, top, "light")
 
 
-def painted(pictures: Mapping[str, NDArray[np.floating]], scale: Scale) -> Group:
+def painted(pictures: Mapping[str, FloatArray], scale: Scale) -> Group:
     """Dome masters by title on one scale."""
     return Group([DomePicture(t, scale.paint(p)) for t, p in pictures.items()], scale)

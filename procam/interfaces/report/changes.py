@@ -3,13 +3,11 @@
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array
 from procam.files.images.layers import read_layers
 from procam.interfaces.report.data import Material, read_document
 from procam.maths.geometry.sphere import angle_between
-
-Array = NDArray[np.float64]
 
 
 def true_errors(material: Material, name: str) -> Array | None:

@@ -10,21 +10,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from procam.arrays import Array, BoolArray, FloatArray, Image
 from procam.errors import FileFormatError, InputError
 from procam.files.calibration import list_calibrations, load_calibration
 from procam.files.images.layers import RGB, read_channels
 from procam.interfaces.plots.charts import on_dome
-from procam.maths.geometry.sphere import (
-    master_directions,
-    master_pixels,
-    master_solid_angles,
-)
+from procam.maths.geometry.sphere import master_directions, master_pixels, master_solid_angles
 from procam.maths.warp import block_mean, sample
 from procam.model.calibration import Calibration
 from procam.model.correspondence import ProjectorSurface
 
-Array = NDArray[np.float64]
-Image = NDArray[np.float32]
 SHOWN = 450  # edge of a picture in the report, about [px]
 JUDGED = 256  # edge of the patches that errors are averaged over, in patches
 POINTS = 1_200_000  # most projector pixels that are drawn on a dome map
@@ -127,7 +122,7 @@ class Material:
         assert self.calibration is not None
         return resized(self.calibration.maps.coverage, size)
 
-    def protected(self, size: int) -> NDArray[np.bool_]:
+    def protected(self, size: int) -> BoolArray:
         """Where (N, N) the picture is left as it is."""
         assert self.calibration is not None
         maps, (direction, inside) = self.calibration.maps, master_directions(size)
@@ -200,7 +195,7 @@ def resized(picture: Image, size: int) -> Image:
     return sample(smaller, master_pixels(direction, len(smaller)))
 
 
-def on_master(surface: ProjectorSurface, values: NDArray[np.floating]) -> Array:
+def on_master(surface: ProjectorSurface, values: FloatArray) -> Array:
     """Values (H, W) of a projector's pixels as a dome master; NaN where no pixel falls."""
     step = max(1, int(np.sqrt(surface.valid.size / POINTS)))
     valid = surface.valid[::step, ::step]

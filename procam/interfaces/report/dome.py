@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from procam.arrays import Array, FloatArray
 from procam.interfaces.plots import charts as plots
 from procam.interfaces.plots.charts import Scale
 from procam.interfaces.plots.figure import css_colour
@@ -31,8 +32,6 @@ from procam.model.calibration import Calibration
 from procam.model.quality import Figure
 from procam.model.transport import Measured
 
-Array = NDArray[np.float64]
-Floats = NDArray[np.floating]
 COUNT_WORDS = ("none", "one", "two", "three", "four or more")
 
 
@@ -64,7 +63,7 @@ def _counted(count: NDArray[np.integer]) -> Group:
     return Group([DomePicture("Projectors per direction", image)], None, pairs[: count.max() + 1])
 
 
-def _nearest(picture: Floats, size: int) -> Floats:
+def _nearest(picture: FloatArray, size: int) -> FloatArray:
     """A dome master by its nearest pixels at another size; keeps NaN."""
     pick = np.minimum(np.arange(size) * len(picture) // size, len(picture) - 1)
     return np.asarray(picture[np.ix_(pick, pick)])
@@ -167,7 +166,7 @@ def levels(material: Material) -> Iterator[Block]:
     yield Table(head, rows, "White in units of the reference white, black in per cent of it.")
 
 
-def _spread(values: Floats, as_percent: bool) -> list[str]:
+def _spread(values: FloatArray, as_percent: bool) -> list[str]:
     if not values.size:
         return ["not lit"] * 3
     show = percent if as_percent else number

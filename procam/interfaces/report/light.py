@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from procam.arrays import Array, FloatArray
 from procam.interfaces.plots import charts as plots
 from procam.interfaces.plots.figure import LIMITS, css_colour
 from procam.interfaces.report.blocks import (
@@ -25,14 +26,7 @@ from procam.interfaces.report.blocks import (
     signed_light,
 )
 from procam.interfaces.report.changes import gain_change
-from procam.interfaces.report.data import (
-    WHOLE,
-    BeforeAfter,
-    Loop,
-    Material,
-    on_master,
-    resized,
-)
+from procam.interfaces.report.data import WHOLE, BeforeAfter, Loop, Material, on_master, resized
 from procam.interfaces.report.words import limits_text, percent
 from procam.maths.geometry.sphere import (
     angles_from_direction,
@@ -40,8 +34,6 @@ from procam.maths.geometry.sphere import (
     master_solid_angles,
 )
 
-Array = NDArray[np.float64]
-Floats = NDArray[np.floating]
 BAND_DEG = 3.0
 SOURCES = {
     "simulator": "as the simulated dome shows them, without camera or noise",
@@ -96,7 +88,7 @@ def pollution(material: Material) -> Iterator[Block]:
     yield _profile(seen)
 
 
-def _pollution_maps(seen: BeforeAfter, scattered: Floats) -> Domes:
+def _pollution_maps(seen: BeforeAfter, scattered: FloatArray) -> Domes:
     unlit = seen.coverage < 0.5
     parts = {
         "Bounced light, before": scattered,
@@ -117,7 +109,7 @@ def _pollution_maps(seen: BeforeAfter, scattered: Floats) -> Domes:
     )
 
 
-def _direct_without(material: Material, size: int) -> Floats:
+def _direct_without(material: Material, size: int) -> FloatArray:
     """Direct light (N, N, 3) of the uncompensated content: the content within its limits."""
     assert material.calibration is not None
     maps = material.calibration.maps
@@ -144,7 +136,7 @@ def _profile(seen: BeforeAfter) -> Charts:
     )
 
 
-def _by_elevation(picture: Floats, share: Floats, coverage: Floats) -> Array:
+def _by_elevation(picture: FloatArray, share: FloatArray, coverage: FloatArray) -> Array:
     """Means (K, 3) over rings of equal elevation; NaN where a ring is mostly unlit."""
     size = len(picture)
     direction, inside = master_directions(size)

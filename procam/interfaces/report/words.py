@@ -85,8 +85,7 @@ NAMES = {
         "Test for a sphere", "variance of the residuals over the variance that noise explains"
     ),
     "shape_degree": Words(
-        "Degree of the dome's shape",
-        "of the harmonics that were solved; 0 is an exact sphere",
+        "Degree of the dome's shape", "of the harmonics that were solved; 0 is an exact sphere"
     ),
     "additivity_error": Words(
         "Colours add up",

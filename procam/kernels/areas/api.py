@@ -3,19 +3,17 @@
 from collections.abc import Iterable, Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array
 from procam.errors import InputError, ShapeError
 from procam.kernels.areas import reference
 from procam.kernels.native.arrays import check_like, plain, pointer
 from procam.kernels.native.loader import chosen
 
-Double = NDArray[np.float64]
-
 
 def solid_angles(
-    blocks: Iterable[Double], shape: tuple[int, int], *, out: Double | None = None
-) -> Double:
+    blocks: Iterable[Array], shape: tuple[int, int], *, out: Array | None = None
+) -> Array:
     """Solid angles [sr] of a grid's cells from the unit directions of their corners, block by block.
 
     Each cell is two great-circle triangles (Van Oosterom & Strackee 1983,
@@ -64,9 +62,9 @@ def solid_angles(
     return areas
 
 
-def _overlapping(blocks: Iterable[Double], width: int) -> Iterator[list[Double]]:
+def _overlapping(blocks: Iterable[Array], width: int) -> Iterator[list[Array]]:
     """The rows of each block, after the last row of the block before."""
-    last: list[Double] = []
+    last: list[Array] = []
     for block in blocks:
         if block.ndim != 3 or block.shape[1:] != (width + 1, 3):
             raise ShapeError("blocks", block.shape, f"(n, {width + 1}, 3), W + 1 corners in a row")
@@ -80,12 +78,12 @@ def _overlapping(blocks: Iterable[Double], width: int) -> Iterator[list[Double]]
         last = rows[-1:]
 
 
-def _readable(block: Double) -> bool:
+def _readable(block: Array) -> bool:
     """Whether each row is contiguous and aligned."""
     return block.flags.aligned and block.strides[1:] == (24, 8)
 
 
-def _fill(rows: list[Double], areas: Double) -> None:
+def _fill(rows: list[Array], areas: Array) -> None:
     """Areas (n, W) between n + 1 rows of corners (W + 1, 3)."""
     native = chosen()
     if native is None:

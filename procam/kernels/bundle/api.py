@@ -10,8 +10,8 @@ import ctypes
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array
 from procam.errors import InputError, ShapeError
 from procam.kernels.bundle import reference
 from procam.kernels.bundle.reference import (
@@ -23,7 +23,6 @@ from procam.kernels.bundle.reference import (
 from procam.kernels.native.arrays import plain, pointer
 from procam.kernels.native.loader import chosen
 
-Double = NDArray[np.float64]
 BLOCK = 64  # observations that C takes at a time
 LEAST, TILES = 512, 16  # observations of a share of the work; shares at most
 LANES = 8  # PARTIAL of native/kernels.h
@@ -48,9 +47,9 @@ class _Block(ctypes.Structure):
 
 def bundle_equations(
     block: ObservationBlock,
-    ray: Double,
-    seen: Double,
-    weight: Double,
+    ray: Array,
+    seen: Array,
+    weight: Array,
     derivatives: ShapeDerivatives | None = None,
     lens_free: bool = False,
 ) -> NormalEquations:
@@ -112,8 +111,8 @@ def bundle_equations(
 
 
 def bundle_residuals(
-    block: ObservationBlock, ray: Double, seen: Double, derivatives: ShapeDerivatives | None = None
-) -> Double:
+    block: ObservationBlock, ray: Array, seen: Array, derivatives: ShapeDerivatives | None = None
+) -> Array:
     """Projector pixels (N, 2) predicted minus those seen; NaN where a ray or point has no image.
 
     The arguments are those of `bundle_equations`.
@@ -133,7 +132,7 @@ def bundle_residuals(
 
 def _c_block(
     block: ObservationBlock,
-    given: tuple[Double | None, ...],
+    given: tuple[Array | None, ...],
     derivatives: ShapeDerivatives | None,
     lens_free: bool,
 ) -> Any:
@@ -150,7 +149,7 @@ def _c_block(
     return found
 
 
-def _numbers(device: PlacedDevice) -> Double:
+def _numbers(device: PlacedDevice) -> Array:
     """`struct placed` of block.h: turn, shift, lens made up to that of Brown, pupil."""
     rest = np.zeros(LENS["brown"] - len(device.lens))
     parts = [np.ravel(device.rotation), device.translation, device.lens, rest, device.pupil]
@@ -159,14 +158,14 @@ def _numbers(device: PlacedDevice) -> Double:
 
 def _check(
     block: ObservationBlock,
-    ray: Double,
-    seen: Double,
-    weight: Double | None,
+    ray: Array,
+    seen: Array,
+    weight: Array | None,
     derivatives: ShapeDerivatives | None,
 ) -> None:
     """Refuse rays, pixels, weights, lenses and derivatives that do not fit one another."""
     count, harmonics = len(ray), len(block.harmonic_coefficients)
-    wanted: dict[str, tuple[Double, tuple[int, ...]]]
+    wanted: dict[str, tuple[Array, tuple[int, ...]]]
     wanted = {"ray": (ray, (count, 3)), "seen": (seen, (count, 2))}
     if weight is not None:
         wanted["weight"] = (weight, (count,))

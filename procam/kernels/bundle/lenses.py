@@ -6,9 +6,9 @@ Brandt 2006, doi:10.1109/TPAMI.2006.153).
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from procam.arrays import Array
+
 KNOTS = 2048  # of the table that Newton's method starts from
 NEWTON_STEPS = 12
 

@@ -3,16 +3,15 @@
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from procam.arrays import Array
 from procam.kernels.bundle import lenses as reference
 from procam.kernels.native.arrays import plain, pointer
 from procam.kernels.native.loader import chosen
 
-Double = NDArray[np.float64]
 
-
-def fisheye_rays(pixels: ArrayLike, lens: Double) -> Double:
+def fisheye_rays(pixels: ArrayLike, lens: Array) -> Array:
     """Unit rays (..., 3) of pixels (..., 2) of a Kannala-Brandt lens.
 
     Kannala & Brandt 2006, doi:10.1109/TPAMI.2006.153: r = theta + k1 theta^3 + ... + k4 theta^9,
@@ -49,7 +48,7 @@ def fisheye_rays(pixels: ArrayLike, lens: Double) -> Double:
 
 
 @lru_cache(maxsize=32)
-def _angles(*k: float) -> tuple[Double, float]:
+def _angles(*k: float) -> tuple[Array, float]:
     """Angles (KNOTS,) [rad] at equal steps of the radius up to where the lens folds, and that radius."""
     theta = np.linspace(0, np.pi, reference.KNOTS)
     reach = reference.fisheye_radius(theta, np.array(k))

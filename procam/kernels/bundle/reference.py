@@ -6,11 +6,10 @@ It runs where there is no compiled library, and the tests hold the library again
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array
 from procam.kernels.bundle.lenses import project_slopes, ray_slopes
 
-Array = NDArray[np.float64]
 STEPS = 3  # from near the screen onto it
 CHUNK = 4096  # observations at a time, which stay in the cache
 

@@ -6,20 +6,18 @@ time is near that of moving the picture through memory.
 """
 
 import ctypes
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import AnyArray, Array, Map
 from procam.errors import InputError, ShapeError
 from procam.kernels.frame import reference
 from procam.kernels.frame.coding import Coding
-from procam.kernels.frame.grid import CHANNELS, POSITIONS, STRIP, Plane
+from procam.kernels.frame.grid import CHANNELS, POSITIONS, STRIP
 from procam.kernels.frame.model import SPARE, TERMS, FrameModel, padded
 from procam.kernels.native.arrays import aligned_like, pointer
 from procam.kernels.native.loader import chosen
 
-Double = NDArray[np.float64]
 KINDS = {np.dtype(t): n for n, t in enumerate((np.uint8, np.uint16, np.float32, np.float16))}
 MODES = {"light": 0, "content": 1, "excess": 2, "at least": 3, "at most": 4}
 APPLY = 5
@@ -45,7 +43,7 @@ class _Frame(ctypes.Structure):
     ]
 
 
-def _buffer_of(plane: Plane | None) -> Plane | None:
+def _buffer_of(plane: Map | None) -> Map | None:
     """The padded array that `plane` starts, if `scattered_light` made it; None for any other plane."""
     buffer = None if plane is None else plane.base
     if plane is None or buffer is None:
@@ -56,8 +54,8 @@ def _buffer_of(plane: Plane | None) -> Plane | None:
 
 
 def scattered_light(
-    model: FrameModel, coefficients: Double, offset: Double | None = None, out: Plane | None = None
-) -> Plane:
+    model: FrameModel, coefficients: Array, offset: Array | None = None, out: Map | None = None
+) -> Map:
     """Scattered light at each node (M, M, 3) [rel]: spread times the polynomial, plus the lamps' light.
 
     Parameters
@@ -84,9 +82,7 @@ def scattered_light(
     return buffer[:size].reshape(model.spread.shape)
 
 
-def frame_sums(
-    model: FrameModel, image: NDArray[Any], light: Plane, what: str, coding: Coding
-) -> Double:
+def frame_sums(model: FrameModel, image: AnyArray, light: Map, what: str, coding: Coding) -> Array:
     """Sums over the dome of the light to send, times the monomials of the direction.
 
     Parameters
@@ -111,12 +107,12 @@ def frame_sums(
 
 def frame_apply(
     model: FrameModel,
-    image: NDArray[Any],
-    light: Plane,
+    image: AnyArray,
+    light: Map,
     coding: Coding,
-    out: NDArray[Any] | None = None,
-    sums: Double | None = None,
-) -> NDArray[Any]:
+    out: AnyArray | None = None,
+    sums: Array | None = None,
+) -> AnyArray:
     """The light to send (N, N, 3), encoded as the picture is.
 
     `out` to write to may be the picture itself; `sums` (3, terms) is filled with those of `frame_sums`.
@@ -136,12 +132,12 @@ def frame_apply(
     return target
 
 
-def _check_light(model: FrameModel, light: Plane) -> None:
+def _check_light(model: FrameModel, light: Map) -> None:
     if light.shape != model.spread.shape:
         raise ShapeError("light", light.shape, f"{model.spread.shape}")
 
 
-def check_pictures(size: int, image: NDArray[Any], out: NDArray[Any] | None = None) -> None:
+def check_pictures(size: int, image: AnyArray, out: AnyArray | None = None) -> None:
     """Refuse pictures that the kernels cannot read or write.
 
     Raises
@@ -172,10 +168,10 @@ def check_pictures(size: int, image: NDArray[Any], out: NDArray[Any] | None = No
 def _run(
     native: tuple[ctypes.CDLL, int, int],
     model: FrameModel,
-    pictures: tuple[NDArray[Any], Plane, NDArray[Any] | None],
+    pictures: tuple[AnyArray, Map, AnyArray | None],
     mode: int,
     coding: Coding,
-) -> Double:
+) -> Array:
     library, level, threads = native
     setup, tables = _Frame(), coding.tables
     setup.size, setup.kind = model.size, KINDS[pictures[0].dtype]

@@ -5,13 +5,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from procam.kernels.frame.grid import CHANNELS, Plane
+from procam.arrays import AnyArray, Array, FloatArray, Map
+from procam.kernels.frame.grid import CHANNELS
 from procam.kernels.native.arrays import aligned_like
 
-Double = NDArray[np.float64]
-Curve = Callable[[NDArray[np.floating]], NDArray[np.floating]]
+Curve = Callable[[FloatArray], FloatArray]
 WHOLE = {np.dtype(np.uint8): 255.0, np.dtype(np.uint16): 65535.0}
 SEGMENTS, TILE = 32, 64  # as in frame/values.h
 FITTED = 16  # samples of a curve for each parabola
@@ -31,10 +30,10 @@ class Coding:
 
     decode: Curve
     encode: Curve
-    threshold: Plane
+    threshold: Map
     strength: float = 1.0
     top: float = np.inf
-    tables: dict[str, NDArray[Any]] = field(init=False)
+    tables: dict[str, AnyArray] = field(init=False)
 
     def __post_init__(self) -> None:
         codes = np.asarray(self.decode(np.arange(256) / 255), np.float32)
@@ -52,13 +51,13 @@ class Coding:
         """The most light that pictures of a type can send."""
         return min(self.top, 1.0) if dtype == np.uint8 else self.top
 
-    def decoded(self, picture: NDArray[Any]) -> NDArray[Any]:
+    def decoded(self, picture: AnyArray) -> AnyArray:
         """Linear light of a picture's values; what is not finite is black."""
         if picture.dtype == np.uint8:
             return self.tables["decode"][picture]
         return np.where(np.isfinite(picture), picture, 0) / WHOLE.get(picture.dtype, 1.0)
 
-    def encoded(self, light: Double, picture: NDArray[Any], rows: slice) -> NDArray[Any]:
+    def encoded(self, light: Array, picture: AnyArray, rows: slice) -> AnyArray:
         """Values to write for `light` (R, N, 3), mixed with those of the picture."""
         whole = WHOLE.get(picture.dtype)
         value = light if whole is None else whole * np.clip(light, 0, 1)
@@ -74,7 +73,7 @@ class Coding:
         return value if whole is None else np.rint(value)
 
 
-def _pieces(encode: Curve) -> Plane:
+def _pieces(encode: Curve) -> Map:
     """255 encode(x) as parabolas (3, SEGMENTS) of the root of x, two per octave of it, from 0 at 2^-15.
 
     Bits of the root as float32, from the 22nd on, number them modulo SEGMENTS. Each has the least squared

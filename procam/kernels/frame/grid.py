@@ -5,12 +5,11 @@ pixels of a picture, M <= N. Everything about that which depends on M and N alon
 the nodes around each pixel and their weights, and which blocks of the picture are lit.
 """
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
-Plane = NDArray[np.float32]
+from procam.arrays import AnyArray, Array, BoolArray, Map
+
 Index = NDArray[np.int32]
 CHANNELS = 3
 POSITIONS = ("values", "shared", "pixels")  # as in struct procam_frame
@@ -56,7 +55,7 @@ class Grid:
             "pixels": _positions(rest[0], rest[1], rest[2]),
         }
 
-    def at_edges(self, field: NDArray[Any]) -> NDArray[np.float64]:
+    def at_edges(self, field: AnyArray) -> Array:
         """A field (M, ...) at edges (E, ...); lines between them have the means of a smooth field."""
         last = len(field) - 1
         found = field[np.clip(self.edges, 0, last)].astype(float)
@@ -70,7 +69,7 @@ class Grid:
         found[1:-1] -= bend
         return np.asarray(found)
 
-    def lit(self, area: Plane) -> NDArray[np.uint8]:
+    def lit(self, area: Map) -> NDArray[np.uint8]:
         """How blocks of values in intervals (M + 1, blocks) are summed: 0, 1, 2.
 
         0: unlit. 1: partly lit, with the solid angle of each pixel. 2: lit all over their band, with
@@ -82,7 +81,7 @@ class Grid:
         whole = np.logical_and.reduceat(every, pair[:: self.shared])[pair // self.shared]
         return np.ascontiguousarray(some.astype(np.uint8) + whole)
 
-    def least(self, field: Plane) -> Plane:
+    def least(self, field: Map) -> Map:
         """The least of a field (M, M) at the nodes that blocks of values in intervals lie between."""
         last = len(field) - 1
         pair = np.arange(len(field) + 1)
@@ -94,7 +93,7 @@ class Grid:
         wide = np.pad(low, ((0, 0), (0, 1)), "edge")
         return np.asarray(np.minimum.reduceat(wide, spans, axis=1)[:, ::2], np.float32)
 
-    def _bent(self, area: Plane) -> NDArray[np.bool_]:
+    def _bent(self, area: Map) -> BoolArray:
         """Nodes (M, M) whose area does not lie near a flat line between the edges of their band."""
         band, order = np.divmod(np.arange(len(area)) + 1, self.shared)
         edges, most = self.at_edges(area).astype(np.float32), area.max()
@@ -103,7 +102,7 @@ class Grid:
         return np.asarray((np.abs(off) > STRAIGHT * most) | (np.abs(rise) > STEEP * most))
 
 
-def _positions(left: Index, right: Index, across: Plane) -> dict[str, NDArray[Any]]:
+def _positions(left: Index, right: Index, across: Map) -> dict[str, AnyArray]:
     """Nodes around values: `start`, the first one for each STEP values, and `pair`, counted from there.
 
     `pair` holds the left node, and the right one << 8; `across` is the weight of the right one. All
@@ -112,7 +111,7 @@ def _positions(left: Index, right: Index, across: Plane) -> dict[str, NDArray[An
     starts = [_least_of(left, many) for many in (BLOCK, STEP)]
     start = next(s for s in starts if (right - s < 2 * STEP).all())  # one is, with M <= N
     found = {"start": start[::STEP], "pair": left - start | (right - start) << 8}
-    positions: dict[str, NDArray[Any]] = {
+    positions: dict[str, AnyArray] = {
         n: np.ascontiguousarray(f, np.int32) for n, f in found.items()
     }
     return positions | {"across": np.ascontiguousarray(across, np.float32)}
@@ -123,6 +122,6 @@ def _least_of(numbers: Index, many: int) -> Index:
     return np.repeat(numbers.reshape(-1, many).min(axis=1), many)
 
 
-def _padded(numbers: NDArray[Any]) -> NDArray[Any]:
+def _padded(numbers: AnyArray) -> AnyArray:
     """Numbers padded with the last one to whole strips of pixels."""
     return np.pad(numbers, (0, -len(numbers) % (STRIP // CHANNELS)), "edge")

@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from procam.arrays import AnyArray, Map
 from procam.errors import InputError, ShapeError
-from procam.kernels.frame.grid import CHANNELS, Grid, Plane
+from procam.kernels.frame.grid import CHANNELS, Grid
 from procam.kernels.native.arrays import least_colour
 
 TERMS = 9
@@ -34,14 +35,14 @@ class FrameModel:
     """
 
     size: int
-    spread: Plane
-    lo: Plane
-    hi: Plane | None
-    ambient: Plane | None
-    gain: Plane | None
-    coverage: Plane
-    solid_angle_sr: Plane
-    direction: Plane
+    spread: Map
+    lo: Map
+    hi: Map | None
+    ambient: Map | None
+    gain: Map | None
+    coverage: Map
+    solid_angle_sr: Map
+    direction: Map
     terms: int = 1
 
     def __post_init__(self) -> None:
@@ -79,7 +80,7 @@ class FrameModel:
         return Grid(self.size, self.nodes)
 
     @cached_property
-    def at_edges(self) -> dict[str, Plane]:
+    def at_edges(self) -> dict[str, Map]:
         """Fields at the edges of bands.
 
         `weight` (E, M), solid angle of a pixel [sr]; `edge_spread`, `direction` (E, 3, M).
@@ -109,7 +110,7 @@ class FrameModel:
         return {}
 
     @cached_property
-    def _least_hi(self) -> Plane:
+    def _least_hi(self) -> Map:
         """Least upper limit of each block (M + 1, blocks), infinite without limits."""
         if self.hi is None:
             return np.full(self.lit.shape, np.inf, np.float32)
@@ -130,20 +131,20 @@ class FrameModel:
         return float(self.lo.max())
 
     @cached_property
-    def in_c(self) -> dict[str, NDArray[Any] | None]:
+    def in_c(self) -> dict[str, AnyArray | None]:
         """Arrays of the C struct that do not change from call to call, padded for vectors."""
         grid = self.grid
         fields = {
             **{"least": self.lo, "most": self.hi, "gain": self.gain},
             **{"area": self.solid_angle_sr, **self.at_edges},
         }
-        found: dict[str, NDArray[Any] | None] = {n: padded(f) for n, f in fields.items()}
+        found: dict[str, AnyArray | None] = {n: padded(f) for n, f in fields.items()}
         for name, positions in grid.positions.items():
             found |= {f"{name}_{part}": numbers for part, numbers in positions.items()}
         return found | {"down": grid.down, "rows": grid.rows}
 
 
-def padded(plane: Plane | None) -> Plane | None:
+def padded(plane: Map | None) -> Map | None:
     """A flat copy with space for vectors to read past its end, or None."""
     if plane is None:
         return None

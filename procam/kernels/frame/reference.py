@@ -1,28 +1,25 @@
 """The frame kernels in NumPy, in double precision: their reference implementation."""
 
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import AnyArray, Array, BoolArray, Image
 from procam.kernels.frame.coding import Coding
 from procam.kernels.frame.grid import BLOCK
 from procam.kernels.frame.model import EVERYWHERE, FrameModel
 
-Plane = NDArray[np.float32]
-Double = NDArray[np.float64]
 ROWS = 64  # of the picture at a time
 
 
-def monomials(direction: NDArray[Any], terms: int) -> Double:
+def monomials(direction: AnyArray, terms: int) -> Array:
     """1, x, y, z, xy, yz, xz, x^2 - y^2, z^2 (terms, ...) of (3, ...): the first 1, 4 or 9."""
     x, y, z = direction.astype(float)
     every = (np.ones_like(x), x, y, z, x * y, y * z, x * z, x * x - y * y, z * z)
     return np.stack(every[:terms])
 
 
-def scattered_light(model: FrameModel, coefficients: Double, offset: Double | None) -> Plane:
+def scattered_light(model: FrameModel, coefficients: Array, offset: Array | None) -> Image:
     """Polynomial times spread, plus the lamps, less the second polynomial (M, M, 3)."""
     terms = monomials(model.direction, model.terms)
     light = model.spread * np.tensordot(terms, coefficients[:, : model.terms], (0, 1))
@@ -33,7 +30,7 @@ def scattered_light(model: FrameModel, coefficients: Double, offset: Double | No
     return light.astype(np.float32)
 
 
-def interpolated(model: FrameModel, field: NDArray[Any], rows: slice) -> Double:
+def interpolated(model: FrameModel, field: AnyArray, rows: slice) -> Array:
     """Rows of a field (M, M[, C]) at the size of the picture (R, N[, C])."""
     grid, nodes = model.grid, field.astype(float)
     above, below = nodes[grid.above[rows]], nodes[grid.below[rows]]
@@ -41,7 +38,7 @@ def interpolated(model: FrameModel, field: NDArray[Any], rows: slice) -> Double:
     return along_row(model, above + down * (below - above))
 
 
-def along_row(model: FrameModel, rows: Double) -> Double:
+def along_row(model: FrameModel, rows: Array) -> Array:
     """Node rows (R, M[, C]) at the columns of the picture (R, N[, C])."""
     grid = model.grid
     left, right = rows[:, grid.left], rows[:, grid.right]
@@ -50,8 +47,8 @@ def along_row(model: FrameModel, rows: Double) -> Double:
 
 
 def frame_parts(
-    model: FrameModel, image: NDArray[Any], light: Plane, coding: Coding
-) -> Iterator[tuple[slice, Double, Double, Double]]:
+    model: FrameModel, image: AnyArray, light: Image, coding: Coding
+) -> Iterator[tuple[slice, Array, Array, Array]]:
     """Rows, wanted light and its limits (R, N, 3), some rows at a time."""
     for start in range(0, model.size, ROWS):
         rows = slice(start, min(start + ROWS, model.size))
@@ -66,8 +63,8 @@ def frame_parts(
 
 
 def frame_sums(
-    model: FrameModel, image: NDArray[Any], light: Plane, what: str, coding: Coding
-) -> Double:
+    model: FrameModel, image: AnyArray, light: Image, what: str, coding: Coding
+) -> Array:
     """Sums (3, terms) over the dome of weight times `what` times the monomials."""
     edges = {n: np.moveaxis(f, -1, 1).astype(float) for n, f in model.at_edges.items()}
     plain, weighed = np.zeros((2, len(model.grid.edges), model.size, 3))
@@ -91,14 +88,14 @@ def frame_sums(
     return np.asarray(np.einsum("bnc,kbn->ck", moved, terms, optimize=True))
 
 
-def _everywhere(model: FrameModel, rows: slice) -> NDArray[np.bool_]:
+def _everywhere(model: FrameModel, rows: slice) -> BoolArray:
     """Which values (R, N, 3) lie in blocks of bands that are lit everywhere."""
     interval = np.searchsorted(model.grid.rows, np.arange(rows.start, rows.stop), "right") - 1
     each = np.repeat(model.lit[interval] == EVERYWHERE, BLOCK, axis=1)
     return each[:, : 3 * model.size].reshape(len(interval), model.size, 3)
 
 
-def _share(model: FrameModel, edges: Double, rows: slice, kept: Double) -> None:
+def _share(model: FrameModel, edges: Array, rows: slice, kept: Array) -> None:
     """Split rows between the edges (E, N, 3) of their bands, by their distance from them."""
     along = model.grid.along[rows, None, None].astype(float)
     np.add.at(edges, model.grid.band[rows], kept * (1 - along))
@@ -106,7 +103,7 @@ def _share(model: FrameModel, edges: Double, rows: slice, kept: Double) -> None:
 
 
 def frame_apply(
-    model: FrameModel, image: NDArray[Any], light: Plane, coding: Coding, out: NDArray[Any]
+    model: FrameModel, image: AnyArray, light: Image, coding: Coding, out: AnyArray
 ) -> None:
     """Write the light to send, encoded as the picture is."""
     for rows, wanted, lo, hi in frame_parts(model, image, light, coding):

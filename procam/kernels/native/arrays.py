@@ -5,15 +5,15 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import AnyArray, Array32
 from procam.errors import InputError, ShapeError
 
 KINDS = {np.dtype(np.uint8): 0, np.dtype(np.uint16): 1, np.dtype(np.float32): 2}
 LINE = 64  # bytes of a cache line; aligned results can bypass the cache
 
 
-def kind_of(array: NDArray[Any], what: str) -> int:
+def kind_of(array: AnyArray, what: str) -> int:
     """Number of the element type of a picture in C (enum kind)."""
     if array.dtype not in KINDS:
         raise InputError(
@@ -22,7 +22,7 @@ def kind_of(array: NDArray[Any], what: str) -> int:
     return KINDS[array.dtype]
 
 
-def check_like(array: NDArray[Any], model: NDArray[Any], dtype: Any, what: str) -> None:
+def check_like(array: AnyArray, model: AnyArray, dtype: Any, what: str) -> None:
     """Refuse an array of another shape or element type."""
     if array.shape != model.shape:
         raise ShapeError(what, array.shape, f"{model.shape}")
@@ -30,7 +30,7 @@ def check_like(array: NDArray[Any], model: NDArray[Any], dtype: Any, what: str) 
         raise InputError(f"{what}: it is {array.dtype}; {np.dtype(dtype)} is needed")
 
 
-def check_frames(frames: Sequence[NDArray[Any]], least: int, most: int) -> list[NDArray[Any]]:
+def check_frames(frames: Sequence[AnyArray], least: int, most: int) -> list[AnyArray]:
     """Pictures of one shape and element type, between `least` and `most` of them."""
     if not least <= len(frames) <= most:
         raise InputError(f"frames: {len(frames)} were given; {least} to {most} are needed")
@@ -41,24 +41,24 @@ def check_frames(frames: Sequence[NDArray[Any]], least: int, most: int) -> list[
     return found
 
 
-def plain(array: NDArray[Any]) -> NDArray[Any]:
+def plain(array: AnyArray) -> AnyArray:
     """The array itself if it is contiguous and aligned, else a copy."""
     fits = array.flags.c_contiguous and array.flags.aligned
     return array if fits else np.require(array, requirements=["C", "A"])
 
 
-def pointer(array: NDArray[Any] | None) -> int | None:
+def pointer(array: AnyArray | None) -> int | None:
     """Address of the first element, for C to read on from there."""
     assert array is None or array.flags.c_contiguous
     return None if array is None else array.ctypes.data
 
 
-def pointers(arrays: Sequence[NDArray[Any] | None]) -> Any:
+def pointers(arrays: Sequence[AnyArray | None]) -> Any:
     """Addresses of several arrays as a C array."""
     return (ctypes.c_void_p * len(arrays))(*(pointer(array) for array in arrays))
 
 
-def planes(shape: tuple[int, ...], count: int) -> list[NDArray[np.float32]]:
+def planes(shape: tuple[int, ...], count: int) -> list[Array32]:
     """Empty float32 arrays that begin on a cache line."""
     size = int(np.prod(shape, dtype=int))
     stride = -(-size * 4 // LINE) * LINE
@@ -71,8 +71,8 @@ def planes(shape: tuple[int, ...], count: int) -> list[NDArray[np.float32]]:
 
 
 def result_planes(
-    out: Sequence[NDArray[np.float32] | None] | None, wanted: Sequence[str], shape: tuple[int, ...]
-) -> list[NDArray[np.float32]]:
+    out: Sequence[Array32 | None] | None, wanted: Sequence[str], shape: tuple[int, ...]
+) -> list[Array32]:
     """Arrays to write results to: those of `out` after a check, or new ones."""
     if out is None:
         return planes(shape, len(wanted))
@@ -88,13 +88,13 @@ def result_planes(
     return given
 
 
-def aligned_like(picture: NDArray[Any]) -> NDArray[Any]:
+def aligned_like(picture: AnyArray) -> AnyArray:
     """An empty picture that begins on a cache line, so that writes can pass the cache."""
     room = np.empty(picture.nbytes + LINE, np.uint8)
     start = -room.ctypes.data % LINE
     return room[start : start + picture.nbytes].view(picture.dtype).reshape(picture.shape)
 
 
-def least_colour(field: NDArray[Any]) -> NDArray[Any]:
+def least_colour(field: AnyArray) -> AnyArray:
     """The minimum over three colours (..., 3), logical and for booleans. Ten times as fast as `min`."""
     return np.minimum(np.minimum(field[..., 0], field[..., 1]), field[..., 2])

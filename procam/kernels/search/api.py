@@ -5,8 +5,9 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from procam.arrays import AnyArray, Array
 from procam.errors import InputError, ShapeError
 from procam.kernels.native.arrays import (
     check_frames,
@@ -28,10 +29,10 @@ BLOCK = 1 << 17  # pixels that NumPy handles at a time
 class _Terms(NamedTuple):
     """Parameters of the frames, float64 (K,) each, and of the search."""
 
-    periods: NDArray[np.float64]
-    shifts: NDArray[np.float64]
-    modulation: NDArray[np.float64]
-    harmonic: NDArray[np.float64]
+    periods: Array
+    shifts: Array
+    modulation: Array
+    harmonic: Array
     base: int
     length: float
     steps: int
@@ -48,7 +49,7 @@ class _Search(ctypes.Structure):
 
 
 def search_phase(  # noqa: PLR0913, PLR0917
-    frames: Sequence[NDArray[Any]],
+    frames: Sequence[AnyArray],
     periods: ArrayLike,
     shifts: ArrayLike,
     modulation: ArrayLike,
@@ -123,7 +124,7 @@ def search_phase(  # noqa: PLR0913, PLR0917
     return fit
 
 
-def _run_reference(pictures: list[NDArray[Any]], terms: _Terms, fit: PhaseFit) -> None:
+def _run_reference(pictures: list[AnyArray], terms: _Terms, fit: PhaseFit) -> None:
     """The reference implementation, a block of pixels at a time."""
     flat = [picture.reshape(-1) for picture in pictures]
     planes = [plane.reshape(-1) for plane in fit]
@@ -192,7 +193,7 @@ def _checked(count: int, *given: ArrayLike, base: int, length: float, steps: int
     return terms
 
 
-def _check_shifts(angles: NDArray[np.float64]) -> None:
+def _check_shifts(angles: Array) -> None:
     """Refuse angles [rad] that leave offset, cosine and sine undetermined."""
     rows = np.stack([np.ones_like(angles), np.cos(angles), np.sin(angles)])
     if np.linalg.matrix_rank(rows, tol=1e-6) < RANK:

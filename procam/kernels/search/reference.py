@@ -4,14 +4,11 @@ Arguments are checked and described in `procam.kernels.search.api`.
 """
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-Picture = NDArray[Any]  # uint8, uint16 or float32, any shape
-Plane = NDArray[np.float32]
-Double = NDArray[np.float64]
+from procam.arrays import AnyArray, Array, BoolArray, Image
 
 TURN = 2 * np.pi
 DARK = 1e-4  # an amplitude below this share of the offset carries no phase
@@ -21,15 +18,15 @@ SINGULAR = 1e-5  # determinant of the normal matrix over the product of its diag
 class PhaseFit(NamedTuple):
     """Projector coordinate and its quality, float32, one shape; see `search_phase`."""
 
-    position: Plane
-    variance: Plane
-    amplitude: Plane
-    offset: Plane
-    residual: Plane
-    margin: Plane
+    position: Image
+    variance: Image
+    amplitude: Image
+    offset: Image
+    residual: Image
+    margin: Image
 
 
-def sinusoid_weights(shifts: Double) -> Double:
+def sinusoid_weights(shifts: Array) -> Array:
     """Weights (3, N) that map N frames a + b cos(phase - shift) to a, b cos(phase), b sin(phase).
 
     Least squares: the pseudo-inverse of the rows (1, cos shift, sin shift).
@@ -38,11 +35,11 @@ def sinusoid_weights(shifts: Double) -> Double:
 
 
 def search_phase(  # noqa: PLR0913, PLR0917
-    frames: Sequence[Picture],
-    periods: Double,
-    shifts: Double,
-    modulation: Double,
-    harmonic: Double,
+    frames: Sequence[AnyArray],
+    periods: Array,
+    shifts: Array,
+    modulation: Array,
+    harmonic: Array,
     base: int,
     length: float,
     steps: int = 2,
@@ -77,20 +74,20 @@ def search_phase(  # noqa: PLR0913, PLR0917
     return PhaseFit(*(np.where(unknown, np.nan, r).astype(np.float32) for r in results))
 
 
-def _fit_sinusoid(frames: Sequence[Picture], shifts: Double) -> list[Double]:
+def _fit_sinusoid(frames: Sequence[AnyArray], shifts: Array) -> list[Array]:
     """Offset, amplitude * cos(phase), amplitude * sin(phase) of every pixel."""
     weights = sinusoid_weights(np.asarray(shifts, dtype=float))
     return [sum(w * frame for w, frame in zip(row, frames, strict=True)) for row in weights]
 
 
 def _search(
-    above: Double,
-    amplitude: Double,
-    start: Double,
-    later: list[Double],
+    above: Array,
+    amplitude: Array,
+    start: Array,
+    later: list[Array],
     first_period: float,
     length: float,
-) -> tuple[Double, Double]:
+) -> tuple[Array, Array]:
     """Which of start, start + first_period, ... fits the later frames best, and by what margin."""
     periods, shifts, modulation, _ = later
     wave = amplitude * modulation * np.exp(1j * (TURN * start / periods - shifts))
@@ -112,8 +109,8 @@ def candidate_count(first_period: float, length: float) -> int:
 
 
 def _gauss_newton(
-    images: Double, offset: Double, amplitude: Double, x: Double, terms: list[Double]
-) -> tuple[Double, Double, Double, NDArray[np.bool_]]:
+    images: Array, offset: Array, amplitude: Array, x: Array, terms: list[Array]
+) -> tuple[Array, Array, Array, BoolArray]:
     """Step of (offset, amplitude, amplitude * x), inverse normal matrix [x, x], sum of squares.
 
     The rows of the design are (1, g, dg/dx) with g = m cos t + h cos 2t, so that the normal matrix

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from procam.arrays import AnyArray, Array, Array32, FloatArray
 from procam.errors import InputError, ShapeError
 from procam.kernels.native.arrays import KINDS, plain, planes, pointer
 from procam.kernels.native.loader import chosen
@@ -37,9 +38,9 @@ class _Warp(ctypes.Structure):
 
 
 def plan_warp(
-    place: NDArray[np.floating],
-    black: NDArray[np.floating],
-    share: NDArray[np.floating],
+    place: FloatArray,
+    black: FloatArray,
+    share: FloatArray,
     unmix: ArrayLike,
     *,
     drives: ArrayLike | None = None,
@@ -93,8 +94,8 @@ def plan_warp(
 
 
 def warp_frame(
-    master: NDArray[Any], plan: WarpPlan, out: NDArray[Any] | None = None, dtype: Any = np.uint8
-) -> NDArray[Any]:
+    master: AnyArray, plan: WarpPlan, out: AnyArray | None = None, dtype: Any = np.uint8
+) -> AnyArray:
     """The frame of one projector for a dome master of direct light.
 
     The master is decoded and sampled bilinearly (0 outside it); black is subtracted, the share of the
@@ -147,10 +148,10 @@ def warp_frame(
     return frame
 
 
-def _pack(numbers: list[NDArray[np.floating]], blocks: NDArray[np.void]) -> None:
+def _pack(numbers: list[FloatArray], blocks: NDArray[np.void]) -> None:
     """Place, black and share (h, W, n) of a band as its blocks; unknown pixels get no share."""
     height, width = numbers[0].shape[:2]
-    held: NDArray[np.float32] = np.zeros((8, BAND, len(blocks) * TILE), np.float32)
+    held: Array32 = np.zeros((8, BAND, len(blocks) * TILE), np.float32)
     held[PLACE] = np.nan
     for field, plane in enumerate(plane for part in numbers for plane in np.moveaxis(part, -1, 0)):
         held[field, :height, :width] = plane
@@ -172,7 +173,7 @@ def _pack(numbers: list[NDArray[np.floating]], blocks: NDArray[np.void]) -> None
         blocks[name] = np.moveaxis(split, (2, 3, 1, 4, 0), (0, 1, 2, 3, 4))
 
 
-def _parabolas(light: NDArray[np.float64]) -> NDArray[np.float32]:
+def _parabolas(light: Array) -> Array32:
     """Coefficients (3, 32), constant first, of parabolas through eight codes each; least squares."""
     codes = np.arange(CODES, dtype=float).reshape(PARABOLAS, -1)
     values = light.reshape(codes.shape)
@@ -191,7 +192,7 @@ def _knots(plan: WarpPlan, kind: np.dtype[Any]) -> NDArray[np.uint32]:
     return whole | np.diff(whole, append=whole[:, -1:]) << np.uint32(16)
 
 
-def _rising(drives: ArrayLike) -> NDArray[np.float64]:
+def _rising(drives: ArrayLike) -> Array:
     """A table of drives that rises from 0 or more to 1 or less."""
     found = _table("drives", drives, (len(KNOTS), 3))
     if (np.diff(found, axis=0) < 0).any() or found.min() < 0 or found.max() > 1:
@@ -201,7 +202,7 @@ def _rising(drives: ArrayLike) -> NDArray[np.float64]:
     return found
 
 
-def _thresholds(tile: ArrayLike) -> NDArray[np.float32]:
+def _thresholds(tile: ArrayLike) -> Array32:
     """A tile of thresholds in [0, 1)."""
     found = _table("thresholds", tile, (TILE, TILE)).astype(np.float32)
     if found.min() < 0 or found.max() >= 1:
@@ -211,7 +212,7 @@ def _thresholds(tile: ArrayLike) -> NDArray[np.float32]:
     return found
 
 
-def _table(name: str, values: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float64]:
+def _table(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:
     """Finite numbers of one shape."""
     found = np.ascontiguousarray(values, float)
     if found.shape != shape:
@@ -221,7 +222,7 @@ def _table(name: str, values: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.f
     return found
 
 
-def _checked_master(master: NDArray[Any]) -> NDArray[Any]:
+def _checked_master(master: AnyArray) -> AnyArray:
     """A dome master that can be sampled, contiguous and aligned."""
     if master.dtype not in MASTER_KINDS:
         raise InputError(
@@ -234,7 +235,7 @@ def _checked_master(master: NDArray[Any]) -> NDArray[Any]:
     return plain(master)
 
 
-def _check_frame(frame: NDArray[Any], plan: WarpPlan) -> None:
+def _check_frame(frame: AnyArray, plan: WarpPlan) -> None:
     """Refuse an array that a frame cannot be written to."""
     if frame.dtype not in KINDS:
         raise InputError(f"frame: {frame.dtype} is not supported; use uint8, uint16 or float32")
@@ -248,7 +249,7 @@ def _check_frame(frame: NDArray[Any], plan: WarpPlan) -> None:
         )
 
 
-def _empty(shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
+def _empty(shape: tuple[int, ...], dtype: np.dtype[Any]) -> AnyArray:
     """A new array that begins on a cache line."""
     count = int(np.prod(shape))
     (room,) = planes((-(-count * dtype.itemsize // 4),), 1)

@@ -4,12 +4,11 @@ Arguments are checked and described in `procam.kernels.warp.api`.
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-Plane = NDArray[np.float32]
+from procam.arrays import AnyArray, Array, Image
 
 BLOCK = 16  # pixels that share base and step of their numbers
 PLACE, BLACK, SHARE = slice(0, 2), slice(2, 5), slice(5, 8)
@@ -39,14 +38,14 @@ class WarpPlan:
 
     shape: tuple[int, int]
     blocks: NDArray[np.void]
-    unmix: Plane
-    decode: Plane
-    curve: Plane
-    drives: NDArray[np.float64] | None
-    thresholds: Plane
+    unmix: Image
+    decode: Image
+    curve: Image
+    drives: Array | None
+    thresholds: Image
 
 
-def unpacked(plan: WarpPlan, band: int) -> Plane:
+def unpacked(plan: WarpPlan, band: int) -> Image:
     """Place x, y, black and share (h, W, 8) of 32 rows, fewer at the end."""
     blocks = plan.blocks[band]
     numbers = blocks["base"][..., None] + blocks["step"][..., None] * blocks["number"]
@@ -54,7 +53,7 @@ def unpacked(plan: WarpPlan, band: int) -> Plane:
     return rows[: plan.shape[0] - band * BAND, : plan.shape[1]]
 
 
-def sample(master: Plane, place: Plane) -> Plane:
+def sample(master: Image, place: Image) -> Image:
     """Bilinear samples (..., 3) of (N, M, 3) at (..., 2); the master is 0 outside."""
     first = np.clip(np.floor(place), 0, np.array(master.shape[1::-1]) - 2).astype(int)
     total = np.zeros((*place.shape[:-1], 3), np.float32)
@@ -65,13 +64,13 @@ def sample(master: Plane, place: Plane) -> Plane:
     return total
 
 
-def light(master: Plane, pixel: Plane, unmix: Plane) -> Plane:
+def light(master: Image, pixel: Image, unmix: Image) -> Image:
     """Light to send (h, W, 3), 0..1, for pixels (h, W, 8); unknown light is none."""
     asked = (sample(master, pixel[..., PLACE]) - pixel[..., BLACK]) * pixel[..., SHARE]
     return np.clip(np.nan_to_num(asked @ unmix.T, nan=0.0), 0, 1)
 
 
-def decoded(master: NDArray[Any], plan: WarpPlan) -> Plane:
+def decoded(master: AnyArray, plan: WarpPlan) -> Image:
     """The master in linear light; infinite light is unknown."""
     if master.dtype == np.uint8:
         return plan.decode[master]
@@ -80,14 +79,14 @@ def decoded(master: NDArray[Any], plan: WarpPlan) -> Plane:
     return np.where(np.isfinite(master), master, np.nan).astype(np.float32)
 
 
-def drive(light: Plane, plan: WarpPlan) -> Plane:
+def drive(light: Image, plan: WarpPlan) -> Image:
     """Drives (h, W, 3) that give light (h, W, 3)."""
     assert plan.drives is not None
     planes = [np.interp(light[..., c], KNOTS, plan.drives[:, c]) for c in range(3)]
     return np.stack(planes, axis=-1).astype(np.float32)
 
 
-def warp_frame(master: NDArray[Any], plan: WarpPlan, out: NDArray[Any]) -> None:
+def warp_frame(master: AnyArray, plan: WarpPlan, out: AnyArray) -> None:
     """See `procam.kernels.warp_frame`."""
     linear = decoded(master, plan)
     tile = np.tile(plan.thresholds, (1, -(-plan.shape[1] // TILE)))[:, : plan.shape[1], None]

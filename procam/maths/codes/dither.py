@@ -4,14 +4,15 @@ from functools import cache
 from importlib.resources import files
 
 import numpy as np
-from numpy.typing import NDArray
+
+from procam.arrays import Array32
 
 TILE = 64
 STORED = "blue_noise.npz"
 
 
 @cache
-def threshold_tile() -> NDArray[np.float32]:
+def threshold_tile() -> Array32:
     """Thresholds (64, 64) in 0..1 for rounding; the tile repeats seamlessly.
 
     floor(value + threshold) is the value on average, and the error is noise of high frequency. The

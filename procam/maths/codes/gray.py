@@ -1,9 +1,9 @@
 """The reflected binary (Gray) code of projector columns and rows."""
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
+
+from procam.arrays import AnyArray, BoolArray, FloatArray
 
 FOLD_BLOCK = 1 << 16  # pixels folded at a time: few enough to stay in the cache
 
@@ -26,21 +26,21 @@ def encode_gray(index: NDArray[np.integer]) -> NDArray[np.integer]:
     return index ^ (index >> 1)
 
 
-def is_bright(index: NDArray[np.integer], bit: int) -> NDArray[np.bool_]:
+def is_bright(index: NDArray[np.integer], bit: int) -> BoolArray:
     """Whether the columns `index` are bright in the plane of `bit` (0 = finest)."""
     return ((encode_gray(index) >> bit) & 1).astype(bool)
 
 
-def stripe(length: int, bit: int) -> NDArray[np.bool_]:
+def stripe(length: int, bit: int) -> BoolArray:
     """Which of `length` columns are bright in the plane of `bit` (0 = finest)."""
     return is_bright(np.arange(length), bit)
 
 
 def fold_pair(
-    pattern: NDArray[Any],
-    inverse: NDArray[Any],
+    pattern: AnyArray,
+    inverse: AnyArray,
     bit: int,
-    state: tuple[NDArray[np.uint16], NDArray[Any], NDArray[Any]],
+    state: tuple[NDArray[np.uint16], AnyArray, AnyArray],
 ) -> None:
     """Fold a stripe picture and its inverse into the state of a streaming decoder, in place.
 
@@ -73,7 +73,7 @@ def fold_pair(
         np.maximum(most, contrast, out=most)
 
 
-def stripe_edge_distance(coordinate: NDArray[np.floating], bit: int) -> NDArray[np.floating]:
+def stripe_edge_distance(coordinate: FloatArray, bit: int) -> FloatArray:
     """Distance [px] to the nearest stripe edge of the plane of `bit`, ignoring the panel's border.
 
     Edges lie half a pixel before the columns 2^bit (1, 3, 5, ...). NaN stays NaN.

@@ -13,9 +13,10 @@ The file is longer than 300 lines because the fit and its derivatives share one 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from procam.arrays import Array, BoolArray
+
 WIDTH = 1920  # of the panel for which the periods below were chosen; they scale with the width
 SMALLEST_SCALE = 1 / 3  # lenses blur away periods under 16 px
 # By random search among periods of 48 px or more: for any two columns a whole period apart, the five
@@ -51,7 +52,7 @@ class Waves:
         """Phase (..., K) [rad] of each pattern at columns x (...)."""
         return np.asarray(x, float)[..., None] * (2 * np.pi / self.periods) - self.shifts
 
-    def kept(self, keep: NDArray[np.bool_]) -> "Waves":
+    def kept(self, keep: BoolArray) -> "Waves":
         """The patterns that `keep` (K,) selects."""
         return Waves(self.periods[keep], self.shifts[keep], int(keep[: self.base].sum()))
 
@@ -154,7 +155,7 @@ class WaveFit:
 
 
 def fit_waves(
-    samples: Array, keep: NDArray[np.bool_], waves: Waves, distortion: WaveDistortion, x: Array
+    samples: Array, keep: BoolArray, waves: Waves, distortion: WaveDistortion, x: Array
 ) -> WaveFit:
     """Fit A + B (m cos t + h cos 2t) to the samples (n, K) that `keep` (n, K) selects, from x (n,).
 
@@ -176,7 +177,7 @@ def fit_waves(
 
 
 def search_columns(
-    samples: Array, keep: NDArray[np.bool_], waves: Waves, distortion: WaveDistortion, length: int
+    samples: Array, keep: BoolArray, waves: Waves, distortion: WaveDistortion, length: int
 ) -> tuple[WaveFit, Array]:
     """Fits of the samples (n, K) that `keep` (n, K) selects, started from the best of all columns.
 
@@ -251,7 +252,7 @@ def _without(basis: Array, vector: Array) -> Array:
 
 
 def _best_columns(
-    samples: Array, keep: NDArray[np.bool_], waves: Waves, distortion: WaveDistortion, length: int
+    samples: Array, keep: BoolArray, waves: Waves, distortion: WaveDistortion, length: int
 ) -> tuple[Array, Array]:
     """Columns (C, n) of a grid that explain most of the samples, and how much (C, n) [sum of squares]."""
     count, end = (1, waves.periods[0]) if waves.single else (CANDIDATES, length)

@@ -14,11 +14,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from procam.arrays import AnyArray, BoolArray, Image
 from procam.errors import InputError
 
 Picture = NDArray[np.uint8]
-Mask = NDArray[np.bool_]
-Image = NDArray[np.float32]
 SHOT_ID_COUNT = 587  # tags in the family
 TAG_CELLS, QUIET_CELLS, DIGIT_CELLS = 8, 1, 3
 CENTRES = (
@@ -73,7 +72,7 @@ def shot_id_blocks(
     ]
 
 
-def shot_id_pixels(size: tuple[int, int], cells: int = CELLS_PER_PANEL) -> Mask:
+def shot_id_pixels(size: tuple[int, int], cells: int = CELLS_PER_PANEL) -> BoolArray:
     """Panel pixels (H, W) that the marks cover, which do not show the pattern."""
     taken = np.zeros((size[1], size[0]), bool)
     for x, y, width, height in shot_id_blocks(size, cells):
@@ -110,7 +109,7 @@ def draw_shot_id(
     return drawn
 
 
-def read_shot_id(photo: NDArray[Any]) -> int | None:
+def read_shot_id(photo: AnyArray) -> int | None:
     """The shot id in a photograph (H, W) or (H, W, C) of any linear unit; None if none is readable.
 
     Tags that contradict each other, as in an exposure of two patterns, count as unreadable.
@@ -133,7 +132,7 @@ def _family() -> Any:
     return cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
 
 
-def _block(number: int, cell: int) -> Mask:
+def _block(number: int, cell: int) -> BoolArray:
     """Bright pixels of a block: the tag, its quiet zone and the digits below."""
     tag = cv2.aruco.generateImageMarker(_family(), number, TAG_CELLS) > 0
     block = np.pad(np.kron(tag, np.ones((cell, cell), bool)), cell, constant_values=True)
@@ -145,7 +144,7 @@ def _block(number: int, cell: int) -> Mask:
     return np.concatenate([block, below])
 
 
-def _digit(figure: int) -> Mask:
+def _digit(figure: int) -> BoolArray:
     """Dark dots (5, 4) of a figure; the last column separates it from the next."""
     dots = " ".join(DIGITS).split()[figure]
     return np.pad(np.array([d == "1" for d in dots]).reshape(5, 3), ((0, 0), (0, 1)))

@@ -3,11 +3,10 @@
 from collections.abc import Callable, Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array
 from procam.kernels import solid_angles
 
-Array = NDArray[np.float64]
 PanelField = Callable[[Array, Array], Array]
 BLOCK = 1 << 16  # corners evaluated at a time
 

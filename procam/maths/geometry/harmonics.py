@@ -3,9 +3,8 @@
 from math import factorial
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from procam.arrays import Array
 
 BLOCK = 512  # directions at a time, so that the intermediate arrays stay in the cache
 

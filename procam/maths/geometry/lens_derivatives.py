@@ -1,12 +1,10 @@
 """Derivatives of a lens's projection by the point and by the lens's parameters."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array
 from procam.kernels.bundle.lenses import project_slopes
 from procam.maths.geometry.lenses import Lens, project
-
-Array = NDArray[np.float64]
 
 
 def lens_parameters(lens: Lens) -> Array:

@@ -8,12 +8,11 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array
 from procam.kernels import fisheye_rays
 from procam.kernels.bundle.lenses import fisheye_radius
 
-Array = NDArray[np.float64]
 LensKind = Literal["brown", "kannala-brandt"]
 NEWTON_STEPS = 12
 

@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from procam.arrays import Array
+
 REACH = 1 / 6  # of a panel's longer side: radius around a point within which its shift acts
 NEAREST = 1e-24  # squared distance over `reach_px` squared, below which two positions coincide
 STEPS = 32  # of the grid that is searched for folds, from its middle to its edge

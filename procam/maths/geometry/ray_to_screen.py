@@ -3,14 +3,13 @@
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array
 from procam.kernels import ShapeDerivatives
 from procam.kernels.bundle.reference import Hit, on_screen
 from procam.maths.geometry.harmonics import harmonic_count, harmonics
 from procam.maths.geometry.sphere import intersect_sphere
 
-Array = NDArray[np.float64]
 LOWEST_DEGREE = 2  # degree 0 is the radius, degree 1 a shift of the centre
 
 

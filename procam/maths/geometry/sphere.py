@@ -5,13 +5,11 @@ front, y to the audience's left. Azimuth is 0 at the front and positive to the l
 measured from the springline plane.
 """
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from procam.arrays import AnyArray, Array, Array32, BoolArray, FloatArray
+
 ARCMIN = np.degrees(1) * 60  # arcminutes in a radian
 
 
@@ -40,7 +38,7 @@ def angle_between(first: Array, second: Array) -> Array:
     return 2 * np.arcsin(np.clip(np.linalg.norm(first - second, axis=-1) / 2, 0, 1))
 
 
-def master_directions(size: int, fov: float = np.pi) -> tuple[Array, Mask]:
+def master_directions(size: int, fov: float = np.pi) -> tuple[Array, BoolArray]:
     """Directions (N, N, 3) of an equidistant dome master's pixels, and which lie inside the circle.
 
     Front is at the bottom edge, left at the left. `fov` is the full field of view [rad].
@@ -49,7 +47,7 @@ def master_directions(size: int, fov: float = np.pi) -> tuple[Array, Mask]:
     return np.stack(xyz, axis=-1), inside
 
 
-def master_planes(size: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def master_planes(size: int) -> tuple[Array32, Array32]:
     """Directions (3, N, N) and solid angles (N, N) [sr] of a 180 degree master in single precision.
 
     Four times as fast as `master_directions` and `master_solid_angles`.
@@ -61,7 +59,7 @@ def master_planes(size: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
 
 def _master(
     size: int, fov: float, dtype: type[np.floating]
-) -> tuple[list[NDArray[Any]], NDArray[Any], Mask]:
+) -> tuple[list[AnyArray], AnyArray, BoolArray]:
     """x, y, z of a master's pixels, sin(theta) / theta of their polar angle, and which lie inside."""
     offset = ((np.arange(size) - (size - 1) / 2) / (size / 2)).astype(dtype)
     q = np.hypot(offset[:, None], offset)
@@ -71,9 +69,7 @@ def _master(
     return [offset[:, None] * scale, -offset * scale, np.cos(theta)], sinc, q <= 1
 
 
-def master_pixels(
-    direction: NDArray[np.floating], size: int, fov: float = np.pi
-) -> NDArray[np.floating]:
+def master_pixels(direction: FloatArray, size: int, fov: float = np.pi) -> FloatArray:
     """Pixel coordinates (..., 2) as (column, row) of unit directions in a dome master.
 
     float32 directions give float32 pixels, accurate to 1e-3 px in an 8192 px master.

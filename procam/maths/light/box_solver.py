@@ -6,11 +6,10 @@ method on a piecewise linear function.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array, BoolArray
 from procam.errors import DidNotConverge
 
-Array = NDArray[np.float64]
 MAX_STEPS = 60
 HALVINGS = 12
 TINY = 1e-12
@@ -65,7 +64,7 @@ def solve_moments(target: Array, spread: Array, collect: Array, lo: Array, hi: A
         If the moments still change after `MAX_STEPS` steps.
     """
 
-    def residual(at: Array) -> tuple[Array, NDArray[np.bool_]]:
+    def residual(at: Array) -> tuple[Array, BoolArray]:
         wanted = target - spread @ at
         return collect.T @ np.clip(wanted, lo, hi) - at, (wanted > lo) & (wanted < hi)
 

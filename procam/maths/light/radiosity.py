@@ -7,11 +7,10 @@ scattered radiosity per unit of that flux, and the feedback m = a.u is total ove
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array
 from procam.errors import InputError, ShapeError
 
-Array = NDArray[np.float64]
 ROUNDING = 1e-9
 
 

@@ -15,11 +15,10 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array, BoolArray, IndexArray
 from procam.maths.geometry.harmonics import harmonics
 
-Array = NDArray[np.float64]
 # weight of the prior towards a bare sphere's B, times the number of pictures squared: the errors of
 # the pictures are correlated, so their number must not weaken it. A third or three times it does as well
 PRIOR_WEIGHT = 1.0
@@ -104,7 +103,7 @@ class ZoneMeasurements:
         mean = _symmetric_rows(phi.mean(axis=0)[None], white[None], upper)[0]
         return cls(np.array(normal), mean, white)
 
-    def fit(self, pictures: NDArray[np.bool_]) -> tuple[Array, Array]:
+    def fit(self, pictures: BoolArray) -> tuple[Array, Array]:
         """B (K, K) and the profile g (K,) of full white, E_i = phi_i.g, from a subset of pictures (P,).
 
         Least squares under the constraint that E is 1 on average. Entries that no picture determines
@@ -126,9 +125,7 @@ def predicted_ratio(phi: Array, matrix: Array, profile: Array, moment: Array) ->
     return np.asarray((moment @ matrix) @ phi.T / (phi @ profile))
 
 
-def _symmetric_rows(
-    phi: Array, moment: Array, upper: tuple[NDArray[np.intp], NDArray[np.intp]]
-) -> Array:
+def _symmetric_rows(phi: Array, moment: Array, upper: tuple[IndexArray, IndexArray]) -> Array:
     """Derivatives (S, K (K + 1) / 2) of phi^T B M, for rows (S, K) of both, by the upper triangle of B."""
     first, second = upper
     rows = phi[:, first] * moment[:, second]

@@ -5,12 +5,10 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import FloatArray
 from procam.errors import InputError
 from procam.maths.light.curves import srgb_decode, srgb_encode
-
-Floats = NDArray[np.floating]
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,8 +16,8 @@ class Transfer:
     """A transfer function: `decode` encoded values 0..1 to linear light, `encode` it back."""
 
     name: str
-    decode: Callable[[Floats], Floats]
-    encode: Callable[[Floats], Floats]
+    decode: Callable[[FloatArray], FloatArray]
+    encode: Callable[[FloatArray], FloatArray]
 
 
 def transfer(name: str) -> Transfer:

@@ -14,12 +14,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse.linalg import LinearOperator, cg, gmres
 
+from procam.arrays import Array, FloatArray
 from procam.errors import DidNotConverge
 
-Array = NDArray[np.float64]
 Operator = Callable[[Array], Array]
 ROWS = 256  # of the form factors, converted to double at a time
 STEPS = 200
@@ -35,7 +34,7 @@ class MeshRoom:
     """Faces that exchange light: `albedo` (N,) of one colour, `factors` (N, N) of `form_factors`."""
 
     albedo: Array
-    factors: NDArray[np.floating]
+    factors: FloatArray
 
     def bounce(self, light: Array) -> Array:
         """The next bounce rho F b (N,) of light (N,)."""

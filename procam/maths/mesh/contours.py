@@ -5,9 +5,9 @@ straight edge has a closed form; the outer one is a quadrature.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from procam.arrays import Array, BoolArray
+
 NODES = 4  # along an edge, for pairs that do not touch
 FINE_NODES = 24  # for pairs that touch, where the integrand has a cusp at the ends of the edge
 TOUCHING = 1e-9  # of the extent: distance of corners that count as one
@@ -46,7 +46,7 @@ def _clustered(count: int) -> tuple[Array, Array]:
     return node**3 * (10 - 15 * node + 6 * node**2), weight * 30 * (node * (1 - node)) ** 2
 
 
-def _touch(first: Array, second: Array) -> NDArray[np.bool_]:
+def _touch(first: Array, second: Array) -> BoolArray:
     """Whether two polygons share a corner."""
     apart = np.linalg.norm(first[:, :, None] - second[:, None], axis=-1).min(axis=(1, 2))
     extent = np.linalg.norm(first - first[:, :1], axis=-1).max(axis=1)

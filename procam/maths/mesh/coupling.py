@@ -1,22 +1,17 @@
 """Irradiance of a mesh screen's faces per flux of projector pixels (van Baar et al. 2011, s. 3)."""
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from procam.arrays import Array
 from procam.maths.geometry.lenses import Lens, unproject
 from procam.maths.geometry.pose import Pose
 from procam.maths.mesh.facets import Faces, face_areas
 from procam.maths.mesh.raycast import MeshTracer
 
-Array = NDArray[np.float64]
-
 
 def projector_coupling(
-    vertices: Array,
-    faces: Faces,
-    projector: tuple[Lens, Pose, tuple[int, int]],
-    samples: int = 4,
+    vertices: Array, faces: Faces, projector: tuple[Lens, Pose, tuple[int, int]], samples: int = 4
 ) -> csr_array:
     """Irradiance of faces per flux of pixels, (F, H W) [1/m^2]: E = coupling @ flux.
 

@@ -9,15 +9,14 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-Array = NDArray[np.float64]
+from procam.arrays import Array, BoolArray, IndexArray
+
 Faces = NDArray[np.integer]
-Index = NDArray[np.intp]
-Mask = NDArray[np.bool_]
 CREASE = np.radians(30.0)  # between faces of a smooth surface; a sharper edge is a crease
 SWEEPS = 60  # each at least halves the error
 
 
-def shared_edges(faces: Faces) -> Index:
+def shared_edges(faces: Faces) -> IndexArray:
     """Pairs (P, 2) of half-edges that coincide, for edges with exactly two faces."""
     edges = np.sort(half_edges(faces), axis=1)
     order = np.lexsort(edges.T)
@@ -31,7 +30,7 @@ def half_edges(faces: Faces) -> Faces:
     return np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2)
 
 
-def following(half_edge: Index) -> Index:
+def following(half_edge: IndexArray) -> IndexArray:
     """The next half-edges of the same faces."""
     return half_edge + np.where(half_edge % 3 == 2, -2, 1)
 
@@ -71,7 +70,9 @@ def corner_normals(vertices: Array, faces: Faces) -> Array:
     return _fitted_to_edges(normals, rim, ends, _unit(ahead))[fans].reshape(-1, 3, 3)
 
 
-def _fitted_to_edges(normals: Array, rim: Mask, ends: tuple[Index, Index], edge: Array) -> Array:
+def _fitted_to_edges(
+    normals: Array, rim: BoolArray, ends: tuple[IndexArray, IndexArray], edge: Array
+) -> Array:
     """Normals (K, 3), those at the `rim` rotated until (n_i + n_j).e_ij = 0 for every edge.
 
     That holds on spheres and cylinders, and to the third order of the edge length on other surfaces.
@@ -118,14 +119,14 @@ def patch_points(coefficients: Array, u: Array, v: Array) -> tuple[Array, Array,
     return p + u * half + v * (b - ve), half - uc, b - 2 * ve + u * g
 
 
-def _smooth_pairs(vertices: Array, faces: Faces) -> Index:
+def _smooth_pairs(vertices: Array, faces: Faces) -> IndexArray:
     """Shared edges that are not creases."""
     pairs = shared_edges(faces)
     first, second = np.moveaxis(face_normals(vertices, faces)[pairs // 3], 1, 0)
     return pairs[np.sum(first * second, axis=1) > np.cos(CREASE)]
 
 
-def _fans(pairs: Index, count: int) -> Index:
+def _fans(pairs: IndexArray, count: int) -> IndexArray:
     """Index of each corner's fan: the corners at one vertex that smooth edges connect."""
     one, other = pairs.T
     start = np.concatenate([one, following(one)])
@@ -134,7 +135,7 @@ def _fans(pairs: Index, count: int) -> Index:
     return np.asarray(connected_components(graph, directed=False)[1], np.intp)
 
 
-def _sums(vectors: Array, group: Index, count: int = 0) -> Array:
+def _sums(vectors: Array, group: IndexArray, count: int = 0) -> Array:
     """Sums (K, 3) of the vectors of each group; K is at least `count`."""
     return np.stack([np.bincount(group, v, minlength=count) for v in vectors.T], axis=1)
 

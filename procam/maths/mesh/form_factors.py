@@ -7,15 +7,12 @@ scaled to sum to 1.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array, Array32, BoolArray
 from procam.maths.mesh.contours import exchange_areas
 from procam.maths.mesh.facets import Faces, face_areas, face_normals, shared_edges
 from procam.maths.mesh.raycast import MeshTracer
 
-Array = NDArray[np.float64]
-Matrix = NDArray[np.float32]
-Index = NDArray[np.intp]
 NEAR = 3.0  # diameters between centroids, below which the kernel between them is off by a percent
 BLOCK = 256  # rows at a time
 RAYS = 1 << 20  # at a time
@@ -24,7 +21,7 @@ CLOSED = 1e-6  # relative error of a row's sum in a closed room
 BALANCES = 100
 
 
-def form_factors(vertices: Array, faces: Faces) -> Matrix:
+def form_factors(vertices: Array, faces: Faces) -> Array32:
     """Form factors (N, N) between the faces (N, 3) of a mesh, counter-clockwise seen from inside.
 
     F_ij >= 0 and area_i F_ij = area_j F_ji; rows of a closed mesh sum to 1. Between the walls of a
@@ -71,7 +68,7 @@ def is_convex(vertices: Array, faces: Faces) -> bool:
 
 def _centroid_kernel(
     middle: Array, normal: Array, area: Array, size: Array, rows: slice
-) -> tuple[Matrix, NDArray[np.bool_]]:
+) -> tuple[Array32, BoolArray]:
     """Area times form factor (R, N - first) [m^2] of a block of rows with the faces from it on.
 
     By the kernel between their centroids; also the pairs that are too near for it.
@@ -91,7 +88,7 @@ def _centroid_kernel(
     return kernel, near
 
 
-def _remove_occluded(block: Matrix, tracer: MeshTracer, middle: Array, first: int) -> None:
+def _remove_occluded(block: Array32, tracer: MeshTracer, middle: Array, first: int) -> None:
     """Set pairs that do not see each other to 0."""
     i, j = np.nonzero(block)
     for at in range(0, len(i), RAYS):
@@ -104,7 +101,7 @@ def _is_closed(faces: Faces) -> bool:
     return 2 * len(shared_edges(faces)) == 3 * len(faces)
 
 
-def _balanced(exchange: Matrix, area: Array) -> Matrix:
+def _balanced(exchange: Array32, area: Array) -> Array32:
     """Rows that sum to the areas: each pair scaled by a factor of both faces."""
     scale = np.ones(len(area))
     for _ in range(BALANCES):

@@ -1,20 +1,18 @@
 """Add and remove inter-reflected light between the faces of a mesh (docs/theory/interreflection.md)."""
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse.linalg import LinearOperator, gmres
 
+from procam.arrays import Array, Array32
 from procam.errors import CalibrationError, InputError
 
-Array = NDArray[np.float64]
-Matrix = NDArray[np.float32]
 ACCURACY = 1e-7  # relative residual of a solution
 ROUNDS = 200
 POWERS = 60  # iterations of the power method
 SINGLE = 1e-6  # error of a gain that is computed in single precision
 
 
-def add_mesh_interreflection(direct: Array, albedo: Array, factors: Matrix) -> Array:
+def add_mesh_interreflection(direct: Array, albedo: Array, factors: Array32) -> Array:
     """Total radiosity (N, C) of faces with direct radiosity (N, C) [rel].
 
     b = (I - rho F)^-1 b0, docs/theory/interreflection.md (I3). `albedo` (N, C) [-], `factors` (N, N)
@@ -32,12 +30,12 @@ def add_mesh_interreflection(direct: Array, albedo: Array, factors: Matrix) -> A
     return np.stack(columns, axis=1)
 
 
-def remove_mesh_interreflection(total: Array, albedo: Array, factors: Matrix) -> Array:
+def remove_mesh_interreflection(total: Array, albedo: Array, factors: Array32) -> Array:
     """Direct radiosity (N, C) of a total one (N, C): docs/theory/interreflection.md (I4)."""
     return np.asarray(total - albedo * (factors @ total.astype(np.float32)))
 
 
-def check_gain(albedo: Array, factors: Matrix) -> None:
+def check_gain(albedo: Array, factors: Array32) -> None:
     """Refuse a room whose gain per bounce, the spectral radius of rho F, is not below 1."""
     if not (albedo >= 0).all():
         raise InputError(f"albedo: the lowest is {albedo.min():.3g}; an albedo is 0 or more")
@@ -53,7 +51,7 @@ def check_gain(albedo: Array, factors: Matrix) -> None:
             )
 
 
-def _largest_gain(albedo: Array, factors: Matrix) -> float:
+def _largest_gain(albedo: Array, factors: Array32) -> float:
     """Spectral radius of rho F, whose entries are not negative, by the power method."""
     light, gain = np.ones(len(albedo)), 0.0
     for _ in range(POWERS):
@@ -65,7 +63,7 @@ def _largest_gain(albedo: Array, factors: Matrix) -> float:
     return gain + SINGLE
 
 
-def _solved(direct: Array, albedo: Array, factors: Matrix) -> Array:
+def _solved(direct: Array, albedo: Array, factors: Array32) -> Array:
     def product(total: Array) -> Array:
         return np.asarray(total - albedo * (factors @ total.astype(np.float32)))
 

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from procam.arrays import Array, BoolArray, IndexArray
 from procam.errors import InputError
 from procam.maths.mesh.facets import (
     Faces,
@@ -20,8 +21,6 @@ from procam.maths.mesh.facets import (
     shared_edges,
 )
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 EXTRA = 'pip install "procam[geom]"'
 BLOCK = 1 << 14  # rays at a time, so that the arrays stay in the cache
 BEHIND = 0.05  # of the mesh's extent: length of a ray behind the screen before it enters
@@ -98,7 +97,7 @@ class MeshTracer:
             hits.normals.reshape(*shape, 3),
         )
 
-    def is_clear(self, start: Array, end: Array) -> NDArray[np.bool_]:
+    def is_clear(self, start: Array, end: Array) -> BoolArray:
         """Whether nothing lies between points (N, 3) of the mesh and other points (N, 3) of it."""
         line = end - start
         reach = np.linalg.norm(line, axis=1)
@@ -120,7 +119,7 @@ class MeshTracer:
             normal /= np.linalg.norm(normal, axis=1, keepdims=True)
         out.points[met], out.faces[met], out.normals[met] = point, face, normal
 
-    def _faces_met(self, origin: Array, direction: Array) -> Index:
+    def _faces_met(self, origin: Array, direction: Array) -> IndexArray:
         """Faces (N,) whose inside the rays meet first; -1 for none."""
         face = self._query(origin, direction)
         back = np.flatnonzero(self._from_behind(face, direction))
@@ -133,20 +132,20 @@ class MeshTracer:
         face[self._from_behind(face, direction)] = -1
         return face
 
-    def _query(self, origin: Array, direction: Array) -> Index:
+    def _query(self, origin: Array, direction: Array) -> IndexArray:
         """Embree's first faces (N,); -1 for none."""
         if not len(origin):
             return np.empty(0, np.intp)
         rays = (np.ascontiguousarray(part, np.float32) for part in (origin, direction))
         return np.asarray(self._scene.run(*rays), np.intp)
 
-    def _from_behind(self, face: Index, direction: Array) -> NDArray[np.bool_]:
+    def _from_behind(self, face: IndexArray, direction: Array) -> BoolArray:
         """Whether rays (N, 3) meet the outside of faces (N,)."""
         return (face >= 0) & (np.einsum("ni,ni->n", self._flat[face], direction) >= 0)
 
     def _settle(
-        self, face: Index, origin: Array, direction: Array
-    ) -> tuple[Index, Array, Array, Array]:
+        self, face: IndexArray, origin: Array, direction: Array
+    ) -> tuple[IndexArray, Array, Array, Array]:
         """Faces, points and barycentric u, v in float64.
 
         Near an edge Embree may return the neighbour; the ray then meets its plane outside the face.
@@ -168,14 +167,16 @@ class MeshTracer:
         u[astray], v[astray] = s[better], t[better]
         return face, point, u, v
 
-    def _in_face(self, face: Index, origin: Array, direction: Array) -> tuple[Array, Array, Array]:
+    def _in_face(
+        self, face: IndexArray, origin: Array, direction: Array
+    ) -> tuple[Array, Array, Array]:
         """Points where rays meet the planes of faces, and their barycentric u, v."""
         a, b, c = np.moveaxis(self._corners[face], 1, 0)
         point = _on_plane(origin, direction, a, self._flat[face])
         return point, *_components(point - a, b - a, c - a)
 
     def _smoothed(
-        self, face: Index, origin: Array, direction: Array, start: tuple[Array, Array, Array]
+        self, face: IndexArray, origin: Array, direction: Array, start: tuple[Array, Array, Array]
     ) -> tuple[Array, Array, Array]:
         """Points and u, v on the smooth patches, by Newton's method from the flat faces.
 
@@ -219,7 +220,7 @@ def _components(vector: Array, along_u: Array, along_v: Array) -> tuple[Array, A
     return u, np.einsum("ni,ni->n", np.cross(along_u, vector), normal)
 
 
-def _faces_beyond(faces: Faces) -> Index:
+def _faces_beyond(faces: Faces) -> IndexArray:
     """Neighbours (F, 3) over the edges 01, 12, 20; -1 where there is none."""
     beyond = np.full(3 * len(faces), -1, np.intp)
     one, other = shared_edges(faces).T

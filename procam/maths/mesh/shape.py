@@ -3,15 +3,13 @@
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array
 from procam.errors import InputError
 from procam.kernels import ShapeDerivatives
 from procam.maths.geometry.ray_to_screen import RoundShape
 from procam.maths.mesh.facets import Faces
 from procam.maths.mesh.raycast import Hits, MeshTracer
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -51,7 +51,7 @@ def prepare_by_hand(venue: Venue) -> Session:
 def export(session: Session, out: Path, movie: bool) -> None:
     """Copy a session's plan and pictures to a folder for the rig, with the order and playlists."""
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise InputError(f"{out}: got something there already, expected a new or empty folder")
+        raise InputError(f"{out} is not empty; give a new or an empty folder")
     plan = session.read_plan()
     out.mkdir(parents=True, exist_ok=True)
     for shot in plan.shots:

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array, Array32
 from procam.devices.rig import Rig
 from procam.errors import InputError, OutOfModelRange, StaleFrame
 from procam.files import atomic
@@ -37,8 +37,8 @@ def prepare_session(venue: Venue, directory: Path) -> Session:
             return session
         if any(session.stored(camera) for camera in venue.cameras):
             raise InputError(
-                f"{venue.directory / 'venue.toml'}: got a file that has changed since the unfinished "
-                f"session {directory} began, expected the same; undo the change to resume it, or "
+                f"{venue.directory / 'venue.toml'}: changed since the unfinished session "
+                f"{directory} was started; undo the change to resume it, or "
                 "remove that folder to begin again"
             )
         shutil.rmtree(directory)  # nothing was captured with the old file
@@ -113,11 +113,7 @@ class _Recorder:
 
 
 def _take(
-    rig: Rig,
-    session: Session,
-    recorder: _Recorder,
-    shot: Shot,
-    checks: dict[str, "_FrameCheck"],
+    rig: Rig, session: Session, recorder: _Recorder, shot: Shot, checks: dict[str, "_FrameCheck"]
 ) -> None:
     drive = session.pattern(shot) if shot.pattern else None
     if drive is not None:
@@ -133,11 +129,7 @@ def _take(
 
 
 def _checked(
-    rig: Rig,
-    take: Callable[[], Frame],
-    check: "_FrameCheck",
-    shot: Shot,
-    drive: NDArray[np.float32] | None,
+    rig: Rig, take: Callable[[], Frame], check: "_FrameCheck", shot: Shot, drive: Array32 | None
 ) -> Frame:
     """A frame that passed the checks; a stale one is taken again, after a breath."""
     for attempt in range(ATTEMPTS):
@@ -159,15 +151,15 @@ class _FrameCheck:
 
     def __init__(self, sensor: Sensor) -> None:
         self.sensor = sensor
-        self.last: tuple[NDArray[np.float64], NDArray[np.float32] | None, float] | None = None
+        self.last: tuple[Array, Array32 | None, float] | None = None
 
-    def inspect(self, frame: Frame, shot: Shot, drive: NDArray[np.float32] | None) -> None:
+    def inspect(self, frame: Frame, shot: Shot, drive: Array32 | None) -> None:
         """Raise what is wrong with `frame`."""
         probe = self._probe(frame)
         saturated = float((probe >= 2**self.sensor.bits - 1 - self.sensor.black_level).mean())
         if saturated > SATURATED_SHARE:
             raise OutOfModelRange(
-                f"shot {shot.id}: got {saturated:.1%} saturated pixels, expected less than "
+                f"shot {shot.id}: {saturated:.1%} of the pixels are saturated, more than "
                 f"{SATURATED_SHARE:.1%}; lower [capture] exposure_s in venue.toml"
             )
         if (
@@ -175,22 +167,20 @@ class _FrameCheck:
             and float(np.percentile(probe, 99)) < self.sensor.full_scale / 50
         ):
             raise OutOfModelRange(
-                f"shot {shot.id}: got a black picture of white, expected light from projector "
-                f"{shot.projector}; check its lamp, shutter and input, or raise exposure_s"
+                f"shot {shot.id}: white of projector {shot.projector} is black in the photograph; "
+                "check its lamp, shutter and input, or raise exposure_s"
             )
         if self._is_stale(probe, frame.settings.exposure_s, drive):
             raise StaleFrame(
-                f"shot {shot.id}: got the picture before it again ({ATTEMPTS} times), expected the "
-                "new pattern; add a delay to the player or check the camera's trigger"
+                f"shot {shot.id}: the camera delivered the picture before it {ATTEMPTS} times; "
+                "add a delay to the player or check the camera's trigger"
             )
 
-    def remember(self, frame: Frame, drive: NDArray[np.float32] | None) -> None:
+    def remember(self, frame: Frame, drive: Array32 | None) -> None:
         """Keep what the next frame must differ from."""
         self.last = (self._probe(frame), drive, frame.settings.exposure_s)
 
-    def _is_stale(
-        self, probe: NDArray[np.float64], exposure_s: float, drive: NDArray[np.float32] | None
-    ) -> bool:
+    def _is_stale(self, probe: Array, exposure_s: float, drive: Array32 | None) -> bool:
         """The drives differ a lot, the photographs by no more than noise."""
         if self.last is None or drive is None:
             return False
@@ -205,6 +195,6 @@ class _FrameCheck:
         level = max(float(np.percentile(probe, 99)), float(np.percentile(before, 99)))
         return float(np.abs(probe - before).mean()) < 0.01 * level
 
-    def _probe(self, frame: Frame) -> NDArray[np.float64]:
+    def _probe(self, frame: Frame) -> Array:
         counts = frame.counts if frame.counts.ndim == 2 else frame.counts[..., 1]
         return counts[::PROBE_STEP, ::PROBE_STEP].astype(float) - self.sensor.black_level

@@ -87,7 +87,9 @@ def solve_brackets(folder: Path, exposures_s: Sequence[float] = ()) -> CameraRes
 def _camera(venue: Venue, session: Session, name: str) -> tuple[CameraModel, Response | None]:
     """The camera, and its response: a solved one only once per session, so that frames are alike."""
     if name not in venue.cameras:
-        raise InputError(f"--camera: got {name!r}, expected one of {', '.join(venue.cameras)}")
+        raise InputError(
+            f"--camera: no camera {name!r} in venue.toml; it has {', '.join(venue.cameras)}"
+        )
     table, used = venue.table.cameras[name], _solved_response(session, name)
     if table.brackets is None:
         return venue.cameras[name], load_response(table.response, venue.directory)
@@ -117,22 +119,22 @@ def _keep_response(
 def _read_index(path: Path, plan: Plan, photos: list[Path]) -> dict[str, str]:
     """Shot by file name, from lines "file,shot"."""
     if not path.is_file():
-        raise FileFormatError(f"{path}: got no such file, expected lines file,shot")
+        raise FileFormatError(f"{path}: no such file; it needs lines file,shot")
     lines = _index_lines(path)
     files, shots = {p.name for p in photos}, {shot.id for shot in plan.shots}
     claims: dict[str, str] = {}
     for number, line in enumerate(lines, start=1):
         if len(line) != 2:
-            raise FileFormatError(f"{path}: entry {number}: got {line}, expected file,shot")
+            raise FileFormatError(f"{path}: entry {number}: {line} is not of the form file,shot")
         file, shot = (cell.strip() for cell in line)
         for what, value, known in (("file", file, files), ("shot", shot, shots)):
             if value not in known:
                 raise FileFormatError(
-                    f"{path}: entry {number}: got the {what} {value!r}, expected one of the "
+                    f"{path}: entry {number}: the {what} {value!r} is none of the "
                     f"{len(known)} {what}s of the {'plan' if what == 'shot' else 'folder'}"
                 )
         if file in claims:
-            raise FileFormatError(f"{path}: entry {number}: got the file {file!r} twice")
+            raise FileFormatError(f"{path}: entry {number}: the file {file!r} stands there twice")
         claims[file] = shot
     return claims
 
@@ -144,7 +146,7 @@ def _index_lines(path: Path) -> list[list[str]]:
         lines = [line for line in csv.reader(text.splitlines()) if line]
     except (UnicodeDecodeError, csv.Error) as error:
         raise FileFormatError(
-            f"{path}: got no UTF-8 text ({error}), expected lines file,shot; save it as CSV in UTF-8 "
+            f"{path}: not UTF-8 text ({error}); save its lines file,shot as CSV in UTF-8 "
             "(in spreadsheets 'CSV UTF-8', not 'Unicode text')"
         ) from error
     headed = bool(lines) and [cell.strip() for cell in lines[0]] == ["file", "shot"]
@@ -167,8 +169,8 @@ def _survey(
         sharpness = _sharpness(counts, model.sensor.black_level)
     if not fits and (number is not None or claimed is not None):
         raise FileFormatError(
-            f"{path}: got {width}x{height} px, expected {model.size[0]}x{model.size[1]} as venue.toml "
-            "says; export it whole and unturned, or correct the camera's size"
+            f"{path}: {width}x{height} px, but venue.toml gives its camera "
+            f"{model.size[0]}x{model.size[1]}; export it whole and unturned, or correct the camera's size"
         )
     observation = PhotoObservation(
         path.name, number, claimed, photo.exposure_s, clipped, sharpness, fits
@@ -205,7 +207,7 @@ def _check(
     """Refuse what would make a solve wrong, before anything is stored."""
     if not match.chosen and not session.stored(camera):
         raise InputError(
-            f"{surveyed[0].path.parent}: got {len(surveyed)} photographs, none of a shot of "
+            f"{surveyed[0].path.parent}: {len(surveyed)} photographs, none of a shot of "
             f"{session.directory / 'plan.json'}; are the numbers in the pictures sharp and whole? "
             "else name files and shots with --index"
         )
@@ -213,7 +215,7 @@ def _check(
     for (shot, _), photo in match.chosen.items():
         if shot in colour and surveyed[photo].channels == 1:
             raise FileFormatError(
-                f"{surveyed[photo].path}: got one channel, expected R, G and B for shot {shot}; "
+                f"{surveyed[photo].path}: one channel, but shot {shot} needs R, G and B; "
                 "develop the photographs in colour"
             )
     used = [surveyed[photo] for photo in match.chosen.values()]
@@ -222,8 +224,8 @@ def _check(
         if len(values) > 1:
             odd = next(s for s in used if s.setting[which] == max(values))
             raise FileFormatError(
-                f"{odd.path}: got {name}{max(values):g}, but others have {min(values):g}; expected one "
-                "for all: only the shutter time may change; take the others again"
+                f"{odd.path}: {name}{max(values):g}, but others have {min(values):g}; only "
+                "the shutter time may change between photographs; take the others again"
             )
 
 
@@ -242,7 +244,7 @@ def _as_exposed(
             really = planned if stated_s is None or _alike(stated_s, planned) else stated_s
             if really != planned and photo is not None and (shot.id, planned) in fixed:
                 raise FileFormatError(
-                    f"{surveyed[photo].path}: got an exposure of {really:g} s, but another camera has "
+                    f"{surveyed[photo].path}: exposed {really:g} s, but another camera has "
                     f"shot {shot.id} at {planned:g} s; expose all cameras alike"
                 )
             exposures.append(really)

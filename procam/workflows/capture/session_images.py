@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from procam.arrays import Image
 from procam.errors import FileFormatError
 from procam.estimate.camera.radiance import Radiometer
 from procam.files.session import Session
@@ -14,7 +15,6 @@ from procam.model.plan import Plan, Purpose, Shot
 from procam.workflows.capture.by_hand import PREFIX
 from procam.workflows.capture.capture import missing_shots
 
-Image = NDArray[np.float32]
 Counts = NDArray[np.uint16]
 GREEN = 1
 SHOWN = 5  # missing shots that a line names
@@ -45,8 +45,8 @@ class SessionImages:
         missing = [shot.id for shot in missing_shots(self.session, self.plan, [camera])]
         more = f" and {len(missing) - SHOWN} more" if len(missing) > SHOWN else ""
         return (
-            f"{self.session.directory}: got no photographs by camera {camera} of "
-            f"{', '.join(missing[:SHOWN])}{more}, expected all {len(self.plan.shots)} shots; "
+            f"{self.session.directory}: no photographs by camera {camera} of "
+            f"{', '.join(missing[:SHOWN])}{more}, and all {len(self.plan.shots)} shots are needed; "
             "photograph them and `procam ingest` again: it adds only what is missing"
         )
 
@@ -55,8 +55,8 @@ class SessionImages:
         shots = self.plan.of(projector, purpose)
         if len(shots) != 1:
             raise FileFormatError(
-                f"{self.session.directory / 'plan.json'}: got {len(shots)} shots {purpose!r} of "
-                f"projector {projector or '(none)'}, expected one"
+                f"{self.session.directory / 'plan.json'}: {len(shots)} shots {purpose!r} of projector "
+                f"{projector or '(none)'} instead of one; restore the file"
             )
         return shots[0]
 
@@ -71,8 +71,8 @@ class SessionImages:
         names = {str(shot.detail["code"]) for shot in shots}
         if len(names) != 1:
             raise FileFormatError(
-                f"{self.session.directory / 'plan.json'}: got codes {sorted(names)} for projector "
-                f"{projector}, expected one"
+                f"{self.session.directory / 'plan.json'}: codes {sorted(names)} for projector "
+                f"{projector} instead of one; restore the file"
             )
         return names.pop(), self._code_pictures(projector, shots)
 

@@ -9,8 +9,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array, Image
 from procam.estimate import projector_tests as estimate
 from procam.estimate.camera.checks import response_exponent
 from procam.estimate.camera.exposure import green, meter
@@ -28,8 +28,6 @@ from procam.model.frame import Frame
 from procam.workflows.doctor.examined_camera import DIM, METERINGS, NO_LIGHT, ExaminedCamera
 from procam.workflows.doctor.findings import Behaviour
 
-Array = NDArray[np.float64]
-Drive = NDArray[np.float32]
 Pair = tuple[PatchLight, PatchLight]
 SETTLED_S = 1.0  # after a picture has changed
 REST_S, BLACK_S = 10.0, 30.0
@@ -193,11 +191,7 @@ class BehaviourTest:
         )
 
     def _fine(
-        self,
-        patches: Patches,
-        whites: _Whites,
-        bright: estimate.Steps,
-        moved: float,
+        self, patches: Patches, whites: _Whites, bright: estimate.Steps, moved: float
     ) -> Iterator[Effect]:
         """Fine stripes."""
         view = estimate.StripedView(
@@ -215,7 +209,7 @@ class BehaviourTest:
         frame = self._photograph(self._layout.stripes(slant, low, high))
         return view.power(self._green(frame))
 
-    def _show(self, picture: Drive, wait_s: float = 0.0) -> float:
+    def _show(self, picture: Image, wait_s: float = 0.0) -> float:
         """Show a picture for so long; when it was up [s]."""
         shown = self._examined.rig.projectors[self._projector].show(picture)
         self._examined.rig.clock.sleep(wait_s)
@@ -225,7 +219,7 @@ class BehaviourTest:
         """A photograph of what is up."""
         return self._examined.take(longer * self._exposure_s)
 
-    def _photograph(self, picture: Drive, longer: float = 1.0) -> Frame:
+    def _photograph(self, picture: Image, longer: float = 1.0) -> Frame:
         """A photograph of a picture that has settled."""
         exposure_s = longer * self._exposure_s
         return self._examined.photograph(

@@ -10,6 +10,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from procam.arrays import Array, BoolArray, Image
 from procam.devices.protocols import Camera
 from procam.devices.rig import Rig
 from procam.errors import DeviceError, StaleFrame
@@ -41,8 +42,6 @@ from procam.workflows.doctor.findings import (
 )
 
 Counts = NDArray[np.uint16]
-Drive = NDArray[np.float32]
-Signal = NDArray[np.float64]
 METERINGS = 3
 BRIGHT, DIM = 0.999, 0.1  # quantile looked at, and the share of the best exposure that will do
 NO_LIGHT = 0.02  # of full scale, at the longest exposure tried
@@ -66,14 +65,14 @@ class _Shots:
 
     white: Frame
     black: Frame
-    level: Signal
-    dark: Signal
-    grey: Signal
-    halves: tuple[Signal, Signal]
-    direct: Signal
+    level: Array
+    dark: Array
+    grey: Array
+    halves: tuple[Array, Array]
+    direct: Array
 
     @property
-    def lit(self) -> NDArray[np.bool_]:
+    def lit(self) -> BoolArray:
         """Lit pixels (H, W), or the bright ones if clipping hides them."""
         span = self.level - self.dark
         return np.asarray(self.direct > 0 if self.direct.any() else span > 0.5 * span.max())
@@ -92,7 +91,7 @@ class ExaminedCamera:
     camera: Camera
     sensor: Sensor
     diagnosis: Diagnosis
-    ambient: Signal | None = None
+    ambient: Array | None = None
     black_s: float = 1.0
     noise: NoiseLaw | None = None
     judged: bool = False
@@ -182,7 +181,7 @@ class ExaminedCamera:
             black / float(np.sqrt(self.noise.variance(0.0))),
         )
 
-    def _look_at_response(self, projector: str, white: Frame, lit: NDArray[np.bool_]) -> None:
+    def _look_at_response(self, projector: str, white: Frame, lit: BoolArray) -> None:
         """The same white again, now after bright pictures, and at parts of its exposure."""
         asked_s = white.settings.exposure_s
         frames = [self._show(projector, "white", asked_s * part) for part in (1.0, *FRACTIONS)]
@@ -237,7 +236,7 @@ class ExaminedCamera:
     def _clipped(self, frame: Frame) -> bool:
         return float(np.quantile(frame.counts, BRIGHT)) >= 2**self.sensor.bits - 1
 
-    def _signal(self, frame: Frame) -> Signal:
+    def _signal(self, frame: Frame) -> Array:
         """Green counts (H, W) above the measured black level [DN]."""
         return green(frame.counts) - self.measured.black_level
 
@@ -249,7 +248,7 @@ class ExaminedCamera:
         return self.photograph(projector, picture, exposure_s, title=name, wait_s=wait_s)
 
     def photograph(
-        self, projector: str, picture: Drive, exposure_s: float, *, title: str, wait_s: float
+        self, projector: str, picture: Image, exposure_s: float, *, title: str, wait_s: float
     ) -> Frame:
         """Photograph a picture (H, W, 3) that has been up for a while; again once if it is stale."""
         shown = self.rig.projectors[projector].show(picture)
@@ -272,8 +271,8 @@ class ExaminedCamera:
             )
             self.rig.clock.sleep(SETTLE_S)
         raise StaleFrame(
-            f"{self.device}: got old pictures twice in a row for {title}, expected a new one; "
-            "check the camera's trigger and buffer"
+            f"{self.device}: the camera delivered old pictures of {title} twice in a row; check its "
+            "trigger and buffer"
         )
 
     def take(self, exposure_s: float) -> Frame:
@@ -287,8 +286,8 @@ class ExaminedCamera:
         width, height = self.camera.size
         if frame.counts.shape[:2] != (height, width):
             raise DeviceError(
-                f"{self.device}: got a picture of {frame.counts.shape[1]}x{frame.counts.shape[0]} px, "
-                f"expected {width}x{height}; correct size in venue.toml, or the camera's picture size"
+                f"{self.device}: its pictures have {frame.counts.shape[1]}x{frame.counts.shape[0]} px, "
+                f"but venue.toml says {width}x{height}; correct one of the two"
             )
         self.last = frame.counts
         return frame
@@ -334,7 +333,7 @@ class ExaminedCamera:
         )
 
 
-def _picture(name: str, size: tuple[int, int]) -> Drive:
+def _picture(name: str, size: tuple[int, int]) -> Image:
     """A test picture (H, W, 3): black, grey, white, or the left or right half white."""
     width, height = size
     level = {"black": 0.0, "grey": GREY}.get(name, 1.0)

@@ -25,9 +25,9 @@ class Finding:
         return self.text if self.text.startswith(self.device) else f"{self.device}: {self.text}"
 
     @classmethod
-    def of(cls, device: str, kind: str, got: str, expected: str, advice: str) -> "Finding":
-        """A finding in the words that errors use."""
-        return cls(device, kind, f"got {got}, expected {expected}; {advice}")
+    def of(cls, device: str, kind: str, found: str, needed: str, advice: str) -> "Finding":
+        """What was found, what is needed and what to do, in one line."""
+        return cls(device, kind, f"{found} (needed: {needed}); {advice}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +92,7 @@ class Diagnosis:
     photographs: int = 0
 
     def add(self, *parts: str) -> None:
-        """Add a finding: device, kind, got, expected, advice."""
+        """Add a finding: device, kind, found, needed, advice."""
         self.keep(Finding.of(*parts))
 
     def keep(self, finding: Finding) -> None:

@@ -104,7 +104,7 @@ def compensate_clip(
         for done, (name, row) in enumerate(each_frame(clip, work), 1):
             yield Event("frames", done, max(clip.total, done), name, {"rows": {row["frame"]: row}})
     if not (done or clip.finished):
-        raise FileFormatError("IN: got no frame, expected one or more; is it the right clip?")
+        raise FileFormatError("IN: no frame in it; is it the right clip?")
 
 
 def each_frame(clip: Clip, work: Callable[[ClipFrame], Callable[[], Made]]) -> Iterator[Made]:

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Image
 from procam.compensate.compensator import Compensator
 from procam.errors import FileFormatError
 from procam.files.images.layers import RGB, write_channels
@@ -18,8 +18,6 @@ from procam.workflows.playout.sources import (
     read_clip_frame,
     source_sequence,
 )
-
-Image = NDArray[np.float32]
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +51,7 @@ def first_frame(source: Path) -> ClipFrame:
     with MovieReader(source) as reader:
         frame = next(iter(reader), None)
         if frame is None:
-            raise FileFormatError(f"{source}: got no frame, expected one or more")
+            raise FileFormatError(f"{source}: no frame in it; is it the right clip?")
         return movie_clip_frame(reader, frame, 0)
 
 

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import AnyArray, Array32, BoolArray
 from procam.compensate.compensator import Compensator
 from procam.errors import FileFormatError, InputError
 from procam.kernels.native.arrays import least_colour
@@ -14,7 +14,6 @@ from procam.model.calibration import Calibration
 from procam.model.transport import DomeMaps
 from procam.workflows.playout.sources import ClipFrame
 
-Pixels = NDArray[Any]
 COLOURS = "rgb"
 MEASURED = ("scatter_per_flux", "lo", "hi")  # maps that measured light makes
 ROUNDING = 1e-3  # of a coverage: half floats
@@ -35,7 +34,7 @@ class FrameSettings:
 class CompensatedFrame:
     """A compensated frame: encoded colours (N, N, 3), their transfer function, the report's row."""
 
-    rgb: Pixels
+    rgb: AnyArray
     transfer: str
     row: dict[str, Any]
 
@@ -88,13 +87,13 @@ class ClipEngine:
             self._encoding = (dtype, out)
         if size != self._compensator.size:
             raise FileFormatError(
-                f"{clip_frame.name}: got {size}x{size} px, expected {self._compensator.size} as the first "
-                "frame has; render all frames in one size"
+                f"{clip_frame.name}: {size} px, but the first frame has {self._compensator.size}; "
+                "render all frames in one size"
             )
         if (dtype, out) != self._encoding:
             raise FileFormatError(
-                f"{clip_frame.name}: got {clip_frame.rgb.dtype} pixels in {out}, expected "
-                f"{self._encoding[0]} in {self._encoding[1]} as the first frame has"
+                f"{clip_frame.name}: {clip_frame.rgb.dtype} pixels in {out}, but the first frame has "
+                f"{self._encoding[0]} in {self._encoding[1]}; render all frames alike"
             )
         return self._compensator
 
@@ -105,18 +104,18 @@ def require_photometry(calibration: Calibration) -> None:
     measured = least_colour((maps.hi > 0) & np.isfinite(maps.scatter_per_flux))
     if not ((maps.coverage > 0) & measured).any():
         raise InputError(
-            "CALIBRATION: got no photometry, expected the light of every projector; capture and "
-            "solve it with white, black and response pictures"
+            "CALIBRATION has no photometry, which compensation needs; capture white, black and "
+            "response pictures of every projector and solve again"
         )
     for name, (wrong, stated) in _wrong_places(maps).items():
         if wrong.any():
             raise InputError(
-                f"CALIBRATION: got {int(wrong.sum())} places of its map {name} that are {stated}, expected "
-                "none; restore it or run `procam solve` on its session again"
+                f"CALIBRATION is damaged: {int(wrong.sum())} places of its map {name} are {stated}; "
+                "restore it or run `procam solve` on its session again"
             )
 
 
-def _wrong_places(maps: DomeMaps) -> dict[str, tuple[NDArray[np.bool_], str]]:
+def _wrong_places(maps: DomeMaps) -> dict[str, tuple[BoolArray, str]]:
     """Where (N, N) each map is what no calibration makes it, and what that is.
 
     Unlit places count where interpolation would carry what is wrong to lit ones.
@@ -137,8 +136,8 @@ def named_transfer(clip_frame: ClipFrame, settings: FrameSettings) -> str:
     if named is None:
         stated = f" (its file says {clip_frame.stated})" if clip_frame.stated else ""
         raise InputError(
-            f"{clip_frame.name}: got no transfer function that procam knows{stated}, expected one of "
-            f"{', '.join(TRANSFER_NAMES)}; name it with --transfer"
+            f"{clip_frame.name}: no transfer function that procam knows{stated}; give one with --transfer: "
+            f"{', '.join(TRANSFER_NAMES)}"
         )
     transfer(named)
     return named
@@ -149,7 +148,7 @@ def square_edge(clip_frame: ClipFrame) -> int:
     height, width = clip_frame.rgb.shape[:2]
     if height != width:
         raise FileFormatError(
-            f"{clip_frame.name}: got {width}x{height} px, expected a square dome master; crop or pad it"
+            f"{clip_frame.name}: {width}x{height} px is no dome master, which is square; crop or pad it"
         )
     return height
 
@@ -170,7 +169,7 @@ def output_encoding(dtype: np.dtype[Any], named: str, suffix: str) -> tuple[np.d
     return dtype, named
 
 
-def recoded(rgb: Pixels, named: str, dtype: np.dtype[Any], out: str) -> Pixels:
+def recoded(rgb: AnyArray, named: str, dtype: np.dtype[Any], out: str) -> AnyArray:
     """Encoded colours in another type and transfer function; integers clip at 1."""
     if rgb.dtype == dtype and named == out:
         return rgb
@@ -182,7 +181,7 @@ def recoded(rgb: Pixels, named: str, dtype: np.dtype[Any], out: str) -> Pixels:
     return np.rint(np.clip(encoded, 0, 1) * np.float32(top)).astype(dtype)
 
 
-def decoded(rgb: Pixels, named: str) -> NDArray[np.float32]:
+def decoded(rgb: AnyArray, named: str) -> Array32:
     """Linear light (N, N, 3) of encoded colours."""
     peak = 1 if rgb.dtype.kind == "f" else np.iinfo(rgb.dtype).max
     share = np.asarray(rgb, np.float32) / np.float32(peak)

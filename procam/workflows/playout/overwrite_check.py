@@ -34,5 +34,5 @@ def refuse_overwriting(read: Iterable[Path], written: Iterable[Named]) -> None:
         found = marks(path)
         owner = next((taken[mark] for mark in found if mark in taken), None)
         if owner:
-            raise InputError(f"{argument}: got {path}, which is {owner}; choose another name")
+            raise InputError(f"{argument}: {path} is {owner}; choose another name")
         taken |= dict.fromkeys(found, f"a file that {argument} writes already")

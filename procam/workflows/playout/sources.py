@@ -16,8 +16,8 @@ from types import MappingProxyType
 from typing import Any, BinaryIO, Protocol, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import AnyArray
 from procam.errors import FileFormatError, InputError
 from procam.files.images.movie_writer import MovieWriter, new_movie, require_written
 from procam.files.images.movies import MovieFrame, MovieReader
@@ -28,7 +28,6 @@ from procam.files.images.stills import read_still, require_finite, write_still
 from procam.files.output_log import OutputLog, file_state
 from procam.workflows.playout.pipeline import ThreadPlan, prefetched
 
-Pixels = NDArray[Any]
 Row = dict[str, Any]
 Reads = Iterator[Callable[[], "ClipFrame | None"]]
 ONE_AS_HALF, INFINITE_AS_HALF = 0x3C00, 0x7C00
@@ -51,7 +50,7 @@ class ClipFrame:
 
     number: int
     name: str
-    rgb: Pixels
+    rgb: AnyArray
     transfer: str | None
     above_one: int = 0
     source_data: Any = None
@@ -82,7 +81,7 @@ class Clip(Protocol):
     def reads(self) -> Reads:
         """Jobs that each read a frame; None ends them."""
 
-    def write(self, clip_frame: ClipFrame, rgb: Pixels, transfer: str, row: Row) -> None:
+    def write(self, clip_frame: ClipFrame, rgb: AnyArray, transfer: str, row: Row) -> None:
         """Store a compensated frame; `row` is its row of the report."""
 
 
@@ -111,7 +110,7 @@ class StillClip:
         """The picture."""
         yield lambda: read_clip_frame(self.source)
 
-    def write(self, clip_frame: ClipFrame, rgb: Pixels, transfer: str, row: Row) -> None:
+    def write(self, clip_frame: ClipFrame, rgb: AnyArray, transfer: str, row: Row) -> None:
         """Write the picture."""
         write_still(self.out, rgb, clip_frame.source_data, transfer)
 
@@ -151,7 +150,7 @@ class SequenceClip:
         for number in self._todo:
             yield partial(self._read, number)
 
-    def write(self, clip_frame: ClipFrame, rgb: Pixels, transfer: str, row: Row) -> None:
+    def write(self, clip_frame: ClipFrame, rgb: AnyArray, transfer: str, row: Row) -> None:
         """Write a picture and log it."""
         state, still = clip_frame.source_data
         out = self._names.path(clip_frame.number)
@@ -202,7 +201,7 @@ class MovieClip:
         """The frames."""
         return repeat(self._read)
 
-    def write(self, clip_frame: ClipFrame, rgb: Pixels, transfer: str, row: Row) -> None:
+    def write(self, clip_frame: ClipFrame, rgb: AnyArray, transfer: str, row: Row) -> None:
         """Encode a frame."""
         if self._writer is None:
             movie = new_movie(self.out, self.reader, transfer=transfer)
@@ -248,13 +247,13 @@ class PipeClip:
         """Frames until the pipe ends."""
         return chain([self._first], repeat(self._read))
 
-    def write(self, clip_frame: ClipFrame, rgb: Pixels, transfer: str, row: Row) -> None:
+    def write(self, clip_frame: ClipFrame, rgb: AnyArray, transfer: str, row: Row) -> None:
         """Send a frame at once."""
         write_frame(self._out, rgb)
         self.latency_s.append(time.perf_counter() - clip_frame.received_s)
 
     def _read(self) -> ClipFrame | None:
-        rgb: Pixels = np.empty((self._size, self._size, 3), self._dtype)
+        rgb: AnyArray = np.empty((self._size, self._size, 3), self._dtype)
         if not read_frame(self._source, rgb, self._count):
             return None
         self._count += 1
@@ -281,7 +280,7 @@ def movie_clip_frame(reader: MovieReader, frame: MovieFrame, number: int) -> Cli
     return ClipFrame(number, name, frame.rgb, reader.transfer, source_data=frame, stated=stated)
 
 
-def count_above_one(name: object, rgb: Pixels) -> int:
+def count_above_one(name: object, rgb: AnyArray) -> int:
     """Pixels above 1.0 in any colour; refuses NaN and infinite values of a frame called `name`."""
     if rgb.dtype.kind != "f":
         return 0
@@ -303,8 +302,8 @@ def output_names(sequence: PictureSequence, out: Path) -> Numbered:
     if names is None:
         if out.suffix and not out.is_dir():
             raise InputError(
-                f"OUT: got {out} for numbered pictures, expected a pattern such as out.%04d.exr, or "
-                "a folder"
+                f"OUT: {out} is one file, but IN has numbered pictures; give a folder, or a pattern "
+                "such as out.%04d.exr"
             )
         source = sequence.names
         names = Numbered(out, source.before, source.digits, source.after)
@@ -317,6 +316,6 @@ def source_sequence(source: Path) -> PictureSequence | None:
     sequence = find_sequence(source)
     if sequence and sequence.names.suffix not in SUFFIXES:
         raise FileFormatError(
-            f"{source}: got pictures of kind {sequence.names.suffix!r}, expected .png, .tif or .exr"
+            f"{source}: pictures of kind {sequence.names.suffix!r} cannot be read; use .png, .tif or .exr"
         )
     return sequence

@@ -73,7 +73,7 @@ def track_show(
     with _opened(source) as show, replacing_directory(out) as folder:
         first = next(show.reads)()
         if first is None:
-            raise InputError(f"IN: got no frame in {source}, expected dome masters")
+            raise InputError(f"IN: no frame in {source}; give a movie or a folder of dome masters")
         with (folder / "track.csv").open("w", newline="", encoding="utf-8") as file:
             rows = _Rows(calibration, first, settings, file)
             reads = chain([lambda: first], show.reads)
@@ -153,8 +153,8 @@ class _Rows:
         )
         if found != (expected := (self.compensator.size, self.dtype, self.transfer)):
             raise FileFormatError(
-                f"{name}: got {_worded(*found)}, expected {_worded(*expected)} as the first frame "
-                "has; render all frames alike"
+                f"{name}: {_worded(*found)}, but the first frame has {_worded(*expected)}; render "
+                "all frames alike"
             )
         self.compensator.frame(clip_frame.rgb, self._out)
         numbers = row(self.compensator.coefficients, self.used)
@@ -173,13 +173,11 @@ def _worded(size: int, dtype: np.dtype[Any], transfer: str) -> str:
 def _check(out: Path, method: str) -> None:
     if method not in METHODS:
         raise InputError(
-            f"--method: got {method!r}, expected {' or '.join(METHODS)}; frames of other methods "
-            "differ by more than a track can hold"
+            f"--method: no track for {method!r}; choose {' or '.join(METHODS)}. Frames of other "
+            "methods differ by more than a track can hold"
         )
     if out.exists():
-        raise InputError(
-            f"OUT: got {out}, which exists, expected a new folder; choose another name"
-        )
+        raise InputError(f"OUT: {out} exists; give the name of a new folder")
 
 
 def _document(rows: _Rows, settings: FrameSettings) -> dict[str, Any]:
@@ -194,11 +192,7 @@ def _document(rows: _Rows, settings: FrameSettings) -> dict[str, Any]:
         "white": settings.white,
         "transfer": rows.transfer,
         "uniforms": uniforms(rows.transfer, rows.dtype),
-        "frames": {
-            "count": len(rows.numbers),
-            "first": rows.numbers[0],
-            "last": rows.numbers[-1],
-        },
+        "frames": {"count": len(rows.numbers), "first": rows.numbers[0], "last": rows.numbers[-1]},
         "numbers": {"file": "track.csv", "columns": columns(rows.used), "meaning": NUMBERS},
         "textures": {
             name: {

@@ -75,8 +75,8 @@ def warp_file(
             warper = Warper(calibration, size, np.uint16, decode=transfer_function(name).decode)
         if size != warper.size:
             raise FileFormatError(
-                f"{clip_frame.name}: got {size} px, expected {warper.size} as the first frame has; "
-                "render all frames in one size"
+                f"{clip_frame.name}: {size} px, but the first frame has {warper.size}; render all frames "
+                "in one size"
             )
         codes = clip_frame.rgb.dtype == np.uint8  # others come as light
         frames = warper.frame(clip_frame.rgb if codes else decoded(clip_frame.rgb, name))
@@ -95,11 +95,7 @@ def warp_file(
 
 
 def _open(
-    calibration_dir: Path,
-    calibration: Calibration,
-    source: Path,
-    out: Path,
-    transfer: str | None,
+    calibration_dir: Path, calibration: Calibration, source: Path, out: Path, transfer: str | None
 ) -> WarpClip:
     names = list(calibration.projectors)
     sequence = source_sequence(source)

@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array, Image
 from procam.devices.rig import Rig
 from procam.errors import OutOfModelRange
 from procam.estimate.camera.exposure import green
@@ -16,8 +16,6 @@ from procam.estimate.geometry.camera_view import DomeView
 from procam.model.calibration import Calibration
 from procam.model.frame import CameraSettings, Frame
 
-Array = NDArray[np.float64]
-Image = NDArray[np.float32]
 FILL = 0.7  # of full scale, for the brightest content
 
 

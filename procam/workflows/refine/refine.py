@@ -4,8 +4,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array, BoolArray, Image
 from procam.compensate.compensator import Compensated, Compensator
 from procam.compensate.projector_frames import projector_frames
 from procam.devices.rig import Rig
@@ -26,9 +26,6 @@ from procam.model.quality import Figure, Goal
 from procam.workflows.events import Event
 from procam.workflows.refine.camera import LoopCamera
 
-Array = NDArray[np.float64]
-Image = NDArray[np.float32]
-Mask = NDArray[np.bool_]
 MAX_ITERATIONS = MAX_CORRECTIONS
 CLOSE_ENOUGH = 1.1  # times the noise floor: the goal
 CHANNEL_NAMES = ("red", "green", "blue")
@@ -63,7 +60,7 @@ class Refined:
     own_jnd: float
     photographs: Mapping[str, Array]
     target: Array
-    free: Mask
+    free: BoolArray
     scatter_factor: Array
     shots: int
     per_picture: int
@@ -130,7 +127,7 @@ class _Run:
         self.residual.append(self.single())
         self.left.append(self.residual_jnd(self.loop.free))
 
-    def residual_jnd(self, free: Mask) -> float:
+    def residual_jnd(self, free: BoolArray) -> float:
         """What almost all `free` cells (N, N, 3) are off by at most [JND]."""
         return residual_jnd(self.loop.residual(self.mean())[free], self.loop.goal[free])
 
@@ -224,15 +221,13 @@ def _finish(
     )
     if refined.worse:
         return replace(
-            refined,
-            calibration=calibration,
-            frames=projector_frames(wanted.direct, calibration),
+            refined, calibration=calibration, frames=projector_frames(wanted.direct, calibration)
         )
     quality = {**better.quality, **refined.figures()}
     return replace(refined, calibration=replace(better, quality=quality))
 
 
-def _worse(run: _Run, free: Mask) -> str:
+def _worse(run: _Run, free: BoolArray) -> str:
     """What got worse by the loop, in a sentence."""
     loop, flat = run.loop, (-1, 3)
     noticed = just_noticeable(loop.goal).reshape(flat)

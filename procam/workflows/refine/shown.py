@@ -5,8 +5,8 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import FloatArray, Image
 from procam.compensate.compensator import Compensated, Compensator
 from procam.compensate.projector_frames import Warper, quantised
 from procam.errors import FileFormatError
@@ -16,8 +16,6 @@ from procam.files.images.pixels import read_image, write_image
 from procam.files.images.stills import read_picture
 from procam.model.calibration import Calibration
 from procam.workflows.refine.refine import Refined
-
-Image = NDArray[np.float32]
 
 
 def write_frames(frames: Mapping[str, Image], out: Path) -> list[Path]:
@@ -43,7 +41,7 @@ def read_square(path: Path) -> Image:
     height, width = picture.shape[:2]
     if height != width:
         raise FileFormatError(
-            f"{path}: got {width}x{height} px, expected a square dome master; crop or pad it"
+            f"{path}: {width}x{height} px is no dome master, which is square; crop or pad it"
         )
     return picture
 
@@ -86,5 +84,5 @@ def keep_loop(venue_dir: Path, refined: Refined) -> None:
     atomic.write_text(loop / "loop.json", json.dumps(curve, indent=1))
 
 
-def _write_rgb(path: Path, picture: NDArray[np.floating]) -> None:
+def _write_rgb(path: Path, picture: FloatArray) -> None:
     write_channels(path, {c: picture[..., i] for i, c in enumerate(RGB)})

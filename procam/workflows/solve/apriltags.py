@@ -4,8 +4,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from functools import reduce
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array32
 from procam.estimate.geometry import apriltags as tags
 from procam.estimate.geometry.apriltags import TagObservations
 from procam.estimate.structured_light.photo_match import NUMBER
@@ -51,7 +51,7 @@ def known_distances(venue: Venue, marks: Sequence[Fiducial]) -> list[Distance]:
     return [d for d in venue.distances if not lost & {d.a, d.b}]
 
 
-def _pictures(images: SessionImages) -> Iterator[NDArray[np.float32]]:
+def _pictures(images: SessionImages) -> Iterator[Array32]:
     """Counts (H, W) of the whole dome lit: the pictures of all projectors together."""
     for purpose in LIT_ALL_OVER:
         shots = (shot for shot in images.plan.shots if shot.purpose == purpose)

@@ -184,9 +184,7 @@ def _decode(
     """What a camera sees of a projector, pixel by pixel and by patches of the panel."""
     camera = images.radiometer.camera
     limits = DecodeLimits(
-        white_black=DARK_SIGMAS * NOISE_DN,
-        contrast=NOISE_DN,
-        saturated=2.0**camera.sensor.bits - 1,
+        white_black=DARK_SIGMAS * NOISE_DN, contrast=NOISE_DN, saturated=2.0**camera.sensor.bits - 1
     )
     code_name, pictures = images.code(name)
     decoder = Decoder(make_code(code_name, venue.table.projectors[name].size), limits)

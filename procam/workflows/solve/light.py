@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import BoolArray, Image
 from procam.errors import OutOfModelRange
 from procam.estimate.calibration import ProjectorMeasurement
 from procam.estimate.camera.linearity import Linearity, linearity_error
@@ -28,8 +28,6 @@ from procam.model.plan import Shot
 from procam.model.screen import Dome
 from procam.workflows.capture.session_images import SessionImages
 
-Image = NDArray[np.float32]
-Pixels = NDArray[np.bool_]
 GREEN = 1
 TONE_CURVE, NOT_LINEAR = (
     0.3,
@@ -54,8 +52,8 @@ class _CameraSight:
 
     xy: Image
     panel: Image
-    lit: Pixels
-    unpatterned: Pixels
+    lit: BoolArray
+    unpatterned: BoolArray
     white: Image
     base: Image
     shot_ids_share: float
@@ -127,19 +125,19 @@ def measure_server_light(
     return _without(found, unused.at(xy))
 
 
-def _without(found: ProjectorMeasurement, masked: Pixels) -> ProjectorMeasurement:
+def _without(found: ProjectorMeasurement, masked: BoolArray) -> ProjectorMeasurement:
     """The measurement of a projector whose picture is not used at masked camera pixels (H, W)."""
     light = found.light
     direct = np.where(masked[..., None], np.float32(0), light.direct)
     return replace(found, light=replace(light, direct=direct, lit=light.lit & ~masked))
 
 
-def _check_saturation(white: Image, on_screen: Pixels, name: str) -> None:
+def _check_saturation(white: Image, on_screen: BoolArray, name: str) -> None:
     """Refuse a white whose brightest part is not known: its scattered light is, so m would be too large."""
     share = float(np.isnan(white[on_screen]).any(axis=-1).mean())
     if share > SATURATED:
         raise OutOfModelRange(
-            f"white of projector {name}: got {share:.1%} of the screen saturated, expected less than "
+            f"white of projector {name}: {share:.1%} of the screen is saturated, more than "
             f"{SATURATED:.1%}; photograph with a shorter exposure_s"
         )
 
@@ -210,8 +208,8 @@ def _check_linear(images: SessionImages, name: str, found: Linearity, limit: flo
     if abs(found.exponent - 1) > max(limit, CERTAIN * found.exponent_sigma):
         camera = images.radiometer.camera.name
         raise OutOfModelRange(
-            f"camera {camera}: got photographs of projector {name} whose light goes with the power "
-            f"{1 / found.exponent:.2f} of what is there, expected 1; photograph raw, or state the "
+            f"camera {camera}: photographs of projector {name} are not linear: their counts go "
+            f"with the power {1 / found.exponent:.2f} of the light; photograph raw, or state the "
             'camera\'s response in venue.toml ("srgb", a table of `procam response`, "solve")'
         )
 

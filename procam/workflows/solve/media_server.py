@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procam.arrays import Array32
 from procam.errors import FileFormatError
 from procam.estimate.geometry.solve import GeometrySolution
 from procam.estimate.media_server.camera_pose import (
@@ -33,10 +33,10 @@ def placed_by_server(
     shots = images.plan.of(master.name, "tags")
     if [shot.detail.get("picture") for shot in shots] != list(range(TAG_PICTURES)):
         raise FileFormatError(
-            f"{images.session.directory / 'plan.json'}: got {len(shots)} shots 'tags' of projector "
-            f"{master.name}, expected {TAG_PICTURES}; restore the file"
+            f"{images.session.directory / 'plan.json'}: {len(shots)} shots 'tags' of projector "
+            f"{master.name} instead of {TAG_PICTURES}; restore the file"
         )
-    pictures: list[NDArray[np.float32]] = [images.counts(s).astype(np.float32) for s in shots]
+    pictures: list[Array32] = [images.counts(s).astype(np.float32) for s in shots]
     model, table = venue.cameras[camera], venue.table.cameras[camera]
     tags = find_master_tags(model, master, pictures)
     return place_camera(model, table.intrinsics, venue.screen.radius_m, tags)
