@@ -34,7 +34,7 @@ def main(names: list[str]) -> int:
     """Run the named studies, or all; 2 for a name that is none."""
     unknown = [name for name in names if name not in STUDIES]
     if unknown:
-        print(f"studies: got {unknown[0]!r}, expected {', '.join(STUDIES)}", file=sys.stderr)
+        print(f"studies: no study {unknown[0]!r}; there are {', '.join(STUDIES)}", file=sys.stderr)
         return 2
     for name in names or STUDIES:
         print(f"== {name}", flush=True)

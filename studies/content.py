@@ -27,7 +27,7 @@ from procam.maths.geometry.sphere import master_directions, normalise
 from procam.maths.warp import block_mean
 from procam.model.calibration import Calibration
 from procam.workflows.capture.capture import capture, prepare_session
-from procam.workflows.refine.shown import keep_pictures, read_frames
+from procam.workflows.refine.stored_pictures import keep_pictures, read_frames
 from procam.workflows.sample_content import CONTENTS
 from procam.workflows.solve.calibrate import solve
 from procam.workflows.venue_rig import open_rig

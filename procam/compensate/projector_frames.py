@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from procam.arrays import AnyArray, Array, FloatArray, Image
 from procam.errors import InputError, ShapeError
@@ -114,11 +113,6 @@ class Warper:
 def projector_frames(direct: Image, calibration: Calibration) -> dict[str, Image]:
     """Drives (H, W, 3) in 0..1 by projector for direct light (N, N, 3) [rel]; see `Warper`."""
     return Warper(calibration, direct.shape[0], np.float32).frame(np.asarray(direct, np.float32))
-
-
-def quantised(frames: Mapping[str, Image]) -> dict[str, NDArray[np.uint16]]:
-    """Frames as 16-bit pictures."""
-    return {name: np.rint(frame * 65535).astype(np.uint16) for name, frame in frames.items()}
 
 
 def _plan(

@@ -267,7 +267,7 @@ class TestRefusals:
             return replace(frame, counts=np.full_like(frame.counts, 64))
 
         message = self._complaint(_changed(rig, black), venue, calibration)
-        assert "nowhere" in message
+        assert "not seen at all" in message
 
     def test_scattered_light_that_no_audience_explains(
         self, venue: Venue, calibration: Calibration, rig: Rig
@@ -302,7 +302,7 @@ class TestRefusals:
             for name, p in calibration.projectors.items()
         }
         message = self._complaint(rig, venue, replace(calibration, projectors=dark), NotEnoughData)
-        assert "2 or more" in message and "masks" in message
+        assert "2 are needed" in message and "masks" in message
 
     def test_names(self, venue: Venue, calibration: Calibration, rig: Rig) -> None:
         message = self._complaint(rig, venue, calibration, InputError, "a/b")
@@ -310,7 +310,7 @@ class TestRefusals:
         south = calibration.projectors["south"]
         clash = replace(calibration, projectors={"state-full": south})
         message = self._complaint(rig, venue, clash, InputError)
-        assert "projector state-full has a map of that name; choose another" in message
+        assert "is taken by the map of projector state-full; choose another" in message
 
     def test_a_calibration_of_other_devices(
         self, venue: Venue, calibration: Calibration, rig: Rig

@@ -221,6 +221,6 @@ class TestFindings:
         judge_behaviour(diagnosis, "south")
         assert [f.kind for f in diagnosis.findings] == ["constant-light", "dynamic-black"]
         assert str(diagnosis.findings[0]) == (
-            "projector south: got -3.0% (sigma 0.0%) in a white patch as white comes up elsewhere, "
-            'expected 0.5% at most; switch "constant light" / "constant brightness" and power saving off'
+            "projector south: -3.0% (sigma 0.0%) in a white patch as white comes up elsewhere "
+            '(needed: 0.5% at most); switch "constant light" / "constant brightness" and power saving off'
         )

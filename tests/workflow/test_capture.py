@@ -304,7 +304,8 @@ def test_projectors_may_differ_in_size(venue: Venue, rng: np.random.Generator) -
 
 
 @pytest.mark.parametrize(
-    ("exposure", "words"), [("0.9", "saturated pixels"), ("0.0002", "a black picture of white")]
+    ("exposure", "words"),
+    [("0.9", "of the pixels are saturated"), ("0.0002", "south is black in the photograph")],
 )
 def test_a_wrong_exposure_is_named(exposure: str, words: str, venue: Venue) -> None:
     path = venue.directory / "venue.toml"

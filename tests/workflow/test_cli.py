@@ -26,7 +26,7 @@ from tiny_venue import (
 )
 
 from procam.compensate.compensator import Compensator
-from procam.compensate.projector_frames import projector_frames, quantised
+from procam.compensate.projector_frames import projector_frames
 from procam.devices.protocols import BackendRig
 from procam.estimate import calibration as assemble
 from procam.files.calibration import save_calibration
@@ -304,7 +304,10 @@ class TestCompensateAndWarp:
         ran = procam("warp", kept, picture(tmp_path), tmp_path / "frames", "--json")
         paths = [tmp_path / "frames" / f"{name}.png" for name in ("south", "north")]
         assert json.loads(ran.out) == {"frames": [str(p) for p in paths]}
-        expected = quantised(projector_frames(half_sky(SIZE), calibration))
+        drives = projector_frames(half_sky(SIZE), calibration)
+        expected = {
+            name: np.rint(65535 * drive).astype(np.uint16) for name, drive in drives.items()
+        }
         for path in paths:
             pixels = np.asarray(read_image(path))
             assert pixels.dtype == np.uint16
@@ -347,7 +350,7 @@ class TestCompensateAndWarp:
     @pytest.mark.parametrize(
         ("make", "words"),
         [
-            (oblong, "got 96x95 px, expected a square dome master"),
+            (oblong, "96x95 px is no dome master"),
             (holed, "1 values are NaN or infinite"),
             (truncated, "truncated or damaged"),
             (truncated_png, "truncated or damaged"),
@@ -570,9 +573,9 @@ class TestVenueErrors:
             ),
             (
                 edited("[projectors.south]", "[projectors.attic]"),
-                ["projectors.attic: got a name that backend 'simulated' does not have"],
+                ["projectors.attic: backend 'simulated' has no device of this name"],
             ),
-            (edited("size = [128, 80]", "size = [128, 81]"), ["projectors.south.size: got "]),
+            (edited("size = [128, 80]", "size = [128, 81]"), ["projectors.south.size: "]),
             (
                 edited("rays = 64", "rays = 1\ncolour = 3"),
                 ["simulated.rays is 1", "simulated.colour is 3"],
@@ -580,12 +583,12 @@ class TestVenueErrors:
             (
                 edited('backend = "simulated"', 'backend = "dream"'),
                 [
-                    "cameras.zenith.backend: got 'dream', expected one of by-hand, simulated; correct"
+                    "cameras.zenith.backend: no backend 'dream' is installed, only by-hand, simulated"
                 ],
             ),
             (
                 lambda text: re.sub(r'"simulated"|(?<=^\[)simulated', _dreamt, text, flags=re.M),
-                ["backend: got 'dream', expected one of by-hand, simulated; correct"],
+                ["backend: no backend 'dream' is installed, only by-hand, simulated; correct"],
             ),
             (
                 lambda text: text.replace('backend = "simulated"', 'backend = "simulatd"'),
@@ -618,7 +621,7 @@ class TestVenueErrors:
         path = make_venue(tmp_path).directory / "venue.toml"
         path.write_text(path.read_text().replace('"simulated"', '"dream"', 1))
         message = procam("capture", tmp_path).complaint
-        assert "got backends dream, simulated, expected one for all devices" in message
+        assert "devices of the backends dream, simulated cannot be mixed" in message
 
     @pytest.mark.parametrize("command", ["capture", "doctor", "calibrate"])
     def test_what_is_done_by_hand_is_reported_how(self, command: str, tmp_path: Path) -> None:

@@ -328,10 +328,13 @@ class TestRefused:
         [
             (_spoil_bits, "img_5.tif has 8 bits, and its response is not known"),
             (_spoil_scale, "bits = 12 allows less than 4096"),
-            (_spoil_size, "img_5.tif: got 200x240 px, expected 240x200 as venue.toml says"),
+            (_spoil_size, "img_5.tif: 200x240 px, but venue.toml gives its camera 240x200"),
             (_spoil_length, "img_40.tif is truncated or damaged"),
-            (_spoil_colour, "img_2.tif: got one channel, expected R, G and B for shot south-0000"),
-            (_spoil_iso, "img_5.tif: got aperture f/5.6, but others have 4; expected one for all"),
+            (_spoil_colour, "img_2.tif: one channel, but shot south-0000 needs R, G and B"),
+            (
+                _spoil_iso,
+                "img_5.tif: aperture f/5.6, but others have 4; only the shutter time may change",
+            ),
         ],
     )
     def test_and_nothing_is_written(
@@ -350,10 +353,13 @@ class TestRefused:
     ) -> None:
         index = tmp_path / "i.csv"
         for lines, message in (
-            ("img_3.tif,nope\n", "entry 1: got the shot 'nope'"),
-            ("nope.tif,dark\n", "entry 1: got the file 'nope.tif'"),
-            ("img_3.tif\n", "entry 1: got ['img_3.tif'], expected file,shot"),
-            ("img_3.tif,dark\nimg_3.tif,dark\n", "entry 2: got the file 'img_3.tif' twice"),
+            ("img_3.tif,nope\n", "entry 1: the shot 'nope'"),
+            ("nope.tif,dark\n", "entry 1: the file 'nope.tif'"),
+            ("img_3.tif\n", "entry 1: ['img_3.tif'] is not of the form file,shot"),
+            (
+                "img_3.tif,dark\nimg_3.tif,dark\n",
+                "entry 2: the file 'img_3.tif' stands there twice",
+            ),
         ):
             index.write_text(lines)
             assert message in hand_session.ingest(photos, "--index", index).complaint
@@ -363,7 +369,7 @@ class TestRefused:
         assert "holds no photographs" in hand_session.ingest(empty).complaint
         assert "no such folder" in hand_session.ingest(tmp_path / "gone").complaint
         ran = procam("ingest", hand_session.session, "--camera", "b", "--photos", photos)
-        assert "--camera: got 'b', expected one of zenith" in ran.complaint
+        assert "--camera: no camera 'b' in venue.toml; it has zenith" in ran.complaint
         ran = procam("ingest", tmp_path, "--camera", CAMERA, "--photos", photos)
         assert ran.code == 2
         assert hand_session.stored() == []
@@ -375,7 +381,7 @@ class TestRefused:
             noise = np.random.default_rng(number).integers(60, 900, (PHOTO[1], PHOTO[0], 3))
             write_image(folder / f"{number}.tif", noise.astype(np.uint16))
         ran = hand_session.ingest(folder)
-        assert (ran.code, "got 3 photographs, none of a shot" in ran.complaint) == (2, True)
+        assert (ran.code, "3 photographs, none of a shot" in ran.complaint) == (2, True)
 
 
 class TestResponse:

@@ -184,13 +184,13 @@ class TestRefusals:
         ("arguments", "words"),
         [
             (("--albedo", 0.5), "forecast needs --albedo and --coverage, or a VENUE"),
-            (("--albedo", 1.5, "--coverage", 1), "albedo: got 1.5, expected more than 0 and less"),
-            (("--albedo", 0.5, "--coverage", 1.1), "coverage: got 1.1, expected more than 0"),
-            ((*PLAN, "--albedo-sigma", 0.4), "albedo sigma: got 0.4, expected 0 or more"),
-            ((*PLAN, "--reflecting", 0.5), "coverage: got 0.9, expected more than 0 and at most 0"),
-            ((*PLAN, "--half-angle-deg", 120), "half angle: got 120 degrees, expected more than 0"),
-            ((*PLAN, "--contrast", 0), "contrast: got 0, expected more than 1"),
-            ((*PLAN, "--floor-albedo", 2), "floor albedo: got 2, expected between 0 and 1"),
+            (("--albedo", 1.5, "--coverage", 1), "albedo: 1.5 is not between 0 and 1"),
+            (("--albedo", 0.5, "--coverage", 1.1), "coverage: 1.1 must be above 0"),
+            ((*PLAN, "--albedo-sigma", 0.4), "albedo sigma: 0.4 must be 0 or more"),
+            ((*PLAN, "--reflecting", 0.5), "coverage: 0.9 must be above 0 and at most 0"),
+            ((*PLAN, "--half-angle-deg", 120), "half angle: 120 degrees must be above 0"),
+            ((*PLAN, "--contrast", 0), "contrast: 0 must be above 1"),
+            ((*PLAN, "--floor-albedo", 2), "floor albedo: 2 must be between 0 and 1"),
             ((*PLAN, "--radius-m", -1), "radius_m is -1.0; it needs a length above 0 metres"),
             ((*PLAN, "--lumens", 9), "--lumens needs --radius-m"),
             (
@@ -209,5 +209,5 @@ class TestRefusals:
         write_image(tmp_path / "wide.png", np.zeros((10, 20, 3), np.uint8))
         ran = procam("forecast", *PLAN, tmp_path / "wide.png", "--out", tmp_path / "out")
         assert ran.code == 2
-        assert "wide.png: got 20x10 px, expected a square dome master" in ran.complaint
+        assert "wide.png: 20x10 px is no dome master" in ran.complaint
         assert not (tmp_path / "out").exists()

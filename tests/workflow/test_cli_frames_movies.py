@@ -104,7 +104,7 @@ class TestCompensate:
         source, out = shoot(tmp_path / "m.mkv", trc=2), tmp_path / "o.mkv"
         ran = procam("compensate", kept, source, out)
         words = (
-            "got no transfer function that procam knows (its file says nothing of it), expected one of "
+            "no transfer function that procam knows (its file says nothing of it); give one with --transfer: "
             "srgb, linear"
         )
         assert (ran.code, words in ran.complaint, "--transfer" in ran.complaint) == (2, True, True)
@@ -126,7 +126,7 @@ class TestCompensate:
     ) -> None:
         source = shoot(tmp_path / "m.mkv", trc)
         ran = procam("compensate", kept, source, tmp_path / "o.mkv")
-        words = f"frame 0 of {source}: got no transfer function that procam knows (its file says "
+        words = f"frame 0 of {source}: no transfer function that procam knows (its file says "
         assert (ran.code, f"{words}transfer {said})" in ran.complaint) == (2, True), ran
 
     @pytest.mark.parametrize(
@@ -134,10 +134,10 @@ class TestCompensate:
         [
             ("m.mkv", "o.mp4", "written as .mov (ProRes 4444)"),
             ("m.mkv", "o.png", "written as .mov"),
-            ("m.mkv", "m.mkv", "which is IN itself"),
+            ("m.mkv", "m.mkv", "is IN itself"),
             ("none.mkv", "o.mkv", "no such file; a movie is needed"),
             ("cut.mov", "o.mkv", "not a complete movie"),
-            ("wide.mkv", "o.mkv", f"got {SIZE}x{SIZE - 8} px, expected a square dome master"),
+            ("wide.mkv", "o.mkv", f"{SIZE}x{SIZE - 8} px is no dome master"),
         ],
     )
     def test_refusals(self, source: str, out: str, words: str, kept: Path, tmp_path: Path) -> None:

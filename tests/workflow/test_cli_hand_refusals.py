@@ -75,7 +75,7 @@ class TestIndex:
     def test_what_a_spreadsheet_calls_unicode_text(self, tmp_path: Path) -> None:
         index = tmp_path / "index.csv"
         index.write_bytes("file,shot\nimg_1.tif,dark\n".encode("utf-16"))
-        with pytest.raises(FileFormatError, match="got no UTF-8 text") as message:
+        with pytest.raises(FileFormatError, match="not UTF-8 text") as message:
             _index_lines(index)
         assert "\n" not in str(message.value)
 
@@ -99,7 +99,7 @@ def test_a_solve_names_the_photographs_that_are_missing(venue: Venue) -> None:
     with pytest.raises(FileFormatError) as message:
         solved(venue, session)
     named = ", ".join(shot.id for shot in left_out[:5])
-    assert f"hand-0001: got no photographs by camera {CAMERA} of {named} and 2 more" in str(
+    assert f"hand-0001: no photographs by camera {CAMERA} of {named} and 2 more" in str(
         message.value
     )
     assert "photograph them and `procam ingest` again" in str(message.value)

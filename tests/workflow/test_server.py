@@ -24,7 +24,7 @@ from procam.model.plan import Plan
 from procam.model.quality import Figure
 from procam.workflows.capture.session_images import SessionImages
 from procam.workflows.capture.session_plan import plan_of_session, server_of
-from procam.workflows.refine.shown import keep_pictures, read_frames
+from procam.workflows.refine.stored_pictures import keep_pictures, read_frames
 from procam.workflows.sample_content import half_sky
 from procam.workflows.solve.calibrate import solve
 from procam.workflows.solve.media_server import placed_by_server
@@ -178,9 +178,7 @@ class TestRefused:
         less = Plan(tuple(s for s in plan.shots if s.detail.get("picture") != 1))
         server = server_of(venue)
         assert server is not None
-        with pytest.raises(
-            FileFormatError, match=r"1 shots .tags. of projector server instead of"
-        ):
+        with pytest.raises(FileFormatError, match=r"1 shots .tags. of projector server instead of"):
             placed_by_server(venue, server, CAMERA, self._readings(hand_session, less))
 
     def test_a_master_of_another_angle(self, hand_session: HandSession) -> None:

@@ -26,6 +26,7 @@ from procam.estimate.geometry.screen_points import intersect_screen
 from procam.estimate.geometry.solve import GeometrySolution
 from procam.maths.geometry.lenses import project, unproject
 from procam.maths.geometry.sphere import ARCMIN, normalise
+from procam.maths.statistics import robust_sigma
 from procam.maths.warp import blur, blur_within, sample
 from procam.model.optics import ProjectorModel
 
@@ -129,7 +130,7 @@ def _shape_deviation(rig: RigGeometry, seen: Mapping[Pair, Observations]) -> flo
         size = np.sum(slope**2, axis=1)
         step = np.sum(error * slope, axis=1) / np.maximum(size, 1e-30)
         noise = some.sigma_px**2 / np.maximum(size, 1e-30)
-        steps.append([np.median(np.abs(step)) * 1.4826, np.sqrt(np.median(noise))])
+        steps.append([robust_sigma(step, 0.0), np.sqrt(np.median(noise))])
     total, noise = np.mean(np.square(steps), axis=0)
     return float(np.sqrt(max(total - noise, 0.0)))
 

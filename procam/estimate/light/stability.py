@@ -12,6 +12,7 @@ import numpy as np
 
 from procam.arrays import Array, BoolArray, Image
 from procam.errors import OutOfModelRange
+from procam.maths.statistics import robust_sigma
 
 MAX_PIXELS = 20_000
 ROUNDS = 4  # of the regression; each leaves outliers out
@@ -65,7 +66,7 @@ class StabilityChecks:
         for _ in range(ROUNDS):
             found = np.linalg.lstsq(design[use], surplus[use], rcond=None)[0]
             residual = surplus - design @ found
-            scale = 1.4826 * float(np.median(np.abs(residual[use])))
+            scale = robust_sigma(residual[use], 0.0)
             limit = OUTLIER_SIGMAS * scale + 1e-12 * self._level
             use = np.isfinite(surplus) & (np.abs(residual) <= limit)
         covariance = scale**2 * np.linalg.inv(design[use].T @ design[use])

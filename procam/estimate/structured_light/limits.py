@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from procam.arrays import AnyArray, BoolArray
+from procam.maths.statistics import robust_sigma
 
 LIT_SHARE = 0.1
 
@@ -40,7 +41,7 @@ def default_limits(white: AnyArray, black: AnyArray) -> DecodeLimits:
     at full scale and dark at 0.
     """
     step = np.diff(black.astype(float), axis=1)
-    noise = 1.4826 * float(np.median(np.abs(step - np.median(step)))) / np.sqrt(2)
+    noise = robust_sigma(step) / np.sqrt(2)
     steps = np.diff(np.unique([white, black]))
     # a photograph that can be decoded spans 16 camera steps or more; a drawing has two values only
     rounding = 0.5 * min(float(steps.min()), float(steps.sum()) / 16) if steps.size else 0.5

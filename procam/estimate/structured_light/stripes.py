@@ -15,6 +15,7 @@ from procam.estimate.structured_light.axis import AxisResult
 from procam.estimate.structured_light.codes import Plane
 from procam.estimate.structured_light.limits import DecodeLimits
 from procam.maths.codes.gray import bit_count, fold_pair
+from procam.maths.statistics import robust_sigma
 
 Pair = tuple[AnyArray, AnyArray, int]
 WIDEST_LOSS = 8  # columns that may share the remaining bits of a codeword when planes are lost
@@ -122,7 +123,7 @@ class StripeDecoder:
             return 1.0
         miss = _difference(pattern, self._levels[0]) + _difference(inverse, self._levels[1])
         miss = miss[self._levels[0] < self._levels[0].max()]  # a clipped white has no valid sum
-        sigma = 1.4826 * float(np.median(np.abs(miss - np.median(miss)))) / 2 if miss.size else 0.0
+        sigma = robust_sigma(miss) / 2 if miss.size else 0.0
         clear = max(self._contrast, CLEAR_SIGMAS * np.sqrt(2) * sigma)
         return float(np.mean(np.abs(_difference(pattern, inverse)) > clear))
 

@@ -46,6 +46,16 @@ def read_picture(path: Path) -> Image:
     return picture.astype(np.float32)
 
 
+def square_edge(picture: AnyArray, name: str) -> int:
+    """Edge [px] of a dome master (N, N, ...); refuses what is not square. `name` is for the message."""
+    height, width = picture.shape[:2]
+    if height != width:
+        raise FileFormatError(
+            f"{name}: {width}x{height} px is no dome master, which is square; crop or pad it"
+        )
+    return height
+
+
 def write_picture(path: Path, linear: Image) -> None:
     """Write linear light (H, W, 3): EXR as is, PNG and TIFF as 16-bit sRGB."""
     if path.suffix == ".exr":

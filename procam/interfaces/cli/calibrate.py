@@ -8,7 +8,7 @@ from procam.interfaces.cli import _sessions
 from procam.interfaces.cli._options import Json, VenueArgument
 from procam.interfaces.cli._output import Output
 from procam.interfaces.report import write_report
-from procam.workflows.refine.shown import keep_pictures
+from procam.workflows.refine.stored_pictures import keep_pictures
 from procam.workflows.sample_content import half_sky
 from procam.workflows.solve.calibrate import solve
 

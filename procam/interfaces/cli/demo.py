@@ -31,7 +31,7 @@ from procam.interfaces.report.data import read_material
 from procam.model.quality import Figure, Goal
 from procam.workflows.capture import capture as capturing
 from procam.workflows.refine.refine import Refined, refine
-from procam.workflows.refine.shown import keep_loop, keep_pictures, read_frames
+from procam.workflows.refine.stored_pictures import keep_loop, keep_pictures, read_frames
 from procam.workflows.sample_content import half_sky
 from procam.workflows.solve.calibrate import solve
 from procam.workflows.venue_rig import open_rig

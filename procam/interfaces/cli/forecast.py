@@ -45,7 +45,7 @@ from procam.workflows.forecast import (
     sampled,
     white_luminance,
 )
-from procam.workflows.refine.shown import read_square
+from procam.workflows.refine.stored_pictures import read_square
 
 EXAMPLE = "procam forecast --albedo 0.5 --coverage 0.9 --lumens 60000 --radius-m 8 sky.png"
 Described = Mapping[str, float | None]

@@ -11,7 +11,7 @@ from procam.interfaces.cli import _sessions
 from procam.interfaces.cli._options import Json, VenueArgument
 from procam.interfaces.cli._output import Output, as_dicts, exit_if_missed
 from procam.workflows.refine import refine as loop
-from procam.workflows.refine.shown import keep_loop, keep_pictures, read_square
+from procam.workflows.refine.stored_pictures import keep_loop, keep_pictures, read_square
 from procam.workflows.sample_content import half_sky
 from procam.workflows.venue_rig import open_rig
 

@@ -112,6 +112,6 @@ class SessionImages:
             if not same or (pattern.detail["inverse"], inverse.detail["inverse"]) != (0, 1):
                 raise FileFormatError(
                     f"{self.session.directory / 'plan.json'}: shots {pattern.id} and {inverse.id} "
-                    "are no pattern and inverse, expected pairs in order"
+                    "are not a pattern and its inverse; restore the file"
                 )
             yield pattern, inverse

@@ -10,8 +10,9 @@ from procam.compensate.compensator import Compensator
 from procam.errors import FileFormatError
 from procam.files.images.layers import RGB, write_channels
 from procam.files.images.movies import MovieReader, is_movie
+from procam.files.images.stills import square_edge
 from procam.model.calibration import Calibration
-from procam.workflows.playout.frame import FrameSettings, decoded, named_transfer, square_edge
+from procam.workflows.playout.frame import FrameSettings, decoded, named_transfer
 from procam.workflows.playout.sources import (
     ClipFrame,
     movie_clip_frame,
@@ -57,7 +58,7 @@ def first_frame(source: Path) -> ClipFrame:
 
 def explain(calibration: Calibration, clip_frame: ClipFrame, settings: FrameSettings) -> Explained:
     """Solve a frame with (in full, whatever the strength) and without compensation, in linear light."""
-    size = square_edge(clip_frame)
+    size = square_edge(clip_frame.rgb, clip_frame.name)
     content = decoded(clip_frame.rgb, named_transfer(clip_frame, settings))
     ours = Compensator(
         calibration,

@@ -8,6 +8,7 @@ import numpy as np
 from procam.arrays import AnyArray, Array32, BoolArray
 from procam.compensate.compensator import Compensator
 from procam.errors import FileFormatError, InputError
+from procam.files.images.stills import square_edge
 from procam.kernels.native.arrays import least_colour
 from procam.maths.light.transfer import TRANSFER_NAMES, transfer
 from procam.model.calibration import Calibration
@@ -44,7 +45,7 @@ class ClipEngine:
 
     Parameters
     ----------
-    calibration, how : what to compensate, and how.
+    calibration : of the dome. settings : method, state, strength, white and transfer function.
     suffix : of the pictures that will be written; EXR takes linear light, and PNG takes none.
     certify : add the certificate to each row, at the cost of a few evaluations; without it a frame is
         compensated in place.
@@ -72,7 +73,7 @@ class ClipEngine:
         return CompensatedFrame(encoded, out, row | _worth(compensator))
 
     def _for(self, clip_frame: ClipFrame, dtype: np.dtype[Any], out: str) -> Compensator:
-        size = square_edge(clip_frame)
+        size = square_edge(clip_frame.rgb, clip_frame.name)
         if self._compensator is None or self._encoding is None:
             settings = self._settings
             self._compensator = Compensator(
@@ -141,16 +142,6 @@ def named_transfer(clip_frame: ClipFrame, settings: FrameSettings) -> str:
         )
     transfer(named)
     return named
-
-
-def square_edge(clip_frame: ClipFrame) -> int:
-    """Edge [px] of a dome master; refuses what is not square."""
-    height, width = clip_frame.rgb.shape[:2]
-    if height != width:
-        raise FileFormatError(
-            f"{clip_frame.name}: {width}x{height} px is no dome master, which is square; crop or pad it"
-        )
-    return height
 
 
 def output_encoding(dtype: np.dtype[Any], named: str, suffix: str) -> tuple[np.dtype[Any], str]:

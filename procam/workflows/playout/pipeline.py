@@ -1,4 +1,4 @@
-"""Frames through a machine: some are read ahead, one is worked on, some are being written."""
+"""An ordered pipeline of threads: read ahead, process in the caller's thread, write behind."""
 
 import os
 import queue

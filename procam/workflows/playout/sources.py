@@ -44,8 +44,9 @@ class ClipFrame:
     number : of the frame. name : of its file, or "frame 12 of FILE"; what messages call it.
     rgb : (N, N, 3) encoded colours in the source's type.
     transfer : name of their transfer function, if the source names one.
-    above_one : pixels that ask for more than 1.0. said : the source's own words on its transfer function.
-    source_data : what its writer needs of the source. came_s : when it was whole, on the clip's clock.
+    above_one : pixels that ask for more than 1.0. stated : what the source says of its transfer function.
+    source_data : what its writer needs of the source.
+    received_s : time of the last byte by time.perf_counter [s].
     """
 
     number: int

@@ -23,13 +23,13 @@ from procam.files.calibration import load_dome
 from procam.files.images.layers import RGB
 from procam.files.images.movies import MovieReader, is_movie
 from procam.files.images.pixels import write_image
+from procam.files.images.stills import square_edge
 from procam.model.calibration import Calibration
 from procam.workflows.events import Event
 from procam.workflows.playout.frame import (
     FrameSettings,
     named_transfer,
     require_photometry,
-    square_edge,
 )
 from procam.workflows.playout.pipeline import ThreadPlan, flow
 from procam.workflows.playout.sources import ClipFrame, Reads, read_clip_frame, source_sequence
@@ -133,7 +133,7 @@ class _Rows:
         self.transfer, self.dtype = named_transfer(first, settings), first.rgb.dtype
         self.compensator = Compensator(
             calibration,
-            square_edge(first),
+            square_edge(first.rgb, first.name),
             settings.method,
             settings.state,
             white=settings.white,
@@ -149,7 +149,11 @@ class _Rows:
         """Solve a frame, which must be like the first one; returns a call that gives its name."""
         name, found = (
             clip_frame.name,
-            (square_edge(clip_frame), clip_frame.rgb.dtype, self._named(clip_frame)),
+            (
+                square_edge(clip_frame.rgb, clip_frame.name),
+                clip_frame.rgb.dtype,
+                self._named(clip_frame),
+            ),
         )
         if found != (expected := (self.compensator.size, self.dtype, self.transfer)):
             raise FileFormatError(

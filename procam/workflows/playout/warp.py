@@ -15,6 +15,7 @@ from procam.files.images.movie_writer import MovieWriter, new_movie
 from procam.files.images.movies import MovieFrame, is_movie
 from procam.files.images.pixels import write_image
 from procam.files.images.sequences import Numbered, PictureSequence
+from procam.files.images.stills import square_edge
 from procam.files.output_log import OutputLog
 from procam.maths.light.transfer import transfer as transfer_function
 from procam.model.calibration import Calibration
@@ -25,7 +26,6 @@ from procam.workflows.playout.frame import (
     decoded,
     named_transfer,
     require_photometry,
-    square_edge,
 )
 from procam.workflows.playout.overwrite_check import refuse_overwriting
 from procam.workflows.playout.sources import (
@@ -70,7 +70,10 @@ def warp_file(
 
     def work(clip_frame: ClipFrame) -> Callable[[], str]:
         nonlocal warper
-        size, name = square_edge(clip_frame), named_transfer(clip_frame, settings)
+        size, name = (
+            square_edge(clip_frame.rgb, clip_frame.name),
+            named_transfer(clip_frame, settings),
+        )
         if warper is None:
             warper = Warper(calibration, size, np.uint16, decode=transfer_function(name).decode)
         if size != warper.size:

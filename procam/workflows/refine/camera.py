@@ -69,7 +69,7 @@ class LoopCamera:
         if lost > 0.01:
             raise OutOfModelRange(
                 f"loop photograph at {frame.settings.exposure_s:.3g} s: {lost:.1%} of the dome is "
-                "saturated, expected less than 1%; is room light on, or another projector?"
+                "saturated, more than 1%; is room light on, or another projector?"
             )
         return self.cells.average(np.nan_to_num(light) @ self._matrix.T)
 

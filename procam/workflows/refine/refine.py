@@ -241,6 +241,6 @@ def _worse(run: _Run, free: BoolArray) -> str:
     )
     return (
         f"{CHANNEL_NAMES[found.channel]} light at azimuth {np.degrees(azimuth):.0f}, elevation "
-        f"{np.degrees(elevation):.0f} degrees was off by {found.before:.2g} JND and is by "
-        f"{found.after:.2g}, expected no more than before"
+        f"{np.degrees(elevation):.0f} degrees was off by {found.before:.2g} JND before the loop "
+        f"and is by {found.after:.2g} after it"
     )

@@ -165,7 +165,7 @@ def _rig_by_server(
 
 
 def _of_main(venue: Venue, rig: _SolvedRig) -> SessionImages:
-    """Readings of the camera that sees most."""
+    """The session's images of the main camera, the one that sees most."""
     last, main = rig.images, rig.geometry.main
     if last.radiometer.camera.name == main:
         return last

@@ -45,8 +45,9 @@ class _CameraSight:
     ----------
     xy : (H, W, 2) panel pixel, NaN where there is none. panel : its pixels on the raster that stripes
         and levels are drawn on, NaN also where they are hidden.
-    lit : (H, W) sees the projector's picture, or may. hidden : (H, W) sees no pattern.
-    white, base : (H, W, 3) the photographs of white, base taken off, and of black.
+    lit : (H, W) sees the projector's picture, or may.
+    unpatterned : (H, W) sees no pattern, because of a shot mark or a glint of the lens.
+    white, base : (H, W, 3) white less the base; black and room light at white's exposure.
     shot_ids_share : share of the panel that its pictures' numbers take.
     """
 

@@ -8,12 +8,11 @@ import numpy as np
 
 from procam.arrays import FloatArray, Image
 from procam.compensate.compensator import Compensated, Compensator
-from procam.compensate.projector_frames import Warper, quantised
-from procam.errors import FileFormatError
+from procam.compensate.projector_frames import Warper
 from procam.files import atomic
 from procam.files.images.layers import RGB, write_channels
 from procam.files.images.pixels import read_image, write_image
-from procam.files.images.stills import read_picture
+from procam.files.images.stills import read_picture, square_edge
 from procam.model.calibration import Calibration
 from procam.workflows.refine.refine import Refined
 
@@ -21,8 +20,8 @@ from procam.workflows.refine.refine import Refined
 def write_frames(frames: Mapping[str, Image], out: Path) -> list[Path]:
     """Write OUT/PROJECTOR.png, 16 bits."""
     paths = []
-    for name, pixels in quantised(frames).items():
-        write_image(out / f"{name}.png", pixels)
+    for name, drive in frames.items():
+        write_image(out / f"{name}.png", np.rint(65535 * drive).astype(np.uint16))
         paths.append(out / f"{name}.png")
     return paths
 
@@ -38,11 +37,7 @@ def read_frames(directory: Path) -> dict[str, Image]:
 def read_square(path: Path) -> Image:
     """A dome master (N, N, 3) in linear light."""
     picture = read_picture(path)
-    height, width = picture.shape[:2]
-    if height != width:
-        raise FileFormatError(
-            f"{path}: {width}x{height} px is no dome master, which is square; crop or pad it"
-        )
+    square_edge(picture, str(path))
     return picture
 
 
