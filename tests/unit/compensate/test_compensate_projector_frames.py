@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from procam.compensate.projector_frames import projector_frames, quantised
+from procam.compensate.projector_frames import projector_frames
 from procam.maths.light.curves import apply_curve
 from procam.model.calibration import Calibration, ProjectorCalibration
 
@@ -92,10 +92,3 @@ def test_unknown_directions_are_dark(calibration: Calibration) -> None:
     )
     frame = projector_frames(np.ones((SIZE, SIZE, 3), np.float32), holed)["south"]
     assert np.isfinite(frame).all() and not frame[:5].any()
-
-
-def test_quantised_is_16_bit() -> None:
-    frame = np.array([[[0.0, 0.5, 1.0]]], np.float32)
-    found = quantised({"a": frame})["a"]
-    assert found.dtype == np.uint16
-    assert found.ravel().tolist() in ([0, 32767, 65535], [0, 32768, 65535])
