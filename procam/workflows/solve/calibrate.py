@@ -91,7 +91,7 @@ def solve(venue: Venue, session: Session) -> Iterator[Event]:
     )
     yield Event("solve", total - len(names) - 2, total, f"geometry solved; {rig.verdict}")
     origin["notes"] = rig.notes
-    geometry, images = rig.geometry, _of_main(venue, rig)
+    geometry, images = rig.geometry, _of_main(rig)
     dome = _solved_screen(venue, geometry)
     view = _view(venue, dome, images, geometry)
     work = partial(measure_light, dome, images, view, geometry, rig.found, projector_masks(venue))
@@ -164,12 +164,13 @@ def _rig_by_server(
     return _SolvedRig(geometry, images, verdict, notes, figures=figures)
 
 
-def _of_main(venue: Venue, rig: _SolvedRig) -> SessionImages:
-    """The session's images of the main camera, the one that sees most."""
-    last, main = rig.images, rig.geometry.main
-    if last.radiometer.camera.name == main:
-        return last
-    return SessionImages(last.session, last.plan, Radiometer(venue.cameras[main]))
+def _of_main(rig: _SolvedRig) -> SessionImages:
+    """The session's images of the main camera, the one that sees most, through its solved lens.
+
+    venue.toml's lens is where the solve started: directions, solid angles and vignetting read with
+    it would be wrong by as much as it is.
+    """
+    return SessionImages(rig.images.session, rig.images.plan, Radiometer(rig.geometry.camera))
 
 
 def _each(names: list[str], work: Callable[[str], Result]) -> Iterator[tuple[str, Result]]:

@@ -1,0 +1,52 @@
+"""Light is measured through the lens that was solved, not the one that venue.toml starts from."""
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tiny_venue import TINY_PAIR, make_venue, quick_simulator, solved, take_session
+
+from procam.files.calibration import load_calibration
+from procam.files.session import Session
+from procam.files.venue.load import Venue, load_venue
+from procam.model.calibration import Calibration
+
+SIZE = replace(TINY_PAIR, camera_size=(320, 320))
+TOO_LONG = 1.01  # focal length of venue.toml over the true one
+PULL = 5e-3  # a prior that is a sigma off still pulls the lens of a small picture by .4 %
+
+
+@pytest.fixture(scope="module")
+def captured(tmp_path_factory: pytest.TempPathFactory) -> tuple[Venue, Session]:
+    with quick_simulator():
+        venue = make_venue(tmp_path_factory.mktemp("lens") / "venue", size=SIZE)
+        return venue, take_session(venue)
+
+
+def _with_lens(captured: tuple[Venue, Session], mode: str, factor: float) -> Calibration:
+    """The calibration of the session with a focal length off by a factor."""
+    venue, session = captured
+    path = venue.directory / "venue.toml"
+    kept = path.read_text()
+    focal = [factor * float(f) for f in venue.cameras["zenith"].lens.focal]
+    text, changes = re.subn(r"(?m)^f = \[.*?\]", f"f = {focal}", kept, count=1)
+    text, modes = re.subn('(?m)^intrinsics = "fixed"', f'intrinsics = "{mode}"', text)
+    assert changes == modes == 1
+    path.write_text(text)
+    try:
+        folder: Path = solved(load_venue(venue.directory), session)
+    finally:
+        path.write_text(kept)
+    return load_calibration(folder)
+
+
+@pytest.mark.parametrize("mode", ["prior", "solve"])
+def test_feedback_and_albedo_do_not_follow_a_wrong_prior(
+    captured: tuple[Venue, Session], mode: str
+) -> None:
+    right = _with_lens(captured, mode, 1.0)
+    wrong = _with_lens(captured, mode, TOO_LONG)
+    np.testing.assert_allclose(wrong.feedback.value, right.feedback.value, rtol=PULL)
+    np.testing.assert_allclose(wrong.albedo.value, right.albedo.value, rtol=PULL)
