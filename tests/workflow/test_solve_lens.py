@@ -50,3 +50,15 @@ def test_feedback_and_albedo_do_not_follow_a_wrong_prior(
     wrong = _with_lens(captured, mode, TOO_LONG)
     np.testing.assert_allclose(wrong.feedback.value, right.feedback.value, rtol=PULL)
     np.testing.assert_allclose(wrong.albedo.value, right.albedo.value, rtol=PULL)
+
+
+@pytest.mark.parametrize(("factor", "named"), [(1.0, False), (1.03, True)])
+def test_a_focal_length_beyond_its_prior_is_named(
+    captured: tuple[Venue, Session], factor: float, named: bool
+) -> None:
+    notes = _with_lens(captured, "prior", factor).provenance["notes"]
+    found = [note for note in notes if "its pictures need a focal length" in note]
+    assert len(found) == named
+    if named:
+        assert found[0].startswith("camera zenith: ")
+        assert found[0].endswith('but intrinsics = "prior" means 0.5%; correct f, or set "solve"')

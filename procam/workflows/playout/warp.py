@@ -70,10 +70,8 @@ def warp_file(
 
     def work(clip_frame: ClipFrame) -> Callable[[], str]:
         nonlocal warper
-        size, name = (
-            square_edge(clip_frame.rgb, clip_frame.name),
-            named_transfer(clip_frame, settings),
-        )
+        size = square_edge(clip_frame.rgb, clip_frame.name)
+        name = named_transfer(clip_frame, settings)
         if warper is None:
             warper = Warper(calibration, size, np.uint16, decode=transfer_function(name).decode)
         if size != warper.size:

@@ -2,8 +2,10 @@
 
 from collections.abc import Mapping, Sequence
 
+import numpy as np
+
 from procam.errors import CalibrationError
-from procam.estimate.geometry.adjustment import RigProblem
+from procam.estimate.geometry.adjustment import LENS_PRIOR, RigProblem
 from procam.estimate.geometry.diagnosis import find_causes
 from procam.estimate.geometry.fiducial_checks import missing_fiducials
 from procam.estimate.geometry.model import Observations, Pair
@@ -13,6 +15,8 @@ from procam.files.venue.load import Venue
 from procam.maths.geometry.ray_to_screen import RoundShape
 from procam.model.optics import Fiducial
 from procam.workflows.solve.apriltags import known_distances
+
+PRIOR_SIGMAS = 2.0  # departures of a lens from its prior beyond this are named
 
 
 def rig_problem(
@@ -52,7 +56,23 @@ def solve_rig(problem: RigProblem) -> tuple[GeometrySolution, str, list[str]]:
     verdict, guilty = _verdict(found), find_causes(problem, found)
     if found.sphere_systematic_ratio >= MAX_SPHERE_RATIO and not guilty:
         notes.append(verdict)
-    return found, verdict, [*notes, *guilty]
+    return found, verdict, [*notes, *_lens_notes(problem, found), *guilty]
+
+
+def _lens_notes(problem: RigProblem, found: GeometrySolution) -> list[str]:
+    """Cameras whose solved focal length contradicts the prior, which still pulls it and the light."""
+    notes = []
+    for name, camera in problem.cameras.items():
+        prior = LENS_PRIOR["prior"]
+        if problem.intrinsics[name] != "prior" or prior is None:
+            continue
+        share = float(np.mean(found.rig.cameras[name].lens.focal / camera.lens.focal)) - 1
+        if abs(share) > PRIOR_SIGMAS * prior[0]:
+            notes.append(
+                f"camera {name}: its pictures need a focal length {share:+.1%} from f in venue.toml, "
+                f'but intrinsics = "prior" means {prior[0]:.1%}; correct f, or set "solve"'
+            )
+    return notes
 
 
 def _verdict(found: GeometrySolution) -> str:
