@@ -16,6 +16,7 @@ from procam.files.venue.load import load_venue
 from procam.workflows.solve.calibrate import solve
 
 STORED = Path(__file__).parents[1] / "data" / "venue-format-1.tar.xz"
+LEAK_SIGMAS = 0.25
 MAP_SIZE = 64  # as it was stored
 
 
@@ -49,8 +50,9 @@ def test_a_session_solves_to_the_calibration_stored_then(
     *_, last = solve(load_venue(venue), Session(venue / "sessions" / "0001"))
     stored, again = (load_calibration(venue / "calibrations" / n) for n in ("0002", "0003"))
     assert Path(last.data["calibration"]).name == "0003"
-    np.testing.assert_allclose(again.feedback.value, stored.feedback.value, rtol=FLOAT32)
-    np.testing.assert_allclose(again.albedo.value, stored.albedo.value, rtol=FLOAT32)
+    for now, then in ((again.feedback, stored.feedback), (again.albedo, stored.albedo)):
+        # the light that edges of stripes leak, left in then, is left out now
+        assert (np.abs(now.value - then.value) < LEAK_SIGMAS * then.sigma).all()
     surface, before = again.projectors["south"].surface, stored.projectors["south"].surface
     np.testing.assert_array_equal(surface.valid, before.valid)
     off = surface.direction[surface.valid] - before.direction[surface.valid]

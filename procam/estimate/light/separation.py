@@ -13,14 +13,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from procam.arrays import Array, BoolArray, Image
+from procam.arrays import Array, BoolArray, FloatArray, Image
 from procam.maths.codes.gray import is_bright, stripe_edge_distance
 from procam.maths.light.radiosity import albedo_from_feedback, floor_return
 from procam.maths.warp import blur_within, grow
 from procam.model.screen import Dome
 from procam.model.transport import Measured
 
-CLEAR_PX = 3.0  # distance from a stripe's edge beyond which neither lens nor pixel blurs it in
+CLEAR_PX = 3.0  # least distance from a stripe's edge [projector px]
+CLEAR_SIGMAS = 4.0  # the same, in sigmas of the measured blur: 3e-5 of the direct light is left
+EDGE = 5.0  # where a blurred edge ends on each side, in pixel extents; its sigma is about .7 of one
+EXTENT_BLUR_PX = 2.0  # Gaussian sigma; fills in for pixels beside a hole
 HOLE_PX = 3  # widest gap between decoded pixels that counts as lit
 CLEAR_CAMERA_PX = 6  # the same, from the border of a projector's picture
 GLOBAL_BLUR_PX = 1.0  # Gaussian sigma of the smoothing of scattered light
@@ -28,6 +31,7 @@ EXTEND_PX = 3.0  # Gaussian sigma of the continuation of direct light beyond the
 # relative, of m: the border of the lit area has the same error for all projectors, so their spread
 # does not show it; three times the bias in studies/photometry.md
 BORDER_SIGMA = 1e-3
+GREEN = 1
 SINGLE_SIGMA = 0.01  # relative, of m from one projector alone
 
 
@@ -70,6 +74,8 @@ class Separation:
         self._solid = np.where(usable, solid_angle_sr, 0).astype(np.float32)
         self._white_flux = self.total(white)
         self._xy = projector_xy
+        self._extent = [_extent(projector_xy[..., i]) for i in range(2)]
+        self._white = white[..., GREEN]
         self._index = np.rint(np.nan_to_num(projector_xy)).astype(np.int32)
         self._inside = grow(lit & usable, -2)
         self._outside = (self._solid > 0) & ~grow(lit, CLEAR_CAMERA_PX)
@@ -92,8 +98,11 @@ class Separation:
     def add_pair(self, axis: str, bit: int, pattern: Image, inverse: Image) -> None:
         """Add a stripe picture and its inverse, (H, W, 3), black subtracted."""
         which = 0 if axis == "x" else 1
+        distance = stripe_edge_distance(self._xy[..., which], bit)
+        contrast = np.abs(pattern[..., GREEN] - inverse[..., GREEN])
+        blur_px = self._edge_blur(contrast, distance, which) * self._extent[which]
         with np.errstate(invalid="ignore"):
-            near_edge = stripe_edge_distance(self._xy[..., which], bit) <= CLEAR_PX
+            near_edge = distance <= np.maximum(CLEAR_PX, CLEAR_SIGMAS * blur_px)
         # a media server draws edges as greys, which do not add up to white
         sound = ~near_edge
         self._sum += np.where(sound[..., None], pattern + inverse, 0)
@@ -103,6 +112,20 @@ class Separation:
         bright = is_bright(self._index[..., which], bit)
         self._add_dark(pattern, (clear & ~bright) | self._outside)
         self._add_dark(inverse, (clear & bright) | self._outside)
+
+    def _edge_blur(self, contrast: Image, distance: FloatArray, which: int) -> float:
+        """Standard deviation of the blur of a pair's stripe edges, in pixel extents.
+
+        An edge with a Gaussian blur takes sqrt(2/pi) standard deviations of full contrast away on
+        each side. Full contrast is that of the inner half of the stripes.
+        """
+        usable = self._inside & np.isfinite(contrast)
+        near = usable & (distance < EDGE * self._extent[which])
+        far = usable & (distance >= np.nanmax(distance, initial=0) / 2)
+        if not (near.any() and far.any()):
+            return 0.0
+        share = [contrast[part].sum() / self._white[part].sum() for part in (near, far)]
+        return float(np.sqrt(np.pi / 2) * EDGE * (1 - share[0] / share[1]))
 
     def _add_dark(self, light: Image, dark: BoolArray) -> None:
         share = self.flux_share(light)
@@ -132,6 +155,13 @@ class Separation:
             self._dark_weight,
             self._inside,
         )
+
+
+def _extent(coordinate: FloatArray) -> FloatArray:
+    """Extent (H, W) of a camera and a projector pixel together along a coordinate [projector px]."""
+    across = np.hypot(*np.gradient(coordinate))
+    known = np.isfinite(across)
+    return np.hypot(1, blur_within(np.nan_to_num(across), known, EXTENT_BLUR_PX))
 
 
 def estimate_scatter_per_flux(

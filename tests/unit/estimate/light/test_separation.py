@@ -23,17 +23,19 @@ from procam.model.transport import Measured
 SIZE = 320
 PANEL = 512
 EQUAL_GAINS = [np.ones((1, 1, 1), np.float32)] * 2
+SUBPIXELS = 8  # along an axis of a camera pixel
 LENS_BLUR_PX = 0.5  # blurs the edges of stripes
 
 
 class Scene:
     """A camera that sees a projector's picture as a square in the middle of the screen."""
 
-    def __init__(self, left: int = 60, right: int = 260) -> None:
+    def __init__(self, left: int = 60, right: int = 260, px_per_px: float = 1.6) -> None:
         y, x = np.mgrid[0:SIZE, 0:SIZE].astype(np.float32)
         self.lit = (x >= left) & (x < right) & (y >= 80) & (y < 240)
-        self.xy = np.stack([(x - 50) * 1.6 + 0.2, (y - 70) * 1.6 + 0.3], axis=-1)
-        self.xy[(self.xy < -0.5).any(axis=-1) | (self.xy > PANEL - 0.5).any(axis=-1)] = np.nan
+        self.px_per_px, self.panel = px_per_px, int(PANEL * max(1, px_per_px / 1.6))
+        self.xy = np.stack([(x - 50) * px_per_px + 0.2, (y - 70) * px_per_px + 0.3], axis=-1)
+        self.xy[(self.xy < -0.5).any(axis=-1) | (self.xy > self.panel - 0.5).any(axis=-1)] = np.nan
         wave = 1 + 0.1 * np.sin(x / 40) * np.cos(y / 50)
         self.solid = np.where(np.hypot(x - 160, y - 160) < 155, 6.0 / (np.pi * 155**2), 0)
         self.on_screen = self.solid > 0
@@ -50,9 +52,11 @@ class Scene:
         return self.picture(np.ones((SIZE, SIZE)))
 
     def pair(self, axis: str, bit: int) -> tuple[np.ndarray, np.ndarray]:
-        index = np.rint(np.nan_to_num(self.xy[..., 0 if axis == "x" else 1])).astype(int)
-        bright = stripe(PANEL, bit)[index]
-        return self.picture(bright.astype(float)), self.picture((~bright).astype(float))
+        centre = np.nan_to_num(self.xy[..., 0 if axis == "x" else 1])
+        parts = ((np.arange(SUBPIXELS) + 0.5) / SUBPIXELS - 0.5) * self.px_per_px
+        columns = np.rint(centre[..., None] + parts).astype(int).clip(0, self.panel - 1)
+        bright = stripe(self.panel, bit)[columns].mean(axis=-1)
+        return self.picture(bright), self.picture(1 - bright)
 
     def separate(self) -> SeparatedLight:
         separation = Separation(self.white(), self.xy, self.lit, self.solid)
@@ -88,6 +92,14 @@ class TestSeparation:
         inner = scene.inner
         # smoothing over a pixel or two changes a gentle wave by less than this
         np.testing.assert_allclose(light.scattered[inner], expected[inner], rtol=1e-3)
+
+    @pytest.mark.parametrize("px_per_px", [0.7, 3.0, 4.0])
+    def test_no_edge_of_a_stripe_leaks_into_coarse_camera_pixels(self, px_per_px: float) -> None:
+        scene = Scene(px_per_px=px_per_px)
+        inner = scene.inner & np.isfinite(scene.xy).all(axis=-1)
+        expected = scene.u * scene.flux
+        found = scene.separate().scattered
+        np.testing.assert_allclose(found[inner], expected[inner], rtol=1e-3)
 
     def test_scattered_light_outside_the_picture_too(
         self, scene: Scene, light: SeparatedLight
