@@ -8,6 +8,7 @@ from tiny_venue import make_venue, quick_simulator, take_session
 
 from procam.errors import OutOfModelRange
 from procam.estimate.camera.radiance import Radiometer
+from procam.estimate.light.separation import Separation
 from procam.files.calibration import load_calibration
 from procam.files.session import Session
 from procam.files.venue.load import Venue
@@ -42,6 +43,13 @@ def test_a_tone_curve_that_venue_toml_does_not_know(
 
     monkeypatch.setattr(Radiometer, "radiance", encoded)
     with pytest.raises(OutOfModelRange, match=r"0\.4\d .+ photograph raw"):
+        solved(captured)
+
+
+def test_stripes_out_of_focus(captured: Captured, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Separation, "_edge_blur", lambda *_: 3.2)
+    wanted = r"south: edges of its stripes are blurred by 3\.2 pixels .+ more than 2\.5; focus the"
+    with pytest.raises(OutOfModelRange, match=wanted):
         solved(captured)
 
 

@@ -20,9 +20,13 @@ from procam.maths.warp import blur_within, grow
 from procam.model.screen import Dome
 from procam.model.transport import Measured
 
-CLEAR_PX = 3.0  # least distance from a stripe's edge [projector px]
-CLEAR_SIGMAS = 4.0  # the same, in sigmas of the measured blur: 3e-5 of the direct light is left
-EDGE = 5.0  # where a blurred edge ends on each side, in pixel extents; its sigma is about .7 of one
+# distance from a stripe's edge beyond which it leaves no direct light: at least so much [projector px],
+# so many sigmas of the measured blur, of which 3e-5 is left, and at most this share of half a stripe
+CLEAR_PX, CLEAR_SIGMAS, CLEAR_SHARE = 3.0, 4.0, 0.75
+# sigma of the edges' blur [pixel extents], up to which scattered light is right to .5 % at any pixel;
+# in focus it is .3 to .8
+MAX_BLUR = 2.5
+EDGE_REACH = 5.0  # how far from an edge its blur is measured [pixel extents]
 EXTENT_BLUR_PX = 2.0  # Gaussian sigma; fills in for pixels beside a hole
 HOLE_PX = 3  # widest gap between decoded pixels that counts as lit
 CLEAR_CAMERA_PX = 6  # the same, from the border of a projector's picture
@@ -31,7 +35,6 @@ EXTEND_PX = 3.0  # Gaussian sigma of the continuation of direct light beyond the
 # relative, of m: the border of the lit area has the same error for all projectors, so their spread
 # does not show it; three times the bias in studies/photometry.md
 BORDER_SIGMA = 1e-3
-GREEN = 1
 SINGLE_SIGMA = 0.01  # relative, of m from one projector alone
 
 
@@ -63,6 +66,12 @@ class Separation:
     ----------
     white : (H, W, 3) white less black. projector_xy : (H, W, 2), NaN outside the panel.
     lit : (H, W) decoded pixels. solid_angle_sr : (H, W) of the camera pixels; 0 off the screen.
+
+    Attributes
+    ----------
+    blur : largest blur of the stripes' edges so far, a standard deviation in pixel extents: the size
+        of a camera and a projector pixel together (root of the sum of squares). Above `MAX_BLUR` the
+        result is not usable.
     """
 
     def __init__(
@@ -74,8 +83,8 @@ class Separation:
         self._solid = np.where(usable, solid_angle_sr, 0).astype(np.float32)
         self._white_flux = self.total(white)
         self._xy = projector_xy
-        self._extent = [_extent(projector_xy[..., i]) for i in range(2)]
-        self._white = white[..., GREEN]
+        self._extent = [_pixel_extent(projector_xy[..., i]) for i in range(2)]
+        self._white, self.blur = white, 0.0
         self._index = np.rint(np.nan_to_num(projector_xy)).astype(np.int32)
         self._inside = grow(lit & usable, -2)
         self._outside = (self._solid > 0) & ~grow(lit, CLEAR_CAMERA_PX)
@@ -99,10 +108,13 @@ class Separation:
         """Add a stripe picture and its inverse, (H, W, 3), black subtracted."""
         which = 0 if axis == "x" else 1
         distance = stripe_edge_distance(self._xy[..., which], bit)
-        contrast = np.abs(pattern[..., GREEN] - inverse[..., GREEN])
-        blur_px = self._edge_blur(contrast, distance, which) * self._extent[which]
+        extent = self._extent[which]
+        # few edges, or only one side of one, read too little: the largest so far counts
+        measured = self._edge_blur(np.abs(pattern - inverse), distance, extent, 2.0**bit)
+        self.blur = max(self.blur, measured)
+        reach = np.minimum(CLEAR_SIGMAS * self.blur * extent, CLEAR_SHARE * 2.0**bit)
         with np.errstate(invalid="ignore"):
-            near_edge = distance <= np.maximum(CLEAR_PX, CLEAR_SIGMAS * blur_px)
+            near_edge = distance <= np.maximum(CLEAR_PX, reach)
         # a media server draws edges as greys, which do not add up to white
         sound = ~near_edge
         self._sum += np.where(sound[..., None], pattern + inverse, 0)
@@ -113,19 +125,23 @@ class Separation:
         self._add_dark(pattern, (clear & ~bright) | self._outside)
         self._add_dark(inverse, (clear & bright) | self._outside)
 
-    def _edge_blur(self, contrast: Image, distance: FloatArray, which: int) -> float:
-        """Standard deviation of the blur of a pair's stripe edges, in pixel extents.
+    def _edge_blur(
+        self, contrast: Image, distance: FloatArray, extent: FloatArray, half: float
+    ) -> float:
+        """Standard deviation of the blur of a pair's stripe edges [pixel extents].
 
-        An edge with a Gaussian blur takes sqrt(2/pi) standard deviations of full contrast away on
-        each side. Full contrast is that of the inner half of the stripes.
+        It is that of the most blurred channel of `contrast` (H, W, 3), between a pattern and its
+        inverse. An edge with a Gaussian blur takes sqrt(2/pi) standard deviations of full contrast
+        away on each side. Full contrast is that of the inner half of the stripes, `half` of which
+        measures so many projector pixels.
         """
-        usable = self._inside & np.isfinite(contrast)
-        near = usable & (distance < EDGE * self._extent[which])
-        far = usable & (distance >= np.nanmax(distance, initial=0) / 2)
+        usable = self._inside & np.isfinite(contrast).all(axis=-1) & np.isfinite(distance)
+        reach = np.minimum(EDGE_REACH, half / 2 / extent)
+        near, far = usable & (distance < reach * extent), usable & (distance >= half / 2)
         if not (near.any() and far.any()):
             return 0.0
-        share = [contrast[part].sum() / self._white[part].sum() for part in (near, far)]
-        return float(np.sqrt(np.pi / 2) * EDGE * (1 - share[0] / share[1]))
+        share = [contrast[part].sum(axis=0) / self._white[part].sum(axis=0) for part in (near, far)]
+        return float(np.sqrt(np.pi / 2) * reach[near].mean() * (1 - share[0] / share[1]).max())
 
     def _add_dark(self, light: Image, dark: BoolArray) -> None:
         share = self.flux_share(light)
@@ -157,7 +173,7 @@ class Separation:
         )
 
 
-def _extent(coordinate: FloatArray) -> FloatArray:
+def _pixel_extent(coordinate: FloatArray) -> FloatArray:
     """Extent (H, W) of a camera and a projector pixel together along a coordinate [projector px]."""
     across = np.hypot(*np.gradient(coordinate))
     known = np.isfinite(across)

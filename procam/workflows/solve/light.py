@@ -16,7 +16,7 @@ from procam.estimate.geometry.solve import GeometrySolution
 from procam.estimate.light.inpaint import fill_light, fill_picture, pixels_without_pattern
 from procam.estimate.light.projector_response import ProjectorResponseFit, fit_colour, tile_levels
 from procam.estimate.light.scatter_kernel import ScatterCells, ScatterSample
-from procam.estimate.light.separation import CLEAR_CAMERA_PX, SeparatedLight, Separation
+from procam.estimate.light.separation import CLEAR_CAMERA_PX, MAX_BLUR, SeparatedLight, Separation
 from procam.estimate.light.stability import StabilityChecks
 from procam.estimate.media_server.dome_master import DomeMaster, lit_by_stripes
 from procam.estimate.media_server.local_response import Levels, fit_exponent, level_samples
@@ -29,10 +29,9 @@ from procam.model.screen import Dome
 from procam.workflows.capture.session_images import SessionImages
 
 GREEN = 1
-TONE_CURVE, NOT_LINEAR = (
-    0.3,
-    0.05,
-)  # of the exponent; drift of a percent between photographs makes .02
+# departures from exponent 1: a tone curve, refused first; then what is refused if light held still
+# (drift of a percent between photographs makes .02)
+TONE_CURVE, NOT_LINEAR = 0.3, 0.05
 CERTAIN = 5.0  # sigmas
 SATURATED = 0.005  # of the screen: white paper on it, glints
 
@@ -143,6 +142,15 @@ def _check_saturation(white: Image, on_screen: BoolArray, name: str) -> None:
         )
 
 
+def _check_blur(blur: float, name: str) -> None:
+    """Refuse stripes so blurred that their direct light would count as scattered light."""
+    if blur > MAX_BLUR:
+        raise OutOfModelRange(
+            f"projector {name}: edges of its stripes are blurred by {blur:.1f} pixels (standard "
+            f"deviation), more than {MAX_BLUR:g}; focus the projector and the camera"
+        )
+
+
 def _black(images: SessionImages, name: str) -> tuple[Image, Image]:
     """A projector's black (H, W, 3), and that with the room's light at the other shots' exposure."""
     dark, dark_long = images.dark()
@@ -168,6 +176,7 @@ def _measured(
         if master is None:  # a server draws edges in greys, which do not add up to white
             checks.add(f"of stripes {axis} {bit}", [pattern, inverse], sight.shot_ids_share)
     light = separation.result()
+    _check_blur(separation.blur, name)
 
     def direct_part(shot: Shot) -> Image:
         picture = images.light(shot) - sight.base

@@ -7,6 +7,7 @@ from tolerances import FLOAT32
 from procam.estimate.light.separation import (
     BORDER_SIGMA,
     CLEAR_CAMERA_PX,
+    MAX_BLUR,
     SeparatedLight,
     Separation,
     estimate_albedo,
@@ -30,7 +31,14 @@ LENS_BLUR_PX = 0.5  # blurs the edges of stripes
 class Scene:
     """A camera that sees a projector's picture as a square in the middle of the screen."""
 
-    def __init__(self, left: int = 60, right: int = 260, px_per_px: float = 1.6) -> None:
+    def __init__(
+        self,
+        left: int = 60,
+        right: int = 260,
+        px_per_px: float = 1.6,
+        blur_px: tuple[float, float, float] = (LENS_BLUR_PX,) * 3,
+    ) -> None:
+        self.blur_px = blur_px
         y, x = np.mgrid[0:SIZE, 0:SIZE].astype(np.float32)
         self.lit = (x >= left) & (x < right) & (y >= 80) & (y < 240)
         self.px_per_px, self.panel = px_per_px, int(PANEL * max(1, px_per_px / 1.6))
@@ -44,7 +52,8 @@ class Scene:
 
     def picture(self, drive: np.ndarray) -> np.ndarray:
         """What the camera sees of relative drive (H, W): direct, and u times its flux."""
-        direct = blur(self.direct * drive[..., None], LENS_BLUR_PX)
+        light = np.moveaxis(self.direct * drive[..., None], -1, 0)
+        direct = np.stack([blur(*x) for x in zip(light, self.blur_px, strict=True)], axis=-1)
         flux = np.tensordot(self.solid, direct, 2)
         return (direct + self.u * flux).astype(np.float32)
 
@@ -58,12 +67,15 @@ class Scene:
         bright = stripe(self.panel, bit)[columns].mean(axis=-1)
         return self.picture(bright), self.picture(1 - bright)
 
-    def separate(self) -> SeparatedLight:
+    def separation(self) -> Separation:
         separation = Separation(self.white(), self.xy, self.lit, self.solid)
         for axis in ("x", "y"):
             for bit in SEPARATION_BITS:
                 separation.add_pair(axis, bit, *self.pair(axis, bit))
-        return separation.result()
+        return separation
+
+    def separate(self) -> SeparatedLight:
+        return self.separation().result()
 
     @property
     def flux(self) -> np.ndarray:
@@ -93,13 +105,66 @@ class TestSeparation:
         # smoothing over a pixel or two changes a gentle wave by less than this
         np.testing.assert_allclose(light.scattered[inner], expected[inner], rtol=1e-3)
 
-    @pytest.mark.parametrize("px_per_px", [0.7, 3.0, 4.0])
-    def test_no_edge_of_a_stripe_leaks_into_coarse_camera_pixels(self, px_per_px: float) -> None:
-        scene = Scene(px_per_px=px_per_px)
+    @pytest.mark.parametrize(
+        ("px_per_px", "blur_px"),
+        [
+            (0.7, (0.5, 0.5, 0.5)),
+            (3.0, (0.5, 0.5, 0.5)),
+            (4.0, (0.5, 0.5, 0.5)),
+            (1.6, (0.5, 0.5, 2.0)),  # blue is out of focus
+            (1.6, (2.0, 0.5, 0.5)),
+        ],
+    )
+    def test_no_edge_of_a_stripe_leaks_into_the_scattered_light(
+        self, px_per_px: float, blur_px: tuple[float, float, float]
+    ) -> None:
+        scene = Scene(px_per_px=px_per_px, blur_px=blur_px)
         inner = scene.inner & np.isfinite(scene.xy).all(axis=-1)
         expected = scene.u * scene.flux
         found = scene.separate().scattered
         np.testing.assert_allclose(found[inner], expected[inner], rtol=1e-3)
+
+    @pytest.mark.parametrize("px_per_px", [1.6, 3.0])
+    @pytest.mark.parametrize("sigma_px", [2.0, 3.0, 4.0, 10.0])
+    def test_a_blur_too_large_is_measured_as_such(self, px_per_px: float, sigma_px: float) -> None:
+        scene = Scene(px_per_px=px_per_px, blur_px=(sigma_px,) * 3)
+        separation = scene.separation()
+        inner = scene.inner & np.isfinite(scene.xy).all(axis=-1)
+        error = separation.result().scattered / np.maximum(scene.u * scene.flux, 1e-9) - 1
+        assert separation.blur > MAX_BLUR or np.abs(error[inner]).max() < 5e-3
+        assert (separation.blur > MAX_BLUR) == (sigma_px > 3 or px_per_px * sigma_px > 6)
+
+    def test_narrow_stripes_keep_their_middles(self) -> None:
+        scene = Scene(blur_px=(1.0,) * 3)
+        separation = Separation(scene.white(), scene.xy, scene.lit, scene.solid)
+        separation.add_pair("x", 3, *scene.pair("x", 3))
+        assert 0.7 < separation.blur < 1.0  # .88 where stripes are wide
+        known = separation.result().weight[scene.inner & np.isfinite(scene.xy).all(axis=-1)] > 0
+        assert 0.15 < known.mean() < 0.35  # a quarter of each stripe
+
+    @pytest.mark.parametrize(("px_per_px", "sigma_px"), [(1.6, 1.0), (1.6, 2.0), (3.0, 1.0)])
+    def test_blur_of_edges_is_that_of_camera_and_pixels(
+        self, px_per_px: float, sigma_px: float
+    ) -> None:
+        scene = Scene(px_per_px=px_per_px, blur_px=(sigma_px,) * 3)
+        separation = Separation(scene.white(), scene.xy, scene.lit, scene.solid)
+        separation.add_pair("x", 5, *scene.pair("x", 5))
+        expected = px_per_px * np.hypot(sigma_px, 1 / np.sqrt(12)) / np.hypot(1, px_per_px)
+        assert separation.blur == pytest.approx(expected, rel=0.1)
+
+    def test_a_blur_that_one_pair_does_not_show_is_that_of_another(self, scene: Scene) -> None:
+        blurred = Scene(blur_px=(2.0,) * 3)
+        separation = Separation(blurred.white(), blurred.xy, blurred.lit, blurred.solid)
+        separation.add_pair("x", 5, *blurred.pair("x", 5))
+        before = separation.result().weight.copy()
+        separation.add_pair("x", 6, *scene.pair("x", 6))
+        alone = Separation(scene.white(), scene.xy, scene.lit, scene.solid)
+        alone.add_pair("x", 6, *scene.pair("x", 6))
+        near_edge = np.abs(scene.xy[160, :, 0] - 63.5) < 6
+        np.testing.assert_array_equal(
+            separation.result().weight[160, near_edge], before[160, near_edge]
+        )
+        assert alone.result().weight[160, near_edge].any()
 
     def test_scattered_light_outside_the_picture_too(
         self, scene: Scene, light: SeparatedLight
