@@ -32,7 +32,18 @@ class TestDecode:
     def test_real_photographs(self, photos: Path, tmp_path: Path) -> None:
         out = tmp_path / "map.exr"
         limits = ("--white-black", "40", "--contrast", "5")
-        ran = procam("decode", photos, "--size", "1024x768", "--out", out, *limits, "--json")
+        ran = procam(
+            "decode",
+            photos,
+            "--code",
+            "gray",
+            "--size",
+            "1024x768",
+            "--out",
+            out,
+            *limits,
+            "--json",
+        )
         document = json.loads(ran.out)
         assert (ran.code, ran.err) == (0, "")
         channels = read_channels(out)
@@ -58,7 +69,16 @@ class TestDecode:
         for number, plane in enumerate(planes):
             pixels = np.kron(10 + 200 * plane, np.ones((3, 3), int))
             write_image(folder / f"shot-{number:02d}.tif", pixels.astype(np.uint16))
-        ran = procam("decode", folder, "--size", f"{width}x{height}", "--out", tmp_path / "m.exr")
+        ran = procam(
+            "decode",
+            folder,
+            "--code",
+            "gray",
+            "--size",
+            f"{width}x{height}",
+            "--out",
+            tmp_path / "m.exr",
+        )
         assert ran.code == 0
         assert "2160 pixels decoded, 100.0% of the picture" in ran.out
         found = read_channels(tmp_path / "m.exr")
@@ -68,7 +88,7 @@ class TestDecode:
 
     def test_a_wrong_number_of_pictures(self, photos: Path, tmp_path: Path) -> None:
         out = tmp_path / "map.exr"
-        ran = procam("decode", photos, "--size", "1280x800", "--out", out)
+        ran = procam("decode", photos, "--code", "gray", "--size", "1280x800", "--out", out)
         assert (ran.code, out.exists()) == (2, False)
         assert (
             "there are 42 pictures, and the code gray of a projector of 1280x800 needs 44"
@@ -90,25 +110,33 @@ class TestDecode:
         pairs = [*range(9, -1, -1), *range(19, 9, -1), 20]
         for number, old in enumerate(2 * pair + i for pair in pairs for i in (0, 1)):
             shutil.copy(photos / f"{old:02d}.png", folder / f"{number:02d}.png")
-        ran = procam("decode", folder, "--size", "1024x768", "--out", tmp_path / "map.exr")
+        ran = procam(
+            "decode", folder, "--code", "gray", "--size", "1024x768", "--out", tmp_path / "map.exr"
+        )
         assert "agree with the code gray of a 1024x768 projector" in ran.out + ran.err
 
-    def test_a_wrong_count_that_fits_another_code(self, tmp_path: Path) -> None:
+    def test_a_wrong_count_is_answered_with_what_would_fit(self, tmp_path: Path) -> None:
         assert procam("patterns", "--size", "64x40", "--out", tmp_path / "p").code == 0
-        ran = procam("decode", tmp_path / "p", "--size", "64x40", "--out", tmp_path / "m.exr")
-        assert (ran.code, "18 fit --code micro-phase" in ran.complaint) == (2, True)
+        arguments = ("decode", tmp_path / "p", "--size", "64x40", "--out", tmp_path / "m.exr")
+        ran = procam(*arguments, "--code", "gray")
+        assert ran.code == 2
+        assert "needs 26 (of procam's own codes there: micro-phase 18, gray 26, " in ran.complaint
+        assert "describe its code in a TOML file and give that with --code" in ran.complaint
+        assert procam(*arguments).code == 0  # patterns and decode mean the same code
 
     def test_names_without_zeros_are_in_order(self, photos: Path, tmp_path: Path) -> None:
         folder = tmp_path / "plain"
         folder.mkdir()
         for number, path in enumerate(sorted(photos.glob("*.png"))):
             shutil.copy(path, folder / f"img_{number}.png")
-        ran = procam("decode", folder, "--size", "1024x768", "--out", tmp_path / "map.exr")
+        ran = procam(
+            "decode", folder, "--code", "gray", "--size", "1024x768", "--out", tmp_path / "map.exr"
+        )
         assert (ran.code, "exchanged" in ran.out) == (0, False)
 
     def test_other_files_are_not_overwritten(self, photos: Path, tmp_path: Path) -> None:
         (tmp_path / "map-look.png").write_text("precious")
-        arguments = ("decode", photos, "--size", "1024x768", "--out")
+        arguments = ("decode", photos, "--code", "gray", "--size", "1024x768", "--out")
         ran = procam(*arguments, tmp_path / "map.exr")
         assert (ran.code, "map-look.png exists already" in ran.complaint) == (2, True)
         assert (tmp_path / "map-look.png").read_text() == "precious"
@@ -132,7 +160,9 @@ class TestDecode:
         folder = tmp_path / "mixed"
         shutil.copytree(photos, folder)
         write_image(folder / "07.png", np.zeros((256, 380), np.uint8))
-        ran = procam("decode", folder, "--size", "1024x768", "--out", tmp_path / "map.exr")
+        ran = procam(
+            "decode", folder, "--code", "gray", "--size", "1024x768", "--out", tmp_path / "map.exr"
+        )
         assert (ran.code, ran.err) == (0, "")
         left_out, missing, *_ = ran.out.splitlines()
         assert (
@@ -151,7 +181,9 @@ class TestDecode:
         shutil.copytree(photos, folder)
         path = folder / "30.png"
         path.write_bytes(path.read_bytes()[:4000])
-        ran = procam("decode", folder, "--size", "1024x768", "--out", tmp_path / "map.exr")
+        ran = procam(
+            "decode", folder, "--code", "gray", "--size", "1024x768", "--out", tmp_path / "map.exr"
+        )
         assert (ran.code, "30.png is truncated" in ran.complaint) == (2, True)
         assert not (tmp_path / "map.exr").exists()
 

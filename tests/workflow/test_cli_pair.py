@@ -17,7 +17,7 @@ USED = ("s00", "s05", "s11", "s17")
 BITS, EDGE = 10, 800
 TURN_DEG = np.degrees([0.24285, 0.12374, 0.01512])  # Blender's own numbers, as is f 800 and c 399.5
 SHIFT_M = np.array([-0.12403, 0.23891, -0.13242])
-BOARD = ("--squares", "16x16", "--square-mm", "18.5", "--size", "800x800")
+BOARD = ("--squares", "16x16", "--square-mm", "18.5", "--size", "800x800", "--code", "gray")
 
 
 @pytest.fixture(scope="module")

@@ -6,10 +6,11 @@ import numpy as np
 
 from procam.arrays import AnyArray, Map
 from procam.errors import NotEnoughData
+from procam.estimate.structured_light.cells import CellImages
 from procam.estimate.structured_light.codes import Axis, AxisCode, Plane
 from procam.estimate.structured_light.limits import DecodeLimits, dropped_samples
 from procam.estimate.structured_light.scatter_bias import remove_scatter_bias
-from procam.estimate.structured_light.self_calibration import SinusoidImages
+from procam.estimate.structured_light.self_calibration import UNKNOWNS, SinusoidImages
 from procam.estimate.structured_light.sinusoids import (
     MIN_SAMPLES,
     SinusoidResult,
@@ -43,7 +44,10 @@ class AxisResult:
 
 
 class SinusoidDecoder:
-    """Collects the sinusoidal photographs of one axis and decodes them; some may be missing."""
+    """Collects the photographs of one axis with sinusoids and decodes them; some may be missing.
+
+    Stripes beneath the sinusoids count the cells in which a phase lies.
+    """
 
     def __init__(
         self, coding: AxisCode, axis: Axis, white: AnyArray, black: AnyArray, limits: DecodeLimits
@@ -51,7 +55,9 @@ class SinusoidDecoder:
         assert coding.waves is not None
         self._set, self._length, self._limits = coding.waves, coding.length, limits
         self._white, self._black = white, black
-        self._order = coding.planes(axis)
+        self._order = coding.sines(axis)
+        self._awaited = len(coding.planes(axis))
+        self._stripes = None if coding.codewords is None else CellImages(coding, white, black)
         self._frames: dict[int, AnyArray] = {}
         self._variances: Map | None = None  # sum over the frames
         self._waves: SinusoidResult | None = None
@@ -59,12 +65,20 @@ class SinusoidDecoder:
 
     def add(self, plane: Plane, image: AnyArray, variance: Map | None = None) -> None:
         """Add one photograph; the last one starts the decoding and frees the photographs."""
+        self._awaited -= 1
+        if plane.kind == "binary":
+            assert self._stripes is not None
+            self._stripes.add(plane, image)
+        else:
+            self._add_sine(plane, image, variance)
+        if not self._awaited:
+            self._solve()
+
+    def _add_sine(self, plane: Plane, image: AnyArray, variance: Map | None) -> None:
         if variance is not None:
             before = np.float32(0) if self._variances is None else self._variances
             self._variances = np.asarray(variance + before, np.float32)
         self._frames[self._order.index(plane)] = image
-        if len(self._frames) == len(self._order):
-            self._solve()
 
     def result(self) -> AxisResult:
         """The coordinate, from the photographs so far."""
@@ -75,29 +89,33 @@ class SinusoidDecoder:
             nothing = np.full(self._white.shape, np.nan, np.float32)
             return AxisResult(nothing, nothing, np.zeros_like(nothing), None, tuple(self._lost))
         x = waves.x
-        if self._set.single:  # the period is not identified, only the position within it
+        if self._set.single and self._stripes is None:  # the position within a period alone
             x = np.mod(x, np.float32(self._order[0].period))
         return AxisResult(x, waves.sigma, 2 * waves.amplitude, waves, tuple(self._lost))
 
     def _solve(self) -> None:
-        completed = complete_base_set(self._frames, self._set.base, self._white, self._black)
+        completed = complete_base_set(self._frames, self._set, self._white, self._black)
         shown = sorted(completed)
         frames = [completed[i] for i in shown]
         self._frames = {}
-        if len(frames) < MIN_SAMPLES:
+        waves = self._set.kept(np.isin(np.arange(len(self._order)), shown))
+        cells = None if self._stripes is None else self._stripes.result()
+        if len(frames) < MIN_SAMPLES if cells is None else waves.base < UNKNOWNS:
             self._lost += [self._order[i] for i in shown]
             return
         span = np.subtract(self._white, self._black, dtype=np.float32)
         pictures = SinusoidImages(
             frames,
-            self._set.kept(np.isin(np.arange(len(self._order)), shown)),
+            waves,
             self._length,
             span,
             span > self._limits.white_black,
             [dropped_samples(frame, self._limits) for frame in frames],
             None if self._variances is None else self._variances / np.float32(len(frames)),
+            cells=cells,
         )
-        if self._set.single and self._length < FEW_FRINGES * self._set.periods[0]:
+        few = cells is None and self._set.single
+        if few and self._length < FEW_FRINGES * self._set.periods[0]:
             self._waves = self._solve_few_fringes(replace(pictures, surplus_sigma=NO_SURPLUS))
         else:
             self._waves = decode_sinusoids(pictures)

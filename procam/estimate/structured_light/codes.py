@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from procam.arrays import Array
 from procam.errors import InputError
-from procam.maths.codes.gray import bit_count, encode_gray
+from procam.maths.codes.gray import encode_gray
 from procam.maths.codes.phase import Waves, equal_steps, heterodyne_waves, micro_waves, sine_line
 
 Picture = NDArray[np.uint8]
@@ -54,28 +54,50 @@ class Plane:
 
 @dataclass(frozen=True)
 class AxisCode:
-    """How the columns or the rows are coded: by sinusoids or by codewords.
+    """How the columns or the rows are coded: by sinusoids, by codewords, or by both.
 
     Attributes
     ----------
     length : number of columns or rows. waves : the sinusoidal patterns, or None.
-    codewords : (length,) of the stripe patterns, each shown with its inverse, or None.
+    codewords : (length,) of the stripe patterns, or None. With sinusoids they count the cells in
+        which a phase lies.
+    inverses : whether each stripe pattern is also shown with black and white exchanged.
+    periods_shown : the periods in the order they are shown; as in `waves` if empty.
     """
 
     length: int
     waves: Waves | None = None
     codewords: NDArray[np.integer] | None = None
+    inverses: bool = True
+    periods_shown: tuple[float, ...] = ()
 
     def planes(self, axis: Axis) -> list[Plane]:
-        """The patterns of this axis in the order they are shown."""
-        if self.waves is not None:
-            periods, shifts = self.waves.periods.tolist(), self.waves.shifts.tolist()
-            return [
-                Plane("sine", axis, period=period, shift=shift)
-                for period, shift in zip(periods, shifts, strict=True)
-            ]
-        bits = reversed(range(bit_count(self.length)))
-        return [Plane("binary", axis, bit, inverse) for bit in bits for inverse in (False, True)]
+        """The patterns of this axis in the order they are shown: sinusoids, stripes from coarse to fine."""
+        sines, shown = self.sines(axis), self.periods_shown
+        if shown:
+            sines.sort(key=lambda plane: shown.index(plane.period))
+        both = (False, True) if self.inverses else (False,)
+        bits = reversed(range(self.bits))
+        return sines + [Plane("binary", axis, bit, inverse) for bit in bits for inverse in both]
+
+    def sines(self, axis: Axis) -> list[Plane]:
+        """The sinusoidal patterns in the order of `waves`."""
+        if self.waves is None:
+            return []
+        each = zip(self.waves.periods.tolist(), self.waves.shifts.tolist(), strict=True)
+        return [Plane("sine", axis, period=period, shift=shift) for period, shift in each]
+
+    @property
+    def resolution_px(self) -> int:
+        """Columns that share a codeword, where stripes alone give the column; else 1."""
+        if self.codewords is None or self.waves is not None:
+            return 1
+        return int(np.bincount(self.codewords).max())
+
+    @property
+    def bits(self) -> int:
+        """Number of stripe patterns, inverses not counted."""
+        return 0 if self.codewords is None else max(1, int(self.codewords.max()).bit_length())
 
     def line(self, plane: Plane) -> Array:
         """Values (length,) in 0..1, in linear light."""
@@ -87,12 +109,17 @@ class AxisCode:
 
 @dataclass(frozen=True)
 class Code:
-    """A structured-light code for a panel of `size` (width, height)."""
+    """A structured-light code for a panel of `size` (width, height).
+
+    `blocks` is the order of its patterns in a folder, as `described.folder_order` takes it; empty for the
+    usual order.
+    """
 
     name: str
     size: tuple[int, int]
     x: AxisCode
     y: AxisCode
+    blocks: tuple[str, ...] = ()
     planes: tuple[Plane, ...] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -109,8 +136,8 @@ class Code:
 
     @property
     def has_waves(self) -> bool:
-        """Whether the patterns are sinusoids, which give positions within a pixel."""
-        return self.x.waves is not None
+        """Whether patterns of an axis are sinusoids, which give positions within a pixel."""
+        return self.x.waves is not None or self.y.waves is not None
 
 
 def make_code(name: str, size: tuple[int, int]) -> Code:
@@ -125,13 +152,18 @@ def make_code(name: str, size: tuple[int, int]) -> Code:
             f"code: {name!r} is not a structured-light code of this version; choose "
             f"{', '.join(CODES)}. A session captured with another code must be captured again."
         )
+    check_size(size)
+    build = CODES[name]
+    return Code(name, size, build(size[0], size), build(size[1], size))
+
+
+def check_size(size: tuple[int, int]) -> None:
+    """Refuse a panel of `size` (width, height) [px] that is too small or too large."""
     if min(size) < 2 or max(size) > LARGEST_PX:
         raise InputError(
             f"size: {size[0]}x{size[1]} px is not a panel that codes are made for; both sides must be "
             f"2 to {LARGEST_PX} px"
         )
-    build = CODES[name]
-    return Code(name, size, build(size[0], size), build(size[1], size))
 
 
 def wave_code(size: tuple[int, int], periods: tuple[float, float], steps: int = 8) -> Code:

@@ -10,9 +10,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from procam.arrays import AnyArray, IndexArray
+from procam.estimate.structured_light.cells import CellImages, Cells
 from procam.estimate.structured_light.codes import AXES, Axis, Code
 from procam.estimate.structured_light.limits import DecodeLimits, default_limits
-from procam.estimate.structured_light.self_calibration import find_columns
+from procam.estimate.structured_light.self_calibration import UNKNOWNS, find_columns
 from procam.estimate.structured_light.sinusoids import MIN_SAMPLES, complete_base_set
 from procam.estimate.structured_light.stripes import StripeDecoder
 from procam.maths.codes.phase import WaveDistortion
@@ -80,7 +81,8 @@ class OrderConsistency:
         shown = {i: probes[p] for i in planes if (p := order[i]) is not None}
         white, black = (probes[i] for i in levels)
         x, trust = _columns(self._code, axis, shown, white, black, contrast)
-        straight = np.abs(x[:, 0] - 2 * x[:, 1] + x[:, 2]) <= STRAIGHT_PX  # false for NaN
+        bend = np.abs(x[:, 0] - 2 * x[:, 1] + x[:, 2])
+        straight = bend <= STRAIGHT_PX * self._code.axis(axis).resolution_px  # false for NaN
         return float(np.mean(straight * trust.min(axis=1)))
 
     def _lit_probes(self, white: int, black: int) -> tuple[list[AnyArray], float]:
@@ -102,7 +104,7 @@ def _columns(
 ) -> tuple[AnyArray, AnyArray]:
     """Columns (n, 3) by a fast decoding, NaN where unknown, and how far to trust them, 0..1."""
     codewords = code.axis(axis).codewords
-    if codewords is None:
+    if codewords is None or code.axis(axis).waves is not None:
         return _by_waves(code, axis, shown, white, black)
     trust = np.ones(white.shape, np.float32)
     decoder = StripeDecoder(codewords, white, black, DecodeLimits(0.0, contrast))
@@ -119,13 +121,31 @@ def _by_waves(
 ) -> tuple[AnyArray, AnyArray]:
     """Columns and trust from sinusoidal patterns; NaN and 1 where there are too few."""
     coding = code.axis(axis)
-    sines = code.planes_of(axis)
-    there = {number: shown[i] for number, i in enumerate(sines) if i in shown}
-    if coding.waves is None or len(there) < MIN_SAMPLES:
-        return np.full(white.shape, np.nan, np.float32), np.ones(white.shape, np.float32)
-    frames = complete_base_set(there, coding.waves.base, white, black)
-    keep = np.isin(np.arange(len(sines)), list(frames))
+    unknown = np.full(white.shape, np.nan, np.float32), np.ones(white.shape, np.float32)
+    sines = coding.sines(axis)
+    there = {sines.index(p): f for i, f in shown.items() if (p := code.planes[i]).kind == "sine"}
+    if coding.waves is None or not there:
+        return unknown
+    frames = complete_base_set(there, coding.waves, white, black)
+    waves = coding.waves.kept(np.isin(np.arange(len(sines)), list(frames)))
+    cells = _cells(code, axis, shown, white, black)
+    if len(there) < MIN_SAMPLES if cells is None else waves.base < UNKNOWNS:
+        return unknown
     ordered = [frames[number] for number in sorted(frames)]
-    found = find_columns(ordered, coding.waves.kept(keep), WaveDistortion(), coding.length)
+    found = find_columns(ordered, waves, WaveDistortion(), coding.length, cells)
     scale = MISFIT * len(there) * np.maximum(found.amplitude, 1e-9) ** 2
     return found.position, np.nan_to_num(np.exp(-found.residual / scale))
+
+
+def _cells(
+    code: Code, axis: Axis, shown: dict[int, AnyArray], white: AnyArray, black: AnyArray
+) -> Cells | None:
+    """What the stripes beneath the sinusoids show; None for a code without."""
+    coding = code.axis(axis)
+    if coding.codewords is None:
+        return None
+    images = CellImages(coding, white, black)
+    for i, photograph in shown.items():
+        if code.planes[i].kind == "binary":
+            images.add(code.planes[i], photograph)
+    return images.result()

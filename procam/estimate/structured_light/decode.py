@@ -120,9 +120,9 @@ class Decoder:
             self._notes.append(f"white is saturated in {self._clipped:.0%} of the lit pixels")
         for axis in AXES:
             coding = self.code.axis(axis)
-            if coding.codewords is None:
+            if coding.waves is not None:
                 self._axes[axis] = SinusoidDecoder(coding, axis, white, black, self._limits)
-            else:
+            elif coding.codewords is not None:
                 self._axes[axis] = StripeDecoder(coding.codewords, white, black, self._limits)
 
     def _without_defocus_bias(

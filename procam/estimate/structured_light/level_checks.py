@@ -1,6 +1,7 @@
 """Checks of the brightness of a set of photographs: white, black, and patterns without light."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -91,7 +92,10 @@ def drop_dark(code: Code, photos: ProbedSet, order: Order) -> list[str]:
         if plane.axis == "" or photo is None:
             continue
         expected = float(code.axis(plane.axis).line(plane).mean())
-        inverse = share[index ^ 1] if plane.kind == "binary" else np.nan  # the pairs begin at 2
+        pair = replace(plane, inverse=not plane.inverse)
+        inverse = share[code.planes.index(pair)] if pair in code.planes else np.nan
+        if plane.kind == "binary" and pair not in code.planes:
+            continue  # alone it may be black where the camera looks
         complete = share[index] + inverse > 1 - DARK_SHARE * expected
         if not complete and expected > MIN_LIGHT and share[index] < DARK_SHARE * expected:
             notes.append(f"{photos.names[photo]}: black, expected {plane}; left out")

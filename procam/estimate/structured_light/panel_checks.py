@@ -19,7 +19,7 @@ def panel_notes(code: Code, found: CorrespondenceMap) -> list[str]:
     A projector that scales its input (keystone correction, another resolution) drops some, so that
     panel and screen do not match one to one. Only codes that identify single columns show it.
     """
-    if code.has_waves:
+    if code.has_waves or max(code.x.resolution_px, code.y.resolution_px) > 1:
         return []
     shares = {}
     for i, axis in enumerate(AXES):

@@ -12,11 +12,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.stats import chi2
 
 from procam import kernels
 from procam.arrays import AnyArray, Array, BoolArray, Map
 from procam.errors import NotEnoughData
-from procam.estimate.camera.noise import NO_NOISE, NoiseLaw, fit_noise_law
+from procam.estimate.camera.noise import (
+    CUT_MEAN,
+    CUT_SIGMAS,
+    NO_NOISE,
+    NoiseLaw,
+    fit_noise_law,
+)
+from procam.estimate.structured_light.cells import Cells, find_in_cells
 from procam.maths.codes.phase import (
     FIT_PARTS,
     WaveDistortion,
@@ -25,6 +33,7 @@ from procam.maths.codes.phase import (
     search_columns,
     shared_sensitivity,
 )
+from procam.maths.statistics import robust_sigma
 
 MAX_PIXELS = 40_000  # evenly picked; more change nothing
 MIN_PIXELS = 50
@@ -50,6 +59,7 @@ class SinusoidImages:
     dropped : K masks (H, W) of saturated or dark samples.
     variance : (H, W) of a sample, for merged exposures; None to estimate a noise law.
     surplus_sigma : prior of the pictures' flux beyond half of white's, as a share of it.
+    cells : what the stripes beneath the sinusoids show, if there are any.
     """
 
     frames: Sequence[AnyArray]
@@ -60,6 +70,7 @@ class SinusoidImages:
     dropped: Sequence[BoolArray]
     variance: Map | None = None
     surplus_sigma: float = PRIOR_SURPLUS
+    cells: Cells | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,24 +108,27 @@ def self_calibrate(pictures: SinusoidImages) -> SelfCalibration:
     if pictures.variance is not None:
         scale = 1 / np.sqrt(np.ravel(pictures.variance)[where].astype(float))
         raw, full = raw * scale[:, None], full * scale
+    cells = None if pictures.cells is None else pictures.cells.at(where)
     now = SelfCalibration(WaveDistortion(), np.zeros(raw.shape[1]))
+    if cells is not None and raw.shape[1] == UNKNOWNS:
+        return replace(now, noise=_level_noise(raw, pictures, cells))
     scattered = np.zeros(len(where))
     for _ in range(ROUNDS):
         samples = raw - scattered[:, None] * now.surplus
-        fit, seen = _fitted(samples, pictures, now.distortion)
+        fit, seen = _fitted(samples, pictures, now.distortion, cells)
         direct = 2 / now.distortion.depth(pictures.waves) * fit.amplitude
         scattered[seen] = np.maximum(full[seen] - direct, 0)
         now = _step(samples[seen], pictures, now, fit, scattered[seen])
-    fit, _ = _fitted(raw - scattered[:, None] * now.surplus, pictures, now.distortion)
+    fit, _ = _fitted(raw - scattered[:, None] * now.surplus, pictures, now.distortion, cells)
     return replace(now, noise=_residual_noise(fit, raw.shape[1]))
 
 
 def _fitted(
-    samples: Array, pictures: SinusoidImages, distortion: WaveDistortion
+    samples: Array, pictures: SinusoidImages, distortion: WaveDistortion, cells: Cells | None
 ) -> tuple[WaveFit, BoolArray]:
     """Fit of the pixels with a visible wave among samples (n, K), and which (n,) these are."""
     columns = list(np.ascontiguousarray(samples.T, np.float32))
-    found = find_columns(columns, pictures.waves, distortion, pictures.length)
+    found = find_columns(columns, pictures.waves, distortion, pictures.length, cells)
     seen = np.isfinite(found.position)
     if seen.sum() < MIN_PIXELS:
         raise NotEnoughData(
@@ -126,12 +140,18 @@ def _fitted(
 
 
 def find_columns(
-    frames: Sequence[AnyArray], waves: Waves, distortion: WaveDistortion, length: int
+    frames: Sequence[AnyArray],
+    waves: Waves,
+    distortion: WaveDistortion,
+    length: int,
+    cells: Cells | None = None,
 ) -> kernels.PhaseFit:
-    """Best column of every pixel; waves of a single period give it only within that period.
+    """Best column of every pixel; waves of a single period without cells give it only within the period.
 
     Without a base set of three pictures, every pixel searches all columns.
     """
+    if cells is not None:
+        return find_in_cells(frames, waves, distortion, length, cells)
     if waves.single:
         length = 1
     if waves.base >= UNKNOWNS:
@@ -192,6 +212,28 @@ def _representative(fit: WaveFit) -> BoolArray:
 
 
 def _residual_noise(fit: WaveFit, pictures: int) -> NoiseLaw:
-    """Noise law from the residual variance of the representative pixels."""
+    """Noise law from the residual variance of the representative pixels.
+
+    Leaving out large residuals lowers the mean of the others, as it does that of a chi squared.
+    """
+    use, free = _representative(fit), pictures - UNKNOWNS
+    most = MAX_RESIDUAL * chi2.median(free)
+    kept = chi2.cdf(most, free + 2) / chi2.cdf(most, free)
+    return fit_noise_law(fit.offset[use], fit.residual[use] / (free * kept))
+
+
+def _level_noise(raw: Array, pictures: SinusoidImages, cells: Cells) -> NoiseLaw:
+    """Noise law from white and black, for three sinusoids, whose own fit leaves no residual.
+
+    The mean of white and black less the offset of the fit has 1/2 and the sum of the squared weights of a
+    sample's variance. A part in proportion to the amplitude comes from the projector's response.
+    """
+    fit, seen = _fitted(raw, pictures, WaveDistortion(), cells)
     use = _representative(fit)
-    return fit_noise_law(fit.offset[use], fit.residual[use] / (pictures - UNKNOWNS))
+    miss = (cells.middle[seen] - fit.offset)[use] / fit.amplitude[use]
+    rest = (miss - np.median(miss)) * fit.amplitude[use]
+    shifts = pictures.waves.shifts
+    rows = np.stack([np.ones(UNKNOWNS), np.cos(shifts), np.sin(shifts)], axis=1)
+    share = 0.5 + float(np.sum(np.linalg.inv(rows)[0] ** 2))
+    cut = np.abs(rest) <= CUT_SIGMAS * robust_sigma(rest)
+    return fit_noise_law(fit.offset[use][cut], rest[cut] ** 2 / (share * CUT_MEAN))

@@ -15,8 +15,9 @@ from procam.estimate.structured_light.self_calibration import (
     self_calibrate,
 )
 from procam.kernels import PhaseFit
-from procam.maths.codes.phase import WaveDistortion
+from procam.maths.codes.phase import WaveDistortion, Waves
 
+EQUAL = 1e-6  # sum of the phasors of equal steps
 MIN_SAMPLES = 5  # of a pixel: two more than its unknowns, as a check
 NEGLIGIBLE_SURPLUS = 1e-4  # of the flux; moves columns by less than .01 px
 MAX_FULL_SEARCHES = 60_000  # pixels without a base set, each of which searches all columns
@@ -26,13 +27,16 @@ MISFIT_SIGMAS2 = 35.0  # most chi squared beyond its expectation
 
 
 def complete_base_set(
-    frames: dict[int, AnyArray], base: int, white: AnyArray, black: AnyArray
+    frames: dict[int, AnyArray], waves: Waves, white: AnyArray, black: AnyArray
 ) -> dict[int, AnyArray]:
-    """Reconstruct a single lost picture of a base set of three from white and black.
+    """Reconstruct a single lost picture of a base set of three equal steps from white and black.
 
     Equal steps of a sinusoid add up to a multiple of white + black. Returns the pictures (by number)
     unchanged for another number of lost pictures or another base.
     """
+    base = waves.base
+    if abs(np.exp(1j * waves.shifts[:base]).sum()) > EQUAL:
+        return frames
     present = [frames[i] for i in range(base) if i in frames]
     if base != UNKNOWNS or len(present) != base - 1:
         return frames
@@ -63,14 +67,18 @@ class SinusoidResult:
 
 
 def decode_sinusoids(pictures: SinusoidImages) -> SinusoidResult:
-    """Decode one axis; pixels with dropped samples are decoded from the others, five or more."""
-    waves, frames = pictures.waves, pictures.frames
+    """Decode one axis; pixels with dropped samples are decoded from the others, five or more.
+
+    Beneath sinusoids, stripes identify the period; then all sinusoids of a pixel are needed.
+    """
+    waves, frames, cells = pictures.waves, pictures.frames, pictures.cells
+    least = MIN_SAMPLES if cells is None else len(frames)
     short = np.logical_or.reduce(pictures.dropped)
     known = self_calibrate(pictures)
-    found = find_columns(frames, waves, known.distortion, pictures.length)
+    found = find_columns(frames, waves, known.distortion, pictures.length, cells)
     if np.abs(known.surplus).max() > NEGLIGIBLE_SURPLUS:
         frames = _balanced(pictures, known, found)
-        found = find_columns(frames, waves, known.distortion, pictures.length)
+        found = find_columns(frames, waves, known.distortion, pictures.length, cells)
     count = np.full(short.shape, len(frames))
     if short.any():
         count -= np.sum(pictures.dropped, axis=0)
@@ -78,13 +86,13 @@ def decode_sinusoids(pictures: SinusoidImages) -> SinusoidResult:
             pictures,
             frames,
             known.distortion,
-            short & pictures.usable & (count >= MIN_SAMPLES),
+            short & pictures.usable & (count >= least),
             found,
         )
     noise = pictures.variance
     if noise is None:
         noise = known.noise.variance(found.offset)
-    ok = _trusted(found, count, noise)
+    ok = _trusted(found, count, noise) & (count >= least)
     sigma = np.sqrt(np.where(ok, found.variance * noise, np.nan))
     amplitude = np.where(short & ~ok, 0.0, found.amplitude) / known.distortion.depth(waves)
     return SinusoidResult(
@@ -137,5 +145,5 @@ def _trusted(found: PhaseFit, count: AnyArray, variance: Map) -> BoolArray:
         ok = found.amplitude > AMPLITUDE_SIGMAS * np.sqrt(2 * variance / np.maximum(count, 1))
         ok &= found.margin >= MARGIN_SIGMAS2 * variance
         ok &= found.residual <= (count - UNKNOWNS + MISFIT_SIGMAS2) * variance
-        ok &= np.isfinite(found.position) & (count >= MIN_SAMPLES)
+        ok &= np.isfinite(found.position)
     return np.asarray(ok)

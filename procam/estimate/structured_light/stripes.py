@@ -14,7 +14,7 @@ from procam.arrays import AnyArray, BoolArray, Map
 from procam.estimate.structured_light.axis import AxisResult
 from procam.estimate.structured_light.codes import Plane
 from procam.estimate.structured_light.limits import DecodeLimits
-from procam.maths.codes.gray import bit_count, fold_pair
+from procam.maths.codes.gray import fold_pair
 from procam.maths.statistics import robust_sigma
 
 Pair = tuple[AnyArray, AnyArray, int]
@@ -145,7 +145,8 @@ class StripeDecoder:
 
 def column_table(codewords: NDArray[np.integer], folded: set[int]) -> tuple[Map, Map]:
     """Mean and standard error (2^bits,) of the columns whose codeword agrees in `folded` bits."""
-    size = 2 ** bit_count(len(codewords))
+    size = 2 ** max(1, int(codewords.max()).bit_length())
+    widest = max(WIDEST_LOSS, int(np.bincount(codewords).max()))
     known = codewords & sum(1 << bit for bit in folded)
     columns = np.arange(len(codewords))
     count = np.bincount(known, minlength=size)
@@ -154,7 +155,7 @@ def column_table(codewords: NDArray[np.integer], folded: set[int]) -> tuple[Map,
     last = np.full(size, -1)
     np.maximum.at(last, known, columns)
     # columns that share the known bits must be neighbours, or their mean means nothing
-    good = (count > 0) & (last - first + 1 == count) & (count <= WIDEST_LOSS)
+    good = (count > 0) & (last - first + 1 == count) & (count <= widest)
     mean = np.where(good, (first + last) / 2, np.nan).astype(np.float32)
     sigma = np.where(good, count / np.sqrt(12), np.nan).astype(np.float32)
     return mean, sigma

@@ -13,7 +13,19 @@ CalibrationArgument = Annotated[
 
 # structured light and boards
 SizeOption = Annotated[str, typer.Option(help="Projector size, such as 1280x800.")]
-CodeOption = Annotated[str, typer.Option(help="micro-phase, gray or phase-heterodyne.")]
+CodeOption = Annotated[
+    str,
+    typer.Option(
+        help="micro-phase, gray or phase-heterodyne; or a TOML file that describes another code."
+    ),
+]
+OrderOption = Annotated[
+    str,
+    typer.Option(
+        help="Order of the pictures: white, black, columns, rows, or parts of them such as "
+        "columns-gray, columns-inverses, rows-phase; with commas between."
+    ),
+]
 SquaresOption = Annotated[str, typer.Option(help="Squares of the board, all counted: 10x7.")]
 SquareOption = Annotated[float, typer.Option(help="Edge of a square, in mm.")]
 

@@ -10,16 +10,18 @@ import typer
 
 from procam.arrays import Array32
 from procam.errors import CalibrationError, FileFormatError, InputError
-from procam.estimate.structured_light.codes import CODES, Code, make_code
+from procam.estimate.structured_light.codes import DEFAULT_CODE, Code
 from procam.estimate.structured_light.consistency import probe_places
 from procam.estimate.structured_light.decode import Decoder
+from procam.estimate.structured_light.described import folder_order
 from procam.estimate.structured_light.limits import DecodeLimits, default_limits
 from procam.estimate.structured_light.panel_checks import panel_notes
 from procam.estimate.structured_light.panel_map import drop_inconsistent, fit_projector_map
 from procam.estimate.structured_light.set_checks import SetReport, examine
 from procam.files.images.layers import write_channels
 from procam.files.images.pixels import write_image
-from procam.interfaces.cli._options import CodeOption, Json, SizeOption
+from procam.interfaces.cli._codes import chosen_code, count_refusal
+from procam.interfaces.cli._options import CodeOption, Json, OrderOption, SizeOption
 from procam.interfaces.cli._output import Output
 from procam.interfaces.cli._paths import SUFFIXES, Picture, check_out, panel_size, read_grey
 from procam.interfaces.plots.correspondence import draw_map
@@ -35,12 +37,14 @@ def decode(
         typer.Argument(
             help="Folder of photographs, sorted by name as the pictures of procam patterns: white, "
             "black, sinusoids; or for stripes, as OpenCV's, column bits (finest last) as pattern, "
-            "inverse; row bits; white; black."
+            "inverse; row bits; white; black. --order names another order."
         ),
     ],
+    *,
     size: SizeOption,
     out: Annotated[Path, typer.Option(help="EXR map: projector.x, projector.y, sigma.")],
-    code: CodeOption = "gray",
+    code: CodeOption = DEFAULT_CODE,
+    order: OrderOption = "",
     white_black: Annotated[
         float | None, typer.Option(help="Least white - black [counts]; automatic if not given.")
     ] = None,
@@ -53,7 +57,7 @@ def decode(
 
     Writes the map, a picture of it (-look.png), and the map of the panel (-panel.exr) beside it.
     """
-    output, layout = Output(json), make_code(code, panel_size(size))
+    output, layout = Output(json), chosen_code(code, panel_size(size), order)
     look, side = (out.with_name(f"{out.stem}{end}") for end in ("-look.png", "-panel.exr"))
     _check_outputs(images, out, look, side)
     found, panel, notes = decode_folder(images, layout, (white_black, contrast))
@@ -103,7 +107,7 @@ def decode_folder(
         (p for p in folder.glob("*") if p.suffix.lower() in SUFFIXES and p.is_file()), key=_in_order
     )
     if abs(len(files) - len(code.planes)) > 1:
-        raise FileFormatError(_wrong_count(folder, len(files), code))
+        raise FileFormatError(count_refusal(folder, len(files), code))
     verdict = _matched(files, code)
     shown = [None if i is None else files[i] for i in verdict.order]
     assert shown[0] is not None and shown[1] is not None
@@ -119,12 +123,6 @@ def decode_folder(
     if limits == (None, None):
         found = drop_inconsistent(found, panel)
     return found, panel, [*verdict.notes, *decoded.notes, *panel_notes(code, found)]
-
-
-def folder_order(code: Code) -> list[int]:
-    """Planes in the order of a folder: as shown, but stripes end with white and black as OpenCV's do."""
-    shown = list(range(len(code.planes)))
-    return shown if code.has_waves else [*shown[2:], 0, 1]
 
 
 def _check_outputs(folder: Path, out: Path, *others: Path) -> None:
@@ -191,13 +189,3 @@ def _limits(asked: Limits, white: Picture, black: Picture) -> DecodeLimits:
 def _in_order(path: Path) -> list[str | int]:
     """Sorts img_2 before img_10."""
     return [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", path.name)]
-
-
-def _wrong_count(folder: Path, count: int, code: Code) -> str:
-    width, height = code.size
-    fitting = [name for name in CODES if len(make_code(name, code.size).planes) == count]
-    hint = f"; {count} fit --code {' or '.join(fitting)}" if fitting else ""
-    return (
-        f"{folder}: there are {count} pictures, and the code {code.name} of a projector of "
-        f"{width}x{height} needs {len(code.planes)}{hint}"
-    )

@@ -18,7 +18,7 @@ from procam.estimate.boards.planar_pair import (
 )
 from procam.estimate.boards.robust_fit import MIN_VIEWS, determines_pose
 from procam.estimate.boards.targets import Board, find_board
-from procam.estimate.structured_light.codes import Code, make_code
+from procam.estimate.structured_light.codes import DEFAULT_CODE, Code
 from procam.files.atomic import write_text
 from procam.interfaces.cli._boards import (
     WORST_RMS,
@@ -29,6 +29,7 @@ from procam.interfaces.cli._boards import (
     make_board,
     sigmas,
 )
+from procam.interfaces.cli._codes import chosen_code
 from procam.interfaces.cli._options import CodeOption, Json, SizeOption, SquareOption, SquaresOption
 from procam.interfaces.cli._output import Output, as_dicts, exit_if_missed
 from procam.interfaces.cli._paths import (
@@ -59,7 +60,7 @@ def pair(
     square_mm: SquareOption,
     size: SizeOption,
     out: Annotated[Path, typer.Option(help="TOML file with both lenses and the pose between.")],
-    code: CodeOption = "gray",
+    code: CodeOption = DEFAULT_CODE,
     distortion: Annotated[
         bool, typer.Option("--distortion", help="Also solve the distortion of both lenses.")
     ] = False,
@@ -73,7 +74,7 @@ def pair(
     board, output = make_board(squares, square_mm), Output(json)
     check_out(out, ".toml")
     panel = panel_size(size)
-    views, camera_size, skipped = _views(_poses(folder), make_code(code, panel), board, output)
+    views, camera_size, skipped = _views(_poses(folder), chosen_code(code, panel), board, output)
     fit = fit_planar_pair(views, camera_size, panel, distortion=distortion)
     parameters, figures = _parameters(fit), _figures(fit)
     sizes = dict(zip(DEVICES, (camera_size, panel), strict=True))

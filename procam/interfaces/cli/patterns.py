@@ -6,19 +6,19 @@ from typing import Annotated
 import typer
 
 from procam.errors import InputError
-from procam.estimate.structured_light.codes import make_code, picture
+from procam.estimate.structured_light.codes import DEFAULT_CODE, picture
+from procam.estimate.structured_light.described import folder_order
 from procam.files.images.pixels import write_image
 from procam.files.images.slideshow import video_library
 from procam.files.venue.load import load_venue
+from procam.interfaces.cli._codes import chosen_code
 from procam.interfaces.cli._options import CodeOption, Json
 from procam.interfaces.cli._output import Output
 from procam.interfaces.cli._paths import panel_size
-from procam.interfaces.cli.decode import folder_order
 from procam.workflows.capture.by_hand import export, hold_s, prepare_by_hand
 from procam.workflows.capture.session_plan import server_of
 
 EXAMPLE = "procam patterns my-dome --out pictures --movie"
-USUAL_CODE = "micro-phase"
 ONE_BY_ONE = "show one projector's pictures after the other's, all other shutters closed"
 
 
@@ -31,7 +31,7 @@ def patterns(
     size: Annotated[
         str, typer.Option(help="Without a venue: projector size, such as 1280x800.")
     ] = "",
-    code: CodeOption = USUAL_CODE,
+    code: CodeOption = DEFAULT_CODE,
     movie: Annotated[
         bool, typer.Option("--movie", help="With a venue: also one movie per projector.")
     ] = False,
@@ -49,7 +49,7 @@ def patterns(
             raise InputError("patterns: a VENUE or --size is needed")
         _write_code(size, out, code, output)
         return
-    if size or code != USUAL_CODE:
+    if size or code != DEFAULT_CODE:
         raise InputError(
             f"patterns: --size and --code cannot be combined with {venue}; sizes come from its "
             "venue.toml, and the capture session's code is fixed"
@@ -59,7 +59,7 @@ def patterns(
 
 def _write_code(size: str, out: Path, code: str, output: Output) -> None:
     """The pictures of a code in the order that `procam decode` needs."""
-    layout = make_code(code, panel_size(size))
+    layout = chosen_code(code, panel_size(size))
     _check_folder(out)
     out.mkdir(parents=True, exist_ok=True)
     order = folder_order(layout)

@@ -54,7 +54,7 @@ def test_dropped_samples(columns: np.ndarray, rng: np.random.Generator) -> None:
 def test_a_lost_picture_of_the_base_set(columns: np.ndarray, rng: np.random.Generator) -> None:
     frames = dict(enumerate(photographs(columns, rng)))
     white, black = np.full(SHAPE, 280, np.float32), np.full(SHAPE, 120, np.float32)
-    whole = complete_base_set({k: f for k, f in frames.items() if k != 1}, 3, white, black)
+    whole = complete_base_set({k: f for k, f in frames.items() if k != 1}, WAVES, white, black)
     assert np.abs(whole[1] - frames[1]).max() < 2 * SIGMAS * NOISE
     two_lost = {k: f for k, f in frames.items() if k > 1}
-    assert complete_base_set(two_lost, 3, white, black) is two_lost
+    assert complete_base_set(two_lost, WAVES, white, black) is two_lost
