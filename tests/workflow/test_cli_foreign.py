@@ -118,3 +118,58 @@ def test_a_description_that_is_not_there(tmp_path: Path) -> None:
     arguments = ("--size", "64x48", "--code", tmp_path / "gone.toml", "--out", tmp_path / "p")
     ran = procam("patterns", *map(str, arguments))
     assert (ran.code, "gone.toml: there is no such file" in ran.complaint) == (2, True)
+
+
+class TestFaultySets:
+    """Gray code in the order of `procam decode`, with faults that cost bits or pixels, not the set."""
+
+    def lines(self) -> list[tuple[np.ndarray, int]]:
+        bits = [(line, axis) for axis in (0, 1) for line in gray(SIZE[axis], 1)]
+        return [(each, axis) for line, axis in bits for each in (line, 1 - line)] + LEVELS
+
+    def test_a_missing_pair(self, tmp_path: Path) -> None:
+        taken = photograph(self.lines(), np.random.default_rng(23))
+        folder = written(tmp_path / "photos", taken)
+        for number in (14, 15):  # the finest bit of the columns
+            (folder / f"img_{number}.png").unlink()
+        xy, sigma, said = decoded(folder, tmp_path / "m.exr", "--code", "gray")
+        assert "missing: column bit 0, after img_13.png; done without" in said
+        assert "missing: column bit 0 inverse, after img_13.png; done without" in said
+        use = taken.inside() & np.isfinite(sigma)
+        assert use.sum() > 0.85 * taken.inside().sum()
+        error = (xy - taken.truth)[use]
+        assert np.abs(error[:, 0]).max() < 2 and np.abs(error[:, 1]).max() < 1.5
+
+    def test_missing_ones_that_the_names_do_not_show(self, tmp_path: Path) -> None:
+        taken = photograph(self.lines(), np.random.default_rng(24))
+        short = Set(taken.photographs[:14] + taken.photographs[16:], taken.truth)
+        folder = written(tmp_path / "photos", short)
+        size = ("--size", f"{SIZE[0]}x{SIZE[1]}", "--code", "gray")
+        ran = procam("decode", folder, *size, "--out", tmp_path / "m.exr")
+        assert (ran.code, "there are 30 pictures, and the code gray" in ran.complaint) == (2, True)
+
+    def test_a_jump_of_exposure(self, tmp_path: Path) -> None:
+        lines = self.lines()
+        exposures = [1.5] * 9 + [1.0] * (len(lines) - 9)
+        taken = photograph(lines, np.random.default_rng(25), exposures=exposures)
+        folder = written(tmp_path / "photos", taken)
+        xy, sigma, said = decoded(folder, tmp_path / "m.exr", "--code", "gray")
+        assert "img_0.png to img_8.png: exposed 1.5" in said
+        use = taken.inside() & np.isfinite(sigma)
+        assert use.sum() > 0.85 * taken.inside().sum()
+        assert np.mean(np.abs(xy - taken.truth)[use].max(axis=-1) < 2 * sigma[use]) > 0.9
+
+    def test_anyway(self, tmp_path: Path) -> None:
+        lines = self.lines()
+        lines[-1] = lines[3]  # black shows stripes
+        taken = photograph(lines, np.random.default_rng(26))
+        folder = written(tmp_path / "photos", taken)
+        size = ("--size", f"{SIZE[0]}x{SIZE[1]}", "--code", "gray")
+        ran = procam("decode", folder, *size, "--out", tmp_path / "m.exr")
+        refusal = f"img_{len(lines) - 1}.png should show black"
+        assert (ran.code, refusal in ran.complaint) == (2, True)
+        xy, sigma, said = decoded(folder, tmp_path / "m.exr", "--code", "gray", "--anyway")
+        assert f"decoded anyway, though a check refuses it: pictures: {refusal}" in said
+        use = taken.inside() & np.isfinite(sigma)
+        assert use.sum() > 0.8 * taken.inside().sum()
+        assert np.mean(np.abs(xy - taken.truth)[use].max(axis=-1) < 2 * sigma[use]) > 0.9

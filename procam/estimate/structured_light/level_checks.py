@@ -1,6 +1,7 @@
 """Checks of the brightness of a set of photographs: white, black, and patterns without light."""
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -44,6 +45,12 @@ class ProbedSet:
         self.lit = reach > LIT_SHARE * reach.max()
         self.range = float(reach[self.lit].mean())
 
+    def shown(self, probes: Sequence[AnyArray]) -> "ProbedSet":
+        """The set with other samples of the same pixels."""
+        other = copy(self)
+        other.probes = list(probes)
+        return other
+
     def repeats(self, i: int) -> bool:
         """Whether photograph i shows the same pattern as the one before."""
         if i == 0:
@@ -52,12 +59,12 @@ class ProbedSet:
         return bool(change < SAME_SHARE * self.range)
 
 
-def check_levels(photos: ProbedSet, order: Order) -> list[str]:
-    """Check white and black and exchange them in `order` if needed; gives notes.
+def order_levels(photos: ProbedSet, order: Order) -> list[str]:
+    """Exchange white and black in `order` if needed; gives notes.
 
     Raises
     ------
-    InputError : one of the two is missing, or does not show what it should.
+    InputError : one of the two is missing.
     """
     white, black = order[0], order[1]
     if white is None or black is None:
@@ -66,17 +73,36 @@ def check_levels(photos: ProbedSet, order: Order) -> list[str]:
             f"pictures: the {missing} one is missing, and without it lit pixels cannot be identified; "
             "photograph it again"
         )
-    notes = []
-    names = photos.names
-    if photos.probes[white].mean() < photos.probes[black].mean():
-        order[0], order[1] = white, black = black, white
-        notes.append(
-            f"{names[black]} and {names[white]}: white and black in each other's place (wrong "
-            "order); exchanged"
-        )
+    if photos.probes[white].mean() >= photos.probes[black].mean():
+        return []
+    order[0], order[1] = black, white
+    return [
+        f"{photos.names[white]} and {photos.names[black]}: white and black in each other's place "
+        "(wrong order); exchanged"
+    ]
+
+
+def check_levels(photos: ProbedSet, order: Order) -> list[str]:
+    """Check white and black; gives notes.
+
+    Raises
+    ------
+    InputError : one of the two does not show what it should.
+    """
+    white, black = order[0], order[1]
+    assert white is not None and black is not None
     _check_extremes(photos, white, black)
     _check_median(photos, white, black)
-    return notes + _clipping(photos, white, black)
+    return _clipping(photos, white, black)
+
+
+def levels_pass(photos: ProbedSet, order: Order) -> bool:
+    """Whether white and black show what they should."""
+    try:
+        check_levels(photos, order)
+    except InputError:
+        return False
+    return True
 
 
 def drop_dark(code: Code, photos: ProbedSet, order: Order) -> list[str]:

@@ -6,8 +6,8 @@ with a gap in each possible place, or with two photographs exchanged. An order r
 only if it scores clearly better, so that a set without faults is not changed.
 """
 
-import re
-from collections.abc import Sequence, Set
+from collections.abc import Iterator, Sequence, Set
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import combinations
 from math import prod
@@ -18,7 +18,19 @@ from procam.arrays import AnyArray
 from procam.errors import InputError
 from procam.estimate.structured_light.codes import AXES, Axis, Code
 from procam.estimate.structured_light.consistency import Order, OrderConsistency
-from procam.estimate.structured_light.level_checks import ProbedSet, check_levels, drop_dark
+from procam.estimate.structured_light.exposures import (
+    exposure_notes,
+    relative_exposures,
+    scaled,
+)
+from procam.estimate.structured_light.gaps import count_fits, skipped_numbers, spread
+from procam.estimate.structured_light.level_checks import (
+    ProbedSet,
+    check_levels,
+    drop_dark,
+    levels_pass,
+    order_levels,
+)
 
 POOR = 0.5  # share of straight triples below which exchanges between the axes are tried too
 EXCHANGE_GAIN = 1.15  # an exchange must score better by this factor
@@ -38,14 +50,25 @@ class SetReport:
     ----------
     order : per plane of the code, the index of its photograph; None where there is none.
     notes : faults that were corrected or left out, one line each, with the photographs' names.
+    gains : per photograph, its exposure over that of white, if it differs.
+    refused : what checks found that would refuse the set, if they were not overruled.
+    levels : whether white and black are sound; else the brightest and darkest of all replace them.
     """
 
     order: Order
     notes: list[str] = field(default_factory=list)
+    gains: dict[int, float] = field(default_factory=dict)
+    refused: list[str] = field(default_factory=list)
+    levels: bool = True
 
 
 def examine(
-    code: Code, sequence: Sequence[int], probes: Sequence[AnyArray], names: Sequence[str]
+    code: Code,
+    sequence: Sequence[int],
+    probes: Sequence[AnyArray],
+    names: Sequence[str],
+    *,
+    anyway: bool = False,
 ) -> SetReport:
     """Match photographs with the planes of `code`.
 
@@ -54,36 +77,83 @@ def examine(
     sequence : planes in the order in which they should have been photographed.
     probes : samples (n, 3) of each photograph, in the order of the photographs.
     names : of the photographs, for notes and messages.
+    anyway : whether checks of what the photographs show are overruled.
 
     Raises
     ------
     InputError : too many or too few photographs, no usable white or black, or another code.
     """
     photos = ProbedSet(probes, names)
-    inspector = _Inspector(code, photos)
+    inspector = _Inspector(code, photos, anyway)
     order = inspector.matched(sequence)
-    inspector.notes += check_levels(photos, order)
-    inspector.notes += drop_dark(code, photos, order)
+    inspector.notes += order_levels(photos, order)
+    gains = inspector.scale(order)
+    with inspector.overruled():
+        inspector.notes += check_levels(inspector.photos, order)
+    levels = levels_pass(inspector.photos, order) or inspector.without_levels(order)
+    inspector.notes += drop_dark(code, inspector.photos, order)
     inspector.drop_stale(order)
     inspector.exchange(order)
-    inspector.judge(order)
-    return SetReport(order, inspector.notes)
+    with inspector.overruled():
+        inspector.judge(order)
+    return SetReport(order, inspector.notes, gains, inspector.refused, levels)
 
 
 class _Inspector:
-    def __init__(self, code: Code, photos: ProbedSet) -> None:
+    def __init__(self, code: Code, photos: ProbedSet, anyway: bool) -> None:
         self.code, self.photos, self.names = code, photos, photos.names
         self.notes: list[str] = []
+        self.refused: list[str] = []
+        self._anyway = anyway
         self._score = OrderConsistency(code, photos.probes)
 
+    @contextmanager
+    def overruled(self) -> Iterator[None]:
+        """Keep a refusal as a text, if the set is to be decoded anyway."""
+        try:
+            yield
+        except InputError as error:
+            if not self._anyway:
+                raise
+            self.refused.append(str(error))
+
+    def scale(self, order: Order) -> dict[int, float]:
+        """Bring all samples to the exposure of white, unless the set is worse then; gives the factors."""
+        white, black = order[0], order[1]
+        assert white is not None and black is not None
+        gains = relative_exposures(self.code, self.photos, order)
+        changed = {photo: float(gains[photo]) for photo in np.flatnonzero(gains != 1).tolist()}
+        probes = list(self.photos.probes)
+        for photo, gain in changed.items():
+            probes[photo] = scaled(probes[photo], probes[black], gain)
+        after, score = self.photos.shown(probes), OrderConsistency(self.code, probes)
+        worse = score.of(order) + SLACK < NEARLY * (self._score.of(order) + SLACK)
+        if not changed or worse or not levels_pass(after, order):
+            return {}
+        self.notes += exposure_notes(gains, self.names, white)
+        self.photos, self._score = after, score
+        return changed
+
+    def without_levels(self, order: Order) -> bool:
+        """Replace white and black by the brightest and darkest samples of all; False."""
+        probes = list(self.photos.probes)
+        for plane, extreme in enumerate((np.max, np.min)):
+            if (photo := order[plane]) is not None:
+                probes[photo] = extreme(self.photos.probes, axis=0)
+        self.photos, self._score = self.photos.shown(probes), OrderConsistency(self.code, probes)
+        self.notes.append(
+            "white and black are replaced by the brightest and darkest of all pictures"
+        )
+        return False
+
     def matched(self, sequence: Sequence[int]) -> Order:
-        """Photographs by plane; one may be missing or too many."""
+        """Photographs by plane; a few may be missing, or one too many."""
         count = len(self.photos.probes)
         everything: Order = list(range(count))
         if count == len(sequence) + 1:
             return self._without_double(sequence, everything)
-        if count == len(sequence) - 1:
-            return self._with_gap(sequence, everything)
+        if count_fits(len(sequence), self.names) and count < len(sequence):
+            return self._with_gaps(sequence, everything)
         if count != len(sequence):
             raise InputError(
                 f"pictures: the code {self.code.name} on {self.code.size[0]}x{self.code.size[1]} px "
@@ -192,41 +262,35 @@ class _Inspector:
         )
         return orders[double]
 
-    def _with_gap(self, sequence: Sequence[int], shown: Order) -> Order:
-        """Leave the plane of one missing photograph empty: that whose absence scores best.
+    def _with_gaps(self, sequence: Sequence[int], shown: Order) -> Order:
+        """Leave the planes of missing photographs empty.
 
-        Where several score alike, as for the first and last of equal steps, the numbers in the names
-        decide.
+        One is looked for at every place, and its absence that scores best is taken; where several score
+        alike, as for the first and last of equal steps, the numbers in the names decide. Several are where
+        the numbers skip.
         """
-        orders = [
-            self._ordered(sequence, [*shown[:gap], None, *shown[gap:]])
-            for gap in range(len(sequence))
-        ]
+        missing = len(sequence) - len(shown)
+        named = skipped_numbers(self.names, missing)
+        single: list[tuple[int, ...]] = [(gap,) for gap in range(len(sequence))]
+        tried = single if missing == 1 else [named or ()]
+        orders = [self._ordered(sequence, spread(shown, gaps)) for gaps in tried]
         scores = np.array([self._score.of(order) for order in orders])
-        likely = np.flatnonzero(scores >= NEARLY * scores.max()).tolist()
-        skipped = [gap for gap in likely if gap == _skipped(self.names)]
-        if len(likely) > 1 and not skipped:
-            missing = " or ".join(str(self.code.planes[sequence[gap]]) for gap in likely)
-            raise InputError(
-                f"pictures: one is missing, {missing}, and the others fit either way; number the "
-                "files as the pictures are, so that the gap shows, or photograph it again"
-            )
-        gap = skipped[0] if skipped else likely[0]
-        where = f"after {self.names[gap - 1]}" if gap else f"before {self.names[0]}"
-        self.notes.append(f"missing: {self.code.planes[sequence[gap]]}, {where}; done without")
-        return orders[gap]
+        likely = [tried[i] for i in np.flatnonzero(scores >= NEARLY * scores.max())]
+        if len(likely) > 1 and named not in likely:
+            each = " or ".join(str(self.code.planes[sequence[gap]]) for (gap,) in likely)
+            with self.overruled():
+                raise InputError(
+                    f"pictures: one is missing, {each}, and the others fit either way; number the "
+                    "files as the pictures are, so that the gap shows, or photograph it again"
+                )
+        gaps = named if named in likely and named is not None else likely[0]
+        for skipped, gap in enumerate(gaps):
+            before = gap - skipped
+            where = f"after {self.names[before - 1]}" if before else f"before {self.names[0]}"
+            self.notes.append(f"missing: {self.code.planes[sequence[gap]]}, {where}; done without")
+        return orders[tried.index(gaps)]
 
 
 def _required_gain(first: int, second: int) -> float:
     """Factor by which the exchange of two planes must score better to be accepted."""
     return NEIGHBOUR_GAIN if second == first + 1 else EXCHANGE_GAIN
-
-
-def _skipped(names: Sequence[str]) -> int | None:
-    """Position of the one number that is skipped in the last numbers of the names, if any."""
-    found = [re.findall(r"\d+", name) for name in names]
-    if not all(found):
-        return None
-    numbers = np.array([int(each[-1]) for each in found])
-    jumps = np.flatnonzero(np.diff(numbers) == 2) + 1
-    return int(jumps[0]) if len(jumps) == 1 and np.ptp(numbers) == len(names) else None

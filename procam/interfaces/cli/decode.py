@@ -12,9 +12,15 @@ from procam.arrays import Array32
 from procam.errors import CalibrationError, FileFormatError, InputError
 from procam.estimate.structured_light.codes import DEFAULT_CODE, Code
 from procam.estimate.structured_light.consistency import probe_places
-from procam.estimate.structured_light.decode import Decoder
+from procam.estimate.structured_light.decode import Decoded, Decoder
 from procam.estimate.structured_light.described import folder_order
-from procam.estimate.structured_light.limits import DecodeLimits, default_limits
+from procam.estimate.structured_light.exposures import scaled
+from procam.estimate.structured_light.gaps import count_fits
+from procam.estimate.structured_light.limits import (
+    DecodeLimits,
+    default_limits,
+    dropped_samples,
+)
 from procam.estimate.structured_light.panel_checks import panel_notes
 from procam.estimate.structured_light.panel_map import drop_inconsistent, fit_projector_map
 from procam.estimate.structured_light.set_checks import SetReport, examine
@@ -51,6 +57,9 @@ def decode(
     contrast: Annotated[
         float | None, typer.Option(help="Least |pattern - inverse| [counts]; automatic.")
     ] = None,
+    anyway: Annotated[
+        bool, typer.Option("--anyway", help="Decode a set that a check of its pictures refuses.")
+    ] = False,
     json: Json = False,
 ) -> None:
     """Decode a folder of structured-light photographs; needs no venue.
@@ -60,7 +69,7 @@ def decode(
     output, layout = Output(json), chosen_code(code, panel_size(size), order)
     look, side = (out.with_name(f"{out.stem}{end}") for end in ("-look.png", "-panel.exr"))
     _check_outputs(images, out, look, side)
-    found, panel, notes = decode_folder(images, layout, (white_black, contrast))
+    found, panel, notes = decode_folder(images, layout, (white_black, contrast), anyway=anyway)
     if not found.valid.any():
         raise CalibrationError(
             f"{images}: no pixel decodes as {code} on {size}; are size, code and order right?"
@@ -95,34 +104,51 @@ def decode(
 
 
 def decode_folder(
-    folder: Path, code: Code, limits: Limits
+    folder: Path, code: Code, limits: Limits, *, anyway: bool = False
 ) -> tuple[CorrespondenceMap, ProjectorMap, list[str]]:
     """The camera's map and the panel's map of a folder of pictures, and notes on what is unusual.
 
-    Limits that are given switch all other cleaning off.
+    Limits that are given switch all other cleaning off. With `anyway` the checks of what the pictures show
+    are overruled; the notes say which.
     """
     if not folder.is_dir():
         raise FileFormatError(f"{folder}: there is no such folder; give one with photographs")
     files = sorted(
         (p for p in folder.glob("*") if p.suffix.lower() in SUFFIXES and p.is_file()), key=_in_order
     )
-    if abs(len(files) - len(code.planes)) > 1:
+    if not count_fits(len(code.planes), [path.name for path in files]):
         raise FileFormatError(count_refusal(folder, len(files), code))
-    verdict = _matched(files, code)
-    shown = [None if i is None else files[i] for i in verdict.order]
-    assert shown[0] is not None and shown[1] is not None
-    white, black = read_grey(shown[0]), read_grey(shown[1])
-    decoder = Decoder(code, _limits(limits, white, black))
-    decoder.add(0, white)
-    decoder.add(1, black)
-    for plane, path in enumerate(shown):
-        if plane > 1 and path is not None:
-            decoder.add(plane, read_grey(path))
-    decoded = decoder.result()
+    verdict = _matched(files, code, anyway)
+    decoded = _decoded(files, code, limits, verdict)
     found, panel = decoded.map, fit_projector_map(decoded.map, code.size)
     if limits == (None, None):
         found = drop_inconsistent(found, panel)
-    return found, panel, [*verdict.notes, *decoded.notes, *panel_notes(code, found)]
+    overruled = [f"decoded anyway, though a check refuses it: {why}" for why in verdict.refused]
+    return found, panel, [*overruled, *verdict.notes, *decoded.notes, *panel_notes(code, found)]
+
+
+def _decoded(files: list[Path], code: Code, limits: Limits, verdict: SetReport) -> Decoded:
+    """The photographs in the order that was found, all with the exposure of white."""
+    shown = {plane: i for plane, i in enumerate(verdict.order) if i is not None}
+    white, black = read_grey(files[shown[0]]), read_grey(files[shown[1]])
+    if not verdict.levels:
+        for picture in map(read_grey, (files[i] for i in shown.values())):
+            white, black = np.maximum(white, picture), np.minimum(black, picture)
+    levels = (white, black)
+    accepted = _limits(limits, white, black)
+    if not verdict.gains:
+        decoder = Decoder(code, accepted)
+        for plane, i in shown.items():
+            decoder.add(plane, levels[plane] if plane < 2 else read_grey(files[i]))
+        return decoder.result()
+    # samples that cannot be used are NaN, for scaled ones have other limits
+    decoder = Decoder(code, replace(accepted, saturated=None, dark=None))
+    for plane, i in shown.items():
+        picture = read_grey(files[i])
+        lost = dropped_samples(picture, accepted) & (code.planes[plane].kind == "sine")
+        same = scaled(picture, black, verdict.gains.get(i, 1.0))
+        decoder.add(plane, np.where(lost, np.float32(np.nan), same))
+    return decoder.result()
 
 
 def _check_outputs(folder: Path, out: Path, *others: Path) -> None:
@@ -145,7 +171,7 @@ def _panel_channels(panel: ProjectorMap) -> dict[str, Array32]:
     }
 
 
-def _matched(files: list[Path], code: Code) -> SetReport:
+def _matched(files: list[Path], code: Code, anyway: bool) -> SetReport:
     """Which file shows which plane; files of another size than most are left out."""
     pictures = ((path, read_grey(path)) for path in files)
     seen = [
@@ -160,9 +186,11 @@ def _matched(files: list[Path], code: Code) -> SetReport:
     ]
     same = [path for path, kind, _ in seen if kind == usual]
     probes = [probe for _, kind, probe in seen if kind == usual]
-    verdict = examine(code, folder_order(code), probes, [path.name for path in same])
+    names = [path.name for path in same]
+    verdict = examine(code, folder_order(code), probes, names, anyway=anyway)
     order = [None if i is None else files.index(same[i]) for i in verdict.order]
-    return SetReport(order, notes + verdict.notes)
+    gains = {files.index(same[i]): gain for i, gain in verdict.gains.items()}
+    return replace(verdict, order=order, notes=notes + verdict.notes, gains=gains)
 
 
 def _kind(picture: Picture) -> str:

@@ -7,7 +7,12 @@ import pytest
 
 from procam.errors import InputError
 from procam.estimate.structured_light.codes import generate, make_code
-from procam.estimate.structured_light.level_checks import ProbedSet, check_levels, drop_dark
+from procam.estimate.structured_light.level_checks import (
+    ProbedSet,
+    check_levels,
+    drop_dark,
+    order_levels,
+)
 
 CODE = make_code("gray", (64, 48))
 
@@ -38,7 +43,7 @@ def test_white_and_black_are_exchanged() -> None:
     shown = photographs()
     shown[:2] = shown[1::-1]
     planes = order()
-    (note,) = check_levels(probed(shown), planes)
+    (note,) = order_levels(probed(shown), planes)
     assert planes[:2] == [1, 0] and "img_0 and img_1: white and black" in note
 
 
