@@ -16,7 +16,7 @@ from procam.compensate.equations import FrameEquations, Solution
 from procam.compensate.fields import Fields
 from procam.errors import InputError
 from procam.kernels.frame import Coding, check_pictures, frame_apply, frame_sums, scattered_light
-from procam.kernels.frame.reference import interpolated
+from procam.kernels.frame.reference import ROWS, interpolated
 from procam.maths.light.transfer import transfer
 from procam.model.calibration import Calibration
 
@@ -85,7 +85,8 @@ class Compensator:
     calibration : with maps of the dome.
     size : edge of the square content [px].
     method : "exact" solves (P), docs/theory/compensation.md (C2): unlimited pixels are reproduced exactly.
-        "least-squares" (W) has the least squared error over the dome. "subtract" takes off the light
+        "least-squares" (W) has the least squared error over the dome; floats brighter than a place can
+        be count there as its brightest, see `most`. "subtract" takes off the light
         that would be scattered without limits, then clamps (van Baar et al. 2011, eq. 12, with all
         that reflects). "paper-eq12" is that equation to the letter, with the lit area alone. "none"
         clamps.
@@ -149,6 +150,21 @@ class Compensator:
         """(N, N) where projectors reach."""
         return interpolated(self.fields.shown, self.fields.shown.coverage, slice(None)) > 0
 
+    @cached_property
+    def most(self) -> Image:
+        """(N, N, 3) total light at full drive, the most that (W) aims for [unit of content].
+
+        A sun of 1e5 cannot be shown; the square of its error would light the whole dome.
+        """
+        most, white = (
+            np.empty((self.size, self.size, CHANNELS), np.float32),
+            self.fields.full_white(),
+        )
+        for start in range(0, self.size, ROWS):
+            rows = slice(start, start + ROWS)
+            most[rows] = interpolated(self.fields.shown, white, rows)
+        return most
+
     def frame(self, image: AnyArray, out: AnyArray | None = None) -> AnyArray:
         """The light to send, encoded as the content is.
 
@@ -164,7 +180,7 @@ class Compensator:
             Another shape or element type.
         """
         check_pictures(self.size, image, out)
-        content, coding = self._codec.decoded(image)
+        content, coding = self._decoded(image, self._codec)
         held, self._solved = self._codec.protected_pixels(image), None
         to = out if content is image else None
         sent, solution = self._equations.frame(content, coding, to)
@@ -176,7 +192,7 @@ class Compensator:
     def apply(self, image: AnyArray, coefficients: Array, out: AnyArray | None = None) -> AnyArray:
         """`frame` with known coefficients (3, 9), such as a track's; nothing is solved."""
         check_pictures(self.size, image, out)
-        content, coding = self._codec.decoded(image)
+        content, coding = self._decoded(image, self._codec)
         held, self._solved, self.coefficients = (
             self._codec.protected_pixels(image),
             None,
@@ -225,8 +241,9 @@ class Compensator:
     def solve(self, image: Image) -> Compensated:
         """The compensated picture in linear light, its total as the audience sees it, where it clips."""
         check_pictures(self.size, image)
-        content, self._solved = np.ascontiguousarray(image, np.float32), None
-        equations, coding = self._equations, self._codec.coding("linear", np.inf, 1.0)
+        linear, self._solved = np.ascontiguousarray(image, np.float32), None
+        content, coding = self._decoded(linear, ContentCodec(transfer("linear"), 1.0, None))
+        equations = self._equations
         solution, _ = equations.solve(content, coding)
         self._solved = _Solved(content, coding, solution)
         self.coefficients = solution.coefficients
@@ -243,6 +260,10 @@ class Compensator:
         sums = equations.sums(content, solution, "light", coding)
         direct[kept], free[kept] = image[kept], False
         return Compensated(direct, observed.astype(np.float32), free, sums[:, 0])
+
+    def _decoded(self, image: AnyArray, codec: ContentCodec) -> tuple[AnyArray, Coding]:
+        limited = self.method == "least-squares" and image.dtype.kind == "f"
+        return codec.decoded(image, self.most if limited else None)
 
     def target(self, image: Image) -> Image:
         """The total light to aim for (N, N, 3): the content under its white, or itself where protected."""

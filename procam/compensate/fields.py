@@ -28,6 +28,7 @@ from procam.model.transport import DomeMaps, ScatterKernel
 
 WHITES = ("summed", "keep")
 CHANNELS = 3
+DARKEST = 1e-3  # gain beyond the lit part, where it may be 0 [-]
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,11 +88,21 @@ class Fields:
         model = self.shown
         gain = np.ones_like(model.coverage) if model.gain is None else model.gain
         assert model.hi is not None
-        direct = np.clip(gain[..., None], model.lo, model.hi).astype(float)
-        light = scattered_light(self.shown, self.coefficients_of(self.node_sums(direct)))
+        total = self._total(np.clip(gain[..., None], model.lo, model.hi).astype(float))
         area = model.solid_angle_sr.astype(float)
-        totals = np.tensordot(area, direct + light, 2) / np.tensordot(area, gain.astype(float), 2)
+        totals = np.tensordot(area, total, 2) / np.tensordot(area, gain.astype(float), 2)
         return float(totals.min())
+
+    def full_white(self) -> Array:
+        """Total light (M, M, 3) with all projectors at full drive, in the unit of content."""
+        model = self.shown
+        assert model.hi is not None
+        total = self._total(model.hi.astype(float))
+        return total if model.gain is None else total / np.maximum(model.gain, DARKEST)[..., None]
+
+    def _total(self, direct: Array) -> Array:
+        """Total light (M, M, 3) for direct light at the nodes [rel]."""
+        return direct + scattered_light(self.shown, self.coefficients_of(self.node_sums(direct)))
 
     def node_sums(self, values: Array) -> Array:
         """Moments (3, T) of values (M, M, 3), from nodes alone."""

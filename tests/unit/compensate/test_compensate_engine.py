@@ -87,9 +87,8 @@ class TestOptimum:
         whole, area, lit = operator(known, SMALL)
         lo, hi = known.maps.lo[lit][:, 0].astype(float), known.maps.hi[lit][:, 0].astype(float)
         root = np.sqrt(area)
-        best = lsq_linear(
-            root[:, None] * whole, root * content[lit][:, 0], (lo, hi), "bvls", tol=1e-14
-        )
+        wanted = np.minimum(content[lit][:, 0], whole @ hi)  # what a place can show at full drive
+        best = lsq_linear(root[:, None] * whole, root * wanted, (lo, hi), "bvls", tol=1e-14)
         compensator = Compensator(known, SMALL, "least-squares")
         with kernels.forced("numpy"):  # in double precision
             compensator.frame(content)
@@ -99,6 +98,27 @@ class TestOptimum:
         np.testing.assert_allclose(found, best.x, atol=1e-7)
         assert 0 < compensator.certificate.share_lo[0] < 1
         assert 0 < compensator.certificate.share_hi[0] < 1
+
+    @pytest.mark.parametrize("kind", [np.float16, np.float32])
+    @pytest.mark.parametrize("name", ["linear", "srgb"])
+    def test_a_sun_counts_as_the_brightest_that_can_be_shown(
+        self, known: Calibration, content: np.ndarray, kind: type, name: str
+    ) -> None:
+        """(W) left with a sun of 1e5, or of infinity once encoded, would light the whole dome."""
+        compensator = Compensator(known, SMALL, "least-squares", transfer_name=name)
+        encode = transfer(name).encode
+        bright, dim = (encode(0.2 * content).astype(kind) for _ in range(2))
+        bright[6:9, 6:9], dim[6:9, 6:9] = 6e4, encode(compensator.most[6:9, 6:9])
+        np.testing.assert_allclose(compensator.frame(bright), compensator.frame(dim), atol=2e-3)
+
+    @pytest.mark.parametrize("name", ["linear", "srgb"])
+    def test_what_is_not_finite_is_black_in_least_squares(
+        self, known: Calibration, content: np.ndarray, name: str
+    ) -> None:
+        compensator = Compensator(known, SMALL, "least-squares", transfer_name=name)
+        broken, black = content.copy(), content.copy()
+        broken[6:9, 6:9], black[6:9, 6:9] = np.inf, 0
+        np.testing.assert_allclose(compensator.frame(broken), compensator.frame(black), atol=1e-6)
 
     def test_least_squares_beats_exact_in_squares(
         self, known: Calibration, content: np.ndarray
