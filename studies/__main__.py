@@ -15,6 +15,7 @@ from studies import (
     one_fringe,
     photometry,
     precision,
+    refine,
 )
 
 STUDIES = {
@@ -27,6 +28,7 @@ STUDIES = {
     "loop": loop.main,
     "content": content.main,
     "precision": precision.main,
+    "refine": refine.main,
 }
 
 

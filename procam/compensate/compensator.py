@@ -16,7 +16,7 @@ from procam.compensate.equations import FrameEquations, Solution
 from procam.compensate.fields import Fields
 from procam.errors import InputError
 from procam.kernels.frame import Coding, check_pictures, frame_apply, frame_sums, scattered_light
-from procam.kernels.frame.reference import ROWS, interpolated
+from procam.kernels.frame.reference import interpolated
 from procam.maths.light.transfer import transfer
 from procam.model.calibration import Calibration
 
@@ -86,7 +86,7 @@ class Compensator:
     size : edge of the square content [px].
     method : "exact" solves (P), docs/theory/compensation.md (C2): unlimited pixels are reproduced exactly.
         "least-squares" (W) has the least squared error over the dome; floats brighter than a place can
-        be count there as its brightest, see `most`. "subtract" takes off the light
+        be count there as its brightest, see `Fields.full_white`. "subtract" takes off the light
         that would be scattered without limits, then clamps (van Baar et al. 2011, eq. 12, with all
         that reflects). "paper-eq12" is that equation to the letter, with the lit area alone. "none"
         clamps.
@@ -130,6 +130,8 @@ class Compensator:
             raise InputError(
                 f"strength: {strength} is outside 0 (the content itself) to 1 (the full result)"
             )
+        if size < 2:
+            raise InputError(f"size: {size} px is too small; 2 or more are needed")
         self.method, self.size, self.strength = method, size, strength
         known = transfer(transfer_name) if transfer_name else None
         self.fields = Fields.of(calibration, size, state, white)
@@ -149,21 +151,6 @@ class Compensator:
     def lit(self) -> BoolArray:
         """(N, N) where projectors reach."""
         return interpolated(self.fields.shown, self.fields.shown.coverage, slice(None)) > 0
-
-    @cached_property
-    def most(self) -> Image:
-        """(N, N, 3) total light at full drive, the most that (W) aims for [unit of content].
-
-        A sun of 1e5 cannot be shown; the square of its error would light the whole dome.
-        """
-        most, white = (
-            np.empty((self.size, self.size, CHANNELS), np.float32),
-            self.fields.full_white(),
-        )
-        for start in range(0, self.size, ROWS):
-            rows = slice(start, start + ROWS)
-            most[rows] = interpolated(self.fields.shown, white, rows)
-        return most
 
     def frame(self, image: AnyArray, out: AnyArray | None = None) -> AnyArray:
         """The light to send, encoded as the content is.
@@ -239,8 +226,22 @@ class Compensator:
         )
 
     def solve(self, image: Image) -> Compensated:
-        """The compensated picture in linear light, its total as the audience sees it, where it clips."""
+        """The compensated picture in linear light, its total as the audience sees it, where it clips.
+
+        Parameters
+        ----------
+        image : (N, N, 3) float16 or float32, linear light, 1.0 is the white.
+
+        Raises
+        ------
+        ShapeError, InputError
+            Another shape; integers, which are encoded: `frame` takes those.
+        """
         check_pictures(self.size, image)
+        if image.dtype.kind != "f":
+            raise InputError(
+                f"content: {image.dtype} is encoded; solve takes linear light as float32, frame takes codes"
+            )
         linear, self._solved = np.ascontiguousarray(image, np.float32), None
         content, coding = self._decoded(linear, ContentCodec(transfer("linear"), 1.0, None))
         equations = self._equations
@@ -263,7 +264,7 @@ class Compensator:
 
     def _decoded(self, image: AnyArray, codec: ContentCodec) -> tuple[AnyArray, Coding]:
         limited = self.method == "least-squares" and image.dtype.kind == "f"
-        return codec.decoded(image, self.most if limited else None)
+        return codec.decoded(image, self.fields.full_white if limited else None)
 
     def target(self, image: Image) -> Image:
         """The total light to aim for (N, N, 3): the content under its white, or itself where protected."""

@@ -11,11 +11,11 @@ from functools import cached_property
 
 import numpy as np
 
-from procam.arrays import Array, BoolArray, FloatArray, Map
+from procam.arrays import Array, BoolArray, FloatArray, Image, Map
 from procam.compensate._continuation import WELL_LIT, continued
 from procam.errors import InputError
 from procam.kernels.frame import TERMS, FrameModel, scattered_light
-from procam.kernels.frame.reference import monomials
+from procam.kernels.frame.reference import ROWS, interpolated, monomials
 from procam.maths.geometry.sphere import (
     direction_from_angles,
     master_directions,
@@ -93,12 +93,22 @@ class Fields:
         totals = np.tensordot(area, total, 2) / np.tensordot(area, gain.astype(float), 2)
         return float(totals.min())
 
-    def full_white(self) -> Array:
-        """Total light (M, M, 3) with all projectors at full drive, in the unit of content."""
+    @cached_property
+    def full_white(self) -> Image:
+        """(N, N, 3) total light with all projectors at full drive, the most that (W) aims for [of content].
+
+        A sun of 1e5 cannot be shown; the square of its error would light the whole dome.
+        """
         model = self.shown
         assert model.hi is not None
         total = self._total(model.hi.astype(float))
-        return total if model.gain is None else total / np.maximum(model.gain, DARKEST)[..., None]
+        if model.gain is not None:
+            total = total / np.maximum(model.gain, DARKEST)[..., None]
+        found = np.empty((model.size, model.size, CHANNELS), np.float32)
+        for start in range(0, model.size, ROWS):
+            rows = slice(start, start + ROWS)
+            found[rows] = interpolated(model, total, rows)
+        return found
 
     def _total(self, direct: Array) -> Array:
         """Total light (M, M, 3) for direct light at the nodes [rel]."""

@@ -108,7 +108,7 @@ class TestOptimum:
         compensator = Compensator(known, SMALL, "least-squares", transfer_name=name)
         encode = transfer(name).encode
         bright, dim = (encode(0.2 * content).astype(kind) for _ in range(2))
-        bright[6:9, 6:9], dim[6:9, 6:9] = 6e4, encode(compensator.most[6:9, 6:9])
+        bright[6:9, 6:9], dim[6:9, 6:9] = 6e4, encode(compensator.fields.full_white[6:9, 6:9])
         np.testing.assert_allclose(compensator.frame(bright), compensator.frame(dim), atol=2e-3)
 
     @pytest.mark.parametrize("name", ["linear", "srgb"])
@@ -197,6 +197,17 @@ class TestCertificate:
     def test_of_no_frame(self, calibration: Calibration) -> None:
         with pytest.raises(InputError, match="certificate: there is no frame"):
             _ = Compensator(calibration, SIZE).certificate
+
+
+def test_codes_and_sizes_that_make_no_sense_are_refused(calibration: Calibration) -> None:
+    compensator = Compensator(calibration, SIZE)
+    with pytest.raises(InputError, match="uint8 is encoded; solve takes linear light"):
+        compensator.solve(np.full((SIZE, SIZE, 3), 76, np.uint8))
+    for size in (0, -5):
+        with pytest.raises(InputError, match=f"size: {size} px is too small"):
+            Compensator(calibration, size)
+    with pytest.raises(InputError, match="list is no picture"):
+        compensator.frame([[0.0]])
 
 
 class TestPictures:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from procam.errors import FileFormatError
+from procam.errors import FileFormatError, InputError
 from procam.files.calibration import (
     latest_calibration,
     list_calibrations,
@@ -123,13 +123,6 @@ class TestRoundTrip:
             "maps/south.exr",
         ]
 
-    def test_a_finished_one_is_never_overwritten(
-        self, saved: Path, calibration: Calibration
-    ) -> None:
-        with pytest.raises(OSError):
-            save_calibration(calibration, saved)
-        _assert_same(load_calibration(saved), calibration)
-
     def test_saving_that_fails_leaves_nothing(
         self, tmp_path: Path, calibration: Calibration
     ) -> None:
@@ -137,6 +130,19 @@ class TestRoundTrip:
         with pytest.raises(TypeError):
             save_calibration(unfit, tmp_path / "0001")
         assert list(tmp_path.iterdir()) == []
+
+
+def test_paths_may_be_text(tmp_path: Path, calibration: Calibration) -> None:
+    save_calibration(calibration, str(tmp_path / "0001"))
+    assert (
+        load_calibration(str(tmp_path / "0001")).projectors.keys() == calibration.projectors.keys()
+    )
+
+
+def test_an_existing_folder_is_left_as_it_is(saved: Path, calibration: Calibration) -> None:
+    with pytest.raises(InputError, match="exists; give the folder of a calibration that is not"):
+        save_calibration(calibration, saved)
+    _assert_same(load_calibration(saved), calibration)
 
 
 class TestNumbering:
@@ -187,6 +193,11 @@ class TestDamage:
         message = self._message(saved)
         assert message.startswith(f"{saved / 'calibration.json'} is a damaged calibration")
         assert "procam solve" in message
+
+    def test_a_list_for_a_table(self, saved: Path) -> None:
+        path = saved / "calibration.json"
+        path.write_text(json.dumps(json.loads(path.read_text()) | {"cameras": []}))
+        assert "damaged calibration" in self._message(saved)
 
     @pytest.mark.parametrize("key", ["screen", "cameras", "projectors", "feedback", "quality"])
     def test_a_part_is_missing(self, saved: Path, key: str) -> None:

@@ -218,13 +218,13 @@ class TestRegression:
         block = np.repeat([0, 1, 2], 100)
         first, judged = np.full((300, 2), 0.3), np.ones((300, 2), bool)
         last = first.copy()
-        last[100:200, 1] = 0.9
-        last[200:, 0] = 0.7
+        last[100:200, 1] = 1.9
+        last[200:, 0] = 1.7
         found = largest_regression(first, last, np.full((300, 2), 0.1), judged, block)
         assert found is not None
         np.testing.assert_array_equal(found.place, block == 1)
         assert (found.channel, found.before) == (1, pytest.approx(np.sqrt(0.08)))
-        assert found.after == pytest.approx(np.sqrt(0.8))
+        assert found.after == pytest.approx(np.sqrt(3.6))
 
     def test_noise_invisible_changes_and_unjudged_patches_are_no_regression(
         self, rng: np.random.Generator
@@ -234,7 +234,7 @@ class TestRegression:
         first, last = 2.0 * rng.normal(size=(2, 200, 1))
         assert largest_regression(first, last, noise, judged, block) is None
         quiet = np.zeros((200, 1))
-        assert largest_regression(quiet, quiet + 0.4, quiet, judged, block) is None
+        assert largest_regression(quiet, quiet + 0.9, quiet, judged, block) is None
         judged[20:] = False
         assert largest_regression(quiet, quiet + 9, quiet, judged, block) is None
 
