@@ -3,7 +3,7 @@
 The board curls up at one side like paper: its curvature grows along the sheet and no length changes. The
 lens has thin-prism terms; OpenCV projects with them. The noise of the corners differs from view to view.
 Nothing here uses procam. The true parameters of such a lens are those of the nearest lens of the
-fitted kind over the whole picture, turned freely: turning a lens is turning the camera.
+fitted kind over a part of the picture, turned freely: turning a lens is turning the camera.
 """
 
 from collections.abc import Sequence
@@ -42,13 +42,18 @@ class PrismLens:
         seen = cv2.projectPoints(points.reshape(-1, 1, 3), still, still, matrix, terms)[0]
         return np.asarray(seen, float).reshape(-1, 2)
 
-    def nearest(self, size: tuple[int, int]) -> tuple[Array, Array]:
-        """Parameters (9,) of the nearest lens without prism over a picture, and its turn (3, 3)."""
+    def nearest(self, seen_at: Sequence[Array]) -> tuple[Array, Array]:
+        """Parameters (9,) of the nearest lens without prism, and its turn (3, 3).
+
+        Over the rectangle of all these pixels (N, 2), NaN where nothing is seen.
+        """
         side = np.tan(np.linspace(-0.75, 0.75, 41))
         x, y = np.meshgrid(side, side)
         rays = np.stack([x, y, np.ones_like(x)], axis=-1).reshape(-1, 3)
-        inside = _within(self.project(rays), size)
-        rays, seen = rays[inside], self.project(rays[inside])
+        shown = np.concatenate([pixels[np.isfinite(pixels[:, 0])] for pixels in seen_at])
+        seen = self.project(rays)
+        inside = ((seen >= shown.min(axis=0)) & (seen <= shown.max(axis=0))).all(axis=1)
+        rays, seen = rays[inside], seen[inside]
 
         def miss(unknown: Array) -> Array:
             turned = rays @ Rotation.from_rotvec(unknown[9:]).as_matrix().T
