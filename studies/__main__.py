@@ -6,6 +6,7 @@ All of them, or those that are named: python -m studies codes code-table
 import sys
 
 from studies import (
+    boards,
     code_table,
     codes,
     content,
@@ -19,6 +20,7 @@ from studies import (
 )
 
 STUDIES = {
+    "boards": boards.main,
     "codes": codes.main,
     "one-fringe": one_fringe.main,
     "code-table": code_table.main,
