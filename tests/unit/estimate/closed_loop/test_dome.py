@@ -13,10 +13,12 @@ from procam.estimate.closed_loop.dome import (
     DomeLoop,
     LoopCells,
     low_pass_cells,
+    nodes_for_means,
     noise_by_level,
 )
+from procam.estimate.closed_loop.patches import LoopObservation
 from procam.maths.geometry.sphere import master_directions, master_pixels
-from procam.maths.warp import sample
+from procam.maths.warp import block_mean, sample
 from procam.model.calibration import Calibration
 from procam.model.mask import Mask
 
@@ -128,6 +130,36 @@ class TestLoop:
             NotEnoughData, match=r"limits of the projectors hold everywhere .* mid-tones"
         ):
             DomeLoop(calibration, cells, black, black)
+
+
+class TestNodes:
+    def test_their_interpolation_has_the_means(self, rng: np.random.Generator) -> None:
+        """Over random cells; 64 samples of each."""
+        means = rng.uniform(0.2, 0.8, (24, 24, 3))
+        fine = (np.arange(24 * 8) + 0.5) / 8 - 0.5
+        drawn = sample(nodes_for_means(means), np.stack(np.meshgrid(fine, fine), -1))
+        inner = slice(4, -4)  # beyond the border there is nothing
+        got = block_mean(drawn, 8)[inner, inner]
+        assert np.abs(got - means[inner, inner]).max() < 0.02
+        plain = block_mean(sample(means, np.stack(np.meshgrid(fine, fine), -1)), 8)
+        assert np.abs(plain[inner, inner] - means[inner, inner]).max() > 0.1
+
+    def test_a_smooth_picture_is_left_alone(self) -> None:
+        slope = np.add.outer(np.arange(20.0), np.arange(20.0))[..., None] * np.ones(3)
+        np.testing.assert_allclose(nodes_for_means(slope)[7:-7, 7:-7], slope[7:-7, 7:-7])
+
+
+class TestLearn:
+    @pytest.mark.parametrize("photographs", [1, 4, 16])
+    def test_the_mean_of_n_photographs_is_uncertain_by_sigma_over_root_n(
+        self, loop: DomeLoop, monkeypatch: pytest.MonkeyPatch, photographs: int
+    ) -> None:
+        told: list[LoopObservation] = []
+        monkeypatch.setattr(loop.state, "learn", told.append)
+        loop.learn(loop.goal, _sigma(), photographs)
+        even = loop.direction[loop._inside][:, 2] > np.sin(np.radians(45))  # no stray light there
+        np.testing.assert_allclose(told[0].sigma[even], 1e-4 / np.sqrt(photographs), rtol=1e-3)
+        assert told[0].photographs == photographs
 
 
 class TestLowPass:
