@@ -19,7 +19,7 @@ KERNELS = "procam/kernels/"
 BUILD = "from setuptools import setup; setup()"
 MOST_S = 300  # of one run of tests; a mutation that hangs is noticed too
 PASSED, FAILED = 0, 1  # exit codes of pytest
-ALONE = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "PYTHONDONTWRITEBYTECODE")}
+ALONE = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "PYTHONDONTWRITEBYTECODE"), "1")
 
 
 class Broken(Exception):
@@ -135,5 +135,11 @@ def failure(root: Path, tests: Sequence[str]) -> str:
 def _run(command: Sequence[str], root: Path) -> subprocess.CompletedProcess[str]:
     environment = {**os.environ, **ALONE, "PYTHONPATH": str(root)}
     return subprocess.run(
-        command, cwd=root, env=environment, capture_output=True, text=True, timeout=MOST_S, check=False
+        command,
+        cwd=root,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=MOST_S,
+        check=False,
     )

@@ -109,6 +109,23 @@ class TestLoop:
         assert (loop.picture[whole] <= hi[whole] + FLOAT32).all()
         assert (hi - loop.picture)[whole].min() < FLOAT32
 
+    def test_no_more_than_twice_what_was_measured_is_asked_of_a_faint_border(
+        self, calibration: Calibration, cells: LoopCells, direct: Image
+    ) -> None:
+        """Coverage .1 with a limit of .3: the two are not of one measurement, and .3 / .1 is no limit."""
+        elevation = np.arcsin(np.clip(master_directions(96)[0][..., 2], -1, 1))
+        faint = elevation < np.radians(45)
+        maps = replace(
+            calibration.maps,
+            coverage=np.where(faint, 0.1 * calibration.maps.coverage, calibration.maps.coverage),
+            hi=np.where(faint[..., None], np.float32(0.3), calibration.maps.hi),
+        )
+        above = np.arcsin(np.clip(master_directions(SIZE)[0][..., 2], -1, 1))
+        asked = np.where((above < np.radians(45))[..., None], 2 * direct, direct)
+        loop = DomeLoop(replace(calibration, maps=maps), cells, asked, asked)
+        rim = (above > np.radians(25)) & (above < np.radians(40))
+        np.testing.assert_allclose(loop.picture[rim], 0.6, rtol=1e-5)
+
     def test_protected_parts_do_not_change(
         self, calibration: Calibration, cells: LoopCells, direct: Image
     ) -> None:

@@ -40,6 +40,21 @@ def test_a_furnished_one_takes_a_higher_degree(furnished: TracedRoom) -> None:
     assert f"degree {fit.kernel.degree} used" in fit.summary()
 
 
+def test_a_degree_that_gains_a_twentieth_is_not_worth_it(
+    bare: TracedRoom, furnished: TracedRoom
+) -> None:
+    """A bare dome with a tenth of the light of a furnished one."""
+    both = [[room.scatter_sample(lit, 0.0) for lit in parts()] for room in (bare, furnished)]
+    mixed = [
+        replace(a, scattered=0.9 * a.scattered + 0.1 * b.scattered)
+        for a, b in zip(*both, strict=True)
+    ]
+    (empty, white), (full, _) = bare.known(), furnished.known()
+    fit = fit_scatter(mixed, 0.9 * empty + 0.1 * full, cell_basis().T @ white)
+    assert 0.93 < fit.held_out[1] / fit.held_out[0] < 0.98
+    assert fit.kernel.degree == 0
+
+
 def test_pictures_that_miss_the_dome_are_left_out(furnished: TracedRoom) -> None:
     per_flux, white = furnished.known()
     found = [furnished.scatter_sample(lit, 0.003) for lit in parts()]
