@@ -70,7 +70,8 @@ def table(outcomes: Sequence[Outcome]) -> Iterator[str]:
     if survivors:
         yield from ("", "| survivor | in | why it may live |", "|---|---|---|")
     for o in survivors:
-        yield f"| {o.mutation.name} | {o.mutation.file} | {o.mutation.lives or 'nothing: needs a test'} |"
+        argument = o.mutation.lives or "no argument: it needs a test"
+        yield f"| {o.mutation.name} | {o.mutation.file} | {argument} |"
     yield from ("", "| killed | in | by |", "|---|---|---|")
     for o in killed:
         yield f"| {o.mutation.name} | {o.mutation.file} | {o.killer} |"

@@ -119,7 +119,7 @@ def build_kernels(root: Path) -> None:
 
 def failure(root: Path, tests: Sequence[str]) -> str:
     """The first of some tests that fails in a tree; "" if all pass."""
-    command = [sys.executable, "-m", "pytest", "-x", "-q", "-n", "0", "-rf", "--tb=no", *tests]
+    command = [sys.executable, "-m", "pytest", "-x", "-q", "-n", "0", "-rfE", "--tb=line", *tests]
     try:
         ran = _run(command, root)
     except subprocess.TimeoutExpired:

@@ -171,12 +171,23 @@ class TestLearn:
     def test_the_mean_of_n_photographs_is_uncertain_by_sigma_over_root_n(
         self, loop: DomeLoop, monkeypatch: pytest.MonkeyPatch, photographs: int
     ) -> None:
-        told: list[LoopObservation] = []
-        monkeypatch.setattr(loop.state, "learn", told.append)
+        learnt: list[LoopObservation] = []
+        monkeypatch.setattr(loop.state, "learn", learnt.append)
         loop.learn(loop.goal, _sigma(), photographs)
         even = loop.direction[loop._inside][:, 2] > np.sin(np.radians(45))  # no stray light there
-        np.testing.assert_allclose(told[0].sigma[even], 1e-4 / np.sqrt(photographs), rtol=1e-3)
-        assert told[0].photographs == photographs
+        np.testing.assert_allclose(learnt[0].sigma[even], 1e-4 / np.sqrt(photographs), rtol=1e-3)
+        assert learnt[0].photographs == photographs
+
+    def test_stray_light_of_a_bright_neighbour_is_part_of_the_uncertainty(
+        self, loop: DomeLoop, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """A twentieth of the step from .5 to black, up to three cells from it; noise is far smaller."""
+        learnt: list[LoopObservation] = []
+        monkeypatch.setattr(loop.state, "learn", learnt.append)
+        loop.learn(loop.goal, _sigma(), 4)
+        elevation = np.degrees(np.arcsin(loop.direction[loop._inside][:, 2]))
+        beside = np.abs(elevation - 20) < 180 / LOOP_SIZE
+        np.testing.assert_allclose(learnt[0].sigma[beside], 0.025, rtol=0.02)
 
 
 class TestLowPass:
