@@ -15,7 +15,15 @@ ROOT = HERE.parents[1]
 THEORY = ROOT / "docs" / "theory"
 CODE = [
     path
-    for folder in ("procam", "simulators", "tests", "studies", "benchmarks", "calib_data")
+    for folder in (
+        "procam",
+        "simulators",
+        "tests",
+        "studies",
+        "benchmarks",
+        "mutations",
+        "calib_data",
+    )
     for path in sorted((ROOT / folder).rglob("*"))
     if path.suffix in (".py", ".c", ".h", ".frag", ".glsl", ".toml", ".md", ".html")
 ]
@@ -28,7 +36,9 @@ DEFINED = re.compile(r"^    .*\S +\(([A-Z]\d+)\)", re.MULTILINE)
 CITED = re.compile(r"docs/theory/([a-z-]+)\.md((?:\W{1,6}[A-Z]\d+\b)*)")
 COMMAND = re.compile(r"(?:^|`)\s*(procam [a-z]+[^`\n|]*?)(?=`|\n|\s\||$)", re.MULTILINE)
 LINK = re.compile(r"\]\((?!https?:|#)([^)#\s]+)(?:#[^)\s]*)?\)")
-FILE = re.compile(r"`((?:procam|simulators|tests|studies|benchmarks|docs|calib_data)/[\w./-]+)`")
+FILE = re.compile(
+    r"`((?:procam|simulators|tests|studies|benchmarks|mutations|docs|calib_data)/[\w./-]+)`"
+)
 
 
 def defined(page: Path) -> list[str]:

@@ -194,6 +194,27 @@ class TestCertificate:
         assert not certificate.share_hi.any()
         assert certificate.kkt < 1e-6 and certificate.self_consistency < 1e-6
 
+    @pytest.mark.parametrize("method", ["exact", "least-squares"])
+    def test_moments_that_are_wrong_show(self, calibration: Calibration, method: str) -> None:
+        """If e more light is assumed than is sent, e (1 + m) of it is missing where no limit holds."""
+        compensator = Compensator(calibration, SIZE, method)
+        compensator.frame(np.full((SIZE, SIZE, 3), 0.6, np.float32))
+        solved = compensator._solved
+        assert solved is not None
+        error, right = 0.01, solved.solution
+        assumed = (1 + error) * right.moments
+        wrong = replace(
+            right,
+            moments=assumed,
+            coefficients=compensator.fields.coefficients_of(assumed),
+        )
+        compensator._solved = replace(solved, solution=wrong)
+        sent = right.moments[:, 0] - error * calibration.feedback.value * right.moments[:, 0]
+        expected = (assumed[:, 0] - sent).max() / sent.max()
+        found = compensator.certificate
+        assert found.self_consistency == pytest.approx(expected, rel=0.1)
+        assert found.kkt >= found.self_consistency > 0.01
+
     def test_of_no_frame(self, calibration: Calibration) -> None:
         with pytest.raises(InputError, match="certificate: there is no frame"):
             _ = Compensator(calibration, SIZE).certificate

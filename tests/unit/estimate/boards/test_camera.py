@@ -107,6 +107,14 @@ class TestTruth:
         assert other.name not in fit.residual_px
         assert np.abs(z_scores(fit.lens, PINHOLE, fit.covariance)).max() < SIGMAS
 
+    def test_views_left_out_are_predicted_by_the_others_alone(self, rng) -> None:
+        """Of six views the first and the last are left out together, from a fit of four."""
+        views = pinhole_views(rng, PINHOLE, 6)
+        found = fit_camera(views, SIZE, "brown").held_out_px
+        alone = view_residuals(fit_camera(views[1:5], SIZE, "brown"), [views[0], views[5]])
+        for name, expected in alone.items():
+            np.testing.assert_allclose(found[name], expected, atol=0.02 * NOISE_PX)
+
     def test_new_views_are_predicted(self, rng) -> None:
         fit = fit_camera(fisheye_views(rng, FISHEYE), SIZE, "kannala-brandt")
         fresh = view_residuals(fit, fisheye_views(np.random.default_rng(5), FISHEYE, 10))

@@ -154,6 +154,20 @@ class TestCommonErrors:
         assert (sigma < 0.001).all()
         assert (np.abs(found - [0.03, -0.05]) < 4 * sigma).all()
 
+    def test_errors_are_as_large_as_stated(self) -> None:
+        """Mean squared z over 200 rigs whose gains share an error within each of 25 blocks."""
+        light, scattered = np.random.default_rng(7).uniform(0.2, 1, (2, 1000))
+        block, scores = np.arange(1000) // 40, []
+        for seed in range(200):
+            rng = np.random.default_rng(seed)
+            gain = 0.02 * rng.normal(size=25)[block] + 0.02 * rng.normal(size=1000)
+            found, covariance = common_errors(
+                gain * light, light, scattered, np.full(1000, 1e4), block
+            )
+            scores.append(found**2 / np.diag(covariance))
+        # Student's t of some 24 degrees of freedom has a variance of 1.09; 4 sigmas of the mean
+        assert np.mean(scores) == pytest.approx(1.09, abs=0.4)
+
     def test_correlated_gains_widen_the_error(self, rng: np.random.Generator) -> None:
         """One gain per block; patches taken as independent would give far too small an error."""
         light, scattered = rng.uniform(0.2, 1, (2, 5000))

@@ -50,8 +50,21 @@ def test_cells_that_no_pixel_sees_follow_their_neighbours(
     np.testing.assert_allclose(loop.gain_factor()[hole], 0.95, atol=COMMON_SIGMA**2 / 0.05)
 
 
+def test_dark_cells_teach_no_gain(loop: DomeLoop) -> None:
+    """Where a thousandth of white is asked for, a surplus is scattered light or noise."""
+    asked = loop._asked[loop._inside]
+    loop.state.surplus = np.where(asked < 0.02, 0.2 * asked, -0.05 * asked)
+    elevation = np.arcsin(np.clip(loop.direction[..., 2], -1, 1))
+    factor = loop.gain_factor()
+    dark = loop.known.all(axis=-1) & (elevation < np.radians(14))
+    assert dark.sum() > 50
+    assert (factor[dark] <= 1).all()
+    np.testing.assert_allclose(factor[elevation > np.radians(30)], 0.95, rtol=1e-5)
+
+
 def test_feedback_maps_and_albedo_follow(calibration: Calibration, refined: Calibration) -> None:
     np.testing.assert_allclose(refined.feedback.value, 1.1 * calibration.feedback.value)
+    np.testing.assert_allclose(refined.feedback.sigma, 1.1 * calibration.feedback.sigma)
     np.testing.assert_allclose(
         refined.maps.scatter_per_flux, 1.1 * calibration.maps.scatter_per_flux, rtol=FLOAT32
     )
