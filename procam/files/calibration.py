@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from procam.arrays import Array32
+from procam.arrays import Array, Array32
 from procam.errors import FileFormatError, InputError, ShapeError
 from procam.files.atomic import replacing_directory
 from procam.files.images.layers import read_channels, read_layers, write_channels, write_layers
@@ -144,7 +144,7 @@ def _load(directory: str | Path, with_projectors: bool) -> Calibration:
         document = json.loads(path.read_text("utf-8"))
         if document["schema_version"] != SCHEMA_VERSION:
             raise FileFormatError(
-                f"{path} has schema_version {document['schema_version']}, and this version of procam "
+                f"{path} has schema_version {document['schema_version']!r}, and this version of procam "
                 f"reads {SCHEMA_VERSION}; calibrate again with this version"
             )
         return _calibration(directory, document, with_projectors)
@@ -241,7 +241,7 @@ def _calibration(directory: Path, document: dict[str, Any], with_projectors: boo
         _dome_maps(dome, document.get("scatter_kernel")),
         _measured(document["feedback"]),
         _measured(document["albedo"]),
-        np.array(document["content_from_camera"]),
+        _numbers(document["content_from_camera"], (3, 3)),
         {n: _figure(e) for n, e in document["quality"].items()},
         document["provenance"],
         document["schema_version"],
@@ -328,7 +328,15 @@ def _pose(entry: dict[str, Any]) -> Pose:
 
 
 def _measured(entry: dict[str, Any]) -> Measured:
-    return Measured(np.array(entry["value"]), np.array(entry["sigma"]))
+    return Measured(_numbers(entry["value"], (3,)), _numbers(entry["sigma"], (3,)))
+
+
+def _numbers(values: Any, shape: tuple[int, ...]) -> Array:
+    """An array of that shape; NaN stands for what was not measured."""
+    found = np.array(values, float)
+    if found.shape != shape:
+        raise ValueError(f"{found.shape} numbers where {shape} belong")
+    return found
 
 
 def _figure(entry: dict[str, Any]) -> Figure:

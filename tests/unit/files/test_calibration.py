@@ -184,7 +184,7 @@ class TestDamage:
         path = saved / "calibration.json"
         path.write_text(json.dumps(json.loads(path.read_text()) | {"schema_version": version}))
         message = self._message(saved)
-        assert f"has schema_version {version}" in message
+        assert f"has schema_version {version!r}" in message
         assert "calibrate again" in message
 
     @pytest.mark.parametrize("text", ["", "{", "[]", "3", '{"schema_version": 1}', "\x00"])
@@ -193,6 +193,13 @@ class TestDamage:
         message = self._message(saved)
         assert message.startswith(f"{saved / 'calibration.json'} is a damaged calibration")
         assert "procam solve" in message
+
+    def test_numbers_of_another_shape(self, saved: Path) -> None:
+        path = saved / "calibration.json"
+        document = json.loads(path.read_text())
+        document["feedback"]["value"] = [0.3, 0.3]
+        path.write_text(json.dumps(document))
+        assert "(2,) numbers where (3,) belong" in self._message(saved)
 
     def test_a_list_for_a_table(self, saved: Path) -> None:
         path = saved / "calibration.json"

@@ -59,7 +59,8 @@ def test_dark_cells_teach_no_gain(loop: DomeLoop) -> None:
     dark = loop.known.all(axis=-1) & (elevation < np.radians(14))
     assert dark.sum() > 50
     assert (factor[dark] <= 1).all()
-    np.testing.assert_allclose(factor[elevation > np.radians(30)], 0.95, rtol=1e-5)
+    bright = factor[elevation > np.radians(30)]
+    np.testing.assert_allclose(bright, 0.95, atol=1.1 * COMMON_SIGMA**2 / 0.05)
 
 
 def test_feedback_maps_and_albedo_follow(calibration: Calibration, refined: Calibration) -> None:
