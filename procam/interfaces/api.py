@@ -16,6 +16,7 @@ from procam.estimate.boards.camera import BoardView, CameraFit, fit_camera
 from procam.estimate.boards.targets import Board, find_board
 from procam.estimate.structured_light import codes
 from procam.estimate.structured_light.decode import Decoder
+from procam.estimate.structured_light.limits import default_limits
 from procam.files.calibration import load_calibration
 from procam.files.session import Session
 from procam.files.venue.load import load_venue
@@ -26,6 +27,7 @@ from procam.workflows.capture.newest import capture_newest, venue_of
 from procam.workflows.solve import calibrate
 
 GREEN = 1
+REVERSED_SHARE = 0.01  # of the pixels, in which black may be brighter than white: a moving thing
 CHANNELS = (), (1,), (3,), (4,)  # of photographs: grey, colour, with alpha
 
 
@@ -87,13 +89,18 @@ def decode(
     True
     """
     decoder = Decoder(codes.make_code(code, _checked_size(size)))
-    planes, count = len(decoder.code.planes), 0
+    planes, count, levels = len(decoder.code.planes), 0, list[AnyArray]()
     for photograph in photographs:
         if count == planes:
             raise InputError(
                 f"decode: the code {code} has {planes} patterns, and there are more photographs"
             )
-        decoder.add(count, _grey(photograph))
+        picture = _grey(photograph)
+        if count < 2:
+            levels.append(picture)
+        if count == 1:
+            _check_order(*levels)
+        decoder.add(count, picture)
         count += 1
     if count < planes:
         raise NotEnoughData(
@@ -202,6 +209,19 @@ def solve(session: str | Path) -> Calibration:
     directory = Path(session)
     *_, last = calibrate.solve(load_venue(venue_of(directory)), Session(directory))
     return load_calibration(Path(last.data["calibration"]))
+
+
+def _check_order(white: AnyArray, black: AnyArray) -> None:
+    """Refuse other pictures in the places of white and black: stripes are darker than their inverse."""
+    if white.shape != black.shape:
+        return  # refused by the decoder
+    darker = np.subtract(black, white, dtype=np.float32) > default_limits(white, black).white_black
+    share = float(np.mean(darker))
+    if share > REVERSED_SHARE:
+        raise InputError(
+            f"white, the first photograph, is darker than black, the second, in {share:.0%} of the pixels; "
+            "give white, then black, then the code"
+        )
 
 
 def _checked_size(size: tuple[int, int]) -> tuple[int, int]:

@@ -21,7 +21,6 @@ from procam.estimate.structured_light.sinusoids import SinusoidResult
 from procam.estimate.structured_light.stripes import StripeDecoder
 from procam.model.correspondence import CorrespondenceMap
 
-REVERSED_SHARE = 0.01  # of the pixels, in which black may be brighter than white: a moving thing
 CLIPPED_SHARE = 0.01  # of the lit pixels: more saturated ones in white are reported
 
 
@@ -114,14 +113,7 @@ class Decoder:
 
     def _start(self, white: AnyArray, black: AnyArray) -> None:
         self._limits = self._asked or default_limits(white, black)
-        span = np.subtract(white, black, dtype=np.float32)
-        reversed_share = float(np.mean(span < -self._limits.white_black))
-        if reversed_share > REVERSED_SHARE:
-            raise InputError(
-                f"white, the first photograph, is darker than black, the second, in {reversed_share:.0%} of "
-                "the pixels; give white, then black, then the code"
-            )
-        lit = span > self._limits.white_black
+        lit = np.subtract(white, black, dtype=np.float32) > self._limits.white_black
         clipped = dropped_samples(white, self._limits)[lit]
         self._clipped = float(clipped.mean()) if clipped.size else 0.0
         if self._clipped > CLIPPED_SHARE:
