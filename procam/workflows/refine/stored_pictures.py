@@ -76,6 +76,7 @@ def keep_loop(venue_dir: Path, refined: Refined, content: Image) -> None:
         "noise_floor": refined.noise_floor,
         "left_jnd": refined.left_jnd,
         "scatter_factor": refined.scatter_factor.tolist(),
+        "unseen": refined.unseen,
         "worse": refined.worse,
     }
     atomic.write_text(loop / "loop.json", json.dumps(curve, indent=1))
