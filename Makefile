@@ -6,7 +6,7 @@ READY := .venv/.ready
 OUT ?= demo-run
 JOBS ?= 2
 
-.PHONY: demo test check docs bench studies lock clean
+.PHONY: demo test check docs bench studies mutate lock clean
 .DEFAULT_GOAL := demo
 
 $(READY): requirements.lock pyproject.toml $(wildcard procam/kernels/*/*.[ch])
@@ -36,6 +36,9 @@ bench: $(READY)
 
 studies: $(READY)
 	$(BIN)/python -m studies
+
+mutate: $(READY)
+	JOBS=$(JOBS) $(BIN)/python -m mutations
 
 # Remakes requirements.lock from pyproject.toml (versions and hashes only, no index address).
 lock:

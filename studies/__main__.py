@@ -6,6 +6,7 @@ All of them, or those that are named: python -m studies codes code-table
 import sys
 
 from studies import (
+    boards,
     code_table,
     codes,
     content,
@@ -15,9 +16,11 @@ from studies import (
     one_fringe,
     photometry,
     precision,
+    refine,
 )
 
 STUDIES = {
+    "boards": boards.main,
     "codes": codes.main,
     "one-fringe": one_fringe.main,
     "code-table": code_table.main,
@@ -27,6 +30,7 @@ STUDIES = {
     "loop": loop.main,
     "content": content.main,
     "precision": precision.main,
+    "refine": refine.main,
 }
 
 

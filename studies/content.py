@@ -98,6 +98,13 @@ class Stage:
             "before": figures["scatter_before"],
         }
 
+    def left(self, folder: Path, content: Image, calibration: Calibration) -> float:
+        """`scatter_left` of one content (N, N, 3) by another calibration of the same venue."""
+        keep_pictures(folder, calibration, content)
+        sent = {m: read_frames(folder / "frames" / m) for m in ("none", "exact")}
+        shown = {m: _drawn(self._scene, self._centre, sent[m]) for m in sent}
+        return float(self._judge(folder, shown)["scatter_left_exact"])
+
     def _judge(self, folder: Path, pictures: Mapping[str, Image]) -> dict[str, Any]:
         """Figures by name, of pictures by method."""
         calibration_dir, truth_dir = self._folders

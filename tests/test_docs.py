@@ -1,16 +1,29 @@
 """Documents stand alone: citations, links and paths in them lead somewhere."""
 
 import re
+import shlex
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
+
+from typer._click.exceptions import ClickException
+
+from procam.interfaces.cli.main import COMMANDS, load_command
 
 HERE = Path(__file__)
 ROOT = HERE.parents[1]
 THEORY = ROOT / "docs" / "theory"
 CODE = [
     path
-    for folder in ("procam", "simulators", "tests", "studies", "benchmarks", "calib_data")
+    for folder in (
+        "procam",
+        "simulators",
+        "tests",
+        "studies",
+        "benchmarks",
+        "mutations",
+        "calib_data",
+    )
     for path in sorted((ROOT / folder).rglob("*"))
     if path.suffix in (".py", ".c", ".h", ".frag", ".glsl", ".toml", ".md", ".html")
 ]
@@ -18,11 +31,14 @@ PAGES = [
     *sorted(ROOT.glob("*.md")),
     *(path for path in sorted((ROOT / "docs").rglob("*.md")) if "_build" not in path.parts),
 ]
-TAG = re.compile(r"\(([A-Z]\d+)\)")
+TAG = re.compile(r"\b[A-Z]\d+\b")
 DEFINED = re.compile(r"^    .*\S +\(([A-Z]\d+)\)", re.MULTILINE)
-CITED = re.compile(r"docs/theory/([a-z-]+)\.md((?:\W{1,6}\([A-Z]\d+\))*)")
+CITED = re.compile(r"docs/theory/([a-z-]+)\.md((?:\W{1,6}[A-Z]\d+\b)*)")
+COMMAND = re.compile(r"(?:^|`)\s*(procam [a-z]+[^`\n|]*?)(?=`|\n|\s\||$)", re.MULTILINE)
 LINK = re.compile(r"\]\((?!https?:|#)([^)#\s]+)(?:#[^)\s]*)?\)")
-FILE = re.compile(r"`((?:procam|simulators|tests|studies|benchmarks|docs|calib_data)/[\w./-]+)`")
+FILE = re.compile(
+    r"`((?:procam|simulators|tests|studies|benchmarks|mutations|docs|calib_data)/[\w./-]+)`"
+)
 
 
 def defined(page: Path) -> list[str]:
@@ -65,6 +81,8 @@ def test_each_equation_has_a_tag_of_its_own() -> None:
 def test_a_stale_citation_is_found() -> None:
     assert stale("see docs/theory/geometry.md (G1)") == []
     assert stale("see docs/theory/geometry.md (G99)") == ["docs/theory/geometry.md (G99)"]
+    assert stale("(docs/theory/geometry.md, G99)") == ["docs/theory/geometry.md (G99)"]
+    assert stale("docs/theory/geometry.md G1, G99") == ["docs/theory/geometry.md (G99)"]
     assert stale("see docs/theory/no-such-page.md") == ["docs/theory/no-such-page.md"]
 
 
@@ -87,6 +105,28 @@ def test_links_and_paths_lead_to_files() -> None:
         if not path.exists()
     }
     assert missing == set()
+
+
+def commands(text: str) -> Iterator[list[str]]:
+    """The words of each `procam COMMAND ...` in a document that names more than the command."""
+    for line in COMMAND.findall(text):
+        words = shlex.split(line.split(" #")[0].replace("*", "a"))
+        if len(words) > 2 and words[1] in COMMANDS:
+            yield words[1:]
+
+
+def test_commands_in_documents_are_complete() -> None:
+    """Each can be copied and run as far as its options go."""
+    wrong, count = list[str](), 0
+    for page in PAGES:
+        for name, *arguments in commands(page.read_text("utf-8")):
+            try:
+                load_command(name).make_context(name, arguments)
+            except ClickException as error:
+                wrong.append(f"{page.name}: procam {name}: {error.format_message()}")
+            count += 1
+    assert wrong == []
+    assert count > 30
 
 
 def test_the_code_cites_the_theory() -> None:

@@ -13,12 +13,12 @@ HERE = Path(__file__)
 NOT_PROSE = {HERE, ROOT / "docs" / "nomenclature.md"}  # these list the words
 PYTHON = [
     path
-    for folder in ("procam", "simulators", "tests", "studies", "benchmarks")
+    for folder in ("procam", "simulators", "tests", "studies", "benchmarks", "mutations")
     for path in sorted((ROOT / folder).rglob("*.py"))
 ]
 TEXTS = [
     path
-    for folder in ("procam", "docs", "studies", "benchmarks", "calib_data")
+    for folder in ("procam", "docs", "studies", "benchmarks", "mutations", "calib_data")
     for path in sorted((ROOT / folder).rglob("*"))
     if path.suffix in (".md", ".h", ".c", ".frag", ".glsl", ".html", ".toml")
     and "_build" not in path.parts

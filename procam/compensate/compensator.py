@@ -85,7 +85,8 @@ class Compensator:
     calibration : with maps of the dome.
     size : edge of the square content [px].
     method : "exact" solves (P), docs/theory/compensation.md (C2): unlimited pixels are reproduced exactly.
-        "least-squares" (W) has the least squared error over the dome. "subtract" takes off the light
+        "least-squares" (W) has the least squared error over the dome; floats brighter than a place can
+        be count there as its brightest, see `Fields.full_white`. "subtract" takes off the light
         that would be scattered without limits, then clamps (van Baar et al. 2011, eq. 12, with all
         that reflects). "paper-eq12" is that equation to the letter, with the lit area alone. "none"
         clamps.
@@ -129,6 +130,8 @@ class Compensator:
             raise InputError(
                 f"strength: {strength} is outside 0 (the content itself) to 1 (the full result)"
             )
+        if size < 2:
+            raise InputError(f"size: {size} px is too small; 2 or more are needed")
         self.method, self.size, self.strength = method, size, strength
         known = transfer(transfer_name) if transfer_name else None
         self.fields = Fields.of(calibration, size, state, white)
@@ -164,7 +167,7 @@ class Compensator:
             Another shape or element type.
         """
         check_pictures(self.size, image, out)
-        content, coding = self._codec.decoded(image)
+        content, coding = self._decoded(image, self._codec)
         held, self._solved = self._codec.protected_pixels(image), None
         to = out if content is image else None
         sent, solution = self._equations.frame(content, coding, to)
@@ -176,7 +179,7 @@ class Compensator:
     def apply(self, image: AnyArray, coefficients: Array, out: AnyArray | None = None) -> AnyArray:
         """`frame` with known coefficients (3, 9), such as a track's; nothing is solved."""
         check_pictures(self.size, image, out)
-        content, coding = self._codec.decoded(image)
+        content, coding = self._decoded(image, self._codec)
         held, self._solved, self.coefficients = (
             self._codec.protected_pixels(image),
             None,
@@ -223,10 +226,25 @@ class Compensator:
         )
 
     def solve(self, image: Image) -> Compensated:
-        """The compensated picture in linear light, its total as the audience sees it, where it clips."""
+        """The compensated picture in linear light, its total as the audience sees it, where it clips.
+
+        Parameters
+        ----------
+        image : (N, N, 3) float16 or float32, linear light, 1.0 is the white.
+
+        Raises
+        ------
+        ShapeError, InputError
+            Another shape; integers, which are encoded: `frame` takes those.
+        """
         check_pictures(self.size, image)
-        content, self._solved = np.ascontiguousarray(image, np.float32), None
-        equations, coding = self._equations, self._codec.coding("linear", np.inf, 1.0)
+        if image.dtype.kind != "f":
+            raise InputError(
+                f"content: {image.dtype} is encoded; solve takes linear light as float32, frame takes codes"
+            )
+        linear, self._solved = np.ascontiguousarray(image, np.float32), None
+        content, coding = self._decoded(linear, ContentCodec(transfer("linear"), 1.0, None))
+        equations = self._equations
         solution, _ = equations.solve(content, coding)
         self._solved = _Solved(content, coding, solution)
         self.coefficients = solution.coefficients
@@ -243,6 +261,10 @@ class Compensator:
         sums = equations.sums(content, solution, "light", coding)
         direct[kept], free[kept] = image[kept], False
         return Compensated(direct, observed.astype(np.float32), free, sums[:, 0])
+
+    def _decoded(self, image: AnyArray, codec: ContentCodec) -> tuple[AnyArray, Coding]:
+        limited = self.method == "least-squares" and image.dtype.kind == "f"
+        return codec.decoded(image, self.fields.full_white if limited else None)
 
     def target(self, image: Image) -> Image:
         """The total light to aim for (N, N, 3): the content under its white, or itself where protected."""

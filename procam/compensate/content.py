@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from procam.arrays import AnyArray, BoolArray
+from procam.arrays import AnyArray, BoolArray, Image
 from procam.kernels.frame import Coding
 from procam.kernels.frame.coding import WHOLE
 from procam.maths.codes.dither import threshold_tile
@@ -30,15 +30,21 @@ class ContentCodec:
     protected: BoolArray | None
     _codings: dict[tuple[str, float, float], Coding] = field(default_factory=dict)
 
-    def decoded(self, image: AnyArray) -> tuple[AnyArray, Coding]:
-        """The content for the kernels: 8 bits as they are, other types in linear light."""
+    def decoded(self, image: AnyArray, most: Image | None = None) -> tuple[AnyArray, Coding]:
+        """The content for the kernels: 8 bits as they are, other types in linear light.
+
+        Floats are at most `most` (N, N, 3), if it is given; what is not finite stays black.
+        """
         integer = image.dtype in WHOLE
+        most = None if integer else most
         name = self.transfer.name if self.transfer else "srgb" if integer else "linear"
         top = 1.0 if integer else np.inf
-        if image.dtype == np.uint8 or name == "linear":
+        if image.dtype == np.uint8 or (name == "linear" and most is None):
             return image, self.coding(name, top, self.strength)
         value = image.astype(np.float32) / np.float32(WHOLE.get(image.dtype, 1))
         linear = transfer(name).decode(value).astype(np.float32)
+        if most is not None:
+            linear = np.where(np.isfinite(linear), np.minimum(linear, most), np.float32(0))
         return linear, self.coding(name, top, 1.0)
 
     def coding(self, name: str, top: float, strength: float) -> Coding:
@@ -66,7 +72,8 @@ class ContentCodec:
         if coding is not None:
             whole = WHOLE.get(image.dtype)
             value = np.asarray(coding.encode(sent)) * (whole or 1.0)
-            mixed = image + self.strength * (value - image)
+            came = image if whole else np.where(np.isfinite(image), image, 0)
+            mixed = came + self.strength * (value - came)
             sent = (np.rint(mixed) if whole else mixed).astype(image.dtype)
             if out is not None:
                 out[...] = sent

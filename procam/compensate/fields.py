@@ -11,11 +11,11 @@ from functools import cached_property
 
 import numpy as np
 
-from procam.arrays import Array, BoolArray, FloatArray, Map
+from procam.arrays import Array, BoolArray, FloatArray, Image, Map
 from procam.compensate._continuation import WELL_LIT, continued
 from procam.errors import InputError
 from procam.kernels.frame import TERMS, FrameModel, scattered_light
-from procam.kernels.frame.reference import monomials
+from procam.kernels.frame.reference import ROWS, interpolated, monomials
 from procam.maths.geometry.sphere import (
     direction_from_angles,
     master_directions,
@@ -28,6 +28,7 @@ from procam.model.transport import DomeMaps, ScatterKernel
 
 WHITES = ("summed", "keep")
 CHANNELS = 3
+DARKEST = 1e-3  # gain beyond the lit part, where it may be 0 [-]
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,11 +88,31 @@ class Fields:
         model = self.shown
         gain = np.ones_like(model.coverage) if model.gain is None else model.gain
         assert model.hi is not None
-        direct = np.clip(gain[..., None], model.lo, model.hi).astype(float)
-        light = scattered_light(self.shown, self.coefficients_of(self.node_sums(direct)))
+        total = self._total(np.clip(gain[..., None], model.lo, model.hi).astype(float))
         area = model.solid_angle_sr.astype(float)
-        totals = np.tensordot(area, direct + light, 2) / np.tensordot(area, gain.astype(float), 2)
+        totals = np.tensordot(area, total, 2) / np.tensordot(area, gain.astype(float), 2)
         return float(totals.min())
+
+    @cached_property
+    def full_white(self) -> Image:
+        """(N, N, 3) total light with all projectors at full drive, the most that (W) aims for [of content].
+
+        A sun of 1e5 cannot be shown; the square of its error would light the whole dome.
+        """
+        model = self.shown
+        assert model.hi is not None
+        total = self._total(model.hi.astype(float))
+        if model.gain is not None:
+            total = total / np.maximum(model.gain, DARKEST)[..., None]
+        found = np.empty((model.size, model.size, CHANNELS), np.float32)
+        for start in range(0, model.size, ROWS):
+            rows = slice(start, start + ROWS)
+            found[rows] = interpolated(model, total, rows)
+        return found
+
+    def _total(self, direct: Array) -> Array:
+        """Total light (M, M, 3) for direct light at the nodes [rel]."""
+        return direct + scattered_light(self.shown, self.coefficients_of(self.node_sums(direct)))
 
     def node_sums(self, values: Array) -> Array:
         """Moments (3, T) of values (M, M, 3), from nodes alone."""

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from procam.arrays import Array32
-from procam.errors import FileFormatError, ShapeError
+from procam.arrays import Array, Array32
+from procam.errors import FileFormatError, InputError, ShapeError
 from procam.files.atomic import replacing_directory
 from procam.files.images.layers import read_channels, read_layers, write_channels, write_layers
 from procam.maths.geometry.lenses import Lens
@@ -55,13 +55,13 @@ def latest_calibration(venue_dir: Path) -> Path:
     return found[-1]
 
 
-def save_calibration(calibration: Calibration, directory: Path) -> None:
+def save_calibration(calibration: Calibration, directory: str | Path) -> None:
     """Write a calibration; the directory appears when it is complete.
 
     Parameters
     ----------
     calibration : what `load_calibration` gives back.
-    directory : such as VENUE/calibrations/0001; one of that name is replaced.
+    directory : such as VENUE/calibrations/0001; it must not exist.
 
     Returns
     -------
@@ -69,8 +69,10 @@ def save_calibration(calibration: Calibration, directory: Path) -> None:
 
     Raises
     ------
+    InputError
+        If the folder exists.
     OSError
-        If the disk is full or the folder cannot be written; what was there stays.
+        If the disk is full or the folder cannot be written; nothing is left behind.
 
     Examples
     --------
@@ -78,6 +80,11 @@ def save_calibration(calibration: Calibration, directory: Path) -> None:
     Traceback (most recent call last):
     procam.errors.FileFormatError: ...
     """
+    directory = Path(directory)
+    if directory.exists():
+        raise InputError(
+            f"{directory} exists; give the folder of a calibration that is not written yet"
+        )
     with replacing_directory(directory) as temporary:
         for name, projector in calibration.projectors.items():
             write_channels(temporary / "maps" / f"{name}.exr", _projector_channels(projector))
@@ -95,7 +102,7 @@ def ambient_file(state: str) -> str:
     return f"state-{state}.exr"
 
 
-def load_calibration(directory: Path) -> Calibration:
+def load_calibration(directory: str | Path) -> Calibration:
     """Read a calibration directory.
 
     Parameters
@@ -125,7 +132,8 @@ def load_dome(directory: Path) -> Calibration:
     return _load(directory, with_projectors=False)
 
 
-def _load(directory: Path, with_projectors: bool) -> Calibration:
+def _load(directory: str | Path, with_projectors: bool) -> Calibration:
+    directory = Path(directory)
     path = directory / "calibration.json"
     if not path.is_file():
         raise FileFormatError(
@@ -136,13 +144,13 @@ def _load(directory: Path, with_projectors: bool) -> Calibration:
         document = json.loads(path.read_text("utf-8"))
         if document["schema_version"] != SCHEMA_VERSION:
             raise FileFormatError(
-                f"{path} has schema_version {document['schema_version']}, and this version of procam "
+                f"{path} has schema_version {document['schema_version']!r}, and this version of procam "
                 f"reads {SCHEMA_VERSION}; calibrate again with this version"
             )
         return _calibration(directory, document, with_projectors)
     except FileFormatError:
         raise
-    except (KeyError, TypeError, ValueError) as error:
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise FileFormatError(
             f"{path} is a damaged calibration ({type(error).__name__}: {error}); restore it or run "
             "`procam solve` on its session again"
@@ -233,7 +241,7 @@ def _calibration(directory: Path, document: dict[str, Any], with_projectors: boo
         _dome_maps(dome, document.get("scatter_kernel")),
         _measured(document["feedback"]),
         _measured(document["albedo"]),
-        np.array(document["content_from_camera"]),
+        _numbers(document["content_from_camera"], (3, 3)),
         {n: _figure(e) for n, e in document["quality"].items()},
         document["provenance"],
         document["schema_version"],
@@ -320,7 +328,15 @@ def _pose(entry: dict[str, Any]) -> Pose:
 
 
 def _measured(entry: dict[str, Any]) -> Measured:
-    return Measured(np.array(entry["value"]), np.array(entry["sigma"]))
+    return Measured(_numbers(entry["value"], (3,)), _numbers(entry["sigma"], (3,)))
+
+
+def _numbers(values: Any, shape: tuple[int, ...]) -> Array:
+    """An array of that shape; NaN stands for what was not measured."""
+    found = np.array(values, float)
+    if found.shape != shape:
+        raise ValueError(f"{found.shape} numbers where {shape} belong")
+    return found
 
 
 def _figure(entry: dict[str, Any]) -> Figure:

@@ -16,15 +16,19 @@ from procam.estimate.boards.camera import BoardView, CameraFit, fit_camera
 from procam.estimate.boards.targets import Board, find_board
 from procam.estimate.structured_light import codes
 from procam.estimate.structured_light.decode import Decoder
+from procam.estimate.structured_light.limits import default_limits
 from procam.files.calibration import load_calibration
 from procam.files.session import Session
 from procam.files.venue.load import load_venue
-from procam.interfaces.cli._output import Output
-from procam.interfaces.cli._sessions import take, venue_of
 from procam.maths.geometry.lenses import LensKind
 from procam.model.calibration import Calibration
 from procam.model.correspondence import CorrespondenceMap
+from procam.workflows.capture.newest import capture_newest, venue_of
 from procam.workflows.solve import calibrate
+
+GREEN = 1
+REVERSED_SHARE = 0.01  # of the pixels, in which black may be brighter than white: a moving thing
+CHANNELS = (), (1,), (3,), (4,)  # of photographs: grey, colour, with alpha
 
 
 def generate_patterns(
@@ -35,11 +39,12 @@ def generate_patterns(
     Parameters
     ----------
     size : (width, height) of the projector [px].
-    code : name of the code, as for `procam patterns --code`.
+    code : "micro-phase", "phase-heterodyne" or "gray".
 
     Returns
     -------
-    patterns : (height, width) each, encoded for a display gamma of 2.2; white and black come first.
+    patterns : (height, width) each, encoded for a display gamma of 2.2; white and black come first, also
+        of "gray", which `procam patterns` writes last.
 
     Raises
     ------
@@ -52,7 +57,8 @@ def generate_patterns(
     >>> len(patterns), patterns[0].shape, int(patterns[0].min())
     (18, (80, 128), 255)
     """
-    return [picture[..., 0] for picture in codes.generate(codes.make_code(code, size))]
+    made = codes.make_code(code, _checked_size(size))
+    return [picture[..., 0] for picture in codes.generate(made)]
 
 
 def decode(
@@ -62,8 +68,8 @@ def decode(
 
     Parameters
     ----------
-    photographs : (H, W) or (H, W, C) each, uint8, uint16 or float32, linear, in the order of the
-        patterns. They are folded in one by one, so a generator keeps memory flat.
+    photographs : (H, W) or (H, W, C) each, uint8, uint16 or float32, linear, one per pattern in the
+        order of `generate_patterns`. They are folded in one by one, so a generator keeps memory flat.
     size : (width, height) of the projector [px].
     code : as for `generate_patterns`.
 
@@ -74,7 +80,7 @@ def decode(
     Raises
     ------
     InputError, NotEnoughData
-        Photographs of different sizes; too few of them.
+        Photographs of different sizes; more or fewer of them than patterns.
 
     Examples
     --------
@@ -82,14 +88,25 @@ def decode(
     >>> bool(found.valid.mean() > 0.9)
     True
     """
-    decoder = Decoder(codes.make_code(code, size))
-    planes = len(decoder.code.planes)
-    for number, photograph in enumerate(photographs):
-        if number >= planes:
+    decoder = Decoder(codes.make_code(code, _checked_size(size)))
+    planes, count, levels = len(decoder.code.planes), 0, list[AnyArray]()
+    for photograph in photographs:
+        if count == planes:
             raise InputError(
-                f"decode: the code {code} has {planes} patterns, and there are more photographs."
+                f"decode: the code {code} has {planes} patterns, and there are more photographs"
             )
-        decoder.add(number, _grey(photograph))
+        picture = _grey(photograph)
+        if count < 2:
+            levels.append(picture)
+        if count == 1:
+            _check_order(*levels)
+        decoder.add(count, picture)
+        count += 1
+    if count < planes:
+        raise NotEnoughData(
+            f"decode: the code {code} has {planes} patterns, and there are {count} photographs; take one "
+            "of each"
+        )
     return decoder.result().map
 
 
@@ -125,12 +142,13 @@ def calibrate_camera(
     procam.errors.NotEnoughData: ...
     """
     board = Board("checkerboard", squares, square_m)
-    sizes = {photograph.shape[1::-1] for photograph in photographs}
+    grey = [_grey(photograph) for photograph in photographs]
+    sizes = {picture.shape[::-1] for picture in grey}
     if len(sizes) != 1:
         raise InputError(
             f"calibrate_camera: the photographs have {len(sizes)} sizes; give one or more of one size."
         )
-    found = ((i, find_board(_grey(p), board)) for i, p in enumerate(photographs))
+    found = ((i, find_board(p, board)) for i, p in enumerate(grey))
     views = [BoardView(f"photograph {i}", *corners) for i, corners in found if corners]
     if not views:
         raise NotEnoughData(
@@ -162,7 +180,8 @@ def capture(venue: str | Path) -> Path:
     Traceback (most recent call last):
     procam.errors.InputError: ...
     """
-    return take(load_venue(Path(venue)), Output(as_json=True)).directory
+    *_, last = capture_newest(load_venue(Path(venue)))
+    return Path(last.data["session"])
 
 
 def solve(session: str | Path) -> Calibration:
@@ -192,8 +211,39 @@ def solve(session: str | Path) -> Calibration:
     return load_calibration(Path(last.data["calibration"]))
 
 
+def _check_order(white: AnyArray, black: AnyArray) -> None:
+    """Refuse other pictures in the places of white and black: stripes are darker than their inverse."""
+    if white.shape != black.shape:
+        return  # refused by the decoder
+    darker = np.subtract(black, white, dtype=np.float32) > default_limits(white, black).white_black
+    share = float(np.mean(darker))
+    if share > REVERSED_SHARE:
+        raise InputError(
+            f"white, the first photograph, is darker than black, the second, in {share:.0%} of the pixels; "
+            "give white, then black, then the code"
+        )
+
+
+def _checked_size(size: tuple[int, int]) -> tuple[int, int]:
+    """Width and height of a projector."""
+    whole = np.asarray(size)
+    if whole.shape != (2,) or whole.dtype.kind not in "iu":
+        raise InputError(
+            f"size: {size!r} is no (width, height) in whole pixels, such as (1920, 1080)"
+        )
+    return int(whole[0]), int(whole[1])
+
+
 def _grey(photograph: AnyArray) -> AnyArray:
-    """A photograph (H, W), in its own type if it is grey."""
-    if photograph.ndim == 2:
-        return photograph
-    return np.asarray(photograph[..., :3].mean(axis=-1), np.float32)
+    """A photograph (H, W) in its own type: of colours the green, so that saturation stays visible."""
+    known = np.asarray(photograph)
+    if (
+        known.dtype.kind not in "uf"
+        or known.ndim not in (2, 3)
+        or known.shape[2:] not in ((), (1,), (3,), (4,))
+    ):
+        raise InputError(
+            f"photograph: {known.dtype} of shape {known.shape}; give pixels (H, W) or (H, W, 3) as uint8, "
+            "uint16 or float32"
+        )
+    return known if known.ndim == 2 else known[..., min(known.shape[2] - 1, GREEN)]

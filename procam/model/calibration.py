@@ -35,7 +35,7 @@ class Calibration:
     ----------
     screen, cameras, projectors : the rig.
     maps : light on the dome, sampled on a dome master.
-    feedback, albedo : m (docs/theory/interreflection.md I10) and mean albedo per content channel.
+    feedback, albedo : m (docs/theory/interreflection.md, I10) and mean albedo per content channel.
     content_from_camera : (3, 3) matrix from camera radiance [full scale per second] to relative
         content radiance; 1.0 in every channel is the reference white.
     quality : figures of the solve. provenance : versions, seeds, input hashes.

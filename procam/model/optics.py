@@ -36,7 +36,7 @@ class Sensor:
     black_level : counts without light [DN].
     vignetting : even polynomial of the angle off the optical axis, 1 + v1 theta^2 + v2 theta^4 + ...
     glare, glare_sigma : share of the picture's mean radiance that veiling glare adds to every pixel,
-        and its standard error [-] (docs/theory/photometry.md R1).
+        and its standard error [-] (docs/theory/photometry.md, R1).
     """
 
     bits: int

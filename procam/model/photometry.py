@@ -23,7 +23,7 @@ class Photometry:
     """Light of one projector in the calibration's content channels.
 
     direct radiance at a pixel = gain * (colour_mix @ response(drive) ** exponent) + black
-    (docs/theory/photometry.md R2).
+    (docs/theory/photometry.md, R2).
 
     Attributes
     ----------

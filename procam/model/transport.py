@@ -26,7 +26,7 @@ class ScatterKernel:
     """Dependence of scattered light on where the direct light falls (`maths.light.scatter_kernel`).
 
     Direct light of moments M scatters u (phi.(B M)) / (phi.g) to a patch, where u is its
-    scatter_per_flux and phi its K = (degree + 1)^2 harmonics (docs/theory/interreflection.md I16).
+    scatter_per_flux and phi its K = (degree + 1)^2 harmonics (docs/theory/interreflection.md, I16).
     Degree 0 is one scalar per channel.
 
     Attributes

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+import threading
 import tomllib
 from importlib import resources
 from pathlib import Path
@@ -10,8 +11,16 @@ import numpy as np
 import pytest
 from tiny_venue import procam
 
+from procam.errors import InputError
+from procam.estimate.boards.planar_pair import PairView, fit_planar_pair
 from procam.files.images.pixels import write_image
+from procam.interfaces.cli import pair as command
+from procam.interfaces.cli._boards import make_board
+from procam.interfaces.cli._output import Output
+from studies import boards as study
+from studies import foreign_boards as foreign
 
+LENS = foreign.PrismLens(np.array([905.0, 903, 650, 510, -0.1, 0.02, 0, 0, 0]), np.zeros(4))
 SESSIONS = ("s00", "s03", "s05", "s11", "s15", "s17")
 USED = ("s00", "s05", "s11", "s17")
 BITS, EDGE = 10, 800
@@ -56,11 +65,53 @@ class TestSolves:
         np.testing.assert_allclose(document["translation_m"], SHIFT_M, atol=1e-3)
         assert document["poses"] == list(USED)
         assert document["figures"]["projector_rms"]["pass"]
+        for device in ("camera", "projector"):
+            figures = document["figures"]
+            left_out, fitted = figures[f"{device}_held_out_rms"], figures[f"{device}_rms"]
+            assert fitted["value"] < left_out["value"] < 0.25
         table = tomllib.loads((tmp_path / "pair.toml").read_text())
         np.testing.assert_allclose(table["camera"]["f"], 800, atol=2)
         pose = table["projector_from_camera"]
         np.testing.assert_allclose(pose["rotation"], document["rotation"], atol=1e-8)
         assert np.linalg.det(pose["rotation"]) == pytest.approx(1, abs=1e-6)
+
+    def test_stray_folders_are_skipped_before_any_work(
+        self, poses: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        for name in USED[:3]:
+            (tmp_path / "poses").mkdir(exist_ok=True)
+            (tmp_path / "poses" / name).symlink_to(poses / name)
+        (tmp_path / "poses" / "notes").mkdir()
+        (tmp_path / "poses" / "a try").mkdir()
+        shutil.copy(poses / "s00" / "00.png", tmp_path / "poses" / "a try")
+        decoded: list[str] = []
+
+        def decode(place: Path, *_: object) -> None:
+            decoded.append(place.name)
+            raise InputError(f"{place}: stopped")
+
+        monkeypatch.setattr(command, "decode_folder", decode)
+        ran = procam("pair", tmp_path / "poses", *BOARD, "--out", tmp_path / "p.toml")
+        assert (ran.code, "stopped" in ran.err) == (2, True)
+        assert set(decoded) <= set(USED)
+        text = "a try: 1 photographs, and the code gray needs 42; this is no pose, skipped"
+        assert text in ran.out
+        assert "notes: 0 photographs, and the code gray needs 42" in ran.out
+
+    def test_poses_are_decoded_side_by_side(
+        self, poses: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """Two poses wait for each other; one after the other they would never meet."""
+        monkeypatch.setattr(command, "WORKERS", 2)
+        meeting = threading.Barrier(2, timeout=20)
+
+        def decode(place: Path, *_: object) -> None:
+            meeting.wait()
+            raise InputError(f"{place}: met")
+
+        monkeypatch.setattr(command, "decode_folder", decode)
+        ran = procam("pair", poses, *BOARD, "--out", tmp_path / "p.toml")
+        assert "s00: met" in ran.complaint
 
     def test_a_pose_without_a_board_is_left_out(self, poses: Path, tmp_path: Path) -> None:
         for name in USED[:3]:
@@ -68,13 +119,42 @@ class TestSolves:
             (tmp_path / "poses" / name).symlink_to(poses / name)
         wall = tmp_path / "poses" / "wall"  # that the camera sees pixel by pixel
         assert procam("patterns", "--size", "800x800", "--code", "gray", "--out", wall).code == 0
-        ran = procam(
-            "pair", tmp_path / "poses", *BOARD, "--distortion", "--out", tmp_path / "p.toml"
-        )
+        ran = procam("pair", tmp_path / "poses", *BOARD, "--out", tmp_path / "p.toml")
         assert ran.code == 0, ran.err
         assert "wall: no board is found that the projector lights; left out" in ran.out
-        assert "camera.k3" in ran.out
-        assert "not solved for" not in (tmp_path / "p.toml").read_text()
+        # Blender's lenses have no distortion, and its board is flat
+        assert "camera.k3" not in ran.out
+        assert "not solved for" in (tmp_path / "p.toml").read_text()
+
+
+def test_dropped_corners_are_named_by_pose_and_place(capsys: pytest.CaptureFixture[str]) -> None:
+    """A board with one edge bent up sharply in two poses: only its corners there are dropped."""
+    rng = np.random.default_rng(3)
+    flat = foreign.flat_board()
+    views: list[PairView] = []
+    while len(views) < 8:
+        rotation, shift = foreign.draw_pose(rng)
+        points = flat.copy()
+        if len(views) in (2, 5):
+            points[flat[:, 0] > 0.155, 2] += 0.004
+        points = points @ rotation.T + shift
+        seen = [
+            foreign.photograph(rng, lens, place, size)
+            for lens, place, size in (
+                (LENS, points, foreign.SIZE),
+                (LENS, points @ study.TURN.T + study.SHIFT_M, foreign.PANEL),
+            )
+        ]
+        if foreign.enough(seen):
+            shown = np.isfinite(seen[0][:, 0])
+            views.append(PairView(f"pose{len(views)}", flat[shown], *(s[shown] for s in seen)))
+    fit = fit_planar_pair(views, foreign.SIZE, foreign.PANEL)
+    command._print_dropped(fit, make_board("14x10", 13.5), Output(as_json=False))
+    said = capsys.readouterr().out
+    assert "pose2: the corner in column 13, row " in said
+    assert " px off at (" in said
+    assert "of the camera; dropped" in said
+    assert "dropped corners are from one edge: the board is curled; glue it to a flat plate" in said
 
 
 class TestRefuses:

@@ -12,9 +12,10 @@ import pytest
 from tiny_venue import Ran, contents, procam, quick_simulator
 
 from procam.estimate import calibration as assemble
+from procam.estimate.closed_loop.patches import MAX_CORRECTIONS
 from procam.files.calibration import load_calibration
 from procam.interfaces.cli import demo
-from procam.workflows.refine.refine import MAX_ITERATIONS
+from procam.model.quality import Figure, Goal
 from simulators import devices, truth
 from simulators.scene import SceneSize
 from simulators.template import venue_text
@@ -122,7 +123,8 @@ def check_the_figures_make_sense(run: SmallRun) -> None:
     assert 0 < value["direction_error_rms_arcmin"] < 3
     assert value["direction_error_rms_arcmin"] < value["direction_error_max_arcmin"] < 30
     # coarse pixels blur every edge of the content, so more is left than at full size
-    assert 0 < value["scatter_left_refined"] < value["scatter_left_exact"] < 0.15
+    # and cells of the loop's size show no gain that is wrong
+    assert 0 < value["scatter_left_refined"] < 1.02 * value["scatter_left_exact"] < 0.15
     assert value["scatter_left_exact"] < 0.75 * value["scatter_left_paper_eq12"]
     paper_mean = value["scatter_left_paper_eq12_mean"]
     assert abs(value["scatter_left_exact_mean"]) < 0.25 * paper_mean < 0.25
@@ -132,16 +134,16 @@ def check_the_figures_make_sense(run: SmallRun) -> None:
 def check_the_loop_falls_towards_the_noise(run: SmallRun) -> None:
     residual = run.figures["loop_residual_by_iteration"]["value"]
     floor = run.figures["loop_noise_floor"]["value"]
-    assert 2 <= len(residual) <= MAX_ITERATIONS + 1
+    assert 2 <= len(residual) <= MAX_CORRECTIONS + 1
     assert residual == sorted(residual, reverse=True)
     assert residual[-1] < 0.65 * residual[0]
     assert 0 < floor < residual[-1] < 3 * floor
 
 
 def check_what_a_demo_leaves_behind(run: SmallRun) -> None:
-    for number in ("0001", "0002"):
-        calibration = load_calibration(run.out / "calibrations" / number)
-        assert list(calibration.projectors) == ["south", "north"]
+    calibration = load_calibration(run.out / "calibrations" / "0001")
+    assert list(calibration.projectors) == ["south", "north"]
+    assert len(list((run.out / "frames" / "refined").glob("*.png"))) == 2
     there = contents(run.out).keys()
     assert {"venue.toml", "summary.json", "report.html", "truth/calibration.json"} <= there
     assert not [name for name in there if ".tmp" in name]
@@ -157,7 +159,9 @@ def check_a_demo_replaces_an_earlier_one(run: SmallRun) -> None:
 def test_a_loop_that_made_something_worse_fails_the_easy_presets(
     preset: str, code: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    refined = SimpleNamespace(worse="light is off by more", corrections=1, figures=dict)
+    refined = SimpleNamespace(
+        worse="light is off by more", corrections=1, better=False, calibration=None, figures=dict
+    )
     monkeypatch.setattr(demo, "_run", lambda *_: (1, tmp_path / "0001", refined))
     for step in ("load_calibration", "keep_pictures", "keep_loop", "_write_truth", "_print"):
         monkeypatch.setattr(demo, step, lambda *_: None)
@@ -173,16 +177,17 @@ def test_a_loop_that_made_something_worse_fails_the_easy_presets(
 def test_the_table_of_figures_is_printed_when_asked(
     asked: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    refined = SimpleNamespace(worse="", corrections=0, figures=dict)
+    refined = SimpleNamespace(worse="", corrections=0, better=False, figures=dict)
     monkeypatch.setattr(demo, "_run", lambda *_: (130, tmp_path / "0001", refined))
     for step in ("load_calibration", "keep_pictures", "keep_loop", "_write_truth", "read_material"):
         monkeypatch.setattr(demo, step, lambda *_: None)
-    for step in ("judge", "judge_pictures"):
-        monkeypatch.setattr(demo, step, lambda *_: {})
+    missed = {"feedback_error": Figure(0.03, "-", Goal("abs<=", 0.02))}
+    monkeypatch.setattr(demo, "judge", lambda *_: missed)
+    monkeypatch.setattr(demo, "judge_pictures", lambda *_: {})
     monkeypatch.setattr(demo, "write_report", lambda out: out / "report.html")
     monkeypatch.setattr(demo, "result_lines", lambda _: ["Screen: a sphere."])
     ran = procam("demo", "--out", tmp_path / "run", *(["--figures"] if asked else []))
-    assert ran.code == 1  # 130 photographs are more than the goal
+    assert ran.code == 1
     assert "Screen: a sphere." in ran.out and "report.html" in ran.out
     assert ("simulated_run_s" in ran.out, "FAIL" in ran.out) == (asked, asked)
 

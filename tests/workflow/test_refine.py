@@ -31,6 +31,7 @@ from procam.model.frame import Frame
 from procam.model.transport import Measured
 from procam.workflows.refine import camera as loop_camera
 from procam.workflows.refine import refine as refining
+from procam.workflows.refine import shown_picture
 from procam.workflows.venue_rig import open_rig
 from simulators.devices import SimulatedCamera
 
@@ -110,6 +111,8 @@ class TestLoop:
         assert refined.residual[-1] < 0.35 * refined.residual[0]
         assert refined.own_residual < 0.4 * refined.residual[0]
         assert refined.own_jnd < 0.4 * refined.left_jnd[0]
+        assert all(after < 0.4 * before for before, after in refined.unseen)
+        assert refined.better
         np.testing.assert_allclose(
             refined.calibration.feedback.value, good.feedback.value, rtol=0.03
         )
@@ -136,22 +139,26 @@ class TestCommand:
         curve = json.loads((dome / "loop" / "loop.json").read_text())
         assert curve["residual"] == document["figures"]["loop_residual_by_iteration"]["value"]
 
+    @pytest.mark.parametrize(
+        ("harmless", "words"), [(0.001, "% of white before"), (1.0, "light at azimuth")]
+    )
     def test_a_regression_is_reported_and_the_old_calibration_kept(
-        self, dome: Path, monkeypatch: pytest.MonkeyPatch
+        self, dome: Path, monkeypatch: pytest.MonkeyPatch, harmless: float, words: str
     ) -> None:
+        monkeypatch.setattr(refining, "HARMLESS", harmless)
         monkeypatch.setattr(
-            refining, "refined_calibration", lambda calibration, _: _spoilt(calibration, 0.1, 1)
+            refining, "with_gains", lambda calibration, _: _spoilt(calibration, 0.1, 1)
         )
         ran = procam("refine", dome)
         assert ran.code == 1
         line = ran.out.splitlines()[-1]
         old = dome / "calibrations" / "0001"
         assert line.startswith(f"nothing written, {old} stays newest: ")
-        assert "light at azimuth" in line and "JND" in line
+        assert words in line and "before the loop" in line
         assert not (dome / "calibrations" / "0002").exists()
 
     def test_nothing_to_correct(self, dome: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setattr(refining, "converged", lambda *_: True)
+        monkeypatch.setattr(shown_picture, "converged", lambda *_: True)
         ran = procam("refine", dome)
         old = dome / "calibrations" / "0001"
         assert ran.out.splitlines()[-1] == f"nothing to correct, {old} stays newest"
@@ -193,7 +200,7 @@ def test_a_picture_that_one_exposure_cannot_hold_is_bracketed(
     calibrated: Path, good: Calibration, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Merged brackets give the same light as single photographs."""
-    monkeypatch.setattr(refining, "converged", lambda *_: True)
+    monkeypatch.setattr(shown_picture, "converged", lambda *_: True)
     single = _refined(calibrated, good)
     monkeypatch.setattr(loop_camera, "bracket_for", lambda light, sigma, e: (e, 4 * e))
     bracketed = _refined(calibrated, good)

@@ -25,6 +25,7 @@ from procam.maths.geometry.pose import Pose, rotation_matrix
 from procam.maths.levenberg import minimise
 
 ITERATIONS = 200
+LEAST_DAMPING = 1e-9  # of a step for its own sake: a pose with few corners stays solvable
 SINGULAR = 1e-13  # eigenvalue of the scaled normal matrix below which a direction is not determined
 CAUCHY_SIGMAS = 3.0  # residual from which the robust loss falls behind the square
 
@@ -61,8 +62,12 @@ class BoardAdjustment:
         limit = CAUCHY_SIGMAS**2
         return float(np.sum(limit * np.log1p(squared / limit) if self.robust else squared))
 
+    def shared_step(self, rig: BoardRig) -> Array:
+        """The Gauss-Newton step (S,) of the shared parameters from `rig`, all poses following."""
+        return self._equations(rig).step(LEAST_DAMPING)[0]
+
     def covariance(self, rig: BoardRig) -> Array:
-        """Covariance (S, S) of the shared parameters, scaled by the residual variance.
+        """Covariance (S, S) of the shared parameters by noise alone, from the residual variance.
 
         Order: for each device its free lens parameters and, except for the first, its rotation [rad]
         and translation [m]; then the bend [m]. Directions that no view determines have very large

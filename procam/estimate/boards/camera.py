@@ -11,8 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from procam.arrays import Array
-from procam.errors import InputError, NotEnoughData, ShapeError
+from procam.errors import InputError, NotEnoughData, ProcamError, ShapeError
 from procam.estimate.boards.corners import BoardRig, Corners, residuals, stack_corners
+from procam.estimate.boards.held_out import clearly_better, held_out_residuals
+from procam.estimate.boards.jackknife import jackknife_covariance
 from procam.estimate.boards.robust_fit import (
     IDENTITY,
     MIN_CORNERS,
@@ -32,7 +34,7 @@ from procam.maths.geometry.pose import Pose
 
 FOLDS, MIN_VIEWS_TO_HOLD_OUT = 5, 6  # of the cross-validation
 GRID = 8  # cells per side of the coverage figure
-NAMES = {
+NAMES: dict[LensKind, tuple[str, ...]] = {
     "brown": ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3"),
     "kannala-brandt": ("fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4"),
 }
@@ -62,7 +64,8 @@ class CameraFit:
     ----------
     size : (width, height) of the pictures [px].
     lens : the intrinsics.
-    covariance : (P, P) of fx, fy, cx, cy [px] and the distortion terms [-], in this order.
+    covariance : (P, P) of fx, fy, cx, cy [px] and the distortion terms [-], in this order; errors of
+        the model are in it.
     bend, bend_covariance : (3,) [m] and (3, 3), as in `BoardRig`.
     area : (2, 2) lowest and highest x, y of the board's corners [m]; `bend` refers to it.
     boards : camera_from_board per fitted view.
@@ -118,9 +121,10 @@ def fit_camera(views: Sequence[BoardView], size: tuple[int, int], kind: LensKind
             f"views: only {len(used)} fit one lens and one board; at least {MIN_VIEWS} are needed. Check "
             "the number of squares, and that the zoom did not change"
         )
-    covariance = fit.adjustment(kept, rig).covariance(rig)
+    adjustment = fit.adjustment(kept, rig)
+    check_focal(rig.lenses[0], adjustment.covariance(rig))
+    covariance = jackknife_covariance(adjustment, rig)
     lenses = len(covariance) - len(rig.bend)
-    check_focal(rig.lenses[0], covariance)
     error = residuals(kept, rig)[0]
     seen = kept.pixels[0][kept.use[0]]
     return CameraFit(
@@ -132,7 +136,7 @@ def fit_camera(views: Sequence[BoardView], size: tuple[int, int], kind: LensKind
         kept.area,
         {names[i]: rig.boards[i] for i in used},
         {names[i]: _of_view(kept, error, i) for i in used},
-        {names[i]: px for i, px in _cross_validate(fit, kept, rig, used).items()},
+        _held_out(fit, kept, rig, {i: names[i] for i in used}),
         tuple(d for i in used for d in dropped_corners(corners, kept, error, (0, i), names[i])),
         tuple(name for i, name in enumerate(names) if i not in used),
         _coverage(seen, size),
@@ -152,26 +156,30 @@ def view_residuals(fit: CameraFit, views: Sequence[BoardView]) -> dict[str, Arra
     return {view.name: _of_view(corners, error, i) for i, view in enumerate(views)}
 
 
+def better_fit(fit: CameraFit, views: Sequence[BoardView]) -> CameraFit | None:
+    """The fit of another kind of lens, if it predicts views left out of it clearly better."""
+    for kind in NAMES:
+        try:
+            other = None if kind == fit.lens.kind else fit_camera(views, fit.size, kind)
+        except ProcamError:  # a kind that cannot be fitted is not better
+            continue
+        if other and clearly_better(other.held_out_px, fit.held_out_px):
+            return other
+    return None
+
+
 def rms(residual: Mapping[str, Array]) -> float:
     """Root mean square length of residuals (N, 2) of all views [px]."""
     return float(np.sqrt(np.mean(np.sum(np.concatenate([*residual.values()]) ** 2, axis=1))))
 
 
-def _cross_validate(
-    fit: BoardFit, corners: Corners, rig: BoardRig, used: list[int]
-) -> dict[int, Array]:
-    """Residuals (N, 2) [px] of each view under a lens that was fitted without it."""
-    held_out: dict[int, Array] = {}
+def _held_out(
+    fit: BoardFit, corners: Corners, rig: BoardRig, used: Mapping[int, str]
+) -> dict[str, Array]:
     if len(used) < MIN_VIEWS_TO_HOLD_OUT:
-        return held_out
-    for fold in range(FOLDS):
-        test = used[fold::FOLDS]
-        train = corners.only([i for i in used if i not in test])
-        fitted, _ = fit.adjustment(train, rig).solve(rig)
-        tested = corners.only(test)
-        error = residuals(tested, fit_poses(tested, fitted))[0]
-        held_out |= {i: _of_view(tested, error, i) for i in test}
-    return dict(sorted(held_out.items()))
+        return {}
+    error = held_out_residuals(fit, corners, rig, FOLDS)[0]
+    return {name: _of_view(corners, error, i) for i, name in used.items()}
 
 
 def _of_view(corners: Corners, error: Array, view: int) -> Array:

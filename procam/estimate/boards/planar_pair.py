@@ -3,23 +3,27 @@
 The projector is an inverse camera. The camera finds the board's corners in the white picture; local
 homographies of the correspondence map around each corner give its projector pixel (Moreno & Taubin
 2012, doi:10.1109/3DIMPVT.2012.77). One board adjustment then solves both lenses, the pose between
-them and all board poses. Boards that fill little of the picture determine the distortion at the
-lenses' edges poorly.
+them and all board poses. Poses left out of the fit decide whether it solves for the lenses' distortion
+and for the bend of the board.
 """
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import rq
-from scipy.spatial import KDTree
 
 from procam.arrays import Array
 from procam.errors import CalibrationError, NotEnoughData, ShapeError
 from procam.estimate.boards.corners import BoardRig, Corners, residuals, stack_corners
+from procam.estimate.boards.held_out import best_model, held_out_residuals
+from procam.estimate.boards.jackknife import jackknife_covariance
+from procam.estimate.boards.projector_corners import direct_linear_transform, projector_corners
 from procam.estimate.boards.robust_fit import (
     IDENTITY,
     MIN_CORNERS,
+    MIN_VIEWS,
     BoardFit,
     DroppedCorner,
     check_count,
@@ -33,13 +37,11 @@ from procam.maths.geometry.lenses import Lens
 from procam.maths.geometry.pose import Pose
 from procam.model.correspondence import CorrespondenceMap
 
+POSE_TERMS = 6
 PINHOLE, BROWN = tuple(range(4)), tuple(range(9))
-WINDOW = 1.0  # radius, over the distance to the nearest corner: the window stays on the board
-MIN_PIXELS = 40  # of a window
-MAX_OFFSET = 0.35  # of the mean of a window's pixels from its corner, over its radius
-REWEIGHTINGS = 4
-OUTLIER_DISTANCE = 4.0  # over the median distance from the middle; a window's edge is at 2 or 3
+FOLDS = 10  # of the cross-validation; of fewer poses each is left out on its own
 DEVICES = ("camera", "projector")
+MODELS = tuple(BoardFit((free, free), bend) for free in (PINHOLE, BROWN) for bend in (False, True))
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,19 +72,35 @@ class PlanarPair:
     projector_from_camera : pose between them [m].
     covariance : (S, S) of the camera's lens parameters, the projector's, then the rotation [rad] and
         translation [m] of `projector_from_camera`; a lens's are fx, fy, cx, cy [px] and, if they
-        were solved for, k1, k2, p1, p2, k3.
-    boards : camera_from_board per view.
+        were solved for, k1, k2, p1, p2, k3. Errors of the model are in it.
+    bend : (3,) as in `BoardRig` [m]; zeros if poses left out are predicted better by a flat board.
+    area : (2, 2) lowest and highest x, y of the board's corners [m]; `bend` refers to it.
+    boards : camera_from_board per fitted view.
     residual_px : per device, "camera" and "projector", and view: predicted minus observed (N, 2).
-    dropped : outliers per device.
+    held_out_px : the same for each view in a fit without it, of which only the board's pose is fitted.
+    dropped : outliers per device. dropped_views : views of which a device's corners are all rejected.
     """
 
     camera: Lens
     projector: Lens
     projector_from_camera: Pose
     covariance: Array
+    bend: Array
+    area: Array
     boards: dict[str, Pose]
     residual_px: dict[str, dict[str, Array]]
+    held_out_px: dict[str, dict[str, Array]]
     dropped: dict[str, tuple[DroppedCorner, ...]]
+    dropped_views: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class _Fit:
+    """A fit with the covariance of lenses and pose, and the residuals (2, T, 2) of views left out."""
+
+    rig: BoardRig
+    covariance: Array
+    held_out: Array
 
 
 def pair_view(name: str, points: Array, camera_px: Array, found: CorrespondenceMap) -> PairView:
@@ -90,36 +108,13 @@ def pair_view(name: str, points: Array, camera_px: Array, found: CorrespondenceM
     return PairView(name, points, camera_px, projector_corners(found, camera_px))
 
 
-def projector_corners(found: CorrespondenceMap, camera_px: Array) -> Array:
-    """Projector pixels (N, 2) of board corners at camera pixels (N, 2); NaN where not lit.
-
-    A homography is fitted to the map within a window around each corner, which averages the map's
-    rounding and follows the lenses' distortion. The window reaches to the nearest corner.
-    """
-    rows, columns = np.nonzero(found.valid)
-    if not len(rows):
-        return np.full_like(camera_px, np.nan)
-    pixels = np.stack([columns, rows], axis=1).astype(float)
-    xy = found.projector_xy[found.valid].astype(float)
-    radius = WINDOW * np.asarray(KDTree(camera_px).query(camera_px, 2)[0])[:, 1]
-    near = KDTree(pixels).query_ball_point(camera_px, radius)
-    corners = [
-        _at_corner((pixels[index] - corner) / reach, xy[index])
-        for index, corner, reach in zip(near, camera_px, radius, strict=True)
-    ]
-    return np.array(corners)
-
-
 def fit_planar_pair(
-    views: Sequence[PairView],
-    camera_size: tuple[int, int],
-    projector_size: tuple[int, int],
-    *,
-    distortion: bool = False,
+    views: Sequence[PairView], camera_size: tuple[int, int], projector_size: tuple[int, int]
 ) -> PlanarPair:
     """Solve both lenses and the pose between them from three or more views of a flat board.
 
-    Sizes are (width, height) [px]. `distortion` frees the Brown terms of both lenses.
+    Sizes are (width, height) [px]. Distortion and bend are solved for if that predicts views left out
+    of the fit better.
 
     Raises
     ------
@@ -129,59 +124,37 @@ def fit_planar_pair(
         The projector's picture is mirrored. DidNotConverge : the fit did not reach a minimum.
     """
     _check(views, projector_size)
-    free = BROWN if distortion else PINHOLE
     corners = stack_corners(
         [v.points for v in views], [np.stack([v.camera_px, v.projector_px]) for v in views]
     )
+    richest = MODELS[-1]
+    start = _start(corners, camera_size, projector_size)
+    rig, _ = richest.adjustment(corners, start, robust=True).solve(start)
+    kept, rig = richest.fit_inliers(corners, rig)
+    model, rig = best_model(MODELS, kept.only(_used(kept)), rig, FOLDS)
+    kept, rig = model.fit_inliers(corners, rig)
+    kept = kept.only(_used(kept))
+    _check_used(kept)
+    adjustment, terms = model.adjustment(kept, rig), len(model.free[0])
+    noise = adjustment.covariance(rig)
+    check_focal(rig.lenses[0], noise)
+    check_focal(rig.lenses[1], noise[terms:, terms:])
+    shared = 2 * terms + POSE_TERMS
+    covariance = jackknife_covariance(adjustment, rig)[:shared, :shared]
+    left_out = held_out_residuals(model, kept, rig, FOLDS)
+    return _result(views, corners, kept, _Fit(rig, covariance, left_out))
+
+
+def _start(
+    corners: Corners, camera_size: tuple[int, int], projector_size: tuple[int, int]
+) -> BoardRig:
+    """The camera solved on its own, and the projector's initial lens and pose."""
+    model = BoardFit(MODELS[-1].free[:1], bend=True)
     first = replace(corners, pixels=corners.pixels[:1], use=corners.use[:1])
-    camera = BoardFit((free,)).fit_robustly(
-        first, _undistorted(start_camera("brown", camera_size, first))
-    )
+    camera = model.fit_robustly(first, start_camera("brown", camera_size, first))
     check_tilts(camera)
-    first, camera = BoardFit((free,)).fit_inliers(first, camera)
-    start = _with_projector(replace(corners, use=corners.use & first.use), camera, projector_size)
-    both = BoardFit((free, free))
-    rig, _ = both.adjustment(corners, start, robust=True).solve(start)
-    kept, rig = both.fit_inliers(corners, rig)
-    covariance = both.adjustment(kept, rig).covariance(rig)
-    check_focal(rig.lenses[0], covariance)
-    check_focal(rig.lenses[1], covariance[len(free) :, len(free) :])
-    return _result(views, corners, kept, rig, covariance)
-
-
-def _at_corner(offset: Array, xy: Array) -> Array:
-    """Projector pixel (2,) at the centre of a window, from offsets (n, 2) [radii] and their xy (n, 2)."""
-    if len(offset) < MIN_PIXELS or np.linalg.norm(offset.mean(axis=0)) > MAX_OFFSET:
-        return np.full(2, np.nan)
-    middle = np.median(xy, axis=0)
-    away = np.abs(xy - middle)
-    # misread pixels lie anywhere
-    inside = (away <= OUTLIER_DISTANCE * np.median(away, axis=0) + 1).all(axis=1)
-    size = max(float(away[inside].max()), 1.0)
-    target = (xy[inside] - middle) / size
-    source = np.c_[offset[inside], np.ones(len(target))]
-    weight = np.ones(len(source))
-    for _ in range(REWEIGHTINGS):
-        matrix = _projection(source, target, weight)
-        ahead = source @ matrix.T
-        miss = np.linalg.norm(ahead[:, :2] / ahead[:, 2:] - target, axis=1)
-        weight = 1 / np.maximum(miss, 2 * np.median(miss) + 1e-9)
-    return np.asarray(matrix[:2, 2] / matrix[2, 2] * size + middle)
-
-
-def _projection(source: Array, target: Array, weight: Array) -> Array:
-    """Matrix (3, M) by the direct linear transform: (target (N, 2), 1) ~ matrix source (N, M)."""
-    zero = np.zeros_like(source)
-    rows = np.r_[
-        np.c_[source, zero, -target[:, :1] * source], np.c_[zero, source, -target[:, 1:] * source]
-    ]
-    rows = rows * np.r_[weight, weight][:, None]
-    return np.asarray(np.linalg.eigh(rows.T @ rows)[1][:, 0].reshape(3, source.shape[1]))
-
-
-def _undistorted(rig: BoardRig) -> BoardRig:
-    lens = rig.lenses[0]
-    return replace(rig, lenses=(replace(lens, distortion=np.zeros_like(lens.distortion)),))
+    first, camera = model.fit_inliers(first, camera)
+    return _with_projector(replace(corners, use=corners.use & first.use), camera, projector_size)
 
 
 def _with_projector(corners: Corners, camera: BoardRig, size: tuple[int, int]) -> BoardRig:
@@ -197,7 +170,7 @@ def _with_projector(corners: Corners, camera: BoardRig, size: tuple[int, int]) -
     source = np.c_[(points - middle) / scale, np.ones(len(points))]
     half = np.array(size) / 2
     target = (corners.pixels[1][use] - half) / half.max()
-    matrix = _projection(source, target, np.ones(len(source)))
+    matrix = direct_linear_transform(source, target, np.ones(len(source)))
     matrix = matrix * np.sign(np.median(source @ matrix[2]))
     triangle, rotation = rq(matrix[:, :3])
     sign = np.diag(np.sign(np.diag(triangle)))
@@ -213,29 +186,51 @@ def _with_projector(corners: Corners, camera: BoardRig, size: tuple[int, int]) -
     return BoardRig(lenses, devices, camera.boards, camera.bend)
 
 
-def _result(
-    views: Sequence[PairView], corners: Corners, kept: Corners, rig: BoardRig, covariance: Array
-) -> PlanarPair:
-    error = residuals(kept, rig)
-    residual: dict[str, dict[str, Array]] = {}
-    dropped: dict[str, tuple[DroppedCorner, ...]] = {}
-    for device, name in enumerate(DEVICES):
-        parts = zip(views, corners.views, strict=True)
-        residual[name] = {v.name: error[device, part][kept.use[device, part]] for v, part in parts}
-        lists = (
-            dropped_corners(corners, kept, error[device], (device, i), v.name)
-            for i, v in enumerate(views)
-        )
-        dropped[name] = tuple(corner for found in lists for corner in found)
+def _result(views: Sequence[PairView], corners: Corners, kept: Corners, fit: "_Fit") -> PlanarPair:
+    names = [v.name for v in views]
+    error = residuals(kept, fit.rig)
+    used = _used(kept)
+    lists = [
+        [dropped_corners(corners, kept, error[device], (device, i), names[i]) for i in used]
+        for device in range(len(DEVICES))
+    ]
     return PlanarPair(
-        rig.lenses[0],
-        rig.lenses[1],
-        rig.devices[1],
-        covariance,
-        {v.name: board for v, board in zip(views, rig.boards, strict=True)},
-        residual,
-        dropped,
+        fit.rig.lenses[0],
+        fit.rig.lenses[1],
+        fit.rig.devices[1],
+        fit.covariance,
+        fit.rig.bend,
+        kept.area,
+        {names[i]: fit.rig.boards[i] for i in used},
+        _by_view(kept, error, {i: names[i] for i in used}),
+        _by_view(kept, fit.held_out, {i: names[i] for i in used}),
+        {device: tuple(itertools.chain(*of)) for device, of in zip(DEVICES, lists, strict=True)},
+        tuple(name for i, name in enumerate(names) if i not in used),
     )
+
+
+def _by_view(kept: Corners, error: Array, names: Mapping[int, str]) -> dict[str, dict[str, Array]]:
+    """Residuals (N, 2) [px] of the corners in use, per device and view."""
+    return {
+        name: {
+            view: error[device, kept.views[i]][kept.use[device, kept.views[i]]]
+            for i, view in names.items()
+        }
+        for device, name in enumerate(DEVICES)
+    }
+
+
+def _used(corners: Corners) -> list[int]:
+    """The views of which both devices have corners in use."""
+    return [i for i, view in enumerate(corners.views) if corners.use[:, view].any(axis=1).all()]
+
+
+def _check_used(kept: Corners) -> None:
+    if len(_used(kept)) < MIN_VIEWS:
+        raise NotEnoughData(
+            f"poses: only {len(_used(kept))} fit two lenses and one board; at least {MIN_VIEWS} are needed. "
+            "Check the number of squares, and that neither device moved or zoomed between them"
+        )
 
 
 def _check(views: Sequence[PairView], projector_size: tuple[int, int]) -> None:

@@ -13,6 +13,7 @@ from procam.estimate.boards.start import plausible_corners, reestimate_poses
 from procam.maths.geometry.lenses import Lens
 from procam.maths.geometry.pose import Pose
 
+PINHOLE_TERMS = 4  # of `lens_parameters`, before the distortion
 IDENTITY = Pose(np.eye(3), np.zeros(3))
 MIN_VIEWS, MIN_CORNERS = 3, 8  # of a board; of a view
 MIN_WIDTH = 0.05  # of the corners of a view, over their length
@@ -25,12 +26,16 @@ MAX_FOCAL_SIGMA = 0.02  # of the focal length
 
 @dataclass(frozen=True, slots=True)
 class DroppedCorner:
-    """An outlier: corner `index` of photograph `view`, observed at `pixel` (x, y), `miss_px` off."""
+    """An outlier: corner `index` of photograph `view`, observed at `pixel` (x, y), `miss_px` off.
+
+    `place_m` is its (x, y) on the board [m].
+    """
 
     view: str
     index: int
     pixel: tuple[float, float]
     miss_px: float
+    place_m: tuple[float, float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +49,11 @@ class BoardFit:
         """The least-squares problem near `rig`, with the noise that its residuals show."""
         sigma = residual_sigmas(corners, residuals(corners, rig))
         return BoardAdjustment(corners, self.free, sigma, self.bend, robust)
+
+    def simplified(self, rig: BoardRig) -> BoardRig:
+        """`rig` without the distortion and the bend that this fit does not solve for."""
+        lenses = tuple(map(_without_others, rig.lenses, self.free))
+        return replace(rig, lenses=lenses, bend=rig.bend if self.bend else np.zeros(3))
 
     def fit_robustly(self, corners: Corners, rig: BoardRig) -> BoardRig:
         """Fit corners with outliers among them; board poses are re-estimated between rounds."""
@@ -114,7 +124,9 @@ def dropped_corners(
     found = []
     for index in outliers.tolist():
         x, y = corners.pixels[device, part][index].tolist()
-        found.append(DroppedCorner(name, index, (x, y), float(np.linalg.norm(error[part][index]))))
+        miss = float(np.linalg.norm(error[part][index]))
+        u, v = corners.points[part][index, :2].tolist()
+        found.append(DroppedCorner(name, index, (x, y), miss, (u, v)))
     return found
 
 
@@ -138,6 +150,12 @@ def check_focal(lens: Lens, covariance: Array) -> None:
             f"{MAX_FOCAL_SIGMA:.0%}; add views with the board tilted by 20 to 45 degrees and large in "
             "the picture"
         )
+
+
+def _without_others(lens: Lens, free: tuple[int, ...]) -> Lens:
+    """A lens with zeros for the distortion terms that are not among `free`."""
+    solved = np.isin(np.arange(len(lens.distortion)) + PINHOLE_TERMS, free)
+    return replace(lens, distortion=np.where(solved, lens.distortion, 0.0))
 
 
 def _inliers(corners: Corners, kept: Corners, rig: BoardRig) -> Corners:

@@ -14,6 +14,7 @@ from scipy.ndimage import maximum_filter, minimum_filter
 
 from procam.arrays import Array, BoolArray, Image, IndexArray
 from procam.errors import NotEnoughData
+from procam.estimate.closed_loop.gains import gain_change
 from procam.estimate.closed_loop.patches import (
     CELL_QUANTILE,
     LoopObservation,
@@ -29,7 +30,6 @@ LOOP_SIZE = 256
 CELL_ARCMIN = 180 * 60 / LOOP_SIZE
 BLOCK = 32  # cells, 22 degrees: errors of gains further apart are taken as independent
 FREE_SHARE = 0.98  # of a cell that must satisfy a condition
-MIN_ASKED = 0.05  # of white, for a gain; with less light it is too uncertain
 MAX_GAIN_CHANGE = 0.25  # factor up to 1 + this, down to its inverse
 TINY = 1e-5  # of white, between a value and a limit that it has reached
 NEAR, STRAY = 7, 0.05  # cells that lens stray light reaches, and its share of their contrast
@@ -88,6 +88,7 @@ class DomeLoop:
     calibration, cells : the dome, and the camera's cells.
     direct : (N, N, 3) direct light of the compensated picture [rel].
     target : (N, N, 3) total light that the audience should see [rel].
+    find_scatter : estimate the factor of scattered light too, which needs dark cells.
 
     Attributes
     ----------
@@ -103,7 +104,12 @@ class DomeLoop:
     """
 
     def __init__(
-        self, calibration: Calibration, cells: LoopCells, direct: Image, target: Image
+        self,
+        calibration: Calibration,
+        cells: LoopCells,
+        direct: Image,
+        target: Image,
+        find_scatter: bool = True,
     ) -> None:
         maps, size = calibration.maps, direct.shape[0]
         self._cells, self._start = cells, direct
@@ -127,9 +133,10 @@ class DomeLoop:
         self.state = LoopState(
             self._scatter(calibration),
             self.block[self._inside],
-            m.sigma / np.maximum(m.value, TINY),
+            m.sigma / np.maximum(m.value, TINY) if find_scatter else np.full(3, np.inf),
             self._low_pass,
         )
+        self._sigma = np.zeros_like(self.state.surplus)  # of what was learnt last, by noise
         self._show()
         if not self.free.any():
             raise NotEnoughData(
@@ -151,8 +158,9 @@ class DomeLoop:
         light = self._asked
         highest, lowest = (f(light, NEAR, axes=(0, 1)) for f in (maximum_filter, minimum_filter))
         sigma = np.hypot(sigma / np.sqrt(photographs), STRAY * (highest - lowest))
-        asked, seen, sigma = (self._flat(values) for values in (light, seen, sigma))
-        self.state.learn(LoopObservation(asked, seen, sigma, self.known[self._inside], photographs))
+        asked, seen, self._sigma = (self._flat(values) for values in (light, seen, sigma))
+        known = self.known[self._inside]
+        self.state.learn(LoopObservation(asked, seen, self._sigma, known, photographs))
 
     def residual(self, seen: Array) -> Array:
         """Goal less seen light (N, N, 3) [rel]; meaningful in `free` cells."""
@@ -163,13 +171,11 @@ class DomeLoop:
         return float(np.sqrt(np.mean(residual[self.free] ** 2)))
 
     def gain_factor(self) -> Array:
-        """Factor (N, N, 3) of the calibration's gain: direct light received per light asked for."""
-        surplus = self._whole(self.state.surplus)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            factor = 1 + surplus / self._asked
-        trusted = self.known & (self._asked > MIN_ASKED) & np.isfinite(factor)
-        most = 1 + MAX_GAIN_CHANGE
-        return 1 + _filled(np.where(trusted, np.clip(factor, 1 / most, most) - 1, 0), trusted)
+        """Factor (N, N, 3) of the calibration's gain: direct light received per light asked for (L4)."""
+        known, most = self.known[self._inside], 1 + MAX_GAIN_CHANGE
+        change = gain_change(self.state.surplus, self._flat(self._asked), self._sigma, known)
+        factor = np.clip(1 + change, 1 / most, most)
+        return 1 + _filled(self._whole(factor - 1), self.known)
 
     def _show(self) -> None:
         """Compute the picture with the present correction, and the cells that can still change."""

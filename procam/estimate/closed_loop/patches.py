@@ -1,6 +1,6 @@
 """The closed loop on patches of any dome: state update, next picture, stop criteria.
 
-The model is y = N_c (x + d) + noise with N_c = I + c U V^T (docs/theory/closed-loop.md L1): x is the direct
+The model is y = N_c (x + d) + noise with N_c = I + c U V^T (docs/theory/closed-loop.md, L1): x is the direct
 light asked for, y what is seen, U V^T the calibrated scatter, c a factor per channel and d the surplus
 light of each patch. `LoopState.learn` splits the difference between a photograph and its prediction in
 two: a common brightness and a common change of c, fitted to all patches at once and applied in full; and
@@ -28,6 +28,7 @@ TWO_SIDED = 1.96  # sigmas within which 95 % of a normal distribution lies
 CELL_QUANTILE = 0.95  # share of the patches that a statement covers
 AVERAGED = 8  # a residual below the noise of the mean of so many photographs is not corrected
 VISIBLE_JND = 0.5  # a smaller residual is not corrected
+NOTICED_JND = 1.0  # a residual that grows to less is no regression: nobody can see it
 TINY = 1e-6  # of white
 MIN_PATCHES = 30  # of a neighbourhood that is judged
 SIGNIFICANT_SIGMAS, STRAY_SIGMA = 3.0, 0.005  # of a change of c; relative, by lens stray light
@@ -51,7 +52,7 @@ def just_noticeable(light: Array) -> Array:
 def remove_scatter(change: Array, free: BoolArray, spread: Array, collect: Array) -> Array:
     """Change of direct light (n,) on the `free` patches (n,) that changes their total by `change` (n,).
 
-    dx_F = r_F - U_F (I + V_F^T U_F)^-1 V_F^T r_F (docs/theory/closed-loop.md L2) for scatter U V^T, `spread`
+    dx_F = r_F - U_F (I + V_F^T U_F)^-1 V_F^T r_F (docs/theory/closed-loop.md, L2) for scatter U V^T, `spread`
     and `collect` (n, K). The other patches are held and only reflect. (L3) is the same on a sphere.
     """
     system = np.eye(collect.shape[1]) + collect[free].T @ spread[free]
@@ -277,7 +278,7 @@ def largest_regression(
     """The neighbourhood and channel with the largest regression, None without a visible one.
 
     `first`, `last` (n, C) are residuals and `noise` (n, C) their standard error, in JND; `judged` (n, C)
-    selects patches. A regression exceeds three sigmas and half a JND.
+    selects patches. A regression exceeds three sigmas and one JND.
     """
     found: Regression | None = None
     for c in range(first.shape[1]):
@@ -290,7 +291,7 @@ def largest_regression(
             after = float(np.mean(last[place, c] ** 2)) - known
             sigmas = SIGNIFICANT_SIGMAS * np.sqrt(2 / place.sum())
             limit = sigmas * (known + max(before, after, 0))
-            if after - max(before, VISIBLE_JND**2) > limit and (
+            if after - max(before, NOTICED_JND**2) > limit and (
                 found is None or after > found.after**2
             ):
                 found = Regression(place, c, np.sqrt(max(before, 0)), np.sqrt(after))

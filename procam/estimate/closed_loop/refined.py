@@ -1,11 +1,11 @@
-"""A new calibration from what the closed loop has estimated: gains, scatter and albedo."""
+"""New calibrations from what the closed loop has estimated: gains, and scattered light."""
 
 from dataclasses import replace
 
 import numpy as np
 
 from procam.arrays import Array, FloatArray, Image
-from procam.estimate.closed_loop.dome import DomeLoop, nodes_for_means
+from procam.estimate.closed_loop.dome import nodes_for_means
 from procam.maths.geometry.sphere import (
     cap_solid_angle,
     master_directions,
@@ -18,26 +18,33 @@ from procam.model.calibration import Calibration, ProjectorCalibration
 from procam.model.transport import DomeMaps, Measured
 
 
-def refined_calibration(calibration: Calibration, loop: DomeLoop) -> Calibration:
-    """The calibration with the gains and the scatter that a loop has estimated."""
-    factor, scatter = nodes_for_means(loop.gain_factor()), loop.state.scatter_factor
-    maps = calibration.maps
+def with_gains(calibration: Calibration, gain_factor: Array) -> Calibration:
+    """The calibration with its gains multiplied by cell means (N, N, 3), as of `DomeLoop.gain_factor`."""
+    factor, maps = nodes_for_means(gain_factor), calibration.maps
     where = master_pixels(master_directions(maps.size)[0], maps.size)
-    at, albedo_factor = _factor_at(factor, where, maps), _albedo_factor(calibration, scatter)
+    hi = maps.lo + (maps.hi - maps.lo) * _factor_at(factor, where, maps)
+    return replace(
+        calibration,
+        maps=replace(maps, hi=hi.astype(np.float32)),
+        projectors={n: _regained(p, factor, maps) for n, p in calibration.projectors.items()},
+    )
+
+
+def with_scatter(calibration: Calibration, factor: Array) -> Calibration:
+    """The calibration with its scattered light multiplied by `factor` (3,), and all that follows from it."""
+    maps, albedo_factor = calibration.maps, _albedo_factor(calibration, factor)
     new = replace(
         maps,
-        hi=(maps.lo + (maps.hi - maps.lo) * at).astype(np.float32),
-        scatter_per_flux=(maps.scatter_per_flux * scatter).astype(np.float32),
+        scatter_per_flux=(maps.scatter_per_flux * factor).astype(np.float32),
         albedo=(maps.albedo * albedo_factor).astype(np.float32),
     )
     return replace(
         calibration,
         maps=new,
-        projectors={n: _regained(p, factor, maps) for n, p in calibration.projectors.items()},
-        feedback=_times(calibration.feedback, scatter),
+        feedback=_times(calibration.feedback, factor),
         albedo=_times(calibration.albedo, albedo_factor),
         states={
-            name: replace(state, feedback=_times(state.feedback, scatter))
+            name: replace(state, feedback=_times(state.feedback, factor))
             for name, state in calibration.states.items()
         },
     )

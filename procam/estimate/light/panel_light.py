@@ -1,7 +1,7 @@
 """Predicted light of a full-panel picture of one projector at a place on the dome.
 
 Direct light is the calibrated gain; scattered light follows from the scatter kernel
-(docs/theory/interreflection.md I16). Hand-meter readings are compared with it.
+(docs/theory/interreflection.md, I16). Hand-meter readings are compared with it.
 """
 
 import numpy as np

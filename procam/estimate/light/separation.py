@@ -4,7 +4,7 @@ Follows Nayar et al. 2006, doi:10.1145/1141911.1141977. A camera pixel inside a 
 of its edges, and every pixel outside a projector's picture see scattered light alone. `Separation`
 averages those samples over all pictures of a projector, each divided by the picture's flux relative to
 full white, and subtracts the result from white: direct light remains. From the scattered light per
-flux of all projectors follow u, the feedback m = a.u (docs/theory/interreflection.md I10) and, under
+flux of all projectors follow u, the feedback m = a.u (docs/theory/interreflection.md, I10) and, under
 assumptions about the rest of the room, the mean albedo (I15).
 """
 

@@ -26,6 +26,7 @@ from procam.model.optics import TAG_COUNTS
 FOCAL_WIDTHS = (0.05, 50.0)  # focal lengths of cameras, in widths of their pictures
 MAX_STRETCH = 2.0  # between a camera's two focal lengths
 MAX_OFFSET_WIDTHS = 3.0  # of a principal point outside the picture
+BELOW_RIM_DEG = 5.0  # of a mark: on the rim's frame at most
 COEFFICIENTS = {"kannala-brandt": 4, "brown": 5}
 
 
@@ -38,14 +39,19 @@ def find_mistakes(table: VenueTable, folder: Path) -> list[str]:
         found += _projector_mistakes(f"projectors.{name}", projector, folder)
     for fiducial in table.fiducials:
         found += _fiducial_mistakes(fiducial, table)
-    found += _tag_mistakes(table.apriltags)
+    found += [*_below_rim(table), *_tag_mistakes(table.apriltags)]
     found += _distance_mistakes(table)
     return [*found, *server_mistakes(table)]
 
 
 def _name_mistakes(table: VenueTable) -> list[str]:
-    """Names that are used twice."""
+    """Names that are used twice, or by a file of the calibration's maps."""
     found = [
+        f"projectors.{name} has a name that a calibration needs for a map of the dome; rename it"
+        for name in table.projectors
+        if name.lower() == "dome" or name.lower().startswith("state-")
+    ]
+    found += [
         f"projectors.{name} has the name of a camera; rename either"
         for name in table.projectors
         if name in table.cameras
@@ -91,6 +97,11 @@ def _camera_mistakes(where: str, camera: CameraTable, folder: Path) -> Iterator[
         yield (
             f"{where}.k has {len(camera.k)} numbers, and model {camera.model!r} needs {count}; correct "
             "either"
+        )
+    if camera.black_level >= 2**camera.bits - 1:
+        yield (
+            f"{where}.black_level is {camera.black_level:g}; {camera.bits} bits saturate at "
+            f"{2**camera.bits - 1}. Correct black_level or bits"
         )
     yield from _lens_mistakes(where, camera)
     yield from pixel_mistakes(f"{where}.masks", camera.masks, camera.size)
@@ -181,6 +192,18 @@ def _fiducial_mistakes(fiducial: FiducialTable, table: VenueTable) -> Iterator[s
     yield from _device_mistakes(where, "projector", fiducial, projectors)
     if fiducial.azimuth_deg is None and fiducial.elevation_deg is None:
         yield _no_angle(where)
+
+
+def _below_rim(table: VenueTable) -> Iterator[str]:
+    rim = 90 - table.screen.half_angle_deg
+    marks = [(f"fiducials.{f.name}", f.elevation_deg) for f in table.fiducials]
+    marks += [(f"apriltags.{i}", tag.elevation_deg) for i, tag in enumerate(table.apriltags)]
+    for where, elevation in marks:
+        if elevation is not None and elevation < rim - BELOW_RIM_DEG:
+            yield (
+                f"{where}.elevation_deg is {elevation:g}; a screen of half_angle_deg "
+                f"{table.screen.half_angle_deg:g} ends at {rim:g}. Correct either"
+            )
 
 
 def _device_mistakes(

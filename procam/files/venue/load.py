@@ -94,7 +94,7 @@ def load_venue(directory: Path) -> Venue:
             f"{path}: no such file; make a venue folder with `procam init {directory} --template NAME`"
         )
     try:
-        raw = tomllib.loads(path.read_text(encoding="utf-8"))
+        raw = tomllib.loads(path.read_text(encoding="utf-8-sig"))  # some editors mark it
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InputError(f"{path} is not valid TOML: {error}") from error
     names = _backend_names(raw)

@@ -4,15 +4,21 @@ from collections.abc import Sequence
 from typing import Any, get_args
 
 import numpy as np
+from scipy.stats import binom
 
+from procam.arrays import Array
 from procam.errors import InputError
+from procam.estimate.boards.robust_fit import DroppedCorner
 from procam.estimate.boards.targets import Board, BoardKind
 from procam.interfaces.cli._paths import two_counts
 from procam.maths.geometry.lenses import Lens
-from procam.model.quality import Goal
+from procam.model.quality import Figure, Goal
 
 WORST_RMS = Goal("<=", 1.0)  # [px]; a sound fit is at a few tenths
 SMALLEST_MM, LARGEST_MM = 0.01, 10_000.0  # edge of a square
+# a curled board: this share of the dropped corners lies within this share of the board's extent from one
+# edge, where a quarter of the corners is, and by chance it would in one set of a hundred
+EDGE_SHARE, EDGE, EDGE_CORNERS, BY_CHANCE = 0.7, 0.2, 0.25, 0.01
 PIXEL_ORIGIN = "(0, 0) is the centre of the first pixel"
 
 
@@ -67,3 +73,33 @@ def listed(values: Any, digits: int) -> str:
 def sigmas(values: Sequence[float]) -> str:
     """Standard errors for a comment."""
     return ", ".join(f"{v:.2g}" for v in values)
+
+
+def as_rows(dropped: Sequence[DroppedCorner]) -> list[dict[str, Any]]:
+    """Dropped corners as JSON has them."""
+    return [
+        {"view": d.view, "corner": d.index, "pixel": list(d.pixel), "miss_px": d.miss_px}
+        for d in dropped
+    ]
+
+
+def bend_figure(bend: Array, views: int) -> Figure:
+    """How far the board's rim lies off its plane, from the coefficients (3,) of `BoardRig.bend` [m]."""
+    u2, v2, uv = bend
+    sag = np.abs(np.linalg.eigvalsh([[u2, uv / 2], [uv / 2, v2]])).max()
+    return Figure(float(sag) * 1e3, "mm", None, views, "at the board's rim")
+
+
+def edge_note(dropped: Sequence[DroppedCorner], area: Array) -> str | None:
+    """What it means that most dropped corners lie at one edge of the board's area (2, 2) [m]."""
+    if not dropped:
+        return None
+    share = (np.array([d.place_m for d in dropped]) - area[0]) / (area[1] - area[0])
+    most = int(np.concatenate([share <= EDGE, share >= 1 - EDGE], axis=1).sum(axis=0).max())
+    chance = 4 * binom.sf(most - 1, len(dropped), EDGE_CORNERS)
+    if most < EDGE_SHARE * len(dropped) or chance > BY_CHANCE:
+        return None
+    return (
+        f"{'all' if most == len(dropped) else most} of {len(dropped)} dropped corners are from one edge: the "
+        "board is curled; glue it to a flat plate and photograph it again"
+    )

@@ -3,11 +3,13 @@
 from pathlib import Path
 
 from procam.files.calibration import load_calibration
+from procam.files.session import Session
 from procam.files.venue.load import load_venue
 from procam.interfaces.cli import _sessions
 from procam.interfaces.cli._options import Json, VenueArgument
 from procam.interfaces.cli._output import Output
 from procam.interfaces.report import write_report
+from procam.workflows.capture.newest import capture_newest
 from procam.workflows.refine.stored_pictures import keep_pictures
 from procam.workflows.sample_content import half_sky
 from procam.workflows.solve.calibrate import solve
@@ -18,7 +20,8 @@ EXAMPLE = "procam calibrate my-dome"
 def calibrate(venue: VenueArgument, json: Json = False) -> None:
     """Capture, solve and report in one run."""
     loaded, output = load_venue(venue), Output(json)
-    written = output.follow(solve(loaded, _sessions.take(loaded, output)))["calibration"]
+    session = output.follow(capture_newest(loaded))["session"]
+    written = output.follow(solve(loaded, Session(session)))["calibration"]
     calibration = load_calibration(Path(written))
     keep_pictures(venue, calibration, half_sky(_sessions.CONTENT_SIZE))
     report = write_report(venue)

@@ -9,11 +9,20 @@ import numpy as np
 import typer
 
 from procam.errors import InputError, NotEnoughData
-from procam.estimate.boards.camera import BoardView, CameraFit, fit_camera, rms
+from procam.estimate.boards.camera import BoardView, CameraFit, better_fit, fit_camera, rms
 from procam.estimate.boards.robust_fit import MIN_VIEWS, determines_pose
 from procam.estimate.boards.targets import Board, find_board, suggest_squares
 from procam.files.atomic import write_text
-from procam.interfaces.cli._boards import WORST_RMS, coefficients, count_text, lens_rows, make_board
+from procam.interfaces.cli._boards import (
+    WORST_RMS,
+    as_rows,
+    bend_figure,
+    coefficients,
+    count_text,
+    edge_note,
+    lens_rows,
+    make_board,
+)
 from procam.interfaces.cli._options import Json, SquareOption, SquaresOption
 from procam.interfaces.cli._output import Output, as_dicts, exit_if_missed
 from procam.interfaces.cli._paths import check_out, one_size, photographs, read_grey, some
@@ -51,8 +60,12 @@ def camera(
     write_text(out, toml_of(fit, out.stem))
     figures = figures_of(fit)
     _print_fit(fit, figures, output)
+    better = better_fit(fit, views)
+    if better:
+        output.say(_suggestion(fit, better))
     output.say(f"{out} written; copy its lines into venue.toml")
-    output.finish(_document(fit, figures, out, skipped))
+    document = _document(fit, figures, out, skipped)
+    output.finish(document | {"better_model": better.lens.kind if better else None})
     exit_if_missed(figures)
 
 
@@ -76,14 +89,12 @@ def figures_of(fit: CameraFit) -> dict[str, Figure]:
     """How well the fit explains the corners."""
     lengths = np.linalg.norm(np.concatenate([*fit.residual_px.values()]), axis=1)
     views = len(fit.boards)
-    u2, v2, uv = fit.bend
-    sag = np.abs(np.linalg.eigvalsh([[u2, uv / 2], [uv / 2, v2]])).max()
     figures = {
         "rms": Figure(rms(fit.residual_px), "px", WORST_RMS, len(lengths)),
         "median": Figure(float(np.median(lengths)), "px", None, len(lengths)),
         "coverage": Figure(fit.coverage, "-", Goal(">=", LEAST_COVERAGE), 1, "of the picture"),
         "reach": Figure(fit.reach_deg, "deg", None, 1, "largest angle off the axis with a corner"),
-        "board_bend": Figure(float(sag) * 1e3, "mm", None, views, "at the board's rim"),
+        "board_bend": bend_figure(fit.bend, views),
     }
     if fit.held_out_px:
         note = "in views left out of the fit, their poses apart"
@@ -147,11 +158,22 @@ def _print_fit(fit: CameraFit, figures: Mapping[str, Figure], output: Output) ->
             f"{corner.view}: corner {corner.index} at ({x:.1f}, {y:.1f}) is {corner.miss_px:.1f} px "
             "off; dropped"
         )
+    curled = edge_note(fit.dropped, fit.area)
+    if curled:
+        output.say(curled)
     for view in fit.dropped_views:
         output.say(f"{view}: most corners fit no pose of this board; left out")
     for name, value, sigma in _parameters(fit):
         output.say(f"  {name:30} {value:>28.6g} +- {sigma:.2g}")
     output.table(figures)
+
+
+def _suggestion(fit: CameraFit, better: CameraFit) -> str:
+    return (
+        f"{better.lens.kind} fits this lens better than {fit.lens.kind}: RMS "
+        f"{rms(better.held_out_px):.3f} px against {rms(fit.held_out_px):.3f} px in views left out; "
+        f"run again with --model {better.lens.kind}"
+    )
 
 
 def _parameters(fit: CameraFit) -> list[tuple[str, float, float]]:
@@ -180,8 +202,5 @@ def _document(
         "views": views,
         "no_board": [str(path) for path in skipped],
         "dropped_views": list(fit.dropped_views),
-        "dropped_corners": [
-            {"view": d.view, "corner": d.index, "pixel": list(d.pixel), "miss_px": d.miss_px}
-            for d in fit.dropped
-        ],
+        "dropped_corners": as_rows(fit.dropped),
     }

@@ -8,7 +8,7 @@ from procam.files.venue.load import load_venue
 from procam.interfaces.cli._dry_run import run_dry
 from procam.interfaces.cli._options import Json, VenueArgument
 from procam.interfaces.cli._output import Output
-from procam.interfaces.cli._sessions import take
+from procam.workflows.capture.newest import capture_newest
 
 EXAMPLE = "procam capture my-dome --dry-run"
 
@@ -28,6 +28,6 @@ def capture(
     if dry_run:
         run_dry(loaded, output)
         return
-    session = take(loaded, output)
-    output.say(f"captured; now run: procam solve {session.directory}")
-    output.finish({"session": str(session.directory)})
+    session = output.follow(capture_newest(loaded))["session"]
+    output.say(f"captured; now run: procam solve {session}")
+    output.finish({"session": str(session)})

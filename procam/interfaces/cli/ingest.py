@@ -9,8 +9,8 @@ from procam.files.session import Session
 from procam.files.venue.load import load_venue
 from procam.interfaces.cli._options import Json
 from procam.interfaces.cli._output import Output
-from procam.interfaces.cli._sessions import venue_of
 from procam.workflows.capture import ingest as ingesting
+from procam.workflows.capture.newest import venue_of
 
 EXAMPLE = "procam ingest my-dome/sessions/hand-0001 --camera zenith --photos DCIM"
 SHOWN = 8  # missing shots that a line names

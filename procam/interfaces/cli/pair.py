@@ -1,6 +1,9 @@
 """`procam pair`: a projector and a camera from photographs of a flat board; needs no venue."""
 
+import os
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -19,11 +22,15 @@ from procam.estimate.boards.planar_pair import (
 from procam.estimate.boards.robust_fit import MIN_VIEWS, determines_pose
 from procam.estimate.boards.targets import Board, find_board
 from procam.estimate.structured_light.codes import DEFAULT_CODE, Code
+from procam.estimate.structured_light.gaps import count_fits
 from procam.files.atomic import write_text
 from procam.interfaces.cli._boards import (
     WORST_RMS,
+    as_rows,
+    bend_figure,
     coefficients,
     count_text,
+    edge_note,
     lens_rows,
     listed,
     make_board,
@@ -50,6 +57,7 @@ from procam.model.quality import Figure
 EXAMPLE = "procam pair poses --squares 10x7 --square-mm 20 --size 1280x800 --out pair.toml"
 LENS_NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 POSE_NAMES = (*(f"turn_{a}_deg" for a in "xyz"), *(f"shift_{a}_m" for a in "xyz"))
+WORKERS = min(4, os.cpu_count() or 1)  # poses decoded at once; each holds a few pictures in memory
 Parameters = dict[str, tuple[float, float]]  # value, standard error
 
 
@@ -61,62 +69,96 @@ def pair(
     size: SizeOption,
     out: Annotated[Path, typer.Option(help="TOML file with both lenses and the pose between.")],
     code: CodeOption = DEFAULT_CODE,
-    distortion: Annotated[
-        bool, typer.Option("--distortion", help="Also solve the distortion of both lenses.")
-    ] = False,
     json: Json = False,
 ) -> None:
     """Solve a projector and a camera from a flat chessboard; exit 1 if it fits badly.
 
     Three poses of the board or more, tilted to all sides; of each the photographs of a code on it,
-    as `procam decode` takes them, in a folder of its own. Needs no venue.
+    as `procam decode` takes them, in a folder of its own. Needs no venue. The lenses' distortion and
+    the bend of the board are solved too, if that predicts poses left out of the fit better.
     """
     board, output = make_board(squares, square_mm), Output(json)
     check_out(out, ".toml")
     panel = panel_size(size)
-    views, camera_size, skipped = _views(_poses(folder), chosen_code(code, panel), board, output)
-    fit = fit_planar_pair(views, camera_size, panel, distortion=distortion)
+    layout = chosen_code(code, panel)
+    poses, stray = _poses(folder, layout, output)
+    views, camera_size, skipped = _views(poses, layout, board, output)
+    fit = fit_planar_pair(views, camera_size, panel)
     parameters, figures = _parameters(fit), _figures(fit)
     sizes = dict(zip(DEVICES, (camera_size, panel), strict=True))
     write_text(out, _toml(fit, parameters, sizes))
     _print_fit(fit, parameters, figures, output)
+    _print_dropped(fit, board, output)
     output.say(f"{out} written")
-    output.finish(_document(fit, parameters, figures, out, skipped))
+    output.finish(_document(fit, parameters, figures, out, [*stray, *skipped]))
     exit_if_missed(figures)
 
 
-def _poses(folder: Path) -> list[Path]:
+def _poses(folder: Path, code: Code, output: Output) -> tuple[list[Path], list[Path]]:
+    """The folders of poses, and those that are none by the number of their photographs."""
     if not folder.is_dir():
         raise FileFormatError(
             f"{folder}: there is no such folder; give one with a folder for every pose of the board"
         )
-    poses = sorted(p for p in folder.iterdir() if p.is_dir() and not p.name.startswith("."))
-    if not poses:
+    inside = sorted(p for p in folder.iterdir() if p.is_dir() and not p.name.startswith("."))
+    if not inside:
         raise FileFormatError(
             f"{folder}: there are no folders in it; every pose of the board needs one, with the "
             "photographs of a code on the board"
         )
-    return poses
+    names = {place: [path.name for path in _photographs(place)] for place in inside}
+    stray = [place for place in inside if not count_fits(len(code.planes), names[place])]
+    if len(inside) - len(stray) < MIN_VIEWS:
+        return inside, []  # so that decoding refuses the first of them
+    for place in stray:
+        output.say(
+            f"{place.name}: {len(names[place])} photographs, and the code {code.name} needs "
+            f"{len(code.planes)}; this is no pose, skipped"
+        )
+    return [place for place in inside if place not in stray], stray
+
+
+def _photographs(folder: Path) -> list[Path]:
+    return sorted(p for p in folder.iterdir() if p.suffix.lower() in SUFFIXES and p.is_file())
 
 
 def _views(
     poses: Sequence[Path], code: Code, board: Board, output: Output
 ) -> tuple[list[PairView], Size, list[Path]]:
     """Views of the board, the photographs' size, and the poses that are of no use."""
-    views, sizes, skipped = [], {}, list[Path]()
-    for place in poses:
-        found = _decoded(place, code, output)
-        height, width = found.valid.shape
-        sizes[place] = (width, height)
-        view = _view(place, board, found)
-        if view is None:
-            output.say(f"{place.name}: no board is found that the projector lights; left out")
+    with ThreadPoolExecutor(min(len(poses), WORKERS)) as pool:
+        looks = list(pool.map(lambda place: _look(place, code, board), poses))
+    skipped = list[Path]()
+    for place, look in zip(poses, looks, strict=True):
+        notes = list(look.notes)
+        if look.view is None:
+            notes.append("no board is found that the projector lights; left out")
             skipped.append(place)
-        else:
-            views.append(view)
+        for note in notes:
+            output.say(f"{place.name}: {note}")
+    views = [look.view for look in looks if look.view]
     if len(views) < MIN_VIEWS:
         raise NotEnoughData(_too_few(board, len(poses), skipped))
-    return views, one_size(sizes), skipped
+    return (
+        views,
+        one_size({place: look.size for place, look in zip(poses, looks, strict=True)}),
+        skipped,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Look:
+    """What a pose's photographs show; `view` is None if there is no board, or it is hardly lit."""
+
+    view: PairView | None
+    size: Size
+    notes: list[str]
+
+
+def _look(place: Path, code: Code, board: Board) -> _Look:
+    found, notes = _decoded(place, code)
+    height, width = found.valid.shape
+    return _Look(_view(place, board, found), (width, height), notes)
 
 
 def _view(place: Path, board: Board, found: CorrespondenceMap) -> PairView | None:
@@ -137,23 +179,20 @@ def _too_few(board: Board, poses: int, skipped: Sequence[Path]) -> str:
     )
 
 
-def _decoded(place: Path, code: Code, output: Output) -> CorrespondenceMap:
-    """The map of a pose; errors and notes carry its name."""
+def _decoded(place: Path, code: Code) -> tuple[CorrespondenceMap, list[str]]:
+    """The map of a pose and notes on it; errors carry its name."""
     try:
         found, _, notes = decode_folder(place, code, (None, None))
     except InputError as error:
         if str(place) in str(error):
             raise
         raise InputError(f"{place}: {error}; or leave this pose out") from error
-    for note in notes:
-        output.say(f"{place.name}: {note}")
-    return found
+    return found, notes
 
 
 def _white(folder: Path, shape: tuple[int, ...]) -> Picture:
     """The brightest photograph of those that were decoded: the one of white, in any code."""
-    files = sorted(p for p in folder.iterdir() if p.suffix.lower() in SUFFIXES)
-    fitting = (picture for picture in map(read_grey, files) if picture.shape == shape)
+    fitting = (p for p in map(read_grey, _photographs(folder)) if p.shape == shape)
     return max(fitting, key=lambda picture: float(picture.mean(dtype=float)))
 
 
@@ -172,11 +211,15 @@ def _parameters(fit: PlanarPair) -> Parameters:
 
 
 def _figures(fit: PlanarPair) -> dict[str, Figure]:
-    """How well the fit explains the corners."""
-    return {
-        f"{device}_rms": Figure(rms(left), "px", WORST_RMS, sum(map(len, left.values())))
-        for device, left in fit.residual_px.items()
-    }
+    """How well the fit explains the corners, and predicts those of poses left out of it."""
+    figures = {"board_bend": bend_figure(fit.bend, len(fit.boards))}
+    note = "in poses left out of the fit, the board's own pose apart"
+    for device, left in fit.residual_px.items():
+        count = sum(map(len, left.values()))
+        figures[f"{device}_rms"] = Figure(rms(left), "px", WORST_RMS, count)
+        held_out = rms(fit.held_out_px[device])
+        figures[f"{device}_held_out_rms"] = Figure(held_out, "px", WORST_RMS, count, note)
+    return figures
 
 
 def _toml(fit: PlanarPair, parameters: Parameters, sizes: Mapping[str, Size]) -> str:
@@ -189,8 +232,8 @@ def _toml(fit: PlanarPair, parameters: Parameters, sizes: Mapping[str, Size]) ->
     )
     lines = [
         f"# a projector and a camera from {len(fit.boards)} poses of a flat board; RMS: {rms_px}",
-        "# standard errors come from the scatter of the corners; an error of the board's own size adds "
-        "to every length",
+        "# standard errors allow for misfits of the lenses and the board; an error of the board's own size "
+        "adds to every length",
     ]
     for device, lens in zip(DEVICES, (fit.camera, fit.projector), strict=True):
         errors = [sigma for name, (_, sigma) in parameters.items() if name.startswith(f"{device}.")]
@@ -210,15 +253,31 @@ def _print_fit(
     fit: PlanarPair, parameters: Parameters, figures: Mapping[str, Figure], output: Output
 ) -> None:
     for view in fit.boards:
-        each = (f"{d} RMS {rms({view: left[view]}):.3f} px" for d, left in fit.residual_px.items())
+        each = (
+            f"{device} RMS {rms({view: left[view]}):.3f} px, left out "
+            f"{rms({view: fit.held_out_px[device][view]}):.3f} px"
+            for device, left in fit.residual_px.items()
+        )
         corners = len(fit.residual_px[DEVICES[1]][view])
-        output.say(f"{view}: {corners} corners, {', '.join(each)}")
-    for device, dropped in fit.dropped.items():
-        if dropped:
-            output.say(f"{device}: {len(dropped)} corners fit no pose of the board; dropped")
+        output.say(f"{view}: {corners} corners, {'; '.join(each)}")
+    for view in fit.dropped_views:
+        output.say(f"{view}: most corners fit no pose of this board; left out")
     for name, (value, sigma) in parameters.items():
         output.say(f"  {name:30} {value:>28.6g} +- {sigma:.2g}")
     output.table(figures)
+
+
+def _print_dropped(fit: PlanarPair, board: Board, output: Output) -> None:
+    for device, dropped in fit.dropped.items():
+        for d in dropped:
+            column, row = (round(x / board.square_m) + 1 for x in d.place_m)
+            output.say(
+                f"{d.view}: the corner in column {column}, row {row} is {d.miss_px:.1f} px off at "
+                f"({d.pixel[0]:.1f}, {d.pixel[1]:.1f}) of the {device}; dropped"
+            )
+    curled = edge_note([d for of in fit.dropped.values() for d in of], fit.area)
+    if curled:
+        output.say(curled)
 
 
 def _document(
@@ -238,5 +297,6 @@ def _document(
         "figures": as_dicts(figures),
         "poses": list(fit.boards),
         "left_out": [path.name for path in skipped],
-        "dropped_corners": {device: len(found) for device, found in fit.dropped.items()},
+        "dropped_poses": list(fit.dropped_views),
+        "dropped_corners": {device: as_rows(found) for device, found in fit.dropped.items()},
     }

@@ -38,7 +38,7 @@ def refine(
         rig.start()
         refined: loop.Refined = output.follow(loop.refine(rig, calibration, content))["refined"]
     keep_pictures(venue, calibration, content)
-    keep_loop(venue, refined)
+    keep_loop(venue, refined, content)
     figures = refined.figures()
     output.table(figures)
     newest = _sessions.keep_refined(venue, kept, refined, output)

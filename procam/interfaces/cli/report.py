@@ -7,8 +7,8 @@ import typer
 
 from procam.interfaces.cli._options import Json
 from procam.interfaces.cli._output import Output
-from procam.interfaces.cli._sessions import venue_of
 from procam.interfaces.report import write_report
+from procam.workflows.capture.newest import venue_of
 
 EXAMPLE = "procam report my-dome"
 

@@ -10,7 +10,7 @@ from procam.files.session import Session
 from procam.files.venue.load import load_venue
 from procam.interfaces.cli._options import Json
 from procam.interfaces.cli._output import Output
-from procam.interfaces.cli._sessions import venue_of
+from procam.workflows.capture.newest import venue_of
 from procam.workflows.solve import calibrate as solving
 
 EXAMPLE = "procam solve my-dome/sessions/0001"

@@ -28,12 +28,16 @@ WHOLE = 0.999  # share from which a patch counts as lit, or as free of limits
 
 @dataclass(frozen=True, slots=True)
 class Loop:
-    """The closed loop: residual per iteration and noise floor [rel], photographs by name, regression."""
+    """The closed loop: residual per iteration and noise floor [rel], photographs by name, what got worse.
+
+    `unseen` has the residual before and after of pictures that it did not learn from [rel].
+    """
 
     residual: list[float]
     noise_floor: float
     photographs: Mapping[str, Image]
     worse: str
+    unseen: list[tuple[float, float]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -217,8 +221,8 @@ def _loop(folder: Path) -> Loop | None:
     if not document or not all((folder / f"{n}.exr").is_file() for n in names):
         return None
     photographs = {n: _picture(folder / f"{n}.exr") for n in names}
-    worse = document.get("worse", "")  # earlier versions did not store it
-    return Loop(document["residual"], document["noise_floor"], photographs, worse)
+    worse, unseen = document.get("worse", ""), document.get("unseen", [])  # new since version 0.1
+    return Loop(document["residual"], document["noise_floor"], photographs, worse, unseen)
 
 
 def _truth(folder: Path, calibration: Calibration | None, size: int) -> Truth | None:

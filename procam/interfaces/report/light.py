@@ -170,6 +170,12 @@ def loop(material: Material) -> Iterator[Block]:
         f"{percent(seen.residual[-1], 2)} of white; the noise of one photograph is "
         f"{percent(seen.noise_floor, 2)}, and no smaller difference can be measured."
     )
+    if seen.unseen:
+        pairs = " and from ".join(f"{percent(b, 2)} to {percent(a, 2)}" for b, a in seen.unseen)
+        yield Text(
+            "The calibration that followed was tried on the picture turned and inverted, which it was not "
+            f"learnt from: their differences went from {pairs} of white, camera noise taken off."
+        )
     if seen.worse:
         yield Text(f"The resulting calibration was not kept: {seen.worse}.")
     chart = plots.loop_chart(seen.residual, seen.noise_floor)

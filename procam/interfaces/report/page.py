@@ -17,7 +17,7 @@ from procam.files import atomic
 from procam.interfaces.plots.figure import EXTRA, require_matplotlib
 from procam.interfaces.report import dome, hand, light
 from procam.interfaces.report.blocks import COLOURS, Section
-from procam.interfaces.report.data import Material, read_material
+from procam.interfaces.report.data import Loop, Material, read_material
 from procam.interfaces.report.words import (
     goal_text,
     miss_text,
@@ -124,11 +124,20 @@ def _cards(material: Material) -> Iterator[dict[str, str]]:
         note = "of the bounced light remains, worst colour"
         yield _figure_card(figures, left, "Bounced light that remains", note)
     if material.loop:
-        floor = percent(material.loop.noise_floor, 2)
-        note = f"of white between camera and prediction; camera noise {floor}"
-        yield _card("Difference after the loop", percent(material.loop.residual[-1], 2), note)
+        yield _loop_card(material.loop)
     yield from _direction_card(material)
     yield from _picture_card(material)
+
+
+def _loop_card(loop: Loop) -> dict[str, str]:
+    if loop.unseen:
+        worst = percent(max(after for _, after in loop.unseen), 2)
+        note = (
+            "of white between camera and prediction, in pictures that the loop did not learn from"
+        )
+        return _card("Difference in other pictures", worst, note)
+    note = f"of white between camera and prediction; camera noise {percent(loop.noise_floor, 2)}"
+    return _card("Difference after the loop", percent(loop.residual[-1], 2), note)
 
 
 def _direction_card(material: Material) -> Iterator[dict[str, str]]:

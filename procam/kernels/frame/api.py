@@ -146,6 +146,8 @@ def check_pictures(size: int, image: AnyArray, out: AnyArray | None = None) -> N
         Another shape or element type; an `out` that cannot be written, or overlaps the content.
     """
     expected = (size, size, CHANNELS)
+    if not isinstance(image, np.ndarray):
+        raise InputError(f"content: {type(image).__name__} is no picture; give an array {expected}")
     if image.shape != expected:
         raise ShapeError("content", image.shape, f"{expected}")
     if image.dtype not in KINDS:

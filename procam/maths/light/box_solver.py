@@ -1,7 +1,7 @@
 """Exact compensation: direct light within limits whose total is the target wherever no limit holds.
 
 With N = I + U V^T the scattered light depends on the picture through the moments V^T b0 alone, so the
-problem over all patches reduces to K unknowns (docs/theory/compensation.md C2), solved by Newton's
+problem over all patches reduces to K unknowns (docs/theory/compensation.md, C2), solved by Newton's
 method on a piecewise linear function.
 """
 

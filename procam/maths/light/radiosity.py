@@ -16,9 +16,20 @@ ROUNDING = 1e-9
 
 def flux(radiosity: Array, solid_angle_sr: Array) -> Array:
     """Flux a.b (C,) [rel sr] of radiosity (N, C) over patches of `solid_angle_sr` (N,)."""
-    if radiosity.shape[:1] != solid_angle_sr.shape:
-        raise ShapeError("solid_angle_sr", solid_angle_sr.shape, f"({radiosity.shape[0]},)")
-    return np.asarray(solid_angle_sr @ radiosity)
+    light, area = np.asarray(radiosity), np.asarray(solid_angle_sr)
+    if light.ndim != 2:
+        raise ShapeError("radiosity", light.shape, "(N, C), patches and channels")
+    if area.shape != light.shape[:1]:
+        raise ShapeError("solid_angle_sr", area.shape, f"({light.shape[0]},)")
+    return np.asarray(area @ light)
+
+
+def _checked(light: Array, scatter_per_flux: Array) -> Array:
+    """Scatter per flux (N, C) that fits the light (N, C)."""
+    scatter = np.asarray(scatter_per_flux)
+    if scatter.shape != np.shape(light):
+        raise ShapeError("scatter_per_flux", scatter.shape, f"{np.shape(light)} like the light")
+    return scatter
 
 
 def add_interreflection(direct: Array, scatter_per_flux: Array, solid_angle_sr: Array) -> Array:
@@ -39,7 +50,7 @@ def add_interreflection(direct: Array, scatter_per_flux: Array, solid_angle_sr: 
     Raises
     ------
     ShapeError
-        If the numbers of patches differ.
+        If the numbers of patches or channels differ.
 
     Examples
     --------
@@ -47,7 +58,8 @@ def add_interreflection(direct: Array, scatter_per_flux: Array, solid_angle_sr: 
     >>> add_interreflection(np.ones((4, 1)), u, a).ravel().tolist()
     [1.4, 1.4, 1.4, 1.4]
     """
-    return np.asarray(direct + scatter_per_flux * flux(direct, solid_angle_sr))
+    total_flux = flux(direct, solid_angle_sr)
+    return np.asarray(direct + _checked(direct, scatter_per_flux) * total_flux)
 
 
 def remove_interreflection(total: Array, scatter_per_flux: Array, solid_angle_sr: Array) -> Array:
@@ -68,7 +80,7 @@ def remove_interreflection(total: Array, scatter_per_flux: Array, solid_angle_sr
     Raises
     ------
     ShapeError
-        If the numbers of patches differ.
+        If the numbers of patches or channels differ.
 
     Examples
     --------
@@ -76,8 +88,9 @@ def remove_interreflection(total: Array, scatter_per_flux: Array, solid_angle_sr
     >>> remove_interreflection(np.full((4, 1), 1.4), u, a).ravel().round(9).tolist()
     [1.0, 1.0, 1.0, 1.0]
     """
-    m = flux(scatter_per_flux, solid_angle_sr)
-    return np.asarray(total - scatter_per_flux * flux(total, solid_angle_sr) / (1 + m))
+    total_flux = flux(total, solid_angle_sr)
+    scatter = _checked(total, scatter_per_flux)
+    return np.asarray(total - scatter * total_flux / (1 + flux(scatter, solid_angle_sr)))
 
 
 def sphere_scatter(albedo: Array, solid_angle_sr: Array, returned: float = 0.0) -> Array:
@@ -99,7 +112,8 @@ def sphere_scatter(albedo: Array, solid_angle_sr: Array, returned: float = 0.0) 
     Raises
     ------
     InputError
-        If the room would reflect as much light as it receives, or more.
+        If albedo is not within 0 to 1, solid angles are below 0 or sum to 0 or more than a sphere, or the
+        room would reflect as much light as it receives, or more.
 
     Examples
     --------
@@ -107,9 +121,21 @@ def sphere_scatter(albedo: Array, solid_angle_sr: Array, returned: float = 0.0) 
     >>> round(float(u[0, 0] * 2 * np.pi), 9)  # m = kappa / (1 - kappa), kappa = .25
     0.333333333
     """
+    received = flux(albedo, solid_angle_sr)
     fraction = float(np.sum(solid_angle_sr)) / (4 * np.pi)
+    if not ((np.asarray(albedo) >= 0) & (np.asarray(albedo) <= 1)).all():
+        raise InputError("albedo: each value needs to be between 0 and 1")
+    if not (np.asarray(solid_angle_sr) >= 0).all() or not 0 < fraction <= 1 + ROUNDING:
+        raise InputError(
+            f"solid_angle_sr: the sum is {4 * np.pi * fraction:.4g} sr; none may be below 0, and the sum "
+            "needs to be above 0 and at most that of a sphere, 4 pi"
+        )
+    if not 0 <= returned < 1:
+        raise InputError(
+            f"returned: {returned} is no share of light; it needs to be from 0 to below 1"
+        )
     kernel = (1 + returned / fraction) / (4 * np.pi)
-    kappa = kernel * flux(albedo, solid_angle_sr)
+    kappa = kernel * received
     if (kappa > 1 - ROUNDING).any():
         raise InputError(
             f"albedo: the room reflects {kappa.max():.3g} of its light at every bounce; it needs to "

@@ -6,7 +6,7 @@ with phi the spherical harmonics up to a degree, made orthonormal over the upper
 
     b+_i = rho_i phi_i^T B M,    M = sum_j a_j phi_j b0_j,    B = B^T
 
-(docs/theory/interreflection.md I16). Degree 0 is the one scalar. N = I + U V^T has rank K, so both
+(docs/theory/interreflection.md, I16). Degree 0 is the one scalar. N = I + U V^T has rank K, so both
 directions cost O(n K). B follows by linear least squares from pictures of known direct light; the
 ratio of their scattered light to that of full white does not depend on the albedo (I17).
 """

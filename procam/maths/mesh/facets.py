@@ -10,6 +10,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from procam.arrays import Array, BoolArray, IndexArray
+from procam.maths.geometry.sphere import normalise
 
 Faces = NDArray[np.integer]
 CREASE = np.radians(30.0)  # between faces of a smooth surface; a sharper edge is a crease
@@ -38,7 +39,7 @@ def following(half_edge: IndexArray) -> IndexArray:
 def face_normals(vertices: Array, faces: Faces) -> Array:
     """Unit normals (F, 3)."""
     a, b, c = np.moveaxis(vertices[faces], 1, 0)
-    return _unit(np.cross(b - a, c - a))
+    return normalise(np.cross(b - a, c - a))
 
 
 def face_areas(vertices: Array, faces: Faces) -> Array:
@@ -59,7 +60,7 @@ def corner_normals(vertices: Array, faces: Faces) -> Array:
     ahead = (vertices[np.roll(faces, -1, axis=1)] - vertices[faces]).reshape(-1, 3)
     behind = (vertices[np.roll(faces, 1, axis=1)] - vertices[faces]).reshape(-1, 3)
     weights = np.sum(ahead**2, axis=1) * np.sum(behind**2, axis=1)
-    normals = _unit(_sums(np.cross(ahead, behind) / weights[:, None], fans))
+    normals = normalise(_sums(np.cross(ahead, behind) / weights[:, None], fans))
     alone = np.ones((len(faces), 3), bool)
     alone.reshape(-1)[pairs] = False
     beside = (alone | np.roll(alone, 1, axis=1)).reshape(
@@ -67,7 +68,7 @@ def corner_normals(vertices: Array, faces: Faces) -> Array:
     )  # corners at an end of an edge without a neighbour
     rim = np.bincount(fans, beside) > 0
     ends = fans, fans[following(np.arange(3 * len(faces)))]
-    return _fitted_to_edges(normals, rim, ends, _unit(ahead))[fans].reshape(-1, 3, 3)
+    return _fitted_to_edges(normals, rim, ends, normalise(ahead))[fans].reshape(-1, 3, 3)
 
 
 def _fitted_to_edges(
@@ -85,7 +86,7 @@ def _fitted_to_edges(
     for _ in range(SWEEPS):
         lean = np.einsum("ei,ei->e", normals[one] + normals[other], edge)
         steps = _sums(np.tile(lean[:, None] * edge, (2, 1)), both, len(normals))
-        normals = _unit(normals - np.where(rim, 1 / np.maximum(count, 1), 0)[:, None] * steps)
+        normals = normalise(normals - np.where(rim, 1 / np.maximum(count, 1), 0)[:, None] * steps)
     return normals
 
 
@@ -138,7 +139,3 @@ def _fans(pairs: IndexArray, count: int) -> IndexArray:
 def _sums(vectors: Array, group: IndexArray, count: int = 0) -> Array:
     """Sums (K, 3) of the vectors of each group; K is at least `count`."""
     return np.stack([np.bincount(group, v, minlength=count) for v in vectors.T], axis=1)
-
-
-def _unit(vectors: Array) -> Array:
-    return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))

@@ -26,7 +26,7 @@ from procam.estimate.projector_tests.patterns import (
 from procam.files.venue.load import CaptureTable
 from procam.model.frame import Frame
 from procam.workflows.doctor.examined_camera import DIM, METERINGS, NO_LIGHT, ExaminedCamera
-from procam.workflows.doctor.findings import Behaviour
+from procam.workflows.doctor.findings import EXPONENT_OFF, Behaviour
 
 Pair = tuple[PatchLight, PatchLight]
 SETTLED_S = 1.0  # after a picture has changed
@@ -34,7 +34,6 @@ REST_S, BLACK_S = 10.0, 30.0
 CHANGE_S = (0.0, 0.2, 0.5)  # after a change, before the picture has settled
 LONGER = 60.0  # than white, at most, for steps near black: they give a hundredth of its light
 HALF = 0.5  # of the exposure, to see that the camera follows it
-EXPONENT_OFF = 0.05
 LEAST_CAMERA_PX = 2.0  # per projector pixel, for the shape of the camera's blur not to matter
 LOAD_LIMIT, AFTER_BLACK_LIMIT, COLOUR_LIMIT, REMNANT_LIMIT = 0.005, 0.01, 0.01, 0.02
 STEP_LIMIT, SLANT_LIMIT, SHARPNESS_LIMIT = 0.5, 0.05, 0.03

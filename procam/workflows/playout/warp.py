@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procam.compensate.projector_frames import Warper
-from procam.errors import FileFormatError
+from procam.errors import FileFormatError, InputError
 from procam.files.calibration import load_calibration
 from procam.files.images.movie_writer import MovieWriter, new_movie
 from procam.files.images.movies import MovieFrame, is_movie
@@ -63,6 +63,11 @@ def warp_file(
     """
     calibration = load_calibration(calibration_dir)
     require_photometry(calibration)
+    if not calibration.projectors:
+        raise InputError(
+            "CALIBRATION has no projectors, so there is nothing to warp to; behind a media server play the "
+            "dome master itself"
+        )
     clip = _open(calibration_dir, calibration, source, out, transfer)
     refuse_overwriting(clip.read, (("OUT", path) for path in clip.written))
     settings = FrameSettings(transfer=transfer)

@@ -8,7 +8,7 @@ import numpy as np
 
 from procam.arrays import FloatArray, Image
 from procam.compensate.compensator import Compensated, Compensator
-from procam.compensate.projector_frames import Warper
+from procam.compensate.projector_frames import Warper, projector_frames
 from procam.files import atomic
 from procam.files.images.layers import RGB, write_channels
 from procam.files.images.pixels import read_image, write_image
@@ -61,19 +61,22 @@ def keep_pictures(
     return results
 
 
-def keep_loop(venue_dir: Path, refined: Refined) -> None:
-    """Store VENUE/loop: curve, photographs, prediction; and the refined frames."""
+def keep_loop(venue_dir: Path, refined: Refined, content: Image) -> None:
+    """Store VENUE/loop: curve, photographs, prediction; and frames of content by the refined calibration."""
     loop = venue_dir / "loop"
     _write_rgb(loop / "before.exr", refined.photographs["before"])
     _write_rgb(loop / "after.exr", refined.photographs["after"])
     _write_rgb(loop / "predicted.exr", refined.target)
     _write_rgb(loop / "free.exr", refined.free.astype(np.float32))
-    write_frames(refined.frames, venue_dir / "frames" / "refined")
+    direct = Compensator(refined.calibration, content.shape[0]).solve(content).direct
+    frames = projector_frames(direct, refined.calibration)
+    write_frames(frames, venue_dir / "frames" / "refined")
     curve = {
         "residual": refined.residual,
         "noise_floor": refined.noise_floor,
         "left_jnd": refined.left_jnd,
         "scatter_factor": refined.scatter_factor.tolist(),
+        "unseen": refined.unseen,
         "worse": refined.worse,
     }
     atomic.write_text(loop / "loop.json", json.dumps(curve, indent=1))

@@ -87,9 +87,8 @@ class TestOptimum:
         whole, area, lit = operator(known, SMALL)
         lo, hi = known.maps.lo[lit][:, 0].astype(float), known.maps.hi[lit][:, 0].astype(float)
         root = np.sqrt(area)
-        best = lsq_linear(
-            root[:, None] * whole, root * content[lit][:, 0], (lo, hi), "bvls", tol=1e-14
-        )
+        wanted = np.minimum(content[lit][:, 0], whole @ hi)  # what a place can show at full drive
+        best = lsq_linear(root[:, None] * whole, root * wanted, (lo, hi), "bvls", tol=1e-14)
         compensator = Compensator(known, SMALL, "least-squares")
         with kernels.forced("numpy"):  # in double precision
             compensator.frame(content)
@@ -99,6 +98,27 @@ class TestOptimum:
         np.testing.assert_allclose(found, best.x, atol=1e-7)
         assert 0 < compensator.certificate.share_lo[0] < 1
         assert 0 < compensator.certificate.share_hi[0] < 1
+
+    @pytest.mark.parametrize("kind", [np.float16, np.float32])
+    @pytest.mark.parametrize("name", ["linear", "srgb"])
+    def test_a_sun_counts_as_the_brightest_that_can_be_shown(
+        self, known: Calibration, content: np.ndarray, kind: type, name: str
+    ) -> None:
+        """(W) left with a sun of 1e5, or of infinity once encoded, would light the whole dome."""
+        compensator = Compensator(known, SMALL, "least-squares", transfer_name=name)
+        encode = transfer(name).encode
+        bright, dim = (encode(0.2 * content).astype(kind) for _ in range(2))
+        bright[6:9, 6:9], dim[6:9, 6:9] = 6e4, encode(compensator.fields.full_white[6:9, 6:9])
+        np.testing.assert_allclose(compensator.frame(bright), compensator.frame(dim), atol=2e-3)
+
+    @pytest.mark.parametrize("name", ["linear", "srgb"])
+    def test_what_is_not_finite_is_black_in_least_squares(
+        self, known: Calibration, content: np.ndarray, name: str
+    ) -> None:
+        compensator = Compensator(known, SMALL, "least-squares", transfer_name=name)
+        broken, black = content.copy(), content.copy()
+        broken[6:9, 6:9], black[6:9, 6:9] = np.inf, 0
+        np.testing.assert_allclose(compensator.frame(broken), compensator.frame(black), atol=1e-6)
 
     def test_least_squares_beats_exact_in_squares(
         self, known: Calibration, content: np.ndarray
@@ -174,9 +194,41 @@ class TestCertificate:
         assert not certificate.share_hi.any()
         assert certificate.kkt < 1e-6 and certificate.self_consistency < 1e-6
 
+    @pytest.mark.parametrize("method", ["exact", "least-squares"])
+    def test_moments_that_are_wrong_show(self, calibration: Calibration, method: str) -> None:
+        """If e more light is assumed than is sent, e (1 + m) of it is missing where no limit holds."""
+        compensator = Compensator(calibration, SIZE, method)
+        compensator.frame(np.full((SIZE, SIZE, 3), 0.6, np.float32))
+        solved = compensator._solved
+        assert solved is not None
+        error, right = 0.01, solved.solution
+        assumed = (1 + error) * right.moments
+        wrong = replace(
+            right,
+            moments=assumed,
+            coefficients=compensator.fields.coefficients_of(assumed),
+        )
+        compensator._solved = replace(solved, solution=wrong)
+        sent = right.moments[:, 0] - error * calibration.feedback.value * right.moments[:, 0]
+        expected = (assumed[:, 0] - sent).max() / sent.max()
+        found = compensator.certificate
+        assert found.self_consistency == pytest.approx(expected, rel=0.1)
+        assert found.kkt >= found.self_consistency > 0.01
+
     def test_of_no_frame(self, calibration: Calibration) -> None:
         with pytest.raises(InputError, match="certificate: there is no frame"):
             _ = Compensator(calibration, SIZE).certificate
+
+
+def test_codes_and_sizes_that_make_no_sense_are_refused(calibration: Calibration) -> None:
+    compensator = Compensator(calibration, SIZE)
+    with pytest.raises(InputError, match="uint8 is encoded; solve takes linear light"):
+        compensator.solve(np.full((SIZE, SIZE, 3), 76, np.uint8))
+    for size in (0, -5):
+        with pytest.raises(InputError, match=f"size: {size} px is too small"):
+            Compensator(calibration, size)
+    with pytest.raises(InputError, match="list is no picture"):
+        compensator.frame([[0.0]])
 
 
 class TestPictures:

@@ -88,6 +88,8 @@ class TestBesideTheLitPart:
         faint = replace(bare, maps=replace(bare.maps, coverage=coverage, lo=lo))
         model, lit = Fields.of(faint, SIZE).shown, coverage > 0
         np.testing.assert_array_equal(model.lo[lit], lo[lit])
+        assert model.hi is not None
+        np.testing.assert_allclose(model.hi[lit], 2 * 2, rtol=1e-6)  # never above twice, if faint
         np.testing.assert_allclose(model.spread[beyond(lit, 5)], 0.1, rtol=1e-6)
 
     def test_sums_at_edges_of_bands_see_no_end(

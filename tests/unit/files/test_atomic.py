@@ -1,5 +1,6 @@
 """Writes that survive a kill."""
 
+import os
 from pathlib import Path
 
 import pytest
@@ -77,6 +78,47 @@ class TestReplacingDirectory:
         with atomic.replacing_directory(tmp_path / "0001") as temporary:
             (temporary / "fresh").write_text("fresh")
         assert _listing(tmp_path / "0001") == ["fresh"]
+
+
+class TestPowerCut:
+    """What is not flushed before it is renamed, nor renamed before its folder is flushed, can be lost."""
+
+    @pytest.fixture
+    def steps(self, monkeypatch: pytest.MonkeyPatch) -> list[str]:
+        """Files that were flushed, and renames, in the order in which they reach the disk."""
+        log: list[str] = []
+        fsync, rename, replace = os.fsync, Path.rename, Path.replace
+
+        def flushed(descriptor: int) -> None:
+            fsync(descriptor)
+            log.append(Path(f"/proc/self/fd/{descriptor}").readlink().name)
+
+        def renamed(path: Path, target: Path) -> Path:
+            log.append(f"{path.name} > {target.name}")
+            return (rename if path.is_dir() else replace)(path, target)
+
+        monkeypatch.setattr(os, "fsync", flushed)
+        monkeypatch.setattr(Path, "rename", renamed)
+        monkeypatch.setattr(Path, "replace", renamed)
+        return log
+
+    def test_a_file(self, tmp_path: Path, steps: list[str]) -> None:
+        atomic.write_text(tmp_path / "a" / "plan.json", "{}")
+        temporary = ".plan.json.tmp.json"
+        assert steps == [temporary, f"{temporary} > plan.json", "a"]
+
+    def test_a_folder(self, tmp_path: Path, steps: list[str]) -> None:
+        with atomic.replacing_directory(tmp_path / "a" / "0001") as temporary:
+            (temporary / "maps").mkdir()
+            (temporary / "maps" / "dome.exr").write_bytes(b"x")
+            (temporary / "calibration.json").write_text("{}")
+        *inside, rename, parent = steps
+        assert sorted(inside) == [".0001.tmp", "calibration.json", "dome.exr", "maps"]
+        assert (inside[-1], rename, parent) == (".0001.tmp", ".0001.tmp > 0001", "a")
+
+    def test_a_line_of_a_log(self, tmp_path: Path, steps: list[str]) -> None:
+        atomic.append_line(tmp_path / "index.jsonl", "one")
+        assert steps == ["index.jsonl"]
 
 
 class TestLog:

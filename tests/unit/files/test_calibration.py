@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from procam.errors import FileFormatError
+from procam.errors import FileFormatError, InputError
 from procam.files.calibration import (
     latest_calibration,
     list_calibrations,
@@ -123,13 +123,6 @@ class TestRoundTrip:
             "maps/south.exr",
         ]
 
-    def test_a_finished_one_is_never_overwritten(
-        self, saved: Path, calibration: Calibration
-    ) -> None:
-        with pytest.raises(OSError):
-            save_calibration(calibration, saved)
-        _assert_same(load_calibration(saved), calibration)
-
     def test_saving_that_fails_leaves_nothing(
         self, tmp_path: Path, calibration: Calibration
     ) -> None:
@@ -137,6 +130,19 @@ class TestRoundTrip:
         with pytest.raises(TypeError):
             save_calibration(unfit, tmp_path / "0001")
         assert list(tmp_path.iterdir()) == []
+
+
+def test_paths_may_be_text(tmp_path: Path, calibration: Calibration) -> None:
+    save_calibration(calibration, str(tmp_path / "0001"))
+    assert (
+        load_calibration(str(tmp_path / "0001")).projectors.keys() == calibration.projectors.keys()
+    )
+
+
+def test_an_existing_folder_is_left_as_it_is(saved: Path, calibration: Calibration) -> None:
+    with pytest.raises(InputError, match="exists; give the folder of a calibration that is not"):
+        save_calibration(calibration, saved)
+    _assert_same(load_calibration(saved), calibration)
 
 
 class TestNumbering:
@@ -178,7 +184,7 @@ class TestDamage:
         path = saved / "calibration.json"
         path.write_text(json.dumps(json.loads(path.read_text()) | {"schema_version": version}))
         message = self._message(saved)
-        assert f"has schema_version {version}" in message
+        assert f"has schema_version {version!r}" in message
         assert "calibrate again" in message
 
     @pytest.mark.parametrize("text", ["", "{", "[]", "3", '{"schema_version": 1}', "\x00"])
@@ -187,6 +193,18 @@ class TestDamage:
         message = self._message(saved)
         assert message.startswith(f"{saved / 'calibration.json'} is a damaged calibration")
         assert "procam solve" in message
+
+    def test_numbers_of_another_shape(self, saved: Path) -> None:
+        path = saved / "calibration.json"
+        document = json.loads(path.read_text())
+        document["feedback"]["value"] = [0.3, 0.3]
+        path.write_text(json.dumps(document))
+        assert "(2,) numbers where (3,) belong" in self._message(saved)
+
+    def test_a_list_for_a_table(self, saved: Path) -> None:
+        path = saved / "calibration.json"
+        path.write_text(json.dumps(json.loads(path.read_text()) | {"cameras": []}))
+        assert "damaged calibration" in self._message(saved)
 
     @pytest.mark.parametrize("key", ["screen", "cameras", "projectors", "feedback", "quality"])
     def test_a_part_is_missing(self, saved: Path, key: str) -> None:

@@ -1,5 +1,6 @@
 """A session returns the frames it stored, and refuses all others."""
 
+import hashlib
 import json
 import shutil
 from pathlib import Path
@@ -213,5 +214,9 @@ class TestDamage:
         assert message.startswith(f"{index} is damaged JSON")
 
     def test_index_names_a_digest_per_frame(self, stored: Session) -> None:
-        for line in _file(stored, "index.jsonl").read_text().splitlines():
-            assert len(json.loads(line)["sha256"]) == 64
+        """Of the counts as 16-bit numbers, the lowest byte first, row by row."""
+        lines = _file(stored, "index.jsonl").read_text().splitlines()
+        counts = (_frame(1).counts, _frame(2, "mono").counts)
+        for line, pixels in zip(lines, counts, strict=True):
+            expected = hashlib.sha256(pixels.astype("<u2").tobytes()).hexdigest()
+            assert json.loads(line)["sha256"] == expected

@@ -103,6 +103,18 @@ def test_smooth_pictures_are_within_a_quarter_code(level: str, rng) -> None:
     assert np.abs(found - expected).max() < 65535 / 255 / 4
 
 
+@pytest.mark.parametrize("share", [0.3, 1.0])
+def test_16_bit_drives_are_rounded(level: str, share: float, rng) -> None:
+    """On average over levels nothing is lost; cut off, it would be half a step."""
+    plan, master = _plan(rng, (50, 203), (90, 70)), np.full((90, 70, 3), share, np.float32)
+    light = kernels.warp_frame(master, plan, dtype=np.float32)
+    exact = 65535 * reference_warp.drive(light, plan)
+    found = kernels.warp_frame(master, plan, dtype=np.uint16)
+    inner = (light > 0.01) & (light < 1)
+    assert inner.sum() > 5000
+    assert abs(np.mean(found[inner] - exact[inner])) < 0.1
+
+
 def test_masters_of_any_layout(level: str, odd_layout: Callable, rng) -> None:
     kind = np.uint8
     plan = _plan(rng, (20, 70), (31, 45))

@@ -124,6 +124,16 @@ class TestCheckerboard:
         found = checkerboard_contrast(m, 0.0, white_share, compensated)
         assert found == pytest.approx(expected, rel=1e-9)
 
+    @pytest.mark.parametrize("ambient", [0.01, 0.05])
+    def test_light_of_the_room_falls_on_both(self, ambient: float) -> None:
+        """Without compensation white is 1 + m/2 + A and black m/2 + A."""
+        m = _plan().feedback(0.5)
+        plain = checkerboard_contrast(m, 0.0, ambient=ambient)
+        assert plain == pytest.approx((1 + m / 2 + ambient) / (m / 2 + ambient), rel=1e-9)
+        dimmed = (1 - ambient) / (1 + m / 2)  # direct light of white, for a total of 1
+        restored = checkerboard_contrast(m, 0.0, compensated=True, ambient=ambient)
+        assert restored == pytest.approx(1 / (dimmed * m / 2 + ambient), rel=1e-9)
+
     def test_compensation_changes_nothing_in_a_dense_solve(
         self, furnished: PlannedDome, dense: DenseRoom, rng: np.random.Generator
     ) -> None:

@@ -13,10 +13,12 @@ from procam.estimate.closed_loop.dome import (
     DomeLoop,
     LoopCells,
     low_pass_cells,
+    nodes_for_means,
     noise_by_level,
 )
+from procam.estimate.closed_loop.patches import LoopObservation
 from procam.maths.geometry.sphere import master_directions, master_pixels
-from procam.maths.warp import sample
+from procam.maths.warp import block_mean, sample
 from procam.model.calibration import Calibration
 from procam.model.mask import Mask
 
@@ -107,6 +109,23 @@ class TestLoop:
         assert (loop.picture[whole] <= hi[whole] + FLOAT32).all()
         assert (hi - loop.picture)[whole].min() < FLOAT32
 
+    def test_no_more_than_twice_what_was_measured_is_asked_of_a_faint_border(
+        self, calibration: Calibration, cells: LoopCells, direct: Image
+    ) -> None:
+        """Coverage .1 with a limit of .3: the two are not of one measurement, and .3 / .1 is no limit."""
+        elevation = np.arcsin(np.clip(master_directions(96)[0][..., 2], -1, 1))
+        faint = elevation < np.radians(45)
+        maps = replace(
+            calibration.maps,
+            coverage=np.where(faint, 0.1 * calibration.maps.coverage, calibration.maps.coverage),
+            hi=np.where(faint[..., None], np.float32(0.3), calibration.maps.hi),
+        )
+        above = np.arcsin(np.clip(master_directions(SIZE)[0][..., 2], -1, 1))
+        asked = np.where((above < np.radians(45))[..., None], 2 * direct, direct)
+        loop = DomeLoop(replace(calibration, maps=maps), cells, asked, asked)
+        rim = (above > np.radians(25)) & (above < np.radians(40))
+        np.testing.assert_allclose(loop.picture[rim], 0.6, rtol=1e-5)
+
     def test_protected_parts_do_not_change(
         self, calibration: Calibration, cells: LoopCells, direct: Image
     ) -> None:
@@ -128,6 +147,47 @@ class TestLoop:
             NotEnoughData, match=r"limits of the projectors hold everywhere .* mid-tones"
         ):
             DomeLoop(calibration, cells, black, black)
+
+
+class TestNodes:
+    def test_their_interpolation_has_the_means(self, rng: np.random.Generator) -> None:
+        """Over random cells; 64 samples of each."""
+        means = rng.uniform(0.2, 0.8, (24, 24, 3))
+        fine = (np.arange(24 * 8) + 0.5) / 8 - 0.5
+        drawn = sample(nodes_for_means(means), np.stack(np.meshgrid(fine, fine), -1))
+        inner = slice(4, -4)  # beyond the border there is nothing
+        got = block_mean(drawn, 8)[inner, inner]
+        assert np.abs(got - means[inner, inner]).max() < 0.02
+        plain = block_mean(sample(means, np.stack(np.meshgrid(fine, fine), -1)), 8)
+        assert np.abs(plain[inner, inner] - means[inner, inner]).max() > 0.1
+
+    def test_a_smooth_picture_is_left_alone(self) -> None:
+        slope = np.add.outer(np.arange(20.0), np.arange(20.0))[..., None] * np.ones(3)
+        np.testing.assert_allclose(nodes_for_means(slope)[7:-7, 7:-7], slope[7:-7, 7:-7])
+
+
+class TestLearn:
+    @pytest.mark.parametrize("photographs", [1, 4, 16])
+    def test_the_mean_of_n_photographs_is_uncertain_by_sigma_over_root_n(
+        self, loop: DomeLoop, monkeypatch: pytest.MonkeyPatch, photographs: int
+    ) -> None:
+        learnt: list[LoopObservation] = []
+        monkeypatch.setattr(loop.state, "learn", learnt.append)
+        loop.learn(loop.goal, _sigma(), photographs)
+        even = loop.direction[loop._inside][:, 2] > np.sin(np.radians(45))  # no stray light there
+        np.testing.assert_allclose(learnt[0].sigma[even], 1e-4 / np.sqrt(photographs), rtol=1e-3)
+        assert learnt[0].photographs == photographs
+
+    def test_stray_light_of_a_bright_neighbour_is_part_of_the_uncertainty(
+        self, loop: DomeLoop, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """A twentieth of the step from .5 to black, up to three cells from it; noise is far smaller."""
+        learnt: list[LoopObservation] = []
+        monkeypatch.setattr(loop.state, "learn", learnt.append)
+        loop.learn(loop.goal, _sigma(), 4)
+        elevation = np.degrees(np.arcsin(loop.direction[loop._inside][:, 2]))
+        beside = np.abs(elevation - 20) < 180 / LOOP_SIZE
+        np.testing.assert_allclose(learnt[0].sigma[beside], 0.025, rtol=0.02)
 
 
 class TestLowPass:

@@ -154,6 +154,20 @@ class TestCommonErrors:
         assert (sigma < 0.001).all()
         assert (np.abs(found - [0.03, -0.05]) < 4 * sigma).all()
 
+    def test_errors_are_as_large_as_stated(self) -> None:
+        """Mean squared z over 200 rigs whose gains share an error within each of 25 blocks."""
+        light, scattered = np.random.default_rng(7).uniform(0.2, 1, (2, 1000))
+        block, scores = np.arange(1000) // 40, []
+        for seed in range(200):
+            rng = np.random.default_rng(seed)
+            gain = 0.02 * rng.normal(size=25)[block] + 0.02 * rng.normal(size=1000)
+            found, covariance = common_errors(
+                gain * light, light, scattered, np.full(1000, 1e4), block
+            )
+            scores.append(found**2 / np.diag(covariance))
+        # Student's t of some 24 degrees of freedom has a variance of 1.09; 4 sigmas of the mean
+        assert np.mean(scores) == pytest.approx(1.09, abs=0.4)
+
     def test_correlated_gains_widen_the_error(self, rng: np.random.Generator) -> None:
         """One gain per block; patches taken as independent would give far too small an error."""
         light, scattered = rng.uniform(0.2, 1, (2, 5000))
@@ -218,13 +232,13 @@ class TestRegression:
         block = np.repeat([0, 1, 2], 100)
         first, judged = np.full((300, 2), 0.3), np.ones((300, 2), bool)
         last = first.copy()
-        last[100:200, 1] = 0.9
-        last[200:, 0] = 0.7
+        last[100:200, 1] = 1.9
+        last[200:, 0] = 1.7
         found = largest_regression(first, last, np.full((300, 2), 0.1), judged, block)
         assert found is not None
         np.testing.assert_array_equal(found.place, block == 1)
         assert (found.channel, found.before) == (1, pytest.approx(np.sqrt(0.08)))
-        assert found.after == pytest.approx(np.sqrt(0.8))
+        assert found.after == pytest.approx(np.sqrt(3.6))
 
     def test_noise_invisible_changes_and_unjudged_patches_are_no_regression(
         self, rng: np.random.Generator
@@ -234,7 +248,7 @@ class TestRegression:
         first, last = 2.0 * rng.normal(size=(2, 200, 1))
         assert largest_regression(first, last, noise, judged, block) is None
         quiet = np.zeros((200, 1))
-        assert largest_regression(quiet, quiet + 0.4, quiet, judged, block) is None
+        assert largest_regression(quiet, quiet + 0.9, quiet, judged, block) is None
         judged[20:] = False
         assert largest_regression(quiet, quiet + 9, quiet, judged, block) is None
 

@@ -212,6 +212,18 @@ class TestExchanged:
             "A's south is B's north, A's north is B's south: wrong projector on the wire"
         )
 
+    def test_two_side_by_side_that_moved_are_not_exchanged(self, calibration: Calibration) -> None:
+        """Each comes nearer to the other's old place than to its own, but to neither: 8 for 12 degrees."""
+        south, degree = calibration.projectors["south"], np.radians(1.0)
+
+        def at(*degrees: float) -> Calibration:
+            names = zip(calibration.projectors, degrees, strict=True)
+            each = {n: _turned(south, rotation_matrix([0, 0, a * degree])) for n, a in names}
+            return replace(calibration, projectors=each)
+
+        assert compare_calibrations(at(0, 20), at(12, 8)).verdict.kind != "exchanged"
+        assert compare_calibrations(at(0, 20), at(20, 0)).verdict.kind == "exchanged"
+
     def test_a_projector_knocked_far_off_is_not_exchanged(self, rig: Calibration) -> None:
         found = compare_calibrations(rig, _moved(rig, "west", np.array([0.05, 0.08, 0.0]), 0.0))
         assert found.verdict.kind in ("moved", "changed")

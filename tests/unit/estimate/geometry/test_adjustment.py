@@ -39,6 +39,13 @@ def test_a_common_error_counts_as_often_as_a_cell_has_observations(
     assert systematic_ratio(error, seen, SIZE) == pytest.approx(expected, rel=0.01)
 
 
+def test_one_misread_patch_is_not_systematic(rng: np.random.Generator) -> None:
+    seen = _observations(rng)
+    error = rng.normal(0, 0.1, (len(seen.sigma_px), 2))
+    error[0] = 100.0  # a thousand sigmas; the 200 observations of its cell are sound
+    assert systematic_ratio(error, seen, SIZE) < 1.3
+
+
 def test_the_robust_sigma_is_that_of_the_majority(rng: np.random.Generator) -> None:
     seen = _observations(rng)
     error = rng.normal(0, 0.2, (len(seen.sigma_px), 2))

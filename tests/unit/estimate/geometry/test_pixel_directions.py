@@ -48,3 +48,6 @@ def test_measurements_correct_a_model_without_the_domes_panels() -> None:
         for each in (fitted, alone)
     ]
     assert rms[0] < 0.7 * rms[1]
+    # neighbours share errors: the mean square of z is known to a third, not to 1 / sqrt(pixels)
+    z = ARCMIN * angle_between(fitted.at(pixels), true) / fitted.sigma_arcmin(x, y)
+    assert 0.6 < np.sqrt(np.nanmean(z**2)) < 1.4

@@ -10,8 +10,6 @@ from tolerances import SOLVER
 from procam.estimate.camera.radiance import Radiometer
 from procam.estimate.geometry.camera_view import DomeView
 from procam.estimate.light.audience import (
-    KERNEL_SIGMA,
-    UNSEEN_SIGMA,
     AudienceView,
     audience_feedback,
     centre_shift,
@@ -98,7 +96,7 @@ class TestRatio:
         found = _ratio(known, view, _quarters(known, view, RATIO, lamp))
         np.testing.assert_allclose(found.value, RATIO, rtol=RIM)
         # the pictures agree, so only the errors of unseen light and of the kernel remain
-        sigma = np.hypot(UNSEEN_SIGMA * (RATIO - 1), KERNEL_SIGMA * RATIO)
+        sigma = np.hypot(0.1 * (RATIO - 1), 0.03 * RATIO)
         np.testing.assert_allclose(found.sigma, sigma, rtol=0.01)
 
     def test_one_sided_scatter_that_the_kernel_describes(
@@ -121,7 +119,7 @@ class TestRatio:
         assert (np.abs(off) > 0.02).all()
         # the scattered light subtracted where light falls grows with the ratio: a second-order error
         assert (np.abs(found.value / RATIO - 1) < 0.1 * np.abs(off)).all()
-        np.testing.assert_allclose(found.sigma, UNSEEN_SIGMA * np.abs(found.value - 1), atol=2e-3)
+        np.testing.assert_allclose(found.sigma, 0.1 * np.abs(found.value - 1), atol=2e-3)
 
     def test_pictures_that_disagree_widen_the_error(
         self, known: Calibration, view: DomeView

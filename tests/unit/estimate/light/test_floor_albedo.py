@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from traced_rooms import TracedRoom, parts
 
+from procam.estimate.light import floor_albedo
 from procam.estimate.light.floor_albedo import (
     FloorLight,
     combined_floor_albedo,
@@ -28,7 +29,7 @@ def test_floor_albedo_of_a_traced_room(
     dome = Dome(6.0, np.pi / 2, TILT, 0.1, 0.05)
     floor = measure_floor(found, per_flux, white, dome, 0.5)
     assert abs(floor.albedo - asked) < 2.5 * floor.sigma + 0.005
-    assert floor.sigma < 0.04
+    assert 0.1 * floor.albedo <= floor.sigma < 0.04  # seats and steps are no level floor
     assert floor.flux_inconsistency < 0.02
 
 
@@ -41,6 +42,20 @@ def test_scales_of_pictures_do_not_count_for_the_floor(furnished: TracedRoom) ->
     first, second = (measure_floor(x, per_flux, white, dome, 0.5) for x in (found, drifted))
     assert second.albedo == pytest.approx(first.albedo, rel=0.02)
     assert second.flux_inconsistency == pytest.approx(np.std(0.1 * np.arange(8)), rel=0.1)
+
+
+def test_the_floors_error_is_that_of_a_mean_of_pictures(
+    furnished: TracedRoom, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of n pictures it is a standard deviation over sqrt(n - 1); twice the same ones are 2 n."""
+    monkeypatch.setattr(floor_albedo, "MODEL_SIGMA", 0.0)
+    per_flux, white = furnished.known()
+    found = [furnished.scatter_sample(lit, 0.003) for lit in parts()[::2]]
+    dome = Dome(6.0, np.pi / 2, TILT, 0.1, 0.05)
+    once, twice = (measure_floor(x, per_flux, white, dome, 0.5) for x in (found, found + found))
+    n = len(found)
+    assert twice.albedo == pytest.approx(once.albedo, rel=1e-6)
+    assert twice.sigma == pytest.approx(once.sigma * np.sqrt((n - 1) / (2 * n - 1)), rel=0.05)
 
 
 def test_known_and_measured_floor_are_weighted_by_their_sigmas() -> None:

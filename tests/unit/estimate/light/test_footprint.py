@@ -155,6 +155,21 @@ class TestProjectSurface:
         np.testing.assert_array_equal(found.valid[clear], truth.valid[clear])
         np.testing.assert_array_equal(found.measured[clear] > 0.5, truth.valid[clear])
 
+    def test_pixels_that_mostly_miss_the_screen_are_not_part_of_it(
+        self, solution: GeometrySolution, calibration: Calibration
+    ) -> None:
+        """A plate that lets a third of the light through ends the picture."""
+        light = self._light(solution.camera, calibration)
+        view = _view(calibration, solution.camera)
+        behind = view.direction[..., 2] < np.sin(np.radians(30.0))
+        dimmed = replace(light, direct=np.where(behind[..., None], 0.3, 1) * light.direct)
+        found = project_surface(solution, "south", calibration.screen, dimmed)
+        elevation = np.degrees(np.arcsin(found.direction[..., 2]))
+        third = (elevation > 12) & (elevation < 28)
+        assert third.any() and not found.valid[third].any()
+        np.testing.assert_allclose(found.measured[third], 0.3, rtol=1e-4)
+        assert found.valid[elevation > 32].all()
+
     def test_sigma_is_the_spread_of_directions(
         self, calibration: Calibration, rng: np.random.Generator
     ) -> None:

@@ -12,6 +12,7 @@ from procam.estimate.light.projector_response import (
     tile_levels,
 )
 from procam.estimate.structured_light.patterns import LEVELS, level_pictures, level_tile
+from procam.maths.warp import blur
 
 MIX = np.array([[0.93, 0.06, 0.01], [0.05, 0.9, 0.05], [0.01, 0.04, 0.95]])
 SHAPE = (60, 80)
@@ -64,6 +65,17 @@ class TestTiles:
         known = [d for d in step if self._at(self.tile - 0.5 + d, middle) >= 0]
         assert min(abs(d) for d in known) > TILE_MARGIN_PX
         assert min(abs(d) for d in known) <= TILE_MARGIN_PX + 0.5
+
+    def test_levels_are_pure_where_defocus_mixes_neighbours(self) -> None:
+        """A blur of 1.5 projector pixels changes no level that is used by .1 % of white."""
+        width, height = self.size
+        xy = np.stack(np.meshgrid(np.arange(width), np.arange(height)), -1).astype(np.float32)
+        level = tile_levels(self.picture, xy, np.ones((height, width), bool))
+        seen = blur(self.picture[..., 0] ** 2.2, 1.5)
+        expected = (np.array(LEVELS)[level] / 255) ** 2.2
+        away = np.abs(seen - expected)[level >= 0]
+        assert away.max() < 1e-3
+        assert (level >= 0).mean() > 0.4
 
     def test_nothing_where_nothing_is_lit_or_known(self) -> None:
         assert self._at(16, 16) >= 0

@@ -61,6 +61,15 @@ def test_large_changes_are_refused(change: dict[str, float], message: str) -> No
         checks(**change).notes("north")
 
 
+@pytest.mark.parametrize(("surplus", "notes"), [(0.012, 0), (0.02, 1)])
+def test_scattered_light_of_shot_marks_is_no_change_of_the_room(surplus: float, notes: int) -> None:
+    """At most .3 of the light of marks that fill 5 % of the panel scatters to any place."""
+    white, pattern, inverse = pictures(np.random.default_rng(5))
+    found = StabilityChecks(white, np.ones((SIZE, SIZE), bool))
+    found.add("7 and 8", [pattern + surplus, inverse], mark_share=0.05)
+    assert len(found.notes("north")) == notes
+
+
 def test_someone_who_walks_through_is_an_outlier() -> None:
     white, pattern, inverse = pictures(np.random.default_rng(3))
     pattern[40:60, 20:50] = 0

@@ -64,6 +64,20 @@ def test_scattered_light_and_the_bias_it_causes(scene: dict[str, np.ndarray]) ->
     assert np.abs(biases(remove_phasor(frames, FLUX, scattered), scene["phase"])).max() < 1e-4
 
 
+@pytest.mark.parametrize("third", [-0.03, 0.03])
+def test_a_response_that_keeps_black_and_white_is_seen_by_its_third_harmonic(
+    scene: dict[str, np.ndarray], third: float
+) -> None:
+    """1/2 + (1/2 - h) cos + h cos of three times the angle is 0 at black and 1 at white."""
+    columns = np.arange(SHAPE[1])
+    angle = np.where(columns < 80, 2 * np.pi * columns / 80, 0.0) - SHIFTS[:, None, None]
+    wave = 0.5 + (0.5 - third) * np.cos(angle) + third * np.cos(3 * angle)
+    direct = np.where(columns < 80, LEVEL, 0.0)
+    frames = BLACK + direct * wave + scene["scattered"] * FLUX[:, None, None]
+    found = scattered_light(frames, scene["white"], scene["black"], FLUX, SHIFTS)
+    np.testing.assert_allclose(found[LIT], scene["scattered"][LIT], atol=0.01 * LEVEL)
+
+
 def test_lit_pixels_are_found_by_their_wave(scene: dict[str, np.ndarray]) -> None:
     frames = scene["frames"]
     amplitude = np.abs(np.tensordot(np.exp(1j * SHIFTS), frames, axes=1)) / 4

@@ -82,6 +82,26 @@ CLASHES = {
         "projectors.zenith",
         ["has the name of a camera", "rename"],
     ),
+    "projector with the name of the dome's maps": (
+        ("[projectors.south]", "[projectors.Dome]"),
+        "projectors.Dome",
+        ["needs for a map of the dome", "rename it"],
+    ),
+    "projector with the name of a state's map": (
+        ("[projectors.south]", "[projectors.state-open]"),
+        "projectors.state-open",
+        ["needs for a map of the dome", "rename it"],
+    ),
+    "half angle in radians": (
+        ("half_angle_deg = 90.0", "half_angle_deg = 1.57"),
+        "fiducials.front.elevation_deg",
+        ["is 35", "half_angle_deg 1.57 ends at 88.43", "Correct either"],
+    ),
+    "black level of more bits": (
+        ("black_level = 64.0", "black_level = 65535.0"),
+        "cameras.zenith.black_level",
+        ["is 65535", "saturate at 65535"],
+    ),
     "fiducial with a camera's name": (
         ('name = "left"', 'name = "zenith"'),
         "fiducials.zenith",

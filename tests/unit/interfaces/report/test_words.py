@@ -22,12 +22,12 @@ def test_every_figure_of_the_loop_has_words():
     same = np.zeros((2, 2, 3))
     refined = Refined(
         calibration=None,
-        frames={},
         residual=[0.01, 0.0042],
         own_residual=0.004,
         noise_floor=0.003,
         left_jnd=[9.0, 0.81],
         own_jnd=0.9,
+        unseen=[(0.02, 0.003), (0.01, 0.002)],
         photographs={},
         target=same,
         free=same == 0,
@@ -35,6 +35,7 @@ def test_every_figure_of_the_loop_has_words():
         shots=9,
         per_picture=4,
         worse="",
+        better=True,
     )
     figures = refined.figures()
     assert figures.keys() <= NAMES.keys()
@@ -44,4 +45,6 @@ def test_every_figure_of_the_loop_has_words():
         text["loop_left_jnd_by_iteration"] == "9\N{NO-BREAK SPACE}JND / 0.81\N{NO-BREAK SPACE}JND"
     )
     assert text["loop_own_jnd"] == "0.9\N{NO-BREAK SPACE}JND"
+    assert text["loop_unseen_before"] == f"2{THIN}% / 1{THIN}%"
+    assert text["loop_unseen_after"] == f"0.3{THIN}% / 0.2{THIN}%"
     assert text["loop_scatter_factor"] == "1 / 1.1 / 0.95"

@@ -9,7 +9,7 @@ from tolerances import CLOSED_FORM, SOLVER
 
 import procam.maths.light.box_solver
 from procam.errors import DidNotConverge
-from procam.maths.light.box_solver import solve_flux
+from procam.maths.light.box_solver import solve_flux, solve_moments
 
 Problem = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
@@ -95,6 +95,20 @@ def test_energy_norm_minimiser_by_a_general_solver(seed: int) -> None:
     direct = _light(problem, solve_flux(*problem))
     assert ((direct == lo) | (direct == hi)).any()  # or the test would test nothing
     np.testing.assert_allclose(direct, expected, atol=SOLVER)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_moments_of_strong_scatter_are_solved(seed: int) -> None:
+    """Scatter so strong that whole Newton steps run in circles between sets of limits."""
+    rng = np.random.default_rng(seed)
+    collect, root = rng.uniform(0, 2, (40, 3)), rng.normal(size=(3, 3))
+    collect[:, 1:] -= collect[:, 1:].mean(axis=0)
+    spread = 4 * collect @ (root @ root.T)
+    target, lo = rng.uniform(-3, 6, 40), rng.uniform(0, 0.1, 40)
+    hi = lo + rng.uniform(0.01, 1, 40)
+    found = solve_moments(target, spread, collect, lo, hi)
+    direct = np.clip(target - spread @ found, lo, hi)
+    np.testing.assert_allclose(collect.T @ direct, found, atol=1e-9)
 
 
 def test_everything_clipped_low_or_high() -> None:

@@ -1,5 +1,7 @@
 """Adding and removing inter-reflection as arrays; the physics is in tests/physics."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -14,6 +16,7 @@ from procam.maths.light.radiosity import (
     floor_return,
     flux,
     remove_interreflection,
+    sphere_scatter,
 )
 from studies.closed_forms import remove_interreflection_paper
 
@@ -61,6 +64,37 @@ def test_channels_do_not_mix() -> None:
 def test_flux_refuses_patches_that_do_not_match() -> None:
     with pytest.raises(ShapeError, match=r"solid_angle_sr has shape \(3,\); it needs \(4,\)"):
         flux(np.ones((4, 3)), np.ones(3))
+
+
+@pytest.mark.parametrize(
+    ("light", "scatter", "areas"),
+    [((4,), (4, 1), (4,)), ((4, 1), (4,), (4,)), ((4, 1), (1, 1), (4,)), ((4, 3), (4, 1), (4,))],
+)
+@pytest.mark.parametrize("change", [add_interreflection, remove_interreflection])
+def test_shapes_that_would_broadcast_are_refused(
+    change: Callable[..., np.ndarray], light: tuple, scatter: tuple, areas: tuple
+) -> None:
+    with pytest.raises(ShapeError):
+        change(np.ones(light), np.full(scatter, 0.1), np.ones(areas))
+
+
+@pytest.mark.parametrize(
+    ("albedo", "areas", "returned", "words"),
+    [
+        (2.0, 1.0, 0.0, "albedo: each value needs to be between 0 and 1"),
+        (-0.1, 1.0, 0.0, "albedo: each value"),
+        (np.nan, 1.0, 0.0, "albedo: each value"),
+        (0.5, 0.0, 0.0, "the sum is 0 sr; none may be below 0"),
+        (0.5, 4.0, 0.0, "at most that of a sphere"),
+        (0.5, 1.0, -1.0, "returned: -1.0 is no share of light"),
+        (0.5, 1.0, 1.0, "returned: 1.0 is no share of light"),
+    ],
+)
+def test_light_that_no_sphere_scatters_is_refused(
+    albedo: float, areas: float, returned: float, words: str
+) -> None:
+    with pytest.raises(InputError, match=words):
+        sphere_scatter(np.full((4, 1), albedo), np.full(4, areas), returned)
 
 
 def test_paper_equation_12_to_the_letter() -> None:

@@ -1,0 +1,151 @@
+"""A picture on the dome, as a calibration compensates it, and photographs of it."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from procam.arrays import Array, BoolArray, Image
+from procam.compensate.compensator import Compensated, Compensator
+from procam.compensate.projector_frames import projector_frames
+from procam.estimate.closed_loop import DomeLoop, noise_by_level
+from procam.estimate.closed_loop.patches import (
+    MIN_PHOTOGRAPHS,
+    converged,
+    just_noticeable,
+    largest_regression,
+    photographs_needed,
+    residual_jnd,
+    residual_without_noise,
+)
+from procam.maths.geometry.sphere import angles_from_direction
+from procam.model.calibration import Calibration
+from procam.workflows.refine.camera import LoopCamera
+
+CHANNEL_NAMES = ("red", "green", "blue")
+
+
+@dataclass
+class ShownPicture:
+    """A picture that is shown, corrected and shown again.
+
+    Attributes
+    ----------
+    camera, calibration, wanted : the picture as the calibration compensates it.
+    loop : on that picture.
+    sigma : (N, N, 3) standard error of one photograph [rel].
+    seen : photographs of what is shown now.
+    first : (N, N, 3) mean of the photographs before any correction.
+    residual, left : of one photograph [rel], and of the mean [JND], of each picture that was shown.
+    """
+
+    camera: LoopCamera
+    calibration: Calibration
+    wanted: Compensated
+    loop: DomeLoop
+    sigma: Array
+    seen: list[Array]
+    first: Array
+    residual: list[float] = field(default_factory=list)
+    left: list[float] = field(default_factory=list)
+
+    @classmethod
+    def start(
+        cls,
+        camera: LoopCamera,
+        calibration: Calibration,
+        content: Image,
+        find_scatter: bool = True,
+    ) -> "ShownPicture":
+        """Show content (N, N, 3), and photograph it often and long enough to resolve what is off."""
+        compensator = Compensator(calibration, content.shape[0])
+        wanted = compensator.solve(content)
+        target = compensator.target(content)
+        loop = DomeLoop(calibration, camera.cells, wanted.direct, target, find_scatter)
+        camera.expose_for(wanted.observed)
+        camera.show(projector_frames(wanted.direct, calibration))
+        seen = camera.photographs(MIN_PHOTOGRAPHS)
+        sigma = noise_by_level(seen, camera.cells.count)
+        if camera.hold(loop.goal[loop.free], sigma[loop.free]):
+            seen = camera.photographs(MIN_PHOTOGRAPHS)
+            sigma = noise_by_level(seen, camera.cells.count)
+        more = photographs_needed(sigma[loop.free], loop.goal[loop.free]) - MIN_PHOTOGRAPHS
+        seen += camera.photographs(more)
+        shown = cls(camera, calibration, wanted, loop, sigma, seen, np.mean(seen, axis=0))
+        shown.note()
+        return shown
+
+    def correct(self) -> None:
+        """Learn from the photographs, show the corrected picture and photograph it as often."""
+        self.loop.update(self.mean(), self.sigma, len(self.seen))
+        self.camera.show(projector_frames(self.loop.picture, self.calibration))
+        self.seen = self.camera.photographs(len(self.seen))
+        self.note()
+
+    def learn(self) -> None:
+        """Learn from the photographs of the picture shown now."""
+        self.loop.learn(self.mean(), self.sigma, len(self.seen))
+
+    def note(self) -> None:
+        """Note how far off the picture shown now is."""
+        off = self.loop.residual(self.seen[0])
+        self.residual.append(self.loop.residual_rms(off))
+        self.left.append(self.residual_jnd(self.loop.free))
+
+    def mean(self) -> Array:
+        """Mean (N, N, 3) of the photographs of the picture shown now."""
+        return np.asarray(np.mean(self.seen, axis=0))
+
+    def residual_jnd(self, free: BoolArray) -> float:
+        """What almost all `free` cells (N, N, 3) are off by at most [JND]."""
+        return residual_jnd(self.loop.residual(self.mean())[free], self.loop.goal[free])
+
+    def enough(self) -> bool:
+        """Whether another correction would be of no use."""
+        free = self.loop.free
+        left = self.loop.residual(self.mean())[free]
+        return converged(left, self.sigma[free], self.loop.goal[free], len(self.seen))
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """A picture by two calibrations: before and after the loop."""
+
+    name: str
+    before: ShownPicture
+    after: ShownPicture
+
+    @property
+    def free(self) -> BoolArray:
+        """(N, N, 3) cells that no limit holds in either."""
+        return self.before.loop.free & self.after.loop.free
+
+    @property
+    def rms(self) -> tuple[float, float]:
+        """Root mean square residual before and after, photographs' noise taken off [rel]."""
+        pictures = (self.before, self.before.first), (self.after, self.after.first)
+        before, after = (
+            residual_without_noise(
+                p.loop.residual(seen)[self.free], p.sigma[self.free], len(p.seen)
+            )
+            for p, seen in pictures
+        )
+        return before, after
+
+    def regression(self) -> str:
+        """Where the picture got visibly worse, in a sentence; empty if nowhere."""
+        loop, flat = self.before.loop, (-1, 3)
+        noticed = just_noticeable(loop.goal).reshape(flat)
+        first, last = (
+            p.loop.residual(p.first).reshape(flat) / noticed for p in (self.before, self.after)
+        )
+        noise = self.before.sigma.reshape(flat) / noticed / np.sqrt(len(self.before.seen))
+        found = largest_regression(first, last, noise, self.free.reshape(flat), loop.block.ravel())
+        if found is None:
+            return ""
+        where = loop.direction.reshape(flat)[found.place].mean(axis=0)
+        azimuth, elevation = np.degrees(angles_from_direction(where))
+        return (
+            f"{CHANNEL_NAMES[found.channel]} light at azimuth {azimuth:.0f}, elevation "
+            f"{elevation:.0f} degrees of the {self.name} was off by {found.before:.2g} JND before the "
+            f"loop and is by {found.after:.2g} after it"
+        )
