@@ -139,11 +139,8 @@ def _views(
     views = [look.view for look in looks if look.view]
     if len(views) < MIN_VIEWS:
         raise NotEnoughData(_too_few(board, len(poses), skipped))
-    return (
-        views,
-        one_size({place: look.size for place, look in zip(poses, looks, strict=True)}),
-        skipped,
-    )
+    sizes = {place: look.size for place, look in zip(poses, looks, strict=True)}
+    return views, one_size(sizes), skipped
 
 
 @dataclass(frozen=True, slots=True)
