@@ -14,6 +14,7 @@ from procam.arrays import AnyArray
 from procam.errors import InputError, NotEnoughData
 from procam.estimate.boards.camera import BoardView, CameraFit, fit_camera
 from procam.estimate.boards.targets import Board, find_board
+from procam.estimate.camera.exposure import green
 from procam.estimate.structured_light import codes
 from procam.estimate.structured_light.decode import Decoder
 from procam.estimate.structured_light.limits import default_limits
@@ -26,7 +27,6 @@ from procam.model.correspondence import CorrespondenceMap
 from procam.workflows.capture.newest import capture_newest, venue_of
 from procam.workflows.solve import calibrate
 
-GREEN = 1
 REVERSED_SHARE = 0.01  # of the pixels, in which black may be brighter than white: a moving thing
 CHANNELS = (), (1,), (3,), (4,)  # of photographs: grey, colour, with alpha
 
@@ -246,4 +246,4 @@ def _grey(photograph: AnyArray) -> AnyArray:
             f"photograph: {known.dtype} of shape {known.shape}; give pixels (H, W) or (H, W, 3) as uint8, "
             "uint16 or float32"
         )
-    return known if known.ndim == 2 else known[..., min(known.shape[2] - 1, GREEN)]
+    return green(known[..., 0] if known.shape[2:] == (1,) else known)

@@ -54,6 +54,7 @@ def test_phases_over_gray_cells(tmp_path: Path) -> None:
     folder = written(tmp_path / "photos", taken)
     out = tmp_path / "map.exr"
     xy, sigma, said = decoded(folder, out, "--code", described(tmp_path, PHASES))
+    assert "rows: three steps of one period do not show" in said and "columns: three" not in said
     use = taken.inside() & np.isfinite(sigma)
     assert use.sum() > 0.97 * taken.inside().sum()
     error = np.sqrt(np.mean((xy - taken.truth) ** 2, axis=-1))

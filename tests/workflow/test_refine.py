@@ -111,7 +111,8 @@ class TestLoop:
         assert refined.residual[-1] < 0.35 * refined.residual[0]
         assert refined.own_residual < 0.4 * refined.residual[0]
         assert refined.own_jnd < 0.4 * refined.left_jnd[0]
-        assert all(after < 0.4 * before for before, after in refined.unseen)
+        before, after = refined.unseen
+        assert after < 0.4 * before
         assert refined.better
         np.testing.assert_allclose(
             refined.calibration.feedback.value, good.feedback.value, rtol=0.03
@@ -172,6 +173,14 @@ class TestCommand:
         assert ran.code == 2
         assert "one photograph is uncertain by" in ran.complaint
         assert not (dome / "calibrations" / "0002").exists()
+
+    @pytest.mark.parametrize("level", [0.5, 1.0])
+    def test_what_is_unseen_can_be_shown_whatever_the_picture(self, level: float) -> None:
+        """Inverted, white would be black everywhere, where nothing can be measured."""
+        content = np.full((MASTER, MASTER, 3), level, np.float32)
+        unseen = refining.turned_and_inverted(content)
+        inside = master_directions(MASTER)[1]
+        assert unseen[inside].min() >= refining.DIM and (unseen[~inside] == 0).all()
 
     def test_a_picture_of_black_is_refused(self, dome: Path, tmp_path: Path) -> None:
         write_picture(tmp_path / "black.exr", np.zeros((MASTER, MASTER, 3), np.float32))

@@ -32,6 +32,17 @@ def described_code(description: CodeDescription, size: tuple[int, int]) -> Code:
     return Code(description.name, size, built["x"], built["y"], description.order or USUAL_BLOCKS)
 
 
+def unseen_errors(code: Code) -> list[str]:
+    """A note for each axis whose patterns cannot show an error that they have."""
+    axes = {NAMES[axis]: code.axis(axis).waves for axis in AXES}
+    return [
+        f"{name}: three steps of one period do not show whether projector and camera are linear, and the "
+        "standard error leaves that out; four steps or two periods do"
+        for name, waves in axes.items()
+        if waves is not None and len(waves.periods) == MIN_STEPS
+    ]
+
+
 def folder_order(code: Code) -> list[int]:
     """Planes of a code in the order of a folder, from its `blocks`.
 
@@ -79,10 +90,10 @@ def _shows(block: str, name: str, given: Sequence[str]) -> bool:
 def _axis(name: str, one: AxisDescription, length: int) -> AxisCode:
     words = encode_gray(np.arange(length) // one.cell_px) if one.cell_px else None
     coding = AxisCode(length, _waves(name, one), words, one.inverses, one.periods_px)
-    twins = _alike(coding)
-    if twins:
+    alike = _alike(coding)
+    if alike:
         raise InputError(
-            f"{name}: {twins[0]} and {twins[1]} get the same pictures in this description; it needs "
+            f"{name}: {alike[0]} and {alike[1]} get the same pictures in this description; it needs "
             "another period, or Gray cells no wider than the shortest period"
         )
     return coding

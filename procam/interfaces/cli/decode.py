@@ -13,7 +13,7 @@ from procam.errors import CalibrationError, FileFormatError, InputError
 from procam.estimate.structured_light.codes import DEFAULT_CODE, Code
 from procam.estimate.structured_light.consistency import probe_places
 from procam.estimate.structured_light.decode import Decoded, Decoder
-from procam.estimate.structured_light.described import folder_order
+from procam.estimate.structured_light.described import folder_order, unseen_errors
 from procam.estimate.structured_light.exposures import scaled
 from procam.estimate.structured_light.gaps import count_fits
 from procam.estimate.structured_light.limits import (
@@ -78,29 +78,29 @@ def decode(
     write_channels(out, {"projector.x": xy[..., 0], "projector.y": xy[..., 1], "sigma": sigma})
     write_image(look, draw_map(found, layout.size))
     write_channels(side, _panel_channels(panel))
-    share, middle = float(found.valid.mean()), float(np.nanmedian(sigma))
     for note in notes:
         output.say(note)
+    figures = _figures(found, panel, sigma)
     output.say(
-        f"{out} written; {int(found.valid.sum())} pixels decoded, {share:.1%} of the picture, "
-        f"standard error {middle:.2f} px; {look} shows it"
+        f"{out} written; {figures['decoded']} pixels decoded, {figures['share']:.1%} of the picture, "
+        f"standard error {figures['sigma_px']:.2f} px; {look} shows it"
     )
     output.say(
         f"{side} written; where the camera sees patches of {panel.patch_px}x{panel.patch_px} projector "
         f"pixels, {panel.valid.mean():.1%} of them"
     )
-    output.finish(
-        {
-            "out": str(out),
-            "look": str(look),
-            "panel": str(side),
-            "patch_px": panel.patch_px,
-            "decoded": int(found.valid.sum()),
-            "share": share,
-            "sigma_px": middle,
-            "notes": notes,
-        }
-    )
+    files = {"out": str(out), "look": str(look), "panel": str(side)}
+    output.finish(files | figures | {"notes": notes})
+
+
+def _figures(found: CorrespondenceMap, panel: ProjectorMap, sigma: Array32) -> dict[str, float]:
+    """How much was decoded, and how well."""
+    return {
+        "patch_px": panel.patch_px,
+        "decoded": int(found.valid.sum()),
+        "share": float(found.valid.mean()),
+        "sigma_px": float(np.nanmedian(sigma)),
+    }
 
 
 def decode_folder(
@@ -124,7 +124,8 @@ def decode_folder(
     if limits == (None, None):
         found = drop_inconsistent(found, panel)
     overruled = [f"decoded anyway, though a check refuses it: {why}" for why in verdict.refused]
-    return found, panel, [*overruled, *verdict.notes, *decoded.notes, *panel_notes(code, found)]
+    notes = [*overruled, *verdict.notes, *decoded.notes, *unseen_errors(code)]
+    return found, panel, notes + panel_notes(code, found)
 
 
 def _decoded(files: list[Path], code: Code, limits: Limits, verdict: SetReport) -> Decoded:

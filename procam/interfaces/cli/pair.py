@@ -127,24 +127,24 @@ def _views(
 ) -> tuple[list[PairView], Size, list[Path]]:
     """Views of the board, the photographs' size, and the poses that are of no use."""
     with ThreadPoolExecutor(min(len(poses), WORKERS)) as pool:
-        looks = list(pool.map(lambda place: _look(place, code, board), poses))
+        decoded = list(pool.map(lambda place: _decoded_pose(place, code, board), poses))
     skipped = list[Path]()
-    for place, look in zip(poses, looks, strict=True):
-        notes = list(look.notes)
-        if look.view is None:
+    for place, pose in zip(poses, decoded, strict=True):
+        notes = list(pose.notes)
+        if pose.view is None:
             notes.append("no board is found that the projector lights; left out")
             skipped.append(place)
         for note in notes:
             output.say(f"{place.name}: {note}")
-    views = [look.view for look in looks if look.view]
+    views = [pose.view for pose in decoded if pose.view]
     if len(views) < MIN_VIEWS:
         raise NotEnoughData(_too_few(board, len(poses), skipped))
-    sizes = {place: look.size for place, look in zip(poses, looks, strict=True)}
+    sizes = {place: pose.size for place, pose in zip(poses, decoded, strict=True)}
     return views, one_size(sizes), skipped
 
 
 @dataclass(frozen=True, slots=True)
-class _Look:
+class _DecodedPose:
     """What a pose's photographs show; `view` is None if there is no board, or it is hardly lit."""
 
     view: PairView | None
@@ -152,10 +152,10 @@ class _Look:
     notes: list[str]
 
 
-def _look(place: Path, code: Code, board: Board) -> _Look:
+def _decoded_pose(place: Path, code: Code, board: Board) -> _DecodedPose:
     found, notes = _decoded(place, code)
     height, width = found.valid.shape
-    return _Look(_view(place, board, found), (width, height), notes)
+    return _DecodedPose(_view(place, board, found), (width, height), notes)
 
 
 def _view(place: Path, board: Board, found: CorrespondenceMap) -> PairView | None:

@@ -30,14 +30,14 @@ WHOLE = 0.999  # share from which a patch counts as lit, or as free of limits
 class Loop:
     """The closed loop: residual per iteration and noise floor [rel], photographs by name, what got worse.
 
-    `unseen` has the residual before and after of pictures that it did not learn from [rel].
+    `unseen` has the residual before and after of a picture that it did not learn from [rel], if there is one.
     """
 
     residual: list[float]
     noise_floor: float
     photographs: Mapping[str, Image]
     worse: str
-    unseen: list[tuple[float, float]]
+    unseen: tuple[float, float] | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -221,7 +221,7 @@ def _loop(folder: Path) -> Loop | None:
     if not document or not all((folder / f"{n}.exr").is_file() for n in names):
         return None
     photographs = {n: _picture(folder / f"{n}.exr") for n in names}
-    worse, unseen = document.get("worse", ""), document.get("unseen", [])  # new since version 0.1
+    worse, unseen = document.get("worse", ""), document.get("unseen")  # new since version 0.1
     return Loop(document["residual"], document["noise_floor"], photographs, worse, unseen)
 
 

@@ -171,10 +171,10 @@ def loop(material: Material) -> Iterator[Block]:
         f"{percent(seen.noise_floor, 2)}, and no smaller difference can be measured."
     )
     if seen.unseen:
-        pairs = " and from ".join(f"{percent(b, 2)} to {percent(a, 2)}" for b, a in seen.unseen)
+        before, after = (percent(value, 2) for value in seen.unseen)
         yield Text(
-            "The calibration that followed was tried on the picture turned and inverted, which it was not "
-            f"learnt from: their differences went from {pairs} of white, camera noise taken off."
+            "The calibration that followed was tried on the picture turned and inverted, from which nothing "
+            f"was learnt: its difference went from {before} to {after} of white, camera noise taken off."
         )
     if seen.worse:
         yield Text(f"The resulting calibration was not kept: {seen.worse}.")

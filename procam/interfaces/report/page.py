@@ -130,14 +130,14 @@ def _cards(material: Material) -> Iterator[dict[str, str]]:
 
 
 def _loop_card(loop: Loop) -> dict[str, str]:
+    left = loop.unseen[1] if loop.unseen else loop.residual[-1]
+    floor = percent(loop.noise_floor, 2)
+    note = f"of white between camera and prediction; camera noise {floor}"
     if loop.unseen:
-        worst = percent(max(after for _, after in loop.unseen), 2)
         note = (
-            "of white between camera and prediction, in pictures that the loop did not learn from"
+            "of white between camera and prediction, in a picture that the loop did not learn from"
         )
-        return _card("Difference in other pictures", worst, note)
-    note = f"of white between camera and prediction; camera noise {percent(loop.noise_floor, 2)}"
-    return _card("Difference after the loop", percent(loop.residual[-1], 2), note)
+    return _card("Difference after the loop", percent(left, 2), note)
 
 
 def _direction_card(material: Material) -> Iterator[dict[str, str]]:

@@ -18,7 +18,7 @@ class Words:
 THIN = "\N{NARROW NO-BREAK SPACE}"
 LEAST_SHARE = 5e-4  # of the lit picture; less is not worth a sentence
 LEFT = "share of the bounced light that remains where no limit holds"
-OTHERS = "the picture turned and inverted, which it did not learn from, in % of white"
+ANOTHER = "the picture turned and inverted, which it did not learn from, in % of white"
 LEFT_JND = "95 % of the dome where no limit holds is off by at most this; 1 can just be noticed"
 NAMES = {
     "simulated_run_s": Words("Time for the whole run", "capture, solve, compensate and refine"),
@@ -74,10 +74,9 @@ NAMES = {
     ),
     "loop_left_jnd_by_iteration": Words("Loop: visible difference after each correction", LEFT_JND),
     "loop_own_jnd": Words("Loop: visible difference with the new calibration alone", LEFT_JND),
-    "loop_unseen_before": Words(
-        "Loop: differences of other pictures, before", OTHERS, percent=True
+    "loop_unseen_residual": Words(
+        "Loop: difference of another picture, before / after", ANOTHER, percent=True
     ),
-    "loop_unseen_after": Words("Loop: differences of other pictures, after", OTHERS, percent=True),
     "loop_scatter_factor": Words(
         "Loop: bounced light, red / green / blue", "measured over predicted"
     ),

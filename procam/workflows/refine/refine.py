@@ -2,7 +2,7 @@
 
 Three stages. The picture is corrected until it fits its prediction; that finds the scattered light, which
 dark cells show. Gains come from an even grey instead, in which no cell is dark. The calibration that
-follows is then tried on the picture and on two that it was not made from, and is kept if they are better.
+follows is then tried on the picture and on one that it was not made from, and is kept if both are better.
 """
 
 from collections.abc import Iterator
@@ -25,6 +25,7 @@ from procam.workflows.refine.shown_picture import ShownPicture, Trial
 
 CLOSE_ENOUGH = 1.1  # times the noise floor: the goal
 GREY = 0.6  # of white: its direct light is clear of black and of white on any dome
+DIM = 0.06  # of white: the least that the unseen picture asks for, or it might be out of reach
 HARMLESS = 1e-3  # of white: rise of a picture's residual that is no regression
 
 
@@ -40,7 +41,8 @@ class Refined:
     own_residual : the same of the picture by the new calibration alone [rel]. noise_floor : [rel].
     left_jnd : what almost all cells are off by at most, noise of the photographs included, at the same times
         as `residual` [JND]. own_jnd : the same by the new calibration alone.
-    unseen : residual before and after, of pictures that the loop did not learn from [rel].
+    unseen : residual before and after, of a picture that the loop did not learn from [rel]; None if no
+        correction was needed.
     photographs : (LOOP_SIZE, LOOP_SIZE, 3) cell means by name: "before" (uncompensated), "after".
     target : (LOOP_SIZE, LOOP_SIZE, 3) what was predicted. free : cells that no limit holds.
     scatter_factor : (3,) scattered light over that of the calibration.
@@ -55,7 +57,7 @@ class Refined:
     noise_floor: float
     left_jnd: list[float]
     own_jnd: float
-    unseen: list[tuple[float, float]]
+    unseen: tuple[float, float] | None
     photographs: dict[str, Array]
     target: Array
     free: BoolArray
@@ -82,10 +84,8 @@ class Refined:
             "loop_scatter_factor": Figure(self.scatter_factor.tolist(), "-", None, 3),
             "loop_iterations": Figure(self.corrections, "-", None),
         }
-        for i, when in enumerate(("before", "after")):
-            values = [rms[i] for rms in self.unseen]
-            if values:
-                figures[f"loop_unseen_{when}"] = Figure(values, "rel", None, len(values))
+        if self.unseen:
+            figures["loop_unseen_residual"] = Figure(list(self.unseen), "rel", None, cells)
         if self.noise_floor > 0:  # a simulated camera may be free of noise
             over = self.residual[-1] / self.noise_floor
             goal = Goal("<=", CLOSE_ENOUGH) if self.left_jnd[-1] > VISIBLE_JND else None
@@ -139,28 +139,28 @@ def _better(camera: LoopCamera, calibration: Calibration, shown: ShownPicture) -
     size = shown.wanted.direct.shape[0]
     grey = np.full((size, size, 3), GREY, np.float32) * master_directions(size)[1][..., None]
     even = ShownPicture.start(camera, scattered, grey, find_scatter=False)
-    even.correct()  # the second look finds what the first missed because gains were wrong
+    even.correct()  # once: wrong gains scatter a wrong light too
     even.learn()
     return with_gains(scattered, even.loop.gain_factor())
 
 
 def _trials(shown: ShownPicture, better: Calibration, content: Image) -> list[Trial]:
-    """The picture, and two that were not learnt from, by the calibration before and after."""
-    inside = master_directions(content.shape[0])[1][..., None]
-    inverted = GREY * (1 - content / max(float(content.max()), 1.0)) * inside
-    unseen = {"turned picture": np.rot90(content), "inverted picture": inverted}
+    """The picture, and one that was not learnt from, by the calibration before and after."""
+    unseen = turned_and_inverted(content)
     trials = [Trial("picture", shown, ShownPicture.start(shown.camera, better, content))]
-    for name, picture in unseen.items():
-        pictures = np.ascontiguousarray(picture, np.float32)
-        both = (
-            ShownPicture.start(shown.camera, made, pictures) for made in (shown.calibration, better)
-        )
-        trials.append(Trial(name, *both))
-    return trials
+    both = (ShownPicture.start(shown.camera, made, unseen) for made in (shown.calibration, better))
+    return [*trials, Trial("turned and inverted picture", *both)]
+
+
+def turned_and_inverted(content: Image) -> Image:
+    """Content (N, N, 3) turned by a quarter, bright where it was dark; nowhere quite dark."""
+    inside = master_directions(content.shape[0])[1][..., None]
+    inverted = GREY * (1 - content / max(float(content.max()), 1.0))
+    return np.ascontiguousarray(np.rot90(np.maximum(inverted, DIM) * inside), np.float32)
 
 
 def _judged(shown: ShownPicture, trials: list[Trial], before: Array) -> Refined:
-    """The outcome: the new calibration is kept if no picture got worse and they are better on average."""
+    """The outcome: the new calibration is kept if neither picture got worse and their mean is better."""
     own = trials[0].after if trials else shown
     free = trials[0].free if trials else shown.loop.free
     worse = _worse(trials)
@@ -175,7 +175,7 @@ def _judged(shown: ShownPicture, trials: list[Trial], before: Array) -> Refined:
         noise_floor=shown.loop.residual_rms(shown.sigma),
         left_jnd=shown.left,
         own_jnd=own.residual_jnd(free),
-        unseen=rms[1:],
+        unseen=rms[1] if rms else None,
         photographs={"before": before, "after": own.first},
         target=shown.camera.cells.average_master(shown.wanted.observed),
         free=free,

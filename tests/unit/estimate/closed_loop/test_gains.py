@@ -44,7 +44,7 @@ def test_light_that_no_gain_explains_is_not_a_gain_of_dark_cells(rng: np.random.
 
 
 def test_the_level_of_one_picture_is_not_trusted_to_a_thousandth() -> None:
-    """Levels differ by about .2 % between pictures; a lamp that aged is told from that."""
+    """Levels differ by about .2 % between pictures; a lamp that aged changes more."""
     asked = np.full(CELLS, 0.4)
     np.testing.assert_allclose(_learnt(0.001 * asked, asked, 1e-4), 0.0002, rtol=0.01)
     np.testing.assert_allclose(_learnt(-0.05 * asked, asked, 1e-4), -0.05, rtol=0.01)

@@ -27,7 +27,7 @@ def test_every_figure_of_the_loop_has_words():
         noise_floor=0.003,
         left_jnd=[9.0, 0.81],
         own_jnd=0.9,
-        unseen=[(0.02, 0.003), (0.01, 0.002)],
+        unseen=(0.02, 0.003),
         photographs={},
         target=same,
         free=same == 0,
@@ -45,6 +45,5 @@ def test_every_figure_of_the_loop_has_words():
         text["loop_left_jnd_by_iteration"] == "9\N{NO-BREAK SPACE}JND / 0.81\N{NO-BREAK SPACE}JND"
     )
     assert text["loop_own_jnd"] == "0.9\N{NO-BREAK SPACE}JND"
-    assert text["loop_unseen_before"] == f"2{THIN}% / 1{THIN}%"
-    assert text["loop_unseen_after"] == f"0.3{THIN}% / 0.2{THIN}%"
+    assert text["loop_unseen_residual"] == f"2{THIN}% / 0.3{THIN}%"
     assert text["loop_scatter_factor"] == "1 / 1.1 / 0.95"
