@@ -9,6 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from procam.devices.protocols import BackendRig, Projector
 from procam.errors import InputError
 from simulators.devices import SimulatedCamera, SimulatedProjector
+from simulators.drawn_rooms import draw_room
 from simulators.faults import apply_faults
 from simulators.presets import PRESETS, PresetName
 from simulators.scene import DomeScene, SceneSize
@@ -33,6 +34,9 @@ class Settings(BaseModel):
     rays: int = Field(default=2048, ge=64)
     server: bool = False  # the projectors are behind a media server
     server_size: int = Field(default=1024, ge=64, le=8192)
+    room: int | None = Field(
+        default=None, ge=0
+    )  # drawn at random by this number, in place of the preset
     # simulators.presets.Overrides
     albedo: float | None = Field(default=None, ge=0, le=0.95)
     snr: float | None = Field(default=None, gt=0, le=1000)  # 12 bits carry no more
@@ -60,7 +64,8 @@ def build_scene(settings: Mapping[str, Any], venue_dir: Path) -> DomeScene:
     size = SceneSize(
         s.projectors, s.projector_size, s.cameras, s.camera_size, s.camera_kind, s.rays
     )
-    preset = PRESETS[s.preset].altered(
+    drawn = PRESETS[s.preset] if s.room is None else draw_room(s.room, s.camera_size).preset
+    preset = drawn.altered(
         albedo=s.albedo, snr=s.snr, defocus_px=s.defocus_px, gamma_left=s.gamma_left
     )
     return DomeScene(preset.with_features(s.features), size, s.seed)

@@ -9,10 +9,11 @@ import numpy as np
 
 from procam.arrays import Array, Array32
 from procam.errors import InputError
-from procam.maths.geometry.lenses import Lens
+from procam.maths.geometry.lenses import Lens, project, unproject
 from procam.maths.geometry.pose import Pose
 
 UNSHARP_PX = 1.0  # Gaussian sigma of an unsharp mask [px]
+RIPPLES, RIPPLE_STEPS = 3, 4
 LARGEST = {"white_boost": 5.0, "edge_enhancement": 5.0, "pixel_shift": 4.0}  # of features
 LARGEST |= {"iris_s": 600.0, "picture_delay_s": 600.0}  # [s]
 
@@ -122,6 +123,24 @@ class ProjectorBuild:
         return np.asarray((1 - self.toe) * v**self.gamma + self.toe * v * v * (3 - 2 * v))
 
 
+@dataclass(frozen=True, slots=True)
+class CameraFlaws:
+    """What a camera has and no value of venue.toml can say.
+
+    Attributes
+    ----------
+    local_veil : share of the veiling glare that stays within a tenth of the picture.
+    vignetting_slope : relative change of its light from the middle to the right and the lower edge.
+    ripple_px : amplitude of three waves of radial distortion from the middle to the edge [px].
+    black_drift_dn : rise of the black level in 600 s [DN].
+    """
+
+    local_veil: float = 0.0
+    vignetting_slope: tuple[float, float] = (0.0, 0.0)
+    ripple_px: float = 0.0
+    black_drift_dn: float = 0.0
+
+
 @dataclass(frozen=True)
 class CameraBuild:
     """One camera on its tripod.
@@ -141,3 +160,25 @@ class CameraBuild:
     black_level: float = 64.0
     read_noise_dn: float = 1.5
     pupil: tuple[float, float] = (0.0, 0.0)
+    flaws: CameraFlaws = CameraFlaws()
+
+    def rays(self, pixel: Array) -> Array:
+        """Unit rays (..., 3) in its frame of pixels (..., 2)."""
+        return unproject(pixel + self._ripple(pixel), self.lens)
+
+    def pixels(self, point: Array) -> Array:
+        """Pixels (..., 2) of points (..., 3) in its frame."""
+        without = found = project(point, self.lens)
+        if self.flaws.ripple_px:
+            for _ in range(RIPPLE_STEPS):
+                found = without - self._ripple(found)
+        return found
+
+    def _ripple(self, pixel: Array) -> Array:
+        """Displacement (..., 2) [px] of pixels (..., 2) by what no lens model has."""
+        if not self.flaws.ripple_px:
+            return np.zeros_like(pixel)
+        away = pixel - self.lens.centre
+        radius = np.linalg.norm(away, axis=-1, keepdims=True)
+        wave = np.sin(2 * np.pi * RIPPLES * radius / (min(self.size) / 2))
+        return np.asarray(self.flaws.ripple_px * wave * away / np.maximum(radius, 1.0))

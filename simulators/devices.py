@@ -67,6 +67,7 @@ class SimulatedCamera:
         drift = 1 + self._scene.preset.drift * started / 600.0
         signal = self._sensor.signal(radiance, drift * settings.exposure_s)
         noise_stream = self._scene.noise_stream(self.name, settings)
+        signal += np.float32(self._sensor.black_drift(started))
         counts = self._sensor.digitise(signal, noise_stream, self._sensor.noise)
         clock.sleep(settings.exposure_s + READOUT_S)
         if settings.pixel_format == "mono":

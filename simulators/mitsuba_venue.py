@@ -85,16 +85,20 @@ def scattered_radiosity(
 
 
 def room_mesh(surface: Surface, channels: int = 1) -> PatchedMesh:
-    """Dome, deck and pod of a venue as built, over the patches of `transport.Room`."""
+    """Dome, deck, wall and pod of a venue as built, over the patches of `transport.Room`."""
     preset = surface.preset
-    parts = [_dome(surface), _deck(Deck.under(preset))]
+    deck = Deck.under(preset)
+    parts = [_dome(surface), _deck(deck)]
+    if deck.wall_m:
+        parts.append(_wall(deck))
     if preset.pod:
         parts.append(_pod())
     corners = [part.corners for part in parts]
     albedo = [
         _mean_albedo(surface, corners[0]),
         np.full(len(corners[1]), preset.floor_albedo),
-        *(np.full(len(c), transport.POD_ALBEDO) for c in corners[2:]),
+        *(np.full(len(c), preset.wall_albedo) for c in corners[2:][: int(deck.wall_m > 0)]),
+        *(np.full(len(c), transport.POD_ALBEDO) for c in corners[2 + int(deck.wall_m > 0) :]),
     ]
     first = np.cumsum([0, *(part.patches for part in parts)])
     patch = [part.patch + start for part, start in zip(parts, first[:-1], strict=True)]
@@ -160,6 +164,16 @@ def _deck(deck: Deck) -> _Part:
     ring = np.arange(transport.FLOOR_RINGS)
     up = np.broadcast_to(deck.up, (len(ring), COLUMNS, 3))
     return _part(points, ring, transport.FLOOR_SECTORS, up)
+
+
+def _wall(deck: Deck) -> _Part:
+    height = np.linspace(0, deck.wall_m, transport.WALL_RINGS + 1)[:, None, None]
+    turn, (first, second) = _turn()[:, None], deck.axes()
+    around = np.cos(turn) * first + np.sin(turn) * second
+    points = deck.radius_m * around + (height - deck.depth_m) * deck.up
+    ring = np.arange(transport.WALL_RINGS)
+    inwards = np.broadcast_to(-around[1:], (len(ring), COLUMNS, 3))
+    return _part(points, ring, transport.WALL_SECTORS, inwards)
 
 
 def _round(edges: Array, step: float) -> tuple[Array, IndexArray]:

@@ -1,5 +1,7 @@
 """Where the simulated projectors and cameras stand."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from procam.arrays import Array
@@ -7,42 +9,48 @@ from procam.maths.geometry.lenses import Lens
 from procam.maths.geometry.pose import Pose
 from procam.maths.geometry.sphere import direction_from_angles
 from simulators.builds import CameraBuild, ProjectorBuild
+from simulators.presets import STANDARD, Preset
 
 PROJECTOR_NAMES = ("south", "north", "east", "west", "aft", "fore")
 CAMERA_NAMES = ("zenith", "second", "third", "fourth")
 RIM_DISTANCE = 0.95  # of the radius: lenses just inside the rim
 
 
-def place_projectors(count: int, size: tuple[int, int], radius_m: float) -> list[ProjectorBuild]:
+def place_projectors(
+    count: int, size: tuple[int, int], preset: Preset = STANDARD
+) -> list[ProjectorBuild]:
     """Projectors at equal angles round the rim, each pointed at the far side."""
-    rng = np.random.default_rng(8611005)
+    rng = np.random.default_rng(preset.rig_seed)
     return [
-        _projector(PROJECTOR_NAMES[i], 2 * np.pi * i / count, size, radius_m, rng)
+        _projector(PROJECTOR_NAMES[i], 2 * np.pi * i / count, size, preset, rng)
         for i in range(count)
     ]
 
 
 def place_cameras(
-    count: int, size: tuple[int, int], kind: str, radius_m: float
+    count: int, size: tuple[int, int], kind: str, preset: Preset = STANDARD
 ) -> list[CameraBuild]:
     """Cameras near the middle of the deck, off the dome's centre, pointed upwards."""
     places = np.array(
         [[0.08, -0.06, 0.09], [-0.3, 0.2, 0.1], [0.25, 0.3, 0.08], [-0.1, -0.35, 0.1]]
     )
     turns = [(0.05, -0.03, 0.4), (-0.06, 0.04, 2.0), (0.03, 0.07, -1.1), (0.02, -0.05, 3.0)]
+    places = preset.radius_m * (places + preset.camera_shift)
     return [
-        _camera(CAMERA_NAMES[i], places[i] * radius_m, turns[i], size, kind) for i in range(count)
+        replace(_camera(CAMERA_NAMES[i], places[i], turns[i], size, kind), flaws=preset.flaws)
+        for i in range(count)
     ]
 
 
 def _projector(
-    name: str, azimuth: float, size: tuple[int, int], radius_m: float, rng: np.random.Generator
+    name: str, azimuth: float, size: tuple[int, int], preset: Preset, rng: np.random.Generator
 ) -> ProjectorBuild:
-    width, height = size
-    place = radius_m * np.array(
+    (width, height), spread = size, preset.rig_spread
+    place = preset.radius_m * np.array(
         [-RIM_DISTANCE * np.cos(azimuth), -RIM_DISTANCE * np.sin(azimuth), 0.08]
     )
-    aim = direction_from_angles(azimuth + rng.normal(0, 0.02), np.radians(15 + rng.normal(0, 1)))
+    ahead, up = azimuth + rng.normal(0, 0.02 * spread), np.radians(15 + rng.normal(0, spread))
+    aim = direction_from_angles(ahead, up)
     mix = np.array([[1.0, 0.06, 0.01], [0.05, 1.0, 0.07], [0.01, 0.05, 1.0]])
     mix = mix * (1 + rng.normal(0, 0.03, (3, 3)))
     white = np.array([0.95, 1.0, 0.9]) * (1 + rng.normal(0, 0.04, 3))

@@ -4,9 +4,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Literal, TypedDict, Unpack
 
-from simulators.builds import Features
+from simulators.builds import CameraFlaws, Features
 
 PresetName = Literal["ideal", "standard", "realistic", "faulty"]
+NO_FLAWS = CameraFlaws()
 EXPOSURE_S = 0.13  # white of one projector stays just below saturation
 
 
@@ -45,6 +46,7 @@ class Preset:
     strip_share : share of the cap beyond the projectors' blackout plates: it reflects, unlit.
     ovality, panel_step_m : radial harmonics l = 2..4 relative to the radius; panel offsets [m].
     floor_albedo, pod : the deck under the dome, and a ball-shaped instrument on it.
+    deck_drop_m, wall_albedo : how far the deck is below the dome's lowest point, and the wall between.
     albedo, albedo_smooth, seam, dust : mean reflectance, relative slow variation, relative loss
         along panel seams, relative slow drift from front to back.
     gloss : share of the reflected light that leaves in a lobe round the mirror direction.
@@ -58,6 +60,9 @@ class Preset:
     bounces : False for a room without inter-reflection.
     defocus_px, gamma_left : of all projectors; None leaves the defocus they were built with.
     features : menu features of single projectors, by name.
+    rig_seed, rig_spread : what the projectors' places and lenses are drawn with, and how widely.
+    camera_shift : of the cameras from their usual places [radii of the dome].
+    flaws : of the cameras.
     """
 
     radius_m: float = 6.0
@@ -68,6 +73,8 @@ class Preset:
     panel_step_m: float = 0.0
     floor_albedo: float = 0.08
     pod: bool = False
+    deck_drop_m: float = 0.0
+    wall_albedo: float = 0.0
     albedo: float = 0.5
     albedo_smooth: float = 0.05
     seam: float = 0.07
@@ -84,6 +91,10 @@ class Preset:
     defocus_px: float | None = None
     gamma_left: float = 1.0
     features: tuple[tuple[str, Features], ...] = ()
+    rig_seed: int = 8611005
+    rig_spread: float = 1.0
+    camera_shift: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    flaws: CameraFlaws = NO_FLAWS
 
     @property
     def noisy(self) -> bool:

@@ -10,7 +10,6 @@ import numpy as np
 
 from procam.arrays import BoolArray, Image
 from procam.errors import InputError
-from procam.maths.geometry.lenses import unproject
 from procam.model.frame import CameraSettings
 from simulators.builds import CameraBuild, ProjectorBuild
 from simulators.clock import SceneClock
@@ -50,7 +49,7 @@ class DomeScene:
         self.preset, self.size, self.seed = preset, size, seed
         self.clock = SceneClock()
         self.surface = Surface.build(preset)
-        placed = place_projectors(size.projectors, size.projector_size, preset.radius_m)
+        placed = place_projectors(size.projectors, size.projector_size, preset)
         _check_names(preset, [build.name for build in placed])
         builds = [_with_overrides(build, preset) for build in placed]
         self._like = like
@@ -67,9 +66,7 @@ class DomeScene:
             }
         self.cameras = {
             c.name: c
-            for c in place_cameras(
-                size.cameras, size.camera_size, size.camera_kind, preset.radius_m
-            )
+            for c in place_cameras(size.cameras, size.camera_size, size.camera_kind, preset)
         }
         self.states = {
             name: ProjectorState(self.clock, features=light.build.features)
@@ -143,7 +140,7 @@ class DomeScene:
             camera = self.cameras[name]
             width, height = camera.size
             pixels = np.stack(np.meshgrid(np.arange(width), np.arange(height)), -1).astype(float)
-            rays = unproject(pixels, camera.lens)
+            rays = camera.rays(pixels)
             in_circle = camera_circle(camera)
             rays = np.where(in_circle[..., None], rays, np.nan)
             back = camera.camera_from_dome.inverse()

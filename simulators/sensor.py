@@ -10,7 +10,6 @@ from scipy.special import ndtri
 
 from procam.arrays import BoolArray, Image
 from procam.errors import UnitError
-from procam.maths.geometry.lenses import unproject
 from simulators.builds import CameraBuild
 from simulators.presets import white_exposure_s
 from simulators.scene import GREEN, DomeScene, camera_circle
@@ -19,6 +18,10 @@ NORMAL_TABLE = ndtri((np.arange(2**16) + 0.5) / 2**16).astype(np.float32)
 NOISELESS_BITS = 16  # a file holds integers
 DARKEST = 0.005  # quantile of the lit pixels; a few may lie under a seam or a mark
 BORDER_SIGMAS = 4.0  # distance at which a Gaussian is negligible
+LOCAL, COARSE = (
+    0.04,
+    4,
+)  # spread of the local veil, a Gaussian sigma [share of the picture]; its grid [px]
 ROUNDING = 1 / 12  # variance of a count's rounding [DN^2]
 
 
@@ -61,12 +64,28 @@ class Sensor:
 
     def signal(self, radiance: Image, exposure_s: float) -> Image:
         """Signal (H, W, C) without noise, in the memory of the radiance (H, W, C)."""
-        glare = self._preset.glare
-        mean = self._mean_weight @ radiance.reshape(self._mean_weight.size, -1)
+        glare, local = self._preset.glare, self._build.flaws.local_veil
+        veil = self._mean_weight @ radiance.reshape(self._mean_weight.size, -1)
+        if local:
+            veil = np.float32(local) * self._spread(radiance) + np.float32(1 - local) * veil
         radiance *= np.float32(1 - glare)
-        radiance += np.float32(glare) * mean
+        radiance += np.float32(glare) * veil
         radiance *= self.vignetting * np.float32(exposure_s)
         return radiance
+
+    def black_drift(self, time_s: float) -> float:
+        """Rise of the black level by a time [full scale]."""
+        return self._build.flaws.black_drift_dn * time_s / 600.0 / self.full_dn
+
+    def _spread(self, radiance: Image) -> Image:
+        """Radiance (H, W, C) spread over `LOCAL` of the picture; computed on a coarse grid."""
+        height, width, channels = radiance.shape
+        sigma = LOCAL * min(width, height) / COARSE
+        small = cv2.resize(
+            radiance, (width // COARSE, height // COARSE), interpolation=cv2.INTER_AREA
+        )
+        soft = cv2.resize(cv2.GaussianBlur(small, (0, 0), sigma), (width, height))
+        return np.asarray(soft.reshape(height, width, channels), np.float32)
 
     def digitise(
         self, signal: Image, rng: np.random.Generator, noise: Noise | None
@@ -158,8 +177,10 @@ def _normal(rng: np.random.Generator, shape: tuple[int, ...]) -> Image:
 def _vignetting(build: CameraBuild) -> Image:
     width, height = build.size
     pixels = np.stack(np.meshgrid(np.arange(width), np.arange(height)), -1).astype(float)
-    theta = np.arccos(np.clip(unproject(pixels, build.lens)[..., 2], -1, 1))
+    theta = np.arccos(np.clip(build.rays(pixels)[..., 2], -1, 1))
     factor = np.ones_like(theta)
     for power, coefficient in enumerate(build.vignetting, start=1):
         factor += coefficient * theta ** (2 * power)
+    middle = (np.array(build.size) - 1) / 2
+    factor *= 1 + ((pixels - middle) / middle) @ np.array(build.flaws.vignetting_slope)
     return np.where(camera_circle(build), factor, 0.0).astype(np.float32)[..., None]

@@ -9,7 +9,7 @@ from procam.arrays import Array, BoolArray, Image, IndexArray
 from procam.maths.geometry.lenses import project
 from procam.maths.geometry.sphere import normalise
 from simulators.projector_light import ProjectorLight
-from simulators.transport import Deck, Room
+from simulators.transport import Room, Tracer
 
 GLOSS_EXPONENT = 20
 
@@ -22,14 +22,14 @@ class SightLines:
     ----------
     on_dome : (H, W) the line ends on the cap. albedo : (H, W) of what it ends on.
     scatter_at : (H, W, 2) where to read the dome's scattered irradiance.
-    floor : flat places of the lines that end on the deck, and the room patches there.
+    below : flat places of the lines that end on deck, wall or pod, and the room patches there.
     sources : per projector, (H, W, 2) projector pixel and (H, W) direct radiance per irradiance.
     """
 
     on_dome: BoolArray
     albedo: Image
     scatter_at: Image
-    floor: tuple[IndexArray, IndexArray]
+    below: tuple[IndexArray, IndexArray]
     sources: dict[str, tuple[Image, Image]]
 
     @classmethod
@@ -54,7 +54,7 @@ class SightLines:
             on_dome,
             albedo.astype(np.float32),
             room.dome_image_coordinates(direction),
-            _deck_patches(room, origin, rays, defined & ~on_dome),
+            _patches_below(room, origin, rays, defined & ~on_dome),
             {n: (xy, (gain * albedo).astype(np.float32)) for n, (xy, gain) in sources.items()},
         )
 
@@ -92,7 +92,7 @@ class SightLines:
         seen = cv2.remap(image, self.scatter_at, None, cv2.INTER_LINEAR)  # type: ignore[call-overload]
         seen = seen.reshape(*self.albedo.shape, -1)
         np.multiply(seen, self.albedo[..., None], out=seen)
-        place, patch = self.floor
+        place, patch = self.below
         seen.reshape(-1, seen.shape[-1])[place] = (
             patch_irradiance[patch] * room.albedo[patch][:, None]
         )
@@ -122,13 +122,12 @@ def _source(
     return where, visible * (1 - gloss + gloss * lobe)
 
 
-def _deck_patches(
+def _patches_below(
     room: Room, origin: Array, rays: Array, beyond: BoolArray
 ) -> tuple[IndexArray, IndexArray]:
-    deck = Deck.under(room.surface.preset)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        reach = -(origin @ deck.up + deck.depth_m) / (rays @ deck.up)
-        point = origin + reach[..., None] * rays
-        radius = np.linalg.norm(point + deck.depth_m * deck.up, axis=-1)
-        hit = beyond & (reach > 0) & (radius <= deck.radius_m)
-    return np.flatnonzero(hit), room.floor_patch(point[hit])
+    place = np.flatnonzero(beyond)
+    directions = rays.reshape(-1, 3)[place]
+    patch, _ = Tracer(room.surface).cast_below(
+        np.broadcast_to(origin, directions.shape), directions
+    )
+    return place[patch >= 0], patch[patch >= 0]

@@ -4,13 +4,14 @@
 """
 
 import sys
+from dataclasses import replace
 from typing import Unpack
 
 import numpy as np
 
-from procam.maths.geometry.lenses import project
 from procam.maths.geometry.sphere import direction_from_angles
 from simulators.builds import CameraBuild
+from simulators.drawn_rooms import Known, draw_room
 from simulators.placement import place_cameras, place_projectors
 from simulators.presets import PRESETS, Overrides, Preset, PresetName, white_exposure_s
 from simulators.scene import SceneSize
@@ -35,16 +36,17 @@ def venue_text(
 ) -> str:
     """A complete venue.toml for a preset, with the fiducials where the camera sees them."""
     preset, size = PRESETS[preset_name].altered(**overrides), size or SceneSize()
-    cameras = place_cameras(size.cameras, size.camera_size, size.camera_kind, preset.radius_m)
-    names = [b.name for b in place_projectors(size.projectors, (64, 40), preset.radius_m)]
-    parts = [
-        _head(preset_name, preset),
-        *(_camera(camera, preset) for camera in cameras),
-        *(_projector(name, size.projector_size) for name in names),
-        MARKS + "\n".join(_fiducials(camera, preset) for camera in cameras),
-        _tail(preset_name, white_exposure_s(preset), size, seed) + _overrides(overrides),
-    ]
-    return "\n".join(parts)
+    tail = _tail(preset_name, white_exposure_s(preset), size, seed) + _overrides(overrides)
+    return _text(f'dome, preset "{preset_name}"', preset, _known(preset, size), size, tail)
+
+
+def room_text(number: int, size: SceneSize | None = None, seed: int = 1) -> str:
+    """A complete venue.toml for a room drawn at random, as its owner knows it."""
+    size = size or SceneSize()
+    room = draw_room(number, size.camera_size)
+    size = replace(size, projectors=room.projectors)
+    tail = _tail("standard", white_exposure_s(room.preset), size, seed) + f"room = {number}\n"
+    return _text(f"dome, room {number}", room.preset, room.known, size, tail)
 
 
 def server_text(
@@ -52,17 +54,38 @@ def server_text(
 ) -> str:
     """A complete venue.toml of a dome behind a media server."""
     preset, size = PRESETS[preset_name], size or SceneSize()
-    cameras = place_cameras(size.cameras, size.camera_size, size.camera_kind, preset.radius_m)
-    head = _head(preset_name, preset).replace("dome, preset", "dome behind a media server, preset")
+    known = _known(preset, size)
     parts = [
-        head,
-        *(_camera(camera, preset) for camera in cameras),
+        _head(f'dome behind a media server, preset "{preset_name}"', preset, known),
+        *(_camera(camera, preset, known) for camera in known.cameras),
         _server(server_size),
         _tail(preset_name, SERVER_EXPOSURE_S, size, 1).replace(
             "white of one projector", "the server's full white"
         ),
     ]
     return "\n".join(parts) + f"server = true\nserver_size = {server_size}\n"
+
+
+def _text(title: str, preset: Preset, known: Known, size: SceneSize, tail: str) -> str:
+    names = [b.name for b in place_projectors(size.projectors, (64, 40), preset)]
+    cameras = place_cameras(size.cameras, size.camera_size, size.camera_kind, preset)
+    parts = [
+        _head(title, preset, known),
+        *(_camera(camera, preset, known) for camera in known.cameras),
+        *(_projector(name, size.projector_size) for name in names),
+        MARKS + "\n".join(_fiducials(camera, preset, known) for camera in cameras),
+        tail,
+    ]
+    return "\n".join(parts)
+
+
+def _known(preset: Preset, size: SceneSize) -> Known:
+    """What the owner of a preset's venue knows: nearly everything."""
+    # the owner has compared a grey card with the carpet, and recognises black paint
+    floor = (0.1, 0.03) if preset.floor_albedo else (0.0, 0.01)
+    glare = (preset.glare, preset.glare / 10) if preset.glare_known else (0.0, 0.01)
+    cameras = place_cameras(size.cameras, size.camera_size, size.camera_kind, preset)
+    return Known(preset.half_angle_deg, preset.tilt_deg, floor, glare, tuple(cameras))
 
 
 def _server(size: int) -> str:
@@ -77,26 +100,23 @@ control = {{ protocol = "escvp21", port = "backend" }}  # or a device such as "/
 """
 
 
-def _head(name: str, preset: Preset) -> str:
-    # the owner has compared a grey card with the carpet, and recognises black paint
-    floor = (0.1, 0.03) if preset.floor_albedo else (0.0, 0.01)
+def _head(title: str, preset: Preset, known: Known) -> str:
     return f"""\
-# A simulated dome, preset "{name}". It has every key that a real venue needs, with its unit.
+# A simulated {title}. It has every key that a real venue needs, with its unit.
 
 [screen]
 kind = "dome"
 radius_m = {preset.radius_m}
-half_angle_deg = {preset.half_angle_deg}      # pole to rim: all of the cap that reflects, lit or not
-tilt_deg = {preset.tilt_deg}            # lean of the pole towards the audience's front
-floor_albedo = {floor[0]}        # an estimate for the deck under the dome; it affects the
-floor_albedo_sigma = {floor[1]}  # albedo only, never the compensation
+half_angle_deg = {known.half_angle_deg}      # pole to rim: all of the cap that reflects, lit or not
+tilt_deg = {known.tilt_deg}            # lean of the pole towards the audience's front
+floor_albedo = {known.floor[0]}        # an estimate for the deck under the dome; it affects the
+floor_albedo_sigma = {known.floor[1]}  # albedo only, never the compensation
 """
 
 
-def _camera(camera: CameraBuild, preset: Preset) -> str:
+def _camera(camera: CameraBuild, preset: Preset, known: Known) -> str:
     lens = camera.lens
     bits = camera.bits if preset.noisy else 16
-    glare, sigma = (preset.glare, preset.glare / 10) if preset.glare_known else (0.0, 0.01)
     return f"""\
 [cameras.{camera.name}]
 backend = "simulated"
@@ -105,13 +125,13 @@ model = "{lens.kind}"
 f = {_numbers(lens.focal)}        # focal lengths [px]
 c = {_numbers(lens.centre)}       # principal point [px]; (0, 0) is the centre of the first pixel
 k = {_numbers(lens.distortion)}
-intrinsics = "fixed"
+intrinsics = "{known.intrinsics}"
 response = "linear"
 bits = {bits}
 black_level = {camera.black_level}
 vignetting = {list(camera.vignetting)}   # 1 + v1 theta^2 + v2 theta^4, theta off the axis [rad]
-glare = {glare}              # veiling glare: share of the frame's mean that is added to every pixel
-glare_sigma = {sigma:g}
+glare = {known.glare[0]}              # veiling glare: share of the frame's mean that is added to every pixel
+glare_sigma = {known.glare[1]:g}
 """
 
 
@@ -124,22 +144,25 @@ control = {{ protocol = "escvp21", port = "backend" }}  # or a device such as "/
 """
 
 
-def _fiducials(camera: CameraBuild, preset: Preset) -> str:
-    surface = Surface.build(preset)
-    lines = []
+def _fiducials(camera: CameraBuild, preset: Preset, known: Known) -> str:
+    surface, lines = Surface.build(preset), []
+    rng = None if known.seed is None else np.random.default_rng(known.seed)
     for name, (azimuth, elevation) in FIDUCIALS_DEG.items():
         direction = direction_from_angles(np.radians(azimuth), np.radians(elevation))
         point = direction * surface.radius(direction)
-        pixel = project(camera.camera_from_dome.apply(point), camera.lens)
+        pixel = camera.pixels(camera.camera_from_dome.apply(point))
+        off_deg, off_px = np.zeros((2, 2)) if rng is None else rng.normal(size=(2, 2))
+        off_deg = known.survey_deg * off_deg / (np.cos(np.radians(elevation)), 1.0)
+        pixel = pixel + known.click_px * off_px
         lines.append(f"""\
 [[fiducials]]
 name = "{name}"
-azimuth_deg = {azimuth}
-elevation_deg = {elevation}
-sigma_deg = 0.01
+azimuth_deg = {round(azimuth + off_deg[0], 5)}
+elevation_deg = {round(elevation + off_deg[1], 5)}
+sigma_deg = {known.survey_deg}
 camera = "{camera.name}"
 pixel = [{pixel[0]:.2f}, {pixel[1]:.2f}]
-sigma_px = 0.01          # exact here; a click by hand has about 0.3
+sigma_px = {known.click_px}          # exact here; a click by hand has about 0.3
 """)
     return "\n".join(lines)
 

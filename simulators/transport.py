@@ -1,7 +1,7 @@
 """Light between patches of the room by flux tracing: rays, hits and counts, no closed form.
 
 Each patch sends cosine-distributed rays from stratified points; the share that hits another patch is the
-form factor between them. Rays are intersected with the true dome, deck and pod. All bounces follow from
+form factor between them. Rays are intersected with the true dome, deck, wall and pod. All bounces follow from
 the linear system E = F (b0 + rho E), solved once per room.
 """
 
@@ -17,6 +17,7 @@ from simulators.surface import Surface
 
 DOME_RINGS, DOME_SECTORS = 30, 60
 FLOOR_RINGS, FLOOR_SECTORS = 8, 24
+WALL_RINGS, WALL_SECTORS = 3, 24
 POD_RINGS, POD_SECTORS = 6, 12
 POD_CENTRE_M = np.array([0.8, 1.0, -0.15])
 POD_RADIUS_M = 0.55
@@ -27,19 +28,25 @@ BATCH = 8  # patches cast together: few Python calls, and arrays that fit the ca
 
 @dataclass(frozen=True)
 class Deck:
-    """The level floor under a tilted dome: the disc that the floor plane cuts out of the sphere."""
+    """The level floor under a tilted dome, and the round wall between them.
+
+    `depth_m` is that of the floor below the sphere's centre; `radius_m` that of the disc that a level plane
+    cuts out of the sphere at the wall's upper end, `wall_m` above the floor.
+    """
 
     up: Array
     depth_m: float
     radius_m: float
+    wall_m: float = 0.0
 
     @classmethod
     def under(cls, preset: Preset) -> "Deck":
-        """The deck through the lowest point of the rim (or the springline, for shallow caps)."""
+        """The deck, `deck_drop_m` below the lowest point of the rim (or the springline, of shallow caps)."""
         tilt = np.radians(preset.tilt_deg)
         depth = preset.radius_m * np.sin(tilt)
         up = np.array([-np.sin(tilt), 0.0, np.cos(tilt)])
-        return cls(up, float(depth), float(np.sqrt(preset.radius_m**2 - depth**2)))
+        radius = float(np.sqrt(preset.radius_m**2 - depth**2))
+        return cls(up, float(depth + preset.deck_drop_m), radius, preset.deck_drop_m)
 
     def axes(self) -> tuple[Array, Array]:
         """Two unit vectors that span the deck."""
@@ -51,8 +58,8 @@ class Deck:
 class Room:
     """Patches of the room and the light they exchange.
 
-    Patches are ordered dome (rings of equal area from the pole), deck, pod. `exchange` (P, P) holds the form
-    factors: irradiance_i = sum_j exchange_ij radiosity_j. `area_m2`, `albedo` are (P,).
+    Patches are ordered dome (rings of equal area from the pole), deck, wall, pod. `exchange` (P, P) holds the
+    form factors: irradiance_i = sum_j exchange_ij radiosity_j. `area_m2`, `albedo` are (P,).
     """
 
     surface: Surface
@@ -64,7 +71,7 @@ class Room:
     @classmethod
     def trace(cls, surface: Surface, rays: int = 2048) -> "Room":
         """Trace `rays` rays (a power of two) from every patch."""
-        tracer = _Tracer(surface)
+        tracer = Tracer(surface)
         return cls.painted(surface, tracer.exchange(rays), tracer.area_m2, tracer.patch_albedo())
 
     @classmethod
@@ -109,12 +116,8 @@ class Room:
         row = np.clip(row, 0, DOME_RINGS - 1)
         return np.stack([column, row], axis=-1).astype(np.float32)
 
-    def floor_patch(self, point: Array) -> IndexArray:
-        """Patch index (...) of points [m] on the deck."""
-        return _floor_patch(point, Deck.under(self.surface.preset))
 
-
-class _Tracer:
+class Tracer:
     """The rays between patches."""
 
     def __init__(self, surface: Surface) -> None:
@@ -122,8 +125,10 @@ class _Tracer:
         self.deck = Deck.under(surface.preset)
         self.dome_count = DOME_RINGS * DOME_SECTORS
         self.floor_count = FLOOR_RINGS * FLOOR_SECTORS
+        self.wall_count = WALL_RINGS * WALL_SECTORS if self.deck.wall_m else 0
         self.pod_count = POD_RINGS * POD_SECTORS if surface.preset.pod else 0
-        self.count = self.dome_count + self.floor_count + self.pod_count
+        self.before_pod = self.dome_count + self.floor_count + self.wall_count
+        self.count = self.before_pod + self.pod_count
         self.area_m2 = self._areas()
 
     def patch_albedo(self) -> Array:
@@ -134,7 +139,8 @@ class _Tracer:
             for i in range(self.dome_count)
         ]
         floor = np.full(self.floor_count, self.surface.preset.floor_albedo)
-        return np.concatenate([dome, floor, np.full(self.pod_count, POD_ALBEDO)])
+        wall = np.full(self.wall_count, self.surface.preset.wall_albedo)
+        return np.concatenate([dome, floor, wall, np.full(self.pod_count, POD_ALBEDO)])
 
     def exchange(self, rays: int) -> Array:
         """(P, P) share of the rays of each row's patch that hit each column's patch."""
@@ -166,6 +172,9 @@ class _Tracer:
         floor = np.pi * np.diff(rho**2)
         pod_ring = np.full(POD_RINGS, 4 * np.pi * POD_RADIUS_M**2 / POD_RINGS)
         parts = [np.full(self.dome_count, dome), np.repeat(floor / FLOOR_SECTORS, FLOOR_SECTORS)]
+        if self.wall_count:
+            wall = 2 * np.pi * self.deck.radius_m * self.deck.wall_m
+            parts.append(np.full(self.wall_count, wall / self.wall_count))
         if self.pod_count:
             parts.append(np.repeat(pod_ring / POD_SECTORS, POD_SECTORS))
         return np.concatenate(parts)
@@ -187,8 +196,10 @@ class _Tracer:
         elif patch < self.dome_count + self.floor_count:
             point = self._floor_point(patch - self.dome_count, place)
             normal = np.broadcast_to(self.deck.up, point.shape)
+        elif patch < self.before_pod:
+            point, normal = self._wall_point(patch - self.dome_count - self.floor_count, place)
         else:
-            normal = _pod_normal(patch - self.dome_count - self.floor_count, place)
+            normal = _pod_normal(patch - self.before_pod, place)
             point = POD_CENTRE_M + POD_RADIUS_M * normal
         return point + START_OFFSET_M * normal, _cosine_directions(normal, aim)
 
@@ -201,6 +212,15 @@ class _Tracer:
         plane = (rho * np.cos(angle))[:, None] * first + (rho * np.sin(angle))[:, None] * second
         return np.asarray(plane - self.deck.depth_m * self.deck.up)
 
+    def _wall_point(self, patch: int, uv: Array) -> tuple[Array, Array]:
+        """Points (n, 3) [m] on a patch of the wall, and its normals (n, 3)."""
+        ring, sector = divmod(patch, WALL_SECTORS)
+        height = (ring + uv[:, :1]) / WALL_RINGS * self.deck.wall_m - self.deck.depth_m
+        angle = (sector + uv[:, 1:]) / WALL_SECTORS * 2 * np.pi
+        first, second = self.deck.axes()
+        outwards = np.cos(angle) * first + np.sin(angle) * second
+        return self.deck.radius_m * outwards + height * self.deck.up, -outwards
+
     def _cast(self, origin: Array, direction: Array) -> IndexArray:
         """Patch that each ray hits first; -1 where it leaves the room."""
         point = self.surface.intersect(origin, direction)
@@ -208,12 +228,18 @@ class _Tracer:
         on_cap = unit[:, 2] >= np.cos(self.surface.half_angle)
         hit = np.where(on_cap, dome_patch(unit, self.surface.half_angle), -1)
         distance = np.where(on_cap, np.linalg.norm(point - origin, axis=-1), np.inf)
-        casters = [self._cast_floor, self._cast_pod] if self.pod_count else [self._cast_floor]
-        for caster in casters:
-            other, reach = caster(origin, direction)
-            nearer = reach < distance
-            hit, distance = np.where(nearer, other, hit), np.where(nearer, reach, distance)
-        return hit
+        below, reach = self.cast_below(origin, direction)
+        return np.where(reach < distance, below, hit)
+
+    def cast_below(self, origin: Array, direction: Array) -> tuple[IndexArray, Array]:
+        """Patch of deck, wall or pod that each ray (n, 3) hits first, -1 for none, and how far it is [m]."""
+        hit, distance = self._cast_floor(origin, direction)
+        for caster, count in (self._cast_wall, self.wall_count), (self._cast_pod, self.pod_count):
+            if count:
+                other, reach = caster(origin, direction)
+                nearer = reach < distance
+                hit, distance = np.where(nearer, other, hit), np.where(nearer, reach, distance)
+        return np.where(np.isfinite(distance), hit, -1), distance
 
     def _cast_floor(self, origin: Array, direction: Array) -> tuple[IndexArray, Array]:
         speed = direction @ self.deck.up
@@ -226,6 +252,21 @@ class _Tracer:
         reach = np.where(inside <= self.deck.radius_m, reach, np.inf)
         return _floor_patch(point, self.deck), reach
 
+    def _cast_wall(self, origin: Array, direction: Array) -> tuple[IndexArray, Array]:
+        up, axes = self.deck.up, np.stack(self.deck.axes(), axis=1)
+        start, step = origin @ axes, direction @ axes
+        speed = np.maximum(np.sum(step**2, axis=1), 1e-30)
+        along = np.sum(start * step, axis=1) / speed
+        square = along**2 - (np.sum(start**2, axis=1) - self.deck.radius_m**2) / speed
+        reach = np.sqrt(np.maximum(square, 0)) - along
+        height = (origin + reach[:, None] * direction) @ up + self.deck.depth_m
+        met = (square > 0) & (reach > START_OFFSET_M) & (height >= 0) & (height <= self.deck.wall_m)
+        ring = np.clip(height / self.deck.wall_m * WALL_RINGS, 0, WALL_RINGS - 1).astype(np.intp)
+        end = start + reach[:, None] * step
+        sector = _sector(end[:, 0], end[:, 1], WALL_SECTORS)
+        patch = self.dome_count + self.floor_count + ring * WALL_SECTORS + sector
+        return patch, np.where(met, reach, np.inf)
+
     def _cast_pod(self, origin: Array, direction: Array) -> tuple[IndexArray, Array]:
         offset = origin - POD_CENTRE_M
         along = np.sum(offset * direction, axis=-1)
@@ -233,8 +274,7 @@ class _Tracer:
         reach = -along - np.sqrt(np.maximum(discriminant, 0))
         reach = np.where((discriminant > 0) & (reach > 2 * START_OFFSET_M), reach, np.inf)
         normal = offset + np.where(np.isfinite(reach), reach, 0.0)[:, None] * direction
-        patch = self.dome_count + self.floor_count + _pod_patch(normal / POD_RADIUS_M)
-        return patch, reach
+        return self.before_pod + _pod_patch(normal / POD_RADIUS_M), reach
 
 
 def _cosine_directions(normal: Array, aim: Array) -> Array:
@@ -261,9 +301,17 @@ def _floor_patch(point: Array, deck: Deck) -> IndexArray:
     first, second = deck.axes()
     u, v = point @ first, point @ second
     ring = np.clip(np.hypot(u, v) / deck.radius_m * FLOOR_RINGS, 0, FLOOR_RINGS - 1)
-    sector = np.minimum((np.arctan2(v, u) / (2 * np.pi) % 1.0) * FLOOR_SECTORS, FLOOR_SECTORS - 1)
-    local = ring.astype(np.intp) * FLOOR_SECTORS + sector.astype(np.intp)
-    return DOME_RINGS * DOME_SECTORS + local
+    return (
+        DOME_RINGS * DOME_SECTORS
+        + ring.astype(np.intp) * FLOOR_SECTORS
+        + _sector(u, v, FLOOR_SECTORS)
+    )
+
+
+def _sector(x: Array, y: Array, sectors: int) -> IndexArray:
+    """Sector (...) of a circle in which (x, y) lies."""
+    turn = np.arctan2(y, x) / (2 * np.pi) % 1.0
+    return np.minimum((turn * sectors).astype(np.intp), sectors - 1)
 
 
 def _pod_normal(patch: int, uv: Array) -> Array:

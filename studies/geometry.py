@@ -84,9 +84,10 @@ def _row(case: Case, seed: int) -> dict[str, float | str]:
 def run(case: Case, seed: int) -> dict[str, float | str]:
     """Figures of one rig."""
     rng = np.random.default_rng(seed)
-    surface = Surface.build(replace(case.preset, radius_m=RADIUS_M))
-    projectors = place_projectors(PROJECTORS, PANEL, RADIUS_M)
-    placed = place_cameras(CAMERAS, CAMERA, "fisheye", RADIUS_M)
+    preset = replace(case.preset, radius_m=RADIUS_M)
+    surface = Surface.build(preset)
+    projectors = place_projectors(PROJECTORS, PANEL, preset)
+    placed = place_cameras(CAMERAS, CAMERA, "fisheye", preset)
     dome = Dome(surface, *perturb_rig(projectors, placed, rng))
     problem = _problem(dome, case.patch_px, rng)
     started = time.perf_counter()

@@ -111,7 +111,7 @@ def desk_veil(
     cameras: Mapping[str, CameraModel], preset: PresetName, size: SceneSize, seed: int
 ) -> VeilingGlare:
     """Veiling glare of the first camera, from photographs of a bright wall with a light trap."""
-    build = place_cameras(1, size.camera_size, size.camera_kind, PRESETS[preset].radius_m)[0]
+    build = place_cameras(1, size.camera_size, size.camera_kind, PRESETS[preset])[0]
     sensor = Sensor(
         SimpleNamespace(preset=PRESETS[preset], cameras={build.name: build}), build.name
     )

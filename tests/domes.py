@@ -47,9 +47,10 @@ class SimulatedDome:
     ) -> "SimulatedDome":
         """A rig that is installed differently for every seed."""
         rng = np.random.default_rng(seed)
-        builds = place_projectors(projectors, (1920, 1200), radius_m)
-        placed = place_cameras(cameras, (2048, 2048), "fisheye", radius_m)
-        surface = Surface.build(replace(preset, radius_m=radius_m))
+        preset = replace(preset, radius_m=radius_m)
+        builds = place_projectors(projectors, (1920, 1200), preset)
+        placed = place_cameras(cameras, (2048, 2048), "fisheye", preset)
+        surface = Surface.build(preset)
         return cls(surface, *perturb_rig(builds, placed, rng), rng)
 
     @property

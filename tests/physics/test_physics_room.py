@@ -44,7 +44,7 @@ def trace() -> Tracer:
                     patch.setattr(simulators.transport, f"{part}_SECTORS", sectors)
                 if not smooth:
                     patch.setattr(
-                        simulators.transport._Tracer,
+                        simulators.transport.Tracer,
                         "_smooth_over_neighbours",
                         lambda _, matrix: matrix,
                     )

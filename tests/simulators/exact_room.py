@@ -18,7 +18,7 @@ SIZE = SceneSize(projectors=2, projector_size=PANEL, camera_size=(200, 200), ray
 
 def _exact_room(surface: Surface, rays: int = 0) -> Room:
     """A black deck under a perfect sphere: E = a / A_s between all patches of the dome (eq. 7)."""
-    tracer = simulators.transport._Tracer(surface)
+    tracer = simulators.transport.Tracer(surface)
     exchange = np.zeros((tracer.count, tracer.count))
     dome = slice(tracer.dome_count)
     exchange[dome, dome] = tracer.area_m2[dome] / (4 * np.pi * surface.preset.radius_m**2)

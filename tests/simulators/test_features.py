@@ -22,7 +22,7 @@ from simulators.projector_state import ProjectorState
 from simulators.scene import ALL_BANDS, DomeScene
 from simulators.surface import Surface
 
-BUILD = place_projectors(1, PANEL, 6.0)[0]
+BUILD = place_projectors(1, PANEL)[0]
 RNG = np.random.default_rng(5)
 
 

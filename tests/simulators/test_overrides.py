@@ -297,7 +297,7 @@ class TestGamma:
             [s[lit].mean() for s in bench.photograph(np.full_like(WHITE, g) for g in grey)]
         )
         found = (signals - signals[0]) / (signals[-1] - signals[0])
-        (nominal,) = place_projectors(1, PANEL, IDEAL.radius_m)
+        (nominal,) = place_projectors(1, PANEL, IDEAL)
         v = np.rint(grey / 255 * 1023)[:, None] / 1023  # the input has 10 bits
         toe = nominal.toe * v * v * (3 - 2 * v)
         primaries = (1 - nominal.toe) * v ** (nominal.gamma * factor) + toe

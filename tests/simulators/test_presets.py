@@ -53,7 +53,7 @@ def test_fiducials_are_where_the_camera_sees_them(
     (folder / "venue.toml").write_text(template_text(f"simulated-{name}"))
     venue = load_venue(folder)
     surface = Surface.build(PRESETS[name])  # type: ignore[index]
-    (build,) = place_cameras(1, (1600, 1600), "fisheye", 6.0)
+    (build,) = place_cameras(1, (1600, 1600), "fisheye")
     assert len(venue.fiducials) == 3
     for mark in venue.fiducials:
         assert mark.azimuth is not None and mark.elevation is not None
@@ -66,7 +66,7 @@ def test_fiducials_are_where_the_camera_sees_them(
 class TestRig:
     @pytest.mark.parametrize("count", [1, 2, 6])
     def test_projectors_are_inside_the_rim_and_pointed_across(self, count: int) -> None:
-        builds = place_projectors(count, (1280, 800), 6.0)
+        builds = place_projectors(count, (1280, 800))
         assert len({b.name for b in builds}) == count
         for build in builds:
             place = build.projector_from_dome.origin
@@ -75,14 +75,14 @@ class TestRig:
             assert ahead @ place < -0.8 * 6
 
     def test_no_two_are_alike(self) -> None:
-        one, two = place_projectors(2, (1280, 800), 6.0)
+        one, two = place_projectors(2, (1280, 800))
         assert not np.allclose(one.lens.focal, two.lens.focal, rtol=1e-4)
         assert not np.allclose(one.colour_mix, two.colour_mix, rtol=1e-3)
         assert not np.allclose(one.gamma, two.gamma, rtol=1e-4)
 
     def test_pictures_are_the_right_way_round(self) -> None:
         """Top of the panel is up on the dome, and its left is left as seen from the projector."""
-        (build,) = place_projectors(1, (1280, 800), 6.0)
+        (build,) = place_projectors(1, (1280, 800))
         ahead = build.projector_from_dome.rotation[2]
         higher = ahead + np.array([0.0, 0.0, 0.2])
         left = ahead + np.cross([0.0, 0.0, 1.0], ahead) * 0.2
@@ -94,12 +94,12 @@ class TestRig:
 
     @pytest.mark.parametrize("kind", ["fisheye", "pinhole"])
     def test_cameras_point_up_from_off_the_centre(self, kind: str) -> None:
-        for build in place_cameras(4, (400, 400), kind, 6.0):
+        for build in place_cameras(4, (400, 400), kind):
             assert build.camera_from_dome.rotation[2] @ [0, 0, 1] > 0.95
             assert 0.05 * 6 < np.linalg.norm(build.camera_from_dome.origin) < 0.5 * 6
 
     def test_the_front_is_to_the_right_of_the_first_camera(self) -> None:
         """Rotated by 0.4 rad, so the front is to the right of the middle."""
-        (build,) = place_cameras(1, (400, 400), "fisheye", 6.0)
+        (build,) = place_cameras(1, (400, 400), "fisheye")
         front = 6.0 * direction_from_angles(0.0, np.radians(30.0))
         assert project(build.camera_from_dome.apply(front), build.lens)[0] > 300

@@ -42,7 +42,7 @@ class Solved:
 
 def stick_tags(session: Session) -> None:
     """Draw tags into the pictures of white, as if they were on the dome."""
-    (build,) = place_cameras(1, SIZE.camera_size, "fisheye", RADIUS_M)
+    (build,) = place_cameras(1, SIZE.camera_size, "fisheye")
     tags = [Printed(n, *np.radians(place), EDGE_M) for n, place in PLACES_DEG.items()]
     pose = build.camera_from_dome
     white = whiteness(tags, build.lens, build.size, pose, RADIUS_M)[..., None]
@@ -80,7 +80,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Solved]:
 
 def test_the_rig_is_rotated_to_the_tags(run: Solved) -> None:
     calibration = load_calibration(Path(run.events[-1].data["calibration"]))
-    (build,) = place_cameras(1, SIZE.camera_size, "fisheye", RADIUS_M)
+    (build,) = place_cameras(1, SIZE.camera_size, "fisheye")
     found = calibration.cameras[CAMERA].camera_from_dome
     assert found is not None
     turn = rotation_vector(found.rotation @ build.camera_from_dome.rotation.T)

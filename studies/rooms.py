@@ -1,0 +1,168 @@
+"""Errors and intervals of whole calibrations in rooms that nobody designed for.
+
+Every room is drawn at random (`simulators.drawn_rooms`): dome, paint, deck, wall, rig, camera and what its
+owner knows. Each is captured, solved and compared with the truth. Writes studies/rooms.json and
+studies/rooms.md; `python -m studies rooms` remakes them in an hour and a half.
+"""
+
+import json
+import os
+import tempfile
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from functools import cache
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from procam.arrays import Array
+from procam.errors import ProcamError
+from procam.files.calibration import load_calibration
+from procam.files.venue.load import load_venue
+from procam.maths.geometry.sphere import angle_between
+from procam.model.calibration import Calibration
+from procam.workflows.capture.capture import capture, prepare_session
+from procam.workflows.solve.calibrate import solve
+from procam.workflows.venue_rig import open_rig
+from simulators.presets import Preset
+from simulators.scene import SceneSize
+from simulators.surface import Surface
+from simulators.template import room_text
+from simulators.transport import Room
+from simulators.truth import write_truth
+from studies.photometry import response_error
+
+HERE = Path(__file__).parent
+ROOMS = range(1, 121)
+SIZE = SceneSize(projector_size=(480, 300), camera_size=(600, 600), rays=1024)
+WORKERS = 2
+ARCMIN = 60 * 180 / np.pi
+EVERY = 7  # pixel of a projector whose direction is compared
+TRACE = Room.trace
+
+
+def calibrate_room(number: int, folder: Path, size: SceneSize = SIZE) -> dict[str, Any]:
+    """Figures of one room; `refused` has procam's words if it would not calibrate."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "venue.toml").write_text(room_text(number, size))
+    venue = load_venue(folder)
+    row: dict[str, Any] = {"room": number, "projectors": len(venue.table.projectors)}
+    row["intrinsics"] = next(iter(venue.table.cameras.values())).intrinsics
+    try:
+        with open_rig(venue) as rig:
+            session = prepare_session(venue, folder / "sessions" / "0001")
+            for _ in capture(rig, venue, session):
+                pass
+        *_, last = solve(venue, session)
+    except ProcamError as error:
+        return row | {"refused": str(error)}
+    write_truth(venue.backends["simulated"], folder, folder / "truth", {})
+    found = load_calibration(Path(last.data["calibration"]))
+    return row | _figures(found, load_calibration(folder / "truth"))
+
+
+def _figures(found: Calibration, truth: Calibration) -> dict[str, Any]:
+    """Errors, and what was stated of them; light in the green channel, as channels share their errors."""
+    floor = found.quality["floor_albedo_by_light"]
+    relative, absolute, stated = direction_errors(found, truth)
+    return {
+        "m": _compared(found.feedback.value[1], found.feedback.sigma[1], truth.feedback.value[1]),
+        "albedo": _compared(found.albedo.value[1], found.albedo.sigma[1], truth.albedo.value[1]),
+        "floor": _compared(
+            floor.value, float(floor.note.removeprefix("sigma ")), truth.screen.floor_albedo
+        ),
+        "response_error": response_error(found, truth),
+        "relative_arcmin": relative,
+        "absolute_arcmin": absolute,
+        "stated_arcmin": stated,
+        "notes": list(found.provenance["notes"]),
+    }
+
+
+def _compared(value: float, sigma: float, true: float) -> list[float]:
+    return [float(value), float(sigma), float(true)]
+
+
+def direction_errors(found: Calibration, truth: Calibration) -> tuple[float, float, float]:
+    """Root mean squares [arcmin] of direction errors less their common rotation, of all, and as stated."""
+    a, b, stated = list[Array](), list[Array](), list[Array]()
+    for name, projector in truth.projectors.items():
+        both = projector.surface.valid & found.projectors[name].surface.valid
+        both &= np.indices(both.shape).sum(axis=0) % EVERY == 0
+        a.append(found.projectors[name].surface.direction[both].astype(float))
+        b.append(projector.surface.direction[both].astype(float))
+        stated.append(found.projectors[name].surface.sigma_arcmin[both].astype(float))
+    first, second = np.concatenate(a), np.concatenate(b)
+    turn, _ = Rotation.align_vectors(second, first)
+    relative, absolute = (angle_between(x, second) * ARCMIN for x in (turn.apply(first), first))
+    return _rms(relative), _rms(absolute), _rms(np.concatenate(stated))
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def table(rows: list[dict[str, Any]]) -> Iterator[str]:
+    """Markdown lines: a row per estimate."""
+    solved = [row for row in rows if "refused" not in row]
+    yield "| estimate | rooms | error: mean, rms, worst | within 95 % interval | mean of abs(z) | median sigma |"
+    yield "|---|---|---|---|---|---|"
+    for name, scale in ("m", None), ("albedo", None), ("floor", 1.0):
+        value, sigma, true = np.array([row[name] for row in solved]).T
+        error, z = (value - true) / (scale or true), (value - true) / sigma
+        widths = np.median(sigma / (scale or value))
+        yield (
+            f"| {name} | {len(z)} | {error.mean():+.4f}, {_rms(error):.4f}, {error[np.abs(error).argmax()]:+.4f} | "
+            f"{np.mean(np.abs(z) < 1.96):.0%} | {np.abs(z).mean():.2f} | {widths:.4f} |"
+        )
+    errors, stated = (
+        np.array([row[key] for row in solved]) for key in ("absolute_arcmin", "stated_arcmin")
+    )
+    relative = np.array([row["relative_arcmin"] for row in solved])
+    response = np.array([row["response_error"] for row in solved])
+    yield (
+        f"| directions [arcmin] | {len(errors)} | {errors.mean():.2f}, {_rms(errors):.2f}, {errors.max():.2f} | "
+        f"{np.mean(errors < 1.96 * stated):.0%} | {np.mean(errors / stated):.2f} | {np.median(stated):.2f} |"
+    )
+    yield (
+        f"| directions less a common rotation [arcmin] | {len(relative)} | {relative.mean():.2f}, "
+        f"{_rms(relative):.2f}, {relative.max():.2f} | | | |"
+    )
+    yield (
+        f"| response, rms of range | {len(response)} | {response.mean():.4f}, {_rms(response):.4f}, "
+        f"{response.max():.4f} | | | |"
+    )
+
+
+@cache
+def _traced(preset: Preset, rays: int) -> Room:
+    """A venue's room, traced once for its capture and its truth."""
+    return TRACE(Surface.build(preset), rays)
+
+
+def _row(number: int) -> dict[str, Any]:
+    Room.trace = lambda surface, rays: _traced(surface.preset, rays)
+    with tempfile.TemporaryDirectory() as folder:
+        return calibrate_room(number, Path(folder))
+
+
+def run_rooms(numbers: range) -> list[dict[str, Any]]:
+    """Rows of many rooms, side by side."""
+    os.environ["OPENBLAS_NUM_THREADS"] = "1"  # each worker has a core of its own
+    rows = []
+    with ProcessPoolExecutor(WORKERS, mp_context=get_context("spawn")) as pool:
+        for row in pool.map(_row, numbers):
+            rows.append(row)
+            print(row, flush=True)
+    return rows
+
+
+def main() -> None:
+    """Run all rooms and write the results."""
+    rows = run_rooms(ROOMS)
+    document = {"command": "python -m studies rooms", "rows": rows}
+    (HERE / "rooms.json").write_text(json.dumps(document, indent=1) + "\n")
+    (HERE / "rooms.md").write_text("\n".join(["# Rooms drawn at random", "", *table(rows)]) + "\n")
