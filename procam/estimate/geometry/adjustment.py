@@ -30,6 +30,7 @@ from procam.estimate.geometry.model import (
 )
 from procam.estimate.geometry.start import ProjectorPrior
 from procam.kernels import ShapeDerivatives
+from procam.maths.geometry.lens_derivatives import lens_parameters
 from procam.maths.geometry.lenses import unproject
 from procam.maths.geometry.ray_to_screen import RoundShape
 from procam.model.optics import CameraModel, Distance, Fiducial
@@ -125,7 +126,7 @@ def prior_sigmas(problem: RigProblem, rig: RigGeometry) -> Array:
             block[POSE:] = 0.0
             continue
         focal, centre, distortion = lens_prior
-        block[POSE : POSE + 2] = focal * camera.lens.focal
+        block[POSE : POSE + 2] = focal * problem.cameras[name].lens.focal
         block[POSE + 2 : POSE + 4] = centre * max(camera.size)
         block[POSE + 4 : -PUPIL] = distortion / 4.0 ** np.arange(camera.lens.distortion.size)
         block[-PUPIL:] = PUPIL_PRIOR_M
@@ -133,6 +134,20 @@ def prior_sigmas(problem: RigProblem, rig: RigGeometry) -> Array:
         distortions = BROWN_PRIOR if projector.lens.kind == "brown" else FISHEYE_PRIOR
         sigma[layout.projectors[name]][POSE + 4 :] = distortions
     return sigma
+
+
+def prior_departures(problem: RigProblem, rig: RigGeometry) -> Array:
+    """How far (P,) the parameters of a rig with priors are from what the problem says; 0 for the others."""
+    layout = ParameterLayout.of(rig)
+    away = np.zeros(layout.count)
+    away[layout.screen][1:] = rig.shape.harmonic_coefficients
+    for name, camera in rig.cameras.items():
+        known = problem.cameras[name]
+        given, found = (np.r_[lens_parameters(c.lens), c.pupil] for c in (known, camera))
+        away[layout.cameras[name]][POSE:] = found - given
+    for name, projector in rig.projectors.items():
+        away[layout.projectors[name]][POSE + 4 :] = projector.lens.distortion
+    return away
 
 
 class Adjustment:
@@ -158,7 +173,8 @@ class Adjustment:
         DidNotConverge
             If the plain phase finds no minimum.
         """
-        moved, (damping, easing) = np.zeros(len(self.prior)), DAMPING[robust]
+        # from what venue.toml says, not from where an earlier stage ended
+        moved, (damping, easing) = prior_departures(self.problem, rig), DAMPING[robust]
         self._update_derivatives(rig)
         scale = self._robust_sigmas(rig) if robust else self._scales(rig)
         for _ in range(ROBUST_ROUNDS if robust else ROUNDS):

@@ -21,13 +21,14 @@ from procam.kernels import (
 )
 from procam.kernels.bundle.reference import bundle_rows, rays_sent
 from procam.maths.geometry.lens_derivatives import lens_parameters
-from procam.maths.geometry.lenses import Lens, unproject
+from procam.maths.geometry.lenses import Lens, project, unproject
 from procam.maths.geometry.pose import Pose, rotation_matrix
 from procam.maths.geometry.ray_to_screen import RoundShape
 from procam.model.optics import CameraModel, ProjectorModel
 
 Pair = tuple[str, str]  # camera, projector
 POSE, PUPIL = 6, 2
+PUPIL_STEPS = 3  # each gains three digits: pupils move by millimetres, screens are metres away
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,6 +147,19 @@ def camera_rays(camera: CameraModel, ray: Array) -> tuple[Array, Array]:
     """Origins (N, 3) [m] and unit directions (N, 3) in the dome frame of a camera's rays (N, 3)."""
     assert camera.camera_from_dome is not None
     return rays_sent(device_of(camera.camera_from_dome, camera.lens, camera.pupil), ray)
+
+
+def camera_pixels_of(camera: CameraModel, points: Array) -> Array:
+    """Pixels (..., 2) at which a camera sees points (..., 3) [m] of the dome frame."""
+    assert camera.camera_from_dome is not None
+    own = from_pupil = camera.camera_from_dome.apply(points)
+    if camera.pupil.any():
+        for _ in range(PUPIL_STEPS):
+            aside = np.linalg.norm(from_pupil[..., :2], axis=-1)
+            square = np.arctan2(aside, from_pupil[..., 2]) ** 2
+            forward = camera.pupil[0] * square + camera.pupil[1] * square**2
+            from_pupil = own - forward[..., None] * np.array([0.0, 0.0, 1.0])
+    return project(from_pupil, camera.lens)
 
 
 def points_seen(rig: RigGeometry, camera: str, camera_px: Array) -> Array:

@@ -19,12 +19,13 @@ from procam.estimate.geometry.model import (
     Pair,
     ParameterLayout,
     RigGeometry,
+    camera_pixels_of,
     points_seen,
     residuals,
 )
 from procam.estimate.geometry.screen_points import intersect_screen
 from procam.estimate.geometry.solve import GeometrySolution
-from procam.maths.geometry.lenses import project, unproject
+from procam.maths.geometry.lenses import unproject
 from procam.maths.geometry.sphere import ARCMIN, normalise
 from procam.maths.statistics import robust_sigma
 from procam.maths.warp import blur, blur_within, sample
@@ -267,9 +268,7 @@ def ray_directions(rig: RigGeometry, camera: str, points: Array) -> tuple[IndexA
 
     Returns the parameters that they depend on, and a function of the rig.
     """
-    layout, model = ParameterLayout.of(rig), rig.cameras[camera]
-    assert model.camera_from_dome is not None
-    pixels = project(model.camera_from_dome.apply(points), model.lens)
+    layout, pixels = ParameterLayout.of(rig), camera_pixels_of(rig.cameras[camera], points)
     return np.r_[layout.screen, layout.cameras[camera]], lambda r: normalise(
         points_seen(r, camera, pixels)
     )

@@ -170,8 +170,10 @@ def _in_place(problem: RigProblem, few: Mapping[Pair, Observations]) -> RigGeome
     turns = problem.shape.is_sphere  # a rotation about a sphere's centre changes no residual
     start = _started(free, few) if turns else _started_on_mesh(problem, few)
     rig = _fitted(free, few, start)
-    marks = problem.fiducials, problem.distances
-    check_fiducials(rig, *marks, rough=True, size_known=problem.radius_known)
+    # without marks a lens that is not fixed may be far off, and marks seem to contradict each other
+    if all(mode == "fixed" for mode in problem.intrinsics.values()):
+        marks = problem.fiducials, problem.distances
+        check_fiducials(rig, *marks, rough=True, size_known=problem.radius_known)
     return rotated_to_fiducials(rig, problem.fiducials) if turns else rig
 
 

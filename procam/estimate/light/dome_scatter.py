@@ -15,8 +15,6 @@ from procam.maths.warp import sample
 from procam.model.screen import Dome
 from procam.model.transport import Measured
 
-ROUGH_ALBEDO = 0.5  # of the screen; the distribution of scattered light hardly depends on it
-
 
 @dataclass(frozen=True, slots=True)
 class DomeScatter:
@@ -47,19 +45,21 @@ def measure_scatter(
     """
     together = [x for each in samples for x in each]
     solution = solve_scatter(lights, samples, view, white)
-    floor = measure_floor(together, solution.in_cells, white, dome, ROUGH_ALBEDO)
-    value, sigma = combined_floor_albedo(dome, floor)
-    dome = replace(dome, floor_albedo=value, floor_albedo_sigma=sigma)
     at = master_pixels(np.nan_to_num(view.direction), len(coverage))
+    lit_sr = float((master_solid_angles(len(coverage)) * coverage).sum())
+    screen_sr = cap_solid_angle(dome.half_angle)
     m = estimate_feedback(
         lights,
         solution.relative_gains,
         sample(coverage, at) * view.solid_angle_sr,
         view.solid_angle_sr,
         glare_sigma=view.camera.sensor.glare_sigma,
-        flux_sigma=floor.flux_inconsistency / np.sqrt(len(together)),
     )
-    lit_sr = float((master_solid_angles(len(coverage)) * coverage).sum())
-    screen_sr = cap_solid_angle(dome.half_angle)
+    rough = float(estimate_albedo(m, lit_sr, screen_sr, dome, 0.0).value.mean())
+    floor = measure_floor(together, solution.in_cells, white, dome, rough)
+    value, sigma = combined_floor_albedo(dome, floor)
+    dome = replace(dome, floor_albedo=value, floor_albedo_sigma=sigma)
+    by_flux = floor.flux_inconsistency / np.sqrt(len(together)) * m.value
+    m = replace(m, sigma=np.hypot(m.sigma, by_flux))
     rho = estimate_albedo(m, lit_sr, screen_sr, dome, floor.flux_inconsistency)
     return DomeScatter(dome, solution, floor, m, rho)

@@ -6,10 +6,13 @@ more to the side that the light came from. So the scattered light of each pictur
 of a model room, a cap of one albedo over one level floor, and the floor's albedo follows by linear
 least squares (docs/theory/photometry.md, "The floor's albedo"). The scale of each picture is free, so that
 gloss, drift and a wrong flux do not bias the result.
+
+Light from a floor that lies lower, below a wall, comes back more evenly, like that of a brighter screen.
+How low it is nobody states, so several depths are tried, and their spread is in the result.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
@@ -25,22 +28,55 @@ ROUNDS = 2
 MAX_ALBEDO = 0.95
 MIN_PICTURES = 4  # for a standard deviation
 UNKNOWN_INCONSISTENCY = 0.01  # relative, with fewer pictures
-MODEL_SIGMA = 0.1  # relative: seats and steps are no level floor
+DROPS = (0.0, 0.1, 0.2, 0.35)  # of the floor below the rim's lowest point [radii]: what domes have
+MODEL_SIGMA = 0.2  # relative: seats, steps and walls are no level floor (studies/rooms.md)
 MIN_SIGMA = 1e-6  # of a floor albedo in venue.toml
 MAX_DISCREPANCY = 3.0  # sigmas, between the floor albedo in venue.toml and the measured one
+
+
+@dataclass(frozen=True, slots=True)
+class FloorAt:
+    """The floor at one depth.
+
+    `albedo`, `sigma` by the pictures. `share`: the light that it returns to the screen, over that of a
+    floor of the same albedo in the rim's plane. `weight`: how well it agrees with venue.toml.
+    """
+
+    albedo: float
+    sigma: float
+    share: float = 1.0
+    weight: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)
 class FloorLight:
     """Result of comparing the pictures with the model room.
 
-    `albedo`, `sigma` of the floor. `flux_inconsistency`: relative spread of the ratio of the pictures'
-    scattered light to their direct light; gloss hides direct light from a camera, unevenly.
+    `depths` has the floor at each of `DROPS`. `flux_inconsistency`: relative spread of the ratio of the
+    pictures' scattered light to their direct light; gloss hides direct light from a camera, unevenly.
     """
 
-    albedo: float
-    sigma: float
+    depths: Sequence[FloorAt]
     flux_inconsistency: float
+
+    @property
+    def albedo(self) -> float:
+        """Weighted mean over depths."""
+        return self.mixture([(at.albedo, at.sigma) for at in self.depths])[0]
+
+    @property
+    def sigma(self) -> float:
+        """Standard error of `albedo`."""
+        return self.mixture([(at.albedo, at.sigma) for at in self.depths])[1]
+
+    def mixture(self, each: Sequence[tuple[float, float]]) -> tuple[float, float]:
+        """Mean and standard deviation over depths of values with standard errors."""
+        weights = np.array([at.weight for at in self.depths])
+        value, sigma = np.array(each).T
+        mean = np.average(value, weights=weights)
+        return float(mean), float(
+            np.sqrt(np.average(sigma**2 + (value - mean) ** 2, weights=weights))
+        )
 
 
 def measure_floor(
@@ -58,20 +94,47 @@ def measure_floor(
     -----
     The standard error is a jackknife over the pictures, plus `MODEL_SIGMA`.
     """
-    floor, sigma, by_floor = dome.floor_albedo, np.inf, _floor_exchange(dome)
+    pictures = _Pictures(samples, per_flux, white, albedo)
+    exchanges = [_floor_exchange(dome, drop) for drop in DROPS]
+    nearest = float(exchanges[0].sum())
+    depths = [_floor_at(pictures, dome, e, float(e.sum()) / nearest) for e in exchanges]
+    room = _Room(dome, albedo, depths[0].albedo, exchanges[0])
+    return FloorLight(_weighted(dome, depths), _flux_inconsistency(room, pictures))
+
+
+@dataclass(frozen=True, slots=True)
+class _Pictures:
+    """What `measure_floor` is given of the pictures and of the screen."""
+
+    samples: Sequence[ScatterSample]
+    per_flux: Array
+    white: Array
+    screen_albedo: float
+
+
+def _floor_at(pictures: _Pictures, dome: Dome, by_floor: Array, share: float) -> FloorAt:
+    """The floor at one depth."""
+    floor, sigma = dome.floor_albedo, np.inf
     for _ in range(ROUNDS):
-        rooms = [_Room(dome, albedo, f, by_floor) for f in (floor, floor + STEP)]
-        sums = np.array([_normal_equation(rooms, x, per_flux, white) for x in samples])
+        rooms = [_Room(dome, pictures.screen_albedo, f, by_floor) for f in (floor, floor + STEP)]
+        sums = np.array([_normal_equation(rooms, x, pictures) for x in pictures.samples])
         top, bottom = sums.sum(axis=0)
         if not bottom > 0:
-            return FloorLight(dome.floor_albedo, np.inf, UNKNOWN_INCONSISTENCY)
+            return FloorAt(dome.floor_albedo, np.inf, share)
         others = (top - sums[:, 0]) / np.maximum(bottom - sums[:, 1], 1e-300)
         floor = float(np.clip(floor + top / bottom, 0, MAX_ALBEDO))
         sigma = float(np.sqrt((len(sums) - 1) * np.var(others)))
-    inconsistency = _flux_inconsistency(
-        _Room(dome, albedo, floor, by_floor), samples, per_flux, white
-    )
-    return FloorLight(floor, float(np.hypot(sigma, MODEL_SIGMA * floor)), inconsistency)
+    return FloorAt(floor, float(np.hypot(sigma, MODEL_SIGMA * floor)), share)
+
+
+def _weighted(dome: Dome, depths: Sequence[FloorAt]) -> list[FloorAt]:
+    """The depths with their weights, which sum to 1."""
+    off = np.array([_discrepancy(dome, at) for at in depths])
+    sigma = np.array([_difference_sigma(dome, at) for at in depths])
+    likely = np.exp(-0.5 * (off**2 - off.min() ** 2)) / np.where(np.isfinite(sigma), sigma, 1.0)
+    return [
+        replace(at, weight=float(w)) for at, w in zip(depths, likely / likely.sum(), strict=True)
+    ]
 
 
 def _known_cells(room: "_Room", sample: ScatterSample, per_flux: Array) -> BoolArray:
@@ -80,13 +143,12 @@ def _known_cells(room: "_Room", sample: ScatterSample, per_flux: Array) -> BoolA
     return np.asarray(known & room.on_cap)
 
 
-def _flux_inconsistency(
-    room: "_Room", samples: Sequence[ScatterSample], per_flux: Array, white: Array
-) -> float:
+def _flux_inconsistency(room: "_Room", pictures: _Pictures) -> float:
     """Relative spread of the pictures' scattered light over that of the room for their direct light."""
-    from_white = room.scattered(white.mean(axis=1)) / white.mean(axis=1).sum()
+    white, per_flux = pictures.white.mean(axis=1), pictures.per_flux
+    from_white = room.scattered(white) / white.sum()
     scales = []
-    for x in samples:
+    for x in pictures.samples:
         known = _known_cells(room, x, per_flux)
         if known.any():
             expected = (room.scattered(x.direct.mean(axis=1)) / from_white)[known]
@@ -97,15 +159,15 @@ def _flux_inconsistency(
 
 
 def _normal_equation(
-    rooms: Sequence["_Room"], sample: ScatterSample, per_flux: Array, white: Array
+    rooms: Sequence["_Room"], sample: ScatterSample, pictures: _Pictures
 ) -> tuple[float, float]:
     """Right and left side of one picture's normal equation for the change of floor albedo."""
-    known = _known_cells(rooms[0], sample, per_flux)
+    known = _known_cells(rooms[0], sample, pictures.per_flux)
     if not known.any():
         return 0.0, 0.0
-    base = per_flux[known].mean(axis=1)
+    base = pictures.per_flux[known].mean(axis=1)
     weight = sample.pixels[known] * base**2
-    light, all_light = sample.direct.mean(axis=1), white.mean(axis=1)
+    light, all_light = sample.direct.mean(axis=1), pictures.white.mean(axis=1)
     seen = sample.scattered[known].mean(axis=1) / base
     expected, stepped = (
         _scaled((room.scattered(light) / room.scattered(all_light))[known], weight)
@@ -123,27 +185,33 @@ def _scaled(ratio: Array, weight: Array) -> Array:
 
 
 def combined_floor_albedo(dome: Dome, measured: FloorLight) -> tuple[float, float]:
-    """Weighted mean of the floor albedo in venue.toml and the measured one, and its standard error.
+    """Albedo of the floor in the rim's plane that returns as much light, and its standard error.
 
-    The error is scaled by the discrepancy of the two where that exceeds one sigma (Birge ratio).
+    At each depth it is the weighted mean of the value in venue.toml and the measured one; its error is
+    scaled by the discrepancy of the two where that exceeds one sigma (Birge ratio).
     """
     known = (dome.floor_albedo, max(dome.floor_albedo_sigma, MIN_SIGMA))
-    weights = np.array([1 / known[1] ** 2, 1 / measured.sigma**2])
-    value = np.average([known[0], measured.albedo], weights=weights)
-    birge = max(1.0, discrepancy(dome, measured))
-    return float(value), float(birge * weights.sum() ** -0.5)
+    each = []
+    for at in measured.depths:
+        weights = np.array([1 / known[1] ** 2, 1 / at.sigma**2])
+        value = np.average([known[0], at.albedo], weights=weights)
+        sigma = max(1.0, _discrepancy(dome, at)) * weights.sum() ** -0.5
+        each.append((at.share * float(value), at.share * float(sigma)))
+    return measured.mixture(each)
 
 
-def discrepancy(dome: Dome, measured: FloorLight) -> float:
+def _discrepancy(dome: Dome, at: FloorAt) -> float:
     """Difference between the floor albedo in venue.toml and the measured one [sigmas]."""
-    return abs(measured.albedo - dome.floor_albedo) / float(
-        np.hypot(max(dome.floor_albedo_sigma, MIN_SIGMA), measured.sigma)
-    )
+    return abs(at.albedo - dome.floor_albedo) / _difference_sigma(dome, at)
+
+
+def _difference_sigma(dome: Dome, at: FloorAt) -> float:
+    return float(np.hypot(max(dome.floor_albedo_sigma, MIN_SIGMA), at.sigma))
 
 
 def floor_notes(dome: Dome, measured: FloorLight) -> list[str]:
-    """A note for the report if the measured floor albedo contradicts venue.toml."""
-    if discrepancy(dome, measured) < MAX_DISCREPANCY:
+    """A note for the report if the measured floor albedo contradicts venue.toml at every depth."""
+    if min(_discrepancy(dome, at) for at in measured.depths) < MAX_DISCREPANCY:
         return []
     return [
         f"floor_albedo is {dome.floor_albedo:g} +- {dome.floor_albedo_sigma:g} in venue.toml, but "
@@ -176,12 +244,16 @@ class _Room:
         return light
 
 
-def _floor_exchange(dome: Dome) -> Array:
-    """Irradiance (M, M) of the cap's cells per flux of each, by one reflection from a white floor."""
+def _floor_exchange(dome: Dome, drop: float) -> Array:
+    """Irradiance (M, M) of the cap's cells per flux of each, by one reflection from a white floor.
+
+    It lies `drop` [radii] below the rim's lowest point, at the end of a black wall.
+    """
     direction, _ = master_directions(CELLS)
     cap = direction.reshape(-1, 3)
     cap = cap[cap[:, 2] >= np.cos(dome.half_angle)]
     centre, up, area = _floor_patches(dome)
+    centre = centre - drop * up
     apart = centre[None] - cap[:, None]
     square = np.maximum(np.sum(apart**2, axis=-1), 1e-9)
     leaving = np.maximum(-np.sum(cap[:, None] * apart, axis=-1), 0)

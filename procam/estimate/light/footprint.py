@@ -5,12 +5,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from procam.arrays import Array, Array32, FloatArray
+from procam.estimate.geometry.model import camera_pixels_of
 from procam.estimate.geometry.pixel_directions import PixelDirections, fit_pixel_directions
 from procam.estimate.geometry.screen_points import screen_points
 from procam.estimate.geometry.solve import GeometrySolution
 from procam.estimate.light.separation import SeparatedLight
 from procam.maths.geometry.areas import PanelField, panel_solid_angles
-from procam.maths.geometry.lenses import project
 from procam.maths.geometry.local_shift import LocalShift
 from procam.maths.geometry.ray_to_screen import RoundShape
 from procam.maths.warp import sample
@@ -74,8 +74,7 @@ def camera_pixels(solution: GeometrySolution, direction: FloatArray) -> Array:
 
 def pixels_of(camera: CameraModel, shape: RoundShape, direction: FloatArray) -> Array:
     """Pixel (..., 2) of a camera that sees a screen of `shape` in directions (..., 3)."""
-    assert camera.camera_from_dome is not None
-    return project(camera.camera_from_dome.apply(screen_points(shape, direction)), camera.lens)
+    return camera_pixels_of(camera, screen_points(shape, direction))
 
 
 def lit_share(solution: GeometrySolution, direction: FloatArray, light: SeparatedLight) -> Array32:
