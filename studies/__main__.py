@@ -17,6 +17,7 @@ from studies import (
     photometry,
     precision,
     refine,
+    rooms,
 )
 
 STUDIES = {
@@ -31,6 +32,7 @@ STUDIES = {
     "content": content.main,
     "precision": precision.main,
     "refine": refine.main,
+    "rooms": rooms.main,
 }
 
 

@@ -108,33 +108,31 @@ def _rms(values: Array) -> float:
 def table(rows: list[dict[str, Any]]) -> Iterator[str]:
     """Markdown lines: a row per estimate."""
     solved = [row for row in rows if "refused" not in row]
-    yield "| estimate | rooms | error: mean, rms, worst | within 95 % interval | mean of abs(z) | median sigma |"
-    yield "|---|---|---|---|---|---|"
-    for name, scale in ("m", None), ("albedo", None), ("floor", 1.0):
+    yield "| estimate | error: mean, rms, worst | within 95 % | mean of abs(z) | median sigma |"
+    yield "|---|---|---|---|---|"
+    for name, absolute in ("m", False), ("albedo", False), ("floor", True):
         value, sigma, true = np.array([row[name] for row in solved]).T
-        error, z = (value - true) / (scale or true), (value - true) / sigma
-        widths = np.median(sigma / (scale or value))
-        yield (
-            f"| {name} | {len(z)} | {error.mean():+.4f}, {_rms(error):.4f}, {error[np.abs(error).argmax()]:+.4f} | "
-            f"{np.mean(np.abs(z) < 1.96):.0%} | {np.abs(z).mean():.2f} | {widths:.4f} |"
-        )
-    errors, stated = (
+        unit = np.ones_like(true) if absolute else true
+        yield _line(name, (value - true) / unit, sigma / unit)
+    wrong, stated = (
         np.array([row[key] for row in solved]) for key in ("absolute_arcmin", "stated_arcmin")
     )
-    relative = np.array([row["relative_arcmin"] for row in solved])
-    response = np.array([row["response_error"] for row in solved])
-    yield (
-        f"| directions [arcmin] | {len(errors)} | {errors.mean():.2f}, {_rms(errors):.2f}, {errors.max():.2f} | "
-        f"{np.mean(errors < 1.96 * stated):.0%} | {np.mean(errors / stated):.2f} | {np.median(stated):.2f} |"
-    )
-    yield (
-        f"| directions less a common rotation [arcmin] | {len(relative)} | {relative.mean():.2f}, "
-        f"{_rms(relative):.2f}, {relative.max():.2f} | | | |"
-    )
-    yield (
-        f"| response, rms of range | {len(response)} | {response.mean():.4f}, {_rms(response):.4f}, "
-        f"{response.max():.4f} | | | |"
-    )
+    yield _line("directions [arcmin]", wrong, stated)
+    for name, key in (
+        ("directions less a common rotation [arcmin]", "relative_arcmin"),
+        ("response, rms of range", "response_error"),
+    ):
+        yield _line(name, np.array([row[key] for row in solved]))
+
+
+def _line(name: str, error: Array, sigma: Array | None = None) -> str:
+    """A row of the table: errors, and how they compare with their standard errors."""
+    worst = error[np.abs(error).argmax()]
+    cells = [name, f"{error.mean():+.4f}, {_rms(error):.4f}, {worst:+.4f}", "", "", ""]
+    if sigma is not None:
+        z = np.abs(error) / sigma
+        cells[2:] = f"{np.mean(z < 1.96):.0%}", f"{z.mean():.2f}", f"{np.median(sigma):.4f}"
+    return "| " + " | ".join(cells) + " |"
 
 
 @cache

@@ -185,7 +185,7 @@ class TestRoom:
     @pytest.mark.parametrize("preset", [IDEAL, REALISTIC], ids=["ideal", "realistic"])
     def test_the_mesh_is_the_room(self, preset: Preset) -> None:
         surface = Surface.build(preset)
-        mesh, tracer = room_mesh(surface), transport._Tracer(surface)
+        mesh, tracer = room_mesh(surface), transport.Tracer(surface)
         area = np.bincount(mesh.patch, mesh.areas_m2())
         # a small patch beside a step: the mesh climbs it in one face
         np.testing.assert_allclose(area, tracer.area_m2, rtol=1e-2)

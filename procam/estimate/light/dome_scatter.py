@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -48,18 +49,18 @@ def measure_scatter(
     at = master_pixels(np.nan_to_num(view.direction), len(coverage))
     lit_sr = float((master_solid_angles(len(coverage)) * coverage).sum())
     screen_sr = cap_solid_angle(dome.half_angle)
-    m = estimate_feedback(
+    feedback = partial(
+        estimate_feedback,
         lights,
         solution.relative_gains,
         sample(coverage, at) * view.solid_angle_sr,
         view.solid_angle_sr,
         glare_sigma=view.camera.sensor.glare_sigma,
     )
-    rough = float(estimate_albedo(m, lit_sr, screen_sr, dome, 0.0).value.mean())
-    floor = measure_floor(together, solution.in_cells, white, dome, rough)
+    rough = estimate_albedo(feedback(flux_sigma=0.0), lit_sr, screen_sr, dome, 0.0)
+    floor = measure_floor(together, solution.in_cells, white, dome, float(rough.value.mean()))
     value, sigma = combined_floor_albedo(dome, floor)
     dome = replace(dome, floor_albedo=value, floor_albedo_sigma=sigma)
-    by_flux = floor.flux_inconsistency / np.sqrt(len(together)) * m.value
-    m = replace(m, sigma=np.hypot(m.sigma, by_flux))
+    m = feedback(flux_sigma=floor.flux_inconsistency / np.sqrt(len(together)))
     rho = estimate_albedo(m, lit_sr, screen_sr, dome, floor.flux_inconsistency)
     return DomeScatter(dome, solution, floor, m, rho)

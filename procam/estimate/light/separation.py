@@ -205,6 +205,7 @@ def estimate_feedback(
     on_screen_sr: Array,
     *,
     glare_sigma: float,
+    flux_sigma: float,
 ) -> Measured:
     """Feedback m (C,) with its standard error, from all projectors.
 
@@ -213,6 +214,7 @@ def estimate_feedback(
     lights, relative_gains : as for `estimate_scatter_per_flux`.
     lit_sr, on_screen_sr : (H, W) solid angle of the camera pixels on the lit part and on the screen.
     glare_sigma : standard error of the camera's veiling glare, which adds to every scattered sample.
+    flux_sigma : relative standard error of the direct flux of all projectors.
 
     Notes
     -----
@@ -238,7 +240,7 @@ def estimate_feedback(
         axis=0,
     )
     veil = glare_sigma * mean_light * lit_sr.sum() / on_screen_sr.sum()
-    return Measured(value, np.hypot(spread, veil))
+    return Measured(value, np.sqrt(spread**2 + veil**2 + (flux_sigma * value) ** 2))
 
 
 def estimate_albedo(

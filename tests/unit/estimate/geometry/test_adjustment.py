@@ -8,6 +8,7 @@ from procam.estimate.geometry.adjustment import (
     CELLS,
     Adjustment,
     normalised_residuals,
+    prior_departures,
     prior_sigmas,
     robust_sigma,
     systematic_ratio,
@@ -68,6 +69,25 @@ def test_priors_follow_what_is_known() -> None:
     assert np.isfinite(free[6:]).all() and free[6] == pytest.approx(
         0.005 * rig.cameras["second"].lens.focal[0]
     )
+
+
+def test_a_prior_stays_where_venue_toml_has_it() -> None:
+    """A solve that starts elsewhere, as its later stages do, is pulled back, not held where it starts."""
+    dome = SimulatedDome.build(1, projectors=1, cameras=1)
+    problem = dome.problem({}, intrinsics={"zenith": "prior"})
+    lens = ParameterLayout.of(dome.rig()).cameras["zenith"].start + 6
+    step = np.zeros(ParameterLayout.of(dome.rig()).count)
+    step[lens : lens + 2] = 0.05 * problem.cameras["zenith"].lens.focal
+    start = dome.rig().moved(step)
+    away = prior_departures(problem, start) - prior_departures(problem, dome.rig())
+    assert away == pytest.approx(step, abs=1e-9)
+    free = prior_sigmas(problem, start)
+    free[np.isinf(free)] = 0.0  # nothing observes the pose
+    found = Adjustment(problem, {}, free).solve(start, robust=False)
+    known = problem.cameras["zenith"].lens.focal
+    assert found.cameras["zenith"].lens.focal == pytest.approx(
+        known, rel=1e-3
+    )  # marks pull by .03 %
 
 
 def test_outliers_do_not_move_the_robust_solution() -> None:

@@ -10,8 +10,10 @@ from procam.estimate.geometry.model import (
     Pair,
     ParameterLayout,
     RigGeometry,
+    camera_pixels_of,
     camera_rays,
     normal_equations,
+    points_seen,
     residual_slopes,
     residuals,
     screen_derivatives,
@@ -66,6 +68,14 @@ def _seen(rig: RigGeometry, count: int = 60) -> dict[Pair, Observations]:
 
 def _errors(rig: RigGeometry, seen: dict[Pair, Observations]) -> np.ndarray:
     return np.concatenate([residuals(rig, p, o).ravel() for p, o in seen.items()])
+
+
+@pytest.mark.parametrize("camera", ["zenith", "second"])
+def test_a_camera_sees_a_point_in_the_pixel_whose_ray_meets_it(camera: str) -> None:
+    """Also one whose entrance pupil moves with the angle."""
+    rig, pixel = _rig(0), np.random.default_rng(4).uniform(100, 700, (50, 2))
+    found = camera_pixels_of(rig.cameras[camera], points_seen(rig, camera, pixel))
+    np.testing.assert_allclose(found, pixel, atol=1e-5)
 
 
 @pytest.mark.parametrize("degree", [0, 3])
