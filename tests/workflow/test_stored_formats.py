@@ -52,7 +52,8 @@ def test_a_session_solves_to_the_calibration_stored_then(
     stored, again = (load_calibration(venue / "calibrations" / n) for n in ("0002", "0003"))
     assert Path(last.data["calibration"]).name == "0003"
     np.testing.assert_allclose(again.feedback.value, stored.feedback.value, rtol=FLOAT32)
-    np.testing.assert_allclose(again.albedo.value, stored.albedo.value, rtol=FLOAT32)
+    # the floor was in the rim's plane for certain then
+    assert (abs(again.albedo.value - stored.albedo.value) < stored.albedo.sigma / 4).all()
     surface, before = again.projectors["south"].surface, stored.projectors["south"].surface
     np.testing.assert_array_equal(surface.valid, before.valid)
     off = surface.direction[surface.valid] - before.direction[surface.valid]

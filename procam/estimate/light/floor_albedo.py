@@ -29,7 +29,7 @@ MAX_ALBEDO = 0.95
 MIN_PICTURES = 4  # for a standard deviation
 UNKNOWN_INCONSISTENCY = 0.01  # relative, with fewer pictures
 DROPS = (0.0, 0.1, 0.2, 0.35)  # of the floor below the rim's lowest point [radii]: what domes have
-MODEL_SIGMA = 0.2  # relative: seats, steps and walls are no level floor
+MODEL_SIGMA = 0.15  # relative: seats, steps and walls are no level floor
 MIN_SIGMA = 1e-6  # of a floor albedo in venue.toml
 MAX_DISCREPANCY = 3.0  # sigmas, between the floor albedo in venue.toml and the measured one
 
