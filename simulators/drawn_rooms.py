@@ -12,7 +12,6 @@ from simulators.builds import CameraBuild, CameraFlaws
 from simulators.placement import place_cameras
 from simulators.presets import STANDARD, Preset
 
-CAMERA = "zenith"
 DESK_FOCAL = 1e-4  # relative standard error of a focal length from a calibrated board
 PRIOR_FOCAL, PRIOR_DISTORTION = 0.005, 0.01  # of a lens by its data sheet
 VIGNETTING_SIGMA = (

@@ -88,18 +88,15 @@ def room_mesh(surface: Surface, channels: int = 1) -> PatchedMesh:
     """Dome, deck, wall and pod of a venue as built, over the patches of `transport.Room`."""
     preset = surface.preset
     deck = Deck.under(preset)
-    parts = [_dome(surface), _deck(deck)]
+    parts, albedos = [_deck(deck)], [preset.floor_albedo]
     if deck.wall_m:
-        parts.append(_wall(deck))
+        parts, albedos = [*parts, _wall(deck)], [*albedos, preset.wall_albedo]
     if preset.pod:
-        parts.append(_pod())
+        parts, albedos = [*parts, _pod()], [*albedos, transport.POD_ALBEDO]
+    plain = [np.full(len(p.corners), a) for p, a in zip(parts, albedos, strict=True)]
+    parts = [_dome(surface), *parts]
     corners = [part.corners for part in parts]
-    albedo = [
-        _mean_albedo(surface, corners[0]),
-        np.full(len(corners[1]), preset.floor_albedo),
-        *(np.full(len(c), preset.wall_albedo) for c in corners[2:][: int(deck.wall_m > 0)]),
-        *(np.full(len(c), transport.POD_ALBEDO) for c in corners[2 + int(deck.wall_m > 0) :]),
-    ]
+    albedo = [_mean_albedo(surface, corners[0]), *plain]
     first = np.cumsum([0, *(part.patches for part in parts)])
     patch = [part.patch + start for part, start in zip(parts, first[:-1], strict=True)]
     every = np.concatenate(corners)

@@ -18,10 +18,8 @@ NORMAL_TABLE = ndtri((np.arange(2**16) + 0.5) / 2**16).astype(np.float32)
 NOISELESS_BITS = 16  # a file holds integers
 DARKEST = 0.005  # quantile of the lit pixels; a few may lie under a seam or a mark
 BORDER_SIGMAS = 4.0  # distance at which a Gaussian is negligible
-LOCAL, COARSE = (
-    0.04,
-    4,
-)  # spread of the local veil, a Gaussian sigma [share of the picture]; its grid [px]
+LOCAL = 0.04  # spread of the local veil, a Gaussian sigma [share of the picture]
+COARSE = 4  # cells of the grid on which it is spread [px]
 ROUNDING = 1 / 12  # variance of a count's rounding [DN^2]
 
 

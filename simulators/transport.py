@@ -225,7 +225,12 @@ class Tracer:
     def _cast(self, origin: Array, direction: Array) -> IndexArray:
         """Patch that each ray hits first; -1 where it leaves the room."""
         point = self.surface.intersect(origin, direction)
-        unit = point / np.linalg.norm(point, axis=-1, keepdims=True)
+        met = np.isfinite(point).all(
+            axis=-1, keepdims=True
+        )  # the wall's foot is outside the sphere
+        unit = np.where(
+            met, point / np.linalg.norm(point, axis=-1, keepdims=True), [0.0, 0.0, -1.0]
+        )
         on_cap = unit[:, 2] >= np.cos(self.surface.half_angle)
         hit = np.where(on_cap, dome_patch(unit, self.surface.half_angle), -1)
         distance = np.where(on_cap, np.linalg.norm(point - origin, axis=-1), np.inf)

@@ -26,17 +26,14 @@ from procam.interfaces.judge import judge_pictures
 from procam.maths.geometry.sphere import master_directions, normalise
 from procam.maths.warp import block_mean
 from procam.model.calibration import Calibration
-from procam.workflows.capture.capture import capture, prepare_session
 from procam.workflows.refine.stored_pictures import keep_pictures, read_frames
 from procam.workflows.sample_content import CONTENTS
-from procam.workflows.solve.calibrate import solve
-from procam.workflows.venue_rig import open_rig
 from simulators.backend import build_scene
 from simulators.presets import PresetName
 from simulators.scene import ALL_BANDS, DomeScene, SceneSize
 from simulators.sight_lines import SightLines
 from studies.measure import write
-from studies.photometry import make_truth
+from studies.photometry import calibrate_venue, make_truth
 
 Image = NDArray[np.float32]
 Array = NDArray[np.float64]
@@ -55,13 +52,7 @@ def calibrate(folder: Path, preset: PresetName, size: SceneSize = SIZE) -> tuple
     here = folder / "venue"
     here.mkdir()
     (here / "venue.toml").write_text((folder / "truth" / "venue.toml").read_text())
-    venue = load_venue(here)
-    with open_rig(venue) as rig:
-        session = prepare_session(venue, here / "sessions" / "0001")
-        for _ in capture(rig, venue, session):
-            pass
-    *_, last = solve(venue, session)
-    return Path(last.data["calibration"]), truth
+    return calibrate_venue(load_venue(here)), truth
 
 
 class Stage:

@@ -29,7 +29,7 @@ from procam.estimate.light.blend import Blender
 from procam.estimate.light.colour_spaces import colour_difference
 from procam.files.calibration import latest_calibration, load_calibration
 from procam.files.images.layers import RGB, read_channels
-from procam.files.venue.load import load_venue
+from procam.files.venue.load import Venue, load_venue
 from procam.interfaces.judge import judge
 from procam.maths.colour_science import colour_science
 from procam.maths.geometry.sphere import master_directions, master_pixels
@@ -77,13 +77,7 @@ def calibrate_and_judge(
 ) -> dict[str, Any]:
     """Figures of one calibration."""
     _write_venue(folder, preset, seed, size)
-    venue = load_venue(folder)
-    with open_rig(venue) as rig:
-        session = prepare_session(venue, folder / "sessions" / "0001")
-        for _ in capture(rig, venue, session):
-            pass
-    *_, last = solve(venue, session)
-    found = Path(last.data["calibration"])
+    found = calibrate_venue(load_venue(folder))
     calibration, truth = load_calibration(found), load_calibration(truth_dir)
     figures = judge(found, truth_dir)
     return {
@@ -94,6 +88,16 @@ def calibrate_and_judge(
         "response_error": response_error(calibration, truth),
         "direction_error_rms_arcmin": figures["direction_error_rms_arcmin"].value,
     }
+
+
+def calibrate_venue(venue: Venue) -> Path:
+    """Photograph a venue and solve it; returns the calibration's folder."""
+    with open_rig(venue) as rig:
+        session = prepare_session(venue, venue.directory / "sessions" / "0001")
+        for _ in capture(rig, venue, session):
+            pass
+    *_, last = solve(venue, session)
+    return Path(last.data["calibration"])
 
 
 def _write_venue(folder: Path, preset: PresetName, seed: int, size: SceneSize) -> None:
@@ -252,14 +256,14 @@ COLUMNS = (
 
 
 @cache
-def _traced(preset: Preset, rays: int) -> Room:
-    """A venue's room, traced once per process: seeds draw noise, not rooms."""
+def traced(preset: Preset, rays: int) -> Room:
+    """A preset's room, traced once per process."""
     return TRACE(Surface.build(preset), rays)
 
 
 def _row(job: tuple[PresetName, int, Path]) -> dict[str, Any]:
     venue, seed, truth = job
-    Room.trace = lambda surface, rays: _traced(surface.preset, rays)
+    Room.trace = lambda surface, rays: traced(surface.preset, rays)
     with tempfile.TemporaryDirectory() as folder:
         row = calibrate_and_judge(Path(folder), venue, seed, truth)
         return row | (seams(Path(folder)) if seed in SEAM_SEEDS else {})

@@ -5,12 +5,10 @@ owner knows. Each is captured, solved and compared with the truth. Writes studie
 studies/rooms.md; `python -m studies rooms` remakes them in an hour and a half.
 """
 
-import json
 import os
 import tempfile
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
-from functools import cache
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -24,24 +22,18 @@ from procam.files.calibration import load_calibration
 from procam.files.venue.load import load_venue
 from procam.maths.geometry.sphere import angle_between
 from procam.model.calibration import Calibration
-from procam.workflows.capture.capture import capture, prepare_session
-from procam.workflows.solve.calibrate import solve
-from procam.workflows.venue_rig import open_rig
-from simulators.presets import Preset
 from simulators.scene import SceneSize
-from simulators.surface import Surface
 from simulators.template import room_text
 from simulators.transport import Room
 from simulators.truth import write_truth
-from studies.photometry import response_error
+from studies.measure import write
+from studies.photometry import calibrate_venue, response_error, traced
 
-HERE = Path(__file__).parent
 ROOMS = range(1, 121)
 SIZE = SceneSize(projector_size=(480, 300), camera_size=(600, 600), rays=1024)
 WORKERS = 2
 ARCMIN = 60 * 180 / np.pi
 EVERY = 7  # pixel of a projector whose direction is compared
-TRACE = Room.trace
 
 
 def calibrate_room(number: int, folder: Path, size: SceneSize = SIZE) -> dict[str, Any]:
@@ -52,15 +44,10 @@ def calibrate_room(number: int, folder: Path, size: SceneSize = SIZE) -> dict[st
     row: dict[str, Any] = {"room": number, "projectors": len(venue.table.projectors)}
     row["intrinsics"] = next(iter(venue.table.cameras.values())).intrinsics
     try:
-        with open_rig(venue) as rig:
-            session = prepare_session(venue, folder / "sessions" / "0001")
-            for _ in capture(rig, venue, session):
-                pass
-        *_, last = solve(venue, session)
+        found = load_calibration(calibrate_venue(venue))
     except ProcamError as error:
         return row | {"refused": str(error)}
     write_truth(venue.backends["simulated"], folder, folder / "truth", {})
-    found = load_calibration(Path(last.data["calibration"]))
     return row | _figures(found, load_calibration(folder / "truth"))
 
 
@@ -135,14 +122,8 @@ def _line(name: str, error: Array, sigma: Array | None = None) -> str:
     return "| " + " | ".join(cells) + " |"
 
 
-@cache
-def _traced(preset: Preset, rays: int) -> Room:
-    """A venue's room, traced once for its capture and its truth."""
-    return TRACE(Surface.build(preset), rays)
-
-
 def _row(number: int) -> dict[str, Any]:
-    Room.trace = lambda surface, rays: _traced(surface.preset, rays)
+    Room.trace = lambda surface, rays: traced(surface.preset, rays)
     with tempfile.TemporaryDirectory() as folder:
         return calibrate_room(number, Path(folder))
 
@@ -161,6 +142,4 @@ def run_rooms(numbers: range) -> list[dict[str, Any]]:
 def main() -> None:
     """Run all rooms and write the results."""
     rows = run_rooms(ROOMS)
-    document = {"command": "python -m studies rooms", "rows": rows}
-    (HERE / "rooms.json").write_text(json.dumps(document, indent=1) + "\n")
-    (HERE / "rooms.md").write_text("\n".join(["# Rooms drawn at random", "", *table(rows)]) + "\n")
+    write("rooms", {"rows": rows}, ["# Rooms drawn at random", "", *table(rows)])

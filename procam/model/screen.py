@@ -18,8 +18,9 @@ class Dome:
     radius_m : sphere radius [m].
     half_angle : angle from the pole to the rim of the whole screen, lit or not [rad].
     tilt : angle between the pole and the vertical, positive towards the front [rad].
-    floor_albedo, floor_albedo_sigma : diffuse reflectance of the floor under the dome [-]; it
-        enters the albedo only, never the compensation.
+    floor_albedo, floor_albedo_sigma : diffuse reflectance of the floor under the dome [-]; in a
+        calibration, of one in the plane of the rim's lowest point that returns as much light. It enters
+        the albedo only, never the compensation.
     bumps : harmonic coefficients of the radius from degree 2 to `degree`, relative to the radius;
         none for a sphere.
     """

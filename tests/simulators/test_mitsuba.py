@@ -182,6 +182,22 @@ class TestRoom:
         score = (light - traced) / error
         assert np.sqrt(np.mean(score**2)) / T_SPREAD < 1.2
 
+    def test_a_low_deck_with_a_wall_against_flux_tracing(self) -> None:
+        preset = replace(IDEAL, floor_albedo=0.4, deck_drop_m=1.5, wall_albedo=0.3, tilt_deg=0.0)
+        with coarse_rooms():
+            room = Room.trace(Surface.build(preset), 1024)
+            traced = room.irradiance(_flux(room))
+            light, error = PathTracedRoom.of(room, samples=64, seed=3).irradiance_and_error(
+                _flux(room)
+            )
+        for part in (slice(0, 288), slice(288, 480), slice(480, None)):  # dome, deck, wall
+            assert light[part].mean() == pytest.approx(traced[part].mean(), rel=0.02)
+        assert len(room.area_m2) == 480 + transport.WALL_RINGS * transport.WALL_SECTORS
+        sums = room.exchange.sum(axis=1)  # a closed room: every ray ends on something
+        np.testing.assert_allclose(sums, 1, atol=2e-3)
+        score = (light - traced) / error
+        assert np.sqrt(np.mean(score**2)) / T_SPREAD < 1.2
+
     @pytest.mark.parametrize("preset", [IDEAL, REALISTIC], ids=["ideal", "realistic"])
     def test_the_mesh_is_the_room(self, preset: Preset) -> None:
         surface = Surface.build(preset)

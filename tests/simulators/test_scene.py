@@ -17,10 +17,13 @@ from procam.maths.geometry.lenses import project
 from procam.maths.geometry.sphere import master_solid_angles
 from procam.model.frame import CameraSettings, Frame
 from simulators.backend import build_scene
+from simulators.builds import CameraFlaws
 from simulators.devices import SimulatedCamera, SimulatedProjector
 from simulators.faults import STALE_FRAME, StaleCamera
+from simulators.placement import place_cameras
 from simulators.presets import IDEAL, PRESETS, STANDARD, Preset
 from simulators.scene import ALL_BANDS, DomeScene, camera_circle
+from simulators.sensor import _vignetting
 from simulators.surface import Surface
 
 EXPOSURE_S = 0.1
@@ -255,6 +258,48 @@ class TestCamera:
         assert np.abs(veiled - expected)[circle].max() < 2
         dark = circle & (clear[..., 1] < 0.02 * clear.max())
         assert dark.any() and (veiled[dark] > clear[dark]).all()
+
+    def test_a_local_veil_stays_near_its_light_and_keeps_its_amount(self) -> None:
+        veils = {}
+        for local in (0.0, 1.0):
+            scene = _scene(replace(IDEAL, glare=0.1, flaws=CameraFlaws(local_veil=local)))
+            sensor, circle = SimulatedCamera(scene, "zenith")._sensor, _circle(scene)
+            size = len(circle)
+            spot = np.zeros((size, size, 1), np.float32)
+            spot[size // 2 : size // 2 + size // 8, size // 4 : size // 4 + size // 8] = 1
+            seen = (
+                sensor.signal(spot.copy(), 1.0)
+                / np.where(circle, sensor.vignetting[..., 0], 1)[..., None]
+            )
+            veils[local] = np.where(circle, (seen - 0.9 * spot)[..., 0], 0)
+        assert veils[1.0].sum() == pytest.approx(veils[0.0].sum(), rel=0.02)
+        far = size // 2, 3 * size // 4
+        assert veils[0.0][far] > 1e-3 and abs(veils[1.0][far]) < 1e-6
+
+    def test_the_black_level_drifts(self) -> None:
+        scene = _scene(replace(IDEAL, flaws=CameraFlaws(black_drift_dn=4.0)))
+        scale = 65535 / 4095  # a camera without noise has 16 bits
+        before, start = _photograph(scene).counts[0, 0, 1], scene.clock.now_s()
+        scene.clock.sleep(600)
+        rise = int(_photograph(scene).counts[0, 0, 1]) - int(before)
+        assert start > 0 and rise == pytest.approx(4.0 * scale, abs=2)
+
+    def test_vignetting_may_be_off_its_centre(self, scene: DomeScene) -> None:
+        (build,) = scene.cameras.values()
+        slope = replace(build, flaws=CameraFlaws(vignetting_slope=(0.01, -0.02)))
+        ratio = _vignetting(slope)[..., 0] / np.where(_circle(scene), _vignetting(build)[..., 0], 1)
+        middle, out = len(ratio) // 2, 9 * len(ratio) // 10
+        assert ratio[middle, out] == pytest.approx(1 + 0.01 * 0.8, abs=1e-3)
+        assert ratio[out, middle] == pytest.approx(1 - 0.02 * 0.8, abs=1e-3)
+
+    def test_a_ripple_is_in_its_rays_and_pixels(self, rng: np.random.Generator) -> None:
+        (build,) = place_cameras(1, (400, 400), "fisheye")
+        rippled = replace(build, flaws=CameraFlaws(ripple_px=0.2))
+        pixel = rng.uniform(60, 340, (100, 2))
+        ray = rippled.rays(pixel)
+        np.testing.assert_allclose(rippled.pixels(5.0 * ray), pixel, atol=1e-4)
+        away = np.linalg.norm(build.pixels(5.0 * ray) - pixel, axis=1)
+        assert 0.15 < away.max() <= 0.2 + 1e-9
 
     def test_the_gain_drifts(self, scene: DomeScene) -> None:
         scene.preset = replace(IDEAL, drift=0.003)

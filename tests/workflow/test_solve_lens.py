@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from tiny_venue import TINY_PAIR, make_venue, quick_simulator, solved, take_session
 
+from procam.errors import CalibrationError
 from procam.files.calibration import load_calibration
 from procam.files.session import Session
 from procam.files.venue.load import Venue, load_venue
@@ -15,7 +16,7 @@ from procam.model.calibration import Calibration
 
 SIZE = replace(TINY_PAIR, camera_size=(320, 320))
 TOO_LONG = 1.01  # focal length of venue.toml over the true one
-PULL = 7e-3  # a prior that is two sigmas off still pulls the lens of a small picture by .7 %
+PULL = 1e-3  # of m, by a focal length that is 1 % off: the lens moves by .7 %, m by .02 %
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +33,7 @@ def _with_lens(captured: tuple[Venue, Session], mode: str, factor: float) -> Cal
     kept = path.read_text()
     focal = [factor * float(f) for f in venue.cameras["zenith"].lens.focal]
     text, changes = re.subn(r"(?m)^f = \[.*?\]", f"f = {focal}", kept, count=1)
-    text, modes = re.subn('(?m)^intrinsics = "fixed"', f'intrinsics = "{mode}"', text)
+    text, modes = re.subn('(?m)^intrinsics = "fixed"', f'intrinsics = "{mode}"', text, count=1)
     assert changes == modes == 1
     path.write_text(text)
     try:
@@ -50,6 +51,21 @@ def test_feedback_and_albedo_do_not_follow_a_wrong_prior(
     wrong = _with_lens(captured, mode, TOO_LONG)
     np.testing.assert_allclose(wrong.feedback.value, right.feedback.value, rtol=PULL)
     np.testing.assert_allclose(wrong.albedo.value, right.albedo.value, rtol=PULL)
+
+
+@pytest.mark.parametrize("mode", ["fixed", "prior", "solve"])
+def test_a_wrong_mark_is_named_whatever_the_lens(
+    captured: tuple[Venue, Session], mode: str
+) -> None:
+    """A lens that is solved for must not bend to fit it."""
+    path = captured[0].directory / "venue.toml"
+    kept = path.read_text()
+    path.write_text(kept.replace("azimuth_deg = 12.0", "azimuth_deg = 15.0"))
+    try:
+        with pytest.raises(CalibrationError, match="fiducials: front does not fit the others"):
+            _with_lens(captured, mode, 1.0)
+    finally:
+        path.write_text(kept)
 
 
 @pytest.mark.parametrize(("factor", "named"), [(1.0, False), (1.03, True)])

@@ -149,7 +149,7 @@ def camera_rays(camera: CameraModel, ray: Array) -> tuple[Array, Array]:
     return rays_sent(device_of(camera.camera_from_dome, camera.lens, camera.pupil), ray)
 
 
-def camera_pixels_of(camera: CameraModel, points: Array) -> Array:
+def project_to_camera(camera: CameraModel, points: Array) -> Array:
     """Pixels (..., 2) at which a camera sees points (..., 3) [m] of the dome frame."""
     assert camera.camera_from_dome is not None
     own = from_pupil = camera.camera_from_dome.apply(points)

@@ -19,8 +19,8 @@ from procam.estimate.geometry.model import (
     Pair,
     ParameterLayout,
     RigGeometry,
-    camera_pixels_of,
     points_seen,
+    project_to_camera,
     residuals,
 )
 from procam.estimate.geometry.screen_points import intersect_screen
@@ -268,7 +268,7 @@ def ray_directions(rig: RigGeometry, camera: str, points: Array) -> tuple[IndexA
 
     Returns the parameters that they depend on, and a function of the rig.
     """
-    layout, pixels = ParameterLayout.of(rig), camera_pixels_of(rig.cameras[camera], points)
+    layout, pixels = ParameterLayout.of(rig), project_to_camera(rig.cameras[camera], points)
     return np.r_[layout.screen, layout.cameras[camera]], lambda r: normalise(
         points_seen(r, camera, pixels)
     )

@@ -3,7 +3,8 @@
 The solve needs no start values (docs/theory/geometry.md). It starts one camera, adds the others in
 the order of what they see, and fits the rig as an exact sphere in the first camera's axes. Then it
 rotates the rig to the fiducials, adds harmonics of the screen as long as they explain more, and
-ends with all observations that agree.
+ends with all observations that agree. The module is longer than 300 lines because every stage
+is one of the steps of that one solve.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -13,9 +14,10 @@ from itertools import combinations
 import numpy as np
 
 from procam.arrays import Array
-from procam.errors import InputError
+from procam.errors import CalibrationError, InputError
 from procam.estimate.geometry.adjustment import (
     Adjustment,
+    Intrinsics,
     RigProblem,
     normalised_residuals,
     prior_sigmas,
@@ -46,9 +48,7 @@ ROUGH = 300  # observations of each pair for a start
 TRIES = (8, 4, 2, 1)  # start positions of the first camera that each round keeps
 MOST_NOT_SPHERE = 5000  # per pair in the last fit of a screen whose shape, not noise, dominates
 OUTLIER_SIGMAS = 6.0
-GROSS_SIGMAS = (
-    40.0  # kept in the result: on a panel lit at a grazing angle the model may be this far off
-)
+GROSS_SIGMAS = 40.0  # kept in the result: the model may be this far off where light grazes
 MIN_BASELINE = 0.05  # of the radius, between two cameras that determine the screen's shape
 MAX_SPHERE_RATIO = 1.5  # systematic ratio up to which the screen counts as a sphere
 DEGREES = (6, 8)  # of harmonics, in turn; lower ones explain little of a dome made of panels
@@ -170,11 +170,42 @@ def _in_place(problem: RigProblem, few: Mapping[Pair, Observations]) -> RigGeome
     turns = problem.shape.is_sphere  # a rotation about a sphere's centre changes no residual
     start = _started(free, few) if turns else _started_on_mesh(problem, few)
     rig = _fitted(free, few, start)
-    # without marks a lens that is not fixed may be far off, and marks seem to contradict each other
-    if all(mode == "fixed" for mode in problem.intrinsics.values()):
-        marks = problem.fiducials, problem.distances
-        check_fiducials(rig, *marks, rough=True, size_known=problem.radius_known)
+    _check_roughly(problem, few, rig)
     return rotated_to_fiducials(rig, problem.fiducials) if turns else rig
+
+
+def _check_roughly(problem: RigProblem, few: Mapping[Pair, Observations], rig: RigGeometry) -> None:
+    """Refuse marks that contradict a rig solved without them, and also one with other lenses.
+
+    Without marks a lens with a prior may be degrees off. Then marks have to fit the rig with the lenses
+    of venue.toml, or with free ones.
+    """
+    marks = problem.fiducials, problem.distances
+    try:
+        check_fiducials(rig, *marks, rough=True, size_known=problem.radius_known)
+    except CalibrationError:
+        lenses = {n: c.lens for n, c in problem.cameras.items() if problem.intrinsics[n] != "fixed"}
+        cameras = {n: replace(c, lens=lenses.get(n, c.lens)) for n, c in rig.cameras.items()}
+        given, modes = replace(rig, cameras=cameras), ("fixed", "solve") if lenses else ()
+        others = (_relensed(problem, dict.fromkeys(lenses, mode)) for mode in modes)
+        if not any(_fits_marks(other, few, given) for other in others):
+            raise
+
+
+def _relensed(problem: RigProblem, modes: Mapping[str, Intrinsics]) -> RigProblem:
+    return replace(problem, intrinsics={**problem.intrinsics, **modes})
+
+
+def _fits_marks(problem: RigProblem, few: Mapping[Pair, Observations], start: RigGeometry) -> bool:
+    """Whether a rig that is solved without marks agrees with them."""
+    try:
+        rig = _fitted(replace(problem, fiducials=(), distances=()), few, start)
+        check_fiducials(
+            rig, problem.fiducials, problem.distances, rough=True, size_known=problem.radius_known
+        )
+    except CalibrationError:
+        return False
+    return True
 
 
 def _started_on_mesh(problem: RigProblem, few: Mapping[Pair, Observations]) -> RigGeometry:

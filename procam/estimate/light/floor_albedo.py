@@ -188,7 +188,8 @@ def combined_floor_albedo(dome: Dome, measured: FloorLight) -> tuple[float, floa
     """Albedo of the floor in the rim's plane that returns as much light, and its standard error.
 
     At each depth it is the weighted mean of the value in venue.toml and the measured one; its error is
-    scaled by the discrepancy of the two where that exceeds one sigma (Birge ratio).
+    scaled by the discrepancy of the two where that exceeds one sigma (Birge ratio). Where they agree at a
+    lower depth alone, the floor may as well lie at the rim and venue.toml be wrong: the error covers both.
     """
     known = (dome.floor_albedo, max(dome.floor_albedo_sigma, MIN_SIGMA))
     each = []
@@ -197,7 +198,11 @@ def combined_floor_albedo(dome: Dome, measured: FloorLight) -> tuple[float, floa
         value = np.average([known[0], at.albedo], weights=weights)
         sigma = max(1.0, _discrepancy(dome, at)) * weights.sum() ** -0.5
         each.append((at.share * float(value), at.share * float(sigma)))
-    return measured.mixture(each)
+    mean, spread = measured.mixture(each)
+    at_rim = measured.depths[0]
+    if _discrepancy(dome, at_rim) < MAX_DISCREPANCY:
+        return mean, spread
+    return mean, float(np.hypot(spread, (1 - at_rim.weight) * (mean - at_rim.albedo)))
 
 
 def _discrepancy(dome: Dome, at: FloorAt) -> float:
@@ -210,9 +215,16 @@ def _difference_sigma(dome: Dome, at: FloorAt) -> float:
 
 
 def floor_notes(dome: Dome, measured: FloorLight) -> list[str]:
-    """A note for the report if the measured floor albedo contradicts venue.toml at every depth."""
-    if min(_discrepancy(dome, at) for at in measured.depths) < MAX_DISCREPANCY:
+    """A note for the report if the measured albedo of a floor at the rim contradicts venue.toml."""
+    at_rim, nearest = measured.depths[0], min(_discrepancy(dome, at) for at in measured.depths)
+    if _discrepancy(dome, at_rim) < MAX_DISCREPANCY:
         return []
+    if nearest < MAX_DISCREPANCY:
+        return [
+            f"floor_albedo is {dome.floor_albedo:g} +- {dome.floor_albedo_sigma:g} in venue.toml, which the "
+            "light agrees with if the floor lies well below the dome's rim; if it does not, it is "
+            f"{at_rim.albedo:.2f} +- {at_rim.sigma:.2f}: compare it with a grey card"
+        ]
     return [
         f"floor_albedo is {dome.floor_albedo:g} +- {dome.floor_albedo_sigma:g} in venue.toml, but "
         f"{measured.albedo:.2f} +- {measured.sigma:.2f} by the light that the floor returns; only the "

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from procam.arrays import Array, Array32, FloatArray
-from procam.estimate.geometry.model import camera_pixels_of
+from procam.estimate.geometry.model import project_to_camera
 from procam.estimate.geometry.pixel_directions import PixelDirections, fit_pixel_directions
 from procam.estimate.geometry.screen_points import screen_points
 from procam.estimate.geometry.solve import GeometrySolution
@@ -74,7 +74,7 @@ def camera_pixels(solution: GeometrySolution, direction: FloatArray) -> Array:
 
 def pixels_of(camera: CameraModel, shape: RoundShape, direction: FloatArray) -> Array:
     """Pixel (..., 2) of a camera that sees a screen of `shape` in directions (..., 3)."""
-    return camera_pixels_of(camera, screen_points(shape, direction))
+    return project_to_camera(camera, screen_points(shape, direction))
 
 
 def lit_share(solution: GeometrySolution, direction: FloatArray, light: SeparatedLight) -> Array32:

@@ -10,10 +10,10 @@ from procam.estimate.geometry.model import (
     Pair,
     ParameterLayout,
     RigGeometry,
-    camera_pixels_of,
     camera_rays,
     normal_equations,
     points_seen,
+    project_to_camera,
     residual_slopes,
     residuals,
     screen_derivatives,
@@ -74,7 +74,7 @@ def _errors(rig: RigGeometry, seen: dict[Pair, Observations]) -> np.ndarray:
 def test_a_camera_sees_a_point_in_the_pixel_whose_ray_meets_it(camera: str) -> None:
     """Also one whose entrance pupil moves with the angle."""
     rig, pixel = _rig(0), np.random.default_rng(4).uniform(100, 700, (50, 2))
-    found = camera_pixels_of(rig.cameras[camera], points_seen(rig, camera, pixel))
+    found = project_to_camera(rig.cameras[camera], points_seen(rig, camera, pixel))
     np.testing.assert_allclose(found, pixel, atol=1e-5)
 
 

@@ -80,6 +80,18 @@ def test_a_discrepancy_widens_the_error() -> None:
     assert not floor_notes(dome, _at(0.12, 0.03))
 
 
+def test_a_venue_toml_that_only_a_low_floor_would_explain_is_named_and_widens() -> None:
+    """The floor may as well lie at the rim, with a wrong value in venue.toml."""
+    dome = Dome(6.0, np.pi / 2, 0.0, 0.4, 0.03)
+    found = FloorLight([FloorAt(0.12, 0.02, 1.0, 0.0), FloorAt(0.4, 0.05, 0.7, 1.0)], 0.0)
+    value, sigma = combined_floor_albedo(dome, found)
+    assert value == pytest.approx(0.28)
+    assert value - 2 * sigma < 0.12
+    (note,) = floor_notes(dome, found)
+    assert "agrees with if the floor lies well below the dome's rim" in note
+    assert "if it does not, it is 0.12 +- 0.02" in note
+
+
 def test_a_floor_that_may_be_lower_widens_what_it_returns() -> None:
     """Half the weight on a depth that returns half as much: their mean, and their spread."""
     dome = Dome(6.0, np.pi / 2, 0.0, 0.2, 1e-3)

@@ -1,0 +1,31 @@
+"""The study of rooms at a fraction of its size: rooms that nobody designed for, seeded."""
+
+from pathlib import Path
+
+import pytest
+
+from procam.estimate import calibration as assemble
+from simulators import truth
+from simulators.scene import SceneSize
+from studies import rooms
+
+SMALL = SceneSize(projector_size=(240, 150), camera_size=(360, 360), rays=256)
+
+
+ROOM = 1  # one projector, a lens with a prior, a deck .35 radii below the rim
+
+
+def test_a_drawn_room_is_within_its_intervals(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for module, name in ((assemble, "MAP_SIZE"), (truth, "MASTER")):
+        monkeypatch.setattr(module, name, 256)
+    row = rooms.calibrate_room(ROOM, tmp_path, SMALL)
+    assert "refused" not in row, row
+    value, sigma, true = row["albedo"]
+    assert abs(value - true) < 2.5 * sigma and sigma < 0.06 * true
+    value, sigma, true = row["floor"]
+    assert abs(value - true) < 2.5 * sigma
+    assert row["m"][0] == pytest.approx(row["m"][2], rel=0.02)
+    assert row["relative_arcmin"] < row["absolute_arcmin"] < 2.5 * row["stated_arcmin"]
+    assert len(list(rooms.table([row]))) == 8
