@@ -186,7 +186,8 @@ def _check_roughly(problem: RigProblem, few: Mapping[Pair, Observations], rig: R
     except CalibrationError:
         lenses = {n: c.lens for n, c in problem.cameras.items() if problem.intrinsics[n] != "fixed"}
         cameras = {n: replace(c, lens=lenses.get(n, c.lens)) for n, c in rig.cameras.items()}
-        given, modes = replace(rig, cameras=cameras), ("fixed", "solve") if lenses else ()
+        given = replace(rig, cameras=cameras)
+        modes: tuple[Intrinsics, ...] = ("fixed", "solve") if lenses else ()
         others = (_relensed(problem, dict.fromkeys(lenses, mode)) for mode in modes)
         if not any(_fits_marks(other, few, given) for other in others):
             raise
