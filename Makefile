@@ -20,7 +20,7 @@ demo: $(READY)
 	$(BIN)/procam demo --out $(OUT)
 
 test: $(READY)
-	$(BIN)/python -m pytest -n $(JOBS) $(PYTEST_FLAGS)
+	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal $(PYTEST_FLAGS)
 
 check: $(READY)
 	$(BIN)/ruff check .

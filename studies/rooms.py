@@ -2,7 +2,7 @@
 
 Every room is drawn at random (`simulators.drawn_rooms`): dome, paint, deck, wall, rig, camera and what its
 owner knows. Each is captured, solved and compared with the truth. Writes studies/rooms.json and
-studies/rooms.md; `python -m studies rooms` remakes them in an hour and a half.
+studies/rooms.md; `python -m studies rooms` remakes them in an hour.
 """
 
 import os
@@ -29,7 +29,7 @@ from simulators.truth import write_truth
 from studies.measure import write
 from studies.photometry import calibrate_venue, response_error, traced
 
-ROOMS = range(1, 121)
+ROOMS = range(1, 101)
 SIZE = SceneSize(projector_size=(480, 300), camera_size=(600, 600), rays=1024)
 WORKERS = 2
 ARCMIN = 60 * 180 / np.pi

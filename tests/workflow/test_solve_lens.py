@@ -47,7 +47,7 @@ def _with_lens(captured: tuple[Venue, Session], mode: str, factor: float) -> Cal
 def test_feedback_and_albedo_do_not_follow_a_wrong_prior(
     captured: tuple[Venue, Session], mode: str
 ) -> None:
-    right = _with_lens(captured, mode, 1.0)
+    right = _with_lens(captured, "fixed", 1.0)
     wrong = _with_lens(captured, mode, TOO_LONG)
     np.testing.assert_allclose(wrong.feedback.value, right.feedback.value, rtol=PULL)
     np.testing.assert_allclose(wrong.albedo.value, right.albedo.value, rtol=PULL)
