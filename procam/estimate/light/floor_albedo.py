@@ -94,7 +94,8 @@ def measure_floor(
     -----
     The standard error is a jackknife over the pictures, plus `MODEL_SIGMA`.
     """
-    pictures = _Pictures(samples, per_flux, white, albedo)
+    lights = np.stack([*(x.direct.mean(axis=1) for x in samples), white.mean(axis=1)], axis=1)
+    pictures = _Pictures(samples, per_flux, lights, albedo)
     exchanges = [_floor_exchange(dome, drop) for drop in DROPS]
     nearest = float(exchanges[0].sum())
     depths = [_floor_at(pictures, dome, e, float(e.sum()) / nearest) for e in exchanges]
@@ -104,20 +105,32 @@ def measure_floor(
 
 @dataclass(frozen=True, slots=True)
 class _Pictures:
-    """What `measure_floor` is given of the pictures and of the screen."""
+    """What `measure_floor` is given of the pictures and of the screen.
+
+    `lights` (N, P + 1) is the direct flux of each picture, and of full white, in each cell.
+    """
 
     samples: Sequence[ScatterSample]
     per_flux: Array
-    white: Array
+    lights: Array
     screen_albedo: float
+
+    def known(self, sample: ScatterSample) -> BoolArray:
+        """Cells (N,) in which scattered light of a picture and of white is known."""
+        finite = np.isfinite(sample.scattered + self.per_flux).all(axis=1)
+        return np.asarray((sample.pixels > 0) & finite)
 
 
 def _floor_at(pictures: _Pictures, dome: Dome, by_floor: Array, share: float) -> FloorAt:
     """The floor at one depth."""
     floor, sigma = dome.floor_albedo, np.inf
     for _ in range(ROUNDS):
-        rooms = [_Room(dome, pictures.screen_albedo, f, by_floor) for f in (floor, floor + STEP)]
-        sums = np.array([_normal_equation(rooms, x, pictures) for x in pictures.samples])
+        expected, stepped = (
+            _Room(dome, pictures.screen_albedo, f, by_floor).over_white(pictures.lights)
+            for f in (floor, floor + STEP)
+        )
+        both = zip(pictures.samples, expected.T, stepped.T, strict=True)
+        sums = np.array([_normal_equation(pictures, *each) for each in both])
         top, bottom = sums.sum(axis=0)
         if not bottom > 0:
             return FloorAt(dome.floor_albedo, np.inf, share)
@@ -137,46 +150,38 @@ def _weighted(dome: Dome, depths: Sequence[FloorAt]) -> list[FloorAt]:
     ]
 
 
-def _known_cells(room: "_Room", sample: ScatterSample, per_flux: Array) -> BoolArray:
-    """Cells (N,) of the cap where scattered light of the picture and of white is known."""
-    known = (sample.pixels > 0) & np.isfinite(sample.scattered + per_flux).all(axis=1)
-    return np.asarray(known & room.on_cap)
-
-
 def _flux_inconsistency(room: "_Room", pictures: _Pictures) -> float:
     """Relative spread of the pictures' scattered light over that of the room for their direct light."""
-    white, per_flux = pictures.white.mean(axis=1), pictures.per_flux
-    from_white = room.scattered(white) / white.sum()
+    all_expected = room.over_white(pictures.lights) * pictures.lights[:, -1].sum()
     scales = []
-    for x in pictures.samples:
-        known = _known_cells(room, x, per_flux)
+    for x, expected in zip(pictures.samples, all_expected.T, strict=True):
+        known = pictures.known(x) & room.on_cap
         if known.any():
-            expected = (room.scattered(x.direct.mean(axis=1)) / from_white)[known]
-            seen = x.scattered[known].mean(axis=1) / per_flux[known].mean(axis=1)
+            seen = x.scattered[known].mean(axis=1) / pictures.per_flux[known].mean(axis=1)
             weight = x.pixels[known]
-            scales.append((weight @ seen) / (weight @ expected))
+            scales.append((weight @ seen) / (weight @ expected[known]))
     return float(np.std(scales)) if len(scales) >= MIN_PICTURES else UNKNOWN_INCONSISTENCY
 
 
 def _normal_equation(
-    rooms: Sequence["_Room"], sample: ScatterSample, pictures: _Pictures
+    pictures: _Pictures, sample: ScatterSample, expected: Array, stepped: Array
 ) -> tuple[float, float]:
-    """Right and left side of one picture's normal equation for the change of floor albedo."""
-    known = _known_cells(rooms[0], sample, pictures.per_flux)
+    """Right and left side of one picture's normal equation for the change of floor albedo.
+
+    `expected`, `stepped` (N,) are its scattered light over that of white, in the model room and in one
+    whose floor is brighter by `STEP`; NaN off the cap.
+    """
+    known = pictures.known(sample) & np.isfinite(expected)
     if not known.any():
         return 0.0, 0.0
     base = pictures.per_flux[known].mean(axis=1)
     weight = sample.pixels[known] * base**2
-    light, all_light = sample.direct.mean(axis=1), pictures.white.mean(axis=1)
     seen = sample.scattered[known].mean(axis=1) / base
-    expected, stepped = (
-        _scaled((room.scattered(light) / room.scattered(all_light))[known], weight)
-        for room in rooms
-    )
-    slope = (stepped - expected) / STEP
+    now, then = (_scaled(ratio[known], weight) for ratio in (expected, stepped))
+    slope = (then - now) / STEP
     # a brighter picture has a smaller relative error
     weight = weight * np.average(seen, weights=weight) ** 2
-    residual = _scaled(seen, weight) - expected
+    residual = _scaled(seen, weight) - now
     return float(weight @ (slope * residual)), float(weight @ slope**2)
 
 
@@ -248,12 +253,13 @@ class _Room:
         system = np.eye(len(by_floor)) - albedo * self._root[:, None] * self._exchange * self._root
         self._factor = cho_factor(system)
 
-    def scattered(self, flux: Array) -> Array:
-        """Scattered light (N,) per albedo for direct light of flux (N,) per cell; NaN off the cap."""
-        light = np.full(len(self.on_cap), np.nan)
-        once = self._exchange @ flux[self.on_cap]
-        light[self.on_cap] = cho_solve(self._factor, self._root * once) / self._root
-        return light
+    def over_white(self, lights: Array) -> Array:
+        """Scattered light (N, P) of direct flux (N, P + 1) over that of the last; NaN off the cap."""
+        once = self._exchange @ lights[self.on_cap]
+        light = cho_solve(self._factor, self._root[:, None] * once)
+        ratio = np.full((len(self.on_cap), lights.shape[1] - 1), np.nan)
+        ratio[self.on_cap] = light[:, :-1] / light[:, -1:]
+        return ratio
 
 
 def _floor_exchange(dome: Dome, drop: float) -> Array:
