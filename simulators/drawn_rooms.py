@@ -107,7 +107,7 @@ def _known(rng: np.random.Generator, preset: Preset, camera: CameraBuild) -> Kno
     lens = _known_lens(rng, camera.lens, intrinsics)
     vignetting = tuple(v + rng.normal(0, VIGNETTING_SIGMA) for v in camera.vignetting)
     return Known(
-        round(preset.half_angle_deg + rng.normal(0, 0.3), 1),
+        min(90.0, round(preset.half_angle_deg + rng.normal(0, 0.3), 1)),
         round(preset.tilt_deg + rng.normal(0, 0.3), 1),
         (max(0.0, round(preset.floor_albedo + rng.normal(0, floor_sigma), 3)), floor_sigma),
         (max(0.0, preset.glare + rng.normal(0, glare_sigma)), glare_sigma),

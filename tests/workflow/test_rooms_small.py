@@ -6,6 +6,7 @@ import pytest
 
 from procam.estimate import calibration as assemble
 from simulators import truth
+from simulators.drawn_rooms import draw_room
 from simulators.scene import SceneSize
 from studies import rooms
 
@@ -29,3 +30,9 @@ def test_a_drawn_room_is_within_its_intervals(
     assert row["m"][0] == pytest.approx(row["m"][2], rel=0.02)
     assert row["relative_arcmin"] < row["absolute_arcmin"] < 2.5 * row["stated_arcmin"]
     assert len(list(rooms.table([row]))) == 8
+
+
+def test_owners_state_what_venue_toml_can_hold() -> None:
+    for known in (draw_room(n, (60, 60)).known for n in rooms.ROOMS):
+        assert 70 < known.half_angle_deg <= 90
+        assert 0 <= known.floor[0] < 1 and 0 <= known.glare[0] < 0.03

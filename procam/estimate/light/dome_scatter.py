@@ -16,6 +16,10 @@ from procam.maths.warp import sample
 from procam.model.screen import Dome
 from procam.model.transport import Measured
 
+# relative, of veiling glare: what stays near its light in a real lens, while an even veil is subtracted,
+# makes m wrong by .1 to .2 of the glare (studies/rooms.md, where up to .6 of it stays near)
+LOCAL_VEIL = 0.2
+
 
 @dataclass(frozen=True, slots=True)
 class DomeScatter:
@@ -41,26 +45,27 @@ def measure_scatter(
     Parameters
     ----------
     dome, view : the screen, and the main camera's view of it.
-    lights : white of each projector. samples : of each projector, its white first.
+    lights : white of each projector. samples : of each projector.
     white : (N, C) flux of full white per cell [rel sr]. coverage : (M, M) on a dome master.
     """
     together = [x for each in samples for x in each]
-    solution = solve_scatter(lights, samples, view, white)
+    solution = solve_scatter(lights, together, view, white)
     at = master_pixels(np.nan_to_num(view.direction), len(coverage))
     lit_sr = float((master_solid_angles(len(coverage)) * coverage).sum())
     screen_sr = cap_solid_angle(dome.half_angle)
+    sensor = view.camera.sensor
     feedback = partial(
         estimate_feedback,
         lights,
-        solution.relative_gains,
         sample(coverage, at) * view.solid_angle_sr,
         view.solid_angle_sr,
-        glare_sigma=view.camera.sensor.glare_sigma,
+        glare_sigma=np.hypot(sensor.glare_sigma, LOCAL_VEIL * sensor.glare),
     )
     rough = estimate_albedo(feedback(flux_sigma=0.0), lit_sr, screen_sr, dome, 0.0)
     floor = measure_floor(together, solution.in_cells, white, dome, float(rough.value.mean()))
     value, sigma = combined_floor_albedo(dome, floor)
     dome = replace(dome, floor_albedo=value, floor_albedo_sigma=sigma)
-    m = feedback(flux_sigma=floor.flux_inconsistency / np.sqrt(len(together)))
+    # gloss hides the same share of a projector's light from the camera in all its pictures
+    m = feedback(flux_sigma=floor.flux_inconsistency / np.sqrt(len(lights)))
     rho = estimate_albedo(m, lit_sr, screen_sr, dome, floor.flux_inconsistency)
     return DomeScatter(dome, solution, floor, m, rho)

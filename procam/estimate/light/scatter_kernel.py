@@ -1,9 +1,8 @@
 """Fit of the scatter kernel: how scattered light depends on where the direct light falls.
 
 The data are `ScatterSample`s: scattered light of one picture and the flux of its direct light, both
-averaged over cells of a small dome master. `solve_scatter` alternates between u, the scattered light
-per flux of full white at camera pixels, and the kernel B of docs/theory/interreflection.md (I16), for
-u needs the kernel (each projector lights a part of the dome only) and the kernel needs u (I17). The
+averaged over cells of a small dome master. `solve_scatter` estimates u, the scattered light per flux of
+full white at camera pixels, and with it the kernel B of docs/theory/interreflection.md (I16, I17). The
 degree of B is chosen by cross-validation: each picture in turn is predicted from the others.
 """
 
@@ -19,13 +18,11 @@ from procam.estimate.geometry.camera_view import DomeView
 from procam.estimate.light.separation import SeparatedLight, estimate_scatter_per_flux
 from procam.maths.geometry.sphere import master_directions, master_pixels
 from procam.maths.light.scatter_kernel import ZoneMeasurements, basis, predicted_ratio
-from procam.maths.warp import sample
 from procam.model.transport import ScatterKernel
 
 CELLS = 32  # edge of the dome master of cells, 6 degrees each
 HIGHEST = 2  # degree; a higher one gains nothing in furnished rooms (studies/forward.md)
 SIZE = (HIGHEST + 1) ** 2
-ROUNDS = 2  # of the alternation between u and the kernel
 BLACK_BLUR_PX = 4.0  # Gaussian sigma in camera pixels; black light is smooth, its noise is not
 MIN_PICTURES = 4  # per degree
 MIN_FLUX = 0.05  # of the pictures' median flux
@@ -131,52 +128,30 @@ class ScatterSolution:
     Attributes
     ----------
     per_flux : (H, W, C) u of full white at camera pixels [1/sr]. in_cells : (N, C) its cell means.
-    relative_gains : for each projector (H, W, C), scattered light per unit of its white's flux over u.
     fit : the kernel.
     """
 
     per_flux: Image
-    relative_gains: list[Image]
     fit: ScatterFit
     in_cells: Array
 
 
 def solve_scatter(
     lights: Sequence[SeparatedLight],
-    samples: Sequence[Sequence[ScatterSample]],
+    samples: Sequence[ScatterSample],
     view: DomeView,
     white: Array,
 ) -> ScatterSolution:
-    """Fit u and the kernel alternately.
+    """Estimate u, and fit the kernel with it.
 
     Parameters
     ----------
-    lights : white of each projector. samples : of each projector, its white first.
+    lights : white of each projector. samples : of all pictures.
     white : (N, C) flux of full white on the whole dome, per cell [rel sr].
     """
-    moment = cell_basis().T @ white
-    cells = ScatterCells(view.direction, view.solid_angle_sr)
-    places = master_pixels(np.nan_to_num(view.direction), CELLS)
-    gains: list[Image] | None = None
-    for _ in range(ROUNDS):
-        per_flux = estimate_scatter_per_flux(lights, gains)
-        mean, _ = cells.mean(per_flux, view.on_screen)
-        fit = fit_scatter([x for each in samples for x in each], mean, moment)
-        whites = [each[0].moment for each in samples]
-        gains = [sample(_relative_gain(fit.kernel, m), places, 1.0) for m in whites]
-    per_flux = estimate_scatter_per_flux(lights, gains)
-    return ScatterSolution(per_flux, gains or [], fit, cells.mean(per_flux, view.on_screen)[0])
-
-
-def _relative_gain(kernel: ScatterKernel, moment: Array) -> Image:
-    """Scattered light per flux of light of these moments, over that of full white, per cell."""
-    size = (kernel.degree + 1) ** 2
-    phi = cell_basis()[:, :size]
-    each = [
-        predicted_ratio(phi, b, g, moment[None, :size, c])[0] / moment[0, c]
-        for c, (b, g) in enumerate(zip(kernel.matrix, kernel.profile, strict=True))
-    ]
-    return np.stack(each, axis=-1).reshape(CELLS, CELLS, -1).astype(np.float32)
+    per_flux = estimate_scatter_per_flux(lights)
+    mean, _ = ScatterCells(view.direction, view.solid_angle_sr).mean(per_flux, view.on_screen)
+    return ScatterSolution(per_flux, fit_scatter(samples, mean, cell_basis().T @ white), mean)
 
 
 def fit_scatter(samples: Sequence[ScatterSample], per_flux: Array, white: Array) -> ScatterFit:

@@ -47,7 +47,6 @@ class SeparatedLight:
     direct, scattered : (H, W, 3); `direct` fades to 0 over the border of the picture.
     extended : (H, W, 3) direct light, continued a few pixels beyond the border.
     flux : (3,) direct flux, sum of solid angle times direct [radiance sr].
-    weight : (H, W) statistical weight of `scattered`; 0 where it is interpolated.
     lit : (H, W) whether the pixel sees this projector's picture.
     """
 
@@ -55,7 +54,6 @@ class SeparatedLight:
     scattered: Image
     extended: Image
     flux: Array
-    weight: Image
     lit: BoolArray
 
 
@@ -72,6 +70,7 @@ class Separation:
     blur : largest blur of the stripes' edges so far, a standard deviation in pixel extents: the size
         of a camera and a projector pixel together (root of the sum of squares). Above `MAX_BLUR` the
         result is not usable.
+    dark_weight : (H, W) statistical weight of the scattered light so far; 0 where it is interpolated.
     """
 
     def __init__(
@@ -91,7 +90,7 @@ class Separation:
         self._sum, self._count = np.nan_to_num(white), np.ones(lit.shape, np.float32)
         self._shares = np.ones(lit.shape, np.float32)  # scattered light in the sum over white's
         self._dark_sum = np.where(self._outside[..., None], self._sum, 0)
-        self._dark_weight = self._outside.astype(np.float32)
+        self.dark_weight = self._outside.astype(np.float32)
 
     def total(self, light: Image) -> Array:
         """Flux (C,) on the screen [radiance sr]; saturated pixels count as 0."""
@@ -147,13 +146,13 @@ class Separation:
         share = self.flux_share(light)
         weight = share[1] ** 2  # one weight for all channels, whose shares differ little
         self._dark_sum += light * dark[..., None] * (weight / share).astype(np.float32)
-        self._dark_weight += dark * np.float32(weight)
+        self.dark_weight += dark * np.float32(weight)
 
     def result(self) -> SeparatedLight:
         """Direct and scattered light from all pairs so far."""
         on_screen = self._solid > 0
-        known = (self._dark_weight > 0) & on_screen & np.isfinite(self._dark_sum).all(axis=-1)
-        ratio = self._dark_sum / np.maximum(self._dark_weight, 1e-12)[..., None]
+        known = (self.dark_weight > 0) & on_screen & np.isfinite(self._dark_sum).all(axis=-1)
+        ratio = self._dark_sum / np.maximum(self.dark_weight, 1e-12)[..., None]
         scattered = blur_within(ratio, known, GLOBAL_BLUR_PX)
         missing = on_screen & (scattered[..., 1] <= 0)
         if missing.any():
@@ -168,7 +167,6 @@ class Separation:
             scattered,
             extended.astype(np.float32),
             self.total(direct),
-            self._dark_weight,
             self._inside,
         )
 
@@ -180,27 +178,18 @@ def _pixel_extent(coordinate: FloatArray) -> FloatArray:
     return np.hypot(1, blur_within(np.nan_to_num(across), known, EXTENT_BLUR_PX))
 
 
-def estimate_scatter_per_flux(
-    lights: Sequence[SeparatedLight], relative_gains: Sequence[Image] | None = None
-) -> Image:
-    """Scatter per flux u (H, W, C) [1/sr] of full white, by weighted least squares over projectors.
+def estimate_scatter_per_flux(lights: Sequence[SeparatedLight]) -> Image:
+    """Scatter per flux u (H, W, C) [1/sr] of full white: scattered light of all projectors over their flux.
 
-    `relative_gains` (H, W, C): scattered light per unit of flux of each projector, over that of full
-    white; None for 1.
+    The sum is what full white is, so how scattered light depends on its place need not be known, and a
+    veil of the camera's lens that stays near its light does not count twice in some places.
     """
-    top = np.zeros_like(lights[0].scattered)
-    bottom = np.zeros_like(top)
-    for i, light in enumerate(lights):
-        flux = light.flux.astype(np.float32) * (1 if relative_gains is None else relative_gains[i])
-        weight = np.maximum(light.weight, 1e-3)[..., None]
-        top += weight * flux * light.scattered
-        bottom += weight * flux**2
-    return np.asarray(top / bottom)
+    scattered = np.sum([x.scattered for x in lights], axis=0)
+    return np.asarray(scattered / np.sum([x.flux for x in lights], axis=0).astype(np.float32))
 
 
 def estimate_feedback(
     lights: Sequence[SeparatedLight],
-    relative_gains: Sequence[Image],
     lit_sr: Array,
     on_screen_sr: Array,
     *,
@@ -211,7 +200,7 @@ def estimate_feedback(
 
     Parameters
     ----------
-    lights, relative_gains : as for `estimate_scatter_per_flux`.
+    lights : of the projectors.
     lit_sr, on_screen_sr : (H, W) solid angle of the camera pixels on the lit part and on the screen.
     glare_sigma : standard error of the camera's veiling glare, which adds to every scattered sample.
     flux_sigma : relative standard error of the direct flux of all projectors.
@@ -221,13 +210,8 @@ def estimate_feedback(
     Each projector alone gives an estimate of m; their spread includes the dependence on where the
     light falls.
     """
-    each = np.stack(
-        [
-            np.tensordot(lit_sr, x.scattered / s, 2) / x.flux
-            for x, s in zip(lights, relative_gains, strict=True)
-        ]
-    )
-    value = np.tensordot(lit_sr, estimate_scatter_per_flux(lights, relative_gains), 2)
+    each = np.stack([np.tensordot(lit_sr, x.scattered, 2) / x.flux for x in lights])
+    value = np.tensordot(lit_sr, estimate_scatter_per_flux(lights), 2)
     spread = (
         each.std(axis=0, ddof=1) / np.sqrt(len(each)) if len(each) > 1 else SINGLE_SIGMA * value
     )

@@ -115,7 +115,7 @@ def test_lit_share_is_light_seen_over_light_expected(calibration: Calibration) -
     direct = extended.copy()
     direct[:, :145], direct[:, 145:155] = 0.0, 0.25
     lit = np.zeros(shape[:2], bool)
-    light = SeparatedLight(direct, 0 * direct, extended, np.ones(3), direct, grow(lit, 1))
+    light = SeparatedLight(direct, 0 * direct, extended, np.ones(3), grow(lit, 1))
     direction, inside = master_directions(150)
     solution = _solution(calibration, camera)
     share = lit_share(solution, direction, light)
@@ -140,7 +140,7 @@ class TestProjectSurface:
         lit = view.on_screen & (view.direction[..., 2] > np.sin(np.radians(10.0)))
         extended = np.ones((*lit.shape, 3), np.float32)
         direct = extended * lit[..., None]
-        return SeparatedLight(direct, 0 * direct, extended, np.ones(3), direct, lit)
+        return SeparatedLight(direct, 0 * direct, extended, np.ones(3), lit)
 
     def test_is_the_known_surface(
         self, solution: GeometrySolution, calibration: Calibration

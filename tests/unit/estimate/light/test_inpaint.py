@@ -27,7 +27,6 @@ def split(lit: np.ndarray) -> SeparatedLight:
         np.full_like(SLOPE, SCATTERED),
         spoilt.astype(np.float32),
         np.tensordot(SOLID, spoilt, 2),
-        np.ones(SHAPE, np.float32),
         lit | HOLE,
     )
 

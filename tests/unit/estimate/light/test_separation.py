@@ -22,7 +22,6 @@ from procam.model.transport import Measured
 
 SIZE = 320
 PANEL = 512
-EQUAL_GAINS = [np.ones((1, 1, 1), np.float32)] * 2
 SUBPIXELS = 8  # along an axis of a camera pixel
 LENS_BLUR_PX = 0.5  # blurs the edges of stripes
 
@@ -140,7 +139,7 @@ class TestSeparation:
         separation = Separation(scene.white(), scene.xy, scene.lit, scene.solid)
         separation.add_pair("x", 3, *scene.pair("x", 3))
         assert 0.8 * wide < separation.blur < wide
-        known = separation.result().weight[scene.inner & np.isfinite(scene.xy).all(axis=-1)] > 0
+        known = separation.dark_weight[scene.inner & np.isfinite(scene.xy).all(axis=-1)] > 0
         assert 0.15 < known.mean() < 0.35  # a quarter of each stripe
 
     @pytest.mark.parametrize(("px_per_px", "sigma_px"), [(1.6, 1.0), (1.6, 2.0), (3.0, 1.0)])
@@ -157,15 +156,15 @@ class TestSeparation:
         blurred = Scene(blur_px=(2.0,) * 3)
         separation = Separation(blurred.white(), blurred.xy, blurred.lit, blurred.solid)
         separation.add_pair("x", 5, *blurred.pair("x", 5))
-        before = separation.result().weight.copy()
+        before = separation.dark_weight.copy()
         separation.add_pair("x", 6, *scene.pair("x", 6))
         alone = Separation(scene.white(), scene.xy, scene.lit, scene.solid)
         alone.add_pair("x", 6, *scene.pair("x", 6))
         near_edge = np.abs(scene.xy[160, :, 0] - 63.5) < 6
         np.testing.assert_array_equal(
-            separation.result().weight[160, near_edge], before[160, near_edge]
+            separation.dark_weight[160, near_edge], before[160, near_edge]
         )
-        assert alone.result().weight[160, near_edge].any()
+        assert alone.dark_weight[160, near_edge].any()
 
     def test_scattered_light_outside_the_picture_too(
         self, scene: Scene, light: SeparatedLight
@@ -226,9 +225,7 @@ class TestSeparation:
 def measured_feedback(
     scene: Scene, lights: list[SeparatedLight], lit_sr: np.ndarray, glare: float, flux: float
 ) -> Measured:
-    return estimate_feedback(
-        lights, EQUAL_GAINS, lit_sr, scene.solid, glare_sigma=glare, flux_sigma=flux
-    )
+    return estimate_feedback(lights, lit_sr, scene.solid, glare_sigma=glare, flux_sigma=flux)
 
 
 class TestTogether:
@@ -251,7 +248,7 @@ class TestTogether:
         self, scene: Scene, light: SeparatedLight
     ) -> None:
         other = SeparatedLight(
-            light.direct, 1.1 * light.scattered, light.extended, light.flux, light.weight, light.lit
+            light.direct, 1.1 * light.scattered, light.extended, light.flux, light.lit
         )
         lit_sr = np.where(scene.inner, scene.solid, 0)
         found = measured_feedback(scene, [light, other], lit_sr, 0.0, 0.0)
