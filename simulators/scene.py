@@ -110,26 +110,41 @@ class DomeScene:
         blur_px: float,
     ) -> Image:
         """Radiance (H, W, C) of given drives; `factors` is each projector's share of full light."""
+        return np.add(*self.parts_of_drives(lines, drives, factors, bands, blur_px))
+
+    def parts_of_drives(
+        self,
+        lines: SightLines,
+        drives: Mapping[str, Image],
+        factors: Mapping[str, float],
+        bands: slice,
+        blur_px: float,
+    ) -> tuple[Image, Image]:
+        """Direct and scattered light (H, W, C) of given drives, whose sum is `radiance_of_drives`."""
         irradiances = {
             name: self.lights[name].emit(drive, bands) * np.float32(factors[name])
             for name, drive in drives.items()
         }
-        return self.radiance_of_irradiances(
-            lines, irradiances, len(range(*bands.indices(3))), blur_px
-        )
+        return self._parts(lines, irradiances, len(range(*bands.indices(3))), blur_px)
 
     def radiance_of_irradiances(
         self, lines: SightLines, irradiances: Mapping[str, Image], channels: int, blur_px: float
     ) -> Image:
         """Radiance (H, W, C) of projectors' irradiance images (H, W, C) along lines of sight."""
+        return np.add(*self._parts(lines, irradiances, channels, blur_px))
+
+    def _parts(
+        self, lines: SightLines, irradiances: Mapping[str, Image], channels: int, blur_px: float
+    ) -> tuple[Image, Image]:
         patches = len(self.room.area_m2)
         flux = np.zeros((patches, channels))
         for name, irradiance in irradiances.items():
             flux += self.lights[name].patch_flux(irradiance, patches)
-        radiance = lines.scattered(self.room, self.room.irradiance(flux))
+        scattered = lines.scattered(self.room, self.room.irradiance(flux))
+        direct = np.zeros_like(scattered)
         for name, irradiance in irradiances.items():
-            radiance += lines.direct(name, self.lights[name].blurred(irradiance, blur_px))
-        return radiance
+            direct += lines.direct(name, self.lights[name].blurred(irradiance, blur_px))
+        return direct, scattered
 
     def sight_lines(self, name: str) -> SightLines:
         """The lines of sight of a camera, prepared once."""

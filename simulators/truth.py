@@ -41,8 +41,9 @@ def write_truth(
     """Write the truth of a simulated venue to `out`.
 
     `pictures` are sets of projector drives (H, W, 3) by picture and projector; for each,
-    OUT/pictures/NAME.exr holds the radiance on the dome without camera or noise. `judge` is the source of
-    inter-reflection: the scene's own flux tracing, or Mitsuba's path tracer.
+    OUT/pictures/NAME.exr holds the radiance on the dome without camera or noise, OUT/scattered/NAME.exr
+    its scattered part. `judge` is the source of inter-reflection: the scene's own flux tracing, or
+    Mitsuba's path tracer.
     """
     scene = build_scene(settings, venue_dir)
     if judge == "mitsuba":
@@ -50,15 +51,28 @@ def write_truth(
     server = build_server(scene, settings, venue_dir)
     (out / "maps").mkdir(parents=True)
     (out / "pictures").mkdir()
+    (out / "scattered").mkdir()
     document = _write_maps(scene, server, out / "maps")
     (out / "calibration.json").write_text(json.dumps(document, indent=1))
+    if pictures:
+        _write_pictures(scene, server, pictures, out)
+
+
+def _write_pictures(
+    scene: DomeScene,
+    server: MediaServer | None,
+    pictures: Mapping[str, Mapping[str, Image]],
+    folder: Path,
+) -> None:
     lines = _master_lines(scene, FINE * MASTER)
     for name, drives in pictures.items():
         sent = projector_drives(server, drives)
         full = dict.fromkeys(sent, 1.0)
-        picture = _averaged(scene.radiance_of_drives(lines, sent, full, ALL_BANDS, 0))
-        channels = {c: picture[..., i] for i, c in enumerate(RGB)}
-        _write_exr(out / "pictures" / f"{name}.exr", channels)
+        direct, scattered = scene.parts_of_drives(lines, sent, full, ALL_BANDS, 0)
+        for where, light in ("pictures", direct + scattered), ("scattered", scattered):
+            picture = _averaged(light)
+            channels = {c: picture[..., i] for i, c in enumerate(RGB)}
+            _write_exr(folder / where / f"{name}.exr", channels)
 
 
 def _write_maps(scene: DomeScene, server: MediaServer | None, folder: Path) -> dict[str, Any]:

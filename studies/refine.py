@@ -42,25 +42,14 @@ def grey(size: int) -> Image:
     return 0.4 * CONTENTS["white"](size)
 
 
-def texture(size: int) -> Image:
-    """Grey noise whose amplitude goes with one over the frequency."""
-    rng = np.random.default_rng(5)
-    frequency = np.hypot(np.fft.fftfreq(size)[:, None], np.fft.rfftfreq(size))
-    spectrum = np.fft.rfft2(rng.normal(size=(size, size))) / np.maximum(frequency, 1 / size)
-    noise = np.fft.irfft2(spectrum, s=(size, size))
-    level = np.clip(0.4 + 0.15 * (noise - noise.mean()) / noise.std(), 0.02, 0.9)
-    return (level[..., None] * CONTENTS["white"](size)).astype(np.float32)
-
-
 def inverse(size: int) -> Image:
     """Half a sky, bright where that is dark."""
     return 0.8 * (1 - CONTENTS["half-sky"](size)) * CONTENTS["white"](size)
 
 
 JUDGED: dict[str, Callable[[int], Image]] = {
-    **{name: make for name, make in CONTENTS.items() if name != "night"},
+    **{name: make for name, make in CONTENTS.items() if name not in ("night", "checker")},
     "grey": grey,
-    "texture": texture,
     "inverse half-sky": inverse,
 }
 

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+import simulators.truth
 from procam.arrays import Array
 from procam.errors import ProcamError
 from procam.files.calibration import load_calibration
@@ -25,12 +26,12 @@ from procam.model.calibration import Calibration
 from simulators.scene import SceneSize
 from simulators.template import room_text
 from simulators.transport import Room
-from simulators.truth import write_truth
 from studies.measure import write
 from studies.photometry import calibrate_venue, response_error, traced
 
 ROOMS = range(1, 101)
 SIZE = SceneSize(projector_size=(480, 300), camera_size=(600, 600), rays=1024)
+TRUTH_SIZE = 512  # edge of its maps; the lit area is right to 1e-4
 WORKERS = 2
 ARCMIN = 60 * 180 / np.pi
 EVERY = 7  # pixel of a projector whose direction is compared
@@ -47,7 +48,7 @@ def calibrate_room(number: int, folder: Path, size: SceneSize = SIZE) -> dict[st
         found = load_calibration(calibrate_venue(venue))
     except ProcamError as error:
         return row | {"refused": str(error)}
-    write_truth(venue.backends["simulated"], folder, folder / "truth", {})
+    simulators.truth.write_truth(venue.backends["simulated"], folder, folder / "truth", {})
     return row | _figures(found, load_calibration(folder / "truth"))
 
 
@@ -124,6 +125,7 @@ def _line(name: str, error: Array, sigma: Array | None = None) -> str:
 
 def _row(number: int) -> dict[str, Any]:
     Room.trace = lambda surface, rays: traced(surface.preset, rays)
+    simulators.truth.MASTER = TRUTH_SIZE
     with tempfile.TemporaryDirectory() as folder:
         return calibrate_room(number, Path(folder))
 

@@ -6,13 +6,14 @@ target, where no limit holds. The figures are defined in docs/figures.md.
 """
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from procam.arrays import Array, Image
+from procam.arrays import Array, BoolArray, Image
 from procam.errors import FileFormatError
+from procam.estimate.closed_loop.patches import CELL_QUANTILE, just_noticeable
 from procam.files.calibration import load_calibration
 from procam.files.images.layers import RGB, read_channels
 from procam.maths.geometry.sphere import (
@@ -44,39 +45,97 @@ def judge(calibration_dir: Path, truth_dir: Path) -> dict[str, Figure]:
 
 
 def judge_pictures(venue_dir: Path, calibration_dir: Path, truth_dir: Path) -> dict[str, Figure]:
-    """How much scattered light each method leaves in the pictures that the simulator shows.
+    """What is wrong with the pictures that the simulator shows.
 
-    scatter_left = sqrt(sum_F a (y - t)^2 / sum_F a (z - t)^2) for y compensated, z uncompensated,
-    t target, over F: lit patches and channels where no limit holds. Worst channel; the signed mean apart.
+    interreflection_left = sqrt(sum_F a (x + s - t)^2 / sum_F a s0^2) for x the direct light asked for, s its
+    scattered light, s0 that of the uncompensated picture, t the target, over F: lit patches and channels
+    where no limit holds. scatter_left has what was shown instead of x + s. Worst channel; the signed mean
+    apart. picture_error_jnd is over all that is lit; its parts are not exclusive.
     """
     calibration, truth = load_calibration(calibration_dir), load_calibration(truth_dir)
-    target = _rgb(venue_dir / "pictures" / "target.exr")
-    direct = _rgb(venue_dir / "pictures" / "direct.exr")
-    shown = {
-        path.stem: _rgb(path) @ calibration.content_from_camera.T.astype(np.float32)
-        for path in sorted((truth_dir / "pictures").glob("*.exr"))
-    }
-    free = _free(calibration, truth, direct)
-    figures: dict[str, Figure] = {}
+    pictures = _Pictures.read(venue_dir, calibration, truth, truth_dir)
+    free = _free(calibration, truth, pictures)
+    figures = _interreflection_left(pictures, free)
+    figures |= _visible_errors(pictures, truth.maps.coverage > WHOLE)
+    uncompensated = pictures.shown["none"] - pictures.target
     for method, name, goal in (
         ("exact", "scatter_left_exact", Goal("<=", 0.02)),
         ("paper-eq12", "scatter_left_paper_eq12", None),
         ("refined", "scatter_left_refined", Goal("<=", 0.02)),
     ):
-        if method in shown:
-            error, scattered = shown[method] - target, shown["none"] - target
-            coarse = _patches(error, PATCHES), _patches(scattered, PATCHES)
+        if method in pictures.shown:
+            error = pictures.shown[method] - pictures.target
+            coarse = _patches(error, PATCHES), _patches(uncompensated, PATCHES)
             figures |= _scatter(name, goal, *coarse, free)
-            fine = _scatter(name, None, error, scattered, free)[name]
+            fine = _scatter(name, None, error, uncompensated, free)[name]
             figures[f"{name}_fine"] = replace(fine, note="the same on patches of 0.18 degrees")
-    figures["scatter_before"] = _scatter_before(_patches(shown["none"] - target, PATCHES), free)
+    figures["scatter_before"] = _scatter_before(_patches(uncompensated, PATCHES), free)
     return figures
 
 
-def _free(calibration: Calibration, truth: Calibration, direct: Image) -> Image:
+@dataclass(frozen=True, slots=True)
+class _Pictures:
+    """Pictures (N, N, 3) in content channels, of the same content.
+
+    `target` is wanted, `direct` the light asked for; `shown` and its part `scattered` are what the
+    dome shows, by method; `black` is the direct light of black.
+    """
+
+    target: Image
+    direct: Image
+    black: Image
+    shown: Mapping[str, Image]
+    scattered: Mapping[str, Image]
+
+    @classmethod
+    def read(
+        cls, venue_dir: Path, calibration: Calibration, truth: Calibration, truth_dir: Path
+    ) -> "_Pictures":
+        to_content = calibration.content_from_camera.T.astype(np.float32)
+        shown, scattered = (
+            {p.stem: _rgb(p) @ to_content for p in sorted((truth_dir / kind).glob("*.exr"))}
+            for kind in ("pictures", "scattered")
+        )
+        target, direct = (_rgb(venue_dir / "pictures" / f"{x}.exr") for x in ("target", "direct"))
+        return cls(target, direct, truth.maps.lo @ to_content, shown, scattered)
+
+    @property
+    def asked(self) -> Image:
+        """Light on a dome whose projectors draw exactly what they are asked for."""
+        return self.direct + self.scattered["exact"]
+
+
+def _interreflection_left(pictures: _Pictures, free: Image) -> dict[str, Figure]:
+    left = _patches(pictures.asked - pictures.target, PATCHES)
+    before = _patches(pictures.scattered["none"], PATCHES)
+    return _scatter("interreflection_left", Goal("<=", 0.01), left, before, free)
+
+
+def _visible_errors(pictures: _Pictures, lit: BoolArray) -> dict[str, Figure]:
+    """Errors over `lit` (N, N) of the uncompensated and of the compensated picture, and parts of it."""
+    shown, exact = pictures.shown, pictures.shown["exact"]
+    drawn = exact - pictures.scattered["exact"]
+    errors = {
+        "picture_error_jnd_before": shown["none"] - pictures.target,
+        "picture_error_jnd": exact - pictures.target,
+        "picture_error_jnd_interreflection": pictures.asked - pictures.target,
+        "picture_error_jnd_black": np.maximum(pictures.black - pictures.direct, 0),
+        "picture_error_jnd_drawing": drawn - np.maximum(pictures.direct, pictures.black),
+    }
+    return {name: _visible(error[lit], pictures.target[lit]) for name, error in errors.items()}
+
+
+def _visible(error: Image, light: Image) -> Figure:
+    """What 95 % of the values of `error` (n, C) do not exceed, in JND of `light` (n, C)."""
+    visible = np.abs(error) / just_noticeable(light)
+    note = f"{CELL_QUANTILE:.0%} of the lit picture is off by at most this"
+    return Figure(float(np.quantile(visible, CELL_QUANTILE)), "JND", None, visible.size, note)
+
+
+def _free(calibration: Calibration, truth: Calibration, pictures: _Pictures) -> Image:
     """F (N, N, 3): lit in truth, compensated, and with direct light clear of black and white."""
-    black = truth.maps.lo @ calibration.content_from_camera.T.astype(np.float32)
-    free = (direct > black + LSB) & (direct < calibration.maps.hi - LSB)
+    direct = pictures.direct
+    free = (direct > pictures.black + LSB) & (direct < calibration.maps.hi - LSB)
     direction, _ = master_directions(len(direct))
     protected = calibration.maps.is_protected(master_pixels(direction, calibration.maps.size))
     compared = (truth.maps.coverage > WHOLE) & ~protected

@@ -10,6 +10,7 @@ from procam.maths.geometry.sphere import angles_from_direction, master_direction
 
 HORIZON = np.radians(30.0)
 TREE_SPACING = np.radians(45.0)
+SQUARE = np.radians(3.0)
 STARS = 500
 STAR_SIGMA = np.radians(0.3)
 CEILING = np.radians(42.0)
@@ -77,6 +78,27 @@ def interior(size: int) -> Image:
     return _drawn(_over(room, ceiling, _soft_step(elevation - CEILING)), inside)
 
 
+def checker(size: int) -> Image:
+    """Squares of three degrees, light and dark, with hard edges: (N, N, 3) linear."""
+    direction, inside = master_directions(size)
+    azimuth, elevation = angles_from_direction(direction)
+    from_pole = np.pi / 2 - elevation
+    across = [np.floor(from_pole * turn(azimuth) / SQUARE) for turn in (np.cos, np.sin)]
+    light = (sum(across) % 2 == 0)[..., None]
+    return _drawn(np.where(light, [0.70, 0.72, 0.75], [0.34, 0.32, 0.30]), inside)
+
+
+def texture(size: int) -> Image:
+    """Grey noise whose amplitude falls with its spatial frequency, as in photographs: (N, N, 3) linear."""
+    _, inside = master_directions(size)
+    rng = np.random.default_rng(5)
+    frequency = np.hypot(np.fft.fftfreq(size)[:, None], np.fft.rfftfreq(size))
+    spectrum = np.fft.rfft2(rng.normal(size=(size, size))) / np.maximum(frequency, 1 / size)
+    noise = np.fft.irfft2(spectrum, s=(size, size))
+    level = np.clip(0.4 + 0.15 * (noise - noise.mean()) / noise.std(), 0.02, 0.9)
+    return _drawn(np.repeat(level[..., None], 3, axis=-1), inside)
+
+
 def white(size: int) -> Image:
     """Full white: (N, N, 3) linear."""
     _, inside = master_directions(size)
@@ -88,6 +110,8 @@ CONTENTS: Mapping[str, Callable[[int], Image]] = {
     "left-right": left_right,
     "night": night,
     "interior": interior,
+    "checker": checker,
+    "texture": texture,
     "white": white,
 }
 

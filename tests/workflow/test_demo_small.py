@@ -29,6 +29,8 @@ FIGURES = {
     "feedback_error",
     "albedo_error",
     "albedo_interval_covers",
+    "interreflection_left",
+    "picture_error_jnd",
     "scatter_left_exact",
     "scatter_left_paper_eq12",
     "loop_residual_by_iteration",
@@ -125,6 +127,9 @@ def check_the_figures_make_sense(run: SmallRun) -> None:
     # coarse pixels blur every edge of the content, so more is left than at full size
     # and cells of the loop's size show no gain that is wrong
     assert 0 < value["scatter_left_refined"] < 1.02 * value["scatter_left_exact"] < 0.15
+    assert 0 < value["interreflection_left"] < 0.02 < value["scatter_left_exact"]
+    assert value["picture_error_jnd"] < 0.7 * value["picture_error_jnd_before"]
+    assert value["picture_error_jnd_interreflection"] < value["picture_error_jnd"]
     assert value["scatter_left_exact"] < 0.75 * value["scatter_left_paper_eq12"]
     paper_mean = value["scatter_left_paper_eq12_mean"]
     assert abs(value["scatter_left_exact_mean"]) < 0.25 * paper_mean < 0.25

@@ -28,6 +28,7 @@ def result_lines(material: Material) -> Iterator[str]:
         "Geometry": _geometry(material.figures, material.preset == "server"),
         "Screen": _screen(material),
         "Bounced light": _bounced_light(material.figures),
+        "Picture": _picture(material.figures),
         "Not removed": _not_removed(material),
         "Time": _time(material.figures),
         "Goals missed": " ".join(
@@ -74,9 +75,23 @@ def _bounced_light(figures: Entries) -> str:
     if left is None or "scatter_before" not in figures:
         return ""
     before, after = figures["scatter_before"]["value"], left["value"]
+    text = f"it adds {percent(before, 2)} of white to the picture before compensation; "
+    alone = figures.get("interreflection_left")
+    if alone is None:
+        return f"{text}{percent(after, 2)} of it remains after compensation."
     return (
-        f"it adds {percent(before, 2)} of white to the picture before compensation; "
-        f"{percent(after, 2)} of it remains after compensation."
+        f"{text}{percent(alone['value'], 2)} of it remains where projectors draw exactly what they are asked "
+        f"for, {percent(after, 2)} as they draw."
+    )
+
+
+def _picture(figures: Entries) -> str:
+    if "picture_error_jnd" not in figures:
+        return ""
+    after, before = (number(figures[f"picture_error_jnd{x}"]["value"], 2) for x in ("", "_before"))
+    return (
+        f"95 % of all that is lit is within {after} just noticeable differences of what was meant; "
+        f"uncompensated within {before}."
     )
 
 

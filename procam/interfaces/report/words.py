@@ -19,6 +19,7 @@ THIN = "\N{NARROW NO-BREAK SPACE}"
 LEAST_SHARE = 5e-4  # of the lit picture; less is not worth a sentence
 LEFT = "share of the bounced light that remains where no limit holds"
 ANOTHER = "the picture turned and inverted, which it did not learn from, in % of white"
+ALL_JND = "95 % of all that is lit is off by at most this; 1 can just be noticed"
 LEFT_JND = "95 % of the dome where no limit holds is off by at most this; 1 can just be noticed"
 NAMES = {
     "simulated_run_s": Words("Time for the whole run", "capture, solve, compensate and refine"),
@@ -40,6 +41,19 @@ NAMES = {
     "albedo_interval_covers": Words(
         "The albedo's 95 % interval holds the true value",
         "and is narrower than \N{PLUS-MINUS SIGN}6 %",
+    ),
+    "interreflection_left": Words(
+        "Bounced light that remains, were projectors to draw exactly what they are asked for",
+        LEFT,
+        percent=True,
+    ),
+    "interreflection_left_mean": Words("\u2014 its signed mean", percent=True),
+    "picture_error_jnd_before": Words("Visible error of the picture before compensation", ALL_JND),
+    "picture_error_jnd": Words("Visible error of the picture after compensation", ALL_JND),
+    "picture_error_jnd_interreflection": Words("\u2014 of it, by light that bounces"),
+    "picture_error_jnd_black": Words("\u2014 of it, by the projectors' black"),
+    "picture_error_jnd_drawing": Words(
+        "\u2014 of it, by how projectors draw", "blur of their lenses, gains, quantisation"
     ),
     "scatter_left_exact": Words(
         "Bounced light that remains with the calibration alone", LEFT, percent=True

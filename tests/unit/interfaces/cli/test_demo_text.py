@@ -40,11 +40,24 @@ def test_a_result_in_words() -> None:
     assert "0.05 pixels of a dome master of 4096 px" in text  # of 2.637 arcmin
     assert "Screen: a sphere" in text
     assert "adds 18 % of white" in text
-    assert "0.4 % of it remains" in text
+    assert "0.4 % of it remains after compensation" in text
     assert "6 % of the lit picture asks for less light" in text
     assert "negative light" in text
     assert "300 s on this computer, with 89 photographs" in text
     assert "more light than" not in text and "missed" not in text
+
+
+def test_what_compensation_leaves_is_apart_from_what_projectors_draw() -> None:
+    judged = {
+        "interreflection_left": Figure(0.0029, "-", Goal("<=", 0.01)),
+        "picture_error_jnd": Figure(2.345, "JND"),
+        "picture_error_jnd_before": Figure(31.2, "JND"),
+    }
+    text = _text(FIGURES | judged)
+    assert "0.29 % of it remains where projectors draw exactly what they are asked" in text
+    assert "for, 0.4 % as they draw." in text
+    assert "lit is within 2.3 just noticeable differences of what was meant" in text
+    assert "uncompensated within 31." in text
 
 
 def test_a_slow_computer_misses_no_goal() -> None:
