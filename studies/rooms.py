@@ -14,14 +14,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 import simulators.truth
 from procam.arrays import Array
 from procam.errors import ProcamError
 from procam.files.calibration import load_calibration
 from procam.files.venue.load import load_venue
-from procam.maths.geometry.sphere import angle_between
+from procam.interfaces import judge
 from procam.model.calibration import Calibration
 from simulators.scene import SceneSize
 from simulators.template import room_text
@@ -33,7 +32,6 @@ ROOMS = range(1, 101)
 SIZE = SceneSize(projector_size=(480, 300), camera_size=(600, 600), rays=1024)
 TRUTH_SIZE = 512  # edge of its maps; the lit area is right to 1e-4
 WORKERS = 2
-ARCMIN = 60 * 180 / np.pi
 EVERY = 7  # pixel of a projector whose direction is compared
 
 
@@ -83,9 +81,7 @@ def direction_errors(found: Calibration, truth: Calibration) -> tuple[float, flo
         a.append(found.projectors[name].surface.direction[both].astype(float))
         b.append(projector.surface.direction[both].astype(float))
         stated.append(found.projectors[name].surface.sigma_arcmin[both].astype(float))
-    first, second = np.concatenate(a), np.concatenate(b)
-    turn, _ = Rotation.align_vectors(second, first)
-    relative, absolute = (angle_between(x, second) * ARCMIN for x in (turn.apply(first), first))
+    absolute, relative = judge.direction_errors(np.concatenate(a), np.concatenate(b))
     return _rms(relative), _rms(absolute), _rms(np.concatenate(stated))
 
 

@@ -23,6 +23,7 @@ from simulators.template import venue_text
 SMALL = SceneSize(projectors=2, projector_size=(320, 200), camera_size=(480, 480), rays=64)
 MASTER = 256  # of dome maps, content and truth
 FIGURES = {
+    "direction_error_relative_rms_arcmin",
     "direction_error_rms_arcmin",
     "direction_error_max_arcmin",
     "solid_angle_sum_error",
@@ -122,7 +123,8 @@ def check_the_figures_make_sense(run: SmallRun) -> None:
     assert abs(value["albedo_error"]) < 0.10
     assert abs(value["solid_angle_sum_error"]) < 0.005
     # a projector pixel is 10 arcmin wide here
-    assert 0 < value["direction_error_rms_arcmin"] < 3
+    relative = value["direction_error_relative_rms_arcmin"]
+    assert 0 < relative < value["direction_error_rms_arcmin"] < 3
     assert value["direction_error_rms_arcmin"] < value["direction_error_max_arcmin"] < 30
     # coarse pixels blur every edge of the content, so more is left than at full size
     # and cells of the loop's size show no gain that is wrong

@@ -18,7 +18,7 @@ from procam.model.transport import Measured
 
 # relative, of veiling glare: what stays near its light in a real lens, while an even veil is subtracted,
 # makes m wrong by .1 to .2 of the glare (studies/rooms.md, where up to .6 of it stays near)
-LOCAL_VEIL = 0.2
+LOCAL_VEIL = 0.15
 
 
 @dataclass(frozen=True, slots=True)

@@ -49,12 +49,14 @@ def labelled(label: str, text: object) -> str:
 def _geometry(figures: Entries, through_server: bool) -> str:
     if "direction_error_rms_arcmin" not in figures:
         return ""
-    error = figures["direction_error_rms_arcmin"]["value"]
+    relative, absolute = (
+        figures[f"direction_error_{x}rms_arcmin"]["value"] for x in ("relative_", "")
+    )
     who = "the media server's pixels" if through_server else "projector pixels"
     return (
-        f"{who} are {number(error, 2)} arcmin off (root mean square), or "
-        f"{number(error / MASTER_PIXEL_ARCMIN, 2)} pixels of a dome master of {MASTER_PX} px. A sharp eye "
-        "resolves 1 arcmin."
+        f"{who} are {number(relative, 2)} arcmin off relative to each other (root mean square), or "
+        f"{number(relative / MASTER_PIXEL_ARCMIN, 2)} pixels of a dome master of {MASTER_PX} px; with the "
+        f"survey of the marks {number(absolute, 2)} arcmin. A sharp eye resolves 1 arcmin."
     )
 
 

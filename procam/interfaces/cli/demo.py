@@ -41,7 +41,9 @@ MARKER = "made-by-procam-demo.txt"
 # presets that must meet the goals; the others are reported without
 JUDGED_PRESETS = ("ideal", "standard", "server")
 # the server decides where a master's pixels land; procam only measures how far off they are
-ALIGNED_BY_OTHERS = {"server": ("direction_error_rms_arcmin",)}
+ALIGNED_BY_OTHERS = {
+    "server": ("direction_error_relative_rms_arcmin", "direction_error_rms_arcmin")
+}
 JUDGES = ("rays", "mitsuba")
 SIMULATED = "simulated-"
 

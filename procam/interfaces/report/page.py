@@ -141,9 +141,9 @@ def _loop_card(loop: Loop) -> dict[str, str]:
 
 
 def _direction_card(material: Material) -> Iterator[dict[str, str]]:
-    name = "direction_error_rms_arcmin"
+    name = "direction_error_relative_rms_arcmin"
     if name in material.figures:
-        note = "of projector pixels, against the truth"
+        note = "of projector pixels relative to each other, against the truth"
         yield _figure_card(material.figures, name, "Direction error", note)
     elif material.calibration:
         surfaces = [p.surface for p in material.calibration.projectors.values()]

@@ -26,9 +26,12 @@ NAMES = {
     "peak_memory_mib": Words("Memory needed at most"),
     "shots": Words("Photographs taken"),
     "session_gb": Words("Disk space of the photographs"),
+    "direction_error_relative_rms_arcmin": Words(
+        "Direction error of projector pixels relative to each other, root mean square",
+        "angle between the calculated and the true direction, less a common rotation",
+    ),
     "direction_error_rms_arcmin": Words(
-        "Direction error, root mean square",
-        "angle between the calculated and the true direction of a projector pixel",
+        "Direction error, root mean square", "the same with the survey of the marks on the dome"
     ),
     "direction_error_max_arcmin": Words("Direction error, worst pixel"),
     "solid_angle_sum_error": Words("Error of the projected area", percent=True),

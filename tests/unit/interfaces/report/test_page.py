@@ -22,7 +22,7 @@ HOSTILE = '<img src=x onerror="alert(1)">'
 SECTIONS = 9
 MINUS, THIN = "\N{MINUS SIGN}", "\N{NARROW NO-BREAK SPACE}"
 FIGURES = {
-    "direction_error_rms_arcmin": Figure(0.114, "arcmin", Goal("<=", 0.5), 1000),
+    "direction_error_relative_rms_arcmin": Figure(0.114, "arcmin", Goal("<=", 0.5), 1000),
     "scatter_left_refined": Figure(0.004, "-", Goal("<=", 0.02), 900, "worst channel"),
     "feedback_error": Figure(-0.0061, "-", Goal("abs<=", 0.02), 3, "signed"),
     "loop_residual_by_iteration": Figure([0.01, 0.002], "rel"),
