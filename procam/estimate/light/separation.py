@@ -27,9 +27,10 @@ CLEAR_PX, CLEAR_SIGMAS, CLEAR_SHARE = 3.0, 4.0, 0.75
 # in focus it is .3 to .8
 MAX_BLUR = 2.5
 EDGE_REACH = 5.0  # how far from an edge its blur is measured [pixel extents]
+MIN_SLOPE = 0.05  # of a projector's coordinate over a camera pixel [projector px]
 EXTENT_BLUR_PX = 2.0  # Gaussian sigma; fills in for pixels beside a hole
 HOLE_PX = 3  # widest gap between decoded pixels that counts as lit
-CLEAR_CAMERA_PX = 6  # the same, from the border of a projector's picture
+CLEAR_CAMERA_PX = 6  # least distance from the border of a projector's picture
 GLOBAL_BLUR_PX = 1.0  # Gaussian sigma of the smoothing of scattered light
 EXTEND_PX = 3.0  # Gaussian sigma of the continuation of direct light beyond the border
 # relative, of m: the border of the lit area has the same error for all projectors, so their spread
@@ -86,11 +87,20 @@ class Separation:
         self._white, self.blur = white, 0.0
         self._index = np.rint(np.nan_to_num(projector_xy)).astype(np.int32)
         self._inside = grow(lit & usable, -2)
+        self._lit = lit
         self._outside = (self._solid > 0) & ~grow(lit, CLEAR_CAMERA_PX)
         self._sum, self._count = np.nan_to_num(white), np.ones(lit.shape, np.float32)
         self._shares = np.ones(lit.shape, np.float32)  # scattered light in the sum over white's
         self._dark_sum = np.where(self._outside[..., None], self._sum, 0)
         self.dark_weight = self._outside.astype(np.float32)
+
+    @property
+    def clear_px(self) -> int:
+        """Distance from the border of a lit part from which it leaves no direct light [camera px]."""
+        extents = [np.median(x[self._inside]) if self._inside.any() else 1.0 for x in self._extent]
+        # a coordinate changes by sqrt(extent^2 - 1) from one camera pixel to the next
+        widest = max(e / np.sqrt(max(e**2 - 1, MIN_SLOPE**2)) for e in extents)
+        return max(CLEAR_CAMERA_PX, int(np.ceil(CLEAR_SIGMAS * self.blur * widest)))
 
     def total(self, light: Image) -> Array:
         """Flux (C,) on the screen [radiance sr]; saturated pixels count as 0."""
@@ -152,12 +162,14 @@ class Separation:
         """Direct and scattered light from all pairs so far."""
         on_screen = self._solid > 0
         known = (self.dark_weight > 0) & on_screen & np.isfinite(self._dark_sum).all(axis=-1)
+        border = grow(self._lit, self.clear_px) & ~self._inside
+        known &= ~border
         ratio = self._dark_sum / np.maximum(self.dark_weight, 1e-12)[..., None]
         scattered = blur_within(ratio, known, GLOBAL_BLUR_PX)
         missing = on_screen & (scattered[..., 1] <= 0)
         if missing.any():
             scattered[missing] = blur_within(ratio, known, 8 * GLOBAL_BLUR_PX)[missing]
-        near = grow(self._inside, 2 + CLEAR_CAMERA_PX) & on_screen
+        near = (border | self._inside) & on_screen
         white = self._sum - self._shares[..., None] * scattered
         direct = np.where(near[..., None], white / self._count[..., None], 0).astype(np.float32)
         beyond = blur_within(direct, grow(self._inside, -1), EXTEND_PX)

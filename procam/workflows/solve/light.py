@@ -16,7 +16,7 @@ from procam.estimate.geometry.solve import GeometrySolution
 from procam.estimate.light.inpaint import fill_light, fill_picture, pixels_without_pattern
 from procam.estimate.light.projector_response import ProjectorResponseFit, fit_colour, tile_levels
 from procam.estimate.light.scatter_kernel import ScatterCells, ScatterSample
-from procam.estimate.light.separation import CLEAR_CAMERA_PX, MAX_BLUR, SeparatedLight, Separation
+from procam.estimate.light.separation import MAX_BLUR, SeparatedLight, Separation
 from procam.estimate.light.stability import StabilityChecks
 from procam.estimate.media_server.dome_master import DomeMaster, lit_by_stripes
 from procam.estimate.media_server.local_response import Levels, fit_exponent, level_samples
@@ -195,7 +195,7 @@ def _measured(
         on_screen = view.solid_angle_sr > 0
         light = fill_light(light, sight.white, sight.unpatterned, view.solid_angle_sr)
         black = fill_picture(black, sight.unpatterned & on_screen, on_screen)
-    scatter_samples, zones = _scatter_samples(images, view, name, light, sight)
+    scatter_samples, zones = _scatter_samples(images, view, name, light, sight, separation.clear_px)
     checks.add("of parts of the panel", zones, 3 * sight.shot_ids_share)
     found = ProjectorMeasurement(
         light, black, colour, fit.curve(), scatter_samples, notes=checks.notes(name)
@@ -225,7 +225,12 @@ def _check_linear(images: SessionImages, name: str, found: Linearity, limit: flo
 
 
 def _scatter_samples(
-    images: SessionImages, view: DomeView, name: str, light: SeparatedLight, sight: _CameraSight
+    images: SessionImages,
+    view: DomeView,
+    name: str,
+    light: SeparatedLight,
+    sight: _CameraSight,
+    clear_px: int,
 ) -> tuple[list[ScatterSample], list[Image]]:
     """Scattered light of a projector's white and of parts of it, where nothing else is seen.
 
@@ -237,7 +242,7 @@ def _scatter_samples(
     for shot in images.plan.of(name, "zone"):
         shown = sample(images.session.pattern(shot)[..., 0], sight.xy)
         met = light.lit & ((shown > 0) | sight.unpatterned)
-        dark = view.on_screen & ~grow(met, CLEAR_CAMERA_PX)
+        dark = view.on_screen & ~grow(met, clear_px)
         picture = images.light(shot) - sight.base
         found.append(cells.scatter_sample(picture, dark, light.direct * shown[..., None]))
         total += picture

@@ -122,6 +122,25 @@ class TestSeparation:
         found = scene.separate().scattered
         np.testing.assert_allclose(found[inner], expected[inner], rtol=1e-3)
 
+    @pytest.mark.parametrize(("px_per_px", "sigma_px"), [(1.6, 0.5), (0.7, 2.5), (0.4, 4.0)])
+    def test_a_blurred_border_does_not_leak_into_the_scattered_light(
+        self, px_per_px: float, sigma_px: float
+    ) -> None:
+        """Where camera pixels are finer than the projector's, its blur spans many of them."""
+        scene = Scene(px_per_px=px_per_px, blur_px=(sigma_px,) * 3)
+        separation = scene.separation()
+        found, expected = separation.result(), scene.u * scene.flux
+        on_screen = scene.on_screen
+        np.testing.assert_allclose(found.scattered[on_screen], expected[on_screen], rtol=0.03)
+        np.testing.assert_allclose(
+            np.tensordot(scene.solid, found.scattered, 2),
+            np.tensordot(scene.solid, expected, 2),
+            rtol=1e-3,
+        )
+        np.testing.assert_allclose(found.flux, scene.flux, rtol=3e-4)
+        across = 4 * sigma_px  # four standard deviations
+        assert separation.clear_px == pytest.approx(max(6, across), rel=0.6)
+
     @pytest.mark.parametrize("px_per_px", [1.6, 3.0])
     @pytest.mark.parametrize("sigma_px", [2.0, 3.0, 4.0, 10.0])
     def test_a_blur_too_large_is_measured_as_such(self, px_per_px: float, sigma_px: float) -> None:
