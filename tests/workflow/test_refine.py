@@ -188,6 +188,49 @@ class TestCommand:
         assert (ran.code, "choose another --picture" in ran.complaint) == (2, True)
 
 
+class _RoomLight:
+    """A camera in a room with a lamp: 2 % of full scale in every photograph from the `first` on."""
+
+    first = 0
+
+    def __init__(self, camera: SimulatedCamera) -> None:
+        self._camera, self._taken = camera, 0
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self._camera, name)
+
+    def capture(self) -> Frame:
+        frame = self._camera.capture()
+        self._taken += 1
+        lamp = 80 * frame.settings.exposure_s / 0.1 * (self._taken > self.first)
+        return replace(frame, counts=(frame.counts + np.uint16(lamp)).clip(0, 4095))
+
+
+class _LampSwitchedOn(_RoomLight):
+    first = 12
+
+
+class TestRoomLight:
+    def test_light_that_stays_is_not_learnt(
+        self, dome: Path, good: Calibration, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        alone = _refined(dome, good)
+        watch_stage(monkeypatch, lambda stage: replace_camera(stage.backend, _RoomLight))
+        lit = _refined(dome, good)
+        assert lit.residual[0] == pytest.approx(alone.residual[0], rel=0.3)
+        difference = lit.photographs["before"] - alone.photographs["before"]
+        assert abs(difference[alone.free].mean()) < 5e-4
+
+    def test_light_that_changes_is_refused(
+        self, dome: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        watch_stage(monkeypatch, lambda stage: replace_camera(stage.backend, _LampSwitchedOn))
+        ran = procam("refine", dome)
+        assert ran.code == 2
+        assert "the light in the room changed by" in ran.complaint
+        assert not (dome / "calibrations" / "0002").exists()
+
+
 class _Noisy:
     """A camera with noise of a quarter of full scale."""
 
@@ -213,7 +256,8 @@ def test_a_picture_that_one_exposure_cannot_hold_is_bracketed(
     single = _refined(calibrated, good)
     monkeypatch.setattr(loop_camera, "bracket_for", lambda light, sigma, e: (e, 4 * e))
     bracketed = _refined(calibrated, good)
-    assert (single.shots, bracketed.shots) == (5, 1 + 4 + 2 + 2 * 4)
+    dark = 4 + 1  # of the room, before and after
+    assert (single.shots, bracketed.shots) == (dark + 5, dark + 1 + 4 + 2 + 2 * 4 + 1)
     dark = bracketed.free & (bracketed.target < 0.3)
     alone, merged = (r.photographs["after"][dark] for r in (single, bracketed))
     assert abs(merged.mean() / alone.mean() - 1) < 0.005

@@ -12,11 +12,15 @@ from procam.estimate.camera.noise import NO_NOISE, noise_from_repeat
 from procam.estimate.camera.radiance import Radiometer
 from procam.estimate.closed_loop import LoopCells
 from procam.estimate.closed_loop.brackets import bracket_for, merged_frame
+from procam.estimate.closed_loop.patches import MIN_PHOTOGRAPHS
 from procam.estimate.geometry.camera_view import DomeView
 from procam.model.calibration import Calibration
 from procam.model.frame import CameraSettings, Frame
 
 FILL = 0.7  # of full scale, for the brightest content
+ROOM_CHANGE = (
+    0.002  # of white: what the room's light may change by, where a loop finds .1 % of white
+)
 
 
 class LoopCamera:
@@ -32,6 +36,7 @@ class LoopCamera:
         self._matrix = calibration.content_from_camera.astype(np.float32)
         self._exposures_s: tuple[float, ...] = (0.1,)
         self._noise = NO_NOISE
+        self._dark = np.zeros(3)
         self.shots = 0
 
     def expose_for(self, observed: Image) -> None:
@@ -50,6 +55,26 @@ class LoopCamera:
         pair = [green(self._capture(self._exposures_s[0]).counts) for _ in range(2)]
         self._noise = noise_from_repeat(pair[0], pair[1], self._radiometer.camera.sensor)
         return True
+
+    def measure_dark(self) -> None:
+        """Photograph the room's own light, while projectors are dark; later photographs are without it."""
+        self._dark = np.mean(self.photographs(MIN_PHOTOGRAPHS), axis=0)
+
+    def check_dark(self) -> None:
+        """Refuse what was photographed if the room's light has changed; projectors are dark again.
+
+        Raises
+        ------
+        OutOfModelRange
+            It has.
+        """
+        change = np.average(self.photographs(1)[0], axis=(0, 1), weights=self.cells.count)
+        worst = float(np.abs(change).max())
+        if worst > ROOM_CHANGE:
+            raise OutOfModelRange(
+                f"the light in the room changed by {worst:.1%} of white during the loop, more than "
+                f"{ROOM_CHANGE:.1%}; keep lamps and doors as they are, and refine again"
+            )
 
     def show(self, frames: Mapping[str, Image]) -> None:
         """Put a frame on every projector."""
@@ -71,7 +96,7 @@ class LoopCamera:
                 f"loop photograph at {frame.settings.exposure_s:.3g} s: {lost:.1%} of the dome is "
                 "saturated, more than 1%; is room light on, or another projector?"
             )
-        return self.cells.average(np.nan_to_num(light) @ self._matrix.T)
+        return self.cells.average(np.nan_to_num(light) @ self._matrix.T) - self._dark
 
     def _capture(self, exposure_s: float) -> Frame:
         self._camera.configure(CameraSettings(exposure_s, "rgb"))

@@ -100,13 +100,11 @@ def refine(rig: Rig, calibration: Calibration, content: Image) -> Iterator[Event
     Raises
     ------
     OutOfModelRange
-        The camera cannot resolve what would be corrected, or is dazzled.
+        The camera cannot resolve what would be corrected, or is dazzled; or the light in the room changed.
     """
     total = MAX_CORRECTIONS + 5
     camera = LoopCamera(rig, calibration)
-    for name in rig.projectors:
-        rig.light(name)
-    before = _uncompensated(camera, calibration, content)
+    before = _uncompensated(rig, camera, calibration, content)
     yield Event("refine", 1, total, "uncompensated picture photographed")
     shown = ShownPicture.start(camera, calibration, content)
     floor = shown.loop.residual_rms(shown.sigma)
@@ -122,13 +120,25 @@ def refine(rig: Rig, calibration: Calibration, content: Image) -> Iterator[Event
         better = _better(camera, calibration, shown)
         yield Event("refine", total - 1, total, "gains measured on an even grey")
         trials = _trials(shown, better, content)
+    _darken(rig)
+    camera.check_dark()
     refined = _judged(shown, trials, before)
     yield Event("refine", total, total, "loop ended", {"refined": refined})
 
 
-def _uncompensated(camera: LoopCamera, calibration: Calibration, content: Image) -> Array:
+def _darken(rig: Rig) -> None:
+    for name in rig.projectors:
+        rig.darken(name)
+
+
+def _uncompensated(rig: Rig, camera: LoopCamera, calibration: Calibration, content: Image) -> Array:
+    """Photograph (N, N, 3) of the uncompensated picture, after one of the room; all is lit from then on."""
     plain = Compensator(calibration, content.shape[0], "none").solve(content)
     camera.expose_for(plain.observed)
+    _darken(rig)
+    camera.measure_dark()
+    for name in rig.projectors:
+        rig.light(name)
     camera.show(projector_frames(plain.direct, calibration))
     return camera.photographs(1)[0]
 
