@@ -87,7 +87,6 @@ class Separation:
         self._white, self.blur = white, 0.0
         self._index = np.rint(np.nan_to_num(projector_xy)).astype(np.int32)
         self._inside = grow(lit & usable, -2)
-        self._lit = lit
         self._outside = (self._solid > 0) & ~grow(lit, CLEAR_CAMERA_PX)
         self._sum, self._count = np.nan_to_num(white), np.ones(lit.shape, np.float32)
         self._shares = np.ones(lit.shape, np.float32)  # scattered light in the sum over white's
@@ -162,7 +161,7 @@ class Separation:
         """Direct and scattered light from all pairs so far."""
         on_screen = self._solid > 0
         known = (self.dark_weight > 0) & on_screen & np.isfinite(self._dark_sum).all(axis=-1)
-        border = grow(self._lit, self.clear_px) & ~self._inside
+        border = grow(self._inside, 2 + self.clear_px) & ~self._inside
         known &= ~border
         ratio = self._dark_sum / np.maximum(self.dark_weight, 1e-12)[..., None]
         scattered = blur_within(ratio, known, GLOBAL_BLUR_PX)
