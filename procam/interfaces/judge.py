@@ -128,7 +128,7 @@ def _visible_errors(pictures: _Pictures, lit: BoolArray) -> dict[str, Figure]:
 
 def _visible(error: Image, light: Image) -> Figure:
     """What 95 % of the values of `error` (n, C) do not exceed, in JND of `light` (n, C)."""
-    visible = np.abs(error) / just_noticeable(light)
+    visible = np.abs(error) / just_noticeable(np.asarray(light, np.float64))
     note = f"{CELL_QUANTILE:.0%} of the lit picture is off by at most this"
     return Figure(float(np.quantile(visible, CELL_QUANTILE)), "JND", None, visible.size, note)
 
