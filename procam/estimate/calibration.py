@@ -78,7 +78,6 @@ def assemble(
     provenance : stored with the calibration; its "notes" are extended.
     falloff_per_rad : largest relative change of the white per radian (`luminance_matching`).
     """
-    master = _Master(geometry, measured)
     unmix = _content_matrix(measured)
     content = {name: _converted(m.light, unmix) for name, m in measured.items()}
     surfaces = {
@@ -86,7 +85,8 @@ def assemble(
         for name, light in content.items()
     }
     blender = Blender(geometry.projectors, surfaces, dome)
-    hi = master.blended(blender, content)
+    master = _Master(geometry, measured, blender)
+    hi = master.blended(content)
     lit = master.coverage > COVERED
     shape = matched_white(hi, lit, falloff_per_rad)
     white = common_white(hi / shape[..., None], lit)
@@ -128,14 +128,19 @@ class _Master:
     """Pixels of the dome master of the maps: directions, camera positions, coverage."""
 
     def __init__(
-        self, geometry: GeometrySolution, measured: Mapping[str, ProjectorMeasurement]
+        self,
+        geometry: GeometrySolution,
+        measured: Mapping[str, ProjectorMeasurement],
+        blender: Blender,
     ) -> None:
         direction, self.inside = master_directions(MAP_SIZE)
-        self.direction = direction.astype(np.float32)
+        self._weights = blender.weights(direction.astype(np.float32))
+        # a projector's blur lights directions that none of its pixels reaches
+        reached = np.sum(list(self._weights.values()), axis=0) > 0
         self.where = camera_pixels(geometry, direction)
         shares = [lit_share(geometry, direction, m.light) for m in measured.values()]
         # a ramp about one half, insensitive to noise near 0 and 1
-        ramp = np.clip(2 * np.max(shares, axis=0) - 0.5, 0, 1) * self.inside
+        ramp = np.clip(2 * np.max(shares, axis=0) - 0.5, 0, 1) * (self.inside & reached)
         self.coverage = ramp.astype(np.float32)
         self.solid_sr = master_solid_angles(MAP_SIZE) * self.coverage
 
@@ -143,10 +148,11 @@ class _Master:
         """Mean (C,) over the lit part."""
         return np.asarray(np.tensordot(self.solid_sr, values, 2) / self.solid_sr.sum())
 
-    def blended(self, blender: Blender, lights: Mapping[str, SeparatedLight]) -> Array:
+    def blended(self, lights: Mapping[str, SeparatedLight]) -> Array:
         """Direct light (N, N, 3) of all projectors at full white, blended."""
-        weights = blender.weights(self.direction)
-        each = [w[..., None] * sample(lights[n].extended, self.where) for n, w in weights.items()]
+        each = [
+            w[..., None] * sample(lights[n].extended, self.where) for n, w in self._weights.items()
+        ]
         return np.asarray(np.sum(each, axis=0), float)
 
     def flux_in_cells(self, hi: Array) -> Array:

@@ -32,7 +32,8 @@ def test_feedback_and_albedo_within_their_intervals(row: dict[str, Any]) -> None
     assert abs(row["feedback_error"]) < 0.01
     assert abs(row["albedo_error"]) < 0.025
     assert all(row["feedback_covers"]) and all(row["albedo_covers"])
-    assert row["feedback_half_width"] < 0.03 and row["albedo_half_width"] < 0.06
+    # two projectors average gloss less than four
+    assert row["feedback_half_width"] < 0.045 and row["albedo_half_width"] < 0.07
 
 
 def test_response_and_seams(row: dict[str, Any]) -> None:

@@ -18,7 +18,10 @@ TILE_MARGIN_PX = 5
 GAMMA = 2.2  # of the domain of the interpolation, where displays are nearly linear
 TABLE = 257  # entries of the curve
 MIN_SAMPLES = 50  # camera pixels per level
-MIN_LEVEL, FALL_SIGMAS = 0.3, 5.0  # of white, for colour; a fall of the curve that is no noise
+MIN_LEVEL = 0.3  # of white, for colour
+# a fall of the curve that is no noise: in standard errors of its pixels, and of white, for the scattered
+# light taken out of a picture is known to its share
+FALL_SIGMAS, MIN_FALL = 5.0, 1e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,12 +95,13 @@ class ProjectorResponseFit:
             )
         mean = total / count
         sigma = np.sqrt(np.maximum(square / count - mean**2, 0) / count)
-        drop = mean[:-1] - mean[1:] - FALL_SIGMAS * np.hypot(sigma[:-1], sigma[1:])
-        if drop.max() > 0:
-            level = LEVELS[int(np.argmax(drop.max(axis=1)))]
+        fall = mean[:-1] - mean[1:]
+        noise = np.maximum(FALL_SIGMAS * np.hypot(sigma[:-1], sigma[1:]), MIN_FALL)
+        if (fall > noise).any():
+            level = LEVELS[int(np.argmax((fall - noise).max(axis=1)))]
             raise OutOfModelRange(
-                f"response: light falls by {drop.max():.1%} of white above drive {level}/255; switch off "
-                "the projector's contrast enhancement"
+                f"response: light falls by {fall[fall > noise].max():.1%} of white above drive "
+                f"{level}/255; switch off the projector's contrast enhancement"
             )
         values = np.maximum.accumulate(np.clip(mean, 0, None), axis=0)
         values = (values - values[0]) / (values[-1] - values[0])

@@ -32,6 +32,7 @@ EXTENT_BLUR_PX = 2.0  # Gaussian sigma; fills in for pixels beside a hole
 HOLE_PX = 3  # widest gap between decoded pixels that counts as lit
 CLEAR_CAMERA_PX = 6  # least distance from the border of a projector's picture
 GLOBAL_BLUR_PX = 1.0  # Gaussian sigma of the smoothing of scattered light
+FILL_BLURS_PX = 8.0, 64.0  # the same, where nothing was measured within reach of the narrower one
 EXTEND_PX = 3.0  # Gaussian sigma of the continuation of direct light beyond the border
 # relative, of m: the border of the lit area has the same error for all projectors, so their spread
 # does not show it; three times the bias in studies/photometry.md
@@ -165,9 +166,10 @@ class Separation:
         known &= ~border
         ratio = self._dark_sum / np.maximum(self.dark_weight, 1e-12)[..., None]
         scattered = blur_within(ratio, known, GLOBAL_BLUR_PX)
-        missing = on_screen & (scattered[..., 1] <= 0)
-        if missing.any():
-            scattered[missing] = blur_within(ratio, known, 8 * GLOBAL_BLUR_PX)[missing]
+        for blur_px in FILL_BLURS_PX:
+            missing = on_screen & (scattered[..., 1] == 0)
+            if missing.any():
+                scattered[missing] = blur_within(ratio, known, blur_px)[missing]
         near = (border | self._inside) & on_screen
         white = self._sum - self._shares[..., None] * scattered
         direct = np.where(near[..., None], white / self._count[..., None], 0).astype(np.float32)

@@ -145,6 +145,15 @@ class TestResponse:
         with pytest.raises(NotEnoughData, match="the rarest of 17 levels has 0 samples"):
             fit.curve()
 
+    def test_a_fall_within_the_error_of_scattered_light_is_no_fall(
+        self, direct: np.ndarray, level: np.ndarray
+    ) -> None:
+        bent = self.curve.copy()
+        bent[0] = bent[1] + 5e-4
+        fit = ProjectorResponseFit(direct, MIX)
+        fit.add(_light(direct, bent, level), level)
+        assert (np.diff(fit.curve().values, axis=0) >= 0).all()
+
     def test_a_curve_that_falls_is_refused(self, direct: np.ndarray, level: np.ndarray) -> None:
         bent = self.curve.copy()
         bent[12] = bent[10]  # below its neighbour at 11

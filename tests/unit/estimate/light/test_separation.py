@@ -1,5 +1,7 @@
 """Direct/global separation on scenes where both parts are known."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 from tolerances import FLOAT32
@@ -65,10 +67,10 @@ class Scene:
         bright = stripe(self.panel, bit)[columns].mean(axis=-1)
         return self.picture(bright), self.picture(1 - bright)
 
-    def separation(self) -> Separation:
+    def separation(self, bits: Sequence[int] = SEPARATION_BITS) -> Separation:
         separation = Separation(self.white(), self.xy, self.lit, self.solid)
         for axis in ("x", "y"):
-            for bit in SEPARATION_BITS:
+            for bit in bits:
                 separation.add_pair(axis, bit, *self.pair(axis, bit))
         return separation
 
@@ -140,6 +142,11 @@ class TestSeparation:
         np.testing.assert_allclose(found.flux, scene.flux, rtol=3e-4)
         across = 4 * sigma_px  # four standard deviations
         assert separation.clear_px == pytest.approx(max(6, across), rel=0.6)
+
+    def test_scattered_light_has_no_gap_beside_a_wide_blurred_border(self) -> None:
+        scene = Scene(px_per_px=0.25, blur_px=(9.0,) * 3)
+        found = scene.separation(bits=(3, 4)).result().scattered[scene.on_screen]
+        np.testing.assert_allclose(found, (scene.u * scene.flux)[scene.on_screen], rtol=0.1)
 
     @pytest.mark.parametrize("px_per_px", [1.6, 3.0])
     @pytest.mark.parametrize("sigma_px", [2.0, 3.0, 4.0, 10.0])
