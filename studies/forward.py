@@ -1,6 +1,7 @@
 """Scattered light by every forward model of procam, against path tracing in the same room.
 
-Both get the direct light; the light that the room adds to it is compared over the lit patches.
+Both get the direct light; the light that the room adds to it is compared over the lit patches. The
+table is in `forward_table`.
 """
 
 import json
@@ -35,10 +36,12 @@ from studies.forms import (
     one_scalar,
     patch_directions,
 )
+from studies.forward_table import table
 
 HERE = Path(__file__).parent
-SAMPLES = 4096  # rays from each patch, and from each face of a mesh
-SEED, TRAINING_SEED = 1, 2  # of the pictures judged, and of those that models are fitted to
+SAMPLES = 1 << 14  # rays from each patch, and from each face of a mesh
+SEED = 1  # of the pictures judged
+TRAINING_SEEDS = (2, 3)  # of those that models are fitted to, twice
 STRIPS = (0.0, 0.1, 0.2, 0.4)
 # albedo and its variation; .8 +-30 % would exceed 1
 PAINTS = ((0.3, 0.0), (0.3, 0.3), (0.5, 0.0), (0.5, 0.3), (0.8, 0.0), (0.8, 0.2))
@@ -47,11 +50,12 @@ FURNISHED = ((0.3, 15.0), (0.5, 0.0), (0.5, 15.0), (0.5, 30.0), (0.8, 15.0))  # 
 SPOT = direction_from_angles(np.radians(40.0), np.radians(50.0))
 SPOT_RADIUS = np.radians(20.0)
 SECTORS = 6  # of the dome, high and low: twelve zones, as those of two projectors
+SIGMAS = 2  # standard errors that an error must exceed to be resolved
 LOW_RING = 13  # halves of the area lit with a strip of 10 %
 
 
 def main() -> None:
-    """Trace all rooms and write studies/forward.json and .md; takes minutes, and needs LLVM.
+    """Trace all rooms and write studies/forward.json and .md; takes up to an hour, and needs LLVM.
 
     Raises
     ------
@@ -72,10 +76,12 @@ def main() -> None:
         "command": "python -m studies forward",
         "variant": variant,
         "samples": SAMPLES,
+        "pictures": list(_pictures()),
+        "patches": [DOME_RINGS, DOME_SECTORS],
         "rows": rows,
     }
     (HERE / "forward.json").write_text(json.dumps(document, indent=1) + "\n")
-    (HERE / "forward.md").write_text(_report(rows))
+    (HERE / "forward.md").write_text(table(document))
 
 
 def _dome_rows() -> Iterator[dict]:
@@ -102,11 +108,12 @@ def _rows(preset: Preset, kind: str, strips: Sequence[float]) -> Iterator[dict]:
     shown = [{n: m & where for n, m in _pictures().items()} for where in lit]
     fitted = [{n: m & where for n, m in _training().items()} for where in lit]
     judged = iter(_traced(surface, albedo, [m for s in shown for m in s.values()], SEED))
-    trained = iter(_traced(surface, albedo, [m for s in fitted for m in s.values()], TRAINING_SEED))
+    zones = [mask for areas in fitted for mask in areas.values()]
+    trained = [iter(_traced(surface, albedo, zones, seed)) for seed in TRAINING_SEEDS]
     seconds = (time.perf_counter() - started) / len(strips)
     tilt = np.radians(preset.tilt_deg)
     solid = np.full(PATCHES, cap_solid_angle(surface.half_angle) / PATCHES)
-    for strip, where, names, zones in zip(strips, lit, shown, fitted, strict=True):
+    for strip, where, names, areas in zip(strips, lit, shown, fitted, strict=True):
         name = (
             f"albedo {preset.albedo:g} +-{100 * preset.albedo_smooth:g} %, "
             f"strip {100 * strip:g} %, tilt {preset.tilt_deg:g} deg"
@@ -114,7 +121,7 @@ def _rows(preset: Preset, kind: str, strips: Sequence[float]) -> Iterator[dict]:
         returned = floor_return(surface.half_angle, tilt, preset.floor_albedo)
         dome = Dome(name, kind, solid, albedo, where, returned)
         pictures = [Picture(n, *next(judged)) for n in names]
-        training = [Picture(n, *next(trained)) for n in zones]
+        training = [[Picture(n, *next(light)) for n in areas] for light in trained]
         yield {**_judge(dome, training, pictures), "seconds": seconds}
 
 
@@ -150,27 +157,41 @@ def _traced(
     return [tuple(v[:, c] for v in on_dome) for c in columns]
 
 
-def _judge(dome: Dome, training: Sequence[Picture], pictures: Sequence[Picture]) -> dict:
-    """Relative rms error of every form per picture, and the tracer's noise."""
-    lit, forms, z, noise = dome.lit, {}, {}, {}
-    rng = np.random.default_rng(SEED)
-    noisy = [
-        replace(t, scattered=t.scattered + t.error * rng.standard_normal(t.error.shape))
-        for t in training
-    ]
+def _judge(dome: Dome, training: Sequence[Sequence[Picture]], pictures: Sequence[Picture]) -> dict:
+    """Relative rms error of every form per picture, its resolution, and the tracer's noise.
+
+    The forms are fitted to two tracings of the training pictures, which share no ray.
+    """
+    lit, z, noise = dome.lit, {}, {}
+    error, resolution = {f.name: {} for f in FORMS}, {f.name: {} for f in FORMS}
     for picture in pictures:
         true, sigma = picture.scattered[lit], picture.error[lit]
         noise[picture.name] = _rms(sigma) / true.mean()
-        exact = one_scalar(dome, training, picture.direct)[lit]
+        exact = one_scalar(dome, training[0], picture.direct)[lit]
         z[picture.name] = _rms((exact - true) / sigma)
         for form in FORMS:
-            found = form.predict(dome, training, picture.direct)[lit]
-            fit_noise = form.predict(dome, noisy, picture.direct)[lit] - found
-            # the tracer's noise, in the pictures judged and in those fitted, is no error of a form
-            square = _rms(found - true) ** 2 - _rms(sigma) ** 2 - _rms(fit_noise) ** 2
-            error = np.sqrt(max(square, 0.0)) / true.mean()
-            forms.setdefault(form.name, {})[picture.name] = float(error)
-    return {"kind": dome.kind, "room": dome.name, "noise": noise, "z": z, "error": forms}
+            first, second = (form.predict(dome, t, picture.direct)[lit] - true for t in training)
+            # independent noise of the fits has no part in the product; the tracer's is subtracted
+            figures = _root(first * second - sigma**2, true.mean())
+            error[form.name][picture.name], resolution[form.name][picture.name] = figures
+    return {
+        "kind": dome.kind,
+        "room": dome.name,
+        "noise": noise,
+        "z": z,
+        "error": error,
+        "resolution": resolution,
+    }
+
+
+def _root(squares: Array, mean: float) -> tuple[float, float]:
+    """Root of the mean of unbiased squares of errors, and the smallest that is not noise, over `mean`.
+
+    The latter is the root of `SIGMAS` standard errors of the mean square.
+    """
+    error = np.sqrt(max(float(squares.mean()), 0.0))
+    resolution = np.sqrt(SIGMAS * float(squares.std(ddof=1)) / np.sqrt(squares.size))
+    return float(error / mean), float(resolution / mean)
 
 
 def _rms(values: Array) -> float:
@@ -192,14 +213,14 @@ def _mesh_rows() -> Iterator[dict]:
         albedos = np.repeat(albedo[:, None], len(areas), axis=1)
         found = add_mesh_interreflection(direct, albedos, form_factors(vertices, faces)) - direct
         true, sigma = scattered_radiosity(vertices, faces, albedos, direct, SAMPLES, SEED)
-        mean, columns = true.mean(axis=0), range(len(areas))
-        square = np.mean((found - true) ** 2, axis=0) - np.mean(sigma**2, axis=0)
-        error, noise = np.sqrt(np.maximum(square, 0)) / mean, np.sqrt(np.mean(sigma**2, 0)) / mean
+        mean, squares = true.mean(axis=0), (found - true) ** 2 - sigma**2
+        figures = {n: _root(squares[:, i], mean[i]) for i, n in enumerate(areas)}
         yield {
             "kind": "mesh",
             "room": f"{name}, {len(faces)} faces",
-            "noise": {n: noise[i] for n, i in zip(areas, columns, strict=True)},
-            "error": {"form factors": {n: error[i] for n, i in zip(areas, columns, strict=True)}},
+            "noise": {n: _rms(sigma[:, i]) / mean[i] for i, n in enumerate(areas)},
+            "error": {"form factors": {n: e for n, (e, _) in figures.items()}},
+            "resolution": {"form factors": {n: r for n, (_, r) in figures.items()}},
             "seconds": time.perf_counter() - started,
         }
 
@@ -246,40 +267,3 @@ def _joined(grids: Sequence[Array]) -> Mesh:
         flat.reshape(-1, 3).round(9), axis=0, return_index=True, return_inverse=True
     )
     return flat.reshape(-1, 3)[first], place.reshape(-1, 3)
-
-
-def _report(rows: Sequence[dict]) -> str:
-    domes = [row for row in rows if row["kind"] != "mesh"]
-    lines = [
-        "# Forward models of scattered light against path tracing",
-        "",
-        "Root mean square of predicted less traced light, over the lit patches, relative to the mean of "
-        "the traced; the tracer's noise is subtracted, so that 0 means less than about .4. Worst and mean of "
-        f"six pictures: {', '.join(_pictures())}. {DOME_RINGS} x {DOME_SECTORS} patches, "
-        f"{SAMPLES} rays from each.",
-        "",
-        "Noise: the tracer's standard error, worst picture. z: error of the closed form in standard errors "
-        "(rms, worst picture); about 1.2 where the form is exact and the standard errors, from eight "
-        "batches, are right. Measured forms are fitted to white, or to white on each of twelve zones, "
-        "traced with other rays; the last is what calibrations do.",
-        "",
-        "| room | noise [%] | z | " + " | ".join(f"{f.name} [%]" for f in FORMS) + " |",
-        "|" + "---|" * (3 + len(FORMS)),
-    ]
-    for row in domes:
-        errors = " | ".join(_worst_and_mean(row["error"][f.name]) for f in FORMS)
-        z, noise = max(row["z"].values()), 100 * max(row["noise"].values())
-        lines.append(f"| {row['kind']}, {row['room']} | {noise:.2f} | {z:.2f} | {errors} |")
-    lines += ["", "| room | noise [%] | form factors [%] |", "|---|---|---|"]
-    for row in (row for row in rows if row["kind"] == "mesh"):
-        noise = 100 * max(row["noise"].values())
-        errors = _worst_and_mean(row["error"]["form factors"])
-        lines.append(f"| {row['room']} | {noise:.2f} | {errors} |")
-    goals = "<= .5 on bare domes, <= 2 on furnished ones by the form chosen, <= 2 on meshes"
-    lines += ["", f"Goals [%]: {goals}.", "", "`python -m studies forward`", ""]
-    return "\n".join(lines)
-
-
-def _worst_and_mean(errors: dict[str, float]) -> str:
-    values = 100 * np.array(list(errors.values()))
-    return f"{values.max():.2f}, {values.mean():.2f}"

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 from procam.arrays import Array
-from procam.kernels import fisheye_rays
+from procam.kernels.bundle import fisheye_rays
 from procam.kernels.bundle.lenses import fisheye_radius
 
 LensKind = Literal["brown", "kannala-brandt"]
