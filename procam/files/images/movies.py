@@ -117,6 +117,15 @@ class MovieReader:
                 f"{promised_s:.3f} s. Copy it again"
             )
 
+    def ends(self) -> tuple[MovieFrame, MovieFrame]:
+        """The first and the last frame; of those in between only what the last one needs is decoded."""
+        frames = iter(self)
+        first = last = next(frames)
+        self._movie.seek((self._movie.start_time or 0) + (self._movie.duration or 0))
+        for frame in self:
+            last = frame
+        return first, last
+
     def _duration_s(self) -> float:
         """End of the last picture in the file's header [s]; 0 if it has none."""
         if self.stream.duration is not None:

@@ -5,6 +5,7 @@ resumed. On a pipe, `_pipe` sends each frame at once. Nothing is imported here t
 would wait for: plots and reports are imported when they are asked for.
 """
 
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -16,8 +17,9 @@ from procam.files.calibration import load_dome
 from procam.interfaces.cli._options import CalibrationArgument, Json, StateOption, TransferOption
 from procam.interfaces.cli._output import Output
 from procam.interfaces.cli._pipe import PIPE, RawFrames, compensate_pipe
-from procam.workflows.playout.compensate import compensate_file, write_report
+from procam.workflows.playout.compensate import certified, compensate_file, write_report
 from procam.workflows.playout.frame import FrameSettings
+from procam.workflows.playout.sources import FILE
 
 if TYPE_CHECKING:
     from procam.workflows.events import Event
@@ -89,6 +91,7 @@ def compensate(
         )
         if report and rows:
             _write_report(report, rows)
+            sys.stderr.write(_certificate_text(certified(list(rows.values()))) + "\n")
         return
     if size or pixels:
         raise InputError("--size and --pixels are for pipes; use them with - as IN and OUT")
@@ -128,9 +131,11 @@ def _summarise(
     flux = [sum(row[f"flux_out_{c}"] for row in frames) / len(frames) for c in "rgb"]
     above = [row for row in frames if row["above_one"]]
     document |= {"clipped_share": clipped, "direct_flux_sr": flux, "frames_above_one": len(above)}
+    document["certificate"] = found = certified(frames)
     worst = "" if len(frames) == 1 else f"; {len(frames)} frames, the worst one"
     shares = ", ".join(f"{share:.1%}" for share in clipped)
     output.say(f"{out} written{worst}; at a limit (R, G, B): {shares} of the lit picture")
+    output.say(_certificate_text(found))
     if above:
         most = max(above, key=lambda row: row["above_one"])
         output.say(
@@ -138,6 +143,24 @@ def _summarise(
             f"{most['above_one']} pixels; they get what the projectors can give"
         )
     output.finish(document)
+
+
+def _certificate_text(found: dict[str, Any]) -> str:
+    """What `certified` found, in a sentence."""
+    where = "read back" if found["covers"] == FILE else "checked in memory only, not as received"
+    frames = f"{found['frames']} frame{'s' * (found['frames'] != 1)} {where}"
+    if found["error"] is None:
+        return f"{frames}: limits hold everywhere, so there is nothing to compare"
+    codes = "" if found["error_codes"] is None else f" ({found['error_codes']:.2g} codes)"
+    sample = (
+        f", the sampled scattered light by +- {sigma:.1g}"
+        if (sigma := found["error_sigma"])
+        else ""
+    )
+    return (
+        f"{frames}: where no limit holds, direct and scattered light together differ from the "
+        f"content by at most {found['error']:.1g} of white{codes}{sample}"
+    )
 
 
 def _check_plots(explain: Path | None, report: Path | None) -> None:

@@ -7,8 +7,9 @@ import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
 from itertools import chain
+from math import isnan
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from procam import __version__
 from procam.errors import FileFormatError
@@ -19,7 +20,7 @@ from procam.files.images.sequences import Numbered
 from procam.files.output_log import OutputLog
 from procam.model.calibration import Calibration
 from procam.workflows.events import Event
-from procam.workflows.playout.frame import ClipEngine, FrameSettings
+from procam.workflows.playout.frame import ERRORS, ClipEngine, FrameSettings
 from procam.workflows.playout.overwrite_check import Named, refuse_overwriting
 from procam.workflows.playout.pipeline import flow
 from procam.workflows.playout.sources import (
@@ -93,7 +94,7 @@ def compensate_clip(
         result = engine.make(clip_frame)
 
         def write() -> tuple[str, Row]:
-            clip.write(clip_frame, result.rgb, result.transfer, result.row)
+            clip.write(clip_frame, result)
             return clip_frame.name, result.row
 
         return write
@@ -126,6 +127,20 @@ def run_key(calibration_dir: Path, settings: FrameSettings, *more: str) -> str:
         for path in sorted(calibration_dir.glob(part)):
             digest.update(path.read_bytes())
     return digest.hexdigest()
+
+
+def certified(rows: Sequence[Row]) -> dict[str, Any]:
+    """The largest errors over the frames that were checked, and what the checks cover.
+
+    None stands for an error that no frame has: of codes of floats, or where limits hold everywhere.
+    """
+    checked = [row for row in rows if row.get("checked")]
+    covers = sorted({row["checked"] for row in checked})
+    found: dict[str, Any] = {"covers": ", ".join(covers), "frames": len(checked)}
+    for name in ERRORS:
+        values = [row[name] for row in checked if not isnan(row[name])]
+        found[name] = max(values, default=None)
+    return found
 
 
 def write_report(path: Path, rows: Sequence[Row]) -> None:
