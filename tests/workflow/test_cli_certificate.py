@@ -10,13 +10,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import OpenImageIO as oiio
 import pytest
 from tiny_venue import Ran, procam
 
 from procam.files.calibration import save_calibration
 from procam.files.images import stills
 from procam.files.images.layers import RGB
-from procam.files.images.pixels import write_image
+from procam.files.images.pixels import write_image, write_spec
+from procam.files.images.profiles import NAMED
 from procam.files.images.stills import Still, write_still
 from procam.maths.light.curves import srgb_encode
 from procam.model.calibration import Calibration
@@ -173,3 +175,19 @@ def test_on_a_pipe_the_certificate_covers_memory_only(kept: Path, tmp_path: Path
     assert [row["checked"] for row in rows] == ["memory", "memory"]
     assert all(float(row["error_codes"]) < 1.1 for row in rows)
     assert b"2 frames checked in memory only" in ran.stderr
+
+
+def test_a_colour_profile_is_converted_and_named(kept: Path, tmp_path: Path) -> None:
+    """Once per clip; what is certified is the converted content."""
+    folder = tmp_path / "in"
+    folder.mkdir()
+    for number in (1, 2):
+        spec = oiio.ImageSpec(SIZE, SIZE, 3, "float")
+        spec.attribute("chromaticities", oiio.TypeDesc("float[8]"), NAMED["Rec.2020"])
+        write_spec(folder / f"a.{number}.exr", np.full((SIZE, SIZE, 3), 0.5, np.float32), spec)
+    ran = procam("compensate", kept, folder, tmp_path / "out", "--json")
+    document = json.loads(ran.out)
+    assert len(document["notes"]) == 1
+    assert "a.1.exr has the colour profile Rec.2020; its colours were" in document["notes"][0]
+    assert ran.err == f"note: {document['notes'][0]}\n"
+    assert document["certificate"]["error"] < 1e-5

@@ -39,6 +39,15 @@ TRANSFER = {
 }  # FFmpeg's numbers for transfer characteristics, and procam's names
 
 
+PRIMARIES = {
+    5: "BT.601 (625 lines)",
+    6: "BT.601 (525 lines)",
+    9: "BT.2020",
+    11: "DCI-P3",
+    12: "Display P3",
+}  # FFmpeg's numbers for primaries; 1 is BT.709
+
+
 @dataclass(frozen=True, slots=True)
 class MovieFrame:
     """A frame: `rgb` (H, W, 3) uint8 or uint16, straight `alpha` (H, W) or None, timestamp `pts`."""
@@ -94,6 +103,17 @@ class MovieReader:
 
     def __exit__(self, *_: object) -> None:
         self._movie.close()
+
+    @property
+    def note(self) -> str:
+        """What the tagged primaries are, unless they are BT.709's; "" for those or none."""
+        tag = int(self.stream.codec_context.color_primaries)
+        if tag in (BT709, UNKNOWN):
+            return ""
+        return (
+            f"{self.path} is tagged with primaries {PRIMARIES.get(tag, tag)}, but its colours were taken as "
+            "BT.709's. Convert them, as with ffmpeg's zscale=primaries=709"
+        )
 
     @property
     def metadata(self) -> tuple[dict[str, str], dict[str, str]]:

@@ -98,12 +98,12 @@ def compensate(
     beside, rows = _beside(explain, report), {}
     again = report is not None
     events = compensate_file(calibration, source, out, settings, again, beside)
-    output.follow_frames(_collected(events, rows), quiet=source.is_file())
+    notes = output.follow_frames(_collected(events, rows), quiet=source.is_file()).get("notes", [])
     if report:
         _write_report(report, rows)
     if explain:
         _write_explained(calibration, source, settings, explain)
-    _summarise([rows[number] for number in sorted(rows)], out, settings, output)
+    _summarise([rows[number] for number in sorted(rows)], out, settings, output, notes)
 
 
 def _collected(events: "Iterator[Event]", rows: Rows) -> "Iterator[Event]":
@@ -113,7 +113,11 @@ def _collected(events: "Iterator[Event]", rows: Rows) -> "Iterator[Event]":
 
 
 def _summarise(
-    frames: list[dict[str, Any]], out: Path, settings: FrameSettings, output: Output
+    frames: list[dict[str, Any]],
+    out: Path,
+    settings: FrameSettings,
+    output: Output,
+    notes: list[str],
 ) -> None:
     document: dict[str, Any] = {
         "out": str(out),
@@ -122,6 +126,7 @@ def _summarise(
         "strength": settings.strength,
         "white": settings.white,
         "frames": len(frames),
+        "notes": notes,
     }
     if not frames:
         output.say(f"{out} is complete and was made with the same settings; remove it to repeat")

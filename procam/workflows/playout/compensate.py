@@ -86,12 +86,14 @@ def compensate_clip(
 ) -> Iterator[Event]:
     """Compensate all frames of a clip; an event per frame, as `compensate_file`'s.
 
+    The data also hold "notes": what became of the first frame's colour profile, if it has one.
     Without `certify` the rows only count what is above 1.0: for live frames.
     """
-    engine = ClipEngine(calibration, settings, clip.suffix, certify)
+    engine, notes = ClipEngine(calibration, settings, clip.suffix, certify), list[str]()
 
     def work(clip_frame: ClipFrame) -> Callable[[], tuple[str, Row]]:
         result = engine.make(clip_frame)
+        notes.extend([] if notes or not clip_frame.note else [clip_frame.note])
 
         def write() -> tuple[str, Row]:
             clip.write(clip_frame, result)
@@ -103,7 +105,8 @@ def compensate_clip(
     with clip:
         yield Event("frames", 0, clip.total, "", {"rows": dict(clip.finished)})
         for done, (name, row) in enumerate(each_frame(clip, work), 1):
-            yield Event("frames", done, max(clip.total, done), name, {"rows": {row["frame"]: row}})
+            data = {"rows": {row["frame"]: row}, "notes": notes}
+            yield Event("frames", done, max(clip.total, done), name, data)
     if not (done or clip.finished):
         raise FileFormatError("IN: no frame in it; is it the right clip?")
 

@@ -162,6 +162,11 @@ def named_transfer(clip_frame: ClipFrame, settings: FrameSettings) -> str:
             f"{', '.join(TRANSFER_NAMES)}"
         )
     transfer(named)
+    if clip_frame.converted and named != clip_frame.transfer:
+        raise InputError(
+            f"{clip_frame.name}: its colour profile was converted to {clip_frame.transfer}, but "
+            f"--transfer is {named}; leave --transfer out, or remove the profile"
+        )
     return named
 
 

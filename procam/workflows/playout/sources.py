@@ -47,6 +47,7 @@ class ClipFrame:
     transfer : name of their transfer function, if the source names one.
     above_one : pixels that ask for more than 1.0. stated : what the source says of its transfer function.
     source_data : what its writer needs of the source.
+    note : what became of the source's colour profile. converted : whether its colours were converted.
     received_s : time of the last byte by time.perf_counter [s].
     """
 
@@ -58,6 +59,8 @@ class ClipFrame:
     source_data: Any = None
     received_s: float = field(default_factory=time.perf_counter)
     stated: str = ""
+    note: str = ""
+    converted: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -295,7 +298,8 @@ def read_clip_frame(path: Path, number: int = 0) -> ClipFrame:
     still = read_still(path)
     above = count_above_one(path, still.rgb)
     stated = still.spec.get_string_attribute("oiio:ColorSpace")
-    return ClipFrame(number, str(path), still.rgb, still.transfer, above, still, stated=stated)
+    found = ClipFrame(number, str(path), still.rgb, still.transfer, above, still, stated=stated)
+    return replace(found, note=still.note, converted=still.converted)
 
 
 def movie_clip_frame(reader: MovieReader, frame: MovieFrame, number: int) -> ClipFrame:
@@ -304,7 +308,8 @@ def movie_clip_frame(reader: MovieReader, frame: MovieFrame, number: int) -> Cli
     stated = f"transfer characteristics {tag}{HIGH_RANGE.get(tag, '')}"
     if tag == UNTAGGED:
         stated = "nothing of it"
-    return ClipFrame(number, name, frame.rgb, reader.transfer, source_data=frame, stated=stated)
+    found = ClipFrame(number, name, frame.rgb, reader.transfer, source_data=frame, stated=stated)
+    return replace(found, note=reader.note)
 
 
 def count_above_one(name: object, rgb: AnyArray) -> int:
