@@ -46,7 +46,9 @@ class Compensated:
 
 @dataclass(frozen=True, slots=True)
 class Certificate:
-    """How well a compensated frame solves its equations, at full strength.
+    """How well a compensated frame solves its equations, at full strength, by the solver's own sums.
+
+    `procam.compensate.light_check` checks the values that were sent by a path of its own.
 
     Attributes
     ----------

@@ -21,7 +21,7 @@ from procam.files.images.pixels import read_image, write_image
 from procam.files.images.stills import read_still
 from procam.maths.light.curves import srgb_decode, srgb_encode
 from procam.model.calibration import Calibration
-from procam.workflows.playout.frame import require_photometry
+from procam.workflows.playout.frame import ERRORS, require_photometry
 from procam.workflows.sample_content import half_sky
 
 SIZE, FIRST, COUNT = 48, 7, 4
@@ -138,7 +138,9 @@ class TestSequences:
         columns = {
             f"{c}_{x}" for c in ("share_lo", "share_hi", "flux_in", "flux_out", "s") for x in "rgb"
         }
-        assert set(rows[0]) == {"frame", "above_one", "kkt", "self_consistency", *columns}
+        certificate = {"kkt", "self_consistency", "checked", *ERRORS}
+        assert set(rows[0]) == {"frame", "above_one", *certificate, *columns}
+        assert {row["checked"] for row in rows} == {"file"}
         assert all(float(row["flux_out_g"]) < float(row["flux_in_g"]) for row in rows)
         assert read_image(report.with_name("clip.plot.png")).shape[2] in (3, 4)
         pictures = ("content", "direct", "limits", "observed", "scattered", "without")

@@ -36,7 +36,9 @@ def shots(alpha: bool = False) -> list[np.ndarray]:
     return [np.dstack([frame, veil]) for frame in frames]
 
 
-def shoot(path: Path, trc: int = 13, frames: list[np.ndarray] | None = None) -> Path:
+def shoot(
+    path: Path, trc: int = 13, frames: list[np.ndarray] | None = None, primaries: int = 2
+) -> Path:
     """A lossless movie; with an alpha channel if the frames have one."""
     frames = shots() if frames is None else frames
     source, stored = ("rgba", "bgra") if frames[0].shape[2] == 4 else ("rgb24", "bgr0")
@@ -44,6 +46,7 @@ def shoot(path: Path, trc: int = 13, frames: list[np.ndarray] | None = None) -> 
         stream = movie.add_stream("ffv1", rate=Fraction(24000, 1001))
         stream.height, stream.width, stream.pix_fmt = *frames[0].shape[:2], stored
         stream.codec_context.color_trc = trc
+        stream.codec_context.color_primaries = primaries
         for shot in frames:
             movie.mux(stream.encode(av.VideoFrame.from_ndarray(shot, format=source)))
         movie.mux(stream.encode())
@@ -68,6 +71,17 @@ class TestCompensate:
             apart = np.abs(found.astype(int) - compensator.frame(shot))
             assert apart.max() <= 1
             assert (apart > 0).mean() < 0.01  # the solve ends within 2e-5
+
+    @pytest.mark.parametrize(("primaries", "name"), [(1, ""), (2, ""), (9, "BT.2020"), (22, "22")])
+    def test_primaries_that_are_not_honoured_are_named(
+        self, primaries: int, name: str, kept: Path, tmp_path: Path
+    ) -> None:
+        source = shoot(tmp_path / "m.mkv", primaries=primaries)
+        ran = procam("compensate", kept, source, tmp_path / "o.mkv", "--json")
+        notes = json.loads(ran.out)["notes"]
+        assert ran.err == "".join(f"note: {note}\n" for note in notes)
+        assert len(notes) == bool(name)
+        assert all(f"{source} is tagged with primaries {name}, but" in note for note in notes)
 
     def test_straight_alpha_passes_unchanged(self, kept: Path, tmp_path: Path) -> None:
         source = shoot(tmp_path / "m.mkv", frames=shots(alpha=True))

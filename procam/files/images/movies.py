@@ -39,6 +39,15 @@ TRANSFER = {
 }  # FFmpeg's numbers for transfer characteristics, and procam's names
 
 
+PRIMARIES = {
+    5: "BT.601 (625 lines)",
+    6: "BT.601 (525 lines)",
+    9: "BT.2020",
+    11: "DCI-P3",
+    12: "Display P3",
+}  # FFmpeg's numbers for primaries; 1 is BT.709
+
+
 @dataclass(frozen=True, slots=True)
 class MovieFrame:
     """A frame: `rgb` (H, W, 3) uint8 or uint16, straight `alpha` (H, W) or None, timestamp `pts`."""
@@ -96,6 +105,17 @@ class MovieReader:
         self._movie.close()
 
     @property
+    def note(self) -> str:
+        """What the tagged primaries are, unless they are BT.709's; "" for those or none."""
+        tag = int(self.stream.codec_context.color_primaries)
+        if tag in (BT709, UNKNOWN):
+            return ""
+        return (
+            f"{self.path} is tagged with primaries {PRIMARIES.get(tag, tag)}, but its colours were taken as "
+            "BT.709's. Convert them, as with ffmpeg's zscale=primaries=709"
+        )
+
+    @property
     def metadata(self) -> tuple[dict[str, str], dict[str, str]]:
         """Metadata of the movie and of its video stream."""
         return dict(self._movie.metadata), dict(self.stream.metadata)
@@ -116,6 +136,15 @@ class MovieReader:
                 f"{self.path} is truncated: its pictures end at {float(end_s):.3f} s, its header says "
                 f"{promised_s:.3f} s. Copy it again"
             )
+
+    def ends(self) -> tuple[MovieFrame, MovieFrame]:
+        """The first and the last frame; of those in between only what the last one needs is decoded."""
+        frames = iter(self)
+        first = last = next(frames)
+        self._movie.seek((self._movie.start_time or 0) + (self._movie.duration or 0))
+        for frame in self:
+            last = frame
+        return first, last
 
     def _duration_s(self) -> float:
         """End of the last picture in the file's header [s]; 0 if it has none."""

@@ -15,6 +15,7 @@ from procam.arrays import AnyArray, FloatArray, Image
 from procam.errors import FileFormatError
 from procam.files.images.layers import RGB
 from procam.files.images.pixels import STORED_AS, read_spec, require_suffix, write_image, write_spec
+from procam.files.images.profiles import converted
 from procam.maths.light.curves import srgb_decode, srgb_encode
 
 FORMAT_ATTRIBUTES = (
@@ -93,6 +94,7 @@ class Still:
     ----------
     pixels : (H, W, C) all channels in the file's own type. rgb : (H, W, 3) the colours.
     places : which channels R, G and B are. spec : the file's header. suffix : of its name.
+    note : what became of a colour profile; "" for none. converted : whether `rgb` were converted from it.
     """
 
     pixels: AnyArray
@@ -100,14 +102,13 @@ class Still:
     places: tuple[int, ...]
     spec: oiio.ImageSpec
     suffix: str
+    note: str = ""
+    converted: bool = False
 
     @property
     def transfer(self) -> str | None:
         """Name of the transfer function in the file's header; None where it has one without a name."""
-        space = self.spec.get_string_attribute("oiio:ColorSpace")
-        if not space:
-            return "linear" if self.rgb.dtype.kind == "f" else "srgb"
-        return COLOUR_SPACES.get(space.lower().split("_")[0])
+        return _stated_transfer(self.spec, self.rgb)
 
 
 def read_still(path: Path) -> Still:
@@ -127,7 +128,15 @@ def read_still(path: Path) -> Still:
     whole = _display_window(pixels, spec)
     plain = places == list(range(whole.shape[2]))
     rgb = whole if plain else np.ascontiguousarray(whole[..., places])
-    return Still(whole, rgb, tuple(places), spec, path.suffix)
+    rgb, note, done = converted(path, rgb, spec, _stated_transfer(spec, rgb))
+    return Still(whole, rgb, tuple(places), spec, path.suffix, note, done)
+
+
+def _stated_transfer(spec: oiio.ImageSpec, rgb: AnyArray) -> str | None:
+    space = spec.get_string_attribute("oiio:ColorSpace")
+    if not space:
+        return "linear" if rgb.dtype.kind == "f" else "srgb"
+    return COLOUR_SPACES.get(space.lower().split("_")[0])
 
 
 def write_still(path: Path, rgb: AnyArray, like: Still, transfer: str) -> None:

@@ -64,16 +64,19 @@ class Output:
         return data
 
     def follow_frames(self, events: Iterator["Event"], *, quiet: bool) -> dict[str, Any]:
-        """The same for frames, whose first should not wait for the bar's import: only on a terminal."""
+        """The same for frames, whose first should not wait for the bar's import: only on a terminal.
+
+        Notes of the last event go to stderr.
+        """
         if sys.stderr.isatty() and not quiet:
-            return self.follow(events)
+            return _with_notes(self.follow(events))
         from procam.interfaces.cli._memory import keep_large_buffers
 
         keep_large_buffers()
         data: dict[str, Any] = {}
         for event in events:
             data = event.data
-        return data
+        return _with_notes(data)
 
     def table(self, figures: Mapping[str, "Figure"]) -> None:
         """Print figures with goal and verdict."""
@@ -82,6 +85,12 @@ class Output:
             goal = f"{figure.goal.op} {figure.goal.value}" if figure.goal else ""
             unit = "" if figure.unit == "-" else figure.unit
             self.say(f"  {name:30} {_short(figure.value):>28} {unit:7} {goal:14} {verdict}")
+
+
+def _with_notes(data: dict[str, Any]) -> dict[str, Any]:
+    """The data, whose notes go to stderr."""
+    sys.stderr.writelines(f"note: {note}\n" for note in data.get("notes", ()))
+    return data
 
 
 def as_dicts(figures: Mapping[str, "Figure"]) -> dict[str, dict[str, Any]]:

@@ -5,6 +5,7 @@ resumed. On a pipe, `_pipe` sends each frame at once. Nothing is imported here t
 would wait for: plots and reports are imported when they are asked for.
 """
 
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -16,8 +17,9 @@ from procam.files.calibration import load_dome
 from procam.interfaces.cli._options import CalibrationArgument, Json, StateOption, TransferOption
 from procam.interfaces.cli._output import Output
 from procam.interfaces.cli._pipe import PIPE, RawFrames, compensate_pipe
-from procam.workflows.playout.compensate import compensate_file, write_report
+from procam.workflows.playout.compensate import certified, compensate_file, write_report
 from procam.workflows.playout.frame import FrameSettings
+from procam.workflows.playout.sources import FILE
 
 if TYPE_CHECKING:
     from procam.workflows.events import Event
@@ -89,18 +91,19 @@ def compensate(
         )
         if report and rows:
             _write_report(report, rows)
+            sys.stderr.write(_certificate_text(certified(list(rows.values()))) + "\n")
         return
     if size or pixels:
         raise InputError("--size and --pixels are for pipes; use them with - as IN and OUT")
     beside, rows = _beside(explain, report), {}
     again = report is not None
     events = compensate_file(calibration, source, out, settings, again, beside)
-    output.follow_frames(_collected(events, rows), quiet=source.is_file())
+    notes = output.follow_frames(_collected(events, rows), quiet=source.is_file()).get("notes", [])
     if report:
         _write_report(report, rows)
     if explain:
         _write_explained(calibration, source, settings, explain)
-    _summarise([rows[number] for number in sorted(rows)], out, settings, output)
+    _summarise([rows[number] for number in sorted(rows)], out, settings, output, notes)
 
 
 def _collected(events: "Iterator[Event]", rows: Rows) -> "Iterator[Event]":
@@ -110,7 +113,11 @@ def _collected(events: "Iterator[Event]", rows: Rows) -> "Iterator[Event]":
 
 
 def _summarise(
-    frames: list[dict[str, Any]], out: Path, settings: FrameSettings, output: Output
+    frames: list[dict[str, Any]],
+    out: Path,
+    settings: FrameSettings,
+    output: Output,
+    notes: list[str],
 ) -> None:
     document: dict[str, Any] = {
         "out": str(out),
@@ -119,6 +126,7 @@ def _summarise(
         "strength": settings.strength,
         "white": settings.white,
         "frames": len(frames),
+        "notes": notes,
     }
     if not frames:
         output.say(f"{out} is complete and was made with the same settings; remove it to repeat")
@@ -128,9 +136,11 @@ def _summarise(
     flux = [sum(row[f"flux_out_{c}"] for row in frames) / len(frames) for c in "rgb"]
     above = [row for row in frames if row["above_one"]]
     document |= {"clipped_share": clipped, "direct_flux_sr": flux, "frames_above_one": len(above)}
+    document["certificate"] = found = certified(frames)
     worst = "" if len(frames) == 1 else f"; {len(frames)} frames, the worst one"
     shares = ", ".join(f"{share:.1%}" for share in clipped)
     output.say(f"{out} written{worst}; at a limit (R, G, B): {shares} of the lit picture")
+    output.say(_certificate_text(found))
     if above:
         most = max(above, key=lambda row: row["above_one"])
         output.say(
@@ -138,6 +148,24 @@ def _summarise(
             f"{most['above_one']} pixels; they get what the projectors can give"
         )
     output.finish(document)
+
+
+def _certificate_text(found: dict[str, Any]) -> str:
+    """What `certified` found, in a sentence."""
+    where = "read back" if found["covers"] == FILE else "checked in memory only, not as received"
+    frames = f"{found['frames']} frame{'s' * (found['frames'] != 1)} {where}"
+    if found["error"] is None:
+        return f"{frames}: limits hold everywhere, so there is nothing to compare"
+    codes = "" if found["error_codes"] is None else f" ({found['error_codes']:.2g} codes)"
+    sample = (
+        f", the sampled scattered light by +- {sigma:.1g}"
+        if (sigma := found["error_sigma"])
+        else ""
+    )
+    return (
+        f"{frames}: where no limit holds, direct and scattered light together differ from the "
+        f"content by at most {found['error']:.1g} of white{codes}{sample}"
+    )
 
 
 def _check_plots(explain: Path | None, report: Path | None) -> None:

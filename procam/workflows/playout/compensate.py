@@ -7,8 +7,9 @@ import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
 from itertools import chain
+from math import isnan
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from procam import __version__
 from procam.errors import FileFormatError
@@ -19,7 +20,7 @@ from procam.files.images.sequences import Numbered
 from procam.files.output_log import OutputLog
 from procam.model.calibration import Calibration
 from procam.workflows.events import Event
-from procam.workflows.playout.frame import ClipEngine, FrameSettings
+from procam.workflows.playout.frame import ERRORS, ClipEngine, FrameSettings
 from procam.workflows.playout.overwrite_check import Named, refuse_overwriting
 from procam.workflows.playout.pipeline import flow
 from procam.workflows.playout.sources import (
@@ -85,15 +86,17 @@ def compensate_clip(
 ) -> Iterator[Event]:
     """Compensate all frames of a clip; an event per frame, as `compensate_file`'s.
 
+    The data also hold "notes": what became of the first frame's colour profile, if it has one.
     Without `certify` the rows only count what is above 1.0: for live frames.
     """
-    engine = ClipEngine(calibration, settings, clip.suffix, certify)
+    engine, notes = ClipEngine(calibration, settings, clip.suffix, certify), list[str]()
 
     def work(clip_frame: ClipFrame) -> Callable[[], tuple[str, Row]]:
         result = engine.make(clip_frame)
+        notes.extend([] if notes or not clip_frame.note else [clip_frame.note])
 
         def write() -> tuple[str, Row]:
-            clip.write(clip_frame, result.rgb, result.transfer, result.row)
+            clip.write(clip_frame, result)
             return clip_frame.name, result.row
 
         return write
@@ -102,7 +105,8 @@ def compensate_clip(
     with clip:
         yield Event("frames", 0, clip.total, "", {"rows": dict(clip.finished)})
         for done, (name, row) in enumerate(each_frame(clip, work), 1):
-            yield Event("frames", done, max(clip.total, done), name, {"rows": {row["frame"]: row}})
+            data = {"rows": {row["frame"]: row}, "notes": notes}
+            yield Event("frames", done, max(clip.total, done), name, data)
     if not (done or clip.finished):
         raise FileFormatError("IN: no frame in it; is it the right clip?")
 
@@ -126,6 +130,20 @@ def run_key(calibration_dir: Path, settings: FrameSettings, *more: str) -> str:
         for path in sorted(calibration_dir.glob(part)):
             digest.update(path.read_bytes())
     return digest.hexdigest()
+
+
+def certified(rows: Sequence[Row]) -> dict[str, Any]:
+    """The largest errors over the frames that were checked, and what the checks cover.
+
+    None stands for an error that no frame has: of codes of floats, or where limits hold everywhere.
+    """
+    checked = [row for row in rows if row.get("checked")]
+    covers = sorted({row["checked"] for row in checked})
+    found: dict[str, Any] = {"covers": ", ".join(covers), "frames": len(checked)}
+    for name in ERRORS:
+        values = [row[name] for row in checked if not isnan(row[name])]
+        found[name] = max(values, default=None)
+    return found
 
 
 def write_report(path: Path, rows: Sequence[Row]) -> None:

@@ -1,21 +1,26 @@
 """One frame of any kind through the compensator: encodings in and out, and the row of the report."""
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import astuple, dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from procam.arrays import AnyArray, Array32, BoolArray
 from procam.compensate.compensator import Compensator
+from procam.compensate.light_check import LightCheck
 from procam.errors import FileFormatError, InputError
 from procam.files.images.stills import square_edge
 from procam.kernels.native.arrays import least_colour
 from procam.maths.light.transfer import TRANSFER_NAMES, transfer
 from procam.model.calibration import Calibration
 from procam.model.transport import DomeMaps
-from procam.workflows.playout.sources import ClipFrame
+from procam.workflows.playout.sources import ClipFrame, CompensatedFrame, Row
 
 COLOURS = "rgb"
+ERRORS = ("error", "error_codes", "error_sigma")  # columns of `LightError` in the report
+UNCHECKED: Row = {"checked": "", **dict.fromkeys(ERRORS, float("nan"))}
 MEASURED = ("scatter_per_flux", "lo", "hi")  # maps that measured light makes
 ROUNDING = 1e-3  # of a coverage: half floats
 
@@ -29,15 +34,6 @@ class FrameSettings:
     strength: float = 1.0
     white: str = "summed"
     transfer: str | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class CompensatedFrame:
-    """A compensated frame: encoded colours (N, N, 3), their transfer function, the report's row."""
-
-    rgb: AnyArray
-    transfer: str
-    row: dict[str, Any]
 
 
 class ClipEngine:
@@ -66,11 +62,36 @@ class ClipEngine:
         dtype, out = output_encoding(clip_frame.rgb.dtype, named, self._suffix)
         rgb = recoded(clip_frame.rgb, named, dtype, out)
         compensator = self._for(clip_frame, dtype, out)
-        row: dict[str, Any] = {"frame": clip_frame.number, "above_one": clip_frame.above_one}
+        row: Row = {"frame": clip_frame.number, "above_one": clip_frame.above_one}
         if not self._certify:
-            return CompensatedFrame(compensator.frame(rgb, rgb), out, row)
+            return CompensatedFrame(compensator.frame(rgb, rgb), out, row, _unchecked)
         encoded = compensator.frame(rgb)
-        return CompensatedFrame(encoded, out, row | _worth(compensator))
+        row |= _worth(compensator) | UNCHECKED
+        return CompensatedFrame(encoded, out, row, self._check(clip_frame, named, out, row))
+
+    def _check(
+        self, clip_frame: ClipFrame, named: str, out: str, row: Row
+    ) -> Callable[[ClipFrame, str], None]:
+        """What completes the row of a frame with what its values, read back, make the audience see.
+
+        Values are decoded as the file states, or by the function that the user named for both.
+        """
+        light_check = self._light_check
+        content = decoded(light_check.sampled(clip_frame.rgb), named).astype(float)
+
+        def check(written: ClipFrame, covers: str) -> None:
+            name = (None if self._settings.transfer else written.transfer) or out
+            values = light_check.sampled(written.rgb)
+            found = light_check.of(content, values, transfer(name))
+            row.update(zip(ERRORS, astuple(found), strict=True), checked=covers)
+
+        return check
+
+    @cached_property
+    def _light_check(self) -> LightCheck:
+        assert self._compensator is not None
+        size, gain = self._compensator.size, self._compensator.fields.shown.gain
+        return LightCheck(self._calibration, size, self._settings.state, gain)
 
     def _for(self, clip_frame: ClipFrame, dtype: np.dtype[Any], out: str) -> Compensator:
         size = square_edge(clip_frame.rgb, clip_frame.name)
@@ -141,6 +162,11 @@ def named_transfer(clip_frame: ClipFrame, settings: FrameSettings) -> str:
             f"{', '.join(TRANSFER_NAMES)}"
         )
     transfer(named)
+    if clip_frame.converted and named != clip_frame.transfer:
+        raise InputError(
+            f"{clip_frame.name}: its colour profile was converted to {clip_frame.transfer}, but "
+            f"--transfer is {named}; leave --transfer out, or remove the profile"
+        )
     return named
 
 
@@ -177,6 +203,10 @@ def decoded(rgb: AnyArray, named: str) -> Array32:
     peak = 1 if rgb.dtype.kind == "f" else np.iinfo(rgb.dtype).max
     share = np.asarray(rgb, np.float32) / np.float32(peak)
     return share if named == "linear" else np.asarray(transfer(named).decode(share), np.float32)
+
+
+def _unchecked(written: ClipFrame, covers: str) -> None:
+    """No certificate was asked for."""
 
 
 def _worth(compensator: Compensator) -> dict[str, float]:

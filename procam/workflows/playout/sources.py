@@ -32,6 +32,7 @@ Row = dict[str, Any]
 Reads = Iterator[Callable[[], "ClipFrame | None"]]
 ONE_AS_HALF, INFINITE_AS_HALF = 0x3C00, 0x7C00
 UNTAGGED = 2  # transfer characteristics as ITU-T H.273 and FFmpeg count them
+FILE, MEMORY = "file", "memory"  # what a certificate covers
 HIGH_RANGE = {16: " (PQ)", 18: " (HLG)"}
 
 
@@ -46,6 +47,7 @@ class ClipFrame:
     transfer : name of their transfer function, if the source names one.
     above_one : pixels that ask for more than 1.0. stated : what the source says of its transfer function.
     source_data : what its writer needs of the source.
+    note : what became of the source's colour profile. converted : whether its colours were converted.
     received_s : time of the last byte by time.perf_counter [s].
     """
 
@@ -57,6 +59,21 @@ class ClipFrame:
     source_data: Any = None
     received_s: float = field(default_factory=time.perf_counter)
     stated: str = ""
+    note: str = ""
+    converted: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class CompensatedFrame:
+    """A compensated frame: encoded colours (N, N, 3), their transfer function, the report's row.
+
+    `check` takes the frame as it was read back, and what it was read from, and completes the row.
+    """
+
+    rgb: AnyArray
+    transfer: str
+    row: Row
+    check: Callable[[ClipFrame, str], None]
 
 
 class Clip(Protocol):
@@ -82,8 +99,8 @@ class Clip(Protocol):
     def reads(self) -> Reads:
         """Jobs that each read a frame; None ends them."""
 
-    def write(self, clip_frame: ClipFrame, rgb: AnyArray, transfer: str, row: Row) -> None:
-        """Store a compensated frame; `row` is its row of the report."""
+    def write(self, clip_frame: ClipFrame, result: CompensatedFrame) -> None:
+        """Store a compensated frame, read it back and check it."""
 
 
 class StillClip:
@@ -111,9 +128,10 @@ class StillClip:
         """The picture."""
         yield lambda: read_clip_frame(self.source)
 
-    def write(self, clip_frame: ClipFrame, rgb: AnyArray, transfer: str, row: Row) -> None:
+    def write(self, clip_frame: ClipFrame, result: CompensatedFrame) -> None:
         """Write the picture."""
-        write_still(self.out, rgb, clip_frame.source_data, transfer)
+        write_still(self.out, result.rgb, clip_frame.source_data, result.transfer)
+        result.check(read_clip_frame(self.out), FILE)
 
 
 class SequenceClip:
@@ -151,12 +169,13 @@ class SequenceClip:
         for number in self._todo:
             yield partial(self._read, number)
 
-    def write(self, clip_frame: ClipFrame, rgb: AnyArray, transfer: str, row: Row) -> None:
+    def write(self, clip_frame: ClipFrame, result: CompensatedFrame) -> None:
         """Write a picture and log it."""
         state, still = clip_frame.source_data
         out = self._names.path(clip_frame.number)
-        write_still(out, rgb, still, transfer)
-        self.log.add(out, state, row)
+        write_still(out, result.rgb, still, result.transfer)
+        result.check(read_clip_frame(out, clip_frame.number), FILE)
+        self.log.add(out, state, result.row)
 
     def _read(self, number: int) -> ClipFrame:
         path = self._sequence.names.path(number)
@@ -176,6 +195,7 @@ class MovieClip:
         self._log = log
         self.stack = ExitStack()
         self._writer: MovieWriter | None = None
+        self._checks: list[Callable[[ClipFrame, str], None]] = []  # of the first and last frame
 
     @property
     def is_made(self) -> bool:
@@ -192,6 +212,7 @@ class MovieClip:
     def __exit__(self, *error: Any) -> None:
         self.stack.__exit__(*error)
         if error == (None, None, None) and self._writer is not None:
+            self._check_ends()
             self._log.add(self.out, self._state, {})
 
     def thread_plan(self, frame_bytes: int) -> ThreadPlan:
@@ -202,12 +223,19 @@ class MovieClip:
         """The frames."""
         return repeat(self._read)
 
-    def write(self, clip_frame: ClipFrame, rgb: AnyArray, transfer: str, row: Row) -> None:
+    def write(self, clip_frame: ClipFrame, result: CompensatedFrame) -> None:
         """Encode a frame."""
         if self._writer is None:
-            movie = new_movie(self.out, self.reader, transfer=transfer)
+            movie = new_movie(self.out, self.reader, transfer=result.transfer)
             self._writer = self.stack.enter_context(movie)
-        self._writer.write(rgb, clip_frame.source_data)
+        self._writer.write(result.rgb, clip_frame.source_data)
+        self._checks[1:] = [result.check]
+
+    def _check_ends(self) -> None:
+        """Read back the first and the last frame: complete rows of the report."""
+        with MovieReader(self.out) as written:
+            for check, frame in zip(self._checks, written.ends(), strict=False):
+                check(movie_clip_frame(written, frame, 0), FILE)
 
     def _read(self) -> ClipFrame | None:
         frame = next(self._frames, None)
@@ -248,10 +276,11 @@ class PipeClip:
         """Frames until the pipe ends."""
         return chain([self._first], repeat(self._read))
 
-    def write(self, clip_frame: ClipFrame, rgb: AnyArray, transfer: str, row: Row) -> None:
-        """Send a frame at once."""
-        write_frame(self._out, rgb)
+    def write(self, clip_frame: ClipFrame, result: CompensatedFrame) -> None:
+        """Send a frame at once; nobody can read it back."""
+        write_frame(self._out, result.rgb)
         self.latency_s.append(time.perf_counter() - clip_frame.received_s)
+        result.check(replace(clip_frame, rgb=result.rgb, transfer=result.transfer), MEMORY)
 
     def _read(self) -> ClipFrame | None:
         rgb: AnyArray = np.empty((self._size, self._size, 3), self._dtype)
@@ -269,7 +298,8 @@ def read_clip_frame(path: Path, number: int = 0) -> ClipFrame:
     still = read_still(path)
     above = count_above_one(path, still.rgb)
     stated = still.spec.get_string_attribute("oiio:ColorSpace")
-    return ClipFrame(number, str(path), still.rgb, still.transfer, above, still, stated=stated)
+    found = ClipFrame(number, str(path), still.rgb, still.transfer, above, still, stated=stated)
+    return replace(found, note=still.note, converted=still.converted)
 
 
 def movie_clip_frame(reader: MovieReader, frame: MovieFrame, number: int) -> ClipFrame:
@@ -278,7 +308,8 @@ def movie_clip_frame(reader: MovieReader, frame: MovieFrame, number: int) -> Cli
     stated = f"transfer characteristics {tag}{HIGH_RANGE.get(tag, '')}"
     if tag == UNTAGGED:
         stated = "nothing of it"
-    return ClipFrame(number, name, frame.rgb, reader.transfer, source_data=frame, stated=stated)
+    found = ClipFrame(number, name, frame.rgb, reader.transfer, source_data=frame, stated=stated)
+    return replace(found, note=reader.note)
 
 
 def count_above_one(name: object, rgb: AnyArray) -> int:

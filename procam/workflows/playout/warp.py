@@ -59,7 +59,7 @@ def warp_file(
 
     OUT/PROJECTOR.png of a picture, OUT/PROJECTOR/NAME.png of numbered pictures (those that an earlier
     run has finished are skipped), OUT/PROJECTOR.mov or .mkv of a movie. An event per frame, whose data name
-    what is written: {"frames"}.
+    what is written, {"frames"}, and what became of the first frame's colour profile, {"notes"}.
     """
     calibration = load_calibration(calibration_dir)
     require_photometry(calibration)
@@ -75,6 +75,7 @@ def warp_file(
 
     def work(clip_frame: ClipFrame) -> Callable[[], str]:
         nonlocal warper
+        notes.extend([] if notes or not clip_frame.note else [clip_frame.note])
         size = square_edge(clip_frame.rgb, clip_frame.name)
         name = named_transfer(clip_frame, settings)
         if warper is None:
@@ -93,7 +94,8 @@ def warp_file(
 
         return write
 
-    data = {"frames": clip.paths}
+    notes: list[str] = []
+    data = {"frames": clip.paths, "notes": notes}
     with clip:
         yield Event("frames", 0, clip.total, "", data)
         for done, name in enumerate(each_frame(clip, work), 1):

@@ -115,8 +115,8 @@ class TestKept:
     def test_attributes_of_exr(self, tmp_path: Path) -> None:
         pixels = _pixels("float16")
         spec = _spec(pixels, compression="piz", studio__take="planetarium", PixelAspectRatio=1.0)
-        wide = (0.708, 0.292, 0.17, 0.797, 0.131, 0.046, 0.3127, 0.329)
-        spec.attribute("chromaticities", "float[8]", wide)
+        rec709 = (0.64, 0.33, 0.3, 0.6, 0.15, 0.06, 0.3127, 0.329)
+        spec.attribute("chromaticities", "float[8]", rec709)
         spec.attribute("smpte:TimeCode", "timecode", (0x01020304, 0))
         spec.attribute("FramesPerSecond", "rational", (24000, 1001))
         still = read_still(_write(tmp_path / "a.exr", pixels, spec))
@@ -124,7 +124,7 @@ class TestKept:
         before = {a.name: a.value for a in _raw(tmp_path / "a.exr")[1].extra_attribs}
         after = {a.name: a.value for a in _raw(tmp_path / "b.exr")[1].extra_attribs}
         assert after == before
-        assert before["chromaticities"] == pytest.approx(wide)
+        assert before["chromaticities"] == pytest.approx(rec709)
         assert (before["smpte:TimeCode"], before["studio:take"]) == ((0x01020304, 0), "planetarium")
 
     @pytest.mark.parametrize("suffix", [".png", ".tif"])
