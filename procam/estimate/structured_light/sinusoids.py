@@ -97,7 +97,7 @@ def decode_sinusoids(pictures: SinusoidImages) -> SinusoidResult:
     if noise is None:
         noise = known.noise.variance(found.offset)
     ok = _trusted(found, count, noise) & (count >= least)
-    unseen = unseen_harmonic_px(waves) if len(frames) == UNKNOWNS else 0.0
+    unseen = unseen_harmonic_px(waves) if pictures.hides_harmonic else 0.0
     sigma = np.sqrt(np.where(ok, found.variance * noise + unseen**2, np.nan))
     amplitude = np.where(short & ~ok, 0.0, found.amplitude) / known.distortion.depth(waves)
     return SinusoidResult(
@@ -113,7 +113,8 @@ def decode_sinusoids(pictures: SinusoidImages) -> SinusoidResult:
 def unseen_harmonic_px(waves: Waves) -> float:
     """Standard error [px] of three equal steps, whose fit cannot show the harmonic of a wrong gamma.
 
-    A harmonic h moves the phase by up to h, as the sine of thrice the phase.
+    A harmonic h moves the phase by up to h, as the sine of thrice the phase. A fourth pattern of another
+    period shows it too poorly.
     """
     return float(UNSEEN_HARMONIC / np.sqrt(2) * waves.periods[0] / (2 * np.pi))
 
