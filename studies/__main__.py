@@ -10,6 +10,7 @@ from studies import (
     code_table,
     codes,
     content,
+    foreign_codes,
     forward,
     geometry,
     loop,
@@ -23,6 +24,7 @@ from studies import (
 STUDIES = {
     "boards": boards.main,
     "codes": codes.main,
+    "foreign-codes": foreign_codes.main,
     "one-fringe": one_fringe.main,
     "code-table": code_table.main,
     "geometry": geometry.main,

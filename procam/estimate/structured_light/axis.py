@@ -97,6 +97,7 @@ class SinusoidDecoder:
         completed = complete_base_set(self._frames, self._set, self._white, self._black)
         shown = sorted(completed)
         frames = [completed[i] for i in shown]
+        restored = len(completed) - len(self._frames)
         self._frames = {}
         waves = self._set.kept(np.isin(np.arange(len(self._order)), shown))
         cells = None if self._stripes is None else self._stripes.result()
@@ -113,6 +114,7 @@ class SinusoidDecoder:
             [dropped_samples(frame, self._limits) for frame in frames],
             None if self._variances is None else self._variances / np.float32(len(frames)),
             cells=cells,
+            restored=restored,
         )
         few = cells is None and self._set.single
         if few and self._length < FEW_FRINGES * self._set.periods[0]:

@@ -2,7 +2,8 @@
 
 White and black come first: they give the limits and the lit pixels. Each axis is decoded as soon as
 its last photograph is in, so memory does not grow with the number of axes. Both coordinates are then
-joined, outliers dropped, and for sinusoids the bias that defocus causes at borders is corrected.
+joined, outliers dropped, and for sinusoids the bias that defocus causes at borders is corrected. What
+a pixel's area adds to the standard error comes last.
 """
 
 from collections.abc import Iterable
@@ -17,6 +18,7 @@ from procam.estimate.structured_light.codes import AXES, Code, Plane
 from procam.estimate.structured_light.defocus_bias import correct_defocus_bias
 from procam.estimate.structured_light.limits import DecodeLimits, default_limits, dropped_samples
 from procam.estimate.structured_light.outliers import drop_outliers
+from procam.estimate.structured_light.pixel_area import drop_beyond_panel, with_area_error
 from procam.estimate.structured_light.sinusoids import SinusoidResult
 from procam.estimate.structured_light.stripes import StripeDecoder
 from procam.model.correspondence import CorrespondenceMap
@@ -99,11 +101,12 @@ class Decoder:
             span = np.maximum(span, np.fmax(x.direct, y.direct))
         found = _joined(self.code, span, x, y, self._limits)
         if self._limits.neighbours:
-            found = drop_outliers(found)
+            found = drop_beyond_panel(drop_outliers(found), span, self.code.size)
         direct = np.where(found.valid, np.clip((x.direct + y.direct) / 2, 0, span), 0)
         lost = x.lost + y.lost
+        found = self._without_defocus_bias(found, x, y, span)
         return Decoded(
-            self._without_defocus_bias(found, x, y, span),
+            with_area_error(found, span, self._limits.white_black),
             direct.astype(np.float32),
             span - direct,
             {n: r.waves for n, r in zip(AXES, (x, y), strict=True) if r.waves is not None},

@@ -36,8 +36,8 @@ def unseen_errors(code: Code) -> list[str]:
     """A note for each axis whose patterns cannot show an error that they have."""
     axes = {NAMES[axis]: code.axis(axis).waves for axis in AXES}
     return [
-        f"{name}: three steps of one period do not show whether projector and camera are linear, and the "
-        "standard error leaves that out; four steps or two periods do"
+        f"{name}: three steps of one period do not show whether projector and camera are linear; the "
+        "standard error allows for a gamma 15 % off; four steps or two periods show it"
         for name, waves in axes.items()
         if waves is not None and len(waves.periods) == MIN_STEPS
     ]

@@ -60,6 +60,7 @@ class SinusoidImages:
     variance : (H, W) of a sample, for merged exposures; None to estimate a noise law.
     surplus_sigma : prior of the pictures' flux beyond half of white's, as a share of it.
     cells : what the stripes beneath the sinusoids show, if there are any.
+    restored : how many of the frames were computed from white and black.
     """
 
     frames: Sequence[AnyArray]
@@ -71,6 +72,12 @@ class SinusoidImages:
     variance: Map | None = None
     surplus_sigma: float = PRIOR_SURPLUS
     cells: Cells | None = None
+    restored: int = 0
+
+    @property
+    def hides_harmonic(self) -> bool:
+        """Whether a wrong gamma moves columns and leaves hardly a residual: three steps, and one more."""
+        return self.waves.base == UNKNOWNS and len(self.frames) - self.restored <= UNKNOWNS + 1
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,6 +24,10 @@ MAX_FULL_SEARCHES = 60_000  # pixels without a base set, each of which searches 
 AMPLITUDE_SIGMAS = 5.0
 MARGIN_SIGMAS2 = 12.0  # least chi squared by which the next best fringe must fit worse
 MISFIT_SIGMAS2 = 35.0  # most chi squared beyond its expectation
+PLAUSIBLE_GAMMA = 1.15  # between the response that sinusoids were drawn for and the real one
+UNSEEN_HARMONIC = (PLAUSIBLE_GAMMA - 1) / (
+    PLAUSIBLE_GAMMA + 2
+)  # second one, of cos^2 to this power
 
 
 def complete_base_set(
@@ -93,7 +97,8 @@ def decode_sinusoids(pictures: SinusoidImages) -> SinusoidResult:
     if noise is None:
         noise = known.noise.variance(found.offset)
     ok = _trusted(found, count, noise) & (count >= least)
-    sigma = np.sqrt(np.where(ok, found.variance * noise, np.nan))
+    unseen = unseen_harmonic_px(waves) if pictures.hides_harmonic else 0.0
+    sigma = np.sqrt(np.where(ok, found.variance * noise + unseen**2, np.nan))
     amplitude = np.where(short & ~ok, 0.0, found.amplitude) / known.distortion.depth(waves)
     return SinusoidResult(
         np.where(ok, found.position, np.nan).astype(np.float32),
@@ -103,6 +108,15 @@ def decode_sinusoids(pictures: SinusoidImages) -> SinusoidResult:
         known.noise,
         float(waves.periods.mean()),
     )
+
+
+def unseen_harmonic_px(waves: Waves) -> float:
+    """Standard error [px] of three equal steps, whose fit cannot show the harmonic of a wrong gamma.
+
+    A harmonic h moves the phase by up to h, as the sine of thrice the phase. A fourth pattern of another
+    period shows it too poorly.
+    """
+    return float(UNSEEN_HARMONIC / np.sqrt(2) * waves.periods[0] / (2 * np.pi))
 
 
 def _balanced(pictures: SinusoidImages, known: SelfCalibration, found: PhaseFit) -> list[Array32]:

@@ -63,8 +63,11 @@ class TestRealCaptures:
             found = real.decoded(limits).map
             assert np.isnan(found.projector_xy[~found.valid]).all()
             assert np.isnan(found.sigma_px[~found.valid]).all()
-            # stripes do not resolve the position within a pixel: sigma of a uniform distribution
-            np.testing.assert_allclose(found.sigma_px[found.valid], 12**-0.5, rtol=1e-6)
+            # stripes do not resolve the position within a pixel: sigma of a uniform distribution, to
+            # which the paint within a camera pixel adds little
+            sigma = found.sigma_px[found.valid]
+            assert sigma.min() >= 12**-0.5 - 1e-6
+            assert np.median(sigma) == pytest.approx(12**-0.5, rel=0.01)
 
     @pytest.mark.parametrize("number", [2, 21, 23, 40])
     def test_a_missing_photograph_is_computed_from_white_black_and_its_partner(

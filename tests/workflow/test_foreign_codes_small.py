@@ -1,0 +1,65 @@
+"""Other programs' sets, photographed without procam and decoded; studies/foreign_codes.md has more seeds."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tiny_venue import procam
+
+from procam.files.images.layers import read_channels
+from studies import foreign_codes as study
+from studies.foreign_pictures import PANEL
+from studies.measure import HERE
+
+CASES = study.cases()
+RESULTS = HERE / "foreign_codes.json"
+
+
+def test_the_study_meets_its_goals() -> None:
+    rows = json.loads(RESULTS.read_text())["rows"]
+    assert len(rows) == len(CASES)
+    for row in rows:
+        assert row["right"] >= 0.9, row
+        assert study.GOALS["least_ratio"] <= row["ratio"][1] <= study.GOALS["most_ratio"], row
+        assert row["gross"] < 2e-3, row
+
+
+@pytest.mark.parametrize(("number", "seed"), [(2, 1), (5, 1), (9, 1), (12, 28), (13, 29)])
+def test_a_seed_of_the_study(number: int, seed: int) -> None:
+    """Three steps of one period, several frequencies, wide cells, a jump of exposure, missing steps.
+
+    After that jump the fine stripes have less contrast in units of white's noise than before, and with those
+    steps missing too few are left to show a wrong gamma.
+    """
+    row = study.figures(CASES[number], seed)
+    assert row["within"] >= 0.9 and row["gross"] < 2e-3
+    assert 0.5 <= row["sigma_px"] / row["rms_px"] <= 2
+    if CASES[number].fault == "exposure jump":
+        assert any("times as much as white" in note for note in row["notes"])
+
+
+def test_missing_photographs_through_the_command(tmp_path: Path) -> None:
+    """The whole command: files in, an EXR map out, the missing files named."""
+    case = next(c for c in CASES if c.fault == "photographs missing" and "Gray, inv" in c.name)
+    folder = tmp_path / "photos"
+    folder.mkdir()
+    lab = study.photographed(case, 1, folder)
+    lost = [i for i in range(len(case.patterns)) if not (folder / f"img_{i:04d}.png").exists()]
+    theirs = tmp_path / "theirs.toml"
+    theirs.write_text(case.description)
+    size = f"{PANEL[0]}x{PANEL[1]}"
+    out = tmp_path / "map.exr"
+    ran = procam("decode", folder, "--size", size, "--code", str(theirs), "--out", out)
+    assert (ran.code, ran.err) == (0, "")
+    for number in lost:
+        assert any(
+            f"after img_{before:04d}.png; done without" in ran.out for before in range(number)
+        )
+    assert ran.out.count("done without") == len(lost) > 0
+    found = read_channels(out)
+    error = np.stack([found["projector.x"], found["projector.y"]], -1) - lab.truth
+    known = np.isfinite(found["sigma"])
+    assert known[lab.lit].mean() > 0.85
+    scalar = np.sqrt(np.mean(error[known] ** 2, axis=-1))
+    assert np.mean(scalar <= 2 * found["sigma"][known]) > 0.95
