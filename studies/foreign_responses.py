@@ -119,8 +119,8 @@ def table(rows: Iterable[dict[str, Any]]) -> list[str]:
     return [
         "# Responses of cameras outside the estimator's model",
         "",
-        f"{SEEDS} sets of 8-bit brackets per case: electrons, saturation, the camera's curve, rounding, shutters "
-        "off by 1 %. Errors of the light are",
+        f"{SEEDS} sets of 8-bit brackets per case: electrons, saturation, the camera's curve, rounding, "
+        "shutters off by 1 %. Errors of the light are",
         "shares of white at levels 13 to 249 of 255. A seed counts as within if truth is within two standard "
         f"errors at {SHARE:.0%} of its levels; refused sets do not count.",
         "",

@@ -16,7 +16,6 @@ from procam.estimate.camera.response_blocks import (
     average,
     check_rise,
     choose,
-    find_moved,
 )
 from procam.estimate.camera.response_checks import check_response
 from procam.estimate.camera.response_fit import CameraResponseFit
@@ -25,6 +24,7 @@ MIN_EXPOSURES = 3
 MIN_RATIO = 1.2  # of neighbouring exposures; a third of a stop is 1.26
 MIN_AGREEING = 4  # photographs that must agree if another is left out
 DIFFERENT, DIFFERENT_SIGMAS = 0.02, 4.0  # of channels: share of white, and standard errors
+MIN_GAIN = 0.8  # scatter of channels with curves of their own, relative to that with one curve
 MOVED_SHARE = 0.002  # of the places, from which those that moved are reported
 
 
@@ -122,7 +122,8 @@ class _Solver:
                 raise
             return self._result(fits, used, left_out)
         fits = self._channels(used)
-        return self._result(fits if self._differ(fits) else [common], used, left_out)
+        better = fits and max(f.scatter() for f in fits) < MIN_GAIN * common.scatter()
+        return self._result(fits if better and self._differ(fits) else [common], used, left_out)
 
     def _without_one(self) -> list[CameraResponseFit | None]:
         """Fits without each photograph in turn; all None but the best of those that the checks pass."""
@@ -146,8 +147,6 @@ class _Solver:
 
     def _differ(self, fits: list[CameraResponseFit]) -> bool:
         """Whether the curves of the channels differ clearly."""
-        if not fits:
-            return False
         light, sigma = np.array([fit.table(self.levels) for fit in fits]).transpose(1, 0, 2)
         off = np.abs(light - light.mean(axis=0))
         return bool((off > np.maximum(DIFFERENT, DIFFERENT_SIGMAS * sigma)).any())
@@ -160,7 +159,11 @@ class _Solver:
 
     def _fit(self, used: IndexArray, channel: int | None = None) -> CameraResponseFit:
         blocks, seconds = self.blocks.of(used, channel), self.seconds[used]
-        fit = CameraResponseFit(choose(blocks, find_moved(blocks, seconds)), seconds)
+        moved = self.blocks.moved(used, seconds)
+        chosen = choose(
+            blocks, moved if channel is None else moved[:, channel :: self.blocks.grid[2]]
+        )
+        fit = CameraResponseFit(chosen, seconds)
         fit.solve()
         return fit
 
@@ -174,7 +177,7 @@ class _Solver:
         light, sigma = np.array([fit.table(self.levels) for fit in fits]).transpose(1, 2, 0)
         if len(fits) == 1:
             light, sigma = light[:, 0], sigma[:, 0]
-        moved = self.blocks.places(find_moved(self.blocks.of(used), self.seconds[used]))
+        moved = self.blocks.places(self.blocks.moved(used, self.seconds[used]))
         exposures_s = np.mean([fit.exposures_s for fit in fits], axis=0)
         residual = float(np.mean([fit.residual_rms() for fit in fits]))
         return CameraResponse(

@@ -38,6 +38,11 @@ class BracketBlocks:
             return some
         return some.take(np.arange(channel, some.level.shape[1], self.grid[2]))
 
+    def moved(self, photographs: IndexArray, seconds: Array) -> BoolArray:
+        """Squares (J, N) in which something moved, found in each channel by itself."""
+        marks = [find_moved(self.of(photographs, c), seconds) for c in range(self.grid[2])]
+        return np.stack(marks, axis=-1).reshape(len(photographs), -1)
+
     def places(self, marked: BoolArray) -> BoolArray:
         """Places (rows, columns) with a mark (J, N) in any photograph and channel."""
         return np.asarray(np.any(np.any(marked, axis=0).reshape(self.grid), axis=2))

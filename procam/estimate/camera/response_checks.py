@@ -80,7 +80,7 @@ def _check_still(fit: CameraResponseFit) -> None:
 
 
 def _check_scatter(fit: CameraResponseFit) -> None:
-    scatter = float(np.median(fit.noise[fit.use]))
+    scatter = fit.scatter()
     pixels = float(np.median(fit.blocks.deviation[fit.use])) / fit.blocks.edge
     if scatter > max(MAX_SCATTER, SCATTER_RATIO * pixels):
         raise OutOfModelRange(

@@ -205,6 +205,10 @@ class CameraResponseFit:
         """Rms residual of the selected samples, as a share of the range [-]."""
         return float(np.sqrt(np.mean(self.residual()[self.use] ** 2)))
 
+    def scatter(self) -> float:
+        """Typical sigma of the selected samples about the curve, as a share of the range [-]."""
+        return float(np.median(self.noise[self.use])) if self.use.any() else 1.0
+
     def _initial_brightness(self) -> Array:
         light = np.interp(self.blocks.level, self.curve.levels, self.curve.light())
         rate = np.log(np.maximum(light, 1e-9)) - self.nominal[:, None]
@@ -253,7 +257,7 @@ class CameraResponseFit:
         """Levels between which noise is not clipped nor, near black, distorted by the curve."""
         margins = []
         for sigmas, level in ((DARK_SIGMAS, self.predicted), (WHITE_SIGMAS, 1 - self.predicted)):
-            near = self.noise[self.use & (level < NEAR_END)]
+            near = self.noise[self.blocks.sound & (level < NEAR_END)]
             noise = self.blocks.edge * float(np.median(near)) if near.size else MAX_MARGIN
             margins.append(float(np.clip(sigmas * noise, MIN_MARGIN, MAX_MARGIN)))
         return margins[0], 1 - margins[1]

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.arrays import AnyArray, Array
+from procam.arrays import AnyArray, Array, Array32
 from procam.errors import FileFormatError
 from procam.files.atomic import write_text
 from procam.files.images.pixels import read_header, read_image
@@ -180,18 +180,34 @@ def write_response(path: Path, levels: Array, light: Array) -> None:
     write_text(path, "\n".join([",".join(title), *lines, ""]))
 
 
+def photo_light(photo: Photo, response: Response | None) -> Array32:
+    """Linear light (H, W, C), 1 where the camera saturates; NaN there. 8 bits need a response."""
+    if response is None and photo.pixels.dtype == np.uint8:
+        raise FileFormatError(
+            f"{photo.path} has 8 bits, which hold encoded light; give its response with --camera-response, "
+            "or develop the raw files to linear 16-bit TIFF"
+        )
+    top = int(np.iinfo(photo.pixels.dtype).max)
+    line = np.array([0.0, 1.0])
+    light = _through(photo.pixels, response or (line, line)).astype(np.float32)
+    light[(photo.pixels == top).any(axis=2)] = np.nan
+    return light
+
+
 def _linearised(pixels: AnyArray, response: Response, sensor: Sensor) -> NDArray[np.uint16]:
-    """Counts (H, W, C) of encoded pixels; one channel is taken for green where channels differ."""
+    light = _through(pixels, response)
+    return np.rint(sensor.black_level + light * sensor.full_scale).astype(np.uint16)
+
+
+def _through(pixels: AnyArray, response: Response) -> Array:
+    """Light (H, W, C) of encoded pixels; one channel is taken for green where channels differ."""
     levels, light = response
     top, channels = np.iinfo(pixels.dtype).max, pixels.shape[2]
     curves = light[:, None] if light.ndim == 1 else light if channels == 3 else light[:, 1:2]
-    counts = np.empty(pixels.shape, np.uint16)
-    for channel in range(channels):
-        curve = curves[:, min(channel, curves.shape[1] - 1)]
-        linear = np.interp(np.arange(top + 1) / top, levels, curve)
-        table = np.rint(sensor.black_level + linear * sensor.full_scale).astype(np.uint16)
-        counts[..., channel] = table[pixels[..., channel]]
-    return counts
+    each = np.broadcast_to(curves, (len(levels), channels))
+    codes = np.arange(top + 1) / top
+    tables = np.stack([np.interp(codes, levels, curve) for curve in each.T])
+    return np.stack([tables[c][pixels[..., c]] for c in range(channels)], axis=-1)
 
 
 def _is_whole(path: Path) -> bool:

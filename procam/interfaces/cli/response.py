@@ -12,6 +12,7 @@ from procam.interfaces.cli._options import Json
 from procam.interfaces.cli._output import Output
 from procam.interfaces.cli._paths import check_out
 from procam.workflows.capture.brackets import SolvedBrackets, solve_brackets
+from procam.workflows.capture.gamma_set import solve_gamma_set
 
 EXAMPLE = "procam response brackets --exposures 1/64,1/32,1/16,1/8 --out zenith.csv"
 
@@ -29,6 +30,19 @@ def response(
     accept: Annotated[
         bool, typer.Option("--accept", help="Write a curve that a check refuses.")
     ] = False,
+    projector: Annotated[
+        bool,
+        typer.Option(
+            "--projector",
+            help="The photographs show flat grey levels of a projector, named by them (grey_128.tif).",
+        ),
+    ] = False,
+    levels: Annotated[
+        str, typer.Option(help="With --projector: levels 0 to 255, in the order of the names.")
+    ] = "",
+    camera_response: Annotated[
+        str, typer.Option(help="With --projector: linear, srgb or a CSV of this command.")
+    ] = "linear",
     json: Json = False,
 ) -> None:
     """Solve how a camera encodes light, from photographs at three exposures or more.
@@ -38,9 +52,15 @@ def response(
     1/64 and 1/128 for what the camera calls 1/60 and 1/125, if that is what it does. Where something
     moved is left out, and so is one photograph that contradicts four others or more; a picture beside
     the CSV marks what does not fit. Channels that differ get curves of their own.
+
+    With --projector, solve how a projector turns levels into light, from photographs of flat grey levels
+    at one exposure, with 0 and 255 among them and white just below the camera's saturation.
     """
     output = Output(json)
     check_out(out, ".csv", replace=False)
+    if projector:
+        _solve_projector(output, photos, out, camera_response, levels)
+        return
     seconds = [_seconds(text) for text in exposures.split(",")] if exposures else []
     solved = solve_brackets(photos, seconds, accept=accept)
     found, picture = solved.response, out.with_suffix(".png")
@@ -52,6 +72,23 @@ def response(
         output.say(f"{picture} marks in red what does not fit")
     _say_result(output, out, solved)
     output.finish(_document(out, solved))
+
+
+def _solve_projector(output: Output, photos: Path, out: Path, camera: str, levels: str) -> None:
+    try:
+        drives = [int(text) for text in levels.split(",")] if levels else []
+    except ValueError as error:
+        raise InputError(
+            f"--levels: {levels!r} are no whole numbers with commas between"
+        ) from error
+    curve = solve_gamma_set(photos, camera, drives)
+    write_response(out, curve.levels, curve.values)
+    output.say(
+        f"{out} written: relative light of the projector; standard error {curve.sigma.max():.2%} of white at "
+        "most"
+    )
+    document = {name: getattr(curve, name).tolist() for name in ("levels", "values", "sigma")}
+    output.finish({"out": str(out), **document})
 
 
 def _say_result(output: Output, out: Path, solved: SolvedBrackets) -> None:
