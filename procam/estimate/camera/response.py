@@ -1,38 +1,46 @@
 """The response of a camera's development (sRGB, a gamma, a picture profile) from bracketed photographs.
 
-Photographs are averaged over small squares, flat squares of all brightnesses are chosen, and
-`response_fit` fits the curve to their levels.
+Photographs are averaged over small squares (`response_blocks`), flat squares of all brightnesses are chosen,
+and `response_fit` fits the curve to their levels, per channel where channels differ.
 """
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
-from procam.arrays import AnyArray, Array, BoolArray
-from procam.errors import InputError, NotEnoughData, OutOfModelRange, ShapeError
+from procam.arrays import AnyArray, Array, BoolArray, IndexArray
+from procam.errors import CalibrationError, InputError, NotEnoughData
+from procam.estimate.camera.response_blocks import (
+    BracketBlocks,
+    average,
+    check_rise,
+    choose,
+)
 from procam.estimate.camera.response_checks import check_response
-from procam.estimate.camera.response_fit import Blocks, CameraResponseFit
+from procam.estimate.camera.response_fit import CameraResponseFit
 
 MIN_EXPOSURES = 3
 MIN_RATIO = 1.2  # of neighbouring exposures; a third of a stop is 1.26
-MAX_GAMMA = 6.0  # between neighbouring exposures; no development is steeper
-BLOCKS = 60_000  # squares that a photograph is averaged to, about
-BLOCK_PX = (2, 16)  # smallest and largest edge of a square
-BINS, PER_BIN = 64, 60  # of brightness; the flattest squares of each are used
-MIN_PIXELS = 50
+MIN_AGREEING = 4  # photographs that must agree if another is left out
+DIFFERENT, DIFFERENT_SIGMAS = 0.02, 4.0  # of channels: share of white, and standard errors
+MIN_GAIN = 0.8  # scatter of channels with curves of their own, relative to that with one curve
+MOVED_SHARE = 0.002  # of the places, from which those that moved are reported
 
 
 @dataclass(frozen=True, slots=True)
 class CameraResponse:
-    """Monotonic inverse response of a camera: levels (K,) to light (K,), both from 0 to 1.
+    """Monotonic inverse response of a camera: levels (K,) to light (K,) or (K, 3), all from 0 to 1.
 
     Attributes
     ----------
-    sigma : (K,) standard errors of the light, with those of the shutter times.
-    exposures_s : (J,) fitted exposures [s], within a few percent of the nominal ones.
+    light : one curve (K,), or one per channel (K, 3) if they differ clearly.
+    sigma : standard errors of the light, with those of the shutter times and of the curve's shape.
+    exposures_s : (J,) fitted exposures [s] of the photographs used, near the nominal ones.
     residual : rms residual of the levels, as a share of their range [-].
+    left_out : the photograph that does not fit the others, if any, and why.
+    overruled : the check that refuses the photographs, if it was overruled.
+    moved : (rows, columns) squares of the picture that do not fit.
     """
 
     levels: Array
@@ -40,26 +48,38 @@ class CameraResponse:
     sigma: Array
     exposures_s: Array
     residual: float
+    left_out: tuple[int, str] | None
+    overruled: str
+    moved: BoolArray
+
+    @property
+    def moved_share(self) -> float:
+        """Share of the places that do not fit; 0 if they are too few to count."""
+        share = float(self.moved.mean())
+        return share if share > MOVED_SHARE else 0.0
 
 
 def solve_response(
-    photos: Iterable[AnyArray], exposures_s: Sequence[float], bits: int
+    photos: Iterable[AnyArray], exposures_s: Sequence[float], bits: int, *, accept: bool = False
 ) -> CameraResponse:
     """Inverse response from photographs (H, W) or (H, W, C) of one still scene, in counts.
 
+    A photograph that contradicts four others or more, which agree, is left out.
+
     Parameters
     ----------
-    photos : three or more, read one at a time; all channels share one curve.
+    photos : three or more, read one at a time.
     exposures_s : shutter time of each [s], accurate to 2 % since headers round them; the fit solves for
         the deviations and includes them in the standard errors.
     bits : depth of the counts, 8..16.
+    accept : whether a curve is returned that the checks refuse.
 
     Raises
     ------
     NotEnoughData
         Too few or too similar exposures, or levels that no photograph has.
     OutOfModelRange
-        No single curve fits: exchanged photographs, automatic exposure, different picture profiles, or
+        No curve fits: exchanged photographs, automatic exposure, different picture profiles, or
         a scene that moved.
     DidNotConverge
         The fit did not reach a minimum.
@@ -67,14 +87,102 @@ def solve_response(
     seconds = _checked_exposures(exposures_s)
     if not 8 <= bits <= 16:
         raise InputError(f"bits: {bits} is no depth of a photograph; give 8 to 16")
-    blocks = _average(photos, len(seconds), 2.0**bits - 1)
-    _check_rise(blocks, seconds)
-    fit = CameraResponseFit(_choose(blocks), seconds)
-    fit.solve()
-    check_response(fit)
+    blocks = average(photos, len(seconds), 2.0**bits - 1)
     levels = np.linspace(0, 1, 256 if bits == 8 else 1025)
-    light, sigma = fit.table(levels)
-    return CameraResponse(levels, light, sigma, fit.exposures_s, fit.residual_rms())
+    return _Solver(blocks, seconds, levels, accept).solve()
+
+
+@dataclass(frozen=True, slots=True)
+class _Solver:
+    """The attempts to fit photographs: all, then per channel, then without one of them."""
+
+    blocks: BracketBlocks
+    seconds: Array
+    levels: Array
+    accept: bool
+
+    def solve(self) -> CameraResponse:
+        everything = np.arange(len(self.seconds))
+        try:
+            return self._of(everything, None)
+        except CalibrationError as error:
+            for number, fits in enumerate(self._without_one()):
+                if fits is not None:
+                    return self._of(np.delete(everything, number), (number, str(error)))
+            if not self.accept:
+                raise
+            return self._result([self._fit(everything)], everything, None, str(error))
+
+    def _of(self, used: IndexArray, left_out: tuple[int, str] | None) -> CameraResponse:
+        try:
+            common = self._checked(used)
+        except CalibrationError:
+            fits = self._channels(used)
+            if not fits:
+                raise
+            return self._result(fits, used, left_out)
+        fits = self._channels(used)
+        better = fits and max(f.scatter() for f in fits) < MIN_GAIN * common.scatter()
+        return self._result(fits if better and self._differ(fits) else [common], used, left_out)
+
+    def _without_one(self) -> list[CameraResponseFit | None]:
+        """Fits without each photograph in turn; all None but the best of those that the checks pass."""
+        fits: list[CameraResponseFit | None] = [None] * len(self.seconds)
+        for number in range(len(self.seconds) if len(self.seconds) > MIN_AGREEING else 0):
+            try:
+                fits[number] = self._checked(np.delete(np.arange(len(self.seconds)), number))
+            except CalibrationError:
+                continue
+        passed = [fit.residual_rms() for fit in fits if fit]
+        return [fit if fit and fit.residual_rms() == min(passed) else None for fit in fits]
+
+    def _channels(self, used: IndexArray) -> list[CameraResponseFit]:
+        """Fits of the channels, if they all succeed; else none."""
+        if self.blocks.grid[2] != 3:
+            return []
+        try:
+            return [self._checked(used, channel) for channel in range(3)]
+        except CalibrationError:
+            return []
+
+    def _differ(self, fits: list[CameraResponseFit]) -> bool:
+        """Whether the curves of the channels differ clearly."""
+        light, sigma = np.array([fit.table(self.levels) for fit in fits]).transpose(1, 0, 2)
+        off = np.abs(light - light.mean(axis=0))
+        return bool((off > np.maximum(DIFFERENT, DIFFERENT_SIGMAS * sigma)).any())
+
+    def _checked(self, used: IndexArray, channel: int | None = None) -> CameraResponseFit:
+        check_rise(self.blocks.of(used, channel), self.seconds[used])
+        fit = self._fit(used, channel)
+        check_response(fit)
+        return fit
+
+    def _fit(self, used: IndexArray, channel: int | None = None) -> CameraResponseFit:
+        blocks, seconds = self.blocks.of(used, channel), self.seconds[used]
+        moved = self.blocks.moved(used, seconds)
+        chosen = choose(
+            blocks, moved if channel is None else moved[:, channel :: self.blocks.grid[2]]
+        )
+        fit = CameraResponseFit(chosen, seconds)
+        fit.solve()
+        return fit
+
+    def _result(
+        self,
+        fits: list[CameraResponseFit],
+        used: IndexArray,
+        left_out: tuple[int, str] | None,
+        overruled: str = "",
+    ) -> CameraResponse:
+        light, sigma = np.array([fit.table(self.levels) for fit in fits]).transpose(1, 2, 0)
+        if len(fits) == 1:
+            light, sigma = light[:, 0], sigma[:, 0]
+        moved = self.blocks.places(self.blocks.moved(used, self.seconds[used]))
+        exposures_s = np.mean([fit.exposures_s for fit in fits], axis=0)
+        residual = float(np.mean([fit.residual_rms() for fit in fits]))
+        return CameraResponse(
+            self.levels, light, sigma, exposures_s, residual, left_out, overruled, moved
+        )
 
 
 def _checked_exposures(exposures_s: Sequence[float]) -> Array:
@@ -95,72 +203,3 @@ def _checked_exposures(exposures_s: Sequence[float]) -> Array:
             f"need a ratio of {MIN_RATIO:g} or more. Leave one out, and step by a factor of 2"
         )
     return seconds
-
-
-def _average(photos: Iterable[AnyArray], count: int, top: float) -> Blocks:
-    """Means over small squares of every photograph, with all channels in one row."""
-    parts, shape, edge = list[tuple[Array, Array, BoolArray]](), None, 1
-    for number, photo in enumerate(photos, start=1):
-        if shape is None:
-            shape = photo.shape
-            edge = int(np.clip(np.sqrt(np.prod(shape[:2]) / BLOCKS), *BLOCK_PX))
-        if photo.ndim not in (2, 3):
-            raise ShapeError(f"photograph {number}", photo.shape, "(H, W) or (H, W, C)")
-        if photo.shape != shape:
-            raise ShapeError(f"photograph {number}", photo.shape, f"{shape} like the first")
-        parts.append(_squares(photo.reshape(*photo.shape[:2], -1), top, edge))
-    if len(parts) != count:
-        raise InputError(
-            f"brackets: {len(parts)} photographs and {count} exposures do not match; give one exposure "
-            "for each photograph"
-        )
-    level, deviation, sound = (np.stack(part) for part in zip(*parts, strict=True))
-    return Blocks(edge, level, deviation, sound)
-
-
-def _squares(photo: AnyArray, top: float, edge: int) -> tuple[Array, Array, BoolArray]:
-    height, width, channels = photo.shape
-    rows, columns = height // edge, width // edge
-    cut = photo[: rows * edge, : columns * edge].reshape(rows, edge, columns, edge, channels)
-    mean = cut.mean(axis=(1, 3), dtype=float)
-    square = np.square(cut, dtype=np.float32).sum(axis=(1, 3), dtype=float)
-    variance = np.maximum(square / edge**2 - mean**2, 0)
-    sound = (cut.min(axis=(1, 3)) > 0) & (cut.max(axis=(1, 3)) < top)
-    return mean.ravel() / top, np.sqrt(variance).ravel() / top, sound.ravel()
-
-
-def _check_rise(blocks: Blocks, seconds: Array) -> None:
-    """Refuse longer exposures that are not brighter."""
-    order = np.argsort(seconds)
-    for first, second in pairwise(order):
-        both = blocks.sound[first] & blocks.sound[second]
-        pair = f"photographs {first + 1} and {second + 1} ({seconds[first]:g} and {seconds[second]:g} s)"
-        if both.sum() < MIN_PIXELS:
-            raise NotEnoughData(
-                f"brackets: {pair}: only {int(both.sum())} places are neither black nor white in both; "
-                f"{MIN_PIXELS} are needed. Leave out what is all black or white, or take an exposure "
-                "between them, of a scene with all shades"
-            )
-        dim, bright = blocks.level[first][both], blocks.level[second][both]
-        lit = dim >= np.percentile(dim, 90)  # darker places may be all noise
-        rise = float(np.median(bright[lit] / dim[lit]))
-        least = (seconds[second] / seconds[first]) ** (1 / MAX_GAMMA)
-        if rise < least:
-            raise OutOfModelRange(
-                f"brackets: {pair}: the levels change by a factor of {rise:.3f}; {least:.3f} is the least "
-                "for these exposures. Check that the photographs are not exchanged, and that neither "
-                "exposure nor ISO was automatic"
-            )
-
-
-def _choose(blocks: Blocks) -> Blocks:
-    """Flat blocks of all brightnesses, each unclipped in two exposures or more."""
-    bright = blocks.level.mean(axis=0)
-    rough = np.where(blocks.sound, blocks.deviation, 0).max(axis=0)
-    usable = blocks.sound.sum(axis=0) >= 2
-    bins = np.minimum(BINS * bright, BINS - 1).astype(int)
-    chosen = []
-    for each in range(BINS):
-        inside = np.flatnonzero(usable & (bins == each))
-        chosen.append(inside[np.argsort(rough[inside], kind="stable")[:PER_BIN]])
-    return blocks.take(np.concatenate(chosen))

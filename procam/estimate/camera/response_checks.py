@@ -6,13 +6,20 @@ from procam.arrays import Array
 from procam.errors import DidNotConverge, NotEnoughData, OutOfModelRange
 from procam.estimate.camera.response_fit import SHUTTER_SIGMA, CameraResponseFit
 
+MAX_GAP = (
+    2  # neighbouring bins without samples, which the sigma covers; steps of 3 stops leave such gaps
+)
 MAX_SHUTTER_SIGMAS = 5.0
 BINS, MIN_IN_BIN = 20, 8  # of the range of levels; samples that each needs
 MAX_MISFIT, MISFIT_SIGMAS = (
     0.01,
     5.0,
 )  # of a photograph at some level: share of the range, and noise
-MOVED_SIGMAS, MOVED_LEVEL, MAX_MOVED = 6.0, 0.015, 0.1  # of a residual; share of the blocks
+MAX_MOVED = 0.4  # share of the chosen blocks
+MAX_SCATTER, SCATTER_RATIO = (
+    0.006,
+    2.5,
+)  # of flat blocks: share of the range, and of their pixels' noise
 
 
 def check_response(fit: CameraResponseFit) -> None:
@@ -30,7 +37,8 @@ def check_response(fit: CameraResponseFit) -> None:
     _check_coverage(fit)
     _check_shutter(fit)
     residual = np.where(fit.use, fit.residual(), np.nan)
-    _check_still(fit, residual)
+    _check_still(fit)
+    _check_scatter(fit)
     for number, row in enumerate(residual):
         _check_profile(fit, number, row)
     if not fit.converged:
@@ -43,7 +51,7 @@ def check_response(fit: CameraResponseFit) -> None:
 def _check_coverage(fit: CameraResponseFit) -> None:
     seen = np.histogram(fit.predicted[fit.use], BINS, (0, 1))[0]
     thin = np.flatnonzero(seen[1:-1] < MIN_IN_BIN) + 1
-    if thin.size:
+    if (thin[MAX_GAP:] - thin[:-MAX_GAP] == MAX_GAP).any():
         low, high = thin[0] / BINS, (thin[0] + 1) / BINS
         raise NotEnoughData(
             f"brackets: only {seen[thin[0]]} places have levels of {low:.0%} to {high:.0%} of the range; "
@@ -62,9 +70,8 @@ def _check_shutter(fit: CameraResponseFit) -> None:
         )
 
 
-def _check_still(fit: CameraResponseFit, residual: Array) -> None:
-    limit = np.maximum(MOVED_SIGMAS * fit.noise, MOVED_LEVEL)
-    moved = float((np.abs(residual) > limit)[:, fit.use.any(axis=0)].any(axis=0).mean())
+def _check_still(fit: CameraResponseFit) -> None:
+    moved = float(fit.moved.mean())
     if moved > MAX_MOVED:
         raise OutOfModelRange(
             f"brackets: no curve fits {moved:.0%} of the places, more than {MAX_MOVED:.0%}; use a tripod and "
@@ -72,15 +79,27 @@ def _check_still(fit: CameraResponseFit, residual: Array) -> None:
         )
 
 
+def _check_scatter(fit: CameraResponseFit) -> None:
+    scatter = fit.scatter()
+    pixels = float(np.median(fit.blocks.deviation[fit.use])) / fit.blocks.edge
+    if scatter > max(MAX_SCATTER, SCATTER_RATIO * pixels):
+        raise OutOfModelRange(
+            f"brackets: flat places scatter by {scatter:.1%} of the range about the common curve, more than "
+            f"{MAX_SCATTER:.1%} and than their noise; use a tripod, one picture profile, and a scene in "
+            "which nothing moves"
+        )
+
+
 def _check_profile(fit: CameraResponseFit, number: int, residual: Array) -> None:
     """Refuse a photograph with levels off the common curve."""
     use = fit.use[number]
     bins = np.minimum(BINS * fit.predicted[number, use], BINS - 1).astype(int)
-    counts = np.bincount(bins, minlength=BINS)
-    means = np.bincount(bins, residual[use], BINS) / np.maximum(counts, 1)
-    chance = MISFIT_SIGMAS * float(np.median(fit.noise)) / np.sqrt(np.maximum(counts, 1))
-    significant = (counts >= MIN_IN_BIN) & (np.abs(means) > chance)
-    misfit = np.abs(means[significant]).max(initial=0.0)
+    misfit = 0.0
+    for each in range(BINS):
+        off = residual[use][bins == each]
+        chance = MISFIT_SIGMAS * float(np.median(fit.noise)) / np.sqrt(max(off.size, 1))
+        if off.size >= MIN_IN_BIN and abs(np.median(off)) > chance:
+            misfit = max(misfit, float(abs(np.median(off))))
     if misfit > MAX_MISFIT:
         raise OutOfModelRange(
             f"brackets: {_name(fit, number)}: its levels are {misfit:.1%} of the range off the common curve, "

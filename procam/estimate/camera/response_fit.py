@@ -19,20 +19,34 @@ from procam.arrays import Array, BoolArray, IndexArray
 from procam.maths.statistics import robust_sigma
 
 SHUTTER_SIGMA = 0.02  # relative: headers say 1/60 and 1/125, shutters do 1/64 and 1/128
-SPLINE_INTERVALS = 12
+SPLINE_INTERVALS = 60
 GRID = 1025  # levels at which the curve is tabulated
-BEND_SIGMA = 0.25  # prior of the spline's second differences, for levels without samples
+DARK_SHARE, DARK_WIDTH = (
+    0.15,
+    2.5,
+)  # of the knots, beside black, where toes of all kinds bend; their prior's width
+# prior of the second differences of the spline's coefficients about those of a gamma of 2: at the start,
+# and the range in which the photographs set it
+BEND_SIGMA, BEND_SIGMAS = 0.1, (0.01, 1.0)
 COEFFICIENT_SIGMA = 100.0  # weak prior that keeps the equations regular without samples
 END_SHARE = (
-    0.8  # knots crowd at black; white gets this share of it, since tone curves roll off there
+    0.6  # knots crowd at black; white gets this share of it, since tone curves roll off there
 )
-DARK_SIGMAS, WHITE_SIGMAS = (
-    6.0,
-    2.5,
-)  # of pixel noise, from an end of the range to the levels in use
+# of pixel noise, from an end of the range to the levels in use; levels nearer to white are
+# biased, since 254.5 of 255 is clipped already
+DARK_SIGMAS, WHITE_SIGMAS = 6.0, 3.75
+ALONE_SIGMAS = 2.0  # of a level as predicted by the other photographs
+FREEDOM = 8.0  # degrees of freedom of the prior of bends
+MAX_LEVERAGE = (
+    0.9  # of a sample that the others of its block predict, and whose residual estimates noise
+)
 MIN_MARGIN, MAX_MARGIN = 0.005, 0.05  # of the range, between an end and the levels in use
 NEAR_END = 0.06  # of the range, in which the noise near an end is estimated
-SELECTIONS, ROUNDS = 20, 50  # steps with new selections, of all; afterwards the selection is fixed
+# step that first selects by predicted levels, those of the first steps are too far off
+FIRST_SELECTION = 5
+SELECTIONS, ROUNDS = 25, 80  # steps with new selections, of all; afterwards the selection is fixed
+FIRST_MOVED = 15  # step from which blocks that moved are left out
+MOVED_SIGMAS, MOVED_LEVEL = 6.0, 0.015  # of a residual, and share of the range, of such a block
 MAX_STEP, NEGLIGIBLE_STEP = 0.5, 1e-4  # of logarithms
 HUBER = 2.5  # standard errors from which the loss is linear
 NOISE_GROUPS, MIN_IN_GROUP = 20, 50  # of samples by level, for their noise
@@ -50,6 +64,10 @@ class Blocks:
     level: Array
     deviation: Array
     sound: BoolArray
+
+    def photographs(self, chosen: IndexArray) -> "Blocks":
+        """The blocks in some of the photographs."""
+        return Blocks(self.edge, self.level[chosen], self.deviation[chosen], self.sound[chosen])
 
     def take(self, chosen: IndexArray) -> "Blocks":
         """Some of the blocks."""
@@ -132,20 +150,28 @@ class CameraResponseFit:
         self.nominal = np.log(seconds)
         self.shutter = self.nominal.copy()
         self.curve = _initial_curve()
+        self.start = self.curve.bends
         self.brightness = self._initial_brightness()
         self.predicted = blocks.level
         self.use = blocks.sound
+        self.moved = np.zeros(blocks.level.shape[1], bool)
         self.noise = np.full_like(blocks.level, 0.01)
+        self.scale = BEND_SIGMA
+        knots = np.linspace(0, 1, len(self.start) - 1)
+        self.widths = np.where(knots < DARK_SHARE, DARK_WIDTH, 1.0)
+        self.bend_sigma = BEND_SIGMA * self.widths
         self.converged = False
 
     def solve(self) -> None:
         """Iterate until a step is negligible, or for `ROUNDS` steps."""
         for number in range(ROUNDS):
             self._predict()
+            if FIRST_SELECTION <= number < SELECTIONS:
+                self._select(moved=number >= FIRST_MOVED)
+            equations, bends = self._equations(), len(self.curve.bends)
             if number < SELECTIONS:
-                self._select()
-            shared, own = self._equations().step()
-            bends = len(self.curve.bends)
+                self._set_bend_sigma(equations.matrix)
+            shared, own = equations.step()
             self.curve = replace(self.curve, bends=self.curve.bends + shared[:bends])
             self.shutter += shared[bends:]
             self.brightness += own
@@ -153,7 +179,7 @@ class CameraResponseFit:
             if self.converged:
                 break
         self._predict()
-        self._select()
+        self._select(moved=True)
 
     @property
     def exposures_s(self) -> Array:
@@ -165,7 +191,7 @@ class CameraResponseFit:
         curve = self.curve
         light, by_bend, count = curve.light(), curve.by_bends(), len(curve.bends)
         covariance = np.linalg.inv(self._equations().matrix)[:count, :count]
-        change = (by_bend - np.outer(light, by_bend[-1]) / light[-1]) / light[-1]
+        change = (by_bend - np.outer(light / light[-1], by_bend[-1])) / light[-1]
         variance = np.einsum("gp,pq,gq->g", change, covariance, change)
         sigma = np.sqrt(np.maximum(variance, 0))
         grid = curve.levels
@@ -179,6 +205,10 @@ class CameraResponseFit:
         """Rms residual of the selected samples, as a share of the range [-]."""
         return float(np.sqrt(np.mean(self.residual()[self.use] ** 2)))
 
+    def scatter(self) -> float:
+        """Typical sigma of the selected samples about the curve, as a share of the range [-]."""
+        return float(np.median(self.noise[self.use])) if self.use.any() else 1.0
+
     def _initial_brightness(self) -> Array:
         light = np.interp(self.blocks.level, self.curve.levels, self.curve.light())
         rate = np.log(np.maximum(light, 1e-9)) - self.nominal[:, None]
@@ -189,26 +219,57 @@ class CameraResponseFit:
         light = np.exp(self.brightness + self.shutter[:, None])
         self.predicted = np.interp(light, self.curve.light(), self.curve.levels)
 
-    def _select(self) -> None:
-        """Select the samples and estimate their noise."""
+    def _select(self, *, moved: bool) -> None:
+        """Select the samples and estimate their noise; from some step on without blocks that moved."""
         low, high = self._limits()
-        self.use = self.blocks.sound & (self.predicted > low) & (self.predicted < high)
+        leverage, sigma = self._leverage()
+        # a sample's own noise must not decide whether it is used
+        alone = self.predicted - leverage / (1 - leverage) * self.residual() * self.use
+        known = leverage < MAX_LEVERAGE  # by the other samples too
+        alone, sigma = np.where(known, alone, self.predicted), np.where(known, sigma, 0.0)
+        inside = self.blocks.sound & (alone > low) & (alone + ALONE_SIGMAS * sigma < high)
+        self.moved = np.asarray(self._outliers(inside).any(axis=0) & moved)
+        self.use = inside & ~self.moved
         self.use &= self.use.sum(axis=0) >= 2
         self.noise = self._noise_by_level()
+
+    def _outliers(self, inside: BoolArray) -> BoolArray:
+        """Samples (J, N) away from the others of their photograph at their level: something moved there."""
+        off = self.residual()
+        for j, row in enumerate(inside):
+            at = np.flatnonzero(row)[np.argsort(self.predicted[j, row])]
+            for group in np.array_split(at, max(1, min(NOISE_GROUPS, at.size // MIN_IN_GROUP))):
+                off[j, group] -= np.median(off[j, group]) if group.size else 0.0
+        limit = np.maximum(MOVED_SIGMAS * self.noise, MOVED_LEVEL)
+        return np.asarray(inside & (np.abs(off) > limit))
+
+    def _leverage(self) -> tuple[Array, Array]:
+        """Share (J, N) of a sample in its own prediction, and sigma of the prediction without it."""
+        slope, light = self.curve.slope, self.curve.light()
+        by_brightness = np.interp(self.predicted, self.curve.levels, light / slope)
+        counted = np.where(self.use.any(axis=0), self.use, self.blocks.sound)
+        weight = counted * (by_brightness / self.noise) ** 2
+        total = weight.sum(axis=0)
+        leverage = np.minimum(weight / np.maximum(total, 1e-12), 1 - 1e-3)
+        return leverage, by_brightness / np.sqrt(np.maximum(total - weight, 1e-3))
 
     def _limits(self) -> tuple[float, float]:
         """Levels between which noise is not clipped nor, near black, distorted by the curve."""
         margins = []
         for sigmas, level in ((DARK_SIGMAS, self.predicted), (WHITE_SIGMAS, 1 - self.predicted)):
-            near = self.noise[self.use & (level < NEAR_END)]
+            near = self.noise[self.blocks.sound & (level < NEAR_END)]
             noise = self.blocks.edge * float(np.median(near)) if near.size else MAX_MARGIN
             margins.append(float(np.clip(sigmas * noise, MIN_MARGIN, MAX_MARGIN)))
         return margins[0], 1 - margins[1]
 
     def _noise_by_level(self) -> Array:
         """Robust sigma of the residuals (J, N), interpolated over the predicted level."""
-        residual, level = self.residual()[self.use], self.predicted[self.use]
-        middles, sigmas = [0.5], [robust_sigma(residual, 0.0) if residual.size else 1.0]
+        share = self._leverage()[0]
+        free = self.use & (share < MAX_LEVERAGE)
+        residual, level = (self.residual() / np.sqrt(1 - share))[free], self.predicted[free]
+        if not residual.size:
+            return self.noise
+        middles, sigmas = [0.5], [robust_sigma(residual, 0.0)]
         for group in np.array_split(np.argsort(level), NOISE_GROUPS):
             if group.size >= MIN_IN_GROUP:
                 middles.append(float(level[group].mean()))
@@ -248,14 +309,33 @@ class CameraResponseFit:
         self._add_priors(matrix, right)
         return _ResponseEquations(matrix, right, cross, own, own_right)
 
+    def _set_bend_sigma(self, matrix: Array) -> None:
+        """The prior's widths under which the bends found are likely, wide where one stands out.
+
+        The prior is Student's t, as normal distributions whose widths have a common scale.
+        """
+        count = len(self.curve.bends)
+        second = _second_differences(count)
+        spread = second @ np.linalg.inv(matrix)[:count, :count] @ second.T
+        square = (second @ (self.curve.bends - self.start)) ** 2 + np.diagonal(spread)
+        square /= self.widths**2
+        wide = (FREEDOM * self.scale**2 + square) / (FREEDOM + 1)
+        self.scale = float(np.clip(self.scale * np.sqrt(np.mean(square / wide)), *BEND_SIGMAS))
+        self.bend_sigma = np.sqrt(wide) * self.widths
+
     def _add_priors(self, matrix: Array, right: Array) -> None:
-        bends, count = self.curve.bends, len(self.curve.bends)
-        second = np.diff(np.eye(count + 1), 2, axis=0)[:, :-1] / BEND_SIGMA  # the last bend is 0
+        bends, count = self.curve.bends - self.start, len(self.curve.bends)
+        second = _second_differences(count) / self.bend_sigma[:, None]
         matrix[:count, :count] += second.T @ second
         matrix[:count, :count] += np.eye(count) / COEFFICIENT_SIGMA**2
         right[:count] -= second.T @ (second @ bends) + bends / COEFFICIENT_SIGMA**2
         matrix[count:, count:] += np.eye(len(self.nominal)) / SHUTTER_SIGMA**2
         right[count:] -= (self.shutter - self.nominal) / SHUTTER_SIGMA**2
+
+
+def _second_differences(count: int) -> Array:
+    """Matrix of the second differences of `count` coefficients and a last one that is 0."""
+    return np.diff(np.eye(count + 1), 2, axis=0)[:, :-1]
 
 
 def _interpolated(at: Array, grid: Array, rows: Array) -> Array:

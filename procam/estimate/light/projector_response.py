@@ -105,10 +105,10 @@ class ProjectorResponseFit:
             )
         values = np.maximum.accumulate(np.clip(mean, 0, None), axis=0)
         values = (values - values[0]) / (values[-1] - values[0])
-        return _dense(np.array(LEVELS) / 255, values, sigma)
+        return dense_curve(np.array(LEVELS) / 255, values, sigma)
 
 
-def _dense(levels: Array, values: Array, sigma: Array) -> ResponseCurve:
+def dense_curve(levels: Array, values: Array, sigma: Array) -> ResponseCurve:
     """The curve on `TABLE` drives, by monotone interpolation."""
     fine = np.linspace(0, 1, TABLE)
     light = PchipInterpolator(levels, values ** (1 / GAMMA), axis=0)(fine) ** GAMMA

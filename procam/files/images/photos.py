@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.arrays import AnyArray, Array
+from procam.arrays import AnyArray, Array, Array32
 from procam.errors import FileFormatError
 from procam.files.atomic import write_text
 from procam.files.images.pixels import read_header, read_image
@@ -20,7 +20,9 @@ from procam.model.optics import Sensor
 
 SENSITIVITY = ("Exif:PhotographicSensitivity", "Exif:ISOSpeedRatings")
 SUFFIXES = (".png", ".tif", ".tiff", ".jpg", ".jpeg")
-Response = tuple[Array, Array]
+RAW_SUFFIXES = (".arw", ".cr2", ".cr3", ".dng", ".nef", ".orf", ".pef", ".raf", ".rw2")
+Response = tuple[Array, Array]  # levels (K,), and light (K,) of all channels or (K, 3)
+TITLES = (["level", "light"], ["level", "red", "green", "blue"])
 END_OF_JPEG = b"\xff\xd9"
 TAIL = 65536  # bytes; cameras append previews after the end
 
@@ -126,11 +128,7 @@ def photo_counts(photo: Photo, response: Response | None, sensor: Sensor) -> NDA
     """
     pixels = photo.pixels
     if response is not None:
-        levels, light = response
-        top = np.iinfo(pixels.dtype).max
-        linear = np.interp(np.arange(top + 1) / top, levels, light)
-        table = np.rint(sensor.black_level + linear * sensor.full_scale).astype(np.uint16)
-        return np.asarray(table[pixels])
+        return _linearised(pixels, response, sensor)
     if pixels.dtype == np.uint8:
         raise FileFormatError(
             f"{photo.path} has 8 bits, and its response is not known; develop the raw files to linear "
@@ -147,7 +145,7 @@ def photo_counts(photo: Photo, response: Response | None, sensor: Sensor) -> NDA
 
 
 def load_response(name: str, folder: Path) -> Response | None:
-    """Levels and light (K,), both 0..1, of a venue's `response`; None for "linear"."""
+    """Levels (K,) and light (K,) or (K, 3), 0..1, of a venue's `response`; None for "linear"."""
     if name == "linear":
         return None
     if name == "srgb":
@@ -157,26 +155,59 @@ def load_response(name: str, folder: Path) -> Response | None:
     if not path.is_file():
         raise FileFormatError(f"{path}: no such file; it must hold level,light lines")
     rows = list(csv.reader(path.read_text("utf-8").splitlines()))
+    title = [cell.strip() for cell in rows[0]] if rows else []
     try:
-        table = np.array([[float(cell) for cell in row] for row in rows[_has_title(rows) :]])
+        lines = rows[title in TITLES :]
+        table = np.array([[float(cell) for cell in row] for row in lines])
     except ValueError as error:
         raise FileFormatError(f"{path}: each line needs two numbers ({error})") from error
-    rises = table.ndim == 2 and table.shape[1] == 2 and (np.diff(table, axis=0) > 0).all()
-    if not rises or not np.array_equal(table[[0, -1]], [[0, 0], [1, 1]]):
-        raise FileFormatError(f"{path}: the lines level,light must rise from 0,0 to 1,1")
-    return table[:, 0], table[:, 1]
+    columns = 4 if title == TITLES[1] else 2
+    rises = table.ndim == 2 and table.shape[1] == columns and (np.diff(table, axis=0) > 0).all()
+    if not rises or not np.array_equal(table[[0, -1]], np.arange(2.0)[:, None] * np.ones(columns)):
+        zeros, ones = (",".join([end] * columns) for end in "01")
+        raise FileFormatError(
+            f"{path}: the lines {','.join(TITLES[columns == 4])} must rise from {zeros} to {ones}"
+        )
+    return table[:, 0], table[:, 1] if columns == 2 else table[:, 1:]
 
 
 def write_response(path: Path, levels: Array, light: Array) -> None:
-    """Write a response (K,), as `load_response` reads it, with all digits."""
+    """Write a response (K,) or (K, 3), as `load_response` reads it, with all digits."""
+    title = TITLES[light.ndim == 2]
     lines = (
-        f"{level!r},{value!r}" for level, value in zip(levels.tolist(), light.tolist(), strict=True)
+        ",".join(repr(value) for value in row) for row in np.column_stack([levels, light]).tolist()
     )
-    write_text(path, "\n".join(["level,light", *lines, ""]))
+    write_text(path, "\n".join([",".join(title), *lines, ""]))
 
 
-def _has_title(rows: list[list[str]]) -> bool:
-    return bool(rows) and [cell.strip() for cell in rows[0]] == ["level", "light"]
+def photo_light(photo: Photo, response: Response | None) -> Array32:
+    """Linear light (H, W, C), 1 where the camera saturates; NaN there. 8 bits need a response."""
+    if response is None and photo.pixels.dtype == np.uint8:
+        raise FileFormatError(
+            f"{photo.path} has 8 bits, which hold encoded light; give its response with --camera-response, "
+            "or develop the raw files to linear 16-bit TIFF"
+        )
+    top = int(np.iinfo(photo.pixels.dtype).max)
+    line = np.array([0.0, 1.0])
+    light = _through(photo.pixels, response or (line, line)).astype(np.float32)
+    light[(photo.pixels == top).any(axis=2)] = np.nan
+    return light
+
+
+def _linearised(pixels: AnyArray, response: Response, sensor: Sensor) -> NDArray[np.uint16]:
+    light = _through(pixels, response)
+    return np.rint(sensor.black_level + light * sensor.full_scale).astype(np.uint16)
+
+
+def _through(pixels: AnyArray, response: Response) -> Array:
+    """Light (H, W, C) of encoded pixels; one channel is taken for green where channels differ."""
+    levels, light = response
+    top, channels = np.iinfo(pixels.dtype).max, pixels.shape[2]
+    curves = light[:, None] if light.ndim == 1 else light if channels == 3 else light[:, 1:2]
+    each = np.broadcast_to(curves, (len(levels), channels))
+    codes = np.arange(top + 1) / top
+    tables = np.stack([np.interp(codes, levels, curve) for curve in each.T])
+    return np.stack([tables[c][pixels[..., c]] for c in range(channels)], axis=-1)
 
 
 def _is_whole(path: Path) -> bool:

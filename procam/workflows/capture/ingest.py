@@ -1,21 +1,19 @@
 """Photographs taken by hand or by another program, put behind the shots of a plan."""
 
 import csv
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.errors import CalibrationError, FileFormatError, InputError
-from procam.estimate.camera.response import CameraResponse, solve_response
+from procam.errors import FileFormatError, InputError
 from procam.estimate.structured_light.photo_match import Match, PhotoObservation, Slot, match_photos
 from procam.files import atomic
 from procam.files.images.photos import (
     Photo,
     Response,
-    find_bracket,
     list_photos,
     load_response,
     photo_counts,
@@ -28,6 +26,7 @@ from procam.maths.codes.shot_id import read_shot_id
 from procam.model.frame import CameraSettings, Frame
 from procam.model.optics import CameraModel
 from procam.model.plan import Plan, Shot
+from procam.workflows.capture.brackets import solve_brackets
 from procam.workflows.events import Event
 
 GREEN = 1
@@ -74,16 +73,6 @@ def ingest(
         yield Event("ingest", len(chosen), len(chosen), "stored", _summary(chosen, match))
 
 
-def solve_brackets(folder: Path, exposures_s: Sequence[float] = ()) -> CameraResponse:
-    """Response of a camera from the bracketed photographs in a folder; exposures given or from headers."""
-    bracket = find_bracket(folder, exposures_s)
-    try:
-        return solve_response(bracket.pixels(), bracket.exposures_s, bracket.bits)
-    except CalibrationError as error:
-        names = ", ".join(path.name for path in bracket.paths)
-        raise type(error)(f"{folder} ({names}): {error}") from error
-
-
 def _camera(venue: Venue, session: Session, name: str) -> tuple[CameraModel, Response | None]:
     """The camera, and its response: a solved one only once per session, so that frames are alike."""
     if name not in venue.cameras:
@@ -95,7 +84,7 @@ def _camera(venue: Venue, session: Session, name: str) -> tuple[CameraModel, Res
         return venue.cameras[name], load_response(table.response, venue.directory)
     if used.is_file():
         return venue.cameras[name], load_response(used.name, used.parent)
-    found = solve_brackets(venue.directory / table.brackets)
+    found = solve_brackets(venue.directory / table.brackets).response
     return venue.cameras[name], (found.levels, found.light)
 
 

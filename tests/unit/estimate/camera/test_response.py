@@ -94,7 +94,7 @@ class TestFinds:
         there = solve_response(photos, TWO_STOPS, 8)
         back = solve_response(photos[::-1], TWO_STOPS[::-1], 8)
         # a sample at the edge of saturation may count in one and not in the other
-        np.testing.assert_allclose(there.light, back.light, atol=GOAL / 10)
+        assert (np.abs(there.light - back.light) < 0.3 * there.sigma + 1e-5).all()
         assert np.sqrt(np.mean((there.light - truth(film, there.levels)) ** 2)) < GOAL
 
     def test_rounded_shutter_times_are_in_the_sigma(self) -> None:
@@ -103,13 +103,46 @@ class TestFinds:
         nominal = 8 / np.array([60.0, 30, 15, 8, 4])
         found = solve_response(bracket(seconds=true), nominal, 8)
         error = found.light - truth(srgb, found.levels)
-        assert (np.abs(error) < SIGMAS * found.sigma)[50:].all()
+        assert (np.abs(error) <= SIGMAS * found.sigma)[50:].all()
 
-    def test_a_moving_object_in_a_corner_does_little(self) -> None:
+    @pytest.mark.parametrize("edge", [30, 100])
+    def test_a_moving_object_does_little_and_is_found(self, edge: int) -> None:
         photos = bracket(LIGHT, STOPS)
-        photos[4][20:50, 30:60] = shoot(LIGHT[100:130, 200:230], STOPS[4])
+        place = slice(20, 20 + edge), slice(30, 30 + edge)
+        photos[4][place] = shoot(LIGHT[100 : 100 + edge, 200 : 200 + edge], STOPS[4])
         found = solve_response(photos, STOPS, 8)
         assert np.sqrt(np.mean((found.light - truth(srgb, found.levels)) ** 2)) < GOAL
+        assert found.left_out is None
+        there = np.zeros_like(found.moved)
+        there[10 : 10 + edge // 2, 15 : 15 + edge // 2] = True
+        assert found.moved[there].mean() > 0.5 and found.moved[~there].mean() < 0.002
+
+    def test_a_photograph_that_fits_no_other_is_left_out(self) -> None:
+        photos = [*bracket(SMALL, STOPS)[:5], shoot(1.4 * SMALL, STOPS[5])]
+        photos += bracket(SMALL, STOPS)[6:]
+        found = solve_response(photos, STOPS, 8)
+        number, why = found.left_out or (None, "")
+        assert number == 5 and "photograph" in why
+        assert len(found.exposures_s) == 7
+        error = found.light - truth(srgb, found.levels)
+        assert (np.abs(error) <= SIGMAS * found.sigma).all()
+
+    def test_channels_that_differ_have_curves_of_their_own(self) -> None:
+        curves = (srgb, film, srgb)
+        photos = [
+            np.stack([shoot(SMALL, e, curve) for curve in curves], axis=-1) for e in STOPS[1:]
+        ]
+        found = solve_response(photos, STOPS[1:], 8)
+        assert found.light.shape == found.sigma.shape == (256, 3)
+        error = found.light - np.stack([truth(c, found.levels) for c in curves], axis=1)
+        assert (np.abs(error) <= SIGMAS * found.sigma)[13:].all()
+
+    def test_a_refused_curve_is_given_if_the_refusal_is_overruled(self) -> None:
+        photos = bracket()
+        photos[2] = shoot(1.3 * SMALL, TWO_STOPS[2])
+        found = solve_response(photos, TWO_STOPS, 8, accept=True)
+        assert "its light is that of" in found.overruled
+        assert found.left_out is None and (np.diff(found.light) > 0).all()
 
 
 def _exchanged() -> list[Array]:
@@ -139,13 +172,6 @@ def _profile() -> list[Array]:
     return [*photos[:4], *(shoot(LIGHT, e, film) for e in STOPS[4:])]
 
 
-def _moving_object() -> list[Array]:
-    light = LIGHT.copy()
-    light[40:140, 60:160] = LIGHT[100:200, 200:300]
-    photos = bracket(LIGHT, STOPS)
-    return [*photos[:4], shoot(light, STOPS[4]), *photos[5:]]
-
-
 class TestRefuses:
     @pytest.mark.parametrize(
         ("photos", "seconds", "error", "message"),
@@ -173,12 +199,6 @@ class TestRefuses:
                 TWO_STOPS,
                 OutOfModelRange,
                 r"photograph 3 \(1 s\): its light is that of 1\.\d+ s, more than 10% off",
-            ),
-            (
-                _moving_object,
-                STOPS,
-                OutOfModelRange,
-                r"no curve fits 1\d% of the places, more than 10%; use a tripod",
             ),
             (_profile, STOPS, OutOfModelRange, "one picture profile"),
             (

@@ -8,7 +8,13 @@ import pytest
 
 from procam.errors import FileFormatError
 from procam.files.images.layers import write_channels
-from procam.files.images.photos import list_photos, load_response, photo_counts, read_photo
+from procam.files.images.photos import (
+    list_photos,
+    load_response,
+    photo_counts,
+    read_photo,
+    write_response,
+)
 from procam.files.images.pixels import write_image
 from procam.maths.light.curves import srgb_decode
 from procam.model.optics import Sensor
@@ -114,9 +120,36 @@ class TestCounts:
             ("0,0\n0.5,0.6\n0.9,1\n", "must rise from 0,0 to 1,1"),
             ("0,0\n0.5,0.6\n0.5,0.7\n1,1\n", "must rise from 0,0 to 1,1"),
             ("", "must rise from 0,0 to 1,1"),
+            (
+                "level,red,green,blue\n0,0,0,0\n0.5,0.2,0.3,0\n1,1,1,1\n",
+                "level,red,green,blue must rise from 0,0,0,0 to 1,1,1,1",
+            ),
+            ("level,red,green,blue\n0,0\n1,1\n", "must rise from 0,0,0,0 to 1,1,1,1"),
         ],
     )
     def test_bad_tables(self, tmp_path: Path, text: str, message: str) -> None:
         (tmp_path / "r.csv").write_text(text)
         with pytest.raises(FileFormatError, match=message):
             load_response("r.csv", tmp_path)
+
+
+class TestCurvePerChannel:
+    LEVELS = np.array([0.0, 0.5, 1.0])
+    LIGHT = np.array([[0.0, 0.0, 0.0], [0.1, 0.2, 0.3], [1.0, 1.0, 1.0]])
+
+    def counts(self, tmp_path: Path, pixels: np.ndarray) -> np.ndarray:
+        write_response(tmp_path / "r.csv", self.LEVELS, self.LIGHT)
+        write_image(tmp_path / "a.png", pixels)
+        response = load_response("r.csv", tmp_path)
+        np.testing.assert_array_equal((response or ((), ()))[1], self.LIGHT)
+        return photo_counts(read_photo(tmp_path / "a.png"), response, SENSOR)
+
+    def test_each_channel_has_its_own(self, tmp_path: Path) -> None:
+        counts = self.counts(tmp_path, np.full((4, 4, 3), 51, np.uint8))
+        expected = SENSOR.black_level + 0.4 * self.LIGHT[1] * SENSOR.full_scale
+        np.testing.assert_array_equal(counts[0, 0], np.rint(expected))
+
+    def test_one_channel_takes_the_curve_of_green(self, tmp_path: Path) -> None:
+        counts = self.counts(tmp_path, np.full((4, 4, 1), 51, np.uint8))
+        expected = SENSOR.black_level + 0.4 * 0.2 * SENSOR.full_scale
+        np.testing.assert_array_equal(counts, np.rint(expected))
