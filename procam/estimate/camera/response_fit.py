@@ -1,7 +1,8 @@
 """The fit of a camera's inverse response to levels of one scene at several exposures.
 
 Unknown are the curve, the shutter times within their tolerance, and the brightness of every block of
-pixels. The logarithm of the curve's slope is a cubic spline of the level, so the curve always rises.
+pixels (docs/theory/photometry.md (R3)). The logarithm of the curve's slope is a cubic spline of the level, so
+the curve always rises. Its knots are dense enough for a knee; how far it may bend is found from the levels.
 The residuals are observed minus predicted levels, where the noise is; fits of the light itself, as by
 Debevec and Malik 1997 (doi:10.1145/258734.258884) and Mitsunaga and Nayar 1999
 (doi:10.1109/CVPR.1999.786966), are biased by noise. The loss is Huber's. The brightnesses are
@@ -13,33 +14,25 @@ step to step, so there is no damping by it as in `maths.levenberg`; long steps a
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.interpolate import BSpline
 
 from procam.arrays import Array, BoolArray, IndexArray
+from procam.estimate.camera.response_curve import initial_curve, interpolated, second_differences
 from procam.maths.statistics import robust_sigma
 
 SHUTTER_SIGMA = 0.02  # relative: headers say 1/60 and 1/125, shutters do 1/64 and 1/128
-SPLINE_INTERVALS = 60
-GRID = 1025  # levels at which the curve is tabulated
-DARK_SHARE, DARK_WIDTH = (
-    0.15,
-    2.5,
-)  # of the knots, beside black, where toes of all kinds bend; their prior's width
+# toes of all kinds bend beside black: this share of the knots has a prior wider by this factor
+DARK_SHARE, DARK_WIDTH = 0.15, 2.5
 # prior of the second differences of the spline's coefficients about those of a gamma of 2: at the start,
 # and the range in which the photographs set it
 BEND_SIGMA, BEND_SIGMAS = 0.1, (0.01, 1.0)
 COEFFICIENT_SIGMA = 100.0  # weak prior that keeps the equations regular without samples
-END_SHARE = (
-    0.6  # knots crowd at black; white gets this share of it, since tone curves roll off there
-)
 # of pixel noise, from an end of the range to the levels in use; levels nearer to white are
 # biased, since 254.5 of 255 is clipped already
 DARK_SIGMAS, WHITE_SIGMAS = 6.0, 3.75
 ALONE_SIGMAS = 2.0  # of a level as predicted by the other photographs
 FREEDOM = 8.0  # degrees of freedom of the prior of bends
-MAX_LEVERAGE = (
-    0.9  # of a sample that the others of its block predict, and whose residual estimates noise
-)
+# of a sample that the others of its block predict, and whose residual estimates noise
+MAX_LEVERAGE = 0.9
 MIN_MARGIN, MAX_MARGIN = 0.005, 0.05  # of the range, between an end and the levels in use
 NEAR_END = 0.06  # of the range, in which the noise near an end is estimated
 # step that first selects by predicted levels, those of the first steps are too far off
@@ -73,44 +66,6 @@ class Blocks:
         """Some of the blocks."""
         parts = (self.level, self.deviation, self.sound)
         return Blocks(self.edge, *(part[:, chosen] for part in parts))  # type: ignore[arg-type]
-
-
-@dataclass(frozen=True, slots=True)
-class _Curve:
-    """Unscaled inverse response on a grid of levels: its slope is exp(basis @ bends)."""
-
-    levels: Array
-    basis: Array
-    bends: Array
-
-    @property
-    def slope(self) -> Array:
-        """Derivative of the light by the level (G,)."""
-        return np.exp(self.basis @ self.bends)
-
-    def light(self) -> Array:
-        """Light (G,)."""
-        return self._integral(self.slope[:, None])[:, 0]
-
-    def by_bends(self) -> Array:
-        """Derivatives (G, P) of the light."""
-        return self._integral(self.slope[:, None] * self.basis)
-
-    def _integral(self, values: Array) -> Array:
-        steps = np.diff(self.levels)[:, None] / 2
-        summed = np.cumsum((values[1:] + values[:-1]) * steps, axis=0)
-        return np.vstack([np.zeros(summed.shape[1]), summed])
-
-
-def _initial_curve() -> _Curve:
-    """A gamma of 2, with dense knots near black and white, where curves bend most."""
-    uniform = np.linspace(0, 1, GRID)
-    levels = (1 - END_SHARE) * uniform**2 + END_SHARE * np.sin(np.pi / 2 * uniform) ** 2
-    knots = np.concatenate([np.zeros(3), np.linspace(0, 1, SPLINE_INTERVALS + 1), np.ones(3)])
-    basis = BSpline.design_matrix(uniform, knots, 3).toarray()
-    bends = np.linalg.lstsq(basis, np.log(levels + 0.01), rcond=None)[0]
-    # the last one is fixed, since a common factor of light and brightness is free
-    return _Curve(levels, basis[:, :-1], (bends - bends[-1])[:-1])
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,7 +104,7 @@ class CameraResponseFit:
         self.blocks = blocks
         self.nominal = np.log(seconds)
         self.shutter = self.nominal.copy()
-        self.curve = _initial_curve()
+        self.curve = initial_curve()
         self.start = self.curve.bends
         self.brightness = self._initial_brightness()
         self.predicted = blocks.level
@@ -176,7 +131,7 @@ class CameraResponseFit:
             self.shutter += shared[bends:]
             self.brightness += own
             self.converged = float(np.abs(shared).max()) < NEGLIGIBLE_STEP
-            if self.converged:
+            if self.converged and number >= FIRST_MOVED:
                 break
         self._predict()
         self._select(moved=True)
@@ -290,7 +245,7 @@ class CameraResponseFit:
             residual, steepness = self.blocks.level[j] - level, np.interp(level, levels, slope)
             # the shutter time acts as the brightness does
             by_brightness = np.interp(level, levels, light) / steepness
-            rows = _interpolated(level, levels, -by_bends) / steepness[:, None]
+            rows = interpolated(level, levels, -by_bends) / steepness[:, None]
             weight = self.use[j] / self.noise[j] ** 2
             weight /= np.maximum(np.abs(residual) / (HUBER * self.noise[j]), 1)
             weighted = weight * by_brightness
@@ -315,7 +270,7 @@ class CameraResponseFit:
         The prior is Student's t, as normal distributions whose widths have a common scale.
         """
         count = len(self.curve.bends)
-        second = _second_differences(count)
+        second = second_differences(count)
         spread = second @ np.linalg.inv(matrix)[:count, :count] @ second.T
         square = (second @ (self.curve.bends - self.start)) ** 2 + np.diagonal(spread)
         square /= self.widths**2
@@ -325,21 +280,9 @@ class CameraResponseFit:
 
     def _add_priors(self, matrix: Array, right: Array) -> None:
         bends, count = self.curve.bends - self.start, len(self.curve.bends)
-        second = _second_differences(count) / self.bend_sigma[:, None]
+        second = second_differences(count) / self.bend_sigma[:, None]
         matrix[:count, :count] += second.T @ second
         matrix[:count, :count] += np.eye(count) / COEFFICIENT_SIGMA**2
         right[:count] -= second.T @ (second @ bends) + bends / COEFFICIENT_SIGMA**2
         matrix[count:, count:] += np.eye(len(self.nominal)) / SHUTTER_SIGMA**2
         right[count:] -= (self.shutter - self.nominal) / SHUTTER_SIGMA**2
-
-
-def _second_differences(count: int) -> Array:
-    """Matrix of the second differences of `count` coefficients and a last one that is 0."""
-    return np.diff(np.eye(count + 1), 2, axis=0)[:, :-1]
-
-
-def _interpolated(at: Array, grid: Array, rows: Array) -> Array:
-    """Rows (G, P) at the places of a rising grid (G,), interpolated at other places (N,)."""
-    low = np.clip(np.searchsorted(grid, at) - 1, 0, len(grid) - 2)
-    share = ((at - grid[low]) / (grid[low + 1] - grid[low]))[:, None]
-    return np.asarray(rows[low] * (1 - share) + rows[low + 1] * share)

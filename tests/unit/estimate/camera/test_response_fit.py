@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 
 from procam.estimate.camera import response_fit
-from procam.estimate.camera.response_fit import Blocks, CameraResponseFit, _Curve, _initial_curve
+from procam.estimate.camera.response_curve import LogSlopeCurve, initial_curve
+from procam.estimate.camera.response_fit import Blocks, CameraResponseFit
 
 SECONDS = np.array([0.1, 0.3, 0.9, 2.7])
-INITIAL = _initial_curve()
+INITIAL = initial_curve()
 
 
-def curve_and_fit() -> tuple[_Curve, CameraResponseFit]:
+def curve_and_fit() -> tuple[LogSlopeCurve, CameraResponseFit]:
     wave = 0.3 * np.sin(np.arange(len(INITIAL.bends)) / 5)
     curve = replace(INITIAL, bends=INITIAL.bends + wave)
     light = curve.light()
