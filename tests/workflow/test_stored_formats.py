@@ -51,8 +51,8 @@ def test_a_session_solves_to_the_calibration_stored_then(
     *_, last = solve(load_venue(venue), Session(venue / "sessions" / "0001"))
     stored, again = (load_calibration(venue / "calibrations" / n) for n in ("0002", "0003"))
     assert Path(last.data["calibration"]).name == "0003"
-    # scattered light was divided by a kernel's gain then, which was 1 to 2e-5
-    np.testing.assert_allclose(again.feedback.value, stored.feedback.value, rtol=3 * FLOAT32)
+    # scattered light was divided by a kernel's gain then, and pixels on the picture's border were decoded
+    assert (abs(again.feedback.value - stored.feedback.value) < stored.feedback.sigma / 4).all()
     # the floor was in the rim's plane for certain then
     assert (abs(again.albedo.value - stored.albedo.value) < stored.albedo.sigma / 4).all()
     surface, before = again.projectors["south"].surface, stored.projectors["south"].surface
