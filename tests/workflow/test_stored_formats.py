@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tolerances import FLOAT32
 
 from procam.compensate.compensator import Compensator
 from procam.estimate import calibration as assemble
@@ -57,5 +56,6 @@ def test_a_session_solves_to_the_calibration_stored_then(
     assert (abs(again.albedo.value - stored.albedo.value) < stored.albedo.sigma / 4).all()
     surface, before = again.projectors["south"].surface, stored.projectors["south"].surface
     np.testing.assert_array_equal(surface.valid, before.valid)
-    off = surface.direction[surface.valid] - before.direction[surface.valid]
-    np.testing.assert_allclose(off, 0, atol=FLOAT32)
+    # standard errors of decoded pixels, which weigh them, did not include paint then
+    off = np.linalg.norm(surface.direction - before.direction, axis=-1)[surface.valid]
+    assert (np.degrees(off) * 60 < before.sigma_arcmin[surface.valid] / 4).all()
