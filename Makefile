@@ -19,8 +19,9 @@ $(READY): requirements.lock pyproject.toml $(wildcard procam/kernels/*/*.[ch])
 demo: $(READY)
 	$(BIN)/procam demo --out $(OUT)
 
+# each process of the tests has a core of its own: threads that wait for another's core made it 17 minutes
 test: $(READY)
-	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal $(PYTEST_FLAGS)
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n $(JOBS) --dist worksteal $(PYTEST_FLAGS)
 
 check: $(READY)
 	$(BIN)/ruff check .
