@@ -3,15 +3,18 @@
 import numpy as np
 
 from procam.arrays import Image
-from procam.maths.geometry.lenses import unproject
+from procam.maths.geometry.lenses import project, unproject
 from procam.model.frame import Frame
 from procam.model.optics import CameraModel
+
+FOLD_PX = 1e-3  # of a pixel's ray, projected again; a lens has no ray for what lies beyond its fold
 
 
 class Radiometer:
     """Converts frames of one camera to radiance [full scale per second], (H, W) or (H, W, 3).
 
-    Saturated pixels become NaN. Pixels outside the image circle `seen` are not valid.
+    Saturated pixels become NaN. Pixels that are not `seen` are not valid: they lie outside the image
+    circle, or beyond the radius at which the lens's polynomial has its maximum.
     """
 
     def __init__(self, camera: CameraModel) -> None:
@@ -26,7 +29,8 @@ class Radiometer:
         centre = camera.lens.centre
         off_axis = np.hypot(pixels[..., 0] - centre[0], pixels[..., 1] - centre[1])
         circle = camera.lens.kind == "brown" or off_axis <= min(camera.size) / 2
-        self.seen = np.asarray((fall > 0.05) & circle)
+        away = np.linalg.norm(project(self.rays, camera.lens) - pixels, axis=-1)
+        self.seen = np.asarray((fall > 0.05) & circle & (away < FOLD_PX))
         self._correction = np.where(self.seen, 1 / np.maximum(fall, 0.05), 0.0).astype(np.float32)
         # a matrix product is much faster than a sum over two axes
         self._mean_weight = (self.seen / self.seen.sum()).astype(np.float32).ravel()

@@ -7,6 +7,7 @@ from functools import partial
 import numpy as np
 
 from procam.arrays import Array, Image
+from procam.errors import OutOfModelRange
 from procam.estimate.geometry.camera_view import DomeView
 from procam.estimate.light.floor_albedo import FloorLight, combined_floor_albedo, measure_floor
 from procam.estimate.light.scatter_kernel import ScatterSample, ScatterSolution, solve_scatter
@@ -19,6 +20,9 @@ from procam.model.transport import Measured
 # relative, of veiling glare: what stays near its light in a real lens, while an even veil is subtracted,
 # makes m wrong by .1 to .2 of the glare (studies/rooms.md, where up to .6 of it stays near)
 LOCAL_VEIL = 0.15
+# of the lit part of the screen, by which the camera's pixels on it may together exceed it; edges of
+# pixels and of maps differ by less
+MAX_EXCESS = 0.03
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,17 +51,24 @@ def measure_scatter(
     dome, view : the screen, and the main camera's view of it.
     lights : white of each projector. samples : of each projector.
     white : (N, C) flux of full white per cell [rel sr]. coverage : (M, M) on a dome master.
+
+    Raises
+    ------
+    OutOfModelRange
+        If the camera's pixels see more of the lit part of the screen than there is.
     """
     together = [x for each in samples for x in each]
     solution = solve_scatter(lights, together, view, white)
     at = master_pixels(np.nan_to_num(view.direction), len(coverage))
     lit_sr = float((master_solid_angles(len(coverage)) * coverage).sum())
     screen_sr = cap_solid_angle(dome.half_angle)
+    lit_pixels_sr = sample(coverage, at) * view.solid_angle_sr
+    _check_lens(view.camera.name, float(lit_pixels_sr.sum()), lit_sr)
     sensor = view.camera.sensor
     feedback = partial(
         estimate_feedback,
         lights,
-        sample(coverage, at) * view.solid_angle_sr,
+        lit_pixels_sr,
         view.solid_angle_sr,
         glare_sigma=np.hypot(sensor.glare_sigma, LOCAL_VEIL * sensor.glare),
     )
@@ -69,3 +80,13 @@ def measure_scatter(
     m = feedback(flux_sigma=floor.flux_inconsistency / np.sqrt(len(lights)))
     rho = estimate_albedo(m, lit_sr, screen_sr, dome, floor.flux_inconsistency)
     return DomeScatter(dome, solution, floor, m, rho)
+
+
+def _check_lens(camera: str, seen_sr: float, lit_sr: float) -> None:
+    """Refuse a lens whose pixels see the lit part of the screen more than once: m would be too large."""
+    if seen_sr > (1 + MAX_EXCESS) * lit_sr:
+        raise OutOfModelRange(
+            f"camera {camera}: its pixels cover {seen_sr:.3g} sr of the lit part of the screen, which has "
+            f"{lit_sr:.3g} sr. The lens is wrong near the picture's edge: measure it with `procam camera`, "
+            'boards at the edge included, and set intrinsics = "fixed"'
+        )

@@ -1,5 +1,7 @@
 """The radiometer against a simulated sensor."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from tolerances import FLOAT32
@@ -82,3 +84,14 @@ def test_the_image_circle_ends_at_the_short_side() -> None:
     x, y = np.meshgrid(np.arange(SIZE[0]), np.arange(SIZE[1]))
     np.testing.assert_array_equal(seen, np.hypot(x - 30.5, y - 22.75) <= 23.5)
     assert Radiometer(_camera(kind="brown")).seen.all()
+
+
+def test_pixels_beyond_the_fold_of_a_lens_are_not_seen() -> None:
+    camera = _camera()
+    folding = replace(camera.lens, distortion=np.array([-0.1, 0.0, 0.0, 0.0]))
+    radius = np.hypot(*(np.indices(SIZE[::-1]) - camera.lens.centre[::-1, None, None]))
+    theta = np.sqrt(1 / 0.3)  # where theta - .1 theta^3 is largest
+    fold_px = 14 * theta * (1 - 0.1 * theta**2)
+    seen = Radiometer(replace(camera, lens=folding)).seen
+    assert 10 < fold_px < min(SIZE) / 2
+    np.testing.assert_array_equal(seen, radius < fold_px)

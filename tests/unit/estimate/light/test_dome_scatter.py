@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from traced_rooms import DIRECTION, INSIDE, TracedRoom, Where, parts
 
+from procam.errors import OutOfModelRange
 from procam.estimate.geometry.camera_view import DomeView
 from procam.estimate.light.dome_scatter import DomeScatter, measure_scatter
 from procam.estimate.light.scatter_kernel import CELLS
@@ -38,13 +39,18 @@ def light_of(room: TracedRoom, lit: Where) -> SeparatedLight:
     )
 
 
-def measured(room: TracedRoom, glare: float = 0.0, hidden: float = 0.0) -> DomeScatter:
-    """The scatter by two projectors; gloss hides a share of the direct light of every other picture."""
+def measured(
+    room: TracedRoom, glare: float = 0.0, hidden: float = 0.0, stretch: float = 1.0
+) -> DomeScatter:
+    """The scatter by two projectors; gloss hides a share of the direct light of every other picture.
+
+    `stretch` multiplies the solid angles of the camera's pixels.
+    """
     lens = Lens("kannala-brandt", np.ones(2), np.zeros(2), np.zeros(4))
     camera = CameraModel("c", (CELLS, CELLS), lens, Sensor(12, 0.0, (), glare, 0.0))
     inside = INSIDE.reshape(CELLS, CELLS)
     view = DomeView(
-        camera, DIRECTION.reshape(CELLS, CELLS, 3), inside, np.where(inside, SOLID_SR, 0)
+        camera, DIRECTION.reshape(CELLS, CELLS, 3), inside, np.where(inside, stretch * SOLID_SR, 0)
     )
     samples = [room.scatter_sample(lit, 0.0) for lit in parts()]
     samples[::2] = [replace(x, direct=(1 - hidden) * x.direct) for x in samples[::2]]
@@ -77,3 +83,9 @@ def test_gloss_widens_by_the_number_of_projectors(furnished: TracedRoom) -> None
     spread = [x.floor.flux_inconsistency / np.sqrt(2) * x.feedback.value for x in (matte, glossy)]
     widened = glossy.feedback.sigma**2 - matte.feedback.sigma**2
     np.testing.assert_allclose(widened, spread[1] ** 2 - spread[0] ** 2, rtol=1e-6)
+
+
+def test_a_lens_that_sees_more_than_there_is_is_refused(furnished: TracedRoom) -> None:
+    measured(furnished, stretch=1.02)
+    with pytest.raises(OutOfModelRange, match=r"camera c: its pixels cover .* sr of the lit part"):
+        measured(furnished, stretch=1.04)
