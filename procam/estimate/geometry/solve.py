@@ -41,7 +41,7 @@ from procam.estimate.geometry.start import (
     resect_projectors,
 )
 from procam.maths.geometry.ray_to_screen import shape_coefficient_count
-from procam.model.optics import CameraModel, ProjectorModel
+from procam.model.optics import CameraModel, Distance, Fiducial, ProjectorModel
 
 FEW = 1500  # observations of each pair in the first fits
 ROUGH = 300  # observations of each pair for a start
@@ -51,6 +51,9 @@ OUTLIER_SIGMAS = 6.0
 GROSS_SIGMAS = 40.0  # kept in the result: the model may be this far off where light grazes
 MIN_BASELINE = 0.05  # of the radius, between two cameras that determine the screen's shape
 MAX_SPHERE_RATIO = 1.5  # systematic ratio up to which the screen counts as a sphere
+# systematic ratio with marks over that without, from which they bend the lens: right marks make it 1.06
+# where the lens is hardly determined, one 3 degrees off 2.7
+BENT = 1.5
 DEGREES = (6, 8)  # of harmonics, in turn; lower ones explain little of a dome made of panels
 EXPLAINS = 0.9  # harmonics are kept if they reduce the systematic ratio to this share
 
@@ -178,7 +181,8 @@ def _check_roughly(problem: RigProblem, few: Mapping[Pair, Observations], rig: R
     """Refuse marks that contradict a rig solved without them, and also one with other lenses.
 
     Without marks a lens with a prior may be degrees off. Then marks have to fit the rig with the lenses
-    of venue.toml, or with free ones.
+    of venue.toml, with free ones, or with those that the marks themselves help to solve; if they bend
+    the lens against the observations, they are wrong.
     """
     marks = problem.fiducials, problem.distances
     try:
@@ -189,7 +193,11 @@ def _check_roughly(problem: RigProblem, few: Mapping[Pair, Observations], rig: R
         given = replace(rig, cameras=cameras)
         modes: tuple[Intrinsics, ...] = ("fixed", "solve") if lenses else ()
         others = (_relensed(problem, dict.fromkeys(lenses, mode)) for mode in modes)
-        if not any(_fits_marks(other, few, given) for other in others):
+        unmarked = (replace(other, fiducials=(), distances=()) for other in others)
+        if any(_fits_marks(other, few, given, marks) for other in unmarked):
+            return
+        turned, worst = rotated_to_fiducials(given, problem.fiducials), BENT * _mean_ratio(rig, few)
+        if not (lenses and _fits_marks(problem, few, turned, marks, worst)):
             raise
 
 
@@ -197,16 +205,20 @@ def _relensed(problem: RigProblem, modes: Mapping[str, Intrinsics]) -> RigProble
     return replace(problem, intrinsics={**problem.intrinsics, **modes})
 
 
-def _fits_marks(problem: RigProblem, few: Mapping[Pair, Observations], start: RigGeometry) -> bool:
-    """Whether a rig that is solved without marks agrees with them."""
+def _fits_marks(
+    problem: RigProblem,
+    few: Mapping[Pair, Observations],
+    start: RigGeometry,
+    marks: tuple[Sequence[Fiducial], Sequence[Distance]],
+    most: float = np.inf,
+) -> bool:
+    """Whether a rig solved from a start agrees with marks, with a systematic ratio of at most `most`."""
     try:
-        rig = _fitted(replace(problem, fiducials=(), distances=()), few, start)
-        check_fiducials(
-            rig, problem.fiducials, problem.distances, rough=True, size_known=problem.radius_known
-        )
+        rig = _fitted(problem, few, start)
+        check_fiducials(rig, *marks, rough=True, size_known=problem.radius_known)
     except CalibrationError:
         return False
-    return True
+    return _mean_ratio(rig, few) <= most
 
 
 def _started_on_mesh(problem: RigProblem, few: Mapping[Pair, Observations]) -> RigGeometry:
