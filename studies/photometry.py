@@ -27,6 +27,7 @@ from procam.estimate.camera.glare_and_vignetting import VeilingGlare, fit_glare
 from procam.estimate.camera.radiance import Radiometer
 from procam.estimate.light.blend import Blender
 from procam.estimate.light.colour_spaces import colour_difference
+from procam.estimate.structured_light.patterns import LEVELS
 from procam.files.calibration import latest_calibration, load_calibration
 from procam.files.images.layers import RGB, read_channels
 from procam.files.venue.load import Venue, load_venue
@@ -149,16 +150,26 @@ def _interval(name: str, found: Calibration, truth: Calibration) -> dict[str, An
 
 def response_error(found: Calibration, truth: Calibration) -> float:
     """Rms over drives of the response error, in the worst channel of all projectors."""
-    errors = []
+    errors, _ = response_errors(found, truth)
+    return float(np.sqrt(np.mean(errors**2, axis=1)).max())
+
+
+def response_errors(found: Calibration, truth: Calibration) -> tuple[Array, Array]:
+    """Errors (P, L, 3) of the responses, of range, at the drives of the pictures; their sigmas."""
+    errors, sigmas = list[Array](), list[Array]()
     for name, projector in found.projectors.items():
-        measured, true = projector.photometry.response, truth.projectors[name].photometry.response
-        span = true.values[-1] - true.values[0]
-        ideal = (true.values - true.values[0]) / span
-        at = np.stack(
-            [np.interp(true.levels, measured.levels, measured.values[:, c]) for c in range(3)], -1
-        )
-        errors.append(np.sqrt(np.mean((at - ideal) ** 2, axis=0)).max())
-    return float(max(errors))
+        curve, true = projector.photometry.response, truth.projectors[name].photometry.response
+        ideal = _at_levels(true.levels, true.values)
+        ideal = (ideal - ideal[0]) / (ideal[-1] - ideal[0])
+        errors.append(_at_levels(curve.levels, curve.values) - ideal)
+        sigmas.append(_at_levels(curve.levels, curve.sigma))
+    return np.stack(errors), np.stack(sigmas)
+
+
+def _at_levels(drives: Array, table: Array) -> Array:
+    """Columns (K, 3) of a table, at the drives of the level pictures."""
+    levels = np.array(LEVELS) / 255
+    return np.stack([np.interp(levels, drives, column) for column in table.T], axis=1)
 
 
 def _shown(calibration: Calibration, rgb: tuple[float, float, float]) -> dict[str, Image]:

@@ -18,6 +18,7 @@ import numpy as np
 import simulators.truth
 from procam.arrays import Array
 from procam.errors import ProcamError
+from procam.estimate.structured_light.patterns import LEVELS
 from procam.files.calibration import load_calibration
 from procam.files.venue.load import load_venue
 from procam.interfaces import judge
@@ -26,7 +27,7 @@ from simulators.scene import SceneSize
 from simulators.template import room_text
 from simulators.transport import Room
 from studies.measure import write
-from studies.photometry import calibrate_venue, response_error, traced
+from studies.photometry import calibrate_venue, response_errors, traced
 
 ROOMS = range(1, 101)
 SIZE = SceneSize(projector_size=(480, 300), camera_size=(600, 600), rays=1024)
@@ -60,12 +61,19 @@ def _figures(found: Calibration, truth: Calibration) -> dict[str, Any]:
         "floor": _compared(
             floor.value, float(floor.note.removeprefix("sigma ")), truth.screen.floor_albedo
         ),
-        "response_error": response_error(found, truth),
+        "response": _response(found, truth),
         "relative_arcmin": relative,
         "absolute_arcmin": absolute,
         "stated_arcmin": stated,
         "notes": list(found.provenance["notes"]),
     }
+
+
+def _response(found: Calibration, truth: Calibration) -> list[list[float]]:
+    """Errors of the projectors' responses at a quarter, half and three quarters, and their sigmas."""
+    quarter = len(LEVELS) // 4
+    both = response_errors(found, truth)
+    return [np.round(part[:, quarter:-1:quarter, 1], 6).ravel().tolist() for part in both]
 
 
 def _compared(value: float, sigma: float, true: float) -> list[float]:
@@ -102,11 +110,9 @@ def table(rows: list[dict[str, Any]]) -> Iterator[str]:
         np.array([row[key] for row in solved]) for key in ("absolute_arcmin", "stated_arcmin")
     )
     yield _line("directions [arcmin]", wrong, stated)
-    for name, key in (
-        ("directions less a common rotation [arcmin]", "relative_arcmin"),
-        ("response, rms of range", "response_error"),
-    ):
-        yield _line(name, np.array([row[key] for row in solved]))
+    relative = np.array([row["relative_arcmin"] for row in solved])
+    yield _line("directions less a common rotation [arcmin]", relative)
+    yield _line("response, of range", *np.concatenate([row["response"] for row in solved], axis=1))
 
 
 def _line(name: str, error: Array, sigma: Array | None = None) -> str:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
+from scipy.ndimage import label as connected_parts
 
 from procam.arrays import Array, BoolArray, FloatArray, Image, IndexArray
 from procam.errors import NotEnoughData, OutOfModelRange
@@ -17,7 +18,7 @@ from procam.model.photometry import ResponseCurve
 TILE_MARGIN_PX = 5
 GAMMA = 2.2  # of the domain of the interpolation, where displays are nearly linear
 TABLE = 257  # entries of the curve
-MIN_SAMPLES = 50  # camera pixels per level
+MIN_SAMPLES, MIN_TILES = 50, 3  # camera pixels, and tiles, per level
 MIN_LEVEL = 0.3  # of white, for colour
 # a fall of the curve that is no noise: in standard errors of its pixels, and of white, for the scattered
 # light taken out of a picture is known to its share
@@ -63,7 +64,7 @@ class ProjectorResponseFit:
     def __init__(self, direct: Image, mix: Array) -> None:
         self._direct = direct
         self._unmix = np.linalg.inv(mix)
-        self._sums = np.zeros((len(LEVELS), 3, 3))  # per level: sum x, x^2 and count, per channel
+        self._tiles = list[Array]()  # rows per tile: level, count, sums of its light per primary
 
     def add(self, light: Image, level: IndexArray) -> None:
         """Add the direct light (H, W, 3) of a level picture with levels (H, W) of `tile_levels`."""
@@ -71,14 +72,16 @@ class ProjectorResponseFit:
             relative = light / self._direct
         use = (level >= 0) & np.isfinite(relative).all(axis=-1) & (self._direct.min(axis=-1) > 0)
         amounts = relative[use] @ self._unmix.T.astype(np.float32)
-        index = level[use]
-        for c in range(3):
-            for power in (0, 1, 2):
-                sums = np.bincount(index, amounts[:, c] ** power, len(LEVELS))
-                self._sums[:, power, c] += sums
+        part, _ = connected_parts(level >= 0)  # unknown edges keep tiles apart
+        tiles, tile = np.unique(part[use] * len(LEVELS) + level[use], return_inverse=True)
+        sums = [np.bincount(tile, weights) for weights in (None, *amounts.T)]
+        self._tiles.append(np.stack([tiles % len(LEVELS), *sums], axis=1).astype(float))
 
     def curve(self) -> ResponseCurve:
         """The monotone curve through the levels.
+
+        Pixels of one tile share the errors of that place, so the standard errors are from the spread
+        of tiles.
 
         Raises
         ------
@@ -87,14 +90,7 @@ class ProjectorResponseFit:
         OutOfModelRange
             If the light falls with the drive.
         """
-        count, total, square = (self._sums[:, i] for i in range(3))
-        if count.min() < MIN_SAMPLES:
-            raise NotEnoughData(
-                f"response: the rarest of {len(LEVELS)} levels has {int(count.min())} samples, but "
-                f"{MIN_SAMPLES} are needed; the camera sees too little of this projector"
-            )
-        mean = total / count
-        sigma = np.sqrt(np.maximum(square / count - mean**2, 0) / count)
+        mean, sigma = self._levels()
         fall = mean[:-1] - mean[1:]
         noise = np.maximum(FALL_SIGMAS * np.hypot(sigma[:-1], sigma[1:]), MIN_FALL)
         if (fall > noise).any():
@@ -104,8 +100,28 @@ class ProjectorResponseFit:
                 f"{level}/255; switch off the projector's contrast enhancement"
             )
         values = np.maximum.accumulate(np.clip(mean, 0, None), axis=0)
-        values = (values - values[0]) / (values[-1] - values[0])
+        span = values[-1] - values[0]
+        values = (values - values[0]) / span
+        ends = (values * sigma[-1]) ** 2 + ((1 - values) * sigma[0]) ** 2
+        sigma = np.sqrt(sigma**2 + ends) / span
+        sigma[[0, -1]] = 0  # they are 0 and 1 by definition
         return dense_curve(np.array(LEVELS) / 255, values, sigma)
+
+    def _levels(self) -> tuple[Array, Array]:
+        """Mean light (L, 3) of the levels, and its standard errors (L, 3)."""
+        level, count, *sums = np.concatenate(self._tiles).T
+        level, size = level.astype(int), len(LEVELS)
+        total, tiles = np.bincount(level, count, size), np.bincount(level, minlength=size)
+        if total.min() < MIN_SAMPLES or tiles.min() < MIN_TILES:
+            raise NotEnoughData(
+                f"response: the rarest of {size} levels has {int(total.min())} samples in {tiles.min()} "
+                f"tiles, but {MIN_SAMPLES} in {MIN_TILES} are needed; the camera sees too little of this "
+                "projector"
+            )
+        mean = np.stack([np.bincount(level, s, size) / total for s in sums], axis=1)
+        away = np.stack(sums, axis=1) - count[:, None] * mean[level]
+        square = np.stack([np.bincount(level, a**2, size) for a in away.T], axis=1)
+        return mean, np.sqrt(square * (tiles / (tiles - 1))[:, None]) / total[:, None]
 
 
 def dense_curve(levels: Array, values: Array, sigma: Array) -> ResponseCurve:

@@ -15,7 +15,7 @@ from procam.estimate.structured_light.patterns import LEVELS, level_pictures, le
 from procam.maths.warp import blur
 
 MIX = np.array([[0.93, 0.06, 0.01], [0.05, 0.9, 0.05], [0.01, 0.04, 0.95]])
-SHAPE = (60, 80)
+SHAPE, TILE = (180, 240), 6
 
 
 @pytest.fixture
@@ -90,7 +90,13 @@ def _light(direct: np.ndarray, curve: np.ndarray, level: np.ndarray) -> np.ndarr
 
 @pytest.fixture
 def level(rng: np.random.Generator) -> np.ndarray:
-    return rng.permutation(np.resize(np.arange(len(LEVELS)), SHAPE[0] * SHAPE[1])).reshape(SHAPE)
+    """Levels (H, W) of tiles with unknown edges."""
+    rows, columns = SHAPE[0] // TILE, SHAPE[1] // TILE
+    tiles = rng.permutation(np.resize(np.arange(len(LEVELS)), rows * columns))
+    inside = np.arange(TILE) > 0
+    known = np.kron(np.ones((rows, columns)), np.outer(inside, inside)) > 0
+    levels = np.kron(tiles.reshape(rows, columns), np.ones((TILE, TILE), int))
+    return np.where(known, levels, -1)
 
 
 class TestResponse:
@@ -115,16 +121,26 @@ class TestResponse:
             parts.add(light, np.where(np.arange(SHAPE[0])[:, None] % 2 == half, level, -1))
         np.testing.assert_allclose(whole.curve().values, parts.curve().values, atol=1e-9)
 
+    @pytest.mark.parametrize("shared", [False, True])
     def test_sigma_is_that_of_the_mean(
-        self, rng: np.random.Generator, direct: np.ndarray, level: np.ndarray
+        self, rng: np.random.Generator, direct: np.ndarray, level: np.ndarray, shared: bool
     ) -> None:
+        """Errors of pixels, or of tiles, in a level and in black and white, which it is compared with."""
+        noise = rng.normal(0, 0.02, (*SHAPE, 3))
+        if shared:
+            noise = np.kron(noise[::TILE, ::TILE], np.ones((TILE, TILE, 1)))
         fit = ProjectorResponseFit(direct, np.eye(3))
-        light = direct * (self.curve[level] + rng.normal(0, 0.02, (*SHAPE, 3)))
-        fit.add(light.astype(np.float32), level)
-        count = SHAPE[0] * SHAPE[1] / len(LEVELS)
-        # a standard deviation of `count` samples is known to 1 / sqrt(2 count)
-        sigma = fit.curve().sigma
-        np.testing.assert_allclose(sigma, 0.02 / np.sqrt(count), rtol=4 / np.sqrt(2 * count))
+        fit.add((direct * (self.curve[level] + noise)).astype(np.float32), level)
+        tiles = SHAPE[0] * SHAPE[1] / TILE**2 / len(LEVELS)
+        of_level = 0.02 / np.sqrt(tiles * (1 if shared else (TILE - 1) ** 2))
+        expected = of_level * np.sqrt(1 + self.curve**2 + (1 - self.curve) ** 2)
+        found = fit.curve()
+        at = np.rint(np.array(LEVELS) / 255 * 256).astype(int)
+        # a standard deviation of `tiles` samples is known to 1 / sqrt(2 tiles)
+        ratio = found.sigma[at][1:-1] / expected[1:-1]
+        np.testing.assert_allclose(ratio, 1, rtol=4 / np.sqrt(2 * tiles))
+        np.testing.assert_allclose(ratio.mean(), 1, rtol=0.1)
+        np.testing.assert_array_equal(found.sigma[[0, -1]], 0)
 
     def test_unknown_and_unlit_pixels_do_not_count(
         self, direct: np.ndarray, level: np.ndarray
@@ -142,7 +158,7 @@ class TestResponse:
         fit = ProjectorResponseFit(direct, MIX)
         level[level == 5] = -1
         fit.add(_light(direct, self.curve, level), level)
-        with pytest.raises(NotEnoughData, match="the rarest of 17 levels has 0 samples"):
+        with pytest.raises(NotEnoughData, match="the rarest of 17 levels has 0 samples in 0 tiles"):
             fit.curve()
 
     def test_a_fall_within_the_error_of_scattered_light_is_no_fall(
