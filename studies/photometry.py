@@ -41,6 +41,7 @@ from procam.model.optics import CameraModel
 from procam.workflows.capture.capture import capture, prepare_session
 from procam.workflows.solve.calibrate import solve
 from procam.workflows.venue_rig import open_rig
+from simulators.builds import ProjectorBuild
 from simulators.placement import place_cameras
 from simulators.presets import PRESETS, Preset, PresetName
 from simulators.scene import SceneSize
@@ -155,21 +156,24 @@ def response_error(found: Calibration, truth: Calibration) -> float:
 
 
 def response_errors(found: Calibration, truth: Calibration) -> tuple[Array, Array]:
-    """Errors (P, L, 3) of the responses, of range, at the drives of the pictures; their sigmas."""
+    """Errors (P, L, 3) of the responses, of range, at the drives of the pictures; their sigmas.
+
+    The truth is what the projectors' input makes of a drive of 8 bits.
+    """
     errors, sigmas = list[Array](), list[Array]()
+    drives, steps = np.array(LEVELS) / 255, 2**ProjectorBuild.bits - 1
     for name, projector in found.projectors.items():
         curve, true = projector.photometry.response, truth.projectors[name].photometry.response
-        ideal = _at_levels(true.levels, true.values)
+        ideal = _at(np.rint(drives * steps) / steps, true.levels, true.values)
         ideal = (ideal - ideal[0]) / (ideal[-1] - ideal[0])
-        errors.append(_at_levels(curve.levels, curve.values) - ideal)
-        sigmas.append(_at_levels(curve.levels, curve.sigma))
+        errors.append(_at(drives, curve.levels, curve.values) - ideal)
+        sigmas.append(_at(drives, curve.levels, curve.sigma))
     return np.stack(errors), np.stack(sigmas)
 
 
-def _at_levels(drives: Array, table: Array) -> Array:
-    """Columns (K, 3) of a table, at the drives of the level pictures."""
-    levels = np.array(LEVELS) / 255
-    return np.stack([np.interp(levels, drives, column) for column in table.T], axis=1)
+def _at(drives: Array, levels: Array, table: Array) -> Array:
+    """Columns (K, 3) of a table over `levels` (K,), at drives (L,)."""
+    return np.stack([np.interp(drives, levels, column) for column in table.T], axis=1)
 
 
 def _shown(calibration: Calibration, rgb: tuple[float, float, float]) -> dict[str, Image]:

@@ -19,7 +19,9 @@ def sample(image: FloatArray, xy: FloatArray, outside: float = 0.0) -> Image:
         planes = [sample(image[..., i], xy, outside) for i in range(image.shape[2])]
         return np.stack(planes, axis=-1)
     image = np.ascontiguousarray(image, np.float32)
-    where = np.nan_to_num(np.asarray(xy, np.float32), nan=-1e6).reshape(xy.shape[0], -1, 2)
+    with np.errstate(over="ignore"):  # far outside is outside
+        where = np.nan_to_num(np.asarray(xy, np.float32), nan=-1e6, posinf=-1e6, neginf=-1e6)
+    where = where.reshape(xy.shape[0], -1, 2)
     channels = image.shape[2] if image.ndim == 3 else 0
     sampled = cv2.remap(  # type: ignore[call-overload]
         image,
@@ -37,6 +39,19 @@ def blur(image: FloatArray, sigma_px: float) -> Image:
     """Gaussian blur of (H, W[, C]); the border is mirrored."""
     source = np.ascontiguousarray(image, np.float32)
     return np.asarray(cv2.GaussianBlur(source, (0, 0), sigma_px), np.float32).reshape(image.shape)
+
+
+def blur_in_dark(image: FloatArray, sigma_px: float) -> Image:
+    """Gaussian blur of (H, W[, C]), beyond which all is 0."""
+    source = np.ascontiguousarray(image, np.float32)
+    soft = cv2.GaussianBlur(source, (0, 0), sigma_px, borderType=cv2.BORDER_CONSTANT)
+    return np.asarray(soft, np.float32).reshape(image.shape)
+
+
+def enlarged(image: FloatArray, shape: tuple[int, int]) -> Image:
+    """An image (h, w[, C]) interpolated to `shape` (H, W)."""
+    source = np.ascontiguousarray(image, np.float32)
+    return np.asarray(cv2.resize(source, shape[::-1]), np.float32).reshape(*shape, *image.shape[2:])
 
 
 def blur_within(image: FloatArray, mask: BoolArray, sigma_px: float) -> Image:

@@ -3,6 +3,7 @@
 import numpy as np
 
 from procam.arrays import Image
+from procam.estimate.camera.local_veil import spread_light
 from procam.maths.geometry.lenses import project, unproject
 from procam.model.frame import Frame
 from procam.model.optics import CameraModel
@@ -43,10 +44,13 @@ class Radiometer:
         light = frame.counts.astype(np.float32)
         light -= np.float32(sensor.black_level)
         light *= (self._correction / np.float32(scale))[shaped]
-        if sensor.glare:
-            # observed = (1 - g) true + g mean(true), which leaves the mean over the circle unchanged
+        # observed = (1 - g) true + (g - l) mean(true) + l spread(true): the mean over the circle is unchanged
+        near = spread_light(light, sensor.local_spread) if sensor.local_glare else 0
+        if sensor.glare > sensor.local_glare:
             mean = self._mean_weight @ light.reshape(self._mean_weight.size, -1)
-            light -= np.float32(sensor.glare) * mean
+            light -= np.float32(sensor.glare - sensor.local_glare) * mean
+        if sensor.local_glare:
+            light -= np.float32(sensor.local_glare) * near
         saturated = 2**sensor.bits - 1
         if frame.counts.max() >= saturated:
             light[frame.counts >= saturated] = np.nan

@@ -17,9 +17,9 @@ from procam.maths.warp import sample
 from procam.model.screen import Dome
 from procam.model.transport import Measured
 
-# relative, of veiling glare: what stays near its light in a real lens, while an even veil is subtracted,
-# makes m wrong by .1 to .2 of the glare (studies/rooms.md, where up to .6 of it stays near)
-LOCAL_VEIL = 0.15
+# relative, of the veil that stays near its light where it is measured, as it is no Gaussian, and as a light
+# trap at a desk sees a part of it; and of all veil where it does not show, as if half of it did stay near
+MEASURED_VEIL, UNMEASURED_VEIL = 0.2, 0.15
 # of the lit part of the screen, by which the camera's pixels on it may together exceed it; edges of
 # pixels and of maps differ by less
 MAX_EXCESS = 0.03
@@ -65,12 +65,13 @@ def measure_scatter(
     lit_pixels_sr = sample(coverage, at) * view.solid_angle_sr
     _check_lens(view.camera.name, float(lit_pixels_sr.sum()), lit_sr)
     sensor = view.camera.sensor
+    unknown = MEASURED_VEIL * sensor.local_glare or UNMEASURED_VEIL * sensor.glare
     feedback = partial(
         estimate_feedback,
         lights,
         lit_pixels_sr,
         view.solid_angle_sr,
-        glare_sigma=np.hypot(sensor.glare_sigma, LOCAL_VEIL * sensor.glare),
+        glare_sigma=np.hypot(sensor.glare_sigma, unknown),
     )
     rough = estimate_albedo(feedback(flux_sigma=0.0), lit_sr, screen_sr, dome, 0.0)
     floor = measure_floor(together, solution.in_cells, white, dome, float(rough.value.mean()))

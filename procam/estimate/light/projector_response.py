@@ -18,7 +18,7 @@ from procam.model.photometry import ResponseCurve
 TILE_MARGIN_PX = 5
 GAMMA = 2.2  # of the domain of the interpolation, where displays are nearly linear
 TABLE = 257  # entries of the curve
-MIN_SAMPLES, MIN_TILES = 50, 3  # camera pixels, and tiles, per level
+MIN_SAMPLES, MIN_TILES = 50, 2  # camera pixels, and tiles, per level
 MIN_LEVEL = 0.3  # of white, for colour
 # a fall of the curve that is no noise: in standard errors of its pixels, and of white, for the scattered
 # light taken out of a picture is known to its share

@@ -113,8 +113,13 @@ class Separation:
         """Flux (3,) of a picture over that of white; the same ratio holds for the direct flux."""
         return self.total(light) / self._white_flux
 
-    def add_pair(self, axis: str, bit: int, pattern: Image, inverse: Image) -> None:
-        """Add a stripe picture and its inverse, (H, W, 3), black subtracted."""
+    def add_pair(
+        self, axis: str, bit: int, pattern: Image, inverse: Image
+    ) -> tuple[BoolArray, BoolArray]:
+        """Add a stripe picture and its inverse, (H, W, 3), black subtracted.
+
+        Returns where in the projector's picture (H, W) each of them shows scattered light alone.
+        """
         which = 0 if axis == "x" else 1
         distance = stripe_edge_distance(self._xy[..., which], bit)
         extent = self._extent[which]
@@ -133,6 +138,7 @@ class Separation:
         bright = is_bright(self._index[..., which], bit)
         self._add_dark(pattern, (clear & ~bright) | self._outside)
         self._add_dark(inverse, (clear & bright) | self._outside)
+        return clear & ~bright, clear & bright
 
     def _edge_blur(
         self, contrast: Image, distance: FloatArray, extent: FloatArray, half: float

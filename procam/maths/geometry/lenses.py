@@ -15,6 +15,7 @@ from procam.kernels.bundle.lenses import fisheye_radius
 
 LensKind = Literal["brown", "kannala-brandt"]
 NEWTON_STEPS = 12
+SMALL = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +38,10 @@ class Lens:
 
 
 def project(points: Array, lens: Lens) -> Array:
-    """Pixels (..., 2) of points (..., 3) in the device's frame; NaN behind a pinhole."""
+    """Pixels (..., 2) of points (..., 3) in the device's frame.
+
+    NaN behind a pinhole, and where its polynomial folds back: there no lens has a picture.
+    """
     if lens.kind == "brown":
         return _project_brown(points, lens)
     x, y, z = np.moveaxis(points, -1, 0)
@@ -60,7 +64,16 @@ def unproject(pixels: Array, lens: Lens) -> Array:
 def _project_brown(points: Array, lens: Lens) -> Array:
     depth = points[..., 2:]
     plane = points[..., :2] / np.where(depth > 0, depth, np.nan)
+    beyond = np.sum(plane**2, axis=-1, keepdims=True) >= _fold(lens.distortion)
+    plane = np.where(beyond, np.nan, plane)
     return _distort_brown(plane, lens.distortion) * lens.focal + lens.centre
+
+
+def _fold(k: Array) -> float:
+    """Squared radius at which the radius in the picture stops to grow; infinite if it never does."""
+    inverse = np.roots([1.0, 3 * k[0], 5 * k[1], 7 * k[4]])
+    nearest = inverse.real[np.abs(inverse.imag) < SMALL * np.abs(inverse)].max(initial=SMALL)
+    return float(1 / nearest)
 
 
 def _distort_brown(plane: Array, k: Array) -> Array:

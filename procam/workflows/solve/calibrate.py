@@ -42,7 +42,7 @@ from procam.workflows.capture.session_plan import server_of
 from procam.workflows.events import Event
 from procam.workflows.solve.apriltags import detect_tags, tag_marks, tag_notes
 from procam.workflows.solve.geometry import rig_problem, solve_rig
-from procam.workflows.solve.light import measure_light, measure_server_light
+from procam.workflows.solve.light import measure_light, measure_server_light, with_local_veil
 from procam.workflows.solve.media_server import (
     placed_by_server,
     server_figures,
@@ -94,6 +94,10 @@ def solve(venue: Venue, session: Session) -> Iterator[Event]:
     geometry, images = rig.geometry, _of_main(rig)
     dome = _solved_screen(venue, geometry)
     view = _view(venue, dome, images, geometry)
+    if not server:
+        geometry = with_local_veil(dome, images, view, geometry, rig.found)
+        images = replace(images, radiometer=Radiometer(geometry.camera))
+        view = replace(view, camera=geometry.camera)
     work = partial(measure_light, dome, images, view, geometry, rig.found, projector_masks(venue))
     if server:
         mask = projector_masks(venue)[server.name]

@@ -9,6 +9,7 @@ from procam.arrays import BoolArray, Image
 from procam.errors import OutOfModelRange
 from procam.estimate.calibration import ProjectorMeasurement
 from procam.estimate.camera.linearity import Linearity, linearity_error
+from procam.estimate.camera.local_veil import LocalVeilFit
 from procam.estimate.geometry.camera_view import DomeView
 from procam.estimate.geometry.lens_glints import lens_glints
 from procam.estimate.geometry.model import Pair
@@ -33,6 +34,7 @@ GREEN = 1
 # (drift of a percent between photographs makes .02)
 TONE_CURVE, NOT_LINEAR = 0.3, 0.05
 CERTAIN = 5.0  # sigmas
+GLARE_SIGMAS = 2.0  # by which the veil may exceed the stated one
 SATURATED = 0.005  # of the screen: white paper on it, glints
 
 
@@ -74,6 +76,51 @@ def measure_light(
     lens it sees no screen: these places are left out of every fit, and filled from around them at
     the end. What is masked on the panel shines here too, and counts until then.
     """
+    black, sight = _camera_sight(dome, images, view, geometry, found, name)
+    linearity = _linearity(images, name, sight)
+    _check_linear(images, name, linearity, TONE_CURVE)
+    measurement, _ = _measured(images, view, name, black, sight)
+    _check_linear(images, name, linearity, NOT_LINEAR)  # if light held still, it is no drift
+    return _without(measurement, masks[name].at(sight.xy))
+
+
+def with_local_veil(
+    dome: Dome,
+    images: SessionImages,
+    view: DomeView,
+    geometry: GeometrySolution,
+    found: Mapping[Pair, CorrespondenceMap],
+) -> GeometrySolution:
+    """The solved rig, whose main camera has the part of its veil that stays near its light."""
+    fit = LocalVeilFit(images.radiometer.seen)
+    for name in geometry.projectors:
+        _, sight = _camera_sight(dome, images, view, geometry, found, name)
+        separation = Separation(sight.white, sight.panel, sight.lit, view.solid_angle_sr)
+        for axis, bit, *pair in images.stripe_pairs(name):
+            pictures = [picture - sight.base for picture in pair]
+            where = separation.add_pair(axis, bit, *pictures)
+            for picture, dark in zip(pictures, where, strict=True):
+                share = float(separation.flux_share(picture)[GREEN])
+                fit.add(picture[..., GREEN], dark, share)
+        fit.end_projector()
+    share, spread = fit.result()
+    camera, stated = geometry.camera, geometry.camera.sensor
+    # on panels a few stripes wide, light that a floor returns looks like a veil
+    most = stated.glare + GLARE_SIGMAS * stated.glare_sigma
+    sensor = replace(stated, local_glare=min(share, most), local_spread=spread)
+    cameras = {**geometry.rig.cameras, camera.name: replace(camera, sensor=sensor)}
+    return replace(geometry, rig=replace(geometry.rig, cameras=cameras))
+
+
+def _camera_sight(
+    dome: Dome,
+    images: SessionImages,
+    view: DomeView,
+    geometry: GeometrySolution,
+    found: Mapping[Pair, CorrespondenceMap],
+    name: str,
+) -> tuple[Image, _CameraSight]:
+    """A projector's black (H, W, 3), and the projector as the camera sees it."""
     black, base = _black(images, name)
     glints = view.on_screen & lens_glints(geometry.rig, geometry.main, images.radiometer.rays)
     white = images.light(images.only(name, "white")) - base
@@ -84,14 +131,8 @@ def measure_light(
     unpatterned = glints | pixels_without_pattern(shot_ids_share, xy)
     panel = np.where(unpatterned[..., None], np.float32(np.nan), xy)
     lit = found[geometry.main, name].valid | unpatterned
-    sight = _CameraSight(
-        xy, panel, lit, unpatterned, white, base, float(shot_ids_share.covered.mean())
-    )
-    linearity = _linearity(images, name, sight)
-    _check_linear(images, name, linearity, TONE_CURVE)
-    measurement, _ = _measured(images, view, name, black, sight)
-    _check_linear(images, name, linearity, NOT_LINEAR)  # if light held still, it is no drift
-    return _without(measurement, masks[name].at(xy))
+    share = float(shot_ids_share.covered.mean())
+    return black, _CameraSight(xy, panel, lit, unpatterned, white, base, share)
 
 
 def measure_server_light(

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 from tolerances import FLOAT32
 
 from procam.estimate.camera.radiance import Radiometer
@@ -42,6 +43,23 @@ def _photograph(
     limit = 2**camera.sensor.bits - 1
     counts = np.clip(np.rint(counts), 0, limit).astype(np.uint16)
     return Frame(counts, CameraSettings(exposure_s, pixel_format), 0.0, exposure_s)
+
+
+@pytest.mark.parametrize("glare", [0.0, 0.02, 0.03])
+def test_a_veil_near_its_light_is_taken_out(rng: np.random.Generator, glare: float) -> None:
+    """It is a part of the glare, or all of it where less glare was stated."""
+    local, spread = 0.02, 0.1
+    sensor = replace(_camera(glare).sensor, local_glare=local, local_spread=spread)
+    camera = replace(_camera(glare), sensor=sensor)
+    radiometer = Radiometer(camera)
+    radiance = rng.uniform(0.5, 4.0, SIZE[::-1]) * (np.arange(SIZE[0]) < 30) * radiometer.seen
+    even = max(glare - local, 0.0) * radiance[radiometer.seen].mean()
+    near = gaussian_filter(radiance, spread * min(SIZE), mode="constant")
+    plain = replace(camera, sensor=replace(sensor, glare=0.0))
+    veiled = (1 - glare) * radiance + even + local * near
+    found = radiometer.radiance(_photograph(plain, veiled, 0.1, "mono"))
+    # cells of four pixels are coarse in so small a picture
+    np.testing.assert_allclose(found[radiometer.seen], radiance[radiometer.seen], atol=0.01)
 
 
 @pytest.mark.parametrize("kind", ["kannala-brandt", "brown"])
