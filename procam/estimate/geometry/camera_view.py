@@ -7,7 +7,7 @@ import numpy as np
 from procam.arrays import Array, BoolArray, Image
 from procam.estimate.geometry.model import camera_rays
 from procam.estimate.geometry.screen_points import intersect_screen, round_shape, screen_points
-from procam.maths.geometry.lenses import project
+from procam.maths.geometry.lenses import project_before_fold
 from procam.maths.geometry.sphere import normalise
 from procam.model.optics import CameraModel, ProjectorModel
 from procam.model.screen import Dome
@@ -50,7 +50,7 @@ class DomeView:
     def projector_pixels(self, projector: ProjectorModel, dome: Dome) -> Image:
         """Projector pixel (H, W, 2) that lights the point each camera pixel sees; NaN if none does."""
         points = screen_points(round_shape(dome), self.direction)
-        xy = project(projector.projector_from_dome.apply(points), projector.lens)
+        xy = project_before_fold(projector.projector_from_dome.apply(points), projector.lens)
         width, height = projector.size
         inside = (xy[..., 0] > -0.5) & (xy[..., 0] < width - 0.5)
         inside &= (xy[..., 1] > -0.5) & (xy[..., 1] < height - 0.5) & self.on_screen

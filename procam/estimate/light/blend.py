@@ -6,7 +6,7 @@ import numpy as np
 
 from procam.arrays import Array, BoolArray, FloatArray, Image
 from procam.estimate.geometry.screen_points import round_shape, screen_points
-from procam.maths.geometry.lenses import project
+from procam.maths.geometry.lenses import project_before_fold
 from procam.maths.warp import edge_distance, sample
 from procam.model.correspondence import ProjectorSurface
 from procam.model.optics import ProjectorModel
@@ -43,7 +43,7 @@ class Blender:
         """Distance to the border of the footprint, over the panel's larger side; 0 outside."""
         model = self.models[name]
         points = screen_points(round_shape(self.dome), direction)
-        xy = project(model.projector_from_dome.apply(points), model.lens)
+        xy = project_before_fold(model.projector_from_dome.apply(points), model.lens)
         return sample(self.distance[name], xy)
 
 

@@ -38,10 +38,7 @@ class Lens:
 
 
 def project(points: Array, lens: Lens) -> Array:
-    """Pixels (..., 2) of points (..., 3) in the device's frame.
-
-    NaN behind a pinhole, and where its polynomial folds back: there no lens has a picture.
-    """
+    """Pixels (..., 2) of points (..., 3) in the device's frame; NaN behind a pinhole."""
     if lens.kind == "brown":
         return _project_brown(points, lens)
     x, y, z = np.moveaxis(points, -1, 0)
@@ -50,6 +47,16 @@ def project(points: Array, lens: Lens) -> Array:
     safe = np.where(horizontal > 0, horizontal, 1.0)
     scale = np.where(horizontal > 0, fisheye_radius(theta, lens.distortion) / safe, 0.0)
     return np.stack([x * scale, y * scale], axis=-1) * lens.focal + lens.centre
+
+
+def project_before_fold(points: Array, lens: Lens) -> Array:
+    """`project`, but NaN also where a pinhole's polynomial folds back: there no lens has a picture."""
+    pixels = project(points, lens)
+    if lens.kind != "brown":
+        return pixels
+    x, y, z = np.moveaxis(points, -1, 0)
+    beyond = x * x + y * y >= _fold(lens.distortion) * z * z
+    return np.where(beyond[..., None], np.nan, pixels)
 
 
 def unproject(pixels: Array, lens: Lens) -> Array:
@@ -64,8 +71,6 @@ def unproject(pixels: Array, lens: Lens) -> Array:
 def _project_brown(points: Array, lens: Lens) -> Array:
     depth = points[..., 2:]
     plane = points[..., :2] / np.where(depth > 0, depth, np.nan)
-    beyond = np.sum(plane**2, axis=-1, keepdims=True) >= _fold(lens.distortion)
-    plane = np.where(beyond, np.nan, plane)
     return _distort_brown(plane, lens.distortion) * lens.focal + lens.centre
 
 

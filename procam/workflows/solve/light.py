@@ -34,6 +34,7 @@ GREEN = 1
 # (drift of a percent between photographs makes .02)
 TONE_CURVE, NOT_LINEAR = 0.3, 0.05
 CERTAIN = 5.0  # sigmas
+MIN_PERIODS = 2  # of stripes over a panel that show the veil near its light
 GLARE_SIGMAS = 2.0  # by which the veil may exceed the stated one
 SATURATED = 0.005  # of the screen: white paper on it, glints
 
@@ -99,13 +100,15 @@ def with_local_veil(
         for axis, bit, *pair in images.stripe_pairs(name):
             pictures = [picture - sight.base for picture in pair]
             where = separation.add_pair(axis, bit, *pictures)
+            # on panels a few stripes wide, light that a floor returns looks like a veil
+            if geometry.projectors[name].size[axis == "y"] < MIN_PERIODS * 2 ** (bit + 1):
+                continue
             for picture, dark in zip(pictures, where, strict=True):
                 share = float(separation.flux_share(picture)[GREEN])
                 fit.add(picture[..., GREEN], dark, share)
         fit.end_projector()
     share, spread = fit.result()
     camera, stated = geometry.camera, geometry.camera.sensor
-    # on panels a few stripes wide, light that a floor returns looks like a veil
     most = stated.glare + GLARE_SIGMAS * stated.glare_sigma
     sensor = replace(stated, local_glare=min(share, most), local_spread=spread)
     cameras = {**geometry.rig.cameras, camera.name: replace(camera, sensor=sensor)}
