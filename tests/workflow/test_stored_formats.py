@@ -55,9 +55,9 @@ def test_a_session_solves_to_the_calibration_stored_then(
     # the floor was in the rim's plane for certain then
     assert (abs(again.albedo.value - stored.albedo.value) < stored.albedo.sigma / 4).all()
     surface, before = again.projectors["south"].surface, stored.projectors["south"].surface
-    # a third radial term moves the corners of a lens
-    both = surface.valid & before.valid
-    assert both.sum() > 0.999 * max(surface.valid.sum(), before.valid.sum())
+    # the third radial term of the projector's lens was 0 then; it moves the corners of the panel
+    both = surface.valid & before.valid & (surface.measured > 0.5)
+    assert both.sum() > 0.999 * before.valid.sum()
     # standard errors of decoded pixels, which weigh them, did not include paint then
     off = np.linalg.norm(surface.direction - before.direction, axis=-1)[both]
-    assert (np.degrees(off) * 60 < 0.5).all()
+    assert np.mean(np.degrees(off) * 60 < before.sigma_arcmin[both] / 4) > 0.95

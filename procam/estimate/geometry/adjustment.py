@@ -53,7 +53,7 @@ LENS_PRIOR = {  # sigmas: focal length [share], centre [share of the size], firs
 }
 PUPIL_PRIOR_M = 0.005
 HARMONIC_PRIOR = 3e-4  # of the radius, per coefficient: domes are built to a centimetre
-BROWN_PRIOR = (0.3, 0.3, 0.02, 0.02, 0.02)  # k1 k2 p1 p2 k3 of a projector
+BROWN_PRIOR = (0.3, 0.3, 0.02, 0.02, 5e-4)  # k1 k2 p1 p2 k3 of a projector
 FISHEYE_PRIOR = (0.2, 0.1, 0.05, 0.02)
 
 
