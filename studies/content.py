@@ -6,12 +6,9 @@ centre where paint is not quite matte. Writes
 studies/content.json and studies/content.md; `python -m studies content` remakes them.
 """
 
-import os
 import shutil
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +28,7 @@ from simulators.backend import build_scene
 from simulators.presets import PresetName
 from simulators.scene import ALL_BANDS, DomeScene, SceneSize
 from simulators.sight_lines import SightLines
-from studies.measure import write
+from studies.measure import side_by_side, write
 from studies.photometry import calibrate_venue, make_truth
 
 Image = NDArray[np.float32]
@@ -42,7 +39,6 @@ SIZE = SceneSize()  # the demo's
 MASTER = 1024
 FINE = 2  # oversampling of pictures, which are then averaged over pixels
 GOAL = 0.01
-WORKERS = 2
 
 
 def calibrate(folder: Path, preset: PresetName, size: SceneSize = SIZE) -> tuple[Path, Path]:
@@ -121,7 +117,6 @@ def study(preset: PresetName, size: SceneSize = SIZE, names: Iterable[str] = CON
         for name in names:
             figures = stage.judged(Path(folder) / name, CONTENTS[name](MASTER))
             rows.append({"preset": preset, "content": name} | figures)
-            print(rows[-1], flush=True)
     return rows
 
 
@@ -168,9 +163,7 @@ def table(rows: list[Row]) -> Iterator[str]:
 
 def main() -> None:
     """Calibrate both venues and write the results; takes some minutes."""
-    os.environ["OPENBLAS_NUM_THREADS"] = "1"  # each worker has a core of its own
-    with ProcessPoolExecutor(WORKERS, mp_context=get_context("spawn")) as pool:
-        rows = [row for some in pool.map(study, VENUES) for row in some]
+    rows = [row for some in side_by_side(study, VENUES) for row in some]
     publish(rows)
 
 

@@ -1,20 +1,13 @@
-"""A whole calibration of a dome that shares nothing with procam or its simulator, by hand, over noise seeds.
+"""A whole calibration of a dome that shares nothing with procam or its simulator, by hand, over seeds.
 
-The photographs are files; so are the pictures that they show. `studies.foreign_room` renders them, and
-judges what the projectors really draw. The owner states what owners know: a lens of another law by its data
-sheet, half a percent off, a veil measured at a desk, marks by hand. Writes studies/foreign_dome.json and
-studies/foreign_dome.md; `python -m studies foreign-dome` remakes them in twenty minutes.
+The photographs are files; so are the pictures that they show (`studies.foreign_photographs`). What the
+projectors really draw is judged on the dome (`studies.foreign_room`). Writes studies/foreign_dome.json and
+studies/foreign_dome.md; `python -m studies foreign-dome` remakes them in ten minutes.
 """
 
-import csv
-import os
-import shutil
 import tempfile
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
 from functools import cached_property
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -24,230 +17,24 @@ from numpy.typing import NDArray
 
 from procam.compensate.compensator import Compensator
 from procam.compensate.projector_frames import projector_frames
-from procam.estimate.camera.glare_and_vignetting import VeilingGlare, fit_glare
-from procam.estimate.camera.radiance import Radiometer
-from procam.files.calibration import load_calibration
-from procam.files.session import Session
-from procam.files.venue.load import load_venue
 from procam.interfaces import judge
-from procam.maths.geometry.sphere import (
-    direction_from_angles,
-    master_directions,
-    master_pixels,
-    master_solid_angles,
-)
+from procam.maths.geometry.sphere import master_directions, master_pixels, master_solid_angles
 from procam.maths.warp import block_mean, sample
 from procam.model.calibration import Calibration
-from procam.model.frame import CameraSettings, Frame
-from procam.workflows.capture.by_hand import export, prepare_by_hand
-from procam.workflows.capture.ingest import ingest
+from procam.model.transport import Measured
 from procam.workflows.sample_content import CONTENTS
-from procam.workflows.solve.calibrate import solve
-from studies.foreign_room import (
-    DECK_ALBEDO,
-    HALF_ANGLE,
-    PLATES,
-    RADIUS,
-    Cells,
-    ForeignRoom,
-    hit,
-)
-from studies.measure import rms, write
+from studies.foreign_bounces import RADIUS, hit
+from studies.foreign_photographs import Size, Stage
+from studies.foreign_room import PLATES, Cells, ForeignRoom
+from studies.measure import rms, side_by_side, write
 
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
-SEEDS, WORKERS = range(1, 11), 2
-CAMERA = "zenith"
-BITS, BLACK_LEVEL, READ_DN, WHITE_SNR = 12, 64.0, 1.5, 100.0
-GLARE, LOCAL, NEAR, WIDE = 0.01, 0.5, 0.05, 0.5  # of the veil: share, and spreads [of the picture]
-BLACK_DRIFT_DN, GAIN_DRIFT = 0.2, 0.002  # during the session
-LENS_OFF = 1.005  # stated focal length, of the true one
-MARKS_DEG = {"a": (12.0, 35.0), "b": (130.0, 30.0), "c": (-110.0, 50.0), "d": (60.0, 65.0)}
-SURVEY_DEG, CLICK_PX = 0.05, 0.3
-EXPOSURE_S, BLACK_EXPOSURE_S = 0.5, 15.0
-TRAPS = ((0.5, 0.5), (0.3, 0.4), (0.6, 0.7))  # light traps, in shares of the picture
+SEEDS = range(1, 11)
 MASTER, PATCHES = 1024, 256
 SHOWN = ("half-sky", "texture")
 EVERY = 7  # pixel of a projector whose direction is compared
 LINE_MEAN_DEG, LINE_PIXELS = 2.0, 100
-
-
-@dataclass(frozen=True)
-class Size:
-    """Projectors' and camera's pixels, and rays for each receiver of bounced light."""
-
-    panel: tuple[int, int] = (1024, 640)
-    camera: int = 720
-    walks: int = 16384
-    rays: int = 32768
-
-    def room(self) -> ForeignRoom:
-        """The dome at this size."""
-        return ForeignRoom(self.panel, self.camera, self.walks, self.rays)
-
-
-class Sensor:
-    """The camera's counts: a veil of which half stays near its light, uneven vignetting, drift, noise."""
-
-    def __init__(self, room: ForeignRoom) -> None:
-        size, camera = room.camera.size, room.camera
-        x, y = np.meshgrid(np.arange(size, dtype=float), np.arange(size, dtype=float))
-        rays = camera.rays(np.stack([x, y], axis=-1))
-        self.circle = np.isfinite(rays[..., 0])
-        self.polar = np.arccos(np.clip(rays @ camera.rotation[2], -1, 1))
-        slope = 1 + (0.004 * (x - size / 2) - 0.003 * (y - size / 2)) / (size / 2)
-        self._fall = np.where(self.circle, self.radial(self.polar) * slope, 0)[..., None]
-        circle = self.circle.astype(np.float32)[..., None]
-        self._mean = [self._spread(circle, s)[self.circle].mean() for s in (NEAR, WIDE)]
-
-    @staticmethod
-    def radial(polar: Array) -> Array:
-        """Vignetting (...,) off the axis."""
-        return np.asarray(1 / (1 + 0.04 * polar**2 + 0.01 * polar**4))
-
-    @staticmethod
-    def _spread(light: Image, share: float) -> Image:
-        size = len(light)
-        small = cv2.resize(light, (size // 8, size // 8), interpolation=cv2.INTER_AREA)
-        soft = cv2.GaussianBlur(small, (0, 0), share * size / 8, borderType=cv2.BORDER_CONSTANT)
-        return cv2.resize(soft, (size, size)).reshape(light.shape)
-
-    def counts(
-        self, light: Image, exposure_s: float, seed: tuple[int, ...], share: float = 0.0
-    ) -> NDArray[np.uint16]:
-        """Counts (H, W, C) of radiance (H, W, C), after a share of the session."""
-        near, wide = (
-            self._spread(light, s) / m for s, m in zip((NEAR, WIDE), self._mean, strict=True)
-        )
-        seen = (1 - GLARE) * light + GLARE * (LOCAL * near + (1 - LOCAL) * wide)
-        full = 2**BITS - 1 - BLACK_LEVEL
-        signal = full * seen * self._fall * exposure_s * (1 + GAIN_DRIFT * share)
-        sigma = np.sqrt(np.maximum(signal, 0) * 0.7 * full / WHITE_SNR**2 + READ_DN**2)
-        noise = np.random.default_rng(seed).standard_normal(signal.shape, np.float32)
-        counts = signal + sigma * noise + BLACK_LEVEL + BLACK_DRIFT_DN * share
-        return np.clip(np.rint(counts), 0, 2**BITS - 1).astype(np.uint16)
-
-    def desk_veil(self, radiometer: Radiometer, seed: int) -> VeilingGlare:
-        """Veiling glare as the owner measures it: a bright wall with a light trap, three times."""
-        size = len(self.circle)
-        x, y = np.meshgrid(np.arange(size), np.arange(size))
-        lights, traps = [], []
-        for number, (across, down) in enumerate(TRAPS):
-            place, radius = (across * size, down * size), size / 20
-            wall = 1 + 0.3 * np.cos(x / size * 4) * np.sin(y / size * 3)
-            wall[np.hypot(x - place[0], y - place[1]) < 1.5 * radius] = 0
-            light = (wall * self.circle)[..., None].astype(np.float32)
-            counts = self.counts(light, EXPOSURE_S, (seed, 1, number))[..., 0]
-            settings = CameraSettings(EXPOSURE_S, "mono")
-            lights.append(radiometer.radiance(Frame(counts, settings, 0.0, EXPOSURE_S)))
-            traps.append((*place, radius))
-        return fit_glare(lights, traps, radiometer.seen)
-
-
-def venue_text(room: ForeignRoom, sensor: Sensor, veil: VeilingGlare) -> str:
-    """What the owner states; the values are drawn once, within what is stated of them."""
-    camera, rng = room.camera, np.random.default_rng(5)
-    polar = np.linspace(0, 1.5, 50)[1:]
-    powers = np.stack([polar**2, polar**4], axis=1)
-    vignetting = np.linalg.lstsq(powers, sensor.radial(polar) - 1, rcond=None)[0]
-    projectors = "".join(
-        f"[projectors.{name}]\nsize = {list(p.size)}\n" for name, p in room.projectors.items()
-    )
-    return f"""\
-[screen]
-kind = "dome"
-radius_m = {RADIUS}
-half_angle_deg = {np.degrees(HALF_ANGLE) + 0.2:.1f}
-tilt_deg = 0.0
-floor_albedo = {DECK_ALBEDO - 0.04:.2f}
-floor_albedo_sigma = 0.05
-[cameras.{CAMERA}]
-size = {[camera.size] * 2}
-model = "kannala-brandt"
-f = {[round(float(camera.focal_px) * LENS_OFF, 3)] * 2}
-c = {np.round(camera.centre + np.array([0.3, -0.2]), 2).tolist()}
-k = [{-1 / 24:.6f}, {1 / 1920:.6f}, 0.0, 0.0]
-intrinsics = "prior"
-response = "linear"
-bits = {BITS}
-black_level = {BLACK_LEVEL}
-vignetting = {np.round(vignetting, 5).tolist()}
-glare = {veil.glare:.6f}
-glare_sigma = {veil.sigma:.6f}
-{projectors}
-[capture]
-exposure_s = {EXPOSURE_S}
-black_exposure_s = {BLACK_EXPOSURE_S}
-""" + "".join(_mark(room, name, rng) for name in MARKS_DEG)
-
-
-def _mark(room: ForeignRoom, name: str, rng: np.random.Generator) -> str:
-    azimuth, elevation = MARKS_DEG[name]
-    point = RADIUS * direction_from_angles(np.radians(azimuth), np.radians(elevation))
-    pixel = room.camera.pixel_of(point) + CLICK_PX * rng.normal(size=2)
-    off = SURVEY_DEG * rng.normal(size=2) / (np.cos(np.radians(elevation)), 1)
-    return f"""\
-[[fiducials]]
-name = "{name}"
-azimuth_deg = {azimuth + off[0]:.4f}
-elevation_deg = {elevation + off[1]:.4f}
-sigma_deg = {SURVEY_DEG}
-camera = "{CAMERA}"
-pixel = {np.round(pixel, 2).tolist()}
-sigma_px = {CLICK_PX}
-"""
-
-
-@dataclass(frozen=True)
-class Stage:
-    """The dome, and a folder: its venue, the pictures for its projectors, and their light in numpy files."""
-
-    room: ForeignRoom
-    folder: Path
-
-    def prepare(self) -> None:
-        """Write venue.toml and the pictures, and render them all without noise."""
-        venue = self.folder / "venue"
-        venue.mkdir(parents=True)
-        sensor = Sensor(self.room)
-        (venue / "venue.toml").write_text(venue_text(self.room, sensor, VeilingGlare(0, 0.01, ())))
-        veil = sensor.desk_veil(Radiometer(load_venue(venue).cameras[CAMERA]), 0)
-        (venue / "venue.toml").write_text(venue_text(self.room, sensor, veil))
-        export(prepare_by_hand(load_venue(venue)), self.folder / "out", movie=False)
-        view = self.room.from_camera()
-        for entry in self._order():
-            drives = {}
-            if entry["picture"]:
-                picture = cv2.imread(
-                    str(self.folder / "out" / entry["picture"]), cv2.IMREAD_UNCHANGED
-                )
-                grey = picture.ndim == 2
-                rgb = np.dstack([picture] * 3) if grey else picture[..., ::-1]
-                drives[entry["projector"]] = rgb.astype(np.float32) / 255
-            np.save(self.folder / f"{entry['shot']}.npy", self.room.photographed(view, drives))
-
-    def _order(self) -> list[dict[str, str]]:
-        return list(csv.DictReader((self.folder / "out" / "order.csv").read_text().splitlines()))
-
-    def calibrate(self, seed: int, folder: Path) -> Calibration:
-        """A calibration from photographs with the noise of a seed."""
-        shutil.copytree(self.folder / "venue", folder / "venue")
-        (folder / "photographs").mkdir()
-        sensor, order = Sensor(self.room), self._order()
-        for number, entry in enumerate(order):
-            light = np.load(self.folder / f"{entry['shot']}.npy")
-            for each, exposure in enumerate(map(float, entry["exposures_s"].split())):
-                counts = sensor.counts(
-                    light, exposure, (seed, 2, number, each), number / len(order)
-                )
-                name = folder / "photographs" / f"{number:03d}_{each}.tif"
-                cv2.imwrite(str(name), counts[..., ::-1], [cv2.IMWRITE_TIFF_COMPRESSION, 1])
-        venue = load_venue(folder / "venue")
-        (session,) = (folder / "venue" / "sessions").iterdir()
-        for _ in ingest(venue, Session(session), CAMERA, folder / "photographs"):
-            pass
-        *_, last = solve(venue, Session(session))
-        return load_calibration(Path(last.data["calibration"]))
 
 
 class Judge:
@@ -275,13 +62,8 @@ class Judge:
         """Errors, and what was stated of them."""
         relative, absolute, stated = self._directions(found)
         return {
-            "m": [
-                float(v)
-                for v in (found.feedback.value[1], found.feedback.sigma[1], self.feedback[1])
-            ],
-            "albedo": [
-                float(v) for v in (found.albedo.value[1], found.albedo.sigma[1], self.albedo)
-            ],
+            "m": _compared(found.feedback, self.feedback[1]),
+            "albedo": _compared(found.albedo, self.albedo),
             "relative_arcmin": relative,
             "absolute_arcmin": absolute,
             "stated_arcmin": stated,
@@ -313,9 +95,7 @@ class Judge:
             )
             rays = projector.rays(pixel).reshape(-1, 3)
             points, _ = hit(np.broadcast_to(projector.place, rays.shape), rays)
-            directions[name] = (points / np.linalg.norm(points, axis=-1, keepdims=True)).reshape(
-                height, width, 3
-            )
+            directions[name] = (points / RADIUS).reshape(height, width, 3)
         return directions
 
     def _line(self, found: Calibration) -> float:
@@ -355,6 +135,11 @@ class Judge:
     def _shown(self, found: Calibration, direct: Image) -> Image:
         """Scattered light (N, N, 3) [camera] of direct light, as the projectors draw it."""
         return self._bounced(self.room.sent(projector_frames(direct, found)))
+
+
+def _compared(found: Measured, true: float) -> list[float]:
+    """Value and standard error in the green channel, and the truth."""
+    return [float(found.value[1]), float(found.sigma[1]), float(true)]
 
 
 def _patches(picture: Image) -> Image:
@@ -399,17 +184,9 @@ def row_of(job: tuple[Stage, int]) -> dict[str, Any]:
 
 def main() -> None:
     """Run all seeds and write the results."""
-    os.environ["OPENBLAS_NUM_THREADS"] = "1"  # each worker has a core of its own
-    rows = []
-    with (
-        tempfile.TemporaryDirectory() as folder,
-        ProcessPoolExecutor(WORKERS, mp_context=get_context("spawn")) as pool,
-    ):
+    with tempfile.TemporaryDirectory() as folder:
         stage = Stage(Size().room(), Path(folder))
         stage.prepare()
-        for row in pool.map(row_of, [(stage, seed) for seed in SEEDS]):
-            rows.append(row)
-            print(row, flush=True)
-    write(
-        "foreign_dome", {"rows": rows}, ["# A dome of another program's making", "", *table(rows)]
-    )
+        rows = side_by_side(row_of, [(stage, seed) for seed in SEEDS])
+    title = "# A dome of another program's making"
+    write("foreign_dome", {"rows": rows}, [title, "", *table(rows)])

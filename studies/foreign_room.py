@@ -1,8 +1,7 @@
-"""A dome that shares nothing with procam or its simulator: rays, paint, projectors, camera and bounces.
+"""A dome that shares nothing with procam or its simulator: projectors, camera, and the light that it sees.
 
-An exact sphere over a level deck with a dark wall and a round instrument. Everything is traced in closed form
-with NumPy: camera pixels by nine rays each, bounces by random walks from a grid of receivers, whose light is
-then gathered once more with many rays. Lengths are in metres, light in camera full scale per second.
+Camera pixels see by nine rays each, which end where a projector's picture is looked up once and for all.
+Light is in camera full scale per second.
 """
 
 from collections.abc import Mapping
@@ -11,52 +10,23 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import map_coordinates
 from scipy.sparse import csr_array
-from scipy.stats import qmc
+
+from studies.foreign_bounces import (
+    DOME,
+    HALF_ANGLE,
+    RADIUS,
+    Bounces,
+    hit,
+    irradiance_at,
+    paint,
+    patch_places,
+)
 
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
-Index = NDArray[np.intp]
-RADIUS, HALF_ANGLE = 5.0, np.radians(84.0)
-PLATES = np.radians(82.0)  # no light beyond this polar angle
-DECK, DECK_ALBEDO, WALL_ALBEDO = -0.6, 0.14, 0.05
-POD, POD_RADIUS, POD_ALBEDO = np.array([1.2, 0.9, -0.45]), 0.5, 0.3
-RIM = RADIUS * np.cos(HALF_ANGLE)
-WALL_RADIUS = RADIUS * np.sin(HALF_ANGLE)
-ALBEDO, SMOOTH, SEAM, GRAIN = 0.52, 0.05, 0.06, 0.005
-GORES, COURSES, SEAM_WIDTH = 20, 5, np.radians(0.35)
-SENDERS, CUTS = (24, 72), 12  # patches of direct light, and places per edge of a patch
-RECEIVERS = (14, 36)  # grid from pole to rim, where bounced light is known
-ELSEWHERE = 240  # receivers on the deck, the wall and the instrument together
+PLATES = np.radians(82.0)  # no light of projectors beyond this polar angle
 DARK = 1e-9
-
-
-def paint(direction: Array) -> Array:
-    """Albedo (...,) of the dome: slow change, seams between panels, grain."""
-    x, y, z = np.moveaxis(direction, -1, 0)
-    polar, turn = np.arccos(np.clip(z, -1, 1)), np.arctan2(y, x)
-    albedo = ALBEDO * (1 + SMOOTH * (np.sin(2.3 * x + 0.5) * np.cos(1.7 * y) + 0.3 * z))
-    across = _to_next(turn, 2 * np.pi / GORES) * np.sin(polar)
-    along = _to_next(polar, HALF_ANGLE / COURSES)
-    seams = np.exp(-0.5 * (across / SEAM_WIDTH) ** 2) + np.exp(-0.5 * (along / SEAM_WIDTH) ** 2)
-    row, column = (polar / np.radians(0.5)).astype(int), (turn / np.radians(0.5)).astype(int)
-    return np.asarray(
-        albedo * (1 - SEAM * np.minimum(seams, 1)) * (1 + GRAIN * _noise(row, column))
-    )
-
-
-def _to_next(angle: Array, step: float) -> Array:
-    return (angle / step - np.rint(angle / step)) * step
-
-
-def _noise(row: Index, column: Index) -> Array:
-    """About normal noise of places, the same whenever it is asked for."""
-    mixed = (row.astype(np.uint64) * np.uint64(73856093)) ^ (
-        column.astype(np.int64).view(np.uint64) * np.uint64(19349663)
-    )
-    mixed = (mixed * np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(40)
-    return (mixed / 2.0**24 - 0.5) * 12**0.5
 
 
 @dataclass(frozen=True)
@@ -189,161 +159,6 @@ def make_camera(size: int) -> Camera:
     )
 
 
-def hit(origin: Array, direction: Array) -> tuple[Array, Index]:
-    """Points (n, 3) that rays meet first, and on what: 0 dome, 1 wall, 2 deck, 3 instrument; -1 nothing."""
-    x, y, z = origin.T
-    along, outside = np.sum(origin * direction, -1), np.sum(origin**2, -1) - RADIUS**2
-    dome = -along + np.sqrt(np.maximum(along**2 - outside, 0))
-    flat = direction[:, 0] ** 2 + direction[:, 1] ** 2
-    half = x * direction[:, 0] + y * direction[:, 1]
-    out = x**2 + y**2 - WALL_RADIUS**2
-    with np.errstate(divide="ignore", invalid="ignore"):
-        wall = (-half + np.sqrt(np.maximum(half**2 - flat * out, 0))) / flat
-        deck = np.where(direction[:, 2] < 0, (DECK - z) / direction[:, 2], np.inf)
-    from_pod = origin - POD
-    near = np.sum(from_pod * direction, -1)
-    inside = near**2 - np.sum(from_pod**2, -1) + POD_RADIUS**2
-    pod = np.where((inside > 0) & (near < 0), -near - np.sqrt(np.maximum(inside, 0)), np.inf)
-    dome = np.where((dome > 1e-6) & (z + dome * direction[:, 2] >= RIM), dome, np.inf)
-    wall = np.where((wall > 1e-6) & (z + wall * direction[:, 2] < RIM), wall, np.inf)
-    far = np.stack(
-        [dome, wall, np.where(deck > 1e-6, deck, np.inf), np.where(pod > 1e-6, pod, np.inf)]
-    )
-    kind = np.argmin(far, axis=0)
-    nearest = far[kind, np.arange(len(x))]
-    return origin + np.where(np.isfinite(nearest), nearest, 0)[:, None] * direction, np.where(
-        np.isfinite(nearest), kind, -1
-    )
-
-
-def normals(points: Array, kind: Index) -> Array:
-    """Normals (n, 3) into the room."""
-    to_axis = -points * [1, 1, 0] / WALL_RADIUS
-    choices = [
-        -points / RADIUS,
-        to_axis,
-        np.broadcast_to([0.0, 0, 1], points.shape),
-        (points - POD) / POD_RADIUS,
-    ]
-    return np.choose(np.clip(kind, 0, 3)[:, None], choices)
-
-
-def scattered_rays(normal: Array, random: Array) -> Array:
-    """Directions (n, 3) distributed as the cosine to the normal, of random numbers (n, 2)."""
-    height, turn = 2 * random[:, 0] - 1, 2 * np.pi * random[:, 1]
-    flat = np.sqrt(np.maximum(1 - height**2, 0))
-    ball = np.stack([flat * np.cos(turn), flat * np.sin(turn), height], axis=-1)
-    away = normal + ball * (1 - 1e-9)
-    return np.asarray(away / np.linalg.norm(away, axis=-1, keepdims=True))
-
-
-class Bounces:
-    """Irradiance at receivers by radiosity of patches of the dome, after all bounces.
-
-    `matrix` (receivers, patches); the first RECEIVERS of them are a grid on the dome.
-    """
-
-    def __init__(self, walks: int, rays: int, seed: int = 0) -> None:
-        rng = np.random.default_rng(seed)
-        self._points, self._kind = _receivers(rng)
-        count, patches = len(self._points), SENDERS[0] * SENDERS[1]
-        walked = np.zeros((count, patches))
-        for first in range(count):
-            walked[first] = self._walked(first, walks, rng)
-        base = qmc.Sobol(2, rng=rng).random(rays)
-        self.matrix = np.zeros((count, patches))
-        for first in range(count):
-            shifted = (base + rng.random(2)) % 1.0
-            points, kind = self._leave(first, shifted)
-            on, other = kind == 0, kind > 0
-            self.matrix[first] += np.bincount(_patch(points[on]), minlength=patches) / rays
-            onwards = np.where(
-                on,
-                paint(points / RADIUS),
-                np.array([0, WALL_ALBEDO, DECK_ALBEDO, POD_ALBEDO])[kind],
-            )
-            nearest = np.where(on, _grid_node(points), self._elsewhere(points, kind))
-            weight = np.bincount(nearest[on | other], onwards[on | other], minlength=count) / rays
-            self.matrix[first] += weight @ walked
-
-    def _leave(self, receiver: int, random: Array) -> tuple[Array, Index]:
-        point = np.repeat(self._points[receiver][None], len(random), axis=0)
-        normal = normals(point, np.full(len(random), self._kind[receiver]))
-        return hit(point, scattered_rays(normal, random))
-
-    def _walked(self, receiver: int, walks: int, rng: np.random.Generator) -> Array:
-        """Row of the matrix by walks that end where the paint takes them."""
-        points, kind = self._leave(receiver, rng.random((walks, 2)))
-        total = np.zeros(SENDERS[0] * SENDERS[1])
-        while len(points):
-            on = kind == 0
-            total += np.bincount(_patch(points[on]), minlength=len(total))
-            albedo = np.array([0, WALL_ALBEDO, DECK_ALBEDO, POD_ALBEDO])[np.maximum(kind, 0)]
-            albedo[on] = paint(points[on] / RADIUS)
-            goes_on = (rng.random(len(points)) < albedo) & (kind >= 0)
-            points, kind = points[goes_on], kind[goes_on]
-            points, kind = hit(
-                points, scattered_rays(normals(points, kind), rng.random((len(points), 2)))
-            )
-        return total / walks
-
-    def _elsewhere(self, points: Array, kind: Index) -> Index:
-        """The nearest receiver (n,) off the dome, of the same kind."""
-        first = RECEIVERS[0] * RECEIVERS[1]
-        chosen = np.full(len(points), first)
-        for surface in (1, 2, 3):
-            here = np.flatnonzero(self._kind == surface)
-            use = kind == surface
-            away = np.linalg.norm(points[use][:, None] - self._points[here], axis=-1)
-            chosen[use] = here[np.argmin(away, axis=1)]
-        return chosen
-
-
-def _receivers(rng: np.random.Generator) -> tuple[Array, Index]:
-    """Points (n, 3) and what they are on: the grid on the dome, then elsewhere."""
-    polar, turn = np.meshgrid(
-        np.linspace(0, HALF_ANGLE, RECEIVERS[0]),
-        2 * np.pi * np.arange(RECEIVERS[1]) / RECEIVERS[1],
-        indexing="ij",
-    )
-    grid = RADIUS * np.stack(
-        [np.sin(polar) * np.cos(turn), np.sin(polar) * np.sin(turn), np.cos(polar)], -1
-    )
-    third = ELSEWHERE // 3
-    share, turn = rng.random(third), 2 * np.pi * rng.random(third)
-    wall = np.stack(
-        [WALL_RADIUS * np.cos(turn), WALL_RADIUS * np.sin(turn), DECK + share * (RIM - DECK)], -1
-    )
-    reach = WALL_RADIUS * np.sqrt(rng.random(third))
-    deck = np.stack([reach * np.cos(turn), reach * np.sin(turn), np.full(third, DECK)], -1)
-    ball = rng.normal(size=(third, 3))
-    ball[:, 2] = np.maximum(ball[:, 2], (DECK - POD[2]) / POD_RADIUS * np.linalg.norm(ball, axis=1))
-    pod = POD + POD_RADIUS * ball / np.linalg.norm(ball, axis=1, keepdims=True)
-    kind = np.repeat([0, 1, 2, 3], [RECEIVERS[0] * RECEIVERS[1], third, third, third])
-    return np.concatenate([grid.reshape(-1, 3), wall, deck, pod]), kind
-
-
-def _patch(points: Array) -> Index:
-    """Patch (n,) of points on the dome: rings of equal area."""
-    height = (1 - points[:, 2] / RADIUS) / (1 - np.cos(HALF_ANGLE))
-    ring = np.clip((height * SENDERS[0]).astype(int), 0, SENDERS[0] - 1)
-    sector = (np.arctan2(points[:, 1], points[:, 0]) / (2 * np.pi) % 1 * SENDERS[1]).astype(int)
-    return ring * SENDERS[1] + np.minimum(sector, SENDERS[1] - 1)
-
-
-def _grid_place(points: Array) -> tuple[Array, Array]:
-    """Row and column (...,) of points (..., 3) on the dome in the grid of receivers."""
-    polar = np.arccos(np.clip(points[..., 2] / RADIUS, -1, 1))
-    turn = np.arctan2(points[..., 1], points[..., 0]) / (2 * np.pi) % 1
-    return polar / HALF_ANGLE * (RECEIVERS[0] - 1), turn * RECEIVERS[1]
-
-
-def _grid_node(points: Array) -> Index:
-    row, column = _grid_place(points)
-    row = np.clip(np.rint(row).astype(int), 0, RECEIVERS[0] - 1)
-    return np.asarray(row * RECEIVERS[1] + np.rint(column).astype(int) % RECEIVERS[1])
-
-
 class Cells:
     """Parts of the dome that are seen as one: their paint, and what they send of a projector's light.
 
@@ -357,7 +172,7 @@ class Cells:
         self._shape = shape
         albedo = np.where(on_dome, paint(points / RADIUS), 0)
         self._albedo = albedo.mean(axis=1).astype(np.float32)
-        self._place = _grid_place(points[:, points.shape[1] // 2])
+        self._middle = points[:, points.shape[1] // 2]
         self._seen = {
             name: _matrix(projector, points, albedo) for name, projector in room.projectors.items()
         }
@@ -376,14 +191,7 @@ class Cells:
 
     def scattered(self, at_receivers: Array) -> Image:
         """Radiance (..., 3) of scattered light, by a smooth curve through the receivers (n, 3)."""
-        grid = at_receivers[: RECEIVERS[0] * RECEIVERS[1]].reshape(*RECEIVERS, 3)
-        grid = np.pad(grid, ((0, 0), (4, 4), (0, 0)), mode="wrap")
-        row, column = self._place
-        planes = [
-            map_coordinates(grid[..., c], [row, column + 4], order=3, mode="nearest")
-            for c in range(3)
-        ]
-        light = np.stack(planes, axis=-1) * self._albedo[:, None]
+        light = irradiance_at(self._middle, at_receivers) * self._albedo[:, None]
         return light.reshape(*self._shape, 3).astype(np.float32)
 
 
@@ -415,7 +223,7 @@ class ForeignRoom:
     def __init__(self, panel: tuple[int, int], camera_px: int, walks: int, rays: int) -> None:
         self.projectors, self.camera = make_projectors(panel), make_camera(camera_px)
         self._bounces = Bounces(walks, rays).matrix
-        places = _patch_places()
+        places = patch_places()
         self._patches = Cells(self, places, np.ones(places.shape[:2], bool), (len(places),))
 
     def from_camera(self) -> Cells:
@@ -426,7 +234,7 @@ class ForeignRoom:
         rays = self.camera.rays(pixel + third)
         flat = np.nan_to_num(rays.reshape(-1, 3))
         points, kind = hit(np.broadcast_to(self.camera.place, flat.shape), flat)
-        seen = (kind == 0) & np.isfinite(rays[..., 0]).ravel()
+        seen = (kind == DOME) & np.isfinite(rays[..., 0]).ravel()
         points = np.where(seen[:, None], points, [0, 0, RADIUS]).reshape(rays.shape)
         return Cells(self, points, seen.reshape(rays.shape[:2]), (size, size))
 
@@ -450,16 +258,3 @@ class ForeignRoom:
         return cv2.GaussianBlur(
             view.direct(panels) + view.scattered(self.bounced(panels)), (0, 0), 0.4
         )
-
-
-def _patch_places() -> Array:
-    """Points (patches, CUTS^2, 3) that share out every patch evenly."""
-    share = (np.arange(SENDERS[0] * CUTS) + 0.5) / (SENDERS[0] * CUTS)
-    cosine = 1 - share * (1 - np.cos(HALF_ANGLE))
-    turn = 2 * np.pi * (np.arange(SENDERS[1] * CUTS) + 0.5) / (SENDERS[1] * CUTS)
-    sine = np.sqrt(1 - cosine**2)[:, None]
-    points = RADIUS * np.stack(
-        [sine * np.cos(turn), sine * np.sin(turn), cosine[:, None] + 0 * turn], axis=-1
-    )
-    cut = points.reshape(SENDERS[0], CUTS, SENDERS[1], CUTS, 3).swapaxes(1, 2)
-    return cut.reshape(SENDERS[0] * SENDERS[1], CUTS**2, 3)

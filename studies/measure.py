@@ -1,10 +1,14 @@
 """Codes photographed in scenes of known truth, and the errors of the decoded positions."""
 
 import json
-from collections.abc import Iterable
+import os
+from collections.abc import Callable, Iterable
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
+from multiprocessing import get_context
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +24,8 @@ from simulators.sensor import ROUNDING, Sensor
 
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
+Job, Row = TypeVar("Job"), TypeVar("Row")
+WORKERS = 2
 HERE = Path(__file__).parent
 BINS = 64  # of a period, for the bias of a code
 FULL_PATCH = 40  # camera pixels that a patch must have to be evaluated
@@ -145,6 +151,17 @@ def patch_errors(errors: Errors, size: tuple[int, int]) -> tuple[Array, Array]:
     use = seen.valid & (seen.count >= FULL_PATCH) & np.isfinite(error).all(axis=-1)
     sigma = np.broadcast_to(seen.sigma_px.reshape(*seen.valid.shape, -1), error.shape)
     return error[use].astype(float), np.asarray(sigma[use], float)
+
+
+def side_by_side(work: Callable[[Job], Row], jobs: Iterable[Job]) -> list[Row]:
+    """Results of jobs in their order, each printed as it comes, in processes with a core of their own."""
+    os.environ["OPENBLAS_NUM_THREADS"] = "1"
+    rows = []
+    with ProcessPoolExecutor(WORKERS, mp_context=get_context("spawn")) as pool:
+        for row in pool.map(work, jobs):
+            rows.append(row)
+            print(row, flush=True)
+    return rows
 
 
 def write(name: str, document: dict[str, object], lines: Iterable[str]) -> None:

@@ -7,13 +7,10 @@ measured at a desk beforehand. Writes studies/photometry.json and studies/photom
 """
 
 import json
-import os
 import re
 import tempfile
 from collections.abc import Iterator, Mapping
-from concurrent.futures import ProcessPoolExecutor
 from functools import cache, partial
-from multiprocessing import get_context
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -50,6 +47,7 @@ from simulators.surface import Surface
 from simulators.template import venue_text
 from simulators.transport import Room
 from simulators.truth import write_truth
+from studies.measure import side_by_side
 
 Image = NDArray[np.float32]
 Array = NDArray[np.float64]
@@ -61,7 +59,6 @@ FLATS = {"grey": (0.4, 0.4, 0.4), "dark": (0.15, 0.15, 0.15), "orange": (0.5, 0.
 MASTER, PATCHES = 1024, 256
 SEAM = 0.02  # least blend weight of two projectors in a seam
 EDGE = 0.999
-WORKERS = 2
 TRAPS = ((0.5, 0.5), (0.3, 0.4), (0.6, 0.7))  # light traps, in shares of the picture
 DESK_EXPOSURE_S = 0.5
 TRACE = Room.trace
@@ -286,17 +283,9 @@ def _row(job: tuple[PresetName, int, Path]) -> dict[str, Any]:
 
 def main() -> None:
     """Run all seeds and write the results; takes most of an hour."""
-    os.environ["OPENBLAS_NUM_THREADS"] = "1"  # each worker has a core of its own
-    rows = []
-    with (
-        tempfile.TemporaryDirectory() as shared,
-        ProcessPoolExecutor(WORKERS, mp_context=get_context("spawn")) as pool,
-    ):
+    with tempfile.TemporaryDirectory() as shared:
         truths = {v: make_truth(Path(shared) / v, v) for v in VENUES}
-        jobs = [(v, seed, truths[v]) for v in VENUES for seed in SEEDS[v]]
-        for row in pool.map(_row, jobs):
-            rows.append(row)
-            print(row, flush=True)
+        rows = side_by_side(_row, [(v, seed, truths[v]) for v in VENUES for seed in SEEDS[v]])
     here = Path(__file__).parent
     document = {
         "command": "python -m studies photometry",

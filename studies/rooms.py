@@ -5,11 +5,8 @@ owner knows. Each is captured, solved and compared with the truth. Writes studie
 studies/rooms.md; `python -m studies rooms` remakes them in an hour.
 """
 
-import os
 import tempfile
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -26,13 +23,12 @@ from procam.model.calibration import Calibration
 from simulators.scene import SceneSize
 from simulators.template import room_text
 from simulators.transport import Room
-from studies.measure import write
+from studies.measure import side_by_side, write
 from studies.photometry import calibrate_venue, response_errors, traced
 
 ROOMS = range(1, 101)
 SIZE = SceneSize(projector_size=(480, 300), camera_size=(600, 600), rays=1024)
 TRUTH_SIZE = 512  # edge of its maps; the lit area is right to 1e-4
-WORKERS = 2
 EVERY = 7  # pixel of a projector whose direction is compared
 
 
@@ -132,18 +128,7 @@ def _row(number: int) -> dict[str, Any]:
         return calibrate_room(number, Path(folder))
 
 
-def run_rooms(numbers: range) -> list[dict[str, Any]]:
-    """Rows of many rooms, side by side."""
-    os.environ["OPENBLAS_NUM_THREADS"] = "1"  # each worker has a core of its own
-    rows = []
-    with ProcessPoolExecutor(WORKERS, mp_context=get_context("spawn")) as pool:
-        for row in pool.map(_row, numbers):
-            rows.append(row)
-            print(row, flush=True)
-    return rows
-
-
 def main() -> None:
     """Run all rooms and write the results."""
-    rows = run_rooms(ROOMS)
+    rows = side_by_side(_row, ROOMS)
     write("rooms", {"rows": rows}, ["# Rooms drawn at random", "", *table(rows)])

@@ -6,21 +6,20 @@ import numpy as np
 import pytest
 
 from procam.estimate import calibration as assemble
-from studies import foreign_dome, foreign_room
+from studies import foreign_bounces, foreign_dome, foreign_photographs, foreign_room
 
-SMALL = foreign_dome.Size((480, 300), 400, walks=512, rays=2048)
+SMALL = foreign_photographs.Size((480, 300), 400, walks=512, rays=2048)
 
 
 def test_bounces_in_a_cap_of_one_paint(monkeypatch: pytest.MonkeyPatch) -> None:
     """From any place of a sphere, every other fills its share of the whole sphere."""
     paint = 0.6
-    monkeypatch.setattr(foreign_room, "paint", lambda d: np.full(d.shape[:-1], paint))
-    monkeypatch.setattr(foreign_room, "ELSEWHERE", 30)
-    for name in ("WALL_ALBEDO", "DECK_ALBEDO", "POD_ALBEDO"):
-        monkeypatch.setattr(foreign_room, name, 0.0)
-    on_dome = foreign_room.RECEIVERS[0] * foreign_room.RECEIVERS[1]
-    matrix = foreign_room.Bounces(512, 4096).matrix[:on_dome]
-    share = (1 - np.cos(foreign_room.HALF_ANGLE)) / 2
+    monkeypatch.setattr(foreign_bounces, "paint", lambda d: np.full(d.shape[:-1], paint))
+    monkeypatch.setattr(foreign_bounces, "ELSEWHERE", 30)
+    monkeypatch.setattr(foreign_bounces, "ALBEDOS", np.zeros(4))
+    on_dome = foreign_bounces.RECEIVERS[0] * foreign_bounces.RECEIVERS[1]
+    matrix = foreign_bounces.Bounces(512, 4096).matrix[:on_dome]
+    share = (1 - np.cos(foreign_bounces.HALF_ANGLE)) / 2
     total = matrix.sum(axis=1)
     np.testing.assert_allclose(total.mean(), share / (1 - paint * share), rtol=2e-3)
     np.testing.assert_allclose(total[40:], total.mean(), rtol=0.02)
@@ -31,13 +30,13 @@ def test_rays_of_projector_and_camera_return() -> None:
     projector = foreign_room.make_projectors(room_size)["left"]
     pixel = np.array([[0.0, 0.0], [319, 199], [100, 50]])
     rays = projector.rays(pixel)
-    points, kind = foreign_room.hit(np.broadcast_to(projector.place, rays.shape), rays)
+    points, kind = foreign_bounces.hit(np.broadcast_to(projector.place, rays.shape), rays)
     np.testing.assert_allclose(projector.pixels(points), pixel, atol=1e-6)
-    assert (kind[2], np.linalg.norm(points[2])) == (0, pytest.approx(foreign_room.RADIUS))
+    assert (kind[2], np.linalg.norm(points[2])) == (0, pytest.approx(foreign_bounces.RADIUS))
     camera = foreign_room.make_camera(320)
     pixel = np.array([[100.0, 200.0], [250, 60]])
     rays = camera.rays(pixel)
-    points, _ = foreign_room.hit(np.broadcast_to(camera.place, rays.shape), rays)
+    points, _ = foreign_bounces.hit(np.broadcast_to(camera.place, rays.shape), rays)
     np.testing.assert_allclose([camera.pixel_of(p) for p in points], pixel, atol=1e-4)
 
 
@@ -46,7 +45,7 @@ def test_a_foreign_dome_is_within_its_intervals(
 ) -> None:
     monkeypatch.setattr(assemble, "MAP_SIZE", 256)
     monkeypatch.setattr(foreign_dome, "MASTER", 256)
-    stage = foreign_dome.Stage(SMALL.room(), tmp_path / "stage")
+    stage = foreign_photographs.Stage(SMALL.room(), tmp_path / "stage")
     stage.prepare()
     found = stage.calibrate(1, tmp_path)
     row = foreign_dome.Judge(stage.room).figures(found)
