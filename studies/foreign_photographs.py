@@ -1,7 +1,7 @@
 """Photographs of a dome that shares nothing with procam or its simulator, and what its owner states.
 
 The owner states what owners know: a lens of another law by its data sheet, a veil measured at a desk, a
-floor by eye, marks by hand. All of it is drawn by seed, within what is stated; the lens is half a percent off.
+floor by eye, marks by hand. All is drawn by seed, within what is stated; the lens is half a percent off.
 """
 
 import csv
