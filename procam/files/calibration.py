@@ -275,6 +275,7 @@ def _kernel(entry: dict[str, Any]) -> ScatterKernel:
 
 def _camera(name: str, entry: dict[str, Any]) -> CameraModel:
     sensor = entry["sensor"] | {"vignetting": tuple(entry["sensor"]["vignetting"])}
+    sensor["near_glare"] = tuple(map(tuple, sensor.get("near_glare", ())))
     size = (int(entry["size"][0]), int(entry["size"][1]))
     return CameraModel(
         name,

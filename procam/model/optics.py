@@ -37,8 +37,8 @@ class Sensor:
     vignetting : even polynomial of the angle off the optical axis, 1 + v1 theta^2 + v2 theta^4 + ...
     glare, glare_sigma : share of the picture's mean radiance that veiling glare adds to every pixel,
         and its standard error [-] (docs/theory/photometry.md, R1).
-    local_glare, local_spread : the part of the glare that stays near its light, solved from the pictures
-        of a session, and the standard deviation of its Gaussian [of the picture's shorter side].
+    near_glare : the part of the glare that stays near its light, solved from the pictures of a session, as
+        Gaussians: share of the light, and standard deviation [of the picture's shorter side], of each.
     """
 
     bits: int
@@ -46,8 +46,12 @@ class Sensor:
     vignetting: tuple[float, ...] = ()
     glare: float = 0.0
     glare_sigma: float = 0.0
-    local_glare: float = 0.0
-    local_spread: float = 0.0
+    near_glare: tuple[tuple[float, float], ...] = ()
+
+    @property
+    def near_share(self) -> float:
+        """Share of the light in the near part of the veil."""
+        return sum(share for share, _ in self.near_glare)
 
     @property
     def full_scale(self) -> float:

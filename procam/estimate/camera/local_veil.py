@@ -1,24 +1,31 @@
 """The part of a lens's veil that stays near its light, from dark stripes (docs/theory/photometry.md)."""
 
-import numpy as np
+from collections.abc import Sequence
 
-from procam.arrays import Array, BoolArray, Image
+import numpy as np
+from scipy.optimize import nnls
+
+from procam.arrays import Array, BoolArray, FloatArray, Image
 from procam.maths.warp import block_mean, blur_in_dark, enlarged, grow
 
-# tried [of the picture's shorter side]; what fits the last one best is no veil of the lens: gloss, the floor
-SPREADS = (0.03, 0.04, 0.055, 0.075, 0.1, 0.14)
+# of the Gaussians that make up the veil [of the picture's shorter side]; what the last one takes is no
+# veil of the lens, but gloss and the floor
+SPREADS = (0.02, 0.03, 0.045, 0.07, 0.1, 0.15)
 CELL_PX = 4  # edge of the cells on which light is spread, and dark light compared
 EDGE_PX = (
     4  # off the edge of what counts as dark: a trace of blurred light would look like a near veil
 )
 DARK_SHARE = 0.5  # of a cell
 FEWEST = 1000  # dark cells of all pictures
+LEAST = 1e-9  # of the normal equations' eigenvalues
 MIN_SHARE = 0.05  # of the flux of white: with less there is nothing to scatter
 
 
-def spread_light(light: Image, spread: float) -> Image:
-    """Light (H, W[, C]) spread by a Gaussian of standard deviation `spread` [of the shorter side]."""
-    return enlarged(_spread(block_mean(light, CELL_PX), spread), light.shape[:2])
+def near_veil(light: Image, parts: Sequence[tuple[float, float]]) -> Image:
+    """Veil (H, W[, C]) of light (H, W[, C]) by Gaussians: (share, spread [of the shorter side]) each."""
+    cells = block_mean(light, CELL_PX)
+    veil = sum((np.float32(share) * _spread(cells, spread) for share, spread in parts), 0 * cells)
+    return enlarged(veil, light.shape[:2])
 
 
 def _spread(cells: Image, spread: float) -> Image:
@@ -43,7 +50,7 @@ class LocalVeilFit:
         self._weight = np.zeros(cells, np.float32)
         self._dark = np.zeros(cells, np.float32)
         self._veil = np.zeros((len(SPREADS), *cells), np.float32)
-        self._squares, self._products = np.zeros(len(SPREADS)), np.zeros(len(SPREADS))
+        self._squares, self._products = np.zeros((len(SPREADS),) * 2), np.zeros(len(SPREADS))
         self._compared = 0
 
     def add(self, light: Image, dark: BoolArray, share: float) -> None:
@@ -64,27 +71,33 @@ class LocalVeilFit:
         self._weight += use * np.float32(share**2)
         self._dark += use * np.float32(share) * level
         self._compared += int(use.sum()) if share > MIN_SHARE else 0
-        for i, spread in enumerate(SPREADS):
-            veil = use * (_spread(cells, spread) - mean)
-            self._veil[i] += np.float32(share) * veil
-            self._squares[i] += np.sum(veil**2, dtype=float)
-            self._products[i] += np.sum(veil * level, dtype=float)
+        veil = np.stack([use * (_spread(cells, spread) - mean) for spread in SPREADS])
+        self._veil += np.float32(share) * veil
+        self._squares += _products(veil, veil)
+        self._products += _products(veil, level)
 
     def end_projector(self) -> None:
         """Forget what one projector scatters everywhere; what differs from it counts."""
         weight = np.maximum(self._weight, MIN_SHARE**2)
-        for i, veil in enumerate(self._veil):
-            self._squares[i] -= np.sum(veil**2 / weight, dtype=float)
-            self._products[i] -= np.sum(veil * self._dark / weight, dtype=float)
+        self._squares -= _products(self._veil, self._veil / weight)
+        self._products -= _products(self._veil, self._dark / weight)
         for sums in (self._weight, self._dark, self._veil):
             sums[...] = 0
 
-    def result(self) -> tuple[float, float]:
-        """Share of the light that stays near it, and its spread [of the shorter side]; 0 if none shows."""
+    def result(self) -> list[tuple[float, float]]:
+        """Share of the light, and spread [of the shorter side], of each Gaussian that there is."""
         if self._compared < FEWEST:
-            return 0.0, 0.0
-        shares: Array = self._products / np.maximum(self._squares, 1e-30)
-        best = int(np.argmax(self._products * np.maximum(shares, 0)))
-        if shares[best] <= 0 or best == len(SPREADS) - 1:
-            return 0.0, 0.0
-        return float(shares[best]), SPREADS[best]
+            return []
+        scale = np.sqrt(np.maximum(np.diag(self._squares), 1e-30))
+        eigenvalue, axes = np.linalg.eigh(self._squares / np.outer(scale, scale))
+        root = np.sqrt(np.maximum(eigenvalue, LEAST))
+        # the normal equations A x = b as a least squares problem, with no part negative
+        shares, _ = nnls(root[:, None] * axes.T, axes.T @ (self._products / scale) / root)
+        near = zip((shares / scale)[:-1], SPREADS[:-1], strict=True)
+        return [(float(share), spread) for share, spread in near if share > 0]
+
+
+def _products(first: FloatArray, second: FloatArray) -> Array:
+    """Sums (..., ...) over cells of products of images (..., h, w)."""
+    axes = ((-2, -1), (-2, -1))
+    return np.tensordot(first.astype(float), second.astype(float), axes)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from procam.arrays import Image
-from procam.estimate.camera.local_veil import spread_light
+from procam.estimate.camera.local_veil import near_veil
 from procam.maths.geometry.lenses import project, unproject
 from procam.model.frame import Frame
 from procam.model.optics import CameraModel
@@ -44,13 +44,13 @@ class Radiometer:
         light = frame.counts.astype(np.float32)
         light -= np.float32(sensor.black_level)
         light *= (self._correction / np.float32(scale))[shaped]
-        # observed = (1 - g) true + (g - l) mean(true) + l spread(true): the mean over the circle is unchanged
-        near = spread_light(light, sensor.local_spread) if sensor.local_glare else 0
-        if sensor.glare > sensor.local_glare:
+        # observed = (1 - g) true + (g - l) mean(true) + near veil: the mean over the circle is unchanged
+        near, share = sensor.near_glare, sensor.near_share
+        veil = near_veil(light, near) if near else np.float32(0)
+        if sensor.glare > share:
             mean = self._mean_weight @ light.reshape(self._mean_weight.size, -1)
-            light -= np.float32(sensor.glare - sensor.local_glare) * mean
-        if sensor.local_glare:
-            light -= np.float32(sensor.local_glare) * near
+            veil = veil + np.float32(sensor.glare - share) * mean
+        light -= veil
         saturated = 2**sensor.bits - 1
         if frame.counts.max() >= saturated:
             light[frame.counts >= saturated] = np.nan

@@ -19,7 +19,7 @@ from procam.model.transport import Measured
 
 # relative, of the veil that stays near its light where it is measured, as it is no Gaussian, and as a light
 # trap at a desk sees a part of it; and of all veil where it does not show, as if half of it did stay near
-MEASURED_VEIL, UNMEASURED_VEIL = 0.2, 0.15
+MEASURED_VEIL, UNMEASURED_VEIL = 0.3, 0.15
 # of the lit part of the screen, by which the camera's pixels on it may together exceed it; edges of
 # pixels and of maps differ by less
 MAX_EXCESS = 0.03
@@ -65,7 +65,7 @@ def measure_scatter(
     lit_pixels_sr = sample(coverage, at) * view.solid_angle_sr
     _check_lens(view.camera.name, float(lit_pixels_sr.sum()), lit_sr)
     sensor = view.camera.sensor
-    unknown = MEASURED_VEIL * sensor.local_glare or UNMEASURED_VEIL * sensor.glare
+    unknown = MEASURED_VEIL * sensor.near_share or UNMEASURED_VEIL * sensor.glare
     feedback = partial(
         estimate_feedback,
         lights,

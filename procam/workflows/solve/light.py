@@ -107,10 +107,11 @@ def with_local_veil(
                 share = float(separation.flux_share(picture)[GREEN])
                 fit.add(picture[..., GREEN], dark, share)
         fit.end_projector()
-    share, spread = fit.result()
-    camera, stated = geometry.camera, geometry.camera.sensor
+    camera, stated, parts = geometry.camera, geometry.camera.sensor, fit.result()
     most = stated.glare + GLARE_SIGMAS * stated.glare_sigma
-    sensor = replace(stated, local_glare=min(share, most), local_spread=spread)
+    scale = min(1.0, most / max(sum(share for share, _ in parts), 1e-9))
+    near = tuple((scale * share, spread) for share, spread in parts if scale)
+    sensor = replace(stated, near_glare=near)
     cameras = {**geometry.rig.cameras, camera.name: replace(camera, sensor=sensor)}
     return replace(geometry, rig=replace(geometry.rig, cameras=cameras))
 

@@ -49,7 +49,7 @@ def _photograph(
 def test_a_veil_near_its_light_is_taken_out(rng: np.random.Generator, glare: float) -> None:
     """It is a part of the glare, or all of it where less glare was stated."""
     local, spread = 0.02, 0.1
-    sensor = replace(_camera(glare).sensor, local_glare=local, local_spread=spread)
+    sensor = replace(_camera(glare).sensor, near_glare=((local, spread),))
     camera = replace(_camera(glare), sensor=sensor)
     radiometer = Radiometer(camera)
     radiance = rng.uniform(0.5, 4.0, SIZE[::-1]) * (np.arange(SIZE[0]) < 30) * radiometer.seen
