@@ -3,7 +3,7 @@
 import numpy as np
 
 from procam.arrays import Image
-from procam.estimate.camera.local_veil import near_veil
+from procam.estimate.camera.near_veil import near_veil
 from procam.maths.geometry.lenses import project, unproject
 from procam.model.frame import Frame
 from procam.model.optics import CameraModel

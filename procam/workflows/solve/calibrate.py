@@ -42,13 +42,14 @@ from procam.workflows.capture.session_plan import server_of
 from procam.workflows.events import Event
 from procam.workflows.solve.apriltags import detect_tags, tag_marks, tag_notes
 from procam.workflows.solve.geometry import rig_problem, solve_rig
-from procam.workflows.solve.light import measure_light, measure_server_light, with_local_veil
+from procam.workflows.solve.light import measure_light, measure_server_light
 from procam.workflows.solve.media_server import (
     placed_by_server,
     server_figures,
     server_notes,
     server_rig,
 )
+from procam.workflows.solve.near_veil import with_near_veil
 from procam.workflows.solve.provenance import provenance
 
 NOISE_DN = 6.0  # differences below a few counts mean nothing
@@ -95,7 +96,7 @@ def solve(venue: Venue, session: Session) -> Iterator[Event]:
     dome = _solved_screen(venue, geometry)
     view = _view(venue, dome, images, geometry)
     if not server:
-        geometry = with_local_veil(dome, images, view, geometry, rig.found)
+        geometry = with_near_veil(dome, images, view, geometry, rig.found)
         images = replace(images, radiometer=Radiometer(geometry.camera))
         view = replace(view, camera=geometry.camera)
     work = partial(measure_light, dome, images, view, geometry, rig.found, projector_masks(venue))

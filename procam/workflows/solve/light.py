@@ -9,7 +9,6 @@ from procam.arrays import BoolArray, Image
 from procam.errors import OutOfModelRange
 from procam.estimate.calibration import ProjectorMeasurement
 from procam.estimate.camera.linearity import Linearity, linearity_error
-from procam.estimate.camera.local_veil import LocalVeilFit
 from procam.estimate.geometry.camera_view import DomeView
 from procam.estimate.geometry.lens_glints import lens_glints
 from procam.estimate.geometry.model import Pair
@@ -34,13 +33,11 @@ GREEN = 1
 # (drift of a percent between photographs makes .02)
 TONE_CURVE, NOT_LINEAR = 0.3, 0.05
 CERTAIN = 5.0  # sigmas
-MIN_PERIODS = 2  # of stripes over a panel that show the veil near its light
-GLARE_SIGMAS = 2.0  # by which the veil may exceed the stated one
 SATURATED = 0.005  # of the screen: white paper on it, glints
 
 
 @dataclass(frozen=True, slots=True)
-class _CameraSight:
+class CameraSight:
     """One projector as the main camera sees it.
 
     Attributes
@@ -77,7 +74,7 @@ def measure_light(
     lens it sees no screen: these places are left out of every fit, and filled from around them at
     the end. What is masked on the panel shines here too, and counts until then.
     """
-    black, sight = _camera_sight(dome, images, view, geometry, found, name)
+    black, sight = camera_sight(dome, images, view, geometry, found, name)
     linearity = _linearity(images, name, sight)
     _check_linear(images, name, linearity, TONE_CURVE)
     measurement, _ = _measured(images, view, name, black, sight)
@@ -85,45 +82,14 @@ def measure_light(
     return _without(measurement, masks[name].at(sight.xy))
 
 
-def with_local_veil(
-    dome: Dome,
-    images: SessionImages,
-    view: DomeView,
-    geometry: GeometrySolution,
-    found: Mapping[Pair, CorrespondenceMap],
-) -> GeometrySolution:
-    """The solved rig, whose main camera has the part of its veil that stays near its light."""
-    fit = LocalVeilFit(images.radiometer.seen)
-    for name in geometry.projectors:
-        _, sight = _camera_sight(dome, images, view, geometry, found, name)
-        separation = Separation(sight.white, sight.panel, sight.lit, view.solid_angle_sr)
-        for axis, bit, *pair in images.stripe_pairs(name):
-            pictures = [picture - sight.base for picture in pair]
-            where = separation.add_pair(axis, bit, *pictures)
-            # on panels a few stripes wide, light that a floor returns looks like a veil
-            if geometry.projectors[name].size[axis == "y"] < MIN_PERIODS * 2 ** (bit + 1):
-                continue
-            for picture, dark in zip(pictures, where, strict=True):
-                share = float(separation.flux_share(picture)[GREEN])
-                fit.add(picture[..., GREEN], dark, share)
-        fit.end_projector()
-    camera, stated, parts = geometry.camera, geometry.camera.sensor, fit.result()
-    most = stated.glare + GLARE_SIGMAS * stated.glare_sigma
-    scale = min(1.0, most / max(sum(share for share, _ in parts), 1e-9))
-    near = tuple((scale * share, spread) for share, spread in parts if scale)
-    sensor = replace(stated, near_glare=near)
-    cameras = {**geometry.rig.cameras, camera.name: replace(camera, sensor=sensor)}
-    return replace(geometry, rig=replace(geometry.rig, cameras=cameras))
-
-
-def _camera_sight(
+def camera_sight(
     dome: Dome,
     images: SessionImages,
     view: DomeView,
     geometry: GeometrySolution,
     found: Mapping[Pair, CorrespondenceMap],
     name: str,
-) -> tuple[Image, _CameraSight]:
+) -> tuple[Image, CameraSight]:
     """A projector's black (H, W, 3), and the projector as the camera sees it."""
     black, base = _black(images, name)
     glints = view.on_screen & lens_glints(geometry.rig, geometry.main, images.radiometer.rays)
@@ -136,7 +102,7 @@ def _camera_sight(
     panel = np.where(unpatterned[..., None], np.float32(np.nan), xy)
     lit = found[geometry.main, name].valid | unpatterned
     share = float(shot_ids_share.covered.mean())
-    return black, _CameraSight(xy, panel, lit, unpatterned, white, base, share)
+    return black, CameraSight(xy, panel, lit, unpatterned, white, base, share)
 
 
 def measure_server_light(
@@ -161,7 +127,7 @@ def measure_server_light(
     shot_ids_share = _shot_id_mask(images, geometry, name, CELLS_PER_MASTER)
     unpatterned = pixels_without_pattern(shot_ids_share, xy)
     panel = np.where(unpatterned[..., None], np.float32(np.nan), master.coarse_pixels(xy))
-    sight = _CameraSight(
+    sight = CameraSight(
         xy, panel, lit | unpatterned, unpatterned, white, base, float(shot_ids_share.covered.mean())
     )
     found, levels = _measured(images, view, name, black, sight, master)
@@ -208,7 +174,7 @@ def _measured(
     view: DomeView,
     name: str,
     black: Image,
-    sight: _CameraSight,
+    sight: CameraSight,
     master: DomeMaster | None = None,
 ) -> tuple[ProjectorMeasurement, list[Levels]]:
     """The light of white, split and fitted, and that of level pictures; `master` of a server."""
@@ -248,7 +214,7 @@ def _measured(
     return found, steps
 
 
-def _linearity(images: SessionImages, name: str, sight: _CameraSight) -> Linearity:
+def _linearity(images: SessionImages, name: str, sight: CameraSight) -> Linearity:
     """How far the light of a stripe picture and its inverse is from that of white."""
     _, _, *pair = next(images.stripe_pairs(name))
     white, pattern, inverse = (
@@ -274,7 +240,7 @@ def _scatter_samples(
     view: DomeView,
     name: str,
     light: SeparatedLight,
-    sight: _CameraSight,
+    sight: CameraSight,
     clear_px: int,
 ) -> tuple[list[ScatterSample], list[Image]]:
     """Scattered light of a projector's white and of parts of it, where nothing else is seen.

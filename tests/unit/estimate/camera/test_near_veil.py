@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from procam.estimate.camera.local_veil import SPREADS, LocalVeilFit, near_veil
+from procam.estimate.camera.near_veil import SPREADS, NearVeilFit, near_veil
 
 SIZE = (240, 200)  # width, height
 SCATTERED = 0.25
@@ -28,16 +28,17 @@ def _veil(light: np.ndarray, parts: Parts) -> np.ndarray:
 
 
 def _fitted(parts: Parts, rng: np.random.Generator) -> Parts:
-    fit = LocalVeilFit(np.ones(SIZE[::-1], bool))
+    fit = NearVeilFit(np.ones(SIZE[::-1], bool))
     white = sum(picture for picture, _ in _stripes()[:2])
     for level in (1.0, 2.0):  # two projectors
-        for picture, dark in _stripes():
+        for number, (picture, dark) in enumerate(_stripes()):
             flux = picture.sum() / white.sum()
             light = level * (picture + SCATTERED * flux)
             share = sum(s for s, _ in parts)
             seen = light + _veil(light, parts) - share * light.mean()
             fit.add((seen + rng.normal(0, 1e-3, light.shape)).astype(np.float32), dark, flux)
-        fit.end_projector()
+            if number % 4 == 3:  # stripes of one axis
+                fit.end_group()
     return fit.result()
 
 
@@ -66,9 +67,9 @@ def test_light_that_comes_back_widely_is_no_veil_of_the_lens(rng: np.random.Gene
 
 
 def test_too_little_to_compare() -> None:
-    fit = LocalVeilFit(np.ones((40, 40), bool))
+    fit = NearVeilFit(np.ones((40, 40), bool))
     fit.add(np.ones((40, 40), np.float32), np.eye(40, dtype=bool), 0.5)
-    fit.end_projector()
+    fit.end_group()
     assert fit.result() == []
 
 
@@ -84,3 +85,14 @@ def test_near_veil_is_a_sum_of_gaussians_that_lose_what_leaves_the_picture() -> 
     inner = slice(8, -8)  # cells are coarse
     np.testing.assert_allclose(soft[inner, inner], expected[inner, inner], atol=0.01)
     assert soft[0, 0, 1] == pytest.approx(0.75 / 4, abs=0.06)
+
+
+def test_none_is_found_where_the_axes_contradict_each_other(rng: np.random.Generator) -> None:
+    """What only stripes of one axis show, such as light that a floor returns, is no veil of the lens."""
+    fit = NearVeilFit(np.ones(SIZE[::-1], bool))
+    for number, (picture, dark) in enumerate(_stripes()):
+        seen = picture + (_veil(picture, [(0.006, 0.045)]) if number < 4 else 0)
+        fit.add((seen + rng.normal(0, 1e-3, seen.shape)).astype(np.float32), dark, 0.5)
+        if number % 4 == 3:
+            fit.end_group()
+    assert fit.result() == []

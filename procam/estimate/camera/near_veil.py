@@ -18,6 +18,7 @@ EDGE_PX = (
 DARK_SHARE = 0.5  # of a cell
 FEWEST = 1000  # dark cells of all pictures
 LEAST = 1e-9  # of the normal equations' eigenvalues
+CERTAIN = 4.0  # standard errors
 MIN_SHARE = 0.05  # of the flux of white: with less there is nothing to scatter
 
 
@@ -33,7 +34,7 @@ def _spread(cells: Image, spread: float) -> Image:
     return blur_in_dark(cells, spread * min(cells.shape[:2]))
 
 
-class LocalVeilFit:
+class NearVeilFit:
     """Finds how much of a lens's veil stays near its light, and how near.
 
     A place that is dark in several pictures sees scattered light in proportion to their flux. What
@@ -51,6 +52,7 @@ class LocalVeilFit:
         self._dark = np.zeros(cells, np.float32)
         self._veil = np.zeros((len(SPREADS), *cells), np.float32)
         self._squares, self._products = np.zeros((len(SPREADS),) * 2), np.zeros(len(SPREADS))
+        self._groups = list[tuple[Array, Array]]()
         self._compared = 0
 
     def add(self, light: Image, dark: BoolArray, share: float) -> None:
@@ -76,25 +78,40 @@ class LocalVeilFit:
         self._squares += _products(veil, veil)
         self._products += _products(veil, level)
 
-    def end_projector(self) -> None:
-        """Forget what one projector scatters everywhere; what differs from it counts."""
+    def end_group(self) -> None:
+        """Start with pictures of another projector or axis; of those so far, what differs counts."""
         weight = np.maximum(self._weight, MIN_SHARE**2)
         self._squares -= _products(self._veil, self._veil / weight)
         self._products -= _products(self._veil, self._dark / weight)
-        for sums in (self._weight, self._dark, self._veil):
+        self._groups.append((self._squares.copy(), self._products.copy()))
+        for sums in (self._weight, self._dark, self._veil, self._squares, self._products):
             sums[...] = 0
 
     def result(self) -> list[tuple[float, float]]:
-        """Share of the light, and spread [of the shorter side], of each Gaussian that there is."""
+        """Share of the light, and spread [of the shorter side], of each Gaussian that there is.
+
+        The lens is the same for all groups. None if they contradict each other: their jackknife's standard
+        error of all shares together is not `CERTAIN` times smaller.
+        """
         if self._compared < FEWEST:
             return []
-        scale = np.sqrt(np.maximum(np.diag(self._squares), 1e-30))
-        eigenvalue, axes = np.linalg.eigh(self._squares / np.outer(scale, scale))
-        root = np.sqrt(np.maximum(eigenvalue, LEAST))
-        # the normal equations A x = b as a least squares problem, with no part negative
-        shares, _ = nnls(root[:, None] * axes.T, axes.T @ (self._products / scale) / root)
-        near = zip((shares / scale)[:-1], SPREADS[:-1], strict=True)
-        return [(float(share), spread) for share, spread in near if share > 0]
+        near = _shares(self._groups)
+        count, every = len(self._groups), range(len(self._groups))
+        others = [_shares([self._groups[i] for i in every if i != left]).sum() for left in every]
+        error = np.sqrt((count - 1) * np.var(others))
+        if near.sum() <= CERTAIN * error:
+            return []
+        return [(float(x), spread) for x, spread in zip(near, SPREADS, strict=False) if x > 0]
+
+
+def _shares(groups: Sequence[tuple[Array, Array]]) -> Array:
+    """Shares of the Gaussians but the widest, from groups' normal equations A x = b; none negative."""
+    squares, products = (np.sum(sums, axis=0) for sums in zip(*groups, strict=True))
+    scale = np.sqrt(np.maximum(np.diag(squares), 1e-30))
+    eigenvalue, axes = np.linalg.eigh(squares / np.outer(scale, scale))
+    root = np.sqrt(np.maximum(eigenvalue, LEAST))
+    shares, _ = nnls(root[:, None] * axes.T, axes.T @ (products / scale) / root)
+    return np.asarray((shares / scale)[:-1])
 
 
 def _products(first: FloatArray, second: FloatArray) -> Array:
