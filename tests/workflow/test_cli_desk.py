@@ -235,6 +235,7 @@ class TestGlare:
         photos, cap = (venue / "a.tif", venue / "b.tif"), ("--dark", venue / "cap.tif")
         ran = procam("glare", *photos, *traps, *cap, *where)
         assert (ran.code, ran.err) == (0, "")
+        assert "The hole's radius is 5.0% of the picture" in ran.out
         table = tomllib.loads(out.read_text())["cameras"]["zenith"]
         assert table["black_level"] == pytest.approx(BLACK, abs=0.5)
         assert table["glare"] == pytest.approx(0.012, abs=1e-4)

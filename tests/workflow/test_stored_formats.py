@@ -58,6 +58,6 @@ def test_a_session_solves_to_the_calibration_stored_then(
     # the third radial term of the projector's lens was 0 then; it moves the corners of the panel
     both = surface.valid & before.valid & (surface.measured > 0.5)
     assert both.sum() > 0.999 * before.valid.sum()
-    # standard errors of decoded pixels, which weigh them, did not include paint then
+    # standard errors of decoded pixels did not include paint then, and pixels were not square
     off = np.linalg.norm(surface.direction - before.direction, axis=-1)[both]
-    assert np.mean(np.degrees(off) * 60 < before.sigma_arcmin[both] / 4) > 0.95
+    assert np.mean(np.degrees(off) * 60 < before.sigma_arcmin[both] / 2) > 0.95

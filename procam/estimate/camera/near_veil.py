@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from scipy.optimize import nnls
+from scipy.special import stdtrit
 
 from procam.arrays import Array, BoolArray, FloatArray, Image
 from procam.maths.warp import block_mean, blur_in_dark, enlarged, grow
@@ -18,7 +19,7 @@ EDGE_PX = (
 DARK_SHARE = 0.5  # of a cell
 FEWEST = 1000  # dark cells of all pictures
 LEAST = 1e-9  # of the normal equations' eigenvalues
-CERTAIN = 4.0  # standard errors
+CERTAIN = 0.975  # quantile of Student's t
 MIN_SHARE = 0.05  # of the flux of white: with less there is nothing to scatter
 
 
@@ -90,8 +91,8 @@ class NearVeilFit:
     def result(self) -> list[tuple[float, float]]:
         """Share of the light, and spread [of the shorter side], of each Gaussian that there is.
 
-        The lens is the same for all groups. None if they contradict each other: their jackknife's standard
-        error of all shares together is not `CERTAIN` times smaller.
+        The lens is the same for all groups. None if they contradict each other: by the standard error of
+        their jackknife, all shares together may be zero.
         """
         if self._compared < FEWEST:
             return []
@@ -99,7 +100,7 @@ class NearVeilFit:
         count, every = len(self._groups), range(len(self._groups))
         others = [_shares([self._groups[i] for i in every if i != left]).sum() for left in every]
         error = np.sqrt((count - 1) * np.var(others))
-        if near.sum() <= CERTAIN * error:
+        if near.sum() <= stdtrit(count - 1, CERTAIN) * error:
             return []
         return [(float(x), spread) for x, spread in zip(near, SPREADS, strict=False) if x > 0]
 

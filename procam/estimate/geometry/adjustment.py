@@ -8,7 +8,7 @@ estimated as a systematic ratio per pair of camera and projector, which scales t
 module is longer than 300 lines because residuals, priors and weights share one cost.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -55,6 +55,7 @@ PUPIL_PRIOR_M = 0.005
 HARMONIC_PRIOR = 3e-4  # of the radius, per coefficient: domes are built to a centimetre
 BROWN_PRIOR = (0.3, 0.3, 0.02, 0.02, 5e-4)  # k1 k2 p1 p2 k3 of a projector
 FISHEYE_PRIOR = (0.2, 0.1, 0.05, 0.02)
+SQUARE = 5e-5  # share by which the two focal lengths of square pixels may differ
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,13 +152,33 @@ def prior_departures(problem: RigProblem, rig: RigGeometry) -> Array:
     return away
 
 
+def square_rows(rig: RigGeometry, names: Iterable[str]) -> tuple[Array, Array]:
+    """Differences (n,) of projectors' two focal lengths over their tolerance, and slopes (n, P)."""
+    layout, error, slopes = ParameterLayout.of(rig), [], []
+    for name in names:
+        focal = rig.projectors[name].lens.focal
+        slope, first = np.zeros(layout.count), layout.projectors[name].start + POSE
+        slope[first : first + 2] = np.array([1.0, -1.0]) / (SQUARE * focal.mean())
+        error.append(slope[first : first + 2] @ focal)
+        slopes.append(slope)
+    return np.array(error), np.array(slopes).reshape(-1, layout.count)
+
+
 class Adjustment:
-    """Levenberg-Marquardt on a set of observations, fiducials and priors."""
+    """Levenberg-Marquardt on a set of observations, fiducials and priors.
+
+    The projectors named in `square` have square pixels.
+    """
 
     def __init__(
-        self, problem: RigProblem, seen: Mapping[Pair, Observations], prior: Array
+        self,
+        problem: RigProblem,
+        seen: Mapping[Pair, Observations],
+        prior: Array,
+        square: Iterable[str] = (),
     ) -> None:
         self.problem, self.seen, self.prior = problem, seen, prior
+        self.square = tuple(square)
         self.free = prior > 0
         fixed = {name for name, mode in problem.intrinsics.items() if mode == "fixed"}
         self.rays = {
@@ -274,7 +295,7 @@ class Adjustment:
             square /= (some.sigma_px * scale[pair]) ** 2
             total += float(np.sum(CAUCHY**2 * np.log1p(square / CAUCHY**2) if robust else square))
         error = fiducial_residuals(rig, self.problem.fiducials, self.problem.distances)
-        error = np.nan_to_num(error, nan=1e6)
+        error = np.r_[np.nan_to_num(error, nan=1e6), square_rows(rig, self.square)[0]]
         return total + float(error @ error + self._prior_weights() @ moved**2)
 
     def _equations(
@@ -284,8 +305,9 @@ class Adjustment:
         matrix, gradient = normal_equations(
             rig, self.seen, weight, self.free, self.rays, self.derivatives
         )
-        error, slopes = fiducial_rows(rig, self.problem.fiducials, self.problem.distances)
-        slopes = slopes * self.free
+        marks = fiducial_rows(rig, self.problem.fiducials, self.problem.distances)
+        pixels = square_rows(rig, self.square)
+        error, slopes = np.r_[marks[0], pixels[0]], np.r_[marks[1], pixels[1]] * self.free
         prior_weight = self._prior_weights()
         matrix += slopes.T @ slopes + np.diag(prior_weight)
         return matrix, gradient + slopes.T @ error + prior_weight * moved

@@ -18,16 +18,20 @@ from procam.estimate.geometry.model import (
     POSE,
     Observations,
     Pair,
-    ParameterLayout,
     RigGeometry,
     residual_slopes,
 )
-from procam.estimate.geometry.solve import GeometrySolution, solve_geometry
+from procam.estimate.geometry.solve import (
+    NOT_SQUARE,
+    GeometrySolution,
+    pixel_aspect,
+    solve_geometry,
+)
 from procam.maths.geometry.lenses import unproject
 
 FLAT_SHARE = 0.004  # of the panel's width: distortion by lenses of a picture on a flat screen
 MIN_EXTENT = 0.5  # of a panel's width and height, for a test whether the screen is flat
-SQUARE = 0.01  # relative difference of a projector's two focal lengths, as its pixels are square
+STRETCHED = 0.01  # relative difference of a projector's two focal lengths, as its pixels are square
 FORMATS = (  # ratios of two usual aspect ratios
     16 / 10 / (16 / 9),
     4 / 3 / (16 / 10),
@@ -98,12 +102,8 @@ def _plane_error(ray: Array, pixels: Array) -> float:
 
 def _stretched(found: GeometrySolution, name: str) -> str:
     """A sentence on a projector that distorts its picture electronically; "" if it does not."""
-    lens = found.projectors[name].lens
-    sigma = np.sqrt(np.diag(found.covariance)[ParameterLayout.of(found.rig).projectors[name]])[
-        POSE : POSE + 2
-    ]
-    aspect = float(lens.focal[0] / lens.focal[1])
-    if abs(aspect - 1) < SQUARE + 4 * float(np.linalg.norm(sigma / lens.focal)):
+    aspect, sigma = pixel_aspect(found.rig, found.covariance, name)
+    if abs(aspect - 1) < STRETCHED + NOT_SQUARE * sigma:
         return ""
     wide = max(aspect, 1 / aspect)
     cause = (

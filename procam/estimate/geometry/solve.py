@@ -16,6 +16,7 @@ import numpy as np
 from procam.arrays import Array
 from procam.errors import CalibrationError, InputError
 from procam.estimate.geometry.adjustment import (
+    SQUARE,
     Adjustment,
     Intrinsics,
     RigProblem,
@@ -27,6 +28,7 @@ from procam.estimate.geometry.adjustment import (
 from procam.estimate.geometry.fiducial_checks import check_fiducials
 from procam.estimate.geometry.fiducials import rotated_to_fiducials
 from procam.estimate.geometry.model import (
+    POSE,
     Observations,
     Pair,
     ParameterLayout,
@@ -55,6 +57,7 @@ MAX_SPHERE_RATIO = 1.5  # systematic ratio up to which the screen counts as a sp
 # where the lens is hardly determined, one 3 degrees off 2.7
 BENT = 1.5
 DEGREES = (6, 8)  # of harmonics, in turn; lower ones explain little of a dome made of panels
+NOT_SQUARE = 4.0  # standard errors by which a panel's pixels must differ from squares
 EXPLAINS = 0.9  # harmonics are kept if they reduce the systematic ratio to this share
 
 
@@ -120,14 +123,40 @@ def solve_geometry(problem: RigProblem) -> GeometrySolution:
     used = problem.observations
     if not rig.shape.is_sphere:
         used = {pair: some.thinned(MOST_NOT_SPHERE) for pair, some in used.items()}
-    last = Adjustment(problem, _agreeing(rig, used), prior_sigmas(problem, rig))
-    rig = last.solve(rig, robust=False)
+    rig, last = _solved(problem, _agreeing(rig, used), rig)
     check_fiducials(rig, problem.fiducials, problem.distances, rough=on_sphere > MAX_SPHERE_RATIO)
     seen = _agreeing(rig, problem.observations, GROSS_SIGMAS)
     covariance, freedoms, scales = last.uncertainty(rig)
     errors = {pair: residuals(rig, pair, some) for pair, some in seen.items()}
     rig = _with_covariances(rig, covariance)
     return GeometrySolution(rig, covariance, seen, errors, scales, freedoms, on_sphere)
+
+
+def _solved(
+    problem: RigProblem, seen: Mapping[Pair, Observations], rig: RigGeometry
+) -> tuple[RigGeometry, Adjustment]:
+    """The last fit, in which panels have square pixels unless the observations contradict that."""
+    prior = prior_sigmas(problem, rig)
+    free = Adjustment(problem, seen, prior)
+    rig = free.solve(rig, robust=False)
+    covariance, *_ = free.uncertainty(rig)
+    aspects = {name: pixel_aspect(rig, covariance, name) for name in rig.projectors}
+    square = [
+        name
+        for name, (ratio, sigma) in aspects.items()
+        if abs(ratio - 1) < NOT_SQUARE * np.hypot(sigma, SQUARE)
+    ]
+    last = Adjustment(problem, seen, prior, square)
+    return last.solve(rig, robust=False), last
+
+
+def pixel_aspect(rig: RigGeometry, covariance: Array, name: str) -> tuple[float, float]:
+    """Ratio of a projector's focal lengths, and its standard error; `covariance` (P, P) of the rig."""
+    focal = rig.projectors[name].lens.focal
+    first = ParameterLayout.of(rig).projectors[name].start + POSE
+    slope = np.array([1 / focal[1], -focal[0] / focal[1] ** 2])
+    own = covariance[first : first + 2, first : first + 2]
+    return float(focal[0] / focal[1]), float(np.sqrt(slope @ own @ slope))
 
 
 def _with_harmonics(

@@ -17,10 +17,11 @@ from procam.interfaces.cli._output import Output
 from procam.interfaces.cli._paths import check_out
 
 EXAMPLE = (
-    "procam glare a.tif b.tif --trap 2000,1400,120 --trap 900,700,120 --venue my-dome --camera zenith "
+    "procam glare a.tif b.tif --trap 2000,1400,40 --trap 900,700,40 --venue my-dome --camera zenith "
     "--dark cap.tif --out glare.toml"
 )
 Trap = tuple[float, float, float]  # x, y, radius [px]
+WIDE = 0.02  # radius of a hole, of the picture's shorter side, from which it misses some of a veil
 
 
 def glare(
@@ -44,7 +45,8 @@ def glare(
     """Measure a lens's veiling glare with a light trap in the middle of a bright surface.
 
     A box lined with black velvet with a small hole, in front of a bright surround that fills the
-    picture and is nowhere white. The light in the hole is the veiling glare. Take three photographs
+    picture and is nowhere white. In a wide hole the part of the veil that stays near its light does not
+    show: let its radius be 1 or 2 % of the picture. The light in the hole is the veiling glare. Take three photographs
     or more with the trap at different places: how they differ goes into glare_sigma.
     """
     output = Output(json)
@@ -69,8 +71,20 @@ def glare(
     for line in lines[:-1]:
         output.say(line)
     output.say(f"{out} written; copy its lines into venue.toml")
+    notes = _notes(max(radius for *_, radius in places) / min(radiometer.seen.shape))
+    for note in notes:
+        output.say(note)
     document["glare"] = {"value": veil.glare, "sigma": veil.sigma, "each": list(veil.each)}
-    output.finish({"out": str(out), **document})
+    output.finish({"out": str(out), "notes": notes, **document})
+
+
+def _notes(radius: float) -> list[str]:
+    if radius <= WIDE:
+        return []
+    return [
+        f"The hole's radius is {radius:.1%} of the picture: veil that stays near its light hardly shows in "
+        f"it and is missing from glare. Take photographs from further away, with {WIDE:.0%} or less."
+    ]
 
 
 def _places(traps: list[str], photographs: int) -> list[Trap]:
@@ -91,6 +105,6 @@ def _place(text: str) -> Trap:
         x = y = radius = np.nan
     if not (np.isfinite([x, y, radius]).all() and radius > 0):
         raise InputError(
-            f"--trap {text!r} is not X,Y,RADIUS of the hole's inside in pixels, such as 2000,1400,120"
+            f"--trap {text!r} is not X,Y,RADIUS of the hole's inside in pixels, such as 2000,1400,40"
         )
     return x, y, radius

@@ -67,7 +67,7 @@ def test_draws_are_unit_directions_of_any_pixels_and_repeat() -> None:
     np.testing.assert_allclose(np.linalg.norm(drawn[0], axis=-1), 1.0)
     np.testing.assert_array_equal(*drawn)
     step = np.linalg.norm(drawn[0][0, :2] - drawn[0][1, :2], axis=-1)
-    assert np.diff(step) < 0.05 * step.mean()  # neighbours err alike
+    assert abs(np.diff(step)) < 0.1 * step.mean()  # neighbours err alike
 
 
 def test_projectors_drawn_from_one_state_belong_to_one_rig() -> None:

@@ -7,10 +7,16 @@ import pytest
 from domes import SimulatedDome, step_between
 
 from procam.errors import CalibrationError, NotEnoughData
+from procam.estimate.geometry.adjustment import SQUARE
 from procam.estimate.geometry.fiducial_checks import missing_fiducials
 from procam.estimate.geometry.model import Observations, ParameterLayout
 from procam.estimate.geometry.pixel_directions import fit_pixel_directions
-from procam.estimate.geometry.solve import MAX_SPHERE_RATIO, GeometrySolution, solve_geometry
+from procam.estimate.geometry.solve import (
+    MAX_SPHERE_RATIO,
+    GeometrySolution,
+    pixel_aspect,
+    solve_geometry,
+)
 from procam.estimate.geometry.start import ProjectorPrior
 from procam.maths.geometry.lenses import Lens
 from procam.maths.geometry.ray_to_screen import RoundShape
@@ -85,6 +91,26 @@ class TestSphere:
             seen[pair] = Observations(some.camera_px, wrong, some.sigma_px)
         errors, _ = direction_errors(dome, solve_geometry(dome.problem(seen)))
         assert errors.max() < 0.3
+
+
+class TestSquarePixels:
+    def test_weakly_seen_panels_have_square_pixels(self) -> None:
+        dome = SimulatedDome.build(4, projectors=2, cameras=1)
+        found = solve_geometry(dome.problem(dome.observations(24, 0.3)))
+        for name in found.rig.projectors:
+            ratio, sigma = pixel_aspect(found.rig, found.covariance, name)
+            assert abs(ratio - 1) < 3 * SQUARE and 0 < sigma < 1.01 * SQUARE
+
+    def test_a_stretched_picture_contradicts_that(self) -> None:
+        dome = SimulatedDome.build(4, projectors=2, cameras=1)
+        seen = dome.observations(24)
+        for pair in [pair for pair in seen if pair[1] == "north"]:
+            wide = seen[pair].projector_px * [1.004, 1.0]
+            seen[pair] = Observations(seen[pair].camera_px, wide, seen[pair].sigma_px)
+        found = solve_geometry(dome.problem(seen))
+        stretched, sigma = pixel_aspect(found.rig, found.covariance, "north")
+        assert abs(stretched - 1.004) < 3 * sigma and sigma < 1e-3
+        assert max(found.scale.values()) < MAX_SPHERE_RATIO
 
 
 class TestNotASphere:
