@@ -46,8 +46,8 @@ def glare(
 
     A box lined with black velvet with a small hole, in front of a bright surround that fills the
     picture and is nowhere white. In a wide hole the part of the veil that stays near its light does not
-    show: let its radius be 1 or 2 % of the picture. The light in the hole is the veiling glare. Take three photographs
-    or more with the trap at different places: how they differ goes into glare_sigma.
+    show: let its radius be 1 or 2 % of the picture. The light in the hole is the veiling glare. Take
+    three photographs or more with the trap at different places: how they differ goes into glare_sigma.
     """
     output = Output(json)
     check_out(out, ".toml", replace=False)
