@@ -202,10 +202,11 @@ class Stage:
     def _state(self, venue: Path, seed: int) -> None:
         """Write VENUE/venue.toml, with a veil that was measured at a desk."""
         venue.mkdir(parents=True, exist_ok=True)
-        sensor, veil = Sensor(self.room), VeilingGlare(0, 0.01, ())
-        for _ in range(2):  # at the desk the camera is known, but for its veil
-            (venue / "venue.toml").write_text(venue_text(self.room, sensor, veil, seed))
-            veil = sensor.desk_veil(Radiometer(load_venue(venue).cameras[CAMERA]), seed)
+        sensor, stated = Sensor(self.room), venue / "venue.toml"
+        stated.write_text(venue_text(self.room, sensor, VeilingGlare(0, 0.01, ()), seed))
+        # at the desk the camera is known, but for its veil
+        veil = sensor.desk_veil(Radiometer(load_venue(venue).cameras[CAMERA]), seed)
+        stated.write_text(venue_text(self.room, sensor, veil, seed))
 
     def _order(self) -> list[dict[str, str]]:
         return list(csv.DictReader((self.folder / "out" / "order.csv").read_text().splitlines()))
