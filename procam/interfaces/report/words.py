@@ -137,6 +137,8 @@ def number(value: float, digits: int = 3) -> str:
     """A few significant digits, no exponent unless needed."""
     if not math.isfinite(value):
         return "not a number"
+    if abs(value) < 1000:
+        value = float(f"{value:.{digits}g}")  # 152 to two digits is 150, not 1.5e+02
     if value == int(value) and abs(value) < 1e7:
         return f"{int(value):,}".replace(",", THIN).replace("-", "\N{MINUS SIGN}")
     if abs(value) >= 1000:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from procam.interfaces.report.words import NAMES, goal_text, percent, value_text
+from procam.interfaces.report.words import NAMES, goal_text, number, percent, value_text
 from procam.model.quality import Figure, Goal
 from procam.workflows.refine.refine import Refined
 
@@ -16,6 +16,7 @@ def test_words_for_numbers():
     assert value_text("shots", Figure(12345, "-").as_dict()) == f"12{THIN}345"
     assert goal_text("x", Figure(True, "-", Goal("==", True)).as_dict()) == "yes"
     assert percent(0.15678, 2) == f"16{THIN}%"
+    assert [number(value, 2) for value in (152.0, 0.0123, 12.34)] == ["150", "0.012", "12"]
 
 
 def test_every_figure_of_the_loop_has_words():
