@@ -38,11 +38,12 @@ class Projector:
     rotation: Array
     white: Array  # (3, 3) light in the camera's channels per primary
     gamma: Array
+    wider: float  # share by which the lens makes pictures wider
 
     @property
-    def focal_px(self) -> float:
-        """Focal length."""
-        return 0.58 * self.size[0]
+    def focal_px(self) -> Array:
+        """Focal lengths (2,)."""
+        return 0.58 * self.size[0] * np.array([1 + self.wider, 1])
 
     @property
     def centre(self) -> Array:
@@ -106,7 +107,7 @@ def make_projectors(size: tuple[int, int]) -> dict[str, Projector]:
         mix = mix * (1 + 0.03 * np.sin(np.arange(9).reshape(3, 3) + number))
         rotation = np.stack([right, np.cross(ahead, right), ahead])
         gamma = np.array([2.3, 2.35, 2.25]) + 0.03 * number
-        made[name] = Projector(size, place, rotation, mix, gamma)
+        made[name] = Projector(size, place, rotation, mix, gamma, wider=4e-5 * (number - 1))
     return made
 
 

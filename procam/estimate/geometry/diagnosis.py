@@ -13,7 +13,7 @@ import numpy as np
 
 from procam.arrays import Array
 from procam.errors import CalibrationError
-from procam.estimate.geometry.adjustment import RigProblem
+from procam.estimate.geometry.adjustment import SQUARE, RigProblem, square_rows
 from procam.estimate.geometry.model import (
     POSE,
     Observations,
@@ -21,12 +21,7 @@ from procam.estimate.geometry.model import (
     RigGeometry,
     residual_slopes,
 )
-from procam.estimate.geometry.solve import (
-    NOT_SQUARE,
-    GeometrySolution,
-    pixel_aspect,
-    solve_geometry,
-)
+from procam.estimate.geometry.solve import NOT_SQUARE, GeometrySolution, solve_geometry
 from procam.maths.geometry.lenses import unproject
 
 FLAT_SHARE = 0.004  # of the panel's width: distortion by lenses of a picture on a flat screen
@@ -98,6 +93,12 @@ def _plane_error(ray: Array, pixels: Array) -> float:
     mapped = ray @ matrix.T
     error = mapped[:, :2] / mapped[:, 2:] - xy
     return float(np.median(np.linalg.norm(error, axis=1)) * scale)
+
+
+def pixel_aspect(rig: RigGeometry, covariance: Array, name: str) -> tuple[float, float]:
+    """Ratio of a projector's focal lengths, and its standard error; `covariance` (P, P) of the rig."""
+    (error,), (slope,) = square_rows(rig, [name])
+    return 1 + SQUARE * float(error), SQUARE * float(np.sqrt(slope @ covariance @ slope))
 
 
 def _stretched(found: GeometrySolution, name: str) -> str:

@@ -16,19 +16,18 @@ import numpy as np
 from procam.arrays import Array
 from procam.errors import CalibrationError, InputError
 from procam.estimate.geometry.adjustment import (
-    SQUARE,
     Adjustment,
     Intrinsics,
     RigProblem,
     normalised_residuals,
     prior_sigmas,
     robust_sigma,
+    square_rows,
     systematic_ratio,
 )
 from procam.estimate.geometry.fiducial_checks import check_fiducials
 from procam.estimate.geometry.fiducials import rotated_to_fiducials
 from procam.estimate.geometry.model import (
-    POSE,
     Observations,
     Pair,
     ParameterLayout,
@@ -57,7 +56,7 @@ MAX_SPHERE_RATIO = 1.5  # systematic ratio up to which the screen counts as a sp
 # where the lens is hardly determined, one 3 degrees off 2.7
 BENT = 1.5
 DEGREES = (6, 8)  # of harmonics, in turn; lower ones explain little of a dome made of panels
-NOT_SQUARE = 4.0  # standard errors by which a panel's pixels must differ from squares
+NOT_SQUARE = 4.0  # standard errors by which panels' pixels must differ from squares
 EXPLAINS = 0.9  # harmonics are kept if they reduce the systematic ratio to this share
 
 
@@ -123,7 +122,7 @@ def solve_geometry(problem: RigProblem) -> GeometrySolution:
     used = problem.observations
     if not rig.shape.is_sphere:
         used = {pair: some.thinned(MOST_NOT_SPHERE) for pair, some in used.items()}
-    rig, last = _solved(problem, _agreeing(rig, used), rig)
+    rig, last = _last_fit(problem, _agreeing(rig, used), rig)
     check_fiducials(rig, problem.fiducials, problem.distances, rough=on_sphere > MAX_SPHERE_RATIO)
     seen = _agreeing(rig, problem.observations, GROSS_SIGMAS)
     covariance, freedoms, scales = last.uncertainty(rig)
@@ -132,31 +131,36 @@ def solve_geometry(problem: RigProblem) -> GeometrySolution:
     return GeometrySolution(rig, covariance, seen, errors, scales, freedoms, on_sphere)
 
 
-def _solved(
+def _last_fit(
     problem: RigProblem, seen: Mapping[Pair, Observations], rig: RigGeometry
 ) -> tuple[RigGeometry, Adjustment]:
     """The last fit, in which panels have square pixels unless the observations contradict that."""
     prior = prior_sigmas(problem, rig)
     free = Adjustment(problem, seen, prior)
     rig = free.solve(rig, robust=False)
-    covariance, *_ = free.uncertainty(rig)
-    aspects = {name: pixel_aspect(rig, covariance, name) for name in rig.projectors}
-    square = [
-        name
-        for name, (ratio, sigma) in aspects.items()
-        if abs(ratio - 1) < NOT_SQUARE * np.hypot(sigma, SQUARE)
-    ]
-    last = Adjustment(problem, seen, prior, square)
+    last = Adjustment(problem, seen, prior, square_panels(rig, free.uncertainty(rig)[0]))
     return last.solve(rig, robust=False), last
 
 
-def pixel_aspect(rig: RigGeometry, covariance: Array, name: str) -> tuple[float, float]:
-    """Ratio of a projector's focal lengths, and its standard error; `covariance` (P, P) of the rig."""
-    focal = rig.projectors[name].lens.focal
-    first = ParameterLayout.of(rig).projectors[name].start + POSE
-    slope = np.array([1 / focal[1], -focal[0] / focal[1] ** 2])
-    own = covariance[first : first + 2, first : first + 2]
-    return float(focal[0] / focal[1]), float(np.sqrt(slope @ own @ slope))
+def square_panels(rig: RigGeometry, covariance: Array) -> list[str]:
+    """Projectors whose pixels may be square together, by a fit that does not tie them.
+
+    One camera sees differences between panels much better than what all have in common, so they are
+    judged by their joint covariance: the one that contradicts most is left out, until the rest agrees.
+    """
+    names = list(rig.projectors)
+    error, slopes = square_rows(rig, names)
+    variance = slopes @ covariance @ slopes.T + np.eye(len(names))
+    while names:
+        inverse = np.linalg.inv(variance)
+        score = inverse @ error
+        if error @ score < NOT_SQUARE**2:
+            break
+        worst = int(np.argmax(score**2 / np.diag(inverse)))  # its chi squared goes with it
+        names.pop(worst)
+        error = np.delete(error, worst)
+        variance = np.delete(np.delete(variance, worst, 0), worst, 1)
+    return names
 
 
 def _with_harmonics(
