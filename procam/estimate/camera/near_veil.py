@@ -94,10 +94,10 @@ class NearVeilFit:
         The lens is the same for all groups. None if they contradict each other: by the standard error of
         their jackknife, all shares together may be zero.
         """
-        if self._compared < FEWEST:
+        count, every = len(self._groups), range(len(self._groups))
+        if self._compared < FEWEST or count == 1:  # one group can contradict nothing
             return []
         near = _shares(self._groups)
-        count, every = len(self._groups), range(len(self._groups))
         others = [_shares([self._groups[i] for i in every if i != left]).sum() for left in every]
         error = np.sqrt((count - 1) * np.var(others))
         if near.sum() <= stdtrit(count - 1, CERTAIN) * error:

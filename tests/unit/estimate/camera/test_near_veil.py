@@ -73,6 +73,15 @@ def test_too_little_to_compare() -> None:
     assert fit.result() == []
 
 
+def test_one_axis_of_one_projector_shows_none(rng: np.random.Generator) -> None:
+    fit = NearVeilFit(np.ones(SIZE[::-1], bool))
+    for picture, dark in _stripes():
+        seen = picture + _veil(picture, [(0.006, 0.045)])
+        fit.add((seen + rng.normal(0, 1e-3, seen.shape)).astype(np.float32), dark, 0.5)
+    fit.end_group()
+    assert fit.result() == []
+
+
 def test_near_veil_is_a_sum_of_gaussians_that_lose_what_leaves_the_picture() -> None:
     light = np.zeros((200, 240, 2), np.float32)
     light[80:120, 100:140, 0] = 1
