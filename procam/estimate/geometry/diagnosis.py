@@ -97,8 +97,9 @@ def _plane_error(ray: Array, pixels: Array) -> float:
 
 def pixel_aspect(rig: RigGeometry, covariance: Array, name: str) -> tuple[float, float]:
     """Ratio of a projector's focal lengths, and its standard error; `covariance` (P, P) of the rig."""
-    (error,), (slope,) = square_rows(rig, [name])
-    return 1 + SQUARE * float(error), SQUARE * float(np.sqrt(slope @ covariance @ slope))
+    across, down = rig.projectors[name].lens.focal
+    _, (slope,) = square_rows(rig, [name])
+    return float(across / down), SQUARE * float(np.sqrt(slope @ covariance @ slope))
 
 
 def _stretched(found: GeometrySolution, name: str) -> str:
