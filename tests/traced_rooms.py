@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -41,8 +42,8 @@ def parts() -> list[Where]:
 class TracedRoom:
     """Scattered light of a dome over a floor, by ray tracing."""
 
-    def __init__(self, floor_albedo: float, pod: bool = False) -> None:
-        preset = replace(PRESETS["standard"], floor_albedo=floor_albedo, pod=pod)
+    def __init__(self, floor_albedo: float, pod: bool = False, **rest: Any) -> None:
+        preset = replace(PRESETS["standard"], floor_albedo=floor_albedo, pod=pod, **rest)
         self.room = Room.trace(Surface.build(preset), 512)
         self.patches = self._patches()
 

@@ -19,7 +19,7 @@ from procam.model.transport import Measured
 
 # relative, of the veil that stays near its light where it is measured, as it is no Gaussian, and as a light
 # trap at a desk sees a part of it; and of all veil where it does not show, as if half of it did stay near
-MEASURED_VEIL, UNMEASURED_VEIL = 0.3, 0.15
+MEASURED_VEIL, UNMEASURED_VEIL = 0.2, 0.1
 # of the lit part of the screen, by which the camera's pixels on it may together exceed it; edges of
 # pixels and of maps differ by less
 MAX_EXCESS = 0.03

@@ -7,44 +7,49 @@ of a model room, a cap of one albedo over one level floor, and the floor's albed
 least squares (docs/theory/photometry.md, "The floor's albedo"). The scale of each picture is free, so that
 gloss, drift and a wrong flux do not bias the result.
 
-Light from a floor that lies lower, below a wall, comes back more evenly, like that of a brighter screen.
-How low it is nobody states, so several depths are tried, and their spread is in the result.
+Light from a floor that lies lower, below a wall, comes back more evenly, like that of a brighter screen,
+and so does what the wall itself returns. How low and how bright they are nobody states, so several are
+tried. Each counts by how well it fits the pictures and venue.toml, and their spread is in the result.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 
 from procam.arrays import Array, BoolArray
-from procam.estimate.light.scatter_kernel import CELLS, ScatterSample
-from procam.maths.geometry.sphere import master_directions, master_solid_angles
+from procam.estimate.light.model_room import Below, ModelRoom, below_rim
+from procam.estimate.light.scatter_kernel import ScatterSample
 from procam.model.screen import Dome
 
-RINGS, SECTORS = 16, 48  # of the floor's patches; half as many give .28 for a floor of .3
 STEP = 0.1  # of floor albedo, for finite differences
-ROUNDS = 2
+ROUNDS = 3
 MAX_ALBEDO = 0.95
 MIN_PICTURES = 4  # for a standard deviation
+INDEPENDENT = 5  # values of a picture's scattered light, which is smooth: few harmonics
 UNKNOWN_INCONSISTENCY = 0.01  # relative, with fewer pictures
-DROPS = (0.0, 0.1, 0.2, 0.35)  # of the floor below the rim's lowest point [radii]: what domes have
+# of the floor below the rim's lowest point [radii], and albedo of the wall between, which is dark or grey
+BELOW = ((0.0, 0.0), *product((0.05, 0.1, 0.2, 0.35, 0.5), (0.05, 0.25)))
 MODEL_SIGMA = 0.15  # relative: seats, steps and walls are no level floor
 MIN_SIGMA = 1e-6  # of a floor albedo in venue.toml
 MAX_DISCREPANCY = 3.0  # sigmas, between the floor albedo in venue.toml and the measured one
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class FloorAt:
     """The floor at one depth.
 
     `albedo`, `sigma` by the pictures. `share`: the light that it returns to the screen, over that of a
-    floor of the same albedo in the rim's plane. `weight`: how well it agrees with venue.toml.
+    floor of the same albedo in the rim's plane; `wall`: the albedo of a floor there that returns what the
+    wall does. `misfit`: sum of squares that it leaves of the pictures. `weight`: of this depth.
     """
 
     albedo: float
     sigma: float
     share: float = 1.0
+    wall: float = 0.0
+    misfit: float = 0.0
     weight: float = 1.0
 
 
@@ -52,7 +57,7 @@ class FloorAt:
 class FloorLight:
     """Result of comparing the pictures with the model room.
 
-    `depths` has the floor at each of `DROPS`. `flux_inconsistency`: relative spread of the ratio of the
+    `depths` has the floor at each of `BELOW`. `flux_inconsistency`: relative spread of the ratio of the
     pictures' scattered light to their direct light; gloss hides direct light from a camera, unevenly.
     """
 
@@ -96,11 +101,10 @@ def measure_floor(
     """
     lights = np.stack([*(x.direct.mean(axis=1) for x in samples), white.mean(axis=1)], axis=1)
     pictures = _Pictures(samples, per_flux, lights, albedo)
-    exchanges = [_floor_exchange(dome, drop) for drop in DROPS]
-    nearest = float(exchanges[0].sum())
-    depths = [_floor_at(pictures, dome, e, float(e.sum()) / nearest) for e in exchanges]
-    room = _Room(dome, albedo, depths[0].albedo, exchanges[0])
-    return FloorLight(_weighted(dome, depths), _flux_inconsistency(room, pictures))
+    below = [below_rim(dome, *each) for each in BELOW]
+    depths = [_floor_at(pictures, dome, each, below[0]) for each in below]
+    room = ModelRoom(dome, albedo, depths[0].albedo, below[0])
+    return FloorLight(_weighted(dome, depths, len(samples)), _flux_inconsistency(room, pictures))
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,36 +125,42 @@ class _Pictures:
         return np.asarray((sample.pixels > 0) & finite)
 
 
-def _floor_at(pictures: _Pictures, dome: Dome, by_floor: Array, share: float) -> FloorAt:
+def _floor_at(pictures: _Pictures, dome: Dome, below: Below, at_rim: Below) -> FloorAt:
     """The floor at one depth."""
-    floor, sigma = dome.floor_albedo, np.inf
+    floor, sigma, misfit = dome.floor_albedo, np.inf, 0.0
+    share, wall = (float(e.sum() / at_rim.by_floor.sum()) for e in (below.by_floor, below.by_wall))
     for _ in range(ROUNDS):
         expected, stepped = (
-            _Room(dome, pictures.screen_albedo, f, by_floor).over_white(pictures.lights)
+            ModelRoom(dome, pictures.screen_albedo, f, below).over_white(pictures.lights)
             for f in (floor, floor + STEP)
         )
         both = zip(pictures.samples, expected.T, stepped.T, strict=True)
-        sums = np.array([_normal_equation(pictures, *each) for each in both])
-        top, bottom = sums.sum(axis=0)
+        each = np.array([_normal_equation(pictures, *one) for one in both])
+        top, bottom, misfit = each.sum(axis=0)  # stationary: the last change hardly alters it
         if not bottom > 0:
-            return FloorAt(dome.floor_albedo, np.inf, share)
-        others = (top - sums[:, 0]) / np.maximum(bottom - sums[:, 1], 1e-300)
+            return FloorAt(
+                albedo=dome.floor_albedo, sigma=np.inf, share=share, wall=wall, misfit=misfit
+            )
+        others = (top - each[:, 0]) / np.maximum(bottom - each[:, 1], 1e-300)
         floor = float(np.clip(floor + top / bottom, 0, MAX_ALBEDO))
-        sigma = float(np.sqrt((len(sums) - 1) * np.var(others)))
-    return FloorAt(floor, float(np.hypot(sigma, MODEL_SIGMA * floor)), share)
+        sigma = float(np.sqrt((len(each) - 1) * np.var(others)))
+    sigma = float(np.hypot(sigma, MODEL_SIGMA * floor))
+    return FloorAt(albedo=floor, sigma=sigma, share=share, wall=wall, misfit=misfit)
 
 
-def _weighted(dome: Dome, depths: Sequence[FloorAt]) -> list[FloorAt]:
+def _weighted(dome: Dome, depths: Sequence[FloorAt], pictures: int) -> list[FloorAt]:
     """The depths with their weights, which sum to 1."""
     off = np.array([_discrepancy(dome, at) for at in depths])
     sigma = np.array([_difference_sigma(dome, at) for at in depths])
-    likely = np.exp(-0.5 * (off**2 - off.min() ** 2)) / np.where(np.isfinite(sigma), sigma, 1.0)
+    misfit = np.maximum([at.misfit for at in depths], 1e-300)
+    off2 = off**2 + INDEPENDENT * pictures * np.log(misfit / misfit.min())
+    likely = np.exp(-0.5 * (off2 - off2.min())) / np.where(np.isfinite(sigma), sigma, 1.0)
     return [
         replace(at, weight=float(w)) for at, w in zip(depths, likely / likely.sum(), strict=True)
     ]
 
 
-def _flux_inconsistency(room: "_Room", pictures: _Pictures) -> float:
+def _flux_inconsistency(room: ModelRoom, pictures: _Pictures) -> float:
     """Relative spread of the pictures' scattered light over that of the room for their direct light."""
     all_expected = room.over_white(pictures.lights) * pictures.lights[:, -1].sum()
     scales = []
@@ -165,15 +175,15 @@ def _flux_inconsistency(room: "_Room", pictures: _Pictures) -> float:
 
 def _normal_equation(
     pictures: _Pictures, sample: ScatterSample, expected: Array, stepped: Array
-) -> tuple[float, float]:
-    """Right and left side of one picture's normal equation for the change of floor albedo.
+) -> tuple[float, float, float]:
+    """Right and left side of one picture's normal equation for the change of floor albedo, and its misfit.
 
     `expected`, `stepped` (N,) are its scattered light over that of white, in the model room and in one
     whose floor is brighter by `STEP`; NaN off the cap.
     """
     known = pictures.known(sample) & np.isfinite(expected)
     if not known.any():
-        return 0.0, 0.0
+        return 0.0, 0.0, 0.0
     base = pictures.per_flux[known].mean(axis=1)
     weight = sample.pixels[known] * base**2
     seen = sample.scattered[known].mean(axis=1) / base
@@ -182,7 +192,11 @@ def _normal_equation(
     # a brighter picture has a smaller relative error
     weight = weight * np.average(seen, weights=weight) ** 2
     residual = _scaled(seen, weight) - now
-    return float(weight @ (slope * residual)), float(weight @ slope**2)
+    return (
+        float(weight @ (slope * residual)),
+        float(weight @ slope**2),
+        float(weight @ residual**2),
+    )
 
 
 def _scaled(ratio: Array, weight: Array) -> Array:
@@ -202,7 +216,7 @@ def combined_floor_albedo(dome: Dome, measured: FloorLight) -> tuple[float, floa
         weights = np.array([1 / known[1] ** 2, 1 / at.sigma**2])
         value = np.average([known[0], at.albedo], weights=weights)
         sigma = max(1.0, _discrepancy(dome, at)) * weights.sum() ** -0.5
-        each.append((at.share * float(value), at.share * float(sigma)))
+        each.append((at.wall + at.share * float(value), at.share * float(sigma)))
     mean, spread = measured.mixture(each)
     at_rim = measured.depths[0]
     if _discrepancy(dome, at_rim) < MAX_DISCREPANCY:
@@ -235,57 +249,3 @@ def floor_notes(dome: Dome, measured: FloorLight) -> list[str]:
         f"{measured.albedo:.2f} +- {measured.sigma:.2f} by the light that the floor returns; only the "
         "albedo of the screen depends on it"
     ]
-
-
-class _Room:
-    """Model room: a cap of one albedo over a level floor, in cells; lengths in radii of the dome.
-
-    Irradiance E = H (b0 + rho E), with H of the sphere and of the floor. `by_floor` (M, M) is the
-    exchange by a floor of albedo 1, from `_floor_exchange`.
-    """
-
-    def __init__(self, dome: Dome, albedo: float, floor_albedo: float, by_floor: Array) -> None:
-        direction, _ = master_directions(CELLS)
-        self.on_cap = direction[..., 2].ravel() >= np.cos(dome.half_angle)
-        self._exchange = 1 / (4 * np.pi) + floor_albedo * by_floor
-        # symmetric by the square root of the cells' areas, for a Cholesky factor
-        self._root = np.sqrt(master_solid_angles(CELLS).ravel()[self.on_cap])
-        system = np.eye(len(by_floor)) - albedo * self._root[:, None] * self._exchange * self._root
-        self._factor = cho_factor(system)
-
-    def over_white(self, lights: Array) -> Array:
-        """Scattered light (N, P) of direct flux (N, P + 1) over that of the last; NaN off the cap."""
-        once = self._exchange @ lights[self.on_cap]
-        light = cho_solve(self._factor, self._root[:, None] * once)
-        ratio = np.full((len(self.on_cap), lights.shape[1] - 1), np.nan)
-        ratio[self.on_cap] = light[:, :-1] / light[:, -1:]
-        return ratio
-
-
-def _floor_exchange(dome: Dome, drop: float) -> Array:
-    """Irradiance (M, M) of the cap's cells per flux of each, by one reflection from a white floor.
-
-    It lies `drop` [radii] below the rim's lowest point, at the end of a black wall.
-    """
-    direction, _ = master_directions(CELLS)
-    cap = direction.reshape(-1, 3)
-    cap = cap[cap[:, 2] >= np.cos(dome.half_angle)]
-    centre, up, area = _floor_patches(dome)
-    centre = centre - drop * up
-    apart = centre[None] - cap[:, None]
-    square = np.maximum(np.sum(apart**2, axis=-1), 1e-9)
-    leaving = np.maximum(-np.sum(cap[:, None] * apart, axis=-1), 0)
-    between = leaving * np.maximum(-(apart @ up), 0) / (np.pi * square**2)
-    return np.asarray((between * area) @ between.T)
-
-
-def _floor_patches(dome: Dome) -> tuple[Array, Array, Array]:
-    """Centres (Q, 3) of the floor's patches, its normal (3,), and their areas (Q,)."""
-    depth = -np.cos(min(dome.half_angle + abs(dome.tilt), np.pi))
-    up = np.array([-np.sin(dome.tilt), 0.0, np.cos(dome.tilt)])
-    ahead, left = np.array([np.cos(dome.tilt), 0.0, np.sin(dome.tilt)]), np.array([0.0, 1.0, 0.0])
-    edges = np.linspace(0, np.sqrt(1 - depth**2), RINGS + 1)
-    radius, angle = (edges[1:] + edges[:-1]) / 2, 2 * np.pi * np.arange(SECTORS) / SECTORS
-    r, turn = (x.ravel() for x in np.meshgrid(radius, angle, indexing="ij"))
-    centre = (r * np.cos(turn))[:, None] * ahead + (r * np.sin(turn))[:, None] * left - depth * up
-    return centre, up, np.repeat(np.pi * np.diff(edges**2) / SECTORS, SECTORS)

@@ -37,7 +37,7 @@ EXTEND_PX = 3.0  # Gaussian sigma of the continuation of direct light beyond the
 # relative, of m: the border of the lit area has the same error for all projectors, so their spread
 # does not show it; three times the bias in studies/photometry.md
 BORDER_SIGMA = 1e-3
-SINGLE_SIGMA = 0.01  # relative, of m from one projector alone
+SINGLE_SIGMA = 0.003  # relative, of m from one projector alone; on matte domes they differ by .1 %
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,42 @@
+"""The model room against closed forms of form factors."""
+
+import numpy as np
+import pytest
+
+from procam.estimate.light.model_room import below_rim
+from procam.estimate.light.scatter_kernel import CELLS
+from procam.maths.geometry.sphere import master_directions, master_solid_angles
+from procam.model.screen import Dome
+
+ON_CAP = master_directions(CELLS)[0][..., 2].ravel() >= 0
+AREA = master_solid_angles(CELLS).ravel()[ON_CAP]
+
+
+def returned(exchange: np.ndarray) -> float:
+    """Share of the light of an evenly bright hemisphere that one reflection brings back to it."""
+    return float(AREA @ exchange @ AREA / AREA.sum())
+
+
+@pytest.mark.parametrize("drop", [0.1, 0.3, 0.5])
+def test_floor_and_wall_return_what_form_factors_of_discs_say(drop: float) -> None:
+    """Half of the light leaves through the opening; coaxial discs (Howell 2010, C-41) part it."""
+    x = 2 + drop**2
+    to_floor = (x - np.sqrt(x**2 - 4)) / 2
+    to_wall = 1 - to_floor
+    below = below_rim(Dome(6.0, np.pi / 2), drop, 0.25)
+    assert returned(below.by_floor) == pytest.approx(0.5 * to_floor**2, rel=0.06)
+    assert returned(below.by_wall) == pytest.approx(0.25 * 0.5 * to_wall**2 / (2 * drop), rel=0.06)
+
+
+def test_nothing_is_between_the_rim_and_a_floor_at_the_rim() -> None:
+    below = below_rim(Dome(6.0, np.pi / 2), 0.0, 0.25)
+    assert returned(below.by_floor) == pytest.approx(0.5, rel=0.05)
+    assert not below.by_wall.any()
+
+
+def test_a_tilted_dome_has_a_level_floor() -> None:
+    """Where the rim is lowest, in front, the floor is near and returns more."""
+    below = below_rim(Dome(6.0, np.pi / 2, np.radians(20.0)), 0.0, 0.0)
+    ahead = master_directions(CELLS)[0][..., 0].ravel()[ON_CAP]
+    light = below.by_floor @ AREA
+    assert light[ahead > 0.8].mean() > 1.2 * light[ahead < -0.8].mean()
