@@ -17,6 +17,7 @@ PRIOR_FOCAL, PRIOR_DISTORTION = 0.005, 0.01  # of a lens by its data sheet
 VIGNETTING_SIGMA = (
     0.002  # of each coefficient, from photographs of one place turned through the picture
 )
+SURVEY_DEG, CLICK_PX = 0.05, 0.3  # of marks on the dome, and of clicks on them by hand
 GLARE_SHARE = 0.1  # relative standard error of a veil measured with a light trap
 
 
@@ -104,19 +105,25 @@ def _known(rng: np.random.Generator, preset: Preset, camera: CameraBuild) -> Kno
     intrinsics = str(rng.choice(["fixed", "prior"]))
     glare_sigma = max(GLARE_SHARE * preset.glare, 3e-4)
     floor_sigma = float(rng.uniform(0.03, 0.15))
-    lens = _known_lens(rng, camera.lens, intrinsics)
-    vignetting = tuple(v + rng.normal(0, VIGNETTING_SIGMA) for v in camera.vignetting)
+    believed = known_camera(rng, camera, intrinsics)
     return Known(
         min(90.0, round(preset.half_angle_deg + rng.normal(0, 0.3), 1)),
         round(preset.tilt_deg + rng.normal(0, 0.3), 1),
         (max(0.0, round(preset.floor_albedo + rng.normal(0, floor_sigma), 3)), floor_sigma),
         (max(0.0, preset.glare + rng.normal(0, glare_sigma)), glare_sigma),
-        (replace(camera, lens=lens, vignetting=vignetting),),
+        (believed,),
         intrinsics,
-        survey_deg=0.05,
-        click_px=0.3,
+        survey_deg=SURVEY_DEG,
+        click_px=CLICK_PX,
         seed=int(rng.integers(2**31)),
     )
+
+
+def known_camera(rng: np.random.Generator, camera: CameraBuild, intrinsics: str) -> CameraBuild:
+    """A camera as its owner believes it built, by measurements with their errors."""
+    lens = _known_lens(rng, camera.lens, intrinsics)
+    vignetting = tuple(v + rng.normal(0, VIGNETTING_SIGMA) for v in camera.vignetting)
+    return replace(camera, lens=lens, vignetting=vignetting)
 
 
 def _known_lens(rng: np.random.Generator, lens: Lens, intrinsics: str) -> Lens:

@@ -4,6 +4,7 @@
 """
 
 import sys
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Unpack
 
@@ -11,7 +12,7 @@ import numpy as np
 
 from procam.maths.geometry.sphere import direction_from_angles
 from simulators.builds import CameraBuild
-from simulators.drawn_rooms import Known, draw_room
+from simulators.drawn_rooms import CLICK_PX, GLARE_SHARE, SURVEY_DEG, Known, draw_room, known_camera
 from simulators.placement import place_cameras, place_projectors
 from simulators.presets import PRESETS, Overrides, Preset, PresetName, white_exposure_s
 from simulators.scene import SceneSize
@@ -20,6 +21,7 @@ from simulators.surface import Surface
 
 FIDUCIALS_DEG = {"front": (12.0, 35.0), "left": (130.0, 30.0), "right": (-110.0, 50.0)}
 BLACK_EXPOSURE_S = 6.5
+OWNER_SEED = 1  # of the errors of what the owner has measured
 SERVER_EXPOSURE_S = 0.2  # soft edges reduce the light of each projector
 MARKS = """\
 # Marks on the dome whose position is known, and the camera pixels where they are. Printed AprilTags need no
@@ -80,12 +82,24 @@ def _text(title: str, preset: Preset, known: Known, size: SceneSize, tail: str) 
 
 
 def _known(preset: Preset, size: SceneSize) -> Known:
-    """What the owner of a preset's venue knows: nearly everything."""
+    """What the owner of a preset's venue has measured; without noise everything is exact."""
     # the owner has compared a grey card with the carpet, and recognises black paint
     floor = (0.1, 0.03) if preset.floor_albedo else (0.0, 0.01)
-    glare = (preset.glare, preset.glare / 10) if preset.glare_known else (0.0, 0.01)
-    cameras = place_cameras(size.cameras, size.camera_size, size.camera_kind, preset)
-    return Known(preset.half_angle_deg, preset.tilt_deg, floor, glare, tuple(cameras))
+    glare = (preset.glare, GLARE_SHARE * preset.glare) if preset.glare_known else (0.0, 0.01)
+    cameras = tuple(place_cameras(size.cameras, size.camera_size, size.camera_kind, preset))
+    known = Known(preset.half_angle_deg, preset.tilt_deg, floor, glare, cameras)
+    if not preset.noisy:
+        return known
+    rng = np.random.default_rng(OWNER_SEED)
+    believed = tuple(known_camera(rng, camera, known.intrinsics) for camera in cameras)
+    return replace(
+        known,
+        glare=(round(float(rng.normal(*glare)), 5) if preset.glare_known else glare[0], glare[1]),
+        cameras=believed,
+        survey_deg=SURVEY_DEG,
+        click_px=CLICK_PX,
+        seed=OWNER_SEED,
+    )
 
 
 def _server(size: int) -> str:
@@ -129,7 +143,7 @@ intrinsics = "{known.intrinsics}"
 response = "linear"
 bits = {bits}
 black_level = {camera.black_level}
-vignetting = {list(camera.vignetting)}   # 1 + v1 theta^2 + v2 theta^4, theta off the axis [rad]
+vignetting = {_numbers(camera.vignetting)}   # 1 + v1 theta^2 + v2 theta^4, theta off the axis [rad]
 glare = {known.glare[0]}              # veiling glare: share of the frame's mean that is added to every pixel
 glare_sigma = {known.glare[1]:g}
 """
@@ -162,7 +176,7 @@ elevation_deg = {round(elevation + off_deg[1], 5)}
 sigma_deg = {known.survey_deg}
 camera = "{camera.name}"
 pixel = [{pixel[0]:.2f}, {pixel[1]:.2f}]
-sigma_px = {known.click_px}          # exact here; a click by hand has about 0.3
+sigma_px = {known.click_px}           # a click by hand has about 0.3
 """)
     return "\n".join(lines)
 
@@ -189,7 +203,7 @@ def _overrides(overrides: Overrides) -> str:
     return "".join(f"{key} = {value}\n" for key, value in overrides.items() if value is not None)
 
 
-def _numbers(values: np.ndarray) -> str:
+def _numbers(values: Iterable[float]) -> str:
     return "[" + ", ".join(f"{v:.6f}".rstrip("0").rstrip(".") for v in values) + "]"
 
 

@@ -500,7 +500,7 @@ class TestTruth:
 
     def test_picture_holds_direct_and_scattered_light(self, truth: Path) -> None:
         """All light of full white is (1 + m) times its direct light, on whatever grid."""
-        found, picture = load_calibration(truth), read_picture(truth / "pictures" / "white.exr")
+        found, picture = load_calibration(truth), read_picture(truth / "pictures" / "white.exr")[0]
         assert picture.shape == (self.MASTER, self.MASTER, 3)
         solid = master_solid_angles(self.MASTER) * found.maps.coverage
         total, direct = np.tensordot(solid, picture, 2), np.tensordot(solid, found.maps.hi, 2)

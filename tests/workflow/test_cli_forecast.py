@@ -7,11 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import OpenImageIO as oiio
 import pytest
 from tiny_venue import procam
 
 from procam.files.calibration import save_calibration
 from procam.files.images.pixels import read_image, write_image
+from procam.files.images.profiles import NAMED
 from procam.files.images.stills import write_picture
 from procam.interfaces.cli import forecast as command
 from procam.maths.geometry.sphere import master_solid_angles
@@ -211,3 +213,13 @@ class TestRefusals:
         assert ran.code == 2
         assert "wide.png: 20x10 px is no dome master" in ran.complaint
         assert not (tmp_path / "out").exists()
+
+
+def test_a_picture_of_other_primaries_is_converted_and_named(tmp_path: Path) -> None:
+    spec = oiio.ImageSpec(SIZE, SIZE, 3, "float")
+    spec.attribute("chromaticities", oiio.TypeDesc("float[8]"), NAMED["Rec.2020"])
+    output = oiio.ImageOutput.create(str(tmp_path / "wide.exr"))
+    assert output.open(str(tmp_path / "wide.exr"), spec)
+    assert output.write_image(np.full((SIZE, SIZE, 3), 0.5, np.float32)) and output.close()
+    ran = procam("forecast", *PLAN, tmp_path / "wide.exr", "--json")
+    assert "has the colour profile Rec.2020" in json.loads(ran.out)["assumptions"][-1]

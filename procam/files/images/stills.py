@@ -16,7 +16,8 @@ from procam.errors import FileFormatError
 from procam.files.images.layers import RGB
 from procam.files.images.pixels import STORED_AS, read_spec, require_suffix, write_image, write_spec
 from procam.files.images.profiles import converted
-from procam.maths.light.curves import srgb_decode, srgb_encode
+from procam.maths.light.curves import srgb_encode
+from procam.maths.light.transfer import transfer
 
 FORMAT_ATTRIBUTES = (
     "compression",
@@ -36,15 +37,22 @@ COLOUR_SPACES = {
 }  # transfer function by the first part of OpenImageIO's name of a colour space
 
 
-def read_picture(path: Path) -> Image:
-    """Content (H, W, 3) in linear light, 0 or more: EXR as stored, PNG and TIFF decoded from sRGB."""
-    pixels, spec = read_spec(path)
-    picture = np.asarray(pixels[..., colour_places(path, spec)])
-    if np.issubdtype(picture.dtype, np.integer):
-        encoded = picture / np.float32(np.iinfo(picture.dtype).max)
-        return srgb_decode(encoded).astype(np.float32)
+def read_picture(path: Path) -> tuple[Image, str]:
+    """Content (H, W, 3) in linear light, and what became of its colour profile ("" for none).
+
+    It is decoded by the transfer function that the file states; without one, EXR is linear, others sRGB.
+    """
+    still = read_still(path)
+    if still.transfer is None:
+        space = still.spec.get_string_attribute("oiio:ColorSpace")
+        raise FileFormatError(
+            f"{path} states the transfer function {space}, which procam does not know; convert it to sRGB"
+        )
+    picture = still.rgb
+    if picture.dtype.kind != "f":
+        picture = picture / np.float32(np.iinfo(picture.dtype).max)
     require_finite(path, picture)
-    return picture.astype(np.float32)
+    return transfer(still.transfer).decode(picture).astype(np.float32), still.note
 
 
 def square_edge(picture: AnyArray, name: str) -> int:

@@ -130,12 +130,16 @@ def _forecast(
     venue = paths[0] if paths and paths[0].is_dir() else None
     prospect = _prospect(venue, described)
     _check_light(lumens, described, venue)
-    contents = {str(p): sampled(read_square(p)) for p in paths[1 if venue else 0 :]}
+    read = {str(p): read_square(p) for p in paths[1 if venue else 0 :]}
+    contents = {path: sampled(content) for path, (content, _) in read.items()}
     levels = _levels(prospect, lumens)
     unit = RELATIVE if lumens is None else "cd/m2"
     pictures = {path: _picture(prospect, content) for path, content in contents.items()}
     states = _States.of(prospect, lumens, contents)
-    assumptions = list(_assumptions(prospect, venue, described, lumens))
+    assumptions = [
+        *_assumptions(prospect, venue, described, lumens),
+        *(note for _, note in read.values() if note),
+    ]
     document = {
         "unit": unit,
         "light": plain(levels),

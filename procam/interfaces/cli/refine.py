@@ -33,7 +33,9 @@ def refine(
     loaded, output = load_venue(venue), Output(json)
     kept = latest_calibration(venue)
     calibration = load_calibration(kept)
-    content = read_square(picture) if picture else half_sky(_sessions.CONTENT_SIZE)
+    content, note = read_square(picture) if picture else (half_sky(_sessions.CONTENT_SIZE), "")
+    if note:
+        output.say(f"note: {note}")
     with open_rig(loaded) as rig:
         rig.start()
         refined: loop.Refined = output.follow(loop.refine(rig, calibration, content))["refined"]
@@ -42,7 +44,11 @@ def refine(
     figures = refined.figures()
     output.table(figures)
     newest = _sessions.keep_refined(venue, kept, refined, output)
-    document = {"calibration": str(newest), "figures": as_dicts(figures)}
+    document = {
+        "calibration": str(newest),
+        "figures": as_dicts(figures),
+        "notes": [note] * bool(note),
+    }
     output.finish(document | ({"worse": refined.worse} if refined.worse else {}))
     if refined.worse:
         raise typer.Exit(1)

@@ -34,11 +34,11 @@ def read_frames(directory: Path) -> dict[str, Image]:
     }
 
 
-def read_square(path: Path) -> Image:
-    """A dome master (N, N, 3) in linear light."""
-    picture = read_picture(path)
+def read_square(path: Path) -> tuple[Image, str]:
+    """A dome master (N, N, 3) in linear light, and what became of its colour profile ("" for none)."""
+    picture, note = read_picture(path)
     square_edge(picture, str(path))
-    return picture
+    return picture, note
 
 
 def keep_pictures(

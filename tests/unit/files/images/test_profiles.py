@@ -8,9 +8,9 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from procam.errors import InputError
+from procam.errors import FileFormatError, InputError
 from procam.files.images.profiles import NAMED
-from procam.files.images.stills import read_still, write_still
+from procam.files.images.stills import read_picture, read_still, write_still
 from procam.maths.colour_science import colour_science
 from procam.maths.light.curves import srgb_decode, srgb_encode
 from procam.workflows.playout.frame import FrameSettings, named_transfer
@@ -128,6 +128,25 @@ def expected(codes: np.ndarray, space: str, decode: object = srgb_decode) -> np.
     return np.asarray(
         srgb_encode(np.clip(reference(light, space), 0, 1)) * np.iinfo(codes.dtype).max
     )
+
+
+class TestContent:
+    def test_a_profile_counts_where_a_picture_is_read_as_light(
+        self, codes: np.ndarray, tmp_path: Path
+    ) -> None:
+        light, note = read_picture(
+            png(tmp_path / "a.png", codes, iccp(icc("Display P3", para(*SRGB_PARA))))
+        )
+        inside = reference(srgb_decode(codes / 255), "Display P3").clip(0, 1)
+        np.testing.assert_allclose(light, inside, atol=0.01)
+        assert "a.png has the colour profile A space; its colours were converted" in note
+
+    def test_an_unknown_transfer_function_is_refused(
+        self, codes: np.ndarray, tmp_path: Path
+    ) -> None:
+        path = png(tmp_path / "a.png", codes, (b"gAMA", struct.pack(">I", 55556)))
+        with pytest.raises(FileFormatError, match=r"function g18.*, which procam does not know"):
+            read_picture(path)
 
 
 class TestHonoured:
