@@ -136,10 +136,8 @@ def _forecast(
     unit = RELATIVE if lumens is None else "cd/m2"
     pictures = {path: _picture(prospect, content) for path, content in contents.items()}
     states = _States.of(prospect, lumens, contents)
-    assumptions = [
-        *_assumptions(prospect, venue, described, lumens),
-        *(note for _, note in read.values() if note),
-    ]
+    assumptions = list(_assumptions(prospect, venue, described, lumens))
+    assumptions += [note for _, note in read.values() if note]
     document = {
         "unit": unit,
         "light": plain(levels),
