@@ -182,8 +182,10 @@ class TestIngest:
         assert (ran.code, "0.png has no exposure in its header" in ran.complaint) == (2, True)
         assert not kept.exists()
         put_headers(brackets, shots)
+        (brackets / "0.nef").write_bytes(b"raw")
         ran = self.ingest(session, shots[3], first)
         assert (ran.code, "1 photographs stored" in ran.out) == (0, True), ran
+        assert f"response of camera {CAMERA}: 1 raw files (0.nef ...) lie beside" in ran.out
         assert f"{kept}: response solved from the photographs in brackets" in ran.out
         stored, entry = kept.read_bytes(), Session(session).read_plan().shots[1]
         camera = Session(session).load(CAMERA, entry, entry.exposures_s[0], (180, 120))

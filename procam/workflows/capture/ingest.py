@@ -54,7 +54,7 @@ def ingest(
     """
     with atomic.locked(session.directory):
         plan = session.read_plan()
-        model, response = _camera(venue, session, camera)
+        model, response, notes = _camera(venue, session, camera)
         paths, others = list_photos(folder)
         claims = _read_index(index, plan, paths) if index else {}
         surveyed = []
@@ -68,24 +68,30 @@ def ingest(
         exposed, chosen = _as_exposed(plan, surveyed, match, session, venue)
         if exposed != plan:
             session.write_plan(exposed, {})
-        match.notes += _keep_response(venue, session, camera, response)
+        match.notes += [*notes, *_keep_response(venue, session, camera, response)]
         yield from _store(session, exposed, model, response, surveyed, chosen)
         yield Event("ingest", len(chosen), len(chosen), "stored", _summary(chosen, match))
 
 
-def _camera(venue: Venue, session: Session, name: str) -> tuple[CameraModel, Response | None]:
-    """The camera, and its response: a solved one only once per session, so that frames are alike."""
+def _camera(
+    venue: Venue, session: Session, name: str
+) -> tuple[CameraModel, Response | None, list[str]]:
+    """The camera, its response, and what was left out to solve it.
+
+    It is solved only once per session, so that frames are alike.
+    """
     if name not in venue.cameras:
         raise InputError(
             f"--camera: no camera {name!r} in venue.toml; it has {', '.join(venue.cameras)}"
         )
     table, used = venue.table.cameras[name], _solved_response(session, name)
     if table.brackets is None:
-        return venue.cameras[name], load_response(table.response, venue.directory)
+        return venue.cameras[name], load_response(table.response, venue.directory), []
     if used.is_file():
-        return venue.cameras[name], load_response(used.name, used.parent)
-    found = solve_brackets(venue.directory / table.brackets).response
-    return venue.cameras[name], (found.levels, found.light)
+        return venue.cameras[name], load_response(used.name, used.parent), []
+    found = solve_brackets(venue.directory / table.brackets)
+    notes = [f"response of camera {name}: {note}" for note in found.notes]
+    return venue.cameras[name], (found.response.levels, found.response.light), notes
 
 
 def _solved_response(session: Session, camera: str) -> Path:
