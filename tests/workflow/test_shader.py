@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import OpenImageIO as oiio
 import pytest
 from player import Player, open_gl
 from tiny_venue import procam
@@ -16,6 +17,7 @@ from procam.compensate.compensator import Compensator
 from procam.compensate.fields import Fields
 from procam.files.calibration import save_calibration
 from procam.files.images.pixels import read_image, write_image
+from procam.files.images.profiles import NAMED
 from procam.kernels.frame import reference as reference_frame
 from procam.kernels.frame.coding import Coding
 from procam.maths.codes.dither import threshold_tile
@@ -342,6 +344,20 @@ class TestFolder:
         assert "3 frames of 96 px, 27 coefficients each" in ran.out
         message = (tmp_path / "of-movie" / "track.csv").read_text()
         assert message == (track.out / "track.csv").read_text()
+
+    def test_a_profile_that_the_player_does_not_read_is_named(
+        self, calibration: Calibration, tmp_path: Path
+    ) -> None:
+        track = short_track(tmp_path, calibration, [scene_picture(1, MAP)])
+        spec = oiio.ImageSpec(MAP, MAP, 3, "float")
+        spec.attribute("chromaticities", oiio.TypeDesc("float[8]"), NAMED["Rec.2020"])
+        output = oiio.ImageOutput.create(str(tmp_path / "wide.exr"))
+        assert output.open(str(tmp_path / "wide.exr"), spec)
+        assert output.write_image(np.full((MAP, MAP, 3), 0.5, np.float32)) and output.close()
+        ran = procam("track", track.calibration, tmp_path / "wide.exr", tmp_path / "of-wide")
+        assert ran.code == 0
+        assert "has the colour profile Rec.2020; its colours were converted" in ran.err
+        assert "The player must convert them too" in ran.err
 
     def test_one_picture(self, calibration: Calibration, tmp_path: Path) -> None:
         track = short_track(tmp_path, calibration, [scene_picture(1, MAP)])

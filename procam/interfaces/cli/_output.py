@@ -69,14 +69,14 @@ class Output:
         Notes of the last event go to stderr.
         """
         if sys.stderr.isatty() and not quiet:
-            return _with_notes(self.follow(events))
+            return with_notes(self.follow(events))
         from procam.interfaces.cli._memory import keep_large_buffers
 
         keep_large_buffers()
         data: dict[str, Any] = {}
         for event in events:
             data = event.data
-        return _with_notes(data)
+        return with_notes(data)
 
     def table(self, figures: Mapping[str, "Figure"]) -> None:
         """Print figures with goal and verdict."""
@@ -87,7 +87,7 @@ class Output:
             self.say(f"  {name:30} {_short(figure.value):>28} {unit:7} {goal:14} {verdict}")
 
 
-def _with_notes(data: dict[str, Any]) -> dict[str, Any]:
+def with_notes(data: dict[str, Any]) -> dict[str, Any]:
     """The data, whose notes go to stderr."""
     sys.stderr.writelines(f"note: {note}\n" for note in data.get("notes", ()))
     return data

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from procam.interfaces.cli._options import CalibrationArgument, Json, StateOption, TransferOption
-from procam.interfaces.cli._output import Output
+from procam.interfaces.cli._output import Output, with_notes
 from procam.workflows.playout.frame import FrameSettings
 from procam.workflows.playout.track import track_show
 
@@ -39,7 +39,7 @@ def track(
     """
     output = Output(json)
     settings = FrameSettings(method, state, white=white, transfer=transfer)
-    document = output.follow(track_show(calibration, source, out, settings))
+    document = with_notes(output.follow(track_show(calibration, source, out, settings)))
     output.say(
         f"{out} written: {document['frames']['count']} frames of {document['size']} px, "
         f"{len(document['numbers']['columns'])} coefficients each; give the folder to the player, whose "

@@ -59,7 +59,7 @@ def track_show(
 ) -> Iterator[Event]:
     """Write OUT for the pictures or the movie `source`; an event per frame.
 
-    OUT appears whole or not at all. The last event's data are those of OUT/track.json.
+    OUT appears whole or not at all. The last event's data are those of OUT/track.json, and "notes".
 
     Raises
     ------
@@ -87,7 +87,18 @@ def track_show(
         _write_shaders(folder)
         (folder / "track.json").write_text(json.dumps(document, indent=1), encoding="utf-8")
     done = len(rows.numbers)
-    yield Event("track", done, done, f"{out} written", {"out": str(out)} | document)
+    data = {"out": str(out), "notes": _notes(first)} | document
+    yield Event("track", done, done, f"{out} written", data)
+
+
+def _notes(first: ClipFrame) -> list[str]:
+    """What became of the colour profile of the show's first frame."""
+    if not first.converted:
+        return [first.note] * bool(first.note)
+    return [
+        f"{first.note}. The player must convert them too, or show frames that were converted before: the "
+        "shader takes what it gets as sRGB's"
+    ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +115,13 @@ def _opened(source: Path) -> Iterator[_Show]:
     if is_movie(source):
         with MovieReader(source) as movie:
             pieces = (
-                ClipFrame(number, f"frame {number} of {source}", frame.rgb, movie.transfer)
+                ClipFrame(
+                    number,
+                    f"frame {number} of {source}",
+                    frame.rgb,
+                    movie.transfer,
+                    note=movie.note,
+                )
                 for number, frame in enumerate(movie)
             )
             yield _Show(movie.frames, repeat(lambda: next(pieces, None)), ThreadPlan.for_movie)
