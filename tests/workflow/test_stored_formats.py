@@ -52,8 +52,8 @@ def test_a_session_solves_to_the_calibration_stored_then(
     assert Path(last.data["calibration"]).name == "0003"
     # scattered light was divided by a kernel's gain then, and pixels on the picture's border were decoded
     assert (abs(again.feedback.value - stored.feedback.value) < stored.feedback.sigma / 4).all()
-    # the floor was in the rim's plane for certain then
-    assert (abs(again.albedo.value - stored.albedo.value) < stored.albedo.sigma / 4).all()
+    # the floor was in the rim's plane for certain then, and no wall returned light
+    assert (abs(again.albedo.value - stored.albedo.value) < stored.albedo.sigma / 2).all()
     surface, before = again.projectors["south"].surface, stored.projectors["south"].surface
     # the third radial term of the projector's lens was 0 then; it moves the corners of the panel
     both = surface.valid & before.valid & (surface.measured > 0.5)

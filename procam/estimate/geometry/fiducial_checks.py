@@ -13,6 +13,7 @@ from procam.maths.geometry.sphere import normalise
 from procam.model.optics import Distance, Fiducial
 
 CONTRADICTION = 8.0  # sigmas of a residual that is an error, not noise
+DOUBT = 4.0  # sigmas of one that chance brings to one mark in three thousand
 ROUGH = 1e-3  # error of a fiducial on a dome that is solved as an exact sphere [rad]
 ROUGH_SHARE = 0.02  # relative error of a distance in such a rig
 
@@ -60,8 +61,7 @@ def check_fiducials(
 def _check_fiducials(rig: RigGeometry, fiducials: Sequence[Fiducial], slack: float) -> None:
     if len(fiducials) < 2:
         return
-    soft = [replace(f, sigma=float(np.hypot(f.sigma, slack))) for f in fiducials]
-    seen = normalise(np.array([fiducial_point(rig, f) for f in fiducials]))
+    soft, seen = _softened(fiducials, slack), _seen(rig, fiducials)
     worst = _disagreement(soft, seen)
     if worst < CONTRADICTION:
         return
@@ -82,6 +82,30 @@ def _check_fiducials(rig: RigGeometry, fiducials: Sequence[Fiducial], slack: flo
         f"fiducials: {cause}, off by up to {off:.2g} degrees. Check azimuth_deg, elevation_deg and "
         "pixel, and that the pixel shows this fiducial."
     )
+
+
+def fiducial_notes(rig: RigGeometry, fiducials: Sequence[Fiducial], *, rough: bool) -> list[str]:
+    """A line if fiducials fit together so badly that one of them may be wrong."""
+    if len(fiducials) < 2:
+        return []
+    soft = _softened(fiducials, ROUGH if rough else 0.0)
+    sigmas = _disagreement(soft, _seen(rig, fiducials))
+    if sigmas < DOUBT:
+        return []
+    return [
+        f"the fiducials are up to {sigmas:.1f} standard errors from where they fit together best, so that "
+        "directions on the dome may be off by more than is stated. Check azimuth_deg, elevation_deg and "
+        "pixel of each, and sigma_deg and sigma_px"
+    ]
+
+
+def _softened(fiducials: Sequence[Fiducial], slack: float) -> list[Fiducial]:
+    return [replace(f, sigma=float(np.hypot(f.sigma, slack))) for f in fiducials]
+
+
+def _seen(rig: RigGeometry, fiducials: Sequence[Fiducial]) -> Array:
+    """Directions (N, 3) in which the cameras see the fiducials."""
+    return normalise(np.array([fiducial_point(rig, f) for f in fiducials]))
 
 
 def _disagreement(fiducials: Sequence[Fiducial], seen: Array) -> float:

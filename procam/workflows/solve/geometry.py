@@ -7,7 +7,7 @@ import numpy as np
 from procam.errors import CalibrationError
 from procam.estimate.geometry.adjustment import LENS_PRIOR, RigProblem
 from procam.estimate.geometry.diagnosis import find_causes
-from procam.estimate.geometry.fiducial_checks import missing_fiducials
+from procam.estimate.geometry.fiducial_checks import fiducial_notes, missing_fiducials
 from procam.estimate.geometry.model import Observations, Pair
 from procam.estimate.geometry.solve import MAX_SPHERE_RATIO, GeometrySolution, solve_geometry
 from procam.estimate.geometry.start import MIN_OBSERVATIONS, ProjectorPrior
@@ -53,8 +53,10 @@ def solve_rig(problem: RigProblem) -> tuple[GeometrySolution, str, list[str]]:
         text = [str(error), *find_causes(problem, None)]
         raise type(error)("\n".join(text)) from error
     notes = missing_fiducials(problem.radius_known, problem.fiducials, len(found.freedoms))
+    rough = found.sphere_systematic_ratio >= MAX_SPHERE_RATIO
+    notes += fiducial_notes(found.rig, problem.fiducials, rough=rough)
     verdict, guilty = _verdict(found), find_causes(problem, found)
-    if found.sphere_systematic_ratio >= MAX_SPHERE_RATIO and not guilty:
+    if rough and not guilty:
         notes.append(verdict)
     return found, verdict, [*notes, *_lens_notes(problem, found), *guilty]
 

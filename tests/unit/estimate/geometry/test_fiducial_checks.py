@@ -7,7 +7,7 @@ import pytest
 from domes import SimulatedDome
 
 from procam.errors import CalibrationError
-from procam.estimate.geometry.fiducial_checks import check_fiducials
+from procam.estimate.geometry.fiducial_checks import check_fiducials, fiducial_notes
 from procam.estimate.geometry.solve import solve_geometry
 from procam.model.optics import Distance, Fiducial
 
@@ -44,6 +44,17 @@ def test_of_three_fiducials_all_suspects_are_named() -> None:
     marks[1] = _off(marks[1], 0.6)
     message = _complaint(marks)
     assert message.startswith("fiducials: ") and "left" in message
+
+
+@pytest.mark.parametrize(("sigmas", "named"), [(2.0, False), (8.0, True)])
+def test_a_fiducial_that_is_doubtful_is_noted(sigmas: float, named: bool) -> None:
+    """The others give way to it by a third, so that less is left than it is off."""
+    marks = _marks()
+    marks[3] = _off(marks[3], np.degrees(sigmas * SIGMA))
+    rig = solve_geometry(DOME.problem(SEEN, fiducials=marks)).rig
+    notes = fiducial_notes(rig, marks, rough=False)
+    assert len(notes) == named
+    assert all("standard errors from where they fit together best" in note for note in notes)
 
 
 def test_a_springline_that_is_wrong() -> None:
