@@ -14,7 +14,6 @@ tried. Each counts by how well it fits the pictures and venue.toml, and their sp
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import product
 
 import numpy as np
 
@@ -29,8 +28,8 @@ MAX_ALBEDO = 0.95
 MIN_PICTURES = 4  # for a standard deviation
 INDEPENDENT = 5  # values of a picture's scattered light, which is smooth: few harmonics
 UNKNOWN_INCONSISTENCY = 0.01  # relative, with fewer pictures
-# of the floor below the rim's lowest point [radii], and albedo of the wall between, which is dark or grey
-BELOW = ((0.0, 0.0), *product((0.05, 0.1, 0.2, 0.35, 0.5), (0.05, 0.25)))
+DROPS = (0.05, 0.1, 0.2, 0.35, 0.5)  # of a floor below the rim's lowest point [radii]
+WALLS = (0.05, 0.25)  # albedo of the wall between, which is dark or grey
 MODEL_SIGMA = 0.15  # relative: seats, steps and walls are no level floor
 MIN_SIGMA = 1e-6  # of a floor albedo in venue.toml
 MAX_DISCREPANCY = 3.0  # sigmas, between the floor albedo in venue.toml and the measured one
@@ -57,8 +56,9 @@ class FloorAt:
 class FloorLight:
     """Result of comparing the pictures with the model room.
 
-    `depths` has the floor at each of `BELOW`. `flux_inconsistency`: relative spread of the ratio of the
-    pictures' scattered light to their direct light; gloss hides direct light from a camera, unevenly.
+    `depths` has the floor at the rim, and at each of `DROPS` below each of `WALLS`. `flux_inconsistency`:
+    relative spread of the ratio of the pictures' scattered light to their direct light; gloss hides direct
+    light from a camera, unevenly.
     """
 
     depths: Sequence[FloorAt]
@@ -101,7 +101,8 @@ def measure_floor(
     """
     lights = np.stack([*(x.direct.mean(axis=1) for x in samples), white.mean(axis=1)], axis=1)
     pictures = _Pictures(samples, per_flux, lights, albedo)
-    below = [below_rim(dome, *each) for each in BELOW]
+    lower = [below_rim(dome, drop) for drop in DROPS]
+    below = [below_rim(dome, 0.0), *(replace(b, wall_albedo=wall) for b in lower for wall in WALLS)]
     depths = [_floor_at(pictures, dome, each, below[0]) for each in below]
     room = ModelRoom(dome, albedo, depths[0].albedo, below[0])
     return FloorLight(_weighted(dome, depths, len(samples)), _flux_inconsistency(room, pictures))
@@ -128,7 +129,8 @@ class _Pictures:
 def _floor_at(pictures: _Pictures, dome: Dome, below: Below, at_rim: Below) -> FloorAt:
     """The floor at one depth."""
     floor, sigma, misfit = dome.floor_albedo, np.inf, 0.0
-    share, wall = (float(e.sum() / at_rim.by_floor.sum()) for e in (below.by_floor, below.by_wall))
+    returned = below.by_floor, below.wall_albedo * below.by_wall
+    share, wall = (float(e.sum() / at_rim.by_floor.sum()) for e in returned)
     for _ in range(ROUNDS):
         expected, stepped = (
             ModelRoom(dome, pictures.screen_albedo, f, below).over_white(pictures.lights)

@@ -22,11 +22,12 @@ WALL_RINGS = 4
 class Below:
     """What lies below the rim: irradiance (M, M) of the cap's cells per flux of each, by one reflection.
 
-    `by_floor` for a white floor, `by_wall` for the wall as it is.
+    `by_floor` for a white floor, `by_wall` for a white wall, whose albedo is `wall_albedo`.
     """
 
     by_floor: Array
     by_wall: Array
+    wall_albedo: float = 0.0
 
 
 class ModelRoom:
@@ -38,7 +39,8 @@ class ModelRoom:
     def __init__(self, dome: Dome, albedo: float, floor_albedo: float, below: Below) -> None:
         direction, _ = master_directions(CELLS)
         self.on_cap = direction[..., 2].ravel() >= np.cos(dome.half_angle)
-        self._exchange = 1 / (4 * np.pi) + floor_albedo * below.by_floor + below.by_wall
+        returned = floor_albedo * below.by_floor + below.wall_albedo * below.by_wall
+        self._exchange = 1 / (4 * np.pi) + returned
         # symmetric by the square root of the cells' areas, for a Cholesky factor
         self._root = np.sqrt(master_solid_angles(CELLS).ravel()[self.on_cap])
         reflected = albedo * self._root[:, None] * self._exchange * self._root
@@ -53,12 +55,12 @@ class ModelRoom:
         return ratio
 
 
-def below_rim(dome: Dome, drop: float, wall_albedo: float) -> Below:
-    """A floor `drop` below the rim's lowest point, at the end of a wall of one albedo."""
+def below_rim(dome: Dome, drop: float) -> Below:
+    """A floor `drop` below the rim's lowest point, at the end of a black wall."""
     depth = -np.cos(min(dome.half_angle + abs(dome.tilt), np.pi))
     radius = np.sqrt(1 - depth**2)
     floor, wall = _floor(radius, depth + drop), _wall(radius, depth, depth + drop)
-    return Below(_exchange(dome, *floor), wall_albedo * _exchange(dome, *wall))
+    return Below(_exchange(dome, *floor), _exchange(dome, *wall))
 
 
 def _floor(radius: float, depth: float) -> tuple[Array, Array, Array]:
@@ -91,11 +93,11 @@ def _exchange(dome: Dome, centre: Array, normal: Array, area: Array) -> Array:
     direction, _ = master_directions(CELLS)
     cap = direction.reshape(-1, 3)
     cap = cap[cap[:, 2] >= np.cos(dome.half_angle)]
-    apart = (centre @ _level_axes(dome))[None] - cap[:, None]
-    square = np.maximum(np.sum(apart**2, axis=-1), 1e-9)
-    leaving = np.maximum(-np.sum(cap[:, None] * apart, axis=-1), 0)
-    arriving = np.maximum(-np.sum(apart * (normal @ _level_axes(dome)), axis=-1), 0)
-    between = leaving * arriving / (np.pi * square**2)
+    along = cap @ (centre @ _level_axes(dome)).T
+    square = np.maximum(1 + np.sum(centre**2, axis=1) - 2 * along, 1e-9)
+    leaving = np.maximum(1 - along, 0)
+    height = cap @ (normal @ _level_axes(dome)).T - np.sum(centre * normal, axis=1)
+    between = leaving * np.maximum(height, 0) / (np.pi * square**2)
     return np.asarray((between * area) @ between.T)
 
 

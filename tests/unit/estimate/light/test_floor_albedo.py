@@ -127,8 +127,8 @@ def test_a_low_floor_returns_what_the_wall_above_it_does_too(drop_m: float) -> N
         [room.scatter_sample(x, 0.0) for x in parts()], per_flux, white, dome, 0.5
     )
     value, sigma = combined_floor_albedo(dome, floor)
-    below, at_rim = below_rim(dome, drop_m / 6, 0.25), below_rim(dome, 0.0, 0.0)
-    returned = (0.1 * below.by_floor + below.by_wall).sum() / at_rim.by_floor.sum()
+    below, at_rim = below_rim(dome, drop_m / 6), below_rim(dome, 0.0)
+    returned = (0.1 * below.by_floor + 0.25 * below.by_wall).sum() / at_rim.by_floor.sum()
     assert abs(value - returned) < 2 * sigma < 0.05
     assert floor.depths[0].weight < 0.1
 

@@ -23,20 +23,20 @@ def test_floor_and_wall_return_what_form_factors_of_discs_say(drop: float) -> No
     x = 2 + drop**2
     to_floor = (x - np.sqrt(x**2 - 4)) / 2
     to_wall = 1 - to_floor
-    below = below_rim(Dome(6.0, np.pi / 2), drop, 0.25)
+    below = below_rim(Dome(6.0, np.pi / 2), drop)
     assert returned(below.by_floor) == pytest.approx(0.5 * to_floor**2, rel=0.06)
-    assert returned(below.by_wall) == pytest.approx(0.25 * 0.5 * to_wall**2 / (2 * drop), rel=0.06)
+    assert returned(below.by_wall) == pytest.approx(0.5 * to_wall**2 / (2 * drop), rel=0.06)
 
 
 def test_nothing_is_between_the_rim_and_a_floor_at_the_rim() -> None:
-    below = below_rim(Dome(6.0, np.pi / 2), 0.0, 0.25)
+    below = below_rim(Dome(6.0, np.pi / 2), 0.0)
     assert returned(below.by_floor) == pytest.approx(0.5, rel=0.05)
     assert not below.by_wall.any()
 
 
 def test_a_tilted_dome_has_a_level_floor() -> None:
     """Where the rim is lowest, in front, the floor is near and returns more."""
-    below = below_rim(Dome(6.0, np.pi / 2, np.radians(20.0)), 0.0, 0.0)
+    below = below_rim(Dome(6.0, np.pi / 2, np.radians(20.0)), 0.0)
     ahead = master_directions(CELLS)[0][..., 0].ravel()[ON_CAP]
     light = below.by_floor @ AREA
     assert light[ahead > 0.8].mean() > 1.2 * light[ahead < -0.8].mean()
