@@ -17,7 +17,7 @@ from procam.estimate.geometry.camera_view import DomeView
 from procam.estimate.geometry.solve import MAX_SPHERE_RATIO, GeometrySolution
 from procam.estimate.light.blend import Blender, common_white
 from procam.estimate.light.dome_scatter import DomeScatter, measure_scatter
-from procam.estimate.light.floor_albedo import floor_notes
+from procam.estimate.light.floor_albedo import floor_notes, flux_notes
 from procam.estimate.light.footprint import camera_pixels, lit_share, project_surface
 from procam.estimate.light.luminance_matching import matched_white
 from procam.estimate.light.projector_response import ColourFit
@@ -110,7 +110,7 @@ def assemble(
         for name, light in content.items()
     }
     notes = [note for m in measured.values() for note in m.notes]
-    notes += floor_notes(dome, scatter.floor)
+    notes += [*floor_notes(dome, scatter.floor), *flux_notes(scatter.floor)]
     return Calibration(
         scatter.dome,
         geometry.rig.cameras,

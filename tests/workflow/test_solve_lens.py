@@ -70,6 +70,24 @@ def test_a_wrong_mark_is_named_whatever_the_lens(
         path.write_text(kept)
 
 
+def test_exchanged_marks_that_turn_the_dome_over_are_refused(
+    captured: tuple[Venue, Session],
+) -> None:
+    """Two marks alone fit as well with mirrored azimuths as with the right ones."""
+    path = captured[0].directory / "venue.toml"
+    kept = path.read_text()
+    head, *marks = re.split(r"(?=\[\[fiducials\]\])", kept)
+    last, tail = marks[2][: marks[2].index("[capture]")], marks[2][marks[2].index("[capture]") :]
+    assert last
+    mirrored = "".join(marks[:2]).replace("azimuth_deg = ", "azimuth_deg = -")
+    path.write_text(head + mirrored + tail)
+    try:
+        with pytest.raises(CalibrationError, match=r"would lie beyond the dome's rim\. Check"):
+            _with_lens(captured, "fixed", 1.0)
+    finally:
+        path.write_text(kept)
+
+
 @pytest.mark.parametrize(("factor", "named"), [(1.0, False), (1.05, True)])
 def test_a_focal_length_beyond_its_prior_is_named(
     captured: tuple[Venue, Session], factor: float, named: bool

@@ -80,7 +80,7 @@ def _check_fiducials(rig: RigGeometry, fiducials: Sequence[Fiducial], slack: flo
     off = np.degrees(worst * max(f.sigma for f in soft))
     raise CalibrationError(
         f"fiducials: {cause}, off by up to {off:.2g} degrees. Check azimuth_deg, elevation_deg and "
-        "pixel, and that the pixel shows this fiducial."
+        "pixel, that the pixel shows this fiducial, and f, c and k of the camera."
     )
 
 

@@ -65,7 +65,7 @@ def measure_scatter(
     lit_pixels_sr = sample(coverage, at) * view.solid_angle_sr
     _check_lens(view.camera.name, float(lit_pixels_sr.sum()), lit_sr)
     sensor = view.camera.sensor
-    unknown = MEASURED_VEIL * sensor.near_share or UNMEASURED_VEIL * sensor.glare
+    unknown = max(MEASURED_VEIL * sensor.near_share, UNMEASURED_VEIL * sensor.glare)
     feedback = partial(
         estimate_feedback,
         lights,

@@ -27,6 +27,7 @@ ROUNDS = 3
 MAX_ALBEDO = 0.95
 MIN_PICTURES = 4  # for a standard deviation
 INDEPENDENT = 5  # values of a picture's scattered light, which is smooth: few harmonics
+INCONSISTENT = 0.06  # relative; 3 % of gloss cause half of it
 UNKNOWN_INCONSISTENCY = 0.01  # relative, with fewer pictures
 DROPS = (0.05, 0.1, 0.2, 0.35, 0.5)  # of a floor below the rim's lowest point [radii]
 WALLS = (0.05, 0.25)  # albedo of the wall between, which is dark or grey
@@ -235,6 +236,16 @@ def _difference_sigma(dome: Dome, at: FloorAt) -> float:
     return float(np.hypot(max(dome.floor_albedo_sigma, MIN_SIGMA), at.sigma))
 
 
+def flux_notes(measured: FloorLight) -> list[str]:
+    """A note for the report if direct and scattered light of the pictures contradict each other."""
+    if measured.flux_inconsistency < INCONSISTENT:
+        return []
+    return [
+        f"direct and scattered light of pictures disagree by {measured.flux_inconsistency:.0%}, more than "
+        "paint's gloss explains, so m and albedo are hardly known: check vignetting and black_level"
+    ]
+
+
 def floor_notes(dome: Dome, measured: FloorLight) -> list[str]:
     """A note for the report if the measured albedo of a floor at the rim contradicts venue.toml."""
     at_rim, nearest = measured.depths[0], min(_discrepancy(dome, at) for at in measured.depths)
@@ -248,6 +259,6 @@ def floor_notes(dome: Dome, measured: FloorLight) -> list[str]:
         ]
     return [
         f"floor_albedo is {dome.floor_albedo:g} +- {dome.floor_albedo_sigma:g} in venue.toml, but "
-        f"{measured.albedo:.2f} +- {measured.sigma:.2f} by the light that the floor returns; only the "
+        f"{at_rim.albedo:.2f} +- {at_rim.sigma:.2f} by the light that the floor returns; only the "
         "albedo of the screen depends on it"
     ]

@@ -52,10 +52,11 @@ def decode(
     code: CodeOption = DEFAULT_CODE,
     order: OrderOption = "",
     white_black: Annotated[
-        float | None, typer.Option(help="Least white - black [counts]; automatic if not given.")
+        float | None, typer.Option(help="Least white - black in counts; automatic if not given.")
     ] = None,
     contrast: Annotated[
-        float | None, typer.Option(help="Least |pattern - inverse| [counts]; automatic.")
+        float | None,
+        typer.Option(help="Least |pattern - inverse| in counts; automatic if not given."),
     ] = None,
     anyway: Annotated[
         bool, typer.Option("--anyway", help="Decode a set that a check of its pictures refuses.")

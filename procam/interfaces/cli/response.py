@@ -64,6 +64,8 @@ def response(
     seconds = [_seconds(text) for text in exposures.split(",")] if exposures else []
     solved = solve_brackets(photos, seconds, accept=accept)
     found, picture = solved.response, out.with_suffix(".png")
+    if solved.picture is not None:
+        check_out(picture, ".png", replace=False)
     write_response(out, found.levels, found.light)
     for note in solved.notes:
         output.say(f"warning: {note}")

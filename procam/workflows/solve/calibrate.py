@@ -50,6 +50,7 @@ from procam.workflows.solve.media_server import (
     server_rig,
 )
 from procam.workflows.solve.near_veil import with_near_veil
+from procam.workflows.solve.plausible import check_finite, check_on_screen
 from procam.workflows.solve.provenance import provenance
 
 NOISE_DN = 6.0  # differences below a few counts mean nothing
@@ -95,6 +96,7 @@ def solve(venue: Venue, session: Session) -> Iterator[Event]:
     geometry, images = rig.geometry, _of_main(rig)
     dome = _solved_screen(venue, geometry)
     view = _view(venue, dome, images, geometry)
+    check_on_screen(view, rig.found)
     if not server:
         geometry = with_near_veil(dome, images, view, geometry, rig.found)
         images = replace(images, radiometer=Radiometer(geometry.camera))
@@ -109,6 +111,7 @@ def solve(venue: Venue, session: Session) -> Iterator[Event]:
         yield Event("solve", done, total, f"{name} light split, response fitted")
     falloff = venue.table.blend.falloff_per_rad
     calibration = assemble(dome, geometry, view, measured, nudges(venue), origin, falloff)
+    check_finite(calibration)
     calibration = replace(calibration, quality=_quality(calibration, rig))
     yield Event("solve", total - 1, total, "maps assembled")
     directory = next_directory(venue.directory)

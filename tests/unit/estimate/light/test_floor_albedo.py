@@ -13,6 +13,7 @@ from procam.estimate.light.floor_albedo import (
     _weighted,
     combined_floor_albedo,
     floor_notes,
+    flux_notes,
     measure_floor,
 )
 from procam.estimate.light.model_room import below_rim
@@ -80,6 +81,13 @@ def test_a_discrepancy_widens_the_error() -> None:
     (note,) = floor_notes(dome, found)
     assert "floor_albedo is 0.1 +- 0.03 in venue.toml, but 0.28 +- 0.03" in note
     assert not floor_notes(dome, _at(0.12, 0.03))
+
+
+@pytest.mark.parametrize(("share", "named"), [(0.03, False), (0.1, True)])
+def test_light_that_contradicts_itself_is_noted(share: float, named: bool) -> None:
+    notes = flux_notes(FloorLight([FloorAt(albedo=0.1, sigma=0.03)], share))
+    assert len(notes) == named
+    assert all("disagree by 10%" in note and "check vignetting" in note for note in notes)
 
 
 def test_a_venue_toml_that_only_a_low_floor_would_explain_is_named_and_widens() -> None:

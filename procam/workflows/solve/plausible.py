@@ -1,0 +1,51 @@
+"""What a solve must not write: a picture beyond the dome's rim, and light that is no number."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from procam.errors import CalibrationError
+from procam.estimate.geometry.camera_view import DomeView
+from procam.estimate.geometry.model import Pair
+from procam.model.calibration import Calibration
+from procam.model.correspondence import CorrespondenceMap
+
+MOST_BEYOND = 0.2  # of a projector's decoded pixels; some overshoot the rim on purpose
+
+
+def check_on_screen(view: DomeView, found: Mapping[Pair, CorrespondenceMap]) -> None:
+    """Refuse a rig in which much of a projector's picture lies beyond the rim.
+
+    Two marks whose angles are exchanged or mirrored fit as well as the right ones, and turn the dome over.
+
+    Raises
+    ------
+    CalibrationError
+        With the share and what is probably wrong.
+    """
+    for (camera, projector), seen in found.items():
+        if camera != view.camera.name or not seen.valid.any():
+            continue
+        beyond = float(np.mean(~view.on_screen[seen.valid]))
+        if beyond > MOST_BEYOND:
+            raise CalibrationError(
+                f"{beyond:.0%} of the picture of {projector} would lie beyond the dome's rim. Check that no "
+                "two fiducials are exchanged and that azimuths are positive to the left of the front, then "
+                "half_angle_deg and tilt_deg"
+            )
+
+
+def check_finite(calibration: Calibration) -> None:
+    """Refuse a calibration whose feedback or albedo is no number.
+
+    Raises
+    ------
+    CalibrationError
+        With what to look at.
+    """
+    for name, light in ("feedback", calibration.feedback), ("albedo", calibration.albedo):
+        if not np.isfinite([light.value, light.sigma]).all():
+            raise CalibrationError(
+                f"the {name} cannot be determined from these pictures. Check the fiducials, half_angle_deg "
+                "and what the camera sees of the dome"
+            )
