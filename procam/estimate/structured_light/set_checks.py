@@ -38,7 +38,8 @@ NEIGHBOUR_GAIN = 1.02  # of neighbours: more likely, and of little effect in a c
 STALE_GAIN = 1.04  # by leaving a stale photograph out; a good one gives 1.01 at most
 WORSE = 0.9  # of the better axis: below, something is wrong, whatever is left out
 SLACK = 0.02  # of the triples, added to scores so that ratios of small ones mean little
-HOPELESS, UNCERTAIN = 0.02, 0.25  # share of straight triples; defocus costs stripes much of it
+# share of straight triples below which a set is refused or noted; defocus costs stripes much of it
+HOPELESS, UNCERTAIN = 0.02, 0.25
 NEARLY = 0.97  # of the best score: an order with as much cannot be excluded
 
 
@@ -206,7 +207,9 @@ class _Inspector:
             f"{width}x{height} projector along {worst}; check code and size, and that no more than two "
             "pictures are in a wrong place"
         )
-        if score[worst] < HOPELESS:
+        # waves of a wrong shift still decode, to a wrong place; stripes out of focus decode or do not
+        waves = any(self.code.planes[i].kind == "sine" for i in self.code.planes_of(worst))
+        if score[worst] < (UNCERTAIN if waves else HOPELESS):
             raise InputError(f"pictures: only {what}")
         if score[worst] < UNCERTAIN:
             self.notes.append(f"only {what}")
