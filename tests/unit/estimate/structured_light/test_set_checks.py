@@ -320,6 +320,16 @@ class TestContent:
         verdict = replace(gray, code=other).examine()
         assert "agree with the code shuffled of a 320x200 projector" in verdict.notes[-1]
 
+    def test_waves_of_another_shift(self, every: dict[str, Shots]) -> None:
+        """They decode, to wrong places, so that fewer agreeing pixels are enough for a refusal."""
+        shots = every["phase-heterodyne"]
+        waves = shots.code.x.waves
+        assert waves is not None
+        wrong = replace(waves, shifts=waves.shifts * np.resize([1.0, 0.5, 1.3], len(waves.shifts)))
+        code = replace(shots.code, x=replace(shots.code.x, waves=wrong))
+        with pytest.raises(InputError, match="agree with the code phase-heterodyne"):
+            replace(shots, code=code).examine()
+
     def test_half_a_panel_is_no_fault(self, every: dict[str, Shots]) -> None:
         """Planes that are all bright or dark where the camera looks are not black or stale."""
         gray = every["gray"]
