@@ -13,7 +13,7 @@ from procam.maths.geometry.sphere import normalise
 from procam.model.optics import Distance, Fiducial
 
 CONTRADICTION = 8.0  # sigmas of a residual that is an error, not noise
-DOUBT = 4.0  # sigmas of one that chance brings to one mark in three thousand
+NOTED = 4.0  # sigmas of one that is noted; chance brings it to one mark in three thousand
 ROUGH = 1e-3  # error of a fiducial on a dome that is solved as an exact sphere [rad]
 ROUGH_SHARE = 0.02  # relative error of a distance in such a rig
 
@@ -90,7 +90,7 @@ def fiducial_notes(rig: RigGeometry, fiducials: Sequence[Fiducial], *, rough: bo
         return []
     soft = _softened(fiducials, ROUGH if rough else 0.0)
     sigmas = _disagreement(soft, _seen(rig, fiducials))
-    if sigmas < DOUBT:
+    if sigmas < NOTED:
         return []
     return [
         f"the fiducials are up to {sigmas:.1f} standard errors from where they fit together best, so that "
