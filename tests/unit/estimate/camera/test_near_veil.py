@@ -105,3 +105,17 @@ def test_none_is_found_where_the_axes_contradict_each_other(rng: np.random.Gener
         if number % 4 == 3:
             fit.end_group()
     assert fit.result() == []
+
+
+def test_a_few_dark_cells_show_nothing(rng: np.random.Generator) -> None:
+    """Of a picture of 64 pixels, however clear the veil."""
+    fit = NearVeilFit(np.ones(SIZE[::-1], bool))
+    white = sum(picture for picture, _ in _stripes()[:2])
+    for picture, dark in _stripes():
+        few = np.zeros_like(dark)
+        few[80:112, 80:112] = dark[80:112, 80:112]
+        light = picture + SCATTERED * picture.sum() / white.sum()
+        seen = light + _veil(light, [(0.006, 0.03)]) - 0.006 * light.mean()
+        fit.add(seen.astype(np.float32), few, picture.sum() / white.sum())
+        fit.end_group()
+    assert fit.result() == []

@@ -91,6 +91,10 @@ def test_gloss_widens_by_the_number_of_projectors(furnished: TracedRoom) -> None
     spread = [x.floor.flux_inconsistency / np.sqrt(2) * x.feedback.value for x in (matte, glossy)]
     widened = glossy.feedback.sigma**2 - matte.feedback.sigma**2
     np.testing.assert_allclose(widened, spread[1] ** 2 - spread[0] ** 2, rtol=1e-6)
+    # all pictures of a projector hide the same share, which the albedo cannot average away
+    hidden = glossy.floor.flux_inconsistency * glossy.albedo.value
+    assert (glossy.albedo.sigma > hidden).all()
+    assert (glossy.albedo.sigma > matte.albedo.sigma).all()
 
 
 def test_a_lens_that_sees_more_than_there_is_is_refused(furnished: TracedRoom) -> None:
