@@ -65,10 +65,7 @@ def solve_brackets(
 def _misfits(found: CameraResponse, left_out: list[str]) -> list[str]:
     notes = []
     if found.left_out:
-        notes.append(
-            f"{left_out[0]} does not fit and is left out; the others agree without it. With it: "
-            f"{found.left_out[1]}"
-        )
+        notes.append(f"{left_out[0]} does not fit and is left out; the others agree without it")
     if found.moved_share:
         notes.append(
             f"{found.moved_share:.1%} of the places do not fit, as where something moves, and are left out"
