@@ -38,8 +38,7 @@ NEIGHBOUR_GAIN = 1.02  # of neighbours: more likely, and of little effect in a c
 STALE_GAIN = 1.04  # by leaving a stale photograph out; a good one gives 1.01 at most
 WORSE = 0.9  # of the better axis: below, something is wrong, whatever is left out
 SLACK = 0.02  # of the triples, added to scores so that ratios of small ones mean little
-# share of straight triples below which a set is refused or noted; defocus costs stripes much of it
-HOPELESS, UNCERTAIN = 0.02, 0.25
+HOPELESS, UNCERTAIN = 0.02, 0.25  # share of straight triples; defocus costs stripes much of it
 NEARLY = 0.97  # of the best score: an order with as much cannot be excluded
 
 
