@@ -1,9 +1,11 @@
 """The model room against closed forms of form factors."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from procam.estimate.light.model_room import below_rim
+from procam.estimate.light.model_room import ModelRoom, below_rim
 from procam.estimate.light.scatter_kernel import CELLS
 from procam.maths.geometry.sphere import master_directions, master_solid_angles
 from procam.model.screen import Dome
@@ -40,3 +42,17 @@ def test_a_tilted_dome_has_a_level_floor() -> None:
     ahead = master_directions(CELLS)[0][..., 0].ravel()[ON_CAP]
     light = below.by_floor @ AREA
     assert light[ahead > 0.8].mean() > 1.2 * light[ahead < -0.8].mean()
+
+
+def test_a_wall_returns_light_unevenly_and_a_sphere_alone_does_not() -> None:
+    dome = Dome(6.0, np.pi / 2)
+    ahead = master_directions(CELLS)[0][..., 0].ravel() > 0
+    white = np.where(ON_CAP, master_solid_angles(CELLS).ravel(), 0.0)
+    lights = np.stack([white * ahead, white], axis=1)
+    below = below_rim(dome, 0.3)
+    spread = []
+    for albedo in (0.0, 0.25):
+        room = ModelRoom(dome, 0.5, 0.0, replace(below, wall_albedo=albedo))
+        spread.append(np.ptp(room.over_white(lights)[ON_CAP]))
+    assert spread[0] < 1e-9
+    assert spread[1] > 1e-4
