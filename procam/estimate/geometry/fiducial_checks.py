@@ -13,7 +13,7 @@ from procam.maths.geometry.sphere import normalise
 from procam.model.optics import Distance, Fiducial
 
 CONTRADICTION = 8.0  # sigmas of a residual that is an error, not noise
-NOTED = 4.0  # sigmas of one that is noted; chance brings it to one mark in three thousand
+NOTED = 4.0  # sigmas of one that is noted: by chance one mark in three thousand
 ROUGH = 1e-3  # error of a fiducial on a dome that is solved as an exact sphere [rad]
 ROUGH_SHARE = 0.02  # relative error of a distance in such a rig
 

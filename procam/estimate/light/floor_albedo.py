@@ -141,9 +141,8 @@ def _floor_at(pictures: _Pictures, dome: Dome, below: Below, at_rim: Below) -> F
         each = np.array([_normal_equation(pictures, *one) for one in both])
         top, bottom, misfit = each.sum(axis=0)  # stationary: the last change hardly alters it
         if not bottom > 0:
-            return FloorAt(
-                albedo=dome.floor_albedo, sigma=np.inf, share=share, wall=wall, misfit=misfit
-            )
+            sigma = np.inf
+            break
         others = (top - each[:, 0]) / np.maximum(bottom - each[:, 1], 1e-300)
         floor = float(np.clip(floor + top / bottom, 0, MAX_ALBEDO))
         sigma = float(np.sqrt((len(each) - 1) * np.var(others)))

@@ -15,7 +15,7 @@ AREA = master_solid_angles(CELLS).ravel()[ON_CAP]
 
 
 def returned(exchange: np.ndarray) -> float:
-    """Share of the light of an evenly bright hemisphere that one reflection brings back to it."""
+    """Share of the light of an evenly bright hemisphere that returns to it by one reflection."""
     return float(AREA @ exchange @ AREA / AREA.sum())
 
 
