@@ -88,6 +88,20 @@ def test_exchanged_marks_that_turn_the_dome_over_are_refused(
         path.write_text(kept)
 
 
+@pytest.mark.parametrize(("degrees", "named"), [(90, False), (82, True)])
+def test_a_picture_beyond_the_rim_is_noted(
+    captured: tuple[Venue, Session], degrees: int, named: bool
+) -> None:
+    path = captured[0].directory / "venue.toml"
+    kept = path.read_text()
+    path.write_text(re.sub(r"(?m)^half_angle_deg = \S+", f"half_angle_deg = {degrees}", kept))
+    try:
+        notes = _with_lens(captured, "fixed", 1.0).provenance["notes"]
+    finally:
+        path.write_text(kept)
+    assert any("lie beyond the dome's rim" in note for note in notes) == named
+
+
 @pytest.mark.parametrize(("factor", "named"), [(1.0, False), (1.05, True)])
 def test_a_focal_length_beyond_its_prior_is_named(
     captured: tuple[Venue, Session], factor: float, named: bool

@@ -92,11 +92,10 @@ def solve(venue: Venue, session: Session) -> Iterator[Event]:
         else _rig_by_codes(venue, session, total)
     )
     yield Event("solve", total - len(names) - 2, total, f"geometry solved; {rig.verdict}")
-    origin["notes"] = rig.notes
     geometry, images = rig.geometry, _of_main(rig)
     dome = _solved_screen(venue, geometry)
     view = _view(venue, dome, images, geometry)
-    check_on_screen(view, rig.found)
+    origin["notes"] = [*rig.notes, *check_on_screen(view, rig.found)]
     if not server:
         geometry = with_near_veil(dome, images, view, geometry, rig.found)
         images = replace(images, radiometer=Radiometer(geometry.camera))

@@ -10,19 +10,22 @@ from procam.estimate.geometry.model import Pair
 from procam.model.calibration import Calibration
 from procam.model.correspondence import CorrespondenceMap
 
-MOST_BEYOND = 0.2  # of a projector's decoded pixels; some overshoot the rim on purpose
+# of a projector's decoded pixels: beyond it is noted and refused; some overshoot the rim on purpose
+MUCH_BEYOND, MOST_BEYOND = 0.005, 0.2
 
 
-def check_on_screen(view: DomeView, found: Mapping[Pair, CorrespondenceMap]) -> None:
-    """Refuse a rig in which much of a projector's picture lies beyond the rim.
+def check_on_screen(view: DomeView, found: Mapping[Pair, CorrespondenceMap]) -> list[str]:
+    """Notes on projectors whose picture lies partly beyond the rim; much of it is refused.
 
     Two marks whose angles are exchanged or mirrored fit as well as the right ones, and turn the dome over.
+    Where half_angle_deg is too small, the light of the rest is missing.
 
     Raises
     ------
     CalibrationError
         With the share and what is probably wrong.
     """
+    notes = []
     for (camera, projector), seen in found.items():
         if camera != view.camera.name or not seen.valid.any():
             continue
@@ -33,6 +36,12 @@ def check_on_screen(view: DomeView, found: Mapping[Pair, CorrespondenceMap]) -> 
                 "two fiducials are exchanged and that azimuths are positive to the left of the front, then "
                 "half_angle_deg and tilt_deg"
             )
+        if beyond > MUCH_BEYOND:
+            notes.append(
+                f"{beyond:.1%} of the picture of {projector} lie beyond the dome's rim and do not count as "
+                "screen; if they do land on the dome, half_angle_deg is too small"
+            )
+    return notes
 
 
 def check_finite(calibration: Calibration) -> None:
