@@ -118,15 +118,22 @@ def _verdict(entries: Entries) -> str:
 
 def _cards(material: Material) -> Iterator[dict[str, str]]:
     """The main figures: title, value, explanation, goal."""
-    figures = material.figures
-    left = next((n for n in ("scatter_left_refined", "scatter_left_exact") if n in figures), None)
-    if left:
-        note = "of the bounced light remains, worst colour"
-        yield _figure_card(figures, left, "Bounced light that remains", note)
+    yield from _left_card(material.figures)
     if material.loop:
         yield _loop_card(material.loop)
     yield from _direction_card(material)
     yield from _picture_card(material)
+
+
+def _left_card(figures: Entries) -> Iterator[dict[str, str]]:
+    title = "Bounced light that remains"
+    drawn = next((n for n in ("scatter_left_refined", "scatter_left_exact") if n in figures), None)
+    if "interreflection_left" in figures and drawn:
+        left = value_text(drawn, figures[drawn])
+        note = f"of it, where projectors draw exactly what they are asked for; {left} as they draw"
+        yield _figure_card(figures, "interreflection_left", title, note)
+    elif drawn:
+        yield _figure_card(figures, drawn, title, "of the bounced light remains, worst colour")
 
 
 def _loop_card(loop: Loop) -> dict[str, str]:
@@ -153,6 +160,12 @@ def _direction_card(material: Material) -> Iterator[dict[str, str]]:
 
 
 def _picture_card(material: Material) -> Iterator[dict[str, str]]:
+    names = ("picture_error_jnd_before", "picture_error_jnd")
+    if material.figures.keys() >= set(names):
+        both = (number(material.figures[name]["value"], 2) for name in names)
+        note = "just noticeable differences, which 95 % of all that is lit stay within, before and after"
+        yield _card("Error of the picture", " \N{RIGHTWARDS ARROW} ".join(both), note)
+        return
     seen = material.before_after()
     if seen is None:
         return

@@ -11,7 +11,8 @@ from procam.compensate.compensator import Compensator
 from procam.errors import FileFormatError, InputError
 from procam.files.calibration import save_calibration
 from procam.files.images.layers import RGB, write_channels
-from procam.interfaces.report import write_report
+from procam.interfaces.report import page, write_report
+from procam.interfaces.report.data import Material
 from procam.maths.warp import block_mean
 from procam.model.mask import Mask
 from procam.model.quality import Figure, Goal
@@ -267,3 +268,16 @@ def test_importing_the_report_imports_no_plotting():
 def test_the_path_may_be_relative(venue, monkeypatch):
     monkeypatch.chdir(venue)
     assert "<h1>Planetarium</h1>" in write_report(Path()).read_text("utf-8")
+
+
+def test_the_first_card_is_what_compensation_answers_for() -> None:
+    """What projectors draw wrongly is named beside it; the picture's error counts all that is lit."""
+    more = {
+        "interreflection_left": Figure(0.0036, "-", Goal("<=", 0.01), 9).as_dict(),
+        "scatter_left_exact": Figure(0.0153, "-", Goal("<=", 0.02), 9).as_dict(),
+        "picture_error_jnd_before": Figure(244.9, "JND").as_dict(),
+        "picture_error_jnd": Figure(149.5, "JND").as_dict(),
+    }
+    first, last = page._cards(Material(Path(), [], None, more, None, None, {}, None))
+    assert first["value"] == f"0.36{THIN}%" and f"1.53{THIN}% as they draw" in first["note"]
+    assert last["value"] == "240 \N{RIGHTWARDS ARROW} 150"
