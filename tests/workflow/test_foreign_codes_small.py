@@ -63,3 +63,46 @@ def test_missing_photographs_through_the_command(tmp_path: Path) -> None:
     assert known[lab.lit].mean() > 0.85
     scalar = np.sqrt(np.mean(error[known] ** 2, axis=-1))
     assert np.mean(scalar <= 2 * found["sigma"][known]) > 0.95
+
+
+def photographed_by(case: study.Case, folder: Path, description: str) -> tuple[Path, Path]:
+    """Photographs of a case, and a file that describes its code."""
+    photos, theirs = folder / "photos", folder / "theirs.toml"
+    photos.mkdir()
+    study.photographed(case, 2, photos)
+    theirs.write_text(description)
+    return photos, theirs
+
+
+def test_wrong_shifts_through_the_command(tmp_path: Path) -> None:
+    wrong = study.STEPS.replace("steps = 3", "shifts_deg = [30, 150, 270]")
+    photos, theirs = photographed_by(CASES[0], tmp_path, wrong)
+    command = (
+        "decode",
+        photos,
+        "--size",
+        "192x128",
+        "--code",
+        theirs,
+        "--out",
+        tmp_path / "map.exr",
+    )
+    refused = procam(*command)
+    assert refused.code == 2 and not (tmp_path / "map.exr").exists()
+    assert "pictures: columns: the edges of the Gray cells lie 1." in refused.err
+    overruled = procam(*command, "--anyway")
+    assert overruled.code == 0
+    assert (
+        "decoded anyway, though a check refuses it: pictures: columns: the edges" in overruled.out
+    )
+
+
+def test_a_panel_wider_than_the_size_says(tmp_path: Path) -> None:
+    """As many patterns, and all pixels to the right of column 160 beyond the panel."""
+    case = next(c for c in CASES if c.name == "Gray, inverses last")
+    photos, theirs = photographed_by(case, tmp_path, case.description)
+    out = tmp_path / "map.exr"
+    ran = procam("decode", photos, "--size", "160x128", "--code", theirs, "--out", out)
+    assert ran.code == 2
+    assert "pictures: columns: 1" in ran.err
+    assert "show stripes that a panel of 160 does not have" in ran.err

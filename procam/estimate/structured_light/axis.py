@@ -6,6 +6,7 @@ import numpy as np
 
 from procam.arrays import AnyArray, Map
 from procam.errors import NotEnoughData
+from procam.estimate.structured_light.cell_edges import edges_refusal
 from procam.estimate.structured_light.cells import CellImages
 from procam.estimate.structured_light.codes import Axis, AxisCode, Plane
 from procam.estimate.structured_light.limits import DecodeLimits, dropped_samples
@@ -34,6 +35,7 @@ class AxisResult:
     direct : (H, W) direct light at full white [image unit].
     waves : the fit of the sinusoidal patterns, if the axis has them.
     lost : patterns whose photographs could not be used.
+    refused : why the coordinate should not be used; empty if nothing speaks against it.
     """
 
     x: Map
@@ -41,6 +43,7 @@ class AxisResult:
     direct: Map
     waves: SinusoidResult | None
     lost: tuple[Plane, ...]
+    refused: str = ""
 
 
 class SinusoidDecoder:
@@ -61,6 +64,7 @@ class SinusoidDecoder:
         self._frames: dict[int, AnyArray] = {}
         self._variances: Map | None = None  # sum over the frames
         self._waves: SinusoidResult | None = None
+        self._refused = ""
         self._lost: list[Plane] = []
 
     def add(self, plane: Plane, image: AnyArray, variance: Map | None = None) -> None:
@@ -91,7 +95,8 @@ class SinusoidDecoder:
         x = waves.x
         if self._set.single and self._stripes is None:  # the position within a period alone
             x = np.mod(x, np.float32(self._order[0].period))
-        return AxisResult(x, waves.sigma, 2 * waves.amplitude, waves, tuple(self._lost))
+        lost = tuple(self._lost)
+        return AxisResult(x, waves.sigma, 2 * waves.amplitude, waves, lost, self._refused)
 
     def _solve(self) -> None:
         completed = complete_base_set(self._frames, self._set, self._white, self._black)
@@ -121,6 +126,8 @@ class SinusoidDecoder:
             self._waves = self._solve_few_fringes(replace(pictures, surplus_sigma=NO_SURPLUS))
         else:
             self._waves = decode_sinusoids(pictures)
+        if cells is not None:
+            self._refused = edges_refusal(cells, self._waves.x, float(waves.periods[0]))
 
     def _solve_few_fringes(self, pictures: SinusoidImages) -> SinusoidResult:
         """Decode few wide fringes: scattered light biases them and their own fit cannot show it."""

@@ -37,6 +37,7 @@ class Decoded:
     waves : the fits of the sinusoids, with blur, response and noise, per axis that has them.
     lost : patterns whose photographs could not be used.
     notes : what was out of the ordinary, one line each.
+    refused : why the map should not be used, one line each.
     """
 
     map: CorrespondenceMap
@@ -45,6 +46,7 @@ class Decoded:
     waves: dict[str, SinusoidResult] = field(default_factory=dict)
     lost: tuple[Plane, ...] = ()
     notes: tuple[str, ...] = ()
+    refused: tuple[str, ...] = ()
 
 
 class Decoder:
@@ -112,6 +114,11 @@ class Decoder:
             {n: r.waves for n, r in zip(AXES, (x, y), strict=True) if r.waves is not None},
             lost,
             (*self._notes, *(f"nothing could be read from {plane}" for plane in lost)),
+            tuple(
+                f"pictures: {name}: {axis.refused}"
+                for name, axis in (("columns", x), ("rows", y))
+                if axis.refused
+            ),
         )
 
     def _start(self, white: AnyArray, black: AnyArray) -> None:

@@ -23,6 +23,7 @@ CLEAR_SIGMAS = 3.0
 RESOLVED_SHARE = 0.25  # of the lit pixels must resolve a plane, or it is lost
 FLUX_SLACK = 0.02  # imbalance of a pair below which its scattered light cancels
 PROBES = 10_000  # pixels of which the lit ones decide whether a plane is resolved
+BEYOND_SHARE = 0.03  # of the certain pixels: misread ones at edges are fewer
 HELD_PAIRS = 2  # folded together: each pair is judged by the direct light that both show
 
 
@@ -76,12 +77,14 @@ class StripeDecoder:
         certain = self.certain()
         column, sigma = column_table(self._codewords, self._folded)
         known = certain & np.isfinite(column[self._code])
+        beyond = 1 - float(known[certain].mean()) if certain.any() and not self._lost else 0.0
         return AxisResult(
             np.where(known, column[self._code], np.nan).astype(np.float32),
             np.where(known, sigma[self._code], np.nan).astype(np.float32),
             self._most.astype(np.float32),
             None,
             tuple(self._lost),
+            beyond_refusal(beyond, len(self._codewords)),
         )
 
     def certain(self) -> BoolArray:
@@ -141,6 +144,16 @@ class StripeDecoder:
             span = _difference(self._white, self._black)
             scattered = surplus / self._total * np.maximum(span - self._most, 0)
             self._least[np.abs(_difference(pattern, inverse)) <= scattered] = 0
+
+
+def beyond_refusal(share: float, length: int) -> str:
+    """What is wrong if so many pixels show codewords that a panel of `length` does not; else empty."""
+    if share <= BEYOND_SHARE:
+        return ""
+    return (
+        f"{share:.0%} of the pixels with light show stripes that a panel of {length} does not have; "
+        "check the size, and whether width and height are exchanged"
+    )
 
 
 def column_table(codewords: NDArray[np.integer], folded: set[int]) -> tuple[Map, Map]:

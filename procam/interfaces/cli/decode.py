@@ -121,10 +121,13 @@ def decode_folder(
         raise FileFormatError(count_refusal(folder, len(files), code))
     verdict = _matched(files, code, anyway)
     decoded = _decoded(files, code, limits, verdict)
+    if decoded.refused and not anyway:
+        raise InputError(decoded.refused[0])
     found, panel = decoded.map, fit_projector_map(decoded.map, code.size)
     if limits == (None, None):
         found = drop_inconsistent(found, panel)
-    overruled = [f"decoded anyway, though a check refuses it: {why}" for why in verdict.refused]
+    refused = (*verdict.refused, *decoded.refused)
+    overruled = [f"decoded anyway, though a check refuses it: {why}" for why in refused]
     notes = [*overruled, *verdict.notes, *decoded.notes, *unseen_errors(code)]
     return found, panel, notes + panel_notes(code, found)
 

@@ -1,5 +1,7 @@
 """Codes of other programs: patterns and photographs of `foreign_sets`, which shares nothing with decoders."""
 
+import re
+
 import numpy as np
 import pytest
 from foreign_sets import SIZE, Set, gray, photograph, steps
@@ -98,6 +100,22 @@ def test_cells_at_their_edges() -> None:
     use = taken.inside() & found.valid
     assert use.sum() > 0.97 * taken.inside().sum()
     assert np.abs(found.projector_xy - taken.truth)[use].max() < 1.5
+
+
+@pytest.mark.parametrize("one", [GRAY_CELLS, ONE_PERIOD], ids=["two periods", "one period"])
+@pytest.mark.parametrize("turn_deg", [30.0, -75.0])
+def test_shifts_wrong_by_one_angle_are_refused(one: AxisDescription, turn_deg: float) -> None:
+    turned = AxisDescription(
+        one.periods_px, tuple(np.array(one.shifts_rad) + np.radians(turn_deg)), 16, one.inverses
+    )
+    taken = photograph(LEVELS + drawn(one), np.random.default_rng(16))
+    decoder = Decoder(described(turned))
+    for plane, picture in enumerate(taken.photographs):
+        decoder.add(plane, picture)
+    for name, why in zip(("columns", "rows"), decoder.result().refused, strict=True):
+        stated = re.search(rf"{name}: the edges of the Gray cells lie ([0-9.]+) px", why)
+        assert stated is not None
+        assert float(stated[1]) == pytest.approx(16 * abs(turn_deg) / 360, abs=0.25)
 
 
 def test_a_lost_gray_pattern_is_computed_from_its_inverse() -> None:
