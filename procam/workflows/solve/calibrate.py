@@ -8,6 +8,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from procam.errors import CalibrationError
 from procam.estimate.calibration import ProjectorMeasurement, assemble
 from procam.estimate.camera.radiance import Radiometer
 from procam.estimate.geometry.apriltags import TagObservations
@@ -198,8 +199,10 @@ def _decode(
     decoder = Decoder(make_code(code_name, venue.table.projectors[name].size), limits)
     for number, counts in pictures:
         decoder.add(number, counts)
-    found = decoder.result().map
-    found = keep_only(found, ~camera_masks(venue)[camera.name].covered)
+    decoded = decoder.result()
+    if decoded.refused:
+        raise CalibrationError(f"projector {name}: {decoded.refused[0]}")
+    found = keep_only(decoded.map, ~camera_masks(venue)[camera.name].covered)
     # masked pixels shine while the light is measured: only the geometry does without them
     used = keep_only(found, ~projector_masks(venue)[name].at(found.projector_xy))
     return found, gather_observations(used, venue.table.projectors[name].size)
