@@ -154,6 +154,25 @@ class TestOptimum:
         assert np.isnan(found.certificate.kkt)
         assert found.certificate.self_consistency > 1e-3  # limits were not counted
 
+    @pytest.mark.parametrize("method", ["exact", "least-squares"])
+    def test_slope_is_that_of_the_residual_where_limits_hold(
+        self, known: Calibration, content: np.ndarray, method: str
+    ) -> None:
+        compensator = Compensator(known, SMALL, method)
+        compensator.frame(content)
+        solved, equations = compensator._solved, compensator._equations
+        assert solved is not None and equations._root is not None
+        value = equations._root.value
+        slope = equations._slope(solved.solution, solved.content, solved.coding)
+        for i in range(value.shape[1]):
+            step = np.zeros_like(value)
+            step[:, i] = 1e-4
+            above, below = (
+                equations.residual(solved.content, solved.coding, equations._solution(value + turn))
+                for turn in (step, -step)
+            )
+            np.testing.assert_allclose((above - below) / 2e-4, slope[:, :, i], rtol=5e-3, atol=5e-3)
+
     @settings(max_examples=25, deadline=None)
     @given(seed=st.integers(0, 2**31), bright=st.floats(0.01, 3.0))
     def test_certificates_hold_for_any_content(
