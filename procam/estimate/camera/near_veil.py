@@ -69,12 +69,12 @@ class NearVeilFit:
         use = known > DARK_SHARE
         level = block_mean(np.where(dark, light, 0), CELL_PX) / np.maximum(known, DARK_SHARE)
         shining = np.where(self._seen, np.nan_to_num(light), 0).astype(np.float32)
-        mean, cells = np.float32(shining[self._seen].mean()), block_mean(shining, CELL_PX)
+        cells = block_mean(shining, CELL_PX)
         # scattered light over the flux share has the weight of that share squared
         self._weight += use * np.float32(share**2)
         self._dark += use * np.float32(share) * level
         self._compared += int(use.sum()) if share > MIN_SHARE else 0
-        veil = np.stack([use * (_spread(cells, spread) - mean) for spread in SPREADS])
+        veil = np.stack([use * _spread(cells, spread) for spread in SPREADS])
         self._veil += np.float32(share) * veil
         self._squares += _products(veil, veil)
         self._products += _products(veil, level)

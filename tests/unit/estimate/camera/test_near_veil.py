@@ -66,6 +66,18 @@ def test_light_that_comes_back_widely_is_no_veil_of_the_lens(rng: np.random.Gene
     assert sum(s for s, _ in _fitted([(0.006, SPREADS[-1])], rng)) < 6e-4
 
 
+def test_a_trace_of_blurred_light_beside_the_dark_is_no_veil(rng: np.random.Generator) -> None:
+    """What a projector's lens spreads a few pixels beyond a stripe."""
+    fit = NearVeilFit(np.ones(SIZE[::-1], bool))
+    for number, (picture, dark) in enumerate(_stripes()):
+        blurred = 0.99 * picture + 0.01 * gaussian_filter(picture, 2.0)
+        seen = blurred + SCATTERED * 0.5 + rng.normal(0, 1e-3, picture.shape)
+        fit.add(seen.astype(np.float32), dark, 0.5)
+        if number % 4 == 3:
+            fit.end_group()
+    assert sum(s for s, _ in fit.result()) < 3e-4
+
+
 def test_too_little_to_compare() -> None:
     fit = NearVeilFit(np.ones((40, 40), bool))
     fit.add(np.ones((40, 40), np.float32), np.eye(40, dtype=bool), 0.5)
