@@ -208,22 +208,29 @@ def _scaled(ratio: Array, weight: Array) -> Array:
 def combined_floor_albedo(dome: Dome, measured: FloorLight) -> tuple[float, float]:
     """Albedo of the floor in the rim's plane that returns as much light, and its standard error.
 
-    At each depth it is the weighted mean of the value in venue.toml and the measured one; its error is
-    scaled by the discrepancy of the two where that exceeds one sigma (Birge ratio). Where they agree at a
-    lower depth alone, the floor may as well lie at the rim and venue.toml be wrong: the error covers both.
+    At each depth it is the weighted mean of the value in venue.toml and the measured one. If they differ by
+    more than their errors, both get the same further variance, which explains it (DerSimonian and Laird
+    1986, doi:10.1016/0197-2456(86)90046-2). Where they agree at a lower depth alone, the floor may as well
+    lie at the rim and venue.toml be wrong: the error covers both.
     """
-    known = (dome.floor_albedo, max(dome.floor_albedo_sigma, MIN_SIGMA))
     each = []
     for at in measured.depths:
-        weights = np.array([1 / known[1] ** 2, 1 / at.sigma**2])
-        value = np.average([known[0], at.albedo], weights=weights)
-        sigma = max(1.0, _discrepancy(dome, at)) * weights.sum() ** -0.5
-        each.append((at.wall + at.share * float(value), at.share * float(sigma)))
+        value, sigma = _combined(dome, at)
+        each.append((at.wall + at.share * value, at.share * sigma))
     mean, spread = measured.mixture(each)
     at_rim = measured.depths[0]
     if _discrepancy(dome, at_rim) < MAX_DISCREPANCY:
         return mean, spread
     return mean, float(np.hypot(spread, (1 - at_rim.weight) * (mean - at_rim.albedo)))
+
+
+def _combined(dome: Dome, at: FloorAt) -> tuple[float, float]:
+    """Mean of the floor albedo in venue.toml and the measured one, and its standard error."""
+    variance = np.array([max(dome.floor_albedo_sigma, MIN_SIGMA), at.sigma]) ** 2
+    further = max(0.0, ((at.albedo - dome.floor_albedo) ** 2 - float(variance.sum())) / 2)
+    weights = 1 / (variance + further)
+    value = np.average([dome.floor_albedo, at.albedo], weights=weights)
+    return float(value), float(weights.sum() ** -0.5)
 
 
 def _discrepancy(dome: Dome, at: FloorAt) -> float:

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from traced_rooms import TracedRoom, parts
+from traced_rooms import INSIDE, TracedRoom, parts
 
 from procam.estimate.light import floor_albedo
 from procam.estimate.light.floor_albedo import (
@@ -52,6 +52,21 @@ def test_scales_of_pictures_do_not_count_for_the_floor(furnished: TracedRoom) ->
     assert second.flux_inconsistency == pytest.approx(np.std(0.1 * np.arange(8)), rel=0.1)
 
 
+def test_dim_pictures_count_less(furnished: TracedRoom, rng: np.random.Generator) -> None:
+    """With the same noise in each, a picture a twentieth as bright has hardly any weight."""
+    per_flux, white = furnished.known()
+    found = [furnished.scatter_sample(lit, 0.0) for lit in parts()]
+    dim = [replace(x, scattered=x.scattered / 20, direct=x.direct / 20) for x in found]
+    noise = 0.02 * np.nanmean([x.scattered for x in found])
+    noisy = [
+        replace(x, scattered=x.scattered + rng.normal(0, noise, (INSIDE.size, 1))) for x in dim
+    ]
+    dome = Dome(6.0, np.pi / 2, TILT, 0.1, 0.05)
+    bright, both = (measure_floor(x, per_flux, white, dome, 0.5) for x in (found, found + noisy))
+    for one, other in zip(bright.depths, both.depths, strict=True):
+        assert other.albedo == pytest.approx(one.albedo, rel=0.02)
+
+
 def test_the_floors_error_is_that_of_a_mean_of_pictures(
     furnished: TracedRoom, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -81,6 +96,13 @@ def test_a_discrepancy_widens_the_error() -> None:
     (note,) = floor_notes(dome, found)
     assert "floor_albedo is 0.1 +- 0.03 in venue.toml, but 0.28 +- 0.03" in note
     assert not floor_notes(dome, _at(0.12, 0.03))
+
+
+def test_a_floor_stated_without_an_error_is_not_taken_for_certain() -> None:
+    """Half of the difference: either may be wrong."""
+    value, sigma = combined_floor_albedo(Dome(6.0, np.pi / 2, 0.0, 0.0, 0.0), _at(0.3, 0.05))
+    assert value == pytest.approx(0.15, abs=0.01)
+    assert sigma == pytest.approx(0.15, abs=0.01)
 
 
 @pytest.mark.parametrize(("share", "named"), [(0.03, False), (0.1, True)])
