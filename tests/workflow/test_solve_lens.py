@@ -50,7 +50,8 @@ def test_feedback_and_albedo_do_not_follow_a_wrong_prior(
     right = _with_lens(captured, "fixed", 1.0)
     wrong = _with_lens(captured, mode, TOO_LONG)
     np.testing.assert_allclose(wrong.feedback.value, right.feedback.value, rtol=PULL)
-    np.testing.assert_allclose(wrong.albedo.value, right.albedo.value, rtol=PULL)
+    moved = np.abs(wrong.albedo.value - right.albedo.value)
+    assert (moved < 0.1 * right.albedo.sigma).all()  # by what the floor seems to be
 
 
 @pytest.mark.parametrize("mode", ["fixed", "prior", "solve"])
