@@ -14,6 +14,7 @@ import numpy as np
 
 from procam.arrays import Array, FloatArray, Image
 from procam.estimate.geometry.camera_view import DomeView
+from procam.estimate.geometry.direction_samples import direction_sigmas
 from procam.estimate.geometry.solve import MAX_SPHERE_RATIO, GeometrySolution
 from procam.estimate.light.blend import Blender, common_white
 from procam.estimate.light.dome_scatter import DomeScatter, measure_scatter
@@ -237,6 +238,19 @@ def _projector(
     )
 
 
+def _direction_sigmas(geometry: GeometrySolution) -> dict[str, Figure]:
+    relative, absolute = direction_sigmas(geometry)
+    what = "standard error, root mean square"
+    return {
+        "direction_sigma_relative_arcmin": Figure(
+            relative, "arcmin", note=f"{what}, less a rotation"
+        ),
+        "direction_sigma_arcmin": Figure(
+            absolute, "arcmin", note=f"{what}, with the survey of marks"
+        ),
+    }
+
+
 def _quality(
     geometry: GeometrySolution,
     measured: Mapping[str, ProjectorMeasurement],
@@ -258,6 +272,7 @@ def _quality(
             len(residual),
             "above it the dome is not a sphere",
         ),
+        **_direction_sigmas(geometry),
         "shape_degree": Figure(float(geometry.rig.shape.degree), "-"),
         "additivity_error": Figure(
             additivity, "-", Goal("<=", MAX_ADDITIVITY_ERROR), len(measured)

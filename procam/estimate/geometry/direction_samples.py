@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from procam.arrays import Array
 from procam.estimate.geometry.model import RigGeometry
@@ -13,13 +14,15 @@ from procam.estimate.geometry.pixel_directions import (
     PixelDirections,
     fit_pixel_directions,
     model_directions,
+    panel_grid,
     ray_directions,
 )
 from procam.estimate.geometry.screen_points import intersect_screen
 from procam.estimate.geometry.solve import GeometrySolution
-from procam.maths.geometry.sphere import normalise
+from procam.maths.geometry.sphere import ARCMIN, normalise
 from procam.maths.warp import blur, sample
 
+SIGMA_DRAWS = 40
 FINE = 3  # samples per cell of random fields; interpolation between them keeps their variance
 
 
@@ -55,6 +58,26 @@ def sample_directions(
         shift = _weighted_mean(sources, solution.rig.moved(step)) - centre
         drawn[i] = normalise(mean + shift + sigma * _smooth_noise(fitted.size, pixels, rng))
     return drawn.reshape(count, *pixels.shape[:-1], 3)
+
+
+def direction_sigmas(solution: GeometrySolution, seed: int = 0) -> tuple[float, float]:
+    """Standard errors [arcmin] of the directions of all projectors, root mean squares over their panels.
+
+    The first is of directions relative to each other: a rotation of the whole rig, which the survey of
+    marks decides, is taken from each draw. The second includes it.
+    """
+    drawn, means = list[Array](), list[Array]()
+    for name, projector in solution.rig.projectors.items():
+        same = np.random.default_rng(seed)  # and so the same rigs for all
+        pixels = panel_grid(projector.size).reshape(-1, 2)
+        drawn.append(sample_directions(solution, name, pixels, SIGMA_DRAWS, same))
+        means.append(fit_pixel_directions(solution, name).at(pixels[None])[0])
+    mean, draws = np.concatenate(means), np.concatenate(drawn, axis=1)
+    known = np.isfinite(mean).all(axis=1) & np.isfinite(draws).all(axis=(0, 2))
+    mean, draws = mean[known], draws[:, known]
+    turned = [Rotation.align_vectors(mean, one)[0].apply(one) for one in draws]
+    relative, absolute = (np.sum((x - mean) ** 2, axis=-1) for x in (np.array(turned), draws))
+    return float(ARCMIN * np.sqrt(relative.mean())), float(ARCMIN * np.sqrt(absolute.mean()))
 
 
 def _sources(

@@ -223,7 +223,7 @@ def _variance_maps(
     `field` (h, w) is the measured field's variance. Where it is NaN the model's variance applies,
     plus the mean misfit of the measured part.
     """
-    grid = _grid(solution.projectors[name].size)
+    grid = panel_grid(solution.projectors[name].size)
     cameras, nodes = [camera for camera, _ in pairs], grid.reshape(-1, 2)
     modelled, rays = _propagated_variances(solution, name, cameras, nodes)
     best, ray = rays.argmin(axis=0), rays.min(axis=0)
@@ -238,7 +238,7 @@ def _variance_maps(
     return first, second, dict(zip(cameras, counts, strict=True))
 
 
-def _grid(size: tuple[int, int]) -> Array:
+def panel_grid(size: tuple[int, int]) -> Array:
     """Nodes (h', w', 2) [px] over a panel, from its first pixel to its last."""
     width, height = size
     columns = max(SIGMA_GRID, round(SIGMA_GRID * width / height))

@@ -9,7 +9,6 @@ is one of the steps of that one solve.
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import combinations
 
 import numpy as np
 
@@ -50,7 +49,6 @@ TRIES = (8, 4, 2, 1)  # start positions of the first camera that each round keep
 MOST_NOT_SPHERE = 5000  # per pair in the last fit of a screen whose shape, not noise, dominates
 OUTLIER_SIGMAS = 6.0
 GROSS_SIGMAS = 40.0  # kept in the result: the model may be this far off where light grazes
-MIN_BASELINE = 0.05  # of the radius, between two cameras that determine the screen's shape
 MAX_SPHERE_RATIO = 1.5  # systematic ratio up to which the screen counts as a sphere
 # systematic ratio with marks over that without, from which they bend the lens: right marks make it 1.06
 # where the lens is hardly determined, one 3 degrees off 2.7
@@ -104,7 +102,7 @@ class GeometrySolution:
 def solve_geometry(problem: RigProblem) -> GeometrySolution:
     """Solve a rig.
 
-    The screen's harmonics are solved for if two cameras stand far enough apart. A mesh keeps its
+    The screen's harmonics are solved for if an exact sphere does not explain what was seen. A mesh keeps its
     shape; the first camera gets its start from four or more fiducials.
 
     Raises
@@ -118,7 +116,7 @@ def solve_geometry(problem: RigProblem) -> GeometrySolution:
     few = {pair: some.thinned(FEW) for pair, some in problem.observations.items()}
     rig = _fitted(problem, few, _in_place(problem, few))
     on_sphere = _mean_ratio(rig, few)
-    rig = _with_harmonics(problem, few, rig) if _is_shape_determined(problem, rig) else rig
+    rig = _with_harmonics(problem, few, rig) if problem.shape.is_sphere else rig
     used = problem.observations
     if not rig.shape.is_sphere:
         used = {pair: some.thinned(MOST_NOT_SPHERE) for pair, some in used.items()}
@@ -325,15 +323,6 @@ def _fitted(
     prior = prior_sigmas(problem, rig)
     rig = Adjustment(problem, seen, prior).solve(rig, robust=True)
     return Adjustment(problem, _agreeing(rig, seen), prior).solve(rig, robust=False)
-
-
-def _is_shape_determined(problem: RigProblem, rig: RigGeometry) -> bool:
-    """Whether two cameras are far enough apart to determine the screen's shape."""
-    if not problem.shape.is_sphere:
-        return False
-    places = [c.camera_from_dome.origin for c in rig.cameras.values() if c.camera_from_dome]
-    steps = [np.linalg.norm(a - b) for a, b in combinations(places, 2)]
-    return bool(max(steps, default=0.0) > MIN_BASELINE * rig.shape.radius_m)
 
 
 def _mean_ratio(rig: RigGeometry, seen: Mapping[Pair, Observations]) -> float:

@@ -102,6 +102,12 @@ NAMES = {
         "Residual of the geometry",
         "between the cameras' observations and the model, in projector pixels",
     ),
+    "direction_sigma_relative_arcmin": Words(
+        "Standard error of directions relative to each other", "what seams and pictures depend on"
+    ),
+    "direction_sigma_arcmin": Words(
+        "Standard error of directions", "the same with the survey of the marks on the dome"
+    ),
     "sphere_variance_ratio": Words(
         "Test for a sphere", "variance of the residuals over the variance that noise explains"
     ),

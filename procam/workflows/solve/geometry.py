@@ -85,6 +85,6 @@ def _verdict(found: GeometrySolution) -> str:
     cure = "no bumps explain it; did a camera or a projector move between the pictures?"
     if degree:
         cure = f"bumps up to degree {degree} were solved"
-    elif len(found.rig.cameras) == 1:
-        cure = "a second camera would determine its shape, unless the camera moved between the pictures"
+        if len(found.rig.cameras) == 1:
+            cure += ", which one camera cannot tell from a wrong lens; a second camera can"
     return f"the dome is NOT a sphere {ratio}; {cure}"

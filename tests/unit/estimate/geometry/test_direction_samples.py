@@ -5,8 +5,8 @@ import pytest
 from domes import SimulatedDome
 from tolerances import SIGMAS
 
-from procam.estimate.geometry.direction_samples import sample_directions
-from procam.estimate.geometry.pixel_directions import fit_pixel_directions
+from procam.estimate.geometry.direction_samples import direction_sigmas, sample_directions
+from procam.estimate.geometry.pixel_directions import fit_pixel_directions, panel_grid
 from procam.estimate.geometry.solve import GeometrySolution, solve_geometry
 from procam.maths.geometry.pose import align_rotation, rotation_vector
 from procam.maths.geometry.sphere import ARCMIN, grid_solid_angles, normalise
@@ -82,6 +82,30 @@ def test_projectors_drawn_from_one_state_belong_to_one_rig() -> None:
         turns.append([rotation_vector(align_rotation(mean, d.reshape(-1, 3))) for d in drawn])
     south, north = np.array(turns)
     assert np.sqrt(np.mean((south - north) ** 2)) < 0.2 * np.sqrt(np.mean(south**2))
+
+
+@pytest.mark.parametrize(
+    ("preset", "cameras", "seeds"), [(STANDARD, 1, 6), (REALISTIC, 1, 2), (REALISTIC, 2, 1)]
+)
+def test_stated_errors_are_those_of_directions(preset: Preset, cameras: int, seeds: int) -> None:
+    """With marks that are off by their sigma; relative errors less a rotation of the whole rig."""
+    ratios = []
+    for seed in range(seeds):
+        dome, solution = _solved(seed, preset, cameras, sigma=1e-3)
+        true, found = list[np.ndarray](), list[np.ndarray]()
+        for projector in dome.projectors:
+            pixels = panel_grid(projector.size).reshape(-1, 2)
+            true.append(normalise(lit_points(dome.surface, projector, pixels)))
+            found.append(fit_pixel_directions(solution, projector.name).at(pixels[None])[0])
+        there, here = np.concatenate(true), np.concatenate(found)
+        known = np.isfinite(there).all(axis=1) & np.isfinite(here).all(axis=1)
+        turn = align_rotation(here[known], there[known])
+        off = here[known] @ turn.T - there[known], here[known] - there[known]
+        error = ARCMIN * np.sqrt([np.mean(np.sum(e**2, axis=1)) for e in off])
+        ratios.append(error / direction_sigmas(solution))
+    rms = np.sqrt(np.mean(np.square(ratios), axis=0))
+    assert 0.2 < rms[0] < 1.3
+    assert 0.2 < rms[1] < 1.8  # the marks of a seed are one draw
 
 
 def test_solid_angles_get_error_bars_that_cover_the_truth() -> None:
