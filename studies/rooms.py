@@ -50,7 +50,7 @@ def calibrate_room(number: int, folder: Path, size: SceneSize = SIZE) -> dict[st
 def _figures(found: Calibration, truth: Calibration) -> dict[str, Any]:
     """Errors, and what was stated of them; light in the green channel, as channels share their errors."""
     floor = found.quality["floor_albedo_by_light"]
-    relative, absolute, stated = direction_errors(found, truth)
+    relative, absolute = direction_errors(found, truth)
     return {
         "m": _compared(found.feedback.value[1], found.feedback.sigma[1], truth.feedback.value[1]),
         "albedo": _compared(found.albedo.value[1], found.albedo.sigma[1], truth.albedo.value[1]),
@@ -58,9 +58,8 @@ def _figures(found: Calibration, truth: Calibration) -> dict[str, Any]:
             floor.value, float(floor.note.removeprefix("sigma ")), truth.screen.floor_albedo
         ),
         "response": _response(found, truth),
-        "relative_arcmin": relative,
-        "absolute_arcmin": absolute,
-        "stated_arcmin": stated,
+        "relative_arcmin": [relative, found.quality["direction_sigma_relative_arcmin"].value],
+        "absolute_arcmin": [absolute, found.quality["direction_sigma_arcmin"].value],
         "notes": list(found.provenance["notes"]),
     }
 
@@ -76,17 +75,16 @@ def _compared(value: float, sigma: float, true: float) -> list[float]:
     return [float(value), float(sigma), float(true)]
 
 
-def direction_errors(found: Calibration, truth: Calibration) -> tuple[float, float, float]:
-    """Root mean squares [arcmin] of direction errors less their common rotation, of all, and as stated."""
-    a, b, stated = list[Array](), list[Array](), list[Array]()
+def direction_errors(found: Calibration, truth: Calibration) -> tuple[float, float]:
+    """Root mean squares [arcmin] of direction errors less their common rotation, and of all."""
+    a, b = list[Array](), list[Array]()
     for name, projector in truth.projectors.items():
         both = projector.surface.valid & found.projectors[name].surface.valid
         both &= np.indices(both.shape).sum(axis=0) % EVERY == 0
         a.append(found.projectors[name].surface.direction[both].astype(float))
         b.append(projector.surface.direction[both].astype(float))
-        stated.append(found.projectors[name].surface.sigma_arcmin[both].astype(float))
     absolute, relative = judge.direction_errors(np.concatenate(a), np.concatenate(b))
-    return _rms(relative), _rms(absolute), _rms(np.concatenate(stated))
+    return _rms(relative), _rms(absolute)
 
 
 def _rms(values: Array) -> float:
@@ -102,23 +100,19 @@ def table(rows: list[dict[str, Any]]) -> Iterator[str]:
         value, sigma, true = np.array([row[name] for row in solved]).T
         unit = np.ones_like(true) if absolute else true
         yield _line(name, (value - true) / unit, sigma / unit)
-    wrong, stated = (
-        np.array([row[key] for row in solved]) for key in ("absolute_arcmin", "stated_arcmin")
-    )
-    yield _line("directions [arcmin]", wrong, stated)
-    relative = np.array([row["relative_arcmin"] for row in solved])
-    yield _line("directions less a common rotation [arcmin]", relative)
+    for name, what in ("relative", ", less a common rotation"), ("absolute", ""):
+        wrong, stated = np.array([row[f"{name}_arcmin"] for row in solved]).T
+        yield _line(f"directions{what} [arcmin]", wrong, stated)
     yield _line("response, of range", *np.concatenate([row["response"] for row in solved], axis=1))
 
 
-def _line(name: str, error: Array, sigma: Array | None = None) -> str:
+def _line(name: str, error: Array, sigma: Array) -> str:
     """A row of the table: errors, and how they compare with their standard errors."""
-    worst = error[np.abs(error).argmax()]
-    cells = [name, f"{error.mean():+.4f}, {_rms(error):.4f}, {worst:+.4f}", "", "", ""]
-    if sigma is not None:
-        z = np.abs(error) / sigma
-        cells[2:] = f"{np.mean(z < 1.96):.0%}", f"{z.mean():.2f}", f"{np.median(sigma):.4f}"
-    return "| " + " | ".join(cells) + " |"
+    worst, z = error[np.abs(error).argmax()], np.abs(error) / sigma
+    errors = f"{error.mean():+.4f}, {_rms(error):.4f}, {worst:+.4f}"
+    return (
+        f"| {name} | {errors} | {np.mean(z < 1.96):.0%} | {z.mean():.2f} | {np.median(sigma):.4f} |"
+    )
 
 
 def _row(number: int) -> dict[str, Any]:
