@@ -24,6 +24,12 @@ def test_noise_of_counts(law: NoiseLaw, rng: np.random.Generator) -> None:
             assert found.variance(level) == pytest.approx(law.variance(level) + 1 / 12, rel=0.15)
 
 
+def test_counts_without_noise_are_rounded() -> None:
+    counts = np.full((300, 400), 500, np.uint16)
+    found = noise_from_repeat(counts, counts, SENSOR)
+    assert 1 / 12 <= found.variance(500.0) < 0.25
+
+
 def test_a_change_of_brightness_is_no_noise(rng: np.random.Generator) -> None:
     rate = np.linspace(100, 3000, 300 * 400).reshape(300, 400)
     pair = photograph(rate, 1.0, rng), photograph(rate, 1.1, rng)

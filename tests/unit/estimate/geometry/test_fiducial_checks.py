@@ -92,5 +92,16 @@ def test_a_distance_that_does_not_fit(known: bool) -> None:
     assert message.startswith("distances: south to north is given as ") and "make" in message
 
 
+def test_distances_in_a_rig_that_is_roughly_known_have_two_percent() -> None:
+    rig = DOME.rig()
+    south, north = (rig.projectors[name].projector_from_dome.origin for name in ("south", "north"))
+    metres = float(np.linalg.norm(south - north))
+    near, far = (Distance("south", "north", times * metres, 1e-3) for times in (1.03, 1.3))
+    check_fiducials(rig, [], [near], rough=True)
+    for wrong, rough in ((near, False), (far, True)):
+        with pytest.raises(CalibrationError, match="distances: south to north is given as"):
+            check_fiducials(rig, [], [wrong], rough=rough)
+
+
 def test_no_fiducials_are_accepted() -> None:
     check_fiducials(DOME.rig(), [], [], rough=False)

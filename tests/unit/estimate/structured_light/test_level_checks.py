@@ -88,3 +88,12 @@ def test_a_repeated_photograph() -> None:
     photos = probed(shown)
     assert [photos.repeats(i) for i in (0, 5, 6, 7)] == [False, False, True, False]
     assert replace(CODE.planes[4], inverse=True) == CODE.planes[5]
+
+
+def test_a_photograph_that_differs_in_places_is_no_repeat() -> None:
+    """A tenth of the columns, as neighbouring steps of a wave at their least."""
+    shown = photographs()
+    shown[6] = shown[5].copy()
+    columns = slice(None, None, 10)
+    shown[6][:, columns] = shown[4][:, columns]
+    assert not probed(shown).repeats(6)

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from procam.estimate.structured_light.pixel_area import (
-    AREA_PX2,
     drop_beyond_panel,
     with_area_error,
 )
@@ -29,7 +28,7 @@ def test_a_slope_of_light_enters_the_standard_error() -> None:
     """(S8): light that grows as exp(a u + b v) before a map of known slope."""
     xy = np.stack([0.8 * U + 0.1 * V, 1.5 * V - 0.3 * U], axis=-1)
     found = with_area_error(seen(xy), 100 * np.exp(0.2 * U - 0.1 * V).astype(np.float32), 1.0)
-    expected = AREA_PX2 * np.abs([0.8 * 0.2 - 0.1 * 0.1, -0.3 * 0.2 - 1.5 * 0.1])
+    expected = 1 / 6 * np.abs([0.8 * 0.2 - 0.1 * 0.1, -0.3 * 0.2 - 1.5 * 0.1])
     middle = found.sigma_px[5:-5, 5:-5]
     np.testing.assert_allclose(
         middle, np.broadcast_to(np.hypot(0.02, expected), middle.shape), rtol=1e-3
@@ -39,8 +38,8 @@ def test_a_slope_of_light_enters_the_standard_error() -> None:
 def test_a_pixel_is_where_its_light_comes_from() -> None:
     """The mean place of a blurred pixel is off by (S8): by direct integration."""
     place, a = np.linspace(-12, 12, 200_001), 0.3
-    weight = np.exp(-(place**2) / 2 / AREA_PX2 + a * place)
-    assert np.sum(place * weight) / np.sum(weight) == pytest.approx(AREA_PX2 * a, rel=1e-6)
+    weight = np.exp(-(place**2) / 2 / (1 / 6) + a * place)
+    assert np.sum(place * weight) / np.sum(weight) == pytest.approx(a / 6, rel=1e-6)
 
 
 def test_uniform_light_adds_nothing_and_holes_stay() -> None:
