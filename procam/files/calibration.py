@@ -93,8 +93,7 @@ def save_calibration(calibration: Calibration, directory: str | Path) -> None:
             if state.ambient is not None:
                 path = temporary / "maps" / ambient_file(name)
                 write_channels(path, {c: state.ambient[..., i] for i, c in enumerate(RGB)})
-        document = _document(calibration)
-        text = json.dumps(document, indent=1, default=np.ndarray.tolist, allow_nan=False)
+        text = json.dumps(_document(calibration), indent=1, default=np.ndarray.tolist)
         (temporary / "calibration.json").write_text(text, encoding="utf-8")
 
 
