@@ -39,3 +39,16 @@ def test_centres_have_the_stated_directions() -> None:
         project(master.model.projector_from_dome.apply(6.0 * place), master.model.lens),
         project(tag.ray, master.model.lens),
     )
+
+
+def test_edges_send_the_light_of_the_part_that_is_white() -> None:
+    """A coarse picture against the mean light of one with a quarter of its pixels' width."""
+    tag = master_tags(SIZE, np.pi, 0)[7]
+    coarse, fine = (
+        (draw_tags(DomeMaster("server", size).model, [tag], np.pi)[..., 0] / 255) ** 2.2
+        for size in (SIZE, 4 * SIZE)
+    )
+    mean = fine.reshape(SIZE, 4, SIZE, 4).mean(axis=(1, 3))
+    grey = (mean > 0.1) & (mean < 0.9)
+    assert grey.sum() > 50
+    assert np.abs(coarse - mean)[grey].mean() < 0.03

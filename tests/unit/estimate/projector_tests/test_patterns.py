@@ -7,6 +7,7 @@ from procam.estimate.projector_tests.patterns import (
     BRIGHT_LEVELS,
     COUNT,
     DARK_LEVELS,
+    HALF_LIGHT,
     STRIPE_PX,
     PatchLayout,
     patch_bits,
@@ -23,6 +24,9 @@ class TestPatterns:
         first, second = layout.pair()
         assert first.mean() == second.mean() == pytest.approx(0.05, rel=0.06)
         assert not (first * second).any()
+
+    def test_half_light_is_half_of_the_light(self) -> None:
+        assert HALF_LIGHT**2.2 == pytest.approx(0.5, abs=0.005)
 
     def test_rings_are_black(self) -> None:
         white = LAYOUT.picture(np.ones(COUNT), 1.0)[..., 0]

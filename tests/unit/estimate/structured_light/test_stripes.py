@@ -26,6 +26,18 @@ def planes(codewords: np.ndarray) -> list[tuple[np.ndarray, np.ndarray, int]]:
     return shown
 
 
+@pytest.mark.parametrize("inverse", [False, True])
+def test_a_missing_partner_is_what_white_and_black_leave(inverse: bool) -> None:
+    """Before a black that is nearly half of white."""
+    words = gray(LENGTH)
+    white, black = (np.full((ROWS, LENGTH), level, np.float32) for level in (1.0, 0.4))
+    decoder = StripeDecoder(words, white, black, DecodeLimits(0.0, 0.05, lit_share=0.0))
+    for pattern, other, bit in planes(words):
+        shown = other if inverse else pattern
+        decoder.add(Plane("binary", "x", bit, inverse), 0.4 + 0.6 * shown)
+    np.testing.assert_array_equal(decoder.result().x, np.tile(np.arange(LENGTH), (ROWS, 1)))
+
+
 class TestColumnTable:
     @pytest.mark.parametrize("length", [2, 13, 300])
     def test_all_planes_identify_every_column(self, length: int) -> None:
