@@ -56,6 +56,9 @@ BENT = 1.5
 DEGREES = (6, 8)  # of harmonics, in turn; lower ones explain little of a dome made of panels
 NOT_SQUARE = 4.0  # standard errors by which panels' pixels must differ from squares
 EXPLAINS = 0.9  # harmonics are kept if they reduce the systematic ratio to this share
+# with one camera, to which a lens that is not of the fitted kind looks like bumps: bumps leave .25 to .45 of
+# the ratio, lenses that ripple by .1 px .8 or more
+EXPLAINS_ALONE = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,6 +168,7 @@ def _with_harmonics(
     problem: RigProblem, few: Mapping[Pair, Observations], rig: RigGeometry
 ) -> RigGeometry:
     """The rig with as many harmonics of the screen as reduce the systematic ratio."""
+    sphere = rig
     for degree in DEGREES:
         ratio = _mean_ratio(rig, few)
         if ratio < MAX_SPHERE_RATIO or degree > problem.most_degree:
@@ -176,6 +180,8 @@ def _with_harmonics(
         if _mean_ratio(trial, few) > EXPLAINS * ratio:
             break
         rig = trial
+    if len(rig.cameras) == 1 and _mean_ratio(rig, few) > EXPLAINS_ALONE * _mean_ratio(sphere, few):
+        return sphere
     return rig
 
 

@@ -81,10 +81,11 @@ def _verdict(found: GeometrySolution) -> str:
     ratio = f"(ratio {found.sphere_systematic_ratio**2:.1f})"
     if found.sphere_systematic_ratio < MAX_SPHERE_RATIO:
         return f"the dome is a sphere {ratio}"
-    degree = found.rig.shape.degree
-    cure = "no bumps explain it; did a camera or a projector move between the pictures?"
-    if degree:
-        cure = f"bumps up to degree {degree} were solved"
-        if len(found.rig.cameras) == 1:
-            cure += ", which one camera cannot tell from a wrong lens; a second camera can"
-    return f"the dome is NOT a sphere {ratio}; {cure}"
+    degree, alone = found.rig.shape.degree, len(found.rig.cameras) == 1
+    if not degree:
+        return (
+            f"the pictures do not fit a sphere {ratio}, and no bumps explain it; did a device move between "
+            "them, or is a lens of another kind than it is solved as?"
+        )
+    doubt = ", which one camera cannot tell from a wrong lens; a second camera can" if alone else ""
+    return f"the dome is NOT a sphere {ratio}; bumps up to degree {degree} were solved{doubt}"
