@@ -107,10 +107,11 @@ def _geometry(calibration: Calibration) -> Iterator[Block]:
         verdict = "The dome is a sphere, as far as the cameras can measure"
         if not sphere.passed:
             solved = calibration.screen.degree
-            verdict = "The dome is NOT a sphere; " + (
-                f"its shape was solved up to harmonics of degree {solved}"
+            verdict = (
+                f"The dome is NOT a sphere; its shape was solved up to harmonics of degree {solved}"
                 if solved
-                else "its shape could not be solved, so directions carry a systematic error"
+                else "The pictures do not fit a sphere, and no bumps explain it; the standard errors of "
+                "directions include that"
             )
         yield Text(
             f"{verdict}. The residuals of an exact sphere vary {_mean(sphere):.2f} times as much as "
