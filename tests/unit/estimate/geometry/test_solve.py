@@ -159,6 +159,21 @@ class TestNotASphere:
         assert 0.1 < np.mean((errors / sigmas) ** 2) < 2
 
 
+    def test_a_lens_that_ripples_is_no_bump(self) -> None:
+        """One camera cannot tell; bumps would have to explain most of it."""
+        dome = SimulatedDome.build(4, projectors=3, cameras=1)
+        lens = dome.rig().cameras["zenith"].lens
+        seen = {}
+        for pair, some in dome.observations(48, 0.02).items():
+            away = some.camera_px - lens.centre
+            radius = np.linalg.norm(away, axis=1, keepdims=True)
+            ripple = 0.3 * np.sin(2 * np.pi * radius / radius.max()) * away / radius
+            seen[pair] = replace(some, camera_px=some.camera_px + ripple)
+        found = solve_geometry(dome.problem(seen, fiducials=dome.fiducials(3e-4), most_degree=8))
+        assert found.sphere_systematic_ratio > MAX_SPHERE_RATIO
+        assert found.rig.shape.degree == 0
+
+
 class TestGauge:
     """Nothing, the radius, one fiducial, two: 4, 3, 1, 0 gauge freedoms (docs/theory/geometry.md)."""
 
