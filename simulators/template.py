@@ -1,6 +1,6 @@
 """The venue.toml of a simulated venue, with what an owner would know of it.
 
-`python -m simulators.template PRESET` (or `server`) prints one; it wrote those in calib_data/venues.
+`python -m simulators.template PRESET` (or `server`, `small`) prints one; it wrote those in calib_data/venues.
 """
 
 import sys
@@ -22,6 +22,7 @@ from simulators.surface import Surface
 FIDUCIALS_DEG = {"front": (12.0, 35.0), "left": (130.0, 30.0), "right": (-110.0, 50.0)}
 BLACK_EXPOSURE_S = 6.5
 OWNER_SEED = 1  # of the errors of what the owner has measured
+SMALL = SceneSize(projector_size=(320, 200), camera_size=(480, 480), rays=512)
 SERVER_EXPOSURE_S = 0.2  # soft edges reduce the light of each projector
 MARKS = """\
 # Marks on the dome whose position is known, and the camera pixels where they are. Printed AprilTags need no
@@ -207,6 +208,14 @@ def _numbers(values: Iterable[float]) -> str:
     return "[" + ", ".join(f"{v:.6f}".rstrip("0").rstrip(".") for v in values) + "]"
 
 
+def example_text(name: str) -> str:
+    """The venue.toml of an example in calib_data/venues, without its "simulated-"."""
+    if name == SERVER:
+        return server_text()
+    if name == "small":
+        return venue_text("standard", SMALL)
+    return venue_text(name)  # type: ignore[arg-type]
+
+
 if __name__ == "__main__":
-    text = server_text() if sys.argv[1] == SERVER else venue_text(sys.argv[1])  # type: ignore[arg-type]
-    sys.stdout.write(text)
+    sys.stdout.write(example_text(sys.argv[1]))

@@ -158,7 +158,6 @@ class TestNotASphere:
         assert np.mean(errors**2) < 0.25 * np.mean(before**2)
         assert 0.1 < np.mean((errors / sigmas) ** 2) < 2
 
-
     def test_a_lens_that_ripples_is_no_bump(self) -> None:
         """One camera cannot tell; bumps would have to explain most of it."""
         dome = SimulatedDome.build(4, projectors=3, cameras=1)
