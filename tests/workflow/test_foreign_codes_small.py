@@ -97,12 +97,23 @@ def test_wrong_shifts_through_the_command(tmp_path: Path) -> None:
     )
 
 
-def test_a_panel_wider_than_the_size_says(tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["Gray, inverses last", "3 steps of 2 periods, Gray cells"])
+def test_a_panel_wider_than_the_size_says(name: str, tmp_path: Path) -> None:
     """As many patterns, and all pixels to the right of column 160 beyond the panel."""
-    case = next(c for c in CASES if c.name == "Gray, inverses last")
+    case = next(c for c in CASES if c.name == name)
     photos, theirs = photographed_by(case, tmp_path, case.description)
     out = tmp_path / "map.exr"
     ran = procam("decode", photos, "--size", "160x128", "--code", theirs, "--out", out)
     assert ran.code == 2
-    assert "pictures: columns: 1" in ran.err
-    assert "show stripes that a panel of 160 does not have" in ran.err
+    assert "pictures: columns: " in ran.err
+    assert "show patterns that a panel of 160 does not have" in ran.err
+
+
+def test_exchanged_width_and_height_of_waves_are_noted(tmp_path: Path) -> None:
+    case = next(c for c in CASES if c.name == "4 steps of 3 periods")
+    photos, theirs = photographed_by(case, tmp_path, case.description)
+    for size, noted in (("192x128", False), ("128x192", True)):
+        out = tmp_path / f"{size}.exr"
+        ran = procam("decode", photos, "--size", size, "--code", theirs, "--out", out)
+        assert ran.code == 0
+        assert ("show patterns that a panel of 128 does not have" in ran.out) == noted

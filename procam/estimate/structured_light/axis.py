@@ -9,7 +9,12 @@ from procam.errors import NotEnoughData
 from procam.estimate.structured_light.cell_edges import edges_refusal
 from procam.estimate.structured_light.cells import CellImages
 from procam.estimate.structured_light.codes import Axis, AxisCode, Plane
-from procam.estimate.structured_light.limits import DecodeLimits, dropped_samples
+from procam.estimate.structured_light.limits import (
+    BEYOND_SHARE,
+    DecodeLimits,
+    beyond_panel,
+    dropped_samples,
+)
 from procam.estimate.structured_light.scatter_bias import remove_scatter_bias
 from procam.estimate.structured_light.self_calibration import UNKNOWNS, SinusoidImages
 from procam.estimate.structured_light.sinusoids import (
@@ -127,7 +132,10 @@ class SinusoidDecoder:
         else:
             self._waves = decode_sinusoids(pictures)
         if cells is not None:
-            self._refused = edges_refusal(cells, self._waves.x, float(waves.periods[0]))
+            period, found = float(waves.periods[0]), self._waves
+            self._refused = edges_refusal(cells, found.x, period) or beyond_panel(
+                found.unplaced, self._length, BEYOND_SHARE
+            )
 
     def _solve_few_fringes(self, pictures: SinusoidImages) -> SinusoidResult:
         """Decode few wide fringes: scattered light biases them and their own fit cannot show it."""

@@ -16,7 +16,13 @@ from procam.errors import InputError, NotEnoughData, ShapeError
 from procam.estimate.structured_light.axis import AxisResult, SinusoidDecoder
 from procam.estimate.structured_light.codes import AXES, Code, Plane
 from procam.estimate.structured_light.defocus_bias import correct_defocus_bias
-from procam.estimate.structured_light.limits import DecodeLimits, default_limits, dropped_samples
+from procam.estimate.structured_light.limits import (
+    WAVES_BEYOND_SHARE,
+    DecodeLimits,
+    beyond_panel,
+    default_limits,
+    dropped_samples,
+)
 from procam.estimate.structured_light.outliers import drop_outliers
 from procam.estimate.structured_light.pixel_area import drop_beyond_panel, with_area_error
 from procam.estimate.structured_light.sinusoids import SinusoidResult
@@ -113,13 +119,28 @@ class Decoder:
             span - direct,
             {n: r.waves for n, r in zip(AXES, (x, y), strict=True) if r.waves is not None},
             lost,
-            (*self._notes, *(f"nothing could be read from {plane}" for plane in lost)),
+            (
+                *self._notes,
+                *(f"nothing could be read from {plane}" for plane in lost),
+                *self._waves_beyond(x, y),
+            ),
             tuple(
                 f"pictures: {name}: {axis.refused}"
                 for name, axis in (("columns", x), ("rows", y))
                 if axis.refused
             ),
         )
+
+    def _waves_beyond(self, *axes: AxisResult) -> list[str]:
+        """Notes on waves that fit no column or row; with stripes beneath them the axis is refused."""
+        parts = zip(("columns", "rows"), axes, self.code.size, strict=True)
+        return [
+            f"{name}: {what}"
+            for name, axis, length in parts
+            if axis.waves is not None
+            and not axis.refused
+            and (what := beyond_panel(axis.waves.unplaced, length, WAVES_BEYOND_SHARE))
+        ]
 
     def _start(self, white: AnyArray, black: AnyArray) -> None:
         self._limits = self._asked or default_limits(white, black)

@@ -8,6 +8,8 @@ from procam.arrays import AnyArray, BoolArray
 from procam.maths.statistics import robust_sigma
 
 LIT_SHARE = 0.1
+BEYOND_SHARE = 0.03  # of pixels whose stripes are certain: misread ones at edges are fewer
+WAVES_BEYOND_SHARE = 0.15  # where waves alone are judged, edges and mixtures give .08
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,3 +71,13 @@ def dropped_samples(image: AnyArray, limits: DecodeLimits) -> BoolArray:
     if limits.dark is not None:
         bad |= image <= limits.dark
     return np.asarray(bad)
+
+
+def beyond_panel(share: float, length: int, most: float) -> str:
+    """What is wrong if more than `most` of the pixels fit no column or row of a panel; else empty."""
+    if share <= most:
+        return ""
+    return (
+        f"{share:.0%} of the pixels with light show patterns that a panel of {length} does not have; check "
+        "the size, and whether width and height are exchanged"
+    )

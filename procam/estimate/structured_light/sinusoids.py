@@ -22,6 +22,7 @@ MIN_SAMPLES = 5  # of a pixel: two more than its unknowns, as a check
 NEGLIGIBLE_SURPLUS = 1e-4  # of the flux; moves columns by less than .01 px
 MAX_FULL_SEARCHES = 60_000  # pixels without a base set, each of which searches all columns
 AMPLITUDE_SIGMAS = 5.0
+BRIGHT_SHARE = 0.2  # of the largest amplitude: dimmer pixels are edges, or lit by scattered light
 MARGIN_SIGMAS2 = 12.0  # least chi squared by which the next best fringe must fit worse
 MISFIT_SIGMAS2 = 35.0  # most chi squared beyond its expectation
 PLAUSIBLE_GAMMA = 1.15  # between the response that sinusoids were drawn for and the real one
@@ -60,6 +61,7 @@ class SinusoidResult:
     amplitude : (H, W) half of the direct light, corrected for blur [image unit].
     distortion, noise : as the self-calibration found them.
     period_px : mean of the waves' periods.
+    unplaced : share of the pixels with a clear wave that fits no column of the panel.
     """
 
     x: Map
@@ -68,6 +70,7 @@ class SinusoidResult:
     distortion: WaveDistortion
     noise: NoiseLaw
     period_px: float
+    unplaced: float = 0.0
 
 
 def decode_sinusoids(pictures: SinusoidImages) -> SinusoidResult:
@@ -107,6 +110,7 @@ def decode_sinusoids(pictures: SinusoidImages) -> SinusoidResult:
         known.distortion,
         known.noise,
         float(waves.periods.mean()),
+        _unplaced_share(found, ok, count, noise),
     )
 
 
@@ -156,8 +160,23 @@ def _search_rest(
 def _trusted(found: PhaseFit, count: AnyArray, variance: Map) -> BoolArray:
     """Pixels (H, W) with a clear, unambiguous and well fitting wave, given a sample's variance."""
     with np.errstate(invalid="ignore"):
-        ok = found.amplitude > AMPLITUDE_SIGMAS * np.sqrt(2 * variance / np.maximum(count, 1))
+        ok = found.amplitude > AMPLITUDE_SIGMAS * _amplitude_sigma(count, variance)
         ok &= found.margin >= MARGIN_SIGMAS2 * variance
         ok &= found.residual <= (count - UNKNOWNS + MISFIT_SIGMAS2) * variance
         ok &= np.isfinite(found.position)
     return np.asarray(ok)
+
+
+def _unplaced_share(found: PhaseFit, ok: BoolArray, count: AnyArray, variance: Map) -> float:
+    """Share of the pixels with a clear wave that are not trusted."""
+    bright = BRIGHT_SHARE * float(np.nanmax(np.where(ok, found.amplitude, 0), initial=0))
+    with np.errstate(invalid="ignore"):
+        clear = found.amplitude > np.maximum(
+            2 * AMPLITUDE_SIGMAS * _amplitude_sigma(count, variance), bright
+        )
+    return float(np.mean(~ok[clear])) if clear.any() else 0.0
+
+
+def _amplitude_sigma(count: AnyArray, variance: Map) -> Map:
+    """Standard error of an amplitude from so many samples."""
+    return np.asarray(np.sqrt(2 * variance / np.maximum(count, 1)))

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from procam.arrays import AnyArray, BoolArray, Map
 from procam.estimate.structured_light.axis import AxisResult
 from procam.estimate.structured_light.codes import Plane
-from procam.estimate.structured_light.limits import DecodeLimits
+from procam.estimate.structured_light.limits import BEYOND_SHARE, DecodeLimits, beyond_panel
 from procam.maths.codes.gray import fold_pair
 from procam.maths.statistics import robust_sigma
 
@@ -23,7 +23,6 @@ CLEAR_SIGMAS = 3.0
 RESOLVED_SHARE = 0.25  # of the lit pixels must resolve a plane, or it is lost
 FLUX_SLACK = 0.02  # imbalance of a pair below which its scattered light cancels
 PROBES = 10_000  # pixels of which the lit ones decide whether a plane is resolved
-BEYOND_SHARE = 0.03  # of the certain pixels: misread ones at edges are fewer
 HELD_PAIRS = 2  # folded together: each pair is judged by the direct light that both show
 
 
@@ -84,7 +83,7 @@ class StripeDecoder:
             self._most.astype(np.float32),
             None,
             tuple(self._lost),
-            beyond_refusal(beyond, len(self._codewords)),
+            beyond_panel(beyond, len(self._codewords), BEYOND_SHARE),
         )
 
     def certain(self) -> BoolArray:
@@ -144,16 +143,6 @@ class StripeDecoder:
             span = _difference(self._white, self._black)
             scattered = surplus / self._total * np.maximum(span - self._most, 0)
             self._least[np.abs(_difference(pattern, inverse)) <= scattered] = 0
-
-
-def beyond_refusal(share: float, length: int) -> str:
-    """What is wrong if so many pixels show codewords that a panel of `length` does not; else empty."""
-    if share <= BEYOND_SHARE:
-        return ""
-    return (
-        f"{share:.0%} of the pixels with light show stripes that a panel of {length} does not have; "
-        "check the size, and whether width and height are exchanged"
-    )
 
 
 def column_table(codewords: NDArray[np.integer], folded: set[int]) -> tuple[Map, Map]:

@@ -87,5 +87,7 @@ def _verdict(found: GeometrySolution) -> str:
             f"the pictures do not fit a sphere {ratio}, and no bumps explain it; did a device move between "
             "them, or is a lens of another kind than it is solved as?"
         )
-    caveat = ", which one camera cannot tell from a wrong lens; a second camera can" if alone else ""
+    caveat = (
+        ", which one camera cannot tell from a wrong lens; a second camera can" if alone else ""
+    )
     return f"the dome is NOT a sphere {ratio}; bumps up to degree {degree} were solved{caveat}"
