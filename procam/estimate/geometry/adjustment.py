@@ -227,7 +227,7 @@ class Adjustment:
         """Covariance (P, P), gauge freedoms (F, P), and the systematic ratio of each pair."""
         self._update_derivatives(rig)
         scales = self._scales(rig)
-        weight = self._weights(rig, scales, robust=False)
+        weight = self._weights(rig, _with_shared_misfit(rig, scales), robust=False)
         matrix, _ = self._equations(rig, weight, np.zeros(len(self.prior)))
         root = np.sqrt(np.diag(matrix)[self.free])
         values, vectors = np.linalg.eigh(
@@ -327,3 +327,15 @@ class Adjustment:
         # np.linalg.solve stalls for 100 ms when another process occupies a core
         step[self.free] = -cho_solve(cho_factor(scaled), slope / root) / root
         return step
+
+
+def _with_shared_misfit(rig: RigGeometry, scales: Mapping[Pair, float]) -> dict[Pair, float]:
+    """Factors for standard errors if what exceeds the noise is a misfit that all pairs share.
+
+    A dome that is no sphere, or a lens of another kind, bends what every projector shows, so that more of
+    them do not average it out. The scales of a rig with bumps count that already.
+    """
+    if rig.shape.degree:
+        return dict(scales)
+    repeats = max(1.0, len(scales) * CELLS**2 / PANELS)
+    return {p: float(np.sqrt(1 + (scale**2 - 1) * repeats)) for p, scale in scales.items()}

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from procam.arrays import Array
-from procam.errors import CalibrationError, InputError
+from procam.errors import CalibrationError, DidNotConverge, InputError
 from procam.estimate.geometry.adjustment import (
     Adjustment,
     Intrinsics,
@@ -176,7 +176,10 @@ def _with_harmonics(
         coefficients = np.zeros(shape_coefficient_count(degree))
         coefficients[: rig.shape.harmonic_coefficients.size] = rig.shape.harmonic_coefficients
         shape = replace(rig.shape, harmonic_coefficients=coefficients, degree=degree)
-        trial = _fitted(problem, few, RigGeometry(shape, rig.cameras, rig.projectors))
+        try:
+            trial = _fitted(problem, few, RigGeometry(shape, rig.cameras, rig.projectors))
+        except DidNotConverge:
+            break
         if _mean_ratio(trial, few) > EXPLAINS * ratio:
             break
         rig = trial
