@@ -7,6 +7,7 @@ from domes import SimulatedDome, step_between
 from procam.estimate.geometry.adjustment import (
     CELLS,
     Adjustment,
+    _with_shared_misfit,
     normalised_residuals,
     prior_departures,
     prior_sigmas,
@@ -102,3 +103,11 @@ def test_outliers_do_not_move_the_robust_solution() -> None:
     step, layout = step_between(found, dome.rig()), ParameterLayout.of(found)
     for block in (*layout.cameras.values(), *layout.projectors.values()):
         assert np.abs(step[block][:6]).max() < 1e-3  # rad, m
+
+
+def test_a_misfit_that_all_projectors_share_is_not_averaged_out() -> None:
+    """Ratio 2 is a misfit of sqrt(3) sigmas; seen through three projectors it counts as one."""
+    rig = SimulatedDome.build(1, projectors=3).rig()
+    scales = {("zenith", name): ratio for name, ratio in zip("abc", (1.0, 2.0, 2.0), strict=True)}
+    found = _with_shared_misfit(rig, scales)
+    assert list(found.values()) == pytest.approx([1.0, np.sqrt(10), np.sqrt(10)])
