@@ -102,8 +102,11 @@ def test_cells_at_their_edges() -> None:
     assert np.abs(found.projector_xy - taken.truth)[use].max() < 1.5
 
 
-@pytest.mark.parametrize("one", [GRAY_CELLS, ONE_PERIOD], ids=["two periods", "one period"])
-@pytest.mark.parametrize("turn_deg", [30.0, -75.0])
+@pytest.mark.parametrize(
+    ("one", "turn_deg"),
+    [(GRAY_CELLS, 30.0), (ONE_PERIOD, -75.0)],
+    ids=["two periods", "one period"],
+)
 def test_shifts_wrong_by_one_angle_are_refused(one: AxisDescription, turn_deg: float) -> None:
     turned = AxisDescription(
         one.periods_px, tuple(np.array(one.shifts_rad) + np.radians(turn_deg)), 16, one.inverses
