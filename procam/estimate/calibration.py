@@ -240,13 +240,13 @@ def _projector(
 
 def _direction_sigmas(geometry: GeometrySolution) -> dict[str, Figure]:
     relative, absolute = direction_sigmas(geometry)
-    what = "standard error, root mean square"
+    what = 'a lens that is "fixed" counts as exact'
     return {
         "direction_sigma_relative_arcmin": Figure(
-            relative, "arcmin", note=f"{what}, less a rotation"
+            relative, "arcmin", note=f"less a rotation; {what}"
         ),
         "direction_sigma_arcmin": Figure(
-            absolute, "arcmin", note=f"{what}, with the survey of marks"
+            absolute, "arcmin", note=f"with the survey of marks; {what}"
         ),
     }
 

@@ -103,10 +103,12 @@ NAMES = {
         "between the cameras' observations and the model, in projector pixels",
     ),
     "direction_sigma_relative_arcmin": Words(
-        "Standard error of directions relative to each other", "what seams and pictures depend on"
+        "Standard error of directions relative to each other, root mean square",
+        "what seams and pictures depend on",
     ),
     "direction_sigma_arcmin": Words(
-        "Standard error of directions", "the same with the survey of the marks on the dome"
+        "Standard error of directions, root mean square",
+        "the same with the survey of the marks on the dome",
     ),
     "sphere_variance_ratio": Words(
         "Test for a sphere", "variance of the residuals over the variance that noise explains"
