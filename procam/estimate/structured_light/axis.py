@@ -11,6 +11,7 @@ from procam.estimate.structured_light.cells import CellImages
 from procam.estimate.structured_light.codes import Axis, AxisCode, Plane
 from procam.estimate.structured_light.limits import (
     BEYOND_SHARE,
+    WAVES_BEYOND_SHARE,
     DecodeLimits,
     beyond_panel,
     dropped_samples,
@@ -40,7 +41,7 @@ class AxisResult:
     direct : (H, W) direct light at full white [image unit].
     waves : the fit of the sinusoidal patterns, if the axis has them.
     lost : patterns whose photographs could not be used.
-    refused : why the coordinate should not be used; empty if nothing speaks against it.
+    note : what was out of the ordinary. refused : why the coordinate should not be used. Empty if nothing.
     """
 
     x: Map
@@ -48,6 +49,7 @@ class AxisResult:
     direct: Map
     waves: SinusoidResult | None
     lost: tuple[Plane, ...]
+    note: str = ""
     refused: str = ""
 
 
@@ -100,8 +102,10 @@ class SinusoidDecoder:
         x = waves.x
         if self._set.single and self._stripes is None:  # the position within a period alone
             x = np.mod(x, np.float32(self._order[0].period))
-        lost = tuple(self._lost)
-        return AxisResult(x, waves.sigma, 2 * waves.amplitude, waves, lost, self._refused)
+        lost, beyond = tuple(self._lost), ""
+        if self._stripes is None:
+            beyond = beyond_panel(waves.unplaced, self._length, WAVES_BEYOND_SHARE)
+        return AxisResult(x, waves.sigma, 2 * waves.amplitude, waves, lost, beyond, self._refused)
 
     def _solve(self) -> None:
         completed = complete_base_set(self._frames, self._set, self._white, self._black)

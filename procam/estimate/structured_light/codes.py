@@ -21,6 +21,7 @@ from procam.maths.codes.phase import Waves, equal_steps, heterodyne_waves, micro
 Picture = NDArray[np.uint8]
 Axis = Literal["x", "y"]
 AXES: tuple[Axis, Axis] = ("x", "y")
+NAMES: dict[Axis | str, str] = {"x": "columns", "y": "rows"}
 NOMINAL_GAMMA = 2.2  # of a projector's response; sinusoidal patterns are encoded for it
 LARGEST_PX = 16384  # of a panel's side: codewords have at most 14 bits
 GOLDEN_RATIO = 0.6180339887

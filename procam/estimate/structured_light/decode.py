@@ -14,15 +14,9 @@ import numpy as np
 from procam.arrays import AnyArray, Map
 from procam.errors import InputError, NotEnoughData, ShapeError
 from procam.estimate.structured_light.axis import AxisResult, SinusoidDecoder
-from procam.estimate.structured_light.codes import AXES, Code, Plane
+from procam.estimate.structured_light.codes import AXES, NAMES, Code, Plane
 from procam.estimate.structured_light.defocus_bias import correct_defocus_bias
-from procam.estimate.structured_light.limits import (
-    WAVES_BEYOND_SHARE,
-    DecodeLimits,
-    beyond_panel,
-    default_limits,
-    dropped_samples,
-)
+from procam.estimate.structured_light.limits import DecodeLimits, default_limits, dropped_samples
 from procam.estimate.structured_light.outliers import drop_outliers
 from procam.estimate.structured_light.pixel_area import drop_beyond_panel, with_area_error
 from procam.estimate.structured_light.sinusoids import SinusoidResult
@@ -111,7 +105,7 @@ class Decoder:
         if self._limits.neighbours:
             found = drop_beyond_panel(drop_outliers(found), span, self.code.size)
         direct = np.where(found.valid, np.clip((x.direct + y.direct) / 2, 0, span), 0)
-        lost = x.lost + y.lost
+        lost, named = x.lost + y.lost, list(zip(NAMES.values(), (x, y), strict=True))
         found = self._without_defocus_bias(found, x, y, span)
         return Decoded(
             with_area_error(found, span, self._limits.white_black),
@@ -122,25 +116,10 @@ class Decoder:
             (
                 *self._notes,
                 *(f"nothing could be read from {plane}" for plane in lost),
-                *self._waves_beyond(x, y),
+                *(f"{name}: {axis.note}" for name, axis in named if axis.note),
             ),
-            tuple(
-                f"pictures: {name}: {axis.refused}"
-                for name, axis in (("columns", x), ("rows", y))
-                if axis.refused
-            ),
+            tuple(f"pictures: {name}: {axis.refused}" for name, axis in named if axis.refused),
         )
-
-    def _waves_beyond(self, *axes: AxisResult) -> list[str]:
-        """Notes on waves that fit no column or row; with stripes beneath them the axis is refused."""
-        parts = zip(("columns", "rows"), axes, self.code.size, strict=True)
-        return [
-            f"{name}: {what}"
-            for name, axis, length in parts
-            if axis.waves is not None
-            and not axis.refused
-            and (what := beyond_panel(axis.waves.unplaced, length, WAVES_BEYOND_SHARE))
-        ]
 
     def _start(self, white: AnyArray, black: AnyArray) -> None:
         self._limits = self._asked or default_limits(white, black)

@@ -6,13 +6,12 @@ import numpy as np
 
 from procam.errors import InputError
 from procam.estimate.structured_light.cells import predicted, stripe_lines
-from procam.estimate.structured_light.codes import AXES, AxisCode, Code, check_size
+from procam.estimate.structured_light.codes import AXES, NAMES, AxisCode, Code, check_size
 from procam.kernels.search.api import MOST_FRAMES
 from procam.maths.codes.gray import encode_gray
 from procam.maths.codes.phase import WaveDistortion, Waves
 from procam.model.code_description import AxisDescription, CodeDescription
 
-NAMES = {"x": "columns", "y": "rows"}
 USUAL_BLOCKS = ("white", "black", "columns", "rows")
 STRIPE_BLOCKS = ("columns", "rows", "white", "black")  # as OpenCV's
 MIN_STEPS = 3

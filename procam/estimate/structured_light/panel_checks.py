@@ -3,7 +3,7 @@
 import numpy as np
 
 from procam.arrays import FloatArray
-from procam.estimate.structured_light.codes import AXES, Code
+from procam.estimate.structured_light.codes import AXES, NAMES, Code
 from procam.model.correspondence import CorrespondenceMap
 
 PIXELS_PER_LINE = (
@@ -28,7 +28,7 @@ def panel_notes(code: Code, found: CorrespondenceMap) -> list[str]:
             continue
         unseen = unseen_share(positions[found.valid])
         if unseen > UNSEEN_SHARE:
-            shares["columns" if axis == "x" else "rows"] = unseen
+            shares[NAMES[axis]] = unseen
     if not shares:
         return []
     what = " and ".join(f"{share:.0%} of the {name}" for name, share in shares.items())

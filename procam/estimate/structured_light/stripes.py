@@ -83,7 +83,7 @@ class StripeDecoder:
             self._most.astype(np.float32),
             None,
             tuple(self._lost),
-            beyond_panel(beyond, len(self._codewords), BEYOND_SHARE),
+            refused=beyond_panel(beyond, len(self._codewords), BEYOND_SHARE),
         )
 
     def certain(self) -> BoolArray:

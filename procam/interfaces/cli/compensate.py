@@ -86,17 +86,12 @@ def compensate(
     if PIPE in (source, out):
         if output.as_json or explain:
             raise InputError("--json and --explain cannot be used on a pipe: stdout carries frames")
-        rows: Rows = compensate_pipe(
-            calibration, RawFrames(source, out, size, pixels), settings, certify=report is not None
-        )
-        if report and rows:
-            _write_report(report, rows)
-            sys.stderr.write(_certificate_text(certified(list(rows.values()))) + "\n")
+        _on_pipe(calibration, RawFrames(source, out, size, pixels), settings, report)
         return
     if size or pixels:
         raise InputError("--size and --pixels are for pipes; use them with - as IN and OUT")
-    beside, rows = _beside(explain, report), {}
-    again = report is not None
+    rows: Rows = {}
+    beside, again = _beside(explain, report), report is not None
     events = compensate_file(calibration, source, out, settings, again, beside)
     notes = output.follow_frames(_collected(events, rows), quiet=source.is_file()).get("notes", [])
     if report:
@@ -104,6 +99,15 @@ def compensate(
     if explain:
         _write_explained(calibration, source, settings, explain)
     _summarise([rows[number] for number in sorted(rows)], out, settings, output, notes)
+
+
+def _on_pipe(
+    calibration: Path, frames: RawFrames, settings: FrameSettings, report: Path | None
+) -> None:
+    rows = compensate_pipe(calibration, frames, settings, certify=report is not None)
+    if report and rows:
+        _write_report(report, rows)
+        sys.stderr.write(_certificate_text(certified(list(rows.values()))) + "\n")
 
 
 def _collected(events: "Iterator[Event]", rows: Rows) -> "Iterator[Event]":
