@@ -12,7 +12,7 @@ from simulators.builds import CameraBuild, CameraFlaws
 from simulators.placement import place_cameras
 from simulators.presets import STANDARD, Preset
 
-DESK_FOCAL = 1e-4  # relative standard error of a focal length from a calibrated board
+BOARD_FOCAL = 5e-4  # relative standard error of a focal length from a board, studies/boards.md
 PRIOR_FOCAL, PRIOR_DISTORTION = 0.005, 0.01  # of a lens by its data sheet
 VIGNETTING_SIGMA = (
     0.002  # of each coefficient, from photographs of one place turned through the picture
@@ -102,34 +102,34 @@ def _preset(rng: np.random.Generator) -> Preset:
 
 
 def _known(rng: np.random.Generator, preset: Preset, camera: CameraBuild) -> Known:
-    intrinsics = str(rng.choice(["fixed", "prior"]))
+    by_board = str(rng.choice(["board", "data sheet"])) == "board"
     glare_sigma = max(GLARE_SHARE * preset.glare, 3e-4)
     floor_sigma = float(rng.uniform(0.03, 0.15))
-    believed = known_camera(rng, camera, intrinsics)
+    believed = known_camera(rng, camera, by_board=by_board)
     return Known(
         min(90.0, round(preset.half_angle_deg + rng.normal(0, 0.3), 1)),
         round(preset.tilt_deg + rng.normal(0, 0.3), 1),
         (max(0.0, round(preset.floor_albedo + rng.normal(0, floor_sigma), 3)), floor_sigma),
         (max(0.0, preset.glare + rng.normal(0, glare_sigma)), glare_sigma),
         (believed,),
-        intrinsics,
+        "prior",
         survey_deg=SURVEY_DEG,
         click_px=CLICK_PX,
         seed=int(rng.integers(2**31)),
     )
 
 
-def known_camera(rng: np.random.Generator, camera: CameraBuild, intrinsics: str) -> CameraBuild:
+def known_camera(rng: np.random.Generator, camera: CameraBuild, *, by_board: bool) -> CameraBuild:
     """A camera as its owner believes it built, by measurements with their errors."""
-    lens = _known_lens(rng, camera.lens, intrinsics)
+    lens = _known_lens(rng, camera.lens, by_board)
     vignetting = tuple(v + rng.normal(0, VIGNETTING_SIGMA) for v in camera.vignetting)
     return replace(camera, lens=lens, vignetting=vignetting)
 
 
-def _known_lens(rng: np.random.Generator, lens: Lens, intrinsics: str) -> Lens:
+def _known_lens(rng: np.random.Generator, lens: Lens, by_board: bool) -> Lens:
     """A lens by a board at a desk, or by its data sheet."""
-    if intrinsics == "fixed":
-        return replace(lens, focal=lens.focal * (1 + rng.normal(0, DESK_FOCAL)))
+    if by_board:
+        return replace(lens, focal=lens.focal * (1 + rng.normal(0, BOARD_FOCAL)))
     distortion = lens.distortion.copy()
     distortion[0] += rng.normal(0, PRIOR_DISTORTION)
     return replace(lens, focal=lens.focal * (1 + rng.normal(0, PRIOR_FOCAL)), distortion=distortion)

@@ -57,7 +57,7 @@ def server_text(
 ) -> str:
     """A complete venue.toml of a dome behind a media server."""
     preset, size = PRESETS[preset_name], size or SceneSize()
-    known = _known(preset, size)
+    known = replace(_known(preset, size), intrinsics="fixed")  # tags cannot solve a lens too
     parts = [
         _head(f'dome behind a media server, preset "{preset_name}"', preset, known),
         *(_camera(camera, preset, known) for camera in known.cameras),
@@ -92,11 +92,12 @@ def _known(preset: Preset, size: SceneSize) -> Known:
     if not preset.noisy:
         return known
     rng = np.random.default_rng(OWNER_SEED)
-    believed = tuple(known_camera(rng, camera, known.intrinsics) for camera in cameras)
+    believed = tuple(known_camera(rng, camera, by_board=True) for camera in cameras)
     return replace(
         known,
         glare=(round(float(rng.normal(*glare)), 5) if preset.glare_known else glare[0], glare[1]),
         cameras=believed,
+        intrinsics="prior",
         survey_deg=SURVEY_DEG,
         click_px=CLICK_PX,
         seed=OWNER_SEED,
@@ -140,7 +141,7 @@ model = "{lens.kind}"
 f = {_numbers(lens.focal)}        # focal lengths [px]
 c = {_numbers(lens.centre)}       # principal point [px]; (0, 0) is the centre of the first pixel
 k = {_numbers(lens.distortion)}
-intrinsics = "{known.intrinsics}"
+intrinsics = "{known.intrinsics}"      # "fixed": f, c and k are exact; "prior": nearly; "solve": a guess
 response = "linear"
 bits = {bits}
 black_level = {camera.black_level}

@@ -463,9 +463,7 @@ def test_solves_like_a_driven_session(tmp_path: Path) -> None:
         *map(load_calibration, (venue.directory / "calibrations/0001", driven))
     )
     assert found.verdict.sound
-    assert (
-        found.together.as_is.rms < 0.5
-    )  # arcmin; the marks, which both share, allow ten times as much
+    assert found.together.as_is.rms < 5  # arcmin; a camera's pixel is 27, and its lens is solved
     assert found.together.as_is.error_over_sigma < 1
     assert found.together.areas.alone < 0.01
     for step in found.light.values():

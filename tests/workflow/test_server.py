@@ -192,6 +192,19 @@ class TestRefused:
             path.write_text(text, "utf-8")
 
 
+def test_a_lens_that_tags_solve_is_noted(hand_session: HandSession) -> None:
+    """A master of another angle would fit as well, with the camera elsewhere."""
+    path = hand_session.folder / "venue.toml"
+    text = path.read_text("utf-8")
+    path.write_text(text.replace('intrinsics = "fixed"', 'intrinsics = "prior"'), "utf-8")
+    try:
+        *_, last = solve(load_venue(hand_session.folder), Session(hand_session.session))
+    finally:
+        path.write_text(text, "utf-8")
+    notes = load_calibration(last.data["calibration"]).provenance["notes"]
+    assert any("fit a master of another angle as well" in note for note in notes)
+
+
 def test_plans_of_other_venues_are_as_they_were(tmp_path: Path) -> None:
     from tiny_venue import make_venue
 

@@ -47,7 +47,7 @@ class CameraTable(_Table):
     f: tuple[Positive, Positive]
     c: Pair
     k: list[FiniteFloat]
-    intrinsics: Literal["fixed", "prior", "solve"] = "fixed"
+    intrinsics: Literal["fixed", "prior", "solve"] = "prior"
     response: Response = "linear"
     brackets: str | None = None
     bits: Annotated[int, Field(ge=8, le=16)]

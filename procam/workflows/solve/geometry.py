@@ -85,7 +85,7 @@ def _verdict(found: GeometrySolution) -> str:
     if not degree:
         return (
             f"the pictures do not fit a sphere {ratio}, and no bumps explain it; did a device move between "
-            "them, or is a lens of another kind than it is solved as?"
+            'them, or is a lens of another kind than it is solved as, or "fixed" and not exact?'
         )
     caveat = (
         ", which one camera cannot tell from a wrong lens; a second camera can" if alone else ""

@@ -58,6 +58,12 @@ def server_notes(venue: Venue, master: DomeMaster, placed: dict[str, PlacedCamer
         for name, each in placed.items()
         if each.dropped
     ]
+    lines += [
+        f"camera {name}: its lens was solved from the server's tags, which fit a master of another angle as "
+        'well; measure it with `procam camera` and set intrinsics = "fixed"'
+        for name in placed
+        if venue.table.cameras[name].intrinsics != "fixed"
+    ]
     for name, each in placed.items():
         ratio = float(np.mean(each.camera.lens.focal / venue.cameras[name].lens.focal))
         if abs(ratio - 1) > SAME_FOCAL:
