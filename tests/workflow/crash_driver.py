@@ -1,7 +1,7 @@
 """Kills captures and solves with SIGKILL, in children forked from one process that has loaded everything.
 
-`python crash_driver.py GROUP FOLDER` runs one group of `GROUPS`; it exits 0 and prints the
-kills, or raises the assertion that failed.
+`python crash_driver.py STAGE FOLDER` runs the groups of a stage of `GROUPS`; it exits 0 and prints the
+kills of each group, or raises the assertion that failed.
 
 A killed child runs no handler and no clean-up. Its files are compared with those of an uninterrupted
 run, byte by byte: the noise of the simulated camera depends on the picture and not on the time, so
@@ -34,6 +34,7 @@ from tiny_venue import (
 )
 
 import procam.estimate.calibration
+import procam.estimate.light.floor_albedo
 import procam.estimate.structured_light.self_calibration
 import simulators.backend
 import simulators.transport
@@ -41,11 +42,13 @@ from procam.files import atomic
 from procam.files.session import Session
 from procam.files.venue.load import load_venue
 from procam.interfaces.cli.main import main as procam_main
+from procam.workflows.solve import calibrate
 
 MAP_SIZE = 128  # dome maps of a solve: the same files and flushes, a sixtieth of the pixels
 SAMPLE_PIXELS = 1000  # from which lens and response are estimated
 COARSE_ROOM = 10, 20  # rings and sectors of patches: quick to trace
-RANDOM_KILLS = 6
+FLOOR_DROPS = (0.2,)  # depths at which the floor may lie: one is as good for files as five
+RANDOM_KILLS = 4
 STUCK_S = 120
 FAILED = 70  # exit code of a child that raised
 INTERRUPTED = 130
@@ -164,10 +167,10 @@ class Bench:
         assert len(set(names)) == len(names), "two calls have the same name"
         return names
 
-    def venue(self, name: str) -> Path:
+    def venue(self) -> Path:
         """A fresh venue folder with the same venue.toml."""
-        directory = self.folder / name / "venue"
-        directory.mkdir(parents=True)
+        directory = Path(tempfile.mkdtemp(dir=self.folder)) / "venue"
+        directory.mkdir()
         shutil.copyfile(self.whole / "venue.toml", directory / "venue.toml")
         return directory
 
@@ -240,7 +243,7 @@ def capture_after_every_rename(bench: Bench) -> Iterator[str]:
 
 
 def _capture_killed(bench: Bench, calls: list[str], after: bool) -> Iterator[str]:
-    venue = bench.venue("killed")
+    venue = bench.venue()
     for label in calls:
         status = ended(child(bench.taking(venue), kill_at(label, after)))
         assert status == -signal.SIGKILL, f"not killed at {label}: {status}"
@@ -253,8 +256,8 @@ def _capture_killed(bench: Bench, calls: list[str], after: bool) -> Iterator[str
 def capture_at_random(bench: Bench) -> Iterator[str]:
     """A new session each time, killed somewhere, resumed, solved."""
     rng = random.Random(20110)
-    for number in range(RANDOM_KILLS):
-        venue = bench.venue(f"killed-{number}")
+    for _ in range(RANDOM_KILLS):
+        venue = bench.venue()
         seconds = rng.uniform(0, 0.95 * bench.capture_s)
         while kill_later(child(bench.taking(venue)), seconds) == 0:  # it ended before the kill
             shutil.rmtree(venue / "sessions")
@@ -267,18 +270,33 @@ def capture_at_random(bench: Bench) -> Iterator[str]:
 
 
 def solve_at_every_call(bench: Bench) -> Iterator[str]:
-    """Killed before every rename and flush and after every rename; each starts on what was left."""
+    """Killed before every rename and flush and after every rename; each starts on what was left.
+
+    What is saved is computed once: each kill ends another child that saves it.
+    """
     venue = _captured(bench)
-    for label in bench.calls("solve"):
-        for after in (False, True) if label.startswith("rename") else (False,):
-            status = ended(child(bench.solving(venue), kill_at(label, after)))
+    kills = [
+        (label, after)
+        for label in bench.calls("solve")
+        for after in ((False, True) if label.startswith("rename") else (False,))
+    ]
+    save = calibrate.save_calibration
+
+    def killed_in_turn(*what: Any) -> None:
+        for label, after in kills:
+            status = ended(child(lambda: save(*what), kill_at(label, after)))
             assert status == -signal.SIGKILL, f"not killed at {label}: {status}"
             bench.check_session(venue)
             bench.check_calibrations(venue)
-            yield label
             for whole in venue.glob("calibrations/[0-9]*"):  # its number would name other calls
                 shutil.rmtree(whole)
+        os._exit(0)
+
+    calibrate.save_calibration = killed_in_turn
+    assert ended(child(bench.solving(venue))) == 0
+    calibrate.save_calibration = save
     bench.solve(venue)
+    yield from (label for label, _ in kills)
 
 
 def solve_at_random(bench: Bench) -> Iterator[str]:
@@ -298,7 +316,7 @@ def solve_at_random(bench: Bench) -> Iterator[str]:
 
 
 def _captured(bench: Bench) -> Path:
-    venue = bench.venue("killed")
+    venue = bench.venue()
     shutil.copytree(bench.whole / "sessions", venue / "sessions")
     return venue
 
@@ -306,8 +324,8 @@ def _captured(bench: Bench) -> Path:
 def interrupt_at_random(bench: Bench) -> Iterator[str]:
     """Ctrl-C somewhere in `procam capture`: dark projectors, exit code 130, resumable."""
     rng = random.Random(130)
-    for number in range(RANDOM_KILLS):
-        venue = bench.venue(f"stopped-{number}")
+    for _ in range(RANDOM_KILLS):
+        venue = bench.venue()
         seconds = rng.uniform(0.05, 0.95) * bench.capture_s
         while (code := _interrupted(venue, seconds)) == 0:
             shutil.rmtree(venue / "sessions")
@@ -348,26 +366,24 @@ def _commanded(venue: Path, ready: int) -> Callable[[], int]:
     return run
 
 
-GROUPS: dict[str, Callable[[Bench], Iterator[str]]] = {
-    "capture-before-every-call": capture_before_every_call,
-    "capture-after-every-rename": capture_after_every_rename,
-    "capture-at-random": capture_at_random,
-    "capture-interrupted": interrupt_at_random,
-    "solve-at-every-call": solve_at_every_call,
-    "solve-at-random": solve_at_random,
+GROUPS: dict[str, list[Callable[[Bench], Iterator[str]]]] = {
+    "capture": [capture_before_every_call, capture_after_every_rename, interrupt_at_random],
+    "solve": [solve_at_every_call, solve_at_random, capture_at_random],
 }
 
 
 def main() -> None:
     one_thread()
-    group, folder = sys.argv[1], Path(sys.argv[2])
+    stage, folder = sys.argv[1], Path(sys.argv[2])
     tempfile.tempdir = str(folder / "wires")  # where emulated serial ports appear
     Path(tempfile.tempdir).mkdir()
     procam.estimate.calibration.MAP_SIZE = MAP_SIZE
+    procam.estimate.light.floor_albedo.DROPS = FLOOR_DROPS
     procam.estimate.structured_light.self_calibration.SAMPLE_PIXELS = SAMPLE_PIXELS
     simulators.transport.DOME_RINGS, simulators.transport.DOME_SECTORS = COARSE_ROOM
     with quick_simulator():
-        survived = list(GROUPS[group](Bench(folder)))
+        bench = Bench(folder)
+        survived = [len(list(group(bench))) for group in GROUPS[stage]]
     sys.stdout.write(json.dumps(survived))
 
 

@@ -46,24 +46,23 @@ def _with_lens(captured: tuple[Venue, Session], mode: str, factor: float) -> Cal
     return load_calibration(folder)
 
 
-@pytest.mark.parametrize("mode", ["prior", "solve"])
 def test_feedback_and_albedo_do_not_follow_a_wrong_prior(
-    captured: tuple[Venue, Session], mode: str, monkeypatch: pytest.MonkeyPatch
+    captured: tuple[Venue, Session], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # whether a veil is significant in so small a picture is chance, and moves m by one of its sigmas
     monkeypatch.setattr(NearVeilFit, "result", lambda fit: [])
     owner = captured[0].cameras["zenith"].lens.focal[0]
-    true = place_cameras(1, SIZE.camera_size, SIZE.camera_kind, PRESETS["standard"])[0].lens.focal[
-        0
-    ]
-    right = _with_lens(captured, "fixed", float(true / owner))
-    wrong = _with_lens(captured, mode, TOO_LONG)
-    np.testing.assert_allclose(wrong.feedback.value, right.feedback.value, rtol=PULL)
-    moved = np.abs(wrong.albedo.value - right.albedo.value)
-    assert (moved < 0.1 * right.albedo.sigma).all()  # by what the floor seems to be
+    (camera,) = place_cameras(1, SIZE.camera_size, SIZE.camera_kind, PRESETS["standard"])
+    right = _with_lens(captured, "fixed", float(camera.lens.focal[0] / owner))
+    assert not _beyond_the_rim(right)
+    for mode in ("prior", "solve"):
+        wrong = _with_lens(captured, mode, TOO_LONG)
+        np.testing.assert_allclose(wrong.feedback.value, right.feedback.value, rtol=PULL)
+        moved = np.abs(wrong.albedo.value - right.albedo.value)
+        assert (moved < 0.1 * right.albedo.sigma).all()  # by what the floor seems to be
 
 
-@pytest.mark.parametrize("mode", ["fixed", "prior", "solve"])
+@pytest.mark.parametrize("mode", ["fixed", "solve"])
 def test_a_wrong_mark_is_named_whatever_the_lens(
     captured: tuple[Venue, Session], mode: str
 ) -> None:
@@ -98,18 +97,18 @@ def test_exchanged_marks_that_turn_the_dome_over_are_refused(
         path.write_text(kept)
 
 
-@pytest.mark.parametrize(("degrees", "named"), [(90, False), (82, True)])
-def test_a_picture_beyond_the_rim_is_noted(
-    captured: tuple[Venue, Session], degrees: int, named: bool
-) -> None:
+def test_a_picture_beyond_the_rim_is_noted(captured: tuple[Venue, Session]) -> None:
     path = captured[0].directory / "venue.toml"
     kept = path.read_text()
-    path.write_text(re.sub(r"(?m)^half_angle_deg = \S+", f"half_angle_deg = {degrees}", kept))
+    path.write_text(re.sub(r"(?m)^half_angle_deg = \S+", "half_angle_deg = 82", kept))
     try:
-        notes = _with_lens(captured, "fixed", 1.0).provenance["notes"]
+        assert _beyond_the_rim(_with_lens(captured, "fixed", 1.0))
     finally:
         path.write_text(kept)
-    assert any("lie beyond the dome's rim" in note for note in notes) == named
+
+
+def _beyond_the_rim(calibration: Calibration) -> bool:
+    return any("lie beyond the dome's rim" in note for note in calibration.provenance["notes"])
 
 
 @pytest.mark.parametrize(("factor", "named"), [(1.0, False), (1.05, True)])

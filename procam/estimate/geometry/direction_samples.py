@@ -48,7 +48,16 @@ def sample_directions(
     -------
     (count, ..., 3); NaN where a pixel misses the screen.
     """
-    fitted = fit_pixel_directions(solution, name)
+    return _drawn(solution, fit_pixel_directions(solution, name), pixels, count, rng)
+
+
+def _drawn(
+    solution: GeometrySolution,
+    fitted: PixelDirections,
+    pixels: Array,
+    count: int,
+    rng: np.random.Generator,
+) -> Array:
     mean = fitted.at(pixels).reshape(-1, 3)
     sources = _sources(fitted, pixels, mean)
     centre = _weighted_mean(sources, solution.rig)
@@ -70,8 +79,9 @@ def direction_sigmas(solution: GeometrySolution, seed: int = 0) -> tuple[float, 
     for name, projector in solution.rig.projectors.items():
         same = np.random.default_rng(seed)  # and so the same rigs for all
         pixels = panel_grid(projector.size).reshape(-1, 2)
-        drawn.append(sample_directions(solution, name, pixels, SIGMA_DRAWS, same))
-        means.append(fit_pixel_directions(solution, name).at(pixels[None])[0])
+        fitted = fit_pixel_directions(solution, name)
+        drawn.append(_drawn(solution, fitted, pixels, SIGMA_DRAWS, same))
+        means.append(fitted.at(pixels[None])[0])
     mean, draws = np.concatenate(means), np.concatenate(drawn, axis=1)
     known = np.isfinite(mean).all(axis=1) & np.isfinite(draws).all(axis=(0, 2))
     mean, draws = mean[known], draws[:, known]

@@ -22,7 +22,6 @@ from procam.estimate.light.model_room import Below, ModelRoom, below_rim
 from procam.estimate.light.scatter_kernel import ScatterSample
 from procam.model.screen import Dome
 
-STEP = 0.1  # of floor albedo, for finite differences
 ROUNDS = 3
 MAX_ALBEDO = 0.95
 MIN_PICTURES = 4  # for a standard deviation
@@ -133,11 +132,9 @@ def _floor_at(pictures: _Pictures, dome: Dome, below: Below, at_rim: Below) -> F
     returned = below.by_floor, below.wall_albedo * below.by_wall
     share, wall = (float(e.sum() / at_rim.by_floor.sum()) for e in returned)
     for _ in range(ROUNDS):
-        expected, stepped = (
-            ModelRoom(dome, pictures.screen_albedo, f, below).over_white(pictures.lights)
-            for f in (floor, floor + STEP)
-        )
-        both = zip(pictures.samples, expected.T, stepped.T, strict=True)
+        room = ModelRoom(dome, pictures.screen_albedo, floor, below)
+        expected, slope = room.over_white(pictures.lights)
+        both = zip(pictures.samples, expected.T, slope.T, strict=True)
         each = np.array([_normal_equation(pictures, *one) for one in both])
         top, bottom, misfit = each.sum(axis=0)  # stationary: the last change hardly alters it
         if not bottom > 0:
@@ -164,7 +161,7 @@ def _weighted(dome: Dome, depths: Sequence[FloorAt], pictures: int) -> list[Floo
 
 def _flux_inconsistency(room: ModelRoom, pictures: _Pictures) -> float:
     """Relative spread of the pictures' scattered light over that of the room for their direct light."""
-    all_expected = room.over_white(pictures.lights) * pictures.lights[:, -1].sum()
+    all_expected = room.over_white(pictures.lights)[0] * pictures.lights[:, -1].sum()
     scales = []
     for x, expected in zip(pictures.samples, all_expected.T, strict=True):
         known = pictures.known(x) & room.on_cap
@@ -176,12 +173,12 @@ def _flux_inconsistency(room: ModelRoom, pictures: _Pictures) -> float:
 
 
 def _normal_equation(
-    pictures: _Pictures, sample: ScatterSample, expected: Array, stepped: Array
+    pictures: _Pictures, sample: ScatterSample, expected: Array, slope: Array
 ) -> tuple[float, float, float]:
     """Right and left side of one picture's normal equation for the change of floor albedo, and its misfit.
 
-    `expected`, `stepped` (N,) are its scattered light over that of white, in the model room and in one
-    whose floor is brighter by `STEP`; NaN off the cap.
+    `expected` (N,) is its scattered light over that of white in the model room, and `slope` its derivative
+    by the floor's albedo; NaN off the cap.
     """
     known = pictures.known(sample) & np.isfinite(expected)
     if not known.any():
@@ -189,20 +186,17 @@ def _normal_equation(
     base = pictures.per_flux[known].mean(axis=1)
     weight = sample.pixels[known] * base**2
     seen = sample.scattered[known].mean(axis=1) / base
-    now, then = (_scaled(ratio[known], weight) for ratio in (expected, stepped))
-    slope = (then - now) / STEP
-    # a brighter picture has a smaller relative error
-    weight = weight * np.average(seen, weights=weight) ** 2
-    residual = _scaled(seen, weight) - now
+    scale = np.average(expected[known], weights=weight)
+    model = expected[known] / scale
+    slope = (slope[known] - model * np.average(slope[known], weights=weight)) / scale
+    mean = np.average(seen, weights=weight)
+    residual = seen / mean - model
+    weight = weight * mean**2  # a brighter picture has a smaller relative error
     return (
         float(weight @ (slope * residual)),
         float(weight @ slope**2),
         float(weight @ residual**2),
     )
-
-
-def _scaled(ratio: Array, weight: Array) -> Array:
-    return np.asarray(ratio / np.average(ratio, weights=weight))
 
 
 def combined_floor_albedo(dome: Dome, measured: FloorLight) -> tuple[float, float]:

@@ -40,19 +40,27 @@ class ModelRoom:
         direction, _ = master_directions(CELLS)
         self.on_cap = direction[..., 2].ravel() >= np.cos(dome.half_angle)
         returned = floor_albedo * below.by_floor + below.wall_albedo * below.by_wall
+        self._albedo, self._by_floor = albedo, below.by_floor
         self._exchange = 1 / (4 * np.pi) + returned
         # symmetric by the square root of the cells' areas, for a Cholesky factor
         self._root = np.sqrt(master_solid_angles(CELLS).ravel()[self.on_cap])
         reflected = albedo * self._root[:, None] * self._exchange * self._root
         self._factor = cho_factor(np.eye(len(reflected)) - reflected)
 
-    def over_white(self, lights: Array) -> Array:
-        """Scattered light (N, P) of direct flux (N, P + 1) over that of the last; NaN off the cap."""
-        once = self._exchange @ lights[self.on_cap]
-        light = cho_solve(self._factor, self._root[:, None] * once)
-        ratio = np.full((len(self.on_cap), lights.shape[1] - 1), np.nan)
+    def over_white(self, lights: Array) -> tuple[Array, Array]:
+        """Scattered light (N, P) of direct flux (N, P + 1) over that of the last; NaN off the cap.
+
+        Also its derivative (N, P) by the floor's albedo.
+        """
+        direct, root = lights[self.on_cap], self._root[:, None]
+        light = cho_solve(self._factor, root * (self._exchange @ direct))
+        leaving = direct + self._albedo * root * light
+        change = cho_solve(self._factor, root * (self._by_floor @ leaving))
+        ratio, slope = np.full((2, len(self.on_cap), lights.shape[1] - 1), np.nan)
         ratio[self.on_cap] = light[:, :-1] / light[:, -1:]
-        return ratio
+        slope[self.on_cap] = change[:, :-1] - ratio[self.on_cap] * change[:, -1:]
+        slope[self.on_cap] /= light[:, -1:]
+        return ratio, slope
 
 
 def below_rim(dome: Dome, drop: float) -> Below:
