@@ -106,7 +106,8 @@ class TestSolves:
         meeting = threading.Barrier(2, timeout=20)
 
         def decode(place: Path, *_: object) -> None:
-            meeting.wait()
+            if place.name in USED[:2]:
+                meeting.wait()
             raise InputError(f"{place}: met")
 
         monkeypatch.setattr(command, "decode_folder", decode)
@@ -175,13 +176,12 @@ class TestRefuses:
         assert "must end in .toml" in self.refused(tmp_path, tmp_path / "p.json")
 
     def test_too_few_poses_with_the_board(self, poses: Path, tmp_path: Path) -> None:
-        out = tmp_path / "p.toml"
-        ran = procam("pair", poses, "--squares", "17x16", *BOARD[2:], "--out", out, "--json")
+        out, pose = tmp_path / "p.toml", tmp_path / "poses" / "s00"
+        pose.parent.mkdir()
+        pose.symlink_to(poses / "s00")
+        ran = procam("pair", pose.parent, "--squares", "17x16", *BOARD[2:], "--out", out, "--json")
         assert (ran.code, out.exists()) == (2, False)
-        assert (
-            "a board of 17x16 squares is found in 0 of 4 (none in s00, s05, s11, s17)"
-            in ran.complaint
-        )
+        assert "a board of 17x16 squares is found in 0 of 1 (none in s00)" in ran.complaint
 
     def test_a_wrong_number_of_photographs_names_the_pose(
         self, poses: Path, tmp_path: Path
