@@ -98,19 +98,12 @@ def assemble(
         dome, view, lights, samples, master.flux_in_cells(hi), master.coverage
     )
     lo = master.black_level(measured, to_relative)
-    maps = DomeMaps(
-        *master.scatter_and_albedo(scatter),
-        lo,
-        (hi / white * master.coverage[..., None]).astype(np.float32) + lo,
-        master.coverage,
-        kernel=scatter.solution.fit.kernel,
-        falloff=shape if falloff_per_rad else None,
-    )
+    maps = master.maps(scatter, hi / white, lo, shape if falloff_per_rad else None)
     projectors = {
         name: _projector(geometry, name, surfaces[name], measured, light.extended / white, blender)
         for name, light in content.items()
     }
-    notes = [note for m in measured.values() for note in m.notes]
+    notes = [*provenance.get("notes", []), *(note for m in measured.values() for note in m.notes)]
     notes += [*floor_notes(dome, scatter.floor), *flux_notes(scatter.floor)]
     return Calibration(
         scatter.dome,
@@ -121,7 +114,7 @@ def assemble(
         scatter.albedo,
         to_relative,
         _quality(geometry, measured, master, scatter),
-        {**provenance, "notes": [*provenance.get("notes", []), *notes]},
+        {**provenance, "notes": notes},
     )
 
 
@@ -164,7 +157,16 @@ class _Master:
             light.reshape(CELLS, fine, CELLS, fine, -1).sum(axis=(1, 3)).reshape(CELLS**2, -1)
         )
 
-    def scatter_and_albedo(self, scatter: DomeScatter) -> tuple[Image, Image]:
+    def maps(
+        self, scatter: DomeScatter, white: Array, lo: Image, falloff: Image | None
+    ) -> DomeMaps:
+        """Maps of the dome; `white` (N, N, 3) is direct light of full white, `lo` that of black [rel]."""
+        hi = (white * self.coverage[..., None]).astype(np.float32) + lo
+        both = self._scatter_and_albedo(scatter)
+        kernel = scatter.solution.fit.kernel
+        return DomeMaps(*both, lo, hi, self.coverage, kernel=kernel, falloff=falloff)
+
+    def _scatter_and_albedo(self, scatter: DomeScatter) -> tuple[Image, Image]:
         """Maps (N, N, C) of u [1/sr] and of the albedo.
 
         u of full white is proportional to the albedo, to .3 % over a floor of albedo .1. The profile
