@@ -38,8 +38,8 @@ from procam.model.optics import CameraModel, Distance, Fiducial
 
 Intrinsics = Literal["fixed", "prior", "solve"]
 ROUNDS, ROBUST_ROUNDS = 100, 8  # lenses solved from one camera converge slowly
-CELLS = 10  # along each edge of a panel, for the systematic ratio
-PANELS = 100  # of a typical dome
+CELLS = 10  # along each edge of a projector's panel, for the systematic ratio: as many as a dome has panels
+COARSER_CELLS = (5, 3)  # in which a misfit that is smooth over the panel stands out
 CLIPPED = 50.0  # standard errors: limit of a residual, so that no misread patch dominates its cell
 CAUCHY = 2.5  # standard errors: scale of the robust loss
 CONVERGED = 0.01  # of chi squared: a smaller gain moves no parameter by a tenth of its sigma
@@ -90,20 +90,22 @@ def normalised_residuals(error: Array, seen: Observations) -> Array:
     return np.nan_to_num(np.linalg.norm(error, axis=1) / seen.sigma_px, nan=np.inf)
 
 
-def systematic_ratio(error: Array, seen: Observations, size: tuple[int, int]) -> float:
+def systematic_ratio(
+    error: Array, seen: Observations, size: tuple[int, int], cells: int = CELLS
+) -> float:
     """Rms of residuals (N, 2) averaged over cells, over its value for independent errors; at least 1.
 
     Where the model is right, the errors of neighbours are independent and the ratio is 1. A screen
     that is not a sphere leaves smooth residuals, of which a thousand observations determine no more
-    than one does. `size` is that of the panel [px].
+    than one does. `size` is that of the panel [px], `cells` the number along each of its edges.
     """
     score = np.clip(error / seen.sigma_px[:, None], -CLIPPED, CLIPPED)
-    cell = np.clip(seen.projector_px / np.array(size) * CELLS, 0, CELLS - 1).astype(int) @ [
+    cell = np.clip(seen.projector_px / np.array(size) * cells, 0, cells - 1).astype(int) @ [
         1,
-        CELLS,
+        cells,
     ]
-    number = np.maximum(np.bincount(cell, minlength=CELLS**2), 1)
-    sums = [np.bincount(cell, np.nan_to_num(s), CELLS**2) for s in score.T]
+    number = np.maximum(np.bincount(cell, minlength=cells**2), 1)
+    sums = [np.bincount(cell, np.nan_to_num(s), cells**2) for s in score.T]
     share = number >= 0.3 * np.median(number[number > 1])
     return max(1.0, float(np.sqrt(np.mean(np.square(sums)[:, share] / number[share]))))
 
@@ -227,7 +229,14 @@ class Adjustment:
         """Covariance (P, P), gauge freedoms (F, P), and the systematic ratio of each pair."""
         self._update_derivatives(rig)
         scales = self._scales(rig)
-        weight = self._weights(rig, _with_shared_misfit(rig, scales), robust=False)
+        counted = scales
+        if not rig.shape.degree:  # with harmonics the scales count it already
+            smooth = {
+                pair: max(self._ratio(rig, pair, cells) for cells in COARSER_CELLS)
+                for pair in scales
+            }
+            counted = _with_correlated_misfit(scales, smooth)
+        weight = self._weights(rig, counted, robust=False)
         matrix, _ = self._equations(rig, weight, np.zeros(len(self.prior)))
         root = np.sqrt(np.diag(matrix)[self.free])
         values, vectors = np.linalg.eigh(
@@ -262,15 +271,13 @@ class Adjustment:
 
     def _scales(self, rig: RigGeometry) -> dict[Pair, float]:
         """Factors (at least 1) for the standard errors of each pair: their systematic ratios."""
-        scales = {
-            p: systematic_ratio(self._residuals(rig, p), o, rig.projectors[p[1]].size)
-            for p, o in self.seen.items()
-        }
-        if not rig.shape.degree:
-            return scales
-        # cells and devices that see the same misplaced panel of the dome are not independent
-        repeats = max(1.0, float(np.sqrt(len(scales) * CELLS**2 / PANELS)))
-        return {pair: scale * repeats for pair, scale in scales.items()}
+        # devices that see the same misplaced panel of the dome are not independent
+        repeats = float(np.sqrt(len(self.seen))) if rig.shape.degree else 1.0
+        return {pair: repeats * self._ratio(rig, pair, CELLS) for pair in self.seen}
+
+    def _ratio(self, rig: RigGeometry, pair: Pair, cells: int) -> float:
+        size = rig.projectors[pair[1]].size
+        return systematic_ratio(self._residuals(rig, pair), self.seen[pair], size, cells)
 
     def _weights(
         self, rig: RigGeometry, scale: Mapping[Pair, float], robust: bool
@@ -329,13 +336,14 @@ class Adjustment:
         return step
 
 
-def _with_shared_misfit(rig: RigGeometry, scales: Mapping[Pair, float]) -> dict[Pair, float]:
-    """Factors for standard errors if what exceeds the noise is a misfit that all pairs share.
+def _with_correlated_misfit(
+    scales: Mapping[Pair, float], coarser: Mapping[Pair, float]
+) -> dict[Pair, float]:
+    """Factors for standard errors if what exceeds the noise is a misfit that pairs, or cells, share.
 
     A dome that is no sphere, or a lens of another kind, bends what every projector shows, so that more of
-    them do not average it out. The scales of a rig with bumps count that already.
+    them do not average it out. Nor do more cells if the misfit is smooth: `coarser` are the systematic
+    ratios in larger cells, where it exceeds the noise by more.
     """
-    if rig.shape.degree:
-        return dict(scales)
-    repeats = max(1.0, len(scales) * CELLS**2 / PANELS)
-    return {p: float(np.sqrt(1 + (scale**2 - 1) * repeats)) for p, scale in scales.items()}
+    excess = {p: max(len(scales) * (s**2 - 1), coarser[p] ** 2 - 1) for p, s in scales.items()}
+    return {pair: float(np.sqrt(1 + more)) for pair, more in excess.items()}

@@ -84,8 +84,9 @@ def _verdict(found: GeometrySolution) -> str:
     degree, alone = found.rig.shape.degree, len(found.rig.cameras) == 1
     if not degree:
         return (
-            f"the pictures do not fit a sphere {ratio}, and no bumps explain it; did a device move between "
-            'them, or is a lens of another kind than it is solved as, or "fixed" and not exact?'
+            f"the pictures do not fit a sphere {ratio}, and no bumps explain it: the lens is of another kind "
+            'than it is solved as, or "fixed" and not exact, the dome is uneven, or a device moved; standard '
+            "errors of directions include that"
         )
     caveat = (
         ", which one camera cannot tell from a wrong lens; a second camera can" if alone else ""

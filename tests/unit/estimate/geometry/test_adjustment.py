@@ -7,7 +7,7 @@ from domes import SimulatedDome, step_between
 from procam.estimate.geometry.adjustment import (
     CELLS,
     Adjustment,
-    _with_shared_misfit,
+    _with_correlated_misfit,
     normalised_residuals,
     prior_departures,
     prior_sigmas,
@@ -107,7 +107,17 @@ def test_outliers_do_not_move_the_robust_solution() -> None:
 
 def test_a_misfit_that_all_projectors_share_is_not_averaged_out() -> None:
     """Ratio 2 is a misfit of sqrt(3) sigmas; seen through three projectors it counts as one."""
-    rig = SimulatedDome.build(1, projectors=3).rig()
-    scales = {("zenith", name): ratio for name, ratio in zip("abc", (1.0, 2.0, 2.0), strict=True)}
-    found = _with_shared_misfit(rig, scales)
-    assert list(found.values()) == pytest.approx([1.0, np.sqrt(10), np.sqrt(10)])
+    pairs = [("zenith", name) for name in "abc"]
+    scales, coarser = (dict(zip(pairs, each, strict=True)) for each in ((1, 2, 2), (1, 2, 4)))
+    found = _with_correlated_misfit(scales, coarser)
+    assert list(found.values()) == pytest.approx([1.0, np.sqrt(10), 4.0])
+
+
+def test_a_smooth_misfit_exceeds_the_noise_by_more_in_larger_cells(
+    rng: np.random.Generator,
+) -> None:
+    seen = _observations(rng)
+    noise = rng.normal(0, 0.1, (len(seen.sigma_px), 2))
+    wave = 0.02 * np.sin(seen.projector_px / SIZE * 2 * np.pi)
+    fine, coarse = (systematic_ratio(noise + wave, seen, SIZE, cells) for cells in (CELLS, 5))
+    assert coarse**2 - 1 > 2 * (fine**2 - 1)
