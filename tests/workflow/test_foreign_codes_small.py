@@ -9,7 +9,7 @@ from tiny_venue import procam
 
 from procam.files.images.layers import read_channels
 from studies import foreign_codes as study
-from studies.foreign_pictures import PANEL
+from studies.foreign_pictures import BLACK, PANEL, WHITE, Pattern, inverted
 from studies.measure import HERE
 
 CASES = study.cases()
@@ -81,6 +81,41 @@ def test_wrong_shifts_are_refused_unless_overruled(tmp_path: Path) -> None:
     ran = procam(*command, "--anyway")
     assert ran.code == 0
     assert "decoded anyway, though a check refuses it: pictures: columns: the edges" in ran.out
+
+
+def test_a_wrong_sign_of_shifts_is_noted_or_refused(tmp_path: Path) -> None:
+    """Of columns alone the picture arrives mirrored; of both it lies beyond the panel."""
+    case = next(c for c in CASES if c.name == "4 steps of 3 periods")
+    signs = "shifts_deg = [0, -90, -180, -270]"
+    photos, theirs = photographed_by(case, tmp_path, study.FREQUENCIES)
+    command = ("decode", photos, "--size", "192x128", "--code", theirs, "--out", tmp_path / "m.exr")
+    theirs.write_text(study.FREQUENCIES.replace("steps = 4", signs, 1))
+    ran = procam(*command)
+    assert ran.code == 0
+    assert "the camera sees the picture mirrored: right with rear projection" in ran.out
+    theirs.write_text(study.FREQUENCIES.replace("steps = 4", signs))
+    ran = procam(*command)
+    assert ran.code == 2
+    assert "and the sign of shifts" in ran.complaint
+
+
+def test_a_binary_code_is_no_gray_code(tmp_path: Path) -> None:
+    """Cells of 8 pixels are too wide for the triples of pixels that judge other sets."""
+    shown = [*binary_cells(0), *binary_cells(1)]
+    patterns = (*shown, *inverted(shown), WHITE, BLACK)
+    description = study.GRAY.replace("CELL", "8")
+    case = study.Case("binary", patterns, description, cell_px=8)
+    photos, theirs = photographed_by(case, tmp_path, description)
+    out = tmp_path / "m.exr"
+    ran = procam("decode", photos, "--size", "192x128", "--code", theirs, "--out", out)
+    assert (ran.code, out.exists()) == (2, False)
+    assert "of the map is mirrored and the rest is not" in ran.complaint
+
+
+def binary_cells(axis: int) -> list[Pattern]:
+    cell = np.arange(PANEL[axis]) // 8
+    bits = range(int(cell.max()).bit_length() - 1, -1, -1)
+    return [Pattern(((cell >> bit) & 1).astype(float), axis) for bit in bits]
 
 
 @pytest.mark.parametrize("name", ["Gray, inverses last", "3 steps of 2 periods, Gray cells"])

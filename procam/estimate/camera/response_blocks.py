@@ -22,6 +22,10 @@ BINS, PER_BIN = 64, 60  # of brightness; the flattest squares of each are used
 MIN_PIXELS = 50
 MOVED_SIGMAS, MOVED_LEVEL = 6.0, 0.03  # of a level that does not follow; share of the range
 MIN_GROUP = 200  # places whose levels are compared
+CLIPPED_SHARE = (
+    0.005  # of a photograph at its highest level, and more than just below: it is clipped there
+)
+FULL_RANGE = 0.5, 0.99  # of the range: a camera that clips between these has no full range
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +61,8 @@ def average(photos: Iterable[AnyArray], count: int, top: float) -> BracketBlocks
         Photographs of several shapes.
     InputError
         Another number of photographs.
+    OutOfModelRange
+        The camera clips below `top`.
     """
     parts, shape, edge = list[tuple[Array, Array, BoolArray]](), None, 1
     for number, photo in enumerate(photos, start=1):
@@ -67,7 +73,9 @@ def average(photos: Iterable[AnyArray], count: int, top: float) -> BracketBlocks
             raise ShapeError(f"photograph {number}", photo.shape, "(H, W) or (H, W, C)")
         if photo.shape != shape:
             raise ShapeError(f"photograph {number}", photo.shape, f"{shape} like the first")
-        parts.append(_squares(photo.reshape(*photo.shape[:2], -1), top, edge))
+        channels = photo.reshape(*photo.shape[:2], -1)
+        _check_range(channels, number, top)
+        parts.append(_squares(channels, top, edge))
     if len(parts) != count or shape is None:
         raise InputError(
             f"brackets: {len(parts)} photographs and {count} exposures do not match; give one exposure "
@@ -76,6 +84,21 @@ def average(photos: Iterable[AnyArray], count: int, top: float) -> BracketBlocks
     level, deviation, sound = (np.stack(part) for part in zip(*parts, strict=True))
     grid = (shape[0] // edge, shape[1] // edge, shape[2] if len(shape) == 3 else 1)
     return BracketBlocks(Blocks(edge, level, deviation, sound), grid)
+
+
+def _check_range(photo: AnyArray, number: int, top: float) -> None:
+    """Refuse a photograph (H, W, C) with a channel that is clipped below the full range."""
+    for channel in np.moveaxis(photo, 2, 0):
+        highest = float(channel.max())
+        at = np.count_nonzero(channel == highest)
+        below = np.count_nonzero(channel >= highest - top / 64) - at
+        clipped = max(CLIPPED_SHARE * channel.size, below) < at < channel.size / 2
+        if clipped and FULL_RANGE[0] < highest / top < FULL_RANGE[1]:
+            raise OutOfModelRange(
+                f"brackets: photograph {number}: {at / channel.size:.1%} of it have level {highest:g} of "
+                f"{top:g} and nothing is brighter, so the camera clips there. Set it to full instead of "
+                "limited (video) range, and to a picture profile that reaches white"
+            )
 
 
 def check_rise(blocks: Blocks, seconds: Array) -> None:

@@ -11,6 +11,7 @@ from procam.estimate.structured_light.cells import CellImages
 from procam.estimate.structured_light.codes import Axis, AxisCode, Plane
 from procam.estimate.structured_light.limits import (
     BEYOND_SHARE,
+    WAVES_BEYOND_MOST,
     WAVES_BEYOND_SHARE,
     DecodeLimits,
     beyond_panel,
@@ -102,10 +103,21 @@ class SinusoidDecoder:
         x = waves.x
         if self._set.single and self._stripes is None:  # the position within a period alone
             x = np.mod(x, np.float32(self._order[0].period))
-        lost, beyond = tuple(self._lost), ""
+        note, refused = "", self._refused
         if self._stripes is None:
-            beyond = beyond_panel(waves.unplaced, self._length, WAVES_BEYOND_SHARE)
-        return AxisResult(x, waves.sigma, 2 * waves.amplitude, waves, lost, beyond, self._refused)
+            note, refused = (
+                beyond_panel(waves.unplaced, self._length, most)
+                for most in (WAVES_BEYOND_SHARE, WAVES_BEYOND_MOST)
+            )
+        return AxisResult(
+            x,
+            waves.sigma,
+            2 * waves.amplitude,
+            waves,
+            tuple(self._lost),
+            "" if refused else note,
+            refused,
+        )
 
     def _solve(self) -> None:
         completed = complete_base_set(self._frames, self._set, self._white, self._black)

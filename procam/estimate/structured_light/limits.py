@@ -10,6 +10,7 @@ from procam.maths.statistics import robust_sigma
 LIT_SHARE = 0.1
 BEYOND_SHARE = 0.03  # of pixels whose stripes are certain: misread ones at edges are fewer
 WAVES_BEYOND_SHARE = 0.15  # where waves alone are judged, edges and mixtures give .08
+WAVES_BEYOND_MOST = 0.3  # a set with more is refused: a wrong sign of all shifts gives .37
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,5 +80,5 @@ def beyond_panel(share: float, length: int, most: float) -> str:
         return ""
     return (
         f"{share:.0%} of the pixels with light show patterns that a panel of {length} does not have; check "
-        "the size, and whether width and height are exchanged"
+        "the size, whether width and height are exchanged, and the sign of shifts"
     )

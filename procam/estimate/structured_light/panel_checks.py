@@ -1,16 +1,51 @@
-"""Whether a projector shows every pixel it is sent, judged from a decoded map."""
+"""Whether a decoded map is one that a projector can make, and whether it shows every pixel it is sent."""
 
 import numpy as np
 
 from procam.arrays import FloatArray
 from procam.estimate.structured_light.codes import AXES, NAMES, Code
+from procam.maths.warp import block_mean
 from procam.model.correspondence import CorrespondenceMap
 
+BLOCK_PX = 8  # camera pixels whose mean is taken; two cells, where several columns share a codeword
+MIN_BLOCKS = 30
+MIXED = 0.2  # share of mirrored blocks: of sound sets hardly any, of another code's half
 PIXELS_PER_LINE = (
     30  # camera pixels that columns have on average, for a missing one to be significant
 )
 MAX_STEP_PX = 0.7  # projector pixels per camera pixel: a coarser camera misses columns itself
 UNSEEN_SHARE = 0.03  # of the columns or rows between seen ones
+
+
+def orientation(code: Code, found: CorrespondenceMap) -> tuple[list[str], list[str]]:
+    """Notes if the camera sees the panel's picture mirrored, and why a map with both kinds is refused."""
+    share = _mirrored_share(code, found)
+    mixed = (
+        f"pictures: {share:.0%} of the map is mirrored and the rest is not, as no surface makes it; they are "
+        f"not of the code {code.name}, or in another order: check its description"
+    )
+    mirrored = (
+        "the camera sees the picture mirrored: right with rear projection or a mirror; otherwise shifts of "
+        "one axis have the wrong sign, or rows and columns are exchanged"
+    )
+    if share <= MIXED:
+        return [], []
+    return ([], [mixed]) if share < 1 - MIXED else ([mirrored], [])
+
+
+def _mirrored_share(code: Code, found: CorrespondenceMap) -> float:
+    """Share of the blocks of camera pixels whose neighbours lie mirrored on the panel; 0 if there are few."""
+    codings = (code.x, code.y)
+    if any(c.waves is not None and c.waves.single and c.codewords is None for c in codings):
+        return 0.0  # the position within a period alone
+    size = max(BLOCK_PX, *(2 * coding.resolution_px for coding in codings))
+    share = block_mean(found.valid[..., None].astype(np.float32), size)
+    total = block_mean(np.where(found.valid[..., None], found.projector_xy, np.float32(0)), size)
+    mean = np.where(share > 0.5, total / np.maximum(share, 0.5), np.nan)
+    across, down = np.diff(mean, axis=1)[:-1], np.diff(mean, axis=0)[:, :-1]
+    turn = across[..., 0] * down[..., 1] - across[..., 1] * down[..., 0]
+    judged = np.isfinite(turn) & (turn != 0)
+    return float(np.mean(turn[judged] < 0)) if judged.sum() >= MIN_BLOCKS else 0.0
 
 
 def panel_notes(code: Code, found: CorrespondenceMap) -> list[str]:

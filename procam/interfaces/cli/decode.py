@@ -21,7 +21,7 @@ from procam.estimate.structured_light.limits import (
     default_limits,
     dropped_samples,
 )
-from procam.estimate.structured_light.panel_checks import panel_notes
+from procam.estimate.structured_light.panel_checks import orientation, panel_notes
 from procam.estimate.structured_light.panel_map import drop_inconsistent, fit_projector_map
 from procam.estimate.structured_light.set_checks import SetReport, examine
 from procam.files.images.layers import write_channels
@@ -121,14 +121,16 @@ def decode_folder(
         raise FileFormatError(count_refusal(folder, len(files), code))
     verdict = _matched(files, code, anyway)
     decoded = _decoded(files, code, limits, verdict)
-    if decoded.refused and not anyway:
-        raise InputError(decoded.refused[0])
+    mirrored, mixed = orientation(code, decoded.map)
+    refused = [*decoded.refused, *mixed]
+    if refused and not anyway:
+        raise InputError(refused[0])
     found, panel = decoded.map, fit_projector_map(decoded.map, code.size)
     if limits == (None, None):
         found = drop_inconsistent(found, panel)
-    refused = (*verdict.refused, *decoded.refused)
+    refused = [*verdict.refused, *refused]
     overruled = [f"decoded anyway, though a check refuses it: {why}" for why in refused]
-    notes = [*overruled, *verdict.notes, *decoded.notes, *unseen_errors(code)]
+    notes = [*overruled, *verdict.notes, *decoded.notes, *mirrored, *unseen_errors(code)]
     return found, panel, notes + panel_notes(code, found)
 
 

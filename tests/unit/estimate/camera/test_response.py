@@ -199,6 +199,12 @@ class TestRefuses:
                 OutOfModelRange,
                 r"photograph 3 \(1 s\): its light is that of 1\.\d+ s, more than 10% off",
             ),
+            (
+                lambda: [np.minimum(photo, 240) for photo in bracket()],
+                TWO_STOPS,
+                OutOfModelRange,
+                r"photograph 3: \d+\.\d% of it have level 240 of 255 and nothing is brighter",
+            ),
             (_profile, TWO_STOPS, OutOfModelRange, "off the common curve.* one picture profile"),
             (
                 lambda: bracket(seconds=TWO_STOPS[:3] / 4),

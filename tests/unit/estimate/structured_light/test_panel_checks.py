@@ -3,8 +3,14 @@
 import numpy as np
 import pytest
 
-from procam.estimate.structured_light.codes import make_code
-from procam.estimate.structured_light.panel_checks import UNSEEN_SHARE, panel_notes, unseen_share
+from procam.estimate.structured_light.codes import AxisCode, Code, make_code
+from procam.estimate.structured_light.panel_checks import (
+    UNSEEN_SHARE,
+    orientation,
+    panel_notes,
+    unseen_share,
+)
+from procam.maths.codes.phase import Waves, equal_steps
 from procam.model.correspondence import CorrespondenceMap
 
 SIZE = (160, 100)
@@ -33,6 +39,32 @@ def scaled(across: float, down: float) -> np.ndarray:
     height, width = int(SIZE[1] * down), int(SIZE[0] * across)
     rows, columns = (np.arange(height) / down).astype(int), (np.arange(width) / across).astype(int)
     return panel()[rows[:, None], columns]
+
+
+class TestOrientation:
+    @pytest.mark.parametrize("turns", range(4))
+    def test_a_turned_picture_needs_no_note(self, turns: int) -> None:
+        assert orientation(GRAY, seen(np.rot90(panel(), turns))) == ([], [])
+
+    def test_a_mirrored_picture_is_noted(self) -> None:
+        (note,), refused = orientation(GRAY, seen(panel()[:, ::-1]))
+        assert note.startswith("the camera sees the picture mirrored: right with rear projection")
+        assert not refused
+
+    def test_a_picture_mirrored_in_parts_is_refused(self) -> None:
+        shown = panel()
+        shown[:, 80:] = shown[:, :79:-1]
+        notes, (refused,) = orientation(GRAY, seen(shown))
+        assert not notes
+        assert "% of the map is mirrored and the rest is not, as no surface makes it" in refused
+
+    def test_a_position_within_a_period_is_not_judged(self) -> None:
+        waves = Waves(np.full(4, 16.0), equal_steps(4), 4)
+        code = Code("fringes", SIZE, *(AxisCode(length, waves) for length in SIZE))
+        assert orientation(code, seen(panel()[:, ::-1] % 16)) == ([], [])
+
+    def test_few_pixels_are_not_judged(self) -> None:
+        assert orientation(GRAY, seen(panel()[:24, 23::-1])) == ([], [])
 
 
 class TestNotes:
