@@ -216,7 +216,7 @@ def _resection(prior: ProjectorPrior, points: Array, pixels: Array) -> Projector
     if np.linalg.det(rotation) < 0:
         raise CalibrationError(
             f"projector {prior.name}: its picture arrives mirrored. Switch off rear projection or flip "
-            "in its menu."
+            "in its menu; if it is not mirrored, correct f and distortion of the camera in venue.toml."
         )
     triangle = triangle / triangle[2, 2] * max(prior.size)
     lens = Lens(
