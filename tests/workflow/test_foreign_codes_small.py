@@ -83,7 +83,7 @@ def test_wrong_shifts_are_refused_unless_overruled(tmp_path: Path) -> None:
     assert "decoded anyway, though a check refuses it: pictures: columns: the edges" in ran.out
 
 
-def test_a_wrong_sign_of_shifts_is_noted_or_refused(tmp_path: Path) -> None:
+def test_wrong_signs_and_periods_are_noted_or_refused(tmp_path: Path) -> None:
     """Of columns alone the picture arrives mirrored; of both it lies beyond the panel."""
     case = next(c for c in CASES if c.name == "4 steps of 3 periods")
     signs = "shifts_deg = [0, -90, -180, -270]"
@@ -97,6 +97,10 @@ def test_a_wrong_sign_of_shifts_is_noted_or_refused(tmp_path: Path) -> None:
     ran = procam(*command)
     assert ran.code == 2
     assert "and the sign of shifts" in ran.complaint
+    theirs.write_text(study.FREQUENCIES.replace("16]", "15.8]"))
+    ran = procam(*command)
+    assert ran.code == 0
+    assert "columns: the sinusoids of period 48 px lie up to " in ran.out
 
 
 def test_a_binary_code_is_no_gray_code(tmp_path: Path) -> None:

@@ -17,6 +17,7 @@ from procam.estimate.structured_light.limits import (
     beyond_panel,
     dropped_samples,
 )
+from procam.estimate.structured_light.phase_checks import phases_note
 from procam.estimate.structured_light.scatter_bias import remove_scatter_bias
 from procam.estimate.structured_light.self_calibration import UNKNOWNS, SinusoidImages
 from procam.estimate.structured_light.sinusoids import (
@@ -72,7 +73,7 @@ class SinusoidDecoder:
         self._frames: dict[int, AnyArray] = {}
         self._variances: Map | None = None  # sum over the frames
         self._waves: SinusoidResult | None = None
-        self._refused = ""
+        self._note = self._refused = ""
         self._lost: list[Plane] = []
 
     def add(self, plane: Plane, image: AnyArray, variance: Map | None = None) -> None:
@@ -103,12 +104,10 @@ class SinusoidDecoder:
         x = waves.x
         if self._set.single and self._stripes is None:  # the position within a period alone
             x = np.mod(x, np.float32(self._order[0].period))
-        note, refused = "", self._refused
+        note, refused = self._note, self._refused
         if self._stripes is None:
-            note, refused = (
-                beyond_panel(waves.unplaced, self._length, most)
-                for most in (WAVES_BEYOND_SHARE, WAVES_BEYOND_MOST)
-            )
+            refused = beyond_panel(waves.unplaced, self._length, WAVES_BEYOND_MOST)
+            note = beyond_panel(waves.unplaced, self._length, WAVES_BEYOND_SHARE) or note
         return AxisResult(
             x,
             waves.sigma,
@@ -147,6 +146,8 @@ class SinusoidDecoder:
             self._waves = self._solve_few_fringes(replace(pictures, surplus_sigma=NO_SURPLUS))
         else:
             self._waves = decode_sinusoids(pictures)
+        whole = np.where(np.logical_or.reduce(pictures.dropped), np.nan, self._waves.x)
+        self._note = phases_note(frames, waves, whole, self._length)
         if cells is not None:
             period, found = float(waves.periods[0]), self._waves
             self._refused = edges_refusal(cells, found.x, period) or beyond_panel(
