@@ -15,6 +15,7 @@ from procam.estimate.camera.response_blocks import (
     BracketBlocks,
     average,
     check_rise,
+    check_white,
     choose,
 )
 from procam.estimate.camera.response_checks import check_response
@@ -77,7 +78,7 @@ def solve_response(
     Raises
     ------
     NotEnoughData
-        Too few or too similar exposures, or levels that no photograph has.
+        Too few or too similar exposures, or levels that no photograph has, as white.
     OutOfModelRange
         No curve fits: exchanged photographs, automatic exposure, different picture profiles, or
         a scene that moved.
@@ -88,6 +89,8 @@ def solve_response(
     if not 8 <= bits <= 16:
         raise InputError(f"bits: {bits} is no depth of a photograph; give 8 to 16")
     blocks = average(photos, len(seconds), 2.0**bits - 1)
+    if not accept:
+        check_white(blocks.blocks)
     levels = np.linspace(0, 1, 256 if bits == 8 else 1025)
     return _Solver(blocks, seconds, levels, accept).solve()
 

@@ -22,10 +22,8 @@ BINS, PER_BIN = 64, 60  # of brightness; the flattest squares of each are used
 MIN_PIXELS = 50
 MOVED_SIGMAS, MOVED_LEVEL = 6.0, 0.03  # of a level that does not follow; share of the range
 MIN_GROUP = 200  # places whose levels are compared
-CLIPPED_SHARE = (
-    0.005  # of a photograph at its highest level, and more than just below: it is clipped there
-)
-FULL_RANGE = 0.5, 0.99  # of the range: a camera that clips between these has no full range
+BRIGHTEST = 0.995  # quantile of a photograph's squares
+WHITE = 0.985  # share of the range that they must reach in one of the photographs
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,8 +59,6 @@ def average(photos: Iterable[AnyArray], count: int, top: float) -> BracketBlocks
         Photographs of several shapes.
     InputError
         Another number of photographs.
-    OutOfModelRange
-        The camera clips below `top`.
     """
     parts, shape, edge = list[tuple[Array, Array, BoolArray]](), None, 1
     for number, photo in enumerate(photos, start=1):
@@ -73,9 +69,7 @@ def average(photos: Iterable[AnyArray], count: int, top: float) -> BracketBlocks
             raise ShapeError(f"photograph {number}", photo.shape, "(H, W) or (H, W, C)")
         if photo.shape != shape:
             raise ShapeError(f"photograph {number}", photo.shape, f"{shape} like the first")
-        channels = photo.reshape(*photo.shape[:2], -1)
-        _check_range(channels, number, top)
-        parts.append(_squares(channels, top, edge))
+        parts.append(_squares(photo.reshape(*photo.shape[:2], -1), top, edge))
     if len(parts) != count or shape is None:
         raise InputError(
             f"brackets: {len(parts)} photographs and {count} exposures do not match; give one exposure "
@@ -86,19 +80,21 @@ def average(photos: Iterable[AnyArray], count: int, top: float) -> BracketBlocks
     return BracketBlocks(Blocks(edge, level, deviation, sound), grid)
 
 
-def _check_range(photo: AnyArray, number: int, top: float) -> None:
-    """Refuse a photograph (H, W, C) with a channel that is clipped below the full range."""
-    for channel in np.moveaxis(photo, 2, 0):
-        highest = float(channel.max())
-        at = np.count_nonzero(channel == highest)
-        below = np.count_nonzero(channel >= highest - top / 64) - at
-        clipped = max(CLIPPED_SHARE * channel.size, below) < at < channel.size / 2
-        if clipped and FULL_RANGE[0] < highest / top < FULL_RANGE[1]:
-            raise OutOfModelRange(
-                f"brackets: photograph {number}: {at / channel.size:.1%} of it have level {highest:g} of "
-                f"{top:g} and nothing is brighter, so the camera clips there. Set it to full instead of "
-                "limited (video) range, and to a picture profile that reaches white"
-            )
+def check_white(blocks: Blocks) -> None:
+    """Refuse photographs none of which reaches white, the level that light is relative to.
+
+    Raises
+    ------
+    NotEnoughData
+        The longest exposure is too short, or the camera clips below the full range.
+    """
+    brightest = float(np.quantile(blocks.level, BRIGHTEST, axis=1).max())
+    if brightest < WHITE:
+        raise NotEnoughData(
+            f"brackets: the brightest of the photographs reaches {brightest:.0%} of the range; white is "
+            "needed. Take a longer exposure. If that does not reach it, set the camera to full instead of "
+            "limited (video) range, and to a picture profile that reaches white"
+        )
 
 
 def check_rise(blocks: Blocks, seconds: Array) -> None:

@@ -229,13 +229,10 @@ class Adjustment:
         """Covariance (P, P), gauge freedoms (F, P), and the systematic ratio of each pair."""
         self._update_derivatives(rig)
         scales = self._scales(rig)
-        counted = scales
-        if not rig.shape.degree:  # with harmonics the scales count it already
-            smooth = {
-                pair: max(self._ratio(rig, pair, cells) for cells in COARSER_CELLS)
-                for pair in scales
-            }
-            counted = _with_correlated_misfit(scales, smooth)
+        counted = scales  # with harmonics they count a misfit that is shared already
+        if not rig.shape.degree:
+            coarser = {p: max(self._ratio(rig, p, n) for n in COARSER_CELLS) for p in scales}
+            counted = _with_correlated_misfit(scales, coarser)
         weight = self._weights(rig, counted, robust=False)
         matrix, _ = self._equations(rig, weight, np.zeros(len(self.prior)))
         root = np.sqrt(np.diag(matrix)[self.free])

@@ -30,8 +30,8 @@ INCONSISTENT = 0.06  # relative; 3 % of gloss cause half of it
 UNKNOWN_INCONSISTENCY = 0.01  # relative, with fewer pictures
 DROPS = (0.05, 0.1, 0.2, 0.35, 0.5)  # of a floor below the rim's lowest point [radii]
 WALLS = (0.05, 0.25)  # albedo of the wall between, which is dark or grey
-MODEL_SIGMA = 0.15  # of the albedo, or of `LEAST`: seats, steps and walls are no level floor
-LEAST = 0.1
+MODEL_SIGMA = 0.15  # of the albedo, or of `LEAST_ALBEDO`: seats, steps and walls are no level floor
+LEAST_ALBEDO = 0.1
 MIN_SIGMA = 1e-6  # of a floor albedo in venue.toml
 MAX_DISCREPANCY = 3.0  # sigmas, between the floor albedo in venue.toml and the measured one
 
@@ -144,7 +144,7 @@ def _floor_at(pictures: _Pictures, dome: Dome, below: Below, at_rim: Below) -> F
         others = (top - each[:, 0]) / np.maximum(bottom - each[:, 1], 1e-300)
         floor = float(np.clip(floor + top / bottom, 0, MAX_ALBEDO))
         sigma = float(np.sqrt((len(each) - 1) * np.var(others)))
-    sigma = float(np.hypot(sigma, MODEL_SIGMA * max(floor, LEAST)))
+    sigma = float(np.hypot(sigma, MODEL_SIGMA * max(floor, LEAST_ALBEDO)))
     return FloorAt(albedo=floor, sigma=sigma, share=share, wall=wall, misfit=misfit)
 
 

@@ -20,17 +20,17 @@ UNSEEN_SHARE = 0.03  # of the columns or rows between seen ones
 def orientation(code: Code, found: CorrespondenceMap) -> tuple[list[str], list[str]]:
     """Notes if the camera sees the panel's picture mirrored, and why a map with both kinds is refused."""
     share = _mirrored_share(code, found)
-    mixed = (
-        f"pictures: {share:.0%} of the map is mirrored and the rest is not, as no surface makes it; they are "
-        f"not of the code {code.name}, or in another order: check its description"
-    )
-    mirrored = (
-        "the camera sees the picture mirrored: right with rear projection or a mirror; otherwise shifts of "
-        "one axis have the wrong sign, or rows and columns are exchanged"
-    )
     if share <= MIXED:
         return [], []
-    return ([], [mixed]) if share < 1 - MIXED else ([mirrored], [])
+    if share < 1 - MIXED:
+        return [], [
+            f"pictures: {share:.0%} of the map is mirrored and the rest is not, as no surface makes it; they "
+            f"are not of the code {code.name}, or in another order: check its description"
+        ]
+    return [
+        "the camera sees the picture mirrored: right with rear projection or a mirror; otherwise shifts of "
+        "one axis have the wrong sign, or rows and columns are exchanged"
+    ], []
 
 
 def _mirrored_share(code: Code, found: CorrespondenceMap) -> float:

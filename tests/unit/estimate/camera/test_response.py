@@ -202,15 +202,15 @@ class TestRefuses:
             (
                 lambda: [np.minimum(photo, 240) for photo in bracket()],
                 TWO_STOPS,
-                OutOfModelRange,
-                r"photograph 3: \d+\.\d% of it have level 240 of 255 and nothing is brighter",
+                NotEnoughData,
+                r"the brightest of the photographs reaches 94% of the range; white is needed",
             ),
             (_profile, TWO_STOPS, OutOfModelRange, "off the common curve.* one picture profile"),
             (
                 lambda: bracket(seconds=TWO_STOPS[:3] / 4),
                 TWO_STOPS[:3] / 4,
                 NotEnoughData,
-                r"only \d places have levels of \d+% to \d+% of the range",
+                r"reaches \d+% of the range; white is needed. Take a longer exposure",
             ),
             (
                 lambda: bracket(np.full((60, 60), 0.5), [0.01, 1, 100]),
@@ -241,9 +241,9 @@ class TestRefuses:
             solve_response([np.zeros(9)] * 4, TWO_STOPS, 8)
 
     def test_pictures_of_one_shade(self) -> None:
-        photos = [np.full((60, 60), 20 * step, np.uint8) for step in (1, 2, 4, 8)]
+        photos = [np.full((60, 60), level, np.uint8) for level in (20, 40, 80, 160, 252)]
         with pytest.raises(NotEnoughData, match="only 0 places have levels of 10% to 15%"):
-            solve_response(photos, [1, 2, 4, 8], 8)
+            solve_response(photos, [1, 2, 4, 8, 16], 8)
 
     @pytest.mark.parametrize("bits", [7, 32])
     def test_depths_of_no_camera(self, bits: int) -> None:
