@@ -3,11 +3,9 @@
 Truth must lie within two of them in nine of ten seeds, and they must not exceed twice the real error.
 """
 
-import json
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from multiprocessing import get_context
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,9 +16,9 @@ from procam.estimate.boards.camera import NAMES, BoardView, fit_camera
 from procam.estimate.boards.planar_pair import PairView, fit_planar_pair
 from procam.maths.geometry.lens_derivatives import lens_parameters
 from studies import foreign_boards as foreign
+from studies.measure import write
 
 Array = NDArray[np.float64]
-HERE = Path(__file__).parent
 SEEDS, WORKERS = 100, 2
 PICTURE = np.array([[0.0, 0.0], foreign.SIZE]) - [[0, 0], [1, 1]]  # first and last pixel
 TURN = Rotation.from_rotvec([0.03, 0.36, 0.02]).as_matrix()  # the axes meet where the boards are
@@ -62,8 +60,7 @@ def main() -> None:
         summary(case, [r for (c, _), r in zip(jobs, results, strict=True) if c is case])
         for case in CASES
     ]
-    (HERE / "boards.json").write_text(json.dumps(rows, indent=1) + "\n")
-    (HERE / "boards.md").write_text(_report(rows))
+    write("boards", {"rows": rows}, _report(rows))
 
 
 def errors(case: Case, seed: int) -> tuple[Array, Array]:
@@ -141,7 +138,7 @@ def summary(case: Case, results: list[tuple[Array, Array]]) -> dict[str, Any]:
     }
 
 
-def _report(rows: list[dict[str, Any]]) -> str:
+def _report(rows: list[dict[str, Any]]) -> list[str]:
     lines = [
         "# Standard errors of lenses from boards",
         "",
@@ -156,8 +153,7 @@ def _report(rows: list[dict[str, Any]]) -> str:
         "| command | outside the model | views | rms error, f | c | within two sigmas | sigma over error |",
         "|---|---|---|---|---|---|---|",
     ]
-    lines += [_line(row) for row in rows]
-    return "\n".join([*lines, "", "`python -m studies boards`", ""])
+    return lines + [_line(row) for row in rows]
 
 
 def _line(row: dict[str, Any]) -> str:

@@ -4,12 +4,10 @@ Both get the direct light; the light that the room adds to it is compared over t
 table is in `forward_table`.
 """
 
-import json
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import chain
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,8 +35,8 @@ from studies.forms import (
     patch_directions,
 )
 from studies.forward_table import table
+from studies.measure import write
 
-HERE = Path(__file__).parent
 SAMPLES = 1 << 14  # rays from each patch, and from each face of a mesh
 SEED = 1  # of the pictures judged
 TRAINING_SEEDS = (2, 3)  # of those that models are fitted to, twice
@@ -73,15 +71,13 @@ def main() -> None:
         print(row, flush=True)
         rows.append(row)
     document = {
-        "command": "python -m studies forward",
         "variant": variant,
         "samples": SAMPLES,
         "pictures": list(_pictures()),
         "patches": [DOME_RINGS, DOME_SECTORS],
         "rows": rows,
     }
-    (HERE / "forward.json").write_text(json.dumps(document, indent=1) + "\n")
-    (HERE / "forward.md").write_text(table(document))
+    write("forward", document, table(document))
 
 
 def _dome_rows() -> Iterator[dict]:

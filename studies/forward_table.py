@@ -13,11 +13,6 @@ GOALS = {  # kind of room: forms with a goal, largest relative error
 Figures = dict[str, float]
 
 
-def table(document: dict) -> str:
-    """Markdown of all rooms, with a count of the cells that miss their goals."""
-    return "\n".join(_lines(document))
-
-
 def cell(error: Figures, resolution: Figures, goal: float | None = None) -> str:
     """Worst and mean error of several pictures [%], with a mark.
 
@@ -41,7 +36,8 @@ def _text(error: float, resolution: float) -> str:
     return f"< {100 * resolution:.2g}" if below else f"{100 * error:.2f}"
 
 
-def _lines(document: dict) -> Iterator[str]:
+def table(document: dict) -> Iterator[str]:
+    """Lines of Markdown of all rooms, with a count of the cells that miss their goals."""
     rows = document["rows"]
     domes, meshes = ([r for r in rows if (r["kind"] == "mesh") == mesh] for mesh in (False, True))
     yield from _opening(document)
@@ -55,9 +51,6 @@ def _lines(document: dict) -> Iterator[str]:
         "",
         f"{text.count(MISS)} of {_judged(rows)} figures with a goal miss it; {text.count(OPEN)} are open (no "
         "miss is resolved, but the resolution is coarser than the goal).",
-        "",
-        "`python -m studies forward`",
-        "",
     )
 
 

@@ -4,12 +4,10 @@ Poses and lenses are perturbed for every seed. Observations come from `simulator
 positions of patches with a decoder's noise, no pictures.
 """
 
-import json
 import time
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from multiprocessing import get_context
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,9 +27,9 @@ from simulators.observations import camera_pixels, lit_points, perturb_rig, simu
 from simulators.placement import place_cameras, place_projectors
 from simulators.presets import REALISTIC, STANDARD, Preset
 from simulators.surface import Surface
+from studies.measure import write
 
 Array = NDArray[np.float64]
-HERE = Path(__file__).parent
 RADIUS_M, PANEL, CAMERA = 8.0, (1920, 1200), (2048, 2048)
 PROJECTORS, CAMERAS = 6, 2
 SIGMA_PX = 0.02  # of a patch: studies/codes.md finds .015 at SNR 50
@@ -71,8 +69,7 @@ def main() -> None:
     jobs = [(case, seed) for case in reversed(CASES) for seed in range(case.seeds)]
     with ProcessPoolExecutor(WORKERS, get_context("spawn")) as pool:
         rows = list(pool.map(_row, *zip(*jobs, strict=True)))
-    (HERE / "geometry.json").write_text(json.dumps(rows, indent=1))
-    (HERE / "geometry.md").write_text(_report(rows))
+    write("geometry", {"rows": rows}, _report(rows))
 
 
 def _row(case: Case, seed: int) -> dict[str, float | str]:
@@ -211,7 +208,7 @@ def _angle(halves: list[GeometrySolution], build: ProjectorBuild) -> Array:
     return np.asarray(angle[np.isfinite(angle)])
 
 
-def _report(rows: list[dict]) -> str:
+def _report(rows: list[dict]) -> list[str]:
     lines = [
         "# Geometry: directions, seams and error bars",
         "",
@@ -240,8 +237,7 @@ def _report(rows: list[dict]) -> str:
     goals = (
         "standard <= .3 rms, <= 1 max; realistic <= 1 rms; seams <= .25 px; realistic chi2 <= 1.3"
     )
-    lines += ["", f"Goals: {goals}; all converge.", "", "`python -m studies geometry`", ""]
-    return "\n".join(lines)
+    return [*lines, "", f"Goals: {goals}; all converge."]
 
 
 def _or_dash(value: float) -> str:

@@ -4,13 +4,11 @@ The plant is a dense matrix N = (I - rho F)^-1 of patches of a sphere, F from di
 points, not from the closed form. The gains of its projectors are wrong by 5 %, the loop's scatter by 10 %.
 """
 
-import json
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
 from multiprocessing import get_context
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,10 +22,10 @@ from procam.estimate.closed_loop.patches import (
     remove_scatter,
     residual_jnd,
 )
+from studies.measure import write
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-HERE = Path(__file__).parent
 KAPPAS = (0.25, 0.55)
 SEEDS, ITERATIONS, WORKERS = 20, 8, 2
 GAIN_RMS, SCATTER_ERROR, SIGMA = 0.05, 0.1, 0.005
@@ -250,11 +248,10 @@ def main() -> None:
     plants = [Plant(kappa, seed) for kappa in KAPPAS for seed in range(SEEDS)]
     with ProcessPoolExecutor(WORKERS, get_context("spawn")) as pool:
         rows = list(pool.map(study, plants))
-    (HERE / "loop.json").write_text(json.dumps(rows, indent=1) + "\n")
-    (HERE / "loop.md").write_text(_report(rows))
+    write("loop", {"rows": rows}, _report(rows))
 
 
-def _report(rows: list[dict[str, Any]]) -> str:
+def _report(rows: list[dict[str, Any]]) -> list[str]:
     counts = sorted({row["photographs"] for row in rows})
     lines = [
         "# The closed loop, and simpler loops",
@@ -294,7 +291,7 @@ def _report(rows: list[dict[str, Any]]) -> str:
         )
         lines.append(f"| {kappa} | " + " | ".join(cells) + " |")
     goals = f"<= 3 corrections to 1 JND; <= .55 sigma after {AVERAGING}, four of which average"
-    return "\n".join([*lines, "", f"Goals: {goals}.", "", "`python -m studies loop`", ""])
+    return [*lines, "", f"Goals: {goals}."]
 
 
 def _worst(runs: list[list[float]]) -> str:

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from multiprocessing import get_context
 from pathlib import Path
+from shlex import quote
+from subprocess import getoutput
 from typing import TypeVar
 
 import numpy as np
@@ -165,8 +167,13 @@ def side_by_side(work: Callable[[Job], Row], jobs: Iterable[Job]) -> list[Row]:
 
 
 def write(name: str, document: dict[str, object], lines: Iterable[str]) -> None:
-    """Write results as studies/NAME.json and a readable studies/NAME.md."""
+    """Write results as studies/NAME.json, with the code's revision, and a readable studies/NAME.md."""
     command = f"python -m studies {name.replace('_', '-')}"
-    text = json.dumps({"command": command, **document}, indent=1)
+    text = json.dumps({"command": command, "revision": _revision(), **document}, indent=1)
     (HERE / f"{name}.json").write_text(text + "\n")
     (HERE / f"{name}.md").write_text("\n".join([*lines, "", f"`{command}`", ""]))
+
+
+def _revision() -> str:
+    """The code's revision as git describes it; "-dirty" where it was changed since."""
+    return getoutput(f"git -C {quote(str(HERE))} describe --always --dirty")

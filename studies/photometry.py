@@ -6,7 +6,6 @@ measured at a desk beforehand. Writes studies/photometry.json and studies/photom
 `python -m studies photometry` remakes them.
 """
 
-import json
 import re
 import tempfile
 from collections.abc import Iterator, Mapping
@@ -47,7 +46,7 @@ from simulators.surface import Surface
 from simulators.template import venue_text
 from simulators.transport import Room
 from simulators.truth import write_truth
-from studies.measure import side_by_side
+from studies.measure import side_by_side, write
 
 Image = NDArray[np.float32]
 Array = NDArray[np.float64]
@@ -286,13 +285,10 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as shared:
         truths = {v: make_truth(Path(shared) / v, v) for v in VENUES}
         rows = side_by_side(_row, [(v, seed, truths[v]) for v in VENUES for seed in SEEDS[v]])
-    here = Path(__file__).parent
     document = {
-        "command": "python -m studies photometry",
         "size": SIZE.projector_size,
         "rows": rows,
     }
-    (here / "photometry.json").write_text(json.dumps(document, indent=1) + "\n")
     lines = [
         "# Light over noise seeds, 480x300 projectors, 600x600 camera",
         "",
@@ -302,8 +298,5 @@ def main() -> None:
         "camera's veiling glare of 1 % was measured at a desk, by three photographs of a light trap.",
         "",
         *table(rows),
-        "",
-        "`python -m studies photometry`",
-        "",
     ]
-    (here / "photometry.md").write_text("\n".join(lines))
+    write("photometry", document, lines)

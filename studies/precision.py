@@ -1,9 +1,7 @@
 """Compensated frames against the same equations in double precision, pixel by pixel."""
 
-import json
 from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,9 +11,9 @@ from benchmarks.frame import STRIP, Show, dome
 from procam.kernels.frame import FrameModel, frame_sums
 from procam.kernels.frame import reference as reference_frame
 from procam.maths.geometry.sphere import master_directions, master_solid_angles
+from studies.measure import write
 
 Array = NDArray[np.float64]
-HERE = Path(__file__).parent
 SIZES = (4096, 8192)
 ROWS = 64
 TILE = 64  # of the dither
@@ -150,12 +148,10 @@ def main() -> None:
     rows = [
         study(size, measured, kind) for kind in (np.float32, np.uint8) for size, measured in cases
     ]
-    found = {"frames": rows, "sums": sums}
-    (HERE / "precision.json").write_text(json.dumps(found, indent=1) + "\n")
-    (HERE / "precision.md").write_text(_report(rows) + _sums_report(sums))
+    write("precision", {"frames": rows, "sums": sums}, _report(rows) + _sums_report(sums))
 
 
-def _report(rows: list[dict[str, Any]]) -> str:
+def _report(rows: list[dict[str, Any]]) -> list[str]:
     lines = [
         "# Compensated frames, against double precision",
         "",
@@ -175,10 +171,10 @@ def _report(rows: list[dict[str, Any]]) -> str:
         cells = " | ".join(f"{row[name]:.1e}" for name in ("kkt", "flux", "moments"))
         cells += f" | {row['picture']:.3g} | {GOALS[row['kind']]}"
         lines.append(f"| {row['kind']} | {row['size']} | {row['dome']} | {cells} |")
-    return "\n".join([*lines, ""])
+    return lines
 
 
-def _sums_report(rows: list[dict[str, Any]]) -> str:
+def _sums_report(rows: list[dict[str, Any]]) -> list[str]:
     lines = [
         "",
         "Over a few node rows the kernels take areas and directions for linear. Sums of structures (8 "
@@ -193,7 +189,7 @@ def _sums_report(rows: list[dict[str, Any]]) -> str:
     for name in dict.fromkeys(row["structure"] for row in rows):
         cells = [f"{row['off']:.1e}" for row in rows if row["structure"] == name]
         lines.append(f"| {name} | {' | '.join(cells)} |")
-    return "\n".join([*lines, "", "`python -m studies precision`", ""])
+    return lines
 
 
 if __name__ == "__main__":

@@ -29,22 +29,26 @@ def test_a_cell(error: tuple[float, ...], resolution: tuple[float, ...], expecte
     assert "(" not in unjudged
 
 
+def markdown(document: dict) -> str:
+    return "\n".join(table(document))
+
+
 class TestStored:
     DOCUMENT = json.loads((STUDIES / "forward.json").read_text())
 
     def test_it_is_the_table_of_its_numbers(self) -> None:
-        assert table(self.DOCUMENT) == (STUDIES / "forward.md").read_text()
+        assert (STUDIES / "forward.md").read_text().startswith(markdown(self.DOCUMENT))
 
     def test_no_figure_is_printed_as_nothing(self) -> None:
-        assert " 0.00" not in table(self.DOCUMENT).replace("tilt 0 deg", "")
+        assert " 0.00" not in markdown(self.DOCUMENT).replace("tilt 0 deg", "")
 
     def test_misses_are_counted(self) -> None:
         """The closed form's error on bare domes set to 1 %, well above its goal of .5."""
         document = json.loads(json.dumps(self.DOCUMENT))
-        before = table(document).count("(miss)")
-        assert f"{before} of " in table(document)
+        before = markdown(document).count("(miss)")
+        assert f"{before} of " in markdown(document)
         for row in (r for r in document["rows"] if r["kind"] == "bare"):
             row["error"]["closed form, all that reflects"]["white"] = 0.01
         bare = sum(r["kind"] == "bare" for r in document["rows"])
-        assert f"{before + bare} of " in table(document)
-        assert table(document).count("(miss)") == before + bare
+        assert f"{before + bare} of " in markdown(document)
+        assert markdown(document).count("(miss)") == before + bare

@@ -221,8 +221,8 @@ class Adjustment:
         if robust:
             return rig  # a start for the next solve
         raise DidNotConverge(
-            f"geometry: no minimum in {ROUNDS} steps, where 10 are usual. Check that all cameras and "
-            "projectors are as venue.toml describes them and that none moved."
+            f"geometry: no minimum in {ROUNDS} steps, where 10 are usual. Check that all cameras (f of "
+            "their lenses above all) and projectors are as venue.toml describes them and that none moved."
         )
 
     def uncertainty(self, rig: RigGeometry) -> tuple[Array, Array, dict[Pair, float]]:
