@@ -13,6 +13,7 @@ Writes studies/foreign_codes.json and .md.
 import tempfile
 from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -24,9 +25,9 @@ from procam.errors import ProcamError
 from procam.interfaces.cli._codes import chosen_code
 from procam.interfaces.cli.decode import decode_folder
 from studies.foreign_pictures import BLACK, PANEL, WHITE, Lab, Pattern, gray, inverted, phases
-from studies.measure import Errors, write
+from studies.measure import Errors, side_by_side, write
 
-SEEDS = 40
+SEEDS = 100
 JUMP, MOST_LOST = (0.1, 0.3), 3
 GOALS = {"right": 0.9, "least_ratio": 0.5, "most_ratio": 2.0}
 STEPS = """
@@ -216,8 +217,11 @@ def _line(row: dict[str, Any]) -> str:
 
 def main() -> None:
     """Run all cases."""
-    rows = []
-    for case in cases():
-        rows.append(summary(case, [figures(case, seed) for seed in range(SEEDS)]))
-        print(_line(rows[-1]), flush=True)
+    found = side_by_side(_figures, list(product(range(len(cases())), range(SEEDS))))
+    rows = [summary(c, found[i * SEEDS : (i + 1) * SEEDS]) for i, c in enumerate(cases())]
     write("foreign_codes", {"goals": GOALS, "rows": rows}, table(rows))
+
+
+def _figures(job: tuple[int, int]) -> dict[str, Any]:
+    number, seed = job
+    return figures(cases()[number], seed)

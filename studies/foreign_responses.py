@@ -6,6 +6,7 @@ error must not exceed twice the real error.
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 from procam.errors import CalibrationError
 from procam.estimate.camera.response import CameraResponse, solve_response
 from studies.foreign_brackets import CASES, Case, shoot, true_light
-from studies.measure import write
+from studies.measure import side_by_side, write
 
 Array = NDArray[np.float64]
 SEEDS = 10  # per case
@@ -26,10 +27,8 @@ SHARE = 0.9  # of the levels of a seed, within two standard errors
 
 def main() -> None:
     """Run all cases and write studies/foreign_responses.json and .md."""
-    rows = []
-    for case in CASES:
-        rows.append(summary(case, [run(case, seed) for seed in range(SEEDS)]))
-        print(line(rows[-1]), flush=True)
+    found = side_by_side(_run, list(product(range(len(CASES)), range(SEEDS))))
+    rows = [summary(c, found[i * SEEDS : (i + 1) * SEEDS]) for i, c in enumerate(CASES)]
     rows.append(total(rows))
     write("foreign_responses", {"seeds": SEEDS, "cases": rows}, table(rows))
 
@@ -49,6 +48,11 @@ def run(case: Case, seed: int) -> dict[str, Any]:
         "left_out": (found.left_out[0] if found.left_out else None) == brackets.wrong,
         "curves": (found.light.ndim == 2) == (len(case.curves) == 3),
     }
+
+
+def _run(job: tuple[int, int]) -> dict[str, Any]:
+    number, seed = job
+    return run(CASES[number], seed)
 
 
 def errors(case: Case, found: CameraResponse) -> tuple[Array, Array]:
