@@ -9,22 +9,45 @@ from pathlib import Path
 from procam.errors import FileFormatError, InputError
 from procam.files.system import flush, try_lock
 
+SPARE_BYTES = 65536  # more than a library holds back until it closes a file
+
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
     """Yield a temporary name beside `path`, renamed to `path` when the block ends without an error.
 
     A reader of `path` finds the old file or the complete new one, also after a power cut.
+
+    Raises
+    ------
+    OSError
+        If the disk is full, whether or not what wrote the temporary file noticed.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.name}.tmp{path.suffix}")
     try:
         yield temporary
+        _require_room(temporary, path)
         flush(temporary)
         temporary.replace(path)
         flush(path.parent)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def _require_room(temporary: Path, path: Path) -> None:
+    """Grow a file and cut it again: a disk that has no room for that may have lost the file's last bytes.
+
+    Libraries write those when they close a file, and then ignore errors.
+    """
+    try:
+        with temporary.open("r+b") as file:
+            size = file.seek(0, os.SEEK_END)
+            file.write(bytes(SPARE_BYTES))
+            file.flush()
+            file.truncate(size)
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(path)) from error
 
 
 @contextmanager

@@ -45,13 +45,21 @@ def require_suffix(path: Path) -> None:
 
 
 def write_spec(path: Path, data: NDArray[np.generic], spec: oiio.ImageSpec) -> None:
-    """Write contiguous pixels (H, W, C) durably, as OpenImageIO's `spec` describes them."""
+    """Write contiguous pixels (H, W, C) durably, as OpenImageIO's `spec` describes them.
+
+    What was written is read back and compared, because OpenImageIO does not report every failed write.
+    """
     with replacing(path) as temporary:
         output = oiio.ImageOutput.create(str(temporary))
         assert output is not None
         done = output.open(str(temporary), spec) and output.write_image(data) and output.close()
         if not done:
             raise FileFormatError(f"{path} could not be written ({_one_line(output.geterror())})")
+        if not _holds(temporary, data, spec):
+            raise FileFormatError(
+                f"{path} could not be written: its pixels differ when they are read back. Is the disk full "
+                "or failing? Write to another one"
+            )
 
 
 def read_image(path: Path) -> NDArray[np.generic]:
@@ -89,15 +97,43 @@ def opened(path: Path) -> Iterator[oiio.ImageInput]:
         source.close()
 
 
-def read_rows(path: Path, source: oiio.ImageInput) -> Iterator[tuple[int, NDArray[np.generic]]]:
-    """First row and pixels (R, W, C) float32 of each part of an image; a tiled one is one part."""
+def read_rows(
+    path: Path, source: oiio.ImageInput, pixel_type: str = "float"
+) -> Iterator[tuple[int, NDArray[np.generic]]]:
+    """First row and pixels (R, W, C) of each part of an image; a tiled one is one part."""
     spec = source.spec()
     if spec.tile_width:
-        yield 0, _checked(path, source, source.read_image("float"))
+        yield 0, _checked(path, source, source.read_image(pixel_type))
         return
     for y in range(0, spec.height, ROWS):
         rows = spec.y + y, spec.y + min(y + ROWS, spec.height)
-        yield y, _checked(path, source, source.read_scanlines(*rows, 0, 0, spec.nchannels, "float"))
+        part = source.read_scanlines(*rows, 0, 0, spec.nchannels, pixel_type)
+        yield y, _checked(path, source, part)
+
+
+def _holds(path: Path, data: NDArray[np.generic], spec: oiio.ImageSpec) -> bool:
+    """Whether a file holds pixels (H, W, C); those that it rounds to fewer bits need only be readable."""
+    try:
+        return _same_pixels(path, data, spec)
+    except FileFormatError:
+        return False
+
+
+def _same_pixels(path: Path, data: NDArray[np.generic], spec: oiio.ImageSpec) -> bool:
+    rounded = spec.get_int_attribute("oiio:BitsPerSample", 0) % 8
+    with opened(path) as source:
+        stored = source.spec()
+        places = [stored.channelindex(name) for name in spec.channelnames]  # EXR sorts them
+        if -1 in places:
+            places = list(range(stored.nchannels))
+        if (stored.height, stored.width, len(places)) != data.shape:
+            return False
+        for y, part in read_rows(path, source, str(spec.format)):
+            rows = part.reshape(-1, stored.width, stored.nchannels)[..., places]
+            wanted = data[y : y + len(rows)]
+            if not rounded and not np.array_equal(rows, wanted, equal_nan=data.dtype.kind == "f"):
+                return False
+    return True
 
 
 def _checked(

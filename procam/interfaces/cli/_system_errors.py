@@ -13,6 +13,7 @@ WORDS = {
     errno.EROFS: "this disk is read-only; choose another place",
     errno.ENOSPC: "the disk is full; free some space and run the command again",
     errno.EDQUOT: "the disk quota is used up; free some space and run the command again",
+    errno.EFBIG: "the file may not grow that large here; choose another disk, or raise the limit (ulimit -f)",
     errno.ENAMETOOLONG: "this name is too long for the disk; choose a shorter one",
 }
 
