@@ -21,7 +21,7 @@ from procam.files.venue.load import load_venue
 from procam.maths.geometry.sphere import direction_from_angles
 from procam.model.calibration import Calibration
 from procam.model.frame import CameraSettings, Frame
-from procam.workflows.capture.by_hand import export, prepare_by_hand
+from procam.workflows.capture.by_hand import write_by_hand
 from procam.workflows.capture.ingest import ingest
 from procam.workflows.solve.calibrate import solve
 from studies.foreign_bounces import ALBEDOS, DECK_FLOOR, HALF_ANGLE, RADIUS
@@ -190,7 +190,7 @@ class Stage:
         """Write the pictures, and render them all without noise."""
         venue = self.folder / "venue"
         self._state(venue, 0)
-        export(prepare_by_hand(load_venue(venue)), self.folder / "out", movie=False)
+        write_by_hand(load_venue(venue), self.folder / "out", movie=False)
         view = self.room.from_camera()
         for entry in self._order():
             drives = {}

@@ -26,49 +26,60 @@ def replacing(path: Path) -> Iterator[Path]:
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.name}.tmp{path.suffix}")
     try:
-        yield temporary
-        _require_room(temporary, path)
-        flush(temporary)
+        with _named(path, temporary):
+            yield temporary
+            require_room(temporary)
+            flush(temporary)
         temporary.replace(path)
         flush(path.parent)
     finally:
         temporary.unlink(missing_ok=True)
 
 
-def _require_room(temporary: Path, path: Path) -> None:
-    """Grow a file and cut it again: a disk that has no room for that may have lost the file's last bytes.
+def require_room(path: Path) -> None:
+    """Grow a file and cut it again; on a full disk it may lack its last bytes, and that fails.
 
     Libraries write those when they close a file, and then ignore errors.
     """
-    try:
-        with temporary.open("r+b") as file:
-            size = file.seek(0, os.SEEK_END)
-            file.write(bytes(SPARE_BYTES))
-            file.flush()
-            file.truncate(size)
-    except OSError as error:
-        raise OSError(error.errno, error.strerror, str(path)) from error
+    with path.open("r+b") as file:
+        size = file.seek(0, os.SEEK_END)
+        file.write(bytes(SPARE_BYTES))
+        file.flush()
+        file.truncate(size)
 
 
 @contextmanager
 def replacing_directory(path: Path) -> Iterator[Path]:
     """Yield a temporary directory beside `path`, renamed to `path` when the block ends without an error.
 
-    `path` must not exist: a finished directory is never overwritten.
+    `path` must not exist, or be empty: a finished directory is never overwritten.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.name}.tmp")
     shutil.rmtree(temporary, ignore_errors=True)
-    temporary.mkdir()
     try:
-        yield temporary
-        for file in sorted(temporary.rglob("*")):
-            flush(file)
-        flush(temporary)
+        with _named(path, temporary):
+            temporary.mkdir()
+            yield temporary
+            for file in sorted(temporary.rglob("*")):
+                flush(file)
+            flush(temporary)
         temporary.rename(path)
         flush(path.parent)
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
+
+
+@contextmanager
+def _named(path: Path, temporary: Path) -> Iterator[None]:
+    """Name what was to be written in errors of the system, not its temporary name."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno is None or error.filename2:
+            raise
+        where = str(error.filename or path).replace(str(temporary), str(path))
+        raise OSError(error.errno, error.strerror, where) from error
 
 
 def write_text(path: Path, text: str) -> None:

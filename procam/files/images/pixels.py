@@ -12,7 +12,7 @@ import OpenImageIO as oiio
 from numpy.typing import NDArray
 
 from procam.errors import FileFormatError
-from procam.files.atomic import replacing
+from procam.files.atomic import replacing, require_room
 
 STORED_AS = {"uint8": "uint8", "uint16": "uint16", "float16": "half", "float32": "float"}
 SUFFIXES = (".png", ".tif", ".tiff", ".exr")  # lossless formats; OpenImageIO would write more
@@ -53,6 +53,8 @@ def write_spec(path: Path, data: NDArray[np.generic], spec: oiio.ImageSpec) -> N
         output = oiio.ImageOutput.create(str(temporary))
         assert output is not None
         done = output.open(str(temporary), spec) and output.write_image(data) and output.close()
+        if temporary.exists():
+            require_room(temporary)  # before the library's own words about a full disk
         if not done:
             raise FileFormatError(f"{path} could not be written ({_one_line(output.geterror())})")
         if not _holds(temporary, data, spec):

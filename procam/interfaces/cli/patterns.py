@@ -8,6 +8,7 @@ import typer
 from procam.errors import InputError
 from procam.estimate.structured_light.codes import DEFAULT_CODE, picture
 from procam.estimate.structured_light.described import folder_order
+from procam.files.atomic import replacing_directory
 from procam.files.images.pixels import write_image
 from procam.files.images.slideshow import video_library
 from procam.files.venue.load import load_venue
@@ -15,7 +16,7 @@ from procam.interfaces.cli._codes import chosen_code
 from procam.interfaces.cli._options import CodeOption, Json
 from procam.interfaces.cli._output import Output
 from procam.interfaces.cli._paths import panel_size
-from procam.workflows.capture.by_hand import export, hold_s, prepare_by_hand
+from procam.workflows.capture.by_hand import hold_s, write_by_hand
 from procam.workflows.capture.session_plan import server_of
 
 EXAMPLE = "procam patterns my-dome --out pictures --movie"
@@ -61,10 +62,10 @@ def _write_code(size: str, out: Path, code: str, output: Output) -> None:
     """The pictures of a code in the order that `procam decode` needs."""
     layout = chosen_code(code, panel_size(size))
     _check_folder(out)
-    out.mkdir(parents=True, exist_ok=True)
     order = folder_order(layout)
-    for number, plane in enumerate(order):
-        write_image(out / f"{number:04d}.png", picture(layout, layout.planes[plane]))
+    with replacing_directory(out) as folder:
+        for number, plane in enumerate(order):
+            write_image(folder / f"{number:04d}.png", picture(layout, layout.planes[plane]))
     output.say(
         f"{len(order)} pictures written to {out}; show them in the order of their names, photograph each, "
         f"and decode with --code {code}"
@@ -78,9 +79,7 @@ def _write_session(directory: Path, out: Path, movie: bool, output: Output) -> N
     _check_folder(out)
     if movie:
         video_library()  # refuses before anything is written
-    out.mkdir(parents=True, exist_ok=True)  # before the session, which must not be left behind
-    session = prepare_by_hand(venue)
-    export(session, out, movie)
+    session = write_by_hand(venue, out, movie)
     shots = session.read_plan().shots
     minutes = sum(hold_s(shot) for shot in shots) / 60
     server = server_of(venue)

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-from procam.errors import InputError
 from procam.estimate.structured_light.codes import NOMINAL_GAMMA, Picture
 from procam.estimate.structured_light.photo_match import NUMBER
 from procam.files import atomic
@@ -27,8 +26,22 @@ MOST_LIGHT_IN_BLACK = 0.01  # of white: its bounces must stay well below black's
 COLUMNS = ("number", "shot", "projector", "purpose", "picture", "exposures_s", "start_s", "hold_s")
 
 
-def prepare_by_hand(venue: Venue) -> Session:
-    """A new session whose pictures carry their numbers, for photographs to be ingested."""
+def write_by_hand(venue: Venue, out: Path, movie: bool) -> Session:
+    """A new session whose pictures carry their numbers, and a folder of them for the rig.
+
+    `out` gets the plan, the pictures, the order and playlists, and with `movie` a movie per projector. It
+    and the session appear when they are complete.
+    """
+    folder = _next_folder(venue)
+    # the session appears first: pictures without one could not be ingested
+    with atomic.replacing_directory(out) as pictures, atomic.replacing_directory(folder) as new:
+        session = Session(new)
+        _write_session(venue, session)
+        _export(session, pictures, movie)
+    return Session(folder)
+
+
+def _write_session(venue: Venue, session: Session) -> None:
     capture = venue.table.capture
     plan, patterns = plan_of_session(venue)
     light = black_light(capture.exposure_s, capture.black_exposure_s)
@@ -41,19 +54,14 @@ def prepare_by_hand(venue: Venue) -> Session:
         drive = round(255 * light ** (1 / NOMINAL_GAMMA)) if shot.purpose == "black" else None
         numbered[shot.pattern] = draw_shot_id(patterns.pop(shot.pattern), number, drive, cells)
         shots.append(replace(shot, detail={**shot.detail, NUMBER: number}))
-    session = Session(_next_folder(venue))
     text = (venue.directory / "venue.toml").read_text("utf-8")
     atomic.write_text(session.directory / "venue.toml", text)
     session.write_plan(Plan(tuple(shots)), numbered)
-    return session
 
 
-def export(session: Session, out: Path, movie: bool) -> None:
+def _export(session: Session, out: Path, movie: bool) -> None:
     """Copy a session's plan and pictures to a folder for the rig, with the order and playlists."""
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise InputError(f"{out} is not empty; give a new or an empty folder")
     plan = session.read_plan()
-    out.mkdir(parents=True, exist_ok=True)
     for shot in plan.shots:
         if shot.pattern:
             (out / shot.pattern).parent.mkdir(parents=True, exist_ok=True)
