@@ -15,7 +15,7 @@ import numpy as np
 
 from procam.arrays import AnyArray
 from procam.errors import InputError
-from procam.files.atomic import replacing
+from procam.files.images.movie_file import MovieFile, new_movie_file, video_library
 from procam.files.images.movies import MovieFrame, MovieReader
 from procam.files.images.pixel_layouts import (
     BT709,
@@ -26,7 +26,7 @@ from procam.files.images.pixel_layouts import (
     Converter,
     to_swscale,
 )
-from procam.files.images.slideshow import CODEC, OPTIONS, video_library
+from procam.files.images.slideshow import CODEC, OPTIONS
 
 WRITTEN = (".mov", ".mkv")
 PRORES = {
@@ -60,11 +60,7 @@ def new_movie(
     require_written(path)
     av = video_library()
     name = "mov" if path.suffix == ".mov" else "matroska"
-    with (
-        replacing(path) as temporary,
-        av.open(str(temporary), "w", format=name) as movie,
-        av.open(str(like.path)) as source,
-    ):
+    with new_movie_file(path, name) as movie, av.open(str(like.path)) as source:
         writer = MovieWriter(movie, like, layout or like.layout)
         writer.add_streams(source, transfer, size or like.size)
         yield writer
@@ -74,11 +70,11 @@ def new_movie(
 class MovieWriter:
     """Encodes frames; `new_movie` makes it."""
 
-    def __init__(self, movie: Any, like: MovieReader, layout: str) -> None:
+    def __init__(self, movie: MovieFile, like: MovieReader, layout: str) -> None:
         self._movie, self._like, self._layout = movie, like, layout
         self._av = video_library()
         self._convert = Converter(self._av)
-        self._prores = movie.format.name == "mov"
+        self._prores = movie.container.format.name == "mov"
         self._pixels = (PRORES if self._prores else FFV1)[layout]
 
     def add_streams(self, source: Any, transfer: str, size: tuple[int, int]) -> None:
@@ -109,7 +105,7 @@ class MovieWriter:
         source = self._like.stream
         self._clock = _Clock.of(source)
         codec, options = (CODEC, OPTIONS) if self._prores else ("ffv1", LOSSLESS)
-        stream = self._movie.add_stream(codec, rate=self._clock.rate, options=options)
+        stream = self._movie.container.add_stream(codec, rate=self._clock.rate, options=options)
         stream.width, stream.height = size
         stream.pix_fmt = self._pixels
         context, original = stream.codec_context, source.codec_context
@@ -121,7 +117,7 @@ class MovieWriter:
         if original.sample_aspect_ratio:
             context.sample_aspect_ratio = original.sample_aspect_ratio
         of_movie, of_stream = self._like.metadata
-        self._movie.metadata.update(of_movie)
+        self._movie.container.metadata.update(of_movie)
         stream.metadata.update({k: v for k, v in of_stream.items() if k not in NOT_KEPT})
         return stream
 
@@ -160,10 +156,10 @@ class _Clock:
 class _Sound:
     """Copies the sound of a movie into another, in step with the pictures."""
 
-    def __init__(self, source: Any, movie: Any) -> None:
+    def __init__(self, source: Any, movie: MovieFile) -> None:
         self._movie = movie
         streams = source.streams.audio
-        self._copies = {s.index: movie.add_stream_from_template(s) for s in streams}
+        self._copies = {s.index: movie.container.add_stream_from_template(s) for s in streams}
         self._packets = source.demux(*streams) if streams else iter(())
         self._next: Any = next(self._packets, None)
 

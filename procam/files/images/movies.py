@@ -15,6 +15,7 @@ import numpy as np
 
 from procam.arrays import AnyArray
 from procam.errors import FileFormatError
+from procam.files.images.movie_file import video_library
 from procam.files.images.pixel_layouts import (
     BT601,
     BT709,
@@ -24,7 +25,6 @@ from procam.files.images.pixel_layouts import (
     Converter,
     from_swscale,
 )
-from procam.files.images.slideshow import video_library
 
 SUFFIXES = (".mov", ".mp4", ".m4v", ".mkv", ".webm", ".avi", ".mxf")
 HD_LINES = 576  # a movie with more lines that names no matrix is BT.709

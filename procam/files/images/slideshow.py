@@ -3,14 +3,12 @@
 from collections.abc import Iterable
 from fractions import Fraction
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.errors import InputError
-from procam.files.atomic import replacing
+from procam.files.images.movie_file import new_movie_file, video_library
 
 Picture = NDArray[np.uint8]
 RATE = 25  # pictures per second, a rate that every server plays
@@ -25,32 +23,20 @@ def write_movie(path: Path, stills: Iterable[tuple[Picture, int]]) -> None:
     its packet repeated.
     """
     av = video_library()
-    with replacing(path) as temporary, av.open(str(temporary), "w", format="mov") as movie:
-        stream = movie.add_stream(CODEC, rate=RATE, options=OPTIONS)
+    with new_movie_file(path, "mov") as movie:
+        stream = movie.container.add_stream(CODEC, rate=RATE, options=OPTIONS)
         stream.pix_fmt, count = PIXELS, 0
         stream.codec_context.thread_count = 1  # more threads would delay the packets
         for picture, seconds in stills:
             if not count:
                 stream.height, stream.width = picture.shape[:2]
-            for packet in _still(av, movie, stream, picture):
+            for packet in _still(av, stream, picture):
                 for _ in range(seconds * RATE):
                     movie.mux(_packet_at(av, packet, stream, count))
                     count += 1
 
 
-def video_library() -> ModuleType:
-    """PyAV; the error names the extra if it is not installed."""
-    try:
-        import av  # noqa: PLC0415 - an extra: only movies need it
-    except ImportError as error:
-        raise InputError(
-            "--movie needs PyAV, which is not installed; run: python -m pip install 'procam[video]', "
-            "or show the pictures one by one"
-        ) from error
-    return av
-
-
-def _still(av: Any, movie: Any, stream: Any, picture: Picture) -> list[Any]:
+def _still(av: Any, stream: Any, picture: Picture) -> list[Any]:
     rgb = np.ascontiguousarray(np.broadcast_to(picture, (*picture.shape[:2], 3)))
     frame = av.VideoFrame.from_ndarray(rgb, format="rgb24")
     return list(stream.encode(frame.reformat(format=PIXELS, dst_colorspace="itu709")))

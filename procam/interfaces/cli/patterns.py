@@ -9,8 +9,8 @@ from procam.errors import InputError
 from procam.estimate.structured_light.codes import DEFAULT_CODE, picture
 from procam.estimate.structured_light.described import folder_order
 from procam.files.atomic import replacing_directory
+from procam.files.images.movie_file import video_library
 from procam.files.images.pixels import write_image
-from procam.files.images.slideshow import video_library
 from procam.files.venue.load import load_venue
 from procam.interfaces.cli._codes import chosen_code
 from procam.interfaces.cli._options import CodeOption, Json

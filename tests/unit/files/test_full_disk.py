@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import av
 import numpy as np
 import OpenImageIO as oiio
 import pytest
@@ -16,6 +17,8 @@ import pytest
 from procam.errors import FileFormatError, ProcamError
 from procam.files import atomic
 from procam.files.images.layers import write_channels, write_layers
+from procam.files.images.movie_writer import new_movie
+from procam.files.images.movies import MovieReader
 from procam.files.images.pixels import write_image
 from procam.files.images.slideshow import write_movie
 
@@ -23,19 +26,31 @@ ROOM = (0, 0.001, 0.3, 0.8, 0.95, 0.99, 0.999, 1.0)
 NOISE = np.random.default_rng(0).random((64, 96, 3))
 CODES = (NOISE * 65535).astype(np.uint16)
 LIGHT = NOISE.astype(np.float32)
+SOURCE = "source.mkv"
 STILLS = [((CODES >> 8).astype(np.uint8), 1), ((CODES >> 9).astype(np.uint8), 1)]
 
-WRITERS: dict[str, Callable[[Path], None]] = {
-    "8 bits.png": lambda path: write_image(path, (CODES >> 8).astype(np.uint8)),
-    "16 bits.png": lambda path: write_image(path, CODES),
-    "capture.tif": lambda path: write_image(path, CODES[..., 0]),
-    "light.exr": lambda path: write_image(path, LIGHT),
-    "half.exr": lambda path: write_image(path, NOISE.astype(np.float16)),
-    "channels.exr": lambda path: write_channels(path, {"b": LIGHT[..., 0], "a": LIGHT[..., 1]}),
-    "layers.exr": lambda path: write_layers(path, {"hi": LIGHT, "coverage": LIGHT[..., 0]}),
-    "movie.mov": lambda path: write_movie(path, STILLS),
-    "text.json": lambda path: atomic.write_text(path, "0.123 " * 40000),
-}
+
+@pytest.fixture(scope="module", autouse=True)
+def source(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """The movie that `compensated` copies."""
+    with av.open(str(tmp_path_factory.getbasetemp() / SOURCE), "w") as movie:
+        stream = movie.add_stream("ffv1", rate=25)
+        stream.width, stream.height, stream.pix_fmt = 96, 64, "bgr0"
+        for shift in range(8):
+            picture = np.roll((CODES >> 8).astype(np.uint8), shift, axis=1)
+            frame = av.VideoFrame.from_ndarray(picture, format="rgb24").reformat(format="bgr0")
+            movie.mux(stream.encode(frame))
+        movie.mux(stream.encode())
+
+
+def compensated(path: Path) -> None:
+    """A movie with the frames of another."""
+    with (
+        MovieReader(path.parents[1] / SOURCE) as reader,
+        new_movie(path, reader, transfer="srgb") as writer,
+    ):
+        for frame in reader:
+            writer.write(frame.rgb, frame)
 
 
 @contextmanager
@@ -49,6 +64,21 @@ def room_for(size: int) -> Iterator[None]:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
+WRITERS: dict[str, Callable[[Path], None]] = {
+    "8 bits.png": lambda path: write_image(path, (CODES >> 8).astype(np.uint8)),
+    "16 bits.png": lambda path: write_image(path, CODES),
+    "capture.tif": lambda path: write_image(path, CODES[..., 0]),
+    "light.exr": lambda path: write_image(path, LIGHT),
+    "half.exr": lambda path: write_image(path, NOISE.astype(np.float16)),
+    "channels.exr": lambda path: write_channels(path, {"b": LIGHT[..., 0], "a": LIGHT[..., 1]}),
+    "layers.exr": lambda path: write_layers(path, {"hi": LIGHT, "coverage": LIGHT[..., 0]}),
+    "movie.mov": lambda path: write_movie(path, STILLS),
+    "light.mov": compensated,
+    "light.mkv": compensated,
+    "text.json": lambda path: atomic.write_text(path, "0.123 " * 40000),
+}
+
+
 @pytest.mark.parametrize("name", WRITERS)
 def test_a_file_is_whole_or_the_old_one_stays(name: str, tmp_path: Path) -> None:
     path, write = tmp_path / name, WRITERS[name]
@@ -57,7 +87,7 @@ def test_a_file_is_whole_or_the_old_one_stays(name: str, tmp_path: Path) -> None
     for share in ROOM:
         path.write_bytes(b"the good file")
         with room_for(int(share * len(whole)) - (share == 1)):
-            with pytest.raises((ProcamError, OSError)):
+            with pytest.raises((ProcamError, OSError), match=name.partition(".")[0]):
                 write(path)
         assert path.read_bytes() == b"the good file", share
         assert [file.name for file in tmp_path.iterdir()] == [name], share
