@@ -21,6 +21,7 @@ from studies import (
     precision,
     refine,
     rooms,
+    stops,
 )
 
 STUDIES = {
@@ -39,6 +40,7 @@ STUDIES = {
     "precision": precision.main,
     "refine": refine.main,
     "rooms": rooms.main,
+    "stops": stops.main,
 }
 
 

@@ -10,6 +10,7 @@ from typing import Any, Self
 import numpy as np
 
 from procam.devices.control.projector_control import open_serial_control
+from procam.devices.interrupts import current_run, interruptible
 from procam.devices.protocols import BackendRig, Camera, Clock, Power, Projector, ProjectorControl
 from procam.errors import DeviceError, InputError
 
@@ -21,7 +22,7 @@ class Rig:
     """Cameras, projectors and remote controls by name.
 
     A context manager: at the end every projector is shuttered, or shows black where it has no
-    shutter, and all connections are closed.
+    shutter, and all connections are closed. Only the first signal interrupts it.
     """
 
     cameras: Mapping[str, Camera]
@@ -29,15 +30,38 @@ class Rig:
     controls: Mapping[str, ProjectorControl]
     clock: Clock
     closers: tuple[Callable[[], None], ...] = field(default=())
+    _stack: ExitStack = field(default_factory=ExitStack, init=False, repr=False)
 
     def __enter__(self) -> Self:
+        self._stack.enter_context(interruptible())
+        current_run().unfinished.append(self._leave)
         return self
 
     def __exit__(self, *_: object) -> None:
-        with ExitStack() as stack:  # runs every step, also after one that fails
-            stack.callback(self.release)
-            for name in self.projectors:
-                stack.callback(self.darken, name)
+        with self._stack:
+            try:
+                self._leave()
+            except KeyboardInterrupt:  # the first signal; no other will interrupt
+                self._leave()
+                raise
+
+    def _leave(self) -> None:
+        """Make all projectors dark and close all connections; what fails is reported at the end."""
+        lit = list[str]()
+        for name in self.projectors:
+            try:
+                self.darken(name)
+            except Exception as error:  # the others must be dark all the same
+                lit.append(f"{name} ({error})")
+        self.release()
+        run = current_run()
+        run.left_dark = not lit
+        if self._leave in run.unfinished:
+            run.unfinished.remove(self._leave)
+        if lit:
+            raise DeviceError(
+                f"a projector may still be lit: {', '.join(lit)}; close its shutter or switch it off by hand"
+            )
 
     def release(self) -> None:
         """Close all connections, leaving the projectors as they are."""

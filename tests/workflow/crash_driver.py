@@ -1,7 +1,7 @@
 """Kills captures and solves with SIGKILL, in children forked from one process that has loaded everything.
 
 `python crash_driver.py STAGE FOLDER` runs the groups of a stage of `GROUPS`; it exits 0 and prints the
-kills of each group, or raises the assertion that failed.
+kills of each group as JSON, or raises the assertion that failed.
 
 A killed child runs no handler and no clean-up. Its files are compared with those of an uninterrupted
 run, byte by byte: the noise of the simulated camera depends on the picture and not on the time, so
@@ -39,6 +39,7 @@ import procam.estimate.structured_light.self_calibration
 import simulators.backend
 import simulators.transport
 from procam.files import atomic
+from procam.files.calibration import load_calibration
 from procam.files.session import Session
 from procam.files.venue.load import load_venue
 from procam.interfaces.cli.main import main as procam_main
@@ -51,7 +52,12 @@ FLOOR_DROPS = (0.2,)  # depths at which the floor may lie: one is as good for fi
 RANDOM_KILLS = 4
 STUCK_S = 120
 FAILED = 70  # exit code of a child that raised
-INTERRUPTED = 130
+STOP_SIGNALS = signal.SIGINT, signal.SIGTERM, signal.SIGHUP
+STOPS = [(number, count) for count in (1, 2, 5) for number in STOP_SIGNALS]
+LIGHTING = "calibrate", "refine", "state", "projector"
+ARGUMENTS = {"state": ("full",), "projector": ("south", "shutter", "closed")}
+STUDY_STOPS = 200
+LEAVING_S = 0.03  # pause between signals: darkening takes a few of these
 LEFT_LIT = 71
 Killer = Callable[[str, bool], None]  # called for each rename and flush, before (False) and after
 
@@ -126,10 +132,10 @@ def kill_at(label: str, after: bool) -> Killer:
     return killer
 
 
-def kill_later(pid: int, seconds: float, number: int = signal.SIGKILL) -> int:
-    """Send a signal to a running child after a while; returns how it ended."""
+def kill_later(pid: int, seconds: float) -> int:
+    """Kill a running child after a while; returns how it ended."""
     time.sleep(seconds)
-    os.kill(pid, number)
+    os.kill(pid, signal.SIGKILL)
     return ended(pid)
 
 
@@ -173,6 +179,13 @@ class Bench:
         directory.mkdir()
         shutil.copyfile(self.whole / "venue.toml", directory / "venue.toml")
         return directory
+
+    def calibrated(self) -> Path:
+        """A venue that was captured and calibrated."""
+        venue = self.venue()
+        for part in ("sessions", "calibrations"):
+            shutil.copytree(self.whole / part, venue / part)
+        return venue
 
     @staticmethod
     def session(venue: Path) -> Session:
@@ -322,42 +335,74 @@ def _captured(bench: Bench) -> Path:
 
 
 def interrupt_at_random(bench: Bench) -> Iterator[str]:
-    """Ctrl-C somewhere in `procam capture`: dark projectors, exit code 130, resumable."""
+    """INT, TERM or HUP, up to five of them, in `procam capture`: dark, their exit code, resumable."""
     rng = random.Random(130)
-    for _ in range(RANDOM_KILLS):
+    for number, count in STOPS:
         venue = bench.venue()
         seconds = rng.uniform(0.05, 0.95) * bench.capture_s
-        while (code := _interrupted(venue, seconds)) == 0:
+        pauses = [rng.uniform(0, LEAVING_S) for _ in range(count - 1)]
+        while (code := _interrupted(venue, number, [seconds, *pauses])) == 0:
             shutil.rmtree(venue / "sessions")
             seconds *= 0.7
         assert code != LEFT_LIT, "a projector was left lit"
-        assert code == INTERRUPTED, f"exit code {code}"
+        assert code == 128 + number, f"exit code {code} after {count} of signal {number}"
         bench.check_session(venue)
         bench.finish(venue)
         yield f"{seconds:.3f} s"
         shutil.rmtree(venue)
 
 
-def _interrupted(venue: Path, seconds: float) -> int:
+def stop_at_random(bench: Bench) -> Iterator[str]:
+    """The same for all commands that light projectors, at STUDY_STOPS moments."""
+    rng = random.Random(4)
+    durations = {}
+    for command in LIGHTING:
+        venue = bench.calibrated()
+        started = time.monotonic()
+        assert _interrupted(venue, signal.SIGINT, [], command) in (0, 1)  # 1 where a figure fails
+        durations[command] = time.monotonic() - started
+    for index in range(STUDY_STOPS):
+        command, (number, count) = LIGHTING[index % len(LIGHTING)], rng.choice(STOPS)
+        venue = bench.calibrated()
+        pauses = [rng.uniform(0, LEAVING_S) for _ in range(count - 1)]
+        seconds = rng.uniform(0, durations[command])
+        code = _interrupted(venue, number, [seconds, *pauses], command)
+        said = (venue / "stderr").read_text()
+        assert code != LEFT_LIT, f"{command} left a projector lit after {seconds:.3f} s: {said}"
+        assert code in (0, 1, 128 + number), f"{command}: exit code {code}: {said}"
+        assert code < 128 or ("are dark" in said) <= (command != "projector"), said
+        for directory in venue.glob("calibrations/[0-9]*"):
+            load_calibration(directory)
+        yield f"{command} {code}"
+        shutil.rmtree(venue)
+
+
+def _interrupted(venue: Path, number: int, seconds: list[float], command: str = "capture") -> int:
     reader, ready = os.pipe()
-    pid = child(_commanded(venue, ready))
+    pid = child(_commanded(venue, ready, command))
     os.close(ready)  # the child has its own: if it dies early, the read ends
     os.read(reader, 1)
     os.close(reader)
-    return kill_later(pid, seconds, signal.SIGINT)
+    for pause_s in seconds:
+        time.sleep(pause_s)
+        os.kill(pid, number)
+    return ended(pid)
 
 
-def _commanded(venue: Path, ready: int) -> Callable[[], int]:
-    """`procam capture VENUE` as the command line runs it; its exit code, if all is dark."""
+def _commanded(venue: Path, ready: int, command: str) -> Callable[[], int]:
+    """`procam COMMAND VENUE` as the command line runs it; its exit code, if all is dark."""
 
     def run() -> int:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
-        sys.argv = ["procam", "capture", str(venue), "--json"]
+        sys.stdout, sys.stderr = ((venue / name).open("w") for name in ("stdout", "stderr"))
+        for number in STOP_SIGNALS:
+            signal.signal(number, signal.default_int_handler)
+        sys.argv = ["procam", command, str(venue), *ARGUMENTS.get(command, ()), "--json"]
         os.write(ready, b".")
         try:
             procam_main()
         except SystemExit as stop:
-            signal.signal(signal.SIGINT, signal.SIG_IGN)  # it ended before the kill
+            for number in STOP_SIGNALS:
+                signal.signal(number, signal.SIG_IGN)  # it ended before the last one
             scene = simulators.backend.build_scene({}, venue)
             lit = [n for n, state in scene.states.items() if state.light_factor() > 0]
             return LEFT_LIT if lit else int(stop.code or 0)
@@ -368,6 +413,7 @@ def _commanded(venue: Path, ready: int) -> Callable[[], int]:
 
 GROUPS: dict[str, list[Callable[[Bench], Iterator[str]]]] = {
     "capture": [capture_before_every_call, capture_after_every_rename, interrupt_at_random],
+    "stops": [stop_at_random],
     "solve": [solve_at_every_call, solve_at_random, capture_at_random],
 }
 
@@ -383,7 +429,7 @@ def main() -> None:
     simulators.transport.DOME_RINGS, simulators.transport.DOME_SECTORS = COARSE_ROOM
     with quick_simulator():
         bench = Bench(folder)
-        survived = [len(list(group(bench))) for group in GROUPS[stage]]
+        survived = [list(group(bench)) for group in GROUPS[stage]]
     sys.stdout.write(json.dumps(survived))
 
 

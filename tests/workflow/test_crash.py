@@ -7,7 +7,8 @@ Covered, each with a real SIGKILL in a process of its own (crash_driver.py):
   before the next call). All kills happen in one session, so that each run also resumes the last one.
 - solve: every rename and flush of the calibration's files and folder, in the same way.
 - both: 4 random moments, each in a fresh session or a fresh solve.
-- Ctrl-C at 4 random moments of `procam capture`: exit code 130 and dark projectors as well.
+- INT, TERM and HUP, one, two or five of each, at random moments of `procam capture`: dark projectors and
+  the exit code of the signal as well.
 
 After every kill, each file that index.jsonl names, and each file with a final name, equals that of an
 uninterrupted run, byte by byte (except the time in picture headers). After resuming, no stored frame was
@@ -35,7 +36,7 @@ ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 
 
 @pytest.mark.parametrize(
-    ("stage", "least"), [("capture", [37 * 4 + 35 * 3 + 6, 74, 4]), ("solve", [16, 4, 4])]
+    ("stage", "least"), [("capture", [37 * 4 + 35 * 3 + 6, 74, 9]), ("solve", [16, 4, 4])]
 )
 def test_killed_runs_lose_nothing_and_resume_to_the_same_result(
     stage: str, least: list[int], tmp_path: Path
@@ -49,7 +50,7 @@ def test_killed_runs_lose_nothing_and_resume_to_the_same_result(
         timeout=STUCK_S,
     )
     assert done.returncode == 0, done.stderr
-    survived = json.loads(done.stdout.splitlines()[-1])
+    survived = [len(kills) for kills in json.loads(done.stdout.splitlines()[-1])]
     assert all(found >= expected for found, expected in zip(survived, least, strict=True)), survived
 
 
@@ -85,7 +86,7 @@ def test_ctrl_c_leaves_the_projectors_dark_and_the_run_resumable(
     assert all(state.muted for state in stages[-1].scene.states.values())
     printed = capsys.readouterr()
     assert printed.err.splitlines() == [
-        "procam: stopped; projectors are dark, the run can be resumed"
+        "procam: stopped; all projectors are dark. Run the same command again"
     ]
     main_succeeds(capsys)
 

@@ -253,7 +253,7 @@ class TestProjectorFaults:
         assert ran.code == 1
         assert [f["device"] for f in document["findings"]] == ["projector north", "rig"]
         assert "check that the cable is plugged in" in document["findings"][0]["line"]
-        assert "a projector may still be lit (see above)" in document["findings"][1]["line"]
+        assert "a projector may still be lit: north (" in document["findings"][1]["line"]
         assert [v["projector"] for v in document["views"]] == ["south"]
         assert not stage.scene.shown["north"].any()
 

@@ -43,23 +43,12 @@ def doctor(
             reached = True
             output.follow(examine(rig, loaded, diagnosis, behaviour=behaviour))
     except DeviceError as error:
-        diagnosis.keep(
-            _still_lit(diagnosis, error) if reached else Finding("rig", "closed", str(error))
-        )
+        diagnosis.keep(Finding("rig", "lit" if reached else "closed", str(error)))
     for line in _lines(diagnosis):
         output.say(line)
     output.finish(diagnosis.as_dict())
     if diagnosis.findings:
         raise typer.Exit(1)
-
-
-def _still_lit(diagnosis: Diagnosis, error: DeviceError) -> Finding:
-    """The finding when the projectors could not be left dark."""
-    known = any(str(error) in finding.text for finding in diagnosis.findings)
-    why = "see above" if known else str(error)
-    return Finding(
-        "rig", "lit", f"a projector may still be lit ({why}); check, and switch it off by hand"
-    )
 
 
 def _behaviour_lines(projector: str, behaviour: Behaviour) -> Iterator[str]:

@@ -14,9 +14,10 @@ from typing import Any, NoReturn
 import typer
 from typer.core import TyperCommand, TyperGroup
 
+from procam.devices.interrupts import interruptible
 from procam.errors import DeviceError, ProcamError
 
-INTERRUPTED = 130  # the exit code of a process that Ctrl-C has ended
+BY_SIGNAL = 128  # plus a signal's number: the exit code of a process that it has ended
 SETTINGS = {"help_option_names": ["-h", "--help"]}
 # in the order of the list; a test compares them with the first lines of the functions
 COMMANDS = {
@@ -92,7 +93,8 @@ def procam() -> None:
 def main() -> None:
     """Entry point: an error becomes one line; exit 2 for bad input, 1 for a failed device or check."""
     try:
-        app()
+        with interruptible(process_ends=True) as run:
+            app()
     except DeviceError as error:
         _end(str(error), 1)
     except ProcamError as error:
@@ -101,9 +103,10 @@ def main() -> None:
         from procam.interfaces.cli._system_errors import worded
 
         _end(worded(error), 2)
-    except SystemExit as stop:
-        if stop.code == INTERRUPTED:  # typer prints nothing when Ctrl-C ends it
-            _end("stopped; projectors are dark, the run can be resumed", INTERRUPTED)
+    except (KeyboardInterrupt, SystemExit):
+        if run.stopped_by is not None:  # typer prints nothing when a signal ends it
+            dark = "; all projectors are dark" if run.left_dark else ""
+            _end(f"stopped{dark}. Run the same command again", BY_SIGNAL + run.stopped_by)
         raise
 
 

@@ -92,7 +92,9 @@ class TestWayOut:
         broken = Control(log, "b")
         broken.broken = True
         with (
-            pytest.raises(DeviceTimeout),
+            pytest.raises(
+                DeviceError, match=r"still be lit: b \(nobody home\); close its shutter or switch"
+            ),
             _rig(log, {"a": Control(log, "a"), "b": broken}) as rig,
         ):
             pass
