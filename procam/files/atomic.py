@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from procam.errors import FileFormatError, InputError
-from procam.files.system import flush, try_lock
+from procam.errors import FileFormatError
+from procam.files.system import flush
 
 SPARE_BYTES = 65536  # more than a library holds back until it closes a file
 
@@ -112,15 +112,3 @@ def read_lines(path: Path) -> list[str]:
         raise FileFormatError(
             f"{path} is not a text file ({error.reason}); restore the log"
         ) from error
-
-
-@contextmanager
-def locked(folder: Path) -> Iterator[None]:
-    """Hold a folder against other procam processes; refuses if one holds it."""
-    folder.mkdir(parents=True, exist_ok=True)
-    with (folder / ".lock").open("w") as file:
-        if not try_lock(file):
-            raise InputError(
-                f"{folder}: another procam process is capturing into this folder; wait for it or stop it"
-            )
-        yield

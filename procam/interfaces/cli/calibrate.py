@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from procam.files.calibration import load_calibration
+from procam.files.lock import locked
 from procam.files.session import Session
 from procam.files.venue.load import load_venue
 from procam.interfaces.cli import _sessions
@@ -20,8 +21,9 @@ EXAMPLE = "procam calibrate my-dome"
 def calibrate(venue: VenueArgument, json: Json = False) -> None:
     """Capture, solve and report in one run."""
     loaded, output = load_venue(venue), Output(json)
-    session = output.follow(capture_newest(loaded))["session"]
-    written = output.follow(solve(loaded, Session(session)))["calibration"]
+    with locked(venue, "calibrate"):
+        session = output.follow(capture_newest(loaded))["session"]
+        written = output.follow(solve(loaded, Session(session)))["calibration"]
     calibration = load_calibration(Path(written))
     keep_pictures(venue, calibration, half_sky(_sessions.CONTENT_SIZE))
     report = write_report(venue)

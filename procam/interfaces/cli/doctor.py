@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from procam.errors import DeviceError
+from procam.files.lock import locked
 from procam.files.venue.load import load_venue
 from procam.interfaces.cli._options import Json, VenueArgument
 from procam.interfaces.cli._output import Output
@@ -39,7 +40,7 @@ def doctor(
     loaded, output, diagnosis = load_venue(venue), Output(json), Diagnosis()
     reached = False
     try:
-        with open_rig(loaded) as rig:
+        with locked(venue, "doctor"), open_rig(loaded) as rig:
             reached = True
             output.follow(examine(rig, loaded, diagnosis, behaviour=behaviour))
     except DeviceError as error:

@@ -5,6 +5,7 @@ from typing import Annotated, Any
 import typer
 
 from procam.errors import InputError
+from procam.files.lock import locked
 from procam.files.venue.load import load_venue
 from procam.interfaces.cli._options import Json, VenueArgument
 from procam.interfaces.cli._output import Output
@@ -31,16 +32,17 @@ def projector(
             f"projector {name!r} is not in venue.toml; choose one of "
             f"{', '.join(loaded.table.projectors)}"
         )
-    rig = open_rig(loaded)
-    try:
-        if name not in rig.controls:
-            raise InputError(
-                f"projector {name} has no control table in venue.toml; add "
-                'control = { protocol = "escvp21", port = "/dev/ttyUSB0" }'
-            )
-        document = _act(rig.controls[name], action, value)
-    finally:
-        rig.release()
+    with locked(venue, "projector"):
+        rig = open_rig(loaded)
+        try:
+            if name not in rig.controls:
+                raise InputError(
+                    f"projector {name} has no control table in venue.toml; add "
+                    'control = { protocol = "escvp21", port = "/dev/ttyUSB0" }'
+                )
+            document = _act(rig.controls[name], action, value)
+        finally:
+            rig.release()
     for key, shown in document.items():
         output.say(f"{key:>12}  {shown}")
     output.finish(document)

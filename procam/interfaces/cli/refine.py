@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from procam.files.calibration import latest_calibration, load_calibration
+from procam.files.lock import locked
 from procam.files.venue.load import load_venue
 from procam.interfaces.cli import _sessions
 from procam.interfaces.cli._options import Json, VenueArgument
@@ -36,14 +37,15 @@ def refine(
     content, note = read_square(picture) if picture else (half_sky(_sessions.CONTENT_SIZE), "")
     if note:
         output.say(f"note: {note}")
-    with open_rig(loaded) as rig:
-        rig.start()
-        refined: loop.Refined = output.follow(loop.refine(rig, calibration, content))["refined"]
-    keep_pictures(venue, calibration, content)
-    keep_loop(venue, refined, content)
-    figures = refined.figures()
-    output.table(figures)
-    newest = _sessions.keep_refined(venue, kept, refined, output)
+    with locked(venue, "refine"):
+        with open_rig(loaded) as rig:
+            rig.start()
+            refined: loop.Refined = output.follow(loop.refine(rig, calibration, content))["refined"]
+        keep_pictures(venue, calibration, content)
+        keep_loop(venue, refined, content)
+        figures = refined.figures()
+        output.table(figures)
+        newest = _sessions.keep_refined(venue, kept, refined, output)
     document = {
         "calibration": str(newest),
         "figures": as_dicts(figures),

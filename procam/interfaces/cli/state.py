@@ -4,13 +4,13 @@ from typing import Annotated
 
 import typer
 
-from procam.files import atomic
 from procam.files.calibration import (
     latest_calibration,
     load_calibration,
     next_directory,
     save_calibration,
 )
+from procam.files.lock import locked
 from procam.files.venue.load import load_venue
 from procam.interfaces.cli._options import Json, VenueArgument
 from procam.interfaces.cli._output import Output
@@ -41,11 +41,12 @@ def state(
     """
     loaded, output = load_venue(venue), Output(json)
     calibration = load_calibration(latest_calibration(venue))
-    with atomic.locked(venue / "sessions"), open_rig(loaded) as rig:
-        data = output.follow(measure_state(rig, loaded, calibration, name, ambient_only))
-    measured: VenueState = data["state"]
-    out = next_directory(venue)
-    save_calibration(with_state(calibration, measured), out)
+    with locked(venue, "state"):
+        with open_rig(loaded) as rig:
+            data = output.follow(measure_state(rig, loaded, calibration, name, ambient_only))
+        measured: VenueState = data["state"]
+        out = next_directory(venue)
+        save_calibration(with_state(calibration, measured), out)
     ambient = [float(v) for v in data["ambient"]]
     output.say(f"{out} written, with venue state {name}")
     _print_channels(measured, ambient, output)

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from procam.errors import FileFormatError, InputError
 from procam.estimate.structured_light.photo_match import Match, PhotoObservation, Slot, match_photos
-from procam.files import atomic
 from procam.files.images.photos import (
     Photo,
     Response,
@@ -20,6 +19,7 @@ from procam.files.images.photos import (
     read_photo,
     write_response,
 )
+from procam.files.lock import locked
 from procam.files.session import Session
 from procam.files.venue.load import Venue
 from procam.maths.codes.shot_id import read_shot_id
@@ -52,7 +52,7 @@ def ingest(
     Everything is checked before anything is written. The last event carries `stored`, `missing` and
     `notes`, one line for every photograph that was left out or guessed.
     """
-    with atomic.locked(session.directory):
+    with locked(venue.directory, "ingest"):
         plan = session.read_plan()
         model, response, notes = _camera(venue, session, camera)
         paths, others = list_photos(folder)

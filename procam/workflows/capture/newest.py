@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from procam.errors import InputError
-from procam.files import atomic
+from procam.files.lock import locked
 from procam.files.session import Session
 from procam.files.venue.load import Venue
 from procam.workflows.capture.capture import capture, missing_shots, prepare_session
@@ -15,7 +15,7 @@ from procam.workflows.venue_rig import open_rig
 
 def capture_newest(venue: Venue) -> Iterator[Event]:
     """Capture into the newest unfinished session, or a new one: its folder is `data["session"]`."""
-    with atomic.locked(venue.directory / "sessions"), open_rig(venue) as rig:
+    with locked(venue.directory, "capture"), open_rig(venue) as rig:
         session = prepare_session(venue, newest_session(venue))
         for event in capture(rig, venue, session):
             yield replace(event, data={"session": session.directory})
@@ -24,14 +24,14 @@ def capture_newest(venue: Venue) -> Iterator[Event]:
 def newest_session(venue: Venue) -> Path:
     """The newest session if it is unfinished, else the next number."""
     folder = venue.directory / "sessions"
-    known = sorted(p for p in folder.glob("[0-9]*") if p.is_dir())
+    known = sorted(p for p in folder.glob("[0-9]*") if p.is_dir() and p.name.isdecimal())
     if known:
         session = Session(known[-1])
         if not (known[-1] / "plan.json").is_file():
             return known[-1]
         if missing_shots(session, session.read_plan(), list(venue.cameras)):
             return known[-1]
-    return folder / f"{len(known) + 1:04d}"
+    return folder / f"{int(known[-1].name) + 1 if known else 1:04d}"
 
 
 def venue_of(session: Path) -> Path:

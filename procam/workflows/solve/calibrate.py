@@ -23,6 +23,7 @@ from procam.estimate.structured_light.decode import Decoder
 from procam.estimate.structured_light.limits import DecodeLimits
 from procam.estimate.structured_light.outliers import keep_only
 from procam.files.calibration import next_directory, save_calibration
+from procam.files.lock import locked
 from procam.files.session import Session
 from procam.files.venue.load import Venue
 from procam.files.venue.masks import (
@@ -84,6 +85,11 @@ def solve(venue: Venue, session: Session) -> Iterator[Event]:
     are solved. The last event carries the new directory as `data["calibration"]`; what nobody should
     miss is in its provenance as "notes".
     """
+    with locked(venue.directory, "solve"):
+        yield from _solve(venue, session)
+
+
+def _solve(venue: Venue, session: Session) -> Iterator[Event]:
     origin = provenance(venue, session)  # first of all, for it finds what is wrong with masks
     names, server, tags_seen = list(venue.table.projectors), server_of(venue), len(venue.cameras)
     total = len(names) * (tags_seen + 1) + 3

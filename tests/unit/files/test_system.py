@@ -9,12 +9,13 @@ import pytest
 
 from procam.errors import InputError
 from procam.files import atomic, system
+from procam.files.lock import locked
 
 HOLD = """
 import sys
 from pathlib import Path
-from procam.files import atomic
-with atomic.locked(Path(sys.argv[1])):
+from procam.files.lock import locked
+with locked(Path(sys.argv[1]), "solve"):
     print("held", flush=True)
     sys.stdin.read()
 """
@@ -34,11 +35,12 @@ def test_a_folder_is_held_until_its_process_is_killed(tmp_path: Path) -> None:
     command = [sys.executable, "-c", HOLD, str(tmp_path)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
         assert other.stdout and other.stdout.readline() == b"held\n"
-        with pytest.raises(InputError, match="another procam process"), atomic.locked(tmp_path):
+        refused = rf"`procam solve` \(process {other.pid}\) is at work there; wait until"
+        with pytest.raises(InputError, match=refused), locked(tmp_path, "capture"):
             pass
         other.kill()
         other.wait()
-        with atomic.locked(tmp_path):
+        with locked(tmp_path, "capture"), locked(tmp_path, "solve"):  # within one process
             pass
 
 

@@ -1,0 +1,66 @@
+"""While one process works on a venue, every command that writes it or lights its projectors is refused."""
+
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from tiny_venue import contents, make_venue, procam, quick_simulator, solved, take_session
+
+from procam.workflows.capture.newest import newest_session
+
+HOLD = """
+import sys
+from pathlib import Path
+from procam.files.lock import locked
+with locked(Path(sys.argv[1]), "refine"):
+    print("held", flush=True)
+    sys.stdin.read()
+"""
+COMMANDS = {
+    "capture": ("VENUE",),
+    "calibrate": ("VENUE",),
+    "solve": ("VENUE/sessions/0001",),
+    "ingest": ("VENUE/sessions/0001", "--camera", "zenith", "--photos", "VENUE"),
+    "refine": ("VENUE",),
+    "state": ("VENUE", "full"),
+    "doctor": ("VENUE",),
+    "projector": ("VENUE", "south", "state"),
+    "patterns": ("VENUE", "--out", "VENUE/out"),
+}
+
+
+@pytest.fixture(scope="module")
+def busy(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """A calibrated venue that another process holds."""
+    folder = tmp_path_factory.mktemp("busy") / "venue"
+    with quick_simulator():
+        venue = make_venue(folder)
+        solved(venue, take_session(venue))
+    command = [sys.executable, "-c", HOLD, str(folder)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
+        assert other.stdout and other.stdout.readline() == b"held\n"
+        yield folder
+        other.kill()
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_refused_by_name_and_nothing_is_written(command: str, busy: Path) -> None:
+    before = contents(busy)
+    arguments = (part.replace("VENUE", str(busy)) for part in COMMANDS[command])
+    ran = procam(command, *arguments)
+    assert ran.code == 2
+    assert f"{busy}: `procam refine` (process " in ran.complaint
+    assert ran.complaint.endswith("is at work there; wait until it has ended, or stop it")
+    assert contents(busy) == before
+
+
+def test_a_number_is_never_used_again(tmp_path: Path) -> None:
+    with quick_simulator():
+        venue = make_venue(tmp_path)
+        take_session(venue)
+        shutil.copytree(tmp_path / "sessions" / "0001", tmp_path / "sessions" / "0003")
+    shutil.rmtree(tmp_path / "sessions" / "0001")
+    assert newest_session(venue).name == "0004"
