@@ -24,7 +24,7 @@ def main() -> None:
         done = subprocess.run(
             (sys.executable, str(DRIVER), "stops", folder),
             env=os.environ | ONE_THREAD,
-            capture_output=True,
+            stdout=subprocess.PIPE,
             text=True,
             check=True,  # the driver ends with an error if a projector is lit or a sentence is false
         )
