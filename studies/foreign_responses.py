@@ -18,7 +18,7 @@ from studies.foreign_brackets import CASES, Case, shoot, true_light
 from studies.measure import side_by_side, write
 
 Array = NDArray[np.float64]
-SEEDS = 10  # per case
+SEEDS = 100  # per case
 SUPPORTED = slice(
     13, 250
 )  # levels of 255 that photographs hold; the ends are 0 and 1 by definition

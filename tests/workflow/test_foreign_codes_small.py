@@ -1,6 +1,7 @@
 """Other programs' sets, photographed without procam and decoded; studies/foreign_codes.md has more seeds."""
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -37,6 +38,14 @@ def test_a_seed_of_the_study(number: int, seed: int) -> None:
     assert 0.5 <= row["sigma_px"] / row["rms_px"] <= 2
     if CASES[number].fault == "exposure jump":
         assert any("times as much as white" in note for note in row["notes"])
+
+
+@pytest.mark.parametrize(("number", "seed"), [(13, 87), (15, 40)])
+def test_a_set_that_lacks_too_much_is_refused_for_it(number: int, seed: int) -> None:
+    """Both pictures of a bit are missing, and two of three steps."""
+    found = study.figures(CASES[number], seed)
+    cause = r"[23] pictures are missing, which may be the cause: take what is missing again$"
+    assert re.search(cause, found["refused"])
 
 
 def test_missing_photographs_through_the_command(tmp_path: Path) -> None:

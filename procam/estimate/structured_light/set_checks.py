@@ -32,6 +32,7 @@ from procam.estimate.structured_light.level_checks import (
     order_levels,
 )
 
+MISSING = "missing"  # how notes on pictures begin that a set lacks
 POOR = 0.5  # share of straight triples below which exchanges between the axes are tried too
 EXCHANGE_GAIN = 1.15  # an exchange must score better by this factor
 NEIGHBOUR_GAIN = 1.02  # of neighbours: more likely, and of little effect in a coarse pair
@@ -114,7 +115,7 @@ class _Inspector:
             yield
         except InputError as error:
             if not self._anyway:
-                raise
+                raise InputError(f"{error}{lacking(self.notes)}") from error
             self.refused.append(str(error))
 
     def scale(self, order: Order) -> dict[int, float]:
@@ -291,8 +292,15 @@ class _Inspector:
         for skipped, gap in enumerate(gaps):
             before = gap - skipped
             where = f"after {self.names[before - 1]}" if before else f"before {self.names[0]}"
-            self.notes.append(f"missing: {self.code.planes[sequence[gap]]}, {where}; done without")
+            self.notes.append(f"{MISSING}: {self.code.planes[sequence[gap]]}, {where}; done without")
         return orders[tried.index(gaps)]
+
+
+def lacking(notes: Sequence[str]) -> str:
+    """What to add to a refusal of a set whose notes say that pictures are missing; "" if none is."""
+    count = sum(note.startswith(MISSING) for note in notes)
+    which = "One picture is" if count == 1 else f"{count} pictures are"
+    return f". {which} missing, which may be the cause: take what is missing again" if count else ""
 
 
 def _required_gain(first: int, second: int) -> float:

@@ -23,7 +23,7 @@ from procam.estimate.structured_light.limits import (
 )
 from procam.estimate.structured_light.panel_checks import orientation, panel_notes
 from procam.estimate.structured_light.panel_map import drop_inconsistent, fit_projector_map
-from procam.estimate.structured_light.set_checks import SetReport, examine
+from procam.estimate.structured_light.set_checks import SetReport, examine, lacking
 from procam.files.images.layers import write_channels
 from procam.files.images.pixels import write_image
 from procam.interfaces.cli._codes import chosen_code, count_refusal
@@ -124,7 +124,7 @@ def decode_folder(
     mirrored, mixed = orientation(code, decoded.map)
     refused = [*decoded.refused, *mixed]
     if refused and not anyway:
-        raise InputError(refused[0])
+        raise InputError(refused[0] + lacking(verdict.notes))
     found, panel = decoded.map, fit_projector_map(decoded.map, code.size)
     if limits == (None, None):
         found = drop_inconsistent(found, panel)
