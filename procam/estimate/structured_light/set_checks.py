@@ -292,7 +292,9 @@ class _Inspector:
         for skipped, gap in enumerate(gaps):
             before = gap - skipped
             where = f"after {self.names[before - 1]}" if before else f"before {self.names[0]}"
-            self.notes.append(f"{MISSING}: {self.code.planes[sequence[gap]]}, {where}; done without")
+            self.notes.append(
+                f"{MISSING}: {self.code.planes[sequence[gap]]}, {where}; done without"
+            )
         return orders[tried.index(gaps)]
 
 

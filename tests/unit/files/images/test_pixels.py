@@ -162,6 +162,22 @@ class TestLayers:
                 with pytest.raises(FileFormatError, match=r"maps\.exr is (damaged|truncated)"):
                     reader(path)
 
+    def test_damaged_channels_of_any_name_are_refused(
+        self, tmp_path: Path, rng: np.random.Generator
+    ) -> None:
+        """Compressed data may still unpack after a change, to other values."""
+        path = tmp_path / "map.exr"
+        names = ("projector.x", "projector.y", "sigma", "direction.x", "direction.y", "direction.z")
+        channels = {name: np.round(_noise(np.float32, (200, 90)), 1) for name in names}
+        write_channels(path, channels)
+        content = path.read_bytes()
+        for place in rng.integers(2500, len(content), 40):
+            changed = bytearray(content)
+            changed[place] ^= 1 << int(rng.integers(8))
+            path.write_bytes(changed)
+            with pytest.raises(FileFormatError, match=r"map\.exr is (damaged|truncated)"):
+                read_channels(path)
+
     def test_a_picture_made_of_some_layers_is_not_checked(self, tmp_path: Path) -> None:
         """Programs that copy layers keep attributes unknown to them."""
         layers = {"hi": _noise(np.float32, (20, 9, 3)), "lo": _noise(np.float32, (20, 9))}
