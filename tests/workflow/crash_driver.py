@@ -400,12 +400,12 @@ def _commanded(venue: Path, ready: int, command: str) -> Callable[[], int]:
         os.write(ready, b".")
         try:
             procam_main()
-        except SystemExit as stop:
+        except (KeyboardInterrupt, SystemExit) as stop:  # the first: while the process ended by itself
             for number in STOP_SIGNALS:
-                signal.signal(number, signal.SIG_IGN)  # it ended before the last one
+                signal.signal(number, signal.SIG_IGN)
             scene = simulators.backend.build_scene({}, venue)
             lit = [n for n, state in scene.states.items() if state.light_factor() > 0]
-            return LEFT_LIT if lit else int(stop.code or 0)
+            return LEFT_LIT if lit else int(getattr(stop, "code", 0) or 0)
         return 0
 
     return run

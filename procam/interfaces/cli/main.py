@@ -112,10 +112,9 @@ def main() -> None:
 
 def _end(message: str, code: int) -> NoReturn:
     """Print the message and end the process, at once if a thread still waits at a pipe."""
-    from procam.workflows.playout.pipeline import THREAD
-
     sys.stderr.write(f"procam: {message}\n")
-    if any(thread.name == THREAD for thread in threading.enumerate()):
+    pipeline = sys.modules.get("procam.workflows.playout.pipeline")
+    if pipeline and any(thread.name == pipeline.THREAD for thread in threading.enumerate()):
         sys.stderr.flush()
         os._exit(code)  # a regular exit would wait for that thread, and libraries would complain
     sys.exit(code)
