@@ -24,12 +24,10 @@ from procam.errors import FileFormatError
 from procam.files import atomic
 from procam.files.images.pixels import read_image, write_image
 from procam.files.output_log import file_state
+from procam.files.session_tables import SCHEMA, StoredFrame, parse_entry, parse_plan
 from procam.model.frame import CameraSettings, Frame, PixelFormat
 from procam.model.plan import Plan, Shot
 
-SCHEMA = 1
-ENTRY_KEYS = {"shot", "exposure_s", "file", "sha256"}
-Entry = dict[str, Any]
 Slot = tuple[str, float]  # shot and exposure [s]
 
 
@@ -37,7 +35,7 @@ Slot = tuple[str, float]  # shot and exposure [s]
 class _Index:
     """An index.jsonl as it was last read or written: entries by slot, and the file's state."""
 
-    entries: dict[Slot, Entry] = field(default_factory=dict)
+    entries: dict[Slot, StoredFrame] = field(default_factory=dict)
     state: list[int] = field(default_factory=list)
 
 
@@ -64,47 +62,38 @@ class Session:
                 f"{path}: no such file; a session folder such as VENUE/sessions/0001 is needed. Run "
                 "`procam capture VENUE` first"
             )
-        document = _parse(path, path.read_text("utf-8"))
-        if document.get("schema") != SCHEMA:
-            raise FileFormatError(
-                f"{path} has schema {document.get('schema')!r}, and this version of procam reads "
-                f"{SCHEMA}; use the version that wrote it"
-            )
-        shots = document.get("shots")
-        if not isinstance(shots, list):
-            raise FileFormatError(f"{path} has no list of shots; restore the file")
-        return Plan(tuple(_shot(path, entry) for entry in shots))
+        return parse_plan(path, path.read_bytes())
 
     def pattern(self, shot: Shot) -> Array32:
         """The drive (H, W, 3) 0..1 that a shot shows."""
         pixels = np.asarray(read_image(self.directory / shot.pattern), np.float32) / 255
         return np.broadcast_to(pixels, (*pixels.shape[:2], 3))
 
-    def stored(self, camera: str) -> dict[Slot, Entry]:
+    def stored(self, camera: str) -> dict[Slot, StoredFrame]:
         """Index entries of the frames that are on disk, by (shot, exposure)."""
         folder = self._folder(camera)
         with self._lock:
             entries = dict(self._index(camera).entries)
-        return {slot: e for slot, e in entries.items() if (folder / e["file"]).is_file()}
+        return {slot: e for slot, e in entries.items() if (folder / e.file).is_file()}
 
     def store(self, camera: str, shot: Shot, exposure_s: float, frame: Frame) -> None:
         """Write a frame to disk, then its entry in the index."""
         name = f"{shot.id}@{exposure_s:g}.tif"
         path = self._folder(camera) / name
         write_image(path, frame.counts)
-        entry = {
-            "shot": shot.id,
-            "file": name,
-            "exposure_s": exposure_s,
-            "gain": frame.settings.gain,
-            "pixel_format": frame.settings.pixel_format,
-            "started_s": frame.started_s,
-            "ended_s": frame.ended_s,
-            "sha256": _digest(frame.counts),
-        }
+        entry = StoredFrame(
+            shot=shot.id,
+            file=name,
+            exposure_s=exposure_s,
+            gain=frame.settings.gain,
+            pixel_format=frame.settings.pixel_format,
+            started_s=frame.started_s,
+            ended_s=frame.ended_s,
+            sha256=_digest(frame.counts),
+        )
         with self._lock:
             index, log = self._index(camera), path.with_name("index.jsonl")
-            atomic.append_line(log, json.dumps(entry))
+            atomic.append_line(log, json.dumps(entry.model_dump()))
             index.entries[shot.id, exposure_s] = entry
             index.state = file_state(log)
 
@@ -113,18 +102,18 @@ class Session:
         with self._lock:
             entry = self._index(camera).entries.get((shot.id, exposure_s))
         folder = self._folder(camera)
-        if entry is None or not (folder / entry["file"]).is_file():
+        if entry is None or not (folder / entry.file).is_file():
             raise FileFormatError(
                 f"{folder}: shot {shot.id} at {exposure_s:g} s was not captured; run `procam capture` on "
                 "this venue again, which takes only what is missing"
             )
-        path = folder / str(entry["file"])
+        path = folder / entry.file
         pixels = read_image(path)
         counts = np.asarray(pixels[..., 0] if pixels.shape[2] == 1 else pixels)
         _check(path, counts, entry, size)
         pixel_format: PixelFormat = "mono" if counts.ndim == 2 else "rgb"
-        settings = CameraSettings(exposure_s, pixel_format, entry["gain"])
-        return Frame(counts.astype(np.uint16), settings, entry["started_s"], entry["ended_s"])
+        settings = CameraSettings(exposure_s, pixel_format, entry.gain)
+        return Frame(counts.astype(np.uint16), settings, entry.started_s, entry.ended_s)
 
     def _folder(self, camera: str) -> Path:
         return self.directory / "captures" / camera
@@ -138,53 +127,27 @@ class Session:
         return self._indexes[camera]
 
 
-def _read_index(path: Path) -> dict[Slot, Entry]:
-    entries = [_parse(path, line) for line in atomic.read_lines(path)]
-    for number, entry in enumerate(entries, start=1):
-        if missing := ENTRY_KEYS - set(entry):
-            raise FileFormatError(
-                f"{path}: line {number} has no {', '.join(sorted(missing))}; restore the file, or remove "
-                "the line and capture again"
-            )
-    return {(e["shot"], e["exposure_s"]): e for e in entries}
+def _read_index(path: Path) -> dict[Slot, StoredFrame]:
+    lines = enumerate(atomic.read_lines(path), start=1)
+    entries = [parse_entry(path, number, line) for number, line in lines]
+    return {(e.shot, e.exposure_s): e for e in entries}
 
 
-def _check(path: Path, counts: NDArray[np.generic], entry: Entry, size: tuple[int, int]) -> None:
+def _check(
+    path: Path, counts: NDArray[np.generic], entry: StoredFrame, size: tuple[int, int]
+) -> None:
     height, width = counts.shape[:2]
     if (width, height) != tuple(size):
         raise FileFormatError(
             f"{path} has {width}x{height} px, but venue.toml gives the camera {size[0]}x{size[1]}; "
             "capture it again or correct the camera's size"
         )
-    if _digest(counts) != entry["sha256"]:
+    if _digest(counts) != entry.sha256:
         raise FileFormatError(
-            f"{path} differs from the frame captured for shot {entry['shot']} (swapped or edited "
+            f"{path} differs from the frame captured for shot {entry.shot} (swapped or edited "
             "file); restore it, or delete the file and its line in index.jsonl and capture again"
         )
 
 
 def _digest(counts: NDArray[np.generic]) -> str:
     return hashlib.sha256(np.ascontiguousarray(counts).data).hexdigest()
-
-
-def _shot(path: Path, entry: dict[str, Any]) -> Shot:
-    try:
-        exposures: tuple[float, ...] = tuple(entry.pop("exposures_s"))
-        return Shot(exposures_s=exposures, **entry)
-    except (AttributeError, KeyError, TypeError) as error:
-        raise FileFormatError(
-            f"{path}: a shot is damaged ({error}); it needs id, projector, pattern, purpose and "
-            "exposures_s. Restore the file"
-        ) from error
-
-
-def _parse(path: Path, text: str) -> dict[str, Any]:
-    try:
-        document = json.loads(text)
-    except json.JSONDecodeError as error:
-        raise FileFormatError(f"{path} is damaged JSON ({error}); restore the file") from error
-    if not isinstance(document, dict):
-        raise FileFormatError(
-            f"{path} holds a JSON {type(document).__name__}; it must be an object"
-        )
-    return document

@@ -400,7 +400,10 @@ def _commanded(venue: Path, ready: int, command: str) -> Callable[[], int]:
         os.write(ready, b".")
         try:
             procam_main()
-        except (KeyboardInterrupt, SystemExit) as stop:  # the first: while the process ended by itself
+        except (
+            KeyboardInterrupt,
+            SystemExit,
+        ) as stop:  # the first: while the process ended by itself
             for number in STOP_SIGNALS:
                 signal.signal(number, signal.SIG_IGN)
             scene = simulators.backend.build_scene({}, venue)

@@ -19,7 +19,7 @@ def provenance(venue: Venue, session: Session) -> dict[str, Any]:
     digest.update((session.directory / "plan.json").read_bytes())
     for camera in venue.table.cameras:
         for key, entry in sorted(session.stored(camera).items()):
-            digest.update(f"{camera} {key} {entry['sha256']}".encode())
+            digest.update(f"{camera} {key} {entry.sha256}".encode())
     found = {
         "session": session.directory.name,
         "input_sha256": digest.hexdigest(),

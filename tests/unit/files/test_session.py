@@ -48,6 +48,12 @@ def _file(session: Session, name: str) -> Path:
     return session.directory / "captures" / "zenith" / name
 
 
+def _plan_with(twice: bool = False, **changed: object) -> str:
+    shot = {"id": "a", "projector": "p", "pattern": "p/a.png", "purpose": "white"}
+    shot |= {"exposures_s": [1]} | changed
+    return json.dumps({"schema": 1, "shots": [shot] * (1 + twice)})
+
+
 class TestPlan:
     def test_comes_back(self, session: Session) -> None:
         plan = Plan((Shot("dark", "", "", "dark", (0.1, 5.0)), WHITE, CODE))
@@ -72,12 +78,29 @@ class TestPlan:
             ("[]", "holds a JSON list; it must be an object"),
             ('{"schema": 7, "shots": []}', "has schema 7"),
             ('{"schema": 1}', "shots"),
-            ('{"schema": 1, "shots": [{"id": "a"}]}', "a shot is damaged"),
             (
-                '{"schema": 1, "shots": [{"exposures_s": [1], "bogus": 2}]}',
-                "a shot is damaged",
+                '{"schema": 1, "shots": [{"id": "a"}]}',
+                "shot 0 is damaged (projector: field required)",
             ),
-            ('{"schema": 1, "shots": ["a"]}', "a shot is damaged"),
+            (_plan_with(bogus=2), "shot 0 is damaged (bogus: extra inputs are not permitted)"),
+            (
+                _plan_with(id="../../x"),
+                "shot 0 is damaged (id: '../../x' is no name that procam gives",
+            ),
+            (_plan_with(pattern="patterns/../../x.png"), "shot 0 is damaged (pattern: '"),
+            (_plan_with(pattern="/etc/x.png"), "shot 0 is damaged (pattern: '"),
+            (
+                _plan_with(exposures_s=[0]),
+                "shot 0 is damaged (exposures_s.0: input should be greater",
+            ),
+            (
+                _plan_with(exposures_s=[]),
+                "shot 0 is damaged (exposures_s: list should have at least 1",
+            ),
+            (_plan_with(twice=True), "two shots are called a; restore"),
+            ('{"schema": 1, "shots": ["a"]}', "shot 0 is damaged"),
+            ("\ufeff{", "damaged JSON"),
+            ("[" * 100000, "damaged JSON"),
         ],
     )
     def test_damaged(self, session: Session, text: str, message: str) -> None:
@@ -212,6 +235,25 @@ class TestDamage:
         index.write_text("\n".join(["{broken", lines[1], ""]))
         message = self._message(stored)
         assert message.startswith(f"{index} is damaged JSON")
+
+    @pytest.mark.parametrize(
+        ("key", "value", "message"),
+        [
+            ("file", "../other.tif", "line 1 is damaged (file: '../other.tif' is no name"),
+            ("exposure_s", [1], "line 1 is damaged (exposure_s: input should be a valid number"),
+            ("gain", None, "line 1 is damaged (gain: input should be a valid number"),
+            ("started_s", "x", "line 1 is damaged (started_s: input should be a valid number"),
+        ],
+    )
+    def test_index_line_of_other_types(
+        self, stored: Session, key: str, value: object, message: str
+    ) -> None:
+        index = _file(stored, "index.jsonl")
+        lines = [json.loads(line) for line in index.read_text().splitlines()]
+        lines[0][key] = value
+        index.write_text("".join(json.dumps(line) + "\n" for line in lines))
+        found = self._message(stored)
+        assert found.startswith(f"{index}: {message}") and "capture again" in found
 
     def test_index_names_a_digest_per_frame(self, stored: Session) -> None:
         """Of the counts as 16-bit numbers, the lowest byte first, row by row."""
