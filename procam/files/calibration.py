@@ -11,20 +11,18 @@ from typing import Any
 
 import numpy as np
 
-from procam.arrays import Array, Array32
+from procam.arrays import Array32
 from procam.errors import FileFormatError, InputError, ShapeError
+from procam.files import calibration_entries as entries
 from procam.files.atomic import replacing_directory
+from procam.files.calibration_entries import check_dome_maps, check_surface, numbers, size_of
 from procam.files.images.layers import read_channels, read_layers, write_channels, write_layers
-from procam.maths.geometry.lenses import Lens
-from procam.maths.geometry.pose import Pose
 from procam.model.calibration import SCHEMA_VERSION, Calibration, ProjectorCalibration
 from procam.model.correspondence import ProjectorSurface
 from procam.model.mask import Mask
-from procam.model.optics import CameraModel, ProjectorModel, Sensor
-from procam.model.photometry import Photometry, ResponseCurve
-from procam.model.quality import Figure, Goal
-from procam.model.screen import Dome
-from procam.model.transport import DomeMaps, Measured, ScatterKernel
+from procam.model.optics import CameraModel, ProjectorModel
+from procam.model.photometry import Photometry
+from procam.model.transport import DomeMaps, ScatterKernel
 from procam.model.venue_state import VenueState
 
 Channels = dict[str, Array32]
@@ -150,7 +148,14 @@ def _load(directory: str | Path, with_projectors: bool) -> Calibration:
         return _calibration(directory, document, with_projectors)
     except FileFormatError:
         raise
-    except (AttributeError, KeyError, TypeError, ValueError) as error:
+    except (
+        ArithmeticError,
+        AttributeError,
+        LookupError,
+        RecursionError,
+        TypeError,
+        ValueError,
+    ) as error:
         raise FileFormatError(
             f"{path} is a damaged calibration ({type(error).__name__}: {error}); restore it or run "
             "`procam solve` on its session again"
@@ -233,19 +238,23 @@ def _projector_entry(projector: ProjectorCalibration) -> dict[str, Any]:
 
 def _calibration(directory: Path, document: dict[str, Any], with_projectors: bool) -> Calibration:
     dome = read_layers(directory / "maps" / "dome.exr")
+    check_dome_maps(dome)
     projectors = document["projectors"].items() if with_projectors else ()
     return Calibration(
-        Dome(**document["screen"] | {"bumps": tuple(document["screen"].get("bumps", ()))}),
-        {n: _camera(n, e) for n, e in document["cameras"].items()},
-        {n: _projector(directory, n, e) for n, e in projectors},
+        entries.screen(document["screen"]),
+        {n: entries.camera(n, e) for n, e in document["cameras"].items()},
+        {n: _projector(directory, entries.safe_name(n), e) for n, e in projectors},
         _dome_maps(dome, document.get("scatter_kernel")),
-        _measured(document["feedback"]),
-        _measured(document["albedo"]),
-        _numbers(document["content_from_camera"], (3, 3)),
-        {n: _figure(e) for n, e in document["quality"].items()},
+        entries.measured(document["feedback"]),
+        entries.measured(document["albedo"]),
+        numbers(document, "content_from_camera", (3, 3), unknown=True),
+        {n: entries.figure(e) for n, e in document["quality"].items()},
         document["provenance"],
         document["schema_version"],
-        {n: _state(directory, n, e) for n, e in document.get("states", {}).items()},
+        {
+            n: _state(directory, entries.safe_name(n), e)
+            for n, e in document.get("states", {}).items()
+        },
     )
 
 
@@ -254,49 +263,28 @@ def _state(directory: Path, name: str, entry: dict[str, Any]) -> VenueState:
     if entry["ambient"]:
         maps = read_channels(directory / "maps" / ambient_file(name))
         ambient = np.stack([maps[c] for c in RGB], axis=-1)
-    ratio = np.array(entry["scatter_ratio"])
-    return VenueState(name, _measured(entry["feedback"]), ratio, ambient)
+    ratio = numbers(entry, "scatter_ratio", (3,))
+    return VenueState(name, entries.measured(entry["feedback"]), ratio, ambient)
 
 
 def _dome_maps(dome: Channels, kernel: dict[str, Any] | None) -> DomeMaps:
     covered = dome.get("protected")  # absent where nothing is protected
     protected = None if covered is None else Mask("screen", covered > 0.5)
     scatter, albedo, lo, hi = (dome[name] for name in DOME_MAPS)
-    scatter_kernel = ScatterKernel.scalar() if kernel is None else _kernel(kernel)
+    scatter_kernel = ScatterKernel.scalar() if kernel is None else entries.scatter_kernel(kernel)
     falloff = dome.get("falloff")
     return DomeMaps(scatter, albedo, lo, hi, dome["coverage"], protected, scatter_kernel, falloff)
 
 
-def _kernel(entry: dict[str, Any]) -> ScatterKernel:
-    return ScatterKernel(
-        int(entry["degree"]), np.array(entry["matrix"], float), np.array(entry["profile"], float)
-    )
-
-
-def _camera(name: str, entry: dict[str, Any]) -> CameraModel:
-    sensor = entry["sensor"] | {"vignetting": tuple(entry["sensor"]["vignetting"])}
-    sensor["near_glare"] = tuple(map(tuple, sensor.get("near_glare", ())))
-    size = (int(entry["size"][0]), int(entry["size"][1]))
-    return CameraModel(
-        name,
-        size,
-        _lens(entry["lens"]),
-        Sensor(**sensor),
-        _pose(entry["camera_from_dome"]),
-        np.array(entry.get("pupil", (0.0, 0.0))),
-    )
-
-
 def _projector(directory: Path, name: str, entry: dict[str, Any]) -> ProjectorCalibration:
     maps = read_layers(directory / "maps" / f"{name}.exr")
-    covariance = entry["covariance"]
-    size = (int(entry["size"][0]), int(entry["size"][1]))
+    known = entry["covariance"] is not None
     model = ProjectorModel(
         name,
-        size,
-        _lens(entry["lens"]),
-        _pose(entry["projector_from_dome"]),
-        None if covariance is None else np.array(covariance),
+        size_of(entry),
+        entries.lens(entry["lens"]),
+        entries.pose(entry["projector_from_dome"]),
+        numbers(entry, "covariance", (None, None)) if known else None,
     )
     surface = ProjectorSurface(
         _three_channels(maps, "direction"),
@@ -305,8 +293,9 @@ def _projector(directory: Path, name: str, entry: dict[str, Any]) -> ProjectorCa
         maps["measured"],
         maps["sigma_arcmin"],
     )
-    response = ResponseCurve(**{k: np.array(v) for k, v in entry["response"].items()})
-    mix, gain = np.array(entry["colour_mix"]), _three_channels(maps, "gain")
+    check_surface(surface, model.size, maps["blend"])
+    response = entries.response(entry["response"])
+    mix, gain = numbers(entry, "colour_mix", (3, 3)), _three_channels(maps, "gain")
     exponent = _three_channels(maps, "exponent") if "exponent" in maps else None
     photometry = Photometry(response, mix, gain, exponent)
     return ProjectorCalibration(model, surface, photometry, maps["blend"])
@@ -317,29 +306,3 @@ def _three_channels(maps: Channels, name: str) -> Array32:
     if layer.shape[2:] != (3,):
         raise ShapeError(f"map {name}", layer.shape, "(H, W, 3)")
     return layer
-
-
-def _lens(entry: dict[str, Any]) -> Lens:
-    arrays = {k: np.array(entry[k]) for k in ("focal", "centre", "distortion")}
-    return Lens(entry["kind"], **arrays)
-
-
-def _pose(entry: dict[str, Any]) -> Pose:
-    return Pose(np.array(entry["rotation"]), np.array(entry["translation"]))
-
-
-def _measured(entry: dict[str, Any]) -> Measured:
-    return Measured(_numbers(entry["value"], (3,)), _numbers(entry["sigma"], (3,)))
-
-
-def _numbers(values: Any, shape: tuple[int, ...]) -> Array:
-    """An array of that shape; NaN stands for what was not measured."""
-    found = np.array(values, float)
-    if found.shape != shape:
-        raise ValueError(f"{found.shape} numbers where {shape} belong")
-    return found
-
-
-def _figure(entry: dict[str, Any]) -> Figure:
-    goal = None if entry["goal"] is None else Goal(**entry["goal"])
-    return Figure(entry["value"], entry["unit"], goal, entry["samples"], entry["note"])

@@ -199,7 +199,7 @@ class TestDamage:
         document = json.loads(path.read_text())
         document["feedback"]["value"] = [0.3, 0.3]
         path.write_text(json.dumps(document))
-        assert "(2,) numbers where (3,) belong" in self._message(saved)
+        assert "value has 2 numbers where 3 belong" in self._message(saved)
 
     def test_a_list_for_a_table(self, saved: Path) -> None:
         path = saved / "calibration.json"

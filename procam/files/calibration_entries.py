@@ -1,0 +1,194 @@
+"""Entries of calibration.json as models, and checks of its maps: they may be damaged, or of another program.
+
+What is wrong is raised as ValueError; `load_calibration` adds the file's name and what to do.
+"""
+
+import re
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from procam.arrays import AnyArray, Array, FloatArray
+from procam.maths.geometry.lenses import Lens
+from procam.maths.geometry.pose import Pose
+from procam.model.correspondence import ProjectorSurface
+from procam.model.optics import CameraModel, Sensor
+from procam.model.photometry import ResponseCurve
+from procam.model.quality import Figure, Goal
+from procam.model.screen import Dome
+from procam.model.transport import Measured, ScatterKernel
+
+Bounds = tuple[float, float]
+ANY: Bounds = (-1e9, 1e9)  # of lengths, angles and pixels: wider than any rig
+POSITIVE: Bounds = (1e-9, 1e9)
+SHARE: Bounds = (0.0, 1.0)
+PIXELS: Bounds = (1, 65536)
+UNIT_LENGTH = 1e-3  # departure of a direction's length from 1
+SAFE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")
+TURN = 1e-6  # departure of a rotation from an orthonormal matrix
+
+
+def numbers(
+    entry: Mapping[str, Any],
+    key: str,
+    shape: tuple[int | None, ...],
+    bounds: Bounds = ANY,
+    *,
+    unknown: bool = False,
+) -> Array:
+    """`entry[key]` as an array of that shape, None for any length; NaN only where it is `unknown`."""
+    found = np.array(entry[key], float)
+    fits = found.ndim == len(shape) and all(
+        n in (None, m) for n, m in zip(shape, found.shape, strict=True)
+    )
+    if not fits:
+        there, wanted = (_times(lengths) for lengths in (found.shape, shape))
+        raise ValueError(f"{key} has {there} numbers where {wanted} belong")
+    inside = (found >= bounds[0]) & (found <= bounds[1]) | np.isnan(found) & unknown
+    if not inside.all():
+        raise ValueError(
+            f"{key} is {found[~inside].flat[0]:g} where {bounds[0]:g} to {bounds[1]:g} belong"
+        )
+    return found
+
+
+def number(entry: Mapping[str, Any], key: str, bounds: Bounds = ANY) -> float:
+    """`entry[key]` as a number within bounds."""
+    return float(numbers(entry, key, (), bounds))
+
+
+def size_of(entry: Mapping[str, Any]) -> tuple[int, int]:
+    """(width, height) [px]."""
+    width, height = numbers(entry, "size", (2,), PIXELS)
+    return int(width), int(height)
+
+
+def check_rotation(rotation: Array) -> None:
+    """Refuse a matrix (3, 3) that does more than turn."""
+    if np.abs(rotation @ rotation.T - np.eye(3)).max() > TURN or np.linalg.det(rotation) < 0:
+        raise ValueError("rotation is no rotation matrix")
+
+
+def _times(lengths: tuple[int | None, ...]) -> str:
+    return " x ".join("any" if n is None else str(n) for n in lengths) or "1"
+
+
+def screen(entry: dict[str, Any]) -> Dome:
+    """The dome."""
+    return Dome(
+        number(entry, "radius_m", POSITIVE),
+        number(entry, "half_angle"),
+        number(entry, "tilt"),
+        number(entry, "floor_albedo", SHARE),
+        number(entry, "floor_albedo_sigma"),
+        tuple(numbers(entry, "bumps", (None,)).tolist()) if entry.get("bumps") else (),
+        int(number(entry, "degree")) if "degree" in entry else 0,
+    )
+
+
+def safe_name(name: str) -> str:
+    """A name that is a part of file names."""
+    if not SAFE_NAME.fullmatch(name):
+        raise ValueError(f"{name[:40]!r} is no name that procam gives")
+    return name
+
+
+def scatter_kernel(entry: dict[str, Any]) -> ScatterKernel:
+    """The scatter kernel."""
+    matrix, profile = (
+        numbers(entry, "matrix", (3, None, None)),
+        numbers(entry, "profile", (3, None)),
+    )
+    return ScatterKernel(int(number(entry, "degree")), matrix, profile)
+
+
+def _sensor(entry: dict[str, Any]) -> Sensor:
+    near = numbers(entry, "near_glare", (None, 2), SHARE) if entry.get("near_glare") else ()
+    return Sensor(
+        int(number(entry, "bits", (1, 16))),
+        number(entry, "black_level"),
+        tuple(numbers(entry, "vignetting", (None,)).tolist()),
+        number(entry, "glare", SHARE),
+        number(entry, "glare_sigma", SHARE),
+        tuple((float(share), float(spread)) for share, spread in near),
+    )
+
+
+def camera(name: str, entry: dict[str, Any]) -> CameraModel:
+    """A camera."""
+    return CameraModel(
+        name,
+        size_of(entry),
+        lens(entry["lens"]),
+        _sensor(entry["sensor"]),
+        pose(entry["camera_from_dome"]),
+        numbers(entry, "pupil", (2,)) if "pupil" in entry else np.zeros(2),
+    )
+
+
+def response(entry: dict[str, Any]) -> ResponseCurve:
+    """A projector's response."""
+    levels = numbers(entry, "levels", (None,), SHARE)
+    if not (np.diff(levels) > 0).all():
+        raise ValueError("levels of a response do not rise")
+    values, sigma = (numbers(entry, key, (len(levels), 3)) for key in ("values", "sigma"))
+    return ResponseCurve(levels, values, sigma)
+
+
+def lens(entry: dict[str, Any]) -> Lens:
+    """A lens."""
+    terms = {"brown": 5, "kannala-brandt": 4}[entry["kind"]]
+    return Lens(
+        entry["kind"],
+        numbers(entry, "focal", (2,), POSITIVE),
+        numbers(entry, "centre", (2,)),
+        numbers(entry, "distortion", (terms,)),
+    )
+
+
+def pose(entry: dict[str, Any]) -> Pose:
+    """A pose."""
+    rotation = numbers(entry, "rotation", (3, 3))
+    check_rotation(rotation)
+    return Pose(rotation, numbers(entry, "translation", (3,)))
+
+
+def measured(entry: dict[str, Any]) -> Measured:
+    """Values of three channels with their sigma; NaN stands for what was not measured."""
+    return Measured(*(numbers(entry, key, (3,), unknown=True) for key in ("value", "sigma")))
+
+
+def figure(entry: dict[str, Any]) -> Figure:
+    """A figure of the quality."""
+    goal = None if entry["goal"] is None else Goal(**entry["goal"])
+    return Figure(entry["value"], entry["unit"], goal, entry["samples"], entry["note"])
+
+
+def check_surface(surface: ProjectorSurface, size: tuple[int, int], blend: FloatArray) -> None:
+    """Refuse maps of another size than the panel's, directions of another length than 1, areas below 0."""
+    shape = size[::-1]
+    for name, layer in (("direction", surface.direction), ("blend", blend)):
+        if layer.shape[:2] != shape:
+            raise ValueError(f"map {name} has {layer.shape[:2]} pixels where the panel has {shape}")
+    length = np.linalg.norm(surface.direction[surface.valid], axis=-1)
+    if not (np.abs(length - 1) < UNIT_LENGTH).all():
+        raise ValueError("map direction has vectors whose length is not 1")
+    if not (surface.solid_angle_sr[surface.valid] >= 0).all():
+        raise ValueError("map solid_angle is negative or NaN at lit pixels")
+    _require_share("blend", blend)
+
+
+def check_dome_maps(maps: Mapping[str, AnyArray]) -> None:
+    """Refuse maps of the dome that are not square, not of one size, or not of shares."""
+    shapes = {layer.shape[:2] for layer in maps.values()}
+    if len({n for shape in shapes for n in shape}) != 1:
+        raise ValueError(
+            f"maps of the dome have the sizes {sorted(shapes)}; they need one square size"
+        )
+    _require_share("coverage", maps["coverage"])
+
+
+def _require_share(name: str, layer: AnyArray) -> None:
+    if not ((layer >= -UNIT_LENGTH) & (layer <= 1 + UNIT_LENGTH)).all():
+        raise ValueError(f"map {name} has values outside 0 to 1")
