@@ -201,6 +201,71 @@ class TestDamage:
         path.write_text(json.dumps(document))
         assert "value has 2 numbers where 3 belong" in self._message(saved)
 
+    @pytest.mark.parametrize(
+        ("at", "value", "message"),
+        [
+            ("screen.radius_m", 1e300, "radius_m is 1e+300 where"),
+            ("screen.floor_albedo", 1.2, "floor_albedo is 1.2 where 0 to 1 belong"),
+            ("screen.tilt", "x", "damaged calibration"),
+            ("cameras.0.lens.kind", "fish", "damaged calibration"),
+            ("cameras.0.lens.focal", [0, 100], "focal is 0 where"),
+            ("cameras.0.size", [], "size has 0 numbers where 2 belong"),
+            ("cameras.0.sensor.bits", 40, "bits is 40 where 1 to 16 belong"),
+            ("cameras.0.camera_from_dome.translation.0", None, "translation is nan where"),
+            ("cameras.0.camera_from_dome.rotation", np.diag([1, 1, -1]), "is no rotation matrix"),
+            ("cameras.0.camera_from_dome.rotation", 1.01 * np.eye(3), "is no rotation matrix"),
+            (
+                "projectors.0.size",
+                [7, 7],
+                "map direction has (30, 48) pixels where the panel has (7, 7)",
+            ),
+            ("projectors.0.response.levels.0", 0.99, "levels of a response do not rise"),
+            (
+                "projectors.0.colour_mix",
+                [[1, 0], [0, 1]],
+                "colour_mix has 2 x 2 numbers where 3 x 3",
+            ),
+        ],
+    )
+    def test_values_that_cannot_be(self, saved: Path, at: str, value: Any, message: str) -> None:
+        path = saved / "calibration.json"
+        document = json.loads(path.read_text())
+        part, *keys = at.split(".")
+        place = document[part]
+        for key in keys[:-1]:
+            is_name = isinstance(place, dict) and key == "0"
+            place = (
+                next(iter(place.values())) if is_name else place[int(key) if key.isdigit() else key]
+            )
+        last = keys[-1]
+        place[int(last) if last.isdigit() else last] = np.array(value).tolist()
+        path.write_text(json.dumps(document))
+        assert message in self._message(saved)
+
+    @pytest.mark.parametrize("name", ["../../x", "a b", "", ".a"])
+    def test_names_that_would_lead_elsewhere(self, saved: Path, name: str) -> None:
+        path = saved / "calibration.json"
+        document = json.loads(path.read_text())
+        document["projectors"] = {name: next(iter(document["projectors"].values()))}
+        path.write_text(json.dumps(document))
+        assert "is no name that procam gives" in self._message(saved)
+
+    @pytest.mark.parametrize(
+        ("channel", "factor", "message"),
+        [
+            ("direction.x", 1.5, "vectors whose length is not 1"),
+            ("solid_angle", -1.0, "solid_angle is negative or NaN"),
+            ("blend", 3.0, "blend has values outside 0 to 1"),
+        ],
+    )
+    def test_maps_that_cannot_be(
+        self, saved: Path, channel: str, factor: float, message: str
+    ) -> None:
+        path = next(p for p in (saved / "maps").glob("*.exr") if p.stem != "dome")
+        channels = read_channels(path)
+        write_channels(path, channels | {channel: channels[channel] * np.float32(factor)})
+        assert message in self._message(saved)
+
     def test_a_list_for_a_table(self, saved: Path) -> None:
         path = saved / "calibration.json"
         path.write_text(json.dumps(json.loads(path.read_text()) | {"cameras": []}))

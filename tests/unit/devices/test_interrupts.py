@@ -1,0 +1,106 @@
+"""Signals at awkward moments: the first one stops, none leaves a projector lit."""
+
+import os
+import signal
+from collections.abc import Iterator
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from procam.devices.interrupts import SIGNALS, current_run, interruptible
+from procam.devices.rig import Rig
+
+
+class Projector:
+    """Lit from the start; `show` first runs what is due, such as a signal."""
+
+    size = (4, 3)
+
+    def __init__(self) -> None:
+        self.lit, self.due = True, list[int]()
+
+    def show(self, drive: np.ndarray) -> None:
+        while self.due:
+            os.kill(os.getpid(), self.due.pop(0))
+        self.lit = bool(drive.any())
+
+
+@pytest.fixture(autouse=True)
+def handlers() -> Iterator[None]:
+    """Python's own for Ctrl-C, and for the others one that a test would notice."""
+    before = {number: signal.getsignal(number) for number in SIGNALS}
+    for number in SIGNALS:
+        signal.signal(number, signal.default_int_handler)
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+def rig_of(*projectors: Projector) -> Rig:
+    clock = SimpleNamespace(now_s=lambda: 0.0, sleep=lambda _: None)
+    return Rig({}, {f"p{i}": p for i, p in enumerate(projectors)}, {}, clock)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("number", SIGNALS)
+def test_the_first_signal_stops_and_the_others_are_ignored(number: int) -> None:
+    projector = Projector()
+    projector.due = [number, number]  # while it is made dark
+    with pytest.raises(KeyboardInterrupt), interruptible() as run, rig_of(projector):
+        os.kill(os.getpid(), number)
+    assert not projector.lit
+    assert (run.stopped_by, run.left_dark, run.unfinished) == (number, True, [])
+    assert signal.getsignal(number) is signal.default_int_handler
+
+
+@pytest.mark.parametrize("number", SIGNALS)
+def test_a_first_signal_while_projectors_are_made_dark(number: int) -> None:
+    first, second = Projector(), Projector()
+    first.due = [number, number]
+    with pytest.raises(KeyboardInterrupt), interruptible() as run, rig_of(first, second):
+        pass
+    assert not first.lit and not second.lit and run.left_dark
+
+
+def test_a_rig_whose_end_was_never_reached_is_made_dark() -> None:
+    """As if the signal had come between the block and its end."""
+    projector = Projector()
+    with pytest.raises(KeyboardInterrupt), interruptible() as run:
+        rig_of(projector).__enter__()
+        os.kill(os.getpid(), signal.SIGINT)
+    assert not projector.lit and run.left_dark
+
+
+def test_without_a_run_a_rig_minds_signals_itself() -> None:
+    """As from a script or a notebook."""
+    projector = Projector()
+    with pytest.raises(KeyboardInterrupt), rig_of(projector):
+        projector.due = [signal.SIGINT]
+        os.kill(os.getpid(), signal.SIGINT)
+    assert not projector.lit
+    assert current_run().stopped_by is None
+
+
+def test_a_projector_that_does_not_answer_is_named_and_nothing_is_called_dark() -> None:
+    class Broken(Projector):
+        def show(self, _: np.ndarray) -> None:
+            raise OSError("no such device")
+
+    good = Projector()
+    with pytest.raises(Exception, match=r"may still be lit: p0 \(no such device\); close"):
+        with interruptible() as run, rig_of(Broken(), good):
+            pass
+    assert not good.lit and not run.left_dark
+
+
+def test_an_ending_process_stays_deaf_once_it_was_stopped() -> None:
+    with pytest.raises(KeyboardInterrupt), interruptible(process_ends=True):
+        os.kill(os.getpid(), signal.SIGTERM)
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_IGN
+
+
+def test_nohup_is_respected() -> None:
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    with interruptible() as run:
+        os.kill(os.getpid(), signal.SIGHUP)
+    assert run.stopped_by is None
