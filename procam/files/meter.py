@@ -15,6 +15,8 @@ PLACE = ("azimuth_deg", "elevation_deg")
 COLOUR = (("Y", "x", "y"), ("X", "Y", "Z"))
 HEADER = f"projector,patch,{','.join(PLACE)},{','.join(COLOUR[0])} (or {','.join(COLOUR[1])})"
 WIDEST_DEG = {"azimuth_deg": 360.0, "elevation_deg": 90.0}
+LEAST_Y = 1e-4  # of the spectrum it is .005
+BRIGHTEST = 1e10  # cd/m2
 ROUNDED = 1.01  # x + y of a saturated red, as meters round it
 
 
@@ -103,6 +105,10 @@ def _reading(
             raise FileFormatError(
                 f"{where}: {name} is {value:g}; write 0 for a value below the meter's range"
             )
+        if value > BRIGHTEST:
+            raise FileFormatError(
+                f"{where}: {name} is {value:g} cd/m2, more than the sun's; is the unit right?"
+            )
     xyz = values if colour == COLOUR[1] else _from_chromaticity(where, *values)
     if xyz[1] == 0 and patch != BLACK:
         raise FileFormatError(f"{where}: Y is 0 for {patch}; was the shutter closed?")
@@ -115,7 +121,7 @@ def _from_chromaticity(where: str, luminance: float, x: float, y: float) -> Arra
     for name, value in (("x", x), ("y", y)):
         if not 0 <= value <= 1:
             raise FileFormatError(f"{where}: {name} is {value:g}; it must be 0 to 1")
-    if x + y > ROUNDED or (y == 0 and luminance > 0):
+    if x + y > ROUNDED or (y < LEAST_Y and luminance > 0):
         raise FileFormatError(
             f"{where}: x is {x:g} and y {y:g}, but y must be above 0 and x + y at most 1; are the "
             "columns those of the header?"

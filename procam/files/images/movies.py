@@ -15,6 +15,7 @@ import numpy as np
 
 from procam.arrays import AnyArray
 from procam.errors import FileFormatError
+from procam.files.images.ffv1 import has_checksums, is_whole
 from procam.files.images.movie_file import video_library
 from procam.files.images.pixel_layouts import (
     BT601,
@@ -73,15 +74,18 @@ class MovieReader:
         if not path.is_file():
             raise FileFormatError(f"{path}: no such file; a movie is needed. Check the name")
         try:
-            self._movie = self._av.open(str(path))
-        except self._av.error.FFmpegError as error:
+            self._movie = self._av.open(str(path), metadata_errors="replace")
+        except (self._av.error.FFmpegError, UnicodeDecodeError) as error:
             raise self._damaged(error) from error
         if not self._movie.streams.video:
             self._movie.close()
             raise FileFormatError(f"{path} holds no pictures; a movie is needed")
         self.stream = self._movie.streams.video[0]
-        self.stream.thread_type = "AUTO"
         context = self.stream.codec_context
+        if context is None:
+            self._movie.close()
+            raise self._damaged("its pictures are of an unknown kind")
+        self.stream.thread_type = "AUTO"
         self.size = (int(context.width), int(context.height))
         self.frames = int(self.stream.frames)
         self.transfer = TRANSFER.get(int(context.color_trc))
@@ -124,11 +128,11 @@ class MovieReader:
         """Frames in the order in which they are shown."""
         count, end_s = 0, Fraction(0)
         try:
-            for frame in self._movie.decode(self.stream):
+            for frame in self._decoded():
                 yield self._frame(frame, count)
                 count += 1
                 end_s = (frame.pts + (frame.duration or 0)) * Fraction(self.stream.time_base)
-        except self._av.error.FFmpegError as error:
+        except (self._av.error.FFmpegError, UnicodeDecodeError) as error:
             raise self._damaged(error) from error
         promised_s = self._duration_s()
         if end_s < promised_s - 2 / Fraction(self.stream.average_rate or 1):
@@ -136,6 +140,22 @@ class MovieReader:
                 f"{self.path} is truncated: its pictures end at {float(end_s):.3f} s, its header says "
                 f"{promised_s:.3f} s. Copy it again"
             )
+
+    def _decoded(self) -> Iterator[Any]:
+        """PyAV's frames; refuses those of FFV1 whose checksums do not hold."""
+        context = self.stream.codec_context
+        sliced = context.name == "ffv1" and bool(
+            context.extradata
+        )  # version 3; older ones have no sums
+        checked: bool | None = None
+        for packet in self._movie.demux(self.stream):
+            if sliced and packet.size and checked is not False:
+                content = bytes(packet)
+                checked = has_checksums(content) if checked is None else checked
+                if checked is not False and not is_whole(content):
+                    at_s = float((packet.pts or 0) * packet.time_base)
+                    raise self._damaged(f"the checksum of the frame at {at_s:.3f} s does not match")
+            yield from packet.decode()
 
     def ends(self) -> tuple[MovieFrame, MovieFrame]:
         """The first and the last frame; of those in between only what the last one needs is decoded."""
@@ -176,7 +196,7 @@ class MovieReader:
             alpha = None if alpha is None else from_swscale(alpha, self._bits)
         return MovieFrame(rgb, alpha, int(frame.pts))
 
-    def _damaged(self, error: Exception) -> FileFormatError:
+    def _damaged(self, error: object) -> FileFormatError:
         reason = " ".join(str(error).split())
         return FileFormatError(
             f"{self.path} is not a complete movie ({reason}); copy it again, or encode it as one of "

@@ -154,7 +154,12 @@ def load_response(name: str, folder: Path) -> Response | None:
     path = folder / name
     if not path.is_file():
         raise FileFormatError(f"{path}: no such file; it must hold level,light lines")
-    rows = list(csv.reader(path.read_text("utf-8").splitlines()))
+    try:
+        rows = list(csv.reader(path.read_text("utf-8").splitlines()))
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise FileFormatError(
+            f"{path} is not UTF-8 text ({error}); save it as CSV in UTF-8"
+        ) from error
     title = [cell.strip() for cell in rows[0]] if rows else []
     try:
         lines = rows[title in TITLES :]

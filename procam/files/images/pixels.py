@@ -91,12 +91,15 @@ def opened(path: Path) -> Iterator[oiio.ImageInput]:
     wanted = oiio.ImageSpec()
     wanted.attribute("oiio:UnassociatedAlpha", 1)
     source = oiio.ImageInput.open(str(path), wanted)
-    if source is None:
-        raise FileFormatError(f"{path} is not a readable image ({_one_line(oiio.geterror())})")
     try:
+        if source is None:
+            raise FileFormatError(f"{path} is not a readable image ({_one_line(oiio.geterror())})")
         yield source
+    except UnicodeDecodeError as error:  # names in the header, or the library's message about them
+        raise FileFormatError(f"{path} is damaged: a name in its header is no text") from error
     finally:
-        source.close()
+        if source is not None:
+            source.close()
 
 
 def read_rows(
