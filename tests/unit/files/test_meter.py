@@ -112,7 +112,10 @@ class TestMistakes:
                 "Y is -1; write 0 for a value below the meter's range",
             ),
             ("south,red,0,40,1e300,.6,.3", "Y is 1e+300 cd/m2, more than the sun's; is the unit"),
-            ("south,red,0,40,1,.6,1e-300", "y must be above 0 and x + y at most 1"),
+            (
+                "south,red,0,40,1,.6,1e-300",
+                "x is 0.6 and y 1e-300, but y must be above 0 and x + y at most 1",
+            ),
             ("south,red,0,40,0,.6,.3", "Y is 0 for red; was the shutter closed?"),
             ("south,red,0,40,1,1.2,.3", "x is 1.2; it must be 0 to 1"),
             ("south,red,0,40,1,.6,-.3", "y is -0.3; it must be 0 to 1"),
