@@ -263,6 +263,37 @@ class TestIngest:
         assert (ran.code, "0 photographs stored" in ran.out) == (0, True)
         assert contents(hand_session.session) == before
 
+    def test_an_unreadable_number_is_guessed_only_if_asked(
+        self, hand_session: HandSession, photos: Path
+    ) -> None:
+        """Two exchanged photographs without numbers would swap two projectors, and look right."""
+        photographs = sorted(photos.glob("img_*.tif"), key=lambda p: int(p.stem[4:]))
+        for path in (photographs[10], photographs[11]):
+            write_image(path, np.full_like(read_image(path), 260))  # a hand before the lens
+        ran = hand_session.ingest(photos)
+        shots = hand_session.shots()
+        text = (
+            f"left out. By their order they show {shots[9]}, {shots[10]}: if you are sure, say --by"
+        )
+        assert text in ran.out and f"missing: {shots[9]}, {shots[10]}" in ran.out
+        ran = hand_session.ingest(photos, "--by-order")
+        assert f"taken as {shots[9]}, {shots[10]} by the order" in ran.out
+        assert "2 photographs stored" in ran.out and "nothing is missing" in ran.out
+
+    def test_what_is_stored_is_replaced_only_if_asked(
+        self, hand_session: HandSession, roll: Path, tmp_path: Path
+    ) -> None:
+        hand_session.ingest(roll)
+        before, shots = contents(hand_session.session), hand_session.shots()
+        order = hand_session.order()
+        write_image(tmp_path / "again" / "a.tif", photograph(hand_session.out, order[7], 0.13) // 2)
+        assert f"{shots[7]} is stored already" in hand_session.ingest(tmp_path / "again").out
+        assert contents(hand_session.session) == before
+        ran = hand_session.ingest(tmp_path / "again", "--replace")
+        assert "1 photographs stored" in ran.out and "nothing is missing" in ran.out
+        changed = [n for n, c in contents(hand_session.session).items() if before[n] != c]
+        assert {Path(n).name for n in changed} == {f"{shots[7]}@0.13.tif", "index.jsonl"}
+
     def test_headers_tell_exposure_and_time(
         self, hand_session: HandSession, tmp_path: Path
     ) -> None:
@@ -286,7 +317,7 @@ class TestIngest:
         assert plan.shots[1].exposures_s == (0.125,)
         assert plan.shots[-1].exposures_s == (0.13,)  # not photographed yet
         stored = Session(hand_session.session).stored(CAMERA)
-        assert stored["dark", 6.0]["started_s"] == stored["dark", 0.125]["started_s"] + 3
+        assert stored["dark", 6.0].started_s == stored["dark", 0.125].started_s + 3
         again = hand_session.ingest(photos)
         assert "0 photographs stored" in again.out
 

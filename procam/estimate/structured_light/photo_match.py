@@ -1,7 +1,8 @@
 """Matches photographs to the shots of a plan.
 
-A shot is known from the photographer's index, else from the shot id seen in the photograph. Photographs
-with neither are assigned by their order, if exactly as many are missing between their neighbours. For
+A shot is known from the photographer's index, else from the shot id seen in the photograph. Photographs of
+the dark, which cannot show one, are assigned by their order, if exactly as many are missing between their
+neighbours; others with neither are so only if asked for, because two that were exchanged look right. For
 each shot and exposure the sharpest photograph that is not clipped is chosen.
 """
 
@@ -49,14 +50,18 @@ class Match:
     missing: list[Slot] = field(default_factory=list)
 
 
-def match_photos(plan: Plan, photos: Sequence[PhotoObservation], stored: Set[Slot]) -> Match:
+def match_photos(
+    plan: Plan, photos: Sequence[PhotoObservation], stored: Set[Slot], *, by_order: bool = False
+) -> Match:
     """Match photographs, in the order they were taken, to the shots of a plan.
 
-    Shots and exposures that are `stored` already are not matched again.
+    Shots and exposures that are `stored` already are not matched again. With `by_order` photographs
+    without a readable number are assigned by their order.
     """
     match = Match()
     known = _known_shots(plan, photos, match.notes)
-    assigned = _assign_by_order(plan, photos, known, stored, match.notes)
+    runs = _free_runs(plan, photos, known, stored, match.notes)
+    assigned = _assign_by_order(plan, photos, runs, by_order, match.notes)
     for index, shot in enumerate(plan.shots):
         of_shot = [i for i, found in enumerate(known) if found == index] + assigned.get(index, [])
         claimed = [i for i in of_shot if photos[i].claimed is not None]
@@ -96,13 +101,38 @@ def _known_shots(
 def _assign_by_order(
     plan: Plan,
     photos: Sequence[PhotoObservation],
-    known: Sequence[int | None],
-    stored: Set[Slot],
+    runs: list[tuple[list[int], list[int]]],
+    by_order: bool,
     notes: list[str],
 ) -> dict[int, list[int]]:
     """Photographs by shot that are assigned by their order alone."""
-    seen = {index for index in known if index is not None}
     assigned: dict[int, list[int]] = {}
+    for run, slots in runs:
+        names = ", ".join(photos[i].name for i in run)
+        shots = ", ".join(plan.shots[i].id for i in dict.fromkeys(slots))
+        dark = not any(NUMBER in plan.shots[i].detail for i in slots)
+        if not dark and not by_order:
+            notes.append(
+                f"{names}: no number is readable; left out. By their order they show {shots}: if you are "
+                "sure, say --by-order, else name them in an index"
+            )
+            continue
+        for photo, slot in zip(run, slots, strict=True):
+            assigned.setdefault(slot, []).append(photo)
+        notes.append(f"{names}: no number is readable; taken as {shots} by the order")
+    return assigned
+
+
+def _free_runs(
+    plan: Plan,
+    photos: Sequence[PhotoObservation],
+    known: Sequence[int | None],
+    stored: Set[Slot],
+    notes: list[str],
+) -> list[tuple[list[int], list[int]]]:
+    """Photographs in a row without a known shot, and as many shots that are free between their neighbours."""
+    seen = {index for index in known if index is not None}
+    found = []
     for run, before, after in _unknown_runs(photos, known, len(plan.shots)):
         free = [i for i in range(before + 1, after) if i not in seen]
         slots = [
@@ -118,11 +148,8 @@ def _assign_by_order(
                 "name the shots in an index to use them"
             )
             continue
-        for photo, slot in zip(run, slots, strict=True):
-            assigned.setdefault(slot, []).append(photo)
-        shots = ", ".join(plan.shots[i].id for i in dict.fromkeys(slots))
-        notes.append(f"{names}: no number is readable; taken as {shots} by the order")
-    return assigned
+        found.append((run, slots))
+    return found
 
 
 def _unknown_runs(

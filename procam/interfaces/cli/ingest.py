@@ -24,18 +24,29 @@ def ingest(
         Path | None,
         typer.Option(help="CSV with lines file,shot; it overrides the shot marks in the pictures."),
     ] = None,
+    by_order: Annotated[
+        bool,
+        typer.Option(
+            "--by-order", help="Take photographs without a readable number by their order."
+        ),
+    ] = False,
+    replace: Annotated[
+        bool, typer.Option("--replace", help="Replace photographs that are stored already.")
+    ] = False,
     json: Json = False,
 ) -> None:
     """Assign photographs taken by hand or by another program to the shots of a session.
 
-    Each photograph is identified by the shot mark in it, else by its place among the others. What is
-    missing or left out is listed; run the command again with more photographs, and it adds only what
-    is missing.
+    Each photograph is identified by the number in it. What is missing or left out is listed; run the
+    command again with more photographs, and it adds only what is missing.
     """
     stored, output = Session(session), Output(json)
     venue = load_venue(venue_of(session))
     stored.read_plan()  # refuses what is no session before a lock file is made in it
-    result = output.follow(ingesting.ingest(venue, stored, camera, photos, index))
+    events = ingesting.ingest(
+        venue, stored, camera, photos, index, by_order=by_order, replace_stored=replace
+    )
+    result = output.follow(events)
     for note in result["notes"]:
         output.say(note)
     missing = result["missing"]

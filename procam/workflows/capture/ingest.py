@@ -45,12 +45,20 @@ class _Surveyed:
 
 
 def ingest(
-    venue: Venue, session: Session, camera: str, folder: Path, index: Path | None = None
+    venue: Venue,
+    session: Session,
+    camera: str,
+    folder: Path,
+    index: Path | None = None,
+    *,
+    by_order: bool = False,
+    replace_stored: bool = False,
 ) -> Iterator[Event]:
     """Sort the photographs of a folder behind the shots of a session and store what is missing.
 
-    Everything is checked before anything is written. The last event carries `stored`, `missing` and
-    `notes`, one line for every photograph that was left out or guessed.
+    With `by_order` photographs without a readable number count by their order; with `replace_stored` they
+    replace what is stored already. Everything is checked before anything is written. The last event
+    carries `stored`, `missing` and `notes`, one line for every photograph that was left out or guessed.
     """
     with locked(venue.directory, "ingest"):
         plan = session.read_plan()
@@ -62,7 +70,11 @@ def ingest(
             surveyed.append(_survey(path, model, response, claims.get(path.name)))
             yield Event("ingest", len(surveyed), len(paths), f"{path.name} looked at")
         surveyed = _in_time(surveyed)
-        match = match_photos(plan, [s.observation for s in surveyed], set(session.stored(camera)))
+        stored = set() if replace_stored else set(session.stored(camera))
+        observations = [s.observation for s in surveyed]
+        match = match_photos(plan, observations, stored, by_order=by_order)
+        if replace_stored:
+            match.missing = [slot for slot in match.missing if slot not in session.stored(camera)]
         match.notes += [f"{name}: is no photograph; left out" for name in others]
         _check(plan, surveyed, match, model, session, camera)
         exposed, chosen = _as_exposed(plan, surveyed, match, session, venue)

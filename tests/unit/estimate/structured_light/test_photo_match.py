@@ -67,11 +67,15 @@ class TestMatch:
             s.id for s in PLAN.shots
         }
 
-    def test_one_unreadable_number_is_assigned_by_its_place(self) -> None:
+    def test_one_unreadable_number_is_assigned_by_its_place_if_asked(self) -> None:
         photos = full()
         photos[4] = photo("p3")
         match = match_photos(PLAN, photos, set())
-        assert chosen(photos) == EVERYTHING
+        assert match.missing == [("s-3", 0.1)] and "s-3" not in {s for s, _ in match.chosen}
+        note = "p3: no number is readable; left out. By their order they show s-3: if you are sure"
+        assert any(n.startswith(note) for n in match.notes)
+        match = match_photos(PLAN, photos, set(), by_order=True)
+        assert {f"{s}@{e:g}": photos[i].name for (s, e), i in match.chosen.items()} == EVERYTHING
         assert "p3: no number is readable; taken as s-3 by the order" in match.notes
 
     def test_an_ambiguous_place_is_left_out(self) -> None:
