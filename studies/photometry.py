@@ -24,7 +24,7 @@ from procam.estimate.camera.radiance import Radiometer
 from procam.estimate.light.blend import Blender
 from procam.estimate.light.colour_spaces import colour_difference
 from procam.estimate.structured_light.patterns import LEVELS
-from procam.files.calibration import latest_calibration, load_calibration
+from procam.files.calibration import calibration_in_use, load_calibration
 from procam.files.images.layers import RGB, read_channels
 from procam.files.venue.load import Venue, load_venue
 from procam.interfaces.judge import judge
@@ -182,7 +182,7 @@ def seams(folder: Path) -> dict[str, float]:
 
     `folder` is a calibrated venue; its pictures are shown on the simulated dome.
     """
-    calibration = load_calibration(latest_calibration(folder))
+    calibration = load_calibration(calibration_in_use(folder))
     frames = {name: _shown(calibration, rgb) for name, rgb in FLATS.items()}
     settings, pictures = load_venue(folder).backends["simulated"], folder / "flats" / "pictures"
     write_truth(settings, folder, folder / "flats", frames)

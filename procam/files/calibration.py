@@ -14,7 +14,7 @@ import numpy as np
 from procam.arrays import Array32
 from procam.errors import FileFormatError, InputError, ShapeError
 from procam.files import calibration_entries as entries
-from procam.files.atomic import replacing_directory
+from procam.files.atomic import replacing_directory, write_text
 from procam.files.calibration_entries import check_dome_maps, check_surface, numbers, size_of
 from procam.files.images.layers import read_channels, read_layers, write_channels, write_layers
 from procam.model.calibration import SCHEMA_VERSION, Calibration, ProjectorCalibration
@@ -27,6 +27,7 @@ from procam.model.venue_state import VenueState
 
 Channels = dict[str, Array32]
 RGB = ("R", "G", "B")
+IN_USE = "in-use"  # names the calibration that counts, if that is not the newest
 DOME_MAPS = ("scatter_per_flux", "albedo", "lo", "hi")
 
 
@@ -43,14 +44,31 @@ def list_calibrations(venue_dir: Path) -> list[Path]:
     return sorted(path.parent for path in found)
 
 
-def latest_calibration(venue_dir: Path) -> Path:
-    """The newest calibration of a venue."""
+def calibration_in_use(venue_dir: Path) -> Path:
+    """The calibration of a venue that counts: the newest, unless an older one was chosen."""
     found = list_calibrations(venue_dir)
     if not found:
         raise FileFormatError(
             f"{venue_dir} has no calibration; run `procam calibrate {venue_dir}` first"
         )
-    return found[-1]
+    chosen = venue_dir / "calibrations" / IN_USE
+    name = chosen.read_bytes().decode(errors="replace").strip() if chosen.is_file() else ""
+    return next((path for path in found if path.name == name), found[-1])
+
+
+def use_calibration(venue_dir: Path, directory: Path) -> None:
+    """Choose the calibration of a venue that counts; the newest does where none is chosen."""
+    chosen = venue_dir / "calibrations" / IN_USE
+    if directory.name == list_calibrations(venue_dir)[-1].name:
+        chosen.unlink(missing_ok=True)
+    else:
+        write_text(chosen, directory.name + "\n")
+
+
+def chosen_calibration(path: Path) -> Path:
+    """A calibration directory, or the one in use where `path` is a venue."""
+    is_venue = not (path / "calibration.json").is_file() and (path / "venue.toml").is_file()
+    return calibration_in_use(path) if is_venue else path
 
 
 def save_calibration(calibration: Calibration, directory: str | Path) -> None:

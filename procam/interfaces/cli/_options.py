@@ -7,8 +7,20 @@ import typer
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of text.")]
 VenueArgument = Annotated[Path, typer.Argument(help="Venue folder with a venue.toml.")]
+
+
+def _of_venue(path: Path) -> Path:
+    from procam.files.calibration import chosen_calibration
+
+    return chosen_calibration(path)
+
+
 CalibrationArgument = Annotated[
-    Path, typer.Argument(help="Calibration directory, such as VENUE/calibrations/0001.")
+    Path,
+    typer.Argument(
+        help="Calibration directory, such as VENUE/calibrations/0001, or a venue for the one in use.",
+        callback=_of_venue,
+    ),
 ]
 
 # structured light and boards

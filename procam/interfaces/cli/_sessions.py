@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from procam.files.calibration import next_directory, save_calibration
+from procam.files.calibration import next_directory, save_calibration, use_calibration
 from procam.interfaces.cli._output import Output
 from procam.workflows.refine.refine import Refined
 
@@ -20,5 +20,6 @@ def keep_refined(directory: Path, kept: Path, refined: Refined, output: Output) 
         return kept
     out = next_directory(directory)
     save_calibration(refined.calibration, out)
+    use_calibration(directory, out)
     output.say(f"{out} written")
     return out

@@ -23,10 +23,14 @@ def calibrate(venue: VenueArgument, json: Json = False) -> None:
     loaded, output = load_venue(venue), Output(json)
     with locked(venue, "calibrate"):
         session = output.follow(capture_newest(loaded))["session"]
-        written = output.follow(solve(loaded, Session(session)))["calibration"]
+        solved = output.follow(solve(loaded, Session(session)))
+        written, compared = solved["calibration"], solved["compared"]
     calibration = load_calibration(Path(written))
     keep_pictures(venue, calibration, half_sky(_sessions.CONTENT_SIZE))
     report = write_report(venue)
     output.say(f"{written} and {report} written")
     notes = output.notes(calibration)
-    output.finish({"calibration": written, "report": str(report), "notes": notes})
+    for line in compared:
+        output.say(f"note: {line}")
+    document = {"calibration": written, "report": str(report), "notes": notes}
+    output.finish(document | {"compared": compared})

@@ -29,6 +29,7 @@ COMMANDS = {
     "calibrate": "Capture, solve and report in one run.",
     "refine": "Show the compensated picture, photograph it and correct the residual; a new calibration.",
     "state": "Measure the venue with its present audience and its own lamps; a new calibration.",
+    "use": "Choose which calibration of a venue counts, until a later one does.",
     "report": "Write report.html, one self-contained file.",
     "patterns": "Write the pictures of a venue's capture session, or of one code, to show by any means.",
     "ingest": "Assign photographs taken by hand or by another program to the shots of a session.",

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from procam.files.calibration import latest_calibration, load_calibration
+from procam.files.calibration import calibration_in_use, load_calibration
 from procam.files.lock import locked
 from procam.files.venue.load import load_venue
 from procam.interfaces.cli import _sessions
@@ -32,7 +32,7 @@ def refine(
     Exit 1 if a figure misses its goal or gets worse; if one gets worse, nothing is written.
     """
     loaded, output = load_venue(venue), Output(json)
-    kept = latest_calibration(venue)
+    kept = calibration_in_use(venue)
     calibration = load_calibration(kept)
     content, note = read_square(picture) if picture else (half_sky(_sessions.CONTENT_SIZE), "")
     if note:

@@ -22,8 +22,12 @@ def solve(
 ) -> None:
     """Calibrate from stored captures alone; no device is touched."""
     venue, output = load_venue(venue_of(session)), Output(json)
-    written = output.follow(solving.solve(venue, Session(session)))["calibration"]
+    solved = output.follow(solving.solve(venue, Session(session)))
+    written, compared = solved["calibration"], solved["compared"]
     calibration = load_calibration(Path(written))
     output.say(f"{written} written")
     output.table(calibration.quality)
-    output.finish({"calibration": written, "notes": output.notes(calibration)})
+    notes = output.notes(calibration)
+    for line in compared:
+        output.say(f"note: {line}")
+    output.finish({"calibration": written, "notes": notes, "compared": compared})

@@ -5,10 +5,11 @@ from typing import Annotated
 import typer
 
 from procam.files.calibration import (
-    latest_calibration,
+    calibration_in_use,
     load_calibration,
     next_directory,
     save_calibration,
+    use_calibration,
 )
 from procam.files.lock import locked
 from procam.files.venue.load import load_venue
@@ -40,13 +41,14 @@ def state(
     stood for that calibration.
     """
     loaded, output = load_venue(venue), Output(json)
-    calibration = load_calibration(latest_calibration(venue))
+    calibration = load_calibration(calibration_in_use(venue))
     with locked(venue, "state"):
         with open_rig(loaded) as rig:
             data = output.follow(measure_state(rig, loaded, calibration, name, ambient_only))
         measured: VenueState = data["state"]
         out = next_directory(venue)
         save_calibration(with_state(calibration, measured), out)
+        use_calibration(venue, out)
     ambient = [float(v) for v in data["ambient"]]
     output.say(f"{out} written, with venue state {name}")
     _print_channels(measured, ambient, output)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from procam.arrays import Array, BoolArray, FloatArray, Image
 from procam.errors import FileFormatError, InputError
-from procam.files.calibration import list_calibrations, load_calibration
+from procam.files.calibration import calibration_in_use, list_calibrations, load_calibration
 from procam.files.images.layers import RGB, read_channels
 from procam.interfaces.plots.charts import on_dome
 from procam.maths.geometry.sphere import master_directions, master_pixels, master_solid_angles
@@ -175,7 +175,7 @@ def read_material(venue_dir: Path) -> Material:
             f"{venue_dir}: this is no venue's folder, as it has neither venue.toml nor a calibration; "
             "`procam demo` makes one to try"
         )
-    calibration = load_calibration(calibrations[-1]) if calibrations else None
+    calibration = load_calibration(calibration_in_use(venue_dir)) if calibrations else None
     pictures = _pictures(venue_dir / "pictures")
     size = len(pictures["target"]) if pictures else SHOWN
     return Material(

@@ -22,7 +22,12 @@ from procam.estimate.structured_light.codes import make_code
 from procam.estimate.structured_light.decode import Decoder
 from procam.estimate.structured_light.limits import DecodeLimits
 from procam.estimate.structured_light.outliers import keep_only
-from procam.files.calibration import next_directory, save_calibration
+from procam.files.calibration import (
+    calibration_in_use,
+    list_calibrations,
+    next_directory,
+    save_calibration,
+)
 from procam.files.lock import locked
 from procam.files.session import Session
 from procam.files.venue.load import Venue
@@ -54,6 +59,7 @@ from procam.workflows.solve.media_server import (
 from procam.workflows.solve.near_veil import with_near_veil
 from procam.workflows.solve.plausible import check_finite, check_on_screen
 from procam.workflows.solve.provenance import provenance
+from procam.workflows.solve.succession import succeed
 
 NOISE_DN = 6.0  # differences below a few counts mean nothing
 DARK_SIGMAS = 3.0
@@ -120,11 +126,13 @@ def _solve(venue: Venue, session: Session) -> Iterator[Event]:
     check_finite(calibration)
     calibration = replace(calibration, quality=_quality(calibration, rig))
     yield Event("solve", total - 1, total, "maps assembled")
+    before = list_calibrations(venue.directory)
+    used = calibration_in_use(venue.directory) if before else None
     directory = next_directory(venue.directory)
     save_calibration(_protecting(venue, calibration), directory)
-    yield Event(
-        "solve", total, total, f"calibration {directory} written", {"calibration": str(directory)}
-    )
+    lines = succeed(venue.directory, used, directory, calibration)
+    data = {"calibration": str(directory), "compared": lines}
+    yield Event("solve", total, total, f"calibration {directory} written", data)
 
 
 def _quality(calibration: Calibration, rig: _SolvedRig) -> dict[str, Figure]:

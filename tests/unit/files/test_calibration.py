@@ -11,7 +11,7 @@ import pytest
 
 from procam.errors import FileFormatError, InputError
 from procam.files.calibration import (
-    latest_calibration,
+    calibration_in_use,
     list_calibrations,
     load_calibration,
     load_dome,
@@ -150,7 +150,7 @@ class TestNumbering:
         for number in ("0001", "0002", "0003"):
             assert next_directory(tmp_path) == tmp_path / "calibrations" / number
             save_calibration(calibration, next_directory(tmp_path))
-            assert latest_calibration(tmp_path).name == number
+            assert calibration_in_use(tmp_path).name == number
         assert [p.name for p in list_calibrations(tmp_path)] == ["0001", "0002", "0003"]
 
     def test_goes_on_after_an_old_one_is_deleted(self, tmp_path: Path) -> None:
@@ -164,7 +164,7 @@ class TestNumbering:
 
     def test_no_calibration_yet(self, tmp_path: Path) -> None:
         with pytest.raises(FileFormatError, match=r"has no calibration; .*procam calibrate"):
-            latest_calibration(tmp_path)
+            calibration_in_use(tmp_path)
 
 
 class TestDamage:

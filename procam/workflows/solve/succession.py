@@ -1,0 +1,38 @@
+"""Whether a new calibration of a venue succeeds the one in use."""
+
+from pathlib import Path
+
+from procam.errors import CalibrationError
+from procam.estimate.comparison.compare import compare_calibrations
+from procam.files.calibration import load_calibration, use_calibration
+from procam.model.calibration import Calibration
+
+CONTRADICTION = ("exchanged", "differ")  # verdicts that no change to a rig explains
+
+
+def succeed(venue_dir: Path, before: Path | None, new: Path, calibration: Calibration) -> list[str]:
+    """Compare a new calibration with the one used before it; one that contradicts it is not used.
+
+    Returns what to tell the crew: nothing for the first, for one that agrees, and for another rig.
+    """
+    if before is None:
+        return []
+    old = load_calibration(before)
+    if _panels(old) != _panels(calibration):
+        return []
+    try:
+        verdict = compare_calibrations(old, calibration).verdict
+    except CalibrationError:  # they share too little to be compared
+        return []
+    if verdict.kind in CONTRADICTION:
+        use_calibration(venue_dir, before)
+        return [
+            f"{new.name} contradicts {before.name}, which stays in use: {verdict.text}. If the new one is "
+            f"right, run: procam use {venue_dir} {new.name}"
+        ]
+    use_calibration(venue_dir, new)
+    return [] if verdict.sound else [f"unlike {before.name}: {verdict.text}"]
+
+
+def _panels(calibration: Calibration) -> dict[str, tuple[int, int]]:
+    return {name: p.model.size for name, p in calibration.projectors.items()}

@@ -1,0 +1,101 @@
+"""Which calibration of a venue counts: the newest, one that was chosen, never one that contradicts it."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+from tiny_venue import TINY_PAIR, make_venue, procam, quick_simulator, solved, take_session
+
+from procam.files.calibration import calibration_in_use, load_calibration
+from procam.files.images.pixels import write_image
+from procam.files.session import Session
+from procam.files.venue.load import load_venue
+
+
+@pytest.fixture(scope="module")
+def once(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A venue with two projectors, captured and calibrated."""
+    folder = tmp_path_factory.mktemp("pair") / "venue"
+    with quick_simulator():
+        venue = make_venue(folder, size=TINY_PAIR)
+        solved(venue, take_session(venue))
+    return folder
+
+
+@pytest.fixture
+def venue(once: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(once, tmp_path / "venue"))
+
+
+def exchange_projectors(venue: Path) -> Path:
+    """A second session, in which each projector's photographs lie behind the other's shots."""
+    old, new = venue / "sessions" / "0001", venue / "sessions" / "0002"
+    shutil.copytree(old, new, ignore=shutil.ignore_patterns("captures"))
+    plan, names = Session(old).read_plan(), list(load_venue(venue).table.projectors)
+    camera = next(iter(load_venue(venue).cameras.values()))
+    partner = {}
+    for first, second in zip(
+        *([s for s in plan.shots if s.projector == n] for n in names), strict=True
+    ):
+        partner |= {first.id: second, second.id: first}
+    for shot in plan.shots:
+        for exposure_s in shot.exposures_s:
+            taken = Session(old).load(
+                camera.name, partner.get(shot.id, shot), exposure_s, camera.size
+            )
+            Session(new).store(camera.name, shot, exposure_s, taken)
+    return new
+
+
+def test_a_calibration_that_contradicts_the_one_in_use_is_not_used(venue: Path) -> None:
+    """Photographs that were exchanged solve as well as before: only the predecessor tells."""
+    session = exchange_projectors(venue)
+    with quick_simulator():
+        ran = procam("solve", session)
+    assert ran.code == 0
+    assert "note: 0002 contradicts 0001, which stays in use: " in ran.out
+    assert "wrong projector on the wire. If the new one is right, run: procam use" in ran.out
+    assert calibration_in_use(venue).name == "0001"
+    assert "0002 is in use" in procam("use", venue, 2).out
+    assert calibration_in_use(venue).name == "0002"
+
+
+def test_the_same_again_succeeds_without_a_word(venue: Path) -> None:
+    with quick_simulator():
+        ran = procam("solve", venue / "sessions" / "0001", "--json")
+    assert json.loads(ran.out)["compared"] == []
+    assert calibration_in_use(venue).name == "0002"
+
+
+class TestUse:
+    def test_an_older_one_counts_until_a_later_one_is_made(
+        self, venue: Path, tmp_path: Path
+    ) -> None:
+        with quick_simulator():
+            procam("solve", venue / "sessions" / "0001")
+            assert f"{venue / 'calibrations' / '0001'} is in use" in procam("use", venue, 1).out
+            assert calibration_in_use(venue).name == "0001"
+            procam("state", venue, "full")  # adds a state to the one in use
+        assert calibration_in_use(venue).name == "0003"
+        assert "full" in load_calibration(calibration_in_use(venue)).states
+
+    def test_a_number_that_is_none(self, venue: Path) -> None:
+        ran = procam("use", venue, 7)
+        assert (ran.code, ran.complaint) == (
+            2,
+            f"procam: {venue} has no calibration 7, only 1; choose one of them",
+        )
+
+    def test_a_damaged_choice_counts_for_none(self, venue: Path) -> None:
+        (venue / "calibrations" / "in-use").write_bytes(b"\xff../../x")
+        assert calibration_in_use(venue).name == "0001"
+
+    def test_a_venue_stands_for_its_calibration(self, venue: Path, tmp_path: Path) -> None:
+        import numpy as np
+
+        sky = np.random.default_rng(0).random((64, 64, 3))
+        write_image(tmp_path / "sky.png", (sky * 255).astype(np.uint8))
+        for where, out in ((venue, "a.png"), (venue / "calibrations" / "0001", "b.png")):
+            assert procam("compensate", where, tmp_path / "sky.png", tmp_path / out).code == 0
+        assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
