@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from procam.estimate.structured_light.consistency import Order
 
 MOST_MISSING = 4  # photographs
+MISSING = "missing"  # how notes on pictures begin that a set lacks
 
 
 def spread(shown: Sequence[int | None], gaps: Sequence[int]) -> Order:
@@ -34,3 +35,20 @@ def skipped_numbers(names: Sequence[str], missing: int) -> tuple[int, ...] | Non
     if len(skipped) != missing or len(set(numbers)) < len(numbers) or numbers != sorted(numbers):
         return None
     return tuple(number - numbers[0] for number in skipped)
+
+
+def missing_notes(names: Sequence[str], gaps: Sequence[int], planes: Sequence[object]) -> list[str]:
+    """A note on each plane that no photograph shows: where in the order of the `names` it is missing."""
+    notes = []
+    for skipped, (gap, plane) in enumerate(zip(gaps, planes, strict=True)):
+        before = gap - skipped
+        where = f"after {names[before - 1]}" if before else f"before {names[0]}"
+        notes.append(f"{MISSING}: {plane}, {where}; done without")
+    return notes
+
+
+def lacking(notes: Sequence[str]) -> str:
+    """What to add to a refusal of a set whose notes say that pictures are missing; "" if none is."""
+    count = sum(note.startswith(MISSING) for note in notes)
+    which = "One picture is" if count == 1 else f"{count} pictures are"
+    return f". {which} missing, which may be the cause: take what is missing again" if count else ""

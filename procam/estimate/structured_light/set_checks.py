@@ -18,12 +18,14 @@ from procam.arrays import AnyArray
 from procam.errors import InputError
 from procam.estimate.structured_light.codes import AXES, Axis, Code
 from procam.estimate.structured_light.consistency import Order, OrderConsistency
-from procam.estimate.structured_light.exposures import (
-    exposure_notes,
-    relative_exposures,
-    scaled,
+from procam.estimate.structured_light.exposures import exposure_notes, relative_exposures, scaled
+from procam.estimate.structured_light.gaps import (
+    count_fits,
+    lacking,
+    missing_notes,
+    skipped_numbers,
+    spread,
 )
-from procam.estimate.structured_light.gaps import count_fits, skipped_numbers, spread
 from procam.estimate.structured_light.level_checks import (
     ProbedSet,
     check_levels,
@@ -32,7 +34,6 @@ from procam.estimate.structured_light.level_checks import (
     order_levels,
 )
 
-MISSING = "missing"  # how notes on pictures begin that a set lacks
 POOR = 0.5  # share of straight triples below which exchanges between the axes are tried too
 EXCHANGE_GAIN = 1.15  # an exchange must score better by this factor
 NEIGHBOUR_GAIN = 1.02  # of neighbours: more likely, and of little effect in a coarse pair
@@ -289,20 +290,9 @@ class _Inspector:
                     "files as the pictures are, so that the gap shows, or photograph it again"
                 )
         gaps = named if named in likely and named is not None else likely[0]
-        for skipped, gap in enumerate(gaps):
-            before = gap - skipped
-            where = f"after {self.names[before - 1]}" if before else f"before {self.names[0]}"
-            self.notes.append(
-                f"{MISSING}: {self.code.planes[sequence[gap]]}, {where}; done without"
-            )
+        planes = [self.code.planes[sequence[gap]] for gap in gaps]
+        self.notes += missing_notes(self.names, gaps, planes)
         return orders[tried.index(gaps)]
-
-
-def lacking(notes: Sequence[str]) -> str:
-    """What to add to a refusal of a set whose notes say that pictures are missing; "" if none is."""
-    count = sum(note.startswith(MISSING) for note in notes)
-    which = "One picture is" if count == 1 else f"{count} pictures are"
-    return f". {which} missing, which may be the cause: take what is missing again" if count else ""
 
 
 def _required_gain(first: int, second: int) -> float:

@@ -13,7 +13,7 @@ import OpenImageIO as oiio
 
 from procam.arrays import AnyArray, FloatArray, Image
 from procam.errors import FileFormatError
-from procam.files.images.layers import RGB
+from procam.files.images.layers import CHECKSUM, RGB
 from procam.files.images.pixels import STORED_AS, read_spec, require_suffix, write_image, write_spec
 from procam.files.images.profiles import converted
 from procam.maths.light.curves import srgb_encode
@@ -168,6 +168,7 @@ def write_still(path: Path, rgb: AnyArray, like: Still, transfer: str) -> None:
         _forget_format(path, spec)
     if path.suffix == ".png":
         spec.attribute("png:compressionLevel", 1)
+    spec.erase_attribute(CHECKSUM)  # of the source's pixels
     write_spec(path, _with_colours(stored, rgb, like.places), spec)
 
 

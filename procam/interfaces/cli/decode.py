@@ -15,7 +15,7 @@ from procam.estimate.structured_light.consistency import probe_places
 from procam.estimate.structured_light.decode import Decoded, Decoder
 from procam.estimate.structured_light.described import folder_order, unseen_errors
 from procam.estimate.structured_light.exposures import scaled
-from procam.estimate.structured_light.gaps import count_fits
+from procam.estimate.structured_light.gaps import count_fits, lacking
 from procam.estimate.structured_light.limits import (
     DecodeLimits,
     default_limits,
@@ -23,7 +23,7 @@ from procam.estimate.structured_light.limits import (
 )
 from procam.estimate.structured_light.panel_checks import orientation, panel_notes
 from procam.estimate.structured_light.panel_map import drop_inconsistent, fit_projector_map
-from procam.estimate.structured_light.set_checks import SetReport, examine, lacking
+from procam.estimate.structured_light.set_checks import SetReport, examine
 from procam.files.images.layers import write_channels
 from procam.files.images.pixels import write_image
 from procam.interfaces.cli._codes import chosen_code, count_refusal
