@@ -8,6 +8,8 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from importlib.metadata import version
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +38,7 @@ from procam.files.session import Session
 from procam.files.venue.load import Venue, load_venue, template_names
 from procam.interfaces.cli import _sessions
 from procam.interfaces.cli.main import COMMANDS as MAIN_COMMANDS
+from procam.interfaces.cli.main import PANELS
 from procam.maths.light.curves import srgb_decode, srgb_encode
 from procam.model.calibration import Calibration
 from procam.model.transport import Measured
@@ -50,6 +53,15 @@ BACK = 2e-5  # 16-bit sRGB, at its steepest
 
 
 class TestHelp:
+    def test_the_version(self) -> None:
+        assert procam("--version").out == f"procam {version('procam')}\n"
+
+    def test_the_list_is_grouped(self) -> None:
+        text = procam("--help").out
+        listed = [[f"─ {panel} ─", *(f"│ {name} " for name in PANELS[panel])] for panel in PANELS]
+        places = [text.index(entry) for entry in chain.from_iterable(listed)]
+        assert places == sorted(places)
+
     @pytest.mark.parametrize("command", COMMANDS)
     def test_every_command_explains_itself_with_an_example(self, command: str) -> None:
         ran = procam(command, "--help")

@@ -9,7 +9,7 @@ import os
 import sys
 import threading
 from importlib import import_module
-from typing import Any, NoReturn
+from typing import Annotated, Any, NoReturn
 
 import typer
 from typer.core import TyperCommand, TyperGroup
@@ -19,43 +19,60 @@ from procam.errors import DeviceError, ProcamError
 
 BY_SIGNAL = 128  # plus a signal's number: the exit code of a process that it has ended
 SETTINGS = {"help_option_names": ["-h", "--help"]}
-# in the order of the list; a test compares them with the first lines of the functions
-COMMANDS = {
-    "demo": "Calibrate a simulated dome, compensate a picture, and compare both with the truth.",
-    "init": "Write a complete, commented venue.toml to start from.",
-    "doctor": "Check that every device of a venue can be reached, exposed and resolved; exit 1 if not.",
-    "capture": "Show the patterns and photograph them; a run that was stopped is resumed.",
-    "solve": "Calibrate from stored captures alone; no device is touched.",
-    "calibrate": "Capture, solve and report in one run.",
-    "refine": "Show the compensated picture, photograph it and correct the residual; a new calibration.",
-    "state": "Measure the venue with its present audience and its own lamps; a new calibration.",
-    "use": "Choose which calibration of a venue counts, until a later one does.",
-    "report": "Write report.html, one self-contained file.",
-    "patterns": "Write the pictures of a venue's capture session, or of one code, to show by any means.",
-    "ingest": "Assign photographs taken by hand or by another program to the shots of a session.",
-    "projector": "Query or control a projector over its serial remote control.",
-    "response": "Solve how a camera encodes light, from photographs at three exposures or more.",
-    "glare": "Measure a lens's veiling glare with a light trap in the middle of a bright surface.",
-    "vignetting": "Measure how a lens darkens towards the rim; prints the line for venue.toml.",
-    "meter": "Make a calibration absolute with a hand meter; exit 1 if the two disagree.",
-    "compensate": "Take the scattered light out of dome masters.",
-    "warp": "Make each projector's frames: warp, blend, colour, response.",
-    "judge": "Compare a calibration with the truth; exit 1 if a figure misses its goal.",
-    "compare": "Compare two calibrations of a rig; exit 1 if they differ by more than a rotation.",
-    "inspect": "Describe a file or folder that procam has written, and check that it is whole.",
-    "decode": "Decode a folder of structured-light photographs; needs no venue.",
-    "camera": "Solve a camera's lens from photographs of a flat board; exit 1 if it fits badly.",
-    "pair": "Solve a projector and a camera from a flat chessboard; exit 1 if it fits badly.",
-    "forecast": "Predict white and contrast of a dome before anything is bought.",
-    "track": "Write what a player needs to compensate a show by itself, without encoding it anew.",
+# by panel of the list, in its order; a test compares the texts with the first lines of the functions
+PANELS = {
+    "Before anything is bought": {
+        "demo": "Calibrate a simulated dome, compensate a picture, and compare both with the truth.",
+        "forecast": "Predict white and contrast of a dome before anything is bought.",
+    },
+    "The venue": {
+        "init": "Write a complete, commented venue.toml to start from.",
+        "doctor": "Check that every device of a venue can be reached, exposed and resolved; exit 1 if not.",
+        "capture": "Show the patterns and photograph them; a run that was stopped is resumed.",
+        "solve": "Calibrate from stored captures alone; no device is touched.",
+        "calibrate": "Capture, solve and report in one run.",
+        "refine": "Show the compensated picture, photograph it and correct the residual; a new calibration.",
+        "state": "Measure the venue with its present audience and its own lamps; a new calibration.",
+        "use": "Choose which calibration of a venue counts, until a later one does.",
+        "report": "Write report.html, one self-contained file.",
+        "projector": "Query or control a projector over its serial remote control.",
+    },
+    "By hand": {
+        "patterns": "Write the pictures of a venue's capture session, or of one code, to show by any means.",
+        "ingest": "Assign photographs taken by hand or by another program to the shots of a session.",
+    },
+    "The show": {
+        "compensate": "Take the scattered light out of dome masters.",
+        "warp": "Make each projector's frames: warp, blend, colour, response.",
+        "track": "Write what a player needs to compensate a show by itself, without encoding it anew.",
+    },
+    "Camera and projector": {
+        "response": "Solve how a camera encodes light, from photographs at three exposures or more.",
+        "glare": "Measure a lens's veiling glare with a light trap in the middle of a bright surface.",
+        "vignetting": "Measure how a lens darkens towards the rim; prints the line for venue.toml.",
+        "camera": "Solve a camera's lens from photographs of a flat board; exit 1 if it fits badly.",
+        "pair": "Solve a projector and a camera from a flat chessboard; exit 1 if it fits badly.",
+        "decode": "Decode a folder of structured-light photographs; needs no venue.",
+    },
+    "Checks": {
+        "judge": "Compare a calibration with the truth; exit 1 if a figure misses its goal.",
+        "compare": "Compare two calibrations of a rig; exit 1 if they differ by more than a rotation.",
+        "inspect": "Describe a file or folder that procam has written, and check that it is whole.",
+        "meter": "Make a calibration absolute with a hand meter; exit 1 if the two disagree.",
+    },
 }
+COMMANDS = {name: text for panel in PANELS.values() for name, text in panel.items()}
 
 
 class LazyGroup(TyperGroup):
     """The commands of the list, each imported only when it is needed."""
 
     def __init__(self, **settings: Any) -> None:
-        placeholders = {name: TyperCommand(name, help=text) for name, text in COMMANDS.items()}
+        placeholders = {
+            name: TyperCommand(name, help=text, rich_help_panel=panel)
+            for panel, commands in PANELS.items()
+            for name, text in commands.items()
+        }
         super().__init__(**settings | {"commands": placeholders})
 
     def resolve_command(self, ctx: Any, args: list[str]) -> tuple[str | None, Any, list[str]]:
@@ -83,8 +100,23 @@ app = typer.Typer(
 )
 
 
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import version
+
+        sys.stdout.write(f"procam {version('procam')}\n")
+        raise typer.Exit
+
+
 @app.callback()
-def procam() -> None:
+def procam(
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", help="Print the version.", callback=_print_version, is_eager=True
+        ),
+    ] = False,
+) -> None:
     """Calibrate a projection dome with cameras, and remove bounced light from its pictures.
 
     Start with `procam demo`.
