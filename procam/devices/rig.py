@@ -38,12 +38,10 @@ class Rig:
         return self
 
     def __exit__(self, *_: object) -> None:
-        with self._stack:
-            try:
-                self._leave()
-            except KeyboardInterrupt:  # the first signal; no other will interrupt
-                self._leave()
-                raise
+        with (
+            self._stack
+        ):  # a signal meanwhile leaves it unfinished, and the run's end does it again
+            self._leave()
 
     def _leave(self) -> None:
         """Make all projectors dark and close all connections; what fails is reported at the end."""

@@ -16,19 +16,14 @@ SPARE_BYTES = 65536  # more than a library holds back until it closes a file
 def replacing(path: Path) -> Iterator[Path]:
     """Yield a temporary name beside `path`, renamed to `path` when the block ends without an error.
 
-    A reader of `path` finds the old file or the complete new one, also after a power cut.
-
-    Raises
-    ------
-    OSError
-        If the disk is full, whether or not what wrote the temporary file noticed.
+    A reader of `path` finds the old file or the complete new one, also after a power cut. Of a library that
+    writes the temporary file and ignores errors, ask `require_room`.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.name}.tmp{path.suffix}")
     try:
         with _named(path, temporary):
             yield temporary
-            require_room(temporary)
             flush(temporary)
         temporary.replace(path)
         flush(path.parent)

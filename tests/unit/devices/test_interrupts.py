@@ -45,7 +45,7 @@ def rig_of(*projectors: Projector) -> Rig:
 @pytest.mark.parametrize("number", SIGNALS)
 def test_the_first_signal_stops_and_the_others_are_ignored(number: int) -> None:
     projector = Projector()
-    projector.due = [number, number]  # while it is made dark
+    projector.due = 5 * [number]  # while it is made dark
     with pytest.raises(KeyboardInterrupt), interruptible() as run, rig_of(projector):
         os.kill(os.getpid(), number)
     assert not projector.lit
@@ -56,7 +56,7 @@ def test_the_first_signal_stops_and_the_others_are_ignored(number: int) -> None:
 @pytest.mark.parametrize("number", SIGNALS)
 def test_a_first_signal_while_projectors_are_made_dark(number: int) -> None:
     first, second = Projector(), Projector()
-    first.due = [number, number]
+    first.due = 5 * [number]
     with pytest.raises(KeyboardInterrupt), interruptible() as run, rig_of(first, second):
         pass
     assert not first.lit and not second.lit and run.left_dark
