@@ -45,21 +45,24 @@ class Rig:
 
     def _leave(self) -> None:
         """Make all projectors dark and close all connections; what fails is reported at the end."""
-        lit = list[str]()
+        lit = dict[str, Exception]()
         for name in self.projectors:
             try:
                 self.darken(name)
             except Exception as error:  # the others must be dark all the same
-                lit.append(f"{name} ({error})")
+                lit[name] = error
         self.release()
         run = current_run()
         run.left_dark = not lit
         if self._leave in run.unfinished:
             run.unfinished.remove(self._leave)
         if lit:
-            raise DeviceError(
-                f"a projector may still be lit: {', '.join(lit)}; close its shutter or switch it off by hand"
-            )
+            first = next(iter(lit.values()))
+            kind = type(first) if isinstance(first, DeviceError) else DeviceError
+            named = ", ".join(f"{name} ({error})" for name, error in lit.items())
+            raise kind(
+                f"a projector may still be lit: {named}; close its shutter or switch it off by hand"
+            ) from first
 
     def release(self) -> None:
         """Close all connections, leaving the projectors as they are."""

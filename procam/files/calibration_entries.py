@@ -176,7 +176,8 @@ def check_surface(surface: ProjectorSurface, size: tuple[int, int], blend: Float
         raise ValueError("map direction has vectors whose length is not 1")
     if not (surface.solid_angle_sr[surface.valid] >= 0).all():
         raise ValueError("map solid_angle is negative or NaN at lit pixels")
-    _require_share("blend", blend)
+    if not ((blend >= -UNIT_LENGTH) & (blend <= 1 + UNIT_LENGTH)).all():
+        raise ValueError("map blend has values outside 0 to 1")
 
 
 def check_dome_maps(maps: Mapping[str, AnyArray]) -> None:
@@ -186,9 +187,5 @@ def check_dome_maps(maps: Mapping[str, AnyArray]) -> None:
         raise ValueError(
             f"maps of the dome have the sizes {sorted(shapes)}; they need one square size"
         )
-    _require_share("coverage", maps["coverage"])
-
-
-def _require_share(name: str, layer: AnyArray) -> None:
-    if not ((layer >= -UNIT_LENGTH) & (layer <= 1 + UNIT_LENGTH)).all():
-        raise ValueError(f"map {name} has values outside 0 to 1")
+    if not (maps["coverage"] >= -UNIT_LENGTH).all():  # above 1 is for the compensator to say
+        raise ValueError("map coverage has values below 0, or NaN")

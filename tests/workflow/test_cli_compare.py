@@ -4,6 +4,7 @@ import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,10 +12,27 @@ from tiny_venue import procam
 
 from procam.files.calibration import save_calibration
 from procam.maths.geometry.pose import rotation_matrix
-from procam.model.calibration import Calibration
+from procam.model.calibration import Calibration, ProjectorCalibration
 from procam.model.transport import Measured
 
 WIDEST = 100
+
+
+def narrower(projector: ProjectorCalibration, width: int) -> ProjectorCalibration:
+    """The projector without its last columns."""
+
+    def cut(part: Any, *names: str) -> Any:
+        maps = {name: getattr(part, name) for name in names}
+        return replace(part, **{n: m[:, :width] for n, m in maps.items() if m is not None})
+
+    names = ("direction", "solid_angle_sr", "valid", "measured", "sigma_arcmin")
+    return replace(
+        projector,
+        model=replace(projector.model, size=(width, projector.model.size[1])),
+        surface=cut(projector.surface, *names),
+        photometry=cut(projector.photometry, "gain", "exponent"),
+        blend=projector.blend[:, :width],
+    )
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +51,7 @@ def where(tmp_path_factory: pytest.TempPathFactory, calibration: Calibration) ->
         for n, p in projectors.items()
     }
     dark = replace(north.surface, valid=np.zeros_like(north.surface.valid))
-    small = replace(north, model=replace(north.model, size=(40, 30)))
+    small = narrower(north, 40)
     unlit = Measured(np.full(3, np.nan), np.full(3, np.nan))
     m = calibration.feedback
     doubled = Measured(2 * m.value, m.sigma)

@@ -30,7 +30,9 @@ COEFFICIENT_SIGMA = 100.0  # weak prior that keeps the equations regular without
 # biased, since 254.5 of 255 is clipped already
 DARK_SIGMAS, WHITE_SIGMAS = 6.0, 3.75
 ALONE_SIGMAS = 2.0  # of a level as predicted by the other photographs
-FREEDOM = 8.0  # degrees of freedom of the prior of bends
+FREEDOM = (
+    30.0  # degrees of freedom of the prior of bends; with 8 it was too narrow for a knee at 2 stops
+)
 # of a sample that the others of its block predict, and whose residual estimates noise
 MAX_LEVERAGE = 0.9
 MIN_MARGIN, MAX_MARGIN = 0.005, 0.05  # of the range, between an end and the levels in use
