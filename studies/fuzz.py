@@ -23,7 +23,7 @@ import av
 import numpy as np
 
 import procam.estimate.calibration
-from procam.errors import ProcamError
+from procam.errors import FileFormatError, ProcamError
 from procam.files.calibration import load_calibration, load_dome
 from procam.files.code_file import load_code
 from procam.files.images.layers import read_channels
@@ -81,9 +81,12 @@ def _session(path: Path) -> object:
 
 
 def _movie(path: Path) -> object:
-    """What is shown when."""
+    """What is shown when; a movie with a note is as good as refused."""
     with MovieReader(path) as movie:
-        return [(frame.pts, hash(frame.rgb.tobytes())) for frame in movie]
+        shown = [(frame.pts, hash(frame.rgb.tobytes())) for frame in movie]
+        if movie.note:
+            raise FileFormatError(movie.note)
+        return shown
 
 
 CALIBRATION, SESSION = "venue/calibrations/0001", "venue/sessions/0001"

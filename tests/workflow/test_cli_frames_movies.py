@@ -37,9 +37,13 @@ def shots(alpha: bool = False) -> list[np.ndarray]:
 
 
 def shoot(
-    path: Path, trc: int = 13, frames: list[np.ndarray] | None = None, primaries: int = 2
+    path: Path,
+    trc: int = 13,
+    frames: list[np.ndarray] | None = None,
+    primaries: int = 2,
+    lost: int | None = None,
 ) -> Path:
-    """A lossless movie; with an alpha channel if the frames have one."""
+    """A lossless movie; with an alpha channel if the frames have one. One frame may be `lost`."""
     frames = shots() if frames is None else frames
     source, stored = ("rgba", "bgra") if frames[0].shape[2] == 4 else ("rgb24", "bgr0")
     with av.open(str(path), "w") as movie:
@@ -47,8 +51,11 @@ def shoot(
         stream.height, stream.width, stream.pix_fmt = *frames[0].shape[:2], stored
         stream.codec_context.color_trc = trc
         stream.codec_context.color_primaries = primaries
-        for shot in frames:
-            movie.mux(stream.encode(av.VideoFrame.from_ndarray(shot, format=source)))
+        for number, shot in enumerate(frames):
+            frame = av.VideoFrame.from_ndarray(shot, format=source)
+            frame.pts = number
+            if number != lost:
+                movie.mux(stream.encode(frame))
         movie.mux(stream.encode())
     return path
 
@@ -82,6 +89,18 @@ class TestCompensate:
         assert ran.err == "".join(f"note: {note}\n" for note in notes)
         assert len(notes) == bool(name)
         assert all(f"{source} is tagged with primaries {name}, but" in note for note in notes)
+
+    @pytest.mark.parametrize("primaries", [2, 9])
+    @pytest.mark.parametrize("command", ["compensate", "warp"])
+    def test_a_frame_that_is_missing_is_named(
+        self, command: str, primaries: int, kept: Path, tmp_path: Path
+    ) -> None:
+        source = shoot(tmp_path / "m.mkv", primaries=primaries, lost=2)
+        out = tmp_path / ("o.mkv" if command == "compensate" else "o")
+        (note,) = procam(command, kept, source, out).err.splitlines()
+        assert note.startswith("note: ")
+        assert ("is tagged with primaries" in note) == (primaries == 9)
+        assert f"frame 2 of {source} is shown at 0.125 s, out of step with 23.976 frames" in note
 
     def test_straight_alpha_passes_unchanged(self, kept: Path, tmp_path: Path) -> None:
         source = shoot(tmp_path / "m.mkv", frames=shots(alpha=True))

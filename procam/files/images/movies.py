@@ -101,6 +101,7 @@ class MovieReader:
         self.layout = LAYOUTS[deep, self.has_alpha]
         self._bits = components[0].bits
         self._convert = Converter(self._av)
+        self._uneven, self._from_zero = "", context.name == "ffv1"  # others may begin later
 
     def __enter__(self) -> Self:
         return self
@@ -110,14 +111,15 @@ class MovieReader:
 
     @property
     def note(self) -> str:
-        """What the tagged primaries are, unless they are BT.709's; "" for those or none."""
+        """What the tagged primaries are, unless they are BT.709's, and which frame came out of step."""
         tag = int(self.stream.codec_context.color_primaries)
         if tag in (BT709, UNKNOWN):
-            return ""
-        return (
+            return self._uneven
+        primaries = (
             f"{self.path} is tagged with primaries {PRIMARIES.get(tag, tag)}, but its colours were taken as "
             "BT.709's. Convert them, as with ffmpeg's zscale=primaries=709"
         )
+        return f"{primaries}. {self._uneven}" if self._uneven else primaries
 
     @property
     def metadata(self) -> tuple[dict[str, str], dict[str, str]]:
@@ -126,27 +128,43 @@ class MovieReader:
 
     def __iter__(self) -> Iterator[MovieFrame]:
         """Frames in the order in which they are shown."""
-        count, end_s = 0, Fraction(0)
+        count, end_s, shown_s = 0, Fraction(0), Fraction(0)
+        step_s, tick_s = (
+            1 / Fraction(self.stream.average_rate or 1),
+            Fraction(self.stream.time_base),
+        )
         try:
             for frame in self._decoded():
-                yield self._frame(frame, count)
-                count += 1
-                end_s = (frame.pts + (frame.duration or 0)) * Fraction(self.stream.time_base)
+                ready = self._frame(frame, count)
+                now_s = frame.pts * tick_s
+                late_s = now_s - shown_s - step_s if count else now_s * self._from_zero
+                if abs(late_s) > step_s / 2 and not self._uneven:
+                    self._uneven = self._out_of_step(count, float(now_s))
+                yield ready
+                count, shown_s = count + 1, now_s
+                end_s = now_s + (frame.duration or 0) * tick_s
         except (self._av.error.FFmpegError, UnicodeDecodeError) as error:
             raise self._damaged(error) from error
         promised_s = self._duration_s()
-        if end_s < promised_s - 2 / Fraction(self.stream.average_rate or 1):
+        if end_s < promised_s - (step_s / 2 if end_s > shown_s else 2 * step_s):
             raise FileFormatError(
                 f"{self.path} is truncated: its pictures end at {float(end_s):.3f} s, its header says "
                 f"{promised_s:.3f} s. Copy it again"
             )
 
+    def _out_of_step(self, count: int, time_s: float) -> str:
+        rate = float(self.stream.average_rate or 1)
+        where = f"frame {count} of {self.path}" if count else f"{self.path}: its first frame"
+        return (
+            f"{where} is shown at {time_s:.3f} s, out of step with {rate:.5g} frames per second: are frames "
+            "missing, or is the file damaged?"
+        )
+
     def _decoded(self) -> Iterator[Any]:
         """PyAV's frames; refuses those of FFV1 whose checksums do not hold."""
         context = self.stream.codec_context
-        sliced = context.name == "ffv1" and bool(
-            context.extradata
-        )  # version 3; older ones have no sums
+        # version 3; older ones have no checksums
+        sliced = context.name == "ffv1" and bool(context.extradata)
         checked: bool | None = None
         for packet in self._movie.demux(self.stream):
             if sliced and packet.size and checked is not False:

@@ -30,6 +30,7 @@ from procam.workflows.playout.sources import (
     Row,
     SequenceClip,
     StillClip,
+    keep_note,
     output_names,
     source_sequence,
 )
@@ -93,7 +94,7 @@ def compensate_clip(
 
     def work(clip_frame: ClipFrame) -> Callable[[], tuple[str, Row]]:
         result = engine.make(clip_frame)
-        notes.extend([] if notes or not clip_frame.note else [clip_frame.note])
+        keep_note(notes, clip_frame.note)
 
         def write() -> tuple[str, Row]:
             clip.write(clip_frame, result)

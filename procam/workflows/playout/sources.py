@@ -312,6 +312,12 @@ def movie_clip_frame(reader: MovieReader, frame: MovieFrame, number: int) -> Cli
     return replace(found, note=reader.note)
 
 
+def keep_note(notes: list[str], note: str) -> None:
+    """Keep the note on a clip's first frame, or a longer one that begins alike: a movie's may grow."""
+    if note and (not notes or note.startswith(notes[0])):
+        notes[:] = [note]
+
+
 def count_above_one(name: object, rgb: AnyArray) -> int:
     """Pixels above 1.0 in any colour; refuses NaN and infinite values of a frame called `name`."""
     if rgb.dtype.kind != "f":

@@ -34,6 +34,7 @@ from procam.workflows.playout.sources import (
     MovieClip,
     SequenceClip,
     StillClip,
+    keep_note,
     source_sequence,
 )
 
@@ -75,7 +76,7 @@ def warp_file(
 
     def work(clip_frame: ClipFrame) -> Callable[[], str]:
         nonlocal warper
-        notes.extend([] if notes or not clip_frame.note else [clip_frame.note])
+        keep_note(notes, clip_frame.note)
         size = square_edge(clip_frame.rgb, clip_frame.name)
         name = named_transfer(clip_frame, settings)
         if warper is None:

@@ -1,5 +1,6 @@
 """Movies there and back, against BT.709 written out, and what must not pass for a movie."""
 
+import re
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -327,3 +328,50 @@ class TestDamage:
             FileFormatError, match="has pictures of layout gray; encode it again in colour"
         ):
             MovieReader(tmp_path / "m.mkv")
+
+
+class TestSilentDamage:
+    """FFmpeg conceals what is wrong with FFV1, and goes on after what it cannot read of a container."""
+
+    def _movie(self, path: Path, times: range | list[int] = range(6)) -> bytes:
+        rng = np.random.default_rng(0)
+        with av.open(str(path), "w") as movie:
+            stream = movie.add_stream("ffv1", rate=25, options={"level": "3", "slicecrc": "1"})
+            stream.width, stream.height, stream.pix_fmt = 32, 32, "bgr0"
+            for time in times:
+                frame = av.VideoFrame.from_ndarray(rng.integers(0, 255, (32, 32, 3), np.uint8))
+                frame = frame.reformat(format="bgr0")
+                frame.pts = time
+                movie.mux(stream.encode(frame))
+            movie.mux(stream.encode())
+        return path.read_bytes()
+
+    @pytest.mark.parametrize("place", [0.2, 0.5, 0.9])
+    def test_a_changed_bit_of_a_frame_is_noticed(self, tmp_path: Path, place: float) -> None:
+        path = tmp_path / "a.mkv"
+        content = bytearray(self._movie(path))
+        content[int(place * len(content))] ^= 4
+        path.write_bytes(content)
+        with MovieReader(path) as movie, pytest.raises(FileFormatError, match="checksum of the fr"):
+            list(movie)
+
+    def test_undamaged_and_without_checksums(self, tmp_path: Path) -> None:
+        self._movie(tmp_path / "a.mkv")
+        for path in (tmp_path / "a.mkv", shoot(tmp_path / "b.mkv", "bgr0", [flat("bgr0", [9])])):
+            with MovieReader(path) as movie:
+                assert list(movie) and movie.note == ""
+
+    @pytest.mark.parametrize(
+        ("times", "words"),
+        [
+            ([0, 1, 2, 4, 5], "frame 3 of .* is shown at 0.160 s"),
+            ([1, 2, 3], "first frame is shown"),
+        ],
+    )
+    def test_a_frame_that_is_missing_is_named(
+        self, tmp_path: Path, times: list[int], words: str
+    ) -> None:
+        self._movie(tmp_path / "a.mkv", times)
+        with MovieReader(tmp_path / "a.mkv") as movie:
+            assert len(list(movie)) == len(times)
+            assert re.search(words + ".*, out of step with 25 frames per second", movie.note)
