@@ -23,6 +23,7 @@ def replacing(path: Path) -> Iterator[Path]:
     temporary = path.with_name(f".{path.name}.tmp{path.suffix}")
     try:
         with _named(path, temporary):
+            temporary.unlink(missing_ok=True)  # of a killed run, or a link that leads elsewhere
             yield temporary
             flush(temporary)
         temporary.replace(path)

@@ -45,6 +45,25 @@ class TestReplacing:
         assert path.read_text() == "new"
         assert _listing(tmp_path) == ["file.json"]
 
+    def test_a_link_in_the_place_of_the_temporary_file_is_not_followed(
+        self, tmp_path: Path
+    ) -> None:
+        with pytest.raises(Killed), atomic.replacing(tmp_path / "file.json") as temporary:
+            raise Killed
+        (tmp_path / "secret").write_text("kept")
+        temporary.symlink_to(tmp_path / "secret")
+        atomic.write_text(tmp_path / "file.json", "new")
+        assert (tmp_path / "secret").read_text() == "kept"
+        assert (tmp_path / "file.json").read_text() == "new"
+        assert not (tmp_path / "file.json").is_symlink()
+
+    def test_a_link_in_the_place_of_the_file_is_replaced(self, tmp_path: Path) -> None:
+        (tmp_path / "secret").write_text("kept")
+        (tmp_path / "file.json").symlink_to(tmp_path / "secret")
+        atomic.write_text(tmp_path / "file.json", "new")
+        assert (tmp_path / "secret").read_text() == "kept"
+        assert (tmp_path / "file.json").read_text() == "new"
+
 
 class TestReplacingDirectory:
     def test_appears_when_it_is_complete(self, tmp_path: Path) -> None:
