@@ -16,7 +16,10 @@ from procam.files.atomic import replacing, require_room
 
 STORED_AS = {"uint8": "uint8", "uint16": "uint16", "float16": "half", "float32": "float"}
 SUFFIXES = (".png", ".tif", ".tiff", ".exr")  # lossless formats; OpenImageIO would write more
+MOST_MIB = 4096  # of a picture in memory: 16384 x 16384 px of four floats
 ROWS = 64  # read at a time, so that they fit the cache
+
+oiio.attribute("limits:imagesize_MB", MOST_MIB)  # else a damaged header may ask for all memory
 
 
 def write_image(path: Path, pixels: NDArray[np.generic], channels: Sequence[str] = ()) -> None:

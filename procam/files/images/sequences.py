@@ -12,6 +12,7 @@ from procam.files.images.pixels import SUFFIXES
 PRINTF = re.compile(r"%(?:0?(\d+))?d")
 HASHES = re.compile(r"#+")
 LAST_NUMBER = re.compile(r"(.*?)(\d+)(\D*)")
+MOST_DIGITS = 12  # of a number in a name
 MAX_LISTED = 8  # missing numbers that a message lists
 
 
@@ -71,6 +72,8 @@ def parse_pattern(path: Path) -> Numbered | None:
         raise InputError(f"{path} has {len(found)} places for a number; it needs one")
     place = found[0]
     digits = len(place[0]) if place[0].startswith("#") else int(place[1] or 1)
+    if digits > MOST_DIGITS:
+        raise InputError(f"{path} asks for numbers of {digits} digits; give {MOST_DIGITS} or fewer")
     return Numbered(path.parent, path.name[: place.start()], digits, path.name[place.end() :])
 
 

@@ -4,6 +4,7 @@
 channels, attributes, bit depth and straight alpha of a file whose colours are replaced.
 """
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,14 @@ import OpenImageIO as oiio
 from procam.arrays import AnyArray, FloatArray, Image
 from procam.errors import FileFormatError
 from procam.files.images.layers import CHECKSUM, RGB
-from procam.files.images.pixels import STORED_AS, read_spec, require_suffix, write_image, write_spec
+from procam.files.images.pixels import (
+    MOST_MIB,
+    STORED_AS,
+    read_spec,
+    require_suffix,
+    write_image,
+    write_spec,
+)
 from procam.files.images.profiles import converted
 from procam.maths.light.curves import srgb_encode
 from procam.maths.light.transfer import transfer
@@ -133,7 +141,7 @@ def read_still(path: Path) -> Still:
         raise FileFormatError(f"{path} holds {parts} pictures; one is needed. Split the file")
     places = colour_places(path, spec)
     _refuse_premultiplied(path, pixels, spec)
-    whole = _display_window(pixels, spec)
+    whole = _display_window(path, pixels, spec)
     plain = places == list(range(whole.shape[2]))
     rgb = whole if plain else np.ascontiguousarray(whole[..., places])
     rgb, note, done = converted(path, rgb, spec, _stated_transfer(spec, rgb))
@@ -219,12 +227,17 @@ def _refuse_premultiplied(path: Path, pixels: AnyArray, spec: oiio.ImageSpec) ->
         )
 
 
-def _display_window(pixels: AnyArray, spec: oiio.ImageSpec) -> AnyArray:
+def _display_window(path: Path, pixels: AnyArray, spec: oiio.ImageSpec) -> AnyArray:
     """The whole picture where a renderer has stored a part of it (EXR's data window), the rest black."""
     shape = (spec.full_height, spec.full_width)
     top, left = spec.y - spec.full_y, spec.x - spec.full_x
     if pixels.shape[:2] == shape and not (top or left):
         return pixels
+    if math.prod(shape) * pixels.shape[2] * pixels.itemsize > MOST_MIB << 20:
+        raise FileFormatError(
+            f"{path}: its display window has {shape[1]}x{shape[0]} px, more than {MOST_MIB} MiB; it is "
+            "damaged, or must be cropped"
+        )
     whole = np.zeros((*shape, pixels.shape[2]), pixels.dtype)
     rows = slice(max(top, 0), max(top, 0, min(top + pixels.shape[0], shape[0])))
     columns = slice(max(left, 0), max(left, 0, min(left + pixels.shape[1], shape[1])))

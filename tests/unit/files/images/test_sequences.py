@@ -120,3 +120,11 @@ class TestFind:
             find_sequence(tmp_path / "s.%d.png")
         with pytest.raises(FileFormatError, match="no such folder"):
             find_sequence(tmp_path / "no" / "s.%d.png")
+
+
+@pytest.mark.parametrize(
+    "name", ["sky.%0999d.exr", "sky.%099999999999d.exr", f"sky.{'#' * 13}.exr"]
+)
+def test_numbers_of_too_many_digits(name: str) -> None:
+    with pytest.raises(InputError, match=r"digits; give 12 or fewer"):
+        parse_pattern(Path(name))

@@ -232,3 +232,19 @@ class TestRefused:
         still = read_still(tmp_path / "a.png")
         with pytest.raises(FileFormatError, match=r"not '\.jpg'; rename it"):
             write_still(tmp_path / "b.jpg", still.rgb, still, "srgb")
+
+
+def test_a_size_that_no_memory_holds_is_refused_before_it_is_allocated(tmp_path: Path) -> None:
+    """Headers of EXR name two windows; either may be damaged or a trap."""
+    path = tmp_path / "a.exr"
+    write_image(path, np.zeros((4, 6, 3), np.float32), ("R", "G", "B"))
+    content = path.read_bytes()
+    for window, words in (
+        (b"displayWindow", "display window has 60000x60000 px, more than 4096 MiB"),
+        (b"dataWindow", "exceeds the 4096 MB limit"),
+    ):
+        start = content.index(window + b"\0box2i\0") + len(window) + 11
+        box = struct.pack("<4i", 0, 0, 59999, 59999)
+        path.write_bytes(content[:start] + box + content[start + 16 :])
+        with pytest.raises(FileFormatError, match=words):
+            read_still(path)
