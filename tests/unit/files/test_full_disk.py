@@ -99,7 +99,7 @@ def test_a_file_is_whole_or_the_old_one_stays(name: str, tmp_path: Path) -> None
     assert len(path.read_bytes()) == len(whole)
 
 
-def test_a_movie_tells_of_a_write_that_failed_though_later_ones_found_room(tmp_path: Path) -> None:
+def test_a_write_that_failed_is_an_error_though_later_ones_found_space(tmp_path: Path) -> None:
     """FFmpeg would go on, and the movie would play up to the hole."""
 
     class Full:
