@@ -3,6 +3,7 @@
 import json
 import shutil
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -319,6 +320,30 @@ def test_a_wrong_exposure_is_named(exposure: str, words: str, venue: Venue) -> N
     assert ran.code == 2
     assert "shot south-0000: " in ran.complaint
     assert words in ran.complaint
+
+
+def test_a_camera_that_clips_below_its_full_scale_is_refused(
+    venue: Venue, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its photographs would show no saturated pixel, and an m that is far too large."""
+
+    class Clipping:
+        def __init__(self, camera: SimulatedCamera) -> None:
+            self.camera = camera
+
+        def __getattr__(self, name: str) -> object:
+            return getattr(self.camera, name)
+
+        def capture(self) -> Frame:
+            frame = self.camera.capture()
+            bright = np.quantile(frame.counts, 0.97)
+            level = max(int(bright), 1000)
+            return replace(frame, counts=np.minimum(frame.counts, level).astype(np.uint16))
+
+    watch_stage(monkeypatch, lambda stage: replace_camera(stage.backend, Clipping))
+    ran = procam("capture", venue.directory)
+    assert ran.code == 2
+    assert "and none has more, though 12 bits allow 4095: the camera clips there" in ran.complaint
 
 
 def test_the_faulty_preset_ends_in_the_right_named_errors(

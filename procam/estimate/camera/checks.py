@@ -4,6 +4,31 @@ import numpy as np
 
 from procam.arrays import AnyArray, Array, BoolArray
 
+PLATEAU_PIXELS = 50  # at the highest level; fewer are specks
+PLATEAU_CLEAR = (
+    3  # times as many as at the level below it: noise makes the number fall towards the top
+)
+LEVEL_SHARE = 1e-3  # of full scale: width of a level, as sensors' pixels saturate within one
+BRIGHT_SHARE = 0.2  # of full scale: a darker top is no end of a camera's range
+
+
+def early_clipping(counts: AnyArray, full: int) -> tuple[int, float] | None:
+    """Level [DN] below `full` at which a bright photograph (H, W[, C]) ends, and share of its pixels there.
+
+    None if none of its channels does. Where light ends, noise makes the highest level the rarest; where a
+    camera clips, as by a limited range or a highlight mode, it is the most frequent of the upper ones.
+    """
+    for channel in np.moveaxis(np.atleast_3d(counts), -1, 0):
+        number = np.bincount(channel.ravel())
+        top, width = len(number) - 1, max(1, round(LEVEL_SHARE * full))
+        if not BRIGHT_SHARE * full < top < full - width:
+            continue
+        levels = np.add.reduceat(number[top % width :], np.arange(0, top + 1 - top % width, width))
+        last, below = levels[-1], next((n for n in levels[-2::-1] if n), 0)
+        if last >= PLATEAU_PIXELS and last > PLATEAU_CLEAR * below:
+            return top, float(last / channel.size)
+    return None
+
 
 def fit_dark_frames(
     short: AnyArray, long: AnyArray, exposures_s: tuple[float, float]

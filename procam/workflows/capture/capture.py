@@ -11,6 +11,7 @@ import numpy as np
 from procam.arrays import Array, Array32
 from procam.devices.rig import Rig
 from procam.errors import InputError, OutOfModelRange, StaleFrame
+from procam.estimate.camera.checks import early_clipping
 from procam.files import atomic
 from procam.files.session import Session
 from procam.files.venue.load import Venue
@@ -146,6 +147,18 @@ def _checked(
     raise AssertionError("unreachable")
 
 
+def check_range(shot: Shot, frame: Frame, sensor: Sensor) -> None:
+    """Refuse a photograph of white that is clipped below the camera's full scale, where it looks sound."""
+    found = early_clipping(frame.counts, 2**sensor.bits - 1)
+    if found is not None:
+        level, share = found
+        raise OutOfModelRange(
+            f"shot {shot.id}: {share:.1%} of the pixels have the value {level} and none has more, though "
+            f"{sensor.bits} bits allow {2**sensor.bits - 1}: the camera clips there. Expose white shorter "
+            "([capture] exposure_s), and switch off what limits the camera's range"
+        )
+
+
 class _FrameCheck:
     """Compares a frame with what it should be and with the one before it."""
 
@@ -170,6 +183,8 @@ class _FrameCheck:
                 f"shot {shot.id}: white of projector {shot.projector} is black in the photograph; "
                 "check its lamp, shutter and input, or raise exposure_s"
             )
+        if shot.purpose == "white":
+            check_range(shot, frame, self.sensor)
         if self._is_stale(probe, frame.settings.exposure_s, drive):
             raise StaleFrame(
                 f"shot {shot.id}: the camera delivered the picture before it {ATTEMPTS} times; "

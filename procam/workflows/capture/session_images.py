@@ -13,7 +13,7 @@ from procam.files.session import Session
 from procam.model.frame import Frame
 from procam.model.plan import Plan, Purpose, Shot
 from procam.workflows.capture.by_hand import PREFIX
-from procam.workflows.capture.capture import missing_shots
+from procam.workflows.capture.capture import check_range, missing_shots
 
 Counts = NDArray[np.uint16]
 GREEN = 1
@@ -37,7 +37,10 @@ class SessionImages:
         by_hand = self.session.directory.name.startswith(PREFIX)
         if by_hand and (shot.id, exposure_s) not in self.session.stored(camera.name):
             raise FileFormatError(self._not_photographed())
-        return self.session.load(camera.name, shot, exposure_s, camera.size)
+        frame = self.session.load(camera.name, shot, exposure_s, camera.size)
+        if shot.purpose == "white":
+            check_range(shot, frame, camera.sensor)
+        return frame
 
     def _not_photographed(self) -> str:
         """What a session that nobody drives lacks of this camera; capture cannot take it again."""

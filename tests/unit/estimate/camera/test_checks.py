@@ -9,6 +9,7 @@ from noisy_photographs import BLACK_SHARE, SENSOR, SHAPE, photograph, scene
 from procam.estimate.camera.checks import (
     additivity,
     brightness_ratio,
+    early_clipping,
     fit_dark_frames,
     grey_gamma,
     response_exponent,
@@ -55,3 +56,37 @@ def test_gamma_from_one_grey(gamma: float) -> None:
 def test_brightness() -> None:
     white, direct = scene()
     assert brightness_ratio(white, 1.3 * white, direct > 0) == pytest.approx(1.3)
+
+
+class TestEarlyClipping:
+    """White on a dome, brighter in the middle, by sensors of several depths and noise."""
+
+    def white(self, rng: np.random.Generator, bits: int, snr: float, peak: float) -> np.ndarray:
+        y, x = np.mgrid[-1:1:300j, -1:1:400j]
+        light = peak * (1 - 0.4 * (x**2 + y**2) / 2)
+        light = light + rng.normal(0, 1 / snr, light.shape) * np.sqrt(light)
+        return np.clip(np.rint(light * (2**bits - 1)), 0, 2**bits - 1).astype(np.uint16)
+
+    @pytest.mark.parametrize("bits", [8, 10, 12, 14, 16])
+    @pytest.mark.parametrize("snr", [30.0, 100.0, 1e6])
+    def test_an_end_below_full_scale(self, rng: np.random.Generator, bits: int, snr: float) -> None:
+        sound = self.white(rng, bits, snr, 0.8)
+        full = 2**bits - 1
+        assert early_clipping(sound, full) is None
+        level = int(np.quantile(sound, 0.9))
+        found = early_clipping(np.minimum(sound, level), full)
+        assert found is not None and found[0] == level
+        assert found[1] == pytest.approx((sound >= level).mean(), abs=1e-6)
+        colour = np.dstack([sound, np.minimum(sound, level), sound])
+        assert early_clipping(colour, full) == found
+
+    def test_full_scale_itself_and_dark_pictures_are_no_early_end(
+        self, rng: np.random.Generator
+    ) -> None:
+        assert early_clipping(self.white(rng, 12, 100, 1.5), 4095) is None
+        assert early_clipping(np.minimum(self.white(rng, 12, 100, 0.3), 500), 4095) is None
+
+    def test_few_alike_pixels_are_specks(self, rng: np.random.Generator) -> None:
+        picture = self.white(rng, 12, 100, 0.5)
+        picture[:7, :7] = 3000
+        assert early_clipping(picture, 4095) is None
