@@ -56,3 +56,14 @@ def test_blocks_that_do_not_fit_count_little(
     fit.solve()
     light, _ = fit.table(curve.levels)
     np.testing.assert_allclose(light, curve.light() / curve.light()[-1], atol=4e-3)
+
+
+def test_noise_is_that_of_the_levels_not_of_what_a_fit_leaves(rng: np.random.Generator) -> None:
+    """Each block's brightness is fitted to its few levels, which takes a share of their noise away."""
+    _, exact = curve_and_fit()
+    blocks = exact.blocks
+    level = blocks.level + rng.normal(0, 0.004, blocks.level.shape)
+    fit = CameraResponseFit(replace(blocks, level=level), SECONDS)
+    fit.solve()
+    middle = fit.use & (fit.predicted > 0.1) & (fit.predicted < 0.9)
+    assert np.median(fit.noise[middle]) == pytest.approx(0.004, rel=0.1)
