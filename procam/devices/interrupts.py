@@ -5,15 +5,15 @@ Projectors must be dark afterwards, so what makes them dark is not interrupted a
 
 import os
 import signal
-import sys
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 
 SIGNALS = [
     getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
 ]
+STDERR = 2  # sys.stderr may be no file, as in a notebook
 WAIT = b"procam: stopping; projectors are being made dark, please wait\n"
 
 
@@ -58,10 +58,12 @@ def interruptible(process_ends: bool = False) -> Iterator[Run]:
     heeded = [number for number in SIGNALS if signal.getsignal(number) is not signal.SIG_IGN]
     before = {number: signal.signal(number, _stop) for number in heeded}
     try:
-        yield run
+        try:
+            yield run
+        finally:
+            while run.unfinished:
+                run.unfinished.pop()()
     finally:
-        while run.unfinished:
-            run.unfinished.pop()()
         silent = process_ends and run.stopped_by is not None
         for number, handler in before.items():
             signal.signal(number, signal.SIG_IGN if silent else handler)
@@ -72,7 +74,8 @@ def _stop(number: int, _: object) -> None:
     run = current_run()
     if run.stopped_by is not None:
         if run.unfinished:
-            os.write(sys.stderr.fileno(), WAIT)
+            with suppress(OSError):  # a terminal that was closed
+                os.write(STDERR, WAIT)
         return
     run.stopped_by = number
     raise KeyboardInterrupt

@@ -38,9 +38,8 @@ class Rig:
         return self
 
     def __exit__(self, *_: object) -> None:
-        with (
-            self._stack
-        ):  # a signal meanwhile leaves it unfinished, and the run's end does it again
+        # a signal meanwhile leaves it unfinished, and the end of `interruptible` does it again
+        with self._stack:
             self._leave()
 
     def _leave(self) -> None:

@@ -47,7 +47,7 @@ def missing_notes(names: Sequence[str], gaps: Sequence[int], planes: Sequence[ob
     return notes
 
 
-def lacking(notes: Sequence[str]) -> str:
+def missing_as_cause(notes: Sequence[str]) -> str:
     """What to add to a refusal of a set whose notes say that pictures are missing; "" if none is."""
     count = sum(note.startswith(MISSING) for note in notes)
     which = "One picture is" if count == 1 else f"{count} pictures are"

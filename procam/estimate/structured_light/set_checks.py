@@ -21,7 +21,7 @@ from procam.estimate.structured_light.consistency import Order, OrderConsistency
 from procam.estimate.structured_light.exposures import exposure_notes, relative_exposures, scaled
 from procam.estimate.structured_light.gaps import (
     count_fits,
-    lacking,
+    missing_as_cause,
     missing_notes,
     skipped_numbers,
     spread,
@@ -116,7 +116,7 @@ class _Inspector:
             yield
         except InputError as error:
             if not self._anyway:
-                raise InputError(f"{error}{lacking(self.notes)}") from error
+                raise InputError(f"{error}{missing_as_cause(self.notes)}") from error
             self.refused.append(str(error))
 
     def scale(self, order: Order) -> dict[int, float]:

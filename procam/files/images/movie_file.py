@@ -35,7 +35,7 @@ class MovieFile:
     container : PyAV's, for streams and metadata. pictures : packets of the video stream so far.
     """
 
-    def __init__(self, container: Any, file: "_PatientFile") -> None:
+    def __init__(self, container: Any, file: "_ErrorKeepingFile") -> None:
         self.container, self._file, self.pictures = container, file, 0
 
     def mux(self, packet: Any) -> None:
@@ -57,7 +57,7 @@ def new_movie_file(path: Path, container: str) -> Iterator[MovieFile]:
     av = video_library()
     with replacing(path) as temporary:
         with temporary.open("wb", buffering=0) as raw:
-            file = _PatientFile(raw)
+            file = _ErrorKeepingFile(raw)
             with av.open(file, "w", format=container) as movie:
                 written = MovieFile(movie, file)
                 yield written
@@ -72,7 +72,7 @@ def new_movie_file(path: Path, container: str) -> Iterator[MovieFile]:
             )
 
 
-class _PatientFile:
+class _ErrorKeepingFile:
     """A new file as FFmpeg needs it; the first error is kept for `check`, and nothing is written after it."""
 
     def __init__(self, raw: io.FileIO) -> None:

@@ -2,7 +2,7 @@
 
 import json
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -24,9 +24,9 @@ class Output:
         if not self.as_json:
             sys.stdout.write(text + "\n")
 
-    def notes(self, calibration: "Calibration") -> list[str]:
-        """Print the notes of a solve, which nobody should miss, and return them."""
-        lines = [str(line) for line in calibration.provenance.get("notes", ())]
+    def notes(self, calibration: "Calibration", compared: Sequence[str]) -> list[str]:
+        """Print the notes of a solve and of its comparison, which nobody should miss, and return them."""
+        lines = [*(str(line) for line in calibration.provenance.get("notes", ())), *compared]
         for line in lines:
             self.say(f"note: {line}")
         return lines

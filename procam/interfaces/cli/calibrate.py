@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from procam.files.calibration import load_calibration
+from procam.files.calibration import calibration_in_use, load_calibration
 from procam.files.lock import locked
 from procam.files.session import Session
 from procam.files.venue.load import load_venue
@@ -24,13 +24,10 @@ def calibrate(venue: VenueArgument, json: Json = False) -> None:
     with locked(venue, "calibrate"):
         session = output.follow(capture_newest(loaded))["session"]
         solved = output.follow(solve(loaded, Session(session)))
-        written, compared = solved["calibration"], solved["compared"]
-    calibration = load_calibration(Path(written))
-    keep_pictures(venue, calibration, half_sky(_sessions.CONTENT_SIZE))
-    report = write_report(venue)
+        used = load_calibration(calibration_in_use(venue))
+        keep_pictures(venue, used, half_sky(_sessions.CONTENT_SIZE))
+        report = write_report(venue)
+    written = solved["calibration"]
     output.say(f"{written} and {report} written")
-    notes = output.notes(calibration)
-    for line in compared:
-        output.say(f"note: {line}")
-    document = {"calibration": written, "report": str(report), "notes": notes}
-    output.finish(document | {"compared": compared})
+    notes = output.notes(load_calibration(Path(written)), solved["compared"])
+    output.finish({"calibration": written, "report": str(report), "notes": notes})

@@ -15,7 +15,7 @@ from procam.estimate.structured_light.consistency import probe_places
 from procam.estimate.structured_light.decode import Decoded, Decoder
 from procam.estimate.structured_light.described import folder_order, unseen_errors
 from procam.estimate.structured_light.exposures import scaled
-from procam.estimate.structured_light.gaps import count_fits, lacking
+from procam.estimate.structured_light.gaps import count_fits, missing_as_cause
 from procam.estimate.structured_light.limits import (
     DecodeLimits,
     default_limits,
@@ -124,7 +124,7 @@ def decode_folder(
     mirrored, mixed = orientation(code, decoded.map)
     refused = [*decoded.refused, *mixed]
     if refused and not anyway:
-        raise InputError(refused[0] + lacking(verdict.notes))
+        raise InputError(refused[0] + missing_as_cause(verdict.notes))
     found, panel = decoded.map, fit_projector_map(decoded.map, code.size)
     if limits == (None, None):
         found = drop_inconsistent(found, panel)

@@ -23,11 +23,9 @@ def solve(
     """Calibrate from stored captures alone; no device is touched."""
     venue, output = load_venue(venue_of(session)), Output(json)
     solved = output.follow(solving.solve(venue, Session(session)))
-    written, compared = solved["calibration"], solved["compared"]
+    written = solved["calibration"]
     calibration = load_calibration(Path(written))
     output.say(f"{written} written")
     output.table(calibration.quality)
-    notes = output.notes(calibration)
-    for line in compared:
-        output.say(f"note: {line}")
-    output.finish({"calibration": written, "notes": notes, "compared": compared})
+    notes = output.notes(calibration, solved["compared"])
+    output.finish({"calibration": written, "notes": notes})

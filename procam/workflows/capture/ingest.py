@@ -70,11 +70,10 @@ def ingest(
             surveyed.append(_survey(path, model, response, claims.get(path.name)))
             yield Event("ingest", len(surveyed), len(paths), f"{path.name} looked at")
         surveyed = _in_time(surveyed)
-        stored = set() if replace_stored else set(session.stored(camera))
-        observations = [s.observation for s in surveyed]
-        match = match_photos(plan, observations, stored, by_order=by_order)
-        if replace_stored:
-            match.missing = [slot for slot in match.missing if slot not in session.stored(camera)]
+        stored, observations = set(session.stored(camera)), [s.observation for s in surveyed]
+        kept = set() if replace_stored else stored
+        match = match_photos(plan, observations, kept, by_order=by_order)
+        match.missing = [slot for slot in match.missing if slot not in stored]
         match.notes += [f"{name}: is no photograph; left out" for name in others]
         _check(plan, surveyed, match, model, session, camera)
         exposed, chosen = _as_exposed(plan, surveyed, match, session, venue)

@@ -58,8 +58,8 @@ from procam.workflows.solve.media_server import (
 )
 from procam.workflows.solve.near_veil import with_near_veil
 from procam.workflows.solve.plausible import check_finite, check_on_screen
+from procam.workflows.solve.predecessor import compare_with_predecessor
 from procam.workflows.solve.provenance import provenance
-from procam.workflows.solve.succession import succeed
 
 NOISE_DN = 6.0  # differences below a few counts mean nothing
 DARK_SIGMAS = 3.0
@@ -130,7 +130,7 @@ def _solve(venue: Venue, session: Session) -> Iterator[Event]:
     used = calibration_in_use(venue.directory) if before else None
     directory = next_directory(venue.directory)
     save_calibration(_protecting(venue, calibration), directory)
-    lines = succeed(venue.directory, used, directory, calibration)
+    lines = compare_with_predecessor(venue.directory, used, directory, calibration)
     data = {"calibration": str(directory), "compared": lines}
     yield Event("solve", total, total, f"calibration {directory} written", data)
 

@@ -1,15 +1,19 @@
 """Signals at awkward moments: the first one stops, none leaves a projector lit."""
 
+import io
 import os
 import signal
+import sys
 from collections.abc import Iterator
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from procam.devices import interrupts
 from procam.devices.interrupts import SIGNALS, current_run, interruptible
 from procam.devices.rig import Rig
+from procam.errors import DeviceError
 
 
 class Projector:
@@ -91,6 +95,38 @@ def test_a_projector_that_does_not_answer_is_named_and_nothing_is_called_dark() 
         with interruptible() as run, rig_of(Broken(), good):
             pass
     assert not good.lit and not run.left_dark
+
+
+def test_a_rig_that_fails_at_the_very_end_leaves_no_signal_ignored() -> None:
+    """In a notebook the next run must be one that Ctrl-C stops."""
+
+    class Broken(Projector):
+        def show(self, drive: np.ndarray) -> None:
+            super().show(drive)
+            raise OSError("no such device")
+
+    broken = Broken()
+    broken.due = [signal.SIGINT]
+    with (
+        pytest.raises(DeviceError, match=r"may still be lit: p0 \(no such device\)"),
+        rig_of(broken),
+    ):
+        pass
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    with interruptible() as run:
+        assert run.stopped_by is None and run is current_run()
+
+
+def test_further_signals_do_no_harm_where_stderr_is_no_file(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(sys, "stderr", io.StringIO())
+    monkeypatch.setattr(interrupts, "STDERR", -1)
+    projector = Projector()
+    projector.due = [signal.SIGINT]
+    with pytest.raises(KeyboardInterrupt), interruptible() as run, rig_of(projector):
+        os.kill(os.getpid(), signal.SIGINT)
+    assert not projector.lit and run.left_dark
 
 
 def test_an_ending_process_stays_deaf_once_it_was_stopped() -> None:

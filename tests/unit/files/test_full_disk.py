@@ -20,7 +20,7 @@ import pytest
 from procam.errors import FileFormatError
 from procam.files import atomic
 from procam.files.images.layers import write_channels, write_layers
-from procam.files.images.movie_file import MovieFile, _PatientFile
+from procam.files.images.movie_file import MovieFile, _ErrorKeepingFile
 from procam.files.images.movie_writer import new_movie
 from procam.files.images.movies import MovieReader
 from procam.files.images.pixels import write_image
@@ -108,7 +108,7 @@ def test_a_write_that_failed_is_an_error_though_later_ones_found_space(tmp_path:
         def write(self, data: bytes) -> int:
             raise OSError(errno.ENOSPC, "No space left on device")
 
-    file = _PatientFile(Full())  # type: ignore[arg-type]
+    file = _ErrorKeepingFile(Full())  # type: ignore[arg-type]
     assert file.write(b"abc") == 3 == file.tell()
     assert file.seek(-1, io.SEEK_END) == 2
     with pytest.raises(OSError, match="No space left"):

@@ -49,7 +49,7 @@ def exchange_projectors(venue: Path) -> Path:
 
 
 def test_a_calibration_that_contradicts_the_one_in_use_is_not_used(venue: Path) -> None:
-    """Photographs that were exchanged solve as well as before: only the predecessor tells."""
+    """Photographs that were exchanged solve as well as before: only the predecessor differs."""
     session = exchange_projectors(venue)
     with quick_simulator():
         ran = procam("solve", session)
@@ -64,7 +64,7 @@ def test_a_calibration_that_contradicts_the_one_in_use_is_not_used(venue: Path) 
 def test_the_same_again_succeeds_without_a_word(venue: Path) -> None:
     with quick_simulator():
         ran = procam("solve", venue / "sessions" / "0001", "--json")
-    assert json.loads(ran.out)["compared"] == []
+    assert json.loads(ran.out)["notes"] == []
     assert calibration_in_use(venue).name == "0002"
 
 

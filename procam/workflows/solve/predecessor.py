@@ -1,4 +1,4 @@
-"""Whether a new calibration of a venue succeeds the one in use."""
+"""Compares a new calibration of a venue with the one in use, which it replaces if they can both be right."""
 
 from pathlib import Path
 
@@ -10,7 +10,9 @@ from procam.model.calibration import Calibration
 CONTRADICTION = ("exchanged", "differ")  # verdicts that no change to a rig explains
 
 
-def succeed(venue_dir: Path, before: Path | None, new: Path, calibration: Calibration) -> list[str]:
+def compare_with_predecessor(
+    venue_dir: Path, before: Path | None, new: Path, calibration: Calibration
+) -> list[str]:
     """Compare a new calibration with the one used before it; one that contradicts it is not used.
 
     Returns what to tell the crew: nothing for the first, for one that agrees, and for another rig.
