@@ -6,6 +6,7 @@ from collections.abc import Iterator
 FOOTER, CHECKED_FOOTER = 3, 8  # bytes after a slice: its size; and a status and a checksum
 REVERSED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 ONES = 0xFFFFFFFF
+STARTS = 0, 0x5E31029E  # of the checksum; the second one in version 4
 
 
 def has_checksums(packet: bytes) -> bool | None:
@@ -18,7 +19,9 @@ def has_checksums(packet: bytes) -> bool | None:
 def is_whole(packet: bytes) -> bool:
     """Whether a frame is a row of slices whose checksums hold."""
     slices = list(_slices(packet, CHECKED_FOOTER))
-    return bool(slices) and all(_remainder(packet[part]) == 0 for part in slices)
+    return bool(slices) and any(
+        all(_remainder(packet[part], start) == start for part in slices) for start in STARTS
+    )
 
 
 def _slices(packet: bytes, footer: int) -> Iterator[slice]:
@@ -31,6 +34,6 @@ def _slices(packet: bytes, footer: int) -> Iterator[slice]:
     yield from found if end == 0 else ()
 
 
-def _remainder(data: bytes) -> int:
-    """CRC with FFV1's polynomial, most significant bit first, from 0: zlib's with all bits reversed."""
-    return zlib.crc32(data.translate(REVERSED), ONES) ^ ONES
+def _remainder(data: bytes, start: int) -> int:
+    """CRC with FFV1's polynomial, most significant bit first: zlib's with all bits reversed, like `start`."""
+    return zlib.crc32(data.translate(REVERSED), start ^ ONES) ^ ONES

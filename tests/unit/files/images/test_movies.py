@@ -333,14 +333,22 @@ class TestDamage:
 class TestSilentDamage:
     """FFmpeg conceals what is wrong with FFV1, and goes on after what it cannot read of a container."""
 
-    def _movie(self, path: Path, times: range | list[int] = range(6)) -> bytes:
+    def _movie(
+        self,
+        path: Path,
+        times: range | list[int] = range(6),
+        *,
+        options: dict[str, str] | None = None,
+        layout: str = "bgr0",
+    ) -> bytes:
         rng = np.random.default_rng(0)
         with av.open(str(path), "w") as movie:
-            stream = movie.add_stream("ffv1", rate=25, options={"level": "3", "slicecrc": "1"})
-            stream.width, stream.height, stream.pix_fmt = 32, 32, "bgr0"
+            options = options or {"level": "3", "slicecrc": "1"}
+            stream = movie.add_stream("ffv1", rate=25, options=options)
+            stream.width, stream.height, stream.pix_fmt = 96, 64, layout
             for time in times:
-                frame = av.VideoFrame.from_ndarray(rng.integers(0, 255, (32, 32, 3), np.uint8))
-                frame = frame.reformat(format="bgr0")
+                frame = av.VideoFrame.from_ndarray(rng.integers(0, 255, (64, 96, 3), np.uint8))
+                frame = frame.reformat(format=layout)
                 frame.pts = time
                 movie.mux(stream.encode(frame))
             movie.mux(stream.encode())
@@ -354,6 +362,23 @@ class TestSilentDamage:
         path.write_bytes(content)
         with MovieReader(path) as movie, pytest.raises(FileFormatError, match="checksum of the fr"):
             list(movie)
+
+    @pytest.mark.parametrize(
+        "options",
+        [
+            {"level": "1"},
+            {"level": "3", "slicecrc": "0"},
+            {"level": "3", "slices": "24", "g": "3"},
+            {"level": "4", "strict": "-2"},
+        ],
+    )
+    @pytest.mark.parametrize("layout", ["bgr0", "gbrp16le", "yuv422p10le"])
+    def test_other_versions_are_read(
+        self, tmp_path: Path, options: dict[str, str], layout: str
+    ) -> None:
+        self._movie(tmp_path / "a.mkv", options=options, layout=layout)
+        with MovieReader(tmp_path / "a.mkv") as movie:
+            assert len(list(movie)) == 6 and movie.note == ""
 
     def test_undamaged_and_without_checksums(self, tmp_path: Path) -> None:
         self._movie(tmp_path / "a.mkv")
