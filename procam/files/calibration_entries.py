@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from procam.arrays import AnyArray, Array, FloatArray
+from procam.files.names import NAME_PATTERN
 from procam.maths.geometry.lenses import Lens
 from procam.maths.geometry.pose import Pose
 from procam.model.correspondence import ProjectorSurface
@@ -25,7 +26,6 @@ POSITIVE: Bounds = (1e-9, 1e9)
 SHARE: Bounds = (0.0, 1.0)
 PIXELS: Bounds = (1, 65536)
 UNIT_LENGTH = 1e-3  # departure of a direction's length from 1
-SAFE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")
 TURN = 1e-6  # departure of a rotation from an orthonormal matrix
 
 
@@ -89,7 +89,7 @@ def screen(entry: dict[str, Any]) -> Dome:
 
 def safe_name(name: str) -> str:
     """A name that is a part of file names."""
-    if not SAFE_NAME.fullmatch(name):
+    if not re.fullmatch(NAME_PATTERN, name):
         raise ValueError(f"{name[:40]!r} is no name that procam gives")
     return name
 

@@ -11,7 +11,8 @@ from typing import Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, StringConstraints, ValidationError
 
 from procam.errors import FileFormatError
-from procam.files.venue.tables import NAME_PATTERN, Name
+from procam.files.names import NAME_PATTERN
+from procam.files.venue.tables import Name
 from procam.model.frame import PixelFormat
 from procam.model.plan import Plan, Purpose, Shot
 

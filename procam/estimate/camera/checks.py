@@ -2,13 +2,12 @@
 
 import numpy as np
 
-from procam.arrays import AnyArray, Array, BoolArray
+from procam.arrays import AnyArray, Array, BoolArray, IndexArray
 
 PLATEAU_PIXELS = 50  # at the highest level; fewer are specks
-PLATEAU_CLEAR = (
-    3  # times as many as at the level below it: noise makes the number fall towards the top
-)
-LEVEL_SHARE = 1e-3  # of full scale: width of a level, as sensors' pixels saturate within one
+# times as many as at the level below it: noise makes the number fall towards the top
+PLATEAU_CLEAR = 3
+LEVEL_SHARES = 1e-3, 3e-3  # of full scale: widths of a level, in which pixels saturate
 BRIGHT_SHARE = 0.2  # of full scale: a darker top is no end of a camera's range
 
 
@@ -20,14 +19,18 @@ def early_clipping(counts: AnyArray, full: int) -> tuple[int, float] | None:
     """
     for channel in np.moveaxis(np.atleast_3d(counts), -1, 0):
         number = np.bincount(channel.ravel())
-        top, width = len(number) - 1, max(1, round(LEVEL_SHARE * full))
-        if not BRIGHT_SHARE * full < top < full - width:
-            continue
-        levels = np.add.reduceat(number[top % width :], np.arange(0, top + 1 - top % width, width))
-        last, below = levels[-1], next((n for n in levels[-2::-1] if n), 0)
-        if last >= PLATEAU_PIXELS and last > PLATEAU_CLEAR * below:
-            return top, float(last / channel.size)
+        top = len(number) - 1
+        for width in (max(1, round(share * full)) for share in LEVEL_SHARES):
+            if BRIGHT_SHARE * full < top < full - width and _is_plateau(number, width):
+                return top, float(number[-width:].sum() / channel.size)
     return None
+
+
+def _is_plateau(number: IndexArray, width: int) -> bool:
+    """Whether the highest of the levels, `width` values each, is far more frequent than that below it."""
+    levels = number[len(number) % width :].reshape(-1, width).sum(axis=1)
+    below = next((n for n in levels[-2::-1] if n), 0)
+    return bool(levels[-1] >= PLATEAU_PIXELS and levels[-1] > PLATEAU_CLEAR * below)
 
 
 def fit_dark_frames(

@@ -6,7 +6,8 @@ from typing import Any, get_args, get_origin
 
 from pydantic import BaseModel
 
-from procam.files.venue.tables import BY_HAND, NAME_PATTERN, RESPONSE_PATTERN, VenueTable
+from procam.files.names import NAME_PATTERN
+from procam.files.venue.tables import BY_HAND, RESPONSE_PATTERN, VenueTable
 
 OUTLINES = ("masks", "protected")  # lists whose entries are polygons or files
 NUMBER, WHOLE = "a number", "a whole number"

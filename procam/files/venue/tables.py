@@ -5,14 +5,13 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, StringConstraints
 
+from procam.files.names import NAME_PATTERN
 from procam.files.venue.outlines import Outline
 from procam.model.optics import USUAL_FAMILY, AprilTag, TagFamily
 
 Positive = Annotated[FiniteFloat, Field(gt=0)]
 Share = Annotated[FiniteFloat, Field(ge=0, le=1)]
 Pair = tuple[FiniteFloat, FiniteFloat]
-# names are used in file names
-NAME_PATTERN = r"^[A-Za-z0-9][A-Za-z0-9_-]*$"
 Name = Annotated[str, StringConstraints(pattern=NAME_PATTERN)]
 # of photographs that are ingested: linear, sRGB, measured by a table or from brackets
 RESPONSE_PATTERN = r"^(linear|srgb|solve|.+\.csv)$"
