@@ -57,14 +57,14 @@ def _figures(found: Calibration, truth: Calibration) -> dict[str, Any]:
         "floor": _compared(
             floor.value, float(floor.note.removeprefix("sigma ")), truth.screen.floor_albedo
         ),
-        "response": _response(found, truth),
+        "response": response_in_rooms(found, truth),
         "relative_arcmin": [relative, found.quality["direction_sigma_relative_arcmin"].value],
         "absolute_arcmin": [absolute, found.quality["direction_sigma_arcmin"].value],
         "notes": list(found.provenance["notes"]),
     }
 
 
-def _response(found: Calibration, truth: Calibration) -> list[list[float]]:
+def response_in_rooms(found: Calibration, truth: Calibration) -> list[list[float]]:
     """Errors of the projectors' responses at a quarter, half and three quarters, and their sigmas."""
     quarter = len(LEVELS) // 4
     both = response_errors(found, truth)

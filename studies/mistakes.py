@@ -1,0 +1,211 @@
+"""Mistakes of people and devices that leave photographs which look sound: what is noticed, what is wrong.
+
+Rooms drawn at random are calibrated without a mistake and with each of `simulators.mistakes` at three
+strengths. A mistake is noticed if procam refuses the session, or says something of it that it does not say
+of the same room without one. A result is wrong if it misses a bound (`BOUNDS`) that the same room meets
+without the mistake. Writes studies/mistakes.json and studies/mistakes.md; `python -m studies mistakes`
+remakes them in two hours.
+"""
+
+import re
+import tempfile
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+import numpy as np
+
+import simulators.backend
+import simulators.truth
+from procam.arrays import Array, Image
+from procam.devices.protocols import BackendRig
+from procam.devices.rig import Rig
+from procam.errors import ProcamError
+from procam.files.calibration import load_calibration
+from procam.files.venue.load import load_venue
+from procam.maths.warp import block_mean
+from procam.model.calibration import Calibration
+from procam.model.transport import Measured
+from procam.workflows.capture.capture import capture, prepare_session
+from procam.workflows.solve.calibrate import solve
+from procam.workflows.venue_rig import open_rig
+from simulators.mistakes import STRENGTHS, make_mistake
+from simulators.scene import DomeScene
+from simulators.sight_lines import SightLines
+from simulators.template import room_text
+from studies.measure import rms, side_by_side, write
+from studies.rooms import EVERY, SIZE, TRUTH_SIZE, direction_errors, response_in_rooms
+
+ROOMS = range(201, 221)
+LIT = 0.999
+SIGMAS = 1.96
+BLACK, GAIN, COVERAGE = 0.25, 0.02, 0.995  # errors of black's light and of gains; share of the lit dome
+Mistake = tuple[str, float]
+
+
+class Stage:
+    """A room that is opened again and again; light of the same pictures is computed only once."""
+
+    def __init__(self, number: int, folder: Path) -> None:
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "venue.toml").write_text(room_text(number, SIZE))
+        self.venue = load_venue(folder)
+        self.number = number
+        self._scene = simulators.backend.build_scene(self.venue.backends["simulated"], folder)
+        self._known: dict[Any, Image] = {}
+        simulators.truth.MASTER = TRUTH_SIZE
+        simulators.truth.write_truth(self.venue.backends["simulated"], folder, folder / "truth", {})
+        self.truth = load_calibration(folder / "truth")
+
+    def calibrate(self, mistake: Mistake | None) -> Calibration:
+        """A calibration of a new session."""
+        name = "0001" if mistake is None else re.sub(r"\W+", "-", f"{mistake}")
+        session = prepare_session(self.venue, self.venue.directory / "sessions" / name)
+        with self._rig(mistake, session.read_plan().exposures) as rig:
+            for _ in capture(rig, self.venue, session):
+                pass
+        *_, last = solve(self.venue, session)
+        return load_calibration(Path(last.data["calibration"]))
+
+    def _rig(self, mistake: Mistake | None, photographs: int) -> Rig:
+        with patch("simulators.backend.build_scene", self._new_scene):
+            rig = open_rig(self.venue)
+        if mistake is None:
+            return rig
+        devices = BackendRig(rig.cameras, rig.projectors, rig.clock)
+        made = make_mistake(devices, *mistake, photographs, self.number)
+        return replace(rig, cameras=made.cameras, projectors=made.projectors)
+
+    def _new_scene(self, *_: object) -> DomeScene:
+        """The scene, in standby, that remembers the light of its pictures."""
+        scene = self._scene.altered()
+        compute = scene.radiance
+
+        def radiance(lines: SightLines, bands: slice, blur_px: float) -> Image:
+            factors = {n: f for n, s in scene.states.items() if (f := s.light_factor()) > 0}
+            if len(factors) != 1:
+                return compute(lines, bands, blur_px)
+            ((name, factor),) = factors.items()
+            key = name, hash(scene.on_screen(name).tobytes()), str(bands)
+            if key not in self._known:
+                self._known[key] = compute(lines, bands, blur_px) / np.float32(factor)
+            return self._known[key] * np.float32(factor)
+
+        vars(scene)["radiance"] = radiance
+        return scene
+
+
+def figures(found: Calibration, truth: Calibration) -> dict[str, float]:
+    """What is bounded: departures over what is stated (a sigma), or over what is promised."""
+    relative, absolute = direction_errors(found, truth)
+    quality, floor = found.quality, found.quality["floor_albedo_by_light"]
+    floor_sigma = float(floor.note.removeprefix("sigma "))
+    true, maps = truth.maps, found.maps
+    lo, coverage = (block_mean(x, maps.size // true.size) for x in (maps.lo, maps.coverage))
+    lit = (true.coverage > LIT) & (coverage > LIT)
+    black = lo[lit][:, 1].sum() / true.lo[lit][:, 1].sum() - 1
+    covered = (true.coverage * np.minimum(coverage, 1)).sum()
+    errors = {
+        "m": _in_sigmas(found.feedback, truth.feedback),
+        "albedo": _in_sigmas(found.albedo, truth.albedo),
+        "floor": (floor.value - truth.screen.floor_albedo) / floor_sigma / SIGMAS,
+        "directions": absolute / quality["direction_sigma_arcmin"].value / SIGMAS,
+        "relative directions": relative
+        / quality["direction_sigma_relative_arcmin"].value
+        / SIGMAS,
+        "response": _response(found, truth),
+        "gains": _gains(found, truth) / GAIN,
+        "black": black / BLACK,
+        "coverage": (1 - covered / true.coverage.sum()) / (1 - COVERAGE),
+    }
+    return {name: round(abs(float(error)), 3) for name, error in errors.items()}
+
+
+def _in_sigmas(found: Measured, truth: Measured) -> float:
+    return float((found.value[1] - truth.value[1]) / found.sigma[1] / SIGMAS)
+
+
+def _response(found: Calibration, truth: Calibration) -> float:
+    error, sigma = response_in_rooms(found, truth)
+    return float(rms(np.divide(error, sigma))) / SIGMAS
+
+
+def _gains(found: Calibration, truth: Calibration) -> float:
+    """What 95 % of the pixels' gains are wrong by at most, apart from a common factor."""
+    ratios = list[Array]()
+    for name, projector in truth.projectors.items():
+        own = found.projectors[name]
+        both = (projector.surface.valid & own.surface.valid)[::EVERY, ::EVERY]
+        gain, true = (p.photometry.gain[::EVERY, ::EVERY, 1][both] for p in (own, projector))
+        ratios.append(np.asarray(gain / true, float))
+    ratio = np.concatenate(ratios)
+    return float(np.quantile(np.abs(ratio / np.median(ratio) - 1), 0.95))
+
+
+def judge_room(number: int) -> list[dict[str, Any]]:
+    """Rows of a room: without a mistake, then each mistake at each strength."""
+    with tempfile.TemporaryDirectory() as folder:
+        stage = Stage(number, Path(folder))
+        clean = _row(stage, None)
+        mistakes = [(name, s) for name, strengths in STRENGTHS.items() for s in strengths]
+        rows = [clean, *(_row(stage, mistake) for mistake in mistakes)]
+    for row in rows[1:]:
+        said = set(map(_kind, row["notes"])) - set(map(_kind, clean["notes"]))
+        row["notes"] = [note for note in row["notes"] if _kind(note) in said]
+        row["wrong"] = [
+            name
+            for name, error in row.get("errors", {}).items()
+            if error > max(1, 1.05 * clean["errors"][name])
+        ]
+    return rows
+
+
+def _row(stage: Stage, mistake: Mistake | None) -> dict[str, Any]:
+    row: dict[str, Any] = {"room": stage.number, "mistake": mistake}
+    try:
+        found = stage.calibrate(mistake)
+    except ProcamError as error:
+        return row | {"refused": str(error), "notes": []}
+    return row | {
+        "notes": list(found.provenance["notes"]),
+        "errors": figures(found, stage.truth),
+    }
+
+
+def _kind(note: str) -> str:
+    """A note without its numbers."""
+    return re.sub(r"[-+]?[0-9][0-9.,]*", "#", note)
+
+
+def outcome(row: dict[str, Any]) -> str:
+    """What came of a mistake."""
+    if "refused" in row:
+        return "refused"
+    wrong = "wrong" if row["wrong"] else "right"
+    return f"{wrong}, noted" if row["notes"] else wrong
+
+
+OUTCOMES = "refused", "right, noted", "wrong, noted", "right", "wrong"
+
+
+def table(rows: list[dict[str, Any]]) -> Iterator[str]:
+    """Markdown lines: a row per mistake and strength."""
+    yield f"| mistake | strength | {' | '.join(OUTCOMES)} | what was wrong without a word |"
+    yield "|---|---|---|---|---|---|---|---|"
+    for name, strengths in STRENGTHS.items():
+        for strength in strengths:
+            of = [row for row in rows if row["mistake"] == [name, strength]]
+            counts = [sum(outcome(row) == what for row in of) for what in OUTCOMES]
+            silent = sorted({w for row in of if outcome(row) == "wrong" for w in row["wrong"]})
+            cells = [name, f"{strength:g}", *map(str, counts), ", ".join(silent)]
+            yield f"| {' | '.join(cells)} |"
+
+
+def main() -> None:
+    """Run all rooms and write the results."""
+    rooms = side_by_side(judge_room, ROOMS)
+    rows = [row | {"mistake": list(row["mistake"])} for room in rooms for row in room[1:]]
+    document = {"rows": rows, "clean": [room[0] for room in rooms]}
+    write("mistakes", document, ["# Mistakes that leave sound photographs", "", *table(rows)])
