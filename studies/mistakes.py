@@ -1,6 +1,6 @@
 """Mistakes of people and devices that leave photographs which look sound: what is noticed, what is wrong.
 
-Rooms drawn at random are calibrated without a mistake and with each of `simulators.mistakes` at three
+Ten rooms drawn at random, and the standard venue with ten seeds of noise, are calibrated without a mistake and with each of `simulators.mistakes` at three
 strengths. A mistake is noticed if procam refuses the session, or says something of it that it does not say
 of the same room without one. A result is wrong if it misses a bound (`BOUNDS`) that the same room meets
 without the mistake. Writes studies/mistakes.json and studies/mistakes.md; `python -m studies mistakes`
@@ -34,11 +34,11 @@ from procam.workflows.venue_rig import open_rig
 from simulators.mistakes import STRENGTHS, make_mistake
 from simulators.scene import DomeScene
 from simulators.sight_lines import SightLines
-from simulators.template import room_text
+from simulators.template import room_text, venue_text
 from studies.measure import rms, side_by_side, write
 from studies.rooms import EVERY, SIZE, TRUTH_SIZE, direction_errors, response_in_rooms
 
-ROOMS = range(201, 221)
+ROOMS, SEEDS = range(201, 211), range(1, 11)  # drawn rooms, and noise seeds of the standard venue
 LIT = 0.999
 SIGMAS = 1.96
 BLACK, GAIN, COVERAGE = 0.25, 0.02, 0.995  # errors of black's light and of gains; share of the lit dome
@@ -46,11 +46,12 @@ Mistake = tuple[str, float]
 
 
 class Stage:
-    """A room that is opened again and again; light of the same pictures is computed only once."""
+    """A venue that is opened again and again; light of the same pictures is computed only once."""
 
     def __init__(self, number: int, folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
-        (folder / "venue.toml").write_text(room_text(number, SIZE))
+        text = room_text(number, SIZE) if number in ROOMS else venue_text("standard", SIZE, number)
+        (folder / "venue.toml").write_text(text)
         self.venue = load_venue(folder)
         self.number = number
         self._scene = simulators.backend.build_scene(self.venue.backends["simulated"], folder)
@@ -205,7 +206,7 @@ def table(rows: list[dict[str, Any]]) -> Iterator[str]:
 
 def main() -> None:
     """Run all rooms and write the results."""
-    rooms = side_by_side(judge_room, ROOMS)
+    rooms = side_by_side(judge_room, [*SEEDS, *ROOMS])
     rows = [row | {"mistake": list(row["mistake"])} for room in rooms for row in room[1:]]
     document = {"rows": rows, "clean": [room[0] for room in rooms]}
     write("mistakes", document, ["# Mistakes that leave sound photographs", "", *table(rows)])

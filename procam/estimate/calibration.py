@@ -18,12 +18,14 @@ from procam.estimate.geometry.direction_samples import direction_sigmas
 from procam.estimate.geometry.solve import MAX_SPHERE_RATIO, GeometrySolution
 from procam.estimate.light.blend import Blender, common_white
 from procam.estimate.light.dome_scatter import DomeScatter, measure_scatter
+from procam.estimate.light.edge_blend import edge_blend_notes
 from procam.estimate.light.floor_albedo import floor_notes, flux_notes
 from procam.estimate.light.footprint import camera_pixels, lit_share, project_surface
 from procam.estimate.light.luminance_matching import matched_white
 from procam.estimate.light.projector_response import ColourFit
 from procam.estimate.light.scatter_kernel import BLACK_BLUR_PX, CELLS, ScatterSample
 from procam.estimate.light.separation import SeparatedLight
+from procam.estimate.light.spots import spot_notes
 from procam.maths.geometry.sphere import master_directions, master_solid_angles
 from procam.maths.warp import blur, sample
 from procam.model.calibration import Calibration, ProjectorCalibration
@@ -50,6 +52,7 @@ class ProjectorMeasurement:
     colour, response : fitted to its pictures of primaries and of levels.
     scatter_samples : of its white, then of its other pictures.
     exponent : as in `Photometry`. notes : for the report.
+    moved_px : by which the camera's picture moved meanwhile [px].
     """
 
     light: SeparatedLight
@@ -59,6 +62,7 @@ class ProjectorMeasurement:
     scatter_samples: Sequence[ScatterSample] = ()
     exponent: Image | None = None
     notes: Sequence[str] = ()
+    moved_px: float = 0.0
 
 
 def assemble(
@@ -81,8 +85,9 @@ def assemble(
     """
     unmix = _content_matrix(measured)
     content = {name: _converted(m.light, unmix) for name, m in measured.items()}
+    moved_arcmin = _moved_arcmin(geometry, measured)
     surfaces = {
-        name: project_surface(geometry, name, dome, light, nudges)
+        name: _widened(project_surface(geometry, name, dome, light, nudges), moved_arcmin)
         for name, light in content.items()
     }
     blender = Blender(geometry.projectors, surfaces, dome)
@@ -105,6 +110,7 @@ def assemble(
     }
     notes = [*provenance.get("notes", []), *(note for m in measured.values() for note in m.notes)]
     notes += [*floor_notes(dome, scatter.floor), *flux_notes(scatter.floor)]
+    notes += [*spot_notes(scatter.solution.per_flux, view), *edge_blend_notes(projectors)]
     return Calibration(
         scatter.dome,
         geometry.rig.cameras,
@@ -116,6 +122,19 @@ def assemble(
         _quality(geometry, measured, master, scatter),
         {**provenance, "notes": notes},
     )
+
+
+def _moved_arcmin(
+    geometry: GeometrySolution, measured: Mapping[str, ProjectorMeasurement]
+) -> float:
+    """The most that the main camera turned while projectors were photographed [arcmin]."""
+    pixel_arcmin = 60 * np.degrees(1 / np.mean(geometry.camera.lens.focal))
+    return float(pixel_arcmin * max(m.moved_px for m in measured.values()))
+
+
+def _widened(surface: ProjectorSurface, moved_arcmin: float) -> ProjectorSurface:
+    sigma = np.hypot(surface.sigma_arcmin, np.float32(moved_arcmin))
+    return replace(surface, sigma_arcmin=sigma)
 
 
 class _Master:
@@ -240,8 +259,8 @@ def _projector(
     )
 
 
-def _direction_sigmas(geometry: GeometrySolution) -> dict[str, Figure]:
-    relative, absolute = direction_sigmas(geometry)
+def _direction_sigmas(geometry: GeometrySolution, moved_arcmin: float) -> dict[str, Figure]:
+    relative, absolute = (float(np.hypot(s, moved_arcmin)) for s in direction_sigmas(geometry))
     what = 'a lens that is "fixed" counts as exact'
     return {
         "direction_sigma_relative_arcmin": Figure(
@@ -274,7 +293,7 @@ def _quality(
             len(residual),
             "above it the dome is not a sphere",
         ),
-        **_direction_sigmas(geometry),
+        **_direction_sigmas(geometry, _moved_arcmin(geometry, measured)),
         "shape_degree": Figure(float(geometry.rig.shape.degree), "-"),
         "additivity_error": Figure(
             additivity, "-", Goal("<=", MAX_ADDITIVITY_ERROR), len(measured)

@@ -85,6 +85,7 @@ class Session:
             shot=shot.id,
             file=name,
             exposure_s=exposure_s,
+            in_force_s=frame.settings.exposure_s,
             gain=frame.settings.gain,
             pixel_format=frame.settings.pixel_format,
             started_s=frame.started_s,
@@ -112,7 +113,7 @@ class Session:
         counts = np.asarray(pixels[..., 0] if pixels.shape[2] == 1 else pixels)
         _check(path, counts, entry, size)
         pixel_format: PixelFormat = "mono" if counts.ndim == 2 else "rgb"
-        settings = CameraSettings(exposure_s, pixel_format, entry.gain)
+        settings = CameraSettings(entry.in_force_s or exposure_s, pixel_format, entry.gain)
         return Frame(counts.astype(np.uint16), settings, entry.started_s, entry.ended_s)
 
     def _folder(self, camera: str) -> Path:

@@ -44,7 +44,8 @@ class StoredFrame(BaseModel):
     model_config = ConfigDict(frozen=True)
     shot: Name
     file: FileName
-    exposure_s: Positive
+    exposure_s: Positive  # planned
+    in_force_s: Positive | None = None  # by the camera
     gain: Positive
     pixel_format: PixelFormat
     started_s: FiniteFloat

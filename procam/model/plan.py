@@ -6,7 +6,9 @@ from typing import Literal
 
 from procam.model.frame import PixelFormat
 
-Purpose = Literal["dark", "white", "black", "tags", "code", "stripes", "zone", "primary", "levels"]
+Purpose = Literal[
+    "dark", "white", "black", "tags", "code", "stripes", "zone", "primary", "levels", "repeat", "dim"
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,7 +24,8 @@ class Shot:
     detail : describes the pattern. For codes: the code's name and the number of the plane; for
         stripes: axis ("x"/"y"), bit (0 = finest), inverse (0/1); for zones: their number; for
         primaries: channel (0, 1, 2); for tags: the picture (0, 1). A shot mark drawn into the
-        picture is there as "number".
+        picture is there as "number". The session ends with checks of itself: the first white again
+        ("repeat"), and a "dim" picture at both exposures.
     """
 
     id: str

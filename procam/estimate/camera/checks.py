@@ -2,12 +2,14 @@
 
 import numpy as np
 
-from procam.arrays import AnyArray, Array, BoolArray, IndexArray
+from procam.arrays import AnyArray, Array, BoolArray, FloatArray, IndexArray
 
 PLATEAU_PIXELS = 50  # at the highest level; fewer are specks
 # times as many as at the level below it: noise makes the number fall towards the top
 PLATEAU_CLEAR = 3
 LEVEL_SHARES = 1e-3, 3e-3  # of full scale: widths of a level, in which pixels saturate
+DIM_BRIGHT, DIM_DARK = 0.5, 0.25  # of the bright level: pixels to compare exposures by
+DIM_PIXELS = 100
 BRIGHT_SHARE = 0.2  # of full scale: a darker top is no end of a camera's range
 
 
@@ -31,6 +33,30 @@ def _is_plateau(number: IndexArray, width: int) -> bool:
     levels = number[len(number) % width :].reshape(-1, width).sum(axis=1)
     below = next((n for n in levels[-2::-1] if n), 0)
     return bool(levels[-1] >= PLATEAU_PIXELS and levels[-1] > PLATEAU_CLEAR * below)
+
+
+def exposure_ratio(short: FloatArray, long: FloatArray) -> tuple[float, float]:
+    """True over stated ratio of two exposures of one picture, and its standard error.
+
+    `short` and `long` (H, W) are the radiances of the photographs by their stated exposures, NaN where
+    unusable. Means of bright and of dark pixels are compared, chosen in the longer photograph, which has
+    less noise: so black levels that differ and noise do not matter.
+
+    Returns
+    -------
+    ratio : 1 if exposures are what they say; NaN if the picture has no bright and dark pixels.
+    """
+    usable = np.isfinite(short) & np.isfinite(long)
+    if not usable.any():
+        return np.nan, np.nan
+    level = float(np.percentile(long[usable], 99))
+    bright, dark = usable & (long > DIM_BRIGHT * level), usable & (long < DIM_DARK * level)
+    if min(bright.sum(), dark.sum()) < DIM_PIXELS:
+        return np.nan, np.nan
+    rise = [float(x[bright].mean(dtype=float) - x[dark].mean(dtype=float)) for x in (short, long)]
+    noise = [float(np.std((short - long / max(rise[1], 1e-12) * rise[0])[p])) for p in (bright, dark)]
+    sigma = np.hypot(noise[0] / bright.sum() ** 0.5, noise[1] / dark.sum() ** 0.5)
+    return rise[1] / rise[0], float(sigma / rise[0])
 
 
 def fit_dark_frames(

@@ -1,8 +1,9 @@
-"""Check that the light held still while one projector's pictures were taken.
+"""Check that light, camera and screen held still while one projector's pictures were taken.
 
 Pictures that share out a panel add up to white. A regression of what is missing on white and on a
 constant separates two causes: a part proportional to white is drift of the lamp or the camera, a
-constant part is light of the room that changed (docs/theory/photometry.md).
+constant part is light of the room that changed (docs/theory/photometry.md). What is left shows two
+more: along the slopes of white a camera that moved, in a place of its own something that stood there.
 """
 
 from collections.abc import Sequence
@@ -10,17 +11,25 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from procam.arrays import Array, BoolArray, Image
+from procam.arrays import Array, BoolArray, FloatArray, Image, IndexArray
 from procam.errors import OutOfModelRange
 from procam.maths.statistics import robust_sigma
+from procam.maths.warp import block_mean
 
 MAX_PIXELS = 20_000
-ROUNDS = 4  # of the regression; each leaves outliers out
+ROUNDS = 4  # of the regressions; each leaves outliers out
 OUTLIER_SIGMAS = 3.0  # glints, moving people
 NOTED_DRIFT, MAX_DRIFT = 0.005, 0.015  # of white
 NOTED_ROOM, MAX_ROOM = 0.002, 0.01  # of white; scattered light is 5 to 20 % of white
+LONG_DRIFT = 10.0  # times as much may drift from the begin to the end of a session
+NOTED_SHIFT = 0.1  # camera pixels
 SIGNIFICANT_SIGMAS = 5.0
 MAX_SCATTER = 0.3  # of the direct light: the most that scatters to any place
+STEEP = 0.1  # slope of white, of its bright level a pixel, from which a shift shows
+MIN_STEEP = 50  # pixels
+BLOCK_PX = 6
+CHANGED = 0.15  # of a block's light, and as much of a tenth of the bright level
+NOTED_CHANGE = 1e-3  # of the screen
 GREEN = 1
 
 
@@ -29,12 +38,19 @@ class PatternSum:
     """Departure of a sum of pictures from white.
 
     `shots` : the pictures, for messages. `drift`, `room` relative to white; `sigma` of the worse one.
+    `shift_px` : by which the camera's picture moved, with `shift_sigma_px`. `changed` : share of the
+    screen where something stood in one of them.
+    `long` : they were not taken within a few minutes.
     """
 
     shots: str
     drift: float
     room: float
     sigma: float
+    shift_px: float = 0.0
+    shift_sigma_px: float = 0.0
+    changed: float = 0.0
+    long: bool = False
 
 
 class StabilityChecks:
@@ -46,34 +62,71 @@ class StabilityChecks:
     """
 
     def __init__(self, white: Image, on_screen: BoolArray) -> None:
-        pixels = np.flatnonzero(on_screen & np.isfinite(white).all(axis=-1))
+        self._green = white[..., GREEN].astype(np.float32)
+        self._use = on_screen & np.isfinite(white).all(axis=-1)
+        pixels = np.flatnonzero(self._use)
         self._pixels = pixels[:: max(1, len(pixels) // MAX_PIXELS)]
-        self._white = self._picked(white)
-        self._level = float(np.percentile(self._white, 95)) if len(self._white) else 0.0
+        bright = self._green.flat[self._pixels]
+        self._level = float(np.percentile(bright, 95)) if len(bright) else 0.0
+        self._slope = np.stack(np.gradient(self._green)[::-1], axis=-1)
+        self._steep = self._steep_pixels()
         self.sums: list[PatternSum] = []
 
-    def add(self, shots: str, pictures: Sequence[Image], mark_share: float = 0.0) -> None:
+    def _steep_pixels(self) -> IndexArray:
+        """Indices of pixels on the screen where white is steep, as at the border of its picture."""
+        with np.errstate(invalid="ignore"):
+            steep = np.hypot(*np.moveaxis(self._slope, -1, 0)) > STEEP * self._level
+        found = np.flatnonzero(steep & self._use)
+        return found[:: max(1, len(found) // MAX_PIXELS)]
+
+    def add(
+        self,
+        shots: str,
+        pictures: Sequence[Image],
+        mark_share: float = 0.0,
+        *,
+        long: bool = False,
+    ) -> None:
         """Compare the sum of pictures (H, W, 3), black subtracted from each, with white.
 
         `mark_share`: share of the panel that shows shot marks more often in the pictures than in
-        white. Their light scatters too, and is no change of the room's light.
+        white. Their light scatters too, and is no change of the room's light. `long`: they were taken
+        at the end of the session.
         """
         if not self._level > 0 or not pictures:
             return
-        surplus = np.sum([self._picked(p) for p in pictures], axis=0) - self._white
-        use = np.isfinite(surplus)
-        design = np.stack([self._white, np.full_like(self._white, self._level)], axis=1)
-        for _ in range(ROUNDS):
-            found = np.linalg.lstsq(design[use], surplus[use], rcond=None)[0]
-            residual = surplus - design @ found
-            scale = robust_sigma(residual[use], 0.0)
-            limit = OUTLIER_SIGMAS * scale + 1e-12 * self._level
-            use = np.isfinite(surplus) & (np.abs(residual) <= limit)
-        covariance = scale**2 * np.linalg.inv(design[use].T @ design[use])
-        sigma = float(np.sqrt(np.diag(covariance).max()))
-        drift, room = float(found[0]), float(found[1])
+        surplus = np.sum([p[..., GREEN] for p in pictures], axis=0, dtype=np.float32) - self._green
+        white = self._green.ravel()[self._pixels]
+        design = np.stack([white, np.full_like(white, self._level)], axis=1)
+        (drift, room), covariance = _fit(design, surplus.flat[self._pixels], self._level)
+        left = surplus - np.float32(drift) * self._green - np.float32(room * self._level)
+        shift, shift_sigma = self._shift(left)
         room = float(np.copysign(max(abs(room) - MAX_SCATTER * mark_share, 0.0), room))
-        self.sums.append(PatternSum(shots, drift, room, sigma))
+        sigma = float(np.sqrt(np.diag(covariance).max()))
+        changed = self._changed(left)
+        self.sums.append(
+            PatternSum(shots, float(drift), room, sigma, shift, shift_sigma, changed, long)
+        )
+
+    def _shift(self, left: Image) -> tuple[float, float]:
+        """Length of the shift that explains what is left of a sum (H, W), and its sigma [px]."""
+        if len(self._steep) < MIN_STEEP:
+            return 0.0, 0.0
+        slopes = -self._slope.reshape(-1, 2)[self._steep]
+        shift, covariance = _fit(slopes, left.ravel()[self._steep], self._level)
+        return float(np.hypot(*shift)), float(np.sqrt(np.diag(covariance).max()))
+
+    def _changed(self, left: Image) -> float:
+        """Share of the screen's blocks whose light is not white's."""
+        use = block_mean(self._use.astype(np.float32), BLOCK_PX) == 1
+        white, rest = (block_mean(np.nan_to_num(x), BLOCK_PX)[use] for x in (self._green, left))
+        limit = CHANGED * (np.abs(white) + 0.1 * self._level)
+        return float(np.mean(np.abs(rest) > limit)) if use.any() else 0.0
+
+    @property
+    def shift_px(self) -> float:
+        """The largest significant shift of the camera's picture [px]."""
+        return max((s.shift_px for s in self.sums if _has_moved(s)), default=0.0)
 
     def notes(self, projector: str) -> list[str]:
         """Notes for the report on changes that the calibration tolerates.
@@ -88,22 +141,50 @@ class StabilityChecks:
             ("room", NOTED_ROOM, MAX_ROOM, ROOM_ADVICE),
             ("drift", NOTED_DRIFT, MAX_DRIFT, DRIFT_ADVICE),
         ):
-            worst = max(self.sums, key=lambda s: abs(getattr(s, kind)), default=None)
+            worst = max(self.sums, key=lambda s: abs(getattr(s, kind)) / _scale(s), default=None)
             if worst is None:
                 continue
-            size = getattr(worst, kind)
-            if abs(size) <= max(SIGNIFICANT_SIGMAS * worst.sigma, noted):
+            size, scale = getattr(worst, kind), _scale(worst)
+            if abs(size) <= max(SIGNIFICANT_SIGMAS * worst.sigma, noted * scale):
                 continue
             note = advice.format(projector, worst.shots, size)
-            if abs(size) > largest:
+            if abs(size) > largest * scale:
                 raise OutOfModelRange(
-                    f"{note}; at most {largest:.1%} is usable, photograph it again"
+                    f"{note}; at most {largest * scale:.1%} is usable, photograph it again"
                 )
             notes.append(note)
+        return notes + self._movement_notes(projector)
+
+    def _movement_notes(self, projector: str) -> list[str]:
+        notes = []
+        moved = max(self.sums, key=lambda s: s.shift_px * _has_moved(s), default=None)
+        if moved is not None and _has_moved(moved):
+            notes.append(MOVED_ADVICE.format(projector, moved.shots, moved.shift_px))
+        changed = max(self.sums, key=lambda s: s.changed, default=None)
+        if changed is not None and changed.changed > NOTED_CHANGE:
+            notes.append(CHANGED_ADVICE.format(projector, changed.shots, changed.changed))
         return notes
 
-    def _picked(self, picture: Image) -> Array:
-        return picture.reshape(-1, picture.shape[-1])[self._pixels, GREEN].astype(float)
+
+def _scale(total: PatternSum) -> float:
+    return LONG_DRIFT if total.long else 1.0
+
+
+def _has_moved(total: PatternSum) -> bool:
+    return total.shift_px > max(NOTED_SHIFT, SIGNIFICANT_SIGMAS * total.shift_sigma_px)
+
+
+def _fit(design: FloatArray, values: FloatArray, level: float) -> tuple[Array, Array]:
+    """Coefficients (K,) and covariance (K, K) of `values` (n,) over `design` (n, K), without outliers."""
+    design, values = design.astype(float), values.astype(float)
+    use = np.isfinite(values)
+    for _ in range(ROUNDS):
+        found = np.linalg.lstsq(design[use], values[use], rcond=None)[0]
+        residual = values - design @ found
+        scale = robust_sigma(residual[use], 0.0)
+        limit = OUTLIER_SIGMAS * scale + 1e-12 * level
+        use = np.isfinite(values) & (np.abs(residual) <= limit)
+    return found, scale**2 * np.linalg.inv(design[use].T @ design[use])
 
 
 ROOM_ADVICE = (
@@ -113,4 +194,12 @@ ROOM_ADVICE = (
 DRIFT_ADVICE = (
     "projector {}: its light, or the camera's gain, drifted while it was photographed (lamp warming up, "
     "automatic brightness or exposure): the pictures {} together differ from white by {:+.2%} of it"
+)
+MOVED_ADVICE = (
+    "projector {}: the camera or the projector moved: the pictures {} are {:.2f} camera pixels beside white; "
+    "standard errors of directions include that, photograph again for better ones"
+)
+CHANGED_ADVICE = (
+    "projector {}: someone or something moved before the screen: the pictures {} together are not white on "
+    "{:.1%} of it; keep everybody out of the dome and photograph again"
 )

@@ -9,7 +9,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from procam.estimate.structured_light.codes import AXES, DEFAULT_CODE, Picture, make_code, picture
+from procam.estimate.structured_light.codes import (
+    AXES,
+    DEFAULT_CODE,
+    NOMINAL_GAMMA,
+    Picture,
+    make_code,
+    picture,
+)
 from procam.maths.codes.gray import stripe
 from procam.model.plan import Plan, Shot
 
@@ -17,6 +24,7 @@ SEPARATION_BITS = (5, 6)  # of stripes so wide that many pixels see no edge
 ZONE_ROWS = 2
 LEVELS = (0, 16, 32, 48, 64, 80, 96, 112, 128, 144, 160, 176, 192, 208, 224, 240, 255)
 LEVEL_PICTURES = 2
+DIM = 0.5  # light of the dim picture at black's exposure, of white at its own
 
 
 def plan_session(
@@ -24,7 +32,8 @@ def plan_session(
 ) -> tuple[Plan, dict[str, Picture]]:
     """The plan for projectors of given sizes (width, height), and its patterns (H, W, 1 or 3) by path.
 
-    First everything is dark; then each projector shows its patterns alone.
+    First everything is dark; then each projector shows its patterns alone; at the end the first one shows
+    what tells whether camera and light stayed as they were.
     """
     zones = zone_count(len(projectors))
     each = {
@@ -41,16 +50,37 @@ def plan_of(
 ) -> tuple[Plan, dict[str, Picture]]:
     """The plan that shows the pictures of each projector in turn, and the pictures by path.
 
-    The shots come without id, projector and path. The plan starts with a dark shot.
+    The shots come without id, projector and path. The plan starts with a dark shot and ends with
+    `closing_pictures` of the first projector.
     """
     shots = [Shot("dark", "", "", "dark", (exposure_s, black_exposure_s))]
     patterns: dict[str, Picture] = {}
-    for name, shown in pictures.items():
-        for number, (shot, image) in enumerate(shown):
+    count = dict.fromkeys(pictures, 0)
+
+    def add(name: str, shown: Iterable[tuple[Shot, Picture]]) -> None:
+        for number, (shot, image) in enumerate(shown, start=count[name]):
             path = f"patterns/{name}/{number:04d}.png"
             shots.append(replace(shot, id=f"{name}-{number:04d}", projector=name, pattern=path))
             patterns[path] = image
+            count[name] = number + 1
+
+    for name, shown in pictures.items():
+        add(name, shown)
+    first = next(iter(pictures))
+    white = patterns[shots[1].pattern]
+    add(first, closing_pictures(white, exposure_s, black_exposure_s))
     return Plan(tuple(shots)), patterns
+
+
+def closing_pictures(
+    white: Picture, exposure_s: float, black_exposure_s: float
+) -> Iterator[tuple[Shot, Picture]]:
+    """White again, and a dim picture that can be photographed at both exposures, as shots without id."""
+    yield Shot("", "", "", "repeat", (exposure_s,)), white
+    light = DIM * min(1.0, exposure_s / black_exposure_s)
+    drive = round(255 * light ** (1 / NOMINAL_GAMMA))
+    both = tuple(dict.fromkeys((exposure_s, black_exposure_s)))
+    yield Shot("", "", "", "dim", both), np.where(white > 0, np.uint8(drive), np.uint8(0))
 
 
 def _pictures(

@@ -4,6 +4,7 @@ import csv
 import io
 import math
 from dataclasses import replace
+from itertools import groupby
 from pathlib import Path
 
 import numpy as np
@@ -30,7 +31,7 @@ COLUMNS = ("number", "shot", "projector", "purpose", "picture", "exposures_s", "
 def write_by_hand(venue: Venue, out: Path, movie: bool) -> Session:
     """A new session whose pictures carry their numbers, and a folder of them for the rig.
 
-    `out` gets the plan, the pictures, the order and playlists, and with `movie` a movie per projector. It
+    `out` gets the plan, the pictures, the order and playlists, and with `movie` a movie of each. It
     and the session appear when they are complete.
     """
     with locked(venue.directory, "patterns"):
@@ -70,8 +71,7 @@ def _export(session: Session, out: Path, movie: bool) -> None:
             (out / shot.pattern).write_bytes((session.directory / shot.pattern).read_bytes())
     atomic.write_text(out / "plan.json", (session.directory / "plan.json").read_text("utf-8"))
     atomic.write_text(out / "order.csv", order_table(plan))
-    for name in dict.fromkeys(shot.projector for shot in plan.shots if shot.projector):
-        shots = [shot for shot in plan.shots if shot.projector == name]
+    for name, shots in _playlists(plan).items():
         atomic.write_text(out / f"{name}.m3u", _playlist(shots))
         if movie:
             stills = ((_picture(session, shot), hold_s(shot)) for shot in shots)
@@ -89,18 +89,18 @@ def hold_s(shot: Shot) -> int:
 
 
 def order_table(plan: Plan) -> str:
-    """What to show when and how long to expose it, as CSV; times count within a projector's movie."""
+    """What to show when and how long to expose it, as CSV; times count within a movie."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(COLUMNS)
-    starts: dict[str, int] = {}
+    start, projector = 0, ""
     for shot in plan.shots:
-        start = starts.get(shot.projector, 0)
-        starts[shot.projector] = start + hold_s(shot)
+        start, projector = (start if shot.projector == projector else 0), shot.projector
         exposures = " ".join(f"{e:g}" for e in shot.exposures_s)
         number = shot.detail.get(NUMBER, "")
         head = (number, shot.id, shot.projector, shot.purpose, shot.pattern, exposures)
         writer.writerow((*head, start, hold_s(shot)))
+        start += hold_s(shot)
     return text.getvalue()
 
 
@@ -108,6 +108,15 @@ def _next_folder(venue: Venue) -> Path:
     folder = venue.directory / "sessions"
     taken = [int(p.name.removeprefix(PREFIX)) for p in folder.glob(PREFIX + 4 * "[0-9]")]
     return folder / f"{PREFIX}{max(taken, default=0) + 1:04d}"
+
+
+def _playlists(plan: Plan) -> dict[str, list[Shot]]:
+    """Shots by playlist: one for each projector, and one for the first at the end of the session."""
+    lists: dict[str, list[Shot]] = {}
+    for name, shots in groupby(plan.shots, key=lambda shot: shot.projector):
+        if name:
+            lists[f"{name}-end" if name in lists else name] = list(shots)
+    return lists
 
 
 def _playlist(shots: list[Shot]) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 
 from procam.arrays import Array, Array32
 from procam.devices.rig import Rig
-from procam.errors import InputError, OutOfModelRange, StaleFrame
+from procam.errors import DeviceError, InputError, OutOfModelRange, StaleFrame
 from procam.estimate.camera.checks import early_clipping
 from procam.files import atomic
 from procam.files.session import Session
@@ -124,9 +124,23 @@ def _take(
         for exposure_s in shot.exposures_s:
             if (shot.id, exposure_s) in stored:
                 continue  # by a run that was cut short within the shot
-            camera.configure(CameraSettings(exposure_s, shot.pixel_format))
+            in_force = camera.configure(CameraSettings(exposure_s, shot.pixel_format))
             frame = _checked(rig, camera.capture, checks[name], shot, drive)
+            _check_settings(shot, frame.settings, in_force)
             recorder.store(name, shot, exposure_s, frame)
+
+
+def _check_settings(shot: Shot, stated: CameraSettings, in_force: CameraSettings) -> None:
+    """Refuse a photograph whose exposure or gain is not known; another exposure than planned is no harm."""
+    if stated != in_force or stated.gain != 1:
+        raise DeviceError(
+            f"shot {shot.id}: the camera said {_in_words(in_force)} before the photograph, and "
+            f"{_in_words(stated)} with it; set its exposure to manual and its gain to 1, and capture again"
+        )
+
+
+def _in_words(settings: CameraSettings) -> str:
+    return f"{settings.exposure_s:g} s, gain {settings.gain:g}, {settings.pixel_format}"
 
 
 def _checked(
@@ -181,7 +195,7 @@ class _FrameCheck:
         ):
             raise OutOfModelRange(
                 f"shot {shot.id}: white of projector {shot.projector} is black in the photograph; "
-                "check its lamp, shutter and input, or raise exposure_s"
+                "check its lamp, shutter and input, that photographs do not come one late, and exposure_s"
             )
         if shot.purpose == "white":
             check_range(shot, frame, self.sensor)

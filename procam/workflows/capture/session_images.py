@@ -22,15 +22,30 @@ SHOWN = 5  # missing shots that a line names
 
 @dataclass(frozen=True)
 class SessionImages:
-    """Stored shots of one camera, turned into radiance."""
+    """Stored shots of one camera, turned into radiance.
+
+    `long_exposure` is the true duration of black's exposure over the stated one (`measured_exposure`).
+    """
 
     session: Session
     plan: Plan
     radiometer: Radiometer
+    long_exposure: float = 1.0
 
     def light(self, shot: Shot, exposure: int = 0) -> Image:
         """Radiance (H, W) or (H, W, 3) of a shot at its first or another exposure."""
-        return self.radiometer.radiance(self._frame(shot, exposure))
+        light = self.radiometer.radiance(self._frame(shot, exposure))
+        is_long = shot.purpose == "black" or exposure > 0
+        return light / np.float32(self.long_exposure) if is_long else light
+
+    def checks(self, purpose: Purpose) -> list[Shot]:
+        """Shots of the end of a session, which not every session has; without those not photographed."""
+        stored = self.session.stored(self.radiometer.camera.name)
+        return [
+            shot
+            for shot in self.plan.shots
+            if shot.purpose == purpose and all((shot.id, e) in stored for e in shot.exposures_s)
+        ]
 
     def _frame(self, shot: Shot, exposure: int) -> Frame:
         camera, exposure_s = self.radiometer.camera, shot.exposures_s[exposure]
@@ -80,23 +95,22 @@ class SessionImages:
         return names.pop(), self._code_pictures(projector, shots)
 
     def _code_pictures(self, projector: str, shots: list[Shot]) -> Iterator[tuple[int, Counts]]:
-        white = self.only(projector, "white")
-        yield 0, self.counts(white)
-        black = self.only(projector, "black")
+        white = self._frame(self.only(projector, "white"), 0)
+        yield 0, _green(white)
+        black = self._frame(self.only(projector, "black"), 0)
         yield 1, self._exposed_as(white, black)
         for shot in shots:
             yield int(shot.detail["plane"]), self.counts(shot)
 
     def counts(self, shot: Shot) -> Counts:
         """Raw green counts (H, W) of a shot [DN]."""
-        frame = self._frame(shot, 0)
-        return frame.counts if frame.counts.ndim == 2 else frame.counts[..., GREEN]
+        return _green(self._frame(shot, 0))
 
-    def _exposed_as(self, wanted: Shot, shot: Shot) -> Counts:
-        """Counts of `shot` as if exposed like `wanted`: black is photographed long."""
+    def _exposed_as(self, wanted: Frame, frame: Frame) -> Counts:
+        """Green counts of a frame as if exposed like `wanted`: black is photographed long."""
         level = self.radiometer.camera.sensor.black_level
-        ratio = wanted.exposures_s[0] / shot.exposures_s[0]
-        return np.rint(level + (self.counts(shot) - level) * ratio).clip(0).astype(np.uint16)
+        ratio = wanted.settings.exposure_s / frame.settings.exposure_s
+        return np.rint(level + (_green(frame) - level) * ratio).clip(0).astype(np.uint16)
 
     def stripe_pairs(self, projector: str) -> Iterator[tuple[str, int, Image, Image]]:
         """(axis, bit, pattern, inverse) of the stripes for the separation."""
@@ -118,3 +132,7 @@ class SessionImages:
                     "are not a pattern and its inverse; restore the file"
                 )
             yield pattern, inverse
+
+
+def _green(frame: Frame) -> Counts:
+    return frame.counts if frame.counts.ndim == 2 else frame.counts[..., GREEN]

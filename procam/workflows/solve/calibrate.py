@@ -50,6 +50,7 @@ from procam.workflows.events import Event
 from procam.workflows.solve.apriltags import detect_tags, tag_marks, tag_notes
 from procam.workflows.solve.geometry import rig_problem, solve_rig
 from procam.workflows.solve.light import measure_light, measure_server_light
+from procam.workflows.solve.long_exposure import with_long_exposure
 from procam.workflows.solve.media_server import (
     placed_by_server,
     server_figures,
@@ -105,10 +106,11 @@ def _solve(venue: Venue, session: Session) -> Iterator[Event]:
         else _rig_by_codes(venue, session, total)
     )
     yield Event("solve", total - len(names) - 2, total, f"geometry solved; {rig.verdict}")
-    geometry, images = rig.geometry, _of_main(rig)
+    geometry = rig.geometry
+    images, exposure_notes = with_long_exposure(_of_main(rig))
     dome = _solved_screen(venue, geometry)
     view = _view(venue, dome, images, geometry)
-    origin["notes"] = [*rig.notes, *check_on_screen(view, rig.found)]
+    origin["notes"] = [*rig.notes, *exposure_notes, *check_on_screen(view, rig.found)]
     if not server:
         geometry = with_near_veil(dome, images, view, geometry, rig.found)
         images = replace(images, radiometer=Radiometer(geometry.camera))

@@ -208,8 +208,12 @@ def _measured(
         black = fill_picture(black, sight.unpatterned & on_screen, on_screen)
     scatter_samples, zones = _scatter_samples(images, view, name, light, sight, separation.clear_px)
     checks.add("of parts of the panel", zones, 3 * sight.shot_ids_share)
+    for again in images.checks("repeat"):
+        if again.projector == name:
+            end = images.light(again) - sight.base
+            checks.add("at the end of the session", [end], long=True)
     found = ProjectorMeasurement(
-        light, black, colour, fit.curve(), scatter_samples, notes=checks.notes(name)
+        light, black, colour, fit.curve(), scatter_samples, notes=checks.notes(name), moved_px=checks.shift_px
     )
     return found, steps
 

@@ -75,7 +75,10 @@ def test_someone_who_walks_through_is_an_outlier() -> None:
     pattern[40:60, 20:50] = 0
     found = StabilityChecks(white, np.ones((SIZE, SIZE), bool))
     found.add("7 and 8", [pattern, inverse])
-    assert found.notes("north") == []
+    (note,) = found.notes("north")
+    assert "someone or something moved before the screen" in note and "on 3." in note
+    (total,) = found.sums
+    assert abs(total.drift) < 4 * total.sigma and total.shift_px == 0
 
 
 def test_saturated_pixels_and_an_unseen_projector() -> None:

@@ -1,0 +1,74 @@
+"""Places of the screen whose scattered light is not that of the screen around them.
+
+Scattered light is smooth over a dome, and so is paint. Where something stood before the screen in all
+pictures, where dirt lies on the camera's lens, or where another projector's light counted as scattered
+because someone hid the code there, it is not.
+"""
+
+import numpy as np
+
+from procam.arrays import Array, BoolArray, Image
+from procam.estimate.geometry.camera_view import DomeView
+from procam.maths.statistics import robust_sigma
+from procam.maths.warp import blur_within, grow
+
+ROUNDS, OUTLIER_SIGMAS = 6, 3.0
+SMOOTH_PX = 2.0
+RIM_SHARE = 0.02  # of the picture: so far from the rim edges of the screen do not matter
+DARK, BRIGHT = -0.1, 0.2  # logarithms of the light over that around
+LEAST_SHARE = 5e-4  # of the screen
+GREEN = 1
+
+
+def spot_notes(per_flux: Image, view: DomeView) -> list[str]:
+    """Notes on spots in the scatter per flux (H, W, C) of the screen in `view`; normally none."""
+    light = per_flux[..., GREEN]
+    use = view.on_screen & (light > 0)
+    inner = grow(use, -max(1, round(RIM_SHARE * min(light.shape))))
+    if not inner.any():
+        return []
+    departure = _departure(light, view.direction, use)
+    notes = []
+    for found, what, cause in (
+        (inner & (departure < DARK), "darker", DARK_CAUSE),
+        (inner & (departure > BRIGHT), "brighter", BRIGHT_CAUSE),
+    ):
+        share = float(view.solid_angle_sr[found].sum() / view.solid_angle_sr.sum())
+        if share > LEAST_SHARE:
+            size = float(np.abs(np.expm1(departure[found])).max())
+            notes.append(
+                f"scattered light is up to {size:.0%} {what} than around it on {share:.1%} of the screen, "
+                f"{_place(view, found)}: {cause}"
+            )
+    return notes
+
+
+def _departure(light: Image, direction: Image, use: BoolArray) -> Image:
+    """Logarithm (H, W) of light over a polynomial of degree 2 in the direction, fitted without outliers."""
+    x, y, z = direction[use].astype(float).T
+    terms = np.stack([np.ones_like(x), x, y, z, x * x, x * y, x * z, y * y, y * z], axis=1)
+    values = np.log(light[use].astype(float))
+    kept = np.ones(len(values), bool)
+    for _ in range(ROUNDS):
+        coefficients: Array = np.linalg.lstsq(terms[kept], values[kept], rcond=None)[0]
+        residual = values - terms @ coefficients
+        kept = np.abs(residual) <= OUTLIER_SIGMAS * robust_sigma(residual[kept], 0.0) + 1e-9
+    departure = np.zeros(light.shape, np.float32)
+    departure[use] = residual
+    return blur_within(departure, use, SMOOTH_PX)
+
+
+def _place(view: DomeView, found: BoolArray) -> str:
+    """The middle of a spot in the camera's picture, in words."""
+    rows, columns = np.nonzero(found)
+    return f"near pixel ({np.median(columns):.0f}, {np.median(rows):.0f}) of camera {view.camera.name}"
+
+
+DARK_CAUSE = (
+    "something stood before the screen in all pictures, dirt is on the camera's lens, or the paint is "
+    "darker there. Remove it and photograph again; what belongs to the dome, mask in venue.toml"
+)
+BRIGHT_CAUSE = (
+    "a projector's picture was hidden there while its code was shown, or something shines by itself. Keep "
+    "everybody out of the dome and photograph again; what belongs to the dome, mask in venue.toml"
+)
