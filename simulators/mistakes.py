@@ -133,7 +133,7 @@ def _shifted(shift_px: tuple[float, float], frame: Frame) -> Frame:
     light = _light(frame)
     moved = np.array([[1, 0, shift_px[0]], [0, 1, shift_px[1]]], np.float32)
     size = (light.shape[1], light.shape[0])
-    return _with_light(frame, cv2.warpAffine(light, moved, size, flags=cv2.INTER_CUBIC))
+    return _with_light(frame, np.float32(cv2.warpAffine(light, moved, size, flags=cv2.INTER_CUBIC)))
 
 
 def blended(width: float, drive: Array32) -> Array32:
@@ -204,7 +204,8 @@ def make_mistake(
 def _camera(
     camera: Camera, name: str, strength: float, photographs: int, rng: np.random.Generator
 ) -> Camera:
-    number = int(rng.integers(2, photographs))  # of the photograph from which it is wrong
+    number = int(rng.integers(2, photographs))  # of the photograph that is wrong
+    middle = photographs // 4 + number // 2  # from which a nudged camera stands elsewhere
     place = (float(rng.uniform(0.3, 0.7)), float(rng.uniform(0.3, 0.7)))
     angle = float(rng.uniform(0, 2 * np.pi))
     shift = (strength * np.cos(angle), strength * np.sin(angle))
@@ -214,10 +215,12 @@ def _camera(
         return LaggingCamera(camera, strength, rng)
     alter: dict[str, Altered] = {
         "one photograph exposed wrongly": partial(_only, number, partial(_brighter, strength)),
-        "a person in one photograph": partial(_only, number, partial(_with_person, place, strength)),
+        "a person in one photograph": partial(
+            _only, number, partial(_with_person, place, strength)
+        ),
         "a person in all photographs": partial(_from, 0, partial(_with_person, place, strength)),
         "dust on the camera's lens": partial(_from, 0, partial(_dusty, place, strength)),
         "sharpening in the camera": partial(_from, 0, partial(_sharpened, strength)),
-        "the camera was nudged": partial(_from, number, partial(_shifted, shift)),
+        "the camera was nudged": partial(_from, middle, partial(_shifted, shift)),
     }
     return AlteringCamera(camera, alter[name])

@@ -7,7 +7,17 @@ from typing import Literal
 from procam.model.frame import PixelFormat
 
 Purpose = Literal[
-    "dark", "white", "black", "tags", "code", "stripes", "zone", "primary", "levels", "repeat", "dim"
+    "dark",
+    "white",
+    "black",
+    "tags",
+    "code",
+    "stripes",
+    "zone",
+    "primary",
+    "levels",
+    "repeat",
+    "dim",
 ]
 
 

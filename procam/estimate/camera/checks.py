@@ -54,7 +54,9 @@ def exposure_ratio(short: FloatArray, long: FloatArray) -> tuple[float, float]:
     if min(bright.sum(), dark.sum()) < DIM_PIXELS:
         return np.nan, np.nan
     rise = [float(x[bright].mean(dtype=float) - x[dark].mean(dtype=float)) for x in (short, long)]
-    noise = [float(np.std((short - long / max(rise[1], 1e-12) * rise[0])[p])) for p in (bright, dark)]
+    noise = [
+        float(np.std((short - long / max(rise[1], 1e-12) * rise[0])[p])) for p in (bright, dark)
+    ]
     sigma = np.hypot(noise[0] / bright.sum() ** 0.5, noise[1] / dark.sum() ** 0.5)
     return rise[1] / rise[0], float(sigma / rise[0])
 

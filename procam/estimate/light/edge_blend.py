@@ -7,9 +7,9 @@ import numpy as np
 from procam.arrays import BoolArray, Image
 from procam.model.calibration import ProjectorCalibration
 
-DIM = 0.8  # of the light of pixels further inside; lenses take less, away from the corners
-INSIDE = 0.25, 0.4  # of the panel: where the light is compared with
-NOTED = 0.01  # of the panel; a blackout plate is sharper
+STEP = 0.04  # of the panel; over it lenses take a few percent
+DIM = 0.87  # of the light a step further inside
+SOFT_PX = 3  # the lens's blur takes light from the outermost pixels
 GREEN = 1
 
 
@@ -24,32 +24,31 @@ def edge_blend_notes(projectors: Mapping[str, ProjectorCalibration]) -> list[str
     for name, projector in projectors.items():
         surface = projector.surface
         light = projector.photometry.gain[..., GREEN] * surface.solid_angle_sr
-        found = {side: share for side, share in _dim_shares(light, surface.valid) if share > NOTED}
-        if found:
-            where = ", ".join(f"{side} {share:.0%}" for side, share in found.items())
+        dim = [side for side, share in _shares_at_edges(light, surface.valid) if share < DIM]
+        if dim:
             notes.append(
-                f"projector {name}: its pixels get darker towards the edge of its picture ({where} of it); an "
-                "edge blend in its menu or in the player seems to be on. procam blends by itself: switch it "
-                "off and calibrate again"
+                f"projector {name}: its pixels get darker towards the edge of its picture "
+                f"({', '.join(dim)}); an edge blend in its menu or in the player seems to be on. procam "
+                "blends by itself: switch it off and calibrate again"
             )
     return notes
 
 
-def _dim_shares(light: Image, valid: BoolArray) -> Iterator[tuple[str, float]]:
-    """Share of the panel over which its light (H, W) falls towards each edge."""
+def _shares_at_edges(light: Image, valid: BoolArray) -> Iterator[tuple[str, float]]:
+    """Light (H, W) at each edge of what is valid, over that a step further inside; medians of lines."""
     for side, turned, used in (
         ("left", light, valid),
         ("right", light[:, ::-1], valid[:, ::-1]),
         ("top", light.T, valid.T),
         ("bottom", light.T[:, ::-1], valid.T[:, ::-1]),
     ):
-        lines, length = turned.shape
-        middle = slice(lines // 4, lines - lines // 4)
-        rows, use = turned[middle], used[middle]
-        inside = slice(int(INSIDE[0] * length), int(INSIDE[1] * length))
-        if not use[:, inside].any():
-            continue
-        usual = float(np.median(rows[:, inside][use[:, inside]]))
-        edge = slice(0, inside.start)
-        dim = use[:, edge] & (rows[:, edge] < DIM * usual)
-        yield side, float(np.median(dim.sum(axis=1))) / length
+        count, length = turned.shape
+        step = max(SOFT_PX, round(STEP * length))
+        first = used.argmax(axis=1) + SOFT_PX
+        lines = np.arange(count // 4, count - count // 4)
+        lines = lines[used[lines].any(axis=1) & (first[lines] < length // 4)]
+        at = first[lines, None] + np.arange(max(SOFT_PX, step // 4))
+        edge, inside = (turned[lines[:, None], at + s].mean(axis=1) for s in (0, step))
+        sound = inside > 0
+        if sound.any():
+            yield side, float(np.median(edge[sound] / inside[sound]))

@@ -26,6 +26,7 @@ CLEAR_PX, CLEAR_SIGMAS, CLEAR_SHARE = 3.0, 4.0, 0.75
 # sigma of the edges' blur [pixel extents], up to which scattered light is right to .5 % at any pixel;
 # in focus it is .3 to .8
 MAX_BLUR = 2.5
+MIN_BLUR = 0.25  # the same, which pixels have that nothing blurs
 EDGE_REACH = 5.0  # how far from an edge its blur is measured [pixel extents]
 MIN_SLOPE = 0.05  # of a projector's coordinate over a camera pixel [projector px]
 EXTENT_BLUR_PX = 2.0  # Gaussian sigma; fills in for pixels beside a hole
@@ -72,6 +73,7 @@ class Separation:
     blur : largest blur of the stripes' edges so far, a standard deviation in pixel extents: the size
         of a camera and a projector pixel together (root of the sum of squares). Above `MAX_BLUR` the
         result is not usable.
+    sharpest : smallest blur of a pair; below 0 the camera or the projector sharpens edges.
     dark_weight : (H, W) statistical weight of the scattered light so far; 0 where it is interpolated.
     """
 
@@ -85,7 +87,7 @@ class Separation:
         self._white_flux = self.total(white)
         self._xy = projector_xy
         self._extent = [_pixel_extent(projector_xy[..., i]) for i in range(2)]
-        self._white, self.blur = white, 0.0
+        self._white, self.blur, self.sharpest = white, 0.0, np.inf
         self._index = np.rint(np.nan_to_num(projector_xy)).astype(np.int32)
         self._inside = grow(lit & usable, -2)
         self._outside = (self._solid > 0) & ~grow(lit, CLEAR_CAMERA_PX)
@@ -125,12 +127,12 @@ class Separation:
         extent = self._extent[which]
         # few edges, or only one side of one, read too little: the largest so far counts
         measured = self._edge_blur(np.abs(pattern - inverse), distance, extent, 2.0**bit)
-        self.blur = max(self.blur, measured)
+        self.blur, self.sharpest = max(self.blur, measured), min(self.sharpest, measured)
         reach = np.minimum(CLEAR_SIGMAS * self.blur * extent, CLEAR_SHARE * 2.0**bit)
         with np.errstate(invalid="ignore"):
             near_edge = distance <= np.maximum(CLEAR_PX, reach)
         # a media server draws edges as greys, which do not add up to white
-        sound = ~near_edge
+        sound = ~near_edge & np.isfinite(pattern + inverse).all(axis=-1)
         self._sum += np.where(sound[..., None], pattern + inverse, 0)
         self._count += sound
         self._shares += sound * np.float32((self.flux_share(pattern) + self.flux_share(inverse))[1])

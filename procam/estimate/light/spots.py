@@ -61,7 +61,9 @@ def _departure(light: Image, direction: Image, use: BoolArray) -> Image:
 def _place(view: DomeView, found: BoolArray) -> str:
     """The middle of a spot in the camera's picture, in words."""
     rows, columns = np.nonzero(found)
-    return f"near pixel ({np.median(columns):.0f}, {np.median(rows):.0f}) of camera {view.camera.name}"
+    return (
+        f"near pixel ({np.median(columns):.0f}, {np.median(rows):.0f}) of camera {view.camera.name}"
+    )
 
 
 DARK_CAUSE = (

@@ -22,7 +22,7 @@ OUTLIER_SIGMAS = 3.0  # glints, moving people
 NOTED_DRIFT, MAX_DRIFT = 0.005, 0.015  # of white
 NOTED_ROOM, MAX_ROOM = 0.002, 0.01  # of white; scattered light is 5 to 20 % of white
 LONG_DRIFT = 10.0  # times as much may drift from the begin to the end of a session
-NOTED_SHIFT = 0.1  # camera pixels
+NOTED_SHIFT = 0.05  # camera pixels
 SIGNIFICANT_SIGMAS = 5.0
 MAX_SCATTER = 0.3  # of the direct light: the most that scatters to any place
 STEEP = 0.1  # slope of white, of its bright level a pixel, from which a shift shows
@@ -68,7 +68,8 @@ class StabilityChecks:
         self._pixels = pixels[:: max(1, len(pixels) // MAX_PIXELS)]
         bright = self._green.flat[self._pixels]
         self._level = float(np.percentile(bright, 95)) if len(bright) else 0.0
-        self._slope = np.stack(np.gradient(self._green)[::-1], axis=-1)
+        down, across = np.gradient(self._green)
+        self._slope = np.stack([across, down], axis=-1)
         self._steep = self._steep_pixels()
         self.sums: list[PatternSum] = []
 
@@ -184,7 +185,7 @@ def _fit(design: FloatArray, values: FloatArray, level: float) -> tuple[Array, A
         scale = robust_sigma(residual[use], 0.0)
         limit = OUTLIER_SIGMAS * scale + 1e-12 * level
         use = np.isfinite(values) & (np.abs(residual) <= limit)
-    return found, scale**2 * np.linalg.inv(design[use].T @ design[use])
+    return np.asarray(found), np.asarray(scale**2 * np.linalg.inv(design[use].T @ design[use]))
 
 
 ROOM_ADVICE = (

@@ -16,7 +16,7 @@ from procam.estimate.geometry.solve import GeometrySolution
 from procam.estimate.light.inpaint import fill_light, fill_picture, pixels_without_pattern
 from procam.estimate.light.projector_response import ProjectorResponseFit, fit_colour, tile_levels
 from procam.estimate.light.scatter_kernel import ScatterCells, ScatterSample
-from procam.estimate.light.separation import MAX_BLUR, SeparatedLight, Separation
+from procam.estimate.light.separation import MAX_BLUR, MIN_BLUR, SeparatedLight, Separation
 from procam.estimate.light.stability import StabilityChecks
 from procam.estimate.media_server.dome_master import DomeMaster, lit_by_stripes
 from procam.estimate.media_server.local_response import Levels, fit_exponent, level_samples
@@ -162,6 +162,15 @@ def _check_blur(blur: float, name: str) -> None:
         )
 
 
+def _sharpening_notes(sharpest: float, name: str) -> list[str]:
+    if sharpest > MIN_BLUR:
+        return []
+    return [
+        f"projector {name}: edges of its stripes are sharper than pixels allow (a blur of {sharpest:.2f} "
+        "pixels); the camera or the projector sharpens its picture. Switch that off, or photograph raw"
+    ]
+
+
 def _black(images: SessionImages, name: str) -> tuple[Image, Image]:
     """A projector's black (H, W, 3), and that with the room's light at the other shots' exposure."""
     dark, dark_long = images.dark()
@@ -212,8 +221,9 @@ def _measured(
         if again.projector == name:
             end = images.light(again) - sight.base
             checks.add("at the end of the session", [end], long=True)
+    notes = [*checks.notes(name), *_sharpening_notes(separation.sharpest, name)]
     found = ProjectorMeasurement(
-        light, black, colour, fit.curve(), scatter_samples, notes=checks.notes(name), moved_px=checks.shift_px
+        light, black, colour, fit.curve(), scatter_samples, notes=notes, moved_px=checks.shift_px
     )
     return found, steps
 
