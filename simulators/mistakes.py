@@ -133,7 +133,8 @@ def _shifted(shift_px: tuple[float, float], frame: Frame) -> Frame:
     light = _light(frame)
     moved = np.array([[1, 0, shift_px[0]], [0, 1, shift_px[1]]], np.float32)
     size = (light.shape[1], light.shape[0])
-    return _with_light(frame, np.float32(cv2.warpAffine(light, moved, size, flags=cv2.INTER_CUBIC)))
+    turned = cv2.warpAffine(light, moved, size, flags=cv2.INTER_CUBIC)
+    return _with_light(frame, np.asarray(turned, np.float32))
 
 
 def blended(width: float, drive: Array32) -> Array32:

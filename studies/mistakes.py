@@ -35,10 +35,24 @@ from simulators.mistakes import STRENGTHS, make_mistake
 from simulators.scene import DomeScene
 from simulators.sight_lines import SightLines
 from simulators.template import room_text, venue_text
+from simulators.transport import Room
 from studies.measure import rms, side_by_side, write
+from studies.photometry import traced
 from studies.rooms import SIZE, TRUTH_SIZE, direction_errors, response_in_rooms
 
-ROOMS, SEEDS = range(206, 216), range(1, 11)  # drawn rooms, and noise seeds of the standard venue
+ROOMS = (
+    206,
+    209,
+    213,
+    214,
+    216,
+    226,
+    231,
+    232,
+    234,
+    237,
+)  # of at most three projectors, to save time
+SEEDS = range(1, 11)  # noise of the standard venue
 LIT = 0.999
 AREA_PX = 12  # edge of an area of a panel, of which gains are compared
 SIGMAS = 1.96
@@ -154,32 +168,35 @@ def _gains(found: Calibration, truth: Calibration) -> float:
 
 def judge_room(number: int) -> list[dict[str, Any]]:
     """Rows of a room: without a mistake, then each mistake at each strength."""
+    Room.trace = lambda surface, rays: traced(surface.preset, rays)
     with tempfile.TemporaryDirectory() as folder:
         stage = Stage(number, Path(folder))
-        clean = _row(stage, None)
+        clean = clean_row(stage)
         mistakes = [(name, s) for name, strengths in STRENGTHS.items() for s in strengths]
-        rows = [clean, *(_row(stage, mistake) for mistake in mistakes)]
-    for row in rows[1:]:
-        said = set(map(_kind, row["notes"])) - set(map(_kind, clean["notes"]))
-        row["notes"] = [note for note in row["notes"] if _kind(note) in said]
-        row["wrong"] = [
-            name
-            for name, error in row.get("errors", {}).items()
-            if error > max(1, 1.05 * clean["errors"][name])
-            and name not in NOT_JUDGED.get(row["mistake"][0], ())
-        ]
-    return rows
+        return [clean, *(row_of(stage, mistake, clean) for mistake in mistakes)]
 
 
-def _row(stage: Stage, mistake: Mistake | None) -> dict[str, Any]:
-    row: dict[str, Any] = {"room": stage.number, "mistake": mistake}
+def clean_row(stage: Stage) -> dict[str, Any]:
+    """Errors and notes of a calibration without a mistake."""
+    found = stage.calibrate(None)
+    notes = list(found.provenance["notes"])
+    return {"room": stage.number, "notes": notes, "errors": figures(found, stage.truth)}
+
+
+def row_of(stage: Stage, mistake: Mistake, clean: dict[str, Any]) -> dict[str, Any]:
+    """What came of a mistake: `wrong` names figures, `notes` are those that are not `clean`'s."""
+    row: dict[str, Any] = {"room": stage.number, "mistake": list(mistake)}
     try:
         found = stage.calibrate(mistake)
     except ProcamError as error:
-        return row | {"refused": str(error), "notes": []}
+        return row | {"refused": str(error)}
+    usual, errors = set(map(_kind, clean["notes"])), figures(found, stage.truth)
+    limits = {name: max(1, 1.05 * error) for name, error in clean["errors"].items()}
+    judged = errors.keys() - NOT_JUDGED.get(mistake[0], ())
     return row | {
-        "notes": list(found.provenance["notes"]),
-        "errors": figures(found, stage.truth),
+        "notes": [note for note in found.provenance["notes"] if _kind(note) not in usual],
+        "errors": errors,
+        "wrong": sorted(name for name in judged if errors[name] > limits[name]),
     }
 
 
@@ -215,6 +232,6 @@ def table(rows: list[dict[str, Any]]) -> Iterator[str]:
 def main() -> None:
     """Run all rooms and write the results."""
     rooms = side_by_side(judge_room, [*SEEDS, *ROOMS])
-    rows = [row | {"mistake": list(row["mistake"])} for room in rooms for row in room[1:]]
-    document = {"rows": rows, "clean": [room[0] for room in rooms]}
+    rows = [row for room in rooms for row in room[1:]]
+    document: dict[str, object] = {"rows": rows, "clean": [room[0] for room in rooms]}
     write("mistakes", document, ["# Mistakes that leave sound photographs", "", *table(rows)])

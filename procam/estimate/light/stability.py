@@ -115,7 +115,9 @@ class StabilityChecks:
             return 0.0, 0.0
         slopes = -self._slope.reshape(-1, 2)[self._steep]
         shift, covariance = _fit(slopes, left.ravel()[self._steep], self._level)
-        return float(np.hypot(*shift)), float(np.sqrt(np.diag(covariance).max()))
+        length = float(np.hypot(*shift))
+        along = shift / max(length, 1e-12)  # borders that all run one way show no shift along them
+        return length, float(np.sqrt(along @ covariance @ along))
 
     def _changed(self, left: Image) -> float:
         """Share of the screen's blocks whose light is not white's."""
@@ -161,7 +163,9 @@ class StabilityChecks:
         moved = max(self.sums, key=lambda s: s.shift_px * _has_moved(s), default=None)
         if moved is not None and _has_moved(moved):
             notes.append(MOVED_ADVICE.format(projector, moved.shots, moved.shift_px))
-        changed = max(self.sums, key=lambda s: s.changed, default=None)
+        # a camera that moved changes what is seen at every border
+        still = [s for s in self.sums if not _has_moved(s)]
+        changed = max(still, key=lambda s: s.changed, default=None)
         if changed is not None and changed.changed > NOTED_CHANGE:
             notes.append(CHANGED_ADVICE.format(projector, changed.shots, changed.changed))
         return notes

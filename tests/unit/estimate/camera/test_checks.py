@@ -10,6 +10,7 @@ from procam.estimate.camera.checks import (
     additivity,
     brightness_ratio,
     early_clipping,
+    exposure_ratio,
     fit_dark_frames,
     grey_gamma,
     response_exponent,
@@ -100,3 +101,25 @@ class TestEarlyClipping:
         picture = self.white(rng, 12, 100, 0.5)
         picture[:7, :7] = 3000
         assert early_clipping(picture, 4095) is None
+
+
+class TestExposureRatio:
+    """A dim picture, lit on one half, photographed at both exposures."""
+
+    def photographs(self, rng: np.random.Generator, ratio: float) -> list[np.ndarray]:
+        light = np.where(np.arange(80) < 40, 20.0, 2.0) * np.ones((60, 1))
+        short = light + rng.normal(0, 5, light.shape) + 1.5  # black's level drifted
+        return [short, ratio * light + rng.normal(0, 0.2, light.shape)]
+
+    @pytest.mark.parametrize("ratio", [0.4, 0.95, 1.0, 2.0])
+    def test_the_ratio_and_its_error(self, rng: np.random.Generator, ratio: float) -> None:
+        found = np.array([exposure_ratio(*self.photographs(rng, ratio)) for _ in range(200)])
+        z = (found[:, 0] - ratio) / found[:, 1] / ratio
+        assert abs(z.mean()) < 4 / np.sqrt(len(z))
+        assert 0.8 < z.std() < 1.2
+        assert found[:, 1].max() < 0.02
+
+    def test_pictures_that_do_not_tell(self) -> None:
+        flat = np.ones((50, 50))
+        for short, long in (flat, flat), (np.nan * flat, flat):
+            assert np.isnan(exposure_ratio(short, long)).all()

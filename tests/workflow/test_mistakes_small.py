@@ -1,0 +1,48 @@
+"""The study of mistakes, small: each is noticed at a strength, and by the words that name it."""
+
+from pathlib import Path
+
+import pytest
+
+import studies.mistakes
+from procam.estimate import calibration as assemble
+from simulators.mistakes import STRENGTHS
+from simulators.scene import SceneSize
+from studies.mistakes import Stage, clean_row, outcome, row_of, table
+
+SMALL = SceneSize(projectors=1, projector_size=(320, 200), camera_size=(400, 400), rays=256)
+NOTICED = {
+    "long exposures shorter, unreported": (0.7, "exposed 0.7 times"),
+    "one photograph exposed wrongly": (1.1, "drifted"),
+    "a person in one photograph": (1.0, "someone or something moved"),
+    "a person in all photographs": (1.0, "darker than around it"),
+    "dust on the camera's lens": (0.4, "darker than around it"),
+    "edge blend left on": (0.1, "an edge blend in its menu"),
+    "dynamic black left on": (0.3, "drifted"),
+    "sharpening in the camera": (2.0, "sharper than pixels allow"),
+    "photographs lag by one": (1.0, "do not come one late"),
+    "the camera was nudged": (0.6, "the camera or the projector moved"),
+}
+HARMLESS = {"long exposures shorter, reported": 0.4, "sharpening in the projectors": 1.0}
+
+
+def test_mistakes_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(studies.mistakes, "SIZE", SMALL)
+    monkeypatch.setattr(studies.mistakes, "TRUTH_SIZE", 256)
+    monkeypatch.setattr(assemble, "MAP_SIZE", 256)
+    stage = Stage(1, tmp_path)
+    clean = clean_row(stage)
+    assert clean["notes"] == []
+    rows = []
+    for name, (strength, words) in NOTICED.items():
+        row = row_of(stage, (name, strength), clean)
+        rows.append(row)
+        said = "\n".join([row.get("refused", ""), *row.get("notes", ())])
+        assert words in said, (name, said)
+        assert outcome(row) in {"refused", "right, noted", "wrong, noted"}
+    for name, strength in HARMLESS.items():
+        row = row_of(stage, (name, strength), clean)
+        rows.append(row)
+        assert outcome(row) == "right", row
+    assert {row["mistake"][0] for row in rows} == STRENGTHS.keys()
+    assert len(list(table(rows))) == 2 + 3 * len(STRENGTHS)
