@@ -51,8 +51,7 @@ class ProjectorMeasurement:
     black : (H, W, 3) radiance of its black picture, scattered light included.
     colour, response : fitted to its pictures of primaries and of levels.
     scatter_samples : of its white, then of its other pictures.
-    exponent : as in `Photometry`. notes : for the report.
-    moved_px : by which the camera's picture moved meanwhile [px].
+    exponent : as in `Photometry`. notes : for the report. moved_px : of the camera's picture meanwhile.
     """
 
     light: SeparatedLight
@@ -85,9 +84,9 @@ def assemble(
     """
     unmix = _content_matrix(measured)
     content = {name: _converted(m.light, unmix) for name, m in measured.items()}
-    moved_arcmin = _moved_arcmin(geometry, measured)
+    moved = _moved_arcmin(geometry, measured)
     surfaces = {
-        name: _widened(project_surface(geometry, name, dome, light, nudges), moved_arcmin)
+        name: project_surface(geometry, name, dome, light, nudges, moved)
         for name, light in content.items()
     }
     blender = Blender(geometry.projectors, surfaces, dome)
@@ -128,13 +127,8 @@ def _moved_arcmin(
     geometry: GeometrySolution, measured: Mapping[str, ProjectorMeasurement]
 ) -> float:
     """The most that the main camera turned while projectors were photographed [arcmin]."""
-    pixel_arcmin = 60 * np.degrees(1 / np.mean(geometry.camera.lens.focal))
-    return float(pixel_arcmin * max(m.moved_px for m in measured.values()))
-
-
-def _widened(surface: ProjectorSurface, moved_arcmin: float) -> ProjectorSurface:
-    sigma = np.hypot(surface.sigma_arcmin, np.float32(moved_arcmin))
-    return replace(surface, sigma_arcmin=sigma)
+    pixels = max(m.moved_px for m in measured.values())
+    return float(60 * np.degrees(pixels / np.mean(geometry.camera.lens.focal)))
 
 
 class _Master:
@@ -261,13 +255,12 @@ def _projector(
 
 def _direction_sigmas(geometry: GeometrySolution, moved_arcmin: float) -> dict[str, Figure]:
     relative, absolute = (float(np.hypot(s, moved_arcmin)) for s in direction_sigmas(geometry))
-    what = 'a lens that is "fixed" counts as exact'
+    lens = 'a lens that is "fixed" counts as exact'
+    note = f"less a rotation; {lens}"
     return {
-        "direction_sigma_relative_arcmin": Figure(
-            relative, "arcmin", note=f"less a rotation; {what}"
-        ),
+        "direction_sigma_relative_arcmin": Figure(relative, "arcmin", note=note),
         "direction_sigma_arcmin": Figure(
-            absolute, "arcmin", note=f"with the survey of marks; {what}"
+            absolute, "arcmin", note=f"with the survey of marks; {lens}"
         ),
     }
 

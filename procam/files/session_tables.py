@@ -68,7 +68,7 @@ def parse_plan(path: Path, content: bytes) -> Plan:
             "the version that wrote it"
         )
     shots = document.get("shots")
-    if not isinstance(shots, list):
+    if not isinstance(shots, list) or not shots:
         raise FileFormatError(f"{path} has no list of shots; restore the file")
     return Plan(tuple(_shots(path, shots)))
 

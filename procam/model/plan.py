@@ -16,7 +16,6 @@ Purpose = Literal[
     "zone",
     "primary",
     "levels",
-    "repeat",
     "dim",
 ]
 
@@ -34,8 +33,8 @@ class Shot:
     detail : describes the pattern. For codes: the code's name and the number of the plane; for
         stripes: axis ("x"/"y"), bit (0 = finest), inverse (0/1); for zones: their number; for
         primaries: channel (0, 1, 2); for tags: the picture (0, 1). A shot mark drawn into the
-        picture is there as "number". The session ends with checks of itself: the first white again
-        ("repeat"), and a "dim" picture at both exposures.
+        picture is there as "number". The session ends with a check of itself, a "dim" picture of the
+        first projector at both exposures.
     """
 
     id: str

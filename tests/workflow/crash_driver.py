@@ -111,7 +111,7 @@ def watch_disk(killer: Killer) -> None:
     def flushed(descriptor: int) -> str:
         path = Path(f"/proc/self/fd/{descriptor}").readlink()
         if path.suffix == ".jsonl":
-            return f"flush {path.name}: {path.read_text().splitlines()[-1][:40]}"
+            return f"flush {path.name}: {path.read_text().splitlines()[-1][:60]}"
         return f"flush {path.parent.name}/{path.name}" + f" after {renamed}" * path.is_dir()
 
     def moved(source: Path, target: Path) -> str:

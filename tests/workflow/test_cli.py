@@ -105,7 +105,9 @@ class TestInit:
         ran = procam("patterns", tmp_path, "--out", tmp_path / "out")
         assert (ran.code, ran.err) == (0, "")
         assert "--camera zenith or side" in ran.out
-        assert {p.stem for p in (tmp_path / "out").glob("*.m3u")} == {"north", "south", "east"}
+        assert {p.stem for p in (tmp_path / "out").glob("*.m3u")} == {
+            *("north", "south", "east", "north-end")
+        }
 
     def test_never_overwrites(self, tmp_path: Path) -> None:
         (tmp_path / "venue.toml").write_text("mine")

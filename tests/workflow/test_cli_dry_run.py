@@ -89,7 +89,7 @@ class TestDryRun:
             "south",
             "north",
         ]
-        assert document["exposures"] == document["shots"] + 1  # the dark has two
+        assert document["exposures"] == document["shots"] + 2  # the first and the last have two
         assert [p.name for p in tmp_path.iterdir()] == ["venue.toml"]
 
     def test_parts_sum_to_the_whole(
@@ -109,7 +109,7 @@ class TestDryRun:
     ) -> None:
         document = _document(_by_hand(tmp_path, SIX), capsys)
         assert len(document["projectors"]) == 6
-        long = 7 * 4 / 60  # the dark and six blacks are exposed for 8 s
+        long = 8 * 4 / 60  # the dark, six blacks and the dim white are exposed for 8 s
         assert document["minutes"] == pytest.approx(document["exposures"] * 5 / 60 + long, abs=0.05)
         assert document["minutes"] <= 45
 

@@ -35,7 +35,7 @@ from simulators.scene import SceneSize
 PHOTOGRAPHER = Path(__file__).with_name("photographer.py")
 PANEL, PHOTO = (160, 100), (240, 200)
 SIZE = SceneSize(projectors=2, projector_size=PANEL, camera_size=PHOTO, rays=64)
-SHOTS = 75
+SHOTS, EXPOSURES = 76, 78  # the first and the last shot have two
 BITS, BLACK = 12, 64.0
 GAMMA, BLUR_PX, NOISE_DN = 2.2, 0.6, 4.0
 
@@ -137,7 +137,7 @@ class TestPatterns:
             hand_session.session / "plan.json"
         ).read_text()
         lists = [p.name for p in hand_session.out.glob("*.m3u")]
-        assert sorted(lists) == ["north.m3u", "south.m3u"]
+        assert sorted(lists) == ["north.m3u", "south-end.m3u", "south.m3u"]
         assert "#EXTINF:5,south-0000\npatterns/south/0000.png\n" in (
             hand_session.out / "south.m3u"
         ).read_text("utf-8")
@@ -150,10 +150,15 @@ class TestPatterns:
             **{"exposures_s": "", "start_s": "0", "hold_s": ""},
         }
         for projector in ("south", "north"):
-            mine = [e for e in order if e["projector"] == projector]
+            mine = [e for e in order if e["projector"] == projector and e["purpose"] != "dim"]
             ends = np.cumsum([int(e["hold_s"]) for e in mine])
             assert [int(e["start_s"]) for e in mine] == [0, *ends[:-1]]
             assert all(int(e["hold_s"]) > 2 * float(e["exposures_s"]) for e in mine)
+        assert (order[-1]["shot"], order[-1]["purpose"], order[-1]["start_s"]) == (
+            f"south-{SHOTS // 2 - 1:04d}",
+            "dim",
+            "0",
+        )
 
     def test_each_capture_is_a_new_session_that_capture_leaves_alone(
         self, hand_session: HandSession
@@ -206,7 +211,7 @@ class TestIngest:
         assert last == f"nothing is missing; now run: procam solve {hand_session.session}"
         session = Session(hand_session.session)
         plan = session.read_plan()
-        assert len(hand_session.stored()) == plan.exposures == SHOTS + 1
+        assert len(hand_session.stored()) == plan.exposures == EXPOSURES
         shot = plan.of("north", "primary")[1]
         frame = session.load(CAMERA, shot, shot.exposures_s[0], PHOTO)
         number = 1 + [s.id for s in plan.shots].index(shot.id)
@@ -234,7 +239,7 @@ class TestIngest:
         document = json.loads(ran.out)
         shots = hand_session.shots()
         assert document["missing"] == ["dark", shots[19], shots[39]]
-        assert document["stored"] == SHOTS - 3
+        assert document["stored"] == EXPOSURES - 4
         notes = "\n".join(document["notes"])
         assert f"soft.tif: shows {shots[9]} too; {names['img_10.tif']} is kept" in notes
         assert "stranger.tif: is of another size and shows no number; left out" in notes
@@ -254,7 +259,7 @@ class TestIngest:
         index.write_text("file,shot\na.tif,dark\nb.tif,dark\n")
         ran = hand_session.ingest(more, "--index", index)
         assert "4 photographs stored" in ran.out and "nothing is missing" in ran.out
-        assert len(hand_session.stored()) == SHOTS + 1
+        assert len(hand_session.stored()) == EXPOSURES
 
     def test_a_second_time_nothing_changes(self, hand_session: HandSession, roll: Path) -> None:
         hand_session.ingest(roll)
@@ -315,7 +320,7 @@ class TestIngest:
         plan = Session(hand_session.session).read_plan()
         assert plan.shots[0].exposures_s == (0.125, 6.0)
         assert plan.shots[1].exposures_s == (0.125,)
-        assert plan.shots[-1].exposures_s == (0.13,)  # not photographed yet
+        assert plan.shots[-1].exposures_s == (0.13, 6.5)  # not photographed yet
         stored = Session(hand_session.session).stored(CAMERA)
         assert stored["dark", 6.0].started_s == stored["dark", 0.125].started_s + 3
         again = hand_session.ingest(photos)

@@ -36,7 +36,8 @@ def exchange_projectors(venue: Path) -> Path:
     camera = next(iter(load_venue(venue).cameras.values()))
     partner = {}
     for first, second in zip(
-        *([s for s in plan.shots if s.projector == n] for n in names), strict=True
+        *([s for s in plan.shots if s.projector == n and s.purpose != "dim"] for n in names),
+        strict=True,
     ):
         partner |= {first.id: second, second.id: first}
     for shot in plan.shots:

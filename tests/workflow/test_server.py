@@ -94,13 +94,13 @@ def figures(hand_session: HandSession, found: Calibration) -> dict[str, Figure]:
 
 
 def test_the_stills_and_their_photographs(hand_session: HandSession) -> None:
-    assert (hand_session.patterns.code, "22 shots written" in hand_session.patterns.out) == (
+    assert (hand_session.patterns.code, "23 shots written" in hand_session.patterns.out) == (
         0,
         True,
     )
     assert "then open them and feed server with its pictures" in hand_session.patterns.out
     pictures = sorted((hand_session.folder / "out" / "patterns" / "server").iterdir())
-    assert len(pictures) == 21
+    assert len(pictures) == 22
     assert read_image(pictures[0]).shape[:2] == (MASTER, MASTER)
     assert (hand_session.ingested.code, "nothing is missing" in hand_session.ingested.out) == (
         0,

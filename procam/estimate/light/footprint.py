@@ -29,8 +29,11 @@ def project_surface(
     dome: Dome,
     light: SeparatedLight,
     nudges: Sequence[Nudge] = (),
+    moved_arcmin: float = 0.0,
 ) -> ProjectorSurface:
     """Pixel directions and footprint of projector `name`.
+
+    `moved_arcmin` is by how much the camera turned while it was photographed, which widens standard errors.
 
     Directions come from `fit_pixel_directions`. A nudge, a manual shift of the picture, changes them so
     that the picture moves; it changes neither the footprint, which `light` gives, nor the standard error.
@@ -48,7 +51,7 @@ def project_surface(
         panel_solid_angles(fitted.size, field).astype(np.float32),
         measured > MIN_LIT_SHARE,
         measured.astype(np.float32),
-        fitted.sigma_arcmin(x, y),
+        np.hypot(fitted.sigma_arcmin(x, y), np.float32(moved_arcmin)),
     )
 
 

@@ -26,7 +26,8 @@ CLEAR_PX, CLEAR_SIGMAS, CLEAR_SHARE = 3.0, 4.0, 0.75
 # sigma of the edges' blur [pixel extents], up to which scattered light is right to .5 % at any pixel;
 # in focus it is .3 to .8
 MAX_BLUR = 2.5
-MIN_BLUR = 0.25  # the same, which pixels have that nothing blurs
+MIN_BLUR = 0.25  # the same, which pixels have that nothing blurs; of fewer stripes it is not known
+MANY_STRIPES = 8
 EDGE_REACH = 5.0  # how far from an edge its blur is measured [pixel extents]
 MIN_SLOPE = 0.05  # of a projector's coordinate over a camera pixel [projector px]
 EXTENT_BLUR_PX = 2.0  # Gaussian sigma; fills in for pixels beside a hole
@@ -73,7 +74,7 @@ class Separation:
     blur : largest blur of the stripes' edges so far, a standard deviation in pixel extents: the size
         of a camera and a projector pixel together (root of the sum of squares). Above `MAX_BLUR` the
         result is not usable.
-    sharpest : smallest blur of a pair; below 0 the camera or the projector sharpens edges.
+    sharpest : smallest blur of a pair of many stripes; below `MIN_BLUR` something sharpens edges.
     dark_weight : (H, W) statistical weight of the scattered light so far; 0 where it is interpolated.
     """
 
@@ -127,7 +128,9 @@ class Separation:
         extent = self._extent[which]
         # few edges, or only one side of one, read too little: the largest so far counts
         measured = self._edge_blur(np.abs(pattern - inverse), distance, extent, 2.0**bit)
-        self.blur, self.sharpest = max(self.blur, measured), min(self.sharpest, measured)
+        self.blur = max(self.blur, measured)
+        if np.nanmax(self._xy[..., which], initial=0) > MANY_STRIPES * 2.0**bit:
+            self.sharpest = min(self.sharpest, measured)
         reach = np.minimum(CLEAR_SIGMAS * self.blur * extent, CLEAR_SHARE * 2.0**bit)
         with np.errstate(invalid="ignore"):
             near_edge = distance <= np.maximum(CLEAR_PX, reach)

@@ -21,7 +21,6 @@ ROUNDS = 4  # of the regressions; each leaves outliers out
 OUTLIER_SIGMAS = 3.0  # glints, moving people
 NOTED_DRIFT, MAX_DRIFT = 0.005, 0.015  # of white
 NOTED_ROOM, MAX_ROOM = 0.002, 0.01  # of white; scattered light is 5 to 20 % of white
-LONG_DRIFT = 10.0  # times as much may drift from the begin to the end of a session
 NOTED_SHIFT = 0.05  # camera pixels
 SIGNIFICANT_SIGMAS = 5.0
 MAX_SCATTER = 0.3  # of the direct light: the most that scatters to any place
@@ -40,7 +39,6 @@ class PatternSum:
     `shots` : the pictures, for messages. `drift`, `room` relative to white; `sigma` of the worse one.
     `shift_px` : by which the camera's picture moved, with `shift_sigma_px`. `changed` : share of the
     screen where something stood in one of them.
-    `long` : they were not taken within a few minutes.
     """
 
     shots: str
@@ -50,7 +48,6 @@ class PatternSum:
     shift_px: float = 0.0
     shift_sigma_px: float = 0.0
     changed: float = 0.0
-    long: bool = False
 
 
 class StabilityChecks:
@@ -66,7 +63,7 @@ class StabilityChecks:
         self._use = on_screen & np.isfinite(white).all(axis=-1)
         pixels = np.flatnonzero(self._use)
         self._pixels = pixels[:: max(1, len(pixels) // MAX_PIXELS)]
-        bright = self._green.flat[self._pixels]
+        bright = self._picked()
         self._level = float(np.percentile(bright, 95)) if len(bright) else 0.0
         down, across = np.gradient(self._green)
         self._slope = np.stack([across, down], axis=-1)
@@ -80,34 +77,41 @@ class StabilityChecks:
         found = np.flatnonzero(steep & self._use)
         return found[:: max(1, len(found) // MAX_PIXELS)]
 
-    def add(
-        self,
-        shots: str,
-        pictures: Sequence[Image],
-        mark_share: float = 0.0,
-        *,
-        long: bool = False,
-    ) -> None:
+    def add(self, shots: str, pictures: Sequence[Image], mark_share: float = 0.0) -> None:
         """Compare the sum of pictures (H, W, 3), black subtracted from each, with white.
 
         `mark_share`: share of the panel that shows shot marks more often in the pictures than in
-        white. Their light scatters too, and is no change of the room's light. `long`: they were taken
-        at the end of the session.
+        white. Their light scatters too, and is no change of the room's light.
         """
         if not self._level > 0 or not pictures:
             return
-        surplus = np.sum([p[..., GREEN] for p in pictures], axis=0, dtype=np.float32) - self._green
-        white = self._green.ravel()[self._pixels]
+        total = np.asarray(np.sum([p[..., GREEN] for p in pictures], axis=0), np.float32)
+        drift, room, sigma, left = self._compared(total)
+        room = float(np.copysign(max(abs(room) - MAX_SCATTER * mark_share, 0.0), room))
+        self.sums.append(
+            PatternSum(shots, drift, room, sigma, *self._shift(left), self._changed(left))
+        )
+
+    def add_dimmed(self, shots: str, picture: Image) -> None:
+        """Compare a white of less light (H, W, 3), black subtracted: it shows only whether anything moved."""
+        if not self._level > 0:
+            return
+        green = picture[..., GREEN]
+        dimming = float(np.nansum(green.flat[self._pixels]) / np.nansum(self._picked()))
+        if dimming > 0:
+            *_, left = self._compared(green / np.float32(dimming))
+            self.sums.append(PatternSum(shots, 0.0, 0.0, 0.0, *self._shift(left)))
+
+    def _compared(self, light: Image) -> tuple[float, float, float, Image]:
+        """Drift, room light, the sigma of the worse one, and what is left (H, W) of light (H, W)."""
+        surplus, white = light - self._green, self._picked()
         design = np.stack([white, np.full_like(white, self._level)], axis=1)
         (drift, room), covariance = _fit(design, surplus.flat[self._pixels], self._level)
         left = surplus - np.float32(drift) * self._green - np.float32(room * self._level)
-        shift, shift_sigma = self._shift(left)
-        room = float(np.copysign(max(abs(room) - MAX_SCATTER * mark_share, 0.0), room))
-        sigma = float(np.sqrt(np.diag(covariance).max()))
-        changed = self._changed(left)
-        self.sums.append(
-            PatternSum(shots, float(drift), room, sigma, shift, shift_sigma, changed, long)
-        )
+        return float(drift), float(room), float(np.sqrt(np.diag(covariance).max())), left
+
+    def _picked(self) -> Image:
+        return np.asarray(self._green.flat[self._pixels])
 
     def _shift(self, left: Image) -> tuple[float, float]:
         """Length of the shift that explains what is left of a sum (H, W), and its sigma [px]."""
@@ -144,16 +148,16 @@ class StabilityChecks:
             ("room", NOTED_ROOM, MAX_ROOM, ROOM_ADVICE),
             ("drift", NOTED_DRIFT, MAX_DRIFT, DRIFT_ADVICE),
         ):
-            worst = max(self.sums, key=lambda s: abs(getattr(s, kind)) / _scale(s), default=None)
+            worst = max(self.sums, key=lambda s: abs(getattr(s, kind)), default=None)
             if worst is None:
                 continue
-            size, scale = getattr(worst, kind), _scale(worst)
-            if abs(size) <= max(SIGNIFICANT_SIGMAS * worst.sigma, noted * scale):
+            size = getattr(worst, kind)
+            if abs(size) <= max(SIGNIFICANT_SIGMAS * worst.sigma, noted):
                 continue
             note = advice.format(projector, worst.shots, size)
-            if abs(size) > largest * scale:
+            if abs(size) > largest:
                 raise OutOfModelRange(
-                    f"{note}; at most {largest * scale:.1%} is usable, photograph it again"
+                    f"{note}; at most {largest:.1%} is usable, photograph it again"
                 )
             notes.append(note)
         return notes + self._movement_notes(projector)
@@ -169,10 +173,6 @@ class StabilityChecks:
         if changed is not None and changed.changed > NOTED_CHANGE:
             notes.append(CHANGED_ADVICE.format(projector, changed.shots, changed.changed))
         return notes
-
-
-def _scale(total: PatternSum) -> float:
-    return LONG_DRIFT if total.long else 1.0
 
 
 def _has_moved(total: PatternSum) -> bool:

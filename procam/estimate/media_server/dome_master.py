@@ -76,7 +76,7 @@ class DomeMaster:
 def plan_server(
     master: DomeMaster, exposure_s: float, black_exposure_s: float
 ) -> tuple[Plan, dict[str, Picture]]:
-    """The plan for a server, 22 shots, and its pictures (N, N, 1 or 3) by path.
+    """The plan for a server, 23 shots, and its pictures (N, N, 1 or 3) by path.
 
     White, black, tags at known directions, and patterns that measure light. There is no code, as the
     directions are known.

@@ -33,7 +33,7 @@ def plan_session(
     """The plan for projectors of given sizes (width, height), and its patterns (H, W, 1 or 3) by path.
 
     First everything is dark; then each projector shows its patterns alone; at the end the first one shows
-    what tells whether camera and light stayed as they were.
+    what tells whether the camera stayed where it was, and how long it really exposes.
     """
     zones = zone_count(len(projectors))
     each = {
@@ -50,8 +50,8 @@ def plan_of(
 ) -> tuple[Plan, dict[str, Picture]]:
     """The plan that shows the pictures of each projector in turn, and the pictures by path.
 
-    The shots come without id, projector and path. The plan starts with a dark shot and ends with
-    `closing_pictures` of the first projector.
+    The shots come without id, projector and path. The plan starts with a dark shot and ends with the
+    `dim_picture` of the first projector.
     """
     shots = [Shot("dark", "", "", "dark", (exposure_s, black_exposure_s))]
     patterns: dict[str, Picture] = {}
@@ -68,19 +68,16 @@ def plan_of(
         add(name, shown)
     first = next(iter(pictures))
     white = patterns[shots[1].pattern]
-    add(first, closing_pictures(white, exposure_s, black_exposure_s))
+    add(first, [dim_picture(white, exposure_s, black_exposure_s)])
     return Plan(tuple(shots)), patterns
 
 
-def closing_pictures(
-    white: Picture, exposure_s: float, black_exposure_s: float
-) -> Iterator[tuple[Shot, Picture]]:
-    """White again, and a dim picture that can be photographed at both exposures, as shots without id."""
-    yield Shot("", "", "", "repeat", (exposure_s,)), white
+def dim_picture(white: Picture, exposure_s: float, black_exposure_s: float) -> tuple[Shot, Picture]:
+    """A dim picture to photograph at both exposures, without id; dark where `white` (H, W, C) is."""
     light = DIM * min(1.0, exposure_s / black_exposure_s)
     drive = round(255 * light ** (1 / NOMINAL_GAMMA))
     both = tuple(dict.fromkeys((exposure_s, black_exposure_s)))
-    yield Shot("", "", "", "dim", both), np.where(white > 0, np.uint8(drive), np.uint8(0))
+    return Shot("", "", "", "dim", both), np.where(white > 0, np.uint8(drive), np.uint8(0))
 
 
 def _pictures(

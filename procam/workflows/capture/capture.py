@@ -125,32 +125,27 @@ def _take(
             if (shot.id, exposure_s) in stored:
                 continue  # by a run that was cut short within the shot
             in_force = camera.configure(CameraSettings(exposure_s, shot.pixel_format))
-            frame = _checked(rig, camera.capture, checks[name], shot, drive)
-            _check_settings(shot, frame.settings, in_force)
+            if in_force.gain != 1:
+                raise DeviceError(
+                    f"camera {name}: its gain is {in_force.gain:g} and must stay 1; set it to manual"
+                )
+            frame = _checked(rig, camera.capture, checks[name], (shot, in_force), drive)
             recorder.store(name, shot, exposure_s, frame)
 
 
-def _check_settings(shot: Shot, stated: CameraSettings, in_force: CameraSettings) -> None:
-    """Refuse a photograph whose exposure or gain is not known; another exposure than planned is no harm."""
-    if stated != in_force or stated.gain != 1:
-        raise DeviceError(
-            f"shot {shot.id}: the camera said {_in_words(in_force)} before the photograph, and "
-            f"{_in_words(stated)} with it; set its exposure to manual and its gain to 1, and capture again"
-        )
-
-
-def _in_words(settings: CameraSettings) -> str:
-    return f"{settings.exposure_s:g} s, gain {settings.gain:g}, {settings.pixel_format}"
-
-
 def _checked(
-    rig: Rig, take: Callable[[], Frame], check: "_FrameCheck", shot: Shot, drive: Array32 | None
+    rig: Rig,
+    take: Callable[[], Frame],
+    check: "_FrameCheck",
+    asked: tuple[Shot, CameraSettings],
+    drive: Array32 | None,
 ) -> Frame:
     """A frame that passed the checks; a stale one is taken again, after a breath."""
     for attempt in range(ATTEMPTS):
         frame = take()
         try:
-            check.inspect(frame, shot, drive)
+            _check_settings(frame, *asked)
+            check.inspect(frame, asked[0], drive)
         except StaleFrame:
             if attempt == ATTEMPTS - 1:
                 raise
@@ -159,6 +154,16 @@ def _checked(
         check.remember(frame, drive)
         return frame
     raise AssertionError("unreachable")
+
+
+def _check_settings(frame: Frame, shot: Shot, in_force: CameraSettings) -> None:
+    """Refuse a photograph of another exposure than the camera set; one that was not planned is no harm."""
+    if frame.settings != in_force:
+        raise StaleFrame(
+            f"shot {shot.id}: the camera set {in_force.exposure_s:g} s, but its photograph says "
+            f"{frame.settings.exposure_s:g} s, {ATTEMPTS} times; set its exposure and gain to manual, or "
+            "check its trigger"
+        )
 
 
 def check_range(shot: Shot, frame: Frame, sensor: Sensor) -> None:

@@ -126,14 +126,13 @@ class TestMovedCamera:
             checks = self.sums(0.0, seed)
             assert checks.notes("north") == [] and checks.shift_px == 0
 
-    def test_the_end_of_a_session_may_drift_more(self) -> None:
-        white, *_ = pictures(np.random.default_rng(7))
-        checks = StabilityChecks(white, np.ones((SIZE, SIZE), bool))
-        checks.add("at the end", [white * 1.04], long=True)
-        assert checks.notes("north") == []
-        checks.add("at the end", [white * 1.06], long=True)
-        (note,) = checks.notes("north")
-        assert "drifted" in note
-        checks.add("at the end", [white * 1.2], long=True)
-        with pytest.raises(OutOfModelRange, match=r"at most 15\.0% is usable"):
-            checks.notes("north")
+    @pytest.mark.parametrize("dimming", [0.01, 1.0])
+    def test_a_dimmed_white_shows_movement_alone(self, dimming: float) -> None:
+        rng, full = np.random.default_rng(3), np.ones((SIZE, SIZE))
+        for shift in (0.0, 0.3):
+            checks = StabilityChecks(self.seen(rng, 0, full), np.ones((SIZE, SIZE), bool))
+            checks.add_dimmed("at the end", dimming * self.seen(rng, shift, full))
+            assert checks.shift_px == pytest.approx(shift, abs=0.03)
+            assert len(checks.notes("north")) == bool(shift)
+        checks.add_dimmed("nothing", 0 * self.seen(rng, shift, full))
+        assert len(checks.sums) == 1

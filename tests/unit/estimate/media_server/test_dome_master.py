@@ -64,7 +64,7 @@ def test_stripes_are_some_degrees_wide_for_every_size(size: int, coarse: int) ->
 
 def test_the_plan() -> None:
     plan, pictures = plan_server(DomeMaster("server", SIZE), 0.1, 6.0)
-    assert len(plan.shots) == 22
+    assert len(plan.shots) == 23
     assert plan.shots[0].exposures_s == (0.1, 6.0)
     counts = {p: len(plan.of("server", p)) for p in ("white", "black", "tags", "stripes", "zone")}
     assert counts == {"white": 1, "black": 1, "tags": 2, "stripes": 8, "zone": 4}

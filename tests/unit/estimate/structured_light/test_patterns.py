@@ -36,8 +36,8 @@ class TestPlan:
         shots = session[0].shots
         assert (shots[0].purpose, shots[0].projector, shots[0].pattern) == ("dark", "", "")
         assert shots[0].exposures_s == (0.13, 6.5)
-        order = [s.projector for s in shots[1:]]
-        assert order == sorted(order, reverse=True)  # south before north, never back again
+        order = [s.projector for s in shots[1:-1]]
+        assert order == sorted(order, reverse=True)  # south before north
         for name in SIZES:
             mine = [s.purpose for s in shots if s.projector == name]
             assert mine[:2] == ["white", "black"]
@@ -53,7 +53,7 @@ class TestPlan:
             "zone": zone_count(len(SIZES)),
             "primary": 3,
             "levels": LEVEL_PICTURES,
-        }
+        } | ({"dim": 1} if name == "south" else {})
 
     def test_ids_are_unique_and_every_pattern_is_there(
         self, session: tuple[Plan, Pictures]
@@ -68,8 +68,18 @@ class TestPlan:
             assert picture.dtype == np.uint8
 
     def test_only_black_has_the_long_exposure(self, session: tuple[Plan, Pictures]) -> None:
-        for shot in session[0].shots[1:]:
+        for shot in session[0].shots[1:-1]:
             assert shot.exposures_s == ((6.5,) if shot.purpose == "black" else (0.13,))
+
+    def test_the_first_projector_ends_with_a_dim_white_for_both_exposures(
+        self, session: tuple[Plan, Pictures]
+    ) -> None:
+        last = session[0].shots[-1]
+        assert (last.projector, last.purpose, last.exposures_s) == ("south", "dim", (0.13, 6.5))
+        (level,) = np.unique(session[1][last.pattern])
+        assert (level / 255) ** 2.2 == pytest.approx(0.5 * 0.13 / 6.5, rel=0.05)
+        alike = plan_session(SIZES, 0.13, 0.13)[0].shots[-1]
+        assert alike.exposures_s == (0.13,)
 
     def test_all_but_the_code_is_captured_in_colour(self, session: tuple[Plan, Pictures]) -> None:
         for shot in session[0].shots:
