@@ -24,6 +24,7 @@ from studies import (
     refine,
     rooms,
     stops,
+    wrong_calls,
 )
 
 STUDIES = {
@@ -45,6 +46,7 @@ STUDIES = {
     "refine": refine.main,
     "rooms": rooms.main,
     "stops": stops.main,
+    "wrong-calls": wrong_calls.main,
 }
 
 

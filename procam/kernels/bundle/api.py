@@ -20,7 +20,7 @@ from procam.kernels.bundle.reference import (
     PlacedDevice,
     ShapeDerivatives,
 )
-from procam.kernels.native.arrays import plain, pointer
+from procam.kernels.native.arrays import numbers, plain, pointer
 from procam.kernels.native.loader import chosen
 
 BLOCK = 64  # observations that C takes at a time
@@ -164,6 +164,8 @@ def _check(
     derivatives: ShapeDerivatives | None,
 ) -> None:
     """Refuse rays, pixels, weights, lenses and derivatives that do not fit one another."""
+    if ray.ndim != 2:
+        raise ShapeError("ray", ray.shape, "(N, 3)")
     count, harmonics = len(ray), len(block.harmonic_coefficients)
     wanted: dict[str, tuple[Array, tuple[int, ...]]]
     wanted = {"ray": (ray, (count, 3)), "seen": (seen, (count, 2))}
@@ -181,9 +183,13 @@ def _check(
             "rays meet it are needed"
         )
     for name, (array, shape) in wanted.items():
-        if array.shape != shape:
-            raise ShapeError(name, array.shape, f"{shape}")
+        numbers(array, shape, name)
+    numbers(block.harmonic_coefficients, (None,), "harmonic_coefficients")
     for device in block[:2]:
+        numbers(device.rotation, (3, 3), "rotation")
+        numbers(device.translation, (3,), "translation")
+        numbers(device.lens, (None,), "lens")
+        numbers(device.pupil, (2,), "pupil")
         if len(device.lens) != LENS.get(device.kind):
             raise InputError(
                 f"lens: kind {device.kind!r} with {len(device.lens)} parameters is unknown; known: {LENS}"

@@ -6,8 +6,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from procam.arrays import Array
+from procam.errors import InputError
 from procam.kernels.bundle import lenses as reference
-from procam.kernels.native.arrays import plain, pointer
+from procam.kernels.native.arrays import numbers, pointer
 from procam.kernels.native.loader import chosen
 
 
@@ -27,21 +28,33 @@ def fisheye_rays(pixels: ArrayLike, lens: Array) -> Array:
     (..., 3) float64; z along the view. NaN where a pixel is; any direction where a pixel lies
         beyond the radius at which the lens folds.
 
+    Raises
+    ------
+    ShapeError, InputError
+        Pixels that are no pairs, a lens of another number of parameters, one that is not finite or that
+        folds at its centre.
+
     Examples
     --------
     >>> lens = np.array([100.0, 100, 320, 240, 0, 0, 0, 0])
     >>> print(fisheye_rays([320, 240 + 25 * np.pi], lens).round(6))
     [0.       0.707107 0.707107]
     """
-    places = plain(np.asarray(pixels, np.float64))
+    places = np.asarray(pixels)
+    places = numbers(places, (*places.shape[:-1], 2), "pixels")
+    lens = numbers(lens, (8,), "lens")
+    if not np.isfinite(lens).all() or not lens[:2].all():
+        raise InputError(f"lens: {lens}; all must be finite, and the focal lengths not 0")
     native = chosen()
     if native is None:
         return reference.fisheye_rays(places, lens)
     library, level, threads = native
     table, last = _angles(*lens[4:].tolist())
-    numbers, rays = plain(np.asarray(lens, np.float64)), np.empty((*places.shape[:-1], 3))
+    if not last > 0:
+        raise InputError(f"lens: with k {lens[4:]} it folds at its centre, and no pixel has a ray")
+    rays = np.empty((*places.shape[:-1], 3))
     library.procam_rays(
-        *(level, threads, places.size // 2, pointer(places), pointer(numbers), table.size),
+        *(level, threads, places.size // 2, pointer(places), pointer(lens), table.size),
         *(pointer(table), (table.size - 1) / last, pointer(rays)),
     )
     return rays

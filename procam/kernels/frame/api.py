@@ -15,7 +15,7 @@ from procam.kernels.frame import reference
 from procam.kernels.frame.coding import Coding
 from procam.kernels.frame.grid import CHANNELS, POSITIONS, STRIP
 from procam.kernels.frame.model import SPARE, TERMS, FrameModel, padded
-from procam.kernels.native.arrays import aligned_like, pointer
+from procam.kernels.native.arrays import aligned_like, check_like, numbers, pointer
 from procam.kernels.native.loader import chosen
 
 KINDS = {np.dtype(t): n for n, t in enumerate((np.uint8, np.uint16, np.float32, np.float16))}
@@ -74,7 +74,10 @@ def scattered_light(
         buffer = np.empty(size + SPARE, np.float32)
     arrays = [np.ascontiguousarray(a, np.float32) for a in (model.spread, model.direction)]
     ambient = None if model.ambient is None else np.ascontiguousarray(model.ambient, np.float32)
-    given = [None if n is None else np.ascontiguousarray(n, float) for n in (coefficients, offset)]
+    given = [
+        None if n is None else numbers(n, (CHANNELS, TERMS), "coefficients")
+        for n in (coefficients, offset)
+    ]
     library.procam_scattered(
         *(level, threads, model.nodes, model.terms, pointer(arrays[0]), pointer(ambient)),
         *(pointer(arrays[1]), pointer(given[0]), pointer(given[1]), pointer(buffer)),
@@ -128,6 +131,7 @@ def frame_apply(
     else:
         found = _run(native, model, (picture, light, target), APPLY, coding)
     if sums is not None:
+        check_like(sums, found, np.float64, "sums")
         sums[...] = found
     return target
 

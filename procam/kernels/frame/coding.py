@@ -8,7 +8,7 @@ import numpy as np
 
 from procam.arrays import AnyArray, Array, FloatArray, Map
 from procam.kernels.frame.grid import CHANNELS
-from procam.kernels.native.arrays import aligned_like
+from procam.kernels.native.arrays import aligned_like, numbers
 
 Curve = Callable[[FloatArray], FloatArray]
 WHOLE = {np.dtype(np.uint8): 255.0, np.dtype(np.uint16): 65535.0}
@@ -37,15 +37,17 @@ class Coding:
 
     def __post_init__(self) -> None:
         codes = np.asarray(self.decode(np.arange(256) / 255), np.float32)
+        numbers(codes, (256,), "decode")
+        numbers(self.threshold, (TILE, TILE), "threshold")
         tile = np.repeat(self.threshold, CHANNELS, axis=1)
-        found = {
+        tables = {
             "decode": codes,
             "decode_bytes": aligned_like(np.empty((4, 256), np.uint8)),
             "encode": _pieces(self.encode),
             "threshold": np.ascontiguousarray(tile, np.float32),
         }
-        found["decode_bytes"][...] = codes.view(np.uint8).reshape(256, 4).T
-        object.__setattr__(self, "tables", found)
+        tables["decode_bytes"][...] = codes.view(np.uint8).reshape(256, 4).T
+        object.__setattr__(self, "tables", tables)
 
     def most(self, dtype: np.dtype[Any]) -> float:
         """The most light that pictures of a type can send."""

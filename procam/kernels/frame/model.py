@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from procam.arrays import AnyArray, Map
 from procam.errors import InputError, ShapeError
 from procam.kernels.frame.grid import CHANNELS, Grid
-from procam.kernels.native.arrays import least_colour
+from procam.kernels.native.arrays import least_colour, numbers
 
 TERMS = 9
 SPARE = 64  # floats that vectors may read past the end of a field
@@ -46,6 +46,8 @@ class FrameModel:
     terms: int = 1
 
     def __post_init__(self) -> None:
+        if self.coverage.ndim != 2:
+            raise ShapeError("field coverage", self.coverage.shape, "(M, M)")
         nodes = self.coverage.shape[0]
         plane: tuple[int, ...] = (nodes, nodes)
         colours: tuple[int, ...] = (nodes, nodes, CHANNELS)
@@ -54,8 +56,8 @@ class FrameModel:
         shapes["direction"] = (CHANNELS, nodes, nodes)
         for name, shape in shapes.items():
             field = getattr(self, name)
-            if field is not None and field.shape != shape:
-                raise ShapeError(f"field {name}", field.shape, f"{shape}")
+            if field is not None:
+                numbers(field, shape, f"field {name}")
         if nodes > self.size:
             raise InputError(
                 f"fields: {nodes} nodes are more than the picture's {self.size} px; sample them coarser"

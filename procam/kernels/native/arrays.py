@@ -5,8 +5,9 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from procam.arrays import AnyArray, Array32
+from procam.arrays import AnyArray, Array, Array32
 from procam.errors import InputError, ShapeError
 
 KINDS = {np.dtype(np.uint8): 0, np.dtype(np.uint16): 1, np.dtype(np.float32): 2}
@@ -28,6 +29,24 @@ def check_like(array: AnyArray, model: AnyArray, dtype: Any, what: str) -> None:
         raise ShapeError(what, array.shape, f"{model.shape}")
     if array.dtype != dtype:
         raise InputError(f"{what}: it is {array.dtype}; {np.dtype(dtype)} is needed")
+
+
+def numbers(values: ArrayLike, shape: tuple[int | None, ...], what: str) -> Array:
+    """Real numbers as a contiguous float64 array of a shape, of which None is any length.
+
+    Raises
+    ------
+    ShapeError, InputError
+        Another shape; complex numbers, texts or objects.
+    """
+    found = np.asarray(values)
+    needed = ", ".join("any" if n is None else str(n) for n in shape)
+    alike = (n in {None, m} for n, m in zip(shape, found.shape, strict=False))
+    if found.ndim != len(shape) or not all(alike):
+        raise ShapeError(what, found.shape, f"({needed})")
+    if found.dtype.kind not in "iuf":
+        raise InputError(f"{what}: {found.dtype} is no type of real numbers; convert it to float64")
+    return plain(np.asarray(found, np.float64))
 
 
 def check_frames(frames: Sequence[AnyArray], least: int, most: int) -> list[AnyArray]:

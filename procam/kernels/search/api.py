@@ -23,6 +23,7 @@ from procam.kernels.search.reference import TURN, PhaseFit
 
 MOST_FRAMES = 32
 RANK = 3  # unknowns of a sinusoid: offset, cosine, sine
+MOST_CANDIDATES, MOST_STEPS = 1 << 14, 100  # periods in a panel; more are mistakes
 BLOCK = 1 << 17  # pixels that NumPy handles at a time
 
 
@@ -185,9 +186,11 @@ def _checked(count: int, *given: ArrayLike, base: int, length: float, steps: int
         raise InputError(
             f"modulation: {terms.modulation}; it must be above 0 in the first {base} frames"
         )
-    if not (0 < length < np.inf and steps >= 0):
+    most = MOST_CANDIDATES * float(terms.periods[0])
+    if not (0 < length <= most and 0 <= steps <= MOST_STEPS):
         raise InputError(
-            f"length, steps: {length} px, {steps} steps; the length must be above 0 px, steps not below 0"
+            f"length, steps: {length} px, {steps} steps; the length must be above 0 px and at most "
+            f"{MOST_CANDIDATES} periods, steps 0 to {MOST_STEPS}"
         )
     _check_shifts(terms.shifts[:base])
     return terms

@@ -218,7 +218,7 @@ def test_any_plan(seed: int, period: float, length: float, harmonic: float) -> N
         ({"harmonic": [np.inf] * 7}, InputError, "harmonic: .* not all finite"),
         ({"shifts": [0.0] * 7}, InputError, "undetermined"),
         ({"length": 0.0}, InputError, "must be above 0 px"),
-        ({"steps": -1}, InputError, "steps not below 0"),
+        ({"steps": -1}, InputError, "steps 0 to 100"),
         ({"frames": [np.zeros(3, np.uint8)] * 33}, InputError, "frames: 33 were given; 3 to 32"),
     ],
 )
