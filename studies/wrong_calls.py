@@ -1,6 +1,7 @@
 """Calls of the compiled kernels with arguments of wrong shapes, types, layouts and values.
 
-A kernel may refuse such a call, or return what the reference in NumPy returns; the process must not crash.
+A kernel may refuse such a call, or return a result of the shape that the reference in NumPy returns; the
+process must not crash.
 Each kernel is called in processes of its own, whose allocator fills freed memory and checks it. Writes
 studies/wrong_calls.json and studies/wrong_calls.md; `python -m studies wrong-calls` remakes them in minutes.
 """
@@ -154,7 +155,7 @@ KERNELS: Mapping[str, Kernel] = {
 
 
 def wrong_calls(name: str, seeds: range) -> Counter[str]:
-    """What came of calls with one or two wrong arguments: "refused", "same" as NumPy, or an exception."""
+    """What came of calls with one or two wrong arguments: "refused", "same" shape as by NumPy, or an exception."""
     found = Counter[str]()
     for seed in seeds:
         found[_outcome(KERNELS[name], seed)] += 1
@@ -269,7 +270,7 @@ def _table(rows: list[dict[str, Any]]) -> Iterator[str]:
         f"{CASES} calls of each, with one or two arguments of another shape, type, layout or value. Refused: "
         "in a sentence. Python's: a TypeError or the like, as for a text in place of a number.",
         "",
-        "| kernel | crashed processes | refused | accepted, as by NumPy | Python's | others |",
+        "| kernel | crashed processes | refused | accepted | Python's | others |",
         "|---|---|---|---|---|---|",
     )
     for row in rows:
