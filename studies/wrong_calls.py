@@ -155,7 +155,7 @@ KERNELS: Mapping[str, Kernel] = {
 
 
 def wrong_calls(name: str, seeds: range) -> Counter[str]:
-    """What came of calls with one or two wrong arguments: "refused", a result of the "same" shape, or else."""
+    """What came of calls with one or two wrong arguments: "refused", a result of "same" shape, or else."""
     found = Counter[str]()
     for seed in seeds:
         found[_outcome(KERNELS[name], seed)] += 1
