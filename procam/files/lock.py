@@ -37,9 +37,12 @@ def locked(venue_dir: Path, work: str) -> Iterator[None]:
                 f"{venue_dir}: {file.read(MAX_NAME) or 'another procam process'} is at work there; wait "
                 "until it has ended, or stop it"
             )
-        file.truncate(0)
-        file.write(f"`procam {work}` (process {os.getpid()})")
-        file.flush()
+        try:
+            file.truncate(0)
+            file.write(f"`procam {work}` (process {os.getpid()})")
+            file.flush()
+        except OSError as error:
+            raise OSError(error.errno, error.strerror, str(folder / NAME)) from error
         _held.add(folder)
         try:
             yield

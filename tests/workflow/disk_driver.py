@@ -1,0 +1,203 @@
+"""Commands that run out of disk, by a limit on the size of files or on a small file system.
+
+`run_short` makes one run and checks it. As a program it makes 300 for `studies/full_disk.py`, and prints a
+line of JSON for each; `python tests/workflow/disk_driver.py FOLDER`, as root, who may mount file systems.
+"""
+
+import json
+import random
+import resource
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import av
+import numpy as np
+from tiny_venue import (
+    Ran,
+    contents,
+    make_venue,
+    one_thread,
+    procam,
+    quick_simulator,
+    solved,
+    take_session,
+)
+
+from procam.estimate import calibration as procam_calibration
+from procam.files.images.pixels import write_image
+
+Command = Callable[[Path], tuple[object, ...]]
+COMMANDS: dict[str, Command] = {
+    "init": lambda d: ("init", d / "new", "--template", "by-hand"),
+    "capture": lambda d: ("capture", d / "fresh"),
+    "solve": lambda d: ("solve", d / "venue" / "sessions" / "0001"),
+    "calibrate": lambda d: ("calibrate", d / "fresh"),
+    "refine": lambda d: ("refine", d / "venue"),
+    "state": lambda d: ("state", d / "venue", "full"),
+    "report": lambda d: ("report", d / "venue"),
+    "patterns": lambda d: ("patterns", d / "venue", "--out", d / "out"),
+    "movie": lambda d: ("patterns", d / "venue", "--out", d / "out", "--movie"),
+    "code": lambda d: ("patterns", "--size", "64x48", "--out", d / "out"),
+    "picture": lambda d: ("compensate", _calibration(d), d / "sky" / "0001.png", d / "out.exr"),
+    "stills": lambda d: ("compensate", _calibration(d), d / "sky", d / "out.%04d.png"),
+    "compensated movie": lambda d: (
+        *("compensate", _calibration(d), d / "sky.mkv", d / "out.mov"),
+        *("--transfer", "srgb"),
+    ),
+    "warp": lambda d: ("warp", _calibration(d), d / "sky" / "0001.png", d / "out"),
+    "track": lambda d: ("track", _calibration(d), d / "sky", d / "out"),
+}
+MAP_SIZE = 256
+RUNS = 20  # of each command, half of them with each kind of limit
+# what holds times or moments of its own; whether it is whole, its own reader must say
+CHANGING = ("index.jsonl", "log.json", "in-use")
+BLOCK = 4096  # of a file system
+
+
+def _calibration(folder: Path) -> Path:
+    return folder / "venue" / "calibrations" / "0001"
+
+
+def make_work(folder: Path) -> None:
+    """A venue with a calibration, one without a session, and pictures to compensate."""
+    noise = np.random.default_rng(0).random((3, 64, 64, 3))
+    for number, picture in enumerate(noise):
+        write_image(folder / "sky" / f"{number:04d}.png", (picture * 65535).astype(np.uint16))
+    with av.open(str(folder / "sky.mkv"), "w") as movie:
+        stream = movie.add_stream("ffv1", rate=25)
+        stream.width, stream.height, stream.pix_fmt = 64, 64, "bgr0"
+        for picture in noise:
+            frame = av.VideoFrame.from_ndarray((picture * 255).astype(np.uint8), format="rgb24")
+            movie.mux(stream.encode(frame.reformat(format="bgr0")))
+        movie.mux(stream.encode())
+    venue = make_venue(folder / "venue")
+    solved(venue, take_session(venue))
+    make_venue(folder / "fresh")
+
+
+def run_short(
+    command: Command, folder: Path, whole: dict[str, bytes], limit: Callable[..., object]
+) -> Ran:
+    """Run a command in `folder` within a limit, then without; check that nothing good is lost or damaged.
+
+    `whole` are the files after a run that had room; `limit()` is a context in which there is little.
+    """
+    before = _files(folder)
+    with limit():
+        stopped = procam(*command(folder))
+    assert stopped.code in {0, 2}, stopped
+    if stopped.code:
+        assert stopped.err.splitlines()[-1].startswith("procam: "), stopped
+        assert "Traceback" not in stopped.err, stopped
+    left = _files(folder)
+    lost = [name for name in before if left.get(name) not in (before[name], whole.get(name))]
+    assert not lost, f"changed or lost: {lost}"
+    damaged = [name for name in left if name not in before and left[name] != whole.get(name)]
+    assert not damaged, f"not as they should be: {damaged}"
+    assert not [name for name in left if ".tmp" in name], list(left)
+    return stopped
+
+
+def run_again(command: Command, folder: Path, whole: dict[str, bytes]) -> None:
+    """Run a command that was stopped once more, with room: all must be there."""
+    done = procam(*command(folder))
+    assert done.code == 0, done
+    left = _files(folder)
+    odd = [name for name in whole if left.get(name) != whole[name]]
+    # a calibration that was whole when the disk got full is another one's predecessor
+    odd += [name for name in left if name not in whole and "/calibrations/" not in name]
+    assert not odd, f"not as in a run with room: {sorted(odd)}"
+
+
+def _files(folder: Path) -> dict[str, bytes]:
+    """Files by name that are the same in every run."""
+    changing = (*CHANGING, ".lock")
+    return {n: c for n, c in contents(folder).items() if not n.endswith(changing)}
+
+
+@contextmanager
+def files_up_to(size: int) -> Iterator[None]:
+    """Let files grow to `size` bytes only."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+@contextmanager
+def room_for(folder: Path, size: int) -> Iterator[None]:
+    """Fill the small file system of `folder` up, but for `size` bytes."""
+    ballast = folder.parent / "ballast"
+    free = shutil.disk_usage(folder).free
+    ballast.write_bytes(bytes(max(0, free - size)))
+    try:
+        yield
+    finally:
+        ballast.unlink()
+
+
+@contextmanager
+def small_disk(place: Path, size: int) -> Iterator[Path]:
+    """A file system of its own in memory."""
+    place.mkdir()
+    subprocess.run(("mount", "-t", "tmpfs", "-o", f"size={size}", "tmpfs", str(place)), check=True)
+    try:
+        yield place
+    finally:
+        subprocess.run(("umount", str(place)), check=True)
+
+
+def in_full(command: Command, work: Path, folder: Path) -> dict[str, bytes]:
+    """The files after a run with room."""
+    shutil.copytree(work, folder)
+    done = procam(*command(folder))
+    assert done.code == 0, done
+    whole = _files(folder)
+    shutil.rmtree(folder)
+    return whole
+
+
+def _runs(folder: Path) -> Iterator[dict[str, object]]:
+    rng, work, here = random.Random(0), folder / "work", folder / "disk" / "here"
+    make_work(work)
+    with small_disk(folder / "disk", 2**28):
+        for name, command in COMMANDS.items():
+            whole = in_full(command, work, here)
+            new = {n: len(c) for n, c in whole.items() if not (work / n).is_file()}
+            for number in range(RUNS):
+                shutil.copytree(work, here)
+                share = rng.choice((0, rng.random(), 1))
+                if number % 2:
+                    largest = max(new.values())
+                    limit, kind = (lambda size=int(share * largest): files_up_to(size)), "size"
+                else:
+                    total = sum(-(-size // BLOCK) * BLOCK for size in new.values())
+                    limit, kind = (lambda size=int(share * total): room_for(here, size)), "disk"
+                stopped = run_short(command, here, whole, limit)
+                if stopped.code:
+                    run_again(command, here, whole)
+                shutil.rmtree(here)
+                yield {
+                    "command": name,
+                    "limit": kind,
+                    "share": share,
+                    "stopped": bool(stopped.code),
+                }
+
+
+def main() -> None:
+    one_thread()
+    procam_calibration.MAP_SIZE = MAP_SIZE
+    with quick_simulator():
+        for row in _runs(Path(sys.argv[1])):
+            print(json.dumps(row), flush=True)
+
+
+if __name__ == "__main__":
+    main()
