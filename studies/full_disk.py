@@ -2,8 +2,8 @@
 
 Each command runs with room for 0 to 100 % of its files, by a limit on their size or on a small file system of
 its own. tests/workflow/disk_driver.py checks each run; tests/workflow/test_full_disk_commands.py has one of
-each command. Writes studies/full_disk.json and studies/full_disk.md; `python -m studies full-disk`, as root, who
-may mount file systems, remakes them in ten minutes.
+each command. Writes studies/full_disk.json and studies/full_disk.md; `python -m studies full-disk` remakes them
+in ten minutes, as root, who may mount file systems.
 """
 
 import json
@@ -38,8 +38,8 @@ def _table(rows: list[dict[str, Any]]) -> Iterator[str]:
     yield from (
         "# Full disks",
         "",
-        f"{len(rows)} runs with room for a part of the files. All that stopped had exit code 2 and one line of "
-        "error, no file was lost or damaged, and a second run made the same files as one with room.",
+        f"{len(rows)} runs with room for a part of the files. All that stopped had exit code 2 and one line "
+        "of error, no file was lost or damaged, and a second run made the same files as one with room.",
         "",
         "| command | limit on the size of files: runs, stopped | small file system: runs, stopped |",
         "|---|---|---|",

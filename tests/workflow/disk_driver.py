@@ -187,7 +187,7 @@ def _runs(folder: Path) -> Iterator[dict[str, object]]:
                     "command": name,
                     "limit": kind,
                     "share": share,
-                    "stopped": bool(stopped.code),
+                    "stopped": stopped.code == 2,
                 }
 
 
