@@ -2,8 +2,8 @@
 
 Each command runs with room for 0 to 100 % of its files, by a limit on their size or on a small file system of
 its own. tests/workflow/disk_driver.py checks each run; tests/workflow/test_full_disk_commands.py has one of
-each command. Writes studies/full_disk.json and studies/full_disk.md; `python -m studies full-disk` remakes them
-in ten minutes, as root, who may mount file systems.
+each command. Writes studies/full_disk.json and studies/full_disk.md; `python -m studies full-disk`
+remakes them in ten minutes, as root, who may mount file systems.
 """
 
 import json

@@ -24,7 +24,10 @@ def work(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("name", COMMANDS)
+QUICK = [name for name in COMMANDS if name not in {"refine", "calibrate"}]
+
+
+@pytest.mark.parametrize("name", QUICK)
 def test_a_full_disk(
     name: str, work: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
