@@ -3,6 +3,7 @@
 import hashlib
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -123,6 +124,13 @@ class TestRoundTrip:
         assert frame.counts.dtype == np.uint16
         assert frame.settings == expected.settings
         assert (frame.started_s, frame.ended_s) == (expected.started_s, expected.ended_s)
+
+    def test_another_exposure_than_planned_is_kept(self, session: Session) -> None:
+        session.write_plan(Plan((WHITE,)), {WHITE.pattern: np.zeros((4, 6, 1), np.uint8)})
+        frame = replace(_frame(1), settings=CameraSettings(0.08))
+        session.store("zenith", WHITE, 0.1, frame)
+        again = Session(session.directory)
+        assert again.load("zenith", WHITE, 0.1, SIZE).settings.exposure_s == 0.08
 
     def test_stored_lists_the_frames_on_disk(self, stored: Session) -> None:
         assert set(stored.stored("zenith")) == {("south-0000", 0.1), ("south-0001", 0.25)}

@@ -155,6 +155,19 @@ class TestProjectSurface:
         np.testing.assert_array_equal(found.valid[clear], truth.valid[clear])
         np.testing.assert_array_equal(found.measured[clear] > 0.5, truth.valid[clear])
 
+    def test_a_camera_that_turned_widens_standard_errors(
+        self, solution: GeometrySolution, calibration: Calibration
+    ) -> None:
+        light = self._light(solution.camera, calibration)
+        still, turned = (
+            project_surface(solution, "south", calibration.screen, light, moved_arcmin=moved)
+            for moved in (0.0, 4.0)
+        )
+        known = np.isfinite(still.sigma_arcmin)
+        np.testing.assert_allclose(
+            turned.sigma_arcmin[known], np.hypot(still.sigma_arcmin[known], 4.0), rtol=1e-5
+        )
+
     def test_pixels_that_mostly_miss_the_screen_are_not_part_of_it(
         self, solution: GeometrySolution, calibration: Calibration
     ) -> None:

@@ -9,6 +9,7 @@ from tolerances import FLOAT32
 from procam.estimate.light.separation import (
     CLEAR_CAMERA_PX,
     MAX_BLUR,
+    MIN_BLUR,
     SeparatedLight,
     Separation,
     estimate_albedo,
@@ -177,6 +178,28 @@ class TestSeparation:
         separation.add_pair("x", 5, *scene.pair("x", 5))
         expected = px_per_px * np.hypot(sigma_px, 1 / np.sqrt(12)) / np.hypot(1, px_per_px)
         assert separation.blur == pytest.approx(expected, rel=0.1)
+
+    def test_saturated_pixels_of_stripes_are_left_out(self, scene: Scene) -> None:
+        separation = Separation(scene.white(), scene.xy, scene.lit, scene.solid)
+        for axis in ("x", "y"):
+            for bit in SEPARATION_BITS:
+                pattern, inverse = scene.pair(axis, bit)
+                pattern[120:124, 140:144] = np.nan
+                separation.add_pair(axis, bit, pattern, inverse)
+        found = separation.result()
+        assert np.isfinite(found.direct).all() and np.isfinite(found.flux).all()
+
+    @pytest.mark.parametrize(("amount", "sharp"), [(0.0, False), (1.0, True)])
+    def test_sharpened_edges_show_less_blur_than_pixels_have(
+        self, scene: Scene, amount: float, sharp: bool
+    ) -> None:
+        separation = Separation(scene.white(), scene.xy, scene.lit, scene.solid)
+        pair = [p + amount * (p - blur(p, 1.2)) for p in scene.pair("x", 5)]
+        separation.add_pair("x", 5, *pair)
+        assert (separation.sharpest < MIN_BLUR) == sharp
+        few = Separation(scene.white(), scene.xy, scene.lit, scene.solid)
+        few.add_pair("x", 6, *scene.pair("x", 6))
+        assert few.sharpest == np.inf  # three edges are too few to judge
 
     def test_a_blur_that_one_pair_does_not_show_is_that_of_another(self, scene: Scene) -> None:
         blurred = Scene(blur_px=(2.0,) * 3)
