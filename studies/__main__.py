@@ -25,6 +25,7 @@ from studies import (
     refine,
     rooms,
     stops,
+    two_at_once,
     wrong_calls,
 )
 
@@ -48,6 +49,7 @@ STUDIES = {
     "refine": refine.main,
     "rooms": rooms.main,
     "stops": stops.main,
+    "two-at-once": two_at_once.main,
     "wrong-calls": wrong_calls.main,
 }
 

@@ -10,6 +10,7 @@ import pytest
 from tiny_venue import contents, make_venue, procam, quick_simulator, solved, take_session
 
 from procam.workflows.capture.newest import newest_session
+from studies.two_at_once import make_busy_venue, run_both
 
 HOLD = """
 import sys
@@ -29,6 +30,7 @@ COMMANDS = {
     "doctor": ("VENUE",),
     "projector": ("VENUE", "south", "state"),
     "patterns": ("VENUE", "--out", "VENUE/out"),
+    "use": ("VENUE", "1"),
 }
 
 
@@ -64,3 +66,8 @@ def test_a_number_is_never_used_again(tmp_path: Path) -> None:
         shutil.copytree(tmp_path / "sessions" / "0001", tmp_path / "sessions" / "0003")
     shutil.rmtree(tmp_path / "sessions" / "0001")
     assert newest_session(venue).name == "0004"
+
+
+def test_two_at_once(tmp_path: Path) -> None:
+    make_busy_venue(tmp_path / "venue")
+    assert "worked" in run_both(tmp_path / "venue", ("solve", "capture"))
