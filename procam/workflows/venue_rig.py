@@ -42,7 +42,7 @@ def _backend_of(venue: Venue) -> str:
             if entry.backend == BY_HAND:
                 raise InputError(
                     f"{path}: {kind} {name} is driven by hand; use `procam patterns "
-                    f"{venue.directory}` and `procam ingest`"
+                    f"{venue.directory}`, `procam doctor --photos` and `procam ingest`"
                 )
             names.setdefault(entry.backend, f"{kind}s.{name}.backend")
     for backend, where in names.items():

@@ -642,7 +642,7 @@ class TestVenueErrors:
 
     @pytest.mark.parametrize("command", ["capture", "doctor", "calibrate"])
     def test_what_is_done_by_hand_is_reported_how(self, command: str, tmp_path: Path) -> None:
-        message = f"use `procam patterns {tmp_path}` and `procam ingest`"
+        message = f"use `procam patterns {tmp_path}`, `procam doctor --photos` and `procam ingest`"
         path = make_venue(tmp_path).directory / "venue.toml"
         text = path.read_text()
         path.write_text(text.replace('backend = "simulated"', "", 1))

@@ -1,6 +1,7 @@
 """`procam doctor`: a check of all devices of a venue before a capture session."""
 
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -12,6 +13,7 @@ from procam.interfaces.cli._options import Json, VenueArgument
 from procam.interfaces.cli._output import Output
 from procam.workflows.doctor.doctor import examine
 from procam.workflows.doctor.findings import Behaviour, Diagnosis, Finding
+from procam.workflows.doctor.photographs import examine_photographs
 from procam.workflows.venue_rig import open_rig
 
 EXAMPLE = "procam doctor my-dome --behaviour"
@@ -31,6 +33,14 @@ def doctor(
             "black or white boost: 24 more photographs and two minutes each.",
         ),
     ] = False,
+    photos: Annotated[
+        Path | None,
+        typer.Option(
+            help="By hand: folder of test photographs of pictures of `procam patterns`: of each projector "
+            "white, black and two stripes, and one of the dark."
+        ),
+    ] = None,
+    camera: Annotated[str, typer.Option(help="Camera that took --photos.")] = "",
     json: Json = False,
 ) -> None:
     """Check that every device of a venue can be reached, exposed and resolved; exit 1 if not.
@@ -38,6 +48,10 @@ def doctor(
     Photographs each projector about five times, prints what to set, and leaves the projectors dark.
     """
     loaded, output, diagnosis = load_venue(venue), Output(json), Diagnosis()
+    if photos is not None:
+        output.follow(examine_photographs(loaded, camera, photos, diagnosis))
+        _finish(diagnosis, output)
+        return
     reached = False
     try:
         with locked(venue, "doctor"), open_rig(loaded) as rig:
@@ -45,6 +59,11 @@ def doctor(
             output.follow(examine(rig, loaded, diagnosis, behaviour=behaviour))
     except DeviceError as error:
         diagnosis.keep(Finding("rig", "lit" if reached else "closed", str(error)))
+    _finish(diagnosis, output)
+
+
+def _finish(diagnosis: Diagnosis, output: Output) -> None:
+    """Print what was found; exit 1 if anything is wrong."""
     for line in _lines(diagnosis):
         output.say(line)
     output.finish(diagnosis.as_dict())
