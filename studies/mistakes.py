@@ -45,11 +45,7 @@ SEEDS = range(1, 11)  # noise of the standard venue
 LIT = 0.999
 AREA_PX = 12  # edge of an area of a panel, of which gains are compared
 SIGMAS = 1.96
-BLACK, GAIN, COVERAGE = (
-    0.25,
-    0.02,
-    0.995,
-)  # errors of black's light and of gains; share of the lit dome
+BLACK, GAIN, COVERAGE = 0.1, 0.02, 0.995  # errors of black and gains; share of the lit dome
 # the truth is that of projectors without a blend, which takes light from the edges of their pictures
 NOT_JUDGED = {"edge blend left on": ("gains", "coverage", "black")}
 Mistake = tuple[str, float]
