@@ -136,6 +136,7 @@ def files_up_to(size: int) -> Iterator[None]:
 @contextmanager
 def room_for(folder: Path, size: int) -> Iterator[None]:
     """Fill the small file system of `folder` up, but for `size` bytes."""
+    assert folder.parent.is_mount(), "this would fill a real disk"
     ballast = folder.parent / "ballast"
     free = shutil.disk_usage(folder).free
     ballast.write_bytes(bytes(max(0, free - size)))
