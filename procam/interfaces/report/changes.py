@@ -30,7 +30,8 @@ def gain_change(material: Material, name: str) -> Array | None:
     Calibrations that only added a venue state are passed over: they have the same gains.
     """
     change = None
-    for earlier in reversed(material.calibrations[:-1]):
+    before = [p for p in material.calibrations if material.used and p.name < material.used.name]
+    for earlier in reversed(before):
         found = _gain_since(earlier, material, name)
         if found is None:
             break

@@ -20,6 +20,7 @@ from procam.maths.warp import block_mean, sample
 from procam.model.calibration import Calibration
 from procam.model.correspondence import ProjectorSurface
 
+SIMULATED = "simulated"  # the backend of simulated venues
 SHOWN = 450  # edge of a picture in the report, about [px]
 JUDGED = 256  # edge of the patches that errors are averaged over, in patches
 POINTS = 1_200_000  # most projector pixels that are drawn on a dome map
@@ -95,12 +96,13 @@ class Material:
 
     Attributes
     ----------
-    calibration : the newest; calibrations : all of them, oldest first.
+    calibration : that in use, `used` its folder; calibrations : all of them, oldest first.
     figures : the entries of summary.json by name. pictures : (N, N, 3) by name, size to show.
     """
 
     directory: Path
     calibrations: list[Path]
+    used: Path | None
     calibration: Calibration | None
     figures: Mapping[str, Mapping[str, Any]]
     preset: str | None
@@ -115,11 +117,17 @@ class Material:
 
     @property
     def calibrated_at(self) -> datetime | None:
-        """When the newest calibration was written, in local time."""
-        if not self.calibrations:
+        """When the calibration in use was written, in local time."""
+        if self.used is None:
             return None
-        stamp = (self.calibrations[-1] / "calibration.json").stat().st_mtime
+        stamp = (self.used / "calibration.json").stat().st_mtime
         return datetime.fromtimestamp(stamp).astimezone()
+
+    @property
+    def is_simulated(self) -> bool:
+        """Whether light and photographs were computed."""
+        known = self.calibration.provenance if self.calibration else {}
+        return self.truth is not None or SIMULATED in known.get("backends", ())
 
     def coverage(self, size: int) -> Image:
         """Share (N, N) of each direction that a projector can light."""
@@ -175,12 +183,14 @@ def read_material(venue_dir: Path) -> Material:
             f"{venue_dir}: this is no venue's folder, as it has neither venue.toml nor a calibration; "
             "`procam demo` makes one to try"
         )
-    calibration = load_calibration(calibration_in_use(venue_dir)) if calibrations else None
+    used = calibration_in_use(venue_dir) if calibrations else None
+    calibration = load_calibration(used) if used else None
     pictures = _pictures(venue_dir / "pictures")
     size = len(pictures["target"]) if pictures else SHOWN
     return Material(
         venue_dir,
         calibrations,
+        used,
         calibration,
         summary.get("figures", {}),
         summary.get("preset"),

@@ -79,8 +79,8 @@ def _context(material: Material) -> dict[str, Any]:
         "venue": material.name,
         "written": _date(datetime.now().astimezone()),
         "calibrated": _date(material.calibrated_at) if material.calibrated_at else "",
-        "number_of": material.calibrations[-1].name if material.calibrations else "",
-        "simulated": material.truth is not None,
+        "number_of": material.used.name if material.used else "",
+        "simulated": material.is_simulated,
         "verdict": _verdict(entries),
         "good": any(e["pass"] for e in entries.values()),
         "missed": [miss_text(n, e) for n, e in entries.items() if e["pass"] is False],
@@ -232,7 +232,8 @@ def _provenance(material: Material) -> Iterator[tuple[str, str]]:
     yield "Venue folder", str(material.directory)
     if calibration is None:
         return
-    yield "Calibrations", ", ".join(p.name for p in material.calibrations) + " (the last is shown)"
+    names = ", ".join(p.name for p in material.calibrations)
+    yield "Calibrations", f"{names} ({material.used.name} is shown)" if material.used else names
     dome_deg = f"{np.degrees(calibration.screen.half_angle):.0f}"
     yield (
         "Screen",

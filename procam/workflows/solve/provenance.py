@@ -20,8 +20,12 @@ def provenance(venue: Venue, session: Session) -> dict[str, Any]:
     for camera in venue.table.cameras:
         for key, entry in sorted(session.stored(camera).items()):
             digest.update(f"{camera} {key} {entry.sha256}".encode())
+    table = venue.table
+    backends = {c.backend for c in table.cameras.values()}
+    backends |= {p.backend for p in table.projectors.values()}
     found = {
         "session": session.directory.name,
+        "backends": sorted(backends),
         "input_sha256": digest.hexdigest(),
         "python": platform.python_version(),
         "versions": {name: version(name) for name in PACKAGES},

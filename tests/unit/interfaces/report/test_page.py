@@ -9,7 +9,12 @@ import pytest
 
 from procam.compensate.compensator import Compensator
 from procam.errors import FileFormatError, InputError
-from procam.files.calibration import save_calibration
+from procam.files.calibration import (
+    calibration_in_use,
+    list_calibrations,
+    save_calibration,
+    use_calibration,
+)
 from procam.files.images.layers import RGB, write_channels
 from procam.interfaces.report import page, write_report
 from procam.interfaces.report.data import Material
@@ -218,6 +223,25 @@ def test_without_truth_the_photographs_are_shown(venue):
     assert "true error" not in page and "<strong>simulated dome" not in page
 
 
+def test_a_simulated_venue_is_marked_on_every_page(venue):
+    assert '<p class="stamp">Simulated dome</p>' in write_report(venue).read_text("utf-8")
+    (venue / "truth").rename(venue / "gone")
+    assert 'class="stamp"' not in write_report(venue).read_text("utf-8")
+    path = calibration_in_use(venue) / "calibration.json"
+    document = json.loads(path.read_text())
+    document["provenance"]["backends"] = ["simulated"]
+    path.write_text(json.dumps(document))
+    assert '<p class="stamp">Simulated dome</p>' in write_report(venue).read_text("utf-8")
+
+
+def test_the_calibration_in_use_is_named(venue):
+    first, *_, last = list_calibrations(venue)
+    assert f"({last.name} is shown)" in write_report(venue).read_text("utf-8")
+    use_calibration(venue, first)
+    page = write_report(venue).read_text("utf-8")
+    assert f"({first.name} is shown)" in page and f"Calibration {first.name} of" in page
+
+
 def test_a_loop_that_made_something_worse_is_reported(venue):
     path = venue / "loop" / "loop.json"
     worse = "red light at azimuth 4, elevation 20 degrees was off by 1 JND and is by 3"
@@ -278,6 +302,6 @@ def test_the_first_card_is_what_compensation_answers_for() -> None:
         "picture_error_jnd_before": Figure(244.9, "JND").as_dict(),
         "picture_error_jnd": Figure(149.5, "JND").as_dict(),
     }
-    first, last = page._cards(Material(Path(), [], None, more, None, None, {}, None))
+    first, last = page._cards(Material(Path(), [], None, None, more, None, None, {}, None))
     assert first["value"] == f"0.36{THIN}%" and f"1.53{THIN}% as they draw" in first["note"]
     assert last["value"] == "240 \N{RIGHTWARDS ARROW} 150"
