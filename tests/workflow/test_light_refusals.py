@@ -1,5 +1,6 @@
 """Photographs whose light does not add up are refused by cause, or noted."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -86,3 +87,29 @@ def test_less_of_it_is_noted(captured: Captured, monkeypatch: pytest.MonkeyPatch
 
 def test_steady_light_is_not_noted(captured: Captured) -> None:
     assert not load_calibration(solved(captured)).provenance["notes"]
+
+
+def test_what_a_missing_dim_picture_would_tell(
+    captured: Captured, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(SessionImages, "checks", lambda *_: [])
+    (note,) = load_calibration(solved(captured)).provenance["notes"]
+    assert "the dim picture at the end, was not photographed" in note
+
+
+def test_a_long_exposure_that_is_shorter_is_measured(
+    captured: Captured, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    steady = Radiometer.radiance
+
+    def shorter(self: Radiometer, frame: Frame) -> np.ndarray:
+        light = steady(self, frame)
+        return light * np.float32(0.8) if frame.settings.exposure_s > 1 else light
+
+    sound = load_calibration(solved(captured))
+    monkeypatch.setattr(Radiometer, "radiance", shorter)
+    found = load_calibration(solved(captured))
+    (note,) = found.provenance["notes"]
+    assert re.search(r"photographs of 6\.5 s were exposed 0\.(79|80?)", note), note
+    lit = sound.maps.coverage > 0.999
+    assert found.maps.lo[lit].mean() == pytest.approx(sound.maps.lo[lit].mean(), rel=0.02)

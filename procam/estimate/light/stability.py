@@ -189,7 +189,7 @@ def _fit(design: FloatArray, values: FloatArray, level: float) -> tuple[Array, A
         scale = robust_sigma(residual[use], 0.0)
         limit = OUTLIER_SIGMAS * scale + 1e-12 * level
         use = np.isfinite(values) & (np.abs(residual) <= limit)
-    return np.asarray(found), np.asarray(scale**2 * np.linalg.inv(design[use].T @ design[use]))
+    return np.asarray(found), np.asarray(scale**2 * np.linalg.pinv(design[use].T @ design[use]))
 
 
 ROOM_ADVICE = (

@@ -14,8 +14,14 @@ NOTED, CERTAIN = 0.02, 5.0  # departure from 1, and sigmas
 def with_long_exposure(images: SessionImages) -> tuple[SessionImages, list[str]]:
     """The images, of which long ones count as long as they were really exposed, and a note if that matters.
 
-    Nothing is changed where the picture was not photographed.
+    Where the plan has the picture and nobody photographed it, a note says what is not known then.
     """
+    planned = [shot for shot in images.plan.shots if shot.purpose == "dim"]
+    if planned and not images.checks("dim"):
+        return images, [
+            f"{planned[0].id}, the dim picture at the end, was not photographed: whether the camera moved "
+            "between projectors, and how long black was exposed, is not checked"
+        ]
     for shot in images.checks("dim"):
         if len(shot.exposures_s) == 1:
             continue
