@@ -1,7 +1,9 @@
 """Text or one JSON document, and progress on a terminal."""
 
 import json
+import math
 import sys
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +13,9 @@ if TYPE_CHECKING:
     from procam.model.calibration import Calibration
     from procam.model.quality import Figure
     from procam.workflows.events import Event
+
+
+LINE_EVERY_S = 5.0  # of progress in a file
 
 
 class Output:
@@ -37,7 +42,10 @@ class Output:
             sys.stdout.write(json.dumps(document, indent=1) + "\n")
 
     def follow(self, events: Iterator["Event"]) -> dict[str, Any]:
-        """Run a workflow, show its progress on stderr, and return the data of its last event."""
+        """Run a workflow, show its progress on stderr, and return the data of its last event.
+
+        On a terminal that is a bar; in a file or a pipe a line every few seconds.
+        """
         from rich.console import Console
         from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
@@ -50,6 +58,7 @@ class Output:
         tail = (TextColumn("{task.completed}/{task.total}"), TimeElapsedColumn())
         text = TextColumn("{task.description}", markup=False)  # [[fiducials]] is no markup
         quiet = self.as_json or not console.is_terminal
+        lines = None if self.as_json or console.is_terminal else _ProgressLines()
         with Progress(*columns, *tail, text, console=console, disable=quiet) as progress:
             task = progress.add_task("", stage="", total=None)
             for event in events:
@@ -60,6 +69,8 @@ class Output:
                     description=event.text,
                     stage=event.stage,
                 )
+                if lines:
+                    lines.show(event)
                 data = event.data
         return data
 
@@ -85,6 +96,29 @@ class Output:
             goal = f"{figure.goal.op} {figure.goal.value}" if figure.goal else ""
             unit = "" if figure.unit == "-" else figure.unit
             self.say(f"  {name:30} {_short(figure.value):>28} {unit:7} {goal:14} {verdict}")
+
+
+class _ProgressLines:
+    """Progress where no bar can move: a line at the beginning and one every few seconds."""
+
+    def __init__(self) -> None:
+        self._next_s = -math.inf if _is_file(sys.stderr) else math.inf
+
+    def show(self, event: "Event") -> None:
+        """Print a line if it is time for one."""
+        if time.monotonic() >= self._next_s:
+            self._next_s = time.monotonic() + LINE_EVERY_S
+            sys.stderr.write(f"{event.stage} {event.done}/{event.total} {event.text}\n")
+            sys.stderr.flush()
+
+
+def _is_file(stream: Any) -> bool:
+    """Whether the system knows the stream; that of a notebook or a test is none."""
+    try:
+        stream.fileno()
+    except (AttributeError, OSError):  # io.UnsupportedOperation is one
+        return False
+    return True
 
 
 def with_notes(data: dict[str, Any]) -> dict[str, Any]:
