@@ -233,7 +233,7 @@ def keep(rooms: list[list[dict[str, Any]]]) -> None:
     rows = [row for room in rooms for row in room[1:]]
     document: dict[str, object] = {"rows": rows, "clean": [room[0] for room in rooms]}
     noted = sum(bool(row["notes"]) for row in document["clean"])  # type: ignore[attr-defined]
-    head = f"{len(rooms)} venues; {noted} of them have a note without a mistake, of the dome's shape or floor."
+    head = f"{len(rooms)} venues; {noted} have a note without a mistake, of the dome's shape or its floor."
     write(
         "mistakes",
         document,
