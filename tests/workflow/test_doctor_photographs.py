@@ -10,6 +10,8 @@ import pytest
 from test_cli_external import CAMERA, HandSession, photograph, start, with_header
 from tiny_venue import procam
 
+from procam.files.images.pixels import read_image, write_image
+
 WANTED = ("dark", "white", "black", "stripes")
 EXPOSURES = {"dark": (0.13, 6.5), "white": (0.09,), "black": (6.5,), "stripes": (0.09,)}
 
@@ -109,10 +111,42 @@ def test_what_is_missing_or_of_another_size(rig: HandSession, photos: Path) -> N
     assert "of 30x20 px" in kinds(document)["size"]
 
 
+def test_photographs_without_headers_are_exposed_as_planned(
+    rig: HandSession, tmp_path: Path
+) -> None:
+    (tmp_path / "p").mkdir()
+    for number, entry in enumerate(rig.order()):
+        if entry["purpose"] in {"white", "black"}:
+            counts = photograph(rig.out, entry, float(entry["exposures_s"].split()[0]))
+            write_image(tmp_path / "p" / f"{number:03d}.tif", counts)
+    code, document = doctor(rig, tmp_path / "p")
+    assert (code, document["findings"]) == (0, [])
+    assert document["capture"]["black_exposure_s"] > 1
+
+
+def test_stripes_that_are_no_pair_say_nothing_of_focus(rig: HandSession, tmp_path: Path) -> None:
+    take(rig, tmp_path / "p")
+    second = sorted((tmp_path / "p").iterdir())[5]
+    second.unlink()  # the inverse of the stripes of south
+    code, document = doctor(rig, tmp_path / "p")
+    assert (code, document["findings"]) == (0, [])
+
+
+def test_files_that_are_no_photographs_in_colour(rig: HandSession, photos: Path) -> None:
+    first = sorted(photos.iterdir())
+    with_header(first[-1], np.zeros((*read_image(first[0]).shape[:2], 1), np.uint16))
+    first[-2].write_bytes(first[-2].read_bytes()[:300])
+    code, document = doctor(rig, photos)
+    assert code == 1
+    assert "one channel" in kinds(document)["channels"] and "file" in kinds(document)
+
+
 def test_refusals(rig: HandSession, photos: Path, tmp_path: Path) -> None:
     venue = rig.session.parents[1]
     ran = procam("doctor", venue, "--photos", photos, "--camera", "nobody")
     assert "no camera 'nobody' in venue.toml; it has" in ran.complaint
+    ran = procam("doctor", venue, "--photos", photos, "--camera", CAMERA, "--behaviour")
+    assert "--behaviour needs devices that procam drives" in ran.complaint
     (tmp_path / "new").mkdir()
     shutil.copy(venue / "venue.toml", tmp_path / "new")
     ran = procam("doctor", tmp_path / "new", "--photos", photos, "--camera", CAMERA)

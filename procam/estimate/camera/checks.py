@@ -9,7 +9,7 @@ PLATEAU_PIXELS = 50  # at the highest level; fewer are specks
 PLATEAU_CLEAR = 3
 LEVEL_SHARES = 1e-3, 3e-3  # of full scale: widths of a level, in which pixels saturate
 DIM_BRIGHT, DIM_DARK = 0.5, 0.25  # of the bright level: pixels to compare exposures by
-DIM_PIXELS = 100
+DIM_PIXELS, DIM_SIGMAS = 100, 20.0  # of them; of noise, by which the shorter photograph shows them
 BRIGHT_SHARE = 0.2  # of full scale: a darker top is no end of a camera's range
 
 
@@ -44,7 +44,8 @@ def exposure_ratio(short: FloatArray, long: FloatArray) -> tuple[float, float]:
 
     Returns
     -------
-    ratio : 1 if exposures are what they say; NaN if the picture has no bright and dark pixels.
+    ratio : 1 if exposures are what they say; NaN if the picture has no bright and dark pixels, or if the
+        shorter photograph does not show them.
     """
     usable = np.isfinite(short) & np.isfinite(long)
     if not usable.any():
@@ -58,6 +59,8 @@ def exposure_ratio(short: FloatArray, long: FloatArray) -> tuple[float, float]:
         float(np.std((short - long / max(rise[1], 1e-12) * rise[0])[p])) for p in (bright, dark)
     ]
     sigma = np.hypot(noise[0] / bright.sum() ** 0.5, noise[1] / dark.sum() ** 0.5)
+    if not rise[0] > DIM_SIGMAS * sigma:
+        return np.nan, np.nan
     return rise[1] / rise[0], float(sigma / rise[0])
 
 

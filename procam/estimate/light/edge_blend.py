@@ -22,6 +22,8 @@ def edge_blend_notes(projectors: Mapping[str, ProjectorCalibration]) -> list[str
     """
     notes = []
     for name, projector in projectors.items():
+        if projector.photometry.exponent is not None:
+            continue  # a media server, whose own blend must stay on
         surface = projector.surface
         light = projector.photometry.gain[..., GREEN] * surface.solid_angle_sr
         dim = [side for side, share in _shares_at_edges(light, surface.valid) if share < DIM]

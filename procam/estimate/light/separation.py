@@ -26,7 +26,8 @@ CLEAR_PX, CLEAR_SIGMAS, CLEAR_SHARE = 3.0, 4.0, 0.75
 # sigma of the edges' blur [pixel extents], up to which scattered light is right to .5 % at any pixel;
 # in focus it is .3 to .8
 MAX_BLUR = 2.5
-MIN_BLUR = 0.25  # the same, which pixels have that nothing blurs; of fewer stripes it is not known
+# the same in camera pixels, which a camera's pixels make by themselves; of fewer stripes it is not known
+MIN_BLUR = 0.25
 MANY_STRIPES = 8
 EDGE_REACH = 5.0  # how far from an edge its blur is measured [pixel extents]
 MIN_SLOPE = 0.05  # of a projector's coordinate over a camera pixel [projector px]
@@ -74,7 +75,8 @@ class Separation:
     blur : largest blur of the stripes' edges so far, a standard deviation in pixel extents: the size
         of a camera and a projector pixel together (root of the sum of squares). Above `MAX_BLUR` the
         result is not usable.
-    sharpest : smallest blur of a pair of many stripes; below `MIN_BLUR` something sharpens edges.
+    sharpest : smallest blur of a pair of many stripes, in camera pixels; below `MIN_BLUR` something
+        sharpens edges.
     dark_weight : (H, W) statistical weight of the scattered light so far; 0 where it is interpolated.
     """
 
@@ -128,9 +130,11 @@ class Separation:
         extent = self._extent[which]
         # few edges, or only one side of one, read too little: the largest so far counts
         measured = self._edge_blur(np.abs(pattern - inverse), distance, extent, 2.0**bit)
-        self.blur = max(self.blur, measured)
-        if np.nanmax(self._xy[..., which], initial=0) > MANY_STRIPES * 2.0**bit:
-            self.sharpest = min(self.sharpest, measured)
+        self.blur = max(self.blur, np.nan_to_num(measured))
+        seen = self._xy[..., which][self._inside]
+        if seen.size and np.nanmax(seen) - np.nanmin(seen) > MANY_STRIPES * 2.0**bit:
+            camera_share = np.sqrt(1 - 1 / float(np.median(extent[self._inside])) ** 2)
+            self.sharpest = np.fmin(self.sharpest, measured / max(camera_share, MIN_SLOPE))
         reach = np.minimum(CLEAR_SIGMAS * self.blur * extent, CLEAR_SHARE * 2.0**bit)
         with np.errstate(invalid="ignore"):
             near_edge = distance <= np.maximum(CLEAR_PX, reach)
@@ -159,7 +163,7 @@ class Separation:
         reach = np.minimum(EDGE_REACH, half / 2 / extent)
         near, far = usable & (distance < reach * extent), usable & (distance >= half / 2)
         if not (near.any() and far.any()):
-            return 0.0
+            return float("nan")
         share = [contrast[part].sum(axis=0) / self._white[part].sum(axis=0) for part in (near, far)]
         return float(np.sqrt(np.pi / 2) * reach[near].mean() * (1 - share[0] / share[1]).max())
 

@@ -6,6 +6,7 @@ because someone hid the code there, it is not.
 """
 
 import numpy as np
+from scipy.ndimage import label
 
 from procam.arrays import Array, BoolArray, Image
 from procam.estimate.geometry.camera_view import DomeView
@@ -59,8 +60,10 @@ def _departure(light: Image, direction: Image, use: BoolArray) -> Image:
 
 
 def _place(view: DomeView, found: BoolArray) -> str:
-    """The middle of a spot in the camera's picture, in words."""
-    rows, columns = np.nonzero(found)
+    """The middle of the largest spot in the camera's picture, in words."""
+    number, _ = label(found)
+    largest = 1 + int(np.argmax(np.bincount(number.ravel())[1:]))
+    rows, columns = np.nonzero(number == largest)
     return (
         f"near pixel ({np.median(columns):.0f}, {np.median(rows):.0f}) of camera {view.camera.name}"
     )

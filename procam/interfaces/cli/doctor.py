@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from procam.errors import DeviceError
+from procam.errors import DeviceError, InputError
 from procam.files.lock import locked
 from procam.files.venue.load import load_venue
 from procam.interfaces.cli._options import Json, VenueArgument
@@ -48,6 +48,10 @@ def doctor(
     Photographs each projector about five times, prints what to set, and leaves the projectors dark.
     """
     loaded, output, diagnosis = load_venue(venue), Output(json), Diagnosis()
+    if (behaviour and photos is not None) or (camera and photos is None):
+        raise InputError(
+            "--behaviour needs devices that procam drives, and --camera goes with --photos"
+        )
     if photos is not None:
         output.follow(examine_photographs(loaded, camera, photos, diagnosis))
         _finish(diagnosis, output)
@@ -82,6 +86,10 @@ def _behaviour_lines(projector: str, behaviour: Behaviour) -> Iterator[str]:
     yield from (f"  note: {why}" for why in behaviour.untested)
 
 
+def _or_dash(value: float | None, form: str) -> str:
+    return "-" if value is None else format(value, form)
+
+
 def _lines(diagnosis: Diagnosis) -> Iterator[str]:
     for name, state in diagnosis.controls.items():
         hours = "" if state["lamp_hours"] is None else f", {state['lamp_hours']} lamp hours"
@@ -102,8 +110,8 @@ def _lines(diagnosis: Diagnosis) -> Iterator[str]:
         error = f"{plan.column_sigma_px:.2f}..{plan.column_sigma_darkest_px:.2f}"
         yield (
             f"{projector:10} {name:10} {view.peak:4.0%}  {plan.exposure_s:10g}  {plan.snr:11.1f}  "
-            f"{bracket:19} {plan.lit_share:5.1%}  {error:>9}  {view.gamma:5.2f}  "
-            f"{view.additivity:6.1%}"
+            f"{bracket:19} {plan.lit_share:5.1%}  {error:>9}  {_or_dash(view.gamma, '.2f'):>5}  "
+            f"{_or_dash(view.additivity, '.1%'):>6}"
         )
     for projector, behaviour in diagnosis.behaviour.items():
         yield from _behaviour_lines(projector, behaviour)

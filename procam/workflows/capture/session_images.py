@@ -24,7 +24,7 @@ SHOWN = 5  # missing shots that a line names
 class SessionImages:
     """Stored shots of one camera, turned into radiance.
 
-    `long_exposure` is the true duration of black's exposure over the stated one (`measured_exposure`).
+    `long_exposure` is the true duration of black's exposure over the stated one (`solve.long_exposure`).
     """
 
     session: Session

@@ -38,15 +38,15 @@ class View:
     ----------
     plan : what to set and expect. peak : brightest lit pixel at venue.toml's exposure [full scale];
         1 or more is saturated. gamma : of the projector's response. additivity : light of two
-        halves over that of white.
+        halves over that of white; both None where they were not photographed.
     ambient_share : room light over white - black of the darkest lit pixel.
     black_sigmas : black light over read noise at venue.toml's exposure for black.
     """
 
     plan: ExposurePlan
     peak: float
-    gamma: float
-    additivity: float
+    gamma: float | None
+    additivity: float | None
     ambient_share: float
     black_sigmas: float
 
@@ -304,6 +304,8 @@ def _judge_projector(diagnosis: Diagnosis, device: str, view: View) -> None:
             f"{LEAST_LIT_SHARE:.0%} or more",
             "turn the camera towards its picture, or use a wider lens",
         )
+    if view.additivity is None or view.gamma is None:
+        return
     if abs(view.additivity - 1) > NOT_ADDITIVE:
         if not diagnosis.has(device, *MOVING):
             diagnosis.add(

@@ -5,7 +5,7 @@ give its exposures, a pair of stripes the focus, photographs without a number th
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -28,10 +28,9 @@ from procam.files.session import Session
 from procam.files.venue.load import Venue
 from procam.maths.codes.shot_id import read_shot_id
 from procam.model.optics import Sensor
-from procam.model.plan import Plan, Purpose
+from procam.model.plan import Plan, Purpose, Shot
 from procam.workflows.capture.by_hand import PREFIX
 from procam.workflows.doctor.findings import (
-    NOMINAL,
     CameraView,
     Diagnosis,
     View,
@@ -57,12 +56,22 @@ class _Photograph:
 class _Seen:
     """Photographs by what they show: each projector's pictures, and the dark ones."""
 
-    pictures: dict[tuple[str, Purpose], list[_Photograph]] = field(default_factory=dict)
+    pictures: dict[tuple[str, Purpose], list[tuple[Shot, _Photograph]]] = field(
+        default_factory=dict
+    )
     dark: list[_Photograph] = field(default_factory=list)
 
     def first(self, projector: str, purpose: Purpose) -> _Photograph | None:
         """The first photograph of a kind of picture."""
-        return next(iter(self.pictures.get((projector, purpose), ())), None)
+        return next((photo for _, photo in self.pictures.get((projector, purpose), ())), None)
+
+    def stripes(self, projector: str) -> list[_Photograph]:
+        """A stripe pattern and its inverse; empty if no pair was photographed."""
+        sides: dict[tuple[object, object], dict[object, _Photograph]] = {}
+        for shot, photo in self.pictures.get((projector, "stripes"), ()):
+            kind = shot.detail["axis"], shot.detail["bit"]
+            sides.setdefault(kind, {})[shot.detail["inverse"]] = photo
+        return next(([pair[0], pair[1]] for pair in sides.values() if len(pair) == 2), [])
 
 
 def newest_by_hand(venue: Venue) -> Session:
@@ -94,9 +103,10 @@ def examine_photographs(
             continue
         number = read_shot_id(found.counts)
         shot = None if number is None else by_number.get(number)
-        if shot is None and _is_dark(found, venue.cameras[camera].sensor):
-            seen.dark.append(found)
-        elif shot is None:
+        if shot is not None:
+            shown = _as_planned(found, shot)
+            seen.pictures.setdefault((shot.projector, shot.purpose), []).append((shot, shown))
+        elif not _is_dark(found, venue.cameras[camera].sensor):
             diagnosis.add(
                 f"camera {camera}",
                 "unread",
@@ -104,15 +114,25 @@ def examine_photographs(
                 "pictures of the newest patterns, sharp and whole",
                 "focus, and show the pictures whole",
             )
-        else:
-            seen.pictures.setdefault((shot.projector, shot.purpose), []).append(found)
+        elif np.isfinite(found.exposure_s):  # one without a header tells nothing
+            seen.dark.append(found)
     _judge(venue, camera, plan, seen, diagnosis)
 
 
 def _photograph(venue: Venue, camera: str, path: Path, diagnosis: Diagnosis) -> _Photograph | None:
     """A photograph in counts; one that cannot be used becomes a finding."""
-    photo, model = read_photo(path), venue.cameras[camera]
-    device, values = f"camera {camera}", photo.pixels
+    device, model = f"camera {camera}", venue.cameras[camera]
+    try:
+        photo = read_photo(path)
+    except FileFormatError as error:
+        diagnosis.add(device, "file", str(error), "photographs that can be read", "see above")
+        return None
+    values = photo.pixels
+    if values.shape[2] == 1:
+        diagnosis.add(
+            device, "channels", f"{path.name} with one channel", "R, G and B", "develop in colour"
+        )
+        return None
     size = (values.shape[1], values.shape[0])
     if size != tuple(model.size):
         diagnosis.add(
@@ -124,7 +144,8 @@ def _photograph(venue: Venue, camera: str, path: Path, diagnosis: Diagnosis) -> 
         )
         return None
     step = int(np.gcd.reduce(np.unique(values)))
-    if values.dtype == np.uint16 and step > 1 and step & (step - 1) == 0:
+    too_large = int(values.max()) >= 2**model.sensor.bits
+    if values.dtype == np.uint16 and too_large and step > 1 and step & (step - 1) == 0:
         bits = 16 - step.bit_length() + 1
         diagnosis.add(
             device,
@@ -142,7 +163,14 @@ def _photograph(venue: Venue, camera: str, path: Path, diagnosis: Diagnosis) -> 
     except FileFormatError as error:
         diagnosis.add(device, "file", str(error), "photographs that can be read", "see above")
         return None
-    return _Photograph(counts, photo.exposure_s or venue.table.capture.exposure_s)
+    return _Photograph(counts, photo.exposure_s or np.nan)
+
+
+def _as_planned(photograph: _Photograph, shot: Shot) -> _Photograph:
+    """The photograph, exposed as the plan says where its header does not."""
+    if np.isfinite(photograph.exposure_s):
+        return photograph
+    return replace(photograph, exposure_s=shot.exposures_s[0])
 
 
 def _is_dark(photograph: _Photograph, sensor: Sensor) -> bool:
@@ -156,18 +184,19 @@ def _judge(venue: Venue, camera: str, plan: Plan, seen: _Seen, diagnosis: Diagno
     for name in venue.table.projectors:
         white, black = (seen.first(name, purpose) for purpose in ("white", "black"))
         if white is None or black is None:
-            pictures = " and ".join(plan.of(name, p)[0].pattern for p in ("white", "black"))
+            pictures = " and ".join(
+                shot.pattern for p in ("white", "black") for shot in plan.of(name, p)
+            )
             diagnosis.add(
                 f"projector {name}",
                 "not-photographed",
-                f"no photograph of {pictures}",
+                f"no photograph of {pictures or 'it, nor a picture in the newest patterns'}",
                 "one of each",
                 "photograph them, or see that their numbers are sharp and whole",
             )
             continue
         _judge_projector(venue, (name, camera), (white, black), ambient_dn_s, diagnosis)
-        stripes = seen.pictures.get((name, "stripes"), [])
-        _judge_focus((name, camera), sensor.black_level, white, stripes, diagnosis)
+        _judge_focus((name, camera), sensor.black_level, white, seen.stripes(name), diagnosis)
     judge_views(diagnosis)
 
 
@@ -225,8 +254,8 @@ def _judge_projector(
     diagnosis.views[name, camera] = View(
         plan,
         plan.peak * capture.exposure_s / white.exposure_s,
-        NOMINAL,
-        1.0,
+        None,
+        None,
         ambient_dn_s / max(darkest, 1e-9),
         light / float(np.sqrt(noise.variance(0.0))),
     )
@@ -249,9 +278,9 @@ def _judge_focus(
 ) -> None:
     """The blur of stripes' edges, if a picture of them and its inverse were photographed."""
     (name, camera) = pair
-    if len(stripes) < 2:
+    if not stripes:
         return
-    light = [(green(p.counts) - level) / p.exposure_s for p in (*stripes[:2], white)]
+    light = [(green(p.counts) - level) / p.exposure_s for p in (*stripes, white)]
     blur = edge_blur(*(np.asarray(x, np.float32) for x in light))
     if blur > MAX_BLUR_PX:
         diagnosis.add(

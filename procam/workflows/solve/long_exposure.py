@@ -4,36 +4,65 @@ from dataclasses import replace
 
 import numpy as np
 
+from procam.errors import OutOfModelRange
 from procam.estimate.camera.checks import exposure_ratio
+from procam.model.plan import Shot
 from procam.workflows.capture.session_images import SessionImages
 
 GREEN = 1
 NOTED, CERTAIN = 0.02, 5.0  # departure from 1, and sigmas
+LEAST, MOST = 0.1, 3.0  # ratios that a camera may make; others are of another picture
+CLIPPED = 0.01  # of the pixels
 
 
 def with_long_exposure(images: SessionImages) -> tuple[SessionImages, list[str]]:
     """The images, of which long ones count as long as they were really exposed, and a note if that matters.
 
-    Where the plan has the picture and nobody photographed it, a note says what is not known then.
+    Where that cannot be known a note says so.
+
+    Raises
+    ------
+    OutOfModelRange
+        If the photographs cannot be of the dim picture, or black is hardly exposed.
     """
     planned = [shot for shot in images.plan.shots if shot.purpose == "dim"]
-    if planned and not images.checks("dim"):
+    if not planned:
+        return images, []
+    if not images.checks("dim"):
         return images, [
             f"{planned[0].id}, the dim picture at the end, was not photographed: whether the camera moved "
             "between projectors, and how long black was exposed, is not checked"
         ]
-    for shot in images.checks("dim"):
-        if len(shot.exposures_s) == 1:
-            continue
-        dark = images.dark()
-        short, long = (images.light(shot, i)[..., GREEN] - dark[i][..., GREEN] for i in range(2))
-        seen = images.radiometer.seen
-        ratio, sigma = exposure_ratio(*(np.where(seen, x, np.nan) for x in (short, long)))
-        if abs(ratio - 1) > max(NOTED, CERTAIN * sigma):
-            return replace(images, long_exposure=ratio), [
-                f"camera {images.radiometer.camera.name}: photographs of {shot.exposures_s[1]:g} s were "
-                f"exposed {ratio:.3g} times as long, by the light of {shot.id}; black counts as "
-                "measured with that. Check the longest exposure that the camera can do, and [capture] "
-                "black_exposure_s"
-            ]
-    return images, []
+    shot, camera = planned[0], images.radiometer.camera.name
+    if len(shot.exposures_s) == 1:
+        return images, []
+    ratio, sigma = _ratio(images, shot)
+    if np.isnan(ratio):
+        return images, [
+            f"{shot.id}: the dim picture at the end is too dark at {shot.exposures_s[0]:g} s, so how long "
+            "black was exposed is not checked"
+        ]
+    if abs(ratio - 1) <= max(NOTED, CERTAIN * sigma):
+        return images, []
+    found = (
+        f"camera {camera}: photographs of {shot.exposures_s[1]:g} s were exposed {ratio:.3g} times as long, "
+        f"by the light of {shot.id}"
+    )
+    if not LEAST < ratio < MOST:
+        raise OutOfModelRange(
+            f"{found}; are both photographs of that picture? Photograph it again, with a "
+            "black_exposure_s that the camera can do"
+        )
+    return replace(images, long_exposure=ratio), [
+        f"{found}; black counts as measured with that. Check the longest exposure that the camera can "
+        "do, and [capture] black_exposure_s"
+    ]
+
+
+def _ratio(images: SessionImages, shot: Shot) -> tuple[float, float]:
+    """True over stated ratio of the exposures of a dim picture, and its sigma; NaN if it does not show."""
+    seen, dark = images.radiometer.seen, images.dark()
+    if float((images.counts(shot)[seen] == 0).mean()) > CLIPPED:
+        return np.nan, np.nan  # noise that is cut off at 0 counts as light
+    short, long = (images.light(shot, i)[..., GREEN] - dark[i][..., GREEN] for i in range(2))
+    return exposure_ratio(*(np.where(seen, x, np.nan) for x in (short, long)))

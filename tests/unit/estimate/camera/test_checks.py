@@ -121,5 +121,6 @@ class TestExposureRatio:
 
     def test_pictures_that_do_not_tell(self) -> None:
         flat = np.ones((50, 50))
-        for short, long in (flat, flat), (np.nan * flat, flat):
+        lit = np.where(np.arange(50) < 25, 9.0, 1.0) * flat
+        for short, long in (flat, flat), (np.nan * flat, flat), (0 * flat, lit), (-lit, lit):
             assert np.isnan(exposure_ratio(short, long)).all()

@@ -61,14 +61,17 @@ def test_the_rim_and_a_grain_are_no_spots(rng: np.random.Generator) -> None:
     assert spot_notes(light, nothing) == []
 
 
-def projector(light: np.ndarray, valid: np.ndarray | None = None) -> SimpleNamespace:
+def projector(
+    light: np.ndarray, valid: np.ndarray | None = None, exponent: np.ndarray | None = None
+) -> SimpleNamespace:
     """A projector whose pixels have light (H, W), spread over solid angles that differ."""
     height, width = light.shape
     solid = 1e-5 * (1 + np.linspace(0, 2, width)) * np.ones((height, 1))
     gain = (light / solid)[..., None] * np.ones(3)
     valid = np.ones(light.shape, bool) if valid is None else valid
     surface = SimpleNamespace(solid_angle_sr=solid, valid=valid)
-    return SimpleNamespace(surface=surface, photometry=SimpleNamespace(gain=gain))
+    photometry = SimpleNamespace(gain=gain, exponent=exponent)
+    return SimpleNamespace(surface=surface, photometry=photometry)
 
 
 def lens(height: int = 100, width: int = 160) -> np.ndarray:
@@ -89,6 +92,10 @@ class TestEdgeBlend:
         ramp = np.clip((np.arange(160) + 0.5) / width, 0, 1)
         (note,) = edge_blend_notes({"a": projector(lens() * ramp[::-1])})
         assert note.startswith("projector a: its pixels get darker") and "(right)" in note
+
+    def test_the_blend_of_a_media_server_stays_on(self) -> None:
+        ramp = np.clip((np.arange(160) + 0.5) / 16, 0, 1)
+        assert edge_blend_notes({"a": projector(lens() * ramp, None, np.ones(1))}) == []
 
     def test_both_ways_up(self) -> None:
         ramp = np.clip((np.arange(100) + 0.5) / 12, 0, 1)[:, None]
