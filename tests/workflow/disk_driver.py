@@ -7,7 +7,6 @@ line of JSON for each; `python tests/workflow/disk_driver.py FOLDER`, as root, w
 import json
 import random
 import re
-import resource
 import shutil
 import subprocess
 import sys
@@ -17,6 +16,7 @@ from pathlib import Path
 
 import av
 import numpy as np
+from small_files import files_up_to
 from tiny_venue import (
     Ran,
     contents,
@@ -121,17 +121,6 @@ def _files(folder: Path) -> dict[str, bytes]:
     changing = (*CHANGING, ".lock")
     found = {n: c for n, c in contents(folder).items() if not n.endswith(changing)}
     return {n: MOMENT.sub(b"", c) if n.endswith(".html") else c for n, c in found.items()}
-
-
-@contextmanager
-def files_up_to(size: int) -> Iterator[None]:
-    """Let files grow to `size` bytes only."""
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
 @contextmanager

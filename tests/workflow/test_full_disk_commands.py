@@ -4,7 +4,8 @@ import shutil
 from pathlib import Path
 
 import pytest
-from disk_driver import COMMANDS, files_up_to, in_full, make_work, run_again, run_short
+from disk_driver import COMMANDS, in_full, make_work, run_again, run_short
+from small_files import files_up_to
 from tiny_venue import quick_simulator
 
 from procam.estimate import calibration

@@ -33,7 +33,7 @@ def plan_session(
     """The plan for projectors of given sizes (width, height), and its patterns (H, W, 1 or 3) by path.
 
     First everything is dark; then each projector shows its patterns alone; at the end the first one shows
-    what tells whether the camera stayed where it was, and how long it really exposes.
+    what shows whether the camera stayed where it was, and how long it really exposes.
     """
     zones = zone_count(len(projectors))
     each = {

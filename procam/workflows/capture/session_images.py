@@ -38,14 +38,11 @@ class SessionImages:
         is_long = shot.purpose == "black" or exposure > 0
         return light / np.float32(self.long_exposure) if is_long else light
 
-    def checks(self, purpose: Purpose) -> list[Shot]:
-        """Shots of the end of a session, which not every session has; without those not photographed."""
+    def dim(self) -> Shot | None:
+        """The dim picture at the end of a session; None if the plan has none or it was not photographed."""
         stored = self.session.stored(self.radiometer.camera.name)
-        return [
-            shot
-            for shot in self.plan.shots
-            if shot.purpose == purpose and all((shot.id, e) in stored for e in shot.exposures_s)
-        ]
+        shots = (shot for shot in self.plan.shots if shot.purpose == "dim")
+        return next((s for s in shots if all((s.id, e) in stored for e in s.exposures_s)), None)
 
     def _frame(self, shot: Shot, exposure: int) -> Frame:
         camera, exposure_s = self.radiometer.camera, shot.exposures_s[exposure]

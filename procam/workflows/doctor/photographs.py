@@ -114,7 +114,7 @@ def examine_photographs(
                 "pictures of the newest patterns, sharp and whole",
                 "focus, and show the pictures whole",
             )
-        elif np.isfinite(found.exposure_s):  # one without a header tells nothing
+        elif np.isfinite(found.exposure_s):  # room light needs the exposure
             seen.dark.append(found)
     _judge(venue, camera, plan, seen, diagnosis)
 

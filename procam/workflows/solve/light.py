@@ -217,10 +217,10 @@ def _measured(
         black = fill_picture(black, sight.unpatterned & on_screen, on_screen)
     scatter_samples, zones = _scatter_samples(images, view, name, light, sight, separation.clear_px)
     checks.add("of parts of the panel", zones, 3 * sight.shot_ids_share)
-    for dim in images.checks("dim"):
-        if dim.projector == name and master is None:  # behind a server responses differ by place
-            end = images.light(dim, len(dim.exposures_s) - 1) - sight.base
-            checks.add_dimmed("at the end of the session", end)
+    dim = images.dim() if master is None else None  # behind a server responses differ by place
+    if dim and dim.projector == name:
+        end = images.light(dim, len(dim.exposures_s) - 1) - sight.base
+        checks.add_dimmed("at the end of the session", end)
     notes = [*checks.notes(name), *_sharpening_notes(separation.sharpest, name)]
     found = ProjectorMeasurement(
         light, black, colour, fit.curve(), scatter_samples, notes=notes, moved_px=checks.shift_px

@@ -28,12 +28,12 @@ def with_long_exposure(images: SessionImages) -> tuple[SessionImages, list[str]]
     planned = [shot for shot in images.plan.shots if shot.purpose == "dim"]
     if not planned:
         return images, []
-    if not images.checks("dim"):
+    shot, camera = images.dim(), images.radiometer.camera.name
+    if shot is None:
         return images, [
             f"{planned[0].id}, the dim picture at the end, was not photographed: whether the camera moved "
             "between projectors, and how long black was exposed, is not checked"
         ]
-    shot, camera = planned[0], images.radiometer.camera.name
     if len(shot.exposures_s) == 1:
         return images, []
     ratio, sigma = _ratio(images, shot)

@@ -6,9 +6,7 @@ size of a process's files.
 
 import errno
 import io
-import resource
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -16,6 +14,7 @@ import av
 import numpy as np
 import OpenImageIO as oiio
 import pytest
+from small_files import files_up_to
 
 from procam.errors import FileFormatError
 from procam.files import atomic
@@ -57,17 +56,6 @@ def compensated(path: Path) -> None:
             writer.write(frame.rgb, frame)
 
 
-@contextmanager
-def room_for(size: int) -> Iterator[None]:
-    """Let files grow to `size` bytes only."""
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
-
-
 WRITERS: dict[str, Callable[[Path], None]] = {
     "8 bits.png": lambda path: write_image(path, (CODES >> 8).astype(np.uint8)),
     "16 bits.png": lambda path: write_image(path, CODES),
@@ -90,7 +78,7 @@ def test_a_file_is_whole_or_the_old_one_stays(name: str, tmp_path: Path) -> None
     whole = path.read_bytes()
     for share in ROOM:
         path.write_bytes(b"the good file")
-        with room_for(int(share * len(whole)) - (share == 1)):
+        with files_up_to(int(share * len(whole)) - (share == 1)):
             with pytest.raises(OSError, match=rf"File too large: .*{name.partition('.')[0]}"):
                 write(path)
         assert path.read_bytes() == b"the good file", share
