@@ -10,6 +10,7 @@ from tiny_venue import make_venue, quick_simulator, take_session
 from procam.errors import OutOfModelRange
 from procam.estimate.camera.radiance import Radiometer
 from procam.estimate.light.separation import Separation
+from procam.estimate.light.stability import StabilityChecks
 from procam.files.calibration import load_calibration
 from procam.files.session import Session
 from procam.files.venue.load import Venue
@@ -113,3 +114,16 @@ def test_a_long_exposure_that_is_shorter_is_measured(
     assert re.search(r"photographs of 6\.5 s were exposed 0\.(79|80?)", note), note
     lit = sound.maps.coverage > 0.999
     assert found.maps.lo[lit].mean() == pytest.approx(sound.maps.lo[lit].mean(), rel=0.02)
+
+
+def test_a_camera_that_moved_widens_the_figures_of_directions(
+    captured: Captured, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    names = ("direction_sigma_relative_arcmin", "direction_sigma_arcmin")
+    sound = load_calibration(solved(captured))
+    monkeypatch.setattr(StabilityChecks, "shift_px", 0.5)
+    found = load_calibration(solved(captured))
+    focal_px = np.mean(next(iter(found.cameras.values())).lens.focal)
+    for name in names:
+        wider = np.hypot(sound.quality[name].value, 60 * np.degrees(0.5 / focal_px))
+        assert found.quality[name].value == pytest.approx(wider, rel=1e-3)
