@@ -37,8 +37,8 @@ class PatternSum:
     """Departure of a sum of pictures from white.
 
     `shots` : the pictures, for messages. `drift`, `room` relative to white; `sigma` of the worse one.
-    `shift_px` : by which the camera's picture moved, with `shift_sigma_px`. `changed` : share of the
-    screen where something stood in one of them.
+    `shift_px` : root mean square by which the camera's picture moved, with `shift_sigma_px`.
+    `changed` : share of the screen where something stood in one of them.
     """
 
     shots: str
@@ -114,13 +114,25 @@ class StabilityChecks:
         return np.asarray(self._green.flat[self._pixels])
 
     def _shift(self, left: Image) -> tuple[float, float]:
-        """Length of the shift that explains what is left of a sum (H, W), and its sigma [px]."""
+        """Root mean square of the movement that explains what is left of a sum (H, W), and its sigma [px].
+
+        The picture may shift, turn and change its scale, as that of a camera that was nudged or refocused.
+        """
         if len(self._steep) < MIN_STEEP:
             return 0.0, 0.0
-        slopes = -self._slope.reshape(-1, 2)[self._steep]
-        shift, covariance = _fit(slopes, left.ravel()[self._steep], self._level)
-        length = float(np.hypot(*shift))
-        along = shift / max(length, 1e-12)  # borders that all run one way show no shift along them
+        rows, columns = np.unravel_index(self._steep, left.shape)
+        y, x = (place - place.mean() for place in (rows, columns))
+        size = max(float(np.hypot(x, y).max()), 1.0)
+        ones, zeros, y, x = np.ones_like(x), np.zeros_like(x), y / size, x / size
+        moves = np.stack(
+            [[ones, zeros, -y, x], [zeros, ones, x, y]]
+        )  # (across or down, kind, pixel)
+        slopes = self._slope.reshape(-1, 2)[self._steep]
+        design = -np.einsum("nd,dkn->nk", slopes, moves)
+        found, covariance = _fit(design, left.ravel()[self._steep], self._level)
+        squares = np.einsum("dkn,dln->kl", moves, moves) / len(slopes)
+        length = float(np.sqrt(found @ squares @ found))
+        along = squares @ found / max(length, 1e-12)  # unknown where borders all run one way
         return length, float(np.sqrt(along @ covariance @ along))
 
     def _changed(self, left: Image) -> float:

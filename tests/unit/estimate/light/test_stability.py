@@ -1,5 +1,6 @@
 """Changes of the light during a capture, by cause."""
 
+import cv2
 import numpy as np
 import pytest
 
@@ -120,6 +121,24 @@ class TestMovedCamera:
             (note,) = checks.notes("north")
             assert "the camera or the projector moved: the pictures 7 and 8" in note
             assert checks.shift_px == total.shift_px
+
+    @pytest.mark.parametrize(
+        ("turn", "scale"), [(0.005, 0.0), (0.0, 0.005)], ids=["turned", "refocused"]
+    )
+    def test_a_picture_that_turned_or_changed_its_scale(self, turn: float, scale: float) -> None:
+        """By .2 to .25 px at the borders, where its mean shift is none."""
+        rng = np.random.default_rng(1)
+        full = np.ones((SIZE, SIZE))
+        white, after = (self.seen(rng, 0, full), self.seen(rng, 0, full))
+        middle = np.array([60.0, 57.5])
+        matrix = np.array([[1 + scale, -turn], [turn, 1 + scale]])
+        move = np.c_[matrix, middle - matrix @ middle].astype(np.float32)
+        moved = cv2.warpAffine(after, move, (SIZE, SIZE), flags=cv2.INTER_CUBIC)
+        checks = StabilityChecks(white, np.ones((SIZE, SIZE), bool))
+        checks.add("7 and 8", [moved])
+        (total,) = checks.sums
+        assert total.shift_px == pytest.approx(0.2, abs=0.06)
+        assert "the camera or the projector moved" in checks.notes("north")[-1]
 
     def test_a_camera_that_stands_still(self) -> None:
         for seed in range(20):
