@@ -7,8 +7,9 @@ import numpy as np
 from procam.arrays import BoolArray, Image
 from procam.model.calibration import ProjectorCalibration
 
-STEP = 0.04  # of the panel; over it lenses take a few percent
-DIM = 0.87  # of the light a step further inside
+STEP = 0.04  # of the panel; over it lenses take a tenth at most
+DIM = 0.82  # of the light a step further inside
+CUT = 0.05  # of the panel: where light begins further inside, a plate or the rim of the dome cuts it off
 SOFT_PX = 3  # the lens's blur takes light from the outermost pixels
 GREEN = 1
 
@@ -48,7 +49,7 @@ def _shares_at_edges(light: Image, valid: BoolArray) -> Iterator[tuple[str, floa
         step = max(SOFT_PX, round(STEP * length))
         first = used.argmax(axis=1) + SOFT_PX
         lines = np.arange(count // 4, count - count // 4)
-        lines = lines[used[lines].any(axis=1) & (first[lines] < length // 4)]
+        lines = lines[used[lines].any(axis=1) & (first[lines] < SOFT_PX + CUT * length)]
         at = first[lines, None] + np.arange(max(SOFT_PX, step // 4))
         edge, inside = (turned[lines[:, None], at + s].mean(axis=1) for s in (0, step))
         sound = inside > 0

@@ -15,7 +15,7 @@ from procam.maths.warp import blur_within, grow
 
 ROUNDS, OUTLIER_SIGMAS = 6, 3.0
 SMOOTH_PX = 2.0
-RIM_SHARE = 0.02  # of the picture: so far from the rim edges of the screen do not matter
+RIM_SHARE = 0.04  # of the picture: so far from the rim edges of the screen do not matter
 DARK, BRIGHT = -0.1, 0.2  # logarithms of the light over that around
 LEAST_SHARE = 5e-4  # of the screen
 GREEN = 1
