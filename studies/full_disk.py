@@ -17,7 +17,9 @@ from typing import Any
 from studies.measure import HERE, write
 from studies.stops import ONE_THREAD
 
-DRIVER = HERE.parent / "tests" / "workflow" / "disk_driver.py"
+TESTS = HERE.parent / "tests"
+DRIVER = TESTS / "workflow" / "disk_driver.py"
+PATHS = os.pathsep.join((str(HERE.parent), str(TESTS)))
 
 
 def main() -> None:
@@ -25,7 +27,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         done = subprocess.run(
             (sys.executable, str(DRIVER), folder),
-            env=os.environ | ONE_THREAD,
+            env=os.environ | ONE_THREAD | {"PYTHONPATH": PATHS},
             stdout=subprocess.PIPE,
             text=True,
             check=True,  # the driver ends with an error if anything is lost, damaged or not made up for

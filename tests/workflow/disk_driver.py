@@ -1,7 +1,7 @@
 """Commands that run out of disk, by a limit on the size of files or on a small file system.
 
-`run_short` makes one run and checks it. As a program it makes 300 for `studies/full_disk.py`, and prints a
-line of JSON for each; `python tests/workflow/disk_driver.py FOLDER`, as root, who may mount file systems.
+`run_short` makes one run and checks it. As a program, started by studies/full_disk.py, it makes 300 in a
+given folder and prints a line of JSON for each; by root, who may mount file systems.
 """
 
 import json
