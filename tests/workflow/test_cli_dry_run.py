@@ -89,7 +89,7 @@ class TestDryRun:
             "south",
             "north",
         ]
-        assert document["exposures"] == document["shots"] + 2  # the first and the last have two
+        assert document["exposures"] == document["shots"] + 4  # dark, two blacks and dim have two
         assert [p.name for p in tmp_path.iterdir()] == ["venue.toml"]
 
     def test_parts_sum_to_the_whole(

@@ -116,6 +116,22 @@ def test_a_long_exposure_that_is_shorter_is_measured(
     assert found.maps.lo[lit].mean() == pytest.approx(sound.maps.lo[lit].mean(), rel=0.02)
 
 
+@pytest.mark.parametrize(("exposure", "ratio"), [(0, 1.5), (1, 1 / 1.5)])
+def test_a_photograph_of_black_that_was_exposed_longer(
+    captured: Captured, monkeypatch: pytest.MonkeyPatch, exposure: int, ratio: float
+) -> None:
+    steady = SessionImages.light
+
+    def light(self: SessionImages, shot: Shot, number: int = 0) -> np.ndarray:
+        longer = shot.purpose == "black" and number == exposure
+        return steady(self, shot, number) * np.float32(1.5 if longer else 1)
+
+    monkeypatch.setattr(SessionImages, "light", light)
+    (note,) = load_calibration(solved(captured)).provenance["notes"]
+    found = re.search(r"south: its black is (\S+) times as bright at 6\.5 s as at 0\.13 s", note)
+    assert found and float(found[1]) == pytest.approx(ratio, rel=0.1), note
+
+
 def test_a_camera_that_moved_widens_the_figures_of_directions(
     captured: Captured, monkeypatch: pytest.MonkeyPatch
 ) -> None:

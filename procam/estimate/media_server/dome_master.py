@@ -12,7 +12,7 @@ import numpy as np
 from procam.arrays import BoolArray, Image
 from procam.estimate.media_server.tags import TAG_PICTURES, draw_tags, master_tags
 from procam.estimate.structured_light.codes import Picture
-from procam.estimate.structured_light.patterns import light_pictures, plan_of
+from procam.estimate.structured_light.patterns import black_picture, light_pictures, plan_of
 from procam.maths.geometry.lenses import Lens
 from procam.maths.geometry.pose import Pose, rotation_matrix
 from procam.maths.warp import blur
@@ -123,7 +123,7 @@ def _pictures(
     full = np.full((n, n, 1), 255, np.uint8)
     once = (exposure_s,)
     yield Shot("", "", "", "white", once), full
-    yield Shot("", "", "", "black", (black_exposure_s,)), 0 * full
+    yield black_picture(full, exposure_s, black_exposure_s)
     for picture in range(TAG_PICTURES):
         tags = master_tags(n, master.fov, picture)
         drawn = draw_tags(master.model, tags, master.fov)

@@ -80,6 +80,14 @@ def dim_picture(white: Picture, exposure_s: float, black_exposure_s: float) -> t
     return Shot("", "", "", "dim", both), np.where(white > 0, np.uint8(drive), np.uint8(0))
 
 
+def black_picture(
+    white: Picture, exposure_s: float, black_exposure_s: float
+) -> tuple[Shot, Picture]:
+    """A black picture, without id; photographed at white's exposure too, which black's is checked by."""
+    both = tuple(dict.fromkeys((black_exposure_s, exposure_s)))
+    return Shot("", "", "", "black", both), 0 * white
+
+
 def _pictures(
     size: tuple[int, int], zone_total: int, exposure_s: float, black_exposure_s: float
 ) -> Iterator[tuple[Shot, Picture]]:
@@ -87,7 +95,7 @@ def _pictures(
     full = np.full((height, width, 1), 255, np.uint8)
     once = (exposure_s,)
     yield Shot("", "", "", "white", once), full
-    yield Shot("", "", "", "black", (black_exposure_s,)), 0 * full
+    yield black_picture(full, exposure_s, black_exposure_s)
     code = make_code(DEFAULT_CODE, size)
     for number, plane in enumerate(code.planes[2:], start=2):
         detail: dict[str, int | str] = {"code": code.name, "plane": number}

@@ -17,6 +17,7 @@ from procam.workflows.capture.capture import check_range, missing_shots
 
 Counts = NDArray[np.uint16]
 GREEN = 1
+LONG = {"dark": 1, "black": 0, "dim": 1}  # which exposure is black's
 SHOWN = 5  # missing shots that a line names
 
 
@@ -35,7 +36,7 @@ class SessionImages:
     def light(self, shot: Shot, exposure: int = 0) -> Image:
         """Radiance (H, W) or (H, W, 3) of a shot at its first or another exposure."""
         light = self.radiometer.radiance(self._frame(shot, exposure))
-        is_long = shot.purpose == "black" or exposure > 0
+        is_long = LONG.get(shot.purpose) == exposure
         return light / np.float32(self.long_exposure) if is_long else light
 
     def dim(self) -> Shot | None:
@@ -99,9 +100,9 @@ class SessionImages:
         for shot in shots:
             yield int(shot.detail["plane"]), self.counts(shot)
 
-    def counts(self, shot: Shot) -> Counts:
-        """Raw green counts (H, W) of a shot [DN]."""
-        return _green(self._frame(shot, 0))
+    def counts(self, shot: Shot, exposure: int = 0) -> Counts:
+        """Raw green counts (H, W) of a shot at its first or another exposure [DN]."""
+        return _green(self._frame(shot, exposure))
 
     def _exposed_as(self, wanted: Frame, frame: Frame) -> Counts:
         """Green counts of a frame as if exposed like `wanted`: black is photographed long."""

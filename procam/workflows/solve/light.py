@@ -27,6 +27,7 @@ from procam.model.mask import Mask
 from procam.model.plan import Shot
 from procam.model.screen import Dome
 from procam.workflows.capture.session_images import SessionImages
+from procam.workflows.solve.long_exposure import black_notes
 
 GREEN = 1
 # departures from exponent 1: a tone curve, refused first; then what is refused if light held still
@@ -221,7 +222,11 @@ def _measured(
     if dim and dim.projector == name:
         end = images.light(dim, len(dim.exposures_s) - 1) - sight.base
         checks.add_dimmed("at the end of the session", end)
-    notes = [*checks.notes(name), *_sharpening_notes(separation.sharpest, name)]
+    notes = [
+        *black_notes(images, name),
+        *checks.notes(name),
+        *_sharpening_notes(separation.sharpest, name),
+    ]
     found = ProjectorMeasurement(
         light, black, colour, fit.curve(), scatter_samples, notes=notes, moved_px=checks.shift_px
     )

@@ -1,4 +1,8 @@
-"""Whether black's long exposure is what it says, by a dim picture photographed at both exposures."""
+"""Whether black's long exposure is what it says, by pictures photographed at both exposures.
+
+A dim picture at the end shows whether long exposures are what they say; black itself, whether that of one
+projector was an exception.
+"""
 
 from dataclasses import replace
 
@@ -7,12 +11,15 @@ import numpy as np
 from procam.errors import OutOfModelRange
 from procam.estimate.camera.checks import exposure_ratio
 from procam.model.plan import Shot
-from procam.workflows.capture.session_images import SessionImages
+from procam.workflows.capture.session_images import LONG, SessionImages
 
 GREEN = 1
 NOTED, CERTAIN = 0.02, 5.0  # departure from 1, and sigmas
 LEAST, MOST = 0.1, 3.0  # ratios that a camera may make; others are of another picture
 CLIPPED = 0.01  # of the pixels
+BLACK_NOTED = (
+    0.1  # departure from 1; a short photograph of black is so dim that .05 may be the camera's
+)
 
 
 def with_long_exposure(images: SessionImages) -> tuple[SessionImages, list[str]]:
@@ -59,10 +66,30 @@ def with_long_exposure(images: SessionImages) -> tuple[SessionImages, list[str]]
     ]
 
 
+def black_notes(images: SessionImages, name: str) -> list[str]:
+    """A note if a projector's black is not as bright at white's exposure as at its own.
+
+    Nothing is said of black that does not show at white's exposure, as it is below 1/5000 of white.
+    """
+    shot = images.only(name, "black")
+    if len(shot.exposures_s) == 1:
+        return []
+    ratio, sigma = _ratio(images, shot)
+    if not abs(ratio - 1) > max(BLACK_NOTED, CERTAIN * sigma):
+        return []
+    return [
+        f"projector {name}: its black is {ratio:.3g} times as bright at {shot.exposures_s[0]:g} s as at "
+        f"{shot.exposures_s[1]:g} s; a photograph of black or of the dark was exposed longer or shorter "
+        "than it says, or something shone into it. Photograph again; until then black is wrong"
+    ]
+
+
 def _ratio(images: SessionImages, shot: Shot) -> tuple[float, float]:
-    """True over stated ratio of the exposures of a dim picture, and its sigma; NaN if it does not show."""
-    seen, dark = images.radiometer.seen, images.dark()
-    if float((images.counts(shot)[seen] == 0).mean()) > CLIPPED:
+    """True over stated ratio of the exposures of a picture, and its sigma; NaN if it does not show."""
+    long, seen, dark = LONG[shot.purpose], images.radiometer.seen, images.dark()
+    if float((images.counts(shot, 1 - long)[seen] == 0).mean()) > CLIPPED:
         return np.nan, np.nan  # noise that is cut off at 0 counts as light
-    short, long = (images.light(shot, i)[..., GREEN] - dark[i][..., GREEN] for i in range(2))
-    return exposure_ratio(*(np.where(seen, x, np.nan) for x in (short, long)))
+    light = [images.light(shot, i)[..., GREEN] for i in (1 - long, long)]
+    return exposure_ratio(
+        *(np.where(seen, x - d[..., GREEN], np.nan) for x, d in zip(light, dark, strict=True))
+    )

@@ -69,7 +69,7 @@ class TestPlan:
 
     def test_only_black_has_the_long_exposure(self, session: tuple[Plan, Pictures]) -> None:
         for shot in session[0].shots[1:-1]:
-            assert shot.exposures_s == ((6.5,) if shot.purpose == "black" else (0.13,))
+            assert shot.exposures_s == ((6.5, 0.13) if shot.purpose == "black" else (0.13,))
 
     def test_the_first_projector_ends_with_a_dim_white_for_both_exposures(
         self, session: tuple[Plan, Pictures]
