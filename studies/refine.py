@@ -19,6 +19,7 @@ from procam.files.calibration import load_calibration
 from procam.files.venue.load import load_venue
 from procam.maths.geometry.sphere import master_directions
 from procam.model.calibration import Calibration
+from procam.workflows.photographs.driven import DrivenPhotographer
 from procam.workflows.refine.refine import Refined, refine
 from procam.workflows.sample_content import CONTENTS
 from procam.workflows.venue_rig import open_rig
@@ -92,8 +93,8 @@ def study(folder: Path, size: SceneSize, judged: dict[str, Callable[[int], Image
 
 def _refined(venue_dir: Path, calibration: Calibration, learnt: str) -> Refined:
     with open_rig(load_venue(venue_dir)) as rig:
-        rig.start()
-        *_, last = refine(rig, calibration, CONTENTS[learnt](content.MASTER))
+        photographer = DrivenPhotographer(rig, calibration)
+        *_, last = refine(photographer, calibration, CONTENTS[learnt](content.MASTER))
     found: Refined = last.data["refined"]
     return found
 

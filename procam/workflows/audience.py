@@ -9,7 +9,6 @@ from dataclasses import replace
 import numpy as np
 
 from procam.arrays import Array, Image, Map
-from procam.devices.rig import Rig
 from procam.errors import InputError, NotEnoughData, OutOfModelRange
 from procam.estimate.camera.radiance import Radiometer
 from procam.estimate.geometry.camera_view import DomeView
@@ -25,28 +24,29 @@ from procam.files.venue.load import Venue
 from procam.files.venue.masks import MASTER_SIZE, camera_masks, screen_mask
 from procam.maths.geometry.sphere import master_pixels
 from procam.model.calibration import Calibration
-from procam.model.frame import CameraSettings
 from procam.model.transport import Measured
 from procam.model.venue_state import VenueState
 from procam.workflows.capture.capture import missing_shots
 from procam.workflows.capture.session_images import SessionImages
 from procam.workflows.capture.session_plan import plan_of_session
 from procam.workflows.events import Event
+from procam.workflows.photographs.driven import Photographer, Wanted
+from procam.workflows.photographs.open import check_devices
 
-Size = tuple[int, int]
+Shown = tuple[Mapping[str, Image], Image]  # a projector's picture, and where its light is expected
 MOST_SHIFT_PX = 3.0  # of the middle of a lit part; the calibration's own pixel is a fraction of one
 RATIOS = (0.5, 2.0)  # an audience changes the scattered light by a tenth
 FEWEST = 2  # pictures: one gives no estimate of its own error
 SATURATED_SHARE = 0.002  # of the screen; above it light is lost
-ATTEMPTS = (
-    2  # of a picture that is not where it should be: the camera may have delivered an old picture
-)
-BREATH_S = 0.5
 GREEN = 1
 
 
 def measure_state(
-    rig: Rig, venue: Venue, calibration: Calibration, name: str, ambient_only: bool = False
+    photographer: Photographer,
+    venue: Venue,
+    calibration: Calibration,
+    name: str,
+    ambient_only: bool = False,
 ) -> Iterator[Event]:
     """Photograph the venue as it is; the last event carries `data["state"]`, a `VenueState`.
 
@@ -63,10 +63,12 @@ def measure_state(
         The camera or a projector has moved, the room's light outshines the projectors, or what
         bounces has changed by more than people can change it.
     """
-    _check_names(venue, calibration, name)
-    camera = _Camera(rig, venue, calibration)
+    check_state_name(calibration, name)
+    check_devices(venue, calibration)
+    camera = _Camera(photographer, venue, calibration)
     total = 1 if ambient_only else 1 + len(calibration.projectors)
-    rig.start()
+    pictures = {} if ambient_only else _zone_pictures(venue, calibration)
+    camera.plan(pictures)
     ambient, mean = camera.ambient()
     text = f"the room's own light is {_percent(mean)} of white"
     known = calibration.states.get(name, VenueState(name, calibration.feedback, np.ones(3)))
@@ -74,9 +76,8 @@ def measure_state(
     if not ambient_only:
         yield Event("state", 1, total, text)
         observations: list[ZoneObservation] = []
-        pictures = _zone_pictures(venue, calibration)
         for done, projector in enumerate(calibration.projectors, start=2):
-            observations += camera.zones(projector, pictures[projector])
+            observations += camera.zones(projector)
             if done < total:
                 yield Event("state", done, total, f"{projector} photographed")
         _check_enough(observations)
@@ -95,11 +96,10 @@ def with_state(calibration: Calibration, state: VenueState) -> Calibration:
 class _Camera:
     """The camera that the calibration's light was measured with, which it names first."""
 
-    def __init__(self, rig: Rig, venue: Venue, calibration: Calibration) -> None:
-        self._rig, self._capture = rig, venue.table.capture
+    def __init__(self, photographer: Photographer, venue: Venue, calibration: Calibration) -> None:
+        self._photographer, self._capture = photographer, venue.table.capture
         self._sessions = venue.directory / "sessions"
-        name, model = next(iter(calibration.cameras.items()))
-        self._camera, self._radiometer = rig.cameras[name], Radiometer(model)
+        self._radiometer = Radiometer(next(iter(calibration.cameras.values())))
         self._matrix = calibration.content_from_camera.T.astype(np.float32)
         self.audience = AudienceView(calibration, _view(venue, calibration, self._radiometer))
 
@@ -108,8 +108,8 @@ class _Camera:
 
         At the exposure of black where that saturates nowhere, else at that of white.
         """
-        for exposure_s in sorted({self._capture.black_exposure_s, self._capture.exposure_s})[::-1]:
-            light = self._photograph(exposure_s)
+        for exposure_s in self._dark_exposures():
+            light = self._photograph({}, exposure_s)
             if self._lost(light) <= SATURATED_SHARE:
                 level, mean = self.audience.ambient(light)
                 if mean.max() < 1:
@@ -119,14 +119,31 @@ class _Camera:
             "show's exit signs and aisle lights"
         )
 
-    def zones(self, projector: str, pictures: Sequence[Picture]) -> list[ZoneObservation]:
-        """Parts of a projector's panel, without its black and the room's light; it is left dark."""
-        self._rig.light(projector)
-        black = self._shown(projector, np.zeros_like(pictures[0], np.float32))
+    def plan(self, pictures: Mapping[str, Sequence[Picture]]) -> None:
+        """Say what will be photographed: the dark at both exposures, and pictures (H, W, 1) by projector."""
+        self._panels = {name: list(self._panel(name, pictures[name])) for name in pictures}
+        dark = [Wanted({}, exposure_s) for exposure_s in self._dark_exposures()]
+        shown = (picture for panel in self._panels.values() for picture, _ in panel)
+        self._photographer.plan(
+            [*dark, *(Wanted(picture, self._capture.exposure_s) for picture in shown)]
+        )
+
+    def _dark_exposures(self) -> list[float]:
+        """The longest first."""
+        return sorted({self._capture.black_exposure_s, self._capture.exposure_s})[::-1]
+
+    def _panel(self, projector: str, pictures: Sequence[Picture]) -> Iterator[Shown]:
+        """Black, then pictures of which the camera sees direct light, and where it is expected."""
+        yield _grey(projector, np.zeros_like(pictures[0], np.float32)), np.zeros(0, np.float32)
         drives = (np.asarray(picture / 255, np.float32) for picture in pictures)
-        found = [self._zone(projector, d, e, black) for d, e in self._seen(projector, drives)]
-        self._rig.darken(projector)
-        return found
+        for drive, expected in self._seen(projector, drives):
+            yield _grey(projector, drive), expected
+
+    def zones(self, projector: str) -> list[ZoneObservation]:
+        """Parts of a projector's panel, without its black and the room's light."""
+        (black, _), *pictures = self._panels[projector]
+        dark = self._photograph(black, self._capture.exposure_s)
+        return [self._zone(projector, picture, expected, dark) for picture, expected in pictures]
 
     def _seen(self, projector: str, pictures: Iterable[Image]) -> Iterator[tuple[Image, Image]]:
         """Pictures of which the camera sees any direct light, and where it is expected."""
@@ -136,16 +153,14 @@ class _Camera:
                 yield picture, expected
 
     def _zone(
-        self, projector: str, picture: Image, expected: Image, black: Image
+        self, projector: str, picture: Mapping[str, Image], expected: Image, dark: Image
     ) -> ZoneObservation:
-        for _ in range(ATTEMPTS):
-            light = self._shown(projector, picture) - black
-            shift = centre_shift(light[..., GREEN], expected, self.audience.view.on_screen)
-            if shift <= MOST_SHIFT_PX:
-                break
-            self._rig.clock.sleep(BREATH_S)
-        else:
-            raise OutOfModelRange(_moved(self._camera.name, projector, shift))
+        light = self._photograph(picture, self._capture.exposure_s) - dark
+        if not self._shift(light, expected) <= MOST_SHIFT_PX:  # the camera delivered an old picture
+            light = self._photograph(picture, self._capture.exposure_s, again=True) - dark
+        shift = self._shift(light, expected)
+        if not shift <= MOST_SHIFT_PX:
+            raise OutOfModelRange(_moved(self._radiometer.camera.name, projector, shift))
         lost = self._lost(light)
         if lost > SATURATED_SHARE:
             raise OutOfModelRange(
@@ -179,20 +194,24 @@ class _Camera:
                 light = (images.light(shot) - base) @ self._matrix
                 yield self.audience.observe(light, expected > 0)
 
-    def _shown(self, projector: str, picture: Image) -> Image:
-        """What is seen of a grey picture (H, W, 1)."""
-        drive = np.broadcast_to(picture, (*picture.shape[:2], 3))
-        self._rig.projectors[projector].show(np.ascontiguousarray(drive))
-        return self._photograph(self._capture.exposure_s)
+    def _shift(self, light: Image, expected: Image) -> float:
+        return centre_shift(light[..., GREEN], expected, self.audience.view.on_screen)
 
-    def _photograph(self, exposure_s: float) -> Image:
+    def _photograph(
+        self, pictures: Mapping[str, Image], exposure_s: float, *, again: bool = False
+    ) -> Image:
         """Content light (H, W, 3), NaN where saturated."""
-        self._camera.configure(CameraSettings(exposure_s, "rgb"))
-        return self._radiometer.radiance(self._camera.capture()) @ self._matrix
+        take = self._photographer.retake if again else self._photographer.take
+        return self._radiometer.radiance(take(Wanted(pictures, exposure_s))) @ self._matrix
 
     def _lost(self, light: Image) -> float:
         """Share of the screen that is saturated."""
         return float(np.isnan(light[self.audience.view.on_screen]).any(axis=-1).mean())
+
+
+def _grey(projector: str, drive: Image) -> dict[str, Image]:
+    """A grey picture (H, W, 1) of one projector, (H, W, 3)."""
+    return {projector: np.broadcast_to(drive, (*drive.shape[:2], 3))}
 
 
 def _zone_pictures(venue: Venue, calibration: Calibration) -> dict[str, list[Picture]]:
@@ -213,35 +232,14 @@ def _view(venue: Venue, calibration: Calibration, radiometer: Radiometer) -> Dom
     return view.without(screen_mask(venue, MASTER_SIZE).at(places))
 
 
-def _check_names(venue: Venue, calibration: Calibration, name: str) -> None:
+def check_state_name(calibration: Calibration, name: str) -> None:
+    """Refuse a name that cannot be that of a state."""
     VenueState(name, calibration.feedback, np.ones(3))  # refuses a name before a lamp is lit
     if f"state-{name}" in calibration.projectors:
         raise InputError(
             f"venue state: the name {name!r} is taken by the map of projector state-{name}; choose "
             "another"
         )
-    table = venue.table
-    sizes = {n: camera.size for n, camera in calibration.cameras.items()}
-    _check_devices(venue, "camera", sizes, {n: t.size for n, t in table.cameras.items()})
-    sizes = {n: p.model.size for n, p in calibration.projectors.items()}
-    _check_devices(venue, "projector", sizes, {n: t.size for n, t in table.projectors.items()})
-
-
-def _check_devices(
-    venue: Venue, kind: str, known: Mapping[str, Size], there: Mapping[str, Size]
-) -> None:
-    """Refuse a calibration of other devices than the venue's."""
-    for name, size in known.items():
-        if there.get(name) != size:
-            found = (
-                f"{kind} {name} of size {list(there[name])}"
-                if name in there
-                else f"no {kind} {name}"
-            )
-            raise InputError(
-                f"{venue.directory / 'venue.toml'}: {found}, but the newest calibration has {kind} {name} of "
-                f"{list(size)}; run `procam calibrate {venue.directory}` again"
-            )
 
 
 def _check_enough(observations: Sequence[ZoneObservation]) -> None:

@@ -1,7 +1,7 @@
 """A venue that procam does not drive: its server shows PNGs, its camera writes TIFFs.
 
 `python photographer.py VENUE PICTURES PHOTOS`: a process of its own with a folder with a venue.toml (of
-the simulated dome), the folder that `procam patterns` made, and nothing else.
+the simulated dome), the folder that `procam patterns` or a round of `procam refine` made, and nothing else.
 """
 
 import csv
@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from tiny_venue import CAMERA, quick_simulator
 
+from procam.devices.rig import Rig
 from procam.files.images.pixels import read_image, write_image
 from procam.files.venue.load import load_venue
 from procam.model.frame import CameraSettings
@@ -20,18 +21,44 @@ from procam.workflows.venue_rig import open_rig
 def main(venue: Path, pictures: Path, photos: Path) -> None:
     photos.mkdir()
     entries = list(csv.DictReader((pictures / "order.csv").read_text("utf-8").splitlines()))
+    work = photograph_session if "shot" in entries[0] else photograph_round
     with quick_simulator(), open_rig(load_venue(venue)) as rig:
         rig.start()
-        camera = rig.cameras[CAMERA]
-        for number, entry in enumerate(entries):
-            if entry["picture"]:
-                picture = np.asarray(read_image(pictures / entry["picture"]), np.float32) / 255
-                drive = np.ascontiguousarray(np.broadcast_to(picture, (*picture.shape[:2], 3)))
-                rig.light(entry["projector"])
-                rig.projectors[entry["projector"]].show(drive)
-            for exposure in map(float, entry["exposures_s"].split()):
-                camera.configure(CameraSettings(exposure))
-                write_image(photos / f"{number}_{exposure:g}.tif", camera.capture().counts)
+        work(rig, entries, pictures, photos)
+
+
+def photograph_round(rig: Rig, entries: list[dict[str, str]], pictures: Path, photos: Path) -> None:
+    """Pictures of several projectors at once, each photographed several times."""
+    number, camera = 0, rig.cameras[CAMERA]
+    for entry in entries:
+        lit = entry["projectors"].split()
+        for name, projector in rig.projectors.items():
+            if name not in lit:
+                rig.darken(name)
+                continue
+            rig.light(name)
+            picture = read_image(pictures / "pictures" / entry["picture"] / f"{name}.png")
+            projector.show(np.asarray(picture, np.float32) / 65535)
+        for _ in range(int(entry["photographs"])):
+            camera.configure(CameraSettings(float(entry["exposure_s"])))
+            write_image(photos / f"img_{number}.tif", camera.capture().counts)
+            number += 1
+
+
+def photograph_session(
+    rig: Rig, entries: list[dict[str, str]], pictures: Path, photos: Path
+) -> None:
+    """One projector after the other, each picture at its exposures."""
+    camera = rig.cameras[CAMERA]
+    for number, entry in enumerate(entries):
+        if entry["picture"]:
+            picture = np.asarray(read_image(pictures / entry["picture"]), np.float32) / 255
+            drive = np.ascontiguousarray(np.broadcast_to(picture, (*picture.shape[:2], 3)))
+            rig.light(entry["projector"])
+            rig.projectors[entry["projector"]].show(drive)
+        for exposure in map(float, entry["exposures_s"].split()):
+            camera.configure(CameraSettings(exposure))
+            write_image(photos / f"{number}_{exposure:g}.tif", camera.capture().counts)
 
 
 if __name__ == "__main__":

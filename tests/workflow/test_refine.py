@@ -29,6 +29,7 @@ from procam.maths.geometry.sphere import master_directions
 from procam.model.calibration import Calibration
 from procam.model.frame import Frame
 from procam.model.transport import Measured
+from procam.workflows.photographs.driven import DrivenPhotographer
 from procam.workflows.refine import camera as loop_camera
 from procam.workflows.refine import refine as refining
 from procam.workflows.refine import shown_picture
@@ -96,8 +97,8 @@ def _broad() -> np.ndarray:
 
 def _refined(dome: Path, calibration: Calibration) -> refining.Refined:
     with open_rig(load_venue(dome)) as rig:
-        rig.start()
-        *_, last = refining.refine(rig, calibration, _broad())
+        photographer = DrivenPhotographer(rig, calibration)
+        *_, last = refining.refine(photographer, calibration, _broad())
     return last.data["refined"]
 
 

@@ -23,6 +23,11 @@ CalibrationArgument = Annotated[
     ),
 ]
 
+RoundPhotos = Annotated[
+    Path | None,
+    typer.Option(help="By hand: folder with the photographs that the run before asked for."),
+]
+
 # structured light and boards
 SizeOption = Annotated[str, typer.Option(help="Projector size, such as 1280x800.")]
 CodeOption = Annotated[

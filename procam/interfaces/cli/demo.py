@@ -30,6 +30,7 @@ from procam.interfaces.report import write_report
 from procam.interfaces.report.data import read_material
 from procam.model.quality import Figure, Goal
 from procam.workflows.capture import capture as capturing
+from procam.workflows.photographs.driven import DrivenPhotographer
 from procam.workflows.refine.refine import Refined, refine
 from procam.workflows.refine.stored_pictures import keep_loop, keep_pictures, read_frames
 from procam.workflows.sample_content import half_sky, interior
@@ -138,7 +139,9 @@ def _run(venue: Venue, output: Output) -> tuple[int, Path, Refined]:
         output.follow(capturing.capture(rig, venue, session))
         solved = output.follow(solve(venue, session))
         first = Path(solved["calibration"])
-        loop = refine(rig, load_calibration(first), interior(CONTENT_SIZE))  # judged on another
+        calibration = load_calibration(first)
+        photographer = DrivenPhotographer(rig, calibration)
+        loop = refine(photographer, calibration, interior(CONTENT_SIZE))  # judged on another
         refined: Refined = output.follow(loop)["refined"]
     return session.read_plan().exposures + refined.shots, first, refined
 

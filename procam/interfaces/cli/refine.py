@@ -9,12 +9,14 @@ from procam.files.calibration import calibration_in_use, load_calibration
 from procam.files.lock import locked
 from procam.files.venue.load import load_venue
 from procam.interfaces.cli import _sessions
-from procam.interfaces.cli._options import Json, VenueArgument
+from procam.interfaces.cli._options import Json, RoundPhotos, VenueArgument
 from procam.interfaces.cli._output import Output, as_dicts, exit_if_missed
+from procam.interfaces.cli._rounds import ask_for_photographs
+from procam.workflows.photographs.by_hand import PhotographsWanted
+from procam.workflows.photographs.open import photographer_of
 from procam.workflows.refine import refine as loop
 from procam.workflows.refine.stored_pictures import keep_loop, keep_pictures, read_square
 from procam.workflows.sample_content import half_sky
-from procam.workflows.venue_rig import open_rig
 
 EXAMPLE = "procam refine my-dome --picture sky.exr"
 
@@ -25,11 +27,14 @@ def refine(
         Path | None,
         typer.Option(help="Dome master to refine on; by default a picture of half a sky."),
     ] = None,
+    photos: RoundPhotos = None,
     json: Json = False,
 ) -> None:
     """Show the compensated picture, photograph it and correct the residual; a new calibration.
 
-    Exit 1 if a figure misses its goal or gets worse; if one gets worse, nothing is written.
+    By hand it goes in about six rounds: each run writes the pictures to show and photograph, and the
+    next takes the photographs with --photos. Exit 1 if a figure misses its goal or gets worse; if
+    one gets worse, nothing is written.
     """
     loaded, output = load_venue(venue), Output(json)
     kept = calibration_in_use(venue)
@@ -38,9 +43,14 @@ def refine(
     if note:
         output.say(f"note: {note}")
     with locked(venue, "refine"):
-        with open_rig(loaded) as rig:
-            rig.start()
-            refined: loop.Refined = output.follow(loop.refine(rig, calibration, content))["refined"]
+        try:
+            with photographer_of(loaded, calibration, "refine", photos) as photographer:
+                events = loop.refine(photographer, calibration, content)
+                refined: loop.Refined = output.follow(events)["refined"]
+        except PhotographsWanted as wanted:
+            given = ["--picture", str(picture)] if picture else []
+            ask_for_photographs(wanted, ["procam", "refine", str(venue), *given], output)
+            return
         keep_pictures(venue, calibration, content)
         keep_loop(venue, refined, content)
         figures = refined.figures()

@@ -13,13 +13,16 @@ from procam.files.calibration import (
 )
 from procam.files.lock import locked
 from procam.files.venue.load import load_venue
-from procam.interfaces.cli._options import Json, VenueArgument
+from procam.interfaces.cli._options import Json, RoundPhotos, VenueArgument
 from procam.interfaces.cli._output import Output
+from procam.interfaces.cli._rounds import ask_for_photographs
 from procam.model.venue_state import VenueState
-from procam.workflows.audience import measure_state, with_state
-from procam.workflows.venue_rig import open_rig
+from procam.workflows.audience import check_state_name, measure_state, with_state
+from procam.workflows.photographs.by_hand import PhotographsWanted
+from procam.workflows.photographs.open import photographer_of
 
 EXAMPLE = "procam state my-dome full"
+ONLY = "--ambient-only"
 
 
 def state(
@@ -28,23 +31,32 @@ def state(
     ambient_only: Annotated[
         bool,
         typer.Option(
-            "--ambient-only",
+            ONLY,
             help="Only the room's own light; no projector is lit, nothing is checked.",
         ),
     ] = False,
+    photos: RoundPhotos = None,
     json: Json = False,
 ) -> None:
     """Measure the venue with its present audience and its own lamps; a new calibration.
 
     Leave exit signs and aisle lights as in a show. Photographs the room dark, then five pictures of
     each projector, and adds the state to the newest calibration. The camera must stand where it
-    stood for that calibration.
+    stood for that calibration. By hand, one run writes the pictures, and the next takes the
+    photographs with --photos.
     """
     loaded, output = load_venue(venue), Output(json)
     calibration = load_calibration(calibration_in_use(venue))
+    check_state_name(calibration, name)
     with locked(venue, "state"):
-        with open_rig(loaded) as rig:
-            data = output.follow(measure_state(rig, loaded, calibration, name, ambient_only))
+        try:
+            with photographer_of(loaded, calibration, f"state-{name}", photos) as photographer:
+                events = measure_state(photographer, loaded, calibration, name, ambient_only)
+                data = output.follow(events)
+        except PhotographsWanted as wanted:
+            command = ["procam", "state", str(venue), name, *[ONLY] * ambient_only]
+            ask_for_photographs(wanted, command, output)
+            return
         measured: VenueState = data["state"]
         out = next_directory(venue)
         save_calibration(with_state(calibration, measured), out)

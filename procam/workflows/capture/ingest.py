@@ -62,7 +62,7 @@ def ingest(
     """
     with locked(venue.directory, "ingest"):
         plan = session.read_plan()
-        model, response, notes = _camera(venue, session, camera)
+        model, response, notes = camera_and_response(venue, session, camera)
         paths, others = list_photos(folder)
         claims = _read_index(index, plan, paths) if index else {}
         surveyed = []
@@ -84,7 +84,7 @@ def ingest(
         yield Event("ingest", len(chosen), len(chosen), "stored", _summary(chosen, match))
 
 
-def _camera(
+def camera_and_response(
     venue: Venue, session: Session, name: str
 ) -> tuple[CameraModel, Response | None, list[str]]:
     """The camera, its response, and what was left out to solve it.

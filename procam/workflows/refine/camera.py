@@ -1,11 +1,10 @@
 """The camera of the closed loop: photographs of what is on the dome, as light per cell."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from procam.arrays import Array, Image
-from procam.devices.rig import Rig
 from procam.errors import OutOfModelRange
 from procam.estimate.camera.exposure import green
 from procam.estimate.camera.noise import NO_NOISE, noise_from_repeat
@@ -15,7 +14,8 @@ from procam.estimate.closed_loop.brackets import bracket_for, merged_frame
 from procam.estimate.closed_loop.patches import MIN_PHOTOGRAPHS
 from procam.estimate.geometry.camera_view import DomeView
 from procam.model.calibration import Calibration
-from procam.model.frame import CameraSettings, Frame
+from procam.model.frame import Frame
+from procam.workflows.photographs.driven import Photographer, Wanted
 
 FILL = 0.7  # of full scale, for the brightest content
 ROOM_CHANGE = (
@@ -26,10 +26,10 @@ ROOM_CHANGE = (
 class LoopCamera:
     """Photographs sets of projector frames and gives content light per cell."""
 
-    def __init__(self, rig: Rig, calibration: Calibration) -> None:
-        self._projectors = rig.projectors
-        name, model = next(iter(calibration.cameras.items()))
-        self._camera, self._radiometer = rig.cameras[name], Radiometer(model)
+    def __init__(self, photographer: Photographer, calibration: Calibration) -> None:
+        self._photographer = photographer
+        model = next(iter(calibration.cameras.values()))
+        self._radiometer = Radiometer(model)
         dome = calibration.screen
         view = DomeView.of(model, dome, self._radiometer.rays, self._radiometer.seen)
         self.cells = LoopCells.of(view.direction, view.on_screen)
@@ -37,12 +37,26 @@ class LoopCamera:
         self._exposures_s: tuple[float, ...] = (0.1,)
         self._noise = NO_NOISE
         self._dark = np.zeros(3)
+        self._shown: Mapping[str, Image] = {}
         self.shots = 0
 
     def expose_for(self, observed: Image) -> None:
         """Choose the shutter time so that the brightest of `observed` fills the sensor well."""
+        self._exposures_s = (self._exposure_for(observed),)
+
+    def plan(self, pictures: Sequence[tuple[Mapping[str, Image], Image, int]]) -> None:
+        """Say what will be photographed next: frames of all projectors, what is observed, how often."""
+        self._photographer.plan(
+            [
+                Wanted(frames, self._exposure_for(observed))
+                for frames, observed, count in pictures
+                for _ in range(count)
+            ]
+        )
+
+    def _exposure_for(self, observed: Image) -> float:
         light = observed.reshape(-1, 3) @ np.linalg.inv(self._matrix).T
-        self._exposures_s = (FILL / float(np.percentile(light, 99.9)),)
+        return FILL / float(np.percentile(light, 99.9))
 
     def hold(self, light: Array, sigma: Array) -> bool:
         """Take brackets from now on if one exposure cannot hold cells of `light` (n,); whether so.
@@ -52,22 +66,26 @@ class LoopCamera:
         self._exposures_s = bracket_for(light, sigma, self._exposures_s[0])
         if len(self._exposures_s) == 1:
             return False
-        pair = [green(self._capture(self._exposures_s[0]).counts) for _ in range(2)]
+        exposure_s = self._exposures_s[0]
+        self._photographer.plan([Wanted(self._shown, exposure_s)] * 2)
+        pair = [green(self._capture(exposure_s).counts) for _ in range(2)]
         self._noise = noise_from_repeat(pair[0], pair[1], self._radiometer.camera.sensor)
         return True
 
     def measure_dark(self) -> None:
-        """Photograph the room's own light, while projectors are dark; later photographs are without it."""
+        """Photograph the room's own light, with projectors dark; later photographs are without it."""
+        self._shown = {}
         self._dark = np.mean(self.photographs(MIN_PHOTOGRAPHS), axis=0)
 
     def check_dark(self) -> None:
-        """Refuse what was photographed if the room's light has changed; projectors are dark again.
+        """Refuse what was photographed if the room's light has changed; projectors are dark after it.
 
         Raises
         ------
         OutOfModelRange
             It has.
         """
+        self._shown = {}
         change = np.average(self.photographs(1)[0], axis=(0, 1), weights=self.cells.count)
         worst = float(np.abs(change).max())
         if worst > ROOM_CHANGE:
@@ -78,11 +96,11 @@ class LoopCamera:
 
     def show(self, frames: Mapping[str, Image]) -> None:
         """Put a frame on every projector."""
-        for name, frame in frames.items():
-            self._projectors[name].show(frame)
+        self._shown = frames
 
     def photographs(self, count: int) -> list[Array]:
         """Cell means (N, N, 3) of what is on the dome [rel], `count` times."""
+        self._photographer.plan([Wanted(self._shown, e) for e in self._exposures_s] * count)
         return [self._photograph() for _ in range(count)]
 
     def _photograph(self) -> Array:
@@ -99,6 +117,5 @@ class LoopCamera:
         return self.cells.average(np.nan_to_num(light) @ self._matrix.T) - self._dark
 
     def _capture(self, exposure_s: float) -> Frame:
-        self._camera.configure(CameraSettings(exposure_s, "rgb"))
         self.shots += 1
-        return self._camera.capture()
+        return self._photographer.take(Wanted(self._shown, exposure_s))

@@ -11,17 +11,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from procam.arrays import Array, BoolArray, Image
-from procam.compensate.compensator import Compensator
-from procam.compensate.projector_frames import projector_frames
-from procam.devices.rig import Rig
 from procam.estimate.closed_loop import with_gains, with_scatter
-from procam.estimate.closed_loop.patches import MAX_CORRECTIONS, VISIBLE_JND
+from procam.estimate.closed_loop.patches import MAX_CORRECTIONS, MIN_PHOTOGRAPHS, VISIBLE_JND
 from procam.maths.geometry.sphere import master_directions
 from procam.model.calibration import Calibration
 from procam.model.quality import Figure, Goal
 from procam.workflows.events import Event
+from procam.workflows.photographs.driven import Photographer
 from procam.workflows.refine.camera import LoopCamera
-from procam.workflows.refine.shown_picture import ShownPicture, Trial
+from procam.workflows.refine.shown_picture import PreparedPicture, ShownPicture, Trial
 
 CLOSE_ENOUGH = 1.1  # times the noise floor: the goal
 GREY = 0.6  # of white: its direct light is clear of black and of white on any dome
@@ -94,7 +92,7 @@ class Refined:
         return figures
 
 
-def refine(rig: Rig, calibration: Calibration, content: Image) -> Iterator[Event]:
+def refine(photographer: Photographer, calibration: Calibration, content: Image) -> Iterator[Event]:
     """Refine on `content` (N, N, 3); the last event carries `data["refined"]`, a `Refined`.
 
     Raises
@@ -103,10 +101,12 @@ def refine(rig: Rig, calibration: Calibration, content: Image) -> Iterator[Event
         The camera cannot resolve what would be corrected, or is dazzled; or the light in the room changed.
     """
     total = MAX_CORRECTIONS + 5
-    camera = LoopCamera(rig, calibration)
-    before = _uncompensated(rig, camera, calibration, content)
+    camera = LoopCamera(photographer, calibration)
+    plain = PreparedPicture.of(calibration, content, "none")
+    prepared = PreparedPicture.of(calibration, content)
+    before = _uncompensated(camera, plain, prepared)
     yield Event("refine", 1, total, "uncompensated picture photographed")
-    shown = ShownPicture.start(camera, calibration, content)
+    shown = ShownPicture.start(camera, prepared)
     floor = shown.loop.residual_rms(shown.sigma)
     text = f"residual {shown.residual[0]:.3%} of white, noise {floor:.3%}"
     yield Event("refine", 2, total, text)
@@ -120,26 +120,24 @@ def refine(rig: Rig, calibration: Calibration, content: Image) -> Iterator[Event
         better = _better(camera, calibration, shown)
         yield Event("refine", total - 1, total, "gains measured on an even grey")
         trials = _trials(shown, better, content)
-    _darken(rig)
     camera.check_dark()
     refined = _judged(shown, trials, before)
     yield Event("refine", total, total, "loop ended", {"refined": refined})
 
 
-def _darken(rig: Rig) -> None:
-    for name in rig.projectors:
-        rig.darken(name)
-
-
-def _uncompensated(rig: Rig, camera: LoopCamera, calibration: Calibration, content: Image) -> Array:
-    """Photograph (N, N, 3) of the uncompensated picture, after one of the room; all is lit from then on."""
-    plain = Compensator(calibration, content.shape[0], "none").solve(content)
-    camera.expose_for(plain.observed)
-    _darken(rig)
+def _uncompensated(camera: LoopCamera, plain: PreparedPicture, following: PreparedPicture) -> Array:
+    """Photograph (N, N, 3) of the uncompensated picture, after some of the dark."""
+    observed = plain.wanted.observed
+    camera.plan(
+        [
+            ({}, observed, MIN_PHOTOGRAPHS),
+            (plain.frames, observed, 1),
+            (following.frames, following.wanted.observed, MIN_PHOTOGRAPHS),
+        ]
+    )
+    camera.expose_for(observed)
     camera.measure_dark()
-    for name in rig.projectors:
-        rig.light(name)
-    camera.show(projector_frames(plain.direct, calibration))
+    camera.show(plain.frames)
     return camera.photographs(1)[0]
 
 
@@ -148,7 +146,7 @@ def _better(camera: LoopCamera, calibration: Calibration, shown: ShownPicture) -
     scattered = with_scatter(calibration, shown.loop.state.scatter_factor)
     size = shown.wanted.direct.shape[0]
     grey = np.full((size, size, 3), GREY, np.float32) * master_directions(size)[1][..., None]
-    even = ShownPicture.start(camera, scattered, grey, find_scatter=False)
+    even = ShownPicture.start(camera, PreparedPicture.of(scattered, grey), find_scatter=False)
     even.correct()  # once: wrong gains scatter a wrong light too
     even.learn()
     return with_gains(scattered, even.loop.gain_factor())
@@ -156,10 +154,15 @@ def _better(camera: LoopCamera, calibration: Calibration, shown: ShownPicture) -
 
 def _trials(shown: ShownPicture, better: Calibration, content: Image) -> list[Trial]:
     """The picture, and one that was not learnt from, by the calibration before and after."""
-    unseen = turned_and_inverted(content)
-    trials = [Trial("picture", shown, ShownPicture.start(shown.camera, better, content))]
-    both = (ShownPicture.start(shown.camera, made, unseen) for made in (shown.calibration, better))
-    return [*trials, Trial("turned and inverted picture", *both)]
+    unseen, camera = turned_and_inverted(content), shown.camera
+    prepared = [
+        PreparedPicture.of(better, content),
+        PreparedPicture.of(shown.calibration, unseen),
+        PreparedPicture.of(better, unseen),
+    ]
+    camera.plan([(p.frames, p.wanted.observed, MIN_PHOTOGRAPHS) for p in prepared])
+    own, before, after = (ShownPicture.start(camera, picture) for picture in prepared)
+    return [Trial("picture", shown, own), Trial("turned and inverted picture", before, after)]
 
 
 def turned_and_inverted(content: Image) -> Image:

@@ -1,5 +1,6 @@
 """A picture on the dome, as a calibration compensates it, and photographs of it."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -22,6 +23,32 @@ from procam.model.calibration import Calibration
 from procam.workflows.refine.camera import LoopCamera
 
 CHANNEL_NAMES = ("red", "green", "blue")
+
+
+@dataclass(frozen=True, slots=True)
+class PreparedPicture:
+    """A picture as a calibration compensates it.
+
+    Attributes
+    ----------
+    calibration, wanted : the picture by the calibration. target : (N, N, 3) what it should look like.
+    frames : drive (H, W, 3) by projector.
+    """
+
+    calibration: Calibration
+    wanted: Compensated
+    target: Image
+    frames: Mapping[str, Image]
+
+    @classmethod
+    def of(
+        cls, calibration: Calibration, content: Image, method: str = "exact"
+    ) -> "PreparedPicture":
+        """Content (N, N, 3), compensated by a method of `Compensator`."""
+        compensator = Compensator(calibration, content.shape[0], method)
+        wanted = compensator.solve(content)
+        frames = projector_frames(wanted.direct, calibration)
+        return cls(calibration, wanted, compensator.target(content), frames)
 
 
 @dataclass
@@ -50,19 +77,13 @@ class ShownPicture:
 
     @classmethod
     def start(
-        cls,
-        camera: LoopCamera,
-        calibration: Calibration,
-        content: Image,
-        find_scatter: bool = True,
+        cls, camera: LoopCamera, prepared: "PreparedPicture", find_scatter: bool = True
     ) -> "ShownPicture":
-        """Show content (N, N, 3), and photograph it often and long enough to resolve what is off."""
-        compensator = Compensator(calibration, content.shape[0])
-        wanted = compensator.solve(content)
-        target = compensator.target(content)
-        loop = DomeLoop(calibration, camera.cells, wanted.direct, target, find_scatter)
+        """Show a picture, and photograph it often and long enough to resolve what is off."""
+        wanted, calibration = prepared.wanted, prepared.calibration
+        loop = DomeLoop(calibration, camera.cells, wanted.direct, prepared.target, find_scatter)
         camera.expose_for(wanted.observed)
-        camera.show(projector_frames(wanted.direct, calibration))
+        camera.show(prepared.frames)
         seen = camera.photographs(MIN_PHOTOGRAPHS)
         sigma = noise_by_level(seen, camera.cells.count)
         if camera.hold(loop.goal[loop.free], sigma[loop.free]):

@@ -1,0 +1,28 @@
+"""What a command says that cannot go on before people have photographed."""
+
+from shlex import quote
+
+from procam.interfaces.cli._output import Output
+from procam.workflows.photographs.by_hand import PhotographsWanted
+
+
+def ask_for_photographs(wanted: PhotographsWanted, command: list[str], output: Output) -> None:
+    """Print which pictures to show and photograph, and the command that takes the photographs."""
+    pictures, total = wanted.folder / "pictures", sum(row.photographs for row in wanted.rows)
+    output.say(f"{total} photographs are needed, in this order, with nothing moved in between:")
+    for row in wanted.rows:
+        shown = f"{row.picture}: {', '.join(row.projectors)}" if row.projectors else "dark"
+        output.say(f"  {row.photographs:2} of {row.exposure_s:g} s  {shown}")
+    following = " ".join(map(quote, [*command, "--photos"]))
+    output.say(
+        f"{pictures} has a folder for each, with a picture for each projector named; the others are "
+        f"dark, shuttered if they can be. The order is in {wanted.folder / 'order.csv'} too"
+    )
+    output.say(f"then: {following} FOLDER")
+    output.finish(
+        {
+            "pictures": str(pictures),
+            "order": str(wanted.folder / "order.csv"),
+            "wanted": [row.model_dump() for row in wanted.rows],
+        }
+    )

@@ -1,0 +1,88 @@
+"""What workflows ask a photographer for, and the photographer that drives devices."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from procam.arrays import Image
+from procam.devices.rig import Rig
+from procam.model.calibration import Calibration
+from procam.model.frame import CameraSettings, Frame
+
+BREATH_S = 0.5  # before a photograph is taken again
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """A photograph that is wanted.
+
+    Attributes
+    ----------
+    pictures : drive (H, W, 3), 0..1, of each projector that is lit; all others are dark.
+    exposure_s : shutter time [s].
+    """
+
+    pictures: Mapping[str, Image]
+    exposure_s: float
+
+
+class Photographer(Protocol):
+    """Who shows pictures and photographs them with one camera, in colour."""
+
+    def plan(self, wanted: Sequence[Wanted]) -> None:
+        """Say what will be asked for next, so that people can take it in one go."""
+        ...
+
+    def take(self, wanted: Wanted) -> Frame:
+        """The photograph."""
+        ...
+
+    def retake(self, wanted: Wanted) -> Frame:
+        """Another photograph of the same, if one can be had; else that of `take` again."""
+        ...
+
+
+class DrivenPhotographer:
+    """Shows and photographs with devices, with the camera that a calibration's light was measured with.
+
+    Projectors are switched on for the first photograph.
+    """
+
+    def __init__(self, rig: Rig, calibration: Calibration) -> None:
+        self._rig, self._camera = rig, next(iter(calibration.cameras))
+        self._shown: Mapping[str, Image] | None = None
+
+    def plan(self, wanted: Sequence[Wanted]) -> None:
+        """Nothing to prepare."""
+
+    def take(self, wanted: Wanted) -> Frame:
+        """The photograph."""
+        self._show(wanted.pictures)
+        camera = self._rig.cameras[self._camera]
+        camera.configure(CameraSettings(wanted.exposure_s, "rgb"))
+        return camera.capture()
+
+    def retake(self, wanted: Wanted) -> Frame:
+        """Show it again, wait and photograph: a camera may have delivered an old picture."""
+        for name, picture in wanted.pictures.items():
+            self._rig.projectors[name].show(np.ascontiguousarray(picture))
+        self._rig.clock.sleep(BREATH_S)
+        return self.take(wanted)
+
+    def _show(self, pictures: Mapping[str, Image]) -> None:
+        """Light the projectors of the pictures and show them; the others are dark."""
+        if self._shown is None:
+            self._rig.start()
+        before = self._shown or {}
+        if pictures is self._shown:
+            return
+        for name in before:
+            if name not in pictures:
+                self._rig.darken(name)
+        for name, picture in pictures.items():
+            if name not in before:
+                self._rig.light(name)
+            self._rig.projectors[name].show(np.ascontiguousarray(picture))
+        self._shown = pictures

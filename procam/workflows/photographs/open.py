@@ -1,0 +1,78 @@
+"""The photographer of a venue: its devices, or its people."""
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+
+from procam.errors import InputError
+from procam.files.session import Session
+from procam.files.venue.load import BY_HAND, Venue
+from procam.model.calibration import Calibration
+from procam.workflows.capture.ingest import camera_and_response
+from procam.workflows.photographs.by_hand import HandPhotographer, Rounds
+from procam.workflows.photographs.driven import DrivenPhotographer, Photographer
+from procam.workflows.photographs.receive import receive
+from procam.workflows.venue_rig import open_rig
+
+Size = tuple[int, int]
+
+
+@contextmanager
+def photographer_of(
+    venue: Venue, calibration: Calibration, work: str, photos: Path | None
+) -> Iterator[Photographer]:
+    """A photographer with the camera that the calibration's light was measured with.
+
+    Of a venue that is driven by hand it has the photographs of sessions/WORK-0001, and those in the
+    folder `photos` too; the session ends if the block ends without an error.
+
+    Raises
+    ------
+    InputError
+        Photographs were given, but devices take them; or the calibration is of other devices.
+    """
+    check_devices(venue, calibration)
+    table = venue.table
+    backends = {entry.backend for entry in table.cameras.values()}
+    backends |= {entry.backend for entry in table.projectors.values()}
+    if backends != {BY_HAND}:
+        if photos is not None:
+            raise InputError(
+                "--photos is for venues whose devices are all driven by hand; leave it out"
+            )
+        with open_rig(venue) as rig:
+            yield DrivenPhotographer(rig, calibration)
+        return
+    camera = next(iter(calibration.cameras.values()))
+    rounds = Rounds.newest(venue.directory, work, camera)
+    if photos is not None:
+        session = Session(venue.directory / "sessions" / str(calibration.provenance["session"]))
+        _, response, _ = camera_and_response(venue, session, camera.name)
+        receive(rounds, photos, response)
+    yield HandPhotographer(rounds)
+    rounds.end()
+
+
+def check_devices(venue: Venue, calibration: Calibration) -> None:
+    """Refuse a calibration of other cameras or projectors than the venue's."""
+    table = venue.table
+    sizes = {n: camera.size for n, camera in calibration.cameras.items()}
+    _check_devices(venue, "camera", sizes, {n: t.size for n, t in table.cameras.items()})
+    sizes = {n: p.model.size for n, p in calibration.projectors.items()}
+    _check_devices(venue, "projector", sizes, {n: t.size for n, t in table.projectors.items()})
+
+
+def _check_devices(
+    venue: Venue, kind: str, known: Mapping[str, Size], there: Mapping[str, Size]
+) -> None:
+    for name, size in known.items():
+        if there.get(name) != size:
+            found = (
+                f"{kind} {name} of size {list(there[name])}"
+                if name in there
+                else f"no {kind} {name}"
+            )
+            raise InputError(
+                f"{venue.directory / 'venue.toml'}: {found}, but the newest calibration has {kind} {name} of "
+                f"{list(size)}; calibrate it again"
+            )
