@@ -32,7 +32,7 @@ def refine(
 ) -> None:
     """Show the compensated picture, photograph it and correct the residual; a new calibration.
 
-    By hand it goes in about six rounds: each run writes the pictures to show and photograph, and the
+    By hand it goes in five to eight rounds: each run writes the pictures to show and photograph, and the
     next takes the photographs with --photos. Exit 1 if a figure misses its goal or gets worse; if
     one gets worse, nothing is written.
     """

@@ -219,7 +219,7 @@ class HandPhotographer:
 
     def plan(self, wanted: Sequence[Wanted]) -> None:
         """Ask for these together, unless they belong to a longer plan."""
-        if not any(_same(wanted[0], each) for each in self._planned):
+        if not any(_same(first, each) for first in wanted[:1] for each in self._planned):
             self._planned = [*wanted, *self._planned]
 
     def take(self, wanted: Wanted) -> Frame:

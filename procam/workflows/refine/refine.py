@@ -160,7 +160,8 @@ def _trials(shown: ShownPicture, better: Calibration, content: Image) -> list[Tr
         PreparedPicture.of(shown.calibration, unseen),
         PreparedPicture.of(better, unseen),
     ]
-    camera.plan([(p.frames, p.wanted.observed, MIN_PHOTOGRAPHS) for p in prepared])
+    lit = [(p.frames, p.wanted.observed, MIN_PHOTOGRAPHS) for p in prepared]
+    camera.plan([*lit, ({}, prepared[-1].wanted.observed, 1)])  # dark again at the end
     own, before, after = (ShownPicture.start(camera, picture) for picture in prepared)
     return [Trial("picture", shown, own), Trial("turned and inverted picture", before, after)]
 
