@@ -20,13 +20,16 @@ from tiny_venue import (
     take_session,
 )
 
+from procam.arrays import Image
 from procam.estimate import calibration as assemble
 from procam.estimate.closed_loop import dome as closed_loop
 from procam.estimate.closed_loop import with_scatter
 from procam.files.calibration import load_calibration, save_calibration
 from procam.files.images.pixels import read_image, write_image
+from procam.files.images.stills import write_picture
 from procam.files.venue.load import load_venue
 from procam.interfaces.cli import _sessions
+from procam.maths.geometry.sphere import master_directions
 from procam.workflows.audience import measure_state
 from procam.workflows.photographs.driven import DrivenPhotographer
 from procam.workflows.venue_rig import open_rig
@@ -67,6 +70,14 @@ def by_hand(driven: Path, tmp_path: Path) -> Path:
     return folder
 
 
+def broad() -> Image:
+    """A bright front, a dark rear: no detail that pixels of a degree would blur."""
+    direction, inside = master_directions(MASTER)
+    front = np.clip(1.5 * direction[..., 0] + 0.5, 0, 1)
+    picture = 0.03 + 0.6 * front * front * (3 - 2 * front)
+    return (picture * inside)[..., None].repeat(3, axis=-1).astype(np.float32)
+
+
 def photographed(driven: Path, ran: dict[str, Any], photos: Path) -> Path:
     """Photographs of what a round asks for."""
     photographer.main(driven, Path(ran["order"]).parent, photos)
@@ -80,7 +91,9 @@ def run(*arguments: object) -> dict[str, Any]:
 
 
 def test_refine_by_hand_finds_what_the_loop_finds(driven: Path, by_hand: Path) -> None:
-    found, rounds = run("refine", by_hand), 0
+    write_picture(by_hand / "broad.exr", broad())
+    again = "refine", by_hand, "--picture", by_hand / "broad.exr"
+    found, rounds = run(*again), 0
     assert found["wanted"][0] == {
         "picture": "dark",
         "projectors": [],
@@ -92,7 +105,7 @@ def test_refine_by_hand_finds_what_the_loop_finds(driven: Path, by_hand: Path) -
         rounds += 1
         assert rounds <= 8
         photos = photographed(driven, found, by_hand / f"card-{rounds}")
-        found = run("refine", by_hand, "--photos", photos)
+        found = run(*again, "--photos", photos)
     assert rounds >= 5
     assert found["calibration"].endswith("0003")
     good, refined = (
