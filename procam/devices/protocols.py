@@ -3,6 +3,7 @@
 The calls block: a projector and a camera that take turns need neither asyncio nor threads.
 """
 
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -60,6 +61,18 @@ class Clock(Protocol):
     def sleep(self, duration_s: float) -> None:
         """Wait for `duration_s` [s]."""
         ...
+
+
+class SystemClock:
+    """The time of real devices; backends use it, so that devices of several work together."""
+
+    def now_s(self) -> float:
+        """Seconds since the computer was started [s]."""
+        return time.monotonic()
+
+    def sleep(self, duration_s: float) -> None:
+        """Wait for `duration_s` [s]."""
+        time.sleep(duration_s)
 
 
 class Camera(Protocol):

@@ -50,7 +50,7 @@ class Rig:
                 self.darken(name)
             except Exception as error:  # the others must be dark all the same
                 lit[name] = error
-        self.release()
+        self._release()
         run = current_run()
         run.left_dark = not lit
         if self._leave in run.unfinished:
@@ -63,7 +63,7 @@ class Rig:
                 f"a projector may still be lit: {named}; close its shutter or switch it off by hand"
             ) from first
 
-    def release(self) -> None:
+    def _release(self) -> None:
         """Close all connections, leaving the projectors as they are."""
         with ExitStack() as stack:
             for closer in self.closers:

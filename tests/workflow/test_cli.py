@@ -44,6 +44,7 @@ from procam.model.calibration import Calibration
 from procam.model.transport import Measured
 from procam.workflows import venue_rig
 from procam.workflows.sample_content import half_sky
+from procam.workflows.venue_rig import open_rig
 from simulators.devices import SimulatedCamera
 
 COMMANDS = list(MAIN_COMMANDS)
@@ -539,6 +540,12 @@ class TestProjector:
         assert ran.code == 2
         assert words in ran.complaint
 
+    def test_no_camera_is_needed(self, venue: Path, stages: list[Stage]) -> None:
+        path = venue / "venue.toml"
+        path.write_text(path.read_text().replace('backend = "simulated"', "", 1))
+        document = json.loads(procam("projector", venue, "north", "state", "--json").out)
+        assert document["power"] in {"standby", "on"}
+
     def test_what_it_cannot_do_now_is_a_failed_device(self, venue: Path) -> None:
         ran = procam("projector", venue, "north", "shutter", "closed")
         assert ran.code == 1
@@ -557,7 +564,15 @@ class TestProjector:
         path.write_text(path.read_text().replace('port = "backend"', 'port = "/dev/procam-none"'))
         ran = procam("projector", venue, "north", "state")
         assert ran.code == 1
-        assert "projector south: port /dev/procam-none" in ran.complaint
+        assert "projector north: port /dev/procam-none" in ran.complaint
+        text = path.read_text().partition("[simulated]")[0]
+        text = text.replace('backend = "simulated"', "")  # all by hand, but for a cable
+        path.write_text(text)
+        ran = procam("projector", venue, "north", "state")
+        assert "projector north: port /dev/procam-none" in ran.complaint
+        path.write_text(text.replace("/dev/procam-none", "backend"))
+        ran = procam("projector", venue, "north", "state")
+        assert "projector north: its backend provides no control port" in ran.complaint
         assert not list(venue.glob("procam-serial-*"))
 
 
@@ -634,11 +649,27 @@ class TestVenueErrors:
         assert not list(wires.iterdir())
 
     def test_two_backends(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setattr(venue_rig, "known_backends", lambda: ["dream", "simulated"])
+        """A camera of one, projectors of another."""
         path = make_venue(tmp_path).directory / "venue.toml"
-        path.write_text(path.read_text().replace('"simulated"', '"dream"', 1))
+        real, opened = venue_rig.open_backend, list[str]()
+
+        def open_backend(name: str, settings: Any, folder: Path) -> BackendRig:
+            opened.append(name)
+            rig = real("simulated", load_venue(path.parent).backends["simulated"], folder)
+            return replace(rig, projectors={}) if name == "dream" else replace(rig, cameras={})
+
+        monkeypatch.setattr(venue_rig, "known_backends", lambda: ["dream", "simulated"])
+        monkeypatch.setattr(venue_rig, "open_backend", open_backend)
+        mixed = path.read_text().replace('"simulated"', '"dream"', 1) + "[dream]\n"
+        path.write_text(mixed)
+        venue = load_venue(path.parent)
+        with open_rig(venue) as rig:
+            assert (list(rig.cameras), list(rig.projectors)) == (["zenith"], ["south"])
+            assert list(rig.controls) == ["south"]
+        assert opened == ["dream", "simulated"]
+        path.write_text(mixed.replace("zenith]", "attic]").replace('"zenith"', '"attic"'))
         message = procam("capture", tmp_path).complaint
-        assert "devices of the backends dream, simulated cannot be mixed" in message
+        assert "cameras.attic: backend 'dream' has no device of this name, only zenith" in message
 
     @pytest.mark.parametrize("command", ["capture", "doctor", "calibrate"])
     def test_what_is_done_by_hand_is_reported_how(self, command: str, tmp_path: Path) -> None:

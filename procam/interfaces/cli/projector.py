@@ -9,7 +9,7 @@ from procam.files.lock import locked
 from procam.files.venue.load import load_venue
 from procam.interfaces.cli._options import Json, VenueArgument
 from procam.interfaces.cli._output import Output
-from procam.workflows.venue_rig import open_rig
+from procam.workflows.venue_rig import open_projector_control
 
 EXAMPLE = "procam projector my-dome north shutter closed"
 ACTIONS = ("state", "on", "off", "input", "shutter", "hours")
@@ -25,24 +25,13 @@ def projector(
     ] = "",
     json: Json = False,
 ) -> None:
-    """Query or control a projector over its serial remote control."""
+    """Query or control a projector over its serial remote control.
+
+    No camera is needed, and nothing else of the venue but the projector.
+    """
     loaded, output = load_venue(venue), Output(json)
-    if name not in loaded.table.projectors:
-        raise InputError(
-            f"projector {name!r} is not in venue.toml; choose one of "
-            f"{', '.join(loaded.table.projectors)}"
-        )
-    with locked(venue, "projector"):
-        rig = open_rig(loaded)
-        try:
-            if name not in rig.controls:
-                raise InputError(
-                    f"projector {name} has no control table in venue.toml; add "
-                    'control = { protocol = "escvp21", port = "/dev/ttyUSB0" }'
-                )
-            document = _act(rig.controls[name], action, value)
-        finally:
-            rig.release()
+    with locked(venue, "projector"), open_projector_control(loaded, name) as control:
+        document = _act(control, action, value)
     for key, shown in document.items():
         output.say(f"{key:>12}  {shown}")
     output.finish(document)
