@@ -17,7 +17,7 @@ NOTICED = {
     "dust on the camera's lens": (0.4, "darker than around it"),
     "edge blend left on": (0.1, "an edge blend in its menu"),
     "dynamic black left on": (0.3, "drifted"),
-    "sharpening in the camera": (2.0, "sharper than pixels allow"),
+    "sharpening in the camera": (1.0, "brighter beside their edges"),
     "photographs lag by one": (1.0, "do not come one late"),
     "the camera was nudged": (0.6, "the camera or the projector moved"),
 }

@@ -26,9 +26,11 @@ CLEAR_PX, CLEAR_SIGMAS, CLEAR_SHARE = 3.0, 4.0, 0.75
 # sigma of the edges' blur [pixel extents], up to which scattered light is right to .5 % at any pixel;
 # in focus it is .3 to .8
 MAX_BLUR = 2.5
-# the same in camera pixels, which a camera's pixels make by themselves; of fewer stripes it is not known
-MIN_BLUR = 0.25
-MANY_STRIPES = 8
+# where an edge overshoots that something sharpens, and where it no longer does [camera px]
+NEAR_PX, BEYOND_PX = (1.8, 3.2), (6.0, 9.0)
+MANY_STRIPES = 8  # of fewer, light that differs from place to place would pass for it
+OVERSHOOT = 0.02  # of unsharpened edges it is below 0
+GREEN = 1
 EDGE_REACH = 5.0  # how far from an edge its blur is measured [pixel extents]
 MIN_SLOPE = 0.05  # of a projector's coordinate over a camera pixel [projector px]
 EXTENT_BLUR_PX = 2.0  # Gaussian sigma; fills in for pixels beside a hole
@@ -75,8 +77,8 @@ class Separation:
     blur : largest blur of the stripes' edges so far, a standard deviation in pixel extents: the size
         of a camera and a projector pixel together (root of the sum of squares). Above `MAX_BLUR` the
         result is not usable.
-    sharpest : smallest blur of a pair of many stripes, in camera pixels; below `MIN_BLUR` something
-        sharpens edges.
+    overshoot : largest share of light by which stripes are brighter beside their edges than further
+        inside. Blur makes them darker there; what is sharpened overshoots.
     dark_weight : (H, W) statistical weight of the scattered light so far; 0 where it is interpolated.
     """
 
@@ -90,7 +92,7 @@ class Separation:
         self._white_flux = self.total(white)
         self._xy = projector_xy
         self._extent = [_pixel_extent(projector_xy[..., i]) for i in range(2)]
-        self._white, self.blur, self.sharpest = white, 0.0, np.inf
+        self._white, self.blur, self.overshoot = white, 0.0, -np.inf
         self._index = np.rint(np.nan_to_num(projector_xy)).astype(np.int32)
         self._inside = grow(lit & usable, -2)
         self._outside = (self._solid > 0) & ~grow(lit, CLEAR_CAMERA_PX)
@@ -129,12 +131,13 @@ class Separation:
         distance = stripe_edge_distance(self._xy[..., which], bit)
         extent = self._extent[which]
         # few edges, or only one side of one, read too little: the largest so far counts
-        measured = self._edge_blur(np.abs(pattern - inverse), distance, extent, 2.0**bit)
+        contrast = np.abs(pattern - inverse)
+        measured = self._edge_blur(contrast, distance, extent, 2.0**bit)
         self.blur = max(self.blur, np.nan_to_num(measured))
         seen = self._xy[..., which][self._inside]
         if seen.size and np.nanmax(seen) - np.nanmin(seen) > MANY_STRIPES * 2.0**bit:
-            camera_share = np.sqrt(1 - 1 / float(np.median(extent[self._inside])) ** 2)
-            self.sharpest = np.fmin(self.sharpest, measured / max(camera_share, MIN_SLOPE))
+            beyond = self._edge_overshoot(contrast, distance, extent, 2.0**bit)
+            self.overshoot = np.fmax(self.overshoot, beyond)
         reach = np.minimum(CLEAR_SIGMAS * self.blur * extent, CLEAR_SHARE * 2.0**bit)
         with np.errstate(invalid="ignore"):
             near_edge = distance <= np.maximum(CLEAR_PX, reach)
@@ -166,6 +169,20 @@ class Separation:
             return float("nan")
         share = [contrast[part].sum(axis=0) / self._white[part].sum(axis=0) for part in (near, far)]
         return float(np.sqrt(np.pi / 2) * reach[near].mean() * (1 - share[0] / share[1]).max())
+
+    def _edge_overshoot(
+        self, contrast: Image, distance: FloatArray, extent: FloatArray, half: float
+    ) -> float:
+        """How much brighter green stripes are beside their edges than further inside."""
+        usable = self._inside & np.isfinite(contrast).all(axis=-1) & (distance < half / 2)
+        away_px = distance / np.sqrt(np.maximum(extent**2 - 1, MIN_SLOPE**2))
+        bands = [
+            usable & (away_px >= first) & (away_px < last) for first, last in (NEAR_PX, BEYOND_PX)
+        ]
+        if not all(band.any() for band in bands):
+            return float("nan")
+        near, inside = (contrast[b, GREEN].sum() / self._white[b, GREEN].sum() for b in bands)
+        return float(near / inside - 1)
 
     def _add_dark(self, light: Image, dark: BoolArray) -> None:
         share = self.flux_share(light)

@@ -16,7 +16,7 @@ from procam.estimate.geometry.solve import GeometrySolution
 from procam.estimate.light.inpaint import fill_light, fill_picture, pixels_without_pattern
 from procam.estimate.light.projector_response import ProjectorResponseFit, fit_colour, tile_levels
 from procam.estimate.light.scatter_kernel import ScatterCells, ScatterSample
-from procam.estimate.light.separation import MAX_BLUR, MIN_BLUR, SeparatedLight, Separation
+from procam.estimate.light.separation import MAX_BLUR, OVERSHOOT, SeparatedLight, Separation
 from procam.estimate.light.stability import StabilityChecks
 from procam.estimate.media_server.dome_master import DomeMaster, lit_by_stripes
 from procam.estimate.media_server.local_response import Levels, fit_exponent, level_samples
@@ -163,12 +163,13 @@ def _check_blur(blur: float, name: str) -> None:
         )
 
 
-def _sharpening_notes(sharpest: float, name: str) -> list[str]:
-    if sharpest > MIN_BLUR:
+def _sharpening_notes(overshoot: float, name: str) -> list[str]:
+    if overshoot <= OVERSHOOT:
         return []
     return [
-        f"projector {name}: edges of its stripes are sharper than pixels allow (a blur of {sharpest:.2f} "
-        "pixels); the camera or the projector sharpens its picture. Switch that off, or photograph raw"
+        f"projector {name}: its stripes are {overshoot:.0%} brighter beside their edges than further inside; "
+        "the camera or the projector sharpens its picture, so directions may be off by more than is stated. "
+        "Switch that off, or photograph raw"
     ]
 
 
@@ -225,7 +226,7 @@ def _measured(
     notes = [
         *black_notes(images, name),
         *checks.notes(name),
-        *_sharpening_notes(separation.sharpest, name),
+        *_sharpening_notes(separation.overshoot, name),
     ]
     found = ProjectorMeasurement(
         light, black, colour, fit.curve(), scatter_samples, notes=notes, moved_px=checks.shift_px

@@ -9,7 +9,7 @@ from tolerances import FLOAT32
 from procam.estimate.light.separation import (
     CLEAR_CAMERA_PX,
     MAX_BLUR,
-    MIN_BLUR,
+    OVERSHOOT,
     SeparatedLight,
     Separation,
     estimate_albedo,
@@ -190,16 +190,16 @@ class TestSeparation:
         assert np.isfinite(found.direct).all() and np.isfinite(found.flux).all()
 
     @pytest.mark.parametrize(("amount", "sharp"), [(0.0, False), (1.0, True)])
-    def test_sharpened_edges_show_less_blur_than_pixels_have(
+    def test_sharpened_stripes_are_brightest_beside_their_edges(
         self, scene: Scene, amount: float, sharp: bool
     ) -> None:
         separation = Separation(scene.white(), scene.xy, scene.lit, scene.solid)
         pair = [p + amount * (p - blur(p, 1.2)) for p in scene.pair("x", 5)]
         separation.add_pair("x", 5, *pair)
-        assert (separation.sharpest < MIN_BLUR) == sharp
+        assert (separation.overshoot > OVERSHOOT) == sharp
         few = Separation(scene.white(), scene.xy, scene.lit, scene.solid)
         few.add_pair("x", 6, *scene.pair("x", 6))
-        assert few.sharpest == np.inf  # three edges are too few to judge
+        assert few.overshoot == -np.inf  # three edges are too few to judge
 
     def test_a_blur_that_one_pair_does_not_show_is_that_of_another(self, scene: Scene) -> None:
         blurred = Scene(blur_px=(2.0,) * 3)
