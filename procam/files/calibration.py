@@ -49,7 +49,8 @@ def calibration_in_use(venue_dir: Path) -> Path:
     found = list_calibrations(venue_dir)
     if not found:
         raise FileFormatError(
-            f"{venue_dir} has no calibration; run `procam calibrate {venue_dir}` first"
+            f"{venue_dir} has no calibration; run `procam calibrate {venue_dir}` first, or by hand "
+            f"`procam patterns {venue_dir}`, `procam ingest` and `procam solve`"
         )
     chosen = venue_dir / "calibrations" / IN_USE
     name = chosen.read_bytes().decode(errors="replace").strip() if chosen.is_file() else ""

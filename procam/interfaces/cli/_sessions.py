@@ -1,12 +1,28 @@
 """What the commands share that refine a venue."""
 
 from pathlib import Path
+from shlex import quote
 
-from procam.files.calibration import next_directory, save_calibration, use_calibration
+from procam.files.calibration import (
+    calibration_in_use,
+    load_calibration,
+    next_directory,
+    save_calibration,
+    use_calibration,
+)
 from procam.interfaces.cli._output import Output
+from procam.interfaces.report import write_report
 from procam.workflows.refine.refine import Refined
+from procam.workflows.refine.stored_pictures import keep_pictures
+from procam.workflows.sample_content import half_sky
 
 CONTENT_SIZE = 1024  # edge of the sample picture [px]
+
+
+def keep_report(venue: Path) -> Path:
+    """Write the pictures of the calibration in use, and the report that shows them; returns its path."""
+    keep_pictures(venue, load_calibration(calibration_in_use(venue)), half_sky(CONTENT_SIZE))
+    return write_report(venue)
 
 
 def keep_refined(directory: Path, kept: Path, refined: Refined, output: Output) -> Path:
@@ -21,5 +37,5 @@ def keep_refined(directory: Path, kept: Path, refined: Refined, output: Output) 
     out = next_directory(directory)
     save_calibration(refined.calibration, out)
     use_calibration(directory, out)
-    output.say(f"{out} written")
+    output.say(f"{out} written; see it: procam report {quote(str(directory))}")
     return out

@@ -29,7 +29,7 @@ PANELS = {
         "init": "Write a complete, commented venue.toml to start from.",
         "doctor": "Check that every device of a venue can be reached, exposed and resolved; exit 1 if not.",
         "capture": "Show the patterns and photograph them; a run that was stopped is resumed.",
-        "solve": "Calibrate from stored captures alone; no device is touched.",
+        "solve": "Calibrate from stored captures alone, and report; no device is touched.",
         "calibrate": "Capture, solve and report in one run.",
         "refine": "Show the compensated picture, photograph it and correct the residual; a new calibration.",
         "state": "Measure the venue with its present audience and its own lamps; a new calibration.",

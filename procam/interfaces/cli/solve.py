@@ -1,13 +1,16 @@
 """`procam solve`: a calibration from stored captures."""
 
 from pathlib import Path
+from shlex import quote
 from typing import Annotated
 
 import typer
 
 from procam.files.calibration import load_calibration
+from procam.files.lock import locked
 from procam.files.session import Session
 from procam.files.venue.load import load_venue
+from procam.interfaces.cli import _sessions
 from procam.interfaces.cli._options import Json
 from procam.interfaces.cli._output import Output
 from procam.workflows.capture.newest import venue_of
@@ -20,12 +23,16 @@ def solve(
     session: Annotated[Path, typer.Argument(help="Session folder, such as VENUE/sessions/0001.")],
     json: Json = False,
 ) -> None:
-    """Calibrate from stored captures alone; no device is touched."""
+    """Calibrate from stored captures alone, and report; no device is touched."""
     venue, output = load_venue(venue_of(session)), Output(json)
-    solved = output.follow(solving.solve(venue, Session(session)))
+    with locked(venue.directory, "solve"):
+        solved = output.follow(solving.solve(venue, Session(session)))
+        report = _sessions.keep_report(venue.directory)
     written = solved["calibration"]
     calibration = load_calibration(Path(written))
-    output.say(f"{written} written")
+    output.say(f"{written} and {report} written")
     output.table(calibration.quality)
     notes = output.notes(calibration, solved["compared"])
-    output.finish({"calibration": written, "notes": notes})
+    directory = quote(str(venue.directory))
+    output.say(f"look at the report; then improve it by photographs: procam refine {directory}")
+    output.finish({"calibration": written, "report": str(report), "notes": notes})

@@ -88,7 +88,7 @@ def not_there(what: str, command: str) -> Text:
 
 def calibrating(material: Material) -> str:
     """The command that writes a calibration and its pictures."""
-    return f"`procam calibrate {material.directory}`"
+    return f"`procam calibrate {material.directory}` (by hand: `patterns`, `ingest`, `solve`)"
 
 
 def signed(label: str, end: float) -> Scale:
