@@ -7,6 +7,7 @@ import sys
 
 from studies import (
     boards,
+    by_hand,
     code_table,
     codes,
     content,
@@ -31,6 +32,7 @@ from studies import (
 
 STUDIES = {
     "boards": boards.main,
+    "by-hand": by_hand.main,
     "codes": codes.main,
     "foreign-codes": foreign_codes.main,
     "one-fringe": one_fringe.main,

@@ -1,11 +1,13 @@
 """A venue that procam does not drive: its server shows PNGs, its camera writes TIFFs.
 
-`python photographer.py VENUE PICTURES PHOTOS`: a process of its own with a folder with a venue.toml (of
-the simulated dome), the folder that `procam patterns` or a round of `procam refine` made, and nothing else.
+`python photographer.py VENUE PICTURES PHOTOS [FLOOR]`: a process of its own with a folder with a venue.toml
+(of the simulated dome), the folder that `procam patterns` or a round of `procam refine` made, and nothing
+else. FLOOR is the albedo of the floor, when there are people.
 """
 
 import csv
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,10 +18,13 @@ from procam.files.images.pixels import read_image, write_image
 from procam.files.venue.load import load_venue
 from procam.model.frame import CameraSettings
 from procam.workflows.venue_rig import open_rig
+from simulators.presets import PRESETS
 
 
-def main(venue: Path, pictures: Path, photos: Path) -> None:
+def main(venue: Path, pictures: Path, photos: Path, floor: str = "") -> None:
     photos.mkdir()
+    if floor:
+        PRESETS["standard"] = replace(PRESETS["standard"], floor_albedo=float(floor))
     entries = list(csv.DictReader((pictures / "order.csv").read_text("utf-8").splitlines()))
     work = photograph_session if "shot" in entries[0] else photograph_round
     with quick_simulator(), open_rig(load_venue(venue)) as rig:
@@ -49,8 +54,11 @@ def photograph_session(
     rig: Rig, entries: list[dict[str, str]], pictures: Path, photos: Path
 ) -> None:
     """One projector after the other, each picture at its exposures."""
-    camera = rig.cameras[CAMERA]
+    camera, lit = rig.cameras[CAMERA], ""
     for number, entry in enumerate(entries):
+        if lit and entry["projector"] != lit:
+            rig.darken(lit)
+        lit = entry["projector"]
         if entry["picture"]:
             picture = np.asarray(read_image(pictures / entry["picture"]), np.float32) / 255
             drive = np.ascontiguousarray(np.broadcast_to(picture, (*picture.shape[:2], 3)))
@@ -62,4 +70,4 @@ def photograph_session(
 
 
 if __name__ == "__main__":
-    main(*map(Path, sys.argv[1:]))
+    main(*map(Path, sys.argv[1:4]), *sys.argv[4:])

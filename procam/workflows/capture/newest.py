@@ -36,7 +36,7 @@ def newest_session(venue: Venue) -> Path:
 
 def venue_of(session: Path) -> Path:
     """The venue folder of VENUE/sessions/ID."""
-    folder = session.resolve().parent
+    folder = session.parent if session.parent.name == "sessions" else session.resolve().parent
     if folder.name != "sessions":
         raise InputError(
             f"{session}: this is no session; give a folder such as VENUE/sessions/0001"
