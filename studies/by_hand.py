@@ -32,7 +32,7 @@ NOT_OURS = ("backend = ", "control = ")  # lines of the simulated venue.toml
 
 
 @dataclass
-class Crew:
+class People:
     """What people do in a folder; `said` is what stood on their screen."""
 
     folder: Path
@@ -94,34 +94,34 @@ class Crew:
         raise AssertionError(f"{command}: more than {MOST_ROUNDS} rounds")
 
 
-def play(folder: Path) -> tuple[Crew, dict[str, object]]:
+def play(folder: Path) -> tuple[People, dict[str, object]]:
     """The whole of it in a folder, and its figures."""
-    crew, simulated = Crew(folder), venue_text("standard", SIZE)
+    people, simulated = People(folder), venue_text("standard", SIZE)
     (folder / "elsewhere").mkdir()
     (folder / "elsewhere" / "venue.toml").write_text(simulated)
-    crew.run("init", "my-dome", "--template", "by-hand")
-    crew.say("write the dome's own figures into my-dome/venue.toml")
+    people.run("init", "my-dome", "--template", "by-hand")
+    people.say("write the dome's own figures into my-dome/venue.toml")
     lines = simulated.partition("[simulated]")[0].splitlines()
     own = "\n".join(line for line in lines if not line.startswith(NOT_OURS)) + "\n"
     (folder / "my-dome" / "venue.toml").write_text(own)
-    crew.run("patterns", "my-dome", "--out", "pictures")
-    roll = crew.photograph("pictures")
+    people.run("patterns", "my-dome", "--out", "pictures")
+    roll = people.photograph("pictures")
     _test_photographs(folder / "pictures", folder / roll, folder / "test")
-    crew.say(
+    people.say(
         "(before that roll, a few of its pictures were photographed as a test, in folder test)"
     )
-    crew.run("doctor", "my-dome", "--camera", "zenith", "--photos", "test")
+    people.run("doctor", "my-dome", "--camera", "zenith", "--photos", "test")
     session = "my-dome/sessions/hand-0001"
-    crew.run("ingest", session, "--camera", "zenith", "--photos", roll)
-    crew.run("solve", session)
-    rounds = crew.rounds("refine", "my-dome")
-    crew.run("report", "my-dome")
-    crew.say("the house is full")
-    crew.rounds("state", "my-dome", "full", floor=f"{PEOPLE:g}")
+    people.run("ingest", session, "--camera", "zenith", "--photos", roll)
+    people.run("solve", session)
+    rounds = people.rounds("refine", "my-dome")
+    people.run("report", "my-dome")
+    people.say("the house is full")
+    people.rounds("state", "my-dome", "full", floor=f"{PEOPLE:g}")
     used = sorted((folder / "my-dome" / "calibrations").iterdir())[-1]
     state = load_calibration(used).states["full"]
     ratio = [round(float(r), 4) for r in state.scatter_ratio]
-    return crew, {"rounds_of_refine": rounds, "scatter_ratio_full": ratio, "calibration": used.name}
+    return people, {"rounds_of_refine": rounds, "scatter_ratio_full": ratio, "calibration": used.name}
 
 
 def _test_photographs(pictures: Path, roll: Path, out: Path) -> None:
@@ -140,12 +140,12 @@ def _test_photographs(pictures: Path, roll: Path, out: Path) -> None:
 def main() -> None:
     """Play it and write studies/by_hand.json and .md."""
     with tempfile.TemporaryDirectory() as folder:
-        crew, figures = play(Path(folder))
+        people, figures = play(Path(folder))
     print(json.dumps(figures), flush=True)
-    write("by_hand", figures, _table(crew, figures))
+    write("by_hand", figures, _table(people, figures))
 
 
-def _table(crew: Crew, figures: dict[str, object]) -> Iterator[str]:
+def _table(people: People, figures: dict[str, object]) -> Iterator[str]:
     yield from (
         "# By hand, from beginning to end",
         "",
@@ -153,6 +153,6 @@ def _table(crew: Crew, figures: dict[str, object]) -> Iterator[str]:
         f"{figures['scatter_ratio_full']} of that without. Photographs are those of a simulated dome.",
         "",
         "```text",
-        *crew.said,
+        *people.said,
         "```",
     )

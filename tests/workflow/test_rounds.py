@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import OpenImageIO as oiio
 import photographer
 import pytest
 from tiny_venue import (
@@ -165,6 +166,21 @@ class TestRefusals:
         pixels = read_image(card / "img_3.tif")
         write_image(card / "img_3.tif", np.ascontiguousarray(pixels[:200]))
         assert "256x200 px in 3 channels" in self.complaint(by_hand, card)
+
+    def test_another_aperture_than_the_calibration_had(self, by_hand: Path, card: Path) -> None:
+        known = by_hand / "sessions" / "0001" / "captures" / CAMERA / "settings.json"
+        known.write_text('{"aperture f/": 4}', "utf-8")
+        path = card / "img_3.tif"
+        pixels = np.array(read_image(path))
+        spec = oiio.ImageSpec(pixels.shape[1], pixels.shape[0], pixels.shape[2], "uint16")
+        spec.attribute("FNumber", 5.6)
+        output = oiio.ImageOutput.create(str(path))
+        assert output.open(str(path), spec) and output.write_image(pixels)
+        output.close()
+        said = self.complaint(by_hand, card)
+        assert "img_3.tif: aperture f/5.6, but others have 4; only the shutter time" in said
+        known.write_text('{"aperture f/": []}', "utf-8")
+        assert "settings.json: damaged; remove it" in self.complaint(by_hand, card)
 
     def test_nothing_was_asked_for(self, by_hand: Path, card: Path) -> None:
         ran = procam("state", by_hand, "full", "--photos", card)

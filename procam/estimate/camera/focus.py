@@ -10,7 +10,10 @@ NOT_WHITE = 0.7  # scattered light counts twice in the sum
 REACH_PX = 12  # within which an edge has full contrast on both sides
 LEAST_CONTRAST = 0.3  # of the usual one, on both sides
 NEAR_EDGE = 0.4  # of full contrast: pixels so close to the middle of an edge
-STEEPEST, FLAT = 0.98, 0.2  # quantile, and share of it below which there is no edge but scattered light
+STEEPEST, FLAT = (
+    0.98,
+    0.2,
+)  # quantile, and share of it below which there is no edge but scattered light
 MIN_PIXELS = 50
 
 

@@ -27,6 +27,12 @@ from procam.model.frame import CameraSettings, Frame
 from procam.model.optics import CameraModel
 from procam.model.plan import Plan, Shot
 from procam.workflows.capture.brackets import solve_brackets
+from procam.workflows.capture.settings import (
+    Setting,
+    common_settings,
+    keep_settings,
+    read_settings,
+)
 from procam.workflows.events import Event
 
 GREEN = 1
@@ -41,7 +47,7 @@ class _Surveyed:
     observation: PhotoObservation
     channels: int
     taken_s: float | None
-    setting: tuple[float | None, float | None]
+    setting: Setting
 
 
 def ingest(
@@ -76,9 +82,13 @@ def ingest(
         match.missing = [slot for slot in match.missing if slot not in stored]
         match.notes += [f"{name}: is no photograph; left out" for name in others]
         _check(plan, surveyed, match, model, session, camera)
+        used = [surveyed[photo] for photo in match.chosen.values()]
+        known = {} if replace_stored else read_settings(session, camera)
+        settings = common_settings(((s.path, s.setting) for s in used), known)
         exposed, chosen = _as_exposed(plan, surveyed, match, session, venue)
         if exposed != plan:
             session.write_plan(exposed, {})
+        keep_settings(session, camera, settings)
         match.notes += [*notes, *_keep_response(venue, session, camera, response)]
         yield from _store(session, exposed, model, response, surveyed, chosen)
         yield Event("ingest", len(chosen), len(chosen), "stored", _summary(chosen, match))
@@ -223,15 +233,6 @@ def _check(
             raise FileFormatError(
                 f"{surveyed[photo].path}: one channel, but shot {shot} needs R, G and B; "
                 "develop the photographs in colour"
-            )
-    used = [surveyed[photo] for photo in match.chosen.values()]
-    for which, name in ((0, "ISO"), (1, "aperture f/")):
-        values = {v for s in used if (v := s.setting[which]) is not None}
-        if len(values) > 1:
-            odd = next(s for s in used if s.setting[which] == max(values))
-            raise FileFormatError(
-                f"{odd.path}: {name}{max(values):g}, but others have {min(values):g}; only "
-                "the shutter time may change between photographs; take the others again"
             )
 
 

@@ -9,6 +9,7 @@ from procam.files.session import Session
 from procam.files.venue.load import BY_HAND, Venue
 from procam.model.calibration import Calibration
 from procam.workflows.capture.ingest import camera_and_response
+from procam.workflows.capture.settings import read_settings
 from procam.workflows.photographs.by_hand import HandPhotographer, Rounds
 from procam.workflows.photographs.driven import DrivenPhotographer, Photographer
 from procam.workflows.photographs.receive import receive
@@ -48,7 +49,7 @@ def photographer_of(
     if photos is not None:
         session = Session(venue.directory / "sessions" / str(calibration.provenance["session"]))
         _, response, _ = camera_and_response(venue, session, camera.name)
-        receive(rounds, photos, response)
+        receive(rounds, photos, response, read_settings(session, camera.name))
     yield HandPhotographer(rounds)
     rounds.end()
 

@@ -1,6 +1,6 @@
 """Photographs of a round, from a folder of a camera's card, put behind what was asked for."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +11,7 @@ from procam.files.images.photos import Photo, Response, list_photos, photo_count
 from procam.maths.warp import block_mean
 from procam.model.frame import CameraSettings, Frame
 from procam.model.optics import Sensor
+from procam.workflows.capture.settings import common_settings, keep_settings, read_settings
 from procam.workflows.photographs.by_hand import OrderRow, Rounds
 
 SHORTEST, LONGEST = 0.5, 1.3  # times the exposure that was asked for
@@ -19,10 +20,13 @@ SAME_LIGHT, SAME_DN = 0.05, 3.0  # photographs of one picture: relative, and cou
 COLOURS = 3
 
 
-def receive(rounds: Rounds, folder: Path, response: Response | None) -> int:
-    """Store the photographs of a folder as those of the last round, in its order; how many.
+def receive(
+    rounds: Rounds, folder: Path, response: Response | None, settings: Mapping[str, float]
+) -> None:
+    """Store the photographs of a folder as those of the last round, in its order.
 
     Everything is checked before anything is stored. They count by the camera's clock, else by name.
+    `settings` are the ISO and the aperture of the calibration, as far as they are known.
 
     Raises
     ------
@@ -40,11 +44,14 @@ def receive(rounds: Rounds, folder: Path, response: Response | None) -> int:
             f"{folder}: {len(paths)} photographs instead of {len(numbers)}: {in_words(rows)}, in this order; "
             f"give a folder of these alone"
         )
-    frames = _frames(rounds, _in_time([read_photo(path) for path in paths]), response)
+    photos = _in_time([read_photo(path) for path in paths])
+    known = read_settings(rounds.session, rounds.camera.name) or settings
+    common = common_settings(((p.path, (p.sensitivity, p.aperture)) for p in photos), known)
+    frames = _frames(rounds, photos, response)
     for number, frame in zip(numbers, frames, strict=True):
         shot = rounds.shot(number)
         rounds.session.store(rounds.camera.name, shot, shot.exposures_s[0], frame)
-    return len(frames)
+    keep_settings(rounds.session, rounds.camera.name, common)
 
 
 def in_words(rows: Sequence[OrderRow]) -> str:
@@ -60,7 +67,6 @@ def _in_time(photos: list[Photo]) -> list[Photo]:
 
 def _frames(rounds: Rounds, photos: Sequence[Photo], response: Response | None) -> list[Frame]:
     """The photographs as a driven camera would have given them, checked one against the other."""
-    _check_settings(photos)
     frames, before = list[Frame](), dict[tuple[int, float], tuple[Path, Array]]()
     sensor = rounds.camera.sensor
     for number, photo in zip(rounds.last_round, photos, strict=True):
@@ -85,19 +91,6 @@ def _frames(rounds: Rounds, photos: Sequence[Photo], response: Response | None) 
             )
         frames.append(frame)
     return frames
-
-
-def _check_settings(photos: Sequence[Photo]) -> None:
-    for what, values in (
-        ("ISO", {p.sensitivity for p in photos}),
-        ("aperture f/", {p.aperture for p in photos}),
-    ):
-        if len(values - {None}) > 1:
-            shown = ", ".join(f"{what}{v:g}" for v in sorted(v for v in values if v is not None))
-            raise FileFormatError(
-                f"{photos[0].path.parent}: photographs with {shown}; only the shutter time may change, "
-                "also since the calibration; take them again"
-            )
 
 
 def _check_size(photo: Photo, rounds: Rounds) -> None:
