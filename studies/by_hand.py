@@ -121,7 +121,11 @@ def play(folder: Path) -> tuple[People, dict[str, object]]:
     used = sorted((folder / "my-dome" / "calibrations").iterdir())[-1]
     state = load_calibration(used).states["full"]
     ratio = [round(float(r), 4) for r in state.scatter_ratio]
-    return people, {"rounds_of_refine": rounds, "scatter_ratio_full": ratio, "calibration": used.name}
+    return people, {
+        "rounds_of_refine": rounds,
+        "scatter_ratio_full": ratio,
+        "calibration": used.name,
+    }
 
 
 def _test_photographs(pictures: Path, roll: Path, out: Path) -> None:

@@ -34,6 +34,9 @@ from procam.files.images.stills import read_still
 from procam.files.meter import read_meter
 from procam.files.session import Session
 from procam.files.venue.load import load_venue
+from procam.workflows.capture.settings import keep_settings, read_settings
+from procam.workflows.photographs.by_hand import Rounds
+from procam.workflows.photographs.driven import Wanted
 from simulators.scene import SceneSize
 from simulators.template import venue_text
 from studies.measure import side_by_side, write
@@ -59,6 +62,25 @@ METER = "projector,patch,azimuth_deg,elevation_deg,Y,x,y\n" + "".join(
     f"south,{patch},10,40,{light},0.31,0.33\n"
     for patch, light in (("white", 11.5), ("black", 0.02))
 )
+
+
+DEEP = 100_000
+WANTED = Wanted({"south": np.zeros((80, 128, 3), np.float32)}, 0.1)
+FOREIGN: dict[str, bytes] = {
+    "nothing": b"",
+    "zeros": bytes(1000),
+    "no text": b"\xff\xfe" * 50,
+    "deep list": b"[" * DEEP + b"]" * DEEP,
+    "deep object": b'{"a":' * DEEP + b"1" + b"}" * DEEP,
+    "deep TOML": b"a = " + b"[" * 50_000 + b"]" * 50_000,
+    "deep tables": b"a = " + b"{b=" * 20_000 + b"1" + b"}" * 20_000,
+    "long key": b".".join([b"a"] * 50_000) + b" = 1\n",
+    "many tables": b"".join(b"a%d.b.c = 1\n" % i for i in range(30_000)),
+    "huge number": b"a = 1" + b"0" * 6000,
+    "huge JSON number": b'{"a": 1' + b"0" * 6000 + b"}",
+    "control characters": b"a = '\x01\x1b[31m'\n",
+    "GIF": b"GIF89a\1\0\1\0\x80\0\0\0\0\0\xff\xff\xff,\0\0\0\0\1\0\1\0\0\2\2D\1\0;",
+}
 
 
 @dataclass(frozen=True)
@@ -89,6 +111,16 @@ def _movie(path: Path) -> object:
         return shown
 
 
+def _settings(path: Path) -> object:
+    return read_settings(Session(path.parents[2]), path.parent.name)
+
+
+def _rounds(path: Path) -> object:
+    camera = load_venue(path.parents[2]).cameras["zenith"]
+    rounds = Rounds(path.parent, camera)
+    return rounds.ask([WANTED]), rounds.order()
+
+
 CALIBRATION, SESSION = "venue/calibrations/0001", "venue/sessions/0001"
 READERS = (
     Reader(
@@ -98,6 +130,8 @@ READERS = (
     Reader("maps of a projector", f"{CALIBRATION}/maps/south.exr", read_channels),
     Reader("plan.json", f"{SESSION}/plan.json", _session),
     Reader("index.jsonl", f"{SESSION}/captures/zenith/index.jsonl", _session),
+    Reader("wanted.json", "venue/sessions/refine-0001/wanted.json", _rounds),
+    Reader("settings.json", f"{SESSION}/captures/zenith/settings.json", _settings),
     Reader("frame", f"{SESSION}/captures/zenith/dark@0.13.tif", _session),
     Reader("venue.toml", "venue/venue.toml", lambda p: load_venue(p.parent)),
     Reader("PNG", "still.png", read_still),
@@ -130,6 +164,8 @@ def make_files(folder: Path) -> None:
                 frame = av.VideoFrame.from_ndarray(rgb, format="rgb24")
                 movie.mux(stream.encode(frame.reformat(format=layout)))
             movie.mux(stream.encode())
+    _rounds(folder / "venue/sessions/refine-0001/wanted.json")
+    keep_settings(Session(folder / SESSION), "zenith", {"ISO": 100.0, "aperture f/": 4.0})
     import cv2  # noqa: PLC0415 - for one JPEG
 
     cv2.imwrite(str(folder / "photo.jpg"), (light * 255).astype(np.uint8))
@@ -158,6 +194,20 @@ def fuzz(reader: Reader, folder: Path, cases: int, seed: int = 0) -> Counter[str
         path.write_bytes(content)
         signal.signal(signal.SIGALRM, before)
     return +found
+
+
+def foreign(reader: Reader, folder: Path) -> dict[str, str]:
+    """What becomes of each of `FOREIGN` in the place of a file: "refused", "read", "slow" or a mistake."""
+    path, found = folder / reader.path, dict[str, str]()
+    content, original = path.read_bytes(), reader.read(path)
+    for kind, other in FOREIGN.items():
+        path.write_bytes(other)
+        started = time.monotonic()
+        found[kind] = _outcome(reader, path, original)
+        if time.monotonic() - started > SLOW_S:
+            found[kind] = "slow"
+    path.write_bytes(content)
+    return found
 
 
 def _outcome(reader: Reader, path: Path, original: object) -> str:

@@ -1,6 +1,5 @@
 """Reads the description of another program's structured-light code from a TOML file."""
 
-import tomllib
 from pathlib import Path
 from typing import Annotated
 
@@ -8,6 +7,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
 from procam.errors import InputError
+from procam.files.toml import read_toml
 from procam.model.code_description import AxisDescription, CodeDescription
 
 Period = Annotated[FiniteFloat, Field(ge=2)]
@@ -41,9 +41,7 @@ def load_code(path: Path) -> CodeDescription:
     if not path.is_file():
         raise InputError(f"{path}: there is no such file; give the description of a code")
     try:
-        table = _Code.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{path} is not valid TOML: {error}") from error
+        table = _Code.model_validate(read_toml(path))
     except ValidationError as error:
         wrong = error.errors()[0]
         where = ".".join(str(part) for part in wrong["loc"])

@@ -56,7 +56,14 @@ def _rows(path: Path) -> Iterator[tuple[int, list[str]]]:
         ) from error
     for number, line in enumerate(lines, 1):
         if content := line.partition("#")[0].strip():
-            yield number, [cell.strip() for cell in next(csv.reader([content]))]
+            yield number, [cell.strip() for cell in _cells(f"{path}:{number}", content)]
+
+
+def _cells(where: str, content: str) -> list[str]:
+    try:
+        return next(csv.reader([content]))
+    except csv.Error as error:  # a cell longer than a book
+        raise FileFormatError(f"{where}: no line of a table ({error}); correct it") from error
 
 
 def _colour_columns(path: Path, number: int, header: Sequence[str]) -> tuple[str, ...]:

@@ -53,7 +53,7 @@ def _entry(line: str) -> dict[str, Any]:
     """A line of the log; {} for a damaged one, so that its file is made again."""
     try:
         found = json.loads(line)
-    except json.JSONDecodeError:
+    except (ValueError, RecursionError):
         return {}
     return found if isinstance(found, dict) else {}
 

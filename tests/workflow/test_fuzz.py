@@ -6,7 +6,7 @@ import pytest
 from tiny_venue import make_venue, quick_simulator, solved, take_session
 
 import procam.estimate.calibration
-from studies.fuzz import READERS, Reader, fuzz, make_files
+from studies.fuzz import READERS, Reader, foreign, fuzz, make_files
 
 CASES = 200
 MAP_SIZE = 64  # of the dome's maps: quick to read
@@ -28,6 +28,12 @@ def test_no_traceback_and_no_hang(reader: Reader, folder: Path) -> None:
     found = fuzz(reader, folder, CASES)
     assert set(found) <= {"read", "refused", "different", "slow"}, found
     assert found["refused"] > CASES / 10
+
+
+@pytest.mark.parametrize("reader", READERS, ids=lambda reader: reader.name)
+def test_files_of_another_kind(reader: Reader, folder: Path) -> None:
+    found = foreign(reader, folder)
+    assert set(found.values()) <= {"read", "refused", "different"}, found
 
 
 def test_the_fuzzer_notices_a_traceback(folder: Path) -> None:

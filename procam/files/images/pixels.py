@@ -97,6 +97,8 @@ def opened(path: Path) -> Iterator[oiio.ImageInput]:
     try:
         if source is None:
             raise FileFormatError(f"{path} is not a readable image ({_one_line(oiio.geterror())})")
+        if source.format_name() == "gif":  # has a palette, and may move
+            raise FileFormatError(f"{path} is a GIF, whatever its name says; save it as PNG or EXR")
         yield source
     except UnicodeDecodeError as error:  # names in the header, or the library's message about them
         raise FileFormatError(f"{path} is damaged: a name in its header is no text") from error

@@ -1,6 +1,5 @@
 """venue.toml, the description of a rig by its owner. Every mistake is one line with its dotted path."""
 
-import tomllib
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -13,6 +12,7 @@ from pydantic import ValidationError
 
 from procam.errors import InputError
 from procam.files.atomic import write_text
+from procam.files.toml import read_toml
 from procam.files.venue.checks import find_mistakes
 from procam.files.venue.messages import explain
 from procam.files.venue.tables import BY_HAND, CameraTable, CaptureTable, VenueTable
@@ -93,10 +93,7 @@ def load_venue(directory: Path) -> Venue:
         raise InputError(
             f"{path}: no such file; make a venue folder with `procam init {directory} --template NAME`"
         )
-    try:
-        raw = tomllib.loads(path.read_text(encoding="utf-8-sig"))  # some editors mark it
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{path} is not valid TOML: {error}") from error
+    raw = read_toml(path)
     names = _backend_names(raw)
     backends = {name: raw.pop(name, {}) for name in names}
     try:

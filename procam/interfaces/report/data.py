@@ -263,7 +263,7 @@ def read_document(path: Path) -> dict[str, Any]:
         return {}
     try:
         document = json.loads(path.read_text("utf-8"))
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise FileFormatError(
             f"{path}: this is not valid JSON ({error}); delete it or make it again"
         ) from error
