@@ -6,8 +6,11 @@ from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
+from pydantic import BaseModel
 from typer._click.exceptions import ClickException
 
+from procam.files.venue import tables
+from procam.files.venue.tables import VenueTable
 from procam.interfaces.cli.main import COMMANDS, load_command
 
 HERE = Path(__file__)
@@ -133,3 +136,16 @@ def test_the_code_cites_the_theory() -> None:
     cited = {page for path in CODE for page, _ in citations(path.read_text("utf-8"))}
     pages = set(EQUATIONS) - {"index"}
     assert pages <= cited, pages - cited
+
+
+def test_all_keys_of_venue_toml_are_explained() -> None:
+    page = (ROOT / "docs" / "howto" / "own-dome.md").read_text("utf-8")
+    assert not [f"{table}.{key}" for table, key in keys_of(VenueTable) if f"`{key}`" not in page]
+
+
+def keys_of(model: type[BaseModel]) -> Iterator[tuple[str, str]]:
+    """Tables and keys of a model and of those in it."""
+    for name, entry in model.model_fields.items():
+        for inner in re.findall(r"(\w+Table)", str(entry.annotation)):
+            table = getattr(tables, inner)
+            yield from ((name, key) for key in table.model_fields)
