@@ -1,6 +1,7 @@
 """The command line: help, text and JSON, and one clear line for everything that is wrong."""
 
 import json
+import os
 import re
 import shutil
 import subprocess
@@ -56,6 +57,25 @@ BACK = 2e-5  # 16-bit sRGB, at its steepest
 class TestHelp:
     def test_the_version(self) -> None:
         assert procam("--version").out == f"procam {version('procam')}\n"
+
+    @pytest.mark.parametrize(
+        ("words", "completed"), [("procam re", "refine"), ("procam refine --ph", "--photos")]
+    )
+    def test_a_shell_completes_commands_and_options(self, words: str, completed: str) -> None:
+        asked = {"COMP_WORDS": words, "COMP_CWORD": str(len(words.split()) - 1)}
+        found = subprocess.run(
+            [Path(sys.executable).with_name("procam")],
+            env=os.environ | asked | {"_PROCAM_COMPLETE": "complete_bash"},
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        assert completed in found.stdout.split()
+
+    def test_an_error_is_a_document_for_scripts(self, tmp_path: Path) -> None:
+        ran = procam("refine", tmp_path / "nowhere", "--json")
+        assert (ran.code, json.loads(ran.out)["exit_code"]) == (2, 2)
+        assert f"procam: {json.loads(ran.out)['error']}" == ran.complaint
 
     def test_the_list_is_grouped(self) -> None:
         text = procam("--help").out

@@ -1,6 +1,7 @@
 """A simulated venue small enough to capture and solve in less than a second."""
 
 import io
+import json
 import os
 import re
 import sys
@@ -108,10 +109,12 @@ class Ran:
 
     @property
     def complaint(self) -> str:
-        """The one line of an error."""
+        """The one line of an error; with --json the same as a document."""
         lines = self.err.splitlines()
-        assert (len(lines), self.out) == (1, ""), self
-        assert lines[0].startswith("procam: ")
+        assert len(lines) == 1 and lines[0].startswith("procam: "), self
+        if self.out:
+            document = {"error": lines[0].removeprefix("procam: "), "exit_code": self.code}
+            assert json.loads(self.out) == document
         return lines[0]
 
 

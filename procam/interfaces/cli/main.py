@@ -5,6 +5,7 @@ into options, and an `EXAMPLE`. A module is imported only when its command runs 
 shown, so `procam --help` needs none of the libraries that compute.
 """
 
+import json
 import os
 import sys
 import threading
@@ -94,7 +95,6 @@ app = typer.Typer(
     name="procam",
     cls=LazyGroup,
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     context_settings=SETTINGS,
 )
@@ -144,8 +144,14 @@ def main() -> None:
 
 
 def _end(message: str, code: int) -> NoReturn:
-    """Print the message and end the process, at once if a thread still waits at a pipe."""
+    """Print the message and end the process, at once if a thread still waits at a pipe.
+
+    With --json scripts get it as a document too, unless frames go to stdout.
+    """
     sys.stderr.write(f"procam: {message}\n")
+    if "--json" in sys.argv and "-" not in sys.argv:
+        sys.stdout.write(json.dumps({"error": message, "exit_code": code}, indent=1) + "\n")
+        sys.stdout.flush()
     pipeline = sys.modules.get("procam.workflows.playout.pipeline")
     if pipeline and any(thread.name == pipeline.THREAD for thread in threading.enumerate()):
         sys.stderr.flush()
