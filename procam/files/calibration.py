@@ -68,8 +68,17 @@ def use_calibration(venue_dir: Path, directory: Path) -> None:
 
 def chosen_calibration(path: Path) -> Path:
     """A calibration directory, or the one in use where `path` is a venue."""
-    is_venue = not (path / "calibration.json").is_file() and (path / "venue.toml").is_file()
+    if (path / "calibration.json").is_file():
+        return path
+    is_venue = (path / "venue.toml").is_file() or list_calibrations(path)
     return calibration_in_use(path) if is_venue else path
+
+
+def venue_of_calibration(path: Path) -> Path:
+    """The venue of a calibration directory; a venue's folder stays as it is."""
+    if not (path / "calibration.json").is_file():
+        return path
+    return path.parent.parent if path.parent.name == "calibrations" else path.resolve().parents[1]
 
 
 def save_calibration(calibration: Calibration, directory: str | Path) -> None:

@@ -154,7 +154,7 @@ class TestMeasured:
     def test_without_a_calibration(self, tmp_path: Path) -> None:
         ran = procam("forecast", tmp_path)
         assert ran.code == 2
-        assert "has no calibration; run `procam calibrate" in (ran.complaint)
+        assert "has no calibration.json; a calibration directory" in ran.complaint
 
 
 class TestFiles:

@@ -119,13 +119,13 @@ def test_refine_by_hand_finds_what_the_loop_finds(driven: Path, by_hand: Path) -
 
 
 def test_a_state_by_hand_is_that_of_devices(driven: Path, by_hand: Path) -> None:
-    use = procam("use", by_hand, "1")
-    assert use.code == 0, use
-    asked = run("state", by_hand, "full")
+    first = by_hand / "calibrations" / "0001"  # another is in use
+    asked = run("state", first, "full")
     lit = [row["projectors"] for row in asked["wanted"]]
     assert lit[:2] == [[], []] and {tuple(names) for names in lit[2:]} == {("south",), ("north",)}
     photos = photographed(driven, asked, by_hand / "card")
-    found = run("state", by_hand, "full", "--photos", photos)
+    found = run("state", first, "full", "--photos", photos)
+    assert found["calibration"] == str(first.with_name("0003"))
     with open_rig(load_venue(driven)) as rig:
         calibration = load_calibration(driven / "calibrations" / "0001")
         work = DrivenPhotographer(rig, calibration)

@@ -23,6 +23,13 @@ CalibrationArgument = Annotated[
     ),
 ]
 
+FromArgument = Annotated[
+    Path,
+    typer.Argument(
+        metavar="VENUE|CALIBRATION",
+        help="Venue folder, for its calibration in use; or one of VENUE/calibrations.",
+    ),
+]
 RoundPhotos = Annotated[
     Path | None,
     typer.Option(help="By hand: folder with the photographs that the run before asked for."),

@@ -18,7 +18,7 @@ import typer
 
 from procam.errors import InputError
 from procam.files import atomic
-from procam.files.calibration import calibration_in_use, load_calibration
+from procam.files.calibration import chosen_calibration, load_calibration
 from procam.interfaces.cli._forecast_text import (
     COLUMNS,
     assumed_lines,
@@ -174,7 +174,7 @@ def _prospect(venue: Path | None, described: Described) -> Prospect:
                 f"forecast: {', '.join(named)} cannot be combined with {venue}, whose calibration has "
                 "measured them; give one or the other"
             )
-        return measured(load_calibration(calibration_in_use(venue)))
+        return measured(load_calibration(chosen_calibration(venue)))
     if described["albedo"] is None or described["coverage"] is None:
         raise InputError(
             "forecast needs --albedo and --coverage, or a VENUE with a calibration as the first argument"
@@ -272,7 +272,7 @@ def _assumptions(
         "without inter-reflection; luminance of R, G and B weighted as in ITU-R BT.709"
     )
     if venue is not None:
-        yield f"everything measured by {calibration_in_use(venue)}; bands: 95 % of its feedback"
+        yield f"everything measured by {chosen_calibration(venue)}; bands: 95 % of its feedback"
     else:
         values = {n: USUAL[n] if described[n] is None else described[n] for n in USUAL}
         yield (

@@ -5,11 +5,11 @@ from typing import Annotated
 
 import typer
 
-from procam.files.calibration import calibration_in_use, load_calibration
+from procam.files.calibration import chosen_calibration, load_calibration, venue_of_calibration
 from procam.files.lock import locked
 from procam.files.venue.load import load_venue
 from procam.interfaces.cli import _sessions
-from procam.interfaces.cli._options import Json, RoundPhotos, VenueArgument
+from procam.interfaces.cli._options import FromArgument, Json, RoundPhotos
 from procam.interfaces.cli._output import Output, as_dicts, exit_if_missed
 from procam.interfaces.cli._rounds import ask_for_photographs
 from procam.workflows.photographs.by_hand import PhotographsWanted
@@ -22,7 +22,7 @@ EXAMPLE = "procam refine my-dome --picture sky.exr"
 
 
 def refine(
-    venue: VenueArgument,
+    start: FromArgument,
     picture: Annotated[
         Path | None,
         typer.Option(help="Dome master to refine on; by default a picture of half a sky."),
@@ -36,8 +36,8 @@ def refine(
     next takes the photographs with --photos. Exit 1 if a figure misses its goal or gets worse; if
     one gets worse, nothing is written.
     """
-    loaded, output = load_venue(venue), Output(json)
-    kept = calibration_in_use(venue)
+    venue = venue_of_calibration(start)
+    loaded, output, kept = load_venue(venue), Output(json), chosen_calibration(start)
     calibration = load_calibration(kept)
     content, note = read_square(picture) if picture else (half_sky(_sessions.CONTENT_SIZE), "")
     if note:
@@ -49,7 +49,7 @@ def refine(
                 refined: loop.Refined = output.follow(events)["refined"]
         except PhotographsWanted as wanted:
             given = ["--picture", str(picture)] if picture else []
-            ask_for_photographs(wanted, ["procam", "refine", str(venue), *given], output)
+            ask_for_photographs(wanted, ["procam", "refine", str(start), *given], output)
             return
         keep_pictures(venue, calibration, content)
         keep_loop(venue, refined, content)

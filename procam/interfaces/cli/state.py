@@ -5,15 +5,16 @@ from typing import Annotated
 import typer
 
 from procam.files.calibration import (
-    calibration_in_use,
+    chosen_calibration,
     load_calibration,
     next_directory,
     save_calibration,
     use_calibration,
+    venue_of_calibration,
 )
 from procam.files.lock import locked
 from procam.files.venue.load import load_venue
-from procam.interfaces.cli._options import Json, RoundPhotos, VenueArgument
+from procam.interfaces.cli._options import FromArgument, Json, RoundPhotos
 from procam.interfaces.cli._output import Output
 from procam.interfaces.cli._rounds import ask_for_photographs
 from procam.model.venue_state import VenueState
@@ -26,7 +27,7 @@ ONLY = "--ambient-only"
 
 
 def state(
-    venue: VenueArgument,
+    start: FromArgument,
     name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the state, such as full.")],
     ambient_only: Annotated[
         bool,
@@ -45,8 +46,9 @@ def state(
     stood for that calibration. By hand, one run writes the pictures, and the next takes the
     photographs with --photos.
     """
+    venue = venue_of_calibration(start)
     loaded, output = load_venue(venue), Output(json)
-    calibration = load_calibration(calibration_in_use(venue))
+    calibration = load_calibration(chosen_calibration(start))
     check_state_name(calibration, name)
     with locked(venue, "state"):
         try:
@@ -54,7 +56,7 @@ def state(
                 events = measure_state(photographer, loaded, calibration, name, ambient_only)
                 data = output.follow(events)
         except PhotographsWanted as wanted:
-            command = ["procam", "state", str(venue), name, *[ONLY] * ambient_only]
+            command = ["procam", "state", str(start), name, *[ONLY] * ambient_only]
             ask_for_photographs(wanted, command, output)
             return
         measured: VenueState = data["state"]
