@@ -90,7 +90,7 @@ class Session:
             pixel_format=frame.settings.pixel_format,
             started_s=frame.started_s,
             ended_s=frame.ended_s,
-            sha256=_digest(frame.counts),
+            sha256=digest(frame.counts),
         )
         with self._lock:
             index, log = self._index(camera), path.with_name("index.jsonl")
@@ -143,12 +143,13 @@ def _check(
             f"{path} has {width}x{height} px, but venue.toml gives the camera {size[0]}x{size[1]}; "
             "capture it again or correct the camera's size"
         )
-    if _digest(counts) != entry.sha256:
+    if digest(counts) != entry.sha256:
         raise FileFormatError(
             f"{path} differs from the frame captured for shot {entry.shot} (swapped or edited "
             "file); restore it, or delete the file and its line in index.jsonl and capture again"
         )
 
 
-def _digest(counts: NDArray[np.generic]) -> str:
+def digest(counts: NDArray[np.generic]) -> str:
+    """The sha256 of a photograph's counts, as `StoredFrame` has it."""
     return hashlib.sha256(np.ascontiguousarray(counts).data).hexdigest()

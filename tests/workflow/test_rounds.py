@@ -31,8 +31,10 @@ from procam.files.images.stills import write_picture
 from procam.files.venue.load import load_venue
 from procam.interfaces.cli import _sessions
 from procam.maths.geometry.sphere import master_directions
+from procam.model.frame import CameraSettings, Frame
 from procam.workflows.audience import measure_state
-from procam.workflows.photographs.driven import DrivenPhotographer
+from procam.workflows.photographs.by_hand import HandPhotographer, PhotographsWanted, Rounds
+from procam.workflows.photographs.driven import DrivenPhotographer, Wanted
 from procam.workflows.venue_rig import open_rig
 
 SIZE = replace(TINY_PAIR, projector_size=(160, 100), camera_size=(256, 256))
@@ -134,6 +136,32 @@ def test_a_state_by_hand_is_that_of_devices(driven: Path, by_hand: Path) -> None
     assert (by_hand / "sessions" / "state-full-0001" / "ended").is_file()
 
 
+def test_each_photograph_counts_once(by_hand: Path) -> None:
+    camera = load_venue(by_hand).cameras[CAMERA]
+    picture = {"south": np.full((100, 160, 3), 0.5, np.float32)}
+    wanted = [Wanted(picture, 0.1), Wanted(picture, 0.1), Wanted({}, 0.1)]
+
+    def rounds() -> Rounds:
+        return Rounds.newest(by_hand, "refine", camera)
+
+    photographer = HandPhotographer(rounds())
+    photographer.plan(wanted)
+    with pytest.raises(PhotographsWanted) as asked:
+        photographer.take(wanted[0])
+    assert [(row.picture, row.photographs) for row in asked.value.rows] == [("01", 2), ("dark", 1)]
+    for number in range(3):
+        counts = np.full((256, 256, 3), number, np.uint16)
+        frame = Frame(counts, CameraSettings(0.1, "rgb"), 0.0, 0.1)
+        rounds().session.store(CAMERA, rounds().shot(number), 0.1, frame)
+    photographer = HandPhotographer(rounds())
+    given = [photographer.take(each).counts[0, 0, 0] for each in (wanted[2], *wanted[:2])]
+    assert given == [2, 0, 1]
+    assert photographer.retake(wanted[1]).counts[0, 0, 0] == 1
+    with pytest.raises(PhotographsWanted) as asked:
+        photographer.take(wanted[1])
+    assert [(row.picture, row.photographs) for row in asked.value.rows] == [("01", 1)]
+
+
 def test_what_to_do_is_said(by_hand: Path) -> None:
     ran = procam("refine", by_hand)
     assert (ran.code, ran.err) == (0, "")
@@ -161,6 +189,19 @@ class TestRefusals:
     def test_another_order(self, by_hand: Path, card: Path) -> None:
         (card / "img_3.tif").rename(card / "img_9.tif")
         assert "should show the same picture" in self.complaint(by_hand, card)
+
+    def test_two_pictures_exchanged(self, by_hand: Path, card: Path) -> None:
+        for old, new in ((4, 99), (6, 4), (99, 6)):
+            (card / f"img_{old}.tif").rename(card / f"img_{new}.tif")
+        assert "should show the same picture" in self.complaint(by_hand, card)
+
+    def test_photographs_of_the_round_before(self, by_hand: Path, card: Path) -> None:
+        asked = run("refine", by_hand, "--photos", card)
+        assert [row["photographs"] for row in asked["wanted"]] == [4]
+        for number in range(5):
+            (card / f"img_{number}.tif").unlink()
+        ran = procam("refine", by_hand, "--photos", card)
+        assert (ran.code, "img_5.tif was given for an earlier round" in ran.complaint) == (2, True)
 
     def test_another_size(self, by_hand: Path, card: Path) -> None:
         pixels = read_image(card / "img_3.tif")

@@ -8,6 +8,7 @@ import numpy as np
 from procam.arrays import Array
 from procam.errors import FileFormatError, InputError
 from procam.files.images.photos import Photo, Response, list_photos, photo_counts, read_photo
+from procam.files.session import digest
 from procam.maths.warp import block_mean
 from procam.model.frame import CameraSettings, Frame
 from procam.model.optics import Sensor
@@ -48,6 +49,7 @@ def receive(
     known = read_settings(rounds.session, rounds.camera.name) or settings
     common = common_settings(((p.path, (p.sensitivity, p.aperture)) for p in photos), known)
     frames = _frames(rounds, photos, response)
+    _check_new(rounds, photos, frames)
     for number, frame in zip(numbers, frames, strict=True):
         shot = rounds.shot(number)
         rounds.session.store(rounds.camera.name, shot, shot.exposures_s[0], frame)
@@ -91,6 +93,20 @@ def _frames(rounds: Rounds, photos: Sequence[Photo], response: Response | None) 
             )
         frames.append(frame)
     return frames
+
+
+def _check_new(rounds: Rounds, photos: Sequence[Photo], frames: Sequence[Frame]) -> None:
+    """Refuse a photograph that was given for an earlier round; those of the dark may be alike."""
+    numbers = rounds.last_round
+    stored = rounds.session.stored(rounds.camera.name).items()
+    last = {rounds.shot(number).id for number in numbers}
+    earlier = {entry.sha256 for (shot, _), entry in stored if shot not in last}
+    for number, photo, frame in zip(numbers, photos, frames, strict=True):
+        if rounds.asked[number].picture and digest(frame.counts) in earlier:
+            raise FileFormatError(
+                f"{photo.path} was given for an earlier round already; give the photographs of this one: "
+                f"{in_words(rounds.order())}"
+            )
 
 
 def _check_size(photo: Photo, rounds: Rounds) -> None:

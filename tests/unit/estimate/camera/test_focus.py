@@ -33,6 +33,19 @@ def test_a_large_part_with_scattered_light_alone(rng: np.random.Generator) -> No
     assert found == pytest.approx(np.hypot(1.0, 0.7), rel=0.15)
 
 
+def test_scattered_light_that_differs_from_place_to_place(rng: np.random.Generator) -> None:
+    stripes = (np.arange(200)[None, :] // 40 % 2) * np.ones((300, 1))
+    scatter = np.linspace(0, 1, 300)[:, None]
+
+    def seen(picture: np.ndarray) -> np.ndarray:
+        light = gaussian_filter(picture, 1.0) + scatter / 2
+        return (light + rng.normal(0, 0.003, light.shape)).astype(np.float32)
+
+    white = (np.ones((300, 200)) + scatter).astype(np.float32)
+    found = edge_blur(seen(stripes), seen(1 - stripes), white)
+    assert found == pytest.approx(np.hypot(1.0, 0.7), rel=0.15)
+
+
 def test_no_edges() -> None:
     flat = np.ones((50, 60), np.float32)
     assert np.isnan(edge_blur(flat, 0 * flat, flat))
