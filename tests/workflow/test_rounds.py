@@ -223,6 +223,22 @@ class TestRefusals:
         known.write_text('{"aperture f/": []}', "utf-8")
         assert "settings.json: damaged; remove it" in self.complaint(by_hand, card)
 
+    def test_photographs_that_cannot_be_used(self, by_hand: Path, card: Path) -> None:
+        """Light in the room at the end."""
+        dark = np.array(read_image(card / "img_0.tif"))
+        for number in range(4):
+            write_image(card / f"img_{number}.tif", dark + np.uint16(500 + 1000 * (number % 2)))
+        said = self.complaint(by_hand, card)
+        assert "should show the same picture" in said
+        for number in range(9):
+            write_image(card / f"img_{number}.tif", np.full_like(dark, 4095))
+        ran = procam("refine", by_hand, "--photos", card)
+        assert (ran.code, "saturated" in ran.complaint) == (2, True)
+        folder = by_hand / "sessions" / "refine-0001"
+        assert f"new photographs of the last round with --photos, or remove {folder}" in (
+            ran.complaint
+        )
+
     def test_nothing_was_asked_for(self, by_hand: Path, card: Path) -> None:
         ran = procam("state", by_hand, "full", "--photos", card)
         assert (ran.code, "run the command without --photos first" in ran.complaint) == (2, True)

@@ -56,6 +56,7 @@ def refine(
         figures = refined.figures()
         output.table(figures)
         newest = _sessions.keep_refined(venue, kept, refined, output)
+        photographer.end()
     document = {
         "calibration": str(newest),
         "figures": as_dicts(figures),

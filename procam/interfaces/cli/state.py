@@ -63,6 +63,7 @@ def state(
         out = next_directory(venue)
         save_calibration(with_state(calibration, measured), out)
         use_calibration(venue, out)
+        photographer.end()
     ambient = [float(v) for v in data["ambient"]]
     output.say(f"{out} written, with venue state {name}")
     _print_channels(measured, ambient, output)

@@ -243,6 +243,10 @@ class HandPhotographer:
         """The photograph of that picture that was given last."""
         return self._rounds.frame(self._used[-1])
 
+    def end(self) -> None:
+        """The next one begins a new folder."""
+        self._rounds.end()
+
     def _missing(self) -> list[Wanted]:
         """What is planned and not stored."""
         used, missing = list(self._used), list[Wanted]()

@@ -43,6 +43,10 @@ class Photographer(Protocol):
         """Another photograph of the same, if one can be had; else that of `take` again."""
         ...
 
+    def end(self) -> None:
+        """The result is written, and the next one needs new photographs."""
+        ...
+
 
 class DrivenPhotographer:
     """Shows and photographs with devices, with the camera that a calibration's light was measured with.
@@ -70,6 +74,9 @@ class DrivenPhotographer:
             self._rig.projectors[name].show(np.ascontiguousarray(picture))
         self._rig.clock.sleep(BREATH_S)
         return self.take(wanted)
+
+    def end(self) -> None:
+        """Nothing is kept."""
 
     def _show(self, pictures: Mapping[str, Image]) -> None:
         """Light the projectors of the pictures and show them; the others are dark."""

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
-from procam.errors import InputError
+from procam.errors import CalibrationError, InputError
 from procam.files.session import Session
 from procam.files.venue.load import BY_HAND, Venue
 from procam.model.calibration import Calibration
@@ -25,12 +25,14 @@ def photographer_of(
     """A photographer with the camera that the calibration's light was measured with.
 
     Of a venue that is driven by hand it has the photographs of sessions/WORK-0001, and those in the
-    folder `photos` too; the session ends if the block ends without an error.
+    folder `photos` too.
 
     Raises
     ------
     InputError
         Photographs were given, but devices take them; or the calibration is of other devices.
+    CalibrationError
+        Of the block, with what to do about the photographs.
     """
     check_devices(venue, calibration)
     table = venue.table
@@ -50,8 +52,13 @@ def photographer_of(
         session = Session(venue.directory / "sessions" / str(calibration.provenance["session"]))
         _, response, _ = camera_and_response(venue, session, camera.name)
         receive(rounds, photos, response, read_settings(session, camera.name))
-    yield HandPhotographer(rounds)
-    rounds.end()
+    try:
+        yield HandPhotographer(rounds)
+    except CalibrationError as error:
+        raise type(error)(
+            f"{error}. Give new photographs of the last round with --photos, or remove {rounds.folder} "
+            "to begin again"
+        ) from error
 
 
 def check_devices(venue: Venue, calibration: Calibration) -> None:
