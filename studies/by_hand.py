@@ -85,7 +85,7 @@ class People:
         """Run a command and photograph until it has what it needs; the number of rounds."""
         out = self.run(*command)
         for number in range(MOST_ROUNDS):
-            if "photographs are needed" not in out:
+            if "are needed, in this order" not in out:
                 return number
             work = next(line for line in out.splitlines() if line.startswith("then: "))
             assert work == f"then: procam {' '.join(command)} --photos FOLDER", work

@@ -117,7 +117,7 @@ def _settings(path: Path) -> object:
 
 def _rounds(path: Path) -> object:
     camera = load_venue(path.parents[2]).cameras["zenith"]
-    rounds = Rounds(path.parent, camera)
+    rounds = Rounds(path.parent, camera, 0.1, "a sky")
     return rounds.ask([WANTED]), rounds.order()
 
 

@@ -72,10 +72,11 @@ class Rig:
                 stack.callback(control.close)
 
     def start(self) -> None:
-        """Switch every projector on, wait for its lamp and make it dark."""
-        for name, control in self.controls.items():
+        """Switch every projector on, wait for its lamp and make it dark; without a control it shows black."""
+        for control in self.controls.values():
             if control.state().power is not Power.ON:
                 control.set_power(True)
+        for name in self.projectors:
             self.darken(name)
 
     def light(self, name: str) -> None:

@@ -59,8 +59,8 @@ class Session:
         path = self.directory / "plan.json"
         if not path.is_file():
             raise FileFormatError(
-                f"{path}: no such file; a session folder such as VENUE/sessions/0001 is needed. Run "
-                "`procam capture VENUE` first"
+                f"{path}: no such file; a session folder such as VENUE/sessions/0001 is needed, of `procam "
+                "capture` or `procam patterns`. Photographs of refine and state go to these with --photos"
             )
         return parse_plan(path, path.read_bytes())
 

@@ -8,7 +8,8 @@ from typing import Any
 from procam.errors import InputError
 
 MOST_BYTES = 2**17  # the parser needs a second for twice as many short tables
-DOTTED = re.compile(r"(?:[\w\"'-]+[ \t]*\.[ \t]*){16}")  # their number of parts counts squared
+NAMES = 16  # of a key, with dots between; the parser takes the square of their number
+DOTTED = re.compile(rf"(?<![\w\"'-])(?:[\w\"'-]++[ \t]*+\.[ \t]*+){{{NAMES}}}")
 
 
 def read_toml(path: Path) -> dict[str, Any]:
@@ -26,8 +27,8 @@ def read_toml(path: Path) -> dict[str, Any]:
         )
     try:
         text = path.read_text(encoding="utf-8-sig")  # some editors mark it
-        if any(DOTTED.search(line.partition("#")[0]) for line in text.splitlines()):
-            raise ValueError("a key has more than 16 names")
+        if any(line.count(".") >= NAMES and DOTTED.search(line) for line in text.splitlines()):
+            raise ValueError(f"a key has more than {NAMES} names")
         return tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # also of encodings and huge integers
         raise InputError(f"{path} is not valid TOML: {error}") from error

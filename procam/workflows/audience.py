@@ -267,8 +267,8 @@ def _moved(camera: str, projector: str, shift: float) -> str:
         else f"seen {shift:.1f} px from its place in the calibration ({MOST_SHIFT_PX:g} px at most)"
     )
     return (
-        f"a lit part of projector {projector}: {seen}; "
-        f"camera {camera} or the projector has moved, or is covered: calibrate again"
+        f"a lit part of projector {projector}: {seen}; is another picture shown? Else camera {camera} or the "
+        "projector has moved, or is covered: calibrate again"
     )
 
 

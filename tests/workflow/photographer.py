@@ -11,6 +11,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import OpenImageIO as oiio
+from numpy.typing import NDArray
 from tiny_venue import CAMERA, quick_simulator
 
 from procam.devices.rig import Rig
@@ -19,6 +21,8 @@ from procam.files.venue.load import load_venue
 from procam.model.frame import CameraSettings
 from procam.workflows.venue_rig import open_rig
 from simulators.presets import PRESETS
+
+Counts = NDArray[np.uint16]
 
 
 def main(venue: Path, pictures: Path, photos: Path, floor: str = "") -> None:
@@ -45,9 +49,20 @@ def photograph_round(rig: Rig, entries: list[dict[str, str]], pictures: Path, ph
             picture = read_image(pictures / "pictures" / entry["picture"] / f"{name}.png")
             projector.show(np.asarray(picture, np.float32) / 65535)
         for _ in range(int(entry["photographs"])):
-            camera.configure(CameraSettings(float(entry["exposure_s"])))
-            write_image(photos / f"img_{number}.tif", camera.capture().counts)
+            exposure_s = float(entry["exposure_s"])
+            camera.configure(CameraSettings(exposure_s))
+            write_photo(photos / f"img_{number}.tif", camera.capture().counts, exposure_s)
             number += 1
+
+
+def write_photo(path: Path, counts: Counts, exposure_s: float, **header: float) -> None:
+    """Write a photograph (H, W, C) as a camera does, with its exposure."""
+    spec = oiio.ImageSpec(counts.shape[1], counts.shape[0], counts.shape[2], "uint16")
+    for key, value in {"ExposureTime": exposure_s, **header}.items():
+        spec.attribute(key, value)
+    output = oiio.ImageOutput.create(str(path))
+    assert output.open(str(path), spec) and output.write_image(np.ascontiguousarray(counts))
+    output.close()
 
 
 def photograph_session(

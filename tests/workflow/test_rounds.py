@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import OpenImageIO as oiio
 import photographer
 import pytest
 from tiny_venue import (
@@ -26,6 +25,7 @@ from procam.estimate import calibration as assemble
 from procam.estimate.closed_loop import dome as closed_loop
 from procam.estimate.closed_loop import with_scatter
 from procam.files.calibration import load_calibration, save_calibration
+from procam.files.images.photos import read_photo
 from procam.files.images.pixels import read_image, write_image
 from procam.files.images.stills import write_picture
 from procam.files.venue.load import load_venue
@@ -106,7 +106,7 @@ def test_refine_by_hand_finds_what_the_loop_finds(driven: Path, by_hand: Path) -
     assert [row["picture"] for row in found["wanted"]] == ["dark", "01", "02"]
     while "wanted" in found:
         rounds += 1
-        assert rounds <= 8
+        assert rounds <= 10
         photos = photographed(driven, found, by_hand / f"card-{rounds}")
         found = run(*again, "--photos", photos)
     assert rounds >= 5
@@ -142,7 +142,7 @@ def test_each_photograph_counts_once(by_hand: Path) -> None:
     wanted = [Wanted(picture, 0.1), Wanted(picture, 0.1), Wanted({}, 0.1)]
 
     def rounds() -> Rounds:
-        return Rounds.newest(by_hand, "refine", camera)
+        return Rounds.newest(by_hand, "refine", camera, 0.1, "a sky")
 
     photographer = HandPhotographer(rounds())
     photographer.plan(wanted)
@@ -152,7 +152,7 @@ def test_each_photograph_counts_once(by_hand: Path) -> None:
     for number in range(3):
         counts = np.full((256, 256, 3), number, np.uint16)
         frame = Frame(counts, CameraSettings(0.1, "rgb"), 0.0, 0.1)
-        rounds().session.store(CAMERA, rounds().shot(number), 0.1, frame)
+        rounds().session.store(CAMERA, rounds().asked[number].shot, 0.1, frame)
     photographer = HandPhotographer(rounds())
     given = [photographer.take(each).counts[0, 0, 0] for each in (wanted[2], *wanted[:2])]
     assert given == [2, 0, 1]
@@ -165,7 +165,7 @@ def test_each_photograph_counts_once(by_hand: Path) -> None:
 def test_what_to_do_is_said(by_hand: Path) -> None:
     ran = procam("refine", by_hand)
     assert (ran.code, ran.err) == (0, "")
-    assert "9 photographs are needed, in this order" in ran.out
+    assert f"9 photographs by camera {CAMERA} are needed, in this order" in ran.out
     assert " 4 of " in ran.out and "s  dark" in ran.out and "01: north, south" in ran.out
     assert f"then: procam refine {by_hand} --photos FOLDER" in ran.out
 
@@ -212,12 +212,8 @@ class TestRefusals:
         known = by_hand / "sessions" / "0001" / "captures" / CAMERA / "settings.json"
         known.write_text('{"aperture f/": 4}', "utf-8")
         path = card / "img_3.tif"
-        pixels = np.array(read_image(path))
-        spec = oiio.ImageSpec(pixels.shape[1], pixels.shape[0], pixels.shape[2], "uint16")
-        spec.attribute("FNumber", 5.6)
-        output = oiio.ImageOutput.create(str(path))
-        assert output.open(str(path), spec) and output.write_image(pixels)
-        output.close()
+        exposure_s = read_photo(path).exposure_s
+        photographer.write_photo(path, np.array(read_image(path)), exposure_s, FNumber=5.6)
         said = self.complaint(by_hand, card)
         assert "img_3.tif: aperture f/5.6, but others have 4; only the shutter time" in said
         known.write_text('{"aperture f/": []}', "utf-8")
@@ -233,11 +229,58 @@ class TestRefusals:
         for number in range(9):
             write_image(card / f"img_{number}.tif", np.full_like(dark, 4095))
         ran = procam("refine", by_hand, "--photos", card)
-        assert (ran.code, "saturated" in ran.complaint) == (2, True)
         folder = by_hand / "sessions" / "refine-0001"
-        assert f"new photographs of the last round with --photos, or remove {folder}" in (
-            ran.complaint
+        assert ran.code == 2 and "saturated" in ran.err
+        assert f"? Give new photographs of the last round with --photos, or remove {folder}" in (
+            ran.err
         )
+
+    def test_another_exposure(self, by_hand: Path, card: Path) -> None:
+        path = card / "img_5.tif"
+        exposure_s = read_photo(path).exposure_s
+        photographer.write_photo(path, np.array(read_image(path)), exposure_s / 2)
+        assert "img_5.tif: exposed 0.3" in self.complaint(by_hand, card)
+
+    def test_photographs_without_an_exposure_have_a_note(self, by_hand: Path, card: Path) -> None:
+        write_image(card / "img_5.tif", np.array(read_image(card / "img_5.tif")))
+        ran = procam("refine", by_hand, "--photos", card)
+        assert ran.code == 0
+        assert ran.err.startswith("note: img_5.tif: no exposure in the headers of 1 photographs")
+
+    def test_another_picture_has_rounds_of_its_own(self, by_hand: Path, card: Path) -> None:
+        write_picture(by_hand / "broad.exr", broad())
+        before = (by_hand / "sessions" / "refine-0001" / "wanted.json").read_bytes()
+        ran = procam("refine", by_hand, "--picture", by_hand / "broad.exr", "--photos", card)
+        assert (ran.code, "run the command without --photos first" in ran.complaint) == (2, True)
+        other = run("refine", by_hand, "--picture", by_hand / "broad.exr")
+        assert "refine-0002" in other["order"]
+        assert (by_hand / "sessions" / "refine-0001" / "wanted.json").read_bytes() == before
+        again = run("refine", by_hand, "--photos", card)
+        assert "refine-0001" in again["order"]
+
+    def test_a_photograph_that_is_gone_is_asked_for_alone(
+        self, driven: Path, by_hand: Path, card: Path
+    ) -> None:
+        second = run("refine", by_hand, "--photos", card)
+        third = run("refine", by_hand, "--photos", photographed(driven, second, by_hand / "two"))
+        folder = by_hand / "sessions" / "refine-0001"
+        (gone,) = folder.glob("captures/*/round-001-07@*.tif")
+        gone.unlink()
+        hole = run("refine", by_hand)
+        assert [(row["picture"], row["photographs"]) for row in hole["wanted"]] == [("02", 1)]
+        photos = photographed(driven, hole, by_hand / "three")
+        path = photos / "img_0.tif"
+        exposure_s, pixels = read_photo(path).exposure_s, np.array(read_image(path))
+        pixels[0, 0] += 1  # two photographs are never the same, but simulated ones
+        photographer.write_photo(path, pixels, exposure_s)
+        last = run("refine", by_hand, "--photos", photos)
+        assert [r["picture"] for r in last["wanted"]] == [r["picture"] for r in third["wanted"]]
+
+    def test_pictures_that_are_gone(self, by_hand: Path, card: Path) -> None:
+        run("refine", by_hand, "--photos", card)
+        shutil.rmtree(by_hand / "sessions" / "refine-0001" / "pictures")
+        ran = procam("refine", by_hand)
+        assert (ran.code, "copy the folder pictures back" in ran.complaint) == (2, True)
 
     def test_nothing_was_asked_for(self, by_hand: Path, card: Path) -> None:
         ran = procam("state", by_hand, "full", "--photos", card)

@@ -36,6 +36,10 @@ class Output:
             self.say(f"note: {line}")
         return lines
 
+    def warn(self, notes: Sequence[str]) -> None:
+        """Print notes to stderr, where scripts see them too."""
+        sys.stderr.writelines(f"note: {note}\n" for note in notes)
+
     def finish(self, document: Mapping[str, Any]) -> None:
         """Print the one document for machines."""
         if self.as_json:
@@ -123,7 +127,7 @@ def _is_file(stream: Any) -> bool:
 
 def with_notes(data: dict[str, Any]) -> dict[str, Any]:
     """The data, whose notes go to stderr."""
-    sys.stderr.writelines(f"note: {note}\n" for note in data.get("notes", ()))
+    Output(as_json=False).warn(data.get("notes", ()))
     return data
 
 

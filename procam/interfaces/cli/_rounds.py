@@ -9,7 +9,10 @@ from procam.workflows.photographs.by_hand import PhotographsWanted
 def ask_for_photographs(wanted: PhotographsWanted, command: list[str], output: Output) -> None:
     """Print which pictures to show and photograph, and the command that takes the photographs."""
     pictures, total = wanted.folder / "pictures", sum(row.photographs for row in wanted.rows)
-    output.say(f"{total} photographs are needed, in this order, with nothing moved in between:")
+    output.say(
+        f"{total} photographs by camera {wanted.camera} are needed, in this order; it stands where it stood "
+        "for the calibration and is not touched until the last round:"
+    )
     for row in wanted.rows:
         shown = f"{row.picture}: {', '.join(row.projectors)}" if row.projectors else "dark"
         output.say(f"  {row.photographs:2} of {row.exposure_s:g} s  {shown}")
@@ -21,6 +24,7 @@ def ask_for_photographs(wanted: PhotographsWanted, command: list[str], output: O
     output.say(f"then: {following} FOLDER")
     output.finish(
         {
+            "camera": wanted.camera,
             "pictures": str(pictures),
             "order": str(wanted.folder / "order.csv"),
             "wanted": [row.model_dump() for row in wanted.rows],

@@ -7,6 +7,7 @@ import typer
 
 from procam.files.calibration import chosen_calibration, load_calibration, venue_of_calibration
 from procam.files.lock import locked
+from procam.files.session import digest
 from procam.files.venue.load import load_venue
 from procam.interfaces.cli import _sessions
 from procam.interfaces.cli._options import FromArgument, Json, RoundPhotos
@@ -44,7 +45,9 @@ def refine(
         output.say(f"note: {note}")
     with locked(venue, "refine"):
         try:
-            with photographer_of(loaded, calibration, "refine", photos) as photographer:
+            of = f"{kept.name} {digest(content)}"
+            with photographer_of(loaded, calibration, "refine", of, photos) as photographer:
+                output.warn(photographer.notes)
                 events = loop.refine(photographer, calibration, content)
                 refined: loop.Refined = output.follow(events)["refined"]
         except PhotographsWanted as wanted:

@@ -48,11 +48,14 @@ def state(
     """
     venue = venue_of_calibration(start)
     loaded, output = load_venue(venue), Output(json)
-    calibration = load_calibration(chosen_calibration(start))
+    kept = chosen_calibration(start)
+    calibration = load_calibration(kept)
     check_state_name(calibration, name)
     with locked(venue, "state"):
         try:
-            with photographer_of(loaded, calibration, f"state-{name}", photos) as photographer:
+            of, work = kept.name + ONLY * ambient_only, f"state-{name}"
+            with photographer_of(loaded, calibration, work, of, photos) as photographer:
+                output.warn(photographer.notes)
                 events = measure_state(photographer, loaded, calibration, name, ambient_only)
                 data = output.follow(events)
         except PhotographsWanted as wanted:

@@ -83,7 +83,8 @@ def ingest(
         match.notes += [f"{name}: is no photograph; left out" for name in others]
         _check(plan, surveyed, match, model, session, camera)
         used = [surveyed[photo] for photo in match.chosen.values()]
-        known = {} if replace_stored else read_settings(session, camera)
+        replaced = replace_stored and stored <= set(match.chosen)
+        known = {} if replaced else read_settings(session, camera)
         settings = common_settings(((s.path, s.setting) for s in used), known)
         exposed, chosen = _as_exposed(plan, surveyed, match, session, venue)
         if exposed != plan:

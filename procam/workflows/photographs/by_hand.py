@@ -14,6 +14,7 @@ picture and exposure, and stops with `PhotographsWanted` at the first one that i
 import csv
 import io
 import json
+import math
 from collections.abc import Container, Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
@@ -23,7 +24,6 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from procam.arrays import Array, FloatArray, Image
 from procam.errors import FileFormatError, InputError
-from procam.estimate.camera.exposure import round_down_exposure
 from procam.files import atomic
 from procam.files.images.pixels import read_image, write_image
 from procam.files.names import NAME_PATTERN
@@ -41,21 +41,27 @@ Pictures = Mapping[str, Image]
 
 
 class PhotographsWanted(Exception):
-    """A workflow cannot go on without photographs; `rows` are the lines of its order."""
+    """A workflow cannot go on without photographs by a camera; `rows` are the lines of its order."""
 
-    def __init__(self, folder: Path, rows: Sequence["OrderRow"]) -> None:
+    def __init__(self, folder: Path, camera: str, rows: Sequence["OrderRow"]) -> None:
         super().__init__(f"{folder}: photographs are wanted")
-        self.folder, self.rows = folder, rows
+        self.folder, self.camera, self.rows = folder, camera, rows
 
 
 class Asked(BaseModel):
     """A photograph that was asked for: number of its picture (0: all dark), exposure [s], and round."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
+    id: str = Field(pattern=NAME_PATTERN)
+    round: int = Field(ge=1)
     picture: int = Field(ge=0)
     projectors: list[str]
     exposure_s: float = Field(gt=0)
-    round: int = Field(ge=1)
+
+    @property
+    def shot(self) -> Shot:
+        """As the session stores it."""
+        return Shot(self.id, "", "", "dark", (self.exposure_s,))
 
 
 class OrderRow(BaseModel):
@@ -69,41 +75,58 @@ class OrderRow(BaseModel):
 
 
 class _Document(BaseModel):
+    """`of` is what the work is of; `rounds` how many were asked for, those that were replaced too."""
+
     model_config = ConfigDict(frozen=True, extra="forbid")
+    of: str
     camera: str = Field(pattern=NAME_PATTERN)
+    rounds: int = Field(ge=0)
     photographs: list[Asked]
 
 
 class Rounds:
-    """What was asked for and photographed, on disk."""
+    """What was asked for and photographed, on disk.
 
-    def __init__(self, folder: Path, camera: CameraModel) -> None:
-        self.folder, self.camera = folder, camera
+    Parameters
+    ----------
+    folder : of the work. camera : that photographs. exposure_s : of white, of which all exposures are a
+        third of a stop, or several, away [s]. of : what the work is of.
+    """
+
+    def __init__(self, folder: Path, camera: CameraModel, exposure_s: float, of: str) -> None:
+        self.folder, self.camera, self.of = folder, camera, of
         self.session = Session(folder)
-        self.asked = self._read()
+        self._exposure_s = exposure_s
+        document = _read(folder) or _Document(of=of, camera=camera.name, rounds=0, photographs=[])
+        if document.camera != camera.name:
+            raise InputError(
+                f"{folder / 'wanted.json'}: of camera {document.camera}, but the calibration in use is by "
+                f"camera {camera.name}; remove the folder to begin again"
+            )
+        self.asked, self._rounds = document.photographs, document.rounds
         self._samples = dict[int, dict[str, Array]]()
 
     @classmethod
-    def newest(cls, venue_dir: Path, work: str, camera: CameraModel) -> "Rounds":
+    def newest(
+        cls, venue_dir: Path, work: str, camera: CameraModel, exposure_s: float, of: str
+    ) -> "Rounds":
         """The newest of this work that has not ended, else a new one, which is on disk when it asks."""
         folder = venue_dir / "sessions"
-        known = [p for p in folder.glob(f"{work}-{4 * '[0-9]'}") if p.is_dir()]
-        numbers = [int(p.name[-4:]) for p in known]
-        last = max(numbers, default=0)
-        going_on = folder / f"{work}-{last:04d}"
-        if last and not (going_on / ENDED).is_file():
-            return cls(going_on, camera)
-        return cls(folder / f"{work}-{last + 1:04d}", camera)
+        known = sorted(p for p in folder.glob(f"{work}-{4 * '[0-9]'}") if p.is_dir())
+        for path in reversed(known):
+            document = None if (path / ENDED).is_file() else _read(path)
+            if document and document.of == of:
+                return cls(path, camera, exposure_s, of)
+        number = int(known[-1].name[-4:]) + 1 if known else 1
+        return cls(folder / f"{work}-{number:04d}", camera, exposure_s, of)
 
     @property
-    def last_round(self) -> list[int]:
-        """Numbers of the photographs of the last round."""
-        last = self.asked[-1].round if self.asked else 0
-        return [i for i, asked in enumerate(self.asked) if asked.round == last]
+    def last_round(self) -> list[Asked]:
+        """The photographs of the last round."""
+        return [a for a in self.asked if a.round == self.asked[-1].round]
 
     def order(self) -> list[OrderRow]:
         """The last round, a row for photographs of one picture at one exposure."""
-        asked = [self.asked[i] for i in self.last_round]
         return [
             OrderRow(
                 picture="dark" if not of[0].picture else f"{of[0].picture:02d}",
@@ -111,62 +134,70 @@ class Rounds:
                 photographs=len(of),
                 exposure_s=of[0].exposure_s,
             )
-            for of in (list(g) for _, g in groupby(asked, lambda a: (a.picture, a.exposure_s)))
+            for of in (
+                list(g) for _, g in groupby(self.last_round, lambda a: (a.picture, a.exposure_s))
+            )
         ]
 
-    def shot(self, number: int) -> Shot:
-        """A photograph as the session stores it."""
-        exposures_s = (self.asked[number].exposure_s,)
-        return Shot(f"photograph-{number + 1:04d}", "", "", "dark", exposures_s)
+    def find(self, wanted: Wanted, used: Container[str]) -> Asked | None:
+        """The first photograph of that picture and exposure that is stored, and not used."""
+        stored, exposure_s = self._stored(), self._rounded(wanted.exposure_s)
+        right = (a for a in stored if a.id not in used and a.exposure_s == exposure_s)
+        return next((a for a in right if self._shows(a, wanted.pictures)), None)
 
-    def find(self, wanted: Wanted, used: Container[int]) -> int | None:
-        """Number of the first photograph of that picture and exposure that is stored, and not used."""
-        stored, exposure_s = self._stored(), round_down_exposure(wanted.exposure_s)
-        numbers = (
-            number
-            for number, asked in enumerate(self.asked[:stored])
-            if number not in used and asked.exposure_s == exposure_s
-        )
-        return next((n for n in numbers if self._shows(self.asked[n], wanted.pictures)), None)
-
-    def frame(self, number: int) -> Frame:
+    def frame(self, asked: Asked) -> Frame:
         """A stored photograph."""
-        shot, name = self.shot(number), self.camera.name
-        return self.session.load(name, shot, shot.exposures_s[0], self.camera.size)
+        return self.session.load(self.camera.name, asked.shot, asked.exposure_s, self.camera.size)
 
     def ask(self, wanted: Sequence[Wanted]) -> PhotographsWanted:
-        """Write what is wanted as the next round, in the place of one that nobody has photographed."""
-        self.asked = self.asked[: self._stored()]
-        following = self.asked[-1].round + 1 if self.asked else 1
-        for each in wanted:
-            asked = Asked(
-                picture=self._picture_number(each.pictures),
-                projectors=sorted(each.pictures),
-                exposure_s=round_down_exposure(each.exposure_s),
-                round=following,
+        """Write what is wanted as the next round, in the place of what nobody has photographed."""
+        before, self.asked = self.asked, self._stored()
+        number = self._rounds + 1
+        new = list[Asked]()
+        for place, each in enumerate(wanted, start=1):
+            picture = self._picture_number(each.pictures, new)
+            new.append(
+                Asked(
+                    id=f"round-{number:03d}-{place:02d}",
+                    round=number,
+                    picture=picture,
+                    projectors=sorted(each.pictures),
+                    exposure_s=self._rounded(each.exposure_s),
+                )
             )
-            self.asked.append(asked)
-        document = _Document(camera=self.camera.name, photographs=self.asked)
-        atomic.write_text(self.folder / "order.csv", _table(self.order()))
+        pending = before[len(self.asked) :]
+        if [_content(a) for a in pending] == [_content(a) for a in new]:
+            new = pending  # asked for already
+        else:
+            self._rounds = number
+        self.asked = [*self.asked, *new]
+        document = _Document(
+            of=self.of, camera=self.camera.name, rounds=self._rounds, photographs=self.asked
+        )
+        atomic.write_text(self.folder / "order.csv", _table(self.camera.name, self.order()))
         atomic.write_text(self.folder / "wanted.json", document.model_dump_json(indent=1))
-        return PhotographsWanted(self.folder, self.order())
+        return PhotographsWanted(self.folder, self.camera.name, self.order())
 
     def end(self) -> None:
         """Note that the workflow has its result."""
         atomic.write_text(self.folder / ENDED, "")
 
-    def _stored(self) -> int:
-        """How many photographs are stored: the first ones."""
-        slots = self.session.stored(self.camera.name)
-        ids = ((self.shot(i).id, asked.exposure_s) for i, asked in enumerate(self.asked))
-        return next((i for i, slot in enumerate(ids) if slot not in slots), len(self.asked))
+    def _rounded(self, exposure_s: float) -> float:
+        """An exposure that cameras have, shorter by less than a third of a stop."""
+        thirds = math.floor(3 * math.log2(exposure_s / self._exposure_s) + 1e-6)
+        return float(f"{self._exposure_s * 2 ** (thirds / 3):.4g}")
 
-    def _picture_number(self, pictures: Pictures) -> int:
+    def _stored(self) -> list[Asked]:
+        slots = self.session.stored(self.camera.name)
+        return [a for a in self.asked if (a.id, a.exposure_s) in slots]
+
+    def _picture_number(self, pictures: Pictures, new: Sequence[Asked]) -> int:
         """Number of a picture, which is written to disk if it is new."""
-        known = next((a.picture for a in self.asked if self._shows(a, pictures)), None)
+        every = [*self.asked, *new]
+        known = next((a.picture for a in every if self._shows(a, pictures)), None)
         if known is not None or not pictures:
             return known or 0
-        number = max((a.picture for a in self.asked), default=0) + 1
+        number = max((a.picture for a in every), default=0) + 1
         for name, picture in pictures.items():
             write_image(self._path(number, name), _pixels(picture).astype(np.uint16))
         self._samples[number] = _sampled(pictures)
@@ -177,10 +208,7 @@ class Rounds:
         if asked.projectors != sorted(pictures):
             return False
         if asked.picture not in self._samples:
-            names = asked.projectors
-            stored = {
-                n: np.asarray(read_image(self._path(asked.picture, n)), float) / TOP for n in names
-            }
+            stored = {n: self._stored_picture(asked.picture, n) for n in asked.projectors}
             self._samples[asked.picture] = _sampled(stored)
         known, new = self._samples[asked.picture], _sampled(pictures)
         return all(
@@ -188,34 +216,44 @@ class Rounds:
             for n in pictures
         )
 
+    def _stored_picture(self, number: int, projector: str) -> Array:
+        path = self._path(number, projector)
+        if not path.is_file():
+            raise FileFormatError(
+                f"{path}: this picture of an earlier round is gone; copy the folder pictures back, or "
+                f"remove {self.folder} to begin again"
+            )
+        return np.asarray(read_image(path), float) / TOP
+
     def _path(self, number: int, projector: str) -> Path:
         return self.folder / "pictures" / f"{number:02d}" / f"{projector}.png"
 
-    def _read(self) -> list[Asked]:
-        path = self.folder / "wanted.json"
-        if not path.is_file():
-            return []
-        try:
-            document = _Document.model_validate(json.loads(path.read_bytes()))
-        except (ValueError, ValidationError, RecursionError) as error:
-            raise FileFormatError(
-                f"{path}: damaged; restore it, or remove the folder to begin again"
-            ) from error
-        if document.camera != self.camera.name:
-            raise InputError(
-                f"{path}: of camera {document.camera}, but the calibration in use is by camera "
-                f"{self.camera.name}; remove the folder to begin again"
-            )
-        return document.photographs
+
+def _read(folder: Path) -> _Document | None:
+    """What was asked for in a folder; None if nothing was."""
+    path = folder / "wanted.json"
+    if not path.is_file():
+        return None
+    try:
+        return _Document.model_validate(json.loads(path.read_bytes()))
+    except (ValueError, ValidationError, RecursionError) as error:
+        raise FileFormatError(
+            f"{path}: damaged; restore it, or remove the folder to begin again"
+        ) from error
+
+
+def _content(asked: Asked) -> tuple[object, ...]:
+    return asked.picture, asked.projectors, asked.exposure_s
 
 
 class HandPhotographer:
     """Gives the photographs that are stored, and asks for the first that is not."""
 
-    def __init__(self, rounds: Rounds) -> None:
-        self._rounds = rounds
-        self._used: list[int] = []
+    def __init__(self, rounds: Rounds, notes: Sequence[str] = ()) -> None:
+        self._rounds, self.notes = rounds, notes
+        self._used: list[str] = []
         self._planned: list[Wanted] = []
+        self._last: Asked
 
     def plan(self, wanted: Sequence[Wanted]) -> None:
         """Ask for these together, unless they belong to a longer plan."""
@@ -231,17 +269,18 @@ class HandPhotographer:
             It was not taken yet.
         """
         self.plan([wanted])
-        number = self._rounds.find(wanted, self._used)
-        if number is None:
+        asked = self._rounds.find(wanted, self._used)
+        if asked is None:
             raise self._rounds.ask(self._missing())
-        self._used.append(number)
+        self._used.append(asked.id)
         at = next(i for i, each in enumerate(self._planned) if _same(wanted, each))
         del self._planned[at]
-        return self._rounds.frame(number)
+        self._last = asked
+        return self._rounds.frame(asked)
 
     def retake(self, wanted: Wanted) -> Frame:
-        """The photograph of that picture that was given last."""
-        return self._rounds.frame(self._used[-1])
+        """The photograph that was given last."""
+        return self._rounds.frame(self._last)
 
     def end(self) -> None:
         """The next one begins a new folder."""
@@ -251,11 +290,11 @@ class HandPhotographer:
         """What is planned and not stored."""
         used, missing = list(self._used), list[Wanted]()
         for each in self._planned:
-            number = self._rounds.find(each, used)
-            if number is None:
+            asked = self._rounds.find(each, used)
+            if asked is None:
                 missing.append(each)
             else:
-                used.append(number)
+                used.append(asked.id)
         return missing
 
 
@@ -274,12 +313,12 @@ def _sampled(pictures: Mapping[str, FloatArray]) -> dict[str, Array]:
     return {n: _pixels(p[::SAMPLED_PX, ::SAMPLED_PX]) for n, p in pictures.items()}
 
 
-def _table(rows: Sequence[OrderRow]) -> str:
+def _table(camera: str, rows: Sequence[OrderRow]) -> str:
     """A round as CSV."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(("picture", "projectors", "photographs", "exposure_s"))
+    writer.writerow(("camera", "picture", "projectors", "photographs", "exposure_s"))
     for row in rows:
         lit = " ".join(row.projectors)
-        writer.writerow((row.picture, lit, row.photographs, f"{row.exposure_s:g}"))
+        writer.writerow((camera, row.picture, lit, row.photographs, f"{row.exposure_s:g}"))
     return text.getvalue()

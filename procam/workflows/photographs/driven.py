@@ -29,7 +29,12 @@ class Wanted:
 
 
 class Photographer(Protocol):
-    """Who shows pictures and photographs them with one camera, in colour."""
+    """Who shows pictures and photographs them with one camera, in colour.
+
+    `notes` is what nobody should miss of photographs that were given, a line each.
+    """
+
+    notes: Sequence[str]
 
     def plan(self, wanted: Sequence[Wanted]) -> None:
         """Say what will be asked for next, so that people can take it in one go."""
@@ -57,6 +62,7 @@ class DrivenPhotographer:
     def __init__(self, rig: Rig, calibration: Calibration) -> None:
         self._rig, self._camera = rig, next(iter(calibration.cameras))
         self._shown: Mapping[str, Image] | None = None
+        self.notes: Sequence[str] = ()
 
     def plan(self, wanted: Sequence[Wanted]) -> None:
         """Nothing to prepare."""

@@ -20,12 +20,12 @@ Size = tuple[int, int]
 
 @contextmanager
 def photographer_of(
-    venue: Venue, calibration: Calibration, work: str, photos: Path | None
+    venue: Venue, calibration: Calibration, work: str, of: str, photos: Path | None
 ) -> Iterator[Photographer]:
     """A photographer with the camera that the calibration's light was measured with.
 
     Of a venue that is driven by hand it has the photographs of sessions/WORK-0001, and those in the
-    folder `photos` too.
+    folder `photos` too. `of` is what the work is of: another begins a folder of its own.
 
     Raises
     ------
@@ -47,17 +47,19 @@ def photographer_of(
             yield DrivenPhotographer(rig, calibration)
         return
     camera = next(iter(calibration.cameras.values()))
-    rounds = Rounds.newest(venue.directory, work, camera)
+    exposure_s = venue.table.capture.exposure_s
+    rounds, notes = Rounds.newest(venue.directory, work, camera, exposure_s, of), list[str]()
     if photos is not None:
         session = Session(venue.directory / "sessions" / str(calibration.provenance["session"]))
         _, response, _ = camera_and_response(venue, session, camera.name)
-        receive(rounds, photos, response, read_settings(session, camera.name))
+        notes = receive(rounds, photos, response, read_settings(session, camera.name))
     try:
-        yield HandPhotographer(rounds)
+        yield HandPhotographer(rounds, notes)
     except CalibrationError as error:
+        text = str(error) + "." * (str(error)[-1] not in "?.")
         raise type(error)(
-            f"{error}. Give new photographs of the last round with --photos, or remove {rounds.folder} "
-            "to begin again"
+            f"{text} Give new photographs of the last round with --photos, or remove {rounds.folder} to "
+            "begin again"
         ) from error
 
 
