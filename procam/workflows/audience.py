@@ -1,6 +1,6 @@
 """Measures a venue state: scattered light with an audience in, and the show's own lamps.
 
-A few photographs, for people are sitting there: one of the room's own light, five of each projector.
+A few photographs, for people are sitting there: one of the room's own light, five to nine of each projector.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence

@@ -41,8 +41,6 @@ def refine(
     loaded, output, kept = load_venue(venue), Output(json), chosen_calibration(start)
     calibration = load_calibration(kept)
     content, note = read_square(picture) if picture else (half_sky(_sessions.CONTENT_SIZE), "")
-    if note:
-        output.say(f"note: {note}")
     with locked(venue, "refine"):
         try:
             of = f"{kept.name} {digest(content)}"
@@ -56,6 +54,9 @@ def refine(
             return
         keep_pictures(venue, calibration, content)
         keep_loop(venue, refined, content)
+        notes = [*[note] * bool(note), *refined.notes()]
+        for line in notes:
+            output.say(f"note: {line}")
         figures = refined.figures()
         output.table(figures)
         newest = _sessions.keep_refined(venue, kept, refined, output)
@@ -63,7 +64,7 @@ def refine(
     document = {
         "calibration": str(newest),
         "figures": as_dicts(figures),
-        "notes": [note] * bool(note),
+        "notes": notes,
     }
     output.finish(document | ({"worse": refined.worse} if refined.worse else {}))
     if refined.worse:

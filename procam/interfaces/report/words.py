@@ -97,6 +97,7 @@ NAMES = {
     "loop_scatter_factor": Words(
         "Loop: bounced light, red / green / blue", "measured over predicted"
     ),
+    "loop_level": Words("Loop: light of the photographs", "measured over predicted"),
     "loop_iterations": Words("Loop: corrections made"),
     "geometry_residual_rms_px": Words(
         "Residual of the geometry",

@@ -23,7 +23,9 @@ from procam.workflows.refine.shown_picture import PreparedPicture, ShownPicture,
 
 CLOSE_ENOUGH = 1.1  # times the noise floor: the goal
 GREY = 0.6  # of white: its direct light is clear of black and of white on any dome
+TINY = 1e-6  # of white
 DIM = 0.06  # of white: the least that the unseen picture asks for, or it might be out of reach
+SAME_LEVEL = 0.1  # departure of the light from the prediction; a third of a stop is twice as much
 HARMLESS = 1e-3  # of white: rise of a picture's residual that is no regression
 
 
@@ -44,6 +46,7 @@ class Refined:
     photographs : (LOOP_SIZE, LOOP_SIZE, 3) cell means by name: "before" (uncompensated), "after".
     target : (LOOP_SIZE, LOOP_SIZE, 3) what was predicted. free : cells that no limit holds.
     scatter_factor : (3,) scattered light over that of the calibration.
+    level : light of the first photographs over the prediction, a median.
     shots : photographs taken. per_picture : of them for each picture.
     worse : what got worse, in a sentence; empty if nothing did.
     better : whether the new calibration is kept.
@@ -60,6 +63,7 @@ class Refined:
     target: Array
     free: BoolArray
     scatter_factor: Array
+    level: float
     shots: int
     per_picture: int
     worse: str
@@ -69,6 +73,15 @@ class Refined:
     def corrections(self) -> int:
         """How often the picture was corrected."""
         return len(self.residual) - 1
+
+    def notes(self) -> list[str]:
+        """What nobody should miss, a line each."""
+        if abs(self.level - 1) <= SAME_LEVEL:
+            return []
+        return [
+            f"photographs are {self.level:.0%} as bright as predicted: lamps may have aged, but another "
+            "exposure, ISO or aperture than stated looks the same, and then white is wrong by as much"
+        ]
 
     def figures(self) -> dict[str, Figure]:
         """The loop's figures by the names of summary.json."""
@@ -81,6 +94,7 @@ class Refined:
             "loop_own_jnd": Figure(self.own_jnd, "JND", None, cells),
             "loop_scatter_factor": Figure(self.scatter_factor.tolist(), "-", None, 3),
             "loop_iterations": Figure(self.corrections, "-", None),
+            "loop_level": Figure(self.level, "-", None, cells),
         }
         if self.unseen:
             figures["loop_unseen_residual"] = Figure(list(self.unseen), "rel", None, cells)
@@ -184,6 +198,7 @@ def _judged(shown: ShownPicture, trials: list[Trial], before: Array) -> Refined:
     before_rms, after_rms = np.mean(rms, axis=0) if rms else (0.0, 0.0)
     better = bool(not worse and after_rms < before_rms)
     calibration = own.calibration if better else shown.calibration
+    target = shown.camera.cells.average_master(shown.wanted.observed)
     refined = Refined(
         calibration=calibration,
         residual=shown.residual,
@@ -193,9 +208,10 @@ def _judged(shown: ShownPicture, trials: list[Trial], before: Array) -> Refined:
         own_jnd=own.residual_jnd(free),
         unseen=rms[1] if rms else None,
         photographs={"before": before, "after": own.first},
-        target=shown.camera.cells.average_master(shown.wanted.observed),
+        target=target,
         free=free,
         scatter_factor=shown.loop.state.scatter_factor,
+        level=float(np.median(shown.first[free] / np.maximum(target[free], TINY))),
         shots=shown.camera.shots,
         per_picture=len(shown.seen),
         worse=worse,

@@ -1,5 +1,7 @@
 """Figures in words."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from procam.interfaces.report.words import NAMES, goal_text, number, percent, value_text
@@ -33,11 +35,15 @@ def test_every_figure_of_the_loop_has_words():
         target=same,
         free=same == 0,
         scatter_factor=np.array([1.0, 1.1, 0.95]),
+        level=0.79,
         shots=9,
         per_picture=4,
         worse="",
         better=True,
     )
+    (note,) = refined.notes()
+    assert note.startswith("photographs are 79% as bright as predicted")
+    assert not replace(refined, level=0.95).notes()
     figures = refined.figures()
     assert figures.keys() <= NAMES.keys()
     text = {name: value_text(name, figure.as_dict()) for name, figure in figures.items()}
