@@ -116,6 +116,22 @@ def test_a_long_exposure_that_is_shorter_is_measured(
     assert found.maps.lo[lit].mean() == pytest.approx(sound.maps.lo[lit].mean(), rel=0.02)
 
 
+def test_a_photograph_of_the_code_that_was_exposed_longer(
+    captured: Captured, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    steady = SessionImages.counts
+
+    def counts(self: SessionImages, shot: Shot, exposure: int = 0) -> np.ndarray:
+        seen = steady(self, shot, exposure)
+        longer = shot.detail.get("plane") == 5
+        level = self.radiometer.camera.sensor.black_level
+        return (level + 1.3 * (seen - level)).astype(np.uint16) if longer else seen
+
+    monkeypatch.setattr(SessionImages, "counts", counts)
+    notes = load_calibration(solved(captured)).provenance["notes"]
+    assert [n for n in notes if re.match(r"projector south: south-0005 shows 1\.(29|30) times", n)]
+
+
 @pytest.mark.parametrize(("exposure", "ratio"), [(0, 1.5), (1, 1 / 1.5)])
 def test_a_photograph_of_black_that_was_exposed_longer(
     captured: Captured, monkeypatch: pytest.MonkeyPatch, exposure: int, ratio: float

@@ -1,6 +1,6 @@
 """From stored captures to a calibration; needs no device and repeats to the last bit."""
 
-from collections.abc import Callable, Generator, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -42,6 +42,7 @@ from procam.files.venue.masks import (
 from procam.maths.geometry.sphere import master_pixels
 from procam.model.calibration import Calibration
 from procam.model.correspondence import CorrespondenceMap
+from procam.model.plan import Shot
 from procam.model.quality import Figure
 from procam.model.screen import Dome
 from procam.workflows.capture.session_images import SessionImages
@@ -64,6 +65,7 @@ from procam.workflows.solve.provenance import provenance
 
 NOISE_DN = 6.0  # differences below a few counts mean nothing
 DARK_SIGMAS = 3.0
+ODD_LIGHT = 0.1  # relative; waves of different phase differ by a percent, a person takes some
 SHAPE_FIGURES = ("sphere_variance_ratio", "shape_degree")
 WORKERS = 2  # each holds about 400 MB for a 2.5 Mpx camera
 Result = TypeVar("Result")
@@ -150,19 +152,21 @@ def _rig_by_codes(venue: Venue, session: Session, total: int) -> Generator[Event
     found: dict[Pair, CorrespondenceMap] = {}
     gathered: dict[Pair, Observations] = {}
     tags_seen: dict[str, TagObservations] = {}
+    odd = list[str]()
     for camera in cameras:
         images = SessionImages(session, plan, Radiometer(cameras[camera]))
         tags_seen[camera] = detect_tags(venue, images)
         work = partial(_decode, venue, images)
-        for name, (seen, patches) in _each(list(venue.table.projectors), work):
+        for name, (seen, patches, lines) in _each(list(venue.table.projectors), work):
             found[camera, name], gathered[camera, name] = seen, patches
+            odd += lines
             share = float(seen.valid.sum() / images.radiometer.seen.sum())
             text = f"{name} decoded, {share:.0%} of what {camera} sees"
             yield Event("solve", len(found), total, text)
     marks = [*venue.fiducials, *tag_marks(venue, tags_seen)]
     geometry, verdict, notes = solve_rig(rig_problem(venue, gathered, marks))
     return _SolvedRig(
-        geometry, images, verdict, [*tag_notes(venue, plan, tags_seen), *notes], found
+        geometry, images, verdict, [*odd, *tag_notes(venue, plan, tags_seen), *notes], found
     )
 
 
@@ -205,23 +209,42 @@ def _each(names: list[str], work: Callable[[str], Result]) -> Iterator[tuple[str
 
 def _decode(
     venue: Venue, images: SessionImages, name: str
-) -> tuple[CorrespondenceMap, Observations]:
-    """What a camera sees of a projector, pixel by pixel and by patches of the panel."""
+) -> tuple[CorrespondenceMap, Observations, list[str]]:
+    """What a camera sees of a projector, pixel by pixel and by patches of the panel; and notes."""
     camera = images.radiometer.camera
     limits = DecodeLimits(
         white_black=DARK_SIGMAS * NOISE_DN, contrast=NOISE_DN, saturated=2.0**camera.sensor.bits - 1
     )
     code_name, pictures = images.code(name)
     decoder = Decoder(make_code(code_name, venue.table.projectors[name].size), limits)
+    light = dict[int, float]()
     for number, counts in pictures:
         decoder.add(number, counts)
+        light[number] = float(counts[images.radiometer.seen].mean(dtype=float))
     decoded = decoder.result()
     if decoded.refused:
         raise CalibrationError(f"projector {name}: {decoded.refused[0]}")
     found = keep_only(decoded.map, ~camera_masks(venue)[camera.name].covered)
     # masked pixels shine while the light is measured: only the geometry does without them
     used = keep_only(found, ~projector_masks(venue)[name].at(found.projector_xy))
-    return found, gather_observations(used, venue.table.projectors[name].size)
+    notes = _odd_planes(light, images.plan.of(name, "code"), name)
+    return found, gather_observations(used, venue.table.projectors[name].size), notes
+
+
+def _odd_planes(light: Mapping[int, float], shots: Sequence[Shot], name: str) -> list[str]:
+    """Notes of a code's pictures that are brighter or darker than the others; fine waves have equal light.
+
+    `light` are mean counts by number: white, black, planes.
+    """
+    planes = {str(s.id): light[int(s.detail["plane"])] - light[1] for s in shots}
+    usual = float(np.median(list(planes.values())))
+    return [
+        f"projector {name}: {shot} shows {value / usual:.2f} times the light of its other waves: it was "
+        "exposed longer or shorter than it says, or something shone into it, so directions and what is lit "
+        "may be wrong by more than is stated. Photograph again"
+        for shot, value in planes.items()
+        if abs(value / usual - 1) > ODD_LIGHT
+    ]
 
 
 def _solved_screen(venue: Venue, geometry: GeometrySolution) -> Dome:
