@@ -129,7 +129,7 @@ def test_a_photograph_of_the_code_that_was_exposed_longer(
 
     monkeypatch.setattr(SessionImages, "counts", counts)
     notes = load_calibration(solved(captured)).provenance["notes"]
-    assert [n for n in notes if re.match(r"projector south: south-0005 shows 1\.(29|30) times", n)]
+    assert [n for n in notes if re.match(r"projector south: south-0005 shows 1\.(29|3\d) times", n)]
 
 
 @pytest.mark.parametrize(("exposure", "ratio"), [(0, 1.5), (1, 1 / 1.5)])
