@@ -50,7 +50,7 @@ def photographer_of(
     exposure_s = venue.table.capture.exposure_s
     rounds, notes = Rounds.newest(venue.directory, work, camera, exposure_s, of), list[str]()
     if photos is not None:
-        session = Session(venue.directory / "sessions" / str(calibration.provenance["session"]))
+        session = Session(venue.directory / "sessions" / str(calibration.provenance.get("session")))
         _, response, _ = camera_and_response(venue, session, camera.name)
         notes = receive(rounds, photos, response, read_settings(session, camera.name))
     try:
