@@ -16,6 +16,7 @@ import numpy as np
 from procam.arrays import AnyArray
 from procam.errors import FileFormatError
 from procam.files.images.ffv1 import has_checksums, is_whole
+from procam.files.images.matroska import header_is_whole
 from procam.files.images.movie_file import video_library
 from procam.files.images.pixel_layouts import (
     BT601,
@@ -28,6 +29,7 @@ from procam.files.images.pixel_layouts import (
 )
 
 SUFFIXES = (".mov", ".mp4", ".m4v", ".mkv", ".webm", ".avi", ".mxf")
+MOST_PIXELS = 2**27  # of a frame, twice 8192 x 8192; its decoder would ask for gigabytes
 HD_LINES = 576  # a movie with more lines that names no matrix is BT.709
 TRANSFER = {
     1: "bt1886",
@@ -77,6 +79,9 @@ class MovieReader:
             self._movie = self._av.open(str(path), metadata_errors="replace")
         except (self._av.error.FFmpegError, UnicodeDecodeError) as error:
             raise self._damaged(error) from error
+        if "matroska" in self._movie.format.name and not header_is_whole(path):
+            self._movie.close()
+            raise self._damaged("a checksum in its header does not match")
         if not self._movie.streams.video:
             self._movie.close()
             raise FileFormatError(f"{path} holds no pictures; a movie is needed")
@@ -86,7 +91,13 @@ class MovieReader:
             self._movie.close()
             raise self._damaged("its pictures are of an unknown kind")
         self.stream.thread_type = "AUTO"
+        context.options = {"max_pixels": str(MOST_PIXELS)}  # also of what each frame says
         self.size = (int(context.width), int(context.height))
+        if self.size[0] * self.size[1] > MOST_PIXELS:
+            self._movie.close()
+            raise self._damaged(
+                f"its header says that pictures are {self.size[0]}x{self.size[1]} px"
+            )
         self.frames = int(self.stream.frames)
         self.transfer = TRANSFER.get(int(context.color_trc))
         components: Any = context.format.components if context.format else ()
