@@ -120,7 +120,8 @@ class TestSound:
         (view,) = json.loads(procam("doctor", tmp_path, "--json").out)["views"]
         session = take_session(venue)
         readings = SessionImages(session, session.read_plan(), Radiometer(venue.cameras["zenith"]))
-        found, _ = calibrate._decode(venue, readings, "south")
+        found, _, notes = calibrate._decode(venue, readings, "south")
+        assert notes == []
         median = np.median(found.sigma_px[found.valid])
         # blur is not foreseen, and takes a little of the waves
         assert view["plan"]["column_sigma_px"] == pytest.approx(0.93 * median, rel=0.1)

@@ -33,8 +33,9 @@ from procam.interfaces.cli import _sessions
 from procam.maths.geometry.sphere import master_directions
 from procam.model.frame import CameraSettings, Frame
 from procam.workflows.audience import measure_state
-from procam.workflows.photographs.by_hand import HandPhotographer, PhotographsWanted, Rounds
+from procam.workflows.photographs.by_hand import HandPhotographer, Rounds
 from procam.workflows.photographs.driven import DrivenPhotographer, Wanted
+from procam.workflows.photographs.orders import PhotographsWanted
 from procam.workflows.venue_rig import open_rig
 
 SIZE = replace(TINY_PAIR, projector_size=(160, 100), camera_size=(256, 256))

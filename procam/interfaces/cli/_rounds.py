@@ -3,7 +3,7 @@
 from shlex import quote
 
 from procam.interfaces.cli._output import Output
-from procam.workflows.photographs.by_hand import PhotographsWanted
+from procam.workflows.photographs.orders import PhotographsWanted
 
 
 def ask_for_photographs(wanted: PhotographsWanted, command: list[str], output: Output) -> None:

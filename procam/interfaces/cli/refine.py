@@ -13,8 +13,8 @@ from procam.interfaces.cli import _sessions
 from procam.interfaces.cli._options import FromArgument, Json, RoundPhotos
 from procam.interfaces.cli._output import Output, as_dicts, exit_if_missed
 from procam.interfaces.cli._rounds import ask_for_photographs
-from procam.workflows.photographs.by_hand import PhotographsWanted
 from procam.workflows.photographs.open import photographer_of
+from procam.workflows.photographs.orders import PhotographsWanted
 from procam.workflows.refine import refine as loop
 from procam.workflows.refine.stored_pictures import keep_loop, keep_pictures, read_square
 from procam.workflows.sample_content import half_sky

@@ -19,8 +19,8 @@ from procam.interfaces.cli._output import Output
 from procam.interfaces.cli._rounds import ask_for_photographs
 from procam.model.venue_state import VenueState
 from procam.workflows.audience import check_state_name, measure_state, with_state
-from procam.workflows.photographs.by_hand import PhotographsWanted
 from procam.workflows.photographs.open import photographer_of
+from procam.workflows.photographs.orders import PhotographsWanted
 
 EXAMPLE = "procam state my-dome full"
 ONLY = "--ambient-only"

@@ -11,77 +11,35 @@ A workflow runs from its beginning each time. It is given the photographs that a
 picture and exposure, and stops with `PhotographsWanted` at the first one that is not.
 """
 
-import csv
-import io
-import json
 import math
 from collections.abc import Container, Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from procam.arrays import Array, FloatArray, Image
 from procam.errors import FileFormatError, InputError
 from procam.files import atomic
 from procam.files.images.pixels import read_image, write_image
-from procam.files.names import NAME_PATTERN
 from procam.files.session import Session
 from procam.model.frame import Frame
 from procam.model.optics import CameraModel
-from procam.model.plan import Shot
 from procam.workflows.photographs.driven import Wanted
+from procam.workflows.photographs.orders import (
+    Asked,
+    Document,
+    OrderRow,
+    PhotographsWanted,
+    order_table,
+    read_document,
+)
 
 TOP = 65535
 SAMPLED_PX = 16  # every 16th pixel of a picture is compared
 SAME = 4  # of TOP: a picture that is computed again is not the same to the last bit
 ENDED = "ended"
 Pictures = Mapping[str, Image]
-
-
-class PhotographsWanted(Exception):
-    """A workflow cannot go on without photographs by a camera; `rows` are the lines of its order."""
-
-    def __init__(self, folder: Path, camera: str, rows: Sequence["OrderRow"]) -> None:
-        super().__init__(f"{folder}: photographs are wanted")
-        self.folder, self.camera, self.rows = folder, camera, rows
-
-
-class Asked(BaseModel):
-    """A photograph that was asked for: number of its picture (0: all dark), exposure [s], and round."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-    id: str = Field(pattern=NAME_PATTERN)
-    round: int = Field(ge=1)
-    picture: int = Field(ge=0)
-    projectors: list[str]
-    exposure_s: float = Field(gt=0)
-
-    @property
-    def shot(self) -> Shot:
-        """As the session stores it."""
-        return Shot(self.id, "", "", "dark", (self.exposure_s,))
-
-
-class OrderRow(BaseModel):
-    """Photographs of one picture at one exposure."""
-
-    model_config = ConfigDict(frozen=True)
-    picture: str
-    projectors: list[str]
-    photographs: int
-    exposure_s: float
-
-
-class _Document(BaseModel):
-    """`of` is what the work is of; `rounds` how many were asked for, those that were replaced too."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-    of: str
-    camera: str = Field(pattern=NAME_PATTERN)
-    rounds: int = Field(ge=0)
-    photographs: list[Asked]
 
 
 class Rounds:
@@ -97,7 +55,9 @@ class Rounds:
         self.folder, self.camera, self.of = folder, camera, of
         self.session = Session(folder)
         self._exposure_s = exposure_s
-        document = _read(folder) or _Document(of=of, camera=camera.name, rounds=0, photographs=[])
+        document = read_document(folder) or Document(
+            of=of, camera=camera.name, rounds=0, photographs=[]
+        )
         if document.camera != camera.name:
             raise InputError(
                 f"{folder / 'wanted.json'}: of camera {document.camera}, but the calibration in use is by "
@@ -114,7 +74,7 @@ class Rounds:
         folder = venue_dir / "sessions"
         known = sorted(p for p in folder.glob(f"{work}-{4 * '[0-9]'}") if p.is_dir())
         for path in reversed(known):
-            document = None if (path / ENDED).is_file() else _read(path)
+            document = None if (path / ENDED).is_file() else read_document(path)
             if document and document.of == of:
                 return cls(path, camera, exposure_s, of)
         number = int(known[-1].name[-4:]) + 1 if known else 1
@@ -171,10 +131,10 @@ class Rounds:
         else:
             self._rounds = number
         self.asked = [*self.asked, *new]
-        document = _Document(
+        document = Document(
             of=self.of, camera=self.camera.name, rounds=self._rounds, photographs=self.asked
         )
-        atomic.write_text(self.folder / "order.csv", _table(self.camera.name, self.order()))
+        atomic.write_text(self.folder / "order.csv", order_table(self.camera.name, self.order()))
         atomic.write_text(self.folder / "wanted.json", document.model_dump_json(indent=1))
         return PhotographsWanted(self.folder, self.camera.name, self.order())
 
@@ -227,19 +187,6 @@ class Rounds:
 
     def _path(self, number: int, projector: str) -> Path:
         return self.folder / "pictures" / f"{number:02d}" / f"{projector}.png"
-
-
-def _read(folder: Path) -> _Document | None:
-    """What was asked for in a folder; None if nothing was."""
-    path = folder / "wanted.json"
-    if not path.is_file():
-        return None
-    try:
-        return _Document.model_validate(json.loads(path.read_bytes()))
-    except (ValueError, ValidationError, RecursionError) as error:
-        raise FileFormatError(
-            f"{path}: damaged; restore it, or remove the folder to begin again"
-        ) from error
 
 
 def _content(asked: Asked) -> tuple[object, ...]:
@@ -311,14 +258,3 @@ def _pixels(picture: FloatArray) -> Array:
 def _sampled(pictures: Mapping[str, FloatArray]) -> dict[str, Array]:
     """Some pixels (h, w, C) of each picture."""
     return {n: _pixels(p[::SAMPLED_PX, ::SAMPLED_PX]) for n, p in pictures.items()}
-
-
-def _table(camera: str, rows: Sequence[OrderRow]) -> str:
-    """A round as CSV."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(("camera", "picture", "projectors", "photographs", "exposure_s"))
-    for row in rows:
-        lit = " ".join(row.projectors)
-        writer.writerow((camera, row.picture, lit, row.photographs, f"{row.exposure_s:g}"))
-    return text.getvalue()

@@ -19,7 +19,8 @@ from procam.workflows.capture.settings import (
     keep_settings,
     read_settings,
 )
-from procam.workflows.photographs.by_hand import Asked, OrderRow, Rounds
+from procam.workflows.photographs.by_hand import Rounds
+from procam.workflows.photographs.orders import Asked, OrderRow
 
 SHORTEST, LONGEST = 0.78, 1.28  # times the exposure that was asked for: a third of a stop
 BLOCK_PX = 8

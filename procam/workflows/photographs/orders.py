@@ -1,0 +1,81 @@
+"""What people are asked to photograph, as it is on disk and on the screen."""
+
+import csv
+import io
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from procam.errors import FileFormatError
+from procam.files.names import NAME_PATTERN
+from procam.model.plan import Shot
+
+
+class PhotographsWanted(Exception):
+    """A workflow cannot go on without photographs by a camera; `rows` are the lines of its order."""
+
+    def __init__(self, folder: Path, camera: str, rows: Sequence["OrderRow"]) -> None:
+        super().__init__(f"{folder}: photographs are wanted")
+        self.folder, self.camera, self.rows = folder, camera, rows
+
+
+class Asked(BaseModel):
+    """A photograph that was asked for: number of its picture (0: all dark), exposure [s], and round."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+    id: str = Field(pattern=NAME_PATTERN)
+    round: int = Field(ge=1)
+    picture: int = Field(ge=0)
+    projectors: list[str]
+    exposure_s: float = Field(gt=0)
+
+    @property
+    def shot(self) -> Shot:
+        """As the session stores it."""
+        return Shot(self.id, "", "", "dark", (self.exposure_s,))
+
+
+class OrderRow(BaseModel):
+    """Photographs of one picture at one exposure."""
+
+    model_config = ConfigDict(frozen=True)
+    picture: str
+    projectors: list[str]
+    photographs: int
+    exposure_s: float
+
+
+class Document(BaseModel):
+    """`of` is what the work is of; `rounds` how many were asked for, those that were replaced too."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+    of: str
+    camera: str = Field(pattern=NAME_PATTERN)
+    rounds: int = Field(ge=0)
+    photographs: list[Asked]
+
+
+def read_document(folder: Path) -> Document | None:
+    """What was asked for in a folder; None if nothing was."""
+    path = folder / "wanted.json"
+    if not path.is_file():
+        return None
+    try:
+        return Document.model_validate(json.loads(path.read_bytes()))
+    except (ValueError, ValidationError, RecursionError) as error:
+        raise FileFormatError(
+            f"{path}: damaged; restore it, or remove the folder to begin again"
+        ) from error
+
+
+def order_table(camera: str, rows: Sequence[OrderRow]) -> str:
+    """A round as CSV."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(("camera", "picture", "projectors", "photographs", "exposure_s"))
+    for row in rows:
+        lit = " ".join(row.projectors)
+        writer.writerow((camera, row.picture, lit, row.photographs, f"{row.exposure_s:g}"))
+    return text.getvalue()
