@@ -116,7 +116,7 @@ def play(folder: Path) -> tuple[People, dict[str, object]]:
     people.run("solve", session)
     rounds = people.rounds("refine", "my-dome")
     people.run("report", "my-dome")
-    people.say("the house is full")
+    people.say("the audience is in")
     people.rounds("state", "my-dome", "full", floor=f"{PEOPLE:g}")
     used = sorted((folder / "my-dome" / "calibrations").iterdir())[-1]
     state = load_calibration(used).states["full"]

@@ -8,23 +8,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from looped_dome import MASTER, SIZE, broad, quick_loop
 from tiny_venue import (
-    TINY_PAIR,
     make_venue,
     procam,
-    quick_simulator,
     replace_camera,
     solved,
     take_session,
     watch_stage,
 )
 
-from procam.estimate import calibration as assemble
-from procam.estimate.closed_loop import dome as closed_loop
 from procam.files.calibration import load_calibration
 from procam.files.images.stills import write_picture
 from procam.files.venue.load import load_venue
-from procam.interfaces.cli import _sessions
 from procam.maths.geometry.sphere import master_directions
 from procam.model.calibration import Calibration
 from procam.model.frame import Frame
@@ -36,17 +32,11 @@ from procam.workflows.refine import shown_picture
 from procam.workflows.venue_rig import open_rig
 from simulators.devices import SimulatedCamera
 
-SIZE = replace(TINY_PAIR, projector_size=(160, 100), camera_size=(256, 256))
-MASTER, CELLS = 96, 48
-
 
 @pytest.fixture(scope="module", autouse=True)
 def quick() -> Iterator[None]:
     """Cells as wide as such a camera allows."""
-    with quick_simulator(), pytest.MonkeyPatch.context() as patch:
-        patch.setattr(closed_loop, "LOOP_SIZE", CELLS)
-        patch.setattr(assemble, "MAP_SIZE", MASTER)
-        patch.setattr(_sessions, "CONTENT_SIZE", MASTER)
+    with quick_loop():
         yield
 
 
@@ -87,18 +77,10 @@ def _spoilt(calibration: Calibration, gain: float, scatter: float) -> Calibratio
     )
 
 
-def _broad() -> np.ndarray:
-    """A bright front, a dark rear: no detail that pixels of a degree would blur."""
-    direction, inside = master_directions(MASTER)
-    front = np.clip(1.5 * direction[..., 0] + 0.5, 0, 1)
-    picture = 0.03 + 0.6 * front * front * (3 - 2 * front)
-    return (picture * inside)[..., None].repeat(3, axis=-1).astype(np.float32)
-
-
 def _refined(dome: Path, calibration: Calibration) -> refining.Refined:
     with open_rig(load_venue(dome)) as rig:
         photographer = DrivenPhotographer(rig, calibration)
-        *_, last = refining.refine(photographer, calibration, _broad())
+        *_, last = refining.refine(photographer, calibration, broad())
     return last.data["refined"]
 
 

@@ -3,34 +3,27 @@
 import json
 import shutil
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import photographer
 import pytest
+from looped_dome import SIZE, broad, quick_loop
 from tiny_venue import (
     CAMERA,
-    TINY_PAIR,
     make_venue,
     procam,
-    quick_simulator,
     solved,
     take_session,
 )
 
-from procam.arrays import Image
-from procam.estimate import calibration as assemble
-from procam.estimate.closed_loop import dome as closed_loop
 from procam.estimate.closed_loop import with_scatter
 from procam.files.calibration import load_calibration, save_calibration
 from procam.files.images.photos import read_photo
 from procam.files.images.pixels import read_image, write_image
 from procam.files.images.stills import write_picture
 from procam.files.venue.load import load_venue
-from procam.interfaces.cli import _sessions
-from procam.maths.geometry.sphere import master_directions
 from procam.model.frame import CameraSettings, Frame
 from procam.workflows.audience import measure_state
 from procam.workflows.photographs.by_hand import HandPhotographer, Rounds
@@ -38,18 +31,13 @@ from procam.workflows.photographs.driven import DrivenPhotographer, Wanted
 from procam.workflows.photographs.orders import PhotographsWanted
 from procam.workflows.venue_rig import open_rig
 
-SIZE = replace(TINY_PAIR, projector_size=(160, 100), camera_size=(256, 256))
-MASTER, CELLS = 96, 48
 TOO_BRIGHT = 1.1  # scattered light that the calibration expects, over the dome's
 DRIVEN = "backend = ", "control = "
 
 
 @pytest.fixture(scope="module", autouse=True)
 def quick() -> Iterator[None]:
-    with quick_simulator(), pytest.MonkeyPatch.context() as patch:
-        patch.setattr(closed_loop, "LOOP_SIZE", CELLS)
-        patch.setattr(assemble, "MAP_SIZE", MASTER)
-        patch.setattr(_sessions, "CONTENT_SIZE", MASTER)
+    with quick_loop():
         yield
 
 
@@ -72,14 +60,6 @@ def by_hand(driven: Path, tmp_path: Path) -> Path:
     lines = (line for line in text.splitlines() if not line.startswith(DRIVEN))
     (folder / "venue.toml").write_text("\n".join([*lines, ""]), "utf-8")
     return folder
-
-
-def broad() -> Image:
-    """A bright front, a dark rear: no detail that pixels of a degree would blur."""
-    direction, inside = master_directions(MASTER)
-    front = np.clip(1.5 * direction[..., 0] + 0.5, 0, 1)
-    picture = 0.03 + 0.6 * front * front * (3 - 2 * front)
-    return (picture * inside)[..., None].repeat(3, axis=-1).astype(np.float32)
 
 
 def photographed(driven: Path, ran: dict[str, Any], photos: Path) -> Path:
