@@ -136,7 +136,7 @@ def main() -> None:
         from procam.interfaces.cli._system_errors import worded
 
         _end(worded(error), 2)
-    except (KeyboardInterrupt, SystemExit):
+    except BaseException:  # a library that a signal met while it loads says ImportError
         if run.stopped_by is not None:  # typer prints nothing when a signal ends it
             dark = "; all projectors are dark" if run.left_dark else ""
             _end(f"stopped{dark}. Run the same command again", BY_SIGNAL + run.stopped_by)

@@ -2,6 +2,8 @@
 
 import errno
 import inspect
+import os
+import signal
 from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
@@ -52,3 +54,17 @@ def test_an_error_is_one_line(
     ran = procam("demo")
     assert ran.code == code
     assert ran.complaint.startswith(words)
+
+
+def test_a_signal_that_a_library_turns_into_another_error_still_stops(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def load() -> None:
+        try:
+            os.kill(os.getpid(), signal.SIGTERM)
+        except KeyboardInterrupt as stop:
+            raise ImportError("initialization failed") from stop
+
+    monkeypatch.setattr(main, "app", load)
+    ran = procam("demo")
+    assert (ran.code, "procam: stopped" in ran.err) == (128 + signal.SIGTERM, True)
