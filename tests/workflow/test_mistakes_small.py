@@ -17,6 +17,7 @@ NOTICED = {
     "dust on the camera's lens": (0.4, "darker than around it"),
     "edge blend left on": (0.1, "an edge blend in its menu"),
     "dynamic black left on": (0.3, "drifted"),
+    "sharpening in the projectors": (1.0, "the light that its response predicts"),
     "sharpening in the camera": (1.0, "brighter beside their edges"),
     "photographs lag by one": (1.0, "do not come one late"),
     "the camera was nudged": (0.6, "the camera or the projector moved"),
@@ -26,7 +27,7 @@ CORRECTED = {
     "long exposures shorter, unreported": "black",
     "the camera was nudged": "relative directions",
 }
-HARMLESS = {"long exposures shorter, reported": 0.4, "sharpening in the projectors": 1.0}
+HARMLESS = {"long exposures shorter, reported": 0.4}
 ONE_PHOTOGRAPH = {"one photograph exposed wrongly": 1.5, "a person in one photograph": 1.0}
 
 

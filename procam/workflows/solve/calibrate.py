@@ -1,6 +1,6 @@
 """From stored captures to a calibration; needs no device and repeats to the last bit."""
 
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -42,13 +42,13 @@ from procam.files.venue.masks import (
 from procam.maths.geometry.sphere import master_pixels
 from procam.model.calibration import Calibration
 from procam.model.correspondence import CorrespondenceMap
-from procam.model.plan import Shot
 from procam.model.quality import Figure
 from procam.model.screen import Dome
 from procam.workflows.capture.session_images import SessionImages
 from procam.workflows.capture.session_plan import server_of
 from procam.workflows.events import Event
 from procam.workflows.solve.apriltags import detect_tags, tag_marks, tag_notes
+from procam.workflows.solve.code_light import odd_waves
 from procam.workflows.solve.geometry import rig_problem, solve_rig
 from procam.workflows.solve.light import measure_light, measure_server_light
 from procam.workflows.solve.long_exposure import with_long_exposure
@@ -65,7 +65,6 @@ from procam.workflows.solve.provenance import provenance
 
 NOISE_DN = 6.0  # differences below a few counts mean nothing
 DARK_SIGMAS = 3.0
-ODD_LIGHT = 0.1  # relative; waves of different phase differ by a percent, a person takes some
 SHAPE_FIGURES = ("sphere_variance_ratio", "shape_degree")
 WORKERS = 2  # each holds about 400 MB for a 2.5 Mpx camera
 Result = TypeVar("Result")
@@ -227,24 +226,8 @@ def _decode(
     found = keep_only(decoded.map, ~camera_masks(venue)[camera.name].covered)
     # masked pixels shine while the light is measured: only the geometry does without them
     used = keep_only(found, ~projector_masks(venue)[name].at(found.projector_xy))
-    notes = _odd_planes(light, images.plan.of(name, "code"), name)
+    notes = odd_waves(light, images.plan.of(name, "code"), name)
     return found, gather_observations(used, venue.table.projectors[name].size), notes
-
-
-def _odd_planes(light: Mapping[int, float], shots: Sequence[Shot], name: str) -> list[str]:
-    """Notes of a code's pictures that are brighter or darker than the others; fine waves have equal light.
-
-    `light` are mean counts by number: white, black, planes.
-    """
-    planes = {str(s.id): light[int(s.detail["plane"])] - light[1] for s in shots}
-    usual = float(np.median(list(planes.values())))
-    return [
-        f"projector {name}: {shot} shows {value / usual:.2f} times the light of its other waves: it was "
-        "exposed longer or shorter than it says, or something shone into it, so directions and what is lit "
-        "may be wrong by more than is stated. Photograph again"
-        for shot, value in planes.items()
-        if abs(value / usual - 1) > ODD_LIGHT
-    ]
 
 
 def _solved_screen(venue: Venue, geometry: GeometrySolution) -> Dome:

@@ -27,6 +27,7 @@ from procam.model.mask import Mask
 from procam.model.plan import Shot
 from procam.model.screen import Dome
 from procam.workflows.capture.session_images import SessionImages
+from procam.workflows.solve.code_light import wave_notes
 from procam.workflows.solve.long_exposure import black_notes
 
 GREEN = 1
@@ -80,6 +81,11 @@ def measure_light(
     _check_linear(images, name, linearity, TONE_CURVE)
     measurement, _ = _measured(images, view, name, black, sight)
     _check_linear(images, name, linearity, NOT_LINEAR)  # if light held still, it is no drift
+    white, base = (light[..., GREEN] for light in (sight.white, sight.base))
+    sound = measurement.light.lit & ~sight.unpatterned
+    white = np.where(sound, white, np.float32(np.nan))
+    notes = [*measurement.notes, *wave_notes(images, name, sight.xy, white, base, measurement)]
+    measurement = replace(measurement, notes=notes)
     return _without(measurement, masks[name].at(sight.xy))
 
 

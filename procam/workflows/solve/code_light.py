@@ -1,0 +1,79 @@
+"""Whether the waves of a code show the light that they should: as much as each other, and as predicted."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from procam.arrays import Array, FloatArray, Image
+from procam.estimate.calibration import ProjectorMeasurement
+from procam.maths.warp import sample
+from procam.model.photometry import ResponseCurve
+from procam.model.plan import Shot
+from procam.workflows.capture.session_images import SessionImages
+
+ODD_LIGHT = 0.1  # relative; waves of different phase differ by a percent, a person takes some
+WAVES = 6  # at least so many of a code, evenly picked, have their light predicted
+# relative, of their median: .002 without a mistake; an unsharp mask of 1.0 makes .04 of waves of 16 px,
+# and .005 of waves of 50 px, to which it does no harm
+NOT_PREDICTED = 0.01
+GREEN = 1
+
+
+def odd_waves(light: Mapping[int, float], shots: Sequence[Shot], name: str) -> list[str]:
+    """Notes of a code's pictures that are brighter or darker than the others; fine waves have equal light.
+
+    `light` are mean counts by number: white, black, planes.
+    """
+    planes = {str(s.id): light[int(s.detail["plane"])] - light[1] for s in shots}
+    usual = float(np.median(list(planes.values())))
+    return [
+        f"projector {name}: {shot} shows {value / usual:.2f} times the light of its other waves: it was "
+        "exposed longer or shorter than it says, or something shone into it, so directions and what is lit "
+        "may be wrong by more than is stated. Photograph again"
+        for shot, value in planes.items()
+        if abs(value / usual - 1) > ODD_LIGHT
+    ]
+
+
+def wave_notes(
+    images: SessionImages,
+    name: str,
+    panel: Image,
+    white: FloatArray,
+    base: FloatArray,
+    found: ProjectorMeasurement,
+) -> list[str]:
+    """A note if the waves of a projector's code are not as bright as its response predicts.
+
+    Waves are finer than the tiles from which the response is measured, so what a projector does to fine
+    pictures alone, such as sharpening, makes a difference.
+
+    Parameters
+    ----------
+    panel : (H, W, 2) panel pixel that a camera pixel sees. white, base : (H, W) its green white, NaN
+        where it sees no pattern, and what was taken from that.
+    """
+    shots = images.plan.of(name, "code")
+    ratios = list[float]()
+    for shot in shots[:: max(1, len(shots) // WAVES)]:
+        drive = images.session.pattern(shot)[..., 0]
+        shown = _green_light(drive, found.response, found.colour.mix)
+        predicted = white * sample(shown, panel)
+        light = images.light(shot)
+        seen = (light[..., GREEN] if light.ndim == 3 else light) - base
+        both = np.isfinite(predicted) & np.isfinite(seen)
+        ratios.append(float(seen[both].sum() / predicted[both].sum()))
+    ratio = float(np.median(ratios))
+    if abs(ratio - 1) <= NOT_PREDICTED:
+        return []
+    return [
+        f"projector {name}: the waves of its code show {ratio:.2f} times the light that its response "
+        "predicts: it sharpens its picture or alters it in another way, so what is lit may be wrong by more "
+        "than is stated. Switch off sharpness, detail and contrast enhancement, and photograph again"
+    ]
+
+
+def _green_light(drive: FloatArray, response: ResponseCurve, mix: Array) -> Image:
+    """Green light (H, W) of grey drives (H, W), relative to that of white."""
+    curve = response.values @ mix[GREEN]
+    return np.asarray(np.interp(drive, response.levels, curve), np.float32)
