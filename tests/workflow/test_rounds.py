@@ -3,6 +3,7 @@
 import json
 import shutil
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +32,8 @@ from procam.workflows.photographs.driven import DrivenPhotographer, Wanted
 from procam.workflows.photographs.orders import PhotographsWanted
 from procam.workflows.venue_rig import open_rig
 
+# so that slates are read
+LARGER = replace(SIZE, projector_size=(320, 200), camera_size=(384, 384))
 TOO_BRIGHT = 1.1  # scattered light that the calibration expects, over the dome's
 DRIVEN = "backend = ", "control = "
 
@@ -44,7 +47,7 @@ def quick() -> Iterator[None]:
 @pytest.fixture(scope="module")
 def driven(tmp_path_factory: pytest.TempPathFactory, quick: None) -> Path:
     """A dome that devices drive, with a calibration and one that is wrong."""
-    venue = make_venue(tmp_path_factory.mktemp("driven"), size=SIZE)
+    venue = make_venue(tmp_path_factory.mktemp("driven"), size=LARGER)
     good = solved(venue, take_session(venue))
     wrong = with_scatter(load_calibration(good), np.full(3, TOO_BRIGHT))
     save_calibration(wrong, good.with_name("0002"))
@@ -105,6 +108,7 @@ def test_a_state_by_hand_is_that_of_devices(driven: Path, by_hand: Path) -> None
     first = by_hand / "calibrations" / "0001"  # another is in use
     asked = run("state", first, "full")
     lit = [row["projectors"] for row in asked["wanted"]]
+    assert not any("slate" in row["picture"] for row in asked["wanted"])  # pictures differ much
     assert lit[:2] == [[], []] and {tuple(names) for names in lit[2:]} == {("south",), ("north",)}
     photos = photographed(driven, asked, by_hand / "card")
     found = run("state", first, "full", "--photos", photos)
@@ -119,7 +123,7 @@ def test_a_state_by_hand_is_that_of_devices(driven: Path, by_hand: Path) -> None
 
 def test_each_photograph_counts_once(by_hand: Path) -> None:
     camera = load_venue(by_hand).cameras[CAMERA]
-    picture = {"south": np.full((100, 160, 3), 0.5, np.float32)}
+    picture = {"south": np.full((200, 320, 3), 0.5, np.float32)}
     wanted = [Wanted(picture, 0.1), Wanted(picture, 0.1), Wanted({}, 0.1)]
 
     def rounds() -> Rounds:
@@ -131,7 +135,7 @@ def test_each_photograph_counts_once(by_hand: Path) -> None:
         photographer.take(wanted[0])
     assert [(row.picture, row.photographs) for row in asked.value.rows] == [("01", 2), ("dark", 1)]
     for number in range(3):
-        counts = np.full((256, 256, 3), number, np.uint16)
+        counts = np.full((384, 384, 3), number, np.uint16)
         frame = Frame(counts, CameraSettings(0.1, "rgb"), 0.0, 0.1)
         rounds().session.store(CAMERA, rounds().asked[number].shot, 0.1, frame)
     photographer = HandPhotographer(rounds())
@@ -178,16 +182,37 @@ class TestRefusals:
 
     def test_photographs_of_the_round_before(self, by_hand: Path, card: Path) -> None:
         asked = run("refine", by_hand, "--photos", card)
-        assert [row["photographs"] for row in asked["wanted"]] == [4]
-        for number in range(5):
+        assert [row["photographs"] for row in asked["wanted"]] == [1, 4]
+        for number in range(4):
             (card / f"img_{number}.tif").unlink()
         ran = procam("refine", by_hand, "--photos", card)
-        assert (ran.code, "img_5.tif was given for an earlier round" in ran.complaint) == (2, True)
+        assert (ran.code, "img_4.tif: no readable number" in ran.complaint) == (2, True)
+
+    def test_a_photograph_of_the_round_before(
+        self, driven: Path, by_hand: Path, card: Path
+    ) -> None:
+        photos = photographed(driven, run("refine", by_hand, "--photos", card), by_hand / "two")
+        shutil.copy(card / "img_7.tif", photos / "img_3.tif")
+        ran = procam("refine", by_hand, "--photos", photos)
+        assert (ran.code, "img_3.tif was given for an earlier round" in ran.complaint) == (2, True)
+
+    def test_the_slate_of_another_picture(self, driven: Path, by_hand: Path, card: Path) -> None:
+        """The player still shows what it showed before: photographs of it would look right."""
+        two = photographed(driven, run("refine", by_hand, "--photos", card), by_hand / "two")
+        asked = run("refine", by_hand, "--photos", two)
+        assert [row["picture"] for row in asked["wanted"]] == ["04-slate", "04"]
+        photos = photographed(driven, asked, by_hand / "three")
+        shutil.copy(two / "img_0.tif", photos / "img_0.tif")
+        ran = procam("refine", by_hand, "--photos", photos)
+        assert (ran.code, "img_0.tif: the number 03, but the slate of" in ran.complaint) == (
+            2,
+            True,
+        )
 
     def test_another_size(self, by_hand: Path, card: Path) -> None:
         pixels = read_image(card / "img_3.tif")
         write_image(card / "img_3.tif", np.ascontiguousarray(pixels[:200]))
-        assert "256x200 px in 3 channels" in self.complaint(by_hand, card)
+        assert "384x200 px in 3 channels" in self.complaint(by_hand, card)
 
     def test_another_aperture_than_the_calibration_had(self, by_hand: Path, card: Path) -> None:
         known = by_hand / "sessions" / "0001" / "captures" / CAMERA / "settings.json"
@@ -212,8 +237,9 @@ class TestRefusals:
         ran = procam("refine", by_hand, "--photos", card)
         folder = by_hand / "sessions" / "refine-0001"
         assert ran.code == 2 and "saturated" in ran.err
-        assert f"? Give new photographs of the last round with --photos, or remove {folder}" in (
-            ran.err
+        assert (
+            f"? Give other photographs of the last round with --photos and --replace, or remove {folder}"
+            in (ran.err)
         )
 
     def test_another_exposure(self, by_hand: Path, card: Path) -> None:
@@ -248,14 +274,38 @@ class TestRefusals:
         (gone,) = folder.glob("captures/*/round-001-07@*.tif")
         gone.unlink()
         hole = run("refine", by_hand)
-        assert [(row["picture"], row["photographs"]) for row in hole["wanted"]] == [("02", 1)]
+        assert [(row["picture"], row["photographs"]) for row in hole["wanted"]] == [
+            ("02-slate", 1),
+            ("02", 1),
+        ]
         photos = photographed(driven, hole, by_hand / "three")
-        path = photos / "img_0.tif"
+        path = photos / "img_1.tif"
         exposure_s, pixels = read_photo(path).exposure_s, np.array(read_image(path))
         pixels[0, 0] += 1  # two photographs are never the same, but simulated ones
         photographer.write_photo(path, pixels, exposure_s)
         last = run("refine", by_hand, "--photos", photos)
         assert [r["picture"] for r in last["wanted"]] == [r["picture"] for r in third["wanted"]]
+
+    def test_photographs_are_replaced(self, driven: Path, by_hand: Path, card: Path) -> None:
+        """Something was wrong with them, which showed only afterwards."""
+        folder = by_hand / "sessions" / "refine-0001"
+        ran = procam("refine", by_hand, "--photos", card, "--replace")
+        assert (ran.code, "no photographs were given yet" in ran.complaint) == (2, True)
+        second = run("refine", by_hand, "--photos", card)
+        before = (folder / "wanted.json").read_bytes()
+        (card / "img_8.tif").rename(by_hand / "img_8.tif")
+        ran = procam("refine", by_hand, "--photos", card, "--replace")
+        assert (ran.code, "8 photographs instead of 9" in ran.complaint) == (2, True)
+        assert (folder / "wanted.json").read_bytes() == before
+        (by_hand / "img_8.tif").rename(card / "img_8.tif")
+        again = run("refine", by_hand, "--photos", card, "--replace")
+        assert again["wanted"] == second["wanted"]
+        asked = json.loads((folder / "wanted.json").read_bytes())["photographs"]
+        assert [a["round"] for a in asked] == 9 * [3] + 5 * [4]
+        third = run("refine", by_hand, "--photos", photographed(driven, again, by_hand / "two"))
+        assert [row["picture"] for row in third["wanted"]] == ["04-slate", "04"]
+        ran = procam("refine", by_hand, "--replace")
+        assert (ran.code, "--replace: needs --photos" in ran.complaint) == (2, True)
 
     def test_pictures_that_are_gone(self, by_hand: Path, card: Path) -> None:
         run("refine", by_hand, "--photos", card)

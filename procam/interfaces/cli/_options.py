@@ -34,6 +34,12 @@ RoundPhotos = Annotated[
     Path | None,
     typer.Option(help="By hand: folder with the photographs that the run before asked for."),
 ]
+ReplaceRound = Annotated[
+    bool,
+    typer.Option(
+        "--replace", help="With --photos: they replace the last ones that were given, not the next."
+    ),
+]
 
 # structured light and boards
 SizeOption = Annotated[str, typer.Option(help="Projector size, such as 1280x800.")]

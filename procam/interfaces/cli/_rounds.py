@@ -1,9 +1,19 @@
 """What a command says that cannot go on before people have photographed."""
 
+from pathlib import Path
 from shlex import quote
 
+from procam.errors import InputError
 from procam.interfaces.cli._output import Output
+from procam.workflows.photographs.open import Given
 from procam.workflows.photographs.orders import PhotographsWanted
+
+
+def given_photographs(photos: Path | None, replace: bool) -> Given | None:
+    """What --photos and --replace say."""
+    if replace and photos is None:
+        raise InputError("--replace: needs --photos, the folder of photographs to take instead")
+    return Given(photos, replace) if photos else None
 
 
 def ask_for_photographs(wanted: PhotographsWanted, command: list[str], output: Output) -> None:

@@ -10,9 +10,9 @@ from procam.files.lock import locked
 from procam.files.session import digest
 from procam.files.venue.load import load_venue
 from procam.interfaces.cli import _sessions
-from procam.interfaces.cli._options import FromArgument, Json, RoundPhotos
+from procam.interfaces.cli._options import FromArgument, Json, ReplaceRound, RoundPhotos
 from procam.interfaces.cli._output import Output, as_dicts, exit_if_missed
-from procam.interfaces.cli._rounds import ask_for_photographs
+from procam.interfaces.cli._rounds import ask_for_photographs, given_photographs
 from procam.workflows.photographs.open import photographer_of
 from procam.workflows.photographs.orders import PhotographsWanted
 from procam.workflows.refine import refine as loop
@@ -29,11 +29,12 @@ def refine(
         typer.Option(help="Dome master to refine on; by default a picture of half a sky."),
     ] = None,
     photos: RoundPhotos = None,
+    replace: ReplaceRound = False,
     json: Json = False,
 ) -> None:
     """Show the compensated picture, photograph it and correct the residual; a new calibration.
 
-    By hand it goes in five to eight rounds: each run writes the pictures to show and photograph, and the
+    By hand it goes in four to eight rounds: each run writes the pictures to show and photograph, and the
     next takes the photographs with --photos. Exit 1 if a figure misses its goal or gets worse; if
     one gets worse, nothing is written.
     """
@@ -44,7 +45,8 @@ def refine(
     with locked(venue, "refine"):
         try:
             of = f"{kept.name} {digest(content)}"
-            with photographer_of(loaded, calibration, "refine", of, photos) as photographer:
+            given = given_photographs(photos, replace)
+            with photographer_of(loaded, calibration, "refine", of, given) as photographer:
                 output.warn(photographer.notes)
                 events = loop.refine(photographer, calibration, content)
                 refined: loop.Refined = output.follow(events)["refined"]

@@ -14,9 +14,9 @@ from procam.files.calibration import (
 )
 from procam.files.lock import locked
 from procam.files.venue.load import load_venue
-from procam.interfaces.cli._options import FromArgument, Json, RoundPhotos
+from procam.interfaces.cli._options import FromArgument, Json, ReplaceRound, RoundPhotos
 from procam.interfaces.cli._output import Output
-from procam.interfaces.cli._rounds import ask_for_photographs
+from procam.interfaces.cli._rounds import ask_for_photographs, given_photographs
 from procam.model.venue_state import VenueState
 from procam.workflows.audience import check_state_name, measure_state, with_state
 from procam.workflows.photographs.open import photographer_of
@@ -37,6 +37,7 @@ def state(
         ),
     ] = False,
     photos: RoundPhotos = None,
+    replace: ReplaceRound = False,
     json: Json = False,
 ) -> None:
     """Measure the venue with its present audience and its own lamps; a new calibration.
@@ -54,7 +55,8 @@ def state(
     with locked(venue, "state"):
         try:
             of, work = kept.name + ONLY * ambient_only, f"state-{name}"
-            with photographer_of(loaded, calibration, work, of, photos) as photographer:
+            given = given_photographs(photos, replace)
+            with photographer_of(loaded, calibration, work, of, given) as photographer:
                 output.warn(photographer.notes)
                 events = measure_state(photographer, loaded, calibration, name, ambient_only)
                 data = output.follow(events)

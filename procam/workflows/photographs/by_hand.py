@@ -3,6 +3,7 @@
 VENUE/sessions/WORK-0001/
     wanted.json               what was asked for, in order: picture, exposure, round
     pictures/01/PROJECTOR.png the projectors that are lit; all others are dark
+    pictures/02-slate/        the number of a picture that is much like an earlier one, shown before it
     order.csv                 the last round, for people
     captures/CAMERA/          the photographs, as a session keeps them
     ended                     when the workflow has its result
@@ -23,6 +24,7 @@ from procam.errors import FileFormatError, InputError
 from procam.files import atomic
 from procam.files.images.pixels import read_image, write_image
 from procam.files.session import Session
+from procam.maths.codes.shot_id import draw_shot_id
 from procam.model.frame import Frame
 from procam.model.optics import CameraModel
 from procam.workflows.photographs.driven import Wanted
@@ -38,8 +40,12 @@ from procam.workflows.photographs.orders import (
 TOP = 65535
 SAMPLED_PX = 16  # every 16th pixel of a picture is compared
 SAME = 4  # of TOP: a picture that is computed again is not the same to the last bit
+ALIKE = 0.1  # mean difference over mean: photographs do not show which of two pictures they are of
+SLATE_CELLS = 100  # along the shorter side: larger ones are bent by the dome
+SLATE_DRIVE = 0.75  # of the largest drive of its picture: half the light, which no camera clips
 ENDED = "ended"
 Pictures = Mapping[str, Image]
+Samples = Mapping[str, Array]  # some pixels (h, w, C) of each picture, 0..TOP
 
 
 class Rounds:
@@ -64,7 +70,7 @@ class Rounds:
                 f"camera {camera.name}; remove the folder to begin again"
             )
         self.asked, self._rounds = document.photographs, document.rounds
-        self._samples = dict[int, dict[str, Array]]()
+        self._samples = dict[int, Samples]()
 
     @classmethod
     def newest(
@@ -89,20 +95,20 @@ class Rounds:
         """The last round, a row for photographs of one picture at one exposure."""
         return [
             OrderRow(
-                picture="dark" if not of[0].picture else f"{of[0].picture:02d}",
+                picture=of[0].shown,
                 projectors=of[0].projectors,
                 photographs=len(of),
                 exposure_s=of[0].exposure_s,
             )
             for of in (
-                list(g) for _, g in groupby(self.last_round, lambda a: (a.picture, a.exposure_s))
+                list(g) for _, g in groupby(self.last_round, lambda a: (a.shown, a.exposure_s))
             )
         ]
 
     def find(self, wanted: Wanted, used: Container[str]) -> Asked | None:
         """The first photograph of that picture and exposure that is stored, and not used."""
         stored, exposure_s = self._stored(), self._rounded(wanted.exposure_s)
-        right = (a for a in stored if a.id not in used and a.exposure_s == exposure_s)
+        right = (a for a in stored if not (a.slate or a.id in used) and a.exposure_s == exposure_s)
         return next((a for a in right if self._shows(a, wanted.pictures)), None)
 
     def frame(self, asked: Asked) -> Frame:
@@ -114,29 +120,52 @@ class Rounds:
         before, self.asked = self.asked, self._stored()
         number = self._rounds + 1
         new = list[Asked]()
-        for place, each in enumerate(wanted, start=1):
+        for each in wanted:
             picture = self._picture_number(each.pictures, new)
-            new.append(
-                Asked(
-                    id=f"round-{number:03d}-{place:02d}",
-                    round=number,
-                    picture=picture,
-                    projectors=sorted(each.pictures),
-                    exposure_s=self._rounded(each.exposure_s),
-                )
+            asked = Asked(
+                id=_name(number, new),
+                round=number,
+                picture=picture,
+                projectors=sorted(each.pictures),
+                exposure_s=self._rounded(each.exposure_s),
             )
+            if picture and picture not in {a.picture for a in new} and self._resembles(asked, new):
+                self._write_slate(picture, each.pictures)
+                new.append(asked.model_copy(update={"slate": True}))
+                asked = asked.model_copy(update={"id": _name(number, new)})
+            new.append(asked)
         pending = before[len(self.asked) :]
         if [_content(a) for a in pending] == [_content(a) for a in new]:
             new = pending  # asked for already
         else:
             self._rounds = number
         self.asked = [*self.asked, *new]
+        self.write()
+        return PhotographsWanted(self.folder, self.camera.name, self.order())
+
+    def reopen(self) -> None:
+        """Ask again for the photographs that were given last, in the place of those and of later ones."""
+        stored = self._stored()
+        if not stored:
+            raise InputError(
+                f"{self.folder}: no photographs were given yet that others could replace"
+            )
+        last, self._rounds = stored[-1].round, self._rounds + 1
+        again = [a for a in self.asked if a.round == last]
+        self.asked = [a for a in stored if a.round != last]
+        new = list[Asked]()
+        for each in again:
+            name = _name(self._rounds, new)
+            new.append(each.model_copy(update={"id": name, "round": self._rounds}))
+        self.asked += new
+
+    def write(self) -> None:
+        """Write what is asked for to disk."""
         document = Document(
             of=self.of, camera=self.camera.name, rounds=self._rounds, photographs=self.asked
         )
         atomic.write_text(self.folder / "order.csv", order_table(self.camera.name, self.order()))
         atomic.write_text(self.folder / "wanted.json", document.model_dump_json(indent=1))
-        return PhotographsWanted(self.folder, self.camera.name, self.order())
 
     def end(self) -> None:
         """Note that the workflow has its result."""
@@ -159,25 +188,40 @@ class Rounds:
             return known or 0
         number = max((a.picture for a in every), default=0) + 1
         for name, picture in pictures.items():
-            write_image(self._path(number, name), _pixels(picture).astype(np.uint16))
+            write_image(self._path(f"{number:02d}", name), _pixels(picture).astype(np.uint16))
         self._samples[number] = _sampled(pictures)
         return number
 
+    def _write_slate(self, number: int, pictures: Pictures) -> None:
+        """Write a picture's number, as marks that the first projector shows."""
+        lit = min(pictures)
+        for name, picture in pictures.items():
+            black = np.zeros(picture.shape, np.uint8)
+            top = int(np.ceil(255 * SLATE_DRIVE * min(float(picture.max()), 1.0)))
+            slate = draw_shot_id(black, number, top, SLATE_CELLS) if name == lit else black
+            pixels = slate.astype(np.uint16) * (TOP // 255)  # of as many bits as the other pictures
+            write_image(self._path(f"{number:02d}-slate", name), pixels)
+
+    def _resembles(self, asked: Asked, new: Sequence[Asked]) -> bool:
+        """Whether photographs of another picture, earlier or in this round, would look much the same."""
+        others = {a.picture: a for a in [*self.asked, *new] if a.projectors == asked.projectors}
+        others.pop(asked.picture, None)
+        own = self._samples_of(asked)
+        return any(_difference(self._samples_of(a), own) < ALIKE for a in others.values())
+
     def _shows(self, asked: Asked, pictures: Pictures) -> bool:
         """Whether a photograph is of these pictures."""
-        if asked.projectors != sorted(pictures):
-            return False
+        same_projectors = asked.projectors == sorted(pictures)
+        return same_projectors and _same(self._samples_of(asked), _sampled(pictures))
+
+    def _samples_of(self, asked: Asked) -> Samples:
         if asked.picture not in self._samples:
             stored = {n: self._stored_picture(asked.picture, n) for n in asked.projectors}
             self._samples[asked.picture] = _sampled(stored)
-        known, new = self._samples[asked.picture], _sampled(pictures)
-        return all(
-            known[n].shape == new[n].shape and np.abs(known[n] - new[n]).max() <= SAME
-            for n in pictures
-        )
+        return self._samples[asked.picture]
 
     def _stored_picture(self, number: int, projector: str) -> Array:
-        path = self._path(number, projector)
+        path = self._path(f"{number:02d}", projector)
         if not path.is_file():
             raise FileFormatError(
                 f"{path}: this picture of an earlier round is gone; copy the folder pictures back, or "
@@ -185,12 +229,17 @@ class Rounds:
             )
         return np.asarray(read_image(path), float) / TOP
 
-    def _path(self, number: int, projector: str) -> Path:
-        return self.folder / "pictures" / f"{number:02d}" / f"{projector}.png"
+    def _path(self, shown: str, projector: str) -> Path:
+        return self.folder / "pictures" / shown / f"{projector}.png"
+
+
+def _name(number: int, asked: Sequence[Asked]) -> str:
+    """Of the next photograph of a round."""
+    return f"round-{number:03d}-{len(asked) + 1:02d}"
 
 
 def _content(asked: Asked) -> tuple[object, ...]:
-    return asked.picture, asked.projectors, asked.exposure_s
+    return asked.shown, asked.projectors, asked.exposure_s
 
 
 class HandPhotographer:
@@ -204,7 +253,7 @@ class HandPhotographer:
 
     def plan(self, wanted: Sequence[Wanted]) -> None:
         """Ask for these together, unless they belong to a longer plan."""
-        if not any(_same(first, each) for first in wanted[:1] for each in self._planned):
+        if not any(_equal(first, each) for first in wanted[:1] for each in self._planned):
             self._planned = [*wanted, *self._planned]
 
     def take(self, wanted: Wanted) -> Frame:
@@ -220,7 +269,7 @@ class HandPhotographer:
         if asked is None:
             raise self._rounds.ask(self._missing())
         self._used.append(asked.id)
-        at = next(i for i, each in enumerate(self._planned) if _same(wanted, each))
+        at = next(i for i, each in enumerate(self._planned) if _equal(wanted, each))
         del self._planned[at]
         self._last = asked
         return self._rounds.frame(asked)
@@ -245,16 +294,35 @@ class HandPhotographer:
         return missing
 
 
-def _same(first: Wanted, second: Wanted) -> bool:
+def _equal(first: Wanted, second: Wanted) -> bool:
     """Whether two are of the same pictures and exposure."""
-    same_pictures = first.pictures is second.pictures or not (first.pictures or second.pictures)
-    return same_pictures and first.exposure_s == second.exposure_s
+    if first.exposure_s != second.exposure_s or first.pictures.keys() != second.pictures.keys():
+        return False
+    return _same(_sampled(first.pictures), _sampled(second.pictures))
+
+
+def _same(first: Samples, second: Samples) -> bool:
+    """Whether pictures of the same projectors are the same."""
+    return all(
+        first[n].shape == second[n].shape and np.abs(first[n] - second[n]).max() <= SAME
+        for n in first
+    )
+
+
+def _difference(first: Samples, second: Samples) -> float:
+    """Mean difference of pictures of the same projectors, over their mean; infinite if sizes differ."""
+    if any(first[n].shape != second[n].shape for n in first):
+        return np.inf
+    off, light = (
+        sum(float(np.abs(part).sum()) for part in parts)
+        for parts in ([first[n] - second[n] for n in first], first.values())
+    )
+    return off / max(light, 1.0)
 
 
 def _pixels(picture: FloatArray) -> Array:
     return np.asarray(np.rint(np.clip(picture, 0, 1) * TOP), float)
 
 
-def _sampled(pictures: Mapping[str, FloatArray]) -> dict[str, Array]:
-    """Some pixels (h, w, C) of each picture."""
+def _sampled(pictures: Mapping[str, FloatArray]) -> Samples:
     return {n: _pixels(p[::SAMPLED_PX, ::SAMPLED_PX]) for n, p in pictures.items()}

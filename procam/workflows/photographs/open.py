@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 from procam.errors import CalibrationError, InputError
@@ -18,14 +19,22 @@ from procam.workflows.venue_rig import open_rig
 Size = tuple[int, int]
 
 
+@dataclass(frozen=True, slots=True)
+class Given:
+    """A folder of photographs for the last round, or `instead` of those that were given last."""
+
+    folder: Path
+    instead: bool = False
+
+
 @contextmanager
 def photographer_of(
-    venue: Venue, calibration: Calibration, work: str, of: str, photos: Path | None
+    venue: Venue, calibration: Calibration, work: str, of: str, given: Given | None
 ) -> Iterator[Photographer]:
     """A photographer with the camera that the calibration's light was measured with.
 
     Of a venue that is driven by hand it has the photographs of sessions/WORK-0001, and those in the
-    folder `photos` too. `of` is what the work is of: another begins a folder of its own.
+    given folder too. `of` is what the work is of: another begins a folder of its own.
 
     Raises
     ------
@@ -39,7 +48,7 @@ def photographer_of(
     backends = {entry.backend for entry in table.cameras.values()}
     backends |= {entry.backend for entry in table.projectors.values()}
     if backends != {BY_HAND}:
-        if photos is not None:
+        if given:
             raise InputError(
                 "--photos is for venues whose devices are all driven by hand; leave it out"
             )
@@ -49,17 +58,19 @@ def photographer_of(
     camera = next(iter(calibration.cameras.values()))
     exposure_s = venue.table.capture.exposure_s
     rounds, notes = Rounds.newest(venue.directory, work, camera, exposure_s, of), list[str]()
-    if photos is not None:
+    if given:
         session = Session(venue.directory / "sessions" / str(calibration.provenance.get("session")))
         _, response, _ = camera_and_response(venue, session, camera.name)
-        notes = receive(rounds, photos, response, read_settings(session, camera.name))
+        if given.instead:
+            rounds.reopen()
+        notes = receive(rounds, given.folder, response, read_settings(session, camera.name))
     try:
         yield HandPhotographer(rounds, notes)
     except CalibrationError as error:
         text = str(error) + "." * (str(error)[-1] not in "?.")
         raise type(error)(
-            f"{text} Give new photographs of the last round with --photos, or remove {rounds.folder} to "
-            "begin again"
+            f"{text} Give other photographs of the last round with --photos and --replace, or remove "
+            f"{rounds.folder} to begin again"
         ) from error
 
 

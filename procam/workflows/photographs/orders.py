@@ -22,7 +22,10 @@ class PhotographsWanted(Exception):
 
 
 class Asked(BaseModel):
-    """A photograph that was asked for: number of its picture (0: all dark), exposure [s], and round."""
+    """A photograph that was asked for: number of its picture (0: all dark), exposure [s], and round.
+
+    With `slate` it is of the picture's number, shown before it.
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
     id: str = Field(pattern=NAME_PATTERN)
@@ -30,6 +33,12 @@ class Asked(BaseModel):
     picture: int = Field(ge=0)
     projectors: list[str]
     exposure_s: float = Field(gt=0)
+    slate: bool = False
+
+    @property
+    def shown(self) -> str:
+        """Folder of the pictures, and what people call them."""
+        return f"{self.picture:02d}{'-slate' if self.slate else ''}" if self.picture else "dark"
 
     @property
     def shot(self) -> Shot:

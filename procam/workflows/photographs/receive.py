@@ -10,6 +10,7 @@ from procam.arrays import AnyArray, Array
 from procam.errors import FileFormatError, InputError
 from procam.files.images.photos import Photo, Response, list_photos, photo_counts, read_photo
 from procam.files.session import digest
+from procam.maths.codes.shot_id import read_shot_id
 from procam.maths.warp import block_mean
 from procam.model.frame import CameraSettings, Frame
 from procam.model.optics import Sensor
@@ -74,9 +75,11 @@ def receive(
     surveyed = _in_time([_survey(rounds, path, response) for path in paths])
     known = read_settings(rounds.session, rounds.camera.name) or settings
     common = common_settings(((s.path, s.setting) for s in surveyed), known)
+    _check_slates(asked, surveyed, order)
     _check_exposures(asked, surveyed, order)
     _check_alike(asked, surveyed, order)
     _check_new(rounds, surveyed, order)
+    rounds.write()
     for each, found in zip(asked, surveyed, strict=True):
         frame = _frame(read_photo(found.path), response, rounds.camera.sensor, each)
         rounds.session.store(rounds.camera.name, each.shot, each.exposure_s, frame)
@@ -110,6 +113,20 @@ def _in_time(surveyed: list[_Surveyed]) -> list[_Surveyed]:
     return sorted(surveyed, key=lambda s: s.taken_s or 0.0)
 
 
+def _check_slates(asked: Sequence[Asked], surveyed: Sequence[_Surveyed], order: str) -> None:
+    """Refuse photographs whose slate shows the number of another picture, or none."""
+    for each, found in zip(asked, surveyed, strict=True):
+        if not each.slate:
+            continue
+        number = read_shot_id(read_photo(found.path).pixels)
+        if number != each.picture:
+            shows = "no readable number" if number is None else f"the number {number:02d}"
+            raise FileFormatError(
+                f"{found.path}: {shows}, but the slate of picture {each.picture:02d} was asked for in its "
+                f"place: {order}. Show the pictures of this round, each after its slate, and photograph again"
+            )
+
+
 def _check_exposures(asked: Sequence[Asked], surveyed: Sequence[_Surveyed], order: str) -> None:
     for each, found in zip(asked, surveyed, strict=True):
         if found.stated_s and not SHORTEST <= found.stated_s / each.exposure_s <= LONGEST:
@@ -121,9 +138,9 @@ def _check_exposures(asked: Sequence[Asked], surveyed: Sequence[_Surveyed], orde
 
 def _check_alike(asked: Sequence[Asked], surveyed: Sequence[_Surveyed], order: str) -> None:
     """Refuse photographs of one picture that show different light."""
-    before = dict[tuple[int, float], _Surveyed]()
+    before = dict[tuple[str, float], _Surveyed]()
     for each, found in zip(asked, surveyed, strict=True):
-        first = before.setdefault((each.picture, each.exposure_s), found)
+        first = before.setdefault((each.shown, each.exposure_s), found)
         longer = (first.stated_s or each.exposure_s) / (found.stated_s or each.exposure_s)
         off = np.abs(longer * found.light - first.light).mean()
         if off > SAME_LIGHT * np.abs(first.light).mean() + SAME_DN:
@@ -135,9 +152,9 @@ def _check_alike(asked: Sequence[Asked], surveyed: Sequence[_Surveyed], order: s
 
 def _check_new(rounds: Rounds, surveyed: Sequence[_Surveyed], order: str) -> None:
     """Refuse a photograph that was given for an earlier round; those of the dark may be alike."""
-    last = {asked.id for asked in rounds.last_round}
+    before = {asked.id for asked in rounds.asked} - {asked.id for asked in rounds.last_round}
     stored = rounds.session.stored(rounds.camera.name).items()
-    earlier = {entry.sha256 for (shot, _), entry in stored if shot not in last}
+    earlier = {entry.sha256 for (shot, _), entry in stored if shot in before}
     for asked, found in zip(rounds.last_round, surveyed, strict=True):
         if asked.picture and found.sha256 in earlier:
             raise FileFormatError(

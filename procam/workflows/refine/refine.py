@@ -175,10 +175,8 @@ def _trials(shown: ShownPicture, better: Calibration, content: Image) -> list[Tr
         PreparedPicture.of(better, unseen),
     ]
     lit = [(p.frames, p.wanted.observed, MIN_PHOTOGRAPHS) for p in prepared]
-    camera.plan(lit[:2])  # people must not exchange the last one with one so much alike
-    own, before = (ShownPicture.start(camera, picture) for picture in prepared[:2])
-    camera.plan([*lit[2:], ({}, prepared[2].wanted.observed, 1)])  # dark again at the end
-    after = ShownPicture.start(camera, prepared[2])
+    camera.plan([*lit, ({}, prepared[2].wanted.observed, 1)])  # dark again at the end
+    own, before, after = (ShownPicture.start(camera, picture) for picture in prepared)
     return [Trial("picture", shown, own), Trial("turned and inverted picture", before, after)]
 
 
