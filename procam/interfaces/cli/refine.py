@@ -51,8 +51,8 @@ def refine(
                 events = loop.refine(photographer, calibration, content)
                 refined: loop.Refined = output.follow(events)["refined"]
         except PhotographsWanted as wanted:
-            given = ["--picture", str(picture)] if picture else []
-            ask_for_photographs(wanted, ["procam", "refine", str(start), *given], output)
+            of_picture = ["--picture", str(picture)] if picture else []
+            ask_for_photographs(wanted, ["procam", "refine", str(start), *of_picture], output)
             return
         keep_pictures(venue, calibration, content)
         keep_loop(venue, refined, content)
