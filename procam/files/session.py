@@ -116,6 +116,15 @@ class Session:
         settings = CameraSettings(entry.in_force_s or exposure_s, pixel_format, entry.gain)
         return Frame(counts.astype(np.uint16), settings, entry.started_s, entry.ended_s)
 
+    def set_aside(self, camera: str) -> Path:
+        """Move all frames of a camera out of the session, into a folder of their own in it."""
+        source, number = self._folder(camera), 1
+        while (target := self.directory / "undone" / f"{camera}-{number}").exists():
+            number += 1
+        target.parent.mkdir(exist_ok=True)
+        source.rename(target)
+        return target
+
     def _folder(self, camera: str) -> Path:
         return self.directory / "captures" / camera
 

@@ -299,6 +299,23 @@ class TestIngest:
         changed = [n for n, c in contents(hand_session.session).items() if before[n] != c]
         assert {Path(n).name for n in changed} == {f"{shots[7]}@0.13.tif", "index.jsonl"}
 
+    def test_what_is_stored_is_set_aside(self, hand_session: HandSession, roll: Path) -> None:
+        undo = "ingest", hand_session.session, "--camera", CAMERA, "--undo"
+        ran = procam(*undo)
+        assert (ran.code, "there is nothing to undo" in ran.complaint) == (2, True)
+        for number in (1, 2):
+            hand_session.ingest(roll)
+            stored = hand_session.stored()
+            ran = procam(*undo)
+            aside = hand_session.session / "undone" / f"{CAMERA}-{number}"
+            assert f"are in {aside} now" in ran.out and not hand_session.stored()
+            assert len(list(aside.glob("*.tif"))) == len(stored)
+        ran = procam("ingest", hand_session.session, "--camera", "other", "--undo")
+        assert (ran.code, "no camera 'other' in venue.toml" in ran.complaint) == (2, True)
+        for wrong in (undo[:-1], (*undo, "--photos", roll)):
+            ran = procam(*wrong)
+            assert (ran.code, "--photos: give a folder" in ran.complaint) == (2, True)
+
     def test_headers_tell_exposure_and_time(
         self, hand_session: HandSession, tmp_path: Path
     ) -> None:

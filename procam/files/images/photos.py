@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +44,25 @@ class Photo:
     taken_s: float | None
     sensitivity: float | None
     aperture: float | None
+
+
+class Dated(Protocol):
+    """What has a time on the camera's clock, as photographs do."""
+
+    @property
+    def taken_s(self) -> float | None:
+        """Seconds since 1970 [s], if it is known."""
+        ...
+
+
+Photographed = TypeVar("Photographed", bound=Dated)
+
+
+def in_time(photographs: list[Photographed]) -> list[Photographed]:
+    """By the camera's clock, if all photographs carry it; else as they are."""
+    if any(p.taken_s is None for p in photographs):
+        return photographs
+    return sorted(photographs, key=lambda p: p.taken_s or 0.0)
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from procam.errors import InputError
 from procam.files.session import Session
 from procam.files.venue.load import load_venue
 from procam.interfaces.cli._options import Json
@@ -19,7 +20,9 @@ SHOWN = 8  # missing shots that a line names
 def ingest(
     session: Annotated[Path, typer.Argument(help="Session made by `procam patterns VENUE`.")],
     camera: Annotated[str, typer.Option(help="Camera's name in venue.toml.")],
-    photos: Annotated[Path, typer.Option(help="Folder of linear 16-bit TIFF, PNG or JPEG.")],
+    photos: Annotated[
+        Path | None, typer.Option(help="Folder of linear 16-bit TIFF, PNG or JPEG.")
+    ] = None,
     index: Annotated[
         Path | None,
         typer.Option(help="CSV with lines file,shot; it overrides the shot marks in the pictures."),
@@ -30,8 +33,13 @@ def ingest(
             "--by-order", help="Take photographs without a readable number by their order."
         ),
     ] = False,
+    *,
     replace: Annotated[
         bool, typer.Option("--replace", help="Replace photographs that are stored already.")
+    ] = False,
+    undo: Annotated[
+        bool,
+        typer.Option("--undo", help="Set all photographs of the camera aside, to begin again."),
     ] = False,
     json: Json = False,
 ) -> None:
@@ -43,6 +51,17 @@ def ingest(
     stored, output = Session(session), Output(json)
     venue = load_venue(venue_of(session))
     stored.read_plan()  # refuses what is no session before a lock file is made in it
+    if (photos is None) != undo:
+        raise InputError(
+            "--photos: give a folder of photographs, or --undo to set aside those stored"
+        )
+    if photos is None:
+        aside = ingesting.undo(venue, stored, camera)
+        output.say(
+            f"photographs by camera {camera} are in {aside} now; ingest others with --photos"
+        )
+        output.finish({"set_aside": str(aside)})
+        return
     events = ingesting.ingest(
         venue, stored, camera, photos, index, by_order=by_order, replace_stored=replace
     )

@@ -1,6 +1,5 @@
 """Photographs taken by hand or by another program, put behind the shots of a plan."""
 
-import csv
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,6 +12,7 @@ from procam.estimate.structured_light.photo_match import Match, PhotoObservation
 from procam.files.images.photos import (
     Photo,
     Response,
+    in_time,
     list_photos,
     load_response,
     photo_counts,
@@ -27,6 +27,7 @@ from procam.model.frame import CameraSettings, Frame
 from procam.model.optics import CameraModel
 from procam.model.plan import Plan, Shot
 from procam.workflows.capture.brackets import solve_brackets
+from procam.workflows.capture.photo_index import read_index
 from procam.workflows.capture.settings import (
     Setting,
     common_settings,
@@ -70,12 +71,12 @@ def ingest(
         plan = session.read_plan()
         model, response, notes = camera_and_response(venue, session, camera)
         paths, others = list_photos(folder)
-        claims = _read_index(index, plan, paths) if index else {}
+        claims = read_index(index, plan, paths) if index else {}
         surveyed = []
         for path in paths:
             surveyed.append(_survey(path, model, response, claims.get(path.name)))
             yield Event("ingest", len(surveyed), len(paths), f"{path.name} looked at")
-        surveyed = _in_time(surveyed)
+        surveyed = in_time(surveyed)
         stored, observations = set(session.stored(camera)), [s.observation for s in surveyed]
         kept = set() if replace_stored else stored
         match = match_photos(plan, observations, kept, by_order=by_order)
@@ -95,6 +96,18 @@ def ingest(
         yield Event("ingest", len(chosen), len(chosen), "stored", _summary(chosen, match))
 
 
+def undo(venue: Venue, session: Session, camera: str) -> Path:
+    """Set all photographs of a camera aside, with what was solved from them; where they are now."""
+    with locked(venue.directory, "ingest"):
+        _known(venue, camera)
+        if not session.stored(camera):
+            raise InputError(
+                f"{session.directory}: no photographs by camera {camera} are stored, so "
+                "there is nothing to undo"
+            )
+        return session.set_aside(camera)
+
+
 def camera_and_response(
     venue: Venue, session: Session, name: str
 ) -> tuple[CameraModel, Response | None, list[str]]:
@@ -102,10 +115,7 @@ def camera_and_response(
 
     It is solved only once per session, so that frames are alike.
     """
-    if name not in venue.cameras:
-        raise InputError(
-            f"--camera: no camera {name!r} in venue.toml; it has {', '.join(venue.cameras)}"
-        )
+    _known(venue, name)
     table, used = venue.table.cameras[name], _solved_response(session, name)
     if table.brackets is None:
         return venue.cameras[name], load_response(table.response, venue.directory), []
@@ -114,6 +124,13 @@ def camera_and_response(
     found = solve_brackets(venue.directory / table.brackets)
     notes = [f"response of camera {name}: {note}" for note in found.notes]
     return venue.cameras[name], (found.response.levels, found.response.light), notes
+
+
+def _known(venue: Venue, camera: str) -> None:
+    if camera not in venue.cameras:
+        raise InputError(
+            f"--camera: no camera {camera!r} in venue.toml; it has {', '.join(venue.cameras)}"
+        )
 
 
 def _solved_response(session: Session, camera: str) -> Path:
@@ -131,43 +148,6 @@ def _keep_response(
         return [f"{path}: this response, solved before, is used for all photographs of the session"]
     write_response(path, *response)
     return [f"{path}: response solved from the photographs in {brackets}"]
-
-
-def _read_index(path: Path, plan: Plan, photos: list[Path]) -> dict[str, str]:
-    """Shot by file name, from lines "file,shot"."""
-    if not path.is_file():
-        raise FileFormatError(f"{path}: no such file; it needs lines file,shot")
-    lines = _index_lines(path)
-    files, shots = {p.name for p in photos}, {shot.id for shot in plan.shots}
-    claims: dict[str, str] = {}
-    for number, line in enumerate(lines, start=1):
-        if len(line) != 2:
-            raise FileFormatError(f"{path}: entry {number}: {line} is not of the form file,shot")
-        file, shot = (cell.strip() for cell in line)
-        for what, value, known in (("file", file, files), ("shot", shot, shots)):
-            if value not in known:
-                raise FileFormatError(
-                    f"{path}: entry {number}: the {what} {value!r} is none of the "
-                    f"{len(known)} {what}s of the {'plan' if what == 'shot' else 'folder'}"
-                )
-        if file in claims:
-            raise FileFormatError(f"{path}: entry {number}: the file {file!r} stands there twice")
-        claims[file] = shot
-    return claims
-
-
-def _index_lines(path: Path) -> list[list[str]]:
-    """Lines of a CSV, without empty ones and the head; a byte order mark does no harm."""
-    try:
-        text = path.read_text("utf-8-sig")
-        lines = [line for line in csv.reader(text.splitlines()) if line]
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise FileFormatError(
-            f"{path}: not UTF-8 text ({error}); save its lines file,shot as CSV in UTF-8 "
-            "(in spreadsheets 'CSV UTF-8', not 'Unicode text')"
-        ) from error
-    headed = bool(lines) and [cell.strip() for cell in lines[0]] == ["file", "shot"]
-    return lines[headed:]
 
 
 def _survey(
@@ -204,13 +184,6 @@ def _sharpness(counts: NDArray[np.uint16], black_level: float) -> float:
     bend = light[1:-1, 1:-1] * 4 - light[:-2, 1:-1] - light[2:, 1:-1]
     bend -= light[1:-1, :-2] + light[1:-1, 2:]
     return float(np.mean(bend**2) / max(float(np.mean(light**2)), 1e-9))
-
-
-def _in_time(surveyed: list[_Surveyed]) -> list[_Surveyed]:
-    """By the camera's clock, if all photographs carry it; else as they are named."""
-    if any(s.taken_s is None for s in surveyed):
-        return surveyed
-    return sorted(surveyed, key=lambda s: s.taken_s or 0.0)
 
 
 def _check(

@@ -19,15 +19,25 @@ from pathlib import Path
 
 import numpy as np
 
-from procam.arrays import Array, FloatArray, Image
+from procam.arrays import Array
 from procam.errors import FileFormatError, InputError
 from procam.files import atomic
 from procam.files.images.pixels import read_image, write_image
 from procam.files.session import Session
-from procam.maths.codes.shot_id import draw_shot_id
 from procam.model.frame import Frame
 from procam.model.optics import CameraModel
 from procam.workflows.photographs.driven import Wanted
+from procam.workflows.photographs.likeness import (
+    TOP,
+    Counts,
+    Pictures,
+    Samples,
+    alike,
+    pixels,
+    same,
+    sampled,
+    slate,
+)
 from procam.workflows.photographs.orders import (
     Asked,
     Document,
@@ -37,15 +47,7 @@ from procam.workflows.photographs.orders import (
     read_document,
 )
 
-TOP = 65535
-SAMPLED_PX = 16  # every 16th pixel of a picture is compared
-SAME = 4  # of TOP: a picture that is computed again is not the same to the last bit
-ALIKE = 0.1  # mean difference over mean: photographs do not show which of two pictures they are of
-SLATE_CELLS = 100  # along the shorter side: larger ones are bent by the dome
-SLATE_DRIVE = 0.75  # of the largest drive of its picture: half the light, which no camera clips
 ENDED = "ended"
-Pictures = Mapping[str, Image]
-Samples = Mapping[str, Array]  # some pixels (h, w, C) of each picture, 0..TOP
 
 
 class Rounds:
@@ -130,7 +132,7 @@ class Rounds:
                 exposure_s=self._rounded(each.exposure_s),
             )
             if picture and picture not in {a.picture for a in new} and self._resembles(asked, new):
-                self._write_slate(picture, each.pictures)
+                self._write(f"{picture:02d}-slate", slate(picture, each.pictures))
                 new.append(asked.model_copy(update={"slate": True}))
                 asked = asked.model_copy(update={"id": _name(number, new)})
             new.append(asked)
@@ -187,37 +189,30 @@ class Rounds:
         if known is not None or not pictures:
             return known or 0
         number = max((a.picture for a in every), default=0) + 1
-        for name, picture in pictures.items():
-            write_image(self._path(f"{number:02d}", name), _pixels(picture).astype(np.uint16))
-        self._samples[number] = _sampled(pictures)
+        self._write(f"{number:02d}", {n: pixels(p) for n, p in pictures.items()})
+        self._samples[number] = sampled(pictures)
         return number
 
-    def _write_slate(self, number: int, pictures: Pictures) -> None:
-        """Write a picture's number, as marks that the first projector shows."""
-        lit = min(pictures)
-        for name, picture in pictures.items():
-            black = np.zeros(picture.shape, np.uint8)
-            top = int(np.ceil(255 * SLATE_DRIVE * min(float(picture.max()), 1.0)))
-            slate = draw_shot_id(black, number, top, SLATE_CELLS) if name == lit else black
-            pixels = slate.astype(np.uint16) * (TOP // 255)  # of as many bits as the other pictures
-            write_image(self._path(f"{number:02d}-slate", name), pixels)
+    def _write(self, shown: str, pixels: Mapping[str, Counts]) -> None:
+        for name, each in pixels.items():
+            write_image(self._path(shown, name), each)
 
     def _resembles(self, asked: Asked, new: Sequence[Asked]) -> bool:
         """Whether photographs of another picture, earlier or in this round, would look much the same."""
         others = {a.picture: a for a in [*self.asked, *new] if a.projectors == asked.projectors}
         others.pop(asked.picture, None)
         own = self._samples_of(asked)
-        return any(_difference(self._samples_of(a), own) < ALIKE for a in others.values())
+        return any(alike(self._samples_of(a), own) for a in others.values())
 
     def _shows(self, asked: Asked, pictures: Pictures) -> bool:
         """Whether a photograph is of these pictures."""
         same_projectors = asked.projectors == sorted(pictures)
-        return same_projectors and _same(self._samples_of(asked), _sampled(pictures))
+        return same_projectors and same(self._samples_of(asked), sampled(pictures))
 
     def _samples_of(self, asked: Asked) -> Samples:
         if asked.picture not in self._samples:
             stored = {n: self._stored_picture(asked.picture, n) for n in asked.projectors}
-            self._samples[asked.picture] = _sampled(stored)
+            self._samples[asked.picture] = sampled(stored)
         return self._samples[asked.picture]
 
     def _stored_picture(self, number: int, projector: str) -> Array:
@@ -298,31 +293,4 @@ def _equal(first: Wanted, second: Wanted) -> bool:
     """Whether two are of the same pictures and exposure."""
     if first.exposure_s != second.exposure_s or first.pictures.keys() != second.pictures.keys():
         return False
-    return _same(_sampled(first.pictures), _sampled(second.pictures))
-
-
-def _same(first: Samples, second: Samples) -> bool:
-    """Whether pictures of the same projectors are the same."""
-    return all(
-        first[n].shape == second[n].shape and np.abs(first[n] - second[n]).max() <= SAME
-        for n in first
-    )
-
-
-def _difference(first: Samples, second: Samples) -> float:
-    """Mean difference of pictures of the same projectors, over their mean; infinite if sizes differ."""
-    if any(first[n].shape != second[n].shape for n in first):
-        return np.inf
-    off, light = (
-        sum(float(np.abs(part).sum()) for part in parts)
-        for parts in ([first[n] - second[n] for n in first], first.values())
-    )
-    return off / max(light, 1.0)
-
-
-def _pixels(picture: FloatArray) -> Array:
-    return np.asarray(np.rint(np.clip(picture, 0, 1) * TOP), float)
-
-
-def _sampled(pictures: Mapping[str, FloatArray]) -> Samples:
-    return {n: _pixels(p[::SAMPLED_PX, ::SAMPLED_PX]) for n, p in pictures.items()}
+    return same(sampled(first.pictures), sampled(second.pictures))

@@ -8,7 +8,14 @@ import numpy as np
 
 from procam.arrays import AnyArray, Array
 from procam.errors import FileFormatError, InputError
-from procam.files.images.photos import Photo, Response, list_photos, photo_counts, read_photo
+from procam.files.images.photos import (
+    Photo,
+    Response,
+    in_time,
+    list_photos,
+    photo_counts,
+    read_photo,
+)
 from procam.files.session import digest
 from procam.maths.codes.shot_id import read_shot_id
 from procam.maths.warp import block_mean
@@ -72,7 +79,7 @@ def receive(
             f"{folder}: {len(paths)} photographs instead of {len(asked)}: {order}, in this order; "
             f"give a folder of these alone"
         )
-    surveyed = _in_time([_survey(rounds, path, response) for path in paths])
+    surveyed = in_time([_survey(rounds, path, response) for path in paths])
     known = read_settings(rounds.session, rounds.camera.name) or settings
     common = common_settings(((s.path, s.setting) for s in surveyed), known)
     _check_slates(asked, surveyed, order)
@@ -105,12 +112,6 @@ def _survey(rounds: Rounds, path: Path, response: Response | None) -> _Surveyed:
     light = _coarse(counts, camera.sensor)
     setting = (photo.sensitivity, photo.aperture)
     return _Surveyed(path, photo.taken_s, photo.exposure_s, setting, light, digest(counts))
-
-
-def _in_time(surveyed: list[_Surveyed]) -> list[_Surveyed]:
-    if any(s.taken_s is None for s in surveyed):
-        return surveyed
-    return sorted(surveyed, key=lambda s: s.taken_s or 0.0)
 
 
 def _check_slates(asked: Sequence[Asked], surveyed: Sequence[_Surveyed], order: str) -> None:
