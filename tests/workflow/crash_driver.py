@@ -397,8 +397,8 @@ def _commanded(venue: Path, ready: int, command: str) -> Callable[[], int]:
         for number in STOP_SIGNALS:
             signal.signal(number, signal.default_int_handler)
         sys.argv = ["procam", command, str(venue), *ARGUMENTS.get(command, ()), "--json"]
-        os.write(ready, b".")
         try:
+            os.write(ready, b".")
             procam_main()
         except (
             KeyboardInterrupt,
