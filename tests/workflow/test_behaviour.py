@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import photographer
 import pytest
 from tiny_venue import CAMERA, procam, quick_simulator
 
@@ -206,6 +207,39 @@ class TestCommand:
     def test_help_gives_the_photographs(self) -> None:
         ran = procam("doctor", "--help")
         assert "24 more photographs" in " ".join(re.sub(r"[│\n]", " ", ran.out).split())
+
+
+class TestByHand:
+    def test_photographs_by_hand_show_what_devices_show(self, tmp_path: Path) -> None:
+        two = replace(SIZE, projectors=2, projector_size=(128, 80), camera_size=(320, 320))
+        boosted = "features = { south = { white-boost = 0.1 } }\n"
+        driven, venue = tmp_path / "driven", tmp_path / "hand"
+        for folder in (driven, venue):
+            folder.mkdir()
+        text = venue_text("standard", two)
+        (driven / "venue.toml").write_text(text + boosted, "utf-8")
+        lines = text.partition("[simulated]")[0].splitlines()
+        own = [line for line in lines if not line.startswith(("backend = ", "control = "))]
+        (venue / "venue.toml").write_text("\n".join(own) + "\n", "utf-8")
+        command = "doctor", venue, "--behaviour", "--camera", CAMERA
+        ran, said = procam(*command), list[str]()
+        for number in range(2):
+            assert (ran.code, ran.err) == (0, ""), ran
+            assert f"then: procam doctor {venue} --behaviour --camera {CAMERA} --photos FOLDER" in ran.out
+            said.append(ran.out)
+            photos = tmp_path / f"card-{number}"
+            photographer.main(driven, venue / "sessions" / "behaviour-0001", photos)
+            ran = procam(*command, "--photos", photos)
+        assert "settings of south" in said[1] and "settings of south" not in said[0]
+        assert (ran.code, ran.err) == (1, "")
+        assert re.search(r"primaries +\+1[01]\.\d+% +0\.\d+% +1\.0%  WRONG", ran.out)
+        assert re.findall(r"\nWRONG  projector (\w+): .+ switch .+white boost. off", ran.out) == ["south"]
+        assert ran.out.count("photographs by hand come too late") == 2
+        assert (venue / "sessions" / "behaviour-0001" / "ended").is_file()
+        ran = procam("doctor", driven, "--behaviour", "--photos", tmp_path / "card-1")
+        assert (ran.code, "driven by hand; leave it out" in ran.complaint) == (2, True)
+        ran = procam("doctor", driven, "--camera", CAMERA)
+        assert (ran.code, "--camera: it is for photographs by hand" in ran.complaint) == (2, True)
 
 
 class TestFindings:

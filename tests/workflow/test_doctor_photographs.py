@@ -144,9 +144,9 @@ def test_files_that_are_no_photographs_in_colour(rig: HandSession, photos: Path)
 def test_refusals(rig: HandSession, photos: Path, tmp_path: Path) -> None:
     venue = rig.session.parents[1]
     ran = procam("doctor", venue, "--photos", photos, "--camera", "nobody")
-    assert "no camera 'nobody' in venue.toml; it has" in ran.complaint
+    assert "no camera 'nobody'; venue.toml has" in ran.complaint
     ran = procam("doctor", venue, "--photos", photos, "--camera", CAMERA, "--behaviour")
-    assert "--behaviour needs devices that procam drives" in ran.complaint
+    assert "--photos: with --behaviour it is for venues" in ran.complaint
     (tmp_path / "new").mkdir()
     shutil.copy(venue / "venue.toml", tmp_path / "new")
     ran = procam("doctor", tmp_path / "new", "--photos", photos, "--camera", CAMERA)

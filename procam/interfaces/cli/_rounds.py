@@ -16,12 +16,17 @@ def given_photographs(photos: Path | None, replace: bool) -> Given | None:
     return Given(photos, replace) if photos else None
 
 
-def ask_for_photographs(wanted: PhotographsWanted, command: list[str], output: Output) -> None:
+def ask_for_photographs(
+    wanted: PhotographsWanted,
+    command: list[str],
+    output: Output,
+    camera: str = "it stands where it stood for the calibration and",
+) -> None:
     """Print which pictures to show and photograph, and the command that takes the photographs."""
     pictures, total = wanted.folder / "pictures", sum(row.photographs for row in wanted.rows)
     output.say(
-        f"{total} photographs by camera {wanted.camera} are needed, in this order; it stands where it stood "
-        "for the calibration and is not touched until the last round:"
+        f"{total} photographs by camera {wanted.camera} are needed, in this order; {camera} is not touched "
+        "until the last round:"
     )
     for row in wanted.rows:
         shown = f"{row.picture}: {', '.join(row.projectors)}" if row.projectors else "dark"

@@ -8,12 +8,16 @@ import typer
 
 from procam.errors import DeviceError, InputError
 from procam.files.lock import locked
-from procam.files.venue.load import load_venue
-from procam.interfaces.cli._options import Json, VenueArgument
+from procam.files.venue.load import Venue, load_venue
+from procam.interfaces.cli._options import Json, ReplaceRound, VenueArgument
 from procam.interfaces.cli._output import Output
+from procam.interfaces.cli._rounds import ask_for_photographs, given_photographs
+from procam.workflows.doctor.behaviour_by_hand import examine_behaviour_by_hand
 from procam.workflows.doctor.doctor import examine
 from procam.workflows.doctor.findings import Behaviour, Diagnosis, Finding
 from procam.workflows.doctor.photographs import examine_photographs
+from procam.workflows.photographs.open import Given, is_by_hand
+from procam.workflows.photographs.orders import PhotographsWanted
 from procam.workflows.venue_rig import open_rig
 
 EXAMPLE = "procam doctor my-dome --behaviour"
@@ -37,10 +41,11 @@ def doctor(
         Path | None,
         typer.Option(
             help="By hand: folder of test photographs of pictures of `procam patterns`: of each projector "
-            "white, black and two stripes, and one of the dark."
+            "white, black and two stripes, and one of the dark. With --behaviour: those that it asked for."
         ),
     ] = None,
-    camera: Annotated[str, typer.Option(help="Camera that took --photos.")] = "",
+    replace: ReplaceRound = False,
+    camera: Annotated[str, typer.Option(help="By hand: camera that takes the photographs.")] = "",
     json: Json = False,
 ) -> None:
     """Check that every device of a venue can be reached, exposed and resolved; exit 1 if not.
@@ -48,14 +53,22 @@ def doctor(
     Photographs each projector about five times, prints what to set, and leaves the projectors dark.
     """
     loaded, output, diagnosis = load_venue(venue), Output(json), Diagnosis()
-    if (behaviour and photos is not None) or (camera and photos is None):
+    given = given_photographs(photos, replace)
+    if behaviour and is_by_hand(loaded):
+        _behaviour_by_hand(loaded, camera, given, diagnosis, output)
+        return
+    if behaviour and given:
         raise InputError(
-            "--behaviour needs devices that procam drives, and --camera goes with --photos"
+            "--photos: with --behaviour it is for venues whose devices are all driven by hand; leave it out"
         )
     if photos is not None:
         output.follow(examine_photographs(loaded, camera, photos, diagnosis))
         _finish(diagnosis, output)
         return
+    if camera:
+        raise InputError(
+            "--camera: it is for photographs by hand; leave it out, or give --photos too"
+        )
     reached = False
     try:
         with locked(venue, "doctor"), open_rig(loaded) as rig:
@@ -63,6 +76,23 @@ def doctor(
             output.follow(examine(rig, loaded, diagnosis, behaviour=behaviour))
     except DeviceError as error:
         diagnosis.keep(Finding("rig", "lit" if reached else "closed", str(error)))
+    _finish(diagnosis, output)
+
+
+def _behaviour_by_hand(
+    venue: Venue, camera: str, given: Given | None, diagnosis: Diagnosis, output: Output
+) -> None:
+    """Ask for photographs of test pictures, a projector after the other, and judge them."""
+    with locked(venue.directory, "doctor"):
+        try:
+            output.warn(examine_behaviour_by_hand(venue, camera, given, diagnosis))
+        except PhotographsWanted as wanted:
+            for name, behaviour in diagnosis.behaviour.items():
+                for line in _behaviour_lines(name, behaviour):
+                    output.say(line)
+            command = ["procam", "doctor", str(venue.directory), "--behaviour"]
+            ask_for_photographs(wanted, [*command, "--camera", camera], output, "it")
+            return
     _finish(diagnosis, output)
 
 

@@ -99,7 +99,7 @@ def ingest(
 def undo(venue: Venue, session: Session, camera: str) -> Path:
     """Set all photographs of a camera aside, with what was solved from them; where they are now."""
     with locked(venue.directory, "ingest"):
-        _known(venue, camera)
+        named_camera(venue, camera)
         if not session.stored(camera):
             raise InputError(
                 f"{session.directory}: no photographs by camera {camera} are stored, so "
@@ -115,22 +115,23 @@ def camera_and_response(
 
     It is solved only once per session, so that frames are alike.
     """
-    _known(venue, name)
+    model = named_camera(venue, name)
     table, used = venue.table.cameras[name], _solved_response(session, name)
     if table.brackets is None:
-        return venue.cameras[name], load_response(table.response, venue.directory), []
+        return model, load_response(table.response, venue.directory), []
     if used.is_file():
-        return venue.cameras[name], load_response(used.name, used.parent), []
+        return model, load_response(used.name, used.parent), []
     found = solve_brackets(venue.directory / table.brackets)
     notes = [f"response of camera {name}: {note}" for note in found.notes]
-    return venue.cameras[name], (found.response.levels, found.response.light), notes
+    return model, (found.response.levels, found.response.light), notes
 
 
-def _known(venue: Venue, camera: str) -> None:
-    if camera not in venue.cameras:
-        raise InputError(
-            f"--camera: no camera {camera!r} in venue.toml; it has {', '.join(venue.cameras)}"
-        )
+def named_camera(venue: Venue, name: str) -> CameraModel:
+    """The camera that --camera names."""
+    if name not in venue.cameras:
+        what = f"no camera {name!r}" if name else "say which one photographs"
+        raise InputError(f"--camera: {what}; venue.toml has {', '.join(venue.cameras)}")
+    return venue.cameras[name]
 
 
 def _solved_response(session: Session, camera: str) -> Path:

@@ -9,12 +9,13 @@ from contextlib import contextmanager
 
 from procam.devices.protocols import Power
 from procam.devices.rig import Rig
-from procam.errors import CalibrationError, DeviceError, NotEnoughData
+from procam.errors import CalibrationError, DeviceError
+from procam.estimate.projector_tests.patterns import PatchLayout
 from procam.files.venue.load import Venue
 from procam.workflows.doctor.behaviour import BehaviourTest
+from procam.workflows.doctor.behaviour_driven import DrivenTest
 from procam.workflows.doctor.examined_camera import ExaminedCamera
 from procam.workflows.doctor.findings import (
-    Behaviour,
     Diagnosis,
     Finding,
     judge_behaviour,
@@ -87,10 +88,9 @@ def _test_behaviour(
 ) -> None:
     """Test a projector before the first camera that sees it well enough."""
     for camera, examined in cameras.items():
-        try:
-            tested = BehaviourTest(examined, name).run(venue.table.capture)
-        except NotEnoughData as error:
-            tested = Behaviour(camera, (), (str(error),))
+        frames = DrivenTest(examined, name).photograph(venue.table.capture)
+        layout = PatchLayout(venue.table.projectors[name].size)
+        tested = BehaviourTest(camera, examined.measured, layout, frames).run()
         diagnosis.behaviour[name] = tested
         if tested.effects:
             judge_behaviour(diagnosis, name)

@@ -33,6 +33,7 @@ from procam.files.venue.load import CaptureTable
 from procam.model.frame import CameraSettings, Frame
 from procam.model.optics import Sensor
 from procam.workflows.doctor.findings import (
+    NO_LIGHT,
     UNTRUSTWORTHY,
     CameraView,
     Diagnosis,
@@ -44,7 +45,6 @@ from procam.workflows.doctor.findings import (
 Counts = NDArray[np.uint16]
 METERINGS = 3
 BRIGHT, DIM = 0.999, 0.1  # quantile looked at, and the share of the best exposure that will do
-NO_LIGHT = 0.02  # of full scale, at the longest exposure tried
 GREY = 128 / 255
 SETTLE_S = 0.5  # before a stale picture is taken again
 SLOW_S = 1.0  # before a photograph of a projector that is known to be slow

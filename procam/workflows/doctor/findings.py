@@ -145,6 +145,7 @@ LEAST_BLACK_SIGMAS = 5.0
 MOST_AMBIENT = 0.25
 REPEAT_OFF = 0.03
 EXPONENT_OFF = 0.05
+NO_LIGHT = 0.02  # of full scale, at the longest exposure tried
 FLAT_EXPONENT = 0.2  # a picture that hardly follows its exposure: no encoding does so
 BLACK_LEVEL_OFF = 5e-4  # of full scale
 

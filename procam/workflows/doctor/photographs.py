@@ -30,6 +30,7 @@ from procam.maths.codes.shot_id import read_shot_id
 from procam.model.optics import Sensor
 from procam.model.plan import Plan, Purpose, Shot
 from procam.workflows.capture.by_hand import PREFIX
+from procam.workflows.capture.ingest import named_camera
 from procam.workflows.doctor.findings import (
     CameraView,
     Diagnosis,
@@ -88,10 +89,7 @@ def examine_photographs(
     venue: Venue, camera: str, folder: Path, diagnosis: Diagnosis
 ) -> Iterator[Event]:
     """Fill `diagnosis` from test photographs by one camera."""
-    if camera not in venue.cameras:
-        raise InputError(
-            f"--camera: no camera {camera!r} in venue.toml; it has {', '.join(venue.cameras)}"
-        )
+    named_camera(venue, camera)
     plan, (paths, _) = newest_by_hand(venue).read_plan(), list_photos(folder)
     by_number = {shot.detail["number"]: shot for shot in plan.shots if "number" in shot.detail}
     seen = _Seen()

@@ -9,6 +9,7 @@ from procam.errors import CalibrationError, InputError
 from procam.files.session import Session
 from procam.files.venue.load import BY_HAND, Venue
 from procam.model.calibration import Calibration
+from procam.model.optics import CameraModel
 from procam.workflows.capture.ingest import camera_and_response
 from procam.workflows.capture.settings import read_settings
 from procam.workflows.photographs.by_hand import HandPhotographer, Rounds
@@ -44,10 +45,7 @@ def photographer_of(
         Of the block, with what to do about the photographs.
     """
     check_devices(venue, calibration)
-    table = venue.table
-    backends = {entry.backend for entry in table.cameras.values()}
-    backends |= {entry.backend for entry in table.projectors.values()}
-    if backends != {BY_HAND}:
+    if not is_by_hand(venue):
         if given:
             raise InputError(
                 "--photos is for venues whose devices are all driven by hand; leave it out"
@@ -56,10 +54,29 @@ def photographer_of(
             yield DrivenPhotographer(rig, calibration)
         return
     camera = next(iter(calibration.cameras.values()))
+    session = Session(venue.directory / "sessions" / str(calibration.provenance.get("session")))
+    with hand_photographer(venue, camera, session, work, of, given) as photographer:
+        yield photographer
+
+
+def is_by_hand(venue: Venue) -> bool:
+    """Whether people drive all devices."""
+    table = venue.table
+    backends = {entry.backend for entry in table.cameras.values()}
+    return backends | {entry.backend for entry in table.projectors.values()} == {BY_HAND}
+
+
+@contextmanager
+def hand_photographer(
+    venue: Venue, camera: CameraModel, session: Session, work: str, of: str, given: Given | None
+) -> Iterator[HandPhotographer]:
+    """The photographer of the newest rounds of a work, with the photographs of a given folder too.
+
+    ISO and aperture are those of `session`, which the work builds on, as far as they are known there.
+    """
     exposure_s = venue.table.capture.exposure_s
     rounds, notes = Rounds.newest(venue.directory, work, camera, exposure_s, of), list[str]()
     if given:
-        session = Session(venue.directory / "sessions" / str(calibration.provenance.get("session")))
         _, response, _ = camera_and_response(venue, session, camera.name)
         if given.instead:
             rounds.reopen()
