@@ -225,15 +225,21 @@ class TestByHand:
         ran, said = procam(*command), list[str]()
         for number in range(2):
             assert (ran.code, ran.err) == (0, ""), ran
-            assert f"then: procam doctor {venue} --behaviour --camera {CAMERA} --photos FOLDER" in ran.out
+            assert (
+                f"then: procam doctor {venue} --behaviour --camera {CAMERA} --photos FOLDER"
+                in ran.out
+            )
             said.append(ran.out)
             photos = tmp_path / f"card-{number}"
             photographer.main(driven, venue / "sessions" / "behaviour-0001", photos)
             ran = procam(*command, "--photos", photos)
+        assert "1 of 5.241 s  15: south" in said[0]  # steps near black
         assert "settings of south" in said[1] and "settings of south" not in said[0]
         assert (ran.code, ran.err) == (1, "")
         assert re.search(r"primaries +\+1[01]\.\d+% +0\.\d+% +1\.0%  WRONG", ran.out)
-        assert re.findall(r"\nWRONG  projector (\w+): .+ switch .+white boost. off", ran.out) == ["south"]
+        assert re.findall(r"\nWRONG  projector (\w+): .+ switch .+white boost. off", ran.out) == [
+            "south"
+        ]
         assert ran.out.count("photographs by hand come too late") == 2
         assert (venue / "sessions" / "behaviour-0001" / "ended").is_file()
         ran = procam("doctor", driven, "--behaviour", "--photos", tmp_path / "card-1")
