@@ -96,6 +96,7 @@ class TestDryRun:
         self, tmp_path: Path, capsys: pytest.CaptureFixture[str]
     ) -> None:
         document = _document(_by_hand(tmp_path, SIX[:3]), capsys)
+        assert document["exposures"] == document["shots"] + 2  # dark and dim; by hand black has one
         parts = [document["dark"], *document["projectors"].values()]
         assert list(document["projectors"]) == list(SIX[:3])
         for key in ("shots", "exposures"):

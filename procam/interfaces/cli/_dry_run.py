@@ -7,6 +7,7 @@ from itertools import groupby
 from procam.files.venue.load import BY_HAND, Venue
 from procam.interfaces.cli._output import Output
 from procam.model.plan import Shot
+from procam.workflows.capture.by_hand import exposed_by_hand
 from procam.workflows.capture.session_plan import plan_of_session
 
 DRIVEN_S = 1.0  # beside the exposure: show, settle, read out, store
@@ -31,6 +32,8 @@ def run_dry(venue: Venue, output: Output) -> None:
     """Print the work per projector and in all, the order of the shots, and what geometry needs."""
     sizes = {name: entry.size for name, entry in venue.table.projectors.items()}
     shots = plan_of_session(venue)[0].shots
+    if all(camera.backend == BY_HAND for camera in venue.table.cameras.values()):
+        shots = tuple(map(exposed_by_hand, shots))
     each = {name: work(venue, [s for s in shots if s.projector == name]) for name in ("", *sizes)}
     until = max(i for i, shot in enumerate(shots) if shot.purpose in FOR_GEOMETRY) + 1
     geometry, stages = work(venue, shots[:until]), _stages(shots)

@@ -56,16 +56,17 @@ def _write_session(venue: Venue, session: Session) -> None:
             continue
         drive = round(255 * light ** (1 / NOMINAL_GAMMA)) if shot.purpose == "black" else None
         numbered[shot.pattern] = draw_shot_id(patterns.pop(shot.pattern), number, drive, cells)
-        shots.append(_numbered(shot, number))
+        detail = {**shot.detail, NUMBER: number}
+        shots.append(replace(exposed_by_hand(shot), detail=detail))
     text = (venue.directory / "venue.toml").read_text("utf-8")
     atomic.write_text(session.directory / "venue.toml", text)
     session.write_plan(Plan(tuple(shots)), numbered)
 
 
-def _numbered(shot: Shot, number: int) -> Shot:
-    """A shot whose picture shows its number; black's is too dim to read at white's exposure."""
+def exposed_by_hand(shot: Shot) -> Shot:
+    """A shot as people photograph it: the number in a black is too dim to read at white's exposure."""
     exposures_s = shot.exposures_s[:1] if shot.purpose == "black" else shot.exposures_s
-    return replace(shot, exposures_s=exposures_s, detail={**shot.detail, NUMBER: number})
+    return replace(shot, exposures_s=exposures_s)
 
 
 def _export(session: Session, out: Path, movie: bool) -> None:
