@@ -8,8 +8,9 @@ estimated as a systematic ratio per pair of camera and projector, which scales t
 module is longer than 300 lines because residuals, priors and weights share one cost.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -166,6 +167,24 @@ def square_rows(rig: RigGeometry, names: Iterable[str]) -> tuple[Array, Array]:
     return np.array(error), np.array(slopes).reshape(-1, layout.count)
 
 
+def descent(
+    step_at: Callable[[float], Array], cost: Callable[[Array], float], damping: float
+) -> tuple[Array, float, float]:
+    """A step (P,) that lowers the cost, by how much, and the damping that it took.
+
+    Where undamped steps overshoot, in a bent valley, damped ones creep; they are doubled as long as
+    the cost falls.
+    """
+    step, first = step_at(damping), damping
+    start = cost(np.zeros_like(step))
+    while (gain := start - cost(step)) < -1e-9 * max(start, 1.0) and damping <= 1e8:
+        damping = max(10 * damping, 1e-6)
+        step = step_at(damping)
+    while damping > first and (more := start - cost(2 * step)) > gain:
+        step, gain = 2 * step, more
+    return step, gain, damping
+
+
 class Adjustment:
     """Levenberg-Marquardt on a set of observations, fiducials and priors.
 
@@ -206,15 +225,9 @@ class Adjustment:
                 now = self._robust_sigmas(rig)
                 scale = {pair: min(scale[pair], now[pair]) for pair in scale}
             matrix, gradient = self._equations(rig, self._weights(rig, scale, robust), moved)
-            cost = self._cost(rig, scale, robust, moved)
-            while True:
-                step = self._step(matrix, gradient, damping)
-                ahead = rig.moved(step)
-                gain = cost - self._cost(ahead, scale, robust, moved + step)
-                if gain >= -1e-9 * max(cost, 1.0) or damping > 1e8:
-                    break
-                damping = max(10 * damping, 1e-6)
-            rig, moved, damping = ahead, moved + step, damping / easing
+            cost = partial(self._cost_after, rig, scale, robust, moved)
+            step, gain, damping = descent(partial(self._step, matrix, gradient), cost, damping)
+            rig, moved, damping = rig.moved(step), moved + step, damping / easing
             self._update_derivatives(rig)
             if gain < CONVERGED and damping < UNDAMPED:
                 return rig
@@ -301,6 +314,16 @@ class Adjustment:
         error = fiducial_residuals(rig, self.problem.fiducials, self.problem.distances)
         error = np.r_[np.nan_to_num(error, nan=1e6), square_rows(rig, self.square)[0]]
         return total + float(error @ error + self._prior_weights() @ moved**2)
+
+    def _cost_after(
+        self,
+        rig: RigGeometry,
+        scale: Mapping[Pair, float],
+        robust: bool,
+        moved: Array,
+        step: Array,
+    ) -> float:
+        return self._cost(rig.moved(step), scale, robust, moved + step)
 
     def _equations(
         self, rig: RigGeometry, weight: Mapping[Pair, Array], moved: Array

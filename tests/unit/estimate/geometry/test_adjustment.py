@@ -8,6 +8,7 @@ from procam.estimate.geometry.adjustment import (
     CELLS,
     Adjustment,
     _with_correlated_misfit,
+    descent,
     normalised_residuals,
     prior_departures,
     prior_sigmas,
@@ -23,6 +24,21 @@ def _observations(rng: np.random.Generator, count: int = 20_000) -> Observations
     return Observations(
         np.zeros((count, 2)), rng.uniform(0, 1, (count, 2)) * SIZE, np.full(count, 0.1)
     )
+
+
+def test_damped_steps_do_not_creep_where_undamped_ones_overshoot() -> None:
+    """A parameter that is determined 1e8 times worse than others, four times as far as it looks."""
+    tried = list[float]()
+
+    def step_at(damping: float) -> np.ndarray:
+        tried.append(damping)
+        return np.array([4e-8 / (1e-8 + damping)])
+
+    step, gain, damping = descent(step_at, lambda step: float((step[0] - 1) ** 2), 1e-14)
+    assert tried == [1e-14, 1e-6] and damping == 1e-6
+    assert 0.5 < step[0] < 1.5 and gain > 0.7
+    step, gain, damping = descent(step_at, lambda step: float((step[0] - 4) ** 2), 1e-14)
+    assert (damping, step[0]) == (1e-14, pytest.approx(4)) and gain == pytest.approx(16)
 
 
 def test_independent_errors_have_the_ratio_1(rng: np.random.Generator) -> None:
