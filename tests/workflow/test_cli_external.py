@@ -299,6 +299,29 @@ class TestIngest:
         changed = [n for n, c in contents(hand_session.session).items() if before[n] != c]
         assert {Path(n).name for n in changed} == {f"{shots[7]}@0.13.tif", "index.jsonl"}
 
+    @pytest.mark.parametrize(
+        ("old", "new", "words"),
+        [
+            ("[projectors.south]", "[projectors.sud]", "no pictures for projector sud, but"),
+            (
+                f"size = {list(PANEL)}",
+                "size = [800, 600]",
+                "px for projector south, but venue.toml",
+            ),
+        ],
+    )
+    def test_pictures_of_another_venue_toml(
+        self, hand_session: HandSession, roll: Path, old: str, new: str, words: str
+    ) -> None:
+        venue = hand_session.session.parents[1]
+        text = (venue / "venue.toml").read_text("utf-8")
+        assert old in text
+        (venue / "venue.toml").write_text(text.replace(old, new), "utf-8")
+        doctor = procam("doctor", venue, "--camera", CAMERA, "--photos", roll)
+        for ran in (hand_session.ingest(roll), procam("solve", hand_session.session), doctor):
+            assert (ran.code, words in ran.complaint) == (2, True), ran
+        assert not hand_session.stored()
+
     def test_what_is_stored_is_set_aside(self, hand_session: HandSession, roll: Path) -> None:
         undo = "ingest", hand_session.session, "--camera", CAMERA, "--undo"
         ran = procam(*undo)

@@ -12,7 +12,7 @@ from procam.files.session import Session
 from procam.files.venue.load import Venue
 from procam.interfaces.cli._system_errors import worded
 from procam.model.frame import CameraSettings, Frame
-from procam.workflows.capture.ingest import _index_lines
+from procam.workflows.capture.photo_index import _index_lines
 
 
 @pytest.fixture

@@ -28,6 +28,7 @@ from procam.model.optics import CameraModel
 from procam.model.plan import Plan, Shot
 from procam.workflows.capture.brackets import solve_brackets
 from procam.workflows.capture.photo_index import read_index
+from procam.workflows.capture.session_plan import plan_of
 from procam.workflows.capture.settings import (
     Setting,
     common_settings,
@@ -68,7 +69,7 @@ def ingest(
     carries `stored`, `missing` and `notes`, one line for every photograph that was left out or guessed.
     """
     with locked(venue.directory, "ingest"):
-        plan = session.read_plan()
+        plan = plan_of(venue, session)
         model, response, notes = camera_and_response(venue, session, camera)
         paths, others = list_photos(folder)
         claims = read_index(index, plan, paths) if index else {}

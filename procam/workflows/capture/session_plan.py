@@ -2,9 +2,12 @@
 
 import numpy as np
 
+from procam.errors import InputError
 from procam.estimate.media_server.dome_master import DomeMaster, plan_server
 from procam.estimate.structured_light.codes import Picture
 from procam.estimate.structured_light.patterns import plan_session
+from procam.files.images.pixels import read_header
+from procam.files.session import Session
 from procam.files.venue.load import Venue
 from procam.files.venue.server_checks import DOME_MASTER
 from procam.model.plan import Plan
@@ -26,3 +29,29 @@ def plan_of_session(venue: Venue) -> tuple[Plan, dict[str, Picture]]:
         return plan_server(server, capture.exposure_s, capture.black_exposure_s)
     sizes = {name: entry.size for name, entry in venue.table.projectors.items()}
     return plan_session(sizes, capture.exposure_s, capture.black_exposure_s)
+
+
+def plan_of(venue: Venue, session: Session) -> Plan:
+    """The plan of a session, whose pictures are those of the venue's projectors.
+
+    Raises
+    ------
+    InputError
+        venue.toml has other projectors than when the pictures were made.
+    """
+    plan = session.read_plan()
+    for name, entry in venue.table.projectors.items():
+        shot = next((s for s in plan.shots if s.projector == name and s.pattern), None)
+        found, wanted = "no pictures", "names it"
+        if shot is not None:
+            header = read_header(session.directory / shot.pattern)
+            if (header.width, header.height) == tuple(entry.size):
+                continue
+            found = f"pictures of {header.width}x{header.height} px"
+            wanted = f"says {entry.size[0]}x{entry.size[1]} px"
+        raise InputError(
+            f"{session.directory} has {found} for projector {name}, but venue.toml {wanted}. Undo the "
+            "change to venue.toml, or make new pictures (`procam capture`, by hand `procam patterns`) and "
+            "photograph those"
+        )
+    return plan

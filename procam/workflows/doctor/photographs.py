@@ -31,6 +31,7 @@ from procam.model.optics import Sensor
 from procam.model.plan import Plan, Purpose, Shot
 from procam.workflows.capture.by_hand import PREFIX
 from procam.workflows.capture.ingest import named_camera
+from procam.workflows.capture.session_plan import plan_of
 from procam.workflows.doctor.findings import (
     CameraView,
     Diagnosis,
@@ -90,7 +91,7 @@ def examine_photographs(
 ) -> Iterator[Event]:
     """Fill `diagnosis` from test photographs by one camera."""
     named_camera(venue, camera)
-    plan, (paths, _) = newest_by_hand(venue).read_plan(), list_photos(folder)
+    plan, (paths, _) = plan_of(venue, newest_by_hand(venue)), list_photos(folder)
     by_number = {shot.detail["number"]: shot for shot in plan.shots if "number" in shot.detail}
     seen = _Seen()
     for done, path in enumerate(paths, start=1):

@@ -45,7 +45,7 @@ from procam.model.correspondence import CorrespondenceMap
 from procam.model.quality import Figure
 from procam.model.screen import Dome
 from procam.workflows.capture.session_images import SessionImages
-from procam.workflows.capture.session_plan import server_of
+from procam.workflows.capture.session_plan import plan_of, server_of
 from procam.workflows.events import Event
 from procam.workflows.solve.apriltags import detect_tags, tag_marks, tag_notes
 from procam.workflows.solve.code_light import odd_waves
@@ -147,7 +147,7 @@ def _quality(calibration: Calibration, rig: _SolvedRig) -> dict[str, Figure]:
 
 def _rig_by_codes(venue: Venue, session: Session, total: int) -> Generator[Event, None, _SolvedRig]:
     """Cameras and projectors, from what cameras decode."""
-    plan, cameras = session.read_plan(), venue.cameras
+    plan, cameras = plan_of(venue, session), venue.cameras
     found: dict[Pair, CorrespondenceMap] = {}
     gathered: dict[Pair, Observations] = {}
     tags_seen: dict[str, TagObservations] = {}
@@ -173,7 +173,7 @@ def _rig_by_server(
     venue: Venue, session: Session, server: DomeMaster, total: int
 ) -> Generator[Event, None, _SolvedRig]:
     """Cameras, from the tags that a media server showed."""
-    plan, cameras = session.read_plan(), venue.cameras
+    plan, cameras = plan_of(venue, session), venue.cameras
     placed: dict[str, PlacedCamera] = {}
     tags_seen: dict[str, TagObservations] = {}
     for camera in cameras:
