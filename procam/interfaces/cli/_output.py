@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from procam.interfaces.cli._run_log import RunLog
+
 if TYPE_CHECKING:
     from procam.model.calibration import Calibration
     from procam.model.quality import Figure
@@ -19,13 +21,17 @@ LINE_EVERY_S = 5.0  # of progress in a file
 
 
 class Output:
-    """What a command prints: text and progress for people, or one document for machines (`as_json`)."""
+    """What a command prints: text and progress for people, or one document for machines (`as_json`).
 
-    def __init__(self, as_json: bool) -> None:
-        self.as_json = as_json
+    With `log` all of it is kept in the venue's logs too.
+    """
+
+    def __init__(self, as_json: bool, log: RunLog | None = None) -> None:
+        self.as_json, self._log = as_json, log
 
     def say(self, text: str) -> None:
         """Print a line for people."""
+        self._keep(text)
         if not self.as_json:
             sys.stdout.write(text + "\n")
 
@@ -38,7 +44,13 @@ class Output:
 
     def warn(self, notes: Sequence[str]) -> None:
         """Print notes to stderr, where scripts see them too."""
-        sys.stderr.writelines(f"note: {note}\n" for note in notes)
+        for note in notes:
+            self._keep(f"note: {note}")
+            sys.stderr.write(f"note: {note}\n")
+
+    def _keep(self, text: str) -> None:
+        if self._log:
+            self._log.write(text)
 
     def finish(self, document: Mapping[str, Any]) -> None:
         """Print the one document for machines."""
@@ -73,6 +85,7 @@ class Output:
                     description=event.text,
                     stage=event.stage,
                 )
+                self._keep(f"{event.stage} {event.done}/{event.total} {event.text}")
                 if lines:
                     lines.show(event)
                 data = event.data

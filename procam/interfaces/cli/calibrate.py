@@ -9,6 +9,7 @@ from procam.files.venue.load import load_venue
 from procam.interfaces.cli import _sessions
 from procam.interfaces.cli._options import Json, VenueArgument
 from procam.interfaces.cli._output import Output
+from procam.interfaces.cli._run_log import RunLog
 from procam.workflows.capture.newest import capture_newest
 from procam.workflows.solve.calibrate import solve
 
@@ -17,7 +18,7 @@ EXAMPLE = "procam calibrate my-dome"
 
 def calibrate(venue: VenueArgument, json: Json = False) -> None:
     """Capture, solve and report in one run."""
-    loaded, output = load_venue(venue), Output(json)
+    loaded, output = load_venue(venue), Output(json, RunLog(venue, "calibrate"))
     with locked(venue, "calibrate"):
         session = output.follow(capture_newest(loaded))["session"]
         solved = output.follow(solve(loaded, Session(session)))

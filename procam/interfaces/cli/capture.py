@@ -8,6 +8,7 @@ from procam.files.venue.load import load_venue
 from procam.interfaces.cli._dry_run import run_dry
 from procam.interfaces.cli._options import Json, VenueArgument
 from procam.interfaces.cli._output import Output
+from procam.interfaces.cli._run_log import RunLog
 from procam.workflows.capture.newest import capture_newest
 
 EXAMPLE = "procam capture my-dome --dry-run"
@@ -24,10 +25,11 @@ def capture(
 
     A lost cable, a full disk or a killed process loses no photograph: run the command again.
     """
-    loaded, output = load_venue(venue), Output(json)
+    loaded = load_venue(venue)
     if dry_run:
-        run_dry(loaded, output)
+        run_dry(loaded, Output(json))
         return
+    output = Output(json, RunLog(venue, "capture"))
     session = output.follow(capture_newest(loaded))["session"]
     output.say(f"captured; now run: procam solve {session}")
     output.finish({"session": str(session)})

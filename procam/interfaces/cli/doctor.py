@@ -12,6 +12,7 @@ from procam.files.venue.load import Venue, load_venue
 from procam.interfaces.cli._options import Json, ReplaceRound, VenueArgument
 from procam.interfaces.cli._output import Output
 from procam.interfaces.cli._rounds import ask_for_photographs, given_photographs
+from procam.interfaces.cli._run_log import RunLog
 from procam.workflows.doctor.behaviour_by_hand import examine_behaviour_by_hand
 from procam.workflows.doctor.doctor import examine
 from procam.workflows.doctor.findings import Behaviour, Diagnosis, Finding
@@ -52,7 +53,8 @@ def doctor(
 
     Photographs each projector about five times, prints what to set, and leaves the projectors dark.
     """
-    loaded, output, diagnosis = load_venue(venue), Output(json), Diagnosis()
+    loaded, output = load_venue(venue), Output(json, RunLog(venue, "doctor"))
+    diagnosis = Diagnosis()
     given = given_photographs(photos, replace)
     if behaviour and is_by_hand(loaded):
         _behaviour_by_hand(loaded, camera, given, diagnosis, output)

@@ -10,6 +10,7 @@ from procam.files.session import Session
 from procam.files.venue.load import load_venue
 from procam.interfaces.cli._options import Json
 from procam.interfaces.cli._output import Output
+from procam.interfaces.cli._run_log import RunLog
 from procam.workflows.capture import ingest as ingesting
 from procam.workflows.capture.newest import venue_of
 
@@ -48,8 +49,8 @@ def ingest(
     Each photograph is identified by the number in it. What is missing or left out is listed; run the
     command again with more photographs, and it adds only what is missing.
     """
-    stored, output = Session(session), Output(json)
-    venue = load_venue(venue_of(session))
+    stored, venue = Session(session), load_venue(venue_of(session))
+    output = Output(json, RunLog(venue.directory, "ingest"))
     stored.read_plan()  # refuses what is no session before a lock file is made in it
     if (photos is None) != undo:
         raise InputError(

@@ -9,6 +9,7 @@ import json
 import os
 import sys
 import threading
+import traceback
 from importlib import import_module
 from typing import Annotated, Any, NoReturn
 
@@ -17,6 +18,7 @@ from typer.core import TyperCommand, TyperGroup
 
 from procam.devices.interrupts import interruptible
 from procam.errors import DeviceError, ProcamError
+from procam.interfaces.cli._run_log import end_log
 
 BY_SIGNAL = 128  # plus a signal's number: the exit code of a process that it has ended
 SETTINGS = {"help_option_names": ["-h", "--help"]}
@@ -136,11 +138,19 @@ def main() -> None:
         from procam.interfaces.cli._system_errors import worded
 
         _end(worded(error), 2)
-    except BaseException:  # a library that a signal met while it loads says ImportError
+    except BaseException as error:  # a library that a signal met while it loads says ImportError
         if run.stopped_by is not None:  # typer prints nothing when a signal ends it
             dark = "; all projectors are dark" if run.left_dark else ""
             _end(f"stopped{dark}. Run the same command again", BY_SIGNAL + run.stopped_by)
+        end_log(_how_it_ended(error))
         raise
+
+
+def _how_it_ended(error: BaseException) -> str:
+    """For the log: the exit code, or what nobody expected."""
+    if isinstance(error, SystemExit):
+        return f"exit code {error.code or 0}"
+    return "".join(traceback.format_exception(error))
 
 
 def _end(message: str, code: int) -> NoReturn:
@@ -148,6 +158,7 @@ def _end(message: str, code: int) -> NoReturn:
 
     With --json scripts get it as a document too, unless frames go to stdout.
     """
+    end_log(f"exit code {code}: {message}")
     sys.stderr.write(f"procam: {message}\n")
     if "--json" in sys.argv and "-" not in sys.argv:
         sys.stdout.write(json.dumps({"error": message, "exit_code": code}, indent=1) + "\n")

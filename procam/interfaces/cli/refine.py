@@ -13,6 +13,7 @@ from procam.interfaces.cli import _sessions
 from procam.interfaces.cli._options import FromArgument, Json, ReplaceRound, RoundPhotos
 from procam.interfaces.cli._output import Output, as_dicts, exit_if_missed
 from procam.interfaces.cli._rounds import ask_for_photographs, given_photographs
+from procam.interfaces.cli._run_log import RunLog
 from procam.workflows.photographs.open import photographer_of
 from procam.workflows.photographs.orders import PhotographsWanted
 from procam.workflows.refine import refine as loop
@@ -39,7 +40,8 @@ def refine(
     one gets worse, nothing is written.
     """
     venue = venue_of_calibration(start)
-    loaded, output, kept = load_venue(venue), Output(json), chosen_calibration(start)
+    loaded, output = load_venue(venue), Output(json, RunLog(venue, "refine"))
+    kept = chosen_calibration(start)
     calibration = load_calibration(kept)
     content, note = read_square(picture) if picture else (half_sky(_sessions.CONTENT_SIZE), "")
     with locked(venue, "refine"):

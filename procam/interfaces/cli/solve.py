@@ -13,6 +13,7 @@ from procam.files.venue.load import load_venue
 from procam.interfaces.cli import _sessions
 from procam.interfaces.cli._options import Json
 from procam.interfaces.cli._output import Output
+from procam.interfaces.cli._run_log import RunLog
 from procam.workflows.capture.newest import venue_of
 from procam.workflows.solve import calibrate as solving
 
@@ -24,7 +25,8 @@ def solve(
     json: Json = False,
 ) -> None:
     """Calibrate from stored captures alone, and report; no device is touched."""
-    venue, output = load_venue(venue_of(session)), Output(json)
+    venue = load_venue(venue_of(session))
+    output = Output(json, RunLog(venue.directory, "solve"))
     with locked(venue.directory, "solve"):
         solved = output.follow(solving.solve(venue, Session(session)))
         report = _sessions.keep_report(venue.directory)

@@ -17,6 +17,7 @@ from procam.files.venue.load import load_venue
 from procam.interfaces.cli._options import FromArgument, Json, ReplaceRound, RoundPhotos
 from procam.interfaces.cli._output import Output
 from procam.interfaces.cli._rounds import ask_for_photographs, given_photographs
+from procam.interfaces.cli._run_log import RunLog
 from procam.model.venue_state import VenueState
 from procam.workflows.audience import check_state_name, measure_state, with_state
 from procam.workflows.photographs.open import photographer_of
@@ -48,7 +49,7 @@ def state(
     photographs with --photos.
     """
     venue = venue_of_calibration(start)
-    loaded, output = load_venue(venue), Output(json)
+    loaded, output = load_venue(venue), Output(json, RunLog(venue, "state"))
     kept = chosen_calibration(start)
     calibration = load_calibration(kept)
     check_state_name(calibration, name)
