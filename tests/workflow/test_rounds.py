@@ -151,7 +151,12 @@ def test_what_to_do_is_said(by_hand: Path) -> None:
     ran = procam("refine", by_hand)
     assert (ran.code, ran.err) == (0, "")
     assert f"9 photographs by camera {CAMERA} are needed, in this order" in ran.out
-    assert " 4 of " in ran.out and "s  dark" in ran.out and "01: north, south" in ran.out
+    assert (
+        "slate" not in ran.out
+        and " 4 of " in ran.out
+        and "s  dark" in ran.out
+        and "01: north, south" in ran.out
+    )
     assert f"then: procam refine {by_hand} --photos FOLDER" in ran.out
 
 
@@ -198,7 +203,9 @@ class TestRefusals:
 
     def test_the_slate_of_another_picture(self, driven: Path, by_hand: Path, card: Path) -> None:
         """The player still shows what it showed before: photographs of it would look right."""
-        two = photographed(driven, run("refine", by_hand, "--photos", card), by_hand / "two")
+        ran = procam("refine", by_hand, "--photos", card)
+        assert "a slate is the number of the next picture" in ran.out
+        two = photographed(driven, run("refine", by_hand), by_hand / "two")
         asked = run("refine", by_hand, "--photos", two)
         assert [row["picture"] for row in asked["wanted"]] == ["04-slate", "04"]
         photos = photographed(driven, asked, by_hand / "three")

@@ -31,6 +31,10 @@ def ask_for_photographs(
     for row in wanted.rows:
         shown = f"{row.picture}: {', '.join(row.projectors)}" if row.projectors else "dark"
         output.say(f"  {row.photographs:2} of {row.exposure_s:g} s  {shown}")
+    if any(row.slate for row in wanted.rows):
+        output.say(
+            "a slate is the number of the next picture, which looks like another: show it first"
+        )
     following = " ".join(map(quote, [*command, "--photos"]))
     output.say(
         f"{pictures} has a folder for each, with a picture for each projector named; the others are "

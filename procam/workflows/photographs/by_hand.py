@@ -39,6 +39,7 @@ from procam.workflows.photographs.likeness import (
     slate,
 )
 from procam.workflows.photographs.orders import (
+    SLATE,
     Asked,
     Document,
     OrderRow,
@@ -132,7 +133,7 @@ class Rounds:
                 exposure_s=self._rounded(each.exposure_s),
             )
             if picture and picture not in {a.picture for a in new} and self._resembles(asked, new):
-                self._write(f"{picture:02d}-slate", slate(picture, each.pictures))
+                self._write(f"{picture:02d}{SLATE}", slate(picture, each.pictures))
                 new.append(asked.model_copy(update={"slate": True}))
                 asked = asked.model_copy(update={"id": _name(number, new)})
             new.append(asked)

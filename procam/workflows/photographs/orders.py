@@ -12,6 +12,8 @@ from procam.errors import FileFormatError
 from procam.files.names import NAME_PATTERN
 from procam.model.plan import Shot
 
+SLATE = "-slate"  # behind the number of a picture
+
 
 class PhotographsWanted(Exception):
     """A workflow cannot go on without photographs by a camera; `rows` are the lines of its order."""
@@ -38,7 +40,7 @@ class Asked(BaseModel):
     @property
     def shown(self) -> str:
         """Folder of the pictures, and what people call them."""
-        return f"{self.picture:02d}{'-slate' if self.slate else ''}" if self.picture else "dark"
+        return f"{self.picture:02d}{SLATE if self.slate else ''}" if self.picture else "dark"
 
     @property
     def shot(self) -> Shot:
@@ -54,6 +56,11 @@ class OrderRow(BaseModel):
     projectors: list[str]
     photographs: int
     exposure_s: float
+
+    @property
+    def slate(self) -> bool:
+        """Whether it is of a picture's number."""
+        return self.picture.endswith(SLATE)
 
 
 class Document(BaseModel):
