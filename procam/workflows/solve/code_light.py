@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from procam.arrays import Array, FloatArray, Image
+from procam.arrays import Array, BoolArray, FloatArray, Image
 from procam.estimate.calibration import ProjectorMeasurement
 from procam.maths.warp import sample
 from procam.model.photometry import ResponseCurve
@@ -39,29 +39,34 @@ def wave_notes(
     images: SessionImages,
     name: str,
     panel: Image,
-    white: FloatArray,
-    base: FloatArray,
+    sound: BoolArray,
+    base: Image,
     found: ProjectorMeasurement,
 ) -> list[str]:
     """A note if the waves of a projector's code are not as bright as its response predicts.
 
     Waves are finer than the tiles from which the response is measured, so what a projector does to fine
-    pictures alone, such as sharpening, makes a difference.
+    pictures alone, such as sharpening, makes a difference. The light of white is that of all stripes,
+    as one photograph may be a percent off.
 
     Parameters
     ----------
-    panel : (H, W, 2) panel pixel that a camera pixel sees. white, base : (H, W) its green white, NaN
-        where it sees no pattern, and what was taken from that.
+    panel : (H, W, 2) panel pixel that a camera pixel sees. sound : (H, W) whether it sees the pattern.
+    base : (H, W, 3) what the camera sees without it. found : direct and scattered light of white.
     """
-    shots = images.plan.of(name, "code")
+
+    def shown(shot: Shot) -> Image:
+        drive = images.session.pattern(shot)[..., 0]
+        return _green_light(drive, found.response, found.colour.mix)
+
+    direct, scattered = (x[..., GREEN] for x in (found.light.direct, found.light.scattered))
+    full, shots = shown(images.only(name, "white")).mean(), images.plan.of(name, "code")
     ratios = list[float]()
     for shot in shots[:: max(1, len(shots) // WAVES)]:
-        drive = images.session.pattern(shot)[..., 0]
-        shown = _green_light(drive, found.response, found.colour.mix)
-        predicted = white * sample(shown, panel)
-        light = images.light(shot)
-        seen = (light[..., GREEN] if light.ndim == 3 else light) - base
-        both = np.isfinite(predicted) & np.isfinite(seen)
+        wave, light = shown(shot), images.light(shot)
+        predicted = direct * sample(wave, panel) + scattered * (wave.mean() / full)
+        seen = (light[..., GREEN] if light.ndim == 3 else light) - base[..., GREEN]
+        both = sound & np.isfinite(predicted) & np.isfinite(seen)
         ratios.append(float(seen[both].sum() / predicted[both].sum()))
     ratio = float(np.median(ratios))
     if abs(ratio - 1) <= NOT_PREDICTED:
@@ -69,7 +74,7 @@ def wave_notes(
     return [
         f"projector {name}: the waves of its code show {ratio:.2f} times the light that its response "
         "predicts: it sharpens its picture or alters it in another way, so what is lit may be wrong by more "
-        "than is stated. Switch off sharpness, detail and contrast enhancement, and photograph again"
+        "than is stated. Switch off sharpness, detail and dynamic contrast, and photograph again"
     ]
 
 

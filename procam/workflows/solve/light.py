@@ -81,11 +81,9 @@ def measure_light(
     _check_linear(images, name, linearity, TONE_CURVE)
     measurement, _ = _measured(images, view, name, black, sight)
     _check_linear(images, name, linearity, NOT_LINEAR)  # if light held still, it is no drift
-    white, base = (light[..., GREEN] for light in (sight.white, sight.base))
     sound = measurement.light.lit & ~sight.unpatterned
-    white = np.where(sound, white, np.float32(np.nan))
-    notes = [*measurement.notes, *wave_notes(images, name, sight.xy, white, base, measurement)]
-    measurement = replace(measurement, notes=notes)
+    waves = wave_notes(images, name, sight.xy, sound, sight.base, measurement)
+    measurement = replace(measurement, notes=[*measurement.notes, *waves])
     return _without(measurement, masks[name].at(sight.xy))
 
 

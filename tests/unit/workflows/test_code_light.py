@@ -27,19 +27,31 @@ def _green(drive: np.ndarray) -> np.ndarray:
     return sum(MIX[1, c] * drive[..., c] ** g for c, g in enumerate(GAMMAS))  # type: ignore[return-value]
 
 
-class Photographs:
-    """Waves as a camera sees them whose pixels are the projector's, with light `base` in the room."""
+WHITE = Shot("w", "white", "p", "", (0.1,))
+DIRECT, SCATTERED, ROOM = 0.6, 0.1, 0.05
 
-    def __init__(self, factor: float, base: float, colour: bool) -> None:
+
+class Photographs:
+    """Waves before a camera whose pixels are the projector's, `factor` times as bright as predicted."""
+
+    def __init__(self, factor: float, colour: bool) -> None:
         shots = [
             Shot(f"w-{n}", "code", "p", "", (0.1,), detail={"plane": n + 2}) for n in range(16)
         ]
         self.plan = SimpleNamespace(of=lambda *_: shots)
-        self.session = SimpleNamespace(pattern=lambda s: _wave(s.detail["plane"]))
-        self._factor, self._base, self._colour = factor, base, colour
+        self.only = lambda *_: WHITE
+        self.session = SimpleNamespace(pattern=self._pattern)
+        self._factor, self._colour = factor, colour
+
+    def _pattern(self, shot: Shot) -> np.ndarray:
+        white = np.ones((SIZE[1], SIZE[0], 3), np.float32)
+        drive = white if shot is WHITE else np.array(_wave(shot.detail["plane"]))
+        drive[:8, :8] = 1.0  # the number, in all pictures
+        return drive
 
     def light(self, shot: Shot) -> np.ndarray:
-        green = 0.7 * _green(_wave(shot.detail["plane"])) * self._factor + self._base
+        wave = _green(self._pattern(shot))
+        green = self._factor * (DIRECT * wave + SCATTERED * wave.mean()) + ROOM
         green[0, 0] = np.nan  # saturated
         return np.stack([0 * green, green, 9 * green], -1) if self._colour else green
 
@@ -52,16 +64,19 @@ def test_waves_are_as_bright_as_the_response_predicts(
     factor: float, noted: bool, colour: bool
 ) -> None:
     values = np.stack([LEVELS**g for g in GAMMAS], axis=1)
-    found: Any = SimpleNamespace(
-        response=ResponseCurve(LEVELS, values, 0 * values), colour=SimpleNamespace(mix=MIX)
-    )
-    photographs: Any = Photographs(factor, 0.05, colour)
     panel = np.stack(np.meshgrid(*map(np.arange, SIZE)), axis=-1).astype(np.float32)
-    white, base = np.full(panel.shape[:2], 0.7), np.full(panel.shape[:2], 0.05)
-    white[5:9] = np.nan  # sees no pattern
-    notes = wave_notes(photographs, "p", panel, white, base, found)
+    every = np.ones((*panel.shape[:2], 3))
+    found: Any = SimpleNamespace(
+        response=ResponseCurve(LEVELS, values, 0 * values),
+        colour=SimpleNamespace(mix=MIX),
+        light=SimpleNamespace(direct=DIRECT * every, scattered=SCATTERED * every),
+    )
+    photographs: Any = Photographs(factor, colour)
+    sound = np.ones(panel.shape[:2], bool)
+    sound[5:9] = False
+    notes = wave_notes(photographs, "p", panel, sound, ROOM * every, found)
     assert len(notes) == noted
-    assert all(f"show {factor:.2f} times the light that its response predicts" in n for n in notes)
+    assert all(f"show {factor:.2f} times the light that its response" in n for n in notes)
 
 
 def test_a_wave_with_the_light_of_another_exposure_is_named() -> None:

@@ -1,6 +1,5 @@
 """The log of a run in the venue's folder."""
 
-import os
 import re
 from pathlib import Path
 
@@ -69,4 +68,4 @@ def test_a_full_disk_ends_the_log_alone(venue: Path, monkeypatch: pytest.MonkeyP
     log.write("a")
     log.write("b")
     end_log("exit code 0")
-    assert os.listdir(venue / "logs") == []
+    assert not list((venue / "logs").iterdir())
