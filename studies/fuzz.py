@@ -35,8 +35,8 @@ from procam.files.meter import read_meter
 from procam.files.session import Session
 from procam.files.venue.load import load_venue
 from procam.workflows.capture.settings import keep_settings, read_settings
-from procam.workflows.photographs.by_hand import Rounds
 from procam.workflows.photographs.driven import Wanted
+from procam.workflows.photographs.rounds import Rounds
 from simulators.scene import SceneSize
 from simulators.template import venue_text
 from studies.measure import side_by_side, write

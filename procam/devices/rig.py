@@ -5,7 +5,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, NoReturn, Self
 
 import numpy as np
 
@@ -50,18 +50,15 @@ class Rig:
                 self.darken(name)
             except Exception as error:  # the others must be dark all the same
                 lit[name] = error
-        self._release()
-        run = current_run()
-        run.left_dark = not lit
-        if self._leave in run.unfinished:
-            run.unfinished.remove(self._leave)
-        if lit:
-            first = next(iter(lit.values()))
-            kind = type(first) if isinstance(first, DeviceError) else DeviceError
-            named = ", ".join(f"{name} ({error})" for name, error in lit.items())
-            raise kind(
-                f"a projector may still be lit: {named}; close its shutter or switch it off by hand"
-            ) from first
+        try:
+            self._release()
+        finally:
+            run = current_run()
+            run.left_dark = not lit
+            if self._leave in run.unfinished:
+                run.unfinished.remove(self._leave)
+            if lit:  # whatever else went wrong
+                _tell_lit(lit)
 
     def _release(self) -> None:
         """Close all connections, leaving the projectors as they are."""
@@ -126,3 +123,13 @@ def open_control(projector: str, protocol: str, port: str, backend: BackendRig) 
             "device path such as /dev/ttyUSB0"
         )
     return open_serial_control(path, protocol, clock=backend.clock, name=projector)
+
+
+def _tell_lit(lit: Mapping[str, Exception]) -> NoReturn:
+    """Name the projectors that could not be made dark, and why."""
+    first = next(iter(lit.values()))
+    kind = type(first) if isinstance(first, DeviceError) else DeviceError
+    named = ", ".join(f"{name} ({error})" for name, error in lit.items())
+    raise kind(
+        f"a projector may still be lit: {named}; close its shutter or switch it off by hand"
+    ) from first

@@ -29,6 +29,7 @@ from procam.model.frame import CameraSettings, Frame, PixelFormat
 from procam.model.plan import Plan, Shot
 
 Slot = tuple[str, float]  # shot and exposure [s]
+AS_MADE = "plan-as-made.json"  # before photographs by hand changed its exposures
 
 
 @dataclass(slots=True)
@@ -115,6 +116,18 @@ class Session:
         pixel_format: PixelFormat = "mono" if counts.ndim == 2 else "rgb"
         settings = CameraSettings(entry.in_force_s or exposure_s, pixel_format, entry.gain)
         return Frame(counts.astype(np.uint16), settings, entry.started_s, entry.ended_s)
+
+    def keep_plan(self) -> None:
+        """Keep the plan as it is now, unless one is kept already."""
+        if not (self.directory / AS_MADE).is_file():
+            text = (self.directory / "plan.json").read_text("utf-8")
+            atomic.write_text(self.directory / AS_MADE, text)
+
+    def restore_plan(self) -> None:
+        """The plan is again as it was kept, if it was."""
+        if (self.directory / AS_MADE).is_file():
+            text = (self.directory / AS_MADE).read_text("utf-8")
+            atomic.write_text(self.directory / "plan.json", text)
 
     def set_aside(self, camera: str) -> Path:
         """Move all frames of a camera out of the session, into a folder of their own in it."""

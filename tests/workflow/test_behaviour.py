@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -9,13 +10,16 @@ from pathlib import Path
 import numpy as np
 import photographer
 import pytest
-from tiny_venue import CAMERA, procam, quick_simulator
+from tiny_venue import CAMERA, Ran, procam, quick_simulator
 
 import simulators.transport
 from procam.devices.protocols import Camera, ControlState, Power
 from procam.devices.rig import Rig
 from procam.estimate.projector_tests.analysis import Effect
+from procam.files.images.photos import read_photo
+from procam.files.images.pixels import read_image, write_image
 from procam.files.venue.load import Venue, load_venue
+from procam.maths.codes.shot_id import read_shot_id
 from procam.model.frame import Frame
 from procam.workflows.doctor.doctor import examine
 from procam.workflows.doctor.findings import (
@@ -209,43 +213,110 @@ class TestCommand:
         assert "24 more photographs" in " ".join(re.sub(r"[│\n]", " ", ran.out).split())
 
 
-class TestByHand:
-    def test_photographs_by_hand_show_what_devices_show(self, tmp_path: Path) -> None:
-        two = replace(SIZE, projectors=2, projector_size=(128, 80), camera_size=(320, 320))
+class Crew:
+    """People before two projectors, of which one boosts white, with a player and a camera."""
+
+    def __init__(self, folder: Path) -> None:
+        two = replace(SIZE, projectors=2, projector_size=(320, 200), camera_size=(384, 384))
         boosted = "features = { south = { white-boost = 0.1 } }\n"
-        driven, venue = tmp_path / "driven", tmp_path / "hand"
-        for folder in (driven, venue):
-            folder.mkdir()
+        self.driven, self.venue, self._cards = folder / "driven", folder / "hand", folder
+        for place in (self.driven, self.venue):
+            place.mkdir()
         text = venue_text("standard", two)
-        (driven / "venue.toml").write_text(text + boosted, "utf-8")
+        (self.driven / "venue.toml").write_text(text + boosted, "utf-8")
         lines = text.partition("[simulated]")[0].splitlines()
         own = [line for line in lines if not line.startswith(("backend = ", "control = "))]
-        (venue / "venue.toml").write_text("\n".join(own) + "\n", "utf-8")
-        command = "doctor", venue, "--behaviour", "--camera", CAMERA
-        ran, said = procam(*command), list[str]()
-        for number in range(2):
-            assert (ran.code, ran.err) == (0, ""), ran
-            assert (
-                f"then: procam doctor {venue} --behaviour --camera {CAMERA} --photos FOLDER"
-                in ran.out
-            )
-            said.append(ran.out)
-            photos = tmp_path / f"card-{number}"
-            photographer.main(driven, venue / "sessions" / "behaviour-0001", photos)
-            ran = procam(*command, "--photos", photos)
-        assert "1 of 5.241 s  15: south" in said[0]  # steps near black
-        assert "settings of south" in said[1] and "settings of south" not in said[0]
+        (self.venue / "venue.toml").write_text("\n".join(own) + "\n", "utf-8")
+
+    def doctor(self, *more: object) -> Ran:
+        return procam("doctor", self.venue, "--behaviour", "--camera", CAMERA, *more)
+
+    def card(self, name: str) -> Path:
+        """Photographs of the last round."""
+        photos = self._cards / name
+        photographer.main(self.driven, self.venue / "sessions" / "behaviour-0001", photos)
+        return photos
+
+
+class TestByHand:
+    @pytest.fixture
+    def crew(self, tmp_path: Path) -> Crew:
+        return Crew(tmp_path)
+
+    def test_photographs_by_hand_show_what_devices_show(self, crew: Crew) -> None:
+        first = crew.doctor()
+        then = f"then: procam doctor {crew.venue} --behaviour --camera {CAMERA} --photos FOLDER"
+        assert then in first.out and "1 of 5.241 s  15: south" in first.out  # steps near black
+        one = crew.card("one")
+        _without_header(one / "img_1.tif")
+        second = crew.doctor("--photos", one)
+        assert second.code == 0 and "settings of south" in second.out and then in second.out
+        assert second.err.startswith("note: img_1.tif: no exposure in the headers of 1 photographs")
+        two = crew.card("two")
+        (two / "img_1.tif").rename(crew.venue / "slate.tif")
+        shutil.copy(one / "img_1.tif", two / "img_1.tif")  # the player shows the projector before
+        ran = crew.doctor("--photos", two)
+        assert (ran.code, "no readable number, but the slate of" in ran.complaint) == (2, True)
+        (crew.venue / "slate.tif").rename(two / "img_1.tif")
+        ran = crew.doctor("--photos", two)
         assert (ran.code, ran.err) == (1, "")
         assert re.search(r"primaries +\+1[01]\.\d+% +0\.\d+% +1\.0%  WRONG", ran.out)
-        assert re.findall(r"\nWRONG  projector (\w+): .+ switch .+white boost. off", ran.out) == [
-            "south"
-        ]
+        wrong = re.findall(r"\nWRONG  projector (\w+): .+ switch .+white boost. off", ran.out)
+        assert wrong == ["south"]
         assert ran.out.count("photographs by hand come too late") == 2
-        assert (venue / "sessions" / "behaviour-0001" / "ended").is_file()
-        ran = procam("doctor", driven, "--behaviour", "--photos", tmp_path / "card-1")
+        assert (crew.venue / "sessions" / "behaviour-0001" / "ended").is_file()
+
+    def test_exposures_that_differ_by_a_third_of_a_stop_count_as_they_are(self, crew: Crew) -> None:
+        crew.doctor()
+        photos = crew.card("one")
+        asked = json.loads((crew.venue / "sessions/behaviour-0001/wanted.json").read_bytes())
+        shown = [entry["picture"] for entry in asked["photographs"]]
+        for number in np.flatnonzero(np.isin(shown, [9, 10])):  # white beyond the patches
+            _shorter(photos / f"img_{number}.tif", 2 ** (1 / 3))
+        ran = crew.doctor("--photos", photos)
+        assert re.search(r"load-full +[-+]0\.\d+% .+%\n", ran.out), ran
+
+    def test_what_shows_nothing_is_a_finding(self, crew: Crew) -> None:
+        crew.doctor()
+        for name in ("one", "two"):
+            photos = crew.card(name)
+            for path in sorted(photos.iterdir()):
+                counts, exposure_s = np.array(read_image(path)), read_photo(path).exposure_s
+                if read_shot_id(counts) is None:  # the lens cap is on, but for slates
+                    photographer.write_photo(path, 64 + counts // 1000 + _noise(counts), exposure_s)
+            ran = crew.doctor("--photos", photos)
+        assert ran.code == 1 and "WRONG  projector south: nothing that could be judged" in ran.out
+        assert "with --photos and --replace" in ran.out
+        ran = crew.doctor("--photos", photos, "--replace")  # of the round that ended it
+        assert ran.code == 1 and "projector south: nothing" in ran.out
+
+    def test_devices_and_people_do_not_take_turns(self, crew: Crew, tmp_path: Path) -> None:
+        ran = procam("doctor", crew.driven, "--behaviour", "--photos", tmp_path)
         assert (ran.code, "driven by hand; leave it out" in ran.complaint) == (2, True)
-        ran = procam("doctor", driven, "--camera", CAMERA)
+        ran = procam("doctor", crew.driven, "--camera", CAMERA)
         assert (ran.code, "--camera: it is for photographs by hand" in ran.complaint) == (2, True)
+        text = (crew.driven / "venue.toml").read_text("utf-8")
+        mixed = text.replace('[projectors.north]\nbackend = "simulated"', "[projectors.north]")
+        assert mixed != text
+        (crew.driven / "venue.toml").write_text(mixed, "utf-8")
+        ran = procam("doctor", crew.driven, "--behaviour")
+        assert (ran.code, "people drive north and procam the other" in ran.complaint) == (2, True)
+
+
+def _without_header(path: Path) -> None:
+    write_image(path, np.array(read_image(path)))
+
+
+def _shorter(path: Path, factor: float) -> None:
+    counts, exposure_s = np.array(read_image(path), float), read_photo(path).exposure_s
+    assert exposure_s
+    less = np.rint(64 + (counts - 64) / factor).astype(np.uint16)
+    photographer.write_photo(path, less, exposure_s / factor)
+
+
+def _noise(counts: np.ndarray) -> np.ndarray:
+    rng = np.random.default_rng(int(counts.sum()) % 2**32)
+    return rng.integers(0, 3, counts.shape).astype(np.uint16)
 
 
 class TestFindings:

@@ -335,6 +335,8 @@ class TestIngest:
             assert len(list(aside.glob("*.tif"))) == len(stored)
         ran = procam("ingest", hand_session.session, "--camera", "other", "--undo")
         assert (ran.code, "no camera 'other'; venue.toml has" in ran.complaint) == (2, True)
+        ran = procam(*undo, "--replace")
+        assert (ran.code, "--undo: goes alone" in ran.complaint) == (2, True)
         for wrong in (undo[:-1], (*undo, "--photos", roll)):
             ran = procam(*wrong)
             assert (ran.code, "--photos: give a folder" in ran.complaint) == (2, True)
@@ -365,6 +367,15 @@ class TestIngest:
         assert stored["dark", 6.0].started_s == stored["dark", 0.125].started_s + 3
         again = hand_session.ingest(photos)
         assert "0 photographs stored" in again.out
+        dark = photograph(hand_session.out, hand_session.order()[0], 3.0)
+        (tmp_path / "one").mkdir()
+        with_header(tmp_path / "one" / "dark.tif", dark, ExposureTime=3.0)
+        (tmp_path / "index.csv").write_text("dark.tif,dark\n", "utf-8")
+        index = "--index", tmp_path / "index.csv"
+        ran = hand_session.ingest(tmp_path / "one", "--replace", *index)
+        assert ran.code == 0, ran  # of the only camera: exposures are its own
+        procam("ingest", hand_session.session, "--camera", CAMERA, "--undo")
+        assert Session(hand_session.session).read_plan().shots[0].exposures_s == (0.13, 6.5)
 
 
 def _spoil_bits(photos: Path) -> None:

@@ -1,5 +1,6 @@
 """`procam refine` and `procam state` of a venue that people drive, round by round."""
 
+import errno
 import json
 import shutil
 from collections.abc import Iterator
@@ -24,12 +25,14 @@ from procam.files.calibration import load_calibration, save_calibration
 from procam.files.images.photos import read_photo
 from procam.files.images.pixels import read_image, write_image
 from procam.files.images.stills import write_picture
+from procam.files.session import Session
 from procam.files.venue.load import load_venue
 from procam.model.frame import CameraSettings, Frame
 from procam.workflows.audience import measure_state
-from procam.workflows.photographs.by_hand import HandPhotographer, Rounds
 from procam.workflows.photographs.driven import DrivenPhotographer, Wanted
+from procam.workflows.photographs.hand_photographer import HandPhotographer
 from procam.workflows.photographs.orders import PhotographsWanted
+from procam.workflows.photographs.rounds import Rounds
 from procam.workflows.venue_rig import open_rig
 
 # so that slates are read
@@ -102,6 +105,9 @@ def test_refine_by_hand_finds_what_the_loop_finds(driven: Path, by_hand: Path) -
     np.testing.assert_allclose(refined, good, rtol=0.03)
     assert "wanted" in run("refine", by_hand)  # the next one begins anew
     assert (by_hand / "sessions" / "refine-0002").is_dir()
+    first = by_hand / "calibrations" / "0002"  # photographs of what has ended can still be replaced
+    last = "--picture", by_hand / "broad.exr", "--photos", photos, "--replace"
+    assert run("refine", first, *last)["calibration"].endswith("0004")
 
 
 def test_a_state_by_hand_is_that_of_devices(driven: Path, by_hand: Path) -> None:
@@ -158,6 +164,10 @@ def test_what_to_do_is_said(by_hand: Path) -> None:
         and "01: north, south" in ran.out
     )
     assert f"then: procam refine {by_hand} --photos FOLDER" in ran.out
+
+
+def _full_disk(*_: object) -> None:
+    raise OSError(errno.ENOSPC, "No space left on device")
 
 
 class TestRefusals:
@@ -291,7 +301,8 @@ class TestRefusals:
         pixels[0, 0] += 1  # two photographs are never the same, but simulated ones
         photographer.write_photo(path, pixels, exposure_s)
         last = run("refine", by_hand, "--photos", photos)
-        assert [r["picture"] for r in last["wanted"]] == [r["picture"] for r in third["wanted"]]
+        assert [r["picture"] for r in third["wanted"]] == ["04-slate", "04"]
+        assert [r["picture"] for r in last["wanted"]] == ["05-slate", "05"]  # never a number twice
 
     def test_photographs_are_replaced(self, driven: Path, by_hand: Path, card: Path) -> None:
         """Something was wrong with them, which showed only afterwards."""
@@ -305,14 +316,52 @@ class TestRefusals:
         assert (ran.code, "8 photographs instead of 9" in ran.complaint) == (2, True)
         assert (folder / "wanted.json").read_bytes() == before
         (by_hand / "img_8.tif").rename(card / "img_8.tif")
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(Session, "store", _full_disk)
+            ran = procam("refine", by_hand, "--photos", card, "--replace")
+            assert ran.code == 2 and (folder / "wanted.json").read_bytes() == before
         again = run("refine", by_hand, "--photos", card, "--replace")
-        assert again["wanted"] == second["wanted"]
+        assert [row["picture"] for row in second["wanted"]] == ["03-slate", "03"]
+        assert [row["picture"] for row in again["wanted"]] == ["04-slate", "04"]  # no number twice
         asked = json.loads((folder / "wanted.json").read_bytes())["photographs"]
         assert [a["round"] for a in asked] == 9 * [3] + 5 * [4]
         third = run("refine", by_hand, "--photos", photographed(driven, again, by_hand / "two"))
-        assert [row["picture"] for row in third["wanted"]] == ["04-slate", "04"]
+        assert [row["picture"] for row in third["wanted"]] == ["05-slate", "05"]
         ran = procam("refine", by_hand, "--replace")
         assert (ran.code, "--replace: needs --photos" in ran.complaint) == (2, True)
+
+    def test_another_exposure_in_venue_toml_changes_no_work_that_has_begun(
+        self, by_hand: Path, card: Path
+    ) -> None:
+        second = run("refine", by_hand, "--photos", card)
+        text = (by_hand / "venue.toml").read_text("utf-8")
+        assert "exposure_s = 0.13" in text
+        (by_hand / "venue.toml").write_text(text.replace("exposure_s = 0.13", "exposure_s = 0.12"))
+        assert run("refine", by_hand)["wanted"] == second["wanted"]
+
+    def test_ids_of_a_round_that_was_given_up_are_not_used_again(
+        self, by_hand: Path, card: Path
+    ) -> None:
+        """Photographs of a replacement that was killed must not pass for those of the next round."""
+        run("refine", by_hand, "--photos", card)
+        folder, stored = by_hand / "sessions" / "refine-0001", list[object]()
+        store = Session.store
+
+        def killed(*arguments: Any) -> None:
+            if stored:
+                raise OSError(errno.ENOSPC, "No space left on device")
+            store(*arguments)
+            stored.append(arguments)
+
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(Session, "store", killed)
+            procam("refine", by_hand, "--photos", card, "--replace")
+        (
+            by_hand / "sessions" / "refine-0001" / "captures" / CAMERA / "round-001-07@0.6552.tif"
+        ).unlink()
+        run("refine", by_hand)
+        asked = json.loads((folder / "wanted.json").read_bytes())["photographs"]
+        assert [a["round"] for a in asked] == 8 * [1] + [4]
 
     def test_pictures_that_are_gone(self, by_hand: Path, card: Path) -> None:
         run("refine", by_hand, "--photos", card)

@@ -170,14 +170,14 @@ def square_rows(rig: RigGeometry, names: Iterable[str]) -> tuple[Array, Array]:
 def descent(
     step_at: Callable[[float], Array], cost: Callable[[Array], float], damping: float
 ) -> tuple[Array, float, float]:
-    """A step (P,) that lowers the cost, by how much, and the damping that it took.
+    """A step (P,) that lowers the cost if one does, by how much, and the damping that it took.
 
     Where undamped steps overshoot, in a bent valley, damped ones creep; they are doubled as long as
     the cost falls.
     """
     step, first = step_at(damping), damping
     start = cost(np.zeros_like(step))
-    while (gain := start - cost(step)) < -1e-9 * max(start, 1.0) and damping <= 1e8:
+    while not (gain := start - cost(step)) >= -1e-9 * max(start, 1.0) and damping <= 1e8:
         damping = max(10 * damping, 1e-6)
         step = step_at(damping)
     while damping > first and (more := start - cost(2 * step)) > gain:

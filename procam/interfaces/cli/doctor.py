@@ -13,11 +13,17 @@ from procam.interfaces.cli._options import Json, ReplaceRound, VenueArgument
 from procam.interfaces.cli._output import Output
 from procam.interfaces.cli._rounds import ask_for_photographs, given_photographs
 from procam.interfaces.cli._run_log import RunLog
+from procam.workflows.capture.ingest import named_camera
 from procam.workflows.doctor.behaviour_by_hand import examine_behaviour_by_hand
 from procam.workflows.doctor.doctor import examine
 from procam.workflows.doctor.findings import Behaviour, Diagnosis, Finding
 from procam.workflows.doctor.photographs import examine_photographs
-from procam.workflows.photographs.open import Given, is_by_hand
+from procam.workflows.photographs.open import (
+    Given,
+    hand_photographer,
+    is_by_hand,
+    refuse_mixed,
+)
 from procam.workflows.photographs.orders import PhotographsWanted
 from procam.workflows.venue_rig import open_rig
 
@@ -59,6 +65,8 @@ def doctor(
     if behaviour and is_by_hand(loaded):
         _behaviour_by_hand(loaded, camera, given, diagnosis, output)
         return
+    if behaviour:
+        refuse_mixed(loaded)
     if behaviour and given:
         raise InputError(
             "--photos: with --behaviour it is for venues whose devices are all driven by hand; leave it out"
@@ -85,9 +93,12 @@ def _behaviour_by_hand(
     venue: Venue, camera: str, given: Given | None, diagnosis: Diagnosis, output: Output
 ) -> None:
     """Ask for photographs of test pictures, a projector after the other, and judge them."""
+    model = named_camera(venue, camera)
     with locked(venue.directory, "doctor"):
         try:
-            output.warn(examine_behaviour_by_hand(venue, camera, given, diagnosis))
+            with hand_photographer(venue, model, None, "behaviour", camera, given) as photographer:
+                output.warn(photographer.notes)
+                examine_behaviour_by_hand(photographer, venue, model, diagnosis)
         except PhotographsWanted as wanted:
             for name, behaviour in diagnosis.behaviour.items():
                 for line in _behaviour_lines(name, behaviour):

@@ -56,6 +56,8 @@ def ingest(
         raise InputError(
             "--photos: give a folder of photographs, or --undo to set aside those stored"
         )
+    if photos is None and (index or by_order or replace):
+        raise InputError("--undo: goes alone; leave --index, --by-order and --replace out")
     if photos is None:
         aside = ingesting.undo(venue, stored, camera)
         output.say(

@@ -141,7 +141,9 @@ def main() -> None:
     except BaseException as error:  # a library that a signal met while it loads says ImportError
         if run.stopped_by is not None:  # typer prints nothing when a signal ends it
             dark = "; all projectors are dark" if run.left_dark else ""
-            _end(f"stopped{dark}. Run the same command again", BY_SIGNAL + run.stopped_by)
+            usual = isinstance(error, (KeyboardInterrupt, SystemExit))
+            why = "" if usual else f" ({type(error).__name__}: {error})"
+            _end(f"stopped{dark}{why}. Run the same command again", BY_SIGNAL + run.stopped_by)
         end_log(_how_it_ended(error))
         raise
 

@@ -65,6 +65,8 @@ def refine(
         output.table(figures)
         newest = _sessions.keep_refined(venue, kept, refined, output)
         photographer.end()
+        if refined.worse and photographer.again:
+            output.say(photographer.again)
     document = {
         "calibration": str(newest),
         "figures": as_dicts(figures),

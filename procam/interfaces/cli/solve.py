@@ -25,6 +25,7 @@ def solve(
     json: Json = False,
 ) -> None:
     """Calibrate from stored captures alone, and report; no device is touched."""
+    Session(session).read_plan()  # refuses what is no session before all else
     venue = load_venue(venue_of(session))
     output = Output(json, RunLog(venue.directory, "solve"))
     with locked(venue.directory, "solve"):

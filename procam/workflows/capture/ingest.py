@@ -27,6 +27,7 @@ from procam.model.frame import CameraSettings, Frame
 from procam.model.optics import CameraModel
 from procam.model.plan import Plan, Shot
 from procam.workflows.capture.brackets import solve_brackets
+from procam.workflows.capture.by_hand import PREFIX
 from procam.workflows.capture.photo_index import read_index
 from procam.workflows.capture.session_plan import plan_of
 from procam.workflows.capture.settings import (
@@ -88,8 +89,9 @@ def ingest(
         replaced = replace_stored and stored <= set(match.chosen)
         known = {} if replaced else read_settings(session, camera)
         settings = common_settings(((s.path, s.setting) for s in used), known)
-        exposed, chosen = _as_exposed(plan, surveyed, match, session, venue)
+        exposed, chosen = _as_exposed(plan, surveyed, match, session, venue, camera)
         if exposed != plan:
+            session.keep_plan()
             session.write_plan(exposed, {})
         keep_settings(session, camera, settings)
         match.notes += [*notes, *_keep_response(venue, session, camera, response)]
@@ -101,12 +103,20 @@ def undo(venue: Venue, session: Session, camera: str) -> Path:
     """Set all photographs of a camera aside, with what was solved from them; where they are now."""
     with locked(venue.directory, "ingest"):
         named_camera(venue, camera)
+        if not session.directory.name.startswith(PREFIX):
+            raise InputError(
+                f"{session.directory}: its photographs are by devices, and `procam capture` takes them; "
+                "--undo is for those that were ingested"
+            )
         if not session.stored(camera):
             raise InputError(
                 f"{session.directory}: no photographs by camera {camera} are stored, so "
                 "there is nothing to undo"
             )
-        return session.set_aside(camera)
+        aside = session.set_aside(camera)
+        if not any(session.stored(name) for name in venue.cameras):
+            session.restore_plan()  # exposures were those of the photographs
+        return aside
 
 
 def camera_and_response(
@@ -213,10 +223,16 @@ def _check(
 
 
 def _as_exposed(
-    plan: Plan, surveyed: list[_Surveyed], match: Match, session: Session, venue: Venue
+    plan: Plan,
+    surveyed: list[_Surveyed],
+    match: Match,
+    session: Session,
+    venue: Venue,
+    camera: str,
 ) -> tuple[Plan, dict[Slot, int]]:
     """The plan with the exposures of the photographs' headers, and the choice by those."""
-    fixed = {slot for camera in venue.cameras for slot in session.stored(camera)}
+    others = (name for name in venue.cameras if name != camera)
+    fixed = {slot for name in others for slot in session.stored(name)}
     chosen: dict[Slot, int] = {}
     shots = []
     for shot in plan.shots:

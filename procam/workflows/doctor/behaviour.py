@@ -38,6 +38,7 @@ LOAD_LIMIT, AFTER_BLACK_LIMIT, COLOUR_LIMIT, REMNANT_LIMIT = 0.005, 0.01, 0.01, 
 STEP_LIMIT, SLANT_LIMIT, SHARPNESS_LIMIT = 0.5, 0.05, 0.03
 MOVED = "all else is judged {:.1%} less strictly, as the light moves; see to that, then test again"
 COARSE = "pixel shift: a projector pixel is {:.1f} camera pixels wide, 2 or more are needed"
+UNSURE = "{0.name}: known to {0.sigma:.1%} only, and {0.limit:.1%} is looked for"
 BY_HAND = (
     "white after black, and what is left of the picture before: photographs by hand come too late"
 )
@@ -118,9 +119,10 @@ class BehaviourTest:
             return Behaviour(self.camera, (), (str(error),))
         return self._judged(patches, noise)
 
-    @property
-    def _exposure_s(self) -> float:
-        return self.frames["white"].settings.exposure_s
+    def _scale(self, name: str) -> float:
+        """White's exposure over that of a photograph: signals are compared at white's."""
+        white, other = (self.frames[n].settings.exposure_s for n in ("white", name))
+        return white / other
 
     def _judged(self, patches: Patches, noise: NoiseLaw) -> Behaviour:
         timed = "after-black" in self.frames
@@ -142,12 +144,13 @@ class BehaviourTest:
             untested.append(COARSE.format(patches.scale))
         effects += self._fine(patches, noise, bright, moved)
         untested += [f"{e.name}: too little of it is seen" for e in effects if not e.known]
+        untested += [UNSURE.format(e) for e in effects if e.known and e.sigma > e.limit]
         return Behaviour(self.camera, tuple(e for e in effects if e.known), tuple(untested))
 
     def _patches(self, noise: NoiseLaw) -> Patches:
         """Where the patches are."""
         first, second, *bits = (self._green(n) for n in ("first", "second", "bit-1", "bit-2"))
-        span = self._green("white") - self._dark()
+        span = self._green("white") - self._green("black")
         return estimate.find_patches((first, second), bits, span, noise, self.layout)
 
     def _pair(self, patches: Patches, noise: NoiseLaw, load: str) -> Pair:
@@ -187,10 +190,7 @@ class BehaviourTest:
     ) -> tuple[estimate.Steps, estimate.Steps]:
         """Light of steps near white, and of steps near black, which are photographed longer."""
         black, bright, dark = (
-            self._light(patches, name, noise).scaled(
-                self._exposure_s / self.frames[name].settings.exposure_s
-            )
-            for name in ("black", "bright-steps", "dark-steps")
+            self._light(patches, name, noise) for name in ("black", "bright-steps", "dark-steps")
         )
         return (
             estimate.step_light(BRIGHT_LEVELS, bright, pair, black),
@@ -201,7 +201,8 @@ class BehaviourTest:
         self, patches: Patches, noise: NoiseLaw, bright: estimate.Steps, moved: float
     ) -> Iterator[Effect]:
         """Fine stripes."""
-        view = estimate.StripedView(self._green("white"), self._dark(), noise, patches.largest_px)
+        white, black = self._green("white"), self._green("black")
+        view = estimate.StripedView(white, black, noise, patches.largest_px)
         full, grey = (view.power(self._green(name)) for name in ("stripes", "grey-stripes"))
         yield estimate.sharpness_effect(grey, full, bright, SHARPNESS_LIMIT + moved)
         if patches.scale >= LEAST_CAMERA_PX:
@@ -209,16 +210,13 @@ class BehaviourTest:
             yield estimate.slant_effect(full, rising, SLANT_LIMIT + moved)
 
     def _green(self, name: str) -> Array:
-        """Signals (H, W) of the green channel above black [DN]."""
-        return np.asarray(green(self.frames[name].counts) - self.sensor.black_level, float)
-
-    def _dark(self) -> Array:
-        """Signals (H, W) of black at the exposure of white [DN]."""
-        share = self._exposure_s / self.frames["black"].settings.exposure_s
-        return np.asarray(share * self._green("black"), float)
+        """Signals (H, W) of the green channel above black level, as if exposed like white [DN]."""
+        signal = green(self.frames[name].counts) - self.sensor.black_level
+        return np.asarray(self._scale(name) * signal, float)
 
     def _light(self, patches: Patches, name: str, noise: NoiseLaw) -> PatchLight:
-        """Light of the patches."""
+        """Light of the patches, as if exposed like white."""
         counts = self.frames[name].counts
         counts = counts if counts.ndim == 3 else counts[..., None]
-        return patches.read(np.asarray(counts - self.sensor.black_level, float), noise)
+        signal = np.asarray(counts - self.sensor.black_level, float)
+        return patches.read(signal, noise).scaled(self._scale(name))

@@ -1,13 +1,10 @@
 """The test of projectors' settings in photographs that people take: a round of 20 for each projector."""
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from procam.estimate.projector_tests.patterns import PatchLayout
-from procam.files.session import Session
 from procam.files.venue.load import CaptureTable, Venue
-from procam.workflows.capture.ingest import named_camera
+from procam.model.optics import CameraModel
 from procam.workflows.doctor.behaviour import (
     HALF,
     BehaviourTest,
@@ -17,36 +14,33 @@ from procam.workflows.doctor.behaviour import (
 )
 from procam.workflows.doctor.findings import Diagnosis, judge_behaviour
 from procam.workflows.photographs.driven import Photographer, Wanted
-from procam.workflows.photographs.open import Given, hand_photographer
-
-WORK = "behaviour"
+from procam.workflows.photographs.hand_photographer import HandPhotographer
 
 
 def examine_behaviour_by_hand(
-    venue: Venue, camera: str, given: Given | None, diagnosis: Diagnosis
-) -> Sequence[str]:
+    photographer: HandPhotographer, venue: Venue, camera: CameraModel, diagnosis: Diagnosis
+) -> None:
     """Test the settings of all projectors, one after the other, in photographs that people took.
-
-    Returns notes of the photographs.
 
     Raises
     ------
     PhotographsWanted
         Not all were taken yet.
     """
-    model = named_camera(venue, camera)
-    folder = venue.directory / "sessions"
-    work = hand_photographer(venue, model, Session(folder), WORK, camera, given)
-    with work as photographer:
-        for name, table in venue.table.projectors.items():
-            layout = PatchLayout(table.size)
-            frames = _photographs(photographer, name, layout, venue.table.capture)
-            test = BehaviourTest(camera, model.sensor, layout, frames)
-            diagnosis.behaviour[name] = test.run()
-            diagnosis.photographs += len(frames)
+    for name, table in venue.table.projectors.items():
+        layout = PatchLayout(table.size)
+        frames = _photographs(photographer, name, layout, venue.table.capture)
+        tested = BehaviourTest(camera.name, camera.sensor, layout, frames).run()
+        diagnosis.behaviour[name] = tested
+        diagnosis.photographs += len(frames)
+        if tested.effects:
             judge_behaviour(diagnosis, name)
-        photographer.end()
-        return photographer.notes
+        else:
+            found = f"nothing that could be judged: {tested.untested[0]}"
+            diagnosis.add(
+                f"projector {name}", "untested", found, "its test pictures", photographer.again
+            )
+    photographer.end()
 
 
 def _photographs(

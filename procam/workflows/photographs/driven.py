@@ -31,10 +31,16 @@ class Wanted:
 class Photographer(Protocol):
     """Who shows pictures and photographs them with one camera, in colour.
 
-    `notes` is what nobody should miss of photographs that were given, a line each.
+    `notes` is what nobody should miss of photographs that were given, a line each; `again` says what to do
+    if they turn out to be bad, or is empty.
     """
 
     notes: Sequence[str]
+
+    @property
+    def again(self) -> str:
+        """A sentence without its stop."""
+        ...
 
     def plan(self, wanted: Sequence[Wanted]) -> None:
         """Say what will be asked for next, so that people can take it in one go."""
@@ -63,6 +69,7 @@ class DrivenPhotographer:
         self._rig, self._camera = rig, next(iter(calibration.cameras))
         self._shown: Mapping[str, Image] | None = None
         self.notes: Sequence[str] = ()
+        self.again = ""
 
     def plan(self, wanted: Sequence[Wanted]) -> None:
         """Nothing to prepare."""

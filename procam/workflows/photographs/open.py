@@ -12,9 +12,10 @@ from procam.model.calibration import Calibration
 from procam.model.optics import CameraModel
 from procam.workflows.capture.ingest import camera_and_response
 from procam.workflows.capture.settings import read_settings
-from procam.workflows.photographs.by_hand import HandPhotographer, Rounds
 from procam.workflows.photographs.driven import DrivenPhotographer, Photographer
+from procam.workflows.photographs.hand_photographer import HandPhotographer
 from procam.workflows.photographs.receive import receive
+from procam.workflows.photographs.rounds import Rounds
 from procam.workflows.venue_rig import open_rig
 
 Size = tuple[int, int]
@@ -22,10 +23,10 @@ Size = tuple[int, int]
 
 @dataclass(frozen=True, slots=True)
 class Given:
-    """A folder of photographs for the last round, or `instead` of those that were given last."""
+    """A folder of photographs for the last round, or to `replace` those that were given last."""
 
     folder: Path
-    instead: bool = False
+    replace: bool = False
 
 
 @contextmanager
@@ -46,6 +47,7 @@ def photographer_of(
     """
     check_devices(venue, calibration)
     if not is_by_hand(venue):
+        refuse_mixed(venue)
         if given:
             raise InputError(
                 "--photos is for venues whose devices are all driven by hand; leave it out"
@@ -61,34 +63,54 @@ def photographer_of(
 
 def is_by_hand(venue: Venue) -> bool:
     """Whether people drive all devices."""
-    table = venue.table
-    backends = {entry.backend for entry in table.cameras.values()}
-    return backends | {entry.backend for entry in table.projectors.values()} == {BY_HAND}
+    return set(_backends(venue).values()) == {BY_HAND}
+
+
+def refuse_mixed(venue: Venue) -> None:
+    """Refuse a venue that people drive in part: rounds of photographs and devices cannot take turns."""
+    hand = [name for name, backend in _backends(venue).items() if backend == BY_HAND]
+    if hand and not is_by_hand(venue):
+        raise InputError(
+            f"{venue.directory / 'venue.toml'}: people drive {', '.join(hand)} and procam the other devices, "
+            "but here it is all or nothing. Remove backend from the others to photograph by hand, or give "
+            f"{hand[0]} a backend"
+        )
+
+
+def _backends(venue: Venue) -> dict[str, str]:
+    cameras, projectors = venue.table.cameras.items(), venue.table.projectors.items()
+    return {n: c.backend for n, c in cameras} | {n: p.backend for n, p in projectors}
 
 
 @contextmanager
 def hand_photographer(
-    venue: Venue, camera: CameraModel, session: Session, work: str, of: str, given: Given | None
+    venue: Venue,
+    camera: CameraModel,
+    session: Session | None,
+    work: str,
+    of: str,
+    given: Given | None,
 ) -> Iterator[HandPhotographer]:
     """The photographer of the newest rounds of a work, with the photographs of a given folder too.
 
-    ISO and aperture are those of `session`, which the work builds on, as far as they are known there.
+    ISO, aperture and the camera's response are those of `session`, which the work builds on if it does.
     """
     exposure_s = venue.table.capture.exposure_s
-    rounds, notes = Rounds.newest(venue.directory, work, camera, exposure_s, of), list[str]()
+    ended = given is not None and given.replace
+    rounds = Rounds.newest(venue.directory, work, camera, exposure_s, of, ended=ended)
+    notes = list[str]()
     if given:
+        session = session or rounds.session
         _, response, _ = camera_and_response(venue, session, camera.name)
-        if given.instead:
+        if given.replace:
             rounds.reopen()
         notes = receive(rounds, given.folder, response, read_settings(session, camera.name))
+    photographer = HandPhotographer(rounds, notes)
     try:
-        yield HandPhotographer(rounds, notes)
+        yield photographer
     except CalibrationError as error:
         text = str(error) + "." * (str(error)[-1] not in "?.")
-        raise type(error)(
-            f"{text} Give other photographs of the last round with --photos and --replace, or remove "
-            f"{rounds.folder} to begin again"
-        ) from error
+        raise type(error)(f"{text} {photographer.again}") from error
 
 
 def check_devices(venue: Venue, calibration: Calibration) -> None:

@@ -64,12 +64,18 @@ class OrderRow(BaseModel):
 
 
 class Document(BaseModel):
-    """`of` is what the work is of; `rounds` how many were asked for, those that were replaced too."""
+    """What was asked for, of what work.
+
+    `rounds` and `pictures` are the highest numbers so far, replaced ones too: a number is never used twice.
+    `exposure_s` is white's, from which all others follow.
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
     of: str
     camera: str = Field(pattern=NAME_PATTERN)
+    exposure_s: float = Field(gt=0)
     rounds: int = Field(ge=0)
+    pictures: int = Field(ge=0)
     photographs: list[Asked]
 
 

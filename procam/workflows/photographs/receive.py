@@ -27,8 +27,8 @@ from procam.workflows.capture.settings import (
     keep_settings,
     read_settings,
 )
-from procam.workflows.photographs.by_hand import Rounds
 from procam.workflows.photographs.orders import Asked, OrderRow
+from procam.workflows.photographs.rounds import Rounds
 
 SHORTEST, LONGEST = 0.78, 1.28  # times the exposure that was asked for: a third of a stop
 BLOCK_PX = 8
@@ -86,10 +86,10 @@ def receive(
     _check_exposures(asked, surveyed, order)
     _check_alike(asked, surveyed, order)
     _check_new(rounds, surveyed, order)
-    rounds.write()
     for each, found in zip(asked, surveyed, strict=True):
         frame = _frame(read_photo(found.path), response, rounds.camera.sensor, each)
         rounds.session.store(rounds.camera.name, each.shot, each.exposure_s, frame)
+    rounds.write()  # last: until then the round that they replace is the one on disk
     keep_settings(rounds.session, rounds.camera.name, common)
     return _notes(surveyed)
 

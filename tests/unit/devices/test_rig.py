@@ -101,6 +101,21 @@ class TestWayOut:
         assert _dark(rig)
         assert log == ["a shutter True", "b close", "a close", "closer"]
 
+    def test_what_is_lit_is_said_even_if_a_connection_does_not_close(self) -> None:
+        log: list[str] = []
+        broken = Control(log, "b")
+        broken.broken = True
+
+        def close() -> None:
+            raise OSError(5, "Input/output error")
+
+        broken.close = close  # type: ignore[method-assign]
+        with (
+            pytest.raises(DeviceError, match=r"still be lit: b \(nobody home\)"),
+            _rig(log, {"a": Control(log, "a"), "b": broken}),
+        ):
+            pass
+
     def test_without_remote_control_black_is_shown(self) -> None:
         with _rig([], {}) as rig:
             pass

@@ -37,8 +37,14 @@ def test_damped_steps_do_not_creep_where_undamped_ones_overshoot() -> None:
     step, gain, damping = descent(step_at, lambda step: float((step[0] - 1) ** 2), 1e-14)
     assert tried == [1e-14, 1e-6] and damping == 1e-6
     assert 0.5 < step[0] < 1.5 and gain > 0.7
+    step, gain, damping = descent(lambda d: 1 / (1 + np.array([d])), _nan_beyond_half, 1e-14)
+    assert damping >= 1 and step[0] <= 0.5 and gain > 0
     step, gain, damping = descent(step_at, lambda step: float((step[0] - 4) ** 2), 1e-14)
     assert (damping, step[0]) == (1e-14, pytest.approx(4)) and gain == pytest.approx(16)
+
+
+def _nan_beyond_half(step: np.ndarray) -> float:
+    return float((step[0] - 1) ** 2) if step[0] <= 0.5 else np.nan
 
 
 def test_independent_errors_have_the_ratio_1(rng: np.random.Generator) -> None:

@@ -13,6 +13,7 @@ picture and exposure, and stops with `PhotographsWanted` at the first one that i
 """
 
 import math
+import re
 from collections.abc import Container, Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
@@ -63,27 +64,44 @@ class Rounds:
     def __init__(self, folder: Path, camera: CameraModel, exposure_s: float, of: str) -> None:
         self.folder, self.camera, self.of = folder, camera, of
         self.session = Session(folder)
-        self._exposure_s = exposure_s
         document = read_document(folder) or Document(
-            of=of, camera=camera.name, rounds=0, photographs=[]
+            of=of,
+            camera=camera.name,
+            exposure_s=exposure_s,
+            rounds=0,
+            pictures=0,
+            photographs=[],
         )
         if document.camera != camera.name:
             raise InputError(
                 f"{folder / 'wanted.json'}: of camera {document.camera}, but the calibration in use is by "
                 f"camera {camera.name}; remove the folder to begin again"
             )
-        self.asked, self._rounds = document.photographs, document.rounds
+        self._exposure_s = document.exposure_s  # that of venue.toml may have changed
+        self.asked = document.photographs
+        self._rounds, self._pictures = document.rounds, document.pictures
         self._samples = dict[int, Samples]()
 
     @classmethod
     def newest(
-        cls, venue_dir: Path, work: str, camera: CameraModel, exposure_s: float, of: str
+        cls,
+        venue_dir: Path,
+        work: str,
+        camera: CameraModel,
+        exposure_s: float,
+        of: str,
+        *,
+        ended: bool = False,
     ) -> "Rounds":
-        """The newest of this work that has not ended, else a new one, which is on disk when it asks."""
+        """The newest of this work that has not ended, else a new one, which is on disk when it asks.
+
+        With `ended` it may have ended.
+        """
         folder = venue_dir / "sessions"
         known = sorted(p for p in folder.glob(f"{work}-{4 * '[0-9]'}") if p.is_dir())
         for path in reversed(known):
-            document = None if (path / ENDED).is_file() else read_document(path)
+            done = (path / ENDED).is_file() and not ended
+            document = None if done else read_document(path)
             if document and document.of == of:
                 return cls(path, camera, exposure_s, of)
         number = int(known[-1].name[-4:]) + 1 if known else 1
@@ -121,10 +139,9 @@ class Rounds:
     def ask(self, wanted: Sequence[Wanted]) -> PhotographsWanted:
         """Write what is wanted as the next round, in the place of what nobody has photographed."""
         before, self.asked = self.asked, self._stored()
-        number = self._rounds + 1
-        new = list[Asked]()
+        number, new = self._next_round(), list[Asked]()
         for each in wanted:
-            picture = self._picture_number(each.pictures, new)
+            picture = self._picture_number(each.pictures, [*before, *new])
             asked = Asked(
                 id=_name(number, new),
                 round=number,
@@ -132,7 +149,11 @@ class Rounds:
                 projectors=sorted(each.pictures),
                 exposure_s=self._rounded(each.exposure_s),
             )
-            if picture and picture not in {a.picture for a in new} and self._resembles(asked, new):
+            if (
+                picture
+                and picture not in {a.picture for a in new}
+                and self._needs_slate(asked, new)
+            ):
                 self._write(f"{picture:02d}{SLATE}", slate(picture, each.pictures))
                 new.append(asked.model_copy(update={"slate": True}))
                 asked = asked.model_copy(update={"id": _name(number, new)})
@@ -153,7 +174,7 @@ class Rounds:
             raise InputError(
                 f"{self.folder}: no photographs were given yet that others could replace"
             )
-        last, self._rounds = stored[-1].round, self._rounds + 1
+        last, self._rounds = stored[-1].round, self._next_round()
         again = [a for a in self.asked if a.round == last]
         self.asked = [a for a in stored if a.round != last]
         new = list[Asked]()
@@ -162,11 +183,22 @@ class Rounds:
             new.append(each.model_copy(update={"id": name, "round": self._rounds}))
         self.asked += new
 
+    def _next_round(self) -> int:
+        """A number that no photograph has, not even one of a round that was given up."""
+        stored = self.session.stored(self.camera.name)
+        return max(self._rounds, *(_round_of(shot) for shot, _ in stored), 0) + 1
+
     def write(self) -> None:
         """Write what is asked for to disk."""
         document = Document(
-            of=self.of, camera=self.camera.name, rounds=self._rounds, photographs=self.asked
+            of=self.of,
+            camera=self.camera.name,
+            exposure_s=self._exposure_s,
+            rounds=self._rounds,
+            pictures=self._pictures,
+            photographs=self.asked,
         )
+        (self.folder / ENDED).unlink(missing_ok=True)
         atomic.write_text(self.folder / "order.csv", order_table(self.camera.name, self.order()))
         atomic.write_text(self.folder / "wanted.json", document.model_dump_json(indent=1))
 
@@ -183,13 +215,12 @@ class Rounds:
         slots = self.session.stored(self.camera.name)
         return [a for a in self.asked if (a.id, a.exposure_s) in slots]
 
-    def _picture_number(self, pictures: Pictures, new: Sequence[Asked]) -> int:
-        """Number of a picture, which is written to disk if it is new."""
-        every = [*self.asked, *new]
-        known = next((a.picture for a in every if self._shows(a, pictures)), None)
+    def _picture_number(self, pictures: Pictures, asked: Sequence[Asked]) -> int:
+        """Number of a picture, which is written to disk if it is none of those asked for."""
+        known = next((a.picture for a in asked if self._shows(a, pictures)), None)
         if known is not None or not pictures:
             return known or 0
-        number = max((a.picture for a in every), default=0) + 1
+        self._pictures = number = self._pictures + 1
         self._write(f"{number:02d}", {n: pixels(p) for n, p in pictures.items()})
         self._samples[number] = sampled(pictures)
         return number
@@ -198,12 +229,21 @@ class Rounds:
         for name, each in pixels.items():
             write_image(self._path(shown, name), each)
 
-    def _resembles(self, asked: Asked, new: Sequence[Asked]) -> bool:
-        """Whether photographs of another picture, earlier or in this round, would look much the same."""
+    def _needs_slate(self, asked: Asked, new: Sequence[Asked]) -> bool:
+        """Whether photographs of a picture could pass for others.
+
+        For those of another picture, earlier or in this round, that is alike; or for the same of the
+        projectors before, which is known from the first slate of a round.
+        """
         others = {a.picture: a for a in [*self.asked, *new] if a.projectors == asked.projectors}
         others.pop(asked.picture, None)
         own = self._samples_of(asked)
-        return any(alike(self._samples_of(a), own) for a in others.values())
+        if any(alike(self._samples_of(a), own) for a in others.values()):
+            return True
+        lit = [a.projectors for a in self.asked if a.picture]
+        shines = any(part.any() for part in own.values())
+        first = not any(a.slate for a in new)
+        return first and shines and bool(lit) and lit[-1] != asked.projectors
 
     def _shows(self, asked: Asked, pictures: Pictures) -> bool:
         """Whether a photograph is of these pictures."""
@@ -229,6 +269,11 @@ class Rounds:
         return self.folder / "pictures" / shown / f"{projector}.png"
 
 
+def _round_of(name: str) -> int:
+    found = re.fullmatch(r"round-(\d+)-\d+", name)
+    return int(found[1]) if found else 0
+
+
 def _name(number: int, asked: Sequence[Asked]) -> str:
     """Of the next photograph of a round."""
     return f"round-{number:03d}-{len(asked) + 1:02d}"
@@ -236,62 +281,3 @@ def _name(number: int, asked: Sequence[Asked]) -> str:
 
 def _content(asked: Asked) -> tuple[object, ...]:
     return asked.shown, asked.projectors, asked.exposure_s
-
-
-class HandPhotographer:
-    """Gives the photographs that are stored, and asks for the first that is not."""
-
-    def __init__(self, rounds: Rounds, notes: Sequence[str] = ()) -> None:
-        self._rounds, self.notes = rounds, notes
-        self._used: list[str] = []
-        self._planned: list[Wanted] = []
-        self._last: Asked
-
-    def plan(self, wanted: Sequence[Wanted]) -> None:
-        """Ask for these together, unless they belong to a longer plan."""
-        if not any(_equal(first, each) for first in wanted[:1] for each in self._planned):
-            self._planned = [*wanted, *self._planned]
-
-    def take(self, wanted: Wanted) -> Frame:
-        """The photograph.
-
-        Raises
-        ------
-        PhotographsWanted
-            It was not taken yet.
-        """
-        self.plan([wanted])
-        asked = self._rounds.find(wanted, self._used)
-        if asked is None:
-            raise self._rounds.ask(self._missing())
-        self._used.append(asked.id)
-        at = next(i for i, each in enumerate(self._planned) if _equal(wanted, each))
-        del self._planned[at]
-        self._last = asked
-        return self._rounds.frame(asked)
-
-    def retake(self, wanted: Wanted) -> Frame:
-        """The photograph that was given last."""
-        return self._rounds.frame(self._last)
-
-    def end(self) -> None:
-        """The next one begins a new folder."""
-        self._rounds.end()
-
-    def _missing(self) -> list[Wanted]:
-        """What is planned and not stored."""
-        used, missing = list(self._used), list[Wanted]()
-        for each in self._planned:
-            asked = self._rounds.find(each, used)
-            if asked is None:
-                missing.append(each)
-            else:
-                used.append(asked.id)
-        return missing
-
-
-def _equal(first: Wanted, second: Wanted) -> bool:
-    """Whether two are of the same pictures and exposure."""
-    if first.exposure_s != second.exposure_s or first.pictures.keys() != second.pictures.keys():
-        return False
-    return same(sampled(first.pictures), sampled(second.pictures))
