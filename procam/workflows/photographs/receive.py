@@ -69,8 +69,10 @@ def receive(
         There are more or fewer than were asked for; one is of another size, exposure or picture.
     """
     if not rounds.asked:
+        other = rounds.unfinished()
+        begun = f" ({other} has begun, for another calibration or picture)" if other else ""
         raise InputError(
-            f"{folder}: no photographs were asked for yet; run the command without --photos first"
+            f"{folder}: no photographs were asked for yet{begun}; run the command without --photos first"
         )
     paths, _ = list_photos(folder)
     asked, order = rounds.last_round, in_words(rounds.order())
