@@ -20,12 +20,12 @@ def ask_for_photographs(
     wanted: PhotographsWanted,
     command: list[str],
     output: Output,
-    camera: str = "it stands where it stood for the calibration and",
+    place: str = "it stands where it stood for the calibration and",
 ) -> None:
     """Print which pictures to show and photograph, and the command that takes the photographs."""
     pictures, total = wanted.folder / "pictures", sum(row.photographs for row in wanted.rows)
     output.say(
-        f"{total} photographs by camera {wanted.camera} are needed, in this order; {camera} is not touched "
+        f"{total} photographs by camera {wanted.camera} are needed, in this order; {place} is not touched "
         "until the last round:"
     )
     for row in wanted.rows:
