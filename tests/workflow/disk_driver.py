@@ -119,7 +119,7 @@ def run_again(command: Command, folder: Path, whole: dict[str, bytes]) -> None:
 
 def _files(folder: Path) -> dict[str, bytes]:
     """Files by name that are the same in every run."""
-    changing = (*CHANGING, ".lock")
+    changing = (*CHANGING, ".lock", ".log")  # a log says what happened, and when
     found = {n: c for n, c in contents(folder).items() if not n.endswith(changing)}
     return {n: MOMENT.sub(b"", c) if n.endswith(".html") else c for n, c in found.items()}
 

@@ -213,7 +213,7 @@ class TestCommand:
         assert "24 more photographs" in " ".join(re.sub(r"[│\n]", " ", ran.out).split())
 
 
-class Crew:
+class People:
     """People before two projectors, of which one boosts white, with a player and a camera."""
 
     def __init__(self, folder: Path) -> None:
@@ -240,66 +240,68 @@ class Crew:
 
 class TestByHand:
     @pytest.fixture
-    def crew(self, tmp_path: Path) -> Crew:
-        return Crew(tmp_path)
+    def people(self, tmp_path: Path) -> People:
+        return People(tmp_path)
 
-    def test_photographs_by_hand_show_what_devices_show(self, crew: Crew) -> None:
-        first = crew.doctor()
-        then = f"then: procam doctor {crew.venue} --behaviour --camera {CAMERA} --photos FOLDER"
+    def test_photographs_by_hand_show_what_devices_show(self, people: People) -> None:
+        first = people.doctor()
+        then = f"then: procam doctor {people.venue} --behaviour --camera {CAMERA} --photos FOLDER"
         assert then in first.out and "1 of 5.241 s  15: south" in first.out  # steps near black
-        one = crew.card("one")
+        one = people.card("one")
         _without_header(one / "img_1.tif")
-        second = crew.doctor("--photos", one)
+        second = people.doctor("--photos", one)
         assert second.code == 0 and "settings of south" in second.out and then in second.out
         assert second.err.startswith("note: img_1.tif: no exposure in the headers of 1 photographs")
-        two = crew.card("two")
-        (two / "img_1.tif").rename(crew.venue / "slate.tif")
+        two = people.card("two")
+        (two / "img_1.tif").rename(people.venue / "slate.tif")
         shutil.copy(one / "img_1.tif", two / "img_1.tif")  # the player shows the projector before
-        ran = crew.doctor("--photos", two)
+        ran = people.doctor("--photos", two)
         assert (ran.code, "no readable number, but the slate of" in ran.complaint) == (2, True)
-        (crew.venue / "slate.tif").rename(two / "img_1.tif")
-        ran = crew.doctor("--photos", two)
+        (people.venue / "slate.tif").rename(two / "img_1.tif")
+        ran = people.doctor("--photos", two)
         assert (ran.code, ran.err) == (1, "")
         assert re.search(r"primaries +\+1[01]\.\d+% +0\.\d+% +1\.0%  WRONG", ran.out)
         wrong = re.findall(r"\nWRONG  projector (\w+): .+ switch .+white boost. off", ran.out)
         assert wrong == ["south"]
         assert ran.out.count("photographs by hand come too late") == 2
-        assert (crew.venue / "sessions" / "behaviour-0001" / "ended").is_file()
+        assert (people.venue / "sessions" / "behaviour-0001" / "ended").is_file()
 
-    def test_exposures_that_differ_by_a_third_of_a_stop_count_as_they_are(self, crew: Crew) -> None:
-        crew.doctor()
-        photos = crew.card("one")
-        asked = json.loads((crew.venue / "sessions/behaviour-0001/wanted.json").read_bytes())
+    def test_exposures_that_differ_by_a_third_of_a_stop_count_as_they_are(
+        self, people: People
+    ) -> None:
+        people.doctor()
+        photos = people.card("one")
+        asked = json.loads((people.venue / "sessions/behaviour-0001/wanted.json").read_bytes())
         shown = [entry["picture"] for entry in asked["photographs"]]
         for number in np.flatnonzero(np.isin(shown, [9, 10])):  # white beyond the patches
             _shorter(photos / f"img_{number}.tif", 2 ** (1 / 3))
-        ran = crew.doctor("--photos", photos)
+        ran = people.doctor("--photos", photos)
         assert re.search(r"load-full +[-+]0\.\d+% .+%\n", ran.out), ran
 
-    def test_what_shows_nothing_is_a_finding(self, crew: Crew) -> None:
-        crew.doctor()
+    def test_what_shows_nothing_is_a_finding(self, people: People) -> None:
+        people.doctor()
         for name in ("one", "two"):
-            photos = crew.card(name)
+            photos = people.card(name)
             for path in sorted(photos.iterdir()):
                 counts, exposure_s = np.array(read_image(path)), read_photo(path).exposure_s
                 if read_shot_id(counts) is None:  # the lens cap is on, but for slates
                     photographer.write_photo(path, 64 + counts // 1000 + _noise(counts), exposure_s)
-            ran = crew.doctor("--photos", photos)
+            ran = people.doctor("--photos", photos)
         assert ran.code == 1 and "WRONG  projector south: nothing that could be judged" in ran.out
         assert "with --photos and --replace" in ran.out
-        ran = crew.doctor("--photos", photos, "--replace")  # of the round that ended it
+        ran = people.doctor("--photos", photos, "--replace")  # of the round that ended it
         assert ran.code == 1 and "projector south: nothing" in ran.out
 
-    def test_devices_and_people_do_not_take_turns(self, crew: Crew, tmp_path: Path) -> None:
-        ran = procam("doctor", crew.driven, "--behaviour", "--photos", tmp_path)
+    def test_devices_and_people_do_not_take_turns(self, people: People, tmp_path: Path) -> None:
+        ran = procam("doctor", people.driven, "--behaviour", "--photos", tmp_path)
         assert (ran.code, "driven by hand; leave it out" in ran.complaint) == (2, True)
-        ran = procam("doctor", crew.driven, "--camera", CAMERA)
+        ran = procam("doctor", people.driven, "--camera", CAMERA)
         assert (ran.code, "--camera: it is for photographs by hand" in ran.complaint) == (2, True)
-        text = (crew.driven / "venue.toml").read_text("utf-8")
+        text = (people.driven / "venue.toml").read_text("utf-8")
         mixed = text.replace('[projectors.north]\nbackend = "simulated"', "[projectors.north]")
         assert mixed != text
-        (crew.driven / "venue.toml").write_text(mixed, "utf-8")
-        ran = procam("doctor", crew.driven, "--behaviour")
+        (people.driven / "venue.toml").write_text(mixed, "utf-8")
+        ran = procam("doctor", people.driven, "--behaviour")
         assert (ran.code, "people drive north and procam the other" in ran.complaint) == (2, True)
 
 

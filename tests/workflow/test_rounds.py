@@ -331,7 +331,7 @@ class TestRefusals:
         ran = procam("refine", by_hand, "--replace")
         assert (ran.code, "--replace: needs --photos" in ran.complaint) == (2, True)
 
-    def test_another_exposure_in_venue_toml_changes_no_work_that_has_begun(
+    def test_another_exposure_in_venue_toml_changes_no_unfinished_work(
         self, by_hand: Path, card: Path
     ) -> None:
         second = run("refine", by_hand, "--photos", card)

@@ -25,8 +25,9 @@ def solve(
     json: Json = False,
 ) -> None:
     """Calibrate from stored captures alone, and report; no device is touched."""
+    folder = venue_of(session)
     Session(session).read_plan()  # refuses what is no session before all else
-    venue = load_venue(venue_of(session))
+    venue = load_venue(folder)
     output = Output(json, RunLog(venue.directory, "solve"))
     with locked(venue.directory, "solve"):
         solved = output.follow(solving.solve(venue, Session(session)))

@@ -70,9 +70,9 @@ def receive(
     """
     if not rounds.asked:
         other = rounds.unfinished()
-        begun = f" ({other} has begun, for another calibration or picture)" if other else ""
+        started = f" ({other} has begun, for another calibration or picture)" if other else ""
         raise InputError(
-            f"{folder}: no photographs were asked for yet{begun}; run the command without --photos first"
+            f"{folder}: no photographs were asked for yet{started}; run the command without --photos first"
         )
     paths, _ = list_photos(folder)
     asked, order = rounds.last_round, in_words(rounds.order())

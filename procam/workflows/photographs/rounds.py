@@ -110,8 +110,8 @@ class Rounds:
     def unfinished(self) -> Path | None:
         """The newest folder of this kind of work that has begun and not ended, if there is one."""
         kind = self.folder.name[:-4] + 4 * "[0-9]"
-        begun = (p.parent for p in self.folder.parent.glob(f"{kind}/wanted.json"))
-        return max((p for p in begun if not (p / ENDED).is_file()), default=None)
+        started = (p.parent for p in self.folder.parent.glob(f"{kind}/wanted.json"))
+        return max((p for p in started if not (p / ENDED).is_file()), default=None)
 
     @property
     def last_round(self) -> list[Asked]:
