@@ -294,7 +294,7 @@ class TestRefusals:
         before = (by_hand / "sessions" / "refine-0001" / "wanted.json").read_bytes()
         ran = procam("refine", by_hand, "--picture", by_hand / "broad.exr", "--photos", card)
         assert (ran.code, "run the command without --photos first" in ran.complaint) == (2, True)
-        assert "refine-0001 has begun, for another calibration or picture" in ran.complaint
+        assert "refine-0001 has started, for another calibration or picture" in ran.complaint
         other = run("refine", by_hand, "--picture", by_hand / "broad.exr")
         assert "refine-0002" in other["order"]
         assert (by_hand / "sessions" / "refine-0001" / "wanted.json").read_bytes() == before

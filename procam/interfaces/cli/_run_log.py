@@ -17,7 +17,7 @@ class RunLog:
     def __init__(self, venue_dir: Path, command: str) -> None:
         name = time.strftime("%Y%m%d-%H%M%S")
         self._path, self._started_s = venue_dir / "logs" / f"{name}-{command}.log", time.monotonic()
-        self.begun, self._ended = False, False
+        self.has_lines, self._ended = False, False
         _logs[:] = [self]
 
     def write(self, text: str) -> None:
@@ -25,7 +25,7 @@ class RunLog:
         if self._ended:
             return
         lines = [f"{time.monotonic() - self._started_s:8.1f}  {text}"]
-        if not self.begun:
+        if not self.has_lines:
             lines.insert(0, f"{time.strftime('%Y-%m-%d %H:%M:%S')}  {_command_line()}")
         try:
             self._path.parent.mkdir(exist_ok=True)
@@ -33,13 +33,13 @@ class RunLog:
                 file.writelines(f"{line}\n" for line in lines)
         except OSError:
             self._ended = True
-        self.begun = True
+        self.has_lines = True
 
 
 def end_log(text: str) -> None:
     """Write how the run ended, if it has a log with lines; the next run has one of its own."""
     for log in _logs:
-        if log.begun:
+        if log.has_lines:
             log.write(text)
     _logs.clear()
 

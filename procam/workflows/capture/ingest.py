@@ -268,12 +268,12 @@ def _store(
     shots = {shot.id: shot for shot in plan.shots}
     for done, ((shot_id, exposure_s), photo) in enumerate(chosen.items(), start=1):
         shot, source = shots[shot_id], read_photo(surveyed[photo].path)
-        frame = _frame(source, photo_counts(source, response, model.sensor), shot, exposure_s)
+        frame = photo_frame(source, photo_counts(source, response, model.sensor), shot, exposure_s)
         session.store(model.name, shot, exposure_s, frame)
         yield Event("ingest", done, len(chosen), f"{source.path.name} stored as {shot_id}")
 
 
-def _frame(photo: Photo, counts: NDArray[np.uint16], shot: Shot, exposure_s: float) -> Frame:
+def photo_frame(photo: Photo, counts: NDArray[np.uint16], shot: Shot, exposure_s: float) -> Frame:
     """A photograph as a driven camera would have given it; the clock is the photograph's own."""
     mono = shot.pixel_format == "mono" or counts.shape[2] == 1
     wanted = counts[..., min(GREEN, counts.shape[2] - 1)] if mono else counts

@@ -1,4 +1,4 @@
-"""Pictures of a round as they are written, how much alike two are, and the slate that tells them apart."""
+"""Pictures of a round as they are written, how much alike two are, and the slate that distinguishes them."""
 
 from collections.abc import Mapping
 

@@ -9,7 +9,6 @@ import numpy as np
 from procam.arrays import AnyArray, Array
 from procam.errors import FileFormatError, InputError
 from procam.files.images.photos import (
-    Photo,
     Response,
     in_time,
     list_photos,
@@ -19,8 +18,8 @@ from procam.files.images.photos import (
 from procam.files.session import digest
 from procam.maths.codes.shot_id import read_shot_id
 from procam.maths.warp import block_mean
-from procam.model.frame import CameraSettings, Frame
 from procam.model.optics import Sensor
+from procam.workflows.capture.ingest import photo_frame
 from procam.workflows.capture.settings import (
     Setting,
     common_settings,
@@ -70,7 +69,7 @@ def receive(
     """
     if not rounds.asked:
         other = rounds.unfinished()
-        started = f" ({other} has begun, for another calibration or picture)" if other else ""
+        started = f" ({other} has started, for another calibration or picture)" if other else ""
         raise InputError(
             f"{folder}: no photographs were asked for yet{started}; run the command without --photos first"
         )
@@ -89,7 +88,9 @@ def receive(
     _check_alike(asked, surveyed, order)
     _check_new(rounds, surveyed, order)
     for each, found in zip(asked, surveyed, strict=True):
-        frame = _frame(read_photo(found.path), response, rounds.camera.sensor, each)
+        photo = read_photo(found.path)
+        counts = photo_counts(photo, response, rounds.camera.sensor)
+        frame = photo_frame(photo, counts, each.shot, photo.exposure_s or each.exposure_s)
         rounds.session.store(rounds.camera.name, each.shot, each.exposure_s, frame)
     rounds.write()  # last: until then the round that they replace is the one on disk
     keep_settings(rounds.session, rounds.camera.name, common)
@@ -164,13 +165,6 @@ def _check_new(rounds: Rounds, surveyed: Sequence[_Surveyed], order: str) -> Non
                 f"{found.path} was given for an earlier round already; give the photographs of this one: "
                 f"{order}"
             )
-
-
-def _frame(photo: Photo, response: Response | None, sensor: Sensor, asked: Asked) -> Frame:
-    """A photograph as a driven camera would have given it."""
-    exposure_s, started_s = photo.exposure_s or asked.exposure_s, photo.taken_s or 0.0
-    counts = photo_counts(photo, response, sensor)
-    return Frame(counts, CameraSettings(exposure_s, "rgb"), started_s, started_s + exposure_s)
 
 
 def _coarse(counts: AnyArray, sensor: Sensor) -> Array:

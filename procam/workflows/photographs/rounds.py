@@ -108,7 +108,7 @@ class Rounds:
         return cls(folder / f"{work}-{number:04d}", camera, exposure_s, of)
 
     def unfinished(self) -> Path | None:
-        """The newest folder of this kind of work that has begun and not ended, if there is one."""
+        """The newest folder of this kind of work that has started and not ended, if there is one."""
         kind = self.folder.name[:-4] + 4 * "[0-9]"
         started = (p.parent for p in self.folder.parent.glob(f"{kind}/wanted.json"))
         return max((p for p in started if not (p / ENDED).is_file()), default=None)

@@ -43,7 +43,7 @@ def test_an_error_is_its_last_line(venue: Path) -> None:
 
 def test_what_nobody_expected_is_kept_whole(venue: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def broken() -> None:
-        RunLog(venue, "solve").write("begun")
+        RunLog(venue, "solve").write("started")
         raise ValueError("nobody expected this")
 
     monkeypatch.setattr(main, "app", broken)
