@@ -309,6 +309,8 @@ class TestByHand:
     def test_devices_and_people_do_not_take_turns(self, people: People, tmp_path: Path) -> None:
         ran = procam("doctor", people.driven, "--behaviour", "--photos", tmp_path)
         assert (ran.code, "driven by hand; leave it out" in ran.complaint) == (2, True)
+        ran = procam("doctor", people.venue, "--photos", tmp_path, "--replace")
+        assert (ran.code, "--replace: goes with --behaviour" in ran.complaint) == (2, True)
         ran = procam("doctor", people.driven, "--camera", CAMERA)
         assert (ran.code, "--camera: it is for photographs by hand" in ran.complaint) == (2, True)
         text = (people.driven / "venue.toml").read_text("utf-8")

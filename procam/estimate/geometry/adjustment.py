@@ -225,7 +225,7 @@ class Adjustment:
                 now = self._robust_sigmas(rig)
                 scale = {pair: min(scale[pair], now[pair]) for pair in scale}
             matrix, gradient = self._equations(rig, self._weights(rig, scale, robust), moved)
-            cost = partial(self._cost_after, rig, scale, robust, moved)
+            cost = partial(self._cost, rig, scale, robust, moved)
             step, gain, damping = descent(partial(self._step, matrix, gradient), cost, damping)
             rig, moved, damping = rig.moved(step), moved + step, damping / easing
             self._update_derivatives(rig)
@@ -302,9 +302,15 @@ class Adjustment:
         return weight
 
     def _cost(
-        self, rig: RigGeometry, scale: Mapping[Pair, float], robust: bool, moved: Array
+        self,
+        rig: RigGeometry,
+        scale: Mapping[Pair, float],
+        robust: bool,
+        moved: Array,
+        step: Array,
     ) -> float:
-        """Sum of squared residuals, or of their Cauchy loss, with fiducials and priors."""
+        """Sum of squared residuals after a step, or of their Cauchy loss, with fiducials and priors."""
+        rig, moved = rig.moved(step), moved + step
         total = 0.0
         for pair, some in self.seen.items():
             error = self._residuals(rig, pair)
@@ -314,16 +320,6 @@ class Adjustment:
         error = fiducial_residuals(rig, self.problem.fiducials, self.problem.distances)
         error = np.r_[np.nan_to_num(error, nan=1e6), square_rows(rig, self.square)[0]]
         return total + float(error @ error + self._prior_weights() @ moved**2)
-
-    def _cost_after(
-        self,
-        rig: RigGeometry,
-        scale: Mapping[Pair, float],
-        robust: bool,
-        moved: Array,
-        step: Array,
-    ) -> float:
-        return self._cost(rig.moved(step), scale, robust, moved + step)
 
     def _equations(
         self, rig: RigGeometry, weight: Mapping[Pair, Array], moved: Array

@@ -67,6 +67,8 @@ def doctor(
         return
     if behaviour:
         refuse_mixed(loaded)
+    if replace and not behaviour:
+        raise InputError("--replace: goes with --behaviour; test photographs are not stored")
     if behaviour and given:
         raise InputError(
             "--photos: with --behaviour it is for venues whose devices are all driven by hand; leave it out"
