@@ -73,8 +73,9 @@ def wave_notes(
         return []
     return [
         f"projector {name}: the waves of its code show {ratio:.2f} times the light that its response "
-        "predicts: it sharpens its picture or alters it in another way, so what is lit may be wrong by more "
-        "than is stated. Switch off sharpness, detail and dynamic contrast, and photograph again"
+        "predicts: it or the player sharpens or scales the picture, or alters it in another way, so what is "
+        "lit may be wrong by more than is stated. Switch off sharpness, detail and dynamic contrast, show "
+        "pictures pixel by pixel in 8 bits, and photograph again"
     ]
 
 
