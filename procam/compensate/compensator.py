@@ -1,12 +1,15 @@
-"""Compensation of dome masters: exact (P), least squares (W), and simpler methods for comparison.
+"""Compensation of dome masters: exact (P), least squares (W), perceptual, and simpler methods for comparison.
 
 `Fields` turns a calibration into the frame model, `FrameEquations` solves it for a picture, and the
 kernels write the light to send. A `Compensator` joins them for content of any type: 8-bit content stays
 as it is and goes through tables, other encoded content is decoded before and encoded after.
+
+The module is longer than 300 lines because its public class explains all methods and what they return.
 """
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,13 +17,19 @@ from procam.arrays import AnyArray, Array, BoolArray, Image
 from procam.compensate.content import ContentCodec
 from procam.compensate.equations import FrameEquations, Solution
 from procam.compensate.fields import Fields
+from procam.compensate.perceptual.settings import Perceptual
 from procam.errors import InputError
 from procam.kernels.frame import Coding, check_pictures, frame_apply, frame_sums, scattered_light
 from procam.kernels.frame.reference import interpolated
 from procam.maths.light.transfer import transfer
 from procam.model.calibration import Calibration
 
-METHODS = ("exact", "subtract", "least-squares", "paper-eq12", "none")
+if TYPE_CHECKING:
+    from procam.compensate.perceptual.dome import DomeTargets
+    from procam.compensate.perceptual.targets import Reached
+
+PERCEPTUAL = {found.name: found for found in (Perceptual(), Perceptual(video=True))}
+METHODS = ("exact", *PERCEPTUAL, "subtract", "least-squares", "paper-eq12", "none")
 CHANNELS = 3
 DARKEST = 1e-5  # moments [rel sr] of a black frame: certificates are relative to no less
 
@@ -34,7 +43,8 @@ class Compensated:
     direct : (N, N, 3) direct light of the projectors [rel]; 0 where nothing is lit, and the content
         itself, even beyond the limits, where it is protected.
     observed : (N, N, 3) total light as the audience sees it [rel].
-    free : (N, N, 3) neither a limit nor protection holds: observed equals the target there.
+    free : (N, N, 3) neither a limit nor protection holds: observed equals the target there, of the
+        perceptual methods that which they chose.
     flux : (3,) direct flux [rel sr].
     """
 
@@ -53,10 +63,14 @@ class Certificate:
     Attributes
     ----------
     kkt : residual of the optimality conditions, relative to the moments of the light; NaN for methods
-        without an optimum.
+        without an optimum. Of a perceptual method: of (P) for the target that it chose.
     self_consistency : moments of the light sent less those assumed for the scattered light; relative.
     share_lo, share_hi : (3,) share of the lit solid angle where a limit holds.
     flux_in, flux_out : (3,) of the content under its white, and of the light sent [rel sr].
+    from_exact : how far a perceptual method went from the exact solution, 0, towards its optimum, 1; NaN
+        for other methods.
+    luminance_loss_db : its loss against the exact solution of what `Perceptual.db` bounds [dB]; 0 where
+        it is the exact solution.
     """
 
     kkt: float
@@ -65,15 +79,21 @@ class Certificate:
     share_hi: Array
     flux_in: Array
     flux_out: Array
+    from_exact: float = float("nan")
+    luminance_loss_db: float = float("nan")
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _Solved:
-    """A solved frame: its content as the kernels take it, which nobody has overwritten, and its solution."""
+    """A solved frame: its content as the kernels take it, which nobody has overwritten, and its solution.
+
+    `reached` is what a perceptual method put in place of the content, if it did.
+    """
 
     content: AnyArray
     coding: Coding
     solution: Solution
+    reached: "Reached | None" = None
 
 
 class Compensator:
@@ -88,7 +108,9 @@ class Compensator:
     size : edge of the square content [px].
     method : "exact" solves (P), docs/theory/compensation.md (C2): unlimited pixels are reproduced exactly.
         "least-squares" (W) has the least squared error over the dome; floats brighter than a place can
-        be count there as its brightest, see `Fields.full_white`. "subtract" takes off the light
+        be count there as its brightest, see `Fields.full_white`. "perceptual" keeps local contrast where
+        (P) needs negative light (docs/theory/perceptual.md), "perceptual-video" does so for frames in
+        their order; a `Perceptual` holds their settings. "subtract" takes off the light
         that would be scattered without limits, then clamps (van Baar et al. 2011, eq. 12, with all
         that reflects). "paper-eq12" is that equation to the letter, with the lit area alone. "none"
         clamps.
@@ -119,25 +141,35 @@ class Compensator:
         self,
         calibration: Calibration,
         size: int,
-        method: str = "exact",
+        method: str | Perceptual = "exact",
         state: str | None = None,
         *,
         strength: float = 1.0,
         white: str = "summed",
         transfer_name: str | None = None,
     ) -> None:
-        if method not in METHODS:
-            raise InputError(f"method: {method!r} is unknown; choose one of {', '.join(METHODS)}")
+        perceptual = method if isinstance(method, Perceptual) else PERCEPTUAL.get(method)
+        name = perceptual.name if perceptual else str(method)
+        if name not in METHODS:
+            raise InputError(f"method: {name!r} is unknown; choose one of {', '.join(METHODS)}")
         if not 0 <= strength <= 1:
             raise InputError(
                 f"strength: {strength} is outside 0 (the content itself) to 1 (the full result)"
             )
         if size < 2:
             raise InputError(f"size: {size} px is too small; 2 or more are needed")
-        self.method, self.size, self.strength = method, size, strength
+        self.method, self.size, self.strength = name, size, strength
         known = transfer(transfer_name) if transfer_name else None
         self.fields = Fields.of(calibration, size, state, white)
-        self._equations = FrameEquations(self.fields, method, calibration.albedo.value)
+        equations = "exact" if perceptual else name
+        self._equations = FrameEquations(self.fields, equations, calibration.albedo.value)
+        self._targets: DomeTargets | None = None
+        if perceptual:
+            from procam.compensate.perceptual import dome  # noqa: PLC0415 - SciPy and OpenCV
+
+            self._targets = dome.DomeTargets(
+                self.fields, lambda edge: Fields.of(calibration, edge, state, white), perceptual
+            )
         self._codec = ContentCodec(known, strength, self.fields.protected)
         self._solved: _Solved | None = None
         #: (3, 9) polynomial of the last frame's scattered light (`Fields.coefficients_of`)
@@ -170,12 +202,14 @@ class Compensator:
         """
         check_pictures(self.size, image, out)
         content, coding = self._decoded(image, self._codec)
-        held, self._solved = self._codec.protected_pixels(image), None
+        held, self._solved, reached = self._codec.protected_pixels(image), None, None
+        if self._targets:
+            content, coding, reached = self._perceived(image, content, coding, self._codec)
         to = out if content is image else None
         sent, solution = self._equations.frame(content, coding, to)
         self.coefficients = solution.coefficients
         if out is None or not np.may_share_memory(image, out):
-            self._solved = _Solved(content, coding, solution)
+            self._solved = _Solved(content, coding, solution, reached)
         return self._codec.finished(image, sent, None if content is image else coding, out, held)
 
     def apply(self, image: AnyArray, coefficients: Array, out: AnyArray | None = None) -> AnyArray:
@@ -216,7 +250,8 @@ class Compensator:
         if solution.pull is not None:
             residual = equations.residual(content, coding, solution)
         moments = max(np.abs(sent).max(), DARKEST)
-        optimal = self.method in ("exact", "least-squares")
+        optimal = self.method in ("exact", "least-squares", *PERCEPTUAL)
+        reached = self._solved.reached
         dark = np.zeros_like(equations.light(solution))
         return Certificate(
             float(np.abs(residual).max() / moments) if optimal else float("nan"),
@@ -225,6 +260,8 @@ class Compensator:
             sums("at most")[:, 0] / lit,
             frame_sums(equations.model, content, dark, "content", coding)[:, 0],
             sent[:, 0],
+            reached.share if reached else float("nan"),
+            reached.loss_db if reached else float("nan"),
         )
 
     def solve(self, image: Image) -> Compensated:
@@ -245,10 +282,13 @@ class Compensator:
                 f"content: {image.dtype} is encoded; solve takes linear light as float32, frame takes codes"
             )
         linear, self._solved = np.ascontiguousarray(image, np.float32), None
-        content, coding = self._decoded(linear, ContentCodec(transfer("linear"), 1.0, None))
+        codec, reached = ContentCodec(transfer("linear"), 1.0, None), None
+        content, coding = self._decoded(linear, codec)
+        if self._targets:
+            content, coding, reached = self._perceived(linear, content, coding, codec)
         equations = self._equations
         solution, _ = equations.solve(content, coding)
-        self._solved = _Solved(content, coding, solution)
+        self._solved = _Solved(content, coding, solution, reached)
         self.coefficients = solution.coefficients
         shown, every, lit = equations.shown, slice(None), self.lit[..., None]
         light = equations.shown_light(solution)
@@ -263,6 +303,22 @@ class Compensator:
         sums = equations.sums(content, solution, "light", coding)
         direct[kept], free[kept] = image[kept], False
         return Compensated(direct, observed.astype(np.float32), free, sums[:, 0])
+
+    def _perceived(
+        self, image: AnyArray, content: AnyArray, coding: Coding, codec: ContentCodec
+    ) -> tuple[AnyArray, Coding, "Reached"]:
+        """The content that (P) is to solve instead, with its coding.
+
+        It is the content itself, as it came, where (P) reaches all of it.
+        """
+        assert self._targets is not None
+        solution, _ = self._equations.solve(content, coding)
+        limits = ("at least", "at most")
+        held = [self._equations.sums(content, solution, limit, coding) for limit in limits]
+        most = self.fields.full_white if image.dtype.kind == "f" else None
+        linear, plain = codec.linear(image, most)
+        found = self._targets.of(linear, solution.moments, reachable=not np.any(held))
+        return (found.target, plain, found) if found.share else (content, coding, found)
 
     def _decoded(self, image: AnyArray, codec: ContentCodec) -> tuple[AnyArray, Coding]:
         limited = self.method == "least-squares" and image.dtype.kind == "f"

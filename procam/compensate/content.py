@@ -1,6 +1,7 @@
 """Content of any type for the frame kernels, and their results as content of that type."""
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -37,15 +38,25 @@ class ContentCodec:
         """
         integer = image.dtype in WHOLE
         most = None if integer else most
-        name = self.transfer.name if self.transfer else "srgb" if integer else "linear"
-        top = 1.0 if integer else np.inf
+        name, top = self._encoding(image)
         if image.dtype == np.uint8 or (name == "linear" and most is None):
             return image, self.coding(name, top, self.strength)
+        return self.linear(image, most)
+
+    def linear(self, image: AnyArray, most: Image | None = None) -> tuple[Image, Coding]:
+        """The content in linear light, of any type; its coding encodes what comes of it."""
+        name, top = self._encoding(image)
         value = image.astype(np.float32) / np.float32(WHOLE.get(image.dtype, 1))
-        linear = transfer(name).decode(value).astype(np.float32)
+        light = transfer(name).decode(value).astype(np.float32)
         if most is not None:
-            linear = np.where(np.isfinite(linear), np.minimum(linear, most), np.float32(0))
-        return linear, self.coding(name, top, 1.0)
+            light = np.where(np.isfinite(light), np.minimum(light, most), np.float32(0))
+        return light, self.coding(name, top, 1.0)
+
+    def _encoding(self, image: AnyArray) -> tuple[str, float]:
+        """Transfer function of an image, and the most light to send."""
+        integer = image.dtype in WHOLE
+        name = self.transfer.name if self.transfer else "srgb" if integer else "linear"
+        return name, 1.0 if integer else np.inf
 
     def coding(self, name: str, top: float, strength: float) -> Coding:
         """The coding for a transfer function, the most light to send [rel] and a strength."""
@@ -73,11 +84,21 @@ class ContentCodec:
             whole = WHOLE.get(image.dtype)
             value = np.asarray(coding.encode(sent)) * (whole or 1.0)
             came = image if whole else np.where(np.isfinite(image), image, 0)
-            mixed = came + self.strength * (value - came)
-            sent = (np.rint(mixed) if whole else mixed).astype(image.dtype)
+            sent = _rounded(came + self.strength * (value - came), image.dtype)
             if out is not None:
                 out[...] = sent
                 sent = out
         if held is not None:
             sent[self.protected] = held
         return sent
+
+
+def _rounded(values: AnyArray, dtype: np.dtype[Any]) -> AnyArray:
+    """Encoded values (N, N, 3) as a type: 8 bits are dithered, 16 rounded."""
+    if dtype == np.uint8:
+        height, width = values.shape[:2]
+        tile = threshold_tile()
+        repeats = -(-height // len(tile)), -(-width // len(tile))
+        values = np.minimum(values + np.tile(tile, repeats)[:height, :width, None], 255)
+        return np.floor(values).astype(dtype)
+    return (np.rint(values) if dtype in WHOLE else values).astype(dtype)

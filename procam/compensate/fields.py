@@ -11,7 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
-from procam.arrays import Array, BoolArray, FloatArray, Image, Map
+from procam.arrays import AnyArray, Array, BoolArray, FloatArray, Image, Map
 from procam.compensate._continuation import WELL_LIT, continued
 from procam.errors import InputError
 from procam.kernels.frame import TERMS, FrameModel, scattered_light
@@ -104,10 +104,15 @@ class Fields:
         total = self._total(model.hi.astype(float))
         if model.gain is not None:
             total = total / np.maximum(model.gain, DARKEST)[..., None]
-        found = np.empty((model.size, model.size, CHANNELS), np.float32)
+        return self.at_pixels(total)
+
+    def at_pixels(self, field: AnyArray) -> Image:
+        """A field at the nodes (M, M[, 3]), interpolated to the picture (N, N[, 3])."""
+        model = self.shown
+        found = np.empty((model.size, model.size, *field.shape[2:]), np.float32)
         for start in range(0, model.size, ROWS):
             rows = slice(start, start + ROWS)
-            found[rows] = interpolated(model, total, rows)
+            found[rows] = interpolated(model, field, rows)
         return found
 
     def _total(self, direct: Array) -> Array:

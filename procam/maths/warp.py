@@ -54,6 +54,26 @@ def enlarged(image: FloatArray, shape: tuple[int, int]) -> Image:
     return np.asarray(cv2.resize(source, shape[::-1]), np.float32).reshape(*shape, *image.shape[2:])
 
 
+def filter_in_dark(image: FloatArray, kernel: FloatArray) -> Image:
+    """A symmetric kernel (K,) along rows and columns of (H, W), beyond which all is 0."""
+    source = np.ascontiguousarray(image, np.float32)
+    found = cv2.sepFilter2D(source, cv2.CV_32F, kernel, kernel, borderType=cv2.BORDER_CONSTANT)
+    return np.asarray(found, np.float32)
+
+
+def window_mean(image: FloatArray, size_px: int) -> Image:
+    """Mean of (H, W) over a square window about each pixel; the border is mirrored."""
+    source = np.ascontiguousarray(image, np.float32)
+    return np.asarray(cv2.blur(source, (size_px, size_px)), np.float32)
+
+
+def reduced_to(image: FloatArray, shape: tuple[int, int]) -> Image:
+    """Means (h, w[, C]) of an image (H, W[, C]) over the pixels of a smaller `shape`."""
+    source = np.ascontiguousarray(image, np.float32)
+    small = cv2.resize(source, shape[::-1], interpolation=cv2.INTER_AREA)
+    return np.asarray(small, np.float32).reshape(*shape, *image.shape[2:])
+
+
 def blur_within(image: FloatArray, mask: BoolArray, sigma_px: float) -> Image:
     """Gaussian blur of (H, W[, C]) over the pixels of `mask` (H, W) alone, which also fills just outside.
 

@@ -49,8 +49,22 @@ def compensate(
     *,
     method: Annotated[
         str,
-        typer.Option(help="exact, subtract, least-squares, paper-eq12 (for comparison) or none."),
+        typer.Option(
+            help="exact; perceptual, which keeps contrast where exact would need negative light, or "
+            "perceptual-video for movies; subtract, least-squares, paper-eq12 (for comparison) or none."
+        ),
     ] = "exact",
+    db: Annotated[
+        float | None,
+        typer.Option(
+            help="Perceptual methods: loss in dB, against exact, that is allowed for better contrast."
+            "  [default: 0]"
+        ),
+    ] = None,
+    white_nits: Annotated[
+        float | None,
+        typer.Option(help="Perceptual methods: luminance of white, in cd/m2.  [default: 14]"),
+    ] = None,
     strength: Annotated[
         float, typer.Option(help="From 0, the content as it is, to 1, all of the correction.")
     ] = 1.0,
@@ -81,7 +95,8 @@ def compensate(
     was stopped is resumed. On a pipe each frame is sent at once, and stderr reports the latency at
     the end.
     """
-    settings, output = FrameSettings(method, state, strength, white, transfer), Output(json)
+    settings = FrameSettings(method, state, strength, white, transfer, db, white_nits)
+    output = Output(json)
     _check_plots(explain, report)
     if PIPE in (source, out):
         if output.as_json or explain:
@@ -145,6 +160,13 @@ def _summarise(
     shares = ", ".join(f"{share:.1%}" for share in clipped)
     output.say(f"{out} written{worst}; at a limit (R, G, B): {shares} of the lit picture")
     output.say(_certificate_text(found))
+    if "luminance_loss_db" in frames[0]:
+        document["luminance_loss_db"] = loss = max(row["luminance_loss_db"] for row in frames)
+        changed = sum(row["from_exact"] > 0 for row in frames)
+        output.say(
+            f"{changed} of {len(frames)} differ from the exact method's; errors of luminance are at most "
+            f"{loss:.2f} dB larger"
+        )
     if above:
         most = max(above, key=lambda row: row["above_one"])
         output.say(

@@ -70,7 +70,7 @@ def open_clip(source: Path, out: Path, calibration_dir: Path, settings: FrameSet
     if sequence:
         names = output_names(sequence, out)
         log = OutputLog(sequence_log(names.folder, names), run_key(calibration_dir, settings))
-        return SequenceClip(sequence, names, log)
+        return SequenceClip(sequence, names, log, settings.in_turn)
     if is_movie(source):
         log = OutputLog(out.with_name(f"{out.name}.{LOG}"), run_key(calibration_dir, settings))
         return MovieClip(source, out, log)

@@ -30,8 +30,9 @@ class Explained:
     content : what is asked for. without : what would be seen of it without compensation.
     scattered : the scattered light in `without`. direct : what is sent instead.
     observed : what will be seen of that.
-    limits : 0 where `observed` is the content under its white, 1 where even black is too bright, -1
-        where even white is too dark; NaN where nothing is lit and where a person protects the content.
+    limits : 0 where no limit holds: `observed` is the content under its white (or what a perceptual
+        method chose), 1 where even black is too bright, -1 where even white is too dark; NaN where nothing
+        is lit and where a person protects the content.
     """
 
     content: Image
@@ -63,7 +64,7 @@ def explain(calibration: Calibration, clip_frame: ClipFrame, settings: FrameSett
     ours = Compensator(
         calibration,
         size,
-        settings.method,
+        settings.made(),
         settings.state,
         white=settings.white,
         transfer_name="linear",

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from procam.arrays import AnyArray, Array32, BoolArray
-from procam.compensate.compensator import Compensator
+from procam.compensate.compensator import PERCEPTUAL, Compensator
 from procam.compensate.light_check import LightCheck
+from procam.compensate.perceptual.settings import Perceptual
 from procam.errors import FileFormatError, InputError
 from procam.files.images.stills import square_edge
 from procam.kernels.native.arrays import least_colour
@@ -27,13 +28,38 @@ ROUNDING = 1e-3  # of a coverage: half floats
 
 @dataclass(frozen=True, slots=True)
 class FrameSettings:
-    """Settings of a run, as `Compensator` takes them."""
+    """Settings of a run, as `Compensator` takes them; `db` and `white_nits` as `Perceptual` does."""
 
     method: str = "exact"
     state: str | None = None
     strength: float = 1.0
     white: str = "summed"
     transfer: str | None = None
+    db: float | None = None
+    white_nits: float | None = None
+
+    @property
+    def in_turn(self) -> bool:
+        """Whether a frame depends on those before it."""
+        return self.method in PERCEPTUAL and PERCEPTUAL[self.method].video
+
+    def made(self) -> str | Perceptual:
+        """The method, with the settings of its own."""
+        own = {"--db": self.db, "--white-nits": self.white_nits}
+        given = [option for option, value in own.items() if value is not None]
+        if self.method not in PERCEPTUAL:
+            if given:
+                raise InputError(
+                    f"{' and '.join(given)}: for --method {' or '.join(PERCEPTUAL)}, not {self.method}; "
+                    "choose one of these or leave it out"
+                )
+            return self.method
+        usual = PERCEPTUAL[self.method]
+        return Perceptual(
+            usual.db if self.db is None else self.db,
+            usual.white_nits if self.white_nits is None else self.white_nits,
+            usual.video,
+        )
 
 
 class ClipEngine:
@@ -100,7 +126,7 @@ class ClipEngine:
             self._compensator = Compensator(
                 self._calibration,
                 size,
-                settings.method,
+                settings.made(),
                 settings.state,
                 strength=settings.strength,
                 white=settings.white,
@@ -222,4 +248,7 @@ def _worth(compensator: Compensator) -> dict[str, float]:
     }
     for name, values in columns.items():
         row |= {f"{name}_{c}": float(v) for c, v in zip(COLOURS, values, strict=True)}
-    return row | {"kkt": float(found.kkt), "self_consistency": float(found.self_consistency)}
+    row |= {"kkt": float(found.kkt), "self_consistency": float(found.self_consistency)}
+    if compensator.method in PERCEPTUAL:
+        row |= {"from_exact": found.from_exact, "luminance_loss_db": found.luminance_loss_db}
+    return row

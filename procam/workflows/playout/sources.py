@@ -135,9 +135,14 @@ class StillClip:
 
 
 class SequenceClip:
-    """Numbered pictures; those that an earlier run finished from the same source are left out."""
+    """Numbered pictures; those that an earlier run finished from the same source are left out.
 
-    def __init__(self, sequence: PictureSequence, names: Numbered, log: OutputLog) -> None:
+    If each depends on those before (`in_turn`) they are made again unless all are finished.
+    """
+
+    def __init__(
+        self, sequence: PictureSequence, names: Numbered, log: OutputLog, in_turn: bool = False
+    ) -> None:
         self._sequence, self._names, self.log = sequence, names, log
         self.suffix = names.suffix
         sources = {number: sequence.names.path(number) for number in sequence.numbers}
@@ -147,6 +152,8 @@ class SequenceClip:
         self.finished: Mapping[int, Row] = {
             n: row for n, row in logged.items() if row is not None and self.is_whole(n, row)
         }
+        if in_turn and len(self.finished) < len(logged):
+            self.finished = {}
         self._todo = [number for number in logged if number not in self.finished]
         self.total = len(self._todo)
 

@@ -256,7 +256,7 @@ class TestCalls:
 
     def test_an_unknown_method(self, calibration: Calibration) -> None:
         with pytest.raises(
-            InputError, match="method: 'magic' is unknown; choose one of exact, subtract"
+            InputError, match="method: 'magic' is unknown; choose one of exact, perceptual"
         ):
             Compensator(calibration, SIZE, "magic")  # type: ignore[arg-type]
 

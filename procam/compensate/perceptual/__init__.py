@@ -1,0 +1,1 @@
+"""Where subtraction would need negative light: the light that costs the eye least."""

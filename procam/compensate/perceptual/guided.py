@@ -1,0 +1,54 @@
+"""How a small picture was changed, for the same change of a large one.
+
+In each window of a few pixels total light is a line over the target's, y = a t + b, so that the large
+picture keeps its detail: He, Sun and Tang (2013), "Guided image filtering" (doi:10.1109/TPAMI.2012.213),
+drawn towards the plain ratio of the means where the target has little contrast.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from procam.arrays import Array32, Image
+from procam.maths.warp import enlarged, window_mean
+
+WINDOW = 5  # px
+TOWARDS_RATIO = (
+    0.03  # variance of the target, relative to its mean squared, at which both count alike
+)
+BLACK = np.float32(1e-6)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Change:
+    """y = gain t + offset: (3, h, w) each."""
+
+    gain: Array32
+    offset: Array32
+
+    @classmethod
+    def fitted(cls, target: Array32, total: Array32) -> "Change":
+        """What leads from a target to total light, (3, h, w) each."""
+        t, y = _mean(target), _mean(total)
+        variance, covariance = _mean(target * target) - t * t, _mean(target * total) - t * y
+        pull = TOWARDS_RATIO * t * t + BLACK**2
+        gain = (covariance + pull * y / np.maximum(t, BLACK)) / (variance + pull)
+        return cls(_mean(gain), _mean(y - gain * t))
+
+    def moved_to(self, other: "Change", share: float) -> "Change":
+        """A change on the way to another, for a share of it."""
+        step = np.float32(share)
+        return Change(
+            self.gain + step * (other.gain - self.gain),
+            self.offset + step * (other.offset - self.offset),
+        )
+
+    def of(self, target: Image) -> Image:
+        """The change of a large target (N, N, 3)."""
+        shape = target.shape[:2]
+        gain, offset = (enlarged(np.moveaxis(p, 0, -1), shape) for p in (self.gain, self.offset))
+        return np.asarray(gain * target + offset, np.float32)
+
+
+def _mean(planes: Array32) -> Array32:
+    return np.array([window_mean(p, WINDOW) for p in planes])

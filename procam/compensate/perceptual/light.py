@@ -1,0 +1,133 @@
+"""Light of a picture as planes: its limits, and how direct light becomes total light."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from procam.arrays import Array, Array32, Image
+from procam.compensate.fields import Fields
+from procam.compensate.perceptual.descent import Problem
+from procam.compensate.perceptual.objective import Contrast, Guard
+from procam.kernels.frame.reference import monomials
+from procam.maths.geometry.sphere import master_planes
+from procam.maths.vision.pyramid import Pyramid
+from procam.maths.warp import enlarged, reduced_to
+
+LARGEST_FORM = 256  # px of the grid on which the polynomial of scattered light is evaluated
+
+
+@dataclass(frozen=True, eq=False)
+class FieldTransport:
+    """Transport by fields: total = direct + spread (phi . G M) + lamps, M = sum_i a_i phi_i direct_i.
+
+    Attributes
+    ----------
+    spread : (3, H, W). lamps : (3, H, W) light of the room's own lamps [rel]; or None.
+    area : (H, W) weight of the pixels in M [sr]; 0 where none is lit.
+    terms : (T, h, w) phi on a coarser grid. operator : (3, T, T) G.
+    """
+
+    spread: Array32
+    lamps: Array32 | None
+    area: Array32
+    terms: Array
+    operator: Array
+
+    def moments(self, direct: Array32) -> Array:
+        """M (3, T)."""
+        return self._sums(direct * self.area)
+
+    def scattered(self, moments: Array) -> Array32:
+        """Scattered light, and the lamps' (3, H, W)."""
+        form = np.einsum("cij,cj->ci", self.operator, moments)
+        found = self._field(form) * self.spread
+        return found if self.lamps is None else found + self.lamps
+
+    def total(self, direct: Array32) -> Array32:
+        """Total light (3, H, W)."""
+        return direct + self.scattered(self.moments(direct))
+
+    def adjoint(self, slope: Array32) -> Array32:
+        """Slopes over direct light, from those over total light."""
+        form = np.einsum("cji,cj->ci", self.operator, self._sums(slope * self.spread))
+        return slope + self.area * self._field(form)
+
+    def _sums(self, planes: Array32) -> Array:
+        """Sums (3, T) of planes times phi."""
+        count, height, width = self.terms.shape
+        if count == 1:
+            return planes.sum(axis=(1, 2), dtype=float)[:, None]
+        pixels = planes[0].size / (height * width)
+        means = [reduced_to(p, (height, width)) for p in planes]
+        return np.einsum("chw,thw->ct", np.array(means, float), self.terms) * pixels
+
+    def _field(self, form: Array) -> Array32:
+        """Values of phi . form at the pixels (3, H, W); (3, 1, 1) if phi is 1."""
+        if len(self.terms) == 1:
+            return form[:, :, None].astype(np.float32)
+        coarse = np.tensordot(form, self.terms, 1).astype(np.float32)
+        return np.array([enlarged(plane, self.area.shape) for plane in coarse])
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """What pictures of one size are shown on.
+
+    Attributes
+    ----------
+    lo, hi : (3, H, W) limits of direct light [rel]. weight : (H, W) of the pixels for the eye, summing to
+        1; 0 where nothing is lit or light has no choice.
+    transport : of the light. pixels_per_degree : at the eyepoint.
+    """
+
+    lo: Array32
+    hi: Array32
+    weight: Array32
+    transport: FieldTransport
+    pixels_per_degree: float
+
+    @cached_property
+    def levels(self) -> Pyramid:
+        """Of its pictures."""
+        return Pyramid((self.weight > 0).astype(np.float32), self.pixels_per_degree)
+
+    def problem(self, target: Array32, white_nits: float) -> Problem:
+        """To show a target (3, H, W)."""
+        contrast = Contrast(self.levels, target, self.weight, white_nits)
+        guard = Guard(target, self.weight, white_nits)
+        return Problem(contrast, guard, self.transport, self.lo, self.hi)
+
+    def limited(self, direct: Array32) -> Array32:
+        """Direct light (3, H, W) within the limits."""
+        return np.clip(direct, self.lo, self.hi)
+
+
+def dome_stage(fields: Fields, size: int) -> Stage:
+    """A dome for pictures of `size`; protected places have no choice and do not count."""
+    shown, degrees = fields.shown, 180.0
+    area = fields.at_pixels(shown.solid_angle_sr)
+    chosen = area > 0 if fields.protected is None else (area > 0) & ~fields.protected
+    weight = np.where(chosen, area, 0).astype(np.float32)
+    form = min(size, LARGEST_FORM)
+    direction, _ = master_planes(form)
+    transport = FieldTransport(
+        spread=planes(fields.at_pixels(shown.spread)) * chosen,
+        lamps=None if shown.ambient is None else planes(fields.at_pixels(shown.ambient)) * chosen,
+        area=area,
+        terms=monomials(direction, shown.terms),
+        operator=fields.operator,
+    )
+    assert shown.hi is not None
+    lo, hi = (planes(fields.at_pixels(limit)) * (area > 0) for limit in (shown.lo, shown.hi))
+    return Stage(lo, hi, weight / weight.sum(dtype=float), transport, size / degrees)
+
+
+def planes(picture: Image) -> Array32:
+    """A picture (H, W, 3) as planes (3, H, W)."""
+    return np.ascontiguousarray(np.moveaxis(picture, -1, 0), np.float32)
+
+
+def interleaved(found: Array32) -> Image:
+    """Planes (3, H, W) as a picture (H, W, 3)."""
+    return np.ascontiguousarray(np.moveaxis(found, 0, -1))

@@ -1,0 +1,181 @@
+"""What a picture that differs from its target costs the eye, and the slope of that.
+
+Equations: docs/theory/perceptual.md. Pictures are planes (3, H, W) in single precision; what is here also
+holds for any other arrangement of places (3, N), with the `Levels` of a mesh.
+"""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from procam.arrays import Array, Array32
+from procam.maths.vision.contrast import (
+    CROSS_CHANNEL,
+    DKL_FROM_RGB,
+    EXPONENTS,
+    GAINS,
+    MASKING,
+    sensitivity,
+)
+from procam.maths.vision.pu21 import BRIGHTEST, DARKEST, pu21, pu21_table
+
+POWER = 2.5  # of contrast errors
+SEATS = (0.5, 1.0, 2.25)  # of the pixels per degree at the eyepoint: seats near and far
+COLOURS = 0.1  # weight of each colour's error beside that of luminance
+DARKEST_MEAN = 0.01  # cd/m2: a local mean of less counts as this
+CURVE_POINTS = 512
+LUMA = np.array([0.2126, 0.7152, 0.0722], np.float32)
+
+
+class Levels(Protocol):
+    """Ever smoother versions of a picture, and the adjoints of their steps (`maths.vision.pyramid`)."""
+
+    def __len__(self) -> int:
+        """Steps between levels."""
+
+    def mask(self, level: int) -> Array32:
+        """1 where a level counts, else 0."""
+
+    def frequency(self, level: int) -> float:
+        """What is lost from a level to the next [cycles per degree at the eyepoint]."""
+
+    def blurred(self, level: int, plane: Array32) -> Array32:
+        """A plane of a level over the reach of masking."""
+
+    def reduced(self, level: int, planes: Array32) -> Array32:
+        """From a level to the next."""
+
+    def expanded(self, level: int, planes: Array32) -> Array32:
+        """Back to a level from the next."""
+
+    def reduced_adjoint(self, level: int, slope: Array32) -> Array32:
+        """Adjoint of `reduced`."""
+
+    def expanded_adjoint(self, level: int, slope: Array32) -> Array32:
+        """Adjoint of `expanded`."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Band:
+    """Contrast of the target in a band, and the weight of errors there (3, h, w)."""
+
+    contrast: Array32
+    weight: Array32
+
+
+class Contrast:
+    """J: errors of local contrast, each against the picture's own local mean.
+
+    Parameters
+    ----------
+    levels : of pictures. target : (3, H, W) linear light. weight : (H, W), summing to 1.
+    white_nits : luminance of light 1.0 [cd/m2].
+    """
+
+    def __init__(self, levels: Levels, target: Array32, weight: Array32, white_nits: float) -> None:
+        self._levels, self._white = levels, np.float32(white_nits)
+        self._bands = list[_Band]()
+        level, share = _opponent(target), weight[None]
+        for number in range(len(levels)):
+            above = levels.reduced(number, level)
+            self._bands.append(self._band(number, level, above, share[0]))
+            level, share = above, levels.reduced(number, share)
+
+    def _band(self, number: int, level: Array32, above: Array32, share: Array32) -> _Band:
+        contrast, mean = self._contrast(number, level, above)
+        seen = self._sensitivity(number, mean)
+        hidden = 1 + self._masking(number, seen * contrast)
+        weight = share / share.sum(dtype=float)
+        return _Band(contrast, (seen**POWER * weight / hidden).astype(np.float32))
+
+    def _contrast(self, number: int, level: Array32, above: Array32) -> tuple[Array32, Array32]:
+        """Contrast (3, h, w) of a level, and its local mean (h, w)."""
+        smooth = self._levels.expanded(number, above)
+        mean = np.maximum(smooth[0], np.float32(DARKEST_MEAN) / self._white)
+        return (level - smooth) / mean, mean
+
+    def _sensitivity(self, number: int, mean: Array32) -> Array32:
+        """(3, h, w), the root of the mean square over the seats; bands below the first count twice."""
+        log_nits = np.linspace(np.log(DARKEST), np.log(BRIGHTEST), CURVE_POINTS)
+        where = np.log(mean * self._white)
+        frequency, found = self._levels.frequency(number), list[Array]()
+        for channel, gain in enumerate(GAINS):
+            curves = [sensitivity(channel, frequency * seat, np.exp(log_nits)) for seat in SEATS]
+            curve = gain * np.sqrt(np.mean(np.square(curves), axis=0))
+            found.append(np.interp(where, log_nits, curve) * (2 if number else 1))
+        return np.array(found, np.float32)
+
+    def _masking(self, number: int, seen: Array32) -> Array32:
+        """How much the visible contrast (3, h, w) of the target hides errors."""
+        blurred = [MASKING * self._levels.blurred(number, np.abs(plane)) for plane in seen]
+        powers = [b ** np.float32(q) for b, q in zip(blurred, EXPONENTS, strict=True)]
+        return np.tensordot(CROSS_CHANNEL.T.astype(np.float32), np.array(powers), 1)
+
+    def of(self, picture: Array32) -> tuple[float, Array32]:
+        """J and its slope (3, H, W) over the light of a picture (3, H, W)."""
+        planes = [_opponent(picture)]
+        for number in range(len(self._levels)):
+            planes.append(self._levels.reduced(number, planes[-1]))
+        total, slopes = 0.0, [np.zeros_like(level) for level in planes]
+        for number, band in enumerate(self._bands):
+            value, fine, coarse = self._errors(number, band, planes[number], planes[number + 1])
+            total += value
+            slopes[number] += fine
+            slopes[number + 1] += self._levels.expanded_adjoint(number, coarse)
+        for number in reversed(range(len(self._levels))):
+            slopes[number] += self._levels.reduced_adjoint(number, slopes[number + 1])
+        return total, np.tensordot(DKL_FROM_RGB.T.astype(np.float32), slopes[0], 1)
+
+    def _errors(
+        self, number: int, band: _Band, level: Array32, above: Array32
+    ) -> tuple[float, Array32, Array32]:
+        """J of a band, its slopes over the level and over the smoothed level."""
+        contrast, mean = self._contrast(number, level, above)
+        error = contrast - band.contrast
+        slope = band.weight * error * np.sqrt(np.abs(error))
+        value = float(np.vdot(slope, error))
+        slope *= np.float32(POWER) / mean
+        coarse = -slope
+        above_floor = mean > np.float32(DARKEST_MEAN) / self._white
+        coarse[0] -= np.where(above_floor, (slope * contrast).sum(axis=0), 0)
+        return value, slope, coarse
+
+
+def _opponent(picture: Array32) -> Array32:
+    return np.tensordot(DKL_FROM_RGB.astype(np.float32), picture, 1)
+
+
+class Guard:
+    """P: errors of the light itself, on a scale on which steps are about equally visible.
+
+    `luminance` is its part that is bounded: mean squared error of luminance [PU21 units squared].
+    """
+
+    def __init__(self, target: Array32, weight: Array32, white_nits: float) -> None:
+        self._white, self._weight = np.float32(white_nits), weight
+        self._wanted = pu21_table()(self._nits(target))[0]
+        self._luma = pu21(luma(target) * self._white)
+
+    def _nits(self, picture: Array32) -> Array32:
+        return np.concatenate([luma(picture)[None], picture]) * self._white
+
+    def of(self, picture: Array32) -> tuple[float, Array32]:
+        """P [units squared] and its slope (3, H, W) over the light of a picture (3, H, W)."""
+        value, slope = pu21_table()(self._nits(picture))
+        error = value - self._wanted
+        weighted = error * self._weight
+        weighted[1:] *= np.float32(COLOURS)
+        total = float(np.vdot(weighted, error))
+        slope *= weighted * (2 * self._white)
+        return total, slope[1:] + np.multiply.outer(LUMA, slope[0])
+
+    def luminance(self, luma_of_picture: Array32) -> float:
+        """Error of a picture's `luma` (H, W), in double precision."""
+        error = pu21(luma_of_picture * self._white) - self._luma
+        return float(np.vdot(self._weight, error**2))
+
+
+def luma(picture: Array32) -> Array32:
+    """Luminance (H, W) of a picture (3, H, W), that of white being 1."""
+    return np.tensordot(LUMA, picture, 1)

@@ -1,0 +1,1 @@
+"""Published models of human vision: uniform luminance, contrast sensitivity and masking."""
