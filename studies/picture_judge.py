@@ -2,7 +2,7 @@
 
     judge-env/bin/python studies/picture_judge.py PICTURES.npz
 
-PICTURES.npz holds, for each name, NAME|target and NAME|observed: (H, W, 3) linear light, 1.0 is white. Prints a
+PICTURES.npz holds for each name NAME|target and NAME|observed: (H, W, 3) linear light, 1.0 is white. Prints a
 line of JSON: for each name ColorVideoVDP (JOD, 10 is no visible difference) under four viewing conditions and
 their mean, PU21-PSNR of luminance, SSIM of log luminance, and FLIP (0 is the same). To make the environment:
 

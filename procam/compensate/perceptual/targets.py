@@ -16,7 +16,7 @@ from procam.compensate.perceptual.settings import Perceptual
 from procam.compensate.perceptual.small_pictures import NEGLIGIBLE, SmallPictures
 from procam.maths.vision.pu21 import pu21_table
 
-STEPS, RATE = 8, 0.05  # of still pictures at full size
+STEPS, RATE = 12, 0.05  # of still pictures at full size
 BISECTIONS = 10
 SHARES = (1.0, 0.8, 0.6, 0.4, 0.2)  # of the change of a movie's frame, until the guard holds
 SAMPLE = 256  # pixels along an edge for that

@@ -11,7 +11,7 @@ from procam.maths.warp import blur, filter_in_dark
 
 KERNEL = np.array([1, 4, 6, 4, 1], np.float32) / 16
 PEAK = 0.3228  # of the Nyquist frequency: where a band passes most, twice that of its level
-LOWEST = 0.25  # cycles per degree
+LOWEST = 0.1  # cycles per degree
 SMALLEST = 8  # px
 REACH_PX = 3.0  # of masking
 FAINT = 1e-3  # of a filter's weight: less inside is no mean
