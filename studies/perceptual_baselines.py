@@ -145,10 +145,8 @@ def tone_curve(screen: FlatScreen, target: Image) -> Image:
     problem = screen.stage.problem(planes(target), WHITE_NITS)
 
     def cost(light: Image) -> float:
-        return float(
-            np.log(problem.contrast.of(planes(light))[0])
-            + np.log(problem.guard.of(planes(light))[0])
-        )
+        errors = problem.contrast.of(planes(light))[0], problem.guard.of(planes(light))[0]
+        return float(np.log(np.maximum(errors, 1e-12)).sum())
 
     tried = [
         screen.exact((lift + (1 - lift) * target**gamma).astype(np.float32))

@@ -1,4 +1,4 @@
-"""Compensation on a screen of any shape, face by face: (P) and (W) with dense transport.
+"""Compensation on a screen of any shape, face by face: (P), (W) and perceptual, with dense transport.
 
 Equations: docs/theory/compensation.md (C5), (C6).
 """
@@ -8,9 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from procam.arrays import Array, BoolArray, FloatArray
+from procam.compensate.perceptual.faces import face_problem, face_target
+from procam.compensate.perceptual.settings import Perceptual
 from procam.errors import InputError, ShapeError, UnitError
 from procam.maths.mesh.active_set import LeastSquares, MeshRoom, exact_light
 from procam.maths.mesh.radiosity import check_gain
+
+COLOURS = 3
+FEWEST = 2  # faces between which there is contrast
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,6 +136,52 @@ class MeshCompensator:
             direct[:, c] = problem.solve(start[:, c])
             moved[:, c] = problem.step(direct[:, c]) - direct[:, c]
         return self._certified(target, direct, moved)
+
+    def perceptual(
+        self,
+        target: Array,
+        direction: Array,
+        weight: Array | None = None,
+        settings: Perceptual | None = None,
+    ) -> CompensatedMesh:
+        """(P) of the target within reach that costs the eye least (docs/theory/perceptual.md).
+
+        Where (P) reaches all of the target (N, 3) [rel], that is its own solution.
+
+        Parameters
+        ----------
+        direction : (N, 3) from the eyepoint to the faces, of any length.
+        weight : (N,) of the faces for the eye, by default the areas of those whose light can be chosen.
+
+        Raises
+        ------
+        InputError
+            A target, directions or weights that do not fit, or are not finite; a target of other than
+            three colours, or a direction of no length.
+        DidNotConverge
+            If the solution does not settle in many steps.
+        """
+        if target.ndim != 2 or target.shape[1] != COLOURS:
+            raise ShapeError("target", target.shape, "(N, 3), since it is for human eyes")
+        exact, settings = self.exact(target), settings or Perceptual()
+        chosen = (self._lo < self._hi).any(axis=1)
+        weight = self._area_m2 * chosen if weight is None else weight
+        self._check_eyes(direction, weight)
+        if exact.free[chosen].all() or np.count_nonzero(weight) < FEWEST:
+            return exact
+        unit = direction / np.linalg.norm(direction, axis=1)[:, None]
+        limits, places = (self._lo, self._hi), (unit, weight)
+        problem = face_problem(self._rooms, target, limits, places, settings.white_nits)
+        found = face_target(problem, exact.direct.T.astype(np.float32), settings)
+        return exact if found is None else self.exact(found.T.astype(float))
+
+    def _check_eyes(self, direction: Array, weight: Array) -> None:
+        _check_array("direction", direction, (len(self._area_m2), 3))
+        _check_array("weight", weight, self._area_m2.shape)
+        if (weight < 0).any() or not weight.any():
+            raise UnitError("weight: it must be 0 or more, and above 0 on some faces")
+        if (np.linalg.norm(direction, axis=1) == 0).any():
+            raise InputError("direction: the eyepoint lies on a face; move it off the screen")
 
     def _certified(self, target: Array, direct: Array, moved: Array) -> CompensatedMesh:
         """The light (N, C) with its certificate; `moved` is the residual of its conditions."""

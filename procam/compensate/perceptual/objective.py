@@ -25,6 +25,8 @@ SEATS = (0.5, 1.0, 2.25)  # of the pixels per degree at the eyepoint: seats near
 COLOURS = 0.1  # weight of each colour's error beside that of luminance
 DARKEST_MEAN = 0.01  # cd/m2: a local mean of less counts as this
 CURVE_POINTS = 512
+#: of ColorVideoVDP's sensitivity: else texture returns in the hue that first exceeds the scattered light
+CHROMA_KEPT = (1.0, 2.0, 1.5)
 LUMA = np.array([0.2126, 0.7152, 0.0722], np.float32)
 
 
@@ -100,7 +102,7 @@ class Contrast:
         log_nits = np.linspace(np.log(DARKEST), np.log(BRIGHTEST), CURVE_POINTS)
         where = np.log(mean * self._white)
         frequency, found = self._levels.frequency(number), list[Array]()
-        for channel, gain in enumerate(GAINS):
+        for channel, gain in enumerate(GAINS * CHROMA_KEPT):
             curves = [sensitivity(channel, frequency * seat, np.exp(log_nits)) for seat in SEATS]
             curve = gain * np.sqrt(np.mean(np.square(curves), axis=0))
             found.append(np.interp(where, log_nits, curve) * (2 if number else 1))

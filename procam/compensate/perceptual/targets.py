@@ -63,15 +63,20 @@ class StillTargets:
         start = stage.limited(wanted - transport.scattered(small.moments))
         found = Descent(problem, scattered, pictures.multiplier).run(start, most, STEPS, RATE)
         ends = transport.total(exact), transport.total(found)
-        share = _guarded(problem, *ends, self._settings.allowed)
+        share = guarded(problem, *ends, self._settings.allowed)
         if share == 0:
             return Reached(picture)
-        total = ends[0] + np.float32(share) * (ends[1] - ends[0])
+        total = mixed(*ends, share)
         errors = [problem.guard.luminance(luma(light)) for light in (ends[0], total)]
         return Reached(interleaved(total), share, _loss_db(*errors))
 
 
-def _guarded(problem: Problem, first: Array32, last: Array32, allowed: float) -> float:
+def mixed(first: Array32, last: Array32, share: float) -> Array32:
+    """Light on the way between two pictures."""
+    return first + np.float32(share) * (last - first)
+
+
+def guarded(problem: Problem, first: Array32, last: Array32, allowed: float) -> float:
     """How far from the exact solution's total light, `first`, the error of luminance lets it go.
 
     If that does not bring contrast nearer to the target's, 0.
@@ -80,13 +85,13 @@ def _guarded(problem: Problem, first: Array32, last: Array32, allowed: float) ->
     most = problem.guard.luminance(ends[0]) * allowed
 
     def holds(share: float) -> bool:
-        return problem.guard.luminance(ends[0] + np.float32(share) * (ends[1] - ends[0])) <= most
+        return problem.guard.luminance(mixed(*ends, share)) <= most
 
     low, high = (1.0, 1.0) if holds(1.0) else (0.0, 1.0)
     for _ in range(BISECTIONS if low < high else 0):
         middle = (low + high) / 2
         low, high = (middle, high) if holds(middle) else (low, middle)
-    total = first + np.float32(low) * (last - first)
+    total = mixed(first, last, low)
     better = problem.contrast.of(total)[0] < problem.contrast.of(first)[0]
     return low if better else 0.0
 
@@ -115,7 +120,7 @@ class MovieTargets:
         if share == 0:
             return Reached(picture)
         if share < 1:
-            changed = picture + np.float32(share) * (changed - picture)
+            changed = mixed(picture, changed, share)
         return Reached(changed, share, loss_db)
 
     def _share(
@@ -124,7 +129,7 @@ class MovieTargets:
         """The largest share of a change with which the guard holds, as far as a sample can tell; its loss."""
         count, edge = len(self._sample.weight), len(picture)
         at = ((np.arange(count) + 0.5) * edge / count).astype(int)
-        ends = tuple(planes(image[np.ix_(at, at)]) for image in (picture, changed))
+        ends = planes(picture[np.ix_(at, at)]), planes(changed[np.ix_(at, at)])
         weight, exact = self._sample.weight, self._errors(ends, moments, 0.0)
         before = float(np.vdot(weight, exact))
         for share in SHARES if before > NEGLIGIBLE else ():
@@ -139,11 +144,11 @@ class MovieTargets:
         return 0.0, 0.0
 
     def _errors(
-        self, ends: tuple[Array32, ...], moments: tuple[Array, Array], share: float
+        self, ends: tuple[Array32, Array32], moments: tuple[Array, Array], share: float
     ) -> Array32:
         """Squared errors of luminance (h, w) [PU21 units squared] of the sample's exact solution."""
         stage, white = self._sample, np.float32(self._settings.white_nits)
-        asked = ends[0] + np.float32(share) * (ends[1] - ends[0])
+        asked = mixed(*ends, share)
         known = moments[0] + share * (moments[1] - moments[0])
         for _ in range(ROUNDS):
             direct = stage.limited(asked - stage.transport.scattered(known))

@@ -46,6 +46,7 @@ PANELS = {
     },
     "The show": {
         "compensate": "Take the scattered light out of dome masters.",
+        "preview": "Write a page that shows a picture by each method beside its target, to choose by.",
         "warp": "Make each projector's frames: warp, blend, colour, response.",
         "track": "Write what a player needs to compensate a show by itself, without encoding it anew.",
     },

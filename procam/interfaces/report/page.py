@@ -53,20 +53,21 @@ def write_report(venue_dir: Path, out: Path | None = None) -> Path:
         a file is there but damaged.
     """
     require_matplotlib()
-    template = _template()
+    text = resources.files(__package__).joinpath("report_template.html").read_text("utf-8")
+    template = html_template(text)
     path = out or venue_dir / "report.html"
     atomic.write_text(path, template.render(**_context(read_material(venue_dir))))
     return path
 
 
-def _template() -> Any:
+def html_template(text: str) -> Any:
+    """A template of jinja2, whose values are escaped; none may be missing."""
     try:
         from jinja2 import Environment, StrictUndefined  # noqa: PLC0415
     except ImportError as error:
         raise InputError(
             f"report: jinja2 is not installed, which writes reports; run: {EXTRA}"
         ) from error
-    text = resources.files(__package__).joinpath("report_template.html").read_text("utf-8")
     environment = Environment(
         autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )

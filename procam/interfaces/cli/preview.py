@@ -1,0 +1,53 @@
+"""`procam preview`: a page for the person who decides how a picture is compensated."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from procam.interfaces.cli._options import CalibrationArgument, Json, StateOption, TransferOption
+from procam.interfaces.cli._output import Output
+
+EXAMPLE = "procam preview my-dome sky.png"
+
+
+def preview(
+    calibration: CalibrationArgument,
+    picture: Annotated[
+        Path, typer.Argument(metavar="PICTURE", help="Dome master; of a movie its first frame.")
+    ],
+    *,
+    out: Annotated[
+        Path | None, typer.Option(help="The page.  [default: PICTURE's name.preview.html]")
+    ] = None,
+    white: Annotated[str, typer.Option(help="summed or keep, as for compensate.")] = "summed",
+    transfer: TransferOption = None,
+    state: StateOption = None,
+    db: Annotated[
+        float | None, typer.Option(help="Of the perceptual method, see compensate.  [default: 0]")
+    ] = None,
+    white_nits: Annotated[
+        float | None, typer.Option(help="Luminance of white on the dome, in cd/m2.  [default: 14]")
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Write a page that shows a picture by each method beside its target, to choose by."""
+    from procam.errors import InputError
+    from procam.files.calibration import load_dome
+    from procam.interfaces.report.preview import write_preview
+    from procam.workflows.playout.explain import first_frame
+    from procam.workflows.playout.frame import FrameSettings
+    from procam.workflows.playout.preview import lit_part, views
+
+    output = Output(json)
+    path = out or Path(f"{picture.stem}.preview.html")
+    if path.suffix != ".html":
+        raise InputError(f"--out {path}: the name must end in .html")
+    settings = FrameSettings("perceptual", state, 1.0, white, transfer, db, white_nits)
+    usual = settings.made()
+    assert not isinstance(usual, str)
+    known, frame = load_dome(calibration), first_frame(picture)
+    found = views(known, frame, settings)
+    write_preview(path, picture.stem, found, lit_part(known, len(frame.rgb)), usual.white_nits)
+    output.say(f"{path} written; open it in a browser")
+    output.finish({"page": str(path)})

@@ -1,0 +1,71 @@
+"""A page that shows what the audience will see of one picture, by each method, beside the target."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+
+from procam.arrays import Image
+from procam.files import atomic
+from procam.interfaces.plots.charts import Scale
+from procam.interfaces.plots.figure import require_matplotlib
+from procam.interfaces.report.page import html_template
+from procam.maths.geometry.sphere import master_solid_angles
+from procam.maths.vision.pu21 import pu21
+from procam.maths.warp import reduced_to
+from procam.workflows.playout.preview import BEFORE, TARGET
+
+LARGEST = 900  # px of the page's pictures
+LUMA = np.array([0.2126, 0.7152, 0.0722])
+TITLES = {
+    BEFORE: ("Today", "sent as it is: scattered light over everything"),
+    "exact": ("Exact", "each place is right, but shadows that would need negative light are flat"),
+    "least-squares": ("Least squares", "the least squared error over the dome"),
+    "perceptual": ("Perceptual", "contrast is kept in shadows, at some cost elsewhere"),
+    TARGET: ("Target", "what the content asks for; no projector can show it all"),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """A picture of the page: `error` is the peak signal-to-noise ratio of luminance in PU21 units [dB]."""
+
+    key: str
+    title: str
+    text: str
+    image: str
+    error: str
+
+
+def write_preview(
+    path: Path, name: str, views: Mapping[str, Image], lit: Image, white_nits: float
+) -> None:
+    """Write the page of `views` (N, N, 3), of which `lit` (N, N) counts; one self-contained HTML file."""
+    require_matplotlib()
+    shown = [
+        View(key, *TITLES[key], _image(views[key]), _error(views, key, lit, white_nits))
+        for key in TITLES
+        if key in views
+    ]
+    text = resources.files(__package__).joinpath("preview_template.html").read_text("utf-8")
+    page = html_template(text).render(name=name, views=shown, white_nits=f"{white_nits:g}")
+    atomic.write_text(path, page)
+
+
+def _image(picture: Image) -> str:
+    edge = min(len(picture), LARGEST)
+    small = picture if edge == len(picture) else reduced_to(picture, (edge, edge))
+    return Scale("light", 0.0, 1.0, "light").paint(small)
+
+
+def _error(views: Mapping[str, Image], key: str, lit: Image, white_nits: float) -> str:
+    """Of a view against the target, over solid angle."""
+    if key == TARGET:
+        return ""
+    weight = master_solid_angles(len(lit)) * lit
+    units = [pu21(views[k] @ LUMA * white_nits) for k in (key, TARGET)]
+    error = float(np.vdot(weight, (units[0] - units[1]) ** 2) / weight.sum())
+    peak = float(pu21(np.array(white_nits))) ** 2
+    return f"{10 * np.log10(peak / max(error, 1e-9)):.1f} dB"

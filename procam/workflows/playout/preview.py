@@ -1,0 +1,55 @@
+"""What the audience will see of one picture, by each method, to choose between them."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from procam.arrays import Image
+from procam.compensate.compensator import Compensator
+from procam.files.images.stills import square_edge
+from procam.model.calibration import Calibration
+from procam.workflows.playout.frame import (
+    FrameSettings,
+    decoded,
+    named_transfer,
+    require_photometry,
+)
+from procam.workflows.playout.sources import ClipFrame
+
+TARGET, BEFORE = "target", "none"
+METHODS = (BEFORE, "exact", "least-squares", "perceptual")
+
+
+def views(
+    calibration: Calibration, clip_frame: ClipFrame, settings: FrameSettings
+) -> Mapping[str, Image]:
+    """Total light (N, N, 3) by method, and the `TARGET`: what is asked for, which nobody can show.
+
+    Of the settings only state, white, transfer and those of the perceptual method count.
+    """
+    require_photometry(calibration)
+    size = square_edge(clip_frame.rgb, clip_frame.name)
+    content = np.nan_to_num(
+        decoded(clip_frame.rgb, named_transfer(clip_frame, settings)), nan=0, posinf=0, neginf=0
+    )
+    found = dict[str, Image]()
+    for method in METHODS:
+        own = replace(settings, method=method) if method == "perceptual" else None
+        compensator = Compensator(
+            calibration,
+            size,
+            own.made() if own else method,
+            settings.state,
+            white=settings.white,
+            transfer_name="linear",
+        )
+        found[method] = compensator.solve(content).observed
+        found[TARGET] = compensator.target(content)
+    return found
+
+
+def lit_part(calibration: Calibration, size: int) -> Image:
+    """(N, N) 1 where projectors reach and nobody protects the content, else 0."""
+    compensator = Compensator(calibration, size, BEFORE)
+    return (compensator.lit & ~compensator.protected).astype(np.float32)
