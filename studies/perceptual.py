@@ -1,8 +1,8 @@
 """The perceptual methods against simpler ones, by measures that they do not contain.
 
-Pictures of `studies/picture_set.py` on a screen that lights itself; settings were tuned on the training part at
-feedback .33 alone, and the tables are of the held-out part. `studies/picture_judge.py` says how to make the
-environment in which pictures are scored; PROCAM_JUDGE names its Python, by default judge-env/bin/python. Writes
+Pictures of `studies/picture_set.py` on a screen that lights itself; settings were tuned on the training part
+alone, and the tables are of the held-out part. `studies/picture_judge.py` says how to make the environment in
+which pictures are scored; PROCAM_JUDGE names its Python, by default judge-env/bin/python. Writes
 studies/perceptual.json and studies/perceptual.md; `python -m studies perceptual` remakes them in minutes.
 """
 
@@ -30,6 +30,7 @@ EXACT = "(P)"
 JUDGE = Path(__file__).with_name("picture_judge.py")
 SHADOWED = 1e-6  # above black: more direct light is not at its limit
 WINDOW, FRAMES, STEP = 192, 20, 2  # px of a pan's window, frames, px per frame
+NEARLY_PERFECT = 9.9  # JOD
 SETTLED = 5  # frames before a pan is measured
 
 
@@ -97,7 +98,7 @@ def direct_mean(light: Image, feedback: float) -> Image:
 
 
 def pan(name: str, feedback: float, db: float | None) -> float:
-    """Flicker of a pan: rms change from frame to frame of the logarithm of light at one place of the picture."""
+    """Flicker of a pan: rms change per frame of the logarithm of light at a place of the picture."""
     whole, screen = picture(name), FlatScreen(WINDOW, feedback)
     movie = None if db is None else screen.movie(Perceptual(db, WHITE_NITS, video=True))
     before, changes = None, []
@@ -133,7 +134,10 @@ def gain(found: list[Row], feedback: float, method: str, what: str = "jod") -> d
 def summary(found: list[Row], feedback: float) -> Iterable[str]:
     """A line for each method: means over the pictures, and the worst."""
     names = {row["picture"] for row in found}
-    yield "| method | JOD | gain | worst gain | PU21 loss, dB: mean | worst | log-SSIM change: mean | worst | FLIP |"
+    yield (
+        "| method | JOD | gain | worst gain | PU21 loss, dB: mean | worst | log-SSIM change: mean | worst "
+        "| FLIP |"
+    )
     yield "|---|---|---|---|---|---|---|---|---|"
     for method in METHODS:
         mine = [r for r in found if r["feedback"] == feedback and r["method"] == method]
@@ -143,7 +147,8 @@ def summary(found: list[Row], feedback: float) -> Iterable[str]:
             for what in ("jod", "pu21_psnr_db", "log_ssim")
         )
         yield (
-            f"| {method} | {mean(mine, 'jod'):.2f} | {np.mean(jod):+.3f} | {min(jod):+.3f} | {-np.mean(psnr):+.2f} | "
+            f"| {method} | {mean(mine, 'jod'):.2f} | {np.mean(jod):+.3f} | {min(jod):+.3f} | "
+            f"{-np.mean(psnr):+.2f} | "
             f"{-min(psnr):+.2f} | {np.mean(ssim):+.3f} | {min(ssim):+.3f} | {mean(mine, 'flip'):.3f} |"
         )
 
@@ -155,7 +160,9 @@ def mean(found: Iterable[Row], what: str) -> float:
 def pictures(found: list[Row], feedback: float) -> Iterable[str]:
     """A line for each picture."""
     shown = ("perceptual, 0 dB", "perceptual, 1 dB", "perceptual-video, 1 dB")
-    yield f"| picture | clipped by (P) | JOD of (P) | {' | '.join(f'gain, {m}' for m in shown)} | log-SSIM change, 0 dB | 1 dB | hue shift, 0 dB: of the target | of (P) |"
+    head = ["picture", "clipped by (P)", "JOD of (P)", *(f"gain, {m}" for m in shown)]
+    head += ["log-SSIM change, 0 dB", "1 dB", "hue shift, 0 dB: of the target", "of (P)"]
+    yield f"| {' | '.join(head)} |"
     yield "|---|---|---|" + "---|" * (len(shown) + 4)
     of = {(r["picture"], r["method"]): r for r in found if r["feedback"] == feedback}
     ssim = [gain(found, feedback, method, "log_ssim") for method in shown[:2]]
@@ -169,13 +176,20 @@ def pictures(found: list[Row], feedback: float) -> Iterable[str]:
 
 
 GOALS = (
-    ("perceptual, 0 dB", 0.0, 0.33, 0.30),
-    ("perceptual, 1 dB", 1.0, 0.33, 0.45),
-    ("perceptual-video, 1 dB", 1.0, 0.33, 0.25),
-    ("perceptual, 0 dB", 0.0, 0.54, 0.45),
-    ("perceptual, 1 dB", 1.0, 0.54, 0.60),
-    ("perceptual-video, 1 dB", 1.0, 0.54, 0.40),
+    ("perceptual, 0 dB", 0.33, 0.20, "bound"),
+    ("perceptual, 0 dB", 0.33, 0.30, "goal"),
+    ("perceptual, 1 dB", 0.33, 0.45, "goal"),
+    ("perceptual-video, 1 dB", 0.33, 0.25, "goal"),
+    ("perceptual, 0 dB", 0.54, 0.45, "goal"),
+    ("perceptual, 1 dB", 0.54, 0.60, "goal"),
+    ("perceptual-video, 1 dB", 0.54, 0.40, "goal"),
 )
+
+
+def exact_jod(found: list[Row], feedback: float) -> dict[str, float]:
+    """Of (P), by picture."""
+    mine = [r for r in found if r["feedback"] == feedback and r["method"] == EXACT]
+    return {row["picture"]: row["jod"] for row in mine}
 
 
 def bounds(found: list[Row], flicker: list[Row]) -> Iterable[str]:
@@ -195,9 +209,14 @@ def bounds(found: list[Row], flicker: list[Row]) -> Iterable[str]:
     yield f"| light beyond the limits | <= 1e-6 | {max(row['outside'] for row in mine):.1e} |"
     hue = max(row["hue_shift_from_exact"] for row in mine)
     yield f"| median hue shift from (P) where it clips, dE2000 | <= 2 | {hue:.2f} |"
-    for method, _, feedback, goal in GOALS:
-        reached = np.mean(list(gain(found, feedback, method).values()))
-        yield f"| mean gain of {method}, feedback {feedback}, JOD | >= {goal:.2f} | {reached:+.3f} |"
+    for method, feedback, asked, kind in GOALS:
+        of, before = gain(found, feedback, method), exact_jod(found, feedback)
+        seen = [of[name] for name in of if before[name] < NEARLY_PERFECT]
+        yield (
+            f"| mean gain of {method}, feedback {feedback}, JOD ({kind}) | >= {asked:.2f} | "
+            f"{np.mean(list(of.values())):+.3f}; {np.mean(seen):+.3f} of the {len(seen)} that (P) does not "
+            "show as well as the target |"
+        )
     for method in ("perceptual, 0 dB", "perceptual, 1 dB"):
         lost = max(-min(gain(found, k, method, "log_ssim").values()) for k in FEEDBACKS)
         yield f"| log-SSIM lost by a picture, {method} | <= .05 | {lost:.3f} |"
@@ -207,13 +226,15 @@ def bounds(found: list[Row], flicker: list[Row]) -> Iterable[str]:
 
 
 NOTES = (
-    "Predicted by ColorVideoVDP; no person has judged these pictures. log-SSIM and FLIP (0 is the same) share nothing",
-    "with the method, and do not confirm the gain: they reward what (P) keeps exactly. The perceptual methods share the",
-    "structure of ColorVideoVDP, and their guard is PU21 itself.",
+    "Predicted by ColorVideoVDP; no person has judged these pictures. log-SSIM and FLIP (0 is the same)",
+    "share nothing with the method, and do not confirm the gain: they reward what (P) keeps exactly. The",
+    "perceptual methods share the structure of ColorVideoVDP, and their guard is PU21 itself.",
     "",
-    "JOD: mean of four viewing conditions (white 50, 14, 14, 5 cd/m2 at 10, 20, 45, 30 pixels per degree). Black 1/2000.",
-    "(W) is least squares, thresholds the paper's minimisation as far as its text defines it, tone curve and base and",
-    "detail are two ways of the trade. Held-out pictures; those for tuning stand in the JSON.",
+    "JOD: mean of four viewing conditions (white 50, 14, 14, 5 cd/m2 at 10, 20, 45, 30 pixels per",
+    "degree). Black 1/2000. (W) is least squares, thresholds the paper's minimisation as far as its text",
+    "defines it, tone curve and base and detail are two ways of the trade. Held-out pictures; those for",
+    "tuning stand in the JSON. (P) shows a picture as well as the target from 9.9 JOD on: a tenth is a",
+    "difference that hardly anybody sees.",
     "",
 )
 

@@ -31,7 +31,7 @@ CONES = ((-2.6, -0.72), (1.9, -1.255))  # of log10 luminance: below, above
 
 @dataclass(frozen=True)
 class FlatScreen:
-    """Pictures (N, N, 3) on a screen that returns the same light everywhere: total = direct + feedback mean."""
+    """Pictures (N, N, 3) on a screen that scatters evenly: total = direct + feedback mean(direct)."""
 
     size: int
     feedback: float

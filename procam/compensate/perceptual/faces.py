@@ -7,11 +7,11 @@ from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
 from procam.arrays import Array, Array32
+from procam.compensate.perceptual.bounds import NEGLIGIBLE, Way, mixed
 from procam.compensate.perceptual.descent import Descent, Problem
 from procam.compensate.perceptual.objective import Contrast, Guard
 from procam.compensate.perceptual.settings import Perceptual
-from procam.compensate.perceptual.small_pictures import NEGLIGIBLE, RATE, STEPS
-from procam.compensate.perceptual.targets import guarded, mixed
+from procam.compensate.perceptual.small_pictures import RATE, STEPS
 from procam.maths.mesh.active_set import MeshRoom
 from procam.maths.vision.pyramid import LOWEST
 
@@ -113,7 +113,7 @@ def face_target(problem: Problem, exact: Array32, settings: Perceptual) -> Array
         return None
     found = Descent(problem, total - exact).run(exact, most, STEPS, RATE)
     other = problem.transport.total(found)
-    share = guarded(problem, total, other, settings.allowed)
+    share = Way(problem, total, other, settings.allowed).length()
     return mixed(total, other, share) if share else None
 
 

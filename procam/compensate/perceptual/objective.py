@@ -155,7 +155,7 @@ class Guard:
     """
 
     def __init__(self, target: Array32, weight: Array32, white_nits: float) -> None:
-        self._white, self._weight = np.float32(white_nits), weight
+        self.target, self.weight, self._white = target, weight, np.float32(white_nits)
         self._wanted = pu21_table()(self._nits(target))[0]
         self._luma = pu21(luma(target) * self._white)
 
@@ -166,7 +166,7 @@ class Guard:
         """P [units squared] and its slope (3, H, W) over the light of a picture (3, H, W)."""
         value, slope = pu21_table()(self._nits(picture))
         error = value - self._wanted
-        weighted = error * self._weight
+        weighted = error * self.weight
         weighted[1:] *= np.float32(COLOURS)
         total = float(np.vdot(weighted, error))
         slope *= weighted * (2 * self._white)
@@ -175,7 +175,7 @@ class Guard:
     def luminance(self, luma_of_picture: Array32) -> float:
         """Error of a picture's `luma` (H, W), in double precision."""
         error = pu21(luma_of_picture * self._white) - self._luma
-        return float(np.vdot(self._weight, error**2))
+        return float(np.vdot(self.weight, error**2))
 
 
 def luma(picture: Array32) -> Array32:

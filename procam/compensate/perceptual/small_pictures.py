@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from procam.arrays import Array, Array32, Image
+from procam.compensate.perceptual.bounds import NEGLIGIBLE
 from procam.compensate.perceptual.descent import Descent, Multiplier
 from procam.compensate.perceptual.guided import Change
 from procam.compensate.perceptual.light import Stage, planes
@@ -17,16 +18,19 @@ NEXT_STEPS, NEXT_RATE = 4, 0.05  # of those after it
 SMOOTHING = 0.3  # share of a new picture in the change that is used
 CUT = 0.5  # mean change of the logarithm of light from picture to picture that is a cut
 DARK = np.float32(1e-3)  # light [rel] added before that logarithm
-NEGLIGIBLE = 1e-4  # error of an exact solution [PU21 units squared]: 83 dB, nothing can be seen
 
 
 @dataclass(frozen=True, eq=False)
 class Solved:
-    """A small picture (3, h, w), how it is changed, and the moments (3, T) of its direct light."""
+    """A small picture (3, h, w), how it is changed, and the moments (3, T) of its direct light.
+
+    `is_first` : none came before it, or another scene.
+    """
 
     target: Array32
     change: Change
     moments: Array
+    is_first: bool
 
 
 @dataclass(eq=False)
@@ -49,7 +53,7 @@ class SmallPictures:
         change = Change.fitted(target, direct + self.stage.transport.scattered(moments))
         if last is not None:
             change = last.change.moved_to(change, SMOOTHING)
-        self._last = Solved(target, change, moments)
+        self._last = Solved(target, change, moments, last is None)
         return self._last
 
     def _is_cut(self, before: Array32, after: Array32) -> bool:

@@ -8,20 +8,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from procam.arrays import Array, Array32, Image
-from procam.compensate.perceptual.descent import Descent, Problem
+from procam.arrays import Array, Image
+from procam.compensate.perceptual.bounds import NEGLIGIBLE, SampledWay, Way, mixed
+from procam.compensate.perceptual.descent import Descent
 from procam.compensate.perceptual.light import Stage, interleaved, planes
-from procam.compensate.perceptual.objective import luma
 from procam.compensate.perceptual.settings import Perceptual
-from procam.compensate.perceptual.small_pictures import NEGLIGIBLE, SmallPictures
-from procam.maths.vision.pu21 import pu21_table
+from procam.compensate.perceptual.small_pictures import SmallPictures
 
 STEPS, RATE = 12, 0.05  # of still pictures at full size
-BISECTIONS = 10
-SHARES = (1.0, 0.8, 0.6, 0.4, 0.2)  # of the change of a movie's frame, until the guard holds
-SAMPLE = 256  # pixels along an edge for that
-CERTAIN = 2.0  # standard errors by which it must hold
-ROUNDS = 8
+SAMPLE = 256  # pixels along an edge of a movie's frame that are tried
+RISE = 0.2  # of the share that is used, per frame, towards one that is larger
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -63,41 +59,11 @@ class StillTargets:
         start = stage.limited(wanted - transport.scattered(small.moments))
         found = Descent(problem, scattered, pictures.multiplier).run(start, most, STEPS, RATE)
         ends = transport.total(exact), transport.total(found)
-        share = guarded(problem, *ends, self._settings.allowed)
+        way = Way(problem, *ends, self._settings.allowed)
+        share = way.length()
         if share == 0:
             return Reached(picture)
-        total = mixed(*ends, share)
-        errors = [problem.guard.luminance(luma(light)) for light in (ends[0], total)]
-        return Reached(interleaved(total), share, _loss_db(*errors))
-
-
-def mixed(first: Array32, last: Array32, share: float) -> Array32:
-    """Light on the way between two pictures."""
-    return first + np.float32(share) * (last - first)
-
-
-def guarded(problem: Problem, first: Array32, last: Array32, allowed: float) -> float:
-    """How far from the exact solution's total light, `first`, the error of luminance lets it go.
-
-    If that does not bring contrast nearer to the target's, 0.
-    """
-    ends = luma(first), luma(last)
-    most = problem.guard.luminance(ends[0]) * allowed
-
-    def holds(share: float) -> bool:
-        return problem.guard.luminance(mixed(*ends, share)) <= most
-
-    low, high = (1.0, 1.0) if holds(1.0) else (0.0, 1.0)
-    for _ in range(BISECTIONS if low < high else 0):
-        middle = (low + high) / 2
-        low, high = (middle, high) if holds(middle) else (low, middle)
-    total = mixed(first, last, low)
-    better = problem.contrast.of(total)[0] < problem.contrast.of(first)[0]
-    return low if better else 0.0
-
-
-def _loss_db(before: float, after: float) -> float:
-    return float(10 * np.log10(after / before))
+        return Reached(interleaved(mixed(*ends, share)), share, way.loss_db(share))
 
 
 class MovieTargets:
@@ -110,48 +76,26 @@ class MovieTargets:
 
     def __init__(self, small: Stage, sample: Stage, settings: Perceptual) -> None:
         self._pictures = SmallPictures(small, settings)
-        self._sample, self._settings = sample, settings
+        self._sample, self._settings, self._share = sample, settings, 0.0
 
     def of(self, picture: Image, exact_moments: Array) -> Reached:
         """A target for a frame (N, N, 3) whose exact solution has moments (3, T)."""
         small = self._pictures.solve(picture, exact_moments)
         changed = small.change.of(picture)
-        share, loss_db = self._share(picture, changed, (exact_moments, small.moments))
-        if share == 0:
-            return Reached(picture)
-        if share < 1:
-            changed = mixed(picture, changed, share)
-        return Reached(changed, share, loss_db)
-
-    def _share(
-        self, picture: Image, changed: Image, moments: tuple[Array, Array]
-    ) -> tuple[float, float]:
-        """The largest share of a change with which the guard holds, as far as a sample can tell; its loss."""
         count, edge = len(self._sample.weight), len(picture)
         at = ((np.arange(count) + 0.5) * edge / count).astype(int)
         ends = planes(picture[np.ix_(at, at)]), planes(changed[np.ix_(at, at)])
-        weight, exact = self._sample.weight, self._errors(ends, moments, 0.0)
-        before = float(np.vdot(weight, exact))
-        for share in SHARES if before > NEGLIGIBLE else ():
-            errors = self._errors(ends, moments, share)
-            above = errors - exact * self._settings.allowed
-            mean = float(np.vdot(weight, above))
-            sigma = float(np.linalg.norm(weight * (above - mean))) if count < edge else 0.0
-            if mean + CERTAIN * sigma <= 0:
-                return share, _loss_db(
-                    float(np.vdot(weight, exact)), float(np.vdot(weight, errors))
-                )
-        return 0.0, 0.0
+        sampled = SampledWay(
+            self._sample, *ends, (exact_moments, small.moments), self._settings, count == edge
+        )
+        share = self._share = self._smoothed(sampled.length(), small.is_first)
+        if share == 0:
+            return Reached(picture)
+        target = changed if share == 1 else mixed(picture, changed, share)
+        return Reached(target, share, sampled.loss_db(share))
 
-    def _errors(
-        self, ends: tuple[Array32, Array32], moments: tuple[Array, Array], share: float
-    ) -> Array32:
-        """Squared errors of luminance (h, w) [PU21 units squared] of the sample's exact solution."""
-        stage, white = self._sample, np.float32(self._settings.white_nits)
-        asked = mixed(*ends, share)
-        known = moments[0] + share * (moments[1] - moments[0])
-        for _ in range(ROUNDS):
-            direct = stage.limited(asked - stage.transport.scattered(known))
-            known = (known + stage.transport.moments(direct)) / 2
-        seen = pu21_table()(luma(stage.transport.total(direct)) * white)[0]
-        return (seen - pu21_table()(luma(ends[0]) * white)[0]) ** 2
+    def _smoothed(self, allowed: float, is_first: bool) -> float:
+        """A share that is allowed, which does not jump up: that would flicker."""
+        if is_first or allowed <= self._share:
+            return allowed
+        return self._share + RISE * (allowed - self._share)
