@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
+from procam.maths.colour_science import colour_science
 from procam.maths.vision.contrast import DKL_FROM_RGB, sensitivity
+from procam.maths.vision.hue import hue_difference
 from procam.maths.vision.log_table import LogTable
 from procam.maths.vision.pu21 import BRIGHTEST, DARKEST, pu21, pu21_table
 from procam.maths.vision.pyramid import Pyramid
@@ -108,3 +110,23 @@ class TestPyramid:
         assert len(Pyramid(ones, 1000.0)) == 6  # 256 to 4 px
         assert Pyramid(ones, 20.0).frequency(0) == 10
         assert Pyramid(ones, 20.0).frequency(2) == pytest.approx(10 * 0.3228 / 4)
+
+
+class TestHue:
+    def test_it_is_the_term_of_ciede2000(self, rng: np.random.Generator) -> None:
+        colour = colour_science()
+        lights = rng.uniform(0.001, 1, (2, 3, 400))
+        lab = [
+            colour.XYZ_to_Lab(np.asarray(colour.RGB_to_XYZ(light.T, "sRGB"))) for light in lights
+        ]
+        terms = colour.difference.delta_e.intermediate_attributes_CIE2000(*lab)
+        expected = np.abs(terms.delta_H_p / terms.S_H)
+        np.testing.assert_allclose(hue_difference(*lights), expected, rtol=0.01, atol=0.02)
+
+    def test_brighter_is_no_difference(self, rng: np.random.Generator) -> None:
+        light = rng.uniform(0.1, 1, (3, 50))
+        np.testing.assert_allclose(hue_difference(light, 0.5 * light), 0, atol=1e-9)
+
+    def test_greys_have_no_hue(self) -> None:
+        grey, light = np.full((3, 1), 0.3), np.array([[0.3], [0.2], [0.1]])
+        assert hue_difference(grey, light)[0] < 0.3

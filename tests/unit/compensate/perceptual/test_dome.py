@@ -1,0 +1,246 @@
+"""The perceptual methods of `Compensator`: (P) where it reaches all, and better within bounds elsewhere."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from procam.compensate.compensator import PERCEPTUAL, Compensator
+from procam.compensate.fields import Fields
+from procam.compensate.perceptual.light import dome_stage, interleaved, planes
+from procam.compensate.perceptual.settings import Perceptual
+from procam.errors import InputError
+from procam.maths.geometry.sphere import master_directions, master_solid_angles
+from procam.maths.light.transfer import transfer
+from procam.maths.vision.pu21 import pu21
+from procam.model.calibration import Calibration
+from procam.model.mask import Mask
+from procam.model.transport import Measured, ScatterKernel
+from procam.model.venue_state import VenueState
+
+SIZE = 96
+WHOLE = {np.uint8: 255, np.uint16: 65535}
+LUMA = np.array([0.2126, 0.7152, 0.0722])
+
+
+@pytest.fixture(scope="module")
+def dusk() -> np.ndarray:
+    """Bright in front, dark with detail behind: (N, N, 3)."""
+    direction, inside = master_directions(SIZE)
+    rng = np.random.default_rng(3)
+    dark = 0.03 * np.exp(0.6 * rng.normal(size=(SIZE, SIZE, 1)))
+    light = np.where(direction[..., :1] > 0, 0.7, dark) * np.array([0.8, 0.9, 1.0])
+    return (light * inside[..., None]).astype(np.float32)
+
+
+def encoded(light: np.ndarray, kind: type) -> np.ndarray:
+    if np.dtype(kind).kind == "f":
+        return light.astype(kind)
+    return np.rint(np.asarray(transfer("srgb").encode(light)) * WHOLE[kind]).astype(kind)
+
+
+def error(compensator: Compensator, light: np.ndarray, target: np.ndarray) -> float:
+    """Of luminance over the lit part [PU21 units squared], written anew."""
+    weight = master_solid_angles(SIZE) * (compensator.lit & ~compensator.protected)
+    units = [pu21(picture @ LUMA * 14) for picture in (light, target)]
+    return float((weight * (units[0] - units[1]) ** 2).sum() / weight.sum())
+
+
+def contrast(compensator: Compensator, light: np.ndarray) -> float:
+    """Deviation of the logarithm of luminance behind."""
+    direction, _ = master_directions(SIZE)
+    behind = compensator.lit & ~compensator.protected & (direction[..., 0] < -0.1)
+    return float(np.log(light[behind] @ LUMA).std())
+
+
+def both(
+    calibration: Calibration, picture: np.ndarray, db: float, **settings: str
+) -> tuple[Compensator, np.ndarray, np.ndarray, np.ndarray]:
+    """The perceptual compensator, its light, (P)'s light, and the target."""
+    ours = Compensator(calibration, SIZE, Perceptual(db), **settings)
+    exact = Compensator(calibration, SIZE, **settings)
+    seen = [each.solve(picture).observed.astype(float) for each in (ours, exact)]
+    return ours, *seen, ours.target(picture)
+
+
+def assert_better(
+    ours: Compensator, light: np.ndarray, exact: np.ndarray, target: np.ndarray, db: float
+) -> None:
+    slack = 0.005 if ours.fields.shown.nodes == SIZE else 0.02  # coverage fades over the last node
+    lost = 10 * np.log10(error(ours, light, target) / error(ours, exact, target))
+    assert lost <= db + slack
+    assert lost == pytest.approx(ours.certificate.luminance_loss_db, abs=2 * slack)
+    assert contrast(ours, light) > 1.15 * contrast(ours, exact)
+    assert ours.certificate.self_consistency < 1e-6
+    assert ours.certificate.kkt < 1e-6
+    assert 0 < ours.certificate.from_exact <= 1
+
+
+class TestBetter:
+    @pytest.mark.parametrize("db", [0.0, 1.0])
+    def test_on_a_dome(self, calibration: Calibration, dusk: np.ndarray, db: float) -> None:
+        assert_better(*both(calibration, dusk, db), db)
+
+    def test_light_stays_within_the_limits(
+        self, calibration: Calibration, dusk: np.ndarray
+    ) -> None:
+        ours = Compensator(calibration, SIZE, Perceptual(1.0))
+        direct = ours.solve(dusk).direct[ours.lit]
+        maps = calibration.maps
+        assert (direct >= maps.lo[ours.lit] - 1e-6).all()
+        assert (direct <= maps.hi[ours.lit] + 1e-6).all()
+
+    def test_in_a_state_with_lamps(self, calibration: Calibration, dusk: np.ndarray) -> None:
+        lamps = np.full((SIZE, SIZE, 3), 0.01, np.float32)
+        ratio = np.full(3, 1.4)
+        state = VenueState("full", Measured(ratio * 0.3, ratio * 0.01), ratio, lamps)
+        known = replace(calibration, states={"full": state})
+        assert_better(*both(known, dusk, 0.5, state="full"), 0.5)
+
+    def test_over_a_floor_that_returns_more_to_where_light_came_from(
+        self, calibration: Calibration, dusk: np.ndarray
+    ) -> None:
+        bend = np.diag([1.0, 0.03, 0.06, 0.05])
+        bend[0, 1] = bend[1, 0] = 0.02
+        kernel = ScatterKernel(1, np.stack([bend] * 3), np.tile([1.0, 0.02, 0.0, 0.0], (3, 1)))
+        known = replace(calibration, maps=replace(calibration.maps, kernel=kernel))
+        assert_better(*both(known, dusk, 0.5), 0.5)
+
+    def test_under_todays_white(self, calibration: Calibration, dusk: np.ndarray) -> None:
+        assert_better(*both(calibration, dusk, 0.5, white="keep"), 0.5)
+
+    def test_of_a_small_dome_master_for_fewer_nodes(
+        self, make_calibration: Callable[..., Calibration], dusk: np.ndarray
+    ) -> None:
+        assert_better(*both(make_calibration(size=48), dusk, 0.5), 0.5)
+
+
+class TestExact:
+    @pytest.mark.parametrize("method", PERCEPTUAL)
+    @pytest.mark.parametrize("kind", [np.uint8, np.uint16, np.float16, np.float32])
+    def test_a_picture_within_reach_comes_out_as_the_exact_method_has_it(
+        self, calibration: Calibration, kind: type, method: str
+    ) -> None:
+        rng = np.random.default_rng(2)
+        picture = encoded(rng.uniform(0.4, 0.7, (SIZE, SIZE, 3)), kind)
+        ours, exact = (Compensator(calibration, SIZE, m) for m in (method, "exact"))
+        np.testing.assert_array_equal(ours.frame(picture), exact.frame(picture))
+        assert ours.certificate.from_exact == ours.certificate.luminance_loss_db == 0
+
+    def test_protected_places_are_left_as_they_are(
+        self, calibration: Calibration, dusk: np.ndarray
+    ) -> None:
+        direction, _ = master_directions(SIZE)
+        covered = np.asarray(direction[..., 1] > 0.4)
+        maps = replace(calibration.maps, protected=Mask("screen", covered))
+        ours, light, exact, target = both(replace(calibration, maps=maps), dusk, 0.5)
+        assert_better(ours, light, exact, target, 0.5)
+        kept = ours.protected & ours.lit
+        assert kept.any()
+        np.testing.assert_array_equal(ours.frame(dusk)[kept], dusk[kept])
+
+    @pytest.mark.parametrize("method", PERCEPTUAL)
+    def test_strength_mixes_as_encoded(
+        self, calibration: Calibration, dusk: np.ndarray, method: str
+    ) -> None:
+        picture = encoded(dusk, np.uint16)
+        none, half, full = (
+            Compensator(calibration, SIZE, method, strength=s).frame(picture).astype(float)
+            for s in (0.0, 0.5, 1.0)
+        )
+        np.testing.assert_array_equal(none, picture)
+        np.testing.assert_allclose(half, (none + full) / 2, atol=1)
+
+    def test_other_methods_have_no_such_figures(
+        self, calibration: Calibration, dusk: np.ndarray
+    ) -> None:
+        exact = Compensator(calibration, SIZE)
+        exact.frame(dusk)
+        assert np.isnan(exact.certificate.from_exact)
+        assert np.isnan(exact.certificate.luminance_loss_db)
+
+
+class TestTypes:
+    @pytest.mark.parametrize("method", PERCEPTUAL)
+    @pytest.mark.parametrize(
+        ("kind", "close"), [(np.uint8, 1.01), (np.uint16, 300), (np.float16, 2e-3)]
+    )
+    def test_every_type_says_the_same(
+        self, calibration: Calibration, dusk: np.ndarray, kind: type, close: float, method: str
+    ) -> None:
+        picture = encoded(dusk, kind)
+        decoded = dusk if np.dtype(kind).kind == "f" else None
+        if decoded is None:
+            decoded = np.asarray(transfer("srgb").decode(picture / WHOLE[kind]), np.float32)
+        found = Compensator(calibration, SIZE, method).frame(picture)
+        same = Compensator(calibration, SIZE, method).frame(decoded)
+        assert found.dtype == kind
+        apart = np.abs(found.astype(float) - encoded(np.clip(same, 0, 1), kind).astype(float))
+        assert np.quantile(apart, 0.999) <= close
+
+    def test_bytes_are_dithered(self, calibration: Calibration, dusk: np.ndarray) -> None:
+        picture = encoded(dusk, np.uint8)
+        decoded = np.asarray(transfer("srgb").decode(picture / 255), np.float32)
+        sent = Compensator(calibration, SIZE, "perceptual").frame(picture)
+        light = Compensator(calibration, SIZE, "perceptual").frame(decoded)
+        asked = 255 * np.asarray(transfer("srgb").encode(np.clip(light, 0, 1)))
+        assert abs(float((sent - asked)[light > 0.01].mean())) < 0.05  # rounding down would be -.5
+
+    def test_in_place(self, calibration: Calibration, dusk: np.ndarray) -> None:
+        expected = Compensator(calibration, SIZE, "perceptual").frame(dusk)
+        picture = dusk.copy()
+        found = Compensator(calibration, SIZE, "perceptual").frame(picture, picture)
+        assert found is picture
+        np.testing.assert_array_equal(found, expected)
+
+    def test_what_is_brighter_than_any_projector_counts_as_the_brightest(
+        self, calibration: Calibration, dusk: np.ndarray
+    ) -> None:
+        sun = dusk.copy()
+        sun[60:62, 50:52] = 1e5
+        ours, light, exact, _ = both(calibration, sun, 0.0)
+        assert np.isfinite(light).all()
+        assert contrast(ours, light) > 1.1 * contrast(ours, exact)
+
+
+class TestMovie:
+    def test_frames_keep_the_guard(self, calibration: Calibration, dusk: np.ndarray) -> None:
+        ours = Compensator(calibration, SIZE, Perceptual(1.0, video=True))
+        exact = Compensator(calibration, SIZE)
+        for number in range(4):
+            frame = np.ascontiguousarray(np.rot90(dusk, number // 2))
+            light, seen = (each.solve(frame).observed for each in (ours, exact))
+            target = ours.target(frame)
+            lost = 10 * np.log10(error(ours, light, target) / error(ours, seen, target))
+            assert lost <= 1.01
+            assert ours.certificate.from_exact > 0
+
+
+def test_the_stage_has_the_light_of_the_solver(calibration: Calibration, dusk: np.ndarray) -> None:
+    found = Compensator(calibration, SIZE).solve(dusk)
+    stage = dome_stage(Fields.of(calibration, SIZE), SIZE)
+    total = interleaved(stage.transport.total(planes(found.direct)))
+    lit = Compensator(calibration, SIZE).lit
+    np.testing.assert_allclose(total[lit], found.observed[lit], rtol=2e-4)
+    assert stage.weight.sum() == pytest.approx(1, rel=1e-5)
+    assert (stage.weight > 0).sum() == lit.sum()
+    assert stage.pixels_per_degree == SIZE / 180
+
+
+@pytest.mark.parametrize(
+    ("method", "settings", "message"),
+    [
+        (
+            "perceptual-still",
+            {},
+            "method: 'perceptual-still' is unknown; choose one of exact, perceptual",
+        ),
+        ("perceptual", {"strength": 1.2}, "strength: 1.2 is outside 0"),
+    ],
+)
+def test_what_is_refused(
+    calibration: Calibration, method: str, settings: dict[str, float], message: str
+) -> None:
+    with pytest.raises(InputError, match=message):
+        Compensator(calibration, SIZE, method, **settings)  # type: ignore[arg-type]
