@@ -1,0 +1,204 @@
+"""`procam compensate --method perceptual` and `procam preview`, from pictures to pictures."""
+
+import base64
+import json
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tiny_venue import procam
+
+from procam.compensate.compensator import Compensator
+from procam.compensate.perceptual.settings import Perceptual
+from procam.files.calibration import save_calibration
+from procam.files.images.layers import RGB
+from procam.files.images.pixels import read_image, write_image
+from procam.maths.geometry.sphere import master_directions
+from procam.model.calibration import Calibration
+
+SIZE = 64
+
+
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory: pytest.TempPathFactory, calibration: Calibration) -> Path:
+    directory = tmp_path_factory.mktemp("perceptual") / "0001"
+    save_calibration(calibration, directory)
+    return directory
+
+
+def dusk(shift: int = 0) -> np.ndarray:
+    direction, inside = master_directions(SIZE)
+    dark = 0.03 * np.exp(0.6 * np.random.default_rng(3).normal(size=(SIZE, SIZE, 1)))
+    light = np.where(direction[..., :1] > 0.1, 0.7, np.roll(dark, shift, axis=1))
+    return np.repeat(light * inside[..., None], 3, axis=-1).astype(np.float32)
+
+
+def shoot(path: Path, light: np.ndarray) -> Path:
+    write_image(path, light, RGB)
+    return path
+
+
+def test_a_picture(kept: Path, calibration: Calibration, tmp_path: Path) -> None:
+    source, out = shoot(tmp_path / "dusk.exr", dusk()), tmp_path / "sent.exr"
+    options = ("--method", "perceptual", "--db", "1", "--white-nits", "30")
+    report = tmp_path / "report.csv"
+    ran = procam("compensate", kept, source, out, *options, "--report", report, "--json")
+    assert (ran.code, ran.err) == (0, "")
+    expected = Compensator(calibration, SIZE, Perceptual(1.0, 30.0)).frame(dusk())
+    np.testing.assert_allclose(read_image(out)[..., :3], expected, atol=1e-3)
+    found = json.loads(ran.out)
+    assert 0.3 < found["luminance_loss_db"] <= 1.0
+    head, row = (line.split(",") for line in report.read_text().splitlines())
+    values = dict(zip(head, row, strict=True))
+    assert float(values["luminance_loss_db"]) == found["luminance_loss_db"]
+    assert 0 < float(values["from_exact"]) <= 1
+
+
+def test_what_is_said(kept: Path, tmp_path: Path) -> None:
+    source = shoot(tmp_path / "dusk.exr", dusk())
+    ran = procam("compensate", kept, source, tmp_path / "sent.exr", "--method", "perceptual")
+    assert "1 of 1 differ from the exact method's; errors of luminance are at most" in ran.out
+    flat = shoot(tmp_path / "flat.exr", np.full((SIZE, SIZE, 3), 0.5, np.float32))
+    ran = procam("compensate", kept, flat, tmp_path / "same.exr", "--method", "perceptual")
+    assert "0 of 1 differ from the exact method's" in ran.out
+
+
+def test_numbered_pictures_follow_each_other(
+    kept: Path, calibration: Calibration, tmp_path: Path
+) -> None:
+    for number in range(4):
+        shoot(tmp_path / f"in.{number}.exr", dusk(number))
+    command = ("compensate", kept, tmp_path / "in.#.exr", tmp_path / "out.#.exr")
+    options = ("--method", "perceptual-video", "--db", "1")
+    assert procam(*command, *options).code == 0
+    ours = Compensator(calibration, SIZE, Perceptual(1.0, video=True))
+    expected = [ours.frame(dusk(number)) for number in range(4)]
+
+    def assert_as_expected() -> None:
+        for number, frame in enumerate(expected):
+            found = read_image(tmp_path / f"out.{number}.exr")[..., :3]
+            np.testing.assert_allclose(found, frame, atol=1e-3)
+
+    assert_as_expected()
+    # each depends on those before: one that is missing is not made on its own
+    (tmp_path / "out.2.exr").unlink()
+    before = (tmp_path / "out.0.exr").stat().st_mtime_ns
+    assert procam(*command, *options).code == 0
+    assert_as_expected()
+    after = (tmp_path / "out.0.exr").stat().st_mtime_ns
+    assert after > before
+    assert procam(*command, *options).code == 0  # nothing is missing: nothing is made
+    assert (tmp_path / "out.0.exr").stat().st_mtime_ns == after
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--db", "1"), "--db: for --method perceptual or perceptual-video, not exact"),
+        (
+            ("--method", "subtract", "--db", "1", "--white-nits", "9"),
+            "--db and --white-nits: for --method perceptual or perceptual-video, not subtract",
+        ),
+        (("--method", "perceptual", "--db", "-1"), "db: -1 is below 0 or no number"),
+        (("--method", "perceptual", "--db", "nan"), "db: nan is below 0 or no number"),
+        (("--method", "perceptual", "--white-nits", "0"), "white_nits: 0 is not above 0"),
+        (("--method", "perceptual", "--strength", "1.5"), "strength: 1.5 is outside 0"),
+        (("--method", "perceptive"), "method: 'perceptive' is unknown"),
+    ],
+)
+def test_options_that_do_not_fit(
+    kept: Path, tmp_path: Path, options: tuple[str, ...], message: str
+) -> None:
+    source, out = shoot(tmp_path / "dusk.exr", dusk()), tmp_path / "sent.exr"
+    ran = procam("compensate", kept, source, out, *options)
+    assert ran.code == 2
+    assert message in ran.err
+    assert not out.exists()
+
+
+@pytest.mark.parametrize("light", ["black", "one pixel"])
+def test_odd_pictures(kept: Path, tmp_path: Path, light: str) -> None:
+    picture = np.zeros((SIZE, SIZE, 3), np.float32)
+    if light == "one pixel":
+        picture[30, 30] = 1
+    source, out = shoot(tmp_path / "odd.exr", picture), tmp_path / "sent.exr"
+    ran = procam("compensate", kept, source, out, "--method", "perceptual")
+    assert (ran.code, ran.err) == (0, "")
+    assert np.isfinite(read_image(out)).all()
+
+
+@pytest.mark.parametrize("command", ["compensate", "preview"])
+def test_holes_in_a_picture(kept: Path, tmp_path: Path, command: str) -> None:
+    picture = dusk()
+    picture[20:22, 30] = np.nan
+    source, out = shoot(tmp_path / "odd.exr", picture), tmp_path / "out"
+    rest = (out.with_suffix(".exr"), "--method", "perceptual")
+    ran = procam(command, kept, source, *(rest if command == "compensate" else ("--out", "p.html")))
+    assert ran.code == 2
+    assert "holes" in ran.err
+
+
+class Page(HTMLParser):
+    """What a preview shows: the pictures by name, and its text."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.images, self.said = dict[str, bytes](), ""
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
+        found = dict(attributes)
+        if tag == "img" and (found.get("id") or "").startswith("view-"):
+            address = found["src"] or ""
+            self.images[str(found["alt"])] = base64.b64decode(address.split(",", 1)[1])
+
+    def handle_data(self, data: str) -> None:
+        self.said += data
+
+
+class TestPreview:
+    def test_every_method_beside_the_target(self, kept: Path, tmp_path: Path) -> None:
+        source, out = shoot(tmp_path / "dusk.exr", dusk()), tmp_path / "dusk.html"
+        ran = procam("preview", kept, source, "--out", out, "--db", "1", "--json")
+        assert (ran.code, ran.err) == (0, "")
+        assert json.loads(ran.out)["page"] == str(out)
+        page = Page(out.read_text())
+        assert list(page.images) == ["Today", "Exact", "Least squares", "Perceptual", "Target"]
+        assert len(set(page.images.values())) == 5
+        assert all(data.startswith(b"\x89PNG") for data in page.images.values())
+        assert "no person has judged it" in page.said
+        assert not re.search(r"""(src|href)=["']https?:""", out.read_text())
+
+    def test_distances_from_the_target(self, kept: Path, tmp_path: Path) -> None:
+        source, out = shoot(tmp_path / "dusk.exr", dusk()), tmp_path / "dusk.html"
+        for db in (0.0, 1.0):
+            assert procam("preview", kept, source, "--out", out, "--db", db).code == 0
+            today, exact, _, ours = map(float, re.findall(r"([\d.]+) dB<br>", _bare(out)))
+            assert today < ours
+            assert exact - db - 0.06 <= ours  # both rounded to .1 dB
+            assert abs(exact - ours) < 1.5
+
+    @pytest.mark.parametrize(
+        ("options", "message"),
+        [
+            (("--out", "page.txt"), "the name must end in .html"),
+            (("--db", "-2"), "db: -2 is below 0"),
+            (("--state", "full"), "state"),
+        ],
+    )
+    def test_what_is_refused(
+        self, kept: Path, tmp_path: Path, options: tuple[str, ...], message: str
+    ) -> None:
+        source = shoot(tmp_path / "dusk.exr", dusk())
+        where = () if "--out" in options else ("--out", tmp_path / "page.html")
+        ran = procam("preview", kept, source, *where, *options)
+        assert ran.code == 2
+        assert message in ran.err
+        assert not (tmp_path / "page.html").exists()
+
+
+def _bare(path: Path) -> str:
+    """A page without its pictures."""
+    return re.sub(r'"data:[^"]*"', '""', path.read_text())
