@@ -10,6 +10,10 @@ from procam.kernels.frame import Coding
 from procam.kernels.frame.coding import WHOLE
 from procam.maths.codes.dither import threshold_tile
 from procam.maths.light.transfer import Transfer, transfer
+from procam.maths.log_table import LogTable
+
+DARKEST = 1e-7  # light [rel] below which its code is 0 for 8 bits
+ROWS = 64  # at a time, as the dither's tile has them
 
 
 @dataclass(frozen=True)
@@ -30,6 +34,7 @@ class ContentCodec:
     strength: float
     protected: BoolArray | None
     _codings: dict[tuple[str, float, float], Coding] = field(default_factory=dict)
+    _tables: dict[Coding, LogTable] = field(default_factory=dict)
 
     def decoded(self, image: AnyArray, most: Image | None = None) -> tuple[AnyArray, Coding]:
         """The content for the kernels: 8 bits as they are, other types in linear light.
@@ -46,6 +51,8 @@ class ContentCodec:
     def linear(self, image: AnyArray, most: Image | None = None) -> tuple[Image, Coding]:
         """The content in linear light, of any type; its coding encodes what comes of it."""
         name, top = self._encoding(image)
+        if image.dtype == np.uint8:
+            return self.coding(name, top, 1.0).decoded(image), self.coding(name, top, 1.0)
         value = image.astype(np.float32) / np.float32(WHOLE.get(image.dtype, 1))
         light = transfer(name).decode(value).astype(np.float32)
         if most is not None:
@@ -81,24 +88,31 @@ class ContentCodec:
     ) -> AnyArray:
         """Light encoded as the image is, by `coding` unless it is so already; protected pixels put back."""
         if coding is not None:
-            whole = WHOLE.get(image.dtype)
-            value = np.asarray(coding.encode(sent)) * (whole or 1.0)
-            came = image if whole else np.where(np.isfinite(image), image, 0)
-            sent = _rounded(came + self.strength * (value - came), image.dtype)
-            if out is not None:
-                out[...] = sent
-                sent = out
+            light, sent = sent, np.empty_like(image) if out is None else out
+            for start in range(0, len(image), ROWS):  # what lies between stays in the cache
+                rows = slice(start, start + ROWS)
+                sent[rows] = self._mixed(image[rows], light[rows], coding)
         if held is not None:
             sent[self.protected] = held
         return sent
 
+    def _mixed(self, image: AnyArray, light: AnyArray, coding: Coding) -> AnyArray:
+        """Rows of an image, mixed with light by the strength: 8 bits are dithered, 16 rounded."""
+        whole = WHOLE.get(image.dtype)
+        value = self._encoded(coding, light, image.dtype) * np.float32(whole or 1)
+        came = image if whole else np.where(np.isfinite(image), image, 0)
+        value = came + self.strength * (value - came)
+        if image.dtype == np.uint8:
+            tile = threshold_tile()[: len(image)]
+            width = image.shape[1]
+            wide = np.tile(tile, -(-width // tile.shape[1]))[:, :width, None]
+            return np.floor(np.minimum(value + wide, 255)).astype(image.dtype)
+        return (np.rint(value) if whole else value).astype(image.dtype)
 
-def _rounded(values: AnyArray, dtype: np.dtype[Any]) -> AnyArray:
-    """Encoded values (N, N, 3) as a type: 8 bits are dithered, 16 rounded."""
-    if dtype == np.uint8:
-        height, width = values.shape[:2]
-        tile = threshold_tile()
-        repeats = -(-height // len(tile)), -(-width // len(tile))
-        values = np.minimum(values + np.tile(tile, repeats)[:height, :width, None], 255)
-        return np.floor(values).astype(dtype)
-    return (np.rint(values) if dtype in WHOLE else values).astype(dtype)
+    def _encoded(self, coding: Coding, light: AnyArray, dtype: np.dtype[Any]) -> AnyArray:
+        """Encoded light; for 8 bits by a table, right to a hundredth of a code."""
+        if dtype != np.uint8:
+            return np.asarray(coding.encode(light))
+        if coding not in self._tables:
+            self._tables[coding] = LogTable(lambda x: np.asarray(coding.encode(x)), DARKEST, 1.0)
+        return self._tables[coding](light)[0]

@@ -59,6 +59,26 @@ def largest(holds: Callable[[float], bool], halvings: int) -> float:
     return low
 
 
+def hue_limited(problem: Problem, exact: Array32, found: Array32) -> Array32:
+    """Direct light `found` (3, H, W), its colours so near those of total light `exact` that hues are kept.
+
+    Luminance stays, as far as the limits on each colour let it.
+    """
+    total = problem.transport.total(found)
+    places = clipped_places(exact, problem.guard.target, problem.guard.weight)
+    scattered, bright = total - found, np.maximum(luma(total), np.float32(DIFFERENT))
+    first = exact * (bright / np.maximum(luma(exact), np.float32(DIFFERENT)))
+
+    def limited(share: float) -> Array32:
+        return np.clip(mixed(first, total, share) - scattered, problem.lo, problem.hi)
+
+    def holds(share: float) -> bool:
+        return hue_is_kept(exact, problem.transport.total(limited(share)), places)
+
+    share = largest(holds, FEW_BISECTIONS)
+    return found if share == 1 else limited(share)
+
+
 @dataclass(frozen=True, eq=False)
 class Way:
     """From the exact solution's total light, `first`, to the optimum's, `last`: (3, H, W) each.

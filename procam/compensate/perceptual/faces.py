@@ -7,7 +7,7 @@ from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
 from procam.arrays import Array, Array32
-from procam.compensate.perceptual.bounds import NEGLIGIBLE, Way, mixed
+from procam.compensate.perceptual.bounds import NEGLIGIBLE, Way, hue_limited, mixed
 from procam.compensate.perceptual.descent import Descent, Problem
 from procam.compensate.perceptual.objective import Contrast, Guard
 from procam.compensate.perceptual.settings import Perceptual
@@ -112,7 +112,7 @@ def face_target(problem: Problem, exact: Array32, settings: Perceptual) -> Array
     if most <= NEGLIGIBLE:
         return None
     found = Descent(problem, total - exact).run(exact, most, STEPS, RATE)
-    other = problem.transport.total(found)
+    other = problem.transport.total(hue_limited(problem, total, found))
     share = Way(problem, total, other, settings.allowed).length()
     return mixed(total, other, share) if share else None
 

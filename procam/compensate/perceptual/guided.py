@@ -46,8 +46,10 @@ class Change:
     def of(self, target: Image) -> Image:
         """The change of a large target (N, N, 3)."""
         shape = target.shape[:2]
-        gain, offset = (enlarged(np.moveaxis(p, 0, -1), shape) for p in (self.gain, self.offset))
-        return np.asarray(gain * target + offset, np.float32)
+        changed = enlarged(np.moveaxis(self.gain, 0, -1), shape)
+        changed *= target
+        changed += enlarged(np.moveaxis(self.offset, 0, -1), shape)
+        return changed
 
 
 def _mean(planes: Array32) -> Array32:

@@ -9,7 +9,7 @@ from typing import Protocol
 
 import numpy as np
 
-from procam.arrays import Array, Array32
+from procam.arrays import Array, Array32, FloatArray
 from procam.maths.vision.contrast import (
     CROSS_CHANNEL,
     DKL_FROM_RGB,
@@ -112,7 +112,7 @@ class Contrast:
         """How much the visible contrast (3, h, w) of the target hides errors."""
         blurred = [MASKING * self._levels.blurred(number, np.abs(plane)) for plane in seen]
         powers = [b ** np.float32(q) for b, q in zip(blurred, EXPONENTS, strict=True)]
-        return np.tensordot(CROSS_CHANNEL.T.astype(np.float32), np.array(powers), 1)
+        return mixed_channels(CROSS_CHANNEL.T, np.array(powers))
 
     def of(self, picture: Array32) -> tuple[float, Array32]:
         """J and its slope (3, H, W) over the light of a picture (3, H, W)."""
@@ -127,7 +127,7 @@ class Contrast:
             slopes[number + 1] += self._levels.expanded_adjoint(number, coarse)
         for number in reversed(range(len(self._levels))):
             slopes[number] += self._levels.reduced_adjoint(number, slopes[number + 1])
-        return total, np.tensordot(DKL_FROM_RGB.T.astype(np.float32), slopes[0], 1)
+        return total, mixed_channels(DKL_FROM_RGB.T, slopes[0])
 
     def _errors(
         self, number: int, band: _Band, level: Array32, above: Array32
@@ -145,7 +145,13 @@ class Contrast:
 
 
 def _opponent(picture: Array32) -> Array32:
-    return np.tensordot(DKL_FROM_RGB.astype(np.float32), picture, 1)
+    return mixed_channels(DKL_FROM_RGB, picture)
+
+
+def mixed_channels(matrix: FloatArray, planes: Array32) -> Array32:
+    """A matrix (D, C) times planes (C, ...): `tensordot` would copy them first."""
+    flat = np.ascontiguousarray(planes).reshape(len(planes), -1)
+    return (matrix.astype(np.float32) @ flat).reshape(-1, *planes.shape[1:])
 
 
 class Guard:
@@ -180,4 +186,4 @@ class Guard:
 
 def luma(picture: Array32) -> Array32:
     """Luminance (H, W) of a picture (3, H, W), that of white being 1."""
-    return np.tensordot(LUMA, picture, 1)
+    return mixed_channels(LUMA[None], picture)[0]

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from procam.arrays import Array, Array32, Image
-from procam.compensate.perceptual.bounds import NEGLIGIBLE
+from procam.compensate.perceptual.bounds import NEGLIGIBLE, hue_limited
 from procam.compensate.perceptual.descent import Descent, Multiplier
 from procam.compensate.perceptual.guided import Change
 from procam.compensate.perceptual.light import Stage, planes
@@ -14,7 +14,7 @@ from procam.maths.warp import reduced_to
 
 REDUCTION = 4  # of a picture's edge
 STEPS, RATE = 25, 0.12  # of the first picture
-NEXT_STEPS, NEXT_RATE = 4, 0.05  # of those after it
+NEXT_STEPS, NEXT_RATE = 3, 0.05  # of those after it
 SMOOTHING = 0.3  # share of a new picture in the change that is used
 CUT = 0.5  # mean change of the logarithm of light from picture to picture that is a cut
 DARK = np.float32(1e-3)  # light [rel] added before that logarithm
@@ -70,8 +70,10 @@ class SmallPictures:
         if most <= NEGLIGIBLE:
             return exact
         descent = Descent(problem, scattered, self.multiplier)
-        if last is None:
-            return descent.run(exact, most, STEPS, RATE)
-        wanted = last.change.gain * target + last.change.offset
-        start = stage.limited(wanted - transport.scattered(last.moments))
-        return descent.run(start, most, NEXT_STEPS, NEXT_RATE)
+        start, steps, rate = exact, STEPS, RATE
+        if last is not None:
+            wanted = last.change.gain * target + last.change.offset
+            start = stage.limited(wanted - transport.scattered(last.moments))
+            steps, rate = NEXT_STEPS, NEXT_RATE
+        found = descent.run(start, most, steps, rate)
+        return hue_limited(problem, transport.total(exact), found)

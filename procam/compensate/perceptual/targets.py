@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from procam.arrays import Array, Image
-from procam.compensate.perceptual.bounds import NEGLIGIBLE, SampledWay, Way, mixed
+from procam.compensate.perceptual.bounds import NEGLIGIBLE, SampledWay, Way, hue_limited, mixed
 from procam.compensate.perceptual.descent import Descent
 from procam.compensate.perceptual.light import Stage, interleaved, planes
 from procam.compensate.perceptual.settings import Perceptual
@@ -58,7 +58,8 @@ class StillTargets:
         wanted = planes(small.change.of(picture))
         start = stage.limited(wanted - transport.scattered(small.moments))
         found = Descent(problem, scattered, pictures.multiplier).run(start, most, STEPS, RATE)
-        ends = transport.total(exact), transport.total(found)
+        light = transport.total(exact)
+        ends = light, transport.total(hue_limited(problem, light, found))
         way = Way(problem, *ends, self._settings.allowed)
         share = way.length()
         if share == 0:

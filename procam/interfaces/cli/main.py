@@ -49,6 +49,8 @@ PANELS = {
         "preview": "Write a page that shows a picture by each method beside its target, to choose by.",
         "warp": "Make each projector's frames: warp, blend, colour, response.",
         "track": "Write what a player needs to compensate a show by itself, without encoding it anew.",
+        "ask": "Write a page that asks people which of two compensated pictures they prefer.",
+        "answers": "Analyse what people answered: which method they prefer, how sure that is.",
     },
     "Camera and projector": {
         "response": "Solve how a camera encodes light, from photographs at three exposures or more.",

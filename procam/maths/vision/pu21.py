@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 
 from procam.arrays import AnyArray, Array
-from procam.maths.vision.log_table import LogTable
+from procam.maths.log_table import LogTable
 
 P = (
     *(0.353487901, 0.3734658629, 8.277049286e-05, 0.9062562627),

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from procam.maths.colour_science import colour_science
+from procam.maths.log_table import LogTable
 from procam.maths.vision.contrast import DKL_FROM_RGB, sensitivity
 from procam.maths.vision.hue import hue_difference
-from procam.maths.vision.log_table import LogTable
 from procam.maths.vision.pu21 import BRIGHTEST, DARKEST, pu21, pu21_table
 from procam.maths.vision.pyramid import Pyramid
 

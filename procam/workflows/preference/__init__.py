@@ -1,0 +1,1 @@
+"""Asks people which of two compensation methods they prefer, and analyses what they answer."""
