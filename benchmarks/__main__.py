@@ -9,7 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from benchmarks import areas, bundle, demo, frame, gray, phase, solve, start, warp
+from benchmarks import areas, bundle, demo, frame, gray, perceptual, phase, solve, start, warp
 from benchmarks.measure import Goal, Report, as_json
 from procam import kernels
 
@@ -27,6 +27,7 @@ BENCHES: tuple[Callable[[], Report], ...] = (
     lambda: frame.bench_codes(4096),
     lambda: frame.bench_codes(8192),
     frame.bench_light,
+    perceptual.bench,
     start.bench,
     demo.bench,
 )

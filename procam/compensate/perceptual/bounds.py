@@ -67,7 +67,7 @@ def hue_limited(problem: Problem, exact: Array32, found: Array32) -> Array32:
     total = problem.transport.total(found)
     places = clipped_places(exact, problem.guard.target, problem.guard.weight)
     scattered, bright = total - found, np.maximum(luma(total), np.float32(DIFFERENT))
-    first = exact * (bright / np.maximum(luma(exact), np.float32(DIFFERENT)))
+    first = (exact * (bright / np.maximum(luma(exact), DIFFERENT))).astype(np.float32)
 
     def limited(share: float) -> Array32:
         return np.clip(mixed(first, total, share) - scattered, problem.lo, problem.hi)

@@ -1,5 +1,6 @@
 """Perceptual targets of dome masters."""
 
+import os
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -11,6 +12,9 @@ from procam.compensate.perceptual.light import Stage, dome_stage
 from procam.compensate.perceptual.settings import Perceptual
 from procam.compensate.perceptual.small_pictures import REDUCTION
 from procam.compensate.perceptual.targets import SAMPLE, MovieTargets, Reached, StillTargets
+from procam.errors import InputError
+
+BYTES_PER_PIXEL = 450  # at most, of a still picture while it is solved
 
 
 class DomeTargets:
@@ -25,6 +29,8 @@ class DomeTargets:
         self, fields: Fields, fields_of: Callable[[int], Fields], settings: Perceptual
     ) -> None:
         size = fields.shown.size
+        if not settings.video:
+            _check_memory(size)
 
         def stage(edge: int) -> Stage:
             return dome_stage(fields if edge == size else fields_of(edge), edge)
@@ -57,3 +63,21 @@ class DomeTargets:
         if self._kept is not None:
             target = np.where(self._kept[..., None], content, target)
         return replace(found, target=np.ascontiguousarray(target, np.float32))
+
+
+def _check_memory(size: int) -> None:
+    """Refuse a still picture that would not fit in memory, which ends a process without a word."""
+    needed, there = size**2 * BYTES_PER_PIXEL, physical_memory()
+    if needed > there:
+        raise InputError(
+            f"method perceptual: pictures of {size} px need about {needed / 1e9:.0f} GB of memory, and this "
+            f"computer has {there / 1e9:.0f}; use perceptual-video, which needs a tenth of that"
+        )
+
+
+def physical_memory() -> float:
+    """Of this computer [bytes]; infinite if the system does not tell."""
+    try:
+        return float(os.sysconf("SC_PHYS_PAGES")) * os.sysconf("SC_PAGE_SIZE")
+    except (AttributeError, OSError, ValueError):
+        return float("inf")

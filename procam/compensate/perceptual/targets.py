@@ -15,7 +15,7 @@ from procam.compensate.perceptual.light import Stage, interleaved, planes
 from procam.compensate.perceptual.settings import Perceptual
 from procam.compensate.perceptual.small_pictures import SmallPictures
 
-STEPS, RATE = 12, 0.05  # of still pictures at full size
+STEPS, RATE = 20, 0.05  # of still pictures at full size
 SAMPLE = 256  # pixels along an edge of a movie's frame that are tried
 RISE = 0.2  # of the share that is used, per frame, towards one that is larger
 

@@ -7,6 +7,7 @@ import numpy as np
 
 from procam.arrays import Array, BoolArray, Image
 from procam.compensate.compensator import Compensated, Compensator
+from procam.compensate.perceptual.settings import Perceptual
 from procam.compensate.projector_frames import projector_frames
 from procam.estimate.closed_loop import DomeLoop, noise_by_level
 from procam.estimate.closed_loop.patches import (
@@ -42,7 +43,7 @@ class PreparedPicture:
 
     @classmethod
     def of(
-        cls, calibration: Calibration, content: Image, method: str = "exact"
+        cls, calibration: Calibration, content: Image, method: str | Perceptual = "exact"
     ) -> "PreparedPicture":
         """Content (N, N, 3), compensated by a method of `Compensator`."""
         compensator = Compensator(calibration, content.shape[0], method)

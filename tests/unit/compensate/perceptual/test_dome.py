@@ -8,6 +8,7 @@ import pytest
 
 from procam.compensate.compensator import PERCEPTUAL, Compensator
 from procam.compensate.fields import Fields
+from procam.compensate.perceptual import dome
 from procam.compensate.perceptual.light import dome_stage, interleaved, planes
 from procam.compensate.perceptual.settings import Perceptual
 from procam.errors import InputError
@@ -244,3 +245,18 @@ def test_what_is_refused(
 ) -> None:
     with pytest.raises(InputError, match=message):
         Compensator(calibration, SIZE, method, **settings)  # type: ignore[arg-type]
+
+
+def test_a_still_that_does_not_fit_in_memory_is_refused(
+    calibration: Calibration, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(dome, "physical_memory", lambda: 450 * SIZE**2 - 1)
+    with pytest.raises(InputError, match="pictures of 96 px need about 0 GB of memory"):
+        Compensator(calibration, SIZE, "perceptual")
+    Compensator(calibration, SIZE, "perceptual-video")
+    monkeypatch.setattr(dome, "physical_memory", lambda: 450 * SIZE**2)
+    Compensator(calibration, SIZE, "perceptual")
+
+
+def test_the_memory_of_this_computer() -> None:
+    assert dome.physical_memory() > 1e8
