@@ -16,6 +16,7 @@ __version__ = "0.1.0"
 
 _MODULES = {
     "compensate.compensator": ("Compensator",),
+    "compensate.perceptual.settings": ("Perceptual",),
     "compensate.projector_frames": ("Warper",),
     "errors": ("CalibrationError", "DeviceError", "InputError", "ProcamError"),
     "files.calibration": ("load_calibration", "save_calibration"),
@@ -42,6 +43,7 @@ __all__ = [
     "Dome",
     "InputError",
     "Lens",
+    "Perceptual",
     "Pose",
     "ProcamError",
     "ProjectorModel",

@@ -1,5 +1,6 @@
 # What type checkers see of the names that `__init__.py` imports when they are first used.
 from procam.compensate.compensator import Compensator
+from procam.compensate.perceptual.settings import Perceptual
 from procam.compensate.projector_frames import Warper
 from procam.errors import CalibrationError, DeviceError, InputError, ProcamError
 from procam.files.calibration import load_calibration, save_calibration
@@ -24,6 +25,7 @@ __all__ = [
     "Dome",
     "InputError",
     "Lens",
+    "Perceptual",
     "Pose",
     "ProcamError",
     "ProjectorModel",

@@ -46,7 +46,10 @@ def judge(pictures: Mapping[str, tuple[Image, Image]]) -> dict[str, Row]:
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "pictures.npz"
         np.savez(file, **arrays)  # type: ignore[arg-type]
-        done = subprocess.run((python, JUDGE, file), capture_output=True, text=True, check=True)
+        alone = os.environ | {"OMP_NUM_THREADS": "1"}  # threads that wait for others' cores are slow
+        done = subprocess.run(
+            (python, JUDGE, file), capture_output=True, text=True, check=True, env=alone
+        )
     return json.loads(done.stdout.splitlines()[-1])
 
 

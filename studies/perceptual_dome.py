@@ -1,9 +1,9 @@
 """Whether a dome shows what the perceptual method predicts, as well as it shows what (P) predicts.
 
-A simulated dome is calibrated and refined, at the demo's size. Pictures are compensated both ways, shown, and
-photographed by the simulated camera; the photographs are compared with the light that was predicted, in all
-cells of the loop that are lit, limited ones too. Their distance is given in units of the photographs' noise.
-The dome's light is found by flux tracing, which shares nothing with the prediction. Writes
+A simulated dome is calibrated and refined, at the demo's size. Pictures are compensated both ways, shown,
+and photographed by the simulated camera; the photographs are compared with the light that was predicted,
+and the closed loop corrects what is off, as for any picture. Distances are in units of the photographs'
+noise. The dome's light is found by flux tracing, which shares nothing with the prediction. Writes
 studies/perceptual_dome.json and studies/perceptual_dome.md; `python -m studies perceptual-dome` remakes them.
 """
 
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from procam.compensate.compensator import Compensator
 from procam.compensate.perceptual.settings import Perceptual
+from procam.estimate.closed_loop.patches import MAX_CORRECTIONS
 from procam.files.calibration import load_calibration
 from procam.files.venue.load import load_venue
 from procam.maths.geometry.sphere import master_directions
@@ -59,20 +60,26 @@ def on_dome(name: str) -> Image:
 
 
 def photographed(camera: LoopCamera, calibration: Calibration, target: Image, method: Any) -> Row:
-    """How far the photograph of a picture is from its prediction."""
+    """How far photographs of a picture are from its prediction: at once, and after the loop."""
     prepared = PreparedPicture.of(calibration, target, method)
-    predicted = replace(prepared, target=prepared.wanted.observed)
-    shown = ShownPicture.start(camera, predicted)
-    off, known = shown.loop.residual(shown.seen[0]), shown.loop.known
-    floor = rms(shown.sigma[known])
+    shown = ShownPicture.start(camera, replace(prepared, target=prepared.wanted.observed))
+    known, free = shown.loop.known, shown.loop.free
+    off, floor = shown.loop.residual(shown.seen[0]), shown.loop.residual_rms(shown.sigma)
+    at_limits = known & ~free
+    while not shown.enough() and len(shown.residual) <= MAX_CORRECTIONS:
+        shown.correct()
     compensator = Compensator(calibration, len(target), method)
     compensator.solve(target)
     return {
-        "residual": rms(off[known]),
-        "floor": floor,
-        "over_floor": rms(off[known]) / floor,
-        "limited": 1 - float(shown.loop.free[known].mean()),
         "from_exact": compensator.certificate.from_exact,
+        "limited": float(at_limits.sum() / known.sum()),
+        "floor": floor,
+        "first": shown.residual[0] / floor,
+        "first_at_limits": rms(off[at_limits]) / rms(shown.sigma[at_limits])
+        if at_limits.any()
+        else 0,
+        "last": shown.residual[-1] / floor,
+        "corrections": len(shown.residual) - 1,
     }
 
 
@@ -98,14 +105,15 @@ def study(folder: Path, size: SceneSize, pictures: Mapping[str, Image]) -> list[
 
 
 def table(rows: list[Row]) -> Iterator[str]:
-    head = ["picture", "method", "share of the way from (P)", "cells at a limit"]
-    yield f"| {' | '.join([*head, 'residual, of white', 'noise floor', 'ratio'])} |"
-    yield "|---|---|---|---|---|---|---|"
+    head = ["picture", "method", "share of the way from (P)", "cells at a limit", "noise floor"]
+    head += ["first photograph", "the same at limits", "after the loop", "corrections"]
+    yield f"| {' | '.join(head)} |"
+    yield "|---" * len(head) + "|"
     for row in rows:
         share = "" if row["method"] == "(P)" else f"{row['from_exact']:.2f}"
         yield (
-            f"| {row['picture']} | {row['method']} | {share} | {row['limited']:.0%} | "
-            f"{row['residual']:.3%} | {row['floor']:.3%} | {row['over_floor']:.2f} |"
+            f"| {row['picture']} | {row['method']} | {share} | {row['limited']:.0%} | {row['floor']:.3%} | "
+            f"{row['first']:.2f} | {row['first_at_limits']:.2f} | {row['last']:.2f} | {row['corrections']} |"
         )
 
 
@@ -115,8 +123,8 @@ def main() -> None:
     lines = [
         "# Photographs of what the perceptual method predicts",
         "",
-        f"The demo's dome, refined once; {DB:g} dB allowed. Goal: the residual of one photograph is within",
-        f"{GOAL} noise floors, as (P)'s.",
+        f"The demo's dome, its calibration refined on one picture; {DB:g} dB allowed. Residuals of one",
+        f"photograph in noise floors. Goal: after the loop within {GOAL}, as (P)'s.",
         "",
         *table(rows),
     ]

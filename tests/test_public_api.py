@@ -21,6 +21,7 @@ PROMISED = [
     "Dome",
     "InputError",
     "Lens",
+    "Perceptual",
     "Pose",
     "ProcamError",
     "ProjectorModel",

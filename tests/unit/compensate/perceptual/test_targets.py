@@ -3,11 +3,14 @@
 import numpy as np
 import pytest
 
+from procam.compensate.perceptual.bounds import SampledWay, hue_limited
 from procam.compensate.perceptual.guided import Change
 from procam.compensate.perceptual.light import FieldTransport, Stage, interleaved, planes
 from procam.compensate.perceptual.settings import Perceptual
+from procam.compensate.perceptual.small_pictures import SmallPictures
 from procam.compensate.perceptual.targets import MovieTargets, Reached, StillTargets
 from procam.errors import InputError
+from procam.maths.vision.hue import hue_difference
 from procam.maths.vision.pu21 import pu21
 
 SIZE = 96
@@ -48,6 +51,14 @@ def dusk(seed: int = 5, shift: int = 0) -> np.ndarray:
     ground = 0.05 * np.exp(0.6 * rng.normal(size=(SIZE, SIZE, 1)))
     light = np.where(np.arange(SIZE)[:, None, None] < SIZE // 2, 0.75, ground)
     return np.roll((light * np.array([1.0, 0.9, 0.8])).astype(np.float32), shift, axis=1)
+
+
+def reef() -> np.ndarray:
+    """Coloured detail under blue water, a picture whose optimum turns hues: (N, N, 3)."""
+    rng = np.random.default_rng(12)
+    coral = 0.05 * np.exp(0.8 * rng.normal(size=(SIZE, SIZE, 3))) * np.array([1.0, 0.5, 0.5])
+    light = np.where(np.arange(SIZE)[:, None, None] < SIZE // 2, [0.25, 0.65, 0.75], coral)
+    return light.astype(np.float32)
 
 
 def still(target: np.ndarray, db: float = 0.0) -> Reached:
@@ -107,6 +118,39 @@ class TestStill:
         assert light[40, 50].min() > 0.5
 
 
+class TestHue:
+    @pytest.mark.parametrize("method", ["still", "movie"])
+    def test_hues_turn_by_two_at_most(self, method: str) -> None:
+        picture = reef()
+        seen, mean = exact(picture)
+        targets: StillTargets | MovieTargets
+        if method == "still":
+            targets = StillTargets(stage(SIZE), stage(SIZE // 4), Perceptual(2.0))
+        else:
+            settings = Perceptual(2.0, video=True)
+            targets = MovieTargets(stage(SIZE // 4), stage(SIZE), settings)
+        light, _ = exact(targets.of(picture, mean).target)
+        limited = (np.abs(seen - picture) > 1e-6).any(axis=-1)
+        turned = hue_difference(seen[limited].T, light[limited].T)
+        assert 0.3 < float(np.median(turned)) < 2.1
+        assert contrast(light) > 1.05 * contrast(seen)
+
+    def test_colours_are_pulled_back_at_the_same_luminance(self) -> None:
+        place, target = stage(SIZE), planes(reef())
+        problem = place.problem(target, 14.0)
+        seen = planes(exact(reef())[0].astype(np.float32))
+        direct = place.limited(seen - np.float32(0.1))
+        green = direct * np.array([0.9, 1.3, 0.9], np.float32)[:, None, None]
+        found = hue_limited(problem, seen, place.limited(green))
+        before, after = (place.transport.total(x) for x in (place.limited(green), found))
+        limited = np.flatnonzero((np.abs(seen - target) > 1e-6).any(axis=0))
+        pick = [light.reshape(3, -1)[:, limited] for light in (seen, before, after)]
+        assert np.median(hue_difference(pick[0], pick[1])) > 2
+        assert np.median(hue_difference(pick[0], pick[2])) <= 2
+        lumas = [np.tensordot(LUMA, light, 1).mean() for light in (before, after)]
+        assert lumas[1] == pytest.approx(lumas[0], rel=0.1)
+
+
 class TestMovie:
     @pytest.mark.parametrize("db", [0.0, 1.0])
     def test_more_contrast_within_the_guard_in_every_frame(self, db: float) -> None:
@@ -154,6 +198,29 @@ class TestMovie:
         found = sampled.of(target, mean)
         light, _ = exact(found.target)
         assert error(light, target) <= 1.001 * error(seen, target)
+
+    def test_a_sample_holds_less_than_the_whole_would(self) -> None:
+        place, target = stage(SIZE), dusk()
+        _, mean = exact(target)
+        pictures = SmallPictures(stage(SIZE // 4), Perceptual(1.0))
+        changed = pictures.solve(target, mean)
+        ends, moments = (planes(target), planes(changed.change.of(target))), (mean, changed.moments)
+        whole, sampled = (
+            SampledWay(place, *ends, moments, Perceptual(0.0), is_whole).length()
+            for is_whole in (True, False)
+        )
+        assert 0 < sampled < whole < 1
+
+    def test_a_share_falls_at_once_and_rises_slowly(self) -> None:
+        targets = MovieTargets(stage(SIZE // 4), stage(SIZE), Perceptual(0.0, video=True))
+        frame = dusk()
+        mean = exact(frame)[1]
+        allowed = targets.of(frame, mean).share
+        targets._share = 0.1  # as after a frame that allowed less
+        risen = targets.of(frame, mean).share
+        assert 0.1 < risen < 0.1 + 0.25 * (allowed - 0.1)
+        targets._share = 1.0
+        assert targets.of(frame, mean).share < 1
 
     def test_black_between_frames(self) -> None:
         targets = MovieTargets(stage(SIZE // 4), stage(SIZE), Perceptual(video=True))

@@ -1,10 +1,13 @@
 """Models of vision: published values, lines against curves, adjoints against their operators."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from procam.maths.colour_science import colour_science
 from procam.maths.log_table import LogTable
+from procam.maths.vision import contrast
 from procam.maths.vision.contrast import DKL_FROM_RGB, sensitivity
 from procam.maths.vision.hue import hue_difference
 from procam.maths.vision.pu21 import BRIGHTEST, DARKEST, pu21, pu21_table
@@ -56,6 +59,16 @@ class TestContrast:
             colour = [sensitivity(channel, f, at)[0] for f in (1, 4, 16)]
             assert colour == sorted(colour, reverse=True)
         assert (np.diff(sensitivity(0, 4.0, np.array([0.01, 0.1, 1, 10]))) > 0).all()
+
+    def test_values_of_the_table(self) -> None:
+        # nodes are 32 steps from .005 to 10,000 cd/m2 and from .1 to 64 cycles per degree
+        nits, frequency = np.geomspace(0.005, 1e4, 32), np.geomspace(0.1, 64, 32)
+        with np.load(Path(str(contrast.__file__)).with_name("castle_csf.npz")) as stored:
+            log = stored["log_sensitivity"]
+        for channel, at in ((0, 5), (1, 17), (2, 30)):
+            found = sensitivity(channel, frequency[at], nits)
+            expected = 10 ** (log[channel][:, at] - 0.2797423303127289 / 20)
+            np.testing.assert_allclose(found, expected, rtol=1e-4)
 
     def test_beyond_the_table_its_ends_count(self) -> None:
         dark, bright = sensitivity(0, 2.0, np.array([1e-9, 1e9]))
