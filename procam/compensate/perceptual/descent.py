@@ -16,9 +16,10 @@ from procam.compensate.perceptual.objective import Contrast, Guard
 LAST_RATE = 0.1  # of the first
 MEMORY = (0.9, 0.99)
 PULL, LARGEST_PULL = 0.3, 5.0  # of the logarithm of the multiplier, per step
+EXTREMES = 1e-3, 1e3  # of the multiplier: a long movie must not lose itself
 LEAST_LIGHT = np.float32(1e-6)  # offset of the logarithm where no light is scattered [rel]
 NOTHING = np.float32(1e-20)
-LEAST = 1e-30
+LEAST = 1e-9  # of J and P: there is nothing left to gain
 
 
 class Transport(Protocol):
@@ -51,7 +52,8 @@ class Multiplier:
     def pull(self, error: float, most: float) -> None:
         """Change it by how far an error is from the most that is allowed."""
         above = np.log(max(error, LEAST) / most)
-        self.value *= float(np.exp(PULL * np.clip(above, -LARGEST_PULL, LARGEST_PULL)))
+        pulled = self.value * np.exp(PULL * np.clip(above, -LARGEST_PULL, LARGEST_PULL))
+        self.value = float(np.clip(pulled, *EXTREMES))
 
 
 @dataclass(eq=False)

@@ -130,3 +130,7 @@ def test_the_multiplier_rises_while_the_guard_is_broken() -> None:
     assert multiplier.value == pytest.approx(1)
     multiplier.pull(0.0, 1.0)
     assert multiplier.value == pytest.approx(np.exp(-0.3 * 5))
+    for error, end in ((2.0, 1e3), (0.5, 1e-3)):  # however long a movie is
+        for _ in range(999):
+            multiplier.pull(error, 1.0)
+        assert multiplier.value == end

@@ -222,6 +222,20 @@ class TestMovie:
         targets._share = 1.0
         assert targets.of(frame, mean).share < 1
 
+    @pytest.mark.parametrize("db", [0.0, 1.0])
+    def test_a_long_still_in_a_movie(self, db: float) -> None:
+        """Stars: hardly anything is limited, so that errors to work with are nearly 0."""
+        rng = np.random.default_rng(6)
+        stars = np.full((SIZE, SIZE, 3), 0.004, np.float32)
+        stars[rng.integers(0, SIZE, 60), rng.integers(0, SIZE, 60)] = 0.8
+        targets = MovieTargets(stage(SIZE // 4), stage(SIZE), Perceptual(db, video=True))
+        seen, mean = exact(stars)
+        for _ in range(60):
+            found = targets.of(stars, mean)
+            assert np.isfinite(found.target).all()
+        light, _ = exact(found.target)
+        assert error(light, stars) <= 10 ** (db / 10) * error(seen, stars) * 1.001
+
     def test_black_between_frames(self) -> None:
         targets = MovieTargets(stage(SIZE // 4), stage(SIZE), Perceptual(video=True))
         black = np.zeros((SIZE, SIZE, 3), np.float32)
