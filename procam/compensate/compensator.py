@@ -213,8 +213,18 @@ class Compensator:
         return self._codec.finished(image, sent, None if content is image else coding, out, held)
 
     def apply(self, image: AnyArray, coefficients: Array, out: AnyArray | None = None) -> AnyArray:
-        """`frame` with known coefficients (3, 9), such as a track's; nothing is solved."""
+        """`frame` with known coefficients (3, 9), such as a track's; nothing is solved.
+
+        Raises
+        ------
+        InputError
+            A perceptual method, whose light depends on more than these.
+        """
         check_pictures(self.size, image, out)
+        if self._targets:
+            raise InputError(
+                f"apply: method {self.method} chooses light for each place; call frame() for each picture"
+            )
         content, coding = self._decoded(image, self._codec)
         held, self._solved, self.coefficients = (
             self._codec.protected_pixels(image),

@@ -247,6 +247,15 @@ def test_what_is_refused(
         Compensator(calibration, SIZE, method, **settings)  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize("method", PERCEPTUAL)
+def test_coefficients_alone_are_not_enough(
+    calibration: Calibration, dusk: np.ndarray, method: str
+) -> None:
+    ours = Compensator(calibration, SIZE, method)
+    with pytest.raises(InputError, match=f"apply: method {method} chooses light for each place"):
+        ours.apply(dusk, ours.coefficients)
+
+
 def test_a_still_that_does_not_fit_in_memory_is_refused(
     calibration: Calibration, monkeypatch: pytest.MonkeyPatch
 ) -> None:
