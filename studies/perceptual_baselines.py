@@ -50,10 +50,14 @@ class FlatScreen:
         degrees = self.size / PIXELS_PER_DEGREE
         return Stage(np.float32(BLACK) * ones, ones, area, transport, size / degrees)
 
+    def limited(self, direct: Image) -> Image:
+        """Direct light (3, N, N) within the limits."""
+        return np.clip(direct, self.stage.lo, self.stage.hi)
+
     def exact(self, target: Image) -> Image:
         """Total light (N, N, 3) of the exact solution (P)."""
         wanted = planes(target)
-        direct = self.stage.limited(wanted - self._scattered(wanted)[:, None, None])
+        direct = self.limited(wanted - self._scattered(wanted)[:, None, None])
         return interleaved(self.stage.transport.total(direct))
 
     def moments(self, target: Image) -> Array:
@@ -65,7 +69,7 @@ class FlatScreen:
         low, high = np.zeros(3), np.full(3, self.feedback)
         for _ in range(HALVINGS):
             middle = (low + high) / 2
-            direct = self.stage.limited(wanted - middle[:, None, None].astype(np.float32))
+            direct = self.limited(wanted - middle[:, None, None].astype(np.float32))
             more = self.feedback * direct.mean(axis=(1, 2), dtype=float) > middle
             low, high = np.where(more, middle, low), np.where(more, high, middle)
         return np.asarray(low)
@@ -84,7 +88,7 @@ class FlatScreen:
 
 def uncompensated(screen: FlatScreen, target: Image) -> Image:
     """The picture as it is sent, clipped to what projectors can."""
-    return interleaved(screen.stage.transport.total(screen.stage.limited(planes(target))))
+    return interleaved(screen.stage.transport.total(screen.limited(planes(target))))
 
 
 def least_squares(screen: FlatScreen, target: Image, weight: Image | None = None) -> Image:

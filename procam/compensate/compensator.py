@@ -66,11 +66,12 @@ class Certificate:
         without an optimum. Of a perceptual method: of (P) for the target that it chose.
     self_consistency : moments of the light sent less those assumed for the scattered light; relative.
     share_lo, share_hi : (3,) share of the lit solid angle where a limit holds.
-    flux_in, flux_out : (3,) of the content under its white, and of the light sent [rel sr].
+    flux_in, flux_out : (3,) of the content under its white (of what a perceptual method chose instead), and
+        of the light sent [rel sr].
     from_exact : how far a perceptual method went from the exact solution, 0, towards its optimum, 1; NaN
         for other methods.
-    luminance_loss_db : its loss against the exact solution of what `Perceptual.db` bounds [dB]; 0 where
-        it is the exact solution.
+    luminance_loss_db : its loss against the exact solution of what `Perceptual.db` bounds [dB], content
+        brighter than the projectors counted as their brightest; 0 where it is the exact solution.
     """
 
     kkt: float
@@ -237,6 +238,12 @@ class Compensator:
         return self._codec.finished(image, sent, None if content is image else coding, out, held)
 
     @property
+    def chosen(self) -> Image | None:
+        """What (P) solved for instead of the last frame's content (N, N, 3) in linear light, if it did."""
+        reached = self._solved.reached if self._solved else None
+        return reached.target if reached and reached.share > 0 else None
+
+    @property
     def certificate(self) -> Certificate:
         """Of the last frame; costs a few evaluations of it."""
         if self._solved is None:
@@ -327,7 +334,7 @@ class Compensator:
         held = [self._equations.sums(content, solution, limit, coding) for limit in limits]
         most = self.fields.full_white if image.dtype.kind == "f" else None
         linear, plain = codec.linear(image, most)
-        found = self._targets.of(linear, solution.moments, reachable=not np.any(held))
+        found = self._targets.of(linear, solution.moments, plain.top, reachable=not np.any(held))
         return (found.target, plain, found) if found.share else (content, coding, found)
 
     def _decoded(self, image: AnyArray, codec: ContentCodec) -> tuple[AnyArray, Coding]:

@@ -1,4 +1,4 @@
-"""What the perceptual methods may not do: lose more luminance than allowed, or change hues that are seen."""
+"""What the perceptual methods may not do: lose more luminance than allowed, or turn hues that are seen."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -6,46 +6,26 @@ from functools import cached_property
 
 import numpy as np
 
-from procam.arrays import Array, Array32, IndexArray
+from procam.arrays import Array32, IndexArray
 from procam.compensate.perceptual.descent import Problem
-from procam.compensate.perceptual.light import Stage
 from procam.compensate.perceptual.objective import luma
 from procam.compensate.perceptual.settings import Perceptual
 from procam.maths.vision.hue import hue_difference
 from procam.maths.vision.pu21 import pu21_table
 
-BISECTIONS, FEW_BISECTIONS = 10, 5  # of pictures, of samples of frames
-CERTAIN = 2.0  # standard errors by which a bound must hold on a sample
-ROUNDS = 8  # of the scattered light, each half the way
+HALVINGS = 8  # of the share of an optimum
+HUE_HALVINGS = 5
 HUE_SHIFT = 2.0  # dE2000, median where the exact solution is at a limit
 NEGLIGIBLE = 1e-2  # error of an exact solution [PU21 units squared]: a tenth of what can be seen
-DIFFERENT = 1e-6  # light [rel]: there it is
+DARKEST = 1e-6  # light [rel]
 MOST_PLACES = 2**14  # for the median
+ROUNDING = 1e-3  # of the squared error: what tables and halvings add
+CERTAIN = 2.0  # standard errors by which a bound must hold on a sample
 
 
 def mixed(first: Array32, last: Array32, share: float) -> Array32:
-    """Light on the way between two pictures."""
+    """Light between two pictures: a share of the last, the rest of the first."""
     return first + np.float32(share) * (last - first)
-
-
-def decibels(ratio: float) -> float:
-    """Of a ratio of squared errors."""
-    return float(10 * np.log10(ratio))
-
-
-def clipped_places(exact: Array32, target: Array32, weight: Array32) -> IndexArray:
-    """Where, in flat planes, the exact solution's light (3, H, W) misses its target; a sample of many."""
-    missed = (np.abs(exact - target) > DIFFERENT).any(axis=0) & (weight > 0)
-    places = np.flatnonzero(missed)
-    return places[:: max(1, len(places) // MOST_PLACES)]
-
-
-def hue_is_kept(first: Array32, last: Array32, places: IndexArray) -> bool:
-    """Whether hues (3, H, W) differ by at most what may be, at places of flat planes."""
-    if not len(places):
-        return True
-    pair = [light.reshape(len(light), -1)[:, places] for light in (first, last)]
-    return float(np.median(hue_difference(*pair))) <= HUE_SHIFT
 
 
 def largest(holds: Callable[[float], bool], halvings: int) -> float:
@@ -59,120 +39,89 @@ def largest(holds: Callable[[float], bool], halvings: int) -> float:
     return low
 
 
-def hue_limited(problem: Problem, exact: Array32, found: Array32) -> Array32:
-    """Direct light `found` (3, H, W), its colours so near those of total light `exact` that hues are kept.
+def limited_places(direct: Array32, lo: Array32, hi: Array32, weight: Array32) -> IndexArray:
+    """Where, in flat planes, direct light (3, H, W) is at a limit in some colour; a sample of many."""
+    at_limit = ((direct <= lo) | (direct >= hi)).any(axis=0) & (weight > 0)
+    places = np.flatnonzero(at_limit)
+    return places[:: max(1, len(places) // MOST_PLACES)]
 
-    Luminance stays, as far as the limits on each colour let it.
+
+def hue_is_kept(first: Array32, last: Array32, places: IndexArray) -> bool:
+    """Whether hues (3, H, W) differ by at most what may be, at places of flat planes."""
+    if not len(places):
+        return True
+    pair = [light.reshape(len(light), -1)[:, places] for light in (first, last)]
+    return float(np.median(hue_difference(*pair))) <= HUE_SHIFT
+
+
+def hue_limited(problem: Problem, exact: Array32, found: Array32) -> Array32:
+    """Direct light `found` (3, H, W), its colours so near those of `exact` that hues are kept.
+
+    Luminance stays, as far as the limits of each colour allow.
     """
-    total = problem.transport.total(found)
-    places = clipped_places(exact, problem.guard.target, problem.guard.weight)
-    scattered, bright = total - found, np.maximum(luma(total), np.float32(DIFFERENT))
-    first = (exact * (bright / np.maximum(luma(exact), DIFFERENT))).astype(np.float32)
+    transport, weight = problem.transport, problem.guard.weight
+    first, total = transport.total(exact), transport.total(found)
+    places = limited_places(exact, problem.lo, problem.hi, weight)
+    scattered, scale = total - found, luma(total) / np.maximum(luma(first), DARKEST)
+    same_hue = (first * scale).astype(np.float32)
 
     def limited(share: float) -> Array32:
-        return np.clip(mixed(first, total, share) - scattered, problem.lo, problem.hi)
+        return np.clip(mixed(same_hue, total, share) - scattered, problem.lo, problem.hi)
 
     def holds(share: float) -> bool:
-        return hue_is_kept(exact, problem.transport.total(limited(share)), places)
+        return hue_is_kept(first, transport.total(limited(share)), places)
 
-    share = largest(holds, FEW_BISECTIONS)
+    share = largest(holds, HUE_HALVINGS)
     return found if share == 1 else limited(share)
 
 
 @dataclass(frozen=True, eq=False)
-class Way:
-    """From the exact solution's total light, `first`, to the optimum's, `last`: (3, H, W) each.
+class Allowance:
+    """How much of an optimum the bounds allow.
 
-    `allowed` is the factor by which squared errors of luminance may grow.
+    Attributes
+    ----------
+    seen : total light (3, H, W) by the share of the optimum; of 0 it is the exact solution's.
+    target : (3, H, W). weight : (H, W), summing to 1. limited : places for hues, see `limited_places`.
+    is_sample : of a picture's pixels, so that bounds must hold by some standard errors.
     """
 
-    problem: Problem
-    first: Array32
-    last: Array32
-    allowed: float
-
-    def length(self) -> float:
-        """The share of it that luminance and hue allow; 0 if contrast is no nearer to the target's there."""
-        low = largest(self._holds, BISECTIONS)
-        contrast = self.problem.contrast
-        better = contrast.of(mixed(self.first, self.last, low))[0] < contrast.of(self.first)[0]
-        return low if better else 0.0
-
-    def loss_db(self, share: float) -> float:
-        """What a share costs in luminance [dB]."""
-        return decibels(self._error(share) / self._error(0.0))
-
-    def _holds(self, share: float) -> bool:
-        if self._error(share) > self._error(0.0) * self.allowed:
-            return False
-        return hue_is_kept(self.first, mixed(self.first, self.last, share), self._clipped)
-
-    def _error(self, share: float) -> float:
-        return self.problem.guard.luminance(mixed(*self._lumas, share))
-
-    @cached_property
-    def _lumas(self) -> tuple[Array32, Array32]:
-        return luma(self.first), luma(self.last)
-
-    @cached_property
-    def _clipped(self) -> IndexArray:
-        guard = self.problem.guard
-        return clipped_places(self.first, guard.target, guard.weight)
-
-
-@dataclass(frozen=True, eq=False)
-class SampledWay:
-    """The same for a sample of a frame, whose exact solution depends on the target asked for.
-
-    `picture` and `changed` (3, h, w) are targets at the ends, `moments` (3, T) of their direct light, about.
-    """
-
-    stage: Stage
-    picture: Array32
-    changed: Array32
-    moments: tuple[Array, Array]
+    seen: Callable[[float], Array32]
+    target: Array32
+    weight: Array32
+    limited: IndexArray
     settings: Perceptual
-    is_whole: bool
+    is_sample: bool = False
 
-    def length(self) -> float:
-        """The share that luminance and hue allow; of a sample that is not the whole picture, surely."""
-        return largest(self._holds, FEW_BISECTIONS) if self._error(0.0) > NEGLIGIBLE else 0.0
-
-    def _holds(self, share: float) -> bool:
-        above = self._errors(share) - self._errors(0.0) * self.settings.allowed
-        weight = self.stage.weight
-        mean = float(np.vdot(weight, above))
-        sigma = 0.0 if self.is_whole else float(np.linalg.norm(weight * (above - mean)))
-        if mean + CERTAIN * sigma > 0:
-            return False
-        places = clipped_places(self._seen(0.0), self.picture, weight)
-        return hue_is_kept(self._seen(0.0), self._seen(share), places)
-
-    def _error(self, share: float) -> float:
-        return float(np.vdot(self.stage.weight, self._errors(share)))
+    def share(self) -> float:
+        """The largest share; 0 if there is nothing to gain."""
+        return largest(self._holds, HALVINGS) if self._error(self._exact) > NEGLIGIBLE else 0.0
 
     def loss_db(self, share: float) -> float:
         """What a share costs in luminance [dB]."""
-        return decibels(self._error(share) / self._error(0.0))
+        return float(10 * np.log10(self._error(self._errors(share)) / self._error(self._exact)))
+
+    def _holds(self, share: float) -> bool:
+        above = self._errors(share) - self._exact * ((1 - ROUNDING) * self.settings.allowed)
+        mean = self._error(above)
+        if self.is_sample:
+            mean += CERTAIN * float(np.linalg.norm(self.weight * (above - mean)))
+        return mean <= 0 and hue_is_kept(self.seen(0.0), self.seen(share), self.limited)
+
+    def _error(self, errors: Array32) -> float:
+        return float(np.vdot(self.weight, errors))
+
+    @cached_property
+    def _exact(self) -> Array32:
+        return self._errors(0.0)
 
     def _errors(self, share: float) -> Array32:
-        """(h, w) [PU21 units squared]."""
-        white = np.float32(self.settings.white_nits)
-        lights = self._seen(share), self.picture
-        units = [pu21_table()(luma(light) * white)[0] for light in lights]
-        return (units[0] - units[1]) ** 2
-
-    def _seen(self, share: float) -> Array32:
-        """Total light (3, h, w) of the exact solution."""
-        if share not in self._known:
-            asked = mixed(self.picture, self.changed, share)
-            moments = self.moments[0] + share * (self.moments[1] - self.moments[0])
-            for _ in range(ROUNDS):
-                direct = self.stage.limited(asked - self.stage.transport.scattered(moments))
-                moments = (moments + self.stage.transport.moments(direct)) / 2
-            self._known[share] = self.stage.transport.total(direct)
-        return self._known[share]
+        """Squared errors of luminance (H, W) [PU21 units squared]."""
+        return (self._units(self.seen(share)) - self._wanted) ** 2
 
     @cached_property
-    def _known(self) -> dict[float, Array32]:
-        return {}
+    def _wanted(self) -> Array32:
+        return self._units(self.target)
+
+    def _units(self, light: Array32) -> Array32:
+        return pu21_table()(luma(light) * np.float32(self.settings.white_nits))[0]

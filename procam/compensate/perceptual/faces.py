@@ -1,13 +1,20 @@
 """The perceptual target on the faces of a mesh, at their own resolution."""
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
 from procam.arrays import Array, Array32
-from procam.compensate.perceptual.bounds import NEGLIGIBLE, Way, hue_limited, mixed
+from procam.compensate.perceptual.bounds import (
+    NEGLIGIBLE,
+    Allowance,
+    hue_limited,
+    limited_places,
+    mixed,
+)
 from procam.compensate.perceptual.descent import Descent, Problem
 from procam.compensate.perceptual.objective import Contrast, Guard
 from procam.compensate.perceptual.settings import Perceptual
@@ -107,14 +114,18 @@ class RoomTransport:
 
 def face_target(problem: Problem, exact: Array32, settings: Perceptual) -> Array32 | None:
     """Total light (3, N) for (P) to solve, from its solution `exact` (3, N); None: that is the best."""
-    total = problem.transport.total(exact)
-    most = problem.guard.of(total)[0] * settings.allowed
+    first = problem.transport.total(exact)
+    most = problem.guard.of(first)[0] * settings.allowed
     if most <= NEGLIGIBLE:
         return None
-    found = Descent(problem, total - exact).run(exact, most, STEPS, RATE)
-    other = problem.transport.total(hue_limited(problem, total, found))
-    share = Way(problem, total, other, settings.allowed).length()
-    return mixed(total, other, share) if share else None
+    found = Descent(problem, first - exact).run(exact, most, STEPS, RATE)
+    last = problem.transport.total(hue_limited(problem, exact, found))
+    guard = problem.guard
+    places = limited_places(exact, problem.lo, problem.hi, guard.weight)
+    allowance = Allowance(partial(mixed, first, last), guard.target, guard.weight, places, settings)
+    total = mixed(first, last, allowance.share())
+    better = problem.contrast.of(total)[0] < problem.contrast.of(first)[0]
+    return total if better else None
 
 
 def face_problem(

@@ -16,31 +16,32 @@ WINDOW = 5  # px
 TOWARDS_RATIO = (
     0.03  # variance of the target, relative to its mean squared, at which both count alike
 )
-BLACK = np.float32(1e-6)
+BLACK = np.float32(1e-3)  # light [rel] below which a ratio has no meaning
+MOST = np.float32(4.0)  # gain
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Change:
-    """y = gain t + offset: (3, h, w) each."""
+    """Total light y = gain t + offset of a target t: (3, h, w) each."""
 
     gain: Array32
     offset: Array32
 
     @classmethod
     def fitted(cls, target: Array32, total: Array32) -> "Change":
-        """What leads from a target to total light, (3, h, w) each."""
+        """The change that turns a target into total light, (3, h, w) each."""
         t, y = _mean(target), _mean(total)
         variance, covariance = _mean(target * target) - t * t, _mean(target * total) - t * y
         pull = TOWARDS_RATIO * t * t + BLACK**2
-        gain = (covariance + pull * y / np.maximum(t, BLACK)) / (variance + pull)
+        ratio = np.minimum(y / np.maximum(t, BLACK), MOST)
+        gain = np.clip((covariance + pull * ratio) / (variance + pull), 0, MOST)
         return cls(_mean(gain), _mean(y - gain * t))
 
-    def moved_to(self, other: "Change", share: float) -> "Change":
-        """A change on the way to another, for a share of it."""
-        step = np.float32(share)
+    def moved_to(self, other: "Change", share: Array32) -> "Change":
+        """A change between this one and another, by its share (h, w)."""
         return Change(
-            self.gain + step * (other.gain - self.gain),
-            self.offset + step * (other.offset - self.offset),
+            self.gain + share * (other.gain - self.gain),
+            self.offset + share * (other.offset - self.offset),
         )
 
     def of(self, target: Image) -> Image:

@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from procam.arrays import Array, Array32, Image
+from procam.arrays import Array, Array32, BoolArray, Image
 from procam.compensate.fields import Fields
 from procam.compensate.perceptual.descent import Problem
 from procam.compensate.perceptual.objective import Contrast, Guard
@@ -14,6 +14,8 @@ from procam.maths.geometry.sphere import master_planes
 from procam.maths.vision.pyramid import Pyramid
 from procam.maths.warp import enlarged, reduced_to
 
+FIELD_OF_VIEW_DEG = 180.0  # of a dome master
+DARKEST_SUM = 1e-30  # sr
 LARGEST_FORM = 256  # px of the grid on which the polynomial of scattered light is evaluated
 
 
@@ -77,8 +79,9 @@ class Stage:
     Attributes
     ----------
     lo, hi : (3, H, W) limits of direct light [rel]. weight : (H, W) of the pixels for the eye, summing to
-        1; 0 where nothing is lit or light has no choice.
+        1; 0 where nothing is lit or content is sent unchanged.
     transport : of the light. pixels_per_degree : at the eyepoint.
+    kept : (H, W) where content is sent unchanged, or None.
     """
 
     lo: Array32
@@ -86,6 +89,7 @@ class Stage:
     weight: Array32
     transport: FieldTransport
     pixels_per_degree: float
+    kept: BoolArray | None = None
 
     @cached_property
     def levels(self) -> Pyramid:
@@ -94,22 +98,27 @@ class Stage:
 
     def problem(self, target: Array32, white_nits: float) -> Problem:
         """To show a target (3, H, W)."""
-        contrast = Contrast(self.levels, target, self.weight, white_nits)
-        guard = Guard(target, self.weight, white_nits)
-        return Problem(contrast, guard, self.transport, self.lo, self.hi)
+        counted = target * (self.weight > 0)
+        contrast = Contrast(self.levels, counted, self.weight, white_nits)
+        guard = Guard(counted, self.weight, white_nits)
+        return Problem(contrast, guard, self.transport, *self.limits(target))
 
-    def limited(self, direct: Array32) -> Array32:
-        """Direct light (3, H, W) within the limits."""
-        return np.clip(direct, self.lo, self.hi)
+    def limits(self, target: Array32) -> tuple[Array32, Array32]:
+        """Least and most direct light (3, H, W): the target itself where it is sent unchanged."""
+        if self.kept is None:
+            return self.lo, self.hi
+        sent = np.clip(target, self.lo, self.hi)
+        lo, hi = (np.where(self.kept, sent, limit) for limit in (self.lo, self.hi))
+        return lo, hi
 
 
-def dome_stage(fields: Fields, size: int) -> Stage:
-    """A dome for pictures of `size`; protected places have no choice and do not count."""
-    shown, degrees = fields.shown, 180.0
+def dome_stage(fields: Fields, top: float = np.inf) -> Stage:
+    """A dome for pictures of the fields' size; nothing is sent brighter than `top` [rel]."""
+    shown = fields.shown
     area = fields.at_pixels(shown.solid_angle_sr)
     chosen = area > 0 if fields.protected is None else (area > 0) & ~fields.protected
-    weight = np.where(chosen, area, 0).astype(np.float32)
-    form = min(size, LARGEST_FORM)
+    weight = np.where(chosen, area, 0)
+    form = min(shown.size, LARGEST_FORM)
     direction, _ = master_planes(form)
     transport = FieldTransport(
         spread=planes(fields.at_pixels(shown.spread)) * chosen,
@@ -120,7 +129,14 @@ def dome_stage(fields: Fields, size: int) -> Stage:
     )
     assert shown.hi is not None
     lo, hi = (planes(fields.at_pixels(limit)) * (area > 0) for limit in (shown.lo, shown.hi))
-    return Stage(lo, hi, weight / weight.sum(dtype=float), transport, size / degrees)
+    return Stage(
+        lo=lo,
+        hi=np.maximum(np.minimum(hi, np.float32(top)), lo),
+        weight=(weight / max(weight.sum(dtype=float), DARKEST_SUM)).astype(np.float32),
+        transport=transport,
+        pixels_per_degree=shown.size / FIELD_OF_VIEW_DEG,
+        kept=fields.protected,
+    )
 
 
 def planes(picture: Image) -> Array32:

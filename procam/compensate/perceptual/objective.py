@@ -18,7 +18,7 @@ from procam.maths.vision.contrast import (
     MASKING,
     sensitivity,
 )
-from procam.maths.vision.pu21 import BRIGHTEST, DARKEST, pu21, pu21_table
+from procam.maths.vision.pu21 import BRIGHTEST, DARKEST, pu21_table
 
 POWER = 2.5  # of contrast errors
 SEATS = (0.5, 1.0, 2.25)  # of the pixels per degree at the eyepoint: seats near and far
@@ -155,15 +155,11 @@ def mixed_channels(matrix: FloatArray, planes: Array32) -> Array32:
 
 
 class Guard:
-    """P: errors of the light itself, on a scale on which steps are about equally visible.
-
-    `luminance` is its part that is bounded: mean squared error of luminance [PU21 units squared].
-    """
+    """P: errors of the light itself, on a scale on which steps are about equally visible."""
 
     def __init__(self, target: Array32, weight: Array32, white_nits: float) -> None:
         self.target, self.weight, self._white = target, weight, np.float32(white_nits)
         self._wanted = pu21_table()(self._nits(target))[0]
-        self._luma = pu21(luma(target) * self._white)
 
     def _nits(self, picture: Array32) -> Array32:
         return np.concatenate([luma(picture)[None], picture]) * self._white
@@ -177,11 +173,6 @@ class Guard:
         total = float(np.vdot(weighted, error))
         slope *= weighted * (2 * self._white)
         return total, slope[1:] + np.multiply.outer(LUMA, slope[0])
-
-    def luminance(self, luma_of_picture: Array32) -> float:
-        """Error of a picture's `luma` (H, W), in double precision."""
-        error = pu21(luma_of_picture * self._white) - self._luma
-        return float(np.vdot(self.weight, error**2))
 
 
 def luma(picture: Array32) -> Array32:

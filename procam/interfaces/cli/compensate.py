@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from procam.compensate.compensator import PERCEPTUAL
 from procam.errors import InputError
 from procam.files.calibration import load_dome
 from procam.interfaces.cli._options import CalibrationArgument, Json, StateOption, TransferOption
@@ -159,14 +160,11 @@ def _summarise(
     worst = "" if len(frames) == 1 else f"; {len(frames)} frames, the worst one"
     shares = ", ".join(f"{share:.1%}" for share in clipped)
     output.say(f"{out} written{worst}; at a limit (R, G, B): {shares} of the lit picture")
-    output.say(_certificate_text(found))
+    chosen = settings.method in PERCEPTUAL
+    output.say(_certificate_text(found, "light that the method chose" if chosen else "content"))
     if "luminance_loss_db" in frames[0]:
         document["luminance_loss_db"] = loss = max(row["luminance_loss_db"] for row in frames)
-        changed = sum(row["from_exact"] > 0 for row in frames)
-        output.say(
-            f"{changed} of {len(frames)} differ from the exact method's; errors of luminance are at most "
-            f"{loss:.2f} dB larger"
-        )
+        output.say(_perceptual_text(frames, loss))
     if above:
         most = max(above, key=lambda row: row["above_one"])
         output.say(
@@ -176,8 +174,15 @@ def _summarise(
     output.finish(document)
 
 
-def _certificate_text(found: dict[str, Any]) -> str:
-    """What `certified` found, in a sentence."""
+def _perceptual_text(frames: list[dict[str, Any]], loss: float) -> str:
+    changed = sum(row["from_exact"] > 0 for row in frames)
+    compared = f"{abs(loss):.2f} dB {'larger' if loss > 0 else 'smaller'}"
+    rest = f"; errors of luminance are {compared}, at the most" if changed else ""
+    return f"{changed} of {len(frames)} frames differ from the exact method's{rest}"
+
+
+def _certificate_text(found: dict[str, Any], target: str = "content") -> str:
+    """What `certified` found, in a sentence; `target` is what light is compared with."""
     where = "read back" if found["covers"] == FILE else "checked in memory only, not as received"
     frames = f"{found['frames']} frame{'s' * (found['frames'] != 1)} {where}"
     if found["error"] is None:
@@ -190,7 +195,7 @@ def _certificate_text(found: dict[str, Any]) -> str:
     )
     return (
         f"{frames}: where no limit holds, direct and scattered light together differ from the "
-        f"content by at most {found['error']:.1g} of white{codes}{sample}"
+        f"{target} by at most {found['error']:.1g} of white{codes}{sample}"
     )
 
 

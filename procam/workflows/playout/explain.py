@@ -64,7 +64,7 @@ def explain(calibration: Calibration, clip_frame: ClipFrame, settings: FrameSett
     ours = Compensator(
         calibration,
         size,
-        settings.made(),
+        settings.with_settings(),
         settings.state,
         white=settings.white,
         transfer_name="linear",

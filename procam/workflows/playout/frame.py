@@ -43,7 +43,7 @@ class FrameSettings:
         """Whether a frame depends on those before it."""
         return self.method in PERCEPTUAL and PERCEPTUAL[self.method].video
 
-    def made(self) -> str | Perceptual:
+    def with_settings(self) -> str | Perceptual:
         """The method, with the settings of its own."""
         own = {"--db": self.db, "--white-nits": self.white_nits}
         given = [option for option, value in own.items() if value is not None]
@@ -102,8 +102,11 @@ class ClipEngine:
 
         Values are decoded as the file states, or by the function that the user named for both.
         """
-        light_check = self._light_check
+        light_check, compensator = self._light_check, self._compensator
+        assert compensator is not None
         content = decoded(light_check.sampled(clip_frame.rgb), named).astype(float)
+        if compensator.chosen is not None:
+            content = light_check.sampled(compensator.chosen).astype(float)
 
         def check(written: ClipFrame, covers: str) -> None:
             name = (None if self._settings.transfer else written.transfer) or out
@@ -126,7 +129,7 @@ class ClipEngine:
             self._compensator = Compensator(
                 self._calibration,
                 size,
-                settings.made(),
+                settings.with_settings(),
                 settings.state,
                 strength=settings.strength,
                 white=settings.white,

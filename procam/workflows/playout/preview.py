@@ -39,7 +39,7 @@ def views(
         compensator = Compensator(
             calibration,
             size,
-            own.made() if own else method,
+            own.with_settings() if own else method,
             settings.state,
             white=settings.white,
             transfer_name="linear",

@@ -72,7 +72,9 @@ class PictureMaker:
         content = decoded(clip_frame.rgb, named_transfer(clip_frame, settings))
         content = np.nan_to_num(content, nan=0, posinf=0, neginf=0)
         for method in self._wanted.needed:
-            own = replace(settings, method=method).made() if method in PERCEPTUAL else method
+            own = (
+                replace(settings, method=method).with_settings() if method in PERCEPTUAL else method
+            )
             compensator = Compensator(
                 self._calibration,
                 size,

@@ -102,7 +102,7 @@ def test_the_optimum_is_near_that_of_a_general_solver(rng: np.random.Generator) 
     target, stage = scene(rng, 16), screen(16)
     problem = stage.problem(target, WHITE)
     scattered = np.full_like(target, 0.33 * target.mean())
-    exact = stage.limited(target - scattered)
+    exact = np.clip(target - scattered, stage.lo, stage.hi)
     start = problem.transport.total(exact)
     most = problem.guard.of(start)[0]
     multiplier = Multiplier()
