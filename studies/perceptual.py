@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from procam.compensate.perceptual.objective import LUMA
 from procam.compensate.perceptual.settings import Perceptual
 from procam.maths.colour_science import colour_science
 from studies.measure import write
@@ -58,7 +59,7 @@ def judge(pictures: Mapping[str, tuple[Image, Image]]) -> dict[str, Row]:
 
 
 def hue_shift(target: Image, observed: Image, where: NDArray[np.bool_]) -> float:
-    """Median of the part of CIEDE2000 that is hue, over places (H, W); white is the picture's."""
+    """Median of the hue term of CIEDE2000 over places (H, W), by colour-science; white is the picture's."""
     if not where.any():
         return 0.0
     colour = colour_science()
@@ -66,16 +67,15 @@ def hue_shift(target: Image, observed: Image, where: NDArray[np.bool_]) -> float
         colour.XYZ_to_Lab(colour.RGB_to_XYZ(light[where].astype(float), "sRGB"))
         for light in (target, observed)
     ]
-    _, a, b = np.moveaxis(np.array(lab), -1, 0)
-    mean_chroma = np.hypot(a, b).mean(axis=0) ** 7
-    a = a * (1 + (1 - np.sqrt(mean_chroma / (mean_chroma + 25.0**7))) / 2)
-    chroma, hue = np.hypot(a, b), np.arctan2(b, a)
-    turn = (hue[1] - hue[0] + np.pi) % (2 * np.pi) - np.pi
-    middle = hue[0] + turn / 2
-    weight = 1 - 0.17 * np.cos(middle - np.radians(30)) + 0.24 * np.cos(2 * middle)
-    weight += 0.32 * np.cos(3 * middle + np.radians(6)) - 0.20 * np.cos(4 * middle - np.radians(63))
-    scale = 1 + 0.015 * chroma.mean(axis=0) * weight
-    return float(np.median(np.abs(2 * np.sqrt(chroma.prod(axis=0)) * np.sin(turn / 2) / scale)))
+    terms = colour.difference.delta_e.intermediate_attributes_CIE2000(*lab)
+    return float(np.median(np.abs(terms.delta_H_p / terms.S_H)))
+
+
+def bright_part(target: Image, observed: Image) -> float:
+    """Light of the brightest quarter of a picture's target over the target's."""
+    light = [picture @ LUMA.astype(float) for picture in (observed, target)]
+    bright = light[1] >= np.quantile(light[1], 0.75)
+    return float(light[0][bright].mean() / light[1][bright].mean())
 
 
 def rows(names: Iterable[str], feedback: float) -> list[Row]:
@@ -91,9 +91,9 @@ def rows(names: Iterable[str], feedback: float) -> list[Row]:
         clipped = (exact > target + SHADOWED).any(axis=-1)
         row = scores[f"{name}|{method}"] | {
             "outside": float(np.maximum(BLACK - direct, direct - 1).max()),
-            "hue_shift": hue_shift(target, light, clipped),
             "hue_shift_from_exact": hue_shift(exact, light, clipped),
             "clipped": float(clipped.mean()),
+            "bright": bright_part(target, light),
         }
         found.append({"feedback": feedback, "picture": name, "method": method} | row)
     return found
@@ -178,9 +178,15 @@ def pictures(found: list[Row], feedback: float) -> Iterable[str]:
     """A line for each picture."""
     shown = ("perceptual, 0 dB", "perceptual, 1 dB", "perceptual-video, 1 dB")
     head = ["picture", "clipped by (P)", "JOD of (P)", *(f"gain, {m}" for m in shown)]
-    head += ["log-SSIM change, 0 dB", "1 dB", "hue shift, 0 dB: of the target", "of (P)"]
+    head += [
+        "log-SSIM change, 0 dB",
+        "1 dB",
+        "hue shift from (P), 0 dB",
+        "brightest quarter, 0 dB",
+        "1 dB",
+    ]
     yield f"| {' | '.join(head)} |"
-    yield "|---|---|---|" + "---|" * (len(shown) + 4)
+    yield "|---" * len(head) + "|"
     of = {(r["picture"], r["method"]): r for r in found if r["feedback"] == feedback}
     ssim = [gain(found, feedback, method, "log_ssim") for method in shown[:2]]
     for name in dict.fromkeys(n for n, _ in of):
@@ -188,7 +194,8 @@ def pictures(found: list[Row], feedback: float) -> Iterable[str]:
         gains = " | ".join(f"{of[name, m]['jod'] - exact['jod']:+.3f}" for m in shown)
         yield (
             f"| {name} | {exact['clipped']:.0%} | {exact['jod']:.2f} | {gains} | {ssim[0][name]:+.3f} | "
-            f"{ssim[1][name]:+.3f} | {mine['hue_shift']:.2f} | {mine['hue_shift_from_exact']:.2f} |"
+            f"{ssim[1][name]:+.3f} | {mine['hue_shift_from_exact']:.2f} | {mine['bright']:.0%} | "
+            f"{of[name, shown[1]]['bright']:.0%} |"
         )
 
 

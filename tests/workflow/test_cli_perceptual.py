@@ -59,10 +59,15 @@ def test_a_picture(kept: Path, calibration: Calibration, tmp_path: Path) -> None
 def test_what_is_said(kept: Path, tmp_path: Path) -> None:
     source = shoot(tmp_path / "dusk.exr", dusk())
     ran = procam("compensate", kept, source, tmp_path / "sent.exr", "--method", "perceptual")
-    assert "1 of 1 differ from the exact method's; errors of luminance are at most" in ran.out
+    said = r"1 of 1 frames differ from the exact method's; errors of luminance are \d\.\d\d dB "
+    assert re.search(said, ran.out)
+    certified = re.search(
+        r"differ from the light that the method chose by at most (\S+) of", ran.out
+    )
+    assert certified is not None and float(certified[1]) < 1e-5
     flat = shoot(tmp_path / "flat.exr", np.full((SIZE, SIZE, 3), 0.5, np.float32))
     ran = procam("compensate", kept, flat, tmp_path / "same.exr", "--method", "perceptual")
-    assert "0 of 1 differ from the exact method's" in ran.out
+    assert "0 of 1 frames differ from the exact method's\n" in ran.out
 
 
 def test_numbered_pictures_follow_each_other(
@@ -171,11 +176,22 @@ class TestPreview:
         assert "no person has judged it" in page.said
         assert not re.search(r"""(src|href)=["']https?:""", out.read_text())
 
+    def test_its_name(self, kept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.chdir(tmp_path)
+        for number in range(2):
+            shoot(tmp_path / f"dusk.{number}.exr", dusk())
+        ran = procam("preview", kept, tmp_path / "dusk.%d.exr")
+        assert (ran.code, ran.err) == (0, "")
+        assert (tmp_path / "dusk.preview.html").is_file()
+        ran = procam("preview", kept, "-")
+        assert ran.code == 2
+        assert "a preview needs a file" in ran.err
+
     def test_distances_from_the_target(self, kept: Path, tmp_path: Path) -> None:
         source, out = shoot(tmp_path / "dusk.exr", dusk()), tmp_path / "dusk.html"
         for db in (0.0, 1.0):
             assert procam("preview", kept, source, "--out", out, "--db", db).code == 0
-            today, exact, _, ours = map(float, re.findall(r"([\d.]+) dB<br>", _bare(out)))
+            today, exact, _, ours = map(float, re.findall(r"([\d.]+) dB; bright", _bare(out)))
             assert today < ours
             assert exact - db - 0.06 <= ours  # both rounded to .1 dB
             assert abs(exact - ours) < 1.5

@@ -479,7 +479,11 @@ class TestNotes:
     def test_one_side(self, side: str, long_dir: Path, tmp_path: Path) -> None:
         """Who takes one side also contradicts all own answers, as orders are exchanged."""
         notes = self.notes(
-            long_dir, tmp_path / "a.csv", lambda rows: (r | {"chosen": r[side]} for r in rows)
+            long_dir,
+            tmp_path / "a.csv",
+            lambda rows: (
+                r | {"chosen": r[side], "chosen_first": int(side == "first")} for r in rows
+            ),
         )
         assert f"observer Bo: chose the picture shown {side} in 21 of 21 trials" in notes
         assert "observer Bo: gave the same answer again in 18 of 45 repeats, no more than" in notes
@@ -551,6 +555,25 @@ class TestRefusals:
     ) -> None:
         assert words in self.changed(asked_dir, tmp_path / "a.csv", rows, **cells)
 
+    def test_a_side_that_contradicts_the_choice(
+        self, rows: list[Row], asked_dir: Path, tmp_path: Path
+    ) -> None:
+        other = 1 - int(str(rows[2]["chosen_first"]))
+        found = self.changed(asked_dir, tmp_path / "a.csv", rows, chosen_first=other)
+        shown = "second" if other else "first"
+        assert f"chosen_first is '{other}', but the chosen picture was shown {shown}" in found
+
+    def test_names_that_differ_in_case_alone(
+        self, rows: list[Row], asked_dir: Path, tmp_path: Path
+    ) -> None:
+        save(tmp_path / "a.csv", rows)
+        save(tmp_path / "b.csv", [row | {"observer": "bO"} for row in rows])
+        assert "observer 'bO' is in" in self.complaint(asked_dir, tmp_path)
+
+    def test_a_head_without_answers(self, asked_dir: Path, tmp_path: Path) -> None:
+        found = self.complaint(asked_dir, save(tmp_path / "a.csv", []))
+        assert "a.csv: no answers in it; take the file as the page has written it" in found
+
     def test_a_choice_that_is_none_of_the_two(
         self, rows: list[Row], asked_dir: Path, tmp_path: Path
     ) -> None:
@@ -563,7 +586,9 @@ class TestRefusals:
     ) -> None:
         entries = plan_of(asked_dir)["pictures"].items()
         one, two = (next(f for f, e in entries if e["content"] == c) for c in ("sky", "hall"))
-        found = self.changed(asked_dir, tmp_path / "a.csv", rows, first=one, second=two, chosen=one)
+        found = self.changed(
+            asked_dir, tmp_path / "a.csv", rows, first=one, second=two, chosen=one, chosen_first=1
+        )
         assert f"a.csv:4: the plan does not ask for {one} against {two}; take the file" in found
 
     def test_more_answers_than_questions(
@@ -592,7 +617,7 @@ class TestRefusals:
     def test_no_answers(self, asked_dir: Path, tmp_path: Path) -> None:
         assert "no answers; give the answers-*.csv" in self.complaint(asked_dir, tmp_path)
         path = save(tmp_path / "a.csv", [])
-        assert f"{path}: no answers; give the answers-*.csv" in self.complaint(asked_dir, path)
+        assert f"{path}: no answers in it; take the file" in self.complaint(asked_dir, path)
         path.write_text("")
         assert "a.csv: the column plan, observer" in self.complaint(asked_dir, path)
 

@@ -19,9 +19,11 @@ from procam.compensate.perceptual.descent import Descent, Problem
 from procam.compensate.perceptual.objective import Contrast, Guard
 from procam.compensate.perceptual.settings import Perceptual
 from procam.compensate.perceptual.small_pictures import RATE, STEPS
+from procam.errors import InputError
 from procam.maths.mesh.active_set import MeshRoom
 from procam.maths.vision.pyramid import LOWEST
 
+DIGITS = 6  # of directions: what is nearer is the same
 REACH = 3.0  # standard deviations of a blur that count
 PEAK = 0.153  # cycles per standard deviation that pass best between two blurs, one twice as wide
 
@@ -79,8 +81,13 @@ class FaceLevels:
 
 
 def _spacing(direction: Array) -> float:
-    """Median distance of unit vectors (N, 3) from their nearest neighbours [rad]."""
-    distance = np.asarray(cKDTree(direction).query(direction, k=2)[0])
+    """Median distance of unit vectors (N, 3) from their nearest neighbours elsewhere [rad]."""
+    places = np.unique(direction.round(DIGITS), axis=0)
+    if len(places) < 2:
+        raise InputError(
+            "direction: all faces lie in one direction from the eyepoint; check the directions"
+        )
+    distance = np.asarray(cKDTree(places).query(places, k=2)[0])
     return float(np.median(distance[:, 1]))
 
 

@@ -1,6 +1,6 @@
 """Solutions of small pictures, each from that of the one before, as changes for large ones."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -52,9 +52,9 @@ class SmallPictures:
         moved = None if self._last is None else self._moved(self._last.target, target)
         if moved is None or float(np.vdot(moved, self.stage.weight)) > CUT:
             self._last, self.multiplier, moved = None, Multiplier(), None
-        if moved is None or moved.any():
-            self._last = self._solved(target, exact_moments, moved)
-        assert self._last is not None
+        if self._last is not None and moved is not None and not moved.any():
+            return replace(self._last, moved=moved)
+        self._last = self._solved(target, exact_moments, moved)
         return self._last
 
     def _moved(self, before: Array32, after: Array32) -> Array32:

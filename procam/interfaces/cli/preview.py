@@ -40,7 +40,9 @@ def preview(
     from procam.workflows.playout.preview import lit_part, views
 
     output = Output(json)
-    path = out or Path(f"{picture.stem}.preview.html")
+    if str(picture) == "-":
+        raise InputError("PICTURE: a preview needs a file; frames from stdin have none")
+    path = out or Path(f"{_name(picture)}.preview.html")
     if path.suffix != ".html":
         raise InputError(f"--out {path}: the name must end in .html")
     settings = FrameSettings("perceptual", state, 1.0, white, transfer, db, white_nits)
@@ -48,6 +50,12 @@ def preview(
     assert not isinstance(usual, str)
     known, frame = load_dome(calibration), first_frame(picture)
     found = views(known, frame, settings)
-    write_preview(path, picture.stem, found, lit_part(known, len(frame.rgb)), usual.white_nits)
+    write_preview(path, _name(picture), found, lit_part(known, len(frame.rgb)), usual.white_nits)
     output.say(f"{path} written; open it in a browser")
     output.finish({"page": str(path)})
+
+
+def _name(picture: Path) -> str:
+    """Of the page: the picture's, of numbered ones what stands before the number."""
+    stem = picture.stem.split("%")[0].split("#")[0].strip("._- ")
+    return stem or picture.resolve().parent.name

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from procam.arrays import Image
+from procam.compensate.perceptual.objective import LUMA
 from procam.files import atomic
 from procam.interfaces.plots.charts import Scale
 from procam.interfaces.plots.figure import require_matplotlib
@@ -18,7 +19,7 @@ from procam.maths.warp import reduced_to
 from procam.workflows.playout.preview import BEFORE, TARGET
 
 LARGEST = 900  # px of the page's pictures
-LUMA = np.array([0.2126, 0.7152, 0.0722])
+BRIGHT_PART = 0.25  # of the lit picture
 TITLES = {
     BEFORE: ("Today", "sent as it is: scattered light over everything"),
     "exact": ("Exact", "each place is right, but shadows that would need negative light are flat"),
@@ -30,13 +31,13 @@ TITLES = {
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """A picture of the page: `error` is the peak signal-to-noise ratio of luminance in PU21 units [dB]."""
+    """A picture of the page, what it is, and figures about it."""
 
     key: str
     title: str
     text: str
     image: str
-    error: str
+    facts: str
 
 
 def write_preview(
@@ -45,7 +46,7 @@ def write_preview(
     """Write the page of `views` (N, N, 3), of which `lit` (N, N) counts; one self-contained HTML file."""
     require_matplotlib()
     shown = [
-        View(key, *TITLES[key], _image(views[key]), _error(views, key, lit, white_nits))
+        View(key, *TITLES[key], _image(views[key]), _facts(views, key, lit, white_nits))
         for key in TITLES
         if key in views
     ]
@@ -60,12 +61,15 @@ def _image(picture: Image) -> str:
     return Scale("light", 0.0, 1.0, "light").paint(small)
 
 
-def _error(views: Mapping[str, Image], key: str, lit: Image, white_nits: float) -> str:
-    """Of a view against the target, over solid angle."""
+def _facts(views: Mapping[str, Image], key: str, lit: Image, white_nits: float) -> str:
+    """How near a view's luminance is to the target's, and its light where that is brightest."""
     if key == TARGET:
         return ""
     weight = master_solid_angles(len(lit)) * lit
-    units = [pu21(views[k] @ LUMA * white_nits) for k in (key, TARGET)]
+    light = [views[name] @ LUMA for name in (key, TARGET)]
+    units = [pu21(plane * white_nits) for plane in light]
     error = float(np.vdot(weight, (units[0] - units[1]) ** 2) / weight.sum())
     peak = float(pu21(np.array(white_nits))) ** 2
-    return f"{10 * np.log10(peak / max(error, 1e-9)):.1f} dB"
+    bright = weight * (light[1] >= np.quantile(light[1][lit > 0], 1 - BRIGHT_PART))
+    share = float(np.vdot(bright, light[0]) / max(np.vdot(bright, light[1]), 1e-9))
+    return f"{10 * np.log10(peak / max(error, 1e-9)):.1f} dB; bright parts {share:.0%}"

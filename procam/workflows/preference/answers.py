@@ -20,6 +20,7 @@ COLUMNS = (
     "milliseconds",
     "switches",
 )
+TRUE = ("1", "true")
 AGAIN = "take the file as the page has written it"
 Row = Mapping[str, str]
 
@@ -54,10 +55,13 @@ def read_answers(plan: Plan, paths: Sequence[Path]) -> list[Answer]:
     answers, where = list[Answer](), dict[str, Path]()
     for path in _files(paths):
         found = list(_answers(plan, path))
-        for observer in {answer.observer: None for answer in found}:
+        if not found:
+            raise InputError(f"{path}: no answers in it; take the file as the page has written it")
+        for name in {answer.observer: None for answer in found}:
+            observer = name.casefold()  # as the page takes names
             if observer in where:
                 raise InputError(
-                    f"observer {observer!r} is in {where[observer]} and in {path}; remove one of the "
+                    f"observer {name!r} is in {where[observer]} and in {path}; remove one of the "
                     "files, or give one of the two people another name in it"
                 )
             where[observer] = path
@@ -121,6 +125,11 @@ def _answer(plan: Plan, where: str, row: Row) -> Answer:
         raise FileFormatError(
             f"{where}: the chosen picture {chosen} is neither of the two shown, {first} and {second}; "
             f"{AGAIN}"
+        )
+    if (chosen == first) != (row["chosen_first"].lower() in TRUE):
+        raise FileFormatError(
+            f"{where}: chosen_first is {row['chosen_first']!r}, but the chosen picture was shown "
+            f"{'first' if chosen == first else 'second'}; {AGAIN}"
         )
     asked = [q for q in plan.questions if set(q.pictures) == {first, second}]
     if not asked:

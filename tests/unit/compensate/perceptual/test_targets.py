@@ -3,12 +3,18 @@
 import numpy as np
 import pytest
 
-from procam.compensate.perceptual.bounds import SampledWay, hue_limited
+from procam.compensate.perceptual.bounds import Allowance, hue_limited
 from procam.compensate.perceptual.guided import Change
 from procam.compensate.perceptual.light import FieldTransport, Stage, interleaved, planes
 from procam.compensate.perceptual.settings import Perceptual
 from procam.compensate.perceptual.small_pictures import SmallPictures
-from procam.compensate.perceptual.targets import MovieTargets, Reached, StillTargets
+from procam.compensate.perceptual.targets import (
+    MovieTargets,
+    Reached,
+    SampledSolutions,
+    StillTargets,
+    sampled_pixels,
+)
 from procam.errors import InputError
 from procam.maths.vision.hue import hue_difference
 from procam.maths.vision.pu21 import pu21
@@ -138,12 +144,14 @@ class TestHue:
     def test_colours_are_pulled_back_at_the_same_luminance(self) -> None:
         place, target = stage(SIZE), planes(reef())
         problem = place.problem(target, 14.0)
-        seen = planes(exact(reef())[0].astype(np.float32))
-        direct = place.limited(seen - np.float32(0.1))
-        green = direct * np.array([0.9, 1.3, 0.9], np.float32)[:, None, None]
-        found = hue_limited(problem, seen, place.limited(green))
-        before, after = (place.transport.total(x) for x in (place.limited(green), found))
-        limited = np.flatnonzero((np.abs(seen - target) > 1e-6).any(axis=0))
+        seen, mean = exact(reef())
+        direct = np.clip(planes(seen - FEEDBACK * mean[:, 0]), place.lo, place.hi)
+        green = direct.copy()
+        green[1, SIZE // 2 :] += np.float32(0.015)
+        found = hue_limited(problem, direct, green)
+        seen = planes(seen.astype(np.float32))
+        before, after = (place.transport.total(x) for x in (green, found))
+        limited = np.flatnonzero((direct <= place.lo).any(axis=0))
         pick = [light.reshape(3, -1)[:, limited] for light in (seen, before, after)]
         assert np.median(hue_difference(pick[0], pick[1])) > 2
         assert np.median(hue_difference(pick[0], pick[2])) <= 2
@@ -179,7 +187,7 @@ class TestMovie:
             found = one.of(target, exact(target)[1])
             alone.append(np.roll(np.log(exact(found.target)[0]), -number, axis=1))
         flicker, each = (np.std(b - a) for a, b in (lights[6:], alone))
-        assert flicker < 0.6 * each
+        assert flicker < 0.75 * each
 
     def test_a_cut_starts_anew(self) -> None:
         targets = MovieTargets(stage(SIZE // 4), stage(SIZE), Perceptual(1.0, video=True))
@@ -205,11 +213,58 @@ class TestMovie:
         pictures = SmallPictures(stage(SIZE // 4), Perceptual(1.0))
         changed = pictures.solve(target, mean)
         ends, moments = (planes(target), planes(changed.change.of(target))), (mean, changed.moments)
+        solutions = SampledSolutions(place, *ends, moments, {})
         whole, sampled = (
-            SampledWay(place, *ends, moments, Perceptual(0.0), is_whole).length()
-            for is_whole in (True, False)
+            Allowance(
+                solutions.total,
+                ends[0],
+                place.weight,
+                solutions.limited(),
+                Perceptual(0.0),
+                is_sample,
+            ).share()
+            for is_sample in (False, True)
         )
         assert 0 < sampled < whole < 1
+
+    def test_a_frame_that_stands_still_is_shown_the_same(self) -> None:
+        targets = MovieTargets(stage(SIZE // 4), stage(SIZE), Perceptual(1.0, video=True))
+        frame = dusk()
+        mean = exact(frame)[1]
+        first = targets.of(frame, mean)
+        for _ in range(3):
+            np.testing.assert_array_equal(targets.of(frame, mean).target, first.target)
+
+    @pytest.mark.parametrize("dark", [0.0, 0.001])
+    def test_a_dim_thing_that_moves_over_black(self, dark: float) -> None:
+        targets = MovieTargets(stage(SIZE // 4), stage(SIZE), Perceptual(1.0, video=True))
+        for number in range(10):
+            frame = np.full((SIZE, SIZE, 3), dark, np.float32)
+            frame[70:80, 20:60] = 0.6
+            at = slice(10 + 4 * number, 22 + 4 * number)
+            frame[40:52, at] = 0.15
+            light, _ = exact(targets.of(frame, exact(frame)[1]).target)
+            assert light[42:50, at].max() < 0.4
+
+    def test_samples_are_random_pixels_of_cells(self) -> None:
+        rows, columns = sampled_pixels(40, 200)
+        cell = np.arange(40)
+        np.testing.assert_array_equal(rows // 5, np.broadcast_to(cell[:, None], (40, 40)))
+        np.testing.assert_array_equal(columns // 5, np.broadcast_to(cell, (40, 40)))
+        for offset in (rows % 5, columns % 5):
+            assert np.bincount(offset.ravel(), minlength=5).min() > 250
+        whole = sampled_pixels(7, 7)
+        np.testing.assert_array_equal(whole, np.indices((7, 7)))
+
+    def test_hues_of_a_sample(self) -> None:
+        """Where a sample's own moments are a little off, what is at a limit must not change."""
+        picture = reef()
+        _, mean = exact(picture)
+        place = planes(picture)
+        for off in (1.0, 1.001):
+            found = SampledSolutions(stage(SIZE), place, place, (off * mean, off * mean), {})
+            seen = found.limited().size / SIZE**2
+            assert 0.3 < seen < 0.55
 
     def test_a_share_falls_at_once_and_rises_slowly(self) -> None:
         targets = MovieTargets(stage(SIZE // 4), stage(SIZE), Perceptual(0.0, video=True))
@@ -261,6 +316,12 @@ class TestChange:
         np.testing.assert_allclose(change.gain, 2, rtol=1e-4)
         np.testing.assert_allclose(change.offset, 0, atol=1e-6)
 
+    def test_in_black_there_is_no_ratio(self) -> None:
+        black = np.zeros((3, 12, 12), np.float32)
+        change = Change.fitted(black, black + np.float32(0.08))
+        assert change.gain.max() <= 4
+        np.testing.assert_allclose(change.gain * black + change.offset, 0.08, rtol=1e-5)
+
     def test_of_a_large_picture(self) -> None:
         grey = np.full((3, 12, 12), 0.2, np.float32)
         large = np.full((48, 48, 3), 0.2, np.float32)
@@ -268,7 +329,8 @@ class TestChange:
 
     def test_on_the_way(self) -> None:
         ones = np.ones((3, 2, 2), np.float32)
-        middle = Change(ones, 0 * ones).moved_to(Change(3 * ones, ones), 0.25)
+        quarter = np.full((2, 2), 0.25, np.float32)
+        middle = Change(ones, 0 * ones).moved_to(Change(3 * ones, ones), quarter)
         assert middle.gain.mean() == 1.5
         assert middle.offset.mean() == 0.25
 
