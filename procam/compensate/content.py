@@ -100,9 +100,9 @@ class ContentCodec:
         """Rows of an image, mixed with light by the strength: 8 bits are dithered, 16 rounded."""
         whole = WHOLE.get(image.dtype)
         value = self._encoded(coding, light, image.dtype) * np.float32(whole or 1)
-        came = image if whole else np.where(np.isfinite(image), image, 0)
-        # not came + strength (value - came): a sun of 1e8 would take the digits of the light
-        value = (1 - self.strength) * came + self.strength * value
+        if self.strength < 1:
+            came = image if whole else np.where(np.isfinite(image), image, 0)
+            value = (1 - self.strength) * came + self.strength * value
         if image.dtype == np.uint8:
             tile = threshold_tile()[: len(image)]
             width = image.shape[1]

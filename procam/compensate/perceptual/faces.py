@@ -131,7 +131,7 @@ def face_target(problem: Problem, exact: Array32, settings: Perceptual) -> Array
     places = limited_places(exact, problem.lo, problem.hi, guard.weight)
     allowance = Allowance(partial(mixed, first, last), guard.target, guard.weight, places, settings)
     total = mixed(first, last, allowance.share())
-    better = problem.contrast.of(total)[0] < problem.contrast.of(first)[0]
+    better = problem.contrast.value(total) < problem.contrast.value(first)
     return total if better else None
 
 

@@ -114,34 +114,50 @@ class Contrast:
         powers = [b ** np.float32(q) for b, q in zip(blurred, EXPONENTS, strict=True)]
         return mixed_channels(CROSS_CHANNEL.T, np.array(powers))
 
+    def value(self, picture: Array32) -> float:
+        """J of a picture (3, H, W)."""
+        planes = self._levels_of(picture)
+        return sum(
+            self._errors(number, band, planes[number], planes[number + 1])[0]
+            for number, band in enumerate(self._bands)
+        )
+
     def of(self, picture: Array32) -> tuple[float, Array32]:
         """J and its slope (3, H, W) over the light of a picture (3, H, W)."""
-        planes = [_opponent(picture)]
-        for number in range(len(self._levels)):
-            planes.append(self._levels.reduced(number, planes[-1]))
+        planes = self._levels_of(picture)
         total, slopes = 0.0, [np.zeros_like(level) for level in planes]
         for number, band in enumerate(self._bands):
-            value, fine, coarse = self._errors(number, band, planes[number], planes[number + 1])
-            total += value
+            found = self._errors(number, band, planes[number], planes[number + 1])
+            fine, coarse = self._slopes(*found[1:])
+            total += found[0]
             slopes[number] += fine
             slopes[number + 1] += self._levels.expanded_adjoint(number, coarse)
         for number in reversed(range(len(self._levels))):
             slopes[number] += self._levels.reduced_adjoint(number, slopes[number + 1])
         return total, mixed_channels(DKL_FROM_RGB.T, slopes[0])
 
+    def _levels_of(self, picture: Array32) -> list[Array32]:
+        planes = [_opponent(picture)]
+        for number in range(len(self._levels)):
+            planes.append(self._levels.reduced(number, planes[-1]))
+        return planes
+
     def _errors(
         self, number: int, band: _Band, level: Array32, above: Array32
-    ) -> tuple[float, Array32, Array32]:
-        """J of a band, its slopes over the level and over the smoothed level."""
+    ) -> tuple[float, Array32, Array32, Array32]:
+        """J of a band, its slope over contrast but for a factor, the contrast and the local mean."""
         contrast, mean = self._contrast(number, level, above)
         error = contrast - band.contrast
         slope = band.weight * error * np.sqrt(np.abs(error))
-        value = float(np.vdot(slope, error))
-        slope *= np.float32(POWER) / mean
-        coarse = -slope
+        return float(np.vdot(slope, error)), slope, contrast, mean
+
+    def _slopes(self, slope: Array32, contrast: Array32, mean: Array32) -> tuple[Array32, Array32]:
+        """Slopes of a band over the level and over the smoothed level."""
+        fine = slope * (np.float32(POWER) / mean)
+        coarse = -fine
         above_floor = mean > np.float32(DARKEST_MEAN) / self._white
-        coarse[0] -= np.where(above_floor, (slope * contrast).sum(axis=0), 0)
-        return value, slope, coarse
+        coarse[0] -= np.where(above_floor, (fine * contrast).sum(axis=0), 0)
+        return fine, coarse
 
 
 def _opponent(picture: Array32) -> Array32:

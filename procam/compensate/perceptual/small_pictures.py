@@ -14,10 +14,10 @@ from procam.maths.warp import reduced_to
 
 REDUCTION = 4  # of a picture's edge
 STEPS, RATE = 25, 0.12  # of the first picture
-NEXT_STEPS, NEXT_RATE = 4, 0.05  # of those after it
+NEXT_STEPS, NEXT_RATE = 3, 0.05  # of those after it
 SMOOTHING = 0.5  # share of a new picture in the change that is used
 CUT = 0.5  # mean change of the logarithm of light from picture to picture that is a cut
-OTHER = 1.0  # the same at a place that shows something else
+OTHER = 2.5  # the same at a place that shows something else
 STILL = 0.02  # the same of a picture that moves; of less, steps are smaller in proportion
 DARK = np.float32(1e-3)  # light [rel] added before that logarithm
 START_HALVINGS = 3
@@ -92,7 +92,7 @@ class SmallPictures:
         found = Descent(problem, total - exact, self.multiplier).run(start, most, steps, rate)
         found = hue_limited(problem, exact, found)
         contrasts = [
-            problem.contrast.of(light)[0] for light in (total, problem.transport.total(found))
+            problem.contrast.value(light) for light in (total, problem.transport.total(found))
         ]
         return found if contrasts[1] < contrasts[0] else exact
 

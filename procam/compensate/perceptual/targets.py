@@ -75,7 +75,7 @@ class StillTargets:
         )
         share = allowance.share()
         total = mixed(first, last, share)
-        if share == 0 or problem.contrast.of(total)[0] >= problem.contrast.of(first)[0]:
+        if share == 0 or problem.contrast.value(total) >= problem.contrast.value(first):
             return Reached(picture)
         return Reached(interleaved(total), share, allowance.loss_db(share))
 
@@ -100,8 +100,12 @@ class MovieTargets:
         share = self._share = self._smoothed(allowance.share(), small)
         if share == 0:
             return Reached(picture)
-        target = changed if share == 1 else mixed(picture, changed, share)
-        return Reached(target, share, allowance.loss_db(share))
+        loss_db = allowance.loss_db(share)
+        if share < 1:  # in place: a frame of 8192 px is .8 GB
+            changed -= picture
+            changed *= np.float32(share)
+            changed += picture
+        return Reached(changed, share, loss_db)
 
     def _smoothed(self, allowed: float, small: Solved) -> float:
         """A share that is allowed, which does not jump up: that would flicker."""

@@ -56,7 +56,7 @@ class Coding:
     def decoded(self, picture: AnyArray) -> AnyArray:
         """Linear light of a picture's values; what is not finite is black."""
         if picture.dtype == np.uint8:
-            return self.tables["decode"][picture]
+            return np.take(self.tables["decode"], picture)
         return np.where(np.isfinite(picture), picture, 0) / WHOLE.get(picture.dtype, 1.0)
 
     def encoded(self, light: Array, picture: AnyArray, rows: slice) -> AnyArray:
