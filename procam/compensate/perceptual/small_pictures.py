@@ -14,7 +14,7 @@ from procam.maths.warp import reduced_to
 
 REDUCTION = 4  # of a picture's edge
 STEPS, RATE = 25, 0.12  # of the first picture
-NEXT_STEPS, NEXT_RATE = 3, 0.05  # of those after it
+NEXT_STEPS, NEXT_RATE = 4, 0.05  # of those after it
 SMOOTHING = 0.5  # share of a new picture in the change that is used
 CUT = 0.5  # mean change of the logarithm of light from picture to picture that is a cut
 OTHER = 2.5  # the same at a place that shows something else
