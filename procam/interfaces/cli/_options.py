@@ -41,6 +41,18 @@ ReplaceRound = Annotated[
     ),
 ]
 
+DbOption = Annotated[
+    float | None,
+    typer.Option(
+        help="Perceptual methods: loss in dB, against exact, that is allowed for better contrast."
+        "  [default: 0]"
+    ),
+]
+WhiteNitsOption = Annotated[
+    float | None,
+    typer.Option(help="Perceptual methods: luminance of white, in cd/m2.  [default: 14]"),
+]
+
 # structured light and boards
 SizeOption = Annotated[str, typer.Option(help="Projector size, such as 1280x800.")]
 CodeOption = Annotated[

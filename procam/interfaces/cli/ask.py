@@ -7,7 +7,14 @@ from typing import Annotated, Any
 
 import typer
 
-from procam.interfaces.cli._options import CalibrationArgument, Json, StateOption, TransferOption
+from procam.interfaces.cli._options import (
+    CalibrationArgument,
+    DbOption,
+    Json,
+    StateOption,
+    TransferOption,
+    WhiteNitsOption,
+)
 from procam.interfaces.cli._output import Output, with_notes
 from procam.interfaces.report.ask import page_renderer
 from procam.workflows.playout.frame import FrameSettings
@@ -44,13 +51,8 @@ def ask(
             "Without it they are what the audience would see, for a monitor.",
         ),
     ] = False,
-    db: Annotated[
-        float | None,
-        typer.Option(help="Perceptual method: loss in dB, against exact, that is allowed."),
-    ] = None,
-    white_nits: Annotated[
-        float | None, typer.Option(help="Perceptual method: luminance of white, in cd/m2.")
-    ] = None,
+    db: DbOption = None,
+    white_nits: WhiteNitsOption = None,
     white: Annotated[
         str, typer.Option(help="summed, or keep: the white of today's full-white frame.")
     ] = "summed",

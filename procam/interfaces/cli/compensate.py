@@ -15,7 +15,14 @@ import typer
 from procam.compensate.compensator import PERCEPTUAL
 from procam.errors import InputError
 from procam.files.calibration import load_dome
-from procam.interfaces.cli._options import CalibrationArgument, Json, StateOption, TransferOption
+from procam.interfaces.cli._options import (
+    CalibrationArgument,
+    DbOption,
+    Json,
+    StateOption,
+    TransferOption,
+    WhiteNitsOption,
+)
 from procam.interfaces.cli._output import Output
 from procam.interfaces.cli._pipe import PIPE, RawFrames, compensate_pipe
 from procam.workflows.playout.compensate import certified, compensate_file, write_report
@@ -55,17 +62,8 @@ def compensate(
             "perceptual-video for movies; subtract, least-squares, paper-eq12 (for comparison) or none."
         ),
     ] = "exact",
-    db: Annotated[
-        float | None,
-        typer.Option(
-            help="Perceptual methods: loss in dB, against exact, that is allowed for better contrast."
-            "  [default: 0]"
-        ),
-    ] = None,
-    white_nits: Annotated[
-        float | None,
-        typer.Option(help="Perceptual methods: luminance of white, in cd/m2.  [default: 14]"),
-    ] = None,
+    db: DbOption = None,
+    white_nits: WhiteNitsOption = None,
     strength: Annotated[
         float, typer.Option(help="From 0, the content as it is, to 1, all of the correction.")
     ] = 1.0,

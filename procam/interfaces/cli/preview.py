@@ -5,7 +5,14 @@ from typing import Annotated
 
 import typer
 
-from procam.interfaces.cli._options import CalibrationArgument, Json, StateOption, TransferOption
+from procam.interfaces.cli._options import (
+    CalibrationArgument,
+    DbOption,
+    Json,
+    StateOption,
+    TransferOption,
+    WhiteNitsOption,
+)
 from procam.interfaces.cli._output import Output
 
 EXAMPLE = "procam preview my-dome sky.png"
@@ -23,12 +30,8 @@ def preview(
     white: Annotated[str, typer.Option(help="summed or keep, as for compensate.")] = "summed",
     transfer: TransferOption = None,
     state: StateOption = None,
-    db: Annotated[
-        float | None, typer.Option(help="Of the perceptual method, see compensate.  [default: 0]")
-    ] = None,
-    white_nits: Annotated[
-        float | None, typer.Option(help="Luminance of white on the dome, in cd/m2.  [default: 14]")
-    ] = None,
+    db: DbOption = None,
+    white_nits: WhiteNitsOption = None,
     json: Json = False,
 ) -> None:
     """Write a page that shows a picture by each method beside its target, to choose by."""
