@@ -25,6 +25,7 @@ SEATS = (0.5, 1.0, 2.25)  # of the pixels per degree at the eyepoint: seats near
 COLOURS = 0.1  # weight of each colour's error beside that of luminance
 DARKEST_MEAN = 0.01  # cd/m2: a local mean of less counts as this
 CURVE_POINTS = 512
+COLUMNS = 2**14
 #: of ColorVideoVDP's sensitivity: else texture returns in the hue that first exceeds the scattered light
 CHROMA_KEPT = (1.0, 2.0, 1.5)
 LUMA = np.array([0.2126, 0.7152, 0.0722], np.float32)
@@ -165,9 +166,13 @@ def _opponent(picture: Array32) -> Array32:
 
 
 def mixed_channels(matrix: FloatArray, planes: Array32) -> Array32:
-    """A matrix (D, C) times planes (C, ...): `tensordot` would copy them first."""
+    """A matrix (D, C) times planes (C, ...), in parts too small for BLAS to start threads that wait."""
     flat = np.ascontiguousarray(planes).reshape(len(planes), -1)
-    return (matrix.astype(np.float32) @ flat).reshape(-1, *planes.shape[1:])
+    single, mixed = matrix.astype(np.float32), np.empty((len(matrix), flat.shape[1]), np.float32)
+    for start in range(0, flat.shape[1], COLUMNS):
+        part = slice(start, start + COLUMNS)
+        np.matmul(single, flat[:, part], out=mixed[:, part])
+    return mixed.reshape(-1, *planes.shape[1:])
 
 
 class Guard:
