@@ -281,12 +281,13 @@ class Compensator:
             reached.loss_db if reached else float("nan"),
         )
 
-    def solve(self, image: Image) -> Compensated:
+    def solve(self, image: Image, top: float = np.inf) -> Compensated:
         """The compensated picture in linear light, its total as the audience sees it, where it clips.
 
         Parameters
         ----------
         image : (N, N, 3) float16 or float32, linear light, 1.0 is the white.
+        top : the most light that will be sent [rel]: 1 if it will be integers.
 
         Raises
         ------
@@ -299,7 +300,7 @@ class Compensator:
                 f"content: {image.dtype} is encoded; solve takes linear light as float32, frame takes codes"
             )
         linear, self._solved = np.ascontiguousarray(image, np.float32), None
-        codec, reached = ContentCodec(transfer("linear"), 1.0, None), None
+        codec, reached = ContentCodec(transfer("linear"), 1.0, None, top), None
         content, coding = self._decoded(linear, codec)
         if self._targets:
             content, coding, reached = self._perceived(linear, content, coding, codec)
@@ -313,7 +314,7 @@ class Compensator:
         wanted = self._under_white(content) - interpolated(shown, light, every)
         assert shown.hi is not None
         lo, hi = (interpolated(shown, field, every) for field in (shown.lo, shown.hi))
-        free, kept = (wanted > lo) & (wanted < hi) & lit, self.protected
+        free, kept = (wanted > lo) & (wanted < np.minimum(hi, top)) & lit, self.protected
         counted = np.where(kept[..., None] & lit, np.clip(content, lo, hi), direct)
         scattered = self._scattered(content, coding, solution)
         observed = np.where(lit, counted + scattered, 0)

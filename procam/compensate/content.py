@@ -8,12 +8,11 @@ import numpy as np
 from procam.arrays import AnyArray, BoolArray, Image
 from procam.kernels.frame import Coding
 from procam.kernels.frame.coding import WHOLE
-from procam.maths.codes.dither import threshold_tile
+from procam.maths.codes.dither import TILE, dithered, threshold_tile
 from procam.maths.light.transfer import Transfer, transfer
 from procam.maths.log_table import LogTable
 
 DARKEST = 1e-7  # light [rel] below which its code is 0 for 8 bits
-ROWS = 64  # at a time, as the dither's tile has them
 
 
 @dataclass(frozen=True)
@@ -28,11 +27,13 @@ class ContentCodec:
     transfer : of the content; None: srgb for integers, linear for floats.
     strength : of the compensation, 0 to 1.
     protected : (N, N) where content is sent unchanged, or None.
+    top : the most light that floats send [rel]; integers end at 1.
     """
 
     transfer: Transfer | None
     strength: float
     protected: BoolArray | None
+    top: float = np.inf
     _codings: dict[tuple[str, float, float], Coding] = field(default_factory=dict)
     _tables: dict[Coding, LogTable] = field(default_factory=dict)
 
@@ -63,7 +64,7 @@ class ContentCodec:
         """Transfer function of an image, and the most light to send."""
         integer = image.dtype in WHOLE
         name = self.transfer.name if self.transfer else "srgb" if integer else "linear"
-        return name, 1.0 if integer else np.inf
+        return name, 1.0 if integer else self.top
 
     def coding(self, name: str, top: float, strength: float) -> Coding:
         """The coding for a transfer function, the most light to send [rel] and a strength."""
@@ -89,8 +90,8 @@ class ContentCodec:
         """Light encoded as the image is, by `coding` unless it is so already; protected pixels put back."""
         if coding is not None:
             light, sent = sent, np.empty_like(image) if out is None else out
-            for start in range(0, len(image), ROWS):  # what lies between stays in the cache
-                rows = slice(start, start + ROWS)
+            for start in range(0, len(image), TILE):  # what lies between stays in the cache
+                rows = slice(start, start + TILE)
                 sent[rows] = self._mixed(image[rows], light[rows], coding)
         if held is not None:
             sent[self.protected] = held
@@ -104,10 +105,7 @@ class ContentCodec:
             came = image if whole else np.where(np.isfinite(image), image, 0)
             value = (1 - self.strength) * came + self.strength * value
         if image.dtype == np.uint8:
-            tile = threshold_tile()[: len(image)]
-            width = image.shape[1]
-            wide = np.tile(tile, -(-width // tile.shape[1]))[:, :width, None]
-            return np.floor(np.minimum(value + wide, 255)).astype(image.dtype)
+            return dithered(value)
         return (np.rint(value) if whole else value).astype(image.dtype)
 
     def _encoded(self, coding: Coding, light: AnyArray, dtype: np.dtype[Any]) -> AnyArray:

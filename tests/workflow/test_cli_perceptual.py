@@ -17,6 +17,9 @@ from procam.files.images.layers import RGB
 from procam.files.images.pixels import read_image, write_image
 from procam.maths.geometry.sphere import master_directions
 from procam.model.calibration import Calibration
+from procam.workflows.playout.explain import first_frame
+from procam.workflows.playout.frame import FrameSettings
+from procam.workflows.playout.preview import views
 
 SIZE = 64
 
@@ -61,6 +64,10 @@ def test_what_is_said(kept: Path, tmp_path: Path) -> None:
     ran = procam("compensate", kept, source, tmp_path / "sent.exr", "--method", "perceptual")
     said = r"1 of 1 frames differ from the exact method's; errors of luminance are \d\.\d\d dB "
     assert re.search(said, ran.out)
+    assert "for a white of 14 cd/m2, assumed: state a darker dome's by --white-nits" in ran.out
+    stated = ("--method", "perceptual", "--white-nits", "9")
+    ran = procam("compensate", kept, source, tmp_path / "sent.exr", *stated)
+    assert "at the most, for a white of 9 cd/m2\n" in ran.out
     certified = re.search(
         r"differ from the light that the method chose by at most (\S+) of", ran.out
     )
@@ -175,6 +182,19 @@ class TestPreview:
         assert all(data.startswith(b"\x89PNG") for data in page.images.values())
         assert "no person has judged it" in page.said
         assert not re.search(r"""(src|href)=["']https?:""", out.read_text())
+
+    def test_8_bits_end_at_white(self, calibration: Calibration, tmp_path: Path) -> None:
+        """Under today's white places ask for more than full drive of an 8-bit file."""
+        codes = np.rint(255 * np.clip(1.3 * dusk(), 0, 1)).astype(np.uint8)
+        frame = first_frame(shoot(tmp_path / "a.png", codes))
+        settings = FrameSettings(white="keep", transfer="linear")
+        found = views(calibration, frame, settings)["exact"]
+        ours = Compensator(calibration, SIZE, white="keep", transfer_name="linear")
+        light = codes / np.float32(255)
+        np.testing.assert_array_equal(found, ours.solve(light, 1.0).observed)
+        without_end = ours.solve(light)
+        assert without_end.direct.max() > 1.02
+        assert np.abs(found - without_end.observed).max() > 0.02
 
     def test_its_name(self, kept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.chdir(tmp_path)

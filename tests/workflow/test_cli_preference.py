@@ -323,7 +323,7 @@ class TestAsk:
     ) -> None:
         write_image(tmp_path / "wide.png", np.zeros((8, 12, 3), np.uint8))
         (tmp_path / "text.png").write_text("no picture")
-        monkeypatch.setattr(pictures, "Compensator", None)
+        monkeypatch.setattr(pictures, "linear_compensator", None)
         for name, words in (("wide.png", "12x8 px is no dome master"), ("text.png", "text.png")):
             ran = procam("ask", kept, tmp_path / "a", contents[0], tmp_path / name)
             assert (ran.code, words in ran.complaint) == (2, True)

@@ -54,22 +54,21 @@ def hue_is_kept(first: Array32, last: Array32, places: IndexArray) -> bool:
     return float(np.median(hue_difference(*pair))) <= HUE_SHIFT
 
 
-def hue_limited(problem: Problem, exact: Array32, found: Array32) -> Array32:
-    """Direct light `found` (3, H, W), its colours so near those of `exact` that hues are kept.
+def hue_limited(problem: Problem, exact: Array32, places: IndexArray, found: Array32) -> Array32:
+    """Direct light `found` (3, H, W), its colours so near those of `exact`, total light, that hues are kept.
 
-    Luminance stays, as far as the limits of each colour allow.
+    Hues count at `places`. Luminance stays, as far as the limits of each colour allow.
     """
-    transport, weight = problem.transport, problem.guard.weight
-    first, total = transport.total(exact), transport.total(found)
-    places = limited_places(exact, problem.lo, problem.hi, weight)
-    scattered, scale = total - found, luma(total) / np.maximum(luma(first), DARKEST)
-    same_hue = (first * scale).astype(np.float32)
+    transport = problem.transport
+    total = transport.total(found)
+    scattered, scale = total - found, luma(total) / np.maximum(luma(exact), DARKEST)
+    same_hue = (exact * scale).astype(np.float32)
 
     def limited(share: float) -> Array32:
         return np.clip(mixed(same_hue, total, share) - scattered, problem.lo, problem.hi)
 
     def holds(share: float) -> bool:
-        return hue_is_kept(first, transport.total(limited(share)), places)
+        return hue_is_kept(exact, transport.total(limited(share)), places)
 
     share = largest(holds, HUE_HALVINGS)
     return found if share == 1 else limited(share)

@@ -38,7 +38,6 @@ class FaceLevels:
     """
 
     def __init__(self, direction: Array, weight: Array) -> None:
-        self._mask = (weight > 0).astype(np.float32)
         spacing = _spacing(direction[weight > 0])
         self._spacing_deg, self._blurs = float(np.degrees(spacing)), list[csr_array]()
         while not self._blurs or self.frequency(len(self._blurs) - 1) > LOWEST:
@@ -48,10 +47,6 @@ class FaceLevels:
 
     def __len__(self) -> int:
         return len(self._blurs)
-
-    def mask(self, level: int) -> Array32:
-        """1 where a face counts, else 0."""
-        return self._mask
 
     def frequency(self, level: int) -> float:
         """What is lost from a level to the next [cycles per degree at the eyepoint]."""
@@ -126,9 +121,9 @@ def face_target(problem: Problem, exact: Array32, settings: Perceptual) -> Array
     if most <= NEGLIGIBLE:
         return None
     found = Descent(problem, first - exact).run(exact, most, STEPS, RATE)
-    last = problem.transport.total(hue_limited(problem, exact, found))
     guard = problem.guard
     places = limited_places(exact, problem.lo, problem.hi, guard.weight)
+    last = problem.transport.total(hue_limited(problem, first, places, found))
     allowance = Allowance(partial(mixed, first, last), guard.target, guard.weight, places, settings)
     total = mixed(first, last, allowance.share())
     better = problem.contrast.value(total) < problem.contrast.value(first)

@@ -5,6 +5,7 @@ holds for any other arrangement of places (3, N), with the `Levels` of a mesh.
 """
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Protocol
 
 import numpy as np
@@ -25,6 +26,7 @@ SEATS = (0.5, 1.0, 2.25)  # of the pixels per degree at the eyepoint: seats near
 COLOURS = 0.1  # weight of each colour's error beside that of luminance
 DARKEST_MEAN = 0.01  # cd/m2: a local mean of less counts as this
 CURVE_POINTS = 512
+LOG_NITS = np.linspace(np.log(DARKEST), np.log(BRIGHTEST), CURVE_POINTS)
 COLUMNS = 2**14
 #: of ColorVideoVDP's sensitivity: else texture returns in the hue that first exceeds the scattered light
 CHROMA_KEPT = (1.0, 2.0, 1.5)
@@ -36,9 +38,6 @@ class Levels(Protocol):
 
     def __len__(self) -> int:
         """Steps between levels."""
-
-    def mask(self, level: int) -> Array32:
-        """1 where a level counts, else 0."""
 
     def frequency(self, level: int) -> float:
         """What is lost from a level to the next [cycles per degree at the eyepoint]."""
@@ -100,13 +99,8 @@ class Contrast:
 
     def _sensitivity(self, number: int, mean: Array32) -> Array32:
         """(3, h, w), the root of the mean square over the seats; bands below the first count twice."""
-        log_nits = np.linspace(np.log(DARKEST), np.log(BRIGHTEST), CURVE_POINTS)
-        where = np.log(mean * self._white)
-        frequency, found = self._levels.frequency(number), list[Array]()
-        for channel, gain in enumerate(GAINS * CHROMA_KEPT):
-            curves = [sensitivity(channel, frequency * seat, np.exp(log_nits)) for seat in SEATS]
-            curve = gain * np.sqrt(np.mean(np.square(curves), axis=0))
-            found.append(np.interp(where, log_nits, curve) * (2 if number else 1))
+        where, curves = np.log(mean * self._white), _curves(self._levels.frequency(number))
+        found = [np.interp(where, LOG_NITS, curve) * (2 if number else 1) for curve in curves]
         return np.array(found, np.float32)
 
     def _masking(self, number: int, seen: Array32) -> Array32:
@@ -159,6 +153,17 @@ class Contrast:
         above_floor = mean > np.float32(DARKEST_MEAN) / self._white
         coarse[0] -= np.where(above_floor, (fine * contrast).sum(axis=0), 0)
         return fine, coarse
+
+
+@cache
+def _curves(frequency: float) -> Array:
+    """Sensitivity (3, `CURVE_POINTS`) over `LOG_NITS` at a frequency [cycles per degree]."""
+    seats = [
+        [sensitivity(channel, frequency * seat, np.exp(LOG_NITS)) for seat in SEATS]
+        for channel in range(3)
+    ]
+    gains = (GAINS * CHROMA_KEPT)[:, None]
+    return np.asarray(gains * np.sqrt(np.mean(np.square(seats), axis=1)))
 
 
 def _opponent(picture: Array32) -> Array32:

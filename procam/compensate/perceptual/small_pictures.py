@@ -5,7 +5,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from procam.arrays import Array, Array32, Image
-from procam.compensate.perceptual.bounds import NEGLIGIBLE, hue_limited, largest, mixed
+from procam.compensate.perceptual.bounds import (
+    NEGLIGIBLE,
+    hue_limited,
+    largest,
+    limited_places,
+    mixed,
+)
 from procam.compensate.perceptual.descent import Descent, Multiplier, Problem
 from procam.compensate.perceptual.guided import Change
 from procam.compensate.perceptual.light import Stage, planes
@@ -90,7 +96,8 @@ class SmallPictures:
             start, steps = self._start(problem, target, exact, moved, most), NEXT_STEPS
             rate = NEXT_RATE * min(1.0, motion / STILL)
         found = Descent(problem, total - exact, self.multiplier).run(start, most, steps, rate)
-        found = hue_limited(problem, exact, found)
+        places = limited_places(exact, problem.lo, problem.hi, self.stage.weight)
+        found = hue_limited(problem, total, places, found)
         contrasts = [
             problem.contrast.value(light) for light in (total, problem.transport.total(found))
         ]

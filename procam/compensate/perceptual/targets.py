@@ -5,7 +5,7 @@ and its change carried over to the large one; still pictures are then solved at 
 """
 
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 
@@ -68,8 +68,8 @@ class StillTargets:
         wanted = planes(small.change.of(picture)) - transport.scattered(small.moments)
         start = np.clip(wanted, problem.lo, problem.hi)
         found = Descent(problem, scattered, pictures.multiplier).run(start, most, STEPS, RATE)
-        last = transport.total(hue_limited(problem, exact, found))
         places = limited_places(exact, problem.lo, problem.hi, self._stage.weight)
+        last = transport.total(hue_limited(problem, first, places, found))
         allowance = Allowance(
             partial(mixed, first, last), target, self._stage.weight, places, self._settings
         )
@@ -129,6 +129,7 @@ class MovieTargets:
         )
 
 
+@cache
 def sampled_pixels(count: int, edge: int) -> tuple[IndexArray, IndexArray]:
     """Rows and columns (C, C) of a random pixel in each of C x C cells; all pixels if they are as many."""
     cell = np.arange(count)

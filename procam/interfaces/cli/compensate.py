@@ -162,7 +162,7 @@ def _summarise(
     output.say(_certificate_text(found, "light that the method chose" if chosen else "content"))
     if "luminance_loss_db" in frames[0]:
         document["luminance_loss_db"] = loss = max(row["luminance_loss_db"] for row in frames)
-        output.say(_perceptual_text(frames, loss))
+        output.say(_perceptual_text(frames, loss, settings))
     if above:
         most = max(above, key=lambda row: row["above_one"])
         output.say(
@@ -172,11 +172,16 @@ def _summarise(
     output.finish(document)
 
 
-def _perceptual_text(frames: list[dict[str, Any]], loss: float) -> str:
+def _perceptual_text(frames: list[dict[str, Any]], loss: float, settings: FrameSettings) -> str:
     changed = sum(row["from_exact"] > 0 for row in frames)
+    said = f"{changed} of {len(frames)} frames differ from the exact method's"
+    if not changed:
+        return said
+    white = PERCEPTUAL[settings.method].white_nits
+    at = f"a white of {settings.white_nits or white:g} cd/m2"
+    assumed = "" if settings.white_nits else ", assumed: state a darker dome's by --white-nits"
     compared = f"{abs(loss):.2f} dB {'larger' if loss > 0 else 'smaller'}"
-    rest = f"; errors of luminance are {compared}, at the most" if changed else ""
-    return f"{changed} of {len(frames)} frames differ from the exact method's{rest}"
+    return f"{said}; errors of luminance are {compared}, at the most, for {at}{assumed}"
 
 
 def _certificate_text(found: dict[str, Any], target: str = "content") -> str:

@@ -49,7 +49,7 @@ def preview(
     if path.suffix != ".html":
         raise InputError(f"--out {path}: the name must end in .html")
     settings = FrameSettings("perceptual", state, 1.0, white, transfer, db, white_nits)
-    usual = settings.with_settings()
+    usual = settings.checked_method()
     assert not isinstance(usual, str)
     known, frame = load_dome(calibration), first_frame(picture)
     found = views(known, frame, settings)

@@ -4,8 +4,9 @@ from functools import cache
 from importlib.resources import files
 
 import numpy as np
+from numpy.typing import NDArray
 
-from procam.arrays import Array32
+from procam.arrays import Array32, FloatArray
 
 TILE = 64
 STORED = "blue_noise.npz"
@@ -21,3 +22,10 @@ def threshold_tile() -> Array32:
     """
     with files("procam.maths.codes").joinpath(STORED).open("rb") as file, np.load(file) as stored:
         return ((stored["ranks"] + np.float32(0.5)) / TILE**2).astype(np.float32)
+
+
+def dithered(values: FloatArray) -> NDArray[np.uint8]:
+    """Codes of a picture (H, W, C) with values 0..255, rounded by the thresholds; row 0 is the tile's."""
+    height, width = values.shape[:2]
+    tile = np.tile(threshold_tile(), (-(-height // TILE), -(-width // TILE)))
+    return np.minimum(values + tile[:height, :width, None], 255).astype(np.uint8)

@@ -43,10 +43,6 @@ class Pyramid:
     def __len__(self) -> int:
         return len(self._down)
 
-    def mask(self, level: int) -> Array32:
-        """(h, w) of a level."""
-        return self._masks[level]
-
     def frequency(self, level: int) -> float:
         """What is lost from a level to the next [cycles per degree], by the peak of the filters."""
         return self._pixels_per_degree / 2 * (PEAK * 0.5**level if level else 1)

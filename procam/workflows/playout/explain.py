@@ -12,7 +12,13 @@ from procam.files.images.layers import RGB, write_channels
 from procam.files.images.movies import MovieReader, is_movie
 from procam.files.images.stills import square_edge
 from procam.model.calibration import Calibration
-from procam.workflows.playout.frame import FrameSettings, decoded, named_transfer
+from procam.workflows.playout.frame import (
+    FrameSettings,
+    decoded,
+    linear_compensator,
+    most_light,
+    named_transfer,
+)
 from procam.workflows.playout.sources import (
     ClipFrame,
     movie_clip_frame,
@@ -61,16 +67,9 @@ def explain(calibration: Calibration, clip_frame: ClipFrame, settings: FrameSett
     """Solve a frame with (in full, whatever the strength) and without compensation, in linear light."""
     size = square_edge(clip_frame.rgb, clip_frame.name)
     content = decoded(clip_frame.rgb, named_transfer(clip_frame, settings))
-    ours = Compensator(
-        calibration,
-        size,
-        settings.with_settings(),
-        settings.state,
-        white=settings.white,
-        transfer_name="linear",
-    )
+    ours = linear_compensator(calibration, size, settings, settings.checked_method())
     plain = Compensator(calibration, size, "none", settings.state, transfer_name="linear")
-    found, without = ours.solve(content), plain.solve(content)
+    found, without = (each.solve(content, most_light(clip_frame.rgb)) for each in (ours, plain))
     limits = np.sign(found.observed - ours.target(content))
     limits[found.free] = 0
     limits[~ours.lit | ours.protected] = np.nan

@@ -43,8 +43,8 @@ class FrameSettings:
         """Whether a frame depends on those before it."""
         return self.method in PERCEPTUAL and PERCEPTUAL[self.method].video
 
-    def with_settings(self) -> str | Perceptual:
-        """The method, with the settings of its own."""
+    def checked_method(self) -> str | Perceptual:
+        """The method with the settings of its own; refuses them for one that has none."""
         own = {"--db": self.db, "--white-nits": self.white_nits}
         given = [option for option, value in own.items() if value is not None]
         if self.method not in PERCEPTUAL:
@@ -53,8 +53,13 @@ class FrameSettings:
                     f"{' and '.join(given)}: for --method {' or '.join(PERCEPTUAL)}, not {self.method}; "
                     "choose one of these or leave it out"
                 )
-            return self.method
-        usual = PERCEPTUAL[self.method]
+        return self.of(self.method)
+
+    def of(self, method: str) -> str | Perceptual:
+        """Another method, with the settings of its own."""
+        if method not in PERCEPTUAL:
+            return method
+        usual = PERCEPTUAL[method]
         return Perceptual(
             usual.db if self.db is None else self.db,
             usual.white_nits if self.white_nits is None else self.white_nits,
@@ -129,7 +134,7 @@ class ClipEngine:
             self._compensator = Compensator(
                 self._calibration,
                 size,
-                settings.with_settings(),
+                settings.checked_method(),
                 settings.state,
                 strength=settings.strength,
                 white=settings.white,
@@ -147,6 +152,25 @@ class ClipEngine:
                 f"{self._encoding[0]} in {self._encoding[1]}; render all frames alike"
             )
         return self._compensator
+
+
+def linear_compensator(
+    calibration: Calibration, size: int, settings: FrameSettings, method: str | Perceptual
+) -> Compensator:
+    """A compensator for pictures in linear light, in full whatever the strength."""
+    return Compensator(
+        calibration,
+        size,
+        method,
+        settings.state,
+        white=settings.white,
+        transfer_name="linear",
+    )
+
+
+def most_light(rgb: AnyArray) -> float:
+    """The most that pictures of a type send [rel]: integers end at 1."""
+    return float("inf") if rgb.dtype.kind == "f" else 1.0
 
 
 def require_photometry(calibration: Calibration) -> None:

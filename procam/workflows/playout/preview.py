@@ -1,7 +1,6 @@
 """What the audience will see of one picture, by each method, to choose between them."""
 
 from collections.abc import Mapping
-from dataclasses import replace
 
 import numpy as np
 
@@ -12,6 +11,8 @@ from procam.model.calibration import Calibration
 from procam.workflows.playout.frame import (
     FrameSettings,
     decoded,
+    linear_compensator,
+    most_light,
     named_transfer,
     require_photometry,
 )
@@ -35,16 +36,8 @@ def views(
     )
     found = dict[str, Image]()
     for method in METHODS:
-        own = replace(settings, method=method) if method == "perceptual" else None
-        compensator = Compensator(
-            calibration,
-            size,
-            own.with_settings() if own else method,
-            settings.state,
-            white=settings.white,
-            transfer_name="linear",
-        )
-        found[method] = compensator.solve(content).observed
+        compensator = linear_compensator(calibration, size, settings, settings.of(method))
+        found[method] = compensator.solve(content, most_light(clip_frame.rgb)).observed
         found[TARGET] = compensator.target(content)
     return found
 

@@ -2,20 +2,23 @@
 
 import hashlib
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from procam.arrays import AnyArray, Image
-from procam.compensate.compensator import PERCEPTUAL, Compensator
 from procam.files.images.pixels import write_image
 from procam.files.images.stills import square_edge
-from procam.maths.codes.dither import TILE, threshold_tile
+from procam.maths.codes.dither import dithered
 from procam.maths.light.curves import srgb_encode
 from procam.maths.warp import reduced_to
 from procam.model.calibration import Calibration
-from procam.workflows.playout.frame import decoded, named_transfer
+from procam.workflows.playout.frame import (
+    decoded,
+    linear_compensator,
+    most_light,
+    named_transfer,
+)
 from procam.workflows.playout.sources import ClipFrame
 from procam.workflows.preference.plan import PICTURES, Content, Picture
 from procam.workflows.preference.wanted import Wanted
@@ -72,18 +75,9 @@ class PictureMaker:
         content = decoded(clip_frame.rgb, named_transfer(clip_frame, settings))
         content = np.nan_to_num(content, nan=0, posinf=0, neginf=0)
         for method in self._wanted.needed:
-            own = (
-                replace(settings, method=method).with_settings() if method in PERCEPTUAL else method
-            )
-            compensator = Compensator(
-                self._calibration,
-                size,
-                own,
-                settings.state,
-                white=settings.white,
-                transfer_name="linear",
-            )
-            solved = compensator.solve(content)
+            own = settings.of(method)
+            compensator = linear_compensator(self._calibration, size, settings, own)
+            solved = compensator.solve(content, most_light(clip_frame.rgb))
             yield method, solved.direct if self._wanted.on_dome else for_monitor(solved.observed)
 
     def _file(self, name: str, method: str) -> str:
@@ -116,8 +110,5 @@ def for_monitor(light: Image) -> Image:
 
 def eight_bits(light: Image) -> AnyArray:
     """Linear light (N, N, 3) as sRGB codes, dithered: bands in the dark would be what people compare."""
-    height, width = light.shape[:2]
-    rows, columns = np.arange(height) % TILE, np.arange(width) % TILE
-    threshold = threshold_tile()[np.ix_(rows, columns)][..., None]
-    encoded = np.asarray(srgb_encode(np.clip(light, 0, 1)), np.float32) * np.float32(WHITE_CODE)
-    return np.minimum(np.floor(encoded + threshold), WHITE_CODE).astype(np.uint8)
+    encoded = np.asarray(srgb_encode(np.clip(light, 0, 1)), np.float32)
+    return dithered(encoded * np.float32(WHITE_CODE))

@@ -172,6 +172,22 @@ class TestBounds:
         assert found <= 0.52
         assert found == pytest.approx(stated, abs=0.03)
 
+    @pytest.mark.parametrize("method", ["exact", "least-squares", "perceptual"])
+    def test_light_that_will_be_integers_ends_at_one(
+        self, calibration: Calibration, dusk: np.ndarray, method: str
+    ) -> None:
+        picture = encoded(np.clip(1.4 * dusk, 0, 1), np.uint16)
+        decoded = np.asarray(transfer("srgb").decode(picture / 65535), np.float32)
+        ours = Compensator(calibration, SIZE, method, white="keep", transfer_name="srgb")
+        sent = np.asarray(transfer("srgb").decode(ours.frame(picture) / 65535))
+        linear = Compensator(calibration, SIZE, method, white="keep", transfer_name="linear")
+        lit = ours.lit
+        assert linear.solve(decoded).direct.max() > 1.02
+        found = linear.solve(decoded, 1.0)
+        assert found.direct.max() <= 1
+        np.testing.assert_allclose(found.direct[lit], sent[lit], atol=2e-4)
+        assert not found.free[found.direct == 1].any()
+
     def test_a_sun_is_sent_as_the_brightest(
         self, calibration: Calibration, dusk: np.ndarray
     ) -> None:

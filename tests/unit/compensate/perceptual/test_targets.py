@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from procam.compensate.perceptual.bounds import Allowance, hue_limited
+from procam.compensate.perceptual.bounds import Allowance, hue_limited, limited_places
 from procam.compensate.perceptual.guided import Change
 from procam.compensate.perceptual.light import FieldTransport, Stage, interleaved, planes
 from procam.compensate.perceptual.settings import Perceptual
@@ -148,8 +148,9 @@ class TestHue:
         direct = np.clip(planes(seen - FEEDBACK * mean[:, 0]), place.lo, place.hi)
         green = direct.copy()
         green[1, SIZE // 2 :] += np.float32(0.015)
-        found = hue_limited(problem, direct, green)
         seen = planes(seen.astype(np.float32))
+        places = limited_places(direct, place.lo, place.hi, place.weight)
+        found = hue_limited(problem, seen, places, green)
         before, after = (place.transport.total(x) for x in (green, found))
         limited = np.flatnonzero((direct <= place.lo).any(axis=0))
         pick = [light.reshape(3, -1)[:, limited] for light in (seen, before, after)]

@@ -88,7 +88,7 @@ class TestPyramid:
 
     def test_adjoints(self, pyramid: Pyramid, rng: np.random.Generator) -> None:
         for level in range(len(pyramid)):
-            fine, coarse = pyramid.mask(level).shape, pyramid.mask(level + 1).shape
+            fine, coarse = pyramid._masks[level].shape, pyramid._masks[level + 1].shape
             x = rng.normal(size=(2, *fine)).astype(np.float32)
             g = rng.normal(size=(2, *coarse)).astype(np.float32)
             np.testing.assert_allclose(
@@ -107,14 +107,14 @@ class TestPyramid:
     def test_what_is_not_in_the_mask_does_not_count(
         self, pyramid: Pyramid, rng: np.random.Generator
     ) -> None:
-        inside = pyramid.mask(0) > 0
+        inside = pyramid._masks[0] > 0
         grey = np.where(inside, 0.25, rng.uniform(0, 9, SHAPE)).astype(np.float32)[None]
         for level in range(len(pyramid)):
             above = pyramid.reduced(level, grey)
-            known = pyramid.mask(level + 1) > 0
+            known = pyramid._masks[level + 1] > 0
             np.testing.assert_allclose(above[0][known], 0.25, rtol=1e-5)
             back = pyramid.expanded(level, above)
-            np.testing.assert_allclose(back[0][pyramid.mask(level) > 0], 0.25, rtol=1e-5)
+            np.testing.assert_allclose(back[0][pyramid._masks[level] > 0], 0.25, rtol=1e-5)
             grey = above
 
     def test_levels_reach_the_lowest_frequency_or_few_pixels(self) -> None:
