@@ -88,6 +88,13 @@ TransferOption = Annotated[
         "default, what the file declares: sRGB for integer pictures, linear for EXR."
     ),
 ]
+WhiteOption = Annotated[
+    str,
+    typer.Option(
+        help="What content 1.0 is: summed, the white that all of the dome can reach, or keep, "
+        "today's full white."
+    ),
+]
 StateOption = Annotated[
     str | None,
     typer.Option(help="Venue state, as measured by `procam state`; by default as calibrated."),

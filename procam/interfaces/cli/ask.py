@@ -14,6 +14,7 @@ from procam.interfaces.cli._options import (
     StateOption,
     TransferOption,
     WhiteNitsOption,
+    WhiteOption,
 )
 from procam.interfaces.cli._output import Output, with_notes
 from procam.interfaces.report.ask import page_renderer
@@ -53,9 +54,7 @@ def ask(
     ] = False,
     db: DbOption = None,
     white_nits: WhiteNitsOption = None,
-    white: Annotated[
-        str, typer.Option(help="summed, or keep: the white of today's full-white frame.")
-    ] = "summed",
+    white: WhiteOption = "summed",
     transfer: TransferOption = None,
     state: StateOption = None,
     json: Json = False,

@@ -22,6 +22,7 @@ from procam.interfaces.cli._options import (
     StateOption,
     TransferOption,
     WhiteNitsOption,
+    WhiteOption,
 )
 from procam.interfaces.cli._output import Output
 from procam.interfaces.cli._pipe import PIPE, RawFrames, compensate_pipe
@@ -67,13 +68,7 @@ def compensate(
     strength: Annotated[
         float, typer.Option(help="From 0, the content as it is, to 1, all of the correction.")
     ] = 1.0,
-    white: Annotated[
-        str,
-        typer.Option(
-            help="What content 1.0 is: summed, the white that all of the dome can reach, or keep, "
-            "today's full white."
-        ),
-    ] = "summed",
+    white: WhiteOption = "summed",
     transfer: TransferOption = None,
     state: StateOption = None,
     explain: Annotated[

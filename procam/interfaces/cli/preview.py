@@ -12,6 +12,7 @@ from procam.interfaces.cli._options import (
     StateOption,
     TransferOption,
     WhiteNitsOption,
+    WhiteOption,
 )
 from procam.interfaces.cli._output import Output
 
@@ -27,7 +28,7 @@ def preview(
     out: Annotated[
         Path | None, typer.Option(help="The page.  [default: PICTURE's name.preview.html]")
     ] = None,
-    white: Annotated[str, typer.Option(help="summed or keep, as for compensate.")] = "summed",
+    white: WhiteOption = "summed",
     transfer: TransferOption = None,
     state: StateOption = None,
     db: DbOption = None,

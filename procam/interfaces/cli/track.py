@@ -5,7 +5,13 @@ from typing import Annotated
 
 import typer
 
-from procam.interfaces.cli._options import CalibrationArgument, Json, StateOption, TransferOption
+from procam.interfaces.cli._options import (
+    CalibrationArgument,
+    Json,
+    StateOption,
+    TransferOption,
+    WhiteOption,
+)
 from procam.interfaces.cli._output import Output, with_notes
 from procam.workflows.playout.frame import FrameSettings
 from procam.workflows.playout.track import track_show
@@ -26,9 +32,7 @@ def track(
     *,
     method: Annotated[str, typer.Option(help="exact or subtract.")] = "exact",
     state: StateOption = None,
-    white: Annotated[
-        str, typer.Option(help="summed, or keep: the white of today's full-white frame.")
-    ] = "summed",
+    white: WhiteOption = "summed",
     transfer: TransferOption = None,
     json: Json = False,
 ) -> None:
