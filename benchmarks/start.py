@@ -1,5 +1,6 @@
 """From the start of a process to the first pixel on its stdout."""
 
+import json
 import os
 import resource
 import subprocess
@@ -15,9 +16,14 @@ import numpy as np
 from benchmarks import frame
 from benchmarks.measure import Goal, Report, Times
 from procam.files.calibration import save_calibration
+from procam.files.history.record import recorded
+from procam.files.venue.load import create_venue
+from procam.files.versions import next_directory
 from procam.model.calibration import Calibration
+from procam.model.quality import Figure
 from procam.model.screen import Dome
 from procam.model.transport import DomeMaps, Measured, ScatterKernel
+from studies.history import DOCUMENT
 
 ROUNDS = 11
 PROCAM = "from procam.interfaces.cli.main import main; main()"
@@ -29,6 +35,7 @@ RUNS: dict[
     "--help": ((PROCAM, "--help"), 0),
     "compensate, 1024^2": ((PROCAM, *PIPE, "1024"), 1024),
     "compensate, 4096^2": ((PROCAM, *PIPE, "4096"), 4096),
+    "history of 1000 runs": ((PROCAM, "history", "venue"), 0),
 }
 
 
@@ -36,11 +43,19 @@ def bench() -> Report:
     """`procam compensate` of bare frames on a measured dome, beside what it imports and `--help`."""
     with tempfile.TemporaryDirectory() as folder:
         save_calibration(_calibration(), Path(folder) / "0001")
+        _make_history(Path(folder) / "venue")
         times = _times(Path(folder))
     first = [n for n, (_, edge) in RUNS.items() if edge]
     goals = (
         Goal("--help, CPU time", 1e3 * times["--help"].cpu_s, "<=", 250, "ms"),
         *(Goal(f"{n}, best wall", 1e3 * times[n].best_wall_s, "<=", 500, "ms") for n in first),
+        Goal(
+            "history of 1000 runs, wall",
+            1e3 * times["history of 1000 runs"].wall_s,
+            "<=",
+            600,
+            "ms",
+        ),
     )
     note = "CPU time of the whole process, wall time from its start to the first byte on its stdout"
     return Report("Start of a command, 1024^2 maps, to the first pixel", times, goals, (note,))
@@ -57,6 +72,20 @@ def _times(folder: Path) -> dict[str, Times]:
         (cpu, wall), best = np.median(pairs[1:], axis=0), np.min(pairs[1:], axis=0)
         found[name] = Times(float(cpu), float(wall), float(best[1]), ROUNDS)
     return found
+
+
+def _make_history(venue: Path) -> None:
+    """A venue with 1000 runs, of which every 20th wrote a calibration, and 12 figures of each."""
+    create_venue(venue, "simulated-small")
+    for number in range(1000):
+        with recorded(venue, "verify") as run:
+            run.measured(
+                {f"figure-{i}": Figure(number + i / 7, "px", sigma=0.1) for i in range(12)}
+            )
+            if number % 20 == 0:
+                folder = next_directory(venue)
+                folder.mkdir(parents=True)
+                (folder / "calibration.json").write_text(json.dumps(DOCUMENT), "utf-8")
 
 
 def _calibration() -> Calibration:

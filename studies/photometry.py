@@ -24,9 +24,10 @@ from procam.estimate.camera.radiance import Radiometer
 from procam.estimate.light.blend import Blender
 from procam.estimate.light.colour_spaces import colour_difference
 from procam.estimate.structured_light.patterns import LEVELS
-from procam.files.calibration import calibration_in_use, load_calibration
+from procam.files.calibration import load_calibration
 from procam.files.images.layers import RGB, read_channels
 from procam.files.venue.load import Venue, load_venue
+from procam.files.versions import calibration_in_use
 from procam.interfaces.judge import judge
 from procam.maths.colour_science import colour_science
 from procam.maths.geometry.sphere import master_directions, master_pixels

@@ -15,10 +15,11 @@ from pathlib import Path
 
 import numpy as np
 
-from procam.files.calibration import list_calibrations, load_calibration
+from procam.files.calibration import load_calibration
 from procam.files.images.pixels import write_image
 from procam.files.session import Session
 from procam.files.venue.load import load_venue
+from procam.files.versions import list_calibrations
 from simulators.scene import SceneSize
 from simulators.template import venue_text
 from studies.measure import write

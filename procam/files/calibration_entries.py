@@ -162,7 +162,9 @@ def measured(entry: dict[str, Any]) -> Measured:
 def figure(entry: dict[str, Any]) -> Figure:
     """A figure of the quality."""
     goal = None if entry["goal"] is None else Goal(**entry["goal"])
-    return Figure(entry["value"], entry["unit"], goal, entry["samples"], entry["note"])
+    return Figure(
+        entry["value"], entry["unit"], goal, entry["samples"], entry["note"], entry.get("sigma")
+    )
 
 
 def check_surface(surface: ProjectorSurface, size: tuple[int, int], blend: FloatArray) -> None:

@@ -33,6 +33,7 @@ class Figure:
     goal : None if the figure is only reported.
     samples : number of independent observations behind it.
     note : one plain sentence for the reader.
+    sigma : standard error of the value, or of each; None where none is known.
     """
 
     value: float | bool | list[float]
@@ -40,6 +41,7 @@ class Figure:
     goal: Goal | None = None
     samples: int = 1
     note: str = ""
+    sigma: float | list[float] | None = None
 
     @property
     def passed(self) -> bool | None:
@@ -58,4 +60,5 @@ class Figure:
             "pass": self.passed,
             "samples": self.samples,
             "note": self.note,
+            "sigma": self.sigma,
         }

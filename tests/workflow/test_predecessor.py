@@ -7,10 +7,11 @@ from pathlib import Path
 import pytest
 from tiny_venue import TINY_PAIR, make_venue, procam, quick_simulator, solved, take_session
 
-from procam.files.calibration import calibration_in_use, load_calibration
+from procam.files.calibration import load_calibration
 from procam.files.images.pixels import write_image
 from procam.files.session import Session
 from procam.files.venue.load import load_venue
+from procam.files.versions import calibration_in_use
 
 
 @pytest.fixture(scope="module")
@@ -56,9 +57,9 @@ def test_a_calibration_that_contradicts_the_one_in_use_is_not_used(venue: Path) 
         ran = procam("solve", session)
     assert ran.code == 0
     assert "note: 0002 contradicts 0001, which stays in use: " in ran.out
-    assert "wrong projector on the wire. If the new one is right, run: procam use" in ran.out
+    assert "wrong projector on the wire. If the new one is right, run: procam history" in ran.out
     assert calibration_in_use(venue).name == "0001"
-    assert "0002 is in use" in procam("use", venue, 2).out
+    assert "0002 is in use" in procam("history", venue, "--restore", 2).out
     assert calibration_in_use(venue).name == "0002"
 
 
@@ -75,14 +76,17 @@ class TestUse:
     ) -> None:
         with quick_simulator():
             procam("solve", venue / "sessions" / "0001")
-            assert f"{venue / 'calibrations' / '0001'} is in use" in procam("use", venue, 1).out
+            assert (
+                f"{venue / 'calibrations' / '0001'} is in use"
+                in procam("history", venue, "--restore", 1).out
+            )
             assert calibration_in_use(venue).name == "0001"
             procam("state", venue, "full")  # adds a state to the one in use
         assert calibration_in_use(venue).name == "0003"
         assert "full" in load_calibration(calibration_in_use(venue)).states
 
     def test_a_number_that_is_none(self, venue: Path) -> None:
-        ran = procam("use", venue, 7)
+        ran = procam("history", venue, "--restore", 7)
         assert (ran.code, ran.complaint) == (
             2,
             f"procam: {venue} has no calibration 7, only 1; choose one of them",

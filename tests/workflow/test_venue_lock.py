@@ -30,7 +30,7 @@ COMMANDS = {
     "doctor": ("VENUE",),
     "projector": ("VENUE", "south", "state"),
     "patterns": ("VENUE", "--out", "VENUE/out"),
-    "use": ("VENUE", "1"),
+    "history": ("VENUE", "--restore", "1"),
 }
 
 

@@ -37,6 +37,7 @@ TINY_PAIR = replace(TINY, projectors=2)
 QUIET_S = 0.01  # silence after which nothing more comes from a pseudo terminal
 WRITTEN_AT = re.compile(rb"\d{4}:\d\d:\d\d \d\d:\d\d:\d\d")
 HEADER = 4096
+HISTORY = "history.sqlite", "history.sqlite-wal", "history.sqlite-shm"
 
 _trace = Room.trace
 
@@ -90,8 +91,8 @@ def solved(venue: Venue, session: Session) -> Path:
 
 
 def contents(directory: Path) -> dict[str, bytes]:
-    """Every file under a folder by relative path, without the time in picture headers."""
-    files = (p for p in sorted(directory.rglob("*")) if p.is_file())
+    """Every file under a folder by relative path, without times of picture headers and the history."""
+    files = (p for p in sorted(directory.rglob("*")) if p.is_file() and p.name not in HISTORY)
     return {str(p.relative_to(directory)): _timeless(p.read_bytes()) for p in files}
 
 

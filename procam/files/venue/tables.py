@@ -165,6 +165,12 @@ class BlendTable(_Table):
         return float(self.falloff_percent_per_deg / 100 / np.radians(1))
 
 
+class HistoryTable(_Table):
+    """[history]: `keep_sessions` is how many of the newest sessions keep their captures when pruned."""
+
+    keep_sessions: Annotated[int, Field(ge=1, le=9999)] | None = None
+
+
 class VenueTable(_Table):
     """The whole file without the tables of backends, which are removed before it is validated."""
 
@@ -176,3 +182,4 @@ class VenueTable(_Table):
     distances: list[DistanceTable] = []
     capture: CaptureTable
     blend: BlendTable = BlendTable()
+    history: HistoryTable = HistoryTable()

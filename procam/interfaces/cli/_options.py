@@ -10,7 +10,7 @@ VenueArgument = Annotated[Path, typer.Argument(help="Venue folder with a venue.t
 
 
 def _of_venue(path: Path) -> Path:
-    from procam.files.calibration import chosen_calibration
+    from procam.files.versions import chosen_calibration
 
     return chosen_calibration(path)
 

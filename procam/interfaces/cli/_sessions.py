@@ -3,13 +3,8 @@
 from pathlib import Path
 from shlex import quote
 
-from procam.files.calibration import (
-    calibration_in_use,
-    load_calibration,
-    next_directory,
-    save_calibration,
-    use_calibration,
-)
+from procam.files.calibration import load_calibration, save_calibration
+from procam.files.versions import calibration_in_use, next_directory, use_calibration
 from procam.interfaces.cli._output import Output
 from procam.interfaces.report import write_report
 from procam.workflows.refine.refine import Refined

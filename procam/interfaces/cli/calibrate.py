@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from procam.files.calibration import load_calibration
-from procam.files.lock import locked
+from procam.files.history.record import recorded
 from procam.files.session import Session
 from procam.files.venue.load import load_venue
 from procam.interfaces.cli import _sessions
@@ -19,7 +19,7 @@ EXAMPLE = "procam calibrate my-dome"
 def calibrate(venue: VenueArgument, json: Json = False) -> None:
     """Capture, solve and report in one run."""
     loaded, output = load_venue(venue), Output(json, RunLog(venue, "calibrate"))
-    with locked(venue, "calibrate"):
+    with recorded(venue, "calibrate"):
         session = output.follow(capture_newest(loaded))["session"]
         solved = output.follow(solve(loaded, Session(session)))
         report = _sessions.keep_report(venue)

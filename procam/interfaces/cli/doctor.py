@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from procam.errors import DeviceError, InputError
-from procam.files.lock import locked
+from procam.files.history.record import recorded
 from procam.files.venue.load import Venue, load_venue
 from procam.interfaces.cli._options import Json, ReplaceRound, VenueArgument
 from procam.interfaces.cli._output import Output
@@ -83,7 +83,7 @@ def doctor(
         )
     reached = False
     try:
-        with locked(venue, "doctor"), open_rig(loaded) as rig:
+        with recorded(venue, "doctor"), open_rig(loaded) as rig:
             reached = True
             output.follow(examine(rig, loaded, diagnosis, behaviour=behaviour))
     except DeviceError as error:
@@ -96,7 +96,7 @@ def _behaviour_by_hand(
 ) -> None:
     """Ask for photographs of test pictures, a projector after the other, and judge them."""
     model = named_camera(venue, camera)
-    with locked(venue.directory, "doctor"):
+    with recorded(venue.directory, "doctor"):
         try:
             with hand_photographer(venue, model, None, "behaviour", camera, given) as photographer:
                 output.warn(photographer.notes)

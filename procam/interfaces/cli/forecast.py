@@ -1,8 +1,7 @@
 """`procam forecast`: contrast and white to expect of a dome, before anything is bought.
 
-A dome is described by options, or measured by a venue's newest calibration. Each figure is computed at
-both ends of what is uncertain (the 95 % interval of albedo or feedback) and in the middle, and printed
-as value (low .. high). With venue states, the same figures follow as calibrated and over the states.
+A dome is described by options, or measured by a venue's newest calibration. Figures are printed as value
+(low .. high), over what is uncertain: the 95 % interval of albedo or feedback, and venue states.
 """
 
 import math
@@ -18,7 +17,8 @@ import typer
 
 from procam.errors import InputError
 from procam.files import atomic
-from procam.files.calibration import chosen_calibration, load_calibration
+from procam.files.calibration import load_calibration
+from procam.files.versions import chosen_calibration
 from procam.interfaces.cli._forecast_text import (
     COLUMNS,
     assumed_lines,

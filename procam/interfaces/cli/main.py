@@ -36,7 +36,7 @@ PANELS = {
         "calibrate": "Capture, solve and report in one run.",
         "refine": "Show the compensated picture, photograph it and correct the residual; a new calibration.",
         "state": "Measure the venue with its present audience and its own lamps; a new calibration.",
-        "use": "Choose which calibration of a venue counts, until a later one does.",
+        "history": "List what was done at a venue, compare its calibrations, and go back to one of them.",
         "report": "Write report.html, one self-contained file.",
         "projector": "Query or control a projector over its serial remote control.",
     },

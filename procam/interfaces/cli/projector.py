@@ -5,7 +5,7 @@ from typing import Annotated, Any
 import typer
 
 from procam.errors import InputError
-from procam.files.lock import locked
+from procam.files.history.record import recorded
 from procam.files.venue.load import load_venue
 from procam.interfaces.cli._options import Json, VenueArgument
 from procam.interfaces.cli._output import Output
@@ -30,7 +30,7 @@ def projector(
     No camera is needed, and nothing else of the venue but the projector.
     """
     loaded, output = load_venue(venue), Output(json)
-    with locked(venue, "projector"), open_projector_control(loaded, name) as control:
+    with recorded(venue, "projector"), open_projector_control(loaded, name) as control:
         document = _act(control, action, value)
     for key, shown in document.items():
         output.say(f"{key:>12}  {shown}")

@@ -5,10 +5,12 @@ from typing import Annotated
 
 import typer
 
-from procam.files.calibration import chosen_calibration, load_calibration, venue_of_calibration
-from procam.files.lock import locked
+from procam.files.calibration import load_calibration
+from procam.files.history.read import verify_unchanged
+from procam.files.history.record import recorded
 from procam.files.session import digest
 from procam.files.venue.load import load_venue
+from procam.files.versions import chosen_calibration, venue_of_calibration
 from procam.interfaces.cli import _sessions
 from procam.interfaces.cli._options import FromArgument, Json, ReplaceRound, RoundPhotos
 from procam.interfaces.cli._output import Output, as_dicts, exit_if_missed
@@ -42,9 +44,10 @@ def refine(
     venue = venue_of_calibration(start)
     loaded, output = load_venue(venue), Output(json, RunLog(venue, "refine"))
     kept = chosen_calibration(start)
+    verify_unchanged(venue, kept)
     calibration = load_calibration(kept)
     content, note = read_square(picture) if picture else (half_sky(_sessions.CONTENT_SIZE), "")
-    with locked(venue, "refine"):
+    with recorded(venue, "refine"):
         try:
             of = f"{kept.name} {digest(content)}"
             given = given_photographs(photos, replace)

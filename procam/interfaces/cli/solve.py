@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from procam.files.calibration import load_calibration
-from procam.files.lock import locked
+from procam.files.history.record import recorded
 from procam.files.session import Session
 from procam.files.venue.load import load_venue
 from procam.interfaces.cli import _sessions
@@ -29,7 +29,7 @@ def solve(
     Session(session).read_plan()  # refuses what is no session before all else
     venue = load_venue(folder)
     output = Output(json, RunLog(venue.directory, "solve"))
-    with locked(venue.directory, "solve"):
+    with recorded(venue.directory, "solve"):
         solved = output.follow(solving.solve(venue, Session(session)))
         report = _sessions.keep_report(venue.directory)
     written = solved["calibration"]

@@ -4,16 +4,16 @@ from typing import Annotated
 
 import typer
 
-from procam.files.calibration import (
+from procam.files.calibration import load_calibration, save_calibration
+from procam.files.history.read import verify_unchanged
+from procam.files.history.record import recorded
+from procam.files.venue.load import load_venue
+from procam.files.versions import (
     chosen_calibration,
-    load_calibration,
     next_directory,
-    save_calibration,
     use_calibration,
     venue_of_calibration,
 )
-from procam.files.lock import locked
-from procam.files.venue.load import load_venue
 from procam.interfaces.cli._options import FromArgument, Json, ReplaceRound, RoundPhotos
 from procam.interfaces.cli._output import Output
 from procam.interfaces.cli._rounds import ask_for_photographs, given_photographs
@@ -51,9 +51,10 @@ def state(
     venue = venue_of_calibration(start)
     loaded, output = load_venue(venue), Output(json, RunLog(venue, "state"))
     kept = chosen_calibration(start)
+    verify_unchanged(venue, kept)
     calibration = load_calibration(kept)
     check_state_name(calibration, name)
-    with locked(venue, "state"):
+    with recorded(venue, "state"):
         try:
             of, work = kept.name + ONLY * ambient_only, f"state-{name}"
             given = given_photographs(photos, replace)

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from procam.arrays import Array, BoolArray, FloatArray, Image
 from procam.errors import FileFormatError, InputError
-from procam.files.calibration import calibration_in_use, list_calibrations, load_calibration
+from procam.files.calibration import load_calibration
 from procam.files.images.layers import RGB, read_channels
+from procam.files.versions import calibration_in_use, list_calibrations
 from procam.interfaces.plots.charts import on_dome
 from procam.maths.geometry.sphere import master_directions, master_pixels, master_solid_angles
 from procam.maths.warp import block_mean, sample

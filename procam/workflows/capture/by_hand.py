@@ -12,9 +12,9 @@ import numpy as np
 from procam.estimate.structured_light.codes import NOMINAL_GAMMA, Picture
 from procam.estimate.structured_light.photo_match import NUMBER
 from procam.files import atomic
+from procam.files.history.record import recorded
 from procam.files.images.pixels import read_image
 from procam.files.images.slideshow import write_movie
-from procam.files.lock import locked
 from procam.files.session import Session
 from procam.files.venue.load import Venue
 from procam.maths.codes.shot_id import CELLS_PER_MASTER, CELLS_PER_PANEL, draw_shot_id
@@ -34,7 +34,7 @@ def write_by_hand(venue: Venue, out: Path, movie: bool) -> Session:
     `out` gets the plan, the pictures, the order and playlists, and with `movie` a movie of each. It
     and the session appear when they are complete.
     """
-    with locked(venue.directory, "patterns"):
+    with recorded(venue.directory, "patterns"):
         folder = _next_folder(venue)
         # the session appears first: pictures without one could not be ingested
         with atomic.replacing_directory(out) as pictures, atomic.replacing_directory(folder) as new:

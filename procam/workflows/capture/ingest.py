@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from procam.errors import FileFormatError, InputError
 from procam.estimate.structured_light.photo_match import Match, PhotoObservation, Slot, match_photos
+from procam.files.history.record import recorded
 from procam.files.images.photos import (
     Photo,
     Response,
@@ -19,7 +20,6 @@ from procam.files.images.photos import (
     read_photo,
     write_response,
 )
-from procam.files.lock import locked
 from procam.files.session import Session
 from procam.files.venue.load import Venue
 from procam.maths.codes.shot_id import read_shot_id
@@ -69,7 +69,7 @@ def ingest(
     replace what is stored already. Everything is checked before anything is written. The last event
     carries `stored`, `missing` and `notes`, one line for every photograph that was left out or guessed.
     """
-    with locked(venue.directory, "ingest"):
+    with recorded(venue.directory, "ingest"):
         plan = plan_of(venue, session)
         model, response, notes = camera_and_response(venue, session, camera)
         paths, others = list_photos(folder)
@@ -101,7 +101,7 @@ def ingest(
 
 def undo(venue: Venue, session: Session, camera: str) -> Path:
     """Set all photographs of a camera aside, with what was solved from them; where they are now."""
-    with locked(venue.directory, "ingest"):
+    with recorded(venue.directory, "ingest"):
         named_camera(venue, camera)
         if not session.directory.name.startswith(PREFIX):
             raise InputError(

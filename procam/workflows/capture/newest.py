@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from procam.errors import InputError
-from procam.files.lock import locked
+from procam.files.history.record import recorded
 from procam.files.session import Session
 from procam.files.venue.load import Venue
 from procam.workflows.capture.capture import capture, missing_shots, prepare_session
@@ -15,7 +15,7 @@ from procam.workflows.venue_rig import open_rig
 
 def capture_newest(venue: Venue) -> Iterator[Event]:
     """Capture into the newest unfinished session, or a new one: its folder is `data["session"]`."""
-    with locked(venue.directory, "capture"), open_rig(venue) as rig:
+    with recorded(venue.directory, "capture"), open_rig(venue) as rig:
         session = prepare_session(venue, newest_session(venue))
         for event in capture(rig, venue, session):
             yield replace(event, data={"session": session.directory})

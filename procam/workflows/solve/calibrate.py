@@ -22,13 +22,8 @@ from procam.estimate.structured_light.codes import make_code
 from procam.estimate.structured_light.decode import Decoder
 from procam.estimate.structured_light.limits import DecodeLimits
 from procam.estimate.structured_light.outliers import keep_only
-from procam.files.calibration import (
-    calibration_in_use,
-    list_calibrations,
-    next_directory,
-    save_calibration,
-)
-from procam.files.lock import locked
+from procam.files.calibration import save_calibration
+from procam.files.history.record import recorded
 from procam.files.session import Session
 from procam.files.venue.load import Venue
 from procam.files.venue.masks import (
@@ -39,6 +34,7 @@ from procam.files.venue.masks import (
     protected_mask,
     screen_mask,
 )
+from procam.files.versions import calibration_in_use, list_calibrations, next_directory
 from procam.maths.geometry.sphere import master_pixels
 from procam.model.calibration import Calibration
 from procam.model.correspondence import CorrespondenceMap
@@ -93,7 +89,7 @@ def solve(venue: Venue, session: Session) -> Iterator[Event]:
     are solved. The last event carries the new directory as `data["calibration"]`; what nobody should
     miss is in its provenance as "notes".
     """
-    with locked(venue.directory, "solve"):
+    with recorded(venue.directory, "solve"):
         yield from _solve(venue, session)
 
 

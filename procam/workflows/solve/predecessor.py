@@ -4,7 +4,8 @@ from pathlib import Path
 
 from procam.errors import CalibrationError
 from procam.estimate.comparison.compare import compare_calibrations
-from procam.files.calibration import load_calibration, use_calibration
+from procam.files.calibration import load_calibration
+from procam.files.versions import use_calibration
 from procam.model.calibration import Calibration
 
 CONTRADICTION = ("exchanged", "differ")  # verdicts that no change to a rig explains
@@ -30,7 +31,7 @@ def compare_with_predecessor(
         use_calibration(venue_dir, before)
         return [
             f"{new.name} contradicts {before.name}, which stays in use: {verdict.text}. If the new one is "
-            f"right, run: procam use {venue_dir} {new.name}"
+            f"right, run: procam history {venue_dir} --restore {int(new.name)}"
         ]
     use_calibration(venue_dir, new)
     return [] if verdict.sound else [f"unlike {before.name}: {verdict.text}"]

@@ -10,15 +10,9 @@ import numpy as np
 import pytest
 
 from procam.errors import FileFormatError, InputError
-from procam.files.calibration import (
-    calibration_in_use,
-    list_calibrations,
-    load_calibration,
-    load_dome,
-    next_directory,
-    save_calibration,
-)
+from procam.files.calibration import load_calibration, load_dome, save_calibration
 from procam.files.images.layers import read_channels, write_channels
+from procam.files.versions import calibration_in_use, list_calibrations, next_directory
 from procam.model.calibration import Calibration
 from procam.model.mask import Mask
 from procam.model.transport import Measured, ScatterKernel

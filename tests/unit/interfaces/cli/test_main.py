@@ -2,7 +2,6 @@
 
 import errno
 import inspect
-import os
 import signal
 from collections.abc import Callable
 from importlib import import_module
@@ -61,7 +60,7 @@ def test_a_signal_that_a_library_turns_into_another_error_still_stops(
 ) -> None:
     def load() -> None:
         try:
-            os.kill(os.getpid(), signal.SIGTERM)
+            signal.raise_signal(signal.SIGTERM)  # to this thread, of several
         except KeyboardInterrupt as stop:
             raise ImportError("initialization failed") from stop
 

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from procam.files.calibration import next_directory, save_calibration
+from procam.files.calibration import save_calibration
+from procam.files.versions import next_directory
 from procam.interfaces.report.changes import gain_change
 from procam.interfaces.report.data import read_material
 from procam.model.calibration import Calibration

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from procam.files.calibration import next_directory, save_calibration
+from procam.files.calibration import save_calibration
+from procam.files.versions import next_directory
 from procam.interfaces.report import dome, write_report
 from procam.interfaces.report.blocks import Table
 from procam.interfaces.report.data import read_material

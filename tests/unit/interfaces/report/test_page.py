@@ -9,13 +9,9 @@ import pytest
 
 from procam.compensate.compensator import Compensator
 from procam.errors import FileFormatError, InputError
-from procam.files.calibration import (
-    calibration_in_use,
-    list_calibrations,
-    save_calibration,
-    use_calibration,
-)
+from procam.files.calibration import save_calibration
 from procam.files.images.layers import RGB, write_channels
+from procam.files.versions import calibration_in_use, list_calibrations, use_calibration
 from procam.interfaces.report import page, write_report
 from procam.interfaces.report.data import Material
 from procam.maths.warp import block_mean

@@ -1,0 +1,62 @@
+"""The numbered calibrations of a venue, VENUE/calibrations/NNNN, and which of them is in use.
+
+A calibration is never changed: another is written beside it. This module loads none of them, so that
+commands that only list them start quickly.
+"""
+
+from pathlib import Path
+
+from procam.errors import FileFormatError
+from procam.files.atomic import write_text
+
+IN_USE = "in-use"  # names the calibration that counts, if that is not the newest
+
+
+def next_directory(venue_dir: Path) -> Path:
+    """The VENUE/calibrations/NNNN after the newest."""
+    found = list_calibrations(venue_dir)
+    number = int(found[-1].name) + 1 if found else 1
+    return venue_dir / "calibrations" / f"{number:04d}"
+
+
+def list_calibrations(venue_dir: Path) -> list[Path]:
+    """Finished calibrations of a venue, oldest first."""
+    found = venue_dir.glob("calibrations/[0-9][0-9][0-9][0-9]/calibration.json")
+    return sorted(path.parent for path in found)
+
+
+def calibration_in_use(venue_dir: Path) -> Path:
+    """The calibration of a venue that counts: the newest, unless an older one was chosen."""
+    found = list_calibrations(venue_dir)
+    if not found:
+        raise FileFormatError(
+            f"{venue_dir} has no calibration; run `procam calibrate {venue_dir}` first, or by hand "
+            f"`procam patterns {venue_dir}`, `procam ingest` and `procam solve`"
+        )
+    chosen = venue_dir / "calibrations" / IN_USE
+    name = chosen.read_bytes().decode(errors="replace").strip() if chosen.is_file() else ""
+    return next((path for path in found if path.name == name), found[-1])
+
+
+def use_calibration(venue_dir: Path, directory: Path) -> None:
+    """Choose the calibration of a venue that counts; the newest does where none is chosen."""
+    chosen = venue_dir / "calibrations" / IN_USE
+    if directory.name == list_calibrations(venue_dir)[-1].name:
+        chosen.unlink(missing_ok=True)
+    else:
+        write_text(chosen, directory.name + "\n")
+
+
+def chosen_calibration(path: Path) -> Path:
+    """A calibration directory, or the one in use where `path` is a venue."""
+    if (path / "calibration.json").is_file():
+        return path
+    is_venue = (path / "venue.toml").is_file() or list_calibrations(path)
+    return calibration_in_use(path) if is_venue else path
+
+
+def venue_of_calibration(path: Path) -> Path:
+    """The venue of a calibration directory; a venue's folder stays as it is."""
+    if not (path / "calibration.json").is_file():
+        return path
+    return path.parent.parent if path.parent.name == "calibrations" else path.resolve().parents[1]

@@ -1,0 +1,53 @@
+"""Deletes captures that a venue does not keep, by [history] keep_sessions in venue.toml."""
+
+import json
+from pathlib import Path
+
+from procam.errors import InputError
+from procam.files.history.record import recorded
+from procam.files.venue.load import Venue
+from procam.files.versions import calibration_in_use, list_calibrations
+
+INDEX = "index.jsonl"  # stays, with the hashes of the frames
+
+
+def prune_captures(venue: Venue) -> dict[str, int]:
+    """Delete frames of all but the newest sessions; bytes that became free, by session.
+
+    Sessions of calibrations in use, and of refine and state, are kept. So are plans and indexes.
+
+    Raises
+    ------
+    InputError
+        venue.toml does not say how many to keep.
+    """
+    keep = venue.table.history.keep_sessions
+    if keep is None:
+        raise InputError(
+            f"{venue.directory / 'venue.toml'}: it does not say how many sessions to keep; add [history] "
+            "with keep_sessions = 3, for the captures of the newest three and of the calibration in use"
+        )
+    with recorded(venue.directory, "history") as run:
+        known = sorted((venue.directory / "sessions").glob("[0-9][0-9][0-9][0-9]"))
+        needed = _session_in_use(venue.directory)
+        old = [path for path in known[: max(0, len(known) - keep)] if path.name != needed]
+        freed = {path.name: _without_frames(path) for path in old}
+        freed = {name: size for name, size in freed.items() if size}
+        run.message = f"captures of {len(freed)} sessions deleted"
+        return freed
+
+
+def _session_in_use(venue_dir: Path) -> str:
+    if not list_calibrations(venue_dir):
+        return ""
+    document = json.loads((calibration_in_use(venue_dir) / "calibration.json").read_bytes())
+    return str(document["provenance"].get("session", ""))
+
+
+def _without_frames(session: Path) -> int:
+    size = 0
+    for path in sorted((session / "captures").glob("*/*")):
+        if path.is_file() and path.name != INDEX:
+            size += path.stat().st_size
+            path.unlink()
+    return size

@@ -1,0 +1,123 @@
+"""`procam history`: what it lists, compares, plots, exports, restores and deletes, and what it refuses."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+from tiny_venue import make_venue, procam, quick_simulator, take_session
+
+from procam.files.images.pixels import read_header
+
+
+@pytest.fixture(scope="module")
+def twice(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A venue whose session was solved twice; one run was refused."""
+    folder = tmp_path_factory.mktemp("history") / "venue"
+    with quick_simulator():
+        take_session(make_venue(folder))
+        for _ in range(2):
+            assert procam("solve", folder / "sessions" / "0001").code == 0
+        assert procam("state", folder, "full", "--photos", folder).code == 2
+    return folder
+
+
+@pytest.fixture
+def venue(twice: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(twice, tmp_path / "venue"))
+
+
+def test_lists_runs_and_calibrations(venue: Path) -> None:
+    ran = procam("history", venue)
+    assert ran.code == 0
+    head, first, second, third, _, calibrations = ran.out.splitlines()
+    assert head.split()[0] == "run"
+    assert first.split()[0] == "1" and first.endswith("solve       done     wrote 0001")
+    assert second.endswith("solve       done     wrote 0002")
+    assert "state       refused  --photos is for venues" in third
+    assert calibrations == "calibrations: 0001, 0002; 0002 is in use"
+    document = json.loads(procam("history", venue, "--json").out)
+    assert [run["outcome"] for run in document["runs"]] == ["done", "done", "refused"]
+    assert document["in_use"] == "0002"
+
+
+def test_compares_two_calibrations(venue: Path) -> None:
+    ran = procam("history", venue, "--compare", 1, 2)
+    (row,) = (line for line in ran.out.splitlines() if line.startswith("feedback.G"))
+    assert row.split()[-2:] == ["0", "+0.0"]  # the same session
+    document = json.loads(procam("history", venue, "--compare", 1, 2, "--json").out)
+    assert {"name": "feedback.R", "sigmas": 0.0} in [
+        {"name": f["name"], "sigmas": f["sigmas"]} for f in document["figures"]
+    ]
+
+
+def test_a_calibration_edited_by_hand_is_named_and_built_upon_by_nothing(venue: Path) -> None:
+    path = venue / "calibrations" / "0002" / "calibration.json"
+    path.write_text(path.read_text() + "\n")
+    assert "CHANGED  0002: calibration.json changed since procam wrote it" in (
+        procam("history", venue).out
+    )
+    for command in (("refine", venue), ("state", venue, "full")):
+        ran = procam(*command)
+        assert ran.code == 2
+        assert "0002/calibration.json changed since procam wrote it" in ran.complaint
+    assert procam("history", venue, "--restore", 2).code == 2
+    assert procam("history", venue, "--restore", 1).code == 0
+    assert "0001 is in use" in procam("history", venue).out
+
+
+def test_exports_and_plots(venue: Path, tmp_path: Path) -> None:
+    out = tmp_path / "figures.csv"
+    assert procam("history", venue, "--csv", out).code == 0
+    assert sum(",feedback.G," in line for line in out.read_text().splitlines()) == 2
+    plot = tmp_path / "trends.png"
+    ran = procam("history", venue, "--plot", plot, "--figure", "feedback.G")
+    assert ran.out == f"{plot} written: feedback.G\n"
+    assert read_header(plot).width > 300
+    assert procam("history", venue, "--plot", plot).out.startswith(f"{plot} written: feedback.R,")
+
+
+class TestPrune:
+    def test_keeps_the_newest_and_what_is_in_use(self, venue: Path) -> None:
+        sessions = venue / "sessions"
+        for number in (2, 3):
+            shutil.copytree(sessions / "0001", sessions / f"000{number}")
+        with (venue / "venue.toml").open("a") as file:
+            file.write("\n[history]\nkeep_sessions = 1\n")
+        ran = procam("history", venue, "--prune")
+        assert ran.out.startswith("captures deleted: 0002, ")
+        frames = {n: len([*(sessions / n).rglob("*.tif")]) for n in ("0001", "0002", "0003")}
+        assert frames["0002"] == 0 and frames["0001"] == frames["0003"] > 0
+        assert (sessions / "0002" / "captures" / "zenith" / "index.jsonl").is_file()
+        assert procam("history", venue, "--prune").out == "captures deleted: nothing, 0.00 GB\n"
+
+    def test_needs_a_policy(self, venue: Path) -> None:
+        ran = procam("history", venue, "--prune")
+        assert (ran.code, ran.complaint.split("; ")[1]) == (
+            2,
+            "add [history] with keep_sessions = 3, for the captures of the newest three and of the "
+            "calibration in use",
+        )
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--compare", 1, 7), "has no calibration 7, only 1, 2; choose one of them"),
+        (("--restore", 0), "has no calibration 0, only 1, 2; choose one of them"),
+        (("--restore", 1, "--prune"), "give one of them at a time"),
+        (("--figure", "feedback.G"), "--figure: it is for --plot FILE.png"),
+        (("--plot", "x.jpg"), "its name must end in .png"),
+        (("--csv", "x.txt"), "its name must end in .csv"),
+        (("--plot", "OUT.png", "--figure", "lamp"), "--figure lamp: no run has measured it"),
+    ],
+)
+def test_refused(options: tuple[object, ...], words: str, venue: Path, tmp_path: Path) -> None:
+    given = (str(part).replace("OUT", str(tmp_path / "out")) for part in options)
+    ran = procam("history", venue, *given)
+    assert ran.code == 2
+    assert words in ran.complaint
+
+
+def test_no_venue(tmp_path: Path) -> None:
+    assert procam("history", tmp_path).complaint.endswith("give a folder with a venue.toml")
