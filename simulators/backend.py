@@ -10,12 +10,14 @@ from procam.devices.protocols import BackendRig, Projector
 from procam.errors import InputError
 from simulators.devices import SimulatedCamera, SimulatedProjector
 from simulators.drawn_rooms import draw_room
+from simulators.drifts import Drift, drifted
 from simulators.faults import apply_faults
 from simulators.presets import PRESETS, PresetName
+from simulators.projector_state import ProjectorState
 from simulators.scene import DomeScene, SceneSize
 from simulators.serial_port import EmulatedEscVp21
 from simulators.server import NAME as SERVER
-from simulators.server import MediaServer, SimulatedServer, share_lamp
+from simulators.server import MediaServer, Relay, SimulatedServer
 
 Size = tuple[int, int]
 
@@ -43,6 +45,8 @@ class Settings(BaseModel):
     defocus_px: float | None = Field(default=None, ge=0, le=20)
     gamma_left: float | None = Field(default=None, ge=0.1, le=10)
     features: dict[str, dict[str, float]] = Field(default_factory=dict)  # by projector
+    drifts: tuple[Drift, ...] = ()  # changes since the venue was calibrated
+    session: int = Field(default=0, ge=0)  # another one has other noise
 
 
 def read_settings(settings: Mapping[str, Any], venue_dir: Path) -> Settings:
@@ -52,10 +56,14 @@ def read_settings(settings: Mapping[str, Any], venue_dir: Path) -> Settings:
     except ValidationError as error:
         lines = [
             f"{venue_dir / 'venue.toml'}: simulated.{'.'.join(map(str, e['loc']))} is "
-            f"{e['input']!r}; {e['msg'].replace('Input should', 'it must')}"
+            f"{e['input']!r}; {_reason(e['msg'])}"
             for e in error.errors()
         ]
         raise InputError("\n".join(lines)) from error
+
+
+def _reason(message: str) -> str:
+    return message.replace("Input should", "it must").removeprefix("Value error, ")
 
 
 def build_scene(settings: Mapping[str, Any], venue_dir: Path) -> DomeScene:
@@ -68,7 +76,8 @@ def build_scene(settings: Mapping[str, Any], venue_dir: Path) -> DomeScene:
     preset = drawn.altered(
         albedo=s.albedo, snr=s.snr, defocus_px=s.defocus_px, gamma_left=s.gamma_left
     )
-    return DomeScene(preset.with_features(s.features), size, s.seed)
+    scene = DomeScene(preset.with_features(s.features), size, s.seed)
+    return drifted(scene, s.drifts, s.session) if s.drifts or s.session else scene
 
 
 def build_server(
@@ -88,7 +97,7 @@ def open_rig(settings: Mapping[str, Any], venue_dir: Path) -> BackendRig:
     server = build_server(scene, settings, venue_dir)
     projectors: dict[str, Projector] = {}
     if server:
-        states = {SERVER: share_lamp(scene)}
+        states: dict[str, ProjectorState] = {SERVER: Relay(scene)}
         projectors[SERVER] = SimulatedServer(scene, server)
     else:
         states = scene.states

@@ -16,11 +16,12 @@ UNSHARP_PX = 1.0  # Gaussian sigma of an unsharp mask [px]
 RIPPLES, RIPPLE_STEPS = 3, 4
 LARGEST = {"white_boost": 5.0, "edge_enhancement": 5.0, "pixel_shift": 4.0}  # of features
 LARGEST |= {"iris_s": 600.0, "picture_delay_s": 600.0}  # [s]
+SETTLING_S = 120.0  # time constant of a lamp that settles after its warm-up [s]
 
 
 @dataclass(frozen=True, slots=True)
 class Features:
-    """Features of a projector's menu that please viewers and disturb measurements.
+    """Features of a projector's menu that please viewers, and of its lamp; they disturb measurements.
 
     Attributes
     ----------
@@ -34,6 +35,8 @@ class Features:
         nearer to 0 and 255.
     edge_enhancement : gain of an unsharp mask, of `UNSHARP_PX`, on the drive.
     picture_delay_s : time from the confirmation of a new picture to its appearance [s].
+    settling : share of the light that the lamp lacks when its warm-up ends; it decays exponentially
+        with `SETTLING_S`.
     """
 
     white_boost: float = 0.0
@@ -44,6 +47,7 @@ class Features:
     limited_range: float = 0.0
     edge_enhancement: float = 0.0
     picture_delay_s: float = 0.0
+    settling: float = 0.0
 
     @classmethod
     def named(cls, sizes: Mapping[str, float]) -> Self:
@@ -78,6 +82,30 @@ class Features:
 
 
 @dataclass(frozen=True)
+class Scaler:
+    """What a projector does to the picture at its input before the panel shows it.
+
+    Attributes
+    ----------
+    panel_from_input : (3, 3) homography of pixels; outside of the picture the panel is black.
+    lift : drive that the brightness control adds to black; white stays.
+    connected : False for a projector that has lost its input and shows black.
+    """
+
+    panel_from_input: Array = field(default_factory=lambda: np.eye(3))
+    lift: float = 0.0
+    connected: bool = True
+
+    def scaled(self, drive: Array32) -> Array32:
+        """The drive (H, W, 3) of the panel for a drive at the input."""
+        if not self.connected:
+            return np.zeros_like(drive)
+        lifted = np.float32(self.lift) + np.float32(1 - self.lift) * drive
+        size = drive.shape[1], drive.shape[0]
+        return np.asarray(cv2.warpPerspective(lifted, self.panel_from_input, size), np.float32)
+
+
+@dataclass(frozen=True)
 class ProjectorBuild:
     """One projector as it was made and installed.
 
@@ -89,6 +117,7 @@ class ProjectorBuild:
     black : light at drive 0 relative to white; it leaks without the falloff.
     defocus_px : Gaussian sigma of lens and screen [px].
     bits : depth of the picture input [bit]. features : those that its menu has switched on.
+    scaler : None for pictures shown as they arrive.
     """
 
     name: str
@@ -103,6 +132,7 @@ class ProjectorBuild:
     defocus_px: float = 0.7
     bits: int = 10
     features: Features = field(default_factory=Features)
+    scaler: Scaler | None = None
 
     def linear(self, drive: Array32) -> Array32:
         """Relative light (..., 3) of the primaries for a drive (..., 3) in 0..1, as quantised."""
@@ -116,6 +146,11 @@ class ProjectorBuild:
         else:
             light = np.stack([table[:, c][code[..., c]] for c in range(3)], axis=-1)
         return self.features.boosted(light)
+
+    @property
+    def pose(self) -> Pose:
+        """The same as `projector_from_dome`, by the name that all devices share."""
+        return self.projector_from_dome
 
     def response(self, drive: Array) -> Array:
         """Light (N, 3) of the three primaries at drives (N,)."""
@@ -147,7 +182,8 @@ class CameraBuild:
 
     `vignetting` are the coefficients of 1 + v1 theta^2 + v2 theta^4 off the axis, `blur_px` the
     Gaussian sigma of lens and pixel [px], `read_noise_dn` [DN]; `pupil` the coefficients of the forward
-    shift of its entrance pupil, p1 theta^2 + p2 theta^4 [m].
+    shift of its entrance pupil, p1 theta^2 + p2 theta^4 [m]; `aperture` the light of its photographs
+    relative to what its settings say.
     """
 
     name: str
@@ -161,6 +197,12 @@ class CameraBuild:
     read_noise_dn: float = 1.5
     pupil: tuple[float, float] = (0.0, 0.0)
     flaws: CameraFlaws = CameraFlaws()
+    aperture: float = 1.0
+
+    @property
+    def pose(self) -> Pose:
+        """The same as `camera_from_dome`, by the name that all devices share."""
+        return self.camera_from_dome
 
     def rays(self, pixel: Array) -> Array:
         """Unit rays (..., 3) in its frame of pixels (..., 2)."""
@@ -182,3 +224,17 @@ class CameraBuild:
         radius = np.linalg.norm(away, axis=-1, keepdims=True)
         wave = np.sin(2 * np.pi * RIPPLES * radius / (min(self.size) / 2))
         return np.asarray(self.flaws.ripple_px * wave * away / np.maximum(radius, 1.0))
+
+
+def same_geometry(
+    first: ProjectorBuild | CameraBuild, second: ProjectorBuild | CameraBuild
+) -> bool:
+    """Whether two states of one device have the same lens in the same place."""
+    pairs = (
+        (first.lens.focal, second.lens.focal),
+        (first.lens.centre, second.lens.centre),
+        (first.lens.distortion, second.lens.distortion),
+        (first.pose.rotation, second.pose.rotation),
+        (first.pose.translation, second.pose.translation),
+    )
+    return all(np.array_equal(a, b) for a, b in pairs)

@@ -63,6 +63,11 @@ class Preset:
     rig_seed, rig_spread : what the projectors' places and lenses are drawn with, and how widely.
     camera_shift : of the cameras from their usual places [radii of the dome].
     flaws : of the cameras.
+    dirt : (loss, azimuth [deg]) each: relative loss of albedo at the side of the azimuth, linear to 0
+        at the other side.
+    stains : (loss, azimuth [deg]) each: relative loss of albedo at the centre of a Gaussian patch.
+    ambient : radiance of the dome by lamps left on in the room, relative to the median direct
+        radiance of one projector's white, which is `brightness` times `albedo`.
     """
 
     radius_m: float = 6.0
@@ -95,6 +100,9 @@ class Preset:
     rig_spread: float = 1.0
     camera_shift: tuple[float, float, float] = (0.0, 0.0, 0.0)
     flaws: CameraFlaws = NO_FLAWS
+    dirt: tuple[tuple[float, float], ...] = ()
+    stains: tuple[tuple[float, float], ...] = ()
+    ambient: float = 0.0
 
     @property
     def noisy(self) -> bool:

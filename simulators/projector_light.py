@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 from procam.arrays import AnyArray, Array, BoolArray, Image, IndexArray
 from procam.maths.geometry.lenses import unproject
 from procam.maths.geometry.sphere import grid_solid_angles, normalise
-from simulators.builds import ProjectorBuild
-from simulators.presets import Preset
+from simulators.builds import ProjectorBuild, same_geometry
 from simulators.surface import Surface
 from simulators.transport import dome_patch
 
@@ -30,6 +29,7 @@ class ProjectorLight:
     black_irradiance : (H, W) at drive 0.
     area_m2 : (H, W) the pixel's true area. reflected_m2 : (H, W) albedo times area.
     patch : (H, W) room patch under the pixel.
+    level : light that the lamp sends through a pixel without falloff [irradiance m^2].
     """
 
     build: ProjectorBuild
@@ -41,10 +41,16 @@ class ProjectorLight:
     patch: IndexArray
     area_m2: Image
     reflected_m2: Array
+    level: float
 
     @classmethod
-    def on(cls, surface: Surface, build: ProjectorBuild) -> "ProjectorLight":
-        """Trace the pixels of `build` to the dome."""
+    def on(
+        cls, surface: Surface, build: ProjectorBuild, level: float | None = None
+    ) -> "ProjectorLight":
+        """Trace the pixels of `build` to the dome.
+
+        Without a `level` its lamp gives the preset's brightness.
+        """
         width, height = build.size
         direction = _directions(surface, build, np.arange(width), np.arange(height))
         corners = _directions(
@@ -54,7 +60,8 @@ class ProjectorLight:
         lit = direction[..., 2] >= np.cos(surface.lit_half_angle)
         area = solid * surface.radius(direction) ** 2
         shape = _falloff(build) * lit / area  # the panel sends equal flux through equal pixels
-        level = surface.preset.brightness / np.median((shape)[lit])
+        if level is None:
+            level = float(surface.preset.brightness / np.median(shape[lit]))
         black = build.black * level * lit / area
         return cls(
             build,
@@ -66,16 +73,20 @@ class ProjectorLight:
             dome_patch(direction, surface.half_angle),
             area.astype(np.float32),
             surface.albedo(direction) * area,
+            level,
         )
 
     def emit(self, drive: Image, bands: slice) -> Image:
         """Irradiance (H, W, C) on the dome in the camera bands for a drive (H, W, 3)."""
+        if self.build.scaler:
+            drive = self.build.scaler.scaled(drive)
         light = self.build.linear(drive).reshape(-1, 3) @ self._mix(bands).T
         return self._irradiance(light.reshape(*drive.shape[:2], -1), bands)
 
     def emit_grey(self, picture: NDArray[np.uint8], bands: slice) -> Image:
         """Irradiance (H, W, C) of a grey picture (H, W, 1) of 8 bits."""
-        if self.build.features.edge_enhancement:  # depends on neighbours: no table
+        # what depends on neighbours has no table
+        if self.build.features.edge_enhancement or self.build.scaler:
             return self.emit(np.repeat(picture / np.float32(255), 3, axis=2), bands)
         levels = np.arange(256, dtype=np.float32)[:, None] / np.float32(255)
         table = self.build.linear(np.repeat(levels, 3, axis=1)) @ self._mix(bands).T
@@ -119,15 +130,22 @@ class ProjectorLight:
         flux = _blurred_flux(irradiance * area, sigma, shift)
         return np.asarray(flux.reshape(irradiance.shape) / area, np.float32)
 
-    def altered(self, build: ProjectorBuild, old: Preset, new: Preset) -> "ProjectorLight":
-        """The same projector, in the same place, after overrides took a preset from old to new."""
-        brighter = np.float32(new.brightness / old.brightness)
+    def altered(self, build: ProjectorBuild, old: Surface, new: Surface) -> "ProjectorLight":
+        """The same lamp in `build`, after the dome's paint and preset went from old to new.
+
+        Its pixels are traced again only if its lens or place differs.
+        """
+        brighter = new.preset.brightness / old.preset.brightness
+        level = self.level * brighter
+        if not same_geometry(build, self.build):
+            return ProjectorLight.on(new, build, level)
         return replace(
             self,
             build=build,
-            irradiance=self.irradiance * brighter,
-            black_irradiance=self.black_irradiance * brighter,
-            reflected_m2=self.reflected_m2 * (new.albedo / old.albedo),
+            irradiance=self.irradiance * np.float32(brighter),
+            black_irradiance=self.black_irradiance * np.float32(brighter),
+            reflected_m2=self.reflected_m2 * new.relative_albedo(old, self.direction),
+            level=level,
         )
 
 

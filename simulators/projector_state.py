@@ -5,7 +5,7 @@ import threading
 
 from procam.devices.protocols import Clock, Power
 from procam.errors import WrongState
-from simulators.builds import Features
+from simulators.builds import SETTLING_S, Features
 
 
 class ProjectorState:
@@ -20,7 +20,7 @@ class ProjectorState:
     warm_up_s, cool_down_s : time that the lamp takes to reach full light and to cool [s].
     source : active input, a code of the emulated make.
     lamp_hours : hours on the lamp before the scene began [h].
-    features : those that its menu has switched on.
+    features : those that its menu has switched on, and of its lamp.
     """
 
     def __init__(
@@ -80,8 +80,9 @@ class ProjectorState:
             if self._muted:
                 return 0.0
             if power is Power.WARMING:  # a lamp is dim at first
-                return ((self._clock.now_s() - self._since_s) / self._warm_up_s) ** 2
-            return self._feature_factor() if power is Power.ON else 0.0
+                rise = ((self._clock.now_s() - self._since_s) / self._warm_up_s) ** 2
+                return rise * (1 - self._features.settling)
+            return self._feature_factor() * self._settled() if power is Power.ON else 0.0
 
     def follow(self, load: float) -> None:
         """Set the mean drive (0..1) of the picture that is shown from now on."""
@@ -130,6 +131,11 @@ class ProjectorState:
         features = self._features
         open_iris = 1 - features.dynamic_black * (1 - self._load_behind())
         return open_iris * (1 - features.constant_light * self._load)
+
+    def _settled(self) -> float:
+        """Share of its full light that the lamp has reached since its warm-up."""
+        on_s = self._clock.now_s() - self._since_s
+        return 1 - self._features.settling * math.exp(-on_s / SETTLING_S)
 
     def _load_behind(self) -> float:
         """The mean drive that an iris, which follows with a delay, has reached."""

@@ -1,7 +1,7 @@
 """The one scene that all devices of a simulated venue share."""
 
 import zlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Unpack
@@ -11,7 +11,7 @@ import numpy as np
 from procam.arrays import BoolArray, Image
 from procam.errors import InputError
 from procam.model.frame import CameraSettings
-from simulators.builds import CameraBuild, ProjectorBuild
+from simulators.builds import CameraBuild, ProjectorBuild, same_geometry
 from simulators.clock import SceneClock
 from simulators.placement import place_cameras, place_projectors
 from simulators.presets import Overrides, Preset
@@ -37,21 +37,40 @@ class SceneSize:
     rays: int = 2048
 
 
+@dataclass(frozen=True)
+class Devices:
+    """Projectors and cameras as they are built and installed; another `session` has other noise."""
+
+    projectors: Sequence[ProjectorBuild]
+    cameras: Sequence[CameraBuild]
+    session: int = 0
+
+
 class DomeScene:
     """Dome, room, projectors and cameras, and the present picture of each projector.
 
-    `like` is a scene that differs by overrides alone, whose rays, lenses and shapes are used again.
+    Parameters
+    ----------
+    like : a scene of the same dome, whose rays, lenses and shapes are used again where they are the
+        same.
+    devices : those of `like` as they are after a drift; None for those that the preset places.
     """
 
     def __init__(
-        self, preset: Preset, size: SceneSize, seed: int, like: "DomeScene | None" = None
+        self,
+        preset: Preset,
+        size: SceneSize,
+        seed: int,
+        like: "DomeScene | None" = None,
+        devices: Devices | None = None,
     ) -> None:
         self.preset, self.size, self.seed = preset, size, seed
+        self.undrifted: DomeScene = like.undrifted if like and devices else self
         self.clock = SceneClock()
-        self.surface = Surface.build(preset)
-        placed = place_projectors(size.projectors, size.projector_size, preset)
-        _check_names(preset, [build.name for build in placed])
-        builds = [_with_overrides(build, preset) for build in placed]
+        shape = like.surface if like else Surface.build(preset)
+        self.surface: Surface = replace(shape, preset=preset)
+        devices = devices or _placed(size, preset)
+        builds, self.session = devices.projectors, devices.session
         self._like = like
         if like is None:
             with ThreadPoolExecutor(2) as pool:
@@ -62,16 +81,10 @@ class DomeScene:
         else:
             self.room = like.room.repainted(self.surface)
             self.lights = {
-                b.name: like.lights[b.name].altered(b, like.preset, preset) for b in builds
+                b.name: like.lights[b.name].altered(b, like.surface, self.surface) for b in builds
             }
-        self.cameras = {
-            c.name: c
-            for c in place_cameras(size.cameras, size.camera_size, size.camera_kind, preset)
-        }
-        self.states = {
-            name: ProjectorState(self.clock, features=light.build.features)
-            for name, light in self.lights.items()
-        }
+        self.cameras = {camera.name: camera for camera in devices.cameras}
+        self.states = {b.name: ProjectorState(self.clock, features=b.features) for b in builds}
         black = np.zeros((size.projector_size[1], size.projector_size[0], 3), np.float32)
         self.shown: dict[str, Image] = dict.fromkeys(self.lights, black)
         self._before: dict[str, tuple[Image, float]] = {}  # and the time when it ends [s]
@@ -80,6 +93,10 @@ class DomeScene:
 
     def altered(self, **overrides: Unpack[Overrides]) -> "DomeScene":
         """The venue with overrides on top of its own, in standby; no ray is traced again."""
+        if self.undrifted is not self:
+            raise InputError(
+                "a venue that has drifted takes no overrides: set them before it drifts"
+            )
         return DomeScene(self.preset.altered(**overrides), self.size, self.seed, like=self)
 
     def show(self, name: str, drive: Image) -> None:
@@ -144,25 +161,38 @@ class DomeScene:
         direct = np.zeros_like(scattered)
         for name, irradiance in irradiances.items():
             direct += lines.direct(name, self.lights[name].blurred(irradiance, blur_px))
+        preset = self.preset
+        if preset.ambient:
+            ambient = preset.ambient * preset.brightness * preset.albedo
+            scattered[lines.on_dome] += np.float32(ambient)
         return direct, scattered
 
     def sight_lines(self, name: str) -> SightLines:
         """The lines of sight of a camera, prepared once."""
-        if name not in self._lines and self._like is not None:
-            ratio = self.preset.albedo / self._like.preset.albedo
-            self._lines[name] = self._like.sight_lines(name).repainted(ratio)
-        elif name not in self._lines:
-            camera = self.cameras[name]
-            width, height = camera.size
-            pixels = np.stack(np.meshgrid(np.arange(width), np.arange(height)), -1).astype(float)
-            rays = camera.rays(pixels)
-            in_circle = camera_circle(camera)
-            rays = np.where(in_circle[..., None], rays, np.nan)
-            back = camera.camera_from_dome.inverse()
-            self._lines[name] = SightLines.along(
-                self.room, self.lights, back.translation, back.rotate(rays)
-            )
+        if name not in self._lines:
+            camera, like = self.cameras[name], self._like
+            if like is None or not same_geometry(camera, like.cameras[name]):
+                self._lines[name] = self._traced_lines(camera)
+            else:
+                self._lines[name] = self._lines_like(like, name)
         return self._lines[name]
+
+    def _traced_lines(self, camera: CameraBuild) -> SightLines:
+        width, height = camera.size
+        pixels = np.stack(np.meshgrid(np.arange(width), np.arange(height)), -1).astype(float)
+        rays = np.where(camera_circle(camera)[..., None], camera.rays(pixels), np.nan)
+        back = camera.camera_from_dome.inverse()
+        return SightLines.along(self.room, self.lights, back.translation, back.rotate(rays))
+
+    def _lines_like(self, like: "DomeScene", name: str) -> SightLines:
+        """The lines of sight of a camera that has not moved since `like`."""
+        moved = {
+            n: light
+            for n, light in self.lights.items()
+            if not same_geometry(light.build, like.lights[n].build)
+        }
+        lines = like.sight_lines(name).repainted(like.surface, self.surface)
+        return lines.with_lights(moved, self.preset.gloss) if moved else lines
 
     def noise_stream(self, camera: str, settings: CameraSettings) -> np.random.Generator:
         """Noise that depends on the picture, not on the time, so that a resumed run repeats it.
@@ -177,7 +207,17 @@ class DomeScene:
                 digest = zlib.crc32(np.ascontiguousarray(self.on_screen(name)).data, digest)
         repeat = self._repeats.get(digest, 0)
         self._repeats[digest] = repeat + 1
-        return np.random.Generator(np.random.SFC64([self.seed, digest, repeat]))
+        # the last 0 of an entropy changes no number of its stream
+        entropy = [self.seed, digest, repeat, self.session]
+        return np.random.Generator(np.random.SFC64(entropy))
+
+
+def _placed(size: SceneSize, preset: Preset) -> Devices:
+    """The projectors and cameras that a preset places."""
+    placed = place_projectors(size.projectors, size.projector_size, preset)
+    _check_names(preset, [build.name for build in placed])
+    cameras = place_cameras(size.cameras, size.camera_size, size.camera_kind, preset)
+    return Devices([_with_overrides(build, preset) for build in placed], cameras)
 
 
 def _check_names(preset: Preset, names: list[str]) -> None:

@@ -68,7 +68,7 @@ class Sensor:
             veil = np.float32(local) * self._spread(radiance) + np.float32(1 - local) * veil
         radiance *= np.float32(1 - glare)
         radiance += np.float32(glare) * veil
-        radiance *= self.vignetting * np.float32(exposure_s)
+        radiance *= self.vignetting * np.float32(exposure_s * self._build.aperture)
         return radiance
 
     def black_drift(self, time_s: float) -> float:
@@ -134,7 +134,12 @@ class Sensor:
 
     @cached_property
     def _darkest_per_s(self) -> tuple[float, float]:
-        """Signal of white, and of white less black, at the darkest lit pixel [full scale/s]."""
+        """Signal of white, and of white less black, at the darkest lit pixel [full scale/s].
+
+        A camera keeps its noise when the venue drifts.
+        """
+        if self._scene.undrifted is not self._scene:
+            return Sensor(self._scene.undrifted, self._name)._darkest_per_s
         each = [self._darkest_of(name) for name in self._scene.lights]
         return min(each, key=lambda pair: pair[1])
 

@@ -42,14 +42,17 @@ class _Output:
 
 
 class MediaServer:
-    """The server's alignment and soft edges: projector frames from dome masters."""
+    """The server's alignment and soft edges: projector frames from dome masters.
+
+    Both are those of the venue before it drifted, and so are `pixel_directions`.
+    """
 
     def __init__(self, scene: DomeScene, size: int) -> None:
         self.size = size
-        self._lights, self._surface = scene.lights, scene.surface
+        self._lights, self._surface = scene.undrifted.lights, scene.surface
         rng = np.random.default_rng([scene.seed, 77])
-        self._shift = {name: _waves(light, rng) for name, light in scene.lights.items()}
-        self._outputs = {name: self._output(name) for name in scene.lights}
+        self._shift = {name: _waves(light, rng) for name, light in self._lights.items()}
+        self._outputs = {name: self._output(name) for name in self._lights}
 
     def frames(self, master: Image) -> dict[str, Image]:
         """Drives (H, W, 3) of the projectors for a master (N, N, 3), each in 0..1."""
@@ -114,11 +117,36 @@ class SimulatedServer:
         return Shown(drive, self._scene.clock.now_s())
 
 
-def share_lamp(scene: DomeScene) -> ProjectorState:
-    """Give all projectors of a scene one lamp switch and shutter, as a server's relay has."""
-    state = ProjectorState(scene.clock)
-    scene.states = dict.fromkeys(scene.states, state)
-    return state
+class Relay(ProjectorState):
+    """One lamp switch and shutter for all projectors of a scene, whose lamps stay their own."""
+
+    def __init__(self, scene: DomeScene) -> None:
+        super().__init__(scene.clock)
+        self._states = tuple(scene.states.values())
+
+    def switch_on(self) -> None:
+        """Ignite all lamps."""
+        super().switch_on()
+        for state in self._states:
+            state.switch_on()
+
+    def switch_off(self) -> None:
+        """Put out all lamps."""
+        super().switch_off()
+        for state in self._states:
+            state.switch_off()
+
+    def set_muted(self, muted: bool) -> None:
+        """Mute or show all pictures; a stuck shutter stays as it is."""
+        super().set_muted(muted)
+        for state in self._states:
+            state.set_muted(self.muted)
+
+    def break_down(self, code: str) -> None:
+        """Fail for the reason `code`: all lamps go out and stay out."""
+        super().break_down(code)
+        for state in self._states:
+            state.break_down(code)
 
 
 def projector_drives(

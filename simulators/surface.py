@@ -10,12 +10,18 @@ import numpy as np
 from scipy.special import sph_harm_y
 
 from procam.arrays import Array, IndexArray
-from procam.maths.geometry.sphere import angles_from_direction, intersect_sphere
+from procam.maths.geometry.sphere import (
+    angle_between,
+    angles_from_direction,
+    direction_from_angles,
+    intersect_sphere,
+)
 from simulators.presets import Preset
 
 GORES, RINGS = 16, 5
 SEAM_SIGMA_M = 0.025  # Gaussian profile of a joint
 SURFACE_STEPS = 3
+STAIN_SIGMA_DEG, STAIN_ELEVATION_DEG = 8.0, 40.0
 BOUND = 1.01  # radius of a sphere outside all harmonics and steps, in nominal radii
 
 
@@ -81,7 +87,27 @@ class Surface:
         if preset.seam:
             distance = self._seam_distance_m(direction) / SEAM_SIGMA_M
             value *= 1 - preset.seam * np.exp(-0.5 * distance**2)
-        return value
+        return np.asarray(value * self._soiling(direction))
+
+    def relative_albedo(self, other: "Surface", direction: Array) -> Array:
+        """Albedo (...) over that of another paint; they may differ in mean, dirt and stains."""
+        ratio = np.asarray(self.preset.albedo / other.preset.albedo)
+        mine, theirs = self.preset, other.preset
+        if (mine.dirt, mine.stains) == (theirs.dirt, theirs.stains):
+            return ratio
+        return np.asarray(ratio * (self._soiling(direction) / other._soiling(direction)))
+
+    def _soiling(self, direction: Array) -> Array:
+        """Share (...) of the albedo that dirt and stains leave along unit directions."""
+        share = np.ones(direction.shape[:-1])
+        for loss, azimuth_deg in self.preset.dirt:
+            side = direction_from_angles(np.radians(azimuth_deg), 0.0)
+            share *= 1 - loss * (1 + direction @ side) / 2
+        for loss, azimuth_deg in self.preset.stains:
+            centre = direction_from_angles(*np.radians([azimuth_deg, STAIN_ELEVATION_DEG]))
+            distance = angle_between(direction, centre) / np.radians(STAIN_SIGMA_DEG)
+            share *= 1 - loss * np.exp(-0.5 * distance**2)
+        return share
 
     def _panel(self, direction: Array) -> tuple[IndexArray, IndexArray]:
         azimuth, elevation = angles_from_direction(direction)

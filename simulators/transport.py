@@ -91,10 +91,13 @@ class Room:
     def repainted(self, surface: Surface) -> "Room":
         """The same room with the paint of `surface`; no ray is traced again."""
         before, after = self.surface.preset, surface.preset
-        if (before.albedo, before.bounces) == (after.albedo, after.bounces):
+        if _paint(before) == _paint(after):
             return replace(self, surface=surface)
-        albedo = self.albedo.copy()
-        albedo[: DOME_RINGS * DOME_SECTORS] *= after.albedo / before.albedo
+        albedo, dome = self.albedo.copy(), DOME_RINGS * DOME_SECTORS
+        centres = Tracer(surface).dome_centres()
+        albedo[:dome] *= surface.relative_albedo(self.surface, centres)
+        floor = slice(dome, dome + FLOOR_RINGS * FLOOR_SECTORS)
+        albedo[floor] += after.floor_albedo - before.floor_albedo
         return self.painted(surface, self.exchange.astype(float), self.area_m2, albedo)
 
     def irradiance(self, direct_flux: Array) -> Array:
@@ -131,6 +134,11 @@ class Tracer:
         self.before_pod = self.dome_count + self.floor_count + self.wall_count
         self.count = self.before_pod + self.pod_count
         self.area_m2 = self._areas()
+
+    def dome_centres(self) -> Array:
+        """Directions (D, 3) of the centres of the dome's patches."""
+        middle = np.full((1, 2), 0.5)
+        return np.concatenate([self._dome_direction(i, middle) for i in range(self.dome_count)])
 
     def patch_albedo(self) -> Array:
         """Mean albedo (P,) of the patches; the dome is sampled densely because of its seams."""
@@ -281,6 +289,11 @@ class Tracer:
         reach = np.where((discriminant > 0) & (reach > 2 * START_OFFSET_M), reach, np.inf)
         normal = offset + np.where(np.isfinite(reach), reach, 0.0)[:, None] * direction
         return self.before_pod + _pod_patch(normal / POD_RADIUS_M), reach
+
+
+def _paint(preset: Preset) -> tuple[object, ...]:
+    """All that a change of paint can change about the inter-reflection."""
+    return preset.albedo, preset.bounces, preset.floor_albedo, preset.dirt, preset.stains
 
 
 def _cosine_directions(normal: Array, aim: Array) -> Array:
