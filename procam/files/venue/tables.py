@@ -11,6 +11,7 @@ from procam.model.optics import USUAL_FAMILY, AprilTag, TagFamily
 
 Positive = Annotated[FiniteFloat, Field(gt=0)]
 Share = Annotated[FiniteFloat, Field(ge=0, le=1)]
+PositiveShare = Annotated[FiniteFloat, Field(gt=0, le=1)]
 Pair = tuple[FiniteFloat, FiniteFloat]
 Name = Annotated[str, StringConstraints(pattern=NAME_PATTERN)]
 # of photographs that are ingested: linear, sRGB, measured by a table or from brackets
@@ -171,6 +172,30 @@ class HistoryTable(_Table):
     keep_sessions: Annotated[int, Field(ge=1, le=9999)] | None = None
 
 
+class AcceptanceTable(_Table):
+    """[acceptance]: the client's limits, by the figures of `model.acceptance.CRITERIA`."""
+
+    model_config = ConfigDict(strict=True)  # true is no limit
+
+    direction_sigma_relative_arcmin: Positive | None = None
+    direction_sigma_arcmin: Positive | None = None
+    server_misalignment_rms_arcmin: Positive | None = None
+    geometry_residual_rms_px: Positive | None = None
+    sphere_variance_ratio: Annotated[FiniteFloat, Field(ge=1)] | None = None  # 1 is a sphere
+    coverage: PositiveShare | None = None
+    additivity_error: PositiveShare | None = None
+    feedback: Positive | None = None
+    albedo: PositiveShare | None = None
+    loop_residual_own: PositiveShare | None = None
+    loop_own_jnd: Positive | None = None
+    loop_unseen_residual: PositiveShare | None = None
+
+    @property
+    def limits(self) -> dict[str, float]:
+        """The limits that are given, by the figure's name."""
+        return self.model_dump(exclude_none=True)
+
+
 class VenueTable(_Table):
     """The whole file without the tables of backends, which are removed before it is validated."""
 
@@ -183,3 +208,4 @@ class VenueTable(_Table):
     capture: CaptureTable
     blend: BlendTable = BlendTable()
     history: HistoryTable = HistoryTable()
+    acceptance: AcceptanceTable = AcceptanceTable()

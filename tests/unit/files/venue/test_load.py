@@ -32,13 +32,14 @@ class TestTemplates:
         full.mkdir()
         (full / "curve.csv").write_text("level,light\n0,0\n1,1\n")
         write_image(full / "zenith-pillar.png", np.zeros((4000, 4000), np.uint8))
-        examples = re.sub(r"(?m)^# (?=\w+ = |\[\[)", "", text)
+        examples = re.sub(r"(?m)^# (?=\w+ = |\[\[|\[acceptance)", "", text)
         venue = load_venue_of(full, examples.replace('response = "linear"', "", 1))
         camera, north = venue.table.cameras["zenith"], venue.table.projectors["north"]
         assert (len(camera.masks), camera.response) == (2, "curve.csv")
         assert (len(north.masks), len(north.nudges)) == (1, 1)
         assert venue.table.screen.masks and venue.table.screen.protected
         assert (len(venue.fiducials), len(venue.tags), len(venue.distances)) == (2, 1, 1)
+        assert venue.table.acceptance.limits["coverage"] == 0.9
 
     def test_an_unknown_one_is_refused_with_the_known(self) -> None:
         with pytest.raises(
