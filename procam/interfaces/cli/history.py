@@ -4,13 +4,13 @@ from collections.abc import Iterator
 from dataclasses import asdict
 from datetime import datetime
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
 from procam.errors import InputError
+from procam.files.history.differences import figure_differences, stated_figures
 from procam.files.history.read import (
-    FigureEntry,
     RunEntry,
     changed_files,
     clock_went_back,
@@ -24,7 +24,6 @@ from procam.interfaces.cli._output import Output
 
 EXAMPLE = "procam history my-dome --compare 1 3"
 LATEST = 20
-MARKED_SIGMAS = 3.0  # a difference that is marked
 
 
 def history(
@@ -143,34 +142,20 @@ def _back(back: list[int]) -> str:
 def _compare(venue: Path, pair: tuple[int, int], output: Output) -> None:
     """Print figures of two calibrations, and the differences in their standard errors."""
     first, second = (_numbered(venue, number).name for number in pair)
-    a, b = (_by_name(venue, name) for name in (first, second))
-    if not a or not b:
-        raise InputError(
-            f"{venue}: history has no figures of calibration {second if a else first}; a run of procam on "
-            "the venue adds them"
-        )
+    for name in (first, second):
+        if not stated_figures(venue, name):
+            raise InputError(
+                f"{venue}: calibration {name} has no figures; `procam inspect` says what is wrong with it"
+            )
     output.say(f"{'figure':34} {first:>12} {second:>12} {'difference':>12}  in sigmas")
-    rows = []
-    for name in [n for n in a if n in b]:
-        rows.append(row := _difference(name, a[name], b[name]))
-        values = " ".join(f"{_short(row[key]):>12}" for key in ("a", "b", "difference"))
-        sigmas = row["sigmas"]
-        mark = " *" if sigmas is not None and abs(sigmas) > MARKED_SIGMAS else ""
-        output.say(f"{name:34} {values}  {_short(sigmas, '+.1f')}{mark}".rstrip())
+    rows = figure_differences(venue, first, second)
+    for row in rows:
+        values = " ".join(f"{_short(value):>12}" for value in (row.a, row.b, row.difference))
+        mark = " *" if row.is_marked else ""
+        output.say(f"{row.name:34} {values}  {_short(row.sigmas, '+.1f')}{mark}".rstrip())
     paths = f"{venue}/calibrations/{first} {venue}/calibrations/{second}"
     output.say(f"directions, areas and the probable cause: procam compare {paths}")
-    output.finish({"a": first, "b": second, "figures": rows})
-
-
-def _by_name(venue: Path, calibration: str) -> dict[str, FigureEntry]:
-    return {entry.name: entry for entry in list_figures(venue, calibration)}
-
-
-def _difference(name: str, a: FigureEntry, b: FigureEntry) -> dict[str, Any]:
-    off = None if a.value is None or b.value is None else b.value - a.value
-    both = None if a.sigma is None or b.sigma is None else (a.sigma**2 + b.sigma**2) ** 0.5
-    sigmas = off / both if off is not None and both else None
-    return {"name": name, "a": a.value, "b": b.value, "difference": off, "sigmas": sigmas}
+    output.finish({"a": first, "b": second, "figures": [asdict(row) for row in rows]})
 
 
 def _short(value: float | None, form: str = ".5g") -> str:

@@ -1,7 +1,7 @@
-"""The report of a venue, one HTML file.
+"""The report of a venue, one HTML file, and the sheet for its operators.
 
-`page` writes it and `data` reads the venue's folder; `dome`, `light` and `hand` make the sections from the
-parts in `blocks` and the texts in `words`.
+`page` writes the report and `data` reads the venue's folder; `cover`, `acceptance`, `dome`, `light`, `drift`
+and `hand` make its parts from the `blocks` and the texts in `words`. `sheet` writes the operators' page.
 """
 
 from procam.interfaces.report.page import write_report

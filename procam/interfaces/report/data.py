@@ -14,6 +14,7 @@ from procam.arrays import Array, BoolArray, FloatArray, Image
 from procam.errors import FileFormatError, InputError
 from procam.files.calibration import load_calibration
 from procam.files.images.layers import RGB, read_channels
+from procam.files.venue.load import Venue, load_venue
 from procam.files.versions import calibration_in_use, list_calibrations
 from procam.interfaces.plots.charts import on_dome
 from procam.maths.geometry.sphere import master_directions, master_pixels, master_solid_angles
@@ -99,6 +100,7 @@ class Material:
     ----------
     calibration : that in use, `used` its folder; calibrations : all of them, oldest first.
     figures : the entries of summary.json by name. pictures : (N, N, 3) by name, size to show.
+    venue : its venue.toml.
     """
 
     directory: Path
@@ -110,6 +112,7 @@ class Material:
     loop: Loop | None
     pictures: Mapping[str, Image]
     truth: Truth | None
+    venue: Venue | None = None
 
     @property
     def name(self) -> str:
@@ -198,6 +201,7 @@ def read_material(venue_dir: Path) -> Material:
         _loop(venue_dir / "loop"),
         pictures,
         _truth(venue_dir / "truth", calibration, size),
+        load_venue(venue_dir) if (venue_dir / "venue.toml").is_file() else None,
     )
 
 

@@ -64,9 +64,9 @@ def pictures(material: Material) -> Iterator[Block]:
         [painted(shown, light), painted({"Remaining error": residual}, difference)],
         f"Pictures are shown {SOURCES[seen.source]}. Each circle is the whole dome seen from "
         "below: the audience's front at the bottom edge, the zenith in the middle, rings at 30 "
-        "and 60 degrees above the rim. The first three share one brightness scale. In the last, "
-        "red is too bright, blue too dark and white is right; grey is screen that no projector "
-        "reaches.",
+        "and 60 degrees above the rim. The first three are shown at equal exposure: all are scaled by the "
+        "same factor, so what looks darker here is darker on the dome. In the last, red is too bright, blue "
+        "too dark and white is right; grey is screen that no projector reaches.",
         dark=True,
     )
 

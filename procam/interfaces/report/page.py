@@ -15,8 +15,9 @@ import numpy as np
 from procam.errors import InputError
 from procam.files import atomic
 from procam.interfaces.plots.figure import EXTRA, require_matplotlib
-from procam.interfaces.report import dome, hand, light
-from procam.interfaces.report.blocks import COLOURS, Section
+from procam.interfaces.report import acceptance, cover, dome, drift, hand, light
+from procam.interfaces.report.blocks import Section
+from procam.interfaces.report.cover import date_text
 from procam.interfaces.report.data import Loop, Material, read_material
 from procam.interfaces.report.words import (
     goal_text,
@@ -26,11 +27,7 @@ from procam.interfaces.report.words import (
     value_text,
     words_for,
 )
-from procam.maths.geometry.sphere import cap_solid_angle
-from procam.model.calibration import Calibration
 
-WHITE_SHARES = (0.1, 0.25, 0.5, 0.75)
-ORIGINS = {"input_sha256": "Fingerprint of the captures (SHA-256)", "versions": "Software"}
 Entries = Mapping[str, Mapping[str, Any]]
 
 
@@ -52,11 +49,16 @@ def write_report(venue_dir: Path, out: Path | None = None) -> Path:
     FileFormatError
         a file is there but damaged.
     """
+    require_matplotlib()  # before anything is read
+    return write_page(read_material(venue_dir), out or venue_dir / "report.html")
+
+
+def write_page(material: Material, path: Path) -> Path:
+    """The same from what was read of a venue."""
     require_matplotlib()
     text = resources.files(__package__).joinpath("report_template.html").read_text("utf-8")
     template = html_template(text)
-    path = out or venue_dir / "report.html"
-    atomic.write_text(path, template.render(**_context(read_material(venue_dir))))
+    atomic.write_text(path, template.render(**_context(material)))
     return path
 
 
@@ -78,10 +80,14 @@ def _context(material: Material) -> dict[str, Any]:
     entries = _entries(material)
     return {
         "venue": material.name,
-        "written": _date(datetime.now().astimezone()),
-        "calibrated": _date(material.calibrated_at) if material.calibrated_at else "",
+        "written": date_text(datetime.now().astimezone()),
+        "calibrated": date_text(material.calibrated_at) if material.calibrated_at else "",
         "number_of": material.used.name if material.used else "",
         "simulated": material.is_simulated,
+        "facts": list(cover.facts(material)),
+        "method": cover.method(material),
+        "acceptance": acceptance.rows(material),
+        "accepted": acceptance.verdict(acceptance.found(material)),
         "verdict": _verdict(entries),
         "good": any(e["pass"] for e in entries.values()),
         "missed": [miss_text(n, e) for n, e in entries.items() if e["pass"] is False],
@@ -90,13 +96,9 @@ def _context(material: Material) -> dict[str, Any]:
         "figures": [_figure_row(n, e) for n, e in entries.items()],
         "judged": bool(material.figures),
         "commands": sorted({_command(e) for e in entries.values()} - {("", "")}),
-        "provenance": list(_provenance(material)),
-        "contrast": _contrast(material.calibration),
+        "provenance": list(cover.provenance(material)),
+        "contrast": cover.contrast(material.calibration),
     }
-
-
-def _date(moment: datetime) -> str:
-    return f"{moment.day} {moment:%B %Y, %H:%M}"
 
 
 def _entries(material: Material) -> dict[str, Mapping[str, Any]]:
@@ -198,6 +200,7 @@ def _sections(material: Material) -> Iterator[Section]:
         ("clipped", "What could not be reproduced, and why", light.clipped),
         ("levels", "Brightest white and darkest black", dome.levels),
         ("feedback", "How strongly the dome bounces light", dome.feedback),
+        ("drift", "Drift since the last calibration", drift.drift),
         ("by-hand", "Done by hand", hand.by_hand),
     )
     for key, title, make in parts:
@@ -225,43 +228,3 @@ def _command(entry: Mapping[str, Any]) -> tuple[str, str]:
         return "", ""
     seed = entry.get("seed")
     return str(entry["command"]), "" if seed is None else f"with seed {seed}"
-
-
-def _provenance(material: Material) -> Iterator[tuple[str, str]]:
-    """The origin of the report, as (name, text)."""
-    calibration = material.calibration
-    yield "Venue folder", str(material.directory)
-    if calibration is None:
-        return
-    names = ", ".join(p.name for p in material.calibrations)
-    yield "Calibrations", f"{names} ({material.used.name} is shown)" if material.used else names
-    dome_deg = f"{np.degrees(calibration.screen.half_angle):.0f}"
-    yield (
-        "Screen",
-        f"dome, radius {calibration.screen.radius_m:g} m, pole to rim {dome_deg} degrees",
-    )
-    for name, camera in calibration.cameras.items():
-        yield f"Camera {name}", f"{camera.size[0]} x {camera.size[1]} px, {camera.sensor.bits} bits"
-    for name, projector in calibration.projectors.items():
-        yield f"Projector {name}", f"{projector.model.size[0]} x {projector.model.size[1]} px"
-    for key, value in calibration.provenance.items():
-        if key == "by_hand":  # in a section of its own
-            continue
-        title = ORIGINS.get(key, key.replace("_", " ").capitalize())
-        if isinstance(value, Mapping):
-            yield title, ", ".join(f"{k} {v}" for k, v in value.items())
-        else:
-            yield title, str(value)
-
-
-def _contrast(calibration: Calibration | None) -> dict[str, Any] | None:
-    """The values of the formula in the section on limits, for this dome."""
-    if calibration is None:
-        return None
-    albedo = float(calibration.albedo.value.mean())
-    share = cap_solid_angle(calibration.screen.half_angle) / (4 * np.pi)
-    rows = [
-        (percent(p), f"{(1 - albedo * share * (1 - p)) / (albedo * share * p):.0f} : 1")
-        for p in WHITE_SHARES
-    ]
-    return {"albedo": f"{albedo:.2f}", "share": f"{share:.2f}", "rows": rows, "colours": COLOURS}

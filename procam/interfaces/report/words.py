@@ -175,6 +175,11 @@ def value_text(name: str, entry: Mapping[str, Any]) -> str:
     return _text(entry["value"], name, str(entry.get("unit", "-")))
 
 
+def quantity_text(name: str, value: float, unit: str) -> str:
+    """A number of a figure, such as its value or a limit, with its unit."""
+    return _text(value, name, unit)
+
+
 def goal_text(name: str, entry: Mapping[str, Any]) -> str:
     """A figure's goal in words; empty without one."""
     goal = entry.get("goal")

@@ -11,6 +11,7 @@ from procam.compensate.compensator import Compensator
 from procam.errors import FileFormatError, InputError
 from procam.files.calibration import save_calibration
 from procam.files.images.layers import RGB, write_channels
+from procam.files.venue.load import template_text
 from procam.files.versions import calibration_in_use, list_calibrations, use_calibration
 from procam.interfaces.report import page, write_report
 from procam.interfaces.report.data import Material
@@ -21,7 +22,8 @@ from procam.workflows.sample_content import half_sky
 
 SIZE = 96
 HOSTILE = '<img src=x onerror="alert(1)">'
-SECTIONS = 9
+SECTIONS = 10
+FIXED = 5  # summary, figures, limits, provenance, signatures
 MINUS, THIN = "\N{MINUS SIGN}", "\N{NARROW NO-BREAK SPACE}"
 FIGURES = {
     "direction_error_relative_rms_arcmin": Figure(0.114, "arcmin", Goal("<=", 0.5), 1000),
@@ -110,7 +112,7 @@ def test_it_can_be_written_elsewhere(venue, tmp_path):
 
 def test_it_has_every_part_and_misses_none(venue):
     page = write_report(venue).read_text("utf-8")
-    assert page.count("<section") == SECTIONS + 3
+    assert page.count("<section") == SECTIONS + FIXED
     assert "not there yet" not in page
     assert (
         "true error" in page and "<strong>simulated dome" in page and "Correction of north" in page
@@ -137,7 +139,7 @@ def test_a_missed_goal_is_on_top_in_words(venue):
     page = write_report(venue).read_text("utf-8")
     assert "1 of 6 figures misses its goal" in page
     assert "Photographs taken: 140, should be at most 120 (too many)." in page
-    assert page.index("Goals missed") < page.index("<section")
+    assert page.index("Goals missed") < page.index('<section id="pictures"')
     assert page.count("misses it<") == 1
 
 
@@ -157,14 +159,14 @@ def test_a_nan_with_a_goal_fails(venue):
     ],
 )
 def test_what_is_missing_is_named_with_its_command(venue, gone, command):
-    (venue / "venue.toml").touch()
+    (venue / "venue.toml").write_text(template_text("by-hand"))
     (venue / gone).rename(venue / "gone")
     page = write_report(venue).read_text("utf-8")
     assert re.search(rf"not there yet\. [^<]*[Rr]un <code>{command}</code>", page)
 
 
 def test_a_bare_venue_gets_a_page_of_what_to_run(tmp_path):
-    (tmp_path / "venue.toml").touch()
+    (tmp_path / "venue.toml").write_text(template_text("by-hand"))
     page = write_report(tmp_path).read_text("utf-8")
     assert page.count("not there yet") == SECTIONS + 1
     assert "No figure of this venue has a goal yet." in page
@@ -200,7 +202,7 @@ def test_what_was_done_by_hand_has_its_section(venue, calibration):
     changed = replace(calibration, maps=maps, provenance={"by_hand": manual})
     save_calibration(changed, venue / "calibrations" / "0003")
     page = write_report(venue).read_text("utf-8")
-    assert page.count("<section") == SECTIONS + 4
+    assert page.count("<section") == SECTIONS + FIXED + 1
     for cells in (
         ["Camera West Wing", "&lt;img", f"1.23{THIN}% of the picture", "is not used"],
         ["Dome", "polygon of 5 points", f"4{THIN}% of the dome", "is left as it is"],

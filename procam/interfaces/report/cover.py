@@ -1,0 +1,117 @@
+"""The first page of a report: what was calibrated, with what and how; and where everything comes from."""
+
+import platform
+from collections.abc import Iterator, Mapping
+from datetime import datetime
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+
+from procam.files.venue.tables import CameraTable, ProjectorTable
+from procam.interfaces.report.blocks import COLOURS
+from procam.interfaces.report.data import Material
+from procam.interfaces.report.words import percent
+from procam.maths.geometry.sphere import cap_solid_angle
+from procam.model.calibration import Calibration
+
+WHITE_SHARES = (0.1, 0.25, 0.5, 0.75)
+ORIGINS = {"input_sha256": "Fingerprint of the captures (SHA-256)", "versions": "Software"}
+PHOTOGRAPHED = (
+    "Cameras photographed coded patterns of each projector, from which the direction of every projector "
+    "pixel was solved, seen from the middle of the dome."
+)
+SERVED = (
+    "The media server's picture was taken as aligned, so the directions of its pixels are known; cameras "
+    "photographed what it shows."
+)
+LIGHT = (
+    "From photographs of white, black and single colours came the light of each projector, and how much of "
+    "it the dome scatters back onto itself."
+)
+REMOVED = (
+    "procam computes pictures whose direct light is less by the light that will be scattered, so that both "
+    "together are what the content asks for."
+)
+
+
+def method(material: Material) -> str:
+    """The method in three sentences."""
+    known = material.calibration is None or material.calibration.projectors
+    return " ".join([PHOTOGRAPHED if known else SERVED, LIGHT, REMOVED])
+
+
+def date_text(moment: datetime) -> str:
+    """A date and time for people."""
+    return f"{moment.day} {moment:%B %Y, %H:%M}"
+
+
+def facts(material: Material) -> Iterator[tuple[str, str]]:
+    """What was calibrated, with what and when, as (name, text)."""
+    yield "Venue", material.name
+    if material.used and material.calibrated_at:
+        yield "Calibration", f"{material.used.name} of {date_text(material.calibrated_at)}"
+    if material.calibration:
+        yield "Screen", _screen(material.calibration)
+    if material.venue:
+        for name, camera in material.venue.table.cameras.items():
+            yield f"Camera {name}", _device(camera)
+        for name, projector in material.venue.table.projectors.items():
+            yield f"Projector {name}", _device(projector)
+    if material.calibration:
+        yield "Calibrated with", _versions(material.calibration.provenance.get("versions", {}))
+    yield "Report written with", f"procam {version('procam')}, Python {platform.python_version()}"
+
+
+def _screen(calibration: Calibration) -> str:
+    half_angle = f"{np.degrees(calibration.screen.half_angle):.0f}"
+    return f"dome, radius {calibration.screen.radius_m:g} m, pole to rim {half_angle} degrees"
+
+
+def _device(table: CameraTable | ProjectorTable) -> str:
+    """Size and backend, and what is known of the kind."""
+    kind = ""
+    if isinstance(table, ProjectorTable) and table.kind == "dome-master":
+        kind = "media server, "
+    width, height = table.size
+    return f"{kind}{width} x {height} px, backend {table.backend}"
+
+
+def _versions(versions: Mapping[str, str]) -> str:
+    return ", ".join(f"{name} {number}" for name, number in versions.items()) or "not recorded"
+
+
+def provenance(material: Material) -> Iterator[tuple[str, str]]:
+    """The origin of the report, as (name, text)."""
+    calibration = material.calibration
+    yield "Venue folder", str(material.directory)
+    if calibration is None:
+        return
+    names = ", ".join(p.name for p in material.calibrations)
+    yield "Calibrations", f"{names} ({material.used.name} is shown)" if material.used else names
+    yield "Screen", _screen(calibration)
+    for name, camera in calibration.cameras.items():
+        yield f"Camera {name}", f"{camera.size[0]} x {camera.size[1]} px, {camera.sensor.bits} bits"
+    for name, projector in calibration.projectors.items():
+        yield f"Projector {name}", f"{projector.model.size[0]} x {projector.model.size[1]} px"
+    for key, value in calibration.provenance.items():
+        if key == "by_hand":  # in a section of its own
+            continue
+        title = ORIGINS.get(key, key.replace("_", " ").capitalize())
+        if isinstance(value, Mapping):
+            yield title, ", ".join(f"{k} {v}" for k, v in value.items())
+        else:
+            yield title, str(value)
+
+
+def contrast(calibration: Calibration | None) -> dict[str, Any] | None:
+    """The values of the formula in the section on limits, for this dome."""
+    if calibration is None:
+        return None
+    albedo = float(calibration.albedo.value.mean())
+    share = cap_solid_angle(calibration.screen.half_angle) / (4 * np.pi)
+    rows = [
+        (percent(p), f"{(1 - albedo * share * (1 - p)) / (albedo * share * p):.0f} : 1")
+        for p in WHITE_SHARES
+    ]
+    return {"albedo": f"{albedo:.2f}", "share": f"{share:.2f}", "rows": rows, "colours": COLOURS}
