@@ -37,7 +37,7 @@ PANELS = {
         "refine": "Show the compensated picture, photograph it and correct the residual; a new calibration.",
         "state": "Measure the venue with its present audience and its own lamps; a new calibration.",
         "history": "List what was done at a venue, compare its calibrations, and go back to one of them.",
-        "report": "Write report.html, one self-contained file.",
+        "report": "Write report.html, one self-contained file; exit 1 if a limit of the client is not kept.",
         "projector": "Query or control a projector over its serial remote control.",
     },
     "By hand": {

@@ -11,6 +11,7 @@ from procam.interfaces.report.data import Material
 from procam.interfaces.report.words import quantity_text
 from procam.model.acceptance import Finding, Verdict, findings
 
+DIGITS = 4  # so that both ends of a narrow interval differ
 SIDES = {"most": "at most", "least": "at least"}
 
 
@@ -89,4 +90,4 @@ def _range(finding: Finding, interval: tuple[Array, Array] | None, i: int) -> st
 
 
 def _quantity(finding: Finding, value: float) -> str:
-    return quantity_text(finding.name, value, finding.criterion.unit)
+    return quantity_text(finding.name, value, finding.criterion.unit, DIGITS)

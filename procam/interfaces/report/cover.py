@@ -95,13 +95,17 @@ def provenance(material: Material) -> Iterator[tuple[str, str]]:
     for name, projector in calibration.projectors.items():
         yield f"Projector {name}", f"{projector.model.size[0]} x {projector.model.size[1]} px"
     for key, value in calibration.provenance.items():
-        if key == "by_hand":  # in a section of its own
-            continue
-        title = ORIGINS.get(key, key.replace("_", " ").capitalize())
-        if isinstance(value, Mapping):
-            yield title, ", ".join(f"{k} {v}" for k, v in value.items())
-        else:
-            yield title, str(value)
+        if key != "by_hand" and (text := _origin_text(value)):  # that has a section of its own
+            yield ORIGINS.get(key, key.replace("_", " ").capitalize()), text
+
+
+def _origin_text(value: Any) -> str:
+    """An entry of the provenance in one line."""
+    if isinstance(value, Mapping):
+        return ", ".join(f"{k} {v}" for k, v in value.items())
+    if isinstance(value, list):
+        return ", ".join(map(str, value))
+    return str(value)
 
 
 def contrast(calibration: Calibration | None) -> dict[str, Any] | None:

@@ -175,9 +175,12 @@ def value_text(name: str, entry: Mapping[str, Any]) -> str:
     return _text(entry["value"], name, str(entry.get("unit", "-")))
 
 
-def quantity_text(name: str, value: float, unit: str) -> str:
+def quantity_text(name: str, value: float, unit: str, digits: int = 3) -> str:
     """A number of a figure, such as its value or a limit, with its unit."""
-    return _text(value, name, unit)
+    if words_for(name).percent and unit in ("-", "rel"):
+        return percent(value, digits)
+    suffix = {"-": "", "rel": " of white"}.get(unit, f"\N{NO-BREAK SPACE}{unit}")
+    return number(value, digits) + suffix
 
 
 def goal_text(name: str, entry: Mapping[str, Any]) -> str:
@@ -211,7 +214,4 @@ def _text(value: Any, name: str, unit: str) -> str:
         return " / ".join(_text(v, name, unit) for v in value)
     if not isinstance(value, (int, float)):
         return str(value)
-    if words_for(name).percent and unit in ("-", "rel"):
-        return percent(value)
-    suffix = {"-": "", "rel": " of white"}.get(unit, f"\N{NO-BREAK SPACE}{unit}")
-    return number(value) + suffix
+    return quantity_text(name, value, unit)

@@ -1,0 +1,110 @@
+"""The operators' sheet of a venue: one page with what they run, check and do when something is wrong."""
+
+from collections.abc import Iterator
+from datetime import datetime
+from importlib import resources
+from pathlib import Path
+from shlex import quote
+
+from procam.files import atomic
+from procam.files.calibration import load_dome
+from procam.files.venue.load import Venue, load_venue
+from procam.files.versions import calibration_in_use, list_calibrations
+from procam.interfaces.report.cover import date_text
+from procam.interfaces.report.page import html_template
+
+NAME = "operator-sheet.html"
+SHOW, READY, FRAMES, TRACK = "show.mov", "show-ready.mov", "frames", "show-track"
+LISTED = 4  # earlier calibrations that the sheet names
+
+
+def write_sheet(venue_dir: Path) -> Path:
+    """Write VENUE/operator-sheet.html, one self-contained page; returns its path.
+
+    Raises
+    ------
+    InputError
+        jinja2 is not installed, or the folder has no venue.toml.
+    FileFormatError
+        The venue has no calibration.
+    """
+    venue, used = load_venue(venue_dir), calibration_in_use(venue_dir)
+    text = resources.files(__package__).joinpath("sheet_template.html").read_text("utf-8")
+    folder = quote(str(venue_dir.resolve()))
+    page = html_template(text).render(
+        venue=venue_dir.resolve().name,
+        number=used.name,
+        written=date_text(_written(used)),
+        folder=folder,
+        frames=_frames_text(venue),
+        play=list(_play(venue, folder)),
+        states=sorted(load_dome(used).states),
+        earlier=[(p.name, date_text(_written(p))) for p in _earlier(venue_dir, used)],
+        symptoms=list(_symptoms(venue, folder)),
+    )
+    path = venue_dir / NAME
+    atomic.write_text(path, page)
+    return path
+
+
+def _written(calibration: Path) -> datetime:
+    """When a calibration was written, in local time."""
+    return datetime.fromtimestamp((calibration / "calibration.json").stat().st_mtime).astimezone()
+
+
+def _earlier(venue_dir: Path, used: Path) -> list[Path]:
+    """The newest calibrations that were made before the one in use, newest first."""
+    there = [path for path in list_calibrations(venue_dir) if path.name < used.name]
+    return there[::-1][:LISTED]
+
+
+def _is_served(venue: Venue) -> bool:
+    return all(table.kind == "dome-master" for table in venue.table.projectors.values())
+
+
+def _frames_text(venue: Venue) -> str:
+    """What is played, and by whom."""
+    if _is_served(venue):
+        return f"Play {READY} on the media server, as any dome master."
+    names = ", ".join(venue.table.projectors)
+    return f"Play the movies in {FRAMES}/, each on the projector of its name: {names}."
+
+
+def _play(venue: Venue, folder: str) -> Iterator[tuple[str, str]]:
+    """Steps to make a show ready, as (what for, command)."""
+    yield "Take the scattered light out of the show", f"procam compensate {folder} {SHOW} {READY}"
+    if _is_served(venue):
+        meaning = "Or, if the server has procam's shader, make a track of the show"
+        yield meaning, f"procam track {folder} {SHOW} {TRACK}"
+        return
+    yield "Make the projectors' movies", f"procam warp {folder} {READY} {FRAMES}"
+
+
+def _symptoms(venue: Venue, folder: str) -> Iterator[tuple[str, str]]:
+    """What is seen, and what to do."""
+    yield (
+        "Seams are double or blurred",
+        "Something moved. Run the monthly check; if it names a drift, have the dome calibrated again.",
+    )
+    yield (
+        "One part is darker or of another colour",
+        "Wait until the lamps are warm (30 min), clean the lens, run the monthly check.",
+    )
+    yield (
+        "All of it is grey and pale",
+        "Close doors, switch lights off. Is the compensated show playing, and not the original?",
+    )
+    yield "One projector is dark", _dark(venue, folder)
+    yield (
+        "It has been wrong since a new calibration",
+        "Go back to the one before, as above, and make the show ready again.",
+    )
+
+
+def _dark(venue: Venue, folder: str) -> str:
+    """What to check on a dark projector, by its remote control if one has any."""
+    controlled = [name for name, table in venue.table.projectors.items() if table.control]
+    if not controlled:
+        return "Check power, shutter, input and cable, and that the player runs."
+    command = f"`procam projector {folder} {quote(controlled[0])} state`"
+    return f"Check power, shutter and input, such as with {command}; then the cable and the player."
