@@ -107,8 +107,8 @@ STILLS: Mapping[str, tuple[Callable[[int], Image], str]] = {
 def write_stills(calibration: Calibration, folder: Path, size: int = SIZE) -> Iterator[Event]:
     """Write FOLDER/dome-masters/NAME.HOW.png, FOLDER/PROJECTOR/NAME.HOW.png and index.txt, 8 bits sRGB.
 
-    HOW is "compensated" or "uncompensated". Behind a media server there are dome masters only. An event
-    per picture; the data of the last have the paths, {"stills"}.
+    HOW is "compensated" or "uncompensated". A calibration without projectors gives dome masters only. An
+    event per picture; the data of the last have the paths, {"stills"}.
 
     Raises
     ------

@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from procam.files.venue.load import Venue
+from procam.files.venue.server_checks import DOME_MASTER
 from procam.files.venue.tables import CameraTable, ProjectorTable
 from procam.interfaces.report.blocks import COLOURS
 from procam.interfaces.report.data import Material
@@ -37,8 +39,13 @@ REMOVED = (
 
 def method(material: Material) -> str:
     """The method in three sentences."""
-    known = material.calibration is None or material.calibration.projectors
-    return " ".join([PHOTOGRAPHED if known else SERVED, LIGHT, REMOVED])
+    served = material.venue is not None and is_served(material.venue)
+    return " ".join([SERVED if served else PHOTOGRAPHED, LIGHT, REMOVED])
+
+
+def is_served(venue: Venue) -> bool:
+    """Whether a media server feeds the dome, from dome masters."""
+    return all(table.kind == DOME_MASTER for table in venue.table.projectors.values())
 
 
 def date_text(moment: datetime) -> str:
@@ -71,7 +78,7 @@ def _screen(calibration: Calibration) -> str:
 def _device(table: CameraTable | ProjectorTable) -> str:
     """Size and backend, and what is known of the kind."""
     kind = ""
-    if isinstance(table, ProjectorTable) and table.kind == "dome-master":
+    if isinstance(table, ProjectorTable) and table.kind == DOME_MASTER:
         kind = "media server, "
     width, height = table.size
     return f"{kind}{width} x {height} px, backend {table.backend}"

@@ -10,7 +10,7 @@ from procam.files import atomic
 from procam.files.calibration import load_dome
 from procam.files.venue.load import Venue, load_venue
 from procam.files.versions import calibration_in_use, list_calibrations
-from procam.interfaces.report.cover import date_text
+from procam.interfaces.report.cover import date_text, is_served
 from procam.interfaces.report.page import html_template
 
 NAME = "operator-sheet.html"
@@ -58,26 +58,23 @@ def _earlier(venue_dir: Path, used: Path) -> list[Path]:
     return there[::-1][:LISTED]
 
 
-def _is_served(venue: Venue) -> bool:
-    return all(table.kind == "dome-master" for table in venue.table.projectors.values())
-
-
 def _frames_text(venue: Venue) -> str:
     """What is played, and by whom."""
-    if _is_served(venue):
-        return f"Play {READY} on the media server, as any dome master."
     names = ", ".join(venue.table.projectors)
+    if is_served(venue):
+        return f"Play the movie in {FRAMES}/ on the media server ({names}), as any dome master."
     return f"Play the movies in {FRAMES}/, each on the projector of its name: {names}."
 
 
 def _play(venue: Venue, folder: str) -> Iterator[tuple[str, str]]:
     """Steps to make a show ready, as (what for, command)."""
     yield "Take the scattered light out of the show", f"procam compensate {folder} {SHOW} {READY}"
-    if _is_served(venue):
-        meaning = "Or, if the server has procam's shader, make a track of the show"
-        yield meaning, f"procam track {folder} {SHOW} {TRACK}"
-        return
-    yield "Make the projectors' movies", f"procam warp {folder} {READY} {FRAMES}"
+    what = "the server's movie" if is_served(venue) else "the projectors' movies"
+    yield f"Make {what}", f"procam warp {folder} {READY} {FRAMES}"
+    yield (
+        "Or, for a player with procam's shader, only a track of the show",
+        f"procam track {folder} {SHOW} {TRACK}",
+    )
 
 
 def _symptoms(venue: Venue, folder: str) -> Iterator[tuple[str, str]]:

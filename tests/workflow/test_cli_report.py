@@ -1,0 +1,87 @@
+"""`procam report`: the client's limits decide its exit code; the operators' sheet; stills to judge by eye."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+from tiny_venue import make_venue, procam, quick_simulator, solved, take_session
+
+
+@pytest.fixture(scope="module")
+def calibrated(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A venue with one calibration."""
+    folder = tmp_path_factory.mktemp("report") / "venue"
+    with quick_simulator():
+        venue = make_venue(folder)
+        solved(venue, take_session(venue))
+    return folder
+
+
+@pytest.fixture
+def venue(calibrated: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(calibrated, tmp_path / "venue"))
+
+
+def _limit(venue: Path, *lines: str) -> None:
+    with (venue / "venue.toml").open("a") as file:
+        file.write("\n[acceptance]\n" + "\n".join(lines) + "\n")
+
+
+def test_without_limits_it_is_written_and_accepted(venue: Path) -> None:
+    ran = procam("report", venue)
+    assert (ran.code, ran.out) == (0, f"{venue / 'report.html'} written\n")
+    _limit(venue)
+    ran = procam("report", venue, "--json")
+    assert ran.code == 0 and json.loads(ran.out)["acceptance"] == {}
+
+
+def test_limits_that_are_kept(venue: Path) -> None:
+    _limit(venue, "feedback = 0.9", "coverage = 0.1")
+    ran = procam("report", venue)
+    assert ran.code == 0
+    coverage, feedback, outcome, written = ran.out.splitlines()
+    assert coverage.startswith("  pass       coverage: ") and "; at least 10" in coverage
+    assert feedback.startswith("  pass       feedback: red 0.")
+    assert outcome == "All 2 limits of the client are kept."
+    assert written == f"{venue / 'report.html'} written"
+
+
+@pytest.mark.parametrize(
+    ("line", "verdict"), [("coverage = 1", "fail"), ("loop_own_jnd = 1.0", "not shown")]
+)
+def test_one_that_is_missed_or_not_shown_ends_with_1(venue: Path, line: str, verdict: str) -> None:
+    _limit(venue, "feedback = 0.9", line)
+    ran = procam("report", venue, "--json")
+    found = json.loads(ran.out)["acceptance"]
+    name = line.split(maxsplit=1)[0]
+    assert ran.code == 1 and found[name]["verdict"] == verdict
+    assert found["feedback"]["verdict"] == "pass" and len(found["feedback"]["high"]) == 3
+    assert "Acceptance by the client's limits" in (venue / "report.html").read_text()
+
+
+def test_a_name_that_no_figure_has_is_refused(venue: Path) -> None:
+    _limit(venue, "sharpness = 1")
+    ran = procam("report", venue, "--json")
+    assert ran.code == 2
+    assert "acceptance.sharpness is not a known key" in ran.complaint
+    assert not (venue / "report.html").exists()
+
+
+def test_sheet_and_stills_instead_of_the_report(venue: Path, tmp_path: Path) -> None:
+    _limit(venue, "coverage = 1")  # judged by the report alone
+    folder = tmp_path / "stills"
+    ran = procam("report", venue, "--sheet", "--stills", folder, "--json")
+    sheet, index = venue / "operator-sheet.html", folder / "index.txt"
+    assert ran.code == 0
+    assert json.loads(ran.out) == {"sheet": str(sheet), "stills": str(index)}
+    assert f"procam verify {venue}" in sheet.read_text() and index.is_file()
+    assert not (venue / "report.html").exists()
+    assert (folder / "dome-masters" / "grid.compensated.png").is_file()
+
+
+def test_a_venue_without_a_calibration_has_no_stills(tmp_path: Path) -> None:
+    make_venue(tmp_path / "new")
+    ran = procam("report", tmp_path / "new", "--stills", tmp_path / "stills")
+    assert ran.code == 2 and "has no calibration" in ran.complaint
+    assert not (tmp_path / "stills").exists()
