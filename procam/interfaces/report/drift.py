@@ -61,7 +61,10 @@ def _title(name: str) -> str:
     base, _, channel = name.partition(".")
     if base in LIGHT and channel in CHANNELS:
         return f"{LIGHT[base]}, {CHANNELS[channel]}"
-    return words_for(name).title if name in CRITERIA and not name.startswith("loop_") else ""
+    if name not in CRITERIA or name.startswith("loop_"):
+        return ""
+    unit = CRITERIA[name].unit
+    return words_for(name).title + (f" [{unit}]" if unit != "-" else "")
 
 
 def _cells(row: FigureDifference) -> list[str]:

@@ -13,8 +13,8 @@ from procam.files.calibration import save_calibration
 from procam.files.images.layers import RGB, write_channels
 from procam.files.venue.load import template_text
 from procam.files.versions import calibration_in_use, list_calibrations, use_calibration
-from procam.interfaces.report import page, write_report
-from procam.interfaces.report.data import Material
+from procam.interfaces.report import light, page, write_report
+from procam.interfaces.report.data import Material, read_material
 from procam.maths.warp import block_mean
 from procam.model.mask import Mask
 from procam.model.quality import Figure, Goal
@@ -219,6 +219,16 @@ def test_without_truth_the_photographs_are_shown(venue):
     page = write_report(venue).read_text("utf-8")
     assert "as the camera photographed them" in page
     assert "true error" not in page and "<strong>simulated dome" not in page
+
+
+def test_before_and_after_are_scaled_by_one_factor(venue):
+    material = read_material(venue)
+    seen, (block,) = material.before_after(), light.pictures(material)
+    first = block.groups[0]
+    assert [dome.title for dome in first.domes] == ["Before", "After", "Intended"]
+    shown = (seen.before, seen.after)
+    assert [dome.image for dome in first.domes[:2]] == [first.scale.paint(p) for p in shown]
+    assert "equal exposure" in block.caption
 
 
 def test_a_simulated_venue_is_marked_on_every_page(venue):
