@@ -37,6 +37,14 @@ class _Taken(NamedTuple):
     started_s: float
 
 
+class Written(NamedTuple):
+    """Progress: photographs written, and their number; `manifest` when the bundle is complete."""
+
+    done: int
+    total: int
+    manifest: Manifest | None = None
+
+
 def write_bundle(venue: Venue, session: Session, out: Path) -> Manifest:
     """Write `out`, a zip file that appears when it is complete; returns its manifest.
 
@@ -47,28 +55,38 @@ def write_bundle(venue: Venue, session: Session, out: Path) -> Manifest:
     FileFormatError
         A file is missing or damaged.
     """
+    *_, last = writing_bundle(venue, session, out)
+    assert last.manifest is not None
+    return last.manifest
+
+
+def writing_bundle(venue: Venue, session: Session, out: Path) -> Iterator[Written]:
+    """The same, with its progress: a large photograph takes seconds."""
     redacted, plan = redact(venue, session), session.read_plan()
     taken = _taken(venue, session, plan)
-    if not any(taken.values()):
+    total = sum(map(len, taken.values()))
+    if not total:
         raise InputError(
             f"{session.directory}: no frames are stored, so there is nothing to solve; give a session that "
             "was captured, and whose captures were not pruned"
         )
-    files = dict[str, FileEntry]()
+    files, done = dict[str, FileEntry](), 0
     with replacing(out) as temporary, zipfile.ZipFile(temporary, "w") as archive:
         for name, content in _files(venue, session, plan, redacted, taken):
             _require_allowed(session, name, files)
             files[name] = FileEntry(bytes=len(content), sha256=hashlib.sha256(content).hexdigest())
             archive.writestr(_header(name), content)
+            done += name.endswith(".tif")
+            yield Written(done, total)
         manifest = Manifest(
             procam=version("procam"),
-            frames=sum(map(len, taken.values())),
+            frames=total,
             planned=plan.exposures * len(taken),
             redacted=list(redacted.removed),
             files=files,
         )
         archive.writestr(_header(names.MANIFEST), manifest.text())
-    return manifest
+    yield Written(done, total, manifest)
 
 
 def _taken(venue: Venue, session: Session, plan: Plan) -> dict[str, list[_Taken]]:

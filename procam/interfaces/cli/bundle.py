@@ -11,7 +11,11 @@ from procam.interfaces.cli._options import Json
 from procam.interfaces.cli._output import Output
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from procam.files.bundle.manifest import Manifest
+    from procam.files.bundle.write import Written
+    from procam.workflows.events import Event
 
 EXAMPLE = "procam bundle my-dome --out my-dome.zip"
 MB = 1e6
@@ -47,7 +51,7 @@ def bundle(
 
 
 def _write(path: Path, out: Path, output: Output) -> None:
-    from procam.files.bundle import write_bundle
+    from procam.files.bundle import writing_bundle
     from procam.files.session import Session
     from procam.files.venue.load import load_venue
     from procam.interfaces.cli._paths import check_out
@@ -55,7 +59,8 @@ def _write(path: Path, out: Path, output: Output) -> None:
 
     check_out(out, ".zip")
     folder = chosen_session(path)
-    manifest = write_bundle(load_venue(venue_of(folder)), Session(folder), out)
+    written = writing_bundle(load_venue(venue_of(folder)), Session(folder), out)
+    manifest: Manifest = output.follow(_events(written))["manifest"]
     size = out.stat().st_size
     output.say(f"{out} written, {size / MB:.1f} MB: {_content(manifest)} of {folder}")
     for line in manifest.redacted:
@@ -75,6 +80,14 @@ def _open(file: Path, venue: Path, output: Output) -> None:
     output.say(f"{venue} written: {_content(manifest)}, by procam {manifest.procam}")
     output.say(f"solve it: procam solve {quote(str(session))}")
     output.finish(_document(manifest) | {"venue": str(venue), "session": str(session)})
+
+
+def _events(written: "Iterator[Written]") -> "Iterator[Event]":
+    from procam.workflows.events import Event
+
+    for each in written:
+        data = {"manifest": each.manifest}
+        yield Event("bundle", each.done, each.total, "photographs written", data)
 
 
 def _content(manifest: "Manifest") -> str:
