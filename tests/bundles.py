@@ -34,6 +34,9 @@ def make_venue(folder: Path) -> Venue:
     text = text.replace('response = "linear"', 'response = "annika.csv"')
     text = text.replace("[capture]", '[acme]\nhost = "10.1.2.3"\npassword = "s3cret"\n\n[capture]')
     text = text.replace("[projectors.south]", '[projectors.south]\nmasks = ["annika/desk.png"]')
+    text = text.replace(
+        "[screen]", '[screen]\nprotected = [[[0, 30], [9, 30], [5, 40]], "annika/desk.png"]'
+    )
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "venue.toml").write_text(text + "# annika's dome\n", encoding="utf-8")
     (folder / "annika.csv").write_text("level,light\n0,0\n0.5,0.25\n1,1\n")

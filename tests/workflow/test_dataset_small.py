@@ -79,7 +79,8 @@ def test_damages_are_named(copy: Path, tmp_path: Path) -> None:
         return str(caught.value)
 
     text = (copy / "dataset.json").read_text()
-    (copy / "README.md").write_text("changed")
+    readme = copy / "README.md"
+    readme.write_text(readme.read_text().swapcase())
     assert "README.md has changed since the data set was made" in complaint()
     (copy / "bundles" / "standard-1.zip").unlink()
     assert "standard-1.zip: missing from the data set" in complaint()

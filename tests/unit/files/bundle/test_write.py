@@ -69,6 +69,8 @@ def test_all_that_a_solve_reads_comes_back(venue: Venue, session: Session, tmp_p
         assert frames[0].settings == frames[1].settings
         assert frames[0].started_s - frames[1].started_s == 2e9
     assert np.array_equal(projector_masks(opened)["south"].covered, np.eye(64, dtype=bool)[:40])
+    assert opened.table.screen.protected[1] == "masks/2.png"
+    assert opened.table.screen.protected[0] == venue.table.screen.protected[0]
     table = opened.table.cameras["zenith"].response
     assert load_response(table, opened.directory)[1].tolist() == [0, 0.25, 1]  # type: ignore[index]
 
