@@ -4,6 +4,7 @@ from procam.compensate.perceptual.settings import Perceptual
 from procam.compensate.projector_frames import Warper
 from procam.errors import CalibrationError, DeviceError, InputError, ProcamError
 from procam.files.calibration import load_calibration, save_calibration
+from procam.files.dataset import load_dataset
 from procam.files.venue.load import create_venue
 from procam.interfaces.api import calibrate_camera, capture, decode, generate_patterns, solve
 from procam.maths.geometry.lenses import Lens
@@ -38,6 +39,7 @@ __all__ = [
     "decode",
     "generate_patterns",
     "load_calibration",
+    "load_dataset",
     "remove_interreflection",
     "save_calibration",
     "solve",

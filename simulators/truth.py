@@ -27,6 +27,7 @@ from simulators.sight_lines import SightLines
 
 MASTER = 1024
 PATHS = 8192  # from each patch: .2 % of the scattered light, half a minute a picture
+WHEN = "1980:01:01 00:00:00"  # in headers, so that the same venue gives the same bytes
 FINE = 2  # pictures are rendered this much finer and averaged over pixels
 RGB = ("R", "G", "B")
 
@@ -50,8 +51,6 @@ def write_truth(
         scene.room = PathTracedRoom.of(scene.room, PATHS)
     server = build_server(scene, settings, venue_dir)
     (out / "maps").mkdir(parents=True)
-    (out / "pictures").mkdir()
-    (out / "scattered").mkdir()
     document = _write_maps(scene, server, out / "maps")
     (out / "calibration.json").write_text(json.dumps(document, indent=1))
     if pictures:
@@ -65,6 +64,8 @@ def _write_pictures(
     folder: Path,
 ) -> None:
     lines = _master_lines(scene, FINE * MASTER)
+    for where in ("pictures", "scattered"):
+        (folder / where).mkdir()
     for name, drives in pictures.items():
         sent = projector_drives(server, drives)
         full = dict.fromkeys(sent, 1.0)
@@ -276,6 +277,7 @@ def _write_exr(path: Path, channels: Mapping[str, AnyArray]) -> None:
     spec = oiio.ImageSpec(width, height, count, "float")
     spec.channelnames = tuple(channels)
     spec.attribute("compression", "zip")
+    spec.attribute("DateTime", WHEN)
     output = oiio.ImageOutput.create(str(path))
     assert output is not None, oiio.geterror()
     output.open(str(path), spec)

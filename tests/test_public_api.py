@@ -34,6 +34,7 @@ PROMISED = [
     "decode",
     "generate_patterns",
     "load_calibration",
+    "load_dataset",
     "remove_interreflection",
     "save_calibration",
     "solve",

@@ -12,7 +12,7 @@ and reads the index again if another process has changed it.
 import hashlib
 import json
 import threading
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +24,7 @@ from procam.errors import FileFormatError
 from procam.files import atomic
 from procam.files.images.pixels import read_image, write_image
 from procam.files.output_log import file_state
-from procam.files.session_tables import SCHEMA, StoredFrame, parse_entry, parse_plan
+from procam.files.session_tables import StoredFrame, parse_entry, parse_plan, plan_text
 from procam.model.frame import CameraSettings, Frame, PixelFormat
 from procam.model.plan import Plan, Shot
 
@@ -52,8 +52,7 @@ class Session:
         """Store pattern pictures by path, then the plan that names them."""
         for path, pixels in patterns.items():
             write_image(self.directory / path, pixels)
-        document = {"schema": SCHEMA, "shots": [asdict(shot) for shot in plan.shots]}
-        atomic.write_text(self.directory / "plan.json", json.dumps(document, indent=1))
+        atomic.write_text(self.directory / "plan.json", plan_text(plan))
 
     def read_plan(self) -> Plan:
         """The plan; an error if the session has none."""

@@ -5,6 +5,7 @@ Names become parts of file names, so nothing in them may lead out of the session
 
 import json
 from collections.abc import Iterator
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -61,7 +62,7 @@ def parse_plan(path: Path, content: bytes) -> Plan:
     FileFormatError
         If `content` is no such plan; `path` is its name in the message.
     """
-    document = _object(path, content)
+    document = parse_object(path, content)
     if document.get("schema") != SCHEMA:
         raise FileFormatError(
             f"{path} has schema {document.get('schema')!r}, and this version of procam reads {SCHEMA}; use "
@@ -80,7 +81,7 @@ def _shots(path: Path, entries: list[Any]) -> Iterator[Shot]:
             shot = _Shot.model_validate(entry)
         except ValidationError as error:
             raise FileFormatError(
-                f"{path}: shot {number} is damaged ({_first(error)}); restore the file"
+                f"{path}: shot {number} is damaged ({first_finding(error)}); restore the file"
             ) from error
         if shot.id in known:
             raise FileFormatError(f"{path}: two shots are called {shot.id}; restore the file")
@@ -88,19 +89,26 @@ def _shots(path: Path, entries: list[Any]) -> Iterator[Shot]:
         yield Shot(**dict(shot) | {"exposures_s": tuple(shot.exposures_s)})
 
 
+def plan_text(plan: Plan) -> str:
+    """plan.json, as `parse_plan` reads it."""
+    document = {"schema": SCHEMA, "shots": [asdict(shot) for shot in plan.shots]}
+    return json.dumps(document, indent=1)
+
+
 def parse_entry(path: Path, number: int, line: str) -> StoredFrame:
     """A line of an index; `path` and `number` are for the message of FileFormatError."""
-    document = _object(path, line.encode())
+    document = parse_object(path, line.encode())
     try:
         return StoredFrame.model_validate(document)
     except ValidationError as error:
         raise FileFormatError(
-            f"{path}: line {number} is damaged ({_first(error)}); restore the file, or remove the line and "
-            "capture again"
+            f"{path}: line {number} is damaged ({first_finding(error)}); restore the file, or remove the "
+            "line and capture again"
         ) from error
 
 
-def _object(path: Path, content: bytes) -> dict[str, Any]:
+def parse_object(path: Path, content: bytes) -> dict[str, Any]:
+    """A JSON object; `path` is its name in the message of FileFormatError."""
     try:
         document = json.loads(content)
     except (UnicodeDecodeError, ValueError, RecursionError) as error:
@@ -112,7 +120,7 @@ def _object(path: Path, content: bytes) -> dict[str, Any]:
     return document
 
 
-def _first(error: ValidationError) -> str:
+def first_finding(error: ValidationError) -> str:
     """The first finding in words: which key, what is wrong."""
     wrong = error.errors()[0]
     text = wrong["msg"][0].lower() + wrong["msg"][1:]

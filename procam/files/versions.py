@@ -1,9 +1,10 @@
 """The numbered calibrations of a venue, VENUE/calibrations/NNNN, and which of them is in use.
 
-A calibration is never changed: another is written beside it. This module loads none of them, so that
-commands that only list them start quickly.
+A calibration is never changed: another is written beside it. This module loads none of their maps, so
+that commands that only list them start quickly.
 """
 
+import json
 from pathlib import Path
 
 from procam.errors import FileFormatError
@@ -36,6 +37,20 @@ def calibration_in_use(venue_dir: Path) -> Path:
     chosen = venue_dir / "calibrations" / IN_USE
     name = chosen.read_bytes().decode(errors="replace").strip() if chosen.is_file() else ""
     return next((path for path in found if path.name == name), found[-1])
+
+
+def calibrated_session(venue_dir: Path) -> str:
+    """The session that the calibration in use was solved from; "" where there is no calibration."""
+    if not list_calibrations(venue_dir):
+        return ""
+    path = calibration_in_use(venue_dir) / "calibration.json"
+    try:
+        return str(json.loads(path.read_bytes())["provenance"].get("session", ""))
+    except (AttributeError, LookupError, RecursionError, TypeError, ValueError) as error:
+        raise FileFormatError(
+            f"{path} is damaged ({type(error).__name__}: {error}); restore it, or go back to another "
+            f"calibration: procam history {venue_dir} --restore N"
+        ) from error
 
 
 def use_calibration(venue_dir: Path, directory: Path) -> None:

@@ -1,12 +1,11 @@
 """Deletes captures that a venue does not keep, by [history] keep_sessions in venue.toml."""
 
-import json
 from pathlib import Path
 
 from procam.errors import InputError
 from procam.files.history.record import recorded
 from procam.files.venue.load import Venue
-from procam.files.versions import calibration_in_use, list_calibrations
+from procam.files.versions import calibrated_session
 
 INDEX = "index.jsonl"  # stays, with the hashes of the frames
 
@@ -29,19 +28,12 @@ def prune_captures(venue: Venue) -> dict[str, int]:
         )
     with recorded(venue.directory, "history") as run:
         known = sorted((venue.directory / "sessions").glob("[0-9][0-9][0-9][0-9]"))
-        needed = _session_in_use(venue.directory)
+        needed = calibrated_session(venue.directory)
         old = [path for path in known[: max(0, len(known) - keep)] if path.name != needed]
         freed = {path.name: _without_frames(path) for path in old}
         freed = {name: size for name, size in freed.items() if size}
         run.message = f"captures of {len(freed)} sessions deleted"
         return freed
-
-
-def _session_in_use(venue_dir: Path) -> str:
-    if not list_calibrations(venue_dir):
-        return ""
-    document = json.loads((calibration_in_use(venue_dir) / "calibration.json").read_bytes())
-    return str(document["provenance"].get("session", ""))
 
 
 def _without_frames(session: Path) -> int:

@@ -29,6 +29,7 @@ from tiny_venue import (
 )
 
 from procam.estimate import calibration as procam_calibration
+from procam.files.bundle import write_bundle
 from procam.files.images.pixels import write_image
 
 Command = Callable[[Path], tuple[object, ...]]
@@ -40,6 +41,8 @@ COMMANDS: dict[str, Command] = {
     "refine": lambda d: ("refine", d / "venue"),
     "state": lambda d: ("state", d / "venue", "full"),
     "report": lambda d: ("report", d / "venue"),
+    "bundle": lambda d: ("bundle", d / "venue", "--out", d / "out.zip"),
+    "opened bundle": lambda d: ("bundle", "--open", d / "venue.zip", d / "new"),
     "patterns": lambda d: ("patterns", d / "venue", "--out", d / "out"),
     "movie": lambda d: ("patterns", d / "venue", "--out", d / "out", "--movie"),
     "code": lambda d: ("patterns", "--size", "64x48", "--out", d / "out"),
@@ -77,7 +80,9 @@ def make_work(folder: Path) -> None:
             movie.mux(stream.encode(frame.reformat(format="bgr0")))
         movie.mux(stream.encode())
     venue = make_venue(folder / "venue")
-    solved(venue, take_session(venue))
+    session = take_session(venue)
+    solved(venue, session)
+    write_bundle(venue, session, folder / "venue.zip")
     make_venue(folder / "fresh")
 
 

@@ -115,13 +115,13 @@ def _covered(folder: Path, outlines: Sequence[Outline | Array], size: tuple[int,
     covered = np.zeros((size[1], size[0]), bool)
     for outline in outlines:
         if isinstance(outline, str):
-            covered |= _read_mask(folder / outline, size)
+            covered |= read_mask(folder / outline, size)
         else:
             covered |= polygon_pixels(np.asarray(outline, float), size)
     return covered
 
 
-def _read_mask(path: Path, size: tuple[int, int]) -> BoolArray:
+def read_mask(path: Path, size: tuple[int, int]) -> BoolArray:
     """The pixels of a PNG that are not black."""
     pixels = read_image(path)
     height, width = pixels.shape[:2]

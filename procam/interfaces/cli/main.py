@@ -38,6 +38,7 @@ PANELS = {
         "state": "Measure the venue with its present audience and its own lamps; a new calibration.",
         "history": "List what was done at a venue, compare its calibrations, and go back to one of them.",
         "report": "Write report.html, one self-contained file; exit 1 if a limit of the client is not kept.",
+        "bundle": "Write a session into one file that can be solved elsewhere, or open such a file.",
         "projector": "Query or control a projector over its serial remote control.",
     },
     "By hand": {

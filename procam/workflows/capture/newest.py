@@ -1,4 +1,4 @@
-"""The newest session of a venue: found, resumed, captured."""
+"""Which session of a venue is meant: the newest, to resume and capture; the one that was solved."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -8,6 +8,7 @@ from procam.errors import InputError
 from procam.files.history.record import recorded
 from procam.files.session import Session
 from procam.files.venue.load import Venue
+from procam.files.versions import calibrated_session
 from procam.workflows.capture.capture import capture, missing_shots, prepare_session
 from procam.workflows.events import Event
 from procam.workflows.venue_rig import open_rig
@@ -42,3 +43,23 @@ def venue_of(session: Path) -> Path:
             f"{session}: this is no session; give a folder such as VENUE/sessions/0001"
         )
     return folder.parent
+
+
+def chosen_session(path: Path) -> Path:
+    """A session folder; of a venue the one of its calibration in use, or its only one.
+
+    Raises
+    ------
+    InputError
+        There is none, or several of which no calibration chooses.
+    """
+    if (path / "plan.json").is_file():
+        return path
+    known = sorted(plan.parent for plan in path.glob("sessions/*/plan.json"))
+    used = calibrated_session(path)
+    found = [folder for folder in known if folder.name == used] or known
+    if len(found) != 1:
+        names = ", ".join(folder.name for folder in known)
+        which = f"it has sessions {names}, and none is solved" if known else "it has no session"
+        raise InputError(f"{path}: {which}; give a folder such as VENUE/sessions/0001")
+    return found[0]

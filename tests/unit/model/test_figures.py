@@ -44,5 +44,6 @@ def test_as_dict_is_what_summary_json_carries() -> None:
         "pass": True,
         "samples": 12,
         "note": "mean angle",
+        "sigma": None,
     }
     assert Figure(1.0, "-").as_dict()["goal"] is None

@@ -1,0 +1,62 @@
+"""manifest.json of a bundle: what wrote it, what was left out, and the size and sha256 of each file."""
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError
+
+from procam.errors import FileFormatError
+from procam.files.session_tables import first_finding, parse_object
+
+SCHEMA = 1
+
+
+class FileEntry(BaseModel):
+    """Size [bytes] and sha256 of a file."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    bytes: Annotated[int, Field(ge=0)]
+    sha256: Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")]
+
+
+class Manifest(BaseModel):
+    """The whole file but for its schema.
+
+    `procam` is the version that wrote it; of `planned` frames `frames` were captured; `redacted` lists in
+    words what the venue has and the bundle has not; `files` has all but the manifest itself.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    procam: str
+    frames: Annotated[int, Field(ge=0)]
+    planned: Annotated[int, Field(ge=0)]
+    redacted: list[str]
+    files: dict[str, FileEntry]
+
+    def text(self) -> str:
+        """The file's content."""
+        return json.dumps({"schema": SCHEMA, **self.model_dump()}, indent=1) + "\n"
+
+
+def parse_manifest(path: Path, content: bytes) -> Manifest:
+    """The manifest of a bundle.
+
+    Raises
+    ------
+    FileFormatError
+        If `content` is none, or one of a later version; `path` is its name in the message.
+    """
+    document = parse_object(path, content)
+    schema = document.pop("schema", None)
+    if schema != SCHEMA:
+        raise FileFormatError(
+            f"{path} has schema {schema!r}, and this version of procam reads {SCHEMA}; open the bundle with "
+            "the version that wrote it"
+        )
+    try:
+        return Manifest.model_validate(document)
+    except ValidationError as error:
+        raise FileFormatError(
+            f"{path} is damaged ({first_finding(error)}); ask for the bundle again"
+        ) from error

@@ -1,0 +1,203 @@
+"""What gets into a bundle, and what does not."""
+
+import json
+import zlib
+from pathlib import Path
+
+import bundles
+import numpy as np
+import pytest
+from bundles import FRAME, PATTERN, SECRETS, contents, make_venue, take_session
+
+from procam.errors import FileFormatError, InputError
+from procam.files.bundle import open_bundle, write_bundle
+from procam.files.images.photos import load_response
+from procam.files.images.pixels import read_image, write_image
+from procam.files.session import Session
+from procam.files.toml import read_toml
+from procam.files.venue.load import Venue, load_venue
+from procam.files.venue.masks import projector_masks
+
+
+@pytest.fixture
+def venue(tmp_path: Path) -> Venue:
+    return make_venue(tmp_path / "venue")
+
+
+@pytest.fixture
+def session(venue: Venue) -> Session:
+    return take_session(venue)
+
+
+def test_nothing_private_gets_in(venue: Venue, session: Session, tmp_path: Path) -> None:
+    index = session.directory / "captures" / "zenith" / "index.jsonl"
+    index.write_text(index.read_text().replace('{"shot"', '{"by": "annika", "shot"'))
+    manifest = write_bundle(venue, session, tmp_path / "out.zip")
+    for name, content in contents(tmp_path / "out.zip").items():
+        found = {secret for secret in (*SECRETS, str(tmp_path)) if secret.encode() in content}
+        # the manifest names the table that was left out, not what is in it
+        assert found <= ({"acme"} if name == "manifest.json" else set()), name
+    assert {"[acme]", "cameras.zenith.backend", "projectors.south.control"} < {*manifest.redacted}
+
+
+def test_the_same_session_gives_the_same_bytes(
+    venue: Venue, session: Session, tmp_path: Path
+) -> None:
+    for name in ("a.zip", "b.zip"):
+        write_bundle(venue, session, tmp_path / name)
+    elsewhere = make_venue(tmp_path / "elsewhere")
+    write_bundle(elsewhere, take_session(elsewhere, "0007"), tmp_path / "c.zip")
+    first = (tmp_path / "a.zip").read_bytes()
+    assert first == (tmp_path / "b.zip").read_bytes() == (tmp_path / "c.zip").read_bytes()
+
+
+def test_all_that_a_solve_reads_comes_back(venue: Venue, session: Session, tmp_path: Path) -> None:
+    write_bundle(venue, session, tmp_path / "out.zip")
+    manifest = open_bundle(tmp_path / "out.zip", tmp_path / "new")
+    assert (manifest.frames, manifest.planned) == (3, 3)
+    opened, again = load_venue(tmp_path / "new"), Session(tmp_path / "new" / "sessions" / "0001")
+    assert (
+        opened.cameras["zenith"].lens.focal.tolist() == venue.cameras["zenith"].lens.focal.tolist()
+    )
+    assert opened.fiducials[0].azimuth == venue.fiducials[0].azimuth
+    assert again.read_plan() == session.read_plan()
+    assert np.array_equal(again.pattern(bundles.WHITE), session.pattern(bundles.WHITE))
+    for shot, exposure in again.stored("zenith"):
+        (planned,) = (s for s in again.read_plan().shots if s.id == shot)
+        frames = [s.load("zenith", planned, exposure, (60, 60)) for s in (session, again)]
+        assert np.array_equal(frames[0].counts, frames[1].counts)
+        assert frames[0].settings == frames[1].settings
+        assert frames[0].started_s - frames[1].started_s == 2e9
+    assert np.array_equal(projector_masks(opened)["south"].covered, np.eye(64, dtype=bool)[:40])
+    assert opened.table.screen.protected[1] == "masks/2.png"
+    assert opened.table.screen.protected[0] == venue.table.screen.protected[0]
+    table = opened.table.cameras["zenith"].response
+    assert load_response(table, opened.directory)[1].tolist() == [0, 0.25, 1]  # type: ignore[index]
+
+
+def test_a_response_solved_from_brackets_is_a_table(
+    venue: Venue, session: Session, tmp_path: Path
+) -> None:
+    path = venue.directory / "venue.toml"
+    path.write_text(
+        path.read_text().replace('"annika.csv"', '"solve"\nbrackets = "annika"'), encoding="utf-8"
+    )
+    for kept in (False, True):
+        if kept:
+            solved = session.directory / "captures" / "zenith" / "response.csv"
+            solved.write_text((venue.directory / "annika.csv").read_text())
+        write_bundle(load_venue(venue.directory), session, tmp_path / f"{kept}.zip")
+        open_bundle(tmp_path / f"{kept}.zip", tmp_path / str(kept))
+        camera = read_toml(tmp_path / str(kept) / "venue.toml")["cameras"]["zenith"]
+        assert "brackets" not in camera
+        assert camera["response"] == ("responses/1.csv" if kept else "linear")
+
+
+def test_figures_of_the_calibration_of_the_session_get_in(
+    venue: Venue, session: Session, tmp_path: Path
+) -> None:
+    for number, (of, source, m) in enumerate(
+        [("0001", "old", 0.1), ("0001", "new", 0.2), ("0001", "new", 0.3), ("0002", "new", 0.4)]
+    ):
+        folder = venue.directory / "calibrations" / f"{number + 1:04d}"
+        folder.mkdir(parents=True)
+        document = {
+            "feedback": {"value": [m] * 3},
+            "quality": {"coverage": {"value": 0.9, "note": "by annika"}},
+            "provenance": {"session": of, "input_sha256": source, "notes": ["annika"]},
+        }
+        (folder / "calibration.json").write_text(json.dumps(document))
+    write_bundle(venue, session, tmp_path / "out.zip")
+    text = contents(tmp_path / "out.zip")["original/calibration.json"]
+    found = json.loads(text)
+    assert (
+        found["feedback"]["value"][0] == 0.2
+    )  # the next was refined, the last is of another session
+    assert found["quality"]["coverage"]["value"] == 0.9
+    assert found["provenance"]["input_sha256"] == "new"
+    assert b"annika" not in text
+
+
+@pytest.mark.parametrize(
+    ("entry", "where"),
+    [
+        ('masks = ["../secret.png"]', "projectors.south.masks"),
+        ('masks = ["link.png"]', "projectors.south.masks"),
+        ('masks = ["{absolute}"]', "projectors.south.masks"),
+    ],
+)
+def test_files_outside_the_venue_are_refused_by_name(
+    venue: Venue, session: Session, tmp_path: Path, entry: str, where: str
+) -> None:
+    write_image(tmp_path / "secret.png", np.ones((40, 64), np.uint8))
+    (venue.directory / "link.png").symlink_to(tmp_path / "secret.png")
+    path = venue.directory / "venue.toml"
+    entry = entry.replace("{absolute}", str(tmp_path / "secret.png"))
+    path.write_text(path.read_text().replace('masks = ["annika/desk.png"]', entry))
+    with pytest.raises(InputError, match=f"{where} names .*outside the venue's folder; copy"):
+        write_bundle(load_venue(venue.directory), session, tmp_path / "out.zip")
+    assert not (tmp_path / "out.zip").exists()
+
+
+def test_a_response_outside_the_venue_is_refused(
+    venue: Venue, session: Session, tmp_path: Path
+) -> None:
+    (venue.directory / "annika.csv").rename(tmp_path / "annika.csv")
+    path = venue.directory / "venue.toml"
+    path.write_text(path.read_text().replace("annika.csv", "../annika.csv"))
+    with pytest.raises(InputError, match=r"cameras\.zenith.response names \.\./annika\.csv"):
+        write_bundle(load_venue(venue.directory), session, tmp_path / "out.zip")
+
+
+def test_a_session_without_frames_is_refused(
+    venue: Venue, session: Session, tmp_path: Path
+) -> None:
+    for frame in session.directory.glob("captures/*/*.tif"):
+        frame.unlink()
+    with pytest.raises(InputError, match="no frames are stored"):
+        write_bundle(venue, session, tmp_path / "out.zip")
+
+
+def test_a_session_that_lacks_a_frame_is_bundled(
+    venue: Venue, session: Session, tmp_path: Path
+) -> None:
+    (session.directory / "captures" / "zenith" / "dark@6.5.tif").unlink()
+    manifest = write_bundle(venue, session, tmp_path / "out.zip")
+    assert (manifest.frames, manifest.planned) == (2, 3)
+    index = contents(tmp_path / "out.zip")["sessions/0001/captures/zenith/index.jsonl"]
+    assert b"6.5" not in index
+
+
+def test_an_edited_frame_is_refused_and_nothing_is_left(
+    venue: Venue, session: Session, tmp_path: Path
+) -> None:
+    frame = session.directory / "captures" / "zenith" / "dark@0.13.tif"
+    write_image(frame, read_image(frame) + np.uint16(1))
+    with pytest.raises(FileFormatError, match="differs from the frame captured"):
+        write_bundle(venue, session, tmp_path / "out" / "out.zip")
+    assert list((tmp_path / "out").iterdir()) == []
+
+
+def test_names_that_some_systems_cannot_have_are_refused(tmp_path: Path) -> None:
+    venue = make_venue(tmp_path / "venue")
+    path = venue.directory / "venue.toml"
+    path.write_text(path.read_text().replace("zenith", "con"))
+    session = take_session(venue)
+    (session.directory / "captures" / "zenith").rename(session.directory / "captures" / "con")
+    with pytest.raises(FileFormatError, match=r"cannot hold '.*/con/.*'.*rename the camera"):
+        write_bundle(load_venue(venue.directory), session, tmp_path / "out.zip")
+
+
+def test_pictures_have_no_header_of_their_own(
+    venue: Venue, session: Session, tmp_path: Path
+) -> None:
+    pattern = session.directory / "patterns" / "south" / "0000.png"
+    data = pattern.read_bytes()
+    chunk = b"tEXtAuthor\0annika"
+    at = data.index(b"IDAT") - 4
+    crc = zlib.crc32(chunk).to_bytes(4, "big")
+    pattern.write_bytes(data[:at] + (len(chunk) - 4).to_bytes(4, "big") + chunk + crc + data[at:])
+    write_bundle(venue, session, tmp_path / "out.zip")
+    files = contents(tmp_path / "out.zip")
+    assert b"annika" not in files[PATTERN]
+    assert b"1980:01:01" in files[FRAME]

@@ -1,0 +1,120 @@
+"""`procam bundle`: a session solved at another place gives the same maps; what the command refuses."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+from tiny_venue import TINY_PAIR, contents, make_venue, procam, quick_simulator, take_session
+
+from procam.workflows import venue_rig
+
+
+@pytest.fixture(scope="module")
+def solved(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A venue with a session that was solved."""
+    folder = tmp_path_factory.mktemp("bundle") / "venue"
+    with quick_simulator():
+        take_session(make_venue(folder, size=TINY_PAIR))
+    assert procam("solve", folder / "sessions" / "0001").code == 0
+    return folder
+
+
+def test_a_bundle_solves_elsewhere_to_the_same_bits(
+    solved: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ran = procam("bundle", solved, "--out", tmp_path / "dome.zip")
+    assert (ran.code, ran.err) == (0, "")
+    assert f"{tmp_path / 'dome.zip'} written" in ran.out and "80 of 80 photographs" in ran.out
+    assert "left out: [simulated]\n" in ran.out
+    ran = procam("bundle", "--open", tmp_path / "dome.zip", tmp_path / "new", "--json")
+    document = json.loads(ran.out)
+    assert (ran.code, document["frames"]) == (0, 80)
+
+    def no_device(*_: object) -> None:
+        raise AssertionError("a device was opened")
+
+    monkeypatch.setattr(venue_rig, "open_rig", no_device)
+    assert procam("solve", document["session"]).code == 0
+    before, after = (
+        contents(d / "calibrations" / "0001" / "maps") for d in (solved, tmp_path / "new")
+    )
+    assert before == after
+    old, new = (
+        json.loads((tmp_path / "new" / name / "calibration.json").read_text())
+        for name in ("original", "calibrations/0001")
+    )
+    for quantity in ("feedback", "albedo"):
+        assert old[quantity] == new[quantity]
+    for name, figure in old["quality"].items():
+        assert figure["value"] == new["quality"][name]["value"]
+
+
+def test_two_bundles_of_a_session_are_equal(solved: Path, tmp_path: Path) -> None:
+    procam("bundle", solved, "--out", tmp_path / "a.zip")
+    ran = procam("bundle", solved / "sessions" / "0001", "--out", tmp_path / "b.zip", "--json")
+    document = json.loads(ran.out)
+    assert (tmp_path / "a.zip").read_bytes() == (tmp_path / "b.zip").read_bytes()
+    assert document["bytes"] == (tmp_path / "b.zip").stat().st_size
+    assert document["planned"] == 80
+
+
+def test_a_venue_stands_for_the_session_in_use(solved: Path, tmp_path: Path) -> None:
+    venue, out = tmp_path / "venue", tmp_path / "out.zip"
+    shutil.copytree(solved, venue)
+    (venue / "sessions" / "0001").rename(venue / "sessions" / "0002")
+    (venue / "sessions" / "0001").mkdir()
+    shutil.copy(venue / "sessions" / "0002" / "plan.json", venue / "sessions" / "0001")
+    ran = procam("bundle", venue, "--out", out)
+    assert ran.complaint.endswith(
+        "sessions/0001: no frames are stored, so there is nothing to solve; give a "
+        "session that was captured, and whose captures were not pruned"
+    )
+    shutil.rmtree(venue / "calibrations")
+    ran = procam("bundle", venue, "--out", out)
+    assert "it has sessions 0001, 0002, and none is solved; give a folder such as" in ran.complaint
+    shutil.rmtree(venue / "sessions" / "0001")
+    assert procam("bundle", venue, "--out", out).code == 0
+
+
+def test_a_damaged_calibration_in_use_is_named(solved: Path, tmp_path: Path) -> None:
+    venue = tmp_path / "venue"
+    shutil.copytree(solved, venue)
+    (venue / "calibrations" / "0001" / "calibration.json").write_text("[]")
+    complaint = procam("bundle", venue, "--out", tmp_path / "out.zip").complaint
+    assert "calibrations/0001/calibration.json is damaged (TypeError" in complaint
+    assert "--restore N" in complaint
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["VENUE"], "--out, --open: give one of them"),
+        (["VENUE", "--out", "a.zip", "--open", "b.zip"], "--out, --open: give one of them"),
+        (["VENUE", "--out", "a.tar"], "its name must end in .zip"),
+        (
+            ["EMPTY", "--out", "a.zip"],
+            "it has no session; give a folder such as VENUE/sessions/0001",
+        ),
+        (["new", "--open", "no.zip"], "no.zip: there is no such file or folder"),
+        (
+            ["VENUE", "--open", "no.zip"],
+            "exists; give the name of a folder that does not exist yet",
+        ),
+        (["new", "--open", "VENUE/venue.toml"], "is no bundle, or a damaged one"),
+    ],
+)
+def test_refusals(
+    solved: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    arguments: list[str],
+    words: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "empty").mkdir()
+    named = [a.replace("VENUE", str(solved)).replace("EMPTY", "empty") for a in arguments]
+    ran = procam("bundle", *named, "--json")
+    assert ran.code == 2
+    assert words in ran.complaint
+    assert [path.name for path in tmp_path.iterdir()] == ["empty"]
