@@ -31,6 +31,7 @@ COMMANDS = {
     "projector": ("VENUE", "south", "state"),
     "patterns": ("VENUE", "--out", "VENUE/out"),
     "history": ("VENUE", "--restore", "1"),
+    "verify": ("VENUE",),
 }
 
 

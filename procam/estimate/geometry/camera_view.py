@@ -1,6 +1,6 @@
 """The dome as one camera sees it: direction and solid angle of every camera pixel."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from procam.model.optics import CameraModel, ProjectorModel
 from procam.model.screen import Dome
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class DomeView:
     """The dome as one camera sees it.
 
@@ -28,6 +28,7 @@ class DomeView:
     direction: Image
     on_screen: BoolArray
     solid_angle_sr: Array
+    _points: dict[Dome, Image] = field(default_factory=dict, repr=False, compare=False)
 
     @classmethod
     def of(cls, camera: CameraModel, dome: Dome, rays: Array, seen: BoolArray) -> "DomeView":
@@ -47,10 +48,17 @@ class DomeView:
         solid = np.where(covered, 0.0, self.solid_angle_sr)
         return replace(self, on_screen=self.on_screen & ~covered, solid_angle_sr=solid)
 
+    def points(self, dome: Dome) -> Image:
+        """Points (H, W, 3) that the pixels see [m]; computed once, for harmonics of a picture are slow."""
+        if dome not in self._points:
+            points = screen_points(round_shape(dome), self.direction)
+            self._points[dome] = points.astype(np.float32)
+        return self._points[dome]
+
     def projector_pixels(self, projector: ProjectorModel, dome: Dome) -> Image:
         """Projector pixel (H, W, 2) that lights the point each camera pixel sees; NaN if none does."""
-        points = screen_points(round_shape(dome), self.direction)
-        xy = project_before_fold(projector.projector_from_dome.apply(points), projector.lens)
+        points = projector.projector_from_dome.apply(self.points(dome).astype(float))
+        xy = project_before_fold(points, projector.lens)
         width, height = projector.size
         inside = (xy[..., 0] > -0.5) & (xy[..., 0] < width - 0.5)
         inside &= (xy[..., 1] > -0.5) & (xy[..., 1] < height - 0.5) & self.on_screen

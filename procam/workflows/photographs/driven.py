@@ -62,11 +62,12 @@ class Photographer(Protocol):
 class DrivenPhotographer:
     """Shows and photographs with devices, with the camera that a calibration's light was measured with.
 
-    Projectors are switched on for the first photograph.
+    Projectors are switched on for the first photograph. A new picture is given `settle_s` [s] before it is
+    photographed, for irises that follow it.
     """
 
-    def __init__(self, rig: Rig, calibration: Calibration) -> None:
-        self._rig, self._camera = rig, next(iter(calibration.cameras))
+    def __init__(self, rig: Rig, calibration: Calibration, settle_s: float = 0.0) -> None:
+        self._rig, self._camera, self._settle_s = rig, next(iter(calibration.cameras)), settle_s
         self._shown: Mapping[str, Image] | None = None
         self.notes: Sequence[str] = ()
         self.again = ""
@@ -105,4 +106,5 @@ class DrivenPhotographer:
             if name not in before:
                 self._rig.light(name)
             self._rig.projectors[name].show(np.ascontiguousarray(picture))
+        self._rig.clock.sleep(self._settle_s)
         self._shown = pictures

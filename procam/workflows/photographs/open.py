@@ -31,12 +31,18 @@ class Given:
 
 @contextmanager
 def photographer_of(
-    venue: Venue, calibration: Calibration, work: str, of: str, given: Given | None
+    venue: Venue,
+    calibration: Calibration,
+    work: str,
+    of: str,
+    given: Given | None,
+    settle_s: float = 0.0,
 ) -> Iterator[Photographer]:
     """A photographer with the camera that the calibration's light was measured with.
 
     Of a venue that is driven by hand it has the photographs of sessions/WORK-0001, and those in the
-    given folder too. `of` is what the work is of: another begins a folder of its own.
+    given folder too. `of` is what the work is of: another begins a folder of its own. Devices wait
+    `settle_s` [s] before a new picture is photographed.
 
     Raises
     ------
@@ -53,7 +59,7 @@ def photographer_of(
                 "--photos is for venues whose devices are all driven by hand; leave it out"
             )
         with open_rig(venue) as rig:
-            yield DrivenPhotographer(rig, calibration)
+            yield DrivenPhotographer(rig, calibration, settle_s)
         return
     camera = next(iter(calibration.cameras.values()))
     session = Session(venue.directory / "sessions" / str(calibration.provenance.get("session")))

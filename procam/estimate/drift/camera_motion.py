@@ -1,0 +1,142 @@
+"""Whether the camera moved, and where it is now, from where it sees the pictures of all projectors.
+
+A camera that moved shifts the pictures of all projectors together; a projector that moved shifts its own
+alone. The pose is taken under which most projectors are where they were.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from procam.arrays import Array
+from procam.estimate.geometry.model import moved_pose, project_to_camera
+from procam.maths.geometry.pose import rotation_vector
+from procam.maths.statistics import robust_sigma_2d
+from procam.model.optics import CameraModel
+
+LEAST_SEEN = 6  # windows that determine a pose
+SAME_PX = 0.12  # camera px: a projector that is where it was
+SAME_SIGMAS = 4.0
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """Points (n, 3) of the screen [m], the camera pixels (n, 2) that see them now, and sigma (n,) [px]."""
+
+    point: Array
+    pixel: Array
+    sigma: Array
+
+
+@dataclass(frozen=True, slots=True)
+class CameraMotion:
+    """How a camera moved.
+
+    Attributes
+    ----------
+    camera : with its pose now. moved : whether that is another one.
+    turned_deg, shifted_mm : by how much, and their standard errors.
+    unmoved : projectors that are where they were.
+    """
+
+    camera: CameraModel
+    moved: bool
+    turned_deg: float = 0.0
+    turned_sigma: float = 0.0
+    shifted_mm: float = 0.0
+    shifted_sigma: float = 0.0
+    unmoved: tuple[str, ...] = ()
+
+
+def find_camera_motion(camera: CameraModel, seen: Mapping[str, Seen]) -> CameraMotion:
+    """The pose of the camera now, by the places of pictures of projectors."""
+    names = [name for name in seen if len(seen[name].point) >= LEAST_SEEN]
+    still = _agreeing(camera, seen, names)
+    best, agreeing, misfit = camera, still, np.inf
+    for name in names if len(still) < len(names) else ():
+        trial, residual = _resected(camera, seen, [name])
+        agree = _agreeing(trial, seen, names)
+        if agree:
+            trial, residual = _resected(camera, seen, agree)
+            agree = _agreeing(trial, seen, names)
+        more, same = len(agree) > len(agreeing), len(agree) == len(agreeing) and best is not camera
+        if more or (same and residual < misfit):
+            best, agreeing, misfit = trial, agree, residual
+    if best is camera or len(agreeing) < min(2, len(names)):
+        return CameraMotion(camera, False, unmoved=tuple(still))
+    return _described(camera, best, seen, agreeing)
+
+
+def _offsets(camera: CameraModel, seen: Seen) -> Array:
+    return np.asarray(seen.pixel - project_to_camera(camera, seen.point), float)
+
+
+def _agreeing(camera: CameraModel, seen: Mapping[str, Seen], names: list[str]) -> list[str]:
+    """Projectors whose picture is where it was, for a camera with this pose."""
+    found = []
+    for name in names:
+        away = np.linalg.norm(_offsets(camera, seen[name]), axis=1)
+        limit = max(SAME_PX, SAME_SIGMAS * float(np.median(seen[name].sigma)))
+        if np.median(away) < limit:
+            found.append(name)
+    return found
+
+
+def _placed(camera: CameraModel, x: Array) -> CameraModel:
+    assert camera.camera_from_dome is not None
+    return replace(camera, camera_from_dome=moved_pose(camera.camera_from_dome, x))
+
+
+def _resected(
+    camera: CameraModel, seen: Mapping[str, Seen], names: list[str]
+) -> tuple[CameraModel, float]:
+    """The camera where it fits the pictures of some projectors, and the misfit of one coordinate [px]."""
+
+    def off(x: Array) -> Array:
+        return np.concatenate([_offsets(_placed(camera, x), seen[n]).ravel() for n in names])
+
+    found = least_squares(off, np.zeros(6), loss="soft_l1", f_scale=0.1)
+    trial = _placed(camera, found.x)
+    away = np.concatenate([np.linalg.norm(_offsets(trial, seen[n]), axis=1) for n in names])
+    return trial, robust_sigma_2d(away)
+
+
+def _described(
+    before: CameraModel, now: CameraModel, seen: Mapping[str, Seen], names: list[str]
+) -> CameraMotion:
+    """Angle and shift between two poses, with standard errors by the misfit."""
+    points = Seen(
+        *(np.concatenate([getattr(seen[n], f) for n in names]) for f in ("point", "pixel", "sigma"))
+    )
+    step = 1e-5
+    base = _offsets(now, points).ravel()
+    slopes = np.stack(
+        [(_offsets(_placed(now, step * e), points).ravel() - base) / step for e in np.eye(6)],
+        axis=1,
+    )
+    sigma = max(robust_sigma_2d(np.linalg.norm(base.reshape(-1, 2), axis=1)), 1e-4)
+    covariance = np.asarray(np.linalg.inv(slopes.T @ slopes) * sigma**2, float)
+    assert before.camera_from_dome is not None and now.camera_from_dome is not None
+    turn = rotation_vector(now.camera_from_dome.rotation @ before.camera_from_dome.rotation.T)
+    shift = now.camera_from_dome.origin - before.camera_from_dome.origin
+    (turned, turned_sigma), (shifted, shifted_sigma) = (
+        _length(turn, covariance[:3, :3]),
+        _length(now.camera_from_dome.rotation @ shift, covariance[3:, 3:]),
+    )
+    return CameraMotion(
+        now,
+        True,
+        float(np.degrees(turned)),
+        float(np.degrees(turned_sigma)),
+        1e3 * shifted,
+        1e3 * shifted_sigma,
+        tuple(names),
+    )
+
+
+def _length(vector: Array, covariance: Array) -> tuple[float, float]:
+    length = float(np.linalg.norm(vector))
+    along = vector / max(length, 1e-12)
+    return length, float(np.sqrt(along @ covariance @ along))

@@ -1,0 +1,293 @@
+"""Where a panel's picture went, and how much more blurred it is, from pictures of shuffled tiles.
+
+Digital image correlation: the texture of the tiles is first found anywhere by normalised cross-correlation
+of large windows, then followed to hundredths of a pixel in small ones by least squares, with gain, offset
+and blur of each window as unknowns too. A projective motion of the whole panel is fitted to the windows.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import fftconvolve
+
+from procam.arrays import Array, Image
+from procam.maths.statistics import robust_sigma
+from procam.maths.warp import blur
+
+Sampler = Callable[[Array], Image]
+Place = tuple[int, int]
+Match = Callable[[Image, Image, Place], tuple[Place, float]]
+UNMOVED_MATCH = 0.97  # correlation of windows that need not be looked for elsewhere
+TERMS = 8  # of a projective motion
+BLOCKS = 8, 5  # fine windows, across and down
+COARSE_BLOCKS = 5, 4
+COARSE_SHARE = 0.3  # of the panel's sides, edge of a coarse window
+LEAST_POINTS = 60  # of a window
+LEAST_SHARE = 0.4  # of a window that must be known
+LEAST_MATCH = 0.6  # correlation of a window that counts
+SAME_PICTURE = 0.8  # median over the windows: few tiles match others by chance, to .7
+ROUNDS = 5
+SETTLED = 0.02  # grid px, and grid px^2 of blur: further rounds change nothing
+FIT_ROUNDS = 12
+HUBER = 2.0  # sigmas beyond which a window counts less
+LEAST_SIGMA = 0.003  # grid px: interpolation of a photograph
+LARGEST_BLUR2 = 30.0  # grid px^2
+PANEL_FLIPS = {
+    "as it was": (1, 1),
+    "mirrored": (1, -1),
+    "upside down": (-1, 1),
+    "turned by 180 degrees": (-1, -1),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Windows:
+    """Displacements of windows of a panel.
+
+    Attributes
+    ----------
+    place : (n, 2) their middles on the grid. shift : (n, 2) to where their picture went [grid px].
+    sigma : (n,) standard error of each component of the shift. blur2 : (n,) rise of the variance of the blur
+    [grid px^2]; NaN of coarse windows.
+    """
+
+    place: Array
+    shift: Array
+    sigma: Array
+    blur2: Array
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """A projective displacement of a panel's picture, in units of half the panel's width.
+
+    With x, y from the middle in those units, the displacement is (a0 + a1 x + a2 y + x (g x + h y),
+    b0 + b1 x + b2 y + y (g x + h y)); `terms` (8,) are a0, a1, a2, b0, b1, b2, g, h and `covariance`
+    (8, 8) theirs. `scatter` is the robust misfit of windows [grid px].
+    """
+
+    shape: tuple[int, int]
+    terms: Array
+    covariance: Array
+    scatter: float
+
+    def at(self, place: Array) -> Array:
+        """Displacement (..., 2) [grid px] of places (..., 2) on the grid."""
+        return (_rows(place, self.shape) @ self.terms) * (self.shape[1] / 2)
+
+    def rms(self, place: Array) -> tuple[float, float]:
+        """Root mean square displacement of places (n, 2), and its standard error [grid px]."""
+        rows = _rows(place, self.shape) * (self.shape[1] / 2)
+        moved, count = rows @ self.terms, len(place)
+        slope = 2 * np.einsum("nik,ni->k", rows, moved) / count
+        noise = float(np.einsum("nik,kl,nil->", rows, self.covariance, rows)) / count
+        square = float(np.sum(moved**2)) / count - noise  # noise adds to a mean square
+        if square <= noise:
+            return float(np.sqrt(max(square, 0.0))), float(np.sqrt(noise))
+        length = float(np.sqrt(square))
+        return length, float(np.sqrt(slope @ self.covariance @ slope)) / (2 * length)
+
+
+def unmoved(shape: tuple[int, int]) -> Motion:
+    """No displacement."""
+    return Motion(shape, np.zeros(TERMS), np.zeros((TERMS, TERMS)), 0.0)
+
+
+def _rows(place: Array, shape: tuple[int, int]) -> Array:
+    """Derivatives (..., 2, 8) of the displacement by the terms."""
+    half = shape[1] / 2
+    x = (place[..., 0] - (shape[1] - 1) / 2) / half
+    y = (place[..., 1] - (shape[0] - 1) / 2) / half
+    one, zero = np.ones_like(x), np.zeros_like(x)
+    across = np.stack([one, x, y, zero, zero, zero, x * x, x * y], axis=-1)
+    down = np.stack([zero, zero, zero, one, x, y, x * y, y * y], axis=-1)
+    return np.stack([across, down], axis=-2)
+
+
+def fit_motion(windows: Windows, shape: tuple[int, int]) -> Motion:
+    """The projective motion of windows, by iteratively reweighted least squares (Huber)."""
+    rows = _rows(windows.place, shape) * (shape[1] / 2)
+    sigma = np.hypot(windows.sigma, LEAST_SIGMA)
+    terms, extra = np.zeros(TERMS), 0.0
+    for _ in range(FIT_ROUNDS):
+        spread = np.hypot(sigma, extra)
+        away = np.linalg.norm(windows.shift - rows @ terms, axis=-1) / spread
+        weight = np.minimum(1, HUBER / np.maximum(away, 1e-9)) / spread**2
+        normal = np.einsum("n,nik,nil->kl", weight, rows, rows)
+        normal += 1e-9 * np.trace(normal) / TERMS * np.eye(TERMS)
+        terms = np.linalg.solve(normal, np.einsum("n,nik,ni->k", weight, rows, windows.shift))
+        residual = (windows.shift - rows @ terms).ravel()
+        freedom = max(1.0, residual.size - TERMS) / residual.size
+        found = robust_sigma(residual, 0.0) / np.sqrt(freedom)
+        extra = float(np.sqrt(max(0.0, found**2 - float(np.median(sigma)) ** 2)))
+    return Motion(shape, terms, np.linalg.inv(normal), found)
+
+
+def find_windows(before: Image, now: Image) -> tuple[str, Windows | None]:
+    """Where large windows of a texture (h, w) went, and how the picture is turned over; None if nowhere."""
+    score, windows = _coarse(before, now, _match_there)
+    if score > UNMOVED_MATCH:
+        return "as it was", windows
+    best, found = "", dict[str, tuple[float, Windows]]()
+    for name, (down, across) in PANEL_FLIPS.items():
+        found[name] = _coarse(before[::down, ::across], now, _best_match)
+        best = max(found, key=lambda n: found[n][0])
+        if name == best and found[name][0] > SAME_PICTURE:
+            break
+    score, windows = found[best]
+    found_it = score > SAME_PICTURE and len(windows.place) > TERMS // 2
+    return best, windows if found_it else None
+
+
+def _coarse(before: Image, now: Image, match: Match) -> tuple[float, Windows]:
+    """Median correlation of large windows, and their shifts to whole grid px."""
+    height, width = before.shape
+    size = int(COARSE_SHARE * height), int(COARSE_SHARE * width)
+    rows = list[tuple[tuple[float, float], tuple[float, float], float]]()
+    for top in np.linspace(0, height - size[0], COARSE_BLOCKS[1]).astype(int):
+        for left in np.linspace(0, width - size[1], COARSE_BLOCKS[0]).astype(int):
+            window = before[top : top + size[0], left : left + size[1]]
+            if np.isfinite(window).mean() >= LEAST_SHARE:
+                (y, x), score = match(window, now, (int(top), int(left)))
+                middle = left + (size[1] - 1) / 2, top + (size[0] - 1) / 2
+                rows.append((middle, (x - left, y - top), score))
+    if not rows:
+        return 0.0, Windows(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0), np.zeros(0))
+    places, shifts, scores = (np.array(column, float) for column in zip(*rows, strict=True))
+    good = scores > LEAST_MATCH
+    blank = np.full(int(good.sum()), np.nan)
+    windows = Windows(places[good], shifts[good], np.full(len(blank), 0.5), blank)
+    return float(np.median(scores)), windows
+
+
+def _match_there(window: Image, now: Image, at: Place) -> tuple[Place, float]:
+    """The place where the window was, and the correlation there."""
+    top, left = at
+    there = now[top : top + window.shape[0], left : left + window.shape[1]]
+    good = np.isfinite(window) & np.isfinite(there)
+    if good.mean() < LEAST_SHARE:
+        return at, 0.0
+    return at, float(np.corrcoef(window[good], there[good])[0, 1])
+
+
+def _best_match(window: Image, now: Image, at: Place) -> tuple[Place, float]:
+    """Place of the window's upper left corner anywhere in a texture, and the correlation there."""
+    del at
+    known, there = np.isfinite(now), np.isfinite(window)
+    scene = np.where(known, now - np.mean(now[known]) if known.any() else 0.0, 0.0).astype(float)
+    template = np.where(there, window - np.mean(window[there]), 0.0).astype(float)
+    weight = there.astype(float)
+
+    def correlated(picture: Array, pattern: Array) -> Array:
+        return np.asarray(fftconvolve(picture, pattern[::-1, ::-1], mode="valid"))
+
+    count = np.maximum(correlated(known.astype(float), weight), 1.0)
+    mean = correlated(scene, weight) / count
+    square = correlated(scene**2, weight) - count * mean**2
+    pattern2 = correlated(known.astype(float), template**2)
+    cross = correlated(scene, template) - mean * correlated(known.astype(float), template)
+    score = cross / np.sqrt(np.maximum(square, 1e-6) * np.maximum(pattern2, 1e-6))
+    score = np.where(count > 0.7 * weight.sum(), score, -1.0)
+    y, x = np.unravel_index(int(np.argmax(score)), score.shape)
+    return (int(y), int(x)), float(score[y, x])
+
+
+def follow(before: Image, photograph: Sampler, start: Motion) -> tuple[Motion, Windows]:
+    """The motion of a texture (h, w), and its windows, to hundredths of a grid pixel.
+
+    `photograph(places)` gives the texture of today at places (h, w, 2) on the grid.
+    """
+    shape = before.shape[0], before.shape[1]
+    grid, motion, blur2 = grid_places(shape), start, 0.0
+    for _ in range(ROUNDS):
+        pair = _as_sharp(before, photograph(grid + motion.at(grid)), blur2)
+        windows = _windows(*pair, grid, motion)
+        if len(windows.place) <= TERMS // 2:
+            return motion, windows
+        # noise of the picture that is differentiated looks like blur of the other: take turns
+        back = _windows(*pair[::-1], grid, motion)
+        more = float(np.median(windows.blur2) - np.median(back.blur2)) / 2
+        blur2 = float(np.clip(blur2 + more, -LARGEST_BLUR2, LARGEST_BLUR2))
+        step = windows.shift - motion.at(windows.place)
+        motion = fit_motion(windows, shape)
+        if np.abs(step).max() < SETTLED and abs(more) < SETTLED:
+            break
+    each = windows.blur2 - np.median(windows.blur2) + blur2
+    return motion, replace(windows, blur2=each)
+
+
+def grid_places(shape: tuple[int, int]) -> Array:
+    """Places (h, w, 2) of a grid's points on itself."""
+    return np.stack(np.meshgrid(np.arange(shape[1]), np.arange(shape[0])), -1).astype(float)
+
+
+def _as_sharp(before: Image, today: Image, blur2: float) -> tuple[Image, Image]:
+    """Both textures, the sharper one blurred by the variance that the other has more."""
+    if blur2 > 1e-3:
+        return _blurred(before, blur2), today
+    if blur2 < -1e-3:
+        return before, _blurred(today, -blur2)
+    return before, today
+
+
+def _blurred(texture: Image, blur2: float) -> Image:
+    """A texture (h, w) blurred where it is known; NaN near what is not."""
+    known = np.isfinite(texture)
+    soft = blur(np.where(known, texture, 0), float(np.sqrt(blur2)))
+    share = blur(known.astype(np.float32), float(np.sqrt(blur2)))
+    return np.where(known & (share > 0.999), soft / np.maximum(share, 0.5), np.nan)
+
+
+def _windows(base: Image, seen: Image, grid: Array, motion: Motion) -> Windows:
+    """Least squares in each window: gain, offset, displacement and blur."""
+    rise_y, rise_x = np.gradient(base)
+    curve = np.gradient(rise_x, axis=1) + np.gradient(rise_y, axis=0)
+    layers = np.stack([seen, base, rise_x, rise_y, curve, np.ones_like(base)], axis=-1)
+    rows = list[tuple[Array, Array, float, float]]()
+    for top, left, height, width in _cells(base.shape):
+        part = layers[top : top + height, left : left + width].reshape(-1, 6).astype(float)
+        good = np.isfinite(part).all(axis=1)
+        if good.sum() < max(LEAST_POINTS, LEAST_SHARE * part.shape[0]):
+            continue
+        fit = _fitted(part[good])
+        if fit is None:
+            continue
+        shift, sigma, blur2 = fit
+        middle = grid[top : top + height, left : left + width].reshape(-1, 2)[good].mean(axis=0)
+        rows.append((middle, shift, sigma, blur2))
+    if not rows:
+        return Windows(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0), np.zeros(0))
+    place, rest, sigmas, blurs = (np.array(column) for column in zip(*rows, strict=True))
+    return Windows(place, motion.at(place) + rest, sigmas, blurs)
+
+
+def _cells(shape: tuple[int, ...]) -> NDArray[np.intp]:
+    """(top, left, height, width) of the fine windows."""
+    down, across = (
+        np.linspace(0, n, k + 1).astype(int) for n, k in zip(shape[:2], BLOCKS[::-1], strict=True)
+    )
+    return np.array(
+        [
+            (top, left, bottom - top, right - left)
+            for top, bottom in pairwise(down)
+            for left, right in pairwise(across)
+        ]
+    )
+
+
+def _fitted(part: Array) -> tuple[Array, float, float] | None:
+    """Remaining shift (2,), its standard error and rise of the blur's variance of one window."""
+    seen, columns = part[:, 0], part[:, 1:]
+    normal = columns.T @ columns
+    if np.linalg.cond(normal) > 1e12:
+        return None
+    found = np.linalg.solve(normal, columns.T @ seen)
+    gain = found[0]
+    if gain <= 0:
+        return None
+    noise = float(np.mean((seen - columns @ found) ** 2)) * len(seen) / max(1, len(seen) - 5)
+    inverse = np.linalg.inv(normal) * noise / gain**2
+    return -found[1:3] / gain, float(np.sqrt(inverse[1:3, 1:3].trace() / 2)), 2 * found[3] / gain

@@ -1,0 +1,77 @@
+"""A cause of change, with its size and standard error, and the limits from which causes are named."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from procam.model.quality import Figure
+
+Cause = Literal[
+    "moved",
+    "picture setting",
+    "another picture",
+    "focus",
+    "light",
+    "colour",
+    "dead channel",
+    "no picture",
+    "gamma setting",
+    "black level",
+    "dynamic setting",
+    "warming up",
+    "dust",
+    "stain",
+    "floor or audience",
+    "ambient light",
+    "camera moved",
+    "camera exposure",
+    "camera focus",
+]
+CERTAIN = 5.0  # sigmas
+MOST_MOVED_ARCMIN = 1.5  # about what is seen as double where projectors overlap
+MOST_BLUR_PX2 = 0.6
+MOST_LIGHT, MOST_COLOUR = 0.02, 0.025  # relative
+SAME_LIGHT = 0.012  # log: projectors that agree
+MOST_EXPONENT = 0.03
+EXPONENT_SIGMA = 0.0025  # of a camera's own curve, between two pictures
+MOST_BLACK, LEAST_BLACK, LEAST_RAISED = 1.2, 0.85, 0.008
+MOST_SPAN = 0.06
+SPAN_SIGMA = 0.0015
+MOST_TREND, TREND_SIGMA = 0.004, 5e-4  # of white during the run
+MOST_SCATTER = 0.03
+MOST_AMBIENT = 0.003  # of white
+AMBIENT_SIGMA = 0.006  # relative: veiling glare of a picture without anything dark
+NOT_ALARMING: tuple[Cause, ...] = ("camera moved",)
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One cause of change.
+
+    Attributes
+    ----------
+    cause : its name. subject : the projector or camera; "" for the dome and the room.
+    size, sigma : how much, and its standard error; NaN where there is no size.
+    unit : of the size. text : what happened. advice : what to do.
+    """
+
+    cause: Cause
+    subject: str
+    size: float
+    sigma: float
+    unit: str
+    text: str
+    advice: str
+
+    @property
+    def sigmas(self) -> float:
+        """Size in standard errors; infinite where there is no size."""
+        return abs(self.size) / self.sigma if self.sigma > 0 else float("inf")
+
+    @property
+    def alarm(self) -> bool:
+        """Whether the dome shows it; a camera that stands elsewhere only matters to the next photograph."""
+        return self.cause not in NOT_ALARMING
+
+    def figure(self) -> Figure:
+        """The size as a figure."""
+        return Figure(self.size, self.unit, samples=1, note=self.text, sigma=self.sigma)

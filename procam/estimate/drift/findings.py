@@ -1,0 +1,176 @@
+"""Names the causes of what has changed, with size, standard error and what to do.
+
+A change is named if it is larger than what matters and than five of its standard errors. Of explanations that
+fit alike the one with fewest causes is taken: one camera's exposure rather than six lamps.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from procam.arrays import Array
+from procam.estimate.drift.changes import VenueChange
+from procam.estimate.drift.dome_change import DEAD
+from procam.estimate.drift.finding import (
+    AMBIENT_SIGMA,
+    CERTAIN,
+    MOST_AMBIENT,
+    MOST_BLUR_PX2,
+    MOST_LIGHT,
+    MOST_SCATTER,
+    SAME_LIGHT,
+    Finding,
+)
+from procam.estimate.drift.projector_change import ProjectorChange
+from procam.estimate.drift.projector_findings import is_warming, name_projector_causes
+from procam.maths.geometry.sphere import angles_from_direction, master_directions
+from procam.model.calibration import Calibration
+
+
+def name_causes(calibration: Calibration, change: VenueChange) -> list[Finding]:
+    """The causes of a change, the most certain of each subject first."""
+    common = _common_light(change)
+    found = [*_camera(calibration, change, common), *_room(calibration, change)]
+    blurred = _camera_blur(change)
+    for name, projector in change.projectors.items():
+        found += name_projector_causes(calibration, name, projector, common, blurred)
+    return found
+
+
+def _camera(calibration: Calibration, change: VenueChange, common: float) -> Iterator[Finding]:
+    name, motion = change.camera.camera.name, change.camera
+    if motion.moved:
+        yield Finding(
+            "camera moved",
+            name,
+            motion.turned_deg,
+            motion.turned_sigma,
+            "deg",
+            f"it is turned by {motion.turned_deg:.2f} degrees and shifted by {motion.shifted_mm:.0f} mm; "
+            "its new pose was solved, and all else is measured from there",
+            "nothing has to be done; to refine, calibrate again or put it back",
+        )
+    if common:
+        size = float(np.expm1(common))
+        sigma = float(np.median([np.nanmedian(p.light_sigma) for p in change.projectors.values()]))
+        yield Finding(
+            "camera exposure",
+            name,
+            size,
+            sigma * (1 + size),
+            "rel",
+            f"all photographs are {abs(size):.1%} {'brighter' if size > 0 else 'darker'}: another aperture, "
+            "ISO or exposure than stated, or all lamps alike",
+            "check the camera's settings; if they are right, all lamps have changed alike: calibrate again",
+        )
+    if blur := _camera_blur(change):
+        yield Finding(
+            "camera focus",
+            name,
+            blur,
+            0.05 * blur,
+            "px2",
+            f"all pictures are blurred alike, by {np.sqrt(blur):.1f} projector pixels",
+            "focus the camera",
+        )
+
+
+def _common_light(change: VenueChange) -> float:
+    """Log of the light that most projectors share; 0 if most are as they were."""
+    levels = [
+        float(np.median(p.light[p.light > np.log(DEAD)]))
+        for p in change.projectors.values()
+        if _judged(p) and (p.light > np.log(DEAD)).any()
+    ]
+    if len(levels) < 2:
+        return 0.0
+    agreeing = {level: sum(abs(level - other) < SAME_LIGHT for other in levels) for level in levels}
+    still = sum(abs(level) < max(SAME_LIGHT, MOST_LIGHT / 2) for level in levels)
+    best = max(agreeing, key=lambda level: agreeing[level])
+    if agreeing[best] < 2 or agreeing[best] <= still or abs(np.expm1(best)) < MOST_LIGHT:
+        return 0.0
+    return float(np.median([level for level in levels if abs(level - best) < SAME_LIGHT]))
+
+
+def _judged(projector: ProjectorChange) -> bool:
+    """Whether a projector's light says something of its lamp."""
+    return projector.motion is not None and not is_warming(projector)
+
+
+def _camera_blur(change: VenueChange) -> float:
+    """Rise of the blur that all of several projectors share [px^2]; 0 if one is as sharp as before."""
+    blurs = [p.blur_px2 for p in change.projectors.values() if p.motion is not None]
+    shared = len(blurs) > 2 and min(blurs) > MOST_BLUR_PX2
+    return float(np.median(blurs)) if shared else 0.0
+
+
+def _room(calibration: Calibration, change: VenueChange) -> Iterator[Finding]:
+    dust, stain = change.dome.dust, change.dome.stain
+    or_lamps = ", or what lights it there" if len(change.projectors) == 1 else ""
+    if dust:
+        yield Finding(
+            "dust",
+            "",
+            dust.loss,
+            dust.sigma,
+            "rel",
+            f"the screen reflects up to {dust.loss:.1%} less, most {_where(dust.direction)}{or_lamps}",
+            "clean the screen; if it stays, calibrate again",
+        )
+    if stain:
+        yield Finding(
+            "stain",
+            "",
+            stain.loss,
+            stain.sigma,
+            "rel",
+            f"a spot {_where(stain.direction)} reflects {stain.loss:.0%} less, about "
+            f"{np.degrees(2 * stain.width):.0f} degrees wide{or_lamps}",
+            "look at the screen there; clean it or calibrate again",
+        )
+    if change.scatter:
+        yield from _floor(calibration, change)
+    ambient = float(change.ambient.value.mean())
+    sigma = float(np.hypot(np.sqrt(np.mean(change.ambient.sigma**2)), AMBIENT_SIGMA * ambient))
+    if abs(ambient) > max(MOST_AMBIENT, CERTAIN * sigma):
+        yield Finding(
+            "ambient light",
+            "",
+            ambient,
+            sigma,
+            "rel",
+            f"the room's own light is {abs(ambient):.2%} of white {'more' if ambient > 0 else 'less'} than "
+            "at the calibration",
+            "switch off what is lit, close doors and curtains; or measure it: procam state",
+        )
+
+
+def _where(direction: Array) -> str:
+    azimuth, elevation = np.degrees(angles_from_direction(direction))
+    return f"at azimuth {azimuth:.0f}, elevation {elevation:.0f} degrees"
+
+
+def _floor(calibration: Calibration, change: VenueChange) -> Iterator[Finding]:
+    """Scattered light that the screen's own change does not explain."""
+    assert change.scatter is not None
+    ratio = change.scatter.value / scatter_by_dome(calibration, change)
+    size, sigma = float(ratio.mean() - 1), float(change.scatter.sigma.mean())
+    if abs(size) > max(MOST_SCATTER, CERTAIN * sigma):
+        yield Finding(
+            "floor or audience",
+            "",
+            size,
+            sigma,
+            "rel",
+            f"scattered light is {abs(size):.0%} {'more' if size > 0 else 'less'}: another floor, furniture "
+            "or audience",
+            "measure it, to compensate with it: procam state",
+        )
+
+
+def scatter_by_dome(calibration: Calibration, change: VenueChange) -> Array:
+    """Scattered per direct light over that before (3,), by the change of the screen's albedo alone."""
+    direction, inside = master_directions(64)
+    above = inside & (direction[..., 2] > np.cos(calibration.screen.half_angle))
+    change_of_albedo = float(np.mean(change.dome.log_albedo(direction[above])))
+    return np.asarray(np.exp(change_of_albedo * (1 + calibration.feedback.value)))

@@ -1,0 +1,96 @@
+"""How the edge of a projector's light moved, by its full white.
+
+A lens or a projector that moved takes the edge of its light along. A picture that is scaled or bent
+electronically moves inside an edge that stays.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from procam.arrays import Array, Image
+from procam.estimate.drift.displacement import Motion
+from procam.estimate.drift.pictures import PanelGrid
+from procam.estimate.geometry.model import project_to_camera
+from procam.estimate.geometry.screen_points import intersect_screen
+from procam.maths.geometry.lenses import unproject
+from procam.maths.geometry.ray_to_screen import RoundShape
+from procam.maths.warp import sample
+from procam.model.optics import CameraModel, ProjectorModel
+
+BAND = 12  # grid px outside and inside the edge
+LEAST_LINES = 0.25  # of an edge that must be lit
+LEAST_EXPECTED = 0.1  # grid px: less cannot be told from noise
+
+
+@dataclass(frozen=True, slots=True)
+class EdgeBands:
+    """Panel pixels (lines, 2 BAND, 2) across each edge, from outside to inside, and points on the screen."""
+
+    pixel: list[Array]
+    point: list[Array]
+
+    @classmethod
+    def of(cls, projector: ProjectorModel, shape: RoundShape, grid: PanelGrid) -> "EdgeBands":
+        """The bands of the edges of a panel that are lit."""
+        height, width = grid.shape
+        across = np.arange(-BAND, BAND) + 0.5
+        sides = (
+            (grid.valid[:, 0], 0, across, None),
+            (grid.valid[:, -1], 0, width - 1 - across, None),
+            (grid.valid[0], 1, across, None),
+            (grid.valid[-1], 1, height - 1 - across, None),
+        )
+        pixel, point = list[Array](), list[Array]()
+        for lit, axis, place, _ in sides:
+            lines = np.flatnonzero(lit)
+            if lit.mean() < LEAST_LINES:
+                continue
+            mesh = np.meshgrid(place, lines)
+            own = np.stack(mesh if axis == 0 else mesh[::-1], axis=-1).astype(float) * grid.step
+            pose = projector.projector_from_dome.inverse()
+            rays = pose.rotate(unproject(own, projector.lens)).reshape(-1, 3)
+            pixel.append(own)
+            point.append(intersect_screen(shape, pose.translation, rays).reshape(*own.shape[:2], 3))
+        return cls(pixel, point)
+
+
+def edge_follows(
+    bands: EdgeBands,
+    grid: PanelGrid,
+    before: tuple[CameraModel, Image],
+    now: tuple[CameraModel, Image],
+    motion: Motion,
+) -> float | None:
+    """Movement of the edges of light over that of the picture at the edges: 1 or 0; None if neither shows.
+
+    `before` and `now` are a camera and its photograph (H, W, 3) of white.
+    """
+    moved, expected = list[float](), list[float]()
+    for pixel, point in zip(bands.pixel, bands.point, strict=True):
+        inner = pixel[:, BAND] / grid.step
+        outward = (pixel[:, 0] - pixel[:, -1]) / np.linalg.norm(
+            pixel[:, 0] - pixel[:, -1], axis=-1, keepdims=True
+        )
+        widths = [
+            _lit_width(sample(image.sum(axis=-1), project_to_camera(camera, point)))
+            for camera, image in (before, now)
+        ]
+        change = np.asarray(widths[1] - widths[0])
+        good = np.isfinite(change)
+        if good.mean() < LEAST_LINES:
+            continue
+        moved.append(float(np.median(change[good])))
+        expected.append(float(np.median(np.sum(motion.at(inner) * outward, axis=-1)[good])))
+    wanted = np.array(expected)
+    if not len(wanted) or np.abs(wanted).max() < LEAST_EXPECTED:
+        return None
+    return float(np.array(moved) @ wanted / (wanted @ wanted))
+
+
+def _lit_width(profile: Image) -> Array:
+    """Width (n,) [grid px] of the light in profiles (n, 2 BAND) across an edge."""
+    inside = np.median(profile[:, -BAND // 2 :], axis=1)
+    outside = np.median(profile[:, : BAND // 3], axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(((profile - outside[:, None]) / (inside - outside)[:, None]).sum(axis=1))

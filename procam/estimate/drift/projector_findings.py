@@ -1,0 +1,236 @@
+"""Causes of what has changed of one projector."""
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from procam.estimate.drift.dome_change import DEAD
+from procam.estimate.drift.finding import (
+    CERTAIN,
+    EXPONENT_SIGMA,
+    LEAST_BLACK,
+    LEAST_RAISED,
+    MOST_BLACK,
+    MOST_BLUR_PX2,
+    MOST_COLOUR,
+    MOST_EXPONENT,
+    MOST_LIGHT,
+    MOST_MOVED_ARCMIN,
+    MOST_SPAN,
+    MOST_TREND,
+    SPAN_SIGMA,
+    TREND_SIGMA,
+    Cause,
+    Finding,
+)
+from procam.estimate.drift.panel import NO_LIGHT
+from procam.estimate.drift.projector_change import MotionKind, ProjectorChange
+from procam.model.calibration import Calibration
+
+CHANNELS = ("red", "green", "blue")
+MOTIONS: Mapping[MotionKind, tuple[Cause, str, str]] = {
+    "moved": ("moved", "its picture moved", "recalibrate it: procam recalibrate"),
+    "keystone": (
+        "picture setting",
+        "its picture is bent by a keystone correction",
+        "switch it off in its menu",
+    ),
+    "stretched": (
+        "picture setting",
+        "its picture is stretched",
+        "feed it its native resolution, unscaled",
+    ),
+    "scaled": (
+        "picture setting",
+        "its picture is scaled inside an edge that stayed: overscan or zoom in its menu",
+        "switch it off",
+    ),
+}
+
+
+def is_warming(projector: ProjectorChange) -> bool:
+    """Whether a projector's light still changed during the run."""
+    return abs(projector.trend) > max(
+        MOST_TREND, CERTAIN * np.hypot(projector.trend_sigma, TREND_SIGMA)
+    )
+
+
+def name_projector_causes(
+    calibration: Calibration, name: str, change: ProjectorChange, common: float, camera_blur: float
+) -> Iterator[Finding]:
+    """Causes of the change of one projector.
+
+    `common` is the log of the light that all photographs gained, `camera_blur` what the camera's lens adds to
+    the blur of all pictures [px^2].
+    """
+    if change.shows < NO_LIGHT:
+        yield Finding(
+            "no picture",
+            name,
+            float("nan"),
+            float("nan"),
+            "-",
+            "it shows nothing",
+            "check its lamp, shutter, input and cable",
+        )
+        return
+    if change.motion is None:
+        yield _no_texture(name, change)
+        return
+    yield from _motion(calibration, name, change)
+    if abs(change.blur_px2 - camera_blur) > max(MOST_BLUR_PX2, CERTAIN * change.blur_sigma):
+        size = change.blur_px2 - camera_blur
+        yield Finding(
+            "focus",
+            name,
+            size,
+            change.blur_sigma,
+            "px2",
+            f"its picture is {'more blurred' if size > 0 else 'sharper'}, by {np.sqrt(abs(size)):.1f} pixels",
+            "focus its lens, then recalibrate it",
+        )
+    if is_warming(change):
+        yield Finding(
+            "warming up",
+            name,
+            change.trend,
+            float(np.hypot(change.trend_sigma, TREND_SIGMA)),
+            "rel",
+            f"its light rose by {change.trend:.1%} during the run; how bright it is cannot be judged yet",
+            "wait until lamps are warm, and verify again",
+        )
+    else:
+        yield from _light(name, change, common)
+    yield from _settings(name, change)
+
+
+def _no_texture(name: str, change: ProjectorChange) -> Finding:
+    if change.turned_over != "as it was":
+        return Finding(
+            "picture setting",
+            name,
+            float("nan"),
+            float("nan"),
+            "-",
+            f"its picture is {change.turned_over}",
+            "undo the projection mode (ceiling or rear) in its menu",
+        )
+    return Finding(
+        "another picture",
+        name,
+        float("nan"),
+        float("nan"),
+        "-",
+        "it is lit, but does not show the picture that it was sent",
+        "check its input, cable and focus, and whether something else plays",
+    )
+
+
+def _motion(calibration: Calibration, name: str, change: ProjectorChange) -> Iterator[Finding]:
+    projector = calibration.projectors[name]
+    solid = projector.surface.solid_angle_sr[projector.surface.valid]
+    pixel_arcmin = float(np.degrees(np.sqrt(np.median(solid)))) * 60
+    limit = MOST_MOVED_ARCMIN / pixel_arcmin
+    if change.moved_px <= max(limit, CERTAIN * change.moved_sigma):
+        return
+    cause, text, advice = MOTIONS[change.kind_of_motion(projector.model)]
+    arcmin = change.moved_px * pixel_arcmin
+    yield Finding(
+        cause,
+        name,
+        change.moved_px,
+        change.moved_sigma,
+        "px",
+        f"{text}, by {change.moved_px:.2f} pixels on average ({arcmin:.1f} arcmin)",
+        advice,
+    )
+
+
+def _light(name: str, change: ProjectorChange, common: float) -> Iterator[Finding]:
+    alive = change.light > np.log(DEAD)
+    for channel in np.flatnonzero(~alive):
+        yield Finding(
+            "dead channel",
+            name,
+            float("nan"),
+            float("nan"),
+            "-",
+            f"it shows no {CHANNELS[channel]}",
+            "check its cable and colour settings; else it needs repair",
+        )
+    if not alive.any():
+        return
+    own = change.light - common
+    level = float(np.median(own[alive]))
+    sigma = float(np.median(change.light_sigma[alive]))
+    size = float(np.expm1(level))
+    if abs(size) > max(MOST_LIGHT, CERTAIN * sigma):
+        yield Finding(
+            "light",
+            name,
+            size,
+            sigma * (1 + size),
+            "rel",
+            f"it is {abs(size):.1%} {'brighter' if size > 0 else 'darker'}",
+            "recalibrate it; replace the lamp if it goes on",
+        )
+    for channel in np.flatnonzero(alive):
+        own_size = float(np.expm1(own[channel] - level))
+        spread = float(np.hypot(change.light_sigma[channel], sigma)) * (1 + own_size)
+        if abs(own_size) > max(MOST_COLOUR, CERTAIN * spread):
+            yield Finding(
+                "colour",
+                name,
+                own_size,
+                spread,
+                "rel",
+                f"its {CHANNELS[channel]} is {abs(own_size):.1%} {'brighter' if own_size > 0 else 'darker'} "
+                "beside its other colours",
+                "recalibrate it",
+            )
+
+
+def _settings(name: str, change: ProjectorChange) -> Iterator[Finding]:
+    response = change.response
+    doubtful = CERTAIN * change.black_sigma
+    dynamic = change.black < min(LEAST_BLACK, 1 - doubtful)
+    raised = change.black > max(MOST_BLACK, 1 + doubtful) and change.raised > LEAST_RAISED
+    if raised:
+        yield Finding(
+            "black level",
+            name,
+            change.black - 1,
+            change.black_sigma,
+            "rel",
+            f"its black is {change.black:.1f} times as bright",
+            "set brightness and signal range as they were",
+        )
+    if response is None:
+        return
+    spans = response.span[np.isfinite(response.span)]
+    span = float(np.median(spans)) - 1 if len(spans) else 0.0
+    if dynamic or abs(span) > MOST_SPAN:
+        yield Finding(
+            "dynamic setting",
+            name,
+            span,
+            SPAN_SIGMA,
+            "rel",
+            f"its light depends on the picture: mid-dark pictures have {1 + span:.0%} of their light, black "
+            f"{change.black:.0%}",
+            "switch off dynamic black, iris and economy modes",
+        )
+    sigma = float(np.hypot(response.exponent_sigma, EXPONENT_SIGMA))
+    if raised:
+        sigma = float(np.hypot(sigma, change.raised / 2))
+    size = response.exponent - 1
+    if abs(size) > max(MOST_EXPONENT, CERTAIN * sigma):
+        yield Finding(
+            "gamma setting",
+            name,
+            size,
+            sigma,
+            "rel",
+            f"its gamma is {1 + size:.3f} times what it was",
+            "set its gamma or picture mode as it was, or recalibrate it",
+        )

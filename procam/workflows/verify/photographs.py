@@ -1,0 +1,162 @@
+"""The photographs that a verification compares: of the calibrated session, and of today.
+
+Of each projector white, black and one picture of level tiles; white again at the end, for lamps that are
+still warming up; and one of the dark room at each exposure.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from procam.arrays import Image
+from procam.errors import FileFormatError
+from procam.estimate.camera.radiance import Radiometer
+from procam.estimate.drift.pictures import ProjectorPhotographs, VenuePhotographs
+from procam.estimate.geometry.camera_view import DomeView
+from procam.files.session import Session
+from procam.files.venue.load import Venue
+from procam.files.venue.masks import camera_masks
+from procam.model.calibration import Calibration
+from procam.model.plan import Purpose
+from procam.workflows.capture.session_images import SessionImages
+from procam.workflows.photographs.driven import Photographer, Wanted
+from procam.workflows.solve.long_exposure import with_long_exposure
+
+DARK_LONG, AGAIN = "dark, long", "white again"
+LONG = DARK_LONG, "black"  # what is photographed with black's exposure
+SATURATED_SHARE = 0.001  # of the screen; above it the exposure is halved
+HALVINGS = 8
+LEVELS = 0  # which of the pictures of level tiles
+
+
+@dataclass(frozen=True)
+class Reference:
+    """The session that a calibration was solved from, as its main camera saw it.
+
+    `pictures` are drives (H, W, 3) by projector and purpose: white, black, levels.
+    """
+
+    images: SessionImages
+    photographs: VenuePhotographs
+    pictures: Mapping[str, Mapping[Purpose, Image]]
+
+
+def read_reference(venue: Venue, calibration: Calibration) -> Reference:
+    """Read the photographs of a calibration's session.
+
+    Raises
+    ------
+    FileFormatError
+        They are gone, or are not those of this calibration.
+    """
+    name = str(calibration.provenance.get("session"))
+    session = Session(venue.directory / "sessions" / name)
+    if not (session.directory / "plan.json").is_file():
+        raise FileFormatError(
+            f"{session.directory}: the session of the calibration in use is gone, and its photographs are "
+            "needed to compare with. Restore it, or calibrate again"
+        )
+    radiometer = Radiometer(next(iter(calibration.cameras.values())))
+    images, _ = with_long_exposure(SessionImages(session, session.read_plan(), radiometer))
+    names = list(calibration.projectors)
+    short, long = images.dark()
+    shown = {name: _stored(images, name, short, long) for name in names}
+    photographs = VenuePhotographs(_view(venue, calibration, radiometer), short, shown)
+    return Reference(images, photographs, {name: _pictures(images, name) for name in names})
+
+
+def _view(venue: Venue, calibration: Calibration, radiometer: Radiometer) -> DomeView:
+    """What the camera sees of the screen, without what a person has masked."""
+    camera = radiometer.camera
+    view = DomeView.of(camera, calibration.screen, radiometer.rays, radiometer.seen)
+    return view.without(camera_masks(venue)[camera.name].covered)
+
+
+def _stored(images: SessionImages, name: str, short: Image, long: Image) -> ProjectorPhotographs:
+    black = images.light(images.only(name, "black")) - long
+    white, levels = (
+        images.light(images.plan.of(name, purpose)[LEVELS]) - short - black
+        for purpose in ("white", "levels")
+    )
+    return ProjectorPhotographs(white, black, levels)
+
+
+def _pictures(images: SessionImages, name: str) -> dict[Purpose, Image]:
+    purposes: tuple[Purpose, ...] = ("white", "black", "levels")
+    shots = {purpose: images.plan.of(name, purpose)[LEVELS] for purpose in purposes}
+    return {purpose: images.session.pattern(shot) for purpose, shot in shots.items()}
+
+
+def take_photographs(
+    photographer: Photographer, reference: Reference
+) -> Iterator[tuple[str, VenuePhotographs | None]]:
+    """Photograph the venue as it is; yields what was done, and at the end the photographs.
+
+    The camera is taken to be where it was. What is too bright for the session's exposure is photographed
+    again with half of it, and so is all that follows.
+    """
+    camera = _Camera(photographer, reference)
+    wanted = list(_wanted(reference))
+    camera.plan(wanted)
+    taken: dict[tuple[str, str], Image] = {}
+    for name, what, pictures in wanted:
+        taken[name, what] = camera.light(what, pictures)
+        yield f"{name or 'the dark room'}: {what}", None
+    found, short = reference.photographs, taken["", "dark"]
+    shown = {}
+    for name, before in found.projectors.items():
+        black = taken[name, "black"] - taken["", DARK_LONG]
+        less = short + np.where(np.isfinite(black), black, before.black)
+        shown[name] = ProjectorPhotographs(
+            taken[name, "white"] - less,
+            black,
+            taken[name, "levels"] - less,
+            taken[name, AGAIN] - less,
+        )
+    yield "photographed", VenuePhotographs(found.view, short, shown)
+
+
+class _Camera:
+    """Gives radiance (H, W, 3), and shortens exposures that saturate."""
+
+    def __init__(self, photographer: Photographer, reference: Reference) -> None:
+        images = reference.images
+        short_s, long_s = images.only("", "dark").exposures_s
+        self._photographer, self._radiometer = photographer, images.radiometer
+        self._seen, self._long = (
+            reference.photographs.view.on_screen,
+            np.float32(images.long_exposure),
+        )
+        self._exposure_s = {False: short_s, True: long_s}
+
+    def plan(self, wanted: Sequence[tuple[str, str, Mapping[str, Image]]]) -> None:
+        """Say what will be asked for."""
+        self._photographer.plan([self._of(what, pictures) for _, what, pictures in wanted])
+
+    def light(self, what: str, pictures: Mapping[str, Image]) -> Image:
+        """Radiance of a picture, NaN where it is too bright even so."""
+        light = self._radiometer.radiance(self._photographer.take(self._of(what, pictures)))
+        for _ in range(HALVINGS):
+            if np.isnan(light[self._seen]).any(axis=-1).mean() <= SATURATED_SHARE:
+                break
+            self._exposure_s[what in LONG] /= 2
+            light = self._radiometer.radiance(self._photographer.take(self._of(what, pictures)))
+        return light / self._long if what in LONG else light
+
+    def _of(self, what: str, pictures: Mapping[str, Image]) -> Wanted:
+        return Wanted(pictures, self._exposure_s[what in LONG])
+
+
+def _wanted(reference: Reference) -> Iterator[tuple[str, str, Mapping[str, Image]]]:
+    """Projector, what, pictures. All whites first and again at the end: a lamp that warms up shows."""
+    shown = reference.pictures
+    yield "", "dark", {}
+    yield "", DARK_LONG, {}
+    for name, pictures in shown.items():
+        yield name, "white", {name: pictures["white"]}
+    for name, pictures in shown.items():
+        yield name, "black", {name: pictures["black"]}
+        yield name, "levels", {name: pictures["levels"]}
+    for name, pictures in shown.items():
+        yield name, AGAIN, {name: pictures["white"]}

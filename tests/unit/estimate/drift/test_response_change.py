@@ -1,0 +1,93 @@
+"""Changes of known responses."""
+
+import numpy as np
+import pytest
+
+from procam.estimate.drift.response_change import (
+    DRIVES,
+    LevelLight,
+    compare_levels,
+    raised_drive,
+    tile_index,
+)
+from procam.estimate.structured_light.patterns import LEVELS, level_pictures
+from procam.model.photometry import Photometry, ResponseCurve
+
+
+def light(
+    rng: np.random.Generator,
+    exponent: float = 2.2,
+    raised: float = 0.0,
+    span: float = 1.0,
+    scattered: float = 0.2,
+) -> LevelLight:
+    """Light of the levels over white: direct, and scattered light of the picture's mean."""
+    own = (raised + (1 - raised) * DRIVES) ** exponent - raised**exponent
+    own = span * own / (1 - raised**exponent)
+    share = (1 - scattered) * own + scattered * own.mean()
+    mean = share[:, None] + rng.normal(0, 3e-4, (len(DRIVES), 3))
+    return LevelLight(mean, np.full_like(mean, 3e-4))
+
+
+@pytest.mark.parametrize("factor", [0.85, 1.0, 1.12])
+def test_the_exponent_whatever_scatters(factor: float, rng: np.random.Generator) -> None:
+    found = compare_levels(light(rng), light(rng, 2.2 * factor, scattered=0.3), 0.0)
+    assert found is not None
+    assert found.exponent == pytest.approx(factor, abs=max(4 * found.exponent_sigma, 0.004))
+
+
+def test_a_raised_black_is_no_exponent(rng: np.random.Generator) -> None:
+    found = compare_levels(light(rng), light(rng, raised=0.06), 0.06)
+    assert found is not None
+    assert found.exponent == pytest.approx(1.0, abs=0.02)
+    blamed = compare_levels(light(rng), light(rng, raised=0.06), 0.0)
+    assert blamed is not None and abs(blamed.exponent - 1) > 0.05
+
+
+def test_the_span_of_an_iris(rng: np.random.Generator) -> None:
+    found = compare_levels(light(rng), light(rng, span=0.7), 0.0)
+    assert found is not None
+    assert np.allclose(found.span, 0.7, atol=0.01)
+    assert found.exponent == pytest.approx(1.0, abs=0.005)
+
+
+def test_more_scattered_light_is_taken_out_of_the_span(rng: np.random.Generator) -> None:
+    # scattered light per direct light 1.5 times what it was: the share of direct light falls
+    before, more = 0.2, 0.3 / 1.1
+    found = compare_levels(light(rng, scattered=before), light(rng, scattered=more), 0.0)
+    assert found is not None
+    assert found.span.mean() == pytest.approx((1 - more) / (1 - before), abs=0.005)
+    ratio = np.full(3, more / (1 - more) * (1 - before) / before)
+    assert np.allclose(found.without_scatter(before, ratio).span, 1.0, atol=0.006)
+
+
+def test_a_dead_channel_has_no_response(rng: np.random.Generator) -> None:
+    now = light(rng)
+    now.mean[:, 1] = 0.0
+    found = compare_levels(light(rng), now, 0.0)
+    assert found is not None
+    assert np.isnan(found.span[1]) and found.exponent == pytest.approx(1.0, abs=0.005)
+    now.mean[:] = np.nan
+    assert compare_levels(light(rng), now, 0.0) is None
+
+
+def test_the_drive_of_a_black() -> None:
+    levels = np.linspace(0, 1, 257)
+    curve = ResponseCurve(levels, np.stack([levels**2.2] * 3, 1), np.zeros((257, 3)))
+    photometry = Photometry(curve, np.eye(3), np.ones((2, 2, 3), np.float32))
+    assert raised_drive(photometry, 0.05**2.2) == pytest.approx(0.05, abs=1e-3)
+    assert raised_drive(photometry, -1e-3) == 0.0
+
+
+def test_levels_of_tiles(rng: np.random.Generator) -> None:
+    picture = level_pictures((320, 200))[0] / 255
+    pixel = np.stack(np.meshgrid(np.arange(320), np.arange(200)), -1).astype(float)
+    index = tile_index(picture, pixel)
+    inside = index >= 0
+    assert 0.05 < inside.mean() < 0.5
+    assert np.array_equal(np.array(LEVELS)[index[inside]], np.rint(255 * picture[inside][:, 0]))
+    white = np.full((200, 320, 3), 2.0)
+    found = LevelLight.of(white * picture + rng.normal(0, 1e-3, white.shape), white, index)
+    assert np.allclose(found.mean, DRIVES[:, None], atol=1e-3)
+    few = LevelLight.of(white * picture, white, np.where(index == 3, -1, index))
+    assert np.isnan(few.mean[3]).all() and np.isfinite(few.mean[4]).all()

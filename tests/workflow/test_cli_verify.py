@@ -1,0 +1,106 @@
+"""`procam verify`: exit codes, what it prints and records, by hand too, and what it refuses."""
+
+import json
+import shutil
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from tiny_venue import TINY_PAIR, make_venue, procam, quick_simulator, solved, take_session
+
+SIZE = replace(TINY_PAIR, projector_size=(160, 100), camera_size=(256, 256))
+
+
+@pytest.fixture(scope="module")
+def once(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    folder = tmp_path_factory.mktemp("verify") / "venue"
+    with quick_simulator():
+        venue = make_venue(folder, size=SIZE)
+        solved(venue, take_session(venue))
+        yield folder
+
+
+@pytest.fixture
+def venue(once: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(once, tmp_path / "venue"))
+
+
+def drift(venue: Path, *drifts: str) -> None:
+    """Change the simulated dome."""
+    with (venue / "venue.toml").open("a") as file:
+        file.write(f"session = 1\ndrifts = [{', '.join(drifts)}]\n")
+
+
+def test_all_is_well(venue: Path) -> None:
+    drift(venue)
+    ran = procam("verify", venue)
+    assert (ran.code, ran.out) == (
+        0,
+        "10 photographs, compared with calibration 0001: all is well\n",
+    )
+    assert "verify      done     nothing has changed" in procam("history", venue).out
+
+
+def test_changes_are_named_recorded_and_end_with_1(venue: Path) -> None:
+    drift(
+        venue,
+        '{ kind = "aged", projector = "north", size = 0.2 }',
+        '{ kind = "camera-moved", size = 1.0, angle_deg = 30 }',
+    )
+    ran = procam("verify", venue)
+    assert ran.code == 1
+    first, *_ = ran.out.splitlines()
+    assert first.startswith("note     zenith: camera moved  +1 +- ")
+    assert "CHANGED  north: light  -0.2 +- " in ran.out
+    assert ran.out.endswith("compared with calibration 0001: 1 change\n")
+    document = json.loads(procam("verify", venue, "--json").out)
+    assert document["alarm"] is True
+    assert [(each["cause"], each["alarm"]) for each in document["findings"]] == [
+        ("camera moved", False),
+        ("light", True),
+    ]
+    listed = procam("history", venue).out
+    assert listed.count("verify      done     zenith camera moved, north light") == 2
+    csv = venue / "out.csv"
+    procam("history", venue, "--csv", csv)
+    rows = [line.split(",") for line in csv.read_text().splitlines()]
+    light = [float(row[6]) for row in rows if row[5] == "light.north.G"]
+    assert light == pytest.approx([0.8, 0.8], abs=0.01)
+
+
+def test_a_camera_put_back_roughly_is_no_alarm(venue: Path) -> None:
+    drift(venue, '{ kind = "camera-moved", size = 1.5, angle_deg = 200 }')
+    ran = procam("verify", venue)
+    assert ran.code == 0 and "camera moved" in ran.out
+    assert ran.out.endswith("compared with calibration 0001: all is well\n")
+
+
+def test_what_has_no_size_is_null_in_json(venue: Path) -> None:
+    drift(venue, '{ kind = "no-picture", projector = "south", size = 1 }')
+    (found,) = json.loads(procam("verify", venue, "--json").out)["findings"]
+    assert (found["cause"], found["size"], found["sigmas"]) == ("no picture", None, None)
+
+
+class TestRefused:
+    def test_an_edited_calibration(self, venue: Path) -> None:
+        procam("history", venue, "--restore", 1)  # a run records what is there
+        path = venue / "calibrations" / "0001" / "calibration.json"
+        path.write_text(path.read_text() + "\n")
+        ran = procam("verify", venue)
+        assert ran.code == 2 and "calibration.json changed since procam wrote it" in ran.complaint
+
+    def test_a_session_that_is_gone(self, venue: Path) -> None:
+        shutil.rmtree(venue / "sessions")
+        ran = procam("verify", venue)
+        assert ran.code == 2
+        assert "the session of the calibration in use is gone" in ran.complaint
+
+    def test_other_devices(self, venue: Path) -> None:
+        path = venue / "venue.toml"
+        path.write_text(path.read_text().replace("[projectors.north]", "[projectors.nord]"))
+        assert procam("verify", venue).code == 2
+
+    def test_no_calibration(self, venue: Path) -> None:
+        shutil.rmtree(venue / "calibrations")
+        assert "has no calibration" in procam("verify", venue).complaint

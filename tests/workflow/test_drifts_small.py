@@ -1,0 +1,65 @@
+"""A part of studies/drifts: changes of a simulated dome are named, and their sizes are right."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tiny_venue import quick_simulator
+
+from simulators.drifts import Drift
+from studies import drifts as study
+
+CHANGES = (
+    (Drift("turned", 0.15, "south", 40.0),),
+    (Drift("overscan", 0.04, "north"),),
+    (Drift("defocused", 2.0, "south"),),
+    (Drift("aged", 0.1, "north"),),
+    (Drift("gamma", 0.1, "south"),),
+    (Drift("raised-black", 0.05, "south"),),
+    (Drift("stain", 0.3, angle_deg=40.0),),
+    (Drift("ambient", 0.05),),
+    (Drift("camera-moved", 1.0, angle_deg=10.0),),
+    (Drift("aperture", 0.2),),
+    (Drift("camera-moved", 0.7, angle_deg=70.0), Drift("colour-aged", 0.15, "north", channel=2)),
+)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def venue(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    with quick_simulator():
+        study._venues["small"] = study.make_venue(
+            Path(tmp_path_factory.mktemp("drifts")) / "venue", "standard", 2
+        )
+        yield
+        study._venues.clear()
+
+
+@pytest.mark.parametrize("drifts", CHANGES, ids=lambda drifts: " ".join(d.kind for d in drifts))
+def test_the_cause_is_named_and_no_other(drifts: tuple[Drift, ...]) -> None:
+    row = study.run(study.Case("small", drifts, 3))
+    assert row["named"] and row["others"] == []
+    for error in row["errors"]:
+        assert abs(error["size"] - error["true"]) < 3.5 * error["sigma"], error
+
+
+def test_no_change_is_no_alarm() -> None:
+    rows = [study.run(study.Case("small", (), session)) for session in (1, 2, 3)]
+    assert [row["others"] for row in rows] == [[], [], []]
+
+
+def test_the_table() -> None:
+    rows = [study.run(study.Case("small", drifts, 4)) for drifts in CHANGES[3:4]]
+    text = "\n".join(study.table(rows, 0.1))
+    assert (
+        "1 single changes, 0 pairs and 0 venues" in text
+        and "| aged | 1 | 100.0% | 100.0% |" in text
+    )
+
+
+def test_pairs_do_not_hide_each_other() -> None:
+    rng = np.random.default_rng(5)
+    for _ in range(50):
+        first, second = study._pair(rng, ["south", "north"])
+        blind = {first.kind, second.kind} & set(study.BLIND)
+        assert not blind or not first.projector or first.projector != second.projector
