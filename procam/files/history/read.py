@@ -107,10 +107,10 @@ def changed_files(venue_dir: Path, directory: Path) -> Iterator[str]:
         if db is None:
             return
         rows = db.execute(
-            "SELECT path, sha256, MIN(run) FROM files WHERE path GLOB ? GROUP BY path ORDER BY path",
+            "SELECT path, sha256 FROM files WHERE path GLOB ? ORDER BY path",
             (f"{inside}/*",),
         ).fetchall()
-    for name, digest, _ in rows:
+    for name, digest in rows:
         path = venue_dir / name
         if not path.is_file() or file_digest(path) != digest:
             yield name

@@ -86,6 +86,29 @@ def test_blur(sigma: float, rng: np.random.Generator) -> None:
     assert float(np.median(windows.blur2)) == pytest.approx(sigma**2, rel=0.05, abs=0.1)
 
 
+def test_noise_is_no_blur(rng: np.random.Generator) -> None:
+    before, today, _ = scene(rng, np.zeros(8))
+    found = [
+        np.median(
+            follow(seen(before, rng, 0.03), sampler(seen(today, rng, 0.03)), unmoved(SHAPE))[
+                1
+            ].blur2
+        )
+        for _ in range(4)
+    ]
+    assert abs(float(np.mean(found))) < 0.05
+
+
+def test_noise_is_no_motion(rng: np.random.Generator) -> None:
+    """Of motions that are noise alone, the mean square less what noise adds is 0."""
+    covariance = np.diag(np.full(8, 1e-8))
+    places = grid_places(SHAPE)[::7, ::7].reshape(-1, 2)
+    sizes = [
+        Motion(SHAPE, rng.normal(0, 1e-4, 8), covariance, 0.0).rms(places)[0] for _ in range(60)
+    ]
+    assert 0.3 < np.mean([size == 0 for size in sizes]) < 0.8
+
+
 def test_sharper_is_negative(rng: np.random.Generator) -> None:
     today, before, _ = scene(rng, np.zeros(8), 1.5)
     _, windows = follow(seen(before, rng), sampler(seen(today, rng)), unmoved(SHAPE))
