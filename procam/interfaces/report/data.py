@@ -198,7 +198,7 @@ def read_material(venue_dir: Path) -> Material:
         calibration,
         summary.get("figures", {}),
         summary.get("preset"),
-        _loop(venue_dir / "loop"),
+        _loop(venue_dir / "loop", calibration),
         pictures,
         _truth(venue_dir / "truth", calibration, size),
         load_venue(venue_dir) if (venue_dir / "venue.toml").is_file() else None,
@@ -230,10 +230,14 @@ def _pictures(folder: Path) -> dict[str, Image]:
     return {n: _picture(folder / f"{n}.exr") for n in names}
 
 
-def _loop(folder: Path) -> Loop | None:
+def _loop(folder: Path, calibration: Calibration | None) -> Loop | None:
+    """The last loop; None if it was of another session than the calibration, whose pictures it had not shown."""
     names = ("before", "after", "predicted", "free")
     document = read_document(folder / "loop.json")
     if not document or not all((folder / f"{n}.exr").is_file() for n in names):
+        return None
+    session = calibration.provenance.get("session") if calibration else None
+    if document.get("session", session) != session:
         return None
     photographs = {n: _picture(folder / f"{n}.exr") for n in names}
     worse, unseen = document.get("worse", ""), document.get("unseen")  # new since version 0.1

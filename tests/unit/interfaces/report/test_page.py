@@ -258,6 +258,16 @@ def test_a_loop_that_made_something_worse_is_reported(venue):
     assert f"The resulting calibration was not kept: {worse}." in page
 
 
+def test_a_loop_of_another_session_is_not_shown(venue):
+    """Its photographs are of an earlier calibration."""
+    path = venue / "loop" / "loop.json"
+    worse = {"worse": "red light was off"}
+    for session, shown in (("0001", False), (None, True)):
+        path.write_text(json.dumps(json.loads(path.read_text()) | worse | {"session": session}))
+        page = write_report(venue).read_text("utf-8")
+        assert ("red light was off" in page) == shown
+
+
 def test_a_picture_that_the_loop_did_not_learn_from_leads(venue):
     path = venue / "loop" / "loop.json"
     words = "in a picture that the loop did not learn from"
