@@ -231,7 +231,7 @@ def _pictures(folder: Path) -> dict[str, Image]:
 
 
 def _loop(folder: Path, calibration: Calibration | None) -> Loop | None:
-    """The last loop; None if it was of another session than the calibration, whose pictures it had not shown."""
+    """The last loop; None if it was of another session than the calibration."""
     names = ("before", "after", "predicted", "free")
     document = read_document(folder / "loop.json")
     if not document or not all((folder / f"{n}.exr").is_file() for n in names):
