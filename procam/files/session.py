@@ -11,7 +11,10 @@ and reads the index again if another process has changed it.
 
 import hashlib
 import json
+import os
+import shutil
 import threading
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -116,6 +119,34 @@ class Session:
         settings = CameraSettings(entry.in_force_s or exposure_s, pixel_format, entry.gain)
         return Frame(counts.astype(np.uint16), settings, entry.started_s, entry.ended_s)
 
+    def without(self, directory: Path, projectors: Collection[str]) -> "Session":
+        """The same session in another folder, without photographs of some projectors; the rest are links.
+
+        Raises
+        ------
+        InputError
+            The folder exists.
+        """
+        plan = self.read_plan()
+        left_out = {shot.id for shot in plan.shots if shot.projector in projectors}
+        with atomic.replacing_directory(directory) as folder:
+            copy = Session(folder)
+            for path in sorted(self.directory.rglob("*")):
+                where = path.relative_to(self.directory)
+                if path.is_file() and where.parts[0] in ("patterns", "venue.toml", "plan.json"):
+                    _link(path, folder / where)
+            for camera in sorted(p.name for p in (self.directory / "captures").glob("*")):
+                for entry in self.stored(camera).values():
+                    if entry.shot not in left_out:
+                        copy.add_link(camera, self._folder(camera) / entry.file, entry)
+        return Session(directory)
+
+    def add_link(self, camera: str, frame: Path, entry: StoredFrame) -> None:
+        """Add a frame of another session, as a link, and its entry."""
+        target = self._folder(camera) / entry.file
+        _link(frame, target)
+        atomic.append_line(target.with_name("index.jsonl"), json.dumps(entry.model_dump()))
+
     def keep_plan(self) -> None:
         """Keep the plan as it is now, unless one is kept already."""
         if not (self.directory / AS_MADE).is_file():
@@ -147,6 +178,15 @@ class Session:
         if camera not in self._indexes or self._indexes[camera].state != state:
             self._indexes[camera] = _Index(_read_index(path), state)
         return self._indexes[camera]
+
+
+def _link(source: Path, target: Path) -> None:
+    """A hard link, or a copy where the disk has none."""
+    target.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        os.link(source, target)
+    except OSError:
+        shutil.copyfile(source, target)
 
 
 def _read_index(path: Path) -> dict[Slot, StoredFrame]:

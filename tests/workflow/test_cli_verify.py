@@ -9,13 +9,16 @@ from pathlib import Path
 import pytest
 from tiny_venue import TINY_PAIR, make_venue, procam, quick_simulator, solved, take_session
 
+from procam.estimate import calibration as assembling
+
 SIZE = replace(TINY_PAIR, projector_size=(160, 100), camera_size=(256, 256))
 
 
 @pytest.fixture(scope="module")
 def once(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     folder = tmp_path_factory.mktemp("verify") / "venue"
-    with quick_simulator():
+    with quick_simulator(), pytest.MonkeyPatch.context() as patch:
+        patch.setattr(assembling, "MAP_SIZE", 256)
         venue = make_venue(folder, size=SIZE)
         solved(venue, take_session(venue))
         yield folder

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from tiny_venue import quick_simulator
 
+from procam.estimate import calibration as assembling
 from simulators.drifts import Drift
 from studies import drifts as study
 
@@ -27,7 +28,8 @@ CHANGES = (
 
 @pytest.fixture(scope="module", autouse=True)
 def venue(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    with quick_simulator():
+    with quick_simulator(), pytest.MonkeyPatch.context() as patch:
+        patch.setattr(assembling, "MAP_SIZE", 256)
         study._venues["small"] = study.make_venue(
             Path(tmp_path_factory.mktemp("drifts")) / "venue", "standard", 2
         )

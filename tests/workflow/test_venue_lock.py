@@ -32,6 +32,7 @@ COMMANDS = {
     "patterns": ("VENUE", "--out", "VENUE/out"),
     "history": ("VENUE", "--restore", "1"),
     "verify": ("VENUE",),
+    "recalibrate": ("VENUE",),
 }
 
 

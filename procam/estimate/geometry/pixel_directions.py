@@ -278,6 +278,9 @@ def _propagated(solution: GeometrySolution, columns: IndexArray, directions: Dir
     """Variance (N,) [rad^2], sum of both components, of directions that depend on some parameters."""
     sigma = np.sqrt(np.diag(solution.covariance))
     used = columns[sigma[columns] > 0]
+    if not used.size:  # all of them are known
+        known = np.isfinite(directions(solution.rig)).all(axis=-1)
+        return np.where(known, 0.0, np.nan)
     slopes = []
     for i in used:
         step = np.zeros(len(sigma))

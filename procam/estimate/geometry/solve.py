@@ -123,12 +123,12 @@ def solve_geometry(problem: RigProblem) -> GeometrySolution:
     used = problem.observations
     if not rig.shape.is_sphere:
         used = {pair: some.thinned(MOST_NOT_SPHERE) for pair, some in used.items()}
-    rig, last = _last_fit(problem, _agreeing(rig, used), rig)
+    rig, last = _last_fit(problem, agreeing(rig, used), rig)
     check_fiducials(rig, problem.fiducials, problem.distances, rough=on_sphere > MAX_SPHERE_RATIO)
-    seen = _agreeing(rig, problem.observations, GROSS_SIGMAS)
+    seen = agreeing(rig, problem.observations, GROSS_SIGMAS)
     covariance, freedoms, scales = last.uncertainty(rig)
     errors = {pair: residuals(rig, pair, some) for pair, some in seen.items()}
-    rig = _with_covariances(rig, covariance)
+    rig = with_covariances(rig, covariance)
     return GeometrySolution(rig, covariance, seen, errors, scales, freedoms, on_sphere)
 
 
@@ -198,7 +198,8 @@ def _check_finite(observations: Mapping[Pair, Observations]) -> None:
             )
 
 
-def _with_covariances(rig: RigGeometry, covariance: Array) -> RigGeometry:
+def with_covariances(rig: RigGeometry, covariance: Array) -> RigGeometry:
+    """The rig, whose projectors have their blocks of a covariance (P, P)."""
     blocks = ParameterLayout.of(rig).projectors
     projectors = {
         name: replace(p, covariance=covariance[blocks[name], blocks[name]])
@@ -331,19 +332,19 @@ def _fitted(
     """A robust fit, then a plain one of the observations that agree."""
     prior = prior_sigmas(problem, rig)
     rig = Adjustment(problem, seen, prior).solve(rig, robust=True)
-    return Adjustment(problem, _agreeing(rig, seen), prior).solve(rig, robust=False)
+    return Adjustment(problem, agreeing(rig, seen), prior).solve(rig, robust=False)
 
 
 def _mean_ratio(rig: RigGeometry, seen: Mapping[Pair, Observations]) -> float:
     """Root mean square of the pairs' systematic ratios, without outliers."""
     ratios = [
         systematic_ratio(residuals(rig, p, o), o, rig.projectors[p[1]].size)
-        for p, o in _agreeing(rig, seen).items()
+        for p, o in agreeing(rig, seen).items()
     ]
     return float(np.sqrt(np.mean(np.square(ratios))))
 
 
-def _agreeing(
+def agreeing(
     rig: RigGeometry, seen: Mapping[Pair, Observations], sigmas: float = OUTLIER_SIGMAS
 ) -> dict[Pair, Observations]:
     """Observations without outliers, by the robust sigma of their pair."""

@@ -37,6 +37,7 @@ PANELS = {
         "refine": "Show the compensated picture, photograph it and correct the residual; a new calibration.",
         "state": "Measure the venue with its present audience and its own lamps; a new calibration.",
         "verify": "Say what has changed at a venue since it was calibrated, and why; exit 1 if anything has.",
+        "recalibrate": "Measure the projectors again that have changed, and nothing else; a new calibration.",
         "history": "List what was done at a venue, compare its calibrations, and go back to one of them.",
         "report": "Write report.html, one self-contained file; exit 1 if a limit of the client is not kept.",
         "bundle": "Write a session into one file that can be solved elsewhere, or open such a file.",

@@ -32,6 +32,13 @@ def newest_session(venue: Venue) -> Path:
             return known[-1]
         if missing_shots(session, session.read_plan(), list(venue.cameras)):
             return known[-1]
+    return next_session(venue)
+
+
+def next_session(venue: Venue) -> Path:
+    """The folder of the session after the newest."""
+    folder = venue.directory / "sessions"
+    known = sorted(p for p in folder.glob("[0-9]*") if p.is_dir() and p.name.isdecimal())
     return folder / f"{int(known[-1].name) + 1 if known else 1:04d}"
 
 

@@ -151,7 +151,7 @@ def _rig_by_codes(venue: Venue, session: Session, total: int) -> Generator[Event
     for camera in cameras:
         images = SessionImages(session, plan, Radiometer(cameras[camera]))
         tags_seen[camera] = detect_tags(venue, images)
-        work = partial(_decode, venue, images)
+        work = partial(decode_projector, venue, images)
         for name, (seen, patches, lines) in _each(list(venue.table.projectors), work):
             found[camera, name], gathered[camera, name] = seen, patches
             odd += lines
@@ -202,7 +202,7 @@ def _each(names: list[str], work: Callable[[str], Result]) -> Iterator[tuple[str
         yield from zip(names, pool.map(work, names), strict=True)
 
 
-def _decode(
+def decode_projector(
     venue: Venue, images: SessionImages, name: str
 ) -> tuple[CorrespondenceMap, Observations, list[str]]:
     """What a camera sees of a projector, pixel by pixel and by patches of the panel; and notes."""

@@ -4,8 +4,8 @@ Of each projector white, black and one picture of level tiles; white again at th
 still warming up; and one of the dark room at each exposure.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -40,6 +40,14 @@ class Reference:
     images: SessionImages
     photographs: VenuePhotographs
     pictures: Mapping[str, Mapping[Purpose, Image]]
+
+    def of(self, names: Collection[str]) -> "Reference":
+        """The same of some projectors."""
+        shown = {n: p for n, p in self.photographs.projectors.items() if n in names}
+        pictures = {n: p for n, p in self.pictures.items() if n in names}
+        return replace(
+            self, photographs=replace(self.photographs, projectors=shown), pictures=pictures
+        )
 
 
 def read_reference(venue: Venue, calibration: Calibration) -> Reference:

@@ -1,6 +1,6 @@
 """Verifies a venue: photographs it, compares with the calibrated session, and names what has changed."""
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -68,8 +68,15 @@ def _relative(log: Array, sigma: Array) -> Figure:
     return Figure(np.exp(log).tolist(), "-", sigma=(np.exp(log) * sigma).tolist())
 
 
-def verify(photographer: Photographer, venue: Venue, calibration: Calibration) -> Iterator[Event]:
+def verify(
+    photographer: Photographer,
+    venue: Venue,
+    calibration: Calibration,
+    names: Collection[str] = (),
+) -> Iterator[Event]:
     """Photograph and compare; the last event carries `data["verified"]`, a `Verified`.
+
+    Of the projectors `names` alone, or of all.
 
     Raises
     ------
@@ -79,7 +86,7 @@ def verify(photographer: Photographer, venue: Venue, calibration: Calibration) -
         The photographs of the calibrated session are gone.
     """
     check_devices(venue, calibration)
-    reference = read_reference(venue, calibration)
+    reference = read_reference(venue, calibration).of(names or list(calibration.projectors))
     total, done, now = 3 + 4 * len(reference.pictures), 0, None
     for done, (text, now) in enumerate(take_photographs(photographer, reference), start=1):
         if now is None:

@@ -1,0 +1,49 @@
+"""`procam recalibrate`: only what has changed is measured anew."""
+
+from typing import Annotated
+
+import typer
+
+from procam.files.history.read import verify_unchanged
+from procam.files.venue.load import load_venue
+from procam.files.versions import calibration_in_use
+from procam.interfaces.cli._options import Json, VenueArgument
+from procam.interfaces.cli._output import Output
+from procam.interfaces.cli._run_log import RunLog
+from procam.workflows.recalibrate import recalibrate as recalibrating
+
+EXAMPLE = "procam recalibrate my-dome --projector south"
+
+
+def recalibrate(
+    venue: VenueArgument,
+    projector: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME",
+            help="Recalibrate this projector, whatever a verification would say; may be repeated.",
+        ),
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Measure the projectors again that have changed, and nothing else; a new calibration.
+
+    Verifies the venue, photographs the projectors that moved or whose light changed, and puts them into the
+    calibration in use: all other projectors stay to the last bit, and seams are blended anew. The old
+    calibration stays, and stays in use if the new one fits worse; exit 1 then.
+    """
+    loaded, output = load_venue(venue), Output(json, RunLog(venue, "recalibrate"))
+    used = calibration_in_use(venue)
+    verify_unchanged(venue, used)
+    data = output.follow(recalibrating(loaded, used, projector or []))
+    written = data["calibration"]
+    for note in data["notes"]:
+        output.say(f"note: {note}")
+    if written is None:
+        output.say(f"nothing to recalibrate, {used} stays in use")
+    else:
+        output.say(f"{written} written: {', '.join(data['projectors'])} measured again")
+    in_use = str(calibration_in_use(venue))
+    output.finish({**data, "in_use": in_use})
+    if written is not None and in_use != written:
+        raise typer.Exit(1)

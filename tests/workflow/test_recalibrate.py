@@ -1,0 +1,172 @@
+"""`procam recalibrate`: one projector is measured anew, and all else stays to the last bit."""
+
+import json
+import shutil
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tiny_venue import (
+    TINY_PAIR,
+    contents,
+    make_venue,
+    procam,
+    quick_simulator,
+    solved,
+    take_session,
+)
+
+from procam.estimate import calibration as assembling
+from procam.files.calibration import load_calibration
+from procam.files.session import Session
+from procam.files.venue.load import load_venue
+from procam.files.versions import calibration_in_use
+from procam.interfaces.judge import direction_errors
+from procam.workflows import recalibrate as module
+from simulators.backend import build_scene
+
+SIZE = replace(TINY_PAIR, projectors=3, projector_size=(160, 100), camera_size=(320, 320))
+NUDGE = '{ kind = "turned", projector = "south", size = 0.6, angle_deg = 40 }'
+AGED = '{ kind = "aged", projector = "east", size = 0.2 }'
+
+
+@pytest.fixture(scope="module")
+def once(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    folder = tmp_path_factory.mktemp("recalibrate") / "venue"
+    with quick_simulator(), pytest.MonkeyPatch.context() as patch:
+        patch.setattr(assembling, "MAP_SIZE", 256)
+        venue = make_venue(folder, size=SIZE)
+        solved(venue, take_session(venue))
+        yield folder
+
+
+@pytest.fixture
+def venue(once: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(once, tmp_path / "venue"))
+
+
+def drift(venue: Path, *drifts: str) -> None:
+    with (venue / "venue.toml").open("a") as file:
+        file.write(f"session = 1\ndrifts = [{', '.join(drifts)}]\n")
+
+
+def relative_error(venue: Path, calibration: Path) -> float:
+    """Rms error of directions less a common rotation [arcmin]."""
+    scene = build_scene(load_venue(venue).backends["simulated"], venue)
+    found, estimate, true = load_calibration(calibration), [], []
+    for name, projector in found.projectors.items():
+        use = projector.surface.valid & scene.lights[name].lit
+        estimate.append(projector.surface.direction[use].astype(float))
+        true.append(scene.lights[name].direction[use])
+    _, relative = direction_errors(np.concatenate(estimate), np.concatenate(true))
+    return float(np.sqrt(np.mean(np.square(relative))))
+
+
+def test_a_nudged_projector_is_replaced_and_the_rest_stays(venue: Path) -> None:
+    drift(venue, NUDGE)
+    ran = procam("recalibrate", venue)
+    assert ran.code == 0, ran
+    assert ran.out == f"{venue}/calibrations/0002 written: south measured again\n"
+    old, new = (load_calibration(venue / "calibrations" / n) for n in ("0001", "0002"))
+    for name in ("north", "east"):
+        a, b = old.projectors[name], new.projectors[name]
+        assert all(
+            np.array_equal(getattr(a.surface, field), getattr(b.surface, field), equal_nan=True)
+            for field in ("direction", "solid_angle_sr", "valid", "measured", "sigma_arcmin")
+        )
+        assert np.array_equal(a.photometry.gain, b.photometry.gain)
+        assert np.array_equal(a.photometry.response.values, b.photometry.response.values)
+    for field in ("scatter_per_flux", "albedo"):
+        assert np.array_equal(getattr(old.maps, field), getattr(new.maps, field))
+    assert np.array_equal(old.content_from_camera, new.content_from_camera)
+    before, after = (relative_error(venue, venue / "calibrations" / n) for n in ("0001", "0002"))
+    assert after < 0.15 * before  # pixels of these panels have 40 arcmin
+    assert procam("verify", venue).code == 0  # compares with the new session
+    assert procam("recalibrate", venue).out.startswith("nothing to recalibrate")
+
+
+def test_it_is_as_good_as_a_whole_calibration_with_a_quarter_of_the_shots(
+    venue: Path, tmp_path: Path
+) -> None:
+    drift(venue, NUDGE)
+    whole = Path(shutil.copytree(venue, tmp_path / "whole"))
+    shutil.rmtree(whole / "sessions")
+    assert procam("recalibrate", venue, "--projector", "south").code == 0
+    assert procam("calibrate", whole).code == 0
+    part = relative_error(venue, venue / "calibrations" / "0002")
+    assert part < 1.1 * relative_error(whole, whole / "calibrations" / "0002")
+    plan = Session(venue / "sessions" / "0002").read_plan()
+    assert sum(shot.projector == "south" for shot in plan.shots) < 0.4 * len(plan.shots)
+
+
+def test_seams_sum_to_one_and_white_is_where_the_light_is(venue: Path) -> None:
+    drift(venue, NUDGE, AGED)
+    data = json.loads(procam("recalibrate", venue, "--json").out)
+    assert sorted(data["projectors"]) == ["east", "south"] and data["notes"] == []
+    new = load_calibration(Path(data["calibration"]))
+    scene = build_scene(load_venue(venue).backends["simulated"], venue)
+    for name in ("east", "south"):
+        light, found = scene.lights[name], new.projectors[name]
+        use = found.surface.valid & light.lit
+        white = light.emit(np.ones((*light.lit.shape, 3), np.float32), slice(0, 3))
+        true = (white * scene.surface.albedo(light.direction)[..., None])[use]
+        ratio = found.photometry.gain[use] / (true @ new.content_from_camera.T)
+        assert np.median(ratio) == pytest.approx(1.0, abs=0.015)
+    old = load_calibration(venue / "calibrations" / "0001")
+    lit = (old.maps.coverage > 0.99) & (new.maps.coverage > 0.99)
+    change = new.maps.hi[lit] / old.maps.hi[lit]
+    low, middle = np.quantile(change, (0.001, 0.5))
+    assert low > 0.75 and middle == pytest.approx(0.94, abs=0.06)
+    assert 0.5 < np.median(new.maps.lo[lit] / old.maps.lo[lit]) < 1.2
+
+
+def test_one_that_fits_worse_is_written_and_not_used(
+    venue: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drift(venue, NUDGE)
+    monkeypatch.setattr(module, "WORSE", 1e-6)
+    monkeypatch.setattr(module, "LEAST_RESIDUAL_PX", 1e-9)
+    ran = procam("recalibrate", venue)
+    assert ran.code == 1
+    assert "note: south fits by " in ran.out and "stays in use" in ran.out
+    assert calibration_in_use(venue).name == "0001"
+    assert (venue / "calibrations" / "0002").is_dir()
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ('{ kind = "camera-moved", size = 1.0, angle_deg = 30 }', "zenith: camera moved: "),
+        ('{ kind = "aperture", size = 0.2 }', "zenith: camera exposure: "),
+        ('{ kind = "ambient", size = 0.05 }', "venue: ambient light: "),
+    ],
+)
+def test_refused_where_the_camera_or_the_room_changed(change: str, words: str, venue: Path) -> None:
+    drift(venue, NUDGE, change)
+    before = [name for name in contents(venue) if "/logs/" not in f"/{name}"]
+    for options in ((), ("--projector", "south")):
+        ran = procam("recalibrate", venue, *options)
+        assert ran.code == 2 and words in ran.complaint and "procam calibrate" in ran.complaint
+    assert [name for name in contents(venue) if not name.startswith("logs")] == before
+
+
+def test_what_a_hand_must_mend_is_only_said(venue: Path) -> None:
+    drift(venue, '{ kind = "overscan", projector = "north", size = 0.05 }')
+    ran = procam("recalibrate", venue)
+    assert ran.code == 0
+    assert ran.out.startswith("note: north: picture setting: ")
+    assert "nothing to recalibrate" in ran.out and calibration_in_use(venue).name == "0001"
+
+
+def test_names_that_are_none(venue: Path) -> None:
+    ran = procam("recalibrate", venue, "--projector", "up")
+    assert ran.complaint.endswith("there is none of this name; choose from south, north, east")
+
+
+def test_by_hand_is_refused(venue: Path) -> None:
+    path = venue / "venue.toml"
+    text, _, _ = path.read_text().partition("[simulated]")
+    path.write_text(text.replace('backend = "simulated"\n', "").replace("control = ", "# "))
+    assert "people drive its devices" in procam("recalibrate", venue).complaint
