@@ -5,6 +5,7 @@ that commands that only list them start quickly.
 """
 
 import json
+from contextlib import suppress
 from pathlib import Path
 
 from procam.errors import FileFormatError
@@ -43,7 +44,11 @@ def calibrated_session(venue_dir: Path) -> str:
     """The session that the calibration in use was solved from; "" where there is no calibration."""
     if not list_calibrations(venue_dir):
         return ""
-    path = calibration_in_use(venue_dir) / "calibration.json"
+    return _session_of(calibration_in_use(venue_dir), venue_dir)
+
+
+def _session_of(directory: Path, venue_dir: Path) -> str:
+    path = directory / "calibration.json"
     try:
         return str(json.loads(path.read_bytes())["provenance"].get("session", ""))
     except (AttributeError, LookupError, RecursionError, TypeError, ValueError) as error:
@@ -60,6 +65,15 @@ def use_calibration(venue_dir: Path, directory: Path) -> None:
         chosen.unlink(missing_ok=True)
     else:
         write_text(chosen, directory.name + "\n")
+
+
+def solved_sessions(venue_dir: Path) -> set[str]:
+    """Names of the sessions that calibrations of a venue were solved from, as far as they can be read."""
+    names = set[str]()
+    for path in list_calibrations(venue_dir):
+        with suppress(FileFormatError):  # which whoever loads it refuses
+            names.add(_session_of(path, venue_dir))
+    return names
 
 
 def chosen_calibration(path: Path) -> Path:

@@ -40,7 +40,7 @@ def test_all_is_well(venue: Path) -> None:
     ran = procam("verify", venue)
     assert (ran.code, ran.out) == (
         0,
-        "10 photographs, compared with calibration 0001: all is well\n",
+        "11 photographs, compared with calibration 0001: all is well\n",
     )
     assert "verify      done     nothing has changed" in procam("history", venue).out
 

@@ -65,3 +65,25 @@ def test_pairs_do_not_hide_each_other() -> None:
         first, second = study._pair(rng, ["south", "north"])
         blind = {first.kind, second.kind} & set(study.BLIND)
         assert not blind or not first.projector or first.projector != second.projector
+
+
+@pytest.mark.parametrize(
+    "drift",
+    [
+        Drift("turned", 3.0, "south", 90.0),  # bends the picture, as a keystone correction does
+        Drift("zoomed", 0.06, "north"),
+        Drift("camera-moved", 3.5, angle_deg=40.0),  # seen through a wrong pose at first
+        Drift("camera-moved", 0.05, angle_deg=10.0),  # less than a projector is allowed to move
+        Drift("aperture", -0.8),
+    ],
+    ids=lambda drift: f"{drift.kind} {drift.size:g}",
+)
+def test_large_and_little_changes_have_the_same_names(drift: Drift) -> None:
+    row = study.run(study.Case("small", (drift,), 6))
+    assert row["named"] and row["others"] == []
+
+
+def test_two_lamps_of_two_that_aged_alike_may_be_the_camera_and_of_unlike_ones_are_lamps() -> None:
+    aged = (Drift("aged", 0.2, "south"), Drift("aged", 0.12, "north"))
+    row = study.run(study.Case("small", aged, 7))
+    assert row["named"] and row["others"] == []

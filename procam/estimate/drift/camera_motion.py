@@ -17,7 +17,9 @@ from procam.maths.statistics import robust_sigma_2d
 from procam.model.optics import CameraModel
 
 LEAST_SEEN = 6  # windows that determine a pose
-SAME_PX = 0.12  # camera px: a projector that is where it was
+# camera px: a projector that is where it was; wide where a picture is seen through a wrong pose, which bends
+# it, and close once the pose is nearly right
+WIDE_PX, CLOSE_PX = 0.5, 0.03
 SAME_SIGMAS = 4.0
 
 
@@ -50,17 +52,23 @@ class CameraMotion:
     unmoved: tuple[str, ...] = ()
 
 
-def find_camera_motion(camera: CameraModel, seen: Mapping[str, Seen]) -> CameraMotion:
-    """The pose of the camera now, by the places of pictures of projectors."""
+def find_camera_motion(
+    camera: CameraModel, seen: Mapping[str, Seen], same_px: float = CLOSE_PX
+) -> CameraMotion:
+    """The pose of the camera now, by the places of pictures of projectors.
+
+    A projector whose picture is within `same_px` [camera px] of its place, or within what noise explains, is
+    where it was.
+    """
     names = [name for name in seen if len(seen[name].point) >= LEAST_SEEN]
-    still = _agreeing(camera, seen, names)
+    still = _agreeing(camera, seen, names, same_px)
     best, agreeing, misfit = camera, still, np.inf
     for name in names if len(still) < len(names) else ():
         trial, residual = _resected(camera, seen, [name])
-        agree = _agreeing(trial, seen, names)
+        agree = _agreeing(trial, seen, names, same_px)
         if agree:
             trial, residual = _resected(camera, seen, agree)
-            agree = _agreeing(trial, seen, names)
+            agree = _agreeing(trial, seen, names, same_px)
         more, same = len(agree) > len(agreeing), len(agree) == len(agreeing) and best is not camera
         if more or (same and residual < misfit):
             best, agreeing, misfit = trial, agree, residual
@@ -73,12 +81,14 @@ def _offsets(camera: CameraModel, seen: Seen) -> Array:
     return np.asarray(seen.pixel - project_to_camera(camera, seen.point), float)
 
 
-def _agreeing(camera: CameraModel, seen: Mapping[str, Seen], names: list[str]) -> list[str]:
+def _agreeing(
+    camera: CameraModel, seen: Mapping[str, Seen], names: list[str], same_px: float
+) -> list[str]:
     """Projectors whose picture is where it was, for a camera with this pose."""
     found = []
     for name in names:
         away = np.linalg.norm(_offsets(camera, seen[name]), axis=1)
-        limit = max(SAME_PX, SAME_SIGMAS * float(np.median(seen[name].sigma)))
+        limit = max(same_px, SAME_SIGMAS * float(np.median(seen[name].sigma)))
         if np.median(away) < limit:
             found.append(name)
     return found

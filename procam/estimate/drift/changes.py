@@ -10,7 +10,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from procam.arrays import BoolArray, FloatArray
-from procam.estimate.drift.camera_motion import CameraMotion, find_camera_motion
+from procam.estimate.drift.camera_motion import (
+    CLOSE_PX,
+    WIDE_PX,
+    CameraMotion,
+    find_camera_motion,
+)
 from procam.estimate.drift.dome_change import DEAD, DomeChange, find_dome_change
 from procam.estimate.drift.light_change import WindowLight
 from procam.estimate.drift.panel import all_seen, find_picture, from_pose, make_panel
@@ -59,14 +64,14 @@ def find_changes(
     panels = [
         make_panel(calibration, before, name, level_pictures[name]) for name in before.projectors
     ]
+    camera = CameraMotion(before.camera, False)
     found = {panel.name: find_picture(panel, now) for panel in panels}
-    camera = find_camera_motion(before.camera, all_seen(panels, now, found))
-    if camera.moved:  # once more from nearly the right pose
-        now = from_pose(calibration, now, camera)
-        found = {panel.name: find_picture(panel, now) for panel in panels}
-        camera = find_camera_motion(before.camera, all_seen(panels, now, found))
-        now = from_pose(calibration, now, camera)
-        found = {panel.name: find_picture(panel, now) for panel in panels}
+    for same_px in (WIDE_PX, CLOSE_PX, CLOSE_PX):
+        motion = find_camera_motion(before.camera, all_seen(panels, now, found), same_px)
+        if motion.moved:
+            camera = motion
+            now = from_pose(calibration, before, now, camera)
+            found = {panel.name: find_picture(panel, now) for panel in panels}
     shares = {panel.name: scattered_share(calibration, panel.name, panel.grid) for panel in panels}
     changes, lights = {}, {}
     for panel in panels:

@@ -14,6 +14,7 @@ Cause = Literal[
     "colour",
     "dead channel",
     "no picture",
+    "not seen",
     "gamma setting",
     "black level",
     "dynamic setting",
@@ -40,7 +41,7 @@ MOST_TREND, TREND_SIGMA = 0.004, 5e-4  # of white during the run
 MOST_SCATTER = 0.03
 MOST_AMBIENT = 0.003  # of white
 AMBIENT_SIGMA = 0.006  # relative: veiling glare of a picture without anything dark
-NOT_ALARMING: tuple[Cause, ...] = ("camera moved",)
+NOT_ALARMING: tuple[Cause, ...] = ("camera moved", "not seen")
 
 
 @dataclass(frozen=True, slots=True)

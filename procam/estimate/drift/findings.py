@@ -26,9 +26,11 @@ from procam.estimate.drift.projector_findings import is_warming, name_projector_
 from procam.maths.geometry.sphere import angles_from_direction, master_directions
 from procam.model.calibration import Calibration
 
+AT_CENTRE_M = 1e-6  # of the dome: where a media server counts as a projector
+
 
 def name_causes(calibration: Calibration, change: VenueChange) -> list[Finding]:
-    """The causes of a change, the most certain of each subject first."""
+    """The causes of a change: of the camera, the room and the screen, then of each projector."""
     common = _common_light(change)
     found = [*_camera(calibration, change, common), *_room(calibration, change)]
     blurred = _camera_blur(change)
@@ -39,7 +41,19 @@ def name_causes(calibration: Calibration, change: VenueChange) -> list[Finding]:
 
 def _camera(calibration: Calibration, change: VenueChange, common: float) -> Iterator[Finding]:
     name, motion = change.camera.camera.name, change.camera
-    if motion.moved:
+    if motion.moved and _is_single(calibration):
+        (only,) = calibration.projectors
+        yield Finding(
+            "moved",
+            only,
+            motion.turned_deg,
+            motion.turned_sigma,
+            "deg",
+            f"its picture moved as if the camera were turned by {motion.turned_deg:.2f} degrees: with one "
+            "projector, the camera and the projector cannot be told apart",
+            "put the camera back as it stood and verify again; if that changes nothing, calibrate again",
+        )
+    elif motion.moved:
         yield Finding(
             "camera moved",
             name,
@@ -47,8 +61,9 @@ def _camera(calibration: Calibration, change: VenueChange, common: float) -> Ite
             motion.turned_sigma,
             "deg",
             f"it is turned by {motion.turned_deg:.2f} degrees and shifted by {motion.shifted_mm:.0f} mm; "
-            "its new pose was solved, and all else is measured from there",
-            "nothing has to be done; to refine, calibrate again or put it back",
+            "its new pose was solved, and all else is measured from there. All projectors together on one "
+            "stand would look the same",
+            "nothing has to be done if the camera was touched; to refine, calibrate again or put it back",
         )
     if common:
         size = float(np.expm1(common))
@@ -75,6 +90,13 @@ def _camera(calibration: Calibration, change: VenueChange, common: float) -> Ite
         )
 
 
+def _is_single(calibration: Calibration) -> bool:
+    """Whether there is one projector, and no media server, whose own projectors never move together."""
+    models = [projector.model for projector in calibration.projectors.values()]
+    at_centre = np.linalg.norm(models[0].projector_from_dome.origin) < AT_CENTRE_M
+    return len(models) == 1 and not at_centre
+
+
 def _common_light(change: VenueChange) -> float:
     """Log of the light that most projectors share; 0 if most are as they were."""
     levels = [
@@ -87,7 +109,8 @@ def _common_light(change: VenueChange) -> float:
     agreeing = {level: sum(abs(level - other) < SAME_LIGHT for other in levels) for level in levels}
     still = sum(abs(level) < max(SAME_LIGHT, MOST_LIGHT / 2) for level in levels)
     best = max(agreeing, key=lambda level: agreeing[level])
-    if agreeing[best] < 2 or agreeing[best] <= still or abs(np.expm1(best)) < MOST_LIGHT:
+    majority = max(2, len(levels) // 2 + 1)
+    if agreeing[best] < majority or agreeing[best] <= still or abs(np.expm1(best)) < MOST_LIGHT:
         return 0.0
     return float(np.median([level for level in levels if abs(level - best) < SAME_LIGHT]))
 

@@ -20,6 +20,7 @@ from procam.model.optics import CameraModel, ProjectorModel
 
 BAND = 12  # grid px outside and inside the edge
 LEAST_LINES = 0.25  # of an edge that must be lit
+LEAST_STEP = 0.5  # of the step of light at the edge before
 LEAST_EXPECTED = 0.1  # grid px: less cannot be told from noise
 
 
@@ -72,11 +73,12 @@ def edge_follows(
         outward = (pixel[:, 0] - pixel[:, -1]) / np.linalg.norm(
             pixel[:, 0] - pixel[:, -1], axis=-1, keepdims=True
         )
-        widths = [
+        (old, old_step), (new, new_step) = (
             _lit_width(sample(image.sum(axis=-1), project_to_camera(camera, point)))
             for camera, image in (before, now)
-        ]
-        change = np.asarray(widths[1] - widths[0])
+        )
+        # an edge that left the band leaves no step in it
+        change = np.where(new_step > LEAST_STEP * old_step, new - old, np.nan)
         good = np.isfinite(change)
         if good.mean() < LEAST_LINES:
             continue
@@ -85,12 +87,16 @@ def edge_follows(
     wanted = np.array(expected)
     if not len(wanted) or np.abs(wanted).max() < LEAST_EXPECTED:
         return None
-    return float(np.array(moved) @ wanted / (wanted @ wanted))
+    # light that is cut off by a plate stays at one edge; at another it follows
+    clear = np.abs(wanted) >= np.abs(wanted).max() / 2
+    return float((np.array(moved)[clear] / wanted[clear]).max())
 
 
-def _lit_width(profile: Image) -> Array:
-    """Width (n,) [grid px] of the light in profiles (n, 2 BAND) across an edge."""
+def _lit_width(profile: Image) -> tuple[Array, Array]:
+    """Width (n,) [grid px] of the light in profiles (n, 2 BAND) across an edge, and its step (n,)."""
     inside = np.median(profile[:, -BAND // 2 :], axis=1)
     outside = np.median(profile[:, : BAND // 3], axis=1)
+    step = inside - outside
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.asarray(((profile - outside[:, None]) / (inside - outside)[:, None]).sum(axis=1))
+        width = ((profile - outside[:, None]) / step[:, None]).sum(axis=1)
+    return np.asarray(width), np.asarray(step)

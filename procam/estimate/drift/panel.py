@@ -24,10 +24,13 @@ from procam.estimate.drift.pictures import (
 )
 from procam.estimate.drift.response_change import tile_index
 from procam.estimate.geometry.camera_view import DomeView
+from procam.estimate.geometry.model import project_to_camera
 from procam.maths.warp import sample
 from procam.model.calibration import Calibration
 
 NO_LIGHT = 0.05  # of the light before, below which a projector shows nothing
+SEEN_THEN = 0.5  # of a pixel of before
+LEAST_SEEN = 0.05  # of a lit panel: less is not judged
 FEWEST_LEVELS = 3  # of the tiles, for a change of the response
 
 
@@ -68,17 +71,17 @@ def sample_today(panel: Panel, now: VenuePhotographs, index: Array | None = None
 
 
 def shown_light(panel: Panel, now: VenuePhotographs) -> float:
-    """Light of white over that of before."""
+    """Light of white over that of before; NaN where the camera sees hardly any of the panel."""
     white = sample_today(panel, now).white
     good = np.isfinite(panel.before.texture) & np.isfinite(white).all(axis=-1)
-    if not good.any():
-        return 0.0
+    if good.sum() < LEAST_SEEN * panel.grid.valid.sum():
+        return float("nan")
     return float(white[good].sum() / panel.before.white[good].sum())
 
 
 def find_picture(panel: Panel, now: VenuePhotographs) -> Found:
     """Where the panel's picture is."""
-    if shown_light(panel, now) < NO_LIGHT:
+    if not shown_light(panel, now) >= NO_LIGHT:
         return Found("as it was", None, None)
     turned, windows = find_windows(panel.before.texture, sample_today(panel, now).texture)
     if windows is None or turned != "as it was":
@@ -129,12 +132,12 @@ def all_seen(
 
 def _seen(panel: Panel, now: VenuePhotographs, windows: Windows) -> Seen:
     """Where the camera sees the middles of the panel's windows now."""
-    pixel = _at(panel.grid.places(now.camera), windows.place + windows.shift)
-    point, good = _at(panel.grid.points(), windows.place), np.isfinite(pixel).all(axis=1)
+    pixel = at_places(panel.grid.places(now.camera), windows.place + windows.shift)
+    point, good = at_places(panel.grid.points(), windows.place), np.isfinite(pixel).all(axis=1)
     return Seen(point[good], pixel[good], windows.sigma[good])
 
 
-def _at(field: Array, place: Array) -> Array:
+def at_places(field: Array, place: Array) -> Array:
     """A smooth field (h, w, C) at places (n, 2) on its grid, (n, C); NaN outside."""
     layers = [
         sample(field[..., i].astype(np.float32), place[None].astype(np.float32), float("nan"))[0]
@@ -144,9 +147,14 @@ def _at(field: Array, place: Array) -> Array:
 
 
 def from_pose(
-    calibration: Calibration, now: VenuePhotographs, motion: CameraMotion
+    calibration: Calibration,
+    before: VenuePhotographs,
+    now: VenuePhotographs,
+    motion: CameraMotion,
 ) -> VenuePhotographs:
-    """The photographs by a camera in its new pose; manual masks, which moved with it, are left out."""
+    """The photographs by a camera in its new pose, without the part of the dome that was masked before."""
     radiometer = Radiometer(motion.camera)
     view = DomeView.of(motion.camera, calibration.screen, radiometer.rays, radiometer.seen)
-    return replace(now, view=view)
+    then = project_to_camera(before.camera, view.points(calibration.screen).astype(float))
+    seen_then = sample(before.view.on_screen.astype(np.float32), then)
+    return replace(now, view=view.without(seen_then < SEEN_THEN))

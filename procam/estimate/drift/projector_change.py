@@ -9,7 +9,8 @@ from procam.arrays import Array, Image
 from procam.estimate.drift.displacement import Motion, grid_places
 from procam.estimate.drift.light_change import WindowLight, white_ratio
 from procam.estimate.drift.outline import EdgeBands, edge_follows
-from procam.estimate.drift.panel import Found, Panel, sample_today, shown_light
+from procam.estimate.drift.panel import Found, Panel, at_places, sample_today, shown_light
+from procam.estimate.drift.physical_motion import explains_motion
 from procam.estimate.drift.pictures import PanelPictures, VenuePhotographs
 from procam.estimate.drift.response_change import (
     LevelLight,
@@ -45,6 +46,7 @@ class ProjectorChange:
     motion : of its picture [grid px]; None where it was not found. step : panel px per grid px.
     moved_px, moved_sigma : root mean square displacement over the panel [px].
     blur_px2, blur_sigma : rise of the variance of the blur [px^2].
+    physical : whether a projector, or a lens, that moved explains where the picture went.
     edge_follows : 1 where the edge of its light moved with the picture, 0 where it stayed, None if unknown.
     response : of its levels. raised : drive that its black has become [-].
     black, black_sigma : light of black over white, relative to before.
@@ -60,6 +62,7 @@ class ProjectorChange:
     moved_sigma: float = float("nan")
     blur_px2: float = float("nan")
     blur_sigma: float = float("nan")
+    physical: bool = False
     edge_follows: float | None = None
     response: ResponseChange | None = None
     raised: float = 0.0
@@ -74,18 +77,19 @@ class ProjectorChange:
         """What moved the picture: the projector or its lens, or its electronics."""
         assert self.motion is not None
         terms = self.motion.terms
+        zooms = abs(terms[1] + terms[5]) / 2 > np.hypot(terms[0], terms[3])
+        if zooms and self.edge_follows is not None and self.edge_follows < SAME_EDGE:
+            return "scaled"
+        if self.physical:
+            return "moved"
         reach = (model.size[0] / 2 / float(model.lens.focal.mean())) ** 2
         for shift, keystone in ((terms[0], terms[6]), (terms[3], terms[7])):
             by_turning = shift * reach  # a lens shift of the same size has none
-            if (
-                abs(keystone - np.clip(keystone, min(0, by_turning), max(0, by_turning)))
-                > MOST_KEYSTONE
-            ):
+            explained = np.clip(keystone, min(0, by_turning), max(0, by_turning))
+            if abs(keystone - explained) > MOST_KEYSTONE:
                 return "keystone"
         if abs(terms[1] - terms[5]) > MOST_STRETCH:
             return "stretched"
-        if self.edge_follows is not None and self.edge_follows < SAME_EDGE:
-            return "scaled"
         return "moved"
 
 
@@ -104,7 +108,14 @@ def measure_projector(
     grid, step = panel.grid, panel.grid.step
     today, matrix = sample_today(panel, now), calibration.content_from_camera.astype(np.float32)
     follows = _edge(calibration, panel, before, now, motion)
-    change = ProjectorChange(shows, motion=motion, step=step, edge_follows=follows)
+    physical = explains_motion(
+        calibration.projectors[panel.name].model,
+        at_places(grid.points(), windows.place + windows.shift),
+        windows.place * step,
+    )
+    change = ProjectorChange(
+        shows, motion=motion, step=step, physical=physical, edge_follows=follows
+    )
     electronic = change.kind_of_motion(calibration.projectors[panel.name].model) in ELECTRONIC
     light = white_ratio(
         grid,

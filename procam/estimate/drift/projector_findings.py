@@ -63,6 +63,17 @@ def name_projector_causes(
     `common` is the log of the light that all photographs gained, `camera_blur` what the camera's lens adds to
     the blur of all pictures [px^2].
     """
+    if np.isnan(change.shows):
+        yield Finding(
+            "not seen",
+            name,
+            float("nan"),
+            float("nan"),
+            "-",
+            "the camera sees hardly any of it, so it is not judged",
+            "look at masks in venue.toml, and at what stands before the camera",
+        )
+        return
     if change.shows < NO_LIGHT:
         yield Finding(
             "no picture",
@@ -96,7 +107,7 @@ def name_projector_causes(
             change.trend,
             float(np.hypot(change.trend_sigma, TREND_SIGMA)),
             "rel",
-            f"its light rose by {change.trend:.1%} during the run; how bright it is cannot be judged yet",
+            f"its light changed by {change.trend:+.1%} during the run; how bright it is cannot be judged yet",
             "wait until lamps are warm, and verify again",
         )
     else:
@@ -121,8 +132,9 @@ def _no_texture(name: str, change: ProjectorChange) -> Finding:
         float("nan"),
         float("nan"),
         "-",
-        "it is lit, but does not show the picture that it was sent",
-        "check its input, cable and focus, and whether something else plays",
+        "it is lit, but its picture is not recognised: it moved far, is zoomed or out of focus, or something "
+        "else plays",
+        "look at it; check its place, lens, input and cable",
     )
 
 
@@ -147,7 +159,7 @@ def _motion(calibration: Calibration, name: str, change: ProjectorChange) -> Ite
 
 
 def _light(name: str, change: ProjectorChange, common: float) -> Iterator[Finding]:
-    alive = change.light > np.log(DEAD)
+    alive = change.light > np.max(change.light) + np.log(DEAD)
     for channel in np.flatnonzero(~alive):
         yield Finding(
             "dead channel",

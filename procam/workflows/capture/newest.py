@@ -8,7 +8,7 @@ from procam.errors import InputError
 from procam.files.history.record import recorded
 from procam.files.session import Session
 from procam.files.venue.load import Venue
-from procam.files.versions import calibrated_session
+from procam.files.versions import calibrated_session, solved_sessions
 from procam.workflows.capture.capture import capture, missing_shots, prepare_session
 from procam.workflows.events import Event
 from procam.workflows.venue_rig import open_rig
@@ -30,7 +30,8 @@ def newest_session(venue: Venue) -> Path:
         session = Session(known[-1])
         if not (known[-1] / "plan.json").is_file():
             return known[-1]
-        if missing_shots(session, session.read_plan(), list(venue.cameras)):
+        missing = missing_shots(session, session.read_plan(), list(venue.cameras))
+        if missing and known[-1].name not in solved_sessions(venue.directory):
             return known[-1]
     return next_session(venue)
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from procam.arrays import Image
-from procam.errors import FileFormatError
+from procam.errors import FileFormatError, OutOfModelRange
 from procam.estimate.camera.radiance import Radiometer
 from procam.estimate.drift.pictures import ProjectorPhotographs, VenuePhotographs
 from procam.estimate.geometry.camera_view import DomeView
@@ -18,15 +18,17 @@ from procam.files.session import Session
 from procam.files.venue.load import Venue
 from procam.files.venue.masks import camera_masks
 from procam.model.calibration import Calibration
-from procam.model.plan import Purpose
+from procam.model.plan import Plan, Purpose
 from procam.workflows.capture.session_images import SessionImages
 from procam.workflows.photographs.driven import Photographer, Wanted
 from procam.workflows.solve.long_exposure import with_long_exposure
 
-DARK_LONG, AGAIN = "dark, long", "white again"
+DARK_LONG, AGAIN, AGAIN_DARK = "dark, long", "white again", "dark again"
 LONG = DARK_LONG, "black"  # what is photographed with black's exposure
 SATURATED_SHARE = 0.001  # of the screen; above it the exposure is halved
 HALVINGS = 8
+ROOM_CHANGE = 0.01  # of the light that one projector's white puts on most of the dome
+COMPARED = "dark", "white", "black", "levels"  # purposes of shots
 LEVELS = 0  # which of the pictures of level tiles
 
 
@@ -66,12 +68,28 @@ def read_reference(venue: Venue, calibration: Calibration) -> Reference:
             "needed to compare with. Restore it, or calibrate again"
         )
     radiometer = Radiometer(next(iter(calibration.cameras.values())))
-    images, _ = with_long_exposure(SessionImages(session, session.read_plan(), radiometer))
-    names = list(calibration.projectors)
+    plan, names = session.read_plan(), list(calibration.projectors)
+    _check_stored(session, plan, radiometer.camera.name)
+    images, _ = with_long_exposure(SessionImages(session, plan, radiometer))
     short, long = images.dark()
     shown = {name: _stored(images, name, short, long) for name in names}
     photographs = VenuePhotographs(_view(venue, calibration, radiometer), short, shown)
     return Reference(images, photographs, {name: _pictures(images, name) for name in names})
+
+
+def _check_stored(session: Session, plan: Plan, camera: str) -> None:
+    """Refuse a session without the frames that are compared; new ones would be of the venue of today."""
+    stored = session.stored(camera)
+    missing = [
+        shot.id
+        for shot in plan.shots
+        if shot.purpose in COMPARED and any((shot.id, e) not in stored for e in shot.exposures_s)
+    ]
+    if missing:
+        raise FileFormatError(
+            f"{session.directory}: photographs of {', '.join(missing[:3])} by camera {camera} are gone, and "
+            "a verification compares with them. Restore them from a backup, or calibrate again"
+        )
 
 
 def _view(venue: Venue, calibration: Calibration, radiometer: Radiometer) -> DomeView:
@@ -112,6 +130,7 @@ def take_photographs(
         taken[name, what] = camera.light(what, pictures)
         yield f"{name or 'the dark room'}: {what}", None
     found, short = reference.photographs, taken["", "dark"]
+    _check_room(short, taken["", AGAIN_DARK], found)
     shown = {}
     for name, before in found.projectors.items():
         black = taken[name, "black"] - taken["", DARK_LONG]
@@ -123,6 +142,26 @@ def take_photographs(
             taken[name, AGAIN] - less,
         )
     yield "photographed", VenuePhotographs(found.view, short, shown)
+
+
+def _check_room(first: Image, last: Image, reference: VenuePhotographs) -> None:
+    """Refuse photographs between which the room's light changed.
+
+    Raises
+    ------
+    OutOfModelRange
+        By how much, of the white of the projectors.
+    """
+    seen = (
+        reference.view.on_screen & np.isfinite(first).all(axis=-1) & np.isfinite(last).all(axis=-1)
+    )
+    whites = [np.nanmedian(p.white[seen]) for p in reference.projectors.values()]
+    change = float((last[seen].mean(dtype=float) - first[seen].mean(dtype=float)) / np.mean(whites))
+    if abs(change) > ROOM_CHANGE:
+        raise OutOfModelRange(
+            f"the room's own light changed by {change:+.1%} of a projector's light meanwhile; "
+            "keep lamps and doors as they are, and verify again"
+        )
 
 
 class _Camera:
@@ -168,3 +207,4 @@ def _wanted(reference: Reference) -> Iterator[tuple[str, str, Mapping[str, Image
         yield name, "levels", {name: pictures["levels"]}
     for name, pictures in shown.items():
         yield name, AGAIN, {name: pictures["white"]}
+    yield "", AGAIN_DARK, {}

@@ -87,7 +87,7 @@ def verify(
     """
     check_devices(venue, calibration)
     reference = read_reference(venue, calibration).of(names or list(calibration.projectors))
-    total, done, now = 3 + 4 * len(reference.pictures), 0, None
+    total, done, now = 4 + 4 * len(reference.pictures), 0, None
     for done, (text, now) in enumerate(take_photographs(photographer, reference), start=1):
         if now is None:
             yield Event("verify", done, total, f"{text} photographed")
