@@ -107,10 +107,10 @@ def changed_files(venue_dir: Path, directory: Path) -> Iterator[str]:
         if db is None:
             return
         rows = db.execute(
-            "SELECT path, sha256 FROM files WHERE path GLOB ? ORDER BY path",
+            "SELECT path, sha256, MAX(run) FROM files WHERE path GLOB ? GROUP BY path ORDER BY path",
             (f"{inside}/*",),
         ).fetchall()
-    for name, digest in rows:
+    for name, digest, _ in rows:
         path = venue_dir / name
         if not path.is_file() or file_digest(path) != digest:
             yield name

@@ -34,10 +34,12 @@ class Run:
 
     Attributes
     ----------
-    id : its number in the venue. message : one sentence for the list of runs.
+    id : its number in the venue. there : names of the calibrations when it began.
+    message : one sentence for the list of runs.
     """
 
     id: int
+    there: frozenset[str] = frozenset()
     message: str = ""
     _figures: list[Row] = field(default_factory=list)
 
@@ -66,7 +68,8 @@ def recorded(venue_dir: Path, command: str) -> Iterator[Run]:
         yield _open[folder]
         return
     with locked(venue_dir, command):
-        run, started_s = Run(_begin(venue_dir, command)), time.monotonic()
+        there = frozenset(path.name for path in list_calibrations(venue_dir))
+        run, started_s = Run(_begin(venue_dir, command), there), time.monotonic()
         _open[folder] = run
         try:
             yield run
@@ -100,7 +103,7 @@ def _begin(venue_dir: Path, command: str) -> int:
 
 def _end(venue_dir: Path, run: Run, outcome: str, elapsed_s: float) -> None:
     with written(venue_dir) as db:
-        _adopt(venue_dir, db, run.id)
+        _adopt(venue_dir, db, run.id, run.there)
         _add_figures(db, run.id, None, run._figures)
         in_use = calibration_in_use(venue_dir).name if list_calibrations(venue_dir) else None
         db.execute(
@@ -109,14 +112,26 @@ def _end(venue_dir: Path, run: Run, outcome: str, elapsed_s: float) -> None:
         )
 
 
-def _adopt(venue_dir: Path, db: sqlite3.Connection, run: int) -> None:
-    """Record calibrations, and files of sessions, that no run has recorded yet."""
+def _adopt(
+    venue_dir: Path, db: sqlite3.Connection, run: int, there: frozenset[str] | None = None
+) -> None:
+    """Record calibrations, and files of sessions, that no run has recorded yet.
+
+    Of the calibrations `there` when the run began, or of all; others it has written itself, also under the
+    name of one that was deleted.
+    """
     known = {name for (name,) in db.execute("SELECT name FROM calibrations")}
+    known = known if there is None else known & there
     for directory in list_calibrations(venue_dir):
         if directory.name in known:
             continue
         session, rows = calibration_figures(directory / "calibration.json")
-        db.execute("INSERT INTO calibrations VALUES (?, ?, ?)", (directory.name, run, session))
+        values = (directory.name, run, session)
+        db.execute(
+            "INSERT INTO calibrations VALUES (?, ?, ?) ON CONFLICT (name) DO UPDATE "
+            "SET run = excluded.run, session = excluded.session",
+            values,
+        )
         _add_figures(db, run, directory.name, rows)
         _add_files(venue_dir, db, run, sorted(p for p in directory.rglob("*") if p.is_file()))
     logs = venue_dir.glob("sessions/*/captures/*/index.jsonl")

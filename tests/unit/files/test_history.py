@@ -213,6 +213,22 @@ class TestFiles:
         (folder / "maps" / "dome.exr").unlink()
         assert list(changed_files(tmp_path, folder)) == ["calibrations/0001/maps/dome.exr"]
 
+    def test_one_that_was_deleted_and_made_again_is_the_new_one(self, tmp_path: Path) -> None:
+        folder = write_calibration(tmp_path)
+        with recorded(tmp_path, "solve"):
+            pass
+        shutil.rmtree(folder)
+        with recorded(tmp_path, "solve"):
+            write_calibration(tmp_path, albedo={"value": [0.4] * 3, "sigma": [0.01] * 3})
+        verify_unchanged(tmp_path, folder)
+        assert [run.written for run in list_runs(tmp_path)] == [None, "0001"]
+        found = {f.name: f.value for f in list_figures(tmp_path, "0001")}
+        assert found["albedo.R"] == 0.4
+        with recorded(tmp_path, "verify"):
+            (folder / "calibration.json").write_bytes(b"{}")
+        with pytest.raises(InputError):
+            verify_unchanged(tmp_path, folder)
+
     def test_a_copy_elsewhere_is_not_judged(self, tmp_path: Path) -> None:
         write_calibration(tmp_path)
         with recorded(tmp_path, "solve"):
