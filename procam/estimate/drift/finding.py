@@ -3,8 +3,6 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from procam.model.quality import Figure
-
 Cause = Literal[
     "moved",
     "picture setting",
@@ -72,7 +70,3 @@ class Finding:
     def alarm(self) -> bool:
         """Whether the dome shows it; a camera that stands elsewhere only matters to the next photograph."""
         return self.cause not in NOT_ALARMING
-
-    def figure(self) -> Figure:
-        """The size as a figure."""
-        return Figure(self.size, self.unit, samples=1, note=self.text, sigma=self.sigma)

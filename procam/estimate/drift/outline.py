@@ -37,13 +37,13 @@ class EdgeBands:
         height, width = grid.shape
         across = np.arange(-BAND, BAND) + 0.5
         sides = (
-            (grid.valid[:, 0], 0, across, None),
-            (grid.valid[:, -1], 0, width - 1 - across, None),
-            (grid.valid[0], 1, across, None),
-            (grid.valid[-1], 1, height - 1 - across, None),
+            (grid.valid[:, 0], 0, across),
+            (grid.valid[:, -1], 0, width - 1 - across),
+            (grid.valid[0], 1, across),
+            (grid.valid[-1], 1, height - 1 - across),
         )
         pixel, point = list[Array](), list[Array]()
-        for lit, axis, place, _ in sides:
+        for lit, axis, place in sides:
             lines = np.flatnonzero(lit)
             if lit.mean() < LEAST_LINES:
                 continue

@@ -104,10 +104,6 @@ class PanelGrid:
         """Points (h, w, 3) on the screen [m]."""
         return self._points
 
-    def index(self, pixel: FloatArray) -> FloatArray:
-        """Positions (..., 2) on the grid of panel pixels (..., 2)."""
-        return pixel / self.step
-
 
 @dataclass(frozen=True, slots=True)
 class PanelPictures:

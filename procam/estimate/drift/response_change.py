@@ -18,7 +18,7 @@ from procam.model.photometry import Photometry
 LEAST_POINTS = 20  # of a level
 DRIVES = np.array(LEVELS) / 255
 LEAST_SPAN = 0.05  # of white, for a channel that shines
-LEAST_RAISED = 2e-5  # of white: less is the noise of black
+LEAST_LIGHT = 2e-5  # of white: less is the noise of black
 GAMMA = 2.2  # of the domain of interpolation
 FLOOR_SIGMA = 1e-4  # of white: what a camera's own curve may be off by
 
@@ -88,7 +88,7 @@ class ResponseChange:
 def raised_drive(photometry: Photometry, light: float) -> float:
     """Drive of black that a projector's response needs for `light` over white beside its own black."""
     levels, curve = photometry.response.levels, photometry.response.values.mean(axis=1)
-    return float(np.interp(light, curve, levels)) if light > LEAST_RAISED else 0.0
+    return float(np.interp(light, curve, levels)) if light > LEAST_LIGHT else 0.0
 
 
 def compare_levels(before: LevelLight, now: LevelLight, raised: float) -> ResponseChange | None:
