@@ -84,7 +84,11 @@ def recalibrate(venue: Venue, used: Path, names: Sequence[str] = ()) -> Iterator
         run.message = f"{', '.join(chosen) or 'nothing'} recalibrated"
         if not chosen:
             yield Event(
-                "solve", 1, 1, "nothing to recalibrate", {"calibration": None, "notes": notes}
+                "solve",
+                1,
+                1,
+                "nothing to recalibrate",
+                {"calibration": None, "projectors": [], "notes": notes},
             )
             return
         source = Session(venue.directory / "sessions" / str(old.provenance.get("session")))

@@ -7,7 +7,7 @@ from typing import Any, get_args, get_origin
 from pydantic import BaseModel
 
 from procam.files.names import NAME_PATTERN
-from procam.files.venue.tables import BY_HAND, RESPONSE_PATTERN, VenueTable
+from procam.files.venue.tables import BY_HAND, CLOCK_PATTERN, RESPONSE_PATTERN, VenueTable
 
 OUTLINES = ("masks", "protected")  # lists whose entries are polygons or files
 NUMBER, WHOLE = "a number", "a whole number"
@@ -34,6 +34,7 @@ NEEDED = {
     "too_long": "at most {max_length} of them",
 }
 PATTERNS = {
+    CLOCK_PATTERN: "a local time such as 03:00, in quotes",
     NAME_PATTERN: "a name of letters, digits, - and _ that begins with a letter or digit",
     RESPONSE_PATTERN: '"linear", "srgb", "solve" or a table\'s name that ends in .csv',
 }

@@ -17,6 +17,7 @@ Name = Annotated[str, StringConstraints(pattern=NAME_PATTERN)]
 # of photographs that are ingested: linear, sRGB, measured by a table or from brackets
 RESPONSE_PATTERN = r"^(linear|srgb|solve|.+\.csv)$"
 Response = Annotated[str, StringConstraints(pattern=RESPONSE_PATTERN)]
+CLOCK_PATTERN = r"^([01]\d|2[0-3]):[0-5]\d$"
 BY_HAND = "by-hand"  # the backend of devices that procam does not drive
 Size = tuple[Annotated[int, Field(ge=8, le=32766)], Annotated[int, Field(ge=8, le=32766)]]
 
@@ -196,6 +197,21 @@ class AcceptanceTable(_Table):
         return self.model_dump(exclude_none=True)
 
 
+class UnattendedTable(_Table):
+    """[unattended]: when and how projectors may be lit with nobody there to see it.
+
+    `interlock` is a command that ends with 0 where nobody is in the dome; `begin` and `end` are local times,
+    the next day where `end` is earlier. `power_on`: lamps that are off may be switched on. `notify` is a
+    command that gets what happened as its last argument.
+    """
+
+    interlock: Annotated[str, Field(min_length=1)]
+    begin: Annotated[str, StringConstraints(pattern=CLOCK_PATTERN)]
+    end: Annotated[str, StringConstraints(pattern=CLOCK_PATTERN)]
+    power_on: bool = False
+    notify: str | None = None
+
+
 class VenueTable(_Table):
     """The whole file without the tables of backends, which are removed before it is validated."""
 
@@ -208,4 +224,5 @@ class VenueTable(_Table):
     capture: CaptureTable
     blend: BlendTable = BlendTable()
     history: HistoryTable = HistoryTable()
+    unattended: UnattendedTable | None = None
     acceptance: AcceptanceTable = AcceptanceTable()

@@ -41,6 +41,15 @@ ReplaceRound = Annotated[
     ),
 ]
 
+UnattendedOption = Annotated[
+    bool,
+    typer.Option(
+        "--unattended",
+        help="For schedulers: light projectors only at the time of [unattended] in venue.toml, and only if "
+        "its interlock command says that nobody is in the dome.",
+    ),
+]
+
 DbOption = Annotated[
     float | None,
     typer.Option(

@@ -5,12 +5,14 @@ from typing import Annotated
 import typer
 
 from procam.files.history.read import verify_unchanged
+from procam.files.history.record import recorded
 from procam.files.venue.load import load_venue
 from procam.files.versions import calibration_in_use
-from procam.interfaces.cli._options import Json, VenueArgument
+from procam.interfaces.cli._options import Json, UnattendedOption, VenueArgument
 from procam.interfaces.cli._output import Output
 from procam.interfaces.cli._run_log import RunLog
 from procam.workflows.recalibrate import recalibrate as recalibrating
+from procam.workflows.unattended import leave_for
 
 EXAMPLE = "procam recalibrate my-dome --projector south"
 
@@ -24,6 +26,7 @@ def recalibrate(
             help="Recalibrate this projector, whatever a verification would say; may be repeated.",
         ),
     ] = None,
+    unattended: UnattendedOption = False,
     json: Json = False,
 ) -> None:
     """Measure the projectors again that have changed, and nothing else; a new calibration.
@@ -35,7 +38,11 @@ def recalibrate(
     loaded, output = load_venue(venue), Output(json, RunLog(venue, "recalibrate"))
     used = calibration_in_use(venue)
     verify_unchanged(venue, used)
-    data = output.follow(recalibrating(loaded, used, projector or []))
+    with recorded(venue, "recalibrate"), leave_for(loaded, "recalibrate", unattended) as leave:
+        data = output.follow(leave.watch(recalibrating(loaded, used, projector or [])))
+        leave.notify(
+            "; ".join([", ".join(data["projectors"]) or "nothing to recalibrate", *data["notes"]])
+        )
     written = data["calibration"]
     for note in data["notes"]:
         output.say(f"note: {note}")

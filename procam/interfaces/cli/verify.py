@@ -13,12 +13,19 @@ from procam.files.history.read import verify_unchanged
 from procam.files.history.record import recorded
 from procam.files.venue.load import load_venue
 from procam.files.versions import chosen_calibration, venue_of_calibration
-from procam.interfaces.cli._options import FromArgument, Json, ReplaceRound, RoundPhotos
+from procam.interfaces.cli._options import (
+    FromArgument,
+    Json,
+    ReplaceRound,
+    RoundPhotos,
+    UnattendedOption,
+)
 from procam.interfaces.cli._output import Output, as_dicts
 from procam.interfaces.cli._rounds import ask_for_photographs, given_photographs
 from procam.interfaces.cli._run_log import RunLog
 from procam.workflows.photographs.open import photographer_of
 from procam.workflows.photographs.orders import PhotographsWanted
+from procam.workflows.unattended import leave_for
 from procam.workflows.verify.verify import SETTLE_S, Verified
 from procam.workflows.verify.verify import verify as verifying
 
@@ -29,6 +36,7 @@ def verify(
     start: FromArgument,
     photos: RoundPhotos = None,
     replace: ReplaceRound = False,
+    unattended: UnattendedOption = False,
     json: Json = False,
 ) -> None:
     """Say what has changed at a venue since it was calibrated, and why; exit 1 if anything has.
@@ -41,7 +49,7 @@ def verify(
     loaded, output = load_venue(venue), Output(json, RunLog(venue, "verify"))
     verify_unchanged(venue, kept)
     calibration = load_calibration(kept)
-    with recorded(venue, "verify") as run:
+    with recorded(venue, "verify") as run, leave_for(loaded, "verify", unattended) as leave:
         try:
             given = given_photographs(photos, replace)
             with photographer_of(
@@ -49,7 +57,7 @@ def verify(
             ) as photographer:
                 output.warn(photographer.notes)
                 events = verifying(photographer, loaded, calibration)
-                verified: Verified = output.follow(events)["verified"]
+                verified: Verified = output.follow(leave.watch(events))["verified"]
         except PhotographsWanted as wanted:
             run.message = "photographs are wanted"
             ask_for_photographs(wanted, ["procam", "verify", str(start)], output)
@@ -58,6 +66,7 @@ def verify(
         figures = verified.figures()
         run.measured(figures)
         run.message = verified.summary()
+        leave.notify(run.message)
     for line in _lines(verified, kept):
         output.say(line)
     output.finish(
