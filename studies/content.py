@@ -89,7 +89,8 @@ class Stage:
         """Figures by name, of the frames sent by method, seen along lines of sight."""
         calibration_dir, truth_dir = self._folders
         for kind in ("pictures", "scattered"):
-            shutil.rmtree(truth_dir / kind)
+            shutil.rmtree(truth_dir / kind, ignore_errors=True)
+            (truth_dir / kind).mkdir()
         for method, frames in sent.items():
             full = dict.fromkeys(frames, 1.0)
             direct, bounced = self._scene.parts_of_drives(view, frames, full, ALL_BANDS, 0)
