@@ -83,7 +83,7 @@ def assemble(
     falloff_per_rad : largest relative change of the white per radian (`luminance_matching`).
     """
     unmix = _content_matrix(measured)
-    content = {name: _converted(m.light, unmix) for name, m in measured.items()}
+    content = {name: converted(m.light, unmix) for name, m in measured.items()}
     moved = _moved_arcmin(geometry, measured)
     surfaces = {
         name: project_surface(geometry, name, dome, light, nudges, moved)
@@ -191,22 +191,22 @@ class _Master:
     def black_level(
         self, measured: Mapping[str, ProjectorMeasurement], to_relative: Array
     ) -> Image:
-        """Direct black light (N, N, 3) of all projectors together, smoothed [rel].
-
-        A projector's black is distributed like its white, so its share of scattered light is the same.
-        """
-        total = np.sum(
-            [np.nan_to_num(m.black) * _direct_share(m.light) for m in measured.values()], axis=0
-        )
+        """Direct black light (N, N, 3) of all projectors together, smoothed [rel]."""
+        total = np.sum([direct_black(each) for each in measured.values()], axis=0)
         smooth = blur(total, BLACK_BLUR_PX) @ to_relative.T.astype(np.float32)
         level = np.maximum(sample(smooth, self.where), 0) * self.coverage[..., None]
         return np.asarray(level, np.float32)
 
 
-def _direct_share(light: SeparatedLight) -> Image:
-    """Direct over total light (H, W, 3) of a projector's white; 0 where it does not light."""
+def direct_black(measured: ProjectorMeasurement) -> Image:
+    """Direct radiance (H, W, 3) of a projector's black, 0 where it does not light.
+
+    A projector's black is distributed like its white, so its share of scattered light is the same.
+    """
+    light = measured.light
     both = np.maximum(light.direct + light.scattered, 1e-9)
-    return np.where(light.lit[..., None], light.direct / both, 0)
+    share = np.where(light.lit[..., None], light.direct / both, 0)
+    return np.asarray(np.nan_to_num(measured.black) * share, np.float32)
 
 
 def _content_matrix(measured: Mapping[str, ProjectorMeasurement]) -> Array:
@@ -220,15 +220,15 @@ def _mean_mix(measured: Mapping[str, ProjectorMeasurement]) -> Array:
     return np.asarray(np.mean([m.colour.mix for m in measured.values()], axis=0))
 
 
-def _converted(light: SeparatedLight, unmix: Array) -> SeparatedLight:
-    """Light in content channels, from camera channels."""
-    matrix = unmix.T.astype(np.float32)
+def converted(light: SeparatedLight, matrix: Array) -> SeparatedLight:
+    """Light in content channels, from camera channels, by a (3, 3) matrix."""
+    small = matrix.T.astype(np.float32)
     return replace(
         light,
-        direct=light.direct @ matrix,
-        scattered=light.scattered @ matrix,
-        extended=light.extended @ matrix,
-        flux=light.flux @ unmix.T,
+        direct=light.direct @ small,
+        scattered=light.scattered @ small,
+        extended=light.extended @ small,
+        flux=light.flux @ matrix.T,
     )
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from procam.arrays import Array, BoolArray, Image
-from procam.estimate.calibration import ProjectorMeasurement
+from procam.estimate.calibration import ProjectorMeasurement, converted, direct_black
 from procam.estimate.geometry.model import project_to_camera
 from procam.estimate.geometry.screen_points import round_shape, screen_points
 from procam.estimate.geometry.solve import GeometrySolution
@@ -50,7 +50,7 @@ def with_projector(
         time of the calibration, as the same camera saw it.
     provenance : of the new calibration.
     """
-    content = _relative(measured.light, calibration.content_from_camera)
+    content = converted(measured.light, calibration.content_from_camera)
     moved = float(measured.moved_px / np.mean(geometry.camera.lens.focal) * ARCMIN)
     surface = project_surface(geometry, name, calibration.screen, content, nudges, moved)
     # errors of the screen and the camera are those of before
@@ -66,26 +66,6 @@ def with_projector(
     )
     blacks = [_black(calibration, each) for each in (black_before, direct_black(measured))]
     return _joined(calibration, name, new, blacks, provenance)
-
-
-def direct_black(measured: ProjectorMeasurement) -> Image:
-    """Direct radiance (H, W, 3) of a projector's black, which is distributed like its white."""
-    light = measured.light
-    both = np.maximum(light.direct + light.scattered, 1e-9)
-    share = np.where(light.lit[..., None], light.direct / both, 0)
-    return np.asarray(np.nan_to_num(measured.black) * share, np.float32)
-
-
-def _relative(light: SeparatedLight, matrix: Array) -> SeparatedLight:
-    """Light in the calibration's content unit."""
-    small = matrix.T.astype(np.float32)
-    return replace(
-        light,
-        direct=light.direct @ small,
-        scattered=light.scattered @ small,
-        extended=light.extended @ small,
-        flux=light.flux @ matrix.T,
-    )
 
 
 def _photometry(

@@ -8,6 +8,7 @@ import numpy as np
 
 from procam.arrays import Image
 from procam.errors import InputError, OutOfModelRange
+from procam.estimate.calibration import direct_black
 from procam.estimate.camera.radiance import Radiometer
 from procam.estimate.drift.finding import Cause
 from procam.estimate.geometry.camera_view import DomeView
@@ -15,7 +16,7 @@ from procam.estimate.geometry.known_rig import solve_projectors
 from procam.estimate.geometry.model import RigGeometry
 from procam.estimate.geometry.screen_points import round_shape
 from procam.estimate.geometry.solve import GeometrySolution
-from procam.estimate.recalibration import direct_black, with_projector
+from procam.estimate.recalibration import with_projector
 from procam.files.calibration import load_calibration, save_calibration
 from procam.files.history.record import recorded
 from procam.files.session import Session

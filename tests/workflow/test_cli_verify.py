@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from tiny_venue import TINY_PAIR, make_venue, procam, quick_simulator, solved, take_session
+from tiny_venue import TINY_PAIR, drift, make_venue, procam, quick_simulator, solved, take_session
 
 from procam.estimate import calibration as assembling
 
@@ -27,12 +27,6 @@ def once(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 @pytest.fixture
 def venue(once: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(once, tmp_path / "venue"))
-
-
-def drift(venue: Path, *drifts: str) -> None:
-    """Change the simulated dome."""
-    with (venue / "venue.toml").open("a") as file:
-        file.write(f"session = 1\ndrifts = [{', '.join(drifts)}]\n")
 
 
 def test_all_is_well(venue: Path) -> None:

@@ -11,6 +11,7 @@ import pytest
 from tiny_venue import (
     TINY_PAIR,
     contents,
+    drift,
     make_venue,
     procam,
     quick_simulator,
@@ -45,11 +46,6 @@ def once(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 @pytest.fixture
 def venue(once: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(once, tmp_path / "venue"))
-
-
-def drift(venue: Path, *drifts: str) -> None:
-    with (venue / "venue.toml").open("a") as file:
-        file.write(f"session = 1\ndrifts = [{', '.join(drifts)}]\n")
 
 
 def relative_error(venue: Path, calibration: Path) -> float:

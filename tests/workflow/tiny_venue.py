@@ -90,6 +90,12 @@ def solved(venue: Venue, session: Session) -> Path:
     return Path(last.data["calibration"])
 
 
+def drift(venue_dir: Path, *drifts: str) -> None:
+    """Change the simulated dome, by tables of `drifts` in venue.toml."""
+    with (venue_dir / "venue.toml").open("a") as file:
+        file.write(f"session = 1\ndrifts = [{', '.join(drifts)}]\n")
+
+
 def contents(directory: Path) -> dict[str, bytes]:
     """Every file under a folder by relative path, without times of picture headers and the history."""
     files = (p for p in sorted(directory.rglob("*")) if p.is_file() and p.name not in HISTORY)
