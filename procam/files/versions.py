@@ -28,7 +28,13 @@ def list_calibrations(venue_dir: Path) -> list[Path]:
 
 
 def calibration_in_use(venue_dir: Path) -> Path:
-    """The calibration of a venue that counts: the newest, unless an older one was chosen."""
+    """The calibration of a venue that counts: the newest, unless an older one was chosen.
+
+    Raises
+    ------
+    FileFormatError
+        Without calibration, or if the chosen one is not there: another one would be used without a word.
+    """
     found = list_calibrations(venue_dir)
     if not found:
         raise FileFormatError(
@@ -36,8 +42,17 @@ def calibration_in_use(venue_dir: Path) -> Path:
             f"`procam patterns {venue_dir}`, `procam ingest` and `procam solve`"
         )
     chosen = venue_dir / "calibrations" / IN_USE
-    name = chosen.read_bytes().decode(errors="replace").strip() if chosen.is_file() else ""
-    return next((path for path in found if path.name == name), found[-1])
+    if not chosen.is_file():
+        return found[-1]
+    name = chosen.read_bytes().decode(errors="replace").strip()
+    for path in found:
+        if path.name == name:
+            return path
+    there = ", ".join(path.name for path in found)
+    raise FileFormatError(
+        f"{chosen} names calibration {name!r}, which is not there, only {there}; choose one of them: "
+        f"procam history {venue_dir} --restore N"
+    )
 
 
 def calibrated_session(venue_dir: Path) -> str:

@@ -92,8 +92,18 @@ class TestUse:
             f"procam: {venue} has no calibration 7, only 1; choose one of them",
         )
 
-    def test_a_damaged_choice_counts_for_none(self, venue: Path) -> None:
-        (venue / "calibrations" / "in-use").write_bytes(b"\xff../../x")
+    def test_a_choice_that_is_not_there_is_refused_until_another_is_made(self, venue: Path) -> None:
+        chosen = venue / "calibrations" / "in-use"
+        for text in (b"0007\n", b"\xff../../x", b""):
+            chosen.write_bytes(text)
+            ran = procam("report", venue)
+            assert ran.code == 2
+            assert f"{chosen} names calibration " in ran.complaint
+            assert f"choose one of them: procam history {venue} --restore N" in ran.complaint
+            listed = procam("history", venue)
+            assert (listed.code, "which is not there, only 0001" in listed.out) == (0, True)
+            assert json.loads(procam("history", venue, "--json").out)["in_use"] is None
+        assert procam("history", venue, "--restore", 1).code == 0
         assert calibration_in_use(venue).name == "0001"
 
     def test_a_venue_stands_for_its_calibration(self, venue: Path, tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from procam.errors import InputError
+from procam.errors import FileFormatError, InputError
 from procam.files.history.differences import figure_differences, stated_figures
 from procam.files.history.read import (
     RunEntry,
@@ -107,10 +107,17 @@ def _list(venue: Path, everything: bool, output: Output) -> None:
         {
             "runs": [asdict(run) for run in shown],
             "calibrations": [path.name for path in there],
-            "in_use": calibration_in_use(venue).name if there else None,
+            "in_use": _in_use(venue),
             "clock_went_back": back,
         }
     )
+
+
+def _in_use(venue: Path) -> str | None:
+    try:
+        return calibration_in_use(venue).name
+    except FileFormatError:  # none yet, or the chosen one is missing
+        return None
 
 
 def _row(run: RunEntry) -> str:
@@ -125,7 +132,11 @@ def _calibrations(venue: Path, there: list[Path]) -> Iterator[str]:
     if not there:
         yield "no calibration yet"
         return
-    used = calibration_in_use(venue)
+    try:
+        used = calibration_in_use(venue)
+    except FileFormatError as error:
+        yield str(error)
+        return
     yield f"calibrations: {', '.join(path.name for path in there)}; {used.name} is in use"
     if changed := [Path(name).name for name in changed_files(venue, used)]:
         yield f"CHANGED  {used.name}: {', '.join(changed)} changed since procam wrote it"

@@ -95,6 +95,8 @@ def solve(venue: Venue, session: Session) -> Iterator[Event]:
 
 def _solve(venue: Venue, session: Session) -> Iterator[Event]:
     origin = provenance(venue, session)  # first of all, for it finds what is wrong with masks
+    before = list_calibrations(venue.directory)
+    used = calibration_in_use(venue.directory) if before else None
     names, server, tags_seen = list(venue.table.projectors), server_of(venue), len(venue.cameras)
     total = len(names) * (tags_seen + 1) + 3
     rig = yield from (
@@ -125,8 +127,6 @@ def _solve(venue: Venue, session: Session) -> Iterator[Event]:
     check_finite(calibration)
     calibration = replace(calibration, quality=_quality(calibration, rig))
     yield Event("solve", total - 1, total, "maps assembled")
-    before = list_calibrations(venue.directory)
-    used = calibration_in_use(venue.directory) if before else None
     directory = next_directory(venue.directory)
     save_calibration(_protecting(venue, calibration), directory)
     lines = compare_with_predecessor(venue.directory, used, directory, calibration)
