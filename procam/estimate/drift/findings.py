@@ -50,7 +50,7 @@ def _camera(calibration: Calibration, change: VenueChange, common: float) -> Ite
             motion.turned_sigma,
             "deg",
             f"its picture moved as if the camera were turned by {motion.turned_deg:.2f} degrees: with one "
-            "projector, the camera and the projector cannot be told apart",
+            "projector, this does not show which of the two moved",
             "put the camera back as it stood and verify again; if that changes nothing, calibrate again",
         )
     elif motion.moved:

@@ -1,7 +1,7 @@
 """Change of the light of each projector, and of the screen, from photographs of full white.
 
 At a place of the dome the paint cancels in the ratio of two photographs, so the ratio is that of the lamps,
-of the camera's exposure and of what has settled on the screen since. A picture that moved brings light of
+of the camera's exposure and of what has settled on the screen since. A picture that moved has light of
 another part of the panel there, spread over another area; both follow from the motion and the light before.
 """
 

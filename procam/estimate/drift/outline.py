@@ -21,7 +21,7 @@ from procam.model.optics import CameraModel, ProjectorModel
 BAND = 12  # grid px outside and inside the edge
 LEAST_LINES = 0.25  # of an edge that must be lit
 LEAST_STEP = 0.5  # of the step of light at the edge before
-LEAST_EXPECTED = 0.1  # grid px: less cannot be told from noise
+LEAST_EXPECTED = 0.1  # grid px: less is within noise
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,7 +16,7 @@ from procam.errors import FileFormatError
 
 NAME = "history.sqlite"
 BUSY_S = 20.0  # until another reader or writer has ended
-# each step brings a file from the version of its place in the list to the next
+# each step migrates a file from the version of its place in the list to the next
 MIGRATIONS = (
     """
     CREATE TABLE runs (
