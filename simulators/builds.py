@@ -168,12 +168,14 @@ class CameraFlaws:
     vignetting_slope : relative change of its light from the middle to the right and the lower edge.
     ripple_px : amplitude of three waves of radial distortion from the middle to the edge [px].
     black_drift_dn : rise of the black level in 600 s [DN].
+    gain : red, green and blue light of its photographs, relative to when it was installed.
     """
 
     local_veil: float = 0.0
     vignetting_slope: tuple[float, float] = (0.0, 0.0)
     ripple_px: float = 0.0
     black_drift_dn: float = 0.0
+    gain: tuple[float, float, float] = (1.0, 1.0, 1.0)
 
 
 @dataclass(frozen=True)

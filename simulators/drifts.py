@@ -4,6 +4,7 @@ A drift is a change of the preset (the room) or of one device, and `drifted` ope
 Angles in a picture are counter-clockwise: 0 is to the right, 90 upwards.
 """
 
+import zlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -18,6 +19,8 @@ from simulators.builds import CameraBuild, ProjectorBuild, Scaler
 from simulators.presets import Preset
 from simulators.scene import Devices, DomeScene
 
+# relative, of each channel of a camera between two sessions: its sensor is about a degree warmer or colder
+GAIN_SIGMA = 4e-4
 HIGHEST_FLOOR_ALBEDO = 0.9
 MOVED_M_PER_DEG = 0.005  # shift of a camera's tripod that comes with a turn [m/deg]
 
@@ -109,10 +112,10 @@ KINDS = tuple(RANGES)
 def drifted(base: DomeScene, drifts: Sequence[Drift], session: int = 0) -> DomeScene:
     """The venue after `drifts`, one upon the other, in standby; what did not change is used again.
 
-    `base` itself may have drifted. Lamps keep the light they had, cameras the noise. The noise of the
-    photographs is that of `base` (session 0) unless `session` differs.
+    `base` itself may have drifted. Lamps keep the light they had, cameras their law of noise. Noise of the
+    photographs and gain of the cameras are those of `base` (session 0) unless `session` differs.
     """
-    preset, cameras = base.preset, list(base.cameras.values())
+    preset, cameras = base.preset, [_of_session(c, session) for c in base.cameras.values()]
     projectors = {name: light.build for name, light in base.lights.items()}
     for drift in drifts:
         if drift.kind in PROJECTOR_CHANGES:
@@ -125,6 +128,13 @@ def drifted(base: DomeScene, drifts: Sequence[Drift], session: int = 0) -> DomeS
             cameras[0] = CAMERA_CHANGES[drift.kind](cameras[0], drift)
     devices = Devices(tuple(projectors.values()), cameras, session)
     return DomeScene(preset, base.size, base.seed, like=base, devices=devices)
+
+
+def _of_session(build: CameraBuild, session: int) -> CameraBuild:
+    """A camera with the gain that it has in another session than its first, 0."""
+    rng = np.random.default_rng([session, zlib.crc32(build.name.encode())])
+    red, green, blue = np.exp(GAIN_SIGMA * rng.standard_normal(3)) if session else np.ones(3)
+    return replace(build, flaws=replace(build.flaws, gain=(float(red), float(green), float(blue))))
 
 
 def draw_drift(kind: str, rng: np.random.Generator, projectors: Sequence[str]) -> Drift:

@@ -12,7 +12,7 @@ from procam.arrays import BoolArray, Image
 from procam.errors import UnitError
 from simulators.builds import CameraBuild
 from simulators.presets import white_exposure_s
-from simulators.scene import GREEN, DomeScene, camera_circle
+from simulators.scene import ALL_BANDS, GREEN, DomeScene, camera_circle
 
 NORMAL_TABLE = ndtri((np.arange(2**16) + 0.5) / 2**16).astype(np.float32)
 NOISELESS_BITS = 16  # a file holds integers
@@ -68,7 +68,9 @@ class Sensor:
             veil = np.float32(local) * self._spread(radiance) + np.float32(1 - local) * veil
         radiance *= np.float32(1 - glare)
         radiance += np.float32(glare) * veil
-        radiance *= self.vignetting * np.float32(exposure_s * self._build.aperture)
+        bands = GREEN if radiance.shape[-1] == 1 else ALL_BANDS
+        gain = np.array(self._build.flaws.gain, np.float32)[bands]
+        radiance *= self.vignetting * (np.float32(exposure_s * self._build.aperture) * gain)
         return radiance
 
     def black_drift(self, time_s: float) -> float:

@@ -3,9 +3,10 @@
 Simulated domes of 2 to 4 projectors are calibrated once. Then each of 21 kinds of change, drawn in size,
 place and projector, is verified with photographs of its own noise; so are pairs of changes, and venues
 without any. Writes studies/drifts.json and studies/drifts.md; `python -m studies drifts` remakes them in an
-hour on two cores. tests/workflow/test_drifts_small.py has a part of it.
+hour on two idle cores. tests/workflow/test_drifts_small.py has a part of it.
 """
 
+import json
 import tempfile
 import time
 from collections import Counter
@@ -308,7 +309,10 @@ def main() -> None:
             _ = _venues[name].base, _venues[name].calibration, _venues[name].reference
         todo = list(cases(SEEDS, PAIRS, UNDRIFTED))
         with ProcessPoolExecutor(WORKERS, get_context("fork")) as pool:
-            rows = list(pool.map(run, todo, chunksize=8))
+            rows = []
+            for row in pool.map(run, todo, chunksize=8):
+                rows.append(row)
+                print(json.dumps(row), flush=True)
     hours = (time.time() - start) / 3600
     write("drifts", {"hours": round(hours, 2), "rows": rows}, table(rows, hours))
 

@@ -16,7 +16,15 @@ from procam.model.frame import CameraSettings
 from simulators.backend import build_scene
 from simulators.builds import SETTLING_S
 from simulators.devices import SimulatedCamera, SimulatedProjector
-from simulators.drifts import KINDS, PROJECTOR_CHANGES, RANGES, Drift, draw_drift, drifted
+from simulators.drifts import (
+    GAIN_SIGMA,
+    KINDS,
+    PROJECTOR_CHANGES,
+    RANGES,
+    Drift,
+    draw_drift,
+    drifted,
+)
 from simulators.presets import IDEAL, STANDARD
 from simulators.scene import ALL_BANDS, DomeScene
 from simulators.sensor import Sensor
@@ -79,7 +87,16 @@ class TestReuse:
         base = counts(DomeScene(STANDARD, SIZE, 1))
         assert np.array_equal(counts(drifted(standard, [])), base)
         again = counts(drifted(standard, [], session=1)) - base
-        assert abs(again.mean()) < 0.1 < again.std()
+        assert abs(again.mean()) < 5 * GAIN_SIGMA * base.mean() and 0.1 < again.std()
+
+    def test_a_camera_has_another_gain_in_each_session(self, standard: DomeScene) -> None:
+        gains = [
+            drifted(standard, [], session).cameras["zenith"].flaws.gain for session in range(200)
+        ]
+        assert gains[0] == (1, 1, 1)
+        z = np.log(gains[1:]) / GAIN_SIGMA
+        assert abs(z.std() - 1) < 0.15 and (abs(z.mean(axis=0)) < 0.3).all()
+        assert abs(np.corrcoef(z.T)[0, 1]) < 0.3
 
     def test_sight_lines_are_those_of_a_new_trace(self) -> None:
         base = DomeScene(replace(STANDARD, gloss=0.03, ovality=0.001), SIZE, 1)

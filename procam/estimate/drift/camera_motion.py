@@ -21,6 +21,7 @@ LEAST_SEEN = 6  # windows that determine a pose
 # it, and close once the pose is nearly right
 WIDE_PX, CLOSE_PX = 0.5, 0.03
 SAME_SIGMAS = 4.0
+ALIKE = 1.3  # factor on the pose's standard error: errors of neighbouring windows are alike
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +73,10 @@ def find_camera_motion(
         more, same = len(agree) > len(agreeing), len(agree) == len(agreeing) and best is not camera
         if more or (same and residual < misfit):
             best, agreeing, misfit = trial, agree, residual
-    if best is camera or len(agreeing) < min(2, len(names)):
+    believed = len(agreeing) >= min(2, len(names)) and _explains(
+        camera, best, seen, agreeing, still, same_px
+    )
+    if not believed:
         return CameraMotion(camera, False, unmoved=tuple(still))
     return _described(camera, best, seen, agreeing)
 
@@ -85,13 +89,39 @@ def _agreeing(
     camera: CameraModel, seen: Mapping[str, Seen], names: list[str], same_px: float
 ) -> list[str]:
     """Projectors whose picture is where it was, for a camera with this pose."""
-    found = []
-    for name in names:
-        away = np.linalg.norm(_offsets(camera, seen[name]), axis=1)
-        limit = max(same_px, SAME_SIGMAS * float(np.median(seen[name].sigma)))
-        if np.median(away) < limit:
-            found.append(name)
-    return found
+    return [n for n in names if _away(_offsets(camera, seen[n])) < _same(seen[n], same_px)]
+
+
+def _explains(
+    before: CameraModel,
+    now: CameraModel,
+    seen: Mapping[str, Seen],
+    agreeing: list[str],
+    still: list[str],
+    same_px: float,
+) -> bool:
+    """Whether another pose is a motion of the camera.
+
+    A pose also bends a little towards a projector whose own picture is slightly off. That moves no picture by
+    more than counts as the same, or fits the projectors that were `still` worse than before.
+    """
+    shifted = any(
+        _away(_offsets(before, seen[n]) - _offsets(now, seen[n])) > _same(seen[n], same_px)
+        for n in agreeing
+    )
+    off_before, off_now = (
+        sum(_away(_offsets(camera, seen[n])) for n in still) for camera in (before, now)
+    )
+    return shifted and off_now <= off_before
+
+
+def _away(offsets: Array) -> float:
+    return float(np.median(np.linalg.norm(offsets, axis=1)))
+
+
+def _same(seen: Seen, same_px: float) -> float:
+    """Distance [camera px] within which a picture is where it was."""
+    return max(same_px, SAME_SIGMAS * float(np.median(seen.sigma)))
 
 
 def _placed(camera: CameraModel, x: Array) -> CameraModel:
@@ -126,7 +156,7 @@ def _described(
         [(_offsets(_placed(now, step * e), points).ravel() - base) / step for e in np.eye(6)],
         axis=1,
     )
-    sigma = max(robust_sigma_2d(np.linalg.norm(base.reshape(-1, 2), axis=1)), 1e-4)
+    sigma = ALIKE * max(robust_sigma_2d(np.linalg.norm(base.reshape(-1, 2), axis=1)), 1e-4)
     covariance = np.asarray(np.linalg.inv(slopes.T @ slopes) * sigma**2, float)
     assert before.camera_from_dome is not None and now.camera_from_dome is not None
     turn = rotation_vector(now.camera_from_dome.rotation @ before.camera_from_dome.rotation.T)

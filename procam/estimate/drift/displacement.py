@@ -33,7 +33,7 @@ ROUNDS = 5
 SETTLED = 0.02  # grid px, and grid px^2 of blur: further rounds change nothing
 FIT_ROUNDS = 12
 HUBER = 2.0  # sigmas beyond which a window counts less
-LEAST_SIGMA = 0.003  # grid px: interpolation of a photograph
+LEAST_SIGMA = 0.0015  # grid px: interpolation of a photograph
 LARGEST_BLUR2 = 30.0  # grid px^2
 PANEL_FLIPS = {
     "as it was": (1, 1),

@@ -22,9 +22,8 @@ MARGIN = 6  # grid px from the edge of the light, where blur and motion change i
 DARKEST = 1e-4  # of the light before
 SMOOTH_DEGREE = 4  # of the panel's flux
 FIT_EVERY = 4  # points of the grid, for its fit
-CAMERA_SIGMA = (
-    0.0003  # relative: what a camera's gain does between two sessions beside its exposure
-)
+# relative, of a channel: what a camera's gain does between two sessions, a degree of its sensor
+CAMERA_SIGMA = 5e-4
 
 
 @dataclass(frozen=True, slots=True)

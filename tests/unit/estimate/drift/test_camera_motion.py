@@ -72,6 +72,23 @@ def test_a_projector_that_moved_is_no_camera(
     assert not found.moved and set(found.unmoved) == {"a", "c"}
 
 
+def test_a_picture_that_is_slightly_off_does_not_bend_the_pose(
+    camera: CameraModel, see: Callable[..., dict[str, Seen]]
+) -> None:
+    """A projector out of focus seems off by hundredths of a pixel, about what a pose can take up."""
+    for away in np.arange(0.03, 0.07, 0.005):
+        found = find_camera_motion(camera, see(camera, "abcd", c=np.array([away, 0.0])))
+        assert not found.moved and found.camera is camera
+
+
+def test_a_camera_that_creeps_is_still_placed(
+    camera: CameraModel, see: Callable[..., dict[str, Seen]]
+) -> None:
+    now = turned(camera, 0.25)
+    found = find_camera_motion(camera, see(now, "abcd"))
+    assert found.moved and set(found.unmoved) == set("abcd")
+
+
 def test_both_moved(camera: CameraModel, see: Callable[..., dict[str, Seen]]) -> None:
     now = turned(camera, 1.0)
     found = find_camera_motion(camera, see(now, "abcd", c=np.array([0.9, 0.4])))
