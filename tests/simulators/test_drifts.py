@@ -98,6 +98,13 @@ class TestReuse:
         assert abs(z.std() - 1) < 0.15 and (abs(z.mean(axis=0)) < 0.3).all()
         assert abs(np.corrcoef(z.T)[0, 1]) < 0.3
 
+    def test_a_camera_photographs_with_its_gain(self) -> None:
+        before, now = DomeScene(STANDARD, SIZE, 1), DomeScene(STANDARD, SIZE, 1)
+        build = now.cameras["zenith"]
+        now.cameras["zenith"] = replace(build, flaws=replace(build.flaws, gain=(0.9, 1.0, 1.2)))
+        ratio = counts(now).mean(axis=(0, 1)) / counts(before).mean(axis=(0, 1))
+        np.testing.assert_allclose(ratio, (0.9, 1.0, 1.2), rtol=2e-3)
+
     def test_sight_lines_are_those_of_a_new_trace(self) -> None:
         base = DomeScene(replace(STANDARD, gloss=0.03, ovality=0.001), SIZE, 1)
         drifts = [south("turned", 2, angle_deg=30), Drift("stain", 0.3, angle_deg=50)]

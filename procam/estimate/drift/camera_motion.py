@@ -73,10 +73,11 @@ def find_camera_motion(
         more, same = len(agree) > len(agreeing), len(agree) == len(agreeing) and best is not camera
         if more or (same and residual < misfit):
             best, agreeing, misfit = trial, agree, residual
-    believed = len(agreeing) >= min(2, len(names)) and _explains(
-        camera, best, seen, agreeing, still, same_px
+    # a pose also bends a little towards a projector whose own picture is slightly off
+    bent = not _shifted(camera, best, seen, agreeing, same_px) or _off(best, seen, still) > _off(
+        camera, seen, still
     )
-    if not believed:
+    if bent or len(agreeing) < min(2, len(names)):
         return CameraMotion(camera, False, unmoved=tuple(still))
     return _described(camera, best, seen, agreeing)
 
@@ -92,27 +93,22 @@ def _agreeing(
     return [n for n in names if _away(_offsets(camera, seen[n])) < _same(seen[n], same_px)]
 
 
-def _explains(
+def _shifted(
     before: CameraModel,
     now: CameraModel,
     seen: Mapping[str, Seen],
-    agreeing: list[str],
-    still: list[str],
+    names: list[str],
     same_px: float,
 ) -> bool:
-    """Whether another pose is a motion of the camera.
-
-    A pose also bends a little towards a projector whose own picture is slightly off. That moves no picture by
-    more than counts as the same, or fits the projectors that were `still` worse than before.
-    """
-    shifted = any(
+    """Whether another pose moves the picture of any projector by more than counts as the same."""
+    return any(
         _away(_offsets(before, seen[n]) - _offsets(now, seen[n])) > _same(seen[n], same_px)
-        for n in agreeing
+        for n in names
     )
-    off_before, off_now = (
-        sum(_away(_offsets(camera, seen[n])) for n in still) for camera in (before, now)
-    )
-    return shifted and off_now <= off_before
+
+
+def _off(camera: CameraModel, seen: Mapping[str, Seen], names: list[str]) -> float:
+    return sum(_away(_offsets(camera, seen[n])) for n in names)
 
 
 def _away(offsets: Array) -> float:
