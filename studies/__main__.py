@@ -1,10 +1,13 @@
 """Run studies and write their results beside them (JSON and a table).
 
-All of them, or those that are named: python -m studies codes code-table
+All of them, or those that are named: python -m studies codes code-table. --list says what there is.
 """
 
+import inspect
 import sys
+from collections.abc import Iterator
 
+import benchmarks.__main__
 from studies import (
     boards,
     by_hand,
@@ -28,6 +31,7 @@ from studies import (
     perceptual_dome,
     photometry,
     precision,
+    readme,
     recalibration,
     refine,
     rooms,
@@ -59,9 +63,11 @@ STUDIES = {
     "drifts": drifts.main,
     "drifts-traced": drifts_traced.main,
     "precision": precision.main,
+    "readme": readme.main,
     "recalibration": recalibration.main,
     "refine": refine.main,
     "rooms": rooms.main,
+    "speed": benchmarks.__main__.main,
     "stops": stops.main,
     "two-at-once": two_at_once.main,
     "wrong-calls": wrong_calls.main,
@@ -69,15 +75,27 @@ STUDIES = {
 
 
 def main(names: list[str]) -> int:
-    """Run the named studies, or all; 2 for a name that is none."""
+    """Run the named studies, or all, or list them; 1 for one that failed, 2 for a name that is none."""
+    if names == ["--list"]:
+        print("\n".join(listed()))
+        return 0
     unknown = [name for name in names if name not in STUDIES]
     if unknown:
         print(f"studies: no study {unknown[0]!r}; there are {', '.join(STUDIES)}", file=sys.stderr)
         return 2
+    failed = False
     for name in names or STUDIES:
         print(f"== {name}", flush=True)
-        STUDIES[name]()
-    return 0
+        failed |= bool(STUDIES[name]())
+    return int(failed)
+
+
+def listed() -> Iterator[str]:
+    """A line for each study: its name and what it is about."""
+    wide = max(map(len, STUDIES))
+    for name, run in sorted(STUDIES.items()):
+        about = inspect.getdoc(inspect.getmodule(run)) or ""
+        yield f"{name:{wide}}  {about.splitlines()[0]}"
 
 
 if __name__ == "__main__":

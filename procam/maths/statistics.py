@@ -5,6 +5,7 @@ import numpy as np
 from procam.arrays import FloatArray
 
 NORMAL_MAD = 1.4826  # sigma of a normal distribution over its median absolute deviation
+MEDIAN_SIGMA = 1.2533  # standard error of a normal sample's median over that of its mean
 RAYLEIGH_MEDIAN = 1.1774  # median length of a 2-D normal vector of unit sigma per axis
 
 

@@ -21,7 +21,7 @@ LEAST_SEEN = 6  # windows that determine a pose
 # it, and close once the pose is nearly right
 WIDE_PX, CLOSE_PX = 0.5, 0.03
 SAME_SIGMAS = 4.0
-ALIKE = 1.3  # factor on the pose's standard error: errors of neighbouring windows are alike
+ALIKE = 1.1  # factor on the pose's standard error: errors of neighbouring windows are alike
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,8 +22,9 @@ from procam.estimate.drift.finding import (
     Finding,
 )
 from procam.estimate.drift.projector_change import ProjectorChange
-from procam.estimate.drift.projector_findings import is_warming, name_projector_causes
+from procam.estimate.drift.projector_findings import CHANNELS, is_warming, name_projector_causes
 from procam.maths.geometry.sphere import angles_from_direction, master_directions
+from procam.maths.statistics import MEDIAN_SIGMA
 from procam.model.calibration import Calibration
 
 AT_CENTRE_M = 1e-6  # of the dome: where a media server counts as a projector
@@ -67,7 +68,8 @@ def _camera(calibration: Calibration, change: VenueChange, common: float) -> Ite
         )
     if common:
         size = float(np.expm1(common))
-        sigma = float(np.median([np.nanmedian(p.light_sigma) for p in change.projectors.values()]))
+        each = float(np.median([np.nanmedian(p.light_sigma) for p in change.projectors.values()]))
+        sigma = each * MEDIAN_SIGMA / np.sqrt(len(CHANNELS))
         yield Finding(
             "camera exposure",
             name,

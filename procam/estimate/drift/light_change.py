@@ -13,7 +13,7 @@ import numpy as np
 from procam.arrays import Array, Image
 from procam.estimate.drift.displacement import Motion, grid_places
 from procam.estimate.drift.pictures import PanelGrid
-from procam.maths.statistics import NORMAL_MAD
+from procam.maths.statistics import MEDIAN_SIGMA, NORMAL_MAD
 from procam.maths.warp import grow
 
 WINDOWS = 32, 20  # across and down
@@ -50,7 +50,7 @@ class WindowLight:
             return np.full(3, np.nan), np.full(3, np.nan)
         level = np.median(values, axis=0)
         spread = NORMAL_MAD * np.median(np.abs(values - level), axis=0)
-        return level, np.hypot(1.25 * spread / np.sqrt(len(values)), CAMERA_SIGMA)
+        return level, np.hypot(MEDIAN_SIGMA * spread / np.sqrt(len(values)), CAMERA_SIGMA)
 
 
 def white_ratio(

@@ -20,12 +20,12 @@ from procam.estimate.drift.response_change import (
     tile_index,
 )
 from procam.estimate.geometry.screen_points import round_shape
-from procam.maths.statistics import robust_sigma
+from procam.maths.statistics import MEDIAN_SIGMA, robust_sigma
 from procam.maths.warp import blur
 from procam.model.calibration import Calibration
 from procam.model.optics import ProjectorModel
 
-BLUR_SHIFT, BLUR_SIGMA = 0.01, 0.025  # errors of motion and blur by a blur [grid px per grid px^2]
+BLUR_SHIFT, BLUR_SIGMA = 0.01, 0.022  # errors of motion and blur by a blur [grid px per grid px^2]
 BLACK_SIGMA = 0.012  # relative: drift of a camera's own black level between two sessions
 LEAST_BLUR2 = 0.02  # grid px^2
 MotionKind = Literal["moved", "scaled", "stretched", "keystone"]
@@ -127,7 +127,7 @@ def measure_projector(
     )
     (length, sigma), blur2 = motion.rms(grid_places(grid.shape)[grid.valid]), windows.blur2
     sharpness = float(np.median(blur2))
-    spread = 1.25 * robust_sigma(blur2) / np.sqrt(len(blur2))
+    spread = MEDIAN_SIGMA * robust_sigma(blur2) / np.sqrt(len(blur2))
     black, black_sigma, share = _black(panel, today)
     raised = raised_drive(calibration.projectors[panel.name].photometry, share * (black - 1))
     trend, trend_sigma = _trend(today)

@@ -25,6 +25,7 @@ from procam.estimate.drift.finding import (
 )
 from procam.estimate.drift.panel import NO_LIGHT
 from procam.estimate.drift.projector_change import MotionKind, ProjectorChange
+from procam.maths.statistics import MEDIAN_SIGMA
 from procam.model.calibration import Calibration
 
 CHANNELS = ("red", "green", "blue")
@@ -174,7 +175,8 @@ def _light(name: str, change: ProjectorChange, common: float) -> Iterator[Findin
         return
     own = change.light - common
     level = float(np.median(own[alive]))
-    sigma = float(np.median(change.light_sigma[alive]))
+    each = float(np.median(change.light_sigma[alive]))
+    sigma = each * MEDIAN_SIGMA / np.sqrt(alive.sum())
     size = float(np.expm1(level))
     if abs(size) > max(MOST_LIGHT, CERTAIN * sigma):
         yield Finding(
@@ -188,7 +190,7 @@ def _light(name: str, change: ProjectorChange, common: float) -> Iterator[Findin
         )
     for channel in np.flatnonzero(alive):
         own_size = float(np.expm1(own[channel] - level))
-        spread = float(np.hypot(change.light_sigma[channel], sigma)) * (1 + own_size)
+        spread = float(np.hypot(change.light_sigma[channel], each)) * (1 + own_size)
         if abs(own_size) > max(MOST_COLOUR, CERTAIN * spread):
             yield Finding(
                 "colour",

@@ -13,6 +13,7 @@ from scipy.optimize import least_squares
 from procam.arrays import Array, FloatArray, Image, IndexArray
 from procam.estimate.light.projector_response import tile_levels
 from procam.estimate.structured_light.patterns import LEVELS
+from procam.maths.statistics import MEDIAN_SIGMA
 from procam.model.photometry import Photometry
 
 LEAST_POINTS = 20  # of a level
@@ -45,7 +46,9 @@ class LevelLight:
             if len(values) >= LEAST_POINTS:
                 mean[number] = np.median(values, axis=0)
                 spread = np.median(np.abs(values - mean[number]), axis=0) * 1.4826
-                sigma[number] = np.hypot(1.25 * spread / np.sqrt(len(values) / 4), FLOOR_SIGMA)
+                sigma[number] = np.hypot(
+                    MEDIAN_SIGMA * spread / np.sqrt(len(values) / 4), FLOOR_SIGMA
+                )
         return cls(mean, sigma)
 
     @property

@@ -67,6 +67,7 @@ PANELS = {
         "judge": "Compare a calibration with the truth; exit 1 if a figure misses its goal.",
         "compare": "Compare two calibrations of a rig; exit 1 if they differ by more than a rotation.",
         "inspect": "Describe a file or folder that procam has written, and check that it is whole.",
+        "reproduce": "Remake figures and studies of the documentation; without a NAME, list them.",
         "meter": "Make a calibration absolute with a hand meter; exit 1 if the two disagree.",
     },
 }

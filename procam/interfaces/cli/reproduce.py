@@ -1,0 +1,36 @@
+"""`procam reproduce`: the figures and studies of the documentation, remade in a clone of the repository."""
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+import procam
+from procam.errors import InputError
+
+EXAMPLE = "procam reproduce recalibration"
+ALL = "all"
+ROOT = Path(procam.__file__).parents[1]
+
+
+def reproduce(
+    names: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[NAME]...", help=f"Of studies; {ALL} of them take days."),
+    ] = None,
+) -> None:
+    """Remake figures and studies of the documentation; without a NAME, list them.
+
+    Each is written to studies/NAME.json and studies/NAME.md of the clone that procam runs from, with the
+    revision of the code; `git diff` then shows what has changed.
+    """
+    if not (ROOT / "studies" / "__main__.py").is_file():
+        raise InputError(
+            f"{ROOT}: procam runs from an installation without its studies; clone the repository, run "
+            "`make demo` there, and call .venv/bin/procam reproduce"
+        )
+    wanted = [] if names == [ALL] else names or ["--list"]
+    run = subprocess.run([sys.executable, "-m", "studies", *wanted], check=False, cwd=ROOT)
+    raise typer.Exit(run.returncode)

@@ -1,0 +1,40 @@
+"""`procam reproduce`, and that every committed result has a command that remakes it."""
+
+from pathlib import Path
+
+import pytest
+from tiny_venue import procam
+
+from procam.interfaces.cli import reproduce
+from studies.__main__ import STUDIES, listed, main
+
+HERE = Path(reproduce.ROOT) / "studies"
+
+
+@pytest.mark.parametrize("result", sorted(HERE.glob("*.json")), ids=lambda path: path.stem)
+def test_each_result_can_be_remade(result: Path) -> None:
+    assert result.stem.replace("_", "-") in STUDIES
+
+
+def test_each_study_is_listed_with_what_it_is_about(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--list"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines == list(listed()) and [line.split()[0] for line in lines] == sorted(STUDIES)
+    assert all(len(line.split()) > 5 for line in lines)
+
+
+def test_a_study_that_fails_ends_with_1(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(STUDIES, "speed", lambda: 1)
+    monkeypatch.setitem(STUDIES, "codes", lambda: None)
+    assert (main(["codes"]), main(["speed", "codes"])) == (0, 1)
+
+
+def test_a_name_that_is_none(capfd: pytest.CaptureFixture[str]) -> None:
+    assert procam("reproduce", "no-such-study").code == 2
+    assert "no study 'no-such-study'; there are boards," in capfd.readouterr().err
+
+
+def test_an_installation_without_studies(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(reproduce, "ROOT", tmp_path)
+    done = procam("reproduce", "codes")
+    assert done.code == 2 and "without its studies; clone the repository" in done.err
