@@ -133,7 +133,8 @@ def _light(check: SeatCheck, found: Comparison, here: str) -> Table:
             "Light",
             here,
             check.seat.directory.name,
-            "Difference (95 % interval)",
+            "Difference",
+            "95 % interval",
             "In standard errors",
         ],
         [
@@ -153,4 +154,4 @@ def _steps(step: LightStep, i: int) -> list[str]:
         percent((b - a + side * half) / a, 2) if a else UNKNOWN for side in (0, -1, 1)
     )
     sigmas = number(step.sigmas[i], 2) if isfinite(step.sigmas[i]) else UNKNOWN
-    return [number(a, 4), number(b, 4), f"{share} ({low} to {high})", sigmas]
+    return [number(a, 4), number(b, 4), share, f"{low} to {high}", sigmas]
