@@ -36,8 +36,8 @@ def report(
 ) -> None:
     """Write report.html, one self-contained file; exit 1 if a limit of the client is not kept.
 
-    The limits are those of [acceptance] in venue.toml; a figure that has not been measured well enough to
-    show that its limit is kept counts as not kept.
+    The limits are those of the table acceptance in venue.toml; a figure that has not been measured well
+    enough to show that its limit is kept counts as not kept.
     """
     output = Output(json)
     venue = venue_of(where) if (where / "plan.json").is_file() else where
