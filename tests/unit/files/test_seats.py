@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from two_seats import DARK, HERE, THERE, WHITE, keep, photograph, seen_from
 
-from procam.files.seats import ELSEWHERE, OtherSeat, other_seats
+from procam.files.seats import OtherSeat, other_seats
 from procam.maths.geometry.pose import Pose, rotation_matrix
 from procam.model.calibration import Calibration
 
@@ -65,7 +65,7 @@ class TestSeats:
         self, used: Path, calibration: Calibration, beyond: float, found: list[str]
     ) -> None:
         x, y, z = HERE
-        place = (x, y + beyond * ELSEWHERE * RADIUS_M, z)
+        place = (x, y + beyond * 0.05 * RADIUS_M, z)
         keep(used.parents[1], seen_from(calibration, place), "0002")
         assert _names(used) == found
 
