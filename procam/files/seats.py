@@ -19,9 +19,8 @@ from procam.files.session import Session
 from procam.files.versions import list_calibrations
 from procam.maths.geometry.pose import Pose, align_rotation, rotation_vector
 
-ELSEWHERE = (
-    0.05  # of the radius; camera places are known ten times better, and seats are this far apart
-)
+# seats are further apart, and a camera's place is known ten times better
+ELSEWHERE = 0.05  # of the radius
 
 
 @dataclass(frozen=True, slots=True)
