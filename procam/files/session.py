@@ -79,6 +79,11 @@ class Session:
             entries = dict(self._index(camera).entries)
         return {slot: e for slot, e in entries.items() if (folder / e.file).is_file()}
 
+    def taken(self, camera: str) -> list[StoredFrame]:
+        """Index entries of all frames, also of those that were deleted since."""
+        with self._lock:
+            return list(self._index(camera).entries.values())
+
     def store(self, camera: str, shot: Shot, exposure_s: float, frame: Frame) -> None:
         """Write a frame to disk, then its entry in the index."""
         name = f"{shot.id}@{exposure_s:g}.tif"

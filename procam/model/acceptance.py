@@ -9,7 +9,7 @@ import numpy as np
 from procam.arrays import Array
 from procam.model.calibration import Calibration
 
-Side = Literal["most", "least"]
+Side = Literal["most", "least", "within"]
 Verdict = Literal["pass", "fail", "not shown"]
 HALF_WIDTH = 1.96  # of a 95 % interval, in standard errors
 
@@ -21,7 +21,7 @@ class Criterion:
     Attributes
     ----------
     label : the figure in plain words. unit : of the limit, "-" for ratios and shares.
-    side : whether a limit is the most or the least that is accepted.
+    side : whether a limit is the most or the least that is accepted, or how far from 0 on both sides.
     measured : whether the figure is stated with a standard error. The others are statistics of all pixels
         or cells, or standard errors themselves, and have none.
     last : whether only the last number of a list counts.
@@ -60,6 +60,26 @@ CRITERIA: Mapping[str, Criterion] = {
         "Difference between photograph and prediction, of a picture that the loop did not learn from",
         "rel",
         last=True,
+    ),
+    "other_seat_direction_relative_rms_arcmin": Criterion(
+        "Difference from another seat: directions relative to each other", "arcmin"
+    ),
+    "other_seat_direction_relative_over_sigma": Criterion(
+        "Difference from another seat: directions relative to each other, in standard errors"
+    ),
+    "other_seat_direction_rms_arcmin": Criterion(
+        "Difference from another seat: directions in the building", "arcmin"
+    ),
+    "other_seat_solid_angle_sum": Criterion(
+        "Difference from another seat: area that a projector lights", side="within"
+    ),
+    "other_seat_feedback": Criterion(
+        "Difference from another seat: scattered light per light projected",
+        side="within",
+        measured=True,
+    ),
+    "other_seat_albedo": Criterion(
+        "Difference from another seat: albedo", side="within", measured=True
     ),
 }
 
@@ -122,7 +142,8 @@ def judge(value: Array, sigma: Array, limit: float, side: Side) -> Verdict:
     'not shown'
     """
     known = np.where(np.isfinite(value), value, np.nan)
-    beyond = (known - limit) if side == "most" else (limit - known)
+    known = np.abs(known) if side == "within" else known
+    beyond = (limit - known) if side == "least" else (known - limit)
     if (beyond > 0).any():
         return "fail"
     return "pass" if (beyond + HALF_WIDTH * sigma <= 0).all() else "not shown"

@@ -276,6 +276,7 @@ class TestInspect:
             ("garbage.exr", b"not a picture", "readable image"),
             ("garbage.png", b"not a picture", "readable image"),
             ("notes.txt", b"hello", "this is no file of procam's"),
+            ("dome.zip", b"PK hello", "is no bundle, or a damaged one"),
             ("plan.json", b"{]", "damaged JSON"),
             ("plan.json", b"[]", "must be an object"),
             ("plan.json", b'{"schema": 9}', "has schema 9"),

@@ -27,6 +27,10 @@ def test_a_bundle_solves_elsewhere_to_the_same_bits(
     assert (ran.code, ran.err) == (0, "")
     assert f"{tmp_path / 'dome.zip'} written" in ran.out and "80 of 80 photographs" in ran.out
     assert "left out: [simulated]\n" in ran.out
+    inspected = json.loads(procam("inspect", tmp_path / "dome.zip", "--json").out)
+    assert inspected["kind"] == "bundle" and inspected["photographs"] == 80
+    assert (inspected["projectors"], inspected["cameras"]) == (["north", "south"], ["zenith"])
+    assert "[simulated]" in inspected["left_out"] and inspected["files"] > 80
     ran = procam("bundle", "--open", tmp_path / "dome.zip", tmp_path / "new", "--json")
     document = json.loads(ran.out)
     assert (ran.code, document["frames"]) == (0, 80)

@@ -107,9 +107,9 @@ class TestPrune:
         (("--restore", 0), "has no calibration 0, only 1, 2; choose one of them"),
         (("--restore", 1, "--prune"), "give one of them at a time"),
         (("--figure", "feedback.G"), "--figure: it is for --plot FILE.png"),
-        (("--plot", "x.jpg"), "its name must end in .png"),
-        (("--csv", "x.txt"), "its name must end in .csv"),
-        (("--plot", "OUT.png", "--figure", "lamp"), "--figure lamp: no run has measured it"),
+        (("--plot", "x.jpg"), "its name must end in .png; choose another --plot"),
+        (("--csv", "x.txt"), "its name must end in .csv; choose another --csv"),
+        (("--plot", "OUT.png", "--figure", "lamp"), "lamp: no run has measured it; choose from "),
     ],
 )
 def test_refused(options: tuple[object, ...], words: str, venue: Path, tmp_path: Path) -> None:
@@ -117,6 +117,29 @@ def test_refused(options: tuple[object, ...], words: str, venue: Path, tmp_path:
     ran = procam("history", venue, *given)
     assert ran.code == 2
     assert words in ran.complaint
+
+
+def test_a_plot_needs_two_values(tmp_path: Path) -> None:
+    make_venue(tmp_path / "new")
+    plot = ("history", tmp_path / "new", "--plot", tmp_path / "a.png")
+    assert "--plot: no figure was measured twice yet" in procam(*plot).complaint
+    ran = procam(*plot, "--figure", "albedo.R")
+    assert ran.code == 2 and "this venue has no figures yet" in ran.complaint
+
+
+def test_a_folder_in_place_of_the_history(tmp_path: Path) -> None:
+    make_venue(tmp_path)
+    (tmp_path / "history.sqlite").mkdir()
+    for options in ((), ("--csv", tmp_path / "a.csv")):
+        ran = procam("history", tmp_path, *options)
+        assert ran.code == 2
+        assert ran.complaint == (
+            f"procam: {tmp_path / 'history.sqlite'} is a folder, and the venue's history is a file of that "
+            "name; move the folder away"
+        )
+    ran = procam("calibrate", tmp_path)
+    assert ran.code == 2 and "history.sqlite is a folder" in ran.complaint
+    assert not (tmp_path / "sessions").exists()
 
 
 def test_no_venue(tmp_path: Path) -> None:

@@ -1,11 +1,22 @@
 """`procam report`: the client's limits decide its exit code; the operators' sheet; stills to judge by eye."""
 
 import json
+import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
-from tiny_venue import make_venue, procam, quick_simulator, solved, take_session
+from tiny_venue import TINY, make_venue, procam, quick_simulator, solved, take_session
+
+from procam.files.session import Session
+from procam.files.venue.load import load_venue
+from procam.workflows.capture.newest import capture_newest
+from simulators.placement import place_cameras
+from simulators.template import venue_text
+
+PAIR = replace(TINY, cameras=2)
 
 
 @pytest.fixture(scope="module")
@@ -26,6 +37,17 @@ def venue(calibrated: Path, tmp_path: Path) -> Path:
 def _limit(venue: Path, *lines: str) -> None:
     with (venue / "venue.toml").open("a") as file:
         file.write("\n[acceptance]\n" + "\n".join(lines) + "\n")
+
+
+def _calibrate_from_second_seat(venue: Path) -> None:
+    """Calibrate again, by a camera that stands elsewhere, with the marks that it sees."""
+    head, *tables = re.split(r"(?m)^(?=\[)", venue_text("standard", PAIR))
+    kept = [t for t in tables if "[cameras.zenith]" not in t and 'camera = "zenith"' not in t]
+    (venue / "venue.toml").write_text(head + "".join(kept) + "session = 1\n", "utf-8")
+    loaded = load_venue(venue)
+    with quick_simulator():
+        *_, last = capture_newest(loaded)
+        solved(loaded, Session(last.data["session"]))
 
 
 def test_without_limits_it_is_written_and_accepted(venue: Path) -> None:
@@ -58,6 +80,29 @@ def test_one_that_is_missed_or_not_shown_ends_with_1(venue: Path, line: str, ver
     assert ran.code == 1 and found[name]["verdict"] == verdict
     assert found["feedback"]["verdict"] == "pass" and len(found["feedback"]["high"]) == 3
     assert "Acceptance by the client's limits" in (venue / "report.html").read_text()
+
+
+def test_a_second_seat_confirms_the_first(venue: Path) -> None:
+    assert json.loads(procam("report", venue, "--json").out)["other_seat"] is None
+    _calibrate_from_second_seat(venue)
+    assert procam("history", venue, "--restore", 1).code == 0
+    _limit(
+        venue,
+        "other_seat_direction_relative_over_sigma = 2",
+        "other_seat_feedback = 0.05",
+        "other_seat_solid_angle_sum = 1e-9",
+    )
+    ran = procam("report", venue, "--json")
+    document = json.loads(ran.out)
+    verdicts = [entry["verdict"] for entry in document["acceptance"].values()]
+    assert (ran.code, verdicts) == (1, ["pass", "fail", "pass"])  # no area agrees to 1e-9
+    check = document["other_seat"]
+    assert check["calibration"] == str(venue / "calibrations" / "0002")
+    assert (check["camera"], check["agrees"]) == ("second", True)
+    builds = place_cameras(2, PAIR.camera_size, PAIR.camera_kind)
+    first, second = (build.camera_from_dome.origin for build in builds)
+    assert check["distance_m"] == pytest.approx(np.linalg.norm(first - second), rel=0.02)
+    assert "The two agree within their error bars." in (venue / "report.html").read_text("utf-8")
 
 
 def test_a_name_that_no_figure_has_is_refused(venue: Path) -> None:

@@ -55,6 +55,18 @@ def open_bundle(file: Path, venue_dir: Path) -> Manifest:
     return manifest
 
 
+def read_manifest(file: Path) -> Manifest:
+    """The manifest of a bundle whose entries have the sizes that it gives.
+
+    Raises
+    ------
+    FileFormatError
+        The file is no bundle, or one that is truncated, forged or of a later version.
+    """
+    with _opened(file) as archive:
+        return _checked_manifest(file, archive, _checked_entries(file, archive))
+
+
 @contextmanager
 def _opened(file: Path) -> Iterator[zipfile.ZipFile]:
     """An archive; what zipfile raises for damaged ones becomes one sentence."""

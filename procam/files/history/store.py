@@ -60,11 +60,12 @@ def written(venue_dir: Path) -> Iterator[sqlite3.Connection]:
     Raises
     ------
     FileFormatError
-        The file is damaged, or of a later version of procam.
+        The file is damaged, of a later version of procam, or a folder.
     OSError
         The disk is full, or may not be written.
     """
     path = venue_dir / NAME
+    _refuse_folder(path)
     with _worded(path), _connected(path) as db:
         db.execute("PRAGMA journal_mode = WAL")
         db.execute("PRAGMA synchronous = FULL")
@@ -83,6 +84,7 @@ def written(venue_dir: Path) -> Iterator[sqlite3.Connection]:
 def readable(venue_dir: Path) -> Iterator[sqlite3.Connection | None]:
     """A venue's history to read; None if it has none yet."""
     path = venue_dir / NAME
+    _refuse_folder(path)
     if not path.is_file():
         yield None
         return
@@ -90,6 +92,13 @@ def readable(venue_dir: Path) -> Iterator[sqlite3.Connection | None]:
         db.execute("BEGIN")  # one state of the file for all that is read
         version = _version(path, db)
         yield db if version else None
+
+
+def _refuse_folder(path: Path) -> None:
+    if path.is_dir():
+        raise FileFormatError(
+            f"{path} is a folder, and the venue's history is a file of that name; move the folder away"
+        )
 
 
 @contextmanager

@@ -190,6 +190,12 @@ class AcceptanceTable(_Table):
     loop_residual_own: PositiveShare | None = None
     loop_own_jnd: Positive | None = None
     loop_unseen_residual: PositiveShare | None = None
+    other_seat_direction_relative_rms_arcmin: Positive | None = None
+    other_seat_direction_relative_over_sigma: Positive | None = None
+    other_seat_direction_rms_arcmin: Positive | None = None
+    other_seat_solid_angle_sum: PositiveShare | None = None
+    other_seat_feedback: PositiveShare | None = None
+    other_seat_albedo: PositiveShare | None = None
 
     @property
     def limits(self) -> dict[str, float]:

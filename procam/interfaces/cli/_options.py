@@ -45,7 +45,7 @@ UnattendedOption = Annotated[
     bool,
     typer.Option(
         "--unattended",
-        help="For schedulers: light projectors only at the time of [unattended] in venue.toml, and only if "
+        help="For schedulers: light projectors only at the time that venue.toml states, and only if "
         "its interlock command says that nobody is in the dome.",
     ),
 ]

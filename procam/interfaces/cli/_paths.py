@@ -18,20 +18,20 @@ Picture = NDArray[np.uint8] | NDArray[np.uint16] | Array32
 Size = tuple[int, int]
 
 
-def check_out(out: Path, suffix: str, *, replace: bool = True) -> None:
-    """Refuse a file that cannot be written before anything is computed for it."""
+def check_out(out: Path, suffix: str, *, replace: bool = True, option: str = "--out") -> None:
+    """Refuse a file that cannot be written, by the option that named it, before anything is computed."""
     if out.suffix != suffix:
-        raise InputError(f"{out}: its name must end in {suffix}; choose another --out")
+        raise InputError(f"{out}: its name must end in {suffix}; choose another {option}")
     if out.is_dir():
-        raise InputError(f"{out}: this is a folder; choose a file name for --out")
+        raise InputError(f"{out}: this is a folder; choose a file name for {option}")
     if out.exists() and not replace:
-        raise InputError(f"{out}: this file exists already; choose another name for --out")
+        raise InputError(f"{out}: this file exists already; choose another name for {option}")
     above = next(path for path in out.absolute().parents if path.exists())
     if not above.is_dir():
-        raise InputError(f"{out}: {above} is a file, not a folder; choose another --out")
+        raise InputError(f"{out}: {above} is a file, not a folder; choose another {option}")
     if not os.access(above, os.W_OK | os.X_OK):
         raise InputError(
-            f"{out}: there is no permission to write to {above}; choose another --out, or change the "
+            f"{out}: there is no permission to write to {above}; choose another {option}, or change the "
             "permissions"
         )
 

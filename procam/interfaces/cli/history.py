@@ -24,38 +24,39 @@ from procam.interfaces.cli._output import Output
 
 EXAMPLE = "procam history my-dome --compare 1 3"
 LATEST = 20
+Everything = Annotated[bool, typer.Option("--all", help=f"List all runs, not the latest {LATEST}.")]
+Compare = Annotated[
+    tuple[int, int] | None,
+    typer.Option(metavar="A B", help="Compare the figures of two calibrations."),
+]
+Plot = Annotated[Path | None, typer.Option(metavar="FILE.png", help="Plot figures over time.")]
+PlottedFigures = Annotated[
+    list[str] | None,
+    typer.Option(metavar="NAME", help="With --plot: these figures, such as feedback.G."),
+]
+Csv = Annotated[Path | None, typer.Option(metavar="FILE.csv", help="Write all figures as CSV.")]
+Restore = Annotated[
+    int | None, typer.Option(metavar="N", help="Use calibration N until a later one is made.")
+]
+Prune = Annotated[
+    bool,
+    typer.Option(
+        "--prune",
+        help="Delete captures that keep_sessions in venue.toml does not keep.",
+    ),
+]
 
 
 def history(
     venue: VenueArgument,
     *,
-    everything: Annotated[
-        bool, typer.Option("--all", help=f"List all runs, not the latest {LATEST}.")
-    ] = False,
-    compare: Annotated[
-        tuple[int, int] | None,
-        typer.Option(metavar="A B", help="Compare the figures of two calibrations."),
-    ] = None,
-    plot: Annotated[
-        Path | None, typer.Option(metavar="FILE.png", help="Plot figures over time.")
-    ] = None,
-    figure: Annotated[
-        list[str] | None,
-        typer.Option(metavar="NAME", help="With --plot: these figures, such as feedback.G."),
-    ] = None,
-    csv: Annotated[
-        Path | None, typer.Option(metavar="FILE.csv", help="Write all figures as CSV.")
-    ] = None,
-    restore: Annotated[
-        int | None, typer.Option(metavar="N", help="Use calibration N until a later one is made.")
-    ] = None,
-    prune: Annotated[
-        bool,
-        typer.Option(
-            "--prune",
-            help="Delete captures that [history] keep_sessions in venue.toml does not keep.",
-        ),
-    ] = False,
+    everything: Everything = False,
+    compare: Compare = None,
+    plot: Plot = None,
+    figure: PlottedFigures = None,
+    csv: Csv = None,
+    restore: Restore = None,
+    prune: Prune = False,
     json: Json = False,
 ) -> None:
     """List what was done at a venue, compare its calibrations, and go back to one of them.
@@ -65,9 +66,7 @@ def history(
     """
     _check_venue(venue)
     output = Output(json)
-    wanted = [compare, plot, csv, restore, prune or None]
-    if sum(each is not None for each in wanted) > 1:
-        raise InputError("--compare, --plot, --csv, --restore, --prune: give one of them at a time")
+    _check_one(compare, plot, csv, restore, prune or None)
     if figure and not plot:
         raise InputError("--figure: it is for --plot FILE.png")
     if compare:
@@ -87,6 +86,11 @@ def history(
 def _check_venue(venue: Path) -> None:
     if not (venue / "venue.toml").is_file() and not list_calibrations(venue):
         raise InputError(f"{venue}: this is no venue; give a folder with a venue.toml")
+
+
+def _check_one(*wanted: object) -> None:
+    if sum(each is not None for each in wanted) > 1:
+        raise InputError("--compare, --plot, --csv, --restore, --prune: give one of them at a time")
 
 
 def _list(venue: Path, everything: bool, output: Output) -> None:
@@ -177,7 +181,7 @@ def _plot(venue: Path, out: Path, names: list[str], output: Output) -> None:
     from procam.interfaces.cli._paths import check_out
     from procam.interfaces.plots.trends import plot_trends
 
-    check_out(out, ".png")
+    check_out(out, ".png", option="--plot")
     drawn = plot_trends(list_figures(venue), names, out)
     output.say(f"{out} written: {', '.join(drawn)}")
     output.finish({"plot": str(out), "figures": drawn})
@@ -187,7 +191,7 @@ def _export(venue: Path, out: Path, output: Output) -> None:
     from procam.files.atomic import write_text
     from procam.interfaces.cli._paths import check_out
 
-    check_out(out, ".csv")
+    check_out(out, ".csv", option="--csv")
     text = figures_csv(venue)
     write_text(out, text)
     output.say(f"{out} written, {text.count(chr(10)) - 1} figures")

@@ -17,7 +17,9 @@ EXAMPLE = "procam inspect my-dome/calibrations/0001"
 
 
 def inspect(
-    file: Annotated[Path, typer.Argument(help="Calibration, session, plan, map or picture.")],
+    file: Annotated[
+        Path, typer.Argument(help="Calibration, session, plan, bundle, map or picture.")
+    ],
     json: Json = False,
 ) -> None:
     """Describe a file or folder that procam has written, and check that it is whole."""
@@ -34,11 +36,13 @@ def _describe(path: Path) -> dict[str, Any]:
         return _calibration(path)
     if (path / "plan.json").is_file():
         return _session(path)
+    if path.suffix.lower() == ".zip":
+        return _bundle(path)
     if path.suffix.lower() in (".exr", ".tif", ".tiff", ".png"):
         return _image(path)
     raise FileFormatError(
-        f"{path}: this is no file of procam's; give a calibration or session folder, or an EXR, TIFF "
-        "or PNG file"
+        f"{path}: this is no file of procam's; give a calibration or session folder, a bundle (.zip), or "
+        "an EXR, TIFF or PNG file"
     )
 
 
@@ -75,6 +79,28 @@ def _session(path: Path) -> dict[str, Any]:
         "exposures": plan.exposures,
         "stored": stored,
         "complete": bool(stored) and all(n == plan.exposures for n in stored.values()),
+    }
+
+
+def _bundle(path: Path) -> dict[str, Any]:
+    from procam.files.bundle import read_manifest
+
+    manifest = read_manifest(path)
+    places = [name.split("/") for name in manifest.files]
+    named = {
+        kind: sorted({parts[3] for parts in places if parts[2:3] == [kind] and len(parts) > 4})
+        for kind in ("captures", "patterns")
+    }
+    return {
+        "kind": "bundle",
+        "procam": manifest.procam,
+        "projectors": named["patterns"],
+        "cameras": named["captures"],
+        "photographs": manifest.frames,
+        "planned": manifest.planned,
+        "files": len(manifest.files),
+        "megabytes": round(path.stat().st_size / 1e6, 1),
+        "left_out": manifest.redacted,
     }
 
 

@@ -2,16 +2,17 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from procam.interfaces.cli._options import Json
-from procam.interfaces.cli._output import Output
+from procam.interfaces.cli._output import Output, as_dicts
 from procam.workflows.capture.newest import venue_of
 
 if TYPE_CHECKING:
     from procam.model.acceptance import Finding
+    from procam.workflows.other_seat import SeatCheck
 
 EXAMPLE = "procam report my-dome"
 
@@ -35,8 +36,8 @@ def report(
 ) -> None:
     """Write report.html, one self-contained file; exit 1 if a limit of the client is not kept.
 
-    The limits are those of [acceptance] in venue.toml; a figure that has not been measured well enough to
-    show that its limit is kept counts as not kept.
+    The limits are those of the table acceptance in venue.toml; a figure that has not been measured well
+    enough to show that its limit is kept counts as not kept.
     """
     output = Output(json)
     venue = venue_of(where) if (where / "plan.json").is_file() else where
@@ -67,9 +68,25 @@ def _report(venue: Path, output: Output) -> None:
     _say_verdicts(judged, output)
     output.say(f"{path} written")
     acceptance = {finding.name: finding.as_dict() for finding in judged}
-    output.finish({"report": str(path), "acceptance": acceptance})
+    document = {"report": str(path), "acceptance": acceptance}
+    output.finish(document | {"other_seat": _other_seat(material.other_seat)})
     if any(finding.verdict != "pass" for finding in judged):
         raise typer.Exit(1)
+
+
+def _other_seat(check: "SeatCheck | None") -> dict[str, Any] | None:
+    """The check from another seat for machines; None if there is none."""
+    if check is None:
+        return None
+    seat, found = check.seat, check.comparison
+    return {
+        "calibration": str(seat.directory),
+        "camera": seat.camera,
+        "distance_m": seat.distance_m,
+        "agrees": check.agrees,
+        "verdict": found.verdict.text if found else check.refusal,
+        "figures": as_dicts(check.figures()),
+    }
 
 
 def _say_verdicts(judged: "Sequence[Finding]", output: Output) -> None:

@@ -63,23 +63,25 @@ def verify(
             ask_for_photographs(wanted, ["procam", "verify", str(start)], output)
             return
         photographer.end()
-        figures = verified.figures()
-        run.measured(figures)
+        run.measured(verified.figures())
         run.message = verified.summary()
         leave.notify(run.message)
     for line in _lines(verified, kept):
         output.say(line)
-    output.finish(
-        {
-            "calibration": str(kept),
-            "alarm": verified.alarm,
-            "photographs": verified.photographs,
-            "findings": [_entry(each) for each in verified.findings],
-            "figures": as_dicts(figures),
-        }
-    )
+    output.finish(_document(verified, kept))
     if verified.alarm:
         raise typer.Exit(1)
+
+
+def _document(verified: Verified, kept: Path) -> dict[str, object]:
+    """A verification of calibration `kept` for machines."""
+    return {
+        "calibration": str(kept),
+        "alarm": verified.alarm,
+        "photographs": verified.photographs,
+        "findings": [_entry(each) for each in verified.findings],
+        "figures": as_dicts(verified.figures()),
+    }
 
 
 def _entry(finding: Finding) -> dict[str, object]:

@@ -10,6 +10,7 @@ from procam.interfaces.plots.figure import finish, new_figure, save_figure, titl
 
 MOST_PANELS = 12
 USUAL = ("feedback.", "albedo.", "white_in_camera.")  # drawn first
+SHOWN = 8  # names in a message
 TWO = 2  # values make a trend
 COLOUR, FAILED = "#0063a6", "#c44e00"
 
@@ -27,11 +28,13 @@ def plot_trends(entries: Sequence[FigureEntry], names: Sequence[str], out: Path)
     """
     known = [e.name for e in entries if e.value is not None]
     if unknown := [name for name in names if name not in known]:
-        usual = ", ".join(list(dict.fromkeys(known))[:8]) or "none yet"
-        raise InputError(f"--figure {unknown[0]}: no run has measured it; known are {usual}, ...")
+        raise InputError(f"--figure {unknown[0]}: no run has measured it; {_choice(known)}")
     drawn = list(dict.fromkeys(names)) or _usual(known)
     if not drawn:
-        raise InputError("no figure was measured twice yet; plot it after the next calibration")
+        raise InputError(
+            "--plot: no figure was measured twice yet, and one value shows no change; plot after the next "
+            "calibration, or name a figure with --figure"
+        )
     columns = min(3, len(drawn))
     rows = -(-len(drawn) // columns)
     figure = new_figure(3.6 * columns, 2.3 * rows + 0.3)
@@ -43,6 +46,15 @@ def plot_trends(entries: Sequence[FigureEntry], names: Sequence[str], out: Path)
     finish([*panels[: len(drawn)]])
     save_figure(figure, out)
     return drawn
+
+
+def _choice(known: Sequence[str]) -> str:
+    """Names of figures that can be drawn, in the words of a refusal."""
+    names = list(dict.fromkeys(known))
+    if not names:
+        return "this venue has no figures yet, run procam calibrate first"
+    more = f" and {len(names) - SHOWN} more, which --csv lists" if len(names) > SHOWN else ""
+    return f"choose from {', '.join(names[:SHOWN])}{more}"
 
 
 def _usual(known: Sequence[str]) -> list[str]:

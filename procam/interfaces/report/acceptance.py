@@ -1,7 +1,7 @@
 """The client's limits in a report: rows of figure, interval, limit and verdict, and the outcome."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,7 +12,8 @@ from procam.interfaces.report.words import quantity_text
 from procam.model.acceptance import Finding, Verdict, findings
 
 DIGITS = 4  # so that both ends of a narrow interval differ
-SIDES = {"most": "at most", "least": "at least"}
+OF_DIFFERENCE = 2  # whose interval has 0 in it, if all is well
+SIDES = {"most": "at most ", "least": "at least ", "within": "within \N{PLUS-MINUS SIGN}"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +38,10 @@ class Outcome:
 def found(material: Material) -> list[Finding]:
     """The figures that the client limits; none without a venue.toml."""
     limits = material.venue.table.acceptance.limits if material.venue else {}
-    return list(findings(material.calibration, limits))
+    calibration, check = material.calibration, material.other_seat
+    if calibration and check:
+        calibration = replace(calibration, quality={**calibration.quality, **check.figures()})
+    return list(findings(calibration, limits))
 
 
 def rows(material: Material) -> list[Row]:
@@ -68,7 +72,7 @@ def verdict(judged: Sequence[Finding]) -> Outcome | None:
 
 def limit_text(finding: Finding) -> str:
     """The limit in words."""
-    return f"{SIDES[finding.criterion.side]} {_quantity(finding, finding.limit)}"
+    return f"{SIDES[finding.criterion.side]}{_quantity(finding, finding.limit)}"
 
 
 def value_texts(finding: Finding) -> Iterator[str]:
@@ -90,4 +94,5 @@ def _range(finding: Finding, interval: tuple[Array, Array] | None, i: int) -> st
 
 
 def _quantity(finding: Finding, value: float) -> str:
-    return quantity_text(finding.name, value, finding.criterion.unit, DIGITS)
+    digits = OF_DIFFERENCE if finding.criterion.side == "within" else DIGITS
+    return quantity_text(finding.name, value, finding.criterion.unit, digits)

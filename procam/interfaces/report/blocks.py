@@ -62,11 +62,22 @@ class Table:
 
 @dataclass(frozen=True, slots=True)
 class Text:
-    """A sentence; a `missing` one names the command that adds what is not there."""
+    """A sentence; a `missing` one names the command that adds what is not there.
+
+    `good` of a verdict: whether it is a good one.
+    """
 
     kind: ClassVar[str] = "text"
     text: str
     missing: bool = False
+    good: bool | None = None
+
+    @property
+    def style(self) -> str:
+        """Its class in the page."""
+        if self.good is not None:
+            return "verdict small good" if self.good else "verdict small bad"
+        return "missing" if self.missing else ""
 
 
 Block = Domes | Charts | Table | Text

@@ -66,8 +66,17 @@ def facts(material: Material) -> Iterator[tuple[str, str]]:
         for name, projector in material.venue.table.projectors.items():
             yield f"Projector {name}", _device(projector)
     if material.calibration:
+        yield "Checked from another seat", _checked(material)
         yield "Calibrated with", _versions(material.calibration.provenance.get("versions", {}))
     yield "Report written with", f"procam {version('procam')}, Python {platform.python_version()}"
+
+
+def _checked(material: Material) -> str:
+    check = material.other_seat
+    if check is None:
+        return "not yet"
+    result = "it agrees" if check.agrees else "it does not agree"
+    return f"by calibration {check.seat.directory.name}: {result}"
 
 
 def _screen(calibration: Calibration) -> str:

@@ -21,6 +21,7 @@ from procam.maths.geometry.sphere import master_directions, master_pixels, maste
 from procam.maths.warp import block_mean, sample
 from procam.model.calibration import Calibration
 from procam.model.correspondence import ProjectorSurface
+from procam.workflows.other_seat import SeatCheck, check_from_other_seat
 
 SIMULATED = "simulated"  # the backend of simulated venues
 SHOWN = 450  # edge of a picture in the report, about [px]
@@ -100,7 +101,7 @@ class Material:
     ----------
     calibration : that in use, `used` its folder; calibrations : all of them, oldest first.
     figures : the entries of summary.json by name. pictures : (N, N, 3) by name, size to show.
-    venue : its venue.toml.
+    venue : its venue.toml. other_seat : its check from another seat.
     """
 
     directory: Path
@@ -113,6 +114,7 @@ class Material:
     pictures: Mapping[str, Image]
     truth: Truth | None
     venue: Venue | None = None
+    other_seat: SeatCheck | None = None
 
     @property
     def name(self) -> str:
@@ -122,10 +124,7 @@ class Material:
     @property
     def calibrated_at(self) -> datetime | None:
         """When the calibration in use was written, in local time."""
-        if self.used is None:
-            return None
-        stamp = (self.used / "calibration.json").stat().st_mtime
-        return datetime.fromtimestamp(stamp).astimezone()
+        return written_at(self.used) if self.used else None
 
     @property
     def is_simulated(self) -> bool:
@@ -178,6 +177,12 @@ class Material:
         return Limits(codes, *shares)
 
 
+def written_at(calibration: Path) -> datetime:
+    """When a calibration was written, in local time."""
+    stamp = (calibration / "calibration.json").stat().st_mtime
+    return datetime.fromtimestamp(stamp).astimezone()
+
+
 def read_material(venue_dir: Path) -> Material:
     """Read a venue's folder."""
     calibrations = list_calibrations(venue_dir)
@@ -202,6 +207,7 @@ def read_material(venue_dir: Path) -> Material:
         pictures,
         _truth(venue_dir / "truth", calibration, size),
         load_venue(venue_dir) if (venue_dir / "venue.toml").is_file() else None,
+        check_from_other_seat(venue_dir, used, calibration) if used and calibration else None,
     )
 
 

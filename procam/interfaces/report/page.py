@@ -15,7 +15,7 @@ import numpy as np
 from procam.errors import InputError
 from procam.files import atomic
 from procam.interfaces.plots.figure import EXTRA, require_matplotlib
-from procam.interfaces.report import acceptance, cover, dome, drift, hand, light
+from procam.interfaces.report import acceptance, cover, dome, drift, hand, light, other_seat
 from procam.interfaces.report.blocks import Section
 from procam.interfaces.report.cover import date_text
 from procam.interfaces.report.data import Loop, Material, read_material
@@ -102,9 +102,10 @@ def _context(material: Material) -> dict[str, Any]:
 
 
 def _entries(material: Material) -> dict[str, Mapping[str, Any]]:
-    """All figures: those of the run, then those of the calibration."""
+    """All figures: those of the run, those of the calibration, and those of its check from another seat."""
     solved = material.calibration.quality if material.calibration else {}
-    return {**material.figures, **{n: f.as_dict() for n, f in solved.items()}}
+    checked = material.other_seat.figures() if material.other_seat else {}
+    return {**material.figures, **{n: f.as_dict() for n, f in {**solved, **checked}.items()}}
 
 
 def _verdict(entries: Entries) -> str:
@@ -200,6 +201,7 @@ def _sections(material: Material) -> Iterator[Section]:
         ("clipped", "What could not be reproduced, and why", light.clipped),
         ("levels", "Brightest white and darkest black", dome.levels),
         ("feedback", "How strongly the dome bounces light", dome.feedback),
+        ("other-seat", "Checked from another seat", other_seat.other_seat),
         ("drift", "Drift since the last calibration", drift.drift),
         ("by-hand", "Done by hand", hand.by_hand),
     )

@@ -1,7 +1,6 @@
 """The operators' sheet of a venue: one page with what they run, check and do when something is wrong."""
 
 from collections.abc import Iterator
-from datetime import datetime
 from importlib import resources
 from pathlib import Path
 from shlex import quote
@@ -11,6 +10,7 @@ from procam.files.calibration import load_dome
 from procam.files.venue.load import Venue, load_venue
 from procam.files.versions import calibration_in_use, list_calibrations
 from procam.interfaces.report.cover import date_text, is_served
+from procam.interfaces.report.data import written_at
 from procam.interfaces.report.page import html_template
 
 NAME = "operator-sheet.html"
@@ -34,22 +34,17 @@ def write_sheet(venue_dir: Path) -> Path:
     page = html_template(text).render(
         venue=venue_dir.resolve().name,
         number=used.name,
-        written=date_text(_written(used)),
+        written=date_text(written_at(used)),
         folder=folder,
         frames=_frames_text(venue),
         play=list(_play(venue, folder)),
         states=sorted(load_dome(used).states),
-        earlier=[(p.name, date_text(_written(p))) for p in _earlier(venue_dir, used)],
+        earlier=[(p.name, date_text(written_at(p))) for p in _earlier(venue_dir, used)],
         symptoms=list(_symptoms(venue, folder)),
     )
     path = venue_dir / NAME
     atomic.write_text(path, page)
     return path
-
-
-def _written(calibration: Path) -> datetime:
-    """When a calibration was written, in local time."""
-    return datetime.fromtimestamp((calibration / "calibration.json").stat().st_mtime).astimezone()
 
 
 def _earlier(venue_dir: Path, used: Path) -> list[Path]:

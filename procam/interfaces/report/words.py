@@ -134,6 +134,29 @@ NAMES = {
         "Misalignment of the media server, root mean square",
         "between the shown and the intended directions of its tags",
     ),
+    "other_seat_direction_relative_rms_arcmin": Words(
+        "Another seat: difference of directions relative to each other, root mean square",
+        "against a calibration by a camera that stood elsewhere, less a common rotation",
+    ),
+    "other_seat_direction_rms_arcmin": Words(
+        "Another seat: difference of directions, root mean square",
+        "the same with the survey of the marks on the dome",
+    ),
+    "other_seat_direction_relative_over_sigma": Words(
+        "Another seat: difference of directions relative to each other, in standard errors",
+        "1 if the standard errors are right, above 2 something is wrong",
+    ),
+    "other_seat_solid_angle_sum": Words(
+        "Another seat: difference of the area that a projector lights",
+        "the projector with the largest one",
+        percent=True,
+    ),
+    "other_seat_feedback": Words(
+        "Another seat: difference of the feedback, red / green / blue", percent=True
+    ),
+    "other_seat_albedo": Words(
+        "Another seat: difference of the albedo, red / green / blue", percent=True
+    ),
 }
 
 

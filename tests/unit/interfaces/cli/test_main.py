@@ -2,6 +2,7 @@
 
 import errno
 import inspect
+import re
 import signal
 from collections.abc import Callable
 from importlib import import_module
@@ -12,7 +13,7 @@ from tiny_venue import procam
 
 from procam.errors import DeviceError, InputError
 from procam.interfaces.cli import main
-from procam.interfaces.cli.main import COMMANDS
+from procam.interfaces.cli.main import COMMANDS, load_command
 
 
 def _function(name: str) -> Callable[..., None]:
@@ -23,6 +24,15 @@ def _function(name: str) -> Callable[..., None]:
 @pytest.mark.parametrize("name", COMMANDS)
 def test_the_line_of_the_list_is_the_first_line_of_the_commands_help(name: str) -> None:
     assert str(inspect.getdoc(_function(name))).splitlines()[0] == COMMANDS[name]
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_no_word_of_the_help_is_taken_for_markup(name: str) -> None:
+    """A table of venue.toml in square brackets would not be shown."""
+    command = load_command(name)
+    texts = [command.help, *(getattr(option, "help", "") for option in command.params)]
+    hidden = re.compile(r"(?<!\\)\[(?!default)[a-z_./]+\]")
+    assert [text for text in texts if text and hidden.search(text)] == []
 
 
 def test_every_module_without_an_underscore_is_a_command() -> None:

@@ -22,7 +22,7 @@ from procam.workflows.sample_content import half_sky
 
 SIZE = 96
 HOSTILE = '<img src=x onerror="alert(1)">'
-SECTIONS = 10
+SECTIONS = 11
 FIXED = 5  # summary, figures, limits, provenance, signatures
 MINUS, THIN = "\N{MINUS SIGN}", "\N{NARROW NO-BREAK SPACE}"
 FIGURES = {

@@ -1,0 +1,147 @@
+"""Calibrations of a venue by cameras that stood elsewhere, from photographs that the other has not used.
+
+Two calibrations by one seat share its errors: of the lens, where it looks, and what it cannot see. Poses
+are read from calibration.json alone, so that a long history costs little.
+"""
+
+import json
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from procam.arrays import Array
+from procam.errors import FileFormatError
+from procam.files import calibration_entries as entries
+from procam.files.session import Session
+from procam.files.versions import list_calibrations
+from procam.maths.geometry.pose import Pose, align_rotation, rotation_vector
+
+# seats are further apart, and a camera's place is known ten times better
+ELSEWHERE = 0.05  # of the radius
+
+
+@dataclass(frozen=True, slots=True)
+class OtherSeat:
+    """A calibration by cameras that stood elsewhere than those of another one.
+
+    Attributes
+    ----------
+    directory : its folder. camera, here : its main camera, and that of the other one.
+    distance_m : between these two [m]. share : the same over the radius [-].
+    turn_deg : angle by which the one camera was turned against the other [deg].
+    """
+
+    directory: Path
+    camera: str
+    here: str
+    distance_m: float
+    share: float
+    turn_deg: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Origin:
+    """Where a calibration comes from; `photographs` are hashes, none where the session's index is gone."""
+
+    directory: Path
+    session: str
+    recalibrated: bool
+    radius_m: float
+    cameras: dict[str, Pose]
+    projectors: dict[str, tuple[tuple[int, int], Pose]]
+    photographs: frozenset[str]
+
+
+def other_seats(venue_dir: Path, used: Path) -> Iterator[OtherSeat]:
+    """Calibrations of the same projectors from other seats and other photographs, newest first."""
+    here = _origin(venue_dir, used)
+    if here is None:
+        return
+    for directory in reversed(list_calibrations(venue_dir)):
+        there = _origin(venue_dir, directory)
+        if there and _is_independent(here, there) and (seat := _other_seat(here, there)):
+            yield seat
+
+
+def _is_independent(a: _Origin, b: _Origin) -> bool:
+    """Whether two calibrations are of the same projectors, and of no common photograph."""
+    if _panels(a) != _panels(b):
+        return False
+    if a.photographs and b.photographs:
+        return not a.photographs & b.photographs
+    linked = a.recalibrated or b.recalibrated  # its session has photographs of another one
+    return a.session != b.session and not linked
+
+
+def _panels(origin: _Origin) -> dict[str, tuple[int, int]]:
+    return {name: size for name, (size, _) in origin.projectors.items()}
+
+
+def _other_seat(here: _Origin, there: _Origin) -> OtherSeat | None:
+    """The seat of `there`; None if a camera of it stood where one of `here` did."""
+    turn = _turn(here, there)
+    a, b = _places(here), _places(there) @ turn.T
+    if np.linalg.norm(a[:, None] - b, axis=-1).min() <= ELSEWHERE:
+        return None
+    (mine, old), (name, new) = (next(iter(each.cameras.items())) for each in (here, there))
+    share = float(np.linalg.norm(a[0] - b[0]))
+    angle = float(np.linalg.norm(rotation_vector(new.rotation @ turn.T @ old.rotation.T)))
+    distance_m = share * here.radius_m
+    return OtherSeat(there.directory, name, mine, distance_m, share, float(np.degrees(angle)))
+
+
+def _places(origin: _Origin) -> Array:
+    """Positions (K, 3) of the cameras over the radius [-]."""
+    return np.stack([pose.origin for pose in origin.cameras.values()]) / origin.radius_m
+
+
+def _turn(here: _Origin, there: _Origin) -> Array:
+    """The rotation (3, 3) from the frame of `there` to that of `here`, by how projectors are placed."""
+    return align_rotation(*(_directions(each, list(here.projectors)) for each in (there, here)))
+
+
+def _directions(origin: _Origin, names: list[str]) -> Array:
+    """Places of projectors over the radius, and their three axes: (4 K, 3)."""
+    poses = [origin.projectors[name][1] for name in names]
+    return np.vstack([np.vstack([p.origin / origin.radius_m, p.rotation]) for p in poses])
+
+
+def _origin(venue_dir: Path, directory: Path) -> _Origin | None:
+    """What a calibration.json says; None of one that is damaged, which whoever loads it refuses."""
+    try:
+        document = json.loads((directory / "calibration.json").read_bytes())
+        return _of_document(venue_dir, directory, document)
+    except (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError):
+        return None
+
+
+def _of_document(venue_dir: Path, directory: Path, document: dict[str, Any]) -> _Origin:
+    source, cameras = document["provenance"], document["cameras"]
+    session = str(source.get("session", ""))
+    known = _photographs(venue_dir, entries.safe_name(session), cameras) if session else ()
+    return _Origin(
+        directory,
+        session,
+        bool(source.get("recalibrated")),
+        entries.screen(document["screen"]).radius_m,
+        {name: entries.pose(e["camera_from_dome"]) for name, e in cameras.items()},
+        {
+            name: (entries.size_of(e), entries.pose(e["projector_from_dome"]))
+            for name, e in document["projectors"].items()
+        },
+        frozenset(known),
+    )
+
+
+def _photographs(venue_dir: Path, session: str, cameras: Iterable[str]) -> set[str]:
+    """Hashes of what cameras have photographed in a session, without the dark, which may look alike."""
+    folder = Session(venue_dir / "sessions" / session)
+    try:
+        dark = {shot.id for shot in folder.read_plan().shots if not shot.projector}
+        taken = [frame for camera in cameras for frame in folder.taken(camera)]
+    except FileFormatError:
+        return set()
+    return {frame.sha256 for frame in taken if frame.shot not in dark}
