@@ -1,6 +1,7 @@
 """The venue.toml of a simulated venue, with what an owner would know of it.
 
-`python -m simulators.template PRESET` (or `server`, `small`) prints one; it wrote those in calib_data/venues.
+`python -m simulators.template PRESET` (or `server`, `small`, `six-projectors`) prints one; it wrote those in
+calib_data/venues.
 """
 
 import sys
@@ -23,6 +24,8 @@ FIDUCIALS_DEG = {"front": (12.0, 35.0), "left": (130.0, 30.0), "right": (-110.0,
 BLACK_EXPOSURE_S = 6.5
 OWNER_SEED = 1  # of the errors of what the owner has measured
 SMALL = SceneSize(projector_size=(320, 200), camera_size=(480, 480), rays=512)
+SIX_PROJECTORS = SceneSize(projectors=6)
+SIZES = {"small": SMALL, "six-projectors": SIX_PROJECTORS}
 SERVER_EXPOSURE_S = 0.2  # soft edges reduce the light of each projector
 MARKS = """\
 # Marks on the dome whose position is known, and the camera pixels where they are. Printed AprilTags need no
@@ -213,8 +216,8 @@ def example_text(name: str) -> str:
     """The venue.toml of an example in calib_data/venues, without its "simulated-"."""
     if name == SERVER:
         return server_text()
-    if name == "small":
-        return venue_text("standard", SMALL)
+    if name in SIZES:
+        return venue_text("standard", SIZES[name])
     return venue_text(name)  # type: ignore[arg-type]
 
 

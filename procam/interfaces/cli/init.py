@@ -19,8 +19,8 @@ def init(
         str,
         typer.Option(
             help="Which example to start from: by-hand, through-server, simulated-faulty, "
-            "simulated-ideal, simulated-realistic, simulated-server, simulated-small or "
-            "simulated-standard."
+            "simulated-ideal, simulated-realistic, simulated-server, simulated-six-projectors, "
+            "simulated-small or simulated-standard."
         ),
     ] = "",
     json: Json = False,
