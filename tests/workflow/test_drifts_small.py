@@ -9,10 +9,8 @@ from tiny_venue import quick_simulator
 
 from procam.estimate import calibration as assembling
 from simulators.drifts import Drift
-from simulators.scene import SceneSize
 from studies import drifts as study
 
-SMALL = SceneSize(projector_size=(240, 150), camera_size=(400, 400), rays=256)
 CHANGES = (
     (Drift("turned", 0.15, "south", 40.0),),
     (Drift("overscan", 0.04, "north"),),
@@ -32,7 +30,6 @@ CHANGES = (
 def venue(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     with quick_simulator(), pytest.MonkeyPatch.context() as patch:
         patch.setattr(assembling, "MAP_SIZE", 256)
-        patch.setattr(study, "SIZE", SMALL)
         study._venues["small"] = study.make_venue(
             Path(tmp_path_factory.mktemp("drifts")) / "venue", "standard", 2
         )

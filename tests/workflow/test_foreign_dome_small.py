@@ -8,7 +8,7 @@ import pytest
 from procam.estimate import calibration as assemble
 from studies import foreign_bounces, foreign_dome, foreign_photographs, foreign_room
 
-SMALL = foreign_photographs.Size((400, 250), 360, walks=256, rays=1024)
+SMALL = foreign_photographs.Size((480, 300), 400, walks=512, rays=2048)
 
 
 def test_bounces_in_a_cap_of_one_paint(monkeypatch: pytest.MonkeyPatch) -> None:

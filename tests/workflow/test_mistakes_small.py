@@ -10,7 +10,7 @@ from simulators.mistakes import STRENGTHS
 from simulators.scene import SceneSize
 from studies.mistakes import Stage, clean_row, outcome, row_of, table
 
-SMALL = SceneSize(projectors=1, projector_size=(240, 150), camera_size=(320, 320), rays=128)
+SMALL = SceneSize(projectors=1, projector_size=(320, 200), camera_size=(400, 400), rays=256)
 NOTICED = {
     "long exposures shorter, unreported": (0.7, "exposed 0.7 times"),
     "a person in all photographs": (1.0, "darker than around it"),
