@@ -21,7 +21,7 @@ demo: $(READY)
 
 # each process of the tests has a core of its own: threads that wait for another's core made it 17 minutes
 test: $(READY)
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n $(JOBS) --dist worksteal $(PYTEST_FLAGS)
+	OPENBLAS_NUM_THREADS=1 OMP_WAIT_POLICY=passive $(BIN)/python -m pytest -n $(JOBS) --dist worksteal $(PYTEST_FLAGS)
 
 check: $(READY)
 	$(BIN)/ruff check .

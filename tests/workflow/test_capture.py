@@ -25,7 +25,6 @@ from tiny_venue import (
 from procam.devices.protocols import BackendRig, Shown
 from procam.devices.rig import Rig
 from procam.errors import DeviceError, NotConnected, StaleFrame, WrongState
-from procam.estimate import calibration as assemble
 from procam.estimate.structured_light.patterns import plan_session
 from procam.files.atomic import read_lines
 from procam.files.images.pixels import read_image, write_image
@@ -44,8 +43,7 @@ FRAMES = Path("captures") / CAMERA
 
 @pytest.fixture(scope="module", autouse=True)
 def small_and_quick() -> Iterator[None]:
-    with quick_simulator(), pytest.MonkeyPatch.context() as patch:
-        patch.setattr(assemble, "MAP_SIZE", 128)
+    with quick_simulator():
         yield
 
 

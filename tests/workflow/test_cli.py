@@ -31,13 +31,11 @@ from tiny_venue import (
 from procam.compensate.compensator import Compensator
 from procam.compensate.projector_frames import projector_frames
 from procam.devices.protocols import BackendRig
-from procam.estimate import calibration as assemble
 from procam.files.calibration import save_calibration
 from procam.files.images.layers import RGB, read_channels, write_channels
 from procam.files.images.pixels import read_image, write_image
 from procam.files.session import Session
 from procam.files.venue.load import Venue, load_venue, template_names
-from procam.interfaces.cli import _sessions
 from procam.interfaces.cli.main import COMMANDS as MAIN_COMMANDS
 from procam.interfaces.cli.main import PANELS
 from procam.maths.light.curves import srgb_decode, srgb_encode
@@ -163,9 +161,7 @@ def captured(tmp_path_factory: pytest.TempPathFactory) -> Venue:
 
 @pytest.fixture(scope="module", autouse=True)
 def small_and_quick() -> Iterator[None]:
-    with quick_simulator(), pytest.MonkeyPatch.context() as patch:
-        patch.setattr(assemble, "MAP_SIZE", 128)
-        patch.setattr(_sessions, "CONTENT_SIZE", 128)
+    with quick_simulator():
         yield
 
 

@@ -24,7 +24,6 @@ from tiny_venue import (
     take_session,
 )
 
-from procam.estimate import calibration as assemble
 from procam.estimate.comparison.compare import compare_calibrations
 from procam.files.calibration import load_calibration
 from procam.files.images.pixels import read_image, write_image
@@ -68,16 +67,22 @@ def start(folder: Path) -> HandSession:
     return HandSession(Path(json.loads(ran.out)["session"]), folder / "out")
 
 
+@pytest.fixture(scope="module")
+def started(tmp_path_factory: pytest.TempPathFactory) -> HandSession:
+    return start(tmp_path_factory.mktemp("started") / "dome")
+
+
 @pytest.fixture
-def hand_session(tmp_path: Path) -> HandSession:
-    return start(tmp_path / "dome")
+def hand_session(started: HandSession, tmp_path: Path) -> HandSession:
+    """A copy of the started session."""
+    folder = Path(shutil.copytree(started.out.parent, tmp_path / "dome"))
+    return HandSession(folder / started.session.relative_to(started.out.parent), folder / "out")
 
 
 @pytest.fixture(scope="module")
-def roll(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """All photographs of the hand_session, in order, named img_0.tif ..."""
-    folder = tmp_path_factory.mktemp("roll")
-    hand_session = start(folder / "dome")
+def roll(started: HandSession, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """All photographs of the started session, in order, named img_0.tif ..."""
+    folder, hand_session = tmp_path_factory.mktemp("roll"), started
     photos, number = folder / "photos", 0
     photos.mkdir()
     for entry in hand_session.order():
@@ -524,13 +529,12 @@ class TestResponse:
 
 
 @pytest.fixture
-def small_maps() -> Iterator[None]:
-    with quick_simulator(), pytest.MonkeyPatch.context() as patch:
-        patch.setattr(assemble, "MAP_SIZE", 128)
+def quick() -> Iterator[None]:
+    with quick_simulator():
         yield
 
 
-@pytest.mark.usefixtures("small_maps")
+@pytest.mark.usefixtures("quick")
 def test_solves_like_a_driven_session(tmp_path: Path) -> None:
     """Photographed by a process that knows only the PNGs; then the same dome, driven."""
     size = SceneSize(projectors=1, projector_size=(320, 200), camera_size=(400, 400), rays=64)

@@ -14,6 +14,7 @@ from procam.estimate.light.stability import StabilityChecks
 from procam.files.calibration import load_calibration
 from procam.files.session import Session
 from procam.files.venue.load import Venue
+from procam.model.calibration import Calibration
 from procam.model.frame import Frame
 from procam.model.plan import Shot
 from procam.workflows.capture.session_images import SessionImages
@@ -32,6 +33,12 @@ def captured(tmp_path_factory: pytest.TempPathFactory) -> Captured:
 def solved(captured: Captured) -> Path:
     *_, last = solve(*captured)
     return Path(last.data["calibration"])
+
+
+@pytest.fixture(scope="module")
+def sound(captured: Captured) -> Calibration:
+    """What is found with nothing wrong."""
+    return load_calibration(solved(captured))
 
 
 def test_a_tone_curve_that_venue_toml_does_not_know(
@@ -86,8 +93,8 @@ def test_less_of_it_is_noted(captured: Captured, monkeypatch: pytest.MonkeyPatch
     assert [n for n in notes if "drifted while it was photographed" in n and "+1.1" in n]
 
 
-def test_steady_light_is_not_noted(captured: Captured) -> None:
-    assert not load_calibration(solved(captured)).provenance["notes"]
+def test_steady_light_is_not_noted(sound: Calibration) -> None:
+    assert not sound.provenance["notes"]
 
 
 def test_what_a_missing_dim_picture_would_tell(
@@ -99,7 +106,7 @@ def test_what_a_missing_dim_picture_would_tell(
 
 
 def test_a_long_exposure_that_is_shorter_is_measured(
-    captured: Captured, monkeypatch: pytest.MonkeyPatch
+    captured: Captured, sound: Calibration, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     steady = Radiometer.radiance
 
@@ -107,7 +114,6 @@ def test_a_long_exposure_that_is_shorter_is_measured(
         light = steady(self, frame)
         return light * np.float32(0.8) if frame.settings.exposure_s > 1 else light
 
-    sound = load_calibration(solved(captured))
     monkeypatch.setattr(Radiometer, "radiance", shorter)
     found = load_calibration(solved(captured))
     (note,) = found.provenance["notes"]
@@ -149,10 +155,9 @@ def test_a_photograph_of_black_that_was_exposed_longer(
 
 
 def test_a_camera_that_moved_widens_the_figures_of_directions(
-    captured: Captured, monkeypatch: pytest.MonkeyPatch
+    captured: Captured, sound: Calibration, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     names = ("direction_sigma_relative_arcmin", "direction_sigma_arcmin")
-    sound = load_calibration(solved(captured))
     monkeypatch.setattr(StabilityChecks, "shift_px", 0.5)
     found = load_calibration(solved(captured))
     focal_px = np.mean(next(iter(found.cameras.values())).lens.focal)

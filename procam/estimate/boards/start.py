@@ -20,6 +20,7 @@ REWEIGHTINGS = 8
 IMPLAUSIBLE, MIN_IMPLAUSIBLE_PX = 10.0, 5.0  # median residual of a view, over that of all views
 # half fields of view to try [rad]
 WIDEST, WIDEST_PINHOLE, NARROWEST = np.radians([175.0, 75.0, 3.0])
+NO_POSE = Pose(np.eye(3), np.array([0.0, 0.0, 1.0]))
 COEFFICIENTS = {"brown": 5, "kannala-brandt": 4}
 
 
@@ -69,7 +70,7 @@ def start_camera(kind: LensKind, size: tuple[int, int], corners: Corners) -> Boa
     """
     picked = np.unique(np.linspace(0, len(corners.views) - 1, SCANNED_VIEWS).round().astype(int))
     some = corners.only(picked.tolist())
-    rigs = [_with_poses(_plain_lens(kind, size, f), corners) for f in _focals(kind, size)]
+    rigs = [_with_poses(_plain_lens(kind, size, f), some) for f in _focals(kind, size)]
     rigs.sort(key=lambda rig: _mean_residual(some, rig))
     tried = [_refined(some, rig) for rig in rigs[:CANDIDATES]]
     best = min(tried, key=lambda rig: _mean_residual(some, rig))
@@ -109,11 +110,13 @@ def _plain_lens(kind: LensKind, size: tuple[int, int], focal: float) -> Lens:
 
 
 def _with_poses(lens: Lens, corners: Corners) -> BoardRig:
+    """A pose of the board for each view; that of a view without corners in use has no meaning."""
     rays = unproject(corners.pixels[0], lens)
     boards = []
     for view in corners.views:
         use = corners.use[0, view]
-        boards.append(pose_from_rays(corners.points[view][use], rays[view][use]))
+        points, seen = corners.points[view][use], rays[view][use]
+        boards.append(pose_from_rays(points, seen) if use.any() else NO_POSE)
     return BoardRig((lens,), (Pose(np.eye(3), np.zeros(3)),), tuple(boards), np.zeros(3))
 
 

@@ -40,9 +40,12 @@ def numbers(values: ArrayLike, shape: tuple[int | None, ...], what: str) -> Arra
         Another shape; complex numbers, texts or objects.
     """
     found = np.asarray(values)
-    needed = ", ".join("any" if n is None else str(n) for n in shape)
-    alike = (n in {None, m} for n, m in zip(shape, found.shape, strict=False))
-    if found.ndim != len(shape) or not all(alike):
+    alike = found.shape == shape or (
+        found.ndim == len(shape)
+        and all(n in {None, m} for n, m in zip(shape, found.shape, strict=True))
+    )
+    if not alike:
+        needed = ", ".join("any" if n is None else str(n) for n in shape)
         raise ShapeError(what, found.shape, f"({needed})")
     if found.dtype.kind not in "iuf":
         raise InputError(f"{what}: {found.dtype} is no type of real numbers; convert it to float64")

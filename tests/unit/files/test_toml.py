@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from procam.files.toml import read_toml, toml_text
@@ -18,7 +18,6 @@ TABLES = st.dictionaries(
 )
 
 
-@settings(max_examples=300, deadline=None)
 @given(TABLES)
 def test_tables_come_back(tmp_path_factory, tables) -> None:
     path = Path(tmp_path_factory.getbasetemp()) / "tables.toml"

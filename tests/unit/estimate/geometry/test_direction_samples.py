@@ -1,6 +1,7 @@
 """Draws of directions scatter by their sigma, belong to one rig, and give solid angles error bars."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from simulators.presets import REALISTIC, STANDARD, Preset
 DRAWS = 400
 
 
+@cache
 def _solved(
     seed: int, preset: Preset = STANDARD, cameras: int = 1, sigma: float = 1e-4
 ) -> tuple[SimulatedDome, GeometrySolution]:

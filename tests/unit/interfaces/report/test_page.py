@@ -13,6 +13,7 @@ from procam.files.calibration import save_calibration
 from procam.files.images.layers import RGB, write_channels
 from procam.files.venue.load import template_text
 from procam.files.versions import calibration_in_use, list_calibrations, use_calibration
+from procam.interfaces.plots import figure
 from procam.interfaces.report import light, page, write_report
 from procam.interfaces.report.data import Material, read_material
 from procam.maths.warp import block_mean
@@ -73,6 +74,11 @@ def _truth(venue, calibration, plain, exact):
     to_camera = np.linalg.inv(calibration.content_from_camera).T
     for name, picture in (("none", plain.observed), ("exact", exact.observed)):
         _rgb(venue / "truth" / "pictures" / f"{name}.exr", picture @ to_camera)
+
+
+@pytest.fixture(autouse=True)
+def coarse_charts(monkeypatch):
+    monkeypatch.setattr(figure, "DPI", 40)
 
 
 @pytest.fixture
