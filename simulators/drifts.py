@@ -132,8 +132,10 @@ def drifted(base: DomeScene, drifts: Sequence[Drift], session: int = 0) -> DomeS
 
 def _of_session(build: CameraBuild, session: int) -> CameraBuild:
     """A camera with the gain that it has in another session than its first, 0."""
+    if not session:
+        return build
     rng = np.random.default_rng([session, zlib.crc32(build.name.encode())])
-    red, green, blue = np.exp(GAIN_SIGMA * rng.standard_normal(3)) if session else np.ones(3)
+    red, green, blue = np.exp(GAIN_SIGMA * rng.standard_normal(3))
     return replace(build, flaws=replace(build.flaws, gain=(float(red), float(green), float(blue))))
 
 

@@ -5,7 +5,8 @@ All of them, or those that are named: python -m studies codes code-table. --list
 
 import inspect
 import sys
-from collections.abc import Iterator
+import traceback
+from collections.abc import Callable, Iterator
 
 import benchmarks.__main__
 from studies import (
@@ -86,8 +87,17 @@ def main(names: list[str]) -> int:
     failed = False
     for name in names or STUDIES:
         print(f"== {name}", flush=True)
-        failed |= bool(STUDIES[name]())
+        failed |= _fails(STUDIES[name])
     return int(failed)
+
+
+def _fails(run: Callable[[], int | None]) -> bool:
+    """Whether a study fails; what it raises is printed, and the next one begins."""
+    try:
+        return bool(run())
+    except Exception:
+        traceback.print_exc()
+        return True
 
 
 def listed() -> Iterator[str]:

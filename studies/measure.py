@@ -30,6 +30,8 @@ Job, Row = TypeVar("Job"), TypeVar("Row")
 WORKERS = 2
 HERE = Path(__file__).parent
 BINS = 64  # of a period, for the bias of a code
+# of the code as git describes it, before a study rewrites its files; "-dirty" where it was changed since
+REVISION = getoutput(f"git -C {quote(str(HERE))} describe --always --dirty")
 FULL_PATCH = 40  # camera pixels that a patch must have to be evaluated
 
 
@@ -169,11 +171,6 @@ def side_by_side(work: Callable[[Job], Row], jobs: Iterable[Job]) -> list[Row]:
 def write(name: str, document: dict[str, object], lines: Iterable[str]) -> None:
     """Write results as studies/NAME.json, with the code's revision, and a readable studies/NAME.md."""
     command = f"python -m studies {name.replace('_', '-')}"
-    text = json.dumps({"command": command, "revision": _revision(), **document}, indent=1)
+    text = json.dumps({"command": command, "revision": REVISION, **document}, indent=1)
     (HERE / f"{name}.json").write_text(text + "\n")
     (HERE / f"{name}.md").write_text("\n".join([*lines, "", f"`{command}`", ""]))
-
-
-def _revision() -> str:
-    """The code's revision as git describes it; "-dirty" where it was changed since."""
-    return getoutput(f"git -C {quote(str(HERE))} describe --always --dirty")

@@ -9,10 +9,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-import matplotlib
 import numpy as np
-
-matplotlib.use("Agg")
 from matplotlib import pyplot as plt
 
 from procam.arrays import Image

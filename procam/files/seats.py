@@ -114,7 +114,15 @@ def _origin(venue_dir: Path, directory: Path) -> _Origin | None:
     try:
         document = json.loads((directory / "calibration.json").read_bytes())
         return _of_document(venue_dir, directory, document)
-    except (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError):
+    except (
+        ArithmeticError,
+        AttributeError,
+        LookupError,
+        OSError,
+        RecursionError,
+        TypeError,
+        ValueError,
+    ):
         return None
 
 
@@ -142,6 +150,6 @@ def _photographs(venue_dir: Path, session: str, cameras: Iterable[str]) -> set[s
     try:
         dark = {shot.id for shot in folder.read_plan().shots if not shot.projector}
         taken = [frame for camera in cameras for frame in folder.taken(camera)]
-    except FileFormatError:
+    except (FileFormatError, OSError):
         return set()
     return {frame.sha256 for frame in taken if frame.shot not in dark}

@@ -2,14 +2,14 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from math import hypot
+from math import hypot, isfinite
 from pathlib import Path
 
 import numpy as np
 
 from procam.errors import CalibrationError, FileFormatError
 from procam.estimate.comparison.compare import Comparison, LightStep, compare_calibrations
-from procam.estimate.comparison.verdict import AGREE
+from procam.estimate.comparison.verdict import AGREE, LIGHT_SIGMAS
 from procam.files.calibration import load_calibration
 from procam.files.seats import OtherSeat, other_seats
 from procam.model.calibration import Calibration
@@ -42,8 +42,13 @@ class SeatCheck:
     @property
     def agrees(self) -> bool:
         """Whether the two agree within their error bars, up to a rotation of the whole rig."""
-        sound = self.comparison is not None and self.comparison.verdict.sound
-        return sound and not (self.in_sigmas or 0.0) > AGREE
+        if self.comparison is None:
+            return False
+        if not self.has_directions:
+            steps = [s for step in self.comparison.light.values() for s in step.sigmas]
+            return max(map(abs, steps), default=0.0) <= LIGHT_SIGMAS
+        alike = self.in_sigmas is None or self.in_sigmas <= AGREE
+        return self.comparison.verdict.sound and alike
 
     @property
     def in_sigmas(self) -> float | None:
@@ -98,7 +103,8 @@ def _checked(seat: OtherSeat, calibration: Calibration, other: Calibration) -> S
 def _combined_sigma(*calibrations: Calibration) -> float | None:
     figures = [each.quality.get(SIGMA) for each in calibrations]
     known = [figure.value for figure in figures if figure and isinstance(figure.value, float)]
-    return hypot(*known) if len(known) == len(calibrations) else None
+    stated = all(isfinite(sigma) and sigma > 0 for sigma in known)
+    return hypot(*known) if len(known) == len(calibrations) and stated else None
 
 
 def _directions(found: Comparison) -> dict[str, Figure]:

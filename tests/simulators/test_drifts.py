@@ -94,6 +94,8 @@ class TestReuse:
             drifted(standard, [], session).cameras["zenith"].flaws.gain for session in range(200)
         ]
         assert gains[0] == (1, 1, 1)
+        again = drifted(drifted(standard, [], session=3), [])
+        assert again.cameras["zenith"].flaws.gain == gains[3]
         z = np.log(gains[1:]) / GAIN_SIGMA
         assert abs(z.std() - 1) < 0.15 and (abs(z.mean(axis=0)) < 0.3).all()
         assert abs(np.corrcoef(z.T)[0, 1]) < 0.3

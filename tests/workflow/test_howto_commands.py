@@ -1,4 +1,4 @@
-"""Every command of five how-to pages runs, in the order of the page, on small simulated domes.
+"""Every `procam` command of five how-to pages runs, in the order of the page, on small simulated domes.
 
 A page's lines in ```sh blocks and its `procam ...` in backticks are run as they stand, in a folder that has
 what the page takes for granted: `my-dome` is calibrated, `sky.png` is there. Venues are made small after

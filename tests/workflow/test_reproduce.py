@@ -29,6 +29,16 @@ def test_a_study_that_fails_ends_with_1(monkeypatch: pytest.MonkeyPatch) -> None
     assert (main(["codes"]), main(["speed", "codes"])) == (0, 1)
 
 
+def test_one_that_raises_does_not_end_the_others(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    done = list[str]()
+    monkeypatch.setitem(STUDIES, "speed", lambda: 1 / 0)
+    monkeypatch.setitem(STUDIES, "codes", lambda: done.append("codes"))
+    assert main(["speed", "codes"]) == 1
+    assert done == ["codes"] and "ZeroDivisionError" in capsys.readouterr().err
+
+
 def test_a_name_that_is_none(capfd: pytest.CaptureFixture[str]) -> None:
     assert procam("reproduce", "no-such-study").code == 2
     assert "no study 'no-such-study'; there are boards," in capfd.readouterr().err

@@ -74,9 +74,9 @@ def find_camera_motion(
         if more or (same and residual < misfit):
             best, agreeing, misfit = trial, agree, residual
     # a pose also bends a little towards a projector whose own picture is slightly off
-    bent = not _shifted(camera, best, seen, agreeing, same_px) or _off(best, seen, still) > _off(
-        camera, seen, still
-    )
+    worse = _off(best, seen, still) > _off(camera, seen, still)
+    many = 2 * len(still) >= len(agreeing)
+    bent = (many and worse) or not _shifted(camera, best, seen, agreeing, same_px)
     if bent or len(agreeing) < min(2, len(names)):
         return CameraMotion(camera, False, unmoved=tuple(still))
     return _described(camera, best, seen, agreeing)

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from procam.arrays import Array
+from procam.estimate.drift.camera_motion import CameraMotion
 from procam.estimate.drift.changes import VenueChange
 from procam.estimate.drift.dome_change import DEAD
 from procam.estimate.drift.finding import (
@@ -42,16 +43,16 @@ def name_causes(calibration: Calibration, change: VenueChange) -> list[Finding]:
 
 def _camera(calibration: Calibration, change: VenueChange, common: float) -> Iterator[Finding]:
     name, motion = change.camera.camera.name, change.camera
-    if motion.moved and _is_single(calibration):
-        (only,) = calibration.projectors
+    if motion.moved and _is_alone(calibration, motion):
+        (only,) = motion.unmoved
         yield Finding(
             "moved",
             only,
             motion.turned_deg,
             motion.turned_sigma,
             "deg",
-            f"its picture moved as if the camera were turned by {motion.turned_deg:.2f} degrees: with one "
-            "projector, this does not show which of the two moved",
+            f"its picture moved as if the camera were turned by {motion.turned_deg:.2f} degrees: no other "
+            "projector's picture is seen that would show which of the two moved",
             "put the camera back as it stood and verify again; if that changes nothing, calibrate again",
         )
     elif motion.moved:
@@ -92,11 +93,11 @@ def _camera(calibration: Calibration, change: VenueChange, common: float) -> Ite
         )
 
 
-def _is_single(calibration: Calibration) -> bool:
-    """Whether there is one projector, and no media server, whose own projectors never move together."""
+def _is_alone(calibration: Calibration, motion: CameraMotion) -> bool:
+    """Whether one projector is all that is seen, and no media server, whose own never move together."""
     models = [projector.model for projector in calibration.projectors.values()]
     at_centre = np.linalg.norm(models[0].projector_from_dome.origin) < AT_CENTRE_M
-    return len(models) == 1 and not at_centre
+    return len(motion.unmoved) == 1 and not at_centre
 
 
 def _common_light(change: VenueChange) -> float:

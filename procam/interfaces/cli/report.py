@@ -78,13 +78,15 @@ def _other_seat(check: "SeatCheck | None") -> dict[str, Any] | None:
     """The check from another seat for machines; None if there is none."""
     if check is None:
         return None
-    seat, found = check.seat, check.comparison
+    from procam.interfaces.report.other_seat import outcome
+
+    seat = check.seat
     return {
         "calibration": str(seat.directory),
         "camera": seat.camera,
         "distance_m": seat.distance_m,
-        "agrees": check.agrees,
-        "verdict": found.verdict.text if found else check.refusal,
+        "agrees": check.agrees if check.comparison else None,
+        "verdict": outcome(check),
         "figures": as_dicts(check.figures()),
     }
 

@@ -23,14 +23,14 @@ def reproduce(
 ) -> None:
     """Remake figures and studies of the documentation; without a NAME, list them.
 
-    Each is written to studies/NAME.json and studies/NAME.md of the clone that procam runs from, with the
-    revision of the code; `git diff` then shows what has changed.
+    A study writes its JSON and its table to the folder studies of the clone that procam runs from, `readme`
+    docs/before-after.png, `speed` benchmarks/results.md; `git diff` then shows what has changed.
     """
     if not (ROOT / "studies" / "__main__.py").is_file():
         raise InputError(
             f"{ROOT}: procam runs from an installation without its studies; clone the repository, run "
             "`make demo` there, and call .venv/bin/procam reproduce"
         )
-    wanted = [] if names == [ALL] else names or ["--list"]
+    wanted = [] if ALL in (names or ()) else names or ["--list"]
     run = subprocess.run([sys.executable, "-m", "studies", *wanted], check=False, cwd=ROOT)
     raise typer.Exit(run.returncode)

@@ -75,7 +75,8 @@ def _checked(material: Material) -> str:
     check = material.other_seat
     if check is None:
         return "not yet"
-    result = "it agrees" if check.agrees else "it does not agree"
+    agreement = "it agrees" if check.agrees else "it does not agree"
+    result = "it cannot be compared" if check.refusal else agreement
     return f"by calibration {check.seat.directory.name}: {result}"
 
 

@@ -30,7 +30,7 @@ def other_seat(material: Material) -> Iterator[Block]:
         yield Text(_missing(material, used), missing=True)
     else:
         yield Text(_seats(check, used))
-        yield Text(_verdict(check), good=check.agrees)
+        yield Text(outcome(check), good=check.agrees)
         if check.comparison is not None:
             yield from _tables(check, check.comparison, used)
 
@@ -54,17 +54,17 @@ def _seats(check: SeatCheck, used: Path) -> str:
     camera = (
         f"camera {seat.camera}" if seat.camera != seat.here else f"the same camera, {seat.here}"
     )
-    days = abs((dates[1] - dates[0]).days)
+    days = abs(dates[1] - dates[0]).days
     apart = f" {days} {'days lie' if days > 1 else 'day lies'} between them." if days else ""
     return (
         f"Calibration {used.name} of {date_text(dates[0])} is compared with {seat.directory.name} of "
         f"{date_text(dates[1])}.{apart} That one is by {camera}, which stood {number(seat.distance_m, 2)} m "
         f"away ({percent(seat.share, 2)} of the dome's radius) and was turned by "
-        f"{number(seat.turn_deg, 2)} degrees. No photograph was used for both."
+        f"{number(round(seat.turn_deg, 1), 2)} degrees. No photograph was used for both."
     )
 
 
-def _verdict(check: SeatCheck) -> str:
+def outcome(check: SeatCheck) -> str:
     """The outcome in a sentence, and what else may explain a difference."""
     found = check.comparison
     if found is None:

@@ -89,6 +89,18 @@ def test_a_camera_that_creeps_is_still_placed(
     assert found.moved and set(found.unmoved) == set("abcd")
 
 
+def test_a_blurred_picture_does_not_keep_a_camera_where_it_was(
+    camera: CameraModel, see: Callable[..., dict[str, Seen]]
+) -> None:
+    """Its own place is uncertain by more than the camera crept, and is off the other way."""
+    now, before = turned(camera, 0.25), see(camera, "abcd")
+    seen = see(now, "abcd")
+    crept = seen["c"].pixel - before["c"].pixel
+    seen["c"] = replace(seen["c"], pixel=seen["c"].pixel - 1.3 * crept, sigma=np.full(30, 0.1))
+    found = find_camera_motion(camera, seen)
+    assert found.moved and set(found.unmoved) >= set("abd")
+
+
 def test_both_moved(camera: CameraModel, see: Callable[..., dict[str, Seen]]) -> None:
     now = turned(camera, 1.0)
     found = find_camera_motion(camera, see(now, "abcd", c=np.array([0.9, 0.4])))

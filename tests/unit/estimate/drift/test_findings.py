@@ -47,7 +47,10 @@ def venue(calibration: Calibration) -> Callable[..., set[tuple[str, str]]]:
     """Causes that are named where the projectors of the calibration, and others, changed as given."""
 
     def named(
-        scatter: float = 1.0, ambient: float = 0.0, **changes: ProjectorChange
+        scatter: float = 1.0,
+        ambient: float = 0.0,
+        seen: tuple[str, ...] = (),
+        **changes: ProjectorChange,
     ) -> set[tuple[str, str]]:
         projectors = {"south": SAME, "north": SAME} | changes
         known = {
@@ -55,7 +58,7 @@ def venue(calibration: Calibration) -> Callable[..., set[tuple[str, str]]]:
         }
         change = VenueChange(
             projectors,
-            CameraMotion(calibration.cameras["zenith"], False),
+            CameraMotion(calibration.cameras["zenith"], bool(seen), 0.3, 0.01, unmoved=seen),
             DomeChange(None, None),
             Measured(np.full(3, scatter), np.full(3, 0.004)),
             Measured(np.full(3, ambient), np.full(3, 1e-4)),
@@ -143,6 +146,19 @@ def test_all_blurred_alike_are_the_camera(venue: Callable[..., set[tuple[str, st
         ("camera focus", "zenith"),
         ("focus", "east"),
     }
+
+
+def test_a_camera_that_moved_is_named_by_several_pictures(
+    venue: Callable[..., set[tuple[str, str]]],
+) -> None:
+    assert venue(seen=("south", "north")) == {("camera moved", "zenith")}
+
+
+def test_the_only_picture_that_is_seen_may_have_moved_itself(
+    venue: Callable[..., set[tuple[str, str]]],
+) -> None:
+    dark = replace(SAME, shows=0.0)
+    assert venue(seen=("south",), north=dark) == {("moved", "south"), ("no picture", "north")}
 
 
 def test_the_room(venue: Callable[..., set[tuple[str, str]]]) -> None:

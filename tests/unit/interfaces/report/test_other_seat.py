@@ -110,6 +110,8 @@ class TestWords:
         assert re.search(
             r"Calibration 0001 of .* is compared with 0002 of .*\. 34 days lie", section
         )
+        use_calibration(venue, list_calibrations(venue)[1])
+        assert ". 34 days lie between them." in _blocks(venue)[0].text  # type: ignore[union-attr]
         assert f"the same camera, zenith, which stood 2 m away (33{THIN}%" in section
         assert "turned by 30 degrees. No photograph was used for both." in section
 
@@ -156,6 +158,15 @@ class TestWords:
         assert check.comparison and check.comparison.verdict.kind == "agree" and not check.agrees
         assert "times their standard error; a camera's lens may be wrong." in _verdict(venue).text
 
+    @pytest.mark.parametrize("sigma", [np.nan, np.inf, 0.0])
+    def test_a_sigma_that_is_no_number_is_none(
+        self, venue: Path, calibration: Calibration, sigma: float
+    ) -> None:
+        quality = {"direction_sigma_relative_arcmin": Figure(sigma, "arcmin")}
+        _from_elsewhere(venue, _moved(calibration), quality=quality)
+        check = _check(venue)
+        assert check.sigma_arcmin is None and "_over_sigma" not in " ".join(check.figures())
+
 
 class TestOutcomes:
     def test_the_check_is_mutual(self, venue: Path, calibration: Calibration) -> None:
@@ -188,6 +199,7 @@ class TestOutcomes:
             "The two cannot be compared: projector north: the calibrations share 0"
         )
         assert not _check(venue).agrees and _check(venue).figures() == {}
+        assert _fact(_page(venue)) == "by calibration 0002: it cannot be compared"
 
     def test_behind_a_server_only_the_light_is_checked(
         self, venue: Path, calibration: Calibration
