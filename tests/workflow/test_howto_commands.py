@@ -27,6 +27,7 @@ from procam.workflows import stills
 from procam.workflows.refine import refine
 from simulators.scene import SceneSize
 from simulators.template import server_text, venue_text
+from studies.__main__ import STUDIES
 
 ROOT = Path(__file__).parents[2]
 HOWTO = ROOT / "docs" / "howto"
@@ -50,6 +51,8 @@ OTHERS = {
 # commands that are not run here, and where they are
 ELSEWHERE = {
     "procam demo --preset server": "takes a minute; its steps are those of test_server.py",
+    "procam reproduce drifts": "takes an hour; test_drifts_small.py has a part of it",
+    "procam reproduce drifts-traced": "needs Mitsuba, and half an hour",
 }
 # commands that end in another way here than with 0: exit code, and the message
 REFUSED = {
@@ -120,6 +123,7 @@ def run(words: list[str]) -> None:
         return
     assert words[0] == "procam", f"{line}: no command of procam"
     if line in ELSEWHERE:
+        assert words[1] != "reproduce" or set(words[2:]) <= set(STUDIES), line
         return
     if words[1] == "init" and Path(words[2]).exists():  # one that a page only mentions
         words = [*words[:2], f"another-{words[-1]}", *words[3:]]
