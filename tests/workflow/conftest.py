@@ -19,7 +19,7 @@ def small_results(request: pytest.FixtureRequest) -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(calibration, "MAP_SIZE", MASTER)
         patch.setattr(_sessions, "CONTENT_SIZE", MASTER)
-        patch.setattr(figure, "DPI", 60)
+        patch.setattr(figure, "DPI", 90)
         if not request.module.__name__.endswith("_small"):
             patch.setattr(floor_albedo, "DROPS", FLOOR_DROPS)
         yield

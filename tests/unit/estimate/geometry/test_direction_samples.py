@@ -62,7 +62,7 @@ def test_draws_scatter_by_their_sigma(preset: Preset, cameras: int) -> None:
 
 
 def test_draws_are_unit_directions_of_any_pixels_and_repeat() -> None:
-    _, solution = _solved(7)
+    _, solution = _solved(7, STANDARD, 1)
     pixels = np.array([[900.0, 300.0], [901.5, 300.0], [40.0, 600.0]])
     drawn = [
         sample_directions(solution, "south", pixels, 3, np.random.default_rng(5)) for _ in "12"
