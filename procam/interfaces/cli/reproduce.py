@@ -9,6 +9,8 @@ import typer
 
 import procam
 from procam.errors import InputError
+from procam.interfaces.cli._options import Json
+from procam.interfaces.cli._output import Output
 
 EXAMPLE = "procam reproduce recalibration"
 ALL = "all"
@@ -20,6 +22,8 @@ def reproduce(
         list[str] | None,
         typer.Argument(metavar="[NAME]...", help=f"Of studies; {ALL} of them take days."),
     ] = None,
+    *,
+    json: Json = False,
 ) -> None:
     """Remake figures and studies of the documentation; without a NAME, list them.
 
@@ -32,5 +36,7 @@ def reproduce(
             "`make demo` there, and call .venv/bin/procam reproduce"
         )
     wanted = [] if ALL in (names or ()) else names or ["--list"]
-    run = subprocess.run([sys.executable, "-m", "studies", *wanted], check=False, cwd=ROOT)
+    command, stderr = [sys.executable, "-m", "studies", *wanted], 2
+    run = subprocess.run(command, check=False, cwd=ROOT, stdout=stderr if json else None)
+    Output(json).finish({"names": names or [], "repository": str(ROOT)})
     raise typer.Exit(run.returncode)
