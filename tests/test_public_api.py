@@ -60,7 +60,7 @@ for name in sys.argv[1:]:
 
 
 def test_each_name_imports_by_itself() -> None:
-    """Without any module of procam imported before, so that no other import helps it."""
+    """Without any module of procam imported before, so that no other of its imports helps it."""
     ran = subprocess.run(
         [sys.executable, "-c", IMPORT_EACH, *PROMISED],
         check=False,

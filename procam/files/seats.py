@@ -1,11 +1,12 @@
 """Calibrations of a venue by cameras that stood elsewhere, from photographs that the other has not used.
 
 Two calibrations by one seat share its errors: of the lens, where it looks, and what it cannot see. Poses
-are read from calibration.json alone, so that a long history costs little.
+are read from calibration.json, and the photographs' hashes only of those that stood elsewhere, so that a
+long history costs little.
 """
 
 import json
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -44,7 +45,7 @@ class OtherSeat:
 
 @dataclass(frozen=True, slots=True)
 class _Origin:
-    """Where a calibration comes from; `photographs` are hashes, none where the session's index is gone."""
+    """Where a calibration comes from."""
 
     directory: Path
     session: str
@@ -52,26 +53,27 @@ class _Origin:
     radius_m: float
     cameras: dict[str, Pose]
     projectors: dict[str, tuple[tuple[int, int], Pose]]
-    photographs: frozenset[str]
 
 
 def other_seats(venue_dir: Path, used: Path) -> Iterator[OtherSeat]:
     """Calibrations of the same projectors from other seats and other photographs, newest first."""
-    here = _origin(venue_dir, used)
+    here = _origin(used)
     if here is None:
         return
     for directory in reversed(list_calibrations(venue_dir)):
-        there = _origin(venue_dir, directory)
-        if there and _is_independent(here, there) and (seat := _other_seat(here, there)):
+        there = _origin(directory)
+        if there is None or _panels(here) != _panels(there):
+            continue
+        seat = _other_seat(here, there)
+        if seat and _is_independent(venue_dir, here, there):
             yield seat
 
 
-def _is_independent(a: _Origin, b: _Origin) -> bool:
-    """Whether two calibrations are of the same projectors, and of no common photograph."""
-    if _panels(a) != _panels(b):
-        return False
-    if a.photographs and b.photographs:
-        return not a.photographs & b.photographs
+def _is_independent(venue_dir: Path, a: _Origin, b: _Origin) -> bool:
+    """Whether two calibrations have no photograph in common."""
+    of_a, of_b = _photographs(venue_dir, a), _photographs(venue_dir, b)
+    if of_a and of_b:
+        return not of_a & of_b
     linked = a.recalibrated or b.recalibrated  # its session has photographs of another one
     return a.session != b.session and not linked
 
@@ -109,11 +111,11 @@ def _directions(origin: _Origin, names: list[str]) -> Array:
     return np.vstack([np.vstack([p.origin / origin.radius_m, p.rotation]) for p in poses])
 
 
-def _origin(venue_dir: Path, directory: Path) -> _Origin | None:
+def _origin(directory: Path) -> _Origin | None:
     """What a calibration.json says; None of one that is damaged, which whoever loads it refuses."""
     try:
         document = json.loads((directory / "calibration.json").read_bytes())
-        return _of_document(venue_dir, directory, document)
+        return _of_document(directory, document)
     except (
         ArithmeticError,
         AttributeError,
@@ -126,13 +128,12 @@ def _origin(venue_dir: Path, directory: Path) -> _Origin | None:
         return None
 
 
-def _of_document(venue_dir: Path, directory: Path, document: dict[str, Any]) -> _Origin:
+def _of_document(directory: Path, document: dict[str, Any]) -> _Origin:
     source, cameras = document["provenance"], document["cameras"]
     session = str(source.get("session", ""))
-    known = _photographs(venue_dir, entries.safe_name(session), cameras) if session else ()
     return _Origin(
         directory,
-        session,
+        entries.safe_name(session) if session else "",
         bool(source.get("recalibrated")),
         entries.screen(document["screen"]).radius_m,
         {name: entries.pose(e["camera_from_dome"]) for name, e in cameras.items()},
@@ -140,16 +141,17 @@ def _of_document(venue_dir: Path, directory: Path, document: dict[str, Any]) -> 
             name: (entries.size_of(e), entries.pose(e["projector_from_dome"]))
             for name, e in document["projectors"].items()
         },
-        frozenset(known),
     )
 
 
-def _photographs(venue_dir: Path, session: str, cameras: Iterable[str]) -> set[str]:
-    """Hashes of what cameras have photographed in a session, without the dark, which may look alike."""
-    folder = Session(venue_dir / "sessions" / session)
+def _photographs(venue_dir: Path, origin: _Origin) -> set[str]:
+    """Hashes of what its cameras photographed, without the dark, which may look alike; none if not known."""
+    if not origin.session:
+        return set()
+    folder = Session(venue_dir / "sessions" / origin.session)
     try:
         dark = {shot.id for shot in folder.read_plan().shots if not shot.projector}
-        taken = [frame for camera in cameras for frame in folder.taken(camera)]
+        taken = [frame for camera in origin.cameras for frame in folder.taken(camera)]
     except (FileFormatError, OSError):
         return set()
     return {frame.sha256 for frame in taken if frame.shot not in dark}

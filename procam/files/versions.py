@@ -55,6 +55,14 @@ def calibration_in_use(venue_dir: Path) -> Path:
     )
 
 
+def name_in_use(venue_dir: Path) -> str | None:
+    """Name of the calibration that counts; None without one, or if the chosen one is not there."""
+    try:
+        return calibration_in_use(venue_dir).name
+    except FileFormatError:
+        return None
+
+
 def calibrated_session(venue_dir: Path) -> str:
     """The session that the calibration in use was solved from; "" where there is no calibration."""
     if not list_calibrations(venue_dir):

@@ -1,7 +1,7 @@
 """The check of a calibration from another seat: a comparison with one by a camera that stood elsewhere."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import hypot, isfinite
 from pathlib import Path
 
@@ -31,6 +31,7 @@ class SeatCheck:
     has_directions : whether directions were measured from both seats, not given by a media server.
     sigma_arcmin : standard error of the differences of directions relative to each other, by what both
         calibrations state; None where one states none.
+    unread : names of newer calibrations from another seat that are damaged.
     """
 
     seat: OtherSeat
@@ -38,6 +39,7 @@ class SeatCheck:
     has_directions: bool = True
     sigma_arcmin: float | None = None
     refusal: str = ""
+    unread: tuple[str, ...] = ()
 
     @property
     def agrees(self) -> bool:
@@ -80,12 +82,14 @@ def check_from_other_seat(
     venue_dir: Path, used: Path, calibration: Calibration
 ) -> SeatCheck | None:
     """Compare a calibration of a venue, whose folder is `used`; None if there is none from another seat."""
+    unread = list[str]()
     for seat in other_seats(venue_dir, used):
         try:
             other = load_calibration(seat.directory)
         except FileFormatError:  # an older one that is whole may do
+            unread.append(seat.directory.name)
             continue
-        return _checked(seat, calibration, other)
+        return replace(_checked(seat, calibration, other), unread=tuple(unread))
     return None
 
 

@@ -1,13 +1,16 @@
-"""Every `procam` command of five how-to pages runs, in the order of the page, on small simulated domes.
+"""Every command of five how-to pages runs, in the order of the page, on small simulated domes.
 
-A page's lines in ```sh blocks and its `procam ...` in backticks are run as they stand, in a folder that has
-what the page takes for granted: `my-dome` is calibrated, `sky.png` is there. Venues are made small after
-`procam init`. The tables below are the only exceptions; each has its reason.
+A page's lines in ```sh blocks, and `procam ...` and `python ...` in backticks are run as they stand, in a
+folder that has what the page takes for granted: `my-dome` is calibrated, `sky.png` is there. Venues are made
+small after `procam init`. The tables below are the only exceptions; each has its reason.
 """
 
+import ast
 import re
 import shlex
 import shutil
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -33,7 +36,12 @@ ROOT = Path(__file__).parents[2]
 HOWTO = ROOT / "docs" / "howto"
 CALIBRATED = ("monthly-check", "troubleshooting", "devices")  # pages that take it for granted
 PAGES = ("first-dome", "through-server", *CALIBRATED)
-COMMAND = re.compile(r"^```sh\n(?P<block>.*?)^```|`(?P<inline>procam [^`\n]+)`", re.M | re.S)
+COMMAND = re.compile(
+    r"^```sh\n(?P<block>.*?)^```|`(?P<inline>(?:procam|python) [^`\n]+)`", re.M | re.S
+)
+QUOTED = re.compile(r'"([^"]+)"')
+# what stands for a name or a number in a quoted message
+VALUE = re.compile(r"\s*\.\.\.\s*|\b[NDRS]\b|\d[\d.]*|\[w, h\]|\(.*\)|standby|b''|`|, not on,")
 
 DOME = TINY_PAIR
 BEHIND_SERVER = SceneSize(projectors=2, projector_size=(400, 250), camera_size=(420, 420), rays=64)
@@ -123,6 +131,9 @@ def run(words: list[str]) -> None:
         return
     if words[0] == "cp":
         shutil.copy(*words[1:])
+        return
+    if words[0] == "python":
+        subprocess.run([sys.executable, *words[1:]], check=True, stdout=subprocess.DEVNULL)
         return
     assert words[0] == "procam", f"{line}: no command of procam"
     if line in ELSEWHERE:
@@ -236,7 +247,7 @@ def test_no_exception_is_left_over() -> None:
     assert named == {"sh", "toml", "ini"}
     lines = {shlex.join(words) for page in PAGES for words in commands(read(page))}
     assert {*REFUSED, *ELSEWHERE} <= lines
-    assert {*OTHERS, "cp", "procam"} == {line.split()[0] for line in lines}
+    assert {*OTHERS, "cp", "procam", "python"} == {line.split()[0] for line in lines}
 
 
 def test_the_paths_are_short() -> None:
@@ -247,6 +258,40 @@ def test_the_paths_are_short() -> None:
 def test_the_first_dome_has_six_projectors(tmp_path: Path) -> None:
     assert procam("init", tmp_path, "--template", "simulated-six-projectors").code == 0
     assert len(load_venue(tmp_path).table.projectors) == 6
+
+
+def said() -> str:
+    """What the programs can say, a text on each line, with _ for values."""
+    texts = []
+    for path in (
+        path for folder in ("procam", "simulators") for path in (ROOT / folder).rglob("*.py")
+    ):
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            if isinstance(node, ast.JoinedStr):
+                parts = [p.value if isinstance(p, ast.Constant) else "_" for p in node.values]
+                texts.append("".join(map(str, parts)))
+            elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+                texts.append(node.value)
+    return "\n".join(" ".join(text.split()) for text in texts)
+
+
+def quoted() -> list[str]:
+    """Messages in the first columns of the tables of symptoms."""
+    lines = read("troubleshooting").splitlines()
+    found = [
+        text for line in lines if line[:1] == "|" for text in QUOTED.findall(line.split("|")[1])
+    ]
+    (table,) = re.findall(r"\| message .*?\n\|[-|]+\n(.*?)\n\n", read("through-server"), re.S)
+    return found + [line.split("|")[1].strip() for line in table.splitlines()]
+
+
+def test_quoted_messages_are_those_of_the_code() -> None:
+    """With names and numbers left out, so that a search for a message finds its line."""
+    messages, code = quoted(), said()
+    assert len(messages) > 50
+    for message in messages:
+        pattern = r"[^\n]*?".join(map(re.escape, VALUE.split(message)))
+        assert re.search(pattern, code, re.IGNORECASE), message
 
 
 @pytest.mark.parametrize(

@@ -9,12 +9,12 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 
-from procam.errors import DeviceError, FileFormatError, InputError, ProcamError
+from procam.errors import DeviceError, InputError, ProcamError
 from procam.files.history.figures import Row, calibration_figures, figure_rows
 from procam.files.history.store import file_digest, written
 from procam.files.lock import locked
 from procam.files.toml import read_toml
-from procam.files.versions import calibration_in_use, list_calibrations
+from procam.files.versions import list_calibrations, name_in_use
 from procam.model.quality import Figure
 
 RUNNING, DONE, STOPPED, KILLED, REFUSED, FAILED = (
@@ -105,12 +105,9 @@ def _end(venue_dir: Path, run: Run, outcome: str, elapsed_s: float) -> None:
     with written(venue_dir) as db:
         _adopt(venue_dir, db, run.id, run.there)
         _add_figures(db, run.id, None, run._figures)
-        in_use = None
-        with suppress(FileFormatError):  # none yet, or the chosen one is missing
-            in_use = calibration_in_use(venue_dir).name
         db.execute(
             "UPDATE runs SET outcome = ?, elapsed_s = ?, message = ?, in_use = ? WHERE id = ?",
-            (outcome, round(elapsed_s, 3), run.message, in_use, run.id),
+            (outcome, round(elapsed_s, 3), run.message, name_in_use(venue_dir), run.id),
         )
 
 

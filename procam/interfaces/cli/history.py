@@ -18,7 +18,7 @@ from procam.files.history.read import (
     list_figures,
     list_runs,
 )
-from procam.files.versions import calibration_in_use, list_calibrations
+from procam.files.versions import calibration_in_use, list_calibrations, name_in_use
 from procam.interfaces.cli._options import Json, VenueArgument
 from procam.interfaces.cli._output import Output
 
@@ -111,17 +111,10 @@ def _list(venue: Path, everything: bool, output: Output) -> None:
         {
             "runs": [asdict(run) for run in shown],
             "calibrations": [path.name for path in there],
-            "in_use": _in_use(venue),
+            "in_use": name_in_use(venue),
             "clock_went_back": back,
         }
     )
-
-
-def _in_use(venue: Path) -> str | None:
-    try:
-        return calibration_in_use(venue).name
-    except FileFormatError:  # none yet, or the chosen one is missing
-        return None
 
 
 def _row(run: RunEntry) -> str:

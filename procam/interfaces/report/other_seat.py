@@ -56,11 +56,12 @@ def _seats(check: SeatCheck, used: Path) -> str:
     )
     days = abs(dates[1] - dates[0]).days
     apart = f" {days} {'days lie' if days > 1 else 'day lies'} between them." if days else ""
+    damaged = f" Damaged, and left out: {', '.join(check.unread)}." if check.unread else ""
     return (
         f"Calibration {used.name} of {date_text(dates[0])} is compared with {seat.directory.name} of "
         f"{date_text(dates[1])}.{apart} That one is by {camera}, which stood {number(seat.distance_m, 2)} m "
         f"away ({percent(seat.share, 2)} of the dome's radius) and was turned by "
-        f"{number(round(seat.turn_deg, 1), 2)} degrees. No photograph was used for both."
+        f"{number(round(seat.turn_deg, 1), 2)} degrees. No photograph was used for both.{damaged}"
     )
 
 

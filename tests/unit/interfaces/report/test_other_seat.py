@@ -186,6 +186,7 @@ class TestOutcomes:
         damaged = keep(venue, seen_from(calibration, THERE), "0003")
         (damaged / "maps" / "north.exr").unlink()
         assert _check(venue).seat.directory.name == "0002"
+        assert "Damaged, and left out: 0003." in _blocks(venue)[0].text  # type: ignore[union-attr]
 
     def test_one_that_cannot_be_compared_says_so(
         self, venue: Path, calibration: Calibration
