@@ -1,52 +1,44 @@
 """The README's picture and what its demo prints: `procam demo`, before and after, beside what was meant.
 
-Writes docs/before-after.png and prints the demo's text; `python -m studies readme` remakes them in two
-minutes.
+Writes docs/before-after.png, of the pictures of the demo's report, and prints the demo's text;
+`python -m studies readme` remakes them in two minutes.
 """
 
+import io
 import subprocess
 import sys
 import tempfile
+from base64 import b64decode
 from pathlib import Path
 
-import numpy as np
 from matplotlib import pyplot as plt
 
-from procam.arrays import Image
+from procam.interfaces.report.blocks import DomePicture, Domes
 from procam.interfaces.report.data import read_material
+from procam.interfaces.report.light import pictures
 
 PICTURE = Path(__file__).parents[1] / "docs" / "before-after.png"
-BACKGROUND, DPI = "#11141b", 100
-BRIGHTEST = (
-    1.25  # light of white that is drawn as white: before, the dome is brighter than it was meant
-)
-GAMMA = 2.2
+BACKGROUND = "#11141b"
 
 
 def main() -> None:
     """Run the demo and draw its dome masters."""
     with tempfile.TemporaryDirectory() as folder:
-        run = [sys.executable, "-m", "procam", "demo", "--out", folder]
-        subprocess.run(run, check=True)
-        seen = read_material(Path(folder)).before_after()
-        assert seen is not None and seen.source == "simulator"
-        draw({"before": seen.before, "after": seen.after, "intended": seen.target})
+        subprocess.run([sys.executable, "-m", "procam", "demo", "--out", folder], check=True)
+        (row,) = pictures(read_material(Path(folder)))
+        assert isinstance(row, Domes)
+        draw(row.groups[0].domes)
 
 
-def draw(pictures: dict[str, Image], path: Path = PICTURE) -> None:
-    """Draw dome masters (N, N, 3) [rel] beside each other, at equal exposure."""
-    figure, axes = plt.subplots(
-        1, len(pictures), figsize=(11.4, 4.2), facecolor=BACKGROUND, dpi=DPI
-    )
-    figure.subplots_adjust(left=0, right=1, bottom=0.02, top=0.88, wspace=0.02)
-    for axis, (name, light) in zip(axes, pictures.items(), strict=True):
-        away = np.stack(np.meshgrid(*(np.linspace(-1, 1, len(light)),) * 2), -1)
-        inside = np.linalg.norm(away, axis=-1, keepdims=True) <= 1
-        shown = np.clip(np.nan_to_num(light) / BRIGHTEST, 0, 1) ** (1 / GAMMA)
-        axis.imshow(np.dstack([shown, inside.astype(shown.dtype)]), interpolation="antialiased")
-        axis.set_title(name, color="white", fontsize=16)
+def draw(domes: list[DomePicture], path: Path = PICTURE) -> None:
+    """Draw dome masters of a report beside each other."""
+    figure, axes = plt.subplots(1, len(domes), figsize=(11.4, 4.2), facecolor=BACKGROUND)
+    figure.subplots_adjust(left=0.005, right=0.995, bottom=0.02, top=0.88, wspace=0.03)
+    for axis, dome in zip(axes, domes, strict=True):
+        axis.imshow(plt.imread(io.BytesIO(b64decode(dome.image.partition(",")[2]))))
+        axis.set_title(dome.title.lower(), color="white", fontsize=16)
         axis.axis("off")
-    figure.savefig(path, facecolor=BACKGROUND)
+    figure.savefig(path, facecolor=BACKGROUND, dpi=100)
     plt.close(figure)
 
 
