@@ -8,6 +8,7 @@ import pytest
 from tiny_venue import quick_simulator
 
 from procam.estimate import calibration as assembling
+from procam.estimate.light import floor_albedo
 from simulators.drifts import Drift
 from studies import drifts as study
 
@@ -30,6 +31,7 @@ CHANGES = (
 def venue(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     with quick_simulator(), pytest.MonkeyPatch.context() as patch:
         patch.setattr(assembling, "MAP_SIZE", 256)
+        patch.setattr(floor_albedo, "DROPS", (0.2,))  # the floor's depth changes no drift
         study._venues["small"] = study.make_venue(
             Path(tmp_path_factory.mktemp("drifts")) / "venue", "standard", 2
         )
@@ -46,8 +48,8 @@ def test_the_cause_is_named_and_no_other(drifts: tuple[Drift, ...]) -> None:
 
 
 def test_no_change_is_no_alarm() -> None:
-    rows = [study.run(study.Case("small", (), session)) for session in (1, 2, 3)]
-    assert [row["others"] for row in rows] == [[], [], []]
+    rows = [study.run(study.Case("small", (), session)) for session in (1, 2)]
+    assert [row["others"] for row in rows] == [[], []]
 
 
 def test_the_table() -> None:

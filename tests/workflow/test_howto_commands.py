@@ -150,9 +150,9 @@ def run(words: list[str]) -> None:
         take_photographs(Path(words[words.index("--out") + 1]))
 
 
-def run_all(page: str) -> None:
-    """Run the commands of a page."""
-    for words in commands(read(page)):
+def run_all(*pages: str) -> None:
+    """Run the commands of pages, each once."""
+    for words in commands("\n".join(map(read, pages))):
         run(words)
 
 
@@ -187,30 +187,12 @@ def small_and_quick() -> Iterator[None]:
         yield
 
 
-@pytest.fixture(scope="module")
-def first_dome(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder in which the first page was followed from nothing."""
-    folder = tmp_path_factory.mktemp("howto") / "folder"
-    write_pictures(folder)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.chdir(folder)
-        run_all("first-dome")
-    return folder
-
-
 def write_pictures(folder: Path) -> None:
     """What people show: a picture, and a clip of two."""
     sky = np.full((PICTURE, PICTURE, 3), 60, np.uint8)
     sky[: PICTURE // 2] = 180
     for name in ("sky.png", "clip/sky.0001.png", "clip/sky.0002.png"):
         write_image(folder / name, sky)
-
-
-def test_a_first_dome_from_nothing(first_dome: Path) -> None:
-    frames = sorted(path.name for path in (first_dome / "frames").iterdir())
-    assert frames == ["north.png", "south.png"]
-    assert (first_dome / "why" / "explained.png").is_file()
-    assert (first_dome / "target.preview.html").is_file()
 
 
 def test_a_server_from_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -220,14 +202,19 @@ def test_a_server_from_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     assert [path.name for path in (tmp_path / "frames").iterdir()] == ["server.png"]
 
 
-@pytest.mark.parametrize("page", CALIBRATED)
-def test_a_dome_that_is_calibrated(
-    page: str, first_dome: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_a_first_dome_from_nothing_and_what_is_done_with_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.chdir(shutil.copytree(first_dome, tmp_path / "folder"))
+    monkeypatch.chdir(tmp_path)
+    write_pictures(tmp_path)
+    run_all("first-dome")
+    frames = sorted(path.name for path in (tmp_path / "frames").iterdir())
+    assert frames == ["north.png", "south.png"]
+    assert (tmp_path / "why" / "explained.png").is_file()
+    assert (tmp_path / "target.preview.html").is_file()
     shutil.copytree("my-dome/calibrations/0002", "my-dome/calibrations/0003")
     schedule(Path("my-dome"))
-    run_all(page)
+    run_all(*CALIBRATED)
 
 
 def schedule(venue: Path) -> None:

@@ -6,11 +6,13 @@ import pytest
 
 import studies.mistakes
 from procam.estimate import calibration as assemble
+from procam.estimate.light import floor_albedo
 from simulators.mistakes import STRENGTHS
 from simulators.scene import SceneSize
 from studies.mistakes import Stage, clean_row, outcome, row_of, table
 
 SMALL = SceneSize(projectors=1, projector_size=(320, 200), camera_size=(400, 400), rays=256)
+FLOOR_DROPS = (0.2,)  # depths at which the floor may lie: no mistake is about it
 NOTICED = {
     "long exposures shorter, unreported": (0.7, "exposed 0.7 times"),
     "a person in all photographs": (1.0, "darker than around it"),
@@ -35,6 +37,7 @@ def test_mistakes_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(studies.mistakes, "SIZE", SMALL)
     monkeypatch.setattr(studies.mistakes, "TRUTH_SIZE", 256)
     monkeypatch.setattr(assemble, "MAP_SIZE", 256)
+    monkeypatch.setattr(floor_albedo, "DROPS", FLOOR_DROPS)
     stage = Stage(1, tmp_path)
     clean = clean_row(stage)
     assert clean["notes"] == []
