@@ -7,7 +7,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#define PROCAM_INTERFACE 14 /* increase with every change of a signature or struct, here and in loader.py */
+#define PROCAM_INTERFACE 15 /* increase with every change of a signature or struct, here and in loader.py */
 #define MOST_SEARCH 32     /* frames of a search */
 #define RESULTS 6          /* planes of a search */
 
@@ -65,32 +65,32 @@ struct rays {
 };
 
 enum { FRAME_TERMS = 9 }; /* terms of the polynomial of scattered light */
-enum mode { SUM_LIGHT, SUM_CONTENT, SUM_EXCESS, COUNT_LEAST, COUNT_MOST, APPLY };
+enum mode { SUM_LIGHT, SUM_CONTENT, SUM_EXCESS, COUNT_LEAST, COUNT_MOST, APPLY, MIX };
 /* Of a block in an interval: unlit; partly lit, summed pixel by pixel; lit all over its band; the same
    with upper limits below `top` somewhere. */
 enum lit { NOWHERE, IN_PART, EVERYWHERE, LIMITED };
 
 struct positions { /* of values of a row among the nodes: see Grid.positions */
-    const int32_t *start, *pair; /* first node of 16 values; of each: left and right (<< 8) node, from there */
+    const int32_t *start, *left; /* first node of a vector of values; of each: left node, from there */
     const float *across;         /* of each: weight of the right node */
 };
 
 struct procam_frame { /* a picture (size, size, 3) and the model of the dome, see frame/model.py */
     size_t size;
     int kind, nodes, terms, band; /* intervals of a band; divides FRAME_CHUNK */
-    int fold_limits; /* whether sums may fold the limits, see cell.h */
     float strength, top;
+    float decode_shift, encode_shift; /* see frame/coding.py */
     const void *image;
     void *out;
     const float *light, *least, *most;        /* (nodes, nodes, 3); `most` may be NULL */
     const float *gain, *area;                 /* (nodes, nodes); gain may be NULL */
-    const float *weight, *edge_spread, *direction;  /* at edges of bands (edges, nodes), (edges, 3, nodes) twice */
+    const float *weight, *edge_spread, *direction; /* at edges of bands (edges, nodes), (edges, nodes, 3),
+                                                      (edges, 3, nodes) */
     const uint8_t *lit;                       /* (nodes + 1, blocks) */
-    struct positions values, shared, pixels; /* of values, in fields of three colours and of one; of pixels */
+    struct positions values, shared; /* in fields of three colours and of one */
     const float *down;          /* of rows: weight of the lower node row */
     const int32_t *rows;        /* (nodes + 2): first row of each interval */
-    const float *decode, *encode, *threshold; /* (256), (3, SEGMENTS), (TILE_ROWS, TILE_WIDTH) */
-    const uint8_t *decode_bytes;              /* (4, 256): bytes of decode */
+    const float *decode, *encode, *threshold; /* pieces, see vector.h; (TILE_ROWS, TILE_WIDTH) */
 };
 
 struct frame {
@@ -118,10 +118,10 @@ struct warp_block {               /* each number is base + step * number */
 struct procam_warp {
     int kind, out_kind;
     size_t rows, columns, master_rows, master_columns; /* of the frame, of the master */
-    float unit;                      /* light of the value 1 in the master */
+    float unit, decode_shift;        /* light of the value 1 in the master; see frame/coding.py */
     const void *master;              /* (rows, columns, 3) */
     const struct warp_block *blocks; /* (bands of 32 rows, tiles of 64 columns, 2 strips, 32, 2) */
-    const float *decode, *curve;     /* of 8-bit masters: (256) light; (3, 32) parabolas of it */
+    const float *decode;             /* of 8-bit masters: pieces, see vector.h */
     const float *unmix;              /* (3, 3) */
     const uint32_t *drives;          /* (3, KNOTS) drive, and its rise to the next << 16 */
     const float *thresholds;         /* (64, 64) */
@@ -141,7 +141,7 @@ struct level {
     void (*warp)(const struct procam_warp *job, size_t first, size_t count);
 };
 
-extern const struct level procam_avx512, procam_avx2, procam_scalar;
+extern const struct level procam_avx512, procam_avx2, procam_base;
 
 #if defined(__x86_64__) && (defined(__GNUC__) || defined(__clang__))
 #define HAVE_X86 1

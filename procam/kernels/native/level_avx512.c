@@ -1,4 +1,4 @@
-/* The kernels for AVX-512 (F, BW, DQ, VL, VBMI). */
+/* The kernels for AVX-512 (F, BW, DQ, VL). */
 #include "kernels.h"
 
 #if HAVE_X86
@@ -6,11 +6,11 @@
 #include <immintrin.h>
 #include <math.h>
 #include <string.h>
-#define LEVEL 512
+#define LANES 16
 #ifdef __clang__
-#pragma clang attribute push(__attribute__((target("avx512f,avx512bw,avx512dq,avx512vl,avx512vbmi,avx2,fma,f16c"))), apply_to = function)
+#pragma clang attribute push(__attribute__((target("avx512f,avx512bw,avx512dq,avx512vl,avx2,fma,f16c"))), apply_to = function)
 #else
-#pragma GCC target("avx512f,avx512bw,avx512dq,avx512vl,avx512vbmi,avx2,fma,f16c,prefer-vector-width=512")
+#pragma GCC target("avx512f,avx512bw,avx512dq,avx512vl,avx2,fma,f16c,prefer-vector-width=512")
 #endif
 #include "level.h"
 const struct level procam_avx512 = {search, areas, bundle, residuals, rays, frame, scattered, warp};

@@ -14,13 +14,13 @@ from numpy.typing import ArrayLike, NDArray
 from procam.arrays import AnyArray, Array, Array32, FloatArray
 from procam.errors import InputError, ShapeError
 from procam.kernels.native.arrays import KINDS, plain, planes, pointer
+from procam.kernels.native.curve import decoding
 from procam.kernels.native.loader import chosen
 from procam.kernels.warp import reference
 from procam.kernels.warp.reference import BAND, BLOCK, KNOTS, PACKED, PLACE, STRIP, TILE, WarpPlan
 
 MASTER_KINDS = {**KINDS, np.dtype(np.float16): 3}
 CODES = 256
-PARABOLAS = 32
 LEAST_EDGE, MOST_PIXELS = 2, (2**31 - 1) // 3
 WHOLE = {np.dtype(np.uint8): 255 * 256, np.dtype(np.uint16): 65535}  # full drive in a table
 
@@ -31,8 +31,8 @@ class _Warp(ctypes.Structure):
     _fields_ = (
         *((name, ctypes.c_int) for name in ("kind", "out_kind")),
         *((name, ctypes.c_size_t) for name in ("rows", "columns", "master_rows", "master_columns")),
-        ("unit", ctypes.c_float),
-        *((name, ctypes.c_void_p) for name in ("master", "blocks", "decode", "curve", "unmix")),
+        *((name, ctypes.c_float) for name in ("unit", "decode_shift")),
+        *((name, ctypes.c_void_p) for name in ("master", "blocks", "decode", "unmix")),
         *((name, ctypes.c_void_p) for name in ("drives", "thresholds", "out")),
     )
 
@@ -87,7 +87,7 @@ def plan_warp(
         blocks,
         _table("unmix", unmix, (3, 3)).astype(np.float32),
         codes.astype(np.float32),
-        _parabolas(codes),
+        decoding(codes),
         None if drives is None else _rising(drives),
         _thresholds(tile),
     )
@@ -112,8 +112,8 @@ def warp_frame(
 
     Returns
     -------
-    (H, W, 3) frame. C differs from NumPy by the rounding of float32 places, and with AVX-512
-    by 8e-6 in the light of sRGB codes below 16, 5e-7 in that of others.
+    (H, W, 3) frame. C differs from NumPy by the rounding of float32 places, and by up to 1e-5 in the
+    light of 8-bit codes.
 
     Raises
     ------
@@ -140,8 +140,9 @@ def warp_frame(
     knots = None if plan.drives is None or frame.dtype == np.float32 else _knots(plan, frame.dtype)
     unit = 1 / 65535 if source.dtype == np.uint16 else 1
     job = _Warp(
-        *(MASTER_KINDS[source.dtype], KINDS[frame.dtype], *plan.shape, *source.shape[:2], unit),
-        *map(pointer, (source, plan.blocks, plan.decode, plan.curve, plan.unmix)),
+        *(MASTER_KINDS[source.dtype], KINDS[frame.dtype], *plan.shape, *source.shape[:2]),
+        *(unit, plan.curve.shift),
+        *map(pointer, (source, plan.blocks, plan.curve.pieces, plan.unmix)),
         *map(pointer, (knots, plan.thresholds, frame)),
     )
     library.procam_warp(level, threads, plan.shape[0], ctypes.byref(job))
@@ -171,18 +172,6 @@ def _pack(numbers: list[FloatArray], blocks: NDArray[np.void]) -> None:
     for name, part in (("base", low), ("step", step), ("number", whole)):
         split = part.reshape(8, BAND, *blocks.shape[:2], -1, *part.shape[3:])
         blocks[name] = np.moveaxis(split, (2, 3, 1, 4, 0), (0, 1, 2, 3, 4))
-
-
-def _parabolas(light: Array) -> Array32:
-    """Coefficients (3, 32), constant first, of parabolas through eight codes each; least squares."""
-    codes = np.arange(CODES, dtype=float).reshape(PARABOLAS, -1)
-    values = light.reshape(codes.shape)
-    fits = [np.polyfit(x, y, 2)[::-1] for x, y in zip(codes, values, strict=True)]
-    found = np.stack(fits, axis=-1)
-    powers = np.stack([codes[0], codes[0] ** 2], axis=-1)
-    found[0, 0] = light[0]  # black stays black
-    found[1:, 0] = np.linalg.lstsq(powers, values[0] - light[0])[0]
-    return found.astype(np.float32)
 
 
 def _knots(plan: WarpPlan, kind: np.dtype[Any]) -> NDArray[np.uint32]:

@@ -13,63 +13,70 @@ enum { STEPS = 32, LOWEST = 16 }; /* of the table of drives: knots per octave of
 struct samples {
     int32_t at[CHUNK];       /* index of the upper left of the four pixels of the master */
     float weight[4][CHUNK];  /* upper left, upper right, lower left, lower right */
-    uint64_t row[2][CHUNK];  /* 8-bit: upper left and right, lower left and right */
+    int32_t pixel[4][CHUNK]; /* 8-bit: colours of the four, in the low 24 bits */
     float light[3][CHUNK];   /* for other types */
 };
 
 INLINE vf vfield(const struct warp_block *block, int field, size_t i) {
-    return vfma(vload_u16(block->number[field] + i), vset(block->step[field]),
-                vset(block->base[field]));
+    return vfloat(vload_u16(block->number[field] + i)) * block->step[field] + block->base[field];
 }
 
 /* Weight of a pixel at a distance of `away` pixels: a tent. */
-INLINE vf vtent(vf away) { return vmax(vsub(vset(1.0f), vabs(away)), vset(0.0f)); }
+INLINE vf vtent(vf away) { return vmax(1.0f - vabs(away), vset(0.0f)); }
 
 /* Samples of a chunk: four pixels of the master and their weights. The pixels are always inside the
    master; their weights are 0 where the position is not. */
 INLINE void find_samples(const struct procam_warp *d, const struct warp_block *blocks,
                        struct samples *to) {
-    const vf zero = vset(0.0f), one = vset(1.0f), unit = vset(d->unit);
+    const vf zero = vset(0.0f);
     const vf right = vset((float)(d->master_columns - 2)), low = vset((float)(d->master_rows - 2));
-    const vi columns = vset_i((int32_t)d->master_columns), three = vset_i(3);
+    const int32_t columns = (int32_t)d->master_columns;
     for (size_t i = 0; i < CHUNK; i += LANES) {
         const struct warp_block *block = blocks + i / BLOCK;
         const vf x = vfield(block, PLACE_X, i % BLOCK), y = vfield(block, PLACE_Y, i % BLOCK);
         const vi column = vtruncate(vmin(vmax(x, zero), right));
         const vi row = vtruncate(vmin(vmax(y, zero), low));
-        const vf dx = vsub(x, vfloat(column)), dy = vsub(y, vfloat(row));
-        const vf left = vtent(dx), upper = vmul(vtent(dy), unit);
-        const vf beside = vtent(vsub(dx, one)), lower = vmul(vtent(vsub(dy, one)), unit);
-        vstore_i(to->at + i, vmul_i(vadd_i(vmul_i(row, columns), column), three));
-        vstore(to->weight[0] + i, vmul(upper, left));
-        vstore(to->weight[1] + i, vmul(upper, beside));
-        vstore(to->weight[2] + i, vmul(lower, left));
-        vstore(to->weight[3] + i, vmul(lower, beside));
+        const vf dx = x - vfloat(column), dy = y - vfloat(row);
+        const vf left = vtent(dx), upper = vtent(dy) * d->unit;
+        const vf beside = vtent(dx - 1.0f), lower = vtent(dy - 1.0f) * d->unit;
+        vstore_i(to->at + i, (row * columns + column) * 3);
+        vstore(to->weight[0] + i, upper * left);
+        vstore(to->weight[1] + i, upper * beside);
+        vstore(to->weight[2] + i, lower * left);
+        vstore(to->weight[3] + i, lower * beside);
     }
 }
 
-/* Two neighbouring 8-bit pixels in the low 48 bits; reads nothing beyond the master. */
-INLINE uint64_t pair_at(const uint8_t *master, size_t at, size_t last) {
-    uint64_t pair;
-    if (at <= last) {
-        memcpy(&pair, master + at, 8);
-    } else {
-        memcpy(&pair, master + last, 8);
-        pair >>= 8 * (at - last);
-    }
-    return pair;
+/* An 8-bit pixel and the byte after it. */
+INLINE int32_t pixel_at(const uint8_t *at) {
+    int32_t pixel;
+    memcpy(&pixel, at, sizeof pixel);
+    return pixel;
 }
 
-INLINE void fetch_pairs(const struct procam_warp *d, struct samples *samples) {
+/* Reads nothing beyond the master: no byte follows its last pixel, which is read with the one before. */
+INLINE void fetch_pixels(const struct procam_warp *d, struct samples *samples) {
     const uint8_t *master = d->master;
-    const size_t stride = 3 * d->master_columns, last = stride * d->master_rows - 8;
+    const size_t stride = 3 * d->master_columns, last = stride * (d->master_rows - 1) - 6;
     for (size_t i = 0; i < CHUNK; i++) {
-        const size_t at = (size_t)samples->at[i];
-        uint64_t upper = pair_at(master, at, last), lower = pair_at(master, at + stride, last);
-        __asm__("" : "+r"(upper), "+r"(lower)); /* keeps the compiler from vectorising this, which is slower */
-        samples->row[0][i] = upper;
-        samples->row[1][i] = lower;
+        const uint8_t *at = master + samples->at[i];
+        samples->pixel[0][i] = pixel_at(at), samples->pixel[1][i] = pixel_at(at + 3);
+        samples->pixel[2][i] = pixel_at(at + stride);
+        const int ends = (size_t)samples->at[i] == last;
+        samples->pixel[3][i] = pixel_at(at + stride + 3 - ends) >> 8 * ends;
     }
+}
+
+typedef float quad __attribute__((vector_size(16)));
+typedef int32_t int_quad __attribute__((vector_size(16)));
+
+/* Four 16-bit numbers. */
+INLINE int_quad quad_u16(const uint16_t *p) {
+#if LANES > 4
+    return (int_quad)_mm_cvtepu16_epi32(_mm_loadl_epi64((const __m128i *)p));
+#else
+    return vload_u16(p);
+#endif
 }
 
 INLINE quad quad_at(int kind, const void *master, size_t at) {
@@ -98,14 +105,11 @@ INLINE void fetch_light(int kind, const struct procam_warp *d, struct samples *s
     }
 }
 
-INLINE vf light_of_pairs(const struct procam_warp *d, const struct samples *samples, size_t i, int c) {
+INLINE vf light_of_pixels(const struct procam_warp *d, const struct samples *samples, size_t i, int c) {
     vf sum = vset(0.0f);
-    for (int row = 0; row < 2; row++) {
-        const uint64_t *pairs = samples->row[row] + i;
-        const vf left = vdecoded(d->decode, d->curve, vlow_half(pairs, 0), 8 * c);
-        const vf right = vdecoded(d->decode, d->curve, vlow_half(pairs, 24), 8 * c);
-        sum = vfma(vload(samples->weight[2 * row] + i), left, sum);
-        sum = vfma(vload(samples->weight[2 * row + 1] + i), right, sum);
+    for (int k = 0; k < 4; k++) {
+        const vf code = vfloat(vload_i(samples->pixel[k] + i) >> 8 * c & 255);
+        sum += vload(samples->weight[k] + i) * vcurve(d->decode, DECODE_DEGREE, code + d->decode_shift);
     }
     return sum;
 }
@@ -115,15 +119,13 @@ INLINE void unmixed(int kind, const struct procam_warp *d, const struct warp_blo
                     const struct samples *samples, size_t i, vf *sent) {
     vf wanted[3];
     for (int c = 0; c < 3; c++) {
-        vf light = kind == U8 ? light_of_pairs(d, samples, i, c) : vload(samples->light[c] + i);
-        if (kind != U8) light = vadd(light, vsub(light, light)); /* infinity becomes NaN */
-        const vf above_black = vsub(light, vfield(block, BLACK + c, i % BLOCK));
-        wanted[c] = vmul(above_black, vfield(block, SHARE + c, i % BLOCK));
+        vf light = kind == U8 ? light_of_pixels(d, samples, i, c) : vload(samples->light[c] + i);
+        if (kind != U8) light += light - light; /* infinity becomes NaN */
+        wanted[c] = (light - vfield(block, BLACK + c, i % BLOCK)) * vfield(block, SHARE + c, i % BLOCK);
     }
     for (int c = 0; c < 3; c++) {
         const float *row = d->unmix + 3 * c;
-        const vf sum = vfma(vset(row[0]), wanted[0],
-                            vfma(vset(row[1]), wanted[1], vmul(vset(row[2]), wanted[2])));
+        const vf sum = row[0] * wanted[0] + (row[1] * wanted[1] + row[2] * wanted[2]);
         sent[c] = vmin(vmax(sum, vset(0.0f)), vset(1.0f));
     }
 }
@@ -131,11 +133,10 @@ INLINE void unmixed(int kind, const struct procam_warp *d, const struct warp_blo
 /* Drive from a table over the logarithm of the light, linear between its knots. */
 INLINE vf drive_of(const uint32_t *knots, vf sent) {
     const float least = 0x1p-16f;
-    const vi bits = vbits(vfma(sent, vset(1.0f - least), vset(least)));
-    const vi first = vset_i((127 - LOWEST) * STEPS);
-    const vi knot = vlookup(knots, vsub_i(vshift(bits, 18), first));
-    const vf part = vmul(vfloat(vand_i(bits, vset_i(0x3ffff))), vset(0x1p-18f));
-    return vfma(vfloat(vshift(knot, 16)), part, vfloat(vand_i(knot, vset_i(0xffff))));
+    const vi bits = (vi)(sent * (1.0f - least) + least);
+    const vi knot = vlookup(knots, (bits >> 18) - (127 - LOWEST) * STEPS);
+    const vf part = vfloat(bits & 0x3ffff) * 0x1p-18f;
+    return vfloat(knot >> 16 & 0xffff) * part + vfloat(knot & 0xffff);
 }
 
 struct part { /* results before they are written: a tile of bytes, or a chunk of other types */
@@ -154,11 +155,16 @@ INLINE void finish(int out_kind, const struct procam_warp *d, const float *thres
         }
         const vf drive = drive_of(d->drives + (size_t)c * KNOTS, sent[c]);
         if (out_kind == U16)
-            vstore_i(to->drive[c] + i, vtruncate(vadd(drive, vset(0.5f))));
+            vstore_i(to->drive[c] + i, vtruncate(drive + 0.5f));
         else
-            code[c] = vtruncate(vmin(vfma(drive, vset(0x1p-8f), vload(thresholds)), vset(255.0f)));
+            code[c] = vtruncate(vmin(drive * 0x1p-8f + vload(thresholds), vset(255.0f)));
     }
-    if (out_kind == U8) vstore_bytes(bytes, code[0], code[1], code[2]);
+    if (out_kind != U8) return;
+    const vi pixels = code[0] | code[1] << 8 | code[2] << 16;
+    for (int k = 0; k < LANES; k++) { /* four bytes, of which the next pixel overwrites the last */
+        const int32_t pixel = pixels[k];
+        memcpy(bytes + 3 * k, &pixel, sizeof pixel);
+    }
 }
 
 struct tile { /* first column and row, number of columns and rows */
@@ -215,7 +221,7 @@ INLINE void warp_tile(int kind, int out_kind, const struct procam_warp *d, const
             if (x >= tile->wide || y >= tile->high) continue;
             prefetch_strip(kind, d, blocks, end, y);
             find_samples(d, blocks, &samples);
-            kind == U8 ? fetch_pairs(d, &samples) : fetch_light(kind, d, &samples);
+            kind == U8 ? fetch_pixels(d, &samples) : fetch_light(kind, d, &samples);
             for (size_t i = 0; i < CHUNK; i += LANES) {
                 const size_t row = y + i / STRIP, column = x + i % STRIP;
                 const float *thresholds = d->thresholds + (tile->top + row) % TILE * TILE + column;

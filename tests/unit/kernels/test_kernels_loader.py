@@ -67,7 +67,7 @@ def test_without_library_a_level_is_refused_by_name(no_library: None) -> None:
 
 
 def test_a_level_the_processor_lacks_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(loader, "available", lambda: ("scalar", "numpy"))
+    monkeypatch.setattr(loader, "available", lambda: ("base", "numpy"))
     monkeypatch.setattr(loader, "library", object)
     with pytest.raises(
         InputError, match="'avx512' does not run, this processor lacks it; try one of scalar"
