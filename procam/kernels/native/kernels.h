@@ -10,6 +10,7 @@
 #define PROCAM_INTERFACE 15 /* increase with every change of a signature or struct, here and in loader.py */
 #define MOST_SEARCH 32     /* frames of a search */
 #define RESULTS 6          /* planes of a search */
+enum { PIECES = 16 }; /* of a curve: see vector.h */
 
 enum kind { U8, U16, F32, F16 }; /* element type of the pictures */
 

@@ -192,7 +192,7 @@ INLINE void vstore_part(float *plane, vf a, size_t left) { memcpy(plane, &a, lef
 
 /* A smooth curve at x >= 0: a polynomial for each of 8 octaves of x, numbered by its exponent modulo 8.
    `pieces` (degree + 1, PIECES) holds their coefficients, the constants first, repeated to 16. */
-enum { PIECES = 16, DECODE_DEGREE = 4, ENCODE_DEGREE = 3 };
+enum { DECODE_DEGREE = 4, ENCODE_DEGREE = 3 };
 INLINE vf vcurve(const float *pieces, int degree, vf x) {
     const vi number = (vi)x >> 23;
     vf value = vpick(pieces + degree * PIECES, number);

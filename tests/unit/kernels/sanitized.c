@@ -106,14 +106,13 @@ static void warp(int level, int kind, int out_kind, size_t rows, size_t columns,
         }
     void *master = room(3 * edge * edge * width[kind]);
     void *out = room(3 * rows * columns * width[out_kind]);
-    float *light = room(352 * sizeof(float)), *thresholds = room(64 * 64 * sizeof(float));
+    float *light = room(5 * PIECES * sizeof(float)), *thresholds = room(64 * 64 * sizeof(float));
     uint32_t *drives = room(3 * KNOTS * sizeof(uint32_t));
-    for (int i = 0; i < 352; i++) light[i] = (float)i / 256;
+    for (int i = 0; i < 5 * PIECES; i++) light[i] = (float)i / 256;
     for (int i = 0; i < 64 * 64; i++) thresholds[i] = 0.5f;
     for (int i = 0; i < 3 * KNOTS; i++) drives[i] = 65000;
-    const struct procam_warp job = {kind,   out_kind, rows,  columns,     edge,  edge,   1.0f,
-                                    master, blocks,   light, light + 256, light, drives, thresholds,
-                                    out};
+    const struct procam_warp job = {kind,   out_kind, rows, columns, edge, edge, 1.0f, 5.7f,
+                                    master, blocks,   light, light,   drives, thresholds, out};
     procam_warp(level, 1 + (int)(rows % 2), rows, &job);
     free(blocks), free(master), free(out), free(light), free(thresholds), free(drives);
 }
@@ -128,57 +127,50 @@ static float *numbers(size_t count, float value) {
 static void frame(int level, int kind, int mode, size_t edge, int nodes, int terms) {
     const size_t width[] = {1, 2, 4, 2}, values = (3 * edge + 63) / 64 * 64, n = (size_t)nodes;
     const size_t strips = (3 * edge + 1535) / 1536, chunks = (n + 64) / 64, spare = 64;
-    const size_t fields = 3 * n * n + spare, edges = n / 2 + 2, counts[] = {values, values, 512 * strips};
+    const size_t fields = 3 * n * n + spare, edges = n / 2 + 2;
     struct procam_frame setup = {.size = edge, .kind = kind, .nodes = nodes, .terms = terms, .band = 2};
     setup.strength = mode % 2 ? 0.5f : 1.0f, setup.top = 1;
     setup.image = room(3 * edge * edge * width[kind]), setup.out = room(3 * edge * edge * width[kind]);
-    struct positions *positions[] = {&setup.values, &setup.shared, &setup.pixels};
-    int32_t *start[3], *pair[3], *rows = room((n + 2) * sizeof(int32_t));
-    float *across[3], *down = room(edge * sizeof(float));
-    for (int k = 0; k < 3; k++) {
-        start[k] = room(counts[k] / 16 * sizeof(int32_t)), pair[k] = room(counts[k] * sizeof(int32_t));
-        across[k] = room(counts[k] * sizeof(float));
-        for (size_t i = 0; i < counts[k]; i++) {
-            const size_t value = k < 2 ? i : 3 * i, last = 3 * edge - 1, pixel = (value < last ? value : last) / 3;
+    struct positions *positions[] = {&setup.values, &setup.shared};
+    const size_t lanes[] = {16, 8, 4}, vector = lanes[level], vectors = values / vector;
+    int32_t *start[2], *left[2], *rows = room((n + 2) * sizeof(int32_t));
+    float *across[2], *down = room(edge * sizeof(float));
+    for (int k = 0; k < 2; k++) {
+        start[k] = room(vectors * sizeof(int32_t)), left[k] = room(values * sizeof(int32_t));
+        across[k] = room(values * sizeof(float));
+        for (size_t i = 0; i < values; i++) {
+            const size_t value = i < 3 * edge ? i : 3 * edge - 1, pixel = value / 3;
             const double place = ((double)pixel + 0.5) * nodes / (double)edge - 0.5;
-            const int first = (int)floor(place), left = first < 0 ? 0 : first;
-            const int right = first + 1 < nodes ? first + 1 : nodes - 1, c = (int)((value < last ? value : last) % 3);
-            const int at = k ? left : 3 * left + c, to = k ? right : 3 * right + c;
-            const size_t group = i / 16 - i / 16 % (edge < 3 * n ? 1 : 4); /* as many start alike as _places says */
-            for (size_t s = group; i == 16 * group && s < group + 4 && s < counts[k] / 16; s++) start[k][s] = at;
-            for (size_t s = group; at < start[k][group] && s < group + (edge < 3 * n ? 1 : 4); s++) start[k][s] = at;
-            pair[k][i] = at | to << 16;
-            across[k][i] = (float)(place - first), down[pixel] = across[k][i];
+            const int first = (int)floor(place) < 0 ? 0 : (int)floor(place), node = first < nodes - 1 ? first : nodes - 2;
+            left[k][i] = k ? node : 3 * node + (int)(value % 3);
+            across[k][i] = (float)(place - node), down[pixel] = across[k][i];
+            if (i % vector == 0 || left[k][i] < start[k][i / vector]) start[k][i / vector] = left[k][i];
         }
-        for (size_t i = 0; i < counts[k]; i++) {
-            const int from = start[k][i / 16];
-            pair[k][i] = ((pair[k][i] & 65535) - from) | ((pair[k][i] >> 16) - from) << 8;
-        }
-        *positions[k] = (struct positions){start[k], pair[k], across[k]};
+        for (size_t i = 0; i < values; i++) left[k][i] -= start[k][i / vector];
+        *positions[k] = (struct positions){start[k], left[k], across[k]};
     }
     for (size_t y = edge, interval = n + 1;; y--) {
         const int first = y ? (int)floor(((double)y - 0.5) * nodes / (double)edge - 0.5) + 1 : -1;
         while ((int)interval > first && interval <= n + 1) rows[interval--] = (int32_t)y;
         if (!y) break;
     }
-    uint8_t *lit = room((n + 1) * values / 64), *codes = room(1024);
+    uint8_t *lit = room((n + 1) * values / 64);
     for (size_t i = 0; i < (n + 1) * values / 64; i++) lit[i] = (uint8_t)(i % (mode == 4 ? 3 : 4));
     float *light = numbers(fields, 0.1f), *lo = numbers(fields, 0), *hi = numbers(fields, 0.5f);
     float *gain = numbers(n * n + spare, 1), *area = numbers(n * n + spare, 0);
     float *weight = numbers(edges * n + spare, 1), *paint = numbers(3 * edges * n + spare, 1);
-    float *direction = numbers(3 * edges * n + spare, 0.5f), *tables = numbers(256 + 96, 0.1f);
+    float *direction = numbers(3 * edges * n + spare, 0.5f), *tables = numbers(9 * PIECES, 0.1f);
     float *threshold = numbers(64 * 192, 0.5f);
     setup.light = light, setup.least = lo, setup.most = mode == 4 ? NULL : hi, setup.gain = mode == 2 || mode == 4 ? gain : NULL;
-    setup.fold_limits = kind != 2 && edge % 2;
     setup.area = area, setup.weight = weight, setup.edge_spread = paint, setup.direction = direction;
     setup.lit = lit, setup.down = down, setup.rows = rows;
-    setup.decode = tables, setup.encode = tables + 256, setup.threshold = threshold, setup.decode_bytes = codes;
+    setup.decode = tables, setup.encode = tables + 5 * PIECES, setup.threshold = threshold;
     double *sums = room(strips * chunks * 27 * sizeof(double));
     procam_frame(level, 2, mode, strips, chunks, &setup, sums);
     double *poly = room(27 * sizeof(double));
     procam_scattered(level, 2, nodes, terms, lo, NULL, hi, poly, mode % 2 ? poly : NULL, light);
-    for (int k = 0; k < 3; k++) free(start[k]), free(pair[k]), free(across[k]);
-    void *all[] = {(void *)setup.image, setup.out, rows, down, lit, codes, light, lo, hi, gain, area, weight, paint, direction, tables,
+    for (int k = 0; k < 2; k++) free(start[k]), free(left[k]), free(across[k]);
+    void *all[] = {(void *)setup.image, setup.out, rows, down, lit, light, lo, hi, gain, area, weight, paint, direction, tables,
                    threshold, sums, poly};
     for (size_t k = 0; k < sizeof all / sizeof *all; k++) free(all[k]);
 }
@@ -214,7 +206,7 @@ int main(void) {
                      edges[i / 4]);
         const size_t pictures[] = {5, 64, 97, 130, 300};
         for (int i = 0; i < 5; i++) {
-            for (int kinds = 0; kinds < 24; kinds++)
+            for (int kinds = 0; kinds < 28; kinds++)
                 frame(level, kinds % 4, kinds / 4, pictures[i], 5 + i * (1 + i) * 3, (int[]){1, 4, 9}[i % 3]);
         }
         printf("level %d clean\n", level);
