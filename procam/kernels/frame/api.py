@@ -30,14 +30,14 @@ class _Frame(ctypes.Structure):
     _fields_ = [
         ("size", ctypes.c_size_t),
         *((name, ctypes.c_int) for name in ("kind", "nodes", "terms", "band")),
-        *((name, ctypes.c_float) for name in ("strength", "top", "decode_shift", "encode_shift")),
+        *((name, ctypes.c_float) for name in ("strength", "top", "encode_shift")),
         *(
             (name, ctypes.c_void_p)
             for name in (
                 *("image", "out", "light", "least", "most", "gain", "area"),
                 *("weight", "edge_spread", "direction", "lit"),
                 *(f"{n}_{p}" for n in POSITIONS for p in ("start", "left", "across")),
-                *("down", "rows", "decode", "encode", "threshold"),
+                *("down", "along", "rows", "decode", "encode", "threshold", "decode_bytes"),
             )
         ),
     ]
@@ -184,17 +184,14 @@ def _run(
     setup.size, setup.kind = model.size, KINDS[pictures[0].dtype]
     setup.nodes, setup.terms, setup.band = model.nodes, model.terms, model.grid.shared
     setup.strength, setup.top = coding.strength, coding.most(pictures[0].dtype)
+    setup.encode_shift = coding.curve.shift
     image, light, out = pictures
     if light.dtype != np.float32 or _buffer_of(light) is None:
         light = np.asarray(padded(light))
-    arrays = model.in_c | {"image": image, "light": light, "out": out, "threshold": coding.tile}
+    arrays = model.in_c | coding.in_c | {"image": image, "light": light, "out": out}
     arrays["lit"] = model.variants(setup.top)
     for name, positions in model.grid.positions(LANES[level]).items():
         arrays |= {f"{name}_{part}": found for part, found in positions.items()}
-    if image.dtype == np.uint8:
-        for name, curve in coding.curves.items():
-            arrays[name] = curve.pieces
-            setattr(setup, f"{name}_shift", curve.shift)
     for name, array in arrays.items():
         setattr(setup, name, pointer(array))
     strips, chunks = -(-CHANNELS * model.size // STRIP), -(-(model.nodes + 1) // CHUNK)

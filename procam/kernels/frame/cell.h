@@ -5,32 +5,31 @@
                  |.........|.........|      below reuses that), and then down the cell for each row of
        node row  o---------o---------o      the picture (.).
 
-   Values stay interleaved: red, green, blue. A vector of values goes down some rows before the next one
-   does, so that its fields and sums stay in registers. Results are encoded after that, row by row: two short
+   Values stay interleaved: red, green, blue. Some rows of a block are decoded, a vector of values goes down
+   them before the next one does, so that its fields and sums stay in registers, and they are encoded: short
    chains of operations keep the processor busier than a long one, and whole lines can be written past the
-   cache. Sums of a cell are split between the upper and the lower edge of its band, in
-   proportion to the rows' distance from them (frame.h).
+   cache. Sums are kept for each band, of the values and of the values times their position down the band.
 
    Type, mode and limits are constants to the compiler: each combination (`struct variant`) is a
    function of its own, made by the CELL macros at the end of this file. */
 
 enum { FRAME_STRIP = 1536 }; /* values: 512 pixels */
 enum { STRIP_BLOCKS = FRAME_STRIP / FRAME_BLOCK };
-enum { PART_ROWS = 8, PITCH = FRAME_BLOCK * 4 }; /* rows that a vector goes down at once; bytes of one */
+enum { PART_ROWS = 8, AHEAD = 8 }; /* rows of a block at once; from a row that is read to one that is fetched */
 enum plane { LIGHT, LEAST, MOST, GAIN, AREA, PLANES };
 enum { GAINED = LIMITED + 1, VARIANTS };    /* variant of cells with a gain, lit everywhere */
 
-struct edge { /* of a band, in one strip: the sums assigned to it */
-    float plain[FRAME_STRIP], weighed[FRAME_STRIP]; /* the latter times the area of each pixel */
-    uint8_t lit[STRIP_BLOCKS];                      /* bits: which of the two are in use */
+struct band { /* of one strip: sums of values, and of values times the area of each pixel */
+    float sum[2][FRAME_STRIP], down[2][FRAME_STRIP]; /* the latter times the position down the band */
+    uint8_t lit[STRIP_BLOCKS];                       /* bits (enum lit): which have been added */
 } __attribute__((aligned(64)));
 
 struct workspace { /* of one strip */
     float fields[2][PLANES][FRAME_STRIP]; /* along node rows: below an interval, in turn with above it */
     size_t entered[STRIP_BLOCKS];         /* 1 + the last interval whose lower fields a block has */
     uint8_t planes[STRIP_BLOCKS];         /* bits: which fields */
-    struct edge edges[2];                 /* of a band, the upper one is number `upper` */
-    size_t upper;
+    struct band bands[2];                 /* in turn; number `band` is that of the interval */
+    size_t band;
     int mode;
 } __attribute__((aligned(64)));
 
@@ -38,7 +37,6 @@ struct cell {
     size_t first, left, block, row, end; /* value, values, number in the strip, rows of the picture */
     size_t interval;
     size_t above, below;                 /* node rows */
-    float from, share;                   /* of its band: where the interval begins, how much of it it covers */
     enum lit lit;
 };
 
@@ -58,14 +56,7 @@ struct ramp { /* a field in one vector, down a cell */
     vf at, step;
 };
 
-struct tally { /* sums of a cell: of the values, and of the values times their position down the cell */
-    vf sum[VECTORS], down[VECTORS];
-};
-
-struct lines { /* rows of a block: as they are stored, and the light to send */
-    unsigned char in[PART_ROWS][PITCH];
-    float light[PART_ROWS][FRAME_BLOCK];
-} __attribute__((aligned(64)));
+typedef float rows_of_block[PART_ROWS][FRAME_BLOCK] __attribute__((aligned(64)));
 
 INLINE const float *node_row(const struct procam_frame *setup, int plane, size_t row) {
     const float *const planes[] = {setup->light, setup->least, setup->most, setup->gain, setup->area};
@@ -124,7 +115,7 @@ INLINE struct ramp ramp_of(const struct workspace *work, const struct cell *cell
 }
 
 /* The value of a mode for one vector of content, `down` the cell. */
-INLINE vf kept(struct variant variant, const struct procam_frame *setup, const struct ramp *ramps, float down, vf content) {
+INLINE vf sent(struct variant variant, const struct procam_frame *setup, const struct ramp *ramps, float down, vf content) {
 #define FIELD(plane) (ramps[plane].step * down + ramps[plane].at)
     if (variant.lit == NOWHERE) return vset(0.0f);
     if (has(variant, setup, GAIN)) content *= FIELD(GAIN);
@@ -135,91 +126,76 @@ INLINE vf kept(struct variant variant, const struct procam_frame *setup, const s
     if (has(variant, setup, MOST)) most = vmin(most, FIELD(MOST));
     if (variant.mode == COUNT_LEAST) return vsel(least < wanted, none, one);
     if (variant.mode == COUNT_MOST) return vsel(wanted < most, none, one);
-    const vf sent = vmin(vmax(wanted, least), most);
-    return variant.mode == SUM_EXCESS ? sent - wanted : sent;
+    const vf clipped = vmin(vmax(wanted, least), most);
+    return variant.mode == SUM_EXCESS ? clipped - wanted : clipped;
 }
 
 /* One vector of values, down some rows. */
-INLINE void go_down(struct variant variant, const struct procam_frame *setup, const struct workspace *work,
-                    const struct cell *cell, int k, size_t y, size_t rows, struct lines *lines, struct tally *tally) {
-    const size_t at = (size_t)(k * LANES), width = bytes_of(variant.kind);
-    struct ramp ramps[PLANES];
+INLINE void go_down(struct variant variant, const struct procam_frame *setup, struct workspace *work,
+                    const struct cell *cell, int k, size_t y, size_t rows, rows_of_block lines) {
+    const size_t at = (size_t)(k * LANES), place = cell->block * FRAME_BLOCK + at;
+    float *sums = work->bands[work->band].sum[variant.lit == IN_PART] + place;
+    float *downs = work->bands[work->band].down[variant.lit == IN_PART] + place;
+    struct ramp ramps[PLANES] = {0};
     for (int plane = 0; plane < PLANES; plane++)
         if (has(variant, setup, plane)) ramps[plane] = ramp_of(work, cell, plane, k);
-    vf sum = tally->sum[k], below = tally->down[k];
+    vf sum = vload(sums), lower = vload(downs);
     for (size_t r = 0; r < rows; r++) {
-        const float down = setup->down[y + r];
-        const vf content = light_of(variant.kind, setup, load_stored(variant.kind, lines->in[r] + at * width));
-        vf value = kept(variant, setup, ramps, down, content), counted = value;
+        const float down = setup->down[y + r], along = setup->along[y + r];
+        vf value = sent(variant, setup, ramps, down, vload(lines[r] + at)), counted = value;
         if (variant.lit == IN_PART) {
             const vf area = FIELD(AREA);
             value = vsel(area > 0.0f, value, vset(0.0f));
             counted = area * value;
         }
-        sum += counted;
-        below += down * counted;
-        if (variant.mode >= APPLY) vstore(lines->light[r] + at, value);
+        sum += counted, lower += along * counted;
+        if (variant.mode >= APPLY) vstore(lines[r] + at, value);
     }
-    tally->sum[k] = sum, tally->down[k] = below;
+    vstore(sums, sum), vstore(downs, lower);
 #undef FIELD
+}
+
+/* One row of a block as it is stored; at the picture's right edge, a copy with zeros after it. Processors
+   fetch along rows by themselves, but not the rows to come. */
+INLINE const void *stored_row(struct variant variant, const struct procam_frame *setup, const struct cell *cell, size_t y,
+                              unsigned char *room) {
+    const size_t width = bytes_of(variant.kind);
+    const unsigned char *from = (const unsigned char *)setup->image + (y * 3 * setup->size + cell->first) * width;
+    for (size_t at = 0; at < FRAME_BLOCK * width; at += 64) __builtin_prefetch(from + AHEAD * 3 * setup->size * width + at, 0, 1);
+    if (cell->left == FRAME_BLOCK) return from;
+    memset(room, 0, FRAME_BLOCK * width);
+    return memcpy(room, from, cell->left * width);
 }
 
 /* Writes rows of a block of light. */
 INLINE void write_rows(struct variant variant, const struct procam_frame *setup, const struct cell *cell, size_t y, size_t rows,
-                       const struct lines *lines) {
+                       rows_of_block lines) {
     const size_t width = bytes_of(variant.kind), pitch = 3 * setup->size * width;
-    unsigned char *to = (unsigned char *)setup->out + y * pitch + cell->first * width, out[PITCH] __attribute__((aligned(64)));
+    unsigned char *to = (unsigned char *)setup->out + y * pitch + cell->first * width;
+    unsigned char room[4 * FRAME_BLOCK], out[4 * FRAME_BLOCK] __attribute__((aligned(64)));
     for (size_t r = 0; r < rows; r++, to += pitch) {
         const float *threshold = setup->threshold + (y + r) % TILE_ROWS * TILE_WIDTH + cell->first % TILE_WIDTH;
-        store_block(variant.kind, variant.mode == MIX, setup, lines->light[r], lines->in[r], threshold, out);
+        const void *original = variant.mode == MIX ? stored_row(variant, setup, cell, y + r, room) : NULL;
+        store_block(variant.kind, setup, lines[r], original, threshold, out);
         vcopy(to, out, cell->left * width);
     }
 }
 
-/* The rows of a block, some at a time. They are copied first: in place, the same columns of many rows
-   would displace each other from the L1 cache, whose lines repeat with the low bits of the address. */
-INLINE void all_rows(struct variant variant, const struct procam_frame *setup, const struct workspace *work,
-                     const struct cell *cell, struct tally *tally) {
-    struct lines lines;
-    const size_t width = bytes_of(variant.kind), pitch = 3 * setup->size * width;
-    const size_t whole = FRAME_BLOCK * width, bytes = cell->left * width;
-    if (bytes < whole) memset(lines.in, 0, sizeof lines.in);
+INLINE void one_cell(struct variant variant, const struct procam_frame *setup, struct workspace *work, const struct cell *cell) {
+    rows_of_block lines;
+    unsigned char room[4 * FRAME_BLOCK];
+    if (variant.lit != NOWHERE) enter(variant, setup, work, cell);
     for (size_t y = cell->row; y < cell->end; y += PART_ROWS) {
         const size_t rows = cell->end - y < PART_ROWS ? cell->end - y : PART_ROWS;
-        const unsigned char *from = (const unsigned char *)setup->image + y * pitch + cell->first * width;
-        for (size_t r = 0; r < rows; r++, from += pitch) {
-            if (bytes == whole) memcpy(lines.in[r], from, whole);
-            else memcpy(lines.in[r], from, bytes);
-        }
-        for (int k = 0; k < VECTORS; k++) go_down(variant, setup, work, cell, k, y, rows, &lines, tally);
-        if (variant.mode >= APPLY) write_rows(variant, setup, cell, y, rows, &lines);
+        for (size_t r = 0; r < rows; r++)
+            load_block(variant.kind, setup, stored_row(variant, setup, cell, y + r, room), lines[r]);
+        for (int k = 0; k < VECTORS; k++) go_down(variant, setup, work, cell, k, y, rows, lines);
+        if (variant.mode >= APPLY) write_rows(variant, setup, cell, y, rows, lines);
     }
-}
-
-/* Splits a cell's sums between both edges of its band. */
-INLINE void add_to_edges(struct workspace *work, const struct cell *cell, const struct tally *tally) {
-    const size_t first = cell->block * FRAME_BLOCK, bytes = (FRAME_BLOCK - cell->left) * sizeof(float);
-    struct edge *edges[] = {work->edges + work->upper, work->edges + !work->upper};
-    float *to[2];
-    for (int e = 0; e < 2; e++) {
-        to[e] = (cell->lit == IN_PART ? edges[e]->weighed : edges[e]->plain) + first;
-        edges[e]->lit[cell->block] |= (uint8_t)(1 << cell->lit);
-    }
-    for (int k = 0; k < VECTORS; k++) {
-        const vf lower = cell->share * tally->down[k] + cell->from * tally->sum[k];
-        float *above = to[0] + k * LANES, *below = to[1] + k * LANES;
-        vstore(above, vload(above) + (tally->sum[k] - lower));
-        vstore(below, vload(below) + lower);
-    }
-    for (int e = 0; e < 2 && bytes; e++) memset(to[e] + cell->left, 0, bytes);
-}
-
-INLINE void one_cell(struct variant variant, const struct procam_frame *setup, struct workspace *work, const struct cell *cell) {
-    struct tally tally;
-    UNROLL for (int k = 0; k < VECTORS; k++) tally.sum[k] = tally.down[k] = vset(0.0f);
-    if (variant.lit != NOWHERE) enter(variant, setup, work, cell);
-    all_rows(variant, setup, work, cell, &tally);
-    if (variant.lit != NOWHERE) add_to_edges(work, cell, &tally);
+    struct band *band = work->bands + work->band;
+    band->lit[cell->block] |= (uint8_t)(1 << cell->lit);
+    const size_t end = cell->block * FRAME_BLOCK + cell->left, bytes = (FRAME_BLOCK - cell->left) * sizeof(float);
+    for (int k = 0; k < 2 && bytes; k++) memset(band->sum[k] + end, 0, bytes), memset(band->down[k] + end, 0, bytes);
 }
 
 typedef void cells_variant(const struct procam_frame *setup, struct workspace *work, const struct cell *first, size_t count);

@@ -9,10 +9,10 @@ import numpy as np
 
 from procam.arrays import AnyArray, Array, FloatArray, Map
 from procam.kernels.frame.grid import CHANNELS
-from procam.kernels.native.arrays import numbers
-from procam.kernels.native.curve import Curve, decoding, encoding
+from procam.kernels.native.arrays import bytes_of_floats, numbers
+from procam.kernels.native.curve import Curve, encoding
 
-Curve = Callable[[FloatArray], FloatArray]
+Transfer = Callable[[FloatArray], FloatArray]
 WHOLE = {np.dtype(np.uint8): 255.0, np.dtype(np.uint16): 65535.0}
 TILE = 64  # as in frame/values.h
 
@@ -30,8 +30,8 @@ class Coding:
     codes : (256,) light of each code [rel].
     """
 
-    decode: Curve
-    encode: Curve
+    decode: Transfer
+    encode: Transfer
     threshold: Map
     strength: float = 1.0
     top: float = np.inf
@@ -39,18 +39,24 @@ class Coding:
 
     def __post_init__(self) -> None:
         numbers(self.threshold, (TILE, TILE), "threshold")
-        codes = np.asarray(self.decode(np.arange(256) / 255), np.float32)
-        object.__setattr__(self, "codes", numbers(codes, (256,), "decode"))
+        codes = numbers(self.decode(np.arange(256) / 255), (256,), "decode")
+        object.__setattr__(self, "codes", codes.astype(np.float32))
 
     @cached_property
-    def curves(self) -> dict[str, Curve]:
-        """Both curves as C evaluates them, for uint8."""
-        return {"decode": decoding(self.codes), "encode": encoding(self.encode)}
+    def curve(self) -> Curve:
+        """`encode` as C evaluates it."""
+        return encoding(self.encode)
 
     @cached_property
-    def tile(self) -> Map:
-        """Thresholds of interleaved values (64, 192)."""
-        return np.ascontiguousarray(np.repeat(self.threshold, CHANNELS, axis=1), np.float32)
+    def in_c(self) -> dict[str, AnyArray]:
+        """Arrays of the C struct."""
+        tile = np.ascontiguousarray(np.repeat(self.threshold, CHANNELS, axis=1), np.float32)
+        return {
+            "decode": self.codes,
+            "decode_bytes": bytes_of_floats(self.codes),
+            "encode": self.curve.pieces,
+            "threshold": tile,
+        }
 
     def most(self, dtype: np.dtype[Any]) -> float:
         """The most light that pictures of a type can send."""

@@ -9,7 +9,7 @@
             [cell][cell][cell]                             |
        edge ===================  node row
 
-   A cell's sums go to the two edges of its band. Directions and solid angles are linear enough over a
+   Sums of a band are split between its edges, in proportion to their distance from them. Directions and solid angles are linear enough over a
    band that they are multiplied in once per edge, not once per row; only where a band is partly lit are
    solid angles multiplied in pixel by pixel. Tasks are strips of 512 pixels by FRAME_CHUNK intervals. */
 
@@ -27,68 +27,92 @@ INLINE struct rows rows_of(const struct procam_frame *setup, size_t number) {
                          {direction, direction + nodes, direction + 2 * nodes}};
 }
 
-/* Adds a vector of sums at an edge, from value i of the picture's rows on, to those of each term. */
-INLINE void gather_vector(int terms, int mode, const struct procam_frame *setup, const struct rows *rows,
-                          const struct edge *edge, size_t at, size_t i, vf *sums) {
-    const int lit = edge->lit[at / FRAME_BLOCK];
-    if (!lit) return;
-    const struct columns shared = columns_at(&setup->shared, i), values = columns_at(&setup->values, i);
-    vf term[FRAME_TERMS], v = along(&shared, rows->weight, 1) * vload(edge->plain + at);
-    for (int axis = 0; axis < AXES && axis < terms - 1; axis++) term[1 + axis] = along(&shared, rows->axes[axis], 1);
-    if (terms > 4) {
-        const vf x = term[1], y = term[2], z = term[3];
-        term[4] = x * y, term[5] = y * z, term[6] = x * z, term[7] = x * x - y * y, term[8] = z * z;
-    }
-    if (lit & 1 << IN_PART) v += vload(edge->weighed + at);
-    if (mode == SUM_EXCESS) v *= along(&values, rows->edge_spread, 3);
-    sums[0] += v;
-    UNROLL for (int k = 1; k < terms; k++) sums[k] += v * term[k];
+/* Sums of one vector between an edge and the next ones, in proportion to the distance from those. */
+INLINE vf shared_with(const struct band *above, const struct band *below, int weighed, size_t at) {
+    return vload(above->down[weighed] + at) + (vload(below->sum[weighed] + at) - vload(below->down[weighed] + at));
 }
 
-/* Sums of a strip: in turn, three vectors begin with red, with another colour each. */
-INLINE void gather_edge(int terms, int mode, const struct procam_frame *setup, const struct edge *edge, size_t number,
-                        size_t first, double (*to)[FRAME_TERMS]) {
+/* The monomials of the directions of some pixels (terms), which come without the first, 1. */
+INLINE void raise(int terms, vf *term) {
+    const vf x = term[1], y = term[2], z = term[3];
+    if (terms <= 4) return;
+    term[4] = x * y, term[5] = y * z, term[6] = x * z, term[7] = x * x - y * y, term[8] = z * z;
+}
+
+/* Adds those of LANES pixels at an edge, from value i of the picture's rows on, to those of each colour and term. */
+INLINE void gather_pixels(int terms, int mode, const struct procam_frame *setup, const struct rows *rows,
+                          const struct band *above, const struct band *below, size_t at, size_t i, vf (*sums)[FRAME_TERMS]) {
+    const size_t blocks[] = {at / FRAME_BLOCK, (at + 3 * LANES - 1) / FRAME_BLOCK};
+    int lit = 0;
+    for (int k = 0; k < 2; k++) lit |= above->lit[blocks[k]] | below->lit[blocks[k]];
+    if (!lit) return;
+    float values[3 * LANES], colours[3][LANES];
+    for (size_t k = 0; k < 3 * LANES; k += LANES) {
+        const struct columns shared = columns_at(&setup->shared, i + k), spread = columns_at(&setup->values, i + k);
+        vf v = along(&shared, rows->weight, 1) * shared_with(above, below, 0, at + k);
+        if (lit & 1 << IN_PART) v += shared_with(above, below, 1, at + k);
+        if (mode == SUM_EXCESS) v *= along(&spread, rows->edge_spread, 3);
+        vstore(values + k, v);
+    }
+    for (int k = 0; k < LANES; k++)
+        for (int c = 0; c < 3; c++) colours[c][k] = values[3 * k + c];
+    const struct columns pixels = columns_at(&setup->pixels, i / 3);
+    vf term[FRAME_TERMS];
+    for (int axis = 0; axis < AXES && axis < terms - 1; axis++) term[1 + axis] = along(&pixels, rows->axes[axis], 1);
+    raise(terms, term);
+    UNROLL for (int c = 0; c < 3; c++) {
+        const vf v = vload(colours[c]);
+        sums[c][0] += v;
+        UNROLL for (int k = 1; k < terms; k++) sums[c][k] += v * term[k];
+    }
+}
+
+INLINE void gather_edge(int terms, int mode, const struct procam_frame *setup, const struct band *above,
+                        const struct band *below, size_t number, size_t first, double (*to)[FRAME_TERMS]) {
     const struct rows rows = rows_of(setup, number);
     vf sums[3][FRAME_TERMS] = {0};
     for (size_t at = 0; at < FRAME_STRIP; at += 3 * LANES)
-        UNROLL for (size_t v = 0; v < 3; v++)
-            gather_vector(terms, mode, setup, &rows, edge, at + v * LANES, first + at + v * LANES, sums[v]);
-    for (int v = 0; v < 3; v++)
+        gather_pixels(terms, mode, setup, &rows, above, below, at, first + at, sums);
+    for (int c = 0; c < 3; c++)
         for (int k = 0; k < terms; k++)
-            for (int lane = 0; lane < LANES; lane++) to[(v * LANES + lane) % 3][k] += (double)sums[v][k][lane];
+            for (int lane = 0; lane < LANES; lane++) to[c][k] += (double)sums[c][k][lane];
 }
 
-/* Adds up and clears a band's upper edge; the lower one becomes the upper one of the next band. */
+INLINE void clear_band(struct band *band) {
+    for (size_t block = 0; block < STRIP_BLOCKS; block++) {
+        for (int k = 0; k < 2 && band->lit[block]; k++) {
+            memset(band->sum[k] + block * FRAME_BLOCK, 0, FRAME_BLOCK * sizeof(float));
+            memset(band->down[k] + block * FRAME_BLOCK, 0, FRAME_BLOCK * sizeof(float));
+        }
+        band->lit[block] = 0;
+    }
+}
+
+/* Adds up the edge between the last band and this one, and begins the next band. */
 INLINE void gather(int mode, const struct procam_frame *setup, struct workspace *work, size_t number, size_t first,
                    double (*to)[FRAME_TERMS]) {
-    struct edge *edge = work->edges + work->upper;
-    if (setup->terms == 1) gather_edge(1, mode, setup, edge, number, first, to);
-    else if (setup->terms == 4) gather_edge(4, mode, setup, edge, number, first, to);
-    else gather_edge(FRAME_TERMS, mode, setup, edge, number, first, to);
-    for (size_t block = 0; block < STRIP_BLOCKS; block++) {
-        const size_t at = block * FRAME_BLOCK, bytes = FRAME_BLOCK * sizeof(float);
-        if (edge->lit[block]) memset(edge->plain + at, 0, bytes);
-        if (edge->lit[block] & 1 << IN_PART) memset(edge->weighed + at, 0, bytes);
-        edge->lit[block] = 0;
-    }
-    work->upper = !work->upper;
+    struct band *above = work->bands + !work->band, *below = work->bands + work->band;
+    if (setup->terms == 1) gather_edge(1, mode, setup, above, below, number, first, to);
+    else if (setup->terms == 4) gather_edge(4, mode, setup, above, below, number, first, to);
+    else gather_edge(FRAME_TERMS, mode, setup, above, below, number, first, to);
+    clear_band(above);
+    work->band = !work->band;
 }
 
 /* The interval between two node rows, and the rows of the picture in it. */
 INLINE struct cell interval_of(const struct procam_frame *setup, size_t interval) {
-    const size_t last = (size_t)setup->nodes - 1, band = (size_t)setup->band;
+    const size_t last = (size_t)setup->nodes - 1;
     struct cell cell = {.interval = interval, .row = (size_t)setup->rows[interval], .end = (size_t)setup->rows[interval + 1]};
     cell.above = interval ? interval - 1 : 0, cell.below = interval < last ? interval : last;
-    cell.share = 1.0f / (float)setup->band, cell.from = (float)(interval % band) * cell.share;
     return cell;
 }
 
 INLINE void clear_rows(const struct procam_frame *setup, const struct cell *cell, size_t values) {
-    static const unsigned char none[PITCH] __attribute__((aligned(64))) = {0};
+    static const unsigned char none[4 * FRAME_BLOCK] __attribute__((aligned(64))) = {0};
     const size_t width = bytes_of(setup->kind), pitch = 3 * setup->size * width, bytes = values * width;
     unsigned char *to = (unsigned char *)setup->out + cell->row * pitch + cell->first * width;
     for (size_t y = cell->row; y < cell->end; y++, to += pitch)
-        for (size_t at = 0; at < bytes; at += PITCH) vcopy(to + at, none, bytes - at < PITCH ? bytes - at : PITCH);
+        for (size_t at = 0; at < bytes; at += sizeof none) vcopy(to + at, none, bytes - at < sizeof none ? bytes - at : sizeof none);
 }
 
 /* Number of blocks from here on of the same kind; `left` values remain, an incomplete block is alone. */

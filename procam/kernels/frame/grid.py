@@ -12,7 +12,7 @@ from procam.arrays import AnyArray, Array, BoolArray, Map
 
 Index = NDArray[np.int32]
 CHANNELS = 3
-POSITIONS = ("values", "shared")  # as in struct procam_frame
+POSITIONS = ("values", "shared", "pixels")  # as in struct procam_frame
 STRIP, BLOCK = 1536, 64  # as in frame/cell.h
 FINE = 256  # nodes from which on a band may have more than one interval
 STRAIGHT = (
@@ -41,27 +41,29 @@ class Grid:
         self.down = self.across = (place - first).astype(np.float32)
         self.shared = min(4, 2 ** max(0, (nodes // FINE).bit_length() - 1))
         self.band, order = np.divmod(first + 1, self.shared)
-        self.along = (order + self.down) / self.shared
+        self.along = ((order + self.down) / self.shared).astype(np.float32)
         self.edges = np.arange(0, nodes + 1 + self.shared, self.shared) - 1
         self.rows = np.searchsorted(first + 1, np.arange(nodes + 2)).astype(np.int32)
         self._positions: dict[int, dict[str, dict[str, AnyArray]]] = {}
 
     def positions(self, lanes: int) -> dict[str, dict[str, AnyArray]]:
-        """Nodes around the interleaved values of a row, for vectors of `lanes`.
+        """Nodes around the elements of a row, in vectors of `lanes`.
 
-        `values`: in fields of three interleaved colours, `shared`: in fields of one. `start` is the first
-        node of each vector, `left` that of each value, counted from there; the right one follows it.
-        `across` is the weight of the right one.
+        `values`: of interleaved values, in fields of three interleaved colours; `shared`: in fields of
+        one. `pixels`: of pixels, in fields of one. `start` is the first node of each vector, `left` that
+        of each element, counted from there; the right one follows it. `across` is the weight of the
+        right one.
         """
         if lanes not in self._positions:
-            padded = -(-CHANNELS * self.size // BLOCK) * BLOCK
-            value = np.minimum(np.arange(padded), CHANNELS * self.size - 1)
-            pixel, channel = value // CHANNELS, value % CHANNELS
-            left = np.minimum(self.left, max(0, self.nodes - 2))
-            across = np.where(self.left == self.right, self.left > left, self.across)[pixel]
+            padded = -(-self.size // BLOCK) * BLOCK
+            pixel = np.minimum(np.arange(padded), self.size - 1)
+            left = np.minimum(self.left, max(0, self.nodes - 2))[pixel]
+            across = np.where(self.left == self.right, self.left > left[: self.size], self.across)[pixel]
+            value, colour = np.divmod(np.arange(CHANNELS * padded), CHANNELS)
             self._positions[lanes] = {
-                "values": _from_starts(CHANNELS * left[pixel] + channel, across, lanes),
-                "shared": _from_starts(left[pixel], across, lanes),
+                "values": _from_starts(CHANNELS * left[value] + colour, across[value], lanes),
+                "shared": _from_starts(left[value], across[value], lanes),
+                "pixels": _from_starts(left, across, lanes),
             }
         return self._positions[lanes]
 

@@ -126,7 +126,7 @@ class FrameModel:
             **{"area": self.solid_angle_sr, **self.at_edges},
         }
         found: dict[str, AnyArray | None] = {n: padded(f) for n, f in fields.items()}
-        return found | {"down": self.grid.down, "rows": self.grid.rows}
+        return found | {name: getattr(self.grid, name) for name in ("down", "along", "rows")}
 
 
 def padded(plane: Map | None) -> Map | None:

@@ -1,7 +1,7 @@
 /* Values of dome masters as they are stored, to and from linear light.
 
-   8-bit codes are decoded by pieces of polynomials (vcurve), and encoded by pieces in the root of the light,
-   with dither. Both take their argument shifted, so that the bend of sRGB lies between two pieces. */
+   8-bit codes are decoded by a table, and encoded, with dither, by pieces of polynomials (vcurve) in the root
+   of the light, shifted so that the bend of sRGB lies between two pieces. */
 
 enum { FRAME_BLOCK = 64, VECTORS = FRAME_BLOCK / LANES };
 enum { TILE_WIDTH = 192, TILE_ROWS = 64 };
@@ -12,26 +12,32 @@ INLINE vf load_stored(int kind, const void *from) {
     return kind == F16 || kind == F32 ? vsel(vabs(stored) < INFINITY, stored, vset(0.0f)) : stored;
 }
 
-/* Its linear light. */
-INLINE vf light_of(int kind, const struct procam_frame *setup, vf stored) {
-    if (kind == U8) return vcurve(setup->decode, DECODE_DEGREE, stored + setup->decode_shift);
-    return kind == U16 ? stored * (1 / 65535.0f) : stored;
+/* The linear light of a block. */
+INLINE void load_block(int kind, const struct procam_frame *setup, const void *from, float *light) {
+    if (kind == U8) {
+        vlook_up(setup->decode, setup->decode_bytes, from, light);
+        return;
+    }
+    UNROLL for (size_t at = 0; at < FRAME_BLOCK; at += LANES) {
+        const vf stored = load_stored(kind, (const unsigned char *)from + at * bytes_of(kind));
+        vstore(light + at, kind == U16 ? stored * (1 / 65535.0f) : stored);
+    }
 }
 
 /* A vector of light as it is to be stored, before rounding. */
 INLINE vf value_of(int kind, const struct procam_frame *setup, vf light) {
-    if (kind == U8) return vcurve(setup->encode, ENCODE_DEGREE, vroot(vmax(light, vset(0.0f))) + setup->encode_shift);
+    if (kind == U8) return vcurve(setup->encode, vroot(vmax(light, vset(0.0f))) + setup->encode_shift);
     return kind == U16 ? vmin(vmax(light * 65535.0f, vset(0.0f)), vset(65535.0f)) : light;
 }
 
-/* Stores a block of light, mixed with what was stored there if `mixed`. */
-INLINE void store_block(int kind, int mixed, const struct procam_frame *setup, const float *light, const void *stored,
+/* Stores a block of light, mixed with the stored `original` if that is given. */
+INLINE void store_block(int kind, const struct procam_frame *setup, const float *light, const void *stored,
                         const float *threshold, unsigned char *to) {
     vf values[VECTORS];
     UNROLL for (size_t k = 0; k < VECTORS; k++) {
         const size_t at = k * LANES;
         vf v = value_of(kind, setup, vload(light + at));
-        if (mixed) {
+        if (stored) {
             const vf original = load_stored(kind, (const unsigned char *)stored + at * bytes_of(kind));
             v = setup->strength * (v - original) + original;
         }

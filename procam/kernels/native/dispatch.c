@@ -108,7 +108,8 @@ EXPORT int procam_levels(void) {
                      __builtin_cpu_supports("f16c");
     if (avx2) levels |= 2;
     if (avx2 && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") &&
-        __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl"))
+        __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl") &&
+        __builtin_cpu_supports("avx512vbmi"))
         levels |= 1;
 #endif
     return levels;

@@ -7,7 +7,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#define PROCAM_INTERFACE 15 /* increase with every change of a signature or struct, here and in loader.py */
+#define PROCAM_INTERFACE 16 /* increase with every change of a signature or struct, here and in loader.py */
 #define MOST_SEARCH 32     /* frames of a search */
 #define RESULTS 6          /* planes of a search */
 enum { PIECES = 16 }; /* of a curve: see vector.h */
@@ -71,8 +71,8 @@ enum mode { SUM_LIGHT, SUM_CONTENT, SUM_EXCESS, COUNT_LEAST, COUNT_MOST, APPLY, 
    with upper limits below `top` somewhere. */
 enum lit { NOWHERE, IN_PART, EVERYWHERE, LIMITED };
 
-struct positions { /* of values of a row among the nodes: see Grid.positions */
-    const int32_t *start, *left; /* first node of a vector of values; of each: left node, from there */
+struct positions { /* along a row, among the nodes: see Grid.positions */
+    const int32_t *start, *left; /* first node of a vector; of each of its elements: left node, from there */
     const float *across;         /* of each: weight of the right node */
 };
 
@@ -80,7 +80,7 @@ struct procam_frame { /* a picture (size, size, 3) and the model of the dome, se
     size_t size;
     int kind, nodes, terms, band; /* intervals of a band; divides FRAME_CHUNK */
     float strength, top;
-    float decode_shift, encode_shift; /* see frame/coding.py */
+    float encode_shift; /* see vector.h: vcurve */
     const void *image;
     void *out;
     const float *light, *least, *most;        /* (nodes, nodes, 3); `most` may be NULL */
@@ -88,10 +88,12 @@ struct procam_frame { /* a picture (size, size, 3) and the model of the dome, se
     const float *weight, *edge_spread, *direction; /* at edges of bands (edges, nodes), (edges, nodes, 3),
                                                       (edges, 3, nodes) */
     const uint8_t *lit;                       /* (nodes + 1, blocks) */
-    struct positions values, shared; /* in fields of three colours and of one */
-    const float *down;          /* of rows: weight of the lower node row */
+    struct positions values, shared; /* of values, in fields of three colours and of one */
+    struct positions pixels;         /* of pixels, in fields of one */
+    const float *down, *along;  /* of rows: weight of the lower node row; position in the band */
     const int32_t *rows;        /* (nodes + 2): first row of each interval */
-    const float *decode, *encode, *threshold; /* pieces, see vector.h; (TILE_ROWS, TILE_WIDTH) */
+    const float *decode, *encode, *threshold; /* (256); pieces, see vector.h; (TILE_ROWS, TILE_WIDTH) */
+    const uint8_t *decode_bytes;  /* (4, 256) of `decode` */
 };
 
 struct frame {
@@ -119,10 +121,11 @@ struct warp_block {               /* each number is base + step * number */
 struct procam_warp {
     int kind, out_kind;
     size_t rows, columns, master_rows, master_columns; /* of the frame, of the master */
-    float unit, decode_shift;        /* light of the value 1 in the master; see frame/coding.py */
+    float unit;                      /* light of the value 1 in the master */
     const void *master;              /* (rows, columns, 3) */
     const struct warp_block *blocks; /* (bands of 32 rows, tiles of 64 columns, 2 strips, 32, 2) */
-    const float *decode;             /* of 8-bit masters: pieces, see vector.h */
+    const float *decode;             /* of 8-bit masters (256) */
+    const uint8_t *decode_bytes;     /* (4, 256) of `decode` */
     const float *unmix;              /* (3, 3) */
     const uint32_t *drives;          /* (3, KNOTS) drive, and its rise to the next << 16 */
     const float *thresholds;         /* (64, 64) */

@@ -1,4 +1,4 @@
-/* The kernels for AVX-512 (F, BW, DQ, VL). */
+/* The kernels for AVX-512 (F, BW, DQ, VL, VBMI). */
 #include "kernels.h"
 
 #if HAVE_X86
@@ -8,9 +8,9 @@
 #include <string.h>
 #define LANES 16
 #ifdef __clang__
-#pragma clang attribute push(__attribute__((target("avx512f,avx512bw,avx512dq,avx512vl,avx2,fma,f16c"))), apply_to = function)
+#pragma clang attribute push(__attribute__((target("avx512f,avx512bw,avx512dq,avx512vl,avx512vbmi,avx2,fma,f16c"))), apply_to = function)
 #else
-#pragma GCC target("avx512f,avx512bw,avx512dq,avx512vl,avx2,fma,f16c,prefer-vector-width=512")
+#pragma GCC target("avx512f,avx512bw,avx512dq,avx512vl,avx512vbmi,avx2,fma,f16c,prefer-vector-width=512")
 #endif
 #include "level.h"
 const struct level procam_avx512 = {search, areas, bundle, residuals, rays, frame, scattered, warp};

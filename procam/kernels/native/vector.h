@@ -3,7 +3,7 @@
    comparison gives integers with all bits set where it holds; it fails with NaN.
 
        level     LANES
-       AVX-512   16      F, BW, DQ, VL
+       AVX-512   16      F, BW, DQ, VL, VBMI
        AVX2       8      with FMA and F16C
        base       4      any processor: NEON on ARM, SSE2 on x86, plain C elsewhere
 
@@ -190,15 +190,59 @@ INLINE vf vload_part(int kind, const void *picture, size_t at, size_t left) {
 
 INLINE void vstore_part(float *plane, vf a, size_t left) { memcpy(plane, &a, left * sizeof(float)); }
 
-/* A smooth curve at x >= 0: a polynomial for each of 8 octaves of x, numbered by its exponent modulo 8.
-   `pieces` (degree + 1, PIECES) holds their coefficients, the constants first, repeated to 16. */
-enum { DECODE_DEGREE = 4, ENCODE_DEGREE = 3 };
-INLINE vf vcurve(const float *pieces, int degree, vf x) {
+/* A smooth curve at x >= 0: a cubic for each of 8 octaves of x, numbered by its exponent modulo 8.
+   `pieces` (4, PIECES) holds their coefficients, the constants first, repeated to 16. */
+INLINE vf vcurve(const float *pieces, vf x) {
     const vi number = (vi)x >> 23;
-    vf value = vpick(pieces + degree * PIECES, number);
-    UNROLL for (int k = degree - 1; k >= 0; k--) value = value * x + vpick(pieces + k * PIECES, number);
+    vf value = vpick(pieces + 3 * PIECES, number);
+    UNROLL for (int k = 2; k >= 0; k--) value = value * x + vpick(pieces + k * PIECES, number);
     return value;
 }
+
+typedef float quad __attribute__((vector_size(16)));
+
+/* Entries of a table of 256 for four codes. */
+INLINE quad quad_looked_up(const float *table, const uint8_t *p) {
+    uint32_t word; /* one load, not four */
+    memcpy(&word, p, sizeof word);
+    return (quad){table[word & 255], table[word >> 8 & 255], table[word >> 16 & 255], table[word >> 24]};
+}
+
+/* Entries of a table of 256 for 64 codes; AVX-512 takes each byte of them from a table of its own, (4, 256). */
+#if LANES == 16
+INLINE __m512i bytes_looked_up(const uint8_t *table, __m512i codes) {
+    const __mmask64 upper = _mm512_movepi8_mask(codes), odd = _mm512_movepi8_mask(_mm512_add_epi8(codes, codes));
+    __m512i found = _mm512_permutexvar_epi8(codes, _mm512_loadu_si512(table)); /* by quarters of the table */
+    found = _mm512_mask_permutexvar_epi8(found, odd, codes, _mm512_loadu_si512(table + 64));
+    found = _mm512_mask_permutexvar_epi8(found, upper, codes, _mm512_loadu_si512(table + 128));
+    return _mm512_mask_permutexvar_epi8(found, upper & odd, codes, _mm512_loadu_si512(table + 192));
+}
+INLINE void vlook_up(const float *table, const uint8_t *bytes, const uint8_t *codes, float *to) {
+    const __m512i order = _mm512_set_epi8( /* so that unpacking puts them back in turn */
+        63, 62, 61, 60, 47, 46, 45, 44, 31, 30, 29, 28, 15, 14, 13, 12, 59, 58, 57, 56, 43, 42, 41, 40, 27, 26, 25, 24,
+        11, 10, 9, 8, 55, 54, 53, 52, 39, 38, 37, 36, 23, 22, 21, 20, 7, 6, 5, 4, 51, 50, 49, 48, 35, 34, 33, 32, 19, 18,
+        17, 16, 3, 2, 1, 0);
+    const __m512i at = _mm512_permutexvar_epi8(order, _mm512_loadu_si512(codes));
+    (void)table;
+    __asm__("" : "+r"(bytes)); /* keeps GCC from copying the tables to the stack */
+    const __m512i b0 = bytes_looked_up(bytes, at), b1 = bytes_looked_up(bytes + 256, at);
+    const __m512i b2 = bytes_looked_up(bytes + 512, at), b3 = bytes_looked_up(bytes + 768, at);
+    const __m512i low0 = _mm512_unpacklo_epi8(b0, b1), low1 = _mm512_unpacklo_epi8(b2, b3);
+    const __m512i high0 = _mm512_unpackhi_epi8(b0, b1), high1 = _mm512_unpackhi_epi8(b2, b3);
+    vstore(to, (vf)_mm512_unpacklo_epi16(low0, low1));
+    vstore(to + 16, (vf)_mm512_unpackhi_epi16(low0, low1));
+    vstore(to + 32, (vf)_mm512_unpacklo_epi16(high0, high1));
+    vstore(to + 48, (vf)_mm512_unpackhi_epi16(high0, high1));
+}
+#else /* loads are faster than gathers on many processors, and than polynomials */
+INLINE void vlook_up(const float *table, const uint8_t *bytes, const uint8_t *codes, float *to) {
+    (void)bytes;
+    for (size_t k = 0; k < 64; k += 4) {
+        const quad found = quad_looked_up(table, codes + k);
+        memcpy(to + k, &found, sizeof found);
+    }
+}
+#endif
 
 /* Angle of (cosine, sine) in [0, 2 pi); 0 for (0, 0). */
 INLINE vf vangle(vf cosine, vf sine) {

@@ -13,8 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from procam.arrays import AnyArray, Array, Array32, FloatArray
 from procam.errors import InputError, ShapeError
-from procam.kernels.native.arrays import KINDS, plain, planes, pointer
-from procam.kernels.native.curve import decoding
+from procam.kernels.native.arrays import KINDS, bytes_of_floats, plain, planes, pointer
 from procam.kernels.native.loader import chosen
 from procam.kernels.warp import reference
 from procam.kernels.warp.reference import BAND, BLOCK, KNOTS, PACKED, PLACE, STRIP, TILE, WarpPlan
@@ -31,8 +30,8 @@ class _Warp(ctypes.Structure):
     _fields_ = (
         *((name, ctypes.c_int) for name in ("kind", "out_kind")),
         *((name, ctypes.c_size_t) for name in ("rows", "columns", "master_rows", "master_columns")),
-        *((name, ctypes.c_float) for name in ("unit", "decode_shift")),
-        *((name, ctypes.c_void_p) for name in ("master", "blocks", "decode", "unmix")),
+        ("unit", ctypes.c_float),
+        *((name, ctypes.c_void_p) for name in ("master", "blocks", "decode", "decode_bytes", "unmix")),
         *((name, ctypes.c_void_p) for name in ("drives", "thresholds", "out")),
     )
 
@@ -87,7 +86,6 @@ def plan_warp(
         blocks,
         _table("unmix", unmix, (3, 3)).astype(np.float32),
         codes.astype(np.float32),
-        decoding(codes),
         None if drives is None else _rising(drives),
         _thresholds(tile),
     )
@@ -112,8 +110,7 @@ def warp_frame(
 
     Returns
     -------
-    (H, W, 3) frame. C differs from NumPy by the rounding of float32 places, and by up to 1e-5 in the
-    light of 8-bit codes.
+    (H, W, 3) frame. C differs from NumPy by the rounding of float32 places.
 
     Raises
     ------
@@ -139,10 +136,11 @@ def warp_frame(
     library, level, threads = native
     knots = None if plan.drives is None or frame.dtype == np.float32 else _knots(plan, frame.dtype)
     unit = 1 / 65535 if source.dtype == np.uint16 else 1
+    code_bytes = bytes_of_floats(plan.decode)
     job = _Warp(
         *(MASTER_KINDS[source.dtype], KINDS[frame.dtype], *plan.shape, *source.shape[:2]),
-        *(unit, plan.curve.shift),
-        *map(pointer, (source, plan.blocks, plan.curve.pieces, plan.unmix)),
+        unit,
+        *map(pointer, (source, plan.blocks, plan.decode, code_bytes, plan.unmix)),
         *map(pointer, (knots, plan.thresholds, frame)),
     )
     library.procam_warp(level, threads, plan.shape[0], ctypes.byref(job))
@@ -160,10 +158,13 @@ def _pack(numbers: list[FloatArray], blocks: NDArray[np.void]) -> None:
     held[:, unknown] = 0
     held = held.reshape(8, BAND, -1, BLOCK)
     low, high = held.min(axis=-1), held.max(axis=-1)
-    if unknown.any():  # their place is anywhere among those of the others
+    if unknown.any():  # their place is that of another in their block, or strip
         known = np.where(unknown.reshape(held.shape[1:]), np.float32(np.nan), held[PLACE])
-        low[PLACE] = np.nan_to_num(np.fmin.reduce(known, axis=-1))
-        high[PLACE] = np.nan_to_num(np.fmax.reduce(known, axis=-1))
+        least = np.fmin.reduce(known, axis=-1)  # in a strip, else C would decode much that nobody asks for
+        strips = np.fmin.reduce(least.reshape(2, BAND, -1, STRIP // BLOCK), axis=(1, 3), keepdims=True)
+        nearby = np.broadcast_to(np.nan_to_num(strips), (2, BAND, strips.shape[2], STRIP // BLOCK))
+        low[PLACE] = np.where(np.isnan(least), nearby.reshape(least.shape), least)
+        high[PLACE] = np.fmax(np.fmax.reduce(known, axis=-1), low[PLACE])
         held[PLACE] = np.where(np.isnan(known), low[PLACE, ..., None], known)
     step = (high - low) / np.float32(65535)
     held -= low[..., None]

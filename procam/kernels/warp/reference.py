@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procam.arrays import AnyArray, Array, Image
-from procam.kernels.native.curve import Curve
 
 BLOCK = 16  # pixels that share base and step of their numbers
 PLACE, BLACK, SHARE = slice(0, 2), slice(2, 5), slice(5, 8)
@@ -32,7 +31,7 @@ class WarpPlan:
     blocks : (ceil(H / 32), ceil(W / 64), 2, 32, 2) of type PACKED, in the order C takes them: place,
         black and share of each pixel in 20 bytes. Bands, tiles, strips, rows, halves of a strip.
     unmix : (3, 3) float32.
-    decode : (256,) float32 light of 8-bit masters. curve : the same as C evaluates it.
+    decode : (256,) float32 light of 8-bit masters.
     drives : (513, 3) drives 0..1 at the light KNOTS; None where frames are light themselves.
     thresholds : (64, 64) float32.
     """
@@ -41,7 +40,6 @@ class WarpPlan:
     blocks: NDArray[np.void]
     unmix: Image
     decode: Image
-    curve: Curve
     drives: Array | None
     thresholds: Image
 

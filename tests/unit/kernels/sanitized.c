@@ -106,15 +106,16 @@ static void warp(int level, int kind, int out_kind, size_t rows, size_t columns,
         }
     void *master = room(3 * edge * edge * width[kind]);
     void *out = room(3 * rows * columns * width[out_kind]);
-    float *light = room(5 * PIECES * sizeof(float)), *thresholds = room(64 * 64 * sizeof(float));
+    float *light = room(256 * sizeof(float)), *thresholds = room(64 * 64 * sizeof(float));
     uint32_t *drives = room(3 * KNOTS * sizeof(uint32_t));
-    for (int i = 0; i < 5 * PIECES; i++) light[i] = (float)i / 256;
+    for (int i = 0; i < 256; i++) light[i] = (float)i / 256;
     for (int i = 0; i < 64 * 64; i++) thresholds[i] = 0.5f;
     for (int i = 0; i < 3 * KNOTS; i++) drives[i] = 65000;
-    const struct procam_warp job = {kind,   out_kind, rows, columns, edge, edge, 1.0f, 5.7f,
-                                    master, blocks,   light, light,   drives, thresholds, out};
+    uint8_t *decode_bytes = room(1024);
+    const struct procam_warp job = {kind,   out_kind, rows,         columns, edge,   edge,       1.0f, master,
+                                    blocks, light,    decode_bytes, light,   drives, thresholds, out};
     procam_warp(level, 1 + (int)(rows % 2), rows, &job);
-    free(blocks), free(master), free(out), free(light), free(thresholds), free(drives);
+    free(blocks), free(master), free(out), free(light), free(decode_bytes), free(thresholds), free(drives);
 }
 
 static float *numbers(size_t count, float value) {
@@ -125,24 +126,24 @@ static float *numbers(size_t count, float value) {
 
 /* A picture of `edge` over fields of `nodes`, lit but for a corner; rooms end where they are read to. */
 static void frame(int level, int kind, int mode, size_t edge, int nodes, int terms) {
-    const size_t width[] = {1, 2, 4, 2}, values = (3 * edge + 63) / 64 * 64, n = (size_t)nodes;
+    const size_t width[] = {1, 2, 4, 2}, values = (3 * edge + 191) / 192 * 192, n = (size_t)nodes;
     const size_t strips = (3 * edge + 1535) / 1536, chunks = (n + 64) / 64, spare = 64;
     const size_t fields = 3 * n * n + spare, edges = n / 2 + 2;
     struct procam_frame setup = {.size = edge, .kind = kind, .nodes = nodes, .terms = terms, .band = 2};
     setup.strength = mode % 2 ? 0.5f : 1.0f, setup.top = 1;
     setup.image = room(3 * edge * edge * width[kind]), setup.out = room(3 * edge * edge * width[kind]);
-    struct positions *positions[] = {&setup.values, &setup.shared};
+    struct positions *positions[] = {&setup.values, &setup.shared, &setup.pixels};
     const size_t lanes[] = {16, 8, 4}, vector = lanes[level], vectors = values / vector;
-    int32_t *start[2], *left[2], *rows = room((n + 2) * sizeof(int32_t));
-    float *across[2], *down = room(edge * sizeof(float));
-    for (int k = 0; k < 2; k++) {
+    int32_t *start[3], *left[3], *rows = room((n + 2) * sizeof(int32_t));
+    float *across[3], *down = room(edge * sizeof(float));
+    for (int k = 0; k < 3; k++) {
         start[k] = room(vectors * sizeof(int32_t)), left[k] = room(values * sizeof(int32_t));
         across[k] = room(values * sizeof(float));
         for (size_t i = 0; i < values; i++) {
-            const size_t value = i < 3 * edge ? i : 3 * edge - 1, pixel = value / 3;
+            const size_t at = k == 2 ? i : i / 3, pixel = at < edge ? at : edge - 1;
             const double place = ((double)pixel + 0.5) * nodes / (double)edge - 0.5;
             const int first = (int)floor(place) < 0 ? 0 : (int)floor(place), node = first < nodes - 1 ? first : nodes - 2;
-            left[k][i] = k ? node : 3 * node + (int)(value % 3);
+            left[k][i] = k ? node : 3 * node + (int)(i % 3);
             across[k][i] = (float)(place - node), down[pixel] = across[k][i];
             if (i % vector == 0 || left[k][i] < start[k][i / vector]) start[k][i / vector] = left[k][i];
         }
@@ -154,24 +155,26 @@ static void frame(int level, int kind, int mode, size_t edge, int nodes, int ter
         while ((int)interval > first && interval <= n + 1) rows[interval--] = (int32_t)y;
         if (!y) break;
     }
-    uint8_t *lit = room((n + 1) * values / 64);
-    for (size_t i = 0; i < (n + 1) * values / 64; i++) lit[i] = (uint8_t)(i % (mode == 4 ? 3 : 4));
+    const size_t blocks = (n + 1) * ((3 * edge + 63) / 64);
+    uint8_t *lit = room(blocks);
+    for (size_t i = 0; i < blocks; i++) lit[i] = (uint8_t)(i % (mode == 4 ? 3 : 4));
     float *light = numbers(fields, 0.1f), *lo = numbers(fields, 0), *hi = numbers(fields, 0.5f);
     float *gain = numbers(n * n + spare, 1), *area = numbers(n * n + spare, 0);
     float *weight = numbers(edges * n + spare, 1), *paint = numbers(3 * edges * n + spare, 1);
-    float *direction = numbers(3 * edges * n + spare, 0.5f), *tables = numbers(9 * PIECES, 0.1f);
-    float *threshold = numbers(64 * 192, 0.5f);
+    float *direction = numbers(3 * edges * n + spare, 0.5f), *pieces = numbers(4 * PIECES, 0.1f);
+    float *threshold = numbers(64 * 192, 0.5f), *decode = numbers(256, 0.1f);
+    uint8_t *decode_bytes = room(1024);
     setup.light = light, setup.least = lo, setup.most = mode == 4 ? NULL : hi, setup.gain = mode == 2 || mode == 4 ? gain : NULL;
     setup.area = area, setup.weight = weight, setup.edge_spread = paint, setup.direction = direction;
-    setup.lit = lit, setup.down = down, setup.rows = rows;
-    setup.decode = tables, setup.encode = tables + 5 * PIECES, setup.threshold = threshold;
+    setup.lit = lit, setup.down = setup.along = down, setup.rows = rows;
+    setup.decode = decode, setup.decode_bytes = decode_bytes, setup.encode = pieces, setup.threshold = threshold;
     double *sums = room(strips * chunks * 27 * sizeof(double));
     procam_frame(level, 2, mode, strips, chunks, &setup, sums);
     double *poly = room(27 * sizeof(double));
     procam_scattered(level, 2, nodes, terms, lo, NULL, hi, poly, mode % 2 ? poly : NULL, light);
-    for (int k = 0; k < 2; k++) free(start[k]), free(left[k]), free(across[k]);
-    void *all[] = {(void *)setup.image, setup.out, rows, down, lit, light, lo, hi, gain, area, weight, paint, direction, tables,
-                   threshold, sums, poly};
+    for (int k = 0; k < 3; k++) free(start[k]), free(left[k]), free(across[k]);
+    void *all[] = {(void *)setup.image, setup.out, rows, down, lit, light, lo, hi, gain, area, weight, paint, direction, pieces,
+                   decode, decode_bytes, threshold, sums, poly};
     for (size_t k = 0; k < sizeof all / sizeof *all; k++) free(all[k]);
 }
 
