@@ -1,8 +1,10 @@
 /* Runs every kernel at every level over odd sizes, in buffers of exactly the size needed, so that
-   the address and undefined-behaviour sanitizers see each byte it must not touch. */
+   the address and undefined-behaviour sanitizers see each byte it must not touch. With an argument, at level
+   "base" alone, and the results are written to stdout, for a comparison with those of another processor. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "kernels.h"
 
@@ -20,6 +22,13 @@ void procam_scattered(int, int, int, int, const float *, const float *, const fl
                    const double *, float *);
 
 enum { FRAMES = 12 };
+static int written;
+
+/* Writes results: a letter of Python's module array for their type, their number, themselves. */
+static void keep(char type, size_t width, const void *found, size_t count) {
+    if (!written) return;
+    fwrite(&type, 1, 1, stdout), fwrite(&count, sizeof count, 1, stdout), fwrite(found, width, count, stdout);
+}
 
 static void *room(size_t bytes) {
     unsigned char *found = NULL;
@@ -43,7 +52,7 @@ static void search(int level, int threads, int kind, size_t n, void *const *fram
         const struct procam_search setup = {count, 3,  candidates, count % 3, count % 2, 64.0f,
                                           16.0f, weights, terms, rotations};
         procam_search(level, threads, kind, n, (const void *const *)frames, &setup, out);
-        for (int i = 0; i < RESULTS; i++) free(out[i]);
+        for (int i = 0; i < RESULTS; i++) keep('f', 4, out[i], n), free(out[i]);
         free(weights), free(terms), free(rotations);
     }
 }
@@ -57,6 +66,7 @@ static void areas(int level, int threads, size_t rows, size_t columns) {
             corners[r][i] = rand() % 9 ? (double)(rand() % 2001 - 1000) / 1000 : NAN;
     }
     procam_areas(level, threads, rows, columns, (const double *const *)corners, found);
+    keep('d', 8, found, rows * columns);
     for (size_t r = 0; r <= rows; r++) free(corners[r]);
     free(corners), free(found);
 }
@@ -75,6 +85,7 @@ static void rays(int level, int threads, size_t n) {
     for (size_t i = 0; i < 2 * n; i++) pixels[i] *= 400;
     for (int i = 0; i < 5; i++) table[i] = 0.7 * i;
     procam_rays(level, threads, n, pixels, lens, 5, table, 4 / 2.8, found);
+    keep('d', 8, found, 3 * n);
     free(pixels), free(table), free(found);
 }
 
@@ -91,6 +102,7 @@ static void bundle(int level, int threads, size_t n, int harmonics, int kinds) {
         coefficients,    parts[0],  parts[1],       parts[2],   parts[3], parts[4], parts[5]};
     procam_bundle(level, threads, n, &setup, used, tile, sums, found);
     procam_residuals(level, threads, n, &setup, residuals);
+    keep('d', 8, found, (size_t)(used * used)), keep('d', 8, residuals, 2 * n);
     for (int i = 0; i < 6; i++) free(parts[i]);
     free(coefficients), free(found), free(residuals), free(sums);
 }
@@ -115,6 +127,7 @@ static void warp(int level, int kind, int out_kind, size_t rows, size_t columns,
     const struct procam_warp job = {kind,   out_kind, rows,         columns, edge,   edge,       1.0f, master,
                                     blocks, light,    decode_bytes, light,   drives, thresholds, out};
     procam_warp(level, 1 + (int)(rows % 2), rows, &job);
+    keep("BHf"[out_kind], width[out_kind], out, 3 * rows * columns);
     free(blocks), free(master), free(out), free(light), free(decode_bytes), free(thresholds), free(drives);
 }
 
@@ -169,20 +182,27 @@ static void frame(int level, int kind, int mode, size_t edge, int nodes, int ter
     setup.lit = lit, setup.down = setup.along = down, setup.rows = rows;
     setup.decode = decode, setup.decode_bytes = decode_bytes, setup.encode = pieces, setup.threshold = threshold;
     double *sums = room(strips * chunks * 27 * sizeof(double));
+    memset(sums, 0, strips * chunks * 27 * sizeof(double));
     procam_frame(level, 2, mode, strips, chunks, &setup, sums);
-    double *poly = room(27 * sizeof(double));
+    keep('d', 8, sums, strips * chunks * 27);
+    if (mode > 4) keep("BHfe"[kind], width[kind], setup.out, 3 * edge * edge);
+    double *poly = some(27);
+    for (int k = 0; k < 27; k++) poly[k] = 0.01 * k;
     procam_scattered(level, 2, nodes, terms, lo, NULL, hi, poly, mode % 2 ? poly : NULL, light);
+    keep('f', 4, light, 3 * n * n);
     for (int k = 0; k < 3; k++) free(start[k]), free(left[k]), free(across[k]);
     void *all[] = {(void *)setup.image, setup.out, rows, down, lit, light, lo, hi, gain, area, weight, paint, direction, pieces,
                    decode, decode_bytes, threshold, sums, poly};
     for (size_t k = 0; k < sizeof all / sizeof *all; k++) free(all[k]);
 }
 
-int main(void) {
+int main(int count, char **arguments) {
+    (void)arguments;
+    written = count > 1;
     const size_t sizes[] = {0, 1, 7, 8, 15, 16, 17, 31, 127, 128, 129, 2049, 32768, 32771};
     const size_t width[] = {1, 2, 4};
     for (int level = 0; level < 3; level++) {
-        if (!(procam_levels() >> level & 1)) continue;
+        if (!(procam_levels() >> level & 1) || (written && level < 2)) continue;
         for (int kind = 0; kind < 3; kind++)
             for (size_t i = 0; i < sizeof sizes / sizeof *sizes; i++) {
                 const int threads = 1 + (int)(i % 2);
@@ -212,7 +232,7 @@ int main(void) {
             for (int kinds = 0; kinds < 28; kinds++)
                 frame(level, kinds % 4, kinds / 4, pictures[i], 5 + i * (1 + i) * 3, (int[]){1, 4, 9}[i % 3]);
         }
-        printf("level %d clean\n", level);
+        if (!written) printf("level %d clean\n", level);
     }
     return 0;
 }
