@@ -58,7 +58,9 @@ class Grid:
             padded = -(-self.size // BLOCK) * BLOCK
             pixel = np.minimum(np.arange(padded), self.size - 1)
             left = np.minimum(self.left, max(0, self.nodes - 2))[pixel]
-            across = np.where(self.left == self.right, self.left > left[: self.size], self.across)[pixel]
+            across = np.where(self.left == self.right, self.left > left[: self.size], self.across)[
+                pixel
+            ]
             value, colour = np.divmod(np.arange(CHANNELS * padded), CHANNELS)
             self._positions[lanes] = {
                 "values": _from_starts(CHANNELS * left[value] + colour, across[value], lanes),

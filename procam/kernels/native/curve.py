@@ -13,7 +13,9 @@ POWERS = np.arange(4)
 # shift suits curves without a bend.
 SHIFTS = 2.0**-4 - 0.0031308**0.5, 2.0**-7
 SAMPLES = 2000
-ROUNDING = 1e-6  # singular values below it would make large coefficients that cancel, in single precision
+ROUNDING = (
+    1e-6  # singular values below it would make large coefficients that cancel, in single precision
+)
 
 
 @dataclass(frozen=True, slots=True)

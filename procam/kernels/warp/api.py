@@ -31,7 +31,10 @@ class _Warp(ctypes.Structure):
         *((name, ctypes.c_int) for name in ("kind", "out_kind")),
         *((name, ctypes.c_size_t) for name in ("rows", "columns", "master_rows", "master_columns")),
         ("unit", ctypes.c_float),
-        *((name, ctypes.c_void_p) for name in ("master", "blocks", "decode", "decode_bytes", "unmix")),
+        *(
+            (name, ctypes.c_void_p)
+            for name in ("master", "blocks", "decode", "decode_bytes", "unmix")
+        ),
         *((name, ctypes.c_void_p) for name in ("drives", "thresholds", "out")),
     )
 
@@ -160,8 +163,12 @@ def _pack(numbers: list[FloatArray], blocks: NDArray[np.void]) -> None:
     low, high = held.min(axis=-1), held.max(axis=-1)
     if unknown.any():  # their place is that of another in their block, or strip
         known = np.where(unknown.reshape(held.shape[1:]), np.float32(np.nan), held[PLACE])
-        least = np.fmin.reduce(known, axis=-1)  # in a strip, else C would decode much that nobody asks for
-        strips = np.fmin.reduce(least.reshape(2, BAND, -1, STRIP // BLOCK), axis=(1, 3), keepdims=True)
+        least = np.fmin.reduce(
+            known, axis=-1
+        )  # in a strip, else C would decode much that nobody asks for
+        strips = np.fmin.reduce(
+            least.reshape(2, BAND, -1, STRIP // BLOCK), axis=(1, 3), keepdims=True
+        )
         nearby = np.broadcast_to(np.nan_to_num(strips), (2, BAND, strips.shape[2], STRIP // BLOCK))
         low[PLACE] = np.where(np.isnan(least), nearby.reshape(least.shape), least)
         high[PLACE] = np.fmax(np.fmax.reduce(known, axis=-1), low[PLACE])
