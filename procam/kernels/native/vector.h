@@ -237,7 +237,7 @@ INLINE void vlook_up(const float *table, const uint8_t *bytes, const uint8_t *co
 #else /* loads are faster than gathers on many processors, and than polynomials */
 INLINE void vlook_up(const float *table, const uint8_t *bytes, const uint8_t *codes, float *to) {
     (void)bytes;
-    for (size_t k = 0; k < 64; k += 4) {
+    UNROLL for (size_t k = 0; k < 64; k += 4) {
         const quad found = quad_looked_up(table, codes + k);
         memcpy(to + k, &found, sizeof found);
     }
