@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from procam.arrays import AnyArray, Map
 from procam.errors import InputError, ShapeError
 from procam.kernels.frame.grid import CHANNELS, Grid
-from procam.kernels.native.arrays import least_colour, numbers
+from procam.kernels.native.arrays import check_numbers, least_colour
 
 TERMS = 9
 SPARE = 64  # floats that vectors may read past the end of a field
@@ -56,7 +56,7 @@ class FrameModel:
         for name, shape in shapes.items():
             field = getattr(self, name)
             if field is not None:
-                numbers(field, shape, f"field {name}")
+                check_numbers(field, shape, f"field {name}")
         if nodes > self.size:
             raise InputError(
                 f"fields: {nodes} nodes are more than the picture's {self.size} px; sample them coarser"

@@ -12,7 +12,7 @@ POWERS = np.arange(4)
 # The bend of sRGB (IEC 61966-2-1) lies between two octaves of a root of light so shifted; the other
 # shift suits curves without a bend.
 SHIFTS = 2.0**-4 - 0.0031308**0.5, 2.0**-7
-SAMPLES = 2000
+SAMPLES = 1000
 ROUNDING = (
     1e-6  # singular values below it would make large coefficients that cancel, in single precision
 )
