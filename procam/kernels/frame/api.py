@@ -72,6 +72,7 @@ def scattered_light(
     buffer = _buffer_of(out)
     if buffer is None or buffer.size != size + SPARE:
         buffer = np.empty(size + SPARE, np.float32)
+    buffer[size:] = 0  # a right node that has no weight may lie there, and must not be NaN
     arrays = [np.ascontiguousarray(a, np.float32) for a in (model.spread, model.direction)]
     ambient = None if model.ambient is None else np.ascontiguousarray(model.ambient, np.float32)
     given = [

@@ -114,16 +114,18 @@ INLINE struct ramp ramp_of(const struct workspace *work, const struct cell *cell
     return (struct ramp){above, vload(work->fields[cell->interval % 2][plane] + at) - above};
 }
 
-/* The value of a mode for one vector of content, `down` the cell. */
+INLINE vf at_row(struct ramp ramp, float down) { return ramp.step * down + ramp.at; }
+
+/* The value of a mode for one vector of content, `down` the cell. Where a number is NaN, vmin and vmax give
+   their second argument. */
 INLINE vf sent(struct variant variant, const struct procam_frame *setup, const struct ramp *ramps, float down, vf content) {
-#define FIELD(plane) (ramps[plane].step * down + ramps[plane].at)
     if (variant.lit == NOWHERE) return vset(0.0f);
-    if (has(variant, setup, GAIN)) content *= FIELD(GAIN);
-    const vf wanted = content - FIELD(LIGHT), one = vset(1.0f), none = vset(0.0f);
+    if (has(variant, setup, GAIN)) content *= at_row(ramps[GAIN], down);
+    const vf wanted = content - at_row(ramps[LIGHT], down), one = vset(1.0f), none = vset(0.0f);
     if (variant.mode == SUM_CONTENT) return wanted;
-    const vf least = FIELD(LEAST);
+    const vf least = at_row(ramps[LEAST], down);
     vf most = vset(setup->top);
-    if (has(variant, setup, MOST)) most = vmin(most, FIELD(MOST));
+    if (has(variant, setup, MOST)) most = vmin(most, at_row(ramps[MOST], down));
     if (variant.mode == COUNT_LEAST) return vsel(least < wanted, none, one);
     if (variant.mode == COUNT_MOST) return vsel(wanted < most, none, one);
     const vf clipped = vmin(vmax(wanted, least), most);
@@ -141,18 +143,17 @@ INLINE void go_down(struct variant variant, const struct procam_frame *setup, st
         if (has(variant, setup, plane)) ramps[plane] = ramp_of(work, cell, plane, k);
     vf sum = vload(sums), lower = vload(downs);
     for (size_t r = 0; r < rows; r++) {
-        const float down = setup->down[y + r], along = setup->along[y + r];
+        const float down = setup->down[y + r], share = setup->along[y + r];
         vf value = sent(variant, setup, ramps, down, vload(lines[r] + at)), counted = value;
         if (variant.lit == IN_PART) {
-            const vf area = FIELD(AREA);
+            const vf area = at_row(ramps[AREA], down);
             value = vsel(area > 0.0f, value, vset(0.0f));
             counted = area * value;
         }
-        sum += counted, lower += along * counted;
+        sum += counted, lower += share * counted;
         if (variant.mode >= APPLY) vstore(lines[r] + at, value);
     }
     vstore(sums, sum), vstore(downs, lower);
-#undef FIELD
 }
 
 /* One row of a block as it is stored; at the picture's right edge, a copy with zeros after it. Processors

@@ -8,12 +8,14 @@ from typing import Any
 import numpy as np
 
 from procam.arrays import AnyArray, Array, FloatArray, Map
+from procam.errors import InputError
 from procam.kernels.frame.grid import CHANNELS
 from procam.kernels.native.arrays import bytes_of_floats, numbers
 from procam.kernels.native.curve import Curve, encoding
 
 Transfer = Callable[[FloatArray], FloatArray]
 WHOLE = {np.dtype(np.uint8): 255.0, np.dtype(np.uint16): 65535.0}
+BLACK = 1e-4  # of full scale: what light 0 may be coded as
 TILE = 64  # as in frame/values.h
 
 
@@ -41,6 +43,9 @@ class Coding:
         numbers(self.threshold, (TILE, TILE), "threshold")
         codes = numbers(self.decode(np.arange(256) / 255), (256,), "decode")
         object.__setattr__(self, "codes", codes.astype(np.float32))
+        black = float(self.encode(np.zeros(1))[0])
+        if not abs(black) < BLACK:
+            raise InputError(f"encode: light 0 is coded as {black:.3g}; black must be code 0")
 
     @cached_property
     def curve(self) -> Curve:

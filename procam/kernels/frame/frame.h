@@ -9,9 +9,10 @@
             [cell][cell][cell]                             |
        edge ===================  node row
 
-   Sums of a band are split between its edges, in proportion to their distance from them. Directions and solid angles are linear enough over a
-   band that they are multiplied in once per edge, not once per row; only where a band is partly lit are
-   solid angles multiplied in pixel by pixel. Tasks are strips of 512 pixels by FRAME_CHUNK intervals. */
+   Sums of a band are split between its edges, in proportion to their distance from them. Directions and
+   solid angles are linear enough over a band that they are multiplied in once per edge, not once per row;
+   only where a band is partly lit are solid angles multiplied in pixel by pixel. Tasks are strips of 512
+   pixels by FRAME_CHUNK intervals. */
 
 enum { FRAME_CHUNK = 64 }; /* intervals of a task */
 enum { AXES = 3 };
@@ -32,7 +33,7 @@ INLINE vf shared_with(const struct band *above, const struct band *below, int we
     return vload(above->down[weighed] + at) + (vload(below->sum[weighed] + at) - vload(below->down[weighed] + at));
 }
 
-/* The monomials of the directions of some pixels (terms), which come without the first, 1. */
+/* Fills in the products of directions x, y, z: term[1] to term[3]. */
 INLINE void raise(int terms, vf *term) {
     const vf x = term[1], y = term[2], z = term[3];
     if (terms <= 4) return;

@@ -6,13 +6,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from procam.arrays import Array32, FloatArray
+from procam.errors import InputError
 
 OCTAVES, PIECES = 8, 16  # each octave is there twice, as in native/vector.h
 POWERS = np.arange(4)
 # The bend of sRGB (IEC 61966-2-1) lies between two octaves of a root of light so shifted; the other
-# shift suits curves without a bend.
+# shift suits curves without a bend. Both reach a little into a ninth octave, where curves are straight
+# enough to share the cubic of the first.
 SHIFTS = 2.0**-4 - 0.0031308**0.5, 2.0**-7
 SAMPLES = 1000
+CLOSE = 0.25  # codes
 ROUNDING = (
     1e-6  # singular values below it would make large coefficients that cancel, in single precision
 )
@@ -32,9 +35,20 @@ class Curve:
 
 
 def encoding(encode: Callable[[FloatArray], FloatArray]) -> Curve:
-    """255 encode(x^2), of the root x of the light; exact for black, elsewhere to a fifth of a code."""
-    fits = [_fitted(encode, shift) for shift in SHIFTS]
-    return min(fits, key=lambda fit: fit[1])[0]
+    """255 encode(x^2), of the root x of the light; exact for black, elsewhere to CLOSE.
+
+    Raises
+    ------
+    InputError
+        For a curve that cubics do not follow.
+    """
+    curve, error = min((_fitted(encode, shift) for shift in SHIFTS), key=lambda fit: fit[1])
+    if not error < CLOSE:
+        raise InputError(
+            f"encode: smooth pieces miss it by {error:.2g} codes; give a transfer function, one curve from "
+            "black to white with at most the bend of sRGB"
+        )
+    return curve
 
 
 def _fitted(encode: Callable[[FloatArray], FloatArray], shift: float) -> tuple[Curve, float]:

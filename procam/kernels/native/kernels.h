@@ -4,6 +4,10 @@
 #ifndef PROCAM_KERNELS_H
 #define PROCAM_KERNELS_H
 
+#if defined(__BYTE_ORDER__) && __BYTE_ORDER__ != __ORDER_LITTLE_ENDIAN__
+#error "the kernels need a little-endian processor; NumPy runs without them"
+#endif
+
 #include <stddef.h>
 #include <stdint.h>
 

@@ -26,7 +26,6 @@ typedef int32_t vi __attribute__((vector_size(4 * LANES)));
 typedef uint16_t vhalves __attribute__((vector_size(2 * LANES))); /* 16-bit numbers, also of floats */
 
 INLINE vf vset(float a) { return (vf){0} + a; }
-INLINE vi vset_i(int32_t a) { return (vi){0} + a; }
 INLINE vf vload(const float *p) {
     vf a;
     memcpy(&a, p, sizeof a);
@@ -62,8 +61,11 @@ INLINE vi vload_u8(const uint8_t *p) { return (vi)_mm512_cvtepu8_epi32(_mm_loadu
 INLINE vi vload_u16(const uint16_t *p) { return (vi)_mm512_cvtepu16_epi32(_mm256_loadu_si256((const void *)p)); }
 INLINE vf vfrom_f16(vhalves a) { return _mm512_cvtph_ps((__m256i)a); }
 INLINE vhalves vto_f16(vf a) { return (vhalves)_mm512_cvtps_ph(a, 0); }
-INLINE void vstore_codes(uint8_t *p, const vf *a) { /* integer parts of 64 numbers, at most 255 */
-    for (int k = 0; k < 4; k++) _mm_storeu_si128((void *)(p + 16 * k), _mm512_cvtusepi32_epi8(_mm512_cvttps_epi32(a[k])));
+INLINE void vstore_codes(uint8_t *p, const vf *a) { /* integer parts of 64 numbers, 0 to 255 */
+    for (int k = 0; k < 4; k++) {
+        const __m512i whole = _mm512_max_epi32(_mm512_cvttps_epi32(a[k]), _mm512_setzero_si512());
+        _mm_storeu_si128((void *)(p + 16 * k), _mm512_cvtusepi32_epi8(whole));
+    }
 }
 INLINE void vstream(float *p, vf a) { _mm512_stream_ps(p, a); }
 
@@ -78,7 +80,7 @@ INLINE vi vload_u8(const uint8_t *p) { return (vi)_mm256_cvtepu8_epi32(_mm_loadl
 INLINE vi vload_u16(const uint16_t *p) { return (vi)_mm256_cvtepu16_epi32(_mm_loadu_si128((const void *)p)); }
 INLINE vf vfrom_f16(vhalves a) { return _mm256_cvtph_ps((__m128i)a); }
 INLINE vhalves vto_f16(vf a) { return (vhalves)_mm256_cvtps_ph(a, 0); }
-INLINE void vstore_codes(uint8_t *p, const vf *a) { /* integer parts of 64 numbers, at most 255 */
+INLINE void vstore_codes(uint8_t *p, const vf *a) { /* integer parts of 64 numbers, 0 to 255 */
     const __m256i order = _mm256_setr_epi32(0, 4, 1, 5, 2, 6, 3, 7);
     for (int k = 0; k < 2; k++, a += 4) {
         const __m256i low = _mm256_packus_epi32(_mm256_cvttps_epi32(a[0]), _mm256_cvttps_epi32(a[1]));
@@ -93,7 +95,7 @@ INLINE void vstream(float *p, vf a) { _mm256_stream_ps(p, a); }
 INLINE vf vmin(vf a, vf b) { return vsel(a < b, a, b); }
 INLINE vf vmax(vf a, vf b) { return vsel(a > b, a, b); }
 INLINE vf vfraction(vf a) {
-    const vf much = vsel(a < 0.0f, vset(-12582912.0f), vset(12582912.0f)); /* 1.5 * 2^23: its last bit is 1 */
+    const vf much = vset(12582912.0f); /* 1.5 * 2^23: sums with it are whole numbers */
     return a - ((a + much) - much);
 }
 INLINE void vstream(float *p, vf a) { vstore(p, a); }
@@ -111,7 +113,7 @@ INLINE vi vload_u8(const uint8_t *p) {
 }
 INLINE vf vfrom_f16(vhalves a) { return vcvt_f32_f16((float16x4_t)a); }
 INLINE vhalves vto_f16(vf a) { return (vhalves)vcvt_f16_f32(a); }
-INLINE void vstore_codes(uint8_t *p, const vf *a) { /* integer parts of 64 numbers, at most 255 */
+INLINE void vstore_codes(uint8_t *p, const vf *a) { /* integer parts of 64 numbers, 0 to 255 */
     for (int k = 0; k < 8; k++) {
         const uint16x4_t low = vqmovun_s32(vtruncate(a[2 * k])), high = vqmovun_s32(vtruncate(a[2 * k + 1]));
         vst1_u8(p + 8 * k, vqmovn_u16(vcombine_u16(low, high)));
@@ -139,8 +141,8 @@ INLINE vhalves vto_f16(vf a) { /* to nearest, ties to even */
     half |= (size > 0x7f800000) & 0x200;
     return __builtin_convertvector(half | sign, vhalves);
 }
-INLINE void vstore_codes(uint8_t *p, const vf *a) { /* integer parts of 64 numbers, at most 255 */
-    for (int i = 0; i < 64; i++) p[i] = (uint8_t)fminf(a[i / LANES][i % LANES], 255.0f);
+INLINE void vstore_codes(uint8_t *p, const vf *a) { /* integer parts of 64 numbers, 0 to 255 */
+    for (int i = 0; i < 64; i++) p[i] = (uint8_t)fminf(fmaxf(a[i / LANES][i % LANES], 0.0f), 255.0f);
 }
 #endif
 INLINE vf vroot(vf a) { return vsqrt(a); }
@@ -161,7 +163,7 @@ INLINE void vfence(void) {
 #endif
 }
 
-/* Copies, bypassing the cache where whole lines are written; `from` is aligned. */
+/* Copies, bypassing the cache where whole lines are written. */
 INLINE void vcopy(uint8_t *to, const uint8_t *from, size_t bytes) {
     if (((uintptr_t)to | bytes) % 64) {
         memcpy(to, from, bytes);
@@ -191,7 +193,8 @@ INLINE vf vload_part(int kind, const void *picture, size_t at, size_t left) {
 INLINE void vstore_part(float *plane, vf a, size_t left) { memcpy(plane, &a, left * sizeof(float)); }
 
 /* A smooth curve at x >= 0: a cubic for each of 8 octaves of x, numbered by its exponent modulo 8.
-   `pieces` (4, PIECES) holds their coefficients, the constants first, repeated to 16. */
+   `pieces` (4, PIECES) holds their coefficients, the constants first, repeated to 16. x may reach into a ninth
+   octave, which then shares the cubic of the first: see native/curve.py. */
 INLINE vf vcurve(const float *pieces, vf x) {
     const vi number = (vi)x >> 23;
     vf value = vpick(pieces + 3 * PIECES, number);

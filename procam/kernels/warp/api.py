@@ -20,6 +20,7 @@ from procam.kernels.warp.reference import BAND, BLOCK, KNOTS, PACKED, PLACE, STR
 
 MASTER_KINDS = {**KINDS, np.dtype(np.float16): 3}
 CODES = 256
+MOST_EDGE = 2**24  # beyond that, float32 does not count pixels
 LEAST_EDGE, MOST_PIXELS = 2, (2**31 - 1) // 3
 WHOLE = {np.dtype(np.uint8): 255 * 256, np.dtype(np.uint16): 65535}  # full drive in a table
 
@@ -229,6 +230,8 @@ def _checked_master(master: AnyArray) -> AnyArray:
         raise ShapeError("master", master.shape, "(N, M, 3), N and M 2 or more")
     if master.shape[0] * master.shape[1] > MOST_PIXELS:
         raise ShapeError("master", master.shape, f"at most {MOST_PIXELS} pixels")
+    if max(master.shape[:2]) > MOST_EDGE:
+        raise ShapeError("master", master.shape, f"edges of at most {MOST_EDGE} pixels")
     return plain(master)
 
 

@@ -4,8 +4,8 @@
 
    A frame is processed in tiles of 64 columns and 32 rows, in two strips of 32 x 32 pixels. The part of
    the master that a strip is sampled from is decoded first, as each of its pixels is needed about four
-   times; it fits the L1 cache at any rotation. A strip that covers too much of the master has its pixels
-   decoded one by one. */
+   times; it stays in the nearest caches. A strip that covers too much of the master has its pixels decoded
+   one by one. */
 enum { TILE = 64, ROWS = 32, STRIP = 32 };
 enum { CHUNK = 64, CHUNK_ROWS = CHUNK / STRIP }; /* pixels processed together */
 enum { IN_CHUNK = CHUNK / BLOCK, IN_STRIP = STRIP * ROWS / BLOCK, IN_TILE = TILE * ROWS / BLOCK };
@@ -20,8 +20,9 @@ struct samples {
 };
 
 struct part { /* of the master, decoded */
-    size_t left, top, high;        /* first column and row, rows; none if it is too large */
-    size_t stride;                 /* values per row */
+    size_t left, top, high;   /* first column and row, rows; none if it is too large */
+    size_t stride;            /* values per row */
+    float last[2];            /* column and row of the last pixel that has others to its right and below */
     float light[DECODED + 64] __attribute__((aligned(64)));
 };
 
@@ -33,17 +34,17 @@ INLINE vf vfield(const struct warp_block *block, int field, size_t i) {
 INLINE vf vtent(vf away) { return vmax(1.0f - vabs(away), vset(0.0f)); }
 
 /* Samples of a chunk: four pixels of the master and their weights. The pixels are always inside the
-   master; their weights are 0 where the position is not. */
+   part; their weights are 0 where the position is not. */
 INLINE void find_samples(const struct procam_warp *d, const struct part *from, const struct warp_block *blocks,
                          struct samples *to) {
-    const vf zero = vset(0.0f);
-    const vf right = vset((float)(d->master_columns - 2)), low = vset((float)(d->master_rows - 2));
+    const vf left_most = vset((float)from->left), top_most = vset((float)from->top);
+    const vf right = vset(from->last[0]), low = vset(from->last[1]);
     const int32_t stride = (int32_t)from->stride, first = (int32_t)(from->top * from->stride + 3 * from->left);
     for (size_t i = 0; i < CHUNK; i += LANES) {
         const struct warp_block *block = blocks + i / BLOCK;
         const vf x = vfield(block, PLACE_X, i % BLOCK), y = vfield(block, PLACE_Y, i % BLOCK);
-        const vi column = vtruncate(vmin(vmax(x, zero), right));
-        const vi row = vtruncate(vmin(vmax(y, zero), low));
+        const vi column = vtruncate(vmin(vmax(x, left_most), right));
+        const vi row = vtruncate(vmin(vmax(y, top_most), low));
         const vf dx = x - vfloat(column), dy = y - vfloat(row);
         const vf left = vtent(dx), upper = vtent(dy) * d->unit;
         const vf beside = vtent(dx - 1.0f), lower = vtent(dy - 1.0f) * d->unit;
@@ -55,7 +56,7 @@ INLINE void find_samples(const struct procam_warp *d, const struct part *from, c
     }
 }
 
-/* Some values of the master from number `at` on; writes up to the next multiple of 64. */
+/* Some values of the master from number `at` on; may write up to the next multiple of 64. */
 INLINE void decode_values(int kind, const struct procam_warp *d, size_t at, size_t count, float *to) {
     const size_t total = 3 * d->master_columns * d->master_rows;
     const uint8_t *codes = (const uint8_t *)d->master + at;
@@ -93,6 +94,7 @@ INLINE void decode_part(int kind, const struct procam_warp *d, const struct warp
     const struct range x = range_of(blocks, PLACE_X, d->master_columns - 1), y = range_of(blocks, PLACE_Y, d->master_rows - 1);
     const size_t wide = 3 * (x.last + 1 - x.first);
     to->left = x.first, to->top = y.first, to->high = y.last + 1 - y.first, to->stride = (wide + 63) / 64 * 64;
+    to->last[0] = (float)(x.last - 1), to->last[1] = (float)(y.last - 1);
     if (to->high * to->stride > DECODED) to->left = to->top = to->high = 0, to->stride = pitch;
     for (size_t row = 0; row < to->high; row++)
         decode_values(kind, d, (to->top + row) * pitch + 3 * to->left, wide, to->light + row * to->stride);

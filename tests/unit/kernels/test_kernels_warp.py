@@ -268,6 +268,7 @@ def test_plans_that_do_not_fit_are_refused(more: dict, error: type, text: str) -
         (np.zeros((4, 4, 3), "u1"), np.zeros((4, 5, 3), "u1"), InputError, "this one has none"),
         (np.zeros((4, 4, 3), "u1"), np.zeros((4, 5, 6), "f4")[..., ::2], InputError, "contiguous"),
         (np.broadcast_to(np.uint8(0), (1 << 15, 1 << 15, 3)), None, ShapeError, "at most"),
+        (np.broadcast_to(np.uint8(0), (2, 1 << 25, 3)), None, ShapeError, "edges of at most"),
     ],
 )  # fmt: skip
 def test_frames_that_do_not_fit_are_refused(master, out, error: type, text: str) -> None:
