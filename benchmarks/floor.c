@@ -1,4 +1,5 @@
-/* What memory alone costs: read once, or read and write past the cache, spread over threads. */
+/* What memory alone costs: read once, or read and write past the cache, spread over threads; and what so many
+   instructions cost, whatever they do. */
 #include <stddef.h>
 #include <stdint.h>
 #include <string.h>
@@ -37,4 +38,25 @@ void floor_copy(uint8_t *to, const uint8_t *from, size_t bytes) {
         memcpy(to + at, from + at, end - at);
 #endif
     }
+}
+
+/* `count` instructions that do not wait for each other: as many vector multiplications with additions as
+   additions of integers, and one branch in 17. */
+float floor_instructions(size_t count) {
+    typedef float vf __attribute__((vector_size(32)));
+    typedef int32_t vi __attribute__((vector_size(32)));
+    enum { TASKS = 64, STEP = 17 };
+    float total = 0;
+#pragma omp parallel for schedule(dynamic) reduction(+ : total)
+    for (int task = 0; task < TASKS; task++) {
+        vf a[8] = {0};
+        vi n[8] = {0};
+        for (size_t i = 0; i < count / (TASKS * STEP); i++)
+            for (int k = 0; k < 8; k++) {
+                a[k] = a[k] * 0.5f + 1.0f, n[k] += 1;
+                __asm__ volatile("" : "+x"(a[k]), "+x"(n[k]));
+            }
+        for (int k = 0; k < 8; k++) total += a[k][0] + (float)n[k][0];
+    }
+    return total;
 }

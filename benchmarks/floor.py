@@ -1,6 +1,7 @@
-"""The memory floor: every input byte read once, every output byte written once past the cache."""
+"""Least times: every input byte read once and every output byte written once; so many instructions."""
 
 import ctypes
+import json
 import subprocess
 import tempfile
 from functools import cache
@@ -11,6 +12,7 @@ import numpy as np
 from procam.kernels.native.arrays import planes
 
 LINE = 64
+COUNTED = Path(__file__).with_name("instructions.json")
 
 
 @cache
@@ -27,6 +29,7 @@ def _library() -> ctypes.CDLL | None:
         found = ctypes.CDLL(str(path))
     found.floor_read.argtypes = [ctypes.c_void_p, ctypes.c_size_t]
     found.floor_copy.argtypes = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_size_t]
+    found.floor_instructions.argtypes = [ctypes.c_size_t]
     return found
 
 
@@ -58,3 +61,20 @@ class Floor:
             return
         library.floor_copy(self._target.ctypes.data, self._source.ctypes.data, self._copied)
         library.floor_read(rest.ctypes.data, rest.size)
+
+
+def counted(path: str) -> float:
+    """Instructions per value or pixel at AVX2: see benchmarks.instructions."""
+    return float(json.loads(COUNTED.read_text())[path])
+
+
+class Instructions:
+    """As many instructions as a kernel executes, none of which waits for another."""
+
+    def __init__(self, count: float) -> None:
+        self._count = int(count)
+
+    def __call__(self) -> None:
+        library = _library()
+        if library is not None:
+            library.floor_instructions(self._count)

@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from procam import kernels
+
 SLACK = 0.75  # a ratio may fall 25 % short before it fails
 ROUNDS = 7
 
@@ -55,6 +57,34 @@ class Report:
     times: dict[str, Times]
     goals: tuple[Goal, ...]
     notes: tuple[str, ...] = field(default=())
+
+
+def at_levels(name: str, run: Run) -> dict[str, Run]:
+    """A run at each level of the kernels that this processor has, by name: "kernel, avx2"."""
+
+    def at(level: str) -> Run:
+        def forced() -> None:
+            with kernels.forced(level):
+                run()
+
+        return forced
+
+    compiled = [level for level in kernels.available() if level != "numpy"]
+    return {f"{name}, {level}": at(level) for level in compiled}
+
+
+def over_floor(
+    times: dict[str, Times], name: str, floor: str, limits: Mapping[str, float]
+) -> tuple[Goal, ...]:
+    """CPU time of each level over the floor: goals where `limits` has one for the level."""
+    levels = [level for level in limits if f"{name}, {level}" in times]
+    return tuple(at_most(times, f"{name}, {level}", floor, limits[level]) for level in levels)
+
+
+def between_levels(times: dict[str, Times], name: str, limit: float) -> tuple[Goal, ...]:
+    """CPU time at AVX2 over that at AVX-512, where the processor has both."""
+    both = f"{name}, avx2", f"{name}, avx512"
+    return (at_most(times, *both, limit),) if both[1] in times else ()
 
 
 def interleaved(

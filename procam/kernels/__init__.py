@@ -4,7 +4,7 @@ One package per kernel: `frame` compensates dome masters, `warp` makes projector
 columns from sinusoids, `bundle` sums normal equations, `areas` computes solid angles of pixels.
 
 Each has an `api` that checks arguments, a `reference` in NumPy, and C headers. `native` compiles every
-header three times, for AVX-512, AVX2 and plain C, and chooses at run time (`active`, `use`, or
+header three times, for AVX-512, AVX2 and NEON or plain C, and chooses at run time (`active`, `use`, or
 PROCAM_KERNELS in the environment). Without the library the reference implementations run; the tests
 hold the library against them. Pictures are uint8, uint16, float16 or float32, geometry is float64.
 """

@@ -183,16 +183,8 @@ INLINE void apply_weights(const double *weight, size_t count, int columns, doubl
     }
 }
 
-#if LEVEL == 512
-#define DOUBLES 8
-#define WIDE 4
-#elif LEVEL == 256
-#define DOUBLES 4
-#define WIDE 2
-#else
-#define DOUBLES 2
-#define WIDE 2
-#endif
+#define DOUBLES (LANES / 2)
+#define WIDE (LANES == 16 ? 4 : 2) /* AVX-512 has twice as many registers */
 typedef double vd __attribute__((vector_size(8 * DOUBLES), may_alias));
 typedef double vd_anywhere __attribute__((vector_size(8 * DOUBLES), may_alias, aligned(8)));
 

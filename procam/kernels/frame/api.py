@@ -16,11 +16,11 @@ from procam.kernels.frame.coding import Coding
 from procam.kernels.frame.grid import CHANNELS, POSITIONS, STRIP
 from procam.kernels.frame.model import SPARE, TERMS, FrameModel, padded
 from procam.kernels.native.arrays import aligned_like, check_like, numbers, pointer
-from procam.kernels.native.loader import chosen
+from procam.kernels.native.loader import LANES, chosen
 
 KINDS = {np.dtype(t): n for n, t in enumerate((np.uint8, np.uint16, np.float32, np.float16))}
 MODES = {"light": 0, "content": 1, "excess": 2, "at least": 3, "at most": 4}
-APPLY = 5
+APPLY, MIX = 5, 6  # write; write mixed with what came
 CHUNK = 64  # as in frame.h
 
 
@@ -29,15 +29,15 @@ class _Frame(ctypes.Structure):
 
     _fields_ = [
         ("size", ctypes.c_size_t),
-        *((name, ctypes.c_int) for name in ("kind", "nodes", "terms", "band", "fold_limits")),
-        *((name, ctypes.c_float) for name in ("strength", "top")),
+        *((name, ctypes.c_int) for name in ("kind", "nodes", "terms", "band")),
+        *((name, ctypes.c_float) for name in ("strength", "top", "encode_shift")),
         *(
             (name, ctypes.c_void_p)
             for name in (
                 *("image", "out", "light", "least", "most", "gain", "area"),
                 *("weight", "edge_spread", "direction", "lit"),
-                *(f"{n}_{p}" for n in POSITIONS for p in ("start", "pair", "across")),
-                *("down", "rows", "decode", "encode", "threshold", "decode_bytes"),
+                *(f"{n}_{p}" for n in POSITIONS for p in ("start", "left", "across")),
+                *("down", "along", "rows", "decode", "encode", "threshold", "decode_bytes"),
             )
         ),
     ]
@@ -72,6 +72,7 @@ def scattered_light(
     buffer = _buffer_of(out)
     if buffer is None or buffer.size != size + SPARE:
         buffer = np.empty(size + SPARE, np.float32)
+    buffer[size:] = 0  # a right node that has no weight may lie there, and must not be NaN
     arrays = [np.ascontiguousarray(a, np.float32) for a in (model.spread, model.direction)]
     ambient = None if model.ambient is None else np.ascontiguousarray(model.ambient, np.float32)
     given = [
@@ -129,7 +130,8 @@ def frame_apply(
         found = reference.frame_sums(model, picture, light, "light", coding)
         reference.frame_apply(model, picture, light, coding, target)
     else:
-        found = _run(native, model, (picture, light, target), APPLY, coding)
+        mode = APPLY if coding.strength >= 1 else MIX
+        found = _run(native, model, (picture, light, target), mode, coding)
     if sums is not None:
         check_like(sums, found, np.float64, "sums")
         sums[...] = found
@@ -179,16 +181,18 @@ def _run(
     coding: Coding,
 ) -> Array:
     library, level, threads = native
-    setup, tables = _Frame(), coding.tables
+    setup = _Frame()
     setup.size, setup.kind = model.size, KINDS[pictures[0].dtype]
     setup.nodes, setup.terms, setup.band = model.nodes, model.terms, model.grid.shared
     setup.strength, setup.top = coding.strength, coding.most(pictures[0].dtype)
+    setup.encode_shift = coding.curve.shift
     image, light, out = pictures
     if light.dtype != np.float32 or _buffer_of(light) is None:
         light = np.asarray(padded(light))
-    arrays = model.in_c | tables | {"image": image, "light": light, "out": out}
+    arrays = model.in_c | coding.in_c | {"image": image, "light": light, "out": out}
     arrays["lit"] = model.variants(setup.top)
-    setup.fold_limits = model.fold_limits(pictures[0].dtype, setup.top)
+    for name, positions in model.grid.positions(LANES[level]).items():
+        arrays |= {f"{name}_{part}": found for part, found in positions.items()}
     for name, array in arrays.items():
         setattr(setup, name, pointer(array))
     strips, chunks = -(-CHANNELS * model.size // STRIP), -(-(model.nodes + 1) // CHUNK)

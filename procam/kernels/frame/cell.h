@@ -5,37 +5,39 @@
                  |.........|.........|      below reuses that), and then down the cell for each row of
        node row  o---------o---------o      the picture (.).
 
-   Values stay interleaved: red, green, blue. Sums of a cell are split between the upper and the lower
-   edge of its band, in proportion to the rows' distance from them (frame.h).
+   Values stay interleaved: red, green, blue. Some rows of a block are decoded, a vector of values goes down
+   them before the next one does, so that its fields and sums stay in registers, and they are encoded: short
+   chains of operations keep the processor busier than a long one, and whole lines can be written past the
+   cache. Sums are kept for each band, of the values and of the values times their position down the band.
 
    Type, mode and limits are constants to the compiler: each combination (`struct variant`) is a
    function of its own, made by the CELL macros at the end of this file. */
 
 enum { FRAME_STRIP = 1536 }; /* values: 512 pixels */
-enum { STRIP_BLOCKS = FRAME_STRIP / FRAME_BLOCK, STEP = 16 };
+enum { STRIP_BLOCKS = FRAME_STRIP / FRAME_BLOCK };
+enum { PART_ROWS = 8, AHEAD = 8 }; /* rows of a block at once; from a row that is read to one that is fetched */
 enum plane { LIGHT, LEAST, MOST, GAIN, AREA, PLANES };
-enum { AHEAD = 8, NODES_AHEAD = 2 }; /* rows of the picture and of nodes to prefetch */
 enum { GAINED = LIMITED + 1, VARIANTS };    /* variant of cells with a gain, lit everywhere */
 
-struct edge { /* of a band, in one strip: the sums assigned to it */
-    float plain[FRAME_STRIP], weighed[FRAME_STRIP]; /* the latter times the area of each pixel */
-    uint8_t lit[STRIP_BLOCKS];                      /* bits: which of the two are in use */
+struct band { /* of one strip: sums of values, and of values times the area of each pixel */
+    float sum[2][FRAME_STRIP], down[2][FRAME_STRIP]; /* the latter times the position down the band */
+    uint8_t lit[STRIP_BLOCKS];                       /* bits (enum lit): which have been added */
 } __attribute__((aligned(64)));
 
 struct workspace { /* of one strip */
-    float below[PLANES][FRAME_STRIP]; /* fields along node row `row` of each block, of `planes` (bits) */
-    struct edge edges[2];             /* of a band, the upper one is number `upper` */
-    size_t upper, row[STRIP_BLOCKS];
-    uint8_t planes[STRIP_BLOCKS];
+    float fields[2][PLANES][FRAME_STRIP]; /* along node rows: below an interval, in turn with above it */
+    size_t entered[STRIP_BLOCKS];         /* 1 + the last interval whose lower fields a block has */
+    uint8_t planes[STRIP_BLOCKS];         /* bits: which fields */
+    struct band bands[2];                 /* in turn; number `band` is that of the interval */
+    size_t band;
     int mode;
 } __attribute__((aligned(64)));
 
 struct cell {
     size_t first, left, block, row, end; /* value, values, number in the strip, rows of the picture */
+    size_t interval;
     size_t above, below;                 /* node rows */
-    float from, share;                   /* of its band: where the interval begins, how much of it it covers */
     enum lit lit;
-    float count, down, squares; /* sums over the rows: 1, position down the cell, its square */
 };
 
 struct variant { /* constants of a cell's function; the mode of rarer tasks is a variable */
@@ -44,37 +46,31 @@ struct variant { /* constants of a cell's function; the mode of rarer tasks is a
     enum { NEVER, MAYBE, SURELY } limits, gains; /* whether there are upper limits, a gain */
 };
 
-struct ramp { /* a field in a block, between two node rows */
-    vf at[VECTORS], step[VECTORS];
-};
-
-struct tally { /* sums of a cell: of the values, and of the values times their position down the cell */
-    vf sum[VECTORS], down[VECTORS];
-};
-
-struct columns { /* of one vector, among the nodes of a row */
+struct columns { /* of one vector of values, among the nodes of a row */
     size_t start;
-    vi left, right;
+    vi left;
     vf across;
 };
 
-INLINE struct columns columns_from(const struct positions *positions, size_t i) {
-    const vi pair = vload_i(positions->pair + i);
-    return (struct columns){(size_t)positions->start[i / STEP], pair, vshift(pair, 8), vload(positions->across + i)};
-}
+struct ramp { /* a field in one vector, down a cell */
+    vf at, step;
+};
 
-INLINE vf along_window(const struct columns *columns, struct window window) {
-    const vf left = vpick(window, columns->left), right = vpick(window, columns->right);
-    return vfma(columns->across, vsub(right, left), left);
-}
-
-INLINE vf along_row(const struct columns *columns, const float *row) {
-    return along_window(columns, window_at(row + columns->start));
-}
+typedef float rows_of_block[PART_ROWS][FRAME_BLOCK] __attribute__((aligned(64)));
 
 INLINE const float *node_row(const struct procam_frame *setup, int plane, size_t row) {
     const float *const planes[] = {setup->light, setup->least, setup->most, setup->gain, setup->area};
     return planes[plane] + row * (size_t)setup->nodes * (plane < GAIN ? 3 : 1);
+}
+
+INLINE struct columns columns_at(const struct positions *positions, size_t i) {
+    return (struct columns){(size_t)positions->start[i / LANES], vload_i(positions->left + i), vload(positions->across + i)};
+}
+
+/* A field along a row of nodes `step` apart. */
+INLINE vf along(const struct columns *columns, const float *row, size_t step) {
+    const vf left = vpick(row + columns->start, columns->left), right = vpick(row + columns->start + step, columns->left);
+    return columns->across * (right - left) + left;
 }
 
 INLINE int has(struct variant variant, const struct procam_frame *setup, int plane) {
@@ -85,212 +81,122 @@ INLINE int has(struct variant variant, const struct procam_frame *setup, int pla
                            : 1;
 }
 
-/* Interpolates the planes of a variant along the node row above a cell, unless the cell above did. */
-INLINE void start_row(struct variant variant, const struct procam_frame *setup, struct workspace *work, const struct cell *cell) {
-    for (int plane = 0; plane < PLANES; plane++) {
-        if (!has(variant, setup, plane)) continue;
-        const struct positions *positions = plane < GAIN ? &setup->values : &setup->shared;
-        for (size_t k = 0; k < FRAME_BLOCK; k += LANES) {
-            const struct columns columns = columns_from(positions, cell->first + k);
-            vstore(work->below[plane] + cell->block * FRAME_BLOCK + k,
-                   along_row(&columns, node_row(setup, plane, cell->above)));
-        }
+/* Interpolates the fields of a variant along one node row. */
+INLINE void enter_row(struct variant variant, const struct procam_frame *setup, const struct cell *cell, size_t row,
+                      float (*fields)[FRAME_STRIP]) {
+    UNROLL for (size_t k = 0; k < FRAME_BLOCK; k += LANES) {
+        const struct columns values = columns_at(&setup->values, cell->first + k);
+        for (int plane = LIGHT; plane < GAIN; plane++)
+            if (has(variant, setup, plane))
+                vstore(fields[plane] + cell->block * FRAME_BLOCK + k, along(&values, node_row(setup, plane, row), 3));
+        if (!has(variant, setup, GAIN) && !has(variant, setup, AREA)) continue;
+        const struct columns shared = columns_at(&setup->shared, cell->first + k);
+        for (int plane = GAIN; plane < PLANES; plane++)
+            if (has(variant, setup, plane))
+                vstore(fields[plane] + cell->block * FRAME_BLOCK + k, along(&shared, node_row(setup, plane, row), 1));
     }
 }
 
-struct field { /* in a cell; loaded before any store, which the compiler must assume to alias */
-    const float *below, *next; /* node rows; the second is to be prefetched */
-    float *kept;
-    struct window window; /* of `below` */
-};
-
-INLINE struct field field_of(const struct procam_frame *setup, struct workspace *work, const struct cell *cell, int plane,
-                             size_t start) {
-    const size_t last = (size_t)setup->nodes - 1, next = cell->below + NODES_AHEAD;
-    const float *below = node_row(setup, plane, cell->below);
-    return (struct field){below, node_row(setup, plane, next < last ? next : last),
-                          work->below[plane] + cell->block * FRAME_BLOCK, window_at(below + start)};
+/* The same below a cell; above it, unless the cell there did. */
+INLINE void enter(struct variant variant, const struct procam_frame *setup, struct workspace *work, const struct cell *cell) {
+    uint8_t planes = 0;
+    for (int plane = 0; plane < PLANES; plane++) planes |= (uint8_t)(has(variant, setup, plane) << plane);
+    const int known = cell->interval && work->entered[cell->block] == cell->interval && !(planes & ~work->planes[cell->block]);
+    if (!known) enter_row(variant, setup, cell, cell->above, work->fields[!(cell->interval % 2)]);
+    enter_row(variant, setup, cell, cell->below, work->fields[cell->interval % 2]);
+    work->entered[cell->block] = cell->interval + 1;
+    work->planes[cell->block] = planes;
 }
 
-INLINE void enter(int same, const struct columns *columns, const struct field *field, int k, struct ramp *ramp) {
-    float *kept = field->kept + k * LANES;
-    const vf above = vload(kept), below = same ? along_window(columns, field->window) : along_row(columns, field->below);
-    ramp->at[k] = above;
-    ramp->step[k] = vsub(below, above);
-    vstore(kept, below);
-    prefetch(field->next + columns->start);
+INLINE struct ramp ramp_of(const struct workspace *work, const struct cell *cell, int plane, int k) {
+    const size_t at = cell->block * FRAME_BLOCK + (size_t)(k * LANES);
+    const vf above = vload(work->fields[!(cell->interval % 2)][plane] + at);
+    return (struct ramp){above, vload(work->fields[cell->interval % 2][plane] + at) - above};
 }
 
-/* Fields at the same positions; `same`: one window of nodes holds the whole block. */
-INLINE void enter_some(int same, struct variant variant, const struct procam_frame *setup, const struct positions *positions,
-                       size_t first, const struct field *fields, int begin, int end, struct ramp *ramps) {
-    UNROLL for (int k = 0; k < VECTORS; k++) {
-        const struct columns columns = columns_from(positions, first + (size_t)k * LANES);
-        for (int plane = begin; plane < end; plane++)
-            if (has(variant, setup, plane)) enter(same, &columns, fields + plane, k, ramps + plane);
-    }
-}
+INLINE vf at_row(struct ramp ramp, float down) { return ramp.step * down + ramp.at; }
 
-/* Fields `begin` to `end`, at the same positions. */
-INLINE void enter_all(struct variant variant, const struct procam_frame *setup, struct workspace *work, const struct cell *cell,
-                      int begin, int end, struct ramp *ramps) {
-    const struct positions positions = begin < GAIN ? setup->values : setup->shared;
-    const size_t first = cell->first, start = (size_t)positions.start[first / STEP];
-    struct field fields[PLANES];
-    for (int plane = begin; plane < end; plane++)
-        if (has(variant, setup, plane)) fields[plane] = field_of(setup, work, cell, plane, start);
-    if ((size_t)positions.start[first / STEP + FRAME_BLOCK / STEP - 1] == start)
-        enter_some(1, variant, setup, &positions, first, fields, begin, end, ramps);
-    else enter_some(0, variant, setup, &positions, first, fields, begin, end, ramps);
-}
-
-INLINE vf between(const struct ramp *ramp, int k, vf down) { return vfma(down, ramp->step[k], ramp->at[k]); }
-
-/* The value of a mode for one vector of content. */
-INLINE vf kept(struct variant variant, const struct procam_frame *setup, const struct ramp *ramps, int k, vf down, vf content) {
-    const vf light = between(ramps + LIGHT, k, down);
-    const vf wanted = has(variant, setup, GAIN) ? vfms(content, between(ramps + GAIN, k, down), light) : vsub(content, light);
+/* The value of a mode for one vector of content, `down` the cell. Where a number is NaN, vmin and vmax give
+   their second argument. */
+INLINE vf sent(struct variant variant, const struct procam_frame *setup, const struct ramp *ramps, float down, vf content) {
+    if (variant.lit == NOWHERE) return vset(0.0f);
+    if (has(variant, setup, GAIN)) content *= at_row(ramps[GAIN], down);
+    const vf wanted = content - at_row(ramps[LIGHT], down), one = vset(1.0f), none = vset(0.0f);
     if (variant.mode == SUM_CONTENT) return wanted;
-    const vf least = between(ramps + LEAST, k, down), one = vset(1.0f), none = vset(0.0f);
+    const vf least = at_row(ramps[LEAST], down);
     vf most = vset(setup->top);
-    if (has(variant, setup, MOST)) most = vmin(most, between(ramps + MOST, k, down));
-    if (variant.mode == COUNT_LEAST) return vsel(vlt(least, wanted), none, one);
-    if (variant.mode == COUNT_MOST) return vsel(vlt(wanted, most), none, one);
-    const vf sent = vmin(vmax(wanted, least), most);
-    return variant.mode == SUM_EXCESS ? vsub(sent, wanted) : sent;
+    if (has(variant, setup, MOST)) most = vmin(most, at_row(ramps[MOST], down));
+    if (variant.mode == COUNT_LEAST) return vsel(least < wanted, none, one);
+    if (variant.mode == COUNT_MOST) return vsel(wanted < most, none, one);
+    const vf clipped = vmin(vmax(wanted, least), most);
+    return variant.mode == SUM_EXCESS ? clipped - wanted : clipped;
 }
 
-/* One row of a block, from its content to the values of the mode. */
-INLINE void one_row(struct variant variant, const struct procam_frame *setup, const struct ramp *ramps, vf down, vf *values,
-                    struct tally *tally) {
-    const vf none = vset(0.0f);
-    UNROLL for (int k = 0; k < VECTORS; k++) {
-        vf counted = values[k] = variant.lit == NOWHERE ? none : kept(variant, setup, ramps, k, down, values[k]);
+/* One vector of values, down some rows. */
+INLINE void go_down(struct variant variant, const struct procam_frame *setup, struct workspace *work,
+                    const struct cell *cell, int k, size_t y, size_t rows, rows_of_block lines) {
+    const size_t at = (size_t)(k * LANES), place = cell->block * FRAME_BLOCK + at;
+    float *sums = work->bands[work->band].sum[variant.lit == IN_PART] + place;
+    float *downs = work->bands[work->band].down[variant.lit == IN_PART] + place;
+    struct ramp ramps[PLANES] = {0};
+    for (int plane = 0; plane < PLANES; plane++)
+        if (has(variant, setup, plane)) ramps[plane] = ramp_of(work, cell, plane, k);
+    vf sum = vload(sums), lower = vload(downs);
+    for (size_t r = 0; r < rows; r++) {
+        const float down = setup->down[y + r], share = setup->along[y + r];
+        vf value = sent(variant, setup, ramps, down, vload(lines[r] + at)), counted = value;
         if (variant.lit == IN_PART) {
-            const vf area = between(ramps + AREA, k, down);
-            values[k] = vsel(vlt(none, area), values[k], none);
-            counted = vmul(area, values[k]);
+            const vf area = at_row(ramps[AREA], down);
+            value = vsel(area > 0.0f, value, vset(0.0f));
+            counted = area * value;
         }
-        tally->sum[k] = vadd(tally->sum[k], counted);
-        tally->down[k] = vfma(down, counted, tally->down[k]);
+        sum += counted, lower += share * counted;
+        if (variant.mode >= APPLY) vstore(lines[r] + at, value);
     }
+    vstore(sums, sum), vstore(downs, lower);
 }
 
-/* The same after `fold_limits`, which turned limits of light to send into limits of content. */
-INLINE void folded_row(struct variant variant, const struct ramp *ramps, vf down, const vf *content, struct tally *tally) {
-    UNROLL for (int k = 0; k < VECTORS; k++) {
-        vf total = vmax(content[k], between(ramps + LEAST, k, down));
-        if (variant.limits) total = vmin(total, between(ramps + MOST, k, down));
-        tally->sum[k] = vadd(tally->sum[k], total);
-        tally->down[k] = vfma(down, total, tally->down[k]);
-    }
+/* One row of a block as it is stored; at the picture's right edge, a copy with zeros after it. Processors
+   fetch along rows by themselves, but not the rows to come. */
+INLINE const void *stored_row(struct variant variant, const struct procam_frame *setup, const struct cell *cell, size_t y,
+                              unsigned char *room) {
+    const size_t width = bytes_of(variant.kind);
+    const unsigned char *from = (const unsigned char *)setup->image + (y * 3 * setup->size + cell->first) * width;
+    for (size_t at = 0; at < FRAME_BLOCK * width; at += 64) __builtin_prefetch(from + AHEAD * 3 * setup->size * width + at, 0, 1);
+    if (cell->left == FRAME_BLOCK) return from;
+    memset(room, 0, FRAME_BLOCK * width);
+    return memcpy(room, from, cell->left * width);
 }
 
-/* Light to send, clip(content - light, least, most), is clip(content, light + least, light + most) less
-   the light, whose sum has a closed form: changes the ramps to those limits, starts the tally at minus
-   the light. Saves a subtraction per value. */
-INLINE void fold_limits(struct variant variant, const struct cell *cell, struct ramp *ramps, struct tally *tally) {
-    const struct ramp *light = ramps + LIGHT;
-    const vf count = vset(-cell->count), down = vset(-cell->down), squares = vset(-cell->squares);
-    UNROLL for (int k = 0; k < VECTORS; k++) {
-        tally->sum[k] = vfma(down, light->step[k], vmul(count, light->at[k]));
-        tally->down[k] = vfma(squares, light->step[k], vmul(down, light->at[k]));
-        for (int plane = LEAST; plane <= (variant.limits ? MOST : LEAST); plane++) {
-            ramps[plane].at[k] = vadd(ramps[plane].at[k], light->at[k]);
-            ramps[plane].step[k] = vadd(ramps[plane].step[k], light->step[k]);
-        }
+/* Writes rows of a block of light. */
+INLINE void write_rows(struct variant variant, const struct procam_frame *setup, const struct cell *cell, size_t y, size_t rows,
+                       rows_of_block lines) {
+    const size_t width = bytes_of(variant.kind), pitch = 3 * setup->size * width;
+    unsigned char *to = (unsigned char *)setup->out + y * pitch + cell->first * width;
+    unsigned char room[4 * FRAME_BLOCK], out[4 * FRAME_BLOCK] __attribute__((aligned(64)));
+    for (size_t r = 0; r < rows; r++, to += pitch) {
+        const float *threshold = setup->threshold + (y + r) % TILE_ROWS * TILE_WIDTH + cell->first % TILE_WIDTH;
+        const void *original = variant.mode == MIX ? stored_row(variant, setup, cell, y + r, room) : NULL;
+        store_block(variant.kind, setup, lines[r], original, threshold, out);
+        vcopy(to, out, cell->left * width);
     }
-}
-
-/* Whether limits may be folded: negative light could raise the light to send above `top`. */
-INLINE int can_fold_limits(struct variant variant, const struct procam_frame *setup, const struct ramp *light) {
-    vf least = vset(0.0f);
-    if (variant.mode != SUM_LIGHT || variant.kind == F32 || variant.lit < EVERYWHERE || variant.gains || !setup->fold_limits) return 0;
-    for (int k = 0; k < VECTORS; k++) least = vmin(least, vmin(light->at[k], vadd(light->at[k], light->step[k])));
-    return !vany(vlt(least, vset(0.0f)));
-}
-
-/* The rows of a whole block; content is loaded one row ahead of its use. */
-INLINE struct tally whole_rows(struct variant variant, int folded, const struct procam_frame *setup, const struct cell *cell,
-                               const struct ramp *ramps, struct tally tally) {
-    const size_t width = bytes_of(variant.kind), pitch = 3 * setup->size * width, end = cell->end;
-    const size_t start = cell->row * pitch + cell->first * width, column = cell->first % TILE_WIDTH;
-    const unsigned char *from = (const unsigned char *)setup->image + start;
-    unsigned char *to = variant.mode == APPLY ? (unsigned char *)setup->out + start : NULL;
-    vf next[VECTORS], values[VECTORS];
-    load_block(variant.kind, setup, from, next);
-    for (size_t y = cell->row; y < end; y++, from += pitch) {
-        const float *tile = setup->threshold + y % TILE_ROWS * TILE_WIDTH + column;
-        for (size_t ahead = 0; y + AHEAD < setup->size && ahead < FRAME_BLOCK * width; ahead += 64)
-            prefetch(from + AHEAD * pitch + ahead);
-        UNROLL for (int k = 0; k < VECTORS; k++) values[k] = next[k];
-        if (y + 1 < end) load_block(variant.kind, setup, from + pitch, next);
-        if (folded) folded_row(variant, ramps, vset(setup->down[y]), values, &tally);
-        else one_row(variant, setup, ramps, vset(setup->down[y]), values, &tally);
-        if (variant.mode != APPLY) continue;
-        store_block(variant.kind, setup, from, tile, values, to);
-        to += pitch;
-    }
-    return tally;
-}
-
-/* The rows of the block at the picture's right edge. */
-INLINE struct tally edge_rows(struct variant variant, const struct procam_frame *setup, const struct cell *cell,
-                              const struct ramp *ramps, struct tally tally) {
-    const size_t width = bytes_of(variant.kind), pitch = 3 * setup->size * width, bytes = cell->left * width;
-    unsigned char in[FRAME_BLOCK * 4] = {0}, out[FRAME_BLOCK * 4];
-    for (size_t y = cell->row; y < cell->end; y++) {
-        const size_t start = y * pitch + cell->first * width;
-        const float *tile = setup->threshold + y % TILE_ROWS * TILE_WIDTH + cell->first % TILE_WIDTH;
-        vf values[VECTORS];
-        memcpy(in, (const unsigned char *)setup->image + start, bytes);
-        load_block(variant.kind, setup, in, values);
-        one_row(variant, setup, ramps, vset(setup->down[y]), values, &tally);
-        if (variant.mode != APPLY) continue;
-        store_block(variant.kind, setup, in, tile, values, out);
-        memcpy((unsigned char *)setup->out + start, out, bytes);
-    }
-    return tally;
-}
-
-/* Splits a cell's sums between both edges of its band. */
-INLINE void add_to_edges(struct workspace *work, const struct cell *cell, const struct tally *tally) {
-    const size_t first = cell->block * FRAME_BLOCK, bytes = (FRAME_BLOCK - cell->left) * sizeof(float);
-    const vf share = vset(cell->share), from = vset(cell->from);
-    struct edge *edges[] = {work->edges + work->upper, work->edges + !work->upper};
-    float *to[2];
-    for (int e = 0; e < 2; e++) {
-        to[e] = (cell->lit == IN_PART ? edges[e]->weighed : edges[e]->plain) + first;
-        edges[e]->lit[cell->block] |= (uint8_t)(1 << cell->lit);
-    }
-    for (int k = 0; k < VECTORS; k++) {
-        const vf lower = vfma(share, tally->down[k], vmul(from, tally->sum[k]));
-        float *above = to[0] + (size_t)k * LANES, *below = to[1] + (size_t)k * LANES;
-        vstore(above, vadd(vload(above), vsub(tally->sum[k], lower)));
-        vstore(below, vadd(vload(below), lower));
-    }
-    for (int e = 0; e < 2 && bytes; e++) memset(to[e] + cell->left, 0, bytes);
 }
 
 INLINE void one_cell(struct variant variant, const struct procam_frame *setup, struct workspace *work, const struct cell *cell) {
-    struct ramp ramps[PLANES];
-    struct tally tally;
-    uint8_t planes = 0;
-    UNROLL for (int k = 0; k < VECTORS; k++) tally.sum[k] = tally.down[k] = vset(0.0f);
-    for (int plane = 0; plane < PLANES; plane++) planes |= (uint8_t)(has(variant, setup, plane) << plane);
-    const int found = work->row[cell->block] == cell->above && !(planes & ~work->planes[cell->block]);
-    if (!found) start_row(variant, setup, work, cell);
-    enter_all(variant, setup, work, cell, LIGHT, GAIN, ramps);
-    if (has(variant, setup, GAIN) || has(variant, setup, AREA)) enter_all(variant, setup, work, cell, GAIN, PLANES, ramps);
-    if (cell->left < FRAME_BLOCK) tally = edge_rows(variant, setup, cell, ramps, tally);
-    else if (can_fold_limits(variant, setup, ramps + LIGHT)) {
-        fold_limits(variant, cell, ramps, &tally);
-        tally = whole_rows(variant, 1, setup, cell, ramps, tally);
-    } else tally = whole_rows(variant, 0, setup, cell, ramps, tally);
-    if (variant.lit == NOWHERE) return;
-    work->row[cell->block] = cell->below;
-    work->planes[cell->block] = planes;
-    add_to_edges(work, cell, &tally);
+    rows_of_block lines;
+    unsigned char room[4 * FRAME_BLOCK];
+    if (variant.lit != NOWHERE) enter(variant, setup, work, cell);
+    for (size_t y = cell->row; y < cell->end; y += PART_ROWS) {
+        const size_t rows = cell->end - y < PART_ROWS ? cell->end - y : PART_ROWS;
+        for (size_t r = 0; r < rows; r++)
+            load_block(variant.kind, setup, stored_row(variant, setup, cell, y + r, room), lines[r]);
+        for (int k = 0; k < VECTORS; k++) go_down(variant, setup, work, cell, k, y, rows, lines);
+        if (variant.mode >= APPLY) write_rows(variant, setup, cell, y, rows, lines);
+    }
+    struct band *band = work->bands + work->band;
+    band->lit[cell->block] |= (uint8_t)(1 << cell->lit);
+    const size_t end = cell->block * FRAME_BLOCK + cell->left, bytes = (FRAME_BLOCK - cell->left) * sizeof(float);
+    for (int k = 0; k < 2 && bytes; k++) memset(band->sum[k] + end, 0, bytes), memset(band->down[k] + end, 0, bytes);
 }
 
 typedef void cells_variant(const struct procam_frame *setup, struct workspace *work, const struct cell *first, size_t count);
@@ -311,17 +217,17 @@ typedef void cells_variant(const struct procam_frame *setup, struct workspace *w
     LIT_CELLS(sum_##kind, kind, SUM_LIGHT) \
     LIT_CELLS(apply_##kind, kind, APPLY) \
     LIT_CELLS(other_##kind, kind, work->mode) \
-    CELL(mix_##kind, kind, APPLY, NOWHERE, NEVER, NEVER)
+    CELL(other_##kind##_nowhere, kind, MIX, NOWHERE, NEVER, NEVER)
 CELLS(U8)
 CELLS(U16)
 CELLS(F16)
 CELLS(F32)
 
-/* Indexed by enum lit and GAINED; unlit cells need a function only where strength is below 1. */
+/* Indexed by enum lit and GAINED; unlit cells need a function only to be mixed. */
 INLINE cells_variant *const *variants_of(int kind, int mode) {
 #define VARIANTS_OF(name, nowhere) {nowhere, name##_in_part, name##_everywhere, name##_limited, name##_gained}
 #define TASKS_OF(kind) \
-    [kind] = {VARIANTS_OF(sum_##kind, NULL), VARIANTS_OF(apply_##kind, mix_##kind), VARIANTS_OF(other_##kind, NULL)}
+    [kind] = {VARIANTS_OF(sum_##kind, NULL), VARIANTS_OF(apply_##kind, NULL), VARIANTS_OF(other_##kind, other_##kind##_nowhere)}
     static cells_variant *const variants[4][3][VARIANTS] = {TASKS_OF(U8), TASKS_OF(U16), TASKS_OF(F16), TASKS_OF(F32)};
     return variants[kind][mode == SUM_LIGHT ? 0 : mode == APPLY ? 1 : 2];
 }

@@ -2,18 +2,21 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from procam.arrays import AnyArray, Array, FloatArray, Map
+from procam.errors import InputError
 from procam.kernels.frame.grid import CHANNELS
-from procam.kernels.native.arrays import aligned_like, numbers
+from procam.kernels.native.arrays import bytes_of_floats, numbers
+from procam.kernels.native.curve import Curve, encoding
 
-Curve = Callable[[FloatArray], FloatArray]
+Transfer = Callable[[FloatArray], FloatArray]
 WHOLE = {np.dtype(np.uint8): 255.0, np.dtype(np.uint16): 65535.0}
-SEGMENTS, TILE = 32, 64  # as in frame/values.h
-FITTED = 16  # samples of a curve for each parabola
+BLACK = 1e-4  # of full scale: what light 0 may be coded as
+TILE = 64  # as in frame/values.h
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,28 +29,39 @@ class Coding:
     threshold : (64, 64) in 0..1, for the rounding of uint8: floor(value + threshold).
     strength : 0 gives the picture itself, 1 the full result, mixed as encoded.
     top : the most light to send anywhere [rel].
+    codes : (256,) light of each code [rel].
     """
 
-    decode: Curve
-    encode: Curve
+    decode: Transfer
+    encode: Transfer
     threshold: Map
     strength: float = 1.0
     top: float = np.inf
-    tables: dict[str, AnyArray] = field(init=False)
+    codes: Map = field(init=False)
 
     def __post_init__(self) -> None:
-        codes = np.asarray(self.decode(np.arange(256) / 255), np.float32)
-        numbers(codes, (256,), "decode")
         numbers(self.threshold, (TILE, TILE), "threshold")
-        tile = np.repeat(self.threshold, CHANNELS, axis=1)
-        tables = {
-            "decode": codes,
-            "decode_bytes": aligned_like(np.empty((4, 256), np.uint8)),
-            "encode": _pieces(self.encode),
-            "threshold": np.ascontiguousarray(tile, np.float32),
+        codes = numbers(self.decode(np.arange(256) / 255), (256,), "decode")
+        object.__setattr__(self, "codes", codes.astype(np.float32))
+        black = float(self.encode(np.zeros(1))[0])
+        if not abs(black) < BLACK:
+            raise InputError(f"encode: light 0 is coded as {black:.3g}; black must be code 0")
+
+    @cached_property
+    def curve(self) -> Curve:
+        """`encode` as C evaluates it."""
+        return encoding(self.encode)
+
+    @cached_property
+    def in_c(self) -> dict[str, AnyArray]:
+        """Arrays of the C struct."""
+        tile = np.ascontiguousarray(np.repeat(self.threshold, CHANNELS, axis=1), np.float32)
+        return {
+            "decode": self.codes,
+            "decode_bytes": bytes_of_floats(self.codes),
+            "encode": self.curve.pieces,
+            "threshold": tile,
         }
-        tables["decode_bytes"][...] = codes.view(np.uint8).reshape(256, 4).T
-        object.__setattr__(self, "tables", tables)
 
     def most(self, dtype: np.dtype[Any]) -> float:
         """The most light that pictures of a type can send."""
@@ -56,7 +70,7 @@ class Coding:
     def decoded(self, picture: AnyArray) -> AnyArray:
         """Linear light of a picture's values; what is not finite is black."""
         if picture.dtype == np.uint8:
-            return np.take(self.tables["decode"], picture)
+            return np.take(self.codes, picture)
         return np.where(np.isfinite(picture), picture, 0) / WHOLE.get(picture.dtype, 1.0)
 
     def encoded(self, light: Array, picture: AnyArray, rows: slice) -> AnyArray:
@@ -73,25 +87,3 @@ class Coding:
             x = np.arange(light.shape[1]) % TILE
             value = np.floor(np.minimum(value + self.threshold[np.ix_(y, x)][..., None], 255))
         return value if whole is None else np.rint(value)
-
-
-def _pieces(encode: Curve) -> Map:
-    """255 encode(x) as parabolas (3, SEGMENTS) of the root of x, two per octave of it, from 0 at 2^-15.
-
-    Bits of the root as float32, from the 22nd on, number them modulo SEGMENTS. Each has the least squared
-    error at Chebyshev's points, where cosines are orthogonal.
-    """
-    bits = (7 * SEGMENTS + np.arange(SEGMENTS + 1)).astype(np.uint32) << 22
-    edges = bits.view(np.float32).astype(float)
-    middle, half = (edges[1:] + edges[:-1]) / 2, np.diff(edges) / 2
-    turn = np.pi * (np.arange(FITTED) + 0.5) / FITTED
-    root = middle[:, None] + half[:, None] * np.cos(turn)
-    value = 255 * np.asarray(encode(np.minimum(root**2, 1)))
-    mean, rise, bend = ((value * np.cos(k * turn)).mean(axis=1) for k in range(3))
-    second, first = 4 * bend / half**2, 2 * rise / half
-    found = np.stack([mean - 2 * bend, first, second])
-    found[0] += (second * middle - first) * middle
-    found[1] -= 2 * second * middle
-    end = edges[1]
-    found[:, 0] = 255 * encode(end**2) / (end - edges[0]) * np.array([-edges[0], 1, 0])
-    return np.ascontiguousarray(found, np.float32)

@@ -9,119 +9,111 @@
             [cell][cell][cell]                             |
        edge ===================  node row
 
-   A cell's sums go to the two edges of its band. Directions and solid angles are linear enough over a
-   band that they are multiplied in once per edge, not once per row; only where a band is partly lit are
-   solid angles multiplied in pixel by pixel. Tasks are strips of 512 pixels by FRAME_CHUNK intervals. */
+   Sums of a band are split between its edges, in proportion to their distance from them. Directions and
+   solid angles are linear enough over a band that they are multiplied in once per edge, not once per row;
+   only where a band is partly lit are solid angles multiplied in pixel by pixel. Tasks are strips of 512
+   pixels by FRAME_CHUNK intervals. */
 
 enum { FRAME_CHUNK = 64 }; /* intervals of a task */
 enum { AXES = 3 };
 
-/* Splits LANES interleaved pixels into their colours. */
-INLINE void split_colours(const float *from, vf *colours) {
-#if LEVEL == 512
-    const __m512i step = _mm512_set_epi32(45, 42, 39, 36, 33, 30, 27, 24, 21, 18, 15, 12, 9, 6, 3, 0);
-    const vf a = vload(from), b = vload(from + LANES), c = vload(from + 2 * LANES);
-    for (int colour = 0; colour < 3; colour++) {
-        const __m512i place = _mm512_add_epi32(step, _mm512_set1_epi32(colour));
-        const __mmask16 late = _mm512_cmpge_epi32_mask(place, _mm512_set1_epi32(2 * LANES));
-        colours[colour] = _mm512_mask_permutexvar_ps(_mm512_permutex2var_ps(a, place, b), late, place, c);
-    }
-#elif LEVEL == 256
-    const __m256i step = _mm256_set_epi32(21, 18, 15, 12, 9, 6, 3, 0);
-    for (int colour = 0; colour < 3; colour++) colours[colour] = _mm256_i32gather_ps(from + colour, step, 4);
-#else
-    for (int colour = 0; colour < 3; colour++) colours[colour] = from[colour];
-#endif
-}
-
 struct rows { /* fields along an edge of bands */
-    struct positions positions;
     const float *weight, *edge_spread, *axes[AXES];
-    size_t nodes;
 };
 
 INLINE struct rows rows_of(const struct procam_frame *setup, size_t number) {
     const size_t nodes = (size_t)setup->nodes;
     const float *direction = setup->direction + number * AXES * nodes;
-    return (struct rows){setup->pixels, setup->weight + number * nodes, setup->edge_spread + number * 3 * nodes,
-                         {direction, direction + nodes, direction + 2 * nodes}, nodes};
+    return (struct rows){setup->weight + number * nodes, setup->edge_spread + number * 3 * nodes,
+                         {direction, direction + nodes, direction + 2 * nodes}};
 }
 
-/* Adds the sums at an edge to those of each colour and term, LANES pixels at a time. */
-INLINE void gather_pixels(int terms, int mode, const struct rows *rows, const struct edge *edge, size_t at,
-                          size_t pixel, vf (*sums)[FRAME_TERMS]) {
-    const int lit = edge->lit[at / FRAME_BLOCK] | edge->lit[(at + 3 * LANES - 1) / FRAME_BLOCK];
+/* Sums of one vector between an edge and the next ones, in proportion to the distance from those. */
+INLINE vf shared_with(const struct band *above, const struct band *below, int weighed, size_t at) {
+    return vload(above->down[weighed] + at) + (vload(below->sum[weighed] + at) - vload(below->down[weighed] + at));
+}
+
+/* Fills in the products of directions x, y, z: term[1] to term[3]. */
+INLINE void raise(int terms, vf *term) {
+    const vf x = term[1], y = term[2], z = term[3];
+    if (terms <= 4) return;
+    term[4] = x * y, term[5] = y * z, term[6] = x * z, term[7] = x * x - y * y, term[8] = z * z;
+}
+
+/* Adds those of LANES pixels at an edge, from value i of the picture's rows on, to those of each colour and term. */
+INLINE void gather_pixels(int terms, int mode, const struct procam_frame *setup, const struct rows *rows,
+                          const struct band *above, const struct band *below, size_t at, size_t i, vf (*sums)[FRAME_TERMS]) {
+    const size_t blocks[] = {at / FRAME_BLOCK, (at + 3 * LANES - 1) / FRAME_BLOCK};
+    int lit = 0;
+    for (int k = 0; k < 2; k++) lit |= above->lit[blocks[k]] | below->lit[blocks[k]];
     if (!lit) return;
-    const struct columns columns = columns_from(&rows->positions, pixel);
-    const vf weight = along_row(&columns, rows->weight), none = vset(0.0f);
-    prefetch(rows->weight + rows->nodes + columns.start); /* of the next edge */
-    for (int axis = 0; axis < AXES; axis++) prefetch(rows->axes[axis] + AXES * rows->nodes + columns.start);
-    vf plain[3], weighed[3] = {none, none, none}, term[FRAME_TERMS];
-    split_colours(edge->plain + at, plain);
-    if (lit & 1 << IN_PART) split_colours(edge->weighed + at, weighed);
-    for (int axis = 0; axis < AXES && axis < terms - 1; axis++) term[1 + axis] = along_row(&columns, rows->axes[axis]);
-    if (terms > 4) {
-        const vf x = term[1], y = term[2], z = term[3];
-        term[4] = vmul(x, y), term[5] = vmul(y, z), term[6] = vmul(x, z);
-        term[7] = vfms(x, x, vmul(y, y)), term[8] = vmul(z, z);
+    float values[3 * LANES], colours[3][LANES];
+    for (size_t k = 0; k < 3 * LANES; k += LANES) {
+        const struct columns shared = columns_at(&setup->shared, i + k), spread = columns_at(&setup->values, i + k);
+        vf v = along(&shared, rows->weight, 1) * shared_with(above, below, 0, at + k);
+        if (lit & 1 << IN_PART) v += shared_with(above, below, 1, at + k);
+        if (mode == SUM_EXCESS) v *= along(&spread, rows->edge_spread, 3);
+        vstore(values + k, v);
     }
+    for (int k = 0; k < LANES; k++)
+        for (int c = 0; c < 3; c++) colours[c][k] = values[3 * k + c];
+    const struct columns pixels = columns_at(&setup->pixels, i / 3);
+    vf term[FRAME_TERMS];
+    for (int axis = 0; axis < AXES && axis < terms - 1; axis++) term[1 + axis] = along(&pixels, rows->axes[axis], 1);
+    raise(terms, term);
     UNROLL for (int c = 0; c < 3; c++) {
-        vf v = vfma(weight, plain[c], weighed[c]);
-        if (mode == SUM_EXCESS) v = vmul(v, along_row(&columns, rows->edge_spread + (size_t)c * rows->nodes));
-        sums[c][0] = vadd(sums[c][0], v);
-        UNROLL for (int k = 1; k < terms; k++) sums[c][k] = vfma(v, term[k], sums[c][k]);
+        const vf v = vload(colours[c]);
+        sums[c][0] += v;
+        UNROLL for (int k = 1; k < terms; k++) sums[c][k] += v * term[k];
     }
 }
 
-INLINE void gather_edge(int terms, int mode, const struct procam_frame *setup, const struct edge *edge, size_t number,
-                        size_t first, double (*to)[FRAME_TERMS][LANES]) {
+INLINE void gather_edge(int terms, int mode, const struct procam_frame *setup, const struct band *above,
+                        const struct band *below, size_t number, size_t first, double (*to)[FRAME_TERMS]) {
     const struct rows rows = rows_of(setup, number);
-    vf sums[3][FRAME_TERMS];
-    for (int c = 0; c < 3; c++)
-        for (int k = 0; k < terms; k++) sums[c][k] = vset(0.0f);
+    vf sums[3][FRAME_TERMS] = {0};
     for (size_t at = 0; at < FRAME_STRIP; at += 3 * LANES)
-        gather_pixels(terms, mode, &rows, edge, at, (first + at) / 3, sums);
+        gather_pixels(terms, mode, setup, &rows, above, below, at, first + at, sums);
     for (int c = 0; c < 3; c++)
-        for (int k = 0; k < terms; k++) {
-            float lanes[LANES];
-            vstore(lanes, sums[c][k]);
-            for (int lane = 0; lane < LANES; lane++) to[c][k][lane] += (double)lanes[lane];
-        }
+        for (int k = 0; k < terms; k++)
+            for (int lane = 0; lane < LANES; lane++) to[c][k] += (double)sums[c][k][lane];
 }
 
-/* Adds up and clears a band's upper edge; the lower one becomes the upper one of the next band. */
-INLINE void gather(int mode, const struct procam_frame *setup, struct workspace *work, size_t number, size_t first,
-                   double (*to)[FRAME_TERMS][LANES]) {
-    struct edge *edge = work->edges + work->upper;
-    if (setup->terms == 1) gather_edge(1, mode, setup, edge, number, first, to);
-    else if (setup->terms == 4) gather_edge(4, mode, setup, edge, number, first, to);
-    else gather_edge(FRAME_TERMS, mode, setup, edge, number, first, to);
+INLINE void clear_band(struct band *band) {
     for (size_t block = 0; block < STRIP_BLOCKS; block++) {
-        const size_t at = block * FRAME_BLOCK, bytes = FRAME_BLOCK * sizeof(float);
-        if (edge->lit[block]) memset(edge->plain + at, 0, bytes);
-        if (edge->lit[block] & 1 << IN_PART) memset(edge->weighed + at, 0, bytes);
-        edge->lit[block] = 0;
+        for (int k = 0; k < 2 && band->lit[block]; k++) {
+            memset(band->sum[k] + block * FRAME_BLOCK, 0, FRAME_BLOCK * sizeof(float));
+            memset(band->down[k] + block * FRAME_BLOCK, 0, FRAME_BLOCK * sizeof(float));
+        }
+        band->lit[block] = 0;
     }
-    work->upper = !work->upper;
+}
+
+/* Adds up the edge between the last band and this one, and begins the next band. */
+INLINE void gather(int mode, const struct procam_frame *setup, struct workspace *work, size_t number, size_t first,
+                   double (*to)[FRAME_TERMS]) {
+    struct band *above = work->bands + !work->band, *below = work->bands + work->band;
+    if (setup->terms == 1) gather_edge(1, mode, setup, above, below, number, first, to);
+    else if (setup->terms == 4) gather_edge(4, mode, setup, above, below, number, first, to);
+    else gather_edge(FRAME_TERMS, mode, setup, above, below, number, first, to);
+    clear_band(above);
+    work->band = !work->band;
 }
 
 /* The interval between two node rows, and the rows of the picture in it. */
 INLINE struct cell interval_of(const struct procam_frame *setup, size_t interval) {
-    const size_t last = (size_t)setup->nodes - 1, band = (size_t)setup->band;
-    struct cell cell = {.row = (size_t)setup->rows[interval], .end = (size_t)setup->rows[interval + 1]};
+    const size_t last = (size_t)setup->nodes - 1;
+    struct cell cell = {.interval = interval, .row = (size_t)setup->rows[interval], .end = (size_t)setup->rows[interval + 1]};
     cell.above = interval ? interval - 1 : 0, cell.below = interval < last ? interval : last;
-    cell.share = 1.0f / (float)setup->band, cell.from = (float)(interval % band) * cell.share;
-    for (size_t y = cell.row; y < cell.end; y++) {
-        const float down = setup->down[y];
-        cell.count += 1, cell.down += down, cell.squares += down * down;
-    }
     return cell;
 }
 
 INLINE void clear_rows(const struct procam_frame *setup, const struct cell *cell, size_t values) {
-    const size_t width = bytes_of(setup->kind), pitch = 3 * setup->size * width;
+    static const unsigned char none[4 * FRAME_BLOCK] __attribute__((aligned(64))) = {0};
+    const size_t width = bytes_of(setup->kind), pitch = 3 * setup->size * width, bytes = values * width;
     unsigned char *to = (unsigned char *)setup->out + cell->row * pitch + cell->first * width;
-    for (size_t y = cell->row; y < cell->end; y++, to += pitch) clear(to, values * width);
+    for (size_t y = cell->row; y < cell->end; y++, to += pitch)
+        for (size_t at = 0; at < bytes; at += sizeof none) vcopy(to + at, none, bytes - at < sizeof none ? bytes - at : sizeof none);
 }
 
 /* Number of blocks from here on of the same kind; `left` values remain, an incomplete block is alone. */
@@ -135,10 +127,10 @@ INLINE void one_interval(cells_variant *const *variants, const struct procam_fra
                          size_t interval) {
     const size_t total = 3 * setup->size, wide = (total + FRAME_BLOCK - 1) / FRAME_BLOCK;
     const size_t begin = strip * STRIP_BLOCKS, most = wide - begin < STRIP_BLOCKS ? wide - begin : STRIP_BLOCKS;
-    const int writes = work->mode == APPLY, mixes = writes && setup->strength < 1;
+    const int writes = work->mode >= APPLY, mixes = work->mode == MIX;
     const uint8_t *lit = setup->lit + interval * wide + begin;
     struct cell cell = interval_of(setup, interval);
-    prefetch(lit + 2 * wide);
+    __builtin_prefetch(lit + 2 * wide);
     if (cell.row == cell.end) return;
     for (size_t block = 0, count; block < most; block += count) {
         const size_t left = total - (begin + block) * FRAME_BLOCK;
@@ -153,7 +145,7 @@ INLINE void one_interval(cells_variant *const *variants, const struct procam_fra
 
 INLINE void one_task(int mode, const struct procam_frame *setup, size_t strip, size_t chunk, double *to) {
     struct workspace work;
-    double sums[3][FRAME_TERMS][LANES] = {0};
+    double sums[3][FRAME_TERMS] = {0};
     cells_variant *const *variants = variants_of(setup->kind, mode);
     const size_t intervals = (size_t)setup->nodes + 1, band = (size_t)setup->band, begin = chunk * FRAME_CHUNK;
     const size_t end = begin + FRAME_CHUNK < intervals ? begin + FRAME_CHUNK : intervals;
@@ -166,8 +158,7 @@ INLINE void one_task(int mode, const struct procam_frame *setup, size_t strip, s
         if (interval == end - 1) gather(mode, setup, &work, number + 1, first, sums);
     }
     for (int c = 0; c < 3; c++)
-        for (int term = 0; term < FRAME_TERMS; term++)
-            for (int lane = 0; lane < LANES; lane++) to[c * FRAME_TERMS + term] += sums[c][term][lane];
+        for (int term = 0; term < FRAME_TERMS; term++) to[c * FRAME_TERMS + term] += sums[c][term];
     vfence();
 }
 

@@ -13,7 +13,7 @@ from procam.arrays import AnyArray, Array, BoolArray, Map
 Index = NDArray[np.int32]
 CHANNELS = 3
 POSITIONS = ("values", "shared", "pixels")  # as in struct procam_frame
-STRIP, BLOCK, STEP = 1536, 64, 16  # as in frame/cell.h
+STRIP, BLOCK = 1536, 64  # as in frame/cell.h
 FINE = 256  # nodes from which on a band may have more than one interval
 STRAIGHT = (
     2e-5  # of the greatest area: how far one may lie off the line between the edges of a band
@@ -33,7 +33,7 @@ class Grid:
     """
 
     def __init__(self, size: int, nodes: int) -> None:
-        self.size = size
+        self.size, self.nodes = size, nodes
         place = (np.arange(size) + 0.5) * nodes / size - 0.5
         first = np.floor(place).astype(np.int32)
         self.above = self.left = np.maximum(first, 0)
@@ -41,19 +41,33 @@ class Grid:
         self.down = self.across = (place - first).astype(np.float32)
         self.shared = min(4, 2 ** max(0, (nodes // FINE).bit_length() - 1))
         self.band, order = np.divmod(first + 1, self.shared)
-        self.along = (order + self.down) / self.shared
+        self.along = ((order + self.down) / self.shared).astype(np.float32)
         self.edges = np.arange(0, nodes + 1 + self.shared, self.shared) - 1
         self.rows = np.searchsorted(first + 1, np.arange(nodes + 2)).astype(np.int32)
-        padded = -(-CHANNELS * size // BLOCK) * BLOCK
-        value = np.minimum(np.arange(padded), CHANNELS * size - 1)
-        pixel, channel = value // CHANNELS, value % CHANNELS
-        left, right, across = self.left[pixel], self.right[pixel], self.across[pixel]
-        rest = [_padded(numbers) for numbers in (self.left, self.right, self.across)]
-        self.positions = {
-            "values": _positions(CHANNELS * left + channel, CHANNELS * right + channel, across),
-            "shared": _positions(left, right, across),
-            "pixels": _positions(rest[0], rest[1], rest[2]),
-        }
+        self._positions: dict[int, dict[str, dict[str, AnyArray]]] = {}
+
+    def positions(self, lanes: int) -> dict[str, dict[str, AnyArray]]:
+        """Nodes around the elements of a row, in vectors of `lanes`.
+
+        `values`: of interleaved values, in fields of three interleaved colours; `shared`: in fields of
+        one. `pixels`: of pixels, in fields of one. `start` is the first node of each vector, `left` that
+        of each element, counted from there; the right one follows it. `across` is the weight of the
+        right one.
+        """
+        if lanes not in self._positions:
+            padded = -(-self.size // BLOCK) * BLOCK
+            pixel = np.minimum(np.arange(padded), self.size - 1)
+            left = np.minimum(self.left, max(0, self.nodes - 2))[pixel]
+            across = np.where(self.left == self.right, self.left > left[: self.size], self.across)[
+                pixel
+            ]
+            value, colour = np.divmod(np.arange(CHANNELS * padded), CHANNELS)
+            self._positions[lanes] = {
+                "values": _from_starts(CHANNELS * left[value] + colour, across[value], lanes),
+                "shared": _from_starts(left[value], across[value], lanes),
+                "pixels": _from_starts(left, across, lanes),
+            }
+        return self._positions[lanes]
 
     def at_edges(self, field: AnyArray) -> Array:
         """A field (M, ...) at edges (E, ...); lines between them have the means of a smooth field."""
@@ -102,26 +116,9 @@ class Grid:
         return np.asarray((np.abs(off) > STRAIGHT * most) | (np.abs(rise) > STEEP * most))
 
 
-def _positions(left: Index, right: Index, across: Map) -> dict[str, AnyArray]:
-    """Nodes around values: `start`, the first one for each STEP values, and `pair`, counted from there.
-
-    `pair` holds the left node, and the right one << 8; `across` is the weight of the right one. All
-    starts of a BLOCK are equal if two vectors of nodes from there hold all of it.
-    """
-    starts = [_least_of(left, many) for many in (BLOCK, STEP)]
-    start = next(s for s in starts if (right - s < 2 * STEP).all())  # one is, with M <= N
-    found = {"start": start[::STEP], "pair": left - start | (right - start) << 8}
-    positions: dict[str, AnyArray] = {
-        n: np.ascontiguousarray(f, np.int32) for n, f in found.items()
-    }
-    return positions | {"across": np.ascontiguousarray(across, np.float32)}
-
-
-def _least_of(numbers: Index, many: int) -> Index:
-    """The least of each group of `many` numbers, repeated for each of them."""
-    return np.repeat(numbers.reshape(-1, many).min(axis=1), many)
-
-
-def _padded(numbers: AnyArray) -> AnyArray:
-    """Numbers padded with the last one to whole strips of pixels."""
-    return np.pad(numbers, (0, -len(numbers) % (STRIP // CHANNELS)), "edge")
+def _from_starts(left: Index, across: Map, lanes: int) -> dict[str, AnyArray]:
+    """`left` counted from the least of each vector; with M <= N all of a vector's lie within `lanes`."""
+    start = left.reshape(-1, lanes).min(axis=1).astype(np.int32)
+    from_there = np.ascontiguousarray(left - np.repeat(start, lanes), np.int32)
+    assert from_there.max() < lanes
+    return {"start": start, "left": from_there, "across": np.ascontiguousarray(across, np.float32)}

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +9,7 @@ from numpy.typing import NDArray
 from procam.arrays import AnyArray, Map
 from procam.errors import InputError, ShapeError
 from procam.kernels.frame.grid import CHANNELS, Grid
-from procam.kernels.native.arrays import least_colour, numbers
+from procam.kernels.native.arrays import check_numbers, least_colour
 
 TERMS = 9
 SPARE = 64  # floats that vectors may read past the end of a field
@@ -57,7 +56,7 @@ class FrameModel:
         for name, shape in shapes.items():
             field = getattr(self, name)
             if field is not None:
-                numbers(field, shape, f"field {name}")
+                check_numbers(field, shape, f"field {name}")
         if nodes > self.size:
             raise InputError(
                 f"fields: {nodes} nodes are more than the picture's {self.size} px; sample them coarser"
@@ -85,12 +84,12 @@ class FrameModel:
     def at_edges(self) -> dict[str, Map]:
         """Fields at the edges of bands.
 
-        `weight` (E, M), solid angle of a pixel [sr]; `edge_spread`, `direction` (E, 3, M).
+        `weight` (E, M), solid angle of a pixel [sr]; `edge_spread` (E, M, 3); `direction` (E, 3, M).
         """
         at_edges = self.grid.at_edges
         found = {
             "weight": at_edges(self.solid_angle_sr),
-            "edge_spread": at_edges(np.moveaxis(self.spread, -1, 1)),
+            "edge_spread": at_edges(self.spread),
             "direction": at_edges(np.moveaxis(self.direction, 0, 1)),
         }
         return {name: np.ascontiguousarray(plane, np.float32) for name, plane in found.items()}
@@ -118,32 +117,15 @@ class FrameModel:
             return np.full(self.lit.shape, np.inf, np.float32)
         return self.grid.least(least_colour(self.hi))
 
-    def fold_limits(self, dtype: np.dtype[Any], top: float) -> bool:
-        """Whether sums may fold the limits into the content (frame/cell.h), which is faster.
-
-        The sum of the scattered light is then added and subtracted again. Not under lamps, which may
-        exceed the picture and leave a small difference; not for float32, whose sums must agree with
-        what is written to 2e-9; and not where `top` may bind.
-        """
-        needed = max(self._greatest_lo, np.inf if dtype == np.float16 else 1.0)
-        return dtype != np.float32 and self.ambient is None and top >= needed
-
-    @cached_property
-    def _greatest_lo(self) -> float:
-        return float(self.lo.max())
-
     @cached_property
     def in_c(self) -> dict[str, AnyArray | None]:
         """Arrays of the C struct that do not change from call to call, padded for vectors."""
-        grid = self.grid
         fields = {
             **{"least": self.lo, "most": self.hi, "gain": self.gain},
             **{"area": self.solid_angle_sr, **self.at_edges},
         }
         found: dict[str, AnyArray | None] = {n: padded(f) for n, f in fields.items()}
-        for name, positions in grid.positions.items():
-            found |= {f"{name}_{part}": numbers for part, numbers in positions.items()}
-        return found | {"down": grid.down, "rows": grid.rows}
+        return found | {name: getattr(self.grid, name) for name in ("down", "along", "rows")}
 
 
 def padded(plane: Map | None) -> Map | None:

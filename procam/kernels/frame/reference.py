@@ -66,7 +66,7 @@ def frame_sums(
     model: FrameModel, image: AnyArray, light: Image, what: str, coding: Coding
 ) -> Array:
     """Sums (3, terms) over the dome of weight times `what` times the monomials."""
-    edges = {n: np.moveaxis(f, -1, 1).astype(float) for n, f in model.at_edges.items()}
+    edges = {n: f.astype(float) for n, f in model.at_edges.items()}
     plain, weighed = np.zeros((2, len(model.grid.edges), model.size, 3))
     for rows, wanted, lo, hi in frame_parts(model, image, light, coding):
         sent = np.minimum(np.fmax(wanted, lo), hi)
@@ -84,7 +84,8 @@ def frame_sums(
     moved = plain * along_row(model, edges["weight"])[..., None] + weighed
     if what == "excess":
         moved *= along_row(model, edges["edge_spread"])
-    terms = monomials(np.moveaxis(along_row(model, edges["direction"]), -1, 0), model.terms)
+    direction = along_row(model, np.moveaxis(edges["direction"], 1, 2))
+    terms = monomials(np.moveaxis(direction, -1, 0), model.terms)
     return np.asarray(np.einsum("bnc,kbn->ck", moved, terms, optimize=True))
 
 

@@ -31,15 +31,14 @@ def check_like(array: AnyArray, model: AnyArray, dtype: Any, what: str) -> None:
         raise InputError(f"{what}: it is {array.dtype}; {np.dtype(dtype)} is needed")
 
 
-def numbers(values: ArrayLike, shape: tuple[int | None, ...], what: str) -> Array:
-    """Real numbers as a contiguous float64 array of a shape, of which None is any length.
+def check_numbers(found: AnyArray, shape: tuple[int | None, ...], what: str) -> None:
+    """Refuse arrays of another shape, in which None is any length, or not of real numbers.
 
     Raises
     ------
     ShapeError, InputError
         Another shape; complex numbers, texts or objects.
     """
-    found = np.asarray(values)
     alike = found.shape == shape or (
         found.ndim == len(shape)
         and all(n in {None, m} for n, m in zip(shape, found.shape, strict=True))
@@ -49,6 +48,12 @@ def numbers(values: ArrayLike, shape: tuple[int | None, ...], what: str) -> Arra
         raise ShapeError(what, found.shape, f"({needed})")
     if found.dtype.kind not in "iuf":
         raise InputError(f"{what}: {found.dtype} is no type of real numbers; convert it to float64")
+
+
+def numbers(values: ArrayLike, shape: tuple[int | None, ...], what: str) -> Array:
+    """Real numbers as a contiguous float64 array of a shape: see `check_numbers`."""
+    found = np.asarray(values)
+    check_numbers(found, shape, what)
     return plain(np.asarray(found, np.float64))
 
 
@@ -108,6 +113,13 @@ def result_planes(
         if not (array.flags.c_contiguous and array.flags.aligned and array.flags.writeable):
             raise InputError(f"out {name}: a writable, contiguous, aligned array is needed")
     return given
+
+
+def bytes_of_floats(table: Array32) -> AnyArray:
+    """A table (256,) split into four of its bytes (4, 256), for AVX-512."""
+    split = aligned_like(np.empty((table.itemsize, len(table)), np.uint8))
+    split[...] = table.view(np.uint8).reshape(-1, table.itemsize).T
+    return split
 
 
 def aligned_like(picture: AnyArray) -> AnyArray:

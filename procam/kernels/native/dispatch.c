@@ -33,7 +33,7 @@ static const struct level *level_at(int number) {
     if (number == 0) return &procam_avx512;
     if (number == 1) return &procam_avx2;
 #endif
-    return &procam_scalar;
+    return &procam_base;
 }
 
 static int worker_count(int threads, size_t tiles) {
@@ -99,7 +99,7 @@ EXPORT int procam_interface(void) {
     return PROCAM_INTERFACE;
 }
 
-/* One bit per level that this processor supports: 1 AVX-512, 2 AVX2, 4 plain C. */
+/* One bit per level that this processor supports: 1 AVX-512, 2 AVX2, 4 base. */
 EXPORT int procam_levels(void) {
     int levels = 4;
 #if HAVE_X86

@@ -4,12 +4,17 @@
 #ifndef PROCAM_KERNELS_H
 #define PROCAM_KERNELS_H
 
+#if defined(__BYTE_ORDER__) && __BYTE_ORDER__ != __ORDER_LITTLE_ENDIAN__
+#error "the kernels need a little-endian processor; NumPy runs without them"
+#endif
+
 #include <stddef.h>
 #include <stdint.h>
 
-#define PROCAM_INTERFACE 14 /* increase with every change of a signature or struct, here and in loader.py */
+#define PROCAM_INTERFACE 16 /* increase with every change of a signature or struct, here and in loader.py */
 #define MOST_SEARCH 32     /* frames of a search */
 #define RESULTS 6          /* planes of a search */
+enum { PIECES = 16 }; /* of a curve: see vector.h */
 
 enum kind { U8, U16, F32, F16 }; /* element type of the pictures */
 
@@ -65,32 +70,34 @@ struct rays {
 };
 
 enum { FRAME_TERMS = 9 }; /* terms of the polynomial of scattered light */
-enum mode { SUM_LIGHT, SUM_CONTENT, SUM_EXCESS, COUNT_LEAST, COUNT_MOST, APPLY };
+enum mode { SUM_LIGHT, SUM_CONTENT, SUM_EXCESS, COUNT_LEAST, COUNT_MOST, APPLY, MIX };
 /* Of a block in an interval: unlit; partly lit, summed pixel by pixel; lit all over its band; the same
    with upper limits below `top` somewhere. */
 enum lit { NOWHERE, IN_PART, EVERYWHERE, LIMITED };
 
-struct positions { /* of values of a row among the nodes: see Grid.positions */
-    const int32_t *start, *pair; /* first node of 16 values; of each: left and right (<< 8) node, from there */
+struct positions { /* along a row, among the nodes: see Grid.positions */
+    const int32_t *start, *left; /* first node of a vector; of each of its elements: left node, from there */
     const float *across;         /* of each: weight of the right node */
 };
 
 struct procam_frame { /* a picture (size, size, 3) and the model of the dome, see frame/model.py */
     size_t size;
     int kind, nodes, terms, band; /* intervals of a band; divides FRAME_CHUNK */
-    int fold_limits; /* whether sums may fold the limits, see cell.h */
     float strength, top;
+    float encode_shift; /* see vector.h: vcurve */
     const void *image;
     void *out;
     const float *light, *least, *most;        /* (nodes, nodes, 3); `most` may be NULL */
     const float *gain, *area;                 /* (nodes, nodes); gain may be NULL */
-    const float *weight, *edge_spread, *direction;  /* at edges of bands (edges, nodes), (edges, 3, nodes) twice */
+    const float *weight, *edge_spread, *direction; /* at edges of bands (edges, nodes), (edges, nodes, 3),
+                                                      (edges, 3, nodes) */
     const uint8_t *lit;                       /* (nodes + 1, blocks) */
-    struct positions values, shared, pixels; /* of values, in fields of three colours and of one; of pixels */
-    const float *down;          /* of rows: weight of the lower node row */
+    struct positions values, shared; /* of values, in fields of three colours and of one */
+    struct positions pixels;         /* of pixels, in fields of one */
+    const float *down, *along;  /* of rows: weight of the lower node row; position in the band */
     const int32_t *rows;        /* (nodes + 2): first row of each interval */
-    const float *decode, *encode, *threshold; /* (256), (3, SEGMENTS), (TILE_ROWS, TILE_WIDTH) */
-    const uint8_t *decode_bytes;              /* (4, 256): bytes of decode */
+    const float *decode, *encode, *threshold; /* (256); pieces, see vector.h; (TILE_ROWS, TILE_WIDTH) */
+    const uint8_t *decode_bytes;  /* (4, 256) of `decode` */
 };
 
 struct frame {
@@ -121,7 +128,8 @@ struct procam_warp {
     float unit;                      /* light of the value 1 in the master */
     const void *master;              /* (rows, columns, 3) */
     const struct warp_block *blocks; /* (bands of 32 rows, tiles of 64 columns, 2 strips, 32, 2) */
-    const float *decode, *curve;     /* of 8-bit masters: (256) light; (3, 32) parabolas of it */
+    const float *decode;             /* of 8-bit masters (256) */
+    const uint8_t *decode_bytes;     /* (4, 256) of `decode` */
     const float *unmix;              /* (3, 3) */
     const uint32_t *drives;          /* (3, KNOTS) drive, and its rise to the next << 16 */
     const float *thresholds;         /* (64, 64) */
@@ -141,7 +149,7 @@ struct level {
     void (*warp)(const struct procam_warp *job, size_t first, size_t count);
 };
 
-extern const struct level procam_avx512, procam_avx2, procam_scalar;
+extern const struct level procam_avx512, procam_avx2, procam_base;
 
 #if defined(__x86_64__) && (defined(__GNUC__) || defined(__clang__))
 #define HAVE_X86 1

@@ -1,7 +1,6 @@
-/* All kernels for one instruction set. The including file defines LEVEL and enables the set; every
+/* All kernels for one instruction set. The including file defines LANES and enables the set; every
    kernel is compiled once per level from the same source. */
 #include "vector.h"
-#include "integers.h"
 
 #include "../areas/areas.h"
 #include "../frame/scattered.h"

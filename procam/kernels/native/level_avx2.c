@@ -6,7 +6,7 @@
 #include <immintrin.h>
 #include <math.h>
 #include <string.h>
-#define LEVEL 256
+#define LANES 8
 #ifdef __clang__
 #pragma clang attribute push(__attribute__((target("avx2,fma,f16c"))), apply_to = function)
 #else

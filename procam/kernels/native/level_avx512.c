@@ -6,7 +6,7 @@
 #include <immintrin.h>
 #include <math.h>
 #include <string.h>
-#define LEVEL 512
+#define LANES 16
 #ifdef __clang__
 #pragma clang attribute push(__attribute__((target("avx512f,avx512bw,avx512dq,avx512vl,avx512vbmi,avx2,fma,f16c"))), apply_to = function)
 #else

@@ -12,9 +12,10 @@ from pathlib import Path
 
 from procam.errors import InputError
 
-LEVELS = ("avx512", "avx2", "scalar", "numpy")
+LEVELS = ("avx512", "avx2", "base", "numpy")
+LANES = (16, 8, 4)  # floats of a vector, of each level but the last
 VARIABLE = "PROCAM_KERNELS"
-INTERFACE = 14  # PROCAM_INTERFACE of native/kernels.h
+INTERFACE = 16  # PROCAM_INTERFACE of native/kernels.h
 _INT, _SIZE, _ADDRESS = ctypes.c_int, ctypes.c_size_t, ctypes.c_void_p
 _DOUBLE = ctypes.c_double
 SIGNATURES = {  # level, threads, element type, pixels, ...
@@ -72,7 +73,7 @@ def use(level: str | None = None, threads: int = 0) -> str:
 
     Parameters
     ----------
-    level : "avx512", "avx2", "scalar" or "numpy".
+    level : "avx512", "avx2", "base" (any processor; NEON on ARM) or "numpy".
     threads : threads per call; 0 leaves it to OpenMP (OMP_NUM_THREADS, the cores there are).
 
     Raises

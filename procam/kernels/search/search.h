@@ -11,7 +11,7 @@
 
 struct fit {
     vf offset, amplitude, x, margin, variance, residual;
-    vm valid;
+    vi valid;
 };
 
 /* Smallest and second smallest sum of squares over the candidates. With `later` constant and small
@@ -23,15 +23,15 @@ INLINE void scan(int later, int candidates, const float *rotations, const vf *ab
         vf sum = vset(0.0f);
 #pragma GCC unroll 8
         for (int e = 0; e < later; e++, rotations += 2) {
-            const vf residual = vfma(sine[e], vset(rotations[1]), vfnma(cosine[e], vset(rotations[0]), above[e]));
-            sum = vfma(residual, residual, sum);
+            const vf residual = above[e] - cosine[e] * rotations[0] + sine[e] * rotations[1];
+            sum += residual * residual;
         }
-        found = vsel(vlt(sum, best), vset((float)k), found);
+        found = vsel(sum < best, vset((float)k), found);
         second = vmin(second, vmax(best, sum));
         best = vmin(best, sum);
     }
     *which = found;
-    *margin = vsub(second, best);
+    *margin = second - best;
 }
 
 static void scan_any(int later, int candidates, const float *rotations, const vf *above,
@@ -53,7 +53,7 @@ static void scan_any(int later, int candidates, const float *rotations, const vf
 
 /* Cosine and sine of 2 pi x / period - shift. */
 INLINE void turn_at(vf x, const float *term, vf *cosine, vf *sine) {
-    vturn(vfraction(vfms(x, vset(term[FREQUENCY]), vset(term[SHIFT]))), cosine, sine);
+    vturn(vfraction(x * term[FREQUENCY] - term[SHIFT]), cosine, sine);
 }
 
 /* The same for frame k: where its period is that of the frame before, by a constant rotation. */
@@ -62,24 +62,23 @@ INLINE void turn_frame(vf x, const float *term, vf *cosine, vf *sine) {
         turn_at(x, term, cosine, sine);
         return;
     }
-    const vf c = *cosine, s = *sine, tc = vset(term[COSINE]), ts = vset(term[SINE]);
-    *cosine = vfms(c, tc, vmul(s, ts));
-    *sine = vfma(s, tc, vmul(c, ts));
+    const vf c = *cosine, s = *sine;
+    *cosine = c * term[COSINE] - s * term[SINE];
+    *sine = s * term[COSINE] + c * term[SINE];
 }
 
 INLINE void start(const struct procam_search *setup, const vf *image, struct fit *fit) {
     vf offset = vset(0.0f), c = vset(0.0f), s = vset(0.0f);
     for (int k = 0; k < setup->base; k++) {
-        offset = vfma(vset(setup->weights[k]), image[k], offset);
-        c = vfma(vset(setup->weights[setup->base + k]), image[k], c);
-        s = vfma(vset(setup->weights[2 * setup->base + k]), image[k], s);
+        offset += setup->weights[k] * image[k];
+        c += setup->weights[setup->base + k] * image[k];
+        s += setup->weights[2 * setup->base + k] * image[k];
     }
-    const vf period = vset(setup->period);
-    const vf x = vmul(vangle(c, s), vset(setup->period * 0.159154943f));
+    const vf x = vangle(c, s) * (setup->period * 0.159154943f);
     fit->offset = offset;
-    fit->amplitude = vdiv(vsqrt(vfma(c, c, vmul(s, s))), vset(setup->terms[FIRST]));
-    fit->x = vsel(vlt(x, vset(0.75f * setup->period)), x, vsub(x, period));
-    fit->valid = vlt(vmul(vset(DARK), vabs(offset)), fit->amplitude);
+    fit->amplitude = vsqrt(c * c + s * s) / setup->terms[FIRST];
+    fit->x = vsel(x < 0.75f * setup->period, x, x - setup->period);
+    fit->valid = DARK * vabs(offset) < fit->amplitude;
 }
 
 INLINE void choose(const struct procam_search *setup, const vf *image, struct fit *fit) {
@@ -89,13 +88,13 @@ INLINE void choose(const struct procam_search *setup, const vf *image, struct fi
         const float *term = setup->terms + (setup->base + e) * TERMS;
         vf c, s;
         turn_at(fit->x, term, &c, &s);
-        const vf wave = vmul(fit->amplitude, vset(term[FIRST]));
-        above[e] = vsub(image[setup->base + e], fit->offset);
-        cosine[e] = vmul(wave, c);
-        sine[e] = vmul(wave, s);
+        const vf wave = fit->amplitude * term[FIRST];
+        above[e] = image[setup->base + e] - fit->offset;
+        cosine[e] = wave * c;
+        sine[e] = wave * s;
     }
     scan_any(later, setup->candidates, setup->rotations, above, cosine, sine, &which, &fit->margin);
-    fit->x = vfma(which, vset(setup->period), fit->x);
+    fit->x += which * setup->period;
 }
 
 /* One Gauss-Newton step, or the variance and the sum of squares at the present fit. The rows of
@@ -109,51 +108,38 @@ INLINE void refine(int harmonics, int last, const struct procam_search *setup, c
     for (int k = 0; k < setup->frames; k++) {
         const float *term = setup->terms + k * TERMS;
         turn_frame(fit->x, term, &c, &s);
-        vf g = vmul(vset(term[FIRST]), c), q = vset(term[SLOPE]);
+        vf g = term[FIRST] * c, q = vset(term[SLOPE]);
         if (harmonics) {
-            const vf twice = vadd(c, c);
-            g = vfma(vset(term[SECOND]), vfms(twice, c, vset(1.0f)), g);
-            q = vfma(vset(term[SECOND_SLOPE]), twice, q);
+            const vf twice = c + c;
+            g += term[SECOND] * (twice * c - 1.0f);
+            q += term[SECOND_SLOPE] * twice;
         }
-        q = vmul(q, s);
-        const vf r = vfnma(fit->amplitude, g, last ? vsub(image[k], fit->offset) : image[k]);
-        g1 = vadd(g1, g);
-        q1 = vadd(q1, q);
-        gg = vfma(g, g, gg);
-        gq = vfma(g, q, gq);
-        qq = vfma(q, q, qq);
-        if (last) {
-            rr = vfma(r, r, rr);
-        } else {
-            r1 = vadd(r1, r);
-            rg = vfma(r, g, rg);
-            rq = vfma(r, q, rq);
-        }
+        q *= s;
+        const vf r = (last ? image[k] - fit->offset : image[k]) - fit->amplitude * g;
+        g1 += g, q1 += q;
+        gg += g * g, gq += g * q, qq += q * q;
+        if (last) rr += r * r;
+        else r1 += r, rg += r * g, rq += r * q;
     }
-    const vf share = vset(1.0f / (float)setup->frames);
-    const vf floor = vmul(vset(SINGULAR), vmul(gg, qq)), gm = vmul(g1, share), qm = vmul(q1, share);
-    gg = vfnma(gm, g1, gg);
-    gq = vfnma(gm, q1, gq);
-    qq = vfnma(qm, q1, qq);
-    const vf determinant = vfms(gg, qq, vmul(gq, gq));
-    fit->valid = mand(fit->valid, vlt(floor, determinant));
-    const vf one = vdiv(vset(1.0f), vmul(determinant, fit->amplitude)); /* one division instead of two */
+    const float share = 1.0f / (float)setup->frames;
+    const vf floor = SINGULAR * (gg * qq), gm = g1 * share, qm = q1 * share;
+    gg -= gm * g1, gq -= gm * q1, qq -= qm * q1;
+    const vf determinant = gg * qq - gq * gq;
+    fit->valid &= floor < determinant;
+    const vf one = 1.0f / (determinant * fit->amplitude); /* one division instead of two */
     if (last) {
-        fit->variance = vdiv(vmul(gg, one), fit->amplitude);
+        fit->variance = gg * one / fit->amplitude;
         fit->residual = rr;
         return;
     }
-    rg = vfnma(gm, r1, rg);
-    rq = vfnma(qm, r1, rq);
-    const vf da = vmul(vfms(qq, rg, vmul(gq, rq)), vmul(one, fit->amplitude));
-    const vf dx = vmul(vfms(gg, rq, vmul(gq, rg)), one), limit = vset(setup->limit);
-    const vf move = vmin(limit, vmax(vsub(zero, limit), dx));
-    const vf dz = vmul(dx, fit->amplitude);
-    const vf offset = vfnma(qm, dz, vfnma(gm, da, vmul(r1, share)));
-    fit->amplitude = vsel(fit->valid, vadd(fit->amplitude, da), fit->amplitude);
+    rg -= gm * r1, rq -= qm * r1;
+    const vf da = (qq * rg - gq * rq) * (one * fit->amplitude);
+    const vf dx = (gg * rq - gq * rg) * one, limit = vset(setup->limit);
+    const vf offset = r1 * share - gm * da - qm * (dx * fit->amplitude);
+    fit->amplitude = vsel(fit->valid, fit->amplitude + da, fit->amplitude);
     fit->offset = vsel(fit->valid, offset, fit->offset);
-    fit->x = vsel(fit->valid, vadd(fit->x, move), fit->x);
-    fit->valid = mand(fit->valid, vlt(vmul(vset(DARK), vabs(fit->offset)), fit->amplitude));
+    fit->x = vsel(fit->valid, fit->x + vmin(limit, vmax(-limit, dx)), fit->x);
+    fit->valid &= DARK * vabs(fit->offset) < fit->amplitude;
 }
 
 /* A batch of vectors goes through one stage after the other: vectors of a stage are independent, so
@@ -169,11 +155,11 @@ INLINE void search_batch(int harmonics, const struct procam_search *setup, int v
 
 INLINE void results_of(const struct fit *fit, const vf *image, int frames, vf *results) {
     vf sum = image[0];
-    for (int k = 1; k < frames; k++) sum = vadd(sum, image[k]);
-    const vm known = vlt(vabs(sum), vset(INFINITY));
+    for (int k = 1; k < frames; k++) sum += image[k];
+    const vi known = vabs(sum) < INFINITY;
     const vf unknown = vset(NAN);
-    results[0] = vsel(mand(known, fit->valid), fit->x, unknown);
-    results[1] = vsel(mand(known, fit->valid), fit->variance, unknown);
+    results[0] = vsel(known & fit->valid, fit->x, unknown);
+    results[1] = vsel(known & fit->valid, fit->variance, unknown);
     results[2] = vsel(known, fit->amplitude, unknown);
     results[3] = vsel(known, fit->offset, unknown);
     results[4] = vsel(known, fit->residual, unknown);

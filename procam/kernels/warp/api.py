@@ -13,14 +13,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from procam.arrays import AnyArray, Array, Array32, FloatArray
 from procam.errors import InputError, ShapeError
-from procam.kernels.native.arrays import KINDS, plain, planes, pointer
+from procam.kernels.native.arrays import KINDS, bytes_of_floats, plain, planes, pointer
 from procam.kernels.native.loader import chosen
 from procam.kernels.warp import reference
 from procam.kernels.warp.reference import BAND, BLOCK, KNOTS, PACKED, PLACE, STRIP, TILE, WarpPlan
 
 MASTER_KINDS = {**KINDS, np.dtype(np.float16): 3}
 CODES = 256
-PARABOLAS = 32
+MOST_EDGE = 2**24  # beyond that, float32 does not count pixels
 LEAST_EDGE, MOST_PIXELS = 2, (2**31 - 1) // 3
 WHOLE = {np.dtype(np.uint8): 255 * 256, np.dtype(np.uint16): 65535}  # full drive in a table
 
@@ -32,7 +32,10 @@ class _Warp(ctypes.Structure):
         *((name, ctypes.c_int) for name in ("kind", "out_kind")),
         *((name, ctypes.c_size_t) for name in ("rows", "columns", "master_rows", "master_columns")),
         ("unit", ctypes.c_float),
-        *((name, ctypes.c_void_p) for name in ("master", "blocks", "decode", "curve", "unmix")),
+        *(
+            (name, ctypes.c_void_p)
+            for name in ("master", "blocks", "decode", "decode_bytes", "unmix")
+        ),
         *((name, ctypes.c_void_p) for name in ("drives", "thresholds", "out")),
     )
 
@@ -87,7 +90,6 @@ def plan_warp(
         blocks,
         _table("unmix", unmix, (3, 3)).astype(np.float32),
         codes.astype(np.float32),
-        _parabolas(codes),
         None if drives is None else _rising(drives),
         _thresholds(tile),
     )
@@ -112,8 +114,7 @@ def warp_frame(
 
     Returns
     -------
-    (H, W, 3) frame. C differs from NumPy by the rounding of float32 places, and with AVX-512
-    by 8e-6 in the light of sRGB codes below 16, 5e-7 in that of others.
+    (H, W, 3) frame. C differs from NumPy by the rounding of float32 places.
 
     Raises
     ------
@@ -139,9 +140,11 @@ def warp_frame(
     library, level, threads = native
     knots = None if plan.drives is None or frame.dtype == np.float32 else _knots(plan, frame.dtype)
     unit = 1 / 65535 if source.dtype == np.uint16 else 1
+    code_bytes = bytes_of_floats(plan.decode)
     job = _Warp(
-        *(MASTER_KINDS[source.dtype], KINDS[frame.dtype], *plan.shape, *source.shape[:2], unit),
-        *map(pointer, (source, plan.blocks, plan.decode, plan.curve, plan.unmix)),
+        *(MASTER_KINDS[source.dtype], KINDS[frame.dtype], *plan.shape, *source.shape[:2]),
+        unit,
+        *map(pointer, (source, plan.blocks, plan.decode, code_bytes, plan.unmix)),
         *map(pointer, (knots, plan.thresholds, frame)),
     )
     library.procam_warp(level, threads, plan.shape[0], ctypes.byref(job))
@@ -159,10 +162,17 @@ def _pack(numbers: list[FloatArray], blocks: NDArray[np.void]) -> None:
     held[:, unknown] = 0
     held = held.reshape(8, BAND, -1, BLOCK)
     low, high = held.min(axis=-1), held.max(axis=-1)
-    if unknown.any():  # their place is anywhere among those of the others
+    if unknown.any():  # their place is that of another in their block, or strip
         known = np.where(unknown.reshape(held.shape[1:]), np.float32(np.nan), held[PLACE])
-        low[PLACE] = np.nan_to_num(np.fmin.reduce(known, axis=-1))
-        high[PLACE] = np.nan_to_num(np.fmax.reduce(known, axis=-1))
+        least = np.fmin.reduce(
+            known, axis=-1
+        )  # in a strip, else C would decode much that nobody asks for
+        strips = np.fmin.reduce(
+            least.reshape(2, BAND, -1, STRIP // BLOCK), axis=(1, 3), keepdims=True
+        )
+        nearby = np.broadcast_to(np.nan_to_num(strips), (2, BAND, strips.shape[2], STRIP // BLOCK))
+        low[PLACE] = np.where(np.isnan(least), nearby.reshape(least.shape), least)
+        high[PLACE] = np.fmax(np.fmax.reduce(known, axis=-1), low[PLACE])
         held[PLACE] = np.where(np.isnan(known), low[PLACE, ..., None], known)
     step = (high - low) / np.float32(65535)
     held -= low[..., None]
@@ -171,18 +181,6 @@ def _pack(numbers: list[FloatArray], blocks: NDArray[np.void]) -> None:
     for name, part in (("base", low), ("step", step), ("number", whole)):
         split = part.reshape(8, BAND, *blocks.shape[:2], -1, *part.shape[3:])
         blocks[name] = np.moveaxis(split, (2, 3, 1, 4, 0), (0, 1, 2, 3, 4))
-
-
-def _parabolas(light: Array) -> Array32:
-    """Coefficients (3, 32), constant first, of parabolas through eight codes each; least squares."""
-    codes = np.arange(CODES, dtype=float).reshape(PARABOLAS, -1)
-    values = light.reshape(codes.shape)
-    fits = [np.polyfit(x, y, 2)[::-1] for x, y in zip(codes, values, strict=True)]
-    found = np.stack(fits, axis=-1)
-    powers = np.stack([codes[0], codes[0] ** 2], axis=-1)
-    found[0, 0] = light[0]  # black stays black
-    found[1:, 0] = np.linalg.lstsq(powers, values[0] - light[0])[0]
-    return found.astype(np.float32)
 
 
 def _knots(plan: WarpPlan, kind: np.dtype[Any]) -> NDArray[np.uint32]:
@@ -232,6 +230,8 @@ def _checked_master(master: AnyArray) -> AnyArray:
         raise ShapeError("master", master.shape, "(N, M, 3), N and M 2 or more")
     if master.shape[0] * master.shape[1] > MOST_PIXELS:
         raise ShapeError("master", master.shape, f"at most {MOST_PIXELS} pixels")
+    if max(master.shape[:2]) > MOST_EDGE:
+        raise ShapeError("master", master.shape, f"edges of at most {MOST_EDGE} pixels")
     return plain(master)
 
 

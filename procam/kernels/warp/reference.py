@@ -31,7 +31,7 @@ class WarpPlan:
     blocks : (ceil(H / 32), ceil(W / 64), 2, 32, 2) of type PACKED, in the order C takes them: place,
         black and share of each pixel in 20 bytes. Bands, tiles, strips, rows, halves of a strip.
     unmix : (3, 3) float32.
-    decode : (256,) float32 light of 8-bit masters. curve : (3, 32) parabolas of eight codes each.
+    decode : (256,) float32 light of 8-bit masters.
     drives : (513, 3) drives 0..1 at the light KNOTS; None where frames are light themselves.
     thresholds : (64, 64) float32.
     """
@@ -40,7 +40,6 @@ class WarpPlan:
     blocks: NDArray[np.void]
     unmix: Image
     decode: Image
-    curve: Image
     drives: Array | None
     thresholds: Image
 

@@ -2,128 +2,138 @@
    its position, subtract black, multiply by the pixel's share of the blend, unmix the colours, look up
    the drive, dither.
 
-   A frame is processed in tiles of 64 columns and 32 rows, in two strips: the part of the master that
-   a square of 32 x 32 pixels covers fits the L1 cache and its page table at any rotation. */
+   A frame is processed in tiles of 64 columns and 32 rows, in two strips of 32 x 32 pixels. The part of
+   the master that a strip is sampled from is decoded first, as each of its pixels is needed about four
+   times; it stays in the nearest caches. A strip that covers too much of the master has its pixels decoded
+   one by one. */
 enum { TILE = 64, ROWS = 32, STRIP = 32 };
 enum { CHUNK = 64, CHUNK_ROWS = CHUNK / STRIP }; /* pixels processed together */
 enum { IN_CHUNK = CHUNK / BLOCK, IN_STRIP = STRIP * ROWS / BLOCK, IN_TILE = TILE * ROWS / BLOCK };
 enum { PLACE_X, PLACE_Y, BLACK, SHARE = BLACK + 3 }; /* fields of a block */
+enum { DECODED = 64 * 192 }; /* values of a master that are decoded for a strip at most */
 enum { STEPS = 32, LOWEST = 16 }; /* of the table of drives: knots per octave of light, octaves */
 
 struct samples {
-    int32_t at[CHUNK];       /* index of the upper left of the four pixels of the master */
-    float weight[4][CHUNK];  /* upper left, upper right, lower left, lower right */
-    uint64_t row[2][CHUNK];  /* 8-bit: upper left and right, lower left and right */
-    float light[3][CHUNK];   /* for other types */
+    int32_t at[CHUNK];      /* index of the upper left of four pixels of the part */
+    float weight[4][CHUNK]; /* upper left, upper right, lower left, lower right */
+    float light[3][CHUNK];
+};
+
+struct part { /* of the master, decoded */
+    size_t left, top, high;   /* first column and row, rows; none if it is too large */
+    size_t stride;            /* values per row */
+    float last[2];            /* column and row of the last pixel that has others to its right and below */
+    float light[DECODED + 64] __attribute__((aligned(64)));
 };
 
 INLINE vf vfield(const struct warp_block *block, int field, size_t i) {
-    return vfma(vload_u16(block->number[field] + i), vset(block->step[field]),
-                vset(block->base[field]));
+    return vfloat(vload_u16(block->number[field] + i)) * block->step[field] + block->base[field];
 }
 
 /* Weight of a pixel at a distance of `away` pixels: a tent. */
-INLINE vf vtent(vf away) { return vmax(vsub(vset(1.0f), vabs(away)), vset(0.0f)); }
+INLINE vf vtent(vf away) { return vmax(1.0f - vabs(away), vset(0.0f)); }
 
 /* Samples of a chunk: four pixels of the master and their weights. The pixels are always inside the
-   master; their weights are 0 where the position is not. */
-INLINE void find_samples(const struct procam_warp *d, const struct warp_block *blocks,
-                       struct samples *to) {
-    const vf zero = vset(0.0f), one = vset(1.0f), unit = vset(d->unit);
-    const vf right = vset((float)(d->master_columns - 2)), low = vset((float)(d->master_rows - 2));
-    const vi columns = vset_i((int32_t)d->master_columns), three = vset_i(3);
+   part; their weights are 0 where the position is not. */
+INLINE void find_samples(const struct procam_warp *d, const struct part *from, const struct warp_block *blocks,
+                         struct samples *to) {
+    const vf left_most = vset((float)from->left), top_most = vset((float)from->top);
+    const vf right = vset(from->last[0]), low = vset(from->last[1]);
+    const int32_t stride = (int32_t)from->stride, first = (int32_t)(from->top * from->stride + 3 * from->left);
     for (size_t i = 0; i < CHUNK; i += LANES) {
         const struct warp_block *block = blocks + i / BLOCK;
         const vf x = vfield(block, PLACE_X, i % BLOCK), y = vfield(block, PLACE_Y, i % BLOCK);
-        const vi column = vtruncate(vmin(vmax(x, zero), right));
-        const vi row = vtruncate(vmin(vmax(y, zero), low));
-        const vf dx = vsub(x, vfloat(column)), dy = vsub(y, vfloat(row));
-        const vf left = vtent(dx), upper = vmul(vtent(dy), unit);
-        const vf beside = vtent(vsub(dx, one)), lower = vmul(vtent(vsub(dy, one)), unit);
-        vstore_i(to->at + i, vmul_i(vadd_i(vmul_i(row, columns), column), three));
-        vstore(to->weight[0] + i, vmul(upper, left));
-        vstore(to->weight[1] + i, vmul(upper, beside));
-        vstore(to->weight[2] + i, vmul(lower, left));
-        vstore(to->weight[3] + i, vmul(lower, beside));
+        const vi column = vtruncate(vmin(vmax(x, left_most), right));
+        const vi row = vtruncate(vmin(vmax(y, top_most), low));
+        const vf dx = x - vfloat(column), dy = y - vfloat(row);
+        const vf left = vtent(dx), upper = vtent(dy) * d->unit;
+        const vf beside = vtent(dx - 1.0f), lower = vtent(dy - 1.0f) * d->unit;
+        vstore_i(to->at + i, row * stride + column * 3 - first);
+        vstore(to->weight[0] + i, upper * left);
+        vstore(to->weight[1] + i, upper * beside);
+        vstore(to->weight[2] + i, lower * left);
+        vstore(to->weight[3] + i, lower * beside);
     }
 }
 
-/* Two neighbouring 8-bit pixels in the low 48 bits; reads nothing beyond the master. */
-INLINE uint64_t pair_at(const uint8_t *master, size_t at, size_t last) {
-    uint64_t pair;
-    if (at <= last) {
-        memcpy(&pair, master + at, 8);
-    } else {
-        memcpy(&pair, master + last, 8);
-        pair >>= 8 * (at - last);
+/* Some values of the master from number `at` on; may write up to the next multiple of 64. */
+INLINE void decode_values(int kind, const struct procam_warp *d, size_t at, size_t count, float *to) {
+    const size_t total = 3 * d->master_columns * d->master_rows;
+    const uint8_t *codes = (const uint8_t *)d->master + at;
+    for (size_t k = 0; k < count; k += 64) {
+        const size_t left = total - at - k;
+        if (kind == U8 && (count < 64 || left < 64))
+            for (size_t i = k; i < count && i < k + 64; i++) to[i] = d->decode[codes[i]];
+        else if (kind == U8) vlook_up(d->decode, d->decode_bytes, codes + k, to + k);
+        else
+            for (size_t i = 0; i < 64 && k + i < count; i += LANES)
+                vstore(to + k + i, i + LANES <= left ? vload_kind(kind, d->master, at + k + i)
+                                                     : vload_part(kind, d->master, at + k + i, left - i));
     }
-    return pair;
 }
 
-INLINE void fetch_pairs(const struct procam_warp *d, struct samples *samples) {
-    const uint8_t *master = d->master;
-    const size_t stride = 3 * d->master_columns, last = stride * d->master_rows - 8;
+struct range { /* of columns or rows */
+    size_t first, last;
+};
+
+INLINE float clamped(float value, float most) { return value > 0 ? value < most ? value : most : 0; }
+
+/* Of the pixels that a strip is sampled from; rounding may need one more. */
+INLINE struct range range_of(const struct warp_block *blocks, int field, size_t last) {
+    float least = INFINITY, most = -INFINITY;
+    for (int k = 0; k < IN_STRIP; k++) { /* steps are not negative */
+        const float low = blocks[k].base[field], high = low + 65535 * blocks[k].step[field];
+        least = low < least ? low : least, most = high > most ? high : most;
+    }
+    const size_t first = (size_t)clamped(least - 1, (float)(last - 1)), end = (size_t)clamped(most + 2, (float)last);
+    return (struct range){first, end > first ? end : first + 1};
+}
+
+INLINE void decode_part(int kind, const struct procam_warp *d, const struct warp_block *blocks, struct part *to) {
+    const size_t pitch = 3 * d->master_columns;
+    const struct range x = range_of(blocks, PLACE_X, d->master_columns - 1), y = range_of(blocks, PLACE_Y, d->master_rows - 1);
+    const size_t wide = 3 * (x.last + 1 - x.first);
+    to->left = x.first, to->top = y.first, to->high = y.last + 1 - y.first, to->stride = (wide + 63) / 64 * 64;
+    to->last[0] = (float)(x.last - 1), to->last[1] = (float)(y.last - 1);
+    if (to->high * to->stride > DECODED) to->left = to->top = to->high = 0, to->stride = pitch;
+    for (size_t row = 0; row < to->high; row++)
+        decode_values(kind, d, (to->top + row) * pitch + 3 * to->left, wide, to->light + row * to->stride);
+}
+
+/* Decodes two pixels in each of two rows for each sample of a chunk, and makes those the part. */
+INLINE void decode_pixels(int kind, const struct procam_warp *d, struct samples *samples, struct part *to) {
     for (size_t i = 0; i < CHUNK; i++) {
         const size_t at = (size_t)samples->at[i];
-        uint64_t upper = pair_at(master, at, last), lower = pair_at(master, at + stride, last);
-        __asm__("" : "+r"(upper), "+r"(lower)); /* keeps the compiler from vectorising this, which is slower */
-        samples->row[0][i] = upper;
-        samples->row[1][i] = lower;
+        decode_values(kind, d, at, 6, to->light + 12 * i), decode_values(kind, d, at + to->stride, 6, to->light + 12 * i + 6);
+        samples->at[i] = (int32_t)(12 * i);
     }
 }
 
-INLINE quad quad_at(int kind, const void *master, size_t at) {
-    quad found;
-    if (kind == F32) {
-        memcpy(&found, (const float *)master + at, sizeof found);
-        return found;
-    }
-    const int_quad bits = quad_u16((const uint16_t *)master + at);
-    if (kind == U16) return __builtin_convertvector(bits, quad);
-    const int_quad size = (bits & 0x7fff) << 13, sign = (bits & 0x8000) << 16;
-    const int_quad unknown = (size >= 0x7c00 << 13) & 0x7fc00000; /* infinity counts as NaN */
-    return (quad)((int_quad)((quad)size * 0x1p112f) | sign | unknown);
-}
+typedef float quad_at __attribute__((vector_size(16), aligned(4)));
 
-/* Light of other types: two overlapping reads per row hold the six values of a pair. */
-INLINE void fetch_light(int kind, const struct procam_warp *d, struct samples *samples) {
-    const size_t stride = 3 * d->master_columns;
+/* Two overlapping reads per row hold the six values of a pair of pixels. */
+INLINE void fetch_light(const float *light, size_t stride, struct samples *samples) {
     for (size_t i = 0; i < CHUNK; i++) {
-        const size_t at = (size_t)samples->at[i];
-        const quad left = quad_at(kind, d->master, at) * samples->weight[0][i] +
-                          quad_at(kind, d->master, at + stride) * samples->weight[2][i];
-        const quad right = quad_at(kind, d->master, at + 2) * samples->weight[1][i] +
-                           quad_at(kind, d->master, at + stride + 2) * samples->weight[3][i];
+        const float *upper = light + samples->at[i], *lower = upper + stride;
+        const quad left = *(const quad_at *)upper * samples->weight[0][i] + *(const quad_at *)lower * samples->weight[2][i];
+        const quad right =
+            *(const quad_at *)(upper + 2) * samples->weight[1][i] + *(const quad_at *)(lower + 2) * samples->weight[3][i];
         for (int c = 0; c < 3; c++) samples->light[c][i] = left[c] + right[c + 1];
     }
 }
 
-INLINE vf light_of_pairs(const struct procam_warp *d, const struct samples *samples, size_t i, int c) {
-    vf sum = vset(0.0f);
-    for (int row = 0; row < 2; row++) {
-        const uint64_t *pairs = samples->row[row] + i;
-        const vf left = vdecoded(d->decode, d->curve, vlow_half(pairs, 0), 8 * c);
-        const vf right = vdecoded(d->decode, d->curve, vlow_half(pairs, 24), 8 * c);
-        sum = vfma(vload(samples->weight[2 * row] + i), left, sum);
-        sum = vfma(vload(samples->weight[2 * row + 1] + i), right, sum);
-    }
-    return sum;
-}
-
 /* Light to send, 0..1; NaN becomes 0. */
-INLINE void unmixed(int kind, const struct procam_warp *d, const struct warp_block *block,
+INLINE void unmixed(const struct procam_warp *d, const struct warp_block *block,
                     const struct samples *samples, size_t i, vf *sent) {
     vf wanted[3];
     for (int c = 0; c < 3; c++) {
-        vf light = kind == U8 ? light_of_pairs(d, samples, i, c) : vload(samples->light[c] + i);
-        if (kind != U8) light = vadd(light, vsub(light, light)); /* infinity becomes NaN */
-        const vf above_black = vsub(light, vfield(block, BLACK + c, i % BLOCK));
-        wanted[c] = vmul(above_black, vfield(block, SHARE + c, i % BLOCK));
+        vf light = vload(samples->light[c] + i);
+        light += light - light; /* infinity becomes NaN */
+        wanted[c] = (light - vfield(block, BLACK + c, i % BLOCK)) * vfield(block, SHARE + c, i % BLOCK);
     }
     for (int c = 0; c < 3; c++) {
         const float *row = d->unmix + 3 * c;
-        const vf sum = vfma(vset(row[0]), wanted[0],
-                            vfma(vset(row[1]), wanted[1], vmul(vset(row[2]), wanted[2])));
+        const vf sum = row[0] * wanted[0] + (row[1] * wanted[1] + row[2] * wanted[2]);
         sent[c] = vmin(vmax(sum, vset(0.0f)), vset(1.0f));
     }
 }
@@ -131,21 +141,20 @@ INLINE void unmixed(int kind, const struct procam_warp *d, const struct warp_blo
 /* Drive from a table over the logarithm of the light, linear between its knots. */
 INLINE vf drive_of(const uint32_t *knots, vf sent) {
     const float least = 0x1p-16f;
-    const vi bits = vbits(vfma(sent, vset(1.0f - least), vset(least)));
-    const vi first = vset_i((127 - LOWEST) * STEPS);
-    const vi knot = vlookup(knots, vsub_i(vshift(bits, 18), first));
-    const vf part = vmul(vfloat(vand_i(bits, vset_i(0x3ffff))), vset(0x1p-18f));
-    return vfma(vfloat(vshift(knot, 16)), part, vfloat(vand_i(knot, vset_i(0xffff))));
+    const vi bits = (vi)(sent * (1.0f - least) + least);
+    const vi knot = vlookup(knots, (bits >> 18) - (127 - LOWEST) * STEPS);
+    const vf part = vfloat(bits & 0x3ffff) * 0x1p-18f;
+    return vfloat(knot >> 16 & 0xffff) * part + vfloat(knot & 0xffff);
 }
 
-struct part { /* results before they are written: a tile of bytes, or a chunk of other types */
+struct results { /* before they are written: a tile of bytes, or a chunk of other types */
     uint8_t bytes[ROWS][3 * TILE + 64] __attribute__((aligned(64)));
     int32_t drive[3][CHUNK];
     float sent[3][CHUNK];
 };
 
 INLINE void finish(int out_kind, const struct procam_warp *d, const float *thresholds, size_t i,
-                   const vf *sent, struct part *to, uint8_t *bytes) {
+                   const vf *sent, struct results *to, uint8_t *bytes) {
     vi code[3];
     for (int c = 0; c < 3; c++) {
         if (out_kind == F32) {
@@ -154,11 +163,16 @@ INLINE void finish(int out_kind, const struct procam_warp *d, const float *thres
         }
         const vf drive = drive_of(d->drives + (size_t)c * KNOTS, sent[c]);
         if (out_kind == U16)
-            vstore_i(to->drive[c] + i, vtruncate(vadd(drive, vset(0.5f))));
+            vstore_i(to->drive[c] + i, vtruncate(drive + 0.5f));
         else
-            code[c] = vtruncate(vmin(vfma(drive, vset(0x1p-8f), vload(thresholds)), vset(255.0f)));
+            code[c] = vtruncate(vmin(drive * 0x1p-8f + vload(thresholds), vset(255.0f)));
     }
-    if (out_kind == U8) vstore_bytes(bytes, code[0], code[1], code[2]);
+    if (out_kind != U8) return;
+    const vi pixels = code[0] | code[1] << 8 | code[2] << 16;
+    for (int k = 0; k < LANES; k++) { /* four bytes, of which the next pixel overwrites the last */
+        const int32_t pixel = pixels[k];
+        memcpy(bytes + 3 * k, &pixel, sizeof pixel);
+    }
 }
 
 struct tile { /* first column and row, number of columns and rows */
@@ -166,31 +180,30 @@ struct tile { /* first column and row, number of columns and rows */
 };
 
 INLINE void write_chunk(int out_kind, const struct procam_warp *d, const struct tile *tile,
-                        size_t x, size_t y, const struct part *part) {
+                        size_t x, size_t y, const struct results *from) {
     for (size_t i = 0; i < CHUNK; i++) {
         const size_t row = y + i / STRIP, column = x + i % STRIP;
         if (row >= tile->high || column >= tile->wide) continue;
         const size_t at = 3 * ((tile->top + row) * d->columns + tile->left + column);
         for (size_t c = 0; c < 3; c++)
             if (out_kind == U16)
-                ((uint16_t *)d->out)[at + c] = (uint16_t)part->drive[c][i];
+                ((uint16_t *)d->out)[at + c] = (uint16_t)from->drive[c][i];
             else
-                ((float *)d->out)[at + c] = part->sent[c][i];
+                ((float *)d->out)[at + c] = from->sent[c][i];
     }
 }
 
-INLINE void write_bytes(const struct procam_warp *d, const struct tile *tile,
-                        const struct part *part) {
+INLINE void write_bytes(const struct procam_warp *d, const struct tile *tile, const struct results *from) {
     uint8_t *out = (uint8_t *)d->out + 3 * (tile->top * d->columns + tile->left);
     for (size_t y = 0; y < tile->high; y++)
-        vcopy(out + 3 * y * d->columns, part->bytes[y], 3 * tile->wide);
+        vcopy(out + 3 * y * d->columns, from->bytes[y], 3 * tile->wide);
 }
 
 /* Prefetches the blocks of the strip after the next, and the lines of the master for the next strip:
    for two pixels in 16, different ones in each row, so that a whole strip covers them all. */
 INLINE void prefetch_strip(int kind, const struct procam_warp *d, const struct warp_block *blocks,
                        const struct warp_block *end, size_t row) {
-    const size_t size = kind == U8 ? 1 : kind == F32 ? 4 : 2;
+    const size_t size = bytes_of(kind);
     if (blocks + 2 * IN_STRIP + IN_CHUNK > end) return;
     const char *later = (const char *)(blocks + 2 * IN_STRIP);
     for (size_t k = 0; k < IN_CHUNK * sizeof *blocks; k += 64) __builtin_prefetch(later + k, 0, 2);
@@ -206,26 +219,33 @@ INLINE void prefetch_strip(int kind, const struct procam_warp *d, const struct w
     }
 }
 
-INLINE void warp_tile(int kind, int out_kind, const struct procam_warp *d, const struct tile *tile,
-                      const struct warp_block *blocks, const struct warp_block *end) {
+INLINE void warp_strip(int kind, int out_kind, const struct procam_warp *d, const struct tile *tile, size_t x,
+                       const struct warp_block *blocks, const struct warp_block *end, struct results *to) {
     struct samples samples;
     struct part part;
-    for (size_t x = 0; x < TILE; x += STRIP)
-        for (size_t y = 0; y < ROWS; y += CHUNK_ROWS, blocks += IN_CHUNK) {
-            if (x >= tile->wide || y >= tile->high) continue;
-            prefetch_strip(kind, d, blocks, end, y);
-            find_samples(d, blocks, &samples);
-            kind == U8 ? fetch_pairs(d, &samples) : fetch_light(kind, d, &samples);
-            for (size_t i = 0; i < CHUNK; i += LANES) {
-                const size_t row = y + i / STRIP, column = x + i % STRIP;
-                const float *thresholds = d->thresholds + (tile->top + row) % TILE * TILE + column;
-                vf sent[3];
-                unmixed(kind, d, blocks + i / BLOCK, &samples, i, sent);
-                finish(out_kind, d, thresholds, i, sent, &part, part.bytes[row] + 3 * column);
-            }
-            if (out_kind != U8) write_chunk(out_kind, d, tile, x, y, &part);
+    decode_part(kind, d, blocks, &part);
+    for (size_t y = 0; y < ROWS && y < tile->high; y += CHUNK_ROWS, blocks += IN_CHUNK) {
+        prefetch_strip(kind, d, blocks, end, y);
+        find_samples(d, &part, blocks, &samples);
+        if (!part.high) decode_pixels(kind, d, &samples, &part);
+        fetch_light(part.light, part.high ? part.stride : 6, &samples);
+        for (size_t i = 0; i < CHUNK; i += LANES) {
+            const size_t row = y + i / STRIP, column = x + i % STRIP;
+            const float *thresholds = d->thresholds + (tile->top + row) % TILE * TILE + column;
+            vf sent[3];
+            unmixed(d, blocks + i / BLOCK, &samples, i, sent);
+            finish(out_kind, d, thresholds, i, sent, to, to->bytes[row] + 3 * column);
         }
-    if (out_kind == U8) write_bytes(d, tile, &part);
+        if (out_kind != U8) write_chunk(out_kind, d, tile, x, y, to);
+    }
+}
+
+INLINE void warp_tile(int kind, int out_kind, const struct procam_warp *d, const struct tile *tile,
+                      const struct warp_block *blocks, const struct warp_block *end) {
+    struct results results;
+    for (size_t x = 0; x < TILE && x < tile->wide; x += STRIP, blocks += IN_STRIP)
+        warp_strip(kind, out_kind, d, tile, x, blocks, end, &results);
+    if (out_kind == U8) write_bytes(d, tile, &results);
 }
 
 /* Whole bands of rows. */

@@ -7,6 +7,7 @@ import sys
 import zipfile
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from procam import kernels
@@ -14,10 +15,13 @@ from procam import kernels
 HERE = Path(__file__).parent
 ROOT = HERE.parents[2]
 SOURCES = ROOT / "procam/kernels/native"
-COMPILER = shutil.which("gcc") or shutil.which("cc")
-needs_compiler = pytest.mark.skipif(
-    COMPILER is None, reason="no C compiler (Debian: gcc libc6-dev)"
-)
+COMPILER = shutil.which("gcc") or shutil.which("cc") or ""
+needs_compiler = pytest.mark.skipif(not COMPILER, reason="no C compiler (Debian: gcc libc6-dev)")
+ARM, EMULATOR = (shutil.which(name) or "" for name in ("aarch64-linux-gnu-gcc", "qemu-aarch64"))
+FLAGS = ["-std=gnu11", "-Wall", "-Wextra", "-Werror", f"-I{SOURCES}", "-Wno-unknown-pragmas"]
+FLAGS += ["-fno-math-errno", "-fno-trapping-math", "-ffp-contract=fast"]
+BASE = [HERE / "every_kernel.c", SOURCES / "dispatch.c", SOURCES / "level_base.c"]
+TYPES = {"B": "u1", "H": "u2", "e": "f2", "f": "f4", "d": "f8"}
 SANITIZE = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-fno-omit-frame-pointer"]
 
 
@@ -35,7 +39,7 @@ def _run(command: list[str], **environment: str) -> subprocess.CompletedProcess[
 @needs_compiler
 def test_the_library_is_built() -> None:
     """Where it can be built the rest of the tests must have run it, not NumPy against itself."""
-    assert "scalar" in kernels.available(), "not built: pip install --no-deps --editable ."
+    assert "base" in kernels.available(), "not built: pip install --no-deps --editable ."
 
 
 @needs_compiler
@@ -46,9 +50,8 @@ def test_sanitizers_find_nothing(tmp_path: Path) -> None:
     if tried.returncode or _run([str(tmp_path / "probe")]).returncode:
         pytest.skip("the compiler has no address and undefined-behaviour sanitizers, or no OpenMP")
     program = tmp_path / "sanitized"
-    files = [HERE / "sanitized.c", *sorted(SOURCES.glob("*.c"))]
-    flags = ["-std=gnu11", "-O0", "-g1", "-fopenmp", "-Wall", "-Wextra", "-Werror", f"-I{SOURCES}"]
-    flags += ["-fno-math-errno", "-fno-trapping-math", "-ffp-contract=fast", "-Wno-unknown-pragmas"]
+    files = [HERE / "every_kernel.c", *sorted(SOURCES.glob("*.c"))]
+    flags = [*FLAGS, "-O0", "-g1", "-fopenmp"]
     built = _run([COMPILER, *SANITIZE, *flags, *map(str, files), "-o", str(program), "-lm"])
     assert built.returncode == 0, built.stderr
     # OpenMP keeps its threads to the end, so leaks are not checked
@@ -56,6 +59,57 @@ def test_sanitizers_find_nothing(tmp_path: Path) -> None:
     ran = _run([str(program)], UBSAN_OPTIONS="print_stacktrace=1", **quiet)
     assert ran.returncode == 0, ran.stderr
     assert "level 2 clean" in ran.stdout
+
+
+def _results(program: Path, *before: str) -> list[np.ndarray]:
+    """What every kernel found at level "base": see `keep` of every_kernel.c."""
+    ran = subprocess.run(
+        [*before, str(program), "write"], capture_output=True, timeout=300, check=True
+    )
+    found, at = [], 0
+    while at < len(ran.stdout):
+        kind = np.dtype(TYPES[chr(ran.stdout[at])])
+        count = int(np.frombuffer(ran.stdout, "u8", 1, at + 1)[0])
+        found.append(np.frombuffer(ran.stdout, kind, count, at + 9))
+        at += 9 + found[-1].nbytes
+    return found
+
+
+@needs_compiler
+@pytest.mark.skipif(
+    not (ARM and EMULATOR), reason="no emulated ARM (Debian: gcc-aarch64-linux-gnu qemu-user)"
+)
+def test_arm_finds_the_same(tmp_path: Path) -> None:
+    """NEON against plain C, which other tests hold to NumPy."""
+    absent = tmp_path / "absent.c"
+    absent.write_text('#include "kernels.h"\nconst struct level procam_avx512, procam_avx2;\n')
+    here, arm = tmp_path / "here", tmp_path / "arm"
+    for compiler, files, program in (
+        (COMPILER, [*BASE, absent], here),
+        (ARM, [*BASE, "-static"], arm),
+    ):
+        command = [
+            compiler,
+            "-O1",
+            *FLAGS,
+            "-Wno-unused-parameter",
+            *map(str, files),
+            "-o",
+            str(program),
+            "-lm",
+        ]
+        built = _run(command)
+        assert built.returncode == 0, built.stderr
+    expected, found = _results(here), _results(arm, EMULATOR)
+    assert len(found) == len(expected) > 3000
+    for a, b in zip(found, expected, strict=True):
+        assert (a.dtype, a.shape) == (b.dtype, b.shape)
+        known = np.isfinite(b)
+        np.testing.assert_array_equal(np.isfinite(a), known)
+        apart = np.abs(a[known].astype(float) - b[known])
+        close = 1 if b.dtype.kind == "u" else 2e-5 * np.abs(b[known]).max(initial=0)
+        # where two candidates of a search fit equally well, rounding chooses
+        assert (apart > close).sum() <= 0.01 * len(b)
 
 
 def test_without_a_compiler_the_package_still_builds(tmp_path: Path) -> None:

@@ -17,6 +17,8 @@ from procam.kernels.frame import (
 from procam.kernels.frame.api import MODES
 from procam.kernels.frame.coding import Coding
 from procam.kernels.frame.grid import Grid
+from procam.kernels.frame.model import SPARE
+from procam.kernels.native.curve import Curve
 from procam.maths.codes.dither import threshold_tile
 from procam.maths.geometry.sphere import master_directions, master_solid_angles
 from procam.maths.light.transfer import TRANSFER_NAMES, transfer
@@ -28,6 +30,7 @@ CASES = [  # each size with each kind of dome, most with each type
     (*SIZES[i % 4], TYPES[(i + i // 4) % 4], (0, 1, 3)[i % 3], (1.0, 0.4, 0.0, 1.0, 0.4)[i % 5])
     for i in range(12)
 ]
+CLOSE = {np.uint8: 2e-6, np.uint16: 3e-7, np.float16: 3e-7, np.float32: 3e-7}  # of the sum of light
 STEP = {np.uint8: 1, np.uint16: 1, np.float16: 2**-10, np.float32: 3e-7}
 
 
@@ -87,8 +90,9 @@ class TestAgainstTheReference:
             found = frame_sums(dome, content, light, what, how)
             with kernels.forced("numpy"):
                 expected = frame_sums(dome, content, light, what, how)
+                whole = frame_sums(dome, content, light, "light", how)
             one = dome.solid_angle_sr.max() if what.startswith("at") else 0  # a pixel on the limit
-            close = 3e-7 * np.abs(expected).max() + 1.01 * one
+            close = CLOSE[kind] * np.abs(whole).max() + 1.01 * one
             np.testing.assert_allclose(found, expected, rtol=0, atol=close)
 
     @pytest.mark.parametrize(("size", "nodes", "terms", "kind", "seed", "strength"), CASES)
@@ -125,6 +129,27 @@ class TestAgainstTheReference:
         with kernels.forced("numpy"):
             expected = frame_sums(dome, content, light, "light", how)
         np.testing.assert_allclose(found, expected, rtol=0, atol=3e-7 * np.abs(expected).max())
+
+    def test_one_node_whatever_lies_behind_it(self, level: str) -> None:
+        one = np.ones((1, 1, 3), np.float32)
+        plane, up = one[..., 0], np.array([0, 0, 1], np.float32).reshape(3, 1, 1)
+        dome = FrameModel(8, 0 * one, 0 * one, None, None, None, plane, plane, up)
+        content, how = np.full((8, 8, 3), 0.5, np.float32), coding(np.float32)
+        spoilt = np.full(3 + SPARE, np.nan, np.float32)
+        light = scattered_light(dome, numbers(), out=spoilt[:3].reshape(1, 1, 3))
+        np.testing.assert_allclose(frame_apply(dome, content, light, how), 0.5)
+
+    def test_codes_below_zero_are_black(self, level: str) -> None:
+        dome, content, how = model(64, 20, 1), picture(64, np.uint8), replace(coding(np.uint8))
+        pieces = np.zeros((4, 16), np.float32)
+        pieces[0] = -3
+        how.__dict__["curve"] = Curve(2.0**-7, pieces)
+        light = scattered_light(dome, numbers())
+        assert level == "numpy" or not frame_apply(dome, content, light, how).any()
+
+    def test_black_is_code_0(self, level: str) -> None:
+        with pytest.raises(InputError, match=r"encode: light 0 is coded as 0\.0627; black must"):
+            replace(coding(np.uint8), encode=lambda light: (16 + 219 * light) / 255)
 
     @pytest.mark.parametrize("kind", TYPES)
     def test_a_dark_picture_under_lamps(self, level: str, kind: type) -> None:

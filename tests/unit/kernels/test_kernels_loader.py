@@ -52,7 +52,7 @@ def test_forced_ends_with_its_block() -> None:
 
 def test_unknown_levels_are_refused() -> None:
     with pytest.raises(
-        InputError, match="'sse9' is unknown; choose one of avx512, avx2, scalar, numpy"
+        InputError, match="'sse9' is unknown; choose one of avx512, avx2, base, numpy"
     ):
         kernels.use("sse9")
     with pytest.raises(InputError, match="threads: -1 is below 0"):
@@ -67,10 +67,10 @@ def test_without_library_a_level_is_refused_by_name(no_library: None) -> None:
 
 
 def test_a_level_the_processor_lacks_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(loader, "available", lambda: ("scalar", "numpy"))
+    monkeypatch.setattr(loader, "available", lambda: ("base", "numpy"))
     monkeypatch.setattr(loader, "library", object)
     with pytest.raises(
-        InputError, match="'avx512' does not run, this processor lacks it; try one of scalar"
+        InputError, match="'avx512' does not run, this processor lacks it; try one of base"
     ):
         kernels.use("avx512")
 

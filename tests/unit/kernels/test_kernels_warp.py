@@ -14,7 +14,7 @@ from procam.maths.warp import sample
 
 MASTERS = [np.uint8, np.uint16, np.float16, np.float32]
 FRAMES = [np.uint8, np.uint16, np.float32]
-LIGHT = 1e-4  # between levels: rounding of places of 1e-5 px, on noise; 8-bit light of 8e-6
+LIGHT = 1e-4  # between levels: rounding of places of 1e-5 px, on noise
 CODES = srgb_decode(np.arange(256) / 255)
 RESPONSE = np.repeat(srgb_encode(KNOTS)[:, None], 3, axis=1) ** np.array([1.0, 0.9, 1.1])
 MIX = np.array([[0.95, 0.03, 0.02], [0.02, 0.96, 0.02], [0.01, 0.04, 0.95]])
@@ -71,6 +71,7 @@ def _check_dither(frame: np.ndarray, light: np.ndarray, plan: WarpPlan, slack: f
         *(((33, 17), (41, 67), MASTERS[2]), ((64, 64), (41, 67), MASTERS[3])),
         *(((40, 203), (2, 2), MASTERS[0]), ((40, 203), (41, 67), MASTERS[1])),
         *(((1, 1), (2, 2), MASTERS[2]), ((3, 130), (2, 2), MASTERS[3])),
+        *(((70, 90), (400, 500), kind) for kind in MASTERS),  # pixels of a strip lie far apart
     ],
 )
 def test_light_equals_the_reference(level: str, shape, edge, kind: type, rng) -> None:
@@ -267,6 +268,7 @@ def test_plans_that_do_not_fit_are_refused(more: dict, error: type, text: str) -
         (np.zeros((4, 4, 3), "u1"), np.zeros((4, 5, 3), "u1"), InputError, "this one has none"),
         (np.zeros((4, 4, 3), "u1"), np.zeros((4, 5, 6), "f4")[..., ::2], InputError, "contiguous"),
         (np.broadcast_to(np.uint8(0), (1 << 15, 1 << 15, 3)), None, ShapeError, "at most"),
+        (np.broadcast_to(np.uint8(0), (2, 1 << 25, 3)), None, ShapeError, "edges of at most"),
     ],
 )  # fmt: skip
 def test_frames_that_do_not_fit_are_refused(master, out, error: type, text: str) -> None:
