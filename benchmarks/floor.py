@@ -1,6 +1,7 @@
 """Least times: every input byte read once and every output byte written once; so many instructions."""
 
 import ctypes
+import hashlib
 import json
 import subprocess
 import tempfile
@@ -64,8 +65,25 @@ class Floor:
 
 
 def counted(path: str) -> float:
-    """Instructions per value or pixel at AVX2: see benchmarks.instructions."""
-    return float(json.loads(COUNTED.read_text())[path])
+    """Instructions per value or pixel at AVX2: see benchmarks.instructions.
+
+    Raises
+    ------
+    RuntimeError
+        If the kernels have changed since they were counted.
+    """
+    document = json.loads(COUNTED.read_text())
+    if document["sources"] != sources():
+        raise RuntimeError(
+            f"{COUNTED.name}: kernels have changed; run python -m benchmarks.instructions"
+        )
+    return float(document["instructions"][path])
+
+
+def sources() -> str:
+    """Hash of the kernels' C sources."""
+    files = sorted((COUNTED.parents[1] / "procam/kernels").rglob("*.[ch]"))
+    return hashlib.sha256(b"".join(path.read_bytes() for path in files)).hexdigest()
 
 
 class Instructions:

@@ -13,7 +13,7 @@ from collections.abc import Callable
 import numpy as np
 
 from benchmarks import frame, phase, warp
-from benchmarks.floor import COUNTED
+from benchmarks.floor import COUNTED, sources
 from procam import kernels
 from procam.kernels.frame import frame_apply, frame_sums
 
@@ -75,7 +75,8 @@ def main(arguments: list[str]) -> None:
         )
         found[path] = round(count / items, 2)
         print(f"{path}: {found[path]} instructions", flush=True)
-    COUNTED.write_text(json.dumps(found, indent=1) + "\n")
+    document = {"sources": sources(), "instructions": found}
+    COUNTED.write_text(json.dumps(document, indent=1) + "\n")
 
 
 if __name__ == "__main__":

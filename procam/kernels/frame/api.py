@@ -185,11 +185,13 @@ def _run(
     setup.size, setup.kind = model.size, KINDS[pictures[0].dtype]
     setup.nodes, setup.terms, setup.band = model.nodes, model.terms, model.grid.shared
     setup.strength, setup.top = coding.strength, coding.most(pictures[0].dtype)
-    setup.encode_shift = coding.curve.shift
     image, light, out = pictures
     if light.dtype != np.float32 or _buffer_of(light) is None:
         light = np.asarray(padded(light))
-    arrays = model.in_c | coding.in_c | {"image": image, "light": light, "out": out}
+    arrays = model.in_c | {"image": image, "light": light, "out": out}
+    if image.dtype == np.uint8:
+        arrays |= coding.in_c
+        setup.encode_shift = coding.curve.shift
     arrays["lit"] = model.variants(setup.top)
     for name, positions in model.grid.positions(LANES[level]).items():
         arrays |= {f"{name}_{part}": found for part, found in positions.items()}

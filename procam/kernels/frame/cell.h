@@ -175,7 +175,8 @@ INLINE void write_rows(struct variant variant, const struct procam_frame *setup,
     unsigned char *to = (unsigned char *)setup->out + y * pitch + cell->first * width;
     unsigned char room[4 * FRAME_BLOCK], out[4 * FRAME_BLOCK] __attribute__((aligned(64)));
     for (size_t r = 0; r < rows; r++, to += pitch) {
-        const float *threshold = setup->threshold + (y + r) % TILE_ROWS * TILE_WIDTH + cell->first % TILE_WIDTH;
+        const size_t tile = (y + r) % TILE_ROWS * TILE_WIDTH + cell->first % TILE_WIDTH;
+        const float *threshold = variant.kind == U8 ? setup->threshold + tile : NULL;
         const void *original = variant.mode == MIX ? stored_row(variant, setup, cell, y + r, room) : NULL;
         store_block(variant.kind, setup, lines[r], original, threshold, out);
         vcopy(to, out, cell->left * width);

@@ -54,13 +54,14 @@ class Coding:
 
     @cached_property
     def in_c(self) -> dict[str, AnyArray]:
-        """Arrays of the C struct."""
-        tile = np.ascontiguousarray(np.repeat(self.threshold, CHANNELS, axis=1), np.float32)
+        """Arrays of the C struct, for uint8."""
         return {
             "decode": self.codes,
             "decode_bytes": bytes_of_floats(self.codes),
             "encode": self.curve.pieces,
-            "threshold": tile,
+            "threshold": np.ascontiguousarray(
+                np.repeat(self.threshold, CHANNELS, axis=1), np.float32
+            ),
         }
 
     def most(self, dtype: np.dtype[Any]) -> float:

@@ -16,9 +16,7 @@ POWERS = np.arange(4)
 SHIFTS = 2.0**-4 - 0.0031308**0.5, 2.0**-7
 SAMPLES = 1000
 CLOSE = 0.25  # codes
-ROUNDING = (
-    1e-6  # singular values below it would make large coefficients that cancel, in single precision
-)
+ROUNDING = 1e-6  # singular values below it would make coefficients that cancel, in single precision
 
 
 @dataclass(frozen=True, slots=True)

@@ -204,13 +204,6 @@ INLINE vf vcurve(const float *pieces, vf x) {
 
 typedef float quad __attribute__((vector_size(16)));
 
-/* Entries of a table of 256 for four codes. */
-INLINE quad quad_looked_up(const float *table, const uint8_t *p) {
-    uint32_t word; /* one load, not four */
-    memcpy(&word, p, sizeof word);
-    return (quad){table[word & 255], table[word >> 8 & 255], table[word >> 16 & 255], table[word >> 24]};
-}
-
 /* Entries of a table of 256 for 64 codes; AVX-512 takes each byte of them from a table of its own, (4, 256). */
 #if LANES == 16
 INLINE __m512i bytes_looked_up(const uint8_t *table, __m512i codes) {
@@ -241,7 +234,9 @@ INLINE void vlook_up(const float *table, const uint8_t *bytes, const uint8_t *co
 INLINE void vlook_up(const float *table, const uint8_t *bytes, const uint8_t *codes, float *to) {
     (void)bytes;
     UNROLL for (size_t k = 0; k < 64; k += 4) {
-        const quad found = quad_looked_up(table, codes + k);
+        uint32_t four; /* one load, not four */
+        memcpy(&four, codes + k, sizeof four);
+        const quad found = {table[four & 255], table[four >> 8 & 255], table[four >> 16 & 255], table[four >> 24]};
         memcpy(to + k, &found, sizeof found);
     }
 }

@@ -164,14 +164,7 @@ def _pack(numbers: list[FloatArray], blocks: NDArray[np.void]) -> None:
     low, high = held.min(axis=-1), held.max(axis=-1)
     if unknown.any():  # their place is that of another in their block, or strip
         known = np.where(unknown.reshape(held.shape[1:]), np.float32(np.nan), held[PLACE])
-        least = np.fmin.reduce(
-            known, axis=-1
-        )  # in a strip, else C would decode much that nobody asks for
-        strips = np.fmin.reduce(
-            least.reshape(2, BAND, -1, STRIP // BLOCK), axis=(1, 3), keepdims=True
-        )
-        nearby = np.broadcast_to(np.nan_to_num(strips), (2, BAND, strips.shape[2], STRIP // BLOCK))
-        low[PLACE] = np.where(np.isnan(least), nearby.reshape(least.shape), least)
+        low[PLACE] = _known_nearby(np.fmin.reduce(known, axis=-1))
         high[PLACE] = np.fmax(np.fmax.reduce(known, axis=-1), low[PLACE])
         held[PLACE] = np.where(np.isnan(known), low[PLACE, ..., None], known)
     step = (high - low) / np.float32(65535)
@@ -181,6 +174,13 @@ def _pack(numbers: list[FloatArray], blocks: NDArray[np.void]) -> None:
     for name, part in (("base", low), ("step", step), ("number", whole)):
         split = part.reshape(8, BAND, *blocks.shape[:2], -1, *part.shape[3:])
         blocks[name] = np.moveaxis(split, (2, 3, 1, 4, 0), (0, 1, 2, 3, 4))
+
+
+def _known_nearby(least: Array32) -> Array32:
+    """Places (2, BAND, blocks), unknown ones by the least of their strip: C decodes what lies between."""
+    strips = least.reshape(2, BAND, -1, STRIP // BLOCK)
+    nearby = np.nan_to_num(np.fmin.reduce(strips, axis=(1, 3), keepdims=True))
+    return np.where(np.isnan(strips), nearby, strips).reshape(least.shape)
 
 
 def _knots(plan: WarpPlan, kind: np.dtype[Any]) -> NDArray[np.uint32]:

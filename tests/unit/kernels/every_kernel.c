@@ -24,7 +24,7 @@ void procam_scattered(int, int, int, int, const float *, const float *, const fl
 enum { FRAMES = 12 };
 static int written;
 
-/* Writes results: a letter of Python's module array for their type, their number, themselves. */
+/* Writes results: a letter for their type (of Python's struct, or s for floats of a search), their number, themselves. */
 static void keep(char type, size_t width, const void *found, size_t count) {
     if (!written) return;
     fwrite(&type, 1, 1, stdout), fwrite(&count, sizeof count, 1, stdout), fwrite(found, width, count, stdout);
@@ -52,7 +52,7 @@ static void search(int level, int threads, int kind, size_t n, void *const *fram
         const struct procam_search setup = {count, 3,  candidates, count % 3, count % 2, 64.0f,
                                           16.0f, weights, terms, rotations};
         procam_search(level, threads, kind, n, (const void *const *)frames, &setup, out);
-        for (int i = 0; i < RESULTS; i++) keep('f', 4, out[i], n), free(out[i]);
+        for (int i = 0; i < RESULTS; i++) keep('s', 4, out[i], n), free(out[i]);
         free(weights), free(terms), free(rotations);
     }
 }

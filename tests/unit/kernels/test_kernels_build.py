@@ -21,7 +21,7 @@ ARM, EMULATOR = (shutil.which(name) or "" for name in ("aarch64-linux-gnu-gcc", 
 FLAGS = ["-std=gnu11", "-Wall", "-Wextra", "-Werror", f"-I{SOURCES}", "-Wno-unknown-pragmas"]
 FLAGS += ["-fno-math-errno", "-fno-trapping-math", "-ffp-contract=fast"]
 BASE = [HERE / "every_kernel.c", SOURCES / "dispatch.c", SOURCES / "level_base.c"]
-TYPES = {"B": "u1", "H": "u2", "e": "f2", "f": "f4", "d": "f8"}
+TYPES = {"B": "u1", "H": "u2", "e": "f2", "f": "f4", "d": "f8", "s": "f4"}
 SANITIZE = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-fno-omit-frame-pointer"]
 
 
@@ -61,17 +61,17 @@ def test_sanitizers_find_nothing(tmp_path: Path) -> None:
     assert "level 2 clean" in ran.stdout
 
 
-def _results(program: Path, *before: str) -> list[np.ndarray]:
+def _results(program: Path, *before: str) -> list[tuple[str, np.ndarray]]:
     """What every kernel found at level "base": see `keep` of every_kernel.c."""
     ran = subprocess.run(
         [*before, str(program), "write"], capture_output=True, timeout=300, check=True
     )
     found, at = [], 0
     while at < len(ran.stdout):
-        kind = np.dtype(TYPES[chr(ran.stdout[at])])
+        letter = chr(ran.stdout[at])
         count = int(np.frombuffer(ran.stdout, "u8", 1, at + 1)[0])
-        found.append(np.frombuffer(ran.stdout, kind, count, at + 9))
-        at += 9 + found[-1].nbytes
+        found.append((letter, np.frombuffer(ran.stdout, TYPES[letter], count, at + 9)))
+        at += 9 + found[-1][1].nbytes
     return found
 
 
@@ -102,14 +102,14 @@ def test_arm_finds_the_same(tmp_path: Path) -> None:
         assert built.returncode == 0, built.stderr
     expected, found = _results(here), _results(arm, EMULATOR)
     assert len(found) == len(expected) > 3000
-    for a, b in zip(found, expected, strict=True):
-        assert (a.dtype, a.shape) == (b.dtype, b.shape)
+    for (letter, a), (same, b) in zip(found, expected, strict=True):
+        assert (letter, a.shape) == (same, b.shape)
         known = np.isfinite(b)
         np.testing.assert_array_equal(np.isfinite(a), known)
         apart = np.abs(a[known].astype(float) - b[known])
         close = 1 if b.dtype.kind == "u" else 2e-5 * np.abs(b[known]).max(initial=0)
         # where two candidates of a search fit equally well, rounding chooses
-        assert (apart > close).sum() <= 0.01 * len(b)
+        assert (apart > close).sum() <= (0.01 * len(b) if letter == "s" else 0)
 
 
 def test_without_a_compiler_the_package_still_builds(tmp_path: Path) -> None:
