@@ -130,6 +130,23 @@ class TestAgainstTheReference:
             expected = frame_sums(dome, content, light, "light", how)
         np.testing.assert_allclose(found, expected, rtol=0, atol=3e-7 * np.abs(expected).max())
 
+    def test_below_a_hole_fields_are_read_anew(self, level: str) -> None:
+        dome, content, how = model(300, 100, 4), picture(300, np.float32), coding(np.float32)
+        hole = np.ones((100, 100, 1), np.float32)
+        hole[40:60] = 0
+        ramp = np.linspace(0, 0.5, 100, dtype=np.float32)[:, None, None]
+        dome = replace(
+            dome,
+            lo=np.ascontiguousarray(dome.lo + ramp),
+            coverage=dome.coverage * hole[..., 0],
+            solid_angle_sr=dome.solid_angle_sr * hole[..., 0],
+        )
+        light = scattered_light(dome, numbers())
+        found = frame_apply(dome, content, light, how)
+        with kernels.forced("numpy"):
+            expected = frame_apply(dome, content, light, how)
+        np.testing.assert_allclose(found, expected, rtol=0, atol=3e-7)
+
     def test_one_node_whatever_lies_behind_it(self, level: str) -> None:
         one = np.ones((1, 1, 3), np.float32)
         plane, up = one[..., 0], np.array([0, 0, 1], np.float32).reshape(3, 1, 1)
