@@ -31,6 +31,7 @@ def _library() -> ctypes.CDLL | None:
     found.floor_read.argtypes = [ctypes.c_void_p, ctypes.c_size_t]
     found.floor_copy.argtypes = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_size_t]
     found.floor_instructions.argtypes = [ctypes.c_size_t]
+    found.floor_instructions.restype = ctypes.c_int
     return found
 
 
