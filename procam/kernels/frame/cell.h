@@ -97,6 +97,14 @@ INLINE void enter_row(struct variant variant, const struct procam_frame *setup, 
     }
 }
 
+/* Fetches what the cell below will enter. */
+INLINE void fetch_row(struct variant variant, const struct procam_frame *setup, const struct cell *cell, size_t row) {
+    const int32_t *start = setup->values.start + cell->first / LANES;
+    for (int plane = LIGHT; plane < GAIN; plane++)
+        for (int32_t at = start[0]; has(variant, setup, plane) && at < start[VECTORS - 1] + LANES; at += 16)
+            __builtin_prefetch(node_row(setup, plane, row) + at, 0, 1);
+}
+
 /* The same below a cell; above it, unless the cell there did. */
 INLINE void enter(struct variant variant, const struct procam_frame *setup, struct workspace *work, const struct cell *cell) {
     uint8_t planes = 0;
@@ -104,6 +112,7 @@ INLINE void enter(struct variant variant, const struct procam_frame *setup, stru
     const int known = cell->interval && work->entered[cell->block] == cell->interval && !(planes & ~work->planes[cell->block]);
     if (!known) enter_row(variant, setup, cell, cell->above, work->fields[!(cell->interval % 2)]);
     enter_row(variant, setup, cell, cell->below, work->fields[cell->interval % 2]);
+    fetch_row(variant, setup, cell, cell->below + 1);
     work->entered[cell->block] = cell->interval + 1;
     work->planes[cell->block] = planes;
 }
@@ -133,16 +142,15 @@ INLINE vf sent(struct variant variant, const struct procam_frame *setup, const s
 }
 
 /* One vector of values, down some rows. */
-INLINE void go_down(struct variant variant, const struct procam_frame *setup, struct workspace *work,
+INLINE void go_down(struct variant variant, const struct procam_frame *setup, const struct workspace *work, struct band *band,
                     const struct cell *cell, int k, size_t y, size_t rows, rows_of_block lines) {
     const size_t at = (size_t)(k * LANES), place = cell->block * FRAME_BLOCK + at;
-    float *sums = work->bands[work->band].sum[variant.lit == IN_PART] + place;
-    float *downs = work->bands[work->band].down[variant.lit == IN_PART] + place;
+    float *sums = band->sum[variant.lit == IN_PART] + place, *downs = band->down[variant.lit == IN_PART] + place;
     struct ramp ramps[PLANES] = {0};
     for (int plane = 0; plane < PLANES; plane++)
         if (has(variant, setup, plane)) ramps[plane] = ramp_of(work, cell, plane, k);
     vf sum = vload(sums), lower = vload(downs);
-    for (size_t r = 0; r < rows; r++) {
+    UNROLL for (size_t r = 0; r < rows; r++) {
         const float down = setup->down[y + r], share = setup->along[y + r];
         vf value = sent(variant, setup, ramps, down, vload(lines[r] + at)), counted = value;
         if (variant.lit == IN_PART) {
@@ -183,7 +191,8 @@ INLINE void write_rows(struct variant variant, const struct procam_frame *setup,
     }
 }
 
-INLINE void one_cell(struct variant variant, const struct procam_frame *setup, struct workspace *work, const struct cell *cell) {
+INLINE void one_cell(struct variant variant, const struct procam_frame *setup, struct workspace *work, struct band *band,
+                     const struct cell *cell) {
     rows_of_block lines;
     unsigned char room[4 * FRAME_BLOCK];
     if (variant.lit != NOWHERE) enter(variant, setup, work, cell);
@@ -191,10 +200,9 @@ INLINE void one_cell(struct variant variant, const struct procam_frame *setup, s
         const size_t rows = cell->end - y < PART_ROWS ? cell->end - y : PART_ROWS;
         for (size_t r = 0; r < rows; r++)
             load_block(variant.kind, setup, stored_row(variant, setup, cell, y + r, room), lines[r]);
-        for (int k = 0; k < VECTORS; k++) go_down(variant, setup, work, cell, k, y, rows, lines);
+        for (int k = 0; k < VECTORS; k++) go_down(variant, setup, work, band, cell, k, y, rows, lines);
         if (variant.mode >= APPLY) write_rows(variant, setup, cell, y, rows, lines);
     }
-    struct band *band = work->bands + work->band;
     band->lit[cell->block] |= (uint8_t)(1 << cell->lit);
     const size_t end = cell->block * FRAME_BLOCK + cell->left, bytes = (FRAME_BLOCK - cell->left) * sizeof(float);
     for (int k = 0; k < 2 && bytes; k++) memset(band->sum[k] + end, 0, bytes), memset(band->down[k] + end, 0, bytes);
@@ -205,9 +213,10 @@ typedef void cells_variant(const struct procam_frame *setup, struct workspace *w
     static __attribute__((noinline)) void name(const struct procam_frame *given, struct workspace *work, \
                                                const struct cell *first, size_t count) { \
         const struct procam_frame setup = *given; /* a copy, which no store can alias */ \
+        struct band *const band = work->bands + work->band; \
         struct cell cell = *first; \
         for (; count; count--, cell.block++, cell.first += FRAME_BLOCK) \
-            one_cell((struct variant){__VA_ARGS__}, &setup, work, &cell); \
+            one_cell((struct variant){__VA_ARGS__}, &setup, work, band, &cell); \
     }
 #define LIT_CELLS(name, kind, mode) \
     CELL(name##_in_part, kind, mode, IN_PART, MAYBE, MAYBE) \

@@ -40,51 +40,39 @@ INLINE void raise(int terms, vf *term) {
     term[4] = x * y, term[5] = y * z, term[6] = x * z, term[7] = x * x - y * y, term[8] = z * z;
 }
 
-/* Adds those of LANES pixels at an edge, from value i of the picture's rows on, to those of each colour and term. */
-INLINE void gather_pixels(int terms, int mode, const struct procam_frame *setup, const struct rows *rows,
-                          const struct band *above, const struct band *below, size_t at, size_t i, vf (*sums)[FRAME_TERMS]) {
-    const size_t blocks[] = {at / FRAME_BLOCK, (at + 3 * LANES - 1) / FRAME_BLOCK};
-    int lit = 0;
-    for (int k = 0; k < 2; k++) lit |= above->lit[blocks[k]] | below->lit[blocks[k]];
+/* Adds those of a vector of values at an edge, from value i of the picture's rows on, to those of each term. */
+INLINE void gather_values(int terms, int mode, const struct procam_frame *setup, const struct rows *rows,
+                          const struct band *above, const struct band *below, size_t at, size_t i, vf *sums) {
+    const int lit = above->lit[at / FRAME_BLOCK] | below->lit[at / FRAME_BLOCK];
     if (!lit) return;
-    float values[3 * LANES], colours[3][LANES];
-    for (size_t k = 0; k < 3 * LANES; k += LANES) {
-        const struct columns shared = columns_at(&setup->shared, i + k), spread = columns_at(&setup->values, i + k);
-        vf v = along(&shared, rows->weight, 1) * shared_with(above, below, 0, at + k);
-        if (lit & 1 << IN_PART) v += shared_with(above, below, 1, at + k);
-        if (mode == SUM_EXCESS) v *= along(&spread, rows->edge_spread, 3);
-        vstore(values + k, v);
-    }
-    for (int k = 0; k < LANES; k++)
-        for (int c = 0; c < 3; c++) colours[c][k] = values[3 * k + c];
-    const struct columns pixels = columns_at(&setup->pixels, i / 3);
-    vf term[FRAME_TERMS];
-    for (int axis = 0; axis < AXES && axis < terms - 1; axis++) term[1 + axis] = along(&pixels, rows->axes[axis], 1);
+    const struct columns columns = columns_at(&setup->shared, i), spread = columns_at(&setup->values, i);
+    vf term[FRAME_TERMS], v = along(&columns, rows->weight, 1) * shared_with(above, below, 0, at);
+    if (lit & 1 << IN_PART) v += shared_with(above, below, 1, at);
+    if (mode == SUM_EXCESS) v *= along(&spread, rows->edge_spread, 3);
+    for (int axis = 0; axis < AXES && axis < terms - 1; axis++) term[1 + axis] = along(&columns, rows->axes[axis], 1);
     raise(terms, term);
-    UNROLL for (int c = 0; c < 3; c++) {
-        const vf v = vload(colours[c]);
-        sums[c][0] += v;
-        UNROLL for (int k = 1; k < terms; k++) sums[c][k] += v * term[k];
-    }
+    sums[0] += v;
+    UNROLL for (int k = 1; k < terms; k++) sums[k] += v * term[k];
 }
 
+/* Vectors of the same colours in turn, every third, are added up together. */
 INLINE void gather_edge(int terms, int mode, const struct procam_frame *setup, const struct band *above,
                         const struct band *below, size_t number, size_t first, double (*to)[FRAME_TERMS]) {
     const struct rows rows = rows_of(setup, number);
-    vf sums[3][FRAME_TERMS] = {0};
-    for (size_t at = 0; at < FRAME_STRIP; at += 3 * LANES)
-        gather_pixels(terms, mode, setup, &rows, above, below, at, first + at, sums);
-    for (int c = 0; c < 3; c++)
+    for (size_t begin = 0; begin < 3 * LANES; begin += LANES) {
+        vf sums[FRAME_TERMS];
+        for (int k = 0; k < terms; k++) sums[k] = vset(0.0f);
+        for (size_t at = begin; at < FRAME_STRIP; at += 3 * LANES)
+            gather_values(terms, mode, setup, &rows, above, below, at, first + at, sums);
         for (int k = 0; k < terms; k++)
-            for (int lane = 0; lane < LANES; lane++) to[c][k] += (double)sums[c][k][lane];
+            for (size_t lane = 0; lane < LANES; lane++) to[(begin + lane) % 3][k] += (double)sums[k][lane];
+    }
 }
 
 INLINE void clear_band(struct band *band) {
     for (size_t block = 0; block < STRIP_BLOCKS; block++) {
-        for (int k = 0; k < 2 && band->lit[block]; k++) {
-            memset(band->sum[k] + block * FRAME_BLOCK, 0, FRAME_BLOCK * sizeof(float));
-            memset(band->down[k] + block * FRAME_BLOCK, 0, FRAME_BLOCK * sizeof(float));
-        }
+        for (size_t at = block * FRAME_BLOCK; band->lit[block] && at < (block + 1) * FRAME_BLOCK; at += LANES)
+            for (int k = 0; k < 2; k++) vstore(band->sum[k] + at, vset(0.0f)), vstore(band->down[k] + at, vset(0.0f));
         band->lit[block] = 0;
     }
 }

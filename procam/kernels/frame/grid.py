@@ -12,7 +12,7 @@ from procam.arrays import AnyArray, Array, BoolArray, Map
 
 Index = NDArray[np.int32]
 CHANNELS = 3
-POSITIONS = ("values", "shared", "pixels")  # as in struct procam_frame
+POSITIONS = ("values", "shared")  # as in struct procam_frame
 STRIP, BLOCK = 1536, 64  # as in frame/cell.h
 FINE = 256  # nodes from which on a band may have more than one interval
 STRAIGHT = (
@@ -47,12 +47,11 @@ class Grid:
         self._positions: dict[int, dict[str, dict[str, AnyArray]]] = {}
 
     def positions(self, lanes: int) -> dict[str, dict[str, AnyArray]]:
-        """Nodes around the elements of a row, in vectors of `lanes`.
+        """Nodes around the interleaved values of a row, in vectors of `lanes`.
 
-        `values`: of interleaved values, in fields of three interleaved colours; `shared`: in fields of
-        one. `pixels`: of pixels, in fields of one. `start` is the first node of each vector, `left` that
-        of each element, counted from there; the right one follows it. `across` is the weight of the
-        right one.
+        `values`: in fields of three interleaved colours; `shared`: in fields of one. `start` is the
+        first node of each vector, `left` that of each element, counted from there; the right one
+        follows it. `across` is the weight of the right one.
         """
         if lanes not in self._positions:
             padded = -(-self.size // BLOCK) * BLOCK
@@ -65,7 +64,6 @@ class Grid:
             self._positions[lanes] = {
                 "values": _from_starts(CHANNELS * left[value] + colour, across[value], lanes),
                 "shared": _from_starts(left[value], across[value], lanes),
-                "pixels": _from_starts(left, across, lanes),
             }
         return self._positions[lanes]
 

@@ -11,7 +11,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#define PROCAM_INTERFACE 16 /* increase with every change of a signature or struct, here and in loader.py */
+#define PROCAM_INTERFACE 17 /* increase with every change of a signature or struct, here and in loader.py */
 #define MOST_SEARCH 32     /* frames of a search */
 #define RESULTS 6          /* planes of a search */
 enum { PIECES = 16 }; /* of a curve: see vector.h */
@@ -93,7 +93,6 @@ struct procam_frame { /* a picture (size, size, 3) and the model of the dome, se
                                                       (edges, 3, nodes) */
     const uint8_t *lit;                       /* (nodes + 1, blocks) */
     struct positions values, shared; /* of values, in fields of three colours and of one */
-    struct positions pixels;         /* of pixels, in fields of one */
     const float *down, *along;  /* of rows: weight of the lower node row; position in the band */
     const int32_t *rows;        /* (nodes + 2): first row of each interval */
     const float *decode, *encode, *threshold; /* (256); pieces, see vector.h; (TILE_ROWS, TILE_WIDTH) */

@@ -15,7 +15,7 @@ from procam.errors import InputError
 LEVELS = ("avx512", "avx2", "base", "numpy")
 LANES = (16, 8, 4)  # floats of a vector, of each level but the last
 VARIABLE = "PROCAM_KERNELS"
-INTERFACE = 16  # PROCAM_INTERFACE of native/kernels.h
+INTERFACE = 17  # PROCAM_INTERFACE of native/kernels.h
 _INT, _SIZE, _ADDRESS = ctypes.c_int, ctypes.c_size_t, ctypes.c_void_p
 _DOUBLE = ctypes.c_double
 SIGNATURES = {  # level, threads, element type, pixels, ...

@@ -62,10 +62,10 @@ INLINE vi vload_u16(const uint16_t *p) { return (vi)_mm512_cvtepu16_epi32(_mm256
 INLINE vf vfrom_f16(vhalves a) { return _mm512_cvtph_ps((__m256i)a); }
 INLINE vhalves vto_f16(vf a) { return (vhalves)_mm512_cvtps_ph(a, 0); }
 INLINE void vstore_codes(uint8_t *p, const vf *a) { /* integer parts of 64 numbers, 0 to 255 */
-    for (int k = 0; k < 4; k++) {
-        const __m512i whole = _mm512_max_epi32(_mm512_cvttps_epi32(a[k]), _mm512_setzero_si512());
-        _mm_storeu_si128((void *)(p + 16 * k), _mm512_cvtusepi32_epi8(whole));
-    }
+    const __m512i order = _mm512_setr_epi32(0, 4, 8, 12, 1, 5, 9, 13, 2, 6, 10, 14, 3, 7, 11, 15);
+    const __m512i low = _mm512_packus_epi32(_mm512_cvttps_epi32(a[0]), _mm512_cvttps_epi32(a[1]));
+    const __m512i high = _mm512_packus_epi32(_mm512_cvttps_epi32(a[2]), _mm512_cvttps_epi32(a[3]));
+    _mm512_storeu_si512(p, _mm512_permutexvar_epi32(order, _mm512_packus_epi16(low, high)));
 }
 INLINE void vstream(float *p, vf a) { _mm512_stream_ps(p, a); }
 
@@ -233,11 +233,12 @@ INLINE void vlook_up(const float *table, const uint8_t *bytes, const uint8_t *co
 #else /* loads are faster than gathers on many processors, and than polynomials */
 INLINE void vlook_up(const float *table, const uint8_t *bytes, const uint8_t *codes, float *to) {
     (void)bytes;
-    UNROLL for (size_t k = 0; k < 64; k += 4) {
-        uint32_t four; /* one load, not four */
-        memcpy(&four, codes + k, sizeof four);
-        const quad found = {table[four & 255], table[four >> 8 & 255], table[four >> 16 & 255], table[four >> 24]};
-        memcpy(to + k, &found, sizeof found);
+    UNROLL for (size_t k = 0; k < 64; k += 8) {
+        uint32_t four[2]; /* one load, not four */
+        memcpy(four, codes + k, sizeof four);
+        float found[8]; /* one store, which a load of a vector can wait for */
+        for (int i = 0; i < 8; i++) found[i] = table[four[i / 4] >> 8 * (i % 4) & 255];
+        memcpy(to + k, found, sizeof found);
     }
 }
 #endif

@@ -8,7 +8,7 @@
    one by one. */
 enum { TILE = 64, ROWS = 32, STRIP = 32 };
 enum { CHUNK = 64, CHUNK_ROWS = CHUNK / STRIP }; /* pixels processed together */
-enum { IN_CHUNK = CHUNK / BLOCK, IN_STRIP = STRIP * ROWS / BLOCK, IN_TILE = TILE * ROWS / BLOCK };
+enum { CHUNKS = ROWS / CHUNK_ROWS, IN_CHUNK = CHUNK / BLOCK, IN_STRIP = STRIP * ROWS / BLOCK, IN_TILE = TILE * ROWS / BLOCK };
 enum { PLACE_X, PLACE_Y, BLACK, SHARE = BLACK + 3 }; /* fields of a block */
 enum { DECODED = 64 * 192 }; /* values of a master that are decoded for a strip at most */
 enum { STEPS = 32, LOWEST = 16 }; /* of the table of drives: knots per octave of light, octaves */
@@ -89,12 +89,23 @@ INLINE struct range range_of(const struct warp_block *blocks, int field, size_t 
     return (struct range){first, end > first ? end : first + 1};
 }
 
-INLINE void decode_part(int kind, const struct procam_warp *d, const struct warp_block *blocks, struct part *to) {
-    const size_t pitch = 3 * d->master_columns;
-    const struct range x = range_of(blocks, PLACE_X, d->master_columns - 1), y = range_of(blocks, PLACE_Y, d->master_rows - 1);
-    const size_t wide = 3 * (x.last + 1 - x.first);
-    to->left = x.first, to->top = y.first, to->high = y.last + 1 - y.first, to->stride = (wide + 63) / 64 * 64;
-    to->last[0] = (float)(x.last - 1), to->last[1] = (float)(y.last - 1);
+struct area { /* of the master */
+    struct range x, y;
+};
+
+INLINE struct area area_of(const struct procam_warp *d, const struct warp_block *blocks) {
+    return (struct area){range_of(blocks, PLACE_X, d->master_columns - 1), range_of(blocks, PLACE_Y, d->master_rows - 1)};
+}
+
+INLINE size_t rows_of_area(const struct area *area) { return area->y.last + 1 - area->y.first; }
+
+/* Values of a row, rounded up to those that are decoded together. */
+INLINE size_t stride_of(const struct area *area) { return (3 * (area->x.last + 1 - area->x.first) + 63) / 64 * 64; }
+
+INLINE void decode_part(int kind, const struct procam_warp *d, const struct area *area, struct part *to) {
+    const size_t pitch = 3 * d->master_columns, wide = 3 * (area->x.last + 1 - area->x.first);
+    to->left = area->x.first, to->top = area->y.first, to->high = rows_of_area(area), to->stride = stride_of(area);
+    to->last[0] = (float)(area->x.last - 1), to->last[1] = (float)(area->y.last - 1);
     if (to->high * to->stride > DECODED) to->left = to->top = to->high = 0, to->stride = pitch;
     for (size_t row = 0; row < to->high; row++)
         decode_values(kind, d, (to->top + row) * pitch + 3 * to->left, wide, to->light + row * to->stride);
@@ -111,14 +122,19 @@ INLINE void decode_pixels(int kind, const struct procam_warp *d, struct samples 
 
 typedef float quad_at __attribute__((vector_size(16), aligned(4)));
 
-/* Two overlapping reads per row hold the six values of a pair of pixels. */
+/* Four pixels at a time; the fourth number of each is no colour. */
 INLINE void fetch_light(const float *light, size_t stride, struct samples *samples) {
-    for (size_t i = 0; i < CHUNK; i++) {
-        const float *upper = light + samples->at[i], *lower = upper + stride;
-        const quad left = *(const quad_at *)upper * samples->weight[0][i] + *(const quad_at *)lower * samples->weight[2][i];
-        const quad right =
-            *(const quad_at *)(upper + 2) * samples->weight[1][i] + *(const quad_at *)(lower + 2) * samples->weight[3][i];
-        for (int c = 0; c < 3; c++) samples->light[c][i] = left[c] + right[c + 1];
+    for (size_t i = 0; i < CHUNK; i += 4) {
+        quad found[4];
+        UNROLL for (size_t k = 0; k < 4; k++) {
+            const float *upper = light + samples->at[i + k], *lower = upper + stride;
+            found[k] = *(const quad_at *)upper * samples->weight[0][i + k] + *(const quad_at *)(upper + 3) * samples->weight[1][i + k] +
+                       *(const quad_at *)lower * samples->weight[2][i + k] + *(const quad_at *)(lower + 3) * samples->weight[3][i + k];
+        }
+        for (int c = 0; c < 3; c++) {
+            const quad colour = {found[0][c], found[1][c], found[2][c], found[3][c]};
+            memcpy(samples->light[c] + i, &colour, sizeof colour);
+        }
     }
 }
 
@@ -199,33 +215,30 @@ INLINE void write_bytes(const struct procam_warp *d, const struct tile *tile, co
         vcopy(out + 3 * y * d->columns, from->bytes[y], 3 * tile->wide);
 }
 
-/* Prefetches the blocks of the strip after the next, and the lines of the master for the next strip:
-   for two pixels in 16, different ones in each row, so that a whole strip covers them all. */
-INLINE void prefetch_strip(int kind, const struct procam_warp *d, const struct warp_block *blocks,
-                       const struct warp_block *end, size_t row) {
-    const size_t size = bytes_of(kind);
-    if (blocks + 2 * IN_STRIP + IN_CHUNK > end) return;
-    const char *later = (const char *)(blocks + 2 * IN_STRIP);
-    for (size_t k = 0; k < IN_CHUNK * sizeof *blocks; k += 64) __builtin_prefetch(later + k, 0, 2);
-    for (size_t k = 0; k < 2 * IN_CHUNK; k++) {
-        const struct warp_block *b = blocks + IN_STRIP + k / 2;
-        const size_t i = (k * BLOCK / 2 + 5 * (row + k / 4)) % BLOCK;
-        const float x = b->base[PLACE_X] + b->step[PLACE_X] * (float)(int)b->number[PLACE_X][i];
-        const float y = b->base[PLACE_Y] + b->step[PLACE_Y] * (float)(int)b->number[PLACE_Y][i];
-        if (!(x >= 0 && x < (float)d->master_columns)) continue;
-        if (!(y >= 0 && y < (float)d->master_rows)) continue;
-        const size_t at = 3 * ((size_t)(int)y * d->master_columns + (size_t)(int)x);
-        __builtin_prefetch((const char *)d->master + size * at);
-    }
+/* Prefetches a share of the blocks of the strip after the next, and of the master for the next. */
+INLINE void prefetch_strip(int kind, const struct procam_warp *d, const struct area *next, const struct warp_block *later,
+                           size_t share) {
+    const size_t width = bytes_of(kind), pitch = 3 * d->master_columns * width, rows = rows_of_area(next);
+    const size_t bytes = stride_of(next) * width;
+    const char *from = (const char *)d->master + next->y.first * pitch + 3 * next->x.first * width;
+    for (size_t k = 0; k < IN_CHUNK * sizeof *later; k += 64)
+        __builtin_prefetch((const char *)(later + share * IN_CHUNK) + k, 0, 2);
+    if (rows * stride_of(next) > DECODED) return;
+    for (size_t row = share * rows / CHUNKS; row < (share + 1) * rows / CHUNKS; row++)
+        for (size_t at = 0; at < bytes; at += 64) __builtin_prefetch(from + row * pitch + at, 0, 2);
 }
 
 INLINE void warp_strip(int kind, int out_kind, const struct procam_warp *d, const struct tile *tile, size_t x,
                        const struct warp_block *blocks, const struct warp_block *end, struct results *to) {
     struct samples samples;
     struct part part;
-    decode_part(kind, d, blocks, &part);
+    const struct area area = area_of(d, blocks);
+    const int more = blocks + 3 * IN_STRIP <= end;
+    const struct area next = area_of(d, more ? blocks + IN_STRIP : blocks);
+    const struct warp_block *later = more ? blocks + 2 * IN_STRIP : blocks;
+    decode_part(kind, d, &area, &part);
     for (size_t y = 0; y < ROWS && y < tile->high; y += CHUNK_ROWS, blocks += IN_CHUNK) {
-        prefetch_strip(kind, d, blocks, end, y);
+        prefetch_strip(kind, d, &next, later, y / CHUNK_ROWS);
         find_samples(d, &part, blocks, &samples);
         if (!part.high) decode_pixels(kind, d, &samples, &part);
         fetch_light(part.light, part.high ? part.stride : 6, &samples);

@@ -145,15 +145,15 @@ static void frame(int level, int kind, int mode, size_t edge, int nodes, int ter
     struct procam_frame setup = {.size = edge, .kind = kind, .nodes = nodes, .terms = terms, .band = 2};
     setup.strength = mode % 2 ? 0.5f : 1.0f, setup.top = 1;
     setup.image = room(3 * edge * edge * width[kind]), setup.out = room(3 * edge * edge * width[kind]);
-    struct positions *positions[] = {&setup.values, &setup.shared, &setup.pixels};
+    struct positions *positions[] = {&setup.values, &setup.shared};
     const size_t lanes[] = {16, 8, 4}, vector = lanes[level], vectors = values / vector;
-    int32_t *start[3], *left[3], *rows = room((n + 2) * sizeof(int32_t));
-    float *across[3], *down = room(edge * sizeof(float));
-    for (int k = 0; k < 3; k++) {
+    int32_t *start[2], *left[2], *rows = room((n + 2) * sizeof(int32_t));
+    float *across[2], *down = room(edge * sizeof(float));
+    for (int k = 0; k < 2; k++) {
         start[k] = room(vectors * sizeof(int32_t)), left[k] = room(values * sizeof(int32_t));
         across[k] = room(values * sizeof(float));
         for (size_t i = 0; i < values; i++) {
-            const size_t at = k == 2 ? i : i / 3, pixel = at < edge ? at : edge - 1;
+            const size_t pixel = i / 3 < edge ? i / 3 : edge - 1;
             const double place = ((double)pixel + 0.5) * nodes / (double)edge - 0.5;
             const int first = (int)floor(place) < 0 ? 0 : (int)floor(place), node = first < nodes - 1 ? first : nodes - 2;
             left[k][i] = k ? node : 3 * node + (int)(i % 3);
@@ -190,7 +190,7 @@ static void frame(int level, int kind, int mode, size_t edge, int nodes, int ter
     for (int k = 0; k < 27; k++) poly[k] = 0.01 * k;
     procam_scattered(level, 2, nodes, terms, lo, NULL, hi, poly, mode % 2 ? poly : NULL, light);
     keep('f', 4, light, 3 * n * n);
-    for (int k = 0; k < 3; k++) free(start[k]), free(left[k]), free(across[k]);
+    for (int k = 0; k < 2; k++) free(start[k]), free(left[k]), free(across[k]);
     void *all[] = {(void *)setup.image, setup.out, rows, down, lit, light, lo, hi, gain, area, weight, paint, direction, pieces,
                    decode, decode_bytes, threshold, sums, poly};
     for (size_t k = 0; k < sizeof all / sizeof *all; k++) free(all[k]);
