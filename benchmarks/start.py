@@ -28,12 +28,18 @@ from studies.history import DOCUMENT
 ROUNDS = 11
 PROCAM = "from procam.interfaces.cli.main import main; main()"
 PIPE = ("compensate", "0001", "-", "-", "--pixels", "rgb24", "--size")
+LIBRARIES = """import sys, numpy, OpenImageIO, typer
+from pathlib import Path
+def command(calibration: Path, source: Path, out: Path, pixels: str, size: int, strength: float = 1):
+    sys.stdout.write("done")
+typer.run(command)
+"""  # a command that does nothing, with parameters of the same types
 RUNS: dict[
     str, tuple[tuple[str, ...], int]
 ] = {  # what Python is given; edge of the frame it is sent
     "libraries of --help": (("import typer, typer.rich_utils",), 0),
     "libraries of compensate": (
-        ("import numpy, OpenImageIO, typer, typer._adapters, pydantic",),
+        (LIBRARIES, *("0001", "-", "-", "rgb24", "1024")),
         0,
     ),
     "--help": ((PROCAM, "--help"), 0),

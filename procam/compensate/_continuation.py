@@ -35,23 +35,26 @@ def continued(model: FrameModel) -> FrameModel:
 def _spread_out(fields: dict[str, Map], known: BoolArray) -> BoolArray:
     """Continue fields (M * M, C) ring by ring beyond known nodes (M, M); returns all that are known then."""
     known = known.copy()
+    beside = _grown(known)
     for _ in range(REACH):
-        at, near, share = _ring(known)
+        at = np.flatnonzero(beside & ~known)
+        near, share = _around(at, known)
         for field in fields.values():
-            field[at] = np.matmul(share[:, None], field[near])[:, 0]
+            field[at] = np.matmul(share[:, None], np.take(field, near, axis=0))[:, 0]
         known.flat[at] = True
+        beside = np.zeros_like(known)
+        beside.flat[near] = True
     return known
 
 
-def _ring(known: BoolArray) -> tuple[IndexArray, IndexArray, Map]:
-    """Unknown nodes (P,) next to known ones, the nine nodes (P, 9) around each, and their weights (P, 9)."""
+def _around(at: IndexArray, known: BoolArray) -> tuple[IndexArray, Map]:
+    """The nine nodes (P, 9) around each of some nodes (P,), and their weights (P, 9): of unknown ones 0."""
     edge = len(known)
-    at = np.flatnonzero(_grown(known) & ~known)
     y, x = (n[:, None] + step for n, step in zip(np.divmod(at, edge), AROUND, strict=True))
     near = np.clip(y, 0, edge - 1) * edge + np.clip(x, 0, edge - 1)
     inside = (np.minimum(x, y) >= 0) & (np.maximum(x, y) < edge)
     share = (known.ravel()[near] & inside).astype(np.float32)
-    return at, near, share / share.sum(axis=1, keepdims=True)
+    return near, share / share.sum(axis=1, keepdims=True)
 
 
 def _grown(mask: BoolArray) -> BoolArray:

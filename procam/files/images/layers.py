@@ -5,7 +5,9 @@ has no means to detect damage, so the header holds the CRC-32 of each layer.
 """
 
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from itertools import repeat
 from pathlib import Path
 
 import numpy as np
@@ -56,12 +58,19 @@ def read_layers(path: Path) -> dict[str, Image]:
         shape = (spec.height, spec.width)
         found = {n: np.empty((*shape, len(at)), np.float32) for n, at in places.items()}
         sums = dict.fromkeys(places, 0)
-        for start, pixels in read_rows(path, source):
-            for name, at in places.items():
-                rows = found[name][start : start + len(pixels)]
-                for i, k in enumerate(at):
-                    rows[..., i] = pixels[..., k]
-                sums[name] = zlib.crc32(rows.data, sums[name])
+
+        def keep(name: str, start: int, pixels: NDArray[np.generic]) -> None:
+            rows = found[name][start : start + len(pixels)]
+            for i, k in enumerate(places[name]):
+                rows[..., i] = pixels[..., k]
+            sums[name] = zlib.crc32(rows.data, sums[name])
+
+        kept: Iterable[None] = ()
+        with ThreadPoolExecutor() as pool:  # while the next rows are read
+            for start, pixels in read_rows(path, source):
+                list(kept)
+                kept = pool.map(keep, places, repeat(start), repeat(pixels))
+            list(kept)
     _require_sums(path, spec, sums)
     return {name: layer[..., 0] if layer.shape[2] == 1 else layer for name, layer in found.items()}
 

@@ -57,7 +57,7 @@ def _fitted(encode: Callable[[FloatArray], FloatArray], shift: float) -> tuple[C
     weight = np.where(root > 0, 1.0, SAMPLES)
     number = x.astype(np.float32).view(np.uint32) >> 23 & (OCTAVES - 1)
     pieces, error = np.zeros((len(POWERS), OCTAVES)), 0.0
-    for n in np.unique(number):
+    for n in set(number.tolist()):
         mine = number == n
         powers = x[mine, None] ** POWERS
         scale = powers.max(axis=0)

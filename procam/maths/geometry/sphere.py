@@ -62,11 +62,16 @@ def _master(
 ) -> tuple[list[AnyArray], AnyArray, BoolArray]:
     """x, y, z of a master's pixels, sin(theta) / theta of their polar angle, and which lie inside."""
     offset = ((np.arange(size) - (size - 1) / 2) / (size / 2)).astype(dtype)
-    q = np.hypot(offset[:, None], offset)
+    quarter = offset[: (size + 1) // 2]  # the others mirror it
+    mirrored = np.minimum(np.arange(size), np.arange(size)[::-1])
+    q = np.hypot(quarter[:, None], quarter)
     theta = q * dtype(fov / 2)
-    sinc = np.sinc(theta / dtype(np.pi))
+    sinc, height, inside = (
+        plane[mirrored].take(mirrored, axis=1)
+        for plane in (np.sinc(theta / dtype(np.pi)), np.cos(theta), q <= 1)
+    )
     scale = sinc * dtype(fov / 2)  # sin(theta) / q without a division by zero
-    return [offset[:, None] * scale, -offset * scale, np.cos(theta)], sinc, q <= 1
+    return [offset[:, None] * scale, -offset * scale, height], sinc, inside
 
 
 def master_pixels(direction: FloatArray, size: int, fov: float = np.pi) -> FloatArray:
