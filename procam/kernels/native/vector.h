@@ -163,13 +163,17 @@ INLINE void vfence(void) {
 #endif
 }
 
-/* Copies, bypassing the cache where whole lines are written. */
+/* Copies, bypassing the cache where whole lines are written; 32 bytes at a time, since what was just stored in
+   two halves is late as a whole. */
 INLINE void vcopy(uint8_t *to, const uint8_t *from, size_t bytes) {
-    if (((uintptr_t)to | bytes) % 64) {
-        memcpy(to, from, bytes);
+#if LANES > 4
+    if (((uintptr_t)to | bytes) % 64 == 0) {
+        for (size_t i = 0; i < bytes; i += 32)
+            _mm256_stream_ps((float *)(to + i), _mm256_loadu_ps((const float *)(from + i)));
         return;
     }
-    for (size_t i = 0; i < bytes; i += sizeof(vf)) vstream((float *)(to + i), vload((const float *)(from + i)));
+#endif
+    memcpy(to, from, bytes);
 }
 
 /* One vector of a picture; the kind is a constant where this is inlined. */
