@@ -7,10 +7,12 @@ import numpy as np
 
 from procam.arrays import BoolArray, IndexArray, Map
 from procam.kernels.frame import FrameModel
+from procam.kernels.frame.model import zeros_to_pad
 
 WELL_LIT = 0.5  # least coverage of a node whose measured light is used
 REACH = 6  # nodes to continue beyond that: the width of a fading border and of a band of node rows
 CONTINUED = ("spread", "lo", "hi", "gain")
+CHANNELS = 3
 AROUND = np.array([(y, x) for y in (-1, 0, 1) for x in (-1, 0, 1)]).T
 
 
@@ -20,16 +22,15 @@ def continued(model: FrameModel) -> FrameModel:
     Faintly lit nodes further out keep their values and are continued in turn; unlit nodes beyond are 0.
     """
     lit, given = model.coverage > 0, {n: getattr(model, n) for n in CONTINUED}
-    shapes = {n: field.shape for n, field in given.items() if field is not None}
-    flat = {n: np.array(given[n], np.float32).reshape(lit.size, -1) for n in shapes}
-    dark = np.flatnonzero(~lit)
-    for field in flat.values():
-        field[dark] = 0
+    lit_colours = np.repeat(lit.ravel(), CHANNELS).reshape(*lit.shape, CHANNELS)
+    fields: dict[str, Any] = {n: zeros_to_pad(f.shape) for n, f in given.items() if f is not None}
+    for name, field in fields.items():
+        np.copyto(field, given[name], where=lit if field.ndim == 2 else lit_colours)
+    flat = {name: field.reshape(lit.size, -1) for name, field in fields.items()}
     known = _spread_out(flat, model.coverage >= WELL_LIT)
     if (lit & ~known).any():
         _spread_out(flat, known | lit)
-    continued: dict[str, Any] = {n: field.reshape(shapes[n]) for n, field in flat.items()}
-    return replace(model, **continued)
+    return replace(model, **fields)
 
 
 def _spread_out(fields: dict[str, Map], known: BoolArray) -> BoolArray:
@@ -40,7 +41,7 @@ def _spread_out(fields: dict[str, Map], known: BoolArray) -> BoolArray:
         at = np.flatnonzero(beside & ~known)
         near, share = _around(at, known)
         for field in fields.values():
-            field[at] = np.matmul(share[:, None], np.take(field, near, axis=0))[:, 0]
+            field[at] = np.einsum("pn,pnc->pc", share, np.take(field, near, axis=0))
         known.flat[at] = True
         beside = np.zeros_like(known)
         beside.flat[near] = True

@@ -152,7 +152,9 @@ def _model(calibration: Calibration, size: int, state: str | None) -> FrameModel
     coverage = _sampled(maps.coverage, where) * (area > 0)
     lo = _sampled(maps.lo, where)
     # coverage fades hi over the border; what is lit at all can be driven to full there
-    hi = np.maximum(_sampled(maps.hi, where) / np.maximum(coverage, WELL_LIT)[..., None], lo)
+    faded: Map = np.maximum(coverage, np.float32(WELL_LIT))[..., None]
+    hi = _sampled(maps.hi, where) / faded
+    np.maximum(hi, lo, out=hi)
     scatter, ambient = _scatter(calibration, where, state)
     raw = FrameModel(
         size=size,
@@ -215,7 +217,8 @@ def _divided_by_profile(model: FrameModel, kernel: ScatterKernel) -> FrameModel:
     profile = np.zeros((CHANNELS, TERMS))
     profile[:, : model.terms] = kernel.profile @ _harmonics(kernel.degree).T
     bare = replace(model, spread=np.ones_like(model.spread), ambient=None)
-    return replace(model, spread=model.spread / scattered_light(bare, profile))
+    polynomial = scattered_light(bare, profile)
+    return replace(model, spread=np.divide(model.spread, polynomial, out=polynomial))
 
 
 def _operator(calibration: Calibration) -> Array:

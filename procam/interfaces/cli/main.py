@@ -5,6 +5,7 @@ into options, and an `EXAMPLE`. A module is imported only when its command runs 
 shown, so `procam --help` needs none of the libraries that compute.
 """
 
+import gc
 import json
 import os
 import sys
@@ -93,7 +94,11 @@ class LazyGroup(TyperGroup):
 
 def load_command(name: str) -> Any:
     """Import the module of a command and make the command of its function."""
-    module = import_module(f"procam.interfaces.cli.{name}")
+    gc.disable()  # it would look through all modules several times while they are made
+    try:
+        module = import_module(f"procam.interfaces.cli.{name}")
+    finally:
+        gc.enable()
     single = typer.Typer(add_completion=False)
     example = f"Example: {module.EXAMPLE}"
     single.command(name, context_settings=SETTINGS, epilog=example)(getattr(module, name))

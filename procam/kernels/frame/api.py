@@ -14,7 +14,7 @@ from procam.errors import InputError, ShapeError
 from procam.kernels.frame import reference
 from procam.kernels.frame.coding import Coding
 from procam.kernels.frame.grid import CHANNELS, POSITIONS, STRIP
-from procam.kernels.frame.model import SPARE, TERMS, FrameModel, padded
+from procam.kernels.frame.model import TERMS, FrameModel, padded, zeros_to_pad
 from procam.kernels.native.arrays import aligned_like, check_like, numbers, pointer
 from procam.kernels.native.loader import LANES, chosen
 
@@ -43,16 +43,6 @@ class _Frame(ctypes.Structure):
     ]
 
 
-def _buffer_of(plane: Map | None) -> Map | None:
-    """The padded array that `plane` starts, if `scattered_light` made it; None for any other plane."""
-    buffer = None if plane is None else plane.base
-    if plane is None or buffer is None:
-        return None
-    begins = (buffer.dtype, buffer.ctypes.data) == (plane.dtype, plane.ctypes.data)
-    whole = buffer.flags.c_contiguous and plane.flags.c_contiguous
-    return buffer if begins and whole and buffer.size >= plane.size + SPARE else None
-
-
 def scattered_light(
     model: FrameModel, coefficients: Array, offset: Array | None = None, out: Map | None = None
 ) -> Map:
@@ -64,15 +54,13 @@ def scattered_light(
         is subtracted, or None.
     out : an earlier result of this function for as many nodes, to be overwritten.
     """
+    if out is not None:
+        check_like(out, model.spread, np.float32, "out")
     native = chosen()
     if native is None:
         return reference.scattered_light(model, coefficients, offset)
     library, level, threads = native
-    size = model.spread.size
-    buffer = _buffer_of(out)
-    if buffer is None or buffer.size != size + SPARE:
-        buffer = np.empty(size + SPARE, np.float32)
-    buffer[size:] = 0  # a right node that has no weight may lie there, and must not be NaN
+    light = zeros_to_pad(model.spread.shape) if out is None else out
     arrays = [np.ascontiguousarray(a, np.float32) for a in (model.spread, model.direction)]
     ambient = None if model.ambient is None else np.ascontiguousarray(model.ambient, np.float32)
     given = [
@@ -81,9 +69,9 @@ def scattered_light(
     ]
     library.procam_scattered(
         *(level, threads, model.nodes, model.terms, pointer(arrays[0]), pointer(ambient)),
-        *(pointer(arrays[1]), pointer(given[0]), pointer(given[1]), pointer(buffer)),
+        *(pointer(arrays[1]), pointer(given[0]), pointer(given[1]), pointer(light)),
     )
-    return buffer[:size].reshape(model.spread.shape)
+    return light
 
 
 def frame_sums(model: FrameModel, image: AnyArray, light: Map, what: str, coding: Coding) -> Array:
@@ -186,9 +174,7 @@ def _run(
     setup.nodes, setup.terms, setup.band = model.nodes, model.terms, model.grid.shared
     setup.strength, setup.top = coding.strength, coding.most(pictures[0].dtype)
     image, light, out = pictures
-    if light.dtype != np.float32 or _buffer_of(light) is None:
-        light = np.asarray(padded(light))
-    arrays = model.in_c | {"image": image, "light": light, "out": out}
+    arrays = model.in_c | {"image": image, "light": padded(light), "out": out}
     if image.dtype == np.uint8:
         arrays |= coding.in_c
         setup.encode_shift = coding.curve.shift

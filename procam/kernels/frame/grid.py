@@ -8,7 +8,7 @@ the nodes around each pixel and their weights, and which blocks of the picture a
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.arrays import AnyArray, Array, BoolArray, Map
+from procam.arrays import AnyArray, BoolArray, Map
 
 Index = NDArray[np.int32]
 CHANNELS = 3
@@ -67,19 +67,19 @@ class Grid:
             }
         return self._positions[lanes]
 
-    def at_edges(self, field: AnyArray) -> Array:
+    def at_edges(self, field: Map) -> Map:
         """A field (M, ...) at edges (E, ...); lines between them have the means of a smooth field."""
         last = len(field) - 1
-        found = field[np.clip(self.edges, 0, last)].astype(float)
+        found = field[np.clip(self.edges, 0, last)]
         for k in np.flatnonzero((self.edges < 0) | (self.edges > last)) if last else ():
             end, before = (0, 1) if self.edges[k] < 0 else (last, last - 1)
-            slope = (field[end].astype(float) - field[before]) / (end - before)
+            slope = (field[end] - field[before]) / (end - before)
             found[k] += (self.edges[k] - end) * slope
-        bend = found[2:] - 2 * found[1:-1] + found[:-2]
+        bend = found[2:] + found[:-2] - 2 * found[1:-1]
         bend[np.abs(bend) > SMOOTH * np.abs(found).max()] = 0
         bend *= (1 - self.shared**-2) / 12
         found[1:-1] -= bend
-        return np.asarray(found)
+        return found
 
     def lit(self, area: Map) -> NDArray[np.uint8]:
         """How blocks of values in intervals (M + 1, blocks) are summed: 0, 1, 2.
@@ -107,7 +107,7 @@ class Grid:
     def _bent(self, area: Map) -> BoolArray:
         """Nodes (M, M) whose area does not lie near a flat line between the edges of their band."""
         band, order = np.divmod(np.arange(len(area)) + 1, self.shared)
-        edges, most = self.at_edges(area).astype(np.float32), area.max()
+        edges, most = self.at_edges(area), area.max()
         rise = np.diff(edges, axis=0)[band]
         off = area - edges[band] - (order / self.shared).astype(np.float32)[:, None] * rise
         return np.asarray((np.abs(off) > STRAIGHT * most) | (np.abs(rise) > STEEP * most))

@@ -128,8 +128,29 @@ class FrameModel:
         return found | {name: getattr(self.grid, name) for name in ("down", "along", "rows")}
 
 
+def zeros_to_pad(shape: tuple[int, ...]) -> Map:
+    """A field of zeros that `padded` need not copy."""
+    size = int(np.prod(shape))
+    return np.zeros(size + SPARE, np.float32)[:size].reshape(shape)
+
+
 def padded(plane: Map | None) -> Map | None:
-    """A flat copy with space for vectors to read past its end, or None."""
+    """A flat array of a field and zeros after it, which vectors may read; or None.
+
+    The field's own memory if it has that, as of `zeros_to_pad`; else a copy.
+    """
     if plane is None:
         return None
+    buffer, size = plane.base, plane.size
+    if (
+        isinstance(buffer, np.ndarray)
+        and buffer.shape == (size + SPARE,)
+        and buffer.dtype == np.float32 == plane.dtype
+        and buffer.ctypes.data == plane.ctypes.data
+        and plane.flags.c_contiguous
+        and not buffer[
+            size:
+        ].any()  # a right node without weight may lie there, and must not be NaN
+    ):
+        return buffer
     return np.concatenate([plane.astype(np.float32).ravel(), np.zeros(SPARE, np.float32)])

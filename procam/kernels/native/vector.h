@@ -25,7 +25,7 @@ typedef float vf __attribute__((vector_size(4 * LANES)));
 typedef int32_t vi __attribute__((vector_size(4 * LANES)));
 typedef uint16_t vhalves __attribute__((vector_size(2 * LANES))); /* 16-bit numbers, also of floats */
 
-INLINE vf vset(float a) { return (vf){0} + a; }
+INLINE vf vset(float a) { return a - (vf){0}; } /* 0 + a is an addition: it makes 0 of -0 */
 INLINE vf vload(const float *p) {
     vf a;
     memcpy(&a, p, sizeof a);
@@ -46,7 +46,7 @@ INLINE void vstore_i(int32_t *p, vi a) { memcpy(p, &a, sizeof a); }
 INLINE void vstore_halves(uint16_t *p, vhalves a) { memcpy(p, &a, sizeof a); }
 INLINE vf vfloat(vi a) { return __builtin_convertvector(a, vf); }
 INLINE vi vtruncate(vf a) { return __builtin_convertvector(a, vi); } /* towards zero */
-INLINE vf vsel(vi m, vf yes, vf no) { return (vf)((m & (vi)yes) | (~m & (vi)no)); }
+INLINE vf vsel(vi m, vf yes, vf no) { return (vf)(((m < 0) & (vi)yes) | (~(m < 0) & (vi)no)); } /* becomes one blend */
 INLINE vf vabs(vf a) { return (vf)((vi)a & INT32_MAX); }
 
 #if LANES == 16

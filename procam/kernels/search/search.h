@@ -18,15 +18,15 @@ struct fit {
    everything but the table of rotations is held in registers. */
 INLINE void scan(int later, int candidates, const float *rotations, const vf *above, const vf *cosine,
                  const vf *sine, vf *which, vf *margin) {
-    vf best = vset(INFINITY), second = vset(INFINITY), found = vset(0.0f);
-    for (int k = 0; k < candidates; k++) {
+    vf best = vset(INFINITY), second = best, number = vset(0.0f), found = number;
+    for (int k = 0; k < candidates; k++, number += 1.0f) {
         vf sum = vset(0.0f);
 #pragma GCC unroll 8
         for (int e = 0; e < later; e++, rotations += 2) {
             const vf residual = above[e] - cosine[e] * rotations[0] + sine[e] * rotations[1];
             sum += residual * residual;
         }
-        found = vsel(sum < best, vset((float)k), found);
+        found = vsel(sum < best, number, found);
         second = vmin(second, vmax(best, sum));
         best = vmin(best, sum);
     }

@@ -102,11 +102,13 @@ INLINE size_t rows_of_area(const struct area *area) { return area->y.last + 1 - 
 /* Values of a row, rounded up to those that are decoded together. */
 INLINE size_t stride_of(const struct area *area) { return (3 * (area->x.last + 1 - area->x.first) + 63) / 64 * 64; }
 
+INLINE int fits(const struct area *area) { return rows_of_area(area) * stride_of(area) <= DECODED; }
+
 INLINE void decode_part(int kind, const struct procam_warp *d, const struct area *area, struct part *to) {
     const size_t pitch = 3 * d->master_columns, wide = 3 * (area->x.last + 1 - area->x.first);
     to->left = area->x.first, to->top = area->y.first, to->high = rows_of_area(area), to->stride = stride_of(area);
     to->last[0] = (float)(area->x.last - 1), to->last[1] = (float)(area->y.last - 1);
-    if (to->high * to->stride > DECODED) to->left = to->top = to->high = 0, to->stride = pitch;
+    if (!fits(area)) to->left = to->top = to->high = 0, to->stride = pitch;
     for (size_t row = 0; row < to->high; row++)
         decode_values(kind, d, (to->top + row) * pitch + 3 * to->left, wide, to->light + row * to->stride);
 }
@@ -223,7 +225,7 @@ INLINE void prefetch_strip(int kind, const struct procam_warp *d, const struct a
     const char *from = (const char *)d->master + next->y.first * pitch + 3 * next->x.first * width;
     for (size_t k = 0; k < IN_CHUNK * sizeof *later; k += 64)
         __builtin_prefetch((const char *)(later + share * IN_CHUNK) + k, 0, 2);
-    if (rows * stride_of(next) > DECODED) return;
+    if (!fits(next)) return;
     for (size_t row = share * rows / CHUNKS; row < (share + 1) * rows / CHUNKS; row++)
         for (size_t at = 0; at < bytes; at += 64) __builtin_prefetch(from + row * pitch + at, 0, 2);
 }

@@ -44,7 +44,7 @@ def master_directions(size: int, fov: float = np.pi) -> tuple[Array, BoolArray]:
     Front is at the bottom edge, left at the left. `fov` is the full field of view [rad].
     """
     xyz, _, inside = _master(size, fov, np.float64)
-    return np.stack(xyz, axis=-1), inside
+    return np.ascontiguousarray(np.moveaxis(xyz, 0, -1)), inside
 
 
 def master_planes(size: int) -> tuple[Array32, Array32]:
@@ -54,24 +54,27 @@ def master_planes(size: int) -> tuple[Array32, Array32]:
     """
     xyz, sinc, inside = _master(size, np.pi, np.float32)
     area = np.float32((np.pi / size) ** 2)
-    return np.stack(xyz), np.where(inside, sinc * area, np.float32(0))
+    return xyz, np.where(inside, sinc * area, np.float32(0))
 
 
 def _master(
     size: int, fov: float, dtype: type[np.floating]
-) -> tuple[list[AnyArray], AnyArray, BoolArray]:
-    """x, y, z of a master's pixels, sin(theta) / theta of their polar angle, and which lie inside."""
+) -> tuple[AnyArray, AnyArray, BoolArray]:
+    """x, y, z (3, N, N) of a master's pixels; sin(theta) / theta of their polar angle; which lie inside."""
     offset = ((np.arange(size) - (size - 1) / 2) / (size / 2)).astype(dtype)
     quarter = offset[: (size + 1) // 2]  # the others mirror it
     mirrored = np.minimum(np.arange(size), np.arange(size)[::-1])
     q = np.hypot(quarter[:, None], quarter)
     theta = q * dtype(fov / 2)
-    sinc, height, inside = (
-        plane[mirrored].take(mirrored, axis=1)
-        for plane in (np.sinc(theta / dtype(np.pi)), np.cos(theta), q <= 1)
+    sinc, inside = (
+        plane[mirrored].take(mirrored, axis=1) for plane in (np.sinc(theta / dtype(np.pi)), q <= 1)
     )
+    xyz = np.empty((3, size, size), dtype)
     scale = sinc * dtype(fov / 2)  # sin(theta) / q without a division by zero
-    return [offset[:, None] * scale, -offset * scale, height], sinc, inside
+    np.multiply(offset[:, None], scale, out=xyz[0])
+    np.multiply(-offset, scale, out=xyz[1])
+    xyz[2] = np.cos(theta)[mirrored].take(mirrored, axis=1)
+    return xyz, sinc, inside
 
 
 def master_pixels(direction: FloatArray, size: int, fov: float = np.pi) -> FloatArray:

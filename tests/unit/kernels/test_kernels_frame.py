@@ -17,7 +17,7 @@ from procam.kernels.frame import (
 from procam.kernels.frame.api import MODES
 from procam.kernels.frame.coding import Coding
 from procam.kernels.frame.grid import Grid
-from procam.kernels.frame.model import SPARE
+from procam.kernels.frame.model import SPARE, padded, zeros_to_pad
 from procam.kernels.native.curve import Curve
 from procam.maths.codes.dither import threshold_tile
 from procam.maths.geometry.sphere import master_directions, master_solid_angles
@@ -155,6 +155,12 @@ class TestAgainstTheReference:
         spoilt = np.full(3 + SPARE, np.nan, np.float32)
         light = scattered_light(dome, numbers(), out=spoilt[:3].reshape(1, 1, 3))
         np.testing.assert_allclose(frame_apply(dome, content, light, how), 0.5)
+
+    def test_another_array_for_the_light_is_refused(self, level: str) -> None:
+        dome = model(64, 20, 1)
+        for wrong in (np.zeros((19, 20, 3), np.float32), np.zeros((20, 20, 3))):
+            with pytest.raises(InputError, match="out"):
+                scattered_light(dome, numbers(), out=wrong)
 
     def test_codes_below_zero_are_black(self, level: str) -> None:
         dome, content, how = model(64, 20, 1), picture(64, np.uint8), replace(coding(np.uint8))
@@ -306,6 +312,29 @@ def test_encoding_is_within_a_tenth_of_a_step(level: str, size: int, name: str) 
         how = Coding(known.decode, known.encode, np.full((64, 64), rest, np.float32), 1.0, 1.0)
         found = frame_apply(dome, codes, light, how)
         np.testing.assert_array_equal(found[lit], codes[lit])
+
+
+class TestPadded:
+    @pytest.mark.parametrize("shape", [(5, 5), (5, 5, 3)])
+    def test_a_field_with_zeros_after_it_is_not_copied(self, shape: tuple[int, ...]) -> None:
+        field = zeros_to_pad(shape)
+        field[...] = 2
+        found = padded(field)
+        assert found is not None
+        assert np.shares_memory(found, field)
+        assert (found.sum(), len(found)) == (2 * field.size, field.size + SPARE)
+
+    def test_any_other_is(self) -> None:
+        spoilt = zeros_to_pad((5, 5))
+        spoilt.base[-1] = np.nan  # type: ignore[index]
+        wide, double = np.ones((6, 5), np.float32), np.ones((5, 5))
+        for field in (spoilt, wide[1:], wide[:5], double, wide.T[:, :5]):
+            found = padded(field)
+            assert found is not None
+            assert not np.shares_memory(found, field)
+            np.testing.assert_array_equal(found[:-SPARE], field.ravel())
+            assert not found[-SPARE:].any()
+        assert padded(None) is None
 
 
 class TestReference:
