@@ -141,16 +141,18 @@ def padded(plane: Map | None) -> Map | None:
     """
     if plane is None:
         return None
-    buffer, size = plane.base, plane.size
-    if (
-        isinstance(buffer, np.ndarray)
-        and buffer.shape == (size + SPARE,)
+    buffer = plane.base
+    if isinstance(buffer, np.ndarray) and _padded_alone(buffer, plane):
+        return buffer
+    return np.concatenate([plane.astype(np.float32).ravel(), np.zeros(SPARE, np.float32)])
+
+
+def _padded_alone(buffer: AnyArray, plane: Map) -> bool:
+    """Whether a flat array is a field and zeros: a node without weight may lie there, and must not be NaN."""
+    return (
+        buffer.shape == (plane.size + SPARE,)
         and buffer.dtype == np.float32 == plane.dtype
         and buffer.ctypes.data == plane.ctypes.data
         and plane.flags.c_contiguous
-        and not buffer[
-            size:
-        ].any()  # a right node without weight may lie there, and must not be NaN
-    ):
-        return buffer
-    return np.concatenate([plane.astype(np.float32).ravel(), np.zeros(SPARE, np.float32)])
+        and not buffer[plane.size :].any()
+    )
