@@ -34,9 +34,19 @@ settings.register_profile(
 settings.load_profile("repeatable")
 
 
+LONGEST = (
+    "test_crash",
+    "mistakes_small",
+    "photometry_small",
+    "foreign_dome_small",
+    "howto_commands",
+    "kernels_build",
+)
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Run the longest tests first, so that workers finish together."""
-    items.sort(key=lambda item: "test_crash" not in item.nodeid)
+    items.sort(key=lambda item: not any(name in item.nodeid for name in LONGEST))
 
 
 @pytest.fixture
