@@ -8,6 +8,7 @@ time is near that of moving the picture through memory.
 import ctypes
 
 import numpy as np
+from numpy.typing import DTypeLike
 
 from procam.arrays import AnyArray, Array, Map
 from procam.errors import InputError, ShapeError
@@ -15,7 +16,7 @@ from procam.kernels.frame import reference
 from procam.kernels.frame.coding import Coding
 from procam.kernels.frame.grid import CHANNELS, POSITIONS, STRIP
 from procam.kernels.frame.model import TERMS, FrameModel, padded, zeros_to_pad
-from procam.kernels.native.arrays import aligned_like, check_like, numbers, pointer
+from procam.kernels.native.arrays import aligned_like, numbers, pointer
 from procam.kernels.native.loader import LANES, chosen
 
 KINDS = {np.dtype(t): n for n, t in enumerate((np.uint8, np.uint16, np.float32, np.float16))}
@@ -52,15 +53,20 @@ def scattered_light(
     ----------
     coefficients : (3, 9) of the polynomial, per colour. offset : (3, 9) of a second polynomial, which
         is subtracted, or None.
-    out : an earlier result of this function for as many nodes, to be overwritten.
+    out : array (M, M, 3) float32 to write to, such as an earlier result.
+
+    Raises
+    ------
+    ShapeError, InputError
+        Another shape, or an `out` that cannot be written.
     """
-    if out is not None:
-        check_like(out, model.spread, np.float32, "out")
+    light = zeros_to_pad(model.spread.shape) if out is None else out
+    _check_out(light, model.spread.shape, np.float32)
     native = chosen()
     if native is None:
-        return reference.scattered_light(model, coefficients, offset)
+        light[...] = reference.scattered_light(model, coefficients, offset)
+        return light
     library, level, threads = native
-    light = zeros_to_pad(model.spread.shape) if out is None else out
     arrays = [np.ascontiguousarray(a, np.float32) for a in (model.spread, model.direction)]
     ambient = None if model.ambient is None else np.ascontiguousarray(model.ambient, np.float32)
     given = [
@@ -90,6 +96,8 @@ def frame_sums(model: FrameModel, image: AnyArray, light: Map, what: str, coding
     """
     check_pictures(model.size, image)
     _check_light(model, light)
+    if what not in MODES:
+        raise InputError(f"what: {what!r} is unknown; choose one of {', '.join(MODES)}")
     picture = np.ascontiguousarray(image)
     native = chosen()
     if native is None:
@@ -111,6 +119,8 @@ def frame_apply(
     """
     check_pictures(model.size, image, out)
     _check_light(model, light)
+    if sums is not None:
+        _check_out(sums, (CHANNELS, model.terms), np.float64, "sums")
     picture = np.ascontiguousarray(image)
     target = aligned_like(picture) if out is None else out
     native = chosen()
@@ -121,9 +131,15 @@ def frame_apply(
         mode = APPLY if coding.strength >= 1 else MIX
         found = _run(native, model, (picture, light, target), mode, coding)
     if sums is not None:
-        check_like(sums, found, np.float64, "sums")
         sums[...] = found
     return target
+
+
+def _check_out(out: AnyArray, shape: tuple[int, ...], dtype: DTypeLike, what: str = "out") -> None:
+    if out.shape != shape:
+        raise ShapeError(what, out.shape, f"{shape}")
+    if out.dtype != dtype or not out.flags.carray:
+        raise InputError(f"{what}: it must be a writable, contiguous array of {np.dtype(dtype)}")
 
 
 def _check_light(model: FrameModel, light: Map) -> None:
@@ -150,12 +166,7 @@ def check_pictures(size: int, image: AnyArray, out: AnyArray | None = None) -> N
         )
     if out is None:
         return
-    if out.shape != expected:
-        raise ShapeError("out", out.shape, f"{expected}")
-    if out.dtype != image.dtype or not out.flags.c_contiguous or not out.flags.writeable:
-        raise InputError(
-            f"out: it must be a writable, contiguous array of the content's type, {image.dtype}"
-        )
+    _check_out(out, expected, image.dtype)
     same = image.ctypes.data == out.ctypes.data and image.strides == out.strides
     if np.may_share_memory(image, out) and not same:
         raise InputError("out: it overlaps the content; pass the content itself or an array apart")

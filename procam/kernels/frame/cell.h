@@ -105,7 +105,7 @@ INLINE void fetch_row(struct variant variant, const struct procam_frame *setup, 
             __builtin_prefetch(node_row(setup, plane, row) + at, 0, 1);
 }
 
-/* The same below a cell; above it, unless the cell there did. */
+/* Interpolates the fields along the node row below a cell, and above it unless the cell there did. */
 INLINE void enter(struct variant variant, const struct procam_frame *setup, struct workspace *work, const struct cell *cell) {
     uint8_t planes = 0;
     for (int plane = 0; plane < PLANES; plane++) planes |= (uint8_t)(has(variant, setup, plane) << plane);

@@ -70,11 +70,11 @@ class Grid:
     def at_edges(self, field: Map) -> Map:
         """A field (M, ...) at edges (E, ...); lines between them have the means of a smooth field."""
         last = len(field) - 1
-        found = field[np.clip(self.edges, 0, last)]
+        found = field[np.clip(self.edges, 0, last)].astype(np.float32)
         for k in np.flatnonzero((self.edges < 0) | (self.edges > last)) if last else ():
             end, before = (0, 1) if self.edges[k] < 0 else (last, last - 1)
-            slope = (field[end] - field[before]) / (end - before)
-            found[k] += (self.edges[k] - end) * slope
+            slope = found[k] - field[before].astype(np.float32)
+            found[k] += abs(self.edges[k] - end) * slope
         bend = found[2:] + found[:-2] - 2 * found[1:-1]
         bend[np.abs(bend) > SMOOTH * np.abs(found).max()] = 0
         bend *= (1 - self.shared**-2) / 12

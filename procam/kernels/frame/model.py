@@ -31,6 +31,8 @@ class FrameModel:
         [rel], or None. gain : (M, M) or None. coverage : (M, M), 0 where no light is sent.
     solid_angle_sr : (M, M) of a pixel of the picture, above 0 exactly where coverage is.
     direction : (3, M, M) unit vectors. terms : 1, 4 or 9, of the polynomial.
+
+    What is derived from the fields is kept, so they must not be changed.
     """
 
     size: int

@@ -167,10 +167,10 @@ EXPORT void procam_frame(int level, int threads, int mode, size_t strips, size_t
     run_tiles(run_frame, level, threads, &job, strips * chunks, 1);
 }
 
-EXPORT void procam_scattered(int level, int threads, int nodes, int terms, const float *edge_spread,
+EXPORT void procam_scattered(int level, int threads, int nodes, int terms, const float *spread,
                           const float *ambient, const float *direction, const double *coefficients,
                           const double *offset, float *light) {
-    const struct scattered job = {nodes, terms, edge_spread, ambient, direction, coefficients, offset, light};
+    const struct scattered job = {nodes, terms, spread, ambient, direction, coefficients, offset, light};
     run_tiles(run_scattered, level, threads, &job, (size_t)nodes, AREAS_TILE);
 }
 

@@ -25,7 +25,7 @@ struct procam_search {
     float period, limit;  /* of the base [px]; the longest move of x in a step [px] */
     const float *weights; /* (3, base) */
     const float *terms;   /* (frames, TERMS): see enum term and search/api.py */
-    const float *rotations;   /* (candidates, frames - base, 2): cosine, sine */
+    const float *rotations; /* (candidates, frames - base, 2): cosine, sine */
 };
 
 struct search {

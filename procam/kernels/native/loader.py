@@ -140,7 +140,11 @@ def _checked(level: str, source: str = "") -> str:
             f"kernel level{source}: {level!r} is unknown; choose one of {', '.join(LEVELS)}"
         )
     if level not in available():
-        built = "no compiled library was found" if library() is None else "this processor lacks it"
+        built = (
+            "no compiled library that loads was found"
+            if library() is None
+            else "this processor lacks it"
+        )
         raise InputError(
             f"kernel level{source}: {level!r} does not run, {built}; try one of {', '.join(available())}"
         )

@@ -206,8 +206,6 @@ INLINE vf vcurve(const float *pieces, vf x) {
     return value;
 }
 
-typedef float quad __attribute__((vector_size(16)));
-
 /* Entries of a table of 256 for 64 codes; AVX-512 takes each byte of them from a table of its own, (4, 256). */
 #if LANES == 16
 INLINE __m512i bytes_looked_up(const uint8_t *table, __m512i codes) {

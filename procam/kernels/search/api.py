@@ -45,7 +45,7 @@ class _Search(ctypes.Structure):
     _fields_ = (
         *((name, ctypes.c_int) for name in ("frames", "base", "candidates", "steps", "harmonics")),
         *((name, ctypes.c_float) for name in ("period", "limit")),
-        *((name, ctypes.c_void_p) for name in ("weights", "terms", "turns")),
+        *((name, ctypes.c_void_p) for name in ("weights", "terms", "rotations")),
     )
 
 

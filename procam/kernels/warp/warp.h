@@ -122,6 +122,7 @@ INLINE void decode_pixels(int kind, const struct procam_warp *d, struct samples 
     }
 }
 
+typedef float quad __attribute__((vector_size(16)));
 typedef float quad_at __attribute__((vector_size(16), aligned(4)));
 
 /* Four pixels at a time; the fourth number of each is no colour. */

@@ -476,7 +476,7 @@ class TestOut:
             out = np.zeros((SIZE, SIZE, 3), np.float32 if kind == "type" else np.uint8)
             out.flags.writeable = kind == "type"
         with pytest.raises(
-            InputError, match="a writable, contiguous array of the content's type, uint8"
+            InputError, match="out: it must be a writable, contiguous array of uint8"
         ):
             Compensator(calibration, SIZE).frame(self.picture(), out)
 

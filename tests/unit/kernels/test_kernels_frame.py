@@ -156,11 +156,27 @@ class TestAgainstTheReference:
         light = scattered_light(dome, numbers(), out=spoilt[:3].reshape(1, 1, 3))
         np.testing.assert_allclose(frame_apply(dome, content, light, how), 0.5)
 
-    def test_another_array_for_the_light_is_refused(self, level: str) -> None:
-        dome = model(64, 20, 1)
-        for wrong in (np.zeros((19, 20, 3), np.float32), np.zeros((20, 20, 3))):
+    def test_light_is_written_where_it_is_wanted(self, level: str) -> None:
+        dome, room = model(64, 20, 9), np.full((20, 20, 3), 7, np.float32)
+        assert scattered_light(dome, numbers(), out=room) is room
+        np.testing.assert_array_equal(room, scattered_light(dome, numbers()))
+
+    def test_light_is_written_nowhere_else(self, level: str) -> None:
+        dome, kept = model(64, 20, 1), np.zeros((20, 20, 3), np.float32)
+        kept.flags.writeable = False
+        wide = np.zeros((20, 40, 3), np.float32)
+        for wrong in (kept, wide[:, ::2], np.zeros((19, 20, 3), np.float32), np.zeros((20, 20, 3))):
             with pytest.raises(InputError, match="out"):
                 scattered_light(dome, numbers(), out=wrong)
+        assert not kept.any()
+        assert not wide.any()
+
+    def test_nothing_is_written_where_sums_do_not_fit(self, level: str) -> None:
+        dome, content, how = model(64, 20, 9), picture(64, np.uint8), coding(np.uint8)
+        light, before = scattered_light(dome, numbers()), content.copy()
+        with pytest.raises(ShapeError, match="sums"):
+            frame_apply(dome, content, light, how, content, np.zeros((3, 3)))
+        np.testing.assert_array_equal(content, before)
 
     def test_codes_below_zero_are_black(self, level: str) -> None:
         dome, content, how = model(64, 20, 1), picture(64, np.uint8), replace(coding(np.uint8))
@@ -328,13 +344,67 @@ class TestPadded:
         spoilt = zeros_to_pad((5, 5))
         spoilt.base[-1] = np.nan  # type: ignore[index]
         wide, double = np.ones((6, 5), np.float32), np.ones((5, 5))
-        for field in (spoilt, wide[1:], wide[:5], double, wide.T[:, :5]):
+        later = np.zeros(25 + SPARE, np.float32)[SPARE:].reshape(5, 5)
+        later[...] = 3
+        for field in (spoilt, wide[1:], wide[:5], double, wide.T[:, :5], later):
             found = padded(field)
             assert found is not None
             assert not np.shares_memory(found, field)
             np.testing.assert_array_equal(found[:-SPARE], field.ravel())
             assert not found[-SPARE:].any()
         assert padded(None) is None
+
+
+class TestGrid:
+    GRID = Grid(1024, 1024)  # four intervals make a band
+    ROW = np.arange(1024.0, dtype=np.float32)[:, None]
+
+    def test_half_pixel_centres(self) -> None:
+        grid = Grid(8, 4)
+        positions = grid.above + grid.down
+        np.testing.assert_allclose(positions[1:-1], (np.arange(8) / 2 - 0.25)[1:-1])
+        assert grid.rows.tolist() == [0, 1, 3, 5, 7, 8]
+
+    def test_a_straight_field_goes_on_straight_at_edges_beyond_it(self) -> None:
+        edges = self.GRID.edges
+        assert (edges[0], edges[-1]) == (-1, 1027)
+        for slope in (0.01, -0.01):
+            found = self.GRID.at_edges(1 + slope * self.ROW)[:, 0]
+            np.testing.assert_allclose(found, 1 + slope * edges, atol=2e-6)
+
+    def test_a_step_is_no_bend(self) -> None:
+        found = self.GRID.at_edges((self.ROW >= 512).astype(np.float32))
+        np.testing.assert_array_equal(found[:, 0], self.GRID.edges >= 512)
+
+    def test_lines_have_the_mean_of_a_bent_field(self) -> None:
+        field = (self.ROW / 1024) ** 2
+        edges = self.GRID.at_edges(field)[:, 0].astype(float)
+        place = np.arange(0, 1020, 0.01)  # mean over many pixels between nodes
+        between = np.interp(place, self.ROW[:, 0], field[:, 0])
+        lines = np.interp(place, self.GRID.edges, edges)
+        assert abs((between - lines).mean()) < 2e-8
+
+    def test_whole_numbers_and_halves_are_taken_as_such(self) -> None:
+        whole = (self.ROW.astype(int) % 7).astype(np.uint8)
+        expected = self.GRID.at_edges(whole.astype(np.float32))
+        np.testing.assert_array_equal(self.GRID.at_edges(whole), expected)
+        np.testing.assert_array_equal(self.GRID.at_edges(whole.astype(np.float16)), expected)
+
+    @pytest.mark.parametrize(("off", "linear"), [(1e-5, True), (5e-5, False)])
+    def test_areas_off_a_line_are_summed_one_by_one(self, off: float, linear: bool) -> None:
+        area = np.ones((1024, 1024), np.float32)
+        area[513] += off
+        kinds = self.GRID.lit(area)
+        assert (kinds == 2).all() == linear
+        assert (kinds[:512] == 2).all()
+        assert (kinds[518:] == 2).all()
+
+    @pytest.mark.parametrize(("rise", "linear"), [(0.006, True), (0.012, False)])
+    def test_so_are_areas_that_change_fast(self, rise: float, linear: bool) -> None:
+        fall = rise * np.clip((self.ROW - 511) / 4, 0, 10)  # over ten bands
+        kinds = self.GRID.lit(np.broadcast_to(1 - fall, (1024, 1024)).astype(np.float32))
+        assert (kinds == 2).all() == linear
+        assert (kinds[:508] == 2).all()  # the band before
 
 
 class TestReference:
@@ -368,12 +438,6 @@ class TestReference:
         found = frame_sums(even, content.astype(np.float32), none, "light", coding(np.float32))
         # what is left is the lit part's edge, half a pixel of the maps wide
         np.testing.assert_allclose(found, expected, atol=2e-4 * np.abs(expected).max())
-
-    def test_grid_is_half_pixel_centres(self) -> None:
-        grid = Grid(8, 4)
-        positions = grid.above + grid.down
-        np.testing.assert_allclose(positions[1:-1], (np.arange(8) / 2 - 0.25)[1:-1])
-        assert grid.rows.tolist() == [0, 1, 3, 5, 7, 8]
 
 
 def stripes(size: int) -> dict[str, np.ndarray]:
@@ -467,6 +531,13 @@ class TestRefusals:
         with pytest.raises(ShapeError, match="out has shape"):
             frame_apply(dome, picture(64, np.uint8), light, how, picture(65, np.uint8))
 
+    def test_sums_of_no_such_thing(self) -> None:
+        dome, how = model(64, 64, 1), coding(np.uint8)
+        with pytest.raises(
+            InputError, match="what: 'ligth' is unknown; choose one of light, content"
+        ):
+            frame_sums(dome, picture(64, np.uint8), scattered_light(dome, numbers()), "ligth", how)
+
     def test_content_of_a_wrong_type(self) -> None:
         dome, how = model(64, 64, 1), coding(np.uint8)
         light = scattered_light(dome, numbers())
@@ -474,6 +545,6 @@ class TestRefusals:
             frame_sums(dome, np.zeros((64, 64, 3)), light, "light", how)
         with pytest.raises(
             InputError,
-            match="out: it must be a writable, contiguous array of the content's type, uint8",
+            match="out: it must be a writable, contiguous array of uint8",
         ):
             frame_apply(dome, picture(64, np.uint8), light, how, picture(64, np.uint16))

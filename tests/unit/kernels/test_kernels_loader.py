@@ -61,7 +61,7 @@ def test_unknown_levels_are_refused() -> None:
 
 def test_without_library_a_level_is_refused_by_name(no_library: None) -> None:
     with pytest.raises(
-        InputError, match="'avx2' does not run, no compiled library was found; try one"
+        InputError, match="'avx2' does not run, no compiled library that loads was found; try one"
     ):
         kernels.use("avx2")
 
