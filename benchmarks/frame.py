@@ -177,7 +177,10 @@ def bench_codes(size: int) -> Report:
     limits = {"avx512": 2.5} | ({"avx2": 5} if size == 4096 else {})
     goals = over_floor(times, "measured dome", "floor with maps", limits)
     goals += over_floor(times, "measured dome", "limit, avx2", {"avx2": 2})
-    note = f"a slow pan, each frame from the last one's solution: one sum, one write; limit: {count:.1f} instructions per lit value"
+    note = (
+        "a slow pan, each frame from the last one's solution: one sum and one write; "
+        f"limit: {count:.1f} instructions per lit value"
+    )
     return Report(f"Compensate {size}^2, 8 bits", times, goals, (floor.name(), note))
 
 
