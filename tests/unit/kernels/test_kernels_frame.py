@@ -344,8 +344,8 @@ class TestPadded:
         spoilt = zeros_to_pad((5, 5))
         spoilt.base[-1] = np.nan  # type: ignore[index]
         wide, double = np.ones((6, 5), np.float32), np.ones((5, 5))
-        later = np.zeros(25 + SPARE, np.float32)[SPARE:].reshape(5, 5)
-        later[...] = 3
+        room = np.zeros(25 + SPARE, np.float32)
+        room[:25], later = 3, room[SPARE:].reshape(5, 5)
         for field in (spoilt, wide[1:], wide[:5], double, wide.T[:, :5], later):
             found = padded(field)
             assert found is not None
