@@ -44,7 +44,7 @@ from studies.photometry import calibrate_venue
 
 MAP_SIZE = 64  # of the dome's maps: quick to read
 CASES = 20_000  # of each reader
-HANG_S, SLOW_S = 10, 1.0
+HANG_S, SLOW_S = 10, 1.0  # wall time; CPU time, which other processes do not lengthen
 OUTCOMES = "read", "different", "refused", "slow"
 SIZE = SceneSize(projectors=1, projector_size=(128, 80), camera_size=(200, 200), rays=64)
 STRANGE: tuple[Any, ...] = (
@@ -185,11 +185,11 @@ def fuzz(reader: Reader, folder: Path, cases: int, seed: int = 0) -> Counter[str
     try:
         for _ in range(cases):
             path.write_bytes(changed(content, path.suffix, rng))
-            started = time.monotonic()
+            started = time.process_time()
             signal.alarm(HANG_S)
             found[_outcome(reader, path, original)] += 1
             signal.alarm(0)
-            found["slow"] += time.monotonic() - started > SLOW_S
+            found["slow"] += time.process_time() - started > SLOW_S
     finally:
         path.write_bytes(content)
         signal.signal(signal.SIGALRM, before)
@@ -202,9 +202,9 @@ def foreign(reader: Reader, folder: Path) -> dict[str, str]:
     content, original = path.read_bytes(), reader.read(path)
     for kind, other in FOREIGN.items():
         path.write_bytes(other)
-        started = time.monotonic()
+        started = time.process_time()
         found[kind] = _outcome(reader, path, original)
-        if time.monotonic() - started > SLOW_S:
+        if time.process_time() - started > SLOW_S:
             found[kind] = "slow"
     path.write_bytes(content)
     return found
