@@ -77,6 +77,17 @@ INLINE void clear_band(struct band *band) {
     }
 }
 
+/* Fields need not be cleared: they are entered before they are read. */
+INLINE void begin_strip(struct workspace *work, int mode) {
+    memset(work->entered, 0, sizeof work->entered);
+    memset(work->planes, 0, sizeof work->planes);
+    for (int k = 0; k < 2; k++) {
+        memset(work->bands[k].lit, 1, STRIP_BLOCKS); /* as if all had been added */
+        clear_band(work->bands + k);
+    }
+    work->band = 0, work->mode = mode;
+}
+
 /* Adds up the edge between the last band and this one, and begins the next band. */
 INLINE void gather(int mode, const struct procam_frame *setup, struct workspace *work, size_t number, size_t first,
                    double (*to)[FRAME_TERMS]) {
@@ -137,8 +148,7 @@ INLINE void one_task(int mode, const struct procam_frame *setup, size_t strip, s
     cells_variant *const *variants = variants_of(setup->kind, mode);
     const size_t intervals = (size_t)setup->nodes + 1, band = (size_t)setup->band, begin = chunk * FRAME_CHUNK;
     const size_t end = begin + FRAME_CHUNK < intervals ? begin + FRAME_CHUNK : intervals;
-    memset(&work, 0, sizeof work);
-    work.mode = mode;
+    begin_strip(&work, mode);
     for (size_t interval = begin; interval < end; interval++) {
         one_interval(variants, setup, &work, strip, interval);
         const size_t number = interval / band, first = strip * FRAME_STRIP;
