@@ -173,9 +173,7 @@ def bench_codes(size: int) -> Report:
         "cv2.LUT alone, all cores": all_cores,
     }
     times = interleaved(runs)
-    # of a larger picture its maps are a smaller part, and AVX2's limit alone is 5 floors
-    limits = {"avx512": 2.5} | ({"avx2": 5} if size == 4096 else {})
-    goals = over_floor(times, "measured dome", "floor with maps", limits)
+    goals = over_floor(times, "measured dome", "floor with maps", {"avx512": 2.5, "avx2": 5})
     goals += over_floor(times, "measured dome", "limit, avx2", {"avx2": 2})
     note = (
         "a slow pan, each frame from the last one's solution: one sum and one write; "
