@@ -185,7 +185,10 @@ class TestBounds:
         assert linear.solve(decoded).direct.max() > 1.02
         found = linear.solve(decoded, 1.0)
         assert found.direct.max() <= 1
-        np.testing.assert_allclose(found.direct[lit], sent[lit], atol=5e-4)
+        off = np.abs(found.direct - sent)[lit]
+        # content moved by 1e-6 of itself moves the perceptual optimum by 6e-4 in one place of 1000
+        assert np.quantile(off, 0.998) < 5e-5
+        assert off.max() < (1e-3 if method == "perceptual" else 5e-5)
         assert not found.free[found.direct == 1].any()
 
     def test_a_sun_is_sent_as_the_brightest(
