@@ -9,7 +9,8 @@
 Names are imported when they are first used; which module holds them is not part of the interface.
 """
 
-from procam.lazy import imported_when_used
+from importlib import import_module
+from typing import Any
 
 __version__ = "0.1.0"
 
@@ -31,6 +32,8 @@ _MODULES = {
     "model.screen": ("Dome",),
     "model.venue_state": ("VenueState",),
 }
+_HOME = {name: module for module, names in _MODULES.items() for name in names}
+
 __all__ = [
     "Calibration",
     "CalibrationError",
@@ -62,7 +65,13 @@ __all__ = [
 ]
 
 
-__getattr__ = imported_when_used(__name__, _MODULES)
+def __getattr__(name: str) -> Any:
+    """Import a public name on its first use (PEP 562)."""
+    if name not in _HOME:
+        raise AttributeError(f"module 'procam' has no attribute {name!r}")
+    value = getattr(import_module(f"procam.{_HOME[name]}"), name)
+    globals()[name] = value
+    return value
 
 
 def __dir__() -> list[str]:

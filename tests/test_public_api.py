@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 
 import procam
-from procam import kernels
 
 ROOT = Path(procam.__file__).parent
 PROMISED = [
@@ -70,11 +69,6 @@ def test_each_name_imports_by_itself() -> None:
         text=True,
     )
     assert (ran.returncode, ran.stdout.split()) == (0, PROMISED), ran.stderr
-
-
-@pytest.mark.parametrize("name", kernels.__all__)
-def test_kernels_have_each_name(name: str) -> None:
-    assert getattr(kernels, name) is not None
 
 
 def test_an_unknown_name_is_an_attribute_error() -> None:

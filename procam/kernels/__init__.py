@@ -9,39 +9,20 @@ PROCAM_KERNELS in the environment). Without the library the reference implementa
 hold the library against them. Pictures are uint8, uint16, float16 or float32, geometry is float64.
 """
 
-from typing import TYPE_CHECKING
-
+from procam.kernels.areas import solid_angles
+from procam.kernels.bundle import (
+    NormalEquations,
+    ObservationBlock,
+    PlacedDevice,
+    ShapeDerivatives,
+    bundle_equations,
+    bundle_residuals,
+    fisheye_rays,
+)
+from procam.kernels.frame import frame_apply, frame_sums, scattered_light
 from procam.kernels.native.loader import LEVELS, active, available, forced, use
-from procam.lazy import imported_when_used
-
-if TYPE_CHECKING:
-    from procam.kernels.areas import solid_angles
-    from procam.kernels.bundle import (
-        NormalEquations,
-        ObservationBlock,
-        PlacedDevice,
-        ShapeDerivatives,
-        bundle_equations,
-        bundle_residuals,
-        fisheye_rays,
-    )
-    from procam.kernels.frame import frame_apply, frame_sums, scattered_light
-    from procam.kernels.search import PhaseFit, search_phase
-    from procam.kernels.warp import WarpPlan, plan_warp, warp_frame
-else:
-    __getattr__ = imported_when_used(
-        __name__,
-        {
-            "areas": ("solid_angles",),
-            "bundle": (
-                *("NormalEquations", "ObservationBlock", "PlacedDevice", "ShapeDerivatives"),
-                *("bundle_equations", "bundle_residuals", "fisheye_rays"),
-            ),
-            "frame": ("frame_apply", "frame_sums", "scattered_light"),
-            "search": ("PhaseFit", "search_phase"),
-            "warp": ("WarpPlan", "plan_warp", "warp_frame"),
-        },
-    )
+from procam.kernels.search import PhaseFit, search_phase
+from procam.kernels.warp import WarpPlan, plan_warp, warp_frame
 
 __all__ = [
     "LEVELS",
