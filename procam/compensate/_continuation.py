@@ -42,9 +42,9 @@ def _spread_out(fields: dict[str, Map], known: BoolArray) -> BoolArray:
         near, share = _around(at, known)
         for field in fields.values():
             field[at] = np.einsum("pn,pnc->pc", share, np.take(field, near, axis=0))
-        known.flat[at] = True
+        known.ravel()[at] = True
         beside = np.zeros_like(known)
-        beside.flat[near] = True
+        beside.ravel()[near] = True
     return known
 
 

@@ -155,20 +155,22 @@ def _model(calibration: Calibration, size: int, state: str | None) -> FrameModel
     faded: Map = np.maximum(coverage, np.float32(WELL_LIT))[..., None]
     hi = _sampled(maps.hi, where) / faded
     np.maximum(hi, lo, out=hi)
-    scatter, ambient = _scatter(calibration, where, state)
-    raw = FrameModel(
+    bare = FrameModel(
         size=size,
-        spread=scatter,
+        spread=np.ones_like(lo),
         lo=lo,
         hi=hi,
-        ambient=ambient,
+        ambient=None,
         gain=None if maps.falloff is None else _sampled(maps.falloff, where),
         coverage=coverage,
         solid_angle_sr=area * np.float32((nodes / size) ** 2) * coverage,
         direction=direction,
         terms=(maps.kernel.degree + 1) ** 2,
     )
-    return continued(_divided_by_profile(raw, maps.kernel))
+    scatter, ambient = _scatter(calibration, where, state)
+    profile = _profile_at_nodes(bare, maps.kernel)
+    spread = np.divide(scatter, profile, out=profile)
+    return continued(replace(bare, spread=spread, ambient=ambient))
 
 
 def _sampled(field: Map, where: FloatArray | None) -> Map:
@@ -212,13 +214,11 @@ def _scatter(
     return scatter * condition.scatter_ratio.astype(np.float32), ambient
 
 
-def _divided_by_profile(model: FrameModel, kernel: ScatterKernel) -> FrameModel:
-    """A model whose `spread`, scatter per flux of full white, is replaced by v: divided by its polynomial."""
+def _profile_at_nodes(bare: FrameModel, kernel: ScatterKernel) -> Image:
+    """The polynomial (M, M, 3) of scattered light under full white; `bare` has a spread of ones."""
     profile = np.zeros((CHANNELS, TERMS))
-    profile[:, : model.terms] = kernel.profile @ _harmonics(kernel.degree).T
-    bare = replace(model, spread=np.ones_like(model.spread), ambient=None)
-    polynomial = scattered_light(bare, profile)
-    return replace(model, spread=np.divide(model.spread, polynomial, out=polynomial))
+    profile[:, : bare.terms] = kernel.profile @ _harmonics(kernel.degree).T
+    return scattered_light(bare, profile)
 
 
 def _operator(calibration: Calibration) -> Array:

@@ -76,7 +76,7 @@ class Grid:
             slope = found[k] - field[before].astype(np.float32)
             found[k] += abs(self.edges[k] - end) * slope
         bend = found[2:] + found[:-2] - 2 * found[1:-1]
-        bend[np.abs(bend) > SMOOTH * np.abs(found).max()] = 0
+        bend *= np.abs(bend) <= SMOOTH * np.abs(found).max()
         bend *= (1 - self.shared**-2) / 12
         found[1:-1] -= bend
         return found
@@ -94,15 +94,16 @@ class Grid:
         return np.ascontiguousarray((~none).astype(np.uint8) + whole)
 
     def least(self, field: AnyArray) -> AnyArray:
-        """The least of a field (M, M) at the nodes that blocks of values in intervals lie between."""
-        low = np.concatenate([field[:1], np.minimum(field[:-1], field[1:]), field[-1:]])
+        """The least of a field (M, M[, C]) at the nodes that blocks of values in intervals lie between."""
         padded = -(-CHANNELS * self.size // BLOCK) * BLOCK
         pixel = np.minimum(np.arange(padded), CHANNELS * self.size - 1) // CHANNELS
-        left, right = self.left[pixel][::BLOCK], self.right[pixel][BLOCK - 1 :: BLOCK]
-        spans = np.stack([left, right + 1], axis=1).ravel()
-        columns = np.concatenate([low.T, low.T[-1:]])
-        least = np.minimum.reduceat(columns, spans, axis=0)[::2]  # along columns it is slower
-        return np.ascontiguousarray(least.T)
+        numbers = field.reshape(len(field), -1)
+        each = numbers.shape[1] // len(field)
+        first = each * self.left[pixel][::BLOCK]
+        last = each * self.right[pixel][BLOCK - 1 :: BLOCK] + each - 1
+        low = np.minimum.reduceat(numbers, np.stack([first, last], axis=1).ravel(), axis=1)[:, ::2]
+        low = np.minimum(low, numbers[:, last])  # which reduceat leaves out
+        return np.concatenate([low[:1], np.minimum(low[:-1], low[1:]), low[-1:]])
 
     def _bent(self, area: Map) -> BoolArray:
         """Nodes (M, M) whose area does not lie near a flat line between the edges of their band."""

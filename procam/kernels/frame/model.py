@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from procam.arrays import AnyArray, Map
 from procam.errors import InputError, ShapeError
 from procam.kernels.frame.grid import CHANNELS, Grid
-from procam.kernels.native.arrays import check_numbers, least_colour
+from procam.kernels.native.arrays import check_numbers
 
 TERMS = 9
 SPARE = 64  # floats that vectors may read past the end of a field
@@ -117,7 +117,7 @@ class FrameModel:
         """Least upper limit of each block (M + 1, blocks), infinite without limits."""
         if self.hi is None:
             return np.full(self.lit.shape, np.inf, np.float32)
-        return self.grid.least(least_colour(self.hi))
+        return self.grid.least(self.hi)
 
     @cached_property
     def in_c(self) -> dict[str, AnyArray | None]:

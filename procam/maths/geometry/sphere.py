@@ -53,8 +53,9 @@ def master_planes(size: int) -> tuple[Array32, Array32]:
     Four times as fast as `master_directions` and `master_solid_angles`.
     """
     xyz, sinc, inside = _master(size, np.pi, np.float32)
-    area = np.float32((np.pi / size) ** 2)
-    return xyz, np.where(inside, sinc * area, np.float32(0))
+    sinc *= np.float32((np.pi / size) ** 2)
+    sinc *= inside
+    return xyz, sinc
 
 
 def _master(
@@ -63,18 +64,25 @@ def _master(
     """x, y, z (3, N, N) of a master's pixels; sin(theta) / theta of their polar angle; which lie inside."""
     offset = ((np.arange(size) - (size - 1) / 2) / (size / 2)).astype(dtype)
     quarter = offset[: (size + 1) // 2]  # the others mirror it
-    mirrored = np.minimum(np.arange(size), np.arange(size)[::-1])
-    q = np.hypot(quarter[:, None], quarter)
+    q = np.sqrt(quarter[:, None] ** 2 + quarter**2)
     theta = q * dtype(fov / 2)
-    sinc, inside = (
-        plane[mirrored].take(mirrored, axis=1) for plane in (np.sinc(theta / dtype(np.pi)), q <= 1)
-    )
+    sinc, inside = (_mirrored(plane, size) for plane in (np.sinc(theta / dtype(np.pi)), q <= 1))
     xyz = np.empty((3, size, size), dtype)
-    scale = sinc * dtype(fov / 2)  # sin(theta) / q without a division by zero
-    np.multiply(offset[:, None], scale, out=xyz[0])
-    np.multiply(-offset, scale, out=xyz[1])
-    xyz[2] = np.cos(theta)[mirrored].take(mirrored, axis=1)
+    scale = dtype(fov / 2)  # sin(theta) / q without a division by zero
+    np.multiply(scale * offset[:, None], sinc, out=xyz[0])
+    np.multiply(-scale * offset, sinc, out=xyz[1])
+    _mirrored(np.cos(theta), size, xyz[2])
     return xyz, sinc, inside
+
+
+def _mirrored(quarter: AnyArray, size: int, to: AnyArray | None = None) -> AnyArray:
+    """A plane (N, N) that is symmetric in both directions, of its first rows and columns."""
+    to = np.empty((size, size), quarter.dtype) if to is None else to
+    half = len(quarter)
+    to[:half, :half] = quarter
+    to[:half, half:] = quarter[:, : size - half][:, ::-1]
+    to[half:] = to[: size - half][::-1]
+    return to
 
 
 def master_pixels(direction: FloatArray, size: int, fov: float = np.pi) -> FloatArray:
