@@ -390,6 +390,19 @@ class TestGrid:
         np.testing.assert_array_equal(self.GRID.at_edges(whole), expected)
         np.testing.assert_array_equal(self.GRID.at_edges(whole.astype(np.float16)), expected)
 
+    @pytest.mark.parametrize(("size", "nodes"), [(64, 64), (97, 64), (270, 30), (40, 1)])
+    @pytest.mark.parametrize("colours", [(), (3,)])
+    def test_the_least_of_blocks(self, size: int, nodes: int, colours: tuple[int, ...]) -> None:
+        field = np.random.default_rng(1).random((nodes, nodes, *colours))
+        grid = Grid(size, nodes)
+        found = grid.least(field)
+        for interval, block in np.ndindex(found.shape):
+            above, below = np.clip([interval - 1, interval], 0, nodes - 1)
+            first, last = np.minimum([block * 64, block * 64 + 63], 3 * size - 1) // 3
+            near = field[above : below + 1, grid.left[first] : grid.right[last] + 1]
+            assert found[interval, block] == near.min()
+        assert found.shape == (nodes + 1, -(-3 * size // 64))
+
     @pytest.mark.parametrize(("off", "linear"), [(1e-5, True), (5e-5, False)])
     def test_areas_off_a_line_are_summed_one_by_one(self, off: float, linear: bool) -> None:
         area = np.ones((1024, 1024), np.float32)
