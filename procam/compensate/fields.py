@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from procam.arrays import AnyArray, Array, BoolArray, FloatArray, Image, Map
-from procam.compensate._continuation import WELL_LIT, continued
+from procam.compensate._continuation import WELL_LIT, continue_fields, lit_part
 from procam.errors import InputError
 from procam.kernels.frame import TERMS, FrameModel, scattered_light
 from procam.kernels.frame.reference import ROWS, interpolated, monomials
@@ -150,18 +150,20 @@ def _model(calibration: Calibration, size: int, state: str | None) -> FrameModel
     direction, area = master_planes(nodes)
     where = None if nodes == maps.size else master_pixels(np.moveaxis(direction, 0, -1), maps.size)
     coverage = _sampled(maps.coverage, where) * (area > 0)
-    lo = _sampled(maps.lo, where)
+    lit = coverage > 0
+    lit_colours = np.repeat(lit, CHANNELS).reshape(*lit.shape, CHANNELS)
+    lo, hi = (lit_part(_sampled(limit, where), lit_colours) for limit in (maps.lo, maps.hi))
     # coverage fades hi over the border; what is lit at all can be driven to full there
-    faded: Map = np.maximum(coverage, np.float32(WELL_LIT))[..., None]
-    hi = _sampled(maps.hi, where) / faded
+    hi /= np.maximum(coverage, np.float32(WELL_LIT))[..., None]
     np.maximum(hi, lo, out=hi)
+    gain = None if maps.falloff is None else lit_part(_sampled(maps.falloff, where), lit)
     bare = FrameModel(
         size=size,
         spread=np.ones_like(lo),
         lo=lo,
         hi=hi,
         ambient=None,
-        gain=None if maps.falloff is None else _sampled(maps.falloff, where),
+        gain=gain,
         coverage=coverage,
         solid_angle_sr=area * np.float32((nodes / size) ** 2) * coverage,
         direction=direction,
@@ -170,7 +172,9 @@ def _model(calibration: Calibration, size: int, state: str | None) -> FrameModel
     scatter, ambient = _scatter(calibration, where, state)
     profile = _profile_at_nodes(bare, maps.kernel)
     spread = np.divide(scatter, profile, out=profile)
-    return continued(replace(bare, spread=spread, ambient=ambient))
+    np.copyto(spread, 0, where=~lit_colours)
+    continue_fields([f for f in (spread, lo, hi, gain) if f is not None], coverage)
+    return replace(bare, spread=spread, ambient=ambient)
 
 
 def _sampled(field: Map, where: FloatArray | None) -> Map:
