@@ -3,7 +3,7 @@
 The scattered light of every photograph, of the calibrated session and of the verifications, is traced by
 Mitsuba in a mesh of the room (`simulators.mitsuba_venue`), where `studies.drifts` has flux tracing. Five
 kinds of change, three seeds each, and three venues without any. Writes studies/drifts_traced.json and .md;
-`python -m studies drifts-traced` remakes them in a quarter of an hour.
+`python -m studies drifts-traced` remakes them in 80 minutes.
 """
 
 import tempfile
