@@ -26,8 +26,8 @@ WIDEST = np.radians(25.0)
 LEAST_WINDOWS = 12
 SCATTER_LEFT = 0.05  # of a change of the scattered light: what stays in the windows
 LEAST_SIGMA = 5e-4
-SHAPE_SIGMA = 0.006  # relative: dust is no sum of few harmonics
-STAIN_SIGMA = 0.012  # relative: no stain is a Gaussian
+SHAPE_SIGMA = 0.008  # relative: dust is no sum of few harmonics
+STAIN_SIGMA = 0.016  # relative: no stain is a Gaussian
 DEAD = 0.1  # of a primary's light before: not used
 OFF_PICTURE = 1.0  # log of the light, below a projector's level: nothing is shown there
 

@@ -10,6 +10,7 @@ from procam.files.venue.outlines import Outline
 from procam.model.optics import USUAL_FAMILY, AprilTag, TagFamily
 
 Positive = Annotated[FiniteFloat, Field(gt=0)]
+Exposure = Annotated[FiniteFloat, Field(ge=1e-6, le=1e5)]  # s, of any camera
 Share = Annotated[FiniteFloat, Field(ge=0, le=1)]
 PositiveShare = Annotated[FiniteFloat, Field(gt=0, le=1)]
 Pair = tuple[FiniteFloat, FiniteFloat]
@@ -147,8 +148,8 @@ class CaptureTable(_Table):
     `shot_s`: time from one photograph to the next, from which the duration of a capture is estimated.
     """
 
-    exposure_s: Positive
-    black_exposure_s: Positive
+    exposure_s: Exposure
+    black_exposure_s: Exposure
     shot_s: Positive | None = None
 
 

@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from procam.errors import FileFormatError
 from procam.files.names import NAME_PATTERN
+from procam.files.venue.tables import Exposure
 from procam.model.plan import Shot
 
 SLATE = "-slate"  # behind the number of a picture
@@ -34,7 +35,7 @@ class Asked(BaseModel):
     round: int = Field(ge=1)
     picture: int = Field(ge=0)
     projectors: list[str]
-    exposure_s: float = Field(gt=0)
+    exposure_s: Exposure
     slate: bool = False
 
     @property
@@ -73,7 +74,7 @@ class Document(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
     of: str
     camera: str = Field(pattern=NAME_PATTERN)
-    exposure_s: float = Field(gt=0)
+    exposure_s: Exposure
     rounds: int = Field(ge=0)
     pictures: int = Field(ge=0)
     photographs: list[Asked]
