@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from benchmarks.frame import STRIP, Show, dome
 from procam.kernels.frame import FrameModel, frame_sums
-from procam.kernels.frame import reference as reference_frame
+from procam.kernels.frame import reference
 from procam.maths.geometry.sphere import master_directions, master_solid_angles
 from studies.measure import write
 
@@ -25,7 +25,7 @@ GOALS = {"float32": "1e-8 (residual), 1e-6 (unclipped)", "uint8": "2e-5 (s), .5 
 def light_in_double(show: Show) -> Array:
     """What bounces to each node (M, M, 3) [rel], by the numbers that the kernels found."""
     model = show.equations.model
-    terms = reference_frame.monomials(model.direction, model.terms)
+    terms = reference.monomials(model.direction, model.terms)
     assert show.solution is not None
     numbers = show.solution.coefficients[:, : model.terms]
     return model.spread.astype(float) * np.tensordot(terms, numbers, (0, 1))
@@ -41,9 +41,9 @@ def misses(show: Show, frame: NDArray[Any], light: Array) -> Iterator[float]:
     for start in range(0, model.size, ROWS):
         rows = slice(start, start + ROWS)
         content = coding.decoded(frame[rows]).astype(float)
-        wanted = content - reference_frame.interpolated(model, light, rows)
-        lit = reference_frame.interpolated(model, model.coverage, rows) > 0
-        lo = reference_frame.interpolated(model, model.lo, rows)
+        wanted = content - reference.interpolated(model, light, rows)
+        lit = reference.interpolated(model, model.coverage, rows) > 0
+        lo = reference.interpolated(model, model.lo, rows)
         written = show.out[rows].astype(float)
         if frame.dtype == np.uint8:
             codes = 255 * np.asarray(coding.encode(np.clip(wanted, lo, coding.top)))
@@ -63,9 +63,9 @@ def study(size: int, measured: bool, kind: type) -> dict[str, Any]:
     assert show.solution is not None
     light, assumed = light_in_double(show), show.solution.moments
     model = show.equations.model
-    sums = reference_frame.frame_sums(model, frame, light, "light", show.coding)
+    sums = reference.frame_sums(model, frame, light, "light", show.coding)
     pixels = np.zeros_like(sums)
-    for rows, wanted, lo, hi in reference_frame.frame_parts(model, frame, light, show.coding):
+    for rows, wanted, lo, hi in reference.frame_parts(model, frame, light, show.coding):
         sent = np.minimum(np.fmax(wanted, lo), hi).reshape(-1, 3)
         pixels += (_weighed_terms(model, rows) @ sent).T
     return {
@@ -131,9 +131,9 @@ def structured(size: int, measured: bool) -> list[dict[str, Any]]:
 
 def _weighed_terms(model: FrameModel, rows: slice) -> Array:
     """Solid angle times the monomials (T, R N) of each pixel of some rows."""
-    area = reference_frame.interpolated(model, model.solid_angle_sr, rows)
-    axes = [reference_frame.interpolated(model, axis, rows) for axis in model.direction]
-    terms = reference_frame.monomials(np.stack(axes), model.terms)
+    area = reference.interpolated(model, model.solid_angle_sr, rows)
+    axes = [reference.interpolated(model, axis, rows) for axis in model.direction]
+    terms = reference.monomials(np.stack(axes), model.terms)
     return np.asarray((terms * area).reshape(model.terms, -1))
 
 
@@ -157,7 +157,7 @@ def _report(rows: list[dict[str, Any]]) -> list[str]:
         "",
         "A frame of a pan, solved by the kernels. Residual: light assumed to be sent less light sent, "
         "relative to the largest moment, by the reference implementation of the kernels' sums in double "
-        "(`kernels/reference_frame.py`); the error of s is 1.2 times smaller here, the slope of the "
+        "(`kernels/frame/reference.py`); the error of s is 1.2 times smaller here, the slope of the "
         "equations. Flux, moments: the same by sums over pixels with their own areas and directions, "
         "bilinear between nodes: what the reference implementation shares with the "
         "kernels counts here too. Picture: float, "
