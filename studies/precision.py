@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.frame import STRIP, Show, dome
-from procam.kernels.frame import FrameModel, frame_sums
-from procam.kernels.frame import reference
+from procam.kernels.frame import FrameModel, frame_sums, reference
 from procam.maths.geometry.sphere import master_directions, master_solid_angles
 from studies.measure import write
 
