@@ -1,11 +1,13 @@
 """Fixtures of several test files: seeded randomness and a small, fully known calibration."""
 
-from collections.abc import Callable
+import signal
+from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
 
+from procam.devices.interrupts import SIGNALS
 from procam.maths.geometry.lenses import Lens, unproject
 from procam.maths.geometry.pose import Pose
 from procam.maths.geometry.sphere import (
@@ -47,6 +49,15 @@ LONGEST = (
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Run the longest tests first, so that workers finish together."""
     items.sort(key=lambda item: not any(name in item.nodeid for name in LONGEST))
+
+
+@pytest.fixture(autouse=True)
+def handlers_of_signals() -> Iterator[None]:
+    """A command that a signal stopped leaves its process deaf to others."""
+    before = {number: signal.getsignal(number) for number in SIGNALS}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
 
 
 @pytest.fixture

@@ -4,7 +4,6 @@ import io
 import os
 import signal
 import sys
-from collections.abc import Iterator
 from types import SimpleNamespace
 
 import numpy as np
@@ -31,14 +30,10 @@ class Projector:
 
 
 @pytest.fixture(autouse=True)
-def handlers() -> Iterator[None]:
+def handlers() -> None:
     """Python's own for Ctrl-C, and for the others one that a test would notice."""
-    before = {number: signal.getsignal(number) for number in SIGNALS}
     for number in SIGNALS:
         signal.signal(number, signal.default_int_handler)
-    yield
-    for number, handler in before.items():
-        signal.signal(number, handler)
 
 
 def rig_of(*projectors: Projector) -> Rig:
