@@ -240,7 +240,7 @@ MISTAKES = {
     "exposure below 0": (
         ("exposure_s = 0.13", "exposure_s = -1"),
         "capture.exposure_s",
-        ["is -1; it must be more than 0"],
+        ["is -1; it must be 1e-06 or more"],
     ),
     "no capture": (
         (
