@@ -153,9 +153,7 @@ def _model(calibration: Calibration, size: int, state: str | None) -> FrameModel
     lit = coverage > 0
     lit_colours = np.repeat(lit, CHANNELS).reshape(*lit.shape, CHANNELS)
     lo, hi = (lit_part(_sampled(limit, where), lit_colours) for limit in (maps.lo, maps.hi))
-    # coverage fades hi over the border; what is lit at all can be driven to full there
-    hi /= np.maximum(coverage, np.float32(WELL_LIT))[..., None]
-    np.maximum(hi, lo, out=hi)
+    _unfade(hi, lo, coverage)
     gain = None if maps.falloff is None else lit_part(_sampled(maps.falloff, where), lit)
     bare = FrameModel(
         size=size,
@@ -175,6 +173,12 @@ def _model(calibration: Calibration, size: int, state: str | None) -> FrameModel
     np.copyto(spread, 0, where=~lit_colours)
     continue_fields([f for f in (spread, lo, hi, gain) if f is not None], coverage)
     return replace(bare, spread=spread, ambient=ambient)
+
+
+def _unfade(hi: Map, lo: Map, coverage: Map) -> None:
+    """Raise limits that coverage fades over the border: what is lit at all can be driven to full there."""
+    hi /= np.maximum(coverage, np.float32(WELL_LIT))[..., None]
+    np.maximum(hi, lo, out=hi)
 
 
 def _sampled(field: Map, where: FloatArray | None) -> Map:

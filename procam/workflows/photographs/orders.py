@@ -5,15 +5,17 @@ import io
 import json
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from procam.errors import FileFormatError
 from procam.files.names import NAME_PATTERN
-from procam.files.venue.tables import Exposure
 from procam.model.plan import Shot
 
 SLATE = "-slate"  # behind the number of a picture
+# s; wider than those of venue.toml, from which they differ by stops, and so that ratios are finite
+Exposure = Annotated[float, Field(gt=1e-12, lt=1e12)]
 
 
 class PhotographsWanted(Exception):
