@@ -5,7 +5,8 @@ monomials of the direction. They give the coefficients of the scattered light (`
 content less scattered light, within its limits, is the direct light; its moments must be those assumed.
 That makes 1, 4 or 9 unknowns per colour, twice as many for least squares (W). Each evaluation of the
 residual reads the picture once (`kernels.frame`). `Root` starts from the last frame's solution and
-slope, so that a slow pan takes two evaluations, and the second one already writes the result.
+slope, so that a slow pan takes two evaluations, and the second one already writes the result. The first
+frame starts from the solution of a sample of its pixels, on the same sample of nodes.
 """
 
 from dataclasses import dataclass, replace
@@ -13,15 +14,15 @@ from functools import cached_property
 
 import numpy as np
 
-from procam.arrays import AnyArray, Array, BoolArray, Image
+from procam.arrays import AnyArray, Array, BoolArray, FloatArray, Image
 from procam.compensate.fields import Fields
-from procam.compensate.node_sample import NodeSample
 from procam.compensate.solver import Root
 from procam.kernels.frame import TERMS, Coding, FrameModel, frame_apply, frame_sums, scattered_light
 from procam.kernels.native.arrays import aligned_like
 
 CHANNELS = 3
 TOLERANCE = 2e-9  # of the moments, relative: the resolution of double sums of single light
+FIRST_SHRINK = 1e-3  # ratio of residuals after and before the step from the root of a sample
 TOLERANCES = {1: 1.5e-5, 2: 1e-6}  # for types of so many bytes: below their own quantisation
 
 
@@ -75,7 +76,7 @@ class FrameEquations:
     """
 
     def __init__(self, fields: Fields, method: str, albedo: Array) -> None:
-        self.fields, self.method = fields, method
+        self.fields, self.method, self.albedo = fields, method, albedo
         self.model = _known_to(method, fields.model, albedo)
         same = fields.shown is fields.model
         self.shown = self.model if same else _known_to(method, fields.shown, albedo)
@@ -182,41 +183,54 @@ class FrameEquations:
         return Solution(moments, self.fields.coefficients_of(moments), pull)
 
     def _start(self, content: AnyArray, coding: Coding) -> Root:
-        """No light, and the slope there."""
-        terms = self.model.terms * (2 if self.method == "least-squares" else 1)
-        value = np.zeros((CHANNELS, terms))
-        return Root(value, self._slope(self._solution(value), content, coding))
+        """The root of a sample's equations, which itself is looked for from no light on."""
+        if self._sample is self:
+            terms = self.model.terms * (2 if self.method == "least-squares" else 1)
+            value = np.zeros((CHANNELS, terms))
+        else:
+            solution, _ = self._sample.solve(self._sampled(content), coding)
+            value = solution.unknowns
+        return Root(value, self._slope(self._solution(value), content, coding), FIRST_SHRINK)
 
     @cached_property
-    def _sample(self) -> NodeSample:
-        return NodeSample.of(self.model)
+    def _sample(self) -> "FrameEquations":
+        """The same equations for a sample of the nodes; those of a sample are their own."""
+        sampled = self.fields.sampled()
+        return self if sampled is self.fields else FrameEquations(sampled, self.method, self.albedo)
+
+    def _sampled(self, content: AnyArray) -> AnyArray:
+        """The pixels (S, S, 3) of a picture that the sample has."""
+        return content[self.fields.sampled_pixels][:, self.fields.sampled_pixels]
 
     def _slope(self, solution: Solution, content: AnyArray, coding: Coding) -> Array:
-        """Slope of the residual, from the nodes of a sample where no limit holds."""
-        sample = self._sample
-        free = np.ones(sample.shape, bool)
-        if self.method != "subtract":
-            free = sample.free(
-                self.model,
-                coding.decoded(sample.of_picture(content)),
-                self.light(solution),
-                coding.most(content.dtype),
-            )
-        return self._slope_of(free)
+        """Slope of the residual, from a sample."""
+        return self._sample._slope_at_nodes(solution, self._sampled(content), coding)
 
-    def _slope_of(self, free: BoolArray) -> Array:
-        sample, operator, terms = self._sample, self.fields.operator, self.model.terms
-        eye = np.eye(terms)
-        weighted = sample.products(free, 1)
+    def _slope_at_nodes(self, solution: Solution, content: AnyArray, coding: Coding) -> Array:
+        """Slope of the residual of a picture whose pixels are the nodes, where no limit holds."""
+        fields, operator, terms = self.fields, self.fields.operator, self.model.terms
+        free = self._free(solution, coding.decoded(content), coding.most(content.dtype))
+        eye, spread = np.eye(terms), self.model.spread.astype(float)
+        weighted = fields.products(free * spread)
         if self.method != "least-squares":
             return -(eye + weighted @ operator)
         transposed = operator.transpose(0, 2, 1)
         slope = np.empty((CHANNELS, 2 * terms, 2 * terms))
         slope[:, :terms, :terms] = -(eye + weighted @ operator)
-        slope[:, :terms, terms:] = sample.products(free, 0)
-        slope[:, terms:, :terms] = -transposed @ sample.products(~free, 2) @ operator
+        slope[:, :terms, terms:] = fields.products(free.astype(float))
+        slope[:, terms:, :terms] = -transposed @ fields.products(~free * spread**2) @ operator
         slope[:, terms:, terms:] = -(eye + transposed @ weighted)
         return slope
+
+    def _free(self, solution: Solution, content: FloatArray, top: float) -> BoolArray:
+        """Nodes (M, M, 3) where no limit holds; white that is just reached is free: light is taken off it."""
+        model = self.model
+        if self.method == "subtract":
+            return np.ones(model.spread.shape, bool)
+        gain = 1 if model.gain is None else model.gain[..., None]
+        wanted = content * gain - self.light(solution)
+        hi = top if model.hi is None else np.minimum(model.hi, top)
+        return np.asarray((wanted > model.lo) & (wanted <= hi))
 
 
 def _same(a: Solution, b: Solution) -> bool:

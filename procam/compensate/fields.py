@@ -8,10 +8,11 @@ of the direct light; G (`operator`) is the calibration's kernel in terms of mono
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
-from procam.arrays import AnyArray, Array, BoolArray, FloatArray, Image, Map
+from procam.arrays import AnyArray, Array, BoolArray, FloatArray, Image, IndexArray, Map
 from procam.compensate._continuation import WELL_LIT, continue_fields, lit_part
 from procam.errors import InputError
 from procam.kernels.frame import TERMS, FrameModel, scattered_light
@@ -28,6 +29,7 @@ from procam.model.transport import DomeMaps, ScatterKernel
 
 WHITES = ("summed", "keep")
 CHANNELS = 3
+SAMPLE = 128  # pixels along the edge of a sample, at most
 DARKEST = 1e-3  # gain beyond the lit part, where it may be 0 [-]
 
 
@@ -127,16 +129,46 @@ class Fields:
         return np.asarray(np.einsum("yx,yxc,kyx->ck", weight, values, terms, optimize=True))
 
     @cached_property
+    def sampled_pixels(self) -> IndexArray:
+        """Rows (S,) of a picture, and columns: at random one of every few, since content may be periodic."""
+        size = self.model.size
+        step = -(-size // SAMPLE)
+        first = np.arange(0, size, step)
+        place = np.random.default_rng(0).integers(step, size=len(first))
+        return np.minimum(first + place, size - 1)
+
+    def sampled(self) -> "Fields":
+        """The fields of `model` nearest to `sampled_pixels`, for pictures of those.
+
+        Their solid angles add up to those of the dome. Where each node is such a pixel, these fields.
+        """
+        model = self.model
+        at = self.sampled_pixels * model.nodes // model.size
+        if len(at) == model.nodes == model.size:
+            return self
+        names = ("spread", "lo", "hi", "ambient", "gain", "coverage")
+        found: dict[str, Any] = {n: getattr(model, n) for n in names}
+        found = {n: None if f is None else f[at][:, at] for n, f in found.items()}
+        area = model.solid_angle_sr[at][:, at]
+        area *= (
+            model.solid_angle_sr.sum() / max(area.sum(), 1e-30) * (model.size / model.nodes) ** 2
+        )
+        direction = model.direction[:, at][:, :, at]
+        small = replace(model, size=len(at), solid_angle_sr=area, direction=direction, **found)
+        return Fields(small, small, self.operator, None)
+
+    @cached_property
     def gram(self) -> Array:
         """(T, T): moments of the monomials themselves [sr]."""
-        return self._products(np.ones((*self.model.coverage.shape, 1)))[0]
+        return self.products(np.ones((*self.model.coverage.shape, 1)))[0]
 
     @cached_property
     def spread_gram(self) -> Array:
         """(3, T, T): the same, weighted with `spread`."""
-        return self._products(self.model.spread.astype(float))
+        return self.products(self.model.spread.astype(float))
 
-    def _products(self, weights: Array) -> Array:
+    def products(self, weights: Array) -> Array:
+        """(C, T, T): moments [sr] of the monomials times one another, with weights (M, M, C)."""
         terms = monomials(self.model.direction, self.model.terms).reshape(self.model.terms, -1)
         weight = self.model.solid_angle_sr.astype(float).ravel()
         weight *= (self.model.size / self.model.nodes) ** 2

@@ -70,7 +70,7 @@ class Grid:
     def at_edges(self, field: Map) -> Map:
         """A field (M, ...) at edges (E, ...); lines between them have the means of a smooth field."""
         last = len(field) - 1
-        found = field[np.clip(self.edges, 0, last)].astype(np.float32)
+        found = field[np.clip(self.edges, 0, last)].astype(np.float32, copy=False)
         for k in np.flatnonzero((self.edges < 0) | (self.edges > last)) if last else ():
             end, before = (0, 1) if self.edges[k] < 0 else (last, last - 1)
             slope = found[k] - field[before].astype(np.float32)
@@ -107,11 +107,16 @@ class Grid:
 
     def _bent(self, area: Map) -> BoolArray:
         """Nodes (M, M) whose area does not lie near a flat line between the edges of their band."""
-        band, order = np.divmod(np.arange(len(area)) + 1, self.shared)
         edges, most = self.at_edges(area), area.max()
-        rise = np.diff(edges, axis=0)[band]
-        off = area - edges[band] - (order / self.shared).astype(np.float32)[:, None] * rise
-        return np.asarray((np.abs(off) > STRAIGHT * most) | (np.abs(rise) > STEEP * most))
+        rise = np.diff(edges, axis=0)
+        steep = np.abs(rise) > STEEP * most
+        bent = np.empty(area.shape, bool)
+        for order in range(self.shared):  # node rows in a band, from its edge on
+            rows = slice((order - 1) % self.shared, None, self.shared)
+            bands = slice(int(order == 0), int(order == 0) + len(area[rows]))
+            off = area[rows] - edges[bands] - np.float32(order / self.shared) * rise[bands]
+            bent[rows] = steep[bands] | (np.abs(off) > STRAIGHT * most)
+        return bent
 
 
 def _from_starts(left: Index, across: Map, lanes: int) -> dict[str, AnyArray]:

@@ -146,7 +146,7 @@ def padded(plane: Map | None) -> Map | None:
     buffer = plane.base
     if isinstance(buffer, np.ndarray) and _padded_alone(buffer, plane):
         return buffer
-    return np.concatenate([plane.astype(np.float32).ravel(), np.zeros(SPARE, np.float32)])
+    return np.concatenate([plane.ravel(), np.zeros(SPARE, np.float32)], dtype=np.float32)
 
 
 def _padded_alone(buffer: AnyArray, plane: Map) -> bool:

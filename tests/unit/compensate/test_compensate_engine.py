@@ -333,6 +333,28 @@ class TestPictures:
             assert compensator.certificate.kkt < (2e-5 if kind is np.uint8 else 1e-7)
         assert sum(by is compensator._equations for by in written_late) < len(frames)
 
+    @pytest.mark.parametrize("method", ["exact", "least-squares", "subtract"])
+    @pytest.mark.parametrize("kind", ["noise", "lines", "stars"])
+    def test_the_first_frame_starts_near_its_solution(
+        self, calibration: Calibration, method: str, kind: str, rng: np.random.Generator
+    ) -> None:
+        size = 320
+        frame = rng.integers(0, 256, (size, size, 3), np.uint8)
+        if kind == "lines":
+            frame[np.arange(size) % 3 > 0] = 0
+        if kind == "stars":
+            frame *= rng.random((size, size, 1)) < 0.02
+        compensator = Compensator(furnished(calibration), size, method)
+        equations, evaluated = compensator._equations, []
+        residual = equations.residual
+        equations.residual = lambda *given: evaluated.append(given) or residual(*given)  # type: ignore
+        compensator.frame(frame)
+        assert compensator._solved is not None
+        start = equations._start(frame, compensator._solved.coding).value
+        solution = compensator._solved.solution.unknowns
+        assert np.abs(start - solution).max() < 0.3 * np.abs(solution).max()
+        assert len(evaluated) <= (4 if method == "least-squares" else 3)
+
     @pytest.mark.parametrize(
         ("method", "bad"), [*zip(METHODS, cycle((np.nan, np.inf, -np.inf)), strict=False)]
     )

@@ -9,7 +9,7 @@ from tolerances import FLOAT32
 
 from procam.compensate import _continuation
 from procam.compensate.compensator import Compensator
-from procam.compensate.fields import Fields
+from procam.compensate.fields import SAMPLE, Fields
 from procam.maths.geometry.sphere import master_directions, master_solid_angles
 from procam.maths.light.scatter_kernel import basis
 from procam.model.calibration import Calibration
@@ -149,3 +149,23 @@ class TestOfTheModel:
             lit * whole, rel=1e-3
         )
         assert model.nodes == min(size, SIZE)
+
+    @pytest.mark.parametrize("size", [60, 200, 500])
+    def test_a_sample_is_of_the_whole_dome(self, bare: Calibration, size: int) -> None:
+        fields = Fields.of(bare, size)
+        sample, whole = fields.sampled().model, fields.model
+        assert sample.nodes == sample.size == len(fields.sampled_pixels) <= SAMPLE
+        per_node = (whole.size / whole.nodes) ** 2
+        assert sample.solid_angle_sr.sum() == pytest.approx(
+            per_node * whole.solid_angle_sr.sum(), rel=1e-5
+        )
+        at = fields.sampled_pixels
+        direction = master_directions(size)[0][at][:, at]
+        off = np.moveaxis(sample.direction, 0, -1) - direction
+        rim = (direction[..., 2] > 0.3) & (sample.coverage > 0)
+        assert np.linalg.norm(off[rim], axis=-1).max() < 5 / SIZE
+
+    def test_a_small_picture_is_its_own_sample(self, bare: Calibration) -> None:
+        fields = Fields.of(bare, SIZE)
+        assert fields.sampled() is fields
+        np.testing.assert_array_equal(fields.sampled_pixels, np.arange(SIZE))
