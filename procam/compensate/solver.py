@@ -48,14 +48,17 @@ class Root:
         found, stuck = residual(self.value, False), np.zeros(len(self.value), bool)
         for number in range(MAX_STEPS):
             left, size = np.abs(found).max(axis=1), np.abs(self.value).max(axis=1)
-            done = left <= np.maximum(tolerance * size, BLACK)
+            done = _within(tolerance, found, self.value)
             done |= (stuck | (number >= PATIENCE)) & (left <= ROUNDING * size)
             if done.all():
                 return
             step = self._step(found, done)
             likely = bool((self.shrink * left <= tolerance * size)[~done].all())
             after = residual(self.value + step, likely)
-            if (_norm(after) > QUICK * _norm(found))[~done].any():
+            slow = (_norm(after) > QUICK * _norm(found)) & ~_within(
+                tolerance, after, self.value + step
+            )
+            if slow[~done].any():
                 self.slope = slope(self.value)
                 step = self._step(found, done)
                 after = self._reduced(residual, found, step)
@@ -95,6 +98,12 @@ class Root:
             step[worse] /= 2
         step[worse] = 0
         return np.where(worse[:, None], found, after)
+
+
+def _within(tolerance: float, residual: Array, value: Array) -> BoolArray:
+    """Colours whose residual is below `tolerance` of their largest value, or black."""
+    most = np.maximum(tolerance * np.abs(value).max(axis=1), BLACK)
+    return np.asarray(np.abs(residual).max(axis=1) <= most)
 
 
 def _norm(values: Array) -> Array:
