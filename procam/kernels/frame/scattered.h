@@ -40,6 +40,8 @@ INLINE float rounded(double light, uint32_t turn) {
 /* Scattered light of some node rows, plus the lamps, less a second polynomial. */
 static void scattered(const struct scattered *job, size_t first, size_t count) {
     const size_t nodes = (size_t)job->nodes, plane = nodes * nodes, end = (first + count) * nodes;
+    const float *const ambient = job->ambient;
+    const int minus = job->offset != NULL;
     double scaled[3 * RUN], off[3 * RUN];
     for (size_t at = first * nodes; at < end; at += RUN) {
         const size_t run = end - at < RUN ? end - at : RUN;
@@ -47,10 +49,12 @@ static void scattered(const struct scattered *job, size_t first, size_t count) {
         const float *spread = job->spread + 3 * at;
         float *light = job->light + 3 * at;
         polynomials(job->terms, job->coefficients, x, y, z, run, scaled);
-        for (size_t i = 0; i < 3 * run; i++) scaled[i] *= spread[i];
-        for (size_t i = 0; job->ambient && i < 3 * run; i++) scaled[i] += job->ambient[3 * at + i];
-        if (job->offset) polynomials(job->terms, job->offset, x, y, z, run, off);
-        for (size_t i = 0; job->offset && i < 3 * run; i++) scaled[i] -= off[i];
-        for (size_t i = 0; i < 3 * run; i++) light[i] = rounded(scaled[i], (uint32_t)(3 * at + i) * GOLDEN);
+        if (minus) polynomials(job->terms, job->offset, x, y, z, run, off);
+        for (size_t i = 0; i < 3 * run; i++) {
+            double sum = scaled[i] * spread[i];
+            if (ambient) sum += ambient[3 * at + i];
+            if (minus) sum -= off[i];
+            light[i] = rounded(sum, (uint32_t)(3 * at + i) * GOLDEN);
+        }
     }
 }
