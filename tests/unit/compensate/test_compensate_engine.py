@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 
 from procam import kernels
-from procam.compensate.compensator import METHODS, Compensator
-from procam.compensate.equations import TOLERANCE, FrameEquations
+from procam.compensate.compensator import DARKEST, METHODS, Compensator
+from procam.compensate.equations import FrameEquations
+from procam.compensate.solver import BLACK
 from procam.errors import InputError, ShapeError
 from procam.maths.geometry.sphere import master_directions, master_solid_angles
 from procam.maths.light.transfer import transfer
@@ -381,7 +382,7 @@ class TestPictures:
         compensator.frame(np.full((SIZE, SIZE, 3), 0.5, np.float32))
         sent = compensator.frame(np.zeros((SIZE, SIZE, 3), np.float32))
         assert 0 <= sent.min() and sent.max() < 1e-10
-        assert compensator.certificate.self_consistency <= TOLERANCE
+        assert compensator.certificate.self_consistency <= BLACK / DARKEST
 
 
 class TestStrength:
