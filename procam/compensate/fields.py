@@ -29,6 +29,7 @@ from procam.model.transport import DomeMaps, ScatterKernel
 
 WHITES = ("summed", "keep")
 CHANNELS = 3
+GOLDEN = 0.6180339887498949  # golden ratio: fractions of its multiples are spread evenly
 SAMPLE = 128  # pixels along the edge of a sample, at most
 DARKEST = 1e-3  # gain beyond the lit part, where it may be 0 [-]
 
@@ -130,12 +131,12 @@ class Fields:
 
     @cached_property
     def sampled_pixels(self) -> IndexArray:
-        """Rows (S,) of a picture, and columns: at random one of every few, since content may be periodic."""
+        """Rows (S,) of a picture, and columns: one of every few, unevenly, since content may be periodic."""
         size = self.model.size
         step = -(-size // SAMPLE)
         first = np.arange(0, size, step)
-        place = np.random.default_rng(0).integers(step, size=len(first))
-        return np.minimum(first + place, size - 1)
+        place = step * (GOLDEN * np.arange(len(first)) % 1)
+        return np.minimum(first + place.astype(np.intp), size - 1)
 
     def sampled(self) -> "Fields":
         """The fields of `model` nearest to `sampled_pixels`, for pictures of those.

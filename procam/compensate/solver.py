@@ -55,10 +55,8 @@ class Root:
             step = self._step(found, done)
             likely = bool((self.shrink * left <= tolerance * size)[~done].all())
             after = residual(self.value + step, likely)
-            slow = (_norm(after) > QUICK * _norm(found)) & ~_within(
-                tolerance, after, self.value + step
-            )
-            if slow[~done].any():
+            reached = _within(tolerance, after, self.value + step)
+            if (_norm(after) > QUICK * _norm(found))[~(done | reached)].any():
                 self.slope = slope(self.value)
                 step = self._step(found, done)
                 after = self._reduced(residual, found, step)
