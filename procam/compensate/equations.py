@@ -9,20 +9,22 @@ slope, so that a slow pan takes two evaluations, and the second one already writ
 frame starts from the solution of a sample of its pixels, on the same sample of nodes.
 """
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from procam.arrays import AnyArray, Array, BoolArray, FloatArray, Image
-from procam.compensate.fields import Fields
+from procam.compensate.fields import SAMPLE, Fields
 from procam.compensate.solver import Root
+from procam.errors import DidNotConverge
 from procam.kernels.frame import TERMS, Coding, FrameModel, frame_apply, frame_sums, scattered_light
 from procam.kernels.native.arrays import aligned_like
 
 CHANNELS = 3
 TOLERANCE = 2e-9  # of the moments, relative: the resolution of double sums of single light
-FIRST_SHRINK = 1e-3  # ratio of residuals after and before the step from the root of a sample
+FIRST_SHRINK = 1e-3  # share of the residual that the first step should leave
 TOLERANCES = {1: 1.5e-5, 2: 1e-6}  # for types of so many bytes: below their own quantisation
 
 
@@ -183,31 +185,31 @@ class FrameEquations:
         return Solution(moments, self.fields.coefficients_of(moments), pull)
 
     def _start(self, content: AnyArray, coding: Coding) -> Root:
-        """The root of a sample's equations, which itself is looked for from no light on."""
-        if self._sample is self:
-            terms = self.model.terms * (2 if self.method == "least-squares" else 1)
-            value = np.zeros((CHANNELS, terms))
-        else:
-            solution, _ = self._sample.solve(self._sampled(content), coding)
-            value = solution.unknowns
+        """The root of a sample of the picture; no light if the picture is small, or has no limits."""
+        terms = self.model.terms * (2 if self.method == "least-squares" else 1)
+        value = np.zeros((CHANNELS, terms))
+        if self.method != "subtract" and self.model.size > SAMPLE:
+            with suppress(DidNotConverge):  # the whole picture may have a solution
+                sampled = self._pixels_of_sample(content)
+                value = self._sample.solve(sampled, coding)[0].unknowns
         return Root(value, self._slope(self._solution(value), content, coding), FIRST_SHRINK)
 
     @cached_property
     def _sample(self) -> "FrameEquations":
-        """The same equations for a sample of the nodes; those of a sample are their own."""
+        """The same equations for a sample of the nodes; a sample's equations return themselves."""
         sampled = self.fields.sampled()
         return self if sampled is self.fields else FrameEquations(sampled, self.method, self.albedo)
 
-    def _sampled(self, content: AnyArray) -> AnyArray:
-        """The pixels (S, S, 3) of a picture that the sample has."""
+    def _pixels_of_sample(self, content: AnyArray) -> AnyArray:
+        """Those (S, S, 3) of a picture."""
         return content[self.fields.sampled_pixels][:, self.fields.sampled_pixels]
 
     def _slope(self, solution: Solution, content: AnyArray, coding: Coding) -> Array:
         """Slope of the residual, from a sample."""
-        return self._sample._slope_at_nodes(solution, self._sampled(content), coding)
+        return self._sample._slope_at_nodes(solution, self._pixels_of_sample(content), coding)
 
     def _slope_at_nodes(self, solution: Solution, content: AnyArray, coding: Coding) -> Array:
-        """Slope of the residual of a picture whose pixels are the nodes, where no limit holds."""
+        """Slope of the residual of a picture (M, M, 3) with a pixel at each node."""
         fields, operator, terms = self.fields, self.fields.operator, self.model.terms
         free = self._free(solution, coding.decoded(content), coding.most(content.dtype))
         eye, spread = np.eye(terms), self.model.spread.astype(float)

@@ -29,7 +29,7 @@ from procam.model.transport import DomeMaps, ScatterKernel
 
 WHITES = ("summed", "keep")
 CHANNELS = 3
-GOLDEN = 0.6180339887498949  # golden ratio: fractions of its multiples are spread evenly
+GOLDEN = 0.6180339887498949  # golden ratio: its multiples are uniform modulo 1
 SAMPLE = 128  # pixels along the edge of a sample, at most
 DARKEST = 1e-3  # gain beyond the lit part, where it may be 0 [-]
 
@@ -131,7 +131,7 @@ class Fields:
 
     @cached_property
     def sampled_pixels(self) -> IndexArray:
-        """Rows (S,) of a picture, and columns: one of every few, unevenly, since content may be periodic."""
+        """Rows (S,) of a picture, and columns: one of every few, irregularly: content may be periodic."""
         size = self.model.size
         step = -(-size // SAMPLE)
         first = np.arange(0, size, step)
@@ -139,9 +139,9 @@ class Fields:
         return np.minimum(first + place.astype(np.intp), size - 1)
 
     def sampled(self) -> "Fields":
-        """The fields of `model` nearest to `sampled_pixels`, for pictures of those.
+        """The fields of `model` at the nodes nearest to `sampled_pixels`, for pictures of those.
 
-        Their solid angles add up to those of the dome. Where each node is such a pixel, these fields.
+        Their solid angles add up to those of the dome. Returns self if all nodes are in the sample.
         """
         model = self.model
         at = self.sampled_pixels * model.nodes // model.size
@@ -182,12 +182,12 @@ def _model(calibration: Calibration, size: int, state: str | None) -> FrameModel
     nodes = min(size, maps.size)
     direction, area = master_planes(nodes)
     where = None if nodes == maps.size else master_pixels(np.moveaxis(direction, 0, -1), maps.size)
-    coverage = _sampled(maps.coverage, where) * (area > 0)
+    coverage = _at_nodes(maps.coverage, where) * (area > 0)
     lit = coverage > 0
     lit_colours = np.repeat(lit, CHANNELS).reshape(*lit.shape, CHANNELS)
-    lo, hi = (lit_part(_sampled(limit, where), lit_colours) for limit in (maps.lo, maps.hi))
+    lo, hi = (lit_part(_at_nodes(limit, where), lit_colours) for limit in (maps.lo, maps.hi))
     _unfade(hi, lo, coverage)
-    gain = None if maps.falloff is None else lit_part(_sampled(maps.falloff, where), lit)
+    gain = None if maps.falloff is None else lit_part(_at_nodes(maps.falloff, where), lit)
     bare = FrameModel(
         size=size,
         spread=np.ones_like(lo),
@@ -214,7 +214,7 @@ def _unfade(hi: Map, lo: Map, coverage: Map) -> None:
     np.maximum(hi, lo, out=hi)
 
 
-def _sampled(field: Map, where: FloatArray | None) -> Map:
+def _at_nodes(field: Map, where: FloatArray | None) -> Map:
     """A map sampled at `where`, or the map itself."""
     if where is None:
         return field
@@ -247,11 +247,11 @@ def _scatter(
     calibration: Calibration, where: FloatArray | None, state: str | None
 ) -> tuple[Map, Map | None]:
     """Scatter per flux (M, M, 3) [1/sr] and the lamps' light, or None, in a venue state."""
-    scatter = _sampled(calibration.maps.scatter_per_flux, where)
+    scatter = _at_nodes(calibration.maps.scatter_per_flux, where)
     if state is None:
         return scatter, None
     condition = calibration.state(state)
-    ambient = None if condition.ambient is None else _sampled(condition.ambient, where)
+    ambient = None if condition.ambient is None else _at_nodes(condition.ambient, where)
     return scatter * condition.scatter_ratio.astype(np.float32), ambient
 
 

@@ -150,16 +150,21 @@ class TestOfTheModel:
         )
         assert model.nodes == min(size, SIZE)
 
-    @pytest.mark.parametrize("size", [60, 200, 500])
+    @pytest.mark.parametrize("size", [60, 129, 200, 500])
     def test_a_sample_is_of_the_whole_dome(self, bare: Calibration, size: int) -> None:
         fields = Fields.of(bare, size)
-        sample, whole = fields.sampled().model, fields.model
+        whole = replace(fields.model, ambient=fields.model.lo)
+        sample = replace(fields, model=whole).sampled().model
         assert sample.nodes == sample.size == len(fields.sampled_pixels) <= SAMPLE
         per_node = (whole.size / whole.nodes) ** 2
         assert sample.solid_angle_sr.sum() == pytest.approx(
             per_node * whole.solid_angle_sr.sum(), rel=1e-5
         )
         at = fields.sampled_pixels
+        node = at * whole.nodes // size
+        for name in ("spread", "lo", "hi", "ambient", "gain", "coverage"):
+            expected = getattr(whole, name)[np.ix_(node, node)]
+            np.testing.assert_array_equal(getattr(sample, name), expected)
         direction = master_directions(size)[0][at][:, at]
         off = np.moveaxis(sample.direction, 0, -1) - direction
         rim = (direction[..., 2] > 0.3) & (sample.coverage > 0)

@@ -52,16 +52,17 @@ def test_colours_rest_one_by_one() -> None:
     np.testing.assert_allclose(root.value, target, rtol=1e-9)
 
 
-def test_what_is_solved_is_not_evaluated_again() -> None:
-    """Near rounding a step may reduce a residual little, though it lies within the tolerance then."""
-    evaluated = []
-
-    def residual(value: np.ndarray, _: bool) -> np.ndarray:
-        evaluated.append(value)
-        return np.full((1, 1), 1.1e-5) if len(evaluated) == 1 else np.full((1, 1), 9e-6)
-
-    Root(np.ones((1, 1)), np.full((1, 1, 1), -1.0)).follow(residual, known(-1.0), 1e-5)
-    assert len(evaluated) == 2
+@pytest.mark.parametrize(
+    ("slope", "residuals"), [(-1.0, (1.1e-5, 9e-6)), (-1.2e-5, (1.2e-5, 1.5e-5))]
+)
+def test_a_step_within_the_tolerance_is_not_repeated(
+    slope: float, residuals: tuple[float, float]
+) -> None:
+    """Rounding is left, from where no step goes further; the second one doubles the value."""
+    left = list(residuals)
+    root = Root(np.ones((1, 1)), np.full((1, 1, 1), slope))
+    root.follow(lambda *_: np.full((1, 1), left.pop(0)), known(slope), 1e-5)
+    assert not left
 
 
 def test_a_residual_that_stands_still_is_reported() -> None:
