@@ -151,9 +151,8 @@ class Fields:
         found: dict[str, Any] = {n: getattr(model, n) for n in names}
         found = {n: None if f is None else f[at][:, at] for n, f in found.items()}
         area = model.solid_angle_sr[at][:, at]
-        area *= (
-            model.solid_angle_sr.sum() / max(area.sum(), 1e-30) * (model.size / model.nodes) ** 2
-        )
+        share = model.solid_angle_sr.sum() / max(area.sum(), 1e-30)
+        area *= share * (model.size / model.nodes) ** 2
         direction = model.direction[:, at][:, :, at]
         small = replace(model, size=len(at), solid_angle_sr=area, direction=direction, **found)
         return Fields(small, small, self.operator, None)

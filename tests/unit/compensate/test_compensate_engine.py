@@ -37,27 +37,29 @@ def furnished(calibration: Calibration) -> Calibration:
     return replace(calibration, maps=replace(calibration.maps, kernel=kernel))
 
 
-def operator(calibration: Calibration, size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """N (P, P) of one colour, pixel by pixel, where it is lit; their solid angles; which they are."""
+def harmonics(place: np.ndarray, degree: int) -> np.ndarray:
+    """Made orthonormal over the upper half sphere, by their closed forms: (P, terms)."""
+    one = np.ones(len(place))
+    each = (one, 2 * np.sqrt(3) * (place[:, 2] - 0.5), *(np.sqrt(3) * place[:, :2].T))
+    return np.column_stack(each)[:, : (degree + 1) ** 2]
+
+
+def scatter(
+    calibration: Calibration, size: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Factors U, V (P, K) of one colour's scattered light U V^T b, where it is lit; solid angles; where."""
     maps, direction = calibration.maps, master_directions(size)[0]
     lit = maps.coverage > 0
     area = (master_solid_angles(size) * maps.coverage)[lit]
-    place = direction[lit]
-    phi = np.column_stack([np.ones(len(place)), *place.T])
-    # harmonics made orthonormal over the upper half sphere, by their closed forms
-    ortho = np.column_stack(
-        [
-            phi[:, 0],
-            2 * np.sqrt(3) * (phi[:, 3] - 0.5),
-            np.sqrt(3) * phi[:, 1],
-            np.sqrt(3) * phi[:, 2],
-        ]
-    )
-    count = (maps.kernel.degree + 1) ** 2
-    profile = ortho[:, :count] @ maps.kernel.profile[0]
-    paint = maps.scatter_per_flux[lit][:, 0] / profile
-    pairs = ortho[:, :count] @ maps.kernel.matrix[0] @ ortho[:, :count].T
-    return np.eye(len(area)) + paint[:, None] * pairs * area, area, lit
+    ortho = harmonics(direction[lit], maps.kernel.degree)
+    paint = maps.scatter_per_flux[lit][:, 0] / (ortho @ maps.kernel.profile[0])
+    return paint[:, None] * (ortho @ maps.kernel.matrix[0]), ortho * area[:, None], area, lit
+
+
+def operator(calibration: Calibration, size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """N (P, P) of one colour, pixel by pixel, where it is lit; their solid angles; which they are."""
+    back, gathered, area, lit = scatter(calibration, size)
+    return np.eye(len(area)) + back @ gathered.T, area, lit
 
 
 @pytest.fixture(params=[False, True], ids=["one scalar", "degree 1"])
@@ -142,6 +144,20 @@ class TestOptimum:
         seen = whole @ direct
         free = found.free[lit][:, 0]
         assert 0.3 < free.mean() < 1
+        np.testing.assert_allclose(seen[free], content[lit][:, 0][free], atol=1e-6)
+
+    def test_exact_is_the_fixed_point_of_pictures_larger_than_a_sample(
+        self, make_calibration: Callable[..., Calibration], rng: np.random.Generator
+    ) -> None:
+        size = 160
+        known = furnished(make_calibration(size=size, feedback=(0.5, 0.4, 0.3), lo=0.01))
+        content = (2 * rng.random((size, size, 3)) ** 3).astype(np.float32)
+        back, gathered, _, lit = scatter(known, size)
+        found = Compensator(known, size).solve(content)
+        direct = found.direct[lit][:, 0].astype(float)
+        free = found.free[lit][:, 0]
+        assert 0.3 < free.mean() < 1
+        seen = direct + back @ (gathered.T @ direct)
         np.testing.assert_allclose(seen[free], content[lit][:, 0][free], atol=1e-6)
 
     def test_subtract_takes_off_what_would_bounce_without_limits(
