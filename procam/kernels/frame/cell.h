@@ -56,7 +56,12 @@ struct ramp { /* a field in one vector, down a cell */
     vf at, step;
 };
 
-typedef float rows_of_block[PART_ROWS][FRAME_BLOCK] __attribute__((aligned(64)));
+struct group { /* rows of a block that are done together */
+    size_t y, rows;            /* of the picture */
+    const float *content;      /* decoded, or where floats are stored */
+    size_t pitch;              /* values from row to row of it */
+    float (*light)[FRAME_BLOCK];
+};
 
 INLINE const float *node_row(const struct procam_frame *setup, int plane, size_t row) {
     const float *const planes[] = {setup->light, setup->least, setup->most, setup->gain, setup->area};
@@ -141,25 +146,27 @@ INLINE vf sent(struct variant variant, const struct procam_frame *setup, const s
     return variant.mode == SUM_EXCESS ? clipped - wanted : clipped;
 }
 
-/* One vector of values, down some rows. */
+/* One vector of values, down a group. */
 INLINE void go_down(struct variant variant, const struct procam_frame *setup, const struct workspace *work, struct band *band,
-                    const struct cell *cell, int k, size_t y, size_t rows, rows_of_block lines) {
+                    const struct cell *cell, const struct group *group, int k) {
     const size_t at = (size_t)(k * LANES), place = cell->block * FRAME_BLOCK + at;
     float *sums = band->sum[variant.lit == IN_PART] + place, *downs = band->down[variant.lit == IN_PART] + place;
     struct ramp ramps[PLANES] = {0};
     for (int plane = 0; plane < PLANES; plane++)
         if (has(variant, setup, plane)) ramps[plane] = ramp_of(work, cell, plane, k);
     vf sum = vload(sums), lower = vload(downs);
-    UNROLL for (size_t r = 0; r < rows; r++) {
-        const float down = setup->down[y + r], share = setup->along[y + r];
-        vf value = sent(variant, setup, ramps, down, vload(lines[r] + at)), counted = value;
+    UNROLL for (size_t r = 0; r < group->rows; r++) {
+        const float down = setup->down[group->y + r], share = setup->along[group->y + r];
+        vf content = vload(group->content + r * group->pitch + at);
+        if (variant.kind == F16 || variant.kind == F32) content = or_black(content);
+        vf value = sent(variant, setup, ramps, down, content), counted = value;
         if (variant.lit == IN_PART) {
             const vf area = at_row(ramps[AREA], down);
             value = vsel(area > 0.0f, value, vset(0.0f));
             counted = area * value;
         }
         sum += counted, lower += share * counted;
-        if (variant.mode >= APPLY) vstore(lines[r] + at, value);
+        if (variant.mode >= APPLY) vstore(group->light[r] + at, value);
     }
     vstore(sums, sum), vstore(downs, lower);
 }
@@ -176,32 +183,43 @@ INLINE const void *stored_row(struct variant variant, const struct procam_frame 
     return memcpy(room, from, cell->left * width);
 }
 
-/* Writes rows of a block of light. */
-INLINE void write_rows(struct variant variant, const struct procam_frame *setup, const struct cell *cell, size_t y, size_t rows,
-                       rows_of_block lines) {
+/* Writes the light of a group, which floats already are as they are stored. */
+INLINE void write_group(struct variant variant, const struct procam_frame *setup, const struct cell *cell, const struct group *group) {
     const size_t width = bytes_of(variant.kind), pitch = 3 * setup->size * width;
-    unsigned char *to = (unsigned char *)setup->out + y * pitch + cell->first * width;
+    unsigned char *to = (unsigned char *)setup->out + group->y * pitch + cell->first * width;
     unsigned char room[4 * FRAME_BLOCK], out[4 * FRAME_BLOCK] __attribute__((aligned(64)));
-    for (size_t r = 0; r < rows; r++, to += pitch) {
-        const size_t tile = (y + r) % TILE_ROWS * TILE_WIDTH + cell->first % TILE_WIDTH;
+    for (size_t r = 0; r < group->rows; r++, to += pitch) {
+        const size_t tile = (group->y + r) % TILE_ROWS * TILE_WIDTH + cell->first % TILE_WIDTH;
         const float *threshold = variant.kind == U8 ? setup->threshold + tile : NULL;
-        const void *original = variant.mode == MIX ? stored_row(variant, setup, cell, y + r, room) : NULL;
-        store_block(variant.kind, setup, lines[r], original, threshold, out);
-        vcopy(to, out, cell->left * width);
+        const void *original = variant.mode == MIX ? stored_row(variant, setup, cell, group->y + r, room) : NULL;
+        const int stored = variant.kind == F32 && !original;
+        if (!stored) store_block(variant.kind, setup, group->light[r], original, threshold, out);
+        vcopy(to, stored ? (const unsigned char *)group->light[r] : out, cell->left * width);
     }
+}
+
+/* Reads rows of a block from y on; whole blocks of floats stay where they are. */
+INLINE struct group read_group(struct variant variant, const struct procam_frame *setup, const struct cell *cell, size_t y,
+                             float (*lines)[FRAME_BLOCK]) {
+    const size_t rows = cell->end - y < PART_ROWS ? cell->end - y : PART_ROWS, wide = 3 * setup->size;
+    const int in_place = variant.kind == F32 && cell->left == FRAME_BLOCK;
+    unsigned char room[4 * FRAME_BLOCK];
+    for (size_t r = 0; r < rows; r++) {
+        const void *stored = stored_row(variant, setup, cell, y + r, room);
+        if (!in_place) load_block(variant.kind, setup, stored, lines[r]);
+    }
+    if (!in_place) return (struct group){y, rows, lines[0], FRAME_BLOCK, lines};
+    return (struct group){y, rows, (const float *)setup->image + y * wide + cell->first, wide, lines};
 }
 
 INLINE void one_cell(struct variant variant, const struct procam_frame *setup, struct workspace *work, struct band *band,
                      const struct cell *cell) {
-    rows_of_block lines;
-    unsigned char room[4 * FRAME_BLOCK];
+    float lines[PART_ROWS][FRAME_BLOCK] __attribute__((aligned(64)));
     if (variant.lit != NOWHERE) enter(variant, setup, work, cell);
     for (size_t y = cell->row; y < cell->end; y += PART_ROWS) {
-        const size_t rows = cell->end - y < PART_ROWS ? cell->end - y : PART_ROWS;
-        for (size_t r = 0; r < rows; r++)
-            load_block(variant.kind, setup, stored_row(variant, setup, cell, y + r, room), lines[r]);
-        for (int k = 0; k < VECTORS; k++) go_down(variant, setup, work, band, cell, k, y, rows, lines);
-        if (variant.mode >= APPLY) write_rows(variant, setup, cell, y, rows, lines);
+        const struct group group = read_group(variant, setup, cell, y, lines);
+        for (int k = 0; k < VECTORS; k++) go_down(variant, setup, work, band, cell, &group, k);
+        if (variant.mode >= APPLY) write_group(variant, setup, cell, &group);
     }
     band->lit[cell->block] |= (uint8_t)(1 << cell->lit);
     const size_t end = cell->block * FRAME_BLOCK + cell->left, bytes = (FRAME_BLOCK - cell->left) * sizeof(float);

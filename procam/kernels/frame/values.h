@@ -6,20 +6,17 @@
 enum { FRAME_BLOCK = 64, VECTORS = FRAME_BLOCK / LANES };
 enum { TILE_WIDTH = 192, TILE_ROWS = 64 };
 
-/* A vector as it is stored; what is not finite is black. */
-INLINE vf load_stored(int kind, const void *from) {
-    const vf stored = vload_kind(kind, from, 0);
-    return kind == F16 || kind == F32 ? vsel(vabs(stored) < INFINITY, stored, vset(0.0f)) : stored;
-}
+/* What is not finite is black. */
+INLINE vf or_black(vf a) { return vsel(vabs(a) < INFINITY, a, vset(0.0f)); }
 
-/* The linear light of a block. */
+/* The linear light of a block; of floats and halves it may not be finite. */
 INLINE void load_block(int kind, const struct procam_frame *setup, const void *from, float *light) {
     if (kind == U8) {
         vlook_up(setup->decode, setup->decode_bytes, from, light);
         return;
     }
     UNROLL for (size_t at = 0; at < FRAME_BLOCK; at += LANES) {
-        const vf stored = load_stored(kind, (const unsigned char *)from + at * bytes_of(kind));
+        const vf stored = vload_kind(kind, from, at);
         vstore(light + at, kind == U16 ? stored * (1 / 65535.0f) : stored);
     }
 }
@@ -38,7 +35,8 @@ INLINE void store_block(int kind, const struct procam_frame *setup, const float 
         const size_t at = k * LANES;
         vf v = value_of(kind, setup, vload(light + at));
         if (stored) {
-            const vf original = load_stored(kind, (const unsigned char *)stored + at * bytes_of(kind));
+            vf original = vload_kind(kind, stored, at);
+            if (kind == F16 || kind == F32) original = or_black(original);
             v = setup->strength * (v - original) + original;
         }
         values[k] = kind == U8 ? v + vload(threshold + at) : v;

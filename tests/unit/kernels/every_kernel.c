@@ -1,6 +1,6 @@
 /* Runs every kernel at every level over odd sizes, in buffers of exactly the size needed, so that
-   the address and undefined-behaviour sanitizers see each byte it must not touch. With an argument, at level
-   "base" alone, and the results are written to stdout, for a comparison with those of another processor. */
+   the address and undefined-behaviour sanitizers see each byte it must not touch. With an argument, at the
+   level of that number alone, and the results are written to stdout, for a comparison with those of another. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -30,11 +30,19 @@ static void keep(char type, size_t width, const void *found, size_t count) {
     fwrite(&type, 1, 1, stdout), fwrite(&count, sizeof count, 1, stdout), fwrite(found, width, count, stdout);
 }
 
+static unsigned seed = 1; /* of a generator as quick as the buffers are many */
+
 static void *room(size_t bytes) {
     unsigned char *found = NULL;
     if (posix_memalign((void **)&found, 64, bytes ? bytes : 1)) abort();
-    static unsigned seed = 1; /* of a generator as quick as the buffers are many */
     for (size_t i = 0; i < bytes; i++) found[i] = (unsigned char)((seed = 1664525 * seed + 1013904223) >> 26);
+    return found;
+}
+
+/* The bytes (4, 256) of a table of 256. */
+static uint8_t *bytes_of_table(const float *table) {
+    uint8_t *found = room(1024);
+    for (int i = 0; i < 1024; i++) found[i] = ((const uint8_t *)table)[i % 256 * 4 + i / 256];
     return found;
 }
 
@@ -123,7 +131,7 @@ static void warp(int level, int kind, int out_kind, size_t rows, size_t columns,
     for (int i = 0; i < 256; i++) light[i] = (float)i / 256;
     for (int i = 0; i < 64 * 64; i++) thresholds[i] = 0.5f;
     for (int i = 0; i < 3 * KNOTS; i++) drives[i] = 65000;
-    uint8_t *decode_bytes = room(1024);
+    uint8_t *decode_bytes = bytes_of_table(light);
     const struct procam_warp job = {kind,   out_kind, rows,         columns, edge,   edge,       1.0f, master,
                                     blocks, light,    decode_bytes, light,   drives, thresholds, out};
     procam_warp(level, 1 + (int)(rows % 2), rows, &job);
@@ -142,6 +150,7 @@ static void frame(int level, int kind, int mode, size_t edge, int nodes, int ter
     const size_t width[] = {1, 2, 4, 2}, values = (3 * edge + 191) / 192 * 192, n = (size_t)nodes;
     const size_t strips = (3 * edge + 1535) / 1536, chunks = (n + 64) / 64, spare = 64;
     const size_t fields = 3 * n * n + spare, edges = n / 2 + 2;
+    seed = 1; /* how many buffers there were so far depends on the level */
     struct procam_frame setup = {.size = edge, .kind = kind, .nodes = nodes, .terms = terms, .band = 2};
     setup.strength = mode % 2 ? 0.5f : 1.0f, setup.top = 1;
     setup.image = room(3 * edge * edge * width[kind]), setup.out = room(3 * edge * edge * width[kind]);
@@ -176,7 +185,7 @@ static void frame(int level, int kind, int mode, size_t edge, int nodes, int ter
     float *weight = numbers(edges * n + spare, 1), *paint = numbers(3 * edges * n + spare, 1);
     float *direction = numbers(3 * edges * n + spare, 0.5f), *pieces = numbers(4 * PIECES, 0.1f);
     float *threshold = numbers(64 * 192, 0.5f), *decode = numbers(256, 0.1f);
-    uint8_t *decode_bytes = room(1024);
+    uint8_t *decode_bytes = bytes_of_table(decode);
     setup.light = light, setup.least = lo, setup.most = mode == 4 ? NULL : hi, setup.gain = mode == 2 || mode == 4 ? gain : NULL;
     setup.area = area, setup.weight = weight, setup.edge_spread = paint, setup.direction = direction;
     setup.lit = lit, setup.down = setup.along = down, setup.rows = rows;
@@ -197,12 +206,12 @@ static void frame(int level, int kind, int mode, size_t edge, int nodes, int ter
 }
 
 int main(int count, char **arguments) {
-    (void)arguments;
-    written = count > 1;
+    const int only = count > 1 ? atoi(arguments[1]) : -1;
+    written = only >= 0;
     const size_t sizes[] = {0, 1, 7, 8, 15, 16, 17, 31, 127, 128, 129, 2049, 32768, 32771};
     const size_t width[] = {1, 2, 4};
     for (int level = 0; level < 3; level++) {
-        if (!(procam_levels() >> level & 1) || (written && level < 2)) continue;
+        if (written ? level != only : !(procam_levels() >> level & 1)) continue;
         for (int kind = 0; kind < 3; kind++)
             for (size_t i = 0; i < sizeof sizes / sizeof *sizes; i++) {
                 const int threads = 1 + (int)(i % 2);

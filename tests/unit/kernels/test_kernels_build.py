@@ -20,8 +20,12 @@ needs_compiler = pytest.mark.skipif(not COMPILER, reason="no C compiler (Debian:
 ARM, EMULATOR = (shutil.which(name) or "" for name in ("aarch64-linux-gnu-gcc", "qemu-aarch64"))
 FLAGS = ["-std=gnu11", "-Wall", "-Wextra", "-Werror", f"-I{SOURCES}", "-Wno-unknown-pragmas"]
 FLAGS += ["-fno-math-errno", "-fno-trapping-math", "-ffp-contract=fast"]
-BASE = [HERE / "every_kernel.c", SOURCES / "dispatch.c", SOURCES / "level_base.c"]
+BASE = [SOURCES / "dispatch.c", SOURCES / "level_base.c"]
+ABSENT = """#include "kernels.h"
+__attribute__((weak)) const struct level procam_avx512, procam_avx2;
+"""
 TYPES = {"B": "u1", "H": "u2", "e": "f2", "f": "f4", "d": "f8", "s": "f4"}
+Found = tuple[str, np.ndarray]
 SANITIZE = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-fno-omit-frame-pointer"]
 
 
@@ -61,11 +65,10 @@ def test_sanitizers_find_nothing(tmp_path: Path) -> None:
     assert "level 2 clean" in ran.stdout
 
 
-def _results(program: Path, *before: str) -> list[tuple[str, np.ndarray]]:
-    """What every kernel found at level "base": see `keep` of every_kernel.c."""
-    ran = subprocess.run(
-        [*before, str(program), "write"], capture_output=True, timeout=300, check=True
-    )
+def _results(level: str, *program: str) -> list[Found]:
+    """What every kernel found at a level: see `keep` of every_kernel.c."""
+    number = str(kernels.LEVELS.index(level))
+    ran = subprocess.run([*program, number], capture_output=True, timeout=300, check=True)
     found, at = [], 0
     while at < len(ran.stdout):
         letter = chr(ran.stdout[at])
@@ -75,32 +78,34 @@ def _results(program: Path, *before: str) -> list[tuple[str, np.ndarray]]:
     return found
 
 
-@needs_compiler
-@pytest.mark.skipif(
-    not (ARM and EMULATOR), reason="no emulated ARM (Debian: gcc-aarch64-linux-gnu qemu-user)"
-)
-def test_arm_finds_the_same(tmp_path: Path) -> None:
-    """NEON against plain C, which other tests hold to NumPy."""
-    absent = tmp_path / "absent.c"
-    absent.write_text('#include "kernels.h"\nconst struct level procam_avx512, procam_avx2;\n')
-    here, arm = tmp_path / "here", tmp_path / "arm"
-    for compiler, files, program in (
-        (COMPILER, [*BASE, absent], here),
-        (ARM, [*BASE, "-static"], arm),
-    ):
-        command = [
+def _built(folder: Path, compiler: str, *given: str | Path) -> str:
+    """every_kernel.c with level "base" and what is given."""
+    absent, program = folder / "absent.c", folder / "every_kernel"
+    absent.write_text(ABSENT)
+    files = [HERE / "every_kernel.c", *BASE, absent, *given]
+    built = _run(
+        [
             compiler,
-            "-O1",
-            *FLAGS,
+            "-O0",
             "-Wno-unused-parameter",
+            *FLAGS,
             *map(str, files),
             "-o",
             str(program),
             "-lm",
         ]
-        built = _run(command)
-        assert built.returncode == 0, built.stderr
-    expected, found = _results(here), _results(arm, EMULATOR)
+    )
+    assert built.returncode == 0, built.stderr
+    return str(program)
+
+
+@pytest.fixture(scope="module")
+def in_plain_c(tmp_path_factory: pytest.TempPathFactory) -> list[Found]:
+    """What the kernels find in plain C, which other tests hold to NumPy."""
+    return _results("base", _built(tmp_path_factory.mktemp("plain"), COMPILER))
+
+
+def _assert_same(found: list[Found], expected: list[Found]) -> None:
     assert len(found) == len(expected) > 3000
     for (letter, a), (same, b) in zip(found, expected, strict=True):
         assert (letter, a.shape) == (same, b.shape)
@@ -110,6 +115,23 @@ def test_arm_finds_the_same(tmp_path: Path) -> None:
         close = 1 if b.dtype.kind == "u" else 2e-5 * np.abs(b[known]).max(initial=0)
         # where two candidates of a search fit equally well, rounding chooses
         assert (apart > close).sum() <= (0.01 * len(b) if letter == "s" else 0)
+
+
+@needs_compiler
+@pytest.mark.skipif(
+    not (ARM and EMULATOR), reason="no emulated ARM (Debian: gcc-aarch64-linux-gnu qemu-user)"
+)
+def test_arm_finds_the_same(tmp_path: Path, in_plain_c: list[Found]) -> None:
+    _assert_same(_results("base", EMULATOR, _built(tmp_path, ARM, "-static")), in_plain_c)
+
+
+@needs_compiler
+@pytest.mark.skipif("avx2" not in kernels.available(), reason="the processor has no AVX2")
+def test_avx512_finds_the_same(tmp_path: Path, in_plain_c: list[Found]) -> None:
+    """Its source, with the intrinsics that few processors have in plain C."""
+    flags = ("-mavx2", "-mfma", "-mf16c", "-Wno-psabi")
+    program = _built(tmp_path, COMPILER, HERE / "avx512_in_c.c", *flags)
+    _assert_same(_results("avx512", program), in_plain_c)
 
 
 def test_without_a_compiler_the_package_still_builds(tmp_path: Path) -> None:
