@@ -57,10 +57,10 @@ struct ramp { /* a field in one vector, down a cell */
 };
 
 struct group { /* rows of a block that are done together */
-    size_t y, rows;            /* of the picture */
-    const float *content;      /* decoded, or where floats are stored */
-    size_t pitch;              /* values from row to row of it */
-    float (*light)[FRAME_BLOCK];
+    size_t y, rows;              /* of the picture */
+    const float *content;        /* decoded, or where floats are stored */
+    size_t pitch;                /* values from row to row of it */
+    float (*light)[FRAME_BLOCK]; /* that is solved */
 };
 
 INLINE const float *node_row(const struct procam_frame *setup, int plane, size_t row) {

@@ -39,6 +39,15 @@ static void *room(size_t bytes) {
     return found;
 }
 
+/* Values of a picture: of floats small ones, of integers any. */
+static void *picture(int kind, size_t values) {
+    const size_t width[] = {1, 2, 4, 2};
+    unsigned char *found = room(values * width[kind]);
+    for (size_t i = 0; kind < 2 && i < values * width[kind]; i++)
+        found[i] = (unsigned char)((seed = 1664525 * seed + 1013904223) >> 24);
+    return found;
+}
+
 /* The bytes (4, 256) of a table of 256. */
 static uint8_t *bytes_of_table(const float *table) {
     uint8_t *found = room(1024);
@@ -124,16 +133,16 @@ static void warp(int level, int kind, int out_kind, size_t rows, size_t columns,
             blocks[k].base[f] = f > 1 ? 0.1f : k % 7 ? -2.0f : (f ? -1e9f : 1e9f);
             blocks[k].step[f] = f > 1 ? 0.01f : (float)(edge + 4) / 16191; /* most of a room */
         }
-    void *master = room(3 * edge * edge * width[kind]);
+    void *master = picture(kind, 3 * edge * edge);
     void *out = room(3 * rows * columns * width[out_kind]);
     float *light = room(256 * sizeof(float)), *thresholds = room(64 * 64 * sizeof(float));
     uint32_t *drives = room(3 * KNOTS * sizeof(uint32_t));
     for (int i = 0; i < 256; i++) light[i] = (float)i / 256;
     for (int i = 0; i < 64 * 64; i++) thresholds[i] = 0.5f;
-    for (int i = 0; i < 3 * KNOTS; i++) drives[i] = 65000;
+    for (int i = 0; i < 3 * KNOTS; i++) drives[i] = 100u << 16 | (uint32_t)(i % KNOTS * 100);
     uint8_t *decode_bytes = bytes_of_table(light);
     const struct procam_warp job = {kind,   out_kind, rows,         columns, edge,   edge,       1.0f, master,
-                                    blocks, light,    decode_bytes, light,   drives, thresholds, out};
+                                    blocks, light,    decode_bytes, light + 60, drives, thresholds, out};
     procam_warp(level, 1 + (int)(rows % 2), rows, &job);
     keep("BHf"[out_kind], width[out_kind], out, 3 * rows * columns);
     free(blocks), free(master), free(out), free(light), free(decode_bytes), free(thresholds), free(drives);
@@ -153,7 +162,7 @@ static void frame(int level, int kind, int mode, size_t edge, int nodes, int ter
     seed = 1; /* how many buffers there were so far depends on the level */
     struct procam_frame setup = {.size = edge, .kind = kind, .nodes = nodes, .terms = terms, .band = 2};
     setup.strength = mode % 2 ? 0.5f : 1.0f, setup.top = 1;
-    setup.image = room(3 * edge * edge * width[kind]), setup.out = room(3 * edge * edge * width[kind]);
+    setup.image = picture(kind, 3 * edge * edge), setup.out = room(3 * edge * edge * width[kind]);
     struct positions *positions[] = {&setup.values, &setup.shared};
     const size_t lanes[] = {16, 8, 4}, vector = lanes[level], vectors = values / vector;
     int32_t *start[2], *left[2], *rows = room((n + 2) * sizeof(int32_t));
@@ -185,6 +194,8 @@ static void frame(int level, int kind, int mode, size_t edge, int nodes, int ter
     float *weight = numbers(edges * n + spare, 1), *paint = numbers(3 * edges * n + spare, 1);
     float *direction = numbers(3 * edges * n + spare, 0.5f), *pieces = numbers(4 * PIECES, 0.1f);
     float *threshold = numbers(64 * 192, 0.5f), *decode = numbers(256, 0.1f);
+    for (int i = 0; i < 256; i++) decode[i] += (float)i / 256;
+    for (int i = PIECES; i < 2 * PIECES; i++) pieces[i] = 200; /* 200 times the root of the light, and little more */
     uint8_t *decode_bytes = bytes_of_table(decode);
     setup.light = light, setup.least = lo, setup.most = mode == 4 ? NULL : hi, setup.gain = mode == 2 || mode == 4 ? gain : NULL;
     setup.area = area, setup.weight = weight, setup.edge_spread = paint, setup.direction = direction;
