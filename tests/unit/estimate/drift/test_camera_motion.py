@@ -93,10 +93,10 @@ def test_a_blurred_picture_does_not_keep_a_camera_where_it_was(
     camera: CameraModel, see: Callable[..., dict[str, Seen]]
 ) -> None:
     """Its own place is uncertain by more than the camera crept, and is off the other way."""
-    now, before = turned(camera, 0.25), see(camera, "abcd")
+    now = turned(camera, 0.35)
     seen = see(now, "abcd")
-    crept = seen["c"].pixel - before["c"].pixel
-    seen["c"] = replace(seen["c"], pixel=seen["c"].pixel - 1.3 * crept, sigma=np.full(30, 0.1))
+    crept = project_to_camera(now, seen["c"].point) - project_to_camera(camera, seen["c"].point)
+    seen["c"] = replace(seen["c"], pixel=seen["c"].pixel - 1.1 * crept, sigma=np.full(30, 0.1))
     found = find_camera_motion(camera, seen)
     assert found.moved and set(found.unmoved) >= set("abd")
 
@@ -106,6 +106,15 @@ def test_both_moved(camera: CameraModel, see: Callable[..., dict[str, Seen]]) ->
     found = find_camera_motion(camera, see(now, "abcd", c=np.array([0.9, 0.4])))
     assert found.moved and set(found.unmoved) == set("abd")
     assert abs(found.turned_deg - 1.0) < 4 * found.turned_sigma
+
+
+def test_two_projectors_that_moved_apart_are_no_camera(
+    camera: CameraModel, see: Callable[..., dict[str, Seen]]
+) -> None:
+    """Each alone could be seen by a camera that moved."""
+    a, b = (see(turned(camera, degrees), "ab") for degrees in (0.8, -1.2))
+    found = find_camera_motion(camera, {"a": a["a"], "b": b["b"]})
+    assert not found.moved and found.unmoved == ()
 
 
 def test_one_projector_says_nothing_of_the_camera(
