@@ -209,7 +209,8 @@ def _model(calibration: Calibration, size: int, state: str | None) -> FrameModel
 
 def _unfade(hi: Map, lo: Map, coverage: Map) -> None:
     """Raise limits that coverage fades over the border: what is lit at all can be driven to full there."""
-    hi /= np.maximum(coverage, np.float32(WELL_LIT))[..., None]
+    fades = (coverage > 0) & (coverage < 1)
+    hi[fades] /= np.maximum(coverage[fades], np.float32(WELL_LIT))[:, None]
     np.maximum(hi, lo, out=hi)
 
 

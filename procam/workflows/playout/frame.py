@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from procam.arrays import AnyArray, Array32, BoolArray
+from procam.arrays import AnyArray, Array32, BoolArray, Map
 from procam.compensate.compensator import PERCEPTUAL, Compensator
 from procam.compensate.light_check import LightCheck
 from procam.compensate.perceptual.settings import Perceptual
@@ -176,32 +176,39 @@ def most_light(rgb: AnyArray) -> float:
 def require_photometry(calibration: Calibration) -> None:
     """Refuse a calibration in which no place of the dome has light that was measured, or a map is broken."""
     maps = calibration.maps
-    measured = least_colour((maps.hi > 0) & np.isfinite(maps.scatter_per_flux))
-    if not ((maps.coverage > 0) & measured).any():
+    if not any(
+        _measured(*row) for row in zip(maps.coverage, maps.hi, maps.scatter_per_flux, strict=True)
+    ):
         raise InputError(
             "CALIBRATION has no photometry, which compensation needs; capture white, black and "
             "response pictures of every projector and solve again"
         )
-    for name, (wrong, stated) in _wrong_places(maps).items():
-        if wrong.any():
+    for name, (right, otherwise) in _right_places(maps).items():
+        if not right.all():
+            wrong = np.count_nonzero(~(right if right.ndim == 2 else least_colour(right)))
             raise InputError(
-                f"CALIBRATION is damaged: {int(wrong.sum())} places of its map {name} are {stated}; "
+                f"CALIBRATION is damaged: {wrong} places of its map {name} are {otherwise}; "
                 "restore it or run `procam solve` on its session again"
             )
 
 
-def _wrong_places(maps: DomeMaps) -> dict[str, tuple[BoolArray, str]]:
-    """Where (N, N) each map is what no calibration makes it, and what that is.
+def _measured(coverage: Map, hi: Map, scatter: Map) -> bool:
+    """Whether a row of the maps has a lit place whose light was measured."""
+    return bool(((coverage > 0) & least_colour((hi > 0) & np.isfinite(scatter))).any())
+
+
+def _right_places(maps: DomeMaps) -> dict[str, tuple[BoolArray, str]]:
+    """Where (N, N[, 3]) each map is as calibrations make it, and what the others are.
 
     Unlit places count where interpolation would carry what is wrong to lit ones.
     """
     within = (maps.coverage >= 0) & (maps.coverage <= 1 + ROUNDING)
-    found = {"coverage": (~within, "below 0, above 1 or NaN")}
+    found = {"coverage": (within, "below 0, above 1 or NaN")}
     for name in MEASURED:
-        found[name] = (~least_colour(np.isfinite(getattr(maps, name))), "NaN or infinite")
+        found[name] = (np.isfinite(getattr(maps, name)), "NaN or infinite")
     if maps.falloff is not None:
-        finite, lit = np.isfinite(maps.falloff), maps.coverage > 0
-        found["falloff"] = (~finite | (lit & (maps.falloff <= 0)), "0 or less, NaN or infinite")
+        usable = (maps.coverage <= 0) | (maps.falloff > 0)
+        found["falloff"] = (np.isfinite(maps.falloff) & usable, "0 or less, NaN or infinite")
     return found
 
 
