@@ -216,14 +216,13 @@ def shared_sensitivity(
     """
     value, slope = _curve(waves, distortion, fit.x)
     basis = _orthonormal(value, slope)
-    angles = waves.angles(fit.x)
+    once = np.cos(waves.angles(fit.x))
+    twice = 2 * once**2 - 1  # of twice the angle
     bend, bend_2 = (
         -2 * np.pi**2 * (n**2 * waves.periods**-2 - waves.periods[0] ** -2) for n in (1, 2)
     )
-    twice = np.cos(2 * angles)
     by_blur = (
-        bend * distortion.modulation(waves) * np.cos(angles)
-        + bend_2 * distortion.harmonics(waves) * twice
+        bend * distortion.modulation(waves) * once + bend_2 * distortion.harmonics(waves) * twice
     )
     by_harmonic = WaveDistortion(distortion.blur_px2, 1.0).harmonics(waves) * twice
     amplitude = fit.amplitude[:, None]
@@ -276,8 +275,9 @@ def _curve(waves: Waves, distortion: WaveDistortion, x: Array) -> tuple[Array, A
     """Normalised wave (n, K) at columns x (n,), and its slope per px."""
     angles = waves.angles(x)
     m, h = distortion.modulation(waves), distortion.harmonics(waves)
-    value = m * np.cos(angles) + h * np.cos(2 * angles)
-    slope = -(m * np.sin(angles) + 2 * h * np.sin(2 * angles)) * 2 * np.pi / waves.periods
+    across, along = np.sin(angles), np.cos(angles)
+    value = (m + 2 * h * along) * along - h  # m cos t + h cos 2t
+    slope = -(m + 4 * h * along) * across * (2 * np.pi / waves.periods)
     return value, slope
 
 
