@@ -19,9 +19,10 @@ $(READY): requirements.lock pyproject.toml $(wildcard procam/kernels/*/*.[ch])
 demo: $(READY)
 	$(BIN)/procam demo --out $(OUT)
 
-# each process of the tests has a core of its own: threads that wait for another's core made it 17 minutes
+# each process of the tests has a core of its own: threads that wait for another's core made it 17 minutes.
+# bytecode is kept whatever the environment says: without it each command that a test starts compiles procam
 test: $(READY)
-	OPENBLAS_NUM_THREADS=1 OMP_WAIT_POLICY=passive $(BIN)/python -m pytest -n $(JOBS) --dist worksteal $(PYTEST_FLAGS)
+	OPENBLAS_NUM_THREADS=1 OMP_WAIT_POLICY=passive PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n $(JOBS) --dist worksteal $(PYTEST_FLAGS)
 
 check: $(READY)
 	$(BIN)/ruff check .
