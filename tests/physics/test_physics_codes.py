@@ -3,7 +3,7 @@
 `python -m studies codes code-table one-fringe` asks the same at full size.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
@@ -15,6 +15,7 @@ from procam.estimate.structured_light.scatter_bias import (
     remove_phasor,
 )
 from procam.maths.warp import grow
+from simulators import transport
 from simulators.photograph_bench import PhotographBench
 from simulators.presets import STANDARD
 from simulators.scene import DomeScene, SceneSize
@@ -25,10 +26,19 @@ PANEL = (960, 600)
 HALF_BLUR_PX = 1.5  # periods are half as long as on a panel of full size
 
 
+@pytest.fixture(scope="module", autouse=True)
+def coarse_rooms() -> Iterator[None]:
+    """Rooms of a quarter of the patches: scattered light is as smooth as before."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(transport, "DOME_RINGS", 15)
+        patch.setattr(transport, "DOME_SECTORS", 30)
+        yield
+
+
 @pytest.fixture(scope="module")
 def shots() -> Shots:
     # 1024 rays: below, the room's own noise is no longer small beside a patch's error
-    size = SceneSize(2, PANEL, 1, (560, 560), rays=1024)
+    size = SceneSize(1, PANEL, 1, (560, 560), rays=1024)
     preset = STANDARD.altered(albedo=0.6, snr=50.0, defocus_px=HALF_BLUR_PX)
     return Shots(
         PhotographBench(DomeScene(preset, size, 1), "south"), make_code("micro-phase", PANEL)
@@ -37,7 +47,7 @@ def shots() -> Shots:
 
 @pytest.fixture(scope="module")
 def cell() -> Callable[..., code_table.Row]:
-    scene = DomeScene(STANDARD, SceneSize(2, (320, 200), 1, (256, 256), rays=64), 1)
+    scene = DomeScene(STANDARD, SceneSize(1, (320, 200), 1, (256, 256), rays=64), 1)
 
     def measure(name: str, snr: float, **overrides: float) -> code_table.Row:
         bench = PhotographBench(scene.altered(**overrides), "south")
@@ -48,7 +58,7 @@ def cell() -> Callable[..., code_table.Row]:
 
 @pytest.fixture(scope="module")
 def fringe() -> one_fringe.OneFringe:
-    size = SceneSize(2, (480, 300), 1, (480, 480), rays=1024)
+    size = SceneSize(1, (480, 300), 1, (480, 480), rays=4096)
     return one_fringe.OneFringe(one_fringe.ROOMS["black level deck"], size)
 
 
