@@ -17,7 +17,7 @@ from procam.model.calibration import Calibration
 from simulators.placement import place_cameras
 from simulators.presets import PRESETS
 
-SIZE = replace(TINY_PAIR, camera_size=(320, 320))
+SIZE = replace(TINY_PAIR, camera_size=(224, 224))
 TOO_LONG = 1.01  # focal length of venue.toml over the true one
 PULL = 1e-3  # of m, by a focal length that is 1 % off: the lens moves by .7 %, m by .02 %
 
@@ -60,6 +60,7 @@ def test_feedback_and_albedo_do_not_follow_a_wrong_prior(
         np.testing.assert_allclose(wrong.feedback.value, right.feedback.value, rtol=PULL)
         moved = np.abs(wrong.albedo.value - right.albedo.value)
         assert (moved < 0.1 * right.albedo.sigma).all()  # by what the floor seems to be
+        assert not _focal_notes(wrong)  # twice its sigma is no surprise
 
 
 @pytest.mark.parametrize("mode", ["fixed", "solve"])
@@ -69,7 +70,7 @@ def test_a_wrong_mark_is_named_whatever_the_lens(
     """A lens that is solved for must not bend to fit it."""
     path = captured[0].directory / "venue.toml"
     kept = path.read_text()
-    text, changes = re.subn(r"(?m)^azimuth_deg = 12\..*$", "azimuth_deg = 18.0", kept)
+    text, changes = re.subn(r"(?m)^azimuth_deg = 12\..*$", "azimuth_deg = 24.0", kept)
     assert changes == 1
     path.write_text(text)
     try:
@@ -111,13 +112,12 @@ def _beyond_the_rim(calibration: Calibration) -> bool:
     return any("lie beyond the dome's rim" in note for note in calibration.provenance["notes"])
 
 
-@pytest.mark.parametrize(("factor", "named"), [(1.0, False), (1.05, True)])
-def test_a_focal_length_beyond_its_prior_is_named(
-    captured: tuple[Venue, Session], factor: float, named: bool
-) -> None:
-    notes = _with_lens(captured, "prior", factor).provenance["notes"]
-    found = [note for note in notes if "its pictures need a focal length" in note]
-    assert len(found) == named
-    if named:
-        assert found[0].startswith("camera zenith: ")
-        assert found[0].endswith('but intrinsics = "prior" means 0.5%; correct f, or set "solve"')
+def test_a_focal_length_beyond_its_prior_is_named(captured: tuple[Venue, Session]) -> None:
+    (found,) = _focal_notes(_with_lens(captured, "prior", 1.05))
+    assert found.startswith("camera zenith: ")
+    assert found.endswith('but intrinsics = "prior" means 0.5%; correct f, or set "solve"')
+
+
+def _focal_notes(calibration: Calibration) -> list[str]:
+    notes: list[str] = calibration.provenance["notes"]
+    return [note for note in notes if "its pictures need a focal length" in note]
