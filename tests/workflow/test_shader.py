@@ -30,8 +30,8 @@ from procam.model.transport import Measured, ScatterKernel
 from procam.model.venue_state import VenueState
 
 SIZE = 160
-FRAMES = 300
-SCENE = 37  # frames from one cut to the next
+FRAMES = 120
+SCENE = 15  # frames from one cut to the next
 MAP = 96
 
 
@@ -105,7 +105,7 @@ class Track:
 
 @pytest.fixture(scope="module")
 def clip(furnished: Calibration, tmp_path_factory: pytest.TempPathFactory) -> Track:
-    """300 frames in a furnished dome with its lamps on, numbered from 1001."""
+    """Frames in a furnished dome with its lamps on, numbered from 1001."""
     frames = {f"sky.{1001 + i}.tif": clip_frame(i) for i in range(FRAMES)}
     track = Track(tmp_path_factory.mktemp("clip"), furnished, frames)
     track.make("--state", "full")
