@@ -9,8 +9,9 @@ from pathlib import Path
 import pytest
 from tiny_venue import contents, make_venue, procam, quick_simulator, solved, take_session
 
+from procam.files.venue.load import load_venue
 from procam.workflows.capture.newest import newest_session
-from studies.two_at_once import make_busy_venue, run_both
+from studies.two_at_once import run_both
 
 HOLD = """
 import sys
@@ -37,12 +38,18 @@ COMMANDS = {
 
 
 @pytest.fixture(scope="module")
-def busy(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """A calibrated venue that another process holds."""
-    folder = tmp_path_factory.mktemp("busy") / "venue"
+def ready(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A calibrated venue."""
     with quick_simulator():
-        venue = make_venue(folder)
+        venue = make_venue(tmp_path_factory.mktemp("ready") / "venue")
         solved(venue, take_session(venue))
+    return venue.directory
+
+
+@pytest.fixture(scope="module")
+def busy(ready: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """A calibrated venue that another process holds."""
+    folder = shutil.copytree(ready, tmp_path_factory.mktemp("busy") / "venue")
     command = [sys.executable, "-c", HOLD, str(folder)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
         assert other.stdout and other.stdout.readline() == b"held\n"
@@ -61,16 +68,13 @@ def test_refused_by_name_and_nothing_is_written(command: str, busy: Path) -> Non
     assert contents(busy) == before
 
 
-def test_a_number_is_never_used_again(tmp_path: Path) -> None:
+def test_a_number_is_never_used_again(ready: Path, tmp_path: Path) -> None:
+    sessions = shutil.copytree(ready, tmp_path / "venue") / "sessions"
+    (sessions / "0001").rename(sessions / "0003")
     with quick_simulator():
-        venue = make_venue(tmp_path)
-        take_session(venue)
-        shutil.copytree(tmp_path / "sessions" / "0001", tmp_path / "sessions" / "0003")
-    shutil.rmtree(tmp_path / "sessions" / "0001")
-    assert newest_session(venue).name == "0004"
+        assert newest_session(load_venue(sessions.parent)).name == "0004"
 
 
-def test_two_at_once(tmp_path: Path) -> None:
-    with quick_simulator():
-        make_busy_venue(tmp_path / "venue")
+def test_two_at_once(ready: Path, tmp_path: Path) -> None:
+    shutil.copytree(ready, tmp_path / "venue")
     assert "worked" in run_both(tmp_path / "venue", ("solve", "capture"))
