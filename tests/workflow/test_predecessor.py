@@ -5,7 +5,8 @@ import shutil
 from pathlib import Path
 
 import pytest
-from tiny_venue import TINY_PAIR, make_venue, procam, quick_simulator, solved, take_session
+from exact_room import coarse_rooms
+from tiny_venue import TINY_PAIR, Ran, make_venue, procam, quick_simulator, solved, take_session
 
 from procam.files.calibration import load_calibration
 from procam.files.images.pixels import write_image
@@ -18,10 +19,18 @@ from procam.files.versions import calibration_in_use
 def once(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A venue with two projectors, captured and calibrated."""
     folder = tmp_path_factory.mktemp("pair") / "venue"
-    with quick_simulator():
+    with coarse_rooms(), quick_simulator():
         venue = make_venue(folder, size=TINY_PAIR)
         solved(venue, take_session(venue))
     return folder
+
+
+@pytest.fixture(scope="module")
+def twice(once: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Ran]:
+    """The same solved again, and what that said."""
+    folder = Path(shutil.copytree(once, tmp_path_factory.mktemp("twice") / "venue"))
+    with quick_simulator():
+        return folder, procam("solve", folder / "sessions" / "0001", "--json")
 
 
 @pytest.fixture
@@ -63,19 +72,18 @@ def test_a_calibration_that_contradicts_the_one_in_use_is_not_used(venue: Path) 
     assert calibration_in_use(venue).name == "0002"
 
 
-def test_the_same_again_succeeds_without_a_word(venue: Path) -> None:
-    with quick_simulator():
-        ran = procam("solve", venue / "sessions" / "0001", "--json")
+def test_the_same_again_succeeds_without_a_word(twice: tuple[Path, Ran]) -> None:
+    venue, ran = twice
     assert json.loads(ran.out)["notes"] == []
     assert calibration_in_use(venue).name == "0002"
 
 
 class TestUse:
     def test_an_older_one_counts_until_a_later_one_is_made(
-        self, venue: Path, tmp_path: Path
+        self, twice: tuple[Path, Ran], tmp_path: Path
     ) -> None:
-        with quick_simulator():
-            procam("solve", venue / "sessions" / "0001")
+        venue = Path(shutil.copytree(twice[0], tmp_path / "venue"))
+        with coarse_rooms(), quick_simulator():
             assert (
                 f"{venue / 'calibrations' / '0001'} is in use"
                 in procam("history", venue, "--restore", 1).out
