@@ -63,7 +63,10 @@ class Stage:
         self._scene = simulators.backend.build_scene(self.venue.backends["simulated"], folder)
         self._known: dict[Any, Image] = {}
         simulators.truth.MASTER = TRUTH_SIZE
-        simulators.truth.write_truth(self.venue.backends["simulated"], folder, folder / "truth", {})
+        with patch("simulators.truth.build_scene", lambda *_: self._scene):  # traced once
+            simulators.truth.write_truth(
+                self.venue.backends["simulated"], folder, folder / "truth", {}
+            )
         self.truth = load_calibration(folder / "truth")
 
     def forget(self) -> None:
