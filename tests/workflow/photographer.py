@@ -1,12 +1,11 @@
 """A venue that procam does not drive: its server shows PNGs, its camera writes TIFFs.
 
-`python photographer.py VENUE PICTURES PHOTOS [FLOOR]`: a process of its own with a folder with a venue.toml
-(of the simulated dome), the folder that `procam patterns` or a round of `procam refine` made, and nothing
-else. FLOOR is the albedo of the floor, when there are people.
+`main(VENUE, PICTURES, PHOTOS, FLOOR)` knows a folder with a venue.toml (of the simulated dome), the folder that
+`procam patterns` or a round of `procam refine` made, and nothing else. FLOOR is the albedo of the floor, when
+there are people.
 """
 
 import csv
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -82,7 +81,3 @@ def photograph_session(
         for exposure in map(float, entry["exposures_s"].split()):
             camera.configure(CameraSettings(exposure))
             write_image(photos / f"{number}_{exposure:g}.tif", camera.capture().counts)
-
-
-if __name__ == "__main__":
-    main(*map(Path, sys.argv[1:4]), *sys.argv[4:])
