@@ -2,7 +2,8 @@
 
 A page's lines in ```sh blocks, and `procam ...` and `python ...` in backticks are run as they stand, in a
 folder that has what the page takes for granted: `my-dome` is calibrated, `sky.png` is there. Venues are made
-small after `procam init`. The tables below are the only exceptions; each has its reason.
+small after `procam init`. What the first page has run is not run again by those that follow it. The tables
+below are the only exceptions; each has its reason.
 """
 
 import ast
@@ -150,10 +151,12 @@ def run(words: list[str]) -> None:
         take_photographs(Path(words[words.index("--out") + 1]))
 
 
-def run_all(*pages: str) -> None:
-    """Run the commands of pages, each once."""
+def run_all(*pages: str, after: str = "") -> None:
+    """Run the commands of pages, each once, without those that a page had `after` which they run."""
+    done = commands(read(after)) if after else []
     for words in commands("\n".join(map(read, pages))):
-        run(words)
+        if words not in done:
+            run(words)
 
 
 def make_small(venue: Path, template: str) -> None:
@@ -214,7 +217,7 @@ def test_a_first_dome_from_nothing_and_what_is_done_with_it(
     assert (tmp_path / "target.preview.html").is_file()
     shutil.copytree("my-dome/calibrations/0002", "my-dome/calibrations/0003")
     schedule(Path("my-dome"))
-    run_all(*CALIBRATED)
+    run_all(*CALIBRATED, after="first-dome")
 
 
 def schedule(venue: Path) -> None:
