@@ -145,7 +145,7 @@ class _Master:
         # a projector's blur lights directions that none of its pixels reaches
         reached = np.sum(list(self._weights.values()), axis=0) > 0
         self.where = camera_pixels(geometry, direction)
-        shares = [lit_share(geometry, direction, m.light) for m in measured.values()]
+        shares = [lit_share(m.light, self.where) for m in measured.values()]
         # a ramp about one half, insensitive to noise near 0 and 1
         ramp = np.clip(2 * np.max(shares, axis=0) - 0.5, 0, 1) * (self.inside & reached)
         self.coverage = ramp.astype(np.float32)

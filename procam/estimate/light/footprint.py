@@ -45,7 +45,7 @@ def project_surface(
     seen = fitted.directions(x, y)
     direction = field(x, y) if own else seen
     on_screen = direction[..., 2] >= np.cos(dome.half_angle)
-    measured = np.where(on_screen, lit_share(solution, seen, light), 0)
+    measured = np.where(on_screen, lit_share(light, camera_pixels(solution, seen)), 0)
     return ProjectorSurface(
         direction.astype(np.float32),
         panel_solid_angles(fitted.size, field).astype(np.float32),
@@ -80,9 +80,8 @@ def pixels_of(camera: CameraModel, shape: RoundShape, direction: FloatArray) -> 
     return project_to_camera(camera, screen_points(shape, direction))
 
 
-def lit_share(solution: GeometrySolution, direction: FloatArray, light: SeparatedLight) -> Array32:
-    """Share 0..1 (...) of the expected light that the camera saw in directions (..., 3)."""
-    xy = camera_pixels(solution, direction)
+def lit_share(light: SeparatedLight, xy: FloatArray) -> Array32:
+    """Share 0..1 (...) of the expected light that the camera saw at its pixels (..., 2)."""
     seen, expected = sample(light.direct[..., 1], xy), sample(light.extended[..., 1], xy)
     dark = DARK_SHARE * float(np.percentile(light.extended[..., 1], 99))
     share = np.where(expected > dark, seen / np.maximum(expected, dark), 0)

@@ -118,8 +118,8 @@ def test_lit_share_is_light_seen_over_light_expected(calibration: Calibration) -
     light = SeparatedLight(direct, 0 * direct, extended, np.ones(3), grow(lit, 1))
     direction, inside = master_directions(150)
     solution = _solution(calibration, camera)
-    share = lit_share(solution, direction, light)
-    column = camera_pixels(solution, direction)[..., 0]
+    seen = camera_pixels(solution, direction)
+    share, column = lit_share(light, seen), seen[..., 0]
     assert (share[inside & (column > 156)] == 1).all()
     assert (share[inside & (column < 144)] == 0).all()
     near = inside & (np.abs(column - 149.5) < 4)
