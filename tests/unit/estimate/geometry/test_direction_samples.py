@@ -88,7 +88,9 @@ def test_projectors_drawn_from_one_state_belong_to_one_rig() -> None:
     assert np.sqrt(np.mean((south - north) ** 2)) < 0.2 * np.sqrt(np.mean(south**2))
 
 
-@pytest.mark.parametrize(("preset", "cameras", "seeds"), [(STANDARD, 1, 2), (REALISTIC, 2, 1)])
+@pytest.mark.parametrize(
+    ("preset", "cameras", "seeds"), [(STANDARD, 1, 2), (REALISTIC, 1, 1), (REALISTIC, 2, 1)]
+)
 def test_stated_errors_are_those_of_directions(preset: Preset, cameras: int, seeds: int) -> None:
     """With marks that are off by their sigma; relative errors less a rotation of the whole rig."""
     ratios = []
@@ -113,7 +115,7 @@ def test_stated_errors_are_those_of_directions(preset: Preset, cameras: int, see
 def test_a_dome_that_is_hardly_out_of_round_is_within_its_errors() -> None:
     """By .1 mm per metre: too little to be solved for; one camera and one projector bend to fit it."""
     ratios = []
-    for seed in range(40, 42):
+    for seed in range(40, 45):
         dome = SimulatedDome.build(seed, replace(STANDARD, ovality=1e-4), projectors=1, cameras=1)
         problem = dome.problem(dome.observations(48))
         lenses = dict.fromkeys(problem.cameras, "prior")
