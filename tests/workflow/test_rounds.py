@@ -34,16 +34,19 @@ from procam.workflows.photographs.hand_photographer import HandPhotographer
 from procam.workflows.photographs.orders import PhotographsWanted
 from procam.workflows.photographs.rounds import Rounds
 from procam.workflows.venue_rig import open_rig
+from simulators import transport
 
 # so that slates are read
-LARGER = replace(SIZE, projector_size=(320, 200), camera_size=(384, 384))
+LARGER = replace(SIZE, projector_size=(240, 150), camera_size=(288, 288))
 TOO_BRIGHT = 1.1  # scattered light that the calibration expects, over the dome's
 DRIVEN = "backend = ", "control = "
 
 
 @pytest.fixture(scope="module", autouse=True)
 def quick() -> Iterator[None]:
-    with quick_loop():
+    with quick_loop(), pytest.MonkeyPatch.context() as patch:
+        patch.setattr(transport, "DOME_RINGS", 10)
+        patch.setattr(transport, "DOME_SECTORS", 20)
         yield
 
 
@@ -142,7 +145,7 @@ def test_a_state_by_hand_is_that_of_devices(driven: Path, by_hand: Path) -> None
 
 def test_each_photograph_counts_once(by_hand: Path) -> None:
     camera = load_venue(by_hand).cameras[CAMERA]
-    picture = {"south": np.full((200, 320, 3), 0.5, np.float32)}
+    picture = {"south": np.full((150, 240, 3), 0.5, np.float32)}
     wanted = [Wanted(picture, 0.1), Wanted(picture, 0.1), Wanted({}, 0.1)]
 
     def rounds() -> Rounds:
@@ -154,7 +157,7 @@ def test_each_photograph_counts_once(by_hand: Path) -> None:
         photographer.take(wanted[0])
     assert [(row.picture, row.photographs) for row in asked.value.rows] == [("01", 2), ("dark", 1)]
     for number in range(3):
-        counts = np.full((384, 384, 3), number, np.uint16)
+        counts = np.full((288, 288, 3), number, np.uint16)
         frame = Frame(counts, CameraSettings(0.1, "rgb"), 0.0, 0.1)
         rounds().session.store(CAMERA, rounds().asked[number].shot, 0.1, frame)
     photographer = HandPhotographer(rounds())
@@ -247,7 +250,7 @@ class TestRefusals:
     def test_another_size(self, by_hand: Path, card: Path) -> None:
         pixels = read_image(card / "img_3.tif")
         write_image(card / "img_3.tif", np.ascontiguousarray(pixels[:200]))
-        assert "384x200 px in 3 channels" in self.complaint(by_hand, card)
+        assert "288x200 px in 3 channels" in self.complaint(by_hand, card)
 
     def test_another_aperture_than_the_calibration_had(self, by_hand: Path, card: Path) -> None:
         known = by_hand / "sessions" / "0001" / "captures" / CAMERA / "settings.json"
