@@ -2,6 +2,8 @@
 
 import json
 import re
+from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -74,31 +76,45 @@ def test_missing_photographs_through_the_command(tmp_path: Path) -> None:
     assert np.mean(scalar <= 2 * found["sigma"][known]) > 0.95
 
 
-def photographed_by(case: study.Case, folder: Path, description: str) -> tuple[Path, Path]:
-    """Photographs of a case, and a file that describes its code."""
-    photos, theirs = folder / "photos", folder / "theirs.toml"
-    photos.mkdir()
-    study.photographed(case, 2, photos)
+def described(folder: Path, description: str) -> Path:
+    """A file that describes a code."""
+    theirs = folder / "theirs.toml"
     theirs.write_text(description)
-    return photos, theirs
+    return theirs
 
 
-def test_wrong_shifts_are_refused_unless_overruled(tmp_path: Path) -> None:
-    wrong = study.STEPS.replace("steps = 3", "shifts_deg = [30, 150, 270]")
-    photos, theirs = photographed_by(CASES[0], tmp_path, wrong)
+@pytest.fixture(scope="module")
+def photographed(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
+    """Photographs of the first case of a name, taken once."""
+
+    @cache
+    def taken(name: str) -> Path:
+        photos = tmp_path_factory.mktemp("photos")
+        study.photographed(next(c for c in CASES if c.name == name), 2, photos)
+        return photos
+
+    return taken
+
+
+def test_wrong_shifts_are_refused_unless_overruled(
+    photographed: Callable[[str], Path], tmp_path: Path
+) -> None:
+    photos = photographed(CASES[0].name)
+    theirs = described(tmp_path, study.STEPS.replace("steps = 3", "shifts_deg = [30, 150, 270]"))
     command = ("decode", photos, "--size", "192x128", "--code", theirs, "--out", tmp_path / "m.exr")
     ran = procam(*command, "--anyway")
     assert ran.code == 0
     assert "decoded anyway, though a check refuses it: pictures: columns: the edges" in ran.out
 
 
-def test_wrong_signs_and_periods_are_noted_or_refused(tmp_path: Path) -> None:
+def test_wrong_signs_and_periods_are_noted_or_refused(
+    photographed: Callable[[str], Path], tmp_path: Path
+) -> None:
     """Of columns alone the picture arrives mirrored; of both it lies beyond the panel."""
-    case = next(c for c in CASES if c.name == "4 steps of 3 periods")
+    photos = photographed("4 steps of 3 periods")
     signs = "shifts_deg = [0, -90, -180, -270]"
-    photos, theirs = photographed_by(case, tmp_path, study.FREQUENCIES)
+    theirs = described(tmp_path, study.FREQUENCIES.replace("steps = 4", signs, 1))
     command = ("decode", photos, "--size", "192x128", "--code", theirs, "--out", tmp_path / "m.exr")
-    theirs.write_text(study.FREQUENCIES.replace("steps = 4", signs, 1))
     ran = procam(*command)
     assert ran.code == 0
     assert "the camera sees the picture mirrored: right with rear projection" in ran.out
@@ -118,7 +134,9 @@ def test_a_binary_code_is_no_gray_code(tmp_path: Path) -> None:
     patterns = (*shown, *inverted(shown), WHITE, BLACK)
     description = study.GRAY.replace("CELL", "8")
     case = study.Case("binary", patterns, description, cell_px=8)
-    photos, theirs = photographed_by(case, tmp_path, description)
+    photos, theirs = tmp_path / "photos", described(tmp_path, description)
+    photos.mkdir()
+    study.photographed(case, 2, photos)
     out = tmp_path / "m.exr"
     ran = procam("decode", photos, "--size", "192x128", "--code", theirs, "--out", out)
     assert (ran.code, out.exists()) == (2, False)
@@ -132,10 +150,12 @@ def binary_cells(axis: int) -> list[Pattern]:
 
 
 @pytest.mark.parametrize("name", ["Gray, inverses last", "3 steps of 2 periods, Gray cells"])
-def test_a_panel_wider_than_the_size_says(name: str, tmp_path: Path) -> None:
+def test_a_panel_wider_than_the_size_says(
+    name: str, photographed: Callable[[str], Path], tmp_path: Path
+) -> None:
     """As many patterns, and all pixels to the right of column 160 beyond the panel."""
     case = next(c for c in CASES if c.name == name)
-    photos, theirs = photographed_by(case, tmp_path, case.description)
+    photos, theirs = photographed(name), described(tmp_path, case.description)
     out = tmp_path / "map.exr"
     ran = procam("decode", photos, "--size", "160x128", "--code", theirs, "--out", out)
     assert ran.code == 2
@@ -143,9 +163,11 @@ def test_a_panel_wider_than_the_size_says(name: str, tmp_path: Path) -> None:
     assert "show patterns that a panel of 160 does not have" in ran.err
 
 
-def test_exchanged_width_and_height_of_waves_are_noted(tmp_path: Path) -> None:
-    case = next(c for c in CASES if c.name == "4 steps of 3 periods")
-    photos, theirs = photographed_by(case, tmp_path, case.description)
+def test_exchanged_width_and_height_of_waves_are_noted(
+    photographed: Callable[[str], Path], tmp_path: Path
+) -> None:
+    photos = photographed("4 steps of 3 periods")
+    theirs = described(tmp_path, study.FREQUENCIES)
     for size, noted in (("192x128", False), ("128x192", True)):
         out = tmp_path / f"{size}.exr"
         ran = procam("decode", photos, "--size", size, "--code", theirs, "--out", out)
