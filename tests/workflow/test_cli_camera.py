@@ -125,7 +125,7 @@ class TestSolves:
         assert document["better_model"] is None
 
     def test_fisheye(self, tmp_path: Path) -> None:
-        places = poses(10, tilt=0.5, distance=0.16)
+        places = poses(6, tilt=0.5, distance=0.16)
         photos = write_all(tmp_path / "photos", checkers(), FISHEYE, places)
         out = tmp_path / "dome.toml"
         ran = procam(
@@ -138,7 +138,7 @@ class TestSolves:
 
     def test_charuco_in_parts(self, tmp_path: Path) -> None:
         """The visible parts of boards beyond the picture's edge are used."""
-        photos = write_all(tmp_path / "photos", charuco(), LENS, poses(10, distance=0.2))
+        photos = write_all(tmp_path / "photos", charuco(), LENS, poses(6, distance=0.2))
         charuco_board = ("--board", "charuco", "--marker-mm", "14", "--dictionary", "DICT_5X5_100")
         ran = procam(
             "camera", photos, *BOARD, *charuco_board, "--out", tmp_path / "c.toml", "--json"
@@ -173,8 +173,9 @@ class TestRefuses:
         return ran.err
 
     def test_a_wrong_number_of_squares(self, photos: Path, tmp_path: Path) -> None:
-        complaint = self.refused(tmp_path, photos, "--squares", "9x6", "--square-mm", "20")
-        assert "a board of 9x6 squares is found in 0 of 13" in complaint
+        three = sorted(photos.glob("0[0-2].png"))
+        complaint = self.refused(tmp_path, *three, "--squares", "9x6", "--square-mm", "20")
+        assert "a board of 9x6 squares is found in 0 of 3" in complaint
         assert "00.png shows one of 10x7, so try --squares 10x7" in complaint
 
     def test_too_few_photographs(self, photos: Path, tmp_path: Path) -> None:
