@@ -371,7 +371,7 @@ class TestIngest:
         stored = Session(hand_session.session).stored(CAMERA)
         assert stored["dark", 6.0].started_s == stored["dark", 0.125].started_s + 3
         again = hand_session.ingest(photos)
-        assert "0 photographs stored" in again.out
+        assert (again.code, "0 photographs stored" in again.out) == (0, True), again
         dark = photograph(hand_session.out, hand_session.order()[0], 3.0)
         (tmp_path / "one").mkdir()
         with_header(tmp_path / "one" / "dark.tif", dark, ExposureTime=3.0)
