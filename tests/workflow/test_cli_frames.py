@@ -327,6 +327,19 @@ class TestRefused:
         words = "places of its map coverage are below 0, above 1 or NaN"
         assert (ran.code, words in ran.complaint) == (2, True), ran
 
+    def test_places_are_counted_once_for_all_colours(self, calibration: Calibration) -> None:
+        hi = calibration.maps.hi.copy()
+        hi[SIZE // 2, 3:7] = np.nan
+        torn = replace(calibration, maps=replace(calibration.maps, hi=hi))
+        with pytest.raises(InputError, match="damaged: 4 places of its map hi are NaN"):
+            require_photometry(torn)
+
+    def test_scattered_light_that_is_known_nowhere(self, calibration: Calibration) -> None:
+        unknown = np.full_like(calibration.maps.scatter_per_flux, np.nan)
+        maps = replace(calibration.maps, scatter_per_flux=unknown)
+        with pytest.raises(InputError, match="has no photometry"):
+            require_photometry(replace(calibration, maps=maps))
+
     @pytest.mark.parametrize("value", [0, np.nan])
     def test_a_falloff_that_is_none(self, value: float, calibration: Calibration) -> None:
         maps = replace(calibration.maps, falloff=np.full_like(calibration.maps.coverage, value))

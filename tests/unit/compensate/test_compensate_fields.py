@@ -82,6 +82,12 @@ class TestBesideTheLitPart:
         asked = np.full((4 * SIZE, 4 * SIZE, 3), 0.9, np.float32)
         assert found.solve(asked).free[found.lit].all()
 
+    def test_what_fades_a_little_can_be_driven_to_full(self, bare: Calibration) -> None:
+        coverage = np.where(bare.maps.coverage > 0, np.float32(0.97), np.float32(0))
+        found = Fields.of(replace(bare, maps=replace(bare.maps, coverage=coverage)), SIZE).shown.hi
+        assert found is not None
+        np.testing.assert_allclose(found[coverage > 0], 2 / 0.97, rtol=1e-6)
+
     def test_what_is_faint_everywhere_keeps_what_was_measured(self, bare: Calibration) -> None:
         coverage = np.where(bare.maps.coverage > 0, np.float32(0.3), np.float32(0))
         lo = np.random.default_rng(2).uniform(0, 0.01, (SIZE, SIZE, 3)).astype(np.float32)

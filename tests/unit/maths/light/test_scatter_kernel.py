@@ -54,6 +54,17 @@ def dome() -> Dome:
     return Dome()
 
 
+@pytest.mark.parametrize("degree", [0, 1, 2])
+def test_functions_are_orthonormal_over_the_upper_half_sphere(degree: int) -> None:
+    points, weight = np.polynomial.legendre.leggauss(8)
+    azimuth = np.arange(11) * 2 * np.pi / 11
+    z, turn = (part.ravel() for part in np.meshgrid((points + 1) / 2, azimuth, indexing="ij"))
+    across = np.sqrt(1 - z * z)
+    phi = basis(np.stack([across * np.cos(turn), across * np.sin(turn), z], axis=1), degree)
+    share = np.repeat(weight / weight.sum() / len(azimuth), len(azimuth))[:, None]
+    np.testing.assert_allclose((share * phi).T @ phi, np.eye((degree + 1) ** 2), atol=1e-12)
+
+
 def test_moments_of_degree_0_are_the_flux(dome: Dome) -> None:
     flat = basis(dome.direction, 0)
     found = moments(dome.pictures[0][:, None], dome.solid, flat)
