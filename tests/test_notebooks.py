@@ -6,10 +6,10 @@ from pathlib import Path
 
 import matplotlib
 import pytest
+from exact_room import coarse_rooms
 
 from procam.estimate import calibration
 from procam.estimate.light import floor_albedo
-from simulators import transport
 
 NOTEBOOKS = sorted((Path(__file__).parents[1] / "docs" / "notebooks").glob("*.ipynb"))
 
@@ -23,16 +23,16 @@ def test_each_runs(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     monkeypatch.setattr("tempfile.tempdir", None)
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(transport, "DOME_RINGS", 10)  # quick to trace
-    monkeypatch.setattr(transport, "DOME_SECTORS", 20)
     monkeypatch.setattr(calibration, "MAP_SIZE", 128)
     monkeypatch.setattr(floor_albedo, "DROPS", (0.2,))
     matplotlib.use("Agg")
     cells = json.loads(path.read_text("utf-8"))["cells"]
     namespace: dict[str, object] = {"__name__": "__main__"}
-    for cell in cells:
-        if cell["cell_type"] == "code":
-            exec(compile("".join(cell["source"]), f"{path.name}:{cell['id']}", "exec"), namespace)
+    with coarse_rooms():
+        for cell in cells:
+            if cell["cell_type"] == "code":
+                name = f"{path.name}:{cell['id']}"
+                exec(compile("".join(cell["source"]), name, "exec"), namespace)
     assert os.environ["TMPDIR"] == str(tmp_path)
 
 

@@ -23,3 +23,11 @@ def small_results(request: pytest.FixtureRequest) -> Iterator[None]:
         if not request.module.__name__.endswith("_small"):
             patch.setattr(floor_albedo, "DROPS", FLOOR_DROPS)
         yield
+
+
+@pytest.fixture(scope="module")
+def no_report() -> Iterator[None]:
+    """Commands write no report of a calibration; test_cli_report.py shows it."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(_sessions, "write_report", lambda venue: venue / "report.html")
+        yield

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from exact_room import coarse_rooms
 from tiny_venue import (
     CAMERA,
     TINY_PAIR,
@@ -33,7 +34,6 @@ from procam.files.venue.load import Venue
 from procam.model.frame import CameraSettings, Frame
 from procam.workflows.capture.capture import capture, prepare_session
 from procam.workflows.venue_rig import open_rig
-from simulators import transport
 from simulators.clock import SceneClock
 from simulators.devices import SimulatedCamera
 from simulators.faults import STALE_FRAME, StaleCamera
@@ -44,9 +44,7 @@ FRAMES = Path("captures") / CAMERA
 
 @pytest.fixture(scope="module", autouse=True)
 def small_and_quick() -> Iterator[None]:
-    with quick_simulator(), pytest.MonkeyPatch.context() as patch:
-        patch.setattr(transport, "DOME_RINGS", 10)
-        patch.setattr(transport, "DOME_SECTORS", 20)
+    with coarse_rooms(), quick_simulator():
         yield
 
 

@@ -2,22 +2,14 @@
 
 import json
 import shutil
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from tiny_venue import TINY_PAIR, contents, make_venue, procam, quick_simulator, take_session
 
-from procam.interfaces.cli import _sessions
 from procam.workflows import venue_rig
 
-
-@pytest.fixture(scope="module", autouse=True)
-def no_report() -> Iterator[None]:
-    """The report of a solve is shown by test_cli_report.py."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(_sessions, "write_report", lambda venue: venue / "report.html")
-        yield
+pytestmark = pytest.mark.usefixtures("no_report")
 
 
 @pytest.fixture(scope="module")

@@ -28,7 +28,6 @@ from procam.estimate.comparison.compare import compare_calibrations
 from procam.files.calibration import load_calibration
 from procam.files.images.pixels import read_image, write_image
 from procam.files.session import Session
-from procam.interfaces.cli import _sessions
 from procam.maths.light.curves import srgb_encode
 from simulators.scene import SceneSize
 
@@ -534,11 +533,9 @@ def quick() -> Iterator[None]:
         yield
 
 
-@pytest.mark.usefixtures("quick")
-def test_solves_like_a_driven_session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.usefixtures("quick", "no_report")
+def test_solves_like_a_driven_session(tmp_path: Path) -> None:
     """Photographed by a camera of another venue, with only the PNGs; then the same dome, driven."""
-    # the report of a solve is shown by test_cli_report.py
-    monkeypatch.setattr(_sessions, "write_report", lambda venue: venue / "report.html")
     size = SceneSize(projectors=1, projector_size=(320, 200), camera_size=(400, 400), rays=64)
     venue = make_venue(tmp_path / "venue", size=size)
     assert procam("patterns", venue.directory, "--out", tmp_path / "out").code == 0

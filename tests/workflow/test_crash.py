@@ -25,10 +25,10 @@ import sys
 from pathlib import Path
 
 import pytest
+from exact_room import coarse_rooms
 from tiny_venue import make_venue, quick_simulator, watch_stage
 
 from procam.interfaces.cli.main import main
-from simulators import transport
 from simulators.devices import SimulatedCamera
 
 DRIVER = Path(__file__).with_name("crash_driver.py")
@@ -54,8 +54,6 @@ def test_killed_runs_lose_nothing_and_resume_to_the_same_result(tmp_path: Path) 
 def test_ctrl_c_leaves_the_projectors_dark_and_the_run_resumable(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(transport, "DOME_RINGS", 10)  # quick to trace
-    monkeypatch.setattr(transport, "DOME_SECTORS", 20)
     venue = make_venue(tmp_path)
     stages = watch_stage(monkeypatch)
     take, shots = SimulatedCamera.capture, []
@@ -69,7 +67,7 @@ def test_ctrl_c_leaves_the_projectors_dark_and_the_run_resumable(
     monkeypatch.setattr(SimulatedCamera, "capture", stopped_at_the_tenth)
     monkeypatch.setattr(sys, "argv", ["procam", "capture", str(venue.directory)])
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a run in the background ignores it
-    with quick_simulator(), pytest.raises(SystemExit) as stop:
+    with coarse_rooms(), quick_simulator(), pytest.raises(SystemExit) as stop:
         main()
     assert stop.value.code == 130
     assert shots[-1] == ["south"]
@@ -79,7 +77,8 @@ def test_ctrl_c_leaves_the_projectors_dark_and_the_run_resumable(
     assert printed.err.splitlines() == [
         "procam: stopped; all projectors are dark. Run the same command again"
     ]
-    main_succeeds(capsys)
+    with coarse_rooms():
+        main_succeeds(capsys)
 
 
 def main_succeeds(capsys: pytest.CaptureFixture[str]) -> None:

@@ -23,7 +23,6 @@ from procam.files.calibration import load_calibration
 from procam.files.session import Session
 from procam.files.venue.load import load_venue
 from procam.files.versions import calibration_in_use
-from procam.interfaces.cli import _sessions
 from procam.interfaces.judge import direction_errors
 from procam.workflows import recalibrate as module
 from simulators.backend import build_scene
@@ -34,11 +33,9 @@ AGED = '{ kind = "aged", projector = "east", size = 0.2 }'
 
 
 @pytest.fixture(scope="module")
-def once(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+def once(tmp_path_factory: pytest.TempPathFactory, no_report: None) -> Iterator[Path]:
     folder = tmp_path_factory.mktemp("recalibrate") / "venue"
-    with quick_simulator(), pytest.MonkeyPatch.context() as patch:
-        # the report of a calibration is shown by test_cli_report.py
-        patch.setattr(_sessions, "write_report", lambda venue: venue / "report.html")
+    with quick_simulator():
         venue = make_venue(folder, size=SIZE)
         solved(venue, take_session(venue))
         yield folder

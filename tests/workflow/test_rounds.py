@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import photographer
 import pytest
+from exact_room import coarse_rooms
 from looped_dome import SIZE, broad, quick_loop
 from tiny_venue import (
     CAMERA,
@@ -34,7 +35,6 @@ from procam.workflows.photographs.hand_photographer import HandPhotographer
 from procam.workflows.photographs.orders import PhotographsWanted
 from procam.workflows.photographs.rounds import Rounds
 from procam.workflows.venue_rig import open_rig
-from simulators import transport
 
 # so that slates are read
 LARGER = replace(SIZE, projector_size=(240, 150), camera_size=(288, 288))
@@ -44,9 +44,7 @@ DRIVEN = "backend = ", "control = "
 
 @pytest.fixture(scope="module", autouse=True)
 def quick() -> Iterator[None]:
-    with quick_loop(), pytest.MonkeyPatch.context() as patch:
-        patch.setattr(transport, "DOME_RINGS", 10)
-        patch.setattr(transport, "DOME_SECTORS", 20)
+    with coarse_rooms(), quick_loop():
         yield
 
 
