@@ -9,7 +9,6 @@ import gc
 import json
 import os
 import sys
-import threading
 import traceback
 from importlib import import_module
 from typing import Annotated, Any, NoReturn
@@ -177,8 +176,8 @@ def _end(message: str, code: int) -> NoReturn:
     if "--json" in sys.argv and "-" not in sys.argv:
         sys.stdout.write(json.dumps({"error": message, "exit_code": code}, indent=1) + "\n")
         sys.stdout.flush()
-    pipeline = sys.modules.get("procam.workflows.playout.pipeline")
-    if pipeline and any(thread.name == pipeline.THREAD for thread in threading.enumerate()):
+    threads = sys.modules.get("procam.threads")
+    if threads and threads.any_at_work():
         sys.stderr.flush()
         os._exit(code)  # a regular exit would wait for that thread, and libraries would complain
     sys.exit(code)

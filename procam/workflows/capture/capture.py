@@ -2,7 +2,7 @@
 
 import shutil
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import Self
 
@@ -18,6 +18,7 @@ from procam.files.venue.load import Venue
 from procam.model.frame import CameraSettings, Frame
 from procam.model.optics import Sensor
 from procam.model.plan import Plan, Shot
+from procam.threads import Job, Threads
 from procam.workflows.capture.session_plan import plan_of_session
 from procam.workflows.events import Event
 
@@ -92,20 +93,21 @@ class _Recorder:
 
     def __init__(self, session: Session) -> None:
         self._session = session
-        self._pool = ThreadPoolExecutor(1)
-        self._pending: Future[None] | None = None
+        self._writer = Threads(1)
+        self._pending: Job[None] | None = None
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
-        with self._pool:
+        with self._writer:
             self._settle()
 
     def store(self, camera: str, shot: Shot, exposure_s: float, frame: Frame) -> None:
         """Hand a frame over; what went wrong with the one before it is raised here."""
         self._settle()
-        self._pending = self._pool.submit(self._session.store, camera, shot, exposure_s, frame)
+        write = partial(self._session.store, camera, shot, exposure_s, frame)
+        self._pending = self._writer.give(write)
 
     def _settle(self) -> None:
         pending, self._pending = self._pending, None

@@ -1,18 +1,15 @@
 """An ordered pipeline of threads: read ahead, process in the caller's thread, write behind."""
 
 import os
-import queue
-import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Future
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import TypeVar
+
+from procam.threads import Job, Threads
 
 Frame = TypeVar("Frame")
 Made = TypeVar("Made")
-Result = TypeVar("Result")
-THREAD = "procam frames"  # name of each: at a pipe they may wait for ever
 AHEAD_BYTES = 2 * 2**30  # of frames that are read ahead, and as much that wait to be written
 MOST_THREADS = 4  # EXR is packed by OpenImageIO's own threads besides
 
@@ -57,10 +54,10 @@ def flow(
     many behind it. The first error in the order of the frames is raised here, when all frames before
     it are written.
     """
-    readers, writers = _Threads(thread_plan.threads), _Threads(thread_plan.threads)
+    readers, writers = Threads(thread_plan.threads), Threads(thread_plan.threads)
     jobs = iter(reads)
-    ahead: deque[Future[Frame | None]] = deque()
-    behind: deque[Future[Made]] = deque()
+    ahead: deque[Job[Frame | None]] = deque()
+    behind: deque[Job[Made]] = deque()
 
     def next_frame() -> Frame | None:
         while len(ahead) <= thread_plan.depth and (job := next(jobs, None)) is not None:
@@ -83,57 +80,10 @@ def flow(
         writers.stop(thread_plan.patience_s)
 
 
-def prefetched(job: Callable[[], Result]) -> Callable[[], Result]:
-    """A job that a thread is at work on already; what it gives, or its error, is handed over once."""
-    future: Future[Result] = Future()
-    threading.Thread(target=_fulfil, name=THREAD, args=(future, job), daemon=True).start()
-    held = [future]  # or a frame would live as long as who asks for it
-    return lambda: held.pop().result()
-
-
-def _fulfil(future: "Future[Result]", job: Callable[[], Result]) -> None:
-    try:
-        future.set_result(job())
-    except BaseException as error:  # raised again where the result is waited for
-        future.set_exception(error)
-
-
-def _results(futures: deque[Future[Made]]) -> Iterator[Made]:
+def _results(futures: deque[Job[Made]]) -> Iterator[Made]:
     while futures:
         yield futures.popleft().result()
 
 
 def _depth(wanted: int, frame_bytes: int) -> int:
     return max(1, min(wanted, AHEAD_BYTES // max(frame_bytes, 1)))
-
-
-class _Threads:
-    """Daemon threads that do jobs in the order they are given."""
-
-    def __init__(self, count: int) -> None:
-        self._jobs: queue.SimpleQueue[tuple[Future[Any], Callable[[], Any]] | None]
-        self._jobs = queue.SimpleQueue()
-        self._stopped = False
-        self._threads = [
-            threading.Thread(name=THREAD, target=self._run, daemon=True) for _ in range(count)
-        ]
-        for thread in self._threads:
-            thread.start()
-
-    def give(self, job: Callable[[], Result]) -> "Future[Result]":
-        future: Future[Result] = Future()
-        self._jobs.put((future, job))
-        return future
-
-    def stop(self, patience_s: float) -> None:
-        """Start no further job; wait for those at work."""
-        self._stopped = True
-        for _ in self._threads:
-            self._jobs.put(None)
-        for thread in self._threads:
-            thread.join(patience_s)
-
-    def _run(self) -> None:
-        while (given := self._jobs.get()) is not None and not self._stopped:
-            _fulfil(*given)
-            del given  # a frame must not live until the next one comes

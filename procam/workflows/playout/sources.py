@@ -26,7 +26,8 @@ from procam.files.images.raw_frames import read_frame, write_frame
 from procam.files.images.sequences import Numbered, PictureSequence, find_sequence, parse_pattern
 from procam.files.images.stills import read_still, require_finite, write_still
 from procam.files.output_log import OutputLog, file_state
-from procam.workflows.playout.pipeline import ThreadPlan, prefetched
+from procam.threads import begin
+from procam.workflows.playout.pipeline import ThreadPlan
 
 Row = dict[str, Any]
 Reads = Iterator[Callable[[], "ClipFrame | None"]]
@@ -267,7 +268,7 @@ class PipeClip:
         self._size, self._dtype = size, dtype
         self._count = 0
         self.latency_s = array("f")
-        self._first = prefetched(self._read)
+        self._first = begin(self._read)
 
     def __enter__(self) -> Self:
         return self
@@ -281,7 +282,7 @@ class PipeClip:
 
     def reads(self) -> Reads:
         """Frames until the pipe ends."""
-        return chain([self._first], repeat(self._read))
+        return chain([self._first.result], repeat(self._read))
 
     def write(self, clip_frame: ClipFrame, result: CompensatedFrame) -> None:
         """Send a frame at once; nobody can read it back."""

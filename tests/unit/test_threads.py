@@ -1,0 +1,114 @@
+"""Threads beside the main one: order, errors, ends; and Ctrl-C at every single instruction."""
+
+import sys
+import threading
+import time
+from collections.abc import Callable
+from functools import partial
+from types import FrameType
+from typing import Any
+
+import pytest
+
+from procam.threads import Threads, any_at_work, begin
+from procam.workflows.capture.capture import _Recorder
+from procam.workflows.playout.pipeline import ThreadPlan, flow
+
+STUCK_S = 20.0
+Work = Callable[[], object]
+
+
+def interrupted(work: Work, instruction: int) -> bool:
+    """Raise KeyboardInterrupt at an instruction of `work`; False if it has fewer.
+
+    Python raises it at some of its instructions, and which ones depends on its version; here all are tried.
+    """
+    passed, raised = 0, list[type]()
+
+    def trace(frame: FrameType, event: str, _: object) -> Any:
+        nonlocal passed
+        frame.f_trace_opcodes = True
+        if event == "opcode":
+            passed += 1
+            if passed == instruction:
+                raise KeyboardInterrupt
+        return trace
+
+    def traced() -> None:
+        sys.settrace(trace)
+        try:
+            work()
+        except BaseException as error:
+            raised.append(type(error))
+        finally:
+            sys.settrace(None)
+
+    caller = threading.Thread(target=traced, daemon=True)
+    caller.start()
+    caller.join(STUCK_S)
+    assert not caller.is_alive(), f"waits for ever after Ctrl-C at instruction {instruction}"
+    assert raised in ([], [KeyboardInterrupt])
+    return passed >= instruction
+
+
+def mapped() -> None:
+    with Threads(2) as threads:
+        assert list(threads.map(abs, [-1, -2, -3])) == [1, 2, 3]
+
+
+def alone() -> None:
+    assert begin(lambda: 7).result() == 7
+
+
+class Written:
+    """A session that takes a moment to store a frame."""
+
+    def store(self, *_: object) -> None:
+        time.sleep(1e-4)
+
+
+def recorded() -> None:
+    with _Recorder(Written()) as recorder:  # type: ignore[arg-type]
+        for shot in range(2):
+            recorder.store("main", shot, 0.1, None)  # type: ignore[arg-type]
+
+
+def flowed() -> None:
+    reads = [partial(int, text) for text in "123"]
+    assert list(flow(reads, lambda n: partial(abs, n), ThreadPlan(1, 1))) == [1, 2, 3]
+
+
+@pytest.mark.parametrize("work", [mapped, alone, recorded, flowed])
+def test_ctrl_c_at_any_instruction_ends_in_time(work: Work) -> None:
+    tried = 1
+    while interrupted(work, tried):
+        tried += 1
+    assert tried > 50
+
+
+def test_what_goes_wrong_in_a_thread_is_raised_where_it_is_asked_for() -> None:
+    with Threads(1) as threads:
+        bad, good = threads.give(lambda: int("bad")), threads.give(lambda: 3)
+        assert good.result() == 3
+        assert bad.done()
+        with pytest.raises(ValueError, match="bad"):
+            bad.result()
+
+
+def test_the_end_waits_for_jobs_at_work_and_begins_no_other() -> None:
+    began, may_end, did = threading.Event(), threading.Event(), list[int]()
+
+    def slow() -> None:
+        began.set()
+        assert may_end.wait(STUCK_S)
+        did.append(1)
+
+    with Threads(1) as threads:
+        threads.give(slow)
+        never = threads.give(lambda: did.append(2))
+        assert began.wait(STUCK_S)
+        assert any_at_work()
+        threads.stop(0.0)  # it does not end in this time
+        assert did == []
+        may_end.set()
+    assert did == [1] and not never.done() and not any_at_work()
