@@ -1,20 +1,23 @@
 """Signals that stop a run: Ctrl-C, TERM and HUP (a closed terminal) alike, and only the first of them.
 
-Projectors must be dark afterwards, so what makes them dark is not interrupted a second time.
+Projectors must be dark afterwards, so what makes them dark is not interrupted at all.
 """
 
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
+from types import CodeType, FrameType
+from typing import Any, TypeVar
 
 SIGNALS = [
     getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
 ]
 STDERR = 2  # sys.stderr may be no file, as in a notebook
 WAIT = b"procam: stopping; projectors are being made dark, please wait\n"
+Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 @dataclass
@@ -26,14 +29,23 @@ class Run:
     stopped_by : number of the first signal; None if there was none.
     unfinished : what must still be done before the process may end, such as darkening a rig.
     left_dark : whether a rig was used, and all of its projectors are confirmed to be dark.
+    due : whether the signal came in a function that is `unbroken`, and has stopped nothing yet.
     """
 
     stopped_by: int | None = None
     unfinished: list[Callable[[], None]] = field(default_factory=list)
     left_dark: bool = False
+    due: bool = False
+
+    def heed(self) -> None:
+        """Raise KeyboardInterrupt if it is due."""
+        if self.due:
+            self.due = False
+            raise KeyboardInterrupt
 
 
 _runs: list[Run] = []  # the present one, or none
+_unbroken: set[CodeType] = set()
 
 
 def current_run() -> Run:
@@ -41,8 +53,13 @@ def current_run() -> Run:
     return _runs[0] if _runs else Run()
 
 
-@contextmanager
-def interruptible(process_ends: bool = False) -> Iterator[Run]:
+def unbroken(function: Function) -> Function:
+    """In a run, signals do not interrupt this function nor what it calls: at its end it heeds them."""
+    _unbroken.add(function.__code__)
+    return function
+
+
+class interruptible:  # noqa: N801
     """A block in which the first of `SIGNALS` raises KeyboardInterrupt, and all others are ignored.
 
     At its end it does what is `unfinished`. If a signal came and the process ends with the block, further
@@ -50,32 +67,66 @@ def interruptible(process_ends: bool = False) -> Iterator[Run]:
     main thread, where Python allows no handlers, it changes nothing. A signal that is ignored already
     (nohup) stays ignored.
     """
-    if _runs or threading.current_thread() is not threading.main_thread():
-        yield current_run()
-        return
-    run = Run()
-    _runs.append(run)
-    heeded = [number for number in SIGNALS if signal.getsignal(number) is not signal.SIG_IGN]
-    before = {number: signal.signal(number, _stop) for number in heeded}
-    try:
+
+    def __init__(self, process_ends: bool = False) -> None:
+        self._process_ends = process_ends
+        self._before: dict[int, Any] = {}
+
+    @unbroken
+    def __enter__(self) -> Run:
+        main = threading.current_thread() is threading.main_thread()
+        self._run, self._is_run = current_run(), main and not _runs
+        if not self._is_run:
+            return self._run
         try:
-            yield run
+            _runs.append(self._run)
+            for number in SIGNALS:
+                if signal.getsignal(number) is not signal.SIG_IGN:
+                    self._before[number] = signal.getsignal(number)
+                    signal.signal(number, _stop)
+            self._run.heed()
+        except BaseException:
+            self._end()
+            raise
+        return self._run
+
+    @unbroken
+    def __exit__(self, kind: object, *_: object) -> None:
+        try:
+            while self._is_run and self._run.unfinished:
+                self._run.unfinished.pop()()
         finally:
-            while run.unfinished:
-                run.unfinished.pop()()
-    finally:
-        silent = process_ends and run.stopped_by is not None
-        for number, handler in before.items():
+            self._end()
+        if kind is None:  # or another error tells more
+            self._run.heed()
+
+    def _end(self) -> None:
+        try:
+            self._restore()
+        finally:  # handlers that are back may have interrupted it
+            self._restore()
+
+    def _restore(self) -> None:
+        silent = self._process_ends and self._run.stopped_by is not None
+        for number, handler in self._before.items():
             signal.signal(number, signal.SIG_IGN if silent else handler)
-        _runs.clear()
+        if self._is_run:
+            _runs.clear()
 
 
-def _stop(number: int, _: object) -> None:
+def _stop(number: int, frame: FrameType | None) -> None:
     run = current_run()
-    if run.stopped_by is not None:
-        if run.unfinished:
-            with suppress(OSError):  # a terminal that was closed
-                os.write(STDERR, WAIT)
-        return
-    run.stopped_by = number
-    raise KeyboardInterrupt
+    if run.stopped_by is None:
+        run.stopped_by = number
+        run.due = _is_unbroken(frame)
+        if not run.due:
+            raise KeyboardInterrupt
+    if run.unfinished:
+        with suppress(OSError):  # a terminal that was closed
+            os.write(STDERR, WAIT)
+
+
+def _is_unbroken(frame: FrameType | None) -> bool:
+    while frame and frame.f_code not in _unbroken:
+        frame = frame.f_back
+    return frame is not None

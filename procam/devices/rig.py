@@ -10,7 +10,7 @@ from typing import Any, NoReturn, Self
 import numpy as np
 
 from procam.devices.control.projector_control import open_serial_control
-from procam.devices.interrupts import current_run, interruptible
+from procam.devices.interrupts import current_run, interruptible, unbroken
 from procam.devices.protocols import BackendRig, Camera, Clock, Power, Projector, ProjectorControl
 from procam.errors import DeviceError, InputError
 
@@ -30,17 +30,25 @@ class Rig:
     controls: Mapping[str, ProjectorControl]
     clock: Clock
     closers: tuple[Callable[[], None], ...] = field(default=())
-    _stack: ExitStack = field(default_factory=ExitStack, init=False, repr=False)
+    _signals: interruptible = field(default_factory=interruptible, init=False, repr=False)
 
+    @unbroken
     def __enter__(self) -> Self:
-        self._stack.enter_context(interruptible())
-        current_run().unfinished.append(self._leave)
+        run = self._signals.__enter__()
+        run.unfinished.append(self._leave)
+        if run.due:
+            self.__exit__(None)
         return self
 
-    def __exit__(self, *_: object) -> None:
-        # a signal meanwhile leaves it unfinished, and the end of `interruptible` does it again
-        with self._stack:
+    @unbroken
+    def __exit__(self, kind: object, *_: object) -> None:
+        try:
             self._leave()
+        except Exception as error:
+            kind = error
+            raise
+        finally:
+            self._signals.__exit__(kind)
 
     def _leave(self) -> None:
         """Make all projectors dark and close all connections; what fails is reported at the end."""

@@ -1,14 +1,12 @@
 """Threads beside the main one: order, errors, ends; and Ctrl-C at every single instruction."""
 
-import sys
 import threading
 import time
 from collections.abc import Callable
 from functools import partial
-from types import FrameType
-from typing import Any
 
 import pytest
+from every_instruction import interrupted
 
 from procam.threads import Threads, any_at_work, begin
 from procam.workflows.capture.capture import _Recorder
@@ -18,37 +16,26 @@ STUCK_S = 20.0
 Work = Callable[[], object]
 
 
-def interrupted(work: Work, instruction: int) -> bool:
-    """Raise KeyboardInterrupt at an instruction of `work`; False if it has fewer.
+def ends_in_time(work: Work, instruction: int) -> bool:
+    """Whether work was interrupted there; that it ends, and by nothing else, is asserted."""
+    more, raised = [True], list[type]()
 
-    Python raises it at some of its instructions, and which ones depends on its version; here all are tried.
-    """
-    passed, raised = 0, list[type]()
-
-    def trace(frame: FrameType, event: str, _: object) -> Any:
-        nonlocal passed
-        frame.f_trace_opcodes = True
-        if event == "opcode":
-            passed += 1
-            if passed == instruction:
-                raise KeyboardInterrupt
-        return trace
-
-    def traced() -> None:
-        sys.settrace(trace)
+    def caller() -> None:
         try:
-            work()
+            more[0] = interrupted(work, instruction, ctrl_c)
         except BaseException as error:
             raised.append(type(error))
-        finally:
-            sys.settrace(None)
 
-    caller = threading.Thread(target=traced, daemon=True)
-    caller.start()
-    caller.join(STUCK_S)
-    assert not caller.is_alive(), f"waits for ever after Ctrl-C at instruction {instruction}"
+    thread = threading.Thread(target=caller, daemon=True)
+    thread.start()
+    thread.join(STUCK_S)
+    assert not thread.is_alive(), f"waits for ever after Ctrl-C at instruction {instruction}"
     assert raised in ([], [KeyboardInterrupt])
-    return passed >= instruction
+    return more[0]
+
+
+def ctrl_c() -> None:
+    raise KeyboardInterrupt
 
 
 def mapped() -> None:
@@ -81,7 +68,7 @@ def flowed() -> None:
 @pytest.mark.parametrize("work", [mapped, alone, recorded, flowed])
 def test_ctrl_c_at_any_instruction_ends_in_time(work: Work) -> None:
     tried = 1
-    while interrupted(work, tried):
+    while ends_in_time(work, tried):
         tried += 1
     assert tried > 50
 

@@ -4,10 +4,12 @@ import io
 import os
 import signal
 import sys
+from contextlib import nullcontext
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from every_instruction import interrupted
 
 from procam.devices import interrupts
 from procam.devices.interrupts import SIGNALS, current_run, interruptible
@@ -78,6 +80,50 @@ def test_without_a_run_a_rig_minds_signals_itself() -> None:
         os.kill(os.getpid(), signal.SIGINT)
     assert not projector.lit
     assert current_run().stopped_by is None
+
+
+@pytest.mark.parametrize("in_a_run", [True, False])
+def test_a_signal_at_any_instruction_leaves_projectors_dark_and_handlers_as_they_were(
+    in_a_run: bool,
+) -> None:
+    projector, tried, stopped, late = Projector(), 0, 0, 0
+    begun, early = False, False
+
+    def light() -> None:
+        nonlocal begun
+        with interruptible() if in_a_run else nullcontext(), rig_of(projector):
+            projector.lit = begun = True
+
+    def stop() -> None:
+        nonlocal early
+        early = not begun
+        os.kill(os.getpid(), signal.SIGINT)
+
+    more = True
+    while more:
+        tried += 1
+        begun = early = projector.lit = False
+        try:
+            more = interrupted(light, tried, stop, "procam")
+        except KeyboardInterrupt:
+            stopped += 1
+        late += begun and early
+        assert not projector.lit
+        assert current_run() is not current_run()  # no run goes on
+        assert all(signal.getsignal(n) is signal.default_int_handler for n in SIGNALS)
+    assert stopped == tried - 1 > 100
+    assert late <= 3  # once the rig has made sure that no signal came, where Python heeds none
+
+
+def test_the_second_signal_interrupts_nothing_else_that_ends() -> None:
+    ended = False
+    with pytest.raises(KeyboardInterrupt), interruptible() as run:
+        try:
+            os.kill(os.getpid(), signal.SIGINT)
+        finally:
+            os.kill(os.getpid(), signal.SIGTERM)
+            ended = True
+    assert ended and run.stopped_by == signal.SIGINT
 
 
 def test_a_projector_that_does_not_answer_is_named_and_nothing_is_called_dark() -> None:

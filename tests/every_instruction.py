@@ -1,0 +1,36 @@
+"""Interrupt a piece of code at each of its instructions in turn."""
+
+import sys
+from collections.abc import Callable
+from types import FrameType
+from typing import Any
+
+
+def interrupted(
+    work: Callable[[], object], instruction: int, interrupt: Callable[[], object], folder: str = ""
+) -> bool:
+    """Run `work`, and `interrupt` at one of its instructions; False if it has fewer.
+
+    Only code counts whose path contains `folder`. Python heeds signals at some instructions, and at which
+    ones depends on its version; here all are tried.
+    """
+    passed = 0
+
+    def trace(frame: FrameType, event: str, _: object) -> Any:
+        nonlocal passed
+        if folder not in frame.f_code.co_filename:
+            return None
+        frame.f_trace_opcodes = True
+        if event == "opcode":
+            passed += 1
+            if passed == instruction:
+                sys.settrace(None)
+                interrupt()
+        return trace
+
+    sys.settrace(trace)
+    try:
+        work()
+    finally:
+        sys.settrace(None)
+    return passed >= instruction
