@@ -87,27 +87,27 @@ def test_a_signal_at_any_instruction_leaves_projectors_dark_and_handlers_as_they
     in_a_run: bool,
 ) -> None:
     projector, tried, stopped, late = Projector(), 0, 0, 0
-    begun, early = False, False
+    entered, early = False, False
 
     def light() -> None:
-        nonlocal begun
+        nonlocal entered
         with interruptible() if in_a_run else nullcontext(), rig_of(projector):
-            projector.lit = begun = True
+            projector.lit = entered = True
 
     def stop() -> None:
         nonlocal early
-        early = not begun
+        early = not entered
         os.kill(os.getpid(), signal.SIGINT)
 
     more = True
     while more:
         tried += 1
-        begun = early = projector.lit = False
+        entered = early = projector.lit = False
         try:
             more = interrupted(light, tried, stop, "procam")
         except KeyboardInterrupt:
             stopped += 1
-        late += begun and early
+        late += entered and early
         assert not projector.lit
         assert current_run() is not current_run()  # no run goes on
         assert all(signal.getsignal(n) is signal.default_int_handler for n in SIGNALS)
