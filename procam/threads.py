@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from functools import partial
 from queue import Empty, SimpleQueue
-from typing import Any, Generic, Self, TypeVar
+from typing import Any, Generic, NoReturn, Self, TypeVar
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -36,10 +36,13 @@ class Job(Generic[Result]):
     def result(self) -> Result:
         """Wait for what the job gives, or raise its error; once, since it is not kept."""
         found, error = self._outcome.get()
-        if error is not None:
+        if error is None:
+            result: Result = found
+            return result
+        try:
             raise error
-        result: Result = found
-        return result
+        finally:
+            del error  # its traceback holds this frame, and that would hold it
 
     def do(self, work: Callable[[], Result]) -> None:
         """Called by the thread."""
@@ -64,25 +67,33 @@ def begin(work: Callable[[], Result]) -> Job[Result]:
 class Threads:
     """Threads that do jobs in the order they are given.
 
-    A context manager: at the end of the block no further job is begun, and those at work are waited for.
+    A context manager: at the end of the block no further job is begun, and those at work are waited for,
+    `patience_s` for each thread if that is given.
     """
 
-    def __init__(self, count: int) -> None:
+    def __init__(self, count: int, patience_s: float | None = None) -> None:
         self._jobs: SimpleQueue[tuple[Job[Any], Callable[[], Any]] | None] = SimpleQueue()
-        self._ended: SimpleQueue[None] = SimpleQueue()
+        self._ends: SimpleQueue[None] = SimpleQueue()
+        self._count, self._patience_s = count, patience_s
         self._stopped = False
-        self._count = count
         for _ in range(count):
             _thread.start_new_thread(self._run, ())
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, *_: object) -> None:
-        self.stop()
+    def __exit__(self, *error: object) -> None:
+        self._stopped = True
+        for _ in range(self._count):
+            self._jobs.put(None)
+        for _ in range(self._count):
+            with suppress(Empty):  # it waits at a pipe
+                self._ends.get(timeout=self._patience_s)
 
     def give(self, work: Callable[[], Result]) -> Job[Result]:
         """A job for the first thread that is free."""
+        if self._stopped:
+            _too_late()
         job = Job[Result]()
         self._jobs.put((job, work))
         return job
@@ -92,18 +103,13 @@ class Threads:
         jobs = [self.give(partial(work, item)) for item in items]
         return (job.result() for job in jobs)
 
-    def stop(self, patience_s: float | None = None) -> None:
-        """Begin no further job, and wait for those at work, `patience_s` for each thread."""
-        self._stopped = True
-        for _ in range(self._count):
-            self._jobs.put(None)
-        with suppress(Empty):  # it waits at a pipe, and so may the others
-            for _ in range(self._count):
-                self._ended.get(timeout=patience_s)
-
     def _run(self) -> None:
-        while (given := self._jobs.get()) is not None and not self._stopped:
+        while (given := self._jobs.get()) is not None:
             job, work = given
-            job.do(work)
+            job.do(_too_late if self._stopped else work)
             del given, job, work  # a frame must not live until the next one comes
-        self._ended.put(None)
+        self._ends.put(None)
+
+
+def _too_late() -> NoReturn:
+    raise RuntimeError("this job is not begun: its threads have ended")

@@ -7,7 +7,7 @@ import os
 import signal
 import threading
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from types import CodeType, FrameType
 from typing import Any, TypeVar
@@ -38,8 +38,8 @@ class Run:
     due: bool = False
 
     def heed(self) -> None:
-        """Raise KeyboardInterrupt if it is due."""
-        if self.due:
+        """Raise KeyboardInterrupt if it is due; in the main thread, as signals do."""
+        if self.due and threading.current_thread() is threading.main_thread():
             self.due = False
             raise KeyboardInterrupt
 
@@ -81,8 +81,12 @@ class interruptible:  # noqa: N801
         try:
             _runs.append(self._run)
             for number in SIGNALS:
-                if signal.getsignal(number) is not signal.SIG_IGN:
-                    self._before[number] = signal.getsignal(number)
+                handler = signal.getsignal(number)
+                if handler not in (
+                    signal.SIG_IGN,
+                    None,
+                ):  # None: not Python's, which it cannot restore
+                    self._before[number] = handler
                     signal.signal(number, _stop)
             self._run.heed()
         except BaseException:
@@ -93,12 +97,15 @@ class interruptible:  # noqa: N801
     @unbroken
     def __exit__(self, kind: object, *_: object) -> None:
         try:
-            while self._is_run and self._run.unfinished:
-                self._run.unfinished.pop()()
+            with ExitStack() as stack:  # all of it, whatever fails
+                for work in self._run.unfinished if self._is_run else ():
+                    stack.callback(work)
         finally:
             self._end()
-        if kind is None:  # or another error tells more
+        if kind is None:
             self._run.heed()
+        else:
+            self._run.due = False  # what ended the block stops the run as well
 
     def _end(self) -> None:
         try:

@@ -30,25 +30,23 @@ class Rig:
     controls: Mapping[str, ProjectorControl]
     clock: Clock
     closers: tuple[Callable[[], None], ...] = field(default=())
-    _signals: interruptible = field(default_factory=interruptible, init=False, repr=False)
+    _stack: ExitStack = field(default_factory=ExitStack, init=False, repr=False)
 
     @unbroken
     def __enter__(self) -> Self:
-        run = self._signals.__enter__()
+        run = self._stack.enter_context(interruptible())
         run.unfinished.append(self._leave)
-        if run.due:
-            self.__exit__(None)
+        try:
+            run.heed()
+        except KeyboardInterrupt:
+            self.__exit__()
+            raise
         return self
 
     @unbroken
-    def __exit__(self, kind: object, *_: object) -> None:
-        try:
+    def __exit__(self, *_: object) -> None:
+        with self._stack:
             self._leave()
-        except Exception as error:
-            kind = error
-            raise
-        finally:
-            self._signals.__exit__(kind)
 
     def _leave(self) -> None:
         """Make all projectors dark and close all connections; what fails is reported at the end."""

@@ -1,10 +1,13 @@
 """Threads beside the main one: order, errors, ends; and Ctrl-C at every single instruction."""
 
+import gc
 import threading
 import time
+import weakref
 from collections.abc import Callable
 from functools import partial
 
+import numpy as np
 import pytest
 from every_instruction import interrupted
 
@@ -90,12 +93,54 @@ def test_the_end_waits_for_jobs_at_work_and_begins_no_other() -> None:
         assert may_end.wait(STUCK_S)
         did.append(1)
 
+    def end() -> None:
+        time.sleep(0.1)
+        may_end.set()
+
     with Threads(1) as threads:
         threads.give(slow)
         never = threads.give(lambda: did.append(2))
         assert began.wait(STUCK_S)
         assert any_at_work()
-        threads.stop(0.0)  # it does not end in this time
-        assert did == []
-        may_end.set()
-    assert did == [1] and not never.done() and not any_at_work()
+        begin(end)
+    assert did == [1]
+    for late in (never.result, lambda: threads.give(end)):
+        with pytest.raises(RuntimeError, match="not begun: its threads have ended"):
+            late()
+    assert not any_at_work()
+
+
+def test_patience_is_for_each_thread() -> None:
+    """One that waits at a pipe must not keep the end from the others."""
+    began, stuck, did = threading.Event(), threading.Event(), list[int]()
+
+    def slow() -> None:
+        began.set()
+        time.sleep(0.8)
+        did.append(1)
+
+    with Threads(2, patience_s=0.5) as threads:
+        threads.give(lambda: stuck.wait(STUCK_S))
+        threads.give(slow)
+        assert began.wait(STUCK_S)
+    assert did == [1]
+    assert any_at_work()
+    stuck.set()
+
+
+def test_what_failed_is_freed_at_once() -> None:
+    frame = np.zeros(3)
+    held = weakref.ref(frame)
+
+    def fail(frame: np.ndarray) -> None:
+        raise ValueError
+
+    gc.disable()
+    try:
+        job = begin(partial(fail, frame))
+        with pytest.raises(ValueError):
+            job.result()
+        del frame
+        assert held() is None
+    finally:
+        gc.enable()

@@ -10,6 +10,7 @@ import json
 import os
 import sys
 import traceback
+from contextlib import suppress
 from importlib import import_module
 from typing import Annotated, Any, NoReturn
 
@@ -173,9 +174,11 @@ def _end(message: str, code: int) -> NoReturn:
     """
     end_log(f"exit code {code}: {message}")
     sys.stderr.write(f"procam: {message}\n")
-    if "--json" in sys.argv and "-" not in sys.argv:
-        sys.stdout.write(json.dumps({"error": message, "exit_code": code}, indent=1) + "\n")
-        sys.stdout.flush()
+    if "-" not in sys.argv:
+        if "--json" in sys.argv:
+            sys.stdout.write(json.dumps({"error": message, "exit_code": code}, indent=1) + "\n")
+        with suppress(OSError):  # nobody reads it
+            sys.stdout.flush()
     threads = sys.modules.get("procam.threads")
     if threads and threads.any_at_work():
         sys.stderr.flush()

@@ -130,15 +130,12 @@ INLINE struct ramp ramp_of(const struct workspace *work, const struct cell *cell
 
 INLINE vf at_row(struct ramp ramp, float down) { return ramp.step * down + ramp.at; }
 
-/* The value of a mode for one vector of content, `down` the cell. What is not finite is black: times 0 it is
-   NaN, and there vmin and vmax give their second argument, the least light, as black gets where `less` is not
-   negative. */
+/* The value of a mode for one vector of content, `down` the cell. Where a number is NaN, vmin and vmax give
+   their second argument. */
 INLINE vf sent(struct variant variant, const struct procam_frame *setup, const struct ramp *ramps, float down, vf content) {
     if (variant.lit == NOWHERE) return vset(0.0f);
     if (has(variant, setup, GAIN)) content *= at_row(ramps[GAIN], down);
-    const vf less = at_row(ramps[LIGHT], down), one = vset(1.0f), none = vset(0.0f);
-    vf wanted = is_float(variant.kind) ? content + (content * none - less) : content - less;
-    if (variant.mode != SUM_LIGHT && variant.mode != APPLY) wanted = vsel(wanted == wanted, wanted, -less);
+    const vf wanted = content - at_row(ramps[LIGHT], down), one = vset(1.0f), none = vset(0.0f);
     if (variant.mode == SUM_CONTENT) return wanted;
     const vf least = at_row(ramps[LEAST], down);
     vf most = vset(setup->top);
@@ -160,7 +157,9 @@ INLINE void go_down(struct variant variant, const struct procam_frame *setup, co
     vf sum = vload(sums), lower = vload(downs);
     UNROLL for (size_t r = 0; r < group->rows; r++) {
         const float down = setup->down[group->y + r], share = setup->along[group->y + r];
-        vf value = sent(variant, setup, ramps, down, vload(group->content + r * group->pitch + at)), counted = value;
+        vf content = vload(group->content + r * group->pitch + at);
+        if (variant.kind == F16 || variant.kind == F32) content = or_black(content);
+        vf value = sent(variant, setup, ramps, down, content), counted = value;
         if (variant.lit == IN_PART) {
             const vf area = at_row(ramps[AREA], down);
             value = vsel(area > 0.0f, value, vset(0.0f));
@@ -201,7 +200,7 @@ INLINE void write_group(struct variant variant, const struct procam_frame *setup
 
 /* Reads rows of a block from y on; whole blocks of floats stay where they are. */
 INLINE struct group read_group(struct variant variant, const struct procam_frame *setup, const struct cell *cell, size_t y,
-                               float (*lines)[FRAME_BLOCK]) {
+                             float (*lines)[FRAME_BLOCK]) {
     const size_t rows = cell->end - y < PART_ROWS ? cell->end - y : PART_ROWS, wide = 3 * setup->size;
     const int in_place = variant.kind == F32 && cell->left == FRAME_BLOCK;
     unsigned char room[4 * FRAME_BLOCK];

@@ -6,7 +6,8 @@
 enum { FRAME_BLOCK = 64, VECTORS = FRAME_BLOCK / LANES };
 enum { TILE_WIDTH = 192, TILE_ROWS = 64 };
 
-INLINE int is_float(int kind) { return kind == F16 || kind == F32; }
+/* What is not finite is black. */
+INLINE vf or_black(vf a) { return vsel(vabs(a) < INFINITY, a, vset(0.0f)); }
 
 /* The linear light of a block; of floats and halves it may not be finite. */
 INLINE void load_block(int kind, const struct procam_frame *setup, const void *from, float *light) {
@@ -35,7 +36,7 @@ INLINE void store_block(int kind, const struct procam_frame *setup, const float 
         vf v = value_of(kind, setup, vload(light + at));
         if (stored) {
             vf original = vload_kind(kind, stored, at);
-            if (is_float(kind)) original = vsel(vabs(original) < INFINITY, original, vset(0.0f)); /* or black */
+            if (kind == F16 || kind == F32) original = or_black(original);
             v = setup->strength * (v - original) + original;
         }
         values[k] = kind == U8 ? v + vload(threshold + at) : v;

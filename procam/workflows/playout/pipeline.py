@@ -26,6 +26,10 @@ class ThreadPlan:
     depth: int
     patience_s: float = 60.0
 
+    def start(self) -> Threads:
+        """The threads of one side."""
+        return Threads(self.threads, self.patience_s)
+
     @classmethod
     def for_pictures(cls, frame_bytes: int) -> "ThreadPlan":
         """For files that are read and written independently."""
@@ -54,7 +58,6 @@ def flow(
     many behind it. The first error in the order of the frames is raised here, when all frames before
     it are written.
     """
-    readers, writers = Threads(thread_plan.threads), Threads(thread_plan.threads)
     jobs = iter(reads)
     ahead: deque[Job[Frame | None]] = deque()
     behind: deque[Job[Made]] = deque()
@@ -64,7 +67,7 @@ def flow(
             ahead.append(readers.give(job))
         return ahead.popleft().result() if ahead else None
 
-    try:
+    with thread_plan.start() as writers, thread_plan.start() as readers:
         try:
             while (frame := next_frame()) is not None:
                 behind.append(writers.give(work(frame)))
@@ -75,9 +78,6 @@ def flow(
             yield from _results(behind)
             raise
         yield from _results(behind)
-    finally:
-        readers.stop(thread_plan.patience_s)
-        writers.stop(thread_plan.patience_s)
 
 
 def _results(futures: deque[Job[Made]]) -> Iterator[Made]:

@@ -4,7 +4,8 @@ import io
 import os
 import signal
 import sys
-from contextlib import nullcontext
+import threading
+from contextlib import nullcontext, suppress
 from types import SimpleNamespace
 
 import numpy as np
@@ -15,6 +16,9 @@ from procam.devices import interrupts
 from procam.devices.interrupts import SIGNALS, current_run, interruptible
 from procam.devices.rig import Rig
 from procam.errors import DeviceError
+from procam.threads import begin
+
+STUCK_S = 20.0
 
 
 class Projector:
@@ -112,7 +116,7 @@ def test_a_signal_at_any_instruction_leaves_projectors_dark_and_handlers_as_they
         assert current_run() is not current_run()  # no run goes on
         assert all(signal.getsignal(n) is signal.default_int_handler for n in SIGNALS)
     assert stopped == tried - 1 > 100
-    assert late <= 3  # once the rig has made sure that no signal came, where Python heeds none
+    assert late <= 8  # after the rig has looked whether one came, where Python heeds none
 
 
 def test_the_second_signal_interrupts_nothing_else_that_ends() -> None:
@@ -124,6 +128,81 @@ def test_the_second_signal_interrupts_nothing_else_that_ends() -> None:
             os.kill(os.getpid(), signal.SIGTERM)
             ended = True
     assert ended and run.stopped_by == signal.SIGINT
+
+
+@pytest.mark.parametrize("failed", [DeviceError("camera failed"), GeneratorExit()])
+def test_a_signal_while_a_failed_run_is_made_dark_stops_it_at_once(failed: BaseException) -> None:
+    """And does not disturb what is done after that, such as switching lamps off."""
+    first, lamps = Projector(), Projector()
+    with interruptible() as run:
+        with pytest.raises(KeyboardInterrupt), rig_of(first):
+            first.due = [signal.SIGTERM]
+            raise failed
+        with rig_of(lamps):
+            switched_off = True
+    assert switched_off and not first.lit and run.stopped_by == signal.SIGTERM
+
+
+def test_a_rig_may_be_used_again_also_within_itself() -> None:
+    projector = Projector()
+    rig = rig_of(projector)
+    with rig, rig:
+        pass
+    assert signal.getsignal(signal.SIGTERM) is signal.default_int_handler
+    with pytest.raises(KeyboardInterrupt), interruptible() as run:
+        with rig:
+            pass
+        projector.lit = True
+        with rig:
+            os.kill(os.getpid(), signal.SIGTERM)
+    assert not projector.lit and run.left_dark
+
+
+def test_a_signal_is_not_raised_in_another_thread() -> None:
+    """Which makes its own rig dark while the main one does."""
+    projector, other, done = Projector(), Projector(), list[bool]()
+    may_end = threading.Event()
+
+    def beside() -> bool:
+        with rig_of(other):
+            assert may_end.wait(STUCK_S)
+        return True
+
+    with pytest.raises(KeyboardInterrupt), interruptible(), rig_of(projector):
+        job = begin(beside)
+        show = projector.show
+
+        def after_the_signal(drive: np.ndarray) -> None:
+            projector.show = show  # type: ignore[method-assign]
+            os.kill(os.getpid(), signal.SIGINT)
+            may_end.set()
+            done.append(job.result())
+            show(drive)
+
+        projector.show = after_the_signal  # type: ignore[method-assign]
+    assert done and not projector.lit and not other.lit
+
+
+def test_all_rigs_are_made_dark_whatever_fails() -> None:
+    class Broken(Projector):
+        def show(self, _: np.ndarray) -> None:
+            raise OSError("no such device")
+
+    good = Projector()
+    with pytest.raises(DeviceError, match="may still be lit"), interruptible():
+        rig_of(good).__enter__()
+        rig_of(Broken()).__enter__()
+    assert not good.lit
+
+
+def test_a_handler_that_is_not_python_s_is_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It could not be restored."""
+    known = signal.getsignal
+    monkeypatch.setattr(signal, "getsignal", lambda n: None if n == signal.SIGHUP else known(n))
+    with interruptible():
+        monkeypatch.undo()
+        assert signal.getsignal(signal.SIGHUP) is signal.default_int_handler
+        assert signal.getsignal(signal.SIGTERM) is interrupts._stop
 
 
 def test_a_projector_that_does_not_answer_is_named_and_nothing_is_called_dark() -> None:
@@ -156,6 +235,12 @@ def test_a_rig_that_fails_at_the_very_end_leaves_no_signal_ignored() -> None:
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
     with interruptible() as run:
         assert run.stopped_by is None and run is current_run()
+        broken.due, may_go_on = [signal.SIGINT], False
+        with pytest.raises(DeviceError), rig_of(broken):
+            pass
+        with suppress(KeyboardInterrupt), rig_of(Projector()):
+            may_go_on = True
+    assert may_go_on and run.stopped_by == signal.SIGINT
 
 
 def test_further_signals_do_no_harm_where_stderr_is_no_file(
