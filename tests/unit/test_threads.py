@@ -94,7 +94,8 @@ def test_the_end_waits_for_jobs_at_work_and_begins_no_other() -> None:
         did.append(1)
 
     def end() -> None:
-        time.sleep(0.1)
+        while not threads._stopped:
+            time.sleep(1e-3)
         may_end.set()
 
     with Threads(1) as threads:
@@ -116,10 +117,10 @@ def test_patience_is_for_each_thread() -> None:
 
     def slow() -> None:
         began.set()
-        time.sleep(0.8)
+        time.sleep(1.5)  # the end waits a second for the one that is stuck, and another for this
         did.append(1)
 
-    with Threads(2, patience_s=0.5) as threads:
+    with Threads(2, patience_s=1.0) as threads:
         threads.give(lambda: stuck.wait(STUCK_S))
         threads.give(slow)
         assert began.wait(STUCK_S)
