@@ -1,5 +1,6 @@
 """Interrupt a piece of code at each of its instructions in turn."""
 
+import gc
 import sys
 from collections.abc import Callable
 from types import FrameType
@@ -28,9 +29,11 @@ def interrupted(
                 interrupt()
         return trace
 
+    gc.disable()  # it calls code of others, which ignores exceptions
     sys.settrace(trace)
     try:
         work()
     finally:
         sys.settrace(None)
+        gc.enable()
     return passed >= instruction

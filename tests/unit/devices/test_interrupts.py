@@ -108,7 +108,7 @@ def test_a_signal_at_any_instruction_leaves_projectors_dark_and_handlers_as_they
         tried += 1
         entered = early = projector.lit = False
         try:
-            more = interrupted(light, tried, stop, "procam")
+            more = interrupted(light, tried, stop, "procam/devices")
         except KeyboardInterrupt:
             stopped += 1
         late += entered and early
