@@ -2,8 +2,11 @@
 
 import errno
 import inspect
+import os
 import re
 import signal
+import subprocess
+import sys
 from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
@@ -78,3 +81,23 @@ def test_a_signal_that_a_library_turns_into_another_error_still_stops(
     ran = procam("demo")
     assert ran.code == 128 + signal.SIGTERM
     assert "procam: stopped (ImportError: initialization failed). Run the same" in ran.err
+
+
+def test_what_was_printed_arrives_although_a_thread_is_still_at_work() -> None:
+    """As when Ctrl-C comes while it is waited for: the process ends at once."""
+    code = """import time
+from procam.interfaces.cli.main import _end
+from procam.threads import any_at_work, begin
+begin(lambda: time.sleep(60))
+while not any_at_work():
+    time.sleep(0.001)
+print("south is dark")
+_end("stopped", 130)
+"""
+    buffered = {n: value for n, value in os.environ.items() if n != "PYTHONUNBUFFERED"}
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(
+        command, env=buffered, capture_output=True, text=True, check=False, timeout=30
+    )
+    assert (done.returncode, done.stdout) == (130, "south is dark\n")
+    assert done.stderr == "procam: stopped\n"
