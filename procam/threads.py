@@ -1,8 +1,8 @@
-"""Threads that work beside the one that a signal may stop.
+"""A pool of threads like that of `concurrent.futures`, for a main thread that signals may interrupt.
 
-`concurrent.futures` and `threading.Thread` hold locks in Python code: Ctrl-C in such a moment leaves one
-locked, and a thread that needs it waits for ever. Here threads meet in C code alone, which a signal
-interrupts before it has begun or not at all.
+There, locks are taken in Python code: a Ctrl-C at that moment leaves one locked, and a thread that needs
+it waits for ever. Here threads communicate through C code alone, which a signal interrupts before it
+starts or not at all.
 """
 
 import _thread
@@ -15,16 +15,16 @@ from typing import Any, Generic, NoReturn, Self, TypeVar
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
-_at_work: set["Job[Any]"] = set()
+_running: set["Future[Any]"] = set()
 
 
-def any_at_work() -> bool:
-    """Whether some thread is at a job, which may be to wait at a pipe."""
-    return bool(_at_work)
+def any_running() -> bool:
+    """Whether some thread runs a function, which may be waiting at a pipe."""
+    return bool(_running)
 
 
-class Job(Generic[Result]):
-    """What a thread was given to do."""
+class Future(Generic[Result]):
+    """The result of a function that a thread runs."""
 
     def __init__(self) -> None:
         self._outcome: SimpleQueue[tuple[Any, BaseException | None]] = SimpleQueue()
@@ -34,7 +34,7 @@ class Job(Generic[Result]):
         return not self._outcome.empty()
 
     def result(self) -> Result:
-        """Wait for what the job gives, or raise its error; once, since it is not kept."""
+        """Wait for the result, or raise the function's error; only once, since it is not kept."""
         found, error = self._outcome.get()
         if error is None:
             result: Result = found
@@ -42,38 +42,38 @@ class Job(Generic[Result]):
         try:
             raise error
         finally:
-            del error  # its traceback holds this frame, and that would hold it
+            del error  # its traceback holds this frame, which would hold it
 
-    def do(self, work: Callable[[], Result]) -> None:
+    def run(self, function: Callable[[], Result]) -> None:
         """Called by the thread."""
-        _at_work.add(self)
+        _running.add(self)
         try:
-            self._end(work(), None)
+            self._set(function(), None)
         except BaseException as error:
-            self._end(None, error)
+            self._set(None, error)
 
-    def _end(self, found: Result | None, error: BaseException | None) -> None:
-        _at_work.discard(self)
+    def _set(self, found: Result | None, error: BaseException | None) -> None:
+        _running.discard(self)
         self._outcome.put((found, error))
 
 
-def begin(work: Callable[[], Result]) -> Job[Result]:
-    """A job for a thread of its own; a process that ends does not wait for it."""
-    job = Job[Result]()
-    _thread.start_new_thread(job.do, (work,))
-    return job
+def start(function: Callable[[], Result]) -> Future[Result]:
+    """Run a function in a thread of its own; a process that ends does not wait for it."""
+    future = Future[Result]()
+    _thread.start_new_thread(future.run, (function,))
+    return future
 
 
-class Threads:
-    """Threads that do jobs in the order they are given.
+class ThreadPool:
+    """Threads that run functions in the order in which they are submitted.
 
-    A context manager: at the end of the block no further job is begun, and those at work are waited for,
-    `patience_s` for each thread if that is given.
+    A context manager: at the end of the block no further function is started, and those that run are
+    waited for, `patience_s` for each thread if that is given.
     """
 
     def __init__(self, count: int, patience_s: float | None = None) -> None:
-        self._jobs: SimpleQueue[tuple[Job[Any], Callable[[], Any]] | None] = SimpleQueue()
-        self._ends: SimpleQueue[None] = SimpleQueue()
+        self._submitted: SimpleQueue[tuple[Future[Any], Callable[[], Any]] | None] = SimpleQueue()
+        self._ended: SimpleQueue[None] = SimpleQueue()
         self._count, self._patience_s = count, patience_s
         self._stopped = False
         for _ in range(count):
@@ -85,31 +85,31 @@ class Threads:
     def __exit__(self, *error: object) -> None:
         self._stopped = True
         for _ in range(self._count):
-            self._jobs.put(None)
+            self._submitted.put(None)
         for _ in range(self._count):
             with suppress(Empty):  # it waits at a pipe
-                self._ends.get(timeout=self._patience_s)
+                self._ended.get(timeout=self._patience_s)
 
-    def give(self, work: Callable[[], Result]) -> Job[Result]:
-        """A job for the first thread that is free."""
+    def submit(self, function: Callable[[], Result]) -> Future[Result]:
+        """Have the first free thread run a function."""
         if self._stopped:
             _too_late()
-        job = Job[Result]()
-        self._jobs.put((job, work))
-        return job
+        future = Future[Result]()
+        self._submitted.put((future, function))
+        return future
 
-    def map(self, work: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
-        """A job for each item, given at once; what they give, in the order of the items."""
-        jobs = [self.give(partial(work, item)) for item in items]
-        return (job.result() for job in jobs)
+    def map(self, function: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
+        """Submit a call for each item now; iterates over the results in the order of the items."""
+        futures = [self.submit(partial(function, item)) for item in items]
+        return (future.result() for future in futures)
 
     def _run(self) -> None:
-        while (given := self._jobs.get()) is not None:
-            job, work = given
-            job.do(_too_late if self._stopped else work)
-            del given, job, work  # a frame must not live until the next one comes
-        self._ends.put(None)
+        while (submitted := self._submitted.get()) is not None:
+            future, function = submitted
+            future.run(_too_late if self._stopped else function)
+            del submitted, future, function  # a frame must not live until the next one comes
+        self._ended.put(None)
 
 
 def _too_late() -> NoReturn:
-    raise RuntimeError("this job is not begun: its threads have ended")
+    raise RuntimeError("not started: the pool of threads has ended")

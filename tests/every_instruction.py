@@ -12,8 +12,8 @@ def interrupted(
 ) -> bool:
     """Run `work`, and `interrupt` at one of its instructions; False if it has fewer.
 
-    Only code counts whose path contains `folder`. Python heeds signals at some instructions, and at which
-    ones depends on its version; here all are tried.
+    Only code counts whose path contains `folder`. At which instructions Python calls the handler of a signal
+    depends on its version; here all are tried.
     """
     passed = 0
 

@@ -29,23 +29,23 @@ class Run:
     stopped_by : number of the first signal; None if there was none.
     unfinished : what must still be done before the process may end, such as darkening a rig.
     left_dark : whether a rig was used, and all of its projectors are confirmed to be dark.
-    due : whether the signal came in a function that is `unbroken`, and has stopped nothing yet.
+    pending : whether the signal came in an `uninterruptible` function and has raised nothing yet.
     """
 
     stopped_by: int | None = None
     unfinished: list[Callable[[], None]] = field(default_factory=list)
     left_dark: bool = False
-    due: bool = False
+    pending: bool = False
 
-    def heed(self) -> None:
-        """Raise KeyboardInterrupt if it is due; in the main thread, as signals do."""
-        if self.due and threading.current_thread() is threading.main_thread():
-            self.due = False
+    def raise_pending(self) -> None:
+        """Raise the KeyboardInterrupt that is pending; only in the main thread, as signals do."""
+        if self.pending and threading.current_thread() is threading.main_thread():
+            self.pending = False
             raise KeyboardInterrupt
 
 
 _runs: list[Run] = []  # the present one, or none
-_unbroken: set[CodeType] = set()
+_uninterruptible: set[CodeType] = set()
 
 
 def current_run() -> Run:
@@ -53,9 +53,9 @@ def current_run() -> Run:
     return _runs[0] if _runs else Run()
 
 
-def unbroken(function: Function) -> Function:
-    """In a run, signals do not interrupt this function nor what it calls: at its end it heeds them."""
-    _unbroken.add(function.__code__)
+def uninterruptible(function: Function) -> Function:
+    """Mark a function that, with all it calls, no signal of a run interrupts: it calls `raise_pending`."""
+    _uninterruptible.add(function.__code__)
     return function
 
 
@@ -72,40 +72,38 @@ class interruptible:  # noqa: N801
         self._process_ends = process_ends
         self._before: dict[int, Any] = {}
 
-    @unbroken
+    @uninterruptible
     def __enter__(self) -> Run:
         main = threading.current_thread() is threading.main_thread()
-        self._run, self._is_run = current_run(), main and not _runs
-        if not self._is_run:
+        self._run, self._outermost = current_run(), main and not _runs
+        if not self._outermost:
             return self._run
         try:
             _runs.append(self._run)
             for number in SIGNALS:
                 handler = signal.getsignal(number)
-                if handler not in (
-                    signal.SIG_IGN,
-                    None,
-                ):  # None: not Python's, which it cannot restore
+                if handler not in (signal.SIG_IGN, None):  # None is not Python's to restore
                     self._before[number] = handler
                     signal.signal(number, _stop)
-            self._run.heed()
+            self._run.raise_pending()
         except BaseException:
             self._end()
             raise
         return self._run
 
-    @unbroken
+    @uninterruptible
     def __exit__(self, kind: object, *_: object) -> None:
         try:
             with ExitStack() as stack:  # all of it, whatever fails
-                for work in self._run.unfinished if self._is_run else ():
+                for work in self._run.unfinished if self._outermost else ():
                     stack.callback(work)
         finally:
             self._end()
-        if kind is None:
-            self._run.heed()
-        else:
-            self._run.due = False  # what ended the block stops the run as well
+        try:
+            self._run.raise_pending()
+        except KeyboardInterrupt:
+            if kind is None:  # or what ended the block stops the run as well
+                raise
 
     def _end(self) -> None:
         try:
@@ -117,7 +115,7 @@ class interruptible:  # noqa: N801
         silent = self._process_ends and self._run.stopped_by is not None
         for number, handler in self._before.items():
             signal.signal(number, signal.SIG_IGN if silent else handler)
-        if self._is_run:
+        if self._outermost:
             _runs.clear()
 
 
@@ -125,15 +123,15 @@ def _stop(number: int, frame: FrameType | None) -> None:
     run = current_run()
     if run.stopped_by is None:
         run.stopped_by = number
-        run.due = _is_unbroken(frame)
-        if not run.due:
+        run.pending = _is_uninterruptible(frame)
+        if not run.pending:
             raise KeyboardInterrupt
     if run.unfinished:
         with suppress(OSError):  # a terminal that was closed
             os.write(STDERR, WAIT)
 
 
-def _is_unbroken(frame: FrameType | None) -> bool:
-    while frame and frame.f_code not in _unbroken:
+def _is_uninterruptible(frame: FrameType | None) -> bool:
+    while frame and frame.f_code not in _uninterruptible:
         frame = frame.f_back
     return frame is not None

@@ -10,7 +10,7 @@ from typing import Any, NoReturn, Self
 import numpy as np
 
 from procam.devices.control.projector_control import open_serial_control
-from procam.devices.interrupts import current_run, interruptible, unbroken
+from procam.devices.interrupts import current_run, interruptible, uninterruptible
 from procam.devices.protocols import BackendRig, Camera, Clock, Power, Projector, ProjectorControl
 from procam.errors import DeviceError, InputError
 
@@ -32,18 +32,18 @@ class Rig:
     closers: tuple[Callable[[], None], ...] = field(default=())
     _stack: ExitStack = field(default_factory=ExitStack, init=False, repr=False)
 
-    @unbroken
+    @uninterruptible
     def __enter__(self) -> Self:
         run = self._stack.enter_context(interruptible())
         run.unfinished.append(self._leave)
         try:
-            run.heed()
+            run.raise_pending()
         except KeyboardInterrupt:
             self.__exit__()
             raise
         return self
 
-    @unbroken
+    @uninterruptible
     def __exit__(self, *_: object) -> None:
         with self._stack:
             self._leave()

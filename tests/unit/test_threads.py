@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from every_instruction import interrupted
 
-from procam.threads import Threads, any_at_work, begin
+from procam.threads import ThreadPool, any_running, start
 from procam.workflows.capture.capture import _Recorder
 from procam.workflows.playout.pipeline import ThreadPlan, flow
 
@@ -42,12 +42,12 @@ def ctrl_c() -> None:
 
 
 def mapped() -> None:
-    with Threads(2) as threads:
-        assert list(threads.map(abs, [-1, -2, -3])) == [1, 2, 3]
+    with ThreadPool(2) as pool:
+        assert list(pool.map(abs, [-1, -2, -3])) == [1, 2, 3]
 
 
 def alone() -> None:
-    assert begin(lambda: 7).result() == 7
+    assert start(lambda: 7).result() == 7
 
 
 class Written:
@@ -77,15 +77,15 @@ def test_ctrl_c_at_any_instruction_ends_in_time(work: Work) -> None:
 
 
 def test_what_goes_wrong_in_a_thread_is_raised_where_it_is_asked_for() -> None:
-    with Threads(1) as threads:
-        bad, good = threads.give(lambda: int("bad")), threads.give(lambda: 3)
+    with ThreadPool(1) as pool:
+        bad, good = pool.submit(lambda: int("bad")), pool.submit(lambda: 3)
         assert good.result() == 3
         assert bad.done()
         with pytest.raises(ValueError, match="bad"):
             bad.result()
 
 
-def test_the_end_waits_for_jobs_at_work_and_begins_no_other() -> None:
+def test_the_end_waits_for_what_runs_and_starts_nothing_else() -> None:
     began, may_end, did = threading.Event(), threading.Event(), list[int]()
 
     def slow() -> None:
@@ -94,21 +94,21 @@ def test_the_end_waits_for_jobs_at_work_and_begins_no_other() -> None:
         did.append(1)
 
     def end() -> None:
-        while not threads._stopped:
+        while not pool._stopped:
             time.sleep(1e-3)
         may_end.set()
 
-    with Threads(1) as threads:
-        threads.give(slow)
-        never = threads.give(lambda: did.append(2))
+    with ThreadPool(1) as pool:
+        pool.submit(slow)
+        never = pool.submit(lambda: did.append(2))
         assert began.wait(STUCK_S)
-        assert any_at_work()
-        begin(end)
+        assert any_running()
+        start(end)
     assert did == [1]
-    for late in (never.result, lambda: threads.give(end)):
-        with pytest.raises(RuntimeError, match="not begun: its threads have ended"):
+    for late in (never.result, lambda: pool.submit(end)):
+        with pytest.raises(RuntimeError, match="not started: the pool of threads has ended"):
             late()
-    assert not any_at_work()
+    assert not any_running()
 
 
 def test_patience_is_for_each_thread() -> None:
@@ -120,12 +120,12 @@ def test_patience_is_for_each_thread() -> None:
         time.sleep(1.5)  # the end waits a second for the one that is stuck, and another for this
         did.append(1)
 
-    with Threads(2, patience_s=1.0) as threads:
-        threads.give(lambda: stuck.wait(STUCK_S))
-        threads.give(slow)
+    with ThreadPool(2, patience_s=1.0) as pool:
+        pool.submit(lambda: stuck.wait(STUCK_S))
+        pool.submit(slow)
         assert began.wait(STUCK_S)
     assert did == [1]
-    assert any_at_work()
+    assert any_running()
     stuck.set()
 
 
@@ -138,9 +138,9 @@ def test_what_failed_is_freed_at_once() -> None:
 
     gc.disable()
     try:
-        job = begin(partial(fail, frame))
+        future = start(partial(fail, frame))
         with pytest.raises(ValueError):
-            job.result()
+            future.result()
         del frame
         assert held() is None
     finally:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from procam.arrays import Image
 from procam.errors import FileFormatError
 from procam.files.images.pixels import opened, read_rows, read_spec, write_spec
-from procam.threads import Threads
+from procam.threads import ThreadPool
 
 RGB = ("R", "G", "B")
 LAYER_CHANNELS = (("",), RGB, ("x", "y", "z"))
@@ -66,10 +66,10 @@ def read_layers(path: Path) -> dict[str, Image]:
             sums[name] = zlib.crc32(rows.data, sums[name])
 
         kept: Iterable[None] = ()
-        with Threads(len(places)) as threads:  # while the next rows are read
+        with ThreadPool(len(places)) as pool:  # while the next rows are read
             for start, pixels in read_rows(path, source):
                 list(kept)
-                kept = threads.map(partial(keep, start=start, pixels=pixels), places)
+                kept = pool.map(partial(keep, start=start, pixels=pixels), places)
             list(kept)
     _require_sums(path, spec, sums)
     return {name: layer[..., 0] if layer.shape[2] == 1 else layer for name, layer in found.items()}

@@ -180,7 +180,7 @@ def _end(message: str, code: int) -> NoReturn:
         with suppress(OSError):  # nobody reads it
             sys.stdout.flush()
     threads = sys.modules.get("procam.threads")
-    if threads and threads.any_at_work():
+    if threads and threads.any_running():
         sys.stderr.flush()
         os._exit(code)  # a regular exit would wait for that thread, and libraries would complain
     sys.exit(code)

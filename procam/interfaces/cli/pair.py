@@ -52,7 +52,7 @@ from procam.interfaces.cli.decode import decode_folder
 from procam.maths.geometry.pose import rotation_vector
 from procam.model.correspondence import CorrespondenceMap
 from procam.model.quality import Figure
-from procam.threads import Threads
+from procam.threads import ThreadPool
 
 EXAMPLE = "procam pair poses --squares 10x7 --square-mm 20 --size 1280x800 --out pair.toml"
 LENS_NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
@@ -126,8 +126,8 @@ def _views(
     poses: Sequence[Path], code: Code, board: Board, output: Output
 ) -> tuple[list[PairView], Size, list[Path]]:
     """Views of the board, the photographs' size, and the poses that are of no use."""
-    with Threads(min(len(poses), WORKERS)) as threads:
-        decoded = list(threads.map(lambda place: _decoded_pose(place, code, board), poses))
+    with ThreadPool(min(len(poses), WORKERS)) as pool:
+        decoded = list(pool.map(lambda place: _decoded_pose(place, code, board), poses))
     skipped = list[Path]()
     for place, pose in zip(poses, decoded, strict=True):
         notes = list(pose.notes)

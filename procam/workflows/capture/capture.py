@@ -18,7 +18,7 @@ from procam.files.venue.load import Venue
 from procam.model.frame import CameraSettings, Frame
 from procam.model.optics import Sensor
 from procam.model.plan import Plan, Shot
-from procam.threads import Job, Threads
+from procam.threads import Future, ThreadPool
 from procam.workflows.capture.session_plan import plan_of_session
 from procam.workflows.events import Event
 
@@ -93,8 +93,8 @@ class _Recorder:
 
     def __init__(self, session: Session) -> None:
         self._session = session
-        self._writer = Threads(1)
-        self._pending: Job[None] | None = None
+        self._writer = ThreadPool(1)
+        self._pending: Future[None] | None = None
 
     def __enter__(self) -> Self:
         return self
@@ -107,7 +107,7 @@ class _Recorder:
         """Hand a frame over; what went wrong with the one before it is raised here."""
         self._settle()
         write = partial(self._session.store, camera, shot, exposure_s, frame)
-        self._pending = self._writer.give(write)
+        self._pending = self._writer.submit(write)
 
     def _settle(self) -> None:
         pending, self._pending = self._pending, None

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import TypeVar
 
-from procam.threads import Job, Threads
+from procam.threads import Future, ThreadPool
 
 Frame = TypeVar("Frame")
 Made = TypeVar("Made")
@@ -18,7 +18,7 @@ MOST_THREADS = 4  # EXR is packed by OpenImageIO's own threads besides
 class ThreadPlan:
     """How many threads read and write, and how many frames each side may hold.
 
-    `patience_s` is how long the end waits for a thread that is at work: a movie must not be closed
+    `patience_s` is how long the end waits for each thread: a movie must not be closed
     under it, but a pipe may never answer.
     """
 
@@ -26,9 +26,9 @@ class ThreadPlan:
     depth: int
     patience_s: float = 60.0
 
-    def start(self) -> Threads:
+    def start(self) -> ThreadPool:
         """The threads of one side."""
-        return Threads(self.threads, self.patience_s)
+        return ThreadPool(self.threads, self.patience_s)
 
     @classmethod
     def for_pictures(cls, frame_bytes: int) -> "ThreadPlan":
@@ -59,18 +59,18 @@ def flow(
     it are written.
     """
     jobs = iter(reads)
-    ahead: deque[Job[Frame | None]] = deque()
-    behind: deque[Job[Made]] = deque()
+    ahead: deque[Future[Frame | None]] = deque()
+    behind: deque[Future[Made]] = deque()
 
     def next_frame() -> Frame | None:
         while len(ahead) <= thread_plan.depth and (job := next(jobs, None)) is not None:
-            ahead.append(readers.give(job))
+            ahead.append(readers.submit(job))
         return ahead.popleft().result() if ahead else None
 
     with thread_plan.start() as writers, thread_plan.start() as readers:
         try:
             while (frame := next_frame()) is not None:
-                behind.append(writers.give(work(frame)))
+                behind.append(writers.submit(work(frame)))
                 del frame  # its memory is the writer's now
                 while behind and (len(behind) > thread_plan.depth or behind[0].done()):
                     yield behind.popleft().result()
@@ -80,7 +80,7 @@ def flow(
         yield from _results(behind)
 
 
-def _results(futures: deque[Job[Made]]) -> Iterator[Made]:
+def _results(futures: deque[Future[Made]]) -> Iterator[Made]:
     while futures:
         yield futures.popleft().result()
 

@@ -26,7 +26,7 @@ from procam.files.images.raw_frames import read_frame, write_frame
 from procam.files.images.sequences import Numbered, PictureSequence, find_sequence, parse_pattern
 from procam.files.images.stills import read_still, require_finite, write_still
 from procam.files.output_log import OutputLog, file_state
-from procam.threads import begin
+from procam.threads import start
 from procam.workflows.playout.pipeline import ThreadPlan
 
 Row = dict[str, Any]
@@ -268,7 +268,7 @@ class PipeClip:
         self._size, self._dtype = size, dtype
         self._count = 0
         self.latency_s = array("f")
-        self._first = begin(self._read)
+        self._first = start(self._read)
 
     def __enter__(self) -> Self:
         return self

@@ -39,7 +39,7 @@ from procam.model.calibration import Calibration
 from procam.model.correspondence import CorrespondenceMap
 from procam.model.quality import Figure
 from procam.model.screen import Dome
-from procam.threads import Threads
+from procam.threads import ThreadPool
 from procam.workflows.capture.session_images import SessionImages
 from procam.workflows.capture.session_plan import plan_of, server_of
 from procam.workflows.events import Event
@@ -198,8 +198,8 @@ def _of_main(rig: _SolvedRig) -> SessionImages:
 
 def _each(names: list[str], work: Callable[[str], Result]) -> Iterator[tuple[str, Result]]:
     """Results by projector, in order; two at a time, since NumPy leaves the other core idle."""
-    with Threads(WORKERS) as threads:
-        yield from zip(names, threads.map(work, names), strict=True)
+    with ThreadPool(WORKERS) as pool:
+        yield from zip(names, pool.map(work, names), strict=True)
 
 
 def decode_projector(

@@ -16,7 +16,7 @@ from procam.devices import interrupts
 from procam.devices.interrupts import SIGNALS, current_run, interruptible
 from procam.devices.rig import Rig
 from procam.errors import DeviceError
-from procam.threads import begin
+from procam.threads import start
 
 STUCK_S = 20.0
 
@@ -116,7 +116,7 @@ def test_a_signal_at_any_instruction_leaves_projectors_dark_and_handlers_as_they
         assert current_run() is not current_run()  # no run goes on
         assert all(signal.getsignal(n) is signal.default_int_handler for n in SIGNALS)
     assert stopped == tried - 1 > 100
-    assert late <= 8  # after the rig has looked whether one came, where Python heeds none
+    assert late <= 8  # after `raise_pending`, where Python raises nothing
 
 
 def test_the_second_signal_interrupts_nothing_else_that_ends() -> None:
@@ -158,29 +158,35 @@ def test_a_rig_may_be_used_again_also_within_itself() -> None:
     assert not projector.lit and run.left_dark
 
 
-def test_a_signal_is_not_raised_in_another_thread() -> None:
+@pytest.mark.parametrize("fails", [False, True])
+def test_a_signal_is_neither_raised_nor_lost_in_another_thread(fails: bool) -> None:
     """Which makes its own rig dark while the main one does."""
-    projector, other, done = Projector(), Projector(), list[bool]()
+    projector, other, ended = Projector(), Projector(), list[bool]()
     may_end = threading.Event()
 
+    def broken(_: np.ndarray) -> None:
+        raise OSError("no such device")
+
     def beside() -> bool:
-        with rig_of(other):
+        with pytest.raises(DeviceError) if fails else nullcontext(), rig_of(other):
             assert may_end.wait(STUCK_S)
+            if fails:
+                other.show = broken  # type: ignore[method-assign]
         return True
 
     with pytest.raises(KeyboardInterrupt), interruptible(), rig_of(projector):
-        job = begin(beside)
+        future = start(beside)
         show = projector.show
 
         def after_the_signal(drive: np.ndarray) -> None:
             projector.show = show  # type: ignore[method-assign]
             os.kill(os.getpid(), signal.SIGINT)
             may_end.set()
-            done.append(job.result())
+            ended.append(future.result())
             show(drive)
 
         projector.show = after_the_signal  # type: ignore[method-assign]
-    assert done and not projector.lit and not other.lit
+    assert ended and not projector.lit and other.lit == fails
 
 
 def test_all_rigs_are_made_dark_whatever_fails() -> None:

@@ -83,13 +83,13 @@ def test_a_signal_that_a_library_turns_into_another_error_still_stops(
     assert "procam: stopped (ImportError: initialization failed). Run the same" in ran.err
 
 
-def test_what_was_printed_arrives_although_a_thread_is_still_at_work() -> None:
+def test_what_was_printed_arrives_although_a_thread_is_still_running() -> None:
     """As when Ctrl-C comes while it is waited for: the process ends at once."""
     code = """import time
 from procam.interfaces.cli.main import _end
-from procam.threads import any_at_work, begin
-begin(lambda: time.sleep(60))
-while not any_at_work():
+from procam.threads import any_running, start
+start(lambda: time.sleep(60))
+while not any_running():
     time.sleep(0.001)
 print("south is dark")
 _end("stopped", 130)
