@@ -33,9 +33,12 @@ class Future(Generic[Result]):
         """Whether `result` would not wait."""
         return not self._outcome.empty()
 
-    def result(self) -> Result:
-        """Wait for the result, or raise the function's error; only once, since it is not kept."""
-        found, error = self._outcome.get()
+    def result(self, patience_s: float | None = None) -> Result:
+        """Wait for the result, or raise the function's error; only once, since it is not kept.
+
+        Raises queue.Empty if it is not there in `patience_s`.
+        """
+        found, error = self._outcome.get(timeout=patience_s)
         if error is None:
             result: Result = found
             return result

@@ -1,7 +1,11 @@
 """Capture takes the right pictures or stops with the right words; solve refuses damaged ones."""
 
 import json
+import os
 import shutil
+import signal
+import threading
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -40,6 +44,7 @@ from simulators.faults import STALE_FRAME, StaleCamera
 
 NO_PATTERN_BEFORE = 3  # the dark frames, and the white that follows them
 FRAMES = Path("captures") / CAMERA
+STUCK_S = 20.0
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -265,6 +270,26 @@ def test_a_camera_that_stays_stale_is_an_error_that_names_the_shot(
     with pytest.raises(StaleFrame, match=f"shot {frames[dies_at]}: "):
         take_session(venue)
     assert only_whole_frames(whole, venue) == dies_at
+
+
+def test_ctrl_c_makes_projectors_dark_although_the_disk_hangs(
+    venue: Venue, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stages, may_go_on = watch_stage(monkeypatch), threading.Event()
+    monkeypatch.setattr("procam.workflows.capture.capture.DISK_PATIENCE_S", 0.1)
+
+    def hangs(*_: object) -> None:
+        os.kill(os.getpid(), signal.SIGINT)
+        assert may_go_on.wait(STUCK_S)
+
+    monkeypatch.setattr(Session, "store", hangs)
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    started = time.monotonic()
+    with pytest.raises(KeyboardInterrupt):
+        take_session(venue)
+    may_go_on.set()
+    assert time.monotonic() - started < STUCK_S
+    assert stages[-1].lit() == []
 
 
 class Panel:

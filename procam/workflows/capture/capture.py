@@ -2,8 +2,10 @@
 
 import shutil
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
+from queue import Empty
 from typing import Self
 
 import numpy as np
@@ -24,6 +26,7 @@ from procam.workflows.events import Event
 
 ATTEMPTS = 3
 SATURATED_SHARE = 0.002  # of the frame; above it the exposure is wrong, not a glint in the way
+DISK_PATIENCE_S = 10.0  # for a disk that hangs when a run fails or is stopped: a projector is lit
 PROBE_STEP = 7  # checks read every 7th pixel: enough to distinguish pictures
 
 
@@ -93,15 +96,15 @@ class _Recorder:
 
     def __init__(self, session: Session) -> None:
         self._session = session
-        self._writer = ThreadPool(1)
+        self._writer = ThreadPool(1, DISK_PATIENCE_S)
         self._pending: Future[None] | None = None
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, *_: object) -> None:
-        with self._writer:
-            self._settle()
+    def __exit__(self, kind: object, *_: object) -> None:
+        with self._writer, suppress(Empty):
+            self._settle(None if kind is None else DISK_PATIENCE_S)
 
     def store(self, camera: str, shot: Shot, exposure_s: float, frame: Frame) -> None:
         """Hand a frame over; what went wrong with the one before it is raised here."""
@@ -109,10 +112,10 @@ class _Recorder:
         write = partial(self._session.store, camera, shot, exposure_s, frame)
         self._pending = self._writer.submit(write)
 
-    def _settle(self) -> None:
+    def _settle(self, patience_s: float | None = None) -> None:
         pending, self._pending = self._pending, None
         if pending is not None:
-            pending.result()
+            pending.result(patience_s)
 
 
 def _take(
