@@ -279,6 +279,7 @@ def test_ctrl_c_makes_projectors_dark_although_the_disk_hangs(
     monkeypatch.setattr("procam.workflows.capture.capture.DISK_PATIENCE_S", 0.1)
 
     def hangs(*_: object) -> None:
+        time.sleep(0.2)  # until the recorder knows that this frame is being written
         os.kill(os.getpid(), signal.SIGINT)
         assert may_go_on.wait(STUCK_S)
 
