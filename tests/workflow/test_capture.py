@@ -275,14 +275,22 @@ def test_a_camera_that_stays_stale_is_an_error_that_names_the_shot(
 def test_ctrl_c_makes_projectors_dark_although_the_disk_hangs(
     venue: Venue, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    stages, may_go_on = watch_stage(monkeypatch), threading.Event()
+    stages, writes, may_go_on = watch_stage(monkeypatch), threading.Event(), threading.Event()
     monkeypatch.setattr("procam.workflows.capture.capture.DISK_PATIENCE_S", 0.1)
+    take, shots = SimulatedCamera.capture, []
 
     def hangs(*_: object) -> None:
-        time.sleep(0.2)  # until the recorder knows that this frame is being written
-        os.kill(os.getpid(), signal.SIGINT)
+        writes.set()
         assert may_go_on.wait(STUCK_S)
 
+    def stopped_at_the_second(camera: SimulatedCamera) -> Frame:
+        shots.append(camera)
+        if len(shots) == 2:
+            assert writes.wait(STUCK_S)
+            os.kill(os.getpid(), signal.SIGINT)
+        return take(camera)
+
+    monkeypatch.setattr(SimulatedCamera, "capture", stopped_at_the_second)
     monkeypatch.setattr(Session, "store", hangs)
     signal.signal(signal.SIGINT, signal.default_int_handler)
     started = time.monotonic()
