@@ -111,6 +111,15 @@ def test_the_end_waits_for_what_runs_and_starts_nothing_else() -> None:
     assert not any_running()
 
 
+def test_a_thread_runs_from_its_start_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Although it may get its turn later."""
+    monkeypatch.setattr("procam.threads._thread.start_new_thread", lambda run, given: None)
+    future = start(lambda: 1)
+    assert any_running()
+    future.run(lambda: 2)
+    assert not any_running()
+
+
 def test_patience_is_for_each_thread() -> None:
     """One that waits at a pipe must not keep the end from the others."""
     began, stuck, did = threading.Event(), threading.Event(), list[int]()
