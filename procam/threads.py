@@ -63,8 +63,12 @@ class Future(Generic[Result]):
 def start(function: Callable[[], Result]) -> Future[Result]:
     """Run a function in a thread of its own; a process that ends does not wait for it."""
     future = Future[Result]()
-    _running.add(future)  # now, for the process may end before the thread gets its turn
-    _thread.start_new_thread(future.run, (function,))
+    try:
+        _running.add(future)  # now, for the process may end before the thread gets its turn
+        _thread.start_new_thread(future.run, (function,))
+    except BaseException:
+        _running.discard(future)
+        raise
     return future
 
 
