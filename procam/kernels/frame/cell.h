@@ -58,9 +58,9 @@ struct ramp { /* a field in one vector, down a cell */
 
 struct group { /* rows of a block that are done together */
     size_t y, rows;              /* of the picture */
-    const float *content;        /* decoded, or where floats are stored */
-    size_t pitch;                /* values from row to row of it */
-    float (*light)[FRAME_BLOCK]; /* that is solved */
+    const unsigned char *stored; /* content; at the picture's right edge a copy, with zeros after it */
+    size_t pitch;                /* bytes from row to row of it */
+    float (*light)[FRAME_BLOCK]; /* of 8 bits: decoded, then to send; of others: as it is to be stored */
 };
 
 INLINE const float *node_row(const struct procam_frame *setup, int plane, size_t row) {
@@ -106,8 +106,8 @@ INLINE void enter_row(struct variant variant, const struct procam_frame *setup, 
 INLINE void fetch_row(struct variant variant, const struct procam_frame *setup, const struct cell *cell, size_t row) {
     const int32_t *start = setup->values.start + cell->first / LANES;
     for (int plane = LIGHT; plane < GAIN; plane++)
-        for (int32_t at = start[0]; has(variant, setup, plane) && at < start[VECTORS - 1] + LANES; at += 16)
-            __builtin_prefetch(node_row(setup, plane, row) + at, 0, 1);
+        for (int k = 0; has(variant, setup, plane) && k < FRAME_BLOCK / 16; k++)
+            __builtin_prefetch(node_row(setup, plane, row) + start[16 * k / LANES], 0, 1);
 }
 
 /* Interpolates the fields along the node row below a cell, and above it unless the cell there did. */
@@ -149,7 +149,7 @@ INLINE vf sent(struct variant variant, const struct procam_frame *setup, const s
 /* One vector of values, down a group. */
 INLINE void go_down(struct variant variant, const struct procam_frame *setup, const struct workspace *work, struct band *band,
                     const struct cell *cell, const struct group *group, int k) {
-    const size_t at = (size_t)(k * LANES), place = cell->block * FRAME_BLOCK + at;
+    const size_t at = (size_t)(k * LANES), place = cell->block * FRAME_BLOCK + at, width = bytes_of(variant.kind);
     float *sums = band->sum[variant.lit == IN_PART] + place, *downs = band->down[variant.lit == IN_PART] + place;
     struct ramp ramps[PLANES] = {0};
     for (int plane = 0; plane < PLANES; plane++)
@@ -157,67 +157,62 @@ INLINE void go_down(struct variant variant, const struct procam_frame *setup, co
     vf sum = vload(sums), lower = vload(downs);
     UNROLL for (size_t r = 0; r < group->rows; r++) {
         const float down = setup->down[group->y + r], share = setup->along[group->y + r];
-        vf content = vload(group->content + r * group->pitch + at);
-        if (variant.kind == F16 || variant.kind == F32) content = or_black(content);
-        vf value = sent(variant, setup, ramps, down, content), counted = value;
+        const vf stored = variant.kind == U8 ? vload(group->light[r] + at)
+                                             : vload_kind(variant.kind, group->stored + r * group->pitch, at);
+        vf value = sent(variant, setup, ramps, down, light_of(variant.kind, stored)), counted = value;
         if (variant.lit == IN_PART) {
             const vf area = at_row(ramps[AREA], down);
             value = vsel(area > 0.0f, value, vset(0.0f));
             counted = area * value;
         }
         sum += counted, lower += share * counted;
-        if (variant.mode >= APPLY) vstore(group->light[r] + at, value);
+        if (variant.mode < APPLY) continue;
+        if (variant.kind == U8) vstore(group->light[r] + at, value);
+        else store_light(variant.kind, setup, value, variant.mode == MIX, stored, (unsigned char *)group->light[r] + at * width);
     }
     vstore(sums, sum), vstore(downs, lower);
 }
 
-/* One row of a block as it is stored; at the picture's right edge, a copy with zeros after it. Processors
-   fetch along rows by themselves, but not the rows to come. */
-INLINE const void *stored_row(struct variant variant, const struct procam_frame *setup, const struct cell *cell, size_t y,
-                              unsigned char *room) {
-    const size_t width = bytes_of(variant.kind);
-    const unsigned char *from = (const unsigned char *)setup->image + (y * 3 * setup->size + cell->first) * width;
-    for (size_t at = 0; at < FRAME_BLOCK * width; at += 64) __builtin_prefetch(from + AHEAD * 3 * setup->size * width + at, 0, 1);
-    if (cell->left == FRAME_BLOCK) return from;
-    memset(room, 0, FRAME_BLOCK * width);
-    return memcpy(room, from, cell->left * width);
-}
-
-/* Writes the light of a group, which floats already are as they are stored. */
+/* Writes the light of a group. */
 INLINE void write_group(struct variant variant, const struct procam_frame *setup, const struct cell *cell, const struct group *group) {
     const size_t width = bytes_of(variant.kind), pitch = 3 * setup->size * width;
     unsigned char *to = (unsigned char *)setup->out + group->y * pitch + cell->first * width;
-    unsigned char room[4 * FRAME_BLOCK], out[4 * FRAME_BLOCK] __attribute__((aligned(64)));
+    unsigned char codes[FRAME_BLOCK] __attribute__((aligned(64)));
     for (size_t r = 0; r < group->rows; r++, to += pitch) {
         const size_t tile = (group->y + r) % TILE_ROWS * TILE_WIDTH + cell->first % TILE_WIDTH;
-        const float *threshold = variant.kind == U8 ? setup->threshold + tile : NULL;
-        const void *original = variant.mode == MIX ? stored_row(variant, setup, cell, group->y + r, room) : NULL;
-        const int stored = variant.kind == F32 && !original;
-        if (!stored) store_block(variant.kind, setup, group->light[r], original, threshold, out);
-        vcopy(to, stored ? (const unsigned char *)group->light[r] : out, cell->left * width);
+        const unsigned char *original = variant.mode == MIX ? group->stored + r * group->pitch : NULL;
+        if (variant.kind == U8) encode_block(setup, group->light[r], original, setup->threshold + tile, codes);
+        vcopy(to, variant.kind == U8 ? codes : (const unsigned char *)group->light[r], cell->left * width);
     }
 }
 
-/* Reads rows of a block from y on; whole blocks of floats stay where they are. */
+/* Reads rows of a block from y on. Processors fetch along rows by themselves, but not the rows to come. */
 INLINE struct group read_group(struct variant variant, const struct procam_frame *setup, const struct cell *cell, size_t y,
-                             float (*lines)[FRAME_BLOCK]) {
-    const size_t rows = cell->end - y < PART_ROWS ? cell->end - y : PART_ROWS, wide = 3 * setup->size;
-    const int in_place = variant.kind == F32 && cell->left == FRAME_BLOCK;
-    unsigned char room[4 * FRAME_BLOCK];
-    for (size_t r = 0; r < rows; r++) {
-        const void *stored = stored_row(variant, setup, cell, y + r, room);
-        if (!in_place) load_block(variant.kind, setup, stored, lines[r]);
+                               unsigned char (*rooms)[4 * FRAME_BLOCK], float (*light)[FRAME_BLOCK]) {
+    const size_t rows = cell->end - y < PART_ROWS ? cell->end - y : PART_ROWS;
+    const size_t width = bytes_of(variant.kind), pitch = 3 * setup->size * width;
+    const unsigned char *from = (const unsigned char *)setup->image + y * pitch + cell->first * width;
+    struct group group = {y, rows, from, pitch, light};
+    if (cell->left < FRAME_BLOCK) {
+        const size_t bytes = cell->left * width;
+        for (size_t r = 0; r < rows; r++)
+            memcpy(rooms[r], from + r * pitch, bytes), memset(rooms[r] + bytes, 0, sizeof rooms[r] - bytes);
+        group.stored = rooms[0], group.pitch = sizeof rooms[0];
     }
-    if (!in_place) return (struct group){y, rows, lines[0], FRAME_BLOCK, lines};
-    return (struct group){y, rows, (const float *)setup->image + y * wide + cell->first, wide, lines};
+    for (size_t r = 0; r < rows; r++) {
+        for (size_t at = 0; at < FRAME_BLOCK * width; at += 64) __builtin_prefetch(from + (r + AHEAD) * pitch + at, 0, 1);
+        if (variant.kind == U8) vlook_up(setup->decode, setup->decode_bytes, group.stored + r * group.pitch, light[r]);
+    }
+    return group;
 }
 
 INLINE void one_cell(struct variant variant, const struct procam_frame *setup, struct workspace *work, struct band *band,
                      const struct cell *cell) {
-    float lines[PART_ROWS][FRAME_BLOCK] __attribute__((aligned(64)));
+    unsigned char rooms[PART_ROWS][4 * FRAME_BLOCK] __attribute__((aligned(64)));
+    float light[PART_ROWS][FRAME_BLOCK] __attribute__((aligned(64)));
     if (variant.lit != NOWHERE) enter(variant, setup, work, cell);
     for (size_t y = cell->row; y < cell->end; y += PART_ROWS) {
-        const struct group group = read_group(variant, setup, cell, y, lines);
+        const struct group group = read_group(variant, setup, cell, y, rooms, light);
         for (int k = 0; k < VECTORS; k++) go_down(variant, setup, work, band, cell, &group, k);
         if (variant.mode >= APPLY) write_group(variant, setup, cell, &group);
     }

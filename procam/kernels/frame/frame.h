@@ -57,15 +57,15 @@ INLINE void gather_values(int terms, int mode, const struct procam_frame *setup,
 
 /* Vectors of the same colours in turn, every third, are added up together. */
 INLINE void gather_edge(int terms, int mode, const struct procam_frame *setup, const struct band *above,
-                        const struct band *below, size_t number, size_t first, double (*to)[FRAME_TERMS]) {
+                        const struct band *below, size_t number, size_t first, double (*to)[FRAME_TERMS][LANES]) {
     const struct rows rows = rows_of(setup, number);
-    for (size_t begin = 0; begin < 3 * LANES; begin += LANES) {
+    for (size_t third = 0; third < 3; third++) {
         vf sums[FRAME_TERMS];
         for (int k = 0; k < terms; k++) sums[k] = vset(0.0f);
-        for (size_t at = begin; at < FRAME_STRIP; at += 3 * LANES)
+        for (size_t at = third * LANES; at < FRAME_STRIP; at += 3 * LANES)
             gather_values(terms, mode, setup, &rows, above, below, at, first + at, sums);
         for (int k = 0; k < terms; k++)
-            for (size_t lane = 0; lane < LANES; lane++) to[(begin + lane) % 3][k] += (double)sums[k][lane];
+            for (size_t lane = 0; lane < LANES; lane++) to[third][k][lane] += (double)sums[k][lane];
     }
 }
 
@@ -90,7 +90,7 @@ INLINE void begin_strip(struct workspace *work, int mode) {
 
 /* Adds up the edge between the last band and this one, and begins the next band. */
 INLINE void gather(int mode, const struct procam_frame *setup, struct workspace *work, size_t number, size_t first,
-                   double (*to)[FRAME_TERMS]) {
+                   double (*to)[FRAME_TERMS][LANES]) {
     struct band *above = work->bands + !work->band, *below = work->bands + work->band;
     if (setup->terms == 1) gather_edge(1, mode, setup, above, below, number, first, to);
     else if (setup->terms == 4) gather_edge(4, mode, setup, above, below, number, first, to);
@@ -144,7 +144,7 @@ INLINE void one_interval(cells_variant *const *variants, const struct procam_fra
 
 INLINE void one_task(int mode, const struct procam_frame *setup, size_t strip, size_t chunk, double *to) {
     struct workspace work;
-    double sums[3][FRAME_TERMS] = {0};
+    double sums[3][FRAME_TERMS][LANES] = {0}; /* value i of a row is lane i % LANES of third i / LANES % 3 */
     cells_variant *const *variants = variants_of(setup->kind, mode);
     const size_t intervals = (size_t)setup->nodes + 1, band = (size_t)setup->band, begin = chunk * FRAME_CHUNK;
     const size_t end = begin + FRAME_CHUNK < intervals ? begin + FRAME_CHUNK : intervals;
@@ -155,8 +155,10 @@ INLINE void one_task(int mode, const struct procam_frame *setup, size_t strip, s
         if ((interval + 1) % band == 0 || interval == end - 1) gather(mode, setup, &work, number, first, sums);
         if (interval == end - 1) gather(mode, setup, &work, number + 1, first, sums);
     }
-    for (int c = 0; c < 3; c++)
-        for (int term = 0; term < FRAME_TERMS; term++) to[c * FRAME_TERMS + term] += sums[c][term];
+    for (size_t third = 0; third < 3; third++)
+        for (size_t term = 0; term < FRAME_TERMS; term++)
+            for (size_t lane = 0; lane < LANES; lane++)
+                to[(third * LANES + lane) % 3 * FRAME_TERMS + term] += sums[third][term][lane];
     vfence();
 }
 

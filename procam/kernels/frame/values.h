@@ -6,46 +6,33 @@
 enum { FRAME_BLOCK = 64, VECTORS = FRAME_BLOCK / LANES };
 enum { TILE_WIDTH = 192, TILE_ROWS = 64 };
 
-/* What is not finite is black. */
-INLINE vf or_black(vf a) { return vsel(vabs(a) < INFINITY, a, vset(0.0f)); }
-
-/* The linear light of a block; of floats and halves it may not be finite. */
-INLINE void load_block(int kind, const struct procam_frame *setup, const void *from, float *light) {
-    if (kind == U8) {
-        vlook_up(setup->decode, setup->decode_bytes, from, light);
-        return;
-    }
-    UNROLL for (size_t at = 0; at < FRAME_BLOCK; at += LANES) {
-        const vf stored = vload_kind(kind, from, at);
-        vstore(light + at, kind == U16 ? stored * (1 / 65535.0f) : stored);
-    }
+/* Linear light of a vector as it is stored, of 8 bits as decoded; what is not finite is black. */
+INLINE vf light_of(int kind, vf stored) {
+    return kind == U8 ? stored : kind == U16 ? stored * (1 / 65535.0f) : vfinite(stored);
 }
 
-/* A vector of light as it is to be stored, before rounding. */
-INLINE vf value_of(int kind, const struct procam_frame *setup, vf light) {
-    if (kind == U8) return vcurve(setup->encode, vroot(vmax(light, vset(0.0f))) + setup->encode_shift);
-    return kind == U16 ? vmin(vmax(light * 65535.0f, vset(0.0f)), vset(65535.0f)) : light;
+/* Stores a vector of light that is not of 8 bits, mixed with the content as it was stored, if `mixes`. */
+INLINE void store_light(int kind, const struct procam_frame *setup, vf light, int mixes, vf stored, unsigned char *to) {
+    vf v = kind == U16 ? vmin(vmax(light * 65535.0f, vset(0.0f)), vset(65535.0f)) : light;
+    if (mixes && kind != U16) stored = vfinite(stored);
+    if (mixes) v = setup->strength * (v - stored) + stored;
+    if (kind == U16) vstore_halves((uint16_t *)to, __builtin_convertvector(vtruncate(v + 0.5f), vhalves));
+    else if (kind == F16) vstore_halves((uint16_t *)to, vto_f16(v));
+    else vstore((float *)to, v);
 }
 
-/* Stores a block of light, mixed with the stored `original` if that is given. */
-INLINE void store_block(int kind, const struct procam_frame *setup, const float *light, const void *stored,
-                        const float *threshold, unsigned char *to) {
+/* Encodes a block of light with 8 bits, mixed with the codes `stored` if those are given. */
+INLINE void encode_block(const struct procam_frame *setup, const float *light, const unsigned char *stored,
+                         const float *threshold, unsigned char *to) {
     vf values[VECTORS];
     UNROLL for (size_t k = 0; k < VECTORS; k++) {
         const size_t at = k * LANES;
-        vf v = value_of(kind, setup, vload(light + at));
+        vf v = vcurve(setup->encode, vroot(vload(light + at)) + setup->encode_shift);
         if (stored) {
-            vf original = vload_kind(kind, stored, at);
-            if (kind == F16 || kind == F32) original = or_black(original);
+            const vf original = vload_kind(U8, stored, at);
             v = setup->strength * (v - original) + original;
         }
-        values[k] = kind == U8 ? v + vload(threshold + at) : v;
+        values[k] = v + vload(threshold + at);
     }
-    if (kind == U8) vstore_codes(to, values);
-    for (size_t k = 0; k < VECTORS && kind != U8; k++) {
-        unsigned char *at = to + k * LANES * bytes_of(kind);
-        if (kind == U16) vstore_halves((uint16_t *)at, __builtin_convertvector(vtruncate(values[k] + 0.5f), vhalves));
-        else if (kind == F16) vstore_halves((uint16_t *)at, vto_f16(values[k]));
-        else vstore((float *)at, values[k]);
-    }
+    vstore_codes(to, values);
 }

@@ -53,7 +53,11 @@ INLINE vf vabs(vf a) { return (vf)((vi)a & INT32_MAX); }
 INLINE vf vmin(vf a, vf b) { return _mm512_min_ps(a, b); }
 INLINE vf vmax(vf a, vf b) { return _mm512_max_ps(a, b); }
 INLINE vf vsqrt(vf a) { return _mm512_sqrt_ps(a); }
-INLINE vf vroot(vf a) { return a * _mm512_rsqrt14_ps(vmax(a, vset(FLT_MIN))); } /* of a >= 0, to 6e-5 of it */
+INLINE vf vfinite(vf a) { return _mm512_fixupimm_ps(a, a, (__m512i)((vi){0} + 0x00880088), 0); } /* 8 stands for 0 */
+INLINE vf vroot(vf a) { /* to 6e-5 of it */
+    const vf positive = vmax(a, vset(FLT_MIN));
+    return positive * _mm512_rsqrt14_ps(positive);
+}
 INLINE vf vfraction(vf a) { return _mm512_reduce_ps(a, 8); }  /* a less the nearest integer */
 INLINE vf vpick(const float *table, vi at) { return _mm512_permutexvar_ps((__m512i)at, vload(table)); }
 INLINE vi vlookup(const uint32_t *table, vi at) { return (vi)_mm512_i32gather_epi32((__m512i)at, table, 4); }
@@ -73,7 +77,6 @@ INLINE void vstream(float *p, vf a) { _mm512_stream_ps(p, a); }
 INLINE vf vmin(vf a, vf b) { return _mm256_min_ps(a, b); }
 INLINE vf vmax(vf a, vf b) { return _mm256_max_ps(a, b); }
 INLINE vf vsqrt(vf a) { return _mm256_sqrt_ps(a); }
-INLINE vf vroot(vf a) { return _mm256_sqrt_ps(a); }
 INLINE vf vfraction(vf a) { return a - _mm256_round_ps(a, _MM_FROUND_TO_NEAREST_INT | _MM_FROUND_NO_EXC); }
 INLINE vf vpick(const float *table, vi at) { return _mm256_permutevar8x32_ps(vload(table), (__m256i)at); }
 INLINE vi vload_u8(const uint8_t *p) { return (vi)_mm256_cvtepu8_epi32(_mm_loadl_epi64((const void *)p)); }
@@ -145,10 +148,13 @@ INLINE void vstore_codes(uint8_t *p, const vf *a) { /* integer parts of 64 numbe
     for (int i = 0; i < 64; i++) p[i] = (uint8_t)fminf(fmaxf(a[i / LANES][i % LANES], 0.0f), 255.0f);
 }
 #endif
-INLINE vf vroot(vf a) { return vsqrt(a); }
 #endif
 
-#if LANES < 16 /* AVX2's gathers are slower than loads on many processors */
+#if LANES < 16
+INLINE vf vroot(vf a) { return vsqrt(vmax(a, vset(0.0f))); } /* 0 where `a` is negative or NaN */
+INLINE vf vfinite(vf a) { return vsel(vabs(a) < INFINITY, a, vset(0.0f)); } /* 0 where it is NaN or infinite */
+
+/* AVX2's gathers are slower than loads on many processors. */
 INLINE vi vlookup(const uint32_t *table, vi at) {
     vi found;
     for (int k = 0; k < LANES; k++) found[k] = (int32_t)table[at[k]];
@@ -208,12 +214,11 @@ INLINE vf vcurve(const float *pieces, vf x) {
 
 /* Entries of a table of 256 for 64 codes; AVX-512 takes each byte of them from a table of its own, (4, 256). */
 #if LANES == 16
-INLINE __m512i bytes_looked_up(const uint8_t *table, __m512i codes) {
-    const __mmask64 upper = _mm512_movepi8_mask(codes), odd = _mm512_movepi8_mask(_mm512_add_epi8(codes, codes));
-    __m512i found = _mm512_permutexvar_epi8(codes, _mm512_loadu_si512(table)); /* by quarters of the table */
-    found = _mm512_mask_permutexvar_epi8(found, odd, codes, _mm512_loadu_si512(table + 64));
-    found = _mm512_mask_permutexvar_epi8(found, upper, codes, _mm512_loadu_si512(table + 128));
-    return _mm512_mask_permutexvar_epi8(found, upper & odd, codes, _mm512_loadu_si512(table + 192));
+INLINE __m512i bytes_looked_up(const uint8_t *table, __m512i codes) { /* by halves of the table */
+    const __m512i *quarter = (const __m512i *)table;
+    const __m512i low = _mm512_permutex2var_epi8(_mm512_loadu_si512(quarter), codes, _mm512_loadu_si512(quarter + 1));
+    const __m512i high = _mm512_permutex2var_epi8(_mm512_loadu_si512(quarter + 2), codes, _mm512_loadu_si512(quarter + 3));
+    return _mm512_mask_blend_epi8(_mm512_movepi8_mask(codes), low, high);
 }
 INLINE void vlook_up(const float *table, const uint8_t *bytes, const uint8_t *codes, float *to) {
     const __m512i order = _mm512_set_epi8( /* so that unpacking puts them back in turn */
@@ -222,7 +227,6 @@ INLINE void vlook_up(const float *table, const uint8_t *bytes, const uint8_t *co
         17, 16, 3, 2, 1, 0);
     const __m512i at = _mm512_permutexvar_epi8(order, _mm512_loadu_si512(codes));
     (void)table;
-    __asm__("" : "+r"(bytes)); /* keeps GCC from copying the tables to the stack */
     const __m512i b0 = bytes_looked_up(bytes, at), b1 = bytes_looked_up(bytes + 256, at);
     const __m512i b2 = bytes_looked_up(bytes + 512, at), b3 = bytes_looked_up(bytes + 768, at);
     const __m512i low0 = _mm512_unpacklo_epi8(b0, b1), low1 = _mm512_unpacklo_epi8(b2, b3);

@@ -21,6 +21,8 @@ union any { /* one register */
 #undef _mm512_reduce_ps
 #undef _mm512_i32gather_epi32
 #undef _mm512_cvtps_ph
+#undef _mm512_fixupimm_ps
+#undef _mm512_mask_blend_epi8
 
 #define FUNCTION static inline __attribute__((always_inline))
 #define PS(name, value) /* of floats x, y */ \
@@ -61,7 +63,6 @@ EPI(gathered, w, 16, table[p.w[k]])
 EPI(truncated, w, 16, _mm_cvttss_si32(_mm_set_ss(p.f[k])))
 EPI(from_bytes, w, 16, p.b[k])
 EPI(from_halves, w, 16, p.h[k])
-EPI(byte_sums, b, 64, (uint8_t)(p.b[k] + q.b[k]))
 EPI(packed_words, h, 32, SATURATED(PACKED(w, 8, k), 65535))
 EPI(packed_halves, b, 64, SATURATED((int16_t)PACKED(h, 16, k), 255))
 EPI(low_bytes, b, 64, UNPACKED(b, 16, k, 0))
@@ -75,7 +76,6 @@ EPI(high_halves, h, 32, UNPACKED(h, 8, k, 4))
 #define _mm512_cvttps_epi32(a) truncated((__m512i)(a), (__m512i)(a), NULL)
 #define _mm512_cvtepu8_epi32(a) from_bytes(widened(_mm256_castsi128_si256(a)), widened(_mm256_castsi128_si256(a)), NULL)
 #define _mm512_cvtepu16_epi32(a) from_halves(widened(a), widened(a), NULL)
-#define _mm512_add_epi8(a, b) byte_sums(a, b, NULL)
 #define _mm512_packus_epi32(a, b) packed_words(a, b, NULL)
 #define _mm512_packus_epi16(a, b) packed_halves(a, b, NULL)
 #define _mm512_unpacklo_epi8(a, b) low_bytes(a, b, NULL)
@@ -111,13 +111,34 @@ FUNCTION __mmask64 signs(__m512i a) {
 }
 #define _mm512_movepi8_mask signs
 
-FUNCTION __m512i permuted_where(__m512i other, __mmask64 where, __m512i at, __m512i table) {
-    union any r = {.i = _mm512_permutexvar_epi8(at, table)};
-    const union any p = {.i = other};
-    for (int k = 0; k < 64; k++) r.b[k] = where >> k & 1 ? r.b[k] : p.b[k];
+FUNCTION __m512i blended(__mmask64 where, __m512i a, __m512i b) {
+    union any r = {.i = a};
+    const union any q = {.i = b};
+    for (int k = 0; k < 64; k++) r.b[k] = where >> k & 1 ? q.b[k] : r.b[k];
     return r.i;
 }
-#define _mm512_mask_permutexvar_epi8 permuted_where
+#define _mm512_mask_blend_epi8 blended
+
+FUNCTION __m512i permuted_of_two(__m512i a, __m512i at, __m512i b) {
+    union any r = {.i = at};
+    const union any p = {.i = a}, q = {.i = b};
+    for (int k = 0; k < 64; k++) r.b[k] = (r.b[k] & 64 ? q : p).b[r.b[k] & 63];
+    return r.i;
+}
+#define _mm512_permutex2var_epi8 permuted_of_two
+
+/* Of each number's kind `table` has what becomes of it: 0, the number of `a`; 8, zero. */
+FUNCTION __m512 fixed_up(__m512 a, __m512 numbers, __m512i table) {
+    union any r = {.s = a};
+    const union any p = {.s = numbers}, q = {.i = table};
+    for (int k = 0; k < 16; k++) {
+        const float x = p.f[k];
+        const int kind = isnan(x) ? 0 : x == 0 ? 2 : x == 1 ? 3 : (isinf(x) ? 4 : 6) + (x > 0);
+        if ((q.w[k] >> 4 * kind & 15) == 8) r.f[k] = 0.0f;
+    }
+    return r.s;
+}
+#define _mm512_fixupimm_ps(a, numbers, table, flags) fixed_up(a, numbers, table)
 
 FUNCTION __m512 from_f16(__m256i a) {
     union any r;
