@@ -248,7 +248,7 @@ class TestAgainstTheReference:
 
     @pytest.mark.parametrize(
         ("kind", "bad", "strength"),
-        [(np.float16, np.nan, 0.5), (np.float16, np.inf, 0.0), (np.float32, np.inf, 0.5)],
+        [(np.float16, np.nan, 0.5), (np.float16, -np.inf, 0.0), (np.float32, np.inf, 0.5)],
     )
     def test_what_is_not_finite_is_mixed_as_black(
         self, level: str, kind: type, bad: float, strength: float
