@@ -5,10 +5,10 @@
                  |.........|.........|      below reuses that), and then down the cell for each row of
        node row  o---------o---------o      the picture (.).
 
-   Values stay interleaved: red, green, blue. Some rows of a block are decoded, a vector of values goes down
-   them before the next one does, so that its fields and sums stay in registers, and they are encoded: short
-   chains of operations keep the processor busier than a long one, and whole lines can be written past the
-   cache. Sums are kept for each band, of the values and of the values times their position down the band.
+   Values stay interleaved: red, green, blue. A vector of values goes down some rows of a block before the next
+   one does, so that its fields and sums stay in registers. 8-bit codes of these rows are decoded before and
+   encoded after that, 64 at a time: short chains of operations keep the processor busier than a long one. Rows
+   to be written are gathered, as whole lines can be written past the cache. Sums are kept for each band, of the values and of the values times their position down the band.
 
    Type, mode and limits are constants to the compiler: each combination (`struct variant`) is a
    function of its own, made by the CELL macros at the end of this file. */
@@ -16,6 +16,7 @@
 enum { FRAME_STRIP = 1536 }; /* values: 512 pixels */
 enum { STRIP_BLOCKS = FRAME_STRIP / FRAME_BLOCK };
 enum { PART_ROWS = 8, AHEAD = 8 }; /* rows of a block at once; from a row that is read to one that is fetched */
+enum { LINE_FLOATS = 16 };         /* of a line of the cache */
 enum plane { LIGHT, LEAST, MOST, GAIN, AREA, PLANES };
 enum { GAINED = LIMITED + 1, VARIANTS };    /* variant of cells with a gain, lit everywhere */
 
@@ -56,11 +57,12 @@ struct ramp { /* a field in one vector, down a cell */
     vf at, step;
 };
 
+typedef unsigned char line[4 * FRAME_BLOCK]; /* a row of a block, of any type */
 struct group { /* rows of a block that are done together */
     size_t y, rows;              /* of the picture */
     const unsigned char *stored; /* content; at the picture's right edge a copy, with zeros after it */
     size_t pitch;                /* bytes from row to row of it */
-    float (*light)[FRAME_BLOCK]; /* of 8 bits: decoded, then to send; of others: as it is to be stored */
+    line *lines;                 /* of 8 bits: floats, decoded and then to send; of others: as they will be stored */
 };
 
 INLINE const float *node_row(const struct procam_frame *setup, int plane, size_t row) {
@@ -106,8 +108,8 @@ INLINE void enter_row(struct variant variant, const struct procam_frame *setup, 
 INLINE void fetch_row(struct variant variant, const struct procam_frame *setup, const struct cell *cell, size_t row) {
     const int32_t *start = setup->values.start + cell->first / LANES;
     for (int plane = LIGHT; plane < GAIN; plane++)
-        for (int k = 0; has(variant, setup, plane) && k < FRAME_BLOCK / 16; k++)
-            __builtin_prefetch(node_row(setup, plane, row) + start[16 * k / LANES], 0, 1);
+        for (int k = 0; has(variant, setup, plane) && k < VECTORS; k += LINE_FLOATS / LANES)
+            __builtin_prefetch(node_row(setup, plane, row) + start[k], 0, 1);
 }
 
 /* Interpolates the fields along the node row below a cell, and above it unless the cell there did. */
@@ -157,9 +159,10 @@ INLINE void go_down(struct variant variant, const struct procam_frame *setup, co
     vf sum = vload(sums), lower = vload(downs);
     UNROLL for (size_t r = 0; r < group->rows; r++) {
         const float down = setup->down[group->y + r], share = setup->along[group->y + r];
-        const vf stored = variant.kind == U8 ? vload(group->light[r] + at)
-                                             : vload_kind(variant.kind, group->stored + r * group->pitch, at);
-        vf value = sent(variant, setup, ramps, down, light_of(variant.kind, stored)), counted = value;
+        const vf stored = variant.kind == U8 ? vload((float *)group->lines[r] + at)
+                                             : load_value(variant.kind, group->stored + r * group->pitch, at);
+        const vf content = variant.kind == U16 ? stored * (1 / 65535.0f) : stored;
+        vf value = sent(variant, setup, ramps, down, content), counted = value;
         if (variant.lit == IN_PART) {
             const vf area = at_row(ramps[AREA], down);
             value = vsel(area > 0.0f, value, vset(0.0f));
@@ -167,8 +170,8 @@ INLINE void go_down(struct variant variant, const struct procam_frame *setup, co
         }
         sum += counted, lower += share * counted;
         if (variant.mode < APPLY) continue;
-        if (variant.kind == U8) vstore(group->light[r] + at, value);
-        else store_light(variant.kind, setup, value, variant.mode == MIX, stored, (unsigned char *)group->light[r] + at * width);
+        if (variant.kind == U8) vstore((float *)group->lines[r] + at, value);
+        else store_light(variant.kind, setup, value, variant.mode == MIX, stored, group->lines[r] + at * width);
     }
     vstore(sums, sum), vstore(downs, lower);
 }
@@ -181,38 +184,37 @@ INLINE void write_group(struct variant variant, const struct procam_frame *setup
     for (size_t r = 0; r < group->rows; r++, to += pitch) {
         const size_t tile = (group->y + r) % TILE_ROWS * TILE_WIDTH + cell->first % TILE_WIDTH;
         const unsigned char *original = variant.mode == MIX ? group->stored + r * group->pitch : NULL;
-        if (variant.kind == U8) encode_block(setup, group->light[r], original, setup->threshold + tile, codes);
-        vcopy(to, variant.kind == U8 ? codes : (const unsigned char *)group->light[r], cell->left * width);
+        if (variant.kind == U8) encode_block(setup, (float *)group->lines[r], original, setup->threshold + tile, codes);
+        vcopy(to, variant.kind == U8 ? codes : group->lines[r], cell->left * width);
     }
 }
 
 /* Reads rows of a block from y on. Processors fetch along rows by themselves, but not the rows to come. */
 INLINE struct group read_group(struct variant variant, const struct procam_frame *setup, const struct cell *cell, size_t y,
-                               unsigned char (*rooms)[4 * FRAME_BLOCK], float (*light)[FRAME_BLOCK]) {
+                               line *edge, line *lines) {
     const size_t rows = cell->end - y < PART_ROWS ? cell->end - y : PART_ROWS;
     const size_t width = bytes_of(variant.kind), pitch = 3 * setup->size * width;
     const unsigned char *from = (const unsigned char *)setup->image + y * pitch + cell->first * width;
-    struct group group = {y, rows, from, pitch, light};
+    struct group group = {y, rows, from, pitch, lines};
     if (cell->left < FRAME_BLOCK) {
         const size_t bytes = cell->left * width;
         for (size_t r = 0; r < rows; r++)
-            memcpy(rooms[r], from + r * pitch, bytes), memset(rooms[r] + bytes, 0, sizeof rooms[r] - bytes);
-        group.stored = rooms[0], group.pitch = sizeof rooms[0];
+            memcpy(edge[r], from + r * pitch, bytes), memset(edge[r] + bytes, 0, sizeof edge[r] - bytes);
+        group.stored = edge[0], group.pitch = sizeof edge[0];
     }
     for (size_t r = 0; r < rows; r++) {
         for (size_t at = 0; at < FRAME_BLOCK * width; at += 64) __builtin_prefetch(from + (r + AHEAD) * pitch + at, 0, 1);
-        if (variant.kind == U8) vlook_up(setup->decode, setup->decode_bytes, group.stored + r * group.pitch, light[r]);
+        if (variant.kind == U8) vlook_up(setup->decode, setup->decode_bytes, group.stored + r * group.pitch, (float *)lines[r]);
     }
     return group;
 }
 
 INLINE void one_cell(struct variant variant, const struct procam_frame *setup, struct workspace *work, struct band *band,
                      const struct cell *cell) {
-    unsigned char rooms[PART_ROWS][4 * FRAME_BLOCK] __attribute__((aligned(64)));
-    float light[PART_ROWS][FRAME_BLOCK] __attribute__((aligned(64)));
+    line edge[PART_ROWS] __attribute__((aligned(64))), lines[PART_ROWS] __attribute__((aligned(64)));
     if (variant.lit != NOWHERE) enter(variant, setup, work, cell);
     for (size_t y = cell->row; y < cell->end; y += PART_ROWS) {
-        const struct group group = read_group(variant, setup, cell, y, rooms, light);
+        const struct group group = read_group(variant, setup, cell, y, edge, lines);
         for (int k = 0; k < VECTORS; k++) go_down(variant, setup, work, band, cell, &group, k);
         if (variant.mode >= APPLY) write_group(variant, setup, cell, &group);
     }

@@ -6,15 +6,15 @@
 enum { FRAME_BLOCK = 64, VECTORS = FRAME_BLOCK / LANES };
 enum { TILE_WIDTH = 192, TILE_ROWS = 64 };
 
-/* Linear light of a vector as it is stored, of 8 bits as decoded; what is not finite is black. */
-INLINE vf light_of(int kind, vf stored) {
-    return kind == U8 ? stored : kind == U16 ? stored * (1 / 65535.0f) : vfinite(stored);
+/* A vector of values that are not of 8 bits; what is not finite is black. */
+INLINE vf load_value(int kind, const unsigned char *stored, size_t at) {
+    const vf v = vload_kind(kind, stored, at);
+    return kind == U16 ? v : vfinite(v);
 }
 
-/* Stores a vector of light that is not of 8 bits, mixed with the content as it was stored, if `mixes`. */
+/* Stores a vector of light, not with 8 bits, mixed with the value that was stored if `mixes`. */
 INLINE void store_light(int kind, const struct procam_frame *setup, vf light, int mixes, vf stored, unsigned char *to) {
     vf v = kind == U16 ? vmin(vmax(light * 65535.0f, vset(0.0f)), vset(65535.0f)) : light;
-    if (mixes && kind != U16) stored = vfinite(stored);
     if (mixes) v = setup->strength * (v - stored) + stored;
     if (kind == U16) vstore_halves((uint16_t *)to, __builtin_convertvector(vtruncate(v + 0.5f), vhalves));
     else if (kind == F16) vstore_halves((uint16_t *)to, vto_f16(v));

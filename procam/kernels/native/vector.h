@@ -53,8 +53,11 @@ INLINE vf vabs(vf a) { return (vf)((vi)a & INT32_MAX); }
 INLINE vf vmin(vf a, vf b) { return _mm512_min_ps(a, b); }
 INLINE vf vmax(vf a, vf b) { return _mm512_max_ps(a, b); }
 INLINE vf vsqrt(vf a) { return _mm512_sqrt_ps(a); }
-INLINE vf vfinite(vf a) { return _mm512_fixupimm_ps(a, a, (__m512i)((vi){0} + 0x00880088), 0); } /* 8 stands for 0 */
-INLINE vf vroot(vf a) { /* to 6e-5 of it */
+INLINE vf vfinite(vf a) { /* a digit for each of, from the last: NaN, signalling NaN, 0, 1, -inf, inf, < 0, > 0 */
+    const vi replies = (vi){0} + 0x00880088; /* 0 keeps the number, 8 makes it 0 */
+    return _mm512_fixupimm_ps(a, a, (__m512i)replies, 0);
+}
+INLINE vf vroot(vf a) { /* to 6e-5 of it; 1e-19 where `a` is negative or NaN */
     const vf positive = vmax(a, vset(FLT_MIN));
     return positive * _mm512_rsqrt14_ps(positive);
 }

@@ -133,7 +133,7 @@ FUNCTION __m512 fixed_up(__m512 a, __m512 numbers, __m512i table) {
     const union any p = {.s = numbers}, q = {.i = table};
     for (int k = 0; k < 16; k++) {
         const float x = p.f[k];
-        const int kind = isnan(x) ? 0 : x == 0 ? 2 : x == 1 ? 3 : (isinf(x) ? 4 : 6) + (x > 0);
+        const int kind = isnan(x) ? !(p.w[k] & 0x400000) : x == 0 ? 2 : x == 1 ? 3 : (isinf(x) ? 4 : 6) + (x > 0);
         if ((q.w[k] >> 4 * kind & 15) == 8) r.f[k] = 0.0f;
     }
     return r.s;

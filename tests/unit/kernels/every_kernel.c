@@ -42,9 +42,9 @@ static void *room(size_t bytes) {
 /* Values of a picture: of floats small ones and some NaN and infinite, of integers any. */
 static void *picture(int kind, size_t values) {
     const size_t width[] = {1, 2, 4, 2};
-    const uint32_t odd[2][3] = {{0x7fc00000, 0x7f800000, 0xff800000}, {0x7e00, 0x7c00, 0xfc00}};
+    const uint32_t odd[2][4] = {{0x7fc00000, 0x7f800000, 0xff800000, 0x7fa00001}, {0x7e00, 0x7c00, 0xfc00, 0x7d01}};
     unsigned char *found = room(values * width[kind]);
-    for (size_t i = 5; kind > 1 && i < values; i += 61) memcpy(found + i * width[kind], &odd[kind - 2][i % 3], width[kind]);
+    for (size_t i = 5; kind > 1 && i < values; i += 61) memcpy(found + i * width[kind], &odd[kind - 2][i % 4], width[kind]);
     for (size_t i = 0; kind < 2 && i < values * width[kind]; i++)
         found[i] = (unsigned char)((seed = 1664525 * seed + 1013904223) >> 24);
     return found;

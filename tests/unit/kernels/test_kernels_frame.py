@@ -248,7 +248,12 @@ class TestAgainstTheReference:
 
     @pytest.mark.parametrize(
         ("kind", "bad", "strength"),
-        [(np.float16, np.nan, 0.5), (np.float16, -np.inf, 0.0), (np.float32, np.inf, 0.5)],
+        [
+            (np.float16, np.nan, 0.5),
+            (np.float16, np.inf, 0.5),
+            (np.float16, -np.inf, 0.0),
+            (np.float32, -np.inf, 0.5),
+        ],
     )
     def test_what_is_not_finite_is_mixed_as_black(
         self, level: str, kind: type, bad: float, strength: float
@@ -260,6 +265,17 @@ class TestAgainstTheReference:
         np.testing.assert_array_equal(
             frame_apply(dome, broken, light, how), frame_apply(dome, dark, light, how)
         )
+
+    @pytest.mark.parametrize(("least", "code"), [(1000.505, 1001), (1000.495, 1000), (7e4, 65535)])
+    def test_16_bits_are_rounded_and_end_at_white(
+        self, level: str, least: float, code: int
+    ) -> None:
+        dome = model(64, 64, 1)
+        lo = np.full_like(dome.lo, least / 65535)
+        how = replace(coding(np.uint16), top=np.inf)
+        light = scattered_light(dome, numbers())
+        found = frame_apply(replace(dome, lo=lo), np.zeros((64, 64, 3), np.uint16), light, how)
+        assert np.unique(found[dome.coverage > 0]).tolist() == [code]
 
     def test_rounding_of_what_is_the_same_everywhere(self, level: str) -> None:
         """It must not repeat from row to row: such columns would be summed wrong."""
