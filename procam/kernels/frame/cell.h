@@ -8,7 +8,8 @@
    Values stay interleaved: red, green, blue. A vector of values goes down some rows of a block before the next
    one does, so that its fields and sums stay in registers. 8-bit codes of these rows are decoded before and
    encoded after that, 64 at a time: short chains of operations keep the processor busier than a long one. Rows
-   to be written are gathered, as whole lines can be written past the cache. Sums are kept for each band, of the values and of the values times their position down the band.
+   to be written are gathered, as whole lines can be written past the cache. Sums are kept for each band, of the
+   values and of the values times their position down the band.
 
    Type, mode and limits are constants to the compiler: each combination (`struct variant`) is a
    function of its own, made by the CELL macros at the end of this file. */
