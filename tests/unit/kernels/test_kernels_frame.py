@@ -304,13 +304,16 @@ class TestAgainstTheReference:
         with kernels.forced(level, threads):
             np.testing.assert_array_equal(frame_sums(dome, content, light, "light", how), one)
 
-    def test_in_place_and_unaligned(self, level: str) -> None:
-        dome, how = model(97, 64, 1), coding(np.uint8)
-        content = picture(97, np.uint8)
+    @pytest.mark.parametrize("strength", [1.0, 0.5])
+    @pytest.mark.parametrize("kind", TYPES)
+    def test_in_place_and_unaligned(self, level: str, kind: type, strength: float) -> None:
+        dome, how = model(97, 64, 1), coding(kind, strength)
+        content = picture(97, kind)
         light = scattered_light(dome, numbers())
         expected = frame_apply(dome, content, light, how)
-        room = np.zeros(content.nbytes + 1, np.uint8)[1:].reshape(content.shape)
-        np.testing.assert_array_equal(frame_apply(dome, content, light, how, room), expected)
+        room = np.zeros(content.nbytes + 64, np.uint8)[content.itemsize :][: content.nbytes]
+        apart = room.view(kind).reshape(content.shape)
+        np.testing.assert_array_equal(frame_apply(dome, content, light, how, apart), expected)
         assert frame_apply(dome, content, light, how, content) is content
         np.testing.assert_array_equal(content, expected)
 
