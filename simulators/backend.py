@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from procam.devices.protocols import BackendRig, Projector
@@ -36,6 +37,8 @@ class Settings(BaseModel):
     rays: int = Field(default=2048, ge=64)
     server: bool = False  # the projectors are behind a media server
     server_size: int = Field(default=1024, ge=64, le=8192)
+    server_fov_deg: float = Field(default=180, ge=20, le=250)  # of its masters
+    server_rotation_deg: float = Field(default=0, ge=-360, le=360)  # azimuth of their bottom edge
     room: int | None = Field(
         default=None, ge=0
     )  # drawn at random by this number, in place of the preset
@@ -85,7 +88,11 @@ def build_server(
 ) -> MediaServer | None:
     """The media server before the projectors of a scene, if the table has one."""
     s = read_settings(settings, venue_dir)
-    return MediaServer(scene, s.server_size) if s.server else None
+    if not s.server:
+        return None
+    return MediaServer(
+        scene, s.server_size, np.radians(s.server_fov_deg), np.radians(s.server_rotation_deg)
+    )
 
 
 def open_rig(settings: Mapping[str, Any], venue_dir: Path) -> BackendRig:

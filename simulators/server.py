@@ -44,11 +44,15 @@ class _Output:
 class MediaServer:
     """The server's alignment and soft edges: projector frames from dome masters.
 
+    Its masters span `fov` [rad], and their bottom edge is shown at azimuth `rotation` [rad].
+
     Both are those of the venue before it drifted, and so are `pixel_directions`.
     """
 
-    def __init__(self, scene: DomeScene, size: int) -> None:
-        self.size = size
+    def __init__(
+        self, scene: DomeScene, size: int, fov: float = np.pi, rotation: float = 0
+    ) -> None:
+        self.size, self.fov, self.turn = size, fov, _turn(rotation)
         self._lights, self._surface = scene.undrifted.lights, scene.surface
         rng = np.random.default_rng([scene.seed, 77])
         self._shift = {name: _waves(light, rng) for name, light in self._lights.items()}
@@ -65,7 +69,8 @@ class MediaServer:
 
         Where soft edges overlap it is the mean over the projectors.
         """
-        ideal, inside = master_directions(self.size)
+        ideal, inside = master_directions(self.size, self.fov)
+        ideal = ideal @ self.turn.T
         total, weight = np.zeros_like(ideal), np.zeros(inside.shape)
         for name, light in self._lights.items():
             pull, pixel = self._weight(name, ideal)
@@ -86,7 +91,7 @@ class MediaServer:
         share = pulls[name] / np.maximum(np.sum(list(pulls.values()), axis=0), 1e-9)
         encoded = share ** (1 / ASSUMED_GAMMA)
         return _Output(
-            master_pixels(nominal, self.size).astype(np.float32),
+            master_pixels(nominal @ self.turn, self.size, self.fov).astype(np.float32),
             encoded.astype(np.float32)[..., None],
         )
 
@@ -147,6 +152,12 @@ class Relay(ProjectorState):
         super().break_down(code)
         for state in self._states:
             state.break_down(code)
+
+
+def _turn(angle: float) -> Array:
+    """The rotation (3, 3) about the pole by an angle to the left [rad]."""
+    cos, sin = np.cos(angle), np.sin(angle)
+    return np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]])
 
 
 def projector_drives(

@@ -163,7 +163,9 @@ def _server_maps(server: MediaServer, white: Image) -> dict[str, AnyArray]:
     valid = reached.astype(np.float32)
     at = master_pixels(direction, white.shape[0]).astype(np.float32)
     gain = cv2.remap(white, at, None, cv2.INTER_LINEAR)  # type: ignore[call-overload]
-    return _maps(direction, master_solid_angles(server.size), valid, gain * valid[..., None])
+    return _maps(
+        direction, master_solid_angles(server.size, server.fov), valid, gain * valid[..., None]
+    )
 
 
 def _maps(direction: Array, solid_angle_sr: Array, valid: Image, gain: Array) -> dict[str, Any]:
@@ -242,16 +244,17 @@ def _projector(build: ProjectorBuild) -> dict[str, Any]:
 def _server_device(server: MediaServer) -> dict[str, Any]:
     """Size, lens and pose of the server: an equidistant fisheye at the dome's centre."""
     middle = (server.size - 1) / 2
+    from_pole = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     return {
         "size": [server.size, server.size],
         "lens": {
             "kind": "kannala-brandt",
-            "focal": [server.size / np.pi] * 2,
+            "focal": [server.size / server.fov] * 2,
             "centre": [middle] * 2,
             "distortion": [0.0] * 4,
         },
         "projector_from_dome": {
-            "rotation": [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]],
+            "rotation": (from_pole @ server.turn.T).tolist(),
             "translation": [0.0] * 3,
         },
     }

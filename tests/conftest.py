@@ -105,6 +105,7 @@ def _calibration(
         np.array([[9.0, -0.5, 0.1], [-0.4, 8.0, -0.3], [0.0, -0.2, 7.0]]),
         {"ratio": Figure(1.25, "-", Goal("<=", 2.0), 30, "a ratio")},
         {"version": "test", "seeds": [1, 2]},
+        main_camera="zenith",
     )
 
 

@@ -17,12 +17,8 @@ from procam.compensate._continuation import WELL_LIT, continue_fields, lit_part
 from procam.errors import InputError
 from procam.kernels.frame import TERMS, FrameModel, scattered_light
 from procam.kernels.frame.reference import ROWS, interpolated, monomials
-from procam.maths.geometry.sphere import (
-    direction_from_angles,
-    master_directions,
-    master_pixels,
-    master_planes,
-)
+from procam.maths.geometry.canvas import STANDARD, Canvas
+from procam.maths.geometry.sphere import direction_from_angles, master_pixels
 from procam.maths.light.scatter_kernel import basis
 from procam.model.calibration import Calibration
 from procam.model.transport import DomeMaps, ScatterKernel
@@ -44,13 +40,14 @@ class Fields:
         v (q . mono(direction)), see `kernels.frame`. It has `hi`.
     model : the model for sums, in which protected content is sent unchanged.
     operator : (3, T, T) per colour, from moments of direct light (`kernels.frame.frame_sums`) to q.
-    protected : (N, N) where content is sent unchanged, or None.
+    protected : (N, N) where content is sent unchanged, or None. canvas : that of the pictures.
     """
 
     shown: FrameModel
     model: FrameModel
     operator: Array
     protected: BoolArray | None
+    canvas: Canvas = STANDARD
 
     @classmethod
     def of(
@@ -70,15 +67,16 @@ class Fields:
         """
         if white not in WHITES:
             raise InputError(f"white: {white!r} is unknown; choose {' or '.join(WHITES)}")
-        shown = _model(calibration, size, state)
-        fields = cls(shown, shown, _operator(calibration), _protected(calibration.maps, size))
+        shown, canvas = _model(calibration, size, state), calibration.canvas
+        protected = _protected(calibration.maps, canvas, size)
+        fields = cls(shown, shown, _operator(calibration), protected, canvas)
         if white == "keep":
             gain = fields.todays_white() * (1 if shown.gain is None else shown.gain)
             uniform = np.broadcast_to(gain, shown.coverage.shape).astype(np.float32)
             shown = replace(shown, gain=uniform)
         if fields.protected is None:
             return replace(fields, shown=shown, model=shown)
-        return replace(fields, shown=shown, model=_untouched(shown, calibration.maps))
+        return replace(fields, shown=shown, model=_untouched(shown, calibration.maps, canvas))
 
     def coefficients_of(self, moments: Array) -> Array:
         """Coefficients q (3, 9) of scattered light for moments (3, T) [rel sr] of direct light."""
@@ -155,7 +153,7 @@ class Fields:
         area *= share * (model.size / model.nodes) ** 2
         direction = model.direction[:, at][:, :, at]
         small = replace(model, size=len(at), solid_angle_sr=area, direction=direction, **found)
-        return Fields(small, small, self.operator, None)
+        return Fields(small, small, self.operator, None, self.canvas)
 
     @cached_property
     def gram(self) -> Array:
@@ -179,8 +177,10 @@ class Fields:
 def _model(calibration: Calibration, size: int, state: str | None) -> FrameModel:
     maps = calibration.maps
     nodes = min(size, maps.size)
-    direction, area = master_planes(nodes)
-    where = None if nodes == maps.size else master_pixels(np.moveaxis(direction, 0, -1), maps.size)
+    direction, area = calibration.canvas.planes(nodes)
+    where = None
+    if nodes != maps.size or calibration.canvas != STANDARD:
+        where = master_pixels(np.moveaxis(direction, 0, -1), maps.size)
     coverage = _at_nodes(maps.coverage, where) * (area > 0)
     lit = coverage > 0
     lit_colours = np.repeat(lit, CHANNELS).reshape(*lit.shape, CHANNELS)
@@ -223,9 +223,9 @@ def _at_nodes(field: Map, where: FloatArray | None) -> Map:
     return sample(field, where)
 
 
-def _untouched(shown: FrameModel, maps: DomeMaps) -> FrameModel:
+def _untouched(shown: FrameModel, maps: DomeMaps, canvas: Canvas) -> FrameModel:
     """A model in which protected content is sent unchanged."""
-    direction, _ = master_directions(shown.nodes)
+    direction, _ = canvas.directions(shown.nodes)
     kept = maps.is_protected(master_pixels(direction, maps.size))
     none = np.float32(0)
     ambient = None if shown.ambient is None else np.where(kept[..., None], none, shown.ambient)
@@ -234,11 +234,11 @@ def _untouched(shown: FrameModel, maps: DomeMaps) -> FrameModel:
     return replace(shown, spread=spread, ambient=ambient, gain=gain)
 
 
-def _protected(maps: DomeMaps, size: int) -> BoolArray | None:
+def _protected(maps: DomeMaps, canvas: Canvas, size: int) -> BoolArray | None:
     """Where (N, N) content is sent unchanged; None if nowhere."""
     if maps.protected is None:  # a large master's directions take seconds
         return None
-    direction, inside = master_directions(size)
+    direction, inside = canvas.directions(size)
     every = maps.is_protected(master_pixels(direction, maps.size)) & inside
     return every if every.any() else None
 

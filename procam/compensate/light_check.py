@@ -10,8 +10,10 @@ from random import Random
 
 import numpy as np
 
-from procam.arrays import AnyArray, Array, IndexArray, Map
+from procam.arrays import AnyArray, Array, FloatArray, IndexArray, Map
 from procam.errors import ShapeError
+from procam.maths.geometry.canvas import STANDARD, Canvas
+from procam.maths.geometry.sphere import master_pixels
 from procam.maths.light.scatter_kernel import basis
 from procam.maths.light.transfer import Transfer
 from procam.model.calibration import Calibration
@@ -54,27 +56,46 @@ class LightCheck:
         grid, counts = _sample(size)
         self._cells, place = counts, grid.reshape(2, -1)
         self._place = size, place
-        direction, area = _directions(place, size)
-        coverage = _interpolated(maps.coverage, place, size)
+        self._canvas = calibration.canvas
+        direction, area = _directions(place, size, self._canvas)
+        self._on_maps: Array = np.asarray(master_pixels(direction, maps.size))
+        coverage = self._at(maps.coverage)
         # (I16): scattered = u (phi.B M) / (phi.g), with M = sum a phi b0
         self._phi, self._matrix = basis(direction, maps.kernel.degree), maps.kernel.matrix
         profile = self._phi @ maps.kernel.profile.T
-        self._spread = _interpolated(maps.scatter_per_flux, place, size) / profile
+        self._spread = self._at(maps.scatter_per_flux) / profile
         self._weight = (area * coverage * counts.ravel())[:, None]
-        self._lo, self._hi = (_interpolated(m, place, size) for m in (maps.lo, maps.hi))
+        self._lo, self._hi = (self._at(m) for m in (maps.lo, maps.hi))
         self._ambient, self._gain = np.zeros((1, 3)), np.ones((1, 1))
         if gain is not None:
-            self._gain = _interpolated(gain, place, size)[:, None]
+            self._gain = _interpolated(gain, self._on_nodes(len(gain)))[:, None]
         if state is not None:
-            self._in_state(calibration.state(state), place, size)
+            self._in_state(calibration.state(state))
         self._inside = coverage >= 1 - ROUNDING
-        row, column = (place + 0.5) * (maps.size / size) - 0.5
-        self._compared = self._inside & ~maps.is_protected(np.stack([column, row], axis=-1))
+        self._compared = self._inside & ~maps.is_protected(self._on_maps)
 
-    def _in_state(self, condition: VenueState, place: IndexArray, size: int) -> None:
+    def _in_state(self, condition: VenueState) -> None:
         self._spread *= condition.scatter_ratio
         if condition.ambient is not None:
-            self._ambient = _interpolated(condition.ambient, place, size)
+            self._ambient = self._at(condition.ambient)
+
+    def _at(self, field: Map) -> Array:
+        """A map (M, M[, C]) at the sample: (S[, C]).
+
+        Compensation keeps fields at M nodes or at each pixel of a smaller picture. Only on the maps' own
+        canvas do its nodes lie at their pixels.
+        """
+        edge, (size, _) = len(field), self._place
+        if self._canvas == STANDARD or size <= edge:
+            return _interpolated(field, self._on_maps)
+        nodes: Array = np.asarray(master_pixels(self._canvas.directions(edge)[0], edge))
+        on_nodes = _interpolated(field, nodes.reshape(-1, 2)).reshape(field.shape)
+        return _interpolated(on_nodes, self._on_nodes(edge))
+
+    def _on_nodes(self, edge: int) -> Array:
+        """Positions (S, 2) of the sample among nodes along an edge of the picture, as (column, row)."""
+        size, place = self._place
+        return np.asarray((place[::-1].T + 0.5) * (edge / size) - 0.5)
 
     def sampled(self, picture: AnyArray) -> AnyArray:
         """Values (S, 3) of a picture (N, N, 3) at the sample; refuses one of another size."""
@@ -135,20 +156,22 @@ def _sample(size: int) -> tuple[IndexArray, Array]:
     return np.stack([rows, columns]), np.multiply.outer(length, length).astype(float)
 
 
-def _directions(place: IndexArray, size: int) -> tuple[Array, Array]:
+def _directions(place: IndexArray, size: int, canvas: Canvas) -> tuple[Array, Array]:
     """Directions (S, 3) and solid angles (S,) [sr] of pixels, docs/theory/geometry.md (G4)."""
     down, right = (place - (size - 1) / 2) / (size / 2)
     q = np.hypot(down, right)
-    theta = q * np.pi / 2
+    theta = q * canvas.fov / 2
     across = np.sin(theta) / np.where(q > 0, q, 1)
-    area = np.where(q <= 1, np.sinc(theta / np.pi) * (np.pi / size) ** 2, 0)
-    return np.stack([down * across, -right * across, np.cos(theta)], axis=-1), area
+    area = np.where(q <= 1, np.sinc(theta / np.pi) * (canvas.fov / size) ** 2, 0)
+    azimuth = np.arctan2(-right, down) + canvas.rotation
+    x, y = (q * across * f(azimuth) for f in (np.cos, np.sin))
+    return np.stack([x, y, np.cos(theta)], axis=-1), area
 
 
-def _interpolated(field: Map, place: IndexArray, size: int) -> Array:
-    """A map (M, M[, C]) at pixels (2, S) of a picture: (S[, C])."""
+def _interpolated(field: FloatArray, at: FloatArray) -> Array:
+    """A map (M, M[, C]) at its pixels (S, 2), as (column, row): (S[, C])."""
     edge = len(field)
-    at = np.clip((place + 0.5) * (edge / size) - 0.5, 0, edge - 1)
+    at = np.clip(at.T[::-1], 0, edge - 1)
     first = np.minimum(at.astype(int), edge - 2)
     share = (at - first).reshape(2, -1, *(1,) * (field.ndim - 2))
     (y, x), (down, right) = first, share

@@ -15,7 +15,6 @@ from procam.maths.light.curves import invert_curve, srgb_decode
 from procam.maths.warp import sample
 from procam.model.calibration import Calibration, ProjectorCalibration
 from procam.model.photometry import Photometry
-from procam.model.transport import DomeMaps
 
 Decode = Callable[[FloatArray], FloatArray]
 CODES = 256
@@ -77,7 +76,7 @@ class Warper:
         codes = decode(np.arange(CODES) / (CODES - 1))
         self._projectors = {
             name: _Prepared(
-                _plan(projector, calibration.maps, size, codes, thresholds), projector.photometry
+                _plan(projector, calibration, size, codes, thresholds), projector.photometry
             )
             for name, projector in calibration.projectors.items()
         }
@@ -117,16 +116,16 @@ def projector_frames(direct: Image, calibration: Calibration) -> dict[str, Image
 
 def _plan(
     projector: ProjectorCalibration,
-    maps: DomeMaps,
+    calibration: Calibration,
     size: int,
     codes: FloatArray,
     thresholds: FloatArray | None,
 ) -> WarpPlan:
     """The plan of a projector for the kernel."""
-    surface, photometry = projector.surface, projector.photometry
+    surface, photometry, maps = projector.surface, projector.photometry, calibration.maps
     known = surface.valid[..., None] & np.isfinite(surface.direction)
     direction = np.where(known, surface.direction, 0)
-    place = np.where(known[..., :2], master_pixels(direction, size), np.nan)
+    place = np.where(known[..., :2], calibration.canvas.pixels(direction, size), np.nan)
     black = sample(maps.lo, master_pixels(direction, maps.size))
     gain = photometry.gain
     share = np.where(gain > 0, projector.blend[..., None] / np.maximum(gain, 1e-9), 0)

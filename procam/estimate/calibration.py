@@ -97,9 +97,8 @@ def assemble(
     white = common_white(hi / shape[..., None], lit)
     to_relative = np.diag(1 / white) @ unmix
     samples = [[x.converted(unmix) for x in m.scatter_samples] for m in measured.values()]
-    lights = list(content.values())
     scatter = measure_scatter(
-        dome, view, lights, samples, master.flux_in_cells(hi), master.coverage
+        dome, view, [*content.values()], samples, master.flux_in_cells(hi), master.coverage
     )
     lo = master.black_level(measured, to_relative)
     maps = master.maps(scatter, hi / white, lo, shape if falloff_per_rad else None)
@@ -120,6 +119,7 @@ def assemble(
         to_relative,
         _quality(geometry, measured, master, scatter),
         {**provenance, "notes": notes},
+        main_camera=geometry.main,
     )
 
 

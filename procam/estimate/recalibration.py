@@ -58,11 +58,9 @@ def with_projector(
     surface = replace(surface, sigma_arcmin=np.hypot(surface.sigma_arcmin, shared))
     photometry = _photometry(calibration, geometry, surface.direction, measured, content)
     gain = photometry.gain * surface.valid[..., None]
+    unblended = np.full_like(surface.measured, np.nan)  # `_joined` blends it
     new = ProjectorCalibration(
-        geometry.projectors[name],
-        surface,
-        replace(photometry, gain=gain),
-        np.zeros_like(surface.measured),
+        geometry.projectors[name], surface, replace(photometry, gain=gain), unblended
     )
     blacks = [_black(calibration, each) for each in (black_before, direct_black(measured))]
     return _joined(calibration, name, new, blacks, provenance)
@@ -92,9 +90,8 @@ def _white(measured: ProjectorMeasurement) -> Array:
 def _black(calibration: Calibration, direct: Image) -> Image:
     """Black light (N, N, 3) of one projector on the dome master [rel]."""
     smooth = blur(direct, BLACK_BLUR_PX) @ calibration.content_from_camera.T.astype(np.float32)
-    camera = next(iter(calibration.cameras.values()))
     points = screen_points(round_shape(calibration.screen), _directions(calibration))
-    return np.maximum(sample(smooth, project_to_camera(camera, points)), 0)
+    return np.maximum(sample(smooth, project_to_camera(calibration.camera, points)), 0)
 
 
 def _directions(calibration: Calibration) -> Image:
@@ -116,7 +113,7 @@ def _joined(
     affected = (weights[name] > 0) | (old.weights(direction)[name] > 0)
     places = _panel_places(calibration, projectors, direction)
     maps = _maps(calibration.maps, projectors, weights, affected, blacks, places)
-    blended = {n: _reblended(p, n, blender, old) for n, p in projectors.items()}
+    blended = {n: _blended(p, n, blender) for n, p in projectors.items()}
     return replace(calibration, projectors=blended, maps=maps, provenance=provenance)
 
 
@@ -126,15 +123,11 @@ def _blender(calibration: Calibration, projectors: Mapping[str, ProjectorCalibra
     return Blender(models, surfaces, calibration.screen)
 
 
-def _reblended(
-    projector: ProjectorCalibration, name: str, blender: Blender, old: Blender
-) -> ProjectorCalibration:
-    """The projector with new blend weights; its own ones where nothing changed."""
+def _blended(projector: ProjectorCalibration, name: str, blender: Blender) -> ProjectorCalibration:
+    """The projector with the weights of a blend."""
     surface = projector.surface
-    direction = np.nan_to_num(surface.direction)
-    now, before = (each.weights(direction)[name] for each in (blender, old))
-    blend = np.where(now == before, projector.blend, now * surface.valid)
-    return replace(projector, blend=blend.astype(np.float32))
+    weight = blender.weights(np.nan_to_num(surface.direction))[name]
+    return replace(projector, blend=(weight * surface.valid).astype(np.float32))
 
 
 def _panel_places(

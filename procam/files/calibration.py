@@ -171,6 +171,8 @@ def _document(calibration: Calibration) -> dict[str, Any]:
         "schema_version": calibration.schema_version,
         "screen": asdict(calibration.screen),
         "cameras": {n: _camera_entry(c) for n, c in calibration.cameras.items()},
+        "main_camera": calibration.main_camera,
+        "canvas": asdict(calibration.canvas),
         "projectors": {n: _projector_entry(p) for n, p in calibration.projectors.items()},
         "feedback": asdict(calibration.feedback),
         "albedo": asdict(calibration.albedo),
@@ -232,6 +234,8 @@ def _calibration(directory: Path, document: dict[str, Any], with_projectors: boo
             n: _state(directory, entries.safe_name(n), e)
             for n, e in document.get("states", {}).items()
         },
+        entries.main_camera(document),
+        entries.canvas(document),
     )
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from procam.arrays import AnyArray, Array, FloatArray
 from procam.files.names import NAME_PATTERN
+from procam.maths.geometry.canvas import STANDARD, Canvas
 from procam.maths.geometry.lenses import Lens
 from procam.maths.geometry.pose import Pose
 from procam.model.correspondence import ProjectorSurface
@@ -24,6 +25,8 @@ Bounds = tuple[float, float]
 ANY: Bounds = (-1e9, 1e9)  # of lengths, angles and pixels: wider than any rig
 POSITIVE: Bounds = (1e-9, 1e9)
 SHARE: Bounds = (0.0, 1.0)
+ANGLE: Bounds = (-2 * np.pi, 2 * np.pi)
+FIELD_OF_VIEW: Bounds = (0.1, 2 * np.pi)
 PIXELS: Bounds = (1, 65536)
 UNIT_LENGTH = 1e-3  # departure of a direction's length from 1
 TURN = 1e-6  # departure of a rotation from an orthonormal matrix
@@ -125,6 +128,23 @@ def camera(name: str, entry: dict[str, Any]) -> CameraModel:
         pose(entry["camera_from_dome"]),
         numbers(entry, "pupil", (2,)) if "pupil" in entry else np.zeros(2),
     )
+
+
+def main_camera(document: Mapping[str, Any]) -> str:
+    """The camera that light was measured with; "" if a calibration of several does not record it."""
+    names = list(document["cameras"])
+    name = document.get("main_camera", names[0] if len(names) == 1 else "")
+    if name not in [*names, ""]:
+        raise ValueError(f"main_camera {name!r} is none of its cameras")
+    return str(name)
+
+
+def canvas(document: Mapping[str, Any]) -> Canvas:
+    """The dome master that content is drawn on."""
+    entry = document.get("canvas")
+    if entry is None:
+        return STANDARD
+    return Canvas(number(entry, "fov", FIELD_OF_VIEW), number(entry, "rotation", ANGLE))
 
 
 def response(entry: dict[str, Any]) -> ResponseCurve:

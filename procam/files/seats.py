@@ -51,6 +51,7 @@ class _Origin:
     session: str
     recalibrated: bool
     radius_m: float
+    main: str
     cameras: dict[str, Pose]
     projectors: dict[str, tuple[tuple[int, int], Pose]]
 
@@ -88,11 +89,12 @@ def _other_seat(here: _Origin, there: _Origin) -> OtherSeat | None:
     a, b = _places(here), _places(there) @ turn.T
     if np.linalg.norm(a[:, None] - b, axis=-1).min() <= ELSEWHERE:
         return None
-    (mine, old), (name, new) = (next(iter(each.cameras.items())) for each in (here, there))
-    share = float(np.linalg.norm(a[0] - b[0]))
+    old, new = (each.cameras[each.main] for each in (here, there))
+    places = old.origin / here.radius_m, turn @ new.origin / there.radius_m
+    share = float(np.linalg.norm(places[0] - places[1]))
     angle = float(np.linalg.norm(rotation_vector(new.rotation @ turn.T @ old.rotation.T)))
-    distance_m = share * here.radius_m
-    return OtherSeat(there.directory, name, mine, distance_m, share, float(np.degrees(angle)))
+    distance_m, turned_deg = share * here.radius_m, float(np.degrees(angle))
+    return OtherSeat(there.directory, there.main, here.main, distance_m, share, turned_deg)
 
 
 def _places(origin: _Origin) -> Array:
@@ -112,7 +114,7 @@ def _directions(origin: _Origin, names: list[str]) -> Array:
 
 
 def _origin(directory: Path) -> _Origin | None:
-    """What a calibration.json says; None of one that is damaged, which whoever loads it refuses."""
+    """What a calibration.json says; None if it is damaged or does not record its main camera."""
     try:
         document = json.loads((directory / "calibration.json").read_bytes())
         return _of_document(directory, document)
@@ -130,12 +132,16 @@ def _origin(directory: Path) -> _Origin | None:
 
 def _of_document(directory: Path, document: dict[str, Any]) -> _Origin:
     source, cameras = document["provenance"], document["cameras"]
+    main = entries.main_camera(document)
+    if not main:
+        raise ValueError("its main camera is not known")
     session = str(source.get("session", ""))
     return _Origin(
         directory,
         entries.safe_name(session) if session else "",
         bool(source.get("recalibrated")),
         entries.screen(document["screen"]).radius_m,
+        main,
         {name: entries.pose(e["camera_from_dome"]) for name, e in cameras.items()},
         {
             name: (entries.size_of(e), entries.pose(e["projector_from_dome"]))

@@ -1,11 +1,12 @@
 """A calibration: the result of one capture session of a venue, with quality and provenance."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from procam.arrays import Array, Array32
-from procam.errors import InputError, ShapeError
+from procam.errors import CalibrationError, InputError, ShapeError
+from procam.maths.geometry.canvas import STANDARD, Canvas
 from procam.model.correspondence import ProjectorSurface
 from procam.model.optics import CameraModel, ProjectorModel
 from procam.model.photometry import Photometry
@@ -40,6 +41,8 @@ class Calibration:
         content radiance; 1.0 in every channel is the reference white.
     quality : figures of the solve. provenance : versions, seeds, input hashes.
     states : venue states measured since, by name.
+    canvas : dome master that content is drawn on, and a media server is fed with.
+    main_camera : name of the camera that light was measured with; "" if it is not recorded.
     """
 
     screen: Dome
@@ -53,12 +56,39 @@ class Calibration:
     provenance: Mapping[str, Any] = field(default_factory=dict)
     schema_version: int = SCHEMA_VERSION
     states: Mapping[str, VenueState] = field(default_factory=dict)
+    main_camera: str = ""
+    canvas: Canvas = STANDARD
 
     def __post_init__(self) -> None:
+        if self.main_camera and self.main_camera not in self.cameras:
+            raise InputError(
+                f"main_camera is {self.main_camera!r}; it needs the name of one of the cameras "
+                f"({', '.join(self.cameras) or 'there are none'})"
+            )
         for name, state in self.states.items():
             if state.ambient is not None and state.ambient.shape != self.maps.hi.shape:
                 needed = f"{self.maps.hi.shape}, as the maps"
                 raise ShapeError(f"ambient of venue state {name}", state.ambient.shape, needed)
+
+    @property
+    def camera(self) -> CameraModel:
+        """The camera that light was measured with.
+
+        Raises
+        ------
+        CalibrationError
+            It is not recorded, as by earlier versions in calibrations of several cameras.
+        """
+        if not self.main_camera:
+            raise CalibrationError(
+                f"the calibration does not record which of its cameras ({', '.join(self.cameras)}) its light "
+                "was measured with; solve its session again (`procam solve VENUE/sessions/ID`)"
+            )
+        return self.cameras[self.main_camera]
+
+    def on(self, canvas: Canvas) -> "Calibration":
+        """The calibration for content that is drawn on another canvas."""
+        return replace(self, canvas=canvas)
 
     def state(self, name: str) -> VenueState:
         """The measured venue state of that name.

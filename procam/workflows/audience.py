@@ -94,12 +94,12 @@ def with_state(calibration: Calibration, state: VenueState) -> Calibration:
 
 
 class _Camera:
-    """The camera that the calibration's light was measured with, which it names first."""
+    """The camera that the calibration's light was measured with."""
 
     def __init__(self, photographer: Photographer, venue: Venue, calibration: Calibration) -> None:
         self._photographer, self._capture = photographer, venue.table.capture
         self._sessions = venue.directory / "sessions"
-        self._radiometer = Radiometer(next(iter(calibration.cameras.values())))
+        self._radiometer = Radiometer(calibration.camera)
         self._matrix = calibration.content_from_camera.T.astype(np.float32)
         self.audience = AudienceView(calibration, _view(venue, calibration, self._radiometer))
 

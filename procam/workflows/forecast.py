@@ -312,15 +312,15 @@ def checkerboard_contrast(
 def picture_figures(
     calibration: Calibration, content: Image, state: str | None = None
 ) -> tuple[PictureFigures, Seen]:
-    """What is expected of a dome master (N, N, 3) of linear light, in a venue state if one is named."""
+    """What is expected of linear light (N, N, 3) on the calibration's canvas, in a venue state if named."""
     size = content.shape[0]
     compensator = Compensator(calibration, size, state=state)
     exact = compensator.solve(content)
     none = Compensator(calibration, size, "none", state).solve(content)
     content = compensator.target(content)
-    lit = _covered(calibration.maps, size)
+    lit = _covered(calibration, size)
     bright, dark = _limits(content, exact, lit & ~compensator.protected)
-    solid = master_solid_angles(size)[lit]
+    solid = calibration.canvas.solid_angles(size)[lit]
     shown = (content, none.observed, exact.observed)
     target, before, after = (p[lit] @ LUMINANCE for p in shown)
     scattered = (exact.observed - exact.direct)[lit] @ LUMINANCE
@@ -356,9 +356,9 @@ def band(values: Sequence[float], counts: int = 1) -> Band:
     return Band(values[counts], min(values), max(values))
 
 
-def _covered(maps: DomeMaps, size: int) -> BoolArray:
+def _covered(calibration: Calibration, size: int) -> BoolArray:
     """Pixels (N, N) of a picture that are lit for the most part: limits at the rim are guesses."""
-    direction, inside = master_directions(size)
+    maps, (direction, inside) = calibration.maps, calibration.canvas.directions(size)
     return np.asarray(inside & (sample(maps.coverage, master_pixels(direction, maps.size)) > 0.5))
 
 

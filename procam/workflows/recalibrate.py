@@ -1,17 +1,17 @@
 """Recalibrates some projectors: only they are photographed, and all else of the calibration stays."""
 
+import re
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from procam.arrays import Image
 from procam.errors import InputError, OutOfModelRange
-from procam.estimate.calibration import direct_black
+from procam.estimate.calibration import ProjectorMeasurement, direct_black
 from procam.estimate.camera.radiance import Radiometer
 from procam.estimate.drift.finding import Cause
-from procam.estimate.geometry.camera_view import DomeView
 from procam.estimate.geometry.known_rig import solve_projectors
 from procam.estimate.geometry.model import RigGeometry
 from procam.estimate.geometry.screen_points import round_shape
@@ -21,9 +21,8 @@ from procam.files.calibration import load_calibration, save_calibration
 from procam.files.history.record import recorded
 from procam.files.session import Session
 from procam.files.venue.load import Venue
-from procam.files.venue.masks import MASTER_SIZE, camera_masks, nudges, projector_masks, screen_mask
+from procam.files.venue.masks import nudges, projector_masks
 from procam.files.versions import next_directory, use_calibration
-from procam.maths.geometry.sphere import master_pixels
 from procam.model.calibration import Calibration
 from procam.model.correspondence import CorrespondenceMap
 from procam.workflows.capture.capture import capture
@@ -33,16 +32,20 @@ from procam.workflows.capture.session_plan import server_of
 from procam.workflows.events import Event
 from procam.workflows.photographs.driven import DrivenPhotographer
 from procam.workflows.photographs.open import is_by_hand, refuse_mixed
-from procam.workflows.solve.calibrate import decode_projector
+from procam.workflows.solve.calibrate import decode_projector, screen_view
 from procam.workflows.solve.geometry import rig_problem
 from procam.workflows.solve.light import measure_light
 from procam.workflows.solve.long_exposure import with_long_exposure
+from procam.workflows.solve.plausible import check_finite, check_on_screen
 from procam.workflows.solve.provenance import provenance
 from procam.workflows.venue_rig import open_rig
 from procam.workflows.verify.verify import SETTLE_S, Verified, verify
 
 WATCHED = 2  # projectors that are verified where others are to be recalibrated
 WORSE, LEAST_RESIDUAL_PX = 3.0, 0.05
+MOST_LOST = 0.1  # of the lit share of a panel: a projector that is nudged by degrees keeps more
+STAYS = "the calibration before stays in use; put that right, and recalibrate again"
+_NUMBER = re.compile(r"[+-]?\d+(\.\d+)?%?")
 # causes that new photographs of a projector make up for; others want a hand first
 HELPED: tuple[Cause, ...] = ("moved", "light", "colour", "gamma setting", "black level")
 BLOCKING: tuple[Cause, ...] = (
@@ -109,9 +112,12 @@ def _solved(
     (used, old), (source, session), total = before, sessions, len(names) + 1
     calibration, worse = old, list[str]()
     for done, name in enumerate(names, start=1):
-        calibration, residual_px = _with(venue, source, session, calibration, name)
-        worse += _worse(old, name, residual_px)
-        yield Event("solve", done, total, f"{name} solved, residual {residual_px:.3f} px")
+        repaired = _repaired(venue, source, session, calibration, name)
+        calibration = repaired.calibration
+        worse += [*_new_notes(old, repaired.notes), *_worse(old, repaired, name)]
+        text = f"{name} solved, residual {repaired.residual_px:.3f} px"
+        yield Event("solve", done, total, text)
+    check_finite(calibration)
     directory = next_directory(venue.directory)
     save_calibration(calibration, directory)
     use_calibration(venue.directory, used if worse else directory)
@@ -119,21 +125,37 @@ def _solved(
         "calibration": str(directory),
         "session": str(session.directory),
         "projectors": list(names),
-        "notes": [*notes, *worse],
+        "notes": [*notes, *worse, *([STAYS] if worse else [])],
     }
     yield Event("solve", total, total, f"{directory} written", data)
 
 
-def _worse(old: Calibration, name: str, residual_px: float) -> list[str]:
-    """A note if a projector fits much worse than the rig did."""
+def _new_notes(old: Calibration, notes: Sequence[str]) -> list[str]:
+    """Notes of new photographs that the calibration did not have, whatever the numbers in them.
+
+    Each says that a figure is wrong or may be, and the calibration that is to be repaired is not.
+    """
+    known = {_NUMBER.sub("", str(note)) for note in old.provenance.get("notes", ())}
+    return [note for note in notes if _NUMBER.sub("", note) not in known]
+
+
+def _worse(old: Calibration, repaired: "_Repaired", name: str) -> list[str]:
+    """Notes if a projector fits much worse than the rig did, or covers much less than before."""
+    notes = list[str]()
     before = old.quality.get("geometry_residual_rms_px")
     limit = WORSE * (float(before.value) if before and isinstance(before.value, float) else 0.0)
-    if residual_px <= max(limit, LEAST_RESIDUAL_PX):
-        return []
-    return [
-        f"{name} fits by {residual_px:.2f} px, and the calibration before by {limit / WORSE:.2f}, which "
-        "stays in use. Did something move while it was photographed? Recalibrate again"
-    ]
+    if repaired.residual_px > max(limit, LEAST_RESIDUAL_PX):
+        notes.append(
+            f"{name} fits by {repaired.residual_px:.2f} px, and the calibration before by "
+            f"{limit / WORSE:.2f}. Did something move while it was photographed?"
+        )
+    was, now = (float(c.projectors[name].surface.valid.mean()) for c in (old, repaired.calibration))
+    if now < (1 - MOST_LOST) * was:
+        notes.append(
+            f"{now:.0%} of the panel of {name} light the screen, and {was:.0%} did before. Does "
+            "something stand before it or before the camera, or does its picture miss the screen?"
+        )
+    return notes
 
 
 def _chosen(verified: Verified, names: Sequence[str]) -> tuple[list[str], list[str]]:
@@ -179,69 +201,65 @@ def _check(venue: Venue, calibration: Calibration, names: Sequence[str]) -> None
         )
 
 
-def _with(
-    venue: Venue, source: Session, session: Session, old: Calibration, name: str
-) -> tuple[Calibration, float]:
-    """The calibration with one projector solved from a session, and the rms residual of its geometry [px].
+@dataclass(frozen=True, slots=True)
+class _Repaired:
+    """A calibration with one projector solved anew; the rms residual of its geometry; notes of its solve."""
 
-    `source` is the session of the calibration.
-    """
-    images = _images(session, old)
-    found, geometry = _placed(venue, images, old, name)
-    view = _view(venue, old, images)
-    masks = projector_masks(venue)
-    main = {(geometry.main, name): found}
-    measured = measure_light(old.screen, images, view, geometry, main, masks, name)
-    before = _black_before(venue, _images(source, old), old, view, name)
+    calibration: Calibration
+    residual_px: float
+    notes: list[str]
+
+
+def _repaired(
+    venue: Venue, source: Session, session: Session, old: Calibration, name: str
+) -> _Repaired:
+    """Solve one projector from a session; `source` is the session of the calibration."""
+    measured, geometry, notes = _measured(venue, session, old, name)
+    before, *_ = _measured(venue, source, old, name)
+    about = re.compile(rf"projector {re.escape(name)}\b")
+    kept = [note for note in old.provenance.get("notes", ()) if not about.search(str(note))]
     origin: dict[str, Any] = {
         **provenance(venue, session),
-        "notes": [*measured.notes],
+        "notes": [*kept, *notes],
         "recalibrated": [*old.provenance.get("recalibrated", []), name],
     }
-    new = with_projector(old, name, geometry, measured, before, nudges(venue), origin)
-    return new, float(np.sqrt(np.mean(geometry.residual_px[geometry.main, name] ** 2)))
+    black = direct_black(before)
+    new = with_projector(old, name, geometry, measured, black, nudges(venue), origin)
+    residual = geometry.residual_px[geometry.main, name]
+    return _Repaired(new, float(np.sqrt(np.mean(residual**2))), notes)
 
 
-def _images(session: Session, calibration: Calibration) -> SessionImages:
-    """A session by the camera that a calibration's light was measured with, where it stands."""
-    camera = next(iter(calibration.cameras.values()))
-    images, _ = with_long_exposure(SessionImages(session, session.read_plan(), Radiometer(camera)))
-    return images
+def _measured(
+    venue: Venue, session: Session, calibration: Calibration, name: str
+) -> tuple[ProjectorMeasurement, GeometrySolution, list[str]]:
+    """A projector's light in a session, the rig in which it was solved there, and notes.
+
+    By the camera that the calibration's light was measured with, where it stands.
+    """
+    radiometer = Radiometer(calibration.camera)
+    images, notes = with_long_exposure(SessionImages(session, session.read_plan(), radiometer))
+    found, geometry, decoded = _placed(venue, images, calibration, name)
+    view = screen_view(venue, calibration.screen, images, geometry)
+    main = {(geometry.main, name): found}
+    notes += [*decoded, *check_on_screen(view, main)]
+    masks = projector_masks(venue)
+    measured = measure_light(calibration.screen, images, view, geometry, main, masks, name)
+    return measured, geometry, [*notes, *measured.notes]
 
 
 def _placed(
     venue: Venue, images: SessionImages, calibration: Calibration, name: str
-) -> tuple[CorrespondenceMap, GeometrySolution]:
-    """What the main camera sees of a projector, and the rig with that projector solved."""
-    seen, gathered = {}, {}
+) -> tuple[CorrespondenceMap, GeometrySolution, list[str]]:
+    """What the main camera sees of a projector, the rig with that projector solved, and notes."""
+    seen, gathered, notes = {}, {}, list[str]()
     for camera in calibration.cameras.values():
         own = SessionImages(images.session, images.plan, Radiometer(camera))
-        seen[camera.name], gathered[camera.name, name], _ = decode_projector(venue, own, name)
+        seen[camera.name], gathered[camera.name, name], lines = decode_projector(venue, own, name)
+        notes += lines
     known = RigGeometry(
         round_shape(calibration.screen),
         calibration.cameras,
         {n: p.model for n, p in calibration.projectors.items()},
     )
-    solved = solve_projectors(rig_problem(venue, gathered, ()), known, [name])
-    return seen[solved.main], solved
-
-
-def _view(venue: Venue, calibration: Calibration, images: SessionImages) -> DomeView:
-    """What the main camera sees of the screen, without what a person has masked."""
-    radiometer = images.radiometer
-    seen = radiometer.seen & ~camera_masks(venue)[radiometer.camera.name].covered
-    view = DomeView.of(radiometer.camera, calibration.screen, radiometer.rays, seen)
-    places = master_pixels(np.nan_to_num(view.direction), MASTER_SIZE)
-    return view.without(screen_mask(venue, MASTER_SIZE).at(places))
-
-
-def _black_before(
-    venue: Venue, images: SessionImages, calibration: Calibration, view: DomeView, name: str
-) -> Image:
-    """Direct radiance (H, W, 3) of a projector's black in the session of the calibration."""
-    found, geometry = _placed(venue, images, calibration, name)
-    main = {(geometry.main, name): found}
-    masks = projector_masks(venue)
-    return direct_black(
-        measure_light(calibration.screen, images, view, geometry, main, masks, name)
-    )
+    problem, main = rig_problem(venue, gathered, ()), calibration.main_camera
+    return seen[main], solve_projectors(problem, known, [name], main=main), notes

@@ -12,6 +12,7 @@ from procam.compensate.projector_frames import Warper
 from procam.files import atomic
 from procam.files.images.pixels import write_image
 from procam.maths.codes.shot_id import DIGITS
+from procam.maths.geometry.canvas import STANDARD
 from procam.maths.geometry.sphere import angles_from_direction, master_directions
 from procam.maths.light.curves import srgb_decode, srgb_encode
 from procam.model.calibration import Calibration
@@ -107,6 +108,8 @@ STILLS: Mapping[str, tuple[Callable[[int], Image], str]] = {
 def write_stills(calibration: Calibration, folder: Path, size: int = SIZE) -> Iterator[Event]:
     """Write FOLDER/dome-masters/NAME.HOW.png, FOLDER/PROJECTOR/NAME.HOW.png and index.txt, 8 bits sRGB.
 
+    Dome masters are on the standard canvas.
+
     HOW is "compensated" or "uncompensated". A calibration without projectors gives dome masters only. An
     event per picture; the data of the last have the paths, {"stills"}.
 
@@ -116,6 +119,7 @@ def write_stills(calibration: Calibration, folder: Path, size: int = SIZE) -> It
         The calibration has no photometry.
     """
     require_photometry(calibration)
+    calibration = calibration.on(STANDARD)
     warper = Warper(calibration, size) if calibration.projectors else None
     makers = {how: Compensator(calibration, size, m) for how, m in _methods()}
     paths: list[str] = []

@@ -8,25 +8,34 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from seen import Seen, front, grey, seen
 from tiny_venue import (
     TINY_PAIR,
+    Stage,
     contents,
     drift,
     make_venue,
     procam,
     quick_simulator,
+    replace_camera,
     solved,
     take_session,
+    watch_stage,
 )
 
+from procam.devices.protocols import BackendRig
+from procam.estimate.geometry import solve as geometry
 from procam.files.calibration import load_calibration
 from procam.files.session import Session
 from procam.files.venue.load import load_venue
 from procam.files.versions import calibration_in_use
 from procam.interfaces.judge import direction_errors
+from procam.model.frame import Frame
 from procam.workflows import recalibrate as module
 from simulators.backend import build_scene
+from simulators.mistakes import AlteringCamera, _with_person
 
+VERIFIED = 12  # photographs of two other projectors and of the dark, before the first of its own
 SIZE = replace(TINY_PAIR, projectors=3, projector_size=(160, 100), camera_size=(320, 320))
 NUDGE = '{ kind = "turned", projector = "south", size = 0.6, angle_deg = 40 }'
 AGED = '{ kind = "aged", projector = "east", size = 0.2 }'
@@ -88,14 +97,26 @@ def test_a_nudged_projector_is_replaced_and_the_rest_stays(nudged: Path) -> None
     assert procam("recalibrate", nudged).out.startswith("nothing to recalibrate")
 
 
+def assert_seen_alike(part: Seen, whole: Seen) -> None:
+    """Every projector sends what it does after a whole calibration, and the audience sees as much."""
+    for name in whole.mean:
+        assert part.share_lit[name] == pytest.approx(whole.share_lit[name], rel=0.02), name
+        assert part.mean[name] == pytest.approx(whole.mean[name], rel=0.02), name
+    assert part.level == pytest.approx(whole.level, abs=0.01)
+    for where in (None, whole.seam, ~whole.seam):
+        assert part.error(where) < 1.1 * whole.error(where) + 0.002
+
+
 def test_it_is_as_good_as_a_whole_calibration_with_a_quarter_of_the_shots(
     nudged: Path, venue: Path
 ) -> None:
     drift(venue, NUDGE)
     shutil.rmtree(venue / "sessions")
     assert procam("calibrate", venue).code == 0
-    part = relative_error(nudged, nudged / "calibrations" / "0002")
-    assert part < 1.1 * relative_error(venue, venue / "calibrations" / "0002")
+    part, whole = (each / "calibrations" / "0002" for each in (nudged, venue))
+    assert relative_error(nudged, part) < 1.1 * relative_error(venue, whole)
+    for content in (grey(), front()):
+        assert_seen_alike(seen(nudged, part, content), seen(venue, whole, content))
     plan = Session(nudged / "sessions" / "0002").read_plan()
     assert sum(shot.projector == "south" for shot in plan.shots) < 0.4 * len(plan.shots)
 
@@ -134,6 +155,29 @@ def test_one_that_fits_worse_is_written_and_not_used(
     assert (venue / "calibrations" / "0002").is_dir()
 
 
+def test_what_the_solve_knows_is_said_and_keeps_it_out_of_use(
+    venue: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Somebody walks through the dome while the projector is photographed again."""
+
+    def walked_through(stage: Stage) -> BackendRig:
+        def walking(frame: Frame, taken: int) -> Frame:
+            place = (0.3 + 0.4 * (0.37 * taken % 1), 0.5)
+            return _with_person(place, 0.6, frame) if taken > VERIFIED else frame
+
+        return replace_camera(stage.backend, lambda camera: AlteringCamera(camera, walking))
+
+    watch_stage(monkeypatch, walked_through)
+    ran = procam("recalibrate", venue, "--projector", "south", "--json")
+    assert ran.code == 1
+    notes = json.loads(ran.out)["notes"]
+    assert any("someone or something moved before the screen" in note for note in notes)
+    assert notes[-1] == module.STAYS
+    assert calibration_in_use(venue).name == "0001"
+    kept = load_calibration(venue / "calibrations" / "0002").provenance["notes"]
+    assert set(notes[:-1]) >= set(kept)
+
+
 @pytest.mark.parametrize(
     ("change", "words", "options"),
     [
@@ -170,3 +214,32 @@ def test_by_hand_is_refused(venue: Path) -> None:
     text, _, _ = path.read_text().partition("[simulated]")
     path.write_text(text.replace('backend = "simulated"\n', "").replace("control = ", "# "))
     assert "people drive its devices" in procam("recalibrate", venue).complaint
+
+
+@pytest.fixture
+def two_cameras(tmp_path: Path, no_report: None, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A venue whose calibration names first another camera than that of the light, as large ones do."""
+    monkeypatch.setattr(geometry, "FEW", 100)  # in the first fits both cameras see as much
+    folder, size = tmp_path / "venue", replace(SIZE, projectors=2, cameras=2)
+    with quick_simulator():
+        make_venue(folder, size=size)
+        text = (folder / "venue.toml").read_text()
+        pillar = "[cameras.zenith]\nmasks = [[[0, 0], [80, 0], [80, 319], [0, 319]]]"
+        (folder / "venue.toml").write_text(text.replace("[cameras.zenith]", pillar))
+        loaded = load_venue(folder)
+        solved(loaded, take_session(loaded))
+        yield folder
+
+
+def test_the_main_camera_is_that_of_the_light_not_the_first(two_cameras: Path) -> None:
+    before, after = (two_cameras / "calibrations" / n for n in ("0001", "0002"))
+    old = load_calibration(before)
+    assert list(old.cameras) == ["zenith", "second"] and old.main_camera == "second"
+    drift(two_cameras)
+    assert procam("recalibrate", two_cameras, "--projector", "south").code == 0
+    new = load_calibration(after)
+    assert new.main_camera == "second"
+    gains = [c.projectors["south"].photometry.gain for c in (old, new)]
+    both = (gains[0] > 0) & (gains[1] > 0)
+    assert np.abs(gains[1][both] / gains[0][both] - 1).mean() < 0.02
+    assert_seen_alike(seen(two_cameras, after, grey()), seen(two_cameras, before, grey()))

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import photographer
 import pytest
+from seen import front, seen
 from tiny_venue import CAMERA, Ran, procam, quick_simulator
 
 from procam.errors import CalibrationError, FileFormatError
@@ -211,3 +212,19 @@ def test_plans_of_other_venues_are_as_they_were(tmp_path: Path) -> None:
     venue = make_venue(tmp_path)
     assert server_of(venue) is None
     assert {s.purpose for s in plan_of_session(venue)[0].shots} >= {"code", "stripes"}
+
+
+@pytest.mark.parametrize(("fov_deg", "rotation_deg"), [(220, -50)])
+def test_content_is_drawn_as_the_server_plays_it(
+    fov_deg: float, rotation_deg: float, tmp_path: Path, no_report: None
+) -> None:
+    """Judged by what is seen; the front is bright, so that content taken for another canvas shows."""
+    text = server_text(SIZE, MASTER).replace("fov_deg = 180.0", f"fov_deg = {fov_deg}")
+    text = text.replace("rotation_deg = 0.0", f"rotation_deg = {rotation_deg}")
+    text += f"server_fov_deg = {fov_deg}\nserver_rotation_deg = {rotation_deg}\n"
+    (tmp_path / "venue.toml").write_text(text, "utf-8")
+    with quick_simulator():
+        assert procam("calibrate", tmp_path).code == 0
+        (calibration,) = (tmp_path / "calibrations").glob("0*")
+        shown = seen(tmp_path, calibration, front(load_calibration(calibration).canvas))
+    assert shown.error() < 0.025

@@ -10,11 +10,9 @@ from procam.compensate.fields import Fields
 from procam.compensate.perceptual.descent import Problem
 from procam.compensate.perceptual.objective import Contrast, Guard
 from procam.kernels.frame.reference import monomials
-from procam.maths.geometry.sphere import master_planes
 from procam.maths.vision.pyramid import Pyramid
 from procam.maths.warp import enlarged, reduced_to
 
-FIELD_OF_VIEW_DEG = 180.0  # of a dome master
 DARKEST_SUM = 1e-30  # sr
 LARGEST_FORM = 256  # px of the grid on which the polynomial of scattered light is evaluated
 
@@ -119,7 +117,7 @@ def dome_stage(fields: Fields, top: float = np.inf) -> Stage:
     chosen = area > 0 if fields.protected is None else (area > 0) & ~fields.protected
     weight = np.where(chosen, area, 0)
     form = min(shown.size, LARGEST_FORM)
-    direction, _ = master_planes(form)
+    direction, _ = fields.canvas.planes(form)
     transport = FieldTransport(
         spread=planes(fields.at_pixels(shown.spread)) * chosen,
         lamps=None if shown.ambient is None else planes(fields.at_pixels(shown.ambient)) * chosen,
@@ -134,7 +132,7 @@ def dome_stage(fields: Fields, top: float = np.inf) -> Stage:
         hi=np.maximum(np.minimum(hi, np.float32(top)), lo),
         weight=(weight / max(weight.sum(dtype=float), DARKEST_SUM)).astype(np.float32),
         transport=transport,
-        pixels_per_degree=shown.size / FIELD_OF_VIEW_DEG,
+        pixels_per_degree=shown.size / float(np.degrees(fields.canvas.fov)),
         kept=fields.protected,
     )
 

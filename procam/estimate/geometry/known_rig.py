@@ -29,9 +29,9 @@ from procam.estimate.geometry.start import check_projectors_placed, resect_proje
 
 
 def solve_projectors(
-    problem: RigProblem, known: RigGeometry, names: Collection[str]
+    problem: RigProblem, known: RigGeometry, names: Collection[str], *, main: str
 ) -> GeometrySolution:
-    """Solve the poses and lenses of the projectors `names`, and of nothing else.
+    """Solve the poses and lenses of the projectors `names`, and of nothing else, for light by camera `main`.
 
     Their covariance is that of their own observations: errors of the screen and the cameras, which they
     share with the other projectors, are not in it.
@@ -66,7 +66,7 @@ def solve_projectors(
     ratios = {pair: scales.get(pair) or _ratio(rig, errors[pair], pair, seen) for pair in seen}
     freedoms = np.zeros((0, len(prior)))
     on_sphere = float(np.sqrt(np.mean(np.square(list(ratios.values())))))
-    return GeometrySolution(rig, covariance, seen, errors, ratios, freedoms, on_sphere)
+    return GeometrySolution(rig, covariance, seen, errors, ratios, freedoms, on_sphere, main)
 
 
 def _held(problem: RigProblem, rig: RigGeometry, names: Collection[str]) -> Array:

@@ -74,6 +74,7 @@ class GeometrySolution:
     scale : factor on the standard errors of each pair, its systematic ratio [-].
     freedoms : (F, P) gauge freedoms, of unit length in scaled parameters.
     sphere_systematic_ratio : systematic ratio on an exact sphere [-].
+    main : the camera that light is measured with: the one with the most observations.
     given : projectors whose directions are given, not solved, with their standard error [arcmin].
     """
 
@@ -84,12 +85,8 @@ class GeometrySolution:
     scale: Mapping[Pair, float]
     freedoms: Array
     sphere_systematic_ratio: float
+    main: str
     given: Mapping[str, float] = field(default_factory=dict)
-
-    @property
-    def main(self) -> str:
-        """The camera with the most observations."""
-        return _by_most_seen(self.rig.cameras, self.observations)[0]
 
     @property
     def camera(self) -> CameraModel:
@@ -129,7 +126,8 @@ def solve_geometry(problem: RigProblem) -> GeometrySolution:
     covariance, freedoms, scales = last.uncertainty(rig)
     errors = {pair: residuals(rig, pair, some) for pair, some in seen.items()}
     rig = with_covariances(rig, covariance)
-    return GeometrySolution(rig, covariance, seen, errors, scales, freedoms, on_sphere)
+    main = by_most_seen(rig.cameras, seen)[0]
+    return GeometrySolution(rig, covariance, seen, errors, scales, freedoms, on_sphere, main)
 
 
 def _last_fit(
@@ -271,7 +269,7 @@ def _started_on_mesh(problem: RigProblem, few: Mapping[Pair, Observations]) -> R
 
 def _started(problem: RigProblem, seen: Mapping[Pair, Observations]) -> RigGeometry:
     """All devices near their poses, in the axes of the camera with the most observations."""
-    first = _by_most_seen(problem.cameras, seen)[0]
+    first = by_most_seen(problem.cameras, seen)[0]
     rigs = initial_rigs(problem.cameras[first], problem.shape, problem.projectors, seen)
     for most in TRIES:
         rigs = _best_first(problem, seen, rigs[:most])
@@ -287,7 +285,7 @@ def _with_others(
 ) -> RigGeometry:
     """The rig with the other cameras, added one by one and fitted each time."""
     rig = _roughly(problem, seen, rig)
-    for name in _by_most_seen(problem.cameras, seen):
+    for name in by_most_seen(problem.cameras, seen):
         if name not in rig.cameras:
             rig = add_camera(rig, problem.cameras[name], problem.projectors, seen)
             rig = _roughly(problem, seen, rig)
@@ -295,7 +293,7 @@ def _with_others(
     return rig
 
 
-def _by_most_seen(cameras: Iterable[str], seen: Mapping[Pair, Observations]) -> list[str]:
+def by_most_seen(cameras: Iterable[str], seen: Mapping[Pair, Observations]) -> list[str]:
     """Cameras by falling number of observations."""
     counts = {n: sum(len(o.sigma_px) for (c, _), o in seen.items() if c == n) for n in cameras}
     return sorted(counts, key=lambda name: -counts[name])

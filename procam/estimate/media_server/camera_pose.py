@@ -23,7 +23,7 @@ from procam.estimate.geometry.adjustment import (
 from procam.estimate.geometry.apriltags import detect_tags, tag_fiducials, to_8_bit
 from procam.estimate.geometry.fiducials import fiducial_point
 from procam.estimate.geometry.model import Observations, ParameterLayout, RigGeometry, points_seen
-from procam.estimate.geometry.solve import GeometrySolution
+from procam.estimate.geometry.solve import GeometrySolution, by_most_seen
 from procam.estimate.geometry.start import resect_by_rays
 from procam.estimate.media_server.dome_master import DomeMaster
 from procam.estimate.media_server.tags import FAMILY, TAG_PICTURES, MasterTag, master_tags
@@ -151,7 +151,8 @@ def server_geometry(
     worst = max(each.rms_arcmin for each in placed.values())
     freedoms = np.zeros((0, layout.count))
     given = {master.name: worst}
-    return GeometrySolution(rig, covariance, seen, residual_px, scale, freedoms, 1.0, given)
+    main = by_most_seen(cameras, seen)[0]
+    return GeometrySolution(rig, covariance, seen, residual_px, scale, freedoms, 1.0, main, given)
 
 
 def check_rotation(

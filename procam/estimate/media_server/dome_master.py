@@ -13,6 +13,7 @@ from procam.arrays import BoolArray, Image
 from procam.estimate.media_server.tags import TAG_PICTURES, draw_tags, master_tags
 from procam.estimate.structured_light.codes import Picture
 from procam.estimate.structured_light.patterns import black_picture, light_pictures, plan_of
+from procam.maths.geometry.canvas import Canvas
 from procam.maths.geometry.lenses import Lens
 from procam.maths.geometry.pose import Pose, rotation_matrix
 from procam.maths.warp import blur
@@ -49,6 +50,11 @@ class DomeMaster:
         )
         turn = MASTER_FROM_POLE @ rotation_matrix([0.0, 0.0, -self.rotation])
         return ProjectorModel(self.name, (self.size, self.size), lens, Pose(turn, np.zeros(3)))
+
+    @property
+    def canvas(self) -> Canvas:
+        """The canvas that content is drawn on for it."""
+        return Canvas(self.fov, self.rotation)
 
     @property
     def coarse(self) -> int:

@@ -41,7 +41,7 @@ def preview(
     from procam.interfaces.report.preview import write_preview
     from procam.workflows.playout.explain import first_frame
     from procam.workflows.playout.frame import FrameSettings
-    from procam.workflows.playout.preview import lit_part, views
+    from procam.workflows.playout.preview import lit_solid_angles, views
 
     output = Output(json)
     if str(picture) == "-":
@@ -54,7 +54,8 @@ def preview(
     assert not isinstance(usual, str)
     known, frame = load_dome(calibration), first_frame(picture)
     found = views(known, frame, settings)
-    write_preview(path, _name(picture), found, lit_part(known, len(frame.rgb)), usual.white_nits)
+    weight = lit_solid_angles(known, len(frame.rgb))
+    write_preview(path, _name(picture), found, weight, usual.white_nits)
     output.say(f"{path} written; open it in a browser")
     output.finish({"page": str(path)})
 

@@ -18,6 +18,7 @@ from procam.interfaces.cli._rounds import ask_for_photographs, given_photographs
 from procam.interfaces.cli._run_log import RunLog
 from procam.workflows.photographs.open import photographer_of
 from procam.workflows.photographs.orders import PhotographsWanted
+from procam.workflows.playout.frame import require_standard_canvas
 from procam.workflows.refine import refine as loop
 from procam.workflows.refine.stored_pictures import keep_loop, keep_pictures, read_square
 from procam.workflows.sample_content import half_sky
@@ -46,6 +47,8 @@ def refine(
     kept = chosen_calibration(start)
     verify_unchanged(venue, kept)
     calibration = load_calibration(kept)
+    if picture:
+        require_standard_canvas(calibration, "--picture", "leave it out to refine on half a sky")
     content, note = read_square(picture) if picture else (half_sky(_sessions.CONTENT_SIZE), "")
     with recorded(venue, "refine"):
         try:

@@ -7,13 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from procam.arrays import Image
+from procam.arrays import Array, Image
 from procam.compensate.perceptual.objective import LUMA
 from procam.files import atomic
 from procam.interfaces.plots.charts import Scale
 from procam.interfaces.plots.figure import require_matplotlib
 from procam.interfaces.report.page import html_template
-from procam.maths.geometry.sphere import master_solid_angles
 from procam.maths.vision.pu21 import pu21
 from procam.maths.warp import reduced_to
 from procam.workflows.playout.preview import BEFORE, TARGET
@@ -41,12 +40,12 @@ class View:
 
 
 def write_preview(
-    path: Path, name: str, views: Mapping[str, Image], lit: Image, white_nits: float
+    path: Path, name: str, views: Mapping[str, Image], weight: Array, white_nits: float
 ) -> None:
-    """Write the page of `views` (N, N, 3), of which `lit` (N, N) counts; one self-contained HTML file."""
+    """Write the page of `views` (N, N, 3) as one HTML file; pixels count by `weight` (N, N) [sr]."""
     require_matplotlib()
     shown = [
-        View(key, *TITLES[key], _image(views[key]), _facts(views, key, lit, white_nits))
+        View(key, *TITLES[key], _image(views[key]), _facts(views, key, weight, white_nits))
         for key in TITLES
         if key in views
     ]
@@ -61,15 +60,14 @@ def _image(picture: Image) -> str:
     return Scale("light", 0.0, 1.0, "light").paint(small)
 
 
-def _facts(views: Mapping[str, Image], key: str, lit: Image, white_nits: float) -> str:
+def _facts(views: Mapping[str, Image], key: str, weight: Array, white_nits: float) -> str:
     """How near a view's luminance is to the target's, and its light where that is brightest."""
     if key == TARGET:
         return ""
-    weight = master_solid_angles(len(lit)) * lit
     light = [views[name] @ LUMA for name in (key, TARGET)]
     units = [pu21(plane * white_nits) for plane in light]
     error = float(np.vdot(weight, (units[0] - units[1]) ** 2) / weight.sum())
     peak = float(pu21(np.array(white_nits))) ** 2
-    bright = weight * (light[1] >= np.quantile(light[1][lit > 0], 1 - BRIGHT_PART))
+    bright = weight * (light[1] >= np.quantile(light[1][weight > 0], 1 - BRIGHT_PART))
     share = float(np.vdot(bright, light[0]) / max(np.vdot(bright, light[1]), 1e-9))
     return f"{10 * np.log10(peak / max(error, 1e-9)):.1f} dB; bright parts {share:.0%}"

@@ -47,13 +47,13 @@ def master_directions(size: int, fov: float = np.pi) -> tuple[Array, BoolArray]:
     return np.ascontiguousarray(np.moveaxis(xyz, 0, -1)), inside
 
 
-def master_planes(size: int) -> tuple[Array32, Array32]:
-    """Directions (3, N, N) and solid angles (N, N) [sr] of a 180 degree master in single precision.
+def master_planes(size: int, fov: float = np.pi) -> tuple[Array32, Array32]:
+    """Directions (3, N, N) and solid angles (N, N) [sr] of a master in single precision.
 
     Four times as fast as `master_directions` and `master_solid_angles`.
     """
-    xyz, sinc, inside = _master(size, np.pi, np.float32)
-    sinc *= np.float32((np.pi / size) ** 2)
+    xyz, sinc, inside = _master(size, fov, np.float32)
+    sinc *= np.float32((fov / size) ** 2)
     sinc *= inside
     return xyz, sinc
 

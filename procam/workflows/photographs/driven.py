@@ -67,7 +67,7 @@ class DrivenPhotographer:
     """
 
     def __init__(self, rig: Rig, calibration: Calibration, settle_s: float = 0.0) -> None:
-        self._rig, self._camera, self._settle_s = rig, next(iter(calibration.cameras)), settle_s
+        self._rig, self._camera, self._settle_s = rig, calibration.camera.name, settle_s
         self._shown: Mapping[str, Image] | None = None
         self.notes: Sequence[str] = ()
         self.again = ""

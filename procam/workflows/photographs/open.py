@@ -61,7 +61,7 @@ def photographer_of(
         with open_rig(venue) as rig:
             yield DrivenPhotographer(rig, calibration, settle_s)
         return
-    camera = next(iter(calibration.cameras.values()))
+    camera = calibration.camera
     session = Session(venue.directory / "sessions" / str(calibration.provenance.get("session")))
     with hand_photographer(venue, camera, session, work, of, given) as photographer:
         yield photographer

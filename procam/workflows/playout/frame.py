@@ -14,6 +14,7 @@ from procam.compensate.perceptual.settings import Perceptual
 from procam.errors import FileFormatError, InputError
 from procam.files.images.stills import square_edge
 from procam.kernels.native.arrays import least_colour
+from procam.maths.geometry.canvas import STANDARD
 from procam.maths.light.transfer import TRANSFER_NAMES, transfer
 from procam.model.calibration import Calibration
 from procam.model.transport import DomeMaps
@@ -171,6 +172,17 @@ def linear_compensator(
 def most_light(rgb: AnyArray) -> float:
     """The most that pictures of a type send [rel]: integers end at 1."""
     return float("inf") if rgb.dtype.kind == "f" else 1.0
+
+
+def require_standard_canvas(calibration: Calibration, what: str, instead: str) -> None:
+    """Refuse `what` where the media server is fed with other masters than the standard ones."""
+    canvas = calibration.canvas
+    if canvas != STANDARD:
+        raise InputError(
+            f"{what} is for dome masters of 180 degrees with the front at the bottom edge, and the server's "
+            f"span {np.degrees(canvas.fov):g} degrees with azimuth {np.degrees(canvas.rotation):g} there; "
+            f"{instead}"
+        )
 
 
 def require_photometry(calibration: Calibration) -> None:

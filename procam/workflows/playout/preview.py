@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from procam.arrays import Image
+from procam.arrays import Array, Image
 from procam.compensate.compensator import Compensator
 from procam.files.images.stills import square_edge
 from procam.model.calibration import Calibration
@@ -42,7 +42,8 @@ def views(
     return found
 
 
-def lit_part(calibration: Calibration, size: int) -> Image:
-    """(N, N) 1 where projectors reach and nobody protects the content, else 0."""
+def lit_solid_angles(calibration: Calibration, size: int) -> Array:
+    """Solid angles (N, N) [sr] of pixels that projectors reach and nobody protects, else 0."""
     compensator = Compensator(calibration, size, BEFORE)
-    return (compensator.lit & ~compensator.protected).astype(np.float32)
+    lit = compensator.lit & ~compensator.protected
+    return np.asarray(calibration.canvas.solid_angles(size) * lit)

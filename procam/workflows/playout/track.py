@@ -30,6 +30,7 @@ from procam.workflows.playout.frame import (
     FrameSettings,
     named_transfer,
     require_photometry,
+    require_standard_canvas,
 )
 from procam.workflows.playout.pipeline import ThreadPlan, flow
 from procam.workflows.playout.sources import ClipFrame, Reads, read_clip_frame, source_sequence
@@ -70,6 +71,7 @@ def track_show(
     """
     _check(out, settings.method)
     calibration = load_dome(calibration_dir)
+    require_standard_canvas(calibration, "a track", "compensate the show, and play its frames")
     with _opened(source) as show, replacing_directory(out) as folder:
         first = next(show.reads)()
         if first is None:

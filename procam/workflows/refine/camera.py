@@ -28,7 +28,7 @@ class LoopCamera:
 
     def __init__(self, photographer: Photographer, calibration: Calibration) -> None:
         self._photographer = photographer
-        model = next(iter(calibration.cameras.values()))
+        model = calibration.camera
         self._radiometer = Radiometer(model)
         dome = calibration.screen
         view = DomeView.of(model, dome, self._radiometer.rays, self._radiometer.seen)

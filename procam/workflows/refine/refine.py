@@ -13,6 +13,7 @@ import numpy as np
 from procam.arrays import Array, BoolArray, Image
 from procam.estimate.closed_loop import with_gains, with_scatter
 from procam.estimate.closed_loop.patches import MAX_CORRECTIONS, MIN_PHOTOGRAPHS, VISIBLE_JND
+from procam.maths.geometry.canvas import STANDARD
 from procam.maths.geometry.sphere import master_directions
 from procam.model.calibration import Calibration
 from procam.model.quality import Figure, Goal
@@ -107,14 +108,15 @@ class Refined:
 
 
 def refine(photographer: Photographer, calibration: Calibration, content: Image) -> Iterator[Event]:
-    """Refine on `content` (N, N, 3); the last event carries `data["refined"]`, a `Refined`.
+    """Refine on `content` (N, N, 3) on the standard canvas; the last event carries `data["refined"]`.
 
     Raises
     ------
     OutOfModelRange
         The camera cannot resolve what would be corrected, or is dazzled; or the light in the room changed.
     """
-    total = MAX_CORRECTIONS + 5
+    total, canvas = MAX_CORRECTIONS + 5, calibration.canvas
+    calibration = calibration.on(STANDARD)
     camera = LoopCamera(photographer, calibration)
     plain = PreparedPicture.of(calibration, content, "none")
     prepared = PreparedPicture.of(calibration, content)
@@ -136,6 +138,7 @@ def refine(photographer: Photographer, calibration: Calibration, content: Image)
         trials = _trials(shown, better, content)
     camera.check_dark()
     refined = _judged(shown, trials, before)
+    refined = replace(refined, calibration=refined.calibration.on(canvas))
     yield Event("refine", total, total, "loop ended", {"refined": refined})
 
 

@@ -13,6 +13,7 @@ from procam.files import atomic
 from procam.files.images.layers import RGB, write_channels
 from procam.files.images.pixels import read_image, write_image
 from procam.files.images.stills import read_picture, square_edge
+from procam.maths.geometry.canvas import STANDARD
 from procam.model.calibration import Calibration
 from procam.workflows.refine.refine import Refined
 
@@ -44,8 +45,8 @@ def read_square(path: Path) -> tuple[Image, str]:
 def keep_pictures(
     venue_dir: Path, calibration: Calibration, content: Image
 ) -> dict[str, Compensated]:
-    """Compute and store VENUE/pictures and VENUE/frames for a piece of content; returns them."""
-    size = content.shape[0]
+    """Compute and store VENUE/pictures and VENUE/frames for content on the standard canvas; returns them."""
+    size, calibration = content.shape[0], calibration.on(STANDARD)
     methods: tuple[str, ...] = ("none", "exact", "paper-eq12")
     compensators = {m: Compensator(calibration, size, m) for m in methods}
     results: dict[str, Compensated] = {m: c.solve(content) for m, c in compensators.items()}
@@ -68,8 +69,9 @@ def keep_loop(venue_dir: Path, refined: Refined, content: Image) -> None:
     _write_rgb(loop / "after.exr", refined.photographs["after"])
     _write_rgb(loop / "predicted.exr", refined.target)
     _write_rgb(loop / "free.exr", refined.free.astype(np.float32))
-    direct = Compensator(refined.calibration, content.shape[0]).solve(content).direct
-    frames = projector_frames(direct, refined.calibration)
+    calibration = refined.calibration.on(STANDARD)
+    direct = Compensator(calibration, content.shape[0]).solve(content).direct
+    frames = projector_frames(direct, calibration)
     write_frames(frames, venue_dir / "frames" / "refined")
     curve = {
         "session": refined.calibration.provenance.get("session"),

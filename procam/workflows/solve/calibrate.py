@@ -108,7 +108,7 @@ def _solve(venue: Venue, session: Session) -> Iterator[Event]:
     geometry = rig.geometry
     images, exposure_notes = with_long_exposure(_of_main(rig))
     dome = _solved_screen(venue, geometry)
-    view = _view(venue, dome, images, geometry)
+    view = screen_view(venue, dome, images, geometry)
     origin["notes"] = [*rig.notes, *exposure_notes, *check_on_screen(view, rig.found)]
     if not server:
         geometry = with_near_veil(dome, images, view, geometry, rig.found)
@@ -124,6 +124,8 @@ def _solve(venue: Venue, session: Session) -> Iterator[Event]:
         yield Event("solve", done, total, f"{name} light split, response fitted")
     falloff = venue.table.blend.falloff_per_rad
     calibration = assemble(dome, geometry, view, measured, nudges(venue), origin, falloff)
+    if server:  # content is drawn as the server plays it
+        calibration = replace(calibration, canvas=server.canvas)
     check_finite(calibration)
     calibration = replace(calibration, quality=_quality(calibration, rig))
     yield Event("solve", total - 1, total, "maps assembled")
@@ -232,7 +234,9 @@ def _solved_screen(venue: Venue, geometry: GeometrySolution) -> Dome:
     return replace(venue.screen, radius_m=shape.radius_m, bumps=coefficients, degree=shape.degree)
 
 
-def _view(venue: Venue, dome: Dome, images: SessionImages, geometry: GeometrySolution) -> DomeView:
+def screen_view(
+    venue: Venue, dome: Dome, images: SessionImages, geometry: GeometrySolution
+) -> DomeView:
     """What the main camera sees of the screen, without what a person has masked."""
     seen = images.radiometer.seen & ~camera_masks(venue)[geometry.main].covered
     view = DomeView.of(geometry.camera, dome, images.radiometer.rays, seen)

@@ -67,7 +67,7 @@ def read_reference(venue: Venue, calibration: Calibration) -> Reference:
             f"{session.directory}: the session of the calibration in use is gone, and its photographs are "
             "needed to compare with. Restore it, or calibrate again"
         )
-    radiometer = Radiometer(next(iter(calibration.cameras.values())))
+    radiometer = Radiometer(calibration.camera)
     plan, names = session.read_plan(), list(calibration.projectors)
     _check_stored(session, plan, radiometer.camera.name)
     images, _ = with_long_exposure(SessionImages(session, plan, radiometer))

@@ -10,8 +10,15 @@ from tolerances import FLOAT32
 from procam.compensate import _continuation
 from procam.compensate.compensator import Compensator
 from procam.compensate.fields import SAMPLE, Fields
-from procam.maths.geometry.sphere import master_directions, master_solid_angles
+from procam.compensate.projector_frames import projector_frames
+from procam.maths.geometry.canvas import STANDARD, Canvas
+from procam.maths.geometry.sphere import (
+    direction_from_angles,
+    master_directions,
+    master_solid_angles,
+)
 from procam.maths.light.scatter_kernel import basis
+from procam.maths.warp import sample
 from procam.model.calibration import Calibration
 from procam.model.transport import ScatterKernel
 
@@ -180,3 +187,31 @@ class TestOfTheModel:
         fields = Fields.of(bare, SIZE)
         assert fields.sampled() is fields
         np.testing.assert_array_equal(fields.sampled_pixels, np.arange(SIZE))
+
+
+def test_the_same_picture_on_another_canvas_gives_the_same_light(calibration: Calibration) -> None:
+    """Content of 220 degrees, turned, is taken at its own directions, not at those of 180 degrees."""
+
+    def sky(direction: np.ndarray) -> np.ndarray:
+        picture = 0.4 + 0.2 * direction[..., 0] - 0.1 * direction[..., 1]
+        return np.asarray(picture[..., None].repeat(3, axis=-1), np.float32)
+
+    canvas, size = Canvas(np.radians(220), 0.8), 384
+    plain, wide = (Compensator(calibration.on(each), size) for each in (STANDARD, canvas))
+    expected = plain.frame(sky(STANDARD.directions(size)[0]))
+    found = wide.frame(sky(canvas.directions(size)[0]))
+    low = direction_from_angles(np.linspace(-3, 3, 40), np.radians(12))
+    places = np.concatenate([low, direction_from_angles(np.linspace(-3, 3, 40), np.radians(60))])
+    at = [sample(p, c.pixels(places, size)) for p, c in ((expected, STANDARD), (found, canvas))]
+    np.testing.assert_allclose(at[1], at[0], atol=2e-3)
+    assert np.abs(at[0] - sky(places)).min() > 0.01  # it is compensated
+
+
+def test_the_projectors_are_sent_the_same_from_another_canvas(calibration: Calibration) -> None:
+    def frames(canvas: Canvas) -> dict[str, np.ndarray]:
+        ramp = 0.4 + 0.2 * canvas.directions(384)[0][..., :1].repeat(3, axis=-1)
+        return projector_frames(np.asarray(ramp, np.float32), calibration.on(canvas))
+
+    expected, found = frames(STANDARD), frames(Canvas(np.radians(220), -1.0))
+    for name, frame in expected.items():
+        np.testing.assert_allclose(found[name], frame, atol=2e-3)

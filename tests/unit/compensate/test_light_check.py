@@ -10,7 +10,8 @@ from procam.compensate import light_check
 from procam.compensate.compensator import Compensator
 from procam.compensate.light_check import LightCheck, LightError
 from procam.errors import ShapeError
-from procam.maths.geometry.sphere import master_directions, master_solid_angles
+from procam.maths.geometry.canvas import STANDARD, Canvas
+from procam.maths.geometry.sphere import master_solid_angles
 from procam.maths.light.transfer import transfer
 from procam.model.calibration import Calibration
 from procam.model.mask import Mask
@@ -60,6 +61,13 @@ class TestSolvedPictures:
         found = checked(known, content, Compensator(known, SIZE).frame(content), "linear")
         assert found.white < FLOAT
         assert np.isnan(found.codes) and found.sigma == 0
+
+    @pytest.mark.parametrize("size", [SIZE, 3 * SIZE])
+    def test_another_canvas(self, known: Calibration, size: int) -> None:
+        wide = known.on(Canvas(3.6, 0.7))
+        content = sky(size)
+        found = checked(wide, content, Compensator(wide, size).frame(content), "linear")
+        assert found.white < 2 * FLOAT  # positions of nodes are in single precision, too
 
     @pytest.mark.parametrize("kind", [np.uint8, np.uint16])
     def test_codes_are_within_one(self, known: Calibration, kind: type) -> None:
@@ -166,12 +174,17 @@ def test_pixels_of_the_sample_stand_for_all(calibration: Calibration) -> None:
         edges = np.arange(len(counts) + 1) * size // len(counts)
         assert (edges[:-1, None] <= place[0]).all() and (place[0] < edges[1:, None]).all()
         assert (edges[:-1] <= place[1]).all() and (place[1] < edges[1:]).all()
-    direction, area = light_check._directions(np.indices((SIZE, SIZE)).reshape(2, -1), SIZE)
-    expected, inside = master_directions(SIZE)
+
+
+@pytest.mark.parametrize("canvas", [STANDARD, Canvas(3.8, -0.7)])
+def test_directions_are_those_of_the_canvas(canvas: Canvas) -> None:
+    place = np.indices((SIZE, SIZE)).reshape(2, -1)
+    direction, area = light_check._directions(place, SIZE, canvas)
+    expected, inside = canvas.directions(SIZE)
     np.testing.assert_allclose(
         direction.reshape(SIZE, SIZE, 3)[inside], expected[inside], atol=1e-12
     )
-    np.testing.assert_allclose(area.reshape(SIZE, SIZE), master_solid_angles(SIZE), atol=1e-15)
+    np.testing.assert_allclose(area.reshape(SIZE, SIZE), canvas.solid_angles(SIZE), atol=1e-15)
 
 
 def test_the_standard_error_covers(

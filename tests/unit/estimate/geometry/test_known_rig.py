@@ -24,7 +24,7 @@ def test_exact_observations_give_the_exact_projector_and_leave_the_rest(cameras:
     dome = SimulatedDome.build(4, projectors=3, cameras=cameras)
     name = dome.projectors[1].name
     known = before(dome, name)
-    found = solve_projectors(dome.problem(dome.observations(48, 0.0)), known, [name])
+    found = solve_projectors(dome.problem(dome.observations(48, 0.0)), known, [name], main="zenith")
     layout, step = ParameterLayout.of(found.rig), step_between(found.rig, dome.rig())
     assert np.abs(step[layout.projectors[name]][:6]).max() < 1e-6
     for other in known.projectors:
@@ -39,7 +39,9 @@ def test_errors_agree_with_the_covariance() -> None:
     for seed in range(6):
         dome = SimulatedDome.build(seed, projectors=2)
         name = dome.projectors[0].name
-        found = solve_projectors(dome.problem(dome.observations(48)), before(dome, name), [name])
+        found = solve_projectors(
+            dome.problem(dome.observations(48)), before(dome, name), [name], main="zenith"
+        )
         covariance = found.rig.projectors[name].covariance
         assert covariance is not None
         block = ParameterLayout.of(found.rig).projectors[name]
@@ -57,7 +59,7 @@ def test_a_projector_that_is_hardly_seen_is_refused() -> None:
     name, seen = dome.projectors[0].name, dome.observations(48)
     few = {pair: o.some(slice(0, 5)) if pair[1] == name else o for pair, o in seen.items()}
     with pytest.raises(CalibrationError, match=name):
-        solve_projectors(dome.problem(few), before(dome, name), [name])
+        solve_projectors(dome.problem(few), before(dome, name), [name], main="zenith")
 
 
 def test_misread_patches_are_rejected() -> None:
@@ -67,6 +69,6 @@ def test_misread_patches_are_rejected() -> None:
     wrong = seen[pair].projector_px.copy()
     wrong[::10] += 40.0
     seen[pair] = Observations(seen[pair].camera_px, wrong, seen[pair].sigma_px)
-    found = solve_projectors(dome.problem(seen), before(dome, name), [name])
+    found = solve_projectors(dome.problem(seen), before(dome, name), [name], main="zenith")
     step = step_between(found.rig, dome.rig())[ParameterLayout.of(found.rig).projectors[name]]
     assert np.abs(step[:3]).max() < 2e-4

@@ -65,7 +65,7 @@ def _solution(
         start = block.start
         covariance[range(start, start + 6), range(start, start + 6)] = size**2
     return GeometrySolution(
-        rig, covariance, {pair: seen}, {}, {pair: 1.0}, np.zeros((0, layout.count)), 1.0
+        rig, covariance, {pair: seen}, {}, {pair: 1.0}, np.zeros((0, layout.count)), 1.0, "c"
     )
 
 
