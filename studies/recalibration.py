@@ -1,9 +1,10 @@
-"""One nudged projector of six, recalibrated alone: how many shots, and how good beside a whole calibration?
+"""One projector measured again, beside a whole calibration: shots, directions, and what an audience sees.
 
-A simulated dome is calibrated, one projector is turned by half a degree, and the dome is calibrated again:
-once by `procam recalibrate`, once as a whole. Writes studies/recalibration.json and studies/recalibration.md;
-`python -m studies recalibration` remakes them in five minutes. tests/workflow/test_recalibrate.py has a
-small one.
+Simulated domes are calibrated, one projector is turned by half a degree, and the dome is calibrated again:
+once by `procam recalibrate`, once as a whole. Domes behind media servers of several canvases are calibrated
+once. All are judged by the frames that each projector is sent and by the picture on the dome. Writes
+studies/recalibration.json and studies/recalibration.md; `python -m studies recalibration` remakes them in
+a quarter of an hour. tests/workflow/test_recalibrate.py and test_server.py have small ones.
 """
 
 import shutil
@@ -22,25 +23,60 @@ from procam.workflows.capture.newest import capture_newest
 from procam.workflows.recalibrate import recalibrate
 from procam.workflows.solve.calibrate import solve
 from simulators.backend import build_scene
-from simulators.scene import DomeScene
-from studies.drifts import make_venue
+from simulators.scene import DomeScene, SceneSize
+from simulators.template import SIZES, server_text, venue_text
 from studies.measure import rms, write
+from studies.seen import Seen, front, grey, seen
 
-PROJECTORS, EVERY = 6, 5
-NUDGED = ("south", "east", "fore")
+EVERY = 5  # pixels of a panel, along rows and columns
 SIZE_DEG = 0.5
+CAMERA = (1600, 1600)
+# venue, its devices, the projector that is nudged
+VENUES = (
+    ("small", SIZES["small"], "south"),
+    ("standard", SceneSize(2, (1280, 800), 1, CAMERA, rays=512), "south"),
+    ("two cameras", SceneSize(2, (1280, 800), 2, CAMERA, rays=512), "north"),
+    ("six projectors", SceneSize(6, (960, 600), 1, CAMERA, rays=512), "south"),
+    ("six projectors", SceneSize(6, (960, 600), 1, CAMERA, rays=512), "fore"),
+)
+SERVERS = ((180, 0), (220, 0), (180, 90), (220, -50))  # field of view and rotation [deg]
+SERVER_SIZE, MASTER = SceneSize(2, (1280, 800), 1, CAMERA, rays=512), 1024
 
 
 def main() -> None:
-    """Nudge three projectors, one at a time, and write studies/recalibration.json and .md."""
+    """Nudge projectors, one at a time, calibrate behind servers, and write the results."""
     with tempfile.TemporaryDirectory() as folder:
-        make_venue(Path(folder) / "venue", "standard", PROJECTORS)
-        rows = [_row(Path(folder) / "venue", Path(folder) / name, name) for name in NUDGED]
-    write("recalibration", {"rows": rows}, _table(rows))
+        rows = list(_nudged_rows(Path(folder)))
+        served = [
+            _served_row(Path(folder) / f"server-{fov}-{turn}", fov, turn) for fov, turn in SERVERS
+        ]
+    write("recalibration", {"rows": rows, "servers": served}, _tables(rows, served))
+
+
+def _nudged_rows(folder: Path) -> Iterator[dict[str, Any]]:
+    for i, (venue, size, name) in enumerate(VENUES):
+        calibrated = folder / f"{venue}-calibrated"
+        if not calibrated.exists():
+            _calibrate(calibrated, venue_text("standard", size))
+        yield {"venue": venue} | _row(calibrated, folder / str(i), name)
+
+
+def _calibrate(folder: Path, text: str) -> Path:
+    """Write venue.toml and calibrate; returns the calibration's folder."""
+    folder.mkdir(parents=True)
+    (folder / "venue.toml").write_text(text, "utf-8")
+    return _calibrate_again(folder)
+
+
+def _calibrate_again(folder: Path) -> Path:
+    venue = load_venue(folder)
+    *_, captured = capture_newest(venue)
+    *_, solved = solve(venue, Session(captured.data["session"]))
+    return Path(solved.data["calibration"])
 
 
 def _row(calibrated: Path, folder: Path, name: str) -> dict[str, Any]:
-    """One projector nudged: shots, and errors of directions less a common rotation [arcmin]."""
+    """One projector nudged: shots, directions less a common rotation [arcmin], and what is seen."""
     part, whole = (Path(shutil.copytree(calibrated, folder / kind)) for kind in ("part", "whole"))
     for venue in (part, whole):
         with (venue / "venue.toml").open("a", encoding="utf-8") as file:
@@ -50,16 +86,36 @@ def _row(calibrated: Path, folder: Path, name: str) -> dict[str, Any]:
     shots = sum(event.stage == "verify" for event in events) - 1
     plan = Session(Path(events[-1].data["session"])).read_plan()
     shots += sum(shot.projector == name for shot in plan.shots)
-    *_, captured = capture_newest(load_venue(whole))
-    *_, solved = solve(load_venue(whole), Session(captured.data["session"]))
+    found = {"before": part / "calibrations" / "0001", "part": part / "calibrations" / "0002"}
+    found["whole"] = _calibrate_again(whole)
     scene = build_scene(load_venue(part).backends["simulated"], part)
     return {
         "projector": name,
         "shots": shots,
         "whole_shots": len(plan.shots),
-        "before": _error(scene, part / "calibrations" / "0001"),
-        "part": _error(scene, part / "calibrations" / "0002"),
-        "whole": _error(scene, Path(solved.data["calibration"])),
+        "notes": events[-1].data["notes"],
+        **{key: _error(scene, path) for key, path in found.items()},
+        "seen": {key: _figures(seen(part, path, grey()), name) for key, path in found.items()},
+    }
+
+
+def _served_row(folder: Path, fov_deg: float, rotation_deg: float) -> dict[str, Any]:
+    text = server_text(SERVER_SIZE, MASTER).replace("fov_deg = 180.0", f"fov_deg = {fov_deg}")
+    text = text.replace("rotation_deg = 0.0", f"rotation_deg = {rotation_deg}")
+    text += f"server_fov_deg = {fov_deg}\nserver_rotation_deg = {rotation_deg}\n"
+    calibration = _calibrate(folder, text)
+    shown = seen(folder, calibration, front(load_calibration(calibration).canvas))
+    return {"fov_deg": fov_deg, "rotation_deg": rotation_deg, **_figures(shown, "server")}
+
+
+def _figures(shown: Seen, name: str) -> dict[str, float]:
+    """Of a projector: share of its panel that is lit, mean drive; of the picture: errors over its mean."""
+    return {
+        "share_lit": shown.share_lit[name],
+        "mean": shown.mean[name],
+        "level": shown.level,
+        "error": shown.error(),
+        "seam_error": shown.error(shown.seam),
     }
 
 
@@ -73,17 +129,47 @@ def _error(scene: DomeScene, path: Path) -> float:
     return float(rms(relative))
 
 
-def _table(rows: list[dict[str, Any]]) -> Iterator[str]:
+def _tables(rows: list[dict[str, Any]], served: list[dict[str, Any]]) -> Iterator[str]:
     yield from (
-        "# One nudged projector of six",
+        "# One projector measured again",
         "",
         f"Turned by {SIZE_DEG:g} degrees. Shots include those that check the camera and the room; errors are "
         "of directions less a common rotation, root mean square over all projectors.",
         "",
-        "| projector | shots, of a whole session's | before [arcmin] | recalibrated | as a whole |",
-        "|---|---|---|---|---|",
+        "| venue | projector | shots, of a whole session's | before [arcmin] | recalibrated | as a whole |",
+        "|---|---|---|---|---|---|",
     )
     for row in rows:
         share = f"{row['shots']} of {row['whole_shots']}, {row['shots'] / row['whole_shots']:.0%}"
         errors = " | ".join(f"{row[key]:.3g}" for key in ("before", "part", "whole"))
-        yield f"| {row['projector']} | {share} | {errors} |"
+        yield f"| {row['venue']} | {row['projector']} | {share} | {errors} |"
+    yield from (
+        "",
+        "What is seen of an even grey of 0.4, every projector lit: of the nudged projector the share of its "
+        "panel that sends light and its mean drive; of the picture its level, and its root mean square error "
+        "everywhere and where projectors overlap, over the mean of what was meant.",
+        "",
+        "| venue | projector | calibration | lit | mean drive | level | error | in seams |",
+        "|---|---|---|---|---|---|---|---|",
+    )
+    for row in rows:
+        for key, text in (
+            ("before", "before the repair"),
+            ("part", "recalibrated"),
+            ("whole", "whole"),
+        ):
+            yield f"| {row['venue']} | {row['projector']} | {text} | {_cells(row['seen'][key])} |"
+    yield from (
+        "",
+        "Behind a media server, content drawn on the canvas that it plays; brighter at the front.",
+        "",
+        "| canvas | lit | mean drive | level | error | in seams |",
+        "|---|---|---|---|---|---|",
+    )
+    for row in served:
+        yield f"| {row['fov_deg']} degrees, turned by {row['rotation_deg']} | {_cells(row)} |"
+
+
+def _cells(figures: dict[str, float]) -> str:
+    shares = f"{figures['share_lit']:.1%} | {figures['mean']:.3f} | {figures['level']:.3f}"
+    return f"{shares} | {figures['error']:.2%} | {figures['seam_error']:.2%}"

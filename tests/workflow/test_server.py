@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import photographer
 import pytest
-from seen import front, seen
 from tiny_venue import CAMERA, Ran, procam, quick_simulator
 
 from procam.errors import CalibrationError, FileFormatError
@@ -32,6 +31,7 @@ from procam.workflows.solve.media_server import placed_by_server
 from simulators import truth
 from simulators.scene import SceneSize
 from simulators.template import server_text
+from studies.seen import front, seen
 
 MASTER, MAPS = 512, 256
 SIZE = SceneSize(projectors=2, projector_size=(480, 300), camera_size=(480, 480), rays=64)
