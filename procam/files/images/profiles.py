@@ -5,9 +5,10 @@ gives that of pictures whose profile states something else, and a sentence that 
 """
 
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 import OpenImageIO as oiio
@@ -44,6 +45,15 @@ BRADFORD = np.array(
 D50 = np.array([0.9642, 1.0, 0.8249])  # XYZ of white in ICC profiles
 PARAMETERS = (1, 3, 4, 5, 7)  # that types of ICC's formulas have
 STATEMENTS = ("ICCProfile", "CICP", "chromaticities")
+DAMAGED = "that is damaged"
+WHITE_OFF = 0.1  # of white's X, Y and Z in a profile; that of ICC is D50
+MOST_CONDITION = 50.0  # of a matrix to Rec.709; ACES AP0's is 3.1, primaries on a line have more
+MEAN = 0.1, 0.9  # light of a ramp; exponents of 9 and 1/9
+LEAST_RISE = 0.5  # from code 0 to full, of light that content uses
+OVERSHOOT = 0.1  # of curves that leave 0..1
+MOST_DIP = 0.05  # from one code to the next; where a formula's two parts meet they are rounded
+MOST_NAME = 80  # letters
+CHRM_BYTES = 32
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,6 +117,21 @@ def _unread(path: Path, profile: Profile) -> str:
 
 def stated_profile(path: Path, spec: oiio.ImageSpec) -> Profile | None:
     """The profile that a picture's header states; None for none."""
+    try:
+        with np.errstate(all="ignore"):  # infinite and NaN are refused below
+            return _stated(path, spec)
+    except (
+        ArithmeticError,
+        LookupError,
+        TypeError,
+        ValueError,
+        struct.error,
+        np.linalg.LinAlgError,
+    ):
+        return Profile(DAMAGED, None)
+
+
+def _stated(path: Path, spec: oiio.ImageSpec) -> Profile | None:
     icc = spec.getattribute("ICCProfile")
     if icc is not None:
         return _icc(np.asarray(icc, np.uint8).tobytes())
@@ -116,7 +141,26 @@ def stated_profile(path: Path, spec: oiio.ImageSpec) -> Profile | None:
         return Profile(name or f"of primaries {code[0]}", _to_rec709(NAMED[name]) if name else None)
     if points is None and path.suffix == ".png":
         points = _png_points(path)
-    return None if points is None else Profile(_name(points), _to_rec709(tuple(points)))
+    return None if points is None else _of_points(tuple(map(float, points)))
+
+
+def _of_points(points: tuple[float, ...]) -> Profile:
+    """Primaries and white by x, y; damaged where they are no four points that make colours."""
+    return Profile(_name(points), _usable(_to_rec709(points)))
+
+
+def _usable(matrix: Array) -> Array:
+    """The matrix to linear Rec.709 of a profile that shows colours, white as white.
+
+    Raises
+    ------
+    ValueError
+        White is none, or the primaries lie on a line: pictures would become black, or one colour.
+    """
+    white = np.abs(matrix.sum(axis=1) - 1).max()
+    if not white <= WHITE_OFF or not np.linalg.cond(matrix) <= MOST_CONDITION:
+        raise ValueError("its primaries and white make no colours")
+    return matrix
 
 
 def _rec709(rgb: AnyArray, profile: Profile, known: Transfer) -> AnyArray:
@@ -142,9 +186,12 @@ def _to_rec709(points: tuple[float, ...]) -> Array:
 def _to_d50(points: tuple[float, ...]) -> Array:
     """(3, 3) to XYZ under D50 from x, y of red, green, blue and white."""
     x, y = np.reshape(points, (4, 2)).T.astype(float)
-    xyz = np.stack([x / y, np.ones(4), (1 - x - y) / y])
-    primaries = xyz[:, :3] * np.linalg.solve(xyz[:, :3], xyz[:, 3])
-    gain = (BRADFORD @ D50) / (BRADFORD @ xyz[:, 3])
+    xyz = np.stack([x, y, 1 - x - y])  # of sum 1
+    share = np.linalg.solve(xyz[:, :3], xyz[:, 3])
+    if not y[3] > 0 or not (share > 0).all():
+        raise ValueError("its white is no mixture of its primaries")
+    primaries, white = xyz[:, :3] * share / y[3], xyz[:, 3] / y[3]
+    gain = (BRADFORD @ D50) / (BRADFORD @ white)
     return np.asarray(np.linalg.inv(BRADFORD) @ (gain[:, None] * BRADFORD) @ primaries)
 
 
@@ -155,16 +202,14 @@ def _name(points: tuple[float, ...]) -> str:
 
 def _icc(data: bytes) -> Profile:
     """A profile of ICC.1:2022: its matrix and curves, if it has them."""
-    try:
-        tags = _icc_tags(data)
-        name = _icc_name(tags.get(b"desc", b"")) or "ICC"
-        if data[16:20] != b"RGB " or not {b"rXYZ", b"gXYZ", b"bXYZ"} <= tags.keys():
-            return Profile(name, None)
-        columns = [_fixed(tags[c + b"XYZ"][8:20]) for c in (b"r", b"g", b"b")]
-        matrix = np.asarray(np.linalg.solve(_to_d50(REC709), np.transpose(columns)), float)
-        return Profile(name, matrix, tuple(_curve(tags[c + b"TRC"]) for c in (b"r", b"g", b"b")))
-    except (struct.error, LookupError, TypeError, ValueError):
-        return Profile("that is damaged", None)
+    tags = _icc_tags(data)
+    name = _icc_name(tags.get(b"desc", b"")) or "ICC"
+    if data[16:20] != b"RGB " or not {b"rXYZ", b"gXYZ", b"bXYZ"} <= tags.keys():
+        return Profile(name, None)
+    columns = [_fixed(tags[c + b"XYZ"][8:20]) for c in (b"r", b"g", b"b")]
+    matrix = np.asarray(np.linalg.solve(_to_d50(REC709), np.transpose(columns)), float)
+    curves = tuple(_rising(_curve(tags[c + b"TRC"])) for c in (b"r", b"g", b"b"))
+    return Profile(name, _usable(matrix), curves)
 
 
 def _icc_tags(data: bytes) -> dict[bytes, bytes]:
@@ -176,11 +221,15 @@ def _icc_tags(data: bytes) -> dict[bytes, bytes]:
 def _icc_name(tag: bytes) -> str:
     if tag[:4] == b"desc":
         (length,) = struct.unpack_from(">I", tag, 8)
-        return tag[12 : 12 + length].decode("latin-1").strip("\0 ")
+        return _short(tag[12 : 12 + length].decode("latin-1"))
     if tag[:4] == b"mluc":
         length, start = struct.unpack_from(">II", tag, 20)
-        return tag[start : start + length].decode("utf-16-be", "replace").strip("\0 ")
+        return _short(tag[start : start + length].decode("utf-16-be", "replace"))
     return ""
+
+
+def _short(name: str) -> str:
+    return name.strip("\0 ")[:MOST_NAME]
 
 
 def _fixed(data: bytes) -> Array:
@@ -192,12 +241,22 @@ def _curve(tag: bytes) -> Curve:
     """A curve of type `curv` (a table, or an exponent) or `para` (a formula)."""
     if tag[:4] == b"para":
         (kind,) = struct.unpack_from(">H", tag, 8)
-        return _formula(*_fixed(tag[12 : 12 + 4 * PARAMETERS[kind]]))
+        return _formula(*_fixed(tag[12 : 12 + 4 * PARAMETERS[kind]]).tolist())
     (count,) = struct.unpack_from(">I", tag, 8)
     table = np.frombuffer(tag, ">u2", count, 12) / 65535
     if count < 2:
         return _formula(65535 / 256 * table[0] if count else 1.0)
     return lambda values: np.interp(values, np.linspace(0, 1, count), table)
+
+
+def _rising(curve: Curve) -> Curve:
+    """The curve; ValueError of one that leads not from dark to light."""
+    light = curve(np.linspace(0, 1, 256))
+    inside = (light >= -OVERSHOOT) & (light <= 1 + OVERSHOOT)
+    usual = MEAN[0] < light.mean() < MEAN[1] and light[-1] - light[0] >= LEAST_RISE
+    if not inside.all() or not usual or np.diff(light).min() < -MOST_DIP:
+        raise ValueError("its curve does not lead from dark to light")
+    return curve
 
 
 def _formula(g: float, a: float = 1, b: float = 0, *more: float) -> Curve:
@@ -215,13 +274,20 @@ def _png_points(path: Path) -> tuple[float, ...] | None:
     """A PNG's cHRM chunk, which OpenImageIO does not give, unless sRGB's chunk overrides it."""
     points: tuple[float, ...] | None = None
     with path.open("rb") as file:
-        file.seek(8)
-        while len(head := file.read(8)) == 8:
-            length, name = struct.unpack(">I4s", head)
+        for name, length in _png_chunks(file):
             if name in (b"sRGB", b"IDAT"):
                 return points if name == b"IDAT" else None
-            data = file.read(length + 4)
             if name == b"cHRM":
-                white, primaries = np.split(np.frombuffer(data[:32], ">u4") / 1e5, [2])
+                data = file.read(CHRM_BYTES) if length == CHRM_BYTES else b""
+                white, primaries = np.split(np.frombuffer(data, ">u4") / 1e5, [2])
                 points = (*primaries, *white)
     return None
+
+
+def _png_chunks(file: BinaryIO) -> Iterator[tuple[bytes, int]]:
+    """Name and length of each chunk of a PNG, whose data is to be read next."""
+    start = 8
+    while len(head := file.read(8) if file.seek(start) else b"") == 8:
+        length, name = struct.unpack(">I4s", head)
+        yield name, length
+        start += length + 12

@@ -1,5 +1,6 @@
 """Colour profiles of pictures, made here by hand, against colour-science's conversions."""
 
+import re
 import struct
 import zlib
 from pathlib import Path
@@ -234,6 +235,83 @@ class TestNoted:
             np.testing.assert_array_equal(still.rgb, codes)
         still = read_still(png(tmp_path / "a.png", codes, (b"cICP", bytes([22, 13, 0, 1]))))
         assert "profile of primaries 22, which procam cannot convert" in still.note
+
+    @pytest.mark.parametrize(
+        "data",
+        [
+            bytes(32),  # all zero
+            bytes(10),
+            chrm("Rec.2020")[1] + bytes(4),
+            struct.pack(">8I", 31270, 0, 64000, 33000, 30000, 60000, 15000, 6000),  # white y 0
+            struct.pack(">8I", 31270, 32900, 64000, 33000, 40000, 33000, 15000, 33000),  # on a line
+            struct.pack(">8I", 31270, 32900, 64000, 33000, 64000, 33000, 64000, 33000),  # one point
+            struct.pack(
+                ">8I", 70000, 25000, 64000, 33000, 30000, 60000, 15000, 6000
+            ),  # white outside
+        ],
+    )
+    def test_primaries_that_make_no_colours_change_nothing(
+        self, data: bytes, codes: np.ndarray, tmp_path: Path
+    ) -> None:
+        """They sent black, and said that it was converted."""
+        still = read_still(png(tmp_path / "a.png", codes, (b"cHRM", data)))
+        assert "the colour profile that is damaged, which procam cannot convert" in still.note
+        assert not still.converted
+        np.testing.assert_array_equal(still.rgb, codes)
+
+    @pytest.mark.parametrize("count", [0, 1, 7, 9, 16])
+    def test_chromaticities_of_another_length(self, count: int, tmp_path: Path) -> None:
+        light = np.full((4, 4, 3), 0.5, np.float32)
+        spec = oiio.ImageSpec(4, 4, 3, "float")
+        kind = oiio.TypeDesc(f"float[{count}]") if count > 1 else oiio.TypeDesc("float")
+        values: object = (0.3,) * count if count > 1 else 0.3
+        if count:
+            spec.attribute("chromaticities", kind, values)
+        else:
+            spec.attribute("chromaticities", "wide")
+        still = read_still(written(tmp_path / "a.exr", light, spec))
+        assert not still.converted and "cannot convert" in still.note
+        np.testing.assert_array_equal(still.rgb, light)
+
+    @pytest.mark.parametrize(
+        "curve",
+        [
+            curv(0),  # an exponent of 0: all white
+            curv(65535, 0),  # falls
+            curv(0, 0, 0),
+            para(0, (-2.0,)),
+            para(0, (float(2**14),)),
+            para(1, (2.0, 0.0, 0.1)),
+            para(3, (2.4, 1.0, 0.0, 9.0, 1.0)),
+            b"curv" + bytes(4) + b"\xff" * 4,
+            b"",
+        ],
+    )
+    def test_a_curve_that_leads_not_from_dark_to_light(
+        self, curve: bytes, codes: np.ndarray, tmp_path: Path
+    ) -> None:
+        still = read_still(tiff(tmp_path / "a.tif", codes, icc("Rec.2020", curve)))
+        assert not still.converted and "cannot convert" in still.note
+        np.testing.assert_array_equal(still.rgb, codes)
+
+    def test_columns_of_zeros(self, codes: np.ndarray, tmp_path: Path) -> None:
+        whole = icc("Rec.2020", para(*SRGB_PARA))
+        start = whole.rindex(b"XYZ \0\0\0\0") + 8
+        for data in (bytes(12), fixed(30000, 30000, 30000)):
+            broken = whole[:start] + data + whole[start + 12 :]
+            still = read_still(tiff(tmp_path / "a.tif", codes, broken))
+            assert not still.converted and "cannot convert" in still.note
+        for match in list(re.finditer(rb"XYZ \0\0\0\0", whole))[-3:]:
+            grey = fixed(*(np.array([0.9642, 1, 0.8249]) / 3))  # white is right, colours are gone
+            whole = whole[: match.end()] + grey + whole[match.end() + 12 :]
+        still = read_still(tiff(tmp_path / "a.tif", codes, whole))
+        assert not still.converted and "cannot convert" in still.note
+
+    def test_a_long_name_is_cut(self, codes: np.ndarray, tmp_path: Path) -> None:
+        still = read_still(
+            tiff(tmp_path / "a.tif", codes, icc("Rec.2020", para(*SRGB_PARA), "x" * 9000))
+        )
+        assert still.converted and len(still.note) < 400
 
     @pytest.mark.parametrize("name", ["a.png", "a.tif"])
     def test_srgb_needs_no_word(self, name: str, codes: np.ndarray, tmp_path: Path) -> None:
