@@ -14,36 +14,23 @@ import tempfile
 import time
 import traceback
 from collections import Counter
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import av
-import numpy as np
-
 import procam.estimate.calibration
-from procam.errors import FileFormatError, ProcamError
-from procam.files.calibration import load_calibration, load_dome
-from procam.files.code_file import load_code
-from procam.files.images.layers import read_channels
-from procam.files.images.movies import MovieReader
-from procam.files.images.photos import load_response, read_photo
-from procam.files.images.pixels import write_image
-from procam.files.images.stills import read_still
-from procam.files.meter import read_meter
-from procam.files.session import Session
+from procam.errors import ProcamError
 from procam.files.venue.load import load_venue
-from procam.workflows.capture.settings import keep_settings, read_settings
-from procam.workflows.photographs.driven import Wanted
-from procam.workflows.photographs.rounds import Rounds
 from simulators.scene import SceneSize
 from simulators.template import venue_text
 from studies.measure import side_by_side, write
 from studies.photometry import calibrate_venue
+from studies.readers import READERS, Reader, make_files
 
 MAP_SIZE = 64  # of the dome's maps: quick to read
-CASES = 20_000  # of each reader
+CASES = 20_000  # of each reader, as far as its time goes
+LIMIT_S = 3600.0  # of a reader
+MEMORY = 4 * 2**30  # of a reader's process; more would end others
 HANG_S, SLOW_S = 10, 1.0  # wall time; CPU time, which other processes do not lengthen
 OUTCOMES = "read", "different", "refused", "slow"
 SIZE = SceneSize(projectors=1, projector_size=(128, 80), camera_size=(200, 200), rays=64)
@@ -51,21 +38,7 @@ STRANGE: tuple[Any, ...] = (
     *(None, True, -1, 0, 1e308, float("nan"), float("inf"), 10**30, -0.5, 3.7),
     *("", "x", "../../x", "\x00", "é" * 300, "1e999", [], {}, [[1]], [1, 2], {"a": 1}),
 )
-CODE = (
-    'order = ["white", "black", "columns-phase", "columns-gray", "rows-phase", "rows-gray"]\n'
-    + "".join(
-        f"[{axis}]\nperiods_px = [16, 18]\nsteps = 3\ngray_cell_px = 16\n"
-        for axis in ("columns", "rows")
-    )
-)
-METER = "projector,patch,azimuth_deg,elevation_deg,Y,x,y\n" + "".join(
-    f"south,{patch},10,40,{light},0.31,0.33\n"
-    for patch, light in (("white", 11.5), ("black", 0.02))
-)
-
-
 DEEP = 100_000
-WANTED = Wanted({"south": np.zeros((80, 128, 3), np.float32)}, 0.1)
 FOREIGN: dict[str, bytes] = {
     "nothing": b"",
     "zeros": bytes(1000),
@@ -83,97 +56,6 @@ FOREIGN: dict[str, bytes] = {
 }
 
 
-@dataclass(frozen=True)
-class Reader:
-    """A kind of file: where it is in the folder of `make_files`, and what reads it.
-
-    A `lossless` one has checksums: what it reads as must not change without a word.
-    """
-
-    name: str
-    path: str
-    read: Callable[[Path], object]
-    lossless: bool = False
-
-
-def _session(path: Path) -> object:
-    session = Session(next(p for p in path.parents if p.parent.name == "sessions"))
-    shot = session.read_plan().shots[0]
-    return session.load("zenith", shot, shot.exposures_s[0], (200, 200))
-
-
-def _movie(path: Path) -> object:
-    """What is shown when; a movie with a note is as good as refused."""
-    with MovieReader(path) as movie:
-        shown = [(frame.pts, hash(frame.rgb.tobytes())) for frame in movie]
-        if movie.note:
-            raise FileFormatError(movie.note)
-        return shown
-
-
-def _settings(path: Path) -> object:
-    return read_settings(Session(path.parents[2]), path.parent.name)
-
-
-def _rounds(path: Path) -> object:
-    camera = load_venue(path.parents[2]).cameras["zenith"]
-    rounds = Rounds(path.parent, camera, 0.1, "a sky")
-    return rounds.ask([WANTED]), rounds.order()
-
-
-CALIBRATION, SESSION = "venue/calibrations/0001", "venue/sessions/0001"
-READERS = (
-    Reader(
-        "calibration.json", f"{CALIBRATION}/calibration.json", lambda p: load_calibration(p.parent)
-    ),
-    Reader("maps of the dome", f"{CALIBRATION}/maps/dome.exr", lambda p: load_dome(p.parents[1])),
-    Reader("maps of a projector", f"{CALIBRATION}/maps/south.exr", read_channels),
-    Reader("plan.json", f"{SESSION}/plan.json", _session),
-    Reader("index.jsonl", f"{SESSION}/captures/zenith/index.jsonl", _session),
-    Reader("wanted.json", "venue/sessions/refine-0001/wanted.json", _rounds),
-    Reader("settings.json", f"{SESSION}/captures/zenith/settings.json", _settings),
-    Reader("frame", f"{SESSION}/captures/zenith/dark@0.13.tif", _session),
-    Reader("venue.toml", "venue/venue.toml", lambda p: load_venue(p.parent)),
-    Reader("PNG", "still.png", read_still),
-    Reader("TIFF", "still.tif", read_still),
-    Reader("EXR", "still.exr", read_still),
-    Reader("JPEG", "photo.jpg", read_photo),
-    Reader("FFV1 in Matroska", "movie.mkv", _movie, lossless=True),
-    Reader("ProRes in QuickTime", "movie.mov", _movie),
-    Reader("code.toml", "code.toml", load_code),
-    Reader("response.csv", "response.csv", lambda p: load_response(p.name, p.parent)),
-    Reader("meter.csv", "meter.csv", lambda p: read_meter(p, ["south"])),
-)
-
-
-def make_files(folder: Path) -> None:
-    """Add pictures, movies and tables to a folder whose `venue` has a session and a calibration."""
-    light = np.random.default_rng(0).random((48, 64, 3))
-    write_image(folder / "still.png", (light * 255).astype(np.uint8))
-    write_image(folder / "still.tif", (light * 65535).astype(np.uint16))
-    write_image(folder / "still.exr", light.astype(np.float32), ("R", "G", "B"))
-    for name, codec, layout in (
-        ("movie.mkv", "ffv1", "bgr0"),
-        ("movie.mov", "prores_ks", "yuv422p10le"),
-    ):
-        with av.open(str(folder / name), "w") as movie:
-            stream = movie.add_stream(codec, rate=25)
-            stream.width, stream.height, stream.pix_fmt = 64, 48, layout
-            for shift in range(4):
-                rgb = np.roll((light * 255).astype(np.uint8), shift, axis=1)
-                frame = av.VideoFrame.from_ndarray(rgb, format="rgb24")
-                movie.mux(stream.encode(frame.reformat(format=layout)))
-            movie.mux(stream.encode())
-    _rounds(folder / "venue/sessions/refine-0001/wanted.json")
-    keep_settings(Session(folder / SESSION), "zenith", {"ISO": 100.0, "aperture f/": 4.0})
-    import cv2  # noqa: PLC0415 - for one JPEG
-
-    cv2.imwrite(str(folder / "photo.jpg"), (light * 255).astype(np.uint8))
-    (folder / "code.toml").write_text(CODE)
-    (folder / "meter.csv").write_text(METER)
-    (folder / "response.csv").write_text("level,light\n0,0\n0.3,0.1\n0.8,0.6\n1,1\n")
-
-
 def fuzz(reader: Reader, folder: Path, cases: int, seed: int = 0) -> Counter[str]:
     """How many cases were "read", "refused", "slow", or ended in another exception, by its place.
 
@@ -183,7 +65,10 @@ def fuzz(reader: Reader, folder: Path, cases: int, seed: int = 0) -> Counter[str
     content, rng, found = path.read_bytes(), random.Random(f"{reader.name} {seed}"), Counter[str]()
     original, before = reader.read(path), signal.signal(signal.SIGALRM, _hangs)
     try:
+        until = time.monotonic() + LIMIT_S
         for _ in range(cases):
+            if time.monotonic() > until:
+                break
             path.write_bytes(changed(content, path.suffix, rng))
             started = time.process_time()
             signal.alarm(HANG_S)
@@ -291,11 +176,13 @@ def _row(number: int) -> dict[str, Any]:
         (folder / "venue" / "venue.toml").write_text(venue_text("standard", SIZE))
         calibrate_venue(load_venue(folder / "venue"))
         make_files(folder)
+        resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
         found = fuzz(reader, folder, CASES)
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
     return {
         "reader": reader.name,
         "lossless": reader.lossless,
+        "cases": sum(found.values()) - found["slow"],
         "found": dict(found),
         "memory_gib": memory,
     }
@@ -311,18 +198,18 @@ def _table(rows: list[dict[str, Any]]) -> Iterator[str]:
     yield from (
         "# Damaged files and files of strangers",
         "",
-        f"{CASES} of each. Refused: in one sentence, exit code 2. Read, but otherwise: of files with "
+        f"Up to {CASES} of each. Refused: in one sentence, exit code 2. Read, but otherwise: of files with "
         "checksums alone. Memory: most of the process so far.",
         "",
-        "| file | read | read, but otherwise | refused | other exceptions | slower than 1 s | memory |",
-        "|---|---|---|---|---|---|---|",
+        "| file | cases | read | read, but otherwise | refused | other exceptions | over 1 s | memory |",
+        "|---|---|---|---|---|---|---|---|",
     )
     for row in rows:
         found = row["found"]
         others = sum(n for kind, n in found.items() if kind not in OUTCOMES)
         counts = [str(found.get(kind, 0)) for kind in ("read", "different", "refused")]
         counts[1] = counts[1] if row["lossless"] else "-"
+        counts += [str(others), str(found.get("slow", 0))]
         yield (
-            f"| {row['reader']} | {' | '.join(counts)} | {others} | {found.get('slow', 0)} | "
-            f"{row['memory_gib']:.2f} GiB |"
+            f"| {row['reader']} | {row['cases']} | {' | '.join(counts)} | {row['memory_gib']:.2f} GiB |"
         )

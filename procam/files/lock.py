@@ -29,7 +29,7 @@ def locked(venue_dir: Path, work: str) -> Iterator[None]:
         yield
         return
     folder.mkdir(parents=True, exist_ok=True)
-    with (folder / NAME).open("a+", encoding="utf-8") as file:
+    with (folder / NAME).open("a+", encoding="utf-8", errors="replace") as file:
         file.seek(LOCKED_AT)
         if not try_lock(file):
             file.seek(0)

@@ -82,14 +82,18 @@ def _read(path: Path) -> _Mesh:
         raise FileFormatError(f"{path}: meshes are read from .obj and .ply files; export it as one")
     if not path.is_file():
         raise FileFormatError(f"{path}: no such file; a mesh is needed. Check the name")
+    loader = _trimesh()
     try:
-        found = _trimesh().load_mesh(path, process=False)
-    except (ValueError, IndexError, KeyError, TypeError) as error:
+        found = loader.load_mesh(path, process=False)
+        vertices, faces = (np.asarray(found.vertices, np.float64), np.asarray(found.faces, np.intp))
+        stated = _faces_in_header(path)
+        if vertices.shape[1:] != (3,) or faces.shape[1:] != (3,):
+            raise ValueError("its points have no three coordinates, or its faces no three corners")
+    except Exception as error:  # trimesh raises of every kind
         raise FileFormatError(
             f"{path} is not a readable OBJ or PLY mesh ({' '.join(str(error).split())}); export it again"
         ) from error
-    mesh = _Mesh(path, np.asarray(found.vertices, np.float64), np.asarray(found.faces, np.intp))
-    stated = _faces_in_header(path)
+    mesh = _Mesh(path, vertices, faces)
     if len(mesh.faces) < stated:
         raise mesh.fault(f"{len(mesh.faces)} of the {stated} faces in its header; copy it again")
     if not len(mesh.faces):

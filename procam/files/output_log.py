@@ -2,6 +2,7 @@
 
 import json
 import threading
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ class OutputLog:
     """One line of JSON for each output file, in a log beside the files.
 
     A line holds the output's name and size, the source's size and time, a key of everything else that
-    determines the output, and values that the run needs again.
+    determines the output, values that the run needs again, and a checksum of all this.
 
     Parameters
     ----------
@@ -46,7 +47,7 @@ class OutputLog:
             "kept": kept,
         }
         with self._lock:
-            append_line(self.path, json.dumps(entry))
+            append_line(self.path, json.dumps({**entry, "checksum": _checksum(entry)}))
 
 
 def _entry(line: str) -> dict[str, Any]:
@@ -55,7 +56,13 @@ def _entry(line: str) -> dict[str, Any]:
         found = json.loads(line)
     except (ValueError, RecursionError):
         return {}
-    return found if isinstance(found, dict) else {}
+    if not isinstance(found, dict) or found.pop("checksum", None) != _checksum(found):
+        return {}
+    return found
+
+
+def _checksum(entry: dict[str, Any]) -> str:
+    return f"{zlib.crc32(json.dumps(entry, sort_keys=True).encode()):08x}"
 
 
 def file_state(path: Path) -> list[int]:

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from tiny_venue import make_venue, procam, quick_simulator, take_session
 
+from procam.files.history.record import recorded
 from procam.files.images.pixels import read_header
 
 
@@ -75,6 +76,18 @@ def test_exports_and_plots(venue: Path, tmp_path: Path) -> None:
     assert ran.out == f"{plot} written: feedback.G\n"
     assert read_header(plot).width > 300
     assert procam("history", venue, "--plot", plot).out.startswith(f"{plot} written: feedback.R,")
+
+
+def test_what_steers_a_terminal_is_written_out(tmp_path: Path) -> None:
+    make_venue(tmp_path)
+    with recorded(tmp_path, "solve\x1b[2J") as run:
+        run.message = "\x1b]0;owned\x07 \u202eno\n   2  forged"
+    ran = procam("history", tmp_path)
+    (row,) = (line for line in ran.out.splitlines() if "solve" in line)
+    assert row.endswith(r"solve\x1b[2J   done     \x1b]0;owned\x07 \u202eno    2  forged")
+    (tmp_path / "venue.toml").write_text('"\\u001b[31m" = 1\n')
+    ran = procam("verify", tmp_path)
+    assert r"\x1b[31m" in ran.err and "\x1b" not in ran.err + ran.out
 
 
 class TestPrune:

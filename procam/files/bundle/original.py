@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from procam.errors import FileFormatError
 from procam.files.session_tables import parse_object
 from procam.files.versions import list_calibrations
 
@@ -33,7 +34,15 @@ def original_figures(venue_dir: Path, session: str) -> str | None:
 def _documents(venue_dir: Path) -> Iterator[dict[str, Any]]:
     for directory in list_calibrations(venue_dir):
         path = directory / "calibration.json"
-        yield parse_object(path, path.read_bytes())
+        document = parse_object(path, path.read_bytes())
+        quality = document.get("quality", {})
+        figures = quality.values() if isinstance(quality, dict) else ()
+        parts = document.get("provenance", {}), quality, *figures
+        if not all(isinstance(part, dict) for part in parts):
+            raise FileFormatError(
+                f"{path} is damaged (provenance or quality is no object); restore it"
+            )
+        yield document
 
 
 def _source(document: dict[str, Any], key: str) -> Any:

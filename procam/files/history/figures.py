@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from procam.files.history.store import storable
 from procam.model.quality import Figure
 
 CHANNELS = "RGB"
@@ -31,7 +32,7 @@ def calibration_figures(path: Path) -> tuple[str, list[Row]]:
     try:
         document = json.loads(path.read_bytes())
         rows = list(_of_document(document))
-        return str(document["provenance"].get("session", "")), rows
+        return storable(document["provenance"].get("session", "")), rows
     except (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError):
         return "", []
 
@@ -51,11 +52,12 @@ def _of_document(document: dict[str, Any]) -> Iterator[Row]:
 def _rows(name: str, entry: dict[str, Any]) -> Iterator[Row]:
     value, sigma, goal = entry["value"], entry.get("sigma"), entry.get("goal") or {}
     passed = entry.get("pass")
+    name, op = storable(name), goal.get("op")
     rest = (
-        str(entry["unit"]),
-        goal.get("op"),
+        storable(entry["unit"]),
+        None if op is None else storable(op),
         _number(goal.get("value")),
-        None if passed is None else int(passed),
+        None if passed is None else int(bool(passed)),
     )
     if not isinstance(value, list):
         yield name, _number(value), _number(sigma), *rest

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from procam.errors import DeviceError, InputError, ProcamError
 from procam.files.history.figures import Row, calibration_figures, figure_rows
-from procam.files.history.store import file_digest, written
+from procam.files.history.store import file_digest, storable, written
 from procam.files.lock import locked
 from procam.files.toml import read_toml
 from procam.files.versions import list_calibrations, name_in_use
@@ -25,6 +25,7 @@ RUNNING, DONE, STOPPED, KILLED, REFUSED, FAILED = (
     "refused",
     "failed",
 )
+MOST_PIXELS = 2**31  # along an edge; SQLite refuses larger numbers than 2**63
 _open: dict[Path, "Run"] = {}  # of this process, by venue
 
 
@@ -86,7 +87,9 @@ def recorded(venue_dir: Path, command: str) -> Iterator[Run]:
 
 def _begin(venue_dir: Path, command: str) -> int:
     with written(venue_dir) as db:
-        db.execute("UPDATE runs SET outcome = ? WHERE outcome = ?", (KILLED, RUNNING))
+        db.execute(
+            "UPDATE runs SET outcome = ?, checksum = '' WHERE outcome = ?", (KILLED, RUNNING)
+        )
         added = db.execute(
             "INSERT INTO runs (command, procam, started_at, outcome, message) VALUES (?, ?, ?, ?, '')",
             (command, version("procam"), datetime.now(UTC).isoformat(timespec="seconds"), RUNNING),
@@ -94,7 +97,7 @@ def _begin(venue_dir: Path, command: str) -> int:
         run = added.lastrowid
         assert run is not None
         db.executemany(
-            "INSERT INTO devices VALUES (?, ?, ?, ?, ?, ?)",
+            "INSERT INTO devices VALUES (?, ?, ?, ?, ?, ?, '')",
             [(run, *device) for device in _devices(venue_dir)],
         )
         _adopt(venue_dir, db, run)
@@ -106,7 +109,7 @@ def _end(venue_dir: Path, run: Run, outcome: str, elapsed_s: float) -> None:
         _adopt(venue_dir, db, run.id, run.there)
         _add_figures(db, run.id, None, run._figures)
         db.execute(
-            "UPDATE runs SET outcome = ?, elapsed_s = ?, message = ?, in_use = ? WHERE id = ?",
+            "UPDATE runs SET outcome = ?, elapsed_s = ?, message = ?, in_use = ?, checksum = '' WHERE id = ?",
             (outcome, round(elapsed_s, 3), run.message, name_in_use(venue_dir), run.id),
         )
 
@@ -127,8 +130,8 @@ def _adopt(
         session, rows = calibration_figures(directory / "calibration.json")
         values = (directory.name, run, session)
         db.execute(
-            "INSERT INTO calibrations VALUES (?, ?, ?) ON CONFLICT (name) DO UPDATE "
-            "SET run = excluded.run, session = excluded.session",
+            "INSERT INTO calibrations VALUES (?, ?, ?, '') ON CONFLICT (name) DO UPDATE "
+            "SET run = excluded.run, session = excluded.session, checksum = ''",
             values,
         )
         _add_figures(db, run, directory.name, rows)
@@ -140,13 +143,13 @@ def _adopt(
 def _add_files(venue_dir: Path, db: sqlite3.Connection, run: int, paths: list[Path]) -> None:
     """Record hashes of files, where they are not what was recorded last."""
     for path in paths:
-        name, digest = path.relative_to(venue_dir).as_posix(), file_digest(path)
+        name, digest = storable(path.relative_to(venue_dir).as_posix()), file_digest(path)
         last = db.execute(
             "SELECT sha256 FROM files WHERE path = ? ORDER BY run DESC LIMIT 1", (name,)
         ).fetchone()
         if last is None or last[0] != digest:
             db.execute(
-                "INSERT OR REPLACE INTO files VALUES (?, ?, ?, ?)",
+                "INSERT OR REPLACE INTO files VALUES (?, ?, ?, ?, '')",
                 (run, name, digest, path.stat().st_size),
             )
 
@@ -155,7 +158,7 @@ def _add_figures(
     db: sqlite3.Connection, run: int, calibration: str | None, rows: list[Row]
 ) -> None:
     db.executemany(
-        "INSERT INTO figures VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)",
+        "INSERT INTO figures VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, '')",
         [(run, calibration, *row) for row in rows],
     )
 
@@ -169,9 +172,16 @@ def _devices(venue_dir: Path) -> Iterator[tuple[str, str, str, int | None, int |
         entries = table.get(f"{kind}s")
         for name, entry in entries.items() if isinstance(entries, dict) else ():
             if isinstance(entry, dict):
-                size = entry.get("size")
-                pair = size if isinstance(size, list) and len(size) == 2 else (None, None)
-                yield kind, str(name), str(entry.get("backend", "by-hand")), *pair
+                backend = storable(entry.get("backend", "by-hand"))
+                yield kind, storable(name), backend, *_size(entry.get("size"))
+
+
+def _size(size: object) -> tuple[int | None, int | None]:
+    """Width and height, if they are numbers of pixels."""
+    pair = size if isinstance(size, list) and len(size) == 2 else [None]
+    if all(type(n) is int and abs(n) < MOST_PIXELS for n in pair):
+        return pair[0], pair[1]
+    return None, None
 
 
 def _outcome(error: BaseException) -> str:
@@ -184,4 +194,4 @@ def _outcome(error: BaseException) -> str:
 
 def _first_line(error: BaseException) -> str:
     lines = str(error).splitlines() or [type(error).__name__]
-    return lines[0]
+    return storable(lines[0])

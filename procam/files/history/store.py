@@ -1,7 +1,8 @@
 """history.sqlite: its tables, its versions, and its errors in plain sentences.
 
 A connection lives for one transaction. The file is in WAL mode, so that it can be read while it is written,
-and each commit is flushed to disk.
+and each commit is flushed to disk. The file may be damaged or a stranger's, so it is checked before each
+use (`procam.files.history.soundness`): every row has a checksum, written with it.
 """
 
 import errno
@@ -13,6 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from procam.errors import FileFormatError
+from procam.files.history import soundness
 
 NAME = "history.sqlite"
 BUSY_S = 20.0  # until another reader or writer has ended
@@ -43,11 +45,15 @@ MIGRATIONS = (
         bytes INTEGER NOT NULL, PRIMARY KEY (path, run)
     );
     """,
+    # '' until the row's values are final; `soundness.seal` then fills it
+    ";".join(
+        f"ALTER TABLE {table} ADD COLUMN checksum TEXT NOT NULL DEFAULT ''"
+        for table in soundness.TABLES
+    ),
 )
 SCHEMA = len(MIGRATIONS)
 FULL = sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR
 REFUSED = sqlite3.SQLITE_READONLY, sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_PERM
-DAMAGED = sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB
 PRIMARY = 0xFF  # the low byte of an extended code
 
 
@@ -73,6 +79,7 @@ def written(venue_dir: Path) -> Iterator[sqlite3.Connection]:
         try:
             _migrate(path, db)
             yield db
+            soundness.seal(db)
             db.execute("COMMIT")
         except BaseException:
             if db.in_transaction:
@@ -88,10 +95,16 @@ def readable(venue_dir: Path) -> Iterator[sqlite3.Connection | None]:
     if not path.is_file():
         yield None
         return
-    with _worded(path), _connected(path) as db:
+    with _worded(path), _connected(path, as_it_is=_cannot_change(path)) as db:
         db.execute("BEGIN")  # one state of the file for all that is read
-        version = _version(path, db)
+        version = _checked_version(path, db)
         yield db if version else None
+
+
+def _cannot_change(path: Path) -> bool:
+    """Whether a history is on a disk that is mounted to be read, where SQLite can make no files beside it."""
+    log = path.with_name(f"{NAME}-wal")
+    return not os.access(path.parent, os.W_OK) and not (log.is_file() and log.stat().st_size)
 
 
 def _refuse_folder(path: Path) -> None:
@@ -102,29 +115,36 @@ def _refuse_folder(path: Path) -> None:
 
 
 @contextmanager
-def _connected(path: Path) -> Iterator[sqlite3.Connection]:
-    db = sqlite3.connect(path, timeout=BUSY_S, isolation_level=None)
+def _connected(path: Path, *, as_it_is: bool = False) -> Iterator[sqlite3.Connection]:
+    uri = f"{path.absolute().as_uri()}{'?mode=ro&immutable=1' if as_it_is else ''}"
+    db = sqlite3.connect(uri, timeout=BUSY_S, isolation_level=None, uri=True)
     try:
+        db.execute("PRAGMA trusted_schema = OFF")
         db.execute("PRAGMA foreign_keys = ON")
+        soundness.add_functions(db)
         yield db
     finally:
         db.close()
 
 
 def _migrate(path: Path, db: sqlite3.Connection) -> None:
-    for script in MIGRATIONS[_version(path, db) :]:
+    for script in MIGRATIONS[_checked_version(path, db) :]:
         for statement in script.split(";"):
             db.execute(statement)
     db.execute(f"PRAGMA user_version = {SCHEMA}")
 
 
-def _version(path: Path, db: sqlite3.Connection) -> int:
+def _checked_version(path: Path, db: sqlite3.Connection) -> int:
+    """The version of a file whose tables and rows are sound; 0 of an empty one."""
     version = int(db.execute("PRAGMA user_version").fetchone()[0])
     if version > SCHEMA:
         raise FileFormatError(
             f"{path} was written by a later version of procam (schema {version}, and this version reads "
             f"{SCHEMA}); install that version. Nothing was changed"
         )
+    if version < 0:
+        raise sqlite3.DatabaseError(f"its version is {version}")
+    soundness.check(db, MIGRATIONS[:version])
     return version
 
 
@@ -133,7 +153,9 @@ def _worded(path: Path) -> Iterator[None]:
     """Errors of SQLite as those of procam and of the system."""
     try:
         yield
-    except sqlite3.DatabaseError as error:
+    except (sqlite3.DatabaseError, UnicodeDecodeError) as error:  # also of a message's names
+        if isinstance(error, sqlite3.ProgrammingError):  # of procam, not of the file
+            raise
         code = getattr(error, "sqlite_errorcode", 0) & PRIMARY
         if code in FULL:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path)) from error
@@ -143,15 +165,18 @@ def _worded(path: Path) -> Iterator[None]:
             raise FileFormatError(
                 f"{path} is in use by another program; close that and run the command again"
             ) from error
-        if code in DAMAGED:
-            raise FileFormatError(
-                f"{path} is damaged ({error}); restore it from a backup, or move it away: the next run "
-                "begins a new one, and calibrations and captures are not touched"
-            ) from error
-        raise
+        raise FileFormatError(
+            f"{path} is damaged ({error}); restore it from a backup, or move it away: the next run "
+            "begins a new one, and calibrations and captures are not touched"
+        ) from error
 
 
 def file_digest(path: Path) -> str:
     """The sha256 of a file."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def storable(text: object) -> str:
+    """Text that SQLite takes: halves of characters, which names of files may have, are written out."""
+    return str(text).encode("utf-8", "backslashreplace").decode()

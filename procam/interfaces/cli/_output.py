@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from procam.interfaces.cli._plain import plain
 from procam.interfaces.cli._run_log import RunLog
 
 if TYPE_CHECKING:
@@ -33,7 +34,7 @@ class Output:
         """Print a line for people."""
         self._keep(text)
         if not self.as_json:
-            sys.stdout.write(text + "\n")
+            sys.stdout.write(plain(text) + "\n")
 
     def notes(self, calibration: "Calibration", compared: Sequence[str]) -> list[str]:
         """Print the notes of a solve and of its comparison, which nobody should miss, and return them."""
@@ -46,7 +47,7 @@ class Output:
         """Print notes to stderr, where scripts see them too."""
         for note in notes:
             self._keep(f"note: {note}")
-            sys.stderr.write(f"note: {note}\n")
+            sys.stderr.write(f"note: {plain(note)}\n")
 
     def _keep(self, text: str) -> None:
         if self._log:
@@ -82,7 +83,7 @@ class Output:
                     task,
                     completed=event.done,
                     total=event.total,
-                    description=event.text,
+                    description=plain(event.text),
                     stage=event.stage,
                 )
                 self._keep(f"{event.stage} {event.done}/{event.total} {event.text}")
@@ -125,7 +126,7 @@ class _ProgressLines:
         """Print a line if it is time for one."""
         if time.monotonic() >= self._next_s:
             self._next_s = time.monotonic() + LINE_EVERY_S
-            sys.stderr.write(f"{event.stage} {event.done}/{event.total} {event.text}\n")
+            sys.stderr.write(f"{event.stage} {event.done}/{event.total} {plain(event.text)}\n")
             sys.stderr.flush()
 
 

@@ -5,6 +5,8 @@ import time
 from pathlib import Path
 from shlex import quote
 
+from procam.interfaces.cli._plain import plain
+
 _logs = list["RunLog"]()  # of the present run, or none
 
 
@@ -24,7 +26,7 @@ class RunLog:
         """Add a line."""
         if self._ended:
             return
-        lines = [f"{time.monotonic() - self._started_s:8.1f}  {text}"]
+        lines = [f"{time.monotonic() - self._started_s:8.1f}  {plain(text)}"]
         if not self.has_lines:
             lines.insert(0, f"{time.strftime('%Y-%m-%d %H:%M:%S')}  {_command_line()}")
         try:

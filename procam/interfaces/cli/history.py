@@ -21,6 +21,7 @@ from procam.files.history.read import (
 from procam.files.versions import calibration_in_use, list_calibrations, name_in_use
 from procam.interfaces.cli._options import Json, VenueArgument
 from procam.interfaces.cli._output import Output
+from procam.interfaces.cli._plain import plain_line
 
 EXAMPLE = "procam history my-dome --compare 1 3"
 LATEST = 20
@@ -121,7 +122,7 @@ def _row(run: RunEntry) -> str:
     when = datetime.fromisoformat(run.started_at).astimezone().strftime("%Y-%m-%d %H:%M:%S")
     spent = "" if run.elapsed_s is None else f"{run.elapsed_s:.1f}"
     written = f"wrote {run.written}" if run.written else ""
-    rest = "; ".join(part for part in (written, run.message) if part)
+    rest = "; ".join(part for part in (written, plain_line(run.message)) if part)
     return f"{run.id:4}  {when:20} {spent:>8}  {run.command:10}  {run.outcome:8} {rest}".rstrip()
 
 

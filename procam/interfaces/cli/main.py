@@ -19,6 +19,7 @@ from typer.core import TyperCommand, TyperGroup
 
 from procam.devices.interrupts import interruptible
 from procam.errors import DeviceError, ProcamError
+from procam.interfaces.cli._plain import plain
 from procam.interfaces.cli._run_log import end_log
 
 BY_SIGNAL = 128  # plus a signal's number: the exit code of a process that it has ended
@@ -173,7 +174,7 @@ def _end(message: str, code: int) -> NoReturn:
     With --json scripts get it as a document too, unless frames go to stdout.
     """
     end_log(f"exit code {code}: {message}")
-    sys.stderr.write(f"procam: {message}\n")
+    sys.stderr.write(f"procam: {plain(message)}\n")
     if "-" not in sys.argv:
         if "--json" in sys.argv:
             sys.stdout.write(json.dumps({"error": message, "exit_code": code}, indent=1) + "\n")

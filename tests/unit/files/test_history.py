@@ -4,6 +4,7 @@ import json
 import os
 import shutil
 import sqlite3
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -19,7 +20,7 @@ from procam.files.history.read import (
     verify_unchanged,
 )
 from procam.files.history.record import recorded
-from procam.files.history.store import NAME, SCHEMA, written
+from procam.files.history.store import MIGRATIONS, NAME, SCHEMA, written
 from procam.files.lock import locked
 from procam.model.quality import Figure, Goal
 from studies.history import DOCUMENT, trial
@@ -267,6 +268,103 @@ class TestRefused:
             with pytest.raises(FileFormatError, match=r"is damaged .* restore it from a backup"):
                 read()
         assert (tmp_path / NAME).read_bytes() == content
+
+    @pytest.mark.parametrize(
+        "change",
+        [
+            "PRAGMA user_version = 0",
+            "PRAGMA user_version = 1",
+            "PRAGMA user_version = -3",
+            "DROP TABLE figures",
+            "ALTER TABLE runs DROP COLUMN message",
+            "ALTER TABLE runs RENAME COLUMN message TO text",
+            "DROP INDEX figures_of_run",
+            "CREATE TRIGGER t AFTER INSERT ON runs BEGIN DELETE FROM figures; END",
+            "CREATE VIEW v AS SELECT * FROM runs",
+            "UPDATE figures SET value = 0.5",
+            "UPDATE figures SET value = 'much'",
+            "UPDATE figures SET checksum = ''",
+            "UPDATE runs SET started_at = 'yesterday'",
+            "UPDATE runs SET message = CAST(x'ff00fe' AS TEXT)",
+            "UPDATE devices SET width = 3",
+            "UPDATE calibrations SET session = '0002'",
+            "UPDATE files SET sha256 = ''",
+        ],
+    )
+    def test_what_procam_has_not_written_is_refused_and_left_as_it_is(
+        self, change: str, tmp_path: Path
+    ) -> None:
+        (tmp_path / "venue.toml").write_text(VENUE)
+        with recorded(tmp_path, "solve") as run:
+            write_calibration(tmp_path)
+            run.measured({"moved": Figure(0.4, "px")})
+        query(tmp_path, change)
+        before = (tmp_path / NAME).read_bytes()
+        for read in (
+            lambda: list_runs(tmp_path),
+            lambda: list_figures(tmp_path),
+            lambda: list(changed_files(tmp_path, tmp_path / "calibrations" / "0001")),
+            lambda: recorded(tmp_path, "x").__enter__(),
+        ):
+            with pytest.raises(FileFormatError, match=r"is damaged .* restore it from a backup"):
+                read()
+        assert (tmp_path / NAME).read_bytes() == before
+
+    @pytest.mark.parametrize("time", ["yesterday", "", "2026-01-01", "0001-01-01T00:00:00+14:00"])
+    def test_times_that_cannot_be_shown_are_refused_whoever_wrote_them(
+        self, time: str, tmp_path: Path
+    ) -> None:
+        with recorded(tmp_path, "solve"):
+            pass
+        with written(tmp_path) as db:
+            db.execute("UPDATE runs SET started_at = ?, checksum = ''", (time,))
+        with pytest.raises(FileFormatError, match="row 1 of runs"):
+            list_runs(tmp_path)
+
+    def test_a_file_of_the_first_version_is_read_and_gets_checksums(self, tmp_path: Path) -> None:
+        with sqlite3.connect(tmp_path / NAME) as db:
+            db.executescript(MIGRATIONS[0])
+            begun = "2026-01-01T00:00:00+00:00"
+            db.execute(
+                "INSERT INTO runs VALUES (1, 'solve', '0.1', ?, 1, 'done', '', NULL)", (begun,)
+            )
+            db.execute("PRAGMA user_version = 1")
+        db.close()
+        assert [run.command for run in list_runs(tmp_path)] == ["solve"]
+        with recorded(tmp_path, "verify"):
+            pass
+        assert [run.command for run in list_runs(tmp_path)] == ["solve", "verify"]
+        assert all(query(tmp_path, "SELECT checksum <> '' FROM runs"))
+        query(tmp_path, "UPDATE runs SET elapsed_s = 2")
+        with pytest.raises(FileFormatError, match="row 1 of runs differs"):
+            list_runs(tmp_path)
+
+    def test_words_that_are_no_text_are_written_out(self, tmp_path: Path) -> None:
+        (tmp_path / "venue.toml").write_text(
+            '[cameras.a]\nsize = ["x", 1]\n[cameras.b]\nsize = [99999999999999999999, 1]\n'
+        )
+        quality = {"a\ud800": {"value": 1.0, "unit": "\ud800", "goal": {"op": ["<"], "value": 1}}}
+        write_calibration(tmp_path, quality=quality)
+        with pytest.raises(InputError), recorded(tmp_path, "solve"):
+            raise InputError("no \udcff here")
+        (run,) = list_runs(tmp_path)
+        assert run.message == "no \\udcff here"
+        assert "a\\ud800" in {figure.name for figure in list_figures(tmp_path)}
+
+    @pytest.mark.skipif(os.geteuid() != 0, reason="root mounts it")
+    def test_it_is_read_from_a_disk_that_is_mounted_to_be_read(self, tmp_path: Path) -> None:
+        with recorded(tmp_path, "solve") as run:
+            run.measured({"moved": Figure(0.4, "px")})
+        mount = ("mount", "--bind", "-o", "ro", tmp_path, tmp_path)
+        if subprocess.run(mount, check=False).returncode:
+            pytest.skip("nothing can be mounted here")
+        try:
+            assert [run.command for run in list_runs(tmp_path)] == ["solve"]
+            assert [figure.value for figure in list_figures(tmp_path)] == [0.4]
+            with pytest.raises(OSError, match="Read-only"), recorded(tmp_path, "solve"):
+                pass
+        finally:
+            subprocess.run(("umount", tmp_path), check=True)
 
     def test_another_program_that_holds_it(
         self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
