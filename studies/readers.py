@@ -27,6 +27,7 @@ from procam.files.bundle.original import original_figures
 from procam.files.calibration import load_calibration, load_dome
 from procam.files.code_file import load_code
 from procam.files.dataset import load_dataset
+from procam.files.history.figures import calibration_figures
 from procam.files.history.read import figures_csv, list_runs, verify_unchanged
 from procam.files.history.record import recorded
 from procam.files.images.layers import read_channels
@@ -128,7 +129,7 @@ def _listed(path: Path) -> object:
     venue_dir = path.parents[2]
     seats = list(other_seats(venue_dir, venue_dir / "calibrations" / "0001"))
     session = calibrated_session(venue_dir), solved_sessions(venue_dir)
-    return seats, session, original_figures(venue_dir, "0001")
+    return seats, session, original_figures(venue_dir, "0001"), calibration_figures(path)
 
 
 def _history(path: Path) -> object:

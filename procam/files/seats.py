@@ -133,8 +133,8 @@ def _origin(directory: Path) -> _Origin | None:
 def _of_document(directory: Path, document: dict[str, Any]) -> _Origin:
     source, cameras = document["provenance"], document["cameras"]
     main = entries.main_camera(document)
-    if not main:
-        raise ValueError("its main camera is not known")
+    if not (main and document["projectors"]):
+        raise ValueError("no main camera, or no projectors")
     session = str(source.get("session", ""))
     return _Origin(
         directory,
