@@ -33,6 +33,11 @@ from procam.model.plan import Plan, Shot
 
 Slot = tuple[str, float]  # shot and exposure [s]
 AS_MADE = "plan-as-made.json"  # before photographs by hand changed its exposures
+PRUNED = (
+    "{session}: its photographs were deleted, by `procam history --prune` or by hand, and can be neither "
+    "solved nor compared with; restore them from a backup, or calibrate again"
+)
+OTHERS_FROM = "others-from.txt"  # names the session whose photographs a recalibration has as links
 
 
 @dataclass(slots=True)
@@ -84,6 +89,18 @@ class Session:
         with self._lock:
             return list(self._index(camera).entries.values())
 
+    @property
+    def is_pruned(self) -> bool:
+        """Whether photographs were taken and all of them deleted since, as `procam history --prune` does."""
+        cameras = [path.name for path in (self.directory / "captures").glob("*")]
+        taken = any(self.taken(camera) for camera in cameras)
+        return taken and not any(self.stored(camera) for camera in cameras)
+
+    @property
+    def is_of_recalibration(self) -> bool:
+        """Whether it has photographs of an earlier session, as links; then nothing is captured into it."""
+        return (self.directory / OTHERS_FROM).is_file()
+
     def store(self, camera: str, shot: Shot, exposure_s: float, frame: Frame) -> None:
         """Write a frame to disk, then its entry in the index."""
         name = f"{shot.id}@{exposure_s:g}.tif"
@@ -112,6 +129,8 @@ class Session:
             entry = self._index(camera).entries.get((shot.id, exposure_s))
         folder = self._folder(camera)
         if entry is None or not (folder / entry.file).is_file():
+            if self.is_pruned:
+                raise FileFormatError(PRUNED.format(session=self.directory))
             raise FileFormatError(
                 f"{folder}: shot {shot.id} at {exposure_s:g} s was not captured; run `procam capture` on "
                 "this venue again, which takes only what is missing"
@@ -136,6 +155,7 @@ class Session:
         left_out = {shot.id for shot in plan.shots if shot.projector in projectors}
         with atomic.replacing_directory(directory) as folder:
             copy = Session(folder)
+            (folder / OTHERS_FROM).write_text(f"{self.directory.name}\n", encoding="utf-8")
             for path in sorted(self.directory.rglob("*")):
                 where = path.relative_to(self.directory)
                 if path.is_file() and where.parts[0] in ("patterns", "venue.toml", "plan.json"):

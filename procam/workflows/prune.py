@@ -4,8 +4,9 @@ from pathlib import Path
 
 from procam.errors import InputError
 from procam.files.history.record import recorded
+from procam.files.session import Session
 from procam.files.venue.load import Venue
-from procam.files.versions import calibrated_session
+from procam.files.versions import calibrated_session, solved_sessions
 
 INDEX = "index.jsonl"  # stays, with the hashes of the frames
 
@@ -13,7 +14,8 @@ INDEX = "index.jsonl"  # stays, with the hashes of the frames
 def prune_captures(venue: Venue) -> dict[str, int]:
     """Delete frames of all but the newest sessions; bytes that became free, by session.
 
-    Sessions of calibrations in use, and of refine and state, are kept. So are plans and indexes.
+    Sessions of calibrations in use, and of refine and state, are kept. So are plans and indexes. Those of
+    recalibrations that failed are not among the newest, and are deleted whatever their number.
 
     Raises
     ------
@@ -28,12 +30,19 @@ def prune_captures(venue: Venue) -> dict[str, int]:
         )
     with recorded(venue.directory, "history") as run:
         known = sorted((venue.directory / "sessions").glob("[0-9][0-9][0-9][0-9]"))
+        failed = {path for path in known if _of_failed_recalibration(venue, path)}
+        counted = [path for path in known if path not in failed]
         needed = calibrated_session(venue.directory)
-        old = [path for path in known[: max(0, len(known) - keep)] if path.name != needed]
+        old = [path for path in known if path not in counted[-keep:] and path.name != needed]
         freed = {path.name: _without_frames(path) for path in old}
         freed = {name: size for name, size in freed.items() if size}
         run.message = f"captures of {len(freed)} sessions deleted"
         return freed
+
+
+def _of_failed_recalibration(venue: Venue, path: Path) -> bool:
+    """Whether a session was begun to recalibrate projectors, and no calibration came of it."""
+    return Session(path).is_of_recalibration and path.name not in solved_sessions(venue.directory)
 
 
 def _without_frames(session: Path) -> int:

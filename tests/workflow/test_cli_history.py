@@ -9,6 +9,9 @@ from tiny_venue import make_venue, procam, quick_simulator, take_session
 
 from procam.files.history.record import recorded
 from procam.files.images.pixels import read_header
+from procam.files.session import Session
+from procam.files.venue.load import load_venue
+from procam.workflows.capture.newest import newest_session
 
 
 @pytest.fixture(scope="module")
@@ -86,7 +89,7 @@ def test_what_steers_a_terminal_is_written_out(tmp_path: Path) -> None:
     (row,) = (line for line in ran.out.splitlines() if "solve" in line)
     assert row.endswith(r"solve\x1b[2J   done     \x1b]0;owned\x07 \u202eno    2  forged")
     (tmp_path / "venue.toml").write_text('"\\u001b[31m" = 1\n')
-    ran = procam("verify", tmp_path)
+    ran = procam("capture", tmp_path)
     assert r"\x1b[31m" in ran.err and "\x1b" not in ran.err + ran.out
 
 
@@ -103,6 +106,32 @@ class TestPrune:
         assert frames["0002"] == 0 and frames["0001"] == frames["0003"] > 0
         assert (sessions / "0002" / "captures" / "zenith" / "index.jsonl").is_file()
         assert procam("history", venue, "--prune").out == "captures deleted: nothing, 0.00 GB\n"
+
+    def test_a_recalibration_that_failed_is_not_counted_nor_resumed(self, venue: Path) -> None:
+        sessions = venue / "sessions"
+        shutil.copytree(sessions / "0001", sessions / "0002")
+        Session(sessions / "0001").without(sessions / "0003", ["south"])
+        assert newest_session(load_venue(venue)) == sessions / "0004"
+        with (venue / "venue.toml").open("a") as file:
+            file.write("\n[history]\nkeep_sessions = 1\n")
+        ran = procam("history", venue, "--prune")
+        assert ran.out.startswith("captures deleted: 0003, ")
+        frames = {n: len([*(sessions / n).rglob("*.tif")]) for n in ("0001", "0002", "0003")}
+        assert frames["0003"] == 0 and frames["0001"] == frames["0002"] > 0
+
+    def test_what_was_deleted_is_said_where_it_is_needed(self, venue: Path) -> None:
+        session = venue / "sessions" / "0001"
+        for frame in session.rglob("*.tif"):
+            frame.unlink()
+        for command in (("solve", session), ("verify", venue)):
+            ran = procam(*command)
+            assert ran.code == 2
+            assert "its photographs were deleted, by `procam history --prune`" in ran.complaint
+        assert newest_session(load_venue(venue)) == venue / "sessions" / "0002"
+        ran = procam("history", venue, "--restore", 1)
+        assert ran.code == 0 and "verify, recalibrate and solve cannot use it" in ran.err
+        (note,) = json.loads(procam("history", venue, "--restore", 1, "--json").out)["notes"]
+        assert "session 0001 were deleted" in note
 
     def test_needs_a_policy(self, venue: Path) -> None:
         ran = procam("history", venue, "--prune")

@@ -1,6 +1,8 @@
 """`procam verify`: exit codes, what it prints and records, by hand too, and what it refuses."""
 
+import errno
 import json
+import os
 import shutil
 from collections.abc import Iterator
 from dataclasses import replace
@@ -10,6 +12,7 @@ import pytest
 from tiny_venue import TINY_PAIR, drift, make_venue, procam, quick_simulator, solved, take_session
 
 from procam.estimate import calibration as assembling
+from procam.files.history import record
 
 SIZE = replace(TINY_PAIR, projector_size=(160, 100), camera_size=(256, 256))
 
@@ -71,6 +74,22 @@ def test_a_camera_put_back_roughly_is_no_alarm(venue: Path) -> None:
     ran = procam("verify", venue)
     assert ran.code == 0 and "camera moved" in ran.out
     assert ran.out.endswith("compared with calibration 0001: all is well\n")
+
+
+def test_no_disk_takes_the_findings_away(venue: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is full when all is measured, and the run is to be recorded."""
+
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(venue / "history.sqlite"))
+
+    drift(venue, '{ kind = "aged", projector = "north", size = 0.2 }')
+    monkeypatch.setattr(record, "_end", full)
+    ran = procam("verify", venue)
+    assert ran.code == 2
+    assert "CHANGED  north: light  -0.2 +- " in ran.out
+    assert "after them:" in ran.err and "history.sqlite: the disk is full" in ran.err
+    document = json.loads(procam("verify", venue, "--json").out)
+    assert document["alarm"] is True and "the disk is full" in document["error"]
 
 
 def test_what_has_no_size_is_null_in_json(venue: Path) -> None:

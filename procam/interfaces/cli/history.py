@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import asdict
 from datetime import datetime
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -22,6 +22,9 @@ from procam.files.versions import calibration_in_use, list_calibrations, name_in
 from procam.interfaces.cli._options import Json, VenueArgument
 from procam.interfaces.cli._output import Output
 from procam.interfaces.cli._plain import plain_line
+
+if TYPE_CHECKING:
+    from procam.files.session import Session
 
 EXAMPLE = "procam history my-dome --compare 1 3"
 LATEST = 20
@@ -195,7 +198,8 @@ def _export(venue: Path, out: Path, output: Output) -> None:
 def _restore(venue: Path, number: int, output: Output) -> None:
     from procam.files.history.read import verify_unchanged
     from procam.files.history.record import recorded
-    from procam.files.versions import use_calibration
+    from procam.files.session import Session
+    from procam.files.versions import calibrated_session, use_calibration
 
     chosen = _numbered(venue, number)
     verify_unchanged(venue, chosen)
@@ -203,7 +207,17 @@ def _restore(venue: Path, number: int, output: Output) -> None:
         use_calibration(venue, chosen)
         run.message = f"back to {chosen.name}"
     output.say(f"{chosen} is in use")
-    output.finish({"calibration": str(chosen)})
+    session = Session(venue / "sessions" / calibrated_session(venue))
+    notes = [_no_photographs(session)] if session.is_pruned else []
+    output.warn(notes)
+    output.finish({"calibration": str(chosen), "notes": notes})
+
+
+def _no_photographs(session: "Session") -> str:
+    return (
+        f"the photographs of its session {session.directory.name} were deleted: verify, recalibrate and "
+        "solve cannot use it. Restore them from a backup, or calibrate again"
+    )
 
 
 def _numbered(venue: Path, number: int) -> Path:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import typer
 
+from procam.errors import DeviceError, ProcamError
 from procam.estimate.drift.finding import Finding
 from procam.files.calibration import load_calibration
 from procam.files.history.read import verify_unchanged
@@ -23,6 +24,7 @@ from procam.interfaces.cli._options import (
 from procam.interfaces.cli._output import Output, as_dicts
 from procam.interfaces.cli._rounds import ask_for_photographs, given_photographs
 from procam.interfaces.cli._run_log import RunLog
+from procam.interfaces.cli._system_errors import worded
 from procam.workflows.photographs.open import photographer_of
 from procam.workflows.photographs.orders import PhotographsWanted
 from procam.workflows.unattended import leave_for
@@ -49,28 +51,47 @@ def verify(
     loaded, output = load_venue(venue), Output(json, RunLog(venue, "verify"))
     verify_unchanged(venue, kept)
     calibration = load_calibration(kept)
-    with recorded(venue, "verify") as run, leave_for(loaded, "verify", unattended) as leave:
-        try:
-            given = given_photographs(photos, replace)
-            with photographer_of(
-                loaded, calibration, "verify", kept.name, given, SETTLE_S
-            ) as photographer:
-                output.warn(photographer.notes)
-                events = verifying(photographer, loaded, calibration)
-                verified: Verified = output.follow(leave.watch(events))["verified"]
-        except PhotographsWanted as wanted:
-            run.message = "photographs are wanted"
-            ask_for_photographs(wanted, ["procam", "verify", str(start)], output)
-            return
-        photographer.end()
-        run.measured(verified.figures())
-        run.message = verified.summary()
-        leave.notify(run.message)
-    for line in _lines(verified, kept):
-        output.say(line)
-    output.finish(_document(verified, kept))
+    verified: Verified | None = None
+    try:
+        with recorded(venue, "verify") as run, leave_for(loaded, "verify", unattended) as leave:
+            try:
+                given = given_photographs(photos, replace)
+                with photographer_of(
+                    loaded, calibration, "verify", kept.name, given, SETTLE_S
+                ) as photographer:
+                    output.warn(photographer.notes)
+                    events = verifying(photographer, loaded, calibration)
+                    verified = output.follow(leave.watch(events))["verified"]
+            except PhotographsWanted as wanted:
+                run.message = "photographs are wanted"
+                ask_for_photographs(wanted, ["procam", "verify", str(start)], output)
+                return
+            photographer.end()
+            run.measured(verified.figures())
+            run.message = verified.summary()
+            leave.notify(run.message)
+    except (ProcamError, OSError) as error:
+        if verified is None:
+            raise
+        _say(verified, kept, output, error)  # which no disk and no message may take away
+        raise typer.Exit(1 if isinstance(error, DeviceError) else 2) from error
+    _say(verified, kept, output)
     if verified.alarm:
         raise typer.Exit(1)
+
+
+def _say(
+    verified: Verified, kept: Path, output: Output, error: ProcamError | OSError | None = None
+) -> None:
+    """Print the findings, and the error that came after them."""
+    for line in _lines(verified, kept):
+        output.say(line)
+    document = _document(verified, kept)
+    if error:
+        text = worded(error) if isinstance(error, OSError) else str(error)
+        output.warn([f"the findings are complete, and after them: {text}"])
+        document["error"] = text
+    output.finish(document)
 
 
 def _document(verified: Verified, kept: Path) -> dict[str, object]:

@@ -23,7 +23,11 @@ def capture_newest(venue: Venue) -> Iterator[Event]:
 
 
 def newest_session(venue: Venue) -> Path:
-    """The newest session if it is unfinished, else the next number."""
+    """The newest session if it is unfinished, else the next number.
+
+    One of a recalibration that failed is not resumed: it has photographs of another day. Neither is one
+    whose photographs were deleted.
+    """
     folder = venue.directory / "sessions"
     known = sorted(p for p in folder.glob("[0-9]*") if p.is_dir() and p.name.isdecimal())
     if known:
@@ -31,7 +35,8 @@ def newest_session(venue: Venue) -> Path:
         if not (known[-1] / "plan.json").is_file():
             return known[-1]
         missing = missing_shots(session, session.read_plan(), list(venue.cameras))
-        if missing and known[-1].name not in solved_sessions(venue.directory):
+        resumable = not session.is_of_recalibration and not session.is_pruned
+        if missing and resumable and known[-1].name not in solved_sessions(venue.directory):
             return known[-1]
     return next_session(venue)
 

@@ -14,7 +14,7 @@ from procam.errors import FileFormatError, OutOfModelRange
 from procam.estimate.camera.radiance import Radiometer
 from procam.estimate.drift.pictures import ProjectorPhotographs, VenuePhotographs
 from procam.estimate.geometry.camera_view import DomeView
-from procam.files.session import Session
+from procam.files.session import PRUNED, Session
 from procam.files.venue.load import Venue
 from procam.files.venue.masks import camera_masks
 from procam.model.calibration import Calibration
@@ -69,6 +69,8 @@ def read_reference(venue: Venue, calibration: Calibration) -> Reference:
         )
     radiometer = Radiometer(calibration.camera)
     plan, names = session.read_plan(), list(calibration.projectors)
+    if session.is_pruned:
+        raise FileFormatError(PRUNED.format(session=session.directory))
     _check_stored(session, plan, radiometer.camera.name)
     images, _ = with_long_exposure(SessionImages(session, plan, radiometer))
     short, long = images.dark()
