@@ -87,7 +87,7 @@ def _read(path: Path) -> _Mesh:
         found = loader.load_mesh(path, process=False)
         vertices, faces = (np.asarray(found.vertices, np.float64), np.asarray(found.faces, np.intp))
         stated = _faces_in_header(path)
-        if vertices.shape[1:] != (3,) or faces.shape[1:] != (3,):
+        if len(faces) and (vertices.shape[1:], faces.shape[1:]) != ((3,), (3,)):
             raise ValueError("its points have no three coordinates, or its faces no three corners")
     except Exception as error:  # trimesh raises of every kind
         raise FileFormatError(

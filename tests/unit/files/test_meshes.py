@@ -186,6 +186,8 @@ class TestRefusals:
         [
             ("a.ply", b"nothing of the kind"),
             ("a.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n"),
+            ("a.obj", b"v 0 0\nv 1 0\nv 0 1\nf 1 2 3\n"),
+            ("a.ply", b"ply\nformat ascii 1.0\nelement face many\nend_header\n"),
         ],
     )
     def test_what_cannot_be_read(self, name: str, content: bytes, tmp_path: Path) -> None:

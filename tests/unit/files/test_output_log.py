@@ -49,3 +49,15 @@ class TestOutputLog:
         log, out, state = self.logged(tmp_path)
         log.path.write_text("[1, 2]\nhello\n")
         assert OutputLog(log.path, "k").kept(out, state) is None
+
+    def test_a_value_that_is_another_has_no_effect(self, tmp_path: Path) -> None:
+        log, out, state = self.logged(tmp_path)
+        log.add(out, state, {"peak": 0.5})
+        text = log.path.read_text()
+        for changed in (
+            text.replace("0.5", "0.7"),
+            text.replace('"kept"', '"lost"'),
+            text[:-12] + "\n",
+        ):
+            log.path.write_text(changed)
+            assert OutputLog(log.path, "k").kept(out, state) is None

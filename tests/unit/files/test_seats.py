@@ -1,5 +1,6 @@
 """Which calibrations of a venue are independent of another one: other seats, other photographs."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -98,6 +99,10 @@ class TestSeats:
         other = keep(used.parents[1], seen_from(calibration, THERE), "0002")
         (other / "calibration.json").write_text('{"provenance": []}')
         assert _found(used) == []
+        for missing in ("cameras", "projectors"):
+            document = json.loads((used / "calibration.json").read_text()) | {missing: {}}
+            (other / "calibration.json").write_text(json.dumps(document))
+            assert _found(used) == []
         keep(used.parents[1], seen_from(calibration, THERE), "../0003")
         assert _found(used) == []
         (used / "calibration.json").write_text("no JSON")
