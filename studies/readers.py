@@ -46,6 +46,7 @@ from procam.files.system import try_lock
 from procam.files.venue.load import load_venue
 from procam.files.venue.masks import read_mask
 from procam.files.versions import calibrated_session, calibration_in_use, solved_sessions
+from procam.interfaces.report.stored_loop import read_loop
 from procam.model.frame import CameraSettings, Frame
 from procam.model.plan import Plan, Shot
 from procam.workflows.capture.photo_index import read_index
@@ -334,6 +335,7 @@ READERS = (
     Reader("frames on a pipe", "frames.rgb", _pipe),
     Reader("mesh, OBJ", "dome.obj", _mesh),
     Reader("mesh, PLY", "dome.ply", _mesh),
+    Reader("loop.json", "loop/loop.json", read_loop),
     Reader("code.toml", "code.toml", load_code),
     Reader("response.csv", "response.csv", lambda p: load_response(p.name, p.parent)),
     Reader("meter.csv", "meter.csv", lambda p: read_meter(p, ["south"])),
@@ -354,6 +356,9 @@ def make_files(folder: Path) -> None:
     (folder / CALIBRATION).with_name("in-use").write_text("0001\n")
     with recorded(folder / "venue", "solve"):
         pass
+    loop = {"session": "0001", "residual": [0.1, 0.01], "noise_floor": 0.004, "unseen": [0.1, 0.02]}
+    (folder / "loop").mkdir()
+    (folder / "loop" / "loop.json").write_text(json.dumps(loop))
     (folder / "locked").mkdir()
     (folder / "locked" / ".lock").write_text("`procam verify` (process 17)")
     (folder / "code.toml").write_text(CODE)

@@ -5,8 +5,9 @@ from pathlib import Path
 import numpy as np
 
 from procam.arrays import Array
+from procam.files.history.figures import calibration_figures
 from procam.files.images.layers import read_layers
-from procam.interfaces.report.data import Material, read_document
+from procam.interfaces.report.data import Material
 from procam.maths.geometry.sphere import angle_between
 
 
@@ -44,9 +45,9 @@ def gain_change(material: Material, name: str) -> Array | None:
 def _gain_since(earlier: Path, material: Material, name: str) -> Array | None:
     """Gain (H, W) over that of an earlier calibration of the same session; None if there is none."""
     newest = material.calibration
-    session = read_document(earlier / "calibration.json")["provenance"].get("session")
+    session, _ = calibration_figures(earlier / "calibration.json")
     path = earlier / "maps" / f"{name}.exr"
-    if newest is None or session != newest.provenance.get("session") or not path.is_file():
+    if newest is None or session != newest.provenance.get("session", "") or not path.is_file():
         return None
     old = read_layers(path)["gain"].sum(axis=-1, dtype=float)
     new = newest.projectors[name].photometry.gain.sum(axis=-1, dtype=float)

@@ -17,6 +17,7 @@ from procam.files.images.layers import RGB, read_channels
 from procam.files.venue.load import Venue, load_venue
 from procam.files.versions import calibration_in_use, list_calibrations
 from procam.interfaces.plots.charts import on_dome
+from procam.interfaces.report.stored_loop import read_loop
 from procam.maths.geometry.sphere import master_directions, master_pixels, master_solid_angles
 from procam.maths.warp import block_mean, sample
 from procam.model.calibration import Calibration
@@ -239,15 +240,14 @@ def _pictures(folder: Path) -> dict[str, Image]:
 def _loop(folder: Path, calibration: Calibration | None) -> Loop | None:
     """The last loop; None if it was of another session than the calibration."""
     names = ("before", "after", "predicted", "free")
-    document = read_document(folder / "loop.json")
-    if not document or not all((folder / f"{n}.exr").is_file() for n in names):
+    stored = read_loop(folder / "loop.json")
+    if stored is None or not all((folder / f"{n}.exr").is_file() for n in names):
         return None
     session = calibration.provenance.get("session") if calibration else None
-    if document.get("session", session) != session:
+    if stored.session not in (None, session):
         return None
     photographs = {n: _picture(folder / f"{n}.exr") for n in names}
-    worse, unseen = document.get("worse", ""), document.get("unseen")  # new since version 0.1
-    return Loop(document["residual"], document["noise_floor"], photographs, worse, unseen)
+    return Loop(stored.residual, stored.noise_floor, photographs, stored.worse, stored.unseen)
 
 
 def _truth(folder: Path, calibration: Calibration | None, size: int) -> Truth | None:
