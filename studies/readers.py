@@ -245,8 +245,10 @@ def _written(path: Path, spec: oiio.ImageSpec, kind: type) -> Path:
 
 
 def _not_black(path: Path) -> object:
-    """What a white picture is read as: white, or its profile is named and changes nothing."""
+    """What a white picture is read as: white; one with a profile that is only named is as good as refused."""
     still = read_still(path)
+    if still.note and not still.converted:
+        raise FileFormatError(still.note)
     top = 255 if still.rgb.dtype == np.uint8 else 1.0
     assert still.rgb.min() >= WHITE_LIGHT * top, "white is no longer white"
     return still.rgb

@@ -20,6 +20,7 @@ from studies.fuzz import foreign, fuzz
 from studies.readers import READERS, Reader, make_files
 
 CASES = 100
+ANYTHING = ".lock", "header of a picture"  # any words of a process; the beginning of a file
 MAP_SIZE = 64  # of the dome's maps: quick to read
 
 
@@ -38,7 +39,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_no_traceback_and_no_hang(reader: Reader, folder: Path) -> None:
     found = fuzz(reader, folder, CASES)
     assert set(found) <= {"read", "refused", "different", "slow"}, found
-    assert found["refused"] > CASES / 10
+    assert found["refused"] > CASES / 10 or reader.name in ANYTHING
 
 
 @pytest.mark.parametrize("reader", READERS, ids=lambda reader: reader.name)
