@@ -324,9 +324,9 @@ class TestRefused:
     def test_a_file_of_the_first_version_is_read_and_gets_checksums(self, tmp_path: Path) -> None:
         with sqlite3.connect(tmp_path / NAME) as db:
             db.executescript(MIGRATIONS[0])
-            begun = "2026-01-01T00:00:00+00:00"
+            started = "2026-01-01T00:00:00+00:00"
             db.execute(
-                "INSERT INTO runs VALUES (1, 'solve', '0.1', ?, 1, 'done', '', NULL)", (begun,)
+                "INSERT INTO runs VALUES (1, 'solve', '0.1', ?, 1, 'done', '', NULL)", (started,)
             )
             db.execute("PRAGMA user_version = 1")
         db.close()
