@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from procam.errors import FileFormatError
-from procam.files.system import flush
+from procam.files.system import flush, open_here
 
 SPARE_BYTES = 65536  # more than a library holds back until it closes a file
 
@@ -85,8 +85,8 @@ def write_text(path: Path, text: str) -> None:
 
 
 def append_line(path: Path, line: str) -> None:
-    """Append one line and flush it to disk, after removing an incomplete last line."""
-    with path.open("ab+") as file:
+    """Append one line and flush it to disk, after removing an incomplete last line; a link is refused."""
+    with open(path, "ab+", opener=open_here) as file:
         if size := file.seek(0, os.SEEK_END):
             file.seek(size - 1)
             if file.read() != b"\n":  # a process was killed while it wrote

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from procam.errors import InputError
-from procam.files.system import try_lock
+from procam.files.system import open_here, try_lock
 
 NAME, MAX_NAME = ".lock", 100
 LOCKED_AT = 2**20  # Windows locks bytes, which nobody can then read
@@ -23,13 +23,17 @@ def locked(venue_dir: Path, work: str) -> Iterator[None]:
     ------
     InputError
         If another process holds it.
+    OSError
+        The file of the lock is a link, or may not be written.
     """
     folder = venue_dir.resolve()
     if folder in _held:
         yield
         return
     folder.mkdir(parents=True, exist_ok=True)
-    with (folder / NAME).open("a+", encoding="utf-8", errors="replace") as file:
+    with open(
+        folder / NAME, "a+", encoding="utf-8", errors="replace", opener=open_here
+    ) as file:
         file.seek(LOCKED_AT)
         if not try_lock(file):
             file.seek(0)

@@ -1,9 +1,10 @@
-"""Calls that differ between operating systems: file locks, flushing to disk, pipe sizes, peak memory.
+"""Calls that differ between operating systems: file locks, links, flushing to disk, pipe sizes, memory.
 
 Linux and macOS have `fcntl` and `resource`, Windows has `msvcrt`. The rest of procam calls the
 functions below and imports none of the three.
 """
 
+import errno
 import math
 import os
 import sys
@@ -18,6 +19,7 @@ except ImportError:  # Windows
     fcntl = resource = None  # type: ignore[assignment]
 
 MAX_PIPE_BYTES = 2**20  # Linux's limit for ordinary users; the default is 64 KiB
+NO_FOLLOW = getattr(os, "O_NOFOLLOW", 0)  # Windows has none
 
 
 def try_lock(file: IO[Any]) -> bool:
@@ -32,6 +34,21 @@ def try_lock(file: IO[Any]) -> bool:
     except OSError:
         return False
     return True
+
+
+def refuse_link(path: str | Path) -> None:
+    """Raise the OSError of a link where a file of procam's own is needed.
+
+    Whoever put it there chose its target, which procam would change or make.
+    """
+    if Path(path).is_symlink():
+        raise OSError(errno.ELOOP, os.strerror(errno.ELOOP), str(path))
+
+
+def open_here(path: str, flags: int) -> int:
+    """An opener for `open` that opens or makes `path` itself; a link there is refused."""
+    refuse_link(path)
+    return os.open(path, flags | NO_FOLLOW, 0o666)
 
 
 def flush(path: Path) -> None:

@@ -10,11 +10,12 @@ import hashlib
 import os
 import sqlite3
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from procam.errors import FileFormatError
 from procam.files.history import soundness
+from procam.files.system import refuse_link
 
 NAME = "history.sqlite"
 BUSY_S = 20.0  # until another reader or writer has ended
@@ -68,10 +69,12 @@ def written(venue_dir: Path) -> Iterator[sqlite3.Connection]:
     FileFormatError
         The file is damaged, of a later version of procam, or a folder.
     OSError
-        The disk is full, or may not be written.
+        The disk is full, or may not be written; the file is a link.
     """
     path = venue_dir / NAME
-    _refuse_folder(path)
+    with suppress(FileExistsError):
+        path.touch(exist_ok=False)  # SQLite would make the target of a link
+    _require_file(path)
     with _worded(path), _connected(path) as db:
         db.execute("PRAGMA journal_mode = WAL")
         db.execute("PRAGMA synchronous = FULL")
@@ -91,7 +94,7 @@ def written(venue_dir: Path) -> Iterator[sqlite3.Connection]:
 def readable(venue_dir: Path) -> Iterator[sqlite3.Connection | None]:
     """A venue's history to read; None if it has none yet."""
     path = venue_dir / NAME
-    _refuse_folder(path)
+    _require_file(path)
     if not path.is_file():
         yield None
         return
@@ -107,7 +110,8 @@ def _cannot_change(path: Path) -> bool:
     return not os.access(path.parent, os.W_OK) and not (log.is_file() and log.stat().st_size)
 
 
-def _refuse_folder(path: Path) -> None:
+def _require_file(path: Path) -> None:
+    refuse_link(path)
     if path.is_dir():
         raise FileFormatError(
             f"{path} is a folder, and the venue's history is a file of that name; move the folder away"

@@ -6,6 +6,7 @@ from pathlib import Path
 from shlex import quote
 
 from procam.interfaces.cli._plain import plain
+from procam.files.system import open_here
 
 _logs = list["RunLog"]()  # of the present run, or none
 
@@ -31,7 +32,9 @@ class RunLog:
             lines.insert(0, f"{time.strftime('%Y-%m-%d %H:%M:%S')}  {_command_line()}")
         try:
             self._path.parent.mkdir(exist_ok=True)
-            with self._path.open("a", encoding="utf-8", errors="replace") as file:
+            with open(
+                self._path, "a", encoding="utf-8", errors="replace", opener=open_here
+            ) as file:
                 file.writelines(f"{line}\n" for line in lines)
         except OSError:
             self._ended = True

@@ -7,6 +7,7 @@ WORDS = {
     errno.EEXIST: IN_THE_WAY,
     errno.ENOTDIR: IN_THE_WAY,
     errno.EISDIR: "this is a folder, and a file is needed; choose another name",
+    errno.ELOOP: "this is a link, and procam writes only files of its own here; remove the link",
     errno.ENOENT: "there is no such file or folder; is its name right?",
     errno.EACCES: "there is no permission to read or write here; choose another place, or change its "
     "permissions",

@@ -1,0 +1,94 @@
+"""Links where procam makes or extends files: their targets stay as they are, and the link is named."""
+
+import errno
+from pathlib import Path
+
+import pytest
+
+from procam.files.atomic import append_line, write_text
+from procam.files.history.store import NAME, readable, written
+from procam.files.lock import locked
+from procam.interfaces.cli._run_log import RunLog, end_log
+from procam.interfaces.cli._system_errors import worded
+
+KEPT = "somebody else's text\n"
+
+
+@pytest.fixture
+def target(tmp_path: Path) -> Path:
+    path = tmp_path / "elsewhere" / "target"
+    path.parent.mkdir()
+    path.write_text(KEPT)
+    return path
+
+
+@pytest.fixture
+def venue(tmp_path: Path) -> Path:
+    folder = tmp_path / "venue"
+    folder.mkdir()
+    return folder
+
+
+def refused(error: OSError, link: Path) -> bool:
+    return error.errno == errno.ELOOP and worded(error).startswith(f"{link}: this is a link")
+
+
+@pytest.mark.parametrize("dangling", [False, True])
+def test_a_lock_that_is_a_link(venue: Path, target: Path, dangling: bool) -> None:
+    link = venue / ".lock"
+    link.symlink_to(target.with_name("nothing") if dangling else target)
+    with pytest.raises(OSError) as caught, locked(venue, "capture"):
+        pass
+    assert refused(caught.value, link)
+    assert target.read_text() == KEPT
+    assert [path.name for path in target.parent.iterdir()] == ["target"]
+
+
+@pytest.mark.parametrize("dangling", [False, True])
+def test_a_log_of_lines_that_is_a_link(venue: Path, target: Path, dangling: bool) -> None:
+    link = venue / "index.jsonl"
+    link.symlink_to(target.with_name("nothing") if dangling else target)
+    with pytest.raises(OSError) as caught:
+        append_line(link, "{}")
+    assert refused(caught.value, link)
+    assert target.read_text() == KEPT
+    assert [path.name for path in target.parent.iterdir()] == ["target"]
+
+
+@pytest.mark.parametrize("name", [NAME, f"{NAME}-wal", f"{NAME}-shm", f"{NAME}-journal"])
+def test_a_history_that_is_a_dangling_link(venue: Path, target: Path, name: str) -> None:
+    (venue / name).symlink_to(target.with_name("nothing"))
+    with pytest.raises(OSError) as caught, written(venue):
+        pass
+    assert name != NAME or refused(caught.value, venue / name)
+    assert [path.name for path in target.parent.iterdir()] == ["target"]
+
+
+def test_a_history_that_is_a_link_to_another(venue: Path, tmp_path: Path) -> None:
+    other = tmp_path / "other"
+    other.mkdir()
+    with written(other):
+        pass
+    before = {path.name: path.read_bytes() for path in other.iterdir()}
+    (venue / NAME).symlink_to(other / NAME)
+    for opened in (written, readable):
+        with pytest.raises(OSError) as caught, opened(venue):
+            pass
+        assert refused(caught.value, venue / NAME)
+    assert {path.name: path.read_bytes() for path in other.iterdir()} == before
+
+
+def test_a_log_of_a_run_that_is_a_link(venue: Path, target: Path) -> None:
+    log = RunLog(venue, "capture")
+    (venue / "logs").mkdir()
+    log._path.symlink_to(target)
+    log.write("a line")
+    end_log("exit code 0")
+    assert target.read_text() == KEPT
+
+
+def test_a_file_that_is_replaced_takes_the_place_of_a_link(venue: Path, target: Path) -> None:
+    (venue / "venue.toml").symlink_to(target)
+    (venue / ".venue.toml.tmp.toml").symlink_to(target)
+    write_text(venue / "venue.toml", "new")
+    assert (venue / "venue.toml").read_text() == "new" and target.read_text() == KEPT
