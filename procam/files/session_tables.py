@@ -36,7 +36,7 @@ class _Shot(BaseModel):
     purpose: Purpose
     exposures_s: Annotated[list[Positive], Field(min_length=1)]
     pixel_format: PixelFormat = "rgb"
-    detail: dict[str, int | str] = {}
+    detail: dict[Name, int | Name] = {}
 
 
 class StoredFrame(BaseModel):

@@ -5,10 +5,20 @@ import shutil
 from pathlib import Path
 
 import pytest
+from bundles import contents as contents_of
+from bundles import relisted, write_zip
 from tiny_venue import TINY_PAIR, contents, make_venue, procam, quick_simulator, take_session
 
+from procam.files.session import Session
 from procam.workflows import venue_rig
 
+UNATTENDED = """
+[unattended]
+interlock = "{command}"
+begin = "00:00"
+end = "23:59"
+notify = "{command}"
+"""
 pytestmark = pytest.mark.usefixtures("no_report")
 
 
@@ -28,14 +38,16 @@ def test_a_bundle_solves_elsewhere_to_the_same_bits(
     ran = procam("bundle", solved, "--out", tmp_path / "dome.zip")
     assert (ran.code, ran.err) == (0, "")
     assert f"{tmp_path / 'dome.zip'} written" in ran.out and "80 of 80 photographs" in ran.out
-    assert "left out: [simulated]\n" in ran.out
+    assert "left out: tables of backends\n" in ran.out
     inspected = json.loads(procam("inspect", tmp_path / "dome.zip", "--json").out)
     assert inspected["kind"] == "bundle" and inspected["photographs"] == 80
     assert (inspected["projectors"], inspected["cameras"]) == (["north", "south"], ["zenith"])
-    assert "[simulated]" in inspected["left_out"] and inspected["files"] > 80
+    assert "tables of backends" in inspected["left_out"] and inspected["files"] > 80
     ran = procam("bundle", "--open", tmp_path / "dome.zip", tmp_path / "new", "--json")
     document = json.loads(ran.out)
     assert (ran.code, document["frames"]) == (0, 80)
+    plans = [Session(d / "sessions" / "0001").read_plan() for d in (solved, tmp_path / "new")]
+    assert plans[0] == plans[1]
 
     def no_device(*_: object) -> None:
         raise AssertionError("a device was opened")
@@ -54,6 +66,27 @@ def test_a_bundle_solves_elsewhere_to_the_same_bits(
         assert old[quantity] == new[quantity]
     for name, figure in old["quality"].items():
         assert figure["value"] == new["quality"][name]["value"]
+
+
+def test_commands_of_a_bundle_never_run(solved: Path, tmp_path: Path) -> None:
+    venue, canary = tmp_path / "venue", tmp_path / "canary"
+    shutil.copytree(solved, venue)
+    with (venue / "venue.toml").open("a") as file:
+        file.write(UNATTENDED.format(command=f"touch {canary}"))
+    assert procam("bundle", venue, "--out", tmp_path / "packed.zip").code == 0
+    files = contents_of(tmp_path / "packed.zip")
+    forged = files["venue.toml"].decode() + UNATTENDED.format(command=f"touch {canary}")
+    write_zip(tmp_path / "forged.zip", relisted({**files, "venue.toml": forged.encode()}))
+    for name in ("packed", "forged"):
+        ran = procam("bundle", "--open", tmp_path / f"{name}.zip", tmp_path / name)
+        assert ran.code == 0 and "left out: unattended" in ran.out
+        assert procam("solve", tmp_path / name / "sessions" / "0001").code == 0
+        for command in ("verify", "recalibrate"):
+            ran = procam(command, tmp_path / name, "--unattended")
+            assert ran.code == 2 and "--unattended needs [unattended] with interlock" in ran.err
+    assert not canary.exists()
+    procam("verify", venue, "--unattended")  # the owner's own
+    assert canary.exists()
 
 
 def test_two_bundles_of_a_session_are_equal(solved: Path, tmp_path: Path) -> None:

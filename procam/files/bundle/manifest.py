@@ -1,15 +1,31 @@
 """manifest.json of a bundle: what wrote it, what was left out, and the size and sha256 of each file."""
 
+import hashlib
 import json
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    StringConstraints,
+    ValidationError,
+)
 
 from procam.errors import FileFormatError
 from procam.files.session_tables import first_finding, parse_object
 
 SCHEMA = 1
+
+
+def _printable(line: str) -> str:
+    """The line without what would steer a terminal."""
+    return "".join(c if c.isprintable() else "?" for c in line)
+
+
+Line = Annotated[str, AfterValidator(_printable)]
 
 
 class FileEntry(BaseModel):
@@ -24,19 +40,25 @@ class Manifest(BaseModel):
     """The whole file but for its schema.
 
     `procam` is the version that wrote it; of `planned` frames `frames` were captured; `redacted` lists in
-    words what the venue has and the bundle has not; `files` has all but the manifest itself.
+    words what the venue has and the bundle has not, or what was left out when it was opened; `files` has all
+    but the manifest itself.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
-    procam: str
+    procam: Line
     frames: Annotated[int, Field(ge=0)]
     planned: Annotated[int, Field(ge=0)]
-    redacted: list[str]
+    redacted: list[Line]
     files: dict[str, FileEntry]
 
     def text(self) -> str:
         """The file's content."""
         return json.dumps({"schema": SCHEMA, **self.model_dump()}, indent=1) + "\n"
+
+
+def entry_of(content: bytes) -> FileEntry:
+    """Size and sha256 of a file's content."""
+    return FileEntry(bytes=len(content), sha256=hashlib.sha256(content).hexdigest())
 
 
 def parse_manifest(path: Path, content: bytes) -> Manifest:

@@ -1,6 +1,7 @@
 """The figures of the calibration that was solved from a session, to compare with at another place."""
 
 import json
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -9,26 +10,68 @@ from procam.errors import FileFormatError
 from procam.files.session_tables import parse_object
 from procam.files.versions import list_calibrations
 
-KEPT = ("schema_version", "feedback", "albedo")
-SOURCES = ("input_sha256", "python", "versions")  # of the provenance
-PARTS = ("value", "unit", "goal", "pass", "samples", "sigma")  # of a figure
+# whose versions a calibration records
+PACKAGES = ("procam", "numpy", "scipy", "opencv-contrib-python-headless", "OpenImageIO")
+VERSION = re.compile(r"\d[\w.+!-]*")
+SHA256 = re.compile(r"[0-9a-f]{64}")
+NAME = re.compile(r"[a-z][a-z0-9_]*")  # of a figure
+PARTS = ("value", "goal", "pass", "samples", "sigma")  # of a figure; its name gives the unit
+OPERATORS = ("<=", ">=", "==", "abs<=")
 
 
 def original_figures(venue_dir: Path, session: str) -> str | None:
     """A JSON text: feedback, albedo and figures of the calibration of a session; None if there is none.
 
-    Of several it is the first with the newest input: later ones with the same input were refined.
+    Of several it is the first with the newest input: later ones with the same input were refined. Of all
+    text in it only versions, the hash of the input and names of figures get in.
     """
     found = [d for d in _documents(venue_dir) if _source(d, "session") == session]
     if not found:
         return None
     same = (d for d in found if _source(d, "input_sha256") == _source(found[-1], "input_sha256"))
-    document = next(same)
-    kept = {key: document[key] for key in KEPT if key in document}
-    quality = document.get("quality", {})
-    kept["quality"] = {n: {p: figure.get(p) for p in PARTS} for n, figure in quality.items()}
-    kept["provenance"] = {key: _source(document, key) for key in SOURCES}
-    return json.dumps(kept, indent=1) + "\n"
+    return json.dumps(_shared(next(same)), indent=1) + "\n"
+
+
+def _shared(document: dict[str, Any]) -> dict[str, Any]:
+    quality = _table(document, "quality")
+    kept = {
+        "schema_version": _numbers(document.get("schema_version")),
+        "feedback": _parts(document.get("feedback"), ("value", "sigma")),
+        "albedo": _parts(document.get("albedo"), ("value", "sigma")),
+        "quality": {n: _parts(figure, PARTS) for n, figure in quality.items() if NAME.fullmatch(n)},
+    }
+    versions = _table(_table(document, "provenance"), "versions")
+    source = {
+        "input_sha256": _text(SHA256, _source(document, "input_sha256")),
+        "python": _text(VERSION, _source(document, "python")),
+        "versions": {name: _text(VERSION, versions.get(name)) for name in PACKAGES},
+    }
+    return {**kept, "provenance": source}
+
+
+def _parts(entry: Any, keys: tuple[str, ...]) -> dict[str, Any]:
+    """The numbers of an entry, and its goal."""
+    found = entry if isinstance(entry, dict) else {}
+    return {
+        key: _goal(found.get(key)) if key == "goal" else _numbers(found.get(key)) for key in keys
+    }
+
+
+def _goal(entry: Any) -> dict[str, Any] | None:
+    if not isinstance(entry, dict) or entry.get("op") not in OPERATORS:
+        return None
+    return {"op": entry["op"], "value": _numbers(entry.get("value"))}
+
+
+def _numbers(value: Any) -> Any:
+    """A number, a truth value, or a list of these; None for anything else."""
+    if isinstance(value, list):
+        return [_numbers(each) for each in value]
+    return value if isinstance(value, int | float) else None
+
+
+def _text(pattern: re.Pattern[str], value: Any) -> str | None:
+    return value if isinstance(value, str) and pattern.fullmatch(value) else None
 
 
 def _documents(venue_dir: Path) -> Iterator[dict[str, Any]]:
@@ -46,4 +89,9 @@ def _documents(venue_dir: Path) -> Iterator[dict[str, Any]]:
 
 
 def _source(document: dict[str, Any], key: str) -> Any:
-    return document.get("provenance", {}).get(key)
+    return _table(document, "provenance").get(key)
+
+
+def _table(document: dict[str, Any], key: str) -> dict[str, Any]:
+    found = document.get(key)
+    return found if isinstance(found, dict) else {}

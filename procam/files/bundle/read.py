@@ -1,7 +1,8 @@
 """Unpacks a bundle into a new venue folder. The file may be from anybody, so nothing in it is trusted.
 
 Entries have a name of a closed list, are stored unpacked, do not overlap and are exactly those of the
-manifest; so what is written is never more than the file has. venue.toml must be as `write_bundle` makes it.
+manifest; so what is written is never more than the file has. Of venue.toml and the plan only what
+`write_bundle` writes gets out: commands, ports and tables of backends do not, whoever put them in.
 """
 
 import hashlib
@@ -15,10 +16,11 @@ from pathlib import Path
 from procam.errors import FileFormatError, InputError
 from procam.files.atomic import replacing_directory
 from procam.files.bundle import names
-from procam.files.bundle.manifest import FileEntry, Manifest, parse_manifest
-from procam.files.bundle.redact import redact
+from procam.files.bundle.manifest import FileEntry, Manifest, entry_of, parse_manifest
+from procam.files.bundle.redact import redact, shared_plan
 from procam.files.session import Session
-from procam.files.toml import read_toml
+from procam.files.session_tables import plan_text
+from procam.files.toml import toml_text
 from procam.files.venue.load import load_venue
 
 MOST_MANIFEST = 2**24  # bytes
@@ -31,7 +33,11 @@ Entries = dict[str, zipfile.ZipInfo]
 
 
 def open_bundle(file: Path, venue_dir: Path) -> Manifest:
-    """Unpack a bundle into `venue_dir`, which appears when all of it is checked; returns its manifest.
+    """Unpack a bundle into `venue_dir`, which appears when all of it is checked.
+
+    Returns
+    -------
+    manifest : of what was unpacked; its `redacted` names what was left out, then or now.
 
     Raises
     ------
@@ -50,8 +56,8 @@ def open_bundle(file: Path, venue_dir: Path) -> Manifest:
         with replacing_directory(venue_dir) as folder:
             for name, entry in manifest.files.items():
                 _unpack(file, archive, entries[name], entry, folder / name)
+            manifest = _redacted(file, folder, manifest)
             (folder / names.MANIFEST).write_text(manifest.text(), encoding="utf-8")
-            _check_content(file, folder)
     return manifest
 
 
@@ -152,16 +158,27 @@ def _unpack(
         raise _refusal(file, info.filename, "has another sha256 than the manifest gives")
 
 
-def _check_content(file: Path, folder: Path) -> None:
-    """Refuse a venue.toml that names devices or files of its own, and a plan that is none."""
+def _redacted(file: Path, folder: Path, manifest: Manifest) -> Manifest:
+    """Write venue.toml and the plan anew, with what may be shared; returns the manifest of that.
+
+    Masks and responses must have the names that `write_bundle` gives; a plan that is none is refused.
+    """
     try:
         venue, session = load_venue(folder), Session(folder / names.SESSION)
-        session.read_plan()
-        as_written = redact(venue, session).tables == read_toml(folder / names.VENUE)
+        plan, redacted = shared_plan(session.read_plan()), redact(venue, session)
     except InputError as error:
         raise FileFormatError(str(error).replace(str(folder), str(file))) from error
-    if not as_written:
-        raise _refusal(file, names.VENUE, "names devices or files that no bundle of procam names")
+    place = folder.resolve()
+    if any(path != place / name for name, path in redacted.files.items()):
+        raise _refusal(file, names.VENUE, "names files that no bundle of procam names")
+    texts = {names.VENUE: toml_text(redacted.tables), names.PLAN: plan_text(plan)}
+    for name, text in texts.items():
+        (folder / name).write_bytes(text.encode())
+    left_out = [f"{key} (when it was opened)" for key in redacted.removed]
+    files = {name: entry_of(text.encode()) for name, text in texts.items()}
+    return manifest.model_copy(
+        update={"redacted": [*manifest.redacted, *left_out], "files": manifest.files | files}
+    )
 
 
 def _refusal(file: Path, name: str, what: str) -> FileFormatError:

@@ -1,26 +1,32 @@
-"""What of a venue goes into a bundle: the keys that a solve reads, and the files that they name.
+"""What of a venue and its plan goes into a bundle: the keys that a solve reads, and the files that they name.
 
-The tables are those that procam knows, as it has validated them. So comments, tables of backends (hosts,
-device paths, passwords) and unknown keys never get in. Devices become "by-hand": whoever opens the
-bundle has none of them. Files get numbers for names.
+`procam.files.venue.sharing` lists the keys. So commands, tables of backends (hosts, device paths,
+passwords), comments and unknown keys never get in. Devices become "by-hand": whoever opens the bundle has
+none of them. Files and marks get numbers for names.
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import count
 from pathlib import Path
 from typing import Any
 
 from procam.errors import InputError
 from procam.files.session import Session
 from procam.files.venue.load import Venue
+from procam.files.venue.sharing import shared_tables
+from procam.model.plan import Plan
 
+BACKENDS = "tables of backends"
 ALWAYS = (
     "comments and keys of venue.toml that a solve does not read",
+    "names of marks, other than numbers",
     "names of files, other than numbers and those of shots",
     "dates and times of day; those of photographs count from the first one",
 )
-PRIVATE = ("backend", "control")  # of devices
 SOLVED_RESPONSE = "response.csv"  # of a camera, in its folder of a session
+# of a shot's pattern
+DETAILS = ("code", "plane", "axis", "bit", "inverse", "zone", "channel", "picture", "number")
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +36,7 @@ class Redacted:
     Attributes
     ----------
     tables : of venue.toml. files : by their names in the bundle, the files of the venue that they stand
-        for. removed : lines that name what was left out.
+        for. removed : the dotted paths of keys that were left out, and `BACKENDS` if they have tables.
     """
 
     tables: dict[str, Any]
@@ -39,20 +45,17 @@ class Redacted:
 
 
 def redact(venue: Venue, session: Session) -> Redacted:
-    """The venue without what is private.
+    """The venue without what is private. Applied to its own result it changes nothing.
 
     Raises
     ------
     InputError
         venue.toml names a file outside the venue's folder.
     """
-    tables = venue.table.model_dump(mode="json", exclude_unset=True)
-    removed = [f"[{name}]" for name, settings in venue.backends.items() if settings]
-    if tables.pop("history", None):
-        removed.append("[history]")
-    for kind in ("cameras", "projectors"):
-        for name, device in tables[kind].items():
-            removed += [f"{kind}.{name}.{key}" for key in PRIVATE if device.pop(key, None)]
+    tables, removed = shared_tables(venue.table)
+    if any(venue.backends.values()):
+        removed.append(BACKENDS)
+    _number_marks(venue, tables)
     files = dict[str, Path]()
     for name, camera in tables["cameras"].items():
         _rename_response(venue, session, name, camera, files)
@@ -61,7 +64,30 @@ def redact(venue: Venue, session: Session) -> Redacted:
             if isinstance(outline, str):
                 outlines[i] = f"masks/{len(files) + 1}.png"
                 files[outlines[i]] = _inside(venue, where, outline)
-    return Redacted(tables, files, (*removed, *ALWAYS))
+    return Redacted(tables, files, tuple(removed))
+
+
+def shared_plan(plan: Plan) -> Plan:
+    """The plan with what procam notes about patterns, and nothing else."""
+    shots = (
+        replace(shot, detail={key: shot.detail[key] for key in DETAILS if key in shot.detail})
+        for shot in plan.shots
+    )
+    return Plan(tuple(shots))
+
+
+def _number_marks(venue: Venue, tables: dict[str, Any]) -> None:
+    """Name marks by numbers, but those that are AprilTags; their names can be any text."""
+    tags = {tag.name for tag in venue.tags}
+    taken = {*tags, *tables["cameras"], *tables["projectors"]}
+    fresh = (name for i in count(1) if (name := f"mark-{i}") not in taken)
+    marks = tables.get("fiducials", [])
+    names = dict.fromkeys(mark["name"] for mark in marks if mark["name"] not in tags)
+    numbered = dict(zip(names, fresh, strict=False))
+    entries = [(mark, "name") for mark in marks]
+    entries += [(distance, end) for distance in tables.get("distances", []) for end in ("a", "b")]
+    for entry, key in entries:
+        entry[key] = numbered.get(entry[key], entry[key])
 
 
 def _rename_response(
@@ -70,7 +96,7 @@ def _rename_response(
     """Name a table of the response; brackets are replaced by what was solved from them, if it was."""
     response = camera.get("response", "linear")
     path = None
-    if camera.pop("brackets", None):
+    if response == "solve":
         path = session.directory / "captures" / name / SOLVED_RESPONSE
         camera["response"] = "linear"
     elif response.endswith(".csv"):

@@ -1,6 +1,5 @@
 """Writes a bundle of a session; the same session gives the same bytes."""
 
-import hashlib
 import json
 import stat
 import zipfile
@@ -12,11 +11,11 @@ from typing import NamedTuple
 from procam.errors import FileFormatError, InputError
 from procam.files.atomic import replacing
 from procam.files.bundle import names
-from procam.files.bundle.manifest import FileEntry, Manifest
+from procam.files.bundle.manifest import FileEntry, Manifest, entry_of
 from procam.files.bundle.original import original_figures
 from procam.files.bundle.pictures import frame_bytes, mask_bytes, picture_bytes, response_bytes
 from procam.files.bundle.readme import README_TEXT
-from procam.files.bundle.redact import Redacted, redact
+from procam.files.bundle.redact import ALWAYS, Redacted, redact, shared_plan
 from procam.files.session import Session, digest
 from procam.files.session_tables import StoredFrame, plan_text
 from procam.files.toml import toml_text
@@ -62,7 +61,7 @@ def write_bundle(venue: Venue, session: Session, out: Path) -> Manifest:
 
 def writing_bundle(venue: Venue, session: Session, out: Path) -> Iterator[Written]:
     """The same, with its progress: a large photograph takes seconds."""
-    redacted, plan = redact(venue, session), session.read_plan()
+    redacted, plan = redact(venue, session), shared_plan(session.read_plan())
     taken = _taken(venue, session, plan)
     total = sum(map(len, taken.values()))
     if not total:
@@ -74,7 +73,7 @@ def writing_bundle(venue: Venue, session: Session, out: Path) -> Iterator[Writte
     with replacing(out) as temporary, zipfile.ZipFile(temporary, "w") as archive:
         for name, content in _files(venue, session, plan, redacted, taken):
             _require_allowed(session, name, files)
-            files[name] = FileEntry(bytes=len(content), sha256=hashlib.sha256(content).hexdigest())
+            files[name] = entry_of(content)
             archive.writestr(_header(name), content)
             done += name.endswith(".tif")
             yield Written(done, total)
@@ -82,7 +81,7 @@ def writing_bundle(venue: Venue, session: Session, out: Path) -> Iterator[Writte
             procam=version("procam"),
             frames=total,
             planned=plan.exposures * len(taken),
-            redacted=list(redacted.removed),
+            redacted=[*redacted.removed, *ALWAYS],
             files=files,
         )
         archive.writestr(_header(names.MANIFEST), manifest.text())

@@ -38,8 +38,9 @@ def bundle(
 ) -> None:
     """Write a session into one file that can be solved elsewhere, or open such a file.
 
-    Serial ports, hosts, passwords, comments, dates and file names do not get in. Photographs, patterns and
-    the names of devices and marks do.
+    Photographs, patterns, numbers of venue.toml that a solve reads and the names of devices get in; nothing
+    else does: no command, port, host, password, comment, date or name of a file or mark. Of a bundle that
+    somebody else made no more gets out either.
     """
     if (out is None) == (open_ is None):
         raise InputError("--out, --open: give one of them, and the name of a .zip file")
@@ -63,10 +64,9 @@ def _write(path: Path, out: Path, output: Output) -> None:
     manifest: Manifest = output.follow(_events(written))["manifest"]
     size = out.stat().st_size
     output.say(f"{out} written, {size / MB:.1f} MB: {_content(manifest)} of {folder}")
-    for line in manifest.redacted:
-        output.say(f"left out: {line}")
+    _say_left_out(manifest, output)
     output.say(
-        "photographs and the names in venue.toml are in it; look at them before you give it away"
+        "photographs and the names of devices are in it; look at them before you give it away"
     )
     output.finish(_document(manifest) | {"bundle": str(out), "bytes": size})
 
@@ -78,8 +78,14 @@ def _open(file: Path, venue: Path, output: Output) -> None:
     manifest = open_bundle(file, venue)
     session = venue / SESSION
     output.say(f"{venue} written: {_content(manifest)}, by procam {manifest.procam}")
+    _say_left_out(manifest, output)
     output.say(f"solve it: procam solve {quote(str(session))}")
     output.finish(_document(manifest) | {"venue": str(venue), "session": str(session)})
+
+
+def _say_left_out(manifest: "Manifest", output: Output) -> None:
+    for line in manifest.redacted:
+        output.say(f"left out: {line}")
 
 
 def _events(written: "Iterator[Written]") -> "Iterator[Event]":

@@ -5,11 +5,10 @@ import platform
 from importlib.metadata import version
 from typing import Any
 
+from procam.files.bundle.original import PACKAGES
 from procam.files.session import Session
 from procam.files.venue.load import Venue
 from procam.files.venue.masks import manual_edits
-
-PACKAGES = ("procam", "numpy", "scipy", "opencv-contrib-python-headless", "OpenImageIO")
 
 
 def provenance(venue: Venue, session: Session) -> dict[str, Any]:
