@@ -16,7 +16,7 @@ from procam.kernels.frame import reference
 from procam.kernels.frame.coding import Coding
 from procam.kernels.frame.grid import CHANNELS, POSITIONS, STRIP
 from procam.kernels.frame.model import TERMS, FrameModel, padded, zeros_to_pad
-from procam.kernels.native.arrays import aligned_like, numbers, pointer
+from procam.kernels.native.arrays import aligned, aligned_like, numbers, pointer
 from procam.kernels.native.loader import LANES, chosen
 
 KINDS = {np.dtype(t): n for n, t in enumerate((np.uint8, np.uint16, np.float32, np.float16))}
@@ -67,8 +67,8 @@ def scattered_light(
         light[...] = reference.scattered_light(model, coefficients, offset)
         return light
     library, level, threads = native
-    arrays = [np.ascontiguousarray(a, np.float32) for a in (model.spread, model.direction)]
-    ambient = None if model.ambient is None else np.ascontiguousarray(model.ambient, np.float32)
+    arrays = [aligned(a, np.float32) for a in (model.spread, model.direction)]
+    ambient = None if model.ambient is None else aligned(model.ambient, np.float32)
     given = [
         None if n is None else numbers(n, (CHANNELS, TERMS), "coefficients")
         for n in (coefficients, offset)
@@ -98,7 +98,7 @@ def frame_sums(model: FrameModel, image: AnyArray, light: Map, what: str, coding
     _check_light(model, light)
     if what not in MODES:
         raise InputError(f"what: {what!r} is unknown; choose one of {', '.join(MODES)}")
-    picture = np.ascontiguousarray(image)
+    picture = aligned(image)
     native = chosen()
     if native is None:
         return reference.frame_sums(model, picture, light, what, coding)
@@ -121,7 +121,7 @@ def frame_apply(
     _check_light(model, light)
     if sums is not None:
         _check_out(sums, (CHANNELS, model.terms), np.float64, "sums")
-    picture = np.ascontiguousarray(image)
+    picture = aligned(image)
     target = aligned_like(picture) if out is None else out
     native = chosen()
     if native is None:

@@ -156,5 +156,6 @@ def _padded_alone(buffer: AnyArray, plane: Map) -> bool:
         and buffer.dtype == np.float32 == plane.dtype
         and buffer.ctypes.data == plane.ctypes.data
         and plane.flags.c_contiguous
+        and plane.flags.aligned
         and not buffer[plane.size :].any()
     )

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, DTypeLike
 
 from procam.arrays import AnyArray, Array, Array32
 from procam.errors import InputError, ShapeError
@@ -74,9 +74,14 @@ def plain(array: AnyArray) -> AnyArray:
     return array if fits else np.require(array, requirements=["C", "A"])
 
 
+def aligned(values: ArrayLike, dtype: DTypeLike = None) -> AnyArray:
+    """Values of a type as a contiguous array at an address that C can read; `np.ascontiguousarray` is not."""
+    return plain(np.asarray(values, dtype))
+
+
 def pointer(array: AnyArray | None) -> int | None:
     """Address of the first element, for C to read on from there."""
-    assert array is None or array.flags.c_contiguous
+    assert array is None or (array.flags.c_contiguous and array.flags.aligned)
     return None if array is None else array.ctypes.data
 
 
