@@ -158,6 +158,8 @@ def main() -> None:
             why = "" if usual else f" ({type(error).__name__}: {error})"
             _end(f"stopped{dark}{why}. Run the same command again", BY_SIGNAL + run.stopped_by)
         end_log(_how_it_ended(error))
+        if message := _unprinted(error):
+            _print_error(message, error.code if isinstance(error, SystemExit) else 1)
         raise
 
 
@@ -168,18 +170,36 @@ def _how_it_ended(error: BaseException) -> str:
     return "".join(traceback.format_exception(error))
 
 
-def _end(message: str, code: int) -> NoReturn:
-    """Print the message and end the process, at once if a thread still waits at a pipe.
+def _unprinted(error: BaseException) -> str:
+    """What --json has not printed yet: a wrong option, or an error that nobody expected; "" for no error."""
+    if not isinstance(error, SystemExit):
+        return (
+            f"unexpected {type(error).__name__}: {error}. This is a mistake in procam; report it with the "
+            "lines on stderr"
+        )
+    cause = error.__context__  # typer has printed it for people
+    if isinstance(cause, typer.Abort):
+        return "aborted; run the same command again"
+    return str(cause.format_message()) if hasattr(cause, "format_message") else ""
 
-    With --json scripts get it as a document too, unless frames go to stdout.
-    """
-    end_log(f"exit code {code}: {message}")
-    sys.stderr.write(f"procam: {plain(message)}\n")
-    if "-" not in sys.argv:
+
+def _print_error(message: str, code: object) -> None:
+    """With --json scripts get an error as a document too, unless frames go to stdout."""
+    if "-" in sys.argv:
+        return
+    with suppress(OSError):  # nobody reads it
         if "--json" in sys.argv:
-            sys.stdout.write(json.dumps({"error": message, "exit_code": code}, indent=1) + "\n")
-        with suppress(OSError):  # nobody reads it
-            sys.stdout.flush()
+            document = {"error": message, "exit_code": code}
+            sys.stdout.write(json.dumps(document, indent=1) + "\n")
+        sys.stdout.flush()
+
+
+def _end(message: str, code: int) -> NoReturn:
+    """Print the message and end the process, at once if a thread still waits at a pipe."""
+    end_log(f"exit code {code}: {message}")
+    sys.stderr.write(f"procam: {plain(message)}
+")
+    _print_error(message, code)
     threads = sys.modules.get("procam.threads")
     if threads and threads.any_running():
         sys.stderr.flush()

@@ -74,7 +74,7 @@ def plain(array: AnyArray) -> AnyArray:
     return array if fits else np.require(array, requirements=["C", "A"])
 
 
-def aligned(values: ArrayLike, dtype: DTypeLike = None) -> AnyArray:
+def aligned(values: ArrayLike, dtype: DTypeLike | None = None) -> AnyArray:
     """Values of a type as a contiguous array at an address that C can read; `np.ascontiguousarray` is not."""
     return plain(np.asarray(values, dtype))
 
