@@ -180,7 +180,7 @@ def _unprinted(error: BaseException) -> str:
     cause = error.__context__  # typer has printed it for people
     if isinstance(cause, typer.Abort):
         return "aborted; run the same command again"
-    return str(cause.format_message()) if hasattr(cause, "format_message") else ""
+    return str(getattr(cause, "format_message", str)())
 
 
 def _print_error(message: str, code: object) -> None:
