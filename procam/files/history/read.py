@@ -1,13 +1,12 @@
 """Reads a venue's history: runs, calibrations, figures, and whether files are as they were written."""
 
-import csv
-import io
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
 from procam.errors import InputError
+from procam.files.csv_text import csv_text
 from procam.files.history.store import file_digest, readable
 
 COLUMNS = (
@@ -87,12 +86,8 @@ def list_figures(venue_dir: Path, calibration: str | None = None) -> list[Figure
 
 def figures_csv(venue_dir: Path) -> str:
     """All figures as CSV, a line for each."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(COLUMNS)
-    for entry in list_figures(venue_dir):
-        writer.writerow([getattr(entry, column) for column in COLUMNS])
-    return text.getvalue()
+    figures = list_figures(venue_dir)
+    return csv_text([COLUMNS, *([getattr(f, column) for column in COLUMNS] for f in figures)])
 
 
 def clock_went_back(runs: list[RunEntry]) -> list[int]:

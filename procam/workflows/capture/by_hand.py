@@ -1,7 +1,5 @@
 """A session for rigs that procam does not drive: numbered pictures, movies, the order to show them."""
 
-import csv
-import io
 import math
 from dataclasses import replace
 from itertools import groupby
@@ -12,6 +10,7 @@ import numpy as np
 from procam.estimate.structured_light.codes import NOMINAL_GAMMA, Picture
 from procam.estimate.structured_light.photo_match import NUMBER
 from procam.files import atomic
+from procam.files.csv_text import csv_text
 from procam.files.history.record import recorded
 from procam.files.images.pixels import read_image
 from procam.files.images.slideshow import write_movie
@@ -97,18 +96,16 @@ def hold_s(shot: Shot) -> int:
 
 def order_table(plan: Plan) -> str:
     """What to show when and how long to expose it, as CSV; times count within a movie."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(COLUMNS)
+    rows: list[tuple[object, ...]] = [COLUMNS]
     start, projector = 0, ""
     for shot in plan.shots:
         start, projector = (start if shot.projector == projector else 0), shot.projector
         exposures = " ".join(f"{e:g}" for e in shot.exposures_s)
         number = shot.detail.get(NUMBER, "")
         head = (number, shot.id, shot.projector, shot.purpose, shot.pattern, exposures)
-        writer.writerow((*head, start, hold_s(shot)))
+        rows.append((*head, start, hold_s(shot)))
         start += hold_s(shot)
-    return text.getvalue()
+    return csv_text(rows)
 
 
 def _next_folder(venue: Venue) -> Path:

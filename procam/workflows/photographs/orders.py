@@ -1,7 +1,5 @@
 """What people are asked to photograph, as it is on disk and on the screen."""
 
-import csv
-import io
 import json
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,6 +8,7 @@ from typing import Annotated
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from procam.errors import FileFormatError
+from procam.files.csv_text import csv_text
 from procam.files.names import NAME_PATTERN
 from procam.model.plan import Shot
 
@@ -97,10 +96,8 @@ def read_document(folder: Path) -> Document | None:
 
 def order_table(camera: str, rows: Sequence[OrderRow]) -> str:
     """A round as CSV."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(("camera", "picture", "projectors", "photographs", "exposure_s"))
-    for row in rows:
-        lit = " ".join(row.projectors)
-        writer.writerow((camera, row.picture, lit, row.photographs, f"{row.exposure_s:g}"))
-    return text.getvalue()
+    lines = (
+        (camera, r.picture, " ".join(r.projectors), r.photographs, f"{r.exposure_s:g}")
+        for r in rows
+    )
+    return csv_text([("camera", "picture", "projectors", "photographs", "exposure_s"), *lines])

@@ -1,8 +1,6 @@
 """`procam compensate`: a picture, numbered pictures, a movie or a pipe through the compensator."""
 
-import csv
 import hashlib
-import io
 import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
@@ -15,6 +13,7 @@ from procam import __version__
 from procam.errors import FileFormatError
 from procam.files import atomic
 from procam.files.calibration import load_dome
+from procam.files.csv_text import csv_text
 from procam.files.images.movies import is_movie
 from procam.files.images.sequences import Numbered
 from procam.files.output_log import OutputLog
@@ -149,11 +148,10 @@ def certified(rows: Sequence[Row]) -> dict[str, Any]:
 
 def write_report(path: Path, rows: Sequence[Row]) -> None:
     """Write the clip report: a line of CSV per frame."""
-    text = io.StringIO()
-    table = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
-    table.writeheader()
-    table.writerows(rows)
-    atomic.write_text(path, text.getvalue())
+    columns = list(rows[0])
+    atomic.write_text(
+        path, csv_text([columns, *([row.get(c, "") for c in columns] for row in rows)])
+    )
 
 
 def _given(clip_frame: ClipFrame) -> Callable[[], ClipFrame]:

@@ -1,6 +1,5 @@
 """A folder from which a player compensates a show by itself: numbers per frame, textures, shaders."""
 
-import csv
 import hashlib
 import json
 from collections.abc import Callable, Iterator
@@ -20,6 +19,7 @@ from procam.compensate.track import METHODS, columns, moves, row, textures, unif
 from procam.errors import FileFormatError, InputError
 from procam.files.atomic import replacing_directory
 from procam.files.calibration import load_dome
+from procam.files.csv_text import csv_text
 from procam.files.images.layers import RGB
 from procam.files.images.movies import MovieReader, is_movie
 from procam.files.images.pixels import write_image
@@ -161,8 +161,8 @@ class _Rows:
         self.used = self.compensator.fields.model.terms
         self.numbers: list[int] = []
         self._settings, self._out = settings, np.empty_like(first.rgb)
-        self._table = csv.writer(file, lineterminator="\n")
-        self._table.writerow(["frame", *columns(self.used)])
+        self._table = file
+        self._table.write(csv_text([["frame", *columns(self.used)]]))
 
     def add(self, clip_frame: ClipFrame) -> Callable[[], str]:
         """Solve a frame, which must be like the first one; returns a call that gives its name."""
@@ -181,7 +181,7 @@ class _Rows:
             )
         self.compensator.frame(clip_frame.rgb, self._out)
         numbers = row(self.compensator.coefficients, self.used)
-        self._table.writerow([clip_frame.number, *(f"{value:.9g}" for value in numbers)])
+        self._table.write(csv_text([[clip_frame.number, *(f"{v:.9g}" for v in numbers)]]))
         self.numbers.append(clip_frame.number)
         return lambda: name
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from procam.errors import FileFormatError, InputError
+from procam.files.csv_text import without_mark
 from procam.workflows.preference.plan import Plan, Question
 
 COLUMNS = (
@@ -158,7 +159,8 @@ def _rows(path: Path) -> Iterator[tuple[str, Row]]:
         lines = path.read_text("utf-8-sig").splitlines()
         # some spreadsheets write semicolons where commas are decimal
         comma = ";" if lines and lines[0].count(";") > lines[0].count(",") else ","
-        table = [[cell.strip() for cell in cells] for cells in csv.reader(lines, delimiter=comma)]
+        rows = csv.reader(lines, delimiter=comma)
+        table = [[without_mark(cell.strip()) for cell in cells] for cells in rows]
     except (UnicodeDecodeError, csv.Error) as error:
         raise FileFormatError(
             f"{path} is no table ({error}); save it as CSV in UTF-8, or {AGAIN}"
