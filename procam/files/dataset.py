@@ -140,10 +140,26 @@ def _checked_index(directory: Path) -> DatasetIndex:
             f"{path} is damaged ({first_finding(error)}); get it again"
         ) from error
     needed = [f for s in index.sessions for f in (s.bundle, f"{s.truth}/calibration.json")]
-    for name in dict.fromkeys([*needed, *index.files]):
-        file, entry = directory / name, index.files.get(name)
-        if entry is None or not file.is_file():
-            raise FileFormatError(f"{file}: missing from the data set; get it again")
-        if file.stat().st_size != entry.bytes or file_digest(file) != entry.sha256:
-            raise FileFormatError(f"{file} has changed since the data set was made; get it again")
+    for name in dict.fromkeys([*needed, *_read_with(directory, index), *index.files]):
+        _check_file(directory / name, index.files.get(name))
     return index
+
+
+def _read_with(directory: Path, index: DatasetIndex) -> Iterator[str]:
+    """All files in the folders of truth, which are read with calibration.json."""
+    for folder in dict.fromkeys(directory / session.truth for session in index.sessions):
+        for path in sorted(folder.rglob("*")):
+            if not path.is_dir():
+                yield path.relative_to(directory).as_posix()
+
+
+def _check_file(file: Path, entry: FileEntry | None) -> None:
+    """Refuse a file that is not as its entry says, or has none."""
+    if not file.is_file():
+        raise FileFormatError(f"{file}: missing from the data set; get it again")
+    if entry is None:
+        raise FileFormatError(
+            f"{file} is not listed in {INDEX}; remove it, or get the data set again"
+        )
+    if file.stat().st_size != entry.bytes or file_digest(file) != entry.sha256:
+        raise FileFormatError(f"{file} has changed since the data set was made; get it again")

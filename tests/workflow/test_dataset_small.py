@@ -97,6 +97,17 @@ def test_damages_are_named(copy: Path, tmp_path: Path) -> None:
     assert "dataset.json: no such file; give the folder of a data set" in complaint()
 
 
+def test_what_the_index_does_not_list_is_named(copy: Path, tmp_path: Path) -> None:
+    extra = copy / "truth" / "standard" / "maps" / "other.exr"
+    extra.write_bytes(b"x")
+    with pytest.raises(FileFormatError, match=r"other\.exr is not listed in dataset\.json"):
+        load_dataset(copy, tmp_path / "work")
+    extra.unlink()
+    extra.symlink_to(tmp_path / "nothing")
+    with pytest.raises(FileFormatError, match=r"other\.exr: missing from the data set"):
+        load_dataset(copy, tmp_path / "work")
+
+
 def test_a_session_is_opened_when_it_is_asked_for(copy: Path, tmp_path: Path) -> None:
     document = json.loads((copy / "dataset.json").read_text())
     document["sessions"] *= 2
