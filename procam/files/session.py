@@ -28,6 +28,7 @@ from procam.files import atomic
 from procam.files.images.pixels import read_image, write_image
 from procam.files.output_log import file_state
 from procam.files.session_tables import StoredFrame, parse_entry, parse_plan, plan_text
+from procam.files.system import refuse_link
 from procam.model.frame import CameraSettings, Frame, PixelFormat
 from procam.model.plan import Plan, Shot
 
@@ -211,6 +212,7 @@ def _link(source: Path, target: Path) -> None:
     try:
         os.link(source, target)
     except OSError:
+        refuse_link(target)
         shutil.copyfile(source, target)
 
 

@@ -15,6 +15,7 @@ from procam.files.history.record import recorded
 from procam.files.images.pixels import read_image
 from procam.files.images.slideshow import write_movie
 from procam.files.session import Session
+from procam.files.system import open_here
 from procam.files.venue.load import Venue
 from procam.maths.codes.shot_id import CELLS_PER_MASTER, CELLS_PER_PANEL, draw_shot_id
 from procam.model.plan import Plan, Shot
@@ -74,7 +75,8 @@ def _export(session: Session, out: Path, movie: bool) -> None:
     for shot in plan.shots:
         if shot.pattern:
             (out / shot.pattern).parent.mkdir(parents=True, exist_ok=True)
-            (out / shot.pattern).write_bytes((session.directory / shot.pattern).read_bytes())
+            with open(out / shot.pattern, "wb", opener=open_here) as picture:
+                picture.write((session.directory / shot.pattern).read_bytes())
     atomic.write_text(out / "plan.json", (session.directory / "plan.json").read_text("utf-8"))
     atomic.write_text(out / "order.csv", order_table(plan))
     for name, shots in _playlists(plan).items():

@@ -4,12 +4,17 @@ import errno
 from pathlib import Path
 
 import pytest
+from bundles import WHITE, take_session
+from bundles import make_venue as bundles_venue
 
 from procam.files.atomic import append_line, write_text
 from procam.files.history.store import NAME, readable, written
 from procam.files.lock import locked
+from procam.files.session import Session
+from procam.files.session_tables import StoredFrame
 from procam.interfaces.cli._run_log import RunLog, end_log
 from procam.interfaces.cli._system_errors import worded
+from procam.workflows.capture.by_hand import _export
 
 KEPT = "somebody else's text\n"
 
@@ -84,6 +89,35 @@ def test_a_log_of_a_run_that_is_a_link(venue: Path, target: Path) -> None:
     log._path.symlink_to(target)
     log.write("a line")
     end_log("exit code 0")
+    assert target.read_text() == KEPT
+
+
+def test_a_photograph_of_another_session_that_is_a_link(venue: Path, target: Path) -> None:
+    first, second = (Session(venue / name) for name in ("first", "second"))
+    photograph = venue / "first.tif"
+    photograph.write_bytes(b"counts")
+    entry = StoredFrame(
+        shot="dark", file="dark@1.tif", exposure_s=1, gain=1, pixel_format="rgb",
+        started_s=0, ended_s=1, sha256="",
+    )  # fmt: skip
+    first.add_link("zenith", photograph, entry)
+    link = second.directory / "captures" / "zenith" / "dark@1.tif"
+    link.parent.mkdir(parents=True)
+    link.symlink_to(target.with_name("nothing"))
+    with pytest.raises(OSError) as caught:
+        second.add_link("zenith", photograph, entry)
+    assert refused(caught.value, link)
+    assert [path.name for path in target.parent.iterdir()] == ["target"]
+
+
+def test_pictures_to_show_that_are_links(tmp_path: Path, target: Path) -> None:
+    session, out = take_session(bundles_venue(tmp_path / "dome")), tmp_path / "out"
+    link = out / WHITE.pattern
+    link.parent.mkdir(parents=True)
+    link.symlink_to(target)
+    with pytest.raises(OSError) as caught:
+        _export(session, out, movie=False)
+    assert refused(caught.value, link)
     assert target.read_text() == KEPT
 
 
