@@ -253,7 +253,7 @@ def test_a_manifest_that_is_none(tmp_path: Path, good: Content) -> None:
     ("old", "new", "words"),
     [
         ("masks/2.png", "masks/../../../secret.png", "secret.png"),
-        ("masks/2.png", "masks/1.png", "names files that no bundle of procam names"),
+        ("masks/2.png", "masks/3.png", "names files that no bundle of procam names"),
         ("masks/2.png", "/dev/null", "/dev/null: no such file"),
         ("radius_m = 6.0", "radius_m = -1", "screen.radius_m is -1"),
         ("[screen]", "[screen", "is not valid TOML"),
