@@ -31,9 +31,7 @@ def locked(venue_dir: Path, work: str) -> Iterator[None]:
         yield
         return
     folder.mkdir(parents=True, exist_ok=True)
-    with open(
-        folder / NAME, "a+", encoding="utf-8", errors="replace", opener=open_here
-    ) as file:
+    with open(folder / NAME, "a+", encoding="utf-8", errors="replace", opener=open_here) as file:
         file.seek(LOCKED_AT)
         if not try_lock(file):
             file.seek(0)

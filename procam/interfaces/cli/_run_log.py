@@ -5,8 +5,8 @@ import time
 from pathlib import Path
 from shlex import quote
 
-from procam.interfaces.cli._plain import plain
 from procam.files.system import open_here
+from procam.interfaces.cli._plain import plain
 
 _logs = list["RunLog"]()  # of the present run, or none
 

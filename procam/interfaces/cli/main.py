@@ -197,8 +197,7 @@ def _print_error(message: str, code: object) -> None:
 def _end(message: str, code: int) -> NoReturn:
     """Print the message and end the process, at once if a thread still waits at a pipe."""
     end_log(f"exit code {code}: {message}")
-    sys.stderr.write(f"procam: {plain(message)}
-")
+    sys.stderr.write(f"procam: {plain(message)}\n")
     _print_error(message, code)
     threads = sys.modules.get("procam.threads")
     if threads and threads.any_running():
