@@ -38,6 +38,7 @@ from studies import (
     rooms,
     stops,
     two_at_once,
+    unattended,
     wrong_calls,
 )
 
@@ -71,6 +72,7 @@ STUDIES = {
     "speed": benchmarks.__main__.main,
     "stops": stops.main,
     "two-at-once": two_at_once.main,
+    "unattended": unattended.main,
     "wrong-calls": wrong_calls.main,
 }
 

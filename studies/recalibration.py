@@ -22,6 +22,7 @@ from procam.interfaces.judge import direction_errors
 from procam.workflows.capture.newest import capture_newest
 from procam.workflows.recalibrate import recalibrate
 from procam.workflows.solve.calibrate import solve
+from procam.workflows.venue_rig import rig_owner
 from simulators.backend import build_scene
 from simulators.scene import DomeScene, SceneSize
 from simulators.template import SIZES, server_text, venue_text
@@ -82,7 +83,9 @@ def _row(calibrated: Path, folder: Path, name: str) -> dict[str, Any]:
         with (venue / "venue.toml").open("a", encoding="utf-8") as file:
             drift = f'kind = "turned", projector = "{name}", size = {SIZE_DEG}, angle_deg = 40'
             file.write(f"session = 1\ndrifts = [{{ {drift} }}]\n")
-    events = list(recalibrate(load_venue(part), part / "calibrations" / "0001", [name]))
+    venue = load_venue(part)
+    with rig_owner(venue) as rig:
+        events = list(recalibrate(rig, venue, part / "calibrations" / "0001", [name]))
     shots = sum(event.stage == "verify" for event in events) - 1
     plan = Session(Path(events[-1].data["session"])).read_plan()
     shots += sum(shot.projector == name for shot in plan.shots)

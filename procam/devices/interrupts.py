@@ -28,14 +28,19 @@ class Run:
     ----------
     stopped_by : number of the first signal; None if there was none.
     unfinished : what must still be done before the process may end, such as darkening a rig.
-    left_dark : whether a rig was used, and all of its projectors are confirmed to be dark.
+    rigs : for each rig that was used, by its `id`, whether all of its projectors are confirmed to be dark.
     pending : whether the signal came in an `uninterruptible` function and has raised nothing yet.
     """
 
     stopped_by: int | None = None
     unfinished: list[Callable[[], None]] = field(default_factory=list)
-    left_dark: bool = False
+    rigs: dict[int, bool] = field(default_factory=dict)
     pending: bool = False
+
+    @property
+    def left_dark(self) -> bool:
+        """Whether a rig was used, and all projectors of all rigs are confirmed to be dark."""
+        return bool(self.rigs) and all(self.rigs.values())
 
     def raise_pending(self) -> None:
         """Raise the KeyboardInterrupt that is pending; only in the main thread, as signals do."""
@@ -129,6 +134,12 @@ def _stop(number: int, frame: FrameType | None) -> None:
     if run.unfinished:
         with suppress(OSError):  # a terminal that was closed
             os.write(STDERR, WAIT)
+
+
+def announce(text: str) -> None:
+    """Write a line to stderr at once, from any thread."""
+    with suppress(OSError):
+        os.write(STDERR, f"procam: {text}\n".encode(errors="replace"))
 
 
 def _is_uninterruptible(frame: FrameType | None) -> bool:

@@ -15,6 +15,10 @@ from procam.devices.protocols import BackendRig, Camera, Clock, Power, Projector
 from procam.errors import DeviceError, InputError
 
 FROM_BACKEND = "backend"  # a control port that the backend provides
+WARM_UP_S, WARM_UP_POLL_S = (
+    240.0,
+    1.0,
+)  # of a lamp at the longest; three tries to ignite it take 100 s
 
 
 @dataclass
@@ -23,6 +27,11 @@ class Rig:
 
     A context manager: at the end every projector is shuttered, or shows black where it has no
     shutter, and all connections are closed. Only the first signal interrupts it.
+
+    Attributes
+    ----------
+    borrowed : projectors whose lamps were off before; they are switched off at the end.
+    dark : whether the rig was left, and all projectors are confirmed to be dark.
     """
 
     cameras: Mapping[str, Camera]
@@ -30,12 +39,15 @@ class Rig:
     controls: Mapping[str, ProjectorControl]
     clock: Clock
     closers: tuple[Callable[[], None], ...] = field(default=())
+    borrowed: list[str] = field(default_factory=list)
+    dark: bool = field(default=False, init=False)
     _stack: ExitStack = field(default_factory=ExitStack, init=False, repr=False)
 
     @uninterruptible
     def __enter__(self) -> Self:
         run = self._stack.enter_context(interruptible())
         run.unfinished.append(self._leave)
+        run.rigs[id(self)] = self.dark = False
         try:
             run.raise_pending()
         except KeyboardInterrupt:
@@ -50,21 +62,24 @@ class Rig:
 
     def _leave(self) -> None:
         """Make all projectors dark and close all connections; what fails is reported at the end."""
-        lit = dict[str, Exception]()
-        for name in self.projectors:
-            try:
-                self.darken(name)
-            except Exception as error:  # the others must be dark all the same
-                lit[name] = error
+        lit = self.darken_all()
         try:
-            self._release()
+            with ExitStack() as stack:
+                stack.callback(self._release)
+                self._return_lamps()
         finally:
             run = current_run()
-            run.left_dark = not lit
+            run.rigs[id(self)] = self.dark = not lit
             if self._leave in run.unfinished:
                 run.unfinished.remove(self._leave)
             if lit:  # whatever else went wrong
                 _tell_lit(lit)
+
+    def _return_lamps(self) -> None:
+        """Switch off the lamps that were off before."""
+        for name in self.borrowed:
+            if self.controls[name].state().power is Power.ON:
+                self.controls[name].set_power(False)
 
     def _release(self) -> None:
         """Close all connections, leaving the projectors as they are."""
@@ -76,8 +91,9 @@ class Rig:
 
     def start(self) -> None:
         """Switch every projector on, wait for its lamp and make it dark; without a control it shows black."""
-        for control in self.controls.values():
+        for name, control in self.controls.items():
             if control.state().power is not Power.ON:
+                self._show_black(name)  # a lamp that warms up refuses its shutter
                 control.set_power(True)
         for name in self.projectors:
             self.darken(name)
@@ -88,19 +104,37 @@ class Rig:
             self.controls[name].set_shutter(False)
 
     def darken(self, name: str) -> None:
-        """Show black, and close the shutter where there is one that works.
+        """Show black, and close the shutter where there is one that works."""
+        self._show_black(name)
+        if name in self.controls:
+            shut(self.controls[name], self.clock)
 
-        A projector that is warming up refuses its shutter, so this waits until the lamp is on;
-        otherwise the dome would be lit a minute after the run has ended.
-        """
+    def darken_all(self) -> dict[str, Exception]:
+        """Make all projectors dark; what failed, by the projectors that may still be lit."""
+        lit = dict[str, Exception]()
+        for name in self.projectors:
+            try:
+                self.darken(name)
+            except Exception as error:  # the others must be dark all the same
+                lit[name] = error
+        return lit
+
+    def _show_black(self, name: str) -> None:
         width, height = self.projectors[name].size
         self.projectors[name].show(np.zeros((height, width, 3), np.float32))
-        control = self.controls.get(name)
-        power = control.state().power if control else None
-        if control and power is Power.WARMING:
-            control.set_power(True)
-        if control and power in (Power.WARMING, Power.ON):
-            control.set_shutter(True)
+
+
+def shut(control: ProjectorControl, clock: Clock) -> None:
+    """Close a shutter whose lamp is on.
+
+    A projector that is warming up refuses its shutter, so this waits until the lamp is on or fails;
+    otherwise the dome would be lit a minute after the run has ended.
+    """
+    deadline_s = clock.now_s() + WARM_UP_S
+    while (power := control.state().power) is Power.WARMING and clock.now_s() < deadline_s:
+        clock.sleep(WARM_UP_POLL_S)
+    if power in (Power.WARMING, Power.ON):
+        control.set_shutter(True)
 
 
 def known_backends() -> list[str]:

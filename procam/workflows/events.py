@@ -1,5 +1,7 @@
 """What workflows report while they run: the command line, reports and tests read one stream."""
 
+from collections.abc import Generator, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -13,3 +15,16 @@ class Event:
     total: int
     text: str
     data: dict[str, Any] = field(default_factory=dict)
+
+
+@contextmanager
+def ended_with(events: Iterator[Event]) -> Iterator[None]:
+    """End a workflow with the block, also where it stands between two events.
+
+    Without this it would keep its devices until somebody looks for it.
+    """
+    try:
+        yield
+    finally:
+        if isinstance(events, Generator):
+            events.close()

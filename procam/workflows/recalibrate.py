@@ -1,13 +1,14 @@
 """Recalibrates some projectors: only they are photographed, and all else of the calibration stays."""
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from procam.devices.rig import Rig
 from procam.errors import InputError, OutOfModelRange
 from procam.estimate.calibration import ProjectorMeasurement, direct_black
 from procam.estimate.camera.radiance import Radiometer
@@ -38,7 +39,6 @@ from procam.workflows.solve.light import measure_light
 from procam.workflows.solve.long_exposure import with_long_exposure
 from procam.workflows.solve.plausible import check_finite, check_on_screen
 from procam.workflows.solve.provenance import provenance
-from procam.workflows.venue_rig import open_rig
 from procam.workflows.verify.verify import SETTLE_S, Verified, verify
 
 WATCHED = 2  # projectors that are verified where others are to be recalibrated
@@ -57,8 +57,10 @@ BLOCKING: tuple[Cause, ...] = (
 )
 
 
-def recalibrate(venue: Venue, used: Path, names: Sequence[str] = ()) -> Iterator[Event]:
-    """Photograph some projectors and put them into the calibration `used`.
+def recalibrate(
+    rig: Callable[[], Rig], venue: Venue, used: Path, names: Sequence[str] = ()
+) -> Iterator[Event]:
+    """Photograph some projectors with a rig and put them into the calibration `used`.
 
     Without `names` the whole venue is verified first, and those are chosen that recalibrating helps. With
     names only two others are verified, for the camera and the room's light must be as they were. The last
@@ -76,8 +78,8 @@ def recalibrate(venue: Venue, used: Path, names: Sequence[str] = ()) -> Iterator
     """
     old = load_calibration(used)
     _check(venue, old, names)
-    with recorded(venue.directory, "recalibrate") as run, open_rig(venue) as rig:
-        photographer = DrivenPhotographer(rig, old, SETTLE_S)
+    with recorded(venue.directory, "recalibrate") as run:
+        photographer = DrivenPhotographer(rig(), old, SETTLE_S)
         watched = [n for n in old.projectors if n not in names][:WATCHED] if names else []
         verified: Verified | None = None
         for event in verify(photographer, venue, old, watched):
@@ -97,7 +99,7 @@ def recalibrate(venue: Venue, used: Path, names: Sequence[str] = ()) -> Iterator
             return
         source = Session(venue.directory / "sessions" / str(old.provenance.get("session")))
         session = source.without(next_session(venue), chosen)
-        yield from capture(rig, venue, session)
+        yield from capture(rig(), venue, session)
         yield from _solved(venue, (used, old), (source, session), chosen, notes)
 
 

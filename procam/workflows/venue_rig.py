@@ -1,7 +1,8 @@
 """From venue.toml to a rig with its remote controls."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
+from functools import cache
 
 from procam.devices.protocols import BackendRig, ProjectorControl, SystemClock
 from procam.devices.rig import FROM_BACKEND, Rig, known_backends, open_backend, open_control
@@ -34,6 +35,13 @@ def open_rig(venue: Venue) -> Rig:
         next(iter(backends.values())).clock,
         tuple(closer for backend in backends.values() for closer in backend.closers),
     )
+
+
+@contextmanager
+def rig_owner(venue: Venue) -> Iterator[Callable[[], Rig]]:
+    """A function that gives the rig of a venue, which its first call opens; it is left with the block."""
+    with ExitStack() as stack:
+        yield cache(lambda: stack.enter_context(open_rig(venue)))
 
 
 @contextmanager

@@ -2,10 +2,12 @@
 
 The engine sends a command, matches the reply with the patterns of the table, and tries again after a lost
 or garbled reply. Before each retry it synchronises: it sends a command without effect and waits for
-silence, so that a late reply is not taken for the next one. A value that was set is read back. The file
-is longer than 300 lines because these steps share the state of one connection.
+silence, so that a late reply is not taken for the next one. A value that was set is read back. Several
+threads may use a control: their exchanges take turns. The file is longer than 300 lines because these
+steps share the state of one connection.
 """
 
+import _thread
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -71,6 +73,7 @@ class SerialProjectorControl:
         self._link = link
         self._table = table
         self._clock = clock
+        self._turn = _thread.allocate_lock()
         self._synchronised = (
             False  # a part of an earlier program's command may still be on the wire
         )
@@ -258,6 +261,12 @@ class SerialProjectorControl:
         self, command: bytes, expected: re.Pattern[bytes], timeout_s: float
     ) -> re.Match[bytes]:
         """Send `command` once, synchronised, and match the reply."""
+        with self._turn:
+            return self._exchange(command, expected, timeout_s)
+
+    def _exchange(
+        self, command: bytes, expected: re.Pattern[bytes], timeout_s: float
+    ) -> re.Match[bytes]:
         self._synchronise()
         self._synchronised = False
         reply = self._link.exchange(command, self._table.terminator, timeout_s)

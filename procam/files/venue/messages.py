@@ -59,6 +59,8 @@ def _needed(error: Mapping[str, Any]) -> str:
         return "a polygon [[x, y], ...] or the name of a PNG"
     if kind == "list_type" and isinstance(error["input"], dict):
         return f"a list of tables, each under [[{'.'.join(map(str, where))}]]"
+    if kind == "value_error":
+        return str(context["error"])
     if kind not in NEEDED:
         return str(error["msg"]).removeprefix("Input should be ")
     needed = NEEDED[kind].format(**context)

@@ -3,9 +3,10 @@
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, StringConstraints
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, StringConstraints
 
 from procam.files.names import NAME_PATTERN
+from procam.files.venue.commands import command_words
 from procam.files.venue.outlines import Outline
 from procam.model.optics import USUAL_FAMILY, AprilTag, TagFamily
 
@@ -21,6 +22,14 @@ Response = Annotated[str, StringConstraints(pattern=RESPONSE_PATTERN)]
 CLOCK_PATTERN = r"^([01]\d|2[0-3]):[0-5]\d$"
 BY_HAND = "by-hand"  # the backend of devices that procam does not drive
 Size = tuple[Annotated[int, Field(ge=8, le=32766)], Annotated[int, Field(ge=8, le=32766)]]
+
+
+def _check_command(text: str) -> str:
+    command_words(text)
+    return text
+
+
+Command = Annotated[str, AfterValidator(_check_command)]
 
 
 class _Table(BaseModel):
@@ -209,14 +218,14 @@ class UnattendedTable(_Table):
 
     `interlock` is a command that ends with 0 where nobody is in the dome; `begin` and `end` are local times,
     the next day where `end` is earlier. `power_on`: lamps that are off may be switched on. `notify` is a
-    command that gets what happened as its last argument.
+    command that gets what happened as its last argument. No shell runs them.
     """
 
-    interlock: Annotated[str, Field(min_length=1)]
+    interlock: Command
     begin: Annotated[str, StringConstraints(pattern=CLOCK_PATTERN)]
     end: Annotated[str, StringConstraints(pattern=CLOCK_PATTERN)]
     power_on: bool = False
-    notify: str | None = None
+    notify: Command | None = None
 
 
 class VenueTable(_Table):

@@ -59,7 +59,7 @@ class Output:
             sys.stdout.write(json.dumps(document, indent=1) + "\n")
 
     def follow(self, events: Iterator["Event"]) -> dict[str, Any]:
-        """Run a workflow, show its progress on stderr, and return the data of its last event.
+        """Run a workflow to its end, show its progress on stderr, and return the data of its last event.
 
         On a terminal that is a bar; in a file or a pipe a line every few seconds.
         """
@@ -67,6 +67,7 @@ class Output:
         from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
         from procam.interfaces.cli._memory import keep_large_buffers
+        from procam.workflows.events import ended_with
 
         keep_large_buffers()
         console = Console(stderr=True)
@@ -76,7 +77,10 @@ class Output:
         text = TextColumn("{task.description}", markup=False)  # [[fiducials]] is no markup
         quiet = self.as_json or not console.is_terminal
         lines = None if self.as_json or console.is_terminal else _ProgressLines()
-        with Progress(*columns, *tail, text, console=console, disable=quiet) as progress:
+        with (
+            ended_with(events),
+            Progress(*columns, *tail, text, console=console, disable=quiet) as progress,
+        ):
             task = progress.add_task("", stage="", total=None)
             for event in events:
                 progress.update(

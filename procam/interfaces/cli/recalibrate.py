@@ -39,7 +39,8 @@ def recalibrate(
     used = calibration_in_use(venue)
     verify_unchanged(venue, used)
     with recorded(venue, "recalibrate"), leave_for(loaded, "recalibrate", unattended) as leave:
-        data = output.follow(leave.watch(recalibrating(loaded, used, projector or [])))
+        events = recalibrating(leave.rig, loaded, used, projector or [])
+        data = output.follow(leave.watch(events))
         leave.notify(
             "; ".join([", ".join(data["projectors"]) or "nothing to recalibrate", *data["notes"]])
         )

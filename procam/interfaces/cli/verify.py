@@ -57,7 +57,7 @@ def verify(
             try:
                 given = given_photographs(photos, replace)
                 with photographer_of(
-                    loaded, calibration, "verify", kept.name, given, SETTLE_S
+                    loaded, calibration, "verify", kept.name, given, SETTLE_S, leave.rig
                 ) as photographer:
                     output.warn(photographer.notes)
                     events = verifying(photographer, loaded, calibration)

@@ -1,16 +1,15 @@
 """Show a plan and photograph it; resumable at any instant."""
 
 import shutil
-from collections.abc import Callable, Iterator
-from contextlib import suppress
+from collections.abc import Callable, Collection, Iterator
 from functools import partial
 from pathlib import Path
-from queue import Empty
 from typing import Self
 
 import numpy as np
 
 from procam.arrays import Array, Array32
+from procam.devices.interrupts import announce
 from procam.devices.rig import Rig
 from procam.errors import DeviceError, InputError, OutOfModelRange, StaleFrame
 from procam.estimate.camera.checks import early_clipping
@@ -26,7 +25,7 @@ from procam.workflows.events import Event
 
 ATTEMPTS = 3
 SATURATED_SHARE = 0.002  # of the frame; above it the exposure is wrong, not a glint in the way
-DISK_PATIENCE_S = 10.0  # for a disk that hangs when a run fails or is stopped: a projector is lit
+DISK_PATIENCE_S = 10.0  # for a disk that hangs when a run fails or is stopped
 PROBE_STEP = 7  # checks read every 7th pixel: enough to distinguish pictures
 
 
@@ -73,7 +72,7 @@ def capture(rig: Rig, venue: Venue, session: Session) -> Iterator[Event]:
     rig.start()
     lit, done = "", len(plan.shots) - len(todo)
     checks = {name: _FrameCheck(camera.sensor) for name, camera in venue.cameras.items()}
-    with _Recorder(session) as recorder:
+    with _Recorder(session, rig) as recorder:
         for shot in todo:
             if shot.projector != lit:
                 _hand_over(rig, lit, shot.projector)
@@ -92,10 +91,13 @@ def _hand_over(rig: Rig, lit: str, following: str) -> None:
 
 
 class _Recorder:
-    """Writes frames to disk while the next picture is being taken, one behind at most."""
+    """Writes frames to disk while the next picture is being taken, one behind at most.
 
-    def __init__(self, session: Session) -> None:
-        self._session = session
+    If the block fails, the disk is waited for in the dark.
+    """
+
+    def __init__(self, session: Session, rig: Rig) -> None:
+        self._session, self._rig = session, rig
         self._writer = ThreadPool(1, DISK_PATIENCE_S)
         self._pending: Future[None] | None = None
 
@@ -103,8 +105,11 @@ class _Recorder:
         return self
 
     def __exit__(self, kind: object, *_: object) -> None:
-        with self._writer, suppress(Empty):
-            self._settle(None if kind is None else DISK_PATIENCE_S)
+        with self._writer:
+            if kind is None:
+                self._settle()
+            else:
+                self._announce(self._rig.darken_all())
 
     def store(self, camera: str, shot: Shot, exposure_s: float, frame: Frame) -> None:
         """Hand a frame over; what went wrong with the one before it is raised here."""
@@ -112,10 +117,24 @@ class _Recorder:
         write = partial(self._session.store, camera, shot, exposure_s, frame)
         self._pending = self._writer.submit(write)
 
-    def _settle(self, patience_s: float | None = None) -> None:
-        pending, self._pending = self._pending, None
-        if pending is not None:
-            pending.result(patience_s)
+    def _settle(self) -> None:
+        try:
+            if self._pending is not None:
+                self._pending.result()
+        except Exception:
+            self._pending = None
+            raise
+        self._pending = None
+
+    def _announce(self, lit: Collection[str]) -> None:
+        """Say that the disk is waited for, if it is, and what is dark."""
+        if self._pending is None or self._pending.done():
+            return
+        state = f"{', '.join(lit)} may still be lit" if lit else "all projectors are dark"
+        announce(
+            f"{state}; waiting for the disk to write the last photograph into {self._session.directory}, "
+            f"{DISK_PATIENCE_S:g} s at most"
+        )
 
 
 def _take(

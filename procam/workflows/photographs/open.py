@@ -1,10 +1,11 @@
 """The photographer of a venue: its devices, or its people."""
 
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
+from procam.devices.rig import Rig
 from procam.errors import CalibrationError, InputError
 from procam.files.session import Session
 from procam.files.venue.load import BY_HAND, Venue
@@ -16,7 +17,7 @@ from procam.workflows.photographs.driven import DrivenPhotographer, Photographer
 from procam.workflows.photographs.hand_photographer import HandPhotographer
 from procam.workflows.photographs.receive import receive
 from procam.workflows.photographs.rounds import Rounds
-from procam.workflows.venue_rig import open_rig
+from procam.workflows.venue_rig import rig_owner
 
 Size = tuple[int, int]
 
@@ -37,12 +38,13 @@ def photographer_of(
     of: str,
     given: Given | None,
     settle_s: float = 0.0,
+    rig: Callable[[], Rig] | None = None,
 ) -> Iterator[Photographer]:
     """A photographer with the camera that the calibration's light was measured with.
 
     Of a venue that is driven by hand it has the photographs of sessions/WORK-0001, and those in the
     given folder too. `of` is what the work is of: another begins a folder of its own. Devices wait
-    `settle_s` [s] before a new picture is photographed.
+    `settle_s` [s] before a new picture is photographed; they are those of `rig`, which then is not left here.
 
     Raises
     ------
@@ -58,8 +60,8 @@ def photographer_of(
             raise InputError(
                 "--photos is for venues whose devices are all driven by hand; leave it out"
             )
-        with open_rig(venue) as rig:
-            yield DrivenPhotographer(rig, calibration, settle_s)
+        with nullcontext(rig) if rig else rig_owner(venue) as opened:
+            yield DrivenPhotographer(opened(), calibration, settle_s)
         return
     camera = calibration.camera
     session = Session(venue.directory / "sessions" / str(calibration.provenance.get("session")))
