@@ -64,16 +64,17 @@ def _table(events: Sequence[Row], rows: Sequence[Row]) -> list[str]:
     return [
         "# Unattended runs in which something goes wrong",
         "",
-        f"{len(rows)} runs of `procam verify --unattended` and `procam recalibrate --unattended` with emulated "
-        "lamps, whose light is logged in real time. Each run has one of the events below at a random moment, and "
-        f"most have a fault of a device, a disk or a program beside it: {', '.join(faults)}.",
+        f"{len(rows)} runs of `procam verify --unattended` and `procam recalibrate --unattended` with "
+        "emulated lamps, whose light is logged in real time. Each run has one of the events below at a "
+        "random moment, and most have a fault of a device, a disk or a program beside it: "
+        f"{', '.join(faults)}.",
         "",
-        "Light is a picture that is not black from a lamp whose shutter is open. It is counted from the no of "
-        "the interlock, from 2 s after an asking that was not answered, from the moment when the interlock was "
-        "removed, or from the signal, in the runs in which a projector was lit then. Goal: 1 s. A run is wrong "
-        "if light was on for longer, if a projector was called dark and was not, if one was left lit or open "
-        "without being named, or if the run ended without a message, without a notification or with an exit "
-        "code that is none of its own.",
+        "Light is a picture that is not black from a lamp whose shutter is open. It is counted from the no "
+        "of the interlock, from 2 s after an asking that was not answered, from the moment when the "
+        "interlock was removed, or from the signal, in the runs in which a projector was lit then. Goal: "
+        "1 s. A run is wrong if light was on for longer, if a projector was called dark and was not, if one "
+        "was left lit or open without being named, or if the run ended without a message, without a "
+        "notification or with an exit code that is none of its own.",
         "",
         "| event | runs | lit then | longest light after it, s | false dark | wrong |",
         "|---|---|---|---|---|---|",

@@ -45,6 +45,7 @@ from simulators.faults import STALE_FRAME, StaleCamera
 NO_PATTERN_BEFORE = 3  # the dark frames, and the white that follows them
 FRAMES = Path("captures") / CAMERA
 STUCK_S = 20.0
+PATIENCE_S = 2.0  # with a disk
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -272,32 +273,46 @@ def test_a_camera_that_stays_stale_is_an_error_that_names_the_shot(
     assert only_whole_frames(whole, venue) == dies_at
 
 
+@pytest.mark.parametrize("at_the_disk", [False, True])
 def test_ctrl_c_makes_projectors_dark_although_the_disk_hangs(
-    venue: Venue, monkeypatch: pytest.MonkeyPatch
+    at_the_disk: bool, venue: Venue, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """At once, and then the disk is waited for, which is said."""
     stages, writes, may_go_on = watch_stage(monkeypatch), threading.Event(), threading.Event()
-    monkeypatch.setattr("procam.workflows.capture.capture.DISK_PATIENCE_S", 0.1)
-    take, shots = SimulatedCamera.capture, []
+    monkeypatch.setattr("procam.workflows.capture.capture.DISK_PATIENCE_S", PATIENCE_S)
+    take, store, said, stopped_s = SimulatedCamera.capture, Session.store, [], list[float]()
 
-    def hangs(*_: object) -> None:
-        writes.set()
-        assert may_go_on.wait(STUCK_S)
+    def hangs(*frame: object) -> None:
+        if stages[-1].lit():
+            writes.set()
+            assert may_go_on.wait(STUCK_S)
+        store(*frame)  # type: ignore[arg-type]
 
-    def stopped_at_the_second(camera: SimulatedCamera) -> Frame:
-        shots.append(camera)
-        if len(shots) == 2:
-            assert writes.wait(STUCK_S)
-            os.kill(os.getpid(), signal.SIGINT)
+    def stop() -> None:
+        stopped_s.append(time.monotonic())
+        os.kill(os.getpid(), signal.SIGINT)
+
+    def stopped(camera: SimulatedCamera) -> Frame:
+        if writes.is_set():  # the next photograph: it is handed over when that before is on disk
+            assert stages[-1].lit()
+            threading.Timer(0.2, stop).start() if at_the_disk else stop()
         return take(camera)
 
-    monkeypatch.setattr(SimulatedCamera, "capture", stopped_at_the_second)
+    def announced(text: str) -> None:
+        said.append((text, stages[-1].lit(), time.monotonic() - stopped_s[0]))
+
+    monkeypatch.setattr("procam.workflows.capture.capture.announce", announced)
+    monkeypatch.setattr(SimulatedCamera, "capture", stopped)
     monkeypatch.setattr(Session, "store", hangs)
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    started = time.monotonic()
     with pytest.raises(KeyboardInterrupt):
         take_session(venue)
+    waited_s = time.monotonic() - stopped_s[0]
     may_go_on.set()
-    assert time.monotonic() - started < STUCK_S
+    ((text, lit, after_s),) = said
+    assert text.startswith("all projectors are dark; waiting for the disk to write the last photog")
+    assert lit == [] and after_s < PATIENCE_S
+    assert PATIENCE_S <= waited_s < 2 * PATIENCE_S
     assert stages[-1].lit() == []
 
 

@@ -1,8 +1,9 @@
 """Unattended runs in which something goes wrong, with emulated lamps whose light is logged in real time.
 
-`python unattended_driver.py FIRST LAST FOLDER` prints a JSON list with a row for each seed. Each run is
-a child forked from one process that has loaded everything; its venue has two projectors behind emulated serial lines, whose scene runs SPEED times as fast as the clock.
-The interlock is a script that logs its own answers; programs, signals and files come from outside.
+`python unattended_driver.py FIRST LAST FOLDER` prints a JSON list with a row for each seed. Each run is a
+child forked from one process that has loaded everything; its venue has two projectors behind emulated
+serial lines, whose scene runs SPEED times as fast as the clock. The interlock is a script that logs its own
+answers; programs, signals and files come from outside.
 """
 
 import ctypes

@@ -5,7 +5,7 @@ import shlex
 
 QUOTED = re.compile(r"\\.|'[^']*'|\"(?:\\.|[^\"\\])*\"", re.DOTALL)
 OF_A_SHELL = re.compile(r"&&|\|\||[&|;<>$`*()\n]")
-IN_DOUBLE_QUOTES = re.compile(r"(?<!\\)[$`]")
+EXPANDED = re.compile(r"[$`]")  # between double quotes
 SCRIPT = "write a script and give its path"
 
 
@@ -37,5 +37,5 @@ def command_words(text: str) -> list[str]:
 
 def _expanded(quoted: re.Match[str]) -> str:
     """What a shell would expand of a quoted part."""
-    found = IN_DOUBLE_QUOTES.search(quoted[0]) if quoted[0].startswith('"') else None
+    found = EXPANDED.search(quoted[0]) if quoted[0].startswith('"') else None
     return found[0] if found else ""

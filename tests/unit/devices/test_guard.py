@@ -1,0 +1,218 @@
+"""Light that another thread takes away, at any moment of a call, does not come back."""
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from procam.devices.guard import Guard
+from procam.devices.protocols import ControlState, Power, Shown
+from procam.devices.rig import Rig
+from procam.errors import InputError, WrongState
+from procam.threads import start
+
+STUCK_S = 20.0
+WHY = InputError("somebody may be in the dome")
+SIZE = 8, 6
+WHITE = np.ones((SIZE[1], SIZE[0], 3), np.float32)
+
+
+def nothing() -> None:
+    """What a device does in a call, beside what it is asked for."""
+
+
+class Projector:
+    name, size = "p", SIZE
+
+    def __init__(self) -> None:
+        self.lit, self.meanwhile = False, nothing
+
+    def show(self, drive: np.ndarray) -> Shown:
+        if drive.any():
+            self.meanwhile()
+        self.lit = bool(drive.any())
+        return Shown(drive, 0.0)
+
+
+class Camera:
+    name, size = "c", SIZE
+
+    def __init__(self) -> None:
+        self.meanwhile = nothing
+
+    def configure(self, settings: Any) -> Any:
+        return settings
+
+    def capture(self) -> str:
+        self.meanwhile()
+        return "a photograph"
+
+
+class Control:
+    def __init__(self) -> None:
+        self.power, self.open, self.meanwhile = Power.ON, False, nothing
+
+    def state(self) -> ControlState:
+        return ControlState(self.power)
+
+    def set_power(self, on: bool) -> None:
+        self.meanwhile()
+        self.power = Power.ON if on else Power.STANDBY
+        self.open = self.open or on
+
+    def set_shutter(self, closed: bool) -> None:
+        if self.power is not Power.ON:
+            raise WrongState("switch it on first")
+        if not closed:
+            self.meanwhile()
+        self.open = not closed
+
+    def set_input(self, source: str) -> None:
+        self.meanwhile()
+
+    def close(self) -> None:
+        """Nothing to do."""
+
+
+class Clock:
+    """Time that goes by in no time; `due` is called each time."""
+
+    def __init__(self) -> None:
+        self.t_s, self.due = 0.0, nothing
+
+    def now_s(self) -> float:
+        return self.t_s
+
+    def sleep(self, duration_s: float) -> None:
+        self.t_s += duration_s
+        self.due()
+
+
+class Bench:
+    def __init__(self) -> None:
+        self.projector, self.camera, self.control = Projector(), Camera(), Control()
+        self.clock = Clock()
+        self.plain: Any = Rig(
+            {"c": self.camera},  # type: ignore[dict-item]
+            {"p": self.projector},
+            {"p": self.control},  # type: ignore[dict-item]
+            self.clock,
+        )
+        self.guard = Guard(self.plain)
+        self.rig: Any = self.guard.rig
+
+    def take(self) -> None:
+        """Take the light, from another thread."""
+        assert start(lambda: self.guard.close(WHY, STUCK_S)).result(STUCK_S) == {}
+
+    @property
+    def dark(self) -> bool:
+        return not self.projector.lit and not self.control.open
+
+
+@pytest.fixture
+def bench() -> Iterator[Bench]:
+    bench = Bench()
+    with bench.guard:
+        yield bench
+
+
+def calls(bench: Bench) -> list[tuple[str, Callable[[], object]]]:
+    """All that lights, or needs light."""
+    rig = bench.rig
+    return [
+        ("projector", lambda: rig.projectors["p"].show(WHITE)),
+        ("control", lambda: rig.controls["p"].set_shutter(False)),
+        ("control", lambda: rig.controls["p"].set_power(True)),
+        ("control", lambda: rig.controls["p"].set_input("30")),
+        ("camera", rig.cameras["c"].capture),
+    ]
+
+
+def test_it_is_as_the_rig_before(bench: Bench) -> None:
+    for _, call in calls(bench):
+        call()
+    assert bench.projector.lit and bench.control.open and bench.guard.closed is None
+    bench.guard.check()
+
+
+def test_nothing_lights_after_that_and_all_is_dark(bench: Bench) -> None:
+    bench.rig.projectors["p"].show(WHITE)
+    bench.rig.light("p")
+    bench.take()
+    for _, call in calls(bench):
+        with pytest.raises(InputError, match="somebody may be in the dome"):
+            call()
+        assert bench.dark
+    with pytest.raises(InputError), bench.rig:
+        bench.rig.cameras["c"].configure(None)
+    assert bench.dark and bench.rig.dark
+
+
+@pytest.mark.parametrize("number", range(5))
+def test_a_call_that_is_on_its_way_is_followed_by_darkness(number: int, bench: Bench) -> None:
+    """Also one that hangs for longer than black waits for its turn."""
+    device, call = calls(bench)[number]
+    getattr(bench, device).meanwhile = bench.take
+    with pytest.raises(InputError, match="somebody may be in the dome"):
+        call()
+    assert bench.dark
+
+
+def test_a_picture_that_fails_is_followed_by_black_too(bench: Bench) -> None:
+    def meanwhile() -> None:
+        bench.take()
+        bench.projector.lit = True
+        raise OSError("cable")
+
+    bench.projector.meanwhile = meanwhile
+    with pytest.raises(InputError):
+        bench.rig.projectors["p"].show(WHITE)
+    assert bench.dark
+
+
+def test_who_does_not_answer_in_time_is_named_and_the_others_are_dark(bench: Bench) -> None:
+    may_end, shut = threading.Event(), bench.control.set_shutter
+
+    def hangs(closed: bool) -> None:
+        assert may_end.wait(STUCK_S)
+        shut(closed)
+
+    bench.projector.lit = bench.control.open = True
+    bench.control.set_shutter = hangs  # type: ignore[method-assign]
+    began = time.monotonic()
+    assert bench.guard.close(WHY, 0.2) == {"p": "no answer within 0.2 s"}
+    assert time.monotonic() - began < STUCK_S / 2
+    assert not bench.projector.lit
+    may_end.set()
+    assert bench.guard.close(WHY, STUCK_S) == {}
+    assert bench.dark
+
+
+def test_what_fails_is_said(bench: Bench) -> None:
+    def broken(_: bool) -> None:
+        raise WrongState("stuck")
+
+    bench.control.set_shutter = broken  # type: ignore[method-assign]
+    assert bench.guard.close(WHY, STUCK_S) == {"p": "stuck"}
+
+
+def test_a_lamp_that_is_warming_up_is_waited_for(bench: Bench) -> None:
+    bench.control.power, bench.control.open = Power.WARMING, True
+
+    def warm() -> None:
+        if bench.clock.t_s > 30:
+            bench.control.power = Power.ON
+
+    bench.clock.due = warm
+    bench.take()
+    assert bench.dark and 30 < bench.clock.t_s < 60
+
+
+def test_a_lamp_that_is_off_is_dark(bench: Bench) -> None:
+    bench.control.power = Power.STANDBY
+    bench.take()
+    assert bench.dark

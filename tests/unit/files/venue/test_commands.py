@@ -1,0 +1,58 @@
+"""Commands of venue.toml: words and quotes, and nothing that only a shell understands."""
+
+import pytest
+
+from procam.files.venue.commands import command_words
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("true", ["true"]),
+        ("/usr/local/bin/empty --hall 2", ["/usr/local/bin/empty", "--hall", "2"]),
+        ("ask 'http://door/?a=1&b=2'", ["ask", "http://door/?a=1&b=2"]),
+        ("""python -c 'print("a;b|c>$d*`e`")'""", ["python", "-c", 'print("a;b|c>$d*`e`")']),
+        ('ask "a; b"', ["ask", "a; b"]),
+        (r"ask \$ \; a\*", ["ask", "$", ";", "a*"]),
+    ],
+)
+def test_words(text: str, words: list[str]) -> None:
+    assert command_words(text) == words
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        ("true && false", "&&"),
+        ("false || true", "||"),
+        ("true & ", "&"),
+        ("echo | false", "|"),
+        ("echo; false", ";"),
+        ("ask < door", "<"),
+        ("ask >/dev/null", ">"),
+        ("ask $DOOR", "$"),
+        ('ask "$DOOR"', "$"),
+        ('ask "`door`"', "`"),
+        ("ask `door`", "`"),
+        (r'ask "\$DOOR"', "$"),  # where shlex and a shell differ
+        ("ask /doors/*", "*"),
+        ("(true)", "("),
+        ("true\nfalse", "\\n"),
+    ],
+)
+def test_a_shell_is_refused(text: str, found: str) -> None:
+    with pytest.raises(ValueError, match="run without a shell") as refused:
+        command_words(text)
+    assert repr(found.replace("\\n", "\n")) in str(refused.value)
+
+
+@pytest.mark.parametrize("text", ["ask 'door", 'ask "door', "ask door\\"])
+def test_an_open_quote_is_refused(text: str) -> None:
+    with pytest.raises(ValueError, match="left open"):
+        command_words(text)
+
+
+@pytest.mark.parametrize("text", ["", "  ", "''", "ask \x00", "ask \x1b[2J"])
+def test_what_is_no_command_is_refused(text: str) -> None:
+    with pytest.raises(ValueError, match="all of them printable"):
+        command_words(text)

@@ -1,0 +1,45 @@
+"""Programs get a time limit, and whatever they do, there is an answer."""
+
+import sys
+import time
+
+import pytest
+
+from procam.workflows.programs import SHOWN, run_program
+
+LIMIT_S = 5.0
+
+
+def test_exit_code_and_what_was_printed() -> None:
+    assert run_program(["true"], LIMIT_S) == (0, "")
+    code, printed = run_program(
+        [sys.executable, "-c", "print('door\\n is \\x1b open'); exit(3)"], LIMIT_S
+    )
+    assert (code, printed) == (3, " (door is ? open)")
+
+
+def test_a_signal_is_no_success() -> None:
+    assert run_program(["sh", "-c", "kill -9 $$"], LIMIT_S)[0] == -9
+
+
+@pytest.mark.parametrize("script", ["sleep 60", "trap '' TERM; sleep 60 & wait", "yes"])
+def test_one_that_does_not_end_has_no_answer(script: str) -> None:
+    began = time.monotonic()
+    assert run_program(["sh", "-c", script], 0.2) == (None, "")
+    assert time.monotonic() - began < LIMIT_S
+
+
+def test_a_child_that_holds_the_output_is_not_waited_for() -> None:
+    began = time.monotonic()
+    assert run_program(["sh", "-c", "sleep 60 & echo yes"], LIMIT_S) == (0, " (yes)")
+    assert time.monotonic() - began < LIMIT_S
+
+
+def test_long_texts_are_cut() -> None:
+    _, printed = run_program(["sh", "-c", "yes | head -c 10000"], LIMIT_S)
+    assert len(printed) == SHOWN + len(" ()")
+
+
+def test_one_that_is_not_there() -> None:
+    with pytest.raises(OSError, match="no-such"):
+        run_program(["/no-such-program"], LIMIT_S)
