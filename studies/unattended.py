@@ -18,7 +18,7 @@ from studies.measure import HERE, write
 
 DRIVER = HERE.parent / "tests" / "workflow" / "unattended_driver.py"
 ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
-SEEDS, BESIDE = 200, 2  # runs, most of which wait, and how many at a time
+SEEDS, BESIDE = 200, 4  # runs, most of which wait, and how many at a time
 Row = dict[str, Any]
 
 
