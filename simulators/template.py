@@ -192,6 +192,14 @@ def _tail(name: str, exposure_s: float, size: SceneSize, seed: int) -> str:
 exposure_s = {exposure_s}       # white of one projector just below saturation
 black_exposure_s = {BLACK_EXPOSURE_S}  # black is dim
 
+# For `verify` and `recalibrate` with --unattended: when projectors may be lit with nobody there, and a
+# program that ends with 0 within 2 s if the dome is empty. No shell runs it: && | ; < > $ * are refused,
+# write a script for them.
+# [unattended]
+# interlock = "/usr/local/bin/dome-is-empty"
+# begin = "03:00"          # local times
+# end = "05:30"
+
 [simulated]  # settings of the simulator
 preset = "{name}"
 seed = {seed}
