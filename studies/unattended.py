@@ -18,7 +18,7 @@ from studies.measure import HERE, write
 
 DRIVER = HERE.parent / "tests" / "workflow" / "unattended_driver.py"
 ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
-SEEDS, BESIDE = 200, 4  # runs, most of which wait, and how many at a time
+SEEDS, BESIDE = 200, 8  # runs, most of which wait, and how many at a time
 Row = dict[str, Any]
 
 
@@ -27,7 +27,7 @@ def main() -> int:
     share = SEEDS // BESIDE
     with tempfile.TemporaryDirectory() as folder:
         running = [_start(Path(folder), n * share, (n + 1) * share - 1) for n in range(BESIDE)]
-        rows = [row for each in running for row in json.loads(each.communicate()[0])]
+        rows = [json.loads(line) for each in running for line in each.communicate()[0].splitlines()]
     events = [_summary(event, rows) for event in dict.fromkeys(row["event"] for row in rows)]
     wrong = [row for row in rows if row["wrong"]]
     write("unattended", {"events": events, "wrong": wrong, "rows": rows}, _table(events, rows))

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from types import CodeType, FrameType
-from typing import Any, TypeVar
+from typing import Any, Protocol, TypeVar
 
 SIGNALS = [
     getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
@@ -18,6 +18,12 @@ SIGNALS = [
 STDERR = 2  # sys.stderr may be no file, as in a notebook
 WAIT = b"procam: stopping; projectors are being made dark, please wait\n"
 Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+class LeavesDark(Protocol):
+    """A rig; `dark` is whether it was left, and all projectors are confirmed to be dark."""
+
+    dark: bool
 
 
 @dataclass
@@ -28,19 +34,19 @@ class Run:
     ----------
     stopped_by : number of the first signal; None if there was none.
     unfinished : what must still be done before the process may end, such as darkening a rig.
-    rigs : for each rig that was used, by its `id`, whether all of its projectors are confirmed to be dark.
+    rigs : those that were used.
     pending : whether the signal came in an `uninterruptible` function and has raised nothing yet.
     """
 
     stopped_by: int | None = None
     unfinished: list[Callable[[], None]] = field(default_factory=list)
-    rigs: dict[int, bool] = field(default_factory=dict)
+    rigs: list["LeavesDark"] = field(default_factory=list)
     pending: bool = False
 
     @property
     def left_dark(self) -> bool:
         """Whether a rig was used, and all projectors of all rigs are confirmed to be dark."""
-        return bool(self.rigs) and all(self.rigs.values())
+        return bool(self.rigs) and all(rig.dark for rig in self.rigs)
 
     def raise_pending(self) -> None:
         """Raise the KeyboardInterrupt that is pending; only in the main thread, as signals do."""

@@ -47,7 +47,8 @@ class Rig:
     def __enter__(self) -> Self:
         run = self._stack.enter_context(interruptible())
         run.unfinished.append(self._leave)
-        run.rigs[id(self)] = self.dark = False
+        run.rigs.append(self)
+        self.dark = False
         try:
             run.raise_pending()
         except KeyboardInterrupt:
@@ -69,7 +70,7 @@ class Rig:
                 self._return_lamps()
         finally:
             run = current_run()
-            run.rigs[id(self)] = self.dark = not lit
+            self.dark = not lit
             if self._leave in run.unfinished:
                 run.unfinished.remove(self._leave)
             if lit:  # whatever else went wrong

@@ -1,6 +1,6 @@
 """Unattended runs in which something goes wrong, with emulated lamps whose light is logged in real time.
 
-`python unattended_driver.py FIRST LAST FOLDER` prints a JSON list with a row for each seed. Each run is a
+`python unattended_driver.py FIRST LAST FOLDER` prints a line of JSON for each seed. Each run is a
 child forked from one process that has loaded everything; its venue has two projectors behind emulated
 serial lines, whose scene runs SPEED times as fast as the clock. The interlock is a script that logs its own
 answers; programs, signals and files come from outside.
@@ -354,7 +354,11 @@ def judge(run: Run, folder: Path, at_s: float, code: int | None) -> dict[str, An
     if not said.strip() or "Traceback" in said:
         wrong.append("no message")
     began = (folder / "answers").is_file()  # a signal may come before
-    if began and not run.fault.startswith("notify") and not message.startswith(f"procam {run.command} "):
+    if (
+        began
+        and not run.fault.startswith("notify")
+        and not message.startswith(f"procam {run.command} ")
+    ):
         wrong.append("no notification")
     if code not in (0, None) and message and "failed: " not in message and code != 1:
         wrong.append("the notification does not say failed")
@@ -377,7 +381,7 @@ def one_run(bench: Bench, run: Run) -> dict[str, Any]:
     pid = child(commanded(run, venue, bench.scene))
     at_s = disturb(run, venue.parent, pid)
     row = judge(run, venue.parent, at_s, wait(pid))
-    shutil.rmtree(venue.parent)
+    shutil.rmtree(venue.parent, ignore_errors=True)  # a script may still write into it
     return row
 
 
@@ -392,8 +396,8 @@ def main() -> None:
     simulators.transport.DOME_RINGS, simulators.transport.DOME_SECTORS = COARSE_ROOM
     with quick_simulator():
         bench = Bench(folder)
-        rows = [one_run(bench, draw(seed)) for seed in range(first, last + 1)]
-    sys.stdout.write(json.dumps(rows))
+        for seed in range(first, last + 1):
+            print(json.dumps(one_run(bench, draw(seed))), flush=True)
 
 
 if __name__ == "__main__":

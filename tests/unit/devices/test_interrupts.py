@@ -223,6 +223,20 @@ def test_a_projector_that_does_not_answer_is_named_and_nothing_is_called_dark() 
     assert not good.lit and not run.left_dark
 
 
+def test_a_rig_that_is_dark_does_not_make_another_one_dark() -> None:
+    class Broken(Projector):
+        def show(self, _: np.ndarray) -> None:
+            raise OSError("no such device")
+
+    with interruptible() as run:
+        assert not run.left_dark  # none was used
+        with pytest.raises(DeviceError), rig_of(Broken()):
+            pass
+        with rig_of(Projector()):
+            assert not run.left_dark
+        assert not run.left_dark
+
+
 def test_a_rig_that_fails_at_the_very_end_leaves_no_signal_ignored() -> None:
     """In a notebook the next run must be one that Ctrl-C stops."""
 

@@ -1,6 +1,6 @@
 """The rig leaves projectors dark, whatever happens."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -51,13 +51,16 @@ class Control:
 
 
 class Clock:
-    """Stands still."""
+    """Stands still; something may be due when it sleeps."""
+
+    def __init__(self, due: Callable[[], None] = lambda: None) -> None:
+        self._due = due
 
     def now_s(self) -> float:
         return 0.0
 
     def sleep(self, duration_s: float) -> None:
-        pass
+        self._due()
 
 
 def _rig(log: list[str], controls: Mapping[str, Any] | None = None) -> Rig:
@@ -116,6 +119,33 @@ class TestWayOut:
         ):
             pass
 
+    def test_borrowed_lamps_are_switched_off_when_all_is_dark(self) -> None:
+        log: list[str] = []
+        with _rig(log) as rig:
+            rig.borrowed = ["b"]
+        assert sorted(log[:2]) == ["a shutter True", "b shutter True"]
+        assert log[2] == "b power False" and log[-1] == "closer" and rig.dark
+
+    def test_connections_are_closed_though_a_lamp_does_not_go_out(self) -> None:
+        log: list[str] = []
+
+        def refuse(_: bool) -> None:
+            raise DeviceError("refused")
+
+        with pytest.raises(DeviceError, match="refused"), _rig(log) as rig:
+            rig.borrowed = ["b"]
+            rig.controls["b"].set_power = refuse  # type: ignore[method-assign]
+        assert log[-1] == "closer" and rig.dark
+
+    def test_a_lamp_that_warms_up_is_waited_for(self) -> None:
+        log: list[str] = []
+        control = Control(log, "a", Power.WARMING)
+        rig = _rig(log, {"a": control})
+        rig.clock = Clock(lambda: setattr(control, "power", Power.ON))
+        with rig:
+            pass
+        assert log == ["a shutter True", "a close", "closer"]
+
     def test_without_remote_control_black_is_shown(self) -> None:
         with _rig([], {}) as rig:
             pass
@@ -130,6 +160,14 @@ class TestLight:
         assert "a power True" in log and "b power True" not in log
         assert _dark(rig)
         assert {"a shutter True", "b shutter True"} <= set(log)
+
+    def test_black_is_shown_before_a_lamp_is_on(self) -> None:
+        """While it warms up it refuses its shutter."""
+        control, lit = Control([], "a", Power.STANDBY), list[bool]()
+        rig: Any = _rig([], {"a": control})
+        control.set_power = lambda _: lit.append(rig.projectors["a"].drive.any())  # type: ignore[method-assign]
+        rig.start()
+        assert lit == [False]
 
     def test_light_opens_one_shutter(self) -> None:
         log: list[str] = []
