@@ -88,8 +88,9 @@ class Unattended:
             raised = error if run.stopped_by is None or not self._is_dark else KeyboardInterrupt()
         elif self._is_dark:
             raised = type(why)(f"{why}{DARK}")
-        else:  # the error names the projectors
-            raised = DeviceError(f"{why}; {error}")
+        else:  # an error of the rig names the projectors
+            named = str(error) if isinstance(error, DeviceError) else "a projector may still be lit"
+            raised = DeviceError(f"{why}; {named}")
         self.send(f"failed: {self._described(raised, run)}")
         return raised
 
