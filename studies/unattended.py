@@ -79,6 +79,4 @@ def _table(events: Sequence[Row], rows: Sequence[Row]) -> list[str]:
         "| event | runs | lit then | longest light after it, s | false dark | wrong |",
         "|---|---|---|---|---|---|",
         *(f"| {' | '.join(str(value) for value in row.values())} |" for row in events),
-        "",
-        "`python -m studies unattended`",
     ]

@@ -370,7 +370,7 @@ def judge(run: Run, folder: Path, at_s: float, code: int | None) -> dict[str, An
             "exit_code": code,
             "dark": DARK in said,
             "wrong": wrong,
-            "said": said.strip()[-600:],
+            "said": said.replace(str(folder), "").strip()[-600:] if wrong else "",
         }
     )
 
