@@ -42,6 +42,18 @@ AMBIENT_SIGMA = 0.006  # relative: veiling glare of a picture without anything d
 NOT_ALARMING: tuple[Cause, ...] = ("camera moved", "not seen")
 
 
+RECALIBRATE, BY_HAND = (
+    ("recalibrate it: procam recalibrate", "recalibrate it"),
+    "calibrate again: procam patterns, ingest, solve",
+)
+
+
+def advice_by_hand(advice: str) -> str:
+    """Advice where people drive all devices, for whom single projectors cannot be recalibrated."""
+    said = next((text for text in RECALIBRATE if text in advice), "")
+    return advice.replace(said, BY_HAND) if said else advice
+
+
 @dataclass(frozen=True, slots=True)
 class Finding:
     """One cause of change.

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from procam.arrays import Array, BoolArray, FloatArray, Image
+from procam.estimate.light.edge_overshoot import EdgeOvershoot
 from procam.maths.codes.gray import is_bright, stripe_edge_distance
 from procam.maths.light.radiosity import albedo_from_feedback, floor_return
 from procam.maths.warp import blur_within, grow
@@ -26,9 +27,6 @@ CLEAR_PX, CLEAR_SIGMAS, CLEAR_SHARE = 3.0, 4.0, 0.75
 # sigma of the edges' blur [pixel extents], up to which scattered light is right to .5 % at any pixel;
 # in focus it is .3 to .8
 MAX_BLUR = 2.5
-# where an edge overshoots that something sharpens, and where it no longer does [camera px]
-NEAR_PX, BEYOND_PX = (1.8, 3.2), (6.0, 9.0)
-MANY_STRIPES = 8  # of fewer, light that differs from place to place would pass for it
 OVERSHOOT = 0.02  # of unsharpened edges it is below 0
 GREEN = 1
 EDGE_REACH = 5.0  # how far from an edge its blur is measured [pixel extents]
@@ -77,8 +75,6 @@ class Separation:
     blur : largest blur of the stripes' edges so far, a standard deviation in pixel extents: the size
         of a camera and a projector pixel together (root of the sum of squares). Above `MAX_BLUR` the
         result is not usable.
-    overshoot : largest share of light by which stripes are brighter beside their edges than further
-        inside. Blur makes them darker there; what is sharpened overshoots.
     dark_weight : (H, W) statistical weight of the scattered light so far; 0 where it is interpolated.
     """
 
@@ -92,7 +88,7 @@ class Separation:
         self._white_flux = self.total(white)
         self._xy = projector_xy
         self._extent = [_pixel_extent(projector_xy[..., i]) for i in range(2)]
-        self._white, self.blur, self.overshoot = white, 0.0, -np.inf
+        self._white, self.blur, self._edges = white, 0.0, EdgeOvershoot()
         self._index = np.rint(np.nan_to_num(projector_xy)).astype(np.int32)
         self._inside = grow(lit & usable, -2)
         self._outside = (self._solid > 0) & ~grow(lit, CLEAR_CAMERA_PX)
@@ -100,6 +96,11 @@ class Separation:
         self._shares = np.ones(lit.shape, np.float32)  # scattered light in the sum over white's
         self._dark_sum = np.where(self._outside[..., None], self._sum, 0)
         self.dark_weight = self._outside.astype(np.float32)
+
+    @property
+    def overshoot(self) -> float:
+        """Largest share by which pixels were brighter with an edge beside them; what is sharpened is."""
+        return self._edges.largest
 
     @property
     def clear_px(self) -> int:
@@ -134,10 +135,9 @@ class Separation:
         contrast = np.abs(pattern - inverse)
         measured = self._edge_blur(contrast, distance, extent, 2.0**bit)
         self.blur = max(self.blur, np.nan_to_num(measured))
-        seen = self._xy[..., which][self._inside]
-        if seen.size and np.nanmax(seen) - np.nanmin(seen) > MANY_STRIPES * 2.0**bit:
-            beyond = self._edge_overshoot(contrast, distance, extent, 2.0**bit)
-            self.overshoot = np.fmax(self.overshoot, beyond)
+        bright = is_bright(self._index[..., which], bit)
+        away_px = distance / np.sqrt(np.maximum(extent**2 - 1, MIN_SLOPE**2))
+        self._edges.add(self._direct_green(pattern, inverse, bright), away_px, self._inside)
         reach = np.minimum(CLEAR_SIGMAS * self.blur * extent, CLEAR_SHARE * 2.0**bit)
         with np.errstate(invalid="ignore"):
             near_edge = distance <= np.maximum(CLEAR_PX, reach)
@@ -147,7 +147,6 @@ class Separation:
         self._count += sound
         self._shares += sound * np.float32((self.flux_share(pattern) + self.flux_share(inverse))[1])
         clear = self._inside & sound & np.isfinite(self._xy[..., which])
-        bright = is_bright(self._index[..., which], bit)
         self._add_dark(pattern, (clear & ~bright) | self._outside)
         self._add_dark(inverse, (clear & bright) | self._outside)
         return clear & ~bright, clear & bright
@@ -170,19 +169,11 @@ class Separation:
         share = [contrast[part].sum(axis=0) / self._white[part].sum(axis=0) for part in (near, far)]
         return float(np.sqrt(np.pi / 2) * reach[near].mean() * (1 - share[0] / share[1]).max())
 
-    def _edge_overshoot(
-        self, contrast: Image, distance: FloatArray, extent: FloatArray, half: float
-    ) -> float:
-        """How much brighter green stripes are beside their edges than further inside."""
-        usable = self._inside & np.isfinite(contrast).all(axis=-1) & (distance < half / 2)
-        away_px = distance / np.sqrt(np.maximum(extent**2 - 1, MIN_SLOPE**2))
-        bands = [
-            usable & (away_px >= first) & (away_px < last) for first, last in (NEAR_PX, BEYOND_PX)
-        ]
-        if not all(band.any() for band in bands):
-            return float("nan")
-        near, inside = (contrast[b, GREEN].sum() / self._white[b, GREEN].sum() for b in bands)
-        return float(near / inside - 1)
+    def _direct_green(self, pattern: Image, inverse: Image, bright: BoolArray) -> FloatArray:
+        """Direct green light (H, W) of white, from a pair whose fluxes and scattered light may differ."""
+        surplus = float((self.flux_share(pattern) - self.flux_share(inverse))[GREEN])
+        direct = (pattern - inverse)[..., GREEN] - surplus * self._white[..., GREEN]
+        return np.asarray(direct / np.where(bright, 1 - surplus, -1 - surplus), np.float32)
 
     def _add_dark(self, light: Image, dark: BoolArray) -> None:
         share = self.flux_share(light)

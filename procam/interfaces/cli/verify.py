@@ -1,14 +1,14 @@
 """`procam verify`: what has changed at a venue since it was calibrated."""
 
 from collections.abc import Iterator
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from math import isfinite
 from pathlib import Path
 
 import typer
 
 from procam.errors import DeviceError, ProcamError
-from procam.estimate.drift.finding import Finding
+from procam.estimate.drift.finding import Finding, advice_by_hand
 from procam.files.calibration import load_calibration
 from procam.files.history.read import verify_unchanged
 from procam.files.history.record import recorded
@@ -25,7 +25,7 @@ from procam.interfaces.cli._output import Output, as_dicts
 from procam.interfaces.cli._rounds import ask_for_photographs, given_photographs
 from procam.interfaces.cli._run_log import RunLog
 from procam.interfaces.cli._system_errors import worded
-from procam.workflows.photographs.open import photographer_of
+from procam.workflows.photographs.open import is_by_hand, photographer_of
 from procam.workflows.photographs.orders import PhotographsWanted
 from procam.workflows.unattended import leave_for
 from procam.workflows.verify.verify import SETTLE_S, Verified
@@ -62,6 +62,8 @@ def verify(
                     output.warn(photographer.notes)
                     events = verifying(photographer, loaded, calibration)
                     verified = output.follow(leave.watch(events))["verified"]
+                    if is_by_hand(loaded):
+                        verified = _advised_by_hand(verified)
             except PhotographsWanted as wanted:
                 run.message = "photographs are wanted"
                 ask_for_photographs(wanted, ["procam", "verify", str(start)], output)
@@ -78,6 +80,11 @@ def verify(
     _say(verified, kept, output)
     if verified.alarm:
         raise typer.Exit(1)
+
+
+def _advised_by_hand(verified: Verified) -> Verified:
+    findings = [replace(each, advice=advice_by_hand(each.advice)) for each in verified.findings]
+    return replace(verified, findings=findings)
 
 
 def _say(

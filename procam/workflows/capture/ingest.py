@@ -173,7 +173,7 @@ def _survey(
         number, clipped, sharpness = read_shot_id(photo.pixels), 0.0, 0.0
     else:
         counts = photo_counts(photo, response, model.sensor)
-        number = read_shot_id(counts) if claimed is None else None
+        number = read_shot_id(_fine_counts(photo, response, model)) if claimed is None else None
         clipped = float((counts >= 2**model.sensor.bits - 1).any(axis=2).mean())
         sharpness = _sharpness(counts, model.sensor.black_level)
     if not fits and (number is not None or claimed is not None):
@@ -188,6 +188,12 @@ def _survey(
     return _Surveyed(
         path, observation, channels, photo.taken_s, (photo.sensitivity, photo.aperture)
     )
+
+
+def _fine_counts(photo: Photo, response: Response | None, model: CameraModel) -> NDArray[np.uint16]:
+    """Linear counts in which the dark numbers of encoded photographs are not rounded away."""
+    fine = model.sensor if response is None else replace(model.sensor, bits=16)
+    return photo_counts(photo, response, fine)
 
 
 def _sharpness(counts: NDArray[np.uint16], black_level: float) -> float:
