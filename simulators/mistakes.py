@@ -6,13 +6,14 @@
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from procam.arrays import Array32, Image
-from procam.devices.protocols import BackendRig, Camera, Projector
+from procam.devices.protocols import BackendRig, Camera, Projector, Shown
 from procam.model.frame import CameraSettings, Frame
 from simulators.faults import BLACK_DN, GAMMA, TOP_DN, FaultyCamera, FaultyProjector
 
@@ -21,6 +22,7 @@ RADIUS_PX, SHARP_PX = 3, 1.2  # kernel and standard deviation of a sharpening fi
 DUST = 0.03  # radius of a grain's shadow, as a share of the picture
 PERSON = (0.10, 0.35)  # width and height of a person in the picture, as shares of it
 CLOTHES = 0.15  # light of a person's clothes, as a share of that around them
+SURE = 1e-4  # standard error of a glare of 0 that somebody is sure of
 
 Counts = NDArray[np.uint16]
 Altered = Callable[[Frame, int], Frame]  # by the number of photographs taken before
@@ -171,6 +173,85 @@ PICTURE_MISTAKES: Mapping[str, Callable[[float, Array32], Array32]] = {
     "dynamic black left on": with_dynamic_black,
     "sharpening in the projectors": sharpened_picture,
 }
+
+
+class FlippedProjector(FaultyProjector):
+    """A projector that is switched to mirrored (rear projection, ceiling) after some of its pictures."""
+
+    def __init__(self, projector: Projector, after: int, *, upside_down: bool) -> None:
+        super().__init__(projector, self._flipped)
+        self._after, self._upside_down, self._changes = after, upside_down, 0
+
+    def show(self, drive: Array32) -> Shown:
+        """Show the picture, mirrored once the menu was changed."""
+        self._changes += 1
+        return super().show(drive)
+
+    def _flipped(self, drive: Array32) -> Array32:
+        if self._changes <= self._after:
+            return drive
+        return np.ascontiguousarray(drive[::-1] if self._upside_down else drive[:, ::-1])
+
+
+def _banded(bands: float, phase: float, depth: float, frame: Frame) -> Frame:
+    """By a rolling shutter under light that pulses, in step with it: the same rows are dark each time."""
+    light = _light(frame)
+    row = np.arange(len(light)) / len(light)
+    pulse = 1 + depth * np.sin(2 * np.pi * (bands * row + phase))
+    return _with_light(frame, light * pulse.astype(np.float32).reshape(-1, *[1] * (light.ndim - 1)))
+
+
+def _darker_at_edge(loss: float, frame: Frame) -> Frame:
+    """By a lens that leaves so much less at the edge of the picture than the camera's own."""
+    light = _light(frame)
+    height, width = light.shape[:2]
+    y, x = np.mgrid[-1 : 1 : height * 1j, -1 : 1 : width * 1j].astype(np.float32)
+    fall = 1 - np.float32(loss) * np.minimum(x**2 + y**2, 1)
+    return _with_light(frame, light * fall.reshape(height, width, *[1] * (light.ndim - 2)))
+
+
+def _veiled(glare: float, frame: Frame) -> Frame:
+    """Behind a lens that veils every pixel by a share of the mean."""
+    light = _light(frame)
+    return _with_light(frame, light + np.float32(glare) * (light.mean(axis=(0, 1)) - light))
+
+
+def _cropped(share: float, frame: Frame) -> Frame:
+    """Cropped by a share and enlarged to its size again, as by a stabiliser or a lens correction."""
+    light = _light(frame)
+    height, width = light.shape[:2]
+    y, x = round(share * height / 2), round(share * width / 2)
+    middle = np.ascontiguousarray(light[y : height - y, x : width - x])
+    enlarged = cv2.resize(middle, (width, height), interpolation=cv2.INTER_LINEAR)
+    return _with_light(frame, np.asarray(enlarged, np.float32))
+
+
+def cropped_pixel(
+    share: float, pixel: tuple[float, float], size: tuple[int, int]
+) -> tuple[float, float]:
+    """Where a place of a picture of `size` lies once it is cropped, as somebody clicks on it."""
+    x, y = (
+        (n - 1) / 2 + (p - (n - 1) / 2) * n / (n - 2 * round(share * n / 2))
+        for p, n in zip(pixel, size, strict=True)
+    )
+    return x, y
+
+
+def without_vignetting(_: float, __: Mapping[str, Any]) -> dict[str, Any]:
+    """Keys of a camera in venue.toml if nobody has measured its vignetting."""
+    return {"vignetting": []}
+
+
+def without_glare(_: float, __: Mapping[str, Any]) -> dict[str, Any]:
+    """Keys of a camera in venue.toml if somebody is sure that the lens has no veil."""
+    return {"glare": 0.0, "glare_sigma": SURE}
+
+
+# What is wrong in venue.toml, by the keys of a camera that are there; the rest is in the photographs.
+SETTING_MISTAKES: Mapping[str, Callable[[float, Mapping[str, Any]], dict[str, Any]]] = {
+    "vignetting left out": without_vignetting,
+    "glare left out": without_glare,
+}
 STRENGTHS: Mapping[str, tuple[float, float, float]] = {
     "long exposures shorter, reported": (0.95, 0.7, 0.4),
     "long exposures shorter, unreported": (0.95, 0.7, 0.4),
@@ -184,6 +265,11 @@ STRENGTHS: Mapping[str, tuple[float, float, float]] = {
     "sharpening in the camera": (0.3, 1.0, 2.0),
     "photographs lag by one": (0.02, 0.1, 1.0),
     "the camera was nudged": (0.3, 0.6, 1.0),
+    "vignetting left out": (0.0, 0.1, 0.2),
+    "glare left out": (0.0, 0.01, 0.03),
+    "banding in step": (0.01, 0.03, 0.1),
+    "photographs cropped": (0.01, 0.02, 0.05),
+    "a projector mirrored midway": (0.3, 0.6, 0.8),
 }
 
 
@@ -192,6 +278,12 @@ def make_mistake(
 ) -> BackendRig:
     """A rig with a mistake of `STRENGTHS` built in; a session takes so many photographs."""
     rng = np.random.default_rng([20262, seed])
+    if name == "a projector mirrored midway":
+        last = list(rig.projectors)[-1]
+        after = round(strength * photographs / len(rig.projectors))
+        upside_down = bool(rng.integers(2))
+        flipped = FlippedProjector(rig.projectors[last], after, upside_down=upside_down)
+        return replace(rig, projectors={**rig.projectors, last: flipped})
     if name in PICTURE_MISTAKES:
         alter = partial(PICTURE_MISTAKES[name], strength)
         faulty: dict[str, Projector] = {
@@ -214,6 +306,7 @@ def _camera(
         return LimitedExposureCamera(camera, strength, says_so=name.endswith(" reported"))
     if name == "photographs lag by one":
         return LaggingCamera(camera, strength, rng)
+    bands, phase = float(rng.uniform(2, 12)), float(rng.uniform())
     alter: dict[str, Altered] = {
         "one photograph exposed wrongly": partial(_only, number, partial(_brighter, strength)),
         "a person in one photograph": partial(
@@ -223,5 +316,9 @@ def _camera(
         "dust on the camera's lens": partial(_from, 0, partial(_dusty, place, strength)),
         "sharpening in the camera": partial(_from, 0, partial(_sharpened, strength)),
         "the camera was nudged": partial(_from, middle, partial(_shifted, shift)),
+        "vignetting left out": partial(_from, 0, partial(_darker_at_edge, strength)),
+        "glare left out": partial(_from, 0, partial(_veiled, strength)),
+        "banding in step": partial(_from, 0, partial(_banded, bands, phase, strength)),
+        "photographs cropped": partial(_from, 0, partial(_cropped, strength)),
     }
     return AlteringCamera(camera, alter[name])

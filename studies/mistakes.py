@@ -24,14 +24,14 @@ from procam.devices.protocols import BackendRig
 from procam.devices.rig import Rig
 from procam.errors import ProcamError
 from procam.files.calibration import load_calibration
-from procam.files.venue.load import load_venue
+from procam.files.venue.load import Venue, load_venue
 from procam.maths.warp import block_mean
 from procam.model.calibration import Calibration
 from procam.model.transport import Measured
 from procam.workflows.capture.capture import capture, prepare_session
 from procam.workflows.solve.calibrate import solve
 from procam.workflows.venue_rig import open_rig
-from simulators.mistakes import STRENGTHS, make_mistake
+from simulators.mistakes import SETTING_MISTAKES, STRENGTHS, cropped_pixel, make_mistake
 from simulators.scene import DomeScene
 from simulators.sight_lines import SightLines
 from simulators.template import room_text, venue_text
@@ -80,8 +80,24 @@ class Stage:
         with self._rig(mistake, session.read_plan().exposures) as rig:
             for _ in capture(rig, self.venue, session):
                 pass
-        *_, last = solve(self.venue, session)
+        *_, last = solve(self._as_written(mistake), session)
         return load_calibration(Path(last.data["calibration"]))
+
+    def _as_written(self, mistake: Mistake | None) -> Venue:
+        """The venue as venue.toml has it, where a mistake is in there."""
+        name, strength = mistake or ("", 0.0)
+        table, cameras = self.venue.table, dict(self.venue.table.cameras)
+        marks = list(table.fiducials)
+        if name in SETTING_MISTAKES:
+            for camera, entry in cameras.items():
+                wrong = SETTING_MISTAKES[name](strength, entry.model_dump())
+                cameras[camera] = entry.model_copy(update=wrong)
+        if name == "photographs cropped":  # marks are clicked on in the photographs
+            for i, mark in enumerate(marks):
+                pixel = cropped_pixel(strength, mark.pixel, cameras[mark.camera or ""].size)
+                marks[i] = mark.model_copy(update={"pixel": pixel})
+        changed = {"cameras": cameras, "fiducials": marks}
+        return replace(self.venue, table=table.model_copy(update=changed))
 
     def _rig(self, mistake: Mistake | None, photographs: int) -> Rig:
         with patch("simulators.backend.build_scene", self._new_scene):

@@ -26,6 +26,7 @@ from procam.estimate.light.projector_response import ColourFit
 from procam.estimate.light.scatter_kernel import BLACK_BLUR_PX, CELLS, ScatterSample
 from procam.estimate.light.separation import SeparatedLight
 from procam.estimate.light.spots import spot_notes
+from procam.estimate.light.unknown_vignetting import vignetting_notes
 from procam.maths.geometry.sphere import master_directions, master_solid_angles
 from procam.maths.warp import blur, sample
 from procam.model.calibration import Calibration, ProjectorCalibration
@@ -109,6 +110,7 @@ def assemble(
     notes = [*provenance.get("notes", []), *(note for m in measured.values() for note in m.notes)]
     notes += [*floor_notes(dome, scatter.floor), *flux_notes(scatter.floor)]
     notes += [*spot_notes(scatter.solution.per_flux, view), *edge_blend_notes(projectors)]
+    notes += vignetting_notes(scatter.solution.per_flux, view)
     return Calibration(
         scatter.dome,
         geometry.rig.cameras,

@@ -113,9 +113,16 @@ def _beyond_the_rim(calibration: Calibration) -> bool:
 
 
 def test_a_focal_length_beyond_its_prior_is_named(captured: tuple[Venue, Session]) -> None:
-    (found,) = _focal_notes(_with_lens(captured, "prior", 1.05))
-    assert found.startswith("camera zenith: ")
-    assert found.endswith('but intrinsics = "prior" means 0.5%; correct f, or set "solve"')
+    (found,) = _focal_notes(_with_lens(captured, "prior", 1.025))
+    assert found.startswith("camera zenith: ") and "cropped or scaled" in found
+    assert found.endswith('or correct f, or set intrinsics = "solve", as "prior" means 0.5%')
+
+
+def test_pictures_cropped_by_a_stabiliser_are_refused(captured: tuple[Venue, Session]) -> None:
+    """The lens of venue.toml is not that of the photographs, so its prior would bend directions."""
+    for mode in ("prior", "fixed"):
+        with pytest.raises(CalibrationError, match=r"camera zenith: .+ cropped or scaled since"):
+            _with_lens(captured, mode, 0.95)
 
 
 def _focal_notes(calibration: Calibration) -> list[str]:

@@ -22,7 +22,7 @@ from procam.estimate.geometry.model import (
     residual_slopes,
 )
 from procam.estimate.geometry.solve import NOT_SQUARE, GeometrySolution, solve_geometry
-from procam.maths.geometry.lenses import unproject
+from procam.maths.geometry.lenses import Lens, unproject
 
 FLAT_SHARE = 0.004  # of the panel's width: distortion by lenses of a picture on a flat screen
 MIN_EXTENT = 0.5  # of a panel's width and height, for a test whether the screen is flat
@@ -40,6 +40,9 @@ BETTER = 0.5  # share of the systematic ratio that must remain at most, once a c
 EQUAL = 1.2  # factor between two systematic ratios of which neither is better
 MOVED = 0.5  # share of a camera's misfit that two poses must remove; a panelled dome gives below .1
 MOST = 100.0  # limit of the systematic ratio of a rig that does not fit at all
+RESCALED = (
+    0.01  # share by which a focal length is off that boards give to .0005 and data sheets to .005
+)
 THINNED = 600  # observations of each pair that the tests use
 
 
@@ -60,7 +63,9 @@ def find_causes(problem: RigProblem, found: GeometrySolution | None) -> list[str
     if ratio < SUSPICIOUS:  # only the fiducials do not fit
         return lines + _exchanged(trial, EQUAL * ratio)
     wanted = BETTER * min(ratio, MOST)
-    return lines + (_exchanged(trial, wanted) or _moved_camera(trial, free, wanted))
+    return lines + (
+        _rescaled(trial, wanted) or _exchanged(trial, wanted) or _moved_camera(trial, free, wanted)
+    )
 
 
 def _flat(problem: RigProblem) -> list[str]:
@@ -116,6 +121,31 @@ def _stretched(found: GeometrySolution, name: str) -> str:
             "its input has another format than its panel; feed it its native resolution, unscaled"
         )
     return f"projector {name} stretches its picture by {wide:.3f}, so its pixels are not square: {cause}"
+
+
+def rescaled_by(name: str, share: float) -> str:
+    """What is said of a camera whose focal length is not the one of venue.toml, by a relative `share`."""
+    return (
+        f"camera {name}: its pictures need a focal length {share:+.1%} from f in venue.toml, as if they "
+        "were cropped or scaled since the lens was measured. Switch off stabilisation, lens correction "
+        "and digital zoom, photograph in the format in which the lens was measured"
+    )
+
+
+def _rescaled(trial: RigProblem, wanted: float) -> list[str]:
+    """Cameras whose pictures were cropped or scaled: with a free lens of another focal length they fit."""
+    found = _solution(
+        replace(trial, fiducials=(), intrinsics=dict.fromkeys(trial.cameras, "solve"))
+    )
+    if found is None or found.sphere_systematic_ratio >= wanted:
+        return []
+    shares = {n: focal_share(c.lens, found.rig.cameras[n].lens) for n, c in trial.cameras.items()}
+    return [rescaled_by(n, share) for n, share in shares.items() if abs(share) > RESCALED]
+
+
+def focal_share(given: Lens, solved: Lens) -> float:
+    """By which share a solved focal length differs from the given one."""
+    return float(np.mean(solved.focal / given.focal)) - 1
 
 
 def _exchanged(trial: RigProblem, wanted: float) -> list[str]:

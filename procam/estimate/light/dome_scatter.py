@@ -12,6 +12,7 @@ from procam.estimate.geometry.camera_view import DomeView
 from procam.estimate.light.floor_albedo import FloorLight, combined_floor_albedo, measure_floor
 from procam.estimate.light.scatter_kernel import ScatterSample, ScatterSolution, solve_scatter
 from procam.estimate.light.separation import SeparatedLight, estimate_albedo, estimate_feedback
+from procam.estimate.light.unknown_vignetting import unknown_vignetting
 from procam.maths.geometry.sphere import cap_solid_angle, master_pixels, master_solid_angles
 from procam.maths.warp import sample
 from procam.model.screen import Dome
@@ -78,7 +79,8 @@ def measure_scatter(
     value, sigma = combined_floor_albedo(dome, floor)
     dome = replace(dome, floor_albedo=value, floor_albedo_sigma=sigma)
     # gloss hides the same share of a projector's light from the camera in all its pictures
-    m = feedback(flux_sigma=floor.flux_inconsistency / np.sqrt(len(lights)))
+    gloss = floor.flux_inconsistency / np.sqrt(len(lights))
+    m = feedback(flux_sigma=np.hypot(gloss, unknown_vignetting(solution.per_flux, view)))
     rho = estimate_albedo(m, lit_sr, screen_sr, dome, floor.flux_inconsistency)
     return DomeScatter(dome, solution, floor, m, rho)
 

@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from procam.arrays import Array, BoolArray
+from procam.errors import OutOfModelRange
 from procam.estimate.light.model_room import Below, ModelRoom, below_rim
 from procam.estimate.light.scatter_kernel import ScatterSample
 from procam.model.screen import Dome
@@ -27,6 +28,7 @@ MAX_ALBEDO = 0.95
 MIN_PICTURES = 4  # for a standard deviation
 INDEPENDENT = 5  # values of a picture's scattered light, which is smooth: few harmonics
 INCONSISTENT = 0.06  # relative; 3 % of gloss cause half of it
+MAX_INCONSISTENT = 0.5  # relative; a person in all photographs makes .18 (studies/mistakes.json)
 UNKNOWN_INCONSISTENCY = 0.01  # relative, with fewer pictures
 DROPS = (0.05, 0.1, 0.2, 0.35, 0.5)  # of a floor below the rim's lowest point [radii]
 WALLS = (0.05, 0.25)  # albedo of the wall between, which is dark or grey
@@ -238,9 +240,21 @@ def _difference_sigma(dome: Dome, at: FloorAt) -> float:
 
 
 def flux_notes(measured: FloorLight) -> list[str]:
-    """A note for the report if direct and scattered light of the pictures contradict each other."""
+    """A note for the report if direct and scattered light of the pictures contradict each other.
+
+    Raises
+    ------
+    OutOfModelRange
+        If they do so much that the pictures cannot be those that were shown.
+    """
     if measured.flux_inconsistency < INCONSISTENT:
         return []
+    if measured.flux_inconsistency > MAX_INCONSISTENT:
+        raise OutOfModelRange(
+            f"direct and scattered light of pictures disagree by {measured.flux_inconsistency:.0%}, more "
+            f"than {MAX_INCONSISTENT:.0%}: some photographs are not of the pictures that were to be shown. "
+            "Check that no projector was mirrored, blanked or exchanged meanwhile, and photograph again"
+        )
     return [
         f"direct and scattered light of pictures disagree by {measured.flux_inconsistency:.0%}, more than "
         "paint's gloss explains, so m and albedo are hardly known: check vignetting and black_level"

@@ -10,6 +10,7 @@ from scipy.ndimage import label
 
 from procam.arrays import Array, BoolArray, Image
 from procam.estimate.geometry.camera_view import DomeView
+from procam.estimate.light.bands import find_bands
 from procam.maths.statistics import robust_sigma
 from procam.maths.warp import blur_within, grow
 
@@ -22,7 +23,7 @@ GREEN = 1
 
 
 def spot_notes(per_flux: Image, view: DomeView) -> list[str]:
-    """Notes on spots in the scatter per flux (H, W, C) of the screen in `view`; normally none."""
+    """Notes on spots and bands in the scatter per flux (H, W, C) of the screen in `view`; normally none."""
     light = per_flux[..., GREEN]
     use = view.on_screen & (light > 0)
     inner = grow(use, -max(1, round(RIM_SHARE * min(light.shape))))
@@ -30,6 +31,10 @@ def spot_notes(per_flux: Image, view: DomeView) -> list[str]:
         return []
     departure = _departure(light, view.direction, use)
     notes = []
+    bands = find_bands(departure, inner)
+    if bands:
+        notes.append(bands.note(view.camera.name))
+        departure = departure - bands.profile
     for found, what, cause in (
         (inner & (departure < DARK), "darker", DARK_CAUSE),
         (inner & (departure > BRIGHT), "brighter", BRIGHT_CAUSE),

@@ -47,6 +47,7 @@ from procam.workflows.solve.apriltags import detect_tags, tag_marks, tag_notes
 from procam.workflows.solve.code_light import odd_waves
 from procam.workflows.solve.direct_light import camera_noise, check_decoded, direct_light
 from procam.workflows.solve.geometry import rig_problem, solve_rig
+from procam.workflows.solve.glare import with_bounded_glare
 from procam.workflows.solve.light import measure_light, measure_server_light
 from procam.workflows.solve.long_exposure import with_long_exposure
 from procam.workflows.solve.media_server import (
@@ -106,9 +107,11 @@ def _solve(venue: Venue, session: Session) -> Iterator[Event]:
     yield Event("solve", total - len(names) - 2, total, f"geometry solved; {rig.verdict}")
     geometry = rig.geometry
     images, exposure_notes = with_long_exposure(_of_main(rig))
+    geometry, glare_notes = with_bounded_glare(images, geometry)
     dome = _solved_screen(venue, geometry)
     view = screen_view(venue, dome, images, geometry)
-    origin["notes"] = [*rig.notes, *exposure_notes, *check_on_screen(view, rig.found)]
+    beyond_rim = check_on_screen(view, rig.found)
+    origin["notes"] = [*rig.notes, *exposure_notes, *glare_notes, *beyond_rim]
     if not server:
         geometry = with_near_veil(dome, images, view, geometry, rig.found)
         images = replace(images, radiometer=Radiometer(geometry.camera))

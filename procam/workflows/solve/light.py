@@ -30,6 +30,7 @@ from procam.workflows.capture.session_images import SessionImages
 from procam.workflows.solve.code_light import wave_notes
 from procam.workflows.solve.direct_light import camera_noise, check_decoded, direct_light
 from procam.workflows.solve.long_exposure import black_notes
+from procam.workflows.solve.mirrored import check_not_mirrored
 
 GREEN = 1
 # departures from exponent 1: a tone curve, refused first; then what is refused if light held still
@@ -78,6 +79,7 @@ def measure_light(
     the end. What is masked on the panel shines here too, and counts until then.
     """
     black, sight = camera_sight(dome, images, view, geometry, found, name)
+    check_not_mirrored(images, name, sight.panel, sight.lit, sight.white, sight.base)
     linearity = _linearity(images, name, sight)
     _check_linear(images, name, linearity, TONE_CURVE)
     measurement, _ = _measured(images, view, name, black, sight)

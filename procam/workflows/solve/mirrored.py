@@ -1,0 +1,85 @@
+"""Whether a projector shows its pictures as they are, not mirrored or upside down, in all photographs."""
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from procam.arrays import Array, BoolArray, Image
+from procam.errors import CalibrationError
+from procam.maths.warp import sample
+from procam.model.plan import Shot
+from procam.workflows.capture.session_images import SessionImages
+
+FLIPS: Mapping[str, Callable[[Image], Image]] = {
+    "mirrored": lambda picture: picture[:, ::-1],
+    "upside down": lambda picture: picture[::-1],
+    "upside down and mirrored": lambda picture: picture[::-1, ::-1],
+}
+# by which a flipped picture must correlate better with a photograph: right ones correlate by .8 or more,
+# and a flipped one as much only where the picture is its own mirror image
+BETTER = 0.3
+MAX_PIXELS = 10_000
+EVERY_CODE = 4  # picture of the code: its lines were decoded, so most of them are as they should be
+LEAST_LIGHT = 0.2  # of the median of white: beside it ratios are noise
+GREEN = 1
+
+
+def check_not_mirrored(
+    images: SessionImages, name: str, panel: Image, lit: BoolArray, white: Image, base: Image
+) -> None:
+    """Refuse a projector that was switched to mirrored after it was decoded.
+
+    Parameters
+    ----------
+    panel : (H, W, 2) panel pixel that a camera pixel sees. lit : (H, W) whether it sees the picture.
+    white, base : (H, W, 3) white less the base; what the camera sees without the picture.
+
+    Raises
+    ------
+    CalibrationError
+        With the first photograph that shows a flipped picture.
+    """
+    full = white[..., GREEN]
+    with np.errstate(invalid="ignore"):
+        bright = (
+            lit & np.isfinite(panel).all(axis=-1) & (full > LEAST_LIGHT * np.nanmedian(full[lit]))
+        )
+    use = np.flatnonzero(bright)
+    use = use[:: max(1, len(use) // MAX_PIXELS)]
+    at = panel.reshape(-1, 2)[use]
+    for shot in _shots(images, name):
+        light = images.light(shot)
+        green = (light if light.ndim == 2 else light[..., GREEN]) - base[..., GREEN]
+        flip = found_flip(
+            green.ravel()[use] / full.ravel()[use], images.session.pattern(shot)[..., 0], at
+        )
+        if flip:
+            raise CalibrationError(
+                f"projector {name}: its picture is {flip} from {shot.id} ({shot.purpose}) on, and was not "
+                "before: rear projection, ceiling mount or a flip was switched in its menu or in the player "
+                "while it was photographed. Switch it back and photograph again"
+            )
+
+
+def _shots(images: SessionImages, name: str) -> list[Shot]:
+    plan = images.plan
+    code = plan.of(name, "code")[::EVERY_CODE]
+    return [*code, *(s for what in ("stripes", "zone", "levels") for s in plan.of(name, what))]
+
+
+def found_flip(share: Array, picture: Image, at: Array) -> str:
+    """Name of the flip by which a picture (H, W) fits shares of white's light (n,) at panel pixels; or ""."""
+    shown = _correlation(share, picture, at)
+    flipped = {what: _correlation(share, flip(picture), at) for what, flip in FLIPS.items()}
+    best = max(flipped, key=lambda what: flipped[what])
+    return best if flipped[best] > shown + BETTER else ""
+
+
+def _correlation(share: Array, picture: Image, at: Array) -> float:
+    """Correlation of shares (n,) with a picture's drive at panel pixels (n, 2); 0 of what is uniform."""
+    drive = sample(np.ascontiguousarray(picture, np.float32), at)
+    known = np.isfinite(share) & np.isfinite(drive)
+    both = np.stack([share[known], drive[known]]).astype(float)
+    if both.shape[1] < 2 or not (both.std(axis=1) > 0).all():
+        return 0.0
+    return float(np.corrcoef(both)[0, 1])
