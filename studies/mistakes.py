@@ -3,13 +3,15 @@
 Ten rooms drawn at random, and the standard venue with ten seeds of noise, are calibrated without a mistake
 and with each of `simulators.mistakes` at three strengths. A mistake is noticed if procam refuses the session,
 or says something of it that it does not say of the same room without one. A result is wrong if it misses a
-bound of `figures` that the same room meets without the mistake. Writes studies/mistakes.json and
-studies/mistakes.md; `python -m studies mistakes` remakes them in an hour.
+bound of `figures` that the same room meets without the mistake. Mistakes before other commands are drawn by
+`python -m studies.mistakes SEED RUNS [COMMAND ...]`, which prints what comes of each. Writes
+studies/mistakes.json and studies/mistakes.md; `python -m studies mistakes` remakes them in two hours.
 """
 
 import re
+import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -25,12 +27,16 @@ from procam.devices.rig import Rig
 from procam.errors import ProcamError
 from procam.files.calibration import load_calibration
 from procam.files.venue.load import Venue, load_venue
+from procam.files.versions import use_calibration
 from procam.maths.warp import block_mean
 from procam.model.calibration import Calibration
 from procam.model.transport import Measured
 from procam.workflows.capture.capture import capture, prepare_session
+from procam.workflows.photographs.driven import DrivenPhotographer
+from procam.workflows.recalibrate import recalibrate
 from procam.workflows.solve.calibrate import solve
 from procam.workflows.venue_rig import open_rig
+from procam.workflows.verify.verify import SETTLE_S, verify
 from simulators.mistakes import SETTING_MISTAKES, STRENGTHS, cropped_pixel, make_mistake
 from simulators.scene import DomeScene
 from simulators.sight_lines import SightLines
@@ -45,6 +51,7 @@ SEEDS = range(1, 11)  # noise of the standard venue
 LIT = 0.999
 AREA_PX = 12  # edge of an area of a panel, of which gains are compared
 SIGMAS = 1.96
+VERIFIED = 4  # photographs of each projector, and as many of all
 BLACK, GAIN, COVERAGE = 0.1, 0.02, 0.995  # errors of black and gains; share of the lit dome
 # the truth is that of projectors without a blend, which takes light from the edges of their pictures
 NOT_JUDGED = {"edge blend left on": ("gains", "coverage", "black")}
@@ -62,6 +69,8 @@ class Stage:
         self.number = number
         self._scene = simulators.backend.build_scene(self.venue.backends["simulated"], folder)
         self._known: dict[Any, Image] = {}
+        self._first: Path | None = None  # calibration
+        self._sessions = 0
         simulators.truth.MASTER = TRUTH_SIZE
         with patch("simulators.truth.build_scene", lambda *_: self._scene):  # traced once
             simulators.truth.write_truth(
@@ -73,15 +82,53 @@ class Stage:
         """Let go of gigabytes of light, which a worker would keep while it opens the next venue."""
         self._known.clear()
 
-    def calibrate(self, mistake: Mistake | None) -> Calibration:
-        """A calibration of a new session."""
-        name = "0001" if mistake is None else re.sub(r"\W+", "-", f"{mistake}")
-        session = prepare_session(self.venue, self.venue.directory / "sessions" / name)
+    def calibrate(self, mistake: Mistake | None) -> tuple[Calibration, list[str]]:
+        """A calibration of a new session, and its notes."""
+        found, _ = self._calibrated(mistake)
+        return found, list(found.provenance["notes"])
+
+    def calibrate_again(self, mistake: Mistake | None) -> tuple[Calibration, list[str]]:
+        """The same, and what is said of differences from the calibration before."""
+        found, compared = self._calibrated(mistake)
+        return found, [*found.provenance["notes"], *compared]
+
+    def verify(self, mistake: Mistake | None) -> tuple[Calibration, list[str]]:
+        """The first calibration, which a verification keeps, and what that finds."""
+        used = load_calibration(self._first)
+        with self._rig(mistake, VERIFIED * (1 + len(used.projectors))) as rig:
+            photographer = DrivenPhotographer(rig, used, SETTLE_S)
+            *_, last = verify(photographer, self._as_written(mistake), used)
+        return used, [f"{f.subject} {f.cause}" for f in last.data["verified"].findings]
+
+    def recalibrate(self, mistake: Mistake | None) -> tuple[Calibration, list[str]]:
+        """The calibration with its last projector measured again, and what is said."""
+        venue, name = self._as_written(mistake), list(self.venue.table.projectors)[-1]
+        photographs = prepare_session(venue, self._folder(mistake)).read_plan().exposures
+        opened = patch(
+            "procam.workflows.recalibrate.open_rig", lambda _: self._rig(mistake, photographs)
+        )
+        with opened:
+            *_, last = recalibrate(venue, self._first, [name])
+        found = load_calibration(Path(last.data["calibration"]))
+        return found, [*last.data["notes"], *found.provenance["notes"]]
+
+    def _folder(self, mistake: Mistake | None) -> Path:
+        """A folder for a session that is no other's."""
+        self._sessions += 1
+        name = "right" if mistake is None else re.sub(r"\W+", "-", f"{mistake}")
+        return self.venue.directory / "sessions" / f"{self._sessions:04d}-{name}"
+
+    def _calibrated(self, mistake: Mistake | None) -> tuple[Calibration, list[str]]:
+        """A calibration of a new session, and how it is compared with the one before."""
+        session = prepare_session(self.venue, self._folder(mistake))
         with self._rig(mistake, session.read_plan().exposures) as rig:
             for _ in capture(rig, self.venue, session):
                 pass
         *_, last = solve(self._as_written(mistake), session)
-        return load_calibration(Path(last.data["calibration"]))
+        made = Path(last.data["calibration"])
+        self._first = self._first or made
+        use_calibration(self.venue.directory, self._first)  # what is compared with next
+        return load_calibration(made), list(last.data["compared"])
 
     def _as_written(self, mistake: Mistake | None) -> Venue:
         """The venue as venue.toml has it, where a mistake is in there."""
@@ -125,6 +172,15 @@ class Stage:
 
         vars(scene)["radiance"] = radiance
         return scene
+
+
+# The command before which a mistake is made, by name.
+COMMANDS: Mapping[str, Callable[[Stage, Mistake | None], tuple[Calibration, list[str]]]] = {
+    "calibrate": Stage.calibrate,
+    "verify": Stage.verify,
+    "recalibrate": Stage.recalibrate,
+    "calibrate again": Stage.calibrate_again,
+}
 
 
 def figures(found: Calibration, truth: Calibration) -> dict[str, float]:
@@ -189,25 +245,26 @@ def judge_room(number: int) -> list[dict[str, Any]]:
         return rows
 
 
-def clean_row(stage: Stage) -> dict[str, Any]:
-    """Errors and notes of a calibration without a mistake."""
-    found = stage.calibrate(None)
-    notes = list(found.provenance["notes"])
+def clean_row(stage: Stage, command: str = "calibrate") -> dict[str, Any]:
+    """Errors and notes of a command of `COMMANDS` without a mistake; the first calibrates."""
+    found, notes = COMMANDS[command](stage, None)
     return {"room": stage.number, "notes": notes, "errors": figures(found, stage.truth)}
 
 
-def row_of(stage: Stage, mistake: Mistake, clean: dict[str, Any]) -> dict[str, Any]:
+def row_of(
+    stage: Stage, mistake: Mistake, clean: dict[str, Any], command: str = "calibrate"
+) -> dict[str, Any]:
     """What came of a mistake: `wrong` names figures, `notes` are those that are not `clean`'s."""
-    row: dict[str, Any] = {"room": stage.number, "mistake": list(mistake)}
+    row: dict[str, Any] = {"room": stage.number, "mistake": list(mistake), "command": command}
     try:
-        found = stage.calibrate(mistake)
+        found, notes = COMMANDS[command](stage, mistake)
     except ProcamError as error:
         return row | {"refused": str(error)}
     usual, errors = set(map(_kind, clean["notes"])), figures(found, stage.truth)
     limits = {name: max(1, 1.05 * error) for name, error in clean["errors"].items()}
     judged = errors.keys() - NOT_JUDGED.get(mistake[0], ())
     return row | {
-        "notes": [note for note in found.provenance["notes"] if _kind(note) not in usual],
+        "notes": [note for note in notes if _kind(note) not in usual],
         "errors": errors,
         "wrong": sorted(name for name in judged if errors[name] > limits[name]),
     }
@@ -242,6 +299,29 @@ def table(rows: list[dict[str, Any]]) -> Iterator[str]:
             yield f"| {' | '.join(cells)} |"
 
 
+def sample(seed: int, runs: int, commands: Sequence[str] = tuple(COMMANDS)) -> None:
+    """Print what comes of mistakes that are drawn: room, mistake, strength and command of each."""
+    rng = np.random.default_rng(seed)
+    drawn: dict[int, list[tuple[Mistake, str]]] = {}
+    for _ in range(runs):
+        number, name = int(rng.choice(ROOMS)), str(rng.choice(list(STRENGTHS)))
+        mistake = name, float(rng.choice(STRENGTHS[name]))
+        drawn.setdefault(number, []).append((mistake, str(rng.choice(list(commands)))))
+    for rows in side_by_side(_drawn_rows, drawn.items()):
+        silent = [row for row in rows if outcome(row) == "wrong"]
+        print(f"{len(silent)} of {len(rows)} silently wrong")
+
+
+def _drawn_rows(drawn: tuple[int, list[tuple[Mistake, str]]]) -> list[dict[str, Any]]:
+    number, mistakes = drawn
+    with tempfile.TemporaryDirectory() as folder:
+        stage = Stage(number, Path(folder))
+        clean = {"calibrate": clean_row(stage)}
+        for command in {command for _, command in mistakes} - clean.keys():
+            clean[command] = clean_row(stage, command)
+        return [row_of(stage, mistake, clean[c], c) for mistake, c in mistakes]
+
+
 def main() -> None:
     """Run all rooms and write the results."""
     keep(side_by_side(judge_room, [*SEEDS, *ROOMS]))
@@ -258,3 +338,7 @@ def keep(rooms: list[list[dict[str, Any]]]) -> None:
         document,
         ["# Mistakes that leave sound photographs", "", head, "", *table(rows)],
     )
+
+
+if __name__ == "__main__":
+    sample(int(sys.argv[1]), int(sys.argv[2]), sys.argv[3:] or tuple(COMMANDS))

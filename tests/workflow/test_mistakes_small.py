@@ -20,6 +20,11 @@ NOTICED = {
     "sharpening in the camera": (1.0, "brighter beside their edges"),
     "photographs lag by one": (1.0, "do not come one late"),
     "the camera was nudged": (0.6, "the camera or the projector moved"),
+    "vignetting left out": (0.1, "venue.toml has no vignetting of its lens"),
+    "glare left out": (0.01, "no lens is without a veil"),
+    "banding in step": (0.03, "of its photographs are brighter and darker in turn"),
+    "photographs cropped": (0.05, "as if they were cropped or scaled"),
+    "a projector mirrored midway": (0.6, "on, and was not before"),
 }
 MOVED = "the camera was nudged"  # corrected by a wider standard error
 HARMLESS = {"long exposures shorter, reported": 0.4}

@@ -41,7 +41,7 @@ EQUAL = 1.2  # factor between two systematic ratios of which neither is better
 MOVED = 0.5  # share of a camera's misfit that two poses must remove; a panelled dome gives below .1
 MOST = 100.0  # limit of the systematic ratio of a rig that does not fit at all
 RESCALED = (
-    0.01  # share by which a focal length is off that boards give to .0005 and data sheets to .005
+    0.01  # share by which a focal length is off; boards give it to .0005, data sheets to .005
 )
 THINNED = 600  # observations of each pair that the tests use
 

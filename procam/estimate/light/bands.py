@@ -42,8 +42,8 @@ class Bands:
             f"camera {camera}: {lines} of its photographs are brighter and darker in turn by "
             f"{self.amplitude:.1%}, about {self.count:.0f} bands and the same in all photographs: its "
             "rolling shutter reads light that pulses (banding). Gains are wrong by as much: set exposure_s "
-            "to a multiple of the pulse, 0.01 s or 0.00833 s for mains and the projector's frame time for its "
-            "lamp, or take a global shutter, and photograph again"
+            "to a multiple of the pulse, 0.01 s or 0.00833 s for mains and the projector's frame time for "
+            "its lamp, or take a global shutter, and photograph again"
         )
 
 

@@ -34,7 +34,7 @@ def spot_notes(per_flux: Image, view: DomeView) -> list[str]:
     bands = find_bands(departure, inner)
     if bands:
         notes.append(bands.note(view.camera.name))
-        departure = departure - bands.profile
+        departure = np.asarray(departure - bands.profile, np.float32)
     for found, what, cause in (
         (inner & (departure < DARK), "darker", DARK_CAUSE),
         (inner & (departure > BRIGHT), "brighter", BRIGHT_CAUSE),

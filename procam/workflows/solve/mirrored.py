@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from procam.arrays import Array, BoolArray, Image
+from procam.arrays import Array, BoolArray, Image, IndexArray
 from procam.errors import CalibrationError
 from procam.maths.warp import sample
 from procam.model.plan import Shot
@@ -39,13 +39,9 @@ def check_not_mirrored(
     CalibrationError
         With the first photograph that shows a flipped picture.
     """
-    full = white[..., GREEN]
-    with np.errstate(invalid="ignore"):
-        bright = (
-            lit & np.isfinite(panel).all(axis=-1) & (full > LEAST_LIGHT * np.nanmedian(full[lit]))
-        )
-    use = np.flatnonzero(bright)
-    use = use[:: max(1, len(use) // MAX_PIXELS)]
+    full, use = white[..., GREEN], _compared(white[..., GREEN], lit, panel)
+    if not use.size:
+        return
     at = panel.reshape(-1, 2)[use]
     for shot in _shots(images, name):
         light = images.light(shot)
@@ -59,6 +55,14 @@ def check_not_mirrored(
                 "before: rear projection, ceiling mount or a flip was switched in its menu or in the player "
                 "while it was photographed. Switch it back and photograph again"
             )
+
+
+def _compared(full: Image, lit: BoolArray, panel: Image) -> IndexArray:
+    """Indices of pixels of white (H, W) that are bright and see the panel."""
+    light = np.where(lit, np.nan_to_num(full), 0)
+    least = LEAST_LIGHT * np.median(light[lit]) if lit.any() else np.inf
+    use = np.flatnonzero((light > max(least, 0.0)) & np.isfinite(panel).all(axis=-1))
+    return use[:: max(1, len(use) // MAX_PIXELS)]
 
 
 def _shots(images: SessionImages, name: str) -> list[Shot]:

@@ -77,6 +77,26 @@ def _pushed(pose: Pose, size: float) -> Pose:
     return Pose(turn @ pose.rotation, turn @ pose.translation + shift)
 
 
+@pytest.mark.parametrize("cameras", [1, 2])
+def test_photographs_that_were_cropped(cameras: int) -> None:
+    """A stabiliser enlarges the pictures of all cameras by 5 %; their lenses were measured without."""
+    dome = SimulatedDome.build(7, projectors=3, cameras=cameras)
+    sizes = {c.name: np.array(c.size) for c in dome.cameras}
+
+    def enlarged(camera: str, pixel: np.ndarray) -> np.ndarray:
+        middle = (sizes[camera] - 1) / 2
+        return np.asarray(middle + 1.05 * (pixel - middle))
+
+    seen = {
+        (c, p): replace(o, camera_px=enlarged(c, o.camera_px))
+        for (c, p), o in dome.observations(64).items()
+    }
+    marks = [replace(f, pixel=enlarged(f.device, f.pixel)) for f in dome.fiducials()]
+    lines = _causes_of(dome.problem(seen, fiducials=marks))
+    assert [line.split(":")[0] for line in lines] == [f"camera {c}" for c in sizes]
+    assert all("a focal length +5.0% from f in venue.toml, as if" in line for line in lines)
+
+
 @pytest.mark.parametrize("alike", [False, True], ids=["lenses differ", "fiducials of both"])
 def test_exchanged_cameras(alike: bool) -> None:
     dome = SimulatedDome.build(7)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from traced_rooms import INSIDE, TracedRoom, parts
 
+from procam.errors import OutOfModelRange
 from procam.estimate.light import floor_albedo
 from procam.estimate.light.floor_albedo import (
     FloorAt,
@@ -111,6 +112,12 @@ def test_light_that_contradicts_itself_is_noted(share: float, named: bool) -> No
     notes = flux_notes(FloorLight([FloorAt(albedo=0.1, sigma=0.03)], share))
     assert len(notes) == named
     assert all("disagree by 10%" in note and "check vignetting" in note for note in notes)
+
+
+def test_light_that_cannot_be_of_these_pictures_is_refused() -> None:
+    assert len(flux_notes(FloorLight([FloorAt(albedo=0.1, sigma=0.03)], 0.45))) == 1
+    with pytest.raises(OutOfModelRange, match=r"disagree by 141%, more than 50%: .+ mirrored"):
+        flux_notes(FloorLight([FloorAt(albedo=0.1, sigma=0.03)], 1.41))
 
 
 def test_a_venue_toml_that_only_a_low_floor_would_explain_is_named_and_widens() -> None:
