@@ -1,5 +1,7 @@
 """Mistakes that leave photographs which look sound, each at a chosen strength.
 
+The file is longer than 300 lines because every mistake is a short function of its own.
+
 `make_mistake` builds one into a rig. What goes wrong where and when is drawn by a seed.
 """
 
