@@ -135,7 +135,7 @@ def _rescaled(trial: RigProblem, wanted: float) -> list[str]:
     found = _solution(
         replace(trial, fiducials=(), intrinsics=dict.fromkeys(trial.cameras, "solve"))
     )
-    if found is None or found.sphere_systematic_ratio >= wanted:
+    if found is None or found.sphere_systematic_ratio >= min(wanted, SUSPICIOUS):
         return []
     shares = {n: focal_share(c.lens, found.rig.cameras[n].lens) for n, c in trial.cameras.items()}
     return [rescaled_by(n, share) for n, share in shares.items() if abs(share) > RESCALED]
