@@ -3,6 +3,7 @@
 import re
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from procam.files.calibration import load_calibration
 from procam.files.session import Session
 from procam.files.venue.load import Venue, load_venue
 from procam.model.calibration import Calibration
+from procam.workflows.solve.geometry import _lens_notes
 from simulators.placement import place_cameras
 from simulators.presets import PRESETS
 
@@ -112,17 +114,26 @@ def _beyond_the_rim(calibration: Calibration) -> bool:
     return any("lie beyond the dome's rim" in note for note in calibration.provenance["notes"])
 
 
-def test_a_focal_length_beyond_its_prior_is_named(captured: tuple[Venue, Session]) -> None:
-    (found,) = _focal_notes(_with_lens(captured, "prior", 1.025))
-    assert found.startswith("camera zenith: ") and "cropped or scaled" in found
+def _solved_with(share: float) -> tuple[SimpleNamespace, SimpleNamespace]:
+    """A problem with one camera of a prior lens, and a solution that has another focal length."""
+    camera = SimpleNamespace(lens=SimpleNamespace(focal=np.full(2, 100.0)))
+    other = SimpleNamespace(lens=SimpleNamespace(focal=np.full(2, 100.0 * (1 + share))))
+    problem = SimpleNamespace(cameras={"zenith": camera}, intrinsics={"zenith": "prior"})
+    return problem, SimpleNamespace(rig=SimpleNamespace(cameras={"zenith": other}))
+
+
+def test_a_focal_length_beyond_its_prior_is_named() -> None:
+    (found,) = _lens_notes(*_solved_with(-0.03))
+    assert found.startswith("camera zenith: its pictures need a focal length -3.0% from f")
     assert found.endswith('or correct f, or set intrinsics = "solve", as "prior" means 0.5%')
+    assert not _lens_notes(*_solved_with(0.009))
 
 
-def test_pictures_cropped_by_a_stabiliser_are_refused(captured: tuple[Venue, Session]) -> None:
+@pytest.mark.parametrize("share", [-0.05, 0.04])
+def test_pictures_cropped_by_a_stabiliser_are_refused(share: float) -> None:
     """The lens of venue.toml is not that of the photographs, so its prior would bend directions."""
-    for mode in ("prior", "fixed"):
-        with pytest.raises(CalibrationError, match=r"camera zenith: .+ cropped or scaled since"):
-            _with_lens(captured, mode, 0.93)
+    with pytest.raises(CalibrationError, match=r"camera zenith: .+ cropped or scaled since"):
+        _lens_notes(*_solved_with(share))
 
 
 def _focal_notes(calibration: Calibration) -> list[str]:

@@ -15,7 +15,8 @@ from procam.model.optics import Fiducial
 from procam.workflows.solve.apriltags import known_distances
 
 # departures of a lens from its prior: beyond the first they are named; beyond the second, 3.5 %, the prior
-# pulls directions by more than is stated (1.5 times at 4 %, with one camera); of 100 drawn rooms one makes 3.1 %
+# pulls directions by more than is stated (1.5 times at 4 %, with one camera). Misfits make 3.1 % in one
+# of 100 drawn rooms
 PRIOR_SIGMAS, REFUSED_SIGMAS = 2.0, 7.0
 
 
