@@ -3,7 +3,8 @@
 Light is measured in camera channels. `assemble` converts it to content channels, in which the mean
 projector's primaries are the unit vectors; computes footprints, blend weights and the common white;
 estimates scatter, feedback and albedo of the dome (`light.dome_scatter`); and samples everything on
-the maps of a dome master. `workflows.solve.light` measures the light of each projector.
+the maps of a dome master. `workflows.solve.light` measures the light of each projector. The file is
+longer than 300 lines because all of these parts meet in one place.
 """
 
 from collections.abc import Mapping, Sequence

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from procam.arrays import Array, BoolArray, Image, IndexArray
+from procam.arrays import BoolArray, FloatArray, Image, IndexArray
 from procam.errors import CalibrationError
 from procam.maths.warp import sample
 from procam.model.plan import Shot
@@ -71,7 +71,7 @@ def _shots(images: SessionImages, name: str) -> list[Shot]:
     return [*code, *(s for what in ("stripes", "zone", "levels") for s in plan.of(name, what))]
 
 
-def found_flip(share: Array, picture: Image, at: Array) -> str:
+def found_flip(share: FloatArray, picture: Image, at: FloatArray) -> str:
     """Name of the flip by which a picture (H, W) fits shares of white's light (n,) at panel pixels; or ""."""
     shown = _correlation(share, picture, at)
     flipped = {what: _correlation(share, flip(picture), at) for what, flip in FLIPS.items()}
@@ -79,7 +79,7 @@ def found_flip(share: Array, picture: Image, at: Array) -> str:
     return best if flipped[best] > shown + BETTER else ""
 
 
-def _correlation(share: Array, picture: Image, at: Array) -> float:
+def _correlation(share: FloatArray, picture: Image, at: FloatArray) -> float:
     """Correlation of shares (n,) with a picture's drive at panel pixels (n, 2); 0 of what is uniform."""
     drive = sample(np.ascontiguousarray(picture, np.float32), at)
     known = np.isfinite(share) & np.isfinite(drive)
