@@ -62,7 +62,9 @@ def find_causes(problem: RigProblem, found: GeometrySolution | None) -> list[str
         return lines + _exchanged(trial, EQUAL * ratio)
     wanted = BETTER * min(ratio, MOST)
     return lines + (
-        _rescaled(trial, wanted) or _exchanged(trial, wanted) or _moved_camera(trial, free, wanted)
+        _exchanged(trial, wanted)
+        or _moved_camera(trial, free, wanted)
+        or _rescaled(trial, wanted)  # last, as a free lens explains much of a movement too
     )
 
 
