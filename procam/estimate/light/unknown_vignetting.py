@@ -17,7 +17,7 @@ GREEN = 1
 
 
 def unknown_vignetting(per_flux: Image, view: DomeView) -> float:
-    """Relative rms over the screen of the vignetting that is not known; 0 if venue.toml has one.
+    """Relative rms over the screen of the vignetting that is not known; 0 if venue.toml has one, be it [0].
 
     Parameters
     ----------
@@ -27,7 +27,7 @@ def unknown_vignetting(per_flux: Image, view: DomeView) -> float:
     -----
     Gains take the vignetting for the projectors' own: they have this relative standard error.
     """
-    if any(view.camera.sensor.vignetting):
+    if view.camera.sensor.vignetting:
         return 0.0
     return max(USUAL, abs(_fall(per_flux, view)[1]))
 
@@ -42,7 +42,8 @@ def vignetting_notes(per_flux: Image, view: DomeView) -> list[str]:
     return [
         f"camera {camera}: venue.toml has no vignetting of its lens, and scattered light {seen} towards the "
         f"edge of its picture; gains and black carry it, by about {rms:.0%} and most at the edge, and the "
-        "standard errors of m and albedo include it. Measure it with `procam vignetting`"
+        "standard errors of m and albedo include it. Measure it with `procam vignetting`; vignetting = [0] is "
+        "for a lens that was found to have none"
     ]
 
 

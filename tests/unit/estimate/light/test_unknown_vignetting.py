@@ -56,9 +56,10 @@ def test_a_lens_that_seems_to_have_none_is_not_trusted() -> None:
     assert "scattered light does not fall towards" in note
 
 
-def test_a_measured_vignetting_is_no_news() -> None:
-    assert unknown_vignetting(uniform_light(0.1), view(-0.04)) == 0.0
-    assert vignetting_notes(uniform_light(0.1), view(-0.04)) == []
+@pytest.mark.parametrize("stated", [-0.04, 0.0])
+def test_a_measured_vignetting_is_no_news(stated: float) -> None:
+    assert unknown_vignetting(uniform_light(0.1), view(stated)) == 0.0
+    assert vignetting_notes(uniform_light(0.1), view(stated)) == []
 
 
 def test_nothing_on_the_screen() -> None:
